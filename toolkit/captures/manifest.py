@@ -1,0 +1,95 @@
+"""`captures/SOURCE/manifest.jsonl`: one line per finished image, appended, so that an interrupted run goes on."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from toolkit.errors import ToolkitError
+from toolkit.files import explain_write_error, inside, sha256_file
+
+MANIFEST = "manifest.jsonl"
+
+
+class CaptureRecord(BaseModel):
+    """What is known of one image.
+
+    Attributes:
+        path: of the image, relative to the source's folder (captures/SOURCE), with forward slashes.
+        object, variant, pose_id: what it shows, and from which pose of the plan.
+        T_world_camera: 4×4, OpenCV axes, millimetres.
+        intrinsics: width, height in pixels, fx, fy, cx, cy in pixels (pixel centres at half integers).
+        booster_sha256: of the PNG that was stuck on, None without one.
+        image_sha256: of the image file.
+        made: how: renderer, studio, seed, program version.
+        inputs_sha256: hash of everything the image depends on; another hash means it must be shot again.
+    """
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    path: str
+    object: str
+    variant: str
+    pose_id: int | None = None
+    T_world_camera: list[list[float]] | None = None
+    intrinsics: dict[str, float] | None = None
+    booster_sha256: str | None = None
+    image_sha256: str | None = None
+    made: dict[str, Any] = {}
+    inputs_sha256: str | None = None
+
+
+def read_manifest(source_dir: Path) -> dict[str, CaptureRecord]:
+    """Records by path; the last line for a path wins; a half-written last line (a kill while appending) is dropped.
+
+    Raises:
+        ToolkitError: a line in the middle is broken, or a path leaves the folder.
+    """
+    file = Path(source_dir) / MANIFEST
+    if not file.is_file():
+        return {}
+    records: dict[str, CaptureRecord] = {}
+    text = file.read_text(encoding="utf-8", errors="replace")
+    lines = text.splitlines()
+    for number, line in enumerate(lines, 1):
+        if not line.strip():
+            continue
+        try:
+            record = CaptureRecord.model_validate(json.loads(line))
+        except (json.JSONDecodeError, ValidationError) as error:
+            if number == len(lines) and not text.endswith("\n"):
+                break
+            raise ToolkitError(f"{file}: line {number} is broken ({error.__class__.__name__}): delete that line") from None
+        inside(source_dir, record.path)
+        records[record.path] = record
+    return records
+
+
+def append_record(source_dir: Path, record: CaptureRecord) -> None:
+    """Append one line and flush it to disk; a half-written line before it is ended first."""
+    file = Path(source_dir) / MANIFEST
+    try:
+        with file.open("a+b") as stream:
+            if stream.tell():
+                stream.seek(-1, os.SEEK_END)
+                if stream.read(1) != b"\n":
+                    _cut_last_line(stream)
+            stream.write(json.dumps(record.model_dump(), ensure_ascii=False).encode() + b"\n")
+            stream.flush()
+            os.fsync(stream.fileno())
+    except OSError as error:
+        raise explain_write_error(file, error) from error
+
+
+def _cut_last_line(stream) -> None:
+    stream.seek(0)
+    stream.truncate(stream.read().rfind(b"\n") + 1)
+
+
+def is_finished(source_dir: Path, record: CaptureRecord | None, inputs_sha256: str) -> bool:
+    """Whether an image was made from the same inputs before and its file is still whole."""
+    if record is None or record.inputs_sha256 != inputs_sha256:
+        return False
+    file = Path(source_dir) / record.path
+    return file.is_file() and sha256_file(file) == record.image_sha256

@@ -1,0 +1,52 @@
+"""What the user sees: a progress bar with rate and time left, tables, and the closing words of a command."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.text import Text
+
+console = Console(highlight=False)
+errors = Console(stderr=True, highlight=False)
+
+
+class RateColumn(ProgressColumn):
+    """Units of work per second."""
+
+    def render(self, task: Task) -> Text:
+        """The rate over the last moments, empty until it is known."""
+        speed = task.finished_speed or task.speed
+        return Text(f"{speed:.1f}/s" if speed else "", style="cyan")
+
+
+class Ticker:
+    """Handle on one running progress bar."""
+
+    def __init__(self, progress: Progress | None, task) -> None:
+        self._progress, self._task = progress, task
+
+    def advance(self, amount: int = 1, note: str | None = None) -> None:
+        """Count `amount` more units; `note` replaces the text at the bar's end."""
+        if self._progress is not None:
+            fields = {} if note is None else {"note": note}
+            self._progress.update(self._task, advance=amount, **fields)
+
+
+@contextmanager
+def progress(title: str, total: int, quiet: bool = False, done: int = 0) -> Iterator[Ticker]:
+    """A progress bar on stderr over `total` units, `done` of them finished by an earlier run.
+
+    Where stderr is no terminal, one line at the start and one at the end stand in for the bar.
+    """
+    if quiet:
+        yield Ticker(None, None)
+        return
+    if not errors.is_terminal:
+        errors.print(f"{title}: {total - done} to do" + (f", {done} done before" if done else ""))
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), RateColumn(),
+        TimeRemainingColumn(), TextColumn("{task.fields[note]}"),
+    )
+    with Progress(*columns, console=errors, disable=not errors.is_terminal) as bar:
+        yield Ticker(bar, bar.add_task(title, total=total, completed=done, note=""))

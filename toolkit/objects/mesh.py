@@ -1,0 +1,153 @@
+"""A textured triangle mesh: what every object is to the rig."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from toolkit.errors import ToolkitError
+
+
+@dataclass(frozen=True)
+class Material:
+    """How a surface answers light (glTF's metallic-roughness model).
+
+    Attributes:
+        name: for people, and for masking parts of an object.
+        texture: base colour, HWC uint8, sRGB-encoded; row 0 is v = 1.
+        roughness: 0 mirror … 1 matte.
+        metallic: 0 dielectric … 1 metal.
+    """
+
+    name: str
+    texture: np.ndarray
+    roughness: float = 0.6
+    metallic: float = 0.0
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles with normals, texture coordinates and materials.
+
+    Attributes:
+        vertices: (n, 3) float32, millimetres, z up.
+        normals: (n, 3) float32, unit length.
+        uv: (n, 2) float32; u right, v up, (0, 0) the lower left corner of the texture.
+        faces: (m, 3) int32, counter-clockwise seen from outside.
+        face_material: (m,) int32, index into `materials`.
+        materials: at least one.
+    """
+
+    vertices: np.ndarray
+    normals: np.ndarray
+    uv: np.ndarray
+    faces: np.ndarray
+    face_material: np.ndarray
+    materials: tuple[Material, ...]
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """(2, 3) lowest and highest coordinates, millimetres."""
+        return np.stack([self.vertices.min(0), self.vertices.max(0)])
+
+    @property
+    def size_mm(self) -> np.ndarray:
+        """(3,) extents of the bounding box, millimetres."""
+        return np.ptp(self.bounds, axis=0)
+
+
+def place_on_table(mesh: Mesh, length_mm: float | None = None) -> Mesh:
+    """Scale the longest side to `length_mm` and move the centre of the base to the origin."""
+    scale = 1.0 if length_mm is None else length_mm / float(mesh.size_mm.max())
+    low, high = mesh.bounds * scale
+    base = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
+    return replace(mesh, vertices=(mesh.vertices * scale - base).astype(np.float32))
+
+
+def merge_meshes(meshes: list[Mesh]) -> Mesh:
+    """One mesh with the triangles and materials of all, in order."""
+    vertex_starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
+    material_starts = np.cumsum([0, *(len(mesh.materials) for mesh in meshes)])
+    return Mesh(
+        vertices=np.concatenate([mesh.vertices for mesh in meshes]),
+        normals=np.concatenate([mesh.normals for mesh in meshes]),
+        uv=np.concatenate([mesh.uv for mesh in meshes]),
+        faces=np.concatenate([m.faces + start for m, start in zip(meshes, vertex_starts, strict=False)]).astype(np.int32),
+        face_material=np.concatenate(
+            [m.face_material + start for m, start in zip(meshes, material_starts, strict=False)]
+        ).astype(np.int32),
+        materials=tuple(material for mesh in meshes for material in mesh.materials),
+    )
+
+
+def corner_normals(vertices: np.ndarray, faces: np.ndarray, crease_deg: float = 40.0) -> np.ndarray:
+    """(m, 3, 3) unit normals per triangle corner: smooth across edges flatter than `crease_deg`, sharp across the rest.
+
+    Each corner averages the area-weighted normals of the triangles that share its position and lie within the crease
+    angle of its own triangle.
+    """
+    triangles = vertices[faces].astype(np.float64)
+    weighted = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    unit = weighted / np.maximum(np.linalg.norm(weighted, axis=1, keepdims=True), 1e-20)
+    extent = max(float(np.ptp(vertices, axis=0).max()), 1e-9)
+    _, position = np.unique(np.round(vertices / (extent * 1e-6)).astype(np.int64), axis=0, return_inverse=True)
+
+    corner_position = position.reshape(-1)[faces.reshape(-1)]
+    order = np.argsort(corner_position, kind="stable")
+    starts = np.flatnonzero(np.r_[True, np.diff(corner_position[order]) > 0])
+    counts = np.diff(np.r_[starts, len(order)])
+
+    total = np.zeros((len(order), 3))
+    group_start, group_count = np.repeat(starts, counts), np.repeat(counts, counts)
+    cosine = np.cos(np.radians(crease_deg))
+    for step in range(int(counts.max())):  # compare each corner with the step-th of those at its position
+        has = step < group_count
+        mine, other = order[has] // 3, order[group_start[has] + step] // 3
+        smooth = np.einsum("ij,ij->i", unit[mine], unit[other]) >= cosine
+        total[order[has][smooth]] += weighted[other[smooth]]
+    total /= np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-20)
+    return total.reshape(-1, 3, 3)
+
+
+def mesh_from_corners(
+    vertices: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, face_material: np.ndarray,
+    materials: tuple[Material, ...], crease_deg: float = 40.0,
+) -> Mesh:
+    """Build a `Mesh` from shared positions and per-corner texture coordinates, splitting vertices at seams and creases.
+
+    Args:
+        vertices: (n, 3) positions.
+        faces: (m, 3) indices into `vertices`.
+        corner_uv: (m, 3, 2).
+        face_material: (m,).
+        materials: as in `Mesh`.
+        crease_deg: edges sharper than this are shaded flat.
+    """
+    normals = corner_normals(vertices, faces, crease_deg)
+    corners = np.concatenate(
+        [vertices[faces].reshape(-1, 3), normals.reshape(-1, 3), corner_uv.reshape(-1, 2)], axis=1
+    ).astype(np.float32)
+    key = np.concatenate([faces.reshape(-1, 1), np.round(corners[:, 3:] * 1e5)], axis=1).astype(np.int64)
+    _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    unique = corners[first]
+    return Mesh(
+        vertices=unique[:, :3].copy(), normals=unique[:, 3:6].copy(), uv=unique[:, 6:].copy(),
+        faces=inverse.reshape(-1, 3).astype(np.int32), face_material=face_material.astype(np.int32), materials=materials,
+    )
+
+
+def check_mesh(mesh: Mesh, source: str) -> Mesh:
+    """Return `mesh` if the rig can photograph it.
+
+    Raises:
+        ToolkitError: no faces, coordinates that are not finite, no extent, or an index out of range; names `source`.
+    """
+    if len(mesh.faces) == 0:
+        raise ToolkitError(f"{source}: the mesh has no faces (a point cloud?): export it with triangles")
+    bad = int((~np.isfinite(mesh.vertices)).any(axis=1).sum())
+    if bad:
+        raise ToolkitError(f"{source}: {bad} of {len(mesh.vertices)} vertices are NaN or infinite: repair the mesh")
+    if mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
+        raise ToolkitError(f"{source}: a face names vertex {mesh.faces.max()}, the mesh has {len(mesh.vertices)}")
+    if not float(mesh.size_mm.max()) > 0:
+        raise ToolkitError(f"{source}: all vertices are at one point: expected an object with an extent")
+    return mesh
