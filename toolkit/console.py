@@ -45,8 +45,12 @@ def progress(title: str, total: int, quiet: bool = False, done: int = 0) -> Iter
     if not errors.is_terminal:
         errors.print(f"{title}: {total - done} to do" + (f", {done} done before" if done else ""))
     columns = (
-        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), RateColumn(),
-        TimeRemainingColumn(), TextColumn("{task.fields[note]}"),
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        RateColumn(),
+        TimeRemainingColumn(),
+        TextColumn("{task.fields[note]}"),
     )
     with Progress(*columns, console=errors, disable=not errors.is_terminal) as bar:
         yield Ticker(bar, bar.add_task(title, total=total, completed=done, note=""))

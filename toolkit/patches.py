@@ -107,7 +107,9 @@ def read_patch(png_file: Path) -> Patch:
     png_file = Path(png_file)
     record_file = png_file.with_suffix(".json")
     if not record_file.is_file():
-        raise ToolkitError(f"{png_file} has no record {record_file.name} beside it: train it with 'toolkit train-patch'")
+        raise ToolkitError(
+            f"{png_file} has no record {record_file.name} beside it: train it with 'toolkit train-patch'"
+        )
     record = read_json(record_file, PatchRecord)
     try:
         content = png_file.read_bytes()
@@ -121,5 +123,7 @@ def read_patch(png_file: Path) -> Patch:
             "changed after training; restore the pair, or train again"
         )
     if pixels.shape != (record.n_px, record.n_px, 3):
-        raise ToolkitError(f"{png_file}: expected {record.n_px}×{record.n_px} px as recorded, found {pixels.shape[1]}×{pixels.shape[0]}")
+        raise ToolkitError(
+            f"{png_file}: expected {record.n_px}×{record.n_px} px as recorded, found {pixels.shape[1]}×{pixels.shape[0]}"
+        )
     return Patch(pixels, record)

@@ -1,1 +1,1 @@
-
+"""What is added to an object: unadversarial patches."""

@@ -1,1 +1,1 @@
-
+"""A folder of images and what is known of each."""

@@ -60,7 +60,9 @@ def read_manifest(source_dir: Path) -> dict[str, CaptureRecord]:
         except (json.JSONDecodeError, ValidationError) as error:
             if number == len(lines) and not text.endswith("\n"):
                 break
-            raise ToolkitError(f"{file}: line {number} is broken ({error.__class__.__name__}): delete that line") from None
+            raise ToolkitError(
+                f"{file}: line {number} is broken ({error.__class__.__name__}): delete that line"
+            ) from None
         inside(source_dir, record.path)
         records[record.path] = record
     return records

@@ -1,1 +1,1 @@
-
+"""Networks, their weights and their preprocessing."""

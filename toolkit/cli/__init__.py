@@ -7,7 +7,10 @@ import typer
 from toolkit.errors import ToolkitError
 
 app = typer.Typer(
-    no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None,
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
     help="Boost physical objects for a neural network, and prove it: train, print, plan, shoot, evaluate.",
 )
 

@@ -1,1 +1,1 @@
-
+"""From predictions to metrics, table and report."""

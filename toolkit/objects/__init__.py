@@ -1,1 +1,1 @@
-
+"""What is photographed: specs, built-in meshes, and the user's own."""

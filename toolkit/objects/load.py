@@ -64,7 +64,9 @@ def read_mesh(path: Path) -> Mesh:
 
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
-        raise ToolkitError(f"{path}: cannot read a mesh from '{path.suffix}' files, expected one of {' '.join(SUFFIXES)}")
+        raise ToolkitError(
+            f"{path}: cannot read a mesh from '{path.suffix}' files, expected one of {' '.join(SUFFIXES)}"
+        )
     if not path.is_file():
         raise ToolkitError(f"{path}: no such mesh file: put it beside its spec, or mend 'mesh' in the spec")
     try:
@@ -154,7 +156,8 @@ def _material(material) -> Material:
     if image is None and factor is None:
         texture = _solid(PLAIN_COLOUR)
     return Material(
-        pbr.name or "material", (texture * tint).clip(0, 255).astype(np.uint8),
+        pbr.name or "material",
+        (texture * tint).clip(0, 255).astype(np.uint8),
         roughness=0.6 if pbr.roughnessFactor is None else float(pbr.roughnessFactor),
         metallic=0.0 if pbr.metallicFactor is None else float(pbr.metallicFactor),
     )

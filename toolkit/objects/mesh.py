@@ -71,7 +71,9 @@ def merge_meshes(meshes: list[Mesh]) -> Mesh:
         vertices=np.concatenate([mesh.vertices for mesh in meshes]),
         normals=np.concatenate([mesh.normals for mesh in meshes]),
         uv=np.concatenate([mesh.uv for mesh in meshes]),
-        faces=np.concatenate([m.faces + start for m, start in zip(meshes, vertex_starts, strict=False)]).astype(np.int32),
+        faces=np.concatenate([m.faces + start for m, start in zip(meshes, vertex_starts, strict=False)]).astype(
+            np.int32
+        ),
         face_material=np.concatenate(
             [m.face_material + start for m, start in zip(meshes, material_starts, strict=False)]
         ).astype(np.int32),
@@ -109,8 +111,12 @@ def corner_normals(vertices: np.ndarray, faces: np.ndarray, crease_deg: float = 
 
 
 def mesh_from_corners(
-    vertices: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, face_material: np.ndarray,
-    materials: tuple[Material, ...], crease_deg: float = 40.0,
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    corner_uv: np.ndarray,
+    face_material: np.ndarray,
+    materials: tuple[Material, ...],
+    crease_deg: float = 40.0,
 ) -> Mesh:
     """Build a `Mesh` from shared positions and per-corner texture coordinates, splitting vertices at seams and creases.
 
@@ -130,8 +136,12 @@ def mesh_from_corners(
     _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
     unique = corners[first]
     return Mesh(
-        vertices=unique[:, :3].copy(), normals=unique[:, 3:6].copy(), uv=unique[:, 6:].copy(),
-        faces=inverse.reshape(-1, 3).astype(np.int32), face_material=face_material.astype(np.int32), materials=materials,
+        vertices=unique[:, :3].copy(),
+        normals=unique[:, 3:6].copy(),
+        uv=unique[:, 6:].copy(),
+        faces=inverse.reshape(-1, 3).astype(np.int32),
+        face_material=face_material.astype(np.int32),
+        materials=materials,
     )
 
 

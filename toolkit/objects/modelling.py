@@ -92,7 +92,10 @@ def surface(points: np.ndarray, paint: Paint = (200, 200, 200), material: str = 
 
 
 def revolve(
-    profile: Sequence[tuple[float, float]], segments: int = 64, paint: Paint = (200, 200, 200), material: str = "paint",
+    profile: Sequence[tuple[float, float]],
+    segments: int = 64,
+    paint: Paint = (200, 200, 200),
+    material: str = "paint",
     start_deg: float = 180.0,
 ) -> Part:
     """Turn a profile of (radius, z), listed from bottom to top for an outside surface, about the z axis.
@@ -131,7 +134,10 @@ def fan(outline: np.ndarray, paint: Paint = (200, 200, 200), material: str = "pa
         return Part(outline[:1], np.zeros((0, 3), int), np.zeros((0, 3, 2)), (1e-3, 1e-3), paint, material)
     return _flat_part(
         np.vstack([outline, centre]),
-        np.array([[i, (i + 1) % len(outline), len(outline)] for i in range(len(outline))]), normal, paint, material,
+        np.array([[i, (i + 1) % len(outline), len(outline)] for i in range(len(outline))]),
+        normal,
+        paint,
+        material,
     )
 
 
@@ -145,7 +151,10 @@ def plate(outline: np.ndarray, paint: Paint = (200, 200, 200), material: str = "
 
 
 def extrude(
-    outline: Sequence[tuple[float, float]], height: float, bevel: float = 0.0, paint: Paint = (200, 200, 200),
+    outline: Sequence[tuple[float, float]],
+    height: float,
+    bevel: float = 0.0,
+    paint: Paint = (200, 200, 200),
     material: str = "paint",
 ) -> list[Part]:
     """Raise a flat (x, y) outline, counter-clockwise from above, from z = 0 to `height`, its edges cut by `bevel`."""
@@ -167,15 +176,26 @@ def box(
     outline = [(-x / 2, -y / 2), (x / 2, -y / 2), (x / 2, y / 2), (-x / 2, y / 2)]
     if bevel > 0:
         outline = [
-            (-x / 2 + bevel, -y / 2), (x / 2 - bevel, -y / 2), (x / 2, -y / 2 + bevel), (x / 2, y / 2 - bevel),
-            (x / 2 - bevel, y / 2), (-x / 2 + bevel, y / 2), (-x / 2, y / 2 - bevel), (-x / 2, -y / 2 + bevel),
+            (-x / 2 + bevel, -y / 2),
+            (x / 2 - bevel, -y / 2),
+            (x / 2, -y / 2 + bevel),
+            (x / 2, y / 2 - bevel),
+            (x / 2 - bevel, y / 2),
+            (-x / 2 + bevel, y / 2),
+            (-x / 2, y / 2 - bevel),
+            (-x / 2, -y / 2 + bevel),
         ]
     return [part.moved(z=-z / 2) for part in extrude(outline, z, bevel, paint, material)]
 
 
 def tube(
-    path: np.ndarray, radius: float | Sequence[float] | np.ndarray, segments: int = 24,
-    paint: Paint = (200, 200, 200), material: str = "paint", flatten: float = 1.0, cap: bool = True,
+    path: np.ndarray,
+    radius: float | Sequence[float] | np.ndarray,
+    segments: int = 24,
+    paint: Paint = (200, 200, 200),
+    material: str = "paint",
+    flatten: float = 1.0,
+    cap: bool = True,
 ) -> list[Part]:
     """A pipe along a path (k, 3) with a radius per point; `flatten` squeezes it across the path's plane."""
     path = np.asarray(path, float)
@@ -249,7 +269,10 @@ def assemble(parts: Sequence[Part], materials: dict[str, tuple[float, float]], a
         start += len(part.vertices)
     texture = np.asarray(atlas)
     return mesh_from_corners(
-        np.concatenate(vertices), np.concatenate(faces), np.concatenate(corner_uv), np.concatenate(face_material),
+        np.concatenate(vertices),
+        np.concatenate(faces),
+        np.concatenate(corner_uv),
+        np.concatenate(face_material),
         tuple(Material(name, texture, *materials[name]) for name in names),
     )
 
@@ -287,7 +310,9 @@ def _clip_ears(polygon: np.ndarray) -> np.ndarray:
 def _inset(outline: np.ndarray, distance: float) -> np.ndarray:
     before = outline - np.roll(outline, 1, axis=0)
     after = np.roll(outline, -1, axis=0) - outline
-    normals = [np.stack([-edge[:, 1], edge[:, 0]], 1) / np.linalg.norm(edge, axis=1, keepdims=True) for edge in (before, after)]
+    normals = [
+        np.stack([-edge[:, 1], edge[:, 0]], 1) / np.linalg.norm(edge, axis=1, keepdims=True) for edge in (before, after)
+    ]
     middle = normals[0] + normals[1]
     return outline + distance * 2 * middle / np.maximum((middle**2).sum(axis=1, keepdims=True), 0.5)
 
@@ -306,8 +331,11 @@ def _paste_with_gutter(atlas: Image.Image, chart: Image.Image, left: int, top: i
 
 def _pack(charts_mm: list[tuple[float, float]], atlas_px: int) -> tuple[float, list[tuple[int, int]]]:
     """The largest common scale at which shelves of charts, tallest first, fill the atlas; and each chart's left top."""
+
     def shelves(scale: float) -> list[tuple[int, int]] | None:
-        sizes = [(max(1, round(w * scale)) + 2 * GUTTER_PX, max(1, round(h * scale)) + 2 * GUTTER_PX) for w, h in charts_mm]
+        sizes = [
+            (max(1, round(w * scale)) + 2 * GUTTER_PX, max(1, round(h * scale)) + 2 * GUTTER_PX) for w, h in charts_mm
+        ]
         places: list[tuple[int, int]] = [(0, 0)] * len(sizes)
         x = y = shelf = 0
         for i in sorted(range(len(sizes)), key=lambda k: -sizes[k][1]):

@@ -1,1 +1,1 @@
-
+"""From booster to page, in millimetres."""
