@@ -16,6 +16,8 @@ BASE_DPI = 72.0
 SCALE = 2.5
 """The paper prints at 250 %; it names no resolution, 72 dpi is the PDF's own unit."""
 MM_PER_INCH = 25.4
+TAPE_MARGIN_MM = 5.0
+"""White paper that is left around a patch for the tape."""
 
 
 def printed_size_mm(n_px: int, dpi: float = BASE_DPI, scale: float = SCALE) -> float:

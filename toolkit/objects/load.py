@@ -151,6 +151,8 @@ def _material(material) -> Material:
     """Base colour, roughness and metalness of a trimesh material."""
     pbr = material.to_pbr() if hasattr(material, "to_pbr") else material
     image, factor = pbr.baseColorTexture, pbr.baseColorFactor
+    if pbr is not material and (image is not None or tuple(np.asarray(material.diffuse)[:3]) == (102, 102, 102)):
+        factor = None  # trimesh's own default grey, not the file's
     tint = np.ones(3) if factor is None else np.asarray(factor, float)[:3] / (255 if np.max(factor) > 1 else 1)
     texture = _solid((255, 255, 255)) if image is None else np.asarray(image.convert("RGB"))
     if image is None and factor is None:

@@ -1,0 +1,233 @@
+"""`toolkit capture-sim`: shoot every object at every pose of the plan, with and without its patch."""
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from toolkit import __version__
+from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest
+from toolkit.captures.transforms import write_transforms
+from toolkit.console import progress
+from toolkit.errors import ToolkitError, one_of
+from toolkit.files import sha256_bytes, write_bytes
+from toolkit.objects.load import TableObject, load_object
+from toolkit.objects.mesh import Mesh
+from toolkit.patches import Patch, read_patch
+from toolkit.rig.camera import Camera
+from toolkit.rig.finish import develop
+from toolkit.rig.mount import attach, mount_patch
+from toolkit.rig.plan import CapturePlan, Pose, check_poses
+from toolkit.rig.renderer import RENDERERS, make_renderer
+from toolkit.rig.studio import Studio, make_studio
+from toolkit.workspace import Workspace
+
+VARIANTS = ("unpatched", "patched")
+FORMATS = ("jpg", "png")
+LOOK_VERSION = 1
+"""Raised when a change to the rig makes other pictures from the same inputs, so that old ones are shot again."""
+
+
+@dataclass(frozen=True)
+class ShootSettings:
+    """How to shoot.
+
+    Attributes:
+        seed: of backdrop and sensor noise.
+        backdrop: a table top by name; None: one per object, drawn by the seed.
+        light: a light by name.
+        renderer: `raycast` or `filament`.
+        image_format: `jpg` (quality 95, no chroma subsampling) or `png`.
+    """
+
+    seed: int = 0
+    backdrop: str | None = None
+    light: str = "studio"
+    renderer: str = "raycast"
+    image_format: str = "jpg"
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One image to take."""
+
+    item: TableObject
+    variant: str
+    pose: Pose
+    path: str
+    inputs_sha256: str
+
+
+@dataclass(frozen=True)
+class ShootResult:
+    """What a run made: images shot now, images kept from before, and images of another plan that are still there."""
+
+    source_dir: Path
+    shot: int
+    kept: int
+    stale: list[str]
+
+
+def shoot_plan(
+    workspace: Workspace, plan: CapturePlan, objects: Iterable[str], variants: Iterable[str] = VARIANTS,
+    settings: ShootSettings | None = None, source: str = "sim", quiet: bool = False,
+) -> ShootResult:  # fmt: skip
+    """Shoot what the plan asks for and is not there yet.
+
+    Each finished image is on disk and in the manifest before the next begins, so a run that was stopped goes on where
+    it was.
+
+    Raises:
+        ToolkitError: an object, variant, backdrop, light or renderer is unknown, an object is not in the plan, has no
+            patch, or a pose of the plan cannot be shot; or the disk is full or read-only.
+    """
+    settings = settings or ShootSettings()
+    if settings.renderer not in RENDERERS:
+        raise one_of("renderer", settings.renderer, list(RENDERERS))
+    if settings.image_format not in FORMATS:
+        raise one_of("image format", settings.image_format, list(FORMATS))
+    camera = plan.camera.camera()
+    scenes = [
+        _plan_scene(workspace, plan, camera, name, variant, settings)
+        for name in objects
+        for variant in variants
+    ]  # fmt: skip
+    source_dir = workspace.captures_dir / source
+    known = read_manifest(source_dir)
+    waiting = [
+        [s for s in shots if not is_finished(source_dir, known.get(s.path), s.inputs_sha256)] for shots in scenes
+    ]
+    total, todo = sum(map(len, scenes)), sum(map(len, waiting))
+    with progress("shooting", total, quiet, done=total - todo) as bar:
+        for shots in waiting:
+            if shots:
+                _shoot_scene(workspace, camera, shots, settings, source_dir, bar)
+    records = read_manifest(source_dir)
+    wanted = {shot.path for shots in scenes for shot in shots}
+    folders = {Path(path).parent for path in wanted}
+    stale = [p for p in records if p not in wanted and Path(p).parent in folders and (source_dir / p).is_file()]
+    write_transforms(source_dir, [record for path, record in sorted(records.items()) if (source_dir / path).is_file()])
+    return ShootResult(source_dir, todo, total - todo, sorted(stale))
+
+
+def find_patch(workspace: Workspace, item: TableObject) -> Patch:
+    """The patch of an object: the one that bears its name, else one trained for its class.
+
+    Raises:
+        ToolkitError: there is none, or its files do not match.
+    """
+    patches = workspace.patches()
+    for name in (item.name, str(item.spec.class_name).replace(" ", "_"), str(item.spec.class_name)):
+        if name in patches:
+            return read_patch(patches[name])
+    for file in patches.values():
+        patch = read_patch(file)
+        if item.spec.class_name in (patch.record.class_name, patch.record.class_index):
+            return patch
+    raise ToolkitError(
+        f"no patch for object '{item.name}' (class '{item.spec.class_name}'): train one with "
+        f"'toolkit train-patch --class \"{item.spec.class_name}\" --data FOLDER', or shoot --variant unpatched"
+    )
+
+
+def studio_for(item: TableObject, settings: ShootSettings) -> Studio:
+    """The studio of an object: its backdrop and details follow from (seed, name) alone."""
+    name_seed = int.from_bytes(hashlib.sha256(item.name.encode()).digest()[:4], "big")
+    size = float(item.mesh.size_mm.max())
+    return make_studio((settings.seed, name_seed), size, settings.backdrop, settings.light)
+
+
+@lru_cache(maxsize=4)
+def _load(spec_file: Path) -> TableObject:
+    return load_object(spec_file)
+
+
+def _plan_scene(workspace, plan, camera, name, variant, settings) -> list[Shot]:
+    """The shots of one object in one variant."""
+    if variant not in VARIANTS:
+        raise one_of("variant", variant, list(VARIANTS))
+    item = _load(workspace.object_spec(name))
+    if name not in plan.objects:
+        raise ToolkitError(f"object '{name}' is not in {workspace.plan_file}: run 'toolkit plan --object {name}'")
+    check_poses(item, camera, plan.objects[name])
+    studio = studio_for(item, settings)
+    common = {
+        "look": LOOK_VERSION, "mesh": _mesh_sha256(item.mesh), "camera": camera.intrinsics, "studio": studio.name,
+        "light": asdict(studio.key), **asdict(settings),
+    }  # fmt: skip
+    if variant != "unpatched":
+        patch = find_patch(workspace, item)
+        common |= {
+            "patch": patch.record.png_sha256,
+            "mm": _patch_mm(item, patch),
+            "mount": item.spec.patch.model_dump(),
+        }
+    return [
+        Shot(
+            item, variant, pose, f"{name}/{variant}/pose_{pose.id:02d}.{settings.image_format}",
+            _sha256_json(common | {"variant": variant, "pose": pose.model_dump()}),
+        )
+        for pose in plan.objects[name]
+    ]  # fmt: skip
+
+
+def _shoot_scene(workspace, camera: Camera, shots: list[Shot], settings: ShootSettings, source_dir: Path, bar) -> None:
+    item, variant = shots[0].item, shots[0].variant
+    mesh, patch = item.mesh, None
+    if variant != "unpatched":
+        patch = find_patch(workspace, item)
+        mesh = attach(mesh, mount_patch(mesh, patch.pixels, _patch_mm(item, patch), item.spec.patch, item.name))
+    studio = studio_for(item, settings)
+    bar.advance(0, note=f"{item.name} {variant}: light")
+    renderer = make_renderer(settings.renderer, mesh, studio)
+    for shot in shots:
+        picture = renderer.render(camera, shot.pose.matrix())
+        content = _encode(develop(picture, (settings.seed, shot.pose.id)), settings.image_format)
+        write_bytes(source_dir / shot.path, content)
+        append_record(
+            source_dir,
+            CaptureRecord(
+                path=shot.path, object=item.name, variant=variant, pose_id=shot.pose.id,
+                T_world_camera=np.round(shot.pose.matrix(), 6).tolist(), intrinsics=camera.intrinsics,
+                booster_sha256=patch.record.png_sha256 if patch else None, image_sha256=sha256_bytes(content),
+                made={
+                    "with": f"toolkit {__version__}", "renderer": settings.renderer, "studio": studio.name,
+                    "seed": settings.seed, "patch_mm": _patch_mm(item, patch) if patch else None,
+                },
+                inputs_sha256=shot.inputs_sha256,
+            ),
+        )  # fmt: skip
+        bar.advance(note=f"{item.name} {variant}")
+
+
+def _patch_mm(item: TableObject, patch: Patch) -> float:
+    return item.spec.patch.size_mm or patch.size_mm
+
+
+def _encode(pixels: np.ndarray, image_format: str) -> bytes:
+    buffer = BytesIO()
+    if image_format == "png":
+        Image.fromarray(pixels).save(buffer, "PNG")
+    else:
+        Image.fromarray(pixels).save(buffer, "JPEG", quality=95, subsampling=0)
+    return buffer.getvalue()
+
+
+def _mesh_sha256(mesh: Mesh) -> str:
+    digest = hashlib.sha256()
+    for array in (mesh.vertices, mesh.faces, mesh.uv, mesh.face_material):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    for material in mesh.materials:
+        digest.update(f"{material.name} {material.roughness} {material.metallic}".encode())
+        digest.update(np.ascontiguousarray(material.texture).tobytes())
+    return digest.hexdigest()
+
+
+def _sha256_json(content) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()

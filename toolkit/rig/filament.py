@@ -1,0 +1,90 @@
+"""The second renderer: Open3D's Filament rasteriser through EGL, for comparison with the ray-cast one.
+
+The scene is built once and only the camera moves. Post-processing is off, as it costs most of a frame on a software
+driver; the picture comes back in linear 8 bit, so that its dark parts are coarser than the ray-cast renderer's.
+"""
+
+import numpy as np
+
+from toolkit.errors import ToolkitError
+from toolkit.objects.mesh import Mesh
+from toolkit.rig.camera import Camera, orbit_direction
+from toolkit.rig.egl import PACKAGES, egl_trouble, go_surfaceless
+from toolkit.rig.studio import Studio
+
+SUN_LUX, ROOM_LUX = 62_000, 22_000
+
+
+class FilamentRenderer:
+    """Renders one object in one studio from any camera; hard-edged shadows, antialiased silhouettes."""
+
+    def __init__(self, mesh: Mesh, studio: Studio) -> None:
+        go_surfaceless()
+        if (trouble := egl_trouble()) is not None:
+            raise ToolkitError(
+                f"the filament renderer cannot start: {trouble}: install {PACKAGES}, or use --renderer raycast"
+            )
+        self._mesh, self._studio = mesh, studio
+        self._renderer, self._size = None, (0, 0)
+
+    def render(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
+        """(height, width, 3) float32 linear light, in steps of 1/255."""
+        if self._size != (camera.width, camera.height):
+            self._build(camera.width, camera.height)
+        T_camera_world = np.linalg.inv(T_world_camera)
+        self._renderer.setup_camera(camera.matrix, T_camera_world, camera.width, camera.height)
+        return np.asarray(self._renderer.render_to_image()).astype(np.float32) / 255
+
+    def _build(self, width: int, height: int) -> None:
+        import open3d as o3d
+
+        rendering = o3d.visualization.rendering
+        self._renderer = None  # Filament keeps one scene at a time
+        renderer = rendering.OffscreenRenderer(width, height)
+        mean_room = self._studio.environment.mean(axis=(0, 1))
+        renderer.scene.set_background([*np.clip(mean_room, 0, 1).tolist(), 1.0])
+        for index, material in enumerate(self._mesh.materials):
+            faces = self._mesh.faces[self._mesh.face_material == index]
+            if len(faces):
+                self._add(renderer, f"part{index}", self._mesh, faces, material)
+        self._add_table(renderer)
+        view, lights = renderer.scene.view, renderer.scene.scene
+        view.set_post_processing(False)
+        view.set_sample_count(4)
+        view.set_shadowing(True, rendering.View.ShadowType.PCF)
+        key = self._studio.key
+        strength = max(key.irradiance)
+        direction = -orbit_direction(key.azimuth_deg, key.elevation_deg)
+        lights.set_sun_light(direction.tolist(), [c / strength for c in key.irradiance], SUN_LUX * strength / 2.2)
+        lights.enable_sun_light(True)
+        lights.enable_indirect_light(True)
+        lights.set_indirect_light_intensity(ROOM_LUX)
+        self._renderer, self._size = renderer, (width, height)
+
+    @staticmethod
+    def _add(renderer, name: str, mesh: Mesh, faces: np.ndarray, material) -> None:
+        import open3d as o3d
+
+        used, inverse = np.unique(faces, return_inverse=True)
+        local = inverse.reshape(-1, 3).astype(np.int32)
+        shape = o3d.geometry.TriangleMesh(
+            o3d.utility.Vector3dVector(mesh.vertices[used].astype(float)), o3d.utility.Vector3iVector(local)
+        )
+        shape.vertex_normals = o3d.utility.Vector3dVector(mesh.normals[used].astype(float))
+        shape.triangle_uvs = o3d.utility.Vector2dVector(mesh.uv[faces].reshape(-1, 2).astype(float))
+        look = o3d.visualization.rendering.MaterialRecord()
+        look.shader = "defaultLit"
+        look.albedo_img = o3d.geometry.Image(np.ascontiguousarray(material.texture))
+        look.base_roughness, look.base_metallic = float(material.roughness), float(material.metallic)
+        renderer.scene.add_geometry(name, shape, look)
+
+    def _add_table(self, renderer) -> None:
+        from toolkit.objects.mesh import Material
+
+        x, y = (side / 2 for side in self._studio.table_mm)
+        corners = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]], np.float32)
+        uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
+        material = Material("table", self._studio.table, self._studio.table_roughness)
+        up = np.repeat(np.array([[0, 0, 1]], np.float32), 4, axis=0)
+        faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+        self._add(renderer, "table", Mesh(corners, up, uv, faces, np.zeros(2, np.int32), (material,)), faces, material)

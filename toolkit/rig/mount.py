@@ -1,0 +1,235 @@
+"""Taping a printed sheet to an object: a developable surface over what lies below, true to size."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toolkit.errors import ToolkitError
+from toolkit.objects.mesh import Material, Mesh, merge_meshes
+from toolkit.objects.spec import PatchMount
+from toolkit.patches import TAPE_MARGIN_MM
+
+MAX_SLOPE_DEG = 38.0
+"""A taped sheet does not hang down steeper than this; it bridges what falls away faster."""
+MAX_TILT_DEG = 50.0
+CLEARANCE_MM = 0.4
+SAMPLES = 81
+PAPER = (243, 243, 240)
+PAPER_MATERIAL, BACK_MATERIAL = "paper", "paper-back"
+
+SIDES = {
+    "top": ((1, 0, 0), (0, 1, 0)),
+    "front": ((0, 1, 0), (0, 0, 1)),
+    "back": ((0, -1, 0), (0, 0, 1)),
+    "left": ((-1, 0, 0), (0, 0, 1)),
+    "right": ((1, 0, 0), (0, 0, 1)),
+}
+"""Right and up of each side as one sees it; for the top, right is the object's front."""
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A mounted sheet.
+
+    Attributes:
+        mesh: the sheet's two faces; materials `paper` (printed) and `paper-back` (white).
+        size_mm: side of the patch, without the white margin around it.
+        T_object_sheet: (4, 4), the sheet's own frame before bending: x right, y up, z off the surface.
+    """
+
+    mesh: Mesh
+    size_mm: float
+    T_object_sheet: np.ndarray
+
+
+def mount_patch(mesh: Mesh, pixels: np.ndarray, size_mm: float, mount: PatchMount, name: str = "object") -> Sheet:
+    """Lay a printed sheet on one side of an object.
+
+    The sheet is first tilted with the surface below it, then bent about one axis (paper bends about one at a time) into
+    the taut curve over the highest points below. Its lengths are kept, so a millimetre on paper stays one on the object.
+
+    Args:
+        mesh: the object on the table.
+        pixels: (n, n, 3) uint8 sRGB; row 0 is the sheet's upper edge.
+        size_mm: side of the printed patch.
+        mount: which side, and where on it.
+        name: for messages.
+
+    Raises:
+        ToolkitError: the patch is over half of the object's longest side, or there is no surface below it.
+    """
+    longest = float(mesh.size_mm.max())
+    if size_mm > longest / 2:
+        raise ToolkitError(
+            f"{name}: a patch of {size_mm:.0f} mm is over half of the object's longest side ({longest:.0f} mm): print it "
+            f"smaller and say so in the spec, for example [patch] size_mm = {longest / 3:.0f}"
+        )
+    scene = _ray_scene(mesh)
+    right, up = _turned_axes(mount)
+    normal = np.cross(right, up)
+    centre = _start(mesh, mount, normal)
+    side = size_mm + 2 * TAPE_MARGIN_MM
+    heights = _heights(scene, centre, right, up, normal, side)
+    if np.isfinite(heights).mean() < 0.05:
+        raise ToolkitError(
+            f"{name}: there is no surface below the patch at [patch] at = '{mount.at}', offset_mm = "
+            f"{list(mount.offset_mm)}: move it onto the object"
+        )
+    right, up, normal = _tilt(heights, right, up, normal, side)
+    heights = _heights(scene, centre, right, up, normal, side)
+    across, height, along_right = _bend(heights, side)
+    vertices = _unroll(across, height, along_right, side)
+    T_object_sheet = np.eye(4)
+    T_object_sheet[:3] = np.stack([right, up, normal, centre], axis=1)
+    return Sheet(_sheet_mesh(vertices, along_right, T_object_sheet, pixels, size_mm, side), size_mm, T_object_sheet)
+
+
+def attach(mesh: Mesh, sheet: Sheet) -> Mesh:
+    """The object with the sheet on it."""
+    return merge_meshes([mesh, sheet.mesh])
+
+
+def _ray_scene(mesh: Mesh):
+    import open3d as o3d
+
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(
+        o3d.core.Tensor(np.ascontiguousarray(mesh.vertices, np.float32)),
+        o3d.core.Tensor(np.ascontiguousarray(mesh.faces.astype(np.uint32))),
+    )
+    return scene
+
+
+def _turned_axes(mount: PatchMount) -> tuple[np.ndarray, np.ndarray]:
+    right, up = (np.array(axis, float) for axis in SIDES[mount.at])
+    cosine, sine = np.cos(np.radians(mount.rotation_deg)), np.sin(np.radians(mount.rotation_deg))
+    return cosine * right + sine * up, cosine * up - sine * right
+
+
+def _start(mesh: Mesh, mount: PatchMount, normal: np.ndarray) -> np.ndarray:
+    """The sheet's centre on the plane that touches the bounding box on the mount's side."""
+    right, up = (np.array(axis, float) for axis in SIDES[mount.at])
+    low, high = mesh.bounds
+    middle = (low + high) / 2
+    reach = np.abs(normal) @ (high - low) / 2
+    return middle + normal * reach + right * mount.offset_mm[0] + up * mount.offset_mm[1]
+
+
+def _heights(scene, centre, right, up, normal, side: float) -> np.ndarray:
+    """(rows along up, columns along right) height of the surface over the sheet's plane, -inf where there is none."""
+    import open3d as o3d
+
+    steps = np.linspace(-side / 2, side / 2, SAMPLES)
+    x, y = np.meshgrid(steps, steps)
+    far = 1000.0
+    origins = centre + x[..., None] * right + y[..., None] * up + far * normal
+    rays = np.concatenate([origins, np.broadcast_to(-normal, origins.shape)], axis=-1).astype(np.float32)
+    hit = scene.cast_rays(o3d.core.Tensor(np.ascontiguousarray(rays)))["t_hit"].numpy()
+    return np.where(np.isfinite(hit), far - hit, -np.inf)
+
+
+def _tilt(heights: np.ndarray, right, up, normal, side: float):
+    """Turn the sheet's plane with the surface: a plane through the upper half of the heights, by least squares."""
+    steps = np.linspace(-side / 2, side / 2, SAMPLES)
+    x, y = np.meshgrid(steps, steps)
+    known = np.isfinite(heights)
+    near = known & (heights >= np.median(heights[known]) - side / 4)
+    slope_x, slope_y, _ = np.linalg.lstsq(
+        np.stack([x[near], y[near], np.ones(near.sum())], axis=1), heights[near], rcond=None
+    )[0]
+    steepest = np.hypot(slope_x, slope_y)
+    if steepest > (limit := np.tan(np.radians(MAX_TILT_DEG))):
+        slope_x, slope_y = slope_x * limit / steepest, slope_y * limit / steepest
+    tilted_right = right + slope_x * normal
+    tilted_right /= np.linalg.norm(tilted_right)
+    tilted_normal = np.cross(tilted_right, up + slope_y * normal)
+    tilted_normal /= np.linalg.norm(tilted_normal)
+    return tilted_right, np.cross(tilted_normal, tilted_right), tilted_normal
+
+
+def _bend(heights: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray, bool]:
+    """The better of bending along right or along up: positions and heights of the curve, and whether it runs along right."""
+    choices = []
+    for along_right, highest in ((True, heights.max(axis=0)), (False, heights.max(axis=1))):
+        across, height = _taut_curve(highest, side)
+        below = np.where(np.isfinite(heights), heights, np.nan)
+        lifted = np.interp(np.linspace(-side / 2, side / 2, SAMPLES), across, height)
+        gap = np.nanmean((lifted if along_right else lifted[:, None]) - below)
+        choices.append((gap, across, height, along_right))
+    _, across, height, along_right = min(choices, key=lambda choice: choice[0])
+    return across, height, along_right
+
+
+def _taut_curve(obstacle: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray]:
+    """A sheet pulled taut over a profile: its upper convex hull, no steeper than the limit, rounded, of length `side`."""
+    steps = np.linspace(-side / 2, side / 2, SAMPLES)
+    known = np.isfinite(obstacle)
+    slope = np.tan(np.radians(MAX_SLOPE_DEG))
+    crown = steps[known][int(np.argmax(obstacle[known]))]
+    floor = obstacle[known].max() - slope * np.abs(steps - crown)
+    lifted = np.maximum(np.where(known, obstacle, -np.inf), floor)
+    hull: list[int] = []
+    for i in range(SAMPLES):
+        while len(hull) >= 2 and _above(steps, lifted, hull[-2], i, hull[-1]):
+            hull.pop()
+        hull.append(i)
+    taut = np.interp(steps, steps[hull], lifted[hull])
+    width = 9  # paper has no kinks: a running mean over a tenth of the sheet
+    padded = np.interp(np.arange(-width, SAMPLES + width), np.arange(SAMPLES), taut)
+    padded[:width] = taut[0] + (taut[0] - taut[1]) * np.arange(width, 0, -1)
+    padded[-width:] = taut[-1] + (taut[-1] - taut[-2]) * np.arange(1, width + 1)
+    smooth = np.convolve(padded, np.ones(width) / width, "same")[width:-width]
+    smooth += max(0.0, float((taut - smooth).max())) + CLEARANCE_MM
+    length = np.r_[0, np.cumsum(np.hypot(np.diff(steps), np.diff(smooth)))]
+    middle = np.interp(0.0, steps, length)
+    # the curve is longer than the sheet: centre the sheet over the mount's middle as far as the curve allows
+    start = np.clip(middle - side / 2, 0, max(length[-1] - side, 0))
+    wanted = np.linspace(start, start + side, SAMPLES)
+    return np.interp(wanted, length, steps), np.interp(wanted, length, smooth)
+
+
+def _above(x: np.ndarray, y: np.ndarray, first: int, last: int, middle: int) -> bool:
+    """Whether the chord from first to last passes over the middle point."""
+    return (y[last] - y[first]) * (x[middle] - x[first]) >= (y[middle] - y[first]) * (x[last] - x[first])
+
+
+def _unroll(across: np.ndarray, height: np.ndarray, along_right: bool, side: float) -> np.ndarray:
+    """(SAMPLES, 2, 3) points of the bent sheet in its own frame: along the curve, and at both straight edges."""
+    edges = np.array([-side / 2, side / 2])
+    curve = np.broadcast_to(across[:, None], (SAMPLES, 2))
+    rule = np.broadcast_to(edges, (SAMPLES, 2))
+    lift = np.broadcast_to(height[:, None], (SAMPLES, 2))
+    return np.stack([curve, rule, lift] if along_right else [rule, curve, lift], axis=-1)
+
+
+def _sheet_mesh(points, along_right: bool, T_object_sheet, pixels, size_mm: float, side: float) -> Mesh:
+    place = points @ T_object_sheet[:3, :3].T + T_object_sheet[:3, 3]
+    tangent = np.gradient(place, axis=0)
+    ruling = np.broadcast_to(place[:, 1:] - place[:, :1], place.shape)
+    normals = np.cross(tangent, ruling) if along_right else np.cross(ruling, tangent)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    run, edge = np.meshgrid(np.linspace(0, 1, SAMPLES), [0.0, 1.0], indexing="ij")
+    uv = np.stack([run, edge] if along_right else [edge, run], axis=-1)
+    index = np.arange(SAMPLES * 2).reshape(SAMPLES, 2)
+    a, b, c, d = index[:-1, 0], index[1:, 0], index[1:, 1], index[:-1, 1]
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    faces = faces if along_right else faces[:, ::-1]
+    front = Mesh(
+        *(array.reshape(-1, array.shape[-1]).astype(np.float32) for array in (place, normals, uv)),
+        faces.astype(np.int32), np.zeros(len(faces), np.int32),
+        (Material(PAPER_MATERIAL, print_on_paper(pixels, size_mm, side), roughness=0.75),),
+    )  # fmt: skip
+    back = Mesh(
+        front.vertices - front.normals * np.float32(0.15), -front.normals, front.uv, front.faces[:, ::-1].copy(),
+        front.face_material, (Material(BACK_MATERIAL, np.full((4, 4, 3), PAPER, np.uint8), roughness=0.9),),
+    )  # fmt: skip
+    return merge_meshes([front, back])
+
+
+def print_on_paper(pixels: np.ndarray, size_mm: float, side_mm: float) -> np.ndarray:
+    """The sheet's picture: whole patch pixels with crisp edges on white paper, (m, m, 3) uint8 sRGB."""
+    n = pixels.shape[0]
+    repeat = max(1, round(512 / n))
+    margin = round((side_mm - size_mm) / 2 / size_mm * n * repeat)
+    crisp = pixels.repeat(repeat, axis=0).repeat(repeat, axis=1)
+    return np.stack([np.pad(crisp[..., c], margin, constant_values=PAPER[c]) for c in range(3)], axis=-1)

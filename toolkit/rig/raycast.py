@@ -1,0 +1,195 @@
+"""The rig's renderer: exact ray-cast buffers (Open3D's Embree scene), light baked once, shading per frame in float.
+
+Per frame only what the camera changes is worked out: which surface each pixel sees, its texture at the right level of
+detail, and the gloss. Silhouettes and the printed sheet get four samples a pixel.
+"""
+
+import cv2
+import numpy as np
+
+from toolkit.objects.mesh import Mesh
+from toolkit.rig import shading
+from toolkit.rig.backdrop import Backdrop
+from toolkit.rig.camera import Camera, pixel_rays, project
+from toolkit.rig.lighting import bake_lighting
+from toolkit.rig.lightmap import read_samples
+from toolkit.rig.mount import PAPER_MATERIAL
+from toolkit.rig.studio import Studio
+from toolkit.rig.textures import sample_pyramid, texture_pyramid
+
+SUBPIXELS = np.array([[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]], np.float32)
+"""Offsets of the four samples: a rotated grid, which resolves near-horizontal and near-vertical edges best."""
+
+
+class RaycastRenderer:
+    """Renders one object in one studio from any camera."""
+
+    def __init__(self, mesh: Mesh, studio: Studio) -> None:
+        import open3d as o3d
+
+        self._mesh, self._studio = mesh, studio
+        self._scene = o3d.t.geometry.RaycastingScene()
+        self._scene.add_triangles(
+            o3d.core.Tensor(np.ascontiguousarray(mesh.vertices, np.float32)),
+            o3d.core.Tensor(np.ascontiguousarray(mesh.faces.astype(np.uint32))),
+        )
+        self._corner_normals = mesh.normals[mesh.faces]
+        self._corner_uv = mesh.uv[mesh.faces]
+        corners = mesh.vertices[mesh.faces]
+        self._textures, self._texture_of_material = _distinct_textures(mesh)
+        self._texel_density = _texel_density(corners, self._corner_uv, mesh, self._textures, self._texture_of_material)
+        self._roughness = np.array([m.roughness for m in mesh.materials], np.float32)
+        self._metallic = np.array([m.metallic for m in mesh.materials], np.float32)
+        self._is_paper = np.array([m.name == PAPER_MATERIAL for m in mesh.materials])
+        self._lighting = bake_lighting(self._scene, corners, self._corner_normals, self._mean_colour(), studio)
+        self._backdrop = Backdrop(studio, self._lighting)
+
+    def render(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
+        """(height, width, 3) float32 linear light times the studio's exposure; not clipped."""
+        picture = self._backdrop.render(camera, T_world_camera)
+        left, top, right, bottom = self._region(camera, T_world_camera)
+        if right <= left or bottom <= top:
+            return picture * np.float32(self._studio.exposure)
+        x, y = np.meshgrid(np.arange(left, right, dtype=np.float32), np.arange(top, bottom, dtype=np.float32))
+        pixels = np.stack([x, y], axis=-1).reshape(-1, 2) + np.float32(0.5)
+        region = picture[top:bottom, left:right]
+        behind = region.reshape(-1, 3).copy()
+        colour, material, normal, depth = self._trace(camera, T_world_camera, pixels, behind)
+        refine = np.flatnonzero(self._needs_samples(material, normal, depth, region.shape[:2]))
+        total = np.zeros((len(refine), 3), np.float32)
+        for offset in SUBPIXELS:
+            total += self._trace(camera, T_world_camera, pixels[refine] + offset, behind[refine])[0]
+        colour[refine] = total / len(SUBPIXELS)
+        picture[top:bottom, left:right] = colour.reshape(region.shape)
+        return picture * np.float32(self._studio.exposure)
+
+    def buffers(self, camera: Camera, T_world_camera: np.ndarray) -> dict[str, np.ndarray]:
+        """Exact float buffers at pixel centres: depth along the ray in mm (inf: none), material (-1: none), uv."""
+        y, x = np.mgrid[: camera.height, : camera.width].astype(np.float32) + np.float32(0.5)
+        hits = self._cast(pixel_rays(camera, T_world_camera, np.stack([x, y], axis=-1).reshape(-1, 2)))
+        shape = (camera.height, camera.width)
+        seen = np.isfinite(hits["t_hit"])
+        triangle, uv = hits["primitive_ids"][seen].astype(np.int64), hits["primitive_uvs"][seen]
+        material = np.full(seen.shape, -1, np.int32)
+        material[seen] = self._mesh.face_material[triangle]
+        texture_uv = np.full((*seen.shape, 2), np.nan, np.float32)
+        texture_uv[seen] = shading.interpolate(self._corner_uv[triangle], uv)
+        return {
+            "depth": hits["t_hit"].reshape(shape), "material": material.reshape(shape),
+            "uv": texture_uv.reshape(*shape, 2),
+        }  # fmt: skip
+
+    def _cast(self, rays: np.ndarray) -> dict[str, np.ndarray]:
+        import open3d as o3d
+
+        found = self._scene.cast_rays(o3d.core.Tensor(rays))
+        return {key: found[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_uvs", "primitive_normals")}
+
+    def _region(self, camera: Camera, T_world_camera: np.ndarray) -> tuple[int, int, int, int]:
+        """Left, top, right, bottom of the pixels that can show the object."""
+        low, high = self._mesh.bounds
+        box = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+        pixels, depth = project(
+            camera, T_world_camera, self._mesh.vertices[:: max(1, len(self._mesh.vertices) // 4000)]
+        )
+        if (project(camera, T_world_camera, box)[1] <= 1).any():
+            return 0, 0, camera.width, camera.height
+        margin = 6 + 0.01 * camera.width
+        left, top = np.floor(pixels[depth > 0].min(axis=0) - margin).astype(int)
+        right, bottom = np.ceil(pixels[depth > 0].max(axis=0) + margin).astype(int)
+        return max(left, 0), max(top, 0), min(right, camera.width), min(bottom, camera.height)
+
+    def _trace(self, camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray, behind: np.ndarray):
+        """Colour, material, normal and depth per pixel coordinate; where nothing is hit, `behind`, -1, 0 and inf."""
+        rays = pixel_rays(camera, T_world_camera, pixels)
+        hits = self._cast(rays)
+        depth = hits["t_hit"]
+        seen = np.flatnonzero(np.isfinite(depth))
+        colour = behind.copy()
+        material, normal = np.full(len(pixels), -1, np.int32), np.zeros((len(pixels), 3), np.float32)
+        if len(seen):
+            triangle, uv = hits["primitive_ids"][seen].astype(np.int64), hits["primitive_uvs"][seen]
+            pixel_angle = np.float32(1 / camera.focal_px)
+            colour[seen], normal[seen] = self._shade(rays[seen], depth[seen], triangle, uv, pixel_angle)
+            material[seen] = self._mesh.face_material[triangle]
+        return colour, material, normal, depth
+
+    def _shade(self, rays, depth, triangle, uv, pixel_angle):
+        direction = rays[:, 3:]
+        normal = shading.interpolate(self._corner_normals[triangle], uv)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+        cosine = -np.einsum("ij,ij->i", normal, direction)
+        away = cosine < 0
+        normal[away] *= -1
+        cosine = np.abs(cosine)
+        material = self._mesh.face_material[triangle]
+        texture_uv = shading.interpolate(self._corner_uv[triangle], uv)
+        footprint_mm = depth * pixel_angle / np.sqrt(np.maximum(cosine, 0.1))
+        lod = np.log2(np.maximum(footprint_mm * self._texel_density[triangle], 1e-6))
+        albedo = self._albedo(material, texture_uv, lod)
+        light = read_samples(self._lighting.grid, self._lighting.stored, triangle, uv)
+        roughness, metallic = self._roughness[material], self._metallic[material]
+        colour = albedo * light[:, :3] * ((1 - metallic) / np.float32(np.pi))[:, None]
+        points = rays[:, :3] + depth[:, None] * direction
+        colour += shading.gloss(
+            points, direction, normal, cosine, albedo, roughness, metallic, light[:, 3], light[:, 4], self._studio.key,
+            self._backdrop,
+        )  # fmt: skip
+        return colour, normal
+
+    def _albedo(self, material: np.ndarray, uv: np.ndarray, lod: np.ndarray) -> np.ndarray:
+        texture = self._texture_of_material[material]
+        if len(self._textures) == 1:
+            return sample_pyramid(self._textures[0], uv[:, 0], uv[:, 1], lod)
+        albedo = np.empty((len(material), 3), np.float32)
+        for index, levels in enumerate(self._textures):
+            chosen = np.flatnonzero(texture == index)
+            if len(chosen):
+                albedo[chosen] = sample_pyramid(levels, uv[chosen, 0], uv[chosen, 1], lod[chosen])
+        return albedo
+
+    def _needs_samples(self, material, normal, depth, shape) -> np.ndarray:
+        """Pixels whose neighbours show another material, a jump in depth or a crease; and those on printed paper."""
+        material, normal, depth = material.reshape(shape), normal.reshape(*shape, 3), depth.reshape(shape)
+        depth = np.where(np.isfinite(depth), depth, 0)
+        edge = np.zeros(shape, bool)
+        for a, b in (((slice(1, None), slice(None)), (slice(-1), slice(None))),
+                     ((slice(None), slice(1, None)), (slice(None), slice(-1)))):  # fmt: skip
+            differ = material[a] != material[b]
+            differ |= np.abs(depth[a] - depth[b]) > 0.02 * depth[a]
+            differ |= np.einsum("ijk,ijk->ij", normal[a], normal[b]) < 0.75 * (material[a] >= 0)
+            edge[a] |= differ
+            edge[b] |= differ
+        return (edge | (self._is_paper[material] & (material >= 0))).reshape(-1)
+
+    def _mean_colour(self) -> np.ndarray:
+        """(3,) linear colour of the object, averaged over its triangles by area."""
+        corners = self._mesh.vertices[self._mesh.faces]
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+        middle = self._corner_uv.mean(axis=1)
+        albedo = self._albedo(self._mesh.face_material, middle, np.zeros(len(middle), np.float32))
+        return (albedo * area[:, None]).sum(axis=0) / max(float(area.sum()), 1e-9)
+
+
+def _distinct_textures(mesh: Mesh) -> tuple[list[list[np.ndarray]], np.ndarray]:
+    """One pyramid per distinct texture array, and which one each material uses."""
+    known: dict[int, int] = {}
+    pyramids, index = [], []
+    for material in mesh.materials:
+        if id(material.texture) not in known:
+            known[id(material.texture)] = len(pyramids)
+            pyramids.append(texture_pyramid(material.texture))
+        index.append(known[id(material.texture)])
+    return pyramids, np.array(index)
+
+
+def _texel_density(corners, corner_uv, mesh: Mesh, textures, texture_of_material) -> np.ndarray:
+    """(m,) texels per millimetre of each triangle."""
+
+    def doubled_area(a, b):
+        return np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+    surface = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    chart = doubled_area(corner_uv[:, 1] - corner_uv[:, 0], corner_uv[:, 2] - corner_uv[:, 0])
+    texels = np.array([levels[0].shape[0] * levels[0].shape[1] for levels in textures])[texture_of_material]
+    return np.sqrt(chart * texels[mesh.face_material] / np.maximum(surface, 1e-12)).astype(np.float32)

@@ -1,0 +1,55 @@
+"""How surfaces answer light: gloss from the key light, the room and the table."""
+
+import numpy as np
+
+ROUGHNESS_LEVELS = (0.12, 0.3, 0.55, 0.9)
+"""Roughnesses for which the room is blurred beforehand."""
+
+
+def interpolate(corner_values: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """(n, c) values at barycentric weights (n, 2) of corners 1 and 2, from corner values (n, 3, c)."""
+    u, v = uv[:, :1], uv[:, 1:]
+    return corner_values[:, 0] * (1 - u - v) + corner_values[:, 1] * u + corner_values[:, 2] * v
+
+
+def gloss(points, direction, normal, cosine, albedo, roughness, metallic, key_share, room_share, key, backdrop):
+    """(n, 3) specular radiance towards the camera.
+
+    Key light: GGX with Smith's masking, widened by the light's disc. Room and table: the blurred reflection times
+    Karis' fit of the split-sum integral (Physically Based Shading on Mobile, 2014).
+    """
+    f0 = np.float32(0.04) * (1 - metallic)[:, None] + albedo * metallic[:, None]
+    scale, bias = _environment_brdf(roughness, cosine)
+    mirrored = direction + 2 * cosine[:, None] * normal
+    reflected = backdrop.reflect(points, mirrored, roughness)
+    visible = np.clip(1.4 * room_share - 0.1, 0, 1)[:, None]
+    shine = (f0 * scale[:, None] + bias[:, None]) * reflected * visible
+    return shine + _key_highlight(direction, normal, cosine, f0, roughness, key_share, key)
+
+
+def _key_highlight(direction, normal, cosine, f0, roughness, key_share, key):
+    from toolkit.rig.camera import orbit_direction
+
+    light = orbit_direction(key.azimuth_deg, key.elevation_deg).astype(np.float32)
+    to_light = np.maximum(normal @ light, 0)
+    half = light - direction
+    half /= np.maximum(np.linalg.norm(half, axis=1, keepdims=True), 1e-6)
+    n_h = np.einsum("ij,ij->i", normal, half)
+    v_h = np.maximum(-np.einsum("ij,ij->i", direction, half), 0)
+    alpha = np.clip(roughness**2 + np.tan(np.radians(key.radius_deg)) / 2, 0.02, 1).astype(np.float32)
+    alpha2 = alpha**2
+    distribution = alpha2 / (np.pi * (n_h**2 * (alpha2 - 1) + 1) ** 2)
+    k = alpha / 2
+    masking = 1 / ((cosine * (1 - k) + k) * (to_light * (1 - k) + k))
+    fresnel = f0 + (1 - f0) * ((1 - v_h) ** 5)[:, None]
+    strength = (distribution * masking / 4 * to_light * key_share)[:, None]
+    return fresnel * strength * np.array(key.irradiance, np.float32)
+
+
+def _environment_brdf(roughness, cosine):
+    a = roughness * -1.0 + 1.0
+    b = roughness * -0.0275 + 0.0425
+    c = roughness * -0.572 + 1.04
+    d = roughness * 0.022 - 0.04
+    a004 = np.minimum(a * a, np.exp2(-9.28 * cosine)) * a + b
+    return -1.04 * a004 + c, 1.04 * a004 + d
