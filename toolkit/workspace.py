@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from toolkit.errors import ToolkitError, one_of
+from toolkit.files import explain_write_error, write_text
 
 PACKAGE_DATA = Path(__file__).parent / "data"
 
@@ -86,3 +87,43 @@ def open_workspace(folder: Path | None = None) -> Workspace:
         return Workspace(Path(folder).resolve())
     here = Path.cwd()
     return Workspace(next((up for up in (here, *here.parents) if (up / "rig").is_dir()), here))
+
+
+SPEC_GUIDE = """\
+# One file per object of your own: NAME.toml, with the mesh beside it (glb, obj + mtl, ply, stl, off).
+# Copy this file to NAME.toml, mend it, and run: toolkit plan --object NAME
+#
+# name = "mug"
+# class = "coffee mug"        # an ImageNet category, an index, or a label of your own classifier
+# mesh = "mug.glb"
+# length_mm = 120             # longest side
+# up = "y"                    # the mesh's axis that points up; glTF and OBJ files mostly have y
+# front = "z"                 # and the one that points to the front
+#
+# [patch]
+# at = "top"                  # top, front, back, left or right
+# size_mm = 40                # side of the printed patch; default: the size in the patch's record
+# offset_mm = [0, 0]          # from the middle of that side: right and up; for the top, forward and left
+# rotation_deg = 0
+"""
+
+
+def make_workspace(folder: Path) -> Workspace:
+    """Make the folders of a workspace and a guide to object specs; what is there already stays as it is.
+
+    Raises:
+        ToolkitError: `folder` is a file, or cannot be written.
+    """
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise ToolkitError(f"{folder} is a file: name a folder to make a workspace of")
+    space = Workspace(folder.resolve())
+    guide = space.objects_dir / "README.txt"
+    try:
+        for path in (space.objects_dir, space.patches_dir, space.captures_dir, space.eval_dir):
+            path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise explain_write_error(folder, error) from error
+    if not guide.exists():
+        write_text(guide, SPEC_GUIDE)
+    return space

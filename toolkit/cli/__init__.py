@@ -4,20 +4,27 @@ import sys
 
 import typer
 
+from toolkit.cli.capture_sim import capture_sim
+from toolkit.cli.demo import demo
+from toolkit.cli.doctor import doctor
+from toolkit.cli.eval_ import evaluate
+from toolkit.cli.init import init
+from toolkit.cli.objects import list_objects
+from toolkit.cli.plan import plan
+from toolkit.cli.print_ import print_patches
+from toolkit.cli.train_patch import train_patch
 from toolkit.errors import ToolkitError
 
 app = typer.Typer(
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode=None,
+    no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
     help="Boost physical objects for a neural network, and prove it: train, print, plan, shoot, evaluate.",
-)
-
-
-@app.callback()
-def _root() -> None:
-    pass
+)  # fmt: skip
+for name, command in {
+    "demo": demo, "init": init, "doctor": doctor, "objects": list_objects, "train-patch": train_patch,
+    "print": print_patches, "plan": plan, "capture-sim": capture_sim, "eval": evaluate,
+}.items():  # fmt: skip
+    app.command(name)(command)
 
 
 def main() -> None:
@@ -25,7 +32,7 @@ def main() -> None:
     from toolkit.console import errors
 
     try:
-        app(standalone_mode=True)
+        app()
     except ToolkitError as error:
         errors.print(f"error: {error}", style="red", markup=False, soft_wrap=True)
         sys.exit(2)

@@ -134,7 +134,7 @@ def _room_directions(studio: Studio) -> tuple[np.ndarray, np.ndarray]:
     azimuth = i * np.pi * (3 - np.sqrt(5))
     ring = np.sqrt(1 - z**2)
     directions = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), z], axis=1).astype(np.float32)
-    h, w = studio.environment.shape[:2]
+    w = studio.environment.shape[1]
     tiled = np.concatenate([studio.environment] * 3, axis=1)
     blurred = cv2.GaussianBlur(tiled, (0, 0), w / 40)[:, w : 2 * w]
     u, v = equirectangular(directions)

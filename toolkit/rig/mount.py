@@ -46,7 +46,7 @@ def mount_patch(mesh: Mesh, pixels: np.ndarray, size_mm: float, mount: PatchMoun
     """Lay a printed sheet on one side of an object.
 
     The sheet is first tilted with the surface below it, then bent about one axis (paper bends about one at a time) into
-    the taut curve over the highest points below. Its lengths are kept, so a millimetre on paper stays one on the object.
+    the taut curve over the highest points below. Its lengths are kept: a millimetre on paper stays one on the object.
 
     Args:
         mesh: the object on the table.
@@ -61,8 +61,8 @@ def mount_patch(mesh: Mesh, pixels: np.ndarray, size_mm: float, mount: PatchMoun
     longest = float(mesh.size_mm.max())
     if size_mm > longest / 2:
         raise ToolkitError(
-            f"{name}: a patch of {size_mm:.0f} mm is over half of the object's longest side ({longest:.0f} mm): print it "
-            f"smaller and say so in the spec, for example [patch] size_mm = {longest / 3:.0f}"
+            f"{name}: a patch of {size_mm:.0f} mm is over half of the object's longest side ({longest:.0f} mm): "
+            f"print it smaller and say so in the spec, for example [patch] size_mm = {longest / 3:.0f}"
         )
     scene = _ray_scene(mesh)
     right, up = _turned_axes(mount)
@@ -148,7 +148,7 @@ def _tilt(heights: np.ndarray, right, up, normal, side: float):
 
 
 def _bend(heights: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray, bool]:
-    """The better of bending along right or along up: positions and heights of the curve, and whether it runs along right."""
+    """Bend along right or along up, whichever hugs better: the curve's positions and heights, and if it runs right."""
     choices = []
     for along_right, highest in ((True, heights.max(axis=0)), (False, heights.max(axis=1))):
         across, height = _taut_curve(highest, side)
@@ -161,7 +161,7 @@ def _bend(heights: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray, boo
 
 
 def _taut_curve(obstacle: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray]:
-    """A sheet pulled taut over a profile: its upper convex hull, no steeper than the limit, rounded, of length `side`."""
+    """A sheet of length `side` pulled taut over a profile: its upper convex hull, no steeper than the limit, rounded."""
     steps = np.linspace(-side / 2, side / 2, SAMPLES)
     known = np.isfinite(obstacle)
     slope = np.tan(np.radians(MAX_SLOPE_DEG))

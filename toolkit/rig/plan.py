@@ -8,15 +8,16 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from toolkit.errors import ToolkitError
 from toolkit.files import read_json, write_json
-from toolkit.objects.load import TableObject
+from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
 from toolkit.rig.poses import Pattern, spread_poses
+from toolkit.workspace import Workspace
 
 Row = tuple[float, float, float, float]
 
 
 class CameraModel(BaseModel):
-    """The camera of a plan: resolution in pixels and horizontal field of view, or focal length and sensor width in mm."""
+    """The camera of a plan: pixels, and the horizontal field of view or the focal length and sensor width in mm."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     width: int = Field(640, ge=16, le=16384)
@@ -160,3 +161,17 @@ def read_plan(file: Path) -> CapturePlan:
 def write_plan(file: Path, plan: CapturePlan) -> Path:
     """Write `rig/plan.json`."""
     return write_json(file, plan.model_dump(mode="json", exclude_none=True))
+
+
+def open_plan(workspace: Workspace, names: list[str] | None = None) -> CapturePlan:
+    """The workspace's plan; where it has none, the default one for `names` (by default all known objects), written.
+
+    Raises:
+        ToolkitError: the plan is broken, or an object is unknown.
+    """
+    if workspace.plan_file.is_file():
+        return read_plan(workspace.plan_file)
+    items = [load_object(workspace.object_spec(name)) for name in names or sorted(workspace.object_specs())]
+    plan = make_plan(items, Camera(), Pattern())
+    write_plan(workspace.plan_file, plan)
+    return plan

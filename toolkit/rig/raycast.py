@@ -4,7 +4,6 @@ Per frame only what the camera changes is worked out: which surface each pixel s
 detail, and the gloss. Silhouettes and the printed sheet get four samples a pixel.
 """
 
-import cv2
 import numpy as np
 
 from toolkit.objects.mesh import Mesh

@@ -89,21 +89,22 @@ def make_studio(
     table = table_kind.paint(rng, table_mm)
     warmth = np.array([key.irradiance[0], key.irradiance[1], key.irradiance[2]]) / max(key.irradiance)
     environment = paint_room(rng, ENVIRONMENT_SHAPE) * np.float32(ROOM_LIGHT[light]) * warmth.astype(np.float32)
+    name = f"{backdrop or drawn}/{light}/{'-'.join(map(str, seeds))}"
     return Studio(
-        name=f"{backdrop or drawn}/{light}/{'-'.join(map(str, seeds))}", key=key, environment=environment, table=table, table_mm=table_mm,
+        name=name, key=key, environment=environment, table=table, table_mm=table_mm,
         table_roughness=table_kind.roughness, exposure=_expose(key, environment, table),
     )  # fmt: skip
 
 
 def _expose(key: KeyLight, environment: np.ndarray, table: np.ndarray) -> float:
-    """As a camera's meter would, from the open table: bright tables stay bright, dark ones dark, dim light a bit dim."""
+    """Meter the open table as a camera would: bright tables stay bright, dark ones dark, dim light a bit dim."""
     rows = environment.shape[0] // 2
     elevation = np.pi / 2 - (np.arange(rows) + 0.5) * np.pi / environment.shape[0]
     weights = np.sin(elevation) * np.cos(elevation)
     room = np.pi * (environment[:rows].mean(axis=1) * weights[:, None]).sum(axis=0) / weights.sum()
     irradiance = float((room + np.sin(np.radians(key.elevation_deg)) * np.array(key.irradiance)).mean())
     albedo = float(srgb_to_linear(table[::8, ::8] / 255).mean())
-    wanted = 0.5 * albedo**0.7
+    wanted = 0.62 * albedo**0.65
     metered = wanted / (albedo * irradiance / np.pi)
     full = 0.9
     return metered * (1 if irradiance > full else (irradiance / full) ** 0.5)

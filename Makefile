@@ -1,0 +1,42 @@
+# make demo    set up, then the whole road in ./demo: print files, 144 images, table and report
+# make test    set up, then all tests
+# make bench   speed against the peers, as ratios in one run
+# make lint    ruff and mypy
+# make docs    draw the figures of README and docs again
+
+PYTHON ?= $(firstword $(foreach v,3.12 3.11 3.10,$(if $(shell python$(v) -c 'import venv, ensurepip' 2>/dev/null && echo yes),python$(v))) python3)
+BIN := .venv/bin
+# Weights that lie beside the checkout are used where there are any.
+export TOOLKIT_WEIGHTS ?= $(abspath $(wildcard ../shared/weights))
+
+.PHONY: demo test bench lint docs setup clean
+
+demo: setup
+	$(BIN)/toolkit demo demo
+
+test: setup .venv/.test
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+bench: setup .venv/.bench
+	$(BIN)/python -m benchmarks
+
+lint: setup .venv/.lint
+	$(BIN)/ruff format --check . && $(BIN)/ruff check . && $(BIN)/mypy
+
+docs: setup
+	$(BIN)/python -m docs.figures
+
+setup: .venv/.installed
+	@scripts/system-libraries
+
+.venv/.installed: pyproject.toml scripts/make-venv
+	scripts/make-venv "$(PYTHON)"
+	$(BIN)/python -m pip install --quiet --progress-bar off -e .
+	touch $@
+
+.venv/.test .venv/.lint .venv/.bench: .venv/.%: .venv/.installed pyproject.toml
+	$(BIN)/python -m pip install --quiet -e ".[$*]"
+	touch $@
+
+clean:
+	rm -rf .venv demo

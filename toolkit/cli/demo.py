@@ -1,0 +1,45 @@
+"""`toolkit demo`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from toolkit.cli import options
+
+
+def demo(
+    folder: Annotated[Path, typer.Argument(help="Workspace to make, or to go on with.")] = Path("demo"),
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    quiet: options.Quiet = False,
+) -> None:
+    """Walk the whole road in a new workspace: plan, print, shoot 144 images, evaluate, report."""
+    from toolkit.captures.shoot import ShootSettings, shoot_plan
+    from toolkit.classifiers.network import load_classifier
+    from toolkit.cli.plan import what_pairs_can_show
+    from toolkit.console import console
+    from toolkit.errors import ToolkitError
+    from toolkit.evaluation.run import evaluate_captures
+    from toolkit.evaluation.tables import print_tables
+    from toolkit.printing.job import print_all
+    from toolkit.rig.plan import open_plan
+    from toolkit.workspace import make_workspace
+
+    space = make_workspace(folder)
+    console.print(f"1/4  plan: where the camera stands ({space.plan_file})", soft_wrap=True)
+    plan = open_plan(space)
+    console.print(f"     {what_pairs_can_show(max(map(len, plan.objects.values())))}", soft_wrap=True)
+    console.print(f"2/4  print: the patches as PDF pages, 250 % scale ({space.print_dir})", soft_wrap=True)
+    print_all(space)
+    console.print("3/4  shoot: every object at every pose, without and with its patch")
+    shot = shoot_plan(space, plan, list(plan.objects), settings=ShootSettings(seed=seed), quiet=quiet)
+    console.print(f"     {shot.shot} images shot, {shot.kept} kept from before ({shot.source_dir})", soft_wrap=True)
+    console.print("4/4  evaluate: what a ResNet-18 says about each image")
+    try:
+        classifier = load_classifier("resnet18", device=device, quiet=quiet)
+    except ToolkitError as error:
+        raise ToolkitError(f"{error}; the images are kept, then run the same command again") from None
+    result = evaluate_captures(space.captures_dir, space, classifier, "resnet18", quiet=quiet)
+    print_tables(console, result)
+    console.print(f"report: {result.report_file}", soft_wrap=True)

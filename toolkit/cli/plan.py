@@ -1,0 +1,105 @@
+"""`toolkit plan`."""
+
+from typing import Annotated
+
+import typer
+
+from toolkit.cli import options
+
+
+def plan(
+    objects: Annotated[
+        list[str] | None, typer.Option("--object", help="Object to plan for; repeat for more. Default: all known.")
+    ] = None,
+    pattern: Annotated[str, typer.Option(help="grid, ring, hemisphere or fibonacci.")] = "grid",
+    count: Annotated[int, typer.Option(help="Poses per object.")] = 18,
+    elevation: Annotated[tuple[float, float], typer.Option(help="Lowest and highest elevation in degrees.")] = (
+        25.0,
+        65.0,
+    ),
+    distance: Annotated[
+        tuple[float, float] | None,
+        typer.Option(help="Nearest and farthest distance in mm, spread over the poses; default: as --fill says."),
+    ] = None,
+    fill: Annotated[float, typer.Option(help="Share of the frame's shorter side that the object reaches.")] = 0.8,
+    jitter: Annotated[float, typer.Option(help="Random change of azimuth and elevation, degrees.", min=0)] = 0.0,
+    size: Annotated[tuple[int, int], typer.Option(help="Width and height in pixels.")] = (640, 480),
+    fov: Annotated[float, typer.Option(help="Horizontal field of view in degrees.", min=5, max=120)] = 40.0,
+    preview: Annotated[bool, typer.Option("--preview", help="Also draw the positions and what each sees.")] = False,
+    seed: options.Seed = 0,
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Plan the camera poses per object and write rig/plan.json."""
+    from toolkit.console import console
+    from toolkit.objects.load import load_object
+    from toolkit.rig.camera import Camera
+    from toolkit.rig.plan import make_plan, write_plan
+    from toolkit.rig.poses import Pattern
+    from toolkit.workspace import open_workspace
+
+    space = open_workspace(workspace)
+    names = objects or sorted(space.object_specs())
+    items = [load_object(space.object_spec(name)) for name in names]
+    made = make_plan(items, Camera(*size, fov), Pattern(pattern, count, elevation, fill, distance, jitter, seed))
+    file = write_plan(space.plan_file, made)
+    if as_json:
+        typer.echo(made.model_dump_json(indent=2))
+        return
+    if not quiet:
+        _print_table(made)
+    if preview:
+        _draw(space, items, made, seed, quiet)
+    console.print(what_pairs_can_show(count), soft_wrap=True)
+    console.print(f"wrote {file}; next: toolkit capture-sim", soft_wrap=True)
+
+
+def what_pairs_can_show(count: int) -> str:
+    """What `count` pairs can prove, worked out with the same statistics as the report."""
+    from toolkit.evaluation.metrics import mcnemar_p, wilson_interval
+
+    low, high = wilson_interval(count // 2, count)
+    enough = next((flips for flips in range(1, count + 1) if mcnemar_p(flips, 0) < 0.05), None)
+    flips = f"{enough} flips one way and none back reach p < 0.05" if enough else "no number of flips reaches p < 0.05"
+    return (
+        f"{count} pairs: a top-1 of {count // 2}/{count} is known to {low:.0%}-{high:.0%} (95 % Wilson interval); "
+        f"{flips} in an exact McNemar test"
+    )
+
+
+def _print_table(made) -> None:
+    from rich.table import Table
+
+    from toolkit.console import console
+
+    table = Table("object", "poses", "elevations", "azimuths", "distance, mm")
+    for name, poses in made.objects.items():
+        elevations = sorted({pose.elevation_deg for pose in poses})
+        azimuths = sorted({pose.azimuth_deg for pose in poses})
+        near, far = (f(pose.distance_mm for pose in poses) for f in (min, max))
+        table.add_row(name, str(len(poses)), _listed(elevations), _listed(azimuths), f"{near:.0f}-{far:.0f}")
+    console.print(table)
+
+
+def _listed(degrees: list[float]) -> str:
+    if len(degrees) > 8:
+        return f"{degrees[0]:.0f}-{degrees[-1]:.0f}° ({len(degrees)})"
+    return " ".join(f"{value:.0f}°" for value in degrees)
+
+
+def _draw(space, items, made, seed: int, quiet: bool) -> None:
+    from toolkit.captures.shoot import ShootSettings, studio_for
+    from toolkit.console import console, progress
+    from toolkit.files import write_bytes
+    from toolkit.rig.preview import draw_contact_sheet, draw_positions
+
+    camera = made.camera.camera()
+    with progress("drawing previews", len(items), quiet) as bar:
+        for item in items:
+            folder, poses = space.root / "rig" / "preview", made.objects[item.name]
+            write_bytes(folder / f"{item.name}-positions.png", draw_positions(item, camera, poses))
+            studio = studio_for(item, ShootSettings(seed=seed))
+            write_bytes(folder / f"{item.name}-sheet.png", draw_contact_sheet(item, camera, poses, studio))
+            bar.advance(note=item.name)
+    console.print(f"drew the positions and contact sheets into {folder}", soft_wrap=True)
