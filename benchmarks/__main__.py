@@ -1,0 +1,18 @@
+"""`make bench`: every benchmark, as ratios in one run, each with the mark it should reach."""
+
+from importlib import import_module
+
+MARKS = {"ratio to pyrender": 2.5, "ratio to open3d": 2.0}
+MODULES = ("bench_rig", "bench_eval", "bench_train_patch")
+
+
+def main() -> None:
+    for module in MODULES:
+        print(f"{module}:", flush=True)
+        for name, value in import_module(f"benchmarks.{module}").run().items():
+            mark = next((f"  (mark {wanted:g})" for end, wanted in MARKS.items() if name.endswith(end)), "")
+            print(f"  {name}: {value:.3g}{mark}" if isinstance(value, float) else f"  {name}: {value}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
