@@ -1,15 +1,34 @@
 """Asking EGL for a display before Filament does: where it cannot start, Filament ends the whole process."""
 
 import ctypes
-import ctypes.util
 import os
+import subprocess
+import sys
+from functools import lru_cache
 
 EGL_PLATFORM_SURFACELESS_MESA = 0x31DD
 PACKAGES = "libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri libgomp1 libusb-1.0-0"
 
 
+@lru_cache(maxsize=1)
 def egl_trouble() -> str | None:
-    """None where an EGL display can be opened without a screen, else the reason in a few words."""
+    """None where an EGL display opens without a screen, else the reason in a few words.
+
+    Asked in a process of its own: a graphics driver that is loaded here would meet torch's libraries, and one that
+    fails may end the process that asked.
+    """
+    done = subprocess.run([sys.executable, "-m", "toolkit.rig.egl"], capture_output=True, text=True, check=False)
+    if done.returncode < 0:
+        return f"EGL's driver crashed (signal {-done.returncode})"
+    return done.stdout.strip() or None
+
+
+def go_surfaceless() -> None:
+    """Tell Open3D's EGL to do without a display; has no effect once a renderer exists."""
+    os.environ.setdefault("EGL_PLATFORM", "surfaceless")
+
+
+def _probe() -> str:
     try:
         egl = ctypes.CDLL("libEGL.so.1")
     except OSError:
@@ -19,17 +38,15 @@ def egl_trouble() -> str | None:
     address = egl.eglGetProcAddress(b"eglGetPlatformDisplayEXT")
     if not address:
         return "EGL has no platform displays"
-    get_display = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_uint, ctypes.c_void_p, ctypes.c_void_p)(address)
-    display = get_display(EGL_PLATFORM_SURFACELESS_MESA, None, None)
+    prototype = ctypes.CFUNCTYPE(ctypes.c_void_p, ctypes.c_uint, ctypes.c_void_p, ctypes.c_void_p)
+    display = prototype(address)(EGL_PLATFORM_SURFACELESS_MESA, None, None)
     if not display:
         return "EGL has no surfaceless display"
-    major, minor = ctypes.c_int(), ctypes.c_int()
-    egl.eglInitialize.argtypes = [ctypes.c_void_p, ctypes.POINTER(ctypes.c_int), ctypes.POINTER(ctypes.c_int)]
-    if not egl.eglInitialize(display, ctypes.byref(major), ctypes.byref(minor)):
+    egl.eglInitialize.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p]
+    if not egl.eglInitialize(display, None, None):
         return "EGL found no driver (is libgl1-mesa-dri installed?)"
-    return None
+    return ""
 
 
-def go_surfaceless() -> None:
-    """Tell Open3D's EGL to do without a display; has no effect once a renderer exists."""
-    os.environ.setdefault("EGL_PLATFORM", "surfaceless")
+if __name__ == "__main__":
+    sys.stdout.write(_probe())

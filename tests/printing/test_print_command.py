@@ -1,0 +1,171 @@
+"""`toolkit print` from the command line."""
+
+import errno
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+from printed_pages import make_patch
+from pypdf import PdfReader
+from typer.testing import CliRunner
+
+from toolkit.cli.print_ import print_patches
+from toolkit.errors import ToolkitError
+from toolkit.printing.job import print_all
+from toolkit.workspace import Workspace
+
+
+@pytest.fixture
+def space(tmp_path, monkeypatch):
+    (tmp_path / "rig").mkdir()
+    for name in ("warplane", "racer"):
+        make_patch(tmp_path / "print" / "patches", name, 20, class_name=name)
+    make_patch(tmp_path / "print" / "patches", "racer-2", 20, class_name="racer")
+    # The package's own patches would join in with --all.
+    monkeypatch.setattr("toolkit.workspace.PACKAGE_DATA", tmp_path / "no-package-data")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def call(*arguments):
+    app = typer.Typer(pretty_exceptions_enable=False)
+    app.command()(print_patches)
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def refuse(*arguments) -> str:
+    result = call(*arguments)
+    assert isinstance(result.exception, ToolkitError), result.output
+    message = str(result.exception)
+    assert "\n" not in message
+    return message
+
+
+def test_one_class(space):
+    result = call("--class", "warplane")
+    assert result.exit_code == 0, result.output
+    assert len(PdfReader(space / "print" / "warplane.pdf").pages) == 1
+    assert "17.6 × 17.6 mm" in result.output
+    assert "1 page of a4 portrait" in result.output
+    assert "actual size" in result.output
+    assert sorted(path.name for path in (space / "print").iterdir()) == ["patches", "warplane.pdf"]
+
+
+def test_several_classes_and_json(space):
+    result = call("--class", "warplane", "--class", "racer", "--scale", "100%", "--paper", "letter", "--json")
+    content = json.loads(result.stdout)
+    assert [one["name"] for one in content["printed"]] == ["warplane", "racer"]
+    assert content["printed"][0]["size_mm"] == pytest.approx(20 / 72 * 25.4, abs=1e-3)
+    assert content["printed"][0]["paper"] == "letter"
+    assert content["failed"] == []
+
+
+def test_all(space):
+    assert call("--all", "--quiet").exit_code == 0
+    assert {path.stem for path in (space / "print").glob("*.pdf")} == {"warplane", "racer", "racer-2"}
+
+
+def test_print_all_is_what_the_command_does(space):
+    printed = print_all(Workspace(space))
+    by_function = {one.name: Path(one.file).read_bytes() for one in printed}
+    call("--all")
+    assert by_function == {path.stem: path.read_bytes() for path in (space / "print").glob("*.pdf")}
+    assert len(by_function) == 3
+
+
+def test_class_of_the_record_names_its_patches(space):
+    make_patch(space / "print" / "patches", "mine", 20, class_name="sports car")
+    assert call("--class", "Sports Car").exit_code == 0
+    assert (space / "print" / "mine.pdf").is_file()
+
+
+def test_patch_file_and_out(space, tmp_path):
+    make_patch(tmp_path / "else", "other", 20)
+    assert call("--patch-file", tmp_path / "else" / "other.png", "--out", tmp_path / "there" / "x.pdf").exit_code == 0
+    assert (tmp_path / "there" / "x.pdf").read_bytes().startswith(b"%PDF")
+    assert "name a folder" in refuse("--all", "--out", "x.pdf")
+
+
+def test_the_rigs_size_is_compared(space):
+    (space / "rig" / "objects").mkdir()
+    spec = space / "rig" / "objects" / "warplane.toml"
+    spec.write_text(
+        'name="warplane"\nclass="warplane"\nmesh="builtin:warplane"\nlength_mm=270\n[patch]\nsize_mm=40.0\n'
+    )
+    assert "--size-mm 40.0" in call("--class", "warplane").output
+    assert "the rig mounts" not in call("--class", "warplane", "--size-mm", "40").output
+    spec.write_text("name = 3")
+    assert "not compared with the rig" in call("--class", "warplane").output
+
+
+def test_unknown_class_names_the_nearest(space):
+    assert "did you mean warplane?" in refuse("--class", "warplan")
+
+
+def test_nothing_named_and_nothing_there(space):
+    assert "--class NAME" in refuse()
+    for path in (space / "print" / "patches").iterdir():
+        path.unlink()
+    assert "toolkit train-patch" in refuse("--all")
+
+
+def test_unknown_paper(space):
+    assert "did you mean letter?" in refuse("--class", "warplane", "--paper", "leter")
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [("--scale", "0"), ("--scale", "big"), ("--dpi", "-1"), ("--size-mm", "6000"), ("--copies", "0")],
+)
+def test_numbers_that_make_no_sense(space, option, value):
+    refuse("--class", "warplane", option, value)
+    assert not (space / "print" / "warplane.pdf").exists()
+
+
+def test_patch_of_another_record(space):
+    patches = space / "print" / "patches"
+    (patches / "warplane.png").write_bytes((patches / "racer.png").read_bytes()[:-1] + b"x")
+    assert "does not match the record's" in refuse("--class", "warplane")
+    assert not (space / "print" / "warplane.pdf").exists()
+
+
+def test_patch_without_record(space):
+    (space / "print" / "patches" / "warplane.json").unlink()
+    assert "no record warplane.json" in refuse("--class", "warplane")
+
+
+def test_all_prints_the_good_and_lists_the_bad(space):
+    (space / "print" / "patches" / "warplane.json").unlink()
+    result = call("--all")
+    assert result.exit_code == 1
+    assert "not printed" in result.stderr
+    assert "warplane.json" in result.stderr
+    assert (space / "print" / "racer.pdf").is_file()
+
+
+def test_read_only_folder_leaves_the_old_file(space, monkeypatch):
+    call("--class", "warplane")
+    before = (space / "print" / "warplane.pdf").read_bytes()
+    plain_open = Path.open
+
+    def refuse_to_write(self, mode="r", *arguments, **more):
+        if "w" in mode:
+            raise OSError(errno.EROFS, "Read-only file system")
+        return plain_open(self, mode, *arguments, **more)
+
+    monkeypatch.setattr(Path, "open", refuse_to_write)
+    assert "read-only" in refuse("--class", "warplane", "--scale", "300")
+    assert (space / "print" / "warplane.pdf").read_bytes() == before
+    assert not list((space / "print").glob(".*partial"))
+
+
+def test_printing_needs_neither_torch_nor_open3d(space):
+    code = (
+        "import sys; from toolkit.cli.print_ import print_patches; print_patches(classes=['warplane']);"
+        "heavy = {'torch', 'open3d', 'matplotlib', 'cv2', 'scipy', 'trimesh'} & set(sys.modules);"
+        "assert not heavy, heavy"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

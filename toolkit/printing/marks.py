@@ -1,0 +1,100 @@
+"""What is measured, cut and aligned by: check bars, crop marks, registration marks, the front arrow. Millimetres."""
+
+from typing import TYPE_CHECKING
+
+from toolkit.printing.frame import BAR_MM, MARK_MM, Rect
+from toolkit.printing.text import PLAIN, draw_text, measure_text_mm
+from toolkit.printing.tiling import OVERLAP_MM, Tile
+
+if TYPE_CHECKING:
+    from reportlab.pdfgen.canvas import Canvas
+
+LINE_MM = 0.15
+MARK_GAP_MM = 1.0
+"""Bare paper between cut line and mark, so that a cut a little off leaves no ink on the sheet."""
+MARK_LENGTH_MM = 4.0
+SHORT_MARK_MM = 2.0
+RING_MM = 1.5
+BAR_THICKNESS_MM = 0.8
+
+
+def draw_check_bar(canvas: "Canvas", x: float, y: float, upright: bool) -> None:
+    """A ruler from (x, y) to the right or upwards whose outer edges are 100 mm apart, with ticks each 10 mm.
+
+    Bar, ticks and numbers lie on the side away from the page's content: below a level bar, left of an upright one.
+    """
+    canvas.saveState()
+    canvas.translate(x, y)
+    outwards = -1
+    if upright:
+        canvas.rotate(90)
+        outwards = 1
+    canvas.rect(0, min(0, outwards * BAR_THICKNESS_MM), BAR_MM, BAR_THICKNESS_MM, stroke=0, fill=1)
+    for tick in range(0, 101, 10):
+        # The end ticks stay inside the bar's 100 mm, the others are centred on their place.
+        left = min(max(tick - LINE_MM, 0), BAR_MM - 2 * LINE_MM)
+        canvas.rect(left, min(0, outwards * 2.4), 2 * LINE_MM, 2.4, stroke=0, fill=1)
+        baseline = 3.0 if upright else -4.7
+        label = "100 mm" if tick == 100 else str(tick)
+        draw_text(canvas, label, tick, baseline, 2.2, 10, align="centre")
+    canvas.restoreState()
+
+
+def _tick(canvas: "Canvas", x: float, y: float, dx: int, dy: int, length: float = MARK_LENGTH_MM) -> None:
+    """A line that starts a gap away from (x, y) and leads away from it."""
+    end = MARK_GAP_MM + length
+    canvas.line(x + dx * MARK_GAP_MM, y + dy * MARK_GAP_MM, x + dx * end, y + dy * end)
+
+
+def draw_crop_marks(canvas: "Canvas", cut: Rect) -> None:
+    """Two marks at each corner, outside the rectangle and in line with its sides."""
+    canvas.setLineWidth(LINE_MM)
+    for x, outwards_x in ((cut.x, -1), (cut.right, 1)):
+        for y, outwards_y in ((cut.y, -1), (cut.top, 1)):
+            _tick(canvas, x, y, outwards_x, 0)
+            _tick(canvas, x, y, 0, outwards_y)
+
+
+def _draw_ring(canvas: "Canvas", x: float, y: float) -> None:
+    """A registration mark: two that lie on each other, held against the light, show as one."""
+    canvas.circle(x, y, RING_MM * 0.6, stroke=1, fill=0)
+    canvas.line(x - RING_MM, y, x + RING_MM, y)
+    canvas.line(x, y - RING_MM, x, y + RING_MM)
+
+
+def draw_overlap_marks(canvas: "Canvas", tile: Tile, window: Rect) -> None:
+    """At both ends of every overlap: a short mark where the neighbour's edge comes to lie, and a registration mark.
+
+    They are outside the tile's window, in line with the overlap: no mark is ever printed on the patch.
+    """
+    canvas.setLineWidth(LINE_MM)
+    half, away = OVERLAP_MM / 2, MARK_GAP_MM + RING_MM + 1
+    joins = tile.joins
+    for side, edge, inwards in (("left", window.x, 1), ("right", window.right, -1)):
+        if joins[side]:
+            for y, outwards in ((window.y, -1), (window.top, 1)):
+                _tick(canvas, edge + inwards * OVERLAP_MM, y, 0, outwards, SHORT_MARK_MM)
+                _draw_ring(canvas, edge + inwards * half, y + outwards * away)
+    for side, edge, inwards in (("bottom", window.y, 1), ("top", window.top, -1)):
+        if joins[side]:
+            for x, outwards in ((window.x, -1), (window.right, 1)):
+                _tick(canvas, x, edge + inwards * OVERLAP_MM, outwards, 0, SHORT_MARK_MM)
+                _draw_ring(canvas, x + outwards * away, edge + inwards * half)
+
+
+def draw_front_arrow(canvas: "Canvas", area: Rect, note: str = "") -> None:
+    """Below a cut line's marks: `note`, then `front` and an arrow to the right, where the object's front is."""
+    size, shaft = 2.4, 7.0
+    word = f"{note}   front" if note else "front"
+    width = measure_text_mm(word, PLAIN, size) + 1 + shaft
+    x, y = area.x + (area.width - width) / 2, area.y - MARK_MM - 2.6
+    end = x + draw_text(canvas, word, x, y, size, width) + 1
+    middle = y + 0.85
+    canvas.setLineWidth(2 * LINE_MM)
+    canvas.line(end, middle, end + shaft - 1.5, middle)
+    head = canvas.beginPath()
+    head.moveTo(end + shaft, middle)
+    head.lineTo(end + shaft - 2.2, middle + 0.9)
+    head.lineTo(end + shaft - 2.2, middle - 0.9)
+    head.close()
+    canvas.drawPath(head, stroke=0, fill=1)
