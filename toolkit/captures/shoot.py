@@ -2,9 +2,9 @@
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
 
@@ -14,22 +14,21 @@ from PIL import Image
 from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest
 from toolkit.captures.transforms import write_transforms
+from toolkit.captures.variants import PAIR, VARIANTS, dress, find_booster
 from toolkit.console import progress
 from toolkit.errors import ToolkitError, one_of
 from toolkit.files import sha256_bytes, write_bytes
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import Mesh
-from toolkit.patches import Patch, read_patch
 from toolkit.rig.camera import Camera
 from toolkit.rig.finish import develop
-from toolkit.rig.mount import attach, mount_patch
 from toolkit.rig.plan import CapturePlan, Pose, check_poses
 from toolkit.rig.renderer import RENDERERS, make_renderer
 from toolkit.rig.studio import Studio, make_studio
 from toolkit.workspace import Workspace
 
-VARIANTS = ("unpatched", "patched")
 FORMATS = ("jpg", "png")
+SOURCE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 LOOK_VERSION = 1
 """Raised when a change to the rig makes other pictures from the same inputs, so that old ones are shot again."""
 
@@ -75,7 +74,7 @@ class ShootResult:
 
 
 def shoot_plan(
-    workspace: Workspace, plan: CapturePlan, objects: Iterable[str], variants: Iterable[str] = VARIANTS,
+    workspace: Workspace, plan: CapturePlan, objects: Iterable[str], variants: Iterable[str] = PAIR,
     settings: ShootSettings | None = None, source: str = "sim", quiet: bool = False,
 ) -> ShootResult:  # fmt: skip
     """Shoot what the plan asks for and is not there yet.
@@ -84,18 +83,25 @@ def shoot_plan(
     it was.
 
     Raises:
-        ToolkitError: an object, variant, backdrop, light or renderer is unknown, an object is not in the plan, has no
-            patch, or a pose of the plan cannot be shot; or the disk is full or read-only.
+        ToolkitError: an object, variant, backdrop, light, renderer or source is unknown, an object is not in the plan,
+            has no patch, or a pose of the plan cannot be shot; or the disk is full or read-only.
     """
     settings = settings or ShootSettings()
     if settings.renderer not in RENDERERS:
         raise one_of("renderer", settings.renderer, list(RENDERERS))
     if settings.image_format not in FORMATS:
         raise one_of("image format", settings.image_format, list(FORMATS))
+    if not SOURCE_NAME.fullmatch(source):
+        raise ToolkitError(f"source '{source}': expected the name of one folder below {workspace.captures_dir}")
+    variants = tuple(dict.fromkeys(variants))  # named twice is shot once
+    for variant in variants:
+        if variant not in VARIANTS:
+            raise one_of("variant", variant, list(VARIANTS))
     camera = plan.camera.camera()
+    items = {name: load_object(workspace.object_spec(name)) for name in objects}
     scenes = [
-        _plan_scene(workspace, plan, camera, name, variant, settings)
-        for name in objects
+        _plan_scene(workspace, plan, camera, item, variant, settings)
+        for item in items.values()
         for variant in variants
     ]  # fmt: skip
     source_dir = workspace.captures_dir / source
@@ -116,26 +122,6 @@ def shoot_plan(
     return ShootResult(source_dir, todo, total - todo, sorted(stale))
 
 
-def find_patch(workspace: Workspace, item: TableObject) -> Patch:
-    """The patch of an object: the one that bears its name, else one trained for its class.
-
-    Raises:
-        ToolkitError: there is none, or its files do not match.
-    """
-    patches = workspace.patches()
-    for name in (item.name, str(item.spec.class_name).replace(" ", "_"), str(item.spec.class_name)):
-        if name in patches:
-            return read_patch(patches[name])
-    for file in patches.values():
-        patch = read_patch(file)
-        if item.spec.class_name in (patch.record.class_name, patch.record.class_index):
-            return patch
-    raise ToolkitError(
-        f"no patch for object '{item.name}' (class '{item.spec.class_name}'): train one with "
-        f"'toolkit train-patch --class \"{item.spec.class_name}\" --data FOLDER', or shoot --variant unpatched"
-    )
-
-
 def studio_for(item: TableObject, settings: ShootSettings) -> Studio:
     """The studio of an object: its backdrop and details follow from (seed, name) alone."""
     name_seed = int.from_bytes(hashlib.sha256(item.name.encode()).digest()[:4], "big")
@@ -143,16 +129,9 @@ def studio_for(item: TableObject, settings: ShootSettings) -> Studio:
     return make_studio((settings.seed, name_seed), size, settings.backdrop, settings.light)
 
 
-@lru_cache(maxsize=4)
-def _load(spec_file: Path) -> TableObject:
-    return load_object(spec_file)
-
-
-def _plan_scene(workspace, plan, camera, name, variant, settings) -> list[Shot]:
+def _plan_scene(workspace, plan, camera, item: TableObject, variant: str, settings) -> list[Shot]:
     """The shots of one object in one variant."""
-    if variant not in VARIANTS:
-        raise one_of("variant", variant, list(VARIANTS))
-    item = _load(workspace.object_spec(name))
+    name = item.name
     if name not in plan.objects:
         raise ToolkitError(f"object '{name}' is not in {workspace.plan_file}: run 'toolkit plan --object {name}'")
     check_poses(item, camera, plan.objects[name])
@@ -161,13 +140,9 @@ def _plan_scene(workspace, plan, camera, name, variant, settings) -> list[Shot]:
         "look": LOOK_VERSION, "mesh": _mesh_sha256(item.mesh), "camera": camera.intrinsics, "studio": studio.name,
         "light": asdict(studio.key), **asdict(settings),
     }  # fmt: skip
-    if variant != "unpatched":
-        patch = find_patch(workspace, item)
-        common |= {
-            "patch": patch.record.png_sha256,
-            "mm": _patch_mm(item, patch),
-            "mount": item.spec.patch.model_dump(),
-        }
+    booster = find_booster(workspace, item, variant)
+    if booster is not None:
+        common |= {"patch": booster.sha256, "mm": booster.size_mm, "mount": item.spec.patch.model_dump()}
     return [
         Shot(
             item, variant, pose, f"{name}/{variant}/pose_{pose.id:02d}.{settings.image_format}",
@@ -179,13 +154,10 @@ def _plan_scene(workspace, plan, camera, name, variant, settings) -> list[Shot]:
 
 def _shoot_scene(workspace, camera: Camera, shots: list[Shot], settings: ShootSettings, source_dir: Path, bar) -> None:
     item, variant = shots[0].item, shots[0].variant
-    mesh, patch = item.mesh, None
-    if variant != "unpatched":
-        patch = find_patch(workspace, item)
-        mesh = attach(mesh, mount_patch(mesh, patch.pixels, _patch_mm(item, patch), item.spec.patch, item.name))
+    booster = find_booster(workspace, item, variant)
     studio = studio_for(item, settings)
     bar.advance(0, note=f"{item.name} {variant}: light")
-    renderer = make_renderer(settings.renderer, mesh, studio)
+    renderer = make_renderer(settings.renderer, dress(item, booster), studio)
     for shot in shots:
         picture = renderer.render(camera, shot.pose.matrix())
         content = _encode(develop(picture, (settings.seed, shot.pose.id)), settings.image_format)
@@ -195,19 +167,16 @@ def _shoot_scene(workspace, camera: Camera, shots: list[Shot], settings: ShootSe
             CaptureRecord(
                 path=shot.path, object=item.name, variant=variant, pose_id=shot.pose.id,
                 T_world_camera=np.round(shot.pose.matrix(), 6).tolist(), intrinsics=camera.intrinsics,
-                booster_sha256=patch.record.png_sha256 if patch else None, image_sha256=sha256_bytes(content),
+                booster_sha256=booster.sha256 if booster else None, image_sha256=sha256_bytes(content),
                 made={
                     "with": f"toolkit {__version__}", "renderer": settings.renderer, "studio": studio.name,
-                    "seed": settings.seed, "patch_mm": _patch_mm(item, patch) if patch else None,
+                    "seed": settings.seed, "booster": booster.name if booster else None,
+                    "booster_mm": booster.size_mm if booster else None,
                 },
                 inputs_sha256=shot.inputs_sha256,
             ),
         )  # fmt: skip
         bar.advance(note=f"{item.name} {variant}")
-
-
-def _patch_mm(item: TableObject, patch: Patch) -> float:
-    return item.spec.patch.size_mm or patch.size_mm
 
 
 def _encode(pixels: np.ndarray, image_format: str) -> bytes:

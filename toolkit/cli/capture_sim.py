@@ -12,7 +12,12 @@ def capture_sim(
         list[str] | None, typer.Option("--object", help="Object to shoot; repeat for more. Default: all in the plan.")
     ] = None,
     variants: Annotated[
-        list[str] | None, typer.Option("--variant", help="unpatched or patched; repeat for more. Default: both.")
+        list[str] | None,
+        typer.Option(
+            "--variant",
+            help="unpatched, patched, wrong-patch, random-patch, grey-patch or patch-alone; repeat for more. "
+            "Default: unpatched and patched.",
+        ),
     ] = None,
     backdrop: Annotated[
         str | None, typer.Option(help="Table top: oak, walnut, white, concrete, linen, slate, birch. Default: by seed.")
@@ -29,7 +34,8 @@ def capture_sim(
     """Shoot every object at every pose of the plan, unpatched and patched, in the virtual rig."""
     import json
 
-    from toolkit.captures.shoot import VARIANTS, ShootSettings, shoot_plan
+    from toolkit.captures.shoot import ShootSettings, shoot_plan
+    from toolkit.captures.variants import PAIR
     from toolkit.console import console, errors
     from toolkit.rig.plan import open_plan
     from toolkit.workspace import open_workspace
@@ -38,7 +44,7 @@ def capture_sim(
     plan = open_plan(space, objects)
     settings = ShootSettings(seed, backdrop, light, renderer, image_format)
     result = shoot_plan(
-        space, plan, objects or list(plan.objects), variants or VARIANTS, settings, source, quiet or as_json
+        space, plan, objects or list(plan.objects), variants or PAIR, settings, source, quiet or as_json
     )  # fmt: skip
     if result.stale:
         errors.print(

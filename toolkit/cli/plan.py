@@ -1,5 +1,6 @@
 """`toolkit plan`."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -44,13 +45,14 @@ def plan(
     items = [load_object(space.object_spec(name)) for name in names]
     made = make_plan(items, Camera(*size, fov), Pattern(pattern, count, elevation, fill, distance, jitter, seed))
     file = write_plan(space.plan_file, made)
+    drawn = _draw(space, items, made, seed, quiet or as_json) if preview else None
     if as_json:
         typer.echo(made.model_dump_json(indent=2))
         return
     if not quiet:
         _print_table(made)
-    if preview:
-        _draw(space, items, made, seed, quiet)
+    if drawn:
+        console.print(f"drew the positions and contact sheets into {drawn}", soft_wrap=True)
     console.print(what_pairs_can_show(count), soft_wrap=True)
     console.print(f"wrote {file}; next: toolkit capture-sim", soft_wrap=True)
 
@@ -88,18 +90,19 @@ def _listed(degrees: list[float]) -> str:
     return " ".join(f"{value:.0f}°" for value in degrees)
 
 
-def _draw(space, items, made, seed: int, quiet: bool) -> None:
+def _draw(space, items, made, seed: int, quiet: bool) -> Path:
+    """Write both pictures of every object; returns their folder."""
     from toolkit.captures.shoot import ShootSettings, studio_for
-    from toolkit.console import console, progress
+    from toolkit.console import progress
     from toolkit.files import write_bytes
     from toolkit.rig.preview import draw_contact_sheet, draw_positions
 
-    camera = made.camera.camera()
+    camera, folder = made.camera.camera(), space.root / "rig" / "preview"
     with progress("drawing previews", len(items), quiet) as bar:
         for item in items:
-            folder, poses = space.root / "rig" / "preview", made.objects[item.name]
+            poses = made.objects[item.name]
             write_bytes(folder / f"{item.name}-positions.png", draw_positions(item, camera, poses))
             studio = studio_for(item, ShootSettings(seed=seed))
             write_bytes(folder / f"{item.name}-sheet.png", draw_contact_sheet(item, camera, poses, studio))
             bar.advance(note=item.name)
-    console.print(f"drew the positions and contact sheets into {folder}", soft_wrap=True)
+    return folder

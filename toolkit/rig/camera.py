@@ -49,15 +49,18 @@ def orbit_direction(azimuth_deg: float, elevation_deg: float) -> np.ndarray:
     )  # fmt: skip
 
 
-def look_at(position_mm: np.ndarray, target_mm: np.ndarray, roll_deg: float = 0.0) -> np.ndarray:
+def look_at(
+    position_mm: np.ndarray, target_mm: np.ndarray, roll_deg: float = 0.0, azimuth_deg: float = 0.0
+) -> np.ndarray:
     """(4, 4) `T_world_camera` of a camera at `position_mm` that sees `target_mm` at its centre.
 
-    The image's up is the world's; straight above it is the way that azimuth 0 would see it. A positive roll turns the
-    camera clockwise as the photographer feels it, so that the scene turns counter-clockwise in the image.
+    The image's up is the world's; straight above or below it is the way that `azimuth_deg` comes there. A positive roll
+    turns the camera clockwise as the photographer feels it, so that the scene turns counter-clockwise in the image.
     """
     forward = np.asarray(target_mm, float) - position_mm
     forward /= np.linalg.norm(forward)
-    up = np.array([0.0, 0.0, 1.0]) if abs(forward[2]) < 1 - 1e-9 else np.array([-1.0, 0.0, 0.0])
+    upright = abs(forward[2]) < 1 - 1e-9
+    up = np.array([0.0, 0.0, 1.0]) if upright else np.sign(forward[2]) * orbit_direction(azimuth_deg, 0)
     right = np.cross(forward, up)
     right /= np.linalg.norm(right)
     down = np.cross(forward, right)
@@ -73,7 +76,7 @@ def orbit_pose(
 ) -> np.ndarray:
     """(4, 4) `T_world_camera` of a camera that orbits `target_mm`."""
     position = np.asarray(target_mm, float) + distance_mm * orbit_direction(azimuth_deg, elevation_deg)
-    return look_at(position, target_mm, roll_deg)
+    return look_at(position, target_mm, roll_deg, azimuth_deg)
 
 
 def project(camera: Camera, T_world_camera: np.ndarray, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ from toolkit.rig.camera import Camera, orbit_direction
 from toolkit.rig.egl import PACKAGES, egl_trouble, go_surfaceless
 from toolkit.rig.studio import Studio
 
-SUN_LUX, ROOM_LUX = 62_000, 22_000
+SUN_LUX, ROOM_LUX = 90_000, 34_000
 
 
 class FilamentRenderer:

@@ -75,13 +75,22 @@ def mount_patch(mesh: Mesh, pixels: np.ndarray, size_mm: float, mount: PatchMoun
             f"{name}: there is no surface below the patch at [patch] at = '{mount.at}', offset_mm = "
             f"{list(mount.offset_mm)}: move it onto the object"
         )
-    right, up, normal = _tilt(heights, right, up, normal, side)
+    level, right, up, normal = _tilt(heights, right, up, normal, side)
+    centre = centre + level
     heights = _heights(scene, centre, right, up, normal, side)
     across, height, along_right = _bend(heights, side)
     vertices = _unroll(across, height, along_right, side)
     T_object_sheet = np.eye(4)
     T_object_sheet[:3] = np.stack([right, up, normal, centre], axis=1)
     return Sheet(_sheet_mesh(vertices, along_right, T_object_sheet, pixels, size_mm, side), size_mm, T_object_sheet)
+
+
+def lay_flat(pixels: np.ndarray, size_mm: float) -> Mesh:
+    """A printed sheet alone on the table, its middle at the origin, right towards +x."""
+    side = size_mm + 2 * TAPE_MARGIN_MM
+    steps = np.linspace(-side / 2, side / 2, SAMPLES)
+    points = _unroll(steps, np.full(SAMPLES, CLEARANCE_MM), True, side)
+    return _sheet_mesh(points, True, np.eye(4), pixels, size_mm, side)
 
 
 def attach(mesh: Mesh, sheet: Sheet) -> Mesh:
@@ -121,7 +130,7 @@ def _heights(scene, centre, right, up, normal, side: float) -> np.ndarray:
 
     steps = np.linspace(-side / 2, side / 2, SAMPLES)
     x, y = np.meshgrid(steps, steps)
-    far = 1000.0
+    far = max(1000.0, 2 * side)  # outside the object, for the large ones too
     origins = centre + x[..., None] * right + y[..., None] * up + far * normal
     rays = np.concatenate([origins, np.broadcast_to(-normal, origins.shape)], axis=-1).astype(np.float32)
     hit = scene.cast_rays(o3d.core.Tensor(np.ascontiguousarray(rays)))["t_hit"].numpy()
@@ -129,7 +138,11 @@ def _heights(scene, centre, right, up, normal, side: float) -> np.ndarray:
 
 
 def _tilt(heights: np.ndarray, right, up, normal, side: float):
-    """Turn the sheet's plane with the surface: a plane through the upper half of the heights, by least squares."""
+    """Turn the sheet's plane with the surface: a plane through the upper half of the heights, by least squares.
+
+    Returns the way from the sheet's centre down to that plane (so that tilting does not carry the sheet sideways), and
+    right, up and normal.
+    """
     steps = np.linspace(-side / 2, side / 2, SAMPLES)
     x, y = np.meshgrid(steps, steps)
     known = np.isfinite(heights)
@@ -140,11 +153,12 @@ def _tilt(heights: np.ndarray, right, up, normal, side: float):
     steepest = np.hypot(slope_x, slope_y)
     if steepest > (limit := np.tan(np.radians(MAX_TILT_DEG))):
         slope_x, slope_y = slope_x * limit / steepest, slope_y * limit / steepest
+    level = (heights[near] - slope_x * x[near] - slope_y * y[near]).mean() * normal
     tilted_right = right + slope_x * normal
     tilted_right /= np.linalg.norm(tilted_right)
     tilted_normal = np.cross(tilted_right, up + slope_y * normal)
     tilted_normal /= np.linalg.norm(tilted_normal)
-    return tilted_right, np.cross(tilted_normal, tilted_right), tilted_normal
+    return level, tilted_right, np.cross(tilted_normal, tilted_right), tilted_normal
 
 
 def _bend(heights: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray, bool]:
@@ -161,13 +175,12 @@ def _bend(heights: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray, boo
 
 
 def _taut_curve(obstacle: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray]:
-    """A sheet of length `side` pulled taut over a profile: its upper convex hull, no steeper than the limit, rounded."""
+    """A sheet of length `side` pulled taut over a profile: its upper hull, no steeper than the limit, rounded."""
     steps = np.linspace(-side / 2, side / 2, SAMPLES)
     known = np.isfinite(obstacle)
     slope = np.tan(np.radians(MAX_SLOPE_DEG))
-    crown = steps[known][int(np.argmax(obstacle[known]))]
-    floor = obstacle[known].max() - slope * np.abs(steps - crown)
-    lifted = np.maximum(np.where(known, obstacle, -np.inf), floor)
+    # from every point below, the sheet may fall away no steeper than the limit; the hull keeps that
+    lifted = (obstacle[known] - slope * np.abs(steps[:, None] - steps[known])).max(axis=1)
     hull: list[int] = []
     for i in range(SAMPLES):
         while len(hull) >= 2 and _above(steps, lifted, hull[-2], i, hull[-1]):

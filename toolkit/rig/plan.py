@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from toolkit.errors import ToolkitError
 from toolkit.files import read_json, write_json
@@ -19,7 +19,7 @@ Row = tuple[float, float, float, float]
 class CameraModel(BaseModel):
     """The camera of a plan: pixels, and the horizontal field of view or the focal length and sensor width in mm."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     width: int = Field(640, ge=16, le=16384)
     height: int = Field(480, ge=16, le=16384)
     fov_deg: float | None = Field(None, gt=1, lt=170)
@@ -46,7 +46,7 @@ class Pose(BaseModel):
         T_world_camera: 4×4; left out, it follows from the other fields; given, it must agree with them.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     id: int = Field(ge=1)
     azimuth_deg: float
     elevation_deg: float = Field(ge=-90, le=90)
@@ -57,7 +57,10 @@ class Pose(BaseModel):
 
     @model_validator(mode="after")
     def _agree(self) -> "Pose":
-        if self.T_world_camera is not None and not np.allclose(self.T_world_camera, self._derived(), atol=0.05):
+        if self.T_world_camera is None:
+            return self
+        off = np.abs(np.array(self.T_world_camera) - self._derived())
+        if off[:3, 3].max() > 0.05 or off[:, :3].max() > 1e-3 or off[3, 3] > 1e-3:  # mm; 0.06 degrees
             raise ValueError(
                 f"pose {self.id}: T_world_camera does not agree with azimuth, elevation, roll, distance and target; "
                 "delete T_world_camera where you changed the others"
@@ -143,11 +146,20 @@ def check_poses(item: TableObject, camera: Camera, poses: list[Pose]) -> None:
 
 
 def make_plan(items: list[TableObject], camera: Camera, pattern: Pattern) -> CapturePlan:
-    """One plan for several objects."""
+    """One plan for several objects.
+
+    Raises:
+        ToolkitError: the camera cannot be, or as `plan_poses` and `spread_poses` say.
+    """
     from dataclasses import asdict
 
+    try:
+        model = CameraModel(width=camera.width, height=camera.height, fov_deg=camera.fov_deg)
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise ToolkitError(f"camera: {first['loc'][0]}: {first['msg']}, found {first['input']}") from None
     return CapturePlan(
-        camera=CameraModel(width=camera.width, height=camera.height, fov_deg=camera.fov_deg),
+        camera=model,
         pattern=asdict(pattern),
         objects={item.name: plan_poses(item, camera, pattern) for item in items},
     )

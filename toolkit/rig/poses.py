@@ -35,7 +35,8 @@ def spread_poses(pattern: Pattern) -> np.ndarray:
     """(count, 2) azimuth in [0, 360) and elevation in degrees.
 
     Raises:
-        ToolkitError: an unknown pattern, no poses, or elevations outside 0-90° or in the wrong order.
+        ToolkitError: an unknown pattern, no poses, elevations outside 0-90° or in the wrong order, or a fill, jitter
+            or distance that no camera can have.
     """
     low, high = pattern.elevation_deg
     if pattern.name not in PATTERNS:
@@ -46,6 +47,11 @@ def spread_poses(pattern: Pattern) -> np.ndarray:
         raise ToolkitError(f"elevations {low:g} to {high:g}: expected 0 <= lowest <= highest <= 90 degrees")
     if not 0.05 <= pattern.fill <= 0.95:
         raise ToolkitError(f"--fill {pattern.fill:g}: expected 0.05 to 0.95 of the frame")
+    if not 0 <= pattern.jitter_deg <= 45:
+        raise ToolkitError(f"--jitter {pattern.jitter_deg:g}: expected 0 to 45 degrees")
+    if pattern.distance_mm is not None and not all(0 < side < 1e6 for side in pattern.distance_mm):
+        near, far = pattern.distance_mm
+        raise ToolkitError(f"--distance {near:g} {far:g}: expected distances over 0 and under 1000000 mm")
     angles = PATTERNS[pattern.name](pattern.count, low, high)
     if pattern.jitter_deg:
         for i in range(len(angles)):  # pose i depends on (seed, i) alone

@@ -32,6 +32,7 @@ class RaycastRenderer:
             o3d.core.Tensor(np.ascontiguousarray(mesh.vertices, np.float32)),
             o3d.core.Tensor(np.ascontiguousarray(mesh.faces.astype(np.uint32))),
         )
+        self._outline = _hull_vertices(mesh.vertices)
         self._corner_normals = mesh.normals[mesh.faces]
         self._corner_uv = mesh.uv[mesh.faces]
         corners = mesh.vertices[mesh.faces]
@@ -88,9 +89,7 @@ class RaycastRenderer:
         """Left, top, right, bottom of the pixels that can show the object."""
         low, high = self._mesh.bounds
         box = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-        pixels, depth = project(
-            camera, T_world_camera, self._mesh.vertices[:: max(1, len(self._mesh.vertices) // 4000)]
-        )
+        pixels, depth = project(camera, T_world_camera, self._outline)
         if (project(camera, T_world_camera, box)[1] <= 1).any():
             return 0, 0, camera.width, camera.height
         margin = 6 + 0.01 * camera.width
@@ -168,6 +167,16 @@ class RaycastRenderer:
         middle = self._corner_uv.mean(axis=1)
         albedo = self._albedo(self._mesh.face_material, middle, np.zeros(len(middle), np.float32))
         return (albedo * area[:, None]).sum(axis=0) / max(float(area.sum()), 1e-9)
+
+
+def _hull_vertices(vertices: np.ndarray) -> np.ndarray:
+    """(k, 3) the vertices of the convex hull, which bound every picture of the mesh; all of them where it is flat."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return vertices[ConvexHull(vertices).vertices]
+    except QhullError:
+        return vertices
 
 
 def _distinct_textures(mesh: Mesh) -> tuple[list[list[np.ndarray]], np.ndarray]:

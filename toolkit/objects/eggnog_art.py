@@ -1,0 +1,128 @@
+"""What is painted on the eggnog carton: a glass mug of eggnog with foam and spice, holly and a nutmeg."""
+
+import numpy as np
+
+from toolkit.objects.eggnog_canvas import Canvas
+
+
+def draw_mug(canvas: Canvas, x: float, y: float, size: float, seed: int = 5) -> None:
+    """A glass mug of eggnog with foam, grated nutmeg and a cinnamon stick; (x, y) its middle, `size` its height."""
+    s = size
+    rim, base = (x - 0.07 * s, y - 0.28 * s), (x - 0.07 * s, y + 0.40 * s)
+    wide, narrow = 0.34 * s, 0.27 * s
+    canvas.fill(
+        canvas.soften(canvas.ellipse(x + 0.02 * s, y + 0.44 * s, 0.42 * s, 0.08 * s), 0.03 * s), (40, 8, 8), 0.75
+    )
+    _draw_handle(canvas, rim[0] + 0.30 * s, y + 0.04 * s, s)
+    angle = np.linspace(0, np.pi, 60)
+
+    def body(inset: float, top: float, bottom: float) -> np.ndarray:
+        lower = np.stack([base[0] + (narrow - inset) * np.cos(angle), bottom + 0.075 * s * np.sin(angle)], 1)
+        return np.vstack([[(rim[0] - wide + inset, top)], lower[::-1], [(rim[0] + wide - inset, top)]])
+
+    glass = np.maximum(canvas.polygon(body(0, rim[1], base[1])), canvas.ellipse(rim[0], rim[1], wide, 0.095 * s))
+    canvas.fill(glass, (226, 222, 208), 0.9)
+    liquid = canvas.polygon(body(0.022 * s, rim[1] + 0.03 * s, base[1] - 0.06 * s))
+    across = (canvas.x - rim[0]) / wide
+    shade = np.clip(1.02 - 0.42 * np.abs(across + 0.12) ** 2.4 - 0.10 * (canvas.y - rim[1]) / s, 0, 1.1)[..., None]
+    canvas.fill(liquid, np.array([255, 228, 158]) * shade)
+    foot = canvas.ellipse(base[0], base[1] + 0.005 * s, narrow * 0.82, 0.045 * s)
+    canvas.fill(canvas.soften(foot * glass, 0.008 * s), (255, 252, 244), 0.55)
+    drop = rim[1] + s * (0.055 + 0.008 * np.sin(across * 17) + 0.092 * np.sqrt(np.clip(1 - across**2, 0, 1)))
+    foam = np.clip((drop - canvas.y) * canvas.scale, 0, 1) * liquid
+    canvas.fill(foam, np.array([255, 246, 216]) * np.clip(shade + 0.04, 0, 1))
+    _draw_surface(canvas, rim, wide, s, seed)
+    _draw_cinnamon(canvas, rim, s)
+    _draw_shine(canvas, rim, base, wide, narrow, s)
+
+
+def _draw_handle(canvas: Canvas, x: float, y: float, s: float) -> None:
+    """A thick loop of glass."""
+    outer, inner = canvas.ellipse(x, y, 0.25 * s, 0.25 * s), canvas.ellipse(x - 0.005 * s, y, 0.185 * s, 0.18 * s)
+    canvas.fill(_cut(outer, inner), (228, 216, 190), 0.88)
+    light = _cut(canvas.ellipse(x, y, 0.232 * s, 0.232 * s), canvas.ellipse(x - 0.004 * s, y, 0.214 * s, 0.212 * s))
+    canvas.fill(canvas.soften(light, 0.004 * s), (255, 255, 250), 0.9)
+    inside = canvas.ellipse(x - 0.006 * s, y - 0.004 * s, 0.244 * s, 0.242 * s)
+    canvas.fill(_cut(outer, inside), (120, 92, 60), 0.55)
+
+
+def _cut(mask: np.ndarray, hole: np.ndarray) -> np.ndarray:
+    """The mask without the hole."""
+    return np.clip(mask - hole, 0, 1)
+
+
+def _draw_surface(canvas: Canvas, rim: tuple[float, float], wide: float, s: float, seed: int) -> None:
+    """The drink's foamy top: creamy, a soft swirl, and grated nutmeg."""
+    rng = np.random.default_rng(seed)
+    canvas.fill(canvas.ellipse(rim[0], rim[1], wide, 0.098 * s), (236, 226, 202))
+    top = canvas.ellipse(rim[0], rim[1] + 0.004 * s, wide - 0.018 * s, 0.084 * s)
+    u, v = (canvas.x - rim[0]) / wide, (canvas.y - rim[1]) / (0.09 * s)
+    swirl = 0.5 + 0.5 * np.sin(9 * np.hypot(u, v) + 1.5 * np.arctan2(v, u))
+    cream = np.array([255, 243, 208]) + swirl[..., None] * [0, 7, 22] + np.clip(v, -1, 1)[..., None] * [2, 3, 6]
+    canvas.fill(top, cream)
+    for _ in range(230):
+        radius, bearing = np.sqrt(rng.uniform(0, 1)) ** 1.4 * 0.86, rng.uniform(0, 2 * np.pi)
+        spot_x = rim[0] + radius * wide * np.cos(bearing)
+        spot_y = rim[1] + 0.004 * s + radius * 0.082 * s * np.sin(bearing)
+        grain = rng.uniform(0.0025, 0.0075) * s
+        canvas.spot(spot_x, spot_y, grain * 1.4, grain, (int(rng.integers(110, 170)), 78, 36))
+
+
+def _draw_cinnamon(canvas: Canvas, rim: tuple[float, float], s: float) -> None:
+    """A quill of cinnamon leaning out of the mug."""
+    foot, tip = np.array([rim[0] + 0.04 * s, rim[1] + 0.03 * s]), np.array([rim[0] + 0.27 * s, rim[1] - 0.25 * s])
+    along = (tip - foot) / np.linalg.norm(tip - foot)
+    side = np.array([-along[1], along[0]]) * 0.038 * s
+    stick = canvas.polygon([foot - side, tip - side, tip + side, foot + side])
+    stick = np.maximum(stick, canvas.ellipse(foot[0], foot[1], 0.038 * s, 0.014 * s))
+    offset = ((canvas.x - foot[0]) * -along[1] + (canvas.y - foot[1]) * along[0]) / (0.038 * s)
+    ridges = 1 - 0.35 * offset**2 - 0.22 * np.exp(-(((offset - 0.1) / 0.1) ** 2)) + 0.05 * np.sin(offset * 19)
+    canvas.fill(stick, np.array([176, 98, 48]) * ridges.clip(0.3, 1.2)[..., None])
+    bearing = float(np.degrees(np.arctan2(side[1], side[0])))
+    for curl in (tip - 0.5 * side, tip + 0.5 * side):
+        canvas.fill(canvas.ellipse(curl[0], curl[1], 0.022 * s, 0.012 * s, bearing), (205, 132, 76))
+        canvas.fill(canvas.ellipse(curl[0], curl[1], 0.012 * s, 0.006 * s, bearing), (92, 44, 20))
+
+
+def _draw_shine(
+    canvas: Canvas, rim: tuple[float, float], base: tuple[float, float], wide: float, narrow: float, s: float
+) -> None:
+    """Reflections down the glass and around its rim."""
+    for start, end, alpha in ((-0.80, -0.66, 0.75), (-0.58, -0.54, 0.45), (0.76, 0.84, 0.5)):
+        top, bottom = rim[1] + 0.10 * s, base[1] - 0.03 * s
+        streak = [(rim[0] + start * wide, top), (rim[0] + end * wide, top + 0.02 * s),
+                  (base[0] + end * narrow, bottom + 0.01 * s), (base[0] + start * narrow, bottom)]  # fmt: skip
+        canvas.fill(canvas.soften(canvas.polygon(streak), 0.006 * s), (255, 255, 250), alpha)
+    inside = canvas.ellipse(rim[0], rim[1] + 0.001 * s, wide - 0.012 * s, 0.089 * s)
+    canvas.fill(_cut(canvas.ellipse(rim[0], rim[1], wide, 0.098 * s), inside), (255, 255, 252), 0.85)
+
+
+def draw_holly(canvas: Canvas, x: float, y: float, size: float, turn_deg: float = 0.0) -> None:
+    """Two prickly leaves and three berries; `size` is a leaf's length."""
+    for bearing, shade in ((turn_deg + 205, 0.85), (turn_deg - 25, 1.0)):
+        t = np.linspace(0, 2 * np.pi, 121)
+        spiky = 0.62 + 0.38 * np.abs(np.cos(3.5 * t)) ** 0.6
+        leaf = np.stack([0.5 + 0.5 * np.cos(t), 0.27 * np.sin(t) * spiky], axis=1) * size
+        cosine, sine = np.cos(np.radians(bearing)), np.sin(np.radians(bearing))
+        outline = leaf @ np.array([[cosine, sine], [-sine, cosine]]) + [x, y]
+        mask = canvas.polygon(outline)
+        offset = (canvas.y - y) * cosine - (canvas.x - x) * sine
+        tone = np.where(offset < 0, 1.15, 0.85) * shade
+        canvas.fill(mask, np.array([24, 104, 50]) * tone[..., None])
+        canvas.fill(mask * np.clip(1 - np.abs(offset) * 8 / size * 2, 0, 1), (150, 200, 130), 0.6)
+    for dx, dy in ((-0.10, 0.08), (0.12, 0.12), (0.02, -0.10)):
+        centre, radius = (x + dx * size, y + dy * size), 0.125 * size
+        canvas.fill(canvas.ellipse(*centre, radius, radius), (190, 16, 26))
+        shine = canvas.ellipse(centre[0] - 0.35 * radius, centre[1] - 0.4 * radius, 0.3 * radius, 0.24 * radius)
+        canvas.fill(canvas.soften(shine, 0.1 * radius), (255, 190, 180), 0.9)
+
+
+def draw_nutmeg(canvas: Canvas, x: float, y: float, size: float) -> None:
+    """A whole nutmeg on its shadow."""
+    canvas.fill(
+        canvas.soften(canvas.ellipse(x, y + 0.36 * size, 0.55 * size, 0.14 * size), 0.06 * size), (40, 8, 8), 0.7
+    )
+    distance = np.hypot(canvas.x - (x - 0.16 * size), canvas.y - (y - 0.16 * size)) / size
+    grain = 0.06 * np.sin(canvas.x * 40 / size + 3 * np.sin(canvas.y * 13 / size))
+    tone = np.clip(1.25 - 1.0 * distance + grain, 0.35, 1.3)
+    canvas.fill(canvas.ellipse(x, y, 0.5 * size, 0.4 * size, 12), np.array([150, 98, 58]) * tone[..., None])
