@@ -101,7 +101,7 @@ def open3d_defaults(width: int, height: int):
 def pyrender_shadows(width: int, height: int):
     """Its directional light with shadows, multisampled edges."""
     os.environ["PYOPENGL_PLATFORM"] = "egl"
-    np.infty = np.inf  # pyrender 0.1.45 was written for NumPy 1
+    setattr(np, "infty", np.inf)  # noqa: B010 - pyrender 0.1.45 was written for NumPy 1
     import pyrender
     import trimesh
     from PIL import Image

@@ -23,3 +23,59 @@ def real_weights() -> Path:
         if folder and any(Path(folder).glob("resnet18-*.pth")):
             return Path(folder)
     pytest.skip("needs real weights: set TOOLKIT_WEIGHTS to a folder with resnet18-*.pth")
+
+
+@pytest.fixture(scope="session")
+def make_box():
+    """A function (size_mm, paint) -> a light box on the table, 12 triangles, one material."""
+    from toolkit.objects.mesh import place_on_table
+    from toolkit.objects.modelling import assemble, box
+
+    def make(size_mm=(100.0, 60.0, 40.0), paint=(150, 150, 150), roughness=0.8):
+        return place_on_table(assemble(box(size_mm, paint=paint), {"paint": (roughness, 0.0)}, 128))
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def make_crate_space(make_box):
+    """A function (folder) -> a workspace with one light object `crate`, its patch, and a plan of two small images."""
+    import numpy as np
+
+    from toolkit.objects.load import load_object
+    from toolkit.patches import write_patch
+    from toolkit.rig.camera import Camera
+    from toolkit.rig.plan import make_plan, write_plan
+    from toolkit.rig.poses import Pattern
+    from toolkit.workspace import make_workspace
+
+    def make(folder):
+        space = make_workspace(folder)
+        mesh = make_box()
+        lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices]
+        lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces + 1]
+        (space.objects_dir / "crate.obj").write_text("\n".join(lines) + "\n")
+        (space.objects_dir / "crate.toml").write_text(
+            'name = "crate"\nclass = "crate"\nmesh = "crate.obj"\nlength_mm = 100\n[patch]\nsize_mm = 40\n'
+        )
+        pixels = np.random.default_rng(5).integers(0, 256, (12, 12, 3), dtype=np.uint8)
+        write_patch(space.patches_dir, pixels, make_patch_record("crate"))
+        item = load_object(space.object_spec("crate"))
+        pattern = Pattern("ring", count=2, elevation_deg=(40, 40))
+        write_plan(space.plan_file, make_plan([item], Camera(96, 72), pattern))
+        return space
+
+    return make
+
+
+def make_patch_record(name: str) -> dict:
+    return {
+        "name": name, "class_name": name, "class_index": 1, "networks": [], "data": {}, "seed": 0, "settings": {},
+        "final": {}, "toolkit_version": "0",
+    }  # fmt: skip
+
+
+@pytest.fixture
+def patch_record():
+    """A function (name) -> the fields that `write_patch` asks for."""
+    return make_patch_record

@@ -29,8 +29,9 @@ class Ticker:
     def advance(self, amount: int = 1, note: str | None = None) -> None:
         """Count `amount` more units; `note` replaces the text at the bar's end."""
         if self._progress is not None:
-            fields = {} if note is None else {"note": note}
-            self._progress.update(self._task, advance=amount, **fields)
+            self._progress.update(self._task, advance=amount)
+            if note is not None:
+                self._progress.update(self._task, note=note)
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 
 class ToolkitError(Exception):
-    """What the user gave cannot be used; the message is one line that says what, where, what was expected and what to do.
+    """What the user gave cannot be used: one line that says what, where, what was expected and what to do.
 
     The command line prints the message without a traceback and exits with code 2.
     """

@@ -120,10 +120,13 @@ def inside(root: Path, relative: str) -> Path:
     """`root / relative`, for a path that came from a file.
 
     Raises:
-        ToolkitError: the path is absolute or leaves `root`.
+        ToolkitError: the path leaves `root`, or is no path at all.
     """
     root = Path(root).resolve()
-    path = (root / relative).resolve()
+    try:
+        path = (root / relative).resolve()
+    except (ValueError, OSError, RuntimeError) as error:  # a null byte; a loop of links
+        raise ToolkitError(f"path {relative!r} in {root} cannot be used: {error}") from None
     if not path.is_relative_to(root):
         raise ToolkitError(f"path '{relative}' leaves its folder {root}: expected a path inside it")
     return path

@@ -61,7 +61,8 @@ def _packages() -> Check:
         except PackageNotFoundError:
             missing.append(requirement)
     if missing:
-        return Check("packages", "missing", f"{len(missing)} not installed", f"pip install {' '.join(map(repr, missing))}")
+        mend = f"pip install {' '.join(map(repr, missing))}"
+        return Check("packages", "missing", f"{len(missing)} not installed", mend)
     return Check("packages", "ok", f"torch {version('torch')}, torchvision {version('torchvision')}")
 
 

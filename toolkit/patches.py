@@ -115,17 +115,21 @@ def read_patch(png_file: Path) -> Patch:
     record = read_json(record_file, PatchRecord)
     try:
         content = png_file.read_bytes()
-        pixels = np.asarray(Image.open(BytesIO(content)).convert("RGB"))
     except OSError as error:
-        raise ToolkitError(f"{png_file}: not a readable PNG: {error}") from None
+        raise ToolkitError(f"cannot read {png_file}: {error}") from None
     found = sha256_bytes(content)
     if found != record.png_sha256:
         raise ToolkitError(
             f"{png_file}: its hash {found[:12]} does not match the record's {record.png_sha256[:12]}: the picture was "
             "changed after training; restore the pair, or train again"
         )
+    try:
+        pixels = np.asarray(Image.open(BytesIO(content)).convert("RGB"))
+    except (OSError, Image.DecompressionBombError) as error:
+        raise ToolkitError(f"{png_file}: not a readable PNG: {error}") from None
     if pixels.shape != (record.n_px, record.n_px, 3):
         raise ToolkitError(
-            f"{png_file}: expected {record.n_px}×{record.n_px} px as recorded, found {pixels.shape[1]}×{pixels.shape[0]}"
+            f"{png_file}: expected {record.n_px}×{record.n_px} px as recorded, "
+            f"found {pixels.shape[1]}×{pixels.shape[0]}"
         )
     return Patch(pixels, record)

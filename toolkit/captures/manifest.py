@@ -51,14 +51,14 @@ def read_manifest(source_dir: Path) -> dict[str, CaptureRecord]:
         return {}
     records: dict[str, CaptureRecord] = {}
     text = file.read_text(encoding="utf-8", errors="replace")
-    lines = text.splitlines()
+    lines = text.split("\n")  # and not at what else Unicode calls a line's end: file names may hold it
     for number, line in enumerate(lines, 1):
         if not line.strip():
             continue
         try:
             record = CaptureRecord.model_validate(json.loads(line))
         except (json.JSONDecodeError, ValidationError) as error:
-            if number == len(lines) and not text.endswith("\n"):
+            if number == len(lines):
                 break
             raise ToolkitError(
                 f"{file}: line {number} is broken ({error.__class__.__name__}): delete that line"
@@ -76,7 +76,7 @@ def append_record(source_dir: Path, record: CaptureRecord) -> None:
             if stream.tell():
                 stream.seek(-1, os.SEEK_END)
                 if stream.read(1) != b"\n":
-                    _cut_last_line(stream)
+                    _end_last_line(stream)
             stream.write(json.dumps(record.model_dump(), ensure_ascii=False).encode() + b"\n")
             stream.flush()
             os.fsync(stream.fileno())
@@ -84,9 +84,16 @@ def append_record(source_dir: Path, record: CaptureRecord) -> None:
         raise explain_write_error(file, error) from error
 
 
-def _cut_last_line(stream) -> None:
+def _end_last_line(stream) -> None:
+    """End a last line that is whole, as an editor may leave it; drop one that a kill cut short."""
     stream.seek(0)
-    stream.truncate(stream.read().rfind(b"\n") + 1)
+    content = stream.read()
+    start = content.rfind(b"\n") + 1
+    try:
+        json.loads(content[start:])
+        stream.write(b"\n")
+    except ValueError:
+        stream.truncate(start)
 
 
 def is_finished(source_dir: Path, record: CaptureRecord | None, inputs_sha256: str) -> bool:

@@ -1,6 +1,7 @@
 """The command line: parse, call one function, print."""
 
 import sys
+from collections.abc import Callable
 
 import typer
 
@@ -15,15 +16,24 @@ from toolkit.cli.print_ import print_patches
 from toolkit.cli.train_patch import train_patch
 from toolkit.errors import ToolkitError
 
+INTERRUPTED = 130
 app = typer.Typer(
     no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Boost physical objects for a neural network, and prove it: train, print, plan, shoot, evaluate.",
 )  # fmt: skip
-for name, command in {
-    "demo": demo, "init": init, "doctor": doctor, "objects": list_objects, "train-patch": train_patch,
-    "print": print_patches, "plan": plan, "capture-sim": capture_sim, "eval": evaluate,
-}.items():  # fmt: skip
+COMMANDS: dict[str, Callable[..., None]] = {
+    "demo": demo,
+    "init": init,
+    "doctor": doctor,
+    "objects": list_objects,
+    "train-patch": train_patch,
+    "print": print_patches,
+    "plan": plan,
+    "capture-sim": capture_sim,
+    "eval": evaluate,
+}
+for name, command in COMMANDS.items():
     app.command(name)(command)
 
 
@@ -36,6 +46,7 @@ def main() -> None:
     except ToolkitError as error:
         errors.print(f"error: {error}", style="red", markup=False, soft_wrap=True)
         sys.exit(2)
-    except KeyboardInterrupt:
-        errors.print("stopped: what is finished is kept; the same command goes on from here")
-        sys.exit(130)
+    except SystemExit as ended:
+        if ended.code == INTERRUPTED:  # Typer has turned the interrupt into this
+            errors.print("stopped: what is finished is kept; the same command goes on from here")
+        raise

@@ -2,7 +2,7 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -23,7 +23,7 @@ def list_objects(
     from toolkit.workspace import open_workspace
 
     space = open_workspace(workspace)
-    rows = []
+    rows: list[dict[str, Any]] = []
     for name, file in space.object_specs().items():
         item = load_object(file)
         rows.append(

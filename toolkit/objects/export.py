@@ -30,7 +30,8 @@ def to_glb(mesh: Mesh, name: str) -> bytes:
             vertex_normals=mesh.normals[used] @ T_gltf_world.T,
             visual=trimesh.visual.TextureVisuals(uv=mesh.uv[used], material=look), process=False,
         )  # fmt: skip
-        scene.add_geometry(piece, node_name=material.name, geom_name=material.name)
+        unique = f"{material.name}-{index}"  # of two nodes with one name, trimesh keeps the last
+        scene.add_geometry(piece, node_name=unique, geom_name=unique)
     return scene.export(file_type="glb", include_normals=True)
 
 

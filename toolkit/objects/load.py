@@ -103,6 +103,9 @@ def _from_trimesh(piece, source: str) -> Mesh:
     if not np.isfinite(vertices).all():
         bad = int((~np.isfinite(vertices)).any(axis=1).sum())
         raise ToolkitError(f"{source}: {bad} of {len(vertices)} vertices are NaN or infinite: repair the mesh")
+    if faces.min() < 0 or faces.max() >= len(vertices):
+        worst = faces.max() if faces.max() >= len(vertices) else faces.min()
+        raise ToolkitError(f"{source}: a face names vertex {worst}, the mesh has {len(vertices)}: repair the mesh")
     uv = getattr(piece.visual, "uv", None)
     if uv is not None and len(uv) == len(vertices) and np.isfinite(uv).all():
         corner_uv = np.asarray(uv, np.float32)[faces]

@@ -158,9 +158,9 @@ def extrude(
     material: str = "paint",
 ) -> list[Part]:
     """Raise a flat (x, y) outline, counter-clockwise from above, from z = 0 to `height`, its edges cut by `bevel`."""
-    outline = np.asarray(outline, float)
-    inner = _inset(outline, bevel) if bevel > 0 else outline
-    levels = [(inner, 0.0), (outline, bevel), (outline, height - bevel), (inner, height)]
+    outer = np.asarray(outline, float)
+    inner = _inset(outer, bevel) if bevel > 0 else outer
+    levels = [(inner, 0.0), (outer, bevel), (outer, height - bevel), (inner, height)]
     if bevel <= 0:
         levels = levels[1:3]
     rings = [np.c_[ring, np.full(len(ring), z)] for ring, z in levels]
@@ -234,7 +234,7 @@ def smooth_curve(points: Sequence[Sequence[float]], count: int) -> np.ndarray:
 
 
 def plane_axes(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Two unit vectors that span the plane across `normal`, right-handed with it; the second points as far up (+z) as it can."""
+    """Two unit vectors that span the plane across `normal`, right-handed with it, the second as far up as it can be."""
     normal = np.asarray(normal, float) / np.linalg.norm(normal)
     hint = np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < 0.95 else np.array([0.0, 1.0, 0.0])
     first = np.cross(hint, normal)

@@ -5,6 +5,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from toolkit.errors import ToolkitError
 from toolkit.files import read_toml
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
@@ -21,7 +22,7 @@ class PatchMount(BaseModel):
         rotation_deg: turn of the sheet, counter-clockwise as one sees it.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     at: Literal["top", "front", "back", "left", "right"] = "top"
     size_mm: float | None = Field(None, gt=0)
     offset_mm: tuple[float, float] = (0.0, 0.0)
@@ -52,5 +53,8 @@ class ObjectSpec(BaseModel):
 
 
 def read_spec(path: Path) -> ObjectSpec:
-    """Read one object spec; a wrong field is a `ToolkitError` that names it."""
-    return read_toml(path, ObjectSpec)
+    """Read one object spec; a wrong field, or a name that is not the file's, is a `ToolkitError` that says so."""
+    spec = read_toml(path, ObjectSpec)
+    if spec.name != Path(path).stem:
+        raise ToolkitError(f"{path}: field 'name': expected '{Path(path).stem}' as the file's, found '{spec.name}'")
+    return spec

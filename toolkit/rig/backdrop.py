@@ -8,7 +8,7 @@ from toolkit.rig.camera import Camera
 from toolkit.rig.lighting import Lighting
 from toolkit.rig.shading import ROUGHNESS_LEVELS
 from toolkit.rig.studio import Studio
-from toolkit.rig.textures import build_pyramid, equirectangular, sample
+from toolkit.rig.textures import build_pyramid, sample, sample_directions
 
 
 class Backdrop:
@@ -69,7 +69,7 @@ class Backdrop:
         return radiance
 
     def _room(self, direction: np.ndarray, level: int) -> np.ndarray:
-        return sample(self._rooms[level], *equirectangular(direction))
+        return sample_directions(self._rooms[level], direction)
 
     def _table_in_mirror(self, points, direction, level) -> np.ndarray:
         reach = points[:, 2] / -direction[:, 2]
@@ -89,15 +89,16 @@ class Backdrop:
         lod = np.log2(np.maximum(footprint * np.float32(self._lit[0].shape[1] / self._size[0]), 1e-3))
         lod = np.clip(lod, 0, len(self._lit) - 1)
         u, v = x / self._size[0] + np.float32(0.5), np.float32(0.5) - y / self._size[1]
-        picture = None
-        for level in range(int(lod.min()), min(int(np.ceil(lod.max())), len(self._lit) - 1) + 1):
+        picture = np.zeros((*lod.shape, 3), np.float32)
+        finest = int(lod.min())
+        for level in range(finest, min(int(np.ceil(lod.max())), len(self._lit) - 1) + 1):
             h, w = self._lit[level].shape[:2]
             values = cv2.remap(
                 self._lit[level], u * w - np.float32(0.5), v * h - np.float32(0.5), cv2.INTER_LINEAR,
                 borderMode=cv2.BORDER_REPLICATE,
             )  # fmt: skip
-            if picture is None:
-                picture = values
+            if level == finest:
+                picture = np.asarray(values, np.float32)
             else:
                 picture += (values - picture) * np.clip(lod - (level - 1), 0, 1)[..., None]
         return picture

@@ -4,6 +4,8 @@ The scene is built once and only the camera moves. Post-processing is off, as it
 driver; the picture comes back in linear 8 bit, so that its dark parts are coarser than the ray-cast renderer's.
 """
 
+from typing import Any
+
 import numpy as np
 
 from toolkit.errors import ToolkitError
@@ -25,7 +27,8 @@ class FilamentRenderer:
                 f"the filament renderer cannot start: {trouble}: install {PACKAGES}, or use --renderer raycast"
             )
         self._mesh, self._studio = mesh, studio
-        self._renderer, self._size = None, (0, 0)
+        self._renderer: Any = None
+        self._size = (0, 0)
 
     def render(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
         """(height, width, 3) float32 linear light, in steps of 1/255."""

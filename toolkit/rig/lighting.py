@@ -12,7 +12,7 @@ import numpy as np
 from toolkit.rig.camera import orbit_direction
 from toolkit.rig.lightmap import SampleGrid, place_samples
 from toolkit.rig.studio import Studio
-from toolkit.rig.textures import equirectangular, sample
+from toolkit.rig.textures import sample, sample_directions
 
 KEY_RAYS, ROOM_RAYS = 24, 96
 SURFACE_SPACING, TABLE_SPACING = 0.016, 0.015
@@ -137,8 +137,7 @@ def _room_directions(studio: Studio) -> tuple[np.ndarray, np.ndarray]:
     w = studio.environment.shape[1]
     tiled = np.concatenate([studio.environment] * 3, axis=1)
     blurred = cv2.GaussianBlur(tiled, (0, 0), w / 40)[:, w : 2 * w]
-    u, v = equirectangular(directions)
-    return directions, sample(np.ascontiguousarray(blurred), u, v)
+    return directions, sample_directions(np.ascontiguousarray(blurred), directions)
 
 
 def _key_directions(studio: Studio) -> np.ndarray:

@@ -227,9 +227,9 @@ def _sheet_mesh(points, along_right: bool, T_object_sheet, pixels, size_mm: floa
     a, b, c, d = index[:-1, 0], index[1:, 0], index[1:, 1], index[:-1, 1]
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
     faces = faces if along_right else faces[:, ::-1]
+    place, normals, uv = (array.reshape(-1, array.shape[-1]).astype(np.float32) for array in (place, normals, uv))
     front = Mesh(
-        *(array.reshape(-1, array.shape[-1]).astype(np.float32) for array in (place, normals, uv)),
-        faces.astype(np.int32), np.zeros(len(faces), np.int32),
+        place, normals, uv, faces.astype(np.int32), np.zeros(len(faces), np.int32),
         (Material(PAPER_MATERIAL, print_on_paper(pixels, size_mm, side), roughness=0.75),),
     )  # fmt: skip
     back = Mesh(

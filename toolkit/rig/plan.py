@@ -111,12 +111,11 @@ def plan_poses(item: TableObject, camera: Camera, pattern: Pattern) -> list[Pose
             distance = pattern.distance_mm[0] * (1 - share) + pattern.distance_mm[1] * share
         distance = round(distance, 2)
         T_world_camera = np.round(orbit_pose(target, azimuth, elevation, distance), 6)
-        poses.append(
-            Pose(
-                id=i + 1, azimuth_deg=azimuth, elevation_deg=elevation, distance_mm=distance,
-                target_mm=tuple(np.round(target, 4)), T_world_camera=tuple(map(tuple, T_world_camera.tolist())),
-            )
-        )  # fmt: skip
+        fields = {
+            "id": i + 1, "azimuth_deg": azimuth, "elevation_deg": elevation, "distance_mm": distance,
+            "target_mm": np.round(target, 4).tolist(), "T_world_camera": T_world_camera.tolist(),
+        }  # fmt: skip
+        poses.append(Pose.model_validate(fields))
     check_poses(item, camera, poses)
     return poses
 

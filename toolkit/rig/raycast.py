@@ -182,7 +182,8 @@ def _hull_vertices(vertices: np.ndarray) -> np.ndarray:
 def _distinct_textures(mesh: Mesh) -> tuple[list[list[np.ndarray]], np.ndarray]:
     """One pyramid per distinct texture array, and which one each material uses."""
     known: dict[int, int] = {}
-    pyramids, index = [], []
+    pyramids: list[list[np.ndarray]] = []
+    index: list[int] = []
     for material in mesh.materials:
         if id(material.texture) not in known:
             known[id(material.texture)] = len(pyramids)

@@ -10,7 +10,7 @@ ROW = 1024
 
 def build_pyramid(linear: np.ndarray) -> list[np.ndarray]:
     """Halve (h, w, 3) float32 linear values by area average until one side is 4; level 0 is the input."""
-    levels = [np.ascontiguousarray(linear, np.float32)]
+    levels: list[np.ndarray] = [np.ascontiguousarray(linear, np.float32)]
     while min(levels[-1].shape[:2]) > 4:
         h, w = levels[-1].shape[:2]
         levels.append(cv2.resize(levels[-1], (max(w // 2, 1), max(h // 2, 1)), interpolation=cv2.INTER_AREA))
@@ -59,3 +59,10 @@ def equirectangular(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     azimuth = np.arctan2(directions[:, 1], directions[:, 0])
     elevation = np.arcsin(np.clip(directions[:, 2], -1, 1))
     return 0.5 - azimuth / np.float32(2 * np.pi), 0.5 + elevation / np.float32(np.pi)
+
+
+def sample_directions(picture: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """Bilinear values (n, 3) of a picture of all directions at unit `directions` (n, 3); its poles do not wrap."""
+    u, v = equirectangular(directions)
+    half_row = np.float32(0.5 / picture.shape[0])
+    return sample(picture, u, np.clip(v, half_row, 1 - half_row))

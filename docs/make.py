@@ -1,0 +1,167 @@
+"""Draw the figures and write docs/results.md from a finished workspace: python docs/make.py WORKSPACE."""
+
+import csv
+import json
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from PIL import Image, ImageDraw, ImageFont
+
+from toolkit.objects.load import BUILTIN
+from toolkit.patches import read_patch
+from toolkit.workspace import Workspace, open_workspace
+
+DOCS = Path(__file__).parent
+FIGURES = DOCS / "figures"
+RIGHT, WRONG = (34, 139, 74), (196, 48, 48)
+
+
+def read_predictions(space: Workspace, run: str) -> list[dict[str, str]]:
+    """Rows of a run's predictions."""
+    with (space.eval_dir / run / "predictions.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def draw_pairs(space: Workspace, rows: list[dict[str, str]]) -> Image.Image:
+    """Per object the first pose at which bare and patched differ, else pose 1: bare above, patched below."""
+    tile_w, tile_h, strip = 400, 300, 34
+    sheet = Image.new("RGB", (len(BUILTIN) * tile_w, 2 * (tile_h + strip)), "white")
+    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=18)
+    for column, name in enumerate(BUILTIN):
+        by_pose: dict[int, dict[str, dict[str, str]]] = {}
+        for row in rows:
+            if row["object"] == name and row["pose_id"]:
+                by_pose.setdefault(int(row["pose_id"]), {})[row["variant"]] = row
+        pairs = [pair for _, pair in sorted(by_pose.items()) if {"patched", "unpatched"} <= pair.keys()]
+        differs = [pair for pair in pairs if pair["patched"]["correct_top1"] != pair["unpatched"]["correct_top1"]]
+        chosen = (differs or pairs)[0]
+        for line, variant in enumerate(("unpatched", "patched")):
+            row = chosen[variant]
+            left, top = column * tile_w, line * (tile_h + strip)
+            picture = Image.open(space.captures_dir / row["path"]).convert("RGB")
+            sheet.paste(picture.resize((tile_w, tile_h), Image.Resampling.LANCZOS), (left, top))
+            right = row["correct_top1"] in ("1", "True", "true")
+            text = f"{'✓' if right else '✗'} {row['top1_label']}  {float(row['top1_prob']):.0%}"
+            draw.rectangle((left, top + tile_h, left + tile_w, top + tile_h + strip), fill=RIGHT if right else WRONG)
+            draw.text((left + 12, top + tile_h + 6), text, fill="white", font=font)
+    return sheet
+
+
+def draw_contact_sheet(space: Workspace, rows: list[dict[str, str]]) -> Image.Image:
+    """Every capture of the sim source: a row per object and variant, a column per pose, framed right or wrong."""
+    names = sorted({row["object"] for row in rows})
+    poses = sorted({int(row["pose_id"]) for row in rows if row["pose_id"]})
+    w, h, frame = 128, 96, 3
+    sheet = Image.new("RGB", (len(poses) * (w + 2 * frame), len(names) * 2 * (h + 2 * frame)), "white")
+    for row in rows:
+        if not row["pose_id"]:
+            continue
+        line = 2 * names.index(row["object"]) + (row["variant"] == "patched")
+        left, top = poses.index(int(row["pose_id"])) * (w + 2 * frame), line * (h + 2 * frame)
+        right = row["correct_top1"] in ("1", "True", "true")
+        sheet.paste(RIGHT if right else WRONG, (left, top, left + w + 2 * frame, top + h + 2 * frame))
+        picture = Image.open(space.captures_dir / row["path"]).convert("RGB")
+        sheet.paste(picture.resize((w, h), Image.Resampling.LANCZOS), (left + frame, top + frame))
+    return sheet
+
+
+def draw_patches(space: Workspace) -> Image.Image:
+    """The shipped patches side by side, pixel for pixel."""
+    side, gap = 300, 16
+    sheet = Image.new("RGB", (len(BUILTIN) * (side + gap) - gap, side), "white")
+    for i, name in enumerate(BUILTIN):
+        pixels = read_patch(space.patch(name)).pixels
+        sheet.paste(Image.fromarray(pixels).resize((side, side), Image.Resampling.NEAREST), (i * (side + gap), 0))
+    return sheet
+
+
+def draw_page(space: Workspace, name: str) -> Image.Image:
+    """The printed page as a picture."""
+    import pypdfium2
+
+    page = pypdfium2.PdfDocument(space.print_dir / f"{name}.pdf")[0]
+    return page.render(scale=1.6).to_pil()
+
+
+def photograph_report(space: Workspace, run: str, target: Path) -> bool:
+    """A picture of the report's top, where a Chromium is installed."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        return False
+    report = (space.eval_dir / run / "report.html").resolve().as_uri()
+    subprocess.run(
+        [browser, "--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=1200,1500",
+         f"--screenshot={target}", report],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    return True
+
+
+def write_results(space: Workspace) -> str:
+    """Markdown tables of every run in the workspace."""
+    lines = [
+        "# Results",
+        "",
+        "Made by `python docs/make.py WORKSPACE` from the result files of `toolkit eval`; no number is typed by hand.",
+        "Intervals are 95 % Wilson intervals; p is from an exact two-sided McNemar test over pairs of the same pose.",
+        "",
+        "![all captures](figures/contact-sheet.jpg)",
+        "",
+        "All captures of the shipped run: per object the bare row above the patched row, a column per pose, framed",
+        "green where the network's first guess is right and red where it is wrong.",
+    ]
+    for summary_file in sorted(space.eval_dir.glob("*/summary.json")):
+        summary = json.loads(summary_file.read_text(encoding="utf-8"))
+        model = summary["model"]
+        lines += [
+            "", f"## {summary_file.parent.name}", "",
+            f"Network {model['arch']}, weights `{model['weights']}`, sha256 `{model['sha256'][:16]}…`.", "",
+            "| source | object | variant | n | top-1 | 95 % interval | top-5 | mean p(true) |",
+            "|---|---|---|---|---|---|---|---|",
+        ]  # fmt: skip
+        for group in summary["groups"]:
+            low, high = group["top1_ci95"]
+            lines.append(
+                f"| {group['source']} | {group['object']} | {group['variant']} | {group['n']} | {group['top1']:.3f} | "
+                f"{low:.3f}-{high:.3f} | {group['top5']:.3f} | {group['mean_true_prob']:.3f} |"
+            )
+        lines += ["", "| source | object | variant | pairs | gained | lost | McNemar p |", "|---" * 7 + "|"]
+        for pair in summary["pairs"]:
+            lines.append(
+                f"| {pair['source']} | {pair['object']} | {pair['variant']} | {pair['n_pairs']} | {pair['gained']} | "
+                f"{pair['lost']} | {pair['mcnemar_p']:.2g} |"
+            )
+    lines += ["", "## Patches", "", "![patches](figures/patches.png)", ""]
+    lines += ["| patch | side | networks | data | settings |", "|---|---|---|---|---|"]
+    for name in BUILTIN:
+        record = read_patch(space.patch(name)).record
+        networks = ", ".join(f"{net.arch} `{net.sha256[:8]}…`" for net in record.networks)
+        steps = f"{record.settings.get('steps')} steps of {record.settings.get('batch')}"
+        lines.append(
+            f"| {name} | {record.n_px} px, {record.size_mm:.1f} mm | {networks} | {_describe_data(record.data)} | "
+            f"{steps} |"
+        )
+    return "\n".join(lines) + "\n"
+
+
+def _describe_data(data: dict) -> str:
+    return json.dumps({key: value for key, value in data.items() if not isinstance(value, dict)}, ensure_ascii=False)
+
+
+def main(folder: str, run: str = "resnet18") -> None:
+    """Write all figures and the results page."""
+    space = open_workspace(Path(folder))
+    FIGURES.mkdir(exist_ok=True)
+    rows = [row for row in read_predictions(space, run) if row["source"] == "sim"]
+    draw_pairs(space, rows).save(FIGURES / "pairs.jpg", quality=90)
+    draw_contact_sheet(space, rows).save(FIGURES / "contact-sheet.jpg", quality=88)
+    draw_patches(space).save(FIGURES / "patches.png")
+    draw_page(space, "warplane").save(FIGURES / "page.png")
+    photograph_report(space, run, FIGURES / "report.png")
+    (DOCS / "results.md").write_text(write_results(space), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

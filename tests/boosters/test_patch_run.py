@@ -1,0 +1,245 @@
+"""From request to files, through kills."""
+
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from tiny_network import tiny_classifier, tiny_request, write_photos
+
+from toolkit.boosters import patch_run, resumable
+from toolkit.boosters.patch_run import train_patch
+from toolkit.boosters.training import Descent
+from toolkit.errors import ToolkitError
+from toolkit.patches import read_patch
+from toolkit.workspace import Workspace
+
+HERE = Path(__file__).parent
+KILLED = """
+import os, signal, sys
+from pathlib import Path
+import toolkit.boosters.patch_run as patch_run, toolkit.boosters.resumable as resumable, toolkit.patches as patches
+import torch
+torch.set_num_threads(1)
+from tiny_network import tiny_classifier, tiny_request
+from toolkit.workspace import Workspace
+
+when, folder, photos = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
+write, count = resumable.write_checkpoint, 0
+
+def write_then_die(file, checkpoint):
+    global count
+    count += 1
+    if count == 6:
+        (file.parent / f".{file.name}.{os.getpid()}.partial").write_bytes(b"half of a checkp")
+        os.kill(os.getpid(), signal.SIGKILL)
+    write(file, checkpoint)
+
+def die(*arguments):
+    os.kill(os.getpid(), signal.SIGKILL)
+
+if when == "checkpoint":
+    resumable.write_checkpoint = write_then_die
+else:
+    patches.write_json = die  # between the patch's picture and its record
+patch_run.train_patch(tiny_request(photos), [tiny_classifier()], Workspace(folder), checkpoint_every_s=0)
+"""
+
+
+@pytest.fixture
+def photos(tmp_path):
+    return write_photos(tmp_path / "photos", 10)
+
+
+def run(folder: Path, photos: Path, said: list[str] | None = None, **changes):
+    options = {key: changes.pop(key) for key in ("restart", "out", "checkpoint_every_s") if key in changes}
+    say = (lambda line: None) if said is None else said.append
+    request = tiny_request(photos, **changes)
+    return train_patch(request, [tiny_classifier()], Workspace(folder), quiet=True, say=say, **options)
+
+
+def files_below(folder: Path) -> list[str]:
+    return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+
+
+def test_patch_record_and_preview_are_written_and_nothing_else_is_left(tmp_path, photos):
+    made = run(tmp_path / "w", photos)
+    assert files_below(tmp_path / "w") == ["print/patches/jet.json", "print/patches/jet.png", "print/previews/jet.png"]
+    assert not (tmp_path / "w/print/patches/.training").exists()
+    record = read_patch(made.files.png).record
+    assert (record.class_name, record.class_index, record.n_px) == ("jet", 3, 16)
+    assert record.networks[0].sha256 == "ab" * 32
+    assert record.settings["steps"] == 12
+    assert record.settings["affine"]["share"] == (0.2, 0.42) or record.settings["affine"]["share"] == [0.2, 0.42]
+    assert record.data["train"] == 8
+    assert record.data["held_out"] == 2
+    assert record.final["loss"] > 0
+    assert record.final["tiny_held_out_patched_n"] == 128
+    assert record.final["tiny_held_out_bare_n"] == 2
+    assert list(Workspace(tmp_path / "w").patches()) == ["jet"], "a preview is no patch"
+    with Image.open(made.files.preview) as picture:
+        assert picture.width > 900
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_does_not(tmp_path, photos):
+    first, again = (run(tmp_path / name, photos) for name in ("a", "b"))
+    other = run(tmp_path / "c", photos, descent=Descent(12, 4, 0.1, seed=1))
+    assert first.files.png.read_bytes() == again.files.png.read_bytes()
+    assert first.files.preview.read_bytes() == again.files.preview.read_bytes()
+    assert first.patch.record.final == again.patch.record.final
+    assert not np.array_equal(first.patch.pixels, other.patch.pixels)
+
+
+@pytest.mark.parametrize("when", ["checkpoint", "record"])
+def test_kill_9_then_the_same_command_ends_as_if_never_killed(tmp_path, photos, when):
+    environment = os.environ | {"PYTHONPATH": str(HERE)}
+    command = [sys.executable, "-c", KILLED, when, str(tmp_path / "killed"), str(photos)]
+    died = subprocess.run(command, env=environment, capture_output=True, timeout=120)
+    assert died.returncode == -signal.SIGKILL, died.stderr.decode()
+    left = files_below(tmp_path / "killed")
+    assert any(name.endswith(".partial") for name in left) == (when == "checkpoint")
+
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # as the killed process: the sum of a convolution depends on how it is split
+    try:
+        said: list[str] = []
+        resumed = run(tmp_path / "killed", photos, said)
+        whole = run(tmp_path / "whole", photos)
+    finally:
+        torch.set_num_threads(threads)
+    assert resumed.resumed_from == (5 if when == "checkpoint" else 12)
+    assert f"going on after step {resumed.resumed_from} of 12; --restart begins anew" in said
+    assert resumed.files.png.read_bytes() == whole.files.png.read_bytes()
+    assert resumed.patch.record == whole.patch.record
+    assert files_below(tmp_path / "killed") == files_below(tmp_path / "whole"), "nothing lost, nothing twice"
+
+
+def test_ctrl_c_keeps_what_is_done(tmp_path, photos, monkeypatch):
+    steps = resumable.train_steps
+
+    def interrupted(*arguments):
+        for step in steps(*arguments):
+            if step.done == 4:
+                raise KeyboardInterrupt
+            yield step
+
+    monkeypatch.setattr(resumable, "train_steps", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path / "w", photos)
+    monkeypatch.undo()
+    assert run(tmp_path / "w", photos).resumed_from == 3
+
+
+def test_a_finished_patch_is_not_trained_again_unless_asked(tmp_path, photos, monkeypatch):
+    first = run(tmp_path / "w", photos)
+    stamp = first.files.png.stat().st_mtime_ns
+    monkeypatch.setattr(patch_run, "make_steps", lambda *arguments: pytest.fail("trained again"))
+    again = run(tmp_path / "w", photos)
+    assert again.was_finished
+    assert again.files.png.stat().st_mtime_ns == stamp
+    monkeypatch.undo()
+    assert not run(tmp_path / "w", photos, restart=True).was_finished
+
+
+def test_a_changed_picture_is_trained_again(tmp_path, photos):
+    made = run(tmp_path / "w", photos)
+    made.files.png.write_bytes(made.files.preview.read_bytes())
+    assert np.array_equal(run(tmp_path / "w", photos).patch.pixels, made.patch.pixels)
+
+
+def stop_half_way(folder: Path, photos: Path, monkeypatch, **changes) -> None:
+    with monkeypatch.context() as patched:
+        patched.setattr(patch_run, "finish_patch", lambda *arguments: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            run(folder, photos, **changes)
+
+
+def test_another_request_does_not_mix_with_an_old_checkpoint(tmp_path, photos, monkeypatch):
+    stop_half_way(tmp_path / "w", photos, monkeypatch)
+    said: list[str] = []
+    other = run(tmp_path / "w", photos, said, descent=Descent(12, 4, 0.05))
+    assert other.resumed_from == 0
+    assert any("unfinished run with other inputs" in line for line in said)
+    clean = run(tmp_path / "clean", photos, descent=Descent(12, 4, 0.05))
+    assert np.array_equal(other.patch.pixels, clean.patch.pixels)
+    assert run(tmp_path / "w", photos).resumed_from == 12, "the first is still there to go on with"
+
+
+def test_changed_images_begin_anew(tmp_path, photos, monkeypatch):
+    stop_half_way(tmp_path / "w", photos, monkeypatch)
+    write_photos(photos, 1, seed=99)
+    assert run(tmp_path / "w", photos).resumed_from == 0
+
+
+def test_a_damaged_checkpoint_is_one_clear_line_and_restart_mends_it(tmp_path, photos, monkeypatch):
+    stop_half_way(tmp_path / "w", photos, monkeypatch)
+    file = next((tmp_path / "w/print/patches/.training/jet").glob("*.safetensors"))
+    file.write_bytes(file.read_bytes()[:200])
+    with pytest.raises(ToolkitError, match=r"is damaged .*--restart"):
+        run(tmp_path / "w", photos)
+    assert run(tmp_path / "w", photos, restart=True).resumed_from == 0
+
+
+def test_several_networks_are_recorded_and_validated_each(tmp_path, photos):
+    second = replace(tiny_classifier(1), labels=["jet", "cat", "dog", "sports car"], arch="tiny")
+    made = train_patch(tiny_request(photos, 3), [tiny_classifier(), second], Workspace(tmp_path / "w"), quiet=True)
+    assert len(made.patch.record.networks) == len(made.validations) == 2
+    assert {"tiny_held_out_patched_top1", "tiny_2_held_out_patched_top1"} <= set(made.patch.record.final)
+
+
+def test_out_and_name(tmp_path, photos):
+    made = run(tmp_path / "w", photos, out=tmp_path / "elsewhere", name="my-jet", steps=2)
+    assert files_below(tmp_path / "elsewhere") == ["my-jet.json", "my-jet.png", "previews/my-jet.png"]
+    assert made.patch.record.name == "my-jet"
+    assert not (tmp_path / "w").exists()
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"size_px": 33}, "--size-px 33: expected 8 to 32"),
+        ({"size_px": 0}, "--size-px 0: expected 8 to 32"),
+        ({"class_name": "jett"}, "no class called 'jett': did you mean jet"),
+        ({"class_name": "4"}, "out of range"),
+        ({"name": "../jet"}, "--name '../jet': expected letters"),
+    ],
+)
+def test_a_request_that_cannot_be_met_is_one_clear_line(tmp_path, photos, change, words):
+    request = replace(tiny_request(photos), **change)
+    with pytest.raises(ToolkitError, match=words) as caught:
+        train_patch(request, [tiny_classifier()], Workspace(tmp_path / "w"), quiet=True)
+    assert "\n" not in str(caught.value)
+
+
+def test_labels_with_spaces_become_file_names(tmp_path, photos):
+    request = replace(tiny_request(photos, 1), class_name="sports car")
+    made = train_patch(request, [tiny_classifier()], Workspace(tmp_path / "w"), quiet=True)
+    assert made.files.png.name == "sports_car.png"
+    assert made.patch.record.class_name == "sports car"
+
+
+@pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="root may write everywhere")
+def test_a_read_only_folder_is_one_clear_line(tmp_path, photos):
+    (tmp_path / "w").mkdir(mode=0o500)
+    with pytest.raises(ToolkitError, match="permission denied"):
+        run(tmp_path / "w", photos)
+
+
+def test_a_full_disk_is_one_clear_line_and_the_run_goes_on_after(tmp_path, photos, monkeypatch):
+    import errno
+
+    def full(descriptor):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "fsync", full)
+        with pytest.raises(ToolkitError, match="the disk is full"):
+            run(tmp_path / "w", photos)
+    assert run(tmp_path / "w", photos).patch.record.final["loss"] > 0

@@ -1,0 +1,188 @@
+"""Algorithm 1: its gradient, that none is carried over, and that a step depends on nothing but θ, seed and number."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+import torch
+from tiny_network import IMAGE_PX, LABELS, tiny_classifier, wrap
+
+from toolkit.boosters import training
+from toolkit.boosters.affine import AffineRanges
+from toolkit.boosters.appearance import Appearance, show_patch
+from toolkit.boosters.draws import Draws
+from toolkit.boosters.light import LightRanges
+from toolkit.boosters.training import Descent, Target, draw_first_patch, patch_gradient, train_steps
+from toolkit.errors import ToolkitError
+
+PLAIN = Appearance(AffineRanges(share=(0.4, 0.6)))
+
+
+@dataclass(frozen=True)
+class Cover:
+    """The patch fills the frame, texel on pixel."""
+
+    def place(self, rng, count, patch_px, image_px):
+        return np.tile(np.eye(3) * [image_px / patch_px, image_px / patch_px, 1], (count, 1, 1))
+
+
+@dataclass(frozen=True)
+class MeanNear:
+    """A stand-in classifier: the target's loss is least when the image's mean is `best`."""
+
+    best: float
+
+    def logits(self, photos):
+        distance = photos.mean(dim=(1, 2, 3)) - self.best
+        return torch.stack([-50 * distance**2, torch.zeros_like(distance)], dim=1)
+
+
+def photos(count: int = 6, side: int = 36) -> torch.Tensor:
+    return torch.from_numpy(np.random.default_rng(1).integers(50, 200, (count, 3, side, side)).astype(np.uint8))
+
+
+def test_gradient_matches_finite_differences_in_double_precision():
+    classifier = tiny_classifier()
+    classifier.module.double()
+    targets, draws = [Target(classifier, 3), Target(classifier, 1)], Draws(0, 4)
+    appearance = Appearance(PLAIN.placement, on_paper=(LightRanges(),))
+    rng = np.random.default_rng(2)
+    patch = torch.from_numpy(rng.uniform(0.3, 0.7, (3, 8, 8)))
+    images = torch.from_numpy(rng.uniform(0.2, 0.8, (3, 3, IMAGE_PX, IMAGE_PX)))
+    gradient, _, _ = patch_gradient(patch, images, targets, appearance, draws)
+    assert gradient.abs().max() > 1e-5
+    for _ in range(12):
+        at = tuple(rng.integers(0, (3, 8, 8)))
+        step = torch.zeros_like(patch)
+        step[at] = 1e-5
+        above, below = (patch_gradient(patch + s, images, targets, appearance, draws)[1] for s in (step, -step))
+        assert float(gradient[at]) == pytest.approx((above - below) / 2e-5, rel=1e-5, abs=1e-9)
+
+
+def overshoot(best: float = 0.56, lr: float = 0.01) -> float:
+    """How far, in steps, θ runs past the optimum of a one-dimensional problem that it reaches after six steps."""
+    descent = Descent(steps=30, batch=2, lr=lr, schedule="constant")
+    start = torch.full((3, IMAGE_PX, IMAGE_PX), 0.5)
+    steps = train_steps(start, 0, photos(), [Target(MeanNear(best), 0)], Appearance(Cover()), descent, IMAGE_PX)
+    return max(float(step.patch.mean()) - best for step in steps) / lr
+
+
+def test_gradients_do_not_accumulate_over_steps():
+    assert overshoot() < 1.5
+
+
+def test_the_test_above_sees_an_accumulating_gradient(monkeypatch):
+    total = torch.zeros(3, IMAGE_PX, IMAGE_PX)
+    fresh = training.patch_gradient
+
+    def accumulate(*arguments):
+        gradient, loss, accuracy = fresh(*arguments)
+        return total.add_(gradient), loss, accuracy
+
+    monkeypatch.setattr(training, "patch_gradient", accumulate)
+    assert overshoot() > 4
+
+
+def test_loss_is_cross_entropy_towards_the_target_summed_over_networks():
+    classifier, draws = tiny_classifier(), Draws(0, 0)
+    images, patch = photos()[:, :, :IMAGE_PX, :IMAGE_PX].float() / 255, draw_first_patch(16, 0)
+    logits = classifier.logits(show_patch(patch, images, PLAIN, draws)).double().numpy()
+    odds = np.exp(logits - logits.max(1, keepdims=True))
+    odds /= odds.sum(1, keepdims=True)
+    _, loss, accuracy = patch_gradient(patch, images, [Target(classifier, 2), Target(classifier, 0)], PLAIN, draws)
+    assert loss == pytest.approx(-np.log(odds[:, 2]).mean() - np.log(odds[:, 0]).mean(), rel=1e-4)
+    answers = odds.argmax(1)
+    assert accuracy == pytest.approx(((answers == 2).mean() + (answers == 0).mean()) / 2)
+
+
+def test_training_learns_and_stays_in_range():
+    classifier = tiny_classifier()
+    start = draw_first_patch(16, 0)
+    steps = list(train_steps(start, 0, photos(), [Target(classifier, 3)], PLAIN, Descent(40, 4, 0.1), IMAGE_PX))
+    assert np.mean([s.loss for s in steps[-5:]]) < np.mean([s.loss for s in steps[:5]])
+    assert steps[-1].patch.min() >= 0
+    assert steps[-1].patch.max() <= 1
+    first_move = (steps[0].patch - start).abs()
+    assert first_move.max() == pytest.approx(0.1, abs=1e-6), "a step is η for every texel that is not at its bound"
+
+
+def test_step_i_depends_on_patch_seed_and_i_alone():
+    arguments = (photos(), [Target(tiny_classifier(), 3)], PLAIN, Descent(8, 3, 0.1, seed=7), IMAGE_PX)
+    whole = list(train_steps(draw_first_patch(16, 7), 0, *arguments))
+    tail = list(train_steps(whole[4].patch, 5, *arguments))
+    assert [step.done for step in tail] == [6, 7, 8]
+    assert torch.equal(tail[-1].patch, whole[-1].patch)
+    assert tail[-1].loss == whole[-1].loss
+
+
+def test_another_seed_draws_another_run():
+    arguments = (photos(), [Target(tiny_classifier(), 3)], PLAIN)
+    losses = [
+        next(train_steps(draw_first_patch(16, 0), 0, *arguments, Descent(2, 3, seed=seed), IMAGE_PX)).loss
+        for seed in (0, 1)
+    ]
+    assert losses[0] != losses[1]
+
+
+def test_learning_rate_falls_as_named():
+    for schedule, middle in (("constant", 1.0), ("linear", 0.525), ("cosine", 0.525)):
+        descent = Descent(steps=100, lr=0.2, schedule=schedule)
+        assert descent.lr_at(0) == pytest.approx(0.2)
+        assert descent.lr_at(50) == pytest.approx(0.2 * middle)
+        assert descent.lr_at(99) > 0
+
+
+def test_a_loss_that_is_not_a_number_stops_with_the_reason():
+    classifier = tiny_classifier()
+    classifier.module[0].weight[0, 0, 0, 0] = float("nan")
+    steps = train_steps(draw_first_patch(16, 0), 0, photos(), [Target(classifier, 3)], PLAIN, Descent(3, 2), IMAGE_PX)
+    with pytest.raises(ToolkitError, match=r"step 1 is not a finite number .*--weights"):
+        next(steps)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"schedule": "cosin"}, "did you mean cosine"),
+        ({"steps": 0}, "at least 1"),
+        ({"lr": 0}, "above 0"),
+        ({"lr": float("nan")}, "above 0"),
+    ],
+)
+def test_impossible_settings_are_refused(settings, words):
+    with pytest.raises(ToolkitError, match=words):
+        Descent(**settings)
+
+
+def test_a_black_patch_hides_the_image_and_a_clear_region_does_not():
+    images = torch.full((1, 3, IMAGE_PX, IMAGE_PX), 0.8)
+    shown = show_patch(torch.zeros(3, 16, 16), images, PLAIN, Draws(0, 0))
+    assert shown.min() < 1e-5
+    assert shown.max() == pytest.approx(0.8)
+
+
+def test_parts_act_in_order_each_with_its_own_draws():
+    seen = []
+
+    @dataclass(frozen=True)
+    class Note:
+        name: str
+
+        def change(self, pixels, rng):
+            seen.append((self.name, tuple(pixels.shape), rng.integers(1 << 30)))
+            return pixels
+
+    appearance = Appearance(PLAIN.placement, on_print=(Note("print"),), on_photo=(Note("photo"),))
+    images = torch.rand(2, 3, IMAGE_PX, IMAGE_PX)
+    shown = show_patch(draw_first_patch(16, 0), images, appearance, Draws(0, 0))
+    assert [entry[:2] for entry in seen] == [("print", (3, 16, 16)), ("photo", (2, 3, IMAGE_PX, IMAGE_PX))]
+    assert torch.equal(shown, show_patch(draw_first_patch(16, 0), images, PLAIN, Draws(0, 0)))
+
+
+def test_the_last_label_can_be_a_target():
+    """Index of the last output: `full` of class indices must not run past it."""
+    classifier = wrap(torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * IMAGE_PX**2, len(LABELS))))
+    images = torch.rand(2, 3, IMAGE_PX, IMAGE_PX)
+    gradient, loss, _ = patch_gradient(draw_first_patch(16, 0), images, [Target(classifier, 3)], PLAIN, Draws(0, 0))
+    assert np.isfinite(loss)
+    assert gradient.shape == (3, 16, 16)

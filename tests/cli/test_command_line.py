@@ -1,0 +1,104 @@
+"""The command line as a whole: quick to start, and short with people who mistype."""
+
+import subprocess
+import sys
+
+import pytest
+
+from toolkit.cli import main
+
+
+@pytest.fixture
+def run(monkeypatch, capsys, tmp_path):
+    """A function (arguments) -> exit code, stdout, stderr of `toolkit ...` in an empty folder."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def call(*arguments):
+        monkeypatch.setattr(sys, "argv", ["toolkit", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        out = capsys.readouterr()
+        return ended.value.code or 0, out.out, out.err
+
+    return call
+
+
+def in_a_process(code, *arguments, cwd=None):
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, cwd=cwd)
+
+
+HEAVY = "heavy = sorted({'torch', 'torchvision', 'open3d', 'matplotlib', 'cv2', 'trimesh', 'scipy'} & set(sys.modules))"
+
+
+def test_help_needs_nothing_heavy():
+    done = in_a_process(f"import sys, toolkit.cli; {HEAVY}; print(heavy)")
+    assert done.stdout.strip() == "[]", done.stderr
+
+
+def test_planning_needs_neither_torch_nor_open3d(tmp_path, make_crate_space):
+    space = make_crate_space(tmp_path)
+    code = f"""
+import sys
+from toolkit.cli import main
+try:
+    main()
+except SystemExit as ended:
+    {HEAVY}
+    print("HEAVY", [name for name in heavy if name in ("torch", "torchvision", "open3d", "matplotlib")], ended.code)
+"""
+    done = in_a_process(code, "plan", "--object", "crate", cwd=space.root)
+    assert done.stdout.strip().splitlines()[-1] in ("HEAVY [] 0", "HEAVY [] None"), done.stdout + done.stderr
+
+
+def test_help_lists_the_road(run):
+    code, out, _ = run("--help")
+    assert code == 0
+    places = [
+        out.index(f"  {name} ") for name in ("demo", "init", "train-patch", "print", "plan", "capture-sim", "eval")
+    ]
+    assert all(place > 0 for place in places)
+    code, out, err = run()
+    assert "Usage" in out + err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["plan", "--object", "racr"], "error: no object called 'racr': did you mean racer?"),
+        (["plan", "--object", "eggnog", "--pattern", "gird"], "error: no pattern called 'gird': did you mean grid?"),
+        (["plan", "--object", "eggnog", "--size", "8", "8"], "error: camera: width"),
+        (["plan", "--object", "eggnog", "--elevation", "60", "20"], "error: elevations 60 to 20"),
+        (["plan", "--object", "eggnog", "--distance", "-5", "20"], "error: --distance -5 20"),
+        (["plan", "--object", "eggnog", "--count", "0"], "error: --count 0"),
+        (["capture-sim", "--object", "egnog"], "error: no object called 'egnog': did you mean eggnog?"),
+        (["objects", "--workspace", "nowhere"], "error: nowhere is no workspace"),
+        (["doctor", "--workspace", "nowhere"], "error: nowhere is no workspace"),
+    ],
+)
+def test_a_users_error_is_one_line_and_exit_code_2(run, arguments, words):
+    code, out, err = run(*arguments)
+    assert code == 2
+    assert err.startswith(words) and err.count("\n") == 1
+    assert "Traceback" not in out + err
+
+
+def test_ctrl_c_says_how_to_go_on(run, monkeypatch):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("toolkit.workspace.make_workspace", stop)
+    code, _, err = run("init", "here")
+    assert code == 130 and "Traceback" not in err
+    assert err == "stopped: what is finished is kept; the same command goes on from here\n"
+
+
+def test_init_makes_a_workspace_and_says_what_is_next(run, tmp_path):
+    code, out, _ = run("init", "here")
+    assert code == 0 and "toolkit plan" in out and "capture-sim" in out
+    for folder in ("rig/objects", "print/patches", "captures", "eval"):
+        assert (tmp_path / "here" / folder).is_dir()
+    (tmp_path / "file").write_text("")
+    code, _, err = run("init", "file")
+    assert code == 2 and "is a file" in err and err.count("\n") == 1

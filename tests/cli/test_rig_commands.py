@@ -1,0 +1,108 @@
+"""`toolkit plan`, `objects`, `capture-sim` and `doctor` on a workspace with one light object."""
+
+import json
+from io import BytesIO
+
+import pytest
+import trimesh
+from PIL import Image
+from typer.testing import CliRunner
+
+from toolkit.cli import app
+from toolkit.cli.plan import what_pairs_can_show
+from toolkit.health import Check
+from toolkit.rig.plan import read_plan
+
+
+@pytest.fixture
+def space(tmp_path, make_crate_space, monkeypatch):
+    """In its folder, and without the package's own objects, which are heavy."""
+    made = make_crate_space(tmp_path / "space")
+    monkeypatch.setattr("toolkit.workspace.PACKAGE_DATA", tmp_path / "none")
+    monkeypatch.chdir(made.root)
+    return made
+
+
+def call(*arguments, code=0):
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert result.exit_code == code, (result.output, result.exception)
+    return result
+
+
+def test_plan_writes_what_it_was_asked_for_and_prints_it(space):
+    result = call(
+        "plan", "--pattern", "fibonacci", "--count", 7, "--elevation", 30, 60, "--size", 160, 120, "--fill", 0.5
+    )
+    plan = read_plan(space.plan_file)
+    assert (plan.camera.width, plan.camera.height) == (160, 120)
+    assert len(plan.objects["crate"]) == 7
+    assert all(30 <= pose.elevation_deg <= 60 for pose in plan.objects["crate"])
+    assert "crate" in result.stdout and "plan.json" in result.stdout and "toolkit capture-sim" in result.stdout
+    first = space.plan_file.read_bytes()
+    call("plan", "--pattern", "fibonacci", "--count", 7, "--elevation", 30, 60, "--size", 160, 120, "--fill", 0.5)
+    assert space.plan_file.read_bytes() == first
+
+
+def test_jitter_follows_its_seed(space):
+    def planned(seed):
+        call("plan", "--jitter", 3, "--seed", seed, "--quiet")
+        return space.plan_file.read_bytes()
+
+    assert planned(1) == planned(1) != planned(2)
+
+
+def test_plan_as_json_is_the_file(space):
+    result = call("plan", "--count", 4, "--json")
+    printed = json.loads(result.stdout)
+    assert [pose["id"] for pose in printed["objects"]["crate"]] == [1, 2, 3, 4]
+    assert read_plan(space.plan_file).model_dump(mode="json") == printed
+
+
+def test_the_preview_draws_positions_and_what_they_see(space):
+    call("plan", "--count", 2, "--size", 96, 72, "--preview", "--json")
+    for kind, size in (("positions", (1320, 660)), ("sheet", (640, 240))):
+        picture = Image.open(space.root / "rig" / "preview" / f"crate-{kind}.png")
+        assert picture.size == size
+        assert len(picture.convert("RGB").getcolors(1 << 24)) > 50
+
+
+def test_eighteen_pairs_show_what_the_statistics_tables_say():
+    """Wilson's interval of 9/18 is 29.0-71.0 %; six of six flips have p = 2/64 = 0.031, five 2/32 = 0.0625."""
+    words = what_pairs_can_show(18)
+    assert "9/18 is known to 29%-71%" in words and "6 flips one way" in words
+    assert "no number of flips" in what_pairs_can_show(5)
+
+
+def test_objects_are_listed_and_exported(space, tmp_path):
+    (row,) = json.loads(call("objects", "--json").stdout)
+    assert row["name"] == "crate" and row["size_mm"] == [100, 60, 40] and row["triangles"] == 12
+    assert "crate" in call("objects").stdout
+    call("objects", "--export", tmp_path / "out")
+    scene = trimesh.load_scene(BytesIO((tmp_path / "out" / "crate.glb").read_bytes()), file_type="glb")
+    assert sorted(scene.extents.round(4)) == [0.04, 0.06, 0.1]
+
+
+def test_capture_sim_shoots_resumes_and_notes_what_is_stale(space):
+    first = json.loads(call("capture-sim", "--backdrop", "white", "--variant", "unpatched", "--json").stdout)
+    assert (first["shot"], first["kept"]) == (2, 0)
+    folder = space.captures_dir / "sim" / "crate" / "unpatched"
+    assert sorted(file.name for file in folder.iterdir()) == ["pose_01.jpg", "pose_02.jpg"]
+    again = call("capture-sim", "--backdrop", "white", "--variant", "unpatched", "--quiet")
+    assert "shot 0 images, 2 kept" in again.stdout and "toolkit eval" in again.stdout
+    plan = json.loads(space.plan_file.read_text())
+    del plan["objects"]["crate"][1]
+    space.plan_file.write_text(json.dumps(plan))
+    result = call("capture-sim", "--backdrop", "white", "--variant", "unpatched", "--quiet")
+    assert "1 images are not of this plan" in result.stderr and "pose_02.jpg" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("state", "code", "words"), [("ok", 0, "ready"), ("note", 0, "ready"), ("missing", 1, "to mend")]
+)
+def test_doctor_prints_the_line_that_mends(space, monkeypatch, state, code, words):
+    found = [Check("disk", "ok", "much"), Check("thing", state, "absent [bold]", "apt install thing")]
+    monkeypatch.setattr("toolkit.health.check_machine", lambda folder: found)
+    result = call("doctor", code=code)
+    assert words in result.stdout and "apt install thing" in result.stdout and "absent [bold]" in result.stdout
+    listed = json.loads(call("doctor", "--json", code=code).stdout)
+    assert listed[1] == {"name": "thing", "state": state, "found": "absent [bold]", "mend": "apt install thing"}

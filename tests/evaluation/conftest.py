@@ -1,0 +1,56 @@
+"""A classifier that sees colours, so that every result is known beforehand, and folders of coloured images for it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+COLOURS = {"racer": (230, 40, 40), "warplane": (40, 230, 40), "coffeepot": (40, 40, 230), "eggnog": (90, 90, 90)}
+
+
+def write_image(file: Path, says: str, width: int = 64, height: int = 48) -> None:
+    """An image that the colour classifier calls `says`."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    draw = np.random.default_rng(0)
+    pixels = np.clip(np.array(COLOURS[says]) + draw.integers(-9, 10, (height, width, 3)), 0, 255).astype(np.uint8)
+    Image.fromarray(pixels).save(file)
+
+
+@pytest.fixture(scope="session")
+def colour_classifier():
+    """Labels racer, warplane, coffeepot, eggnog for red, green, blue, grey."""
+    import torch
+
+    from toolkit.classifiers.network import Classifier
+    from toolkit.classifiers.preprocessing import Preprocessing
+    from toolkit.classifiers.weights import WeightsFile
+
+    class Colours(torch.nn.Module):
+        def forward(self, batch):
+            means = batch.mean((2, 3))
+            return torch.cat([4 * means, torch.full_like(means[:, :1], 2.0)], dim=1)
+
+    how = Preprocessing(32, 28, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+    file = WeightsFile(Path("colours.pth"), "ab" * 32, "colours.pth")
+    return Classifier("colours", Colours().eval(), list(COLOURS), how, file, "cpu", False)
+
+
+@pytest.fixture
+def workspace(tmp_path):
+    """An empty workspace."""
+    from toolkit.workspace import Workspace
+
+    (tmp_path / "space" / "rig").mkdir(parents=True)
+    return Workspace(tmp_path / "space")
+
+
+@pytest.fixture
+def put(workspace):
+    """Write captures/PATH as an image that the classifier calls `says`."""
+
+    def write(path: str, says: str) -> Path:
+        write_image(workspace.captures_dir / path, says)
+        return workspace.captures_dir / path
+
+    return write

@@ -1,0 +1,230 @@
+"""From folder to run folder, with a classifier whose every answer is known."""
+
+import csv
+import json
+import re
+import threading
+import warnings
+
+import pytest
+from PIL import Image
+
+from toolkit.captures.read import Selection, read_captures
+from toolkit.errors import ToolkitError
+from toolkit.evaluation import predict
+from toolkit.evaluation.predict import predict_captures
+from toolkit.evaluation.run import evaluate_captures
+from toolkit.evaluation.write import COLUMNS
+
+
+def read_rows(result):
+    with (result.run_dir / "predictions.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.fixture
+def shot(put, workspace):
+    """Eight poses of a racer and a warplane: the racer's patch helps in seven, the warplane's harms in one."""
+    for pose in range(1, 9):
+        put(f"sim/racer/unpatched/pose_{pose:02d}.png", "racer" if pose == 8 else "warplane")
+        put(f"sim/racer/patched/pose_{pose:02d}.png", "racer")
+        put(f"sim/warplane/unpatched/pose_{pose:02d}.png", "warplane")
+        put(f"sim/warplane/patched/pose_{pose:02d}.png", "eggnog" if pose == 3 else "warplane")
+    return workspace
+
+
+def test_results_are_right(shot, colour_classifier):
+    result = evaluate_captures(shot.captures_dir, shot, colour_classifier, quiet=True)
+    assert result.run_dir == shot.eval_dir / "colours"
+    assert sorted(path.name for path in result.run_dir.iterdir()) == ["predictions.csv", "report.html", "summary.json"]
+    summary = json.loads((result.run_dir / "summary.json").read_text())
+    assert summary == result.summary
+    assert summary["schema_version"] == 1
+    assert {key: summary["model"][key] for key in ("arch", "weights", "sha256")} == {
+        "arch": "colours",
+        "weights": "colours.pth",
+        "sha256": "ab" * 32,
+    }
+    top1 = {(g["object"], g["variant"]): (g["n"], g["top1"]) for g in summary["groups"]}
+    assert top1 == {
+        ("racer", "unpatched"): (8, 1 / 8),
+        ("racer", "patched"): (8, 1.0),
+        ("warplane", "unpatched"): (8, 1.0),
+        ("warplane", "patched"): (8, 7 / 8),
+        ("all", "unpatched"): (16, 9 / 16),
+        ("all", "patched"): (16, 15 / 16),
+    }
+    pairs = {p["object"]: (p["n_pairs"], p["gained"], p["lost"], round(p["mcnemar_p"], 6)) for p in summary["pairs"]}
+    assert pairs == {"racer": (8, 7, 0, 0.015625), "warplane": (8, 0, 1, 1.0), "all": (16, 7, 1, 0.070312)}
+
+
+def test_csv_has_the_agreed_columns(shot, colour_classifier):
+    rows = read_rows(evaluate_captures(shot.captures_dir, shot, colour_classifier, quiet=True))
+    assert tuple(rows[0]) == COLUMNS
+    assert len(rows) == 32
+    row = next(row for row in rows if row["path"] == "sim/racer/unpatched/pose_02.png")
+    assert {key: row[key] for key in ("true_index", "true_label", "top1_index", "top1_label")} == {
+        "true_index": "0",
+        "true_label": "racer",
+        "top1_index": "1",
+        "top1_label": "warplane",
+    }
+    assert (row["pose_id"], row["correct_top1"], row["correct_top5"], row["status"]) == ("2", "0", "1", "ok")
+    assert 0 < float(row["true_prob"]) < float(row["top1_prob"]) < 1
+
+
+def test_same_input_same_bytes_and_a_rerun_replaces(shot, colour_classifier):
+    first = evaluate_captures(shot.captures_dir, shot, colour_classifier, "again", quiet=True)
+    before = {path.name: path.read_bytes() for path in first.run_dir.iterdir()}
+    evaluate_captures(shot.captures_dir, shot, colour_classifier, "again", quiet=True, batch_size=5)
+    assert {path.name: path.read_bytes() for path in first.run_dir.iterdir()} == before
+    evaluate_captures(
+        shot.captures_dir, shot, colour_classifier, "again", quiet=True, selection=Selection(objects=("racer",))
+    )
+    assert len(read_rows(first)) == 16
+
+
+def test_bad_files_are_listed_and_the_good_part_is_done(shot, colour_classifier):
+    folder = shot.captures_dir / "sim" / "racer" / "patched"
+    whole = (folder / "pose_01.png").read_bytes()
+    (folder / "pose_01.png").write_bytes(whole[: len(whole) // 2])
+    (folder / "pose_02.png").write_bytes(b"")
+    (folder / "pose_03.png").write_text("no image")
+    (folder / "pose_20.png").write_bytes(whole)
+    (folder / "notes.txt").write_text("not counted")
+    result = evaluate_captures(shot.captures_dir, shot, colour_classifier, quiet=True)
+    reasons = {path.rsplit("/", 1)[1]: reason for path, reason in result.failed}
+    assert set(reasons) == {"pose_01.png", "pose_02.png", "pose_03.png"}
+    assert "truncated" in reasons["pose_01.png"] and "empty" in reasons["pose_02.png"]
+    group = next(g for g in result.summary["groups"] if (g["object"], g["variant"]) == ("racer", "patched"))
+    assert (group["n"], group["failed"]) == (6, 3)
+    assert [p["n_pairs"] for p in result.summary["pairs"] if p["object"] == "racer"] == [5]
+    assert ("sim/racer/patched/pose_20.png", "no unpatched image of pose 20") in result.unpaired
+    statuses = {row["path"]: row["status"] for row in read_rows(result)}
+    assert statuses["sim/racer/patched/pose_02.png"] == "the file is empty"
+    assert len(statuses) == 33
+    assert any("notes.txt" in note for note in result.notes)
+    html = result.report_file.read_text()
+    assert "the file is empty" in html and "no unpatched image of pose 20" in html
+
+
+def test_nothing_readable_is_still_a_result(put, workspace, colour_classifier):
+    put("real/racer/patched/1.png", "racer").write_bytes(b"")
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    assert len(result.failed) == 1
+    assert result.summary["groups"][0]["top1"] is None
+    assert result.summary["groups"][0]["top1_ci95"] == [0.0, 1.0]
+
+
+def test_truth_from_spec_folder_name_or_clear_error(put, workspace, colour_classifier):
+    workspace.objects_dir.mkdir()
+    (workspace.objects_dir / "my_mug.toml").write_text(
+        'name = "my_mug"\nclass = "coffeepot"\nmesh = "mug.obj"\nlength_mm = 90\n'
+    )
+    put("real/my_mug/unpatched/1.png", "coffeepot")
+    put("real/Racer/unpatched/1.png", "racer")
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    assert [one.correct_top1 for one in result.predictions] == [True, True]
+    put("real/warplan/unpatched/1.png", "racer")
+    with pytest.raises(ToolkitError, match=r"'warplan'.*did you mean warplane.*rig/objects/warplan\.toml"):
+        evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    (workspace.objects_dir / "my_mug.toml").write_text(
+        'name = "my_mug"\nclass = "cup"\nmesh = "mug.obj"\nlength_mm = 90\n'
+    )
+    with pytest.raises(ToolkitError, match=r"my_mug\.toml: no class called 'cup'"):
+        evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+
+
+def test_bad_run_names(shot, colour_classifier):
+    for name in ("../evil", "a/b", ".hidden", "-x"):
+        with pytest.raises(ToolkitError, match="--run"):
+            evaluate_captures(shot.captures_dir, shot, colour_classifier, name, quiet=True)
+    assert not shot.eval_dir.exists()
+
+
+def test_read_only_workspace(shot, colour_classifier, monkeypatch):
+    from pathlib import Path
+
+    real_open = Path.open
+
+    def refuse(self, mode="r", *args, **kwargs):
+        if "w" in mode:
+            raise OSError(30, "Read-only file system")
+        return real_open(self, mode, *args, **kwargs)
+
+    monkeypatch.setattr(Path, "open", refuse)
+    with pytest.raises(ToolkitError, match="read-only"):
+        evaluate_captures(shot.captures_dir, shot, colour_classifier, quiet=True)
+
+
+def test_ties_go_to_the_lower_index_on_every_path(put, workspace, colour_classifier):
+    import dataclasses
+
+    import torch
+
+    class Flat(torch.nn.Module):
+        def forward(self, batch):
+            return torch.zeros(len(batch), 4)
+
+    flat = dataclasses.replace(colour_classifier, module=Flat())
+    put("real/racer/unpatched/1.png", "racer")
+    put("real/eggnog/unpatched/1.png", "racer")
+    result = evaluate_captures(workspace.captures_dir, workspace, flat, quiet=True)
+    assert [(one.true_label, one.top1_index, one.true_rank) for one in result.predictions] == [
+        ("eggnog", 0, 4),
+        ("racer", 0, 1),
+    ]
+
+
+def test_few_images_are_decoded_ahead(put, workspace, colour_classifier, monkeypatch):
+    """Memory stays level: never more decoded images than a batch waiting, a batch ahead and the workers."""
+    for pose in range(80):
+        put(f"real/racer/unpatched/{pose}.png", "racer")
+    alive, most, lock = 0, 0, threading.Lock()
+    real_crop, real_classify = predict.resize_and_crop, predict._classify
+
+    def crop(*args):
+        nonlocal alive, most
+        with lock:
+            alive += 1
+            most = max(most, alive)
+        return real_crop(*args)
+
+    def classify(images, classifier):
+        nonlocal alive
+        with lock:
+            alive -= len(images)
+        return real_classify(images, classifier)
+
+    monkeypatch.setattr(predict, "resize_and_crop", crop)
+    monkeypatch.setattr(predict, "_classify", classify)
+    captures = read_captures(workspace.captures_dir).captures
+    found = predict_captures(captures, {"racer": 0}, colour_classifier, batch_size=4, quiet=True)
+    assert len(found) == 80 and all(one.correct_top1 for one in found)
+    assert most <= 4 + 4 + predict.MAX_DECODERS + 1
+
+
+def test_warnings_of_decoders_do_not_reach_the_user(put, workspace, colour_classifier, monkeypatch):
+    file = put("real/racer/unpatched/1.png", "racer")
+    monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 2000)
+    assert Image.MAX_IMAGE_PIXELS < 64 * 48 and file.is_file()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    assert result.predictions[0].is_read
+
+
+def test_report_is_one_safe_file(shot, colour_classifier, put):
+    evil = "<script>alert(1)<&script>_5.png"
+    put(f"sim/racer/patched/{evil}", "racer")
+    result = evaluate_captures(shot.captures_dir, shot, colour_classifier, quiet=True)
+    html = result.report_file.read_text(encoding="utf-8")
+    assert "<script" not in html and "&lt;script&gt;" in html
+    assert not re.findall(r"""(?:src|href)=["'](?!data:image/jpeg;base64,|#)""", html)
+    assert not re.findall(r"https?://", html)
+    assert html.count("<img ") >= 32
+    assert "The patch" in html or "No difference shown" in html
+    assert "ab" * 32 in html
+    assert "No chart for <b>sim</b>" in html
+    longest = max(len(uri) for uri in re.findall(r"base64,([^\"]+)", html))
+    assert longest * 3 / 4 <= 12_000

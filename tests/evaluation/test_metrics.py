@@ -1,0 +1,157 @@
+"""Intervals and tests against a second implementation, closed forms and published numbers."""
+
+from math import comb
+from pathlib import Path
+
+import pytest
+from scipy.stats import binomtest
+
+from toolkit.captures.read import Capture
+from toolkit.evaluation.headline import ONE_WAY_FLIPS, say_p, write_headlines
+from toolkit.evaluation.metrics import (
+    compare_variants,
+    group_predictions,
+    match_pairs,
+    mcnemar_p,
+    wilson_interval,
+)
+from toolkit.evaluation.predict import Prediction
+
+
+@pytest.mark.parametrize(("k", "n"), [(0, 18), (1, 18), (9, 18), (17, 18), (18, 18), (61, 72), (1, 1), (499, 1000)])
+def test_wilson_against_scipy(k, n):
+    expected = binomtest(k, n).proportion_ci(0.95, method="wilson")
+    assert wilson_interval(k, n) == pytest.approx((expected.low, expected.high), abs=1e-12)
+
+
+def test_wilson_against_published_numbers():
+    # Newcombe, Statistics in Medicine 17 (1998), table I, method 3
+    for (k, n), published in {(81, 263): (0.2553, 0.3662), (15, 148): (0.0624, 0.1605), (0, 20): (0, 0.1611)}.items():
+        assert wilson_interval(k, n) == pytest.approx(published, abs=5e-5)
+
+
+def test_wilson_of_nothing_says_nothing():
+    assert wilson_interval(0, 0) == (0.0, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("gained", "lost"), [(0, 0), (1, 0), (5, 0), (6, 0), (18, 0), (0, 18), (12, 3), (3, 12), (7, 7)]
+)
+def test_mcnemar_against_the_closed_form(gained, lost):
+    n = gained + lost
+    tail = sum(comb(n, i) for i in range(min(gained, lost) + 1)) / 2**n
+    assert mcnemar_p(gained, lost) == pytest.approx(min(1.0, 2 * tail))
+
+
+def test_six_one_way_flips_are_the_fewest():
+    assert mcnemar_p(ONE_WAY_FLIPS, 0) < 0.05 < mcnemar_p(ONE_WAY_FLIPS - 1, 0)
+
+
+def one(pose_id, variant, rank, name="racer", source="sim", status="ok", tag=""):
+    path = f"{source}/{name}/{variant}/{pose_id}{tag}.png"
+    capture = Capture(source, name, variant, pose_id, Path(path), path)
+    if status != "ok":
+        return Prediction(capture, 0, name, status=status)
+    return Prediction(capture, 0, name, 0 if rank == 1 else 7, "guess", 0.6, 0.5 / rank, rank)
+
+
+def test_eighteen_one_way_flips():
+    predictions = [one(pose, "unpatched", 7) for pose in range(1, 19)]
+    predictions += [one(pose, "patched", 1) for pose in range(1, 19)]
+    matches, unpaired = match_pairs(predictions)
+    racer, pooled = compare_variants(matches)
+    assert (racer.object, pooled.object) == ("racer", "all")
+    assert (racer.n_pairs, racer.gained, racer.lost) == (18, 18, 0)
+    assert racer.mcnemar_p == pytest.approx(2 * 0.5**18)
+    assert unpaired == []
+    groups = {(group.object, group.variant): group for group in group_predictions(predictions)}
+    assert groups["racer", "unpatched"].top1 == 0
+    assert groups["racer", "patched"].as_json() == {
+        "source": "sim",
+        "object": "racer",
+        "variant": "patched",
+        "n": 18,
+        "failed": 0,
+        "top1": 1.0,
+        "top5": 1.0,
+        "top1_ci95": [pytest.approx(0.8241, abs=1e-4), 1.0],
+        "mean_true_prob": pytest.approx(0.5),
+    }
+    (headline,) = write_headlines("net", group_predictions(predictions), [racer, pooled])
+    assert headline.tone == "good" and headline.verdict == "The patch helps"
+    assert "18 of 18" in headline.sentence and "p < 0.0001" in headline.sentence
+
+
+def test_rows_are_counted_and_ordered():
+    predictions = [
+        one(1, "patched", 1, "zebra"),
+        one(1, "unpatched", 3, "zebra"),
+        one(1, "unpatched", 6, "ant"),
+        one(2, "unpatched", 0, "ant", status="empty"),
+        one(1, "patched", 1, "ant", source="real"),
+    ]
+    rows = [(g.source, g.object, g.variant, g.n, g.failed, g.n_top1, g.n_top5) for g in group_predictions(predictions)]
+    assert rows == [
+        ("real", "ant", "patched", 1, 0, 1, 1),
+        ("real", "all", "patched", 1, 0, 1, 1),
+        ("sim", "ant", "unpatched", 1, 1, 0, 0),
+        ("sim", "zebra", "unpatched", 1, 0, 0, 1),
+        ("sim", "zebra", "patched", 1, 0, 1, 1),
+        ("sim", "all", "unpatched", 2, 1, 0, 1),
+        ("sim", "all", "patched", 1, 0, 1, 1),
+    ]
+
+
+def test_what_has_no_partner_is_listed():
+    predictions = [
+        one(1, "unpatched", 1),
+        one(1, "patched", 4),
+        one(2, "patched", 1),
+        one(3, "unpatched", 1, status="truncated"),
+        one(3, "patched", 1),
+        one(4, "unpatched", 1),
+        one(None, "patched", 1),
+        one(1, "unpatched", 1, name="alone"),
+    ]
+    matches, unpaired = match_pairs(predictions)
+    (row, _) = compare_variants(matches)
+    assert (row.n_pairs, row.gained, row.lost, row.mcnemar_p) == (1, 0, 1, 1.0)
+    reasons = dict(unpaired)
+    assert set(reasons) == {f"sim/racer/{p}.png" for p in ("patched/2", "patched/3", "unpatched/4", "patched/None")}
+    assert "no unpatched image of pose 2" in reasons["sim/racer/patched/2.png"]
+    assert "could not be read" in reasons["sim/racer/patched/3.png"]
+    assert "no patched image of pose 4" in reasons["sim/racer/unpatched/4.png"]
+    assert "number" in reasons["sim/racer/patched/None.png"]
+
+
+def test_of_two_images_of_a_pose_the_first_that_was_read_is_paired():
+    predictions = [
+        one(1, "unpatched", 1, status="truncated", tag="a"),
+        one(1, "unpatched", 5, tag="b"),
+        one(1, "unpatched", 1, tag="c"),
+        one(1, "patched", 1),
+    ]
+    matches, unpaired = match_pairs(predictions)
+    assert [(match.before.capture.path, match.is_gained) for match in matches] == [("sim/racer/unpatched/1b.png", True)]
+    assert unpaired == []
+
+
+def test_several_variants_each_against_unpatched():
+    predictions = [one(pose, "unpatched", 2) for pose in range(8)]
+    predictions += [one(pose, "patched", 1) for pose in range(8)]
+    predictions += [one(pose, "qr-code", 3) for pose in range(8)]
+    matches, _ = match_pairs(predictions)
+    pairs = compare_variants(matches)
+    assert [(p.object, p.variant, p.gained) for p in pairs] == [
+        ("racer", "patched", 8),
+        ("racer", "qr-code", 0),
+        ("all", "patched", 8),
+        ("all", "qr-code", 0),
+    ]
+    headlines = write_headlines("net", group_predictions(predictions), pairs)
+    assert [(h.variant, h.tone) for h in headlines] == [("patched", "good"), ("qr-code", "open")]
+    assert "at least 6 pairs" in headlines[1].sentence
+
+
+def test_p_in_words():
+    assert [say_p(p) for p in (1.0, 0.03125, 2e-6)] == ["p = 1", "p = 0.031", "p < 0.0001"]

@@ -1,0 +1,59 @@
+"""A real ResNet-18 on real photographs."""
+
+import pytest
+
+
+@pytest.fixture(scope="module")
+def classifier(real_weights):
+    from toolkit.classifiers import load_classifier
+
+    file = sorted(real_weights.glob("resnet18-*.pth"))[0]
+    return load_classifier("resnet18", file, "cpu")
+
+
+@pytest.fixture(scope="module")
+def photographs(shared, tmp_path_factory):
+    """Every eighth of the 1000 photographs, linked by copies into a folder of its own."""
+    import shutil
+
+    source = shared / "images" / "nips2017"
+    if not source.is_dir():
+        pytest.skip("needs the photographs in ../shared/images/nips2017")
+    root = tmp_path_factory.mktemp("photographs")
+    for file in sorted(source.glob("n*/*.jpg"))[::8]:
+        (root / file.parent.name).mkdir(exist_ok=True)
+        shutil.copyfile(file, root / file.parent.name / file.name)
+    return root
+
+
+@pytest.fixture(scope="module")
+def result(classifier, photographs, tmp_path_factory):
+    from toolkit.evaluation.run import evaluate_captures
+    from toolkit.workspace import Workspace
+
+    return evaluate_captures(photographs, Workspace(tmp_path_factory.mktemp("space")), classifier, quiet=True)
+
+
+def test_accuracy_is_the_networks(result):
+    pooled = next(group for group in result.groups if group.object == "all")
+    assert (pooled.n, pooled.failed) == (125, 0)
+    # 75.5 % on all 1000; four standard errors of 125
+    assert abs(pooled.top1 - 0.755) < 4 * (0.755 * 0.245 / 125) ** 0.5
+    assert pooled.top5 > 0.85
+
+
+def test_same_guesses_as_torchvision_alone(result, classifier):
+    import torch
+    import torchvision
+    from PIL import Image
+
+    plain = torchvision.models.resnet18()
+    plain.load_state_dict(torch.load(classifier.weights.path, weights_only=True))
+    transform = torchvision.models.ResNet18_Weights.IMAGENET1K_V1.transforms()
+    chosen = result.predictions[::10]
+    batch = torch.stack([transform(Image.open(one.capture.file).convert("RGB")) for one in chosen])
+    with torch.no_grad():
+        probabilities = plain.eval()(batch).softmax(1)
+    for one, expected in zip(chosen, probabilities, strict=True):
+        assert one.top1_index == int(expected.argmax())
+        assert one.top1_prob == pytest.approx(float(expected.max()), abs=1e-4)

@@ -1,0 +1,49 @@
+"""Object specs: what a person may write, and which field is named when it is wrong."""
+
+import pytest
+
+from toolkit.errors import ToolkitError
+from toolkit.objects.spec import read_spec
+
+GOOD = {"name": '"mug"', "class": '"coffee mug"', "mesh": '"mug.glb"', "length_mm": "120"}
+
+
+def write(folder, patch="", **fields):
+    content = "\n".join(f"{key} = {value}" for key, value in (GOOD | fields).items() if value is not None)
+    file = folder / "mug.toml"
+    file.write_text(f"{content}\n{patch}")
+    return file
+
+
+def test_defaults_and_everything_named(tmp_path):
+    spec = read_spec(write(tmp_path))
+    assert (spec.name, spec.class_name, spec.up, spec.front, spec.patch.at) == ("mug", "coffee mug", "z", "x", "top")
+    assert spec.patch.size_mm is None
+    patch = '[patch]\nat = "left"\nsize_mm = 40\noffset_mm = [3, -4]\nrotation_deg = 90'
+    spec = read_spec(write(tmp_path, patch, **{"class": "504", "up": '"-y"'}))
+    assert (spec.class_name, spec.up) == (504, "-y")
+    assert (spec.patch.at, spec.patch.size_mm, spec.patch.offset_mm) == ("left", 40, (3, -4))
+
+
+@pytest.mark.parametrize(
+    ("fields", "patch", "words"),
+    [
+        ({"name": '"cup"'}, "", "'name': expected 'mug' as the file's, found 'cup'"),
+        ({"name": '"../mug"'}, "", "field 'name'"),
+        ({"class": None}, "", "field 'class': Field required"),
+        ({"length_mm": "-3"}, "", "field 'length_mm'.*found -3"),
+        ({"length_mm": "nan"}, "", "field 'length_mm'"),
+        ({"up": '"w"'}, "", "field 'up'.*found \"w\""),
+        ({"lenght_mm": "3"}, "", "field 'lenght_mm': Extra"),
+        ({}, '[patch]\nat = "bottom"', r"field 'patch\.at'.*found \"bottom\""),
+        ({}, "[patch]\nsize_mm = 0", r"field 'patch\.size_mm'"),
+        ({}, "[patch]\nsize_mm = inf", r"field 'patch\.size_mm'"),
+        ({}, "[patch]\nrotation_deg = nan", r"field 'patch\.rotation_deg'"),
+        ({}, "[patch]\noffset_mm = [1]", r"field 'patch\.offset_mm"),
+        ({"mesh": "unquoted"}, "", "not TOML"),
+    ],
+)
+def test_a_wrong_field_is_named(tmp_path, fields, patch, words):
+    with pytest.raises(ToolkitError, match=words) as caught:
+        read_spec(write(tmp_path, patch, **fields))
+    assert "mug.toml" in str(caught.value) and "\n" not in str(caught.value)

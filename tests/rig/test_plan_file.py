@@ -1,0 +1,148 @@
+"""The capture plan: nothing cropped, and a file that a person may edit and gets told where it went wrong."""
+
+import json
+
+import numpy as np
+import pytest
+
+from toolkit.errors import ToolkitError
+from toolkit.objects.load import TableObject, load_object
+from toolkit.objects.spec import ObjectSpec
+from toolkit.rig.camera import Camera, project
+from toolkit.rig.plan import check_poses, make_plan, open_plan, read_plan, write_plan
+from toolkit.rig.poses import Pattern
+from toolkit.workspace import Workspace, open_workspace
+
+
+@pytest.fixture(scope="module")
+def crate(make_box) -> TableObject:
+    spec = ObjectSpec(name="crate", class_name="crate", mesh="crate.obj", length_mm=100)
+    return TableObject(spec, make_box())
+
+
+@pytest.fixture
+def written(tmp_path, crate):
+    """Write a plan with one field changed and read it back."""
+
+    def write(change):
+        content = make_plan([crate], Camera(), Pattern(count=2)).model_dump(mode="json", exclude_none=True)
+        change(content)
+        file = tmp_path / "plan.json"
+        file.write_text(json.dumps(content))
+        return read_plan(file)
+
+    return write
+
+
+def test_the_built_in_objects_are_whole_in_all_eighteen_poses(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    space = open_workspace()
+    items = [load_object(file) for file in space.object_specs().values()]
+    assert [item.name for item in items] == ["coffeepot", "eggnog", "racer", "warplane"]
+    camera = Camera()
+    plan = make_plan(items, camera, Pattern())
+    for item in items:
+        poses = plan.objects[item.name]
+        assert [pose.id for pose in poses] == list(range(1, 19))
+        assert len({(pose.azimuth_deg, pose.elevation_deg) for pose in poses}) == 18
+        for pose in poses:
+            pixels, depth = project(camera, np.array(pose.T_world_camera), item.mesh.vertices)
+            reach = np.abs(pixels - [320, 240]).max() / 240
+            assert depth.min() > 0 and reach == pytest.approx(0.8, abs=0.001)
+
+
+def test_file_round_trip_is_byte_equal(tmp_path, crate):
+    plan = make_plan([crate], Camera(96, 72, 33.3), Pattern("fibonacci", 5, jitter_deg=1, seed=3))
+    first = write_plan(tmp_path / "a.json", plan)
+    second = write_plan(tmp_path / "b.json", read_plan(first))
+    assert first.read_bytes() == second.read_bytes()
+    for before, after in zip(plan.objects["crate"], read_plan(second).objects["crate"], strict=True):
+        np.testing.assert_array_equal(before.matrix(), after.matrix())
+
+
+def test_distances_asked_for_are_spread_over_the_poses(crate):
+    poses = make_plan([crate], Camera(), Pattern(count=3, distance_mm=(300, 500))).objects["crate"]
+    assert [pose.distance_mm for pose in poses] == [300, 400, 500]
+    with pytest.raises(ToolkitError, match=r"'crate', pose 1: the object is cropped at 120 mm: expected at least"):
+        make_plan([crate], Camera(), Pattern(distance_mm=(120, 500)))
+
+
+def test_focal_length_and_sensor_stand_for_the_field_of_view(written):
+    def to_lens(content):
+        del content["camera"]["fov_deg"]
+        content["camera"] |= {"focal_mm": 35.0, "sensor_width_mm": 36.0}
+
+    camera = written(to_lens).camera.camera()
+    assert camera.fov_deg == pytest.approx(54.43, abs=0.01)  # the 35 mm lens of the textbooks
+    assert camera.focal_px == pytest.approx(640 * 35 / 36)
+
+
+def first_pose(content):
+    return content["objects"]["crate"][0]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda c: first_pose(c).update(azimuth_deg=1.0), "objects.crate.0.*pose 1: T_world_camera does not agree"),
+        (lambda c: first_pose(c).update(roll_deg=1.0), "objects.crate.0.*pose 1: T_world_camera does not agree"),
+        (lambda c: first_pose(c).update(distance_mm=-3), r"objects.crate.0.distance_mm.*found -3"),
+        (lambda c: first_pose(c).update(distance_mm=float("inf")), r"objects.crate.0.distance_mm.*finite"),
+        (lambda c: first_pose(c).update(elevation_deg=91), r"objects.crate.0.elevation_deg"),
+        (lambda c: first_pose(c).update(azimuth_deg="north"), r"objects.crate.0.azimuth_deg.*north"),
+        (lambda c: first_pose(c).update(elevaton_deg=4), r"objects.crate.0.elevaton_deg"),
+        (lambda c: first_pose(c).pop("target_mm"), r"objects.crate.0.target_mm.*required"),
+        (lambda c: c["objects"]["crate"][1].update(id=1), r"field 'objects'|ids that differ"),
+        (lambda c: c["objects"].update(crate=[]), "at least one pose"),
+        (lambda c: c["camera"].update(width=8), "camera.width"),
+        (lambda c: c["camera"].update(convention="opengl"), "camera.convention"),
+        (lambda c: c.update(schema_version=2), "schema_version"),
+        (lambda c: c.pop("objects"), "objects"),
+    ],
+)
+def test_a_wrong_field_is_named(written, change, words):
+    with pytest.raises(ToolkitError, match=words) as caught:
+        written(change)
+    assert "plan.json" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_pose_without_its_matrix_follows_its_angles(written):
+    def move(content):
+        first_pose(content).pop("T_world_camera")
+        first_pose(content).update(azimuth_deg=90.0, elevation_deg=0.0, distance_mm=500.0)
+
+    position = written(move).objects["crate"][0].matrix()[:3, 3]
+    np.testing.assert_allclose(position, [0, 500, 20], atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"distance_mm": 10.0}, "the camera is inside the object"),
+        ({"distance_mm": 900.0, "elevation_deg": -20.0}, "below the table top"),
+        ({"distance_mm": 110.0}, "cropped at 110 mm: expected at least"),
+        ({"target_mm": (200.0, 0.0, 20.0), "distance_mm": 300.0}, "cropped"),
+    ],
+)
+def test_a_pose_that_cannot_be_shot_is_refused_in_one_line(crate, fields, words):
+    pose = make_plan([crate], Camera(), Pattern(count=1)).objects["crate"][0]
+    wrong = type(pose).model_validate(pose.model_dump(exclude={"T_world_camera"}) | fields)
+    with pytest.raises(ToolkitError, match=words) as caught:
+        check_poses(crate, Camera(), [wrong])
+    assert str(caught.value).startswith("plan: object 'crate', pose 1:") and "\n" not in str(caught.value)
+
+
+def test_a_camera_that_cannot_be_is_refused(crate):
+    with pytest.raises(ToolkitError, match=r"camera: width.*found 8"):
+        make_plan([crate], Camera(8, 480), Pattern())
+
+
+def test_a_missing_plan_is_made_once_and_then_read(tmp_path, make_crate_space, monkeypatch):
+    space = make_crate_space(tmp_path)
+    monkeypatch.setattr("toolkit.workspace.PACKAGE_DATA", tmp_path / "none")
+    space.plan_file.unlink()
+    made = open_plan(Workspace(space.root))
+    assert list(made.objects) == ["crate"] and len(made.objects["crate"]) == 18
+    content = space.plan_file.read_bytes()
+    assert open_plan(space).model_dump() == read_plan(space.plan_file).model_dump()
+    assert space.plan_file.read_bytes() == content

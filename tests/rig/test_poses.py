@@ -1,0 +1,80 @@
+"""Patterns of camera positions."""
+
+import numpy as np
+import pytest
+
+from toolkit.errors import ToolkitError
+from toolkit.rig.camera import orbit_direction
+from toolkit.rig.poses import PATTERNS, Pattern, spread_poses
+
+NAMES = list(PATTERNS)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("count", [1, 2, 5, 7, 18, 36, 97])
+@pytest.mark.parametrize("elevations", [(25, 65), (0, 90), (40, 40)])
+def test_as_many_as_asked_for_in_range_and_all_different(name, count, elevations):
+    angles = spread_poses(Pattern(name, count, elevations))
+    assert angles.shape == (count, 2)
+    assert (angles[:, 0] >= 0).all() and (angles[:, 0] < 360).all()
+    assert (angles[:, 1] >= elevations[0] - 1e-9).all() and (angles[:, 1] <= elevations[1] + 1e-9).all()
+    assert len(np.unique(angles.round(6), axis=0)) == count
+
+
+def test_the_default_is_six_azimuths_at_three_elevations():
+    angles = spread_poses(Pattern())
+    assert {(a, e) for a, e in angles} == {(a, e) for a in range(0, 360, 60) for e in (25, 45, 65)}
+
+
+def test_a_ring_has_one_elevation_and_equal_steps():
+    angles = spread_poses(Pattern("ring", 8, (20, 50)))
+    assert set(angles[:, 1]) == {35}
+    np.testing.assert_allclose(np.diff(angles[:, 0]), 45)
+
+
+@pytest.mark.parametrize("name", ["hemisphere", "fibonacci"])
+def test_spread_patterns_cover_the_sphere_evenly(name):
+    """Directions as dense near the pole as near the horizon: the mean height of an even spread is the middle height."""
+    angles = spread_poses(Pattern(name, 200, (0, 90)))
+    directions = np.stack([orbit_direction(a, e) for a, e in angles])
+    assert directions[:, 2].mean() == pytest.approx(0.5, abs=0.02)
+    assert np.abs(directions[:, :2].mean(axis=0)).max() < 0.03
+    nearest = np.sort(np.arccos(np.clip(directions @ directions.T, -1, 1)), axis=1)[:, 1]
+    alone = np.sqrt(2 * np.pi / 200)  # spacing of a square net with the same density
+    assert 0.35 * alone < nearest.min() and nearest.max() < 1.5 * alone
+
+
+@pytest.mark.parametrize("name", ["fibonacci", "grid", "ring", "hemisphere"])
+def test_jitter_of_a_pose_depends_on_seed_and_number_alone(name):
+    def jitter(count, seed):
+        moved = spread_poses(Pattern(name, count, (30, 60), jitter_deg=2, seed=seed))
+        shift = moved - spread_poses(Pattern(name, count, (30, 60)))
+        return np.stack([(shift[:, 0] + 180) % 360 - 180, shift[:, 1]], axis=1)
+
+    # clipping keeps elevations within three standard deviations of the range: none is reached here
+    np.testing.assert_allclose(jitter(6, 4), jitter(18, 4)[:6], atol=1e-9)
+    assert np.abs(jitter(6, 4) - jitter(6, 5)).min() > 0
+    many = jitter(200, 1)
+    assert many[:, 0].std() == pytest.approx(2, rel=0.15)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        ({"name": "gird"}, "did you mean grid"),
+        ({"count": 0}, "at least one"),
+        ({"elevation_deg": (60, 20)}, "lowest <= highest"),
+        ({"elevation_deg": (-5, 20)}, "lowest <= highest"),
+        ({"elevation_deg": (20, 95)}, "lowest <= highest"),
+        ({"elevation_deg": (float("nan"), 95)}, "lowest <= highest"),
+        ({"fill": 1.2}, "--fill 1.2"),
+        ({"fill": 0.0}, "--fill 0"),
+        ({"jitter_deg": -1}, "--jitter -1"),
+        ({"jitter_deg": float("nan")}, "--jitter nan"),
+        ({"distance_mm": (-5, 400)}, "--distance -5 400"),
+        ({"distance_mm": (400, float("inf"))}, "--distance 400 inf"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(wrong, words):
+    with pytest.raises(ToolkitError, match=words):
+        spread_poses(Pattern(**wrong))

@@ -1,0 +1,45 @@
+"""Studios: from one seed, all different, none too dark or too bright to be a photograph."""
+
+import numpy as np
+import pytest
+
+from toolkit.errors import ToolkitError
+from toolkit.rig.studio import BACKDROPS, LIGHTS, make_studio
+
+
+def test_equal_seeds_make_equal_studios_and_others_do_not():
+    first, again, other = make_studio((1, 2), 40), make_studio((1, 2), 40), make_studio((1, 3), 40)
+    assert first.name == again.name and first.exposure == again.exposure
+    np.testing.assert_array_equal(first.table, again.table)
+    np.testing.assert_array_equal(first.environment, again.environment)
+    assert first.environment.shape == other.environment.shape
+    assert (first.environment != other.environment).any()
+
+
+def test_seeds_reach_every_backdrop():
+    drawn = {make_studio(seed, 10).name.split("/")[0] for seed in range(60)}
+    assert drawn == set(BACKDROPS)
+
+
+@pytest.mark.parametrize("light", LIGHTS)
+@pytest.mark.parametrize("backdrop", BACKDROPS)
+def test_every_backdrop_in_every_light_is_well_exposed(backdrop, light):
+    """The table's brightness: neither sunk into black nor washed out, with dark tables darker than bright ones."""
+    from toolkit.colour import linear_to_srgb, srgb_to_linear
+
+    studio = make_studio(4, 60, backdrop, light)
+    assert studio.name == f"{backdrop}/{light}/4"
+    albedo = srgb_to_linear(studio.table / 255).reshape(-1, 3).mean(axis=0)
+    elevation = np.pi / 2 - (np.arange(128) + 0.5) * np.pi / 256
+    ring = studio.environment[:128].mean(axis=1) * (np.sin(elevation) * np.cos(elevation))[:, None]
+    room = 2 * np.pi * ring.sum(axis=0) * np.pi / 256  # the integral of L cos over the upper half
+    irradiance = room + np.sin(np.radians(studio.key.elevation_deg)) * np.array(studio.key.irradiance)
+    code = 255 * linear_to_srgb((albedo * irradiance / np.pi * studio.exposure).mean())
+    assert 45 < code < 225
+
+
+def test_unknown_names_are_refused_with_the_nearest():
+    with pytest.raises(ToolkitError, match=r"no backdrop called 'oakk': did you mean oak\?"):
+        make_studio(0, 50, "oakk")
+    with pytest.raises(ToolkitError, match="no light called 'lamp': known: studio, side, warm, dim"):
+        make_studio(0, 50, light="lamp")

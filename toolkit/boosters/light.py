@@ -1,0 +1,53 @@
+"""Random light on the paper: exposure, contrast and white balance of the patch, apart from the photograph around it."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from toolkit.errors import ToolkitError
+
+if TYPE_CHECKING:
+    import torch
+
+
+@dataclass(frozen=True)
+class LightRanges:
+    """What is drawn, uniformly, for each image; mild, since the booster is to learn the class first.
+
+    Attributes:
+        exposure: factor on sRGB-encoded values.
+        contrast: factor on their distance from middle grey, below 1 for print and haze.
+        tint: each channel's own factor lies within 1 ± tint.
+    """
+
+    exposure: tuple[float, float] = (0.65, 1.2)
+    contrast: tuple[float, float] = (0.75, 1.0)
+    tint: float = 0.06
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in (("exposure", self.exposure), ("contrast", self.contrast)):
+            if not 0 < low <= high:
+                raise ToolkitError(f"{name} range {low:g} to {high:g}: expected two rising numbers above 0")
+        if not 0 <= self.tint < 1:
+            raise ToolkitError(f"tint {self.tint:g}: expected at least 0 and less than 1")
+
+    def light(self, paper: "torch.Tensor", mask: "torch.Tensor", rng: np.random.Generator) -> "torch.Tensor":
+        """Light a drawn patch.
+
+        Args:
+            paper: (b, 3, m, m), sRGB-encoded, already multiplied by the mask.
+            mask: (b, 1, m, m), the share of each pixel that the patch covers.
+            rng: draws one light per image.
+
+        Returns:
+            As `paper`, values may leave [0, 1].
+        """
+        import torch
+
+        count = len(paper)
+        gain = rng.uniform(*self.exposure, (count, 1)) * rng.uniform(1 - self.tint, 1 + self.tint, (count, 3))
+        contrast = rng.uniform(*self.contrast, (count, 1))
+        slope, offset = gain * contrast, gain * (1 - contrast) / 2
+        slope_offset = torch.as_tensor(np.stack([slope, offset]), dtype=paper.dtype, device=paper.device)
+        return paper * slope_offset[0, :, :, None, None] + mask * slope_offset[1, :, :, None, None]

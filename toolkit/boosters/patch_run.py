@@ -1,0 +1,132 @@
+"""Train a patch from request to files: what `toolkit train-patch` runs."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from toolkit.boosters.checkpoint import read_checkpoint
+from toolkit.boosters.data import TrainingData, load_data
+from toolkit.boosters.finish import PatchFiles, finish_patch
+from toolkit.boosters.folder_data import names_of_class
+from toolkit.boosters.request import PatchRequest, check_size, hash_inputs, name_files
+from toolkit.boosters.resumable import CHECKPOINT_EVERY_S, make_steps
+from toolkit.boosters.training import Target
+from toolkit.boosters.validation import Validation
+from toolkit.errors import ToolkitError
+from toolkit.patches import Patch, read_patch
+from toolkit.workspace import Workspace
+
+FEW_IMAGES = 32
+
+
+@dataclass(frozen=True)
+class TrainedPatch:
+    """What a run made.
+
+    Attributes:
+        patch: pixels and record.
+        files: where it lies.
+        validations: per network; empty when the patch was finished before.
+        skipped: (path, reason) of training images that could not be used.
+        resumed_from: steps that an earlier run had made; all of them when the patch was finished before.
+        was_finished: whether there was nothing left to do.
+    """
+
+    patch: Patch
+    files: PatchFiles
+    validations: list[Validation]
+    skipped: tuple[tuple[str, str], ...]
+    resumed_from: int
+    was_finished: bool
+
+
+def choose_files(workspace: Workspace, out: Path | None, name: str) -> PatchFiles:
+    """The workspace's own folders, or below `out`. Previews never lie among the patches: each PNG there is a patch."""
+    patches = workspace.patches_dir if out is None else Path(out)
+    previews = workspace.print_dir / "previews" if out is None else patches / "previews"
+    return PatchFiles(patches / f"{name}.png", previews / f"{name}.png", patches / ".training" / name)
+
+
+def train_patch(
+    request: PatchRequest,
+    classifiers: list,
+    workspace: Workspace,
+    out: Path | None = None,
+    restart: bool = False,
+    quiet: bool = False,
+    say: Callable[[str], None] = lambda line: None,
+    checkpoint_every_s: float = CHECKPOINT_EVERY_S,
+) -> TrainedPatch:
+    """Train a patch, or take it up where an interrupted run of the same request left it.
+
+    Args:
+        request: what to train.
+        classifiers: the networks, at least one; the first one's labels and preprocessing lead.
+        workspace: whose folders and objects are used.
+        out: folder for the patch instead of the workspace's.
+        restart: forget what an earlier run left.
+        quiet: no progress bars.
+        say: told what the user should know along the way.
+        checkpoint_every_s: how much work a kill may cost.
+
+    Raises:
+        ToolkitError: the request, the data or a checkpoint cannot be used, or the disk is full.
+    """
+    targets = [Target(classifier, classifier.class_index(request.class_name)) for classifier in classifiers]
+    first, index = classifiers[0], targets[0].class_index
+    check_size(request.size_px, first.preprocessing.crop_px)
+    name = name_files(request, first.labels[index], index)
+    files = choose_files(workspace, out, name)
+    class_names = names_of_class(first, index, str(request.class_name))
+    data = load_data(request.data, class_names, first.preprocessing, workspace, files.training, quiet)
+    _describe_data(data, say)
+    key = hash_inputs(request, name, targets, data.sha256)
+    checkpoint_file = files.training / f"{key[:16]}.safetensors"
+    if restart:
+        checkpoint_file.unlink(missing_ok=True)
+    elif (finished := _find_finished(files, key)) is not None:
+        _clear(files.training, key)
+        return TrainedPatch(finished, files, [], data.skipped, request.descent.steps, True)
+
+    state = read_checkpoint(checkpoint_file, key)
+    resumed_from = 0 if state is None else state.done
+    if resumed_from:
+        say(f"going on after step {resumed_from} of {request.descent.steps}; --restart begins anew")
+    elif any(files.training.glob("*.safetensors")):
+        say(f"{files.training} holds an unfinished run with other inputs: it is kept, this one begins anew")
+    state = make_steps(request, targets, data.train, state, key, checkpoint_file, checkpoint_every_s, quiet)
+    patch, validations = finish_patch(request, targets, data, state, files, quiet)
+    _clear(files.training, key)
+    return TrainedPatch(patch, files, validations, data.skipped, resumed_from, False)
+
+
+def _describe_data(data: TrainingData, say: Callable[[str], None]) -> None:
+    for source in data.record["sources"]:
+        what = "of the class" if source["use"] == "class" else "as backgrounds, whatever they show"
+        say(f"data: {source['used']} of {source['found']} images from {source['source']}, {what}")
+    if not data.is_held_out:
+        say("data: one image is too few to hold any out: it is trained on and validated on")
+    elif len(data.train) < FEW_IMAGES and any(source["use"] == "class" for source in data.record["sources"]):
+        say(f"data: {len(data.train)} images to train on are few: --backgrounds all takes every image")
+
+
+def _find_finished(files: PatchFiles, key: str) -> Patch | None:
+    if not (files.png.is_file() and files.preview.is_file()):
+        return None
+    try:
+        patch = read_patch(files.png)
+    except ToolkitError:
+        return None  # a kill between picture and record leaves a pair that does not match; it is written again
+    return patch if patch.record.settings.get("inputs_sha256") == key else None
+
+
+def _clear(training: Path, key: str) -> None:
+    """Forget the checkpoint of a finished run, and the renders when no other run is left that may need them."""
+    for file in (*training.glob(f"{key[:16]}.safetensors"), *training.glob(f".{key[:16]}.*.partial")):
+        file.unlink(missing_ok=True)
+    if training.is_dir() and not any(training.glob("*.safetensors")):
+        for file in (*training.glob("renders-*.npy"), *training.glob(".renders-*.partial")):
+            file.unlink(missing_ok=True)
+        for folder in (training, training.parent):
+            if not any(folder.iterdir()):
+                folder.rmdir()

@@ -1,0 +1,82 @@
+"""The training loop on disk: it shows how it goes and can be killed at any moment."""
+
+from pathlib import Path
+from time import monotonic
+
+import numpy as np
+
+from toolkit.boosters.batches import stack_on_device
+from toolkit.boosters.checkpoint import Checkpoint, write_checkpoint
+from toolkit.boosters.request import PatchRequest
+from toolkit.boosters.training import Step, Target, draw_first_patch, train_steps
+from toolkit.console import progress
+
+CHECKPOINT_EVERY_S = 5.0
+RECENT = slice(-10, None)
+"""The steps whose mean is shown and recorded: one batch alone is noise."""
+
+
+def make_steps(
+    request: PatchRequest,
+    targets: list[Target],
+    images: np.ndarray,
+    state: Checkpoint | None,
+    inputs_sha256: str,
+    file: Path,
+    every_s: float = CHECKPOINT_EVERY_S,
+    quiet: bool = False,
+) -> Checkpoint:
+    """Make the steps that are left; a checkpoint is written every few seconds, on Ctrl-C, and at the end.
+
+    Args:
+        request: what to train.
+        targets: the networks.
+        images: (k, s, s, 3) uint8 sRGB.
+        state: where an earlier run stopped, None to begin.
+        inputs_sha256: hash of the run's inputs.
+        file: of the checkpoint.
+        every_s: how much work a kill may cost, seconds.
+        quiet: no progress bar.
+
+    Raises:
+        ToolkitError: the loss is not finite, or the disk is full.
+    """
+    import torch
+
+    first = targets[0].classifier
+    if state is None:
+        start = draw_first_patch(request.size_px, request.descent.seed).numpy()
+        state = Checkpoint(inputs_sha256, start, np.zeros(0), np.zeros(0))
+    losses, accuracies = list(state.losses), list(state.accuracies)
+    last = Step(state.done, torch.from_numpy(np.array(state.patch)), 0.0, 0.0)
+
+    def snapshot() -> Checkpoint:
+        patch = last.patch.cpu().numpy()
+        return Checkpoint(inputs_sha256, patch, np.array(losses[: last.done]), np.array(accuracies[: last.done]))
+
+    steps = train_steps(
+        last.patch,
+        last.done,
+        stack_on_device(images, first.device),
+        targets,
+        request.appearance(),
+        request.descent,
+        first.preprocessing.crop_px,
+    )
+    written = monotonic()
+    title = f"Training {first.labels[targets[0].class_index]}"
+    with progress(title, request.descent.steps, quiet, done=last.done) as bar:
+        try:
+            for step in steps:
+                losses.append(step.loss)
+                accuracies.append(step.accuracy)
+                last = step
+                bar.advance(note=f"loss {np.mean(losses[RECENT]):.3f}  recognised {np.mean(accuracies[RECENT]):.0%}")
+                if monotonic() - written >= every_s:
+                    write_checkpoint(file, snapshot())
+                    written = monotonic()
+        finally:
+            # also when stopped or failed: what is done is kept, and a step that was cut short is not counted
+            if last.done > state.done:
+                write_checkpoint(file, snapshot())
+    return snapshot()

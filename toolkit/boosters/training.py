@@ -1,0 +1,165 @@
+"""Algorithm 1: a patch goes down the sign of the loss's gradient, step by step."""
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass
+from math import cos, isfinite, pi
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from toolkit.boosters.appearance import Appearance, show_patch
+from toolkit.boosters.batches import draw_batch
+from toolkit.boosters.draws import Draws
+from toolkit.errors import ToolkitError, one_of
+
+if TYPE_CHECKING:
+    import torch
+
+SCHEDULES = ("constant", "linear", "cosine")
+LAST_LR_SHARE = 0.05
+"""The learning rate never falls below this share: a step under half an 8-bit level would change nothing."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A network and the class that it shall see.
+
+    Attributes:
+        classifier: a `toolkit.classifiers` Classifier, or anything with its `logits`.
+        class_index: in that network's own labels.
+    """
+
+    classifier: Any
+    class_index: int
+
+
+@dataclass(frozen=True)
+class Descent:
+    """How the patch is moved.
+
+    Attributes:
+        steps: K, how often.
+        batch: images per step.
+        lr: η, change of every texel in the first step, in units of the full range [0, 1].
+        schedule: how η falls over the steps: `constant`, `linear` or `cosine`.
+        seed: of every random draw.
+    """
+
+    steps: int = 240
+    batch: int = 16
+    lr: float = 0.03
+    schedule: str = "cosine"
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.schedule not in SCHEDULES:
+            raise one_of("schedule", self.schedule, list(SCHEDULES))
+        if self.steps < 1 or self.batch < 1:
+            raise ToolkitError(f"--steps {self.steps} --batch {self.batch}: expected at least 1 of each")
+        if not 0 < self.lr <= 1:
+            raise ToolkitError(f"--lr {self.lr:g}: expected a number above 0 and at most 1, the patch's full range")
+
+    def lr_at(self, step: int) -> float:
+        """η of a step, counted from 0."""
+        done = step / self.steps
+        fall = {"constant": 1.0, "linear": 1 - done, "cosine": (1 + cos(pi * done)) / 2}[self.schedule]
+        return self.lr * (LAST_LR_SHARE + (1 - LAST_LR_SHARE) * fall)
+
+
+@dataclass(frozen=True)
+class Step:
+    """After one step.
+
+    Attributes:
+        done: how many steps have been made.
+        patch: θ, (3, n, n) in [0, 1], on the training's device.
+        loss: cross-entropy of the batch before the step, summed over the networks.
+        accuracy: share of the batch recognised before the step, mean over the networks.
+    """
+
+    done: int
+    patch: "torch.Tensor"
+    loss: float
+    accuracy: float
+
+
+def draw_first_patch(size_px: int, seed: int) -> "torch.Tensor":
+    """θ before the first step: (3, n, n) float32, uniform in [0, 1]."""
+    import torch
+
+    rng = Draws(seed, 0).of("first patch")
+    return torch.from_numpy(rng.random((3, size_px, size_px), np.float32))
+
+
+def patch_gradient(
+    patch: "torch.Tensor", images: "torch.Tensor", targets: list[Target], appearance: Appearance, draws: Draws
+) -> tuple["torch.Tensor", float, float]:
+    """Gradient of the loss by θ, made anew from nothing, with the loss and the share recognised.
+
+    The loss is the cross-entropy towards the target class, mean over the batch, summed over the networks.
+    """
+    import torch
+    from torch.nn.functional import cross_entropy
+
+    theta = patch.detach().clone().requires_grad_(True)
+    photos = show_patch(theta, images, appearance, draws)
+    loss, recognised = torch.zeros((), dtype=theta.dtype, device=theta.device), 0.0
+    for target in targets:
+        with _mixed_precision(photos):
+            logits = target.classifier.logits(photos)
+        wanted = torch.full((len(images),), target.class_index, device=logits.device)
+        loss = loss + cross_entropy(logits.to(theta.dtype), wanted)
+        recognised += float((logits.argmax(1) == wanted).double().mean())
+    (gradient,) = torch.autograd.grad(loss, theta)
+    return gradient, loss.item(), recognised / len(targets)
+
+
+def _mixed_precision(photos: "torch.Tensor") -> AbstractContextManager:
+    """Half of the work on a GPU; bfloat16, whose range keeps the small gradients that float16 turns to zero."""
+    import torch
+
+    if photos.device.type == "cuda" and torch.cuda.is_bf16_supported():
+        return torch.autocast("cuda", torch.bfloat16)
+    return nullcontext()
+
+
+def train_steps(
+    patch: "torch.Tensor",
+    done: int,
+    images: "torch.Tensor",
+    targets: list[Target],
+    appearance: Appearance,
+    descent: Descent,
+    image_px: int,
+) -> Iterator[Step]:
+    """Make the steps from number `done` to the last, one per turn of the caller's loop.
+
+    Step i depends on θ and on (seed, i) alone, so a run that is taken up again ends where an uninterrupted one does.
+
+    Args:
+        patch: θ after `done` steps, (3, n, n) in [0, 1].
+        done: how many were made before.
+        images: (k, 3, s, s) uint8 sRGB, s ≥ `image_px`, on the networks' device.
+        targets: the networks, at least one.
+        appearance: what happens to the patch.
+        descent: how it is moved.
+        image_px: side of what the networks see.
+
+    Raises:
+        ToolkitError: the loss or its gradient is not a finite number.
+    """
+    import torch
+
+    patch = patch.to(images.device)
+    for index in range(done, descent.steps):
+        draws = Draws(descent.seed, index)
+        batch = draw_batch(images, draws.of("images"), descent.batch, image_px)
+        gradient, loss, accuracy = patch_gradient(patch, batch, targets, appearance, draws)
+        if not isfinite(loss) or not bool(torch.isfinite(gradient).all()):
+            raise ToolkitError(
+                f"the loss or its gradient at step {index + 1} is not a finite number (loss {loss}): "
+                "the network's weights do not fit its images; check --model and --weights"
+            )
+        patch = (patch - descent.lr_at(index) * gradient.sign()).clamp(0, 1)
+        yield Step(index + 1, patch, loss, accuracy)

@@ -1,0 +1,103 @@
+"""Does the patch help on images, and in placements, that it was not trained on?"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from toolkit.boosters.appearance import Appearance, show_patch
+from toolkit.boosters.batches import cut_centres
+from toolkit.boosters.draws import Draws
+from toolkit.boosters.training import Target
+
+if TYPE_CHECKING:
+    import torch
+
+DRAWS = 128
+BATCH = 32
+
+
+@dataclass(frozen=True)
+class Share:
+    """How many of n were recognised, with Wilson's 95 % interval."""
+
+    hits: int
+    n: int
+
+    @property
+    def value(self) -> float:
+        """Between 0 and 1."""
+        return self.hits / self.n
+
+    @property
+    def ci95(self) -> tuple[float, float]:
+        """Lowest and highest plausible share (Wilson 1927)."""
+        from scipy.stats import binomtest
+
+        interval = binomtest(self.hits, self.n).proportion_ci(0.95, "wilson")
+        return float(interval.low), float(interval.high)
+
+    def __str__(self) -> str:
+        low, high = self.ci95
+        return f"{self.value:.0%} ({low:.0%}-{high:.0%}, n = {self.n})"
+
+
+@dataclass(frozen=True)
+class Validation:
+    """One network's answer: the same images, bare and with the patch."""
+
+    arch: str
+    bare: Share
+    patched: Share
+
+
+def count_placements(images: int, draws: int = DRAWS) -> int:
+    """How many placements show each of `images` equally often, at least once, in about `draws`."""
+    return max(draws, images) // images * images
+
+
+def validate_patch(
+    patch: "torch.Tensor",
+    images: "torch.Tensor",
+    targets: list[Target],
+    appearance: Appearance,
+    seed: int,
+    image_px: int,
+    draws: int = DRAWS,
+    advance: Callable[[int], None] = lambda count: None,
+) -> list[Validation]:
+    """Recognise images bare and with the patch in fresh random placements.
+
+    Args:
+        patch: (3, n, n) in [0, 1], as printed: rounded to 8 bits.
+        images: (k, 3, s, s) uint8 sRGB, held out of training.
+        targets: the networks.
+        appearance: what happens to the patch; drawn anew, never as in training.
+        seed: of the run.
+        image_px: side of what the networks see.
+        draws: placements in all; each image comes equally often, so that fewer images than this come several times
+            in the patched share, and once in the bare one.
+        advance: called with how many placements were just answered.
+    """
+    import torch
+
+    count = count_placements(len(images), draws)
+    bare, patched = [0] * len(targets), [0] * len(targets)
+    centres = cut_centres(images, image_px)
+    with torch.inference_mode():
+        for start in range(0, count, BATCH):
+            which = torch.arange(start, min(start + BATCH, count), device=images.device)
+            batch = centres[which % len(images)]
+            photos = show_patch(patch, batch, appearance, Draws(seed, start, "validate"))
+            fresh = which < len(images)
+            for k, target in enumerate(targets):
+                patched[k] += _count_hits(target, photos)
+                bare[k] += _count_hits(target, batch[fresh]) if fresh.any() else 0
+            advance(len(which))
+    return [
+        Validation(target.classifier.arch, Share(bare[k], len(images)), Share(patched[k], count))
+        for k, target in enumerate(targets)
+    ]
+
+
+def _count_hits(target: Target, photos: "torch.Tensor") -> int:
+    return int((target.classifier.logits(photos).argmax(1) == target.class_index).sum())

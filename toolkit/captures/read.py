@@ -1,0 +1,197 @@
+"""Read a capture folder: `captures/SOURCE/OBJECT/VARIANT/FILE`, with a manifest or sorted by hand."""
+
+import re
+from collections import Counter
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from toolkit.captures.folder import FoundFiles, find_files, show_path
+from toolkit.captures.manifest import MANIFEST, CaptureRecord, read_manifest
+from toolkit.errors import ToolkitError, one_of
+
+UNPATCHED = "unpatched"
+POOLED = "all"
+LAYOUT = "SOURCE/OBJECT/VARIANT/FILE, for example captures/real/racer/patched/1.jpg"
+WNID = re.compile(r"^n\d{8}$")
+MAX_POSE_DIGITS = 5
+
+
+@dataclass(frozen=True)
+class Capture:
+    """One image and what is known of it.
+
+    Attributes:
+        source, object, variant: the folders that it lies in.
+        pose_id: from the manifest, else the number in the file's name, else None.
+        file: where it is.
+        path: how it is named in results: SOURCE/OBJECT/VARIANT/FILE.
+        refused: why it must not be opened, None when it may.
+        T_world_camera: 4×4, OpenCV axes, millimetres, where the manifest has it.
+    """
+
+    source: str
+    object: str
+    variant: str
+    pose_id: int | None
+    file: Path
+    path: str
+    refused: str | None = None
+    T_world_camera: tuple[tuple[float, ...], ...] | None = None
+
+
+@dataclass(frozen=True)
+class CaptureFolder:
+    """A capture folder.
+
+    Attributes:
+        root: the folder.
+        captures: its images by source, object, variant and path.
+        refused_folders: (path, reason) of linked folders, whose images are missing.
+        notes: what the reader should know and no image stands for: files passed over, several images of one pose.
+    """
+
+    root: Path
+    captures: tuple[Capture, ...]
+    refused_folders: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...]
+
+    @cached_property
+    def objects(self) -> list[str]:
+        """Names of the objects, sorted."""
+        return sorted({capture.object for capture in self.captures})
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Which part of a capture folder is meant; empty means all."""
+
+    sources: tuple[str, ...] = ()
+    objects: tuple[str, ...] = ()
+    variants: tuple[str, ...] = ()
+
+
+def read_captures(root: Path, selection: Selection | None = None) -> CaptureFolder:
+    """Read `captures/`, one of its sources, one object's folder, or an ImageFolder whose folders are WordNet ids.
+
+    Images are paired by pose: the manifest's pose id, else the number in the name (`pose_03.jpg`, `IMG_0003.jpg`).
+
+    Raises:
+        ToolkitError: no folder, no images, images that are not sorted into folders, a broken manifest, an object called
+            `all`, or a selected source, object or variant that is not there.
+    """
+    root = Path(root)
+    found = find_files(root)
+    if not found.images and not found.refused:
+        raise ToolkitError(f"{root} holds no images: expected {LAYOUT}")
+    prefix, depth, suffix = _read_layout(root, found)
+    manifests: dict[Path, dict[str, CaptureRecord]] = {}
+    captures: list[Capture] = []
+    stray: list[str] = []
+    unread: list[tuple[str, str]] = []
+    for parts, refused in _all_files(found):
+        if len(parts) - 1 < depth:
+            if refused is None:
+                stray.append(show_path(parts))
+            else:
+                unread.append((show_path(parts), refused))
+            continue
+        full = (*prefix, *parts[:depth], *suffix, *parts[depth:])
+        source_dir = (root / parts[0], root, root.resolve().parent)[len(prefix)]
+        if source_dir not in manifests:
+            manifests[source_dir] = read_manifest(source_dir)
+        record = manifests[source_dir].get("/".join(full[1:]))
+        captures.append(_capture(root / Path(*parts), full, record, refused))
+    chosen = _select(captures, selection or Selection())
+    chosen.sort(key=lambda capture: (capture.source, capture.object, capture.variant, capture.path))
+    if any(capture.object == POOLED for capture in chosen):
+        raise ToolkitError(f"{root}: an object may not be called '{POOLED}', the pooled rows are: rename its folder")
+    return CaptureFolder(root, tuple(chosen), tuple(unread), (*_note_files(found, stray), *_note_doubles(chosen)))
+
+
+def read_pose_id(name: str) -> int | None:
+    """The pose number in a file name: after `pose`, else the last number; None where there is none.
+
+    A copy's mark such as ` (1)` is no pose, a number of more than five digits is a date or a time, and digits among
+    letters, as in `38bdd950c1d0`, are a hash.
+    """
+    stem = re.sub(r"\s*\(\d+\)$", "", Path(name).stem)
+    named = re.search(r"pose[\s_-]*(\d+)", stem, re.IGNORECASE)
+    words = [re.fullmatch(r"[A-Za-z]*(\d+)", word) for word in re.split(r"[^0-9A-Za-z]+", stem)]
+    match = named or next((word for word in reversed(words) if word), None)
+    return int(match[1]) if match and len(match[1]) <= MAX_POSE_DIGITS else None
+
+
+def _all_files(found: FoundFiles) -> list[tuple[tuple[str, ...], str | None]]:
+    files: list[tuple[tuple[str, ...], str | None]] = [(parts, None) for parts in found.images]
+    return files + [(tuple(path.split("/")), reason) for path, reason in found.refused]
+
+
+def _read_layout(root: Path, found: FoundFiles) -> tuple[tuple[str, ...], int, tuple[str, ...]]:
+    """Folders that stand before and after those under `root` to make SOURCE/OBJECT/VARIANT, and how many those are."""
+    name = root.resolve().name
+    files = found.images or tuple(tuple(path.split("/")) for path, _ in found.refused)
+    depth = min(3, Counter(len(parts) - 1 for parts in files).most_common(1)[0][0])
+    folders = {parts[0] for parts in files if len(parts) > 1}
+    if (root / MANIFEST).is_file() or (name in ("sim", "real") and depth > 1):
+        return (name,), 2, ()
+    if depth == 0:
+        raise ToolkitError(f"{root}: the images are not sorted into folders: expected {LAYOUT}")
+    if depth == 1 and all(WNID.match(folder) for folder in folders):
+        return (name,), 1, (UNPATCHED,)
+    if depth == 1:
+        return (root.resolve().parent.name or "captures", name), 1, ()
+    return ((), 3, ()) if depth == 3 else ((name,), 2, ())
+
+
+def _capture(file: Path, full: tuple[str, ...], record: CaptureRecord | None, refused: str | None) -> Capture:
+    source, name, variant = (show_path((part,)) for part in full[:3])
+    pose_id = read_pose_id(full[-1])
+    matrix = None
+    if record is not None:
+        pose_id = record.pose_id if record.pose_id is not None else pose_id
+        rows = record.T_world_camera
+        if rows is not None and len(rows) == 4 and all(len(row) == 4 for row in rows):
+            matrix = tuple(tuple(row) for row in rows)
+    return Capture(source, name, variant, pose_id, file, show_path(full), refused, matrix)
+
+
+def _select(captures: list[Capture], selection: Selection) -> list[Capture]:
+    wanted = {"source": selection.sources, "object": selection.objects, "variant": selection.variants}
+    for kind, names in wanted.items():
+        known = sorted({getattr(capture, kind) for capture in captures})
+        for name in names:
+            if name not in known:
+                raise one_of(f"{kind} in this folder", name, known)
+        if names:
+            captures = [capture for capture in captures if getattr(capture, kind) in names]
+    return list(captures)
+
+
+def _note_files(found: FoundFiles, stray: list[str]) -> list[str]:
+    notes = []
+    if found.others:
+        notes.append(f"no images by their names, not counted: {_some(found.others)}")
+    if stray:
+        notes.append(f"not inside SOURCE/OBJECT/VARIANT, not counted: {_some(stray)}")
+    return notes
+
+
+def _note_doubles(captures: list[Capture]) -> list[str]:
+    seen: dict[tuple, list[Capture]] = {}
+    variants: dict[tuple, set[str]] = {}
+    for capture in captures:
+        variants.setdefault((capture.source, capture.object), set()).add(capture.variant)
+        if capture.pose_id is not None:
+            seen.setdefault((capture.source, capture.object, capture.variant, capture.pose_id), []).append(capture)
+    return [
+        f"several images of pose {key[3]} in {key[0]}/{key[1]}/{key[2]}: {_some([one.path for one in group])}; "
+        "all count in the table, the first is paired"
+        for key, group in seen.items()
+        if len(group) > 1 and len(variants[key[:2]]) > 1  # with one variant nothing is paired
+    ]
+
+
+def _some(paths, limit: int = 5) -> str:
+    listed = ", ".join(list(paths)[:limit])
+    return listed if len(paths) <= limit else f"{listed} and {len(paths) - limit} more"

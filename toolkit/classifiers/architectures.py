@@ -1,0 +1,33 @@
+"""The torchvision classification networks: which there are, and what comes with each."""
+
+from toolkit.errors import one_of
+
+
+def list_architectures() -> list[str]:
+    """Names of every classification network of the installed torchvision."""
+    import torchvision
+
+    return torchvision.models.list_models(module=torchvision.models)
+
+
+def published_weights(arch: str):
+    """The torchvision weights entry (url, labels, preprocessing) of a network: IMAGENET1K_V1 where there is one.
+
+    Raises:
+        ToolkitError: torchvision has no classification network of that name.
+    """
+    import torchvision
+
+    if arch not in (known := list_architectures()):
+        raise one_of("model", arch, known)
+    entries = torchvision.models.get_model_weights(arch)
+    return getattr(entries, "IMAGENET1K_V1", None) or entries.DEFAULT
+
+
+def build_network(arch: str, num_classes: int):
+    """A network with random weights, as torchvision builds it."""
+    import torchvision
+
+    # torchvision sets transform_input for the published weights of these two; their normalisation depends on it
+    extra = {"transform_input": True, "init_weights": False} if arch in ("googlenet", "inception_v3") else {}
+    return torchvision.models.get_model(arch, weights=None, num_classes=num_classes, **extra)

@@ -1,0 +1,113 @@
+"""What the outputs of a network are called."""
+
+from functools import lru_cache
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from toolkit.errors import ToolkitError, one_of
+from toolkit.files import read_json
+from toolkit.workspace import PACKAGE_DATA
+
+
+class LabelsFile(BaseModel):
+    """`WEIGHTS.json` beside `WEIGHTS.pth`: what a user's own classifier sees and says.
+
+    Attributes:
+        labels: one name per output, in order.
+        resize_px, crop_px, mean, std: preprocessing, where it differs from the architecture's published one.
+    """
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    labels: list[str] | None = Field(default=None, min_length=1)
+    resize_px: int | None = Field(default=None, gt=0)
+    crop_px: int | None = Field(default=None, gt=0)
+    mean: tuple[float, float, float] | None = None
+    std: tuple[float, float, float] | None = None
+
+
+def read_labels_file(weights: Path) -> LabelsFile:
+    """The JSON file beside the weights, all fields empty where there is none; a wrong field is a `ToolkitError`."""
+    file = weights.with_suffix(".json")
+    return read_json(file, LabelsFile) if file.is_file() else LabelsFile()
+
+
+def choose_labels(weights: Path, own: list[str] | None, published: list[str], num_classes: int) -> list[str]:
+    """Labels of a network's outputs: the user's file, else ImageNet's for 1000 outputs, else plain numbers.
+
+    Raises:
+        ToolkitError: the user's file has another number of labels than the network has outputs.
+    """
+    if own is not None:
+        if len(own) != num_classes:
+            raise ToolkitError(
+                f"{weights.with_suffix('.json')}: field 'labels': expected {num_classes} names, one for each output of "
+                f"{weights.name}, found {len(own)}"
+            )
+        return list(own)
+    if num_classes == len(published):
+        return list(published)
+    return [f"class {index}" for index in range(num_classes)]
+
+
+@lru_cache(maxsize=1)
+def imagenet_wnids() -> tuple[str, ...]:
+    """WordNet ids of the 1000 ImageNet classes, in the order of the networks' outputs (which is alphabetical)."""
+    return tuple((PACKAGE_DATA / "imagenet_wnids.txt").read_text(encoding="ascii").split())
+
+
+def index_of_wnid(wnid: str) -> int:
+    """Class index of an ImageNet folder name such as `n04552348`.
+
+    Raises:
+        ToolkitError: it is none of the 1000.
+    """
+    try:
+        return imagenet_wnids().index(wnid)
+    except ValueError:
+        raise one_of("ImageNet folder", wnid, list(imagenet_wnids())) from None
+
+
+def index_of_label(labels: list[str], name: str | int) -> int:
+    """Index of a class given by its name, in any case, or by its index.
+
+    Raises:
+        ToolkitError: there is no such class (the nearest names are listed), or several share the name.
+    """
+    if isinstance(name, int):
+        return _check_index(labels, name)
+    for matches in (_where(labels, name), _where([label.lower() for label in labels], name.lower())):
+        if len(matches) == 1:
+            return matches[0]
+        if matches:
+            found = ", ".join(f"{labels[index]} = {index}" for index in matches)
+            raise ToolkitError(f"several classes are called '{name}' ({found}): give the index instead")
+    if name.isdecimal():
+        return _check_index(labels, int(name))
+    raise _unknown(labels, name)
+
+
+def _where(names: list[str], name: str) -> list[int]:
+    return [index for index, known in enumerate(names) if known == name]
+
+
+def _check_index(labels: list[str], index: int) -> int:
+    if not 0 <= index < len(labels):
+        raise ToolkitError(f"class index {index} is out of range: this network has classes 0 to {len(labels) - 1}")
+    return index
+
+
+def _unknown(labels: list[str], name: str) -> ToolkitError:
+    containing = [label for label in labels if len(name) > 2 and name.lower() in label.lower()][:5]
+    if containing:
+        return ToolkitError(f"no class called '{name}': did you mean {' or '.join(containing)}?")
+    if len(labels) > 20:
+        error = str(one_of("class", name, labels))
+        # a thousand names help nobody
+        return ToolkitError(
+            error
+            if "did you mean" in error
+            else f"no class called '{name}': expected one of {len(labels)} names "
+            f"such as {', '.join(labels[:3])}, or an index 0 to {len(labels) - 1}"
+        )
+    return one_of("class", name, labels)

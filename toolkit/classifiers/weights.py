@@ -1,0 +1,163 @@
+"""Find and read a network's weights, wherever the user keeps them."""
+
+import contextlib
+import http.client
+import os
+import re
+import socket
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from toolkit.classifiers.architectures import published_weights
+from toolkit.errors import ToolkitError
+from toolkit.files import sha256_file
+
+FOLDER_VARIABLE = "TOOLKIT_WEIGHTS"
+SUFFIXES = (".pth", ".pt", ".safetensors")
+DOWNLOAD_TIMEOUT_S = 15.0
+
+
+@dataclass(frozen=True)
+class WeightsFile:
+    """The file that a network's weights came from.
+
+    Attributes:
+        path: the file.
+        sha256: of the file, 64 hex digits.
+        name: what to call it in a report: the file's name.
+    """
+
+    path: Path
+    sha256: str
+    name: str
+
+
+def find_weights(arch: str, weights: Path | None = None, quiet: bool = False) -> WeightsFile:
+    """The weights of a network: `weights`, else TOOLKIT_WEIGHTS, else torch's cache, else torchvision's download.
+
+    Raises:
+        ToolkitError: the named file is missing or of another kind, or none of the four ways has weights for `arch`.
+    """
+    entry = published_weights(arch)
+    named = None if weights is None else _check_named(Path(weights))
+    path = named or find_local(arch) or _download(arch, entry.url, quiet)
+    try:
+        return WeightsFile(path, sha256_file(path), path.name)
+    except OSError as error:
+        raise ToolkitError(f"cannot read weights {path}: {error.strerror}") from None
+
+
+def find_local(arch: str) -> Path | None:
+    """The weights file that this machine already has, without a download: TOOLKIT_WEIGHTS, then torch's cache."""
+    published = _published_name(published_weights(arch).url)
+    folder = os.environ.get(FOLDER_VARIABLE)
+    if folder:
+        names = [f"{arch}{middle}{suffix}" for suffix in SUFFIXES for middle in ("-*", "")]
+        found = [path for name in names for path in sorted(Path(folder).glob(name)) if path.is_file()]
+        if found:
+            return next((path for path in found if path.name == published), found[0])
+    cached = cache_dir() / published
+    return cached if cached.is_file() else None
+
+
+def cache_dir() -> Path:
+    """Where torch keeps what it downloads."""
+    import torch
+
+    return Path(torch.hub.get_dir()) / "checkpoints"
+
+
+def read_state_dict(file: WeightsFile) -> OrderedDict[str, Any]:
+    """Parameters by name; nothing in the file is executed.
+
+    Checkpoints that wrap the state dict as `{"state_dict": ...}` or `{"model": ...}`, and names with the `module.` that
+    DataParallel adds, are unwrapped.
+
+    Raises:
+        ToolkitError: the file is broken, holds code, or holds no state dict.
+    """
+    state = _load(file.path)
+    for key in ("state_dict", "model"):
+        if isinstance(state, dict) and isinstance(state.get(key), dict):
+            state = state[key]
+    if not isinstance(state, dict) or not state or not all(hasattr(value, "shape") for value in state.values()):
+        raise ToolkitError(f"{file.path} holds no state dict: save one with torch.save(model.state_dict(), FILE)")
+    renamed = OrderedDict((_modern_name(name), value) for name, value in state.items())
+    # torch keeps its modules' versions here, and some networks load older files another way
+    renamed._metadata = getattr(state, "_metadata", None)  # type: ignore[attr-defined]
+    return renamed
+
+
+def _modern_name(name: str) -> str:
+    # torchvision's published DenseNets still have the names of torch 0.3, which its own loader mends like this
+    old = re.match(r"^(.*denselayer\d+\.(?:norm|conv))\.([12]\..+)$", name)
+    return (old[1] + old[2] if old else name).removeprefix("module.")
+
+
+def _load(path: Path) -> Any:
+    import pickle
+
+    import torch
+    from safetensors import SafetensorError
+    from safetensors.torch import load_file
+
+    try:
+        if path.suffix == ".safetensors":
+            return load_file(path)
+        return torch.load(path, map_location="cpu", weights_only=True)
+    except pickle.UnpicklingError:
+        raise ToolkitError(
+            f"{path} is damaged, or holds more than numbers and is not loaded for safety: "
+            "save a plain state dict with torch.save(model.state_dict(), FILE)"
+        ) from None
+    except (SafetensorError, RuntimeError, EOFError, OSError, ValueError, KeyError) as error:
+        reason = str(error).strip().splitlines()[0] if str(error).strip() else error.__class__.__name__
+        raise ToolkitError(f"cannot read weights {path}: the file is damaged ({reason}): copy it again") from None
+
+
+def _check_named(path: Path) -> Path:
+    if not path.is_file():
+        raise ToolkitError(f"--weights {path}: no such file")
+    if path.suffix not in SUFFIXES:
+        raise ToolkitError(f"--weights {path}: expected a state dict that ends in {', '.join(SUFFIXES)}")
+    return path
+
+
+def _published_name(url: str) -> str:
+    return url.rsplit("/", 1)[-1]
+
+
+def _download(arch: str, url: str, quiet: bool) -> Path:
+    """Torchvision's own file into torch's own cache, checked against the hash in its name."""
+    import torch
+
+    name = _published_name(url)
+    target = cache_dir() / name
+    digits = re.search(r"-([0-9a-f]{8,})\.", name)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with _socket_timeout(DOWNLOAD_TIMEOUT_S):
+            torch.hub.download_url_to_file(url, str(target), digits[1] if digits else None, progress=not quiet)
+    except (OSError, http.client.HTTPException, RuntimeError) as error:
+        reason = str(getattr(error, "reason", "") or error).strip() or error.__class__.__name__
+        folder = os.environ.get(FOLDER_VARIABLE)
+        looked = f"{folder} has none" if folder else "not set"
+        raise ToolkitError(
+            f"no weights for {arch}: give a file with --weights, or set {FOLDER_VARIABLE} to a folder that holds "
+            f"{arch}-*.pth or .safetensors ({looked}), or put {name} into torch's cache {cache_dir()}, "
+            f"or let it download from {url} (failed: {reason})"
+        ) from None
+    return target
+
+
+@contextlib.contextmanager
+def _socket_timeout(seconds: float) -> Iterator[None]:
+    before = socket.getdefaulttimeout()
+    socket.setdefaulttimeout(seconds)
+    try:
+        yield
+    finally:
+        socket.setdefaulttimeout(before)

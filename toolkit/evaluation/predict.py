@@ -1,0 +1,166 @@
+"""Images in, one prediction each out, at the speed of the network and in constant memory."""
+
+import os
+import warnings
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+from PIL import Image
+
+from toolkit.captures.images import UnreadableImage, read_image
+from toolkit.captures.read import Capture
+from toolkit.classifiers.network import Classifier
+from toolkit.classifiers.preprocessing import resize_and_crop
+from toolkit.console import progress
+from toolkit.errors import ToolkitError
+
+OK = "ok"
+CPU_BATCH, CUDA_BATCH = 32, 128
+MAX_DECODERS = 8
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """What the network said of one image; everything after `true_label` is None where the image was not read.
+
+    Attributes:
+        capture: the image.
+        true_index, true_label: what it shows.
+        top1_index, top1_label, top1_prob: the network's first guess.
+        true_prob, true_rank: probability of the truth, and its place among the guesses, from 1.
+        status: `ok`, or why the image was not read.
+    """
+
+    capture: Capture
+    true_index: int
+    true_label: str
+    top1_index: int | None = None
+    top1_label: str | None = None
+    top1_prob: float | None = None
+    true_prob: float | None = None
+    true_rank: int | None = None
+    status: str = OK
+
+    @property
+    def is_read(self) -> bool:
+        """Whether the image was read and classified."""
+        return self.status == OK
+
+    @property
+    def correct_top1(self) -> bool:
+        """Whether the first guess is right."""
+        return self.true_rank == 1
+
+    @property
+    def correct_top5(self) -> bool:
+        """Whether the truth is among the first five guesses."""
+        return self.true_rank is not None and self.true_rank <= 5
+
+
+def predict_captures(
+    captures: Sequence[Capture],
+    true_classes: dict[str, int],
+    classifier: Classifier,
+    batch_size: int | None = None,
+    quiet: bool = False,
+) -> list[Prediction]:
+    """Classify images; the order of the result is that of `captures`.
+
+    Decoding runs in threads beside the network: Pillow and torch both release the interpreter's lock. At most one batch
+    is decoded ahead, so memory does not grow with the number of images.
+
+    Raises:
+        ToolkitError: the network's output is not finite, or a batch does not fit the GPU.
+    """
+    size = batch_size or (CUDA_BATCH if classifier.device == "cuda" else CPU_BATCH)
+    predictions: dict[int, Prediction] = {}
+    waiting: list[tuple[int, np.ndarray]] = []
+
+    def flush() -> None:
+        for (index, _), guess in zip(waiting, _classify([pixels for _, pixels in waiting], classifier), strict=True):
+            predictions[index] = _judge(captures[index], true_classes, classifier, guess)
+        ticker.advance(len(waiting))
+        waiting.clear()
+
+    with progress("classifying", len(captures), quiet) as ticker:
+        for index, pixels in enumerate(_decode_ahead(captures, classifier, size)):
+            if isinstance(pixels, str):
+                true = true_classes[captures[index].object]
+                predictions[index] = Prediction(captures[index], true, classifier.labels[true], status=pixels)
+                ticker.advance()
+                continue
+            waiting.append((index, pixels))
+            if len(waiting) == size:
+                flush()
+        if waiting:
+            flush()
+    return [predictions[index] for index in range(len(captures))]
+
+
+def _decode_ahead(captures: Sequence[Capture], classifier: Classifier, ahead: int) -> Iterator[np.ndarray | str]:
+    """(crop, crop, 3) uint8 pixels of each image in order, or the reason why there are none."""
+    how = classifier.preprocessing
+
+    def decode(capture: Capture) -> np.ndarray | str:
+        if capture.refused is not None:
+            return capture.refused
+        try:
+            return resize_and_crop(read_image(capture.file, how.resize_px), how)
+        except UnreadableImage as error:
+            return error.reason
+
+    workers = max(1, min(MAX_DECODERS, os.cpu_count() or 1))
+    pool = ThreadPoolExecutor(workers, thread_name_prefix="decode")
+    rest = iter(captures)
+    with warnings.catch_warnings():
+        # read_image has its own, stricter limit; other decoders' warnings end in `status` when they matter
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        warnings.filterwarnings("ignore", module=r"PIL\..*")
+        try:
+            queue: deque[Future] = deque(pool.submit(decode, capture) for capture in islice(rest, ahead + workers))
+            while queue:
+                result = queue.popleft().result()
+                queue.extend(pool.submit(decode, capture) for capture in islice(rest, 1))
+                yield result
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+@dataclass(frozen=True)
+class _Guess:
+    order: np.ndarray
+    probabilities: np.ndarray
+
+
+def _classify(images: list[np.ndarray], classifier: Classifier) -> list[_Guess]:
+    import torch
+
+    batch = torch.from_numpy(np.stack(images)).to(classifier.device).permute(0, 3, 1, 2)
+    try:
+        with torch.inference_mode():
+            logits = classifier.logits(batch.float().div_(255)).double().cpu()
+    except torch.cuda.OutOfMemoryError:
+        raise ToolkitError(f"{len(images)} images do not fit the GPU's memory: make --batch-size smaller") from None
+    if not torch.isfinite(logits).all():
+        raise ToolkitError(f"{classifier.weights.name}: the network's output is not a number: its weights are damaged")
+    # stable, so that ties go to the lower index everywhere and rank 1 always is the first guess
+    order = torch.sort(logits, dim=1, descending=True, stable=True).indices.numpy()
+    return [_Guess(*pair) for pair in zip(order, logits.softmax(dim=1).numpy(), strict=True)]
+
+
+def _judge(capture: Capture, true_classes: dict[str, int], classifier: Classifier, guess: _Guess) -> Prediction:
+    true, first = true_classes[capture.object], int(guess.order[0])
+    return Prediction(
+        capture,
+        true,
+        classifier.labels[true],
+        first,
+        classifier.labels[first],
+        float(guess.probabilities[first]),
+        float(guess.probabilities[true]),
+        int(np.flatnonzero(guess.order == true)[0]) + 1,
+    )

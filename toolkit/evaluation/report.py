@@ -1,0 +1,89 @@
+"""`report.html`: one file that opens from disk with no network."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from toolkit import __version__
+from toolkit.captures.read import POOLED
+from toolkit.classifiers.network import Classifier
+from toolkit.evaluation.contact_sheet import MANY_SHEETS, MAX_FLIPS, lay_out, pick_flips
+from toolkit.evaluation.headline import write_headlines
+from toolkit.evaluation.metrics import Group, Match, Pair
+from toolkit.evaluation.poses import chart_poses
+from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.tables import pick_rows
+from toolkit.evaluation.thumbnails import make_thumbnails
+from toolkit.files import write_text
+
+TEMPLATE = "report.html.j2"
+MAX_TABLE_ROWS = 400
+
+
+def write_report(
+    path: Path,
+    title: str,
+    classifier: Classifier,
+    predictions: Sequence[Prediction],
+    groups: Sequence[Group],
+    pairs: Sequence[Pair],
+    matches: Sequence[Match],
+    failed: Sequence[tuple[str, str]],
+    unpaired: Sequence[tuple[str, str]],
+    notes: Sequence[str],
+) -> Path:
+    """Write the report; thumbnails are embedded, long contact sheets thinned, and the report says so."""
+    sheets, n_hidden = lay_out(predictions)
+    gained, n_gained = pick_flips(matches, gained=True)
+    lost, n_lost = pick_flips(matches, gained=False)
+    shown = [one for sheet in sheets for card in sheet.cards for one in card.cells]
+    shown += [one for card in (*gained, *lost) for one in card.cells]
+    context = {
+        "title": title,
+        "arch": classifier.arch,
+        "weights": classifier.weights,
+        "how": classifier.preprocessing.describe(),
+        "n_labels": len(classifier.labels),
+        "headlines": write_headlines(classifier.arch, groups, pairs),
+        "tables": _tables(groups, pairs),
+        "charts": chart_poses(predictions),
+        "sources": sorted({one.capture.source for one in predictions}),
+        "sheets": sheets,
+        "n_hidden": n_hidden,
+        "open_sheets": MANY_SHEETS,
+        "flips": [("gained", gained, n_gained), ("lost", lost, n_lost)],
+        "max_flips": MAX_FLIPS,
+        "has_pairs": bool(pairs),
+        "n_images": len(predictions),
+        "thumbnails": make_thumbnails(one.capture for one in shown if one.is_read),
+        "failed": failed,
+        "unpaired": unpaired,
+        "notes": notes,
+        "version": __version__,
+    }
+    return write_text(path, render(context))
+
+
+def render(context: dict[str, Any]) -> str:
+    """The HTML of a report; everything that comes from files or names is escaped."""
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    loader = PackageLoader("toolkit.evaluation", package_path="")
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters["percent"] = lambda share: "–" if share is None else f"{100 * share:.0f}"
+    environment.filters["p_value"] = lambda p: "< 0.0001" if p < 1e-4 else f"{p:.2g}"
+    return environment.get_template(TEMPLATE).render(context)
+
+
+def _tables(groups: Sequence[Group], pairs: Sequence[Pair]) -> list[dict[str, Any]]:
+    paired = {(pair.source, pair.object, pair.variant): pair for pair in pairs}
+    tables = []
+    for source in dict.fromkeys(group.source for group in groups):
+        own = [group for group in groups if group.source == source]
+        rows = [(group, paired.get((source, group.object, group.variant))) for group in pick_rows(own, MAX_TABLE_ROWS)]
+        n_objects = len({group.object for group in own} - {POOLED})
+        is_cut = n_objects > len({group.object for group, _ in rows})
+        tables.append({"source": source, "rows": rows, "n_objects": n_objects, "is_cut": is_cut})
+    return tables

@@ -1,0 +1,125 @@
+"""From a capture folder to a run folder."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from toolkit.captures.read import Selection, read_captures
+from toolkit.classifiers.network import Classifier
+from toolkit.errors import ToolkitError
+from toolkit.evaluation.headline import Headline, write_headlines
+from toolkit.evaluation.metrics import Group, Pair, compare_variants, group_predictions, match_pairs
+from toolkit.evaluation.predict import Prediction, predict_captures
+from toolkit.evaluation.report import write_report
+from toolkit.evaluation.truth import find_true_classes
+from toolkit.evaluation.write import summarise, write_predictions
+from toolkit.files import write_json
+from toolkit.workspace import Workspace
+
+RUN_NAME = re.compile(r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
+
+
+@dataclass(frozen=True)
+class EvaluationResult:
+    """What an evaluation found, and where it is written.
+
+    Attributes:
+        run_dir, report_file: the folder `eval/RUN` and the HTML file in it.
+        predictions: one per image.
+        groups, pairs: rows of the tables.
+        failed: (path, reason) of what could not be read.
+        unpaired: (path, reason) of images without a partner.
+        notes: what else the reader should know.
+        headlines: the result in words.
+        summary: what `summary.json` holds.
+    """
+
+    run_dir: Path
+    report_file: Path
+    predictions: tuple[Prediction, ...]
+    groups: tuple[Group, ...]
+    pairs: tuple[Pair, ...]
+    failed: tuple[tuple[str, str], ...]
+    unpaired: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...]
+    headlines: tuple[Headline, ...]
+    summary: dict[str, Any]
+
+
+def evaluate_captures(
+    captures_dir: Path,
+    workspace: Workspace,
+    classifier: Classifier,
+    run_name: str | None = None,
+    quiet: bool = False,
+    selection: Selection | None = None,
+    batch_size: int | None = None,
+) -> EvaluationResult:
+    """Classify every image of a capture folder and write `eval/RUN`: predictions.csv, summary.json, report.html.
+
+    An image that cannot be read is listed with its reason, and the others are evaluated. A run of the same name is
+    replaced, file by file.
+
+    Args:
+        captures_dir: `captures/`, one of its sources, one object's folder, or an ImageFolder.
+        workspace: whose object specs say what each object is, and whose `eval/` is written to.
+        classifier: from `load_classifier`.
+        run_name: folder under `eval/`; by default the network's name.
+        quiet: no progress bar.
+        selection: the sources, objects and variants that are meant; all by default.
+        batch_size: images per pass of the network; 32 on a CPU and 128 on a GPU by default.
+
+    Raises:
+        ToolkitError: no images, an object whose class is unknown, a broken manifest, a bad run name, or a folder that
+            cannot be written.
+    """
+    run_dir = workspace.eval_dir / _check_run_name(run_name or classifier.arch)
+    folder = read_captures(captures_dir, selection)
+    classes = find_true_classes(folder, workspace, classifier)
+    predictions = predict_captures(folder.captures, classes, classifier, batch_size, quiet)
+    groups = group_predictions(predictions)
+    matches, unpaired = match_pairs(predictions)
+    pairs = compare_variants(matches)
+    failed = [(one.capture.path, one.status) for one in predictions if not one.is_read] + list(folder.refused_folders)
+    summary = summarise(classifier, groups, pairs, failed, unpaired, folder.notes)
+    write_predictions(run_dir / "predictions.csv", predictions)
+    write_json(run_dir / "summary.json", summary)
+    report_file = write_report(
+        run_dir / "report.html",
+        run_dir.name,
+        classifier,
+        predictions,
+        groups,
+        pairs,
+        matches,
+        failed,
+        unpaired,
+        folder.notes,
+    )
+    headlines = write_headlines(classifier.arch, groups, pairs)
+    return EvaluationResult(
+        run_dir,
+        report_file,
+        tuple(predictions),
+        tuple(groups),
+        tuple(pairs),
+        tuple(failed),
+        tuple(unpaired),
+        folder.notes,
+        tuple(headlines),
+        summary,
+    )
+
+
+def list_lines(title: str, items: Sequence[tuple[str, str]], limit: int = 20) -> list[str]:
+    """`title` and one line per (path, reason), the rest counted."""
+    lines = [f"{len(items)} {title}:", *(f"  {path}: {reason}" for path, reason in items[:limit])]
+    return lines if len(items) <= limit else [*lines, f"  and {len(items) - limit} more, all in summary.json"]
+
+
+def _check_run_name(name: str) -> str:
+    if not RUN_NAME.match(name):
+        raise ToolkitError(f"--run '{name}': expected letters, digits, '.', '_' and '-', such as 'resnet18-tuesday'")
+    return name

@@ -1,0 +1,40 @@
+"""Small copies of images, embedded in the report."""
+
+import base64
+import io
+import os
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+
+from PIL import Image
+
+from toolkit.captures.images import UnreadableImage, read_image
+from toolkit.captures.read import Capture
+
+SIDE_PX = 240
+MAX_BYTES = 12_000
+QUALITIES = (80, 65, 50, 35, 20)
+
+
+def make_thumbnails(captures: Iterable[Capture]) -> dict[str, str]:
+    """JPEG `data:` URIs of at most 12 kB by the image's path; an image that does not decode any more is left out."""
+    wanted = list({capture.path: capture for capture in captures}.values())
+    with ThreadPoolExecutor(max(1, min(8, os.cpu_count() or 1))) as pool:
+        made = pool.map(_make, wanted)
+        return {capture.path: uri for capture, uri in zip(wanted, made, strict=True) if uri}
+
+
+def _make(capture: Capture) -> str | None:
+    try:
+        image = Image.fromarray(read_image(capture.file, SIDE_PX))
+    except UnreadableImage:
+        return None
+    image.thumbnail((SIDE_PX, SIDE_PX), Image.Resampling.LANCZOS)
+    content = b""
+    for quality in QUALITIES:
+        buffer = io.BytesIO()
+        image.save(buffer, "JPEG", quality=quality, optimize=True)
+        content = buffer.getvalue()
+        if len(content) <= MAX_BYTES:
+            break
+    return "data:image/jpeg;base64," + base64.b64encode(content).decode("ascii")

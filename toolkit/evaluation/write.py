@@ -1,0 +1,64 @@
+"""`predictions.csv` and `summary.json`."""
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from toolkit import __version__
+from toolkit.classifiers.network import Classifier
+from toolkit.evaluation.metrics import Group, Pair
+from toolkit.evaluation.predict import Prediction
+from toolkit.files import write_text
+
+SCHEMA_VERSION = 1
+COLUMNS = (
+    *("source", "object", "variant", "pose_id", "path", "true_index", "true_label"),
+    *("top1_index", "top1_label", "top1_prob", "true_prob", "true_rank", "correct_top1", "correct_top5", "status"),
+)
+
+
+def write_predictions(path: Path, predictions: Sequence[Prediction]) -> Path:
+    """One row per image; right or wrong as 1 or 0, fields that are unknown left empty."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(COLUMNS)
+    for one in predictions:
+        table.writerow("" if value is None else value for value in _row(one))
+    return write_text(path, text.getvalue())
+
+
+def _row(one: Prediction) -> list[Any]:
+    capture = one.capture
+    head = [capture.source, capture.object, capture.variant, capture.pose_id, capture.path, one.true_index]
+    if not one.is_read:
+        return [*head, one.true_label, *[None] * 7, one.status]
+    guess = [one.top1_index, one.top1_label, f"{one.top1_prob:.6f}", f"{one.true_prob:.6g}", one.true_rank]
+    return [*head, one.true_label, *guess, int(one.correct_top1), int(one.correct_top5), one.status]
+
+
+def summarise(
+    classifier: Classifier,
+    groups: Sequence[Group],
+    pairs: Sequence[Pair],
+    failed: Sequence[tuple[str, str]],
+    unpaired: Sequence[tuple[str, str]],
+    notes: Sequence[str],
+) -> dict[str, Any]:
+    """What `summary.json` holds."""
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "model": {
+            "arch": classifier.arch,
+            "weights": classifier.weights.name,
+            "sha256": classifier.weights.sha256,
+            "preprocessing": classifier.preprocessing.describe(),
+        },
+        "groups": [group.as_json() for group in groups],
+        "pairs": [pair.as_json() for pair in pairs],
+        "failed": [{"path": path, "reason": reason} for path, reason in failed],
+        "unpaired": [{"path": path, "reason": reason} for path, reason in unpaired],
+        "notes": list(notes),
+        "toolkit_version": __version__,
+    }
