@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import binomtest
 
 from toolkit.captures.read import Capture
-from toolkit.evaluation.headline import ONE_WAY_FLIPS, say_p, write_headlines
+from toolkit.evaluation.headline import ONE_WAY_FLIPS, write_headlines
 from toolkit.evaluation.metrics import (
     compare_variants,
     group_predictions,
@@ -16,6 +16,7 @@ from toolkit.evaluation.metrics import (
     wilson_interval,
 )
 from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.say import say_p
 
 
 @pytest.mark.parametrize(("k", "n"), [(0, 18), (1, 18), (9, 18), (17, 18), (18, 18), (61, 72), (1, 1), (499, 1000)])

@@ -11,7 +11,8 @@ from PIL import Image
 from rich.console import Console
 
 from toolkit.captures.read import Capture
-from toolkit.evaluation.contact_sheet import MAX_FLIPS, lay_out, pick_flips
+from toolkit.evaluation.contact_sheet import lay_out, lay_out_flips
+from toolkit.evaluation.flips import MAX_FLIPS, list_flips
 from toolkit.evaluation.metrics import compare_variants, group_predictions, match_pairs
 from toolkit.evaluation.poses import chart_poses, read_direction
 from toolkit.evaluation.predict import Prediction
@@ -107,10 +108,9 @@ def test_flips_are_sorted_and_counted():
         one(pose, right=pose < 50) for pose in range(60)
     ]
     matches, _ = match_pairs(seen)
-    gained, n_gained = pick_flips(matches, gained=True)
-    lost, n_lost = pick_flips(matches, gained=False)
-    assert (len(gained), n_gained, len(lost), n_lost) == (MAX_FLIPS, 50, 10, 10)
-    assert all(len(card.cells) == 2 for card in gained)
+    gained, lost = list_flips(matches)
+    assert (len(gained.shown), gained.n, len(lost.shown), lost.n) == (MAX_FLIPS, 50, 10, 10)
+    assert all(len(card.cells) == 2 for card in lay_out_flips(gained))
 
 
 def test_thumbnails_are_small_upright_jpegs(tmp_path):

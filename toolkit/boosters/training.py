@@ -46,9 +46,9 @@ class Descent:
         seed: of every random draw.
     """
 
-    steps: int = 240
+    steps: int = 300
     batch: int = 16
-    lr: float = 0.03
+    lr: float = 0.1
     schedule: str = "cosine"
     seed: int = 0
 

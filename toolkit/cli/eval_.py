@@ -29,6 +29,14 @@ def evaluate(
     batch_size: Annotated[
         int | None, typer.Option("--batch-size", min=1, help="Images per pass; default: 32, on a GPU 128.")
     ] = None,
+    saliency: Annotated[
+        bool | None,
+        typer.Option(
+            "--saliency/--no-saliency",
+            help="Grad-CAM maps of the flips in the report; default: when there are at most 200.",
+            show_default=False,
+        ),
+    ] = None,
     device: options.Device = "auto",
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,
@@ -43,7 +51,8 @@ def evaluate(
     here = open_workspace(workspace)
     classifier = load_classifier(model, weights, device, quiet)
     selection = Selection(tuple(source or ()), tuple(object_ or ()), tuple(variant or ()))
-    result = evaluate_captures(captures or here.captures_dir, here, classifier, run, quiet, selection, batch_size)
+    folder = captures or here.captures_dir
+    result = evaluate_captures(folder, here, classifier, run, quiet, selection, batch_size, saliency)
     if as_json:
         typer.echo(json.dumps(result.summary, indent=2, ensure_ascii=False))
     else:

@@ -37,9 +37,9 @@ def train_patch(
         list[Path] | None, typer.Option(help="State dict (.pth, .safetensors), one for each --model.")
     ] = None,
     size_px: Annotated[int, typer.Option(help="Side of the patch, pixels.")] = 100,
-    steps: Annotated[int, typer.Option(help="Gradient steps.")] = 240,
+    steps: Annotated[int, typer.Option(help="Gradient steps.")] = 300,
     batch: Annotated[int, typer.Option(help="Images per step.")] = 16,
-    lr: Annotated[float, typer.Option(help="Change of every pixel in the first step, of the range 0 to 1.")] = 0.03,
+    lr: Annotated[float, typer.Option(help="Change of every pixel in the first step, of the range 0 to 1.")] = 0.1,
     schedule: Annotated[str, typer.Option(help="How it falls: constant, linear or cosine.")] = "cosine",
     rotation: Annotated[Range, typer.Option(help="Degrees, lowest and highest.")] = (-180.0, 180.0),
     share: Annotated[Range, typer.Option(help="Patch side as a share of the image's, lowest and highest.")] = (

@@ -4,13 +4,12 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from toolkit.captures.read import UNPATCHED
-from toolkit.evaluation.metrics import Match
+from toolkit.evaluation.flips import FlipList
+from toolkit.evaluation.order import rank_variant
 from toolkit.evaluation.poses import read_direction
 from toolkit.evaluation.predict import Prediction
 
 MAX_PICTURES = 600
-MAX_FLIPS = 40
 MANY_SHEETS, FEW_CARDS = 12, 3
 
 
@@ -21,7 +20,7 @@ class Card:
     Attributes:
         title: `pose 3`, or the file's name.
         place: azimuth and elevation in words, empty where unknown.
-        cells: the images, `unpatched` first.
+        cells: the images, in the order of `rank_variant`.
     """
 
     title: str
@@ -62,16 +61,14 @@ def lay_out(predictions: Sequence[Prediction], max_pictures: int = MAX_PICTURES)
     return _gather(sheets), len(keys) - len(shown)
 
 
-def pick_flips(matches: Sequence[Match], gained: bool) -> tuple[list[Card], int]:
-    """Pairs that became right (or wrong), surest first, at most 40; and how many there are."""
-    flips = [match for match in matches if (match.is_gained if gained else match.is_lost)]
-    flips.sort(key=lambda match: -abs((match.after.true_prob or 0) - (match.before.true_prob or 0)))
+def lay_out_flips(flips: FlipList) -> list[Card]:
+    """A card for each flip that is shown, the image before and the image after."""
     cards = []
-    for match in flips[:MAX_FLIPS]:
+    for match in flips.shown:
         capture = match.after.capture
         title = f"{capture.source} · {capture.object} · pose {capture.pose_id}"
         cards.append(Card(title, say_place(match.after), (match.before, match.after)))
-    return cards, len(flips)
+    return cards
 
 
 def say_place(one: Prediction) -> str:
@@ -93,7 +90,7 @@ def _deal(members: list[Prediction]) -> list[Card]:
         poses[one.capture.pose_id][one.capture.variant] = one
     cards = []
     for pose_id in sorted(poses):
-        cells = sorted(poses[pose_id].values(), key=lambda one: (one.capture.variant != UNPATCHED, one.capture.variant))
+        cells = sorted(poses[pose_id].values(), key=lambda one: rank_variant(one.capture.variant))
         cards.append(Card(f"pose {pose_id}", say_place(cells[0]), tuple(cells)))
     return cards + [Card(one.capture.path.rsplit("/", 1)[-1], say_place(one), (one,)) for one in loose]
 

@@ -7,6 +7,7 @@ from math import sqrt
 from typing import Any
 
 from toolkit.captures.read import POOLED, UNPATCHED
+from toolkit.evaluation.order import rank_variant
 from toolkit.evaluation.predict import Prediction
 
 Z_95 = 1.959963984540054
@@ -122,12 +123,24 @@ class Match:
 
 
 def group_predictions(predictions: Sequence[Prediction]) -> list[Group]:
-    """Rows by source, object (`all` last) and variant (`unpatched` first)."""
+    """Rows by source, object (`all` last) and variant (see `rank_variant`)."""
     members: dict[tuple[str, str, str], list[Prediction]] = defaultdict(list)
     for one in predictions:
         for name in (one.capture.object, POOLED):
             members[(one.capture.source, name, one.capture.variant)].append(one)
     return [_group(key, members[key]) for key in sorted(members, key=_row_order)]
+
+
+def index_poses(predictions: Iterable[Prediction]) -> dict[tuple[str, str], dict[str, dict[int, Prediction]]]:
+    """(source, object) -> variant -> pose -> image: of several of one pose the first that was read."""
+    by_pose: dict[tuple[str, str], dict[str, dict[int, Prediction]]] = defaultdict(lambda: defaultdict(dict))
+    for one in predictions:
+        poses = by_pose[(one.capture.source, one.capture.object)][one.capture.variant]
+        if one.capture.pose_id is not None:
+            first = poses.get(one.capture.pose_id)
+            if first is None or (one.is_read and not first.is_read):
+                poses[one.capture.pose_id] = one
+    return by_pose
 
 
 def match_pairs(predictions: Sequence[Prediction]) -> tuple[list[Match], list[tuple[str, str]]]:
@@ -139,13 +152,7 @@ def match_pairs(predictions: Sequence[Prediction]) -> tuple[list[Match], list[tu
         The matches, and (path, reason) of every image that was read and has no partner. Where an object was seen in one
         variant only, nothing can be paired and nothing is listed.
     """
-    by_pose: dict[tuple[str, str], dict[str, dict[int, Prediction]]] = defaultdict(lambda: defaultdict(dict))
-    for one in predictions:
-        poses = by_pose[(one.capture.source, one.capture.object)][one.capture.variant]
-        if one.capture.pose_id is not None:
-            first = poses.get(one.capture.pose_id)
-            if first is None or (one.is_read and not first.is_read):
-                poses[one.capture.pose_id] = one
+    by_pose = index_poses(predictions)
     matches: list[Match] = []
     unpaired: list[tuple[str, str]] = []
     for one in predictions:
@@ -178,7 +185,7 @@ def compare_variants(matches: Iterable[Match]) -> list[Pair]:
 
 def _row_order(key: tuple[str, str, str]) -> tuple:
     source, name, variant = key
-    return source, name == POOLED, name, variant != UNPATCHED, variant
+    return source, name == POOLED, name, rank_variant(variant)
 
 
 def _group(key: tuple[str, str, str], members: list[Prediction]) -> Group:

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import asin, atan2, cos, degrees, pi, radians, sin, sqrt
 
-from toolkit.captures.read import UNPATCHED, Capture
+from toolkit.captures.read import Capture
+from toolkit.evaluation.order import rank_variant
 from toolkit.evaluation.predict import Prediction
 
 RADIUS = 100.0
@@ -73,7 +74,7 @@ def chart_poses(predictions: Sequence[Prediction]) -> list[PoseChart]:
     lowest: dict[str, float] = defaultdict(float)
     for (source, _), seen in found.items():
         lowest[source] = min(lowest[source], *(direction[1] for direction, _ in seen))
-    keys = sorted(found, key=lambda key: (key[0], key[1] != UNPATCHED, key[1]))
+    keys = sorted(found, key=lambda key: (key[0], rank_variant(key[1])))
     return [_chart(*key, found[key], lowest[key[0]]) for key in keys]
 
 

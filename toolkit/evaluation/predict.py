@@ -87,7 +87,7 @@ def predict_captures(
         waiting.clear()
 
     with progress("classifying", len(captures), quiet) as ticker:
-        for index, pixels in enumerate(_decode_ahead(captures, classifier, size)):
+        for index, pixels in enumerate(decode_ahead(captures, classifier, size)):
             if isinstance(pixels, str):
                 true = true_classes[captures[index].object]
                 predictions[index] = Prediction(captures[index], true, classifier.labels[true], status=pixels)
@@ -101,8 +101,8 @@ def predict_captures(
     return [predictions[index] for index in range(len(captures))]
 
 
-def _decode_ahead(captures: Sequence[Capture], classifier: Classifier, ahead: int) -> Iterator[np.ndarray | str]:
-    """(crop, crop, 3) uint8 pixels of each image in order, or the reason why there are none."""
+def decode_ahead(captures: Sequence[Capture], classifier: Classifier, ahead: int) -> Iterator[np.ndarray | str]:
+    """(crop, crop, 3) uint8 pixels of each image in order, or the reason why there are none; `ahead` are made before."""
     how = classifier.preprocessing
 
     def decode(capture: Capture) -> np.ndarray | str:

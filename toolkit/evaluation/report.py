@@ -7,11 +7,13 @@ from typing import Any
 from toolkit import __version__
 from toolkit.captures.read import POOLED
 from toolkit.classifiers.network import Classifier
-from toolkit.evaluation.contact_sheet import MANY_SHEETS, MAX_FLIPS, lay_out, pick_flips
-from toolkit.evaluation.headline import write_headlines
-from toolkit.evaluation.metrics import Group, Match, Pair
+from toolkit.evaluation.contact_sheet import MANY_SHEETS, lay_out, lay_out_flips
+from toolkit.evaluation.controls import Comparison
+from toolkit.evaluation.findings import Findings
+from toolkit.evaluation.flips import MAX_FLIPS
+from toolkit.evaluation.metrics import Group, Pair
 from toolkit.evaluation.poses import chart_poses
-from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.saliency import HEAT_COLOURS, HEAT_LEVELS, Saliency
 from toolkit.evaluation.tables import pick_rows
 from toolkit.evaluation.thumbnails import make_thumbnails
 from toolkit.files import write_text
@@ -21,43 +23,39 @@ MAX_TABLE_ROWS = 400
 
 
 def write_report(
-    path: Path,
-    title: str,
-    classifier: Classifier,
-    predictions: Sequence[Prediction],
-    groups: Sequence[Group],
-    pairs: Sequence[Pair],
-    matches: Sequence[Match],
-    failed: Sequence[tuple[str, str]],
-    unpaired: Sequence[tuple[str, str]],
-    notes: Sequence[str],
+    path: Path, title: str, classifier: Classifier, findings: Findings, notes: Sequence[str], saliency: Saliency
 ) -> Path:
     """Write the report; thumbnails are embedded, long contact sheets thinned, and the report says so."""
+    predictions = findings.predictions
     sheets, n_hidden = lay_out(predictions)
-    gained, n_gained = pick_flips(matches, gained=True)
-    lost, n_lost = pick_flips(matches, gained=False)
+    flips = [(one.kind, lay_out_flips(one), one.n, one.counts) for one in findings.flips]
     shown = [one for sheet in sheets for card in sheet.cards for one in card.cells]
-    shown += [one for card in (*gained, *lost) for one in card.cells]
+    shown += [one for _, cards, _, _ in flips for card in cards for one in card.cells]
     context = {
         "title": title,
         "arch": classifier.arch,
         "weights": classifier.weights,
         "how": classifier.preprocessing.describe(),
         "n_labels": len(classifier.labels),
-        "headlines": write_headlines(classifier.arch, groups, pairs),
-        "tables": _tables(groups, pairs),
+        "headlines": findings.headlines,
+        "tables": _tables(findings.groups, findings.pairs),
+        "comparisons": _compare_tables(findings.comparisons),
         "charts": chart_poses(predictions),
         "sources": sorted({one.capture.source for one in predictions}),
         "sheets": sheets,
         "n_hidden": n_hidden,
         "open_sheets": MANY_SHEETS,
-        "flips": [("gained", gained, n_gained), ("lost", lost, n_lost)],
+        "flips": flips,
+        "saliency": saliency,
+        "heat_stops": ", ".join(
+            f"rgb{colour} {100 * level:.0f}%" for level, colour in zip(HEAT_LEVELS, HEAT_COLOURS, strict=True)
+        ),
         "max_flips": MAX_FLIPS,
-        "has_pairs": bool(pairs),
+        "has_pairs": bool(findings.pairs),
         "n_images": len(predictions),
         "thumbnails": make_thumbnails(one.capture for one in shown if one.is_read),
-        "failed": failed,
-        "unpaired": unpaired,
+        "failed": findings.failed,
+        "unpaired": findings.unpaired,
         "notes": notes,
         "version": __version__,
     }
@@ -86,4 +84,18 @@ def _tables(groups: Sequence[Group], pairs: Sequence[Pair]) -> list[dict[str, An
         n_objects = len({group.object for group in own} - {POOLED})
         is_cut = n_objects > len({group.object for group, _ in rows})
         tables.append({"source": source, "rows": rows, "n_objects": n_objects, "is_cut": is_cut})
+    return tables
+
+
+def _compare_tables(comparisons: Sequence[Comparison]) -> list[tuple[str, list[Comparison]]]:
+    """(source, rows); the pooled rows alone where there are many, none pooled for one object."""
+    tables = []
+    for source in dict.fromkeys(row.source for row in comparisons):
+        own = [row for row in comparisons if row.source == source]
+        single = [row for row in own if row.object != POOLED]
+        if len({row.object for row in single}) == 1:
+            own = single
+        elif len(single) > MAX_TABLE_ROWS:
+            own = [row for row in own if row.object == POOLED]
+        tables.append((source, own))
     return tables

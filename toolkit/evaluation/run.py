@@ -9,10 +9,12 @@ from typing import Any
 from toolkit.captures.read import Selection, read_captures
 from toolkit.classifiers.network import Classifier
 from toolkit.errors import ToolkitError
-from toolkit.evaluation.headline import Headline, write_headlines
-from toolkit.evaluation.metrics import Group, Pair, compare_variants, group_predictions, match_pairs
+from toolkit.evaluation.findings import find_results
+from toolkit.evaluation.metrics import Group, Pair
 from toolkit.evaluation.predict import Prediction, predict_captures
 from toolkit.evaluation.report import write_report
+from toolkit.evaluation.saliency import draw_saliency
+from toolkit.evaluation.say import Headline
 from toolkit.evaluation.truth import find_true_classes
 from toolkit.evaluation.write import summarise, write_predictions
 from toolkit.files import write_json
@@ -56,6 +58,7 @@ def evaluate_captures(
     quiet: bool = False,
     selection: Selection | None = None,
     batch_size: int | None = None,
+    saliency: bool | None = None,
 ) -> EvaluationResult:
     """Classify every image of a capture folder and write `eval/RUN`: predictions.csv, summary.json, report.html.
 
@@ -70,6 +73,7 @@ def evaluate_captures(
         quiet: no progress bar.
         selection: the sources, objects and variants that are meant; all by default.
         batch_size: images per pass of the network; 32 on a CPU and 128 on a GPU by default.
+        saliency: whether the report has Grad-CAM maps of the flips it shows; by default when there are at most 200.
 
     Raises:
         ToolkitError: no images, an object whose class is unknown, a broken manifest, a bad run name, or a folder that
@@ -79,36 +83,24 @@ def evaluate_captures(
     folder = read_captures(captures_dir, selection)
     classes = find_true_classes(folder, workspace, classifier)
     predictions = predict_captures(folder.captures, classes, classifier, batch_size, quiet)
-    groups = group_predictions(predictions)
-    matches, unpaired = match_pairs(predictions)
-    pairs = compare_variants(matches)
-    failed = [(one.capture.path, one.status) for one in predictions if not one.is_read] + list(folder.refused_folders)
-    summary = summarise(classifier, groups, pairs, failed, unpaired, folder.notes)
+    findings = find_results(classifier.arch, predictions, folder.refused_folders)
     write_predictions(run_dir / "predictions.csv", predictions)
+    maps = draw_saliency(findings.flips, classifier, saliency, batch_size, quiet)
+    why = [f"no saliency maps: {maps.reason}"] if saliency and maps.reason else []
+    notes = (*folder.notes, *why)
+    summary = summarise(classifier, findings, notes)
     write_json(run_dir / "summary.json", summary)
-    report_file = write_report(
-        run_dir / "report.html",
-        run_dir.name,
-        classifier,
-        predictions,
-        groups,
-        pairs,
-        matches,
-        failed,
-        unpaired,
-        folder.notes,
-    )
-    headlines = write_headlines(classifier.arch, groups, pairs)
+    report_file = write_report(run_dir / "report.html", run_dir.name, classifier, findings, notes, maps)
     return EvaluationResult(
         run_dir,
         report_file,
-        tuple(predictions),
-        tuple(groups),
-        tuple(pairs),
-        tuple(failed),
-        tuple(unpaired),
-        folder.notes,
-        tuple(headlines),
+        findings.predictions,
+        findings.groups,
+        findings.pairs,
+        findings.failed,
+        findings.unpaired,
+        notes,
+        findings.headlines,
         summary,
     )
 

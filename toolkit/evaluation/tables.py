@@ -22,7 +22,8 @@ def print_tables(console: Console, result: "EvaluationResult") -> None:
         console.print(table)
         console.print()
     for headline in result.headlines:
-        words = f"{headline.source}: {headline.verdict}. {headline.sentence}"
+        asked = f"{headline.question} " if headline.question else ""
+        words = f"{headline.source}: {asked}{headline.verdict}. {headline.sentence}"
         console.print(words, markup=False, soft_wrap=True)
 
 

@@ -29,6 +29,11 @@ def _make(capture: Capture) -> str | None:
         image = Image.fromarray(read_image(capture.file, SIDE_PX))
     except UnreadableImage:
         return None
+    return encode_jpeg(image)
+
+
+def encode_jpeg(image: Image.Image) -> str:
+    """A picture as a JPEG `data:` URI of at most 240 px and, by its quality, 12 kB."""
     image.thumbnail((SIDE_PX, SIDE_PX), Image.Resampling.LANCZOS)
     content = b""
     for quality in QUALITIES:

@@ -8,7 +8,7 @@ from typing import Any
 
 from toolkit import __version__
 from toolkit.classifiers.network import Classifier
-from toolkit.evaluation.metrics import Group, Pair
+from toolkit.evaluation.findings import Findings
 from toolkit.evaluation.predict import Prediction
 from toolkit.files import write_text
 
@@ -38,15 +38,12 @@ def _row(one: Prediction) -> list[Any]:
     return [*head, one.true_label, *guess, int(one.correct_top1), int(one.correct_top5), one.status]
 
 
-def summarise(
-    classifier: Classifier,
-    groups: Sequence[Group],
-    pairs: Sequence[Pair],
-    failed: Sequence[tuple[str, str]],
-    unpaired: Sequence[tuple[str, str]],
-    notes: Sequence[str],
-) -> dict[str, Any]:
-    """What `summary.json` holds."""
+def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str]) -> dict[str, Any]:
+    """What `summary.json` holds.
+
+    `controls` has `comparisons` (fields of `Comparison`: the patch against each control that was shot, on the same poses,
+    by object and pooled) and `answers` {source, question, tone, verdict, sentence}; both are empty without controls.
+    """
     return {
         "schema_version": SCHEMA_VERSION,
         "model": {
@@ -55,10 +52,14 @@ def summarise(
             "sha256": classifier.weights.sha256,
             "preprocessing": classifier.preprocessing.describe(),
         },
-        "groups": [group.as_json() for group in groups],
-        "pairs": [pair.as_json() for pair in pairs],
-        "failed": [{"path": path, "reason": reason} for path, reason in failed],
-        "unpaired": [{"path": path, "reason": reason} for path, reason in unpaired],
+        "groups": [group.as_json() for group in findings.groups],
+        "pairs": [pair.as_json() for pair in findings.pairs],
+        "controls": {
+            "comparisons": [row.as_json() for row in findings.comparisons],
+            "answers": [headline.as_json() for headline in findings.headlines if headline.question],
+        },
+        "failed": [{"path": path, "reason": reason} for path, reason in findings.failed],
+        "unpaired": [{"path": path, "reason": reason} for path, reason in findings.unpaired],
         "notes": list(notes),
         "toolkit_version": __version__,
     }

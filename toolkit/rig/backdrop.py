@@ -42,9 +42,7 @@ class Backdrop:
         cosine = -falling / np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
         picture = self._table_picture(ground_x, ground_y, footprint / np.sqrt(np.maximum(cosine, 0.05)))
         picture += self._table_gloss(direction, cosine)
-        edge_mm = np.minimum(self._size[0] / 2 - np.abs(ground_x), self._size[1] / 2 - np.abs(ground_y))
-        cover = np.clip(edge_mm * cosine / np.maximum(footprint, 1e-3) + 0.5, 0, 1)
-        cover[direction[2] > -1e-4] = 0
+        cover = np.clip(self._pixels_inside(direction, origin, rotation / np.float32(camera.focal_px)) + 0.5, 0, 1)
         open_room = np.flatnonzero(cover.reshape(-1) < 1)
         if len(open_room):
             flat = picture.reshape(-1, 3)
@@ -83,6 +81,21 @@ class Backdrop:
             seen = sample(picture, u[chosen].clip(0, 1), v[chosen].clip(0, 1), cv2.BORDER_REPLICATE)
             radiance[chosen] = np.where(on_table[chosen, None], seen, self._room(direction[chosen], int(index)))
         return radiance
+
+    def _pixels_inside(self, direction: list[np.ndarray], origin: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """(h, w) distance in pixels from the table's nearest edge, positive inside.
+
+        Each edge is a straight line in the picture, so that its distance is linear in the pixel: a ray meets the table
+        on the inner side of x = half where (half - x₀)·(-d_z) - z₀·d_x > 0, and likewise for the others.
+        """
+        nearest = np.full_like(direction[0], np.inf)
+        for axis in (0, 1):
+            for sign in (np.float32(1), np.float32(-1)):
+                along, down = -sign * origin[2], sign * origin[axis] - self._size[axis] / 2
+                slope = np.hypot(*(along * step[axis, :2] + down * step[2, :2]))
+                distance = (along * direction[axis] + down * direction[2]) / np.maximum(slope, np.float32(1e-9))
+                np.minimum(nearest, distance, out=nearest)
+        return nearest
 
     def _table_picture(self, x, y, footprint) -> np.ndarray:
         """Bilinear in the two pyramid levels around each pixel's footprint."""

@@ -4,6 +4,7 @@ The scene is built once and only the camera moves. Post-processing is off, as it
 driver; the picture comes back in linear 8 bit, so that its dark parts are coarser than the ray-cast renderer's.
 """
 
+import contextlib
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,8 @@ class FilamentRenderer:
     """Renders one object in one studio from any camera; hard-edged shadows, antialiased silhouettes."""
 
     def __init__(self, mesh: Mesh, studio: Studio) -> None:
+        with contextlib.suppress(ImportError):  # torch's compiler, loaded after Mesa's, would end the process
+            import triton  # noqa: F401
         go_surfaceless()
         if (trouble := egl_trouble()) is not None:
             raise ToolkitError(

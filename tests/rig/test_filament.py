@@ -1,0 +1,95 @@
+"""The Filament renderer, and with it the ray-cast one: two that share no code must see the same silhouettes."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from toolkit.errors import ToolkitError
+from toolkit.objects.mesh import Material, Mesh, place_on_table
+from toolkit.rig.camera import Camera, orbit_pose
+from toolkit.rig.egl import egl_trouble
+from toolkit.rig.filament import FilamentRenderer
+from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.studio import make_studio
+
+
+@pytest.fixture(scope="module")
+def needs_egl():
+    if (trouble := egl_trouble()) is not None:
+        pytest.skip(f"needs EGL for the Filament renderer: {trouble}")
+
+
+@pytest.fixture(scope="module")
+def studio():
+    return make_studio(0, 100, "white")
+
+
+def knotted():
+    """Some complexity: holes, thin parts and overlaps."""
+    import trimesh
+
+    rings = [trimesh.creation.torus(30, 5, major_sections=48, minor_sections=20) for _ in range(3)]
+    rings[1].apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [1, 0, 0], [0, 0, 0]))
+    rings[2].apply_transform(trimesh.transformations.rotation_matrix(np.pi / 3, [0, 1, 0], [0, 0, 0]))
+    rings.append(trimesh.creation.cylinder(1.5, 110, sections=16))
+    rings.append(trimesh.creation.icosphere(2, 14))
+    shape = trimesh.util.concatenate(rings)
+
+    def painted(code):
+        material = Material("plain", np.full((4, 4, 3), code, np.uint8), 0.9)
+        faces = np.asarray(shape.faces, np.int32)
+        uv = np.full((len(shape.vertices), 2), 0.5, np.float32)
+        return place_on_table(
+            Mesh(
+                shape.vertices.astype(np.float32), shape.vertex_normals.astype(np.float32), uv, faces,
+                np.zeros(len(faces), np.int32), (material,),
+            )
+        )  # fmt: skip
+
+    return painted
+
+
+def test_silhouettes_are_those_of_an_independent_rasteriser(needs_egl, studio):
+    """Pixels that change when the object is painted white instead of black are the object, whatever the light."""
+    painted, camera = knotted(), Camera(480, 360, 40)
+    views = [orbit_pose(np.array([0, 0, 50.0]), azimuth, 35, 190) for azimuth in (20, 140, 265)]
+    filament = []
+    for code in (0, 255):
+        renderer = FilamentRenderer(painted(code), studio)
+        filament.append([renderer.render(camera, view) for view in views])
+        del renderer
+    raycast = RaycastRenderer(painted(255), studio)
+    for black, white, view in zip(*filament, views, strict=True):
+        theirs = (white - black).max(axis=-1) > 0.02  # five of the 8-bit steps
+        ours = raycast.buffers(camera, view)["material"] >= 0
+        assert ours.sum() > 10_000
+        assert (ours & theirs).sum() / (ours | theirs).sum() > 0.99
+
+
+AFTERWARDS = """
+from toolkit.objects.mesh import place_on_table
+from toolkit.objects.modelling import assemble, box
+from toolkit.rig.camera import Camera, orbit_pose
+from toolkit.rig.filament import FilamentRenderer
+from toolkit.rig.studio import make_studio
+mesh = place_on_table(assemble(box((50, 40, 30)), {"paint": (0.6, 0.0)}, 64))
+renderer = FilamentRenderer(mesh, make_studio(0, 50, "white"))
+picture = renderer.render(Camera(64, 48), orbit_pose((0, 0, 15), 30, 40, 200))
+import torch, torchvision
+print("sum", torchvision.models.resnet18().eval()(torch.zeros(1, 3, 32, 32)).shape[1], picture.shape)
+"""
+
+
+def test_a_network_still_runs_in_the_process_that_has_rendered(needs_egl):
+    """Mesa's and torch's compilers are both LLVM: in the wrong order the second one ends the process."""
+    done = subprocess.run([sys.executable, "-c", AFTERWARDS], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-500:]
+    assert "sum 1000 (48, 64, 3)" in done.stdout
+
+
+def test_without_egl_it_says_what_to_install_instead_of_ending_the_process(monkeypatch, make_box, studio):
+    monkeypatch.setattr("toolkit.rig.filament.egl_trouble", lambda: "libEGL.so.1 is missing")
+    with pytest.raises(ToolkitError, match=r"libEGL.so.1 is missing: install libegl1 .*, or use --renderer raycast"):
+        FilamentRenderer(make_box(), studio)

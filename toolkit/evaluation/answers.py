@@ -1,0 +1,111 @@
+"""What the controls say, in words: is it this patch, and does the network read the object or the sticker."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from toolkit.captures.read import POOLED, UNPATCHED
+from toolkit.evaluation.controls import Comparison
+from toolkit.evaluation.metrics import Group, Pair
+from toolkit.evaluation.order import ALONE, PATCHED, RIVALS, WRONG
+from toolkit.evaluation.say import SIGNIFICANT, Headline, say_count, say_p, say_share, say_test
+
+HELPS, THIS_PATCH, STICKER = "does the patch help?", "is it this patch?", "object or sticker?"
+MOST = 0.5
+
+
+@dataclass(frozen=True)
+class Pooled:
+    """The pooled rows of one source, by variant."""
+
+    groups: dict[str, Group]
+    pairs: dict[str, Pair]
+    comparisons: dict[tuple[str, str], Comparison]
+
+
+def pool_rows(source: str, groups: Sequence[Group], pairs: Sequence[Pair], comparisons: Sequence[Comparison]) -> Pooled:
+    """What is needed to answer for one source."""
+    return Pooled(
+        {row.variant: row for row in groups if (row.source, row.object) == (source, POOLED)},
+        {row.variant: row for row in pairs if (row.source, row.object) == (source, POOLED)},
+        {(row.first, row.second): row for row in comparisons if (row.source, row.object) == (source, POOLED)},
+    )
+
+
+def answer_controls(arch: str, source: str, rows: Pooled) -> list[Headline]:
+    """The answers that the controls of a source allow: none, one or two."""
+    rivals = [rows.comparisons[PATCHED, name] for name in RIVALS if (PATCHED, name) in rows.comparisons]
+    answers = [_is_this_patch(arch, source, rows, rivals)] if rivals else []
+    alone = rows.groups.get(ALONE)
+    if alone is not None and alone.n:
+        answers.append(_object_or_sticker(arch, source, alone, rows))
+    return answers
+
+
+def _is_this_patch(arch: str, source: str, rows: Pooled, rivals: Sequence[Comparison]) -> Headline:
+    # of equal ones the hardest to beat: with the fewest poses that only the patch got right
+    best = max(rivals, key=lambda row: (row.n_second / row.n_pairs, row.only_second - row.only_first))
+    beaten = [row for row in rivals if row.mcnemar_p < SIGNIFICANT and row.only_first > row.only_second]
+    helps = rows.pairs.get(PATCHED)
+    tone, verdict = "open", "Not shown to be this patch"
+    if best.mcnemar_p < SIGNIFICANT and best.only_second > best.only_first:
+        tone, verdict = "bad", f"It is not this patch: '{best.second}' does better"
+    elif len(beaten) == len(rivals) and (helps is None or not _helps(helps)):
+        verdict = "This patch beats its controls, but is not shown to help"
+    elif len(beaten) == len(rivals):
+        tone, verdict = "good", "It is this patch"
+    elif helps is not None and not _helps(helps):
+        verdict = "No help shown, so none to put down to this patch"
+    elif best in beaten:
+        verdict = "Not shown against every control"
+    which = f"the best control, '{best.second}'," if len(rivals) > 1 else f"'{best.second}', the only control shot,"
+    sentence = (
+        f"On the same {best.n_pairs} poses {arch} is right on {say_count(best.n_first, best.n_pairs)} with the patch "
+        f"and on {say_count(best.n_second, best.n_pairs)} with {which} {best.only_first} only with the patch and "
+        f"{best.only_second} only with the control ({say_test(best.mcnemar_p)})."
+    )
+    wrong = rows.comparisons.get((UNPATCHED, WRONG))
+    return Headline(
+        source, PATCHED, tone, verdict, sentence if wrong is None else f"{sentence} {_say_wrong(wrong)}", THIS_PATCH
+    )
+
+
+def _say_wrong(row: Comparison) -> str:
+    """What another class's patch does to the true class."""
+    says = f"; its commonest mistake is '{row.says}' ({row.n_says} of {row.n_pairs})" if row.says else ""
+    return (
+        f"Another class's patch takes the true class from {row.n_first} to {row.n_second} of {row.n_pairs} bare poses "
+        f"({row.only_second} gained, {row.only_first} lost, {say_test(row.mcnemar_p)}) and its mean probability from "
+        f"{row.prob_first:.2f} to {row.prob_second:.2f}{says}."
+    )
+
+
+def _object_or_sticker(arch: str, source: str, alone: Group, rows: Pooled) -> Headline:
+    low, high = alone.top1_ci95
+    row = rows.comparisons.get((PATCHED, ALONE))
+    sentence = f"The sticker alone, with no object, is enough for {arch} in {say_share(alone)} of its poses"
+    if row is None:
+        sentence += "; nothing was shot with the patch on the object to compare it with."
+    else:
+        sentence += (
+            f"; of {row.n_pairs} poses shot both ways, patch and object together are right on "
+            f"{say_count(row.n_first, row.n_pairs)}: {row.only_first} only with the object, {row.only_second} only "
+            f"without it ({say_test(row.mcnemar_p)})."
+        )
+    needs_object = row is not None and row.mcnemar_p < SIGNIFICANT and row.only_first > row.only_second
+    if low > MOST:
+        tone, verdict = "bad", "It is the sticker that is read"
+        if needs_object:
+            verdict = "Mostly the sticker is read; the object adds to it"
+    elif needs_object and high < MOST:
+        tone, verdict = "good", "The object is read: the sticker alone is mostly not enough"
+    elif needs_object:
+        tone, verdict = "open", "Both: the sticker alone is often enough, the object adds to it"
+    elif high < MOST:
+        tone, verdict = "open", "The sticker alone is mostly not enough, nor is the patched object shown to be better"
+    else:
+        tone, verdict = "open", "Undecided between object and sticker"
+    return Headline(source, ALONE, tone, verdict, sentence, STICKER)
+
+
+def _helps(pair: Pair) -> bool:
+    return pair.mcnemar_p < SIGNIFICANT and pair.gained > pair.lost
