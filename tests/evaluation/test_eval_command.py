@@ -47,6 +47,19 @@ def test_table_files_and_exit_codes(call, put, workspace):
     assert (workspace.eval_dir / "again" / "report.html").is_file()
 
 
+def test_saliency_is_a_choice(call, put, workspace, monkeypatch):
+    from toolkit.evaluation import run
+
+    asked = []
+    real = run.draw_saliency
+    monkeypatch.setattr(run, "draw_saliency", lambda *args: asked.append(args[2]) or real(*args))
+    put("sim/racer/unpatched/1.png", "racer")
+    put("sim/racer/patched/1.png", "racer")
+    for arguments in ([], ["--saliency"], ["--no-saliency"]):
+        assert call("--quiet", *arguments).exit_code == 0
+    assert asked == [None, True, False]
+
+
 def test_json(call, put):
     put("sim/racer/unpatched/1.png", "racer")
     done = call("--json", "--quiet")

@@ -57,3 +57,26 @@ def test_same_guesses_as_torchvision_alone(result, classifier):
     for one, expected in zip(chosen, probabilities, strict=True):
         assert one.top1_index == int(expected.argmax())
         assert one.top1_prob == pytest.approx(float(expected.max()), abs=1e-4)
+
+
+def test_gradcam_is_the_class_activation_map_of_a_resnet(result, classifier):
+    """A ResNet ends in an average pool and a linear layer, for which the map has a closed form (Zhou et al. 2016)."""
+    import numpy as np
+    import torch
+
+    from toolkit.captures.images import read_image
+    from toolkit.evaluation.gradcam import compute_gradcam, find_feature_map
+
+    module = find_feature_map(classifier)
+    assert module is classifier.module.layer4
+    chosen = result.predictions[::60]
+    batch = torch.stack([classifier.preprocess(read_image(one.capture.file)) for one in chosen])
+    classes, seen = [one.true_index for one in chosen], []
+    hook = module.register_forward_hook(lambda _, __, output: seen.append(output))
+    with torch.no_grad():
+        classifier.logits(batch)
+    hook.remove()
+    cam = torch.einsum("bk,bkhw->bhw", classifier.module.fc.weight[classes], seen[0]).clamp_min(0) / 49
+    found = compute_gradcam(classifier, module, batch, classes)
+    assert found.shape == (len(chosen), 7, 7)
+    np.testing.assert_allclose(found, cam.numpy(), atol=1e-4)

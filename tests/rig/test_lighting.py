@@ -111,7 +111,7 @@ def test_a_larger_light_makes_a_softer_shadow(bake):
 
 def test_the_table_is_darker_the_nearer_to_the_object(bake):
     _, light = bake(room=1.0)
-    near_to_far = table_at(light, [32, 36, 42, 52, 70], [0] * 5)[:, 0]
+    near_to_far = table_at(light, [32, 36, 42, 52, 76], [0] * 5)[:, 0]
     assert (np.diff(near_to_far) > 0).all()
     assert near_to_far[0] < 0.75 * np.pi < 0.95 * np.pi < near_to_far[-1]
     assert table_at(light, [0], [0]).max() < 0.1  # underneath

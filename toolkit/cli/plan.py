@@ -36,7 +36,7 @@ def plan(
     from toolkit.console import console
     from toolkit.objects.load import load_object
     from toolkit.rig.camera import Camera
-    from toolkit.rig.plan import make_plan, write_plan
+    from toolkit.rig.plan import keep_others, make_plan, read_plan, write_plan
     from toolkit.rig.poses import Pattern
     from toolkit.workspace import open_workspace
 
@@ -44,7 +44,8 @@ def plan(
     names = objects or sorted(space.object_specs())
     items = [load_object(space.object_spec(name)) for name in names]
     made = make_plan(items, Camera(*size, fov), Pattern(pattern, count, elevation, fill, distance, jitter, seed))
-    file = write_plan(space.plan_file, made)
+    old = read_plan(space.plan_file) if objects and space.plan_file.is_file() else None
+    file = write_plan(space.plan_file, keep_others(old, made))
     drawn = _draw(space, items, made, seed, quiet or as_json) if preview else None
     if as_json:
         typer.echo(made.model_dump_json(indent=2))

@@ -7,7 +7,7 @@ from toolkit.captures.read import POOLED, UNPATCHED
 from toolkit.evaluation.controls import Comparison
 from toolkit.evaluation.metrics import Group, Pair
 from toolkit.evaluation.order import ALONE, PATCHED, RIVALS, WRONG
-from toolkit.evaluation.say import SIGNIFICANT, Headline, say_count, say_p, say_share, say_test
+from toolkit.evaluation.say import SIGNIFICANT, Headline, say_count, say_share, say_test
 
 HELPS, THIS_PATCH, STICKER = "does the patch help?", "is it this patch?", "object or sticker?"
 MOST = 0.5
@@ -57,10 +57,10 @@ def _is_this_patch(arch: str, source: str, rows: Pooled, rivals: Sequence[Compar
         verdict = "No help shown, so none to put down to this patch"
     elif best in beaten:
         verdict = "Not shown against every control"
-    which = f"the best control, '{best.second}'," if len(rivals) > 1 else f"'{best.second}', the only control shot,"
+    which = f"the best control, '{best.second}'" if len(rivals) > 1 else f"'{best.second}', the only control shot"
     sentence = (
         f"On the same {best.n_pairs} poses {arch} is right on {say_count(best.n_first, best.n_pairs)} with the patch "
-        f"and on {say_count(best.n_second, best.n_pairs)} with {which} {best.only_first} only with the patch and "
+        f"and on {say_count(best.n_second, best.n_pairs)} with {which}: {best.only_first} only with the patch and "
         f"{best.only_second} only with the control ({say_test(best.mcnemar_p)})."
     )
     wrong = rows.comparisons.get((UNPATCHED, WRONG))
@@ -73,9 +73,10 @@ def _say_wrong(row: Comparison) -> str:
     """What another class's patch does to the true class."""
     says = f"; its commonest mistake is '{row.says}' ({row.n_says} of {row.n_pairs})" if row.says else ""
     return (
-        f"Another class's patch takes the true class from {row.n_first} to {row.n_second} of {row.n_pairs} bare poses "
-        f"({row.only_second} gained, {row.only_first} lost, {say_test(row.mcnemar_p)}) and its mean probability from "
-        f"{row.prob_first:.2f} to {row.prob_second:.2f}{says}."
+        f"With another class's patch the true class is recognised on {say_count(row.n_second, row.n_pairs)}, against "
+        f"{say_count(row.n_first, row.n_pairs)} bare ({row.only_second} gained, {row.only_first} lost, "
+        f"{say_test(row.mcnemar_p)}), its mean probability going from {row.prob_first:.2f} to {row.prob_second:.2f}"
+        f"{says}."
     )
 
 
@@ -103,7 +104,7 @@ def _object_or_sticker(arch: str, source: str, alone: Group, rows: Pooled) -> He
     elif high < MOST:
         tone, verdict = "open", "The sticker alone is mostly not enough, nor is the patched object shown to be better"
     else:
-        tone, verdict = "open", "Undecided between object and sticker"
+        tone, verdict = "open", "The object is not shown to add to the sticker"
     return Headline(source, ALONE, tone, verdict, sentence, STICKER)
 
 

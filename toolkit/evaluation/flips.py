@@ -49,4 +49,6 @@ def _pick(kind: str, flips: list[Match]) -> FlipList:
         )
     )
     counts = Counter(match.after.capture.variant for match in flips)
-    return FlipList(kind, tuple(flips[:MAX_FLIPS]), tuple((name, counts[name]) for name in sorted(counts, key=rank_variant)))
+    return FlipList(
+        kind, tuple(flips[:MAX_FLIPS]), tuple((name, counts[name]) for name in sorted(counts, key=rank_variant))
+    )

@@ -52,9 +52,9 @@ def find_feature_map(classifier: Classifier) -> Any:
 def compute_gradcam(classifier: Classifier, feature_map: Any, batch: Any, classes: list[int]) -> np.ndarray:
     """(b, h, w) float32 maps, at least 0, in the feature map's own resolution and without any scaling.
 
-    The channels of the feature map, weighted by the mean over the places of the class's logit's gradient, summed and cut
-    at zero (Selvaraju et al. 2017, equations 1 and 2). The graph starts at the feature map: no gradient runs through
-    the layers before it, and the cost is little more than that of the forward pass.
+    The channels of the feature map, each weighted by the mean over all places of the gradient of the class's logit,
+    summed and cut at zero (Selvaraju et al. 2017, equations 1 and 2). The graph starts at the feature map: no gradient
+    runs through the layers before it, and the cost is little more than that of the forward pass.
 
     Args:
         classifier: the network.

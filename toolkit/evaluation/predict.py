@@ -102,7 +102,10 @@ def predict_captures(
 
 
 def decode_ahead(captures: Sequence[Capture], classifier: Classifier, ahead: int) -> Iterator[np.ndarray | str]:
-    """(crop, crop, 3) uint8 pixels of each image in order, or the reason why there are none; `ahead` are made before."""
+    """(crop, crop, 3) uint8 pixels of each image in order, or why there are none.
+
+    `ahead` images, and one per worker, are decoded in advance.
+    """
     how = classifier.preprocessing
 
     def decode(capture: Capture) -> np.ndarray | str:

@@ -41,8 +41,9 @@ def _row(one: Prediction) -> list[Any]:
 def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str]) -> dict[str, Any]:
     """What `summary.json` holds.
 
-    `controls` has `comparisons` (fields of `Comparison`: the patch against each control that was shot, on the same poses,
-    by object and pooled) and `answers` {source, question, tone, verdict, sentence}; both are empty without controls.
+    `controls` has `comparisons` (the fields of `Comparison` and both intervals: the patch against each control that was
+    shot, on the same poses, by object and pooled) and `answers` {source, question, tone, verdict, sentence}. Both are
+    empty without controls.
     """
     return {
         "schema_version": SCHEMA_VERSION,

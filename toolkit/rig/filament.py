@@ -19,7 +19,10 @@ SUN_LUX, ROOM_LUX = 90_000, 34_000
 
 
 class FilamentRenderer:
-    """Renders one object in one studio from any camera; hard-edged shadows, antialiased silhouettes."""
+    """Renders one object in one studio from any camera; hard-edged shadows, and silhouettes in steps.
+
+    Filament antialiases in its post-processing alone, which is off here.
+    """
 
     def __init__(self, mesh: Mesh, studio: Studio) -> None:
         with contextlib.suppress(ImportError):  # torch's compiler, loaded after Mesa's, would end the process
@@ -56,7 +59,6 @@ class FilamentRenderer:
         self._add_table(renderer)
         view, lights = renderer.scene.view, renderer.scene.scene
         view.set_post_processing(False)
-        view.set_sample_count(4)
         view.set_shadowing(True, rendering.View.ShadowType.PCF)
         key = self._studio.key
         strength = max(key.irradiance)

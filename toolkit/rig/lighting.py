@@ -17,6 +17,7 @@ from toolkit.rig.textures import sample, sample_directions
 KEY_RAYS, ROOM_RAYS = 24, 96
 SURFACE_SPACING, TABLE_SPACING = 0.016, 0.015
 """Distance between samples as a share of the object's longest side."""
+MAX_TABLE_SIDE = 280
 OFFSET = 0.0012
 BOUNCE = 0.45
 """Share of the open table's light that a blocked direction still brings, times the albedo of what blocks it."""
@@ -59,8 +60,8 @@ def bake_lighting(
     open_irradiance = _open_light(up, room, room_light, key, key_light)[0]
     bounce = BOUNCE * albedo * open_irradiance / np.pi
 
-    side = 2.6 * size
-    count = round(2.6 / TABLE_SPACING)
+    side = 2 * _shadow_reach(size, float(corners[..., 2].max()), studio)
+    count = min(round(side / size / TABLE_SPACING), MAX_TABLE_SIDE)
     steps = (np.arange(count) + 0.5) / count * side - side / 2
     x, y = np.meshgrid(steps, -steps)
     points = np.stack([x, y, np.full_like(x, OFFSET * size)], axis=-1).reshape(-1, 3).astype(np.float32)
@@ -81,6 +82,12 @@ def bake_lighting(
 
     values = _gather(scene, origins, grid.normals, room, room_light, key, key_light, bounce, from_table)
     return Lighting(grid, values[grid.slot], table.astype(np.float32), side, open_irradiance)
+
+
+def _shadow_reach(size: float, height: float, studio: Studio) -> float:
+    """Distance from the origin within which the table's light can differ from the open table's, mm."""
+    lowest = np.radians(max(studio.key.elevation_deg - studio.key.radius_deg, 5))
+    return 0.75 * size + max(0.55 * size, height / float(np.tan(lowest)))
 
 
 def _gather(scene, points, normals, room, room_light, key, key_light, bounce, from_table=None) -> np.ndarray:

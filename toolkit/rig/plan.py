@@ -175,14 +175,24 @@ def write_plan(file: Path, plan: CapturePlan) -> Path:
 
 
 def open_plan(workspace: Workspace, names: list[str] | None = None) -> CapturePlan:
-    """The workspace's plan; where it has none, the default one for `names` (by default all known objects), written.
+    """The workspace's plan; objects of `names` that it lacks, or all known where there is none, are planned and added.
 
     Raises:
         ToolkitError: the plan is broken, or an object is unknown.
     """
-    if workspace.plan_file.is_file():
-        return read_plan(workspace.plan_file)
-    items = [load_object(workspace.object_spec(name)) for name in names or sorted(workspace.object_specs())]
-    plan = make_plan(items, Camera(), Pattern())
+    old = read_plan(workspace.plan_file) if workspace.plan_file.is_file() else None
+    wanted = names or [] if old else sorted({*workspace.object_specs(), *(names or [])})
+    missing = [name for name in wanted if old is None or name not in old.objects]
+    if old is not None and not missing:
+        return old
+    items = [load_object(workspace.object_spec(name)) for name in missing]
+    plan = keep_others(old, make_plan(items, old.camera.camera() if old else Camera(), Pattern()))
     write_plan(workspace.plan_file, plan)
     return plan
+
+
+def keep_others(old: CapturePlan | None, new: CapturePlan) -> CapturePlan:
+    """The new plan with those objects of the old one that it does not name; a plan of another camera is replaced."""
+    if old is None or old.camera != new.camera:
+        return new
+    return new.model_copy(update={"objects": {**old.objects, **new.objects}})

@@ -1,0 +1,188 @@
+"""The three questions that the controls answer, on made-up outcomes whose counts are known."""
+
+import json
+from pathlib import Path
+
+import pytest
+from scipy.stats import binomtest
+
+from toolkit.captures.read import Capture
+from toolkit.captures.variants import VARIANTS
+from toolkit.evaluation.answers import HELPS, STICKER, THIS_PATCH
+from toolkit.evaluation.controls import compare_controls
+from toolkit.evaluation.findings import find_results
+from toolkit.evaluation.order import rank_variant
+from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.run import evaluate_captures
+
+
+def shoot(name="racer", source="sim", n=18, **right):
+    """Predictions of `n` poses for each variant; `patch_alone=3`: right in the first three poses."""
+    made = []
+    for variant, n_right in right.items():
+        variant = variant.replace("_", "-")
+        for pose in range(1, n + 1):
+            path = f"{source}/{name}/{variant}/{pose}.png"
+            capture = Capture(source, name, variant, pose, Path(path), path)
+            is_right = pose <= n_right
+            says = (0, name) if is_right else (7, "packet" if pose % 3 else "bobsled")
+            made.append(Prediction(capture, 0, name, *says, 0.6, 0.6 if is_right else 0.1, 1 if is_right else 4))
+    return made
+
+
+def answer(predictions, question):
+    found = [one for one in find_results("net", predictions).headlines if one.question == question]
+    assert len(found) <= 1
+    return found[0] if found else None
+
+
+STRONG = {"unpatched": 2, "patched": 17, "wrong_patch": 1, "random_patch": 4, "grey_patch": 3}
+
+
+def test_order_of_variants():
+    names = [*reversed(VARIANTS), "qr-code", "texture"]
+    expected = [
+        "unpatched",
+        "patched",
+        "qr-code",
+        "texture",
+        "wrong-patch",
+        "random-patch",
+        "grey-patch",
+        "patch-alone",
+    ]
+    assert sorted(names, key=rank_variant) == expected
+
+
+def test_counts_against_the_binomial_test():
+    rows = {(row.object, row.first, row.second): row for row in compare_controls(shoot(**STRONG, patch_alone=9))}
+    row = rows["racer", "patched", "random-patch"]
+    assert (row.n_pairs, row.n_first, row.n_second, row.only_first, row.only_second) == (18, 17, 4, 13, 0)
+    assert row.mcnemar_p == pytest.approx(binomtest(13, 13, 0.5).pvalue)
+    assert row.prob_second == pytest.approx((4 * 0.6 + 14 * 0.1) / 18)
+    assert rows["all", "patched", "patch-alone"].only_first == 8
+    wrong = rows["all", "unpatched", "wrong-patch"]
+    assert (wrong.n_first, wrong.n_second, wrong.only_first) == (2, 1, 1)
+    # wrong in poses 2 to 18, of which 3, 6, …, 18 are called bobsled
+    assert (wrong.says, wrong.n_says) == ("packet", 11)
+    interval = binomtest(17, 18).proportion_ci(0.95, method="wilson")
+    assert row.as_json()["first_ci95"] == pytest.approx([interval.low, interval.high])
+
+
+def test_poses_are_matched_and_unread_ones_left_out():
+    seen = shoot(patched=3, grey_patch=0, n=3)
+    broken = Prediction(seen[-1].capture, 0, "racer", status="empty")
+    lonely = shoot(n=5, patched=5)[-1]
+    rows = compare_controls([*seen[:-1], broken, lonely])
+    assert [(row.object, row.n_pairs, row.only_first) for row in rows] == [("racer", 2, 2), ("all", 2, 2)]
+    assert compare_controls(shoot(unpatched=3, patched=3)) == []
+
+
+def test_pooled_over_objects_but_not_over_sources():
+    seen = shoot("a", patched=18, grey_patch=1) + shoot("b", patched=18, grey_patch=2)
+    seen += shoot("a", source="real", n=4, patched=4, grey_patch=4)
+    rows = {(row.source, row.object): row for row in compare_controls(seen)}
+    assert (rows["sim", "all"].n_pairs, rows["sim", "all"].n_second) == (36, 3)
+    assert (rows["real", "all"].n_pairs, rows["real", "all"].n_second) == (4, 4)
+
+
+def test_it_is_this_patch():
+    found = answer(shoot(**STRONG), THIS_PATCH)
+    assert (found.tone, found.verdict) == ("good", "It is this patch")
+    assert "17 of 18 (94 %, 95 % interval 74–99 %) with the patch" in found.sentence
+    assert "4 of 18 (22 %, 95 % interval 9–45 %) with the best control, 'random-patch'" in found.sentence
+    assert "exact McNemar p = 0.00024" in found.sentence  # 2 · 0.5¹³
+    assert "on 1 of 18 (6 %, 95 % interval 1–26 %), against 2 of 18" in found.sentence
+    assert "(0 gained, 1 lost, exact McNemar p = 1)" in found.sentence and "'packet' (11 of 18)" in found.sentence
+
+
+@pytest.mark.parametrize(
+    ("changed", "tone", "verdict"),
+    [
+        ({"grey_patch": 14}, "open", "Not shown to be this patch"),
+        ({"patched": 3, "grey_patch": 15}, "bad", "It is not this patch: 'grey-patch' does better"),
+        ({"unpatched": 17}, "open", "This patch beats its controls, but is not shown to help"),
+        ({"unpatched": 4, "patched": 4}, "open", "No help shown, so none to put down to this patch"),
+    ],
+)
+def test_when_it_is_not_shown_to_be_this_patch(changed, tone, verdict):
+    found = answer(shoot(**(STRONG | changed)), THIS_PATCH)
+    assert (found.tone, found.verdict) == (tone, verdict)
+
+
+def test_every_control_must_be_beaten():
+    seen = shoot(unpatched=0, patched=18, random_patch=9) + shoot(n=4, wrong_patch=0)
+    found = answer(seen, THIS_PATCH)
+    assert found.verdict == "Not shown against every control"  # 4 poses of wrong-patch cannot give p < 0.05
+    assert "'random-patch'" in found.sentence
+
+
+@pytest.mark.parametrize(
+    ("alone", "patched", "tone", "words"),
+    [
+        (16, 18, "bad", "It is the sticker that is read"),
+        (8, 10, "open", "not shown to add"),
+        (0, 18, "good", "The object is read"),
+        (9, 18, "open", "Both"),
+        (0, 2, "open", "mostly not enough, nor"),
+    ],
+)
+def test_object_or_sticker(alone, patched, tone, words):
+    found = answer(shoot(unpatched=0, patched=patched, patch_alone=alone), STICKER)
+    assert found.tone == tone and words in found.verdict
+    assert f"in {alone} of 18" in found.sentence and f"{patched} of 18" in found.sentence
+
+
+def test_sticker_numbers_in_words():
+    found = answer(shoot(patched=18, patch_alone=16), STICKER)
+    assert "16 of 18 (89 %, 95 % interval 67–97 %) of its poses" in found.sentence
+    assert "2 only with the object, 0 only without it (exact McNemar p = 0.5)" in found.sentence
+    found = answer(shoot(unpatched=1, patch_alone=16), STICKER)
+    assert "nothing was shot with the patch on the object" in found.sentence
+
+
+def test_controls_get_no_headline_beside_the_patch():
+    full = find_results("net", shoot(**STRONG, patch_alone=16)).headlines
+    assert [one.question for one in full] == [HELPS, THIS_PATCH, STICKER]
+    bare = find_results("net", shoot(unpatched=2, grey_patch=3, patch_alone=3)).headlines
+    assert [(one.variant, one.question) for one in bare] == [("grey-patch", ""), ("patch-alone", STICKER)]
+    assert [one.question for one in find_results("net", shoot(unpatched=2, patched=9)).headlines] == [""]
+
+
+def test_the_sticker_alone_is_no_flip():
+    gained, _ = find_results("net", shoot(**STRONG, patch_alone=16)).flips
+    assert gained.counts == (("patched", 15), ("random-patch", 2), ("grey-patch", 1))
+    assert [match.after.capture.variant for match in gained.shown] == ["patched"] * 15 + ["random-patch"] * 2 + [
+        "grey-patch"
+    ]
+
+
+def test_summary_and_report(put, workspace, colour_classifier):
+    for pose in range(1, 9):
+        for variant in VARIANTS:
+            says = "racer" if variant in ("patched", "patch-alone") else "eggnog"
+            put(f"sim/racer/{variant}/pose_{pose:02d}.png", says)
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    controls = json.loads((result.run_dir / "summary.json").read_text())["controls"]
+    assert [one["question"] for one in controls["answers"]] == [HELPS, THIS_PATCH, STICKER]
+    assert [one["tone"] for one in controls["answers"]] == ["good", "good", "bad"]
+    assert len(controls["comparisons"]) == 2 * 5
+    first = controls["comparisons"][0]
+    assert (first["first"], first["second"], first["only_first"], first["says"]) == (
+        "patched",
+        "wrong-patch",
+        8,
+        "eggnog",
+    )
+    html = result.report_file.read_text(encoding="utf-8")
+    assert "It is the sticker that is read" in html and 'id="controls"' in html
+    assert html.index(">wrong-patch<") < html.index(">grey-patch<") < html.index(">patch-alone<")
+    assert 'class="deck wide"' in html
+
+
+def test_without_controls_nothing_is_added(put, workspace, colour_classifier):
+    put("sim/racer/unpatched/1.png", "eggnog")
+    put("sim/racer/patched/1.png", "racer")
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    assert result.summary["controls"] == {"comparisons": [], "answers": []}
+    assert 'id="controls"' not in result.report_file.read_text(encoding="utf-8")
