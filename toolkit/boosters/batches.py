@@ -29,6 +29,8 @@ def draw_batch(images: "torch.Tensor", rng: np.random.Generator, count: int, ima
     """
     import torch
 
+    if count == 0:
+        return torch.empty(0, 3, image_px, image_px, device=images.device)
     which = rng.choice(len(images), count, replace=count > len(images))
     corners = rng.integers(0, images.shape[-1] - image_px + 1, (count, 2))
     mirrored = rng.random(count) < 0.5

@@ -11,6 +11,7 @@ from toolkit import __version__
 from toolkit.boosters.batches import stack_on_device
 from toolkit.boosters.checkpoint import Checkpoint
 from toolkit.boosters.data import TrainingData
+from toolkit.boosters.mounted import MountedViews, validate_mounted
 from toolkit.boosters.preview import draw_preview
 from toolkit.boosters.request import PatchRequest
 from toolkit.boosters.resumable import RECENT
@@ -42,9 +43,18 @@ def quantise_patch(patch: np.ndarray) -> np.ndarray:
 
 
 def finish_patch(
-    request: PatchRequest, targets: list[Target], data: TrainingData, state: Checkpoint, files: PatchFiles, quiet: bool
-) -> tuple[Patch, list[Validation]]:
-    """Validate the rounded patch, draw the preview, and last, as the mark that all is done, write patch and record."""
+    request: PatchRequest,
+    targets: list[Target],
+    data: TrainingData,
+    state: Checkpoint,
+    files: PatchFiles,
+    quiet: bool,
+    views: MountedViews | None = None,
+) -> tuple[Patch, list[Validation], list[Validation]]:
+    """Validate the rounded patch, draw the preview, and last, as the mark that all is done, write patch and record.
+
+    Returns the patch, what the networks say of held-out images, and of held-out `views` of the object, if any.
+    """
     import torch
 
     first, pixels = targets[0].classifier, quantise_patch(state.patch)
@@ -53,6 +63,7 @@ def finish_patch(
     appearance, seed, image_px = request.appearance(), request.descent.seed, first.preprocessing.crop_px
     with progress("Validating", count_placements(len(held_out)), quiet) as bar:
         validations = validate_patch(printed, held_out, targets, appearance, seed, image_px, advance=bar.advance)
+    on_object = [] if views is None else validate_mounted(printed, views, targets, image_px)
     examples = stack_on_device(data.train[:16], first.device)
     label = first.labels[targets[0].class_index]
     lines = _describe(request, data, validations)
@@ -66,14 +77,16 @@ def finish_patch(
             "class_name": label,
             "class_index": targets[0].class_index,
             "networks": [_name_network(target.classifier) for target in targets],
-            "data": data.record | {"backgrounds": request.data.backgrounds, "seed": request.data.seed},
+            "data": data.record
+            | {"backgrounds": request.data.backgrounds, "seed": request.data.seed}
+            | ({} if views is None else {"mounted_views_sha256": views.sha256}),
             "seed": seed,
             "settings": request.settings() | {"image_px": image_px, "inputs_sha256": state.inputs_sha256},
-            "final": _summarise(state, validations),
+            "final": _summarise(state) | _list_shares(validations, "held_out") | _list_shares(on_object, "mounted"),
             "toolkit_version": __version__,
         },
     )
-    return patch, validations
+    return patch, validations, on_object
 
 
 def _write_preview(file: Path, sheet: np.ndarray) -> None:
@@ -95,13 +108,17 @@ def _describe(request: PatchRequest, data: TrainingData, validations: list[Valid
     return [size, *answers[:3], "Below: training images, new placements, the network's first answer"]
 
 
-def _summarise(state: Checkpoint, validations: list[Validation]) -> dict[str, float]:
-    final = {"loss": float(state.losses[RECENT].mean()), "accuracy": float(state.accuracies[RECENT].mean())}
+def _summarise(state: Checkpoint) -> dict[str, float]:
+    return {"loss": float(state.losses[RECENT].mean()), "accuracy": float(state.accuracies[RECENT].mean())}
+
+
+def _list_shares(validations: list[Validation], where: str) -> dict[str, float]:
+    final: dict[str, float] = {}
     archs = [answer.arch for answer in validations]
     for k, answer in enumerate(validations):
         network = answer.arch if archs.index(answer.arch) == k else f"{answer.arch}_{k + 1}"
         for what, share in (("patched", answer.patched), ("bare", answer.bare)):
             low, high = share.ci95
             numbers = {"top1": share.value, "low": low, "high": high, "n": float(share.n)}
-            final |= {f"{network}_held_out_{what}_{name}": value for name, value in numbers.items()}
+            final |= {f"{network}_{where}_{what}_{name}": value for name, value in numbers.items()}
     return final

@@ -8,12 +8,15 @@ from toolkit.boosters.checkpoint import read_checkpoint
 from toolkit.boosters.data import TrainingData, load_data
 from toolkit.boosters.finish import PatchFiles, finish_patch
 from toolkit.boosters.folder_data import names_of_class
+from toolkit.boosters.mounted import MountedViews, divide_views, stack_views
 from toolkit.boosters.request import PatchRequest, check_size, hash_inputs, name_files
 from toolkit.boosters.resumable import CHECKPOINT_EVERY_S, make_steps
+from toolkit.boosters.rig_data import choose_object, is_rig_source
 from toolkit.boosters.training import Target
 from toolkit.boosters.validation import Validation
 from toolkit.errors import ToolkitError
-from toolkit.patches import Patch, read_patch
+from toolkit.patches import Patch, printed_size_mm, read_patch
+from toolkit.rig.mounted import render_mounted_views
 from toolkit.workspace import Workspace
 
 FEW_IMAGES = 32
@@ -27,6 +30,7 @@ class TrainedPatch:
         patch: pixels and record.
         files: where it lies.
         validations: per network; empty when the patch was finished before.
+        on_object: per network, on held-out views of the object: with the patch, and with grey paper for `bare`.
         skipped: (path, reason) of training images that could not be used.
         resumed_from: steps that an earlier run had made; all of them when the patch was finished before.
         was_finished: whether there was nothing left to do.
@@ -35,6 +39,7 @@ class TrainedPatch:
     patch: Patch
     files: PatchFiles
     validations: list[Validation]
+    on_object: list[Validation]
     skipped: tuple[tuple[str, str], ...]
     resumed_from: int
     was_finished: bool
@@ -80,13 +85,14 @@ def train_patch(
     class_names = names_of_class(first, index, str(request.class_name))
     data = load_data(request.data, class_names, first.preprocessing, workspace, files.training, quiet)
     _describe_data(data, say)
-    key = hash_inputs(request, name, targets, data.sha256)
+    views = _load_views(request, workspace, class_names, first, quiet)
+    key = hash_inputs(request, name, targets, data.sha256 + ("" if views is None else views.sha256))
     checkpoint_file = files.training / f"{key[:16]}.safetensors"
     if restart:
         checkpoint_file.unlink(missing_ok=True)
     elif (finished := _find_finished(files, key)) is not None:
         _clear(files.training, key)
-        return TrainedPatch(finished, files, [], data.skipped, request.descent.steps, True)
+        return TrainedPatch(finished, files, [], [], data.skipped, request.descent.steps, True)
 
     state = read_checkpoint(checkpoint_file, key)
     resumed_from = 0 if state is None else state.done
@@ -94,10 +100,27 @@ def train_patch(
         say(f"going on after step {resumed_from} of {request.descent.steps}; --restart begins anew")
     elif any(files.training.glob("*.safetensors")):
         say(f"{files.training} holds an unfinished run with other inputs: it is kept, this one begins anew")
-    state = make_steps(request, targets, data.train, state, key, checkpoint_file, checkpoint_every_s, quiet)
-    patch, validations = finish_patch(request, targets, data, state, files, quiet)
+    train_views, held_out_views = (None, None) if views is None else divide_views(views)
+    state = make_steps(
+        request, targets, data.train, state, key, checkpoint_file, checkpoint_every_s, quiet, train_views
+    )  # fmt: skip
+    patch, validations, on_object = finish_patch(request, targets, data, state, files, quiet, held_out_views)
     _clear(files.training, key)
-    return TrainedPatch(patch, files, validations, data.skipped, resumed_from, False)
+    return TrainedPatch(patch, files, validations, on_object, data.skipped, resumed_from, False)
+
+
+def _load_views(request: PatchRequest, workspace: Workspace, names, classifier, quiet: bool) -> MountedViews | None:
+    """Views of the object with its sheet, for the first `rig` source; None where none are wanted."""
+    if not request.mounted_share:
+        return None
+    source = next((source for source in request.data.sources if is_rig_source(source)), None)
+    if source is None:
+        raise ToolkitError("--mounted-share needs the object in the rig: add --data rig, or set it to 0")
+    views = render_mounted_views(
+        workspace, choose_object(workspace, source, names), printed_size_mm(request.size_px), request.mounted_views,
+        request.data.seed, classifier.preprocessing.resize_px, quiet,
+    )  # fmt: skip
+    return stack_views(list(views), classifier.device)
 
 
 def _describe_data(data: TrainingData, say: Callable[[str], None]) -> None:

@@ -31,6 +31,8 @@ class PatchRequest:
         placement: where the patch lies in an image.
         light: how it is lit; None leaves its colours alone.
         name: of its files; by default from the label.
+        mounted_share: of each batch, that shows the rig's object with the sheet mounted on it.
+        mounted_views: how many such views are rendered, a fifth of them held out.
     """
 
     class_name: str
@@ -40,6 +42,14 @@ class PatchRequest:
     placement: AffineRanges = field(default_factory=AffineRanges)
     light: LightRanges | None = field(default_factory=LightRanges)
     name: str | None = None
+    mounted_share: float = 0.0
+    mounted_views: int = 144
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.mounted_share <= 1:
+            raise ToolkitError(f"--mounted-share {self.mounted_share:g}: expected 0 to 1")
+        if self.mounted_views < 2:
+            raise ToolkitError(f"--mounted-views {self.mounted_views}: expected at least 2")
 
     def appearance(self) -> Appearance:
         """The parts that act, in order."""
@@ -48,7 +58,9 @@ class PatchRequest:
     def settings(self) -> dict[str, Any]:
         """Every hyper-parameter, as recorded beside the patch."""
         light = None if self.light is None else asdict(self.light)
-        return {"method": METHOD, **asdict(self.descent), "affine": asdict(self.placement), "light": light}
+        return {"method": METHOD, **asdict(self.descent), "affine": asdict(self.placement), "light": light} | (
+            {"mounted_share": self.mounted_share, "mounted_views": self.mounted_views} if self.mounted_share else {}
+        )
 
 
 def name_files(request: PatchRequest, label: str, index: int) -> str:

@@ -7,6 +7,7 @@ import numpy as np
 
 from toolkit.boosters.batches import stack_on_device
 from toolkit.boosters.checkpoint import Checkpoint, write_checkpoint
+from toolkit.boosters.mounted import MountedViews, draw_mounted
 from toolkit.boosters.request import PatchRequest
 from toolkit.boosters.training import Step, Target, draw_first_patch, train_steps
 from toolkit.console import progress
@@ -25,6 +26,7 @@ def make_steps(
     file: Path,
     every_s: float = CHECKPOINT_EVERY_S,
     quiet: bool = False,
+    views: MountedViews | None = None,
 ) -> Checkpoint:
     """Make the steps that are left; a checkpoint is written every few seconds, on Ctrl-C, and at the end.
 
@@ -37,13 +39,14 @@ def make_steps(
         file: of the checkpoint.
         every_s: how much work a kill may cost, seconds.
         quiet: no progress bar.
+        views: of the object with the sheet mounted on it.
 
     Raises:
         ToolkitError: the loss is not finite, or the disk is full.
     """
     import torch
 
-    first = targets[0].classifier
+    first, image_px = targets[0].classifier, targets[0].classifier.preprocessing.crop_px
     if state is None:
         start = draw_first_patch(request.size_px, request.descent.seed).numpy()
         state = Checkpoint(inputs_sha256, start, np.zeros(0), np.zeros(0))
@@ -61,7 +64,9 @@ def make_steps(
         targets,
         request.appearance(),
         request.descent,
-        first.preprocessing.crop_px,
+        image_px,
+        None if views is None else lambda draws, count: draw_mounted(views, draws, count, image_px),
+        request.mounted_share,
     )
     written = monotonic()
     title = f"Training {first.labels[targets[0].class_index]}"

@@ -1,6 +1,6 @@
 """Algorithm 1: a patch goes down the sign of the loss's gradient, step by step."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from math import cos, isfinite, pi
@@ -19,6 +19,10 @@ if TYPE_CHECKING:
 SCHEDULES = ("constant", "linear", "cosine")
 LAST_LR_SHARE = 0.05
 """The learning rate never falls below this share: a step under half an 8-bit level would change nothing."""
+
+
+Mounted = Callable[["torch.Tensor"], "torch.Tensor"]
+"""θ -> (b, 3, m, m) photographs of the object with the patch on it."""
 
 
 @dataclass(frozen=True)
@@ -93,22 +97,31 @@ def draw_first_patch(size_px: int, seed: int) -> "torch.Tensor":
 
 
 def patch_gradient(
-    patch: "torch.Tensor", images: "torch.Tensor", targets: list[Target], appearance: Appearance, draws: Draws
+    patch: "torch.Tensor",
+    images: "torch.Tensor",
+    targets: list[Target],
+    appearance: Appearance,
+    draws: Draws,
+    mounted: "Mounted | None" = None,
 ) -> tuple["torch.Tensor", float, float]:
     """Gradient of the loss by θ, made anew from nothing, with the loss and the share recognised.
 
-    The loss is the cross-entropy towards the target class, mean over the batch, summed over the networks.
+    The loss is the cross-entropy towards the target class, mean over the batch, summed over the networks. `mounted`
+    adds photographs of the object with the patch on it.
     """
     import torch
     from torch.nn.functional import cross_entropy
 
     theta = patch.detach().clone().requires_grad_(True)
-    photos = show_patch(theta, images, appearance, draws)
+    parts = [show_patch(theta, images, appearance, draws)] if len(images) else []
+    if mounted is not None:
+        parts.append(mounted(theta))
+    photos = torch.cat(parts)
     loss, recognised = torch.zeros((), dtype=theta.dtype, device=theta.device), 0.0
     for target in targets:
         with _mixed_precision(photos):
             logits = target.classifier.logits(photos)
-        wanted = torch.full((len(images),), target.class_index, device=logits.device)
+        wanted = torch.full((len(photos),), target.class_index, device=logits.device)
         loss = loss + cross_entropy(logits.to(theta.dtype), wanted)
         recognised += float((logits.argmax(1) == wanted).double().mean())
     (gradient,) = torch.autograd.grad(loss, theta)
@@ -132,6 +145,8 @@ def train_steps(
     appearance: Appearance,
     descent: Descent,
     image_px: int,
+    draw_mounted: Callable[[Draws, int], "Mounted"] | None = None,
+    mounted_share: float = 0.0,
 ) -> Iterator[Step]:
     """Make the steps from number `done` to the last, one per turn of the caller's loop.
 
@@ -145,6 +160,8 @@ def train_steps(
         appearance: what happens to the patch.
         descent: how it is moved.
         image_px: side of what the networks see.
+        draw_mounted: (draws, count) -> photographs of the object that wait for the patch on it.
+        mounted_share: of each batch, that shows the object with the patch on it.
 
     Raises:
         ToolkitError: the loss or its gradient is not a finite number.
@@ -154,8 +171,10 @@ def train_steps(
     patch = patch.to(images.device)
     for index in range(done, descent.steps):
         draws = Draws(descent.seed, index)
-        batch = draw_batch(images, draws.of("images"), descent.batch, image_px)
-        gradient, loss, accuracy = patch_gradient(patch, batch, targets, appearance, draws)
+        count = round(descent.batch * mounted_share) if draw_mounted else 0
+        batch = draw_batch(images, draws.of("images"), descent.batch - count, image_px)
+        mounted = draw_mounted(draws, count) if draw_mounted and count else None
+        gradient, loss, accuracy = patch_gradient(patch, batch, targets, appearance, draws, mounted)
         if not isfinite(loss) or not bool(torch.isfinite(gradient).all()):
             raise ToolkitError(
                 f"the loss or its gradient at step {index + 1} is not a finite number (loss {loss}): "

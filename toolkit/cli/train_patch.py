@@ -48,6 +48,13 @@ def train_patch(
     ),
     foreshortening: Annotated[Range, typer.Option(help="Compression by an oblique view, 1 is none.")] = (0.35, 1.0),
     light: Annotated[bool, typer.Option(help="Vary exposure, contrast and tint of the patch.")] = True,
+    mounted_share: Annotated[
+        float | None,
+        typer.Option(
+            help="Share of each batch with the sheet mounted on the rig's object. Default: 0.75 with --data rig."
+        ),
+    ] = None,
+    mounted_views: Annotated[int, typer.Option(help="Such views, a fifth of them held out.")] = 144,
     name: Annotated[
         str | None, typer.Option(help="File name of the patch, without suffix. Default: its class.")
     ] = None,
@@ -77,6 +84,8 @@ def train_patch(
         placement=AffineRanges(rotation, share, foreshortening),
         light=LightRanges() if light else None,
         name=name,
+        mounted_share=_choose_share(mounted_share, data),
+        mounted_views=mounted_views,
     )
     place = open_workspace(workspace)
 
@@ -88,6 +97,14 @@ def train_patch(
     _report(trained, as_json)
     if trained.skipped:
         raise typer.Exit(1)
+
+
+def _choose_share(share: float | None, data: list[str]) -> float:
+    from toolkit.boosters.rig_data import is_rig_source
+
+    if share is not None:
+        return share
+    return 0.75 if any(is_rig_source(source) for source in data) else 0.0
 
 
 def _load_networks(models: list[str] | None, weights: list[Path] | None, device: str, quiet: bool) -> list:
@@ -129,4 +146,8 @@ def _report(trained: "TrainedPatch", as_json: bool) -> None:
         where = "held-out images" if record.data["held_out"] else "its training images"
         for answer in trained.validations:
             tell(f"{answer.arch} on {where}: {answer.patched} with the patch, {answer.bare} bare")
+        for answer in trained.on_object:
+            tell(
+                f"{answer.arch} on the object, held-out views: {answer.patched} with it, {answer.bare} with grey paper"
+            )
     tell(f"next: toolkit print --class {record.name}, toolkit capture-sim")

@@ -63,10 +63,16 @@ class RaycastRenderer:
         picture[top:bottom, left:right] = colour.reshape(region.shape)
         return picture * np.float32(self._studio.exposure)
 
-    def buffers(self, camera: Camera, T_world_camera: np.ndarray) -> dict[str, np.ndarray]:
-        """Exact float buffers at pixel centres: depth along the ray in mm (inf: none), material (-1: none), uv."""
+    def buffers(
+        self, camera: Camera, T_world_camera: np.ndarray, offset: np.ndarray | tuple[float, float] = (0.0, 0.0)
+    ) -> dict[str, np.ndarray]:
+        """Exact float buffers: depth along the ray in mm (inf: none), material (-1: none), texture uv (NaN: none).
+
+        They are taken at pixel centres, or `offset` (x, y) pixels beside them.
+        """
         y, x = np.mgrid[: camera.height, : camera.width].astype(np.float32) + np.float32(0.5)
-        hits = self._cast(pixel_rays(camera, T_world_camera, np.stack([x, y], axis=-1).reshape(-1, 2)))
+        pixels = np.stack([x, y], axis=-1).reshape(-1, 2) + np.asarray(offset, np.float32)
+        hits = self._cast(pixel_rays(camera, T_world_camera, pixels))
         shape = (camera.height, camera.width)
         seen = np.isfinite(hits["t_hit"])
         triangle, uv = hits["primitive_ids"][seen].astype(np.int64), hits["primitive_uvs"][seen]
@@ -78,6 +84,15 @@ class RaycastRenderer:
             "depth": hits["t_hit"].reshape(shape), "material": material.reshape(shape),
             "uv": texture_uv.reshape(*shape, 2),
         }  # fmt: skip
+
+    def sheet_samples(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
+        """(4, height, width, 2) places on the printed sheet that the four samples of each pixel see, NaN for none."""
+        samples = []
+        for offset in SUBPIXELS:
+            found = self.buffers(camera, T_world_camera, offset)
+            on_sheet = self._is_paper[found["material"]] & (found["material"] >= 0)
+            samples.append(np.where(on_sheet[..., None], found["uv"], np.nan))
+        return np.stack(samples)
 
     def _cast(self, rays: np.ndarray) -> dict[str, np.ndarray]:
         import open3d as o3d

@@ -6,6 +6,7 @@ import numpy as np
 
 from toolkit.console import progress
 from toolkit.objects.load import load_object
+from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
 from toolkit.rig.finish import develop
 from toolkit.rig.renderer import make_renderer
@@ -36,15 +37,16 @@ def render_training_images(
             light = str(draw.choice(list(LIGHTS)))
             renderer = make_renderer("raycast", item.mesh, make_studio((seed, start), size, light=light))
             for i in range(start, min(start + PER_STUDIO, count)):
-                T_world_camera = _random_pose(np.random.default_rng([seed, i, 2]), item.mesh)
+                T_world_camera = random_pose(np.random.default_rng([seed, i, 2]), item.mesh, CAMERA)
                 yield develop(renderer.render(CAMERA, T_world_camera), (seed, i))
                 bar.advance()
 
 
-def _random_pose(rng: np.random.Generator, mesh) -> np.ndarray:
+def random_pose(rng: np.random.Generator, mesh: Mesh, camera: Camera) -> np.ndarray:
+    """(4, 4) `T_world_camera` somewhere around an object, within the ranges of `render_training_images`."""
     azimuth, elevation, roll = rng.uniform(0, 360), rng.uniform(15, 75), rng.uniform(-8, 8)
     target = np.array([0.0, 0.0, mesh.size_mm[2] / 2])
     fill = rng.uniform(0.5, 0.95)
-    distance = distance_to_fill(CAMERA, mesh.vertices, target, azimuth, elevation, fill, roll)
-    free = (1 - fill) * 0.5 * distance * CAMERA.height / 2 / CAMERA.focal_px
+    distance = distance_to_fill(camera, mesh.vertices, target, azimuth, elevation, fill, roll)
+    free = (1 - fill) * 0.5 * distance * camera.height / 2 / camera.focal_px
     return orbit_pose(target + rng.uniform(-free, free, 3) * [1, 1, 0], azimuth, elevation, distance, roll)
