@@ -102,3 +102,19 @@ def test_models_and_weights_go_together(type_command, tmp_path):
         ("resnet18", "a.pth"),
         ("mobilenet_v2", "b.pth"),
     ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--data", "photos", "--mounted-share", "0.5"], "needs the object in the rig: add --data rig"),
+        (["--data", "photos", "--mounted-share", "1.5"], "--mounted-share 1.5: expected 0 to 1"),
+        (["--data", "photos", "--mounted-views", "1"], "--mounted-views 1: expected at least 2"),
+    ],
+)
+def test_mounted_views_that_cannot_be_had(type_command, tmp_path, arguments, told):
+    write_photos(tmp_path / "photos", 6)
+    code, _, said = type_command("--class", "jet", *arguments, *QUICK)
+    assert code == 2
+    assert told in said
+    assert len(said.strip().splitlines()) == 1

@@ -1,0 +1,125 @@
+"""Training on the mounted sheet: its buffers against a real render, its gradient against differences."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+from tiny_network import LABELS, tiny_classifier
+
+from toolkit.boosters.affine import AffineRanges
+from toolkit.boosters.appearance import Appearance
+from toolkit.boosters.draws import Draws
+from toolkit.boosters.mounted import (
+    MountedViews,
+    develop,
+    divide_views,
+    draw_mounted,
+    show_mounted,
+    stack_views,
+    validate_mounted,
+)  # fmt: skip
+from toolkit.boosters.training import Descent, Target, draw_first_patch, patch_gradient, train_steps
+from toolkit.rig import finish, mounted
+from toolkit.rig.camera import Camera
+from toolkit.rig.mount import attach, mount_patch
+from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.studio import make_studio
+from toolkit.rig.training import random_pose
+
+SIDE = 48
+
+
+@pytest.fixture(scope="module")
+def space(tmp_path_factory, make_crate_space):
+    return make_crate_space(tmp_path_factory.mktemp("mounted"))
+
+
+@pytest.fixture(scope="module")
+def views(space):
+    return list(mounted.render_mounted_views(space, "crate", 40.0, 3, 7, SIDE, quiet=True))
+
+
+def test_the_buffers_put_together_are_a_render_of_the_patch(space, views):
+    """The same camera, studio and mount, but rendered with the patch itself."""
+    from toolkit.objects.load import load_object
+    from toolkit.rig.studio import LIGHTS
+
+    pixels = np.random.default_rng(1).integers(0, 256, (8, 8, 3), dtype=np.uint8)
+    item = load_object(space.object_spec("crate"))
+    mesh = attach(item.mesh, mount_patch(item.mesh, pixels, 40.0, item.spec.patch))
+    light = str(np.random.default_rng([7, 0, 1]).choice(list(LIGHTS)))
+    renderer = RaycastRenderer(mesh, make_studio((7, 0), 100.0, light=light))
+    camera = Camera(SIDE, SIDE, mounted.FOV_DEG)
+    theta = torch.from_numpy(pixels.transpose(2, 0, 1) / 255.0).float()
+    stacked = stack_views(views, "cpu")
+    for i in range(3):
+        pose = random_pose(np.random.default_rng([7, i, 2]), item.mesh, camera)
+        rendered = finish.develop(renderer.render(camera, pose), (0,), noise=0, falloff=0) / 255
+        shown = show_mounted(theta, stacked, np.array([i]), np.zeros((1, 2), int), SIDE)[0].permute(1, 2, 0).numpy()
+        on_patch = ~np.isnan(views[i].uv[..., 0]).all(axis=0)
+        assert on_patch.sum() > 40
+        around = np.abs(shown - rendered)[~on_patch]
+        assert np.quantile(around, 0.99) < 0.02  # the same picture, but for colours that bleed at the patch's rim
+        # texel edges are blended by look-ups here and printed sharp there, so means are compared, not every pixel
+        assert np.abs(shown - rendered)[on_patch].mean() < 0.06
+        assert np.corrcoef(shown[on_patch].ravel(), rendered[on_patch].ravel())[0, 1] > 0.93
+
+
+def test_upside_down_would_be_noticed(views):
+    stacked = stack_views(views, "cpu")
+    theta = torch.zeros(3, 8, 8)
+    theta[:, :4] = 1  # the upper half of the sheet is white
+    shown = show_mounted(theta, stacked, np.array([0]), np.zeros((1, 2), int), SIDE)[0].mean(0).numpy()
+    v = views[0].uv[0, ..., 1]
+    assert shown[v > 0.7].mean() > shown[v < 0.3].mean() + 0.2
+
+
+def test_develop_is_the_rigs(views):
+    light = np.random.default_rng(0).uniform(0, 2, (9, 9, 3)).astype(np.float32)
+    wanted = finish.develop(light, (0,), noise=0, falloff=0) / 255
+    found = develop(torch.from_numpy(light)).numpy()
+    assert np.abs(found - wanted).max() <= 0.5 / 255 + 1e-6
+
+
+def test_the_gradient_is_that_of_finite_differences(views):
+    stacked = stack_views(views, "cpu")
+    exact = MountedViews(stacked.dark.double(), stacked.gain.double(), stacked.uv.double(), "")
+    classifier = SimpleNamespace(logits=tiny_classifier().module.double().__call__)
+    targets = [Target(classifier, 1)]
+    theta = draw_first_patch(10, 3).double() * 0.8 + 0.1
+    empty, draws = torch.empty(0, 3, 32, 32, dtype=torch.float64), Draws(0, 0)
+
+    def loss_at(patch):
+        waiting = draw_mounted(exact, draws, 3, 32)
+        return patch_gradient(patch, empty, targets, Appearance(AffineRanges()), draws, waiting)
+
+    gradient, _, _ = loss_at(theta)
+    assert gradient.abs().max() > 0
+    strongest = gradient.abs().flatten().topk(6).indices
+    for k in strongest:
+        step = torch.zeros_like(theta).flatten()
+        step[k] = 1e-5
+        step = step.view_as(theta)
+        difference = (loss_at(theta + step)[1] - loss_at(theta - step)[1]) / 2e-5
+        assert difference == pytest.approx(float(gradient.flatten()[k]), rel=1e-3)
+
+
+def test_training_on_views_alone_raises_the_class(views):
+    classifier = tiny_classifier(2)
+    stacked = stack_views(views, "cpu")
+    empty = torch.zeros(1, 3, 36, 36, dtype=torch.uint8)
+    steps = list(
+        train_steps(
+            draw_first_patch(16, 0), 0, empty, [Target(classifier, LABELS.index("jet"))], Appearance(AffineRanges()),
+            Descent(30, 4, 0.1), 32, lambda draws, count: draw_mounted(stacked, draws, count, 32), 1.0,
+        )
+    )  # fmt: skip
+    assert np.mean([s.loss for s in steps[-5:]]) < np.mean([s.loss for s in steps[:5]]) - 0.001
+
+
+def test_held_out_views_are_not_trained_on(views):
+    train, held_out = divide_views(stack_views(views, "cpu"))
+    assert (len(train), len(held_out)) == (2, 1)
+    answer = validate_mounted(torch.zeros(3, 8, 8), held_out, [Target(tiny_classifier(), 0)], 32)
+    assert [(a.bare.n, a.patched.n) for a in answer] == [(1, 1)]
