@@ -47,4 +47,7 @@ def list_objects(
     console.print(table)
     if export is not None:
         console.print(f"wrote {len(rows)} GLB files to {export}")
-    console.print(f"your own: put a mesh and NAME.toml into {space.objects_dir}, then 'toolkit plan --object NAME'")
+    console.print(
+        f"your own: put a mesh and NAME.toml into {space.objects_dir}, then 'toolkit plan --object NAME'",
+        soft_wrap=True,
+    )

@@ -1,191 +1,104 @@
-"""What is printed on the eggnog carton: four panels, the roof, the gable ends and the fin."""
+"""What is painted on the eggnog bottle: its printed label, the drink behind the glass, the foam and the cinnamon."""
 
 import numpy as np
 from PIL import Image
 
-from toolkit.objects.eggnog_art import draw_holly, draw_mug, draw_nutmeg
+from toolkit.objects.eggnog_art import draw_holly, draw_mug
 from toolkit.objects.eggnog_canvas import Canvas, Colour
 
 RED: Colour = (158, 20, 30)
 DARK_RED: Colour = (98, 8, 18)
-GREEN: Colour = (18, 78, 46)
 CREAM: Colour = (255, 244, 214)
 GOLD: Colour = (222, 170, 72)
-BOARD: Colour = (238, 233, 222)
-CAP: Colour = (250, 246, 236)
-CAP_FLANGE: Colour = (240, 236, 226)
+EGGNOG: Colour = (247, 231, 175)
+FOAM: Colour = (252, 243, 212)
+GLASS: Colour = (222, 230, 220)
+BARK: Colour = (128, 72, 38)
 SERIF = "DejaVuSerif-BoldItalic.ttf"
-SANS = "DejaVuSans.ttf"
 BOLD = "DejaVuSans-Bold.ttf"
+NAME_AT = 0.3
+"""Where on each half of the label the name stands, as a share of the half."""
 
 
-def paint_walls(width: int, height: int, px_per_mm: float) -> Image.Image:
-    """The band of four panels: front, left, back, right."""
-    band = Image.new("RGB", (width, height))
-    edges = np.linspace(0, width, 5).round().astype(int)
-    sides = np.diff(edges)
-    front = draw_front(int(sides[0]), height, px_per_mm)
-    facts = draw_facts(int(sides[1]), height, px_per_mm)
-    story = draw_story(int(sides[3]), height, px_per_mm)
-    for left, panel in zip(edges, (front, facts, front.resize((int(sides[2]), height)), story), strict=False):
-        band.paste(panel, (int(left), 0))
-    return band
+def paint_label(width: int, height: int, px_per_mm: float) -> Image.Image:
+    """The label all round: the name in front and behind, a glass of eggnog on the right and left."""
+    half = np.asarray(draw_half(width // 2, height, px_per_mm))
+    band = np.concatenate([half, half], axis=1)
+    # the names at the chart's middle, which faces the front, and at its ends
+    return Image.fromarray(np.roll(band, -round(NAME_AT / 2 * band.shape[1]), axis=1))
 
 
-def draw_front(width: int, height: int, px_per_mm: float) -> Image.Image:
-    """The main panel: the name over a glass mug of eggnog."""
-    canvas = _lay_ground(width, height, px_per_mm, glow=0.64)
-    w, h = canvas.size_mm
-    _letter_name(canvas, w / 2, 28, 22)
-    _draw_ribbon(canvas, 60, "RICH & CREAMY")
-    draw_mug(canvas, w / 2 - 1, 0.65 * h, 98)
-    draw_holly(canvas, 0.19 * w, 0.875 * h, 16, -20)
-    draw_nutmeg(canvas, 0.87 * w, 0.885 * h, 12)
-    _draw_foot(canvas, "HALF GALLON  (1.89 L)")
-    return canvas.image()
-
-
-def draw_facts(width: int, height: int, px_per_mm: float) -> Image.Image:
-    """The left panel: a smaller mug and the nutrition facts."""
-    canvas = _lay_ground(width, height, px_per_mm, glow=0.28)
-    w = canvas.size_mm[0]
-    draw_mug(canvas, w / 2 + 1, 46, 66)
-    _draw_nutrition(canvas, 16, 92, w - 32, 86)
-    _draw_foot(canvas, "KEEP REFRIGERATED")
-    return canvas.image()
-
-
-def draw_story(width: int, height: int, px_per_mm: float) -> Image.Image:
-    """The right panel: the name, a mug, how to serve it, and the bar code."""
-    canvas = _lay_ground(width, height, px_per_mm, glow=0.42)
-    w = canvas.size_mm[0]
-    _letter_name(canvas, w / 2, 20, 16)
-    draw_mug(canvas, w / 2 + 1, 82, 74)
-    canvas.fill(canvas.soften(canvas.ellipse(w / 2, 143, 44, 17), 4), DARK_RED)  # no snow behind the words
-    lines = [
-        "Serve well chilled,",
-        "stir, and grate a little",
-        "nutmeg over the foam.",
-        "Warm it gently for",
-        "a winter evening.",
-    ]
-    for i, line in enumerate(lines):
-        canvas.text(w / 2, 130 + 6.2 * i, line, 4.6, CREAM, "DejaVuSerif-Italic.ttf")
-    _draw_bar_code(canvas, w / 2 - 19, 163, 38, 18)
-    _draw_foot(canvas, "GRADE A · PASTEURIZED")
-    return canvas.image()
-
-
-def paint_roof(width: int, height: int, px_per_mm: float) -> Image.Image:
-    """The front slope of the roof: the name between gold lines."""
-    canvas = _lay_roof(width, height, px_per_mm)
-    w, h = canvas.size_mm
-    _letter_name(canvas, w / 2, h * 0.5, 17, one_line=True)
-    return canvas.image()
-
-
-def paint_rear_roof(width: int, height: int, px_per_mm: float) -> Image.Image:
-    """The rear slope: holly either side of the cap."""
-    canvas = _lay_roof(width, height, px_per_mm)
-    w, h = canvas.size_mm
-    for x, turn_deg in ((0.15 * w, -8), (0.85 * w, 8)):
-        draw_holly(canvas, x, h * 0.5, 13, turn_deg)
-    return canvas.image()
-
-
-def _lay_roof(width: int, height: int, px_per_mm: float) -> Canvas:
+def draw_half(width: int, height: int, px_per_mm: float) -> Image.Image:
+    """Half of the label: the name with holly, and a mug beside it."""
     canvas = Canvas(width, height, px_per_mm, RED)
     w, h = canvas.size_mm
-    _draw_snow(canvas, 40, 3)
-    for y in (4.0, h - 4.0):
-        canvas.fill(canvas.box(0, y - 0.7, w, 1.4), GOLD)
-    return canvas
-
-
-def paint_gable(width: int, height: int, px_per_mm: float) -> Image.Image:
-    """The triangle folded in under the roof."""
-    canvas = Canvas(width, height, px_per_mm, DARK_RED)
-    draw_holly(canvas, canvas.size_mm[0] / 2, canvas.size_mm[1] * 0.72, 15, 0)
-    return canvas.image()
-
-
-def paint_fin(width: int, height: int, px_per_mm: float) -> Image.Image:
-    """The sealed fin: bare board with a green foot and the date stamped on it."""
-    canvas = Canvas(width, height, px_per_mm, CREAM)
-    w, h = canvas.size_mm
-    canvas.fill(canvas.box(0, h - 5.5, w, 5.5), GREEN)
-    canvas.text(w / 2, h * 0.36, "BEST BY  DEC 24   L2 07:41", 5.0, (40, 40, 50), "DejaVuSansMono-Bold.ttf")
-    return canvas.image()
-
-
-def _lay_ground(width: int, height: int, px_per_mm: float, glow: float) -> Canvas:
-    """Red with a warm glow around the picture, falling snow, and a border of stripes at the top."""
-    canvas = Canvas(width, height, px_per_mm, RED)
-    w, h = canvas.size_mm
-    distance = np.hypot((canvas.x - w / 2) / (0.62 * w), (canvas.y - glow * h) / (0.62 * w))
-    canvas.fill(np.clip(distance - 0.5, 0, 1) * 0.8, DARK_RED)
-    canvas.fill(np.exp(-((distance / 0.62) ** 2)), (236, 150, 62), 0.75)
-    _draw_snow(canvas, 70, round(glow * 100))
-    return canvas
-
-
-def _draw_snow(canvas: Canvas, count: int, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    w, h = canvas.size_mm
-    for x, y, radius in zip(
-        rng.uniform(0, w, count), rng.uniform(0, h, count), rng.uniform(0.25, 0.9, count), strict=True
-    ):
+    rng = np.random.default_rng(3)
+    for x, y, radius in rng.uniform((0, 0, 0.25), (w, h, 0.8), (90, 3)):
         canvas.spot(x, y, radius, radius, (255, 250, 245), 0.8)
+    for y, thick in ((0.0, 2.0), (3.4, 0.6), (h - 4.0, 0.6), (h - 2.0, 2.0)):
+        canvas.fill(canvas.box(0, y, w, thick), GOLD)
+    middle = NAME_AT * w
+    _letter_name(canvas, middle, 0.42 * h, 23)
+    canvas.text(middle, 0.73 * h, "RICH & CREAMY", 5.6, CREAM, BOLD)
+    for side, turn_deg in ((-1, -10), (1, 10)):
+        draw_holly(canvas, middle + side * 37, 0.75 * h, 13, turn_deg)
+    draw_mug(canvas, (NAME_AT + 0.5) * w, 0.54 * h, 0.72 * h)
+    return canvas.image()
 
 
-def _letter_name(canvas: Canvas, x: float, y: float, size: float, one_line: bool = False) -> None:
-    lines = [("EGG NOG", y)] if one_line else [("Egg", y - 0.47 * size), ("Nog", y + 0.47 * size)]
-    for words, line_y in lines:
-        canvas.text(x + 0.05 * size, line_y + 0.05 * size, words, size, DARK_RED, SERIF, DARK_RED, 0.09 * size)
-        canvas.text(x, line_y, words, size, CREAM, SERIF, DARK_RED, 0.05 * size)
+def _letter_name(canvas: Canvas, x: float, y: float, size: float) -> None:
+    canvas.text(x + 0.05 * size, y + 0.05 * size, "Egg Nog", size, DARK_RED, SERIF, DARK_RED, 0.09 * size)
+    canvas.text(x, y, "Egg Nog", size, CREAM, SERIF, DARK_RED, 0.05 * size)
 
 
-def _draw_ribbon(canvas: Canvas, y: float, words: str) -> None:
-    w = canvas.size_mm[0]
-    canvas.fill(
-        canvas.polygon([(8, y - 4.5), (w - 8, y - 4.5), (w - 12, y), (w - 8, y + 4.5), (8, y + 4.5), (12, y)]), GREEN
-    )
-    canvas.text(w / 2, y, words, 5.4, CREAM, BOLD)
-
-
-def _draw_foot(canvas: Canvas, words: str) -> None:
+def paint_wall(width: int, height: int, px_per_mm: float) -> Image.Image:
+    """Eggnog behind glass: paler and full of bubbles where the foam floats, and a heel of bare glass."""
+    canvas = Canvas(width, height, px_per_mm, EGGNOG)
     w, h = canvas.size_mm
-    canvas.fill(canvas.box(0, h - 11, w, 11), GREEN)
-    canvas.fill(canvas.box(0, h - 11.8, w, 0.8), GOLD)
-    canvas.text(w / 2, h - 5.6, words, 4.6, CREAM, BOLD)
+    edge = 15 + 1.2 * np.sin(canvas.x / w * 2 * np.pi * 5) + 0.7 * np.sin(canvas.x / w * 2 * np.pi * 13)
+    canvas.fill(np.clip((edge - canvas.y) / 3, 0, 1), FOAM)
+    rng = np.random.default_rng(4)
+    for x, y, radius in rng.uniform((0, 0.5, 0.2), (w, 14, 0.7), (420, 3)):
+        canvas.spot(x, y, radius, radius, (255, 252, 236) if radius > 0.4 else (236, 220, 172), 0.6)
+    canvas.fill(np.clip((canvas.y - h + 7) / 2.5, 0, 1), GLASS, 0.85)
+    return canvas.image()
 
 
-def _draw_nutrition(canvas: Canvas, x: float, y: float, width: float, height: float) -> None:
-    ink: Colour = (24, 22, 24)
-    canvas.fill(canvas.box(x, y, width, height), ink)
-    canvas.fill(canvas.box(x + 0.5, y + 0.5, width - 1, height - 1), (252, 248, 238))
-    canvas.text(x + 2, y + 2, "Nutrition Facts", 7.0, ink, BOLD, anchor="la")
-    rows = [
-        ("16 servings, ½ cup (120 mL)", ""), ("Calories", "180"),
-        ("Total Fat 9 g", "12%"), ("Saturated Fat 5 g", "25%"),
-        ("Cholesterol 70 mg", "23%"), ("Sodium 70 mg", "3%"), ("Total Carbs 20 g", "7%"), ("Sugars 19 g", "38%"),
-        ("Protein 5 g", ""), ("Vitamin D 1 mcg", "6%"), ("Calcium 160 mg", "10%"),
-    ]  # fmt: skip
-    step = (height - 15) / len(rows)
-    for i, (name, amount) in enumerate(rows):
-        line = y + 12 + step * i
-        canvas.fill(canvas.box(x + 2, line, width - 4, 0.35), ink)
-        font = BOLD if name in ("Calories", "Protein 5 g") else SANS
-        canvas.text(x + 2, line + step / 2, name, 3.5, ink, font, anchor="lm")
-        canvas.text(x + width - 2, line + step / 2, amount, 3.5, ink, BOLD, anchor="rm")
+def paint_foam(width: int, height: int, px_per_mm: float) -> Image.Image:
+    """The drink from above: swirled foam, bubbles along the glass, and nutmeg grated over the middle."""
+    canvas = Canvas(width, height, px_per_mm, FOAM)
+    w, h = canvas.size_mm
+    x, y = canvas.x - w / 2, canvas.y - h / 2
+    distance = np.hypot(x, y) / (w / 2)
+    swirl = 0.5 + 0.5 * np.sin(11 * distance + 2 * np.arctan2(y, x))
+    canvas.fill(swirl, (248, 234, 190), 0.6)
+    canvas.fill(np.clip((distance - 0.9) * 10, 0, 1), EGGNOG)
+    rng = np.random.default_rng(6)
+    for bearing, place, radius in rng.uniform((0, 0.86, 0.3), (2 * np.pi, 0.98, 1.0), (220, 3)):
+        spot = w / 2 * (1 + place * np.cos(bearing)), h / 2 * (1 + place * np.sin(bearing))
+        canvas.spot(*spot, radius, radius, (255, 251, 234), 0.7)
+    for bearing, scatter, grain in zip(
+        rng.uniform(0, 2 * np.pi, 900), np.abs(rng.normal(0, 0.42, 900)), rng.uniform(0.2, 0.75, 900), strict=True
+    ):
+        if scatter < 0.95:
+            spot = w / 2 * (1 + scatter * np.cos(bearing)), h / 2 * (1 + scatter * np.sin(bearing))
+            canvas.spot(*spot, grain * 1.3, grain, (int(rng.integers(115, 175)), 88, 44))
+    return canvas.image()
 
 
-def _draw_bar_code(canvas: Canvas, x: float, y: float, width: float, height: float) -> None:
-    canvas.fill(canvas.box(x, y, width, height), (252, 250, 246))
-    rng = np.random.default_rng(12)
-    place = x + 3
-    while place < x + width - 4:
-        bar = float(rng.choice([0.35, 0.7, 1.05]))
-        canvas.fill(canvas.box(place, y + 2, bar, height - 6.5), (20, 20, 22))
-        place += bar + float(rng.choice([0.35, 0.7]))
-    canvas.text(x + width / 2, y + height - 2.3, "0 41271 02419 6", 3.0, (20, 20, 22), "DejaVuSansMono.ttf")
+def paint_bark(width: int, height: int, px_per_mm: float) -> Image.Image:
+    """Cinnamon bark, grained along the quill."""
+    canvas = Canvas(width, height, px_per_mm, BARK)
+    grain = np.sin(canvas.x * 2.9 + np.sin(canvas.y * 0.13) * 2) + 0.6 * np.sin(canvas.x * 7.7 + canvas.y * 0.21)
+    canvas.fill(np.clip(0.5 + 0.35 * grain, 0, 1), (172, 104, 58), 0.7)
+    return canvas.image()
+
+
+def paint_quill(width: int, height: int, px_per_mm: float) -> Image.Image:
+    """The cut end of the quill: two curls of bark around their hollows."""
+    canvas = Canvas(width, height, px_per_mm, (176, 112, 66))
+    w, h = canvas.size_mm
+    for x in (0.28 * w, 0.72 * w):
+        for scale, colour in ((0.17, (84, 44, 22)), (0.1, (160, 98, 54)), (0.05, (70, 34, 16))):
+            canvas.fill(canvas.ellipse(x, h / 2, scale * w, scale * w), colour)
+    return canvas.image()
