@@ -12,7 +12,14 @@ from toolkit.boosters.affine import AffineRanges
 from toolkit.boosters.appearance import Appearance, show_patch
 from toolkit.boosters.draws import Draws
 from toolkit.boosters.light import LightRanges
-from toolkit.boosters.training import Descent, Target, draw_first_patch, patch_gradient, train_steps
+from toolkit.boosters.training import (
+    Descent,
+    Target,
+    draw_first_patch,
+    patch_gradient,
+    smooth_gradient,
+    train_steps,
+)
 from toolkit.errors import ToolkitError
 
 PLAIN = Appearance(AffineRanges(share=(0.4, 0.6)))
@@ -186,3 +193,20 @@ def test_the_last_label_can_be_a_target():
     gradient, loss, _ = patch_gradient(draw_first_patch(16, 0), images, [Target(classifier, 3)], PLAIN, Draws(0, 0))
     assert np.isfinite(loss)
     assert gradient.shape == (3, 16, 16)
+
+
+def test_smoothing_is_a_gaussian_that_fades_over_the_steps():
+    from scipy.ndimage import gaussian_filter
+
+    gradient = torch.from_numpy(np.random.default_rng(0).standard_normal((3, 40, 40))).float()
+    wanted = np.stack([gaussian_filter(channel, 2.0, mode="mirror", radius=7) for channel in gradient.numpy()])
+    np.testing.assert_allclose(smooth_gradient(gradient, 2.0).numpy(), wanted, atol=1e-5)
+    assert smooth_gradient(gradient, 0.2) is gradient
+    descent = Descent(10, smoothing_px=2.0)
+    assert [descent.smoothing_at(step) for step in (0, 5, 10)] == [2.0, 1.0, 0.0]
+
+
+def test_the_first_patch_has_the_contrast_asked_for():
+    full, faint = draw_first_patch(64, 3), draw_first_patch(64, 3, 0.2)
+    assert (full.min(), full.max()) == (pytest.approx(0, abs=1e-3), pytest.approx(1, abs=1e-3))
+    assert (faint.min(), faint.max()) == (pytest.approx(0.4, abs=1e-3), pytest.approx(0.6, abs=1e-3))

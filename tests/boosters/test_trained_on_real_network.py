@@ -17,7 +17,17 @@ def test_a_real_resnet_learns_to_see_a_warplane(real_weights):
     coarse = np.random.default_rng(0).integers(0, 256, (5, 3, 8, 8), np.uint8)
     images = torch.from_numpy(coarse.repeat(32, axis=2).repeat(32, axis=3))
     appearance = Appearance(AffineRanges((0, 0), (0.7, 0.7), (1, 1)))
-    steps = list(train_steps(draw_first_patch(100, 0), 0, images[:4], targets, appearance, Descent(14, 2, 0.1), 224))
+    steps = list(
+        train_steps(
+            draw_first_patch(100, 0),
+            0,
+            images[:4],
+            targets,
+            appearance,
+            Descent(14, 2, 0.1, smoothing_px=0, start_contrast=1),
+            224,
+        )
+    )
     assert steps[0].accuracy == 0
     assert steps[-1].loss < steps[0].loss / 2
     (answer,) = validate_patch(steps[-1].patch, images[4:], targets, appearance, 0, 224, draws=4)

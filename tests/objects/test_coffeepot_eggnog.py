@@ -1,4 +1,4 @@
-"""The coffeepot and the eggnog carton: sound meshes with sound charts, and a place for the patch on top."""
+"""The coffeepot and the bottle of eggnog: sound meshes with sound charts, and a place for the patch."""
 
 from importlib.resources import files
 from pathlib import Path
@@ -100,18 +100,56 @@ def test_building_twice_gives_the_same_bytes():
         assert np.array_equal(first.materials[0].texture, second.materials[0].texture)
 
 
-def test_carton_is_printed_on_all_four_sides():
-    """Each panel's texels, found through the mesh itself, hold a picture and not a plain colour."""
+def texels_where(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
+    """(n, 3) colours of the texture at the chosen vertices."""
+    u, v = mesh.uv[chosen].T
+    return mesh.materials[0].texture[((1 - v) * 2047).astype(int), (u * 2047).astype(int)].astype(int)
+
+
+def wall_line(mesh: Mesh, bearing_deg: float, heights: np.ndarray) -> np.ndarray:
+    """(n, 3) colours up the bottle's wall as a level ray from outside meets it."""
+    import open3d as o3d
+
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(o3d.core.Tensor(mesh.vertices), o3d.core.Tensor(mesh.faces.astype(np.uint32)))
+    out = np.array([np.cos(np.radians(bearing_deg)), np.sin(np.radians(bearing_deg)), 0])
+    origins = out * 300 + np.c_[np.zeros((len(heights), 2)), heights]
+    rays = np.hstack([origins, np.broadcast_to(-out, origins.shape)]).astype(np.float32)
+    answer = scene.cast_rays(o3d.core.Tensor(rays))
+    weights = answer["primitive_uvs"].numpy()
+    corners = mesh.uv[mesh.faces[answer["primitive_ids"].numpy().astype(int)]]
+    weights = np.c_[1 - weights.sum(axis=1), weights]
+    u, v = np.einsum("nk,nkd->nd", weights, corners).T
+    return mesh.materials[0].texture[((1 - v) * 2047).astype(int), (u * 2047).astype(int)].astype(int)
+
+
+def test_eggnog_stands_open_and_full_with_nutmeg_on_the_foam():
+    """From above the mouth shows cream and brown specks, a little below a rim of pale, nearly grey glass."""
     mesh = build_mesh("eggnog")
-    texture = mesh.materials[0].texture
-    for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1)):
-        on_panel = (mesh.normals[:, axis] * sign > 0.99) & (mesh.vertices[:, 2] < 200)
-        u, v = mesh.uv[on_panel].T
-        texels = texture[((1 - v) * 2047).astype(int), (u * 2047).astype(int)]
-        assert len(texels) > 100 and len(np.unique(texels, axis=0)) > 50
+    level = (mesh.normals[:, 2] > 0.9) & (mesh.vertices[:, 2] > 200) & (np.hypot(*mesh.vertices[:, :2].T) < 44)
+    foam = mesh.vertices[level]
+    assert np.ptp(foam[:, :2], axis=0).min() > 80
+    assert 230 - foam[:, 2].max() > 4 and foam[:, 2].min() > 205
+    texels = texels_where(mesh, level)
+    cream, specks = (texels[:, 0] > 225) & (texels[:, 2] > 150), texels[:, 0] < 190
+    assert cream.mean() > 0.5 and specks.sum() > 20
+    glass = wall_line(mesh, 0, np.linspace(219, 226, 8))
+    assert (np.ptp(glass, axis=1) < 20).all() and glass.min() > 200
 
 
-@pytest.mark.parametrize(("name", "tilt_deg"), [("coffeepot", 0), ("eggnog", 43)])
+@pytest.mark.parametrize("bearing_deg", [0, 90, 180, 270])
+def test_eggnog_shows_through_the_glass_above_a_label_on_every_side(bearing_deg: float):
+    mesh = build_mesh("eggnog")
+    drink = wall_line(mesh, bearing_deg, np.linspace(100, 190, 10))
+    assert (drink[:, 0] > drink[:, 2] + 50).all() and drink[:, 0].min() > 230
+    sides = [wall_line(mesh, bearing_deg + turn, np.linspace(37, 93, 40)) for turn in (-20, -5, 5, 20)]
+    label = np.concatenate(sides)
+    assert len(np.unique(label, axis=0)) > 10
+    assert ((label[:, 0] > 130) & (label[:, 1] < 50)).mean() > 0.2  # red paper
+    assert (label.min(axis=1) > 150).mean() > 0.03  # letters or the picture of a mug
+
+
+@pytest.mark.parametrize(("name", "tilt_deg"), [("coffeepot", 0), ("eggnog", 90)])
 def test_the_spec_puts_a_sheet_where_a_hand_would(name: str, tilt_deg: float):
     from toolkit.rig.mount import mount_patch
 
@@ -120,10 +158,11 @@ def test_the_spec_puts_a_sheet_where_a_hand_would(name: str, tilt_deg: float):
     sheet = mount_patch(table_object.mesh, pixels, 88, table_object.spec.patch, name)
     normal = sheet.T_object_sheet[:3, 2]
     assert np.degrees(np.arccos(normal[2])) == pytest.approx(tilt_deg, abs=8)
-    top = table_object.mesh.bounds[1, 2]
+    low, top = sheet.mesh.bounds[:, 2]
     if name == "coffeepot":  # on the lid, below the thumb lift's tip, level all over
-        assert sheet.mesh.vertices[:, 2].max() < top
-        assert sheet.mesh.vertices[:, 2].min() > top - 45
-    else:  # on the front slope alone: it neither climbs the fin nor hangs behind it
-        assert sheet.mesh.vertices[:, 0].min() > 0
-        assert sheet.mesh.vertices[:, 2].max() < top - 15
+        assert low > table_object.mesh.bounds[1, 2] - 45 and top < table_object.mesh.bounds[1, 2]
+    else:  # around the front of the wall: clear of the table and of the mouth, nowhere far from the glass
+        assert low > 10 and top < 160
+        assert sheet.mesh.vertices[:, 0].min() > 30
+        radius = np.hypot(*sheet.mesh.vertices[:, :2].T)
+        assert radius.min() > 61.5 and radius.max() < 67

@@ -15,7 +15,7 @@ from toolkit.files import sha256_bytes
 
 SMALLEST_PX = 8
 METHOD = "unadversarial patch, sign of the gradient"
-METHOD_VERSION = 1
+METHOD_VERSION = 2
 """Raised when the same request gives other numbers: an older checkpoint is then another run's."""
 
 

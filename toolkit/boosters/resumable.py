@@ -48,7 +48,7 @@ def make_steps(
 
     first, image_px = targets[0].classifier, targets[0].classifier.preprocessing.crop_px
     if state is None:
-        start = draw_first_patch(request.size_px, request.descent.seed).numpy()
+        start = draw_first_patch(request.size_px, request.descent.seed, request.descent.start_contrast).numpy()
         state = Checkpoint(inputs_sha256, start, np.zeros(0), np.zeros(0))
     losses, accuracies = list(state.losses), list(state.accuracies)
     last = Step(state.done, torch.from_numpy(np.array(state.patch)), 0.0, 0.0)

@@ -48,6 +48,10 @@ class Descent:
         lr: η, change of every texel in the first step, in units of the full range [0, 1].
         schedule: how η falls over the steps: `constant`, `linear` or `cosine`.
         seed: of every random draw.
+        smoothing_px: standard deviation, in texels, of a Gaussian that the gradient is smoothed with before its sign is
+            taken; it falls to 0 over the steps. Texels smaller than a pixel get gradients that are mostly noise, whose
+            signs would step at random; 0 is the seed's plain algorithm.
+        start_contrast: range of the random first patch about middle grey, 1 is all of [0, 1].
     """
 
     steps: int = 300
@@ -55,6 +59,8 @@ class Descent:
     lr: float = 0.1
     schedule: str = "cosine"
     seed: int = 0
+    smoothing_px: float = 2.0
+    start_contrast: float = 0.2
 
     def __post_init__(self) -> None:
         if self.schedule not in SCHEDULES:
@@ -63,6 +69,15 @@ class Descent:
             raise ToolkitError(f"--steps {self.steps} --batch {self.batch}: expected at least 1 of each")
         if not 0 < self.lr <= 1:
             raise ToolkitError(f"--lr {self.lr:g}: expected a number above 0 and at most 1, the patch's full range")
+
+        if not 0 <= self.smoothing_px <= 16:
+            raise ToolkitError(f"--smoothing {self.smoothing_px:g}: expected 0 to 16 texels")
+        if not 0 <= self.start_contrast <= 1:
+            raise ToolkitError(f"--start-contrast {self.start_contrast:g}: expected 0 to 1")
+
+    def smoothing_at(self, step: int) -> float:
+        """Standard deviation of the gradient's smoothing in a step, counted from 0, in texels."""
+        return self.smoothing_px * (1 - step / self.steps)
 
     def lr_at(self, step: int) -> float:
         """η of a step, counted from 0."""
@@ -88,12 +103,22 @@ class Step:
     accuracy: float
 
 
-def draw_first_patch(size_px: int, seed: int) -> "torch.Tensor":
-    """θ before the first step: (3, n, n) float32, uniform in [0, 1]."""
+def draw_first_patch(size_px: int, seed: int, contrast: float = 1.0) -> "torch.Tensor":
+    """θ before the first step: (3, n, n) float32, uniform over `contrast` of [0, 1] about its middle."""
     import torch
 
     rng = Draws(seed, 0).of("first patch")
-    return torch.from_numpy(rng.random((3, size_px, size_px), np.float32))
+    return torch.from_numpy(rng.random((3, size_px, size_px), np.float32) - 0.5) * contrast + 0.5
+
+
+def smooth_gradient(gradient: "torch.Tensor", sigma_px: float) -> "torch.Tensor":
+    """Convolve (3, n, n) with a Gaussian, mirrored at the edges; below a third of a texel it is left as it is."""
+    if sigma_px < 1 / 3:
+        return gradient
+    from torchvision.transforms.functional import gaussian_blur
+
+    reach = min(int(3 * sigma_px) + 1, gradient.shape[-1] - 1)
+    return gaussian_blur(gradient, [2 * reach + 1, 2 * reach + 1], [sigma_px, sigma_px])
 
 
 def patch_gradient(
@@ -180,5 +205,6 @@ def train_steps(
                 f"the loss or its gradient at step {index + 1} is not a finite number (loss {loss}): "
                 "the network's weights do not fit its images; check --model and --weights"
             )
+        gradient = smooth_gradient(gradient, descent.smoothing_at(index))
         patch = (patch - descent.lr_at(index) * gradient.sign()).clamp(0, 1)
         yield Step(index + 1, patch, loss, accuracy)

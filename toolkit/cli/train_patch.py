@@ -41,6 +41,10 @@ def train_patch(
     batch: Annotated[int, typer.Option(help="Images per step.")] = 16,
     lr: Annotated[float, typer.Option(help="Change of every pixel in the first step, of the range 0 to 1.")] = 0.1,
     schedule: Annotated[str, typer.Option(help="How it falls: constant, linear or cosine.")] = "cosine",
+    smoothing: Annotated[
+        float, typer.Option(help="Gaussian smoothing of the first step's gradient, texels; 0 is the plain algorithm.")
+    ] = 2.0,
+    start_contrast: Annotated[float, typer.Option(help="Of the random first patch, about grey; 1 is full.")] = 0.2,
     rotation: Annotated[Range, typer.Option(help="Degrees, lowest and highest.")] = (-180.0, 180.0),
     share: Annotated[Range, typer.Option(help="Patch side as a share of the image's, lowest and highest.")] = (
         0.20,
@@ -80,7 +84,7 @@ def train_patch(
         class_name=class_name,
         data=DataRequest(tuple(data), backgrounds, images, seed),
         size_px=size_px,
-        descent=Descent(steps, batch, lr, schedule, seed),
+        descent=Descent(steps, batch, lr, schedule, seed, smoothing, start_contrast),
         placement=AffineRanges(rotation, share, foreshortening),
         light=LightRanges() if light else None,
         name=name,

@@ -42,26 +42,29 @@ def _outline() -> np.ndarray:
 
 
 def _bottle(outline: np.ndarray) -> list[Part]:
-    """Foot and filled wall, and the clear glass from the fill line over the rim and down inside."""
-    filled = outline[outline[:, 1] <= FILL_MM]
-    clear = outline[outline[:, 1] >= FILL_MM]
-    foot = [(0, 3), (BODY_MM - 14, 3), (BODY_MM - 10, 0), (BODY_MM - 5.5, 0), (BODY_MM - 3.3, 0.8), tuple(filled[0])]
+    """Foot, filled wall below and above the label, and clear glass from the fill line over the rim and down inside."""
+    height = outline[:, 1]
+    lower = [*outline[height < LABEL_FROM_MM], (BODY_MM, LABEL_FROM_MM)]
+    upper = [(BODY_MM, LABEL_TO_MM), *outline[(height > LABEL_TO_MM) & (height <= FILL_MM)]]
+    clear = outline[height >= FILL_MM]
+    foot = [(0, 3), (BODY_MM - 14, 3), (BODY_MM - 10, 0), (BODY_MM - 5.5, 0), (BODY_MM - 3.3, 0.8), tuple(lower[0])]
     turn = np.linspace(-0.5 * np.pi, 1.2 * np.pi, 22)
     mouth = clear[-1, 0]
     bead = np.stack([mouth - 1 + 2.4 * np.cos(turn), RIM_MM + 2.2 + 2.4 * np.sin(turn)], axis=1)
     inner = (clear[::-1] - [GLASS_MM, 0])[1:]
     return [
         revolve(foot, SEGMENTS, label.GLASS, "glass"),
-        revolve(filled.tolist(), SEGMENTS, label.paint_wall, "glass"),
+        revolve(lower, SEGMENTS, label.paint_heel, "glass"),
+        revolve(upper, SEGMENTS, label.paint_neck, "glass"),
         revolve([*clear, *bead, *inner], SEGMENTS, label.GLASS, "glass"),
     ]
 
 
 def _label() -> Part:
-    """Printed paper around the straight wall."""
-    paper = BODY_MM + 0.4
-    edges = [(BODY_MM, LABEL_FROM_MM), (paper, LABEL_FROM_MM + 0.2)]
-    return revolve([*edges, (paper, LABEL_TO_MM - 0.2), (BODY_MM, LABEL_TO_MM)], SEGMENTS, label.paint_label, "paper")
+    """Printed paper around the straight wall, in the wall's place: hidden glass below it would only cast shade."""
+    low, high, paper = LABEL_FROM_MM, LABEL_TO_MM, BODY_MM + 0.3
+    profile = [(BODY_MM, low), *[(paper, z) for z in np.linspace(low + 0.2, high - 0.2, 12)], (BODY_MM, high)]
+    return revolve(profile, SEGMENTS, label.paint_label, "paper")
 
 
 def _drink(outline: np.ndarray) -> Part:
@@ -86,12 +89,13 @@ def _cinnamon(outline: np.ndarray) -> list[Part]:
     turn = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     groove = 1 - 0.55 * np.exp(-((np.cos(turn) / 0.3) ** 2)) * (np.sin(turn) > 0)
     section = np.stack([6.4 * np.cos(turn), 4.6 * np.sin(turn) * groove], axis=1)
-    lean_deg, length = 24.0, 85.0
+    lean_deg, length, bearing_deg = 22.0, 85.0, 145.0
     bark, tip, end = extrude(section.tolist(), length, 0, label.paint_bark, "cinnamon")
     stick = [bark, tip.painted(label.paint_quill), end.painted(label.BARK)]
-    stick = [part.rotated("z", 90).rotated("y", -lean_deg).rotated("z", -35) for part in stick]
-    high = max(float(part.vertices[:, 2].max()) for part in stick)
-    # its far end lies against the mouth's wall, so its near end stands well inside
-    reach = _inside(outline) - 10 - length * np.sin(np.radians(lean_deg)) * 0.8
-    away = -reach * np.array([np.cos(np.radians(-35)), np.sin(np.radians(-35))])
-    return [part.moved(away[0], away[1], TOP_MM - high) for part in stick]
+    stick = [part.rotated("z", 90).rotated("y", lean_deg).rotated("z", bearing_deg) for part in stick]
+    lift = TOP_MM - max(float(part.vertices[:, 2].max()) for part in stick)
+    lean = np.radians(lean_deg)
+    at_rim = outline[-1, 0] - GLASS_MM - 2 - 4.6 / np.cos(lean)
+    reach = at_rim - (RIM_MM - lift) * np.tan(lean)
+    x, y = reach * np.cos(np.radians(bearing_deg)), reach * np.sin(np.radians(bearing_deg))
+    return [part.moved(x, y, lift) for part in stick]

@@ -1,4 +1,4 @@
-"""What is painted on the eggnog carton: a glass mug of eggnog with foam and spice, holly and a nutmeg."""
+"""What is drawn on the eggnog's label: a glass mug of eggnog with foam and spice, and holly."""
 
 import numpy as np
 
@@ -115,14 +115,3 @@ def draw_holly(canvas: Canvas, x: float, y: float, size: float, turn_deg: float 
         canvas.fill(canvas.ellipse(*centre, radius, radius), (190, 16, 26))
         shine = canvas.ellipse(centre[0] - 0.35 * radius, centre[1] - 0.4 * radius, 0.3 * radius, 0.24 * radius)
         canvas.fill(canvas.soften(shine, 0.1 * radius), (255, 190, 180), 0.9)
-
-
-def draw_nutmeg(canvas: Canvas, x: float, y: float, size: float) -> None:
-    """A whole nutmeg on its shadow."""
-    canvas.fill(
-        canvas.soften(canvas.ellipse(x, y + 0.36 * size, 0.55 * size, 0.14 * size), 0.06 * size), (40, 8, 8), 0.7
-    )
-    distance = np.hypot(canvas.x - (x - 0.16 * size), canvas.y - (y - 0.16 * size)) / size
-    grain = 0.06 * np.sin(canvas.x * 40 / size + 3 * np.sin(canvas.y * 13 / size))
-    tone = np.clip(1.25 - 1.0 * distance + grain, 0.35, 1.3)
-    canvas.fill(canvas.ellipse(x, y, 0.5 * size, 0.4 * size, 12), np.array([150, 98, 58]) * tone[..., None])

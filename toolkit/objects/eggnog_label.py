@@ -51,16 +51,22 @@ def _letter_name(canvas: Canvas, x: float, y: float, size: float) -> None:
     canvas.text(x, y, "Egg Nog", size, CREAM, SERIF, DARK_RED, 0.05 * size)
 
 
-def paint_wall(width: int, height: int, px_per_mm: float) -> Image.Image:
-    """Eggnog behind glass: paler and full of bubbles where the foam floats, and a heel of bare glass."""
+def paint_heel(width: int, height: int, px_per_mm: float) -> Image.Image:
+    """Eggnog behind glass below the label, and the thick heel of bare glass."""
     canvas = Canvas(width, height, px_per_mm, EGGNOG)
-    w, h = canvas.size_mm
+    canvas.fill(np.clip((canvas.y - canvas.size_mm[1] + 7) / 2.5, 0, 1), GLASS, 0.85)
+    return canvas.image()
+
+
+def paint_neck(width: int, height: int, px_per_mm: float) -> Image.Image:
+    """Eggnog behind glass above the label: paler and full of bubbles where the foam floats."""
+    canvas = Canvas(width, height, px_per_mm, EGGNOG)
+    w = canvas.size_mm[0]
     edge = 15 + 1.2 * np.sin(canvas.x / w * 2 * np.pi * 5) + 0.7 * np.sin(canvas.x / w * 2 * np.pi * 13)
     canvas.fill(np.clip((edge - canvas.y) / 3, 0, 1), FOAM)
     rng = np.random.default_rng(4)
-    for x, y, radius in rng.uniform((0, 0.5, 0.2), (w, 14, 0.7), (420, 3)):
+    for x, y, radius in rng.uniform((0, 1, 0.2), (w, 14, 0.7), (420, 3)):
         canvas.spot(x, y, radius, radius, (255, 252, 236) if radius > 0.4 else (236, 220, 172), 0.6)
-    canvas.fill(np.clip((canvas.y - h + 7) / 2.5, 0, 1), GLASS, 0.85)
     return canvas.image()
 
 

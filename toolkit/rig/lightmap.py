@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 MAX_STEPS = 48
+SHEET_MM = 0.1
+"""Surfaces further apart than this, along their normal, do not share samples."""
 
 
 @dataclass(frozen=True)
@@ -46,8 +48,9 @@ def place_samples(corners: np.ndarray, corner_normals: np.ndarray, spacing_mm: f
         normals[index] = np.einsum("kc,fcx->fkx", weights, corner_normals[faces]).reshape(-1, 3)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
     cell = 0.2 * spacing_mm  # samples closer than this, on surfaces that face alike, share one value
-    key = np.concatenate([np.round(positions / cell), np.round(normals * 8)], axis=1).astype(np.int32)
-    packed = np.ascontiguousarray(key).view(np.dtype((np.void, key.dtype.itemsize * 6))).reshape(-1)
+    depth = np.einsum("nx,nx->n", positions, normals)[:, None]  # a sheet on a wall keeps light of its own
+    key = np.concatenate([positions / cell, normals * 8, depth / SHEET_MM], axis=1).round().astype(np.int32)
+    packed = np.ascontiguousarray(key).view(np.dtype((np.void, key.dtype.itemsize * 7))).reshape(-1)
     _, kept, slot = np.unique(packed, return_index=True, return_inverse=True)
     return SampleGrid(steps, first, positions[kept], normals[kept], slot.reshape(-1))
 
