@@ -23,8 +23,12 @@ bench: setup .venv/.bench
 lint: setup .venv/.lint
 	$(BIN)/ruff format --check . && $(BIN)/ruff check . && $(BIN)/mypy
 
-docs: setup
-	$(BIN)/python -m docs.figures
+docs: setup .venv/.test
+	$(BIN)/toolkit demo demo
+	$(BIN)/toolkit capture-sim --workspace demo $(addprefix --variant ,wrong-patch random-patch grey-patch patch-alone)
+	$(BIN)/toolkit eval demo/captures --workspace demo
+	$(BIN)/toolkit eval demo/captures --workspace demo --model mobilenet_v2
+	$(BIN)/python docs/make.py demo
 
 setup: .venv/.installed
 	@scripts/system-libraries

@@ -9,8 +9,9 @@ from pathlib import Path
 
 from PIL import Image, ImageDraw, ImageFont
 
+from toolkit.captures.variants import PAIR
 from toolkit.objects.load import BUILTIN
-from toolkit.patches import read_patch
+from toolkit.patches import PatchRecord, read_patch
 from toolkit.workspace import Workspace, open_workspace
 
 DOCS = Path(__file__).parent
@@ -133,6 +134,10 @@ def write_results(space: Workspace) -> str:
                 f"| {pair['source']} | {pair['object']} | {pair['variant']} | {pair['n_pairs']} | {pair['gained']} | "
                 f"{pair['lost']} | {pair['mcnemar_p']:.2g} |"
             )
+        lines += [
+            "",
+            *(f"- **{a['question']}** {a['verdict']}. {a['sentence']}" for a in summary["controls"]["answers"]),
+        ]
     lines += ["", "## Patches", "", "![patches](figures/patches.png)", ""]
     lines += ["| patch | side | networks | data | settings |", "|---|---|---|---|---|"]
     for name in BUILTIN:
@@ -140,21 +145,27 @@ def write_results(space: Workspace) -> str:
         networks = ", ".join(f"{net.arch} `{net.sha256[:8]}…`" for net in record.networks)
         steps = f"{record.settings.get('steps')} steps of {record.settings.get('batch')}"
         lines.append(
-            f"| {name} | {record.n_px} px, {record.size_mm:.1f} mm | {networks} | {_describe_data(record.data)} | "
-            f"{steps} |"
+            f"| {name} | {record.n_px} px, {record.size_mm:.1f} mm | {networks} | {_describe_data(record)} | {steps} |"
         )
     return "\n".join(lines) + "\n"
 
 
-def _describe_data(data: dict) -> str:
-    return json.dumps({key: value for key, value in data.items() if not isinstance(value, dict)}, ensure_ascii=False)
+def _describe_data(record: PatchRecord) -> str:
+    sources = [f"{source['used']} images of {source['source']}" for source in record.data["sources"]]
+    share = record.settings.get("mounted_share", 0)
+    if share:
+        views = (
+            f"{record.settings['mounted_views']} views of the object with the sheet mounted ({share:.0%} of each batch)"
+        )
+        sources.append(views)
+    return ", ".join(sources)
 
 
 def main(folder: str, run: str = "resnet18") -> None:
     """Write all figures and the results page."""
     space = open_workspace(Path(folder))
     FIGURES.mkdir(exist_ok=True)
-    rows = [row for row in read_predictions(space, run) if row["source"] == "sim"]
+    rows = [r for r in read_predictions(space, run) if r["source"] == "sim" and r["variant"] in PAIR]
     draw_pairs(space, rows).save(FIGURES / "pairs.jpg", quality=90)
     draw_contact_sheet(space, rows).save(FIGURES / "contact-sheet.jpg", quality=88)
     draw_patches(space).save(FIGURES / "patches.png")
