@@ -29,7 +29,7 @@ def draw_pairs(space: Workspace, rows: list[dict[str, str]]) -> Image.Image:
     """Per object the first pose at which bare and patched differ, else pose 1: bare above, patched below."""
     tile_w, tile_h, strip = 400, 300, 34
     sheet = Image.new("RGB", (len(BUILTIN) * tile_w, 2 * (tile_h + strip)), "white")
-    draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=18)
+    draw, font = ImageDraw.Draw(sheet), _font(18)
     for column, name in enumerate(BUILTIN):
         by_pose: dict[int, dict[str, dict[str, str]]] = {}
         for row in rows:
@@ -48,6 +48,13 @@ def draw_pairs(space: Workspace, rows: list[dict[str, str]]) -> Image.Image:
             draw.rectangle((left, top + tile_h, left + tile_w, top + tile_h + strip), fill=RIGHT if right else WRONG)
             draw.text((left + 12, top + tile_h + 6), text, fill="white", font=font)
     return sheet
+
+
+def _font(size: int) -> ImageFont.FreeTypeFont:
+    """DejaVu, which has the marks; it comes with matplotlib."""
+    from matplotlib import get_data_path
+
+    return ImageFont.truetype(Path(get_data_path()) / "fonts/ttf/DejaVuSans.ttf", size)
 
 
 def draw_contact_sheet(space: Workspace, rows: list[dict[str, str]]) -> Image.Image:

@@ -51,9 +51,9 @@ def pick_rows(rows: Sequence[Group], max_rows: int) -> list[Group]:
 
 def _build(title: str, rows: Sequence[Group], paired: dict[tuple[str, str, str], Pair]) -> Table:
     has_failed = any(group.failed for group in rows)
-    table = Table(title=Text(title), title_justify="left", box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    table = Table(title=Text(title), title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
     table.add_column("object", overflow="fold", min_width=6)
-    table.add_column("variant", overflow="fold", min_width=9)
+    table.add_column("variant", overflow="fold", min_width=12)
     for name in ("n", *(["failed"] if has_failed else []), "top-1 %", "95 %", "top-5 %", "prob", "gained", "lost", "p"):
         table.add_column(name, justify="right", no_wrap=True)
     last = None
