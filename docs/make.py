@@ -120,11 +120,17 @@ def write_results(space: Workspace) -> str:
         "All captures of the shipped run: per object the bare row above the patched row, a column per pose, framed",
         "green where the network's first guess is right and red where it is wrong.",
     ]
-    for summary_file in sorted(space.eval_dir.glob("*/summary.json")):
+    trained_on = {net.sha256 for name in BUILTIN for net in read_patch(space.patch(name)).record.networks}
+    for summary_file in sorted(space.eval_dir.glob("*/summary.json"), key=lambda file: file.parent.name != "resnet18"):
         summary = json.loads(summary_file.read_text(encoding="utf-8"))
         model = summary["model"]
+        role = (
+            "the network that the patches were trained on"
+            if model["sha256"] in trained_on
+            else "a network that no patch saw"
+        )
         lines += [
-            "", f"## {summary_file.parent.name}", "",
+            "", f"## {summary_file.parent.name}: {role}", "",
             f"Network {model['arch']}, weights `{model['weights']}`, sha256 `{model['sha256'][:16]}…`.", "",
             "| source | object | variant | n | top-1 | 95 % interval | top-5 | mean p(true) |",
             "|---|---|---|---|---|---|---|---|",
