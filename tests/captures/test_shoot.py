@@ -264,7 +264,7 @@ def test_png_and_seed_are_honoured(space):
 def test_controls_differ_from_the_patch_in_what_they_say(space, patch_record):
     """The same place and size with another, a random or a grey print; and the patch without the object."""
     pixels = np.zeros((12, 12, 3), np.uint8)
-    write_patch(space.patches_dir, pixels, patch_record("other") | {"class_index": 2})
+    write_patch(space.patches_dir, pixels, patch_record("crate2") | {"class_index": 2})  # next by name
     assert shoot(space, CONTROLS).shot == 8
     folder, camera = space.captures_dir / "sim", read_plan(space.plan_file).camera.camera()
     pose = read_plan(space.plan_file).objects["crate"][0]
@@ -281,7 +281,7 @@ def test_controls_differ_from_the_patch_in_what_they_say(space, patch_record):
     assert np.ptp(middle("grey-patch").mean(axis=(0, 1))) < 12 and middle("grey-patch").std(axis=(0, 1)).max() < 12
     assert middle("random-patch").std(axis=(0, 1)).min() > 15
     records = read_manifest(folder)
-    patch, other = (sha256_file(space.patch(name)) for name in ("crate", "other"))
+    patch, other = (sha256_file(space.patch(name)) for name in ("crate", "crate2"))
     assert records["crate/patch-alone/pose_01.jpg"].booster_sha256 == patch
     assert records["crate/wrong-patch/pose_01.jpg"].booster_sha256 == other
     # without the object there is table where the object's front was
