@@ -4,6 +4,9 @@ Per frame only what the camera changes is worked out: which surface each pixel s
 detail, and the gloss. Silhouettes and the printed sheet get four samples a pixel.
 """
 
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+
 import numpy as np
 
 from toolkit.objects.mesh import Mesh
@@ -18,6 +21,14 @@ from toolkit.rig.textures import sample_pyramid, texture_pyramid
 
 SUBPIXELS = np.array([[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]], np.float32)
 """Offsets of the four samples: a rotated grid, which resolves near-horizontal and near-vertical edges best."""
+
+PARTS = 4
+"""Pixels are worked on in so many parts at once; NumPy leaves the other cores free while it works on one."""
+
+
+@lru_cache(maxsize=1)
+def _workers() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(PARTS, "rig")
 
 
 class RaycastRenderer:
@@ -46,21 +57,23 @@ class RaycastRenderer:
 
     def render(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
         """(height, width, 3) float32 linear light times the studio's exposure; not clipped."""
-        picture = self._backdrop.render(camera, T_world_camera)
+        waiting = _workers().submit(self._backdrop.render, camera, T_world_camera)
         left, top, right, bottom = self._region(camera, T_world_camera)
         if right <= left or bottom <= top:
-            return picture * np.float32(self._studio.exposure)
+            return waiting.result() * np.float32(self._studio.exposure)
         x, y = np.meshgrid(np.arange(left, right, dtype=np.float32), np.arange(top, bottom, dtype=np.float32))
         pixels = np.stack([x, y], axis=-1).reshape(-1, 2) + np.float32(0.5)
-        region = picture[top:bottom, left:right]
-        behind = region.reshape(-1, 3).copy()
-        colour, material, normal, depth = self._trace(camera, T_world_camera, pixels, behind)
-        refine = np.flatnonzero(self._needs_samples(material, normal, depth, region.shape[:2]))
-        total = np.zeros((len(refine), 3), np.float32)
-        for offset in SUBPIXELS:
-            total += self._trace(camera, T_world_camera, pixels[refine] + offset, behind[refine])[0]
-        colour[refine] = total / len(SUBPIXELS)
-        picture[top:bottom, left:right] = colour.reshape(region.shape)
+        shape = (bottom - top, right - left)
+        colour, material, normal, depth = self._trace(camera, T_world_camera, pixels)
+        refine = np.flatnonzero(self._needs_samples(material, normal, depth, shape))
+        samples = (pixels[refine] + SUBPIXELS[:, None]).reshape(-1, 2)
+        fine, fine_material, _, _ = self._trace(camera, T_world_camera, samples)
+        picture = waiting.result()
+        behind = picture[top:bottom, left:right].reshape(-1, 3)
+        colour[material < 0] = behind[material < 0]
+        missed = (fine_material < 0).reshape(len(SUBPIXELS), -1).mean(axis=0, dtype=np.float32)
+        colour[refine] = fine.reshape(len(SUBPIXELS), -1, 3).mean(axis=0) + behind[refine] * missed[:, None]
+        picture[top:bottom, left:right] = colour.reshape(*shape, 3)
         return picture * np.float32(self._studio.exposure)
 
     def buffers(
@@ -112,13 +125,19 @@ class RaycastRenderer:
         right, bottom = np.ceil(pixels[depth > 0].max(axis=0) + margin).astype(int)
         return max(left, 0), max(top, 0), min(right, camera.width), min(bottom, camera.height)
 
-    def _trace(self, camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray, behind: np.ndarray):
-        """Colour, material, normal and depth per pixel coordinate; where nothing is hit, `behind`, -1, 0 and inf."""
+    def _trace(self, camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray):
+        """Colour, material, normal and depth per pixel coordinate; where nothing is hit, 0, -1, 0 and inf."""
+        parts = _workers().map(
+            lambda part: self._trace_part(camera, T_world_camera, part), np.array_split(pixels, PARTS)
+        )
+        return tuple(np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+
+    def _trace_part(self, camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray):
         rays = pixel_rays(camera, T_world_camera, pixels)
         hits = self._cast(rays)
         depth = hits["t_hit"]
         seen = np.flatnonzero(np.isfinite(depth))
-        colour = behind.copy()
+        colour = np.zeros((len(pixels), 3), np.float32)
         material, normal = np.full(len(pixels), -1, np.int32), np.zeros((len(pixels), 3), np.float32)
         if len(seen):
             triangle, uv = hits["primitive_ids"][seen].astype(np.int64), hits["primitive_uvs"][seen]
