@@ -9,10 +9,10 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
 from toolkit.errors import ToolkitError
+from toolkit.rig.egl import PACKAGES
 
 NEEDED_DISK_MB = 500
 APT = "sudo apt-get install -y --no-install-recommends"
-OPEN3D_LIBRARIES = "libusb-1.0-0 libgl1 libegl1 libegl-mesa0 libgl1-mesa-dri libgomp1"
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def _open3d() -> Check:
     if done.returncode == 0:
         return Check("Open3D", "ok", done.stdout.split()[-1])
     reason = (done.stderr.strip().splitlines() or [f"ended with code {done.returncode}"])[-1]
-    return Check("Open3D", "missing", reason[:120], f"{APT} {OPEN3D_LIBRARIES}")
+    return Check("Open3D", "missing", reason[:120], f"{APT} {PACKAGES}")
 
 
 def _egl() -> Check:
@@ -82,7 +82,7 @@ def _egl() -> Check:
     trouble = egl_trouble()
     if trouble is None:
         return Check("EGL", "ok", "a surfaceless display opens")
-    return Check("EGL", "note", f"{trouble}; only --renderer filament needs it", f"{APT} {OPEN3D_LIBRARIES}")
+    return Check("EGL", "note", f"{trouble}; only --renderer filament needs it", f"{APT} {PACKAGES}")
 
 
 def _disk(folder: Path) -> Check:

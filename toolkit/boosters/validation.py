@@ -8,6 +8,7 @@ from toolkit.boosters.appearance import Appearance, show_patch
 from toolkit.boosters.batches import cut_centres
 from toolkit.boosters.draws import Draws
 from toolkit.boosters.training import Target
+from toolkit.statistics import wilson_interval
 
 if TYPE_CHECKING:
     import torch
@@ -31,10 +32,7 @@ class Share:
     @property
     def ci95(self) -> tuple[float, float]:
         """Lowest and highest plausible share (Wilson 1927)."""
-        from scipy.stats import binomtest
-
-        interval = binomtest(self.hits, self.n).proportion_ci(0.95, "wilson")
-        return float(interval.low), float(interval.high)
+        return wilson_interval(self.hits, self.n)
 
     def __str__(self) -> str:
         low, high = self.ci95

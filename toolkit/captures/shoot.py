@@ -14,7 +14,7 @@ from PIL import Image
 from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest
 from toolkit.captures.transforms import write_transforms
-from toolkit.captures.variants import PAIR, VARIANTS, dress, find_booster
+from toolkit.captures.variants import PAIR, dress, find_booster
 from toolkit.console import progress
 from toolkit.errors import ToolkitError, one_of
 from toolkit.files import sha256_bytes, write_bytes
@@ -94,9 +94,6 @@ def shoot_plan(
     if not SOURCE_NAME.fullmatch(source):
         raise ToolkitError(f"source '{source}': expected the name of one folder below {workspace.captures_dir}")
     variants = tuple(dict.fromkeys(variants))  # named twice is shot once
-    for variant in variants:
-        if variant not in VARIANTS:
-            raise one_of("variant", variant, list(VARIANTS))
     camera = plan.camera.camera()
     items = {name: load_object(workspace.object_spec(name)) for name in objects}
     scenes = [

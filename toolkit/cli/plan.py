@@ -60,7 +60,7 @@ def plan(
 
 def what_pairs_can_show(count: int) -> str:
     """What `count` pairs can prove, worked out with the same statistics as the report."""
-    from toolkit.evaluation.metrics import mcnemar_p, wilson_interval
+    from toolkit.statistics import mcnemar_p, wilson_interval
 
     low, high = wilson_interval(count // 2, count)
     enough = next((flips for flips in range(1, count + 1) if mcnemar_p(flips, 0) < 0.05), None)

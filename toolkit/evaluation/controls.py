@@ -7,9 +7,10 @@ from typing import Any
 
 from toolkit.captures.read import POOLED, UNPATCHED
 from toolkit.captures.variants import CONTROLS
-from toolkit.evaluation.metrics import index_poses, mcnemar_p, wilson_interval
+from toolkit.evaluation.metrics import index_poses
 from toolkit.evaluation.order import PATCHED, WRONG, rank_variant
 from toolkit.evaluation.predict import Prediction
+from toolkit.statistics import mcnemar_p, wilson_interval
 
 
 @dataclass(frozen=True)

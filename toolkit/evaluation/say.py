@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from toolkit.evaluation.metrics import Group, wilson_interval
+from toolkit.evaluation.metrics import Group
+from toolkit.statistics import wilson_interval
 
 SIGNIFICANT = 0.05
 

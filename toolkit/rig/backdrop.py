@@ -24,7 +24,6 @@ class Backdrop:
             np.ascontiguousarray(cv2.GaussianBlur(tiled, (0, 0), w * (0.004 + 0.13 * r**1.5))[:, w : 2 * w])
             for r in ROUGHNESS_LEVELS
         ]
-        self._mean_lit = self._lit[-1].mean(axis=(0, 1))
 
     def render(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
         """(height, width, 3) float32 linear radiance without the object."""

@@ -8,6 +8,7 @@ from toolkit.errors import ToolkitError
 from toolkit.objects.mesh import Material, Mesh, merge_meshes
 from toolkit.objects.spec import PatchMount
 from toolkit.patches import TAPE_MARGIN_MM
+from toolkit.rig.rays import make_ray_scene
 
 MAX_SLOPE_DEG = 38.0
 """A taped sheet does not hang down steeper than this; it bridges what falls away faster."""
@@ -64,7 +65,7 @@ def mount_patch(mesh: Mesh, pixels: np.ndarray, size_mm: float, mount: PatchMoun
             f"{name}: a patch of {size_mm:.0f} mm is over half of the object's longest side ({longest:.0f} mm): "
             f"print it smaller and say so in the spec, for example [patch] size_mm = {longest / 3:.0f}"
         )
-    scene = _ray_scene(mesh)
+    scene = make_ray_scene(mesh)
     right, up = _turned_axes(mount)
     normal = np.cross(right, up)
     centre = _start(mesh, mount, normal)
@@ -96,17 +97,6 @@ def lay_flat(pixels: np.ndarray, size_mm: float) -> Mesh:
 def attach(mesh: Mesh, sheet: Sheet) -> Mesh:
     """The object with the sheet on it."""
     return merge_meshes([mesh, sheet.mesh])
-
-
-def _ray_scene(mesh: Mesh):
-    import open3d as o3d
-
-    scene = o3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        o3d.core.Tensor(np.ascontiguousarray(mesh.vertices, np.float32)),
-        o3d.core.Tensor(np.ascontiguousarray(mesh.faces.astype(np.uint32))),
-    )
-    return scene
 
 
 def _turned_axes(mount: PatchMount) -> tuple[np.ndarray, np.ndarray]:

@@ -15,11 +15,9 @@ from toolkit.patches import TAPE_MARGIN_MM
 from toolkit.rig.camera import Camera
 from toolkit.rig.mount import attach, mount_patch
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.studio import LIGHTS, make_studio
-from toolkit.rig.training import random_pose
+from toolkit.rig.training import PER_STUDIO, random_pose, random_studio
 from toolkit.workspace import Workspace
 
-PER_STUDIO = 24
 FOV_DEG = 30.5
 """Of the square picture: what the middle of a 4:3 frame of 40° shows."""
 
@@ -70,8 +68,7 @@ def render_mounted_views(
     ]
     with progress(f"rendering {object_name} with its sheet", count, quiet) as bar:
         for start in range(0, count, PER_STUDIO):
-            light = str(np.random.default_rng([seed, start, 1]).choice(list(LIGHTS)))
-            studio = make_studio((seed, start), float(item.mesh.size_mm.max()), light=light)
+            studio = random_studio(seed, start, float(item.mesh.size_mm.max()))
             black, white = (RaycastRenderer(mesh, studio) for mesh in dressed)
             for i in range(start, min(start + PER_STUDIO, count)):
                 T_world_camera = random_pose(np.random.default_rng([seed, i, 2]), item.mesh, camera)

@@ -6,7 +6,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from toolkit.objects.load import TableObject
-from toolkit.rig.camera import Camera, project
+from toolkit.rig.camera import Camera
 from toolkit.rig.finish import develop
 from toolkit.rig.plan import Pose
 from toolkit.rig.renderer import make_renderer
@@ -81,9 +81,3 @@ def _frame_corners(camera: Camera, pose: Pose) -> np.ndarray:
     x, y = camera.width / 2 / camera.focal_px * depth, camera.height / 2 / camera.focal_px * depth
     local = np.array([[-x, -y, depth], [x, -y, depth], [x, y, depth], [-x, y, depth]])
     return local @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]
-
-
-def visible_share(item: TableObject, camera: Camera, pose: Pose) -> float:
-    """The larger side of the object's bounding box in the picture, as a share of the frame's shorter side."""
-    pixels, _ = project(camera, pose.matrix(), item.mesh.vertices)
-    return float(np.ptp(pixels, axis=0).max() / min(camera.width, camera.height))

@@ -16,6 +16,7 @@ from toolkit.rig.camera import Camera, pixel_rays, project
 from toolkit.rig.lighting import bake_lighting
 from toolkit.rig.lightmap import read_samples
 from toolkit.rig.mount import PAPER_MATERIAL
+from toolkit.rig.rays import make_ray_scene
 from toolkit.rig.studio import Studio
 from toolkit.rig.textures import sample_pyramid, texture_pyramid
 
@@ -35,14 +36,8 @@ class RaycastRenderer:
     """Renders one object in one studio from any camera."""
 
     def __init__(self, mesh: Mesh, studio: Studio) -> None:
-        import open3d as o3d
-
         self._mesh, self._studio = mesh, studio
-        self._scene = o3d.t.geometry.RaycastingScene()
-        self._scene.add_triangles(
-            o3d.core.Tensor(np.ascontiguousarray(mesh.vertices, np.float32)),
-            o3d.core.Tensor(np.ascontiguousarray(mesh.faces.astype(np.uint32))),
-        )
+        self._scene = make_ray_scene(mesh)
         self._outline = _hull_vertices(mesh.vertices)
         self._corner_normals = mesh.normals[mesh.faces]
         self._corner_uv = mesh.uv[mesh.faces]
@@ -111,7 +106,7 @@ class RaycastRenderer:
         import open3d as o3d
 
         found = self._scene.cast_rays(o3d.core.Tensor(rays))
-        return {key: found[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_uvs", "primitive_normals")}
+        return {key: found[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_uvs")}
 
     def _region(self, camera: Camera, T_world_camera: np.ndarray) -> tuple[int, int, int, int]:
         """Left, top, right, bottom of the pixels that can show the object."""

@@ -1,6 +1,7 @@
 """The table-top studio: key light, room, table and backdrop, all from one seed."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -62,6 +63,7 @@ ROOM_LIGHT = {"studio": 1.0, "side": 0.55, "warm": 0.75, "dim": 0.45}
 BACKDROPS = tuple(materials.TABLES)
 
 
+@lru_cache(maxsize=4)
 def make_studio(
     seed: int | tuple[int, ...] = 0, scale_mm: float = 270.0, backdrop: str | None = None, light: str = "studio"
 ) -> Studio:

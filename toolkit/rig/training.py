@@ -10,7 +10,7 @@ from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
 from toolkit.rig.finish import develop
 from toolkit.rig.renderer import make_renderer
-from toolkit.rig.studio import LIGHTS, make_studio
+from toolkit.rig.studio import LIGHTS, Studio, make_studio
 from toolkit.workspace import Workspace
 
 PER_STUDIO = 24
@@ -33,13 +33,17 @@ def render_training_images(
     size = float(item.mesh.size_mm.max())
     with progress(f"rendering {object_name} to train on", count, quiet) as bar:
         for start in range(0, count, PER_STUDIO):
-            draw = np.random.default_rng([seed, start, 1])
-            light = str(draw.choice(list(LIGHTS)))
-            renderer = make_renderer("raycast", item.mesh, make_studio((seed, start), size, light=light))
+            renderer = make_renderer("raycast", item.mesh, random_studio(seed, start, size))
             for i in range(start, min(start + PER_STUDIO, count)):
                 T_world_camera = random_pose(np.random.default_rng([seed, i, 2]), item.mesh, CAMERA)
                 yield develop(renderer.render(CAMERA, T_world_camera), (seed, i))
                 bar.advance()
+
+
+def random_studio(seed: int, start: int, size_mm: float) -> Studio:
+    """The studio of the images from number `start` on: any backdrop, any light."""
+    light = str(np.random.default_rng([seed, start, 1]).choice(list(LIGHTS)))
+    return make_studio((seed, start), size_mm, light=light)
 
 
 def random_pose(rng: np.random.Generator, mesh: Mesh, camera: Camera) -> np.ndarray:
