@@ -34,7 +34,7 @@ class Check:
 
 def check_machine(folder: Path) -> list[Check]:
     """All checks; `folder` is where a workspace is or would be."""
-    return [_python(), _packages(), _open3d(), _egl(), _disk(folder), _weights(), _gpu()]
+    return [_python(), _packages(), _open3d(), _egl(), _disk(folder), _weights(), _bundled(), _gpu()]
 
 
 def _python() -> Check:
@@ -105,6 +105,23 @@ def _weights() -> Check:
         return Check("ResNet-18 weights", "ok", str(found))
     mend = "export TOOLKIT_WEIGHTS=FOLDER, with resnet18-*.pth in it; or let 'toolkit eval' download them once"
     return Check("ResNet-18 weights", "note", "not on this machine yet", mend)
+
+
+def _bundled() -> Check:
+    """The classifier that needs no network: whether it is here and whole."""
+    from toolkit.classifiers.bundled import read_bundled
+
+    try:
+        record = read_bundled()
+    except ToolkitError as error:
+        return Check("bundled classifier", "missing", str(error), "install the package again")
+    if record is None:
+        mend = "install the package again; --model works with weights of one's own all the same"
+        return Check("bundled classifier", "note", "not in this installation", mend)
+    share = record.held_out.accuracy
+    known = "" if share is None else f", {share:.0%} of {record.held_out.n} held-out images right"
+    found = f"{record.name}, {record.arch} trained on {record.trained_on}, not ImageNet{known}"
+    return Check("bundled classifier", "ok", found)
 
 
 def _gpu() -> Check:

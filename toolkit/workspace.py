@@ -1,19 +1,28 @@
 """The folder that a user works in, and the package's own data behind it."""
 
-from dataclasses import dataclass
+import re
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from toolkit.errors import ToolkitError, one_of
 from toolkit.files import explain_write_error, write_text
 
 PACKAGE_DATA = Path(__file__).parent / "data"
+PATCH_SET_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
 
 @dataclass(frozen=True)
 class Workspace:
-    """A folder with `rig/`, `print/`, `captures/` and `eval/`; what it lacks comes from the package's data."""
+    """A folder with `rig/`, `print/`, `captures/` and `eval/`; what it lacks comes from the package's data.
+
+    Attributes:
+        root: the folder.
+        patch_set: the sub-folder of `print/patches` that is worked with, such as `rig18` for patches of that
+            classifier; None for the patches that lie in `print/patches` itself.
+    """
 
     root: Path
+    patch_set: str | None = None
 
     @property
     def plan_file(self) -> Path:
@@ -26,14 +35,19 @@ class Workspace:
         return self.root / "rig" / "objects"
 
     @property
+    def classifiers_dir(self) -> Path:
+        """Classifiers of the user's own, and their records."""
+        return self.root / "rig" / "classifiers"
+
+    @property
     def print_dir(self) -> Path:
-        """Printed pages."""
-        return self.root / "print"
+        """Printed pages; those of a patch set have a folder of their own."""
+        return self.root / "print" / (self.patch_set or "")
 
     @property
     def patches_dir(self) -> Path:
         """Trained patches and their records."""
-        return self.root / "print" / "patches"
+        return self.root / "print" / "patches" / (self.patch_set or "")
 
     @property
     def captures_dir(self) -> Path:
@@ -51,7 +65,31 @@ class Workspace:
 
     def patches(self) -> dict[str, Path]:
         """PNG of every known patch by name; a file of the workspace wins over the package's."""
-        return _named_files("patches", "*.png", self.patches_dir)
+        return _named_files(Path("patches", self.patch_set or ""), "*.png", self.patches_dir)
+
+    def with_patches(self, patch_set: str | None) -> "Workspace":
+        """The same workspace with the patches in a sub-folder of `print/patches`; None for those in the folder itself.
+
+        Raises:
+            ToolkitError: no such sub-folder holds a patch, here or in the package's data.
+        """
+        if patch_set is None:
+            return replace(self, patch_set=None)
+        known = self.patch_sets()
+        if patch_set in known:
+            return replace(self, patch_set=patch_set)
+        if known:
+            raise one_of("set of patches", patch_set, known)
+        raise ToolkitError(
+            f"--patches {patch_set}: expected a folder of patches in {self.root / 'print' / 'patches'}: "
+            f"make one with 'toolkit train-patch --model MODEL --out print/patches/NAME'"
+        )
+
+    def patch_sets(self) -> list[str]:
+        """Names of the sub-folders of `print/patches` that hold patches, the package's own among them."""
+        places = (PACKAGE_DATA / "patches", self.root / "print" / "patches")
+        found = {file.parent.name for place in places for file in place.glob("*/*.png")}
+        return sorted(name for name in found if PATCH_SET_NAME.fullmatch(name) and name != "previews")
 
     def object_spec(self, name: str) -> Path:
         """The spec of one object; an unknown name is a `ToolkitError`."""
@@ -68,7 +106,7 @@ class Workspace:
         return patches[name]
 
 
-def _named_files(kind: str, pattern: str, own: Path) -> dict[str, Path]:
+def _named_files(kind: str | Path, pattern: str, own: Path) -> dict[str, Path]:
     found = {path.stem: path for path in sorted((PACKAGE_DATA / kind).glob(pattern))}
     return found | {path.stem: path for path in sorted(own.glob(pattern))}
 

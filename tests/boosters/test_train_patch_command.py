@@ -1,6 +1,7 @@
 """`toolkit train-patch` as it is typed."""
 
 import json
+import re
 import sys
 
 import pytest
@@ -16,7 +17,7 @@ def type_command(tmp_path, monkeypatch, capsys):
     """Run `toolkit train-patch ARGUMENTS` in an empty folder; returns exit code, stdout and stderr."""
     loaded = []
 
-    def load_tiny(arch, weights, device, quiet):
+    def load_tiny(arch, weights, device, quiet, folder):
         loaded.append((arch, weights))
         return tiny_classifier()
 
@@ -37,13 +38,17 @@ def test_it_says_what_it_made_and_what_comes_next(type_command, tmp_path):
     write_photos(tmp_path / "photos", 6)
     code, said, told = type_command("--class", "jet", "--data", "photos", *QUICK[:-1])
     assert code == 0, told
-    assert type_command.loaded == [("resnet18", None)]
+    assert type_command.loaded == [(None, None)], "the default network is the loader's choice"
     assert "print/patches/jet.png: 16 px, 14 mm on paper at 250 %" in said
     assert "tiny on held-out images:" in said
+    assert "jet: total variation 0." in said
+    assert "non-printability 0." in said
     assert "n = 128" in said
     assert "next: toolkit print --class jet" in said
     assert "as backgrounds, whatever they show" in told
     assert "Training jet: 3 to do" in told
+    assert re.search(r"\n  recipe +default: smoothed descent", told)
+    assert "quality 40 to 95, probability 0.3" in told
     code, said, _ = type_command("--class", "jet", "--data", "photos", *QUICK)
     assert code == 0
     assert "nothing to do; --restart trains it again" in said
@@ -56,6 +61,10 @@ def test_json_is_the_result_and_nothing_else(type_command, tmp_path):
     assert code == 0
     assert result["record"]["class_name"] == "jet"
     assert result["skipped"] == []
+    assert 0 < result["record"]["final"]["total_variation"] < 0.5
+    assert 0 < result["record"]["final"]["non_printability"] < 0.5
+    assert result["record"]["settings"]["recipe"] == "default"
+    assert result["record"]["settings"]["camera"]["JpegFile"]["quality"] == [40, 95]
     assert (tmp_path / "print/previews/jet.png").samefile(result["preview"])
 
 
@@ -77,7 +86,7 @@ def test_bad_images_are_listed_and_the_exit_code_says_so(type_command, tmp_path)
         (["--class", "jet", "--data", "photos", "--share", "0.5", "0.2"], "share range 0.5 to 0.2"),
         (["--class", "jet", "--data", "photos", "--schedule", "cos"], "no schedule called 'cos'"),
         (
-            ["--class", "jet", "--data", "photos", "--weights", "a.pth", "--weights", "b.pth"],
+            ["--class", "jet", "--data", "photos", "--model", "resnet18", "--weights", "a.pth", "--weights", "b.pth"],
             "1 --model and 2 --weights",
         ),
         (["--class", "jet", "--data", "photos", "--workspace", "photos"], "photos is no workspace"),
@@ -118,3 +127,51 @@ def test_mounted_views_that_cannot_be_had(type_command, tmp_path, arguments, tol
     assert code == 2
     assert told in said
     assert len(said.strip().splitlines()) == 1
+
+
+def test_recipe_paper_is_scaled_down_by_flags_and_says_what_acts(type_command, tmp_path):
+    """Of 10 photographs 8 are trained on: 2 epochs of batches of 3 are 6 steps."""
+    write_photos(tmp_path / "photos", 10)
+    short = ["--data", "photos", "--size-px", "16", "--recipe", "paper", "--batch", "3", "--epochs", "2"]
+    code, _, told = type_command("--class", "jet", *short, "--rotation", "-20", "20")
+    assert code == 0, told
+    lines = [line.split(maxsplit=1) for line in told.splitlines() if line.startswith("  ")]
+    table = dict(line for line in lines if len(line) == 2)
+    assert table["recipe"].startswith("paper: Algorithm 1 as published")
+    assert table["steps"] == "6 (2 epochs) of 3 images, seed 0"
+    assert table["step"] == "sign of the gradient, lr 0.1 (constant), smoothing none"
+    assert table["affine"].startswith("rotation -20 to 20°")
+    assert table["off"] == "pose, light, print, glare, camera, mounted views"
+    assert "they move a dummy parameter" in told
+    settings = json.loads((tmp_path / "print/patches/jet.json").read_text())["settings"]
+    assert (settings["steps"], settings["epochs"], settings["recipe"]) == (6, 2, "paper")
+    assert settings["print_process"] is None
+    _, _, told = type_command("--class", "jet", *short, "--restart", "--quiet")
+    assert "recipe" not in told
+
+
+def test_parts_are_switched_and_losses_weighed(type_command, tmp_path):
+    write_photos(tmp_path / "photos", 6)
+    switches = ["--no-pose", "--no-print-process", "--no-camera", "--no-glare", "--no-light", "--tv-weight", "0.5"]
+    code, said, told = type_command("--class", "jet", "--data", "photos", *switches, "--json", *QUICK)
+    assert code == 0, told
+    settings = json.loads(said)["record"]["settings"]
+    parts = ("pose", "print_process", "camera", "glare", "light")
+    assert [settings[part] for part in parts] == [None] * 5
+    assert settings["tv_weight"] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--recipe", "papre"], "no recipe called 'papre': did you mean paper"),
+        (["--steps", "3", "--epochs", "2"], "--steps 3 --epochs 2: expected one"),
+        (["--printability-weight", "-1"], "--printability-weight -1: expected 0 or more"),
+        (["--length-mm", "5"], "a patch of 88.1944 mm on an object of 5 mm"),
+    ],
+)
+def test_recipes_that_cannot_be_are_one_line(type_command, arguments, words):
+    code, _, told = type_command("--class", "jet", "--data", "photos", *arguments)
+    assert code == 2
+    assert words in told
+    assert told.count("\n") == 1

@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import shutil
 import threading
 import warnings
 
@@ -131,8 +132,15 @@ def test_truth_from_spec_folder_name_or_clear_error(put, workspace, colour_class
     (workspace.objects_dir / "my_mug.toml").write_text(
         'name = "my_mug"\nclass = "cup"\nmesh = "mug.obj"\nlength_mm = 90\n'
     )
-    with pytest.raises(ToolkitError, match=r"my_mug\.toml: no class called 'cup'"):
-        evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    shutil.rmtree(workspace.captures_dir / "real" / "warplan")
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    assert [one.capture.object for one in result.predictions] == ["Racer"]
+    (note,) = (note for note in result.notes if "my_mug" in note)
+    assert "1 image of 'my_mug' left out" in note and "my_mug.toml: no class called 'cup'" in note
+    assert note in result.summary["notes"]
+    only = Selection(objects=("my_mug",))
+    with pytest.raises(ToolkitError, match=r"my_mug\.toml: no class called 'cup'.*knows none of the objects"):
+        evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True, selection=only)
 
 
 def test_bad_run_names(shot, colour_classifier):

@@ -63,6 +63,17 @@ def test_several_classes_and_json(space):
     assert content["failed"] == []
 
 
+def test_each_patch_is_scored_before_it_is_printed(space):
+    """The test's patches are red from 255 and without blue: no ink makes them; neighbours' green is random."""
+    said = call("--class", "warplane").output.splitlines()
+    assert said[0].startswith("warplane: total variation 0.1")
+    assert "come out duller than on the screen" in said[0]
+    assert said[1].startswith("print/warplane.pdf")
+    (one,) = json.loads(call("--class", "warplane", "--json").stdout)["printed"]
+    assert one["total_variation"] == pytest.approx(1 / 9, abs=0.01)
+    assert one["non_printability"] > 0.1
+
+
 def test_all(space):
     assert call("--all", "--quiet").exit_code == 0
     assert {path.stem for path in (space / "print").glob("*.pdf")} == {"warplane", "racer", "racer-2"}

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from toolkit.boosters.ranges import check_range
 from toolkit.errors import ToolkitError
 
 
@@ -31,9 +32,9 @@ class AffineRanges:
     overhang: float = 0.1
 
     def __post_init__(self) -> None:
-        _check_range("rotation", self.rotation_deg, -360, 360)
-        _check_range("share", self.share, 0.02, 2)
-        _check_range("foreshortening", self.foreshortening, 0.05, 1)
+        check_range("rotation", self.rotation_deg, -360, 360)
+        check_range("share", self.share, 0.02, 2)
+        check_range("foreshortening", self.foreshortening, 0.05, 1)
         if not 0 <= self.overhang < 0.5:
             raise ToolkitError(f"overhang {self.overhang:g}: expected at least 0 and less than 0.5")
 
@@ -46,14 +47,6 @@ class AffineRanges:
         linear = _compress(direction, compression) @ _rotate(rotation) * scale[:, None, None]
         centre = _draw_centres(rng, linear, patch_px, image_px, self.overhang)
         return affine_matrices(linear, centre, patch_px)
-
-
-def _check_range(name: str, values: tuple[float, float], lowest: float, highest: float) -> None:
-    low, high = values
-    if not lowest <= low <= high <= highest:
-        raise ToolkitError(
-            f"{name} range {low:g} to {high:g}: expected two rising numbers between {lowest:g} and {highest:g}"
-        )
 
 
 def affine_matrices(linear: np.ndarray, centre: np.ndarray, patch_px: int) -> np.ndarray:

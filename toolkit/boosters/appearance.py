@@ -55,10 +55,7 @@ class Appearance:
 
 
 def show_patch(patch: "torch.Tensor", images: "torch.Tensor", appearance: Appearance, draws: Draws) -> "torch.Tensor":
-    """Images with the patch in them: x (1 - T(mask)) + T(θ) T(mask), seed Algorithm 1.
-
-    At the patch's edge T(θ) T(mask) is read as the average of θ·mask over the pixel: transforming the two apart and
-    multiplying after would fade the rim twice.
+    """Photographs with the printed patch in them: the three steps below, one after the other.
 
     Args:
         patch: θ, (3, n, n) sRGB-encoded in [0, 1].
@@ -69,17 +66,35 @@ def show_patch(patch: "torch.Tensor", images: "torch.Tensor", appearance: Appear
     Returns:
         (b, 3, m, m) sRGB-encoded in [0, 1], differentiable in `patch`.
     """
+    return take_photos(place_patch(print_patch(patch, appearance, draws), images, appearance, draws), appearance, draws)
+
+
+def print_patch(patch: "torch.Tensor", appearance: Appearance, draws: Draws) -> "torch.Tensor":
+    """θ, (3, n, n) sRGB-encoded in [0, 1], as it comes out of the printer."""
     for part in appearance.on_print:
         patch = part.change(patch, draws.of(type(part).__name__))
+    return patch
+
+
+def place_patch(patch: "torch.Tensor", images: "torch.Tensor", appearance: Appearance, draws: Draws) -> "torch.Tensor":
+    """Scenes with the print in them: x (1 - T(mask)) + T(θ) T(mask), seed Algorithm 1.
+
+    At the patch's edge T(θ) T(mask) is read as the average of θ·mask over the pixel: transforming the two apart and
+    multiplying after would fade the rim twice. Shapes as in `show_patch`.
+    """
     T_image_patch = appearance.placement.place(
         draws.of(type(appearance.placement).__name__), len(images), patch.shape[-1], images.shape[-1]
     )
     corners, side = find_windows(T_image_patch, patch.shape[-1], images.shape[-1])
     paper, mask = warp_patch(patch, move_origin(T_image_patch, corners), side)
-    for paper_part in appearance.on_paper:
-        paper = paper_part.light(paper, mask, draws.of(type(paper_part).__name__))
+    for part in appearance.on_paper:
+        paper = part.light(paper, mask, draws.of(type(part).__name__))
     around = cut_windows(images, corners, side)
-    photos = paste_windows(images, (around * (1 - mask) + paper).clamp(0, 1), corners)
+    return paste_windows(images, (around * (1 - mask) + paper).clamp(0, 1), corners)
+
+
+def take_photos(scenes: "torch.Tensor", appearance: Appearance, draws: Draws) -> "torch.Tensor":
+    """(b, 3, m, m) scenes as the camera gives them."""
     for part in appearance.on_photo:
-        photos = part.change(photos, draws.of(type(part).__name__))
-    return photos
+        scenes = part.change(scenes, draws.of(type(part).__name__))
+    return scenes

@@ -1,6 +1,6 @@
 """From the last step to files: round the patch as it will be printed, validate that, draw it, record it."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from io import BytesIO
 from pathlib import Path
 
@@ -20,6 +20,7 @@ from toolkit.boosters.validation import Validation, count_placements, validate_p
 from toolkit.console import progress
 from toolkit.files import write_bytes
 from toolkit.patches import Network, Patch, write_patch
+from toolkit.print_scores import score_print
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,10 @@ def finish_patch(
             | ({} if views is None else {"mounted_views_sha256": views.sha256}),
             "seed": seed,
             "settings": request.settings() | {"image_px": image_px, "inputs_sha256": state.inputs_sha256},
-            "final": _summarise(state) | _list_shares(validations, "held_out") | _list_shares(on_object, "mounted"),
+            "final": _summarise(state)
+            | asdict(score_print(pixels))
+            | _list_shares(validations, "held_out")
+            | _list_shares(on_object, "mounted"),
             "toolkit_version": __version__,
         },
     )
@@ -102,7 +106,7 @@ def _name_network(classifier) -> Network:
 def _describe(request: PatchRequest, data: TrainingData, validations: list[Validation]) -> list[str]:
     where = "held-out" if data.is_held_out else "training"
     answers = [
-        f"{a.arch}, {where} images: {a.patched.value:.0%} with patch, {a.bare.value:.0%} bare" for a in validations
+        f"{a.network}, {where} images: {a.patched.value:.0%} with patch, {a.bare.value:.0%} bare" for a in validations
     ]
     size = f"{request.size_px} x {request.size_px} px, {request.descent.steps} steps, seed {request.descent.seed}"
     return [size, *answers[:3], "Below: training images, new placements, the network's first answer"]
@@ -114,9 +118,9 @@ def _summarise(state: Checkpoint) -> dict[str, float]:
 
 def _list_shares(validations: list[Validation], where: str) -> dict[str, float]:
     final: dict[str, float] = {}
-    archs = [answer.arch for answer in validations]
+    names = [answer.network for answer in validations]
     for k, answer in enumerate(validations):
-        network = answer.arch if archs.index(answer.arch) == k else f"{answer.arch}_{k + 1}"
+        network = answer.network if names.index(answer.network) == k else f"{answer.network}_{k + 1}"
         for what, share in (("patched", answer.patched), ("bare", answer.bare)):
             low, high = share.ci95
             numbers = {"top1": share.value, "low": low, "high": high, "n": float(share.n)}

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from toolkit.boosters.ranges import check_probability
 from toolkit.errors import ToolkitError
 
 if TYPE_CHECKING:
@@ -19,11 +20,13 @@ class LightRanges:
         exposure: factor on sRGB-encoded values.
         contrast: factor on their distance from middle grey, below 1 for print and haze.
         tint: each channel's own factor lies within 1 ± tint.
+        probability: that an image's patch is lit apart from it.
     """
 
     exposure: tuple[float, float] = (0.65, 1.2)
     contrast: tuple[float, float] = (0.75, 1.0)
     tint: float = 0.06
+    probability: float = 1.0
 
     def __post_init__(self) -> None:
         for name, (low, high) in (("exposure", self.exposure), ("contrast", self.contrast)):
@@ -31,6 +34,7 @@ class LightRanges:
                 raise ToolkitError(f"{name} range {low:g} to {high:g}: expected two rising numbers above 0")
         if not 0 <= self.tint < 1:
             raise ToolkitError(f"tint {self.tint:g}: expected at least 0 and less than 1")
+        check_probability("light", self.probability)
 
     def light(self, paper: "torch.Tensor", mask: "torch.Tensor", rng: np.random.Generator) -> "torch.Tensor":
         """Light a drawn patch.
@@ -48,6 +52,8 @@ class LightRanges:
         count = len(paper)
         gain = rng.uniform(*self.exposure, (count, 1)) * rng.uniform(1 - self.tint, 1 + self.tint, (count, 3))
         contrast = rng.uniform(*self.contrast, (count, 1))
-        slope, offset = gain * contrast, gain * (1 - contrast) / 2
+        acting = rng.random((count, 1)) < self.probability
+        slope = np.where(acting, gain * contrast, 1)
+        offset = np.where(acting, gain * (1 - contrast) / 2, 0)
         slope_offset = torch.as_tensor(np.stack([slope, offset]), dtype=paper.dtype, device=paper.device)
         return paper * slope_offset[0, :, :, None, None] + mask * slope_offset[1, :, :, None, None]

@@ -93,32 +93,44 @@ def show_mounted(
         (b, 3, image_px, image_px) sRGB-encoded in [0, 1], differentiable in `patch`.
     """
     import torch
-    from torch.nn.functional import grid_sample
 
     cuts = [
         (k, slice(top, top + image_px), slice(left, left + image_px))
         for k, (top, left) in zip(which, corners, strict=True)
     ]
-    dark = torch.stack([views.dark[k, :, y, x] for k, y, x in cuts]).to(patch.dtype)
-    gain = torch.stack([views.gain[k, :, y, x] for k, y, x in cuts]).to(patch.dtype)
-    uv = torch.stack([views.uv[k, :, y, x] for k, y, x in cuts]).to(patch.dtype)
-    count = len(which)
-    seen = (~uv[..., 0].isnan()).to(patch.dtype)
-    weight = seen / seen.sum(dim=1, keepdim=True).clamp_min(1)
-    grid = torch.stack([uv[..., 0] * 2 - 1, 1 - uv[..., 1] * 2], -1).nan_to_num(0)
-    linear = srgb_to_linear(patch)[None].expand(count, -1, -1, -1)
-    grid = grid.reshape(count, 4 * image_px, image_px, 2)
-    texels = grid_sample(linear, grid, mode="bilinear", padding_mode="border", align_corners=False)
-    colour = (texels.reshape(count, 3, 4, image_px, image_px) * weight[:, None]).sum(dim=2)
-    light = dark + gain * colour
+    light = torch.stack([views.dark[k, :, y, x] for k, y, x in cuts]).to(patch.dtype)
+    factor = torch.ones((), dtype=patch.dtype)
     if rng is not None:
-        factor = rng.uniform(*EXPOSURE, (count, 1, 1, 1)) * rng.uniform(1 - TINT, 1 + TINT, (count, 3, 1, 1))
-        light = light * torch.as_tensor(factor, dtype=patch.dtype, device=patch.device)
-    photos = develop(light)
+        count = len(cuts)
+        drawn = rng.uniform(*EXPOSURE, (count, 1, 1, 1)) * rng.uniform(1 - TINT, 1 + TINT, (count, 3, 1, 1))
+        factor = torch.as_tensor(drawn, dtype=patch.dtype, device=patch.device)
+    photos = develop(light * factor)
+    # only the patch's own pixels carry a gradient, and they are few
+    uv = torch.stack([views.uv[k, :, y, x] for k, y, x in cuts])
+    k, y, x = (~uv[..., 0].isnan()).any(dim=1).nonzero(as_tuple=True)
+    gain = torch.stack([views.gain[one, :, rows, columns] for one, rows, columns in cuts])
+    on_patch = light[k, :, y, x] + gain[k, :, y, x].to(patch.dtype) * _look_up(patch, uv[k, :, y, x].to(patch.dtype))
+    photos = photos.permute(0, 2, 3, 1).index_put(
+        (k, y, x), develop(on_patch * factor.expand(len(cuts), 3, 1, 1)[k, :, 0, 0])
+    )
+    photos = photos.permute(0, 3, 1, 2)
     if rng is not None:
         grain = torch.as_tensor(rng.standard_normal(photos.shape, np.float32), dtype=patch.dtype, device=patch.device)
         photos = photos + NOISE * grain
     return photos.clamp(0, 1)
+
+
+def _look_up(patch: "torch.Tensor", uv: "torch.Tensor") -> "torch.Tensor":
+    """Linear colours (p, 3) of a patch (3, n, n) at (p, 4, 2) places, mean over those of the four that are on it."""
+    import torch
+    from torch.nn.functional import grid_sample
+
+    seen = (~uv[..., 0].isnan()).to(patch.dtype)
+    weight = seen / seen.sum(dim=1, keepdim=True).clamp_min(1)
+    grid = torch.stack([uv[..., 0] * 2 - 1, 1 - uv[..., 1] * 2], -1).nan_to_num(0)
+    linear = srgb_to_linear(patch)[None]
+    texels = grid_sample(linear, grid[None], mode="bilinear", padding_mode="border", align_corners=False)[0]
+    return (texels * weight).sum(dim=2).T
 
 
 def draw_mounted(
@@ -150,7 +162,7 @@ def validate_mounted(
                     hits[row, k] += int((target.classifier.logits(photos).argmax(1) == target.class_index).sum())
     count = len(views)
     return [
-        Validation(target.classifier.arch, Share(int(hits[0, k]), count), Share(int(hits[1, k]), count))
+        Validation(target.classifier.name, Share(int(hits[0, k]), count), Share(int(hits[1, k]), count))
         for k, target in enumerate(targets)
     ]
 

@@ -12,6 +12,7 @@ from toolkit.boosters.mounted import MountedViews, divide_views, stack_views
 from toolkit.boosters.request import PatchRequest, check_size, hash_inputs, name_files
 from toolkit.boosters.resumable import CHECKPOINT_EVERY_S, make_steps
 from toolkit.boosters.rig_data import choose_object, is_rig_source
+from toolkit.boosters.settings_table import list_settings
 from toolkit.boosters.training import Target
 from toolkit.boosters.validation import Validation
 from toolkit.errors import ToolkitError
@@ -85,6 +86,7 @@ def train_patch(
     class_names = names_of_class(first, index, str(request.class_name))
     data = load_data(request.data, class_names, first.preprocessing, workspace, files.training, quiet)
     _describe_data(data, say)
+    request = request.count_steps(len(data.train))
     views = _load_views(request, workspace, class_names, first, quiet)
     key = hash_inputs(request, name, targets, data.sha256 + ("" if views is None else views.sha256))
     checkpoint_file = files.training / f"{key[:16]}.safetensors"
@@ -94,6 +96,8 @@ def train_patch(
         _clear(files.training, key)
         return TrainedPatch(finished, files, [], [], data.skipped, request.descent.steps, True)
 
+    for line in list_settings(request, [classifier.name for classifier in classifiers]):
+        say(line)
     state = read_checkpoint(checkpoint_file, key)
     resumed_from = 0 if state is None else state.done
     if resumed_from:

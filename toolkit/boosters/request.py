@@ -1,27 +1,39 @@
 """What `toolkit train-patch` is asked for, and the hash that says whether two requests are the same run."""
 
 import json
+import math
 import re
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 from toolkit.boosters.affine import AffineRanges
 from toolkit.boosters.appearance import Appearance
+from toolkit.boosters.blur import CameraBlur
 from toolkit.boosters.data import DataRequest
+from toolkit.boosters.glare import TapeGlare
+from toolkit.boosters.jpeg import JpegFile
 from toolkit.boosters.light import LightRanges
+from toolkit.boosters.pose import MixedPlacement, PoseRanges
+from toolkit.boosters.print_process import PrintProcess
+from toolkit.boosters.sensor_noise import SensorNoise
 from toolkit.boosters.training import Descent, Target
 from toolkit.errors import ToolkitError
 from toolkit.files import sha256_bytes
 
+if TYPE_CHECKING:
+    import torch
+
+CameraParts = tuple[CameraBlur, SensorNoise, JpegFile]
 SMALLEST_PX = 8
 METHOD = "unadversarial patch, sign of the gradient"
-METHOD_VERSION = 2
+METHOD_VERSION = 3
 """Raised when the same request gives other numbers: an older checkpoint is then another run's."""
 
 
 @dataclass(frozen=True)
 class PatchRequest:
-    """One patch to train.
+    """One patch to train. Parts that are None do not act.
 
     Attributes:
         class_name: a label of the networks, an index, or a WordNet id.
@@ -29,10 +41,18 @@ class PatchRequest:
         size_px: n, side of the patch.
         descent: steps, batch, learning rate, seed.
         placement: where the patch lies in an image.
-        light: how it is lit; None leaves its colours alone.
+        light: how it is lit.
         name: of its files; by default from the label.
         mounted_share: of each batch, that shows the rig's object with the sheet mounted on it.
         mounted_views: how many such views are rendered, a fifth of them held out.
+        pose: how a camera sees it on an object, for a share of the images.
+        print_process: what the printer makes of it.
+        glare: what its tape does.
+        camera: what is done to the photograph, in this order.
+        tv_weight, printability_weight: of the patch's own losses, see `toolkit.boosters.print_losses`.
+        epochs: how often each training image is seen; decides the steps once the images are known.
+        recipe: whose settings these are, flags apart.
+        without_effect: settings that the recipe's source names and that move nothing; recorded and said.
     """
 
     class_name: str
@@ -43,24 +63,83 @@ class PatchRequest:
     light: LightRanges | None = field(default_factory=LightRanges)
     name: str | None = None
     mounted_share: float = 0.0
-    mounted_views: int = 144
+    mounted_views: int = 240
+    pose: PoseRanges | None = None
+    print_process: PrintProcess | None = None
+    glare: TapeGlare | None = None
+    camera: CameraParts | None = None
+    tv_weight: float = 0.0
+    printability_weight: float = 0.0
+    epochs: int | None = None
+    recipe: str = "custom"
+    without_effect: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not 0 <= self.mounted_share <= 1:
             raise ToolkitError(f"--mounted-share {self.mounted_share:g}: expected 0 to 1")
         if self.mounted_views < 2:
             raise ToolkitError(f"--mounted-views {self.mounted_views}: expected at least 2")
+        if self.epochs is not None and self.epochs < 1:
+            raise ToolkitError(f"--epochs {self.epochs}: expected at least 1")
+        for flag, weight in (("--tv-weight", self.tv_weight), ("--printability-weight", self.printability_weight)):
+            if not 0 <= weight < math.inf:
+                raise ToolkitError(f"{flag} {weight:g}: expected 0 or more")
+
+    def count_steps(self, images: int) -> "PatchRequest":
+        """The same request with the steps that its epochs make of so many training images."""
+        if self.epochs is None:
+            return self
+        steps = self.epochs * math.ceil(images / self.descent.batch)
+        return replace(self, descent=replace(self.descent, steps=steps))
 
     def appearance(self) -> Appearance:
         """The parts that act, in order."""
-        return Appearance(self.placement, on_paper=() if self.light is None else (self.light,))
+        return Appearance(
+            self.placement if self.pose is None else MixedPlacement(self.pose, self.placement),
+            on_print=() if self.print_process is None else (self.print_process,),
+            on_paper=tuple(part for part in (self.light, self.glare) if part is not None),
+            on_photo=self.camera or (),
+        )
+
+    def penalty(self) -> "Callable[[torch.Tensor], torch.Tensor] | None":
+        """Θ -> the weighted losses of the patch itself, a scalar; None where both weigh nothing."""
+        if not (self.tv_weight or self.printability_weight):
+            return None
+        from toolkit.boosters.print_losses import non_printability, total_variation
+
+        def weigh(patch: "torch.Tensor") -> "torch.Tensor":
+            loss = patch.new_zeros(())
+            if self.tv_weight:
+                loss = loss + self.tv_weight * total_variation(patch)
+            if self.printability_weight:
+                loss = loss + self.printability_weight * non_printability(patch)
+            return loss
+
+        return weigh
 
     def settings(self) -> dict[str, Any]:
         """Every hyper-parameter, as recorded beside the patch."""
-        light = None if self.light is None else asdict(self.light)
-        return {"method": METHOD, **asdict(self.descent), "affine": asdict(self.placement), "light": light} | (
-            {"mounted_share": self.mounted_share, "mounted_views": self.mounted_views} if self.mounted_share else {}
-        )
+        parts = {
+            "affine": self.placement,
+            "pose": self.pose,
+            "light": self.light,
+            "print_process": self.print_process,
+            "glare": self.glare,
+        }
+        camera = {type(part).__name__: asdict(part) for part in self.camera or ()}
+        return {
+            "method": METHOD,
+            "recipe": self.recipe,
+            "epochs": self.epochs,
+            **asdict(self.descent),
+            **{name: None if part is None else asdict(part) for name, part in parts.items()},
+            "camera": camera or None,
+            "tv_weight": self.tv_weight,
+            "printability_weight": self.printability_weight,
+            "mounted_share": self.mounted_share,
+            "mounted_views": self.mounted_views if self.mounted_share else None,
+            "without_effect": self.without_effect,
+        }
 
 
 def name_files(request: PatchRequest, label: str, index: int) -> str:

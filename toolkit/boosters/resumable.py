@@ -67,6 +67,7 @@ def make_steps(
         image_px,
         None if views is None else lambda draws, count: draw_mounted(views, draws, count, image_px),
         request.mounted_share,
+        request.penalty(),
     )
     written = monotonic()
     title = f"Training {first.labels[targets[0].class_index]}"

@@ -1,16 +1,17 @@
 """Algorithm 1: a patch goes down the sign of the loss's gradient, step by step."""
 
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import nullcontext
 from dataclasses import dataclass
 from math import cos, isfinite, pi
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolkit.boosters.appearance import Appearance, show_patch
+from toolkit.boosters.appearance import Appearance, place_patch, print_patch, take_photos
 from toolkit.boosters.batches import draw_batch
 from toolkit.boosters.draws import Draws
+from toolkit.classifiers.precision import mixed_precision
 from toolkit.errors import ToolkitError, one_of
 
 if TYPE_CHECKING:
@@ -22,7 +23,9 @@ LAST_LR_SHARE = 0.05
 
 
 Mounted = Callable[["torch.Tensor"], "torch.Tensor"]
-"""θ -> (b, 3, m, m) photographs of the object with the patch on it."""
+"""Printed θ -> (b, 3, m, m) pictures of the object with the patch on it."""
+Penalty = Callable[["torch.Tensor"], "torch.Tensor"]
+"""θ -> a loss of the patch itself, a scalar."""
 
 
 @dataclass(frozen=True)
@@ -128,38 +131,33 @@ def patch_gradient(
     appearance: Appearance,
     draws: Draws,
     mounted: "Mounted | None" = None,
+    penalty: "Penalty | None" = None,
 ) -> tuple["torch.Tensor", float, float]:
     """Gradient of the loss by θ, made anew from nothing, with the loss and the share recognised.
 
     The loss is the cross-entropy towards the target class, mean over the batch, summed over the networks. `mounted`
-    adds photographs of the object with the patch on it.
+    adds photographs of the object with the patch on it, `penalty` a loss of the patch itself.
     """
     import torch
     from torch.nn.functional import cross_entropy
 
     theta = patch.detach().clone().requires_grad_(True)
-    parts = [show_patch(theta, images, appearance, draws)] if len(images) else []
+    printed = print_patch(theta, appearance, draws)
+    scenes = [place_patch(printed, images, appearance, draws)] if len(images) else []
     if mounted is not None:
-        parts.append(mounted(theta))
-    photos = torch.cat(parts)
+        scenes.append(mounted(printed))
+    photos = take_photos(torch.cat(scenes), appearance, draws)
     loss, recognised = torch.zeros((), dtype=theta.dtype, device=theta.device), 0.0
     for target in targets:
-        with _mixed_precision(photos):
+        with mixed_precision(photos.device.type) if photos.dtype == torch.float32 else nullcontext():
             logits = target.classifier.logits(photos)
         wanted = torch.full((len(photos),), target.class_index, device=logits.device)
         loss = loss + cross_entropy(logits.to(theta.dtype), wanted)
         recognised += float((logits.argmax(1) == wanted).double().mean())
+    if penalty is not None:
+        loss = loss + penalty(theta)
     (gradient,) = torch.autograd.grad(loss, theta)
     return gradient, loss.item(), recognised / len(targets)
-
-
-def _mixed_precision(photos: "torch.Tensor") -> AbstractContextManager:
-    """Half of the work on a GPU; bfloat16, whose range keeps the small gradients that float16 turns to zero."""
-    import torch
-
-    if photos.device.type == "cuda" and torch.cuda.is_bf16_supported():
-        return torch.autocast("cuda", torch.bfloat16)
-    return nullcontext()
 
 
 def train_steps(
@@ -172,6 +170,7 @@ def train_steps(
     image_px: int,
     draw_mounted: Callable[[Draws, int], "Mounted"] | None = None,
     mounted_share: float = 0.0,
+    penalty: Penalty | None = None,
 ) -> Iterator[Step]:
     """Make the steps from number `done` to the last, one per turn of the caller's loop.
 
@@ -187,6 +186,7 @@ def train_steps(
         image_px: side of what the networks see.
         draw_mounted: (draws, count) -> photographs of the object that wait for the patch on it.
         mounted_share: of each batch, that shows the object with the patch on it.
+        penalty: a loss of the patch itself, added to the networks'.
 
     Raises:
         ToolkitError: the loss or its gradient is not a finite number.
@@ -199,7 +199,7 @@ def train_steps(
         count = round(descent.batch * mounted_share) if draw_mounted else 0
         batch = draw_batch(images, draws.of("images"), descent.batch - count, image_px)
         mounted = draw_mounted(draws, count) if draw_mounted and count else None
-        gradient, loss, accuracy = patch_gradient(patch, batch, targets, appearance, draws, mounted)
+        gradient, loss, accuracy = patch_gradient(patch, batch, targets, appearance, draws, mounted, penalty)
         if not isfinite(loss) or not bool(torch.isfinite(gradient).all()):
             raise ToolkitError(
                 f"the loss or its gradient at step {index + 1} is not a finite number (loss {loss}): "

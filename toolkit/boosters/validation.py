@@ -43,7 +43,7 @@ class Share:
 class Validation:
     """One network's answer: the same images, bare and with the patch."""
 
-    arch: str
+    network: str
     bare: Share
     patched: Share
 
@@ -92,7 +92,7 @@ def validate_patch(
                 bare[k] += _count_hits(target, batch[fresh]) if fresh.any() else 0
             advance(len(which))
     return [
-        Validation(target.classifier.arch, Share(bare[k], len(images)), Share(patched[k], count))
+        Validation(target.classifier.name, Share(bare[k], len(images)), Share(patched[k], count))
         for k, target in enumerate(targets)
     ]
 

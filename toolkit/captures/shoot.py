@@ -3,8 +3,8 @@
 import hashlib
 import json
 import re
-from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
 from io import BytesIO
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from PIL import Image
 
 from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest
+from toolkit.captures.reuse import StoredImage, copy_image
 from toolkit.captures.transforms import write_transforms
 from toolkit.captures.variants import PAIR, dress, find_booster
 from toolkit.console import progress
@@ -75,12 +76,24 @@ class ShootResult:
 
 def shoot_plan(
     workspace: Workspace, plan: CapturePlan, objects: Iterable[str], variants: Iterable[str] = PAIR,
-    settings: ShootSettings | None = None, source: str = "sim", quiet: bool = False,
+    settings: ShootSettings | None = None, source: str = "sim", quiet: bool = False, *,
+    captures_dir: Path | None = None, patch_mm: float | None = None, stored: Mapping[str, StoredImage] | None = None,
 ) -> ShootResult:  # fmt: skip
     """Shoot what the plan asks for and is not there yet.
 
     Each finished image is on disk and in the manifest before the next begins, so a run that was stopped goes on where
     it was.
+
+    Args:
+        workspace: whose objects and patches are meant.
+        plan: camera and poses.
+        objects, variants: what is shot.
+        settings: how.
+        source: folder below `captures_dir`.
+        quiet: no progress bar.
+        captures_dir: where to, by default the workspace's `captures/`.
+        patch_mm: printed side of every patch, by default as the object's spec or the patch's record says.
+        stored: images by the hash of their inputs (`index_images`) that are copied instead of shot again.
 
     Raises:
         ToolkitError: an object, variant, backdrop, light, renderer or source is unknown, an object is not in the plan,
@@ -95,17 +108,19 @@ def shoot_plan(
         raise ToolkitError(f"source '{source}': expected the name of one folder below {workspace.captures_dir}")
     variants = tuple(dict.fromkeys(variants))  # named twice is shot once
     camera = plan.camera.camera()
-    items = {name: load_object(workspace.object_spec(name)) for name in objects}
+    items = {name: _load_item(workspace, name, patch_mm) for name in objects}
     scenes = [
         _plan_scene(workspace, plan, camera, item, variant, settings)
         for item in items.values()
         for variant in variants
     ]  # fmt: skip
-    source_dir = workspace.captures_dir / source
+    source_dir = (captures_dir or workspace.captures_dir) / source
     known = read_manifest(source_dir)
     waiting = [
         [s for s in shots if not is_finished(source_dir, known.get(s.path), s.inputs_sha256)] for shots in scenes
     ]
+    if stored:
+        waiting = [[shot for shot in shots if not _copy_stored(shot, stored, source_dir)] for shots in waiting]
     total, todo = sum(map(len, scenes)), sum(map(len, waiting))
     with progress("shooting", total, quiet, done=total - todo) as bar:
         for shots in waiting:
@@ -117,6 +132,16 @@ def shoot_plan(
     stale = [p for p in records if p not in wanted and Path(p).parent in folders and (source_dir / p).is_file()]
     write_transforms(source_dir, [record for path, record in sorted(records.items()) if (source_dir / path).is_file()])
     return ShootResult(source_dir, todo, total - todo, sorted(stale))
+
+
+def _load_item(workspace: Workspace, name: str, patch_mm: float | None) -> TableObject:
+    item = load_object(workspace.object_spec(name))
+    return item if patch_mm is None else replace(item, spec=item.spec.with_patch_size(patch_mm))
+
+
+def _copy_stored(shot: Shot, stored: Mapping[str, StoredImage], source_dir: Path) -> bool:
+    image = stored.get(shot.inputs_sha256)
+    return image is not None and copy_image(image, source_dir, shot.path)
 
 
 def studio_for(item: TableObject, settings: ShootSettings) -> Studio:

@@ -89,9 +89,12 @@ def find_patch(workspace: Workspace, item: TableObject) -> Patch:
         patch = read_patch(file)
         if item.spec.class_name in (patch.record.class_name, patch.record.class_index):
             return patch
+    chosen = workspace.patch_set
+    where = f" --model {chosen} --out {workspace.patches_dir}" if chosen else ""
     raise ToolkitError(
-        f"no patch for object '{item.name}' (class '{item.spec.class_name}'): train one with "
-        f"'toolkit train-patch --class \"{item.spec.class_name}\" --data rig:{item.name}', or shoot --variant unpatched"
+        f"no patch for object '{item.name}' (class '{item.spec.class_name}'){f' in {chosen}' if chosen else ''}: train "
+        f"one with 'toolkit train-patch --class \"{item.spec.class_name}\" --data rig:{item.name}{where}', or shoot "
+        "--variant unpatched"
     )
 
 

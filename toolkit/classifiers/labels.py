@@ -2,6 +2,7 @@
 
 from functools import lru_cache
 from pathlib import Path
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -13,9 +14,16 @@ from toolkit.workspace import PACKAGE_DATA
 class LabelsFile(BaseModel):
     """`WEIGHTS.json` beside `WEIGHTS.pth`: what a user's own classifier sees and says.
 
+    `toolkit train-classifier` writes all of it, and more (`ClassifierRecord`); one written by hand may hold any part.
+
     Attributes:
         labels: one name per output, in order.
-        resize_px, crop_px, mean, std: preprocessing, where it differs from the architecture's published one.
+        resize_px, crop_px, mean, std, filter_name: preprocessing, where it differs from the architecture's published
+            one.
+        arch: torchvision's name of the network.
+        name: what to call the classifier.
+        trained_on: in a few words.
+        sha256: of the weights' file.
     """
 
     model_config = ConfigDict(extra="allow", frozen=True)
@@ -24,6 +32,11 @@ class LabelsFile(BaseModel):
     crop_px: int | None = Field(default=None, gt=0)
     mean: tuple[float, float, float] | None = None
     std: tuple[float, float, float] | None = None
+    filter_name: Literal["NEAREST", "BILINEAR", "BICUBIC", "LANCZOS", "BOX", "HAMMING"] | None = None
+    arch: str | None = None
+    name: str | None = None
+    trained_on: str | None = None
+    sha256: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")
 
 
 def read_labels_file(weights: Path) -> LabelsFile:

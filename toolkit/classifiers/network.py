@@ -8,7 +8,15 @@ from typing import Any
 import numpy as np
 
 from toolkit.classifiers.architectures import build_network, published_weights
-from toolkit.classifiers.labels import choose_labels, imagenet_wnids, index_of_label, index_of_wnid, read_labels_file
+from toolkit.classifiers.find import TIMM_PREFIX, find_classifier
+from toolkit.classifiers.labels import (
+    LabelsFile,
+    choose_labels,
+    imagenet_wnids,
+    index_of_label,
+    index_of_wnid,
+    read_labels_file,
+)
 from toolkit.classifiers.preprocessing import (
     Preprocessing,
     adapt_preprocessing,
@@ -31,6 +39,8 @@ class Classifier:
         weights: the file that its weights came from.
         device: where it runs, `cpu` or `cuda`.
         is_imagenet: whether the labels are the 1000 of ImageNet.
+        name: what to call it in a result: of a classifier of one's own its file's, else the network's.
+        trained_on: in a few words, where its record says.
     """
 
     arch: str
@@ -40,6 +50,21 @@ class Classifier:
     weights: WeightsFile
     device: str
     is_imagenet: bool
+    name: str = ""
+    trained_on: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            object.__setattr__(self, "name", self.arch)
+
+    def describe(self) -> str:
+        """Which network speaks, on what it was trained, and whose classes it answers with."""
+        if self.is_imagenet:
+            return f"{self.name} (ImageNet's 1000 classes, weights {self.weights.name})"
+        trained = (
+            f"{self.arch} trained on {self.trained_on}" if self.trained_on else f"{self.arch}, {self.weights.name}"
+        )
+        return f"{self.name} ({trained}; {len(self.labels)} classes of its own, not ImageNet's)"
 
     def preprocess(self, image: np.ndarray):
         """(h, w, 3) uint8 sRGB to a (3, crop, crop) float32 tensor, sRGB-encoded in [0, 1], not normalised."""
@@ -78,27 +103,40 @@ class Classifier:
 
 
 def load_classifier(
-    arch: str = "resnet18", weights: Path | None = None, device: str = "auto", quiet: bool = False
+    model: str | None = None,
+    weights: Path | None = None,
+    device: str = "auto",
+    quiet: bool = False,
+    folder: Path | None = None,
 ) -> Classifier:
-    """Load a torchvision network with its weights.
+    """Load a classifier: a torchvision network, the bundled `rig18`, or one that `toolkit train-classifier` made.
 
     The module is stored channels-last: the same numbers to 1e-5, about 1.5 times faster on a CPU.
 
     Args:
-        arch: any torchvision classification network.
+        model: any torchvision classification network, `timm:NAME` for one of timm's, or the name of a classifier of the
+            kit; see `find_classifier`.
         weights: state dict, `.pth` or `.safetensors`; by default see `find_weights`. The number of classes is read from
-            it; a `WEIGHTS.json` beside it may name them.
+            it; a `WEIGHTS.json` beside it may name them. Half precision becomes single.
         device: `auto`, `cpu` or `cuda`.
         quiet: no progress bar when downloading.
+        folder: of the workspace's own classifiers.
 
     Raises:
-        ToolkitError: unknown network or device, no weights, or weights of another network.
+        ToolkitError: unknown network or device, no weights, weights of another network, or other than their record
+            says.
     """
     import torch
 
-    entry = published_weights(arch)
-    place = choose_device(device)
-    file = find_weights(arch, weights, quiet)
+    found = find_classifier(model, weights, folder)
+    if found.arch.startswith(TIMM_PREFIX):
+        from toolkit.classifiers.timm_networks import load_timm_network
+
+        return load_timm_network(found.arch, found.weights, device, quiet)
+    arch, entry, place = found.arch, published_weights(found.arch), choose_device(device)
+    file = find_weights(arch, found.weights, quiet)
+    own = read_labels_file(file.path)
+    check_hash(file, own)
     state = read_state_dict(file)
     published = entry.meta["categories"]
     num_classes = _count_classes(arch, state, len(published), file)
@@ -107,10 +145,11 @@ def load_classifier(
     for parameter in module.parameters():
         parameter.requires_grad_(False)
     module = module.eval().to(device=place, memory_format=torch.channels_last)
-    own = read_labels_file(file.path)
     labels = choose_labels(file.path, own.labels, published, num_classes)
     preprocessing = adapt_preprocessing(published_preprocessing(entry.transforms()), own)
-    return Classifier(arch, module, labels, preprocessing, file, place, labels == published)
+    return Classifier(
+        arch, module, labels, preprocessing, file, place, labels == published, own.name or arch, own.trained_on or ""
+    )
 
 
 def choose_device(device: str) -> str:
@@ -131,6 +170,16 @@ def choose_device(device: str) -> str:
     if device == "cuda" and not available:
         raise ToolkitError("--device cuda: torch sees no CUDA device here: use --device cpu, or mend the driver")
     return "cuda" if available else "cpu"
+
+
+def check_hash(file: WeightsFile, own: LabelsFile) -> None:
+    """A `ToolkitError` where the record beside the weights is of other weights."""
+    if own.sha256 is not None and own.sha256 != file.sha256:
+        raise ToolkitError(
+            f"{file.path}: its hash {file.sha256[:12]} does not match the {own.sha256[:12]} of "
+            f"{file.path.with_suffix('.json').name}: the weights were changed or damaged: "
+            "restore the pair, or train again"
+        )
 
 
 def _count_classes(arch: str, state: dict[str, Any], published: int, file: WeightsFile) -> int:

@@ -54,7 +54,7 @@ def adapt_preprocessing(published: Preprocessing, own: LabelsFile) -> Preprocess
     Raises:
         ToolkitError: the crop is larger than the resized image.
     """
-    fields = {key: getattr(own, key) for key in ("resize_px", "crop_px", "mean", "std")}
+    fields = {key: getattr(own, key) for key in ("resize_px", "crop_px", "mean", "std", "filter_name")}
     adapted = replace(published, **{key: value for key, value in fields.items() if value is not None})
     if adapted.crop_px > adapted.resize_px:
         raise ToolkitError(f"crop_px {adapted.crop_px} is larger than resize_px {adapted.resize_px}: make it smaller")

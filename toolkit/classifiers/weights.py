@@ -42,10 +42,18 @@ def find_weights(arch: str, weights: Path | None = None, quiet: bool = False) ->
         ToolkitError: the named file is missing or of another kind, or none of the four ways has weights for `arch`.
     """
     entry = published_weights(arch)
-    named = None if weights is None else _check_named(Path(weights))
-    path = named or find_local(arch) or _download(arch, entry.url, quiet)
+    named = None if weights is None else check_named(Path(weights))
+    return open_weights(named or find_local(arch) or download(arch, entry.url, quiet))
+
+
+def open_weights(path: Path, name: str = "") -> WeightsFile:
+    """A file with its hash, called `name` in a report, by default as the file is.
+
+    Raises:
+        ToolkitError: it cannot be read.
+    """
     try:
-        return WeightsFile(path, sha256_file(path), path.name)
+        return WeightsFile(path, sha256_file(path), name or path.name)
     except OSError as error:
         raise ToolkitError(f"cannot read weights {path}: {error.strerror}") from None
 
@@ -53,14 +61,20 @@ def find_weights(arch: str, weights: Path | None = None, quiet: bool = False) ->
 def find_local(arch: str) -> Path | None:
     """The weights file that this machine already has, without a download: TOOLKIT_WEIGHTS, then torch's cache."""
     published = _published_name(published_weights(arch).url)
-    folder = os.environ.get(FOLDER_VARIABLE)
-    if folder:
-        names = [f"{arch}{middle}{suffix}" for suffix in SUFFIXES for middle in ("-*", "")]
-        found = [path for name in names for path in sorted(Path(folder).glob(name)) if path.is_file()]
-        if found:
-            return next((path for path in found if path.name == published), found[0])
+    if (found := find_in_folder(arch, published)) is not None:
+        return found
     cached = cache_dir() / published
     return cached if cached.is_file() else None
+
+
+def find_in_folder(arch: str, preferred: str = "") -> Path | None:
+    """A network's file in the folder TOOLKIT_WEIGHTS: the one called `preferred`, else `arch-*`, else `arch`."""
+    folder = os.environ.get(FOLDER_VARIABLE)
+    if not folder:
+        return None
+    names = [f"{arch}{middle}{suffix}" for suffix in SUFFIXES for middle in ("-*", "")]
+    found = [path for name in names for path in sorted(Path(folder).glob(name)) if path.is_file()]
+    return next((path for path in found if path.name == preferred), found[0] if found else None)
 
 
 def cache_dir() -> Path:
@@ -118,7 +132,8 @@ def _load(path: Path) -> Any:
         raise ToolkitError(f"cannot read weights {path}: the file is damaged ({reason}): copy it again") from None
 
 
-def _check_named(path: Path) -> Path:
+def check_named(path: Path) -> Path:
+    """`--weights`, if it is a file of a kind that can be read; else a `ToolkitError`."""
     if not path.is_file():
         raise ToolkitError(f"--weights {path}: no such file")
     if path.suffix not in SUFFIXES:
@@ -130,8 +145,8 @@ def _published_name(url: str) -> str:
     return url.rsplit("/", 1)[-1]
 
 
-def _download(arch: str, url: str, quiet: bool) -> Path:
-    """Torchvision's own file into torch's own cache, checked against the hash in its name."""
+def download(arch: str, url: str, quiet: bool, timeout_s: float = DOWNLOAD_TIMEOUT_S) -> Path:
+    """A published file into torch's own cache, checked against the hash in its name; else a `ToolkitError`."""
     import torch
 
     name = _published_name(url)
@@ -139,7 +154,7 @@ def _download(arch: str, url: str, quiet: bool) -> Path:
     digits = re.search(r"-([0-9a-f]{8,})\.", name)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        with _socket_timeout(DOWNLOAD_TIMEOUT_S):
+        with _socket_timeout(timeout_s):
             torch.hub.download_url_to_file(url, str(target), digits[1] if digits else None, progress=not quiet)
     except (OSError, http.client.HTTPException, RuntimeError) as error:
         reason = str(getattr(error, "reason", "") or error).strip() or error.__class__.__name__

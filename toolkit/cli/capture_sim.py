@@ -26,6 +26,7 @@ def capture_sim(
     renderer: Annotated[str, typer.Option(help="raycast or filament.")] = "raycast",
     image_format: Annotated[str, typer.Option("--format", help="jpg or png.")] = "jpg",
     source: Annotated[str, typer.Option(help="Folder below captures/.")] = "sim",
+    patches: options.Patches = None,
     seed: options.Seed = 0,
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,
@@ -40,7 +41,7 @@ def capture_sim(
     from toolkit.rig.plan import open_plan
     from toolkit.workspace import open_workspace
 
-    space = open_workspace(workspace)
+    space = open_workspace(workspace).with_patches(patches)
     plan = open_plan(space, objects)
     settings = ShootSettings(seed, backdrop, light, renderer, image_format)
     result = shoot_plan(

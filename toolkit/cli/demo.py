@@ -14,12 +14,16 @@ def demo(
     device: options.Device = "auto",
     quiet: options.Quiet = False,
 ) -> None:
-    """Walk the whole road in a new workspace: plan, print, shoot 144 images, evaluate, report."""
+    """Walk the whole road in a new workspace: plan, print, shoot 144 images, evaluate, report.
+
+    With a ResNet-18 of ImageNet where its weights are on this machine or can be downloaded, else with the bundled
+    classifier rig18 and the patches for it.
+    """
     from toolkit.captures.shoot import ShootSettings, shoot_plan
-    from toolkit.classifiers.network import load_classifier
+    from toolkit.classifiers.bundled import load_best
+    from toolkit.classifiers.find import BUNDLED
     from toolkit.cli.plan import what_pairs_can_show
     from toolkit.console import console
-    from toolkit.errors import ToolkitError
     from toolkit.evaluation.run import evaluate_captures
     from toolkit.evaluation.tables import print_tables
     from toolkit.printing.job import print_all
@@ -27,6 +31,9 @@ def demo(
     from toolkit.workspace import make_workspace
 
     space = make_workspace(folder)
+    classifier, why = load_best(device, quiet)
+    space = space.with_patches(BUNDLED if classifier.name == BUNDLED else None)
+    console.print(f"network: {classifier.describe()}: {why}", markup=False, soft_wrap=True)
     console.print(f"1/4  plan: where the camera stands ({space.plan_file})", soft_wrap=True)
     plan = open_plan(space)
     console.print(f"     {what_pairs_can_show(max(map(len, plan.objects.values())))}", soft_wrap=True)
@@ -35,11 +42,7 @@ def demo(
     console.print("3/4  shoot: every object at every pose, without and with its patch")
     shot = shoot_plan(space, plan, list(plan.objects), settings=ShootSettings(seed=seed), quiet=quiet)
     console.print(f"     {shot.shot} images shot, {shot.kept} kept from before ({shot.source_dir})", soft_wrap=True)
-    console.print("4/4  evaluate: what a ResNet-18 says about each image")
-    try:
-        classifier = load_classifier("resnet18", device=device, quiet=quiet)
-    except ToolkitError as error:
-        raise ToolkitError(f"{error}; the images are kept, then run the same command again") from None
-    result = evaluate_captures(space.captures_dir, space, classifier, "resnet18", quiet=quiet)
+    console.print(f"4/4  evaluate: what {classifier.name} says about each image")
+    result = evaluate_captures(space.captures_dir, space, classifier, quiet=quiet)
     print_tables(console, result)
     console.print(f"report: {result.report_file}", soft_wrap=True)

@@ -16,7 +16,14 @@ def evaluate(
         Path | None,
         typer.Argument(help="Folder of images, SOURCE/OBJECT/VARIANT/FILE, or one source; default: captures/."),
     ] = None,
-    model: Annotated[str, typer.Option("--model", help="Any torchvision classification network.")] = "resnet18",
+    model: Annotated[
+        str | None,
+        typer.Option(
+            "--model",
+            help="Any torchvision classifier, timm:NAME, rig18, or your own; default: resnet18, or what the record of "
+            "--weights says.",
+        ),
+    ] = None,
     weights: Annotated[
         Path | None, typer.Option("--weights", help="State dict, .pth or .safetensors; FILE.json may hold its labels.")
     ] = None,
@@ -49,7 +56,7 @@ def evaluate(
     from toolkit.workspace import open_workspace
 
     here = open_workspace(workspace)
-    classifier = load_classifier(model, weights, device, quiet)
+    classifier = load_classifier(model, weights, device, quiet, here.classifiers_dir)
     selection = Selection(tuple(source or ()), tuple(object_ or ()), tuple(variant or ()))
     folder = captures or here.captures_dir
     result = evaluate_captures(folder, here, classifier, run, quiet, selection, batch_size, saliency)
@@ -67,6 +74,7 @@ def show_result(result) -> None:
     from toolkit.evaluation.run import list_lines
     from toolkit.evaluation.tables import print_tables
 
+    console.print(f"network: {result.summary['model']['description']}", markup=False, soft_wrap=True)
     print_tables(console, result)
     trouble = list_lines("could not be read", result.failed) if result.failed else []
     trouble += list_lines("without a partner", result.unpaired) if result.unpaired else []

@@ -11,4 +11,7 @@ Workspace = Annotated[
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout.")]
 Seed = Annotated[int, typer.Option("--seed", help="Same seed, same bytes on the same machine.", min=0)]
+Patches = Annotated[
+    str | None, typer.Option("--patches", help="Folder of patches below print/patches; default: that one itself.")
+]
 Device = Annotated[str, typer.Option("--device", help="auto, cpu or cuda.")]

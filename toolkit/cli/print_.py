@@ -36,8 +36,10 @@ def print_patches(
     copies: Annotated[int, typer.Option(help="Copies of each patch, packed on a page where they fit.")] = 1,
     margin_mm: Annotated[float, typer.Option(help="White paper round the patch to tape it by, inside the cut.")] = 5.0,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the PDFs, or a .pdf file for one patch; default: print/.")
+        Path | None,
+        typer.Option(help="Folder for the PDFs, or a .pdf file for one patch; default: print/, or print/PATCHES."),
     ] = None,
+    patches: options.Patches = None,
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,
     as_json: options.Json = False,
@@ -49,7 +51,7 @@ def print_patches(
     from toolkit.printing.settings import PrintSettings, parse_percent
     from toolkit.workspace import open_workspace
 
-    place = open_workspace(workspace)
+    place = open_workspace(workspace).with_patches(patches)
     settings = PrintSettings(parse_paper(paper), orientation, parse_percent(scale), dpi, size_mm, copies, margin_mm)
     files = select_patches(place, classes or [], everything, patch_file or [])
     printed, failed = _print_files(_name_targets(files, out or place.print_dir), settings, everything, quiet or as_json)
@@ -105,6 +107,7 @@ def _report(printed: list["PrintedPatch"], failed: list[dict[str, str]], notes: 
         typer.echo(json.dumps(content, indent=2, ensure_ascii=False))
         return
     for one in printed:
+        console.print(one.describe_scores(), markup=False, soft_wrap=True)
         console.print(one.describe(), markup=False, soft_wrap=True)
     for note in notes:
         console.print(f"note: {note}", markup=False, soft_wrap=True)

@@ -31,34 +31,80 @@ def train_patch(
     ] = "auto",
     images: Annotated[int, typer.Option(help="Images kept in memory at most, a fifth of them held out.", min=2)] = 256,
     model: Annotated[
-        list[str] | None, typer.Option(help="Torchvision classifier; several add their losses. Default: resnet18.")
+        list[str] | None,
+        typer.Option(
+            help="Torchvision classifier, timm:NAME, rig18, or your own; several add their losses. Default: resnet18."
+        ),
     ] = None,
     weights: Annotated[
         list[Path] | None, typer.Option(help="State dict (.pth, .safetensors), one for each --model.")
     ] = None,
     size_px: Annotated[int, typer.Option(help="Side of the patch, pixels.")] = 100,
-    steps: Annotated[int, typer.Option(help="Gradient steps.")] = 300,
-    batch: Annotated[int, typer.Option(help="Images per step.")] = 16,
-    lr: Annotated[float, typer.Option(help="Change of every pixel in the first step, of the range 0 to 1.")] = 0.1,
-    schedule: Annotated[str, typer.Option(help="How it falls: constant, linear or cosine.")] = "cosine",
+    recipe: Annotated[
+        str, typer.Option(help="default, or paper: Algorithm 1 as published; the flags below change either.")
+    ] = "default",
+    steps: Annotated[int | None, typer.Option(help="Gradient steps. Default: 600.")] = None,
+    epochs: Annotated[
+        int | None, typer.Option(help="Instead of --steps: how often each image is seen. Recipe paper: 30.")
+    ] = None,
+    batch: Annotated[int | None, typer.Option(help="Images per step. Default: 16; paper: 512.")] = None,
+    lr: Annotated[
+        float | None,
+        typer.Option(help="Change of every pixel in the first step, of the full range. Default: 0.05; paper: 0.1."),
+    ] = None,
+    schedule: Annotated[
+        str | None, typer.Option(help="How it falls: constant, linear or cosine. Default: cosine; paper: constant.")
+    ] = None,
     smoothing: Annotated[
-        float, typer.Option(help="Gaussian smoothing of the first step's gradient, texels; 0 is the plain algorithm.")
-    ] = 2.0,
-    start_contrast: Annotated[float, typer.Option(help="Of the random first patch, about grey; 1 is full.")] = 0.2,
-    rotation: Annotated[Range, typer.Option(help="Degrees, lowest and highest.")] = (-180.0, 180.0),
-    share: Annotated[Range, typer.Option(help="Patch side as a share of the image's, lowest and highest.")] = (
-        0.20,
-        0.42,
-    ),
-    foreshortening: Annotated[Range, typer.Option(help="Compression by an oblique view, 1 is none.")] = (0.35, 1.0),
-    light: Annotated[bool, typer.Option(help="Vary exposure, contrast and tint of the patch.")] = True,
+        float | None, typer.Option(help="Gaussian smoothing of the first gradient, texels. Default: 2; paper: 0.")
+    ] = None,
+    start_contrast: Annotated[
+        float | None, typer.Option(help="Of the random first patch, about grey. Default: 0.2; paper: 1, full.")
+    ] = None,
+    rotation: Annotated[Range | None, typer.Option(help="Degrees, lowest and highest. Default: -180 180.")] = None,
+    share: Annotated[
+        Range | None, typer.Option(help="Patch side as a share of the image's. Default: 0.20 0.42.")
+    ] = None,
+    foreshortening: Annotated[
+        Range | None, typer.Option(help="Compression by an oblique view, 1 is none. Default: 0.35 1.")
+    ] = None,
+    pose: Annotated[
+        bool | None,
+        typer.Option(
+            "--pose/--no-pose", help="Place half of the patches as a camera sees them on an object. Not paper."
+        ),
+    ] = None,
+    length_mm: Annotated[
+        float | None, typer.Option(help="Longest side of that object: how large the patch looks on it. Default: 270.")
+    ] = None,
+    light: Annotated[
+        bool | None,
+        typer.Option("--light/--no-light", help="Vary exposure, contrast and tint of the patch. Not paper."),
+    ] = None,
+    print_process: Annotated[
+        bool | None,
+        typer.Option("--print-process/--no-print-process", help="Inks and paper of a desktop printer. Not paper."),
+    ] = None,
+    glare: Annotated[
+        bool | None, typer.Option("--glare/--no-glare", help="Shine and strips of the tape. Not paper.")
+    ] = None,
+    camera: Annotated[
+        bool | None, typer.Option("--camera/--no-camera", help="Blur, sensor noise and JPEG. Not paper.")
+    ] = None,
+    tv_weight: Annotated[float | None, typer.Option(help="Of the patch's total variation. Default: 0.")] = None,
+    printability_weight: Annotated[
+        float | None, typer.Option(help="Of its colours' distance to what inks can print. Default: 0.")
+    ] = None,
     mounted_share: Annotated[
         float | None,
         typer.Option(
-            help="Share of each batch with the sheet mounted on the rig's object. Default: 0.75 with --data rig."
+            help="Share of each batch with the sheet mounted on the rig's object. Default: 0.875 with --data rig; "
+            "paper: 0."
         ),
     ] = None,
-    mounted_views: Annotated[int, typer.Option(help="Such views, a fifth of them held out.")] = 144,
+    mounted_views: Annotated[
+        int | None, typer.Option(help="Such views, a fifth of them held out. Default: 240.")
+    ] = None,
     name: Annotated[
         str | None, typer.Option(help="File name of the patch, without suffix. Default: its class.")
     ] = None,
@@ -71,25 +117,18 @@ def train_patch(
     as_json: options.Json = False,
 ) -> None:
     """Train a patch that makes a classifier see a class; an interrupted run goes on where it stopped."""
-    from toolkit.boosters.affine import AffineRanges
     from toolkit.boosters.data import DataRequest
-    from toolkit.boosters.light import LightRanges
     from toolkit.boosters.patch_run import train_patch as run
-    from toolkit.boosters.request import PatchRequest
-    from toolkit.boosters.training import Descent
+    from toolkit.boosters.recipes import Choices, make_request
     from toolkit.console import errors
     from toolkit.workspace import open_workspace
 
-    request = PatchRequest(
-        class_name=class_name,
-        data=DataRequest(tuple(data), backgrounds, images, seed),
-        size_px=size_px,
-        descent=Descent(steps, batch, lr, schedule, seed, smoothing, start_contrast),
-        placement=AffineRanges(rotation, share, foreshortening),
-        light=LightRanges() if light else None,
-        name=name,
-        mounted_share=_choose_share(mounted_share, data),
-        mounted_views=mounted_views,
+    choices = Choices(
+        steps, epochs, batch, lr, schedule, smoothing, start_contrast, rotation, share, foreshortening, pose, light,
+        print_process, glare, camera, mounted_share, mounted_views, tv_weight, printability_weight, length_mm,
+    )  # fmt: skip
+    request = make_request(
+        recipe, choices, class_name, DataRequest(tuple(data), backgrounds, images, seed), size_px, seed, name
     )
     place = open_workspace(workspace)
 
@@ -97,32 +136,28 @@ def train_patch(
         if not quiet:
             errors.print(line, markup=False, soft_wrap=True)
 
-    trained = run(request, _load_networks(model, weights, device, quiet), place, out, restart, quiet, say)
+    networks = _load_networks(model, weights, device, quiet, place.classifiers_dir)
+    trained = run(request, networks, place, out, restart, quiet, say)
     _report(trained, as_json)
     if trained.skipped:
         raise typer.Exit(1)
 
 
-def _choose_share(share: float | None, data: list[str]) -> float:
-    from toolkit.boosters.rig_data import is_rig_source
-
-    if share is not None:
-        return share
-    return 0.75 if any(is_rig_source(source) for source in data) else 0.0
-
-
-def _load_networks(models: list[str] | None, weights: list[Path] | None, device: str, quiet: bool) -> list:
+def _load_networks(
+    models: list[str] | None, weights: list[Path] | None, device: str, quiet: bool, folder: Path
+) -> list:
     from toolkit.classifiers.network import load_classifier
 
-    archs = models or ["resnet18"]
-    files: list[Path | None] = list(weights) if weights else [None] * len(archs)
-    if len(files) != len(archs):
-        raise ToolkitError(f"{len(archs)} --model and {len(files)} --weights: expected one --weights for each --model")
-    return [load_classifier(arch, file, device, quiet) for arch, file in zip(archs, files, strict=True)]
+    names: list[str | None] = list(models) if models else [None] * len(weights or [None])
+    files: list[Path | None] = list(weights) if weights else [None] * len(names)
+    if len(files) != len(names):
+        raise ToolkitError(f"{len(names)} --model and {len(files)} --weights: expected one --weights for each --model")
+    return [load_classifier(name, file, device, quiet, folder) for name, file in zip(names, files, strict=True)]
 
 
 def _report(trained: "TrainedPatch", as_json: bool) -> None:
     from toolkit.console import console, errors
+    from toolkit.print_scores import PrintScores
 
     for path, reason in trained.skipped:
         errors.print(f"skipped {path}: {reason}", style="yellow", markup=False, soft_wrap=True)
@@ -147,11 +182,11 @@ def _report(trained: "TrainedPatch", as_json: bool) -> None:
     else:
         tell(f"{trained.files.png}: {record.n_px} px, {record.size_mm:.0f} mm on paper at 250 %")
         tell(f"{trained.files.preview}: the patch on training images")
+        tell(PrintScores(record.final["total_variation"], record.final["non_printability"]).describe(record.name))
         where = "held-out images" if record.data["held_out"] else "its training images"
         for answer in trained.validations:
-            tell(f"{answer.arch} on {where}: {answer.patched} with the patch, {answer.bare} bare")
+            tell(f"{answer.network} on {where}: {answer.patched} with the patch, {answer.bare} bare")
         for answer in trained.on_object:
-            tell(
-                f"{answer.arch} on the object, held-out views: {answer.patched} with it, {answer.bare} with grey paper"
-            )
+            where = f"{answer.network} on the object, held-out views"
+            tell(f"{where}: {answer.patched} with it, {answer.bare} with grey paper")
     tell(f"next: toolkit print --class {record.name}, toolkit capture-sim")

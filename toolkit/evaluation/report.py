@@ -33,10 +33,11 @@ def write_report(
     shown += [one for _, cards, _, _ in flips for card in cards for one in card.cells]
     context = {
         "title": title,
-        "arch": classifier.arch,
+        "network": classifier.name,
+        "description": classifier.describe(),
         "weights": classifier.weights,
         "how": classifier.preprocessing.describe(),
-        "n_labels": len(classifier.labels),
+        "is_imagenet": classifier.is_imagenet,
         "headlines": findings.headlines,
         "tables": _tables(findings.groups, findings.pairs),
         "comparisons": _compare_tables(findings.comparisons),

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from toolkit.captures.read import Selection, read_captures
+from toolkit.captures.read import CaptureFolder, Selection, read_captures
 from toolkit.classifiers.network import Classifier
 from toolkit.errors import ToolkitError
 from toolkit.evaluation.findings import find_results
@@ -15,7 +15,7 @@ from toolkit.evaluation.predict import Prediction, predict_captures
 from toolkit.evaluation.report import write_report
 from toolkit.evaluation.saliency import draw_saliency
 from toolkit.evaluation.say import Headline
-from toolkit.evaluation.truth import find_true_classes
+from toolkit.evaluation.truth import find_true_classes, leave_out_unknown
 from toolkit.evaluation.write import summarise, write_predictions
 from toolkit.files import write_json
 from toolkit.workspace import Workspace
@@ -63,7 +63,7 @@ def evaluate_captures(
     """Classify every image of a capture folder and write `eval/RUN`: predictions.csv, summary.json, report.html.
 
     An image that cannot be read is listed with its reason, and the others are evaluated. A run of the same name is
-    replaced, file by file.
+    replaced, file by file. An object whose spec names a class that the network does not have is left out with a note.
 
     Args:
         captures_dir: `captures/`, one of its sources, one object's folder, or an ImageFolder.
@@ -76,14 +76,31 @@ def evaluate_captures(
         saliency: whether the report has Grad-CAM maps of the flips it shows; by default when there are at most 200.
 
     Raises:
-        ToolkitError: no images, an object whose class is unknown, a broken manifest, a bad run name, or a folder that
-            cannot be written.
+        ToolkitError: no images, no object whose class the network knows, a folder that is no object, a broken manifest,
+            a bad run name, or a folder that cannot be written.
     """
-    run_dir = workspace.eval_dir / _check_run_name(run_name or classifier.arch)
-    folder = read_captures(captures_dir, selection)
+    run_dir = workspace.eval_dir / check_run_name(run_name or classifier.name)
+    folder = leave_out_unknown(read_captures(captures_dir, selection), workspace, classifier)
     classes = find_true_classes(folder, workspace, classifier)
     predictions = predict_captures(folder.captures, classes, classifier, batch_size, quiet)
-    findings = find_results(classifier.arch, predictions, folder.refused_folders)
+    return write_evaluation(run_dir, folder, predictions, classifier, quiet, batch_size, saliency)
+
+
+def write_evaluation(
+    run_dir: Path,
+    folder: CaptureFolder,
+    predictions: Sequence[Prediction],
+    classifier: Classifier,
+    quiet: bool = False,
+    batch_size: int | None = None,
+    saliency: bool | None = None,
+) -> EvaluationResult:
+    """Write what follows from the predictions of a folder's images; see `evaluate_captures`.
+
+    Raises:
+        ToolkitError: `run_dir` cannot be written.
+    """
+    findings = find_results(classifier.name, predictions, folder.refused_folders)
     write_predictions(run_dir / "predictions.csv", predictions)
     maps = draw_saliency(findings.flips, classifier, saliency, batch_size, quiet)
     why = [f"no saliency maps: {maps.reason}"] if saliency and maps.reason else []
@@ -111,7 +128,12 @@ def list_lines(title: str, items: Sequence[tuple[str, str]], limit: int = 20) ->
     return lines if len(items) <= limit else [*lines, f"  and {len(items) - limit} more, all in summary.json"]
 
 
-def _check_run_name(name: str) -> str:
+def check_run_name(name: str) -> str:
+    """The name of a run, if it can be that of a folder.
+
+    Raises:
+        ToolkitError: it cannot.
+    """
     if not RUN_NAME.match(name):
         raise ToolkitError(f"--run '{name}': expected letters, digits, '.', '_' and '-', such as 'resnet18-tuesday'")
     return name

@@ -48,7 +48,9 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str]) 
     return {
         "schema_version": SCHEMA_VERSION,
         "model": {
+            "name": classifier.name,
             "arch": classifier.arch,
+            "description": classifier.describe(),
             "weights": classifier.weights.name,
             "sha256": classifier.weights.sha256,
             "preprocessing": classifier.preprocessing.describe(),

@@ -51,6 +51,10 @@ class ObjectSpec(BaseModel):
     front: Axis = "x"
     patch: PatchMount = PatchMount()
 
+    def with_patch_size(self, size_mm: float) -> "ObjectSpec":
+        """The same object with a patch printed at another size, millimetres."""
+        return self.model_copy(update={"patch": self.patch.model_copy(update={"size_mm": size_mm})})
+
 
 def read_spec(path: Path) -> ObjectSpec:
     """Read one object spec; a wrong field, or a name that is not the file's, is a `ToolkitError` that says so."""

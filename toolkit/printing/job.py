@@ -1,12 +1,13 @@
 """One patch from its file to its PDF, and what there is to say of it."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from toolkit.errors import ToolkitError
 from toolkit.files import write_bytes
 from toolkit.objects.spec import read_spec
 from toolkit.patches import read_patch
+from toolkit.print_scores import PrintScores, score_print
 from toolkit.printing.document import build_pdf
 from toolkit.printing.select import select_patches
 from toolkit.printing.settings import PrintSettings, effective_percent
@@ -27,6 +28,7 @@ class PrintedPatch:
         copies, pages: how many.
         tiles: rows and columns of pages that one copy takes, [1, 1] where it fits on a page.
         recorded_mm: the side that the patch's record states.
+        total_variation, non_printability: see `toolkit.print_scores.PrintScores`.
     """
 
     file: str
@@ -44,6 +46,8 @@ class PrintedPatch:
     pages: int
     tiles: tuple[int, int]
     recorded_mm: float
+    total_variation: float
+    non_printability: float
 
     def describe(self) -> str:
         """One line: what was made, how large, on how many pages."""
@@ -52,6 +56,10 @@ class PrintedPatch:
         rows, columns = self.tiles
         tiles = "" if rows * columns == 1 else f" (a map and {rows} × {columns} tiles a copy)"
         return f"{_shorten(self.file)}: {self.size_mm:.1f} × {self.size_mm:.1f} mm{copies}, {pages}{tiles}"
+
+    def describe_scores(self) -> str:
+        """One line: how the patch will come out of the printer."""
+        return PrintScores(self.total_variation, self.non_printability).describe(self.name)
 
 
 def _shorten(file: str) -> str:
@@ -87,6 +95,7 @@ def print_patch(png_file: Path, pdf_file: Path, settings: PrintSettings) -> Prin
         pages=len(plan.pages),
         tiles=plan.tiles,
         recorded_mm=record.size_mm,
+        **{key: round(score, 4) for key, score in asdict(score_print(patch.pixels)).items()},
     )
 
 

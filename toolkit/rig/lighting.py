@@ -14,13 +14,28 @@ from toolkit.rig.lightmap import SampleGrid, place_samples
 from toolkit.rig.studio import Studio
 from toolkit.rig.textures import sample, sample_directions
 
-KEY_RAYS, ROOM_RAYS = 24, 96
-SURFACE_SPACING, TABLE_SPACING = 0.016, 0.015
-"""Distance between samples as a share of the object's longest side."""
 MAX_TABLE_SIDE = 280
 OFFSET = 0.0012
 BOUNCE = 0.45
 """Share of the open table's light that a blocked direction still brings, times the albedo of what blocks it."""
+
+
+@dataclass(frozen=True)
+class BakeDetail:
+    """How finely light is worked out.
+
+    Attributes:
+        key_rays, room_rays: directions to the key light's disc and to the room.
+        surface_spacing, table_spacing: distance between samples as a share of the object's longest side.
+    """
+
+    key_rays: int = 24
+    room_rays: int = 96
+    surface_spacing: float = 0.016
+    table_spacing: float = 0.015
+
+
+FULL_DETAIL = BakeDetail()
 
 
 @dataclass(frozen=True)
@@ -43,7 +58,12 @@ class Lighting:
 
 
 def bake_lighting(
-    scene, corners: np.ndarray, corner_normals: np.ndarray, albedo: np.ndarray, studio: Studio
+    scene,
+    corners: np.ndarray,
+    corner_normals: np.ndarray,
+    albedo: np.ndarray,
+    studio: Studio,
+    detail: BakeDetail = FULL_DETAIL,
 ) -> Lighting:
     """Work out all light that reaches an object and its table.
 
@@ -52,16 +72,18 @@ def bake_lighting(
         corners, corner_normals: (m, 3, 3) triangles and normals, mm.
         albedo: (3,) mean linear colour of the object, for bounce.
         studio: light, room and table.
+        detail: how finely.
     """
     size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
-    room, room_light = _room_directions(studio)
-    key, key_light = _key_directions(studio), np.array(studio.key.irradiance, np.float32) / KEY_RAYS
+    room, room_light = _room_directions(studio, detail.room_rays)
+    key = _key_directions(studio, detail.key_rays)
+    key_light = np.array(studio.key.irradiance, np.float32) / detail.key_rays
     up = np.array([[0.0, 0.0, 1.0]], np.float32)
     open_irradiance = _open_light(up, room, room_light, key, key_light)[0]
     bounce = BOUNCE * albedo * open_irradiance / np.pi
 
     side = 2 * _shadow_reach(size, float(corners[..., 2].max()), studio)
-    count = min(round(side / size / TABLE_SPACING), MAX_TABLE_SIDE)
+    count = min(round(side / size / detail.table_spacing), MAX_TABLE_SIDE)
     steps = (np.arange(count) + 0.5) / count * side - side / 2
     x, y = np.meshgrid(steps, -steps)
     points = np.stack([x, y, np.full_like(x, OFFSET * size)], axis=-1).reshape(-1, 3).astype(np.float32)
@@ -70,7 +92,7 @@ def bake_lighting(
     fade = np.clip((side / 2 - np.maximum(np.abs(x), np.abs(y))) / (0.15 * side), 0, 1)[..., None].astype(np.float32)
     table = open_irradiance * (1 - fade) + table * fade
 
-    grid = place_samples(corners, corner_normals, SURFACE_SPACING * size)
+    grid = place_samples(corners, corner_normals, detail.surface_spacing * size)
     origins = grid.positions + grid.normals * np.float32(OFFSET * size)
     table_albedo = _mean_table_colour(studio)
 
@@ -134,10 +156,10 @@ def _open_light(normals, room, room_light, key, key_light) -> np.ndarray:
     return (sky + np.maximum(normals @ key.T, 0).sum(axis=1, keepdims=True) * key_light).astype(np.float32)
 
 
-def _room_directions(studio: Studio) -> tuple[np.ndarray, np.ndarray]:
+def _room_directions(studio: Studio, count: int) -> tuple[np.ndarray, np.ndarray]:
     """(n, 3) directions spread evenly over the sphere and the room's mean radiance around each."""
-    i = np.arange(ROOM_RAYS)
-    z = 1 - (2 * i + 1) / ROOM_RAYS
+    i = np.arange(count)
+    z = 1 - (2 * i + 1) / count
     azimuth = i * np.pi * (3 - np.sqrt(5))
     ring = np.sqrt(1 - z**2)
     directions = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), z], axis=1).astype(np.float32)
@@ -147,13 +169,13 @@ def _room_directions(studio: Studio) -> tuple[np.ndarray, np.ndarray]:
     return directions, sample_directions(np.ascontiguousarray(blurred), directions)
 
 
-def _key_directions(studio: Studio) -> np.ndarray:
+def _key_directions(studio: Studio, count: int) -> np.ndarray:
     """(n, 3) unit directions spread evenly over the key light's disc."""
     axis = orbit_direction(studio.key.azimuth_deg, studio.key.elevation_deg)
     side = np.cross([0, 0, 1.0], axis)
     side /= np.linalg.norm(side)
-    i = np.arange(KEY_RAYS)
-    radius = np.tan(np.radians(studio.key.radius_deg)) * np.sqrt((i + 0.5) / KEY_RAYS)
+    i = np.arange(count)
+    radius = np.tan(np.radians(studio.key.radius_deg)) * np.sqrt((i + 0.5) / count)
     angle = i * np.pi * (3 - np.sqrt(5))
     directions = axis + radius[:, None] * (
         np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * np.cross(axis, side)

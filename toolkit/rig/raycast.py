@@ -13,7 +13,7 @@ from toolkit.objects.mesh import Mesh
 from toolkit.rig import shading
 from toolkit.rig.backdrop import Backdrop
 from toolkit.rig.camera import Camera, pixel_rays, project
-from toolkit.rig.lighting import bake_lighting
+from toolkit.rig.lighting import FULL_DETAIL, BakeDetail, bake_lighting
 from toolkit.rig.lightmap import read_samples
 from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.rays import make_ray_scene
@@ -35,7 +35,7 @@ def _workers() -> ThreadPoolExecutor:
 class RaycastRenderer:
     """Renders one object in one studio from any camera."""
 
-    def __init__(self, mesh: Mesh, studio: Studio) -> None:
+    def __init__(self, mesh: Mesh, studio: Studio, detail: BakeDetail = FULL_DETAIL) -> None:
         self._mesh, self._studio = mesh, studio
         self._scene = make_ray_scene(mesh)
         self._outline = _hull_vertices(mesh.vertices)
@@ -47,7 +47,7 @@ class RaycastRenderer:
         self._roughness = np.array([m.roughness for m in mesh.materials], np.float32)
         self._metallic = np.array([m.metallic for m in mesh.materials], np.float32)
         self._is_paper = np.array([m.name == PAPER_MATERIAL for m in mesh.materials])
-        self._lighting = bake_lighting(self._scene, corners, self._corner_normals, self._mean_colour(), studio)
+        self._lighting = bake_lighting(self._scene, corners, self._corner_normals, self._mean_colour(), studio, detail)
         self._backdrop = Backdrop(studio, self._lighting)
 
     def render(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:

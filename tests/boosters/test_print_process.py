@@ -1,0 +1,130 @@
+"""The printer's model against measured samples of its source, closed forms and finite differences."""
+
+import numpy as np
+import pytest
+import torch
+from part_checks import check_gradient, count_changed, grey_noise
+from scipy.ndimage import gaussian_filter1d
+
+from toolkit.boosters.print_process import LUMA, PrintProcess, gain_dots, mix_solids, spread_ink
+from toolkit.errors import ToolkitError
+from toolkit.inks import PAPER, SOLIDS
+
+NOMINAL = PrintProcess((1, 1), 0, (1, 1), (1, 1), (0, 0), (0.001, 0.001), probability=1)
+# coverage of cyan, magenta, yellow in percent, and the measured X, Y, Z (D50): samples of FOGRA29L.txt
+SAMPLES = [
+    ((0, 40, 0), (59.38, 50.77, 47.35)),
+    ((0, 70, 0), (45.62, 32.71, 30.98)),
+    ((10, 0, 0), (76.12, 80.47, 74.36)),
+    ((10, 10, 0), (69.46, 70.48, 66.57)),
+]
+BRADFORD_D50_TO_SRGB = np.array(
+    [[3.1338561, -1.6168667, -0.4906146], [-0.9787684, 1.9161415, 0.0334540], [0.0719453, -0.2289914, 1.4052427]]
+)
+
+
+def encode(xyz) -> np.ndarray:
+    linear = BRADFORD_D50_TO_SRGB @ np.array(xyz) / 100
+    return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear.clip(0.0031308) ** (1 / 2.4) - 0.055).clip(0, 1)
+
+
+def print_flat(part: PrintProcess, *colour: float) -> np.ndarray:
+    flat = torch.tensor(colour, dtype=torch.float64).view(3, 1, 1).expand(3, 6, 6)
+    return part.change(flat, np.random.default_rng(0))[:, 3, 3].numpy()
+
+
+def test_white_is_paper_and_black_is_not_black():
+    np.testing.assert_allclose(print_flat(NOMINAL, 1, 1, 1), PAPER, atol=1e-9)
+    np.testing.assert_allclose(print_flat(NOMINAL, 0, 0, 0), SOLIDS[0, 0, 0], atol=1e-9)
+    for seed in range(20):
+        images = torch.tensor([0.0, 1.0]).view(2, 1, 1, 1).expand(2, 3, 4, 4)
+        black, white = PrintProcess(probability=1).change(images, np.random.default_rng(seed))
+        assert 0.2 < black.min() <= black.max() < 0.42
+        assert 0.85 < white.min() <= white.max() < 1
+
+
+@pytest.mark.parametrize(("coverage", "xyz"), SAMPLES)
+def test_measured_tones_come_out_as_measured(coverage, xyz):
+    np.testing.assert_allclose(print_flat(NOMINAL, *(1 - np.array(coverage) / 100)), encode(xyz), atol=0.03)
+
+
+def test_the_solids_are_the_sources():
+    for (r, g, b), xyz in [((1, 1, 1), (86.44, 89.31, 76.37)), ((0, 1, 1), (20.16, 27.07, 52.63)),
+                           ((1, 0, 1), (37.72, 22.97, 20.87)), ((1, 1, 0), (70.42, 73.84, 10.82)),
+                           ((0, 0, 0), (6.99, 7.03, 5.38)), ((0, 0, 1), (11.08, 10.39, 20.74)),
+                           ((0, 1, 0), (12.25, 20.36, 10.06)), ((1, 0, 0), (33.23, 20.57, 7.02))]:  # fmt: skip
+        np.testing.assert_allclose(SOLIDS[r, g, b], encode(xyz), atol=0.002)
+
+
+def test_more_light_in_the_file_is_more_light_on_paper():
+    """Each channel rises with its own, and so does the lightness, on every printer."""
+    steps = torch.linspace(0, 1, 12, dtype=torch.float64)
+    r, g, b = torch.meshgrid(steps, steps, steps, indexing="ij")
+    cube = torch.stack([r, g, b]).reshape(1, 3, 12, 144)
+    part = PrintProcess(bleed_mm=(0.001, 0.001), probability=1)
+    weights = torch.tensor(LUMA, dtype=torch.float64)
+    for seed in range(10):
+        printed = part.change(cube, np.random.default_rng(seed)).reshape(3, 12, 12, 12)
+        light = (printed * weights.view(3, 1, 1, 1)).sum(dim=0)
+        for channel in range(3):
+            assert printed[channel].diff(dim=channel).min() >= 0
+            assert light.diff(dim=channel).min() > 0
+        assert 0 <= printed.min() <= printed.max() <= 1
+
+
+def test_dot_gain_is_what_it_says_at_half_coverage_and_nothing_at_the_ends():
+    tones = torch.tensor([0.0, 0.5, 1.0], dtype=torch.float64).view(1, 3, 1, 1)
+    gained = 1 - gain_dots(tones, np.array([0.15])).flatten()
+    torch.testing.assert_close(gained, torch.tensor([1.0, 0.65, 0.0], dtype=torch.float64))
+
+
+def test_bleeding_is_a_gaussian_on_the_printed_squares():
+    """Against texels drawn 100 times as fine, blurred there, and averaged again."""
+    row = np.random.default_rng(0).random(20)
+    sigma = 0.31
+    fine = gaussian_filter1d(row.repeat(100), sigma * 100, mode="nearest").reshape(20, 100).mean(axis=1)
+    image = torch.from_numpy(row).view(1, 1, 1, 20).expand(1, 3, 5, 20)
+    np.testing.assert_allclose(spread_ink(image, np.array([sigma]))[0, 1, 2].numpy(), fine, atol=1e-3)
+    np.testing.assert_allclose(spread_ink(image.mT, np.array([sigma]))[0, 1, :, 2].numpy(), fine, atol=1e-3)
+
+
+def test_gradients_are_those_of_finite_differences():
+    part = PrintProcess(bleed_mm=(0.2, 0.4), probability=1)
+    check_gradient(lambda patch: part.change(patch, np.random.default_rng(0)), grey_noise(3, 5, 5))
+    check_gradient(lambda prints: part.change(prints, np.random.default_rng(0)), grey_noise(2, 3, 4, 5))
+    check_gradient(mix_solids, grey_noise(1, 3, 2, 2))
+
+
+def test_probability_is_kept():
+    prints = grey_noise(100, 3, 5, 5)
+    assert count_changed(PrintProcess(probability=0).change, prints) == 0
+    assert count_changed(PrintProcess(probability=1).change, prints) == 100
+    assert 30 < count_changed(PrintProcess(probability=0.5).change, prints) < 70
+    patch = prints[0]
+    assert PrintProcess(probability=0).change(patch, np.random.default_rng(0)) is patch
+
+
+def test_printers_differ_within_their_ranges():
+    white = torch.ones(300, 3, 3, 3, dtype=torch.float64)
+    printed = PrintProcess(white=(0.9, 1.0), tint=0, probability=1).change(white, np.random.default_rng(0))
+    share = printed[:, 0, 0, 0] / PAPER[0]
+    assert 0.9 <= share.min() < 0.905
+    assert 0.995 < share.max() <= 1
+
+
+@pytest.mark.parametrize(
+    ("ranges", "words"),
+    [
+        ({"white": (0.9, 1.2)}, "paper white range 0.9 to 1.2"),
+        ({"tint": -0.1}, "paper tint range"),
+        ({"density": (1, 0.9)}, "ink density range 1 to 0.9"),
+        ({"dot_gain": (0, 0.4)}, "dot gain range 0 to 0.4"),
+        ({"bleed_mm": (0, 0.1)}, "ink bleed range 0 to 0.1"),
+        ({"texel_mm": 0}, "texel range 0 to 0"),
+        ({"probability": 2}, "print probability 2"),
+    ],
+)
+def test_impossible_ranges_are_one_clear_line(ranges, words):
+    with pytest.raises(ToolkitError, match=words) as caught:
+        PrintProcess(**ranges)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,170 @@
+"""Recipes: all settings of a training run under one name, each of which a flag may change."""
+
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+from toolkit.boosters.affine import AffineRanges
+from toolkit.boosters.blur import CameraBlur
+from toolkit.boosters.data import DataRequest
+from toolkit.boosters.glare import TapeGlare
+from toolkit.boosters.jpeg import JpegFile
+from toolkit.boosters.light import LightRanges
+from toolkit.boosters.pose import PoseRanges
+from toolkit.boosters.print_process import PrintProcess
+from toolkit.boosters.ranges import Range
+from toolkit.boosters.request import PatchRequest
+from toolkit.boosters.rig_data import is_rig_source
+from toolkit.boosters.sensor_noise import SensorNoise
+from toolkit.boosters.training import Descent
+from toolkit.errors import ToolkitError, one_of
+from toolkit.patches import printed_size_mm
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What a user may set; None leaves it to the recipe. The names are those of the flags of `toolkit train-patch`."""
+
+    steps: int | None = None
+    epochs: int | None = None
+    batch: int | None = None
+    lr: float | None = None
+    schedule: str | None = None
+    smoothing: float | None = None
+    start_contrast: float | None = None
+    rotation: Range | None = None
+    share: Range | None = None
+    foreshortening: Range | None = None
+    pose: bool | None = None
+    light: bool | None = None
+    print_process: bool | None = None
+    glare: bool | None = None
+    camera: bool | None = None
+    mounted_share: float | None = None
+    mounted_views: int | None = None
+    tv_weight: float | None = None
+    printability_weight: float | None = None
+    length_mm: float | None = None
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """A preset.
+
+    Attributes:
+        about: in a few words.
+        choices: a value for each that matters; what is None here is `Descent`'s or `AffineRanges`' own default.
+        rig_share: mounted share where training images come from the rig.
+        without_effect: see `PatchRequest`.
+    """
+
+    about: str
+    choices: Choices
+    rig_share: float
+    without_effect: dict[str, float] = field(default_factory=dict)
+
+
+PAPER = Recipe(
+    about="Algorithm 1 as published: random affine alone (seed C.2)",
+    choices=Choices(
+        epochs=30, batch=512, lr=0.1, schedule="constant", smoothing=0.0, start_contrast=1.0,
+        pose=False, light=False, print_process=False, glare=False, camera=False,
+    ),
+    rig_share=0.0,
+    without_effect={"momentum": 0.9, "weight_decay": 1e-4},
+)  # fmt: skip
+"""Seed C.2 names momentum and weight decay. In the paper's release the optimiser that has them holds a dummy parameter,
+while the patch itself moves by the plain sign of its gradient, as Algorithm 1 says: that is what acts here too."""
+
+DEFAULT = Recipe(
+    about="smoothed descent, and what the patch meets in the world",
+    choices=Choices(
+        steps=600, batch=16, lr=0.05, schedule="cosine", smoothing=2.0, start_contrast=0.2,
+        pose=True, light=True, print_process=True, glare=True, camera=True,
+    ),
+    rig_share=0.875,
+)  # fmt: skip
+
+RECIPES = {"default": DEFAULT, "paper": PAPER}
+
+
+def fill_choices(recipe: Recipe, choices: Choices) -> dict[str, Any]:
+    """The user's choices, then the recipe's, by name.
+
+    Raises:
+        ToolkitError: both steps and epochs are asked for.
+    """
+    if choices.steps is not None and choices.epochs is not None:
+        raise ToolkitError(f"--steps {choices.steps} --epochs {choices.epochs}: expected one of the two")
+    preset = recipe.choices
+    if choices.steps is not None or choices.epochs is not None:
+        preset = replace(preset, steps=None, epochs=None)
+    names = [one.name for one in fields(Choices)]
+    given = {name: getattr(choices, name) for name in names}
+    return {name: getattr(preset, name) if value is None else value for name, value in given.items()}
+
+
+def make_request(
+    recipe_name: str,
+    choices: Choices,
+    class_name: str,
+    data: DataRequest,
+    size_px: int = 100,
+    seed: int = 0,
+    name: str | None = None,
+) -> PatchRequest:
+    """The request that a recipe and a user's choices make together.
+
+    Raises:
+        ToolkitError: an unknown recipe, or a setting that is out of its range.
+    """
+    if recipe_name not in RECIPES:
+        raise one_of("recipe", recipe_name, list(RECIPES))
+    recipe = RECIPES[recipe_name]
+    chosen = fill_choices(recipe, choices)
+    has_rig = any(is_rig_source(source) for source in data.sources)
+    given = {
+        key: chosen[key] for key in ("tv_weight", "printability_weight", "mounted_views") if chosen[key] is not None
+    }
+    return PatchRequest(
+        class_name=class_name,
+        data=data,
+        size_px=size_px,
+        descent=_make_descent(chosen, seed),
+        placement=_make_affine(chosen),
+        light=LightRanges() if chosen["light"] else None,
+        name=name,
+        mounted_share=_first(chosen["mounted_share"], recipe.rig_share if has_rig else 0.0),
+        pose=_make_pose(chosen, size_px) if chosen["pose"] else None,
+        print_process=PrintProcess() if chosen["print_process"] else None,
+        glare=TapeGlare() if chosen["glare"] else None,
+        camera=(CameraBlur(), SensorNoise(), JpegFile()) if chosen["camera"] else None,
+        epochs=chosen["epochs"],
+        recipe=recipe_name,
+        without_effect=dict(recipe.without_effect),
+        **given,
+    )
+
+
+def _first(value: Any, otherwise: Any) -> Any:
+    return otherwise if value is None else value
+
+
+def _make_descent(chosen: dict[str, Any], seed: int) -> Descent:
+    steps = _first(chosen["steps"], 1)  # epochs make steps when the images have been counted
+    return Descent(
+        steps, chosen["batch"], chosen["lr"], chosen["schedule"], seed, chosen["smoothing"], chosen["start_contrast"]
+    )
+
+
+def _make_affine(chosen: dict[str, Any]) -> AffineRanges:
+    plain = AffineRanges()
+    return AffineRanges(
+        _first(chosen["rotation"], plain.rotation_deg),
+        _first(chosen["share"], plain.share),
+        _first(chosen["foreshortening"], plain.foreshortening),
+    )
+
+
+def _make_pose(chosen: dict[str, Any], size_px: int) -> PoseRanges:
+    size_mm = printed_size_mm(size_px)
+    return PoseRanges(size_mm, _first(chosen["length_mm"], max(PoseRanges().length_mm, size_mm)))
