@@ -23,11 +23,18 @@ bench: setup .venv/.bench
 lint: setup .venv/.lint
 	$(BIN)/ruff format --check . && $(BIN)/ruff check . && $(BIN)/mypy
 
+# Networks that judge the shipped captures; DOCS_MODELS="timm:tf_efficientnet_lite0 ..." adds more.
+DOCS_MODELS ?=
+CONTROLS := $(addprefix --variant ,wrong-patch random-patch grey-patch patch-alone)
 docs: setup .venv/.test
 	$(BIN)/toolkit demo demo
-	$(BIN)/toolkit capture-sim --workspace demo $(addprefix --variant ,wrong-patch random-patch grey-patch patch-alone)
-	$(BIN)/toolkit eval demo/captures --workspace demo
-	$(BIN)/toolkit eval demo/captures --workspace demo --model mobilenet_v2
+	$(BIN)/toolkit capture-sim --workspace demo $(CONTROLS)
+	for model in resnet18 mobilenet_v2 $(DOCS_MODELS); do \
+		$(BIN)/toolkit eval demo/captures --workspace demo --source sim --model $$model || exit 1; done
+	$(BIN)/toolkit capture-sim --workspace demo --patches rig18 --variant unpatched --variant patched $(CONTROLS)
+	$(BIN)/toolkit eval demo/captures --workspace demo --source sim-rig18 --model rig18
+	for axis in light backdrop distance resolution size; do \
+		$(BIN)/toolkit sweep $$axis --workspace demo || exit 1; done
 	$(BIN)/python docs/make.py demo
 
 setup: .venv/.installed

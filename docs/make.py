@@ -6,10 +6,16 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
+from everyday import draw_everyday
+from parts import draw_parts
 from PIL import Image, ImageDraw, ImageFont
+from sections import write_summary, write_sweeps
 
 from toolkit.captures.variants import PAIR
+from toolkit.classifiers.bundled import read_bundled
+from toolkit.classifiers.record import ClassifierRecord
 from toolkit.objects.load import BUILTIN
 from toolkit.patches import PatchRecord, read_patch
 from toolkit.workspace import Workspace, open_workspace
@@ -107,31 +113,41 @@ def photograph_report(space: Workspace, run: str, target: Path) -> bool:
     return True
 
 
-def write_results(space: Workspace) -> str:
-    """Markdown tables of every run in the workspace."""
+def read_summaries(space: Workspace, main_run: str) -> dict[str, dict[str, Any]]:
+    """Every run's `summary.json` by its name, the main run first."""
+    files = sorted(space.eval_dir.glob("*/summary.json"), key=lambda file: (file.parent.name != main_run, file))
+    return {file.parent.name: json.loads(file.read_text(encoding="utf-8")) for file in files}
+
+
+def write_results(space: Workspace, run: str = "resnet18") -> str:
+    """The results page: a summary, the sweeps, and the tables of every run in the workspace."""
+    summaries = read_summaries(space, run)
     lines = [
         "# Results",
         "",
         "Made by `python docs/make.py WORKSPACE` from the result files of `toolkit eval`; no number is typed by hand.",
         "Intervals are 95 % Wilson intervals; p is from an exact two-sided McNemar test over pairs of the same pose.",
         "",
+        *write_summary(summaries),
+        "",
         "![all captures](figures/contact-sheet.jpg)",
         "",
         "All captures of the shipped run: per object the bare row above the patched row, a column per pose, framed",
         "green where the network's first guess is right and red where it is wrong.",
     ]
-    trained_on = {net.sha256 for name in BUILTIN for net in read_patch(space.patch(name)).record.networks}
-    for summary_file in sorted(space.eval_dir.glob("*/summary.json"), key=lambda file: file.parent.name != "resnet18"):
-        summary = json.loads(summary_file.read_text(encoding="utf-8"))
+    sets = [space, *(space.with_patches(one) for one in space.patch_sets())]
+    lines += write_sweeps(space, FIGURES, run)
+    for name, summary in summaries.items():
         model = summary["model"]
-        role = (
-            "the network that the patches were trained on"
-            if model["sha256"] in trained_on
-            else "a network that no patch saw"
-        )
+        role = "a network that no patch saw"
+        for own in sets:
+            seen = {net.sha256 for patch in own.patches().values() for net in read_patch(patch).record.networks}
+            if model["sha256"] in seen:
+                role = "a network that the patches were trained on"
         lines += [
-            "", f"## {summary_file.parent.name}: {role}", "",
-            f"Network {model['arch']}, weights `{model['weights']}`, sha256 `{model['sha256'][:16]}…`.", "",
+            "", f"## {name}: {role}", "",
+            f"{model['description']}, sha256 `{model['sha256'][:16]}…`.", "",
+            "<details><summary>Every object and variant</summary>", "",
             "| source | object | variant | n | top-1 | 95 % interval | top-5 | mean p(true) |",
             "|---|---|---|---|---|---|---|---|",
         ]  # fmt: skip
@@ -148,19 +164,45 @@ def write_results(space: Workspace) -> str:
                 f"{pair['lost']} | {pair['mcnemar_p']:.2g} |"
             )
         lines += [
-            "",
+            "", "</details>", "",
             *(f"- **{a['question']}** {a['verdict']}. {a['sentence']}" for a in summary["controls"]["answers"]),
-        ]
+        ]  # fmt: skip
     lines += ["", "## Patches", "", "![patches](figures/patches.png)", ""]
-    lines += ["| patch | side | networks | data | settings |", "|---|---|---|---|---|"]
-    for name in BUILTIN:
-        record = read_patch(space.patch(name)).record
-        networks = ", ".join(f"{net.arch} `{net.sha256[:8]}…`" for net in record.networks)
-        steps = f"{record.settings.get('steps')} steps of {record.settings.get('batch')}"
-        lines.append(
-            f"| {name} | {record.n_px} px, {record.size_mm:.1f} mm | {networks} | {_describe_data(record)} | {steps} |"
-        )
+    lines += ["| patch | side | networks | data | settings | total variation | non-printability |", "|---" * 7 + "|"]
+    for own in sets:
+        for patch in own.patches().values():
+            lines.append(_describe_patch(own.patch_set, read_patch(patch).record))
+    bundled = read_bundled()
+    if bundled is not None:
+        lines += ["", "## rig18", "", *_describe_classifier(bundled)]
     return "\n".join(lines) + "\n"
+
+
+def _describe_patch(patch_set: str | None, record: PatchRecord) -> str:
+    networks = ", ".join(f"{net.weights} `{net.sha256[:8]}…`" for net in record.networks)
+    settings = f"{record.settings['steps']} steps of {record.settings['batch']}, lr {record.settings['lr']:g}"
+    scores = " | ".join(f"{record.final[score]:.3f}" for score in ("total_variation", "non_printability"))
+    name = record.name if patch_set is None else f"{patch_set}/{record.name}"
+    side = f"{record.n_px} px, {record.size_mm:.1f} mm"
+    return f"| {name} | {side} | {networks} | {_describe_data(record)} | {settings} | {scores} |"
+
+
+def _describe_classifier(record: ClassifierRecord) -> list[str]:
+    """Held-out accuracy of the bundled classifier, of all kinds and of the four shipped ones."""
+    held_out, (low, high) = record.held_out, record.held_out.ci95
+    lines = [
+        f"{record.arch} trained on {record.trained_on}, {record.crop_px} px, sha256 `{record.sha256[:16]}…`. On "
+        f"{held_out.what} it is right on {held_out.correct} of {held_out.n} ({held_out.accuracy:.1%}, 95 % interval "
+        f"{low:.1%}-{high:.1%}).",
+        "",
+        "| kind | held-out renders | right |",
+        "|---|---|---|",
+    ]
+    for name in BUILTIN:
+        share = held_out.per_class[name]
+        lines.append(f"| {name} | {share.n} | {share.correct / share.n:.0%} |")
+    mistakes = ", ".join(f"{true} taken for {answer} ({count})" for true, answer, count in held_out.confusions[:5])
+    return [*lines, "", f"Commonest mistakes: {mistakes}."]
 
 
 def _describe_data(record: PatchRecord) -> str:
@@ -183,8 +225,13 @@ def main(folder: str, run: str = "resnet18") -> None:
     draw_contact_sheet(space, rows).save(FIGURES / "contact-sheet.jpg", quality=88)
     draw_patches(space).save(FIGURES / "patches.png")
     draw_page(space, "warplane").save(FIGURES / "page.png")
+    with Image.open(space.captures_dir / rows[0]["path"]) as photo:
+        draw_parts(read_patch(space.patch(BUILTIN[0])).pixels, photo.convert("RGB"), _font(18)).save(
+            FIGURES / "parts.png"
+        )
+    draw_everyday(_font(13)).save(FIGURES / "everyday.jpg", quality=90)
     photograph_report(space, run, FIGURES / "report.png")
-    (DOCS / "results.md").write_text(write_results(space), encoding="utf-8")
+    (DOCS / "results.md").write_text(write_results(space, run), encoding="utf-8")
 
 
 if __name__ == "__main__":

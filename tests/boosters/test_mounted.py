@@ -1,5 +1,6 @@
 """Training on the mounted sheet: its buffers against a real render, its gradient against differences."""
 
+from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -123,3 +124,31 @@ def test_held_out_views_are_not_trained_on(views):
     assert (len(train), len(held_out)) == (2, 1)
     answer = validate_mounted(torch.zeros(3, 8, 8), held_out, [Target(tiny_classifier(), 0)], 32)
     assert [(a.bare.n, a.patched.n) for a in answer] == [(1, 1)]
+
+
+@dataclass(frozen=True)
+class Darken:
+    """A stand-in for printer or camera."""
+
+    factor: float
+
+    def change(self, pixels, rng):
+        return pixels * self.factor
+
+
+def test_printer_and_camera_act_on_the_mounted_sheet_too(views):
+    """On the print they change the patch alone, on the photograph everything."""
+    stacked = stack_views(views, "cpu")
+    seen = []
+    classifier = SimpleNamespace(logits=lambda photos: seen.append(photos.detach()) or photos.mean((2, 3)))
+    empty, theta = torch.empty(0, 3, 32, 32), torch.full((3, 8, 8), 0.8)
+    for on_print, on_photo in (((), ()), ((Darken(0.5),), ()), ((), (Darken(0.5),))):
+        appearance = Appearance(AffineRanges(), on_print=on_print, on_photo=on_photo)
+        waiting = draw_mounted(stacked, Draws(0, 0), 3, 32)
+        patch_gradient(theta, empty, [Target(classifier, 1)], appearance, Draws(0, 0), waiting)
+    plain, printed, photographed = seen
+    changed = (plain - printed).abs().amax(dim=1) > 1e-6
+    on_patch = draw_mounted(stacked, Draws(0, 0), 3, 32)(torch.zeros(3, 8, 8)) != plain
+    assert changed.any()
+    assert not (changed & ~on_patch.any(dim=1)).any()
+    assert torch.allclose(photographed, plain * 0.5)

@@ -66,6 +66,29 @@ def test_gradient_matches_finite_differences_in_double_precision():
         assert float(gradient[at]) == pytest.approx((above - below) / 2e-5, rel=1e-5, abs=1e-9)
 
 
+def test_half_precision_keeps_the_direction_of_the_gradient(monkeypatch):
+    """Autocast works on any processor, if slowly, so the test need not wait for one with the instructions."""
+    from toolkit.classifiers import precision
+
+    images, patch = photos()[:, :, :IMAGE_PX, :IMAGE_PX].float() / 255, draw_first_patch(16, 0)
+    arguments = (patch, images, [Target(tiny_classifier(), 3)], PLAIN, Draws(0, 0))
+    found = {}
+    for native in (True, False):
+        monkeypatch.setattr(precision, "has_native_bfloat16", lambda native=native: native)
+        found[native] = patch_gradient(*arguments)[0].flatten()
+    assert not torch.equal(found[True], found[False]), "half precision did not act"
+    assert torch.cosine_similarity(found[True], found[False], dim=0) > 0.98
+
+
+def test_a_penalty_of_the_patch_itself_adds_its_own_gradient():
+    images, patch = photos()[:, :, :IMAGE_PX, :IMAGE_PX].float() / 255, draw_first_patch(16, 0)
+    arguments = (patch, images, [Target(tiny_classifier(), 3)], PLAIN, Draws(0, 0))
+    plain, plain_loss, _ = patch_gradient(*arguments)
+    with_it, loss, _ = patch_gradient(*arguments, penalty=lambda theta: 3 * (theta**2).sum())
+    assert torch.allclose(with_it - plain, 6 * patch, atol=1e-5)
+    assert loss - plain_loss == pytest.approx(3 * float((patch**2).sum()), rel=1e-5)
+
+
 def overshoot(best: float = 0.56, lr: float = 0.01) -> float:
     """How far, in steps, θ runs past the optimum of a one-dimensional problem that it reaches after six steps."""
     descent = Descent(steps=30, batch=2, lr=lr, schedule="constant")

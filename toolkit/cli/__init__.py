@@ -6,6 +6,7 @@ from collections.abc import Callable
 import typer
 
 from toolkit.cli.capture_sim import capture_sim
+from toolkit.cli.corrupt import corrupt
 from toolkit.cli.demo import demo
 from toolkit.cli.doctor import doctor
 from toolkit.cli.eval_ import evaluate
@@ -13,6 +14,8 @@ from toolkit.cli.init import init
 from toolkit.cli.objects import list_objects
 from toolkit.cli.plan import plan
 from toolkit.cli.print_ import print_patches
+from toolkit.cli.sweep import sweep
+from toolkit.cli.train_classifier import train_classifier
 from toolkit.cli.train_patch import train_patch
 from toolkit.errors import ToolkitError
 
@@ -27,11 +30,14 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "init": init,
     "doctor": doctor,
     "objects": list_objects,
+    "train-classifier": train_classifier,
     "train-patch": train_patch,
     "print": print_patches,
     "plan": plan,
     "capture-sim": capture_sim,
     "eval": evaluate,
+    "corrupt": corrupt,
+    "sweep": sweep,
 }
 for name, command in COMMANDS.items():
     app.command(name)(command)

@@ -25,7 +25,9 @@ def capture_sim(
     light: Annotated[str, typer.Option(help="studio, side, warm or dim.")] = "studio",
     renderer: Annotated[str, typer.Option(help="raycast or filament.")] = "raycast",
     image_format: Annotated[str, typer.Option("--format", help="jpg or png.")] = "jpg",
-    source: Annotated[str, typer.Option(help="Folder below captures/.")] = "sim",
+    source: Annotated[
+        str | None, typer.Option(help="Folder below captures/. Default: sim, or sim-PATCHES with --patches.")
+    ] = None,
     patches: options.Patches = None,
     seed: options.Seed = 0,
     workspace: options.Workspace = None,
@@ -44,6 +46,7 @@ def capture_sim(
     space = open_workspace(workspace).with_patches(patches)
     plan = open_plan(space, objects)
     settings = ShootSettings(seed, backdrop, light, renderer, image_format)
+    source = source or (f"sim-{patches}" if patches else "sim")
     result = shoot_plan(
         space, plan, objects or list(plan.objects), variants or PAIR, settings, source, quiet or as_json
     )  # fmt: skip

@@ -1,0 +1,70 @@
+"""A figure of what a patch meets in training: each part of the default recipe alone."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from toolkit.boosters.affine import AffineRanges
+from toolkit.boosters.appearance import Appearance, show_patch
+from toolkit.boosters.blur import CameraBlur
+from toolkit.boosters.draws import Draws
+from toolkit.boosters.glare import TapeGlare
+from toolkit.boosters.jpeg import JpegFile
+from toolkit.boosters.light import LightRanges
+from toolkit.boosters.pose import PoseRanges
+from toolkit.boosters.print_process import PrintProcess
+from toolkit.boosters.sensor_noise import SensorNoise
+
+CELL_PX, CAPTION_PX, GAP_PX, DRAWS = 224, 30, 8, 2
+STILL = AffineRanges(rotation_deg=(12, 12), share=(0.6, 0.6), foreshortening=(0.9, 0.9), overhang=0)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A part and what to call it."""
+
+    title: str
+    appearance: Appearance
+
+
+def list_rows() -> list[Row]:
+    """Each part with probability 1, at the ranges that the default recipe draws from."""
+    sure = {"probability": 1.0}
+    return [
+        Row("pose", Appearance(PoseRanges(**sure))),
+        Row("light", Appearance(STILL, on_paper=(LightRanges(),))),
+        Row("print", Appearance(STILL, on_print=(PrintProcess(**sure),))),
+        Row("glare", Appearance(STILL, on_paper=(TapeGlare(**sure),))),
+        Row("blur", Appearance(STILL, on_photo=(CameraBlur(**sure),))),
+        Row("noise", Appearance(STILL, on_photo=(SensorNoise(**sure),))),
+        Row("JPEG", Appearance(STILL, on_photo=(replace(JpegFile(), quality=(40, 40), **sure),))),
+    ]
+
+
+def draw_parts(pixels: np.ndarray, photo: Image.Image, font: ImageFont.FreeTypeFont) -> Image.Image:
+    """A column per part, two random draws below each other.
+
+    Args:
+        pixels: (n, n, 3) uint8 sRGB patch.
+        photo: to paste it into.
+        font: of the captions.
+    """
+    import torch
+
+    side = min(photo.size)
+    left, top = (photo.width - side) // 2, (photo.height - side) // 2
+    square = photo.crop((left, top, left + side, top + side)).resize((CELL_PX, CELL_PX), Image.Resampling.LANCZOS)
+    image = torch.from_numpy(np.array(square)).permute(2, 0, 1)[None].float().div(255)
+    patch = torch.from_numpy(pixels.copy()).permute(2, 0, 1).float().div(255)
+    rows = list_rows()
+    step = CELL_PX + GAP_PX
+    sheet = Image.new("RGB", (len(rows) * step - GAP_PX, CAPTION_PX + DRAWS * step - GAP_PX), "white")
+    draw = ImageDraw.Draw(sheet)
+    for column, row in enumerate(rows):
+        draw.text((column * step + 4, 3), row.title, fill=(28, 30, 34), font=font)
+        for line in range(DRAWS):
+            shown = show_patch(patch, image, row.appearance, Draws(5, line))[0].permute(1, 2, 0).numpy()
+            cell = Image.fromarray(np.round(shown * 255).astype(np.uint8))
+            sheet.paste(cell, (column * step, CAPTION_PX + line * step))
+    return sheet

@@ -1,0 +1,206 @@
+"""`toolkit corrupt`: layout, resuming, what it leaves alone, bad input."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from toolkit.cli import app
+from toolkit.corruptions import CORRUPTIONS, corrupt_picture, image_seed
+from toolkit.corruptions.folder import corrupt_folder
+from toolkit.corruptions.ledger import LEDGER_FILE
+from toolkit.corruptions.sources import choose_names
+from toolkit.errors import ToolkitError
+
+
+def run(*arguments) -> tuple[int, str, str]:
+    result = CliRunner().invoke(app, ["corrupt", *map(str, arguments)])
+    if isinstance(result.exception, ToolkitError):
+        return 2, "", str(result.exception)
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result.exit_code, result.stdout, result.stderr
+
+
+@pytest.fixture
+def photos(tmp_path):
+    rng = np.random.default_rng(0)
+    folder = tmp_path / "photos"
+    sizes = {
+        "a/1.png": (40, 30),
+        "a/2.jpg": (40, 30),
+        "b/c/3.png": (90, 70),
+        "b/c/3.jpg": (90, 70),
+        ".hidden/4.png": (9, 9),
+    }
+    for path, size in sizes.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(rng.integers(0, 256, (size[1], size[0], 3), dtype=np.uint8)).save(folder / path)
+    (folder / "notes.txt").write_text("no image")
+    return folder
+
+
+def list_files(folder):
+    return sorted(file.relative_to(folder).as_posix() for file in folder.rglob("*") if file.is_file())
+
+
+def read_all(folder):
+    return {path: (folder / path).read_bytes() for path in list_files(folder)}
+
+
+def test_mirrors_the_tree_and_is_the_python_call(photos, tmp_path):
+    out = tmp_path / "out"
+    code, said, notes = run(photos, out, "--name", "fog", "--severity", 3, "--seed", 5)
+    assert code == 0 and "made 4 images" in said
+    assert list_files(out) == [
+        "a/1.png", "a/2.png", "b/c/3.jpg.png", "b/c/3.png.png", LEDGER_FILE, "corruption.json",
+    ]  # fmt: skip
+    expected = corrupt_picture(np.asarray(Image.open(photos / "a/1.png")), "fog", 3, image_seed(5, "a/1.png"))
+    assert np.array_equal(np.asarray(Image.open(out / "a/1.png")), expected)
+    assert "2 images with the parameters for 32² (cifar)" in notes
+    assert "2 images with the parameters for 224² (imagenet); 2 have another size" in notes
+
+
+def test_several_go_into_folders_and_add_up(photos, tmp_path):
+    out = tmp_path / "out"
+    assert run(photos / "a", out, "--name", "noise", "--severity", 1, "--severity", 5)[0] == 0
+    assert len(list_files(out)) == 3 * 2 * 2 + 2
+    before = read_all(out)
+    code, said, _ = run(photos / "a", out, "--name", "noise", "--name", "pixelate")
+    assert code == 0 and "made 28 images, 12 kept" in said
+    assert all(
+        content == before[path] for path, content in read_all(out).items() if path in before and ".json" not in path
+    )
+    assert (out / "impulse_noise/4/2.png").is_file()
+
+
+def test_a_killed_run_goes_on_and_ends_the_same(photos, tmp_path):
+    whole, stopped = tmp_path / "whole", tmp_path / "stopped"
+    for out in (whole, stopped):
+        assert run(photos, out, "--name", "snow", "--severity", 2)[0] == 0
+    lines = (stopped / LEDGER_FILE).read_text().splitlines(keepends=True)
+    # the second file is written but not its line, the third line is torn, the fourth file is gone
+    (stopped / LEDGER_FILE).write_text(lines[0] + lines[2][:20])
+    (stopped / json.loads(lines[3])["path"]).unlink()
+    code, said, _ = run(photos, stopped, "--name", "snow", "--severity", 2)
+    assert code == 0 and "1 kept" in said
+    assert {path: content for path, content in read_all(stopped).items() if path.endswith("png")} == {
+        path: content for path, content in read_all(whole).items() if path.endswith("png")
+    }
+    code, said, _ = run(photos, stopped, "--name", "snow", "--severity", 2)
+    assert "made 0 images, 4 kept" in said
+
+
+def test_foreign_and_changed_files_stay(photos, tmp_path):
+    out = tmp_path / "out"
+    (out / "a").mkdir(parents=True)
+    (out / "a/1.png").write_bytes(b"mine")
+    code, said, said_wrong = run(photos, out, "--name", "contrast", "--severity", 1)
+    assert code == 1 and "made 3 images" in said
+    assert "a/1.png: exists and was not made by this command" in said_wrong
+    assert (out / "a/1.png").read_bytes() == b"mine"
+    # a source that changes is made again, unless what was made of it was changed too
+    Image.new("RGB", (40, 30), "red").save(photos / "a/2.jpg")
+    Image.new("RGB", (90, 70), "red").save(photos / "b/c/3.png")
+    (out / "b/c/3.png.png").write_bytes(b"mine too")
+    code, said, said_wrong = run(photos, out, "--name", "contrast", "--severity", 1)
+    assert code == 1 and "made 1 images, 1 kept" in said
+    assert "b/c/3.png.png: was changed since it was made" in said_wrong
+    assert np.asarray(Image.open(out / "a/2.png"))[0, 0, 0] > 200
+
+
+def test_bad_files_are_listed_and_the_others_made(photos, tmp_path):
+    (photos / "a/broken.jpg").write_bytes((photos / "a/2.jpg").read_bytes()[:300])
+    (photos / "a/empty.png").write_bytes(b"")
+    Image.new("RGB", (15, 40)).save(photos / "a/narrow.png")
+    code, said, said_wrong = run(photos, tmp_path / "out", "--name", "jpeg_compression", "--severity", 1)
+    assert code == 1 and "made 4 images" in said
+    for words in ("a/broken.jpg: ", "a/empty.png: the file is empty", "a/narrow.png: 15×40 px: too small"):
+        assert words in said_wrong
+    code, said, _ = run(photos, tmp_path / "o2", "--name", "contrast", "--severity", 1, "--json")
+    answer = json.loads(said)
+    assert code == 1 and answer["made"] == 4 and {"a/broken.jpg", "a/empty.png", "a/narrow.png"} == {
+        one["path"] for one in answer["failed"]
+    }  # fmt: skip
+
+
+def test_size_and_format_as_published(photos, tmp_path):
+    code, _, notes = run(photos, tmp_path / "out", "--name", "frost", "--severity", 1, "--size", 96, "--format", "jpg")
+    assert code == 0 and "own texture" in notes
+    images = [Image.open(file) for file in (tmp_path / "out").rglob("*.jpg")]
+    assert len(images) == 4 and {image.size for image in images} == {(96, 96)}
+    reference = Image.new("RGB", (64, 64), "grey")
+    reference.save(tmp_path / "reference.jpg", quality=85)
+    assert images[0].quantization == Image.open(tmp_path / "reference.jpg").quantization
+
+
+def test_one_image_into_one_file(photos, tmp_path):
+    out = tmp_path / "foggy.png"
+    assert run(photos / "a/1.png", out, "--name", "fog", "--severity", 3)[1].startswith("made 1 images")
+    expected = corrupt_picture(np.asarray(Image.open(photos / "a/1.png")), "fog", 3, image_seed(0, "1.png"))
+    assert np.array_equal(np.asarray(Image.open(out)), expected)
+    assert "made 0 images, 1 kept" in run(photos / "a/1.png", out, "--name", "fog", "--severity", 3)[1]
+    code, _, said = run(photos / "a/1.png", out, "--name", "fog", "--severity", 4)
+    assert code == 2 and "holds something else" in said
+    code, _, said = run(photos / "a/1.png", tmp_path / "x.png", "--name", "fog")
+    assert code == 2 and "5 corruptions" in said
+    assert run(photos / "a/1.png", tmp_path / "folder", "--name", "fog", "--severity", 3)[0] == 0
+    assert (tmp_path / "folder/1.png").read_bytes() == out.read_bytes()
+
+
+def test_out_within_in_is_no_source(photos):
+    out = photos / "out"
+    for _ in range(2):
+        assert run(photos, out, "--name", "contrast", "--severity", 1)[0] == 0
+    assert len([path for path in list_files(out) if path.endswith("png")]) == 4
+
+
+def test_result_does_not_depend_on_what_else_is_there(photos, tmp_path):
+    corrupt_folder(photos, tmp_path / "all", ["glass_blur"], [2])
+    (photos / "a/1.png").unlink()
+    corrupt_folder(photos, tmp_path / "fewer", ["glass_blur"], [2])
+    fewer = {path: content for path, content in read_all(tmp_path / "fewer").items() if path.endswith("png")}
+    assert len(fewer) == 3 and fewer.items() <= read_all(tmp_path / "all").items()
+
+
+def test_names_stand_for_families():
+    assert choose_names(["all"]) == list(CORRUPTIONS)
+    assert len(choose_names(["common"])) == 15 and len(choose_names(["extra", "common"])) == 19
+    assert choose_names(["fog", "weather", "fog"]) == ["fog", "snow", "frost", "brightness"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["IN", "OUT", "--name", "fogg"], "did you mean fog"),
+        (["nowhere", "OUT", "--name", "fog"], "does not exist"),
+        (["IN", "IN", "--name", "fog"], "another folder"),
+        (["IN", "IN/notes.txt", "--name", "fog"], "another folder"),
+        (["IN", "OUT", "--name", "fog", "--size", "8"], "16 px or more"),
+        (["IN", "OUT", "--name", "fog", "--format", "gif"], "png or jpg"),
+        (["EMPTY", "OUT", "--name", "fog"], "holds no images"),
+        (["IN/notes.txt", "OUT.png", "--name", "fog", "--severity", "1"], "not an image"),
+    ],
+)
+def test_bad_arguments_are_one_line(arguments, words, photos, tmp_path):
+    (tmp_path / "empty").mkdir()
+    places = {"IN": str(photos), "OUT": str(tmp_path / "out"), "EMPTY": str(tmp_path / "empty")}
+    for name, place in places.items():
+        arguments = [part.replace(name, place) if part.startswith(name) else part for part in arguments]
+    code, _, said = run(*arguments)
+    assert code == 2 and words in said and "\n" not in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_other_settings_need_another_folder(photos, tmp_path):
+    out = tmp_path / "out"
+    run(photos, out, "--name", "fog", "--severity", 3)
+    for other in (
+        ["--name", "fog", "--severity", 2],
+        ["--name", "fog", "--severity", 3, "--seed", 1],
+        ["--name", "all"],
+    ):
+        code, _, said = run(photos, out, *other)
+        assert code == 2 and "name another folder" in said

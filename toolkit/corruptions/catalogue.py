@@ -1,0 +1,171 @@
+"""The corruptions of ImageNet-C and CIFAR-10-C, and what they are given at each severity.
+
+The parameters are those of Hendrycks and Dietterich, "Benchmarking Neural Network Robustness to Common Corruptions and
+Perturbations", ICLR 2019, as in the scripts that made the published images (hendrycks/robustness: make_imagenet_c.py
+and make_cifar_c.py). Lengths are in pixels of an image of 224² and of 32².
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from toolkit.corruptions import blur, digital, elastic, noise, spatter, weather
+
+IMAGENET, CIFAR = "imagenet", "cifar"
+MAX_CIFAR_SIDE_PX = 64
+FAMILIES = ("noise", "blur", "weather", "digital", "extra")
+ELASTIC_PX = 244  # so published, for an image of 224
+
+
+@dataclass(frozen=True)
+class Corruption:
+    """One way of spoiling images.
+
+    Attributes:
+        name: as in the published folders.
+        family: noise, blur, weather or digital for the fifteen that count, extra for the other four.
+        apply: (images (b, 3, h, w) float32 in [0, 1], parameters, draws) -> the same shape, not yet clipped.
+        parameters: five, by severity, for `imagenet` and for `cifar`.
+        note: where it cannot be what was published, empty where it is.
+    """
+
+    name: str
+    family: str
+    apply: Callable[..., Any]
+    parameters: dict[str, tuple[Any, ...]]
+    note: str = ""
+
+
+def _corruption(name, family, apply, imagenet, cifar, note="") -> Corruption:
+    return Corruption(name, family, apply, {IMAGENET: tuple(imagenet), CIFAR: tuple(cifar)}, note)
+
+
+def _scaled(length_px: float, *shares: tuple[float, ...]) -> list[tuple[float, ...]]:
+    return [tuple(share * length_px for share in row) for row in shares]
+
+
+ALL = (
+    _corruption(
+        "gaussian_noise", "noise", noise.add_gaussian_noise,
+        (0.08, 0.12, 0.18, 0.26, 0.38),
+        (0.04, 0.06, 0.08, 0.09, 0.10),
+    ),
+    _corruption(
+        "shot_noise", "noise", noise.add_shot_noise,
+        (60, 25, 12, 5, 3),
+        (500, 250, 100, 75, 50),
+    ),
+    _corruption(
+        "impulse_noise", "noise", noise.add_impulse_noise,
+        (0.03, 0.06, 0.09, 0.17, 0.27),
+        (0.01, 0.02, 0.03, 0.05, 0.07),
+    ),
+    _corruption(
+        "defocus_blur", "blur", blur.blur_by_defocus,
+        ((3, 0.1), (4, 0.5), (6, 0.5), (8, 0.5), (10, 0.5)),
+        ((0.3, 0.4), (0.4, 0.5), (0.5, 0.6), (1, 0.2), (1.5, 0.1)),
+    ),
+    _corruption(
+        "glass_blur", "blur", blur.blur_by_glass,
+        ((0.7, 1, 2), (0.9, 2, 1), (1, 2, 3), (1.1, 3, 2), (1.5, 4, 2)),
+        ((0.05, 1, 1), (0.25, 1, 1), (0.4, 1, 1), (0.25, 1, 2), (0.4, 1, 2)),
+    ),
+    _corruption(
+        "motion_blur", "blur", blur.blur_by_motion,
+        ((10, 3), (15, 5), (15, 8), (15, 12), (20, 15)),
+        ((6, 1), (6, 1.5), (6, 2), (8, 2), (9, 2.5)),
+    ),
+    _corruption(
+        "zoom_blur", "blur", blur.blur_by_zoom,
+        ((1.11, 0.01), (1.16, 0.01), (1.21, 0.02), (1.26, 0.02), (1.31, 0.03)),
+        ((1.06, 0.01), (1.11, 0.01), (1.16, 0.01), (1.21, 0.01), (1.26, 0.01)),
+    ),
+    _corruption(
+        "snow", "weather", weather.add_snow,
+        (
+            (0.1, 0.3, 3, 0.5, 10, 4, 0.8),
+            (0.2, 0.3, 2, 0.5, 12, 4, 0.7),
+            (0.55, 0.3, 4, 0.9, 12, 8, 0.7),
+            (0.55, 0.3, 4.5, 0.85, 12, 8, 0.65),
+            (0.55, 0.3, 2.5, 0.85, 12, 12, 0.55),
+        ),
+        (
+            (0.1, 0.2, 1, 0.6, 8, 3, 0.95),
+            (0.1, 0.2, 1, 0.5, 10, 4, 0.9),
+            (0.15, 0.3, 1.75, 0.55, 10, 4, 0.9),
+            (0.25, 0.3, 2.25, 0.6, 12, 6, 0.85),
+            (0.3, 0.3, 1.25, 0.65, 14, 12, 0.8),
+        ),
+    ),
+    _corruption(
+        "frost", "weather", weather.add_frost,
+        ((1, 0.4, 1), (0.8, 0.6, 1), (0.7, 0.7, 1), (0.65, 0.7, 1), (0.6, 0.75, 1)),
+        ((1, 0.2, 0.2), (1, 0.3, 0.2), (0.9, 0.4, 0.2), (0.85, 0.4, 0.2), (0.75, 0.45, 0.2)),
+        "own texture: drawn frost instead of the published photographs",
+    ),
+    _corruption(
+        "fog", "weather", weather.add_fog,
+        ((1.5, 2), (2, 2), (2.5, 1.7), (2.5, 1.5), (3, 1.4)),
+        ((0.2, 3), (0.5, 3), (0.75, 2.5), (1, 2), (1.5, 1.75)),
+    ),
+    _corruption(
+        "brightness", "weather", weather.brighten,
+        (0.1, 0.2, 0.3, 0.4, 0.5),
+        (0.05, 0.1, 0.15, 0.2, 0.3),
+    ),
+    _corruption(
+        "contrast", "digital", digital.reduce_contrast,
+        (0.4, 0.3, 0.2, 0.1, 0.05),
+        (0.75, 0.5, 0.4, 0.3, 0.15),
+    ),
+    _corruption(
+        "elastic_transform", "digital", elastic.bend,
+        _scaled(ELASTIC_PX, (2, 0.7, 0.1), (2, 0.08, 0.2), (0.05, 0.01, 0.02), (0.07, 0.01, 0.02), (0.12, 0.01, 0.02)),
+        _scaled(32, (0, 0, 0.08), (0.05, 0.2, 0.07), (0.08, 0.06, 0.06), (0.1, 0.04, 0.05), (0.1, 0.03, 0.03)),
+    ),
+    _corruption(
+        "pixelate", "digital", digital.pixelate,
+        (0.6, 0.5, 0.4, 0.3, 0.25),
+        (0.95, 0.9, 0.85, 0.75, 0.65),
+    ),
+    _corruption(
+        "jpeg_compression", "digital", digital.compress_jpeg,
+        (25, 18, 15, 10, 7),
+        (80, 65, 58, 50, 40),
+    ),
+    _corruption(
+        "speckle_noise", "extra", noise.add_speckle_noise,
+        (0.15, 0.2, 0.35, 0.45, 0.6),
+        (0.06, 0.1, 0.12, 0.16, 0.2),
+    ),
+    _corruption(
+        "gaussian_blur", "extra", blur.blur_by_gaussian,
+        (1, 2, 3, 4, 6),
+        (0.4, 0.6, 0.7, 0.8, 1),
+    ),
+    _corruption(
+        "spatter", "extra", spatter.add_spatter,
+        (
+            (0.65, 0.3, 4, 0.69, 0.6, 0),
+            (0.65, 0.3, 3, 0.68, 0.6, 0),
+            (0.65, 0.3, 2, 0.68, 0.5, 0),
+            (0.65, 0.3, 1, 0.65, 1.5, 1),
+            (0.67, 0.4, 1, 0.65, 1.5, 1),
+        ),
+        (
+            (0.62, 0.1, 0.7, 0.7, 0.5, 0),
+            (0.65, 0.1, 0.8, 0.7, 0.5, 0),
+            (0.65, 0.3, 1, 0.69, 0.5, 0),
+            (0.65, 0.1, 0.7, 0.69, 0.6, 1),
+            (0.65, 0.1, 0.5, 0.68, 0.6, 1),
+        ),
+    ),
+    _corruption(
+        "saturate", "extra", digital.saturate,
+        ((0.3, 0), (0.1, 0), (2, 0), (5, 0.1), (20, 0.2)),
+        ((0.3, 0), (0.1, 0), (1.5, 0), (2, 0.1), (2.5, 0.2)),
+    ),
+)  # fmt: skip
+CORRUPTIONS: dict[str, Corruption] = {corruption.name: corruption for corruption in ALL}
+COMMON = tuple(name for name, corruption in CORRUPTIONS.items() if corruption.family != "extra")
+"""The fifteen that the benchmark's mean is taken over."""

@@ -1,0 +1,121 @@
+"""Corrupt a batch of images, or one picture."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import torch
+
+from toolkit.corruptions.catalogue import CIFAR, CORRUPTIONS, IMAGENET, MAX_CIFAR_SIDE_PX, Corruption
+from toolkit.corruptions.digital import from_bytes, to_bytes
+from toolkit.corruptions.draws import Draws
+from toolkit.corruptions.parallel import run_each
+from toolkit.errors import ToolkitError, one_of
+
+SEVERITIES = (1, 2, 3, 4, 5)
+MIN_SIDE_PX = 16
+PART_PIXELS = 512**2
+"""What is computed at once on one thread: more would not stay in its cache."""
+
+
+def find_corruption(name: str, severity: int) -> Corruption:
+    """The corruption called `name`.
+
+    Raises:
+        ToolkitError: there is none of that name, or `severity` is not 1 … 5.
+    """
+    if name not in CORRUPTIONS:
+        raise one_of("corruption", name, list(CORRUPTIONS))
+    if severity not in SEVERITIES:
+        raise ToolkitError(f"severity {severity} of {name}: there are five, 1 (slight) to 5 (severe): choose one")
+    return CORRUPTIONS[name]
+
+
+def choose_parameters(height: int, width: int) -> str:
+    """Whose parameters suit an image of this size: `cifar` where the short side is at most 64 px, else `imagenet`."""
+    return CIFAR if min(height, width) <= MAX_CIFAR_SIDE_PX else IMAGENET
+
+
+@torch.no_grad()
+def corrupt(
+    images: torch.Tensor, name: str, severity: int, seeds: Sequence[int], parameters: str | None = None
+) -> torch.Tensor:
+    """Corrupt a batch as ImageNet-C and CIFAR-10-C do.
+
+    An image's result depends on its pixels, its seed, `name` and `severity` alone: not on the rest of the batch, nor on
+    its place there. CPU and GPU draw the same numbers and differ by float rounding only. The result is not rounded to
+    8 bits, except by pixelate and jpeg_compression, which compute with whole levels; the published images are truncated
+    to 8 bits, and ImageNet-C's saved as JPEG of quality 85 on top.
+
+    Args:
+        images: (b, 3, h, w) float, sRGB-encoded in [0, 1], on any device; not changed.
+        name: one of `CORRUPTIONS`.
+        severity: 1 (slight) to 5 (severe).
+        seeds: one per image, such as from `image_seed`.
+        parameters: `imagenet` (made for 224²) or `cifar` (for 32²); by default those that suit the size. Lengths in
+            them are pixels and are not scaled with the image.
+
+    Returns:
+        (b, 3, h, w) float32, sRGB-encoded in [0, 1], on the same device, without gradient.
+
+    Raises:
+        ToolkitError: unknown name, severity or parameters, images of another shape or smaller than 16 px, or not one
+            seed per image.
+    """
+    corruption = find_corruption(name, severity)
+    _check_batch(images, seeds)
+    if len(images) == 0:
+        return images.float().clone()
+    parameters = parameters or choose_parameters(*images.shape[-2:])
+    if parameters not in corruption.parameters:
+        raise one_of("parameter set", parameters, list(corruption.parameters))
+    given = corruption.parameters[parameters][severity - 1]
+    images = images.detach().float()
+
+    def apply(part: slice) -> torch.Tensor:
+        draws = Draws([int(seed) for seed in seeds[part]], name, severity, images.device)
+        return corruption.apply(images[part], given, draws)
+
+    if images.device.type != "cpu":
+        return apply(slice(None)).clamp_(0, 1)
+    result = torch.empty(images.shape)
+    parts = split_evenly(len(images), images.shape[-2] * images.shape[-1])
+
+    def fill(index: int) -> None:
+        torch.clamp(apply(parts[index]), 0, 1, out=result[parts[index]])
+
+    run_each(fill, len(parts))
+    return result
+
+
+def split_evenly(count: int, pixels: int) -> list[slice]:
+    """Parts of a batch of `count` images of `pixels` each: one per thread or more, none too large for the cache."""
+    number = max(torch.get_num_threads(), math.ceil(count * pixels / PART_PIXELS))
+    length = math.ceil(count / number)
+    return [slice(start, start + length) for start in range(0, count, length)]
+
+
+def _check_batch(images: torch.Tensor, seeds: Sequence[int]) -> None:
+    if images.ndim != 4 or images.shape[1] != 3 or not images.is_floating_point():
+        found = f"{tuple(images.shape)} {images.dtype}"
+        raise ToolkitError(f"images to corrupt must be (b, 3, h, w) float in [0, 1], got {found}: convert them first")
+    if min(images.shape[-2:]) < MIN_SIDE_PX:
+        size = f"{images.shape[-1]}×{images.shape[-2]} px"
+        raise ToolkitError(f"images to corrupt must be at least {MIN_SIDE_PX} px each way, got {size}: enlarge them")
+    if len(seeds) != len(images):
+        raise ToolkitError(f"{len(seeds)} seeds for {len(images)} images: give each image one")
+
+
+def corrupt_picture(
+    pixels: np.ndarray, name: str, severity: int, seed: int = 0, parameters: str | None = None
+) -> np.ndarray:
+    """`corrupt` for one picture, (h, w, 3) uint8 sRGB-encoded in and out, rounded to the nearest level.
+
+    Raises:
+        ToolkitError: as `corrupt`, or `pixels` are not (h, w, 3) uint8.
+    """
+    pixels = np.asarray(pixels)
+    if pixels.ndim != 3 or pixels.shape[2] != 3 or pixels.dtype != np.uint8:
+        found = f"{pixels.shape} {pixels.dtype}"
+        raise ToolkitError(f"a picture to corrupt must be (h, w, 3) uint8, got {found}: convert it first")
+    return to_bytes(corrupt(from_bytes(pixels[None].copy()), name, severity, [seed], parameters))[0]

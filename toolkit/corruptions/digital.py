@@ -1,0 +1,116 @@
+"""Digital: contrast, elastic transform, pixelation, JPEG compression and saturation."""
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import cv2
+import numpy as np
+import torch
+
+from toolkit.corruptions.draws import Draws
+
+ROUNDING = 1e-4
+"""Far above what float32 loses in a mean of 8-bit values, far below the least distance of such a mean from a half."""
+
+
+def reduce_contrast(images: torch.Tensor, share: float, draws: Draws) -> torch.Tensor:
+    """Move every value towards its channel's mean over the image; `share` of the distance is left."""
+    return torch.lerp(images.mean((2, 3), keepdim=True), images, share)
+
+
+def saturate(images: torch.Tensor, change: tuple[float, float], draws: Draws) -> torch.Tensor:
+    """Multiply the S of HSV and add to it; `change` is the factor and the summand. Hue and V stay.
+
+    A grey pixel has no hue; as in scikit-image it counts as red, which shows where something is added to its S.
+    """
+    factor, summand = change
+    red = torch.tensor([0.0, 1.0, 1.0], device=images.device)[:, None, None]
+    value = images.amax(1, keepdim=True)
+    depth = value - images  # what each channel lacks
+    chroma = depth.amax(1, keepdim=True)
+    saturation = chroma / value.clamp(min=1e-12)
+    wanted = (saturation * factor + summand).clamp_(0, 1) * value
+    return value - torch.where(chroma > 0, depth * (wanted / chroma.clamp(min=1e-12)), red * wanted)
+
+
+def to_bytes(images: torch.Tensor) -> np.ndarray:
+    """(b, 3, h, w) in [0, 1] to (b, h, w, 3) uint8 on the CPU, rounded to the nearest level."""
+    levels = images.clamp(0, 1).mul_(255).add_(0.5).to(torch.uint8)
+    return levels.permute(0, 2, 3, 1).contiguous().cpu().numpy()
+
+
+def from_bytes(pixels: np.ndarray, device: torch.device | str = "cpu") -> torch.Tensor:
+    """(b, h, w, 3) uint8 to (b, 3, h, w) float32 in [0, 1] on `device`."""
+    levels = torch.from_numpy(pixels).to(device).permute(0, 3, 1, 2)
+    return levels.to(torch.float32, memory_format=torch.contiguous_format).div_(255)
+
+
+def compress_jpeg(images: torch.Tensor, quality: int, draws: Draws) -> torch.Tensor:
+    """Encode and decode as JPEG: 4:2:0, the standard's tables scaled to `quality`, 8 bits in and out.
+
+    libjpeg-turbo does both: through OpenCV, to the same bytes and pixels as through the published Pillow in less time.
+    """
+
+    def compress(levels: np.ndarray) -> np.ndarray:
+        red, green, blue = levels
+        stream = cv2.imencode(".jpg", cv2.merge((blue, green, red)), (cv2.IMWRITE_JPEG_QUALITY, quality))[1]
+        return np.stack(cv2.split(np.asarray(cv2.imdecode(stream, cv2.IMREAD_COLOR)))[::-1])
+
+    return _change_levels(images, compress)
+
+
+def pixelate(images: torch.Tensor, share: float, draws: Draws) -> torch.Tensor:
+    """Shrink to `share` of the size and enlarge again, with the box filter of Pillow and its rounding to 8 bits.
+
+    Pillow's box takes the plain mean of the pixels whose centres it covers, first along the rows, and rounds to 8 bits,
+    then down the columns, and rounds again. The values are Pillow's own, without its interleaved channels.
+    """
+    height, width = images.shape[-2:]
+    low_height, low_width = int(height * share), int(width * share)
+    rows, columns = box_windows(low_height, height)[0], box_windows(low_width, width)[0]
+
+    def shrink_and_enlarge(levels: np.ndarray) -> np.ndarray:
+        # whole rows are averaged, which is fast: columns are turned into rows for it, of all three planes at once
+        narrow = _shrink_rows(cv2.transpose(levels.reshape(-1, width)), low_width)
+        low = _shrink_rows(cv2.transpose(narrow).reshape(3, height, low_width), low_height)
+        return low.take(columns, axis=2).take(rows, axis=1)
+
+    return _change_levels(images, shrink_and_enlarge)
+
+
+def _change_levels(images: torch.Tensor, change: Callable[[np.ndarray], np.ndarray]) -> torch.Tensor:
+    """Apply `change`, (3, h, w) uint8 to the same, to each image rounded to 8 bits, on the CPU."""
+    source = images.contiguous().cpu().numpy()
+    result = np.empty_like(source)
+    for image, target in zip(source, result, strict=True):
+        levels = cv2.convertScaleAbs(image.reshape(-1, image.shape[2]), alpha=255)  # rounds to the nearest level
+        np.multiply(change(levels.reshape(image.shape)), np.float32(1 / 255), out=target)
+    return torch.from_numpy(result).to(images.device)
+
+
+@lru_cache(maxsize=64)
+def box_windows(length: int, wanted: int) -> tuple[np.ndarray, np.ndarray]:
+    """For each of `wanted` pixels, the first of the `length` ones that its box covers, and how many; (wanted,) int64.
+
+    The steps are Pillow's, in double precision, because a centre that falls on a box's rim goes as they round.
+    """
+    step = length / wanted
+    widened = max(step, 1.0)
+    centres = (np.arange(wanted) + 0.5) * step
+    near = np.maximum((centres - 0.5 * widened + 0.5).astype(np.int64), 0)
+    pixels = near[:, None] + np.arange(int(widened) + 2)
+    offsets = (pixels - centres[:, None] + 0.5) * (1 / widened)
+    covered = (offsets > -0.5) & (offsets <= 0.5) & (pixels < length)
+    return near + covered.argmax(1), covered.sum(1)
+
+
+def _shrink_rows(levels: np.ndarray, wanted: int) -> np.ndarray:
+    """(..., h, w) uint8 to (..., wanted, w) uint8: the mean of the rows in each box, halves rounded up."""
+    first, counts = box_windows(levels.shape[-2], wanted)
+    total = levels.take(first, axis=-2).astype(np.float32)
+    for tap in range(1, int(counts.max())):
+        further = levels.take(np.minimum(first + tap, levels.shape[-2] - 1), axis=-2)
+        total += further if counts.min() > tap else further * (counts > tap)[:, None]
+    total *= (1 / counts)[:, None].astype(np.float32)
+    total += np.float32(0.5 + ROUNDING)
+    return total.astype(np.uint8)

@@ -1,0 +1,219 @@
+"""Corrupt the images of a folder, or one image, into files."""
+
+import hashlib
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from toolkit.captures.images import UnreadableImage
+from toolkit.console import progress
+from toolkit.corruptions.catalogue import IMAGENET
+from toolkit.corruptions.corrupt import MIN_SIDE_PX, choose_parameters, find_corruption
+from toolkit.corruptions.ledger import FolderSettings, Line, append_lines, claim_folder, read_ledger
+from toolkit.corruptions.parallel import run_each
+from toolkit.corruptions.pictures import FORMATS, Loaded, read_picture, render, split_batches
+from toolkit.corruptions.sources import Source, choose_names, find_sources
+from toolkit.errors import ToolkitError
+from toolkit.files import sha256_file, write_bytes
+
+CHUNK_FILES = 8
+
+
+@dataclass
+class CorruptResult:
+    """What a run has done.
+
+    Attributes:
+        made, kept: files written now, and found finished from before.
+        failed: (path, reason) of what could not be read or written.
+        sizes: how many images were corrupted now, by (parameter set, height, width).
+    """
+
+    made: int = 0
+    kept: int = 0
+    failed: list[tuple[str, str]] = field(default_factory=list)
+    sizes: Counter = field(default_factory=Counter)
+
+    def describe_scale(self) -> list[str]:
+        """Which parameters the images took, and where these were made for another size: a line for each set."""
+        lines = []
+        for name in sorted({size[0] for size in self.sizes}):
+            made_for = 224 if name == IMAGENET else 32
+            count = sum(number for size, number in self.sizes.items() if size[0] == name)
+            other = sum(n for size, n in self.sizes.items() if size[0] == name and min(size[1:]) != made_for)
+            line = f"{count} images with the parameters for {made_for}² ({name})"
+            if other:
+                line += f"; {other} have another size, and lengths are pixels, not scaled: --size {made_for} compares"
+            lines.append(line)
+        return lines
+
+
+def corrupt_folder(
+    source: Path,
+    out: Path,
+    names: list[str],
+    severities: list[int],
+    seed: int = 0,
+    size_px: int | None = None,
+    image_format: str = "png",
+    device: str = "cpu",
+    quiet: bool = True,
+) -> CorruptResult:
+    """Corrupt every image of a folder, or one image, into a folder of the same layout.
+
+    One corruption at one severity lies in `out` itself, several in `out`/NAME/SEVERITY. An image's seed is its path
+    below `source`. What a run before has finished is kept; a file that no such run has written is left as it is.
+
+    Args:
+        source: a folder, or one image.
+        out: folder to write to, beside or within `source`.
+        names: of corruptions, see `choose_names`.
+        severities: 1 to 5, each.
+        seed: of the run.
+        size_px: resize to 8/7 of it and cut out the middle, as published (256, 224); None keeps the images' sizes.
+        image_format: `png`, or `jpg` of quality 85, which is what ImageNet-C's files are.
+        device: cpu or cuda.
+        quiet: no progress bar.
+
+    Raises:
+        ToolkitError: there are no images, `out` holds images of other settings, or a setting is wrong.
+    """
+    plan = [(name, severity) for name in choose_names(names) for severity in dict.fromkeys(severities)]
+    for name, severity in plan:
+        find_corruption(name, severity)
+    _check_settings(source, out, size_px, image_format)
+    single = len(plan) == 1
+    sources = _list_sources(source, out, image_format)
+    alone = plan[0] if single else (None, None)
+    settings = FolderSettings(
+        corruption=alone[0], severity=alone[1], seed=seed, size_px=size_px, image_format=image_format
+    )
+    claim_folder(out, settings)
+    result = CorruptResult()
+    places = {item: "" if single else f"{item[0]}/{item[1]}/" for item in plan}
+    known = read_ledger(out)
+    with progress("corrupting", len(sources) * len(plan), quiet) as ticker:
+        for start in range(0, len(sources), CHUNK_FILES):
+            chunk = sources[start : start + CHUNK_FILES]
+            loaded = _load(chunk, out, places, known, size_px, result)
+            ticker.advance(len(chunk) * len(plan) - sum(len(one.wanted) for one in loaded))
+            for name, severity in plan:
+                ready = [one for one in loaded if (name, severity) in one.wanted]
+                for batch in split_batches(ready):
+                    files = render(batch, name, severity, seed, image_format, device)
+                    _write(out, [(one.wanted[name, severity], one.sha256) for one in batch], files, known, result)
+                    ticker.advance(len(batch))
+    return result
+
+
+def _check_settings(source: Path, out: Path, size_px: int | None, image_format: str) -> None:
+    if not source.exists():
+        raise ToolkitError(f"{source} does not exist: name a folder of images, or an image")
+    if out.resolve() == source.resolve() or out.is_file():
+        raise ToolkitError(f"{out} cannot take the images: name another folder to write to")
+    if size_px is not None and size_px < MIN_SIDE_PX:
+        raise ToolkitError(f"size {size_px} px is too small: choose {MIN_SIDE_PX} px or more")
+    if image_format not in FORMATS:
+        raise ToolkitError(f"no format '{image_format}': choose png or jpg")
+
+
+def _list_sources(source: Path, out: Path, image_format: str) -> list[Source]:
+    if source.is_file():
+        return [Source(source, source.name, f"{source.stem}.{image_format}")]
+    sources = find_sources(source, out, image_format)
+    if not sources:
+        raise ToolkitError(f"{source} holds no images: name a folder of photographs, in any layout")
+    return sources
+
+
+def _load(chunk, out: Path, places, known: dict[str, Line], size_px, result: CorruptResult) -> list[Loaded]:
+    """Read what is not finished yet; what cannot be read or must not be overwritten goes to the result's list."""
+    slots: list[Loaded | None] = [None] * len(chunk)
+    trouble: list[list[tuple[str, str]]] = [[] for _ in chunk]
+    kept = [0] * len(chunk)
+
+    def load(index: int) -> None:
+        source = chunk[index]
+        try:
+            sha256 = sha256_file(source.file)
+            wanted = {}
+            for item, place in places.items():
+                target = place + source.target
+                state = _look(out / target, known.get(target), sha256)
+                if state == "finished":
+                    kept[index] += 1
+                elif state == "changed":
+                    trouble[index].append((target, "was changed since it was made, and so left as it is"))
+                else:
+                    wanted[item] = target
+            if wanted:
+                slots[index] = Loaded(source, read_picture(source.file, size_px), sha256, wanted)
+        except UnreadableImage as error:
+            trouble[index].append((source.path, error.reason))
+        except OSError as error:
+            trouble[index].append((source.path, (error.strerror or str(error)).lower()))
+
+    run_each(load, len(chunk))
+    result.kept += sum(kept)
+    result.failed += [line for lines in trouble for line in lines]
+    loaded = [one for one in slots if one is not None]
+    result.sizes.update((choose_parameters(*one.pixels.shape[:2]), *one.pixels.shape[:2]) for one in loaded)
+    return loaded
+
+
+def _look(file: Path, line: Line | None, source_sha256: str) -> str:
+    if line is None or not file.is_file():
+        return "missing"
+    if line.source_sha256 == source_sha256:
+        return "finished"
+    return "missing" if sha256_file(file) == line.sha256 else "changed"
+
+
+def _write(out: Path, targets, files: list[bytes], known: dict[str, Line], result: CorruptResult) -> None:
+    lines = []
+    for (target, source_sha256), content in zip(targets, files, strict=True):
+        line = Line(path=target, sha256=hashlib.sha256(content).hexdigest(), source_sha256=source_sha256)
+        file = out / target
+        if file.exists() and target not in known and not _is_same(file, line.sha256):
+            # the same bytes: a run before was stopped after the file and before its line
+            result.failed.append((target, "exists and was not made by this command: left as it is"))
+            continue
+        write_bytes(file, content)
+        lines.append(line)
+    append_lines(out, lines)
+    known.update({line.path: line for line in lines})
+    result.made += len(lines)
+
+
+def _is_same(file: Path, sha256: str) -> bool:
+    return file.is_file() and sha256_file(file) == sha256
+
+
+def corrupt_file(
+    source: Path, out: Path, names: list[str], severities: list[int], seed: int, size_px: int | None, device: str
+) -> CorruptResult:
+    """Corrupt one image into one file, PNG or JPEG by its suffix; its seed is its name.
+
+    Raises:
+        ToolkitError: the image cannot be read, `out` is another file, or more than one corruption is asked for.
+    """
+    if len(names) != 1 or len(severities) != 1:
+        count = len(names) * len(severities)
+        raise ToolkitError(
+            f"{out} is one file for {count} corruptions: name one --name and one --severity, or a folder"
+        )
+    image_format = "png" if out.suffix.lower() == ".png" else "jpg"
+    _check_settings(source, out.parent / f"{out.name}.folder", size_px, image_format)
+    result = CorruptResult()
+    pixels = read_picture(source, size_px)
+    loaded = Loaded(Source(source, source.name, out.name), pixels, "", {})
+    content = render([loaded], names[0], severities[0], seed, image_format, device)[0]
+    result.sizes.update([(choose_parameters(*pixels.shape[:2]), *pixels.shape[:2])])
+    if not out.exists():
+        write_bytes(out, content)
+        result.made += 1
+    elif _is_same(out, hashlib.sha256(content).hexdigest()):
+        result.kept += 1
+    else:
+        raise ToolkitError(f"{out} exists and holds something else: name another file, or delete it")
+    return result

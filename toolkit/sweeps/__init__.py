@@ -1,0 +1,1 @@
+"""How far a patch carries: one thing varied, the rest kept."""

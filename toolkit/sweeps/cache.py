@@ -1,0 +1,135 @@
+"""What a network said of an image, kept by the hashes of both, so that no image is classified twice."""
+
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from toolkit.captures.read import Capture
+from toolkit.classifiers.network import Classifier
+from toolkit.console import progress
+from toolkit.evaluation.predict import Prediction, predict_captures
+from toolkit.files import explain_write_error, sha256_file
+
+CHUNK = 128
+"""Images between two writes: what a kill may cost."""
+
+
+class CachedPrediction(BaseModel):
+    """One line of the file.
+
+    Attributes:
+        key: hash of image, weights, preprocessing and true class.
+        top1_index, top1_prob, true_prob, true_rank: as in `Prediction`.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    key: str = Field(pattern=r"^[0-9a-f]{64}$")
+    top1_index: int = Field(ge=0)
+    top1_prob: float = Field(ge=0, le=1)
+    true_prob: float = Field(ge=0, le=1)
+    true_rank: int = Field(ge=1)
+
+
+def predict_once(
+    captures: Sequence[Capture], true_classes: dict[str, int], classifier: Classifier, cache_file: Path,
+    quiet: bool = False,
+) -> tuple[list[Prediction], int]:  # fmt: skip
+    """`predict_captures`, asking the network only about images it has not seen.
+
+    What it says is appended to `cache_file` every 128 images. Images that cannot be read are not kept: they may be
+    mended.
+
+    Returns:
+        One prediction per capture in their order, and how many images the network was asked about.
+
+    Raises:
+        ToolkitError: as `predict_captures`, or the file cannot be written.
+    """
+    cached = read_cache(cache_file)
+    keys = [make_key(capture, true_classes[capture.object], classifier) for capture in captures]
+    # the same image may stand for several values: the first to come is asked about
+    todo = list({key: at for at, key in reversed(list(enumerate(keys))) if key not in cached}.values())[::-1]
+    unread: dict[str, Prediction] = {}
+    with progress("classifying", len(captures), quiet, done=len(captures) - len(todo)) as bar:
+        for chunk in _chunks(todo):
+            predictions = predict_captures([captures[at] for at in chunk], true_classes, classifier, quiet=True)
+            new = [(keys[at], one) for at, one in zip(chunk, predictions, strict=True)]
+            unread |= {key: one for key, one in new if not one.is_read}
+            rows = [_row(key, one) for key, one in new if one.is_read]
+            append_rows(cache_file, rows)
+            cached |= {row.key: row for row in rows}
+            bar.advance(len(chunk))
+    results = [
+        _recall(capture, true_classes[capture.object], classifier, cached[key])
+        if key in cached
+        else _unread(capture, unread[key])
+        for capture, key in zip(captures, keys, strict=True)
+    ]
+    return results, len(todo)
+
+
+def make_key(capture: Capture, true_index: int, classifier: Classifier) -> str:
+    """Hash of everything that a prediction depends on: the image's bytes, the weights, the preprocessing, the truth."""
+    try:
+        # one that must not be opened is known by its path alone, and is never kept
+        image = capture.path if capture.refused is not None else sha256_file(capture.file)
+    except OSError:
+        image = capture.path
+    parts = (image, classifier.weights.sha256, classifier.arch, classifier.preprocessing.describe(), true_index)
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+
+
+def read_cache(cache_file: Path) -> dict[str, CachedPrediction]:
+    """Kept predictions by key; a line that is broken (a kill while writing) is worth only its image's time."""
+    cached: dict[str, CachedPrediction] = {}
+    if Path(cache_file).is_file():
+        for line in Path(cache_file).read_bytes().split(b"\n"):
+            try:
+                row = CachedPrediction.model_validate_json(line)
+            except ValidationError:
+                continue
+            cached[row.key] = row
+    return cached
+
+
+def append_rows(cache_file: Path, rows: Sequence[CachedPrediction]) -> None:
+    """Append lines and flush them to disk; they begin on a line of their own."""
+    try:
+        cache_file.parent.mkdir(parents=True, exist_ok=True)
+        with cache_file.open("a+b") as stream:
+            if stream.tell():
+                stream.seek(-1, os.SEEK_END)
+                if stream.read(1) != b"\n":
+                    stream.write(b"\n")
+            stream.write(b"".join(row.model_dump_json().encode() + b"\n" for row in rows))
+            stream.flush()
+            os.fsync(stream.fileno())
+    except OSError as error:
+        raise explain_write_error(cache_file, error) from error
+
+
+def _chunks(items: list[int]) -> Iterator[list[int]]:
+    return (items[start : start + CHUNK] for start in range(0, len(items), CHUNK))
+
+
+def _row(key: str, one: Prediction) -> CachedPrediction:
+    fields = {name: getattr(one, name) for name in CachedPrediction.model_fields if name != "key"}
+    # a sum of rounded shares may pass 1 by the last bit
+    fields |= {name: min(fields[name], 1.0) for name in ("top1_prob", "true_prob")}
+    return CachedPrediction(key=key, **fields)
+
+
+def _recall(capture: Capture, true_index: int, classifier: Classifier, row: CachedPrediction) -> Prediction:
+    labels = classifier.labels
+    return Prediction(
+        capture, true_index, labels[true_index], row.top1_index, labels[row.top1_index], row.top1_prob, row.true_prob,
+        row.true_rank,
+    )  # fmt: skip
+
+
+def _unread(capture: Capture, one: Prediction) -> Prediction:
+    return Prediction(capture, one.true_index, one.true_label, status=one.status)
