@@ -64,8 +64,8 @@ def test_gradcam_is_the_class_activation_map_of_a_resnet(result, classifier):
     import numpy as np
     import torch
 
-    from toolkit.captures.images import read_image
     from toolkit.evaluation.gradcam import compute_gradcam, find_feature_map
+    from toolkit.images import read_image
 
     module = find_feature_map(classifier)
     assert module is classifier.module.layer4

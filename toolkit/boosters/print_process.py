@@ -45,7 +45,7 @@ class PrintProcess:
     dot_gain: Range = (-0.05, 0.10)
     bleed_mm: Range = (0.03, 0.2)
     texel_mm: float = printed_size_mm(1)
-    probability: float = 0.5
+    probability: float = 0.25
 
     def __post_init__(self) -> None:
         check_range("paper white", self.white, 0.5, 1)

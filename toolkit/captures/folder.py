@@ -4,8 +4,8 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from toolkit.captures.images import is_image_name
 from toolkit.errors import ToolkitError
+from toolkit.images import is_image_name
 
 BY_DESIGN = frozenset(("manifest.jsonl", "transforms.json"))
 

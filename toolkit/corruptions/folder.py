@@ -5,7 +5,6 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from toolkit.captures.images import UnreadableImage
 from toolkit.console import progress
 from toolkit.corruptions.catalogue import IMAGENET
 from toolkit.corruptions.corrupt import MIN_SIDE_PX, choose_parameters, find_corruption
@@ -15,6 +14,7 @@ from toolkit.corruptions.pictures import FORMATS, Loaded, read_picture, render, 
 from toolkit.corruptions.sources import Source, choose_names, find_sources
 from toolkit.errors import ToolkitError
 from toolkit.files import sha256_file, write_bytes
+from toolkit.images import UnreadableImage
 
 CHUNK_FILES = 8
 

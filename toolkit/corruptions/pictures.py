@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from toolkit.captures.images import UnreadableImage, read_image
 from toolkit.classifiers.preprocessing import Preprocessing, resize_and_crop
 from toolkit.corruptions.corrupt import MIN_SIDE_PX, corrupt
 from toolkit.corruptions.digital import from_bytes, to_bytes
 from toolkit.corruptions.draws import image_seed
 from toolkit.corruptions.parallel import run_each
 from toolkit.corruptions.sources import Source
+from toolkit.images import UnreadableImage, read_image
 
 BATCH_PIXELS = 16 * 256**2
 MARGIN = (8, 7)

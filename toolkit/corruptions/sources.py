@@ -4,9 +4,9 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from toolkit.captures.images import is_image_name
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, FAMILIES
 from toolkit.corruptions.corrupt import find_corruption
+from toolkit.images import is_image_name
 
 
 @dataclass(frozen=True)

@@ -11,12 +11,12 @@ from itertools import islice
 import numpy as np
 from PIL import Image
 
-from toolkit.captures.images import UnreadableImage, read_image
 from toolkit.captures.read import Capture
 from toolkit.classifiers.network import Classifier
 from toolkit.classifiers.preprocessing import resize_and_crop
 from toolkit.console import progress
 from toolkit.errors import ToolkitError
+from toolkit.images import UnreadableImage, read_image
 
 OK = "ok"
 CPU_BATCH, CUDA_BATCH = 32, 128

@@ -8,8 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 from PIL import Image
 
-from toolkit.captures.images import UnreadableImage, read_image
 from toolkit.captures.read import Capture
+from toolkit.images import UnreadableImage, read_image
 
 SIDE_PX = 240
 MAX_BYTES = 12_000

@@ -32,9 +32,9 @@ class PoseRanges:
         off_centre: the object's middle is shifted by up to this share of the half frame even where it fills it.
     """
 
-    elevation_deg: tuple[float, float] = (15.0, 75.0)
+    elevation_deg: tuple[float, float] = (20.0, 70.0)
     roll_deg: tuple[float, float] = (-8.0, 8.0)
-    fill: tuple[float, float] = (0.5, 0.95)
+    fill: tuple[float, float] = (0.6, 0.95)
     off_centre: float = 0.0
 
 
@@ -51,7 +51,7 @@ def render_training_images(
 ) -> Iterator[np.ndarray]:
     """Yield `count` renders of the bare object, (288, 320, 3) uint8 sRGB.
 
-    Azimuth is anywhere, elevation 15-75°, the object fills 50-95 % of the shorter side, roll within ±8°, and the camera
+    Azimuth is anywhere, elevation 20-70°, the object fills 60-95 % of the shorter side, roll within ±8°, and the camera
     looks a little beside the object. Each `PER_STUDIO` images share a studio with its own backdrop and light. Image i
     depends on (seed, i) alone.
 

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.captures.images import UnreadableImage
 from toolkit.classifiers.preprocessing import Preprocessing
 from toolkit.classifiers.training.folder import LabelledFile, load_square
 from toolkit.classifiers.training.renders import RenderUnit, render_shards
@@ -19,6 +18,7 @@ from toolkit.classifiers.training.sources import Source
 from toolkit.console import progress
 from toolkit.errors import ToolkitError
 from toolkit.files import explain_write_error, sha256_bytes, write_json
+from toolkit.images import UnreadableImage
 
 BLOCK = 256
 PACKS = ("train", "held_out")

@@ -7,9 +7,9 @@ from zlib import crc32
 import numpy as np
 
 from toolkit.captures.folder import find_files, show_path
-from toolkit.captures.images import UnreadableImage, read_image
 from toolkit.classifiers.preprocessing import Preprocessing, resize_and_crop
 from toolkit.errors import ToolkitError
+from toolkit.images import UnreadableImage, read_image
 
 TRAIN_NAME, HELD_OUT_NAMES = "train", ("val", "validation", "test")
 LEAST_SHARE = 0.25

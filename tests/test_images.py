@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image, ImageCms
 
-from toolkit.captures import images
-from toolkit.captures.images import MID_GREY, UnreadableImage, is_image_name, read_image
+from toolkit import images
+from toolkit.images import MID_GREY, UnreadableImage, is_image_name, read_image
 
 RED, GREEN, BLUE = (220, 40, 30), (30, 200, 60), (40, 60, 210)
 
