@@ -1,15 +1,16 @@
-"""A half-trained network on disk: one safetensors file, so that it is whole or absent whenever the process dies."""
+"""A half-trained network on disk."""
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from toolkit.errors import ToolkitError
-from toolkit.files import write_bytes
+import numpy as np
 
-FORMAT = "toolkit classifier checkpoint 1"
+from toolkit.checkpoints import read_arrays, write_arrays
+
+FORMAT = "toolkit classifier checkpoint 2"
+HISTORY = "history"
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,9 @@ def write_checkpoint(file: Path, checkpoint: Checkpoint) -> None:
     Raises:
         ToolkitError: the disk is full or read-only.
     """
-    import torch
-    from safetensors.torch import save
-
-    history = torch.tensor([checkpoint.losses, checkpoint.accuracies], dtype=torch.float64)
-    about = {"format": FORMAT, "inputs_sha256": checkpoint.inputs_sha256}
-    write_bytes(file, save({**checkpoint.tensors, "history": history}, {"toolkit": json.dumps(about)}))
+    history = np.array([checkpoint.losses, checkpoint.accuracies], np.float64)
+    arrays = {name: tensor.numpy() for name, tensor in checkpoint.tensors.items()} | {HISTORY: history}
+    write_arrays(file, arrays, FORMAT, checkpoint.inputs_sha256, len(checkpoint.losses))
 
 
 def read_checkpoint(file: Path, inputs_sha256: str) -> Checkpoint | None:
@@ -48,19 +46,11 @@ def read_checkpoint(file: Path, inputs_sha256: str) -> Checkpoint | None:
     Raises:
         ToolkitError: it is damaged, or of other inputs.
     """
-    from safetensors import SafetensorError, safe_open
+    import torch
 
-    if not file.is_file():
+    arrays = read_arrays(file, {HISTORY}, FORMAT, inputs_sha256)
+    if arrays is None:
         return None
-    mend = "delete it, or run the same command with --restart"
-    try:
-        with safe_open(file, "pt") as stored:
-            about = json.loads((stored.metadata() or {})["toolkit"])
-            tensors = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118 (no mapping)
-        losses, accuracies = (tuple(row) for row in tensors.pop("history").tolist())
-        if about["format"] != FORMAT or about["inputs_sha256"] != inputs_sha256:
-            raise ToolkitError(f"checkpoint {file} is of a run with other inputs: {mend}")
-    except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
-        reason = str(error).splitlines()[0] if str(error) else error.__class__.__name__
-        raise ToolkitError(f"checkpoint {file} is damaged ({reason}): {mend}") from None
+    losses, accuracies = (tuple(row) for row in arrays.pop(HISTORY).tolist())
+    tensors = {name: torch.from_numpy(np.array(array)) for name, array in arrays.items()}
     return Checkpoint(inputs_sha256, tensors, losses, accuracies)
