@@ -41,6 +41,7 @@ class Choices:
     camera: bool | None = None
     mounted_share: float | None = None
     mounted_views: int | None = None
+    mounted_fill: Range | None = None
     tv_weight: float | None = None
     printability_weight: float | None = None
     length_mm: float | None = None
@@ -122,9 +123,8 @@ def make_request(
     recipe = RECIPES[recipe_name]
     chosen = fill_choices(recipe, choices)
     has_rig = any(is_rig_source(source) for source in data.sources)
-    given = {
-        key: chosen[key] for key in ("tv_weight", "printability_weight", "mounted_views") if chosen[key] is not None
-    }
+    names = ("tv_weight", "printability_weight", "mounted_views", "mounted_fill")
+    given = {name: chosen[name] for name in names if chosen[name] is not None}
     return PatchRequest(
         class_name=class_name,
         data=data,

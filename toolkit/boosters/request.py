@@ -16,10 +16,12 @@ from toolkit.boosters.jpeg import JpegFile
 from toolkit.boosters.light import LightRanges
 from toolkit.boosters.pose import MixedPlacement, PoseRanges
 from toolkit.boosters.print_process import PrintProcess
+from toolkit.boosters.ranges import Range
 from toolkit.boosters.sensor_noise import SensorNoise
 from toolkit.boosters.training import Descent, Target
 from toolkit.errors import ToolkitError
 from toolkit.files import sha256_bytes
+from toolkit.rig.training import NEAR_POSES
 
 if TYPE_CHECKING:
     import torch
@@ -45,6 +47,7 @@ class PatchRequest:
         name: of its files; by default from the label.
         mounted_share: of each batch, that shows the rig's object with the sheet mounted on it.
         mounted_views: how many such views are rendered, a fifth of them held out.
+        mounted_fill: share of the frame that the object reaches in them, lowest and highest.
         pose: how a camera sees it on an object, for a share of the images.
         print_process: what the printer makes of it.
         glare: what its tape does.
@@ -64,6 +67,7 @@ class PatchRequest:
     name: str | None = None
     mounted_share: float = 0.0
     mounted_views: int = 240
+    mounted_fill: Range = NEAR_POSES.fill
     pose: PoseRanges | None = None
     print_process: PrintProcess | None = None
     glare: TapeGlare | None = None
@@ -79,6 +83,11 @@ class PatchRequest:
             raise ToolkitError(f"--mounted-share {self.mounted_share:g}: expected 0 to 1")
         if self.mounted_views < 2:
             raise ToolkitError(f"--mounted-views {self.mounted_views}: expected at least 2")
+        low, high = self.mounted_fill
+        if not 0.05 <= low <= high <= 1:
+            raise ToolkitError(
+                f"--mounted-fill {low:g} {high:g}: expected two shares of the frame, 0.05 to 1, lowest first"
+            )
         if self.epochs is not None and self.epochs < 1:
             raise ToolkitError(f"--epochs {self.epochs}: expected at least 1")
         for flag, weight in (("--tv-weight", self.tv_weight), ("--printability-weight", self.printability_weight)):
@@ -138,6 +147,7 @@ class PatchRequest:
             "printability_weight": self.printability_weight,
             "mounted_share": self.mounted_share,
             "mounted_views": self.mounted_views if self.mounted_share else None,
+            "mounted_fill": self.mounted_fill if self.mounted_share else None,
             "without_effect": self.without_effect,
         }
 

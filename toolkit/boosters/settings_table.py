@@ -30,7 +30,8 @@ def list_settings(request: PatchRequest, networks: list[str]) -> list[str]:
     if request.camera is None:
         idle.append("camera")
     if request.mounted_share:
-        share = f"{request.mounted_share:.0%} of each batch, {request.mounted_views} views, a fifth held out"
+        share = f"{request.mounted_share:.0%} of each batch, {request.mounted_views} views, a fifth held out, "
+        share += f"the object filling {request.mounted_fill[0]:g} to {request.mounted_fill[1]:g} of the frame"
         rows.append(("mounted", share))
     else:
         idle.append("mounted views")

@@ -105,6 +105,10 @@ def train_patch(
     mounted_views: Annotated[
         int | None, typer.Option(help="Such views, a fifth of them held out. Default: 240.")
     ] = None,
+    mounted_fill: Annotated[
+        Range | None,
+        typer.Option(help="Share of the frame that the object fills in them: its distance. Default: 0.6 0.95."),
+    ] = None,
     name: Annotated[
         str | None, typer.Option(help="File name of the patch, without suffix. Default: its class.")
     ] = None,
@@ -125,7 +129,8 @@ def train_patch(
 
     choices = Choices(
         steps, epochs, batch, lr, schedule, smoothing, start_contrast, rotation, share, foreshortening, pose, light,
-        print_process, glare, camera, mounted_share, mounted_views, tv_weight, printability_weight, length_mm,
+        print_process, glare, camera, mounted_share, mounted_views, mounted_fill, tv_weight, printability_weight,
+        length_mm,
     )  # fmt: skip
     request = make_request(
         recipe, choices, class_name, DataRequest(tuple(data), backgrounds, images, seed), size_px, seed, name

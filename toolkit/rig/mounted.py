@@ -15,7 +15,7 @@ from toolkit.patches import TAPE_MARGIN_MM
 from toolkit.rig.camera import Camera
 from toolkit.rig.mount import attach, mount_patch
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.training import PER_STUDIO, random_pose, random_studio
+from toolkit.rig.training import NEAR_POSES, PER_STUDIO, PoseRanges, random_pose, random_studio
 from toolkit.workspace import Workspace
 
 FOV_DEG = 30.5
@@ -39,7 +39,14 @@ class MountedView:
 
 
 def render_mounted_views(
-    workspace: Workspace, object_name: str, size_mm: float, count: int, seed: int, image_px: int, quiet: bool = False
+    workspace: Workspace,
+    object_name: str,
+    size_mm: float,
+    count: int,
+    seed: int,
+    image_px: int,
+    quiet: bool = False,
+    ranges: PoseRanges = NEAR_POSES,
 ) -> Iterator[MountedView]:
     """Yield `count` views from random poses, lights and backdrops; see `render_training_images` for their ranges.
 
@@ -53,6 +60,7 @@ def render_mounted_views(
         seed: of all draws.
         image_px: side of the square pictures.
         quiet: no progress bar.
+        ranges: where the camera may stand.
 
     Raises:
         ToolkitError: an unknown object, or a sheet that cannot be mounted.
@@ -71,7 +79,7 @@ def render_mounted_views(
             studio = random_studio(seed, start, float(item.mesh.size_mm.max()))
             black, white = (RaycastRenderer(mesh, studio) for mesh in dressed)
             for i in range(start, min(start + PER_STUDIO, count)):
-                T_world_camera = random_pose(np.random.default_rng([seed, i, 2]), item.mesh, camera)
+                T_world_camera = random_pose(np.random.default_rng([seed, i, 2]), item.mesh, camera, ranges)
                 dark = black.render(camera, T_world_camera)
                 gain = np.maximum(white.render(camera, T_world_camera) - dark, 0)
                 uv = _on_patch(black.sheet_samples(camera, T_world_camera), side_mm)
