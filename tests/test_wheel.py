@@ -73,3 +73,18 @@ def test_the_installed_wheel_runs_the_demo(site, weights, tmp_path):
     assert (tmp_path / "lab/eval/resnet18/report.html").stat().st_size > 20_000
     for name in ("racer", "warplane", "coffeepot", "eggnog"):
         assert (tmp_path / f"lab/print/{name}.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_without_weights_and_network_the_demo_speaks_through_rig18(site, tmp_path):
+    def toolkit(*arguments: str) -> str:
+        nowhere = {"HTTPS_PROXY": "http://127.0.0.1:9", "TORCH_HOME": str(tmp_path / "cache"), "TOOLKIT_WEIGHTS": ""}
+        return run(sys.executable, "-m", "toolkit", *arguments, cwd=tmp_path, PYTHONPATH=str(site), **nowhere)
+
+    toolkit("init", "lab")
+    toolkit("plan", "--workspace", "lab", "--count", "2", "--pattern", "ring", "--size", "160", "120", "--quiet")
+    said = " ".join(toolkit("demo", "lab", "--quiet").split())
+    assert "network: rig18 (resnet18 trained on renders of 36 kinds of everyday objects" in said
+    assert "not ImageNet" in said and "none could be downloaded" in said
+    summary = json.loads((tmp_path / "lab/eval/rig18/summary.json").read_text())
+    assert summary["model"]["name"] == "rig18"
+    assert (tmp_path / "lab/print/rig18/racer.pdf").read_bytes().startswith(b"%PDF")

@@ -174,8 +174,10 @@ def write_plan(file: Path, plan: CapturePlan) -> Path:
     return write_json(file, plan.model_dump(mode="json", exclude_none=True))
 
 
-def open_plan(workspace: Workspace, names: list[str] | None = None) -> CapturePlan:
+def open_plan(workspace: Workspace, names: list[str] | None = None, pattern: Pattern | None = None) -> CapturePlan:
     """The workspace's plan; objects of `names` that it lacks, or all known where there is none, are planned and added.
+
+    Those that are planned follow `pattern`; poses that are there stay as they are.
 
     Raises:
         ToolkitError: the plan is broken, or an object is unknown.
@@ -186,7 +188,7 @@ def open_plan(workspace: Workspace, names: list[str] | None = None) -> CapturePl
     if old is not None and not missing:
         return old
     items = [load_object(workspace.object_spec(name)) for name in missing]
-    plan = keep_others(old, make_plan(items, old.camera.camera() if old else Camera(), Pattern()))
+    plan = keep_others(old, make_plan(items, old.camera.camera() if old else Camera(), pattern or Pattern()))
     write_plan(workspace.plan_file, plan)
     return plan
 
