@@ -31,10 +31,9 @@ docs: setup .venv/.test
 	$(BIN)/toolkit capture-sim --workspace demo $(CONTROLS)
 	for model in resnet18 mobilenet_v2 $(DOCS_MODELS); do \
 		$(BIN)/toolkit eval demo/captures --workspace demo --source sim --model $$model || exit 1; done
-	$(BIN)/toolkit capture-sim --workspace demo --patches rig18 --variant unpatched --variant patched $(CONTROLS)
-	$(BIN)/toolkit eval demo/captures --workspace demo --source sim-rig18 --model rig18
 	for axis in light backdrop distance resolution size; do \
 		$(BIN)/toolkit sweep $$axis --workspace demo || exit 1; done
+	$(BIN)/toolkit sweep distance --values 1,2,2.5,3 --workspace demo --model rig18 --patches rig18
 	$(BIN)/python docs/make.py demo
 
 setup: .venv/.installed

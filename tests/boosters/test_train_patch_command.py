@@ -56,7 +56,7 @@ def test_it_says_what_it_made_and_what_comes_next(type_command, tmp_path):
 
 def test_json_is_the_result_and_nothing_else(type_command, tmp_path):
     write_photos(tmp_path / "photos", 6)
-    code, said, _ = type_command("--class", "3", "--data", "photos", "--json", *QUICK)
+    code, said, _ = type_command("--class", "3", "--data", "photos", "--json", *QUICK, "--lr", "0.5")
     result = json.loads(said)
     assert code == 0
     assert result["record"]["class_name"] == "jet"
