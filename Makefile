@@ -31,6 +31,11 @@ docs: setup .venv/.test
 	$(BIN)/toolkit capture-sim --workspace demo $(CONTROLS)
 	for model in resnet18 mobilenet_v2 $(DOCS_MODELS); do \
 		$(BIN)/toolkit eval demo/captures --workspace demo --source sim --model $$model || exit 1; done
+	mkdir -p demo/print/patches && cp -r print/patches/both demo/print/patches/
+	$(BIN)/toolkit capture-sim --workspace demo --patches both --object coffeepot --object racer
+	for model in resnet18 mobilenet_v2 $(DOCS_MODELS); do \
+		$(BIN)/toolkit eval demo/captures --workspace demo --source sim-both --model $$model --run both-$${model##*:} \
+		|| exit 1; done
 	for axis in light backdrop distance resolution size; do \
 		$(BIN)/toolkit sweep $$axis --workspace demo || exit 1; done
 	$(BIN)/toolkit sweep distance --values 1,2,2.5,3 --workspace demo --model rig18 --patches rig18

@@ -130,6 +130,9 @@ def write_results(space: Workspace, run: str = "resnet18") -> str:
         "",
         *write_summary(summaries),
         "",
+        "Rows called `both-…` are of two patches trained on ResNet-18 and MobileNetV2 together (`print/patches/both`),",
+        "the others of the shipped ones, trained on ResNet-18 alone.",
+        "",
         "![all captures](figures/contact-sheet.jpg)",
         "",
         "All captures of the shipped run: per object the bare row above the patched row, a column per pose, framed",
@@ -139,11 +142,10 @@ def write_results(space: Workspace, run: str = "resnet18") -> str:
     lines += write_sweeps(space, FIGURES, run)
     for name, summary in summaries.items():
         model = summary["model"]
-        role = "a network that no patch saw"
-        for own in sets:
-            seen = {net.sha256 for patch in own.patches().values() for net in read_patch(patch).record.networks}
-            if model["sha256"] in seen:
-                role = "a network that the patches were trained on"
+        patch_set = summary["groups"][0]["source"].partition("-")[2] or None
+        own = next(one for one in sets if one.patch_set == patch_set)
+        seen = {net.sha256 for patch in own.patches().values() for net in read_patch(patch).record.networks}
+        role = f"a network that {'the patches were trained on' if model['sha256'] in seen else 'no patch saw'}"
         lines += [
             "", f"## {name}: {role}", "",
             f"{model['description']}, sha256 `{model['sha256'][:16]}…`.", "",
