@@ -8,13 +8,13 @@ from PIL import Image, ImageDraw, ImageFont
 from toolkit.boosters.affine import AffineRanges
 from toolkit.boosters.appearance import Appearance, show_patch
 from toolkit.boosters.blur import CameraBlur
-from toolkit.boosters.draws import Draws
 from toolkit.boosters.glare import TapeGlare
 from toolkit.boosters.jpeg import JpegFile
 from toolkit.boosters.light import LightRanges
 from toolkit.boosters.pose import PoseRanges
 from toolkit.boosters.print_process import PrintProcess
 from toolkit.boosters.sensor_noise import SensorNoise
+from toolkit.draws import Draws
 
 CELL_PX, CAPTION_PX, GAP_PX, DRAWS = 224, 30, 8, 2
 STILL = AffineRanges(rotation_deg=(12, 12), share=(0.6, 0.6), foreshortening=(0.9, 0.9), overhang=0)

@@ -1,6 +1,6 @@
 """What the user sees: a progress bar with rate and time left, tables, and the closing words of a command."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -9,6 +9,12 @@ from rich.text import Text
 
 console = Console(highlight=False)
 errors = Console(stderr=True, highlight=False)
+
+
+def list_skipped(skipped: Iterable[tuple[str, str]]) -> None:
+    """Say on stderr which files could not be used, and why."""
+    for path, reason in skipped:
+        errors.print(f"skipped {path}: {reason}", style="yellow", markup=False, soft_wrap=True)
 
 
 class RateColumn(ProgressColumn):

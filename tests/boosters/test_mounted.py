@@ -10,7 +10,6 @@ from tiny_network import LABELS, tiny_classifier
 
 from toolkit.boosters.affine import AffineRanges
 from toolkit.boosters.appearance import Appearance
-from toolkit.boosters.draws import Draws
 from toolkit.boosters.mounted import (
     MountedViews,
     develop,
@@ -21,6 +20,7 @@ from toolkit.boosters.mounted import (
     validate_mounted,
 )  # fmt: skip
 from toolkit.boosters.training import Descent, Target, draw_first_patch, patch_gradient, train_steps
+from toolkit.draws import Draws
 from toolkit.rig import finish, mounted
 from toolkit.rig.camera import Camera
 from toolkit.rig.mount import attach, mount_patch

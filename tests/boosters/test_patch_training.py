@@ -10,7 +10,6 @@ from tiny_network import IMAGE_PX, LABELS, tiny_classifier, wrap
 from toolkit.boosters import training
 from toolkit.boosters.affine import AffineRanges
 from toolkit.boosters.appearance import Appearance, show_patch
-from toolkit.boosters.draws import Draws
 from toolkit.boosters.light import LightRanges
 from toolkit.boosters.training import (
     Descent,
@@ -20,6 +19,7 @@ from toolkit.boosters.training import (
     smooth_gradient,
     train_steps,
 )
+from toolkit.draws import Draws
 from toolkit.errors import ToolkitError
 
 PLAIN = Appearance(AffineRanges(share=(0.4, 0.6)))

@@ -7,8 +7,8 @@ import torch
 
 from toolkit.boosters.affine import AffineRanges
 from toolkit.boosters.appearance import Appearance, show_patch
-from toolkit.boosters.draws import Draws
 from toolkit.boosters.pose import MixedPlacement, PoseRanges, Sheet, angle_above, box_corners, draw_sheet, project_sheet
+from toolkit.draws import Draws
 from toolkit.errors import ToolkitError
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
 

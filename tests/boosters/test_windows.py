@@ -3,9 +3,9 @@ import torch
 
 from toolkit.boosters.affine import AffineRanges
 from toolkit.boosters.appearance import Appearance, show_patch
-from toolkit.boosters.draws import Draws
 from toolkit.boosters.warp import warp_patch
 from toolkit.boosters.windows import cut_windows, find_windows, paste_windows
+from toolkit.draws import Draws
 
 RANGES = AffineRanges(overhang=0.3)
 

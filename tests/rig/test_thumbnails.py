@@ -6,7 +6,7 @@ from toolkit.objects.load import load_object
 from toolkit.rig.camera import Camera, project
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
-from toolkit.rig.training import THUMBNAIL_DETAIL, WIDE_POSES, random_pose, render_thumbnails, turn_mesh
+from toolkit.rig.training import THUMBNAIL_DETAIL, WIDE_VIEWS, random_pose, render_thumbnails, turn_mesh
 
 CAMERA = Camera(48, 48, 30.5)
 
@@ -24,7 +24,7 @@ def test_all_depends_on_the_seed(make_box):
 def test_poses_fill_the_wide_ranges(make_box):
     mesh = make_box()
     rng = np.random.default_rng(0)
-    poses = [random_pose(rng, mesh, CAMERA, WIDE_POSES) for _ in range(400)]
+    poses = [random_pose(rng, mesh, CAMERA, WIDE_VIEWS) for _ in range(400)]
     positions = np.array([pose[:3, 3] for pose in poses]) - [0, 0, mesh.size_mm[2] / 2]
     elevation = np.degrees(np.arcsin(positions[:, 2] / np.linalg.norm(positions, axis=1)))
     assert elevation.min() < 12 and 72 < elevation.max() < 88

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from toolkit.boosters.draws import Draws
 from toolkit.boosters.warp import warp_patch
 from toolkit.boosters.windows import cut_windows, find_windows, move_origin, paste_windows
+from toolkit.draws import Draws
 
 if TYPE_CHECKING:
     import torch

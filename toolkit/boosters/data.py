@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.boosters.draws import Draws
 from toolkit.boosters.folder_data import Loaded, choose_files, load_files
 from toolkit.boosters.rig_data import choose_object, is_rig_source, load_renders
 from toolkit.classifiers.preprocessing import Preprocessing
 from toolkit.console import progress
+from toolkit.draws import Draws
 from toolkit.errors import ToolkitError
 from toolkit.files import sha256_bytes
 from toolkit.workspace import Workspace

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.captures.folder import find_files, show_path
 from toolkit.classifiers.labels import imagenet_wnids
 from toolkit.classifiers.preprocessing import Preprocessing, resize_and_crop
 from toolkit.errors import ToolkitError, one_of
+from toolkit.image_folder import find_files, show_path
 from toolkit.images import UnreadableImage, read_image
 
 BACKGROUNDS = ("auto", "all", "class")

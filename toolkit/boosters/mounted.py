@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.boosters.draws import Draws
 from toolkit.boosters.training import Target
 from toolkit.boosters.validation import Share, Validation
+from toolkit.draws import Draws
 from toolkit.files import sha256_bytes
 from toolkit.rig.finish import SHOULDER
 from toolkit.rig.mounted import MountedView

@@ -18,7 +18,7 @@ from toolkit.boosters.validation import Validation
 from toolkit.errors import ToolkitError
 from toolkit.patches import Patch, printed_size_mm, read_patch
 from toolkit.rig.mounted import render_mounted_views
-from toolkit.rig.training import PoseRanges
+from toolkit.rig.training import ViewRanges
 from toolkit.workspace import Workspace
 
 FEW_IMAGES = 32
@@ -123,7 +123,7 @@ def _load_views(request: PatchRequest, workspace: Workspace, names, classifier, 
         raise ToolkitError("--mounted-share needs the object in the rig: add --data rig, or set it to 0")
     views = render_mounted_views(
         workspace, choose_object(workspace, source, names), printed_size_mm(request.size_px), request.mounted_views,
-        request.data.seed, classifier.preprocessing.resize_px, quiet, PoseRanges(fill=request.mounted_fill),
+        request.data.seed, classifier.preprocessing.resize_px, quiet, ViewRanges(fill=request.mounted_fill),
     )  # fmt: skip
     return stack_views(list(views), classifier.device)
 

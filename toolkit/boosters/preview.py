@@ -7,8 +7,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from toolkit.boosters.appearance import Appearance, show_patch
 from toolkit.boosters.batches import cut_centres
-from toolkit.boosters.draws import Draws
 from toolkit.boosters.training import Target
+from toolkit.draws import Draws
 
 if TYPE_CHECKING:
     import torch

@@ -21,7 +21,7 @@ from toolkit.boosters.sensor_noise import SensorNoise
 from toolkit.boosters.training import Descent, Target
 from toolkit.errors import ToolkitError
 from toolkit.files import sha256_bytes
-from toolkit.rig.training import NEAR_POSES
+from toolkit.rig.training import NEAR_VIEWS
 
 if TYPE_CHECKING:
     import torch
@@ -67,7 +67,7 @@ class PatchRequest:
     name: str | None = None
     mounted_share: float = 0.0
     mounted_views: int = 240
-    mounted_fill: Range = NEAR_POSES.fill
+    mounted_fill: Range = NEAR_VIEWS.fill
     pose: PoseRanges | None = None
     print_process: PrintProcess | None = None
     glare: TapeGlare | None = None

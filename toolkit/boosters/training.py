@@ -10,8 +10,8 @@ import numpy as np
 
 from toolkit.boosters.appearance import Appearance, place_patch, print_patch, take_photos
 from toolkit.boosters.batches import draw_batch
-from toolkit.boosters.draws import Draws
 from toolkit.classifiers.precision import mixed_precision
+from toolkit.draws import Draws
 from toolkit.errors import ToolkitError, one_of
 
 if TYPE_CHECKING:

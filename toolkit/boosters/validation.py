@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from toolkit.boosters.appearance import Appearance, show_patch
 from toolkit.boosters.batches import cut_centres
-from toolkit.boosters.draws import Draws
 from toolkit.boosters.training import Target
+from toolkit.draws import Draws
 from toolkit.statistics import wilson_interval
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from toolkit.captures.folder import FoundFiles, find_files, show_path
 from toolkit.captures.manifest import MANIFEST, CaptureRecord, read_manifest
 from toolkit.errors import ToolkitError, one_of
+from toolkit.image_folder import FoundFiles, find_files, show_path
 
 UNPATCHED = "unpatched"
 POOLED = "all"

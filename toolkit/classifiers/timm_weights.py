@@ -1,15 +1,14 @@
 """Find the weights of a timm network: the user's file, a folder of weights, or timm's own at the Hugging Face hub."""
 
-import os
 from pathlib import Path
 from typing import Any
 
 from toolkit.classifiers.weights import (
-    FOLDER_VARIABLE,
     WeightsFile,
     check_named,
     download,
     find_in_folder,
+    no_weights,
     open_weights,
 )
 from toolkit.errors import ToolkitError
@@ -56,10 +55,4 @@ def _fetch_from_hub(name: str, repo: str, filename: str, quiet: bool) -> Path:
         return Path(hf_hub_download(repo, filename, etag_timeout=HUB_TIMEOUT_S))
     except Exception as error:  # those of requests or of httpx, by the hub client's version, and its own
         reason = (str(error).strip().splitlines() or [""])[0][:160] or error.__class__.__name__
-    folder = os.environ.get(FOLDER_VARIABLE)
-    looked = f"{folder} has none" if folder else "not set"
-    raise ToolkitError(
-        f"no weights for timm:{name}: give a file with --weights, or set {FOLDER_VARIABLE} to a folder that holds "
-        f"{name}-*.pth or .safetensors ({looked}), or let it download {repo} from the Hugging Face hub "
-        f"(failed: {reason})"
-    )
+    raise no_weights(f"timm:{name}", name, f"let it download {repo} from the Hugging Face hub (failed: {reason})")

@@ -158,14 +158,19 @@ def download(arch: str, url: str, quiet: bool, timeout_s: float = DOWNLOAD_TIMEO
             torch.hub.download_url_to_file(url, str(target), digits[1] if digits else None, progress=not quiet)
     except (OSError, http.client.HTTPException, RuntimeError) as error:
         reason = str(getattr(error, "reason", "") or error).strip() or error.__class__.__name__
-        folder = os.environ.get(FOLDER_VARIABLE)
-        looked = f"{folder} has none" if folder else "not set"
-        raise ToolkitError(
-            f"no weights for {arch}: give a file with --weights, or set {FOLDER_VARIABLE} to a folder that holds "
-            f"{arch}-*.pth or .safetensors ({looked}), or put {name} into torch's cache {cache_dir()}, "
-            f"or let it download from {url} (failed: {reason})"
-        ) from None
+        others = f"put {name} into torch's cache {cache_dir()}, or let it download from {url} (failed: {reason})"
+        raise no_weights(arch, arch, others) from None
     return target
+
+
+def no_weights(model: str, file_stem: str, others: str) -> ToolkitError:
+    """The error of a network whose weights cannot be had: the ways that every network has, then its `others`."""
+    folder = os.environ.get(FOLDER_VARIABLE)
+    looked = f"{folder} has none" if folder else "not set"
+    return ToolkitError(
+        f"no weights for {model}: give a file with --weights, or set {FOLDER_VARIABLE} to a folder that holds "
+        f"{file_stem}-*.pth or .safetensors ({looked}), or {others}"
+    )
 
 
 @contextlib.contextmanager

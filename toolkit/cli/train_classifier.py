@@ -82,10 +82,9 @@ def train_classifier(
 
 
 def _report(trained: "TrainedClassifier", out: Path | None, as_json: bool) -> None:
-    from toolkit.console import console, errors
+    from toolkit.console import console, list_skipped
 
-    for path, reason in trained.skipped:
-        errors.print(f"skipped {path}: {reason}", style="yellow", markup=False, soft_wrap=True)
+    list_skipped(trained.skipped)
     record = trained.record
     if as_json:
         result = {

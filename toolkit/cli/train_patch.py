@@ -161,11 +161,10 @@ def _load_networks(
 
 
 def _report(trained: "TrainedPatch", as_json: bool) -> None:
-    from toolkit.console import console, errors
+    from toolkit.console import console, list_skipped
     from toolkit.print_scores import PrintScores
 
-    for path, reason in trained.skipped:
-        errors.print(f"skipped {path}: {reason}", style="yellow", markup=False, soft_wrap=True)
+    list_skipped(trained.skipped)
     record = trained.patch.record
     if as_json:
         result = {

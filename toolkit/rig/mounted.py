@@ -15,7 +15,7 @@ from toolkit.patches import TAPE_MARGIN_MM
 from toolkit.rig.camera import Camera
 from toolkit.rig.mount import attach, mount_patch
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.training import NEAR_POSES, PER_STUDIO, PoseRanges, random_pose, random_studio
+from toolkit.rig.training import NEAR_VIEWS, PER_STUDIO, ViewRanges, random_pose, random_studio
 from toolkit.workspace import Workspace
 
 FOV_DEG = 30.5
@@ -46,7 +46,7 @@ def render_mounted_views(
     seed: int,
     image_px: int,
     quiet: bool = False,
-    ranges: PoseRanges = NEAR_POSES,
+    ranges: ViewRanges = NEAR_VIEWS,
 ) -> Iterator[MountedView]:
     """Yield `count` views from random poses, lights and backdrops; see `render_training_images` for their ranges.
 

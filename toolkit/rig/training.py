@@ -22,7 +22,7 @@ CAMERA = Camera(width=320, height=288, fov_deg=40.0)
 
 
 @dataclass(frozen=True)
-class PoseRanges:
+class ViewRanges:
     """Where a random camera may stand, lowest and highest; the azimuth is anywhere.
 
     Attributes:
@@ -38,8 +38,8 @@ class PoseRanges:
     off_centre: float = 0.0
 
 
-NEAR_POSES = PoseRanges()
-WIDE_POSES = PoseRanges((5.0, 80.0), (-20.0, 20.0), (0.35, 1.05), 0.15)
+NEAR_VIEWS = ViewRanges()
+WIDE_VIEWS = ViewRanges((5.0, 80.0), (-20.0, 20.0), (0.35, 1.05), 0.15)
 THUMBNAIL_DETAIL = BakeDetail(key_rays=10, room_rays=40, surface_spacing=0.035, table_spacing=0.03)
 """Light for small pictures, in which finer shade is not seen."""
 THUMBNAIL_TABLE_PX = 640
@@ -87,7 +87,7 @@ def render_thumbnails(mesh: Mesh, count: int, seed: tuple[int, ...], camera: Cam
     renderer = RaycastRenderer(turned, _coarsen_studio(studio), THUMBNAIL_DETAIL)
     pictures = np.empty((count, camera.height, camera.width, 3), np.uint8)
     for i in range(count):
-        pose = random_pose(np.random.default_rng([*seed, 2, i]), turned, camera, WIDE_POSES)
+        pose = random_pose(np.random.default_rng([*seed, 2, i]), turned, camera, WIDE_VIEWS)
         pictures[i] = develop(renderer.render(camera, pose), (*seed, 2, i))
     return pictures
 
@@ -115,7 +115,7 @@ def random_studio(seed: int, start: int, size_mm: float) -> Studio:
     return make_studio((seed, start), size_mm, light=light)
 
 
-def random_pose(rng: np.random.Generator, mesh: Mesh, camera: Camera, ranges: PoseRanges = NEAR_POSES) -> np.ndarray:
+def random_pose(rng: np.random.Generator, mesh: Mesh, camera: Camera, ranges: ViewRanges = NEAR_VIEWS) -> np.ndarray:
     """(4, 4) `T_world_camera` somewhere around an object, within `ranges`: by default `render_training_images`'s."""
     azimuth, elevation, roll = rng.uniform(0, 360), rng.uniform(*ranges.elevation_deg), rng.uniform(*ranges.roll_deg)
     target = np.array([0.0, 0.0, mesh.size_mm[2] / 2])

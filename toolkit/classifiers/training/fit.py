@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.boosters.draws import Draws
 from toolkit.classifiers.preprocessing import Preprocessing
 from toolkit.classifiers.training.augment import augment_batch
 from toolkit.classifiers.training.half_precision import autocast
 from toolkit.classifiers.training.recipe import Recipe
 from toolkit.classifiers.training.start import load_tensors
+from toolkit.draws import Draws
 from toolkit.errors import ToolkitError
 
 AUXILIARY_WEIGHT = 0.3

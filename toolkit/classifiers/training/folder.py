@@ -6,9 +6,9 @@ from zlib import crc32
 
 import numpy as np
 
-from toolkit.captures.folder import find_files, show_path
 from toolkit.classifiers.preprocessing import Preprocessing, resize_and_crop
 from toolkit.errors import ToolkitError
+from toolkit.image_folder import find_files, show_path
 from toolkit.images import UnreadableImage, read_image
 
 TRAIN_NAME, HELD_OUT_NAMES = "train", ("val", "validation", "test")
