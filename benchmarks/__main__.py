@@ -3,7 +3,7 @@
 from importlib import import_module
 
 MARKS = {"ratio to pyrender": 2.5, "ratio to open3d": 2.0, "ratio to the formula": 1.0, "geometric mean": 3.0}
-MODULES = ("bench_rig", "bench_eval", "bench_train_patch", "bench_corruptions")
+MODULES = ("bench_rig", "bench_eval", "bench_train_patch", "bench_train_texture", "bench_corruptions")
 
 
 def main() -> None:

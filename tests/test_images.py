@@ -66,7 +66,7 @@ def test_exif_orientation(tmp_path, orientation, suffix):
 
 def test_heic_orientation(tmp_path):
     """HEIF turns by a box of its own, which the writer makes of the EXIF bytes; the tag itself says nothing there."""
-    images._register_heif()
+    images.register_heif()
     exif = Image.Exif()
     exif[0x0112] = 6
     scene().transpose(Image.Transpose.ROTATE_90).save(tmp_path / "phone.heic", exif=exif.tobytes(), quality=95)

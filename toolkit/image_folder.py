@@ -1,13 +1,14 @@
 """Find the images of a folder safely: nothing hidden, nothing half-written, nothing outside it."""
 
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from toolkit.errors import ToolkitError
 from toolkit.images import is_image_name
 
-BY_DESIGN = frozenset(("manifest.jsonl", "transforms.json"))
+BY_DESIGN = frozenset(("manifest.jsonl", "transforms.json", "retake.txt"))
 
 
 @dataclass(frozen=True)
@@ -25,8 +26,12 @@ class FoundFiles:
     others: tuple[str, ...]
 
 
-def find_files(root: Path) -> FoundFiles:
+def find_files(root: Path, is_wanted: Callable[[str], bool] = is_image_name) -> FoundFiles:
     """Walk a folder; hidden and `.partial` files are passed over.
+
+    Args:
+        root: the folder.
+        is_wanted: whether a file of that name counts as an image.
 
     Raises:
         ToolkitError: the folder does not exist, is a file, or may not be read.
@@ -50,7 +55,7 @@ def find_files(root: Path) -> FoundFiles:
             if _is_passed_over(name) or name in BY_DESIGN:
                 continue
             path = here / name
-            if not is_image_name(name):
+            if not is_wanted(name):
                 others.append(show_path((*parts, name)))
             elif path.is_symlink() and not path.resolve().is_relative_to(real_root):
                 refused.append(

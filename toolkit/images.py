@@ -47,12 +47,20 @@ def read_image(path: Path, short_side_px: int | None = None) -> np.ndarray:
     Raises:
         UnreadableImage: the file is empty, no image, truncated, of a kind that cannot be shown, or far too large.
     """
-    path = Path(path)
-    _register_heif()
+    return _decode(Path(path), None, short_side_px)
+
+
+def decode_image(content: bytes, name: Path, short_side_px: int | None = None) -> np.ndarray:
+    """`read_image` for bytes that lie in memory; `name` is what errors call them."""
+    return _decode(Path(name), content, short_side_px)
+
+
+def _decode(path: Path, content: bytes | None, short_side_px: int | None) -> np.ndarray:
+    register_heif()
     try:
-        if path.stat().st_size == 0:
+        if (path.stat().st_size if content is None else len(content)) == 0:
             raise UnreadableImage(path, "the file is empty")
-        with Image.open(path) as image:
+        with Image.open(path if content is None else io.BytesIO(content)) as image:
             if short_side_px is not None:
                 image.draft(image.mode, (DRAFT_MARGIN * short_side_px, DRAFT_MARGIN * short_side_px))
             megapixels = image.width * image.height / 1e6
@@ -67,10 +75,11 @@ def read_image(path: Path, short_side_px: int | None = None) -> np.ndarray:
         raise
     # the bytes may come from anywhere, and decoders raise nearly every built-in exception on hostile ones
     except Exception as error:
-        raise UnreadableImage(path, _explain(error)) from None
+        raise UnreadableImage(path, explain_damage(error)) from None
 
 
-def _explain(error: Exception) -> str:
+def explain_damage(error: Exception) -> str:
+    """In a few words what is wrong with an image, from what its decoder raised."""
     if isinstance(error, Image.UnidentifiedImageError):
         return "not an image, whatever its name says"
     if isinstance(error, Image.DecompressionBombError):
@@ -84,7 +93,8 @@ def _explain(error: Exception) -> str:
 
 
 @lru_cache(maxsize=1)
-def _register_heif() -> None:
+def register_heif() -> None:
+    """Teach Pillow to open HEIC files, once."""
     try:
         from pillow_heif import register_heif_opener
     except ImportError:

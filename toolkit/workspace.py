@@ -8,7 +8,7 @@ from toolkit.errors import ToolkitError, one_of
 from toolkit.files import explain_write_error, write_text
 
 PACKAGE_DATA = Path(__file__).parent / "data"
-PATCH_SET_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
+PATCH_SET_NAME = TEXTURE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,11 @@ class Workspace:
         return self.root / "print" / "patches" / (self.patch_set or "")
 
     @property
+    def textures_dir(self) -> Path:
+        """Trained textures, their records, and the objects that wear them."""
+        return self.root / "rig" / "textures"
+
+    @property
     def captures_dir(self) -> Path:
         """Images, by source."""
         return self.root / "captures"
@@ -66,6 +71,11 @@ class Workspace:
     def patches(self) -> dict[str, Path]:
         """PNG of every known patch by name; a file of the workspace wins over the package's."""
         return _named_files(Path("patches", self.patch_set or ""), "*.png", self.patches_dir)
+
+    def textures(self) -> dict[str, Path]:
+        """PNG of every known texture by name; a file of the workspace wins over the package's."""
+        found = _named_files("textures", "*.png", self.textures_dir)
+        return {name: file for name, file in found.items() if TEXTURE_NAME.fullmatch(name)}  # others mask their paint
 
     def with_patches(self, patch_set: str | None) -> "Workspace":
         """The same workspace with the patches in a sub-folder of `print/patches`; None for those in the folder itself.
@@ -104,6 +114,13 @@ class Workspace:
         if name not in patches:
             raise one_of("patch", name, sorted(patches))
         return patches[name]
+
+    def texture(self, name: str) -> Path:
+        """The PNG of one texture; an unknown name is a `ToolkitError`."""
+        textures = self.textures()
+        if name not in textures:
+            raise one_of("texture", name, sorted(textures))
+        return textures[name]
 
 
 def _named_files(kind: str | Path, pattern: str, own: Path) -> dict[str, Path]:
@@ -158,7 +175,7 @@ def make_workspace(folder: Path) -> Workspace:
     space = Workspace(folder.resolve())
     guide = space.objects_dir / "README.txt"
     try:
-        for path in (space.objects_dir, space.patches_dir, space.captures_dir, space.eval_dir):
+        for path in (space.objects_dir, space.textures_dir, space.patches_dir, space.captures_dir, space.eval_dir):
             path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise explain_write_error(folder, error) from error

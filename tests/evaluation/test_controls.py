@@ -7,13 +7,15 @@ import pytest
 from scipy.stats import binomtest
 
 from toolkit.captures.read import Capture
-from toolkit.captures.variants import VARIANTS
-from toolkit.evaluation.answers import HELPS, STICKER, THIS_PATCH
+from toolkit.captures.variants import CONTROLS_OF, VARIANTS
+from toolkit.evaluation.answers import EITHER, STICKER, ask_help, ask_this
 from toolkit.evaluation.controls import compare_controls
 from toolkit.evaluation.findings import find_results
 from toolkit.evaluation.order import rank_variant
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.run import evaluate_captures
+
+HELPS, THIS_PATCH = ask_help("patched"), ask_this("patched")
 
 
 def shoot(name="racer", source="sim", n=18, **right):
@@ -40,16 +42,19 @@ STRONG = {"unpatched": 2, "patched": 17, "wrong_patch": 1, "random_patch": 4, "g
 
 
 def test_order_of_variants():
-    names = [*reversed(VARIANTS), "qr-code", "texture"]
+    names = [*reversed(VARIANTS), "qr-code", "sticker"]
     expected = [
         "unpatched",
         "patched",
+        "textured",
         "qr-code",
-        "texture",
+        "sticker",
         "wrong-patch",
         "random-patch",
         "grey-patch",
         "patch-alone",
+        "random-texture",
+        "grey-texture",
     ]
     assert sorted(names, key=rank_variant) == expected
 
@@ -159,7 +164,7 @@ def test_the_sticker_alone_is_no_flip():
 
 def test_summary_and_report(put, workspace, colour_classifier):
     for pose in range(1, 9):
-        for variant in VARIANTS:
+        for variant in ("unpatched", "patched", *CONTROLS_OF["patched"]):
             says = "racer" if variant in ("patched", "patch-alone") else "eggnog"
             put(f"sim/racer/{variant}/pose_{pose:02d}.png", says)
     result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
@@ -186,3 +191,72 @@ def test_without_controls_nothing_is_added(put, workspace, colour_classifier):
     result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
     assert result.summary["controls"] == {"comparisons": [], "answers": []}
     assert 'id="controls"' not in result.report_file.read_text(encoding="utf-8")
+
+
+GREEN = {"unpatched": 2, "textured": 17, "random_texture": 4, "grey_texture": 3}
+
+
+def test_it_is_this_texture():
+    """The controls of the texture are for the texture, as the patch's are for the patch."""
+    lines = find_results("net", shoot(**GREEN)).headlines
+    assert [one.question for one in lines] == [ask_help("textured"), ask_this("textured")]
+    assert [one.verdict for one in lines] == ["The texture helps", "It is this texture"]
+    assert "17 of 18 (94 %, 95 % interval 74–99 %) with the texture and on 2 of 18" in lines[0].sentence
+    assert "4 of 18 (22 %, 95 % interval 9–45 %) with the best control, 'random-texture'" in lines[1].sentence
+    assert "13 only with the texture" in lines[1].sentence
+    words = " ".join(one.verdict + one.sentence + one.question for one in lines)
+    assert "patch" not in words and "sticker" not in words
+    found = answer(shoot(**(GREEN | {"grey_texture": 14})), ask_this("textured"))
+    assert found.verdict == "Not shown to be this texture" and "'grey-texture'" in found.sentence
+
+
+@pytest.mark.parametrize(
+    ("patched", "textured", "tone", "verdict"),
+    [
+        (5, 17, "good", "The texture does better"),
+        (17, 5, "good", "The patch does better"),
+        (15, 17, "open", "No difference shown between patch and texture"),
+    ],
+)
+def test_patch_or_texture(patched, textured, tone, verdict):
+    seen = shoot(unpatched=1, patched=patched, textured=textured)
+    found = answer(seen, EITHER)
+    assert (found.tone, found.verdict) == (tone, verdict)
+    lost, won = max(0, patched - textured), max(0, textured - patched)
+    assert f"{lost} only with the patch and {won} only with the texture" in found.sentence
+    assert [one.question for one in find_results("net", seen).headlines] == [
+        ask_help("patched"), ask_help("textured"), EITHER,
+    ]  # fmt: skip
+
+
+def test_a_texture_beside_nothing_but_the_bare_object():
+    (only,) = find_results("net", shoot(unpatched=2, textured=9)).headlines
+    assert (only.variant, only.question, only.verdict) == ("textured", "", "The texture helps")
+    assert "Of 18 pairs, 7 became right and 0 became wrong" in only.sentence
+    (lonely,) = find_results("net", shoot(unpatched=2, grey_texture=9)).headlines
+    assert lonely.variant == "grey-texture" and "'grey-texture'" in lonely.verdict
+
+
+def test_report_of_every_variant(put, workspace, colour_classifier):
+    for pose in range(1, 9):
+        for variant in VARIANTS:
+            put(f"sim/racer/{variant}/{pose}.png", "racer" if variant in ("patched", "textured") else "eggnog")
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    assert [one["question"] for one in result.summary["controls"]["answers"]] == [
+        HELPS, ask_help("textured"), THIS_PATCH, STICKER, ask_this("textured"), EITHER,
+    ]  # fmt: skip
+    assert {pair["variant"] for pair in result.summary["pairs"]} == set(VARIANTS) - {"unpatched"}
+    html = result.report_file.read_text(encoding="utf-8")
+    for word in ("The texture helps", "It is this texture", "It is this patch", "it is this texture</i> need p"):
+        assert word in html
+    places = [html.index(f'<td class="text">{name}</td>') for name in ("unpatched", "patched", "textured")]
+    assert places == sorted(places)
+
+
+def test_report_of_patch_and_texture_speaks_of_no_controls(put, workspace, colour_classifier):
+    for variant in ("unpatched", "patched", "textured"):
+        put(f"sim/racer/{variant}/1.png", "racer")
+    html = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True).report_file.read_text(
+        encoding="utf-8"
+    )
+    assert "Patch and texture</h2>" in html and "Controls" not in html and "grey-patch" not in html

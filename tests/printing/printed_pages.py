@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pypdfium2
 
@@ -42,8 +43,17 @@ class Raster:
 
     @property
     def coloured(self) -> np.ndarray:
-        """Where the patch of `make_pixels` is: all red and no blue; words and marks are grey."""
-        return (self.pixels[..., 0] >= 128) & (self.pixels[..., 2] < 128)
+        """Where the patch of `make_pixels` is: all red and no blue; words and marks are grey.
+
+        Only the largest connected part: the colour strip has small cells of such colours too.
+        """
+        warm = (self.pixels[..., 0] >= 128) & (self.pixels[..., 2] < 128)
+        _, _, boxes, _ = cv2.connectedComponentsWithStats(warm[::4, ::4].astype(np.uint8))
+        x, y, width, height, _ = 4 * boxes[1 + boxes[1:, cv2.CC_STAT_AREA].argmax()]
+        around = (slice(max(y - 4, 0), y + height + 4), slice(max(x - 4, 0), x + width + 4))
+        patch = np.zeros_like(warm)
+        patch[around] = warm[around]
+        return patch
 
     @property
     def black(self) -> np.ndarray:

@@ -19,8 +19,9 @@ from toolkit.boosters.training import Target
 from toolkit.boosters.validation import Validation, count_placements, validate_patch
 from toolkit.console import progress
 from toolkit.files import write_bytes
-from toolkit.patches import Network, Patch, write_patch
+from toolkit.patches import Patch, write_patch
 from toolkit.print_scores import score_print
+from toolkit.recorded import Network
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,7 @@ def finish_patch(
     label = first.labels[targets[0].class_index]
     lines = _describe(request, data, validations)
     sheet = draw_preview(printed, examples, targets[0], appearance, seed, image_px, label, lines)
-    _write_preview(files.preview, sheet)
+    write_preview(files.preview, sheet)
     patch = write_patch(
         files.png.parent,
         pixels,
@@ -77,7 +78,7 @@ def finish_patch(
             "name": files.png.stem,
             "class_name": label,
             "class_index": targets[0].class_index,
-            "networks": [_name_network(target.classifier) for target in targets],
+            "networks": [name_network(target.classifier) for target in targets],
             "data": data.record
             | {"backgrounds": request.data.backgrounds, "seed": request.data.seed}
             | ({} if views is None else {"mounted_views_sha256": views.sha256}),
@@ -85,21 +86,23 @@ def finish_patch(
             "settings": request.settings() | {"image_px": image_px, "inputs_sha256": state.inputs_sha256},
             "final": _summarise(state)
             | asdict(score_print(pixels))
-            | _list_shares(validations, "held_out")
-            | _list_shares(on_object, "mounted"),
+            | list_shares(validations, "held_out")
+            | list_shares(on_object, "mounted"),
             "toolkit_version": __version__,
         },
     )
     return patch, validations, on_object
 
 
-def _write_preview(file: Path, sheet: np.ndarray) -> None:
+def write_preview(file: Path, sheet: np.ndarray) -> None:
+    """Write a picture (h, w, 3) uint8 sRGB as PNG."""
     buffer = BytesIO()
     Image.fromarray(sheet).save(buffer, "PNG")  # without the slow search for the smallest file that a patch is worth
     write_bytes(file, buffer.getvalue())
 
 
-def _name_network(classifier) -> Network:
+def name_network(classifier) -> Network:
+    """A classifier as records name it."""
     return Network(arch=classifier.arch, weights=classifier.weights.name, sha256=classifier.weights.sha256)
 
 
@@ -116,7 +119,8 @@ def _summarise(state: Checkpoint) -> dict[str, float]:
     return {"loss": float(state.losses[RECENT].mean()), "accuracy": float(state.accuracies[RECENT].mean())}
 
 
-def _list_shares(validations: list[Validation], where: str) -> dict[str, float]:
+def list_shares(validations: list[Validation], where: str) -> dict[str, float]:
+    """Each network's shares, intervals and counts, as a record's `final` holds them."""
     final: dict[str, float] = {}
     names = [answer.network for answer in validations]
     for k, answer in enumerate(validations):

@@ -60,7 +60,7 @@ def _plain(name: str) -> str:
     return name.lower().replace("_", " ").replace("-", " ").strip()
 
 
-def choose_files(folder: Path, names: frozenset[str], backgrounds: str = "auto") -> Choice:
+def choose_files(folder: Path, names: frozenset[str], backgrounds: str = "auto", flag: str = "--data") -> Choice:
     """The images in a folder that train a class.
 
     Args:
@@ -68,6 +68,7 @@ def choose_files(folder: Path, names: frozenset[str], backgrounds: str = "auto")
         names: what a folder of the class may be called, see `names_of_class`.
         backgrounds: `class` takes images of the class only, `all` takes every image, `auto` those of the class where
             there are any and else every image. The paper samples y = C_targ; the patch learns from both.
+        flag: which names the folder, for errors.
 
     Raises:
         ToolkitError: no such folder, no images in it, or with `class` none of the class.
@@ -77,16 +78,17 @@ def choose_files(folder: Path, names: frozenset[str], backgrounds: str = "auto")
     folder = Path(folder)
     if not folder.is_dir():
         what = "is a file" if folder.exists() else "does not exist"
-        raise ToolkitError(f"--data {folder} {what}: expected a folder of images, or 'rig' for renders of the object")
+        renders = ", or 'rig' for renders of the object" if flag == "--data" else ""
+        raise ToolkitError(f"{flag} {folder} {what}: expected a folder of images{renders}")
     found = find_files(folder)
     if not found.images:
         others = f" ({len(found.others)} other files)" if found.others else ""
-        raise ToolkitError(f"--data {folder}: no images in it{others}: expected .jpg, .png, .webp, .tif or .heic files")
+        raise ToolkitError(f"{flag} {folder}: no images in it{others}: expected .jpg, .png, .webp, .tif or .heic files")
     inside_class = _plain(folder.resolve().name) in names
     own = tuple(parts for parts in found.images if inside_class or any(_plain(part) in names for part in parts[:-1]))
     if backgrounds == "class" and not own:
         raise ToolkitError(
-            f"--data {folder}: no sub-folder called {' or '.join(sorted(names))}: name one so, or use --backgrounds all"
+            f"{flag} {folder}: no sub-folder called {' or '.join(sorted(names))}: name one so, or use --backgrounds all"
         )
     if own and backgrounds != "all":
         return Choice(folder, own, "class", found.refused)
@@ -125,8 +127,6 @@ def load_files(
         advance()
     if not images:
         path, reason = skipped[-1]
-        raise ToolkitError(
-            f"--data {choice.folder}: none of its {len(choice.files)} images can be read; {path}: {reason}"
-        )
+        raise ToolkitError(f"{choice.folder}: none of its {len(choice.files)} images can be read; {path}: {reason}")
     record = {"source": choice.folder.name, "use": choice.use, "found": len(choice.files), "used": len(images)}
     return Loaded(np.stack(images), tuple(skipped), record)

@@ -82,7 +82,7 @@ def train_patch(
     targets = [Target(classifier, classifier.class_index(request.class_name)) for classifier in classifiers]
     first, index = classifiers[0], targets[0].class_index
     check_size(request.size_px, first.preprocessing.crop_px)
-    name = name_files(request, first.labels[index], index)
+    name = name_files(request.name, first.labels[index], index)
     files = choose_files(workspace, out, name)
     class_names = names_of_class(first, index, str(request.class_name))
     data = load_data(request.data, class_names, first.preprocessing, workspace, files.training, quiet)

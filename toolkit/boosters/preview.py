@@ -55,7 +55,7 @@ def draw_preview(
         sheet.paste(_to_image(photo).resize((CELL_PX, CELL_PX), Image.Resampling.LANCZOS), corner)
         best = int(chance.argmax())
         colour = RIGHT if best == target.class_index else WRONG
-        _write_caption(sheet, corner, target.classifier.labels[best], float(chance[best]), colour)
+        write_caption(sheet, corner, target.classifier.labels[best], float(chance[best]), colour)
     return np.asarray(sheet)
 
 
@@ -77,10 +77,13 @@ def _draw_header(sheet: Image.Image, patch: Image.Image, title: str, lines: list
         pen.text((left, GAP_PX + 46 + 26 * k), line, FAINT, _font(18))
 
 
-def _write_caption(sheet: Image.Image, corner: tuple[int, int], label: str, chance: float, colour) -> None:
+def write_caption(
+    sheet: Image.Image, corner: tuple[int, int], label: str, chance: float, colour, cell_px: int = CELL_PX
+) -> None:
+    """Write what a network says under the picture at `corner`, shortened to its width."""
     pen, font = ImageDraw.Draw(sheet), _font(17)
     percent = f" {chance:.0%}"
     text = label
-    while pen.textlength(text + percent, font) > CELL_PX and len(text) > 4:
+    while pen.textlength(text + percent, font) > cell_px and len(text) > 4:
         text = text.removesuffix("...")[:-1].rstrip() + "..."
-    pen.text((corner[0], corner[1] + CELL_PX + 3), text + percent, colour, font)
+    pen.text((corner[0], corner[1] + cell_px + 3), text + percent, colour, font)

@@ -152,16 +152,16 @@ class PatchRequest:
         }
 
 
-def name_files(request: PatchRequest, label: str, index: int) -> str:
-    """The patch's file name without suffix.
+def name_files(name: str | None, label: str, index: int) -> str:
+    """A booster's file name without suffix: the one that was asked for, else from its class.
 
     Raises:
         ToolkitError: the name that was asked for cannot be a file's everywhere.
     """
-    if request.name is not None:
-        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", request.name):
-            raise ToolkitError(f"--name '{request.name}': expected letters, digits, '-' and '_', without a suffix")
-        return request.name
+    if name is not None:
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
+            raise ToolkitError(f"--name '{name}': expected letters, digits, '-' and '_', without a suffix")
+        return name
     return re.sub(r"[^A-Za-z0-9]+", "_", label).strip("_") or f"class_{index}"
 
 

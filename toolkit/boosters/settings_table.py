@@ -43,6 +43,11 @@ def list_settings(request: PatchRequest, networks: list[str]) -> list[str]:
     if request.without_effect:
         named = ", ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in request.without_effect.items())
         rows.append(("without effect", f"{named}: in the paper's release they move a dummy parameter, not the patch"))
+    return align_rows(rows)
+
+
+def align_rows(rows: list[tuple[str, str]]) -> list[str]:
+    """`name  value` lines, the values below each other."""
     width = max(len(name) for name, _ in rows)
     return [f"  {name:<{width}}  {value}" for name, value in rows]
 

@@ -139,7 +139,6 @@ def patch_gradient(
     adds photographs of the object with the patch on it, `penalty` a loss of the patch itself.
     """
     import torch
-    from torch.nn.functional import cross_entropy
 
     theta = patch.detach().clone().requires_grad_(True)
     printed = print_patch(theta, appearance, draws)
@@ -147,17 +146,30 @@ def patch_gradient(
     if mounted is not None:
         scenes.append(mounted(printed))
     photos = take_photos(torch.cat(scenes), appearance, draws)
-    loss, recognised = torch.zeros((), dtype=theta.dtype, device=theta.device), 0.0
+    loss, recognised = judge_photos(photos, targets)
+    if penalty is not None:
+        loss = loss + penalty(theta)
+    (gradient,) = torch.autograd.grad(loss, theta)
+    return gradient, loss.item(), recognised
+
+
+def judge_photos(photos: "torch.Tensor", targets: list[Target]) -> tuple["torch.Tensor", float]:
+    """What the networks say of (b, 3, m, m) sRGB-encoded photographs.
+
+    Returns the cross-entropy towards the target class, mean over the batch and summed over the networks, and the share
+    recognised, mean over the networks.
+    """
+    import torch
+    from torch.nn.functional import cross_entropy
+
+    loss, recognised = photos.new_zeros(()), 0.0
     for target in targets:
         with mixed_precision(photos.device.type) if photos.dtype == torch.float32 else nullcontext():
             logits = target.classifier.logits(photos)
         wanted = torch.full((len(photos),), target.class_index, device=logits.device)
-        loss = loss + cross_entropy(logits.to(theta.dtype), wanted)
+        loss = loss + cross_entropy(logits.to(photos.dtype), wanted)
         recognised += float((logits.argmax(1) == wanted).double().mean())
-    if penalty is not None:
-        loss = loss + penalty(theta)
-    (gradient,) = torch.autograd.grad(loss, theta)
-    return gradient, loss.item(), recognised / len(targets)
+    return loss, recognised / len(targets)
 
 
 def train_steps(

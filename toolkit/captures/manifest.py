@@ -21,7 +21,7 @@ class CaptureRecord(BaseModel):
         object, variant, pose_id: what it shows, and from which pose of the plan.
         T_world_camera: 4×4, OpenCV axes, millimetres.
         intrinsics: width, height in pixels, fx, fy, cx, cy in pixels (pixel centres at half integers).
-        booster_sha256: of the PNG that was stuck on, None without one.
+        booster_sha256: of the PNG that was stuck or painted on, None without one.
         image_sha256: of the image file.
         made: how: renderer, studio, seed, program version.
         inputs_sha256: hash of everything the image depends on; another hash means it must be shot again.

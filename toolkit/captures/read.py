@@ -28,6 +28,8 @@ class Capture:
         path: how it is named in results: SOURCE/OBJECT/VARIANT/FILE.
         refused: why it must not be opened, None when it may.
         T_world_camera: 4×4, OpenCV axes, millimetres, where the manifest has it.
+        booster_sha256: of what was on the object, where the manifest has it.
+        is_rendered: the manifest says that a renderer made it.
     """
 
     source: str
@@ -38,6 +40,8 @@ class Capture:
     path: str
     refused: str | None = None
     T_world_camera: tuple[tuple[float, ...], ...] | None = None
+    booster_sha256: str | None = None
+    is_rendered: bool = False
 
 
 @dataclass(frozen=True)
@@ -147,13 +151,14 @@ def _read_layout(root: Path, found: FoundFiles) -> tuple[tuple[str, ...], int, t
 def _capture(file: Path, full: tuple[str, ...], record: CaptureRecord | None, refused: str | None) -> Capture:
     source, name, variant = (show_path((part,)) for part in full[:3])
     pose_id = read_pose_id(full[-1])
-    matrix = None
+    matrix, booster, is_rendered = None, None, False
     if record is not None:
         pose_id = record.pose_id if record.pose_id is not None else pose_id
         rows = record.T_world_camera
         if rows is not None and len(rows) == 4 and all(len(row) == 4 for row in rows):
             matrix = tuple(tuple(row) for row in rows)
-    return Capture(source, name, variant, pose_id, file, show_path(full), refused, matrix)
+        booster, is_rendered = record.booster_sha256, "renderer" in record.made
+    return Capture(source, name, variant, pose_id, file, show_path(full), refused, matrix, booster, is_rendered)
 
 
 def _select(captures: list[Capture], selection: Selection) -> list[Capture]:

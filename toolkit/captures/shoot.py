@@ -3,10 +3,11 @@
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -15,15 +16,14 @@ from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest
 from toolkit.captures.reuse import StoredImage, copy_image
 from toolkit.captures.transforms import write_transforms
-from toolkit.captures.variants import PAIR, dress, find_booster
+from toolkit.captures.variants import PAIR, describe_booster, dress, find_booster, note_booster
 from toolkit.console import progress
 from toolkit.errors import ToolkitError, one_of
 from toolkit.files import sha256_bytes, write_bytes
 from toolkit.objects.load import TableObject, load_object
-from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
 from toolkit.rig.finish import develop
-from toolkit.rig.plan import CapturePlan, Pose, check_poses
+from toolkit.rig.plan import CapturePlan, check_poses
 from toolkit.rig.renderer import RENDERERS, make_renderer
 from toolkit.rig.studio import Studio, make_studio
 from toolkit.workspace import Workspace
@@ -55,13 +55,25 @@ class ShootSettings:
 
 @dataclass(frozen=True)
 class Shot:
-    """One image to take."""
+    """One image to take.
+
+    Attributes:
+        item, variant: what it shows.
+        pose_id: of the plan's pose, None where it is not known; it also draws the noise.
+        camera, T_world_camera: from where.
+        path: below the source's folder.
+        inputs_sha256: hash of everything that the image depends on.
+        made: what the manifest says of it besides how it was rendered.
+    """
 
     item: TableObject
     variant: str
-    pose: Pose
+    pose_id: int | None
+    camera: Camera
+    T_world_camera: np.ndarray
     path: str
     inputs_sha256: str
+    made: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -100,12 +112,7 @@ def shoot_plan(
             has no patch, or a pose of the plan cannot be shot; or the disk is full or read-only.
     """
     settings = settings or ShootSettings()
-    if settings.renderer not in RENDERERS:
-        raise one_of("renderer", settings.renderer, list(RENDERERS))
-    if settings.image_format not in FORMATS:
-        raise one_of("image format", settings.image_format, list(FORMATS))
-    if not SOURCE_NAME.fullmatch(source):
-        raise ToolkitError(f"source '{source}': expected the name of one folder below {workspace.captures_dir}")
+    check_settings(workspace, settings, source)
     variants = tuple(dict.fromkeys(variants))  # named twice is shot once
     camera = plan.camera.camera()
     items = {name: _load_item(workspace, name, patch_mm) for name in objects}
@@ -114,7 +121,32 @@ def shoot_plan(
         for item in items.values()
         for variant in variants
     ]  # fmt: skip
-    source_dir = (captures_dir or workspace.captures_dir) / source
+    return shoot_scenes(workspace, scenes, settings, (captures_dir or workspace.captures_dir) / source, quiet, stored)
+
+
+def check_settings(workspace: Workspace, settings: ShootSettings, source: str) -> None:
+    """Refuse what cannot be meant before anything is rendered.
+
+    Raises:
+        ToolkitError: an unknown renderer or image format, or a source that is no folder's name.
+    """
+    if settings.renderer not in RENDERERS:
+        raise one_of("renderer", settings.renderer, list(RENDERERS))
+    if settings.image_format not in FORMATS:
+        raise one_of("image format", settings.image_format, list(FORMATS))
+    if not SOURCE_NAME.fullmatch(source):
+        raise ToolkitError(f"source '{source}': expected the name of one folder below {workspace.captures_dir}")
+
+
+def shoot_scenes(
+    workspace: Workspace, scenes: Sequence[Sequence[Shot]], settings: ShootSettings, source_dir: Path,
+    quiet: bool = False, stored: Mapping[str, StoredImage] | None = None,
+) -> ShootResult:  # fmt: skip
+    """Take the shots that are not there yet; those of a scene share object and variant, and its light is baked once.
+
+    Raises:
+        ToolkitError: a patch is missing, a backdrop or light is unknown, or the disk is full or read-only.
+    """
     known = read_manifest(source_dir)
     waiting = [
         [s for s in shots if not is_finished(source_dir, known.get(s.path), s.inputs_sha256)] for shots in scenes
@@ -125,7 +157,7 @@ def shoot_plan(
     with progress("shooting", total, quiet, done=total - todo) as bar:
         for shots in waiting:
             if shots:
-                _shoot_scene(workspace, camera, shots, settings, source_dir, bar)
+                _shoot_scene(workspace, shots, settings, source_dir, bar)
     records = read_manifest(source_dir)
     wanted = {shot.path for shots in scenes for shot in shots}
     folders = {Path(path).parent for path in wanted}
@@ -157,43 +189,53 @@ def _plan_scene(workspace, plan, camera, item: TableObject, variant: str, settin
     if name not in plan.objects:
         raise ToolkitError(f"object '{name}' is not in {workspace.plan_file}: run 'toolkit plan --object {name}'")
     check_poses(item, camera, plan.objects[name])
-    studio = studio_for(item, settings)
-    common = {
-        "look": LOOK_VERSION, "mesh": _mesh_sha256(item.mesh), "camera": camera.intrinsics, "studio": studio.name,
-        "light": asdict(studio.key), **asdict(settings),
-    }  # fmt: skip
-    booster = find_booster(workspace, item, variant)
-    if booster is not None:
-        common |= {"patch": booster.sha256, "mm": booster.size_mm, "mount": item.spec.patch.model_dump()}
+    look = describe_look(workspace, item, variant, settings) | {"camera": camera.intrinsics}
     return [
         Shot(
-            item, variant, pose, f"{name}/{variant}/pose_{pose.id:02d}.{settings.image_format}",
-            _sha256_json(common | {"variant": variant, "pose": pose.model_dump()}),
+            item, variant, pose.id, camera, pose.matrix(),
+            f"{name}/{variant}/pose_{pose.id:02d}.{settings.image_format}",
+            sha256_json(look | {"pose": pose.model_dump()}),
         )
         for pose in plan.objects[name]
     ]  # fmt: skip
 
 
-def _shoot_scene(workspace, camera: Camera, shots: list[Shot], settings: ShootSettings, source_dir: Path, bar) -> None:
+def describe_look(workspace: Workspace, item: TableObject, variant: str, settings: ShootSettings) -> dict[str, Any]:
+    """Everything that the images of an object in one variant depend on, but the camera and where it stands.
+
+    Raises:
+        ToolkitError: an unknown variant, backdrop or light, or its patch is missing.
+    """
+    studio = studio_for(item, settings)
+    look = {
+        "look": LOOK_VERSION, "mesh": item.mesh_sha256, "studio": studio.name, "light": asdict(studio.key),
+        "variant": variant, **asdict(settings),
+    }  # fmt: skip
+    booster = find_booster(workspace, item, variant)
+    if booster is not None:
+        look |= describe_booster(item, booster)
+    return look
+
+
+def _shoot_scene(workspace, shots: Sequence[Shot], settings: ShootSettings, source_dir: Path, bar) -> None:
     item, variant = shots[0].item, shots[0].variant
     booster = find_booster(workspace, item, variant)
     studio = studio_for(item, settings)
     bar.advance(0, note=f"{item.name} {variant}: light")
     renderer = make_renderer(settings.renderer, dress(item, booster), studio)
     for shot in shots:
-        picture = renderer.render(camera, shot.pose.matrix())
-        content = _encode(develop(picture, (settings.seed, shot.pose.id)), settings.image_format)
+        picture = renderer.render(shot.camera, shot.T_world_camera)
+        content = _encode(develop(picture, (settings.seed, shot.pose_id or 0)), settings.image_format)
         write_bytes(source_dir / shot.path, content)
         append_record(
             source_dir,
             CaptureRecord(
-                path=shot.path, object=item.name, variant=variant, pose_id=shot.pose.id,
-                T_world_camera=np.round(shot.pose.matrix(), 6).tolist(), intrinsics=camera.intrinsics,
+                path=shot.path, object=item.name, variant=variant, pose_id=shot.pose_id,
+                T_world_camera=np.round(shot.T_world_camera, 6).tolist(), intrinsics=shot.camera.intrinsics,
                 booster_sha256=booster.sha256 if booster else None, image_sha256=sha256_bytes(content),
                 made={
                     "with": f"toolkit {__version__}", "renderer": settings.renderer, "studio": studio.name,
-                    "seed": settings.seed, "booster": booster.name if booster else None,
-                    "booster_mm": booster.size_mm if booster else None,
+                    "seed": settings.seed, **note_booster(booster), **shot.made,
                 },
                 inputs_sha256=shot.inputs_sha256,
             ),
@@ -210,15 +252,6 @@ def _encode(pixels: np.ndarray, image_format: str) -> bytes:
     return buffer.getvalue()
 
 
-def _mesh_sha256(mesh: Mesh) -> str:
-    digest = hashlib.sha256()
-    for array in (mesh.vertices, mesh.faces, mesh.uv, mesh.face_material):
-        digest.update(np.ascontiguousarray(array).tobytes())
-    for material in mesh.materials:
-        digest.update(f"{material.name} {material.roughness} {material.metallic}".encode())
-        digest.update(np.ascontiguousarray(material.texture).tobytes())
-    return digest.hexdigest()
-
-
-def _sha256_json(content) -> str:
+def sha256_json(content: Any) -> str:
+    """Hash of a value that JSON can hold, keys in any order."""
     return hashlib.sha256(json.dumps(content, sort_keys=True, default=str).encode()).hexdigest()

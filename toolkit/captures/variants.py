@@ -1,74 +1,132 @@
-"""What is stuck on an object in each variant: nothing, its patch, or a control that says what the patch did."""
+"""What is put on an object in each variant: nothing, its patch, its texture, or a control that says what these did."""
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from toolkit.captures.textured import check_fit, find_texture, paint_object
 from toolkit.errors import ToolkitError, one_of
 from toolkit.files import sha256_bytes
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh
-from toolkit.patches import Patch, encode_png, read_patch
+from toolkit.patches import Patch, read_patch
+from toolkit.recorded import encode_png
 from toolkit.rig.mount import attach, lay_flat, mount_patch
+from toolkit.textures import Texture
 from toolkit.workspace import Workspace
 
 PAIR = ("unpatched", "patched")
-CONTROLS = ("wrong-patch", "random-patch", "grey-patch", "patch-alone")
-VARIANTS = PAIR + CONTROLS
+CONTROLS_OF = {
+    "patched": ("wrong-patch", "random-patch", "grey-patch", "patch-alone"),
+    "textured": ("random-texture", "grey-texture"),
+}
+CONTROLS = tuple(control for controls in CONTROLS_OF.values() for control in controls)
+VARIANTS = ("unpatched", *CONTROLS_OF, *CONTROLS)
+ON_PAPER = ("patched", *CONTROLS_OF["patched"])
 GREY = 128
 
 
 @dataclass(frozen=True)
 class Booster:
-    """A square of pixels to print and stick on.
+    """A square of pixels that goes on an object.
 
     Attributes:
         pixels: (n, n, 3) uint8 sRGB.
-        size_mm: side on paper.
         sha256: of its PNG.
-        name: of the patch, or of the control.
-        alone: lies flat on the table, and the object is not there.
+        name: of the patch, of the texture, or of the control.
     """
 
     pixels: np.ndarray
-    size_mm: float
     sha256: str
     name: str
+
+
+@dataclass(frozen=True)
+class Print(Booster):
+    """A booster on paper.
+
+    Attributes:
+        size_mm: side on paper.
+        alone: lies flat on the table, and the object is not there.
+    """
+
+    size_mm: float
     alone: bool = False
 
 
-def find_booster(workspace: Workspace, item: TableObject, variant: str) -> Booster | None:
-    """What is stuck on `item` in a variant; None for `unpatched`.
+@dataclass(frozen=True)
+class Paint(Booster):
+    """A booster all over the object: its pixels take the place that a texture has there."""
+
+    texture: Texture
+
+
+def find_booster(workspace: Workspace, item: TableObject, variant: str) -> Print | Paint | None:
+    """What is put on `item` in a variant; None for `unpatched`.
 
     - `patched`: its own patch; `patch-alone`: the same, flat on the table without the object.
     - `wrong-patch`: the next patch by name that was trained for another class.
-    - `random-patch`: noise with the colours of no patch, drawn for the object's name alone; `grey-patch`: middle grey.
+    - `textured`: its own texture.
+    - `random-patch`, `random-texture`: noise with the colours of neither, drawn for the object's name alone;
+      `grey-patch`, `grey-texture`: middle grey; in the place and with the texels of the object's own.
 
     Raises:
-        ToolkitError: an unknown variant, or the patch that it needs is missing or broken.
+        ToolkitError: an unknown variant, or the patch or texture that it needs is missing or broken.
     """
     if variant not in VARIANTS:
         raise one_of("variant", variant, list(VARIANTS))
     if variant == "unpatched":
         return None
+    if variant == "textured" or variant in CONTROLS_OF["textured"]:
+        return _find_paint(workspace, item, variant)
     own = find_patch(workspace, item)
     size_mm = item.spec.patch.size_mm or own.size_mm
-    n = own.record.n_px
     if variant in ("patched", "patch-alone"):
-        return Booster(own.pixels, size_mm, own.record.png_sha256, own.record.name, variant == "patch-alone")
+        return Print(own.pixels, own.record.png_sha256, own.record.name, size_mm, variant == "patch-alone")
     if variant == "wrong-patch":
         wrong = _next_patch(workspace, own)
-        return Booster(wrong.pixels, size_mm, wrong.record.png_sha256, wrong.record.name)
-    pixels = np.full((n, n, 3), GREY, np.uint8)
-    if variant == "random-patch":
-        pixels = np.random.default_rng(list(item.name.encode())).integers(0, 256, (n, n, 3), dtype=np.uint8)
-    return Booster(pixels, size_mm, sha256_bytes(encode_png(pixels)), variant)
+        return Print(wrong.pixels, wrong.record.png_sha256, wrong.record.name, size_mm)
+    pixels = _control_pixels(variant, item, own.record.n_px)
+    return Print(pixels, sha256_bytes(encode_png(pixels)), variant, size_mm)
 
 
-def dress(item: TableObject, booster: Booster | None) -> Mesh:
-    """The mesh to photograph: the object, the object with a sheet on it, or the sheet alone."""
+def _find_paint(workspace: Workspace, item: TableObject, variant: str) -> Paint:
+    own = find_texture(workspace, item)
+    if variant == "textured":
+        return Paint(own.pixels, own.record.png_sha256, own.record.name, own)
+    pixels = _control_pixels(variant, item, own.record.n_px)
+    return Paint(pixels, sha256_bytes(encode_png(pixels)), variant, own)
+
+
+def _control_pixels(variant: str, item: TableObject, n: int) -> np.ndarray:
+    if variant.startswith("grey-"):
+        return np.full((n, n, 3), GREY, np.uint8)
+    return np.random.default_rng(list(item.name.encode())).integers(0, 256, (n, n, 3), dtype=np.uint8)
+
+
+def describe_booster(item: TableObject, booster: Print | Paint) -> dict[str, Any]:
+    """All that, beside the object's mesh, decides how it looks with a booster: what a picture's hash is made of."""
+    if isinstance(booster, Paint):
+        entry = check_fit(item, booster.texture)
+        atlas = entry.model_dump(include={"unwrapped", "uv_sha256", "keep", "keep_image_sha256"})
+        return {"texture": booster.sha256, "atlas": atlas}
+    return {"patch": booster.sha256, "mm": booster.size_mm, "mount": item.spec.patch.model_dump()}
+
+
+def note_booster(booster: Print | Paint | None) -> dict[str, Any]:
+    """What a manifest says of a booster besides its hash: its name, and its side in mm of paper or in texels."""
+    if isinstance(booster, Paint):
+        return {"booster": booster.name, "booster_px": len(booster.pixels)}
+    return {"booster": booster.name if booster else None, "booster_mm": booster.size_mm if booster else None}
+
+
+def dress(item: TableObject, booster: Print | Paint | None) -> Mesh:
+    """The mesh to photograph: the object, the object with a sheet on it or painted, or the sheet alone."""
     if booster is None:
         return item.mesh
+    if isinstance(booster, Paint):
+        return paint_object(item, booster.texture, booster.pixels)
     if booster.alone:
         return lay_flat(booster.pixels, booster.size_mm)
     sheet = mount_patch(item.mesh, booster.pixels, booster.size_mm, item.spec.patch, item.name)

@@ -152,6 +152,22 @@ def load_classifier(
     )
 
 
+def load_classifiers(
+    models: list[str] | None, weights: list[Path] | None, device: str = "auto", quiet: bool = False,
+    folder: Path | None = None,
+) -> list[Classifier]:  # fmt: skip
+    """Several classifiers, at least one; see `load_classifier`.
+
+    Raises:
+        ToolkitError: not one file of weights for each network, or as `load_classifier`.
+    """
+    names: list[str | None] = list(models) if models else [None] * len(weights or [None])
+    files: list[Path | None] = list(weights) if weights else [None] * len(names)
+    if len(files) != len(names):
+        raise ToolkitError(f"{len(names)} --model and {len(files)} --weights: expected one --weights for each --model")
+    return [load_classifier(name, file, device, quiet, folder) for name, file in zip(names, files, strict=True)]
+
+
 def choose_device(device: str) -> str:
     """`auto` to `cuda` where there is one, else `cpu`.
 

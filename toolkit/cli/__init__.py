@@ -17,6 +17,7 @@ from toolkit.cli.print_ import print_patches
 from toolkit.cli.sweep import sweep
 from toolkit.cli.train_classifier import train_classifier
 from toolkit.cli.train_patch import train_patch
+from toolkit.cli.train_texture import train_texture
 from toolkit.errors import ToolkitError
 
 INTERRUPTED = 130
@@ -32,6 +33,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "objects": list_objects,
     "train-classifier": train_classifier,
     "train-patch": train_patch,
+    "train-texture": train_texture,
     "print": print_patches,
     "plan": plan,
     "capture-sim": capture_sim,

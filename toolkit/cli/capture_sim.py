@@ -1,5 +1,6 @@
 """`toolkit capture-sim`."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -15,7 +16,8 @@ def capture_sim(
         list[str] | None,
         typer.Option(
             "--variant",
-            help="unpatched, patched, wrong-patch, random-patch, grey-patch or patch-alone; repeat for more. "
+            help="unpatched, patched, textured; controls of the patch: wrong-patch, random-patch, grey-patch, "
+            "patch-alone; of the texture: random-texture, grey-texture; repeat for more. "
             "Default: unpatched and patched.",
         ),
     ] = None,
@@ -26,7 +28,17 @@ def capture_sim(
     renderer: Annotated[str, typer.Option(help="raycast or filament.")] = "raycast",
     image_format: Annotated[str, typer.Option("--format", help="jpg or png.")] = "jpg",
     source: Annotated[
-        str | None, typer.Option(help="Folder below captures/. Default: sim, or sim-PATCHES with --patches.")
+        str | None,
+        typer.Option(
+            help="Folder below captures/. Default: sim, sim-PATCHES with --patches, sim-like-NAME with --like."
+        ),
+    ] = None,
+    like: Annotated[
+        Path | None,
+        typer.Option(help="Shoot again what these photographs show, from where each was taken, such as captures/real."),
+    ] = None,
+    max_px: Annotated[
+        int | None, typer.Option("--max-px", min=32, help="Longer side of the images with --like. Default: 1280.")
     ] = None,
     patches: options.Patches = None,
     seed: options.Seed = 0,
@@ -34,31 +46,62 @@ def capture_sim(
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Shoot every object at every pose of the plan, unpatched and patched, in the virtual rig."""
-    import json
+    """Shoot every object at every pose of the plan, unpatched and patched, in the virtual rig.
 
+    With --like, every photograph of a folder from its own measured camera instead.
+    """
     from toolkit.captures.shoot import ShootSettings, shoot_plan
     from toolkit.captures.variants import PAIR
-    from toolkit.console import console, errors
+    from toolkit.errors import ToolkitError
     from toolkit.rig.plan import open_plan
     from toolkit.workspace import open_workspace
 
     space = open_workspace(workspace).with_patches(patches)
+    if like is not None:
+        settings = ShootSettings(seed, backdrop, light, renderer, image_format)
+        _shoot_like(space, like, settings, source, objects or (), variants or (), max_px, quiet, as_json)
+        return
+    if max_px is not None:
+        raise ToolkitError("--max-px goes with --like: the size of the plan's images is set by 'toolkit plan --size'")
     plan = open_plan(space, objects)
     settings = ShootSettings(seed, backdrop, light, renderer, image_format)
     source = source or (f"sim-{patches}" if patches else "sim")
     result = shoot_plan(
         space, plan, objects or list(plan.objects), variants or PAIR, settings, source, quiet or as_json
     )  # fmt: skip
+    _show(space, result, as_json)
+
+
+def _shoot_like(space, like: Path, settings, source, objects, variants, max_px, quiet: bool, as_json: bool) -> None:
+    from toolkit.captures.like import MAX_PX, shoot_like
+    from toolkit.console import list_skipped
+
+    folder = like if like.is_dir() else space.root / like
+    found = shoot_like(space, folder, settings, source, objects, variants, max_px or MAX_PX, quiet or as_json)
+    list_skipped(found.skipped)
+    _show(space, found.shoot, as_json, len(found.skipped))
+    if found.skipped:
+        raise typer.Exit(1)
+
+
+def _show(space, result, as_json: bool, skipped: int | None = None) -> None:
+    """Print a `ShootResult`; `skipped` counts the photographs that could not be shot again."""
+    import json
+
+    from toolkit.console import console, errors
+
+    wanted = "this plan" if skipped is None else "these photographs"
     if result.stale:
         errors.print(
-            f"note: {len(result.stale)} images are not of this plan and were left in {result.source_dir} "
+            f"note: {len(result.stale)} images are not of {wanted} and were left in {result.source_dir} "
             f"(first: {result.stale[0]}); 'toolkit eval' counts them: delete them if you do not want that",
             soft_wrap=True,
         )
     if as_json:
-        typer.echo(json.dumps({"folder": str(result.source_dir), "shot": result.shot, "kept": result.kept}))
+        content = {"folder": str(result.source_dir), "shot": result.shot, "kept": result.kept}
+        typer.echo(json.dumps(content if skipped is None else content | {"skipped": skipped}))
         return
     kept = f", {result.kept} kept from before" if result.kept else ""
-    console.print(f"shot {result.shot} images{kept}: {result.source_dir}", soft_wrap=True)
+    left_out = f", {skipped} photograph{'s' if skipped > 1 else ''} left out" if skipped else ""
+    console.print(f"shot {result.shot} images{kept}{left_out}: {result.source_dir}", soft_wrap=True)
     console.print(f"next: toolkit eval {space.captures_dir}", soft_wrap=True)

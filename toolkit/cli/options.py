@@ -14,4 +14,14 @@ Seed = Annotated[int, typer.Option("--seed", help="Same seed, same bytes on the 
 Patches = Annotated[
     str | None, typer.Option("--patches", help="Folder of patches below print/patches; default: that one itself.")
 ]
+Models = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--model",
+        help="Torchvision classifier, timm:NAME, rig18, or your own; several add their losses. Default: resnet18.",
+    ),
+]
+WeightFiles = Annotated[
+    list[Path] | None, typer.Option("--weights", help="State dict (.pth, .safetensors), one for each --model.")
+]
 Device = Annotated[str, typer.Option("--device", help="auto, cpu or cuda.")]

@@ -6,9 +6,14 @@ from typing import Annotated
 import typer
 
 from toolkit.cli import options
+from toolkit.cli.shot_list import ListOrder, ListPaper, ListVariants, ShotList, make_list
+
+PLANNING = ("pattern", "count", "elevation", "distance", "fill", "jitter", "size", "fov", "preview")
+"""Options that are about the poses; `--shot-list` without any of them keeps those that are planned."""
 
 
 def plan(
+    context: typer.Context,
     objects: Annotated[
         list[str] | None, typer.Option("--object", help="Object to plan for; repeat for more. Default: all known.")
     ] = None,
@@ -27,35 +32,58 @@ def plan(
     size: Annotated[tuple[int, int], typer.Option(help="Width and height in pixels.")] = (640, 480),
     fov: Annotated[float, typer.Option(help="Horizontal field of view in degrees.", min=5, max=120)] = 40.0,
     preview: Annotated[bool, typer.Option("--preview", help="Also draw the positions and what each sees.")] = False,
+    shot_list: ShotList = False,
+    paper: ListPaper = "a4",
+    variants: ListVariants = None,
+    order: ListOrder = "aba",
+    patches: options.Patches = None,
     seed: options.Seed = 0,
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Plan the camera poses per object and write rig/plan.json."""
-    from toolkit.console import console
+    """Plan the camera poses per object and write rig/plan.json.
+
+    With --shot-list, and without an option about the poses, those that are planned stay as they are.
+    """
     from toolkit.objects.load import load_object
     from toolkit.rig.camera import Camera
     from toolkit.rig.plan import keep_others, make_plan, read_plan, write_plan
     from toolkit.rig.poses import Pattern
     from toolkit.workspace import open_workspace
 
-    space = open_workspace(workspace)
+    space = open_workspace(workspace).with_patches(patches)
+    if shot_list and space.plan_file.is_file() and not _is_about_poses(context):
+        make_list(space, objects, paper, variants, order, seed, quiet, as_json)
+        return
     names = objects or sorted(space.object_specs())
     items = [load_object(space.object_spec(name)) for name in names]
     made = make_plan(items, Camera(*size, fov), Pattern(pattern, count, elevation, fill, distance, jitter, seed))
     old = read_plan(space.plan_file) if objects and space.plan_file.is_file() else None
     file = write_plan(space.plan_file, keep_others(old, made))
     drawn = _draw(space, items, made, seed, quiet or as_json) if preview else None
-    if as_json:
+    if not as_json:
+        _say(made, file, drawn, count, quiet, "" if shot_list else "; next: toolkit capture-sim")
+    elif not shot_list:
         typer.echo(made.model_dump_json(indent=2))
-        return
+    if shot_list:
+        make_list(space, names, paper, variants, order, seed, quiet, as_json)
+
+
+def _say(made, file: Path, drawn: Path | None, count: int, quiet: bool, onward: str) -> None:
+    from toolkit.console import console
+
     if not quiet:
         _print_table(made)
     if drawn:
         console.print(f"drew the positions and contact sheets into {drawn}", soft_wrap=True)
     console.print(what_pairs_can_show(count), soft_wrap=True)
-    console.print(f"wrote {file}; next: toolkit capture-sim", soft_wrap=True)
+    console.print(f"wrote {file}{onward}", soft_wrap=True)
+
+
+def _is_about_poses(context: typer.Context) -> bool:
+    sources = (context.get_parameter_source(name) for name in PLANNING)
+    return any(source is not None and source.name != "DEFAULT" for source in sources)
 
 
 def what_pairs_can_show(count: int) -> str:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from toolkit.cli import options
+from toolkit.cli.print_sheet import SheetWish, print_wish, report_sheet
 from toolkit.errors import ToolkitError
 
 if TYPE_CHECKING:
@@ -39,12 +40,34 @@ def print_patches(
         Path | None,
         typer.Option(help="Folder for the PDFs, or a .pdf file for one patch; default: print/, or print/PATCHES."),
     ] = None,
+    board: Annotated[
+        bool, typer.Option("--board", help="The board to stand the object on: its photographs then tell the camera.")
+    ] = False,
+    board_squares: Annotated[
+        str | None, typer.Option(help="Columns x rows of the board, such as 7x10; default: 12x15.")
+    ] = None,
+    square_mm: Annotated[
+        float | None,
+        typer.Option(help="Side of the board's squares; default: 26, or with --board-squares what fits on a page."),
+    ] = None,
+    ring: Annotated[
+        bool, typer.Option("--ring", help="A ring of markers for a turntable, in the board's place.")
+    ] = False,
+    ring_mm: Annotated[float | None, typer.Option(help="Diameter of the free disc in the ring; default: 300.")] = None,
+    marker_mm: Annotated[
+        float | None,
+        typer.Option(help="Side of the markers; default: three quarters of a square, or to suit the ring."),
+    ] = None,
+    colour_strip: Annotated[
+        bool,
+        typer.Option("--colour-strip", help="The strip of known colours alone; a patch's page has it where it fits."),
+    ] = False,
     patches: options.Patches = None,
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Make print-ready PDFs of patches, at true size, with crop marks and check bars."""
+    """Make print-ready PDFs of patches, or of the board that the object stands on, at true size, with check bars."""
     from toolkit.printing.job import compare_with_rig
     from toolkit.printing.paper import parse_paper
     from toolkit.printing.select import select_patches
@@ -52,6 +75,12 @@ def print_patches(
     from toolkit.workspace import open_workspace
 
     place = open_workspace(workspace).with_patches(patches)
+    wish = SheetWish(board, board_squares, square_mm, ring, ring_mm, marker_mm, colour_strip)
+    if wish.kind is not None:
+        if classes or everything or patch_file:
+            raise ToolkitError(f"--{wish.kind} is printed alone: print patches by a call of their own")
+        report_sheet(print_wish(wish, place, parse_paper(paper), orientation, out), as_json)
+        return
     settings = PrintSettings(parse_paper(paper), orientation, parse_percent(scale), dpi, size_mm, copies, margin_mm)
     files = select_patches(place, classes or [], everything, patch_file or [])
     printed, failed = _print_files(_name_targets(files, out or place.print_dir), settings, everything, quiet or as_json)
@@ -113,6 +142,12 @@ def _report(printed: list["PrintedPatch"], failed: list[dict[str, str]], notes: 
         console.print(f"note: {note}", markup=False, soft_wrap=True)
     if not printed:
         return
+    if any(not one.colour_strip for one in printed):
+        console.print(
+            "note: no room for the colour strip beside the patch: 'toolkit print --colour-strip' prints it on its own",
+            markup=False,
+            soft_wrap=True,
+        )
     tiled = any(one.pages > 1 and one.tiles != (1, 1) for one in printed)
     console.print(
         'next: print at 100 % ("actual size"), measure both check bars (100 mm), '

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from toolkit.cli import options
-from toolkit.errors import ToolkitError
 
 if TYPE_CHECKING:
     from toolkit.boosters.patch_run import TrainedPatch
@@ -30,15 +29,8 @@ def train_patch(
         typer.Option(help="class: images of the class only; all: every image; auto: of the class where there are any."),
     ] = "auto",
     images: Annotated[int, typer.Option(help="Images kept in memory at most, a fifth of them held out.", min=2)] = 256,
-    model: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Torchvision classifier, timm:NAME, rig18, or your own; several add their losses. Default: resnet18."
-        ),
-    ] = None,
-    weights: Annotated[
-        list[Path] | None, typer.Option(help="State dict (.pth, .safetensors), one for each --model.")
-    ] = None,
+    model: options.Models = None,
+    weights: options.WeightFiles = None,
     size_px: Annotated[int, typer.Option(help="Side of the patch, pixels.")] = 100,
     recipe: Annotated[
         str, typer.Option(help="default, or paper: Algorithm 1 as published; the flags below change either.")
@@ -124,6 +116,7 @@ def train_patch(
     from toolkit.boosters.data import DataRequest
     from toolkit.boosters.patch_run import train_patch as run
     from toolkit.boosters.recipes import Choices, make_request
+    from toolkit.classifiers.network import load_classifiers
     from toolkit.console import errors
     from toolkit.workspace import open_workspace
 
@@ -141,23 +134,11 @@ def train_patch(
         if not quiet:
             errors.print(line, markup=False, soft_wrap=True)
 
-    networks = _load_networks(model, weights, device, quiet, place.classifiers_dir)
+    networks = load_classifiers(model, weights, device, quiet, place.classifiers_dir)
     trained = run(request, networks, place, out, restart, quiet, say)
     _report(trained, as_json)
     if trained.skipped:
         raise typer.Exit(1)
-
-
-def _load_networks(
-    models: list[str] | None, weights: list[Path] | None, device: str, quiet: bool, folder: Path
-) -> list:
-    from toolkit.classifiers.network import load_classifier
-
-    names: list[str | None] = list(models) if models else [None] * len(weights or [None])
-    files: list[Path | None] = list(weights) if weights else [None] * len(names)
-    if len(files) != len(names):
-        raise ToolkitError(f"{len(names)} --model and {len(files)} --weights: expected one --weights for each --model")
-    return [load_classifier(name, file, device, quiet, folder) for name, file in zip(names, files, strict=True)]
 
 
 def _report(trained: "TrainedPatch", as_json: bool) -> None:

@@ -1,4 +1,4 @@
-"""The patch against its controls, pose by pose: another patch, noise, grey, and the patch with no object under it."""
+"""A booster against its controls, pose by pose: another patch, noise, grey, the patch with no object under it."""
 
 from collections import Counter, defaultdict
 from collections.abc import Sequence
@@ -6,11 +6,18 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from toolkit.captures.read import POOLED, UNPATCHED
-from toolkit.captures.variants import CONTROLS
+from toolkit.captures.variants import CONTROLS_OF
 from toolkit.evaluation.metrics import index_poses
-from toolkit.evaluation.order import PATCHED, WRONG, rank_variant
+from toolkit.evaluation.order import PATCHED, TEXTURED, WRONG
 from toolkit.evaluation.predict import Prediction
 from toolkit.statistics import mcnemar_p, wilson_interval
+
+COMPARED = (
+    *((booster, control) for booster, controls in CONTROLS_OF.items() for control in controls),
+    (PATCHED, TEXTURED),
+    (UNPATCHED, WRONG),
+)
+"""What is compared, in this order."""
 
 
 @dataclass(frozen=True)
@@ -18,7 +25,8 @@ class Comparison:
     """Two variants on the same poses; `object` is `all` for the pooled row of a source.
 
     Attributes:
-        first, second: the variants: `patched` and a control, or `unpatched` and `wrong-patch`.
+        first, second: the variants: a booster and its control, `patched` and `textured`, or `unpatched` and
+            `wrong-patch`.
         n_pairs: poses seen in both and read in both.
         n_first, n_second: on how many of these each is right.
         only_first, only_second: on how many one is right and the other is wrong.
@@ -52,13 +60,13 @@ class Comparison:
 
 
 def compare_controls(predictions: Sequence[Prediction]) -> list[Comparison]:
-    """`patched` against every control, and `unpatched` against `wrong-patch`, by source and object, `all` last.
+    """What `COMPARED` lists, by source and object, `all` last.
 
     Of several images of one pose the first that was read is taken. What was not shot is not compared.
     """
     pairs: dict[tuple[str, str, str, str], list[tuple[Prediction, Prediction]]] = defaultdict(list)
     for (source, name), variants in index_poses(predictions).items():
-        for first, second in (*((PATCHED, control) for control in CONTROLS), (UNPATCHED, WRONG)):
+        for first, second in COMPARED:
             before, after = variants.get(first, {}), variants.get(second, {})
             shared = [(before[pose], after[pose]) for pose in sorted(before.keys() & after.keys())]
             read = [pair for pair in shared if pair[0].is_read and pair[1].is_read]
@@ -69,7 +77,7 @@ def compare_controls(predictions: Sequence[Prediction]) -> list[Comparison]:
 
 def _row_order(key: tuple[str, str, str, str]) -> tuple:
     source, name, first, second = key
-    return source, name == POOLED, name, first == UNPATCHED, rank_variant(second)
+    return source, name == POOLED, name, COMPARED.index((first, second))
 
 
 def _compare(key: tuple[str, str, str, str], pairs: list[tuple[Prediction, Prediction]]) -> Comparison:

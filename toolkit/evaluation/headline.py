@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 
 from toolkit.captures.read import POOLED, UNPATCHED
-from toolkit.captures.variants import CONTROLS
-from toolkit.evaluation.answers import HELPS, Pooled, answer_controls, pool_rows
+from toolkit.evaluation.answers import Pooled, answer_controls, ask_help, pool_rows
 from toolkit.evaluation.controls import Comparison
 from toolkit.evaluation.metrics import Group, Pair
-from toolkit.evaluation.order import ALONE, PATCHED
+from toolkit.evaluation.order import ALONE, OWNERS, name_booster
 from toolkit.evaluation.say import SIGNIFICANT, Headline, say_share, say_test
 
 ONE_WAY_FLIPS = 6
@@ -23,16 +22,14 @@ def write_headlines(
         rows = pool_rows(source, groups, pairs, comparisons)
         answers = answer_controls(arch, source, rows)
         for variant in _pick_variants(rows):
-            headlines.append(_head(arch, rows, variant, HELPS if answers and variant == PATCHED else ""))
+            headlines.append(_head(arch, rows, variant, ask_help(variant) if answers else ""))
         headlines += answers
     return headlines
 
 
 def _pick_variants(rows: Pooled) -> list[str]:
-    """What gets a headline of its own: boosters; controls where there is no patch that they belong to."""
-    boosters = [name for name in rows.groups if name not in (UNPATCHED, ALONE)]
-    if PATCHED in boosters:
-        boosters = [name for name in boosters if name not in CONTROLS]
+    """What gets a headline of its own: boosters; controls where the booster that they belong to was not shot."""
+    boosters = [name for name in rows.groups if name not in (UNPATCHED, ALONE) and OWNERS.get(name) not in rows.groups]
     return boosters or ([UNPATCHED] if UNPATCHED in rows.groups else [])
 
 
@@ -45,7 +42,7 @@ def _head(arch: str, rows: Pooled, variant: str, question: str) -> Headline:
 
 
 def _compare(arch: str, before: Group, after: Group, pair: Pair | None, question: str) -> Headline:
-    name = "the patch" if after.variant == PATCHED else f"'{after.variant}'"
+    name = name_booster(after.variant)
     shares = f"{arch} is right on {say_share(after)} with {name} and on {say_share(before)} without."
     start = name[0].upper() + name[1:]
     if pair is None:

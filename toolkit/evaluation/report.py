@@ -12,11 +12,15 @@ from toolkit.evaluation.controls import Comparison
 from toolkit.evaluation.findings import Findings
 from toolkit.evaluation.flips import MAX_FLIPS
 from toolkit.evaluation.metrics import Group, Pair
+from toolkit.evaluation.order import NOUNS, OWNERS
 from toolkit.evaluation.poses import chart_poses
 from toolkit.evaluation.saliency import HEAT_COLOURS, HEAT_LEVELS, Saliency
+from toolkit.evaluation.sim_real_report import view_sim_real
+from toolkit.evaluation.sim_real_say import say_interval, say_kappa, say_points, say_rank
 from toolkit.evaluation.tables import pick_rows
 from toolkit.evaluation.thumbnails import make_thumbnails
 from toolkit.files import write_text
+from toolkit.statistics import wilson_interval
 
 TEMPLATE = "report.html.j2"
 MAX_TABLE_ROWS = 400
@@ -30,6 +34,8 @@ def write_report(
     sheets, n_hidden = lay_out(predictions)
     flips = [(one.kind, lay_out_flips(one), one.n, one.counts) for one in findings.flips]
     shown = [one for sheet in sheets for card in sheet.cards for one in card.cells]
+    views = view_sim_real(findings.sim_real)
+    shown += [one for view in views for card in view.cards for one in card.cells]
     shown += [one for _, cards, _, _ in flips for card in cards for one in card.cells]
     context = {
         "title": title,
@@ -41,7 +47,10 @@ def write_report(
         "headlines": findings.headlines,
         "tables": _tables(findings.groups, findings.pairs),
         "comparisons": _compare_tables(findings.comparisons),
+        "compared": {row.second for row in findings.comparisons},
+        "controlled": _name_controlled(findings.comparisons),
         "charts": chart_poses(predictions),
+        "sim_real": views,
         "sources": sorted({one.capture.source for one in predictions}),
         "sheets": sheets,
         "n_hidden": n_hidden,
@@ -73,6 +82,8 @@ def render(context: dict[str, Any]) -> str:
     )
     environment.filters["percent"] = lambda share: "–" if share is None else f"{100 * share:.0f}"
     environment.filters["p_value"] = lambda p: "< 0.0001" if p < 1e-4 else f"{p:.2g}"
+    environment.filters |= {"points": say_points, "interval": say_interval, "rank": say_rank, "kappa": say_kappa}
+    environment.globals["wilson"] = wilson_interval
     return environment.get_template(TEMPLATE).render(context)
 
 
@@ -86,6 +97,12 @@ def _tables(groups: Sequence[Group], pairs: Sequence[Pair]) -> list[dict[str, An
         is_cut = n_objects > len({group.object for group, _ in rows})
         tables.append({"source": source, "rows": rows, "n_objects": n_objects, "is_cut": is_cut})
     return tables
+
+
+def _name_controlled(comparisons: Sequence[Comparison]) -> list[str]:
+    """`patch`, `texture` or both: the boosters of which a control was shot."""
+    owners = {OWNERS.get(row.second) for row in comparisons}
+    return [noun for booster, noun in NOUNS.items() if booster in owners]
 
 
 def _compare_tables(comparisons: Sequence[Comparison]) -> list[tuple[str, list[Comparison]]]:

@@ -15,6 +15,7 @@ from toolkit.evaluation.predict import Prediction, predict_captures
 from toolkit.evaluation.report import write_report
 from toolkit.evaluation.saliency import draw_saliency
 from toolkit.evaluation.say import Headline
+from toolkit.evaluation.sim_real import SimReal
 from toolkit.evaluation.truth import find_true_classes, leave_out_unknown
 from toolkit.evaluation.write import summarise, write_predictions
 from toolkit.files import write_json
@@ -36,6 +37,7 @@ class EvaluationResult:
         notes: what else the reader should know.
         headlines: the result in words.
         summary: what `summary.json` holds.
+        sim_real: rendered sources against photographs of the same poses.
     """
 
     run_dir: Path
@@ -48,6 +50,7 @@ class EvaluationResult:
     notes: tuple[str, ...]
     headlines: tuple[Headline, ...]
     summary: dict[str, Any]
+    sim_real: tuple[SimReal, ...] = ()
 
 
 def evaluate_captures(
@@ -119,6 +122,7 @@ def write_evaluation(
         notes,
         findings.headlines,
         summary,
+        findings.sim_real,
     )
 
 

@@ -9,6 +9,7 @@ from rich.text import Text
 
 from toolkit.captures.read import POOLED
 from toolkit.evaluation.metrics import Group, Pair
+from toolkit.evaluation.sim_real_table import print_sim_real
 
 if TYPE_CHECKING:
     from toolkit.evaluation.run import EvaluationResult
@@ -21,6 +22,7 @@ def print_tables(console: Console, result: "EvaluationResult") -> None:
     for table in build_tables(result.groups, result.pairs):
         console.print(table)
         console.print()
+    print_sim_real(console, result.sim_real)
     for headline in result.headlines:
         asked = f"{headline.question} " if headline.question else ""
         words = f"{headline.source}: {asked}{headline.verdict}. {headline.sentence}"

@@ -41,9 +41,13 @@ def _row(one: Prediction) -> list[Any]:
 def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str]) -> dict[str, Any]:
     """What `summary.json` holds.
 
-    `controls` has `comparisons` (the fields of `Comparison` and both intervals: the patch against each control that was
-    shot, on the same poses, by object and pooled) and `answers` {source, question, tone, verdict, sentence}. Both are
-    empty without controls.
+    `controls` has `comparisons` (the fields of `Comparison` and both intervals: each booster against those of its
+    controls that were shot, and patch against texture, on the same poses, by object and pooled) and `answers` {source,
+    question, tone, verdict, sentence}. Both are empty without controls and with one booster.
+
+    `sim_real` has an entry for each rendered source and source of photographs of the same poses: `rows` by object and
+    variant (the gap, its interval and test, the rank correlation), `gains` (which poses a booster gains), `wrong` (the
+    poses that the rig predicted wrongly) and what was not compared. It is empty without both kinds of sources.
     """
     return {
         "schema_version": SCHEMA_VERSION,
@@ -61,6 +65,7 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str]) 
             "comparisons": [row.as_json() for row in findings.comparisons],
             "answers": [headline.as_json() for headline in findings.headlines if headline.question],
         },
+        "sim_real": [one.as_json() for one in findings.sim_real],
         "failed": [{"path": path, "reason": reason} for path, reason in findings.failed],
         "unpaired": [{"path": path, "reason": reason} for path, reason in findings.unpaired],
         "notes": list(notes),

@@ -1,6 +1,7 @@
 """Meshes for other programs: GLB, in metres with y up, as glTF has it."""
 
 from io import BytesIO
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -8,31 +9,56 @@ from PIL import Image
 from toolkit.objects.mesh import Mesh
 
 MM_PER_M = 1000.0
+SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}
+"""As the rig looks textures up: linear between texels and between levels of detail, and repeating."""
 
 
 def to_glb(mesh: Mesh, name: str) -> bytes:
-    """A binary glTF with one primitive per material, textures embedded."""
+    """A binary glTF with one primitive per material; a picture that several materials share is embedded once.
+
+    Faces are drawn from both sides, as the rig does it.
+    """
     import trimesh
 
     T_gltf_world = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]], float)  # front +x -> +z, left +y -> +x, up +z -> +y
     scene = trimesh.Scene(base_frame=name)
+    sheets: dict[int, int] = {}
+    looks: dict[str, tuple[str, int]] = {}  # name and sheet by a name that is unique: trimesh makes one of equal looks
     for index, material in enumerate(mesh.materials):
         faces = mesh.faces[mesh.face_material == index]
         if not len(faces):
             continue
         used, inverse = np.unique(faces, return_inverse=True)
+        known = id(material.texture) in sheets
+        unique = f"{material.name}-{index}"  # of two nodes with one name, trimesh keeps the last
+        looks[unique] = material.name, sheets.setdefault(id(material.texture), len(sheets))
         look = trimesh.visual.material.PBRMaterial(
-            name=material.name, baseColorTexture=_png_image(material.texture), metallicFactor=float(material.metallic),
-            roughnessFactor=float(material.roughness),
+            name=unique, baseColorTexture=None if known else _png_image(material.texture),
+            metallicFactor=float(material.metallic), roughnessFactor=float(material.roughness), doubleSided=True,
         )  # fmt: skip
         piece = trimesh.Trimesh(
             vertices=mesh.vertices[used] @ T_gltf_world.T / MM_PER_M, faces=inverse.reshape(-1, 3),
-            vertex_normals=mesh.normals[used] @ T_gltf_world.T,
+            vertex_normals=_unit(mesh.normals[used]) @ T_gltf_world.T,
             visual=trimesh.visual.TextureVisuals(uv=mesh.uv[used], material=look), process=False,
         )  # fmt: skip
-        unique = f"{material.name}-{index}"  # of two nodes with one name, trimesh keeps the last
         scene.add_geometry(piece, node_name=unique, geom_name=unique)
-    return scene.export(file_type="glb", include_normals=True)
+
+    def share_sheets(tree: dict[str, Any]) -> None:
+        tree["samplers"] = [SAMPLER]
+        for texture in tree["textures"]:
+            texture["sampler"] = 0
+        for look in tree["materials"]:
+            look["name"], sheet = looks[look["name"]]
+            look["pbrMetallicRoughness"]["baseColorTexture"] = {"index": sheet}
+            look["alphaMode"] = "OPAQUE"
+
+    return scene.export(file_type="glb", include_normals=True, tree_postprocessor=share_sheets)
+
+
+def _unit(normals: np.ndarray) -> np.ndarray:
+    """Normals of length 1; those of faces without area, which have none, point up."""
+    length = np.linalg.norm(normals.astype(np.float64), axis=1, keepdims=True)
+    return np.where(length > 1e-6, normals / np.maximum(length, 1e-6), [0.0, 0.0, 1.0])
 
 
 def _png_image(texture: np.ndarray) -> Image.Image:

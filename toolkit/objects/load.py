@@ -1,7 +1,7 @@
 """From a spec to a mesh on the table: built-in objects and the user's own files."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from importlib import import_module
 from pathlib import Path
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from toolkit.errors import ToolkitError, one_of
 from toolkit.files import inside
+from toolkit.objects.digest import hash_mesh, hash_shape
 from toolkit.objects.mesh import Material, Mesh, check_mesh, merge_meshes, mesh_from_corners, place_on_table
 from toolkit.objects.spec import ObjectSpec, read_spec
 
@@ -29,6 +30,16 @@ class TableObject:
     def name(self) -> str:
         """The object's name."""
         return self.spec.name
+
+    @cached_property
+    def mesh_sha256(self) -> str:
+        """`hash_mesh` of its mesh."""
+        return hash_mesh(self.mesh)
+
+    @cached_property
+    def shape_sha256(self) -> str:
+        """`hash_shape` of its mesh."""
+        return hash_shape(self.mesh)
 
 
 def load_object(spec_file: Path) -> TableObject:

@@ -28,6 +28,7 @@ class PrintedPatch:
         copies, pages: how many.
         tiles: rows and columns of pages that one copy takes, [1, 1] where it fits on a page.
         recorded_mm: the side that the patch's record states.
+        colour_strip: whether the strip of known colours is beside the patch.
         total_variation, non_printability: see `toolkit.print_scores.PrintScores`.
     """
 
@@ -46,6 +47,7 @@ class PrintedPatch:
     pages: int
     tiles: tuple[int, int]
     recorded_mm: float
+    colour_strip: bool
     total_variation: float
     non_printability: float
 
@@ -55,14 +57,14 @@ class PrintedPatch:
         copies = "" if self.copies == 1 else f", {self.copies} copies"
         rows, columns = self.tiles
         tiles = "" if rows * columns == 1 else f" (a map and {rows} × {columns} tiles a copy)"
-        return f"{_shorten(self.file)}: {self.size_mm:.1f} × {self.size_mm:.1f} mm{copies}, {pages}{tiles}"
+        return f"{shorten(self.file)}: {self.size_mm:.1f} × {self.size_mm:.1f} mm{copies}, {pages}{tiles}"
 
     def describe_scores(self) -> str:
         """One line: how the patch will come out of the printer."""
         return PrintScores(self.total_variation, self.non_printability).describe(self.name)
 
 
-def _shorten(file: str) -> str:
+def shorten(file: str) -> str:
     """Relative to the current folder where it is inside."""
     here = Path.cwd()
     path = Path(file).resolve()
@@ -95,6 +97,7 @@ def print_patch(png_file: Path, pdf_file: Path, settings: PrintSettings) -> Prin
         pages=len(plan.pages),
         tiles=plan.tiles,
         recorded_mm=record.size_mm,
+        colour_strip=plan.has_strip,
         **{key: round(score, 4) for key, score in asdict(score_print(patch.pixels)).items()},
     )
 

@@ -16,7 +16,7 @@ HASH_DIGITS = 12
 
 @dataclass(frozen=True)
 class PatchLabel:
-    """The lines that name a patch.
+    """The lines that name a patch, or another sheet.
 
     Attributes:
         title: its class, and its file's name where that differs.
@@ -53,11 +53,11 @@ def compose_label(record: PatchRecord, side_mm: float, settings: PrintSettings) 
     )
 
 
-def draw_header(canvas: "Canvas", area: Rect, label: PatchLabel, page: str, tiled: bool) -> None:
-    """Draw the label into the page's header; `page` (which page, which tile) stands on the right."""
+def draw_header(canvas: "Canvas", area: Rect, label: PatchLabel, page: str, advice: str) -> None:
+    """Draw the label into the page's header; `page` (which page, which tile) stands on the right, `advice` below."""
     taken = draw_text(canvas, page, area.right, area.top - 4.2, 3.0, area.width * 0.45, align="right")
     draw_text(canvas, label.title, area.x, area.top - 4.2, 5.0, area.width - taken - 4, BOLD)
     draw_text(canvas, label.size, area.x, area.top - 9.4, 3.2, area.width)
     draw_text(canvas, label.origin, area.x, area.top - 13.4, 2.4, area.width)
-    for line, words in enumerate((PRINT_IT, JOIN_IT if tiled else CUT_IT)):
+    for line, words in enumerate((PRINT_IT, advice)):
         draw_text(canvas, words, area.x, area.top - 17.0 - 3.3 * line, 2.4, area.width)

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from toolkit.printing.frame import BAR_MM, MARK_MM, Rect
+from toolkit.printing.frame import BAR_MM, MARK_MM, PageFrame, Rect
 from toolkit.printing.text import PLAIN, draw_text, measure_text_mm
 from toolkit.printing.tiling import OVERLAP_MM, Tile
 
@@ -38,6 +38,12 @@ def draw_check_bar(canvas: "Canvas", x: float, y: float, upright: bool) -> None:
         label = "100 mm" if tick == 100 else str(tick)
         draw_text(canvas, label, tick, baseline, 2.2, 10, align="centre")
     canvas.restoreState()
+
+
+def draw_check_bars(canvas: "Canvas", frame: PageFrame) -> None:
+    """Both check bars of a page."""
+    for upright in (False, True):
+        draw_check_bar(canvas, *frame.bars_corner, upright=upright)
 
 
 def _tick(canvas: "Canvas", x: float, y: float, dx: int, dy: int, length: float = MARK_LENGTH_MM) -> None:

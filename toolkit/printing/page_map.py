@@ -1,12 +1,11 @@
-"""The first page of a patch that needs several: how its tiles go together."""
+"""The first page of a sheet that needs several: how its tiles go together."""
 
 from typing import TYPE_CHECKING
 
-from toolkit.printing.artwork import place_patch
 from toolkit.printing.frame import Rect
-from toolkit.printing.marks import draw_front_arrow
 from toolkit.printing.plan import MapPage
 from toolkit.printing.text import BOLD, draw_text
+from toolkit.printing.tile_page import DrawSheet
 from toolkit.printing.tiling import OVERLAP_MM
 
 if TYPE_CHECKING:
@@ -22,30 +21,35 @@ STEPS = (
 LINE_HEIGHT_MM = 4.0
 
 
-def draw_map(canvas: "Canvas", area: Rect, page: MapPage, n_px: int, margin_mm: float) -> None:
+def draw_map(canvas: "Canvas", area: Rect, page: MapPage, draw_sheet: DrawSheet) -> Rect:
     """The whole sheet made small, each tile outlined and named, over the steps to put it together.
 
     Args:
-        canvas: in millimetres, with the patch defined.
+        canvas: in millimetres.
         area: the page's room for it.
         page: the tiles.
-        n_px: side of the patch in pixels.
-        margin_mm: white paper round the patch.
+        draw_sheet: draws the sheet at its full size.
+
+    Returns:
+        Where on the page the small sheet is.
     """
-    sheet_mm = max(tile.area.right for tile in page.tiles)
+    sheet_width, sheet_height = (max(getattr(tile.area, end) for tile in page.tiles) for end in ("right", "top"))
     steps_mm = LINE_HEIGHT_MM * len(STEPS) + 4
-    side = min(area.width - 8, area.height - steps_mm - 14)
-    picture = Rect(area.x, area.y + steps_mm + 10, area.width, area.height - steps_mm - 14).centre(side, side)
-    small = side / sheet_mm
-    margin = margin_mm * small
-    place_patch(canvas, picture.x + margin, picture.y + margin, side - 2 * margin, n_px)
+    small = min((area.width - 8) / sheet_width, (area.height - steps_mm - 14) / sheet_height)
+    room = Rect(area.x, area.y + steps_mm + 10, area.width, area.height - steps_mm - 14)
+    picture = room.centre(sheet_width * small, sheet_height * small)
+    canvas.saveState()
+    canvas.translate(picture.x, picture.y)
+    canvas.scale(small, small)
+    draw_sheet(canvas)
+    canvas.restoreState()
     for tile in page.tiles:
         here = tile.area
         box = Rect(picture.x + here.x * small, picture.y + here.y * small, here.width * small, here.height * small)
         _draw_tile(canvas, box, tile.name)
-    draw_front_arrow(canvas, Rect(picture.x, picture.y + 4, side, side))
     for line, words in enumerate(STEPS):
         draw_text(canvas, words, area.x + 4, area.y + steps_mm - LINE_HEIGHT_MM * (line + 1), 2.6, area.width - 4)
+    return picture
 
 
 def _draw_tile(canvas: "Canvas", box: Rect, name: str) -> None:

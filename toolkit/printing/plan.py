@@ -1,11 +1,13 @@
 """Which page holds what: copies packed side by side, or one copy spread over several pages."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from toolkit.errors import ToolkitError
 from toolkit.printing.frame import CAPTION_MM, MARK_MM, PageFrame, Rect
+from toolkit.printing.paper import Paper
 from toolkit.printing.settings import PrintSettings
+from toolkit.printing.strip_place import StripPlace, reserve_strip
 from toolkit.printing.tiling import Tile, tile_sheet
 
 MOST_PAGES = 3000
@@ -15,9 +17,10 @@ NARROWEST_CELL_MM = 24.0
 
 @dataclass(frozen=True)
 class CopiesPage:
-    """A page of whole copies: each one's cut line, in the page's millimetres."""
+    """A page of whole copies: each one's cut line, in the page's millimetres, and the colour strip where it fits."""
 
     cuts: tuple[Rect, ...]
+    strip: StripPlace | None = None
 
 
 @dataclass(frozen=True)
@@ -31,9 +34,18 @@ class TilePage:
 
 @dataclass(frozen=True)
 class MapPage:
-    """The first page of a tiled patch: how its tiles go together."""
+    """The first page of a tiled sheet: how its tiles go together."""
 
     tiles: tuple[Tile, ...]
+
+
+Page = CopiesPage | TilePage | MapPage
+
+
+def count_tiles(pages: tuple[Page, ...]) -> tuple[int, int]:
+    """Rows and columns that one copy is split into, (1, 1) where it fits on a page."""
+    first = pages[0]
+    return (first.tiles[0].rows, first.tiles[0].columns) if isinstance(first, MapPage) else (1, 1)
 
 
 @dataclass(frozen=True)
@@ -50,7 +62,7 @@ class PrintPlan:
     frame: PageFrame
     side_mm: float
     margin_mm: float
-    pages: tuple[CopiesPage | TilePage | MapPage, ...]
+    pages: tuple[Page, ...]
 
     @property
     def cut_mm(self) -> float:
@@ -60,33 +72,63 @@ class PrintPlan:
     @property
     def tiles(self) -> tuple[int, int]:
         """Rows and columns that one copy is split into, (1, 1) where it fits on a page."""
-        first = self.pages[0]
-        return (first.tiles[0].rows, first.tiles[0].columns) if isinstance(first, MapPage) else (1, 1)
+        return count_tiles(self.pages)
+
+    @property
+    def has_strip(self) -> bool:
+        """Whether the colour strip is on a page."""
+        return any(isinstance(page, CopiesPage) and page.strip is not None for page in self.pages)
+
+
+def turn_frames(paper: Paper, orientation: str) -> list[PageFrame]:
+    """The page as `orientation` says; for `auto` both ways round, the paper's own first."""
+    turns = [orientation]
+    if orientation == "auto":
+        turns = sorted(["portrait", "landscape"], key=lambda turn: turn != paper.orientation)
+    return [PageFrame(paper.turn(turn)) for turn in turns]
 
 
 def plan_pages(side_mm: float, settings: PrintSettings) -> PrintPlan:
     """Lay out a patch of that side; `auto` turns the paper where that saves pages.
 
+    The colour strip goes beside the patch where that takes no further page.
+
     Raises:
         ToolkitError: it would take more than 3000 pages.
     """
-    turns = [settings.orientation]
-    if settings.orientation == "auto":
-        turns = sorted(["portrait", "landscape"], key=lambda turn: turn != settings.paper.orientation)
-    plans = [_plan_on(PageFrame(settings.paper.turn(turn)), side_mm, settings) for turn in turns]
-    return min(plans, key=lambda plan: len(plan.pages))
-
-
-def _plan_on(frame: PageFrame, side_mm: float, settings: PrintSettings) -> PrintPlan:
     cut_mm = side_mm + 2 * settings.margin_mm
-    pages = _pack_copies(frame.content, cut_mm, settings.copies) or _spread_tiles(frame, cut_mm, settings.copies)
+    frames = turn_frames(settings.paper, settings.orientation)
+    layouts = [(frame, lay_out(frame, cut_mm, cut_mm, settings.copies)) for frame in frames]
+    frame, pages = min(layouts, key=lambda layout: len(layout[1]))
+    pages = _add_strip(frame.content, cut_mm, settings.copies, pages)
     return PrintPlan(frame, side_mm, settings.margin_mm, tuple(pages))
 
 
-def _pack_copies(content: Rect, cut_mm: float, copies: int) -> list[CopiesPage | TilePage | MapPage]:
+def lay_out(frame: PageFrame, cut_width: float, cut_height: float, copies: int = 1) -> list[Page]:
+    """Pages of whole copies of a sheet, or, where it is larger than a page, a map and tiles.
+
+    Raises:
+        ToolkitError: it would take more than 3000 pages.
+    """
+    packed = _pack_copies(frame.content, cut_width, cut_height, copies)
+    return [*packed] or _spread_tiles(frame, cut_width, cut_height, copies)
+
+
+def _add_strip(content: Rect, cut_mm: float, copies: int, pages: list[Page]) -> list[Page]:
+    """The same copies on as many pages with the strip on each; the pages as they are where it has no room."""
+    if not isinstance(pages[0], CopiesPage):
+        return pages
+    for place, rest in reserve_strip(content):
+        packed = _pack_copies(rest, cut_mm, cut_mm, copies)
+        if packed and len(packed) == len(pages):
+            return [replace(page, strip=place) for page in packed]
+    return pages
+
+
+def _pack_copies(content: Rect, cut_width: float, cut_height: float, copies: int) -> list[CopiesPage]:
     """As many copies on a page as fit, the group centred; none where not even one fits."""
-    cell_width = max(cut_mm + 2 * MARK_MM, NARROWEST_CELL_MM)
-    cell_height = cut_mm + 2 * MARK_MM + CAPTION_MM
+    cell_width = max(cut_width + 2 * MARK_MM, NARROWEST_CELL_MM)
+    cell_height = cut_height + 2 * MARK_MM + CAPTION_MM
     most_columns, most_rows = int(content.width // cell_width), int(content.height // cell_height)
     if not most_columns * most_rows:
         return []
@@ -95,10 +137,10 @@ def _pack_copies(content: Rect, cut_mm: float, copies: int) -> list[CopiesPage |
     group = content.centre(columns * cell_width, rows * cell_height)
     cuts = [
         Rect(
-            group.x + column * cell_width + (cell_width - cut_mm) / 2,
-            group.top - row * cell_height - MARK_MM - cut_mm,
-            cut_mm,
-            cut_mm,
+            group.x + column * cell_width + (cell_width - cut_width) / 2,
+            group.top - row * cell_height - MARK_MM - cut_height,
+            cut_width,
+            cut_height,
         )
         for row in range(rows)
         for column in range(columns)
@@ -106,16 +148,17 @@ def _pack_copies(content: Rect, cut_mm: float, copies: int) -> list[CopiesPage |
     return [CopiesPage(tuple(cuts[: copies - done])) for done in range(0, copies, len(cuts))]
 
 
-def _spread_tiles(frame: PageFrame, cut_mm: float, copies: int) -> list[CopiesPage | TilePage | MapPage]:
+def _spread_tiles(frame: PageFrame, cut_width: float, cut_height: float, copies: int) -> list[Page]:
     content = frame.content
-    tiles = tile_sheet(cut_mm, content.width - 2 * MARK_MM, content.height - 2 * MARK_MM - CAPTION_MM)
+    most_width, most_height = content.width - 2 * MARK_MM, content.height - 2 * MARK_MM - CAPTION_MM
+    tiles = tile_sheet(cut_width, most_width, most_height, cut_height)
     if len(tiles) * copies > MOST_PAGES:
         raise ToolkitError(
-            f"{cut_mm:.0f} mm on {frame.paper.name} needs {len(tiles) * copies} pages: expected at most {MOST_PAGES}; "
-            "choose a larger --paper, a smaller size or fewer --copies"
+            f"{max(cut_width, cut_height):.0f} mm on {frame.paper.name} needs {len(tiles) * copies} pages: expected at "
+            f"most {MOST_PAGES}; choose a larger --paper, a smaller size or fewer --copies"
         )
     window_area = Rect(content.x, content.y + CAPTION_MM, content.width, content.height - CAPTION_MM)
-    pages: list[CopiesPage | TilePage | MapPage] = [MapPage(tuple(tiles))]
+    pages: list[Page] = [MapPage(tuple(tiles))]
     for copy in range(1, copies + 1):
         pages += [TilePage(tile, window_area.centre(tile.area.width, tile.area.height), copy) for tile in tiles]
     return pages

@@ -40,8 +40,7 @@ class PrintSettings:
     margin_mm: float = 5.0
 
     def __post_init__(self) -> None:
-        if self.orientation not in ORIENTATIONS:
-            raise one_of("orientation", self.orientation, ORIENTATIONS)
+        check_orientation(self.orientation)
         _require(
             math.isfinite(self.scale_percent) and self.scale_percent > 0, "--scale", "above 0 %", self.scale_percent
         )
@@ -50,6 +49,17 @@ class PrintSettings:
         _require(0 <= self.margin_mm <= WIDEST_MARGIN_MM, "--margin-mm", f"0 to {WIDEST_MARGIN_MM:g}", self.margin_mm)
         if self.size_mm is not None:
             _require(math.isfinite(self.size_mm) and self.size_mm > 0, "--size-mm", "above 0", self.size_mm)
+
+
+def check_orientation(orientation: str) -> str:
+    """`orientation`, if it is one.
+
+    Raises:
+        ToolkitError: it is not.
+    """
+    if orientation not in ORIENTATIONS:
+        raise one_of("orientation", orientation, ORIENTATIONS)
+    return orientation
 
 
 def _require(good: bool, option: str, expected: str, found: float) -> None:

@@ -59,12 +59,21 @@ def split_length(length_mm: float, most_mm: float, overlap_mm: float = OVERLAP_M
     return [(index * (span - overlap_mm), span) for index in range(count)]
 
 
-def tile_sheet(side_mm: float, most_width_mm: float, most_height_mm: float) -> list[Tile]:
-    """Tiles of a square sheet, row by row from the top left, none larger than stated."""
+def tile_sheet(
+    side_mm: float, most_width_mm: float, most_height_mm: float, height_mm: float | None = None
+) -> list[Tile]:
+    """Tiles of a sheet, row by row from the top left, none larger than stated.
+
+    Args:
+        side_mm: width of the sheet.
+        most_width_mm, most_height_mm: of a tile.
+        height_mm: of the sheet; None: a square one.
+    """
+    sheet_height = side_mm if height_mm is None else height_mm
     across = split_length(side_mm, most_width_mm)
-    down = split_length(side_mm, most_height_mm)
+    down = split_length(sheet_height, most_height_mm)
     return [
-        Tile(row, column, Rect(x, side_mm - y - height, width, height), len(down), len(across))
+        Tile(row, column, Rect(x, sheet_height - y - height, width, height), len(down), len(across))
         for row, (y, height) in enumerate(down)
         for column, (x, width) in enumerate(across)
     ]

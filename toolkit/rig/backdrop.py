@@ -29,8 +29,9 @@ class Backdrop:
         """(height, width, 3) float32 linear radiance without the object."""
         rotation = T_world_camera[:3, :3].astype(np.float32)
         origin = T_world_camera[:3, 3].astype(np.float32)
-        x = (np.arange(camera.width, dtype=np.float32) + 0.5 - camera.width / 2) / np.float32(camera.focal_px)
-        y = (np.arange(camera.height, dtype=np.float32) + 0.5 - camera.height / 2) / np.float32(camera.focal_px)
+        (fx, fy), (cx, cy) = map(np.float32, camera.focals_px), camera.principal_px
+        x = (np.arange(camera.width, dtype=np.float32) + 0.5 - cx) / fx
+        y = (np.arange(camera.height, dtype=np.float32) + 0.5 - cy) / fy
         direction = [
             (x * rotation[i, 0])[None, :] + (y * rotation[i, 1] + rotation[i, 2])[:, None] for i in range(3)
         ]  # not of unit length: z is 1 in the camera's axes
@@ -41,7 +42,7 @@ class Backdrop:
         cosine = -falling / np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
         picture = self._table_picture(ground_x, ground_y, footprint / np.sqrt(np.maximum(cosine, 0.05)))
         picture += self._table_gloss(direction, cosine)
-        cover = np.clip(self._pixels_inside(direction, origin, rotation / np.float32(camera.focal_px)) + 0.5, 0, 1)
+        cover = np.clip(self._pixels_inside(direction, origin, rotation[:, :2] / np.array([fx, fy])) + 0.5, 0, 1)
         open_room = np.flatnonzero(cover.reshape(-1) < 1)
         if len(open_room):
             flat = picture.reshape(-1, 3)
@@ -91,7 +92,7 @@ class Backdrop:
         for axis in (0, 1):
             for sign in (np.float32(1), np.float32(-1)):
                 along, down = -sign * origin[2], sign * origin[axis] - self._size[axis] / 2
-                slope = np.hypot(*(along * step[axis, :2] + down * step[2, :2]))
+                slope = np.hypot(*(along * step[axis] + down * step[2]))
                 distance = (along * direction[axis] + down * direction[2]) / np.maximum(slope, np.float32(1e-9))
                 np.minimum(nearest, distance, out=nearest)
         return nearest

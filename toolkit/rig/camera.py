@@ -11,34 +11,53 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Camera:
-    """Intrinsics without distortion; square pixels.
+    """Intrinsics without distortion: square pixels and a centred lens, unless the last two fields say otherwise.
 
     Attributes:
         width, height: pixels.
-        fov_deg: horizontal field of view.
+        fov_deg: horizontal field of view of a frame of that width with the lens at its middle.
+        aspect: focal length in pixels along y over that along x.
+        centre_px: (x, y) of the principal point; None is the middle of the frame.
     """
 
     width: int = 640
     height: int = 480
     fov_deg: float = 40.0
+    aspect: float = 1.0
+    centre_px: tuple[float, float] | None = None
 
     @property
     def focal_px(self) -> float:
-        """Focal length in pixels, the same for x and y."""
+        """Focal length in pixels along x."""
         return self.width / 2 / float(np.tan(np.radians(self.fov_deg) / 2))
+
+    @property
+    def focals_px(self) -> tuple[float, float]:
+        """Focal lengths in pixels along x and y."""
+        return self.focal_px, self.focal_px * self.aspect
+
+    @property
+    def principal_px(self) -> tuple[float, float]:
+        """(x, y) of the principal point."""
+        return self.centre_px or (self.width / 2, self.height / 2)
 
     @property
     def intrinsics(self) -> dict[str, float]:
         """Width, height, fx, fy, cx, cy in pixels."""
-        return {
-            "width": self.width, "height": self.height, "fx": self.focal_px, "fy": self.focal_px,
-            "cx": self.width / 2, "cy": self.height / 2,
-        }  # fmt: skip
+        (fx, fy), (cx, cy) = self.focals_px, self.principal_px
+        return {"width": self.width, "height": self.height, "fx": fx, "fy": fy, "cx": cx, "cy": cy}
 
     @property
     def matrix(self) -> np.ndarray:
         """(3, 3) camera matrix K."""
-        return np.array([[self.focal_px, 0, self.width / 2], [0, self.focal_px, self.height / 2], [0, 0, 1.0]])
+        (fx, fy), (cx, cy) = self.focals_px, self.principal_px
+        return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+
+
+def camera_of_intrinsics(width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> Camera:
+    """The camera with this matrix, all in pixels."""
+    fov_deg = 2 * float(np.degrees(np.arctan(width / 2 / fx)))
+    return Camera(int(width), int(height), fov_deg, float(fy / fx), (float(cx), float(cy)))
 
 
 def orbit_direction(azimuth_deg: float, elevation_deg: float) -> np.ndarray:
@@ -84,14 +103,14 @@ def project(camera: Camera, T_world_camera: np.ndarray, points_mm: np.ndarray) -
     local = (np.asarray(points_mm, float) - T_world_camera[:3, 3]) @ T_world_camera[:3, :3]
     depth = local[:, 2]
     safe = np.where(np.abs(depth) < 1e-9, 1e-9, depth)
-    pixels = local[:, :2] / safe[:, None] * camera.focal_px + [camera.width / 2, camera.height / 2]
+    pixels = local[:, :2] / safe[:, None] * camera.focals_px + camera.principal_px
     return pixels, depth
 
 
 def pixel_rays(camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     """(n, 6) float32 rays, origin and unit direction in the world, through pixel coordinates (n, 2)."""
     local = np.empty((len(pixels), 3), np.float32)
-    local[:, :2] = (pixels - np.array([camera.width / 2, camera.height / 2], np.float32)) / np.float32(camera.focal_px)
+    local[:, :2] = (pixels - np.array(camera.principal_px, np.float32)) / np.array(camera.focals_px, np.float32)
     local[:, 2] = 1
     directions = local @ T_world_camera[:3, :3].T.astype(np.float32)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -105,7 +124,8 @@ def distance_to_fill(
 ) -> float:  # fmt: skip
     """The distance at which the points reach `fill` of the frame's shorter side, across or up, and no further.
 
-    The shorter side is what a classifier's square centre crop keeps. Closed form: a point at (X, Y, z) from the target
+    For a camera with square pixels and a centred lens, as those of plans are. The shorter side is what a classifier's
+    square centre crop keeps. Closed form: a point at (X, Y, z) from the target
     in camera axes stays inside the square of side S where d >= f·max(|X|, |Y|) / (fill·S/2) - z.
 
     Args:

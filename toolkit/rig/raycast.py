@@ -5,6 +5,7 @@ detail, and the gloss. Silhouettes and the printed sheet get four samples a pixe
 """
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -18,6 +19,7 @@ from toolkit.rig.lightmap import read_samples
 from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.rays import make_ray_scene
 from toolkit.rig.studio import Studio
+from toolkit.rig.textured import TexturedView, view_of_nothing
 from toolkit.rig.textures import sample_pyramid, texture_pyramid
 
 SUBPIXELS = np.array([[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]], np.float32)
@@ -30,6 +32,33 @@ PARTS = 4
 @lru_cache(maxsize=1)
 def _workers() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(PARTS, "rig")
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What rays meet. Arrays of one row per ray; where nothing is hit, colour 0, material -1, normal 0, depth inf.
+
+    `gain`, `uv` and `lod` are there when a texture was left out: by how much its colour counts (0 where a ray does not
+    meet it), where on it, and the base-2 logarithm of its texels per pixel.
+    """
+
+    colour: np.ndarray
+    material: np.ndarray
+    normal: np.ndarray
+    depth: np.ndarray
+    gain: np.ndarray
+    uv: np.ndarray
+    lod: np.ndarray
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """The part of a picture that can show the object: its pixels, and the samples of those that need four."""
+
+    region: tuple[int, int, int, int]
+    seen: _Seen
+    refine: np.ndarray
+    fine: _Seen
 
 
 class RaycastRenderer:
@@ -53,23 +82,48 @@ class RaycastRenderer:
     def render(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
         """(height, width, 3) float32 linear light times the studio's exposure; not clipped."""
         waiting = _workers().submit(self._backdrop.render, camera, T_world_camera)
+        frame = self._look(camera, T_world_camera)
+        picture = waiting.result()
+        if frame is not None:
+            left, top, right, bottom = frame.region
+            behind = picture[top:bottom, left:right].reshape(-1, 3)
+            seen, fine = frame.seen, frame.fine
+            colour = np.where(seen.material[:, None] < 0, behind, seen.colour)
+            missed = (fine.material < 0).reshape(len(SUBPIXELS), -1).mean(axis=0, dtype=np.float32)
+            mean = fine.colour.reshape(len(SUBPIXELS), -1, 3).mean(axis=0)
+            colour[frame.refine] = mean + behind[frame.refine] * missed[:, None]
+            picture[top:bottom, left:right] = colour.reshape(bottom - top, right - left, 3)
+        return picture * np.float32(self._studio.exposure)
+
+    def take_apart(self, camera: Camera, T_world_camera: np.ndarray, texture: np.ndarray) -> TexturedView:
+        """What `render` shows, in parts, so that another picture can take the place of one of the mesh's textures.
+
+        Args:
+            camera, T_world_camera: as for `render`.
+            texture: the one of the materials' textures (the array itself) that is left out; its materials must not be
+                metallic, for then a picture is linear in the texture's linear colours.
+        """
+        left_out = np.array([m.texture is texture for m in self._mesh.materials])
+        waiting = _workers().submit(self._backdrop.render, camera, T_world_camera)
+        frame = self._look(camera, T_world_camera, left_out)
+        exposure = np.float32(self._studio.exposure)
+        behind = waiting.result() * exposure
+        return view_of_nothing(behind) if frame is None else _assemble(frame, behind, exposure)
+
+    def _look(self, camera: Camera, T_world_camera: np.ndarray, left_out: np.ndarray | None = None) -> _Frame | None:
+        """Trace the pixels that can show the object; None where none can."""
         left, top, right, bottom = self._region(camera, T_world_camera)
         if right <= left or bottom <= top:
-            return waiting.result() * np.float32(self._studio.exposure)
+            return None
         x, y = np.meshgrid(np.arange(left, right, dtype=np.float32), np.arange(top, bottom, dtype=np.float32))
         pixels = np.stack([x, y], axis=-1).reshape(-1, 2) + np.float32(0.5)
-        shape = (bottom - top, right - left)
-        colour, material, normal, depth = self._trace(camera, T_world_camera, pixels)
-        refine = np.flatnonzero(self._needs_samples(material, normal, depth, shape))
+        seen = self._trace(camera, T_world_camera, pixels, left_out)
+        refine = np.flatnonzero(
+            self._needs_samples(seen.material, seen.normal, seen.depth, (bottom - top, right - left))
+        )
         samples = (pixels[refine] + SUBPIXELS[:, None]).reshape(-1, 2)
-        fine, fine_material, _, _ = self._trace(camera, T_world_camera, samples)
-        picture = waiting.result()
-        behind = picture[top:bottom, left:right].reshape(-1, 3)
-        colour[material < 0] = behind[material < 0]
-        missed = (fine_material < 0).reshape(len(SUBPIXELS), -1).mean(axis=0, dtype=np.float32)
-        colour[refine] = fine.reshape(len(SUBPIXELS), -1, 3).mean(axis=0) + behind[refine] * missed[:, None]
-        picture[top:bottom, left:right] = colour.reshape(*shape, 3)
-        return picture * np.float32(self._studio.exposure)
+        fine = self._trace(camera, T_world_camera, samples, left_out)
+        return _Frame((left, top, right, bottom), seen, refine, fine)
 
     def buffers(
         self, camera: Camera, T_world_camera: np.ndarray, offset: np.ndarray | tuple[float, float] = (0.0, 0.0)
@@ -120,28 +174,35 @@ class RaycastRenderer:
         right, bottom = np.ceil(pixels[depth > 0].max(axis=0) + margin).astype(int)
         return max(left, 0), max(top, 0), min(right, camera.width), min(bottom, camera.height)
 
-    def _trace(self, camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray):
-        """Colour, material, normal and depth per pixel coordinate; where nothing is hit, 0, -1, 0 and inf."""
-        parts = _workers().map(
-            lambda part: self._trace_part(camera, T_world_camera, part), np.array_split(pixels, PARTS)
+    def _trace(self, camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray, left_out=None) -> _Seen:
+        parts = list(
+            _workers().map(
+                lambda part: self._trace_part(camera, T_world_camera, part, left_out), np.array_split(pixels, PARTS)
+            )
         )
-        return tuple(np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+        return _Seen(
+            *(np.concatenate([getattr(part, field) for part in parts]) for field in _Seen.__dataclass_fields__)
+        )
 
-    def _trace_part(self, camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray):
+    def _trace_part(self, camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray, left_out) -> _Seen:
         rays = pixel_rays(camera, T_world_camera, pixels)
         hits = self._cast(rays)
         depth = hits["t_hit"]
-        seen = np.flatnonzero(np.isfinite(depth))
-        colour = np.zeros((len(pixels), 3), np.float32)
-        material, normal = np.full(len(pixels), -1, np.int32), np.zeros((len(pixels), 3), np.float32)
-        if len(seen):
-            triangle, uv = hits["primitive_ids"][seen].astype(np.int64), hits["primitive_uvs"][seen]
+        found = np.flatnonzero(np.isfinite(depth))
+        count = 0 if left_out is None else len(pixels)
+        seen = _Seen(
+            np.zeros((len(pixels), 3), np.float32), np.full(len(pixels), -1, np.int32),
+            np.zeros((len(pixels), 3), np.float32), depth,
+            np.zeros((count, 3), np.float32), np.zeros((count, 2), np.float32), np.zeros(count, np.float32),
+        )  # fmt: skip
+        if len(found):
+            triangle, uv = hits["primitive_ids"][found].astype(np.int64), hits["primitive_uvs"][found]
             pixel_angle = np.float32(1 / camera.focal_px)
-            colour[seen], normal[seen] = self._shade(rays[seen], depth[seen], triangle, uv, pixel_angle)
-            material[seen] = self._mesh.face_material[triangle]
-        return colour, material, normal, depth
+            self._shade(seen, found, rays[found], depth[found], triangle, uv, pixel_angle, left_out)
+        return seen
 
-    def _shade(self, rays, depth, triangle, uv, pixel_angle):
+    def _shade(self, seen: _Seen, found, rays, depth, triangle, uv, pixel_angle, left_out) -> None:
+        """Fill in the rows `found` of `seen`."""
         direction = rays[:, 3:]
         normal = shading.interpolate(self._corner_normals[triangle], uv)
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
@@ -156,13 +217,18 @@ class RaycastRenderer:
         albedo = self._albedo(material, texture_uv, lod)
         light = read_samples(self._lighting.grid, self._lighting.stored, triangle, uv)
         roughness, metallic = self._roughness[material], self._metallic[material]
-        colour = albedo * light[:, :3] * ((1 - metallic) / np.float32(np.pi))[:, None]
+        gain = light[:, :3] * ((1 - metallic) / np.float32(np.pi))[:, None]
+        if left_out is not None:
+            chosen = left_out[material]
+            albedo[chosen] = 0
+            seen.gain[found], seen.uv[found], seen.lod[found] = gain * chosen[:, None], texture_uv, lod
+        colour = albedo * gain
         points = rays[:, :3] + depth[:, None] * direction
         colour += shading.gloss(
             points, direction, normal, cosine, albedo, roughness, metallic, light[:, 3], light[:, 4], self._studio.key,
             self._backdrop,
         )  # fmt: skip
-        return colour, normal
+        seen.colour[found], seen.normal[found], seen.material[found] = colour, normal, material
 
     def _albedo(self, material: np.ndarray, uv: np.ndarray, lod: np.ndarray) -> np.ndarray:
         texture = self._texture_of_material[material]
@@ -196,6 +262,31 @@ class RaycastRenderer:
         middle = self._corner_uv.mean(axis=1)
         albedo = self._albedo(self._mesh.face_material, middle, np.zeros(len(middle), np.float32))
         return (albedo * area[:, None]).sum(axis=0) / max(float(area.sum()), 1e-9)
+
+
+def _assemble(frame: _Frame, behind: np.ndarray, exposure: np.float32) -> TexturedView:
+    """The parts of a picture: interior pixels count one sample, refined ones the mean of theirs."""
+    left, top, right, bottom = frame.region
+    seen, fine, refine = frame.seen, frame.fine, frame.refine
+    once = np.ones(len(seen.material), bool)
+    once[refine] = False
+    dark, hit = seen.colour, (seen.material >= 0).astype(np.float32)
+    dark[refine] = fine.colour.reshape(len(SUBPIXELS), -1, 3).mean(axis=0)
+    hit[refine] = (fine.material >= 0).reshape(len(SUBPIXELS), -1).mean(axis=0)
+    coarse = np.flatnonzero(once & (seen.gain > 0).any(axis=1))
+    split = np.flatnonzero((fine.gain > 0).any(axis=1))
+    row, column = np.divmod(np.concatenate([coarse, np.tile(refine, len(SUBPIXELS))[split]]), right - left)
+    full, cover = np.zeros_like(behind), np.zeros(behind.shape[:2], np.float32)
+    full[top:bottom, left:right] = dark.reshape(bottom - top, right - left, 3) * exposure
+    cover[top:bottom, left:right] = hit.reshape(bottom - top, right - left)
+    share = np.float32(1 / len(SUBPIXELS))
+    return TexturedView(
+        behind=behind, dark=full, coverage=cover,
+        pixel=((row + top) * behind.shape[1] + column + left).astype(np.int32),
+        uv=np.concatenate([seen.uv[coarse], fine.uv[split]]),
+        lod=np.concatenate([seen.lod[coarse], fine.lod[split]]),
+        gain=np.concatenate([seen.gain[coarse], fine.gain[split] * share]) * exposure,
+    )  # fmt: skip
 
 
 def _hull_vertices(vertices: np.ndarray) -> np.ndarray:

@@ -30,15 +30,24 @@ class ViewRanges:
         roll_deg: about the line of sight.
         fill: share of the frame's shorter side that the object reaches; above 1 it is cut off.
         off_centre: the object's middle is shifted by up to this share of the half frame even where it fills it.
+        evenly: elevations are drawn evenly over the sphere's area, not over the angle.
     """
 
     elevation_deg: tuple[float, float] = (20.0, 70.0)
     roll_deg: tuple[float, float] = (-8.0, 8.0)
     fill: tuple[float, float] = (0.6, 0.95)
     off_centre: float = 0.0
+    evenly: bool = False
+
+    def draw_elevation(self, rng: np.random.Generator) -> float:
+        """Degrees above the table."""
+        if not self.evenly:
+            return rng.uniform(*self.elevation_deg)
+        return float(np.degrees(np.arcsin(rng.uniform(*np.sin(np.radians(self.elevation_deg))))))
 
 
 NEAR_VIEWS = ViewRanges()
+WHOLE_SPHERE = ViewRanges((-90.0, 90.0), (-180.0, 180.0), (0.35, 0.95), 0.15, evenly=True)
 WIDE_VIEWS = ViewRanges((5.0, 80.0), (-20.0, 20.0), (0.35, 1.05), 0.15)
 THUMBNAIL_DETAIL = BakeDetail(key_rays=10, room_rays=40, surface_spacing=0.035, table_spacing=0.03)
 """Light for small pictures, in which finer shade is not seen."""
@@ -117,7 +126,7 @@ def random_studio(seed: int, start: int, size_mm: float) -> Studio:
 
 def random_pose(rng: np.random.Generator, mesh: Mesh, camera: Camera, ranges: ViewRanges = NEAR_VIEWS) -> np.ndarray:
     """(4, 4) `T_world_camera` somewhere around an object, within `ranges`: by default `render_training_images`'s."""
-    azimuth, elevation, roll = rng.uniform(0, 360), rng.uniform(*ranges.elevation_deg), rng.uniform(*ranges.roll_deg)
+    azimuth, elevation, roll = rng.uniform(0, 360), ranges.draw_elevation(rng), rng.uniform(*ranges.roll_deg)
     target = np.array([0.0, 0.0, mesh.size_mm[2] / 2])
     fill = rng.uniform(*ranges.fill)
     distance = distance_to_fill(camera, mesh.vertices, target, azimuth, elevation, fill, roll)

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from toolkit import __version__
-from toolkit.captures.read import POOLED, UNPATCHED
+from toolkit.captures.read import POOLED
 from toolkit.captures.shoot import ShootSettings
+from toolkit.captures.variants import ON_PAPER
 from toolkit.classifiers.network import Classifier
 from toolkit.evaluation.run import EvaluationResult
 from toolkit.files import write_json, write_text
@@ -114,7 +115,7 @@ def collect_rows(
     rows = []
     for group in sorted(evaluation.groups, key=lambda group: rank[group.source]):
         mm, share = sizes.get((group.source, group.object), (None, None))
-        has_patch = group.variant != UNPATCHED
+        has_patch = group.variant in ON_PAPER
         rows.append(
             SweepRow(
                 value_of[group.source], group.source, group.object, group.variant, group.n, group.failed,

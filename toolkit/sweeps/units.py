@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from toolkit.captures.variants import dress, find_booster
+from toolkit.captures.variants import Print, dress, find_booster
 from toolkit.errors import ToolkitError
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.plan import check_poses
@@ -62,7 +62,8 @@ def _plan_unit(
     workspace: Workspace, axis: Axis, value: Value, setup: Setup, item: TableObject, variants: Sequence[str]
 ) -> Unit:
     longest_mm = float(item.mesh.size_mm.max())
-    own_mm = [booster.size_mm for name in variants if (booster := find_booster(workspace, item, name))]
+    boosters = [find_booster(workspace, item, name) for name in variants]
+    own_mm = [booster.size_mm for booster in boosters if isinstance(booster, Print)]
     patch_mm = (setup.patch_mm or own_mm[0]) if own_mm else None
     if not own_mm or setup.patch_mm == own_mm[0]:
         setup = replace(setup, patch_mm=None)  # the images of `capture-sim` are these
@@ -71,7 +72,9 @@ def _plan_unit(
     try:
         check_poses(item, setup.plan.camera.camera(), setup.plan.objects[item.name])
         for name in variants:
-            dress(sized, find_booster(workspace, sized, name))
+            booster = find_booster(workspace, sized, name)
+            if isinstance(booster, Print):  # paint fits wherever the object itself can be shot
+                dress(sized, booster)
     except ToolkitError as error:
         refused = str(error)
     return Unit(value, axis.label(value), item.name, setup, patch_mm, longest_mm, refused)

@@ -1,0 +1,189 @@
+"""train-texture against its floor: what rendering and the network cost by themselves; and how it grows with the mesh.
+
+The floor renders each view and passes it through a ResNet-18 and back, nothing else. One after the other, each with all
+cores, is the serial limit; a process per core for rendering is the parallel one. On a GPU the two overlap.
+"""
+
+import multiprocessing
+import os
+import resource
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+
+import numpy as np
+import torch
+from torchvision.models import resnet18
+
+from toolkit.boosters.textures.optimiser import Optimiser
+from toolkit.boosters.textures.recipes import Choices, make_request
+from toolkit.boosters.textures.request import TextureRequest
+from toolkit.boosters.textures.training import train_steps
+from toolkit.boosters.training import Target, draw_first_patch, judge_photos
+from toolkit.classifiers.network import Classifier, choose_device
+from toolkit.classifiers.preprocessing import Preprocessing
+from toolkit.classifiers.weights import WeightsFile
+from toolkit.objects.atlas import Atlas, make_atlas
+from toolkit.objects.load import build_mesh
+from toolkit.objects.mesh import Material, Mesh, place_on_table
+from toolkit.rig.camera import Camera
+from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.studio import make_studio
+from toolkit.rig.training import random_pose
+from toolkit.rig.view_stream import DETAIL, FOV_DEG, Subject, ViewStream, count_workers
+
+TEXELS, LENGTH_MM = 200, 270.0
+TRIANGLES = (1_000, 10_000, 100_000, 300_000)
+MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+GOAL, GOAL_GB = 0.85, 4.0
+WARM_GROUPS, TIMED_GROUPS = 1, 2
+
+
+def make_target(device: str) -> Target:
+    """ResNet-18 with random weights, frozen: speed does not depend on what it has learnt."""
+    torch.manual_seed(0)
+    module = resnet18(weights=None).eval().requires_grad_(False).to(device=device, memory_format=torch.channels_last)
+    weights = WeightsFile(Path("random"), "0" * 64, "random")
+    how = Preprocessing(256, 224, MEAN, STD)
+    return Target(Classifier("resnet18", module, ["class"] * 1000, how, weights, device, False), 0)
+
+
+def make_sphere(triangles: int) -> Mesh:
+    """A ball of about so many triangles, its texture laid round it."""
+    rings = max(4, round(np.sqrt(triangles / 4)))
+    v, u = np.mgrid[0 : rings + 1, 0 : 2 * rings + 1].astype(np.float32)
+    v, u = v / rings, u / (2 * rings)
+    polar, azimuth = np.pi * v, 2 * np.pi * u
+    normals = np.stack([np.sin(polar) * np.cos(azimuth), np.sin(polar) * np.sin(azimuth), -np.cos(polar)], -1)
+    normals = normals.reshape(-1, 3).astype(np.float32)
+    wide = 2 * rings + 1
+    start = (np.arange(rings)[:, None] * wide + np.arange(2 * rings)).reshape(-1)
+    lower = np.stack([start, start + 1, start + wide + 1], 1)
+    upper = np.stack([start, start + wide + 1, start + wide], 1)
+    faces = np.concatenate([lower[start >= wide], upper[start < (rings - 1) * wide]]).astype(np.int32)
+    paint = Material("paint", np.full((4, 4, 3), 128, np.uint8))
+    uv = np.stack([u, v], -1).reshape(-1, 2)
+    mesh = Mesh(normals * 50, normals, uv, faces, np.zeros(len(faces), np.int32), (paint,))
+    return place_on_table(mesh, LENGTH_MM)
+
+
+def render_block(atlas: Atlas, views: int, seed: int) -> float:
+    """Seconds per view to light a studio and render `views` pictures of the object in it, as `capture-sim` does."""
+    began = perf_counter()
+    renderer = RaycastRenderer(atlas.mesh, make_studio((seed, 1), LENGTH_MM), DETAIL)
+    camera = Camera(224, 224, FOV_DEG)
+    for i in range(views):
+        renderer.render(camera, random_pose(np.random.default_rng([seed, i]), atlas.mesh, camera))
+    return (perf_counter() - began) / views
+
+
+def time_rendering(atlas: Atlas, views: int) -> float:
+    """Seconds per view with every core at its disposal."""
+    return median(render_block(atlas, views, seed) for seed in range(3))
+
+
+def time_rendering_on_one_core(atlas: Atlas, views: int) -> float:
+    """Seconds per view of a process that has one core."""
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _take_one_core) as pool:
+        return pool.submit(time_rendering, atlas, views).result()
+
+
+def _take_one_core() -> None:
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})
+
+
+def time_network(target: Target, batch: int, device: str, repeats: int = 9) -> float:
+    """Seconds per image of a bare forward and backward to the pixels, in the precision that training chooses."""
+    seconds = []
+    images = torch.rand(batch, 3, 224, 224, device=device)
+    for _ in range(repeats + 1):
+        began = perf_counter()
+        pixels = images.detach().requires_grad_(True)
+        loss, _ = judge_photos(pixels, [target])
+        loss.item(), torch.autograd.grad(loss, pixels)
+        if device == "cuda":
+            torch.cuda.synchronize()
+        seconds.append((perf_counter() - began) / batch)
+    return median(seconds[1:])
+
+
+def step_through(atlas: Atlas, target: Target, request: TextureRequest, groups: int) -> Iterator[None]:
+    """Training steps, one per turn, of so many groups of views."""
+    device = target.classifier.device
+    steps = groups * request.steps_per_group
+    request = replace(request, descent=replace(request.descent, steps=steps))
+    texture = draw_first_patch(TEXELS, 0).to(device)
+    source = torch.from_numpy(atlas.source).to(device)
+    subject = Subject(atlas.mesh, int(atlas.mesh.face_material[0]), atlas.mesh)
+    with ViewStream([subject], request.views, 0, request.groups) as stream:
+        none = np.zeros((0, 256, 256, 3), np.uint8)
+        for _ in train_steps(texture, source, 0, Optimiser("sign", texture, 0, {}), [target], stream, request, none):
+            yield
+
+
+def time_training(atlas: Atlas, target: Target, request: TextureRequest, timed: int = TIMED_GROUPS) -> float:
+    """Seconds per image, once the first group of views is used up."""
+    warm = WARM_GROUPS * request.steps_per_group
+    began, count = 0.0, 0
+    for count, _ in enumerate(step_through(atlas, target, request, WARM_GROUPS + timed), 1):
+        if count == warm:
+            began = perf_counter()
+    return (perf_counter() - began) / ((count - warm) * request.descent.batch)
+
+
+def measure_memory() -> float:
+    """Peak of a training at the default batch and its workers together, GB."""
+    with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
+        return pool.submit(_train_and_weigh).result()
+
+
+def _train_and_weigh() -> float:
+    request = make_request("default", Choices(), ("warplane",))
+    atlas = make_atlas(place_on_table(build_mesh("warplane"), LENGTH_MM), TEXELS)
+    for _ in step_through(atlas, make_target("cpu"), request, 2):
+        pass
+    own, workers = (resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return (own + workers * count_workers()) * 1024 / 1e9
+
+
+def run(device: str = "auto") -> dict[str, float | str]:
+    """Images per second against the limits, the time of a step as the mesh grows, and peak memory."""
+    device = choose_device(device)
+    target = make_target(device)
+    plain = make_request("default", Choices(reuse=1, fog=False, camera=False), ("warplane",))
+    default = make_request("default", Choices(), ("warplane",))
+    atlas = make_atlas(place_on_table(build_mesh("warplane"), LENGTH_MM), TEXELS)
+    cores, views, batch = count_workers() + 1, plain.views.per_studio, plain.descent.batch
+    render, render_one = time_rendering(atlas, views), time_rendering_on_one_core(atlas, views)
+    network = time_network(target, batch, device)
+    serial = 1 / (render + network)
+    parallel = 1 / max(render_one / cores, network) if device == "cuda" else 1 / (render_one / cores + network)
+    limit = max(serial, parallel)
+    rate = 1 / time_training(atlas, target, plain)
+    report: dict[str, float | str] = {
+        f"bare render, views/s, {cores} cores": 1 / render,
+        f"bare forward + backward, images/s, batch {batch}, {device}": 1 / network,
+        "limit, serial, images/s": serial,
+        "limit, parallel, images/s": parallel,
+        "toolkit, every view used once, images/s": rate,
+        f"ratio to the better limit, every view used once (mark {GOAL:g})": rate / limit,
+    }
+    rate = 1 / time_training(atlas, target, default)
+    report[f"toolkit, default recipe, every view used {default.reuse} times, images/s"] = rate
+    report["ratio to the better limit, default recipe"] = rate / limit
+    for triangles in TRIANGLES:
+        sphere = make_atlas(make_sphere(triangles), TEXELS)
+        seconds = time_training(sphere, target, default, 1) * batch
+        report[f"default recipe, {len(sphere.mesh.faces)} triangles, s per step"] = seconds
+    report[f"default recipe, peak memory with workers, GB (mark {GOAL_GB:g})"] = measure_memory()
+    return report
+
+
+if __name__ == "__main__":
+    import json
+
+    print(json.dumps(run(), indent=2))

@@ -1,0 +1,80 @@
+"""Views rendered ahead: who renders them, and when, changes nothing."""
+
+import os
+import signal
+
+import numpy as np
+import pytest
+
+from toolkit.errors import ToolkitError
+from toolkit.objects.atlas import make_atlas
+from toolkit.objects.load import load_object
+from toolkit.rig.training import WHOLE_SPHERE, random_pose
+from toolkit.rig.view_stream import HELD_OUT, TRAIN, Subject, ViewSettings, ViewStream, render_block
+
+SETTINGS = ViewSettings(image_px=32, studios=2, per_studio=2)
+
+
+@pytest.fixture(scope="module")
+def subject(tmp_path_factory, make_crate_space):
+    mesh = load_object(make_crate_space(tmp_path_factory.mktemp("stream")).object_spec("crate")).mesh
+    atlas = make_atlas(mesh, 16)
+    return Subject(atlas.mesh, int(atlas.mesh.face_material[0]), mesh)
+
+
+def same(one, other) -> bool:
+    parts = all(np.array_equal(a, b) for a, b in zip(vars(one.view).values(), vars(other.view).values(), strict=True))
+    return parts and one.subject == other.subject and np.array_equal(one.bare, other.bare)
+
+
+def test_workers_render_what_the_process_itself_renders(subject):
+    with ViewStream([subject], SETTINGS, 5, 3, workers=2) as stream:
+        ahead = [stream.group(0), stream.group(1)]
+        held_out = stream.held_out(1)
+    with ViewStream([subject], SETTINGS, 5, 3, workers=0) as stream:
+        later = stream.group(1)  # as a run does that goes on there
+        assert all(same(a, b) for a, b in zip(ahead[1], later, strict=True))
+        assert all(same(a, b) for a, b in zip(ahead[0], stream.group(0), strict=True))
+        assert all(same(a, b) for a, b in zip(held_out, stream.held_out(1), strict=True))
+    assert len(later) == 4
+    assert held_out[0].bare is not None and later[0].bare is None
+
+
+def test_blocks_differ_by_number_kind_and_seed(subject):
+    first = render_block((subject,), SETTINGS, 5, TRAIN, 0)
+    for seed, kind, block in ((5, TRAIN, 1), (5, HELD_OUT, 0), (6, TRAIN, 0)):
+        other = render_block((subject,), SETTINGS, seed, kind, block)
+        assert not any(a.view.dark.shape == b.view.dark.shape and np.array_equal(a.view.dark, b.view.dark)
+                       for a in first for b in other)  # fmt: skip
+
+
+def test_successive_blocks_show_successive_objects(subject):
+    with ViewStream([subject, subject, subject], SETTINGS, 5, 2, workers=0) as stream:
+        assert [view.subject for view in stream.group(0)] == [0, 0, 1, 1]
+        assert [view.subject for view in stream.group(1)] == [2, 2, 0, 0]
+
+
+def test_a_worker_that_is_killed_is_one_clear_line(subject):
+    with ViewStream([subject], SETTINGS, 5, 50, workers=1) as stream:
+        stream.group(0)
+        for worker in list(stream._pool._processes.values()):
+            os.kill(worker.pid, signal.SIGKILL)
+        with pytest.raises(ToolkitError, match=r"ended from outside.*goes on from the last checkpoint"):
+            for number in range(1, 40):
+                stream.group(number)
+
+
+def test_the_whole_sphere_is_covered_evenly(subject):
+    """Elevations of points that are even over a sphere have uniform sines."""
+    camera_z = []
+    for i in range(600):
+        pose = random_pose(np.random.default_rng([9, i]), subject.bare, _camera(), WHOLE_SPHERE)
+        camera_z.append(-pose[2, 2])  # the sine of the elevation that it looks down from
+    share = np.histogram(camera_z, 5, (-1, 1))[0] / len(camera_z)
+    assert np.abs(share - 0.2).max() < 0.06
+
+
+def _camera():
+    from toolkit.rig.camera import Camera
+
+    return Camera(32, 32, 30.0)

@@ -1,0 +1,1 @@
+"""Textures: Algorithm 2 of the seed, on the rig."""

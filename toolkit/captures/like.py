@@ -1,0 +1,198 @@
+"""`toolkit capture-sim --like captures/real`: every photograph's measured camera, shot again in the virtual rig."""
+
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from toolkit.captures.manifest import MANIFEST, CaptureRecord, read_manifest
+from toolkit.captures.read import Selection, read_captures
+from toolkit.captures.shoot import (
+    ShootResult,
+    ShootSettings,
+    Shot,
+    check_settings,
+    describe_look,
+    sha256_json,
+    shoot_scenes,
+)
+from toolkit.captures.variants import find_booster
+from toolkit.errors import ToolkitError
+from toolkit.objects.load import TableObject, load_object
+from toolkit.rig.camera import Camera, camera_of_intrinsics
+from toolkit.workspace import Workspace
+
+MAX_PX = 1280
+NOT_MEASURED = "its camera was not measured: photograph it with the board in view and import it again"
+INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
+
+
+@dataclass(frozen=True)
+class LikeResult:
+    """What was shot, and (path, reason) of the photographs that could not be."""
+
+    shoot: ShootResult
+    skipped: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class MeasuredPhoto:
+    """A photograph whose camera is known.
+
+    Attributes:
+        path: below the source's folder.
+        record: its line of the manifest.
+        camera: scaled to the size that is rendered.
+        T_world_camera: (4, 4).
+    """
+
+    path: str
+    record: CaptureRecord
+    camera: Camera
+    T_world_camera: np.ndarray
+
+
+def shoot_like(
+    workspace: Workspace, photos_dir: Path, settings: ShootSettings | None = None, source: str | None = None,
+    objects: Iterable[str] = (), variants: Iterable[str] = (), max_px: int = MAX_PX, quiet: bool = False,
+) -> LikeResult:  # fmt: skip
+    """Shoot the object and variant of every photograph with the camera that was measured for it.
+
+    An image has the photograph's path below the source, and its pose id, so that an evaluation pairs them one by one.
+    The camera is a pinhole: the distortion of the real lens, which the manifest does not hold, is left out.
+
+    Args:
+        workspace: whose objects and patches are meant, and whose `captures/` is written to.
+        photos_dir: a source with a manifest, such as `captures/real`.
+        settings: backdrop, light and the rest; the photograph's own table and light are not known.
+        source: folder below `captures/`, by default `sim-like-` and the name of `photos_dir`.
+        objects, variants: only these; all by default.
+        max_px: the longer side of what is rendered, in pixels; a smaller photograph keeps its size.
+        quiet: no progress bar.
+
+    Raises:
+        ToolkitError: no manifest, no photograph that can be shot, an unknown object, variant or setting, a source that
+            would overwrite the photographs, or the disk is full or read-only.
+    """
+    settings, photos_dir = settings or ShootSettings(), Path(photos_dir)
+    source = source or f"sim-like-{photos_dir.resolve().name}"
+    check_settings(workspace, settings, source)
+    if (workspace.captures_dir / source).resolve() == photos_dir.resolve():
+        raise ToolkitError(f"--source {source} would overwrite the photographs in {photos_dir}: name another")
+    chosen = Selection(objects=tuple(objects), variants=tuple(variants))
+    photos, skipped = read_measured(photos_dir, chosen, max_px)
+    scenes = []
+    members: dict[tuple[str, str], list[MeasuredPhoto]] = defaultdict(list)
+    for photo in photos:
+        members[(photo.record.object, photo.record.variant)].append(photo)
+    taken: set[str] = set()
+    for (name, variant), own in members.items():
+        try:
+            item = load_object(workspace.object_spec(name))
+            look = describe_look(workspace, item, variant, settings)
+            booster = find_booster(workspace, item, variant)
+        except ToolkitError as error:
+            skipped += [(photo.path, str(error)) for photo in own]
+            continue
+        sha256 = booster.sha256 if booster else None
+        reasons = [_why_not(photo, item, sha256) for photo in own]
+        skipped += [(photo.path, why) for photo, why in zip(own, reasons, strict=True) if why]
+        fit = [photo for photo, why in zip(own, reasons, strict=True) if not why]
+        scenes.append([_plan_shot(photo, item, look, photos_dir, settings.image_format, taken) for photo in fit])
+    if not any(scenes):
+        path, reason = skipped[0]
+        raise ToolkitError(
+            f"none of the {len(skipped)} photographs in {photos_dir} can be shot again; {path}: {reason}"
+        )
+    result = shoot_scenes(workspace, scenes, settings, workspace.captures_dir / source, quiet)
+    return LikeResult(result, tuple(sorted(skipped)))
+
+
+def read_measured(
+    photos_dir: Path, chosen: Selection | None = None, max_px: int = MAX_PX
+) -> tuple[list[MeasuredPhoto], list[tuple[str, str]]]:
+    """The photographs of a source whose camera is known, and (path, reason) of the others.
+
+    Raises:
+        ToolkitError: no manifest, no images, or a selected object or variant that is not there.
+    """
+    records = read_manifest(photos_dir)
+    if not records:
+        raise ToolkitError(
+            f"{photos_dir} has no {MANIFEST} with measured cameras: --like expects one source, such as captures/real, "
+            "of photographs that were imported with 'toolkit import'"
+        )
+    photos, skipped = [], []
+    for capture in read_captures(photos_dir, chosen).captures:
+        path = capture.file.relative_to(photos_dir).as_posix()
+        record = records.get(path)
+        if record is None or not record.T_world_camera or not record.intrinsics:
+            skipped.append((path, NOT_MEASURED))
+            continue
+        pose = np.array(record.T_world_camera, float) if _is_square(record.T_world_camera) else np.zeros((4, 4))
+        trouble = _find_trouble(pose, record.intrinsics)
+        if trouble:
+            skipped.append((path, f"{MANIFEST}: {trouble}: import it again"))
+        else:
+            photos.append(MeasuredPhoto(path, record, scale_camera(record.intrinsics, max_px), pose))
+    return photos, skipped
+
+
+def scale_camera(intrinsics: dict[str, float], max_px: int = MAX_PX) -> Camera:
+    """The camera of a photograph that was scaled so that its longer side is at most `max_px`.
+
+    Pixel centres are at half integers, so that all lengths in pixels scale alike; where the new width and height are
+    rounded, x and y scale by what they really became.
+    """
+    width, height = round(intrinsics["width"]), round(intrinsics["height"])
+    share = min(1.0, max_px / max(width, height))
+    new_width, new_height = max(1, round(width * share)), max(1, round(height * share))
+    across, down = new_width / width, new_height / height
+    return camera_of_intrinsics(
+        new_width, new_height, intrinsics["fx"] * across, intrinsics["fy"] * down, intrinsics["cx"] * across,
+        intrinsics["cy"] * down,
+    )  # fmt: skip
+
+
+def _is_square(rows: list[list[float]]) -> bool:
+    return len(rows) == 4 and all(len(row) == 4 for row in rows)
+
+
+def _find_trouble(T_world_camera: np.ndarray, intrinsics: dict[str, float]) -> str | None:
+    rotation = T_world_camera[:3, :3]
+    is_rotation = np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-3 and np.linalg.det(rotation) > 0
+    if not (np.isfinite(T_world_camera).all() and is_rotation):
+        return "T_world_camera is no pose (expected 4x4, a rotation and a place)"
+    missing = [name for name in INTRINSICS if not np.isfinite(intrinsics.get(name, np.nan))]
+    if missing or min(intrinsics[name] for name in ("width", "height", "fx", "fy")) <= 0:
+        return f"intrinsics: expected {', '.join(INTRINSICS)} in pixels"
+    return None
+
+
+def _why_not(photo: MeasuredPhoto, item: TableObject, booster_sha256: str | None) -> str | None:
+    shown = photo.record.booster_sha256
+    if shown and booster_sha256 and shown != booster_sha256:
+        return (
+            f"it shows another patch (SHA-256 {shown[:12]}…) than the one that is here ({booster_sha256[:12]}…): name "
+            "that patch's folder with --patches"
+        )
+    position = photo.T_world_camera[:3, 3]
+    low, high = item.mesh.bounds
+    if position[2] <= 0 or (np.all(position > low) and np.all(position < high)):
+        return "its measured camera is below the table or inside the object: check the board's size and the lens"
+    return None
+
+
+def _plan_shot(
+    photo: MeasuredPhoto, item: TableObject, look: dict, photos_dir: Path, image_format: str, taken: set[str]
+) -> Shot:
+    path = str(PurePosixPath(photo.path).with_suffix(f".{image_format}"))
+    if path in taken:  # pose_01.jpg beside pose_01.heic
+        path = f"{photo.path}.{image_format}"
+    taken.add(path)
+    camera, pose = photo.camera, np.round(photo.T_world_camera, 6)
+    inputs = sha256_json(look | {"camera": camera.intrinsics, "T_world_camera": pose.tolist()})
+    made = {"like": f"{photos_dir.resolve().name}/{photo.path}", "like_sha256": photo.record.image_sha256 or ""}
+    return Shot(item, photo.record.variant, photo.record.pose_id, camera, pose, path, inputs, made)

@@ -1,0 +1,147 @@
+"""The strip of known colours that is printed beside a patch: what each is, and where on the strip it lies.
+
+Two rows of cells, colours above and an 11-step grey ramp below, between two ArUco markers that say where the strip is
+in a photograph, which way up, and how it is slanted. The page and whoever reads a photograph both work from `STRIP`.
+
+Convention: positions are millimetres from the strip's upper left corner, x to the right and y down; colours are
+sRGB-encoded, as the file states them (what comes out of a printer is to be measured).
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from toolkit.rig.markers import DICTIONARY, STRIP_FIRST_ID, add_rects, black_rects
+
+CELL_MM = 7.0
+ROW_GAP_MM = 1.0
+QUIET_MM = 2.0
+"""White on either side of a marker: more than one of its modules."""
+MARKER_MM = 10.5
+FIDUCIALS = {
+    STRIP_FIRST_ID: ("#######", "#....##", "#..#.##", "###.###", "#####.#", "#.###.#", "#######"),
+    STRIP_FIRST_ID + 1: ("#######", "#....##", "#..####", "####..#", "#...###", "##.#.##", "#######"),
+}
+"""Modules of the two markers of `DICTIONARY`, left one first; written out, so that printing does not load OpenCV."""
+COLOURS = {
+    "red": (255, 0, 0),
+    "green": (0, 255, 0),
+    "blue": (0, 0, 255),
+    "cyan": (0, 255, 255),
+    "magenta": (255, 0, 255),
+    "yellow": (255, 255, 0),
+    "light skin": (194, 150, 130),
+    "middle skin": (155, 110, 90),
+    "dark skin": (115, 82, 68),
+    "white": (255, 255, 255),
+    "black": (0, 0, 0),
+}
+"""The corners of the cube of colours, which a printer's own corners answer to, and skin: light and dark are those of
+the 24-patch ColorChecker in sRGB, the middle one lies halfway."""
+GREY_STEPS = 11
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One colour: its name, its upper left corner and side in millimetres, and its sRGB value of three bytes."""
+
+    name: str
+    x: float
+    y: float
+    side_mm: float
+    srgb: tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class ColourStrip:
+    """Geometry and colours of the strip.
+
+    Attributes:
+        cells: the colours from left to right, then the greys from black to white.
+        size_mm: width and height; paper round it stays white for `QUIET_MM`.
+        marker_mm: side of a fiducial marker.
+        marker_corners: upper left corner of each marker by its number.
+        dictionary: of the markers, one of OpenCV's by name.
+    """
+
+    cells: tuple[Cell, ...]
+    size_mm: tuple[float, float]
+    marker_mm: float
+    marker_corners: dict[int, tuple[float, float]] = field(hash=False)
+    dictionary: str = DICTIONARY
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of the cells."""
+        return tuple(cell.name for cell in self.cells)
+
+    @cached_property
+    def srgb(self) -> np.ndarray:
+        """(k, 3) uint8, the colours that the file states, cell by cell."""
+        return np.array([cell.srgb for cell in self.cells], np.uint8)
+
+    @cached_property
+    def is_grey(self) -> np.ndarray:
+        """(k,) bool: the cells of the ramp."""
+        return np.array([cell.name.startswith("grey") for cell in self.cells])
+
+    @cached_property
+    def centres_mm(self) -> np.ndarray:
+        """(k, 2) middle of each cell."""
+        return np.array([(cell.x + cell.side_mm / 2, cell.y + cell.side_mm / 2) for cell in self.cells])
+
+    def cell_corners_mm(self, inset_mm: float = 0.0) -> np.ndarray:
+        """(k, 4, 2) corners of the cells (upper left, upper right, lower right, lower left), `inset_mm` inside."""
+        half = CELL_MM / 2 - inset_mm
+        square = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
+        return self.centres_mm[:, None] + square
+
+    def marker_corners_mm(self, marker_ids: list[int] | np.ndarray | None = None) -> np.ndarray:
+        """(m, 4, 2) corners of markers (both by default) in OpenCV's order, as `cv2.findHomography` wants them."""
+        wanted = list(self.marker_corners) if marker_ids is None else np.asarray(marker_ids).ravel().tolist()
+        square = self.marker_mm * np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+        return np.array([np.array(self.marker_corners[marker_id]) + square for marker_id in wanted]).reshape(-1, 4, 2)
+
+    def marker_rects_mm(self) -> np.ndarray:
+        """(k, 4) left, top, right, bottom of everything that is black in the markers."""
+        rects = []
+        for marker_id, corner in self.marker_corners.items():
+            modules = np.array([[letter == "#" for letter in row] for row in FIDUCIALS[marker_id]])
+            rects.append(black_rects(modules) * self.marker_mm + np.tile(corner, 2))
+        return np.concatenate(rects)
+
+    def paint(self, px_per_mm: float, border_mm: float = QUIET_MM) -> np.ndarray:
+        """(h, w, 3) uint8 sRGB picture of the strip as the file states it, with a white border all round."""
+        width, height = (round((side + 2 * border_mm) * px_per_mm) for side in self.size_mm)
+        picture = np.full((height, width, 3), 255.0)
+        shares = [((cell.x, cell.y, cell.x + cell.side_mm, cell.y + cell.side_mm), cell.srgb) for cell in self.cells]
+        for rects, colour in [
+            *((np.array([rect]), srgb) for rect, srgb in shares),
+            (self.marker_rects_mm(), (0, 0, 0)),
+        ]:
+            ink = np.zeros((height, width))
+            add_rects(ink, (rects + border_mm) * px_per_mm)
+            picture += ink[..., None] * (np.array(colour) - 255.0)
+        return np.round(picture.clip(0, 255)).astype(np.uint8)
+
+
+def lay_out_strip() -> ColourStrip:
+    """The strip: marker, cells, marker, each with white round it."""
+    values = [round(255 * step / (GREY_STEPS - 1)) for step in range(GREY_STEPS)]
+    greys = {f"grey {value}": (value, value, value) for value in values}
+    left = MARKER_MM + QUIET_MM
+    cells = tuple(
+        Cell(name, left + column * CELL_MM, row * (CELL_MM + ROW_GAP_MM), CELL_MM, srgb)
+        for row, colours in enumerate((COLOURS, greys))
+        for column, (name, srgb) in enumerate(colours.items())
+    )
+    height = 2 * CELL_MM + ROW_GAP_MM
+    width = 2 * left + CELL_MM * len(COLOURS)
+    top = (height - MARKER_MM) / 2
+    corners = dict(zip(FIDUCIALS, ((0.0, top), (width - MARKER_MM, top)), strict=True))
+    return ColourStrip(cells, (width, height), MARKER_MM, corners)
+
+
+STRIP = lay_out_strip()
+"""102 × 15 mm; it fits across the smallest paper that a patch is printed on."""

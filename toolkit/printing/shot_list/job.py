@@ -1,0 +1,167 @@
+"""`toolkit plan --shot-list`: from a workspace to `print/shot_list.pdf` and `rig/shots.json`."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from toolkit.captures.shot_order import (
+    Order,
+    ShotList,
+    ShotStep,
+    hash_poses,
+    list_shots,
+    measure_travel_mm,
+    order_shots,
+    read_shots,
+    write_shots,
+)
+from toolkit.captures.variants import PAIR, VARIANTS, Paint, Print, find_booster
+from toolkit.console import progress
+from toolkit.errors import ToolkitError, one_of
+from toolkit.files import write_bytes
+from toolkit.objects.load import TableObject, load_object
+from toolkit.printing.paper import Paper
+from toolkit.printing.shot_list.document import build_shot_list
+from toolkit.printing.shot_list.session import prepare_session
+from toolkit.rig.board import read_board
+from toolkit.rig.plan import CapturePlan, check_poses
+from toolkit.workspace import Workspace
+
+NARROWEST_MM, LOWEST_MM = 180.0, 250.0
+
+
+@dataclass(frozen=True)
+class WrittenShotList:
+    """What was made.
+
+    Attributes:
+        pdf_file, shots_file: the pages to take along, and the order for `toolkit import` and `toolkit studio`.
+        pages, shots: how many.
+        objects: in the order of shooting.
+        travel_m: how far the camera moves, in metres.
+        without_patch: objects with nothing to stick on, and why.
+        replaced: there was a list of other shots, or in another order, before.
+    """
+
+    pdf_file: str
+    shots_file: str
+    pages: int
+    shots: int
+    objects: list[str]
+    travel_m: float
+    without_patch: dict[str, str]
+    replaced: bool
+
+
+def write_shot_list(
+    workspace: Workspace, plan: CapturePlan, objects: Sequence[str], paper: Paper, variants: Sequence[str] = PAIR,
+    seed: int = 0, order: Order = "aba", quiet: bool = False,
+) -> WrittenShotList:  # fmt: skip
+    """Order the shots of some objects, draw them, and write both files, the PDF first.
+
+    Args:
+        workspace: whose objects and patches are meant.
+        plan: camera and poses.
+        objects: in the order of shooting.
+        paper: A4, letter, or larger; taken upright.
+        variants: what is shot; those that need a patch are left out of an object that has none.
+        seed: of the order.
+        order: as `order_shots` says.
+        quiet: no progress bar.
+
+    Raises:
+        ToolkitError: an object or variant is unknown, a patch's files do not match, a pose cannot be shot, nothing is
+            left to shoot, or the paper is too small.
+    """
+    for variant in variants:
+        if variant not in VARIANTS:
+            raise one_of("variant", variant, list(VARIANTS))
+    _check_paper(paper)
+    items: dict[str, TableObject] = {}
+    with progress("reading the objects", len(set(objects)), quiet) as bar:
+        for name in dict.fromkeys(objects):
+            items[name] = load_object(workspace.object_spec(name))
+            bar.advance(note=name)
+    boosters: dict[str, dict[str, Print | Paint | None]] = {}
+    missing: dict[str, str] = {}
+    for name, item in items.items():
+        boosters[name] = _find_boosters(workspace, item, variants, missing)
+    steps = order_shots(plan, list(items), {name: tuple(boosters[name]) for name in items}, seed, order)
+    for name, item in items.items():
+        check_poses(item, plan.camera.camera(), plan.objects[name])
+    content, pages = _draw(workspace, plan, items, boosters, steps, missing, paper, seed, order, quiet)
+    pdf_file = write_bytes(workspace.print_dir / "shot_list.pdf", content)
+    shots_file = workspace.root / "rig" / "shots.json"
+    shots = list_shots(plan, steps, seed, order)
+    replaced = _is_other(shots_file, shots)
+    write_shots(shots_file, shots)
+    travel_m = round(measure_travel_mm(plan, steps) / 1000, 2)
+    return WrittenShotList(str(pdf_file), str(shots_file), pages, len(steps), list(items), travel_m, missing, replaced)
+
+
+def _draw(
+    workspace: Workspace, plan: CapturePlan, items: dict[str, TableObject],
+    boosters: dict[str, dict[str, Print | Paint | None]], steps: list[ShotStep], missing: dict[str, str], paper: Paper,
+    seed: int, order: Order, quiet: bool,
+) -> tuple[bytes, int]:  # fmt: skip
+    """The PDF and its number of pages."""
+    board, sessions = read_board(workspace), []
+    with progress("drawing the shot list", len(steps) + 2 * len(items), quiet) as bar:
+        for name, item in items.items():
+            own = [step for step in steps if step.object == name]
+            sessions.append(
+                prepare_session(
+                    item,
+                    plan.camera.camera(),
+                    plan.objects[name],
+                    own,
+                    boosters[name],
+                    hash_poses(plan, name),
+                    bar,
+                    board,
+                    _name_pdf(workspace, boosters[name]),
+                    missing.get(name),
+                )
+            )
+        content, pages = build_shot_list(sessions, paper, seed, order, bar)
+    return content, pages
+
+
+def _find_boosters(
+    workspace: Workspace, item: TableObject, variants: Sequence[str], missing: dict[str, str]
+) -> dict[str, Print | Paint | None]:
+    """What is stuck on in each variant; an object without a patch is left with `unpatched`, and `missing` says why."""
+    found: dict[str, Print | Paint | None] = {}
+    for variant in dict.fromkeys(variants):
+        try:
+            found[variant] = find_booster(workspace, item, variant)
+        except ToolkitError as error:
+            # a patch that is there and broken must be mended, not left out
+            if item.name in workspace.patches() or "unpatched" not in variants:
+                raise
+            missing[item.name] = str(error)
+    return found
+
+
+def _name_pdf(workspace: Workspace, boosters: dict[str, Print | Paint | None]) -> str | None:
+    """The printed page of the patch, relative to the workspace, where it is there."""
+    patch = boosters.get("patched")
+    file = workspace.print_dir / f"{patch.name}.pdf" if patch else None
+    return str(file.relative_to(workspace.root)) if file is not None and file.is_file() else None
+
+
+def _check_paper(paper: Paper) -> None:
+    upright = paper.turn("portrait")
+    if upright.width_mm < NARROWEST_MM or upright.height_mm < LOWEST_MM:
+        raise ToolkitError(
+            f"--paper {paper.name}: expected at least {NARROWEST_MM:.0f} × {LOWEST_MM:.0f} mm for a shot list: "
+            "choose a4 or letter"
+        )
+
+
+def _is_other(file: Path, shots: ShotList) -> bool:
+    """Whether another list lies there; one that is broken counts as another."""
+    try:
+        return file.is_file() and read_shots(file).steps != shots.steps
+    except ToolkitError:
+        return True

@@ -1,0 +1,124 @@
+"""ArUco markers as shapes: the black rectangles of one, for pages, painted textures and board pictures alike.
+
+A marker is a square of modules: a black border one module wide round the bits of its number. Positions on a sheet are
+millimetres from its upper left corner, x to the right and y down, as OpenCV counts on a board.
+"""
+
+import math
+from functools import lru_cache
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from toolkit.errors import ToolkitError, one_of
+
+if TYPE_CHECKING:
+    import cv2
+
+DICTIONARY = "DICT_5X5_1000"
+"""One dictionary for everything that is printed: markers of a board, a ring and a colour strip never share a number."""
+DICTIONARIES = {f"DICT_{bits}X{bits}_{count}": count for bits in (4, 5, 6, 7) for count in (50, 100, 250, 1000)} | {
+    "DICT_APRILTAG_16h5": 30,
+    "DICT_APRILTAG_25h9": 35,
+    "DICT_APRILTAG_36h10": 2320,
+    "DICT_APRILTAG_36h11": 587,
+}
+"""Markers in each of OpenCV's dictionaries, so that a spec is checked without loading OpenCV."""
+RING_FIRST_ID = 800
+STRIP_FIRST_ID = 990
+
+
+def require_mm(what: str, value: float, most: float = 5000.0) -> None:
+    """Check a length.
+
+    Raises:
+        ToolkitError: it is not above 0, or over `most`.
+    """
+    if not (math.isfinite(value) and 0 < value <= most):
+        raise ToolkitError(f"{what}: expected millimetres above 0 and up to {most:g}, found {value:g}")
+
+
+def sheet_to_world(points_mm: np.ndarray, size_mm: tuple[float, float]) -> np.ndarray:
+    """(..., 2) positions on a sheet to (..., 3) in the world: down the sheet is +x, to its right +y, its middle 0."""
+    points = np.asarray(points_mm, float)
+    width, height = size_mm
+    return np.stack([points[..., 1] - height / 2, points[..., 0] - width / 2, np.zeros(points.shape[:-1])], axis=-1)
+
+
+def count_markers(dictionary: str) -> int:
+    """How many markers one of OpenCV's dictionaries has.
+
+    Raises:
+        ToolkitError: there is none of that name.
+    """
+    if dictionary not in DICTIONARIES:
+        raise one_of("dictionary of markers", dictionary, list(DICTIONARIES))
+    return DICTIONARIES[dictionary]
+
+
+def get_dictionary(name: str) -> "cv2.aruco.Dictionary":
+    """One of OpenCV's dictionaries.
+
+    Raises:
+        ToolkitError: there is none of that name.
+    """
+    import cv2
+
+    count_markers(name)
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+
+
+@lru_cache(maxsize=2048)
+def marker_modules(dictionary: str, marker_id: int) -> np.ndarray:
+    """(m, m) bool, true where a marker is black, its border included; first row on top."""
+    import cv2
+
+    known = get_dictionary(dictionary)
+    side = known.markerSize + 2
+    return cv2.aruco.generateImageMarker(known, marker_id, side, borderBits=1) == 0
+
+
+def black_rects(modules: np.ndarray) -> np.ndarray:
+    """(k, 4) left, top, right, bottom of the black runs of (m, m) modules, in shares of the marker's side.
+
+    They do not overlap; equal runs of neighbouring rows are one rectangle.
+    """
+    side = len(modules)
+    open_runs: dict[tuple[int, int], int] = {}
+    rects = []
+    for row in range(side + 1):
+        runs = set(_find_runs(modules[row])) if row < side else set()
+        for run in [run for run in open_runs if run not in runs]:
+            rects.append((run[0], open_runs.pop(run), run[1], row))
+        for run in runs:
+            open_runs.setdefault(run, row)
+    return np.array(sorted(rects, key=lambda rect: (rect[1], rect[0])), float) / side
+
+
+def _find_runs(row: np.ndarray) -> list[tuple[int, int]]:
+    padded = np.concatenate([[False], row, [False]])
+    edges = np.flatnonzero(padded[1:] != padded[:-1]).tolist()
+    return [run for run in pairwise(edges) if row[run[0]]]
+
+
+def add_rects(ink: np.ndarray, rects: np.ndarray) -> None:
+    """Add to (h, w) float `ink` the share of each pixel that rectangles (k, 4), in pixels, cover, exactly."""
+    height, width = ink.shape
+    for left, top, right, bottom in rects:
+        x0, y0 = max(int(left), 0), max(int(top), 0)
+        x1, y1 = min(int(np.ceil(right)), width), min(int(np.ceil(bottom)), height)
+        columns, rows = np.arange(x0, x1), np.arange(y0, y1)
+        across = np.minimum(columns + 1, right) - np.maximum(columns, left)
+        down = np.minimum(rows + 1, bottom) - np.maximum(rows, top)
+        ink[y0:y1, x0:x1] += np.outer(down, across)
+
+
+def ink_to_picture(ink: np.ndarray) -> np.ndarray:
+    """(h, w) uint8 sRGB grey of paper that is covered by black to the given share, 0 to 1.
+
+    Half-covered pixels are encoded from linear light, as a camera or a scaled print would show them.
+    """
+    from toolkit.colour import linear_to_srgb
+
+    return np.round(255 * linear_to_srgb(1 - np.clip(ink, 0, 1))).astype(np.uint8)
