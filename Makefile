@@ -36,6 +36,12 @@ docs: setup .venv/.test
 	for model in resnet18 mobilenet_v2 $(DOCS_MODELS); do \
 		$(BIN)/toolkit eval demo/captures --workspace demo --source sim-both --model $$model --run both-$${model##*:} \
 		|| exit 1; done
+	$(BIN)/toolkit capture-sim --workspace demo --source sim-textures --variant unpatched --variant patched \
+		--variant textured --variant grey-texture --variant random-texture
+	$(BIN)/toolkit corrupt demo/captures/sim-textures demo/captures/sim-textures-fog --name fog --severity 3
+	for model in resnet18 mobilenet_v2 $(DOCS_MODELS); do \
+		$(BIN)/toolkit eval demo/captures --workspace demo --source sim-textures --source sim-textures-fog \
+		--model $$model --run textures-$${model##*:} || exit 1; done
 	for axis in light backdrop distance resolution size; do \
 		$(BIN)/toolkit sweep $$axis --workspace demo || exit 1; done
 	$(BIN)/toolkit sweep distance --values 1,2,2.5,3 --workspace demo --model rig18 --patches rig18

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from everyday import draw_everyday
+from painted import RUN, draw_textures, write_textures
 from parts import draw_parts
 from PIL import Image, ImageDraw, ImageFont
 from sections import write_summary, write_sweeps
@@ -128,7 +129,7 @@ def write_results(space: Workspace, run: str = "resnet18") -> str:
         "Made by `python docs/make.py WORKSPACE` from the result files of `toolkit eval`; no number is typed by hand.",
         "Intervals are 95 % Wilson intervals; p is from an exact two-sided McNemar test over pairs of the same pose.",
         "",
-        *write_summary(summaries),
+        *write_summary({name: one for name, one in summaries.items() if not name.startswith(RUN)}),
         "",
         "Rows called `both-…` are of two patches trained on ResNet-18 and MobileNetV2 together (`print/patches/both`),",
         "the others of the shipped ones, trained on ResNet-18 alone.",
@@ -139,11 +140,12 @@ def write_results(space: Workspace, run: str = "resnet18") -> str:
         "green where the network's first guess is right and red where it is wrong.",
     ]
     sets = [space, *(space.with_patches(one) for one in space.patch_sets())]
+    lines += write_textures(space, summaries)
     lines += write_sweeps(space, FIGURES, run)
     for name, summary in summaries.items():
         model = summary["model"]
         patch_set = summary["groups"][0]["source"].partition("-")[2] or None
-        own = next(one for one in sets if one.patch_set == patch_set)
+        own = next((one for one in sets if one.patch_set == patch_set), space)
         seen = {net.sha256 for patch in own.patches().values() for net in read_patch(patch).record.networks}
         role = f"a network that {'the patches were trained on' if model['sha256'] in seen else 'no patch saw'}"
         lines += [
@@ -232,6 +234,9 @@ def main(folder: str, run: str = "resnet18") -> None:
             FIGURES / "parts.png"
         )
     draw_everyday(_font(13)).save(FIGURES / "everyday.jpg", quality=90)
+    if (space.eval_dir / f"{RUN}{run}").is_dir():
+        rows = read_predictions(space, f"{RUN}{run}")
+        draw_textures(space, rows, _font(18), (RIGHT, WRONG)).save(FIGURES / "textures.jpg", quality=90)
     photograph_report(space, run, FIGURES / "report.png")
     (DOCS / "results.md").write_text(write_results(space, run), encoding="utf-8")
 

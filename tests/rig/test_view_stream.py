@@ -2,6 +2,10 @@
 
 import os
 import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -62,6 +66,42 @@ def test_a_worker_that_is_killed_is_one_clear_line(subject):
         with pytest.raises(ToolkitError, match=r"ended from outside.*goes on from the last checkpoint"):
             for number in range(1, 40):
                 stream.group(number)
+
+
+PARENT = """
+import sys, time
+from toolkit.objects.atlas import make_atlas
+from toolkit.objects.load import load_object
+from toolkit.rig.view_stream import Subject, ViewSettings, ViewStream
+
+def main():
+    mesh = load_object(sys.argv[1]).mesh
+    atlas = make_atlas(mesh, 16)
+    settings = ViewSettings(image_px=256, studios=2, per_studio=8)  # more than a pipe holds
+    with ViewStream([Subject(atlas.mesh, 0, mesh)], settings, 5, 50, workers=1) as stream:
+        stream.group(0)
+        print(*stream._pool._processes, flush=True)
+        time.sleep(60)
+
+if __name__ == "__main__":
+    main()
+"""
+
+
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for the process in /proc")
+def test_workers_die_with_a_parent_that_is_killed(tmp_path, make_crate_space):
+    spec = make_crate_space(tmp_path / "w").object_spec("crate")
+    script = tmp_path / "parent.py"
+    script.write_text(PARENT)
+    with subprocess.Popen([sys.executable, str(script), str(spec)], stdout=subprocess.PIPE, text=True) as parent:
+        worker = int(parent.stdout.readline())
+        parent.kill()
+    for _ in range(200):
+        if not Path(f"/proc/{worker}").exists():
+            return
+        time.sleep(0.1)
+    os.kill(worker, signal.SIGKILL)
+    pytest.fail("the worker outlived its parent by 20 s")
 
 
 def test_the_whole_sphere_is_covered_evenly(subject):

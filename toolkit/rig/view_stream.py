@@ -7,6 +7,7 @@ A *block* is one object in one studio: a backdrop, a light, and a turn towards t
 import multiprocessing
 import os
 import signal
+import threading
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
@@ -201,7 +202,16 @@ _worker: tuple[tuple[Subject, ...], ViewSettings] | None = None
 def _start_worker(subjects: tuple[Subject, ...], settings: ViewSettings) -> None:
     global _worker
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to answer
+    threading.Thread(target=_die_with_parent, daemon=True).start()
     _worker = subjects, settings
+
+
+def _die_with_parent() -> None:
+    """A worker whose parent was killed would wait for ever to hand over its views."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _render_in_worker(seed: int, kind: int, block: int) -> list[StreamedView]:
