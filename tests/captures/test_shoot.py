@@ -288,3 +288,14 @@ def test_controls_differ_from_the_patch_in_what_they_say(space, patch_record):
     front, _ = project(camera, pose.matrix(), np.array([[50, 0, 20.0]]))
     u, v = front[0].astype(int)
     assert np.abs(picture("patch-alone")[v, u] - picture("patched")[v, u]).max() > 10
+
+
+def test_photographs_are_not_shot_over(tmp_path, make_crate_space):
+    from toolkit.captures.manifest import CaptureRecord, append_record
+
+    space = make_crate_space(tmp_path / "w")
+    source = space.captures_dir / "kitchen"
+    source.mkdir(parents=True)
+    append_record(source, CaptureRecord(path="crate/patched/pose_01.jpg", object="crate", variant="patched"))
+    with pytest.raises(ToolkitError, match=r"holds photographs \(crate/patched/pose_01.jpg\).*--source"):
+        shoot_plan(space, read_plan(space.plan_file), ["crate"], source="kitchen", quiet=True)

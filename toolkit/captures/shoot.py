@@ -138,6 +138,20 @@ def check_settings(workspace: Workspace, settings: ShootSettings, source: str) -
         raise ToolkitError(f"source '{source}': expected the name of one folder below {workspace.captures_dir}")
 
 
+def check_no_photographs(source_dir: Path, known: Mapping[str, CaptureRecord]) -> None:
+    """Refuse to shoot over photographs.
+
+    Raises:
+        ToolkitError: the manifest of the folder lists an image that no renderer made.
+    """
+    photograph = next((path for path, record in known.items() if "renderer" not in record.made), None)
+    if photograph is not None:
+        raise ToolkitError(
+            f"{source_dir} holds photographs ({photograph}), which the rig would overwrite: name another folder with "
+            "--source"
+        )
+
+
 def shoot_scenes(
     workspace: Workspace, scenes: Sequence[Sequence[Shot]], settings: ShootSettings, source_dir: Path,
     quiet: bool = False, stored: Mapping[str, StoredImage] | None = None,
@@ -145,9 +159,11 @@ def shoot_scenes(
     """Take the shots that are not there yet; those of a scene share object and variant, and its light is baked once.
 
     Raises:
-        ToolkitError: a patch is missing, a backdrop or light is unknown, or the disk is full or read-only.
+        ToolkitError: a patch is missing, a backdrop or light is unknown, the folder holds photographs, or the disk is
+            full or read-only.
     """
     known = read_manifest(source_dir)
+    check_no_photographs(source_dir, known)
     waiting = [
         [s for s in shots if not is_finished(source_dir, known.get(s.path), s.inputs_sha256)] for shots in scenes
     ]

@@ -65,6 +65,8 @@ def capture_sim(
         raise ToolkitError("--max-px goes with --like: the size of the plan's images is set by 'toolkit plan --size'")
     plan = open_plan(space, objects)
     settings = ShootSettings(seed, backdrop, light, renderer, image_format)
+    if source == "real":
+        raise ToolkitError("--source real: captures/real is for photographs: name another folder, such as sim-2")
     source = source or (f"sim-{patches}" if patches else "sim")
     result = shoot_plan(
         space, plan, objects or list(plan.objects), variants or PAIR, settings, source, quiet or as_json
