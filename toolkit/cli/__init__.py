@@ -5,11 +5,13 @@ from collections.abc import Callable
 
 import typer
 
+from toolkit.cli.calibrate import calibrate
 from toolkit.cli.capture_sim import capture_sim
 from toolkit.cli.corrupt import corrupt
 from toolkit.cli.demo import demo
 from toolkit.cli.doctor import doctor
 from toolkit.cli.eval_ import evaluate
+from toolkit.cli.import_ import import_
 from toolkit.cli.init import init
 from toolkit.cli.objects import list_objects
 from toolkit.cli.plan import plan
@@ -36,7 +38,9 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "train-texture": train_texture,
     "print": print_patches,
     "plan": plan,
+    "calibrate": calibrate,
     "capture-sim": capture_sim,
+    "import": import_,
     "eval": evaluate,
     "corrupt": corrupt,
     "sweep": sweep,

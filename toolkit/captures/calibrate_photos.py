@@ -1,0 +1,151 @@
+"""`toolkit calibrate`: from a folder with photographs of the board to `rig/lens.json`."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from toolkit.captures.board_pose import BoardSighting, find_board
+from toolkit.captures.calibration import Calibration, calibrate_lens
+from toolkit.captures.lens_file import LensRecord, turns_upright
+from toolkit.captures.photos import Photo, list_photos, load_pixels, read_photo
+from toolkit.captures.video import pick_frames
+from toolkit.console import progress
+from toolkit.errors import ToolkitError
+from toolkit.images import UnreadableImage
+from toolkit.rig.board import Sheet
+
+VIDEO_EVERY_S = 1.0
+MOST_FRAMES = 30
+"""Of one video: more teach a lens little."""
+
+LensKey = tuple[str | None, float | None, tuple[int, int]]
+
+
+@dataclass(frozen=True)
+class LensResult:
+    """What came of the photographs of one camera, focal length and size.
+
+    Attributes:
+        camera, focal_35mm_mm: as EXIF has them.
+        size: width and height as the sensor stores them.
+        names: of the photographs in which the board was found; `calibration` counts them in this order.
+        calibration: None where they do not do, for the reason `why`.
+    """
+
+    camera: str | None
+    focal_35mm_mm: float | None
+    size: tuple[int, int]
+    names: tuple[str, ...]
+    calibration: Calibration | None
+    why: str = ""
+
+    def record(self) -> LensRecord | None:
+        """What `rig/lens.json` keeps of it."""
+        if self.calibration is None:
+            return None
+        found = self.calibration
+        lens = found.lens
+        return LensRecord(
+            camera=self.camera, focal_35mm_mm=self.focal_35mm_mm, width=lens.width, height=lens.height,
+            fx=round(lens.fx, 4), fy=round(lens.fy, 4), cx=round(lens.cx, 4), cy=round(lens.cy, 4),
+            distortion=lens.distortion, reprojection_px=round(found.reprojection_px, 4),
+            focal_sigma_px=round(found.focal_sigma_px, 4), views=len(found.used), coverage=round(found.coverage, 4),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class CalibrationRun:
+    """Everything that came of a folder.
+
+    Attributes:
+        lenses: one per camera, focal length and size.
+        without_board: names of photographs in which no board was found.
+        unreadable: (name, reason) of files that do not decode.
+    """
+
+    lenses: tuple[LensResult, ...]
+    without_board: tuple[str, ...]
+    unreadable: tuple[tuple[str, str], ...]
+
+
+@dataclass
+class _Sorting:
+    """What is gathered while the photographs are gone through."""
+
+    views: dict[LensKey, list[tuple[str, BoardSighting]]] = field(default_factory=dict)
+    without_board: list[str] = field(default_factory=list)
+    unreadable: list[tuple[str, str]] = field(default_factory=list)
+
+
+def calibrate_folder(folder: Path, board: Sheet, quiet: bool = False) -> CalibrationRun:
+    """Find the board in every photograph of a folder and calibrate each lens that took enough of them.
+
+    Frames of a video are taken a second apart. The same photograph twice counts once.
+
+    Args:
+        folder: photographs of the board, with or without an object on it.
+        board: the sheet that was printed.
+        quiet: no progress bar.
+
+    Raises:
+        ToolkitError: the folder cannot be read, or holds no photograph.
+    """
+    found = list_photos(folder)
+    if not found.photos:
+        raise ToolkitError(f"{folder}: no photographs in it: expected JPEG, HEIC, PNG, DNG or video files of the board")
+    sorting = _Sorting(unreadable=list(found.refused))
+    seen: set[tuple[str, int | None]] = set()
+    with progress("finding the board", len(found.photos), quiet) as bar:
+        for path in found.photos:
+            name = str(path.relative_to(folder))
+            try:
+                for photo in _photos_of(path):
+                    if photo.identity not in seen:
+                        seen.add(photo.identity)
+                        _sort_photo(photo, name, board, sorting)
+            except UnreadableImage as error:
+                sorting.unreadable.append((name, error.reason))
+            bar.advance(note=name)
+    lenses = [_calibrate(key, views) for key, views in sorting.views.items()]
+    return CalibrationRun(tuple(lenses), tuple(sorting.without_board), tuple(sorting.unreadable))
+
+
+def stored_sighting(sighting: BoardSighting, turns: int) -> BoardSighting:
+    """A sighting in an upright picture, moved to the stored one: `turns` quarter turns clockwise bring it upright."""
+    x, y = sighting.corners_px.T
+    width, height = sighting.width, sighting.height
+    places = {0: (x, y), 1: (y, width - x), 2: (width - x, height - y), 3: (height - y, x)}[turns % 4]
+    size = (width, height) if turns % 2 == 0 else (height, width)
+    return replace(sighting, corners_px=np.stack(places, axis=1), width=size[0], height=size[1])
+
+
+def _photos_of(path: Path) -> Iterator[Photo]:
+    photo = read_photo(path)
+    if photo.kind != "video":
+        yield photo
+        return
+    frames = pick_frames(path, VIDEO_EVERY_S)
+    chosen = np.linspace(0, len(frames) - 1, min(len(frames), MOST_FRAMES)).round().astype(int)
+    for i in dict.fromkeys(chosen.tolist()):
+        yield replace(photo, frame=frames[i])
+
+
+def _sort_photo(photo: Photo, name: str, board: Sheet, sorting: _Sorting) -> None:
+    shown = name if photo.frame is None else f"{name} frame {photo.frame}"
+    sighting = find_board(load_pixels(photo), board)
+    if sighting is None:
+        sorting.without_board.append(shown)
+        return
+    stored = stored_sighting(sighting, turns_upright(photo.path))
+    key = (photo.camera, photo.focal_35mm_mm, (stored.width, stored.height))
+    sorting.views.setdefault(key, []).append((shown, stored))
+
+
+def _calibrate(key: LensKey, views: list[tuple[str, BoardSighting]]) -> LensResult:
+    names = tuple(name for name, _ in views)
+    try:
+        return LensResult(*key, names, calibrate_lens([view for _, view in views]))
+    except ToolkitError as error:
+        return LensResult(*key, names, None, str(error))

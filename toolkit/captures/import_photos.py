@@ -1,0 +1,201 @@
+"""`toolkit import`: from a phone's photographs to a capture folder in which each is known to show what it shows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from toolkit.captures.importing.by_render import rank_by_render
+from toolkit.captures.importing.gather import Gathered, gather_photos
+from toolkit.captures.importing.ledger import Ledger, describe_before, is_whole, read_ledger
+from toolkit.captures.importing.locate import Locate, locate_by_board
+from toolkit.captures.importing.settings import ImportSettings, check_settings, refuse_captures
+from toolkit.captures.importing.settle import Ask, ByRender, Settled, settle_photos
+from toolkit.captures.importing.store import Check, store_photo
+from toolkit.captures.importing.study import study_photos
+from toolkit.captures.importing.summary import Coverage, list_retakes, measure_coverage, write_retakes
+from toolkit.captures.manifest import CaptureRecord
+from toolkit.captures.shot_order import ShotStep, read_shots
+from toolkit.captures.transforms import write_transforms
+from toolkit.captures.variants import VARIANTS, find_booster
+from toolkit.console import progress
+from toolkit.errors import ToolkitError
+from toolkit.images import UnreadableImage
+from toolkit.objects.load import load_object
+from toolkit.rig.plan import CapturePlan, open_plan
+from toolkit.workspace import Workspace
+
+SHOWN_OTHERS = 5
+
+
+@dataclass(frozen=True)
+class ImportResult:
+    """What a run did.
+
+    Attributes:
+        source_dir: captures/SOURCE.
+        imported: records of the photographs that came now.
+        before: (label, where) of those that were imported before.
+        duplicates: (label, reason) of those that were given twice.
+        refused: (label, reason) of those that could not be imported.
+        coverage: per object and variant.
+        retakes: (path, advice) of all images there that a gate found wanting.
+        notes: what else the user should know.
+    """
+
+    source_dir: Path
+    imported: tuple[CaptureRecord, ...]
+    before: tuple[tuple[str, str], ...]
+    duplicates: tuple[tuple[str, str], ...]
+    refused: tuple[tuple[str, str], ...]
+    coverage: tuple[Coverage, ...]
+    retakes: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The same for scripts."""
+
+        def named(pairs: Sequence[tuple[str, str]]) -> list[dict[str, str]]:
+            return [{"path": path, "reason": reason} for path, reason in pairs]
+
+        return {
+            "folder": str(self.source_dir),
+            "imported": [record.model_dump() for record in self.imported],
+            "before": named(self.before),
+            "duplicates": named(self.duplicates),
+            "refused": named(self.refused),
+            "coverage": [{**vars(one), "missing": list(one.missing)} for one in self.coverage],
+            "retakes": named(self.retakes),
+            "notes": list(self.notes),
+        }
+
+
+def import_photos(
+    workspace: Workspace, paths: Sequence[Path], settings: ImportSettings | None = None, *,
+    locate: Locate | None = None, check: Check | None = None, ask: Ask | None = None,
+    by_render: ByRender | None = None, quiet: bool = False,
+) -> ImportResult:  # fmt: skip
+    """Import photographs into captures/SOURCE; what was imported before stays, what is in doubt is not guessed.
+
+    Each photograph is whole on disk and in the manifest before the next begins, so a run that was stopped goes on.
+    Originals are read, never written.
+
+    Args:
+        workspace: whose plan, board, lenses and captures are meant.
+        paths: folders, photographs, videos.
+        settings: what was asked for.
+        locate: finds a photograph's camera; by default from the workspace's board.
+        check: the gates that every photograph goes through; those that fail one are imported and listed for a retake.
+        ask: puts questions to a person; None where nobody is there.
+        by_render: what the nearest render says of a photograph that nothing else speaks for; by default, by rendering
+            the object at every pose.
+        quiet: no progress bar.
+
+    Raises:
+        ToolkitError: nothing to import, an unknown object, a broken plan, shot list or manifest, settings that
+            contradict each other, or a disk that is full or read-only.
+    """
+    settings = settings or ImportSettings()
+    paths = [Path(path) for path in paths]
+    notes = check_settings(workspace, settings)
+    refuse_captures(workspace, paths)
+    plan = open_plan(workspace, [settings.object] if settings.object else None)
+    steps = _read_steps(workspace, plan, settings, notes)
+    gathered = gather_photos(paths, settings.every_s, quiet)
+    ledger = read_ledger(workspace.captures_dir / settings.source)
+    _check_pose(plan, settings, gathered)
+    studied = study_photos(
+        gathered.candidates, plan, steps, ledger, settings, locate or locate_by_board(workspace), quiet
+    )
+    by_render = by_render or rank_by_render(workspace, plan)
+    settled, refused = settle_photos(studied, plan, ledger, settings, ask, by_render)
+    imported, broken = _store_all(workspace, ledger, settled, settings, check, quiet, notes)
+    before = [(one.label, where) for one in gathered.candidates if (where := describe_before(ledger, one.photo))]
+    if any(one.decision.matched_by == "order" for one in settled) and not gathered.by_time:
+        notes.append("the photographs carry no time: their order is that of their names")
+    if gathered.others:
+        more = f" and {len(gathered.others) - SHOWN_OTHERS} more" if len(gathered.others) > SHOWN_OTHERS else ""
+        notes.append(f"no photographs by their names, left alone: {', '.join(gathered.others[:SHOWN_OTHERS])}{more}")
+    after = read_ledger(ledger.source_dir)
+    whole = [record for _, record in sorted(after.records.items()) if is_whole(ledger.source_dir, record)]
+    retakes = list_retakes(whole)
+    if whole:
+        write_transforms(ledger.source_dir, whole)
+        write_retakes(ledger.source_dir, retakes)
+    return ImportResult(
+        ledger.source_dir, tuple(imported), tuple(before), gathered.duplicates,
+        (*gathered.unreadable, *refused, *broken), measure_coverage(after, whole, plan, imported, settings.object),
+        retakes, tuple(dict.fromkeys(notes)),
+    )  # fmt: skip
+
+
+def _read_steps(workspace: Workspace, plan: CapturePlan, settings: ImportSettings, notes: list[str]) -> list[ShotStep]:
+    file = workspace.root / "rig" / "shots.json"
+    if not file.is_file():
+        return []
+    try:
+        return read_shots(file, plan).steps
+    except ToolkitError as error:
+        if not (settings.object and settings.variant):
+            raise
+        notes.append(f"the shot list is not used: {error}")
+        return []
+
+
+def _check_pose(plan: CapturePlan, settings: ImportSettings, gathered: Gathered) -> None:
+    if settings.pose is None or settings.object is None:
+        return
+    ids = [pose.id for pose in plan.objects[settings.object]]
+    if settings.pose not in ids:
+        raise ToolkitError(
+            f"--pose {settings.pose}: the plan of '{settings.object}' has poses {min(ids)} to {max(ids)}"
+        )
+    if len(gathered.candidates) > 1:
+        raise ToolkitError(f"--pose {settings.pose}: is of one photograph, {len(gathered.candidates)} were given")
+
+
+def _store_all(
+    workspace: Workspace, ledger: Ledger, settled: Sequence[Settled], settings: ImportSettings, check: Check | None,
+    quiet: bool, notes: list[str],
+) -> tuple[list[CaptureRecord], list[tuple[str, str]]]:  # fmt: skip
+    """Store photographs one by one; returns their records, and (label, reason) of those that broke meanwhile."""
+    boosters: dict[tuple[str, str], str | None] = {}
+    records: dict[str, CaptureRecord] = {}
+    broken: list[tuple[str, str]] = []
+    copied = False
+    with progress("importing", len(settled), quiet) as bar:
+        for one in settled:
+            candidate, target = one.studied.candidate, one.decision.target
+            group = (target.object, target.variant)
+            if group not in boosters:
+                boosters[group] = _hash_booster(workspace, *group, notes)
+            try:
+                stored = store_photo(
+                    ledger, candidate, one.decision, one.studied.evidence, boosters[group], check, settings.link
+                )
+            except UnreadableImage as error:
+                broken.append((candidate.label, error.reason))
+            except FileNotFoundError:
+                broken.append((candidate.label, "it is gone since it was read"))
+            else:
+                records[stored.record.path] = ledger.records[stored.record.path] = stored.record
+                copied |= settings.link and not stored.linked
+            bar.advance(note=str(target))
+    if copied:
+        notes.append(
+            "some photographs were copied, not linked: raw previews, frames of videos, or files of another disk"
+        )
+    return list(records.values()), broken
+
+
+def _hash_booster(workspace: Workspace, name: str, variant: str, notes: list[str]) -> str | None:
+    """SHA-256 of what is on the object, None where nothing is, or nothing is known of it."""
+    if variant == "unpatched":
+        return None
+    try:
+        if variant in VARIANTS:
+            booster = find_booster(workspace, load_object(workspace.object_spec(name)), variant)
+            return booster.sha256 if booster else None
+    except ToolkitError as error:
+        notes.append(f"{name}/{variant}: what is on the object is not recorded: {error}")
+    return None

@@ -1,0 +1,1 @@
+"""The steps of `toolkit import`: gather the photographs, find what each shows, store it."""

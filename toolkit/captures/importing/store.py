@@ -1,0 +1,186 @@
+"""Put a photograph into a capture folder: its own bytes under the pose's name, and a line in the manifest."""
+
+import contextlib
+import io
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from PIL import Image
+
+from toolkit import __version__
+from toolkit.captures.dng import read_preview
+from toolkit.captures.importing.decide import Decision
+from toolkit.captures.importing.evidence import Evidence, Target
+from toolkit.captures.importing.gather import Candidate
+from toolkit.captures.importing.ledger import REPLACED, Ledger, drop_records, find_occupants
+from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest
+from toolkit.captures.photo_exif import ExifFacts, write_exif
+from toolkit.captures.photos import SUFFIXES, Photo, load_pixels
+from toolkit.files import explain_write_error, sha256_bytes, sha256_file, write_bytes
+from toolkit.image_folder import show_path
+
+JPEG_QUALITY = 95
+HOW = {"dng": "preview of a raw photograph", "video": "frame of a video"}
+
+
+class Verdict(Protocol):
+    """What a gate says of one photograph; `toolkit.captures.gates` makes them."""
+
+    @property
+    def name(self) -> str:
+        """Of the gate."""
+
+    @property
+    def value(self) -> float | None:
+        """What was measured."""
+
+    @property
+    def failed(self) -> bool:
+        """Whether it was measured and is not good enough."""
+
+    @property
+    def advice(self) -> str:
+        """What to do when it is not."""
+
+
+Check = Callable[[Photo, np.ndarray, CaptureRecord], Sequence[Verdict]]
+"""(photo, its pixels (h, w, 3) uint8, its record) -> what the gates say."""
+
+
+@dataclass(frozen=True)
+class Stored:
+    """An imported photograph: its record, the gates' advice for a retake, and whether it was linked, not copied."""
+
+    record: CaptureRecord
+    advice: tuple[str, ...]
+    linked: bool
+
+
+def store_photo(
+    ledger: Ledger, candidate: Candidate, decision: Decision, evidence: Evidence, booster_sha256: str | None,
+    check: Check | None = None, link: bool = False,
+) -> Stored:  # fmt: skip
+    """Write one photograph and its record; an image that is there for the same pose is kept aside in `.replaced`.
+
+    A kill at any moment loses nothing: the same call goes on. Old images are copied aside before they are touched, the
+    new one is whole before it has a line in the manifest.
+
+    Args:
+        ledger: of the source.
+        candidate: the photograph.
+        decision, evidence: what it shows, and how that is known.
+        booster_sha256: of the PNG that is stuck on, None without one.
+        check: the gates.
+        link: make a hard link where the file can stay as it is and lies on the same disk.
+
+    Raises:
+        ToolkitError: the disk is full, read-only or not to be written.
+        UnreadableImage: the photograph does not decode.
+    """
+    photo, target, root = candidate.photo, decision.target, ledger.source_dir
+    content = encode_photo(photo)
+    name = f"pose_{target.pose_id:02d}{SUFFIXES[photo.kind]}"
+    file = root / target.object / target.variant / name
+    record = _describe(candidate, decision, evidence, booster_sha256, sha256_bytes(content))
+    advice: tuple[str, ...] = ()
+    if check is not None:
+        verdicts = check(photo, load_pixels(photo), record)
+        advice = tuple(f"{one.name}: {one.advice}" for one in verdicts if one.failed)
+        gates = {one.name: None if one.value is None else float(one.value) for one in verdicts}
+        made = {**record.made, "gates": gates, **({"retake": list(advice)} if advice else {})}
+        record = record.model_copy(update={"made": made})
+    old = [
+        one for one in find_occupants(ledger, target) if not (one == file and sha256_file(one) == record.image_sha256)
+    ]
+    for one in old:
+        _keep_aside(ledger, one, target)
+    linked = link and content_is_file(photo) and _link(photo.path, file)
+    if not linked:
+        write_bytes(file, content)
+    for one in old:
+        if one != file:
+            one.unlink(missing_ok=True)
+    append_record(root, record)
+    drop_records(root, {show_path(one.relative_to(root).parts) for one in old if one != file})
+    return Stored(record, advice, linked)
+
+
+def encode_photo(photo: Photo) -> bytes:
+    """The bytes that go into a capture folder: the original's, a DNG's preview, or a video's frame as JPEG."""
+    if photo.kind == "dng":
+        return read_preview(photo.path)
+    if photo.kind != "video":
+        return photo.path.read_bytes()
+    buffer = io.BytesIO()
+    facts = ExifFacts(photo.taken, photo.camera, photo.focal_mm, photo.focal_35mm_mm)
+    picture = Image.fromarray(load_pixels(photo))
+    picture.save(buffer, "JPEG", quality=JPEG_QUALITY, subsampling=0, exif=write_exif(facts))
+    return buffer.getvalue()
+
+
+def content_is_file(photo: Photo) -> bool:
+    """Whether the original's bytes go into the capture folder as they are."""
+    return photo.kind not in HOW
+
+
+def _describe(
+    candidate: Candidate, decision: Decision, evidence: Evidence, booster_sha256: str | None, image_sha256: str
+) -> CaptureRecord:
+    photo, target, located, match = candidate.photo, decision.target, evidence.located, decision.match
+    made: dict[str, Any] = {
+        "with": f"toolkit {__version__}", "how": HOW.get(photo.kind, "photograph"), "camera": photo.camera,
+        "taken": photo.taken.isoformat() if photo.taken else None, "focal_mm": photo.focal_mm,
+        "focal_35mm_mm": photo.focal_35mm_mm, "original_name": show_path((photo.path.name,)),
+        "original_sha256": photo.sha256, "matched_by": decision.matched_by,
+    }  # fmt: skip
+    if photo.frame is not None:
+        made["frame"] = photo.frame
+    if match is not None:
+        made |= {"pose_error_deg": round(match.error_deg, 3), "pose_error_mm": round(match.error_mm, 2)}
+    if located is not None:
+        made |= dict(located.details)
+        if any(located.distortion):
+            made["distortion"] = list(located.distortion)
+    name = f"pose_{target.pose_id:02d}{SUFFIXES[photo.kind]}"
+    return CaptureRecord(
+        path=f"{target.object}/{target.variant}/{name}", object=target.object, variant=target.variant,
+        pose_id=target.pose_id, intrinsics=located.intrinsics if located else None,
+        T_world_camera=np.round(located.T_world_camera, 6).tolist() if located else None,
+        booster_sha256=booster_sha256, image_sha256=image_sha256, made=made,
+    )  # fmt: skip
+
+
+def _keep_aside(ledger: Ledger, file: Path, target: Target) -> None:
+    """Copy an image that gives way to .replaced/OBJECT/VARIANT/NAME-HASH.SUFFIX, with its record."""
+    content = file.read_bytes()
+    sha256 = sha256_bytes(content)
+    aside = ledger.source_dir / REPLACED
+    path = f"{target.object}/{target.variant}/{file.stem}-{sha256[:8]}{file.suffix}"
+    if not ((aside / path).is_file() and sha256_file(aside / path) == sha256):
+        write_bytes(aside / path, content)
+    record = ledger.records.get(show_path((target.object, target.variant, file.name)))
+    if record is not None and record.image_sha256 == sha256 and show_path((path,)) not in read_manifest(aside):
+        append_record(aside, record.model_copy(update={"path": show_path((path,))}))
+
+
+def _link(original: Path, file: Path) -> bool:
+    """Make a hard link under a temporary name and rename it; False where the file system has none."""
+    partial = file.with_name(f".{file.name}.{os.getpid()}.partial")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        partial.unlink(missing_ok=True)
+        partial.hardlink_to(original.resolve())
+    except OSError:
+        return False  # another disk, or one without links: the caller copies
+    try:
+        partial.replace(file)
+    except OSError as error:
+        raise explain_write_error(file, error) from error
+    finally:
+        with contextlib.suppress(OSError):  # renaming one link over another of the same file leaves both
+            partial.unlink(missing_ok=True)
+    return True
