@@ -58,3 +58,27 @@ def test_the_patches_of_rig18_were_trained_on_it():
     for name in BUILTIN:
         record = read_patch(PACKAGE_DATA / "patches" / "rig18" / f"{name}.png").record
         assert [network.sha256 for network in record.networks] == [sha256]
+
+
+def test_every_object_has_a_texture_that_fits_it(tmp_path):
+    from toolkit.captures.textured import find_texture
+    from toolkit.objects.load import load_object
+
+    space = Workspace(tmp_path)
+    for name in BUILTIN:
+        item = load_object(space.object_spec(name))
+        texture = find_texture(space, item)
+        assert texture.record.name == name
+        assert texture.record.class_name == item.spec.class_name
+        assert texture.record.settings["recipe"] == "default"
+
+
+def test_the_worked_example_holds_the_same_textures_and_the_objects_in_them():
+    from toolkit.textures import read_texture
+
+    shipped, shown = PACKAGE_DATA / "textures", ROOT / "rig" / "textures"
+    for name in BUILTIN:
+        for suffix in (".png", ".json"):
+            assert sha256_file(shipped / f"{name}{suffix}") == sha256_file(shown / f"{name}{suffix}")
+        record = read_texture(shipped / f"{name}.png").record
+        assert sha256_file(shown / f"{name}.glb") == record.objects[0].glb_sha256
