@@ -1,7 +1,7 @@
 """Half-finished training on disk: one safetensors file, so that it is whole or absent whenever the process dies."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -71,3 +71,31 @@ def read_arrays(file: Path, names: set[str], kind: str, inputs_sha256: str) -> d
 def _hash_arrays(arrays: Mapping[str, np.ndarray]) -> str:
     digests = (name + sha256_bytes(arrays[name].tobytes()) for name in sorted(arrays))
     return sha256_bytes("".join(digests).encode())
+
+
+def forget_run(training: Path, inputs_sha256: str, shared: Iterable[str] = ()) -> None:
+    """Remove the checkpoint of a finished run, and folders that are empty then.
+
+    Args:
+        training: folder of the checkpoints, one for each run: the hash's first 16 digits and `.safetensors`.
+        inputs_sha256: of the run.
+        shared: patterns of files that serve all runs; they go with the last checkpoint.
+    """
+    key = inputs_sha256[:16]
+    for file in (*training.glob(f"{key}.safetensors"), *training.glob(f".{key}.*.partial")):
+        file.unlink(missing_ok=True)
+    if training.is_dir() and not any(training.glob("*.safetensors")):
+        for pattern in shared:
+            for file in training.glob(pattern):
+                file.unlink(missing_ok=True)
+        for folder in (training, training.parent):
+            if not any(folder.iterdir()):
+                folder.rmdir()
+
+
+def say_start(say: Callable[[str], None], done: int, steps: int, training: Path) -> None:
+    """Say whether a run goes on, or begins beside an unfinished one with other inputs."""
+    if done:
+        say(f"going on after step {done} of {steps}; --restart begins anew")
+    elif any(training.glob("*.safetensors")):
+        say(f"{training} holds an unfinished run with other inputs: it is kept, this one begins anew")

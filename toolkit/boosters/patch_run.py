@@ -15,6 +15,7 @@ from toolkit.boosters.rig_data import choose_object, is_rig_source
 from toolkit.boosters.settings_table import list_settings
 from toolkit.boosters.training import Target
 from toolkit.boosters.validation import Validation
+from toolkit.checkpoints import forget_run, say_start
 from toolkit.errors import ToolkitError
 from toolkit.patches import Patch, printed_size_mm, read_patch
 from toolkit.rig.mounted import render_mounted_views
@@ -22,6 +23,8 @@ from toolkit.rig.training import ViewRanges
 from toolkit.workspace import Workspace
 
 FEW_IMAGES = 32
+RENDERS = ("renders-*.npy", ".renders-*.partial")
+"""Files beside the checkpoints that other runs may need."""
 
 
 @dataclass(frozen=True)
@@ -94,23 +97,20 @@ def train_patch(
     if restart:
         checkpoint_file.unlink(missing_ok=True)
     elif (finished := _find_finished(files, key)) is not None:
-        _clear(files.training, key)
+        forget_run(files.training, key, RENDERS)
         return TrainedPatch(finished, files, [], [], data.skipped, request.descent.steps, True)
 
     for line in list_settings(request, [classifier.name for classifier in classifiers]):
         say(line)
     state = read_checkpoint(checkpoint_file, key)
     resumed_from = 0 if state is None else state.done
-    if resumed_from:
-        say(f"going on after step {resumed_from} of {request.descent.steps}; --restart begins anew")
-    elif any(files.training.glob("*.safetensors")):
-        say(f"{files.training} holds an unfinished run with other inputs: it is kept, this one begins anew")
+    say_start(say, resumed_from, request.descent.steps, files.training)
     train_views, held_out_views = (None, None) if views is None else divide_views(views)
     state = make_steps(
         request, targets, data.train, state, key, checkpoint_file, checkpoint_every_s, quiet, train_views
     )  # fmt: skip
     patch, validations, on_object = finish_patch(request, targets, data, state, files, quiet, held_out_views)
-    _clear(files.training, key)
+    forget_run(files.training, key, RENDERS)
     return TrainedPatch(patch, files, validations, on_object, data.skipped, resumed_from, False)
 
 
@@ -146,15 +146,3 @@ def _find_finished(files: PatchFiles, key: str) -> Patch | None:
     except ToolkitError:
         return None  # a kill between picture and record leaves a pair that does not match; it is written again
     return patch if patch.record.settings.get("inputs_sha256") == key else None
-
-
-def _clear(training: Path, key: str) -> None:
-    """Forget the checkpoint of a finished run, and the renders when no other run is left that may need them."""
-    for file in (*training.glob(f"{key[:16]}.safetensors"), *training.glob(f".{key[:16]}.*.partial")):
-        file.unlink(missing_ok=True)
-    if training.is_dir() and not any(training.glob("*.safetensors")):
-        for file in (*training.glob("renders-*.npy"), *training.glob(".renders-*.partial")):
-            file.unlink(missing_ok=True)
-        for folder in (training, training.parent):
-            if not any(folder.iterdir()):
-                folder.rmdir()

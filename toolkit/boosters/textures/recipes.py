@@ -17,7 +17,6 @@ from toolkit.errors import ToolkitError, one_of
 from toolkit.rig.training import NEAR_VIEWS, WHOLE_SPHERE, ViewRanges
 from toolkit.rig.view_stream import ViewSettings
 
-
 FOG_PROBABILITY = 0.5
 """Fog hides most of what a texture says, and is seen as often as a clear view."""
 

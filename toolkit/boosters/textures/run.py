@@ -22,6 +22,7 @@ from toolkit.boosters.textures.turntable import draw_turntable, plan_turntable
 from toolkit.boosters.textures.validation import WeatherValidation, validate_texture
 from toolkit.boosters.textures.wearers import Wearers, choose_class, dress_objects
 from toolkit.boosters.training import Target, draw_first_patch
+from toolkit.checkpoints import forget_run, say_start
 from toolkit.console import progress
 from toolkit.errors import ToolkitError
 from toolkit.files import sha256_bytes
@@ -108,17 +109,14 @@ def train_texture(
     if restart:
         checkpoint_file.unlink(missing_ok=True)
     elif (finished := _find_finished(files, wearers, key)) is not None:
-        _clear(files.training, key)
+        forget_run(files.training, key)
         return TrainedTexture(finished, files, [], backgrounds.skipped, request.descent.steps, True)
 
     for line in list_settings(request, wearers, label, [one.name for one in classifiers]):
         say(line)
     state = read_checkpoint(checkpoint_file, key, request.optimiser)
     resumed_from = 0 if state is None else state.done
-    if resumed_from:
-        say(f"going on after step {resumed_from} of {request.descent.steps}; --restart begins anew")
-    elif any(files.training.glob("*.safetensors")):
-        say(f"{files.training} holds an unfinished run with other inputs: it is kept, this one begins anew")
+    say_start(say, resumed_from, request.descent.steps, files.training)
     with ViewStream(wearers.subjects(), request.views, request.descent.seed, request.groups, workers) as stream:
         run = _Run(request, wearers, targets, files, checkpoint_file, key, checkpoint_every_s, quiet)
         state = run.make_steps(stream, state, backgrounds.images)
@@ -127,7 +125,7 @@ def train_texture(
             validations = validate_texture(pixels, stream.held_out(request.held_out), targets, request.descent.seed)
             bar.advance()
     texture = write_finished(request, wearers, targets, state, pixels, files, validations, backgrounds.record)
-    _clear(files.training, key)
+    forget_run(files.training, key)
     return TrainedTexture(texture, files, validations, backgrounds.skipped, resumed_from, False)
 
 
@@ -224,12 +222,3 @@ def _find_finished(files: TextureFiles, wearers: Wearers, key: str) -> Texture |
     except ToolkitError:
         return None  # a kill between picture and record leaves a pair that does not match; it is written again
     return texture if texture.record.settings.get("inputs_sha256") == key else None
-
-
-def _clear(training: Path, key: str) -> None:
-    """Forget the checkpoint of a finished run."""
-    for file in (*training.glob(f"{key[:16]}.safetensors"), *training.glob(f".{key[:16]}.*.partial")):
-        file.unlink(missing_ok=True)
-    for folder in (training, training.parent):
-        if folder.is_dir() and not any(folder.iterdir()):
-            folder.rmdir()
