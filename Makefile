@@ -15,6 +15,7 @@ demo: setup
 	$(BIN)/toolkit demo demo
 
 test: setup .venv/.test
+	@scripts/test-browser
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
 bench: setup .venv/.bench
@@ -28,6 +29,7 @@ DOCS_MODELS ?=
 CONTROLS := $(addprefix --variant ,wrong-patch random-patch grey-patch patch-alone)
 docs: setup .venv/.test
 	$(BIN)/toolkit demo demo
+	$(BIN)/toolkit plan --workspace demo --object coffeepot --shot-list
 	$(BIN)/toolkit capture-sim --workspace demo $(CONTROLS)
 	for model in resnet18 mobilenet_v2 $(DOCS_MODELS); do \
 		$(BIN)/toolkit eval demo/captures --workspace demo --source sim --model $$model || exit 1; done

@@ -100,6 +100,18 @@ def draw_page(space: Workspace, name: str) -> Image.Image:
     return page.render(scale=1.6).to_pil()
 
 
+def draw_shot_list(space: Workspace) -> Image.Image:
+    """The first two pages of the shot list, side by side."""
+    import pypdfium2
+
+    document = pypdfium2.PdfDocument(space.print_dir / "shot_list.pdf")
+    pages = [document[number].render(scale=1.3).to_pil() for number in range(2)]
+    sheet = Image.new("RGB", (sum(page.width for page in pages), pages[0].height), "white")
+    for number, page in enumerate(pages):
+        sheet.paste(page, (number * pages[0].width, 0))
+    return sheet
+
+
 def photograph_report(space: Workspace, run: str, target: Path) -> bool:
     """A picture of the report's top, where a Chromium is installed."""
     browser = shutil.which("chromium") or shutil.which("google-chrome")
@@ -229,6 +241,8 @@ def main(folder: str, run: str = "resnet18") -> None:
     draw_contact_sheet(space, rows).save(FIGURES / "contact-sheet.jpg", quality=88)
     draw_patches(space).save(FIGURES / "patches.png")
     draw_page(space, "warplane").save(FIGURES / "page.png")
+    if (space.print_dir / "shot_list.pdf").is_file():
+        draw_shot_list(space).save(FIGURES / "shot-list.png")
     with Image.open(space.captures_dir / rows[0]["path"]) as photo:
         draw_parts(read_patch(space.patch(BUILTIN[0])).pixels, photo.convert("RGB"), _font(18)).save(
             FIGURES / "parts.png"

@@ -262,7 +262,7 @@ def test_doubts_are_asked_where_somebody_answers(space, folder):
     assert len(result.imported) == 1 and len(list((result.source_dir / REPLACED).rglob("*.jpg"))) == 1
 
 
-def test_gates_make_a_retake_list_that_a_retake_ends(space, folder):
+def test_what_the_gates_say_is_kept_with_each_photograph(space, folder):
     blur = Gate("blur", 4.0, "px", "hold still", at_most=False)
     exposure = Gate("exposure", 0.7, "", "less light")
     hidden = Gate("patch", 1.0, "", "move your hand")
@@ -274,14 +274,12 @@ def test_gates_make_a_retake_list_that_a_retake_ends(space, folder):
 
     take(folder / "pose_1.jpg", 1, 1), take(folder / "pose_2.jpg", 2, 2)
     result = run(space, folder, check=check)
-    assert result.retakes == (("crate/patched/pose_02.jpg", "blur: hold still"),)
+    assert read_manifest(result.source_dir)["crate/patched/pose_02.jpg"].made["retake"] == ["blur: hold still"]
     assert read_manifest(result.source_dir)["crate/patched/pose_01.jpg"].made["gates"] == {
         "blur": 5.0,
         "exposure": 0.5,
         "patch": None,
     }
-    file = result.source_dir / "retake.txt"
-    assert file.read_text() == "crate/patched/pose_02.jpg: blur: hold still\n"
     again = take(folder.parent / "again" / "pose_2.jpg", 3, 3)
     result = run(space, again, ImportSettings("crate", "patched", replace=True), check=check)
-    assert result.retakes == () and not file.exists()
+    assert "retake" not in read_manifest(result.source_dir)["crate/patched/pose_02.jpg"].made

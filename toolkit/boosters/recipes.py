@@ -1,6 +1,7 @@
 """Recipes: all settings of a training run under one name, each of which a flag may change."""
 
 from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any
 
 from toolkit.boosters.affine import AffineRanges
@@ -11,6 +12,7 @@ from toolkit.boosters.jpeg import JpegFile
 from toolkit.boosters.light import LightRanges
 from toolkit.boosters.pose import PoseRanges
 from toolkit.boosters.print_process import PrintProcess
+from toolkit.boosters.print_profile import ProfiledPrint, use_profile
 from toolkit.boosters.ranges import Range
 from toolkit.boosters.request import PatchRequest
 from toolkit.boosters.rig_data import is_rig_source
@@ -18,6 +20,7 @@ from toolkit.boosters.sensor_noise import SensorNoise
 from toolkit.boosters.training import Descent
 from toolkit.errors import ToolkitError, one_of
 from toolkit.patches import printed_size_mm
+from toolkit.print_profile import read_print_profile
 
 
 @dataclass(frozen=True)
@@ -45,6 +48,7 @@ class Choices:
     tv_weight: float | None = None
     printability_weight: float | None = None
     length_mm: float | None = None
+    print_profile: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -135,7 +139,7 @@ def make_request(
         name=name,
         mounted_share=_first(chosen["mounted_share"], recipe.rig_share if has_rig else 0.0),
         pose=_make_pose(chosen, size_px) if chosen["pose"] else None,
-        print_process=PrintProcess() if chosen["print_process"] else None,
+        print_process=_make_print(chosen, choices),
         glare=TapeGlare() if chosen["glare"] else None,
         camera=(CameraBlur(), SensorNoise(), JpegFile()) if chosen["camera"] else None,
         epochs=chosen["epochs"],
@@ -154,6 +158,15 @@ def _make_descent(chosen: dict[str, Any], seed: int) -> Descent:
     return Descent(
         steps, chosen["batch"], chosen["lr"], chosen["schedule"], seed, chosen["smoothing"], chosen["start_contrast"]
     )
+
+
+def _make_print(chosen: dict[str, Any], choices: Choices) -> PrintProcess | ProfiledPrint | None:
+    file = chosen["print_profile"]
+    if file is None:
+        return PrintProcess() if chosen["print_process"] else None
+    if choices.print_process is False:
+        raise ToolkitError(f"--no-print-process --print-profile {file}: expected one of the two")
+    return use_profile(read_print_profile(file))
 
 
 def _make_affine(chosen: dict[str, Any]) -> AffineRanges:

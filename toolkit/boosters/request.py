@@ -16,6 +16,7 @@ from toolkit.boosters.jpeg import JpegFile
 from toolkit.boosters.light import LightRanges
 from toolkit.boosters.pose import MixedPlacement, PoseRanges
 from toolkit.boosters.print_process import PrintProcess
+from toolkit.boosters.print_profile import ProfiledPrint
 from toolkit.boosters.ranges import Range
 from toolkit.boosters.sensor_noise import SensorNoise
 from toolkit.boosters.training import Descent, Target
@@ -49,7 +50,7 @@ class PatchRequest:
         mounted_views: how many such views are rendered, a fifth of them held out.
         mounted_fill: share of the frame that the object reaches in them, lowest and highest.
         pose: how a camera sees it on an object, for a share of the images.
-        print_process: what the printer makes of it.
+        print_process: what the printer makes of it: a range of printers, or one that was measured.
         glare: what its tape does.
         camera: what is done to the photograph, in this order.
         tv_weight, printability_weight: of the patch's own losses, see `toolkit.boosters.print_losses`.
@@ -69,7 +70,7 @@ class PatchRequest:
     mounted_views: int = 240
     mounted_fill: Range = NEAR_VIEWS.fill
     pose: PoseRanges | None = None
-    print_process: PrintProcess | None = None
+    print_process: PrintProcess | ProfiledPrint | None = None
     glare: TapeGlare | None = None
     camera: CameraParts | None = None
     tv_weight: float = 0.0

@@ -3,6 +3,7 @@
 from dataclasses import fields
 from typing import Any
 
+from toolkit.boosters.print_profile import ProfiledPrint
 from toolkit.boosters.recipes import RECIPES
 from toolkit.boosters.request import PatchRequest
 
@@ -54,6 +55,8 @@ def align_rows(rows: list[tuple[str, str]]) -> list[str]:
 
 def describe_part(part: Any) -> str:
     """A part's fields with their ranges and units, its probabilities last."""
+    if isinstance(part, ProfiledPrint):
+        return part.describe()
     named = [(one.name, getattr(part, one.name)) for one in fields(part)]
     ranges = [_describe_field(name, value) for name, value in named if not name.endswith("probability")]
     odds = [f"{name.replace('_', ' ')} {value:g}" for name, value in named if name.endswith("probability")]

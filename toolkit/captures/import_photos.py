@@ -13,7 +13,7 @@ from toolkit.captures.importing.settings import ImportSettings, check_settings, 
 from toolkit.captures.importing.settle import Ask, ByRender, Settled, settle_photos
 from toolkit.captures.importing.store import Check, store_photo
 from toolkit.captures.importing.study import study_photos
-from toolkit.captures.importing.summary import Coverage, list_retakes, measure_coverage, write_retakes
+from toolkit.captures.importing.summary import Coverage, measure_coverage
 from toolkit.captures.manifest import CaptureRecord
 from toolkit.captures.shot_order import ShotStep, read_shots
 from toolkit.captures.transforms import write_transforms
@@ -39,7 +39,6 @@ class ImportResult:
         duplicates: (label, reason) of those that were given twice.
         refused: (label, reason) of those that could not be imported.
         coverage: per object and variant.
-        retakes: (path, advice) of all images there that a gate found wanting.
         notes: what else the user should know.
     """
 
@@ -49,7 +48,6 @@ class ImportResult:
     duplicates: tuple[tuple[str, str], ...]
     refused: tuple[tuple[str, str], ...]
     coverage: tuple[Coverage, ...]
-    retakes: tuple[tuple[str, str], ...]
     notes: tuple[str, ...]
 
     def to_json(self) -> dict[str, Any]:
@@ -65,7 +63,6 @@ class ImportResult:
             "duplicates": named(self.duplicates),
             "refused": named(self.refused),
             "coverage": [{**vars(one), "missing": list(one.missing)} for one in self.coverage],
-            "retakes": named(self.retakes),
             "notes": list(self.notes),
         }
 
@@ -85,7 +82,7 @@ def import_photos(
         paths: folders, photographs, videos.
         settings: what was asked for.
         locate: finds a photograph's camera; by default from the workspace's board.
-        check: the gates that every photograph goes through; those that fail one are imported and listed for a retake.
+        check: the gates that every photograph goes through; its numbers are kept with it.
         ask: puts questions to a person; None where nobody is there.
         by_render: what the nearest render says of a photograph that nothing else speaks for; by default, by rendering
             the object at every pose.
@@ -118,14 +115,12 @@ def import_photos(
         notes.append(f"no photographs by their names, left alone: {', '.join(gathered.others[:SHOWN_OTHERS])}{more}")
     after = read_ledger(ledger.source_dir)
     whole = [record for _, record in sorted(after.records.items()) if is_whole(ledger.source_dir, record)]
-    retakes = list_retakes(whole)
     if whole:
         write_transforms(ledger.source_dir, whole)
-        write_retakes(ledger.source_dir, retakes)
     return ImportResult(
         ledger.source_dir, tuple(imported), tuple(before), gathered.duplicates,
         (*gathered.unreadable, *refused, *broken), measure_coverage(after, whole, plan, imported, settings.object),
-        retakes, tuple(dict.fromkeys(notes)),
+        tuple(dict.fromkeys(notes)),
     )  # fmt: skip
 
 

@@ -110,6 +110,11 @@ def shoot_like(
     return LikeResult(result, tuple(sorted(skipped)))
 
 
+def shows_board(photos_dir: Path) -> bool:
+    """Whether the cameras of a source's photographs were measured from a board, which then lies in the pictures."""
+    return any("board_corners" in record.made for record in read_manifest(photos_dir).values())
+
+
 def read_measured(
     photos_dir: Path, chosen: Selection | None = None, max_px: int = MAX_PX
 ) -> tuple[list[MeasuredPhoto], list[tuple[str, str]]]:

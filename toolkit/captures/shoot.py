@@ -21,6 +21,8 @@ from toolkit.console import progress
 from toolkit.errors import ToolkitError, one_of
 from toolkit.files import sha256_bytes, write_bytes
 from toolkit.objects.load import TableObject, load_object
+from toolkit.rig.board import Sheet
+from toolkit.rig.board_table import lay_board
 from toolkit.rig.camera import Camera
 from toolkit.rig.finish import develop
 from toolkit.rig.plan import CapturePlan, check_poses
@@ -44,6 +46,7 @@ class ShootSettings:
         light: a light by name.
         renderer: `raycast` or `filament`.
         image_format: `jpg` (quality 95, no chroma subsampling) or `png`.
+        board: the printed board that lies under the object; None for the bare table.
     """
 
     seed: int = 0
@@ -51,6 +54,7 @@ class ShootSettings:
     light: str = "studio"
     renderer: str = "raycast"
     image_format: str = "jpg"
+    board: Sheet | None = None
 
 
 @dataclass(frozen=True)
@@ -193,10 +197,11 @@ def _copy_stored(shot: Shot, stored: Mapping[str, StoredImage], source_dir: Path
 
 
 def studio_for(item: TableObject, settings: ShootSettings) -> Studio:
-    """The studio of an object: its backdrop and details follow from (seed, name) alone."""
+    """The studio of an object: its backdrop and details follow from (seed, name) alone, and the board lies in it."""
     name_seed = int.from_bytes(hashlib.sha256(item.name.encode()).digest()[:4], "big")
     size = float(item.mesh.size_mm.max())
-    return make_studio((settings.seed, name_seed), size, settings.backdrop, settings.light)
+    studio = make_studio((settings.seed, name_seed), size, settings.backdrop, settings.light)
+    return studio if settings.board is None else lay_board(studio, settings.board)
 
 
 def _plan_scene(workspace, plan, camera, item: TableObject, variant: str, settings) -> list[Shot]:
@@ -223,9 +228,12 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
         ToolkitError: an unknown variant, backdrop or light, or its patch is missing.
     """
     studio = studio_for(item, settings)
+    how = asdict(settings)
+    if settings.board is None:
+        del how["board"]  # images from before there was a board keep their hash
     look = {
         "look": LOOK_VERSION, "mesh": item.mesh_sha256, "studio": studio.name, "light": asdict(studio.key),
-        "variant": variant, **asdict(settings),
+        "variant": variant, **how,
     }  # fmt: skip
     booster = find_booster(workspace, item, variant)
     if booster is not None:

@@ -7,6 +7,7 @@ import typer
 
 from toolkit.cli.calibrate import calibrate
 from toolkit.cli.capture_sim import capture_sim
+from toolkit.cli.check import check
 from toolkit.cli.corrupt import corrupt
 from toolkit.cli.demo import demo
 from toolkit.cli.doctor import doctor
@@ -16,6 +17,8 @@ from toolkit.cli.init import init
 from toolkit.cli.objects import list_objects
 from toolkit.cli.plan import plan
 from toolkit.cli.print_ import print_patches
+from toolkit.cli.print_profile import print_profile
+from toolkit.cli.studio import studio
 from toolkit.cli.sweep import sweep
 from toolkit.cli.train_classifier import train_classifier
 from toolkit.cli.train_patch import train_patch
@@ -37,10 +40,13 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "train-patch": train_patch,
     "train-texture": train_texture,
     "print": print_patches,
+    "print-profile": print_profile,
     "plan": plan,
     "calibrate": calibrate,
     "capture-sim": capture_sim,
     "import": import_,
+    "check": check,
+    "studio": studio,
     "eval": evaluate,
     "corrupt": corrupt,
     "sweep": sweep,

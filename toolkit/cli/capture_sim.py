@@ -26,11 +26,18 @@ def capture_sim(
     ] = None,
     light: Annotated[str, typer.Option(help="studio, side, warm or dim.")] = "studio",
     renderer: Annotated[str, typer.Option(help="raycast or filament.")] = "raycast",
+    board: Annotated[
+        bool | None,
+        typer.Option(
+            "--board/--no-board",
+            help="Lay the printed board under the object. Default: with --like, where the photographs show it.",
+        ),
+    ] = None,
     image_format: Annotated[str, typer.Option("--format", help="jpg or png.")] = "jpg",
     source: Annotated[
         str | None,
         typer.Option(
-            help="Folder below captures/. Default: sim, sim-PATCHES with --patches, sim-like-NAME with --like."
+            help="Folder below captures/. Default: sim, or sim-PATCHES, sim-board, sim-like-NAME with these options."
         ),
     ] = None,
     like: Annotated[
@@ -50,35 +57,39 @@ def capture_sim(
 
     With --like, every photograph of a folder from its own measured camera instead.
     """
+    from toolkit.captures.like import shows_board
     from toolkit.captures.shoot import ShootSettings, shoot_plan
     from toolkit.captures.variants import PAIR
     from toolkit.errors import ToolkitError
+    from toolkit.rig.board import read_board
     from toolkit.rig.plan import open_plan
     from toolkit.workspace import open_workspace
 
     space = open_workspace(workspace).with_patches(patches)
     if like is not None:
-        settings = ShootSettings(seed, backdrop, light, renderer, image_format)
-        _shoot_like(space, like, settings, source, objects or (), variants or (), max_px, quiet, as_json)
+        folder = like if like.is_dir() else space.root / like
+        with_board = shows_board(folder) if board is None else board
+        laid = read_board(space) if with_board else None
+        settings = ShootSettings(seed, backdrop, light, renderer, image_format, laid)
+        _shoot_like(space, folder, settings, source, objects or (), variants or (), max_px, quiet, as_json)
         return
     if max_px is not None:
         raise ToolkitError("--max-px goes with --like: the size of the plan's images is set by 'toolkit plan --size'")
     plan = open_plan(space, objects)
-    settings = ShootSettings(seed, backdrop, light, renderer, image_format)
+    settings = ShootSettings(seed, backdrop, light, renderer, image_format, read_board(space) if board else None)
     if source == "real":
         raise ToolkitError("--source real: captures/real is for photographs: name another folder, such as sim-2")
-    source = source or (f"sim-{patches}" if patches else "sim")
+    source = source or "-".join(["sim", *([patches] if patches else []), *(["board"] if board else [])])
     result = shoot_plan(
         space, plan, objects or list(plan.objects), variants or PAIR, settings, source, quiet or as_json
     )  # fmt: skip
     _show(space, result, as_json)
 
 
-def _shoot_like(space, like: Path, settings, source, objects, variants, max_px, quiet: bool, as_json: bool) -> None:
+def _shoot_like(space, folder: Path, settings, source, objects, variants, max_px, quiet: bool, as_json: bool) -> None:
     from toolkit.captures.like import MAX_PX, shoot_like
     from toolkit.console import list_skipped
 
-    folder = like if like.is_dir() else space.root / like
     found = shoot_like(space, folder, settings, source, objects, variants, max_px or MAX_PX, quiet or as_json)
     list_skipped(found.skipped)
     _show(space, found.shoot, as_json, len(found.skipped))

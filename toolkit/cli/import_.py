@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from toolkit.cli import options
+from toolkit.cli.check import show_report
 
 SHOWN_POSES = 6
 SHOWN_AGAIN = 10
@@ -53,17 +54,23 @@ def import_(
 
     Object and variant come from the options, from folders OBJECT/VARIANT, or from the shot list that was followed.
     """
+    from toolkit.captures.gates.check_captures import check_captures, make_check
     from toolkit.captures.import_photos import ImportSettings, import_photos
     from toolkit.workspace import open_workspace
 
     space = open_workspace(workspace).with_patches(patches)
     settings = ImportSettings(object_, variant, pose, match, first_shot, link, replace, every, source)
     asking = ask if ask is not None else sys.stdin.isatty() and not (quiet or as_json)
-    result = import_photos(space, photos, settings, ask=ask_person if asking else None, quiet=quiet or as_json)
+    silent = quiet or as_json
+    result = import_photos(
+        space, photos, settings, check=make_check(space, source), ask=ask_person if asking else None, quiet=silent
+    )
+    report = check_captures(space, source, silent) if any(row.there for row in result.coverage) else None
     if as_json:
-        typer.echo(json.dumps(result.to_json(), indent=2, ensure_ascii=False))
+        gates = None if report is None else report.to_json()
+        typer.echo(json.dumps(result.to_json() | {"gates": gates}, indent=2, ensure_ascii=False))
     else:
-        show_result(result)
+        show_result(result, report)
     if result.refused:
         raise typer.Exit(1)
 
@@ -81,12 +88,11 @@ def ask_person(question: str, answers: Sequence[str]) -> str | None:
         typer.echo(f"'{answer}' is none of them", err=True)
 
 
-def show_result(result) -> None:
-    """Print an `ImportResult`: what came, what is missing, what was left out and why, and what to do next."""
+def show_result(result, report=None) -> None:
+    """Print an `ImportResult` and its `CheckReport`: what came, what is missing or to be taken again, what is next."""
     from rich.table import Table
     from rich.text import Text
 
-    from toolkit.captures.importing.summary import RETAKE_LIST
     from toolkit.console import console, errors
 
     if result.coverage:
@@ -105,8 +111,6 @@ def show_result(result) -> None:
         errors.print(f"not again {len(again) - SHOWN_AGAIN} more: --json lists them all", soft_wrap=True)
     for name, reason in result.refused:
         errors.print(f"skipped {name}: {reason}", style="yellow", markup=False, soft_wrap=True)
-    for path, advice in result.retakes:
-        errors.print(f"retake {path}: {advice}", style="yellow", markup=False, soft_wrap=True)
     for note in result.notes:
         errors.print(f"note: {note}", markup=False, soft_wrap=True)
     before = f", {len(result.before)} imported before" if result.before else ""
@@ -115,8 +119,8 @@ def show_result(result) -> None:
         f"imported {len(result.imported)} photographs{before}{skipped}: {result.source_dir}",
         markup=False, soft_wrap=True,
     )  # fmt: skip
-    if result.retakes:
-        console.print(f"to take again: {result.source_dir / RETAKE_LIST}", markup=False, soft_wrap=True)
+    if report is not None:
+        show_report(report, str(result.source_dir))
     if any(row.there for row in result.coverage):
         console.print(f"next: toolkit eval {result.source_dir.parent}", markup=False, soft_wrap=True)
 

@@ -77,6 +77,12 @@ def train_patch(
         bool | None,
         typer.Option("--print-process/--no-print-process", help="Inks and paper of a desktop printer. Not paper."),
     ] = None,
+    print_profile: Annotated[
+        Path | None,
+        typer.Option(
+            help="Instead: your own printer, as 'toolkit print-profile' measured it (print/profiles/NAME.json)."
+        ),
+    ] = None,
     glare: Annotated[
         bool | None, typer.Option("--glare/--no-glare", help="Shine and strips of the tape. Not paper.")
     ] = None,
@@ -123,7 +129,7 @@ def train_patch(
     choices = Choices(
         steps, epochs, batch, lr, schedule, smoothing, start_contrast, rotation, share, foreshortening, pose, light,
         print_process, glare, camera, mounted_share, mounted_views, mounted_fill, tv_weight, printability_weight,
-        length_mm,
+        length_mm, print_profile,
     )  # fmt: skip
     request = make_request(
         recipe, choices, class_name, DataRequest(tuple(data), backgrounds, images, seed), size_px, seed, name

@@ -11,6 +11,7 @@ from toolkit.captures.variants import Paint, Print, dress
 from toolkit.console import Ticker
 from toolkit.objects.load import TableObject
 from toolkit.rig.board import Sheet
+from toolkit.rig.board_table import lay_board
 from toolkit.rig.camera import Camera
 from toolkit.rig.finish import develop
 from toolkit.rig.lighting import BakeDetail
@@ -32,21 +33,7 @@ def make_light_studio(item: TableObject, board: Sheet | None) -> Studio:
     """A white table, which costs little ink, with the board painted on in true size."""
     studio = make_studio(0, TABLE_SCALE * float(item.mesh.size_mm.max()), backdrop="white")
     studio = replace(studio, exposure=BRIGHTER * studio.exposure)
-    return studio if board is None else replace(studio, table=paint_board(studio, board))
-
-
-def paint_board(studio: Studio, board: Sheet) -> np.ndarray:
-    """The studio's table, (h, w, 3) uint8 sRGB, with the board's sheet in its middle; what lies outside is cut off."""
-    table = studio.table.copy()
-    h, w = table.shape[:2]
-    ink = np.rot90(board.paint(w / studio.table_mm[0]))  # page down is +x, the table's right
-    rows, columns = ink.shape
-    top, left = (h - rows) // 2, (w - columns) // 2
-    cut = ink[max(0, -top) : h - top, max(0, -left) : w - left]
-    top, left = max(0, top), max(0, left)
-    part = table[top : top + cut.shape[0], left : left + cut.shape[1]]
-    part[:] = np.round(cut[..., None] / 255.0 * (245 - 30) + 30)  # paper and toner, not light and darkness
-    return table
+    return studio if board is None else lay_board(studio, board, px_per_mm=studio.table.shape[1] / studio.table_mm[0])
 
 
 def draw_views(

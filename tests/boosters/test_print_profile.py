@@ -1,0 +1,164 @@
+"""Training through a measured printer: the same colours as the profile's own, true gradients, and a run of its own."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from part_checks import check_gradient, count_changed, grey_noise
+
+from toolkit.boosters.data import DataRequest
+from toolkit.boosters.print_process import PrintProcess
+from toolkit.boosters.print_profile import ProfiledPrint, encode, use_profile
+from toolkit.boosters.recipes import Choices, make_request
+from toolkit.boosters.request import hash_inputs
+from toolkit.boosters.settings_table import list_settings
+from toolkit.colour import linear_to_srgb
+from toolkit.errors import ToolkitError
+from toolkit.print_profile import (
+    ColourError,
+    PrintProfile,
+    ProfileMade,
+    print_colours,
+    raise_terms,
+    read_print_profile,
+    white_paper,
+    write_print_profile,
+)
+
+TERMS = ((0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 1, 1), (0, 0, 2))
+NO_BLEED = {"bleed_mm": (0.001, 0.001)}
+
+
+def profile(**changes) -> PrintProfile:
+    rng = np.random.default_rng(7)
+    coefficients = rng.uniform(0.02, 0.14, (len(TERMS), 3))
+    fields = {
+        "name": "copier", "patch": "racer", "patch_sha256": "ab" * 32, "model": "cubic", "power": 1.8,
+        "exponents": TERMS, "coefficients": tuple(map(tuple, coefficients.tolist())), "paper_linear": white_paper(),
+        "photos": ("cd" * 32,), "n_samples": 100, "strip_cells": 22, "without": ColourError(median=14, p95=23),
+        "held_out": ColourError(median=1.2, p95=3), "made": ProfileMade(on="2026-01-01", with_version="1"),
+    }  # fmt: skip
+    return PrintProfile(**{**fields, **changes})
+
+
+def part(**changes) -> ProfiledPrint:
+    from dataclasses import replace
+
+    return replace(use_profile(profile()), **{**NO_BLEED, **changes})
+
+
+def request(tmp_path: Path | None = None, **changes):
+    if tmp_path is None:
+        return make_request("default", Choices(**changes), "jet", DataRequest(("rig",)))
+    file = write_print_profile(tmp_path / "copier.json", profile())
+    return make_request("default", Choices(print_profile=file, **changes), "jet", DataRequest(("rig",)))
+
+
+def test_colours_are_those_that_the_profile_says():
+    """Torch's against NumPy's, and NumPy's against the polynomial written out."""
+    colours = np.random.default_rng(0).random((40, 3))
+    pixels = torch.from_numpy(colours.T.reshape(1, 3, 5, 8))
+    said = part().colour(pixels)[0].reshape(3, 40).T.numpy()
+    np.testing.assert_allclose(said, print_colours(profile(), colours), atol=1e-6)
+    r, g, b = colours[0] ** 1.8
+    terms = np.array([1, r, g, b, r * g, r * g * b, b * b])
+    np.testing.assert_allclose(raise_terms(colours[0], 1.8, TERMS), terms)
+    linear = terms @ np.array(profile().coefficients) * np.array(white_paper())
+    np.testing.assert_allclose(print_colours(profile(), colours[0]), linear_to_srgb(linear), atol=1e-6)
+
+
+def test_a_profile_that_changes_nothing_changes_nothing():
+    identity = profile(
+        power=1, exponents=((1, 0, 0), (0, 1, 0), (0, 0, 1)), coefficients=((1, 0, 0), (0, 1, 0), (0, 0, 1)),
+        paper_linear=(1, 1, 1),
+    )  # fmt: skip
+    pixels = grey_noise(2, 3, 6, 6)
+    printed = use_profile(identity).colour(pixels)
+    torch.testing.assert_close(printed, encode(pixels))
+
+
+def test_gradients_are_those_of_finite_differences():
+    check_gradient(part().colour, grey_noise(1, 3, 3, 4))
+    blurred = part(bleed_mm=(0.2, 0.4))
+    check_gradient(lambda patch: blurred.change(patch, np.random.default_rng(0)), grey_noise(3, 5, 5))
+    check_gradient(lambda prints: blurred.change(prints, np.random.default_rng(0)), grey_noise(2, 3, 4, 4))
+
+
+def test_gradients_at_black_are_numbers():
+    black = torch.zeros(1, 3, 2, 2, dtype=torch.float64, requires_grad=True)
+    for power in (1.0, 1.4, 2.6):
+        (gradient,) = torch.autograd.grad(part(power=power).colour(black).sum(), black)
+        assert bool(torch.isfinite(gradient).all())
+
+
+def test_ink_spreads_as_in_the_generic_process():
+    flat = grey_noise(3, 8, 8)
+    wide = part(bleed_mm=(0.6, 0.6)).change(flat, np.random.default_rng(0))
+    crisp = part().change(flat, np.random.default_rng(0))
+    assert wide.std() < 0.8 * crisp.std()
+
+
+def test_probability_is_kept():
+    prints = grey_noise(60, 3, 4, 4)
+    assert count_changed(part().change, prints) == 60
+    assert count_changed(part(probability=0).change, prints) == 0
+    with pytest.raises(ToolkitError, match="print probability 2"):
+        part(probability=2)
+
+
+def test_the_flag_takes_the_place_of_the_generic_printer(tmp_path):
+    assert isinstance(request().print_process, PrintProcess)
+    asked = request(tmp_path)
+    assert asked.print_process == use_profile(profile())
+    assert asked.appearance().on_print == (asked.print_process,)
+    file = tmp_path / "copier.json"
+    paper = make_request("paper", Choices(print_profile=file), "jet", DataRequest(("photos",)))
+    assert isinstance(paper.print_process, ProfiledPrint)
+    with pytest.raises(ToolkitError, match="--no-print-process --print-profile"):
+        request(tmp_path, print_process=False)
+
+
+def test_the_profile_is_recorded_listed_and_makes_another_run(tmp_path):
+    generic, own = request(), request(tmp_path)
+    settings = json.loads(json.dumps(own.settings()))
+    assert settings["print_process"]["name"] == "copier" and len(settings["print_process"]["sha256"]) == 64
+    assert settings["print_process"]["coefficients"] == [list(row) for row in profile().coefficients]
+    line = next(line for line in list_settings(own, ["net"]) if line.strip().startswith("print"))
+    assert "as measured, profile copier" in line and "ΔE00 1.2" in line
+    other = profile(coefficients=tuple((r + 0.001, g, b) for r, g, b in profile().coefficients))
+    write_print_profile(tmp_path / "other.json", other)
+    third = make_request("default", Choices(print_profile=tmp_path / "other.json"), "jet", DataRequest(("rig",)))
+    hashes = {hash_inputs(one, "jet", [], "data") for one in (generic, own, third, request(tmp_path))}
+    assert len(hashes) == 3
+
+
+def test_a_profile_comes_back_from_its_file(tmp_path):
+    file = write_print_profile(tmp_path / "deep" / "copier.json", profile())
+    assert read_print_profile(file) == profile()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"power": 0.5}, "field 'power'"),
+        ({"coefficients": [[1, 1, 1]]}, "expected 7 coefficients"),
+        ({"coefficients": [["x", 1, 1]] * 7}, "field 'coefficients.0.0'"),
+        ({"exponents": [[2, 2, 0]] * 7}, "add up to at most 3"),
+        ({"exponents": [[1, 0, 0]] * 7}, "exponents that differ"),
+        ({"patch_sha256": "short"}, "field 'patch_sha256'"),
+        ({"paper_linear": [0, 1, 1]}, "paper_linear from 0.2"),
+        ({"schema_version": 2}, "field 'schema_version'"),
+        ({"more": 1}, "field 'more'"),
+    ],
+)
+def test_a_damaged_file_is_one_clear_line(tmp_path, changes, words):
+    content = profile().model_dump(mode="json") | changes
+    file = tmp_path / "copier.json"
+    file.write_text(json.dumps(content))
+    with pytest.raises(ToolkitError) as caught:
+        read_print_profile(file)
+    assert words in str(caught.value) and str(file) in str(caught.value) and "\n" not in str(caught.value)
+    with pytest.raises(ToolkitError, match="cannot read"):
+        read_print_profile(tmp_path / "none.json")

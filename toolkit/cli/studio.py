@@ -1,0 +1,111 @@
+"""`toolkit studio`: a web page to photograph with."""
+
+from pathlib import Path
+from threading import Thread
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from toolkit.cli import options
+
+if TYPE_CHECKING:
+    from toolkit.studio.serve import Door
+    from toolkit.studio.session import Session
+
+
+def studio(
+    lan: Annotated[
+        bool, typer.Option("--lan", help="For a phone in the same network: a URL with a token, and its QR code.")
+    ] = False,
+    port: Annotated[
+        int | None, typer.Option("--port", min=1, max=65535, help="Default: 8765, or a free one.", show_default=False)
+    ] = None,
+    address: Annotated[
+        str | None, typer.Option("--address", help="With --lan: this machine's address there. Default: it is found.")
+    ] = None,
+    model: Annotated[str | None, typer.Option("--model", help="For the predictions; default: resnet18.")] = None,
+    weights: Annotated[Path | None, typer.Option("--weights", help="State dict, .pth or .safetensors.")] = None,
+    source: Annotated[str, typer.Option(help="Folder below captures/.")] = "real",
+    device: options.Device = "auto",
+    patches: options.Patches = None,
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+) -> None:
+    """Serve a page to shoot with: the next shot as a ghost, upload, the gates' verdict, progress, predictions.
+
+    Each photograph that is kept lies in captures/real at once; stop with Ctrl-C and start again at any time.
+    """
+    from toolkit.captures.importing.settings import FOLDER_NAME
+    from toolkit.errors import ToolkitError
+    from toolkit.studio.serve import open_door, require_extra
+    from toolkit.workspace import open_workspace
+
+    require_extra(lan)
+    if address is not None and not lan:
+        raise ToolkitError("--address is this machine's address in the local network: say --lan with it")
+    if not FOLDER_NAME.fullmatch(source):
+        raise ToolkitError(f"--source {source}: expected the name of one folder below captures/")
+    from toolkit.studio.app import make_app
+    from toolkit.studio.predictor import Predictor
+    from toolkit.studio.serve import serve
+    from toolkit.studio.session import open_session
+
+    space = open_workspace(workspace).with_patches(patches)
+    session = open_session(space, source)
+
+    def load():
+        from toolkit.classifiers.network import load_classifier
+
+        return load_classifier(model, weights, device, True, space.classifiers_dir)
+
+    door = open_door(lan, port, address)
+    predictor = Predictor(session, load)
+    try:
+        show_door(door, lan and not quiet)
+        predictor.start()
+        Thread(target=warm_up, args=(session,), daemon=True).start()
+        serve(make_app(session, door.access, predictor), door)
+    except KeyboardInterrupt:
+        pass  # before the server had begun to listen for it
+    finally:
+        predictor.stop()
+    show_summary(session)
+
+
+def show_door(door: "Door", code: bool) -> None:
+    """Say where the page is; with `code`, also as a QR code."""
+    from toolkit.console import console
+    from toolkit.studio.serve import show_code
+
+    if code:
+        show_code(door.url, lambda text: console.print(text, markup=False, soft_wrap=True, end=""))
+    lan = door.access.token is not None
+    hint = "phone and computer must be in one network" if lan else "for a phone: toolkit studio --lan"
+    console.print(f"{door.url}\nCtrl-C ends it; {hint}", markup=False, soft_wrap=True)
+
+
+def warm_up(session: "Session") -> None:
+    """Get ready for the shot that comes next, while the page is being opened."""
+    from toolkit.studio.describe import find_next
+
+    number = find_next(session.list_shots())
+    if number is not None:
+        session.inspector.warm_up(session.find_step(number))
+
+
+def show_summary(session: "Session") -> None:
+    """Say what is there and what to do next."""
+    from toolkit.console import console
+
+    shots = session.list_shots()
+    done = sum(1 for shot in shots if shot.path)
+    waiting = sum(1 for shot in shots if shot.status == "waiting")
+    skipped = sum(1 for shot in shots if shot.status == "skipped")
+    parts = [f"{done} of {len(shots)} shots are in {session.source_dir}"]
+    parts += [f"{waiting} wait for a yes"] if waiting else []
+    parts += [f"{skipped} put off"] if skipped else []
+    console.print("; ".join(parts), markup=False, soft_wrap=True)
+    if done < len(shots):
+        console.print("the same command goes on from here", soft_wrap=True)
+    if done:
+        console.print(f"next: toolkit eval {session.workspace.captures_dir}", markup=False, soft_wrap=True)

@@ -1,0 +1,1 @@
+"""`toolkit studio`: a local web page to photograph with, over the same functions as the command line."""

@@ -1,0 +1,165 @@
+"""The web application: addresses, and what each of them calls."""
+
+from importlib.resources import files
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import JSONResponse, Response
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
+
+from toolkit.errors import ToolkitError
+from toolkit.files import explain_write_error
+from toolkit.studio.access import Access, Guard
+from toolkit.studio.describe import describe_inspection, describe_place, describe_session
+from toolkit.studio.errors import Refused
+from toolkit.studio.ghost import GhostArtist
+from toolkit.studio.pictures import PREVIEW_PX, THUMB_PX, show_photo
+from toolkit.studio.predictor import Predictor
+from toolkit.studio.session import NOT_FOUND, Session
+from toolkit.studio.take_back import take_back
+from toolkit.studio.upload import MOST_BYTES, receive_file
+
+PAGE_FILES = {
+    "/": ("page.html", "text/html; charset=utf-8"),
+    "/page.css": ("page.css", "text/css; charset=utf-8"),
+    "/page.js": ("page.js", "text/javascript; charset=utf-8"),
+    "/parts.js": ("parts.js", "text/javascript; charset=utf-8"),
+    "/camera.js": ("camera.js", "text/javascript; charset=utf-8"),
+}
+UPLOAD_TYPE = "application/octet-stream"
+"""Bare bytes: no name comes along, and no form of another site can send it."""
+CLOSED, WRONG_TYPE, TROUBLE = 499, 415, 507
+KEEP_PICTURE = {"cache-control": "private, max-age=3600"}
+
+
+def make_app(session: Session, access: Access, predictor: Predictor, most_bytes: int = MOST_BYTES) -> Guard:
+    """The application, behind its guard.
+
+    Args:
+        session: what it works on.
+        access: whom it answers.
+        predictor: started and stopped by the caller.
+        most_bytes: limit on one upload.
+    """
+    app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
+    _answer_errors(app)
+    _add_page(app)
+    _add_pictures(app, session, GhostArtist(session.workspace, session.plan))
+    _add_shots(app, session, predictor)
+    _add_upload(app, session, most_bytes)
+    return Guard(app, access)
+
+
+def _answer_errors(app: FastAPI) -> None:
+    @app.exception_handler(ToolkitError)
+    async def explain(_: Request, error: ToolkitError) -> Response:
+        # what is no fault of the request is the disk's or a file's of the workspace
+        return JSONResponse({"error": str(error)}, error.status if isinstance(error, Refused) else TROUBLE)
+
+    @app.exception_handler(OSError)
+    async def blame_disk(_: Request, error: OSError) -> Response:
+        return JSONResponse({"error": str(explain_write_error(Path(error.filename or "?"), error))}, TROUBLE)
+
+    @app.exception_handler(HTTPException)
+    async def refuse(_: Request, error: HTTPException) -> Response:
+        return JSONResponse({"error": str(error.detail)}, error.status_code)
+
+
+def _add_page(app: FastAPI) -> None:
+    def serve(name: str, kind: str):
+        content = (files("toolkit.studio") / name).read_bytes()
+        return lambda: Response(content, media_type=kind)
+
+    for address, (name, kind) in PAGE_FILES.items():
+        app.get(address)(serve(name, kind))
+
+
+def _add_pictures(app: FastAPI, session: Session, artist: GhostArtist) -> None:
+    @app.get("/api/shots/{number}/ghost.png")
+    def ghost(number: int) -> Response:
+        step = session.find_step(number)
+        content = artist.draw(step.object, step.variant, step.pose_id)
+        return Response(content, media_type="image/png", headers=KEEP_PICTURE)
+
+    @app.get("/api/shots/{number}/photo.jpg")
+    def photo(number: int, large: bool = False) -> Response:
+        shot = session.look_up(number)
+        if shot.path is None:
+            raise Refused(NOT_FOUND, f"shot {number} has no photograph yet")
+        return _jpeg(show_photo(session.source_dir / shot.path, PREVIEW_PX if large else THUMB_PX))
+
+    @app.get("/api/shots/{number}/waiting.jpg")
+    def waiting(number: int) -> Response:
+        file = session.places.find_waiting(session.find_step(number))
+        if file is None:
+            raise Refused(NOT_FOUND, f"no photograph waits at shot {number}")
+        return _jpeg(show_photo(file, PREVIEW_PX))
+
+
+def _add_shots(app: FastAPI, session: Session, predictor: Predictor) -> None:
+    def tell(number: int) -> dict[str, Any]:
+        predictor.wake()
+        return {**describe_session(session, predictor), "shot": describe_place(session, session.look_up(number))}
+
+    @app.get("/api/state")
+    def state() -> dict[str, Any]:
+        return describe_session(session, predictor)
+
+    @app.get("/api/shots/{number}")
+    def shot(number: int) -> dict[str, Any]:
+        found = session.look_up(number)
+        Thread(target=session.inspector.warm_up, args=(found.step,), daemon=True).start()
+        return describe_place(session, found)
+
+    @app.get("/api/shots/{number}/verdict")
+    def verdict(number: int) -> dict[str, Any]:
+        found = session.inspect_waiting(number)
+        if found is None:
+            raise Refused(NOT_FOUND, f"no photograph waits at shot {number}")
+        return describe_inspection(found)
+
+    @app.post("/api/shots/{number}/keep")
+    def keep(number: int, sha256: str) -> dict[str, Any]:
+        session.keep(number, sha256)
+        return tell(number)
+
+    @app.post("/api/shots/{number}/discard")
+    def discard(number: int) -> dict[str, Any]:
+        session.discard(number)
+        return tell(number)
+
+    @app.post("/api/shots/{number}/skip")
+    def skip(number: int, skipped: bool = True) -> dict[str, Any]:
+        session.skip(number, skipped)
+        return tell(number)
+
+    @app.post("/api/shots/{number}/undo")
+    def undo(number: int) -> dict[str, Any]:
+        take_back(session, number)
+        return tell(number)
+
+
+def _add_upload(app: FastAPI, session: Session, most_bytes: int) -> None:
+    @app.post("/api/shots/{number}/photo")
+    async def upload(number: int, request: Request) -> Any:
+        session.find_step(number)
+        if request.headers.get("content-type", "").split(";")[0].strip().lower() != UPLOAD_TYPE:
+            raise Refused(WRONG_TYPE, f"expected the photograph's bytes as {UPLOAD_TYPE}")
+        length = request.headers.get("content-length", "")
+        announced = int(length) if length.isascii() and length.isdecimal() else None
+        try:
+            file = await receive_file(request.stream(), session.places, announced, most_bytes)
+        except ClientDisconnect:
+            return Response(status_code=CLOSED)  # nobody hears it; the upload is deleted
+        found = await run_in_threadpool(session.take_in, number, file)
+        if found is None:
+            return {"there": True}
+        return {"there": False, **describe_inspection(found)}
+
+
+def _jpeg(content: bytes) -> Response:
+    return Response(content, media_type="image/jpeg")

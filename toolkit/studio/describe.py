@@ -1,0 +1,121 @@
+"""What the page is told, as plain values for JSON."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from toolkit.captures.gates.result import GateResult
+from toolkit.captures.match_pose import PoseMatch
+from toolkit.captures.shot_order import ShotStep
+from toolkit.files import sha256_bytes
+from toolkit.printing.shot_list.advice import PHONE_MM, equivalent_focal_mm
+from toolkit.printing.shot_list.places import measure_place, name_change
+from toolkit.studio.inspection import Inspection
+from toolkit.studio.predictor import Predictor
+from toolkit.studio.session import Session, Shot
+from toolkit.studio.upload import MOST_BYTES
+
+NEAR_DEG = 6.0
+"""From here on the page says which way to move; a few degrees do no harm."""
+
+
+def describe_session(session: Session, predictor: Predictor) -> dict[str, Any]:
+    """All shots with their state, what comes next, and the predictions so far."""
+    shots = session.list_shots()
+    camera, state = session.plan.camera.camera(), predictor.state
+    focal_mm = equivalent_focal_mm(camera)
+    return {
+        "shots": [describe_shot(shot) for shot in shots],
+        "next": find_next(shots),
+        "done": sum(1 for shot in shots if shot.path),
+        "lens": {"focal_mm": round(focal_mm), "zoom": round(focal_mm / PHONE_MM, 1)},
+        "limit_mb": MOST_BYTES >> 20,
+        "list": sha256_bytes(session.shots.model_dump_json().encode())[:12],
+        "network": {"status": state.status, "message": state.message, "notes": list(state.notes)},
+        "predictions": predictor.list_rows(),
+        "captures": str(session.source_dir),
+    }
+
+
+def find_next(shots: Sequence[Shot]) -> int | None:
+    """The shot to take now: one that waits for a yes, else the next open one, else one that was put off."""
+    for wanted in ("waiting", "open", "skipped"):
+        for shot in shots:
+            if shot.status == wanted:
+                return shot.step.number
+    return None
+
+
+def describe_shot(shot: Shot) -> dict[str, Any]:
+    """One step of the list in brief."""
+    step = shot.step
+    return {
+        "number": step.number, "object": step.object, "variant": step.variant, "pose_id": step.pose_id,
+        "status": shot.status, "there": shot.path is not None, "retake": shot.retake,
+    }  # fmt: skip
+
+
+def describe_place(session: Session, shot: Shot) -> dict[str, Any]:
+    """One shot with all that helps to take it, and what is known of the photograph that is there."""
+    place = measure_place(session.find_pose(shot.step))
+    record = session.find_record(shot)
+    return {
+        **describe_shot(shot),
+        "place": {
+            "azimuth_deg": round(place.azimuth_deg, 1), "tilt_deg": round(place.tilt_deg, 1),
+            "distance_cm": round(place.distance_mm / 10, 1), "height_cm": round(place.height_mm / 10, 1),
+            "out_cm": round(place.out_mm / 10, 1), "roll_deg": round(place.roll_deg, 1),
+        },
+        "change": say_change(session.shots.steps, shot.step),
+        "advice": list(record.made.get("retake") or []) if record else [],
+        "path": shot.path,
+    }  # fmt: skip
+
+
+def say_change(steps: Sequence[ShotStep], step: ShotStep) -> str:
+    """What to do with object and sheet before this shot; empty where nothing changes since the one before."""
+    before = steps[step.number - 2] if step.number > 1 else None
+    if before is None or before.object != step.object:
+        words = name_change(None, step.variant)
+        start = f"put the {step.object} on the board's middle, its front to FRONT"
+        return f"{start}, {words}" if words else start
+    return name_change(before.variant, step.variant)
+
+
+def describe_inspection(inspection: Inspection) -> dict[str, Any]:
+    """The verdict on one photograph."""
+    match = inspection.match
+    return {
+        "sha256": inspection.sha256,
+        "good": inspection.good,
+        "gates": [describe_gate(result) for result in inspection.results],
+        "board": None if inspection.located is None else "seen",
+        "no_board": inspection.no_board,
+        "pose": None if match is None else {
+            "error_deg": round(match.error_deg, 1), "error_mm": round(match.error_mm),
+            "moves": say_moves(match), "wrong": inspection.wrong_pose,
+        },
+        "ghost_scale": inspection.ghost_scale,
+    }  # fmt: skip
+
+
+def describe_gate(result: GateResult) -> dict[str, Any]:
+    """One gate's word; numbers that are none become null."""
+    value = result.value if result.value is not None and math.isfinite(result.value) else None
+    return {
+        "name": result.name, "value": value, "threshold": result.threshold, "unit": result.unit,
+        "status": result.status, "at_most": result.at_most, "advice": result.advice,
+    }  # fmt: skip
+
+
+def say_moves(match: PoseMatch) -> list[str]:
+    """How to come nearer to the pose, as one who looks at the object does it; empty where it is near enough."""
+    moves = []
+    if abs(match.azimuth_deg) > NEAR_DEG:
+        # azimuth grows counter-clockwise from above: towards the right of one who looks at the object
+        moves.append(f"go {abs(match.azimuth_deg):.0f}° round to the {'left' if match.azimuth_deg > 0 else 'right'}")
+    if abs(match.elevation_deg) > NEAR_DEG:
+        moves.append(f"go {abs(match.elevation_deg):.0f}° {'lower' if match.elevation_deg > 0 else 'higher'}")
+    if abs(match.roll_deg) > NEAR_DEG:
+        moves.append(f"turn the camera {abs(match.roll_deg):.0f}° level")
+    return moves

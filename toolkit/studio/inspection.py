@@ -1,0 +1,146 @@
+"""What the gates say of one photograph of one shot, and how far its camera stood from the plan's pose."""
+
+from collections import OrderedDict
+from contextlib import suppress
+from dataclasses import dataclass
+from threading import Lock
+
+import numpy as np
+
+from toolkit.captures.board_pose import find_board
+from toolkit.captures.gates.check_photo import check_photo
+from toolkit.captures.gates.expect import Expecter
+from toolkit.captures.gates.result import GateResult
+from toolkit.captures.gates.solid import View
+from toolkit.captures.importing.evidence import Located
+from toolkit.captures.importing.locate import locate_sighting
+from toolkit.captures.lens import Lens
+from toolkit.captures.lens_file import read_lenses
+from toolkit.captures.match_pose import PoseMatch, match_pose, view_of
+from toolkit.captures.photos import Photo, load_pixels
+from toolkit.captures.shot_order import ShotStep
+from toolkit.captures.variants import GREY
+from toolkit.errors import ToolkitError
+from toolkit.rig.camera import Camera
+from toolkit.rig.plan import CapturePlan, Pose
+from toolkit.workspace import Workspace
+
+KEPT = 6
+
+
+@dataclass(frozen=True)
+class Inspection:
+    """What was measured.
+
+    Attributes:
+        sha256: of the photograph.
+        results: of the gates.
+        located: where the camera stood; None without a board, and `no_board` says why.
+        match: how far that is from the shot's pose.
+        nearest: the pose of the plan that it is nearest to.
+        ghost_scale: how much larger than in a picture of the plan the object is in this one; None without a board.
+    """
+
+    sha256: str
+    results: tuple[GateResult, ...]
+    located: Located | None
+    no_board: str
+    match: PoseMatch | None
+    nearest: PoseMatch | None
+    ghost_scale: float | None = None
+
+    @property
+    def wrong_pose(self) -> str | None:
+        """What speaks against the shot's pose: the board shows another one, or a camera that is far off."""
+        if self.match is None or self.nearest is None:
+            return None
+        if self.nearest.pose_id != self.match.pose_id and not self.nearest.ambiguous:
+            return f"the board shows that this is nearer to pose {self.nearest.pose_id}"
+        return "the board shows that the camera stood far from this pose" if self.match.far else None
+
+    @property
+    def checked(self) -> tuple[GateResult, ...]:
+        """The gates that measured something: what was not checked is no reason for a retake."""
+        return tuple(one for one in self.results if one.status != "not checked")
+
+    @property
+    def good(self) -> bool:
+        """Whether no gate found it wanting."""
+        return self.wrong_pose is None and not any(one.failed for one in self.results)
+
+
+class Inspector:
+    """Inspects photographs by the import's own pose and gates; safe to call from several threads."""
+
+    def __init__(self, workspace: Workspace, plan: CapturePlan) -> None:
+        self._workspace, self._plan = workspace, plan
+        self._expecter = Expecter(workspace)
+        self._lock = Lock()
+        self._warm: set[tuple[str, str]] = set()
+        self._kept: OrderedDict[tuple[str, ShotStep], Inspection] = OrderedDict()
+
+    def inspect(self, photo: Photo, step: ShotStep, pixels: np.ndarray | None = None) -> Inspection:
+        """Measure a photograph that should show a step; the last few are remembered.
+
+        Args:
+            photo: the file.
+            step: what it should show.
+            pixels: (h, w, 3) uint8 sRGB, where it was decoded before.
+
+        Raises:
+            UnreadableImage: it does not decode.
+            ToolkitError: the board's or the lenses' file is broken.
+        """
+        key = (photo.sha256, step)
+        with self._lock:  # two at once would only take turns on the processor, each for twice as long
+            if key not in self._kept:
+                self._kept[key] = self._measure(photo, step, load_pixels(photo) if pixels is None else pixels)
+            self._kept.move_to_end(key)
+            while len(self._kept) > KEPT:
+                self._kept.popitem(last=False)
+            return self._kept[key]
+
+    def warm_up(self, step: ShotStep) -> None:
+        """Build the object of the next shot and load what judges it, so that its photograph need not wait for that.
+
+        What is wrong is not said here, but with the photograph.
+        """
+        with self._lock, suppress(ToolkitError):
+            if (step.object, step.variant) not in self._warm:
+                self._warm.add((step.object, step.variant))
+                expectation = self._expecter.expect(step.object, step.variant, step.pose_id)
+                check_photo(np.full((120, 160, 3), GREY, np.uint8), expectation)
+
+    def _measure(self, photo: Photo, step: ShotStep, pixels: np.ndarray) -> Inspection:
+        sighting = find_board(pixels, self._expecter.board)
+        found = locate_sighting(photo, sighting, read_lenses(self._workspace))
+        located = None if isinstance(found, str) else found
+        why = found if isinstance(found, str) else ""
+        view = match = nearest = scale = None
+        if located is not None:
+            view = View(located.T_world_camera, _lens_of(located))
+            poses = self._plan.objects[step.object]
+            nearest = match_pose(located.T_world_camera, poses)
+            pose = next(pose for pose in poses if pose.id == step.pose_id)
+            match = match_pose(located.T_world_camera, [pose])
+            scale = _compare_size(view, match, pose, self._plan.camera.camera())
+        expectation = self._expecter.expect(step.object, step.variant, step.pose_id, view, why)
+        results = check_photo(pixels, expectation, sighting)
+        return Inspection(photo.sha256, tuple(results), located, why, match, nearest, scale)
+
+
+def _compare_size(view: View, match: PoseMatch, pose: Pose, camera: Camera) -> float:
+    """Size of the object in a photograph over that in the plan's picture, both measured by the shorter side."""
+    lens = view.lens
+    zoom = lens.fx / min(lens.width, lens.height) / (camera.focal_px / min(camera.width, camera.height))
+    planned_mm = view_of(pose.matrix(), np.array(pose.target_mm)).distance_mm
+    return float(zoom * planned_mm / max(planned_mm + match.distance_mm, 1.0))
+
+
+def _lens_of(located: Located) -> Lens:
+    given = located.intrinsics
+    k = (*located.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return Lens(
+        int(given["width"]), int(given["height"]), given["fx"], given["fy"], given["cx"], given["cy"],
+        (k[0], k[1], k[2], k[3], k[4]),
+    )  # fmt: skip

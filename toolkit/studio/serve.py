@@ -1,0 +1,140 @@
+"""Open the door: which address, which port, and the server's life until Ctrl-C."""
+
+import socket
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from toolkit.errors import ToolkitError
+from toolkit.studio.access import Access, make_token
+
+LOOPBACK = "127.0.0.1"
+USUAL_PORT = 8765
+"""Tried first, so that a page that is open finds a restarted server again."""
+UNROUTED = ("192.0.2.1", 9)
+"""An address that is nobody's (RFC 5737); asking for the way there sends nothing."""
+EXTRA = "pip install 'toolkit-boost[studio]'"
+
+
+@dataclass(frozen=True)
+class Door:
+    """A socket that listens, and who is let in.
+
+    Attributes:
+        address, port: where it listens.
+        access: whom the server answers.
+        listener: the socket.
+    """
+
+    address: str
+    port: int
+    access: Access
+    listener: socket.socket = field(repr=False)
+
+    @property
+    def url(self) -> str:
+        """To open in a browser, with the token where there is one."""
+        base = f"http://{self.address}:{self.port}/"
+        return f"{base}?token={self.access.token}" if self.access.token else base
+
+
+def open_door(lan: bool = False, port: int | None = None, address: str | None = None) -> Door:
+    """Bind the address, so that trouble with it is said before anything is promised.
+
+    Args:
+        lan: listen to the local network, with a token, instead of to this machine alone.
+        port: None tries the usual one, then takes any that is free.
+        address: of this machine in the local network; None finds it.
+
+    Raises:
+        ToolkitError: the port is taken or not allowed, or no address of the local network is known.
+    """
+    host = (address or find_lan_address()) if lan else LOOPBACK
+    listener = _bind(host, USUAL_PORT if port is None else port, port is None)
+    bound = listener.getsockname()[1]
+    names = {host} if lan else {LOOPBACK, "localhost", "[::1]"}
+    token = make_token() if lan else None
+    access = Access(frozenset(f"{name}:{bound}" for name in names), token, f"toolkit_studio_{bound}")
+    return Door(host, bound, access, listener)
+
+
+def find_lan_address() -> str:
+    """This machine's address in the local network.
+
+    Raises:
+        ToolkitError: it has none.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(UNROUTED)
+            found = str(probe.getsockname()[0])
+        except OSError:
+            found = LOOPBACK
+    if found.startswith("127.") or found == "0.0.0.0":
+        raise ToolkitError(
+            "--lan: this machine has no address in a local network: join one, or name it with --address ADDRESS"
+        )
+    return found
+
+
+def show_code(url: str, write: Callable[[str], object]) -> None:
+    """Write a QR code of half blocks; nothing where the terminal cannot show them."""
+    import io
+
+    import segno
+
+    buffer = io.StringIO()
+    segno.make(url, error="l", micro=False).terminal(buffer, compact=True, border=2)
+    write(buffer.getvalue())
+
+
+def require_extra(lan: bool) -> None:
+    """A `ToolkitError` that names the extra where what the studio needs is not installed."""
+    from importlib.util import find_spec
+
+    wanted = ("fastapi", "uvicorn", *(("segno",) if lan else ()))
+    missing = [name for name in wanted if find_spec(name) is None]
+    if missing:
+        raise ToolkitError(f"toolkit studio needs {' and '.join(missing)}, which the extra 'studio' brings: {EXTRA}")
+
+
+def serve(app, door: Door) -> None:
+    """Answer until Ctrl-C or SIGTERM; what is being answered then is finished, for some seconds."""
+    import uvicorn
+
+    config = uvicorn.Config(
+        app, log_level="warning", access_log=False, server_header=False, timeout_graceful_shutdown=3, ws="none",
+    )  # fmt: skip
+    try:
+        uvicorn.Server(config).run(sockets=[door.listener])
+    except KeyboardInterrupt:
+        pass  # uvicorn has ended cleanly, and hands the signal on
+    finally:
+        door.listener.close()
+
+
+def _bind(host: str, port: int, any_will_do: bool) -> socket.socket:
+    listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
+    # else the port of a server that was stopped is taken for a minute
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((host, port))
+        listener.listen()
+        return listener
+    except (OSError, OverflowError) as error:
+        listener.close()
+        if any_will_do and port:
+            return _bind(host, 0, False)
+        raise ToolkitError(_explain(host, port, error)) from None
+
+
+def _explain(host: str, port: int, error: OSError | OverflowError) -> str:
+    import errno
+
+    code = getattr(error, "errno", None)
+    if code == errno.EADDRINUSE:
+        return f"port {port} of {host} is taken, perhaps by another studio: stop it, or choose one with --port"
+    if code == errno.EACCES:
+        return f"port {port} may not be used: choose one above 1023 with --port"
+    if code == errno.EADDRNOTAVAIL:
+        return f"{host} is no address of this machine: leave --address out, or name one that is"
+    return f"cannot listen on {host} port {port}: {getattr(error, 'strerror', None) or error}"

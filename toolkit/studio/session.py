@@ -1,0 +1,264 @@
+"""A session at the table: which shots there are, which are taken, and what happens to a photograph.
+
+Nothing of this is kept in memory alone: it follows from `rig/shots.json`, from captures/SOURCE and from `.studio/`, so
+that another page, a reload or a restarted server find everything as it was.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from threading import RLock
+from typing import Literal
+
+from toolkit.captures.importing.decide import Decision
+from toolkit.captures.importing.evidence import Evidence, Target
+from toolkit.captures.importing.gather import Candidate
+from toolkit.captures.importing.ledger import Ledger, find_occupants
+from toolkit.captures.importing.store import store_photo
+from toolkit.captures.importing.summary import list_retakes, write_retakes
+from toolkit.captures.manifest import CaptureRecord, read_manifest
+from toolkit.captures.photos import read_photo
+from toolkit.captures.shot_order import ShotList, ShotStep, read_shots
+from toolkit.captures.transforms import write_transforms
+from toolkit.captures.variants import VARIANTS, find_booster
+from toolkit.errors import ToolkitError
+from toolkit.image_folder import show_path
+from toolkit.objects.load import load_object
+from toolkit.rig.plan import CapturePlan, Pose, read_plan
+from toolkit.studio.errors import Refused
+from toolkit.studio.inspection import Inspection, Inspector
+from toolkit.studio.places import HASH_DIGITS, Places, check_writable, hash_in_name
+from toolkit.studio.upload import open_upload
+from toolkit.workspace import Workspace
+
+Status = Literal["open", "waiting", "skipped", "done"]
+NOT_FOUND, CONFLICT = 404, 409
+
+
+@dataclass(frozen=True)
+class Shot:
+    """One step of the list, and how far it is.
+
+    Attributes:
+        step: of the list.
+        status: done: a photograph is in the captures. waiting: one is uploaded and nobody has said yes to it, which
+            may be a retake of one that is there. skipped: put off.
+        path: of the photograph that is there, below captures/SOURCE; None without one.
+        retake: whether a gate found that one wanting.
+    """
+
+    step: ShotStep
+    status: Status
+    path: str | None
+    retake: bool = False
+
+
+@dataclass(frozen=True)
+class Session:
+    """What the page works on; every method may be called from any thread.
+
+    Attributes:
+        workspace: whose captures they become.
+        plan, shots: from where, and in which order.
+        inspector: measures a photograph.
+        source: folder below captures/.
+    """
+
+    workspace: Workspace
+    plan: CapturePlan
+    shots: ShotList
+    inspector: Inspector
+    source: str = "real"
+    _lock: RLock = field(default_factory=RLock, repr=False)
+
+    @property
+    def source_dir(self) -> Path:
+        """captures/SOURCE."""
+        return self.workspace.captures_dir / self.source
+
+    @property
+    def places(self) -> Places:
+        """Where uploads and waiting photographs are."""
+        return Places(self.workspace.root)
+
+    def find_step(self, number: int) -> ShotStep:
+        """The step with that number; `Refused` (404) where the list has none."""
+        if not 1 <= number <= len(self.shots.steps):
+            raise Refused(NOT_FOUND, f"there is no shot {number}: the list has {len(self.shots.steps)}")
+        return self.shots.steps[number - 1]
+
+    def find_pose(self, step: ShotStep) -> Pose:
+        """The step's pose in the plan."""
+        return next(pose for pose in self.plan.objects[step.object] if pose.id == step.pose_id)
+
+    def list_shots(self) -> list[Shot]:
+        """Every step of the list with its state, as the disk says."""
+        with self._lock:
+            ledger = self._ledger()
+            return [self._look_up(step, ledger) for step in self.shots.steps]
+
+    def look_up(self, number: int) -> Shot:
+        """One step with its state."""
+        with self._lock:
+            return self._look_up(self.find_step(number), self._ledger())
+
+    def find_record(self, shot: Shot) -> CaptureRecord | None:
+        """The manifest's line on the photograph that is there; None where it was put there by hand."""
+        return self._ledger().records.get(shot.path) if shot.path else None
+
+    def take_in(self, number: int, upload: Path) -> Inspection | None:
+        """Check an upload by its content, let it wait at its shot, and measure it.
+
+        Returns:
+            What was measured; None where this very photograph is there already, as after a lost answer.
+
+        Raises:
+            Refused: no photograph (415), or one that belongs to another shot (409); the upload is deleted.
+            ToolkitError: the disk is full.
+        """
+        step = self.find_step(number)
+        try:
+            photo, pixels = open_upload(upload)
+            with self._lock:
+                if self._is_kept(step, photo.sha256):
+                    return None
+                file = self.places.put_waiting(step, upload, photo)
+            return self.inspector.inspect(read_photo(file), step, pixels)
+        finally:
+            upload.unlink(missing_ok=True)
+
+    def inspect_waiting(self, number: int) -> Inspection | None:
+        """The verdict on the photograph that waits at a shot, None where none waits."""
+        shot = self.look_up(number)
+        file = self.places.find_waiting(shot.step) if shot.status == "waiting" else None
+        return self.inspector.inspect(read_photo(file), shot.step) if file else None
+
+    def keep(self, number: int, sha256: str) -> Shot:
+        """Write the photograph that waits into the captures, as `toolkit import` does; doing it twice does no harm.
+
+        Args:
+            number: of the shot.
+            sha256: of the photograph that was looked at.
+
+        Raises:
+            Refused: another photograph waits there by now, or none (409).
+            ToolkitError: the disk is full or not to be written; the photograph goes on waiting.
+        """
+        with self._lock:
+            step = self.find_step(number)
+            if self._is_kept(step, sha256):
+                self.places.drop_waiting(step)
+                return self.look_up(number)
+            file = self.places.find_waiting(step)
+            if file is None or hash_in_name(file) != sha256[:HASH_DIGITS]:
+                raise Refused(CONFLICT, "this photograph does not wait here any more: look again, or take another")
+            photo = read_photo(file)
+            seen = self.inspector.inspect(photo, step)
+            target = Target(step.object, step.variant, step.pose_id)
+            store_photo(
+                self._ledger(), Candidate(photo, photo.name, ()), Decision(target, "user", seen.match),
+                Evidence((step.object, step.variant), located=seen.located, no_board=seen.no_board),
+                self._hash_booster(step.object, step.variant), lambda *_: seen.checked,
+            )  # fmt: skip
+            self.places.drop_waiting(step)
+            self.places.set_skipped(step, False)
+            self.write_lists()
+            return self.look_up(number)
+
+    def discard(self, number: int) -> Shot:
+        """Throw away what waits at a shot; what is in the captures stays."""
+        with self._lock:
+            self.places.drop_waiting(self.find_step(number))
+            return self.look_up(number)
+
+    def skip(self, number: int, skipped: bool) -> Shot:
+        """Put a shot off, or call it back."""
+        with self._lock:
+            self.places.set_skipped(self.find_step(number), skipped)
+            return self.look_up(number)
+
+    def write_lists(self) -> None:
+        """Write `transforms.json` and `retake.txt` anew, as an import does at its end."""
+        records = [record for _, record in sorted(self._ledger().records.items())]
+        there = [record for record in records if (self.source_dir / record.path).is_file()]
+        write_transforms(self.source_dir, there)
+        write_retakes(self.source_dir, list_retakes(there))
+
+    def exclusive(self) -> RLock:
+        """Held while files are changed."""
+        return self._lock
+
+    def _ledger(self) -> Ledger:
+        # without hashing gigabytes: what is whole is asked by the import and by the evaluation
+        return Ledger(self.source_dir, {}, {}, read_manifest(self.source_dir))
+
+    def _look_up(self, step: ShotStep, ledger: Ledger) -> Shot:
+        there = find_occupants(ledger, Target(step.object, step.variant, step.pose_id))
+        path = show_path(there[0].relative_to(self.source_dir).parts) if there else None
+        record = ledger.records.get(path) if path else None
+        retake = bool(record and record.made.get("retake"))
+        waiting = self.places.find_waiting(step)
+        kept = (_original(record) or "")[:HASH_DIGITS] if record else None
+        # a kill between the two steps of `keep` leaves what is kept waiting
+        if waiting is not None and hash_in_name(waiting) != kept:
+            return Shot(step, "waiting", path, retake)
+        if path:
+            return Shot(step, "done", path, retake)
+        return Shot(step, "skipped" if self.places.skip_mark(step).exists() else "open", None)
+
+    def _is_kept(self, step: ShotStep, sha256: str) -> bool:
+        """Whether this photograph is the shot's already; `Refused` where it is another shot's."""
+        for record in self._ledger().records.values():
+            if _original(record) != sha256 or not (self.source_dir / record.path).is_file():
+                continue
+            if (record.object, record.variant, record.pose_id) == (step.object, step.variant, step.pose_id):
+                return True
+            raise Refused(
+                CONFLICT,
+                f"this very photograph is there already, as {record.object} {record.variant} pose {record.pose_id}: "
+                "take or choose another one",
+            )
+        return False
+
+    def _hash_booster(self, name: str, variant: str) -> str | None:
+        try:
+            return _hash_booster(self.workspace, name, variant)
+        except ToolkitError:
+            return None  # nothing is known of what is on the object: recorded as such, and no reason to lose a shot
+
+
+def _original(record: CaptureRecord) -> str | None:
+    found = record.made.get("original_sha256")
+    return found if isinstance(found, str) else None
+
+
+@lru_cache(maxsize=64)
+def _hash_booster(workspace: Workspace, name: str, variant: str) -> str | None:
+    if variant not in VARIANTS:
+        return None
+    booster = find_booster(workspace, load_object(workspace.object_spec(name)), variant)
+    return booster.sha256 if booster else None
+
+
+def open_session(
+    workspace: Workspace,
+    source: str = "real",
+    make_inspector: Callable[[Workspace, CapturePlan], Inspector] = Inspector,
+) -> Session:
+    """The session of a workspace: its plan, its shot list, and what was photographed before.
+
+    Raises:
+        ToolkitError: there is no plan or no shot list, they are broken, or nothing can be written.
+    """
+    file = workspace.root / "rig" / "shots.json"
+    if not workspace.plan_file.is_file():
+        raise ToolkitError(f"{workspace.plan_file} is not there: plan the shots with 'toolkit plan --shot-list'")
+    if not file.is_file():
+        raise ToolkitError(f"{file} is not there: make the list of shots with 'toolkit plan --shot-list'")
+    plan = read_plan(workspace.plan_file)
+    session = Session(workspace, plan, read_shots(file, plan), make_inspector(workspace, plan), source)
+    check_writable(session.places)
+    session.places.sweep()
+    session.list_shots()  # a broken manifest is said now, not when the first photograph is kept
+    return session
