@@ -126,6 +126,23 @@ def photograph_report(space: Workspace, run: str, target: Path) -> bool:
     return True
 
 
+def photograph_studio(space: Workspace, target: Path) -> bool:
+    """A picture of the studio's page as a phone shows it, where a Chromium is installed and there is a shot list."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None or not (space.root / "rig" / "shots.json").is_file():
+        return False
+    command = [sys.executable, "-m", "toolkit", "studio", "--workspace", str(space.root), "--port", "8797"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        address = server.stdout.readline().strip() if server.stdout else ""
+        subprocess.run(
+            [browser, "--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=430,1000",
+             "--virtual-time-budget=15000", f"--screenshot={target}", address],
+            check=True, capture_output=True,
+        )  # fmt: skip
+        server.terminate()
+    return True
+
+
 def read_summaries(space: Workspace, main_run: str) -> dict[str, dict[str, Any]]:
     """Every run's `summary.json` by its name, the main run first."""
     files = sorted(space.eval_dir.glob("*/summary.json"), key=lambda file: (file.parent.name != main_run, file))
@@ -144,7 +161,8 @@ def write_results(space: Workspace, run: str = "resnet18") -> str:
         *write_summary({name: one for name, one in summaries.items() if not name.startswith(RUN)}),
         "",
         "Rows called `both-…` are of two patches trained on ResNet-18 and MobileNetV2 together (`print/patches/both`),",
-        "the others of the shipped ones, trained on ResNet-18 alone.",
+        "the others of the shipped ones, trained on ResNet-18 alone. In rows called `board-…` the object stands on the",
+        "printed ChArUco board, as photographs that tell their camera show it.",
         "",
         "![all captures](figures/contact-sheet.jpg)",
         "",
@@ -252,6 +270,7 @@ def main(folder: str, run: str = "resnet18") -> None:
         rows = read_predictions(space, f"{RUN}{run}")
         draw_textures(space, rows, _font(18), (RIGHT, WRONG)).save(FIGURES / "textures.jpg", quality=90)
     photograph_report(space, run, FIGURES / "report.png")
+    photograph_studio(space, FIGURES / "studio.png")
     (DOCS / "results.md").write_text(write_results(space, run), encoding="utf-8")
 
 

@@ -1,6 +1,7 @@
 """Boards and rings on paper, rasterised at 600 dpi: every size to 0.2 mm, every corner where the spec says."""
 
 import json
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -246,12 +247,14 @@ def test_command_prints_the_board_and_writes_its_spec(space):
     assert again["printed"][0]["pages"] == 1
     assert "the one before was a ChArUco board" in again["notes"][0]
     assert (space / "x.pdf").is_file()
-    assert read_board(Workspace(space)) == choose_ring(130)
+    assert read_board(Workspace(space)) == replace(choose_ring(130), ink_percent=10)
 
 
 def test_command_takes_squares_and_sizes(space):
     assert call("--board", "--board-squares", "5x7", "--square-mm", 30, "--marker-mm", 20).exit_code == 0
-    assert read_board(Workspace(space)) == BoardSpec(5, 7, 30.0, 20.0)
+    assert read_board(Workspace(space)) == BoardSpec(5, 7, 30.0, 20.0, ink_percent=10)
+    assert call("--board", "--ink", 100).exit_code == 0
+    assert read_board(Workspace(space)) == BoardSpec(ink_percent=100)
 
 
 def test_command_prints_the_strip_alone(space):
@@ -286,3 +289,21 @@ def test_what_cannot_be_printed_is_one_line(space, arguments, says):
     assert "\n" not in str(result.exception)
     assert not (space / "print").exists()
     assert not (space / "rig" / "board.json").exists()
+
+
+@pytest.mark.parametrize("ink_percent", [10, 40, 100])
+def test_the_page_is_as_dark_as_asked(ink_percent):
+    """The darkest square of the rasterised page has the grey of the ink, its writing stays black."""
+    spec = BoardSpec(7, 10, 20.0, 15.0, ink_percent=ink_percent)
+    page = pypdfium2.PdfDocument(build_sheet_pdf(spec, parse_paper("a4")).content)[0]
+    grey = page.render(scale=100 / 72).to_numpy()[..., 0].astype(int)
+    wanted = round(255 * (1 - ink_percent / 100))
+    counts = np.bincount(grey.ravel(), minlength=256)
+    assert counts[max(0, wanted - 2) : wanted + 3].sum() > 0.2 * grey.size
+    assert grey.min() < 40
+
+
+@pytest.mark.parametrize("ink_percent", [0, 4, 101, float("nan")])
+def test_ink_that_no_camera_finds_is_refused(ink_percent):
+    with pytest.raises(ToolkitError, match="ink_percent"):
+        BoardSpec(ink_percent=ink_percent)

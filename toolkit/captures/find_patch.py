@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 LEAST_CONFIDENCE = 0.45
-"""Below it the patch counts as not there. On the rig's own photos the wrong patch, or none, reached 0.36 at most, and
-the right one, where half of it showed at less than 75° from straight above, never less than 0.6."""
+"""Below it the patch counts as not there. Of 216 of the rig's photos at 640 × 480 (four objects, 18 poses; bare, with
+their patch, with another), all 122 that show half of a patch at less than 78° from straight on had it at 0.81 or more;
+of 720 looks for a patch that was not there none was over 0.38."""
 CELL_SHOWS = 0.4
 """A cell of the patch shows where photo and file correlate this much."""
 SEARCH_PX = 1600

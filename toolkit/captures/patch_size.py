@@ -20,7 +20,7 @@ from toolkit.rig.mount import SAMPLES, mount_patch
 
 SIZE_TOLERANCE = 0.02
 """Share by which the measured side may differ from the record's: 'fit to page' makes 97 % or less, and one photo of the
-rig with the camera known measures within 0.6 %."""
+rig with the camera known measures within 0.4 %."""
 BESIDE = 0.3
 """The surface goes on for this share of the sheet on each side, for a patch that is stuck beside its place."""
 GRID = 21

@@ -58,6 +58,14 @@ def print_patches(
         float | None,
         typer.Option(help="Side of the markers; default: three quarters of a square, or to suit the ring."),
     ] = None,
+    ink_percent: Annotated[
+        float | None,
+        typer.Option(
+            "--ink",
+            help="Of board or ring, percent; default: 10. 100 is black, which networks see before the object: "
+            "for calibrating without one.",
+        ),
+    ] = None,
     colour_strip: Annotated[
         bool,
         typer.Option("--colour-strip", help="The strip of known colours alone; a patch's page has it where it fits."),
@@ -75,7 +83,7 @@ def print_patches(
     from toolkit.workspace import open_workspace
 
     place = open_workspace(workspace).with_patches(patches)
-    wish = SheetWish(board, board_squares, square_mm, ring, ring_mm, marker_mm, colour_strip)
+    wish = SheetWish(board, board_squares, square_mm, ring, ring_mm, marker_mm, ink_percent, colour_strip)
     if wish.kind is not None:
         if classes or everything or patch_file:
             raise ToolkitError(f"--{wish.kind} is printed alone: print patches by a call of their own")

@@ -1,7 +1,7 @@
 """What `toolkit print` does with `--board`, `--ring` and `--colour-strip`."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,6 +29,7 @@ class SheetWish:
     ring: bool
     ring_mm: float | None
     marker_mm: float | None
+    ink_percent: float | None
     colour_strip: bool
 
     def __post_init__(self) -> None:
@@ -38,10 +39,12 @@ class SheetWish:
             raise ToolkitError(f"{named}: expected one of them: print the others by calls of their own")
         belongs = {
             "board_squares": ["board"], "square_mm": ["board"], "ring_mm": ["ring"], "marker_mm": ["board", "ring"],
+            "ink_percent": ["board", "ring"],
         }  # fmt: skip
         for option, kinds in belongs.items():
             if getattr(self, option) is not None and not set(asked) & set(kinds):
                 wanted = " or ".join(f"--{kind}" for kind in kinds)
+                option = "ink" if option == "ink_percent" else option
                 raise ToolkitError(f"--{option.replace('_', '-')} goes with {wanted}: add that, or leave it out")
 
     @property
@@ -63,6 +66,7 @@ def print_wish(
     from toolkit.printing.settings import check_orientation
     from toolkit.printing.sheet_job import parse_squares, print_sheet, print_strip
     from toolkit.rig.board import Sheet
+    from toolkit.rig.markers import PALE_PERCENT
     from toolkit.rig.ring import RingSpec, choose_ring
 
     check_orientation(orientation)
@@ -78,6 +82,7 @@ def print_wish(
     else:
         squares = None if wish.board_squares is None else parse_squares(wish.board_squares)
         spec = choose_board(paper, orientation, squares, wish.square_mm, wish.marker_mm)
+    spec = replace(spec, ink_percent=PALE_PERCENT if wish.ink_percent is None else wish.ink_percent)
     return print_sheet(place, spec, paper, orientation, pdf_file)
 
 

@@ -36,17 +36,21 @@ def measure_sheet(spec: Sheet) -> tuple[float, float]:
 
 
 def draw_table_sheet(canvas: "Canvas", spec: Sheet) -> None:
-    """Draw a board or a ring at full size; black is the printer's own black, not a mixture of colours."""
+    """Draw a board or a ring at full size; its ink is the printer's own black, not a mixture of colours."""
     canvas.saveState()
     canvas.setFillGray(0)
     canvas.setStrokeGray(0)
     if isinstance(spec, BoardSpec):
         canvas.translate(EDGE_MM, FRONT_EDGE_MM)
+        canvas.setFillGray(1 - spec.ink_percent / 100)
         _fill(canvas, spec.black_squares(), spec.size_mm[1])
         _draw_markers(canvas, spec)
+        canvas.setFillGray(0)
         _write_on_board(canvas, spec)
     else:
+        canvas.setFillGray(1 - spec.ink_percent / 100)
         _draw_markers(canvas, spec)
+        canvas.setFillGray(0)
         _write_in_ring(canvas, spec)
     canvas.restoreState()
 

@@ -18,6 +18,7 @@ from toolkit.errors import ToolkitError
 from toolkit.files import read_json, write_json
 from toolkit.rig.markers import (
     DICTIONARY,
+    PALE_PERCENT,
     RING_FIRST_ID,
     add_rects,
     black_rects,
@@ -25,6 +26,7 @@ from toolkit.rig.markers import (
     get_dictionary,
     ink_to_picture,
     marker_modules,
+    require_ink,
     require_mm,
     sheet_to_world,
 )
@@ -49,6 +51,7 @@ class BoardSpec:
         square_mm: side of a square.
         marker_mm: side of a marker, its black border included.
         dictionary: one of OpenCV's, by name; the markers' numbers start at 0.
+        ink_percent: how dark squares and markers are, 100 is black.
 
     Raises:
         ToolkitError: the marker does not fit its square with white round it, or the dictionary has too few.
@@ -59,8 +62,10 @@ class BoardSpec:
     square_mm: float = 26.0
     marker_mm: float = 19.5
     dictionary: str = DICTIONARY
+    ink_percent: float = 100.0
 
     def __post_init__(self) -> None:
+        require_ink("board", self.ink_percent)
         for name, count in (("columns", self.columns), ("rows", self.rows)):
             if not FEWEST_SQUARES <= count <= MOST_SQUARES:
                 raise ToolkitError(f"board: {name}: expected {FEWEST_SQUARES} to {MOST_SQUARES} squares, found {count}")
@@ -143,18 +148,18 @@ class BoardSpec:
         for marker_id, middle, _ in self.placements():
             rects = black_rects(marker_modules(self.dictionary, marker_id)) * self.marker_mm
             add_rects(ink, (rects + np.tile(middle - self.marker_mm / 2, 2)) * scale)
-        return ink_to_picture(ink)
+        return ink_to_picture(ink, self.ink_percent)
 
     def describe(self) -> str:
         """One line: what it is made of."""
         return (
             f"ChArUco board of {self.columns} × {self.rows} squares, {self.square_mm:g} mm, markers "
-            f"{self.marker_mm:g} mm, {self.dictionary} 0-{self.marker_count - 1}"
+            f"{self.marker_mm:g} mm, {self.dictionary} 0-{self.marker_count - 1}, {self.ink_percent:g} % ink"
         )
 
 
 Sheet = BoardSpec | RingSpec
-DEFAULT_BOARD = BoardSpec()
+DEFAULT_BOARD = BoardSpec(ink_percent=PALE_PERCENT)
 """312 × 390 mm, four pages of A4 or letter: two rows of squares are left round a built-in object of 270 mm."""
 
 
@@ -165,6 +170,7 @@ class _BoardFields(BaseModel):
     square_mm: float
     marker_mm: float
     dictionary: str = DICTIONARY
+    ink_percent: float = 100.0
 
 
 class _RingFields(BaseModel):
@@ -174,6 +180,7 @@ class _RingFields(BaseModel):
     count: int
     dictionary: str = DICTIONARY
     first_id: int = RING_FIRST_ID
+    ink_percent: float = 100.0
 
 
 class BoardFile(BaseModel):

@@ -29,6 +29,12 @@ RING_FIRST_ID = 800
 STRIP_FIRST_ID = 990
 
 
+PALE_PERCENT = 10.0
+"""Ink of a board for photographs that a network shall judge. A black board under the object is what the network then
+sees: "crossword puzzle" and "scoreboard" instead of the object (docs/results.md). Cameras find the pale one as well."""
+LEAST_INK_PERCENT = 5.0
+
+
 def require_mm(what: str, value: float, most: float = 5000.0) -> None:
     """Check a length.
 
@@ -114,11 +120,24 @@ def add_rects(ink: np.ndarray, rects: np.ndarray) -> None:
         ink[y0:y1, x0:x1] += np.outer(down, across)
 
 
-def ink_to_picture(ink: np.ndarray) -> np.ndarray:
-    """(h, w) uint8 sRGB grey of paper that is covered by black to the given share, 0 to 1.
+def require_ink(what: str, percent: float) -> None:
+    """Check how dark a sheet is printed.
+
+    Raises:
+        ToolkitError: it is below `LEAST_INK_PERCENT`, or over 100.
+    """
+    if not LEAST_INK_PERCENT <= percent <= 100:
+        raise ToolkitError(
+            f"{what}: ink_percent: expected {LEAST_INK_PERCENT:g} (paler is not found) to 100, found {percent:g}"
+        )
+
+
+def ink_to_picture(ink: np.ndarray, percent: float = 100.0) -> np.ndarray:
+    """(h, w) uint8 sRGB grey of paper that is covered to the given share, 0 to 1, by a grey of so many percent ink.
 
     Half-covered pixels are encoded from linear light, as a camera or a scaled print would show them.
     """
-    from toolkit.colour import linear_to_srgb
+    from toolkit.colour import linear_to_srgb, srgb_to_linear
 
-    return np.round(255 * linear_to_srgb(1 - np.clip(ink, 0, 1))).astype(np.uint8)
+    grey = float(srgb_to_linear(np.array(1 - percent / 100)))
+    return np.round(255 * linear_to_srgb(1 - np.clip(ink, 0, 1) * (1 - grey))).astype(np.uint8)

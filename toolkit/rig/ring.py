@@ -16,6 +16,7 @@ from toolkit.rig.markers import (
     get_dictionary,
     ink_to_picture,
     marker_modules,
+    require_ink,
     require_mm,
     sheet_to_world,
 )
@@ -42,6 +43,7 @@ class RingSpec:
         count: of the markers.
         dictionary: one of OpenCV's, by name.
         first_id: number of the marker at the front.
+        ink_percent: how dark the markers are, 100 is black.
 
     Raises:
         ToolkitError: the markers do not fit side by side, or the dictionary has too few.
@@ -52,8 +54,10 @@ class RingSpec:
     count: int = 30
     dictionary: str = DICTIONARY
     first_id: int = RING_FIRST_ID
+    ink_percent: float = 100.0
 
     def __post_init__(self) -> None:
+        require_ink("ring", self.ink_percent)
         require_mm("ring: inner_mm", self.inner_mm)
         require_mm("ring: marker_mm", self.marker_mm)
         if self.count < FEWEST_MARKERS:
@@ -138,14 +142,14 @@ class RingSpec:
         ink = np.zeros((side, side))
         for marker_id, corners in zip(self.marker_ids, self.sheet_corners(), strict=True):
             _add_turned(ink, marker_modules(self.dictionary, marker_id), corners * (side / self.outer_mm))
-        return ink_to_picture(ink)
+        return ink_to_picture(ink, self.ink_percent)
 
     def describe(self) -> str:
         """One line: what it is made of."""
         last = self.first_id + self.count - 1
         return (
             f"ring of {self.count} ArUco markers, {self.marker_mm:g} mm, round {self.inner_mm:g} mm, "
-            f"{self.dictionary} {self.first_id}-{last}"
+            f"{self.dictionary} {self.first_id}-{last}, {self.ink_percent:g} % ink"
         )
 
 
