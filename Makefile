@@ -44,8 +44,11 @@ docs: setup .venv/.test
 	for model in resnet18 mobilenet_v2 $(DOCS_MODELS); do \
 		$(BIN)/toolkit eval demo/captures --workspace demo --source sim-textures --source sim-textures-fog \
 		--model $$model --run textures-$${model##*:} || exit 1; done
+	$(BIN)/toolkit print --workspace demo --board --ink 100
+	$(BIN)/toolkit capture-sim --workspace demo --board --source sim-board-black
+	$(BIN)/toolkit print --workspace demo --board
 	$(BIN)/toolkit capture-sim --workspace demo --board
-	$(BIN)/toolkit eval demo/captures --workspace demo --source sim-board --run board-resnet18
+	$(BIN)/toolkit eval demo/captures --workspace demo --source sim-board --source sim-board-black --run board-resnet18
 	for axis in light backdrop distance resolution size; do \
 		$(BIN)/toolkit sweep $$axis --workspace demo || exit 1; done
 	$(BIN)/toolkit sweep distance --values 1,2,2.5,3 --workspace demo --model rig18 --patches rig18

@@ -162,7 +162,7 @@ def write_results(space: Workspace, run: str = "resnet18") -> str:
         "",
         "Rows called `both-…` are of two patches trained on ResNet-18 and MobileNetV2 together (`print/patches/both`),",
         "the others of the shipped ones, trained on ResNet-18 alone. In rows called `board-…` the object stands on the",
-        "printed ChArUco board, as photographs that tell their camera show it.",
+        "printed ChArUco board, pale as `toolkit print --board` makes it, or black (`--ink 100`).",
         "",
         "![all captures](figures/contact-sheet.jpg)",
         "",

@@ -17,6 +17,10 @@ GRADIENTS = Path(__file__).parent / "records" / "gradients"
 VARIANTS = ("unpatched", "patched", "textured", "grey-texture", "random-texture")
 
 
+MESHES = Path(__file__).parent / "records" / "meshes"
+"""Records of textures of meshes that are not in the repository."""
+
+
 def write_textures(space: Workspace, summaries: dict[str, dict[str, Any]]) -> list[str]:
     """Markdown lines; none where no texture was evaluated."""
     runs = {name.removeprefix(RUN): summary for name, summary in summaries.items() if name.startswith(RUN)}
@@ -31,10 +35,10 @@ def write_textures(space: Workspace, summaries: dict[str, dict[str, Any]]) -> li
         "| network | weather | object | n | bare | patch | texture | 95 % | gained | lost | p | grey | noise |",
         "|---" * 13 + "|",
     ]  # fmt: skip
-    for network, summary in runs.items():
+    for network, summary in sorted(runs.items(), key=lambda run: run[0] != "resnet18"):
         for source, weather in ((CLEAR, "studio"), (FOGGY, "fog")):
             lines += _list_objects(summary, source, network, weather)
-    return [*lines, *_compare_gradients(space)]
+    return [*lines, *_list_meshes(), *_compare_gradients(space)]
 
 
 def _list_objects(summary: dict[str, Any], source: str, network: str, weather: str) -> list[str]:
@@ -55,6 +59,31 @@ def _list_objects(summary: dict[str, Any], source: str, network: str, weather: s
             f"| {network} | {weather} | {f'**all {len(pairs) - 1}**' if name == POOLED else name} | {textured['n']} "
             f"| {shares['unpatched']} | {shares['patched']} | {shares['textured']} | {low:.0%}–{high:.0%} "
             f"| {pair['gained']} | {pair['lost']} | {p} | {shares['grey-texture']} | {shares['random-texture']} |"
+        )
+    return lines
+
+
+def _list_meshes() -> list[str]:
+    lines = [
+        "", "### Other meshes", "",
+        "Top-1 on held-out views (random poses, lights and backdrops) of meshes that are not part of the kit: the",
+        "warplane of the paper's release, two low-poly models by Kenney, and a universal texture of two racers.", "",
+        "| texture | objects | triangles' coordinates | steps | bare | texture | bare, fog | texture, fog | n |",
+        "|---" * 9 + "|",
+    ]  # fmt: skip
+    for file in sorted(MESHES.glob("*.json")):
+        record = TextureRecord.model_validate_json(file.read_text(encoding="utf-8"))
+        network, final = record.networks[0].arch, record.final
+        shares = [
+            f"{final[f'{network}_{where}_{paint}_top1']:.0%}"
+            for where in ("held_out", "held_out_fog")
+            for paint in ("bare", "patched")
+        ]
+        names = ", ".join(one.name for one in record.objects)
+        own = "made by the kit" if any(one.unwrapped for one in record.objects) else "their own"
+        lines.append(
+            f"| {record.name} ({record.class_name}) | {names} | {own} | {record.settings['steps']} "
+            f"| {' | '.join(shares)} | {final[f'{network}_held_out_bare_n']:.0f} |"
         )
     return lines
 

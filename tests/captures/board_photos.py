@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from toolkit.captures.lens import FULL_FRAME_DIAGONAL_MM, Lens, lens_of_camera
+from toolkit.captures.camera.lens import FULL_FRAME_DIAGONAL_MM, Lens, lens_of_camera
 from toolkit.colour import linear_to_srgb, srgb_to_linear
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Mesh, place_on_table

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from board_photos import photograph
 
-from toolkit.captures.board_pose import find_board, solve_pose
-from toolkit.captures.lens import Lens, lens_from_focal, lens_of_camera
+from toolkit.captures.camera.board_pose import find_board, solve_pose
+from toolkit.captures.camera.lens import Lens, lens_from_focal, lens_of_camera
 from toolkit.errors import ToolkitError
 from toolkit.rig.board import DEFAULT_BOARD, BoardSpec, RingSpec
 from toolkit.rig.camera import Camera, look_at, orbit_pose
@@ -164,7 +164,7 @@ def test_corners_that_are_no_corners_are_dropped(page_photo):
 
 
 def made_sighting(lens, T_world_camera, noise_px, rng, ids=None):
-    from toolkit.captures.board_pose import BoardSighting
+    from toolkit.captures.camera.board_pose import BoardSighting
 
     ids = np.arange(PAGE.corner_count) if ids is None else np.array(ids)
     world = PAGE.object_points(ids)

@@ -11,12 +11,12 @@ import pytest
 from board_photos import photograph, save_photo
 from typer.testing import CliRunner
 
-from toolkit.captures.board_pose import BoardSighting, find_board, solve_pose
-from toolkit.captures.calibrate_photos import calibrate_folder, stored_sighting
-from toolkit.captures.calibration import LEAST_VIEWS, calibrate_lens, cover, measure_slant
-from toolkit.captures.lens import Lens, lens_from_exif, lens_from_focal, lens_of_camera
-from toolkit.captures.lens_file import LensRecord, lens_file, lens_for, read_lenses, write_lenses
-from toolkit.captures.photos import Photo, read_photo
+from toolkit.captures.camera.board_pose import BoardSighting, find_board, solve_pose
+from toolkit.captures.camera.calibrate_photos import calibrate_folder, stored_sighting
+from toolkit.captures.camera.calibration import LEAST_VIEWS, calibrate_lens, cover, measure_slant
+from toolkit.captures.camera.lens import Lens, lens_from_exif, lens_from_focal, lens_of_camera
+from toolkit.captures.camera.lens_file import LensRecord, lens_file, lens_for, read_lenses, write_lenses
+from toolkit.captures.photos.photo import Photo, read_photo
 from toolkit.cli import app
 from toolkit.errors import ToolkitError
 from toolkit.rig.board import BoardSpec, write_board

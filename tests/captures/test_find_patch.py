@@ -9,12 +9,12 @@ from board_photos import QUICK
 from PIL import Image
 from printed_photos import shipped_patch
 
-from toolkit.captures import patch_size
-from toolkit.captures.align_patch import draw_patch
-from toolkit.captures.find_patch import find_patch, rectify_patch, search_photo, shrink_image, which_patch
-from toolkit.captures.lens import lens_of_camera
-from toolkit.captures.patch_placement import FLAT, UNIT_CORNERS, Placement, fit_placement, is_plausible
-from toolkit.captures.patch_size import PatchMeasure, View, check_size, flat_surface, measure_patch, mount_surface
+from toolkit.captures.camera.lens import lens_of_camera
+from toolkit.captures.sheet import patch_size
+from toolkit.captures.sheet.align_patch import draw_patch
+from toolkit.captures.sheet.find_patch import find_patch, rectify_patch, search_photo, shrink_image, which_patch
+from toolkit.captures.sheet.patch_placement import FLAT, UNIT_CORNERS, Placement, fit_placement, is_plausible
+from toolkit.captures.sheet.patch_size import PatchMeasure, View, check_size, flat_surface, measure_patch, mount_surface
 from toolkit.errors import ToolkitError
 from toolkit.objects.load import load_object
 from toolkit.rig.camera import Camera, orbit_pose, project

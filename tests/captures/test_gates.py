@@ -11,7 +11,8 @@ import cv2
 import numpy as np
 import pytest
 
-from toolkit.captures.board_pose import find_board
+from toolkit.captures.camera.board_pose import find_board
+from toolkit.captures.camera.lens import Lens, lens_of_camera
 from toolkit.captures.gates import check_captures as folder_check
 from toolkit.captures.gates.blur import measure_board_blur, measure_edge_blur
 from toolkit.captures.gates.check_photo import check_photo, inspect_photo
@@ -24,7 +25,6 @@ from toolkit.captures.gates.moved import PatchLines, measure_moves
 from toolkit.captures.gates.result import Gate
 from toolkit.captures.gates.retake import count_unchecked, retake_list, write_retake_list
 from toolkit.captures.gates.solid import Solid, View, draw_silhouette, silhouette_px
-from toolkit.captures.lens import Lens, lens_of_camera
 from toolkit.captures.manifest import CaptureRecord, append_record
 from toolkit.colour import linear_to_srgb, srgb_to_linear
 from toolkit.objects.load import load_object

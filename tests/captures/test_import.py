@@ -283,7 +283,7 @@ def test_real_boards_are_found_and_measured(space, folder, make_box):
     """The rig's photographs of the crate on the printed board, as a phone stores them; its cameras are known."""
     from board_photos import focal_35mm, photograph, save_photo
 
-    from toolkit.captures.match_pose import match_pose
+    from toolkit.captures.camera.match_pose import match_pose
     from toolkit.rig.board import DEFAULT_BOARD
 
     lens = Camera(960, 720, 62.0)

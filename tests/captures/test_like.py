@@ -12,7 +12,7 @@ from board_photos import QUICK
 from PIL import Image
 from typer.testing import CliRunner
 
-from toolkit.captures.lens import Lens
+from toolkit.captures.camera.lens import Lens
 from toolkit.captures.like import NOT_MEASURED, read_measured, scale_camera, shoot_like
 from toolkit.captures.manifest import MANIFEST, CaptureRecord, append_record, read_manifest
 from toolkit.captures.shoot import ShootSettings

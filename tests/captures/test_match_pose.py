@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from board_photos import object_mesh, photograph
 
-from toolkit.captures.match_pose import match_pose, view_of
-from toolkit.captures.match_render import make_templates, match_by_render
+from toolkit.captures.camera.match_pose import match_pose, view_of
+from toolkit.captures.camera.match_render import make_templates, match_by_render
 from toolkit.errors import ToolkitError
 from toolkit.rig.camera import Camera, look_at, orbit_direction, orbit_pose
 from toolkit.rig.plan import Pose

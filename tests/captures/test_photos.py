@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from toolkit.captures.photo_exif import ExifFacts, read_exif, write_exif
-from toolkit.captures.photos import Photo, list_photos, load_pixels, natural_key, read_photo, show_name
-from toolkit.captures.video import load_frame, pick_frames, read_video
+from toolkit.captures.photos.exif import ExifFacts, read_exif, write_exif
+from toolkit.captures.photos.photo import Photo, list_photos, load_pixels, natural_key, read_photo, show_name
+from toolkit.captures.photos.video import load_frame, pick_frames, read_video
 from toolkit.errors import ToolkitError
 from toolkit.files import sha256_file
 from toolkit.images import UnreadableImage, register_heif

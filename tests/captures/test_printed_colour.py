@@ -19,13 +19,13 @@ from printed_photos import (
 )
 from typer.testing import CliRunner
 
-from toolkit.captures.colour_difference import delta_e2000, lab_of_linear
-from toolkit.captures.find_patch import find_patch
-from toolkit.captures.fit_profile import MODELS, fit_colours
-from toolkit.captures.page_size import find_page, measure_on_page
-from toolkit.captures.patch_placement import map_points
-from toolkit.captures.printed_colour import compare_colours, measure_error, read_colours, show_beside
-from toolkit.captures.read_strip import read_strip
+from toolkit.captures.sheet.colour_difference import delta_e2000, lab_of_linear
+from toolkit.captures.sheet.find_patch import find_patch
+from toolkit.captures.sheet.fit_profile import MODELS, fit_colours
+from toolkit.captures.sheet.page_size import find_page, measure_on_page
+from toolkit.captures.sheet.patch_placement import map_points
+from toolkit.captures.sheet.printed_colour import compare_colours, measure_error, read_colours, show_beside
+from toolkit.captures.sheet.read_strip import read_strip
 from toolkit.cli import app
 from toolkit.colour import linear_to_srgb, srgb_to_linear
 from toolkit.errors import ToolkitError

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from toolkit.captures.board_pose import find_board, solve_pose
-from toolkit.captures.lens import lens_of_camera
+from toolkit.captures.camera.board_pose import find_board, solve_pose
+from toolkit.captures.camera.lens import lens_of_camera
 from toolkit.objects.load import load_object
 from toolkit.rig.board import DEFAULT_BOARD, BoardSpec
 from toolkit.rig.board_table import lay_board

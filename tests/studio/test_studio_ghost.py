@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from toolkit.captures.gates.result import GateResult
-from toolkit.captures.photos import read_photo
+from toolkit.captures.photos.photo import read_photo
 from toolkit.errors import ToolkitError
 from toolkit.objects.load import load_object
 from toolkit.rig.camera import project

@@ -15,8 +15,8 @@ def calibrate(
     as_json: options.Json = False,
 ) -> None:
     """Measure the lens of a camera from photos of the printed board and keep it in rig/lens.json."""
-    from toolkit.captures.calibrate_photos import calibrate_folder
-    from toolkit.captures.lens_file import write_lenses
+    from toolkit.captures.camera.calibrate_photos import calibrate_folder
+    from toolkit.captures.camera.lens_file import write_lenses
     from toolkit.console import console, list_skipped
     from toolkit.errors import ToolkitError
     from toolkit.rig.board import read_board

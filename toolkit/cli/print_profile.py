@@ -9,7 +9,7 @@ from toolkit.cli import options
 from toolkit.errors import ToolkitError
 
 if TYPE_CHECKING:
-    from toolkit.captures.profile_photos import ProfileRun
+    from toolkit.captures.sheet.profile_photos import ProfileRun
 
 
 def print_profile(
@@ -33,7 +33,7 @@ def print_profile(
     import json
     import re
 
-    from toolkit.captures.profile_photos import profile_photos
+    from toolkit.captures.sheet.profile_photos import profile_photos
     from toolkit.console import list_skipped
     from toolkit.patches import read_patch
     from toolkit.print_profile import write_print_profile

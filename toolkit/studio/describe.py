@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from toolkit.captures.camera.match_pose import PoseMatch
 from toolkit.captures.gates.result import GateResult
-from toolkit.captures.match_pose import PoseMatch
 from toolkit.captures.shot_order import ShotStep
 from toolkit.files import sha256_bytes
 from toolkit.printing.shot_list.advice import PHONE_MM, equivalent_focal_mm

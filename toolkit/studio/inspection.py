@@ -7,17 +7,17 @@ from threading import Lock
 
 import numpy as np
 
-from toolkit.captures.board_pose import find_board
+from toolkit.captures.camera.board_pose import find_board
+from toolkit.captures.camera.lens import Lens
+from toolkit.captures.camera.lens_file import read_lenses
+from toolkit.captures.camera.match_pose import PoseMatch, match_pose, view_of
 from toolkit.captures.gates.check_photo import check_photo
 from toolkit.captures.gates.expect import Expecter
 from toolkit.captures.gates.result import GateResult
 from toolkit.captures.gates.solid import View
 from toolkit.captures.importing.evidence import Located
 from toolkit.captures.importing.locate import locate_sighting
-from toolkit.captures.lens import Lens
-from toolkit.captures.lens_file import read_lenses
-from toolkit.captures.match_pose import PoseMatch, match_pose, view_of
-from toolkit.captures.photos import Photo, load_pixels
+from toolkit.captures.photos.photo import Photo, load_pixels
 from toolkit.captures.shot_order import ShotStep
 from toolkit.captures.variants import GREY
 from toolkit.errors import ToolkitError

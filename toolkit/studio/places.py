@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from toolkit.captures.photos import SUFFIXES, Photo
+from toolkit.captures.photos.photo import SUFFIXES, Photo
 from toolkit.captures.shot_order import ShotStep
 from toolkit.errors import ToolkitError
 from toolkit.files import explain_write_error

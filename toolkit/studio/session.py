@@ -18,7 +18,7 @@ from toolkit.captures.importing.ledger import Ledger, find_occupants
 from toolkit.captures.importing.store import store_photo
 from toolkit.captures.importing.summary import list_retakes, write_retakes
 from toolkit.captures.manifest import CaptureRecord, read_manifest
-from toolkit.captures.photos import read_photo
+from toolkit.captures.photos.photo import read_photo
 from toolkit.captures.shot_order import ShotList, ShotStep, read_shots
 from toolkit.captures.transforms import write_transforms
 from toolkit.captures.variants import VARIANTS, find_booster

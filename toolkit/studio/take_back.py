@@ -5,7 +5,7 @@ from pathlib import Path
 from toolkit.captures.importing.evidence import Target
 from toolkit.captures.importing.ledger import REPLACED, drop_records, find_occupants, find_original, read_ledger
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest
-from toolkit.captures.photos import read_photo
+from toolkit.captures.photos.photo import read_photo
 from toolkit.files import write_bytes
 from toolkit.studio.errors import Refused
 from toolkit.studio.session import CONFLICT, Session, Shot

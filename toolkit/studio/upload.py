@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.captures.photos import Photo, load_pixels, read_photo
+from toolkit.captures.photos.photo import Photo, load_pixels, read_photo
 from toolkit.errors import ToolkitError
 from toolkit.files import explain_write_error
 from toolkit.images import UnreadableImage

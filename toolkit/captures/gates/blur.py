@@ -12,7 +12,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from toolkit.captures.board_pose import BoardSighting
+from toolkit.captures.camera.board_pose import BoardSighting
 from toolkit.captures.gates.result import Gate, GateResult
 from toolkit.colour import srgb_to_linear
 from toolkit.rig.board import BoardSpec

@@ -14,7 +14,7 @@ from toolkit.captures.gates.ledger import append_check, hash_setup, read_checks
 from toolkit.captures.gates.result import GateResult
 from toolkit.captures.gates.retake import Retake, count_unchecked, retake_list, write_retake_list
 from toolkit.captures.manifest import CaptureRecord, read_manifest
-from toolkit.captures.photos import Photo, load_pixels, read_photo
+from toolkit.captures.photos.photo import Photo, load_pixels, read_photo
 from toolkit.captures.read import Capture, read_captures
 from toolkit.console import progress
 from toolkit.errors import ToolkitError

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from toolkit.captures.board_pose import BoardSighting, find_board
+from toolkit.captures.camera.board_pose import BoardSighting, find_board
 from toolkit.captures.gates.blur import check_blur, measure_board_blur, measure_edge_blur
 from toolkit.captures.gates.exposure import check_over_exposure, check_under_exposure, measure_paper, middle_of
 from toolkit.captures.gates.framing import (

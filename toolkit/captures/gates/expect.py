@@ -5,12 +5,12 @@ from functools import cached_property
 
 import numpy as np
 
+from toolkit.captures.camera.lens import Lens
 from toolkit.captures.gates.check_photo import Expectation
 from toolkit.captures.gates.patch import Wearing, place_cells
 from toolkit.captures.gates.solid import Solid, View
-from toolkit.captures.lens import Lens
 from toolkit.captures.manifest import CaptureRecord
-from toolkit.captures.patch_features import describe_patch
+from toolkit.captures.sheet.patch_features import describe_patch
 from toolkit.captures.variants import VARIANTS, Print, dress, find_booster
 from toolkit.errors import ToolkitError
 from toolkit.objects.load import TableObject, load_object

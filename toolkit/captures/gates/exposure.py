@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from toolkit.captures.board_pose import BoardSighting
+from toolkit.captures.camera.board_pose import BoardSighting
 from toolkit.captures.gates.result import Gate, GateResult
 
 CLIPPED = 252

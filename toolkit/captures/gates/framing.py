@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from toolkit.captures.board_pose import BoardSighting
+from toolkit.captures.camera.board_pose import BoardSighting
 from toolkit.captures.gates.result import Gate, GateResult
 from toolkit.captures.gates.solid import Solid, View
 from toolkit.rig.board import BoardSpec, RingSpec

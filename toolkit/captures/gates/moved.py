@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toolkit.captures.find_patch import CELL_SHOWS, PatchSighting
 from toolkit.captures.gates.patch import cell_middles
 from toolkit.captures.gates.result import Gate
 from toolkit.captures.gates.solid import View
+from toolkit.captures.sheet.find_patch import CELL_SHOWS, PatchSighting
 
 MOVED = Gate("patch moved", 5.0, "mm", "put it where it is in the other photographs, and take this one again")
 """5 mm: a patch that stayed in its place is found within 0.2 mm in the rig's photographs, also by a lens that is 2 %

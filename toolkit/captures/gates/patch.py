@@ -6,10 +6,10 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from toolkit.captures.find_patch import CELL_SHOWS, LEAD, PatchSighting, SearchedPhoto, find_patch, search_photo
 from toolkit.captures.gates.result import Gate, GateResult
 from toolkit.captures.gates.solid import Solid, View
-from toolkit.captures.patch_features import Features, describe_patch, guess_places
+from toolkit.captures.sheet.find_patch import CELL_SHOWS, LEAD, PatchSighting, SearchedPhoto, find_patch, search_photo
+from toolkit.captures.sheet.patch_features import Features, describe_patch, guess_places
 from toolkit.patches import TAPE_MARGIN_MM
 from toolkit.rig.mount import Sheet
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from toolkit.captures.lens import Lens
+from toolkit.captures.camera.lens import Lens
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.rays import make_ray_scene
 

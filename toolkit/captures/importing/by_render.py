@@ -4,7 +4,7 @@ from toolkit.captures.importing.decide import Decision, Doubt
 from toolkit.captures.importing.evidence import Target
 from toolkit.captures.importing.settle import ByRender
 from toolkit.captures.importing.study import Studied
-from toolkit.captures.photos import load_pixels
+from toolkit.captures.photos.photo import load_pixels
 from toolkit.captures.variants import VARIANTS, dress, find_booster
 from toolkit.errors import ToolkitError
 from toolkit.images import UnreadableImage
@@ -15,7 +15,7 @@ from toolkit.workspace import Workspace
 
 def rank_by_render(workspace: Workspace, plan: CapturePlan) -> ByRender:
     """A function that compares a photograph with renders of its object, which are made once per object and variant."""
-    from toolkit.captures.match_render import PoseTemplates, make_templates, match_by_render
+    from toolkit.captures.camera.match_render import PoseTemplates, make_templates, match_by_render
 
     made: dict[tuple[str, str], PoseTemplates | str] = {}
 

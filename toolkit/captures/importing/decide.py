@@ -3,8 +3,8 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from toolkit.captures.camera.match_pose import PoseMatch, match_pose
 from toolkit.captures.importing.evidence import Evidence, Target
-from toolkit.captures.match_pose import PoseMatch, match_pose
 from toolkit.rig.plan import CapturePlan
 
 MATCHES = ("auto", "board", "name", "order", "render")

@@ -5,8 +5,16 @@ from dataclasses import dataclass, replace
 from datetime import timezone
 from pathlib import Path
 
-from toolkit.captures.photos import Photo, check_file, is_photo_name, list_photos, natural_key, read_photo, show_name
-from toolkit.captures.video import VIDEO_SUFFIXES, pick_frames, read_video
+from toolkit.captures.photos.photo import (
+    Photo,
+    check_file,
+    is_photo_name,
+    list_photos,
+    natural_key,
+    read_photo,
+    show_name,
+)
+from toolkit.captures.photos.video import VIDEO_SUFFIXES, pick_frames, read_video
 from toolkit.console import progress
 from toolkit.errors import ToolkitError
 from toolkit.images import UnreadableImage

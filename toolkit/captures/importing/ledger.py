@@ -7,7 +7,7 @@ from pathlib import Path
 
 from toolkit.captures.importing.evidence import Target
 from toolkit.captures.manifest import MANIFEST, CaptureRecord, read_manifest
-from toolkit.captures.photos import Photo
+from toolkit.captures.photos.photo import Photo
 from toolkit.captures.read import read_pose_id
 from toolkit.files import inside, sha256_file, write_text
 from toolkit.image_folder import show_path

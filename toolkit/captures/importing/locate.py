@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit.captures.importing.evidence import Located
-from toolkit.captures.photos import Photo
+from toolkit.captures.photos.photo import Photo
 from toolkit.workspace import Workspace
 
 if TYPE_CHECKING:
-    from toolkit.captures.board_pose import BoardSighting
-    from toolkit.captures.lens_file import LensRecord
+    from toolkit.captures.camera.board_pose import BoardSighting
+    from toolkit.captures.camera.lens_file import LensRecord
 
 Locate = Callable[[Photo, np.ndarray], "Located | str"]
 """(photo, its pixels (h, w, 3) uint8) -> where its camera stood, or in words why that is not known."""
@@ -23,8 +23,8 @@ def locate_by_board(workspace: Workspace) -> Locate:
     Raises:
         ToolkitError: `rig/board.json` or `rig/lens.json` is broken.
     """
-    from toolkit.captures.board_pose import find_board
-    from toolkit.captures.lens_file import read_lenses
+    from toolkit.captures.camera.board_pose import find_board
+    from toolkit.captures.camera.lens_file import read_lenses
     from toolkit.rig.board import read_board
 
     board, lenses = read_board(workspace), read_lenses(workspace)
@@ -43,8 +43,8 @@ def locate_sighting(photo: Photo, sighting: "BoardSighting | None", lenses: list
         sighting: of the board in the photograph, None where none was found.
         lenses: that were calibrated.
     """
-    from toolkit.captures.board_pose import solve_pose
-    from toolkit.captures.lens_file import choose_lens
+    from toolkit.captures.camera.board_pose import solve_pose
+    from toolkit.captures.camera.lens_file import choose_lens
 
     if sighting is None:
         return "no board is seen"

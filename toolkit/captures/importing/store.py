@@ -12,14 +12,14 @@ import numpy as np
 from PIL import Image
 
 from toolkit import __version__
-from toolkit.captures.dng import read_preview
 from toolkit.captures.importing.decide import Decision
 from toolkit.captures.importing.evidence import Evidence, Target
 from toolkit.captures.importing.gather import Candidate
 from toolkit.captures.importing.ledger import REPLACED, Ledger, drop_records, find_occupants
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest
-from toolkit.captures.photo_exif import ExifFacts, write_exif
-from toolkit.captures.photos import SUFFIXES, Photo, load_pixels
+from toolkit.captures.photos.dng import read_preview
+from toolkit.captures.photos.exif import ExifFacts, write_exif
+from toolkit.captures.photos.photo import SUFFIXES, Photo, load_pixels
 from toolkit.files import explain_write_error, sha256_bytes, sha256_file, write_bytes
 from toolkit.image_folder import show_path
 

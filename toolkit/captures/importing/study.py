@@ -17,7 +17,7 @@ from toolkit.captures.importing.gather import Candidate
 from toolkit.captures.importing.ledger import Ledger, describe_before
 from toolkit.captures.importing.locate import Locate
 from toolkit.captures.importing.settings import ImportSettings
-from toolkit.captures.photos import load_pixels
+from toolkit.captures.photos.photo import load_pixels
 from toolkit.captures.shot_order import ShotStep
 from toolkit.captures.variants import VARIANTS
 from toolkit.console import progress

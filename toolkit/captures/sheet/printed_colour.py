@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from toolkit.captures.align_patch import Drawn, draw_patch, sample_image
-from toolkit.captures.colour_difference import delta_e2000, lab_of_linear
-from toolkit.captures.find_patch import CELL_SHOWS, PatchSighting, rectify_patch, shrink_image
-from toolkit.captures.patch_placement import Placement
+from toolkit.captures.sheet.align_patch import Drawn, draw_patch, sample_image
+from toolkit.captures.sheet.colour_difference import delta_e2000, lab_of_linear
+from toolkit.captures.sheet.find_patch import CELL_SHOWS, PatchSighting, rectify_patch, shrink_image
+from toolkit.captures.sheet.patch_placement import Placement
 from toolkit.colour import linear_to_srgb, srgb_to_linear
 from toolkit.errors import ToolkitError
 from toolkit.patches import TAPE_MARGIN_MM

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from toolkit.captures.charuco import grow_corners
-from toolkit.captures.lens import Lens
-from toolkit.captures.plane_pose import PhotoPose, fit_plane_pose
+from toolkit.captures.camera.charuco import grow_corners
+from toolkit.captures.camera.lens import Lens
+from toolkit.captures.camera.plane_pose import PhotoPose, fit_plane_pose
 from toolkit.rig.board import BoardSpec, RingSpec
 from toolkit.rig.markers import get_dictionary
 

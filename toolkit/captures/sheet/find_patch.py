@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from toolkit.captures.align_patch import agreement, align, patch_values, sample_image
-from toolkit.captures.patch_features import Features, describe_patch, find_features, guess_places
-from toolkit.captures.patch_placement import FLAT, UNIT_CORNERS, Placement, fit_placement, is_plausible
+from toolkit.captures.sheet.align_patch import agreement, align, patch_values, sample_image
+from toolkit.captures.sheet.patch_features import Features, describe_patch, find_features, guess_places
+from toolkit.captures.sheet.patch_placement import FLAT, UNIT_CORNERS, Placement, fit_placement, is_plausible
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

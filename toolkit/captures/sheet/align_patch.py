@@ -6,7 +6,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from toolkit.captures.patch_placement import Placement, fit_placement, is_plausible
+from toolkit.captures.sheet.patch_placement import Placement, fit_placement, is_plausible
 
 SAMPLES = 3
 """Samples a pixel each way: texels are as small as pixels, or smaller."""

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from toolkit.captures.board_pose import BoardSighting
-from toolkit.captures.lens import Lens
+from toolkit.captures.camera.board_pose import BoardSighting
+from toolkit.captures.camera.lens import Lens
 from toolkit.errors import ToolkitError
 
 LEAST_VIEWS = 6

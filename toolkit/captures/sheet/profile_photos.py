@@ -6,13 +6,13 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from toolkit import __version__
-from toolkit.captures.find_patch import find_patch
-from toolkit.captures.fit_profile import FittedColours, fit_colours
-from toolkit.captures.page_size import measure_on_page
-from toolkit.captures.patch_size import SIZE_TOLERANCE
-from toolkit.captures.photos import list_photos, load_pixels, read_photo
-from toolkit.captures.printed_colour import ColourComparison, PrintedColours, compare_colours, read_colours
-from toolkit.captures.read_strip import StripReading, read_strip
+from toolkit.captures.photos.photo import list_photos, load_pixels, read_photo
+from toolkit.captures.sheet.find_patch import find_patch
+from toolkit.captures.sheet.fit_profile import FittedColours, fit_colours
+from toolkit.captures.sheet.page_size import measure_on_page
+from toolkit.captures.sheet.patch_size import SIZE_TOLERANCE
+from toolkit.captures.sheet.printed_colour import ColourComparison, PrintedColours, compare_colours, read_colours
+from toolkit.captures.sheet.read_strip import StripReading, read_strip
 from toolkit.console import progress
 from toolkit.errors import ToolkitError
 from toolkit.patches import Patch

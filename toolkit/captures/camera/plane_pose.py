@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from toolkit.captures.lens import Lens
+from toolkit.captures.camera.lens import Lens
 
 LEAST_POINTS = 6
 LEAST_SPREAD_MM = 5.0

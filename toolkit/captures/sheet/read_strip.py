@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from toolkit.captures.align_patch import sample_image
-from toolkit.captures.patch_placement import map_points
+from toolkit.captures.sheet.align_patch import sample_image
+from toolkit.captures.sheet.patch_placement import map_points
 from toolkit.colour import srgb_to_linear
 from toolkit.printing.colour_strip import STRIP
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toolkit.captures.find_patch import CELL_SHOWS, PatchSighting
-from toolkit.captures.lens import Lens
-from toolkit.captures.patch_placement import UNIT_CORNERS
+from toolkit.captures.camera.lens import Lens
+from toolkit.captures.sheet.find_patch import CELL_SHOWS, PatchSighting
+from toolkit.captures.sheet.patch_placement import UNIT_CORNERS
 from toolkit.errors import ToolkitError
 from toolkit.objects.load import TableObject
 from toolkit.patches import TAPE_MARGIN_MM

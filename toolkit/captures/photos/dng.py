@@ -11,7 +11,7 @@ from typing import BinaryIO
 from PIL import Image
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-from toolkit.captures.photo_exif import ExifFacts, read_exif, write_exif
+from toolkit.captures.photos.exif import ExifFacts, read_exif, write_exif
 from toolkit.images import UnreadableImage, explain_damage
 
 WIDTH, LENGTH, COMPRESSION, PHOTOMETRIC = 256, 257, 259, 262

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from toolkit.captures.align_patch import sample_image
-from toolkit.captures.find_patch import PatchSighting
-from toolkit.captures.patch_placement import map_points
+from toolkit.captures.sheet.align_patch import sample_image
+from toolkit.captures.sheet.find_patch import PatchSighting
+from toolkit.captures.sheet.patch_placement import map_points
 from toolkit.printing.paper import Paper
 
 LEAST_SHARE = 0.12

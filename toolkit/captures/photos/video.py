@@ -10,7 +10,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from toolkit.captures.still_frames import FrameLook, choose_still_frames, look_at_frame
+from toolkit.captures.photos.still_frames import FrameLook, choose_still_frames, look_at_frame
 from toolkit.errors import ToolkitError
 from toolkit.images import MAX_MEGAPIXELS, UnreadableImage
 

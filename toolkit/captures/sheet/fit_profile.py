@@ -6,8 +6,8 @@ from itertools import product
 
 import numpy as np
 
-from toolkit.captures.printed_colour import PrintedColours, measure_error
-from toolkit.captures.read_strip import StripReading
+from toolkit.captures.sheet.printed_colour import PrintedColours, measure_error
+from toolkit.captures.sheet.read_strip import StripReading
 from toolkit.colour import srgb_to_linear
 from toolkit.print_profile import ColourError, Exponents, raise_terms
 

@@ -135,7 +135,7 @@ def lens_from_exif(photo, sensor_width_mm: float | None = None) -> Lens | None:
     """The lens that a photograph's own metadata describes, None where they do not say enough.
 
     Args:
-        photo: a `toolkit.captures.photos.Photo`: upright size, `focal_35mm_mm` and `focal_mm` are read.
+        photo: a `toolkit.captures.photos.photo.Photo`: upright size, `focal_35mm_mm` and `focal_mm` are read.
         sensor_width_mm: longer side of the sensor; with it the true focal length is used, which is not rounded.
     """
     if sensor_width_mm and photo.focal_mm:

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.captures.board_pose import BoardSighting, find_board
-from toolkit.captures.calibration import Calibration, calibrate_lens
-from toolkit.captures.lens_file import LensRecord, turns_upright
-from toolkit.captures.photos import Photo, list_photos, load_pixels, read_photo
-from toolkit.captures.video import pick_frames
+from toolkit.captures.camera.board_pose import BoardSighting, find_board
+from toolkit.captures.camera.calibration import Calibration, calibrate_lens
+from toolkit.captures.camera.lens_file import LensRecord, turns_upright
+from toolkit.captures.photos.photo import Photo, list_photos, load_pixels, read_photo
+from toolkit.captures.photos.video import pick_frames
 from toolkit.console import progress
 from toolkit.errors import ToolkitError
 from toolkit.images import UnreadableImage

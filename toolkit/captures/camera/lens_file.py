@@ -10,8 +10,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from toolkit.captures.lens import Lens, lens_from_exif, same_aspect
-from toolkit.captures.photos import Photo
+from toolkit.captures.camera.lens import Lens, lens_from_exif, same_aspect
+from toolkit.captures.photos.photo import Photo
 from toolkit.files import read_json, write_json
 from toolkit.workspace import Workspace
 

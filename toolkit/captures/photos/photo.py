@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from toolkit.captures import video
-from toolkit.captures.dng import is_dng, read_preview
-from toolkit.captures.photo_exif import ExifFacts, read_exif
+from toolkit.captures.photos import video
+from toolkit.captures.photos.dng import is_dng, read_preview
+from toolkit.captures.photos.exif import ExifFacts, read_exif
 from toolkit.errors import ToolkitError
 from toolkit.files import sha256_file
 from toolkit.image_folder import find_files, show_path
