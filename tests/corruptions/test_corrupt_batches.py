@@ -186,3 +186,16 @@ def test_wrong_calls_say_what_is_wrong(call, words):
 
 def test_empty_batch():
     assert corrupt(torch.zeros(0, 3, 32, 32), "fog", 1, []).shape == (0, 3, 32, 32)
+
+
+@pytest.mark.parametrize("inference", [False, True])
+def test_it_works_in_inference_mode_on_several_threads(inference):
+    threads = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        images = torch.rand(4, 3, 32, 32, generator=torch.Generator().manual_seed(1))
+        with torch.inference_mode(inference):
+            found = corrupt(images, "fog", 3, [1, 2, 3, 4])
+    finally:
+        torch.set_num_threads(threads)
+    assert torch.equal(found, corrupt(images, "fog", 3, [1, 2, 3, 4]))

@@ -80,9 +80,11 @@ def corrupt(
         return apply(slice(None)).clamp_(0, 1)
     result = torch.empty(images.shape)
     parts = split_evenly(len(images), images.shape[-2] * images.shape[-1])
+    mode = torch.is_inference_mode_enabled()  # threads do not inherit it
 
     def fill(index: int) -> None:
-        torch.clamp(apply(parts[index]), 0, 1, out=result[parts[index]])
+        with torch.inference_mode(mode):
+            torch.clamp(apply(parts[index]), 0, 1, out=result[parts[index]])
 
     run_each(fill, len(parts))
     return result
