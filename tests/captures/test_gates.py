@@ -443,3 +443,26 @@ def test_controls_and_unknown_variants(bench):
     assert bench.expecter.expect("crate", "unpatched", 1, view).wearing.home == "racer"
     assert "is not known" in bench.expecter.expect("crate", "sticker", 1, view).no_wearing
     assert bench.expecter.expect("vase", "patched", 1, view).solid is None
+
+
+@pytest.mark.parametrize(("scale", "fails"), [(1.0, False), (0.99, False), (0.96, True), (1.05, True)])
+def test_a_patch_that_was_printed_at_another_size_is_found(scale, fails):
+    """A bent sheet of 60 mm whose cells lie 12 mm apart along the paper, seen from all round."""
+    rng = np.random.default_rng(2)
+    along = np.linspace(-24, 24, 5) * scale
+    bend = 80.0  # radius of the cylinder that the paper lies on
+    x, y = np.meshgrid(bend * np.sin(along / bend), along)
+    cells = np.stack([x.ravel(), y.ravel(), bend * np.cos(np.arcsin(x.ravel() / bend))], axis=1)
+    cameras = [orbit_pose(np.zeros(3), 50 * i, 35 + 5 * i, 600)[:3, 3] for i in range(7)]
+    lines = [lines_to(cells, camera, rng) for camera in cameras]
+    photos = [CheckedPhoto("pot", "patched", i, (), one, f"{i}.jpg") for i, one in enumerate(lines)]
+    (result,) = [one.result for one in check_set(photos, {("pot", "patched"): 60.0}) if one.result.name == "patch size"]
+    assert result.value == pytest.approx(abs(100 * (scale - 1)), abs=0.6)
+    assert result.failed == fails
+    if fails:
+        assert "60.0 mm was meant" in result.advice
+    assert not [one for one in check_set(photos) if one.result.name == "patch size"], "nothing to compare with"
+    (few,) = [
+        one.result for one in check_set(photos[:2], {("pot", "patched"): 60.0}) if one.result.name == "patch size"
+    ]
+    assert few.status == "not checked"

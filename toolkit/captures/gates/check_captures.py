@@ -1,6 +1,7 @@
 """The gates over a capture folder, as `toolkit import` runs them: photograph by photograph, then over the whole set."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,10 +17,12 @@ from toolkit.captures.gates.retake import Retake, count_unchecked, retake_list, 
 from toolkit.captures.manifest import CaptureRecord, read_manifest
 from toolkit.captures.photos.photo import Photo, load_pixels, read_photo
 from toolkit.captures.read import Capture, read_captures
+from toolkit.captures.variants import Print, find_booster
 from toolkit.console import progress
 from toolkit.errors import ToolkitError
 from toolkit.files import sha256_file
 from toolkit.images import UnreadableImage
+from toolkit.objects.load import load_object
 from toolkit.workspace import Workspace
 
 if TYPE_CHECKING:
@@ -123,14 +126,26 @@ def check_captures(workspace: Workspace, source: str = "real", quiet: bool = Fal
             except UnreadableImage as error:
                 unreadable.append((path, error.reason))
             bar.advance(note=path)
-    return summarise(source_dir, photos, unreadable)
+    return summarise(source_dir, photos, unreadable, printed_sides(workspace, photos))
+
+
+def printed_sides(workspace: Workspace, photos: Sequence[CheckedPhoto]) -> dict[tuple[str, str], float]:
+    """The side in mm that each patch should have been printed with, by object and variant, where it is known."""
+    sides = {}
+    for name, variant in {(photo.object, photo.variant) for photo in photos if photo.lines is not None}:
+        with suppress(ToolkitError):  # an object or a patch that the workspace does not know: nothing to compare with
+            booster = find_booster(workspace, load_object(workspace.object_spec(name)), variant)
+            if isinstance(booster, Print):
+                sides[name, variant] = booster.size_mm
+    return sides
 
 
 def summarise(
-    source_dir: Path, photos: Sequence[CheckedPhoto], unreadable: Sequence[tuple[str, str]] = ()
+    source_dir: Path, photos: Sequence[CheckedPhoto], unreadable: Sequence[tuple[str, str]] = (),
+    sides_mm: Mapping[tuple[str, str], float] | None = None,
 ) -> CheckReport:  # fmt: skip
     """Check photographs as a set and write `captures/SOURCE/retake.txt`."""
-    findings = check_set(photos)
+    findings = check_set(photos, sides_mm)
     retakes = retake_list(photos, findings)
     write_retake_list(source_dir, retakes)
     unchecked = tuple((gate, why, n) for (gate, why), n in count_unchecked(photos, findings).items())

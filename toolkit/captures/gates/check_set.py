@@ -1,10 +1,10 @@
 """Gates that need all photographs of an object: has each its partner, and was the patch in the same place?"""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from toolkit.captures.gates.moved import LEAST_PHOTOS, MOVED, PatchLines, measure_moves
+from toolkit.captures.gates.moved import LEAST_PHOTOS, MOVED, SIZE, PatchLines, measure_moves, measure_side
 from toolkit.captures.gates.result import Gate, GateResult
 from toolkit.captures.variants import PAIR
 
@@ -43,11 +43,14 @@ class SetFinding:
     path: str = ""
 
 
-def check_set(photos: Sequence[CheckedPhoto]) -> list[SetFinding]:
+def check_set(
+    photos: Sequence[CheckedPhoto], sides_mm: Mapping[tuple[str, str], float] | None = None
+) -> list[SetFinding]:
     """Check pairs and patches over all photographs of a source.
 
     Args:
         photos: of any objects and variants; the same one may not come twice.
+        sides_mm: the side of the patch as it should have been printed, by object and variant, where that is known.
     """
     by_object: dict[str, list[CheckedPhoto]] = defaultdict(list)
     for photo in photos:
@@ -56,6 +59,7 @@ def check_set(photos: Sequence[CheckedPhoto]) -> list[SetFinding]:
     for name in sorted(by_object):
         findings += find_single_photos(name, by_object[name])
         findings += find_moved_patches(by_object[name])
+        findings += find_wrong_sizes(by_object[name], sides_mm or {})
     return findings
 
 
@@ -103,4 +107,22 @@ def find_moved_patches(photos: Sequence[CheckedPhoto]) -> list[SetFinding]:
             else:
                 result = MOVED.skip(few if photo.lines is not None else "no pose, or no patch is seen")
             findings.append(SetFinding(photo.object, photo.variant, photo.pose_id, result, photo.path))
+    return findings
+
+
+def find_wrong_sizes(
+    photos: Sequence[CheckedPhoto], sides_mm: Mapping[tuple[str, str], float]
+) -> list[SetFinding]:  # fmt: skip
+    """For each variant of one object with a patch, whether the patch is as large as it should have been printed."""
+    findings = []
+    for key in sorted({(photo.object, photo.variant) for photo in photos if photo.lines is not None} & set(sides_mm)):
+        group = [photo for photo in photos if (photo.object, photo.variant) == key]
+        side = measure_side([photo.lines for photo in group if photo.lines is not None])
+        if side is None:
+            result = SIZE.skip(f"it takes {LEAST_PHOTOS} photographs with pose and patch, from different sides")
+        else:
+            off = 100 * (side / sides_mm[key] - 1)
+            found = f"the patch measures {side:.1f} mm, {off:+.1f} %, where {sides_mm[key]:.1f} mm was meant"
+            result = SIZE.judge(abs(off), f"{found}: {SIZE.advice}")
+        findings.append(SetFinding(*key, None, result))
     return findings

@@ -19,6 +19,8 @@ MOVED = Gate("patch moved", 5.0, "mm", "put it where it is in the other photogra
 """5 mm: a patch that stayed in its place is found within 0.2 mm in the rig's photographs, also by a lens that is 2 %
 off; a page that is not quite flat and a lens that nobody calibrated add a millimetre or two. A patch that was taken
 off and taped on again by eye lies 5 to 20 mm off."""
+SIZE = Gate("patch size", 2.0, "% off", "print it again at 100 % ('actual size'), with a ruler on the page's bars")
+"""2 %: the rig's photographs give the side within 0.3 %; "fit to page" makes it 3 to 6 % too small."""
 LEAST_PHOTOS = 3
 """Of two that disagree, nobody knows which one is right."""
 LEAST_CELLS = 4
@@ -76,15 +78,41 @@ def measure_moves(photos: Sequence[PatchLines]) -> list[float | None]:
     if len(photos) < LEAST_PHOTOS:
         return [None] * len(photos)
     misses = np.full((len(photos), photos[0].shows.size), np.nan)
-    for cell in range(misses.shape[1]):
+    for cell, point in enumerate(triangulate_cells(photos)):
         who = [i for i, photo in enumerate(photos) if photo.shows[cell]]
-        if len(who) >= LEAST_PHOTOS:
+        if np.isfinite(point).all():
             origins = np.array([photos[i].origin_mm for i in who])
-            directions = np.array([photos[i].directions[cell] for i in who])
-            if _spread_deg(directions) >= LEAST_ANGLE_DEG:
-                misses[who, cell] = _miss(meet(origins, directions), origins, directions)
+            misses[who, cell] = _miss(point, origins, np.array([photos[i].directions[cell] for i in who]))
     enough = np.isfinite(misses).sum(axis=1) >= LEAST_CELLS
     return [float(np.nanmedian(row)) if good else None for row, good in zip(misses, enough, strict=True)]
+
+
+def triangulate_cells(photos: Sequence[PatchLines]) -> np.ndarray:
+    """(25, 3) where the cells are in the world, mm; NaN where too few photographs show one, or all from one side."""
+    points = np.full((photos[0].shows.size, 3), np.nan)
+    for cell in range(len(points)):
+        who = [photo for photo in photos if photo.shows[cell]]
+        if len(who) >= LEAST_PHOTOS:
+            directions = np.array([photo.directions[cell] for photo in who])
+            if _spread_deg(directions) >= LEAST_ANGLE_DEG:
+                points[cell] = meet(np.array([photo.origin_mm for photo in who]), directions)
+    return points
+
+
+def measure_side(photos: Sequence[PatchLines]) -> float | None:
+    """The side of the patch, mm, from the distances of neighbouring cells; None where too few are known.
+
+    Paper that is bent keeps its lengths, and over a fifth of a patch a bend shortens nothing that could be measured.
+    """
+    if len(photos) < LEAST_PHOTOS:
+        return None
+    points = triangulate_cells(photos)
+    count = round(len(points) ** 0.5)
+    grid = points.reshape(count, count, 3)
+    steps = np.concatenate([np.diff(grid, axis=axis).reshape(-1, 3) for axis in (0, 1)])
+    lengths = np.linalg.norm(steps, axis=1)
+    known = lengths[np.isfinite(lengths)]
+    return None if len(known) < LEAST_CELLS else float(np.median(known)) * count
 
 
 def meet(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:

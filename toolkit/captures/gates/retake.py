@@ -33,7 +33,7 @@ class Retake:
     @property
     def label(self) -> str:
         """What to take, in words."""
-        pose = f"pose {self.pose_id}" if self.pose_id is not None else self.path or "pose not known"
+        pose = f"pose {self.pose_id}" if self.pose_id is not None else self.path or "all"
         return f"{self.object}/{self.variant} {pose}"
 
     def describe(self) -> str:
