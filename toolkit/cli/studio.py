@@ -1,5 +1,6 @@
 """`toolkit studio`: a web page to photograph with."""
 
+import signal
 from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Annotated
@@ -68,8 +69,10 @@ def studio(
     except KeyboardInterrupt:
         pass  # before the server had begun to listen for it
     finally:
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C would cut the ending short
         predictor.stop()
     show_summary(session)
+    signal.signal(signal.SIGINT, before)
 
 
 def show_door(door: "Door", code: bool) -> None:
