@@ -11,12 +11,13 @@ from pathlib import Path
 from threading import RLock
 from typing import Literal
 
+from toolkit.captures.gates.retake import write_retake_lines
 from toolkit.captures.importing.decide import Decision
 from toolkit.captures.importing.evidence import Evidence, Target
 from toolkit.captures.importing.gather import Candidate
 from toolkit.captures.importing.ledger import Ledger, find_occupants
 from toolkit.captures.importing.store import store_photo
-from toolkit.captures.importing.summary import list_retakes, write_retakes
+from toolkit.captures.importing.summary import list_retakes
 from toolkit.captures.manifest import CaptureRecord, read_manifest
 from toolkit.captures.photos.photo import read_photo
 from toolkit.captures.shot_order import ShotList, ShotStep, read_shots
@@ -183,7 +184,7 @@ class Session:
         records = [record for _, record in sorted(self._ledger().records.items())]
         there = [record for record in records if (self.source_dir / record.path).is_file()]
         write_transforms(self.source_dir, there)
-        write_retakes(self.source_dir, list_retakes(there))
+        write_retake_lines(self.source_dir, [f"{path}: {advice}" for path, advice in list_retakes(there)])
 
     def exclusive(self) -> RLock:
         """Held while files are changed."""

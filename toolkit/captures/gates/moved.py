@@ -14,12 +14,18 @@ from toolkit.captures.gates.patch import cell_middles
 from toolkit.captures.gates.result import Gate
 from toolkit.captures.gates.solid import View
 from toolkit.captures.sheet.find_patch import CELL_SHOWS, PatchSighting
+from toolkit.captures.sheet.patch_size import SIZE_TOLERANCE
 
 MOVED = Gate("patch moved", 5.0, "mm", "put it where it is in the other photographs, and take this one again")
 """5 mm: a patch that stayed in its place is found within 0.2 mm in the rig's photographs, also by a lens that is 2 %
 off; a page that is not quite flat and a lens that nobody calibrated add a millimetre or two. A patch that was taken
 off and taped on again by eye lies 5 to 20 mm off."""
-SIZE = Gate("patch size", 2.0, "% off", "print it again at 100 % ('actual size'), with a ruler on the page's bars")
+SIZE = Gate(
+    "patch size",
+    100 * SIZE_TOLERANCE,
+    "% off",
+    "print it again at 100 % ('actual size'), with a ruler on the page's bars",
+)
 """2 %: the rig's photographs give the side within 0.3 %; "fit to page" makes it 3 to 6 % too small."""
 LEAST_PHOTOS = 3
 """Of two that disagree, nobody knows which one is right."""

@@ -85,11 +85,16 @@ def count_unchecked(photos: Sequence[CheckedPhoto], findings: Sequence[SetFindin
 
 def write_retake_list(source_dir: Path, rows: Sequence[Retake]) -> Path | None:
     """Write `retake.txt` into captures/SOURCE, one line per photograph; with nothing to retake, the old file goes."""
+    return write_retake_lines(source_dir, [row.describe() for row in rows])
+
+
+def write_retake_lines(source_dir: Path, lines: Sequence[str]) -> Path | None:
+    """`write_retake_list` for lines that are made already."""
     file = Path(source_dir) / RETAKE_FILE
-    if not rows:
+    if not lines:
         file.unlink(missing_ok=True)
         return None
-    return write_text(file, "".join(f"{row.describe()}\n" for row in rows))
+    return write_text(file, "".join(f"{line}\n" for line in lines))
 
 
 def _measured(result: GateResult) -> str:

@@ -2,15 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from toolkit.captures.importing.ledger import Ledger, list_poses
 from toolkit.captures.manifest import CaptureRecord
 from toolkit.captures.variants import PAIR
-from toolkit.files import write_text
 from toolkit.rig.plan import CapturePlan
-
-RETAKE_LIST = "retake.txt"
 
 
 @dataclass(frozen=True)
@@ -78,15 +74,6 @@ def list_retakes(whole: Sequence[CaptureRecord]) -> tuple[tuple[str, str], ...]:
         if isinstance(advice, list) and advice:
             found.append((record.path, "; ".join(str(line) for line in advice)))
     return tuple(found)
-
-
-def write_retakes(source_dir: Path, retakes: Sequence[tuple[str, str]]) -> Path | None:
-    """Write `retake.txt`, one line per image; the file of an earlier run goes when nothing is left to retake."""
-    file = source_dir / RETAKE_LIST
-    if not retakes:
-        file.unlink(missing_ok=True)
-        return None
-    return write_text(file, "".join(f"{path}: {advice}\n" for path, advice in retakes))
 
 
 def _mean(records: Sequence[CaptureRecord], key: str) -> float | None:
