@@ -11,8 +11,9 @@ from typing import Any
 from everyday import draw_everyday
 from painted import RUN, draw_textures, write_textures
 from parts import draw_parts
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageFont
 from sections import write_summary, write_sweeps
+from tiles import RIGHT, WRONG, make_sheet, paste_tile
 
 from toolkit.captures.variants import PAIR
 from toolkit.classifiers.bundled import read_bundled
@@ -23,7 +24,6 @@ from toolkit.workspace import Workspace, open_workspace
 
 DOCS = Path(__file__).parent
 FIGURES = DOCS / "figures"
-RIGHT, WRONG = (34, 139, 74), (196, 48, 48)
 
 
 def read_predictions(space: Workspace, run: str) -> list[dict[str, str]]:
@@ -34,9 +34,7 @@ def read_predictions(space: Workspace, run: str) -> list[dict[str, str]]:
 
 def draw_pairs(space: Workspace, rows: list[dict[str, str]]) -> Image.Image:
     """Per object the first pose at which bare and patched differ, else pose 1: bare above, patched below."""
-    tile_w, tile_h, strip = 400, 300, 34
-    sheet = Image.new("RGB", (len(BUILTIN) * tile_w, 2 * (tile_h + strip)), "white")
-    draw, font = ImageDraw.Draw(sheet), _font(18)
+    sheet, font = make_sheet(len(BUILTIN), 2), _font(18)
     for column, name in enumerate(BUILTIN):
         by_pose: dict[int, dict[str, dict[str, str]]] = {}
         for row in rows:
@@ -47,13 +45,7 @@ def draw_pairs(space: Workspace, rows: list[dict[str, str]]) -> Image.Image:
         chosen = (differs or pairs)[0]
         for line, variant in enumerate(("unpatched", "patched")):
             row = chosen[variant]
-            left, top = column * tile_w, line * (tile_h + strip)
-            picture = Image.open(space.captures_dir / row["path"]).convert("RGB")
-            sheet.paste(picture.resize((tile_w, tile_h), Image.Resampling.LANCZOS), (left, top))
-            right = row["correct_top1"] in ("1", "True", "true")
-            text = f"{'✓' if right else '✗'} {row['top1_label']}  {float(row['top1_prob']):.0%}"
-            draw.rectangle((left, top + tile_h, left + tile_w, top + tile_h + strip), fill=RIGHT if right else WRONG)
-            draw.text((left + 12, top + tile_h + 6), text, fill="white", font=font)
+            paste_tile(sheet, space, row, column, line, font)
     return sheet
 
 
@@ -268,7 +260,7 @@ def main(folder: str, run: str = "resnet18") -> None:
     draw_everyday(_font(13)).save(FIGURES / "everyday.jpg", quality=90)
     if (space.eval_dir / f"{RUN}{run}").is_dir():
         rows = read_predictions(space, f"{RUN}{run}")
-        draw_textures(space, rows, _font(18), (RIGHT, WRONG)).save(FIGURES / "textures.jpg", quality=90)
+        draw_textures(space, rows, _font(18)).save(FIGURES / "textures.jpg", quality=90)
     photograph_report(space, run, FIGURES / "report.png")
     photograph_studio(space, FIGURES / "studio.png")
     (DOCS / "results.md").write_text(write_results(space, run), encoding="utf-8")

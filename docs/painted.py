@@ -3,7 +3,8 @@
 from pathlib import Path
 from typing import Any
 
-from PIL import Image, ImageDraw
+from PIL import Image
+from tiles import make_sheet, paste_tile
 
 from toolkit.captures.read import POOLED
 from toolkit.objects.load import BUILTIN
@@ -110,12 +111,10 @@ def _compare_gradients(space: Workspace) -> list[str]:
     return lines
 
 
-def draw_textures(space: Workspace, rows: list[dict[str, str]], font, colours) -> Image.Image:
+def draw_textures(space: Workspace, rows: list[dict[str, str]], font) -> Image.Image:
     """Per object one pose: bare, in its texture, and in its texture in fog, with the network's first guess."""
-    tile_w, tile_h, strip = 400, 300, 34
     views = ((CLEAR, "unpatched"), (CLEAR, "textured"), (FOGGY, "textured"))
-    sheet = Image.new("RGB", (len(BUILTIN) * tile_w, len(views) * (tile_h + strip)), "white")
-    draw = ImageDraw.Draw(sheet)
+    sheet = make_sheet(len(BUILTIN), len(views))
     for column, name in enumerate(BUILTIN):
         found = {
             (row["source"], row["variant"], int(row["pose_id"])): row
@@ -126,11 +125,5 @@ def draw_textures(space: Workspace, rows: list[dict[str, str]], font, colours) -
         differs = [pose for pose in poses if found[(*views[0], pose)]["correct_top1"] not in ("1", "True", "true")]
         for line, view in enumerate(views):
             row = found[(*view, (differs or poses)[0])]
-            left, top = column * tile_w, line * (tile_h + strip)
-            picture = Image.open(space.captures_dir / row["path"]).convert("RGB")
-            sheet.paste(picture.resize((tile_w, tile_h), Image.Resampling.LANCZOS), (left, top))
-            right = row["correct_top1"] in ("1", "True", "true")
-            text = f"{'✓' if right else '✗'} {row['top1_label']}  {float(row['top1_prob']):.0%}"
-            draw.rectangle((left, top + tile_h, left + tile_w, top + tile_h + strip), fill=colours[not right])
-            draw.text((left + 12, top + tile_h + 6), text, fill="white", font=font)
+            paste_tile(sheet, space, row, column, line, font)
     return sheet
