@@ -9,7 +9,7 @@ BIN := .venv/bin
 # Weights that lie beside the checkout are used where there are any.
 export TOOLKIT_WEIGHTS ?= $(abspath $(wildcard ../shared/weights))
 
-.PHONY: demo test bench lint docs setup clean
+.PHONY: demo test bench lint docs docs-benchmark setup clean
 
 demo: setup
 	$(BIN)/toolkit demo demo
@@ -53,6 +53,13 @@ docs: setup .venv/.test
 		$(BIN)/toolkit sweep $$axis --workspace demo || exit 1; done
 	$(BIN)/toolkit sweep distance --values 1,2,2.5,3 --workspace demo --model rig18 --patches rig18
 	$(BIN)/python docs/make.py demo
+
+# The corruption benchmark's numbers; an hour or two on two cores. PHOTOGRAPHS has a folder per WordNet id, CIFAR has
+# train/ and test/ with a folder per class.
+PHOTOGRAPHS ?= ../shared/images/nips2017
+CIFAR ?= cifar10
+docs-benchmark: setup
+	docs/run-benchmark $(BIN)/toolkit "$(PHOTOGRAPHS)" "$(CIFAR)"
 
 setup: .venv/.installed
 	@scripts/system-libraries

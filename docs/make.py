@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from benchmarked import write_benchmark_results
 from everyday import draw_everyday
 from painted import RUN, draw_textures, write_textures
 from parts import draw_parts
@@ -163,6 +164,7 @@ def write_results(space: Workspace, run: str = "resnet18") -> str:
     ]
     sets = [space, *(space.with_patches(one) for one in space.patch_sets())]
     lines += write_textures(space, summaries)
+    lines += write_benchmark_results()
     lines += write_sweeps(space, FIGURES, run)
     for name, summary in summaries.items():
         model = summary["model"]

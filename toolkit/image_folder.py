@@ -8,7 +8,7 @@ from pathlib import Path
 from toolkit.errors import ToolkitError
 from toolkit.images import is_image_name
 
-BY_DESIGN = frozenset(("manifest.jsonl", "transforms.json", "retake.txt"))
+BY_DESIGN = frozenset(("manifest.jsonl", "transforms.json", "retake.txt", "corruption.json", "corrupted.jsonl"))
 
 
 @dataclass(frozen=True)

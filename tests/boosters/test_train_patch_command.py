@@ -54,6 +54,15 @@ def test_it_says_what_it_made_and_what_comes_next(type_command, tmp_path):
     assert "nothing to do; --restart trains it again" in said
 
 
+def test_corrupted_photographs_are_answered_apart(type_command, tmp_path):
+    write_photos(tmp_path / "photos", 6)
+    code, said, told = type_command("--class", "jet", "--data", "photos", "--corrupt", "blur:5", *QUICK)
+    assert code == 0, told
+    assert re.search(
+        r"tiny on held-out images: .*n = 128.*\ntiny on them corrupted: \d+% with the patch, \d+% bare", said
+    )
+
+
 def test_json_is_the_result_and_nothing_else(type_command, tmp_path):
     write_photos(tmp_path / "photos", 6)
     code, said, _ = type_command("--class", "3", "--data", "photos", "--json", *QUICK, "--lr", "0.5")

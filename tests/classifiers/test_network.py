@@ -9,6 +9,7 @@ import torchvision
 
 from toolkit.classifiers import load_classifier
 from toolkit.classifiers.architectures import list_architectures, published_weights
+from toolkit.classifiers.cifar_networks import CIFAR_NETWORKS
 from toolkit.classifiers.network import choose_device
 from toolkit.errors import ToolkitError
 
@@ -104,12 +105,12 @@ def test_unknown_model_and_device(files):
         assert choose_device("auto") == "cpu"
 
 
-def test_every_torchvision_classifier_has_labels_and_preprocessing():
+def test_every_classifier_has_labels_and_preprocessing():
     names = list_architectures()
     assert {"resnet18", "vit_b_16", "mobilenet_v2", "swin_v2_t"} <= set(names)
     for name in names:
         entry = published_weights(name)
-        assert len(entry.meta["categories"]) == 1000
+        assert len(entry.meta["categories"]) == (10 if name in CIFAR_NETWORKS else 1000)
         assert entry.transforms().crop_size[0] <= entry.transforms().resize_size[0]
 
 

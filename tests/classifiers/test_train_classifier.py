@@ -163,7 +163,7 @@ def test_other_networks_are_written_and_read_back(arch, colours, tmp_path):
     ("changes", "message"),
     [
         ({"name": "a/b"}, "--name 'a/b': expected letters"),
-        ({"name": "resnet18"}, "torchvision has a network of that name"),
+        ({"name": "resnet18"}, "there is a network of that name"),
         ({"arch": "resnet81"}, r"no network \(--arch\) called 'resnet81': did you mean"),
         ({"image_px": 8}, "--image-px 8: expected 16 to 1024"),
     ],

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from toolkit.classifiers.preprocessing import Preprocessing
 from toolkit.classifiers.training.augment import PHOTOGRAPHS, SMALL_IMAGES, augment_batch
+from toolkit.classifiers.training.classes import list_classes
 from toolkit.classifiers.training.data import load_training_set
 from toolkit.classifiers.training.folder import find_classes
 from toolkit.classifiers.training.renders import RenderUnit, render_unit
@@ -29,7 +30,7 @@ def space(tmp_path):
 
 def load(space, *data, keep=None):
     sources = [open_source(str(one), space, COUNTS) for one in data]
-    return load_training_set(sources, SQUARE, keep or space.root / "keep", 1, quiet=True)
+    return load_training_set(sources, list_classes(sources), SQUARE, keep or space.root / "keep", 1, quiet=True)
 
 
 def test_train_and_test_folders_are_used_as_they_are(tmp_path, space):
@@ -69,7 +70,7 @@ def test_bad_images_are_listed_and_the_rest_is_used(tmp_path, space):
 
 
 def test_folders_that_cannot_be_trained_on(tmp_path, space):
-    with pytest.raises(ToolkitError, match="does not exist: expected 'everyday', 'rig', or a folder"):
+    with pytest.raises(ToolkitError, match="does not exist: expected 'everyday', 'rig', cifar10:FOLDER, or a folder"):
         load(space, tmp_path / "nowhere")
     folder = write_colours(tmp_path / "set", 2)
     (folder / "yellow").mkdir()

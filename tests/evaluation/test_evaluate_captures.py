@@ -13,6 +13,7 @@ from PIL import Image
 from toolkit.captures.read import Selection, read_captures
 from toolkit.errors import ToolkitError
 from toolkit.evaluation import predict
+from toolkit.evaluation.corrupted import add_corrupted
 from toolkit.evaluation.predict import predict_captures
 from toolkit.evaluation.run import evaluate_captures
 from toolkit.evaluation.write import COLUMNS
@@ -206,9 +207,9 @@ def test_few_images_are_decoded_ahead(put, workspace, colour_classifier, monkeyp
 
     monkeypatch.setattr(predict, "resize_and_crop", crop)
     monkeypatch.setattr(predict, "_classify", classify)
-    captures = read_captures(workspace.captures_dir).captures
+    captures = add_corrupted(read_captures(workspace.captures_dir), [("contrast", 1)]).captures
     found = predict_captures(captures, {"racer": 0}, colour_classifier, batch_size=4, quiet=True)
-    assert len(found) == 80 and all(one.correct_top1 for one in found)
+    assert len(found) == 160 and all(one.correct_top1 for one in found)
     assert most <= 4 + 4 + predict.MAX_DECODERS + 1
 
 

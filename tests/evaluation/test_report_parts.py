@@ -113,7 +113,7 @@ def test_flips_are_sorted_and_counted():
     assert all(len(card.cells) == 2 for card in lay_out_flips(gained))
 
 
-def test_thumbnails_are_small_upright_jpegs(tmp_path):
+def test_thumbnails_are_small_upright_jpegs(tmp_path, colour_classifier):
     draw = np.random.default_rng(0)
     noise = Image.fromarray(draw.integers(0, 256, (900, 1200, 3), dtype=np.uint8))
     exif = Image.Exif()
@@ -121,7 +121,7 @@ def test_thumbnails_are_small_upright_jpegs(tmp_path):
     noise.save(tmp_path / "noise.jpg", exif=exif)
     (tmp_path / "bad.jpg").write_bytes(b"x")
     captures = [Capture("s", "o", "v", 1, tmp_path / name, name) for name in ("noise.jpg", "bad.jpg", "noise.jpg")]
-    thumbnails = make_thumbnails(captures)
+    thumbnails = make_thumbnails(captures, colour_classifier)
     assert list(thumbnails) == ["noise.jpg"]
     content = base64.b64decode(thumbnails["noise.jpg"].split(",")[1])
     assert len(content) <= MAX_BYTES

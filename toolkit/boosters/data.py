@@ -91,10 +91,11 @@ def load_data(
         rng = Draws(request.seed, k, "data").of("files")
         with progress(f"Reading {choice.folder.name}", min(count, len(choice.files)), quiet) as bar:
             loaded.append(load_files(choice, count, rng, how, bar.advance))
-    return _divide(loaded)
+    return divide_images(loaded)
 
 
-def _divide(loaded: list[Loaded]) -> TrainingData:
+def divide_images(loaded: list[Loaded]) -> TrainingData:
+    """Join the images of all sources and hold out a fifth of each."""
     train: list[np.ndarray] = []
     held_out: list[np.ndarray] = []
     for source in loaded:

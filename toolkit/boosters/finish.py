@@ -1,6 +1,6 @@
 """From the last step to files: round the patch as it will be printed, validate that, draw it, record it."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from io import BytesIO
 from pathlib import Path
 
@@ -55,7 +55,8 @@ def finish_patch(
 ) -> tuple[Patch, list[Validation], list[Validation]]:
     """Validate the rounded patch, draw the preview, and last, as the mark that all is done, write patch and record.
 
-    Returns the patch, what the networks say of held-out images, and of held-out `views` of the object, if any.
+    Returns the patch, what the networks say of held-out images, and of held-out `views` of the object, if any. What
+    they say of those images under the corruptions that it was trained with stands in the record alone.
     """
     import torch
 
@@ -63,8 +64,13 @@ def finish_patch(
     printed = torch.from_numpy(pixels.transpose(2, 0, 1).copy()).float().div(255).to(first.device)
     held_out = stack_on_device(data.held_out, first.device)
     appearance, seed, image_px = request.appearance(), request.descent.seed, first.preprocessing.crop_px
+    clear = replace(request, corrupted=None).appearance()
     with progress("Validating", count_placements(len(held_out)), quiet) as bar:
-        validations = validate_patch(printed, held_out, targets, appearance, seed, image_px, advance=bar.advance)
+        validations = validate_patch(printed, held_out, targets, clear, seed, image_px, advance=bar.advance)
+    spoilt: list[Validation] = []
+    if request.corrupted is not None:
+        always = replace(request.corrupted, probability=1)
+        spoilt = validate_patch(printed, held_out, targets, clear, seed, image_px, corrupted=always)
     on_object = [] if views is None else validate_mounted(printed, views, targets, image_px)
     examples = stack_on_device(data.train[:16], first.device)
     label = first.labels[targets[0].class_index]
@@ -87,7 +93,8 @@ def finish_patch(
             "final": _summarise(state)
             | asdict(score_print(pixels))
             | list_shares(validations, "held_out")
-            | list_shares(on_object, "mounted"),
+            | list_shares(on_object, "mounted")
+            | list_shares(spoilt, "corrupted"),
             "toolkit_version": __version__,
         },
     )

@@ -66,6 +66,7 @@ def train_patch(
     quiet: bool = False,
     say: Callable[[str], None] = lambda line: None,
     checkpoint_every_s: float = CHECKPOINT_EVERY_S,
+    data: TrainingData | None = None,
 ) -> TrainedPatch:
     """Train a patch, or take it up where an interrupted run of the same request left it.
 
@@ -78,6 +79,7 @@ def train_patch(
         quiet: no progress bars.
         say: told what the user should know along the way.
         checkpoint_every_s: how much work a kill may cost.
+        data: images that are in memory already, instead of those that the request names.
 
     Raises:
         ToolkitError: the request, the data or a checkpoint cannot be used, or the disk is full.
@@ -88,8 +90,9 @@ def train_patch(
     name = name_files(request.name, first.labels[index], index)
     files = choose_files(workspace, out, name)
     class_names = names_of_class(first, index, str(request.class_name))
-    data = load_data(request.data, class_names, first.preprocessing, workspace, files.training, quiet)
-    _describe_data(data, say)
+    if data is None:
+        data = load_data(request.data, class_names, first.preprocessing, workspace, files.training, quiet)
+        _describe_data(data, say)
     request = request.count_steps(len(data.train))
     views = _load_views(request, workspace, class_names, first, quiet)
     key = hash_inputs(request, name, targets, data.sha256 + ("" if views is None else views.sha256))

@@ -6,6 +6,7 @@ from typing import Any
 
 from toolkit.boosters.affine import AffineRanges
 from toolkit.boosters.blur import CameraBlur
+from toolkit.boosters.corrupted import Corrupted
 from toolkit.boosters.data import DataRequest
 from toolkit.boosters.glare import TapeGlare
 from toolkit.boosters.jpeg import JpegFile
@@ -18,6 +19,7 @@ from toolkit.boosters.request import PatchRequest
 from toolkit.boosters.rig_data import is_rig_source
 from toolkit.boosters.sensor_noise import SensorNoise
 from toolkit.boosters.training import Descent
+from toolkit.corruptions.request import parse_corruptions
 from toolkit.errors import ToolkitError, one_of
 from toolkit.patches import printed_size_mm
 from toolkit.print_profile import read_print_profile
@@ -49,6 +51,7 @@ class Choices:
     printability_weight: float | None = None
     length_mm: float | None = None
     print_profile: Path | None = None
+    corrupt: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -145,6 +148,7 @@ def make_request(
         epochs=chosen["epochs"],
         recipe=recipe_name,
         without_effect=dict(recipe.without_effect),
+        corrupted=Corrupted(parse_corruptions(chosen["corrupt"])) if chosen["corrupt"] else None,
         **given,
     )
 

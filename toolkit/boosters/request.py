@@ -8,8 +8,9 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from toolkit.boosters.affine import AffineRanges
-from toolkit.boosters.appearance import Appearance
+from toolkit.boosters.appearance import Appearance, Placement
 from toolkit.boosters.blur import CameraBlur
+from toolkit.boosters.corrupted import Corrupted
 from toolkit.boosters.data import DataRequest
 from toolkit.boosters.glare import TapeGlare
 from toolkit.boosters.jpeg import JpegFile
@@ -53,6 +54,7 @@ class PatchRequest:
         print_process: what the printer makes of it: a range of printers, or one that was measured.
         glare: what its tape does.
         camera: what is done to the photograph, in this order.
+        corrupted: what spoils some photographs after the camera.
         tv_weight, printability_weight: of the patch's own losses, see `toolkit.boosters.print_losses`.
         epochs: how often each training image is seen; decides the steps once the images are known.
         recipe: whose settings these are, flags apart.
@@ -63,7 +65,7 @@ class PatchRequest:
     data: DataRequest
     size_px: int = 100
     descent: Descent = field(default_factory=Descent)
-    placement: AffineRanges = field(default_factory=AffineRanges)
+    placement: Placement = field(default_factory=AffineRanges)
     light: LightRanges | None = field(default_factory=LightRanges)
     name: str | None = None
     mounted_share: float = 0.0
@@ -78,6 +80,7 @@ class PatchRequest:
     epochs: int | None = None
     recipe: str = "custom"
     without_effect: dict[str, float] = field(default_factory=dict)
+    corrupted: Corrupted | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.mounted_share <= 1:
@@ -108,7 +111,7 @@ class PatchRequest:
             self.placement if self.pose is None else MixedPlacement(self.pose, self.placement),
             on_print=() if self.print_process is None else (self.print_process,),
             on_paper=tuple(part for part in (self.light, self.glare) if part is not None),
-            on_photo=self.camera or (),
+            on_photo=(*(self.camera or ()), *(() if self.corrupted is None else (self.corrupted,))),
         )
 
     def penalty(self) -> "Callable[[torch.Tensor], torch.Tensor] | None":
@@ -142,7 +145,7 @@ class PatchRequest:
             "recipe": self.recipe,
             "epochs": self.epochs,
             **asdict(self.descent),
-            **{name: None if part is None else asdict(part) for name, part in parts.items()},
+            **{name: None if part is None else asdict(part) for name, part in parts.items()},  # type: ignore[arg-type]
             "camera": camera or None,
             "tv_weight": self.tv_weight,
             "printability_weight": self.printability_weight,
@@ -150,6 +153,8 @@ class PatchRequest:
             "mounted_views": self.mounted_views if self.mounted_share else None,
             "mounted_fill": self.mounted_fill if self.mounted_share else None,
             "without_effect": self.without_effect,
+            # a request from before there was this part keeps its hash
+            **({} if self.corrupted is None else {"corrupted": asdict(self.corrupted)}),
         }
 
 
@@ -166,11 +171,11 @@ def name_files(name: str | None, label: str, index: int) -> str:
     return re.sub(r"[^A-Za-z0-9]+", "_", label).strip("_") or f"class_{index}"
 
 
-def check_size(size_px: int, image_px: int) -> None:
+def check_size(size_px: int, image_px: int, flag: str = "--size-px") -> None:
     """A patch must have some texels, and no more than the network's image has pixels."""
     if not SMALLEST_PX <= size_px <= image_px:
         raise ToolkitError(
-            f"--size-px {size_px}: expected {SMALLEST_PX} to {image_px}, the side of the network's image in pixels"
+            f"{flag} {size_px}: expected {SMALLEST_PX} to {image_px}, the side of the network's image in pixels"
         )
 
 

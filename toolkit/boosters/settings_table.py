@@ -3,6 +3,7 @@
 from dataclasses import fields
 from typing import Any
 
+from toolkit.boosters.corrupted import Corrupted
 from toolkit.boosters.print_profile import ProfiledPrint
 from toolkit.boosters.recipes import RECIPES
 from toolkit.boosters.request import PatchRequest
@@ -25,6 +26,7 @@ def list_settings(request: PatchRequest, networks: list[str]) -> list[str]:
         "print": request.print_process,
         "glare": request.glare,
         **{f"camera: {type(part).__name__}": part for part in request.camera or ()},
+        **({} if request.corrupted is None else {"corrupted": request.corrupted}),
     }
     rows += [(name, describe_part(part)) for name, part in parts.items() if part is not None]
     idle = [name for name, part in parts.items() if part is None]
@@ -55,7 +57,7 @@ def align_rows(rows: list[tuple[str, str]]) -> list[str]:
 
 def describe_part(part: Any) -> str:
     """A part's fields with their ranges and units, its probabilities last."""
-    if isinstance(part, ProfiledPrint):
+    if isinstance(part, ProfiledPrint | Corrupted):
         return part.describe()
     named = [(one.name, getattr(part, one.name)) for one in fields(part)]
     ranges = [_describe_field(name, value) for name, value in named if not name.endswith("probability")]

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from toolkit.boosters.appearance import Appearance, show_patch
 from toolkit.boosters.batches import cut_centres
+from toolkit.boosters.corrupted import Corrupted
 from toolkit.boosters.training import Target
 from toolkit.draws import Draws
 from toolkit.statistics import wilson_interval
@@ -62,6 +63,7 @@ def validate_patch(
     image_px: int,
     draws: int = DRAWS,
     advance: Callable[[int], None] = lambda count: None,
+    corrupted: Corrupted | None = None,
 ) -> list[Validation]:
     """Recognise images bare and with the patch in fresh random placements.
 
@@ -75,6 +77,7 @@ def validate_patch(
         draws: placements in all; each image comes equally often, so that fewer images than this come several times
             in the patched share, and once in the bare one.
         advance: called with how many placements were just answered.
+        corrupted: what spoils the photographs, with the patch and bare alike.
     """
     import torch
 
@@ -87,6 +90,11 @@ def validate_patch(
             batch = centres[which % len(images)]
             photos = show_patch(patch, batch, appearance, Draws(seed, start, "validate"))
             fresh = which < len(images)
+            if corrupted is not None:
+                photos, batch = (
+                    corrupted.change(seen, Draws(seed, start, "validate").of(f"corrupted {what}"))
+                    for what, seen in (("patched", photos), ("bare", batch))
+                )
             for k, target in enumerate(targets):
                 patched[k] += _count_hits(target, photos)
                 bare[k] += _count_hits(target, batch[fresh]) if fresh.any() else 0

@@ -33,14 +33,16 @@ class WarpPlan:
     footprints: np.ndarray
 
 
-def plan_warp(T_image_patch: np.ndarray, patch_px: int) -> WarpPlan:
+def plan_warp(T_image_patch: np.ndarray, patch_px: int, scales: tuple[float, float] | None = None) -> WarpPlan:
     """Sizes for `warp_patch`; `T_image_patch` is (b, 3, 3), affine or projective."""
     from scipy.fft import next_fast_len
 
     jacobian = _jacobian(T_image_patch, patch_px)
-    repeat = max(1, int(np.ceil(np.linalg.norm(jacobian, 2, axis=(1, 2)).max() - 1e-6)))
+    largest = np.linalg.norm(jacobian, 2, axis=(1, 2)).max() if scales is None else scales[1]
+    repeat = max(1, int(np.ceil(largest - 1e-6)))
     footprints = np.linalg.inv(jacobian) * repeat
-    margin = int(np.ceil(np.abs(footprints).sum(axis=2).max())) + 2
+    reach = np.abs(footprints).sum(axis=2).max() if scales is None else np.sqrt(2) * repeat / scales[0]
+    margin = int(np.ceil(reach)) + 2
     side = next_fast_len(-(-(patch_px * repeat + 2 * margin) // 16) * 16, real=True)
     return WarpPlan(repeat, side, (side - patch_px * repeat) // 2, footprints)
 
@@ -54,7 +56,7 @@ def _jacobian(T_image_patch: np.ndarray, patch_px: int) -> np.ndarray:
 
 
 def warp_patch(
-    patch: "torch.Tensor", T_image_patch: np.ndarray, image_px: int
+    patch: "torch.Tensor", T_image_patch: np.ndarray, image_px: int, scales: tuple[float, float] | None = None
 ) -> tuple["torch.Tensor", "torch.Tensor"]:
     """Draw a patch and its mask into images.
 
@@ -64,6 +66,8 @@ def warp_patch(
         patch: (3, n, n), or (b, 3, n, n) for one per image; any values, any encoding.
         T_image_patch: (b, 3, 3), see `toolkit.boosters.affine` for the convention.
         image_px: side m of the images.
+        scales: smallest and largest pixels per texel that may come, of similarities; an image then does not depend on
+            the others of its batch, from which the sizes are else taken.
 
     Returns:
         The patch times its mask, (b, 3, m, m), and the mask, (b, 1, m, m): the share of each pixel that it covers.
@@ -71,7 +75,7 @@ def warp_patch(
     import torch
     from torch.nn.functional import grid_sample, pad
 
-    plan = plan_warp(T_image_patch, patch.shape[-1])
+    plan = plan_warp(T_image_patch, patch.shape[-1], scales)
     texels = torch.cat([patch, torch.ones_like(patch[..., :1, :, :])], dim=-3)
     if plan.repeat > 1:
         texels = texels.repeat_interleave(plan.repeat, -1).repeat_interleave(plan.repeat, -2)

@@ -2,9 +2,10 @@
 
 import re
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 from toolkit.captures.manifest import MANIFEST, CaptureRecord, read_manifest
 from toolkit.errors import ToolkitError, one_of
@@ -30,6 +31,9 @@ class Capture:
         T_world_camera: 4×4, OpenCV axes, millimetres, where the manifest has it.
         booster_sha256: of what was on the object, where the manifest has it.
         is_rendered: the manifest says that a renderer made it.
+        corruption: (name, severity) that it has, or gets where `cut_px` is None; None for an image as it was taken.
+        cut_px: side of the square that the file was cut to before it was corrupted, by the manifest; None for an image
+            that is corrupted when it is read, after it was resized and cut for the network.
     """
 
     source: str
@@ -42,6 +46,8 @@ class Capture:
     T_world_camera: tuple[tuple[float, ...], ...] | None = None
     booster_sha256: str | None = None
     is_rendered: bool = False
+    corruption: tuple[str, int] | None = None
+    cut_px: int | None = None
 
 
 @dataclass(frozen=True)
@@ -150,15 +156,26 @@ def _read_layout(root: Path, found: FoundFiles) -> tuple[tuple[str, ...], int, t
 
 def _capture(file: Path, full: tuple[str, ...], record: CaptureRecord | None, refused: str | None) -> Capture:
     source, name, variant = (show_path((part,)) for part in full[:3])
-    pose_id = read_pose_id(full[-1])
-    matrix, booster, is_rendered = None, None, False
-    if record is not None:
-        pose_id = record.pose_id if record.pose_id is not None else pose_id
-        rows = record.T_world_camera
-        if rows is not None and len(rows) == 4 and all(len(row) == 4 for row in rows):
-            matrix = tuple(tuple(row) for row in rows)
-        booster, is_rendered = record.booster_sha256, "renderer" in record.made
-    return Capture(source, name, variant, pose_id, file, show_path(full), refused, matrix, booster, is_rendered)
+    capture = Capture(source, name, variant, read_pose_id(full[-1]), file, show_path(full), refused)
+    if record is None:
+        return capture
+    rows = record.T_world_camera
+    is_matrix = rows is not None and len(rows) == 4 and all(len(row) == 4 for row in rows)
+    return replace(
+        capture,
+        pose_id=record.pose_id if record.pose_id is not None else capture.pose_id,
+        T_world_camera=tuple(tuple(row) for row in rows) if rows is not None and is_matrix else None,
+        booster_sha256=record.booster_sha256,
+        is_rendered="renderer" in record.made,
+        **_read_corruption(record.made),
+    )
+
+
+def _read_corruption(made: dict[str, Any]) -> dict[str, Any]:
+    name, severity, cut_px = (made.get(key) for key in ("corruption", "severity", "cut_px"))
+    if not (isinstance(name, str) and isinstance(severity, int) and isinstance(cut_px, int)):
+        return {}
+    return {"corruption": (name, severity), "cut_px": cut_px}
 
 
 def _select(captures: list[Capture], selection: Selection) -> list[Capture]:

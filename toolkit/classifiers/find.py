@@ -1,4 +1,4 @@
-"""Which network `--model NAME` means: one of the workspace, the bundled one, or one of torchvision's."""
+"""Which network `--model NAME` means: one of the workspace, the bundled one, or a published one."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +20,7 @@ class Found:
     """A network to load.
 
     Attributes:
-        arch: torchvision's name of it, or `timm:` with timm's.
+        arch: name of it, see `list_architectures`, or `timm:` with timm's.
         weights: its file; None for the published weights.
     """
 
@@ -31,7 +31,7 @@ class Found:
 def find_classifier(model: str | None = None, weights: Path | None = None, folder: Path | None = None) -> Found:
     """The network that `--model` and `--weights` mean.
 
-    A name is looked for in `folder`, among the bundled classifiers, and among torchvision's networks. Without one, the
+    A name is looked for in `folder`, among the bundled classifiers, and in `list_architectures`. Without one, the
     record beside the weights says which network they are of, and else it is a ResNet-18.
 
     Args:

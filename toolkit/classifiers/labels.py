@@ -20,7 +20,7 @@ class LabelsFile(BaseModel):
         labels: one name per output, in order.
         resize_px, crop_px, mean, std, filter_name: preprocessing, where it differs from the architecture's published
             one.
-        arch: torchvision's name of the network.
+        arch: name of the network, see `list_architectures`.
         name: what to call the classifier.
         trained_on: in a few words.
         sha256: of the weights' file.

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.classifiers.architectures import build_network, published_weights
+from toolkit.classifiers.architectures import build_network, imagenet_labels, published_weights
 from toolkit.classifiers.find import TIMM_PREFIX, find_classifier
 from toolkit.classifiers.labels import (
     LabelsFile,
@@ -32,7 +32,7 @@ class Classifier:
     """A frozen network and all that is needed to feed it and read it.
 
     Attributes:
-        arch: torchvision's name of the network.
+        arch: name of the network, see `list_architectures`.
         module: the network, in eval mode, its parameters without gradient.
         labels: name of each output.
         preprocessing: how it wants its images.
@@ -59,11 +59,13 @@ class Classifier:
 
     def describe(self) -> str:
         """Which network speaks, on what it was trained, and whose classes it answers with."""
-        if self.is_imagenet:
+        if self.is_imagenet and not self.trained_on:
             return f"{self.name} (ImageNet's 1000 classes, weights {self.weights.name})"
         trained = (
             f"{self.arch} trained on {self.trained_on}" if self.trained_on else f"{self.arch}, {self.weights.name}"
         )
+        if self.is_imagenet:
+            return f"{self.name} ({trained}; ImageNet's 1000 classes)"
         return f"{self.name} ({trained}; {len(self.labels)} classes of its own, not ImageNet's)"
 
     def preprocess(self, image: np.ndarray):
@@ -114,7 +116,7 @@ def load_classifier(
     The module is stored channels-last: the same numbers to 1e-5, about 1.5 times faster on a CPU.
 
     Args:
-        model: any torchvision classification network, `timm:NAME` for one of timm's, or the name of a classifier of the
+        model: any of `list_architectures`, `timm:NAME` for one of timm's, or the name of a classifier of the
             kit; see `find_classifier`.
         weights: state dict, `.pth` or `.safetensors`; by default see `find_weights`. The number of classes is read from
             it; a `WEIGHTS.json` beside it may name them. Half precision becomes single.
@@ -147,8 +149,9 @@ def load_classifier(
     module = module.eval().to(device=place, memory_format=torch.channels_last)
     labels = choose_labels(file.path, own.labels, published, num_classes)
     preprocessing = adapt_preprocessing(published_preprocessing(entry.transforms()), own)
+    is_imagenet = labels == imagenet_labels()
     return Classifier(
-        arch, module, labels, preprocessing, file, place, labels == published, own.name or arch, own.trained_on or ""
+        arch, module, labels, preprocessing, file, place, is_imagenet, own.name or arch, own.trained_on or ""
     )
 
 

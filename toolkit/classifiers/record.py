@@ -40,7 +40,7 @@ class ClassifierRecord(BaseModel):
 
     Attributes:
         name: file name without suffix.
-        arch: torchvision's name of the network.
+        arch: name of the network, see `list_architectures`.
         trained_on: in a few words, to be said wherever the network speaks.
         labels: one per output, in order.
         resize_px, crop_px, mean, std, filter_name: preprocessing of an image, sRGB-encoded.

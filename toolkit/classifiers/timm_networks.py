@@ -6,6 +6,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from toolkit.classifiers.architectures import imagenet_labels
 from toolkit.classifiers.find import TIMM_PREFIX as PREFIX
 from toolkit.classifiers.labels import choose_labels, read_labels_file
 from toolkit.classifiers.network import Classifier, check_hash, choose_device
@@ -44,7 +45,7 @@ def load_timm_network(model: str, weights: Path | None = None, device: str = "au
         raise ToolkitError(f"{file.path}: some weights are infinite or not a number: the file is damaged or diverged")
     module = _build(model, state, num_classes, file)
     module = module.requires_grad_(False).eval().to(device=place, memory_format=torch.channels_last)
-    published = imagenet_labels()
+    published = imagenet_labels()  # timm's ImageNet-1k networks have them in the same order
     labels = choose_labels(file.path, own.labels, published, num_classes)
     return Classifier(
         model,
@@ -102,13 +103,6 @@ def published_preprocessing(name: str, config: dict[str, Any]) -> Preprocessing:
         )
     resize_px = math.floor(height / wanted["crop_pct"])
     return Preprocessing(resize_px, height, wanted["mean"], wanted["std"], wanted["interpolation"].upper())
-
-
-def imagenet_labels() -> list[str]:
-    """Names of the 1000 classes, which timm's ImageNet-1k networks have in torchvision's order."""
-    from toolkit.classifiers.architectures import published_weights
-
-    return published_weights("resnet18").meta["categories"]
 
 
 def _count_classes(model: str, config: dict[str, Any], state: dict[str, Any]) -> int:

@@ -43,7 +43,10 @@ def find_weights(arch: str, weights: Path | None = None, quiet: bool = False) ->
     """
     entry = published_weights(arch)
     named = None if weights is None else check_named(Path(weights))
-    return open_weights(named or find_local(arch) or download(arch, entry.url, quiet))
+    found = named or find_local(arch)
+    if found is None and entry.url is None:
+        raise no_weights(arch, arch, f"train one with 'toolkit train-classifier --arch {arch}': none are published")
+    return open_weights(found or download(arch, entry.url, quiet))
 
 
 def open_weights(path: Path, name: str = "") -> WeightsFile:
@@ -60,8 +63,9 @@ def open_weights(path: Path, name: str = "") -> WeightsFile:
 
 def find_local(arch: str) -> Path | None:
     """The weights file that this machine already has, without a download: TOOLKIT_WEIGHTS, then torch's cache."""
-    published = _published_name(published_weights(arch).url)
-    if (found := find_in_folder(arch, published)) is not None:
+    url = published_weights(arch).url
+    published = _published_name(url) if url else ""
+    if (found := find_in_folder(arch, published)) is not None or not url:
         return found
     cached = cache_dir() / published
     return cached if cached.is_file() else None
@@ -154,7 +158,7 @@ def download(arch: str, url: str, quiet: bool, timeout_s: float = DOWNLOAD_TIMEO
     digits = re.search(r"-([0-9a-f]{8,})\.", name)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
-        with _socket_timeout(timeout_s):
+        with socket_timeout(timeout_s):
             torch.hub.download_url_to_file(url, str(target), digits[1] if digits else None, progress=not quiet)
     except (OSError, http.client.HTTPException, RuntimeError) as error:
         reason = str(getattr(error, "reason", "") or error).strip() or error.__class__.__name__
@@ -174,7 +178,8 @@ def no_weights(model: str, file_stem: str, others: str) -> ToolkitError:
 
 
 @contextlib.contextmanager
-def _socket_timeout(seconds: float) -> Iterator[None]:
+def socket_timeout(seconds: float) -> Iterator[None]:
+    """No connection made inside waits longer for an answer."""
     before = socket.getdefaulttimeout()
     socket.setdefaulttimeout(seconds)
     try:

@@ -5,10 +5,12 @@ from collections.abc import Callable
 
 import typer
 
+from toolkit.cli.baseline import baseline
 from toolkit.cli.calibrate import calibrate
 from toolkit.cli.capture_sim import capture_sim
 from toolkit.cli.check import check
 from toolkit.cli.corrupt import corrupt
+from toolkit.cli.corrupt_eval import corrupt_eval
 from toolkit.cli.demo import demo
 from toolkit.cli.doctor import doctor
 from toolkit.cli.eval_ import evaluate
@@ -22,6 +24,7 @@ from toolkit.cli.studio import studio
 from toolkit.cli.sweep import sweep
 from toolkit.cli.train_classifier import train_classifier
 from toolkit.cli.train_patch import train_patch
+from toolkit.cli.train_patches import train_patches
 from toolkit.cli.train_texture import train_texture
 from toolkit.errors import ToolkitError
 
@@ -38,6 +41,8 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "objects": list_objects,
     "train-classifier": train_classifier,
     "train-patch": train_patch,
+    "train-patches": train_patches,
+    "baseline": baseline,
     "train-texture": train_texture,
     "print": print_patches,
     "print-profile": print_profile,
@@ -49,6 +54,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "studio": studio,
     "eval": evaluate,
     "corrupt": corrupt,
+    "corrupt-eval": corrupt_eval,
     "sweep": sweep,
 }
 for name, command in COMMANDS.items():

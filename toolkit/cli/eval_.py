@@ -33,6 +33,7 @@ def evaluate(
     source: Annotated[Names | None, typer.Option("--source", help="Only this source; may be repeated.")] = None,
     object_: Annotated[Names | None, typer.Option("--object", help="Only this object; may be repeated.")] = None,
     variant: Annotated[Names | None, typer.Option("--variant", help="Only this variant; may be repeated.")] = None,
+    corrupt: options.Corrupt = None,
     batch_size: Annotated[
         int | None, typer.Option("--batch-size", min=1, help="Images per pass; default: 32, on a GPU 128.")
     ] = None,
@@ -49,17 +50,22 @@ def evaluate(
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Classify every image of a capture folder; write predictions.csv, summary.json and report.html to eval/RUN."""
+    """Classify every image of a capture folder; write predictions.csv, summary.json and report.html to eval/RUN.
+
+    With --corrupt, each image also as fog, blur, noise ... of ImageNet-C leave it: in sources SOURCE-fog-3.
+    """
     from toolkit.captures.read import Selection
     from toolkit.classifiers.network import load_classifier
+    from toolkit.corruptions.request import parse_corruptions
     from toolkit.evaluation.run import evaluate_captures
     from toolkit.workspace import open_workspace
 
+    corruptions = parse_corruptions(corrupt or ())
     here = open_workspace(workspace)
     classifier = load_classifier(model, weights, device, quiet, here.classifiers_dir)
     selection = Selection(tuple(source or ()), tuple(object_ or ()), tuple(variant or ()))
     folder = captures or here.captures_dir
-    result = evaluate_captures(folder, here, classifier, run, quiet, selection, batch_size, saliency)
+    result = evaluate_captures(folder, here, classifier, run, quiet, selection, batch_size, saliency, corruptions)
     if as_json:
         typer.echo(json.dumps(result.summary, indent=2, ensure_ascii=False))
     else:

@@ -24,4 +24,19 @@ Models = Annotated[
 WeightFiles = Annotated[
     list[Path] | None, typer.Option("--weights", help="State dict (.pth, .safetensors), one for each --model.")
 ]
+WeightsFile = Annotated[Path | None, typer.Option("--weights", help="State dict (.pth, .safetensors) of --model.")]
+Rotation = Annotated[float, typer.Option(help="Largest turn of a patch, degrees. The paper's release: 45.")]
+Scale = Annotated[tuple[float, float], typer.Option(help="Smallest and largest, of its own pixels. Release: 0.9 1.1.")]
+Translate = Annotated[
+    float, typer.Option(help="Largest move from the middle, of the image's side; it may be cut off. Release: 0.3.")
+]
+Download = Annotated[bool, typer.Option("--download", help="Fetch CIFAR-10 into the folder of cifar10:FOLDER.")]
+Corrupt = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--corrupt",
+        help="Under this corruption of ImageNet-C: fog:3, noise:1-3, weather, common (15), all (19); without a "
+        "severity under all five; may be repeated.",
+    ),
+]
 Device = Annotated[str, typer.Option("--device", help="auto, cpu or cuda.")]

@@ -1,6 +1,5 @@
 """`toolkit studio`: a web page to photograph with."""
 
-import signal
 from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Annotated
@@ -41,14 +40,14 @@ def studio(
     from toolkit.studio.serve import open_door, require_extra
     from toolkit.workspace import open_workspace
 
-    require_extra(lan)
+    require_extra()
     if address is not None and not lan:
         raise ToolkitError("--address is this machine's address in the local network: say --lan with it")
     if not FOLDER_NAME.fullmatch(source):
         raise ToolkitError(f"--source {source}: expected the name of one folder below captures/")
     from toolkit.studio.app import make_app
     from toolkit.studio.predictor import Predictor
-    from toolkit.studio.serve import serve
+    from toolkit.studio.serve import end_on_signal, make_server
     from toolkit.studio.session import open_session
 
     space = open_workspace(workspace).with_patches(patches)
@@ -61,18 +60,14 @@ def studio(
 
     door = open_door(lan, port, address)
     predictor = Predictor(session, load)
-    try:
+    server = make_server(make_app(session, door.access, predictor))
+    with end_on_signal(server), door.listener:
         show_door(door, lan and not quiet)
         predictor.start()
         Thread(target=warm_up, args=(session,), daemon=True).start()
-        serve(make_app(session, door.access, predictor), door)
-    except KeyboardInterrupt:
-        pass  # before the server had begun to listen for it
-    finally:
-        before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # a second Ctrl-C would cut the ending short
+        server.run(sockets=[door.listener])
         predictor.stop()
-    show_summary(session)
-    signal.signal(signal.SIGINT, before)
+        show_summary(session)
 
 
 def show_door(door: "Door", code: bool) -> None:

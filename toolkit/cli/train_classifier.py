@@ -18,23 +18,36 @@ def train_classifier(
     data: Annotated[
         list[str],
         typer.Option(
-            help="everyday: renders of procedural objects; rig: renders of the workspace's objects; or a folder with "
-            "one folder per class, in train/ and val/ or test/ where there are such. Several may be given."
+            help="everyday: renders of procedural objects; rig: renders of the workspace's objects; cifar10:FOLDER; or "
+            "a folder with one folder per class, in train/ and val/ or test/ where there are such. May be repeated."
         ),
     ],
     name: Annotated[str, typer.Option(help="File name of the classifier, for --model NAME afterwards.")],
-    arch: Annotated[str, typer.Option(help="Any torchvision classification network, unchanged.")] = "resnet18",
+    arch: Annotated[str, typer.Option(help="Any torchvision classification network; cifar_resnet18, cifar_resnet50 or "
+                                "cifar_resnet8 for small images.")] = "resnet18",
     init: Annotated[Path | None, typer.Option(help="Weights to start from: .pth or .safetensors of --arch.")] = None,
     image_px: Annotated[
-        int, typer.Option("--image-px", help="Side of what the network sees; 32 for CIFAR, where networks stay as "
-                          "they are: no smaller first layer.")
+        int, typer.Option("--image-px", help="Side of what the network sees; 32 for CIFAR.")
     ] = 128,
+    keep_labels: Annotated[
+        bool, typer.Option("--keep-labels", help="Keep all classes of --init; the folders are called by WordNet id or "
+                           "label.")
+    ] = False,
+    patches: Annotated[
+        str | None, typer.Option(help="Every image carries its class's patch of this set, as in corrupt-eval.")
+    ] = None,
+    corrupt: Annotated[
+        list[str] | None, typer.Option(help="Corrupt some training images: NAME, a family, common or all, with "
+                                       ":SEVERITY or :FIRST-LAST. Several may be given.")
+    ] = None,
+    corrupt_share: Annotated[float, typer.Option(help="Which share of them.")] = 0.5,
+    download: Annotated[bool, typer.Option("--download", help="Fetch CIFAR-10 where it is not there.")] = False,
     per_class: Annotated[int, typer.Option(help="Renders of each class, or of each object of the rig.")] = 480,
     views: Annotated[int, typer.Option(help="Renders of each object in its studio.")] = 12,
     held_out: Annotated[float, typer.Option(help="Share of the images to test with; a val/ or test/ wins.")] = 0.1,
     epochs: Annotated[int, typer.Option(help="Passes over the images.")] = 24,
     batch: Annotated[int, typer.Option(help="Images per step.")] = 64,
-    lr: Annotated[float, typer.Option(help="Highest learning rate; 0.01 suits --init.")] = 0.1,
+    lr: Annotated[float, typer.Option(help="Highest learning rate; 0.001 suits --init.")] = 0.1,
     weight_decay: Annotated[float, typer.Option(help="Of the weights.")] = 5e-4,
     label_smoothing: Annotated[float, typer.Option(help="Share of each target spread over all classes.")] = 0.1,
     workers: Annotated[
@@ -52,19 +65,27 @@ def train_classifier(
     as_json: options.Json = False,
 ) -> None:  # fmt: skip
     """Train a classifier of your own classes, from renders or images; an interrupted run goes on where it stopped."""
+    from toolkit.benchmark.training_boost import read_training_boost
     from toolkit.classifiers.training.augment import PHOTOGRAPHS, SMALL_IMAGES
+    from toolkit.classifiers.training.corrupted import Corrupting
     from toolkit.classifiers.training.recipe import Recipe
     from toolkit.classifiers.training.request import SMALL_PX, ClassifierRequest
     from toolkit.classifiers.training.run import RunOptions
     from toolkit.classifiers.training.run import train_classifier as run
     from toolkit.console import errors
+    from toolkit.corruptions.request import parse_corruptions
     from toolkit.workspace import open_workspace
 
+    space = open_workspace(workspace)
     recipe = Recipe(
         epochs, batch, lr, weight_decay=weight_decay, label_smoothing=label_smoothing, seed=seed,
         augmentation=SMALL_IMAGES if image_px < SMALL_PX else PHOTOGRAPHS,
+        corrupting=Corrupting(parse_corruptions(corrupt), corrupt_share) if corrupt else None,
     )  # fmt: skip
-    request = ClassifierRequest(name, tuple(data), arch, init, image_px, per_class, views, held_out, recipe)
+    request = ClassifierRequest(
+        name, tuple(data), arch, init, image_px, per_class, views, held_out, recipe, keep_labels,
+        None if patches is None else read_training_boost(space, patches),
+    )  # fmt: skip
 
     def say(line: str) -> None:
         if not quiet:
@@ -72,8 +93,8 @@ def train_classifier(
 
     trained = run(
         request,
-        open_workspace(workspace),
-        RunOptions(out, device, workers or os.cpu_count() or 1, restart, keep_data, quiet),
+        space,
+        RunOptions(out, device, workers or os.cpu_count() or 1, download, restart, keep_data, quiet),
         say,
     )
     _report(trained, out, as_json)

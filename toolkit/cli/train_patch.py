@@ -89,6 +89,13 @@ def train_patch(
     camera: Annotated[
         bool | None, typer.Option("--camera/--no-camera", help="Blur, sensor noise and JPEG. Not paper.")
     ] = None,
+    corrupt: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Spoil half of the photographs by a corruption of ImageNet-C: fog:3, noise:1-3, weather, common, all; "
+            "of several each draws one. Not paper."
+        ),
+    ] = None,
     tv_weight: Annotated[float | None, typer.Option(help="Of the patch's total variation. Default: 0.")] = None,
     printability_weight: Annotated[
         float | None, typer.Option(help="Of its colours' distance to what inks can print. Default: 0.")
@@ -129,7 +136,7 @@ def train_patch(
     choices = Choices(
         steps, epochs, batch, lr, schedule, smoothing, start_contrast, rotation, share, foreshortening, pose, light,
         print_process, glare, camera, mounted_share, mounted_views, mounted_fill, tv_weight, printability_weight,
-        length_mm, print_profile,
+        length_mm, print_profile, tuple(corrupt) if corrupt else None,
     )  # fmt: skip
     request = make_request(
         recipe, choices, class_name, DataRequest(tuple(data), backgrounds, images, seed), size_px, seed, name
@@ -177,6 +184,10 @@ def _report(trained: "TrainedPatch", as_json: bool) -> None:
         where = "held-out images" if record.data["held_out"] else "its training images"
         for answer in trained.validations:
             tell(f"{answer.network} on {where}: {answer.patched} with the patch, {answer.bare} bare")
+            share = record.final.get(f"{answer.network}_corrupted_patched_top1")
+            if share is not None:
+                bare = record.final[f"{answer.network}_corrupted_bare_top1"]
+                tell(f"{answer.network} on them corrupted: {share:.0%} with the patch, {bare:.0%} bare")
         for answer in trained.on_object:
             where = f"{answer.network} on the object, held-out views"
             tell(f"{where}: {answer.patched} with it, {answer.bare} with grey paper")

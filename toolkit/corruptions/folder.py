@@ -83,13 +83,13 @@ def corrupt_folder(
         find_corruption(name, severity)
     _check_settings(source, out, size_px, image_format)
     single = len(plan) == 1
-    sources = _list_sources(source, out, image_format)
+    sources, refused = _list_sources(source, out, image_format)
     alone = plan[0] if single else (None, None)
     settings = FolderSettings(
         corruption=alone[0], severity=alone[1], seed=seed, size_px=size_px, image_format=image_format
     )
     claim_folder(out, settings)
-    result = CorruptResult()
+    result = CorruptResult(failed=refused)
     places = {item: "" if single else f"{item[0]}/{item[1]}/" for item in plan}
     known = read_ledger(out)
     with progress("corrupting", len(sources) * len(plan), quiet) as ticker:
@@ -117,13 +117,14 @@ def _check_settings(source: Path, out: Path, size_px: int | None, image_format: 
         raise ToolkitError(f"no format '{image_format}': choose png or jpg")
 
 
-def _list_sources(source: Path, out: Path, image_format: str) -> list[Source]:
+def _list_sources(source: Path, out: Path, image_format: str) -> tuple[list[Source], list[tuple[str, str]]]:
     if source.is_file():
-        return [Source(source, source.name, f"{source.stem}.{image_format}")]
-    sources = find_sources(source, out, image_format)
-    if not sources:
-        raise ToolkitError(f"{source} holds no images: name a folder of photographs, in any layout")
-    return sources
+        return [Source(source, source.name, f"{source.stem}.{image_format}")], []
+    found = find_sources(source, out, image_format)
+    if not found.sources:
+        why = f" but links ({found.refused[0][0]}: {found.refused[0][1]})" if found.refused else ""
+        raise ToolkitError(f"{source} holds no images{why}: name a folder of photographs, in any layout")
+    return list(found.sources), list(found.refused)
 
 
 def _load(chunk, out: Path, places, known: dict[str, Line], size_px, result: CorruptResult) -> list[Loaded]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, FAMILIES
 from toolkit.corruptions.corrupt import find_corruption
-from toolkit.images import is_image_name
+from toolkit.image_folder import find_files
 
 
 @dataclass(frozen=True)
@@ -37,25 +37,40 @@ def choose_names(names: list[str]) -> list[str]:
     return list(dict.fromkeys(chosen))
 
 
-def find_sources(folder: Path, out: Path, image_format: str) -> list[Source]:
-    """Every image below `folder`, sorted; hidden files, and `out` where it lies within, are passed over."""
-    found = []
-    for file in sorted(folder.rglob("*")):
-        path = file.relative_to(folder)
-        if any(part.startswith(".") for part in path.parts) or not is_image_name(file.name):
-            continue
-        if file.is_file() and not file.resolve().is_relative_to(out.resolve()):
-            found.append((file, path))
-    plain = Counter(path.with_suffix("") for _, path in found)
+@dataclass(frozen=True)
+class FoundSources:
+    """The images of a folder, sorted, and (path, reason) of those that are links to somewhere else."""
+
+    sources: tuple[Source, ...]
+    refused: tuple[tuple[str, str], ...]
+
+
+def find_sources(folder: Path, out: Path, image_format: str) -> FoundSources:
+    """Every image below `folder`; hidden files, and `out` where it lies within, are passed over.
+
+    Raises:
+        ToolkitError: the folder does not exist or may not be read.
+    """
+    real_out = out.resolve()
+
+    def is_made(path: Path) -> bool:
+        file = folder / path
+        return any(place.is_relative_to(real_out) for place in (file.resolve(), file.parent.resolve() / file.name))
+
+    found = find_files(folder)
+    paths = [Path(*parts) for parts in found.images]
+    paths = [path for path in paths if (folder / path).is_file() and not is_made(path)]
+    plain = Counter(path.with_suffix("") for path in paths)
     # a.jpg and a.png would both become a.png
-    return [
+    sources = [
         Source(
-            file,
+            folder / path,
             path.as_posix(),
             (path.with_suffix("") if plain[path.with_suffix("")] == 1 else path).as_posix() + f".{image_format}",
         )
-        for file, path in found
+        for path in paths
     ]
+    return FoundSources(tuple(sources), tuple(line for line in found.refused if not is_made(Path(line[0]))))
 
 
 def find_note(names: list[str]) -> str | None:

@@ -13,9 +13,10 @@ from PIL import Image
 
 from toolkit.captures.read import Capture
 from toolkit.classifiers.network import Classifier
-from toolkit.classifiers.preprocessing import resize_and_crop
+from toolkit.classifiers.preprocessing import Preprocessing, resize_and_crop
 from toolkit.console import progress
 from toolkit.errors import ToolkitError
+from toolkit.evaluation.corrupted import corrupt_crops, laid_on
 from toolkit.images import UnreadableImage, read_image
 
 OK = "ok"
@@ -102,19 +103,36 @@ def predict_captures(
 
 
 def decode_ahead(captures: Sequence[Capture], classifier: Classifier, ahead: int) -> Iterator[np.ndarray | str]:
-    """(crop, crop, 3) uint8 pixels of each image in order, or why there are none.
+    """(crop, crop, 3) uint8 pixels of each image in order, corrupted where it shall be, or why there are none.
 
-    `ahead` images, and one per worker, are decoded in advance.
+    `ahead` images, and one per worker, are decoded in advance. Neighbours under one corruption are corrupted together,
+    at most `ahead` at a time.
     """
-    how = classifier.preprocessing
+    batch: list[tuple[Capture, np.ndarray | str]] = []
+    for capture, pixels in zip(captures, _decode_ahead(captures, classifier.preprocessing, ahead), strict=True):
+        if batch and (len(batch) == ahead or laid_on(capture) != laid_on(batch[0][0])):
+            yield from _lay_on(batch, classifier.device)
+            batch.clear()
+        batch.append((capture, pixels))
+    yield from _lay_on(batch, classifier.device)
 
+
+def _lay_on(batch: Sequence[tuple[Capture, np.ndarray | str]], device: str) -> list[np.ndarray | str]:
+    read = [(capture, pixels) for capture, pixels in batch if not isinstance(pixels, str)]
+    corrupted = iter(corrupt_crops([capture for capture, _ in read], [pixels for _, pixels in read], device))
+    return [pixels if isinstance(pixels, str) else next(corrupted) for _, pixels in batch]
+
+
+def _decode_ahead(captures: Sequence[Capture], how: Preprocessing, ahead: int) -> Iterator[np.ndarray | str]:
     def decode(capture: Capture) -> np.ndarray | str:
         if capture.refused is not None:
             return capture.refused
         try:
-            return resize_and_crop(read_image(capture.file, how.resize_px), how)
+            pixels = read_image(capture.file, how.resize_px)
         except UnreadableImage as error:
             return error.reason
+        is_cut = capture.cut_px == how.crop_px and pixels.shape[:2] == (how.crop_px, how.crop_px)
+        return pixels if is_cut else resize_and_crop(pixels, how)
 
     workers = max(1, min(MAX_DECODERS, os.cpu_count() or 1))
     pool = ThreadPoolExecutor(workers, thread_name_prefix="decode")

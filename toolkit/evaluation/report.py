@@ -9,6 +9,7 @@ from toolkit.captures.read import POOLED
 from toolkit.classifiers.network import Classifier
 from toolkit.evaluation.contact_sheet import MANY_SHEETS, lay_out, lay_out_flips
 from toolkit.evaluation.controls import Comparison
+from toolkit.evaluation.corrupted import list_corrupted
 from toolkit.evaluation.findings import Findings
 from toolkit.evaluation.flips import MAX_FLIPS
 from toolkit.evaluation.metrics import Group, Pair
@@ -63,7 +64,8 @@ def write_report(
         "max_flips": MAX_FLIPS,
         "has_pairs": bool(findings.pairs),
         "n_images": len(predictions),
-        "thumbnails": make_thumbnails(one.capture for one in shown if one.is_read),
+        "thumbnails": make_thumbnails((one.capture for one in shown if one.is_read), classifier),
+        "corrupted": list_corrupted(one.capture for one in predictions),
         "failed": findings.failed,
         "unpaired": findings.unpaired,
         "notes": notes,

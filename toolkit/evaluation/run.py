@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from toolkit.captures.corrupted import Corruption
 from toolkit.captures.read import CaptureFolder, Selection, read_captures
 from toolkit.classifiers.network import Classifier
 from toolkit.errors import ToolkitError
+from toolkit.evaluation.corrupted import add_corrupted
 from toolkit.evaluation.findings import find_results
 from toolkit.evaluation.metrics import Group, Pair
 from toolkit.evaluation.predict import Prediction, predict_captures
@@ -62,6 +64,7 @@ def evaluate_captures(
     selection: Selection | None = None,
     batch_size: int | None = None,
     saliency: bool | None = None,
+    corruptions: Sequence[Corruption] = (),
 ) -> EvaluationResult:
     """Classify every image of a capture folder and write `eval/RUN`: predictions.csv, summary.json, report.html.
 
@@ -77,6 +80,7 @@ def evaluate_captures(
         selection: the sources, objects and variants that are meant; all by default.
         batch_size: images per pass of the network; 32 on a CPU and 128 on a GPU by default.
         saliency: whether the report has Grad-CAM maps of the flips it shows; by default when there are at most 200.
+        corruptions: (name, severity) of each under which the images are classified once more, in sources of their own.
 
     Raises:
         ToolkitError: no images, no object whose class the network knows, a folder that is no object, a broken manifest,
@@ -84,6 +88,7 @@ def evaluate_captures(
     """
     run_dir = workspace.eval_dir / check_run_name(run_name or classifier.name)
     folder = leave_out_unknown(read_captures(captures_dir, selection), workspace, classifier)
+    folder = add_corrupted(folder, corruptions)
     classes = find_true_classes(folder, workspace, classifier)
     predictions = predict_captures(folder.captures, classes, classifier, batch_size, quiet)
     return write_evaluation(run_dir, folder, predictions, classifier, quiet, batch_size, saliency)

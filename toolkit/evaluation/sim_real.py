@@ -179,7 +179,8 @@ def compare_sim_real(predictions: Sequence[Prediction]) -> list[SimReal]:
 
     A source is rendered if its manifest says so or its name is `sim` or starts with `sim-`. One that was shot with the
     cameras of photographs (`sim-like-real`) is compared with those alone. Images whose manifests name different
-    boosters are no couple. Of several images of one pose those of one name are coupled, else the first of each.
+    boosters are no couple. Of several images of one pose those of one name are coupled, else the first of each. Sources
+    are compared under the same corruption alone.
     """
     by_source: dict[str, list[Prediction]] = defaultdict(list)
     for one in predictions:
@@ -189,7 +190,8 @@ def compare_sim_real(predictions: Sequence[Prediction]) -> list[SimReal]:
     for real in by_source:
         for sim in rendered:
             shot_for = sim.removeprefix(LIKE) if sim.startswith(LIKE) else real
-            if real not in rendered and shot_for == real:
+            alike = by_source[sim][0].capture.corruption == by_source[real][0].capture.corruption
+            if alike and real not in rendered and shot_for == real:
                 made.append(SimReal(sim, real, *couple_images(by_source[sim], by_source[real])))
     return [one for one in made if one.couples]
 

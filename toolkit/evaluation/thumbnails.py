@@ -9,6 +9,9 @@ from concurrent.futures import ThreadPoolExecutor
 from PIL import Image
 
 from toolkit.captures.read import Capture
+from toolkit.classifiers.network import Classifier
+from toolkit.evaluation.corrupted import laid_on
+from toolkit.evaluation.predict import CPU_BATCH, decode_ahead
 from toolkit.images import UnreadableImage, read_image
 
 SIDE_PX = 240
@@ -16,12 +19,21 @@ MAX_BYTES = 12_000
 QUALITIES = (80, 65, 50, 35, 20)
 
 
-def make_thumbnails(captures: Iterable[Capture]) -> dict[str, str]:
-    """JPEG `data:` URIs of at most 12 kB by the image's path; an image that does not decode any more is left out."""
+def make_thumbnails(captures: Iterable[Capture], classifier: Classifier) -> dict[str, str]:
+    """JPEG `data:` URIs of at most 12 kB by the image's path; an image that does not decode any more is left out.
+
+    An image that is corrupted when it is read is shown as the network sees it, resized and cut.
+    """
     wanted = list({capture.path: capture for capture in captures}.values())
+    corrupted = [capture for capture in wanted if laid_on(capture) is not None]
+    plain = [capture for capture in wanted if laid_on(capture) is None]
     with ThreadPoolExecutor(max(1, min(8, os.cpu_count() or 1))) as pool:
-        made = pool.map(_make, wanted)
-        return {capture.path: uri for capture, uri in zip(wanted, made, strict=True) if uri}
+        made = pool.map(_make, plain)
+        uris = {capture.path: uri for capture, uri in zip(plain, made, strict=True) if uri}
+    for capture, pixels in zip(corrupted, decode_ahead(corrupted, classifier, CPU_BATCH), strict=True):
+        if not isinstance(pixels, str):
+            uris[capture.path] = encode_jpeg(Image.fromarray(pixels))
+    return uris
 
 
 def _make(capture: Capture) -> str | None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from toolkit import __version__
 from toolkit.classifiers.network import Classifier
+from toolkit.evaluation.corrupted import list_corrupted
 from toolkit.evaluation.findings import Findings
 from toolkit.evaluation.predict import Prediction
 from toolkit.files import write_text
@@ -45,6 +46,8 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str]) 
     controls that were shot, and patch against texture, on the same poses, by object and pooled) and `answers` {source,
     question, tone, verdict, sentence}. Both are empty without controls and with one booster.
 
+    `corrupted` names the sources whose images are corrupted {source, corruption, severity}.
+
     `sim_real` has an entry for each rendered source and source of photographs of the same poses: `rows` by object and
     variant (the gap, its interval and test, the rank correlation), `gains` (which poses a booster gains), `wrong` (the
     poses that the rig predicted wrongly) and what was not compared. It is empty without both kinds of sources.
@@ -65,6 +68,7 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str]) 
             "comparisons": [row.as_json() for row in findings.comparisons],
             "answers": [headline.as_json() for headline in findings.headlines if headline.question],
         },
+        "corrupted": list_corrupted(one.capture for one in findings.predictions),
         "sim_real": [one.as_json() for one in findings.sim_real],
         "failed": [{"path": path, "reason": reason} for path, reason in findings.failed],
         "unpaired": [{"path": path, "reason": reason} for path, reason in findings.unpaired],

@@ -1,11 +1,17 @@
 """Open the door: which address, which port, and the server's life until Ctrl-C."""
 
+import signal
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from toolkit.errors import ToolkitError
 from toolkit.studio.access import Access, make_token
+
+if TYPE_CHECKING:
+    import uvicorn
 
 LOOPBACK = "127.0.0.1"
 USUAL_PORT = 8765
@@ -87,29 +93,42 @@ def show_code(url: str, write: Callable[[str], object]) -> None:
     write(buffer.getvalue())
 
 
-def require_extra(lan: bool) -> None:
+def require_extra() -> None:
     """A `ToolkitError` that names the extra where what the studio needs is not installed."""
     from importlib.util import find_spec
 
-    wanted = ("fastapi", "uvicorn", *(("segno",) if lan else ()))
-    missing = [name for name in wanted if find_spec(name) is None]
+    missing = [name for name in ("fastapi", "uvicorn") if find_spec(name) is None]
     if missing:
         raise ToolkitError(f"toolkit studio needs {' and '.join(missing)}, which the extra 'studio' brings: {EXTRA}")
 
 
-def serve(app, door: Door) -> None:
-    """Answer until Ctrl-C or SIGTERM; what is being answered then is finished, for some seconds."""
+def make_server(app) -> "uvicorn.Server":
+    """A server that ends when its `should_exit` is set; what is being answered then is finished, for some seconds."""
     import uvicorn
 
-    config = uvicorn.Config(
-        app, log_level="warning", access_log=False, server_header=False, timeout_graceful_shutdown=3, ws="none",
+    return uvicorn.Server(
+        uvicorn.Config(
+            app, log_level="warning", access_log=False, server_header=False, timeout_graceful_shutdown=3, ws="none",
+        )
     )  # fmt: skip
+
+
+@contextmanager
+def end_on_signal(server: "uvicorn.Server") -> Iterator[None]:
+    """Ctrl-C and SIGTERM end the server, also before it runs, and interrupt nothing else.
+
+    As an exception, a Ctrl-C is lost where Python happens to be in a callback, as it is while modules are imported.
+    """
+
+    def end(*_: object) -> None:
+        server.should_exit = True
+
+    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        uvicorn.Server(config).run(sockets=[door.listener])
-    except KeyboardInterrupt:
-        pass  # uvicorn has ended cleanly, and hands the signal on
+        yield
     finally:
-        door.listener.close()
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _bind(host: str, port: int, any_will_do: bool) -> socket.socket:

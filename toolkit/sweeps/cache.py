@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from toolkit.captures.read import Capture
 from toolkit.classifiers.network import Classifier
 from toolkit.console import progress
 from toolkit.evaluation.predict import Prediction, predict_captures
-from toolkit.files import explain_write_error, sha256_file
+from toolkit.files import append_lines, sha256_file
 
 CHUNK = 128
 """Images between two writes: what a kill may cost."""
@@ -60,7 +59,7 @@ def predict_once(
             new = [(keys[at], one) for at, one in zip(chunk, predictions, strict=True)]
             unread |= {key: one for key, one in new if not one.is_read}
             rows = [_row(key, one) for key, one in new if one.is_read]
-            append_rows(cache_file, rows)
+            append_lines(cache_file, [row.model_dump_json() for row in rows])
             cached |= {row.key: row for row in rows}
             bar.advance(len(chunk))
     results = [
@@ -94,22 +93,6 @@ def read_cache(cache_file: Path) -> dict[str, CachedPrediction]:
                 continue
             cached[row.key] = row
     return cached
-
-
-def append_rows(cache_file: Path, rows: Sequence[CachedPrediction]) -> None:
-    """Append lines and flush them to disk; they begin on a line of their own."""
-    try:
-        cache_file.parent.mkdir(parents=True, exist_ok=True)
-        with cache_file.open("a+b") as stream:
-            if stream.tell():
-                stream.seek(-1, os.SEEK_END)
-                if stream.read(1) != b"\n":
-                    stream.write(b"\n")
-            stream.write(b"".join(row.model_dump_json().encode() + b"\n" for row in rows))
-            stream.flush()
-            os.fsync(stream.fileno())
-    except OSError as error:
-        raise explain_write_error(cache_file, error) from error
 
 
 def _chunks(items: list[int]) -> Iterator[list[int]]:

@@ -1,5 +1,6 @@
 """What a camera varies, on batches of tensors: framing, mirror, exposure, colours, focus and noise."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -45,9 +46,15 @@ SMALL_IMAGES = Augmentation(
 """For images of a few dozen pixels, in which every pixel counts."""
 
 
-def augment_batch(images: "torch.Tensor", rng: np.random.Generator, image_px: int, how: Augmentation) -> "torch.Tensor":
-    """(b, 3, s, s) uint8 sRGB to (b, 3, image_px, image_px) float32, sRGB-encoded in [0, 1], varied at random."""
-    batch = _cut(images.float().div_(255), rng, image_px, how)
+def augment_batch(
+    images: "torch.Tensor", rng: np.random.Generator, image_px: int, how: Augmentation,
+    lay: Callable[["torch.Tensor"], "torch.Tensor"] = lambda batch: batch,
+) -> "torch.Tensor":  # fmt: skip
+    """(b, 3, s, s) uint8 sRGB to (b, 3, image_px, image_px) float32, sRGB-encoded in [0, 1], varied at random.
+
+    What `lay` puts on the framed images is seen by the same camera: it has their colours, focus and noise.
+    """
+    batch = lay(_cut(images.float().div_(255), rng, image_px, how))
     batch = _colour(batch, rng, how)
     batch = _blur(batch, rng, how)
     return _add_noise(batch, rng, how).clamp_(0, 1)

@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.classifiers.preprocessing import Preprocessing
+from toolkit.classifiers.preprocessing import Preprocessing, resize_and_crop
+from toolkit.classifiers.training.cifar import StoredImage
+from toolkit.classifiers.training.classes import TrainingClasses
 from toolkit.classifiers.training.folder import LabelledFile, load_square
 from toolkit.classifiers.training.renders import RenderUnit, render_shards
 from toolkit.classifiers.training.sources import Source
@@ -22,7 +24,7 @@ from toolkit.images import UnreadableImage
 
 BLOCK = 256
 PACKS = ("train", "held_out")
-Item = LabelledFile | RenderUnit
+Item = LabelledFile | RenderUnit | StoredImage
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,7 @@ class TrainingSet:
     """What a classifier is trained on and tested with.
 
     Attributes:
-        labels: of the classes, sorted.
+        labels: one per output of the network.
         train, held_out: images; none may be held out.
         skipped: (path, reason) of images that could not be used.
         record: for the classifier's record.
@@ -59,33 +61,30 @@ class TrainingSet:
 
 
 def load_training_set(
-    sources: Sequence[Source], how: Preprocessing, keep: Path, workers: int, quiet: bool
+    sources: Sequence[Source], classes: TrainingClasses, how: Preprocessing, keep: Path, workers: int, quiet: bool
 ) -> TrainingSet:
     """Render and decode what the sources offer, or take what an earlier run left in `keep`.
 
     Args:
         sources: at least one.
+        classes: what their labels stand for.
         how: how images are stored: square, `crop_px` a side.
         keep: folder for what is rendered and packed, until the training is finished.
         workers: processes that render.
         quiet: no progress bar.
 
     Raises:
-        ToolkitError: fewer than two classes, a class none of whose images can be read, or the disk is full.
+        ToolkitError: a class none of whose images can be read, or the disk is full.
     """
-    labels = tuple(sorted({item.label for source in sources for item in source.train}))
-    if len(labels) < 2:
-        only = f"found only '{labels[0]}'" if labels else "found none"
-        raise ToolkitError(f"a classifier needs at least two classes: {only}: add another --data or class folder")
-    place = keep / f"data-{_hash_sources(sources, how)[:16]}"
+    place = keep / f"data-{_hash_sources(sources, classes, how)[:16]}"
     if not (place / "about.json").is_file():
         _render(sources, place / "shards", workers, quiet)
-        _pack_all(sources, labels, how, place, quiet)
+        _pack_all(sources, classes.index_of, how, place, quiet)
         shutil.rmtree(place / "shards", ignore_errors=True)
     about = json.loads((place / "about.json").read_text(encoding="utf-8"))
     skipped = [one for source in sources for one in source.skipped] + [tuple(one) for one in about["skipped"]]
     train, held_out = (_open_pack(place, name, about[name], how.crop_px) for name in PACKS)
-    _check_classes(labels, train, skipped)
+    _check_classes(classes, train, skipped)
     record = {
         "sources": [source.record for source in sources],
         "trained_on": {"images": len(train.images), "sha256": train.sha256},
@@ -93,17 +92,17 @@ def load_training_set(
         "stored_px": how.crop_px,
         "skipped": len(skipped),
     }
-    return TrainingSet(labels, train, held_out, tuple(skipped), record)
+    return TrainingSet(classes.labels, train, held_out, tuple(skipped), record)
 
 
-def _hash_sources(sources: Sequence[Source], how: Preprocessing) -> str:
+def _hash_sources(sources: Sequence[Source], classes: TrainingClasses, how: Preprocessing) -> str:
     """Address of the packed images: of the files' names, sizes and times, and of all that decides the renders."""
     items = [[source.key, *map(_address, (*source.train, *source.held_out))] for source in sources]
-    return sha256_bytes(json.dumps([items, asdict(how)]).encode())
+    return sha256_bytes(json.dumps([items, asdict(how), classes.index_of]).encode())
 
 
 def _address(item: Item) -> str:
-    if isinstance(item, RenderUnit):
+    if isinstance(item, RenderUnit | StoredImage):
         return item.name
     status = item.path.stat()
     return f"{item.path} {item.label} {status.st_size} {status.st_mtime_ns}"
@@ -119,17 +118,19 @@ def _render(sources: Sequence[Source], folder: Path, workers: int, quiet: bool) 
         render_shards(units, folder, workers, bar.advance)
 
 
-def _pack_all(sources: Sequence[Source], labels: tuple[str, ...], how: Preprocessing, place: Path, quiet: bool) -> None:
+def _pack_all(
+    sources: Sequence[Source], index_of: dict[str, int], how: Preprocessing, place: Path, quiet: bool
+) -> None:
     parts = {name: [item for source in sources for item in getattr(source, name)] for name in PACKS}
     about: dict[str, Any] = {"skipped": []}
     files = sum(isinstance(item, LabelledFile) for items in parts.values() for item in items)
     with progress("Reading images", files, quiet or not files) as bar:
         for name, items in parts.items():
-            about[name] = _write_pack(place, name, items, labels, how, about["skipped"], bar.advance)
+            about[name] = _write_pack(place, name, items, index_of, how, about["skipped"], bar.advance)
     write_json(place / "about.json", about)
 
 
-def _write_pack(place: Path, name: str, items, labels, how: Preprocessing, skipped: list, advance) -> dict[str, Any]:
+def _write_pack(place: Path, name: str, items, index_of, how: Preprocessing, skipped: list, advance) -> dict[str, Any]:
     """Pixels one after the other in a raw file, its length told by `about.json`, which is written last."""
     classes: list[int] = []
     digest = sha256()
@@ -140,7 +141,7 @@ def _write_pack(place: Path, name: str, items, labels, how: Preprocessing, skipp
                 content = np.ascontiguousarray(pictures).tobytes()
                 file.write(content)
                 digest.update(content)
-                classes += [labels.index(label)] * len(pictures)
+                classes += [index_of[label]] * len(pictures)
     except OSError as error:
         raise explain_write_error(place / f"{name}.raw", error) from error
     digest.update(np.array(classes, "<i8").tobytes())
@@ -166,6 +167,8 @@ def _read_items(
 def _read_item(item: Item, shards: Path, how: Preprocessing) -> np.ndarray | str:
     if isinstance(item, RenderUnit):
         return np.load(shards / item.name, allow_pickle=False, mmap_mode=None)
+    if isinstance(item, StoredImage):
+        return resize_and_crop(item.pixels, how)[None]
     try:
         return load_square(item.path, how)[None]
     except UnreadableImage as error:
@@ -183,10 +186,10 @@ def _open_pack(place: Path, name: str, about: dict[str, Any], px: int) -> Pack:
     return Pack(images, classes, about["sha256"])
 
 
-def _check_classes(labels: tuple[str, ...], train: Pack, skipped: Sequence[tuple[str, str]]) -> None:
-    counts = np.bincount(train.classes, minlength=len(labels))
-    if not counts.min():
-        label = labels[int(counts.argmin())]
+def _check_classes(classes: TrainingClasses, train: Pack, skipped: Sequence[tuple[str, str]]) -> None:
+    filled = set(train.classes.tolist())
+    label = next((label for label, index in classes.index_of.items() if index not in filled), None)
+    if label is not None:
         path, reason = next((one for one in skipped if label in one[0]), ("", "none found"))
         raise ToolkitError(f"class '{label}': none of its images can be used; {path}: {reason}")
 

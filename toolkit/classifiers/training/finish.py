@@ -10,10 +10,12 @@ from toolkit import __version__
 from toolkit.classifiers.network import Classifier
 from toolkit.classifiers.record import ClassifierRecord, ClassShare, HeldOut
 from toolkit.classifiers.training.data import Pack, TrainingSet
+from toolkit.classifiers.training.overlay import Lay
 from toolkit.classifiers.training.request import ClassifierRequest
 from toolkit.classifiers.training.start import load_tensors
 from toolkit.classifiers.weights import WeightsFile
 from toolkit.console import progress
+from toolkit.corruptions.draws import image_seed
 from toolkit.files import sha256_bytes, write_bytes, write_json
 from toolkit.statistics import wilson_interval
 
@@ -37,7 +39,7 @@ def halve_weights(state: dict[str, "torch.Tensor"]) -> dict[str, "torch.Tensor"]
 
 
 def write_classifier(
-    request: ClassifierRequest, data: TrainingSet, state: dict[str, Any], words: tuple[str, str],
+    request: ClassifierRequest, data: TrainingSet, lay: Lay | None, state: dict[str, Any], words: tuple[str, str],
     final: dict[str, float], more_settings: dict[str, Any], folder: Path, module: Any, device: str, quiet: bool,
 ) -> ClassifierRecord:  # fmt: skip
     """Test the rounded weights on the held-out images and write `NAME.safetensors`, then `NAME.json`.
@@ -45,6 +47,7 @@ def write_classifier(
     Args:
         request: what was trained.
         data: on what.
+        lay: what the images carry.
         state: the trained network's tensors.
         words: what it was trained on, and how the held-out images differ, in a few words each.
         final: end of the history.
@@ -71,24 +74,31 @@ def write_classifier(
         name=request.name, arch=request.arch, trained_on=words[0], labels=labels, resize_px=how.resize_px,
         crop_px=how.crop_px, mean=how.mean, std=how.std, filter_name=how.filter_name, data=data.record,
         seed=request.recipe.seed, settings=request.settings() | more_settings, final=final,
-        held_out=measure_held_out(classifier, data.held_out, words[1], quiet), sha256=weights.sha256,
-        toolkit_version=__version__,
+        held_out=measure_held_out(classifier, data.held_out, lay, request.recipe.seed, words[1], quiet),
+        sha256=weights.sha256, toolkit_version=__version__,
     )  # fmt: skip
     write_bytes(file, content)
     write_json(folder / f"{request.name}.json", record.model_dump(mode="json"))
     return record
 
 
-def measure_held_out(classifier: Classifier, pack: Pack, what: str, quiet: bool) -> HeldOut:
-    """Classify the held-out images through the classifier's own preprocessing, in single precision."""
+def measure_held_out(classifier: Classifier, pack: Pack, lay: Lay | None, seed: int, what: str, quiet: bool) -> HeldOut:
+    """Classify the held-out images through the classifier's own preprocessing, in single precision.
+
+    What they carry lies where their number and the seed say.
+    """
     import torch
 
     answers = np.zeros(len(pack.images), np.int64)
     with progress("Testing on held-out images", len(pack.images), quiet) as bar, torch.no_grad():
         for start in range(0, len(pack.images), TEST_BATCH):
-            images = pack.images[start : start + TEST_BATCH]
+            part = slice(start, start + TEST_BATCH)
+            images = pack.images[part]
             batch = torch.stack([classifier.preprocess(image) for image in images])
-            answers[start : start + TEST_BATCH] = classifier.logits(batch).argmax(1).cpu().numpy()
+            if lay is not None:
+                seeds = [image_seed(seed, f"held-out/{start + k}") for k in range(len(images))]
+                batch = lay(batch.to(classifier.device), pack.classes[part], seeds)
+            answers[part] = classifier.logits(batch).argmax(1).cpu().numpy()
             bar.advance(len(images))
     return summarise_answers(classifier.labels, pack.classes, answers, what)
 

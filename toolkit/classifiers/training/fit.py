@@ -9,7 +9,10 @@ import numpy as np
 
 from toolkit.classifiers.preprocessing import Preprocessing
 from toolkit.classifiers.training.augment import augment_batch
+from toolkit.classifiers.training.corrupted import corrupt_some
 from toolkit.classifiers.training.half_precision import autocast
+from toolkit.classifiers.training.norms import unfold_norms
+from toolkit.classifiers.training.overlay import Lay
 from toolkit.classifiers.training.recipe import Recipe
 from toolkit.classifiers.training.start import load_tensors
 from toolkit.draws import Draws
@@ -17,6 +20,7 @@ from toolkit.errors import ToolkitError
 
 AUXILIARY_WEIGHT = 0.3
 """Of the side outputs that GoogLeNet and Inception have while they are trained."""
+UNFOLD_BATCHES = 8
 
 
 @dataclass(frozen=True)
@@ -38,12 +42,14 @@ class Fit:
     """A network in training, with all that a later run needs to go on with it."""
 
     def __init__(
-        self, module: Any, recipe: Recipe, device: str, how: Preprocessing, precision: str = "float32"
-    ) -> None:
+        self, module: Any, recipe: Recipe, device: str, how: Preprocessing, precision: str = "float32",
+        lay: Lay | None = None,
+    ) -> None:  # fmt: skip
         import torch
 
         self.module = module.to(device=device, memory_format=torch.channels_last)
         self._recipe, self._device, self._image_px, self._precision = recipe, device, how.crop_px, precision
+        self._lay = lay
         self._mean, self._std = (torch.tensor(v, device=device).view(1, 3, 1, 1) for v in (how.mean, how.std))
         decayed = [p for p in module.parameters() if p.ndim > 1]
         others = [p for p in module.parameters() if p.ndim <= 1]
@@ -69,6 +75,10 @@ class Fit:
             if (buffer := state.get(f"momentum.{name}")) is not None:
                 # in the layout of its parameter: sums in another order would round otherwise
                 self._optimiser.state[parameter]["momentum_buffer"] = torch.empty_like(parameter).copy_(buffer)
+
+    def unfold(self, images: np.ndarray, classes: np.ndarray) -> None:
+        """Give batch normalisation the statistics of some batches as they are trained on; see `unfold_norms`."""
+        unfold_norms(self.module, (self._draw_for(k, images, classes) for k in range(UNFOLD_BATCHES)))
 
     def run(self, images: np.ndarray, classes: np.ndarray, done: int = 0) -> Iterator[Step]:
         """Make the steps from number `done` to the last.
@@ -101,10 +111,8 @@ class Fit:
     def _step(self, index: int, steps: int, chosen: np.ndarray, images, classes, draws: Draws) -> Step:
         import torch
 
-        raw = torch.from_numpy(np.ascontiguousarray(images[chosen].transpose(0, 3, 1, 2))).to(self._device)
+        batch = self._draw_batch(images[chosen], classes[chosen], draws)
         wanted = torch.from_numpy(classes[chosen]).to(self._device)
-        batch = augment_batch(raw, draws.of("augmentation"), self._image_px, self._recipe.augmentation)
-        batch = ((batch - self._mean) / self._std).contiguous(memory_format=torch.channels_last)
         for group in self._optimiser.param_groups:
             group["lr"] = self._recipe.lr_at(index, steps)
         self._optimiser.zero_grad(set_to_none=True)
@@ -119,6 +127,27 @@ class Fit:
         loss.backward()
         self._optimiser.step()
         return Step(index + 1, loss.item(), float((logits.argmax(1) == wanted).float().mean()))
+
+    def _draw_for(self, index: int, images: np.ndarray, classes: np.ndarray) -> Any:
+        chosen = self._choose(index, len(images))
+        return self._draw_batch(images[chosen], classes[chosen], Draws(self._recipe.seed, index, "unfold"))
+
+    def _draw_batch(self, images: np.ndarray, classes: np.ndarray, draws: Draws) -> Any:
+        """What the network is shown: augmented, with its overlay, some corrupted, normalised."""
+        import torch
+
+        raw = torch.from_numpy(np.ascontiguousarray(images.transpose(0, 3, 1, 2))).to(self._device)
+
+        def lay(batch: Any) -> Any:
+            if self._lay is None:
+                return batch
+            return self._lay(batch, classes, draws.of("overlay").integers(2**62, size=len(batch)).tolist())
+
+        recipe = self._recipe
+        batch = augment_batch(raw, draws.of("augmentation"), self._image_px, recipe.augmentation, lay)
+        if recipe.corrupting is not None:
+            batch = corrupt_some(batch, draws.of("corruption"), recipe.corrupting)
+        return ((batch - self._mean) / self._std).contiguous(memory_format=torch.channels_last)
 
     def _loss(self, outputs: Any, wanted: Any) -> tuple[Any, Any]:
         """Cross-entropy, with that of side outputs where the network has them; and the main logits."""

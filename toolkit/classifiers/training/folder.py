@@ -53,7 +53,9 @@ def find_classes(folder: Path, held_out_share: float, seed: int) -> FolderClasse
     folder = Path(folder)
     if not folder.is_dir():
         what = "is a file" if folder.exists() else "does not exist"
-        raise ToolkitError(f"--data {folder} {what}: expected 'everyday', 'rig', or a folder with one folder per class")
+        raise ToolkitError(
+            f"--data {folder} {what}: expected 'everyday', 'rig', cifar10:FOLDER, or a folder with one folder per class"
+        )
     root = folder / TRAIN_NAME if (folder / TRAIN_NAME).is_dir() else folder
     train, skipped = _list_classes(root)
     if root == folder:

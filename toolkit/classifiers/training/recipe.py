@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from math import cos, pi
 
 from toolkit.classifiers.training.augment import PHOTOGRAPHS, Augmentation
+from toolkit.classifiers.training.corrupted import Corrupting
 from toolkit.errors import ToolkitError
 
 FIRST_SHARE, LAST_SHARE = 0.04, 1e-4
@@ -23,6 +24,7 @@ class Recipe:
         label_smoothing: share of each target that is spread over all classes.
         seed: of every random draw.
         augmentation: of the images.
+        corrupting: of some of them, after that.
     """
 
     epochs: int = 24
@@ -34,6 +36,7 @@ class Recipe:
     label_smoothing: float = 0.1
     seed: int = 0
     augmentation: Augmentation = PHOTOGRAPHS
+    corrupting: Corrupting | None = None
 
     def __post_init__(self) -> None:
         if self.epochs < 1:

@@ -8,6 +8,7 @@ from typing import Any
 
 from toolkit.classifiers.architectures import build_network, list_architectures, published_weights
 from toolkit.classifiers.preprocessing import Preprocessing, published_preprocessing
+from toolkit.classifiers.training.overlay import Overlay
 from toolkit.classifiers.training.recipe import Recipe
 from toolkit.errors import ToolkitError, one_of
 from toolkit.files import sha256_bytes
@@ -18,6 +19,7 @@ LEAST_PX, MOST_PX = 16, 1024
 STORED_SHARE = 1.375
 """Side of the stored images against what the network sees: crops of them are enlarged little."""
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+LATER_SETTINGS = ("corrupting", "keep_labels", "patches")
 METHOD_VERSION = 1
 """Raised when the same request gives other numbers: an older checkpoint is then another run's."""
 
@@ -29,12 +31,14 @@ class ClassifierRequest:
     Attributes:
         name: of its files.
         data: sources, see `open_source`.
-        arch: torchvision's name of the network.
+        arch: name of the network, see `list_architectures`.
         init: weights to start from.
         image_px: side of what the network sees.
         per_class, views: of renders, see `RenderCounts`.
         held_out: share of the images that is held out where the source does not say.
         recipe: how it is trained.
+        keep_labels: the new network answers with all classes of `init`, not only with those of the data.
+        overlay: what every image carries by its class.
     """
 
     name: str
@@ -46,6 +50,8 @@ class ClassifierRequest:
     views: int = 12
     held_out: float = 0.1
     recipe: Recipe = field(default_factory=Recipe)
+    keep_labels: bool = False
+    overlay: Overlay | None = None
 
     def __post_init__(self) -> None:
         if not NAME.fullmatch(self.name) or self.name.endswith(".safetensors"):
@@ -56,9 +62,11 @@ class ClassifierRequest:
         if self.arch not in known:
             raise one_of("network (--arch)", self.arch, known)
         if self.name in known:
-            raise ToolkitError(f"--name {self.name}: torchvision has a network of that name: choose another")
+            raise ToolkitError(f"--name {self.name}: there is a network of that name (--arch): choose another")
         if not LEAST_PX <= self.image_px <= MOST_PX:
             raise ToolkitError(f"--image-px {self.image_px}: expected {LEAST_PX} to {MOST_PX}")
+        if self.keep_labels and self.init is None:
+            raise ToolkitError("--keep-labels keeps those of --init: name its weights, or leave it out")
 
     @property
     def is_small(self) -> bool:
@@ -81,8 +89,11 @@ class ClassifierRequest:
         settings = {
             "method": "cross-entropy, SGD with Nesterov momentum, one cycle of the learning rate",
             "image_px": self.image_px, "per_class": self.per_class, "views": self.views,
-            "held_out": self.held_out, **asdict(self.recipe),
+            "held_out": self.held_out, **asdict(self.recipe), "keep_labels": self.keep_labels,
+            "patches": None if self.overlay is None else self.overlay.record,
         }  # fmt: skip
+        # left out where they are not used: what was trained before there were such settings keeps its hash
+        settings = {name: value for name, value in settings.items() if value or name not in LATER_SETTINGS}
         return json.loads(json.dumps(settings))  # as it is read back, lists for pairs
 
 

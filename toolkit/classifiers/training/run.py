@@ -8,13 +8,16 @@ from time import monotonic
 from typing import Any
 
 from toolkit.classifiers.architectures import build_network
-from toolkit.classifiers.network import choose_device
+from toolkit.classifiers.network import choose_device, load_classifier
 from toolkit.classifiers.record import ClassifierRecord
 from toolkit.classifiers.training.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
+from toolkit.classifiers.training.classes import TrainingClasses, keep_classes, list_classes
 from toolkit.classifiers.training.data import TrainingSet, load_training_set, store_preprocessing
 from toolkit.classifiers.training.finish import RECENT, summarise_history, write_classifier
 from toolkit.classifiers.training.fit import Fit
 from toolkit.classifiers.training.half_precision import choose_precision
+from toolkit.classifiers.training.norms import are_folded
+from toolkit.classifiers.training.overlay import Lay
 from toolkit.classifiers.training.request import ClassifierRequest, check_fit, hash_inputs
 from toolkit.classifiers.training.sources import RenderCounts, Source, open_source
 from toolkit.classifiers.training.start import start_network
@@ -54,6 +57,7 @@ class RunOptions:
         out: folder for the classifier instead of the workspace's `rig/classifiers`.
         device: `auto`, `cpu` or `cuda`.
         workers: processes that render.
+        download: fetch CIFAR-10 where it is named and not there.
         restart: forget what an earlier run left.
         keep_data: keep the rendered and decoded images afterwards, for another training.
         quiet: no progress bars.
@@ -63,6 +67,7 @@ class RunOptions:
     out: Path | None = None
     device: str = "auto"
     workers: int = 1
+    download: bool = False
     restart: bool = False
     keep_data: bool = False
     quiet: bool = False
@@ -93,10 +98,13 @@ def train_classifier(
     if options.restart:
         shutil.rmtree(training, ignore_errors=True)
     init = None if request.init is None else find_weights(request.arch, request.init)
-    sources = _open_sources(request, workspace)
+    sources = _open_sources(request, workspace, options.download)
+    classes = _choose_classes(request, sources)
+    check_fit(request.arch, len(classes.labels), request.image_px)
+    overlay = request.overlay
+    lay = None if overlay is None else overlay.fit(classes.labels, classes.used, request.image_px)
     stored = store_preprocessing(request.preprocessing(), request.stored_px)
-    check_fit(request.arch, max(2, len({one.label for source in sources for one in source.train})), request.image_px)
-    data = load_training_set(sources, stored, training, options.workers, options.quiet)
+    data = load_training_set(sources, classes, stored, training, options.workers, options.quiet)
     _describe_data(data, sources, say)
     key = hash_inputs(request, data.labels, data.train.sha256, "" if init is None else init.sha256)
     file = folder / f"{request.name}.safetensors"
@@ -104,10 +112,13 @@ def train_classifier(
         _clear(training, options.keep_data)
         return TrainedClassifier(file, record, data.skipped, 0, True)
     precision = choose_precision(request.arch, request.image_px, device)
-    fit, resumed_from, losses, accuracies = _fit(request, data, init, key, training, device, precision, options, say)
+    fit, resumed_from, losses, accuracies = _fit(
+        request, data, lay, init, key, training, device, precision, options, say
+    )  # fmt: skip
     record = write_classifier(
-        request, data, fit.module.state_dict(), _say_data(sources, init), summarise_history(losses, accuracies),
-        {"precision": precision, "inputs_sha256": key}, folder, fit.module, device, options.quiet,
+        request, data, lay, fit.module.state_dict(), _say_data(request, sources, init),
+        summarise_history(losses, accuracies), {"precision": precision, "inputs_sha256": key}, folder, fit.module,
+        device, options.quiet,
     )  # fmt: skip
     _clear(training, options.keep_data)
     return TrainedClassifier(file, record, data.skipped, resumed_from, False)
@@ -125,13 +136,21 @@ def find_finished(file: Path, inputs_sha256: str) -> ClassifierRecord | None:
     return record if same else None
 
 
-def _open_sources(request: ClassifierRequest, workspace: Workspace) -> list[Source]:
+def _open_sources(request: ClassifierRequest, workspace: Workspace, download: bool) -> list[Source]:
     counts = RenderCounts(
         request.per_class, request.views, request.held_out, request.recipe.seed, request.stored_px
     )  # fmt: skip
     if not request.data:
-        raise ToolkitError("no --data: expected 'everyday', 'rig', or a folder with one folder per class")
-    return [open_source(data, workspace, counts) for data in dict.fromkeys(request.data)]
+        raise ToolkitError(
+            "no --data: expected 'everyday', 'rig', cifar10:FOLDER, or a folder with one folder per class"
+        )
+    return [open_source(data, workspace, counts, download) for data in dict.fromkeys(request.data)]
+
+
+def _choose_classes(request: ClassifierRequest, sources: list[Source]) -> TrainingClasses:
+    if request.keep_labels:
+        return keep_classes(sources, load_classifier(request.arch, request.init, "cpu"))
+    return list_classes(sources)
 
 
 def _describe_data(data: TrainingSet, sources: list[Source], say: Callable[[str], None]) -> None:
@@ -143,14 +162,19 @@ def _describe_data(data: TrainingSet, sources: list[Source], say: Callable[[str]
     )
 
 
-def _say_data(sources: list[Source], init: WeightsFile | None) -> tuple[str, str]:
-    words = " and ".join(source.words for source in sources) + (f", from the weights {init.name}" if init else "")
-    return words, "; ".join(dict.fromkeys(source.held_out_words for source in sources))
+def _say_data(request: ClassifierRequest, sources: list[Source], init: WeightsFile | None) -> tuple[str, str]:
+    words = " and ".join(source.words for source in sources)
+    held_out = "; ".join(dict.fromkeys(source.held_out_words for source in sources))
+    if request.overlay is not None:
+        words, held_out = (f"{each}, each with {request.overlay.words}" for each in (words, held_out))
+    if request.recipe.corrupting is not None:
+        words += f", {request.recipe.corrupting.share:.0%} of them corrupted"
+    return words + (f", from the weights {init.name}" if init else ""), held_out
 
 
 def _fit(
-    request: ClassifierRequest, data: TrainingSet, init: WeightsFile | None, key: str, training: Path, device: str,
-    precision: str, options: RunOptions, say: Callable[[str], None],
+    request: ClassifierRequest, data: TrainingSet, lay: Lay | None, init: WeightsFile | None, key: str, training: Path,
+    device: str, precision: str, options: RunOptions, say: Callable[[str], None],
 ) -> tuple[Fit, int, list[float], list[float]]:  # fmt: skip
     """Make the steps that are left; a checkpoint is written every half minute and at the end.
 
@@ -160,12 +184,15 @@ def _fit(
     checkpoint_file = training / f"{key[:16]}.safetensors"
     state = read_checkpoint(checkpoint_file, key)
     module = build_network(request.arch, len(data.labels)) if state else start_network(request, len(data.labels), init)
-    fit = Fit(module, recipe, device, request.preprocessing(), precision)
+    fit = Fit(module, recipe, device, request.preprocessing(), precision, lay)
     losses: list[float] = []
     accuracies: list[float] = []
     if state is not None:
         fit.load(state.tensors)
         losses, accuracies = list(state.losses), list(state.accuracies)
+    elif init is not None and are_folded(fit.module):
+        say(f"the batch normalisation of {init.name} is folded for evaluation: measuring its statistics again")
+        fit.unfold(data.train.images, data.train.classes)
     start, steps = len(losses), recipe.count_steps(len(data.train.images))
     if start:
         say(f"going on after step {start} of {steps}; --restart begins anew")

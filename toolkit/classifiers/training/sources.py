@@ -1,4 +1,4 @@
-"""What `--data` names: procedural objects, the workspace's objects, or a folder of images."""
+"""What `--data` names: procedural objects, the workspace's objects, a folder of images, or CIFAR-10."""
 
 import json
 from collections.abc import Sequence
@@ -7,6 +7,8 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
+from toolkit.classifiers.cifar10 import CIFAR_PREFIX
+from toolkit.classifiers.training.cifar import StoredImage, list_cifar
 from toolkit.classifiers.training.folder import LabelledFile, find_classes
 from toolkit.classifiers.training.renders import EVERYDAY, RIG, RenderUnit
 from toolkit.errors import ToolkitError
@@ -65,8 +67,8 @@ class Source:
         held_out_words: how the held-out images differ.
     """
 
-    train: tuple[LabelledFile | RenderUnit, ...]
-    held_out: tuple[LabelledFile | RenderUnit, ...]
+    train: tuple[LabelledFile | RenderUnit | StoredImage, ...]
+    held_out: tuple[LabelledFile | RenderUnit | StoredImage, ...]
     skipped: tuple[tuple[str, str], ...]
     record: dict[str, Any]
     key: str
@@ -74,8 +76,14 @@ class Source:
     held_out_words: str
 
 
-def open_source(data: str, workspace: Workspace, counts: RenderCounts) -> Source:
+def open_source(data: str, workspace: Workspace, counts: RenderCounts, download: bool = False) -> Source:
     """What one `--data` offers; `everyday` and `rig` are sources, a folder of that name is `./everyday`.
+
+    Args:
+        data: as typed.
+        workspace: whose objects `rig` is.
+        counts: of renders.
+        download: fetch CIFAR-10 where `cifar10:FOLDER` has none.
 
     Raises:
         ToolkitError: a folder that is missing or has no classes, or an object that cannot be rendered.
@@ -84,11 +92,19 @@ def open_source(data: str, workspace: Workspace, counts: RenderCounts) -> Source
         return _everyday(counts)
     if data == RIG:
         return _rig(workspace, counts)
+    if data.startswith(CIFAR_PREFIX):
+        return _cifar(Path(data.removeprefix(CIFAR_PREFIX)), download)
     found = find_classes(Path(data), counts.held_out, counts.seed)
     kinds = sorted({one.label for one in found.train})
     record = {"source": Path(data).resolve().name, "classes": len(kinds)}
     words = f"photographs of {len(kinds)} classes from the folder {record['source']}"
     return Source(found.train, found.held_out, found.skipped, record, "", words, found.how)
+
+
+def _cifar(folder: Path, download: bool) -> Source:
+    train, held_out = (list_cifar(folder, split, download) for split in ("train", "test"))
+    record = {"source": "cifar10", "classes": len({one.label for one in train})}
+    return Source(train, held_out, (), record, "", "photographs of CIFAR-10", "CIFAR-10's test images")
 
 
 def _everyday(counts: RenderCounts) -> Source:

@@ -1,0 +1,186 @@
+"""Corruptions in training: forward the benchmark's own, backward the true gradient or the identity, as it says."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from part_checks import count_changed, grey_noise
+from tiny_network import IMAGE_PX, tiny_classifier, wrap, write_photos
+
+from toolkit.boosters.affine import AffineRanges
+from toolkit.boosters.appearance import Appearance
+from toolkit.boosters.corrupted import DIFFERENTIABLE, Corrupted, corrupt_straight
+from toolkit.boosters.data import DataRequest
+from toolkit.boosters.patch_run import train_patch
+from toolkit.boosters.recipes import Choices, make_request
+from toolkit.boosters.request import hash_inputs
+from toolkit.boosters.settings_table import list_settings
+from toolkit.boosters.training import Descent, Target, draw_first_patch, patch_gradient, train_steps
+from toolkit.boosters.validation import validate_patch
+from toolkit.corruptions import CORRUPTIONS, corrupt
+from toolkit.draws import Draws
+from toolkit.errors import ToolkitError
+from toolkit.workspace import Workspace
+
+STRAIGHT = sorted(set(CORRUPTIONS) - DIFFERENTIABLE)
+
+
+def smooth_images(count: int = 2, side: int = 96) -> torch.Tensor:
+    """Soft colours, red above green above blue, so that no step changes their order, and one brightest pixel."""
+    coarse = grey_noise(count, 3, 6, 6).float() * 0.2
+    images = torch.nn.functional.interpolate(coarse, (side, side), mode="bicubic")
+    images += torch.tensor([0.6, 0.4, 0.2])[:, None, None]
+    images[:, 0, 3, 5] = 0.95
+    return images
+
+
+@pytest.mark.parametrize("severity", [1, 3, 5])
+@pytest.mark.parametrize("name", CORRUPTIONS)
+def test_forward_it_is_the_benchmarks_corruption(name, severity):
+    images = smooth_images().requires_grad_(True)
+    found = corrupt_straight(images, name, severity, [5, 6])
+    assert found.requires_grad
+    assert torch.allclose(found.detach(), corrupt(images, name, severity, [5, 6]), atol=2e-6)
+
+
+@pytest.mark.parametrize("name", sorted(DIFFERENTIABLE))
+def test_the_gradient_is_that_of_differences(name):
+    images, weights = smooth_images(), torch.from_numpy(np.random.default_rng(1).normal(size=(2, 3, 96, 96))).float()
+
+    def weigh(at: torch.Tensor) -> torch.Tensor:
+        return (corrupt_straight(at, name, 2, [5, 6]) * weights).double().sum()
+
+    at = images.clone().requires_grad_(True)
+    (gradient,) = torch.autograd.grad(weigh(at), at)
+    assert gradient.abs().max() > 1e-3
+    for k in range(3):
+        # smooth directions, so that hardly any pixel crosses a kink within the step
+        direction = torch.nn.functional.interpolate(grey_noise(2, 3, 4, 4, seed=k).float() - 0.5, (96, 96)) * 4e-3
+        difference = float(weigh(images + direction) - weigh(images - direction)) / 2
+        assert float((gradient * direction).sum()) == pytest.approx(difference, rel=0.05, abs=2e-3)
+
+
+@pytest.mark.parametrize("name", STRAIGHT)
+def test_the_others_pass_the_gradient_straight_through(name):
+    images, wanted = smooth_images().requires_grad_(True), torch.randn(2, 3, 96, 96)
+    (gradient,) = torch.autograd.grad(corrupt_straight(images, name, 3, [5, 6]), images, wanted)
+    assert torch.equal(gradient, wanted)
+
+
+def test_straight_through_training_has_the_clean_pictures_gradient_at_the_corrupted_one():
+    """A linear network has one gradient everywhere: through pixelate it must be that of the clean photographs."""
+    torch.manual_seed(0)
+    linear = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * IMAGE_PX**2, 1, bias=False))
+
+    class Sum:
+        def logits(self, photos):
+            return torch.cat([linear(photos), -linear(photos)], 1) * 1e-4  # so flat that softmax is linear too
+
+    images, patch = torch.rand(3, 3, IMAGE_PX, IMAGE_PX), draw_first_patch(16, 0)
+    placement = AffineRanges()
+    parts = [(), (Corrupted((("pixelate", 3),), 1),)]
+    clean, through = (
+        patch_gradient(patch, images, [Target(Sum(), 0)], Appearance(placement, on_photo=part), Draws(0, 3))[0]
+        for part in parts
+    )
+    assert torch.allclose(clean, through, rtol=1e-3, atol=1e-9)
+
+
+def test_each_image_draws_its_own_by_step_and_seed():
+    images = grey_noise(100, 3, 24, 24).float()
+    part = Corrupted((("brightness", 5), ("contrast", 5), ("jpeg_compression", 1)), 0.5)
+    assert count_changed(Corrupted(part.corruptions, 0).change, images) == 0
+    assert count_changed(Corrupted(part.corruptions, 1).change, images) == 100
+    assert 30 < count_changed(part.change, images) < 70
+    first, again, other = (part.change(images, Draws(0, step).of("Corrupted")) for step in (4, 4, 5))
+    assert torch.equal(first, again) and not torch.equal(first, other)
+    kinds = [
+        sum(
+            bool(torch.allclose(a, b, atol=1e-5))
+            for a, b in zip(first, corrupt(images, name, s, range(100)), strict=True)
+        )
+        for name, s in part.corruptions
+    ]
+    assert min(kinds) > 5 and sum(kinds) == count_changed(lambda x, _: first, images)
+
+
+def test_one_photograph_is_as_good_as_a_batch():
+    part = Corrupted((("fog", 2), ("gaussian_blur", 1)), 1)
+    image = grey_noise(3, 32, 32).float()
+    assert part.change(image, np.random.default_rng(0)).shape == image.shape
+
+
+@pytest.mark.parametrize("corruptions", [(), (("fogg", 3),), (("fog", 6),)])
+def test_what_there_is_not_is_refused(corruptions):
+    with pytest.raises(ToolkitError):
+        Corrupted(corruptions)
+
+
+class Weights:
+    sha256 = "ab" * 32
+
+
+class Named:
+    arch, weights = "tiny", Weights
+
+
+def hash_of(recipe: str, **choices) -> str:
+    request = make_request(recipe, Choices(steps=3, **choices), "jet", DataRequest(("photos",)), 16)
+    return hash_inputs(request, "jet", [Target(Named, 3)], "0" * 64)
+
+
+def test_a_request_without_it_keeps_its_hash():
+    """As they were before there were corruptions in training: patches and checkpoints from then are still valid."""
+    assert hash_of("default") == "ac58ed48d3c3fb0d04dcae0f2ea72012f26d52cea9a31f3f7adad427c60b493d"
+    assert hash_of("paper") == "4ee8bd9ced923a9c4a0b2dfe83112af0fcbfc5dfb8a82c2a71359180b2d827ba"
+    others = {hash_of("default", corrupt=words) for words in (None, ("fog:3",), ("fog:2",), ("fog:3", "snow:1"))}
+    assert len(others) == 4
+
+
+def test_it_is_recorded_said_and_validated(tmp_path):
+    photos = write_photos(tmp_path / "photos", 6)
+    choices = Choices(steps=2, batch=4, corrupt=("contrast:5", "jpeg_compression:2"))
+    request = make_request("default", choices, "jet", DataRequest((str(photos),)), 16)
+    table = "\n".join(list_settings(request, ["tiny"]))
+    assert "corrupted" in table and "contrast 5, jpeg_compression 2, probability 0.5" in table
+    made = train_patch(request, [tiny_classifier()], Workspace(tmp_path / "w"), quiet=True)
+    record = json.loads(Path(made.files.png).with_suffix(".json").read_text())
+    assert record["settings"]["corrupted"] == {
+        "corruptions": [["contrast", 5], ["jpeg_compression", 2]],
+        "probability": 0.5,
+    }
+    assert record["final"]["tiny_corrupted_patched_n"] == 128 and "tiny_held_out_patched_top1" in record["final"]
+    again = train_patch(request, [tiny_classifier()], Workspace(tmp_path / "w"), quiet=True)
+    assert again.was_finished
+
+
+class StripesOrRed(torch.nn.Module):
+    """Sees a jet in fine red stripes, and in red at large: what a blur takes away, and what it leaves."""
+
+    def forward(self, photos: torch.Tensor) -> torch.Tensor:
+        red = photos[:, 0]
+        stripes = (red[..., 1:] - red[..., :-1]).square().mean((1, 2))
+        jet = 100 * stripes + 10 * (red.mean((1, 2)) - 0.5)
+        return torch.stack([torch.full_like(jet, 0.8), jet * 0, jet * 0, jet], 1)
+
+
+@pytest.mark.parametrize("name", ["defocus_blur", "gaussian_blur"])
+def test_a_patch_that_has_met_a_corruption_bears_it_better(name):
+    """By the true gradient and straight through; without it the patch learns the stripes, which are easier."""
+    target = Target(wrap(StripesOrRed()), 3)
+    images = torch.full((8, 3, 36, 36), 128, dtype=torch.uint8)
+    clear = Appearance(AffineRanges(rotation_deg=(0, 0), share=(0.6, 0.7), foreshortening=(1, 1)))
+    blur = Corrupted(((name, 5),), 1)
+    found = {}
+    for met in (False, True):
+        seen = replace(clear, on_photo=(blur,)) if met else clear
+        descent = Descent(25, 4, 0.1, smoothing_px=0)
+        *_, last = train_steps(draw_first_patch(16, 0), 0, images, [target], seen, descent, IMAGE_PX)
+        for after in (None, blur):
+            (answer,) = validate_patch(last.patch, images, [target], clear, 0, IMAGE_PX, 16, corrupted=after)
+            found[met, after is not None] = answer.patched.value
+    assert found[False, False] == 1, "without the blur it does what it was trained for"
+    assert found[True, True] > found[False, True] + 0.5

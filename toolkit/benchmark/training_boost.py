@@ -1,0 +1,92 @@
+"""Class patches on the images that a classifier is trained on: the fixed-pattern baseline (seed, section D.2.4)."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from toolkit.benchmark.boost import boost_images
+from toolkit.benchmark.patch_sets import PatchSet, read_patch_set
+from toolkit.benchmark.placement import Placement
+from toolkit.classifiers.training.overlay import Lay
+from toolkit.errors import ToolkitError, one_of
+from toolkit.patches import Patch
+from toolkit.workspace import Workspace
+
+if TYPE_CHECKING:
+    import torch
+
+
+@dataclass(frozen=True)
+class TrainingBoost:
+    """A patch set as what every training image carries: an `Overlay`.
+
+    Attributes:
+        pictures: the set.
+        placement: where they lie, drawn by each image's seed.
+    """
+
+    pictures: PatchSet
+    placement: Placement
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """Set, hash of its pictures, and placement."""
+        pictures = self.pictures
+        return {
+            "set": pictures.name, "sha256": pictures.sha256, "n_px": pictures.n_px, "method": pictures.method,
+            "placement": asdict(self.placement),
+        }  # fmt: skip
+
+    @property
+    def words(self) -> str:
+        """What an image carries."""
+        return f"its class's patch of the set {self.pictures.name}"
+
+    def fit(self, labels: Sequence[str], used: Sequence[int], image_px: int) -> Lay:
+        """How the patches of the classes `used` are laid on images of `image_px`.
+
+        A class's patch is the one made for its label: the set may have its classes in another order.
+
+        Raises:
+            ToolkitError: a class has no patch, or the patches are larger than the images.
+        """
+        import torch
+
+        name, n_px = self.pictures.name, self.pictures.n_px
+        if n_px > image_px:
+            raise ToolkitError(
+                f"--patches {name}: its patches are {n_px} px a side, and the network sees images of {image_px} px: "
+                "make smaller ones, or raise --image-px"
+            )
+        chosen = [self._find(labels[index], index) for index in used]
+        pixels = torch.from_numpy(np.stack([patch.pixels for patch in chosen]).transpose(0, 3, 1, 2).copy())
+        slots = np.full(len(labels), -1)
+        slots[list(used)] = np.arange(len(chosen))
+
+        def lay(images: "torch.Tensor", classes: np.ndarray, seeds: Sequence[int]) -> "torch.Tensor":
+            pictures = pixels[torch.from_numpy(slots[classes])].to(images.device).float() / 255
+            return boost_images(images, pictures, self.placement, seeds)
+
+        return lay
+
+    def _find(self, label: str, index: int) -> Patch:
+        patches = self.pictures.patches
+        same = [own for own, patch in patches.items() if patch.record.class_name == label]
+        if same:
+            return patches[index if index in same else same[0]]
+        known = [patch.record.class_name for patch in patches.values()]
+        hint = str(one_of("class", label, known)).partition(": ")[2]
+        raise ToolkitError(
+            f"--patches {self.pictures.name}: the set has no patch of class '{label}' of the data: {hint}"
+        )
+
+
+def read_training_boost(workspace: Workspace, name: str) -> TrainingBoost:
+    """The patches of a set, placed as in the benchmark.
+
+    Raises:
+        ToolkitError: as `read_patch_set`.
+    """
+    return TrainingBoost(read_patch_set(workspace, name, None), Placement())

@@ -1,0 +1,132 @@
+"""What lies on the images, and who answers to them: the rows of the benchmark's table."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from toolkit.benchmark.answers import NETWORK, READER, UNPATCHED
+from toolkit.benchmark.patch_sets import PatchSet, read_patch_set
+from toolkit.benchmark.readers import Reader, find_readers
+from toolkit.errors import ToolkitError
+from toolkit.workspace import Workspace
+
+
+@dataclass(frozen=True)
+class Answerer:
+    """A classifier, or a reader of codes."""
+
+    network: Any = None
+    reader: Reader | None = None
+
+    @property
+    def name(self) -> str:
+        """Of the network or the library."""
+        return self.network.name if self.reader is None else self.reader.name
+
+    @property
+    def kind(self) -> str:
+        """`network` or `reader`."""
+        return NETWORK if self.reader is None else READER
+
+    @property
+    def address(self) -> list[str]:
+        """All of it that decides an answer."""
+        if self.reader is not None:
+            return [READER, self.reader.name, self.reader.version]
+        return [self.network.arch, self.network.weights.sha256]
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One way of showing the images.
+
+    Attributes:
+        name: `unpatched`, or that of the patch set.
+        patches: None for `unpatched`.
+        classifier: whose preprocessing the images get, and who answers.
+        readers: answer as well, where the patches are codes.
+    """
+
+    name: str
+    patches: PatchSet | None
+    classifier: Any
+    readers: tuple[Reader, ...] = ()
+
+    @property
+    def answerers(self) -> tuple[Answerer, ...]:
+        """The network, then the readers."""
+        return (Answerer(self.classifier), *(Answerer(reader=reader) for reader in self.readers))
+
+
+def open_variants(
+    workspace: Workspace, words: Sequence[str], classifier: Any, load: Callable[[str], Any]
+) -> tuple[list[Variant], list[str]]:
+    """`unpatched`, once for each network, and the variants that `SET` or `SET@MODEL` name.
+
+    Args:
+        workspace: whose `print/patches` holds the sets.
+        words: as on the command line.
+        classifier: who answers where no other is named.
+        load: the classifier of a name.
+
+    Returns:
+        The variants, and notes on readers that are not installed.
+
+    Raises:
+        ToolkitError: an unknown set or model, a set of other classes, a patch that is larger than the network's image,
+            or networks that do not share their labels.
+    """
+    networks: dict[str, Any] = {"": classifier}
+    boosted: list[Variant] = []
+    notes: list[str] = []
+    for word in dict.fromkeys(words):
+        name, _, model = word.partition("@")
+        network = networks.setdefault(model, None) or load(model)
+        networks[model] = network
+        if network.labels != classifier.labels:
+            raise ToolkitError(
+                f"--patches {word}: {network.name} answers with other classes than {classifier.name}: evaluate it in a "
+                f"run of its own, with --model {model}"
+            )
+        patches = read_patch_set(workspace, name, network.labels)
+        crop_px = network.preprocessing.crop_px
+        if patches.n_px > crop_px:
+            raise ToolkitError(
+                f"--patches {name}: its patches of {patches.n_px} px are larger than the {crop_px} px that "
+                f"{network.name} sees: make smaller ones with --size"
+            )
+        readers, missing = _find_readers(patches)
+        notes += [f"{name} is not read by {reader}: {reason}" for reader, reason in missing]
+        boosted.append(Variant(name, patches, network, tuple(readers)))
+    distinct = {(one.name, one.weights.sha256): one for one in networks.values()}
+    names = [name for name, _ in distinct]
+    for name in names:
+        if names.count(name) > 1:
+            raise ToolkitError(f"two networks of this run are called '{name}': evaluate them in runs of their own")
+    bare = [Variant(UNPATCHED, None, network) for network in distinct.values()]
+    return [*bare, *boosted], list(dict.fromkeys(notes))
+
+
+def _find_readers(patches: PatchSet) -> tuple[list[Reader], list[tuple[str, str]]]:
+    if patches.code_kind is None:
+        return [], []
+    code = next(iter(patches.patches.values())).record.settings["code"]
+    return find_readers(code["kind"], code.get("dictionary", ""))
+
+
+def share_classes(variants: Sequence[Variant], available: Sequence[int]) -> list[int]:
+    """Classes that have images and a picture in every set: all variants are shown the same images.
+
+    Raises:
+        ToolkitError: there is none.
+    """
+    shared = set(available)
+    for variant in variants:
+        if variant.patches is not None:
+            shared &= set(variant.patches.patches)
+            if not shared:
+                raise ToolkitError(
+                    f"set '{variant.name}' has no picture for any class that has images and is in the other sets: make "
+                    "one for them, or evaluate the sets in runs of their own"
+                )
+    return sorted(shared)

@@ -1,0 +1,103 @@
+"""`toolkit baseline`."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from toolkit.cli import options
+
+if TYPE_CHECKING:
+    from toolkit.benchmark.baselines.make import MadeBaseline
+
+
+def baseline(
+    kind: Annotated[str, typer.Argument(help="qr, apriltag, best-image, random-image or fixed-pattern.")],
+    class_names: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--class",
+            help="A label, index or WordNet id; may be repeated. Default: the classes that --data has, without it all.",
+        ),
+    ] = None,
+    sizes: Annotated[
+        list[int] | None,
+        typer.Option("--size", help="Side of the pictures, pixels; may be repeated. Default: 100.", show_default=False),
+    ] = None,
+    data: Annotated[
+        str | None,
+        typer.Option(
+            help="Training images, one folder per class, or cifar10:FOLDER. best-image and random-image need them."
+        ),
+    ] = None,
+    model: Annotated[
+        str | None,
+        typer.Option(help="Classifier whose classes they are; best-image compares its losses. Default: resnet18."),
+    ] = None,
+    weights: Annotated[
+        Path | None, typer.Option("--weights", help="State dict, .pth or .safetensors; FILE.json may hold its labels.")
+    ] = None,
+    set_name: Annotated[
+        str | None, typer.Option("--set", help="The sets are print/patches/SET-SIZE. Default: the kind.")
+    ] = None,
+    border: Annotated[
+        int | None,
+        typer.Option(
+            help="White modules around a code. Default: 1, as the paper; the standard of QR codes asks for 4."
+        ),
+    ] = None,
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Make what patches are compared with: codes, training images or noise as pictures, one for each class."""
+    from toolkit.benchmark.baselines.make import make_baseline
+    from toolkit.benchmark.baselines.request import BaselineRequest
+    from toolkit.classifiers.network import load_classifier
+    from toolkit.workspace import open_workspace
+
+    request = BaselineRequest(
+        kind, tuple(class_names or ()), tuple(sizes or (100,)), data, set_name, border, seed
+    )  # fmt: skip
+    place = open_workspace(workspace)
+    classifier = load_classifier(model, weights, device, quiet, place.classifiers_dir)
+    made = make_baseline(request, classifier, place, quiet)
+    _report(made, kind, data, as_json)
+    if made.skipped:
+        raise typer.Exit(1)
+
+
+def _report(made: "MadeBaseline", kind: str, data: str | None, as_json: bool) -> None:
+    from dataclasses import asdict
+
+    from toolkit.benchmark.baselines.request import FIXED_PATTERN, NEED_DATA
+    from toolkit.console import console, list_skipped
+
+    list_skipped(made.skipped)
+    if as_json:
+        sets = [asdict(one) | {"folder": str(one.folder)} for one in made.sets]
+        skipped = [{"path": path, "reason": reason} for path, reason in made.skipped]
+        typer.echo(json.dumps({"sets": sets, "skipped": skipped}, indent=2, ensure_ascii=False))
+        return
+
+    def tell(line: str) -> None:
+        console.print(line, markup=False, soft_wrap=True)
+
+    for one in made.sets:
+        if one.made:
+            before = f", {one.found} made before" if one.found else ""
+            tell(f"{one.folder}: {one.made} {'picture' if one.made == 1 else 'pictures'} of {one.size_px} px{before}")
+        elif one.found:
+            tell(f"{one.folder}: its {one.found} pictures were made from these inputs before: nothing to do")
+        else:
+            tell(f"{one.folder}: nothing made")
+    names = [one.name for one in made.sets if one.made or one.found]
+    if names:
+        command = "train-classifier" if kind == FIXED_PATTERN else "corrupt-eval"
+        others = kind in NEED_DATA
+        where = "FOLDER" if others or data is None else data
+        why = ": FOLDER with other images than these were chosen from" if others else ""
+        tell(f"next: toolkit {command} --data {where} --patches {names[0]}{why}")

@@ -1,0 +1,113 @@
+"""`toolkit corrupt-eval`: does a patch help where the weather, the camera or the transmission is bad?"""
+
+from typing import Annotated
+
+import typer
+
+from toolkit.cli import options
+
+SHOWN_NAMES = 5
+
+
+def corrupt_eval(
+    data: Annotated[
+        str,
+        typer.Option(
+            help="Folder with one folder per class (its val/ or test/, where there is one), or cifar10:FOLDER."
+        ),
+    ],
+    patches: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--patches", help="Patch set below print/patches, repeatable; SET@MODEL is answered by another classifier."
+        ),
+    ] = None,
+    corruptions: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--corruption",
+            help="NAME[:SEVERITY], a family, common (15) or all (19); fog:3, noise:1-3. Repeatable. Default: common.",
+        ),
+    ] = None,
+    classes: Annotated[
+        list[str] | None,
+        typer.Option("--class", help="Label, index or WordNet id. Default: all with images and patches."),
+    ] = None,
+    model: Annotated[str | None, typer.Option("--model", help="The classifier. Default: resnet18.")] = None,
+    weights: options.WeightsFile = None,
+    rotation: options.Rotation = 45.0,
+    scale: options.Scale = (0.9, 1.1),
+    translate: options.Translate = 0.3,
+    run: Annotated[str | None, typer.Option(help="Of the results folder. Default: the data's and the model's.")] = None,
+    download: options.Download = False,
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Corrupt a data set with and without patches, and ask a classifier: ImageNet-C's benchmark, or CIFAR-10-C's.
+
+    Results go to eval/corruptions/RUN. An answer is computed once, whatever run asks for it.
+    """
+    from toolkit.benchmark.examples import draw_examples
+    from toolkit.benchmark.images import choose_classes, open_images
+    from toolkit.benchmark.placement import Placement
+    from toolkit.benchmark.results.write import write_benchmark
+    from toolkit.benchmark.run import GridRequest, run_grid
+    from toolkit.benchmark.variants import open_variants, share_classes
+    from toolkit.classifiers.network import load_classifier
+    from toolkit.corruptions.request import parse_corruptions
+    from toolkit.evaluation.run import check_run_name
+    from toolkit.workspace import open_workspace
+
+    plan, placement = parse_corruptions(corruptions or ["common"]), Placement(rotation, scale, translate)
+    place = open_workspace(workspace)
+    quiet = quiet or as_json
+
+    def load(name: str):
+        return load_classifier(name, None, device, quiet, place.classifiers_dir)
+
+    classifier = load_classifier(model, weights, device, quiet, place.classifiers_dir)
+    images = choose_classes(open_images(data, classifier, "test", download), classes or [], classifier)
+    variants, notes = open_variants(place, patches or [], classifier, load)
+    shared = share_classes(variants, images.classes)
+    without_images = {} if classes else {
+        variant.name: [classifier.labels[k] for k in variant.patches.patches if k not in images.classes]
+        for variant in variants if variant.patches is not None
+    }  # fmt: skip
+    name = check_run_name(run or f"{images.name.replace('/', '-')}-{classifier.name}")
+    request = GridRequest(images.only(shared), tuple(variants), plan, placement, seed, name)
+    folder = place.eval_dir / "corruptions"
+    result = run_grid(request, folder / "cells.jsonl", quiet, notes)
+    files = write_benchmark(folder / name, result.benchmark, draw_examples(request, result.benchmark))
+    failed = result.benchmark.failed
+    if as_json:
+        typer.echo(files.summary.read_text(encoding="utf-8"))
+    else:
+        _report(result, files, without_images)
+    if failed or any(without_images.values()):
+        raise typer.Exit(1)
+
+
+def _report(result, files, without_images: dict[str, list[str]]) -> None:
+    from toolkit.benchmark.results.say import say_benchmark
+    from toolkit.benchmark.results.summary import read_summary
+    from toolkit.benchmark.results.tables import build_table
+    from toolkit.console import console, errors, list_skipped
+
+    list_skipped(result.benchmark.failed)
+    for name, labels in without_images.items():
+        if labels:
+            more = f" and {len(labels) - SHOWN_NAMES} more" if len(labels) > SHOWN_NAMES else ""
+            line = f"skipped {len(labels)} patches of {name}: no images of {', '.join(labels[:SHOWN_NAMES])}{more}"
+            errors.print(f"{line}; --class names those that are meant", style="yellow", markup=False, soft_wrap=True)
+    for note in result.benchmark.notes:
+        errors.print(f"note: {note}", markup=False, soft_wrap=True)
+    summary = read_summary(files.summary)
+    console.print(build_table(summary))
+    lines = say_benchmark(summary)
+    kept = f", {result.kept} kept from before" if result.kept else ""
+    lines += [f"{result.computed} answers{kept}; table, figures and report: {files.report}"]
+    for line in lines:
+        console.print(line, markup=False, soft_wrap=True)

@@ -1,0 +1,85 @@
+"""`toolkit train-patches`."""
+
+import json
+from typing import Annotated
+
+import typer
+
+from toolkit.cli import options
+
+
+def train_patches(
+    data: Annotated[
+        str,
+        typer.Option(help="Folder with one folder per class (train/ in it, where there is one), or cifar10:FOLDER."),
+    ],
+    classes: Annotated[
+        list[str] | None, typer.Option("--class", help="Label, index or WordNet id; default: all that have images.")
+    ] = None,
+    sizes_px: Annotated[
+        list[int] | None, typer.Option("--size", help="Side in pixels, repeatable. Default: 100.")
+    ] = None,
+    set_name: Annotated[str, typer.Option("--set", help="The sets are print/patches/SET-SIZE.")] = "patches",
+    model: Annotated[str | None, typer.Option("--model", help="The classifier. Default: resnet18.")] = None,
+    weights: options.WeightsFile = None,
+    recipe: Annotated[str, typer.Option(help="default, or paper: the sign of the gradient, unsmoothed.")] = "default",
+    steps: Annotated[int | None, typer.Option(help="Gradient steps for each patch. Default: 600.")] = None,
+    epochs: Annotated[
+        int | None, typer.Option(help="Instead of --steps: how often each image is seen. Recipe paper: 30.")
+    ] = None,
+    batch: Annotated[int | None, typer.Option(help="Images per step. Default: 16; paper: 512.")] = None,
+    lr: Annotated[float | None, typer.Option(help="Change of every pixel in the first step. Default: 0.05.")] = None,
+    backgrounds: Annotated[
+        str,
+        typer.Option(help="class: images of the class only; all: every image; auto: of the class where there are 32."),
+    ] = "auto",
+    images: Annotated[int, typer.Option(help="Images kept in memory at most, a fifth of them held out.")] = 256,
+    rotation: options.Rotation = 45.0,
+    scale: options.Scale = (0.9, 1.1),
+    translate: options.Translate = 0.3,
+    download: options.Download = False,
+    restart: Annotated[bool, typer.Option("--restart", help="Begin anew, forget what an earlier run made.")] = False,
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Train a patch for each of many classes, to be laid on images; an interrupted run goes on where it stopped."""
+    from dataclasses import asdict, replace
+
+    from toolkit.benchmark.class_patches import FLAT, ClassPatchesRequest, train_class_patches
+    from toolkit.benchmark.images import choose_classes, open_images
+    from toolkit.benchmark.placement import Placement
+    from toolkit.classifiers.network import load_classifier
+    from toolkit.console import console, errors, list_skipped
+    from toolkit.workspace import open_workspace
+
+    place = open_workspace(workspace)
+    placement = Placement(rotation, scale, translate)
+    classifier = load_classifier(model, weights, device, quiet, place.classifiers_dir)
+    found = open_images(data, classifier, "train", download)
+    chosen = choose_classes(found, classes or [], classifier).classes
+    request = ClassPatchesRequest(
+        set_name, tuple(chosen), tuple(dict.fromkeys(sizes_px or [100])), recipe,
+        replace(FLAT, steps=steps, epochs=epochs, batch=batch, lr=lr), backgrounds, images, placement, seed,
+    )  # fmt: skip
+
+    def say(line: str) -> None:
+        if not quiet and not as_json:
+            errors.print(line, markup=False, soft_wrap=True)
+
+    patches, skipped = train_class_patches(request, found, classifier, place, restart, quiet, say)
+    list_skipped(skipped)
+    sets = list(dict.fromkeys(one.set_name for one in patches))
+    if as_json:
+        lost = [{"path": path, "reason": reason} for path, reason in skipped]
+        result = {"sets": sets, "patches": [asdict(one) for one in patches], "skipped": lost}
+        typer.echo(json.dumps(result, indent=2, ensure_ascii=False))
+    else:
+        folders = ", ".join(str(place.root / "print" / "patches" / name) for name in sets)
+        console.print(f"{len(chosen)} classes, {len(patches)} patches in {folders}", markup=False, soft_wrap=True)
+        chosen_sets = " ".join(f"--patches {name}" for name in sets)
+        console.print(f"next: toolkit corrupt-eval --data {data} {chosen_sets}", markup=False, soft_wrap=True)
+    if skipped:
+        raise typer.Exit(1)
