@@ -90,6 +90,16 @@ def test_an_image_too_small_to_show_anything_is_unreadable(tmp_path, hue):
         found.load(found.images[2], hue.preprocessing)
 
 
+def test_some_images_of_each_class_are_drawn_by_the_seed(tmp_path, hue):
+    found = open_images(str(write_photos(tmp_path / "data", 9)), hue)
+    drawn = [one.id for one in found.draw(4, 0).images]
+    assert drawn == sorted(drawn) and len(drawn) == 12
+    assert sum(one.startswith("blue/") for one in drawn) == 4
+    assert [one.id for one in found.only([2]).draw(4, 0).images] == [one for one in drawn if one.startswith("blue/")]
+    assert [one.id for one in found.draw(4, 1).images] != drawn
+    assert found.draw(20, 0).images == found.images
+
+
 def test_classes_are_chosen_by_name_and_one_without_images_is_an_error(tmp_path, hue):
     found = open_images(str(write_photos(tmp_path / "data", 2, ["red", "blue"])), hue)
     assert choose_classes(found, [], hue) is found

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hue_network import PX, make_hue_classifier, write_photos
+from hue_network import LABELS, PX, make_hue_classifier, write_photos
 
 from toolkit.benchmark import class_patches
 from toolkit.benchmark.class_patches import FLAT, ClassPatchesRequest, train_class_patches
@@ -34,7 +34,7 @@ def test_a_set_for_each_size_with_a_patch_for_each_class_that_helps(place):
     ]  # fmt: skip
     assert skipped == [("red/broken.png", "not an image, whatever its name says")]
     assert all(one.patched.value > 0.9 for one in patches)
-    large = read_patch_set(place[0], "hues-24", ["red", "green", "blue"])
+    large = read_patch_set(place[0], "hues-24", LABELS)
     assert large.n_px == 24 and sorted(large.patches) == [0, 2]
     means = large.stack(np.array([0, 2])).mean((2, 3))
     assert (means.argmax(1) == [0, 2]).all()
@@ -51,6 +51,17 @@ def test_a_class_has_the_same_patch_whatever_else_is_trained_and_is_not_trained_
     assert (place[0].root / name).read_bytes() == (other.root / name).read_bytes()
     again, _ = train(place, (0, 1, 2), (16,))
     assert [one.patched for one in again] == [None, None, None]
+
+
+def test_corruptions_in_the_loop_make_another_run_and_are_recorded(place):
+    train(place, (1,), (16,))
+    plain = read_patch_set(place[0], "hues-16", LABELS).patches[1]
+    train(place, (1,), (16,), choices=class_patches.replace(QUICK["choices"], corrupt=("contrast:5",)))
+    spoilt = read_patch_set(place[0], "hues-16", LABELS).patches[1]
+    assert "corrupted" not in plain.record.settings
+    assert spoilt.record.settings["corrupted"]["corruptions"] == [["contrast", 5]]
+    assert spoilt.record.settings["inputs_sha256"] != plain.record.settings["inputs_sha256"]
+    assert "hue_corrupted_patched_top1" in spoilt.record.final
 
 
 def test_a_killed_run_keeps_what_is_finished_and_goes_on(place, monkeypatch):
@@ -73,7 +84,7 @@ def test_a_killed_run_keeps_what_is_finished_and_goes_on(place, monkeypatch):
 def test_images_of_the_class_alone_where_there_are_enough_or_where_asked(place, monkeypatch):
     monkeypatch.setattr(class_patches, "FEW_IMAGES", 4)
     train(place, (1,), (16,))
-    found = read_patch_set(place[0], "hues-16", ["red", "green", "blue"]).patches[1].record
+    found = read_patch_set(place[0], "hues-16", LABELS).patches[1].record
     assert found.data["sources"] == [{"source": "data", "use": "class", "found": 4, "used": 4}]
 
 

@@ -1,7 +1,7 @@
 """The images of a benchmark and what they show: a folder with a folder per class, or CIFAR-10."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from toolkit.classifiers.cifar10 import CIFAR_PREFIX, open_cifar
 from toolkit.classifiers.class_folders import match_classes
 from toolkit.classifiers.preprocessing import Preprocessing, resize_and_crop
+from toolkit.corruptions import image_seed
 from toolkit.errors import ToolkitError, one_of
 from toolkit.files import sha256_bytes, sha256_file
 from toolkit.image_folder import find_files, show_path
@@ -79,8 +80,15 @@ class ImageSet:
     def only(self, classes: Sequence[int]) -> "ImageSet":
         """Its images of some classes."""
         wanted = set(classes)
-        images = tuple(one for one in self.images if one.class_index in wanted)
-        return ImageSet(self.name, images, self.refused, self.read_pixels, self.hash_image)
+        return replace(self, images=tuple(one for one in self.images if one.class_index in wanted))
+
+    def draw(self, per_class: int, seed: int) -> "ImageSet":
+        """At most so many of each class, drawn by the seed."""
+        drawn: list[LabelledImage] = []
+        for index in self.classes:
+            own = [one for one in self.images if one.class_index == index]
+            drawn += sorted(own, key=lambda one: image_seed(seed, one.id))[:per_class]
+        return replace(self, images=tuple(sorted(drawn, key=lambda one: one.id)))
 
 
 def open_images(data: str, classifier: Any, split: str = "test", download: bool = False) -> ImageSet:

@@ -33,6 +33,9 @@ def corrupt_eval(
         list[str] | None,
         typer.Option("--class", help="Label, index or WordNet id. Default: all with images and patches."),
     ] = None,
+    per_class: Annotated[
+        int | None, typer.Option("--per-class", min=1, help="At most so many images of each class, drawn by the seed.")
+    ] = None,
     model: Annotated[str | None, typer.Option("--model", help="The classifier. Default: resnet18.")] = None,
     weights: options.WeightsFile = None,
     rotation: options.Rotation = 45.0,
@@ -70,6 +73,8 @@ def corrupt_eval(
 
     classifier = load_classifier(model, weights, device, quiet, place.classifiers_dir)
     images = choose_classes(open_images(data, classifier, "test", download), classes or [], classifier)
+    if per_class is not None:
+        images = images.draw(per_class, seed)
     variants, notes = open_variants(place, patches or [], classifier, load)
     shared = share_classes(variants, images.classes)
     without_images = {} if classes else {

@@ -29,6 +29,12 @@ def train_patches(
     ] = None,
     batch: Annotated[int | None, typer.Option(help="Images per step. Default: 16; paper: 512.")] = None,
     lr: Annotated[float | None, typer.Option(help="Change of every pixel in the first step. Default: 0.05.")] = None,
+    corrupt: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--corrupt", help="Spoil half of the photographs while training: fog:3, noise, extra, all; repeatable."
+        ),
+    ] = None,
     backgrounds: Annotated[
         str,
         typer.Option(help="class: images of the class only; all: every image; auto: of the class where there are 32."),
@@ -60,9 +66,11 @@ def train_patches(
     classifier = load_classifier(model, weights, device, quiet, place.classifiers_dir)
     found = open_images(data, classifier, "train", download)
     chosen = choose_classes(found, classes or [], classifier).classes
+    spoilt = tuple(corrupt) if corrupt else None
     request = ClassPatchesRequest(
         set_name, tuple(chosen), tuple(dict.fromkeys(sizes_px or [100])), recipe,
-        replace(FLAT, steps=steps, epochs=epochs, batch=batch, lr=lr), backgrounds, images, placement, seed,
+        replace(FLAT, steps=steps, epochs=epochs, batch=batch, lr=lr, corrupt=spoilt), backgrounds, images, placement,
+        seed,
     )  # fmt: skip
 
     def say(line: str) -> None:
