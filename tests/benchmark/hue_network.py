@@ -42,11 +42,11 @@ def write_photos(folder: Path, per_class: int = 3, classes=LABELS) -> Path:
     return folder
 
 
-def write_set(workspace, name: str = "paint-16", n_px: int = 16, classes=(0, 1, 2), settings=None) -> None:
-    """A patch set of plain colours, each its class's."""
+def write_set(workspace, name: str = "paint-16", n_px: int = 16, classes=(0, 1, 2), settings=None, shift=0) -> None:
+    """A patch set of plain colours, each its class's, or with a `shift` another's."""
     for index in classes:
         pixels = np.zeros((n_px, n_px, 3), np.uint8)
-        pixels[..., index] = 255
+        pixels[..., (index + shift) % 3] = 255
         record = {
             "name": name_class(LABELS, index), "class_name": LABELS[index], "class_index": index, "networks": [],
             "data": {}, "seed": 0, "settings": settings or {"method": "paint"}, "final": {}, "toolkit_version": "0",

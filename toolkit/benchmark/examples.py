@@ -8,9 +8,11 @@ from toolkit.benchmark.answers import Benchmark
 from toolkit.benchmark.cells import Cell, Shard
 from toolkit.benchmark.run import GridRequest
 from toolkit.benchmark.show import corrupt_shown, load_shard, show_variant
+from toolkit.benchmark.variants import Variant
 
 COLUMNS = 6
-TILE_IN, LABEL_IN = 1.55, 1.45
+TILE_IN, HEAD_IN = 1.55, 0.5
+LETTER_IN = 0.085
 RIGHT, WRONG = "#009e73", "#d55e00"
 
 
@@ -37,13 +39,15 @@ def draw_examples(request: GridRequest, benchmark: Benchmark) -> bytes:
     number = benchmark.ids.index(chosen)
     image = next(one for one in request.images.images if one.id == chosen)
     shard = Shard((image,), ("",))
-    figure = Figure(figsize=(LABEL_IN + TILE_IN * len(cells), 0.5 + TILE_IN * len(request.variants)))
+    names = [_name(variant, request.variants[0]) for variant in request.variants]
+    label_in = 0.3 + LETTER_IN * max(len(line) for name in names for line in name.split("\n"))
+    figure = Figure(figsize=(label_in + TILE_IN * len(cells), HEAD_IN + TILE_IN * len(request.variants)))
     FigureCanvasAgg(figure)
     panels = figure.subplots(len(request.variants), len(cells), squeeze=False)
-    left = LABEL_IN / figure.get_figwidth()
-    figure.subplots_adjust(left, 0.01, 0.995, 1 - 0.42 / figure.get_figheight(), 0.06, 0.06)
+    left = label_in / figure.get_figwidth()
+    figure.subplots_adjust(left, 0.01, 0.995, 1 - 0.84 * HEAD_IN / figure.get_figheight(), 0.06, 0.06)
     ranks = {(one.variant, one.answerer, one.corruption, one.severity): one.ranks for one in benchmark.answers}
-    for row, variant in zip(panels, request.variants, strict=True):
+    for row, variant, name in zip(panels, request.variants, names, strict=True):
         pixels, usable = load_shard(request.images, shard, variant.classifier.preprocessing)
         shown = show_variant(pixels, shard, usable, variant, request.placement, request.seed)
         for panel, cell in zip(row, cells, strict=True):
@@ -54,11 +58,6 @@ def draw_examples(request: GridRequest, benchmark: Benchmark) -> bytes:
             for spine in panel.spines.values():
                 spine.set(color=RIGHT if answer == 1 else WRONG, linewidth=3)
             panel.set(xticks=[], yticks=[])
-        name = (
-            variant.name
-            if variant.classifier is request.variants[0].classifier
-            else f"{variant.name},\n{variant.classifier.name}"
-        )
         row[0].set_ylabel(name, rotation=0, ha="right", va="center", fontsize=9, labelpad=8)
     for panel, cell in zip(panels[0], cells, strict=True):
         level = f"\nseverity {cell.severity}" if cell.severity else ""
@@ -66,3 +65,9 @@ def draw_examples(request: GridRequest, benchmark: Benchmark) -> bytes:
     buffer = BytesIO()
     figure.savefig(buffer, dpi=120, format="png", metadata={"Software": None})
     return buffer.getvalue()
+
+
+def _name(variant: Variant, first: Variant) -> str:
+    """The variant, and below it who answers where that is another network."""
+    other = variant.classifier is not first.classifier
+    return f"{variant.name},\n{variant.classifier.name}" if other else variant.name

@@ -103,8 +103,12 @@ def open_variants(
     for name in names:
         if names.count(name) > 1:
             raise ToolkitError(f"two networks of this run are called '{name}': evaluate them in runs of their own")
-    bare = [Variant(UNPATCHED, None, network) for network in distinct.values()]
-    return [*bare, *boosted], list(dict.fromkeys(notes))
+    variants = [Variant(UNPATCHED, None, classifier)]
+    for variant in boosted:
+        if all(one.classifier.name != variant.classifier.name for one in variants):
+            variants.append(Variant(UNPATCHED, None, variant.classifier))
+        variants.append(variant)
+    return variants, list(dict.fromkeys(notes))
 
 
 def _find_readers(patches: PatchSet) -> tuple[list[Reader], list[tuple[str, str]]]:

@@ -1,0 +1,46 @@
+"""The picture of what was shown: an image in every variant, framed by what was answered to it."""
+
+from io import BytesIO
+
+import numpy as np
+from hue_network import make_hue_classifier, write_photos, write_set
+from PIL import Image
+
+from toolkit.benchmark.cells import Cell
+from toolkit.benchmark.examples import RIGHT, WRONG, choose_cells, draw_examples
+from toolkit.benchmark.images import open_images
+from toolkit.benchmark.placement import Placement
+from toolkit.benchmark.run import GridRequest, run_grid
+from toolkit.benchmark.variants import open_variants
+from toolkit.corruptions import COMMON
+from toolkit.workspace import make_workspace
+
+
+def count(picture, colour) -> int:
+    rgb = [int(colour[k : k + 2], 16) for k in (1, 3, 5)]
+    return int((np.abs(picture.astype(int) - rgb).max(axis=2) < 12).sum())
+
+
+def test_frames_say_what_was_answered(tmp_path):
+    workspace, network = make_workspace(tmp_path / "space"), make_hue_classifier()
+    write_set(workspace, shift=1)
+    variants, _ = open_variants(workspace, ["paint-16"], network, lambda name: None)
+    images = open_images(str(write_photos(tmp_path / "data")), network)
+    request = GridRequest(images, tuple(variants), (("fog", 2),), Placement())
+    benchmark = run_grid(request, tmp_path / "cells.jsonl", quiet=True).benchmark
+    picture = np.asarray(Image.open(BytesIO(draw_examples(request, benchmark))).convert("RGB"))
+    ranks = [one.ranks[len(benchmark.ids) // 2] for one in benchmark.answers]
+    right = sum(rank == 1 for rank in ranks)
+    assert 0 < right < len(ranks) == 4
+    frame = (count(picture, RIGHT) + count(picture, WRONG)) / 4
+    assert frame > 1500
+    assert round(count(picture, RIGHT) / frame) == right
+
+
+def test_columns_are_spread_over_what_was_run_each_at_its_middle_severity():
+    request = GridRequest(None, (), tuple((name, severity) for name in COMMON for severity in (1, 2, 3, 4, 5)))
+    chosen = choose_cells(request)
+    assert chosen[0] == Cell("clean", 0) and len(chosen) == 6
+    assert {cell.severity for cell in chosen[1:]} == {3}
+    assert chosen[1].corruption == COMMON[0] and chosen[-1].corruption == COMMON[-1]
+    assert choose_cells(GridRequest(None, (), (("fog", 5),))) == [Cell("clean", 0), Cell("fog", 5)]
