@@ -124,8 +124,10 @@ def _choose_place(
     request: BaselineRequest, baseline: Baseline, classifier: Classifier, workspace: Workspace, size_px: int
 ) -> _Place:
     least, most = baseline.least_px, classifier.preprocessing.crop_px
+    why = f" ({baseline.least_because})" if baseline.least_because else ""
+    if least > most:
+        raise ToolkitError(f"images of {most} px, which {classifier.name} sees, are too small: at least {least}{why}")
     if not least <= size_px <= most:
-        why = f" ({baseline.least_because})" if baseline.least_because else ""
         raise ToolkitError(
             f"--size {size_px}: expected {least}{why} to {most} px, the side of the network's image in pixels"
         )
