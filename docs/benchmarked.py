@@ -15,7 +15,7 @@ from toolkit.benchmark.results.summary import Summary, VariantMean, read_summary
 from toolkit.corruptions import COMMON
 
 RECORDS = Path(__file__).parent / "records" / "benchmark"
-"""`summary.json` of each run, by name; its figures are `figures/benchmark-NAME*.png`."""
+"""`summary.json` of each run, by name; its overview is `figures/benchmark-NAME.png`."""
 TITLES = {
     "photographs": "Photographs of 40 ImageNet classes",
     "cifar": "CIFAR-10",
@@ -49,7 +49,6 @@ def _write_run(name: str, title: str, summary: Summary) -> list[str]:
         f"{model['sha256'][:12]}), images of {summary.about['image_px']} px, corruptions' parameters "
         f"{summary.about['parameters']}, seed {summary.about['seed']}.", "",
         f"![{title}: all variants](figures/benchmark-{name}.png)", "",
-        f"![{title}: one image in every variant](figures/benchmark-{name}-examples.png)", "",
         "| variant | answered by | clean top-1 | corrupted top-1 | 95 % | change to unpatched | 95 % | "
         "corrupted top-5 | mCE | relative | wrong | not decoded |", "|---" * 12 + "|",
     ]  # fmt: skip
