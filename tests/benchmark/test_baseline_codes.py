@@ -4,14 +4,9 @@ import cv2
 import numpy as np
 import pytest
 import zxingcpp
-from hue_network import make_hue_classifier
 
 from toolkit.benchmark.baselines.codes import AprilTags, QrCodes, choose_dictionary
-from toolkit.benchmark.baselines.make import make_baseline
 from toolkit.benchmark.baselines.modules import draw_modules
-from toolkit.benchmark.baselines.request import BaselineRequest
-from toolkit.errors import ToolkitError
-from toolkit.workspace import make_workspace
 
 CLASSES = 1000
 
@@ -98,9 +93,3 @@ def test_a_tag_is_the_published_one():
     assert 0xD5D628584 in words
     assert (picture[1, 1:9] == 0).all()
     assert (picture[0] == 255).all()
-
-
-def test_a_network_whose_images_no_code_fits_is_one_line(tmp_path):
-    request = BaselineRequest("qr", sizes_px=(20,))
-    with pytest.raises(ToolkitError, match=r"images of 32 px, which hue sees, are too small: at least 46 \(21 modules"):
-        make_baseline(request, make_hue_classifier(), make_workspace(tmp_path / "space"), True)
