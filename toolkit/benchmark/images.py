@@ -9,16 +9,15 @@ import numpy as np
 
 from toolkit.classifiers.cifar10 import CIFAR_PREFIX, open_cifar
 from toolkit.classifiers.class_folders import match_classes
-from toolkit.classifiers.preprocessing import Preprocessing, resize_and_crop
+from toolkit.classifiers.preprocessing import Preprocessing
+from toolkit.classifiers.training.folder import HELD_OUT_NAMES, TRAIN_NAME, cut_square
 from toolkit.corruptions import image_seed
 from toolkit.errors import ToolkitError, one_of
 from toolkit.files import sha256_bytes, sha256_file
 from toolkit.image_folder import find_files, show_path
-from toolkit.images import UnreadableImage, read_image
+from toolkit.images import read_image
 
-SPLITS = {"train": ("train",), "test": ("val", "validation", "test")}
-LEAST_SHARE = 0.25
-"""An image with a shorter side below this share of what the network sees would show nothing."""
+SPLITS = {"train": (TRAIN_NAME,), "test": HELD_OUT_NAMES}
 
 
 @dataclass(frozen=True)
@@ -71,11 +70,7 @@ class ImageSet:
         Raises:
             UnreadableImage: it cannot be decoded, or is too small to show anything.
         """
-        pixels = self.read_pixels(image.id, how.resize_px)
-        if min(pixels.shape[:2]) < LEAST_SHARE * how.crop_px:
-            size = f"{pixels.shape[1]}×{pixels.shape[0]} px"
-            raise UnreadableImage(Path(image.id), f"{size}, too small to be shown at {how.crop_px} px")
-        return resize_and_crop(pixels, how)
+        return cut_square(self.read_pixels(image.id, how.resize_px), Path(image.id), how)
 
     def only(self, classes: Sequence[int]) -> "ImageSet":
         """Its images of some classes."""

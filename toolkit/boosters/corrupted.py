@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.boosters.ranges import change_some, check_probability, count_images
+from toolkit.boosters.ranges import check_probability
 from toolkit.errors import ToolkitError
 
 if TYPE_CHECKING:
@@ -49,21 +49,13 @@ class Corrupted:
         """Corrupt some of (b, 3, h, w) sRGB-encoded photographs, within [0, 1]; see `corrupt_straight`."""
         import torch
 
-        count = count_images(pixels)
-        acting = rng.random(count) < self.probability
-        drawn = rng.integers(len(self.corruptions), size=count)
-        seeds = rng.integers(1 << 62, size=count)
+        from toolkit.corruptions.share import draw_corrupted
 
-        def spoil(some: torch.Tensor, which: np.ndarray) -> torch.Tensor:
-            kinds = np.unique(drawn[which])
-            groups = [np.flatnonzero(drawn[which] == kind) for kind in kinds]
-            spoilt = []
-            for kind, group in zip(kinds, groups, strict=True):
-                name, severity = self.corruptions[kind]
-                spoilt.append(corrupt_straight(some[group.tolist()], name, severity, seeds[which[group]].tolist()))
-            return torch.cat(spoilt)[np.argsort(np.concatenate(groups)).tolist()]
-
-        return change_some(pixels, acting, spoil)
+        batch = pixels[None] if pixels.ndim == 3 else pixels
+        for which, name, severity, seeds in draw_corrupted(rng, len(batch), self.corruptions, self.probability):
+            index = torch.from_numpy(which).to(batch.device)
+            batch = batch.index_copy(0, index, corrupt_straight(batch[index], name, severity, seeds))
+        return batch.reshape(pixels.shape)
 
 
 def corrupt_straight(images: "torch.Tensor", name: str, severity: int, seeds: Sequence[int]) -> "torch.Tensor":

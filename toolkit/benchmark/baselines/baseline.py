@@ -1,5 +1,6 @@
 """What all kinds of baseline have in common: one picture for each class, at any size."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -32,7 +33,7 @@ class Choice:
     passed_over: tuple[tuple[str, str], ...] = ()
 
 
-class Baseline:
+class Baseline(ABC):
     """One kind of baseline.
 
     Attributes:
@@ -62,6 +63,6 @@ class Baseline:
         """How far a class moves the progress bar."""
         return 1
 
+    @abstractmethod
     def choose(self, index: int, advance: Advance) -> Choice:
         """Decide what stands for a class; `advance` is told of the work that is done."""
-        raise NotImplementedError

@@ -33,14 +33,9 @@ def corrupt_some(batch: "torch.Tensor", rng: np.random.Generator, how: Corruptin
     import torch
 
     from toolkit.corruptions import corrupt
+    from toolkit.corruptions.share import draw_corrupted
 
-    count = len(batch)
-    hit = rng.random(count) < how.share
-    drawn = rng.integers(len(how.corruptions), size=count)
-    seeds = rng.integers(2**62, size=count)
-    for index in np.unique(drawn[hit]):
-        chosen = np.flatnonzero(hit & (drawn == index))
+    for chosen, name, severity, seeds in draw_corrupted(rng, len(batch), how.corruptions, how.share):
         which = torch.from_numpy(chosen).to(batch.device)
-        name, severity = how.corruptions[index]
-        batch[which] = corrupt(batch[which], name, severity, seeds[chosen].tolist())
+        batch[which] = corrupt(batch[which], name, severity, seeds)
     return batch

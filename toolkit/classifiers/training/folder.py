@@ -114,7 +114,15 @@ def load_square(path: Path, how: Preprocessing) -> np.ndarray:
     Raises:
         UnreadableImage: it cannot be decoded, or is too small to show anything.
     """
-    pixels = read_image(path, how.resize_px)
+    return cut_square(read_image(path, how.resize_px), path, how)
+
+
+def cut_square(pixels: np.ndarray, path: Path, how: Preprocessing) -> np.ndarray:
+    """(crop_px, crop_px, 3) uint8 sRGB: the middle of (h, w, 3) pixels; `path` is named where they are too few.
+
+    Raises:
+        UnreadableImage: they would show nothing.
+    """
     short = min(pixels.shape[:2])
     if short < LEAST_SHARE * how.crop_px:
         size = f"{pixels.shape[1]}×{pixels.shape[0]} px"
