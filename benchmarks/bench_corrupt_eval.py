@@ -25,11 +25,11 @@ def make_request(folder: Path, count: int, corruptions):
     """The grid over `count` photographs without and with a patch of 100 px."""
     import numpy as np
 
-    from toolkit.benchmark.images import open_images
-    from toolkit.benchmark.run import GridRequest
+    from toolkit.benchmark.grid import GridRequest
     from toolkit.benchmark.variants import open_variants
-    from toolkit.patches import write_patch
-    from toolkit.workspace import make_workspace
+    from toolkit.core.workspace import make_workspace
+    from toolkit.objects.records import write_patch
+    from toolkit.training.image_set import open_images
 
     classifier, workspace = make_classifier(folder), make_workspace(folder / "space")
     pixels = np.random.default_rng(0).integers(0, 256, (100, 100, 3), np.uint8)
@@ -49,7 +49,7 @@ def measure_speed(folder: Path) -> dict[str, float]:
     import torch
     import torchvision
 
-    from toolkit.benchmark.run import run_grid
+    from toolkit.benchmark.grid import run_grid
     from toolkit.corruptions import COMMON, corrupt
 
     corruptions = tuple((name, SEVERITY) for name in COMMON)
@@ -92,7 +92,7 @@ def measure_memory(folder: Path, count: int) -> float:
 
 
 def _report_peak(folder: Path, count: int) -> None:
-    from toolkit.benchmark.run import run_grid
+    from toolkit.benchmark.grid import run_grid
 
     run_grid(make_request(folder, count, (("contrast", SEVERITY),)), folder / f"cells-{count}.jsonl", quiet=True)
     # not getrusage's ru_maxrss: a child process inherits its parent's peak there

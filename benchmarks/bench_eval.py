@@ -35,7 +35,7 @@ def make_classifier(folder: Path):
     import torch
     import torchvision
 
-    from toolkit.classifiers.network import load_classifier
+    from toolkit.models.load import load_classifier
 
     file = folder / "resnet18-random.pth"
     if not file.is_file():

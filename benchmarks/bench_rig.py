@@ -18,10 +18,10 @@ OBJECT = "racer"
 
 
 def _scene(width: int, height: int):
+    from toolkit.core.workspace import PACKAGE_DATA
     from toolkit.objects.load import load_object
     from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
     from toolkit.rig.studio import make_studio
-    from toolkit.workspace import PACKAGE_DATA
 
     mesh = load_object(PACKAGE_DATA / "objects" / f"{OBJECT}.toml").mesh
     camera = Camera(width, height)
@@ -51,8 +51,8 @@ def _table(studio):
 
 
 def rig(width: int, height: int, name: str = "raycast"):
-    from toolkit.rig.finish import develop
     from toolkit.rig.renderer import make_renderer
+    from toolkit.rig.shading import develop
 
     mesh, camera, poses, studio = _scene(width, height)
     renderer = make_renderer(name, mesh, studio)

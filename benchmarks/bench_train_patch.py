@@ -14,14 +14,14 @@ import numpy as np
 import torch
 from torchvision.models import resnet18
 
-from toolkit.boosters.affine import AffineRanges
-from toolkit.boosters.appearance import Appearance
-from toolkit.boosters.batches import stack_on_device
-from toolkit.boosters.light import LightRanges
-from toolkit.boosters.training import Descent, Target, draw_first_patch, train_steps
-from toolkit.classifiers.network import Classifier, choose_device
-from toolkit.classifiers.preprocessing import Preprocessing
-from toolkit.classifiers.weights import WeightsFile
+from toolkit.boosters.data import stack_on_device
+from toolkit.boosters.parts.affine import AffineRanges
+from toolkit.boosters.parts.base import Appearance
+from toolkit.boosters.parts.light import LightRanges
+from toolkit.boosters.patch_steps import Descent, Target, draw_first_patch, train_steps
+from toolkit.imaging.preprocessing import Preprocessing
+from toolkit.models.network import Classifier, choose_device
+from toolkit.models.weights import WeightsFile
 
 BATCH, IMAGE_PX, PATCH_PX, PHOTOS = 16, 224, 100, 64
 REPEATS, FEWEST, BUDGET_S = 9, 3, 50.0
@@ -121,7 +121,7 @@ def art_step(module: torch.nn.Module, device: str) -> Callable[[], None]:
 def in_float32() -> AbstractContextManager:
     """Have the toolkit compute in float32 where it would choose bfloat16."""
     both = ExitStack()
-    both.enter_context(patch("toolkit.classifiers.precision.has_native_bfloat16", return_value=False))
+    both.enter_context(patch("toolkit.models.precision.has_native_bfloat16", return_value=False))
     both.enter_context(patch("torch.cuda.is_bf16_supported", return_value=False))
     return both
 

@@ -18,22 +18,20 @@ import numpy as np
 import torch
 from torchvision.models import resnet18
 
-from toolkit.boosters.textures.optimiser import Optimiser
-from toolkit.boosters.textures.recipes import Choices, make_request
-from toolkit.boosters.textures.request import TextureRequest
-from toolkit.boosters.textures.training import train_steps
-from toolkit.boosters.training import Target, draw_first_patch, judge_photos
-from toolkit.classifiers.network import Classifier, choose_device
-from toolkit.classifiers.preprocessing import Preprocessing
-from toolkit.classifiers.weights import WeightsFile
+from toolkit.boosters.patch_steps import Target, draw_first_patch, judge_photos
+from toolkit.boosters.texture_config import Optimiser, TextureRequest
+from toolkit.boosters.texture_recipes import Choices, make_request
+from toolkit.boosters.texture_steps import train_steps
+from toolkit.imaging.preprocessing import Preprocessing
+from toolkit.models.network import Classifier, choose_device
+from toolkit.models.weights import WeightsFile
 from toolkit.objects.atlas import Atlas, make_atlas
 from toolkit.objects.load import build_mesh
 from toolkit.objects.mesh import Material, Mesh, place_on_table
 from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
-from toolkit.rig.training import random_pose
-from toolkit.rig.view_stream import DETAIL, FOV_DEG, Subject, ViewStream, count_workers
+from toolkit.rig.views import DETAIL, FOV_DEG, Subject, ViewStream, count_workers, random_pose
 
 TEXELS, LENGTH_MM = 200, 270.0
 TRIANGLES = (1_000, 10_000, 100_000, 300_000)

@@ -3,15 +3,8 @@
 from pathlib import Path
 
 from toolkit.benchmark.answers import CLEAN
-from toolkit.benchmark.results.say import (
-    name_row,
-    say_corruption,
-    say_interval,
-    say_percent,
-    say_points,
-    say_points_interval,
-)
-from toolkit.benchmark.results.summary import Summary, VariantMean, read_summary
+from toolkit.benchmark.summary import Summary, VariantMean, read_summary
+from toolkit.benchmark.text import name_row, say_corruption, say_interval, say_percent, say_points, say_points_interval
 from toolkit.corruptions import COMMON
 
 RECORDS = Path(__file__).parent / "records" / "benchmark"

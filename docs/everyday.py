@@ -2,9 +2,9 @@
 
 from PIL import Image, ImageDraw, ImageFont
 
-from toolkit.objects.everyday import MAKERS, make_everyday
+from toolkit.objects.shapes.everyday import MAKERS, make_everyday
 from toolkit.rig.camera import Camera
-from toolkit.rig.training import render_thumbnails
+from toolkit.rig.views import render_thumbnails
 
 COLUMNS, CELL_PX, CAPTION_PX = 9, 150, 22
 SEED = 20_000

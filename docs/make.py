@@ -16,12 +16,12 @@ from PIL import Image, ImageFont
 from sections import write_summary, write_sweeps
 from tiles import RIGHT, WRONG, make_sheet, paste_tile
 
-from toolkit.captures.variants import PAIR
-from toolkit.classifiers.bundled import read_bundled
-from toolkit.classifiers.record import ClassifierRecord
+from toolkit.core.workspace import Workspace, open_workspace
+from toolkit.models.bundled import read_bundled
+from toolkit.models.find import ClassifierRecord
 from toolkit.objects.load import BUILTIN
-from toolkit.patches import PatchRecord, read_patch
-from toolkit.workspace import Workspace, open_workspace
+from toolkit.objects.records import PatchRecord, read_patch
+from toolkit.rig.variants import PAIR
 
 DOCS = Path(__file__).parent
 FIGURES = DOCS / "figures"

@@ -7,9 +7,9 @@ from PIL import Image
 from tiles import make_sheet, paste_tile
 
 from toolkit.captures.read import POOLED
+from toolkit.core.workspace import Workspace
 from toolkit.objects.load import BUILTIN
-from toolkit.textures import TextureRecord, read_texture
-from toolkit.workspace import Workspace
+from toolkit.objects.records import TextureRecord, read_texture
 
 CLEAR, FOGGY = "sim-textures", "sim-textures-fog"
 RUN = "textures-"

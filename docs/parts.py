@@ -5,16 +5,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from toolkit.boosters.affine import AffineRanges
-from toolkit.boosters.appearance import Appearance, show_patch
-from toolkit.boosters.blur import CameraBlur
-from toolkit.boosters.glare import TapeGlare
-from toolkit.boosters.jpeg import JpegFile
-from toolkit.boosters.light import LightRanges
-from toolkit.boosters.pose import PoseRanges
-from toolkit.boosters.print_process import PrintProcess
-from toolkit.boosters.sensor_noise import SensorNoise
-from toolkit.draws import Draws
+from toolkit.boosters.parts.affine import AffineRanges
+from toolkit.boosters.parts.base import Appearance, show_patch
+from toolkit.boosters.parts.blur import CameraBlur
+from toolkit.boosters.parts.glare import TapeGlare
+from toolkit.boosters.parts.jpeg import JpegFile
+from toolkit.boosters.parts.light import LightRanges
+from toolkit.boosters.parts.pose import PoseRanges
+from toolkit.boosters.parts.print_process import PrintProcess
+from toolkit.boosters.parts.sensor_noise import SensorNoise
+from toolkit.core.draws import Draws
 
 CELL_PX, CAPTION_PX, GAP_PX, DRAWS = 224, 30, 8, 2
 STILL = AffineRanges(rotation_deg=(12, 12), share=(0.6, 0.6), foreshortening=(0.9, 0.9), overhang=0)

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from toolkit.captures.read import POOLED
+from toolkit.core.workspace import Workspace
 from toolkit.sweeps.axes import AXES
-from toolkit.workspace import Workspace
 
 
 def write_summary(summaries: dict[str, dict[str, Any]]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from PIL import Image, ImageDraw
 
-from toolkit.workspace import Workspace
+from toolkit.core.workspace import Workspace
 
 RIGHT, WRONG = (34, 139, 74), (196, 48, 48)
 TILE, STRIP = (400, 300), 34

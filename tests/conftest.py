@@ -29,7 +29,7 @@ def real_weights() -> Path:
 def make_box():
     """A function (size_mm, paint) -> a light box on the table, 12 triangles, one material."""
     from toolkit.objects.mesh import place_on_table
-    from toolkit.objects.modelling import assemble, box
+    from toolkit.objects.shapes.modelling import assemble, box
 
     def make(size_mm=(100.0, 60.0, 40.0), paint=(150, 150, 150), roughness=0.8):
         return place_on_table(assemble(box(size_mm, paint=paint), {"paint": (roughness, 0.0)}, 128))
@@ -42,12 +42,11 @@ def make_crate_space(make_box):
     """A function (folder) -> a workspace with one light object `crate`, its patch, and a plan of two small images."""
     import numpy as np
 
+    from toolkit.core.workspace import make_workspace
     from toolkit.objects.load import load_object
-    from toolkit.patches import write_patch
+    from toolkit.objects.records import write_patch
     from toolkit.rig.camera import Camera
-    from toolkit.rig.plan import make_plan, write_plan
-    from toolkit.rig.poses import Pattern
-    from toolkit.workspace import make_workspace
+    from toolkit.rig.plan import Pattern, make_plan, write_plan
 
     def make(folder):
         space = make_workspace(folder)

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
-from toolkit.classifiers.bundled import bundled_file, read_bundled
-from toolkit.files import sha256_file
-from toolkit.objects.everyday import MAKERS
+from toolkit.core.files import sha256_file
+from toolkit.core.workspace import PACKAGE_DATA, Workspace
+from toolkit.models.bundled import bundled_file, read_bundled
 from toolkit.objects.load import BUILTIN
-from toolkit.patches import read_patch
-from toolkit.workspace import PACKAGE_DATA, Workspace
+from toolkit.objects.records import read_patch
+from toolkit.objects.shapes.everyday import MAKERS
 
 ROOT = Path(__file__).parents[1]
 SETS = (None, "rig18")
@@ -61,8 +61,8 @@ def test_the_patches_of_rig18_were_trained_on_it():
 
 
 def test_every_object_has_a_texture_that_fits_it(tmp_path):
-    from toolkit.captures.textured import find_texture
     from toolkit.objects.load import load_object
+    from toolkit.rig.variants import find_texture
 
     space = Workspace(tmp_path)
     for name in BUILTIN:
@@ -74,7 +74,7 @@ def test_every_object_has_a_texture_that_fits_it(tmp_path):
 
 
 def test_the_worked_example_holds_the_same_textures_and_the_objects_in_them():
-    from toolkit.textures import read_texture
+    from toolkit.objects.records import read_texture
 
     shipped, shown = PACKAGE_DATA / "textures", ROOT / "rig" / "textures"
     for name in BUILTIN:

@@ -8,11 +8,18 @@ from made_answers import make_benchmark
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from toolkit.benchmark.results import figures, overview
-from toolkit.benchmark.results.figure_parts import FAMILY_COLOURS, NOT_DECODED_COLOUR, RIGHT_COLOUR, WRONG_COLOUR, shade
-from toolkit.benchmark.results.figures import draw_variant
-from toolkit.benchmark.results.metrics import summarise
-from toolkit.benchmark.results.overview import draw_overview
+from toolkit.benchmark import figures
+from toolkit.benchmark import figures as overview
+from toolkit.benchmark.figures import (
+    FAMILY_COLOURS,
+    NOT_DECODED_COLOUR,
+    RIGHT_COLOUR,
+    WRONG_COLOUR,
+    draw_overview,
+    draw_variant,
+    shade,
+)
+from toolkit.benchmark.metrics import summarise
 
 
 def open_png(content):

@@ -9,13 +9,12 @@ from made_answers import make_benchmark
 from scipy.stats import binomtest
 
 from toolkit.benchmark.answers import CLEAN, NETWORK, READER, Answers, Benchmark
-from toolkit.benchmark.results.metrics import summarise
-from toolkit.benchmark.results.reference_errors import ALEXNET_ERRORS
-from toolkit.benchmark.results.say import say_benchmark, say_percent
-from toolkit.benchmark.results.summary import read_summary
+from toolkit.benchmark.metrics import ALEXNET_ERRORS, summarise
+from toolkit.benchmark.summary import read_summary
+from toolkit.benchmark.text import say_benchmark, say_percent
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import write_json
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS
-from toolkit.errors import ToolkitError
-from toolkit.files import write_json
 
 # AlexNet's errors by severity on ImageNet-C, as others list them: the published ones are their means
 ALEXNET_BY_SEVERITY = {

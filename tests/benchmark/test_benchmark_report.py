@@ -9,12 +9,11 @@ import pytest
 from made_answers import make_benchmark
 from PIL import Image
 
-from toolkit.benchmark.results.metrics import summarise
-from toolkit.benchmark.results.say import say_benchmark
-from toolkit.benchmark.results.summary import read_summary
-from toolkit.benchmark.results.tables import build_table
-from toolkit.benchmark.results.write import write_benchmark
-from toolkit.errors import ToolkitError
+from toolkit.benchmark.metrics import summarise
+from toolkit.benchmark.report import write_benchmark
+from toolkit.benchmark.summary import read_summary
+from toolkit.benchmark.text import build_table, say_benchmark
+from toolkit.core.errors import ToolkitError
 
 VOID = {"meta", "img", "br", "rect", "circle", "link", "input"}
 

@@ -8,15 +8,15 @@ from hue_network import make_hue_classifier, write_photos, write_set
 from typer.testing import CliRunner
 
 from toolkit.cli import app
-from toolkit.errors import ToolkitError
-from toolkit.workspace import make_workspace
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import make_workspace
 
 
 @pytest.fixture
 def type_command(tmp_path, monkeypatch):
     """A function (words) -> the result; the classifier is the one that sees hues."""
     space = make_workspace(tmp_path / "space")
-    monkeypatch.setattr("toolkit.classifiers.network.load_classifier", lambda *args, **kwargs: make_hue_classifier())
+    monkeypatch.setattr("toolkit.models.load.load_classifier", lambda *args, **kwargs: make_hue_classifier())
 
     def run(*words):
         return CliRunner().invoke(app, [*map(str, words), "--workspace", str(space.root)])

@@ -7,13 +7,12 @@ from hue_network import make_hue_classifier, write_photos, write_set
 from PIL import Image
 
 from toolkit.benchmark.cells import Cell
-from toolkit.benchmark.examples import RIGHT, WRONG, choose_cells, draw_examples
-from toolkit.benchmark.images import open_images
-from toolkit.benchmark.placement import Placement
-from toolkit.benchmark.run import GridRequest, run_grid
+from toolkit.benchmark.grid import RIGHT, WRONG, GridRequest, choose_cells, draw_examples, run_grid
 from toolkit.benchmark.variants import open_variants
+from toolkit.boosters.place_patches import Placement
+from toolkit.core.workspace import make_workspace
 from toolkit.corruptions import COMMON
-from toolkit.workspace import make_workspace
+from toolkit.training.image_set import open_images
 
 
 def count(picture, colour) -> int:

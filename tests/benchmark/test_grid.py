@@ -9,16 +9,15 @@ import torch
 from hue_network import LABELS, make_hue_classifier, write_photos, write_set
 from PIL import Image
 
-from toolkit.benchmark import run as grid
-from toolkit.benchmark.boost import boost_images
-from toolkit.benchmark.images import open_images
-from toolkit.benchmark.placement import Placement
-from toolkit.benchmark.run import GridRequest, run_grid
-from toolkit.benchmark.show import rank_classes
+from toolkit.benchmark import grid
+from toolkit.benchmark.cells import rank_classes
+from toolkit.benchmark.grid import GridRequest, run_grid
 from toolkit.benchmark.variants import open_variants, share_classes
+from toolkit.boosters.place_patches import Placement, boost_images
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import make_workspace
 from toolkit.corruptions import corrupt, image_seed
-from toolkit.errors import ToolkitError
-from toolkit.workspace import make_workspace
+from toolkit.training.image_set import open_images
 
 CORRUPTIONS = (("fog", 3), ("gaussian_noise", 2), ("jpeg_compression", 4))
 
@@ -169,7 +168,7 @@ def test_sets_that_cannot_be_used_are_one_line(place, make, words):
 
 def test_codes_are_read_and_counted_apart(place):
     from toolkit.benchmark.answers import NOT_DECODED, RIGHT
-    from toolkit.patches import write_patch
+    from toolkit.objects.records import write_patch
 
     for index, label in enumerate(LABELS):
         tag = cv2.aruco.generateImageMarker(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11), index, 24)

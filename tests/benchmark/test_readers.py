@@ -9,10 +9,10 @@ import segno
 import torch
 
 from toolkit.benchmark.answers import NOT_DECODED, RIGHT, WRONG
-from toolkit.benchmark.baselines.codes import AprilTags, QrCodes
-from toolkit.benchmark.readers import Reader, find_readers, judge_texts, read_codes
+from toolkit.benchmark.variants import Reader, find_readers, judge_texts, read_codes
+from toolkit.boosters.baselines.codes import AprilTags, QrCodes
+from toolkit.core.errors import ToolkitError
 from toolkit.corruptions import corrupt
-from toolkit.errors import ToolkitError
 
 
 def name_readers(kind, dictionary="36h11"):

@@ -8,17 +8,15 @@ import torch
 from PIL import Image
 from typer.testing import CliRunner
 
-from toolkit.benchmark.boost import boost_images
-from toolkit.benchmark.placement import Placement
 from toolkit.benchmark.training_boost import read_training_boost
-from toolkit.classifiers.training.augment import SMALL_IMAGES
-from toolkit.classifiers.training.recipe import Recipe
-from toolkit.classifiers.training.request import ClassifierRequest
-from toolkit.classifiers.training.run import RunOptions, train_classifier
+from toolkit.boosters.place_patches import Placement, boost_images
 from toolkit.cli import app
-from toolkit.errors import ToolkitError
-from toolkit.patches import write_patch
-from toolkit.workspace import make_workspace
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import make_workspace
+from toolkit.objects.records import write_patch
+from toolkit.training.augment import SMALL_IMAGES
+from toolkit.training.classifier import RunOptions, train_classifier
+from toolkit.training.classifier_config import ClassifierRequest, Recipe
 
 LABELS = ("crane", "dog", "crane ship")
 COLOURS = {"crane": (230, 40, 40), "dog": (40, 230, 40), "crane ship": (40, 40, 230)}

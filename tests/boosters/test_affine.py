@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from toolkit.boosters.affine import AffineRanges, affine_matrices
-from toolkit.errors import ToolkitError
+from toolkit.boosters.parts.affine import AffineRanges, affine_matrices
+from toolkit.core.errors import ToolkitError
 
 N, M = 100, 224
 

@@ -9,10 +9,10 @@ from part_checks import check_gradient, count_changed, grey_noise
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from toolkit.boosters.blur import CameraBlur, make_kernels
-from toolkit.boosters.jpeg import CHROMA, LUMA, JpegFile, compress, quantise_tables, round_straight
-from toolkit.boosters.sensor_noise import SensorNoise
-from toolkit.errors import ToolkitError
+from toolkit.boosters.parts.blur import CameraBlur, make_kernels
+from toolkit.boosters.parts.jpeg import CHROMA, LUMA, JpegFile, compress, quantise_tables, round_straight
+from toolkit.boosters.parts.sensor_noise import SensorNoise
+from toolkit.core.errors import ToolkitError
 
 PARTS = [CameraBlur, SensorNoise, JpegFile]
 

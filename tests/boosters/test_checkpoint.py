@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from toolkit.boosters.checkpoint import Checkpoint, read_checkpoint, write_checkpoint
-from toolkit.errors import ToolkitError
+from toolkit.boosters.patch_loop import Checkpoint, read_checkpoint, write_checkpoint
+from toolkit.core.errors import ToolkitError
 
 STATE = Checkpoint("k" * 64, np.random.default_rng(0).random((3, 9, 9), np.float32), np.array([2.5, 1.5]), np.zeros(2))
 

@@ -10,20 +10,19 @@ import torch
 from part_checks import count_changed, grey_noise
 from tiny_network import IMAGE_PX, tiny_classifier, wrap, write_photos
 
-from toolkit.boosters.affine import AffineRanges
-from toolkit.boosters.appearance import Appearance
-from toolkit.boosters.corrupted import DIFFERENTIABLE, Corrupted, corrupt_straight
 from toolkit.boosters.data import DataRequest
-from toolkit.boosters.patch_run import train_patch
-from toolkit.boosters.recipes import Choices, make_request
-from toolkit.boosters.request import hash_inputs
-from toolkit.boosters.settings_table import list_settings
-from toolkit.boosters.training import Descent, Target, draw_first_patch, patch_gradient, train_steps
+from toolkit.boosters.parts.affine import AffineRanges
+from toolkit.boosters.parts.base import Appearance
+from toolkit.boosters.parts.corruption import DIFFERENTIABLE, Corrupted, corrupt_straight
+from toolkit.boosters.patch import train_patch
+from toolkit.boosters.patch_config import hash_inputs
+from toolkit.boosters.patch_recipes import Choices, list_settings, make_request
+from toolkit.boosters.patch_steps import Descent, Target, draw_first_patch, patch_gradient, train_steps
 from toolkit.boosters.validation import validate_patch
+from toolkit.core.draws import Draws
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
 from toolkit.corruptions import CORRUPTIONS, corrupt
-from toolkit.draws import Draws
-from toolkit.errors import ToolkitError
-from toolkit.workspace import Workspace
 
 STRAIGHT = sorted(set(CORRUPTIONS) - DIFFERENTIABLE)
 

@@ -5,11 +5,11 @@ import pytest
 import torch
 from part_checks import check_gradient, count_changed, grey_noise
 
-from toolkit.boosters.fog import Fog
+from toolkit.boosters.parts.fog import Fog
+from toolkit.core.errors import ToolkitError
 from toolkit.corruptions.catalogue import CORRUPTIONS
 from toolkit.corruptions.draws import Draws
 from toolkit.corruptions.weather import add_fog
-from toolkit.errors import ToolkitError
 
 
 def test_probability_is_kept_and_what_does_not_act_is_left_exactly():

@@ -3,8 +3,8 @@ import pytest
 import torch
 from part_checks import check_gradient, count_changed, grey_noise
 
-from toolkit.boosters.glare import TapeGlare
-from toolkit.errors import ToolkitError
+from toolkit.boosters.parts.glare import TapeGlare
+from toolkit.core.errors import ToolkitError
 
 SHINE = {"probability": 1, "strip_probability": 0}
 STRIP = {"probability": 0, "strip_probability": 1}

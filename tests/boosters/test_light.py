@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from toolkit.boosters.light import LightRanges
-from toolkit.errors import ToolkitError
+from toolkit.boosters.parts.light import LightRanges
+from toolkit.core.errors import ToolkitError
 
 
 def light(paper, mask, **ranges):

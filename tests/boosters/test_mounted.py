@@ -8,9 +8,7 @@ import pytest
 import torch
 from tiny_network import LABELS, tiny_classifier
 
-from toolkit.boosters.affine import AffineRanges
-from toolkit.boosters.appearance import Appearance
-from toolkit.boosters.mounted import (
+from toolkit.boosters.mounted import (  # fmt: skip
     MountedViews,
     develop,
     divide_views,
@@ -18,15 +16,18 @@ from toolkit.boosters.mounted import (
     show_mounted,
     stack_views,
     validate_mounted,
-)  # fmt: skip
-from toolkit.boosters.training import Descent, Target, draw_first_patch, patch_gradient, train_steps
-from toolkit.draws import Draws
-from toolkit.rig import finish, mounted
+)
+from toolkit.boosters.parts.affine import AffineRanges
+from toolkit.boosters.parts.base import Appearance
+from toolkit.boosters.patch_steps import Descent, Target, draw_first_patch, patch_gradient, train_steps
+from toolkit.core.draws import Draws
+from toolkit.rig import mounted
+from toolkit.rig import shading as finish
 from toolkit.rig.camera import Camera
 from toolkit.rig.mount import attach, mount_patch
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
-from toolkit.rig.training import random_pose
+from toolkit.rig.views import random_pose
 
 SIDE = 48
 

@@ -7,13 +7,20 @@ import numpy as np
 import pytest
 from tiny_network import tiny_classifier, write_photos
 
-from toolkit.boosters.batches import cut_centres, draw_batch, stack_on_device
-from toolkit.boosters.data import DataRequest, load_data
-from toolkit.boosters.folder_data import choose_files, names_of_class
-from toolkit.boosters.rig_data import choose_object, is_rig_source
-from toolkit.classifiers.labels import imagenet_wnids
-from toolkit.errors import ToolkitError
-from toolkit.workspace import Workspace
+from toolkit.boosters.data import (
+    DataRequest,
+    choose_files,
+    choose_object,
+    cut_centres,
+    draw_batch,
+    is_rig_source,
+    load_data,
+    names_of_class,
+    stack_on_device,
+)
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
+from toolkit.models.labels import imagenet_wnids
 
 HOW = tiny_classifier().preprocessing
 JET = frozenset({"jet"})
@@ -136,9 +143,9 @@ def fake_rig(monkeypatch, calls):
         for _ in range(count):
             yield rng.integers(0, 256, (48, 64, 3), np.uint8)
 
-    module = ModuleType("toolkit.rig.training")
+    module = ModuleType("toolkit.rig.views")
     module.render_training_images = render_training_images
-    monkeypatch.setitem(sys.modules, "toolkit.rig.training", module)
+    monkeypatch.setitem(sys.modules, "toolkit.rig.views", module)
 
 
 def test_renders_are_made_once_per_run_and_kept_until_it_ends(tmp_path, monkeypatch):

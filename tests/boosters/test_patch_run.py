@@ -12,22 +12,23 @@ import pytest
 from PIL import Image
 from tiny_network import tiny_classifier, tiny_request, write_photos
 
-from toolkit.boosters import patch_run, resumable
-from toolkit.boosters.patch_run import train_patch
-from toolkit.boosters.training import Descent
-from toolkit.errors import ToolkitError
-from toolkit.patches import read_patch
-from toolkit.workspace import Workspace
+from toolkit.boosters import patch as patch_run
+from toolkit.boosters import patch_loop as resumable
+from toolkit.boosters.patch import train_patch
+from toolkit.boosters.patch_steps import Descent
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
+from toolkit.objects.records import read_patch
 
-HERE = Path(__file__).parent
+HELPERS = Path(__file__).parents[1] / "helpers"
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-import toolkit.boosters.patch_run as patch_run, toolkit.boosters.resumable as resumable, toolkit.patches as patches
+import toolkit.boosters.patch as patch_run, toolkit.boosters.patch_loop as resumable, toolkit.objects.records as patches
 import torch
 torch.set_num_threads(1)
 from tiny_network import tiny_classifier, tiny_request
-from toolkit.workspace import Workspace
+from toolkit.core.workspace import Workspace
 
 when, folder, photos = sys.argv[1], Path(sys.argv[2]), Path(sys.argv[3])
 write, count = resumable.write_checkpoint, 0
@@ -98,7 +99,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not(tmp_path, photo
 
 @pytest.mark.parametrize("when", ["checkpoint", "record"])
 def test_kill_9_then_the_same_command_ends_as_if_never_killed(tmp_path, photos, when):
-    environment = os.environ | {"PYTHONPATH": str(HERE)}
+    environment = os.environ | {"PYTHONPATH": str(HELPERS)}
     command = [sys.executable, "-c", KILLED, when, str(tmp_path / "killed"), str(photos)]
     died = subprocess.run(command, env=environment, capture_output=True, timeout=120)
     assert died.returncode == -signal.SIGKILL, died.stderr.decode()

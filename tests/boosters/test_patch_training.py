@@ -7,20 +7,13 @@ import pytest
 import torch
 from tiny_network import IMAGE_PX, LABELS, tiny_classifier, wrap
 
-from toolkit.boosters import training
-from toolkit.boosters.affine import AffineRanges
-from toolkit.boosters.appearance import Appearance, show_patch
-from toolkit.boosters.light import LightRanges
-from toolkit.boosters.training import (
-    Descent,
-    Target,
-    draw_first_patch,
-    patch_gradient,
-    smooth_gradient,
-    train_steps,
-)
-from toolkit.draws import Draws
-from toolkit.errors import ToolkitError
+from toolkit.boosters import patch_steps as training
+from toolkit.boosters.parts.affine import AffineRanges
+from toolkit.boosters.parts.base import Appearance, show_patch
+from toolkit.boosters.parts.light import LightRanges
+from toolkit.boosters.patch_steps import Descent, Target, draw_first_patch, patch_gradient, smooth_gradient, train_steps
+from toolkit.core.draws import Draws
+from toolkit.core.errors import ToolkitError
 
 PLAIN = Appearance(AffineRanges(share=(0.4, 0.6)))
 
@@ -68,7 +61,7 @@ def test_gradient_matches_finite_differences_in_double_precision():
 
 def test_half_precision_keeps_the_direction_of_the_gradient(monkeypatch):
     """Autocast works on any processor, if slowly, so the test need not wait for one with the instructions."""
-    from toolkit.classifiers import precision
+    from toolkit.models import precision
 
     images, patch = photos()[:, :, :IMAGE_PX, :IMAGE_PX].float() / 255, draw_first_patch(16, 0)
     arguments = (patch, images, [Target(tiny_classifier(), 3)], PLAIN, Draws(0, 0))

@@ -5,11 +5,19 @@ import numpy as np
 import pytest
 import torch
 
-from toolkit.boosters.affine import AffineRanges
-from toolkit.boosters.appearance import Appearance, show_patch
-from toolkit.boosters.pose import MixedPlacement, PoseRanges, Sheet, angle_above, box_corners, draw_sheet, project_sheet
-from toolkit.draws import Draws
-from toolkit.errors import ToolkitError
+from toolkit.boosters.parts.affine import AffineRanges
+from toolkit.boosters.parts.base import Appearance, show_patch
+from toolkit.boosters.parts.pose import (
+    MixedPlacement,
+    PoseRanges,
+    Sheet,
+    angle_above,
+    box_corners,
+    draw_sheet,
+    project_sheet,
+)
+from toolkit.core.draws import Draws
+from toolkit.core.errors import ToolkitError
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
 
 N, M = 100, 224

@@ -7,9 +7,8 @@ import pytest
 import torch
 from part_checks import check_gradient
 
-from toolkit.boosters.print_losses import non_printability, total_variation
-from toolkit.inks import SOLIDS, nearest_printable
-from toolkit.print_scores import NOISE_VARIATION, PrintScores, score_print
+from toolkit.boosters.patch_config import non_printability, total_variation
+from toolkit.imaging.printer import NOISE_VARIATION, SOLIDS, PrintScores, nearest_printable, score_print
 
 
 def test_total_variation_of_flat_stripes_and_noise():

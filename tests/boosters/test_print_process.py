@@ -6,9 +6,9 @@ import torch
 from part_checks import check_gradient, count_changed, grey_noise
 from scipy.ndimage import gaussian_filter1d
 
-from toolkit.boosters.print_process import LUMA, PrintProcess, gain_dots, mix_solids, spread_ink
-from toolkit.errors import ToolkitError
-from toolkit.inks import PAPER, SOLIDS
+from toolkit.boosters.parts.print_process import LUMA, PrintProcess, gain_dots, mix_solids, spread_ink
+from toolkit.core.errors import ToolkitError
+from toolkit.imaging.printer import PAPER, SOLIDS
 
 NOMINAL = PrintProcess((1, 1), 0, (1, 1), (1, 1), (0, 0), (0.001, 0.001), probability=1)
 # coverage of cyan, magenta, yellow in percent, and the measured X, Y, Z (D50): samples of FOGRA29L.txt

@@ -9,14 +9,12 @@ import torch
 from part_checks import check_gradient, count_changed, grey_noise
 
 from toolkit.boosters.data import DataRequest
-from toolkit.boosters.print_process import PrintProcess
-from toolkit.boosters.print_profile import ProfiledPrint, encode, use_profile
-from toolkit.boosters.recipes import Choices, make_request
-from toolkit.boosters.request import hash_inputs
-from toolkit.boosters.settings_table import list_settings
-from toolkit.colour import linear_to_srgb
-from toolkit.errors import ToolkitError
-from toolkit.print_profile import (
+from toolkit.boosters.parts.print_process import PrintProcess, ProfiledPrint, encode, use_profile
+from toolkit.boosters.patch_config import hash_inputs
+from toolkit.boosters.patch_recipes import Choices, list_settings, make_request
+from toolkit.core.errors import ToolkitError
+from toolkit.imaging.colour import linear_to_srgb
+from toolkit.imaging.printer import (
     ColourError,
     PrintProfile,
     ProfileMade,

@@ -4,12 +4,11 @@ import pytest
 from tiny_network import tiny_request
 
 from toolkit.boosters.data import DataRequest
-from toolkit.boosters.pose import MixedPlacement
-from toolkit.boosters.recipes import RECIPES, Choices, make_request
-from toolkit.boosters.request import hash_inputs
-from toolkit.boosters.settings_table import list_settings
-from toolkit.errors import ToolkitError
-from toolkit.patches import printed_size_mm
+from toolkit.boosters.parts.pose import MixedPlacement
+from toolkit.boosters.patch_config import hash_inputs
+from toolkit.boosters.patch_recipes import RECIPES, Choices, list_settings, make_request
+from toolkit.core.errors import ToolkitError
+from toolkit.objects.records import printed_size_mm
 
 PARTS = ("pose", "light", "print_process", "glare", "camera")
 
@@ -86,7 +85,7 @@ def test_the_pose_knows_the_printed_size_and_a_large_patch_a_large_object():
 def test_penalty_is_none_unless_weighed():
     import torch
 
-    from toolkit.boosters.print_losses import non_printability, total_variation
+    from toolkit.boosters.patch_config import non_printability, total_variation
 
     assert make().penalty() is None
     theta = torch.rand(3, 8, 8)

@@ -7,11 +7,12 @@ import pytest
 import torch
 from texture_parts import SIDE, TEXELS, make_crate, take_apart
 
-from toolkit.boosters.textures import pyramid
-from toolkit.boosters.textures.picture import batch_views, show_texture
+from toolkit.boosters import texture_picture as pyramid
+from toolkit.boosters.texture_picture import batch_views, show_texture
 from toolkit.objects.atlas import wear
 from toolkit.objects.mesh import Material, Mesh
-from toolkit.rig import finish, textures
+from toolkit.rig import shading as finish
+from toolkit.rig import textures
 from toolkit.rig.camera import Camera, look_at
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio

@@ -13,24 +13,24 @@ import torch
 from texture_parts import TEXELS, crate_request, make_crate
 from tiny_network import tiny_classifier, write_photos
 
-from toolkit.boosters.textures import run as texture_run
-from toolkit.boosters.textures.optimiser import Optimiser
-from toolkit.boosters.textures.run import train_texture
-from toolkit.boosters.training import Descent
-from toolkit.errors import ToolkitError
+from toolkit.boosters import texture as texture_run
+from toolkit.boosters.patch_steps import Descent
+from toolkit.boosters.texture import train_texture
+from toolkit.boosters.texture_config import Optimiser
+from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import load_object, read_mesh
-from toolkit.textures import read_texture
+from toolkit.objects.records import read_texture
 
-HERE = Path(__file__).parent
+HELPERS = Path(__file__).parents[1] / "helpers"
 KILLED = """
 import os, signal, sys
 from pathlib import Path
 import torch
 torch.set_num_threads(1)
-import toolkit.boosters.textures.run as run, toolkit.textures as textures
+import toolkit.boosters.texture as run, toolkit.objects.records as textures
 from texture_parts import crate_request
 from tiny_network import tiny_classifier
-from toolkit.workspace import Workspace
+from toolkit.core.workspace import Workspace
 
 when, folder = sys.argv[1], Path(sys.argv[2])
 write, count = run.write_checkpoint, 0
@@ -104,7 +104,7 @@ def test_a_killed_and_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path,
         for when in ("checkpoint", "record") if optimiser == "sign" else ("checkpoint",):
             ended = subprocess.run(
                 [sys.executable, "-c", KILLED, when, str(other.root), optimiser],
-                env=os.environ | {"PYTHONPATH": str(HERE)}, capture_output=True,
+                env=os.environ | {"PYTHONPATH": str(HELPERS)}, capture_output=True,
             )  # fmt: skip
             assert ended.returncode == -signal.SIGKILL, ended.stderr.decode()[-2000:]
         said = []
@@ -204,7 +204,7 @@ def test_objects_of_several_classes_need_a_class(space):
 
 
 def test_the_atlas_of_the_parts_is_the_one_that_the_variant_wears(space):
-    from toolkit.captures.textured import paint_object
+    from toolkit.rig.variants import paint_object
 
     made = run(space)
     item = load_object(space.object_spec("crate"))

@@ -22,7 +22,7 @@ def type_command(tmp_path, monkeypatch, capsys):
         return tiny_classifier()
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("toolkit.classifiers.network.load_classifier", load_tiny)
+    monkeypatch.setattr("toolkit.models.load.load_classifier", load_tiny)
 
     def run(*arguments: str) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["toolkit", "train-patch", *arguments])

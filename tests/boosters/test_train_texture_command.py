@@ -10,9 +10,9 @@ import pytest
 from PIL import Image
 from tiny_network import tiny_classifier
 
-from toolkit.boosters.textures import recipes
+from toolkit.boosters import texture_recipes as recipes
 from toolkit.cli import main
-from toolkit.rig.view_stream import ViewSettings
+from toolkit.rig.views import ViewSettings
 
 QUICK = ["--class", "jet", "--steps", "2", "--batch", "2", "--size-px", "16", "--workers", "0"]
 
@@ -22,7 +22,7 @@ def type_command(tmp_path, monkeypatch, capsys, make_crate_space):
     """Run `toolkit train-texture ARGUMENTS` in a workspace with a crate; returns exit code, stdout and stderr."""
     space = make_crate_space(tmp_path / "w")
     monkeypatch.chdir(space.root)
-    monkeypatch.setattr("toolkit.classifiers.network.load_classifier", lambda *arguments: tiny_classifier())
+    monkeypatch.setattr("toolkit.models.load.load_classifier", lambda *arguments: tiny_classifier())
     monkeypatch.setattr(recipes, "ViewSettings", partial(ViewSettings, studios=1, per_studio=2))
 
     def run(*arguments: str) -> tuple[int, str, str]:

@@ -3,11 +3,11 @@
 import numpy as np
 import torch
 
-from toolkit.boosters.affine import AffineRanges
-from toolkit.boosters.appearance import Appearance
-from toolkit.boosters.training import Descent, Target, draw_first_patch, train_steps
+from toolkit.boosters.parts.affine import AffineRanges
+from toolkit.boosters.parts.base import Appearance
+from toolkit.boosters.patch_steps import Descent, Target, draw_first_patch, train_steps
 from toolkit.boosters.validation import validate_patch
-from toolkit.classifiers.network import load_classifier
+from toolkit.models.load import load_classifier
 
 
 def test_a_real_resnet_learns_to_see_a_warplane(real_weights):

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 import torch
 
-from toolkit.boosters.affine import AffineRanges, affine_matrices
-from toolkit.boosters.warp import plan_warp, warp_patch
+from toolkit.boosters.parts.affine import AffineRanges, affine_matrices
+from toolkit.boosters.parts.base import plan_warp, warp_patch
 
 
 def supersample(patch: np.ndarray, T_image_patch: np.ndarray, image_px: int, grid: int = 12) -> np.ndarray:

@@ -1,11 +1,9 @@
 import numpy as np
 import torch
 
-from toolkit.boosters.affine import AffineRanges
-from toolkit.boosters.appearance import Appearance, show_patch
-from toolkit.boosters.warp import warp_patch
-from toolkit.boosters.windows import cut_windows, find_windows, paste_windows
-from toolkit.draws import Draws
+from toolkit.boosters.parts.affine import AffineRanges
+from toolkit.boosters.parts.base import Appearance, cut_windows, find_windows, paste_windows, show_patch, warp_patch
+from toolkit.core.draws import Draws
 
 RANGES = AffineRanges(overhang=0.3)
 

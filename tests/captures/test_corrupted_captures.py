@@ -10,20 +10,20 @@ import pytest
 import torch
 from PIL import Image
 
-from toolkit.captures.corrupted import corrupt_source, cut_intrinsics
+from toolkit.captures.corrupt import corrupt_source, cut_intrinsics
 from toolkit.captures.manifest import MANIFEST, append_record, read_manifest
 from toolkit.captures.read import Selection, read_captures
 from toolkit.captures.shoot import ShootSettings, shoot_plan
-from toolkit.classifiers.network import Classifier
-from toolkit.classifiers.preprocessing import Preprocessing
-from toolkit.classifiers.weights import WeightsFile
 from toolkit.cli import main
-from toolkit.corruptions.pictures import read_picture
-from toolkit.errors import ToolkitError
-from toolkit.evaluation.run import evaluate_captures
-from toolkit.files import sha256_file
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import sha256_file
+from toolkit.core.workspace import Workspace
+from toolkit.corruptions.folder import read_picture
+from toolkit.evaluation.evaluate import evaluate_captures
+from toolkit.imaging.preprocessing import Preprocessing
+from toolkit.models.network import Classifier
+from toolkit.models.weights import WeightsFile
 from toolkit.rig.plan import read_plan
-from toolkit.workspace import Workspace
 
 FOG = ("fog", 3)
 
@@ -40,7 +40,7 @@ def shot(tmp_path_factory, make_crate_space):
 def space(shot, tmp_path, monkeypatch):
     """A copy of it, and in it."""
     shutil.copytree(shot.root, tmp_path / "space")
-    monkeypatch.setattr("toolkit.workspace.PACKAGE_DATA", tmp_path / "none")
+    monkeypatch.setattr("toolkit.core.workspace.PACKAGE_DATA", tmp_path / "none")
     monkeypatch.chdir(tmp_path / "space")
     return Workspace(tmp_path / "space")
 

@@ -12,18 +12,18 @@ from board_photos import QUICK
 from PIL import Image
 from typer.testing import CliRunner
 
-from toolkit.captures.camera.lens import Lens
 from toolkit.captures.like import NOT_MEASURED, read_measured, scale_camera, shoot_like
 from toolkit.captures.manifest import MANIFEST, CaptureRecord, append_record, read_manifest
 from toolkit.captures.shoot import ShootSettings
 from toolkit.cli import app
-from toolkit.errors import ToolkitError
-from toolkit.files import sha256_file
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import sha256_file
+from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
+from toolkit.photos.lens import Lens
 from toolkit.rig.camera import orbit_pose, pixel_rays, project
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
-from toolkit.workspace import Workspace
 
 SETTINGS = ShootSettings(backdrop="white")
 LANDSCAPE = Lens(420, 300, 520.0, 531.0, 188.3, 164.6)

@@ -6,8 +6,8 @@ import json
 import pytest
 
 from toolkit.captures.manifest import MANIFEST, CaptureRecord, append_record, is_finished, read_manifest
-from toolkit.errors import ToolkitError
-from toolkit.files import sha256_bytes
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import sha256_bytes
 
 
 def record(path="crate/patched/pose_01.jpg", **fields):

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from toolkit.captures.variants import find_booster, find_patch
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import load_object
-from toolkit.patches import read_patch, write_patch
+from toolkit.objects.records import read_patch, write_patch
+from toolkit.rig.variants import find_booster, find_patch
 
 
 @pytest.fixture

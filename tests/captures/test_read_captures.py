@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from toolkit.captures.read import Selection, read_captures, read_pose_id
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 
 
 def put(root, *paths):

@@ -13,14 +13,14 @@ from PIL import Image
 
 from toolkit.captures.manifest import MANIFEST, read_manifest
 from toolkit.captures.shoot import ShootSettings, shoot_plan
-from toolkit.captures.variants import CONTROLS_OF, find_patch
-from toolkit.errors import ToolkitError
-from toolkit.files import sha256_file
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import sha256_file
+from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
-from toolkit.patches import read_patch, write_patch
+from toolkit.objects.records import read_patch, write_patch
 from toolkit.rig.camera import project
 from toolkit.rig.plan import CapturePlan, read_plan, write_plan
-from toolkit.workspace import Workspace
+from toolkit.rig.variants import CONTROLS_OF, find_patch
 
 SETTINGS = ShootSettings(backdrop="white")
 PATHS = [f"crate/{variant}/pose_{i:02d}.jpg" for variant in ("patched", "unpatched") for i in (1, 2)]
@@ -154,7 +154,7 @@ import os, signal, sys
 from pathlib import Path
 from toolkit.captures import manifest, shoot
 from toolkit.rig.plan import read_plan
-from toolkit.workspace import Workspace
+from toolkit.core.workspace import Workspace
 
 real, calls = shoot.append_record, 0
 
@@ -200,7 +200,7 @@ def test_a_full_or_read_only_disk_is_one_line(space, monkeypatch, code, words):
     def refuse(_):
         raise OSError(code, "no")
 
-    monkeypatch.setattr("toolkit.files.os.fsync", refuse)
+    monkeypatch.setattr("toolkit.core.files.os.fsync", refuse)
     with pytest.raises(ToolkitError, match=words) as caught:
         shoot(space)
     assert PATHS[0] in str(caught.value) and "\n" not in str(caught.value)

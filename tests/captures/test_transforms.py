@@ -5,8 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from toolkit.captures.manifest import CaptureRecord
-from toolkit.captures.transforms import describe_transforms, to_opengl, write_transforms
+from toolkit.captures.manifest import CaptureRecord, describe_transforms, to_opengl, write_transforms
 from toolkit.rig.camera import Camera, orbit_pose, project
 
 CAMERA = Camera(160, 120, 45)

@@ -10,10 +10,10 @@ import pytest
 import torch
 from PIL import Image
 
-from toolkit.classifiers.network import Classifier
-from toolkit.classifiers.preprocessing import Preprocessing
-from toolkit.classifiers.weights import WeightsFile
 from toolkit.cli import main
+from toolkit.imaging.preprocessing import Preprocessing
+from toolkit.models.network import Classifier
+from toolkit.models.weights import WeightsFile
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def type_command(tmp_path, monkeypatch, capsys):
         "tiny", module.eval(), ["cat", "jet"], how, WeightsFile(Path("tiny.pth"), "ab" * 32, "tiny.pth"), "cpu", False
     )
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("toolkit.classifiers.network.load_classifier", lambda *_: tiny)
+    monkeypatch.setattr("toolkit.models.load.load_classifier", lambda *_: tiny)
 
     def run(*arguments: str) -> SimpleNamespace:
         monkeypatch.setattr(sys, "argv", ["toolkit", "baseline", *arguments])

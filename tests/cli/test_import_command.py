@@ -19,7 +19,7 @@ from toolkit.cli.import_ import _shorten, ask_person
 @pytest.fixture
 def space(tmp_path, make_crate_space, monkeypatch):
     made = make_crate_space(tmp_path / "space")
-    monkeypatch.setattr("toolkit.workspace.PACKAGE_DATA", tmp_path / "none")
+    monkeypatch.setattr("toolkit.core.workspace.PACKAGE_DATA", tmp_path / "none")
     monkeypatch.chdir(made.root)
     return made
 

@@ -9,8 +9,8 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from toolkit.cli import app
+from toolkit.cli.health import Check
 from toolkit.cli.plan import what_pairs_can_show
-from toolkit.health import Check
 from toolkit.rig.plan import read_plan
 
 
@@ -18,7 +18,7 @@ from toolkit.rig.plan import read_plan
 def space(tmp_path, make_crate_space, monkeypatch):
     """In its folder, and without the package's own objects, which are heavy."""
     made = make_crate_space(tmp_path / "space")
-    monkeypatch.setattr("toolkit.workspace.PACKAGE_DATA", tmp_path / "none")
+    monkeypatch.setattr("toolkit.core.workspace.PACKAGE_DATA", tmp_path / "none")
     monkeypatch.chdir(made.root)
     return made
 
@@ -101,7 +101,7 @@ def test_capture_sim_shoots_resumes_and_notes_what_is_stale(space):
 )
 def test_doctor_prints_the_line_that_mends(space, monkeypatch, state, code, words):
     found = [Check("disk", "ok", "much"), Check("thing", state, "absent [bold]", "apt install thing")]
-    monkeypatch.setattr("toolkit.health.check_machine", lambda folder: found)
+    monkeypatch.setattr("toolkit.cli.health.check_machine", lambda folder: found)
     result = call("doctor", code=code)
     assert words in result.stdout and "apt install thing" in result.stdout and "absent [bold]" in result.stdout
     listed = json.loads(call("doctor", "--json", code=code).stdout)

@@ -6,11 +6,9 @@ import torch
 from scipy import ndimage
 
 from toolkit.corruptions import CORRUPTIONS, corrupt
-from toolkit.corruptions.blur import disk_kernel
+from toolkit.corruptions.blur import blur_along, disk_kernel, draw_neighbours, motion_taps, trace_copies
 from toolkit.corruptions.draws import Draws
 from toolkit.corruptions.filters import blur_by_matrix, blur_gaussian, filter_by_kernel
-from toolkit.corruptions.glass import draw_neighbours, trace_copies
-from toolkit.corruptions.motion import blur_along, motion_taps
 
 IMAGEMAGICK = {
     (30, 30): 15384, (29, 30): 14553, (28, 29): 12319, (27, 29): 9331, (27, 28): 6325, (26, 28): 3836, (25, 27): 2082,

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import torch
 
+from toolkit.core.errors import ToolkitError
 from toolkit.corruptions import (
     COMMON,
     CORRUPTIONS,
@@ -14,7 +15,6 @@ from toolkit.corruptions import (
     corrupt_picture,
     image_seed,
 )
-from toolkit.errors import ToolkitError
 
 CLOSED = {
     "defocus_blur", "zoom_blur", "gaussian_blur", "brightness", "contrast", "pixelate", "jpeg_compression", "saturate",

@@ -8,11 +8,11 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from toolkit.cli import app
+from toolkit.core.errors import ToolkitError
 from toolkit.corruptions import CORRUPTIONS, corrupt_picture, image_seed
 from toolkit.corruptions.folder import corrupt_folder
 from toolkit.corruptions.ledger import LEDGER_FILE
-from toolkit.corruptions.sources import choose_names
-from toolkit.errors import ToolkitError
+from toolkit.corruptions.request import choose_names
 
 
 def run(*arguments) -> tuple[int, str, str]:

@@ -89,7 +89,7 @@ def test_elastic_is_opencvs_affine_and_scipys_map(severity, parameters):
 
 def test_elastic_displacement_has_the_deviation_of_smoothed_noise():
     """A ramp shows the displacement: uniform noise of variance 1/3 through a Gaussian of sum of squares 1/(4πσ²)."""
-    from toolkit.corruptions import elastic
+    from toolkit.corruptions import digital as elastic
 
     strength, sigma = 244 * 0.12, 2.44
     ramp = torch.arange(224.0).expand(20, 3, 224, 224) / 224

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from toolkit.core.errors import ToolkitError
 from toolkit.corruptions.folder import corrupt_folder
-from toolkit.corruptions.sources import find_sources
-from toolkit.errors import ToolkitError
+from toolkit.corruptions.request import find_sources
 
 
 @pytest.fixture

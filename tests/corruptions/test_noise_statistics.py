@@ -7,7 +7,7 @@ from scipy.stats import chisquare, poisson
 
 from toolkit.corruptions import CORRUPTIONS, corrupt
 from toolkit.corruptions.draws import Draws
-from toolkit.corruptions.poisson import draw_poisson
+from toolkit.corruptions.noise import draw_poisson
 
 COUNT = 8
 LEVELS = 3 * 224 * 224 * COUNT

@@ -2,9 +2,9 @@
 
 import pytest
 
+from toolkit.core.errors import ToolkitError
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS
 from toolkit.corruptions.request import parse_corruptions
-from toolkit.errors import ToolkitError
 
 
 def test_names_with_severities():

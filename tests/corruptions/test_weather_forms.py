@@ -8,9 +8,8 @@ import torch
 
 from toolkit.corruptions import CORRUPTIONS, SEVERITIES, corrupt
 from toolkit.corruptions.draws import Draws
-from toolkit.corruptions.frost import cut_frost
 from toolkit.corruptions.frost_texture import PANES, draw_panes
-from toolkit.corruptions.plasma import draw_clouds
+from toolkit.corruptions.weather import cut_frost, draw_clouds
 
 CPU = torch.device("cpu")
 

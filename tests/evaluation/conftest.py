@@ -22,9 +22,9 @@ def colour_classifier():
     """Labels racer, warplane, coffeepot, eggnog for red, green, blue, grey."""
     import torch
 
-    from toolkit.classifiers.network import Classifier
-    from toolkit.classifiers.preprocessing import Preprocessing
-    from toolkit.classifiers.weights import WeightsFile
+    from toolkit.imaging.preprocessing import Preprocessing
+    from toolkit.models.network import Classifier
+    from toolkit.models.weights import WeightsFile
 
     class Colours(torch.nn.Module):
         def forward(self, batch):
@@ -39,7 +39,7 @@ def colour_classifier():
 @pytest.fixture
 def workspace(tmp_path):
     """An empty workspace."""
-    from toolkit.workspace import Workspace
+    from toolkit.core.workspace import Workspace
 
     (tmp_path / "space" / "rig").mkdir(parents=True)
     return Workspace(tmp_path / "space")

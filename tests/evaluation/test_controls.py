@@ -7,13 +7,12 @@ import pytest
 from scipy.stats import binomtest
 
 from toolkit.captures.read import Capture
-from toolkit.captures.variants import CONTROLS_OF, VARIANTS
-from toolkit.evaluation.answers import EITHER, STICKER, ask_help, ask_this
-from toolkit.evaluation.controls import compare_controls
-from toolkit.evaluation.findings import find_results
-from toolkit.evaluation.order import rank_variant
+from toolkit.evaluation.evaluate import evaluate_captures
+from toolkit.evaluation.metrics import rank_variant
 from toolkit.evaluation.predict import Prediction
-from toolkit.evaluation.run import evaluate_captures
+from toolkit.evaluation.results import find_results
+from toolkit.evaluation.verdict import EITHER, STICKER, ask_help, ask_this, compare_controls
+from toolkit.rig.variants import CONTROLS_OF, VARIANTS
 
 HELPS, THIS_PATCH = ask_help("patched"), ask_this("patched")
 

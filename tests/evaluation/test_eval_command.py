@@ -9,7 +9,7 @@ import typer
 from typer.testing import CliRunner
 
 from toolkit.cli.eval_ import evaluate
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 
 app = typer.Typer()
 app.command("eval")(evaluate)
@@ -48,7 +48,7 @@ def test_table_files_and_exit_codes(call, put, workspace):
 
 
 def test_saliency_is_a_choice(call, put, workspace, monkeypatch):
-    from toolkit.evaluation import run
+    from toolkit.evaluation import evaluate as run
 
     asked = []
     real = run.draw_saliency

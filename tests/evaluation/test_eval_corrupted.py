@@ -14,14 +14,13 @@ import torch
 from PIL import Image
 
 from toolkit.captures.read import read_captures
-from toolkit.classifiers.network import Classifier
-from toolkit.classifiers.preprocessing import resize_and_crop
 from toolkit.cli import main
 from toolkit.corruptions import corrupt_picture, image_seed
-from toolkit.evaluation.corrupted import add_corrupted
-from toolkit.evaluation.predict import decode_ahead, predict_captures
-from toolkit.evaluation.run import evaluate_captures
-from toolkit.images import read_image
+from toolkit.evaluation.evaluate import evaluate_captures
+from toolkit.evaluation.predict import add_corrupted, decode_ahead, predict_captures
+from toolkit.imaging.preprocessing import resize_and_crop
+from toolkit.imaging.read import read_image
+from toolkit.models.network import Classifier
 
 FOG, BLUR = ("fog", 3), ("defocus_blur", 5)
 LABELS = ["racer", "warplane", "coffeepot", "eggnog"]

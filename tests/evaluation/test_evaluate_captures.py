@@ -11,12 +11,11 @@ import pytest
 from PIL import Image
 
 from toolkit.captures.read import Selection, read_captures
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 from toolkit.evaluation import predict
-from toolkit.evaluation.corrupted import add_corrupted
-from toolkit.evaluation.predict import predict_captures
-from toolkit.evaluation.run import evaluate_captures
-from toolkit.evaluation.write import COLUMNS
+from toolkit.evaluation.evaluate import evaluate_captures
+from toolkit.evaluation.predict import add_corrupted, predict_captures
+from toolkit.evaluation.results import COLUMNS
 
 
 def read_rows(result):

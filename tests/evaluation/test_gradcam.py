@@ -8,7 +8,7 @@ import torch
 from torch import nn
 from torchvision import models
 
-from toolkit.evaluation.gradcam import NoSaliency, compute_gradcam, find_feature_map
+from toolkit.evaluation.saliency import NoSaliency, compute_gradcam, find_feature_map
 
 
 class Tail(nn.Module):

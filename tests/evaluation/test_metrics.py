@@ -7,16 +7,9 @@ import pytest
 from scipy.stats import binomtest
 
 from toolkit.captures.read import Capture
-from toolkit.evaluation.headline import ONE_WAY_FLIPS, write_headlines
-from toolkit.evaluation.metrics import (
-    compare_variants,
-    group_predictions,
-    match_pairs,
-    mcnemar_p,
-    wilson_interval,
-)
+from toolkit.evaluation.metrics import compare_variants, group_predictions, match_pairs, mcnemar_p, wilson_interval
 from toolkit.evaluation.predict import Prediction
-from toolkit.evaluation.say import say_p
+from toolkit.evaluation.verdict import ONE_WAY_FLIPS, say_p, write_headlines
 
 
 @pytest.mark.parametrize(("k", "n"), [(0, 18), (1, 18), (9, 18), (17, 18), (18, 18), (61, 72), (1, 1), (499, 1000)])

@@ -5,7 +5,7 @@ import pytest
 
 @pytest.fixture(scope="module")
 def classifier(real_weights):
-    from toolkit.classifiers import load_classifier
+    from toolkit.models import load_classifier
 
     file = sorted(real_weights.glob("resnet18-*.pth"))[0]
     return load_classifier("resnet18", file, "cpu")
@@ -28,8 +28,8 @@ def photographs(shared, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def result(classifier, photographs, tmp_path_factory):
-    from toolkit.evaluation.run import evaluate_captures
-    from toolkit.workspace import Workspace
+    from toolkit.core.workspace import Workspace
+    from toolkit.evaluation.evaluate import evaluate_captures
 
     return evaluate_captures(photographs, Workspace(tmp_path_factory.mktemp("space")), classifier, quiet=True)
 
@@ -64,8 +64,8 @@ def test_gradcam_is_the_class_activation_map_of_a_resnet(result, classifier):
     import numpy as np
     import torch
 
-    from toolkit.evaluation.gradcam import compute_gradcam, find_feature_map
-    from toolkit.images import read_image
+    from toolkit.evaluation.saliency import compute_gradcam, find_feature_map
+    from toolkit.imaging.read import read_image
 
     module = find_feature_map(classifier)
     assert module is classifier.module.layer4

@@ -11,13 +11,17 @@ from PIL import Image
 from rich.console import Console
 
 from toolkit.captures.read import Capture
-from toolkit.evaluation.contact_sheet import lay_out, lay_out_flips
-from toolkit.evaluation.flips import MAX_FLIPS, list_flips
-from toolkit.evaluation.metrics import compare_variants, group_predictions, match_pairs
-from toolkit.evaluation.poses import chart_poses, read_direction
+from toolkit.evaluation.contact_sheet import (
+    MAX_BYTES,
+    chart_poses,
+    lay_out,
+    lay_out_flips,
+    make_thumbnails,
+    read_direction,
+)
+from toolkit.evaluation.metrics import MAX_FLIPS, compare_variants, group_predictions, list_flips, match_pairs
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.tables import build_tables
-from toolkit.evaluation.thumbnails import MAX_BYTES, make_thumbnails
 from toolkit.rig.camera import orbit_pose
 
 

@@ -11,13 +11,12 @@ from rich.console import Console
 from scipy.stats import binomtest, spearmanr
 
 from toolkit.captures.read import Capture
-from toolkit.evaluation.agreement import cohen_kappa, paired_difference_interval, rank_correlation
-from toolkit.evaluation.findings import find_results
+from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.predict import Prediction
-from toolkit.evaluation.run import evaluate_captures
-from toolkit.evaluation.sim_real import compare_sim_real
-from toolkit.evaluation.sim_real_report import MAX_CARDS, SIDE, place_prob, view_sim_real
-from toolkit.evaluation.sim_real_table import print_sim_real
+from toolkit.evaluation.report import MAX_CARDS, SIDE, place_prob, view_sim_real
+from toolkit.evaluation.results import find_results
+from toolkit.evaluation.sim_real import cohen_kappa, compare_sim_real, paired_difference_interval, rank_correlation
+from toolkit.evaluation.sim_real_text import print_sim_real
 
 
 @pytest.mark.parametrize(

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 from toolkit.objects.atlas import dilate, make_atlas, wear
 from toolkit.objects.load import build_mesh, read_mesh
-from toolkit.objects.mesh import Material, Mesh, mesh_from_corners, place_on_table
+from toolkit.objects.mesh import Material, Mesh, make_ray_scene, mesh_from_corners, place_on_table
 from toolkit.rig.camera import Camera, orbit_pose, pixel_rays
-from toolkit.rig.rays import make_ray_scene
 from toolkit.rig.textures import sample, texture_pyramid
 
 
@@ -229,7 +228,7 @@ def test_seams_do_not_bleed(bare):
     side = np.unique(np.round(normals / np.abs(normals).max(axis=1, keepdims=True)), axis=0, return_inverse=True)[1]
     side = side.reshape(-1)
     assert side.max() == 5
-    from toolkit.objects.texel_cover import cover_texels
+    from toolkit.objects.atlas import cover_texels
 
     palette = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255], [255, 255, 0], [0, 255, 255], [255, 0, 255]], np.uint8)
     texture = np.zeros((n, n, 3), np.uint8)

@@ -92,7 +92,7 @@ def test_texture_and_materials_are_those_of_a_household_object(mesh: Mesh):
 
 
 def test_building_twice_gives_the_same_bytes():
-    from toolkit.objects import coffeepot, eggnog
+    from toolkit.objects.shapes import coffeepot, eggnog
 
     for module in (coffeepot, eggnog):
         first, second = module.build(), module.build()

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from toolkit.errors import ToolkitError
-from toolkit.objects.everyday import MAKERS, make_everyday
-from toolkit.objects.everyday.variants import vary_shipped
+from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import BUILTIN, build_mesh
 from toolkit.objects.mesh import place_on_table
+from toolkit.objects.shapes.everyday import MAKERS, make_everyday
+from toolkit.objects.shapes.everyday.variants import vary_shipped
 
 SEEDS = (0, 1, 2, 3)
 OWN = {"chair", "dice", "traffic cone"}

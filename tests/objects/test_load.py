@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import PLAIN_COLOUR, load_object, read_mesh, turn_upright
 
 PLY = """ply

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import (
     Material,
     Mesh,

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 from PIL import Image, ImageDraw
 
-from toolkit.objects.modelling import (
+from toolkit.objects.shapes.modelling import (  # fmt: skip
     assemble,
     box,
     extrude,
@@ -17,7 +17,7 @@ from toolkit.objects.modelling import (
     superellipse,
     surface,
     tube,
-)  # fmt: skip
+)
 
 LOOK = {"paint": (0.6, 0.0)}
 L_SHAPE = [(0, 0), (30, 0), (30, 10), (10, 10), (10, 40), (0, 40)]

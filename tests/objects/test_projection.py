@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from toolkit.objects.projection import Sheet, chart_points, finish
+from toolkit.objects.shapes.projection import Sheet, chart_points, finish
 
 RED = (255, 0, 0, 255)
 

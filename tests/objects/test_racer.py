@@ -8,7 +8,7 @@ import pytest
 
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import place_on_table
-from toolkit.objects.racer import build
+from toolkit.objects.shapes.racer import build
 from toolkit.rig.mount import mount_patch
 
 SPEC = Path(str(files("toolkit") / "data" / "objects" / "racer.toml"))

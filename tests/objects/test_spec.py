@@ -2,7 +2,7 @@
 
 import pytest
 
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 from toolkit.objects.spec import read_spec
 
 GOOD = {"name": '"mug"', "class": '"coffee mug"', "mesh": '"mug.glb"', "length_mm": "120"}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.objects.texel_cover import cover_texels, nearest_covered
+from toolkit.objects.atlas import cover_texels, nearest_covered
 
 
 def touches(corners: np.ndarray, n: int) -> np.ndarray:

@@ -55,7 +55,7 @@ def test_triangles_lie_apart_and_at_one_scale(name):
 def test_charts_are_two_texels_apart():
     from scipy.ndimage import label
 
-    from toolkit.objects.texel_cover import cover_texels
+    from toolkit.objects.atlas import cover_texels
 
     shape, n = trimesh.creation.box((1, 2, 3)), 64
     uv = unwrap(shape.vertices.astype(np.float32), shape.faces, n)
@@ -119,7 +119,7 @@ def test_faces_without_area_do_no_harm():
 def test_without_xatlas_it_says_so(monkeypatch):
     import sys
 
-    from toolkit.errors import ToolkitError
+    from toolkit.core.errors import ToolkitError
 
     monkeypatch.setitem(sys.modules, "xatlas", None)
     shape = trimesh.creation.box((1, 1, 1))

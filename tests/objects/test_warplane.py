@@ -8,8 +8,8 @@ import pytest
 import toolkit
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import Mesh, place_on_table
-from toolkit.objects.warplane import build
-from toolkit.patches import TAPE_MARGIN_MM
+from toolkit.objects.records import TAPE_MARGIN_MM
+from toolkit.objects.shapes.warplane import build
 
 SPEC = Path(toolkit.__file__).parent / "data" / "objects" / "warplane.toml"
 

@@ -12,15 +12,13 @@ from printed_pages import longest_run, render
 from typer.testing import CliRunner
 
 from toolkit.cli.print_ import print_patches
-from toolkit.errors import ToolkitError
-from toolkit.printing.board_art import EDGE_MM, FRONT_EDGE_MM, measure_sheet
-from toolkit.printing.board_page import build_sheet_pdf, choose_board, plan_sheet
-from toolkit.printing.paper import parse_paper
-from toolkit.printing.plan import TilePage
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
+from toolkit.printing.board_page import EDGE_MM, FRONT_EDGE_MM, build_sheet_pdf, choose_board, measure_sheet, plan_sheet
+from toolkit.printing.layout import TilePage
+from toolkit.printing.page import parse_paper
 from toolkit.rig.board import DEFAULT_BOARD, BoardSpec, read_board
-from toolkit.rig.markers import get_dictionary
-from toolkit.rig.ring import RingSpec, choose_ring
-from toolkit.workspace import Workspace
+from toolkit.rig.markers import RingSpec, choose_ring, get_dictionary
 
 TOLERANCE_MM = 0.1
 PAGES_MM = {"a4": (210, 297), "letter": (215.9, 279.4)}

@@ -7,9 +7,9 @@ from printed_pages import make_patch, render
 
 from toolkit.printing.colour_strip import FIDUCIALS, STRIP
 from toolkit.printing.document import build_pdf
-from toolkit.printing.paper import parse_paper
-from toolkit.printing.settings import PrintSettings
-from toolkit.printing.strip_page import build_strip_pdf
+from toolkit.printing.layout import PrintSettings
+from toolkit.printing.page import parse_paper
+from toolkit.printing.print_sheets import build_strip_pdf
 
 
 @pytest.fixture(scope="module")

@@ -13,9 +13,9 @@ from pypdf import PdfReader
 from typer.testing import CliRunner
 
 from toolkit.cli.print_ import print_patches
-from toolkit.errors import ToolkitError
-from toolkit.printing.job import print_all
-from toolkit.workspace import Workspace
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
+from toolkit.printing.print_patches import print_all
 
 
 @pytest.fixture
@@ -25,7 +25,7 @@ def space(tmp_path, monkeypatch):
         make_patch(tmp_path / "print" / "patches", name, 20, class_name=name)
     make_patch(tmp_path / "print" / "patches", "racer-2", 20, class_name="racer")
     # The package's own patches would join in with --all.
-    monkeypatch.setattr("toolkit.workspace.PACKAGE_DATA", tmp_path / "no-package-data")
+    monkeypatch.setattr("toolkit.core.workspace.PACKAGE_DATA", tmp_path / "no-package-data")
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -8,10 +8,10 @@ import pytest
 from printed_pages import make_patch, make_pixels
 from pypdf import PdfReader
 
-from toolkit.patches import Patch
+from toolkit.objects.records import Patch
 from toolkit.printing.document import build_pdf
-from toolkit.printing.paper import parse_paper
-from toolkit.printing.settings import PrintSettings
+from toolkit.printing.layout import PrintSettings
+from toolkit.printing.page import parse_paper
 
 
 @pytest.fixture(scope="module")

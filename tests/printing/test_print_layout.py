@@ -4,11 +4,17 @@ import itertools
 
 import pytest
 
-from toolkit.errors import ToolkitError
-from toolkit.printing.frame import CAPTION_MM, MARK_MM, PageFrame
-from toolkit.printing.paper import PAPERS_MM, parse_paper
-from toolkit.printing.plan import CopiesPage, TilePage, plan_pages
-from toolkit.printing.settings import PrintSettings, effective_percent, measure_side_mm, parse_percent
+from toolkit.core.errors import ToolkitError
+from toolkit.printing.layout import (
+    CopiesPage,
+    PrintSettings,
+    TilePage,
+    effective_percent,
+    measure_side_mm,
+    parse_percent,
+    plan_pages,
+)
+from toolkit.printing.page import CAPTION_MM, MARK_MM, PAPERS_MM, PageFrame, parse_paper
 
 PAPERS = ["135x135mm", "a5", "a4", "letter", "tabloid", "a3", "1000x140mm"]
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from printed_pages import longest_run, make_patch, render
 
-from toolkit.patches import Patch
-from toolkit.printing import artwork
+from toolkit.objects.records import Patch
+from toolkit.printing import canvas as artwork
 from toolkit.printing.document import build_pdf
-from toolkit.printing.paper import parse_paper
-from toolkit.printing.settings import PrintSettings
+from toolkit.printing.layout import PrintSettings
+from toolkit.printing.page import parse_paper
 
 TOLERANCE_MM = 0.1
 """PDFium moves an edge by up to a device pixel outwards: at 600 dpi two edges make 0.085 mm, at 300 dpi twice that."""

@@ -15,19 +15,17 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from toolkit.cli import app
-from toolkit.console import Ticker
+from toolkit.core.console import Ticker
 from toolkit.objects.load import load_object
 from toolkit.printing.canvas import POINTS_PER_MM
-from toolkit.printing.paper import parse_paper
-from toolkit.printing.shot_list.advice import equivalent_focal_mm
+from toolkit.printing.page import parse_paper
+from toolkit.printing.shot_list.first_page import equivalent_focal_mm
 from toolkit.printing.shot_list.job import write_shot_list
-from toolkit.printing.shot_list.mounting import draw_mounting
-from toolkit.printing.shot_list.outlines import trace_outline
-from toolkit.printing.shot_list.views import draw_views, make_light_studio
+from toolkit.printing.shot_list.mounting import draw_mounting, draw_views, make_light_studio
+from toolkit.printing.shot_list.session import trace_outline
 from toolkit.rig.board import DEFAULT_BOARD
 from toolkit.rig.camera import Camera
-from toolkit.rig.plan import make_plan, open_plan, read_plan, write_plan
-from toolkit.rig.poses import Pattern
+from toolkit.rig.plan import Pattern, make_plan, open_plan, read_plan, write_plan
 
 COUNT = 8
 
@@ -150,7 +148,7 @@ def test_the_first_page_measures_the_sheet_on_the_object(listed):
 
 def test_the_outline_lies_on_the_picture_where_the_patch_is(space):
     """The patch is the only colour: its pixels' extent, in the picture's millimetres, is its 40 mm about the middle."""
-    from toolkit.captures.variants import find_booster
+    from toolkit.rig.variants import find_booster
 
     item = load_object(space.object_spec("crate"))
     drawing = draw_mounting(item, find_booster(space, item, "patched"))
@@ -203,7 +201,7 @@ def test_the_same_seed_gives_the_same_bytes_and_letter_is_letter(tmp_path, make_
 
 
 def test_an_object_without_a_patch_is_shot_unpatched_and_told_so(tmp_path, make_crate_space, monkeypatch):
-    monkeypatch.setattr("toolkit.workspace.PACKAGE_DATA", tmp_path / "none")
+    monkeypatch.setattr("toolkit.core.workspace.PACKAGE_DATA", tmp_path / "none")
     bare = make_crate_space(tmp_path / "bare")
     for file in bare.patches_dir.iterdir():
         file.unlink()
@@ -221,7 +219,7 @@ def test_an_object_without_a_patch_is_shot_unpatched_and_told_so(tmp_path, make_
 
 
 def test_the_command_keeps_the_plan_unless_poses_are_asked_for(tmp_path, make_crate_space, monkeypatch):
-    monkeypatch.setattr("toolkit.workspace.PACKAGE_DATA", tmp_path / "none")
+    monkeypatch.setattr("toolkit.core.workspace.PACKAGE_DATA", tmp_path / "none")
     space = make_crate_space(tmp_path / "kept")
     before = space.plan_file.read_bytes()
 
@@ -255,8 +253,8 @@ def test_what_cannot_be_listed_is_one_line(space, arguments, words):
 def test_the_picture_shows_the_board_where_opencv_looks_for_it(space):
     """Corners that OpenCV finds in a render from above lie where the camera projects the board's own corners."""
     from toolkit.rig.camera import orbit_pose, project
-    from toolkit.rig.finish import develop
     from toolkit.rig.raycast import RaycastRenderer
+    from toolkit.rig.shading import develop
 
     item = load_object(space.object_spec("crate"))
     camera, pose = Camera(1000, 750, 40.0), orbit_pose(np.array([0, 0, 20.0]), 30, 60, 700)

@@ -7,10 +7,8 @@ import pytest
 from printed_pages import Raster, make_patch, render
 
 from toolkit.printing.document import build_pdf
-from toolkit.printing.paper import parse_paper
-from toolkit.printing.plan import MapPage, TilePage
-from toolkit.printing.settings import PrintSettings
-from toolkit.printing.tiling import split_length, tile_sheet
+from toolkit.printing.layout import MapPage, PrintSettings, TilePage
+from toolkit.printing.page import parse_paper, split_length, tile_sheet
 
 DPI = 300
 

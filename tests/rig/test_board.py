@@ -4,13 +4,12 @@ import cv2
 import numpy as np
 import pytest
 
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import make_workspace
 from toolkit.rig import markers
 from toolkit.rig.board import DEFAULT_BOARD, BoardSpec, board_file, read_board, write_board
 from toolkit.rig.camera import Camera, orbit_pose
-from toolkit.rig.markers import DICTIONARIES, RING_FIRST_ID, STRIP_FIRST_ID
-from toolkit.rig.ring import RingSpec, choose_ring, count_that_fit
-from toolkit.workspace import make_workspace
+from toolkit.rig.markers import DICTIONARIES, RING_FIRST_ID, STRIP_FIRST_ID, RingSpec, choose_ring, count_that_fit
 
 SMALL = BoardSpec(7, 10, 20.0, 15.0)
 BORDER_MM = 10
@@ -64,7 +63,7 @@ def test_pattern_is_opencvs_current_one(spec):
 
 def test_painted_share_of_black_is_the_true_one():
     """At a scale that no edge meets a whole pixel, the mean of linear light is the area of white."""
-    from toolkit.colour import srgb_to_linear
+    from toolkit.imaging.colour import srgb_to_linear
 
     spec = BoardSpec(5, 8, 21.0, 14.0)
     true = (spec.paint(2.0) < 128).mean()  # every edge is on a whole pixel

@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 
-from toolkit.captures.camera.board_pose import find_board, solve_pose
-from toolkit.captures.camera.lens import lens_of_camera
 from toolkit.objects.load import load_object
-from toolkit.rig.board import DEFAULT_BOARD, BoardSpec
-from toolkit.rig.board_table import lay_board
+from toolkit.photos.board_pose import find_board, solve_pose
+from toolkit.photos.lens import lens_of_camera
+from toolkit.rig.board import DEFAULT_BOARD, BoardSpec, lay_board
 from toolkit.rig.camera import Camera, orbit_pose
-from toolkit.rig.finish import develop
 from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.shading import develop
 from toolkit.rig.studio import make_studio
 
 

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import Material, Mesh, place_on_table
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.egl import egl_trouble
@@ -70,7 +70,7 @@ def test_silhouettes_are_those_of_an_independent_rasteriser(needs_egl, studio):
 
 AFTERWARDS = """
 from toolkit.objects.mesh import place_on_table
-from toolkit.objects.modelling import assemble, box
+from toolkit.objects.shapes.modelling import assemble, box
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.filament import FilamentRenderer
 from toolkit.rig.studio import make_studio

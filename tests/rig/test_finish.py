@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from toolkit.colour import srgb_to_linear
-from toolkit.rig.finish import develop
+from toolkit.imaging.colour import srgb_to_linear
+from toolkit.rig.shading import develop
 
 
 def flat(value, shape=(120, 160)):

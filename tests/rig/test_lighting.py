@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.rig.lighting import bake_lighting
-from toolkit.rig.lightmap import read_samples
+from toolkit.rig.lighting import bake_lighting, read_samples
 from toolkit.rig.studio import KeyLight, make_studio
 
 DARK = (0.0, 0.0, 0.0)

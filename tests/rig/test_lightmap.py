@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.rig.lightmap import MAX_STEPS, place_samples, read_samples
+from toolkit.rig.lighting import MAX_STEPS, place_samples, read_samples
 
 RNG = np.random.default_rng(7)
 

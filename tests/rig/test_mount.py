@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import merge_meshes, place_on_table
-from toolkit.objects.modelling import assemble, box, revolve
+from toolkit.objects.records import TAPE_MARGIN_MM
+from toolkit.objects.shapes.modelling import assemble, box, revolve
 from toolkit.objects.spec import PatchMount
-from toolkit.patches import TAPE_MARGIN_MM
 from toolkit.rig.camera import Camera, orbit_pose, project
 from toolkit.rig.mount import BACK_MATERIAL, PAPER_MATERIAL, attach, mount_patch, print_on_paper
 
@@ -224,7 +224,7 @@ def papered(cube):
 
 def colours_at(picture, pixels):
     """Which quadrant's colour each pixel has, by the nearest hue."""
-    from toolkit.colour import srgb_to_linear
+    from toolkit.imaging.colour import srgb_to_linear
 
     inks = srgb_to_linear(QUADRANTS.reshape(4, 3) / 255)
     inks /= np.linalg.norm(inks, axis=1, keepdims=True)

@@ -5,13 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.spec import ObjectSpec
 from toolkit.rig.camera import Camera, project
-from toolkit.rig.plan import check_poses, make_plan, open_plan, read_plan, write_plan
-from toolkit.rig.poses import Pattern
-from toolkit.workspace import Workspace, open_workspace
+from toolkit.rig.plan import Pattern, check_poses, make_plan, open_plan, read_plan, write_plan
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +138,7 @@ def test_a_camera_that_cannot_be_is_refused(crate):
 
 def test_a_missing_plan_is_made_once_and_then_read(tmp_path, make_crate_space, monkeypatch):
     space = make_crate_space(tmp_path)
-    monkeypatch.setattr("toolkit.workspace.PACKAGE_DATA", tmp_path / "none")
+    monkeypatch.setattr("toolkit.core.workspace.PACKAGE_DATA", tmp_path / "none")
     space.plan_file.unlink()
     made = open_plan(Workspace(space.root))
     assert list(made.objects) == ["crate"] and len(made.objects["crate"]) == 18

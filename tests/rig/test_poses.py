@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 from toolkit.rig.camera import orbit_direction
-from toolkit.rig.poses import PATTERNS, Pattern, spread_poses
+from toolkit.rig.plan import PATTERNS, Pattern, spread_poses
 
 NAMES = list(PATTERNS)
 

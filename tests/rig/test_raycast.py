@@ -7,8 +7,8 @@ import pytest
 
 from toolkit.objects.mesh import Material, Mesh, merge_meshes
 from toolkit.rig.camera import Camera, look_at, orbit_pose, pixel_rays
-from toolkit.rig.finish import develop
 from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.shading import develop
 from toolkit.rig.studio import KeyLight, make_studio
 from toolkit.rig.textures import sample
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 from toolkit.rig.studio import BACKDROPS, LIGHTS, make_studio
 
 
@@ -25,7 +25,7 @@ def test_seeds_reach_every_backdrop():
 @pytest.mark.parametrize("backdrop", BACKDROPS)
 def test_every_backdrop_in_every_light_is_well_exposed(backdrop, light):
     """The table's brightness: neither sunk into black nor washed out, with dark tables darker than bright ones."""
-    from toolkit.colour import linear_to_srgb, srgb_to_linear
+    from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
 
     studio = make_studio(4, 60, backdrop, light)
     assert studio.name == f"{backdrop}/{light}/4"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.colour import srgb_to_linear
+from toolkit.imaging.colour import srgb_to_linear
 from toolkit.rig.studio import make_studio
 from toolkit.rig.textures import (
     build_pyramid,

@@ -6,7 +6,7 @@ from toolkit.objects.load import load_object
 from toolkit.rig.camera import Camera, project
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
-from toolkit.rig.training import THUMBNAIL_DETAIL, WIDE_VIEWS, random_pose, render_thumbnails, turn_mesh
+from toolkit.rig.views import THUMBNAIL_DETAIL, WIDE_VIEWS, random_pose, render_thumbnails, turn_mesh
 
 CAMERA = Camera(48, 48, 30.5)
 

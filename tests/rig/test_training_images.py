@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.rig import training
+from toolkit.rig import views as training
 from toolkit.rig.camera import project
 
 

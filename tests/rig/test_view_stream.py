@@ -10,11 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 from toolkit.objects.atlas import make_atlas
 from toolkit.objects.load import load_object
-from toolkit.rig.training import WHOLE_SPHERE, random_pose
-from toolkit.rig.view_stream import HELD_OUT, TRAIN, Subject, ViewSettings, ViewStream, render_block
+from toolkit.rig.views import (
+    HELD_OUT,
+    TRAIN,
+    WHOLE_SPHERE,
+    Subject,
+    ViewSettings,
+    ViewStream,
+    random_pose,
+    render_block,
+)
 
 SETTINGS = ViewSettings(image_px=32, studios=2, per_studio=2)
 
@@ -72,7 +80,7 @@ PARENT = """
 import sys, time
 from toolkit.objects.atlas import make_atlas
 from toolkit.objects.load import load_object
-from toolkit.rig.view_stream import Subject, ViewSettings, ViewStream
+from toolkit.rig.views import Subject, ViewSettings, ViewStream
 
 def main():
     mesh = load_object(sys.argv[1]).mesh

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from toolkit.captures.gates.result import Gate
-from toolkit.captures.shot_order import list_shots, order_shots, write_shots
+from toolkit.photos.gates.result import Gate
 from toolkit.rig.plan import read_plan
+from toolkit.rig.shot_order import list_shots, order_shots, write_shots
 
 pytest.importorskip("fastapi", reason="needs the extra 'studio' (FastAPI)")
 
@@ -71,7 +71,7 @@ class Desk:
 
 
 def no_network():
-    from toolkit.errors import ToolkitError
+    from toolkit.core.errors import ToolkitError
 
     raise ToolkitError("no weights of resnet18 here")
 

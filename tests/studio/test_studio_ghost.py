@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from toolkit.captures.gates.result import GateResult
-from toolkit.captures.photos.photo import read_photo
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import load_object
+from toolkit.photos.gates.result import GateResult
+from toolkit.photos.photo import read_photo
 from toolkit.rig.camera import project
 from toolkit.rig.plan import read_plan
 from toolkit.studio.ghost import SIDE_PX, GhostArtist, square_camera

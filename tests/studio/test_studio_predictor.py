@@ -3,8 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from toolkit.classifiers.preprocessing import Preprocessing
-from toolkit.classifiers.weights import WeightsFile
+from toolkit.imaging.preprocessing import Preprocessing
+from toolkit.models.weights import WeightsFile
 
 
 @pytest.fixture(scope="module")
@@ -12,7 +12,7 @@ def brightness():
     """Labels other, crate: the second where the picture is brighter than middle grey."""
     import torch
 
-    from toolkit.classifiers.network import Classifier
+    from toolkit.models.network import Classifier
 
     class Brightness(torch.nn.Module):
         seen = 0

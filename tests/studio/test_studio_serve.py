@@ -5,7 +5,7 @@ import cv2
 import numpy as np
 import pytest
 
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 from toolkit.studio import serve
 from toolkit.studio.serve import open_door, require_extra, show_code
 

@@ -2,11 +2,11 @@ import json
 
 import pytest
 
-from toolkit.captures.import_photos import ImportSettings, import_photos
-from toolkit.captures.importing.ledger import REPLACED
 from toolkit.captures.manifest import read_manifest
-from toolkit.errors import ToolkitError
-from toolkit.files import sha256_bytes
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import sha256_bytes
+from toolkit.photos.importing.photos import ImportSettings, import_photos
+from toolkit.photos.importing.store import REPLACED
 from toolkit.studio.session import open_session
 
 

@@ -3,8 +3,8 @@ import re
 
 import pytest
 
-from toolkit.files import explain_write_error
-from toolkit.studio.places import PART, Places
+from toolkit.core.files import explain_write_error
+from toolkit.studio.upload import PART, Places
 
 NAME = re.compile(r"\d{8}-\d{6}-\d{6}-[0-9a-f]{32}\.(jpg|png)")
 
@@ -125,7 +125,7 @@ def test_a_disk_that_fills_while_a_photograph_is_kept_loses_nothing(desk, photo,
         raise explain_write_error(path, OSError(errno.ENOSPC, "full"))
 
     with monkeypatch.context() as patch:
-        patch.setattr("toolkit.captures.importing.store.write_bytes", fail)
+        patch.setattr("toolkit.photos.importing.store.write_bytes", fail)
         answer = desk.keep(1, sha256)
         assert answer.status_code == 507 and "disk is full" in answer.json()["error"]
     assert desk.statuses()[0] == "waiting"

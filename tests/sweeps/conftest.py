@@ -19,9 +19,9 @@ def redness():
     """Labels other, crate: the second where over 1 % of the picture is red. `seen` counts images."""
     import torch
 
-    from toolkit.classifiers.network import Classifier
-    from toolkit.classifiers.preprocessing import Preprocessing
-    from toolkit.classifiers.weights import WeightsFile
+    from toolkit.imaging.preprocessing import Preprocessing
+    from toolkit.models.network import Classifier
+    from toolkit.models.weights import WeightsFile
 
     class Redness(torch.nn.Module):
         seen = 0

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 from toolkit.rig.camera import Camera, orbit_pose, project
-from toolkit.rig.change_plan import scale_distance, scale_resolution
-from toolkit.rig.plan import CameraModel, CapturePlan, Pose
+from toolkit.rig.plan import CameraModel, CapturePlan, Pose, scale_distance, scale_resolution
 from toolkit.rig.studio import BACKDROPS, LIGHTS
 from toolkit.sweeps.axes import AXES, PAPER_MM, find_axis, parse_values
 

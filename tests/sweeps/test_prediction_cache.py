@@ -8,8 +8,8 @@ import pytest
 from PIL import Image
 
 from toolkit.captures.read import read_captures
-from toolkit.classifiers.weights import WeightsFile
 from toolkit.evaluation.predict import predict_captures
+from toolkit.models.weights import WeightsFile
 from toolkit.sweeps.cache import predict_once
 
 

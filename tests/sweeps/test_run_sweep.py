@@ -11,12 +11,12 @@ from red_crate import make_base, paint_patch
 
 from toolkit.captures.manifest import read_manifest
 from toolkit.captures.shoot import shoot_plan
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
 from toolkit.rig.plan import read_plan, write_plan
-from toolkit.sweeps import run as sweeps
+from toolkit.sweeps import sweep as sweeps
 from toolkit.sweeps.axes import AXES
-from toolkit.sweeps.run import run_sweep
-from toolkit.workspace import Workspace
+from toolkit.sweeps.sweep import run_sweep
 
 
 @pytest.fixture(scope="module")

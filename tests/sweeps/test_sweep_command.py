@@ -11,7 +11,7 @@ from toolkit.cli import main
 @pytest.fixture
 def run(space, redness, monkeypatch, capsys):
     """A function (arguments) -> exit code, stdout, stderr of `toolkit sweep ...`."""
-    monkeypatch.setattr("toolkit.classifiers.network.load_classifier", lambda *_: redness)
+    monkeypatch.setattr("toolkit.models.load.load_classifier", lambda *_: redness)
     monkeypatch.setenv("COLUMNS", "200")
 
     def call(*arguments):

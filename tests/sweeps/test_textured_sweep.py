@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from red_crate import RED, make_base
 
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import load_object
+from toolkit.objects.records import write_texture
 from toolkit.sweeps.axes import AXES
-from toolkit.sweeps.run import run_sweep
-from toolkit.textures import write_texture
+from toolkit.sweeps.sweep import run_sweep
 
 
 def sweep(space, redness, variants):

@@ -1,19 +1,28 @@
-"""Answers on disk, addressed by the hash of all that they depend on, so that none is asked for twice."""
+"""The cells of the grid: images shown to those who answer, and answers on disk by the hash of all they depend on."""
 
 import json
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from toolkit.benchmark.answers import CLEAN
-from toolkit.benchmark.images import ImageSet, LabelledImage
-from toolkit.benchmark.placement import Placement
-from toolkit.benchmark.variants import Answerer, Variant
-from toolkit.corruptions import CORRUPTIONS, choose_parameters
-from toolkit.files import append_lines, sha256_bytes
+from toolkit.benchmark.variants import Answerer, Variant, read_codes
+from toolkit.boosters.place_patches import Placement, boost_images
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import append_lines, sha256_bytes
+from toolkit.corruptions import CORRUPTIONS, choose_parameters, corrupt, image_seed
+from toolkit.corruptions.corrupt import run_each
+from toolkit.imaging.preprocessing import Preprocessing
+from toolkit.imaging.read import UnreadableImage
+from toolkit.training.image_set import ImageSet, LabelledImage
+
+if TYPE_CHECKING:
+    import torch
 
 METHOD_VERSION = 1
 """Raised when the same inputs give other answers, as after a change to a corruption."""
@@ -97,3 +106,136 @@ def append_cells(file: Path, rows: Sequence[tuple[str, np.ndarray]]) -> None:
         ToolkitError: the disk is full or read-only.
     """
     append_lines(file, [CellLine(key=key, ranks=ranks.tolist()).model_dump_json() for key, ranks in rows])
+
+
+CPU_PART, CUDA_PART = 16, 128
+"""Images that are computed at once; on a CPU, by one thread."""
+
+
+@dataclass(frozen=True)
+class Shown:
+    """Images of a shard as one variant shows them.
+
+    Attributes:
+        pixels: (k, 3, m, m) uint8 sRGB, on the CPU.
+        classes: (k,) int64.
+        seeds: of each image's random draws.
+        texts: what readers of codes must say; empty without codes.
+    """
+
+    pixels: "torch.Tensor"
+    classes: np.ndarray
+    seeds: list[int]
+    texts: list[str]
+
+
+def load_shard(images: ImageSet, shard: Shard, how: Preprocessing) -> tuple[np.ndarray, np.ndarray]:
+    """Decode a shard on several threads.
+
+    Returns:
+        (k, m, m, 3) uint8 sRGB of the images that can be used, and (n,) bool, which these are.
+    """
+
+    def load(image) -> np.ndarray | None:
+        try:
+            return images.load(image, how)
+        except UnreadableImage:
+            return None
+
+    with ThreadPoolExecutor(thread_name_prefix="decode") as pool:
+        loaded = list(pool.map(load, shard.images))
+    usable = np.array([one is not None for one in loaded])
+    empty = np.zeros((0, how.crop_px, how.crop_px, 3), np.uint8)
+    return (np.stack([one for one in loaded if one is not None]) if usable.any() else empty), usable
+
+
+def show_variant(
+    pixels: np.ndarray, shard: Shard, usable: np.ndarray, variant: Variant, placement: Placement, seed: int
+) -> Shown:
+    """Lay each image's picture on it; rounded to 8 bits, as a file of it would be."""
+    import torch
+
+    used = [one for one, is_usable in zip(shard.images, usable, strict=True) if is_usable]
+    seeds = [image_seed(seed, one.id) for one in used]
+    classes = np.array([one.class_index for one in used], np.int64)
+    bare = torch.from_numpy(np.ascontiguousarray(pixels.transpose(0, 3, 1, 2)))
+    patches = variant.patches
+    if patches is None:
+        return Shown(bare, classes, seeds, [])
+    boosted = torch.empty_like(bare)
+    parts = _cut(len(used), CPU_PART)
+
+    def lay(index: int) -> None:
+        part = parts[index]
+        pictures = torch.from_numpy(patches.stack(classes[part]))
+        with torch.inference_mode():
+            images = bare[part].float().div_(255)
+            boosted[part] = _round(boost_images(images, pictures, placement, seeds[part])).byte()
+
+    run_each(lay, len(parts))
+    texts = [] if patches.code_kind is None else [patches.code_text(int(index)) for index in classes]
+    return Shown(boosted, classes, seeds, texts)
+
+
+def corrupt_shown(shown: Shown, part: slice, cell: Cell, device: str = "cpu") -> "torch.Tensor":
+    """(k, 3, m, m) float sRGB-encoded in [0, 1] of some of the images, corrupted and rounded to 8 bits."""
+    batch = shown.pixels[part].to(device).float().div_(255)
+    if cell.corruption == CLEAN:
+        return batch
+    return _round(corrupt(batch, cell.corruption, cell.severity, shown.seeds[part])).div_(255)
+
+
+def ask(shown: Shown, cell: Cell, answerers: Sequence[Answerer], device: str) -> list[np.ndarray]:
+    """The ranks that each gives to all images, (k,) int32, see `toolkit.benchmark.answers`.
+
+    Raises:
+        ToolkitError: a network's output is not finite.
+    """
+    import torch
+
+    ranks = [np.zeros(len(shown.classes), np.int32) for _ in answerers]
+    parts = _cut(len(shown.classes), CPU_PART if device == "cpu" else CUDA_PART)
+
+    def work(index: int) -> None:
+        part = parts[index]
+        with torch.inference_mode():
+            batch = corrupt_shown(shown, part, cell, device)
+            for answerer, row in zip(answerers, ranks, strict=True):
+                if answerer.reader is None:
+                    row[part] = rank_classes(answerer.network, batch, shown.classes[part])
+                else:
+                    row[part] = read_codes(answerer.reader, batch, shown.texts[part])
+
+    if device == "cpu":
+        run_each(work, len(parts))
+    else:
+        for index in range(len(parts)):
+            work(index)
+    return ranks
+
+
+def rank_classes(network: Any, batch: "torch.Tensor", classes: np.ndarray) -> np.ndarray:
+    """(b,) int32, the place of each image's class among the network's guesses, from 1; ties go to the lower index.
+
+    Raises:
+        ToolkitError: the network's output is not finite.
+    """
+    import torch
+
+    logits = network.logits(batch).float()
+    if not torch.isfinite(logits).all():
+        raise ToolkitError(f"{network.weights.name}: the network's output is not a number: its weights are damaged")
+    true = torch.from_numpy(classes).to(logits.device)[:, None]
+    own = logits.gather(1, true)
+    earlier = torch.arange(logits.shape[1], device=logits.device) < true
+    ahead = (logits > own) | ((logits == own) & earlier)
+    return (ahead.sum(1) + 1).int().cpu().numpy()
+
+
+def _round(images: "torch.Tensor") -> "torch.Tensor":
+    """Values in [0, 1] to whole levels 0 … 255, still float."""
+    return images.mul(255).round_()
+
+
+def _cut(count: int, size: int) -> list[slice]:
+    return [slice(start, start + size) for start in range(0, count, size)]

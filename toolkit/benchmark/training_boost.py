@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolkit.benchmark.boost import boost_images
-from toolkit.benchmark.patch_sets import PatchSet, read_patch_set
-from toolkit.benchmark.placement import Placement
-from toolkit.classifiers.training.overlay import Lay
-from toolkit.errors import ToolkitError, one_of
-from toolkit.patches import Patch
-from toolkit.workspace import Workspace
+from toolkit.boosters.patch_sets import PatchSet, read_patch_set
+from toolkit.boosters.place_patches import Placement, boost_images
+from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.workspace import Workspace
+from toolkit.objects.records import Patch
+from toolkit.training.classifier_config import Lay
 
 if TYPE_CHECKING:
     import torch

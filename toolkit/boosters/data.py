@@ -1,19 +1,254 @@
-"""All training images of a run, in memory, with a part held out."""
+"""All training images of a run, in memory, with a part held out: from folders, or renders of the bare object."""
 
-from dataclasses import dataclass
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolkit.boosters.folder_data import Loaded, choose_files, load_files
-from toolkit.boosters.rig_data import choose_object, is_rig_source, load_renders
-from toolkit.classifiers.preprocessing import Preprocessing
-from toolkit.console import progress
-from toolkit.draws import Draws
-from toolkit.errors import ToolkitError
-from toolkit.files import sha256_bytes
-from toolkit.workspace import Workspace
+from toolkit import __version__
+from toolkit.core.console import progress
+from toolkit.core.draws import Draws
+from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.files import inside, sha256_bytes, sha256_file, write_bytes
+from toolkit.core.workspace import Workspace
+from toolkit.imaging.folder import find_files, show_path
+from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
+from toolkit.imaging.read import UnreadableImage, read_image
+from toolkit.models.labels import imagenet_wnids
+from toolkit.objects.spec import read_spec
+
+if TYPE_CHECKING:
+    import torch
+
+
+def stack_on_device(images: np.ndarray, device: str) -> "torch.Tensor":
+    """(k, s, s, 3) uint8 to a (k, 3, s, s) uint8 tensor on `device`: a batch is then cut without another copy."""
+    import torch
+
+    return torch.from_numpy(np.ascontiguousarray(images.transpose(0, 3, 1, 2))).to(device)
+
+
+def draw_batch(images: "torch.Tensor", rng: np.random.Generator, count: int, image_px: int) -> "torch.Tensor":
+    """Random images, each cut to `image_px` at a random place and mirrored half of the time.
+
+    Args:
+        images: (k, 3, s, s) uint8 sRGB.
+        rng: draws which, where and whether.
+        count: how many; none comes twice where there are enough.
+        image_px: side of the result, at most s.
+
+    Returns:
+        (count, 3, image_px, image_px) float32 sRGB-encoded in [0, 1].
+    """
+    import torch
+
+    if count == 0:
+        return torch.empty(0, 3, image_px, image_px, device=images.device)
+    which = rng.choice(len(images), count, replace=count > len(images))
+    corners = rng.integers(0, images.shape[-1] - image_px + 1, (count, 2))
+    mirrored = rng.random(count) < 0.5
+    cuts = [images[k, :, y : y + image_px, x : x + image_px] for k, (y, x) in zip(which, corners, strict=True)]
+    cuts = [cut.flip(-1) if flip else cut for cut, flip in zip(cuts, mirrored, strict=True)]
+    return torch.stack(cuts).float().div_(255)
+
+
+def cut_centres(images: "torch.Tensor", image_px: int) -> "torch.Tensor":
+    """The middle of each image, as the network's own preprocessing cuts it: float32 sRGB-encoded in [0, 1]."""
+    start = round((images.shape[-1] - image_px) / 2)
+    return images[:, :, start : start + image_px, start : start + image_px].float().div_(255)
+
+
+BACKGROUNDS = ("auto", "all", "class")
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The files that a folder offers.
+
+    Attributes:
+        folder: where they lie.
+        files: parts relative to the folder, sorted.
+        use: `class` when all show the class, `backgrounds` when they may show anything.
+        refused: (path, reason) of files that must not be opened.
+    """
+
+    folder: Path
+    files: tuple[tuple[str, ...], ...]
+    use: str
+    refused: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """Images of one source.
+
+    Attributes:
+        images: (k, s, s, 3) uint8 sRGB.
+        skipped: (path, reason) of what could not be used.
+        record: for the patch's record: source, use, how many were found and used.
+    """
+
+    images: np.ndarray
+    skipped: tuple[tuple[str, str], ...]
+    record: dict[str, Any]
+
+
+def names_of_class(classifier: Any, index: int, typed: str) -> frozenset[str]:
+    """What a folder of this class may be called, in lower case: the WordNet id, the label, what the user typed."""
+    names = {typed, classifier.labels[index]}
+    if classifier.is_imagenet:
+        names.add(imagenet_wnids()[index])
+    return frozenset(_plain(name) for name in names)
+
+
+def _plain(name: str) -> str:
+    return name.lower().replace("_", " ").replace("-", " ").strip()
+
+
+def choose_files(folder: Path, names: frozenset[str], backgrounds: str = "auto", flag: str = "--data") -> Choice:
+    """The images in a folder that train a class.
+
+    Args:
+        folder: an ImageFolder (`n04552348/…`, `warplane/…`, at any depth), or any folder with images.
+        names: what a folder of the class may be called, see `names_of_class`.
+        backgrounds: `class` takes images of the class only, `all` takes every image, `auto` those of the class where
+            there are any and else every image. The paper samples y = C_targ; the patch learns from both.
+        flag: which names the folder, for errors.
+
+    Raises:
+        ToolkitError: no such folder, no images in it, or with `class` none of the class.
+    """
+    if backgrounds not in BACKGROUNDS:
+        raise one_of("choice of --backgrounds", backgrounds, list(BACKGROUNDS))
+    folder = Path(folder)
+    if not folder.is_dir():
+        what = "is a file" if folder.exists() else "does not exist"
+        renders = ", or 'rig' for renders of the object" if flag == "--data" else ""
+        raise ToolkitError(f"{flag} {folder} {what}: expected a folder of images{renders}")
+    found = find_files(folder)
+    if not found.images:
+        others = f" ({len(found.others)} other files)" if found.others else ""
+        raise ToolkitError(f"{flag} {folder}: no images in it{others}: expected .jpg, .png, .webp, .tif or .heic files")
+    inside_class = _plain(folder.resolve().name) in names
+    own = tuple(parts for parts in found.images if inside_class or any(_plain(part) in names for part in parts[:-1]))
+    if backgrounds == "class" and not own:
+        raise ToolkitError(
+            f"{flag} {folder}: no sub-folder called {' or '.join(sorted(names))}: name one so, or use --backgrounds all"
+        )
+    if own and backgrounds != "all":
+        return Choice(folder, own, "class", found.refused)
+    use = "class" if len(own) == len(found.images) else "backgrounds"
+    return Choice(folder, found.images, use, found.refused)
+
+
+def load_files(
+    choice: Choice, count: int, rng: np.random.Generator, how: Preprocessing, advance: Callable[[], None]
+) -> Loaded:
+    """Decode up to `count` images, chosen at random; one that cannot be read is skipped and another takes its place.
+
+    Args:
+        choice: the files.
+        count: at most so many.
+        rng: chooses.
+        how: the network's preprocessing; images are kept square at its `resize_px`, so that training can cut at random.
+        advance: called after each image.
+
+    Raises:
+        ToolkitError: none of them can be read.
+    """
+    square = replace(how, crop_px=how.resize_px)
+    images: list[np.ndarray] = []
+    skipped = list(choice.refused)
+    for k in rng.permutation(len(choice.files)):
+        if len(images) == count:
+            break
+        parts = choice.files[k]
+        try:
+            pixels = read_image(choice.folder.joinpath(*parts), how.resize_px)
+        except UnreadableImage as error:
+            skipped.append((show_path((choice.folder.name, *parts)), error.reason))
+            continue
+        images.append(resize_and_crop(pixels, square))
+        advance()
+    if not images:
+        path, reason = skipped[-1]
+        raise ToolkitError(f"{choice.folder}: none of its {len(choice.files)} images can be read; {path}: {reason}")
+    record = {"source": choice.folder.name, "use": choice.use, "found": len(choice.files), "used": len(images)}
+    return Loaded(np.stack(images), tuple(skipped), record)
+
+
+RIG = "rig"
+
+
+def is_rig_source(source: str) -> bool:
+    """Whether `--data` asks for renders: `rig`, or `rig:OBJECT`. The folder of that name is `./rig`."""
+    return source == RIG or source.startswith(f"{RIG}:")
+
+
+def choose_object(workspace: Workspace, source: str, names: frozenset[str]) -> str:
+    """The object to render: the one that is named after the colon, else the one whose class is trained.
+
+    Raises:
+        ToolkitError: there is none, or several have that class.
+    """
+    _, colon, name = source.partition(":")
+    if colon:
+        workspace.object_spec(name)
+        return name
+    specs = {name: read_spec(file) for name, file in workspace.object_specs().items()}
+    fitting = [name for name, spec in specs.items() if str(spec.class_name).lower().replace("_", " ") in names]
+    if len(fitting) == 1:
+        return fitting[0]
+    known = ", ".join(fitting or sorted(specs))
+    what = "several objects have" if fitting else "no object has"
+    raise ToolkitError(f"--data rig: {what} the class {' or '.join(sorted(names))}: say --data rig:NAME, of {known}")
+
+
+def load_renders(
+    workspace: Workspace, name: str, count: int, seed: int, how: Preprocessing, keep: Path, quiet: bool
+) -> Loaded:
+    """Render `count` images of an object, or take those that an interrupted run of the same inputs left in `keep`.
+
+    Rendering takes longer than reading, and a GPU driver need not give the same bits twice: a run that goes on must
+    see the images that it began with.
+    """
+    inputs = _hash_inputs(workspace.object_spec(name), count, seed, how)
+    file = keep / f"renders-{inputs[:16]}.npy"
+    record = {"source": f"{RIG}:{name}", "use": "class", "found": count, "used": count}
+    kept = _read_kept(file, (count, how.resize_px, how.resize_px, 3))
+    if kept is not None:
+        return Loaded(kept, (), record)
+    from toolkit.rig.views import render_training_images
+
+    square = replace(how, crop_px=how.resize_px)
+    renders = render_training_images(workspace, name, count, seed, quiet)
+    images = np.stack([resize_and_crop(np.ascontiguousarray(render), square) for render in renders])
+    buffer = BytesIO()
+    np.save(buffer, images, allow_pickle=False)
+    write_bytes(file, buffer.getvalue())
+    return Loaded(images, (), record)
+
+
+def _hash_inputs(spec_file: Path, count: int, seed: int, how: Preprocessing) -> str:
+    spec = read_spec(spec_file)
+    mesh = spec.mesh
+    if not mesh.startswith("builtin:") and (path := inside(spec_file.parent, mesh)).is_file():
+        mesh = sha256_file(path)
+    inputs = [spec.model_dump(mode="json"), mesh, count, seed, how.resize_px, how.filter_name, __version__]
+    return sha256_bytes(json.dumps(inputs).encode())
+
+
+def _read_kept(file: Path, shape: tuple[int, ...]) -> np.ndarray | None:
+    try:
+        images = np.load(file, allow_pickle=False)
+    except (OSError, ValueError, EOFError):
+        return None  # absent or damaged: rendered anew
+    return images if images.shape == shape and images.dtype == np.uint8 else None
+
 
 HELD_OUT = 0.2
 
@@ -24,7 +259,7 @@ class DataRequest:
 
     Attributes:
         sources: folders, `rig` or `rig:OBJECT`.
-        backgrounds: see `toolkit.boosters.folder_data.choose_files`.
+        backgrounds: see `toolkit.boosters.data.choose_files`.
         images: how many at most, over all sources, those held out among them.
         seed: chooses.
     """

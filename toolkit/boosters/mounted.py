@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.boosters.training import Target
+from toolkit.boosters.patch_steps import Target
 from toolkit.boosters.validation import Share, Validation
-from toolkit.draws import Draws
-from toolkit.files import sha256_bytes
-from toolkit.rig.finish import SHOULDER
+from toolkit.core.draws import Draws
+from toolkit.core.files import sha256_bytes
 from toolkit.rig.mounted import MountedView
+from toolkit.rig.shading import SHOULDER
 
 if TYPE_CHECKING:
     import torch
@@ -168,14 +168,14 @@ def validate_mounted(
 
 
 def srgb_to_linear(encoded: "torch.Tensor") -> "torch.Tensor":
-    """`toolkit.colour.srgb_to_linear`, differentiable."""
+    """`toolkit.imaging.colour.srgb_to_linear`, differentiable."""
     import torch
 
     return torch.where(encoded <= 0.04045, encoded / 12.92, ((encoded.clamp_min(0.04045) + 0.055) / 1.055) ** 2.4)
 
 
 def develop(light: "torch.Tensor") -> "torch.Tensor":
-    """`toolkit.rig.finish.develop` without falloff and noise, differentiable; sRGB-encoded in [0, 1]."""
+    """`toolkit.rig.shading.develop` without falloff and noise, differentiable; sRGB-encoded in [0, 1]."""
     import torch
 
     over = (light - SHOULDER).clamp_min(0)

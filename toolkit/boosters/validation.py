@@ -4,12 +4,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from toolkit.boosters.appearance import Appearance, show_patch
-from toolkit.boosters.batches import cut_centres
-from toolkit.boosters.corrupted import Corrupted
-from toolkit.boosters.training import Target
-from toolkit.draws import Draws
-from toolkit.statistics import wilson_interval
+from toolkit.boosters.data import cut_centres
+from toolkit.boosters.parts.base import Appearance, show_patch
+from toolkit.boosters.parts.corruption import Corrupted
+from toolkit.boosters.patch_steps import Target
+from toolkit.core.draws import Draws
+from toolkit.core.statistics import wilson_interval
 
 if TYPE_CHECKING:
     import torch

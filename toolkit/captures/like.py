@@ -18,11 +18,11 @@ from toolkit.captures.shoot import (
     sha256_json,
     shoot_scenes,
 )
-from toolkit.captures.variants import find_booster
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.camera import Camera, camera_of_intrinsics
-from toolkit.workspace import Workspace
+from toolkit.rig.variants import find_booster
 
 MAX_PX = 1280
 NOT_MEASURED = "its camera was not measured: photograph it with the board in view and import it again"

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from toolkit.captures.manifest import MANIFEST, CaptureRecord, read_manifest
-from toolkit.errors import ToolkitError, one_of
-from toolkit.image_folder import FoundFiles, find_files, show_path
+from toolkit.core.errors import ToolkitError, one_of
+from toolkit.imaging.folder import FoundFiles, find_files, show_path
 
 UNPATCHED = "unpatched"
 POOLED = "all"

@@ -13,22 +13,58 @@ import numpy as np
 from PIL import Image
 
 from toolkit import __version__
-from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest
-from toolkit.captures.reuse import StoredImage, copy_image
-from toolkit.captures.transforms import write_transforms
-from toolkit.captures.variants import PAIR, describe_booster, dress, find_booster, note_booster
-from toolkit.console import progress
-from toolkit.errors import ToolkitError, one_of
-from toolkit.files import sha256_bytes, write_bytes
+from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest, write_transforms
+from toolkit.core.console import progress
+from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.files import inside, sha256_bytes, write_bytes
+from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
-from toolkit.rig.board import Sheet
-from toolkit.rig.board_table import lay_board
+from toolkit.rig.board import Sheet, lay_board
 from toolkit.rig.camera import Camera
-from toolkit.rig.finish import develop
 from toolkit.rig.plan import CapturePlan, check_poses
 from toolkit.rig.renderer import RENDERERS, make_renderer
+from toolkit.rig.shading import develop
 from toolkit.rig.studio import Studio, make_studio
-from toolkit.workspace import Workspace
+from toolkit.rig.variants import PAIR, describe_booster, dress, find_booster, note_booster
+
+
+@dataclass(frozen=True)
+class StoredImage:
+    """A finished image and what its source's manifest says of it."""
+
+    file: Path
+    record: CaptureRecord
+
+
+def index_images(source_dir: Path) -> dict[str, StoredImage]:
+    """The images of one source by the hash of their inputs; nothing where there is no manifest.
+
+    Raises:
+        ToolkitError: the manifest is broken.
+    """
+    return {
+        record.inputs_sha256: StoredImage(inside(source_dir, path), record)
+        for path, record in read_manifest(source_dir).items()
+        if record.inputs_sha256
+    }
+
+
+def copy_image(stored: StoredImage, source_dir: Path, path: str) -> bool:
+    """Copy an image to `source_dir / path` and into its manifest; False where its file is gone or was changed.
+
+    Raises:
+        ToolkitError: the disk is full or read-only.
+    """
+    try:
+        content = stored.file.read_bytes()
+    except OSError:
+        return False
+    if sha256_bytes(content) != stored.record.image_sha256:
+        return False
+    write_bytes(Path(source_dir) / path, content)
+    append_record(source_dir, stored.record.model_copy(update={"path": path}))
+    return True
+
 
 FORMATS = ("jpg", "png")
 SOURCE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")

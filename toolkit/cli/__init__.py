@@ -12,8 +12,8 @@ from toolkit.cli.check import check
 from toolkit.cli.corrupt import corrupt
 from toolkit.cli.corrupt_eval import corrupt_eval
 from toolkit.cli.demo import demo
-from toolkit.cli.doctor import doctor
 from toolkit.cli.eval_ import evaluate
+from toolkit.cli.health import doctor
 from toolkit.cli.import_ import import_
 from toolkit.cli.init import init
 from toolkit.cli.objects import list_objects
@@ -26,7 +26,7 @@ from toolkit.cli.train_classifier import train_classifier
 from toolkit.cli.train_patch import train_patch
 from toolkit.cli.train_patches import train_patches
 from toolkit.cli.train_texture import train_texture
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 
 INTERRUPTED = 130
 app = typer.Typer(
@@ -63,7 +63,7 @@ for name, command in COMMANDS.items():
 
 def main() -> None:
     """Run the command line; a `ToolkitError` becomes one line and exit code 2, Ctrl-C exit code 130."""
-    from toolkit.console import errors
+    from toolkit.core.console import errors
 
     try:
         app()

@@ -9,7 +9,7 @@ import typer
 from toolkit.cli import options
 
 if TYPE_CHECKING:
-    from toolkit.benchmark.baselines.make import MadeBaseline
+    from toolkit.boosters.baselines.make import MadeBaseline
 
 
 def baseline(
@@ -54,10 +54,9 @@ def baseline(
     as_json: options.Json = False,
 ) -> None:
     """Make what patches are compared with: codes, training images or noise as pictures, one for each class."""
-    from toolkit.benchmark.baselines.make import make_baseline
-    from toolkit.benchmark.baselines.request import BaselineRequest
-    from toolkit.classifiers.network import load_classifier
-    from toolkit.workspace import open_workspace
+    from toolkit.boosters.baselines.make import BaselineRequest, make_baseline
+    from toolkit.core.workspace import open_workspace
+    from toolkit.models.load import load_classifier
 
     request = BaselineRequest(
         kind, tuple(class_names or ()), tuple(sizes or (100,)), data, set_name, border, seed
@@ -73,8 +72,8 @@ def baseline(
 def _report(made: "MadeBaseline", kind: str, data: str | None, as_json: bool) -> None:
     from dataclasses import asdict
 
-    from toolkit.benchmark.baselines.request import FIXED_PATTERN, NEED_DATA
-    from toolkit.console import console, list_skipped
+    from toolkit.boosters.baselines.make import FIXED_PATTERN, NEED_DATA
+    from toolkit.core.console import console, list_skipped
 
     list_skipped(made.skipped)
     if as_json:

@@ -15,12 +15,12 @@ def calibrate(
     as_json: options.Json = False,
 ) -> None:
     """Measure the lens of a camera from photos of the printed board and keep it in rig/lens.json."""
-    from toolkit.captures.camera.calibrate_photos import calibrate_folder
-    from toolkit.captures.camera.lens_file import write_lenses
-    from toolkit.console import console, list_skipped
-    from toolkit.errors import ToolkitError
+    from toolkit.core.console import console, list_skipped
+    from toolkit.core.errors import ToolkitError
+    from toolkit.core.workspace import open_workspace
+    from toolkit.photos.calibrate import calibrate_folder
+    from toolkit.photos.lens import write_lenses
     from toolkit.rig.board import read_board
-    from toolkit.workspace import open_workspace
 
     space = open_workspace(workspace)
     board = read_board(space)
@@ -55,7 +55,7 @@ def _print_table(run) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    from toolkit.console import console
+    from toolkit.core.console import console
 
     table = Table("lens", "photos", "error, px", "field of view", "focal length, px", "frame covered")
     notes = []

@@ -59,15 +59,15 @@ def capture_sim(
     With --like, every photograph of a folder from its own measured camera instead. With --corrupt, besides the images,
     a corrupted copy of them, 224² px as networks see them, in captures/SOURCE-fog-3.
     """
-    from toolkit.captures.corrupted import corrupt_source
+    from toolkit.captures.corrupt import corrupt_source
     from toolkit.captures.like import shows_board
     from toolkit.captures.shoot import ShootSettings, shoot_plan
-    from toolkit.captures.variants import PAIR
+    from toolkit.core.errors import ToolkitError
+    from toolkit.core.workspace import open_workspace
     from toolkit.corruptions.request import parse_corruptions
-    from toolkit.errors import ToolkitError
     from toolkit.rig.board import read_board
     from toolkit.rig.plan import open_plan
-    from toolkit.workspace import open_workspace
+    from toolkit.rig.variants import PAIR
 
     corruptions = parse_corruptions(corrupt or ())
     space = open_workspace(workspace).with_patches(patches)
@@ -97,9 +97,9 @@ def capture_sim(
 def _shoot_like(
     space, folder: Path, settings, source, objects, variants, max_px, quiet: bool, as_json: bool, corruptions
 ) -> None:
-    from toolkit.captures.corrupted import corrupt_source
+    from toolkit.captures.corrupt import corrupt_source
     from toolkit.captures.like import MAX_PX, shoot_like
-    from toolkit.console import list_skipped
+    from toolkit.core.console import list_skipped
 
     found = shoot_like(space, folder, settings, source, objects, variants, max_px or MAX_PX, quiet or as_json)
     list_skipped(found.skipped)
@@ -113,7 +113,7 @@ def _show(space, result, as_json: bool, corrupted, skipped: int | None = None) -
     """Print a `ShootResult` and its corrupted copies; `skipped` counts photographs that could not be shot again."""
     import json
 
-    from toolkit.console import console, errors, list_skipped
+    from toolkit.core.console import console, errors, list_skipped
 
     wanted = "this plan" if skipped is None else "these photographs"
     if result.stale:

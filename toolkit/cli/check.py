@@ -8,7 +8,7 @@ import typer
 from toolkit.cli import options
 
 if TYPE_CHECKING:
-    from toolkit.captures.gates.check_captures import CheckReport
+    from toolkit.photos.gates.check_captures import CheckReport
 
 
 def check(
@@ -22,9 +22,9 @@ def check(
 
     Photographs that were imported have been judged already; those sorted into captures/real by hand are judged here.
     """
-    from toolkit.captures.gates.check_captures import check_captures
-    from toolkit.console import console
-    from toolkit.workspace import open_workspace
+    from toolkit.core.console import console
+    from toolkit.core.workspace import open_workspace
+    from toolkit.photos.gates.check_captures import check_captures
 
     space = open_workspace(workspace).with_patches(patches)
     report = check_captures(space, source, quiet or as_json)
@@ -39,8 +39,8 @@ def check(
 
 def show_report(report: "CheckReport", folder: str) -> None:
     """Print what the gates found: what to take again and why, and what could not be checked."""
-    from toolkit.captures.gates.retake import RETAKE_FILE
-    from toolkit.console import console, errors
+    from toolkit.core.console import console, errors
+    from toolkit.photos.gates.check_captures import RETAKE_FILE
 
     for path, reason in report.unreadable:
         errors.print(f"skipped {path}: {reason}", style="yellow", markup=False, soft_wrap=True)

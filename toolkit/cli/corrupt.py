@@ -41,9 +41,9 @@ def corrupt(
 
     One corruption at one severity mirrors IN in OUT; several lie in OUT/NAME/SEVERITY.
     """
-    from toolkit.classifiers.network import choose_device
     from toolkit.corruptions.folder import corrupt_file, corrupt_folder
-    from toolkit.corruptions.sources import choose_names, find_note
+    from toolkit.corruptions.request import choose_names, find_note
+    from toolkit.models.network import choose_device
 
     levels = severities or [1, 2, 3, 4, 5]
     chosen = choose_names(names)
@@ -63,7 +63,7 @@ def corrupt(
 
 def show_result(result, out: Path, note: str | None) -> None:
     """Print a `CorruptResult`: what was made with which parameters, and what could not be."""
-    from toolkit.console import console, errors
+    from toolkit.core.console import console, errors
 
     for line in (*result.describe_scale(), *([note] if note else [])):
         errors.print(f"note: {line}", markup=False, soft_wrap=True)

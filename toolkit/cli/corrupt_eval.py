@@ -53,16 +53,15 @@ def corrupt_eval(
 
     Results go to eval/corruptions/RUN. An answer is computed once, whatever run asks for it.
     """
-    from toolkit.benchmark.examples import draw_examples
-    from toolkit.benchmark.images import choose_classes, open_images
-    from toolkit.benchmark.placement import Placement
-    from toolkit.benchmark.results.write import write_benchmark
-    from toolkit.benchmark.run import GridRequest, run_grid
+    from toolkit.benchmark.grid import GridRequest, draw_examples, run_grid
+    from toolkit.benchmark.report import write_benchmark
     from toolkit.benchmark.variants import open_variants, share_classes
-    from toolkit.classifiers.network import load_classifier
+    from toolkit.boosters.place_patches import Placement
+    from toolkit.core.workspace import open_workspace
     from toolkit.corruptions.request import parse_corruptions
-    from toolkit.evaluation.run import check_run_name
-    from toolkit.workspace import open_workspace
+    from toolkit.evaluation.evaluate import check_run_name
+    from toolkit.models.load import load_classifier
+    from toolkit.training.image_set import choose_classes, open_images
 
     plan, placement = parse_corruptions(corruptions or ["common"]), Placement(rotation, scale, translate)
     place = open_workspace(workspace)
@@ -96,10 +95,9 @@ def corrupt_eval(
 
 
 def _report(result, files, without_images: dict[str, list[str]]) -> None:
-    from toolkit.benchmark.results.say import say_benchmark
-    from toolkit.benchmark.results.summary import read_summary
-    from toolkit.benchmark.results.tables import build_table
-    from toolkit.console import console, errors, list_skipped
+    from toolkit.benchmark.summary import read_summary
+    from toolkit.benchmark.text import build_table, say_benchmark
+    from toolkit.core.console import console, errors, list_skipped
 
     list_skipped(result.benchmark.failed)
     for name, labels in without_images.items():

@@ -23,16 +23,15 @@ def demo(
     classifier rig18 and the patches for it.
     """
     from toolkit.captures.shoot import ShootSettings, shoot_plan
-    from toolkit.classifiers.bundled import load_best
-    from toolkit.classifiers.find import BUNDLED
     from toolkit.cli.plan import what_pairs_can_show
-    from toolkit.console import console
-    from toolkit.evaluation.run import evaluate_captures
+    from toolkit.core.console import console
+    from toolkit.core.workspace import make_workspace
+    from toolkit.evaluation.evaluate import evaluate_captures
     from toolkit.evaluation.tables import print_tables
-    from toolkit.printing.job import print_all
-    from toolkit.rig.plan import open_plan
-    from toolkit.rig.poses import Pattern
-    from toolkit.workspace import make_workspace
+    from toolkit.models.bundled import load_best
+    from toolkit.models.find import BUNDLED
+    from toolkit.printing.print_patches import print_all
+    from toolkit.rig.plan import Pattern, open_plan
 
     space = make_workspace(folder)
     classifier, why = load_best(device, quiet)

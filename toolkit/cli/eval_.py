@@ -55,10 +55,10 @@ def evaluate(
     With --corrupt, each image also as fog, blur, noise ... of ImageNet-C leave it: in sources SOURCE-fog-3.
     """
     from toolkit.captures.read import Selection
-    from toolkit.classifiers.network import load_classifier
+    from toolkit.core.workspace import open_workspace
     from toolkit.corruptions.request import parse_corruptions
-    from toolkit.evaluation.run import evaluate_captures
-    from toolkit.workspace import open_workspace
+    from toolkit.evaluation.evaluate import evaluate_captures
+    from toolkit.models.load import load_classifier
 
     corruptions = parse_corruptions(corrupt or ())
     here = open_workspace(workspace)
@@ -76,8 +76,8 @@ def evaluate(
 
 def show_result(result) -> None:
     """Print an `EvaluationResult`: tables, what could not be used, the result in words, and where the report is."""
-    from toolkit.console import console, errors
-    from toolkit.evaluation.run import list_lines
+    from toolkit.core.console import console, errors
+    from toolkit.evaluation.evaluate import list_lines
     from toolkit.evaluation.tables import print_tables
 
     console.print(f"network: {result.summary['model']['description']}", markup=False, soft_wrap=True)

@@ -54,9 +54,9 @@ def import_(
 
     Object and variant come from the options, from folders OBJECT/VARIANT, or from the shot list that was followed.
     """
-    from toolkit.captures.gates.check_captures import check_captures, make_check
-    from toolkit.captures.import_photos import ImportSettings, import_photos
-    from toolkit.workspace import open_workspace
+    from toolkit.core.workspace import open_workspace
+    from toolkit.photos.gates.check_captures import check_captures, make_check
+    from toolkit.photos.importing.photos import ImportSettings, import_photos
 
     space = open_workspace(workspace).with_patches(patches)
     settings = ImportSettings(object_, variant, pose, match, first_shot, link, replace, every, source)
@@ -93,7 +93,7 @@ def show_result(result, report=None) -> None:
     from rich.table import Table
     from rich.text import Text
 
-    from toolkit.console import console, errors
+    from toolkit.core.console import console, errors
 
     if result.coverage:
         table = Table("object", "variant", "imported", "there", "missing poses", "mean pose error")

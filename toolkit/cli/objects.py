@@ -17,10 +17,10 @@ def list_objects(
     """List the objects that can be photographed, built in and your own; --export writes them as GLB."""
     from rich.table import Table
 
-    from toolkit.console import console
-    from toolkit.files import write_bytes
+    from toolkit.core.console import console
+    from toolkit.core.files import write_bytes
+    from toolkit.core.workspace import open_workspace
     from toolkit.objects.load import load_object
-    from toolkit.workspace import open_workspace
 
     space = open_workspace(workspace)
     rows: list[dict[str, Any]] = []

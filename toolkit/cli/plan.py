@@ -1,12 +1,71 @@
 """`toolkit plan`."""
 
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from toolkit.cli import options
-from toolkit.cli.shot_list import ListOrder, ListPaper, ListVariants, ShotList, make_list
+
+if TYPE_CHECKING:
+    from toolkit.core.workspace import Workspace
+
+ShotList = Annotated[
+    bool, typer.Option("--shot-list", help="Also make print/shot_list.pdf, to photograph by, and rig/shots.json.")
+]
+ListPaper = Annotated[str, typer.Option("--paper", help="Of the shot list: a4, letter, or larger.")]
+ListVariants = Annotated[
+    list[str] | None,
+    typer.Option("--variant", help="On the shot list; repeat for more. Default: unpatched and patched."),
+]
+ListOrder = Annotated[
+    str,
+    typer.Option(
+        "--order",
+        help="Of the shot list: aba (half of the unpatched shots before the patched ones, half after), blocks "
+        "(one variant after the other) or alternate (all variants at each place).",
+    ),
+]
+
+
+def make_list(
+    space: "Workspace", objects: Sequence[str] | None, paper: str, variants: Sequence[str] | None, order: str,
+    seed: int, quiet: bool, as_json: bool,
+) -> None:  # fmt: skip
+    """Write both files of the shot list and say what was made; without objects, those of the plan."""
+    from toolkit.core.console import console, errors
+    from toolkit.printing.page import parse_paper
+    from toolkit.printing.shot_list.job import write_shot_list
+    from toolkit.rig.plan import open_plan
+    from toolkit.rig.shot_order import parse_order
+    from toolkit.rig.variants import PAIR
+
+    sheet, chosen = parse_paper(paper), parse_order(order)
+    made = open_plan(space, list(objects or []))
+    names = list(dict.fromkeys(objects or made.objects))
+    result = write_shot_list(space, made, names, sheet, variants or PAIR, seed, chosen, quiet or as_json)
+    for name, reason in result.without_patch.items():
+        errors.print(f"{name}: unpatched only: {reason}", style="yellow", markup=False, soft_wrap=True)
+    if as_json:
+        typer.echo(json.dumps(asdict(result), indent=2, ensure_ascii=False))
+        return
+    if result.replaced:
+        console.print("note: rig/shots.json held other shots, or another order, before", soft_wrap=True)
+    console.print(
+        f"{result.shots} shots of {', '.join(result.objects)}; the camera moves {result.travel_m:.1f} m in all",
+        markup=False,
+        soft_wrap=True,
+    )
+    console.print(
+        f"wrote {result.pdf_file} ({result.pages} pages) and {result.shots_file}; next: print it, shoot in its order, "
+        "then toolkit import PHOTOS/",
+        markup=False,
+        soft_wrap=True,
+    )
+
 
 PLANNING = ("pattern", "count", "elevation", "distance", "fill", "jitter", "size", "fov", "preview")
 """Options that are about the poses; `--shot-list` without any of them keeps those that are planned."""
@@ -46,11 +105,10 @@ def plan(
 
     With --shot-list, and without an option about the poses, those that are planned stay as they are.
     """
+    from toolkit.core.workspace import open_workspace
     from toolkit.objects.load import load_object
     from toolkit.rig.camera import Camera
-    from toolkit.rig.plan import keep_others, make_plan, read_plan, write_plan
-    from toolkit.rig.poses import Pattern
-    from toolkit.workspace import open_workspace
+    from toolkit.rig.plan import Pattern, keep_others, make_plan, read_plan, write_plan
 
     space = open_workspace(workspace).with_patches(patches)
     if shot_list and space.plan_file.is_file() and not _is_about_poses(context):
@@ -71,7 +129,7 @@ def plan(
 
 
 def _say(made, file: Path, drawn: Path | None, count: int, quiet: bool, onward: str) -> None:
-    from toolkit.console import console
+    from toolkit.core.console import console
 
     if not quiet:
         _print_table(made)
@@ -88,7 +146,7 @@ def _is_about_poses(context: typer.Context) -> bool:
 
 def what_pairs_can_show(count: int) -> str:
     """What `count` pairs can prove, worked out with the same statistics as the report."""
-    from toolkit.statistics import mcnemar_p, wilson_interval
+    from toolkit.core.statistics import mcnemar_p, wilson_interval
 
     low, high = wilson_interval(count // 2, count)
     enough = next((flips for flips in range(1, count + 1) if mcnemar_p(flips, 0) < 0.05), None)
@@ -102,7 +160,7 @@ def what_pairs_can_show(count: int) -> str:
 def _print_table(made) -> None:
     from rich.table import Table
 
-    from toolkit.console import console
+    from toolkit.core.console import console
 
     table = Table("object", "poses", "elevations", "azimuths", "distance, mm")
     for name, poses in made.objects.items():
@@ -122,8 +180,8 @@ def _listed(degrees: list[float]) -> str:
 def _draw(space, items, made, seed: int, quiet: bool) -> Path:
     """Write both pictures of every object; returns their folder."""
     from toolkit.captures.shoot import ShootSettings, studio_for
-    from toolkit.console import progress
-    from toolkit.files import write_bytes
+    from toolkit.core.console import progress
+    from toolkit.core.files import write_bytes
     from toolkit.rig.preview import draw_contact_sheet, draw_positions
 
     camera, folder = made.camera.camera(), space.root / "rig" / "preview"

@@ -1,19 +1,115 @@
 """`toolkit print`."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from toolkit.cli import options
-from toolkit.cli.print_sheet import SheetWish, print_wish, report_sheet
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 
 if TYPE_CHECKING:
-    from toolkit.printing.job import PrintedPatch
-    from toolkit.printing.settings import PrintSettings
+    from toolkit.core.workspace import Workspace
+    from toolkit.printing.layout import PrintSettings
+    from toolkit.printing.page import Paper
+    from toolkit.printing.print_patches import PrintedPatch
+    from toolkit.printing.print_sheets import PrintedSheet
+
+
+@dataclass(frozen=True)
+class SheetWish:
+    """The options of the command that are about a sheet; checked when it is made.
+
+    Raises:
+        ToolkitError: two sheets at once, or an option of another sheet or of none.
+    """
+
+    board: bool
+    board_squares: str | None
+    square_mm: float | None
+    ring: bool
+    ring_mm: float | None
+    marker_mm: float | None
+    ink_percent: float | None
+    colour_strip: bool
+
+    def __post_init__(self) -> None:
+        asked = [kind for kind in ("board", "ring", "colour_strip") if getattr(self, kind)]
+        if len(asked) > 1:
+            named = " and ".join(f"--{kind.replace('_', '-')}" for kind in asked)
+            raise ToolkitError(f"{named}: expected one of them: print the others by calls of their own")
+        belongs = {
+            "board_squares": ["board"], "square_mm": ["board"], "ring_mm": ["ring"], "marker_mm": ["board", "ring"],
+            "ink_percent": ["board", "ring"],
+        }  # fmt: skip
+        for option, kinds in belongs.items():
+            if getattr(self, option) is not None and not set(asked) & set(kinds):
+                wanted = " or ".join(f"--{kind}" for kind in kinds)
+                option = "ink" if option == "ink_percent" else option
+                raise ToolkitError(f"--{option.replace('_', '-')} goes with {wanted}: add that, or leave it out")
+
+    @property
+    def kind(self) -> str | None:
+        """`board`, `ring`, `colour-strip`, or None where no sheet is asked for."""
+        kinds = {"board": self.board, "ring": self.ring, "colour-strip": self.colour_strip}
+        return next((kind for kind, asked in kinds.items() if asked), None)
+
+
+def print_wish(
+    wish: SheetWish, place: "Workspace", paper: "Paper", orientation: str, out: Path | None
+) -> "PrintedSheet":
+    """Print the sheet into the workspace's `print/`, a folder, or the .pdf file named.
+
+    Raises:
+        ToolkitError: the sheet cannot be, or a file cannot be written.
+    """
+    from toolkit.printing.board_page import choose_board
+    from toolkit.printing.layout import check_orientation
+    from toolkit.printing.print_sheets import parse_squares, print_sheet, print_strip
+    from toolkit.rig.board import Sheet
+    from toolkit.rig.markers import PALE_PERCENT, RingSpec, choose_ring
+
+    check_orientation(orientation)
+    name = f"{(wish.kind or '').replace('-', '_')}.pdf"
+    folder = out or place.root / "print"
+    pdf_file = folder if folder.suffix.lower() == ".pdf" else folder / name
+    if wish.colour_strip:
+        return print_strip(paper, orientation, pdf_file)
+    spec: Sheet
+    if wish.ring:
+        inner_mm = RingSpec.inner_mm if wish.ring_mm is None else wish.ring_mm
+        spec = choose_ring(inner_mm, wish.marker_mm)
+    else:
+        squares = None if wish.board_squares is None else parse_squares(wish.board_squares)
+        spec = choose_board(paper, orientation, squares, wish.square_mm, wish.marker_mm)
+    spec = replace(spec, ink_percent=PALE_PERCENT if wish.ink_percent is None else wish.ink_percent)
+    return print_sheet(place, spec, paper, orientation, pdf_file)
+
+
+def report_sheet(printed: "PrintedSheet", as_json: bool) -> None:
+    """Say what was made and what to do with it."""
+    from toolkit.core.console import console
+    from toolkit.printing.print_patches import shorten
+
+    if as_json:
+        content = {"printed": [asdict(printed)], "failed": [], "notes": [printed.note] if printed.note else []}
+        typer.echo(json.dumps(content, indent=2, ensure_ascii=False))
+        return
+    console.print(printed.describe(), markup=False, soft_wrap=True)
+    if printed.spec_file is not None:
+        console.print(f"{shorten(printed.spec_file)}: its spec, by which photographs are read", soft_wrap=True)
+    if printed.note:
+        console.print(f"note: {printed.note}", markup=False, soft_wrap=True)
+    if printed.kind == "colour-strip":
+        then = "cut it out with a white border and photograph it beside the object"
+    else:
+        then = "join the tiles as page 1 shows, " if printed.tiles != (1, 1) else ""
+        then += "lay it flat and stand the object on its middle, the front to the edge marked FRONT"
+    console.print(
+        f'next: print at 100 % ("actual size"), measure both check bars (100 mm), {then}', markup=False, soft_wrap=True
+    )
 
 
 def print_patches(
@@ -76,11 +172,10 @@ def print_patches(
     as_json: options.Json = False,
 ) -> None:
     """Make print-ready PDFs of patches, or of the board that the object stands on, at true size, with check bars."""
-    from toolkit.printing.job import compare_with_rig
-    from toolkit.printing.paper import parse_paper
-    from toolkit.printing.select import select_patches
-    from toolkit.printing.settings import PrintSettings, parse_percent
-    from toolkit.workspace import open_workspace
+    from toolkit.core.workspace import open_workspace
+    from toolkit.printing.layout import PrintSettings, parse_percent
+    from toolkit.printing.page import parse_paper
+    from toolkit.printing.print_patches import compare_with_rig, select_patches
 
     place = open_workspace(workspace).with_patches(patches)
     wish = SheetWish(board, board_squares, square_mm, ring, ring_mm, marker_mm, ink_percent, colour_strip)
@@ -117,8 +212,8 @@ def _print_files(
     targets: list[tuple[Path, Path]], settings: "PrintSettings", go_on: bool, quiet: bool
 ) -> tuple[list["PrintedPatch"], list[dict[str, str]]]:
     """Print each; with `go_on` (for --all) a bad patch is listed and the others are done, else it ends the run."""
-    from toolkit.console import progress
-    from toolkit.printing.job import print_patch
+    from toolkit.core.console import progress
+    from toolkit.printing.print_patches import print_patch
 
     printed: list[PrintedPatch] = []
     failed: list[dict[str, str]] = []
@@ -135,7 +230,7 @@ def _print_files(
 
 
 def _report(printed: list["PrintedPatch"], failed: list[dict[str, str]], notes: list[str], as_json: bool) -> None:
-    from toolkit.console import console, errors
+    from toolkit.core.console import console, errors
 
     for failure in failed:
         errors.print(f"not printed: {failure['reason']}", style="red", markup=False, soft_wrap=True)

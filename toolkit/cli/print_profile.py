@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from toolkit.cli import options
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 
 if TYPE_CHECKING:
-    from toolkit.captures.sheet.profile_photos import ProfileRun
+    from toolkit.photos.sheet.profile_photos import ProfileRun
 
 
 def print_profile(
@@ -33,13 +33,13 @@ def print_profile(
     import json
     import re
 
-    from toolkit.captures.sheet.profile_photos import profile_photos
-    from toolkit.console import list_skipped
-    from toolkit.patches import read_patch
-    from toolkit.print_profile import write_print_profile
-    from toolkit.printing.paper import parse_paper
-    from toolkit.printing.select import select_patches
-    from toolkit.workspace import open_workspace
+    from toolkit.core.console import list_skipped
+    from toolkit.core.workspace import open_workspace
+    from toolkit.imaging.printer import write_print_profile
+    from toolkit.objects.records import read_patch
+    from toolkit.photos.sheet.profile_photos import profile_photos
+    from toolkit.printing.page import parse_paper
+    from toolkit.printing.print_patches import select_patches
 
     if name is not None and not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
         raise ToolkitError(f"--name '{name}': expected letters, digits, '-' and '_', without a suffix")
@@ -74,7 +74,7 @@ def _as_json(run: "ProfileRun", file: Path) -> dict:
 
 
 def _report(run: "ProfileRun", file: Path, expected_mm: float) -> None:
-    from toolkit.console import console, errors
+    from toolkit.core.console import console, errors
 
     def say(line: str) -> None:
         console.print(line, markup=False, soft_wrap=True)

@@ -35,10 +35,10 @@ def studio(
 
     Each photograph that is kept lies in captures/real at once; stop with Ctrl-C and start again at any time.
     """
-    from toolkit.captures.importing.settings import FOLDER_NAME
-    from toolkit.errors import ToolkitError
+    from toolkit.core.errors import ToolkitError
+    from toolkit.core.workspace import open_workspace
+    from toolkit.photos.importing.decide import FOLDER_NAME
     from toolkit.studio.serve import open_door, require_extra
-    from toolkit.workspace import open_workspace
 
     require_extra()
     if address is not None and not lan:
@@ -54,7 +54,7 @@ def studio(
     session = open_session(space, source)
 
     def load():
-        from toolkit.classifiers.network import load_classifier
+        from toolkit.models.load import load_classifier
 
         return load_classifier(model, weights, device, True, space.classifiers_dir)
 
@@ -72,7 +72,7 @@ def studio(
 
 def show_door(door: "Door", code: bool) -> None:
     """Say where the page is; with `code`, also as a QR code."""
-    from toolkit.console import console
+    from toolkit.core.console import console
     from toolkit.studio.serve import show_code
 
     if code:
@@ -93,7 +93,7 @@ def warm_up(session: "Session") -> None:
 
 def show_summary(session: "Session") -> None:
     """Say what is there and what to do next."""
-    from toolkit.console import console
+    from toolkit.core.console import console
 
     shots = session.list_shots()
     done = sum(1 for shot in shots if shot.path)

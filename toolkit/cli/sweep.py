@@ -49,12 +49,12 @@ def sweep(
     import json
 
     from toolkit.captures.shoot import ShootSettings
-    from toolkit.captures.variants import PAIR
-    from toolkit.classifiers.network import load_classifier
+    from toolkit.core.workspace import open_workspace
+    from toolkit.models.load import load_classifier
     from toolkit.rig.plan import open_plan
+    from toolkit.rig.variants import PAIR
     from toolkit.sweeps.axes import Setup, find_axis, parse_values
-    from toolkit.sweeps.run import run_sweep
-    from toolkit.workspace import open_workspace
+    from toolkit.sweeps.sweep import run_sweep
 
     chosen = find_axis(axis)
     wanted = parse_values(chosen, values)
@@ -75,9 +75,9 @@ def sweep(
 
 def show_sweep(result) -> None:
     """Print a `SweepResult`: the table, what could not be shot or read, and where the files are."""
-    from toolkit.console import console, errors
-    from toolkit.evaluation.run import list_lines
-    from toolkit.sweeps.tables import build_table
+    from toolkit.core.console import console, errors
+    from toolkit.evaluation.evaluate import list_lines
+    from toolkit.sweeps.result import build_table
 
     console.print(build_table(result.sweep))
     console.print()

@@ -10,8 +10,8 @@ import typer
 from toolkit.cli import options
 
 if TYPE_CHECKING:
-    from toolkit.classifiers.record import HeldOut
-    from toolkit.classifiers.training.run import TrainedClassifier
+    from toolkit.models.find import HeldOut
+    from toolkit.training.classifier import TrainedClassifier
 
 
 def train_classifier(
@@ -66,15 +66,13 @@ def train_classifier(
 ) -> None:  # fmt: skip
     """Train a classifier of your own classes, from renders or images; an interrupted run goes on where it stopped."""
     from toolkit.benchmark.training_boost import read_training_boost
-    from toolkit.classifiers.training.augment import PHOTOGRAPHS, SMALL_IMAGES
-    from toolkit.classifiers.training.corrupted import Corrupting
-    from toolkit.classifiers.training.recipe import Recipe
-    from toolkit.classifiers.training.request import SMALL_PX, ClassifierRequest
-    from toolkit.classifiers.training.run import RunOptions
-    from toolkit.classifiers.training.run import train_classifier as run
-    from toolkit.console import errors
+    from toolkit.core.console import errors
+    from toolkit.core.workspace import open_workspace
     from toolkit.corruptions.request import parse_corruptions
-    from toolkit.workspace import open_workspace
+    from toolkit.training.augment import PHOTOGRAPHS, SMALL_IMAGES, Corrupting
+    from toolkit.training.classifier import RunOptions
+    from toolkit.training.classifier import train_classifier as run
+    from toolkit.training.classifier_config import SMALL_PX, ClassifierRequest, Recipe
 
     space = open_workspace(workspace)
     recipe = Recipe(
@@ -103,7 +101,7 @@ def train_classifier(
 
 
 def _report(trained: "TrainedClassifier", out: Path | None, as_json: bool) -> None:
-    from toolkit.console import console, list_skipped
+    from toolkit.core.console import console, list_skipped
 
     list_skipped(trained.skipped)
     record = trained.record

@@ -9,7 +9,7 @@ import typer
 from toolkit.cli import options
 
 if TYPE_CHECKING:
-    from toolkit.boosters.patch_run import TrainedPatch
+    from toolkit.boosters.patch import TrainedPatch
 
 Range = tuple[float, float]
 
@@ -127,11 +127,11 @@ def train_patch(
 ) -> None:
     """Train a patch that makes a classifier see a class; an interrupted run goes on where it stopped."""
     from toolkit.boosters.data import DataRequest
-    from toolkit.boosters.patch_run import train_patch as run
-    from toolkit.boosters.recipes import Choices, make_request
-    from toolkit.classifiers.network import load_classifiers
-    from toolkit.console import errors
-    from toolkit.workspace import open_workspace
+    from toolkit.boosters.patch import train_patch as run
+    from toolkit.boosters.patch_recipes import Choices, make_request
+    from toolkit.core.console import errors
+    from toolkit.core.workspace import open_workspace
+    from toolkit.models.load import load_classifiers
 
     choices = Choices(
         steps, epochs, batch, lr, schedule, smoothing, start_contrast, rotation, share, foreshortening, pose, light,
@@ -155,8 +155,8 @@ def train_patch(
 
 
 def _report(trained: "TrainedPatch", as_json: bool) -> None:
-    from toolkit.console import console, list_skipped
-    from toolkit.print_scores import PrintScores
+    from toolkit.core.console import console, list_skipped
+    from toolkit.imaging.printer import PrintScores
 
     list_skipped(trained.skipped)
     record = trained.patch.record

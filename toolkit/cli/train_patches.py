@@ -54,12 +54,12 @@ def train_patches(
     """Train a patch for each of many classes, to be laid on images; an interrupted run goes on where it stopped."""
     from dataclasses import asdict, replace
 
-    from toolkit.benchmark.class_patches import FLAT, ClassPatchesRequest, train_class_patches
-    from toolkit.benchmark.images import choose_classes, open_images
-    from toolkit.benchmark.placement import Placement
-    from toolkit.classifiers.network import load_classifier
-    from toolkit.console import console, errors, list_skipped
-    from toolkit.workspace import open_workspace
+    from toolkit.boosters.class_patches import FLAT, ClassPatchesRequest, train_class_patches
+    from toolkit.boosters.place_patches import Placement
+    from toolkit.core.console import console, errors, list_skipped
+    from toolkit.core.workspace import open_workspace
+    from toolkit.models.load import load_classifier
+    from toolkit.training.image_set import choose_classes, open_images
 
     place = open_workspace(workspace)
     placement = Placement(rotation, scale, translate)

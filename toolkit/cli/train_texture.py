@@ -9,7 +9,7 @@ import typer
 from toolkit.cli import options
 
 if TYPE_CHECKING:
-    from toolkit.boosters.textures.run import TrainedTexture
+    from toolkit.boosters.texture import TrainedTexture
 
 Range = tuple[float, float]
 
@@ -94,11 +94,11 @@ def train_texture(
     as_json: options.Json = False,
 ) -> None:
     """Train a texture that makes a classifier see an object's class; an interrupted run goes on where it stopped."""
-    from toolkit.boosters.textures.recipes import Choices, make_request
-    from toolkit.boosters.textures.run import train_texture as run
-    from toolkit.classifiers.network import load_classifiers
-    from toolkit.console import errors
-    from toolkit.workspace import open_workspace
+    from toolkit.boosters.texture import train_texture as run
+    from toolkit.boosters.texture_recipes import Choices, make_request
+    from toolkit.core.console import errors
+    from toolkit.core.workspace import open_workspace
+    from toolkit.models.load import load_classifiers
 
     choices = Choices(
         steps, batch, lr, schedule, smoothing, start_contrast, optimiser, gradient, reuse, elevation, roll, fill,
@@ -124,7 +124,7 @@ def train_texture(
 
 
 def _report(trained: "TrainedTexture", as_json: bool) -> None:
-    from toolkit.console import console, list_skipped
+    from toolkit.core.console import console, list_skipped
 
     list_skipped(trained.skipped)
     record, files = trained.texture.record, trained.files

@@ -10,8 +10,94 @@ from torch.nn import functional as F
 
 from toolkit.corruptions.draws import Draws
 from toolkit.corruptions.filters import blur_gaussian, filter_by_kernel
-from toolkit.corruptions.glass import shuffle_near
-from toolkit.corruptions.motion import blur_along
+
+
+def motion_taps(radius_px: float, sigma_px: float, angle_deg: float) -> list[tuple[int, int, float]]:
+    """(dx, dy, weight) of every pixel that a pixel is averaged from; weights sum to 1.
+
+    The line starts at the pixel itself and runs `angle_deg` clockwise from the image's right (y points down); each
+    step along it is rounded to a whole pixel, halves downwards. The weights are one half of a Gaussian.
+
+    Args:
+        radius_px: the line has 2 × ⌈radius⌉ + 1 pixels.
+        sigma_px: standard deviation of the Gaussian.
+        angle_deg: direction of the line.
+    """
+    count = 2 * math.ceil(radius_px) + 1
+    weights = [math.exp(-0.5 * (step / sigma_px) ** 2) for step in range(count)]
+    cos, sin = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    places = [(math.ceil(step * cos - 0.5), math.ceil(step * sin - 0.5)) for step in range(count)]
+    return [(dx, dy, weight / sum(weights)) for (dx, dy), weight in zip(places, weights, strict=True)]
+
+
+def blur_along(planes: torch.Tensor, radius_px: float, sigma_px: float, angles_deg: torch.Tensor) -> torch.Tensor:
+    """Blur (b, c, h, w) float32, each image along its own angle, edge pixels repeated outwards.
+
+    Args:
+        planes: the images.
+        radius_px: the line has 2 × ⌈radius⌉ + 1 pixels.
+        sigma_px: standard deviation of the Gaussian along it.
+        angles_deg: (b,) directions.
+    """
+    height, width = planes.shape[-2:]
+    blurred = torch.zeros_like(planes)
+    for image, target, angle in zip(planes, blurred, angles_deg.tolist(), strict=True):
+        taps = motion_taps(radius_px, sigma_px, angle)
+        left, right = max(-dx for dx, _, _ in taps), max(dx for dx, _, _ in taps)
+        above, below = max(-dy for _, dy, _ in taps), max(dy for _, dy, _ in taps)
+        padded = F.pad(image[None], (left, right, above, below), mode="replicate")[0]
+        for dx, dy, weight in taps:
+            top, start = above + dy, left + dx
+            target.add_(padded[:, top : top + height, start : start + width], alpha=weight)
+    return blurred
+
+
+def shuffle_near(images: torch.Tensor, reach_px: int, rounds: int, draws: Draws) -> torch.Tensor:
+    """Take every pixel of (b, c, h, w) from a random place nearby, row by row from the bottom right.
+
+    The published images come from a loop that goes from the bottom right to the top left and means to swap each pixel
+    with a neighbour at an offset drawn from -reach … reach - 1 in both axes. Both sides of its swap are views of one
+    array, so that only the first half happens: the pixel becomes a copy of the neighbour as it is at that moment. That
+    is what is done here, for all pixels at once, by following each copy back to the pixel that it came from.
+    """
+    height, width = images.shape[-2:]
+    flat = images.flatten(2)
+    for _ in range(rounds):
+        origin = trace_copies(draw_neighbours(height, width, reach_px, draws), height, width, reach_px)
+        flat = flat.gather(2, origin[:, None].expand_as(flat))
+    return flat.reshape(images.shape)
+
+
+def draw_neighbours(height: int, width: int, reach_px: int, draws: Draws) -> torch.Tensor:
+    """(b, h × w) int64: the pixel that each one copies; those near the border copy themselves."""
+    side = 2 * reach_px
+    pick = (draws.uniform(height * width) * side**2).long()
+    down, across = pick // side - reach_px, pick % side - reach_px
+    own = torch.arange(height * width, device=pick.device)
+    return torch.where(_may_move(height, width, reach_px).to(pick.device), own + down * width + across, own)
+
+
+def trace_copies(neighbours: torch.Tensor, height: int, width: int, reach_px: int) -> torch.Tensor:
+    """(b, h × w) int64: where each pixel's value was before the round, given which pixel it copies.
+
+    A pixel that copies one which the loop has passed, and so changed, holds what that one has copied, and so on. Every
+    step of this search goes twice as far as the one before.
+    """
+    own = torch.arange(height * width, device=neighbours.device)
+    passed = _may_move(height, width, reach_px).to(neighbours.device)[neighbours] & (neighbours > own)
+    origin = neighbours
+    while passed.any():
+        further = origin.gather(1, origin)
+        origin, passed = torch.where(passed, further, origin), passed & passed.gather(1, origin)
+    return origin
+
+
+def _may_move(height: int, width: int, reach_px: int) -> torch.Tensor:
+    """(h × w,) bool: the pixels that the published loop visits."""
+    inside = torch.zeros(height, width, dtype=torch.bool)
+    inside[reach_px + 1 : height - reach_px + 1, reach_px + 1 : width - reach_px + 1] = True
+    return inside.flatten()
+
 
 MAX_MOTION_ANGLE_DEG = 45
 SMALL_DISK_PX = 8

@@ -9,7 +9,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from toolkit.corruptions import blur, digital, elastic, noise, spatter, weather
+from toolkit.corruptions import blur, digital, noise, weather
+from toolkit.corruptions import digital as elastic
+from toolkit.corruptions import weather as spatter
 
 IMAGENET, CIFAR = "imagenet", "cifar"
 MAX_CIFAR_SIDE_PX = 64

@@ -1,16 +1,54 @@
 """Corrupt a batch of images, or one picture."""
 
 import math
-from collections.abc import Sequence
+import os
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
 
 import numpy as np
 import torch
 
+from toolkit.core.errors import ToolkitError, one_of
 from toolkit.corruptions.catalogue import CIFAR, CORRUPTIONS, IMAGENET, MAX_CIFAR_SIDE_PX, Corruption
 from toolkit.corruptions.digital import from_bytes, to_bytes
 from toolkit.corruptions.draws import Draws
-from toolkit.corruptions.parallel import run_each
-from toolkit.errors import ToolkitError, one_of
+
+
+@lru_cache(maxsize=2)
+def _pool(workers: int, process_id: int) -> ThreadPoolExecutor:
+    # by process: the threads of a pool do not survive a fork, as of a data loader's workers
+    ready = threading.Barrier(workers + 1)
+
+    def keep_to_one_thread() -> None:
+        torch.get_num_threads()  # a thread takes over the process's setting on first use
+        ready.wait()
+        torch.set_num_threads(1)
+        ready.wait()
+
+    pool = ThreadPoolExecutor(workers, "corrupt", keep_to_one_thread)
+    for _ in range(workers):
+        pool.submit(int)
+    ready.wait()
+    ready.wait()
+    # OpenMP keeps the setting by thread, torch also one for the process, which the workers have just changed
+    torch.set_num_threads(workers)
+    return pool
+
+
+def run_each(work: Callable[[int], object], count: int) -> None:
+    """Call `work(0)` … `work(count - 1)` on as many threads as torch may use, and return when all are done.
+
+    The steps of `work` run on its own thread alone. It must not call `run_each` in its turn.
+    """
+    workers = torch.get_num_threads()
+    if workers == 1:
+        for index in range(count):
+            work(index)
+    else:
+        list(_pool(workers, os.getpid()).map(work, range(count)))
+
 
 SEVERITIES = (1, 2, 3, 4, 5)
 MIN_SIDE_PX = 16

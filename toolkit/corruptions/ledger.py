@@ -6,8 +6,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from toolkit.errors import ToolkitError
-from toolkit.files import explain_write_error, inside, read_json, write_json
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import explain_write_error, inside, read_json, write_json
 
 SETTINGS_FILE = "corruption.json"
 LEDGER_FILE = "corrupted.jsonl"

@@ -1,14 +1,130 @@
 """Weather: snow, frost, fog, brightness and spatter."""
 
 import math
+from functools import lru_cache
 
+import cv2
+import numpy as np
 import torch
 
-from toolkit.corruptions.blur import fill_by_zoom
+from toolkit.corruptions.blur import blur_along, fill_by_zoom
 from toolkit.corruptions.draws import Draws
-from toolkit.corruptions.frost import cut_frost
-from toolkit.corruptions.motion import blur_along
-from toolkit.corruptions.plasma import draw_clouds
+from toolkit.corruptions.filters import blur_gaussian
+from toolkit.corruptions.frost_texture import draw_panes
+
+FIRST_WIBBLE = 100.0
+
+
+def draw_clouds(side_px: int, decay: float, draws: Draws) -> torch.Tensor:
+    """(b, side, side) float32 in [0, 1], 0 and 1 both reached.
+
+    Points half-way between known ones get their mean and a uniform random shift, whose bound falls with every halving.
+    The published code multiplies its bound by itself, so that the shift falls with the square of `decay`; so it does
+    here.
+
+    Args:
+        side_px: a power of two.
+        decay: larger is smoother.
+        draws: one stream per image.
+    """
+    shifts = draws.uniform(side_px**2 - 1).mul_(2).sub_(1)
+    clouds = torch.zeros(len(shifts), side_px, side_px, device=shifts.device)
+    step, bound, used = side_px, FIRST_WIBBLE**2, 0
+
+    def settle(total: torch.Tensor) -> torch.Tensor:
+        nonlocal used
+        count = total.shape[1] ** 2
+        shift = shifts[:, used : used + count].reshape(total.shape)
+        used += count
+        return total / 4 + bound * shift
+
+    while step >= 2:
+        half = step // 2
+        corners = clouds[:, ::step, ::step]
+        pairs = corners + corners.roll(-1, 1)
+        middles = settle(pairs + pairs.roll(-1, 2))
+        clouds[:, half::step, half::step] = middles
+        clouds[:, ::step, half::step] = settle(middles + middles.roll(1, 1) + corners + corners.roll(-1, 2))
+        clouds[:, half::step, ::step] = settle(middles + middles.roll(1, 2) + corners + corners.roll(-1, 1))
+        step, bound = half, bound / decay**2
+    low = clouds.amin((1, 2), keepdim=True)
+    return (clouds - low) / (clouds.amax((1, 2), keepdim=True) - low)
+
+
+@lru_cache(maxsize=4)
+def _panes_on(device: torch.device, scale: float) -> torch.Tensor:
+    """(panes, 3, side, side) float32."""
+    return torch.from_numpy(draw_panes(scale)).permute(0, 3, 1, 2).contiguous().to(device)
+
+
+def cut_frost(height: int, width: int, scale: float, draws: Draws) -> list[torch.Tensor]:
+    """One (3, height, width) float32 sRGB-encoded piece per image, not to be written into.
+
+    Args:
+        height: of the piece, px.
+        width: of the piece, px.
+        scale: of the texture: 1 for photographs, 0.2 for CIFAR's images, as published.
+        draws: one stream per image: which pane, and where on it. A pane smaller than the piece repeats.
+    """
+    panes = _panes_on(draws.device, scale)
+    pieces = []
+    for which, *corner in draws.uniform(3).tolist():
+        piece = panes[int(which * len(panes))]
+        for axis, (start, length) in enumerate(zip(corner, (height, width), strict=True), 1):
+            side = piece.shape[axis]
+            if length <= side:
+                piece = piece.narrow(axis, int(start * (side - length + 1)), length)
+            else:
+                places = torch.arange(length, device=piece.device) + int(start * side)
+                piece = piece.index_select(axis, places % side)
+        pieces.append(piece)
+    return pieces
+
+
+WATER = (175 / 255, 238 / 255, 238 / 255)
+MUD = (63 / 255, 42 / 255, 20 / 255)
+EMBOSS = np.array([[-2, -1, 0], [-1, 1, 1], [0, 1, 2]], np.float32)
+MAX_DISTANCE_PX = 20
+CANNY_THRESHOLDS = (50, 150)
+LEAST_MUD = 0.8
+
+
+def add_spatter(images: torch.Tensor, shape: tuple[float, ...], draws: Draws) -> torch.Tensor:
+    """Splash water, which adds light, or mud, which covers.
+
+    Args:
+        images: (b, 3, h, w).
+        shape: mean and deviation of the noise that becomes drops, the sigma of its blur in px, the threshold of a drop,
+            the strength of water or the sigma of the mud's blur in px, and 0 for water, 1 for mud.
+        draws: one stream per image.
+    """
+    mean, deviation, sigma_px, threshold, strength, is_mud = shape
+    noise = draws.normal(1, *images.shape[-2:]) * deviation + mean
+    liquid = blur_gaussian(noise, sigma_px)
+    colour = torch.tensor(MUD if is_mud else WATER, device=images.device)[:, None, None]
+    if is_mud:
+        cover = blur_gaussian((liquid > threshold).float(), strength)
+        cover = torch.where(cover < LEAST_MUD, 0.0, cover)
+        return torch.lerp(images, colour, cover)
+    wet = torch.where(liquid < threshold, 0.0, liquid)
+    return shade_drops(wet).mul_(strength) * colour + images
+
+
+def shade_drops(wet: torch.Tensor) -> torch.Tensor:
+    """(b, 1, h, w) of liquid, 0 where there is none, to the light that it adds, the brightest 1; on the same device."""
+    # the published cast: truncated, and from 256 upwards beginning again
+    layers = (wet * 255).to(torch.int32).to(torch.uint8).cpu().numpy()
+    return torch.from_numpy(np.stack([_shade_layer(layer) for layer in layers[:, 0]]))[:, None].to(wet.device)
+
+
+def _shade_layer(layer: np.ndarray) -> np.ndarray:
+    distance = cv2.distanceTransform(255 - cv2.Canny(layer, *CANNY_THRESHOLDS), cv2.DIST_L2, 5)
+    distance = cv2.blur(np.minimum(distance, MAX_DISTANCE_PX), (3, 3)).astype(np.uint8)
+    relief = cv2.filter2D(cv2.equalizeHist(distance), cv2.CV_8U, EMBOSS)
+    light = layer * cv2.blur(relief, (3, 3)).astype(np.float32)
+    brightest = light.max()
+    return light / brightest if brightest > 0 else light  # an image may have no drop at all
+
 
 LUMA = (0.299, 0.587, 0.114)
 SNOW_ANGLES_DEG = (-135.0, -45.0)

@@ -1,14 +1,33 @@
-"""Counts, intervals and tests: what a handful of photographs can show, and what not."""
+"""Which pairs became right or wrong, and which of them are shown."""
 
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 from toolkit.captures.read import POOLED, UNPATCHED
-from toolkit.evaluation.order import rank_variant
+from toolkit.core.statistics import mcnemar_p, wilson_interval
 from toolkit.evaluation.predict import Prediction
-from toolkit.statistics import mcnemar_p, wilson_interval
+from toolkit.rig.variants import CONTROLS, CONTROLS_OF, VARIANTS
+
+PATCHED, TEXTURED, WRONG, ALONE = "patched", "textured", "wrong-patch", "patch-alone"
+NOUNS = {PATCHED: "patch", TEXTURED: "texture"}
+RIVALS = {booster: tuple(name for name in names if name != ALONE) for booster, names in CONTROLS_OF.items()}
+"""By booster, the controls that are on the object where the booster was."""
+OWNERS = {control: booster for booster, names in CONTROLS_OF.items() for control in names}
+"""By control, the booster that it belongs to."""
+
+
+def rank_variant(variant: str) -> tuple[int, str]:
+    """Sort key: `unpatched`, `patched`, `textured`, other boosters by name, controls as `CONTROLS` has them."""
+    if variant in CONTROLS:
+        return len(VARIANTS) + CONTROLS.index(variant), variant
+    return (VARIANTS.index(variant) if variant in VARIANTS else len(VARIANTS) - 1), variant
+
+
+def name_booster(variant: str) -> str:
+    """`the patch`, `the texture`, or the variant in quotes."""
+    return f"the {NOUNS[variant]}" if variant in NOUNS else f"'{variant}'"
 
 
 @dataclass(frozen=True)
@@ -183,3 +202,50 @@ def _why_unpaired(one: Prediction, others: list[dict[int, Prediction]], name: st
     if not any(partner.is_read for partner in partners):
         return f"its partner {partners[0].capture.path} could not be read"
     return None
+
+
+MAX_FLIPS = 40
+
+
+@dataclass(frozen=True)
+class FlipList:
+    """Pairs that changed one way.
+
+    Attributes:
+        kind: `gained` or `lost`.
+        shown: the pairs that are shown: by variant, boosters before controls, the surest of each first.
+        counts: (variant, how many there are), in the order of `rank_variant`.
+    """
+
+    kind: str
+    shown: tuple[Match, ...]
+    counts: tuple[tuple[str, int], ...]
+
+    @property
+    def n(self) -> int:
+        """How many there are."""
+        return sum(count for _, count in self.counts)
+
+
+def list_flips(matches: Sequence[Match]) -> tuple[FlipList, FlipList]:
+    """The pairs that were gained and those that were lost, at most 40 of each shown.
+
+    `patch-alone` is left out: without the object its images are no before and after of one thing.
+    """
+    pairs = [match for match in matches if match.after.capture.variant != ALONE]
+    return _pick("gained", [match for match in pairs if match.is_gained]), _pick(
+        "lost", [match for match in pairs if match.is_lost]
+    )
+
+
+def _pick(kind: str, flips: list[Match]) -> FlipList:
+    flips.sort(
+        key=lambda match: (
+            rank_variant(match.after.capture.variant),
+            -abs((match.after.true_prob or 0) - (match.before.true_prob or 0)),
+        )
+    )
+    counts = Counter(match.after.capture.variant for match in flips)
+    return FlipList(
+        kind, tuple(flips[:MAX_FLIPS]), tuple((name, counts[name]) for name in sorted(counts, key=rank_variant))
+    )

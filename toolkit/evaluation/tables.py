@@ -1,7 +1,6 @@
 """The result as a table on the console."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
@@ -9,15 +8,13 @@ from rich.text import Text
 
 from toolkit.captures.read import POOLED
 from toolkit.evaluation.metrics import Group, Pair
-from toolkit.evaluation.sim_real_table import print_sim_real
-
-if TYPE_CHECKING:
-    from toolkit.evaluation.run import EvaluationResult
+from toolkit.evaluation.results import EvaluationResult
+from toolkit.evaluation.sim_real_text import print_sim_real
 
 MAX_ROWS = 60
 
 
-def print_tables(console: Console, result: "EvaluationResult") -> None:
+def print_tables(console: Console, result: EvaluationResult) -> None:
     """Print the tables of an evaluation, then each result in words."""
     for table in build_tables(result.groups, result.pairs):
         console.print(table)

@@ -1,1 +1,1 @@
-"""What is photographed: specs, built-in meshes, and the user's own."""
+"""What is photographed: specs, meshes, textures, and the files of what is put on an object."""

@@ -7,10 +7,18 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.errors import ToolkitError, one_of
-from toolkit.files import inside
-from toolkit.objects.digest import hash_mesh, hash_shape
-from toolkit.objects.mesh import Material, Mesh, check_mesh, merge_meshes, mesh_from_corners, place_on_table
+from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.files import inside
+from toolkit.objects.mesh import (
+    Material,
+    Mesh,
+    check_mesh,
+    hash_mesh,
+    hash_shape,
+    merge_meshes,
+    mesh_from_corners,
+    place_on_table,
+)
 from toolkit.objects.spec import ObjectSpec, read_spec
 
 BUILTIN = ("racer", "warplane", "coffeepot", "eggnog")
@@ -62,7 +70,7 @@ def build_mesh(name: str) -> Mesh:
     """Build one of the procedural objects."""
     if name not in BUILTIN:
         raise one_of("built-in mesh", name, list(BUILTIN))
-    return import_module(f"toolkit.objects.{name}").build()
+    return import_module(f"toolkit.objects.shapes.{name}").build()
 
 
 def read_mesh(path: Path) -> Mesh:

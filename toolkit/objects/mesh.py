@@ -1,10 +1,12 @@
-"""A textured triangle mesh: what every object is to the rig."""
+"""A textured triangle mesh: what every object is to the rig; its hash, and the scene that rays are cast at."""
 
+import hashlib
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 
 
 @dataclass(frozen=True)
@@ -161,3 +163,42 @@ def check_mesh(mesh: Mesh, source: str) -> Mesh:
     if not float(mesh.size_mm.max()) > 0:
         raise ToolkitError(f"{source}: all vertices are at one point: expected an object with an extent")
     return mesh
+
+
+def hash_mesh(mesh: Mesh) -> str:
+    """SHA-256 of all that a renderer makes of a mesh but its normals, 64 hex digits."""
+    digest = _hash_arrays((mesh.vertices, mesh.faces, mesh.uv, mesh.face_material))
+    for material in mesh.materials:
+        digest.update(f"{material.name} {material.roughness} {material.metallic}".encode())
+        digest.update(np.ascontiguousarray(material.texture).tobytes())
+    return digest.hexdigest()
+
+
+def hash_shape(mesh: Mesh) -> str:
+    """SHA-256 of what a texture is trained for: triangles, texture coordinates and which part each belongs to.
+
+    Another livery or gloss on the same triangles has the same hash, and so has a zero with another sign.
+    """
+    digest = _hash_arrays((mesh.vertices + 0.0, mesh.faces, mesh.uv + 0.0, mesh.face_material))
+    for material in mesh.materials:
+        digest.update(f"{material.name}\n".encode())
+    return digest.hexdigest()
+
+
+def _hash_arrays(arrays: Iterable[np.ndarray]):
+    digest = hashlib.sha256()
+    for array in arrays:
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest
+
+
+def make_ray_scene(mesh: Mesh):
+    """Open3D's ray-casting scene (Embree) of a mesh."""
+    import open3d as o3d
+
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(
+        o3d.core.Tensor(np.ascontiguousarray(mesh.vertices, np.float32)),
+        o3d.core.Tensor(np.ascontiguousarray(mesh.faces.astype(np.uint32))),
+    )
+    return scene

@@ -5,8 +5,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from toolkit.errors import ToolkitError
-from toolkit.files import read_toml
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import read_toml
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 

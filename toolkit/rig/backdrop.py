@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from toolkit.colour import srgb_to_linear
+from toolkit.imaging.colour import srgb_to_linear
 from toolkit.rig.camera import Camera
 from toolkit.rig.lighting import Lighting
 from toolkit.rig.shading import ROUGHNESS_LEVELS

@@ -1,25 +1,23 @@
-"""The printed sheet that an object stands on, from which a photograph's camera is found: a ChArUco board, or a ring.
-
-Convention: the sheet lies on the table, its middle is the world's origin, its plane z = 0. The edge marked FRONT is the
-page's lower one: down the page is +x (the object's front), to the page's right is +y; millimetres.
-Positions *on the sheet* are counted from its upper left corner, x to the right and y down, as OpenCV counts.
-In a picture of the table whose right is +x and whose up is +y, a sheet's picture lies as `np.rot90(picture)`.
-"""
+"""The printed sheet that an object stands on, from which a photograph's camera is found: a ChArUco board, or a ring."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
+import cv2
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from toolkit.errors import ToolkitError
-from toolkit.files import read_json, write_json
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import read_json, write_json
+from toolkit.core.workspace import Workspace
+from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
 from toolkit.rig.markers import (
     DICTIONARY,
     PALE_PERCENT,
     RING_FIRST_ID,
+    RingSpec,
     add_rects,
     black_rects,
     count_markers,
@@ -30,11 +28,7 @@ from toolkit.rig.markers import (
     require_mm,
     sheet_to_world,
 )
-from toolkit.rig.ring import RingSpec
-from toolkit.workspace import Workspace
-
-if TYPE_CHECKING:
-    import cv2
+from toolkit.rig.studio import Studio
 
 MARKER_SHARE = 0.75
 """Of a square's side: the white round a marker is then wider than one of its modules."""
@@ -219,3 +213,37 @@ def read_board(workspace: Workspace) -> Sheet:
         return BoardSpec(**found.board.model_dump()) if found.board else RingSpec(**dict(found.ring or ()))
     except ToolkitError as error:
         raise ToolkitError(f"{file}: {error}") from None
+
+
+INK, PAPER = 28, 236
+"""sRGB of a laser printer's black and of office paper."""
+PAPER_EDGE_MM = 9.0
+"""White paper round the board."""
+FINE_PX_PER_MM = 3.0
+MOST_PX = 4200
+"""Longer side of the table's picture at most: it is kept in float while a scene is shot."""
+
+
+def lay_board(studio: Studio, board: Sheet, px_per_mm: float | None = None) -> Studio:
+    """The same studio with a board in the middle of its table, its edge marked FRONT to +x, its right to +y.
+
+    Args:
+        studio: whose table is large enough for the board.
+        board: as it was printed.
+        px_per_mm: of the table's picture; by default as fine as the markers need and the memory allows.
+    """
+    wide_mm, high_mm = studio.table_mm
+    fine = px_per_mm or min(FINE_PX_PER_MM, MOST_PX / max(wide_mm, high_mm))
+    page = np.pad(board.paint(fine), round(PAPER_EDGE_MM * fine), constant_values=255)
+    sheet = np.rot90(page)  # rows run down the page, which is +x; in the table's picture x runs right and y up
+    # an even margin on both sides keeps the sheet's middle in the picture's
+    wide, high = (
+        side + 2 * max(0, round((mm * fine - side) / 2))
+        for mm, side in zip(studio.table_mm, sheet.shape[::-1], strict=True)
+    )
+    table = cv2.resize(studio.table, (wide, high), interpolation=cv2.INTER_CUBIC)
+    ink, paper = srgb_to_linear(np.array([INK, PAPER]) / 255)
+    shades = np.round(linear_to_srgb(ink + srgb_to_linear(np.arange(256) / 255) * (paper - ink)) * 255).astype(np.uint8)
+    top, left = (high - sheet.shape[0]) // 2, (wide - sheet.shape[1]) // 2
+    table[top : top + sheet.shape[0], left : left + sheet.shape[1]] = shades[sheet][..., None]
+    return replace(studio, name=f"{studio.name}/board", table=table, table_mm=(wide / fine, high / fine))

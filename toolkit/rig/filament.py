@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera, orbit_direction
 from toolkit.rig.egl import PACKAGES, egl_trouble, go_surfaceless

@@ -4,11 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toolkit.errors import ToolkitError
-from toolkit.objects.mesh import Material, Mesh, merge_meshes
+from toolkit.core.errors import ToolkitError
+from toolkit.objects.mesh import Material, Mesh, make_ray_scene, merge_meshes
+from toolkit.objects.records import TAPE_MARGIN_MM
 from toolkit.objects.spec import PatchMount
-from toolkit.patches import TAPE_MARGIN_MM
-from toolkit.rig.rays import make_ray_scene
 
 MAX_SLOPE_DEG = 38.0
 """A taped sheet does not hang down steeper than this; it bridges what falls away faster."""

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toolkit.console import progress
+from toolkit.core.console import progress
+from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
-from toolkit.patches import TAPE_MARGIN_MM
+from toolkit.objects.records import TAPE_MARGIN_MM
 from toolkit.rig.camera import Camera
 from toolkit.rig.mount import attach, mount_patch
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.training import NEAR_VIEWS, PER_STUDIO, ViewRanges, random_pose, random_studio
-from toolkit.workspace import Workspace
+from toolkit.rig.views import NEAR_VIEWS, PER_STUDIO, ViewRanges, random_pose, random_studio
 
 FOV_DEG = 30.5
 """Of the square picture: what the middle of a 4:3 frame of 40° shows."""

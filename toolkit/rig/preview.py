@@ -7,9 +7,9 @@ from PIL import Image, ImageDraw, ImageFont
 
 from toolkit.objects.load import TableObject
 from toolkit.rig.camera import Camera
-from toolkit.rig.finish import develop
 from toolkit.rig.plan import Pose
 from toolkit.rig.renderer import make_renderer
+from toolkit.rig.shading import develop
 from toolkit.rig.studio import Studio
 
 

@@ -10,17 +10,46 @@ from functools import lru_cache
 
 import numpy as np
 
-from toolkit.objects.mesh import Mesh
+from toolkit.objects.mesh import Mesh, make_ray_scene
 from toolkit.rig import shading
 from toolkit.rig.backdrop import Backdrop
 from toolkit.rig.camera import Camera, pixel_rays, project
-from toolkit.rig.lighting import FULL_DETAIL, BakeDetail, bake_lighting
-from toolkit.rig.lightmap import read_samples
+from toolkit.rig.lighting import FULL_DETAIL, BakeDetail, bake_lighting, read_samples
 from toolkit.rig.mount import PAPER_MATERIAL
-from toolkit.rig.rays import make_ray_scene
 from toolkit.rig.studio import Studio
-from toolkit.rig.textured import TexturedView, view_of_nothing
 from toolkit.rig.textures import sample_pyramid, texture_pyramid
+
+
+@dataclass(frozen=True)
+class TexturedView:
+    """One view of h × w pixels; light is linear, in exposure units.
+
+    Attributes:
+        behind: (h, w, 3) float32 table and room without the object, its shadow included.
+        dark: (h, w, 3) float32 the object with a black texture: gloss, and parts that keep their paint.
+        coverage: (h, w) float32 share of each pixel that shows the object.
+        pixel: (k,) int32 which pixel a sample of the texture counts for, row · w + column.
+        uv: (k, 2) float32 where it lies on the texture, u right and v up; outside [0, 1] the texture repeats.
+        lod: (k,) float32 base-2 logarithm of the texture's texels per pixel there.
+        gain: (k, 3) float32 light that white texels bring to the pixel.
+    """
+
+    behind: np.ndarray
+    dark: np.ndarray
+    coverage: np.ndarray
+    pixel: np.ndarray
+    uv: np.ndarray
+    lod: np.ndarray
+    gain: np.ndarray
+
+
+def view_of_nothing(behind: np.ndarray) -> TexturedView:
+    """A view (h, w, 3) in which the object is not seen."""
+    none = np.zeros(0, np.float32)
+    cover = np.zeros(behind.shape[:2], np.float32)
+    uv, gain = none.reshape(0, 2), none.reshape(0, 3)
+    return TexturedView(behind, np.zeros_like(behind), cover, none.astype(np.int32), uv, none, gain)
+
 
 SUBPIXELS = np.array([[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]], np.float32)
 """Offsets of the four samples: a rotated grid, which resolves near-horizontal and near-vertical edges best."""

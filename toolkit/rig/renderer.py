@@ -4,7 +4,7 @@ from typing import Protocol
 
 import numpy as np
 
-from toolkit.errors import one_of
+from toolkit.core.errors import one_of
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
 from toolkit.rig.studio import Studio

@@ -1,14 +1,164 @@
-"""The table-top studio: key light, room, table and backdrop, all from one seed."""
+"""The table-top studio: key light, the room around it, the table and its backdrop, all from one seed."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
+import cv2
 import numpy as np
 
-from toolkit.colour import srgb_to_linear
-from toolkit.errors import one_of
-from toolkit.rig import materials
-from toolkit.rig.room import paint_room
+from toolkit.core.errors import one_of
+from toolkit.imaging.colour import srgb_to_linear
+
+PX_PER_MM = 1.0
+MAX_SIDE_PX = 2400
+
+
+@dataclass(frozen=True)
+class TableTop:
+    """A surface: a painter (rng, (w, h) mm) -> (h, w, 3) uint8 sRGB, and its roughness."""
+
+    paint: Callable[[np.random.Generator, tuple[float, float]], np.ndarray]
+    roughness: float
+
+
+def _size_px(size_mm: tuple[float, float]) -> tuple[int, int]:
+    scale = min(PX_PER_MM, MAX_SIDE_PX / max(size_mm))
+    return max(8, round(size_mm[0] * scale)), max(8, round(size_mm[1] * scale))
+
+
+def _noise(rng: np.random.Generator, shape: tuple[int, int], cell: tuple[float, float], octaves: int = 4) -> np.ndarray:
+    """(h, w) float32 smooth noise about 0 with unit-ish range; `cell` is the coarsest grain in pixels (x, y)."""
+    height, width = shape
+    total = np.zeros(shape, np.float32)
+    for octave in range(octaves):
+        cells = max(2, int(width / cell[0] * 2**octave)), max(2, int(height / cell[1] * 2**octave))
+        grid = rng.standard_normal((min(cells[1], height), min(cells[0], width))).astype(np.float32)
+        total += cv2.resize(grid, (width, height), interpolation=cv2.INTER_CUBIC) * 0.55**octave
+    return total / 1.6
+
+
+def _tint(base: tuple[int, int, int], shade: np.ndarray) -> np.ndarray:
+    """Base colour times (1 + shade), as uint8."""
+    return (np.array(base, np.float32) * (1 + shade[..., None])).clip(0, 255).astype(np.uint8)
+
+
+def _wood(light: tuple[int, int, int], dark: tuple[int, int, int], plank_mm: float):
+    def paint(rng: np.random.Generator, size_mm: tuple[float, float]) -> np.ndarray:
+        width, height = _size_px(size_mm)
+        scale = width / size_mm[0]
+        plank = max(4, round(plank_mm * scale))
+        rows = []
+        for top in range(0, height, plank):
+            h = min(plank, height - top)
+            warp = _noise(rng, (h, width), (500 * scale, 60 * scale), 3)
+            y = np.arange(h, dtype=np.float32)[:, None] / scale
+            rings = np.sin((y / rng.uniform(7, 13) + 1.6 * warp + rng.uniform(0, 9)) * 2 * np.pi) * 0.5 + 0.5
+            fibre = _noise(rng, (h, width), (70 * scale, 1.6), 2) * 0.16
+            mix = (0.42 * rings**1.5 + 0.18 * warp + fibre + rng.uniform(0.1, 0.34)).clip(0, 1)[..., None]
+            board = np.array(light, np.float32) * (1 - mix) + np.array(dark, np.float32) * mix
+            if top:
+                board[: max(1, round(0.8 * scale))] *= 0.55
+            rows.append(board)
+        return np.concatenate(rows).clip(0, 255).astype(np.uint8)
+
+    return paint
+
+
+def _plain(base: tuple[int, int, int], mottle: float, grain: float):
+    def paint(rng: np.random.Generator, size_mm: tuple[float, float]) -> np.ndarray:
+        width, height = _size_px(size_mm)
+        cloud = _noise(rng, (height, width), (260, 260), 4) * mottle
+        return _tint(base, cloud + rng.standard_normal((height, width)).astype(np.float32) * grain)
+
+    return paint
+
+
+def _linen(base: tuple[int, int, int], stripe: tuple[int, int, int]):
+    def paint(rng: np.random.Generator, size_mm: tuple[float, float]) -> np.ndarray:
+        width, height = _size_px(size_mm)
+        scale = width / size_mm[0]
+        weft = _noise(rng, (height, width), (40, 1.5), 2) * 0.05
+        warp = _noise(rng, (height, width), (1.5, 40), 2) * 0.05
+        cloth = _tint(base, weft + warp).astype(np.float32)
+        x, y = np.arange(width) / scale, np.arange(height) / scale
+        bands = 0.45 * (x % 70 < 9)[None, :, None] + 0.45 * (y % 70 < 9)[:, None, None]
+        return (cloth * (1 - bands) + np.array(stripe, np.float32) * bands).clip(0, 255).astype(np.uint8)
+
+    return paint
+
+
+TABLES: dict[str, TableTop] = {
+    "oak": TableTop(_wood((205, 170, 126), (150, 108, 68), 140), 0.5),
+    "walnut": TableTop(_wood((118, 82, 58), (70, 45, 32), 120), 0.45),
+    "white": TableTop(_plain((226, 225, 222), 0.012, 0.006), 0.4),
+    "concrete": TableTop(_plain((152, 150, 146), 0.07, 0.025), 0.8),
+    "linen": TableTop(_linen((214, 206, 190), (150, 60, 56)), 0.95),
+    "slate": TableTop(_plain((72, 78, 84), 0.08, 0.03), 0.7),
+    "birch": TableTop(_wood((228, 204, 164), (200, 166, 118), 400), 0.5),
+}
+
+
+WALLS = ((226, 221, 210), (205, 212, 214), (222, 214, 196), (196, 201, 190), (214, 205, 205))
+FLOORS = ((120, 92, 66), (98, 96, 94), (150, 128, 100), (74, 62, 54))
+BOOKS = ((148, 48, 42), (38, 70, 104), (196, 160, 80), (54, 92, 66), (212, 206, 190), (60, 52, 60), (180, 96, 48))
+
+
+def paint_room(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
+    """(h, w, 3) float32 linear radiance, equirectangular: ceiling, walls with windows, shelves and pictures, floor.
+
+    A white wall in the room's even light has radiance near 0.5; windows are several times brighter.
+    """
+    height, width = shape
+    room = np.empty((height, width, 3), np.float32)
+    wall = srgb_to_linear(np.array(WALLS[rng.integers(len(WALLS))]) / 255)
+    floor = srgb_to_linear(np.array(FLOORS[rng.integers(len(FLOORS))]) / 255)
+    horizon, ceiling, skirting = height // 2, round(height * 0.27), round(height * 0.62)
+    room[:ceiling] = 0.85 * np.array([1.0, 0.99, 0.97])
+    room[ceiling:skirting] = 0.8 * wall
+    room[skirting:] = 0.6 * floor
+    room[ceiling:skirting] *= np.linspace(1.15, 0.8, skirting - ceiling)[:, None, None]
+    for azimuth in rng.permutation(np.arange(0, 360, 60))[:4] + rng.uniform(-12, 12, 4):
+        furnish = (_window, _shelf, _picture)[rng.integers(3)]
+        furnish(room, rng, int(azimuth / 360 * width), horizon)
+    _window(room, rng, int(rng.uniform(0.30, 0.44) * width), horizon)  # a room has a window
+    tiled = np.concatenate([room, room, room], axis=1)  # blur across the seam
+    blurred = cv2.GaussianBlur(tiled, (0, 0), width / 110)[:, width : 2 * width]
+    return np.ascontiguousarray(blurred, np.float32)
+
+
+def _rectangle(room: np.ndarray, x: int, y: int, w: int, h: int, colour) -> None:
+    """Fill a rectangle that may cross the seam."""
+    columns = np.arange(x, x + w) % room.shape[1]
+    room[max(y, 0) : y + h, columns] = colour
+
+
+def _window(room: np.ndarray, rng: np.random.Generator, x: int, horizon: int) -> None:
+    w, h = int(rng.integers(40, 64)), int(rng.integers(36, 48))
+    top = horizon - h - 4
+    _rectangle(room, x - 2, top - 2, w + 4, h + 4, [0.5, 0.49, 0.47])
+    pane = w // 2 - 2
+    for left in (x, x + w - pane):
+        _rectangle(room, left, top, pane, h, np.array([2.5, 2.65, 2.9]) * rng.uniform(0.9, 1.3))
+
+
+def _shelf(room: np.ndarray, rng: np.random.Generator, x: int, horizon: int) -> None:
+    _rectangle(room, x, horizon - 46, 54, 72, [0.13, 0.09, 0.06])
+    for row in range(4):
+        left = x + 2
+        while left < x + 48:
+            w, h = int(rng.integers(2, 6)), int(rng.integers(10, 15))
+            colour = srgb_to_linear(np.array(BOOKS[rng.integers(len(BOOKS))]) / 255) * 0.5
+            _rectangle(room, left, horizon - 44 + 17 * row + (15 - h), w, h, colour)
+            left += w
+
+
+def _picture(room: np.ndarray, rng: np.random.Generator, x: int, horizon: int) -> None:
+    w, h = int(rng.integers(18, 34)), int(rng.integers(18, 30))
+    _rectangle(room, x - 2, horizon - 40, w + 4, h + 4, [0.06, 0.05, 0.05])
+    for band in range(4):
+        _rectangle(room, x, horizon - 38 + band * h // 4, w, h // 4, srgb_to_linear(rng.uniform(0.2, 0.8, 3)) * 0.6)
+
 
 ENVIRONMENT_SHAPE = (256, 512)
 
@@ -60,7 +210,7 @@ LIGHTS: dict[str, KeyLight] = {
     "dim": KeyLight(elevation_deg=60, radius_deg=12, irradiance=(0.55, 0.55, 0.6)),
 }
 ROOM_LIGHT = {"studio": 1.0, "side": 0.55, "warm": 0.75, "dim": 0.45}
-BACKDROPS = tuple(materials.TABLES)
+BACKDROPS = tuple(TABLES)
 
 
 @lru_cache(maxsize=4)
@@ -80,12 +230,12 @@ def make_studio(
     """
     if light not in LIGHTS:
         raise one_of("light", light, list(LIGHTS))
-    if backdrop is not None and backdrop not in materials.TABLES:
+    if backdrop is not None and backdrop not in TABLES:
         raise one_of("backdrop", backdrop, list(BACKDROPS))
     seeds = (seed,) if isinstance(seed, int) else seed
     rng = np.random.default_rng([*seeds, 0x57D10])
     drawn = BACKDROPS[int(rng.integers(len(BACKDROPS)))]
-    table_kind = materials.TABLES[backdrop or drawn]
+    table_kind = TABLES[backdrop or drawn]
     key = LIGHTS[light]
     table_mm = (6.4 * scale_mm, 4.8 * scale_mm)
     table = table_kind.paint(rng, table_mm)

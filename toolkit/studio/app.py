@@ -1,27 +1,60 @@
 """The web application: addresses, and what each of them calls."""
 
+import io
+from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
 from threading import Thread
 from typing import Any
 
+import cv2
 from fastapi import FastAPI, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse, Response
+from PIL import Image
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
 
-from toolkit.errors import ToolkitError
-from toolkit.files import explain_write_error
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import explain_write_error
+from toolkit.imaging.read import read_image
 from toolkit.studio.access import Access, Guard
 from toolkit.studio.describe import describe_inspection, describe_place, describe_session
-from toolkit.studio.errors import Refused
 from toolkit.studio.ghost import GhostArtist
-from toolkit.studio.pictures import PREVIEW_PX, THUMB_PX, show_photo
 from toolkit.studio.predictor import Predictor
-from toolkit.studio.session import NOT_FOUND, Session
-from toolkit.studio.take_back import take_back
-from toolkit.studio.upload import MOST_BYTES, receive_file
+from toolkit.studio.session import NOT_FOUND, Session, take_back
+from toolkit.studio.upload import MOST_BYTES, Refused, receive_file
+
+PREVIEW_PX, THUMB_PX = 1280, 240
+QUALITY = 82
+KEPT = 160
+
+
+def show_photo(file: Path, longer_px: int) -> bytes:
+    """A JPEG of a photograph, upright, at most `longer_px` long; remembered for as long as the file does not change.
+
+    Raises:
+        UnreadableImage: it is gone, or does not decode.
+    """
+    try:
+        facts = file.stat()
+        key = (facts.st_mtime_ns, facts.st_size)
+    except OSError:
+        key = (0, 0)  # `read_image` says what is wrong
+    return _encode(file, key, longer_px)
+
+
+@lru_cache(maxsize=KEPT)
+def _encode(file: Path, key: tuple[int, int], longer_px: int) -> bytes:
+    pixels = read_image(file, longer_px)
+    share = longer_px / max(pixels.shape[:2])
+    if share < 1:
+        size = (max(1, round(pixels.shape[1] * share)), max(1, round(pixels.shape[0] * share)))
+        pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "JPEG", quality=QUALITY)
+    return buffer.getvalue()
+
 
 PAGE_FILES = {
     "/": ("page.html", "text/html; charset=utf-8"),

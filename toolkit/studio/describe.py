@@ -4,12 +4,12 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from toolkit.captures.camera.match_pose import PoseMatch
-from toolkit.captures.gates.result import GateResult
-from toolkit.captures.shot_order import ShotStep
-from toolkit.files import sha256_bytes
-from toolkit.printing.shot_list.advice import PHONE_MM, equivalent_focal_mm
+from toolkit.core.files import sha256_bytes
+from toolkit.photos.gates.result import GateResult
+from toolkit.photos.match_pose import PoseMatch
+from toolkit.printing.shot_list.first_page import PHONE_MM, equivalent_focal_mm
 from toolkit.printing.shot_list.places import measure_place, name_change
+from toolkit.rig.shot_order import ShotStep
 from toolkit.studio.inspection import Inspection
 from toolkit.studio.predictor import Predictor
 from toolkit.studio.session import Session, Shot

@@ -9,14 +9,13 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from toolkit.captures.variants import VARIANTS, Print, dress, find_booster
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
-from toolkit.objects.mesh import Mesh
+from toolkit.objects.mesh import Mesh, make_ray_scene
 from toolkit.rig.camera import Camera, pixel_rays
 from toolkit.rig.plan import CapturePlan
-from toolkit.rig.rays import make_ray_scene
-from toolkit.workspace import Workspace
+from toolkit.rig.variants import VARIANTS, Print, dress, find_booster
 
 SIDE_PX = 720
 LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)

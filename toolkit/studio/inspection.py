@@ -7,23 +7,21 @@ from threading import Lock
 
 import numpy as np
 
-from toolkit.captures.camera.board_pose import find_board
-from toolkit.captures.camera.lens import Lens
-from toolkit.captures.camera.lens_file import read_lenses
-from toolkit.captures.camera.match_pose import PoseMatch, match_pose, view_of
-from toolkit.captures.gates.check_photo import check_photo
-from toolkit.captures.gates.expect import Expecter
-from toolkit.captures.gates.result import GateResult
-from toolkit.captures.gates.solid import View
-from toolkit.captures.importing.evidence import Located
-from toolkit.captures.importing.locate import locate_sighting
-from toolkit.captures.photos.photo import Photo, load_pixels
-from toolkit.captures.shot_order import ShotStep
-from toolkit.captures.variants import GREY
-from toolkit.errors import ToolkitError
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
+from toolkit.photos.board_pose import find_board
+from toolkit.photos.gates.check_photo import check_photo
+from toolkit.photos.gates.expect import Expecter
+from toolkit.photos.gates.result import GateResult
+from toolkit.photos.gates.solid import View
+from toolkit.photos.importing.evidence import Located, locate_sighting
+from toolkit.photos.lens import Lens, read_lenses
+from toolkit.photos.match_pose import PoseMatch, match_pose, view_of
+from toolkit.photos.photo import Photo, load_pixels
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan, Pose
-from toolkit.workspace import Workspace
+from toolkit.rig.shot_order import ShotStep
+from toolkit.rig.variants import GREY
 
 KEPT = 6
 

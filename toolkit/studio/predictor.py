@@ -7,10 +7,9 @@ from threading import Event, Lock, Thread
 from typing import Any, Literal
 
 from toolkit.captures.read import Capture
-from toolkit.classifiers.network import Classifier
-from toolkit.errors import ToolkitError
-from toolkit.evaluation.predict import Prediction, predict_captures
-from toolkit.evaluation.truth import class_of_spec
+from toolkit.core.errors import ToolkitError
+from toolkit.evaluation.predict import Prediction, class_of_spec, predict_captures
+from toolkit.models.network import Classifier
 from toolkit.studio.session import Session
 
 Load = Callable[[], Classifier]

@@ -1,8 +1,4 @@
-"""A session at the table: which shots there are, which are taken, and what happens to a photograph.
-
-Nothing of this is kept in memory alone: it follows from `rig/shots.json`, from captures/SOURCE and from `.studio/`, so
-that another page, a reload or a restarted server find everything as it was.
-"""
+"""A session at the table: which shots there are, which are taken, and what happens to a photograph."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -11,27 +7,32 @@ from pathlib import Path
 from threading import RLock
 from typing import Literal
 
-from toolkit.captures.gates.retake import write_retake_lines
-from toolkit.captures.importing.decide import Decision
-from toolkit.captures.importing.evidence import Evidence, Target
-from toolkit.captures.importing.gather import Candidate
-from toolkit.captures.importing.ledger import Ledger, find_occupants
-from toolkit.captures.importing.store import store_photo
-from toolkit.captures.importing.summary import list_retakes
-from toolkit.captures.manifest import CaptureRecord, read_manifest
-from toolkit.captures.photos.photo import read_photo
-from toolkit.captures.shot_order import ShotList, ShotStep, read_shots
-from toolkit.captures.transforms import write_transforms
-from toolkit.captures.variants import VARIANTS, find_booster
-from toolkit.errors import ToolkitError
-from toolkit.image_folder import show_path
+from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest, write_transforms
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import write_bytes
+from toolkit.core.workspace import Workspace
+from toolkit.imaging.folder import show_path
 from toolkit.objects.load import load_object
+from toolkit.photos.gates.check_captures import write_retake_lines
+from toolkit.photos.importing.decide import Decision
+from toolkit.photos.importing.evidence import Evidence, Target
+from toolkit.photos.importing.gather import Candidate
+from toolkit.photos.importing.photos import list_retakes
+from toolkit.photos.importing.store import (
+    REPLACED,
+    Ledger,
+    drop_records,
+    find_occupants,
+    find_original,
+    read_ledger,
+    store_photo,
+)
+from toolkit.photos.photo import read_photo
 from toolkit.rig.plan import CapturePlan, Pose, read_plan
-from toolkit.studio.errors import Refused
+from toolkit.rig.shot_order import ShotList, ShotStep, read_shots
+from toolkit.rig.variants import VARIANTS, find_booster
 from toolkit.studio.inspection import Inspection, Inspector
-from toolkit.studio.places import HASH_DIGITS, Places, check_writable, hash_in_name
-from toolkit.studio.upload import open_upload
-from toolkit.workspace import Workspace
+from toolkit.studio.upload import HASH_DIGITS, Places, Refused, check_writable, hash_in_name, open_upload
 
 Status = Literal["open", "waiting", "skipped", "done"]
 NOT_FOUND, CONFLICT = 404, 409
@@ -263,3 +264,54 @@ def open_session(
     session.places.sweep()
     session.list_shots()  # a broken manifest is said now, not when the first photograph is kept
     return session
+
+
+def take_back(session: Session, number: int) -> Shot:
+    """Undo `keep`: the photograph waits at its shot again, and a shot that it had replaced is there again.
+
+    Raises:
+        Refused: nothing is there, or it was put there by hand (409).
+        ToolkitError: the disk is full or not to be written.
+    """
+    with session.exclusive():
+        step = session.find_step(number)
+        root = session.source_dir
+        ledger = read_ledger(root)
+        target = Target(step.object, step.variant, step.pose_id)
+        there = find_occupants(ledger, target)
+        record = session.find_record(session.look_up(number))
+        if not there or record is None:
+            what = "was put there by hand: delete the file itself" if there else "is not there"
+            raise Refused(CONFLICT, f"the photograph of shot {number} {what}")
+        file = root / record.path
+        # a copy first: it is in one of the two places at every moment
+        upload = write_bytes(session.places.new_incoming(), file.read_bytes())
+        session.places.put_waiting(step, upload, read_photo(upload))
+        before = _find_before(root, record)
+        file.unlink()
+        drop_records(root, {record.path})
+        if before is not None:
+            _bring_back(root, before, record)
+        session.write_lists()
+        return session.look_up(number)
+
+
+def _find_before(root: Path, record: CaptureRecord) -> CaptureRecord | None:
+    """The record of the photograph that this one replaced; None where it was the first."""
+    kept = [
+        one
+        for one in read_manifest(root / REPLACED).values()
+        if (one.object, one.variant, one.pose_id) == (record.object, record.variant, record.pose_id)
+        and (root / REPLACED / one.path).is_file()
+    ]
+    originals = [find_original(one) for one in kept]
+    own = find_original(record)
+    kept = kept[: originals.index(own)] if own in originals else kept
+    return kept[-1] if kept else None
+
+
+def _bring_back(root: Path, before: CaptureRecord, record: CaptureRecord) -> None:
+    old = root / REPLACED / before.path
+    path = str(Path(record.path).with_suffix(old.suffix).as_posix())
+    write_bytes(root / path, old.read_bytes())
+    append_record(root, before.model_copy(update={"path": path}))

@@ -8,10 +8,10 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from toolkit.captures.read import Capture
-from toolkit.classifiers.network import Classifier
-from toolkit.console import progress
+from toolkit.core.console import progress
+from toolkit.core.files import append_lines, sha256_file
 from toolkit.evaluation.predict import Prediction, predict_captures
-from toolkit.files import append_lines, sha256_file
+from toolkit.models.network import Classifier
 
 CHUNK = 128
 """Images between two writes: what a kill may cost."""

@@ -4,7 +4,7 @@ from io import BytesIO
 from pathlib import Path
 
 from toolkit.captures.read import POOLED
-from toolkit.files import write_bytes
+from toolkit.core.files import write_bytes
 from toolkit.sweeps.axes import Axis
 from toolkit.sweeps.result import Sweep, SweepRow
 

@@ -1,4 +1,4 @@
-"""What a sweep found: `sweep-MODEL.json` and `sweep-MODEL.csv`."""
+"""What a sweep found: `sweep-MODEL.json`, `sweep-MODEL.csv`, and the table on the console."""
 
 import csv
 import io
@@ -7,15 +7,17 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from rich.table import Table
+from rich.text import Text
+
 from toolkit import __version__
 from toolkit.captures.read import POOLED
 from toolkit.captures.shoot import ShootSettings
-from toolkit.captures.variants import ON_PAPER
-from toolkit.classifiers.network import Classifier
-from toolkit.evaluation.run import EvaluationResult
-from toolkit.files import write_json, write_text
-from toolkit.sweeps.axes import Axis, Value
-from toolkit.sweeps.units import Unit
+from toolkit.core.files import write_json, write_text
+from toolkit.evaluation.results import EvaluationResult
+from toolkit.models.network import Classifier
+from toolkit.rig.variants import ON_PAPER
+from toolkit.sweeps.axes import Axis, Unit, Value
 
 SCHEMA_VERSION = 1
 
@@ -169,3 +171,38 @@ def _size_patches(units: Sequence[Unit]) -> dict[tuple[str, str], tuple[float | 
         own = list(zip(*(size for (of, _), size in sizes.items() if of == label), strict=True))
         sizes[label, POOLED] = tuple(column[0] if len(set(column)) == 1 else None for column in own)  # type: ignore[assignment]
     return sizes
+
+
+def build_table(sweep: Sweep) -> Table:
+    """A row per value and variant: n, top-1 and its interval, McNemar's p against bare, then top-1 of each object.
+
+    A printed size is followed by its share of the longest side, where the objects agree on it.
+    """
+    one = len(sweep.objects) == 1
+    name = next(iter(sweep.objects)) if one else POOLED
+    rows = {(row.label, row.object, row.variant): row for row in sweep.rows}
+    pairs = {(pair.label, pair.object, pair.variant): pair for pair in sweep.pairs}
+    title = f"{sweep.axis.name}, {sweep.model['name']}, " + (name if one else f"{len(sweep.objects)} objects")
+    table = Table(title=Text(title), title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    table.add_column(sweep.axis.name)
+    table.add_column("variant")
+    for head in ("n", "top-1 %", "95 %", "top-5 %", "p", *([] if one else sweep.objects)):
+        table.add_column(head, justify="right", no_wrap=True)
+    for _, label in sweep.values:
+        shares = [row.patch_share for row in sweep.rows if (row.label, row.object) == (label, name) and row.patch_share]
+        shown = f"{label} ({100 * shares[0]:.0f} %)" if sweep.axis.name == "size" and shares else label
+        for variant in sweep.variants:
+            row, pair = rows.get((label, name, variant)), pairs.get((label, name, variant))
+            if row is None or row.top1 is None or row.top5 is None:
+                continue
+            interval = f"{100 * row.ci95[0]:.0f}–{100 * row.ci95[1]:.0f}"
+            p = "" if pair is None else "<0.0001" if pair.mcnemar_p < 1e-4 else f"{pair.mcnemar_p:.2g}"
+            numbers = [str(row.n), f"{100 * row.top1:.0f}", interval, f"{100 * row.top5:.0f}", p]
+            each = [] if one else [_share(rows.get((label, other, variant))) for other in sweep.objects]
+            table.add_row(Text(shown), variant, *numbers, *each)
+            shown = ""
+    return table
+
+
+def _share(row) -> str:
+    return "–" if row is None or row.top1 is None else f"{100 * row.top1:.0f}"

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.printing.frame import Rect
-from toolkit.printing.text import BOLD, PLAIN, draw_text, drawable, measure_text_mm
+from toolkit.printing.canvas import BOLD, PLAIN, draw_text, drawable, measure_text_mm
+from toolkit.printing.page import Rect
 
 if TYPE_CHECKING:
     from reportlab.pdfgen.canvas import Canvas

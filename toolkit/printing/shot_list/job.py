@@ -4,7 +4,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from toolkit.captures.shot_order import (
+from toolkit.core.console import progress
+from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.files import write_bytes
+from toolkit.core.workspace import Workspace
+from toolkit.objects.load import TableObject, load_object
+from toolkit.printing.page import Paper
+from toolkit.printing.shot_list.document import build_shot_list
+from toolkit.printing.shot_list.session import prepare_session
+from toolkit.rig.board import read_board
+from toolkit.rig.plan import CapturePlan, check_poses
+from toolkit.rig.shot_order import (
     Order,
     ShotList,
     ShotStep,
@@ -15,17 +25,7 @@ from toolkit.captures.shot_order import (
     read_shots,
     write_shots,
 )
-from toolkit.captures.variants import PAIR, VARIANTS, Paint, Print, find_booster
-from toolkit.console import progress
-from toolkit.errors import ToolkitError, one_of
-from toolkit.files import write_bytes
-from toolkit.objects.load import TableObject, load_object
-from toolkit.printing.paper import Paper
-from toolkit.printing.shot_list.document import build_shot_list
-from toolkit.printing.shot_list.session import prepare_session
-from toolkit.rig.board import read_board
-from toolkit.rig.plan import CapturePlan, check_poses
-from toolkit.workspace import Workspace
+from toolkit.rig.variants import PAIR, VARIANTS, Paint, Print, find_booster
 
 NARROWEST_MM, LOWEST_MM = 180.0, 250.0
 

@@ -1,18 +1,96 @@
-"""Where the sheet is stuck: a picture of that side of the object, and what a ruler measures on it."""
+"""Where the sheet is stuck, as a picture and a drawing with millimetres, and what the camera should see."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from io import BytesIO
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
 
-from toolkit.captures.variants import Print
+from toolkit.core.console import Ticker
 from toolkit.objects.load import TableObject
-from toolkit.patches import TAPE_MARGIN_MM
-from toolkit.printing.shot_list.views import DETAIL, encode_jpeg, make_light_studio
+from toolkit.objects.records import TAPE_MARGIN_MM
+from toolkit.printing.canvas import BOLD
+from toolkit.printing.page import Rect
+from toolkit.printing.shot_list.drawings import (
+    SHEET,
+    SOFT,
+    WHITE,
+    draw_block_arrow,
+    draw_dimension,
+    draw_shape,
+    draw_title,
+    place_picture,
+    set_ink,
+    write,
+)
+from toolkit.rig.board import Sheet, lay_board
 from toolkit.rig.camera import Camera, look_at, project
-from toolkit.rig.finish import develop
+from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.mount import SIDES, attach, mount_patch
+from toolkit.rig.plan import Pose
 from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.shading import develop
+from toolkit.rig.studio import Studio, make_studio
+from toolkit.rig.variants import Paint, Print, dress
+
+if TYPE_CHECKING:
+    from reportlab.pdfgen.canvas import Canvas
+
+WIDTH_PX = 416
+"""250 dpi on a picture 42 mm wide."""
+TABLE_SCALE = 1.6
+"""The table reaches further than the rig's own, so that few pictures show its end."""
+JPEG_QUALITY = 85
+BRIGHTER = 1.25
+"""Than a photograph: printers darken, and white paper is white."""
+DETAIL = BakeDetail(key_rays=16, room_rays=48, surface_spacing=0.026, table_spacing=0.022)
+
+
+def make_light_studio(item: TableObject, board: Sheet | None) -> Studio:
+    """A white table, which costs little ink, with the board painted on in true size."""
+    studio = make_studio(0, TABLE_SCALE * float(item.mesh.size_mm.max()), backdrop="white")
+    studio = replace(studio, exposure=BRIGHTER * studio.exposure)
+    return studio if board is None else lay_board(studio, board, px_per_mm=studio.table.shape[1] / studio.table_mm[0])
+
+
+def draw_views(
+    item: TableObject, camera: Camera, poses: list[Pose], boosters: Mapping[str, Print | Paint | None],
+    board: Sheet | None, bar: Ticker,
+) -> dict[tuple[str, int], bytes]:  # fmt: skip
+    """JPEGs by (variant, pose id), as wide as `WIDTH_PX` and of the camera's aspect.
+
+    Args:
+        item: on the table.
+        camera: the plan's; its field of view is kept.
+        poses: from where.
+        boosters: what is stuck on, by variant.
+        board: the sheet that the object stands on, None for a bare table.
+        bar: counts one per picture.
+
+    Raises:
+        ToolkitError: a sheet cannot be mounted on the object.
+    """
+    small = Camera(WIDTH_PX, max(1, round(WIDTH_PX * camera.height / camera.width)), camera.fov_deg)
+    studio = make_light_studio(item, board)
+    views = {}
+    for variant, booster in boosters.items():
+        bar.advance(0, note=f"{item.name} {variant}: light")
+        renderer = RaycastRenderer(dress(item, booster), studio, DETAIL)
+        for pose in poses:
+            picture = develop(renderer.render(small, pose.matrix()), (0, pose.id), noise=0, falloff=0)
+            views[variant, pose.id] = encode_jpeg(picture)
+            bar.advance(note=f"{item.name} {variant}")
+    return views
+
+
+def encode_jpeg(pixels: np.ndarray, quality: int = JPEG_QUALITY) -> bytes:
+    """JPEG bytes of (h, w, 3) uint8 sRGB pixels."""
+    buffer = BytesIO()
+    Image.fromarray(pixels).save(buffer, "JPEG", quality=quality, optimize=True)
+    return buffer.getvalue()
+
 
 LONG_SIDE_PX = 840
 FINER = 2
@@ -129,3 +207,68 @@ def _photograph(item: TableObject, sheet, right, up, points: np.ndarray):
         centre[0] + width / 2 / scale, centre[1] + height / 2 / scale,
     )  # fmt: skip
     return encode_jpeg(small, 90), tuple(float(side) for side in frame)
+
+
+CHAINS_MM = 18.0
+"""Room beside and below the picture for its dimensions, and above it for the title."""
+
+
+def draw_mounting_plan(canvas: "Canvas", area: Rect, drawing: MountDrawing, side: str) -> None:
+    """The object's side with the sheet's outline, its distances from the object's edges, and its arrow."""
+    seen = {"top": "seen from above", "back": "seen from behind"}.get(side, f"seen from the {side}")
+    draw_title(canvas, area, f"Where the patch goes, {seen}")
+    left, bottom, right, top = drawing.frame_mm
+    room = Rect(area.x + 9.0, area.y + 8.0, area.width - CHAINS_MM, area.height - CHAINS_MM + 2)
+    scale = min(room.width / (right - left), room.height / (top - bottom))
+    picture = room.centre((right - left) * scale, (top - bottom) * scale)
+    place_picture(canvas, drawing.jpeg, picture, None)
+
+    def at(point) -> tuple[float, float]:
+        return picture.x + (float(point[0]) - left) * scale, picture.y + (float(point[1]) - bottom) * scale
+
+    for colour, line in ((WHITE, 0.9), (SHEET, 0.45)):
+        set_ink(canvas, colour, line)
+        draw_shape(canvas, [at(p) for p in drawing.outline_mm], fill=False)
+    canvas.setDash(1.0, 0.8)
+    canvas.setLineWidth(0.2)
+    draw_shape(canvas, [at(p) for p in drawing.patch_mm], fill=False)
+    canvas.setDash()
+    _draw_sheet_arrow(canvas, at, drawing)
+    _draw_chains(canvas, at, picture, drawing)
+    if side == "top":
+        write(canvas, "front", picture.right + 0.6, picture.y + picture.height / 2 - 1, 2.8, 9, BOLD, colour=SOFT)
+
+
+def _draw_sheet_arrow(canvas: "Canvas", at, drawing: MountDrawing) -> None:
+    """Across the sheet's middle to where the page's arrow, or its upper edge, must point."""
+    reach = 0.34 * drawing.size_mm * drawing.arrow_mm
+    draw_block_arrow(canvas, at(drawing.centre_mm - reach), at(drawing.centre_mm + reach), 2.6, SHEET)
+
+
+def _draw_chains(canvas: "Canvas", at, picture: Rect, drawing: MountDrawing) -> None:
+    """Chains of dimensions below and on the left: edge of the object, sheet, other edge."""
+    b, gaps = drawing.sheet_mm, drawing.gaps_mm
+    left, low, right, high = drawing.extremes_mm
+    level, upright = picture.y - 4.5, picture.x - 4.5
+    corners = [at(left), at((b[0], b[1])), at((b[2], b[1])), at(right)]
+    for x, y in corners:
+        _extend(canvas, (x, y), (x, level - 1.0))
+    for start, end, mm in zip(corners[:-1], corners[1:], (gaps[0], b[2] - b[0], gaps[2]), strict=True):
+        _chain_link(canvas, (start[0], level), (end[0], level), mm)
+    corners = [at(low), at((b[0], b[1])), at((b[0], b[3])), at(high)]
+    for x, y in corners:
+        _extend(canvas, (x, y), (upright - 1.0, y))
+    for start, end, mm in zip(corners[:-1], corners[1:], (gaps[1], b[3] - b[1], gaps[3]), strict=True):
+        _chain_link(canvas, (upright, start[1]), (upright, end[1]), mm)
+
+
+def _extend(canvas: "Canvas", start: tuple[float, float], end: tuple[float, float]) -> None:
+    set_ink(canvas, SOFT, 0.12)
+    canvas.setDash(0.5, 0.6)
+    canvas.line(*start, *end)
+    canvas.setDash()
+
+
+def _chain_link(canvas: "Canvas", start: tuple[float, float], end: tuple[float, float], mm: float) -> None:
+    words = f"{mm:.0f}" if mm >= 0.5 else (f"over {-mm:.0f}" if mm <= -0.5 else "0")
+    draw_dimension(canvas, start, end, words)

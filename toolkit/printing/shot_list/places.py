@@ -6,8 +6,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from toolkit.captures.shot_order import ShotStep
 from toolkit.rig.plan import Pose
+from toolkit.rig.shot_order import ShotStep
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,47 @@
+"""A light object, its atlas and views, and a request for a tiny network."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from toolkit.boosters.patch_steps import Descent
+from toolkit.boosters.texture_config import TextureRequest
+from toolkit.objects.atlas import Atlas, make_atlas
+from toolkit.objects.load import load_object
+from toolkit.objects.mesh import Mesh
+from toolkit.rig.camera import Camera
+from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.studio import Studio, make_studio
+from toolkit.rig.views import FOV_DEG, NEAR_VIEWS, Subject, ViewSettings, random_pose
+
+SIDE, TEXELS = 48, 32
+VIEWS = ViewSettings(image_px=SIDE, studios=1, per_studio=4)
+
+
+def make_crate(space) -> tuple[Mesh, Atlas]:
+    """The crate on its table and its atlas of 32 × 32 texels."""
+    mesh = load_object(space.object_spec("crate")).mesh
+    return mesh, make_atlas(mesh, TEXELS)
+
+
+def make_subject(space) -> Subject:
+    mesh, atlas = make_crate(space)
+    return Subject(atlas.mesh, int(atlas.mesh.face_material[atlas.trained][0]), mesh)
+
+
+def take_apart(atlas: Atlas, count: int = 2, side: int = SIDE):
+    """Views of an atlas' mesh with the studio, camera and poses they were taken in."""
+    studio: Studio = make_studio(3, 100.0, "oak")
+    camera = Camera(side, side, FOV_DEG)
+    texture = atlas.mesh.materials[atlas.mesh.face_material[atlas.trained][0]].texture
+    renderer = RaycastRenderer(atlas.mesh, studio)
+    poses = [random_pose(np.random.default_rng([4, i]), atlas.mesh, camera, NEAR_VIEWS) for i in range(count)]
+    return [renderer.take_apart(camera, pose, texture) for pose in poses], studio, camera, poses
+
+
+def crate_request(steps: int = 6, **changes) -> TextureRequest:
+    request = TextureRequest(
+        ("crate",), "jet", TEXELS, descent=Descent(steps=steps, batch=2, lr=0.1), views=replace(VIEWS, image_px=32),
+        reuse=2, held_out=1,
+    )  # fmt: skip
+    return replace(request, **changes)

@@ -1,0 +1,138 @@
+"""Weights are found in the documented order, and whatever is wrong with them is said in one line."""
+
+import io
+import pickle
+import socket
+import urllib.error
+
+import pytest
+import torch
+import torchvision
+from safetensors.torch import save_file
+
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import sha256_file
+from toolkit.models import load_classifier, weights
+
+ARCH = "squeezenet1_1"
+
+
+@pytest.fixture(scope="module")
+def state():
+    torch.manual_seed(0)
+    return torchvision.models.squeezenet1_1().state_dict()
+
+
+@pytest.fixture(autouse=True)
+def empty_machine(tmp_path, monkeypatch):
+    """No folder of weights, an empty cache, and no network."""
+    monkeypatch.delenv("TOOLKIT_WEIGHTS", raising=False)
+    monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path / "hub"))
+
+    def refuse(*args, **kwargs):
+        raise urllib.error.URLError("no network in this test")
+
+    monkeypatch.setattr(torch.hub, "download_url_to_file", refuse)
+
+
+def error_of(call) -> str:
+    with pytest.raises(ToolkitError) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_order_is_named_file_then_folder_then_cache_then_download(tmp_path, state, monkeypatch):
+    fetched = []
+
+    def fetch(url, target, prefix, progress):
+        fetched.append((url, prefix, socket.getdefaulttimeout()))
+        torch.save(state, target)
+
+    monkeypatch.setattr(torch.hub, "download_url_to_file", fetch)
+    cached = weights.find_weights(ARCH).path
+    assert cached.parent == tmp_path / "hub" / "checkpoints"
+    url, prefix, timeout_s = fetched[0]
+    assert url.endswith(cached.name)
+    assert prefix in cached.name
+    assert timeout_s is not None and timeout_s < 60
+    assert socket.getdefaulttimeout() is None
+    assert weights.find_weights(ARCH).path == cached
+    assert len(fetched) == 1
+
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    save_file(state, folder / f"{ARCH}-mine.safetensors")
+    monkeypatch.setenv("TOOLKIT_WEIGHTS", str(folder))
+    assert weights.find_weights(ARCH).path == folder / f"{ARCH}-mine.safetensors"
+
+    named = tmp_path / "named.pth"
+    torch.save(state, named)
+    found = weights.find_weights(ARCH, named)
+    assert (found.path, found.sha256, found.name) == (named, sha256_file(named), "named.pth")
+
+
+def test_where_nothing_answers_the_error_names_every_way():
+    message = error_of(lambda: weights.find_weights(ARCH))
+    for way in ("--weights", "TOOLKIT_WEIGHTS", f"{ARCH}-*.pth", "cache", "download", "no network in this test"):
+        assert way in message
+
+
+@pytest.mark.parametrize("suffix", [".pth", ".safetensors"])
+def test_both_formats_give_the_same_network(tmp_path, state, suffix):
+    file = tmp_path / f"net{suffix}"
+    if suffix == ".pth":
+        torch.save({"state_dict": {f"module.{name}": value for name, value in state.items()}}, file)
+    else:
+        save_file(state, file)
+    classifier = load_classifier(ARCH, file, "cpu")
+    loaded = classifier.module.state_dict()
+    assert all(torch.equal(loaded[name], value) for name, value in state.items())
+
+
+def test_a_pickle_with_code_is_refused_and_not_run(tmp_path):
+    class Payload:
+        def __reduce__(self):
+            return (exec, (f"open({str(tmp_path / 'ran')!r}, 'w')",))
+
+    file = tmp_path / "evil.pth"
+    torch.save({"fc.weight": Payload()}, file)
+    assert "not loaded for safety" in error_of(lambda: load_classifier(ARCH, file, "cpu"))
+    assert not (tmp_path / "ran").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "expected"),
+    [
+        ("missing.pth", None, "no such file"),
+        ("weights.onnx", b"x", ".safetensors"),
+        ("empty.pth", b"", "damaged"),
+        ("noise.pth", b"\x00noise" * 100, "damaged"),
+        ("noise.safetensors", b"\x00noise" * 100, "damaged"),
+        ("number.pth", pickle.dumps(3, protocol=2), "number.pth"),
+    ],
+)
+def test_bad_files(tmp_path, name, content, expected):
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    message = error_of(lambda: load_classifier(ARCH, tmp_path / name, "cpu"))
+    assert expected in message and name in message
+
+
+def test_truncated_file(tmp_path, state):
+    buffer = io.BytesIO()
+    torch.save(state, buffer)
+    (tmp_path / "cut.pth").write_bytes(buffer.getvalue()[:100_000])
+    assert "damaged" in error_of(lambda: load_classifier(ARCH, tmp_path / "cut.pth", "cpu"))
+
+
+def test_weights_of_another_network(tmp_path, state):
+    torch.save(state, tmp_path / "squeeze.pth")
+    assert "--model" in error_of(lambda: load_classifier("resnet18", tmp_path / "squeeze.pth", "cpu"))
+    assert "--model" in error_of(lambda: load_classifier("squeezenet1_0", tmp_path / "squeeze.pth", "cpu"))
+
+
+def test_weights_that_are_not_numbers(tmp_path, state):
+    broken = {**state, "classifier.1.bias": torch.full((1000,), float("nan"))}
+    torch.save(broken, tmp_path / "nan.pth")
+    assert "not a number" in error_of(lambda: load_classifier(ARCH, tmp_path / "nan.pth", "cpu"))

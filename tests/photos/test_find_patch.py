@@ -1,0 +1,291 @@
+"""The patch in rendered and pasted photographs, against where the renderer or the paste put it."""
+
+from io import BytesIO
+
+import cv2
+import numpy as np
+import pytest
+from board_photos import QUICK
+from PIL import Image
+from printed_photos import shipped_patch
+
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import PACKAGE_DATA
+from toolkit.objects.load import load_object
+from toolkit.photos.lens import lens_of_camera
+from toolkit.photos.sheet import size as patch_size
+from toolkit.photos.sheet.align import FLAT, UNIT_CORNERS, Placement, draw_patch, fit_placement, is_plausible
+from toolkit.photos.sheet.find import find_patch, rectify_patch, search_photo, shrink_image, which_patch
+from toolkit.photos.sheet.size import PatchMeasure, View, check_size, flat_surface, measure_patch, mount_surface
+from toolkit.rig.camera import Camera, orbit_pose, project
+from toolkit.rig.mount import attach, mount_patch
+from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.shading import develop
+from toolkit.rig.studio import make_studio
+
+CAMERA = Camera(640, 480, 40.0)
+PATCH_MM = 88.194
+PATCHES = ("coffeepot", "eggnog", "racer", "warplane")
+POSES = {"racer": ((20, 30), (140, 62)), "eggnog": ((10, 28), (325, 45))}
+"""Azimuth and elevation; the sheet on the car lies flat, the one round the bottle is bent."""
+
+
+def shoot(name: str, azimuth: float, elevation: float, renderer: RaycastRenderer) -> tuple[np.ndarray, np.ndarray]:
+    """A photo and its `T_world_camera`."""
+    pose = orbit_pose(np.array([0, 0, 60.0 if name == "racer" else 130.0]), azimuth, elevation, 620.0)
+    return develop(renderer.render(CAMERA, pose), (0, int(azimuth))), pose
+
+
+def dress(name: str, size_mm: float | None):
+    """An object's spec and mesh, and a renderer of it with its patch, or bare."""
+    item = load_object(PACKAGE_DATA / "objects" / f"{name}.toml")
+    mesh = item.mesh
+    if size_mm is not None:
+        mesh = attach(mesh, mount_patch(mesh, shipped_patch(name), size_mm, item.spec.patch, name))
+    return item, RaycastRenderer(mesh, make_studio(1, 270.0, backdrop="oak"), QUICK)
+
+
+@pytest.fixture(scope="module")
+def photos() -> dict[str, tuple]:
+    """Per object: its spec and mesh, and (photo, pose) of two poses with its patch on."""
+    made = {}
+    for name, poses in POSES.items():
+        item, renderer = dress(name, PATCH_MM)
+        made[name] = (item, [shoot(name, *pose, renderer) for pose in poses])
+    return made
+
+
+def paste(patch: np.ndarray, corners_px: np.ndarray, quality: int = 85, seed: int = 0) -> np.ndarray:
+    """A patch in front of a lively background: warped at eight times the resolution and averaged; as JPEG."""
+    rng = np.random.default_rng(seed)
+    coarse = rng.integers(0, 256, (30, 40, 3), dtype=np.uint8)
+    photo = cv2.resize(coarse, (640, 480), interpolation=cv2.INTER_CUBIC)
+    fine, n = 8, patch.shape[0] * 4
+    large = patch.repeat(4, axis=0).repeat(4, axis=1)
+    T = cv2.getPerspectiveTransform((UNIT_CORNERS * n).astype(np.float32), (corners_px * fine).astype(np.float32))
+    low, high = np.floor(corners_px.min(axis=0)).astype(int) - 1, np.ceil(corners_px.max(axis=0)).astype(int) + 1
+    shift = np.array([[1, 0, -low[0] * fine], [0, 1, -low[1] * fine], [0, 0, 1]])
+    half = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
+    size = tuple(int(side) for side in (high - low) * fine)
+    M = np.linalg.inv(half) @ shift @ T @ half
+    colour = cv2.warpPerspective(large, M, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    mask = cv2.warpPerspective(np.ones((n, n), np.float32), M, size)
+    small = tuple(int(side) for side in high - low)
+    colour, mask = (cv2.resize(one, small, interpolation=cv2.INTER_AREA) for one in (colour, mask))
+    window = photo[low[1] : high[1], low[0] : high[0]]
+    window[:] = np.round(window * (1 - mask[..., None]) + (20 + 0.8 * colour) * mask[..., None]).astype(np.uint8)
+    noisy = np.clip(photo + rng.normal(0, 3, photo.shape), 0, 255).astype(np.uint8)
+    file = BytesIO()
+    Image.fromarray(noisy).save(file, "JPEG", quality=quality)
+    return np.asarray(Image.open(file))
+
+
+def slanted(side: float, slant_deg: float, turn_deg: float) -> np.ndarray:
+    """Corners of a square of `side` px seen from afar, turned in its plane and then tilted."""
+    turn = np.radians(turn_deg)
+    square = (UNIT_CORNERS - 0.5) @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) * side
+    depth = 1 + 0.15 * square[:, 1:] / side * np.sin(np.radians(slant_deg))
+    return square * [1, np.cos(np.radians(slant_deg))] / depth + [331.3, 242.7]
+
+
+@pytest.mark.parametrize(
+    ("name", "side", "slant_deg", "turn_deg", "limit_px"),
+    [
+        ("racer", 60, 0, 30, 0.3), ("warplane", 150, 40, 200, 0.3), ("eggnog", 110, 60, -70, 0.4),
+        ("coffeepot", 90, 60, 120, 0.4),
+    ],
+)  # fmt: skip
+def test_corners_of_a_pasted_patch_are_found(name, side, slant_deg, turn_deg, limit_px):
+    corners = slanted(side, slant_deg, turn_deg)
+    sighting = find_patch(paste(shipped_patch(name), corners), shipped_patch(name))
+    assert sighting is not None and sighting.confidence > 0.8 and sighting.shown == 1
+    assert np.abs(sighting.corners_px - corners).max() < limit_px
+    flat = cv2.perspectiveTransform(UNIT_CORNERS[None], sighting.homography)[0]
+    assert np.abs(flat - corners).max() < 1.0
+    assert sighting.inliers > 100
+
+
+def test_the_other_patches_are_not_found_and_the_right_one_is_named():
+    known = {name: shipped_patch(name) for name in PATCHES}
+    for name, turn in (("racer", 15), ("coffeepot", 140)):
+        photo = search_photo(paste(known[name], slanted(100, 45, turn)))
+        assert [other for other in PATCHES if find_patch(photo, known[other]) is not None] == [name]
+        assert which_patch(photo, known) == name
+        assert which_patch(photo, {other: known[other] for other in PATCHES if other != name}) is None
+
+
+def test_a_photo_without_any_feature_is_no_error():
+    assert find_patch(np.full((240, 320, 3), 128, np.uint8), shipped_patch("racer")) is None
+    assert find_patch(np.zeros((9, 11, 3), np.uint8), shipped_patch("racer")) is None
+
+
+def test_two_equally_good_patches_are_not_decided_between():
+    racer = shipped_patch("racer")
+    photo = paste(racer, slanted(120, 20, 5))
+    assert which_patch(photo, {"a": racer, "b": racer.copy()}) is None
+
+
+def test_half_a_patch_is_found_and_half_is_said_to_show():
+    photo = paste(shipped_patch("warplane"), slanted(140, 25, 0)).copy()
+    middle = 331
+    photo[:, middle:] = 90
+    sighting = find_patch(photo, shipped_patch("warplane"))
+    assert sighting is not None and 0.3 <= sighting.shown <= 0.6
+    assert np.abs(sighting.corners_px[[0, 3]] - slanted(140, 25, 0)[[0, 3]]).max() < 1.5
+
+
+def test_the_straightened_patch_is_the_file():
+    patch = shipped_patch("eggnog")
+    photo = paste(patch, slanted(220, 35, 77))
+    found = rectify_patch(photo, find_patch(photo, patch), 50)
+    file = cv2.resize(patch, (50, 50), interpolation=cv2.INTER_AREA)
+    assert found.shape == (50, 50, 3)
+    assert np.corrcoef(found.ravel().astype(float), file.ravel())[0, 1] > 0.9
+    turned = np.corrcoef(found.ravel().astype(float), np.rot90(file).ravel())[0, 1]
+    assert turned < 0.5
+
+
+@pytest.mark.parametrize("name", list(POSES))
+def test_a_mounted_patch_is_found_where_the_rig_mounted_it(photos, name):
+    item, shots = photos[name]
+    sheet = mount_patch(item.mesh, shipped_patch(name), PATCH_MM, item.spec.patch, name)
+    side = PATCH_MM + 10
+    # along the bend, at the lower and upper straight edge: points of the sheet, and their place on the patch
+    uv = (sheet.mesh.uv[:162] * side - 5) / PATCH_MM
+    for photo, pose in shots:
+        sighting = find_patch(photo, shipped_patch(name))
+        assert sighting is not None and sighting.confidence > 0.8
+        kept = ((uv > -0.08) & (uv < 1.08)).all(axis=1)
+        truth, _ = project(CAMERA, pose, sheet.mesh.vertices[:162][kept])
+        places = sighting.place.to_pixels(np.c_[uv[kept, 0], 1 - uv[kept, 1]])
+        assert np.median(np.linalg.norm(places - truth, axis=1)) < 0.8
+        for other in PATCHES:
+            assert other == name or find_patch(photo, shipped_patch(other)) is None
+
+
+def test_a_bare_object_has_no_patch():
+    _, renderer = dress("racer", None)
+    photo, _ = shoot("racer", 140, 62, renderer)
+    assert which_patch(photo, {name: shipped_patch(name) for name in PATCHES}) is None
+
+
+@pytest.mark.parametrize("name", list(POSES))
+def test_a_mounted_patch_is_measured_to_a_percent(photos, name):
+    item, shots = photos[name]
+    surface = mount_surface(item, PATCH_MM)
+    views = [View(find_patch(photo, shipped_patch(name)), lens_of_camera(CAMERA), pose) for photo, pose in shots]
+    measures = [measure_patch(view, surface) for view in views]
+    for measure in measures:
+        assert measure.size_mm == pytest.approx(PATCH_MM, rel=0.01)
+        assert measure.across_mm == pytest.approx(measure.down_mm, rel=0.015)
+        truth = (UNIT_CORNERS - 0.5) * [PATCH_MM, -PATCH_MM]
+        assert np.abs(measure.corners_mm - truth).max() < 1.5
+    in_space = patch_size.triangulate_patch(views)
+    assert in_space.size_mm == pytest.approx(PATCH_MM, rel=0.008)
+    assert check_size([in_space, *measures], PATCH_MM).passed
+
+
+def test_a_patch_that_the_print_dialog_shrank_is_noticed():
+    item, renderer = dress("racer", 0.94 * PATCH_MM)
+    surface = mount_surface(item, PATCH_MM)
+    views = []
+    for pose in POSES["racer"]:
+        photo, T_world_camera = shoot("racer", *pose, renderer)
+        views.append(View(find_patch(photo, shipped_patch("racer")), lens_of_camera(CAMERA), T_world_camera))
+    for measures in ([patch_size.triangulate_patch(views)], [measure_patch(view, surface) for view in views]):
+        check = check_size(measures, PATCH_MM)
+        assert not check.passed and check.scale == pytest.approx(0.94, abs=0.01)
+        assert "88.2 mm was meant" in check.advice
+        assert "100 %" in check.advice and "\n" not in check.advice
+
+
+def test_a_page_on_the_table_is_measured_on_the_plane():
+    pose = orbit_pose(np.zeros(3), 20, 55, 500.0)
+    corners = (UNIT_CORNERS - 0.5) * [80, -80] + [12, -7]
+    pixels, _ = project(CAMERA, pose, np.c_[corners, np.zeros(4)])
+    photo = paste(shipped_patch("warplane"), pixels)
+    view = View(find_patch(photo, shipped_patch("warplane")), lens_of_camera(CAMERA), pose)
+    measure = measure_patch(view, flat_surface(np.eye(4)))
+    assert measure.size_mm == pytest.approx(80, rel=0.004)
+    assert np.abs(measure.corners_mm - corners).max() < 0.4
+    raised = np.eye(4)
+    raised[2, 3] = 50
+    assert measure_patch(view, flat_surface(raised)).size_mm < 74
+
+
+def test_one_side_alone_does_not_place_a_patch_in_space():
+    pose = orbit_pose(np.zeros(3), 20, 55, 500.0)
+    pixels, _ = project(CAMERA, pose, np.c_[(UNIT_CORNERS - 0.5) * [80, -80], np.zeros(4)])
+    view = View(find_patch(paste(shipped_patch("racer"), pixels), shipped_patch("racer")), lens_of_camera(CAMERA), pose)
+    assert patch_size.triangulate_patch([view]) is None
+    assert patch_size.triangulate_patch([view, view]) is None
+    assert patch_size.triangulate_patch([]) is None
+    with pytest.raises(ToolkitError, match="measured in no photo"):
+        check_size([], 80.0)
+
+
+def test_the_size_check_keeps_its_threshold():
+    def measure(size: float) -> PatchMeasure:
+        return PatchMeasure(size, size, size, np.zeros((4, 2)), 0.0)
+
+    assert check_size([measure(98.1)], 100).passed and not check_size([measure(97.9)], 100).passed
+    assert check_size([measure(90), measure(100), measure(101)], 100).passed
+    assert check_size([measure(90), measure(100), measure(101)], 100).spread == pytest.approx(0.11)
+
+
+def test_a_bent_placement_and_its_inverse_undo_each_other():
+    rng = np.random.default_rng(0)
+    H = np.array([[120, 30, 200], [-20, 90, 150], [0.1, 0.2, 1.0]])
+    place = Placement(H, rng.normal(0, 2, (7, 2)))
+    uv = rng.uniform(0, 1, (50, 2))
+    np.testing.assert_allclose(place.to_patch(place.to_pixels(uv)), uv, atol=1e-4)
+    np.testing.assert_allclose(place.scaled(0.5).to_pixels(uv), place.to_pixels(uv) / 2)
+
+
+def test_a_placement_is_fitted_in_spite_of_wrong_pairs():
+    rng = np.random.default_rng(1)
+    truth = Placement(np.array([[120, 30, 200], [-20, 90, 150], [0.1, 0.2, 1.0]]), FLAT)
+    uv = rng.uniform(0, 1, (120, 2))
+    pixels = truth.to_pixels(uv) + rng.normal(0, 0.05, (120, 2))
+    pixels[:30] += rng.uniform(20, 60, (30, 2)) * rng.choice([-1, 1], (30, 2))
+    start = Placement(np.array([[95, 20, 202], [-28, 70, 151], [0, 0, 1.0]]), FLAT)
+    fitted = fit_placement(uv, pixels, start, float("inf"), near_px=2.0)
+    assert np.abs(fitted.corners - truth.corners).max() < 0.5
+    assert fit_placement(uv[:5], pixels[:5], start, float("inf")) is start
+
+
+@pytest.mark.parametrize(
+    "corners",
+    [
+        [[0, 0], [0, 50], [50, 50], [50, 0]],  # mirrored
+        [[10, 10], [14, 10], [14, 14], [10, 14]],  # too small
+        [[900, 10], [990, 10], [990, 99], [900, 99]],  # outside
+    ],
+)
+def test_impossible_placements_are_refused(corners):
+    T = cv2.getPerspectiveTransform(UNIT_CORNERS.astype(np.float32), np.array(corners, np.float32))
+    assert not is_plausible(Placement(T, FLAT), (480, 640, 3))
+
+
+def test_a_drawn_patch_keeps_its_mean_and_its_place():
+    patch = np.zeros((10, 10, 1), np.float32)
+    patch[:, 5:] = 1
+    H = np.array([[40.0, 0, 20.5], [0, 40, 30.5], [0, 0, 1]])
+    drawn = draw_patch(patch, Placement(H, FLAT), (100, 100))
+    assert drawn.picture[drawn.inside].mean() == pytest.approx(0.5, abs=0.02)
+    row = drawn.picture[drawn.inside.shape[0] // 2, :, 0]
+    columns = drawn.left + np.arange(len(row)) + 0.5
+    # the step lies at 20.5 + 20 = 40.5, the middle of pixel 40, which is then half of each
+    assert np.interp(40.5, columns, row) == pytest.approx(0.5, abs=0.03)
+    assert np.interp(38.5, columns, row) < 0.01 and np.interp(42.5, columns, row) > 0.99
+
+
+@pytest.mark.parametrize("size", [(640, 480), (641, 479)])
+def test_shrinking_keeps_places(size):
+    x = np.broadcast_to(np.arange(size[0], dtype=np.float32) + 0.5, size[::-1])
+    picture = np.ascontiguousarray(np.stack([x, x, x], -1) / 4).astype(np.float32)
+    small = shrink_image(picture, 0.37)
+    columns = np.arange(small.shape[1]) + 0.5
+    inner = slice(5, -5)
+    np.testing.assert_allclose(small[20, inner, 0] * 4, (columns / 0.37)[inner], atol=0.1)
+    assert shrink_image(picture, 1.0) is picture

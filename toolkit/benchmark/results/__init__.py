@@ -1,1 +1,0 @@
-"""From answers to numbers, figures and a report."""

@@ -1,0 +1,256 @@
+"""Make the patch sets of a baseline, class by class: what is finished is kept, what is missing is made."""
+
+import json
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from toolkit import __version__
+from toolkit.boosters.baselines.baseline import Baseline, Choice, FixedPatterns
+from toolkit.boosters.baselines.codes import APRILTAG, PAPER_BORDER, QR, AprilTags, QrCodes
+from toolkit.boosters.baselines.photos import BestImages, RandomImages
+from toolkit.boosters.patch_sets import name_class
+from toolkit.core.console import Ticker, progress
+from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.files import read_json, sha256_bytes
+from toolkit.core.workspace import PATCH_SET_NAME, Workspace
+from toolkit.models.network import Classifier
+from toolkit.objects.records import Network, PatchRecord, read_patch, write_patch
+from toolkit.training.image_set import ImageSet, choose_classes, open_images
+
+BEST_IMAGE, RANDOM_IMAGE, FIXED_PATTERN = "best-image", "random-image", "fixed-pattern"
+KINDS = (QR, APRILTAG, BEST_IMAGE, RANDOM_IMAGE, FIXED_PATTERN)
+NEED_DATA = (BEST_IMAGE, RANDOM_IMAGE)
+
+
+@dataclass(frozen=True)
+class BaselineRequest:
+    """Patch sets of one kind to make.
+
+    Attributes:
+        kind: one of `KINDS`.
+        class_names: labels, indices or WordNet ids; all that there are where none is named.
+        sizes_px: sides of the pictures, a set for each.
+        data: images, see `toolkit.training.image_set.open_images`.
+        set_name: of the sets, without the size; by default the kind.
+        border: white modules around a code; None for one.
+        seed: of every random draw.
+    """
+
+    kind: str
+    class_names: tuple[str, ...] = ()
+    sizes_px: tuple[int, ...] = (100,)
+    data: str | None = None
+    set_name: str | None = None
+    border: int | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise one_of("baseline", self.kind, list(KINDS))
+        if self.kind in NEED_DATA and self.data is None:
+            raise ToolkitError(f"{self.kind}: expected training images, one folder per class: name them with --data")
+        if self.border is not None and self.kind not in (QR, APRILTAG):
+            raise ToolkitError(f"--border {self.border}: {self.kind} is no code and has none: leave it out")
+        if self.set_name is not None and not PATCH_SET_NAME.fullmatch(self.set_name):
+            raise ToolkitError(f"--set '{self.set_name}': expected letters, digits, '-' and '_'")
+
+    def name_set(self, size_px: int) -> str:
+        """Folder of the pictures of one size."""
+        return f"{self.set_name or self.kind}-{size_px}"
+
+    def prepare(self, images: ImageSet | None, classifier: Classifier) -> Baseline:
+        """What makes the pictures."""
+        classes, border = len(classifier.labels), PAPER_BORDER if self.border is None else self.border
+        if self.kind == QR:
+            return QrCodes(classes, border)
+        if self.kind == APRILTAG:
+            return AprilTags(classes, border)
+        if self.kind == FIXED_PATTERN:
+            return FixedPatterns(self.seed)
+        assert images is not None, "checked when the request was made"
+        if self.kind == BEST_IMAGE:
+            return BestImages(images, classifier)
+        return RandomImages(images, classifier, self.seed)
+
+
+METHOD_VERSION = 1
+"""Raised when the same inputs give another picture."""
+
+
+@dataclass(frozen=True)
+class MadeSet:
+    """One patch set.
+
+    Attributes:
+        name: of the set.
+        folder: where it lies.
+        size_px: side of its pictures.
+        made: pictures that this run wrote.
+        found: pictures that were there, made from the same inputs.
+    """
+
+    name: str
+    folder: Path
+    size_px: int
+    made: int
+    found: int
+
+
+@dataclass(frozen=True)
+class MadeBaseline:
+    """What a run made, and (path, reason) of what could not be used: images, and classes without one that can."""
+
+    sets: tuple[MadeSet, ...]
+    skipped: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class _Place:
+    size_px: int
+    folder: Path
+    name: str
+
+
+def make_baseline(
+    request: BaselineRequest, classifier: Classifier, workspace: Workspace, quiet: bool = False
+) -> MadeBaseline:
+    """Write `print/patches/NAME-SIZE/` for each size; a class's pictures are whole or absent.
+
+    Args:
+        request: what to make.
+        classifier: whose classes they are, and whose losses `best-image` compares.
+        workspace: where the sets go.
+        quiet: no progress bar.
+
+    Raises:
+        ToolkitError: an unknown class or one without images, a size that does not suit, a set that is there and was
+            made another way, or the disk is full.
+    """
+    images = None if request.data is None else open_images(request.data, classifier, split="train")
+    if images is None:
+        named = request.class_names or range(len(classifier.labels))
+        classes = sorted({classifier.class_index(name) for name in named})
+    else:
+        images = choose_classes(images, request.class_names, classifier)
+        classes = images.classes
+    baseline = request.prepare(images, classifier)
+    places = [_choose_place(request, baseline, classifier, workspace, size) for size in dict.fromkeys(request.sizes_px)]
+    for place in places:
+        _check_same_way(place, baseline)
+
+    title = f"Making {request.set_name or request.kind}"
+    with progress(title, sum(map(baseline.count_work, classes)), quiet) as bar:
+        made, skipped = _make_pictures(baseline, classifier.labels, classes, places, bar)
+    sets = (
+        MadeSet(place.name, place.folder, place.size_px, made.count((place, True)), made.count((place, False)))
+        for place in places
+    )
+    return MadeBaseline(tuple(sets), (*(() if images is None else images.refused), *skipped))
+
+
+def _make_pictures(
+    baseline: Baseline, labels: list[str], classes: list[int], places: list[_Place], bar: Ticker
+) -> tuple[list[tuple[_Place, bool]], list[tuple[str, str]]]:
+    """(place, whether this run wrote it) of each picture that is there in the end, and what could not be used."""
+    made: list[tuple[_Place, bool]] = []
+    skipped: list[tuple[str, str]] = []
+    for index in classes:
+        name, key = name_class(labels, index), _hash_inputs(baseline, labels[index], index)
+        finished = {place: _find_finished(place, name, key, baseline) for place in places}
+        records = [record for record in finished.values() if record is not None]
+        made += [(place, False) for place, record in finished.items() if record is not None]
+        if len(records) == len(places):
+            skipped += [(one["path"], one["reason"]) for one in records[0].data.get("passed_over", [])]
+            bar.advance(baseline.count_work(index))
+            continue
+        choice = baseline.choose(index, bar.advance)
+        skipped += choice.passed_over
+        if choice.draw is None:
+            skipped.append((f"class '{labels[index]}'", "none of its images can be read"))
+            continue
+        for place, record in finished.items():
+            if record is None:
+                _write(place, name, key, baseline, choice, labels[index], index)
+                made.append((place, True))
+    return made, skipped
+
+
+def _choose_place(
+    request: BaselineRequest, baseline: Baseline, classifier: Classifier, workspace: Workspace, size_px: int
+) -> _Place:
+    least, most = baseline.least_px, classifier.preprocessing.crop_px
+    why = f" ({baseline.least_because})" if baseline.least_because else ""
+    if least > most:
+        raise ToolkitError(f"images of {most} px, which {classifier.name} sees, are too small: at least {least}{why}")
+    if not least <= size_px <= most:
+        raise ToolkitError(
+            f"--size {size_px}: expected {least}{why} to {most} px, the side of the network's image in pixels"
+        )
+    name = request.name_set(size_px)
+    return _Place(size_px, replace(workspace, patch_set=name).patches_dir, name)
+
+
+def _check_same_way(place: _Place, baseline: Baseline) -> None:
+    """A set that holds pictures of another kind, or of another seed, is neither overwritten nor mixed."""
+    for file in sorted(place.folder.glob("*.json")):
+        try:
+            record = read_json(file, PatchRecord)
+        except ToolkitError:
+            continue  # it is written anew, or the set's reader names it
+        settings = {key: value for key, value in record.settings.items() if key not in ("code", "inputs_sha256")}
+        there = settings | {"seed": record.seed, "network": _name_weights(record.networks)}
+        wanted = _describe_way(baseline)
+        for key in sorted(there | wanted, key=lambda key: key != "method"):
+            if there.get(key) != wanted.get(key):
+                raise ToolkitError(
+                    f"{place.folder} holds pictures made with {key} {there.get(key)!r}, not {wanted.get(key)!r}: name "
+                    "another set with --set, or remove that folder"
+                )
+
+
+def _describe_way(baseline: Baseline) -> dict[str, Any]:
+    return {
+        "method": baseline.method, **baseline.settings, "seed": baseline.seed,
+        "network": _name_weights(baseline.networks),
+    }  # fmt: skip
+
+
+def _name_weights(networks: list[Network]) -> str:
+    return " ".join(f"{network.arch} {network.sha256[:12]}" for network in networks)
+
+
+def _hash_inputs(baseline: Baseline, label: str, index: int) -> str:
+    inputs = [METHOD_VERSION, _describe_way(baseline), label, index, baseline.list_inputs(index)]
+    return sha256_bytes(json.dumps(inputs, sort_keys=True).encode())
+
+
+def _find_finished(place: _Place, name: str, key: str, baseline: Baseline) -> PatchRecord | None:
+    file = place.folder / f"{name}.png"
+    if not file.is_file():
+        return None
+    try:
+        record = read_patch(file).record
+    except ToolkitError:
+        return None  # a kill between picture and record leaves a pair that does not match; it is written again
+    return record if record.settings.get("inputs_sha256") == key and baseline.is_current(record) else None
+
+
+def _write(place: _Place, name: str, key: str, baseline: Baseline, choice: Choice, label: str, index: int) -> None:
+    assert choice.draw is not None, "asked before"
+    code = {} if choice.code is None else {"code": choice.code(place.size_px)}
+    write_patch(
+        place.folder,
+        choice.draw(place.size_px),
+        {
+            "name": name,
+            "class_name": label,
+            "class_index": index,
+            "networks": baseline.networks,
+            "data": choice.data,
+            "seed": baseline.seed,
+            "settings": {"method": baseline.method, **baseline.settings, **code, "inputs_sha256": key},
+            "final": choice.final,
+            "toolkit_version": __version__,
+        },
+    )

@@ -1,0 +1,321 @@
+"""What happens to a patch on its way into a photograph, as a list of parts in the order in which they happen."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from toolkit.core.draws import Draws
+from toolkit.core.errors import ToolkitError
+
+if TYPE_CHECKING:
+    import torch
+
+Range = tuple[float, float]
+
+
+def check_range(name: str, values: Range, lowest: float, highest: float) -> None:
+    """Refuse a range that does not rise, or leaves what is possible."""
+    low, high = values
+    if not lowest <= low <= high <= highest:
+        raise ToolkitError(
+            f"{name} range {low:g} to {high:g}: expected two rising numbers between {lowest:g} and {highest:g}"
+        )
+
+
+def check_probability(part: str, probability: float) -> None:
+    """Refuse what is no probability."""
+    if not 0 <= probability <= 1:
+        raise ToolkitError(f"{part} probability {probability:g}: expected 0 to 1")
+
+
+def change_some(
+    images: "torch.Tensor",
+    acting: np.ndarray,
+    change: Callable[["torch.Tensor", np.ndarray], "torch.Tensor"],
+) -> "torch.Tensor":
+    """Change the images where `acting`; the others come back bit for bit, and cost nothing.
+
+    Args:
+        images: (b, ...), or a single (3, h, w).
+        acting: (b,) bool, or (1,) for a single one.
+        change: (those images, (k,) their numbers) -> as many, changed; differentiable.
+
+    Returns:
+        As `images`, differentiable in them.
+    """
+    import torch
+
+    batch = images[None] if images.ndim == 3 else images
+    which = np.flatnonzero(acting)
+    if len(which) == 0:
+        return images
+    if len(which) == len(batch):
+        return change(batch, which).reshape(images.shape)
+    index = torch.as_tensor(which, device=batch.device)
+    return batch.index_copy(0, index, change(batch[index], which))
+
+
+def count_images(images: "torch.Tensor") -> int:
+    """How many (b, 3, h, w) or (3, h, w) holds."""
+    return 1 if images.ndim == 3 else len(images)
+
+
+def as_factors(values: np.ndarray, like: "torch.Tensor") -> "torch.Tensor":
+    """(k,) or (k, c) numbers to (k, 1 or c, 1, 1), of `like`'s type and device."""
+    import torch
+
+    return torch.as_tensor(values.reshape(len(values), -1, 1, 1), dtype=like.dtype, device=like.device)
+
+
+RIM_PX = 2
+"""Around the patch's corners: what its filtered edge may reach."""
+
+
+def find_windows(T_image_patch: np.ndarray, patch_px: int, image_px: int) -> tuple[np.ndarray, int]:
+    """Squares of one size, inside the image, that each hold all that is seen of a placed patch.
+
+    Returns:
+        (b, 2) int, their (left, top) corners in pixels, and their side.
+    """
+    square = np.array([[0, patch_px, patch_px, 0], [0, 0, patch_px, patch_px], [1, 1, 1, 1]], float)
+    x, y, w = np.moveaxis(T_image_patch @ square, 1, 0)
+    points = np.stack([x / w, y / w], axis=1)
+    low = np.clip(np.floor(points.min(axis=2)) - RIM_PX, 0, image_px)
+    high = np.clip(np.ceil(points.max(axis=2)) + RIM_PX, 0, image_px)
+    side = max(1, int((high - low).max()))
+    return np.minimum(low, image_px - side).astype(int), side
+
+
+def move_origin(T_image_patch: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """`T_window_patch` for windows at `corners`."""
+    T_window_image = np.tile(np.eye(3), (len(corners), 1, 1))
+    T_window_image[:, :2, 2] = -corners
+    return T_window_image @ T_image_patch
+
+
+def cut_windows(images: "torch.Tensor", corners: np.ndarray, side: int) -> "torch.Tensor":
+    """(b, c, side, side) from (b, c, m, m)."""
+    import torch
+
+    return torch.stack([image[:, y : y + side, x : x + side] for image, (x, y) in zip(images, corners, strict=True)])
+
+
+def paste_windows(images: "torch.Tensor", windows: "torch.Tensor", corners: np.ndarray) -> "torch.Tensor":
+    """Images with their windows replaced, differentiable in both.
+
+    Autograd would record sixteen assignments and copy the whole gradient for each; here it is cut once.
+    """
+    import torch
+
+    class Paste(torch.autograd.Function):
+        @staticmethod
+        def forward(ctx: Any, below: torch.Tensor, above: torch.Tensor) -> torch.Tensor:
+            pasted = below.clone()
+            for image, window, (x, y) in zip(pasted, above, corners, strict=True):
+                image[:, y : y + window.shape[-2], x : x + window.shape[-1]] = window
+            return pasted
+
+        @staticmethod
+        def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor | None, torch.Tensor]:
+            (gradient,) = gradients
+            side = windows.shape[-1]
+            above = cut_windows(gradient, corners, side)
+            if not ctx.needs_input_grad[0]:
+                return None, above
+            below = gradient.clone()
+            for image, (x, y) in zip(below, corners, strict=True):
+                image[:, y : y + side, x : x + side] = 0
+            return below, above
+
+    return Paste.apply(images, windows)
+
+
+@dataclass(frozen=True)
+class WarpPlan:
+    """Sizes that fit one batch of placements.
+
+    Attributes:
+        repeat: every texel becomes repeat × repeat, so that a magnified patch keeps its printed, sharp texel edges.
+        side: of the zero-padded square that the filter runs on.
+        start: where the patch begins in it, both axes.
+        footprints: (b, 2, 2); columns are the pixel's edges a, b at the patch's centre, in repeated texels.
+    """
+
+    repeat: int
+    side: int
+    start: int
+    footprints: np.ndarray
+
+
+def plan_warp(T_image_patch: np.ndarray, patch_px: int, scales: tuple[float, float] | None = None) -> WarpPlan:
+    """Sizes for `warp_patch`; `T_image_patch` is (b, 3, 3), affine or projective."""
+    from scipy.fft import next_fast_len
+
+    jacobian = _jacobian(T_image_patch, patch_px)
+    largest = np.linalg.norm(jacobian, 2, axis=(1, 2)).max() if scales is None else scales[1]
+    repeat = max(1, int(np.ceil(largest - 1e-6)))
+    footprints = np.linalg.inv(jacobian) * repeat
+    reach = np.abs(footprints).sum(axis=2).max() if scales is None else np.sqrt(2) * repeat / scales[0]
+    margin = int(np.ceil(reach)) + 2
+    side = next_fast_len(-(-(patch_px * repeat + 2 * margin) // 16) * 16, real=True)
+    return WarpPlan(repeat, side, (side - patch_px * repeat) // 2, footprints)
+
+
+def _jacobian(T_image_patch: np.ndarray, patch_px: int) -> np.ndarray:
+    """(b, 2, 2) image pixels per texel at the patch's centre; exact everywhere when affine."""
+    centre = np.array([patch_px / 2, patch_px / 2, 1])
+    x, y, w = np.moveaxis(T_image_patch @ centre, -1, 0)
+    rows, last = T_image_patch[:, :2, :2], T_image_patch[:, 2:, :2]
+    return (rows - np.stack([x / w, y / w], -1)[:, :, None] * last) / w[:, None, None]
+
+
+def warp_patch(
+    patch: "torch.Tensor", T_image_patch: np.ndarray, image_px: int, scales: tuple[float, float] | None = None
+) -> tuple["torch.Tensor", "torch.Tensor"]:
+    """Draw a patch and its mask into images.
+
+    The mask is explicit: every texel of the square is opaque, black ones too.
+
+    Args:
+        patch: (3, n, n), or (b, 3, n, n) for one per image; any values, any encoding.
+        T_image_patch: (b, 3, 3), see `toolkit.boosters.parts.affine` for the convention.
+        image_px: side m of the images.
+        scales: smallest and largest pixels per texel that may come, of similarities; an image then does not depend on
+            the others of its batch, from which the sizes are else taken.
+
+    Returns:
+        The patch times its mask, (b, 3, m, m), and the mask, (b, 1, m, m): the share of each pixel that it covers.
+    """
+    import torch
+    from torch.nn.functional import grid_sample, pad
+
+    plan = plan_warp(T_image_patch, patch.shape[-1], scales)
+    texels = torch.cat([patch, torch.ones_like(patch[..., :1, :, :])], dim=-3)
+    if plan.repeat > 1:
+        texels = texels.repeat_interleave(plan.repeat, -1).repeat_interleave(plan.repeat, -2)
+    end = plan.side - plan.start - texels.shape[-1]
+    padded = pad(texels, (plan.start, end, plan.start, end))
+    window = torch.as_tensor(_filter_windows(plan), dtype=patch.dtype, device=patch.device)
+    spectrum = torch.fft.rfft2(padded) * window[:, None]
+    filtered = torch.fft.irfft2(spectrum, s=(plan.side, plan.side))
+    grid = _sampling_grid(T_image_patch, plan, image_px, patch.dtype, patch.device)
+    drawn = grid_sample(filtered, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
+    return drawn[:, :3], drawn[:, 3:].detach().clamp(0, 1)
+
+
+def _filter_windows(plan: WarpPlan) -> np.ndarray:
+    """(b, side, side // 2 + 1) float32 transfer functions of the pixel footprints.
+
+    Bilinear look-up filters by sinc² per axis where square texels need sinc once; the window divides one of them out.
+    """
+    down, right = np.fft.fftfreq(plan.side)[:, None], np.fft.rfftfreq(plan.side)[None]
+    edges = np.moveaxis(plan.footprints, 0, -1)[..., None, None].astype(np.float32)
+    down, right = down.astype(np.float32), right.astype(np.float32)
+    window = np.sinc(right * edges[0, 0] + down * edges[1, 0]) * np.sinc(right * edges[0, 1] + down * edges[1, 1])
+    return window / (np.sinc(right) * np.sinc(down))
+
+
+def _sampling_grid(T_image_patch: np.ndarray, plan: WarpPlan, image_px: int, dtype, device) -> "torch.Tensor":
+    """(b, m, m, 2) look-up positions for every pixel centre, in `grid_sample`'s [-1, 1]."""
+    import torch
+
+    to_unit = np.array(
+        [[2 * plan.repeat, 0, 2 * plan.start - plan.side], [0, 2 * plan.repeat, 2 * plan.start - plan.side]]
+    )
+    to_unit = np.vstack([to_unit / plan.side, [0, 0, 1]])
+    T_unit_image = torch.as_tensor(to_unit @ np.linalg.inv(T_image_patch), dtype=dtype, device=device)
+    centres = torch.arange(image_px, dtype=dtype, device=device) + 0.5
+    x, y, one = (T_unit_image[:, :, k, None, None] for k in range(3))
+    points = x * centres[None, None, None, :] + y * centres[None, None, :, None] + one
+    if np.allclose(T_image_patch[:, 2], [0, 0, 1]):
+        return points[:, :2].permute(0, 2, 3, 1)
+    return (points[:, :2] / points[:, 2:]).permute(0, 2, 3, 1)
+
+
+class Placement(Protocol):
+    """Where the patch lies: `toolkit.boosters.parts.affine.AffineRanges` and its like."""
+
+    def place(self, rng: np.random.Generator, count: int, patch_px: int, image_px: int) -> np.ndarray:
+        """(count, 3, 3) `T_image_patch`, affine or projective."""
+        ...
+
+
+class PaperPart(Protocol):
+    """Something that happens to the paper in the scene: `toolkit.boosters.parts.light.LightRanges` and its like."""
+
+    def light(self, paper: "torch.Tensor", mask: "torch.Tensor", rng: np.random.Generator) -> "torch.Tensor":
+        """Change (b, 3, m, m) premultiplied paper, given its (b, 1, m, m) mask; differentiable."""
+        ...
+
+
+class ImagePart(Protocol):
+    """Something that happens to pixels: the print before it is placed, or the whole photograph after."""
+
+    def change(self, pixels: "torch.Tensor", rng: np.random.Generator) -> "torch.Tensor":
+        """Change (b, 3, h, w) or (3, n, n) sRGB-encoded pixels in [0, 1]; differentiable."""
+        ...
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """The parts, each with its own random draws.
+
+    Attributes:
+        placement: where the patch lies.
+        on_print: what the printer does to the patch.
+        on_paper: what the scene does to the paper.
+        on_photo: what the camera does to the photograph.
+    """
+
+    placement: Placement
+    on_print: tuple[ImagePart, ...] = ()
+    on_paper: tuple[PaperPart, ...] = ()
+    on_photo: tuple[ImagePart, ...] = ()
+
+
+def show_patch(patch: "torch.Tensor", images: "torch.Tensor", appearance: Appearance, draws: Draws) -> "torch.Tensor":
+    """Photographs with the printed patch in them: the three steps below, one after the other.
+
+    Args:
+        patch: θ, (3, n, n) sRGB-encoded in [0, 1].
+        images: x, (b, 3, m, m) sRGB-encoded in [0, 1].
+        appearance: the parts.
+        draws: of this step.
+
+    Returns:
+        (b, 3, m, m) sRGB-encoded in [0, 1], differentiable in `patch`.
+    """
+    return take_photos(place_patch(print_patch(patch, appearance, draws), images, appearance, draws), appearance, draws)
+
+
+def print_patch(patch: "torch.Tensor", appearance: Appearance, draws: Draws) -> "torch.Tensor":
+    """θ, (3, n, n) sRGB-encoded in [0, 1], as it comes out of the printer."""
+    for part in appearance.on_print:
+        patch = part.change(patch, draws.of(type(part).__name__))
+    return patch
+
+
+def place_patch(patch: "torch.Tensor", images: "torch.Tensor", appearance: Appearance, draws: Draws) -> "torch.Tensor":
+    """Scenes with the print in them: x (1 - T(mask)) + T(θ) T(mask), seed Algorithm 1.
+
+    At the patch's edge T(θ) T(mask) is read as the average of θ·mask over the pixel: transforming the two apart and
+    multiplying after would fade the rim twice. Shapes as in `show_patch`.
+    """
+    T_image_patch = appearance.placement.place(
+        draws.of(type(appearance.placement).__name__), len(images), patch.shape[-1], images.shape[-1]
+    )
+    corners, side = find_windows(T_image_patch, patch.shape[-1], images.shape[-1])
+    paper, mask = warp_patch(patch, move_origin(T_image_patch, corners), side)
+    for part in appearance.on_paper:
+        paper = part.light(paper, mask, draws.of(type(part).__name__))
+    around = cut_windows(images, corners, side)
+    return paste_windows(images, (around * (1 - mask) + paper).clamp(0, 1), corners)
+
+
+def take_photos(scenes: "torch.Tensor", appearance: Appearance, draws: Draws) -> "torch.Tensor":
+    """(b, 3, m, m) scenes as the camera gives them."""
+    for part in appearance.on_photo:
+        scenes = part.change(scenes, draws.of(type(part).__name__))
+    return scenes

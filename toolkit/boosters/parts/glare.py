@@ -1,0 +1,95 @@
+"""Clear tape over the paper: its shine, and now and then a strip through which nothing is seen."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from toolkit.boosters.parts.base import Range, as_factors, check_probability, check_range
+
+if TYPE_CHECKING:
+    import torch
+
+
+@dataclass(frozen=True)
+class TapeGlare:
+    """What is drawn, uniformly, for each image. Lengths are shares of the patch's side as it is seen.
+
+    Attributes:
+        width: standard deviation of the shine across.
+        length: standard deviation along; as short as the width it is the image of a lamp, long it is a band.
+        strength: of its middle; 1 is white, whatever lies below.
+        probability: that an image has such shine.
+        strip_width: of a strip that hides the patch: a fold of tape, a strap, a finger's shadow edge.
+        strip_probability: that an image has one.
+    """
+
+    width: Range = (0.05, 0.16)
+    length: Range = (0.15, 1.2)
+    strength: Range = (0.5, 1.0)
+    probability: float = 0.3
+    strip_width: Range = (0.05, 0.15)
+    strip_probability: float = 0.1
+
+    def __post_init__(self) -> None:
+        check_range("glare width", self.width, 0.005, 5)
+        check_range("glare length", self.length, 0.005, 50)
+        check_range("glare strength", self.strength, 0, 1)
+        check_range("strip width", self.strip_width, 0, 1)
+        check_probability("glare", self.probability)
+        check_probability("strip", self.strip_probability)
+
+    def light(self, paper: "torch.Tensor", mask: "torch.Tensor", rng: np.random.Generator) -> "torch.Tensor":
+        """Lay shine and strips over drawn patches; differentiable in `paper`.
+
+        Args:
+            paper: (b, 3, m, m) sRGB-encoded, already multiplied by the mask.
+            mask: (b, 1, m, m), the share of each pixel that the patch covers.
+            rng: draws for each image.
+
+        Returns:
+            As `paper`.
+        """
+        count = len(paper)
+        shines, hides = rng.random(count) < self.probability, rng.random(count) < self.strip_probability
+        width, length = rng.uniform(*self.width, count), rng.uniform(*self.length, count)
+        strength, colour = rng.uniform(*self.strength, count), rng.uniform(0.94, 1.0, (count, 3))
+        angle, centre = rng.uniform(0, np.pi, count), rng.uniform(-0.5, 0.5, (count, 2))
+        strip_angle, strip_place = rng.uniform(0, np.pi, count), rng.uniform(-0.5, 0.5, count)
+        strip_width = rng.uniform(*self.strip_width, count)
+        strip_colour = rng.uniform(0.1, 0.85, (count, 1)) * rng.uniform(0.93, 1.07, (count, 3))
+        if shines.any():
+            x, y, _ = _measure(mask, angle, centre)
+            shine = (-((x / as_factors(length, x)) ** 2 + (y / as_factors(width, y)) ** 2) / 2).exp()
+            paper = _cover(paper, mask, shine * as_factors(strength * shines, x), colour)
+        if hides.any():
+            _, y, pixel = _measure(mask, strip_angle, np.stack([np.zeros(count), strip_place], axis=1))
+            inside = ((as_factors(strip_width / 2, y) - y.abs()) / pixel + 0.5).clamp(0, 1)  # one pixel of soft edge
+            paper = _cover(paper, mask, inside * as_factors(hides.astype(float), y), strip_colour)
+        return paper
+
+
+def _measure(
+    mask: "torch.Tensor", angle: np.ndarray, centre: np.ndarray
+) -> tuple["torch.Tensor", "torch.Tensor", "torch.Tensor"]:
+    """Coordinates (b, 1, m, m) along and across a direction, from `centre`, and a pixel's size.
+
+    All are shares of the patch's side, here the root of its area; its own middle is (0, 0).
+    """
+    import torch
+
+    m = mask.shape[-1]
+    places = torch.arange(m, dtype=mask.dtype, device=mask.device) + 0.5
+    x, y = places.view(1, 1, 1, m), places.view(1, 1, m, 1)
+    area = mask.sum(dim=(1, 2, 3), keepdim=True).clamp_min(1)
+    middle_x, middle_y = ((mask * v).sum(dim=(1, 2, 3), keepdim=True) / area for v in (x, y))
+    pixel = area.rsqrt()
+    x, y = (x - middle_x) * pixel, (y - middle_y) * pixel
+    cosine, sine = as_factors(np.cos(angle), mask), as_factors(np.sin(angle), mask)
+    along = x * cosine + y * sine - as_factors(centre[:, 0], mask)
+    return along, y * cosine - x * sine - as_factors(centre[:, 1], mask), pixel
+
+
+def _cover(paper: "torch.Tensor", mask: "torch.Tensor", alpha: "torch.Tensor", colour: np.ndarray) -> "torch.Tensor":
+    """Paint `colour` over premultiplied paper where the patch is; alpha 0 leaves a value exactly as it was."""
+    return paper + alpha * (mask * as_factors(colour, paper) - paper)

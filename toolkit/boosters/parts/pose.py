@@ -1,0 +1,185 @@
+"""Random camera poses: how a sheet on top of an object lies in a photograph of that object.
+
+Convention: the world, camera axes and `T_world_camera` of `toolkit.rig.camera`; the sheet's up is the object's front
+(+x), its right the object's right (-y), as `toolkit.rig.mount` tapes it. `T_image_patch` maps patch texels, [0, n]², x
+right and y down, to image pixels, [0, m]², centres at half integers, as in `toolkit.boosters.parts.affine`.
+"""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from toolkit.boosters.parts.base import Range, check_probability, check_range
+from toolkit.core.errors import ToolkitError
+from toolkit.objects.records import printed_size_mm
+from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
+
+if TYPE_CHECKING:
+    from toolkit.boosters.parts.base import Placement
+
+STEEPEST_TILT_DEG = 80.0
+GRAZING_DEG = 12.0
+"""A sheet seen at less than this shows nothing: such a draw is made again."""
+TRIES = 200
+
+
+@dataclass(frozen=True)
+class PoseRanges:
+    """What is drawn, uniformly, for each image; the poses of a plan have no part in it.
+
+    The object is a box whose longest side is `length_mm`. The camera stands where the box, sheet and all, reaches
+    across `fill` of the image. A sheet on a wall is seen under the same angles, another way up.
+
+    Attributes:
+        size_mm: side of the printed patch.
+        length_mm: of the object.
+        width, height: of the object, as shares of its length.
+        offset: of the sheet from the middle of the object's top, along it and across, share of its length and width.
+        tilt_deg: slope of the place where the sheet is taped, in any direction.
+        azimuth_deg: around the object, 0 looks at its front.
+        elevation_deg: above the table.
+        roll_deg: of the camera.
+        fill: share of the image's side that the object reaches across.
+        fov_deg: angle of view across the image; wide ones foreshorten more.
+        probability: that an image's placement is drawn here, and not affine.
+    """
+
+    size_mm: float = printed_size_mm(100)
+    length_mm: float = 270.0
+    width: Range = (0.4, 1.0)
+    height: Range = (0.15, 0.8)
+    offset: float = 0.15
+    tilt_deg: Range = (0.0, 10.0)
+    azimuth_deg: Range = (0.0, 360.0)
+    elevation_deg: Range = (20.0, 80.0)
+    roll_deg: Range = (-12.0, 12.0)
+    fill: Range = (0.5, 0.95)
+    fov_deg: Range = (20.0, 60.0)
+    probability: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not 0 < self.size_mm <= self.length_mm:
+            raise ToolkitError(
+                f"a patch of {self.size_mm:g} mm on an object of {self.length_mm:g} mm: expected a patch no longer "
+                "than the object; see --length-mm and --size-px"
+            )
+        check_range("object width", self.width, 0.02, 1)
+        check_range("object height", self.height, 0, 1)
+        check_range("sheet offset", (0, self.offset), 0, 0.5)
+        check_range("tilt", self.tilt_deg, 0, STEEPEST_TILT_DEG)
+        check_range("azimuth", self.azimuth_deg, -360, 360)
+        check_range("elevation", self.elevation_deg, GRAZING_DEG, 90)
+        check_range("roll", self.roll_deg, -180, 180)
+        check_range("fill", self.fill, 0.05, 0.95)
+        check_range("angle of view", self.fov_deg, 1, 100)
+        check_probability("pose", self.probability)
+
+    def place(self, rng: np.random.Generator, count: int, patch_px: int, image_px: int) -> np.ndarray:
+        """Draw `count` placements; (count, 3, 3) float64 projective `T_image_patch`."""
+        placed = [self._place_one(rng, patch_px, image_px) for _ in range(count)]
+        return np.stack(placed) if placed else np.zeros((0, 3, 3))
+
+    def _place_one(self, rng: np.random.Generator, patch_px: int, image_px: int) -> np.ndarray:
+        for _ in range(TRIES):
+            if (T_image_patch := self._try_one(rng, patch_px, image_px)) is not None:
+                return T_image_patch
+        raise ToolkitError(
+            f"pose: no camera sees the sheet at more than {GRAZING_DEG:g}° in {TRIES} draws: expected higher "
+            "elevations, a lower object or less tilt"
+        )
+
+    def _try_one(self, rng: np.random.Generator, patch_px: int, image_px: int) -> np.ndarray | None:
+        azimuth, elevation = rng.uniform(*self.azimuth_deg), rng.uniform(*self.elevation_deg)
+        roll, fill = rng.uniform(*self.roll_deg), rng.uniform(*self.fill)
+        camera = Camera(image_px, image_px, rng.uniform(*self.fov_deg))
+        box = self.length_mm * np.array([1, rng.uniform(*self.width), rng.uniform(*self.height)])
+        sheet = draw_sheet(rng, box, self.size_mm, self.offset, rng.uniform(*self.tilt_deg))
+        middle = np.array([0, 0, box[2] / 2])
+        points = np.concatenate([box_corners(box), sheet.corners])
+        distance = distance_to_fill(camera, points, middle, azimuth, elevation, fill, roll)
+        T_world_camera = orbit_pose(middle, azimuth, elevation, distance, roll)
+        if angle_above(sheet, T_world_camera[:3, 3]) < GRAZING_DEG:
+            return None
+        T_image_patch = project_sheet(camera, T_world_camera, sheet, patch_px)
+        return shift_image(T_image_patch, rng.uniform(-1, 1, 2) * (1 - fill) * image_px / 2)
+
+
+@dataclass(frozen=True)
+class Sheet:
+    """A square in the world, millimetres.
+
+    Attributes:
+        middle: (3,) of its centre.
+        right, up: (3,) unit vectors along its sides, as one sees it.
+        size_mm: its side.
+    """
+
+    middle: np.ndarray
+    right: np.ndarray
+    up: np.ndarray
+    size_mm: float
+
+    @property
+    def corners(self) -> np.ndarray:
+        """(4, 3)."""
+        signs = np.array([[-1, 1], [1, 1], [1, -1], [-1, -1]]) * self.size_mm / 2
+        return self.middle + signs[:, :1] * self.right + signs[:, 1:] * self.up
+
+
+def draw_sheet(rng: np.random.Generator, box_mm: np.ndarray, size_mm: float, offset: float, tilt_deg: float) -> Sheet:
+    """A sheet somewhere on top of a box, on a slope of `tilt_deg` in any direction."""
+    axis = rng.uniform(0, 2 * np.pi)
+    tilt = cv2.Rodrigues(np.radians(tilt_deg) * np.array([np.cos(axis), np.sin(axis), 0.0]))[0]
+    place = rng.uniform(-offset, offset, 2) * box_mm[:2]
+    return Sheet(np.array([*place, box_mm[2]]), tilt @ [0.0, -1.0, 0.0], tilt @ [1.0, 0.0, 0.0], size_mm)
+
+
+def angle_above(sheet: Sheet, position_mm: np.ndarray) -> float:
+    """Degrees at which a camera stands above a sheet's plane, as its middle sees it; negative behind it."""
+    view = (position_mm - sheet.middle) / np.linalg.norm(position_mm - sheet.middle)
+    return float(np.degrees(np.arcsin(np.cross(sheet.right, sheet.up) @ view)))
+
+
+def box_corners(box_mm: np.ndarray) -> np.ndarray:
+    """(8, 3) of a box that stands on the table in the middle of the world."""
+    signs = np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [0, 1], indexing="ij"), -1).reshape(8, 3)
+    return signs * box_mm
+
+
+def project_sheet(camera: Camera, T_world_camera: np.ndarray, sheet: Sheet, patch_px: int) -> np.ndarray:
+    """(3, 3) `T_image_patch` of a sheet before a pinhole camera, scaled so that its centre has w = 1."""
+    texel_mm = sheet.size_mm / patch_px
+    corner = sheet.middle + sheet.size_mm / 2 * (sheet.up - sheet.right)
+    plane = np.stack([sheet.right * texel_mm, -sheet.up * texel_mm, corner - T_world_camera[:3, 3]], axis=1)
+    T_image_patch = camera.matrix @ T_world_camera[:3, :3].T @ plane
+    return T_image_patch / (T_image_patch[2] @ [patch_px / 2, patch_px / 2, 1])
+
+
+def shift_image(T_image_patch: np.ndarray, shift_px: np.ndarray) -> np.ndarray:
+    """Move what is seen by (right, down) pixels: the object is not always in the middle."""
+    T_shift = np.eye(3)
+    T_shift[:2, 2] = shift_px
+    return T_shift @ T_image_patch
+
+
+@dataclass(frozen=True)
+class MixedPlacement:
+    """Each image's placement is drawn from a camera pose with the poses' probability, else affine.
+
+    Attributes:
+        poses: `PoseRanges`, or its like with a probability.
+        others: any placement.
+    """
+
+    poses: PoseRanges
+    others: "Placement"
+
+    def place(self, rng: np.random.Generator, count: int, patch_px: int, image_px: int) -> np.ndarray:
+        """Draw `count` placements; (count, 3, 3) float64 `T_image_patch`."""
+        posed = rng.random(count) < self.poses.probability
+        placed = np.empty((count, 3, 3))
+        placed[posed] = self.poses.place(rng, int(posed.sum()), patch_px, image_px)
+        placed[~posed] = self.others.place(rng, int((~posed).sum()), patch_px, image_px)
+        return placed

@@ -1,0 +1,190 @@
+"""What a desktop printer makes of the patch: a range of printers, or one's own as measured."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from toolkit.boosters.parts.base import Range, as_factors, change_some, check_probability, check_range, count_images
+from toolkit.core.files import sha256_bytes
+from toolkit.imaging.printer import PAPER, SOLIDS, Exponents, PrintProfile, Triple
+from toolkit.objects.records import printed_size_mm
+
+if TYPE_CHECKING:
+    import torch
+
+LUMA = (0.2126, 0.7152, 0.0722)
+
+
+@dataclass(frozen=True)
+class PrintProcess:
+    """What is drawn, uniformly, for each print: a printer, its inks and its paper.
+
+    Attributes:
+        white: brightness of the paper as a share of FOGRA29's bright one; copier paper is a little greyer.
+        tint: each channel's own deviation from it.
+        density: how much darker than paper the inks are, as a share of FOGRA29's; low in draft mode.
+        chroma: how far colours lie from grey, as a share; dyes on plain paper sink in and dull.
+        dot_gain: what a half-covered tone gains in coverage beyond the model's; negative where the driver lightens.
+            The curve is the usual parabola a + 4 g a (1 - a).
+        bleed_mm: standard deviation of how far ink spreads from its place.
+        texel_mm: side of a texel on paper.
+        probability: that the patch is printed at all, and not shown as the file has it.
+    """
+
+    white: Range = (0.93, 1.0)
+    tint: float = 0.02
+    density: Range = (0.90, 1.05)
+    chroma: Range = (0.8, 1.0)
+    dot_gain: Range = (-0.05, 0.10)
+    bleed_mm: Range = (0.03, 0.2)
+    texel_mm: float = printed_size_mm(1)
+    probability: float = 0.25
+
+    def __post_init__(self) -> None:
+        check_range("paper white", self.white, 0.5, 1)
+        check_range("paper tint", (0, self.tint), 0, 0.2)
+        check_range("ink density", self.density, 0.2, 1.3)
+        check_range("ink chroma", self.chroma, 0, 1.3)
+        check_range("dot gain", self.dot_gain, -0.2, 0.2)  # beyond a quarter the tone curve would turn back
+        check_range("ink bleed", self.bleed_mm, 0.001, 2)
+        check_range("texel", (self.texel_mm, self.texel_mm), 0.01, 100)
+        check_probability("print", self.probability)
+
+    def change(self, pixels: "torch.Tensor", rng: np.random.Generator) -> "torch.Tensor":
+        """Print (3, n, n), or some of (b, 3, n, n), sRGB-encoded in [0, 1], each on its own printer; differentiable."""
+        count = count_images(pixels)
+        acting = rng.random(count) < self.probability
+        bleed, gain = rng.uniform(*self.bleed_mm, count), rng.uniform(*self.dot_gain, count)
+        chroma, density = rng.uniform(*self.chroma, count), rng.uniform(*self.density, count)
+        white = rng.uniform(*self.white, (count, 1)) * rng.uniform(1 - self.tint, 1 + self.tint, (count, 3))
+
+        def on_paper(some: "torch.Tensor", which: np.ndarray) -> "torch.Tensor":
+            spread = spread_ink(some, bleed[which] / self.texel_mm)
+            printed = mix_solids(gain_dots(spread, gain[which]))
+            return finish_inks(printed, chroma[which], density[which], white[which])
+
+        return change_some(pixels, acting, on_paper)
+
+
+def spread_ink(pixels: "torch.Tensor", sigma_texels: np.ndarray) -> "torch.Tensor":
+    """Blur each of (b, 3, h, w) by its Gaussian, exactly for square texels, whose edges may be much sharper than it.
+
+    A texel's mean after blurring weighs its neighbours by the overlap of two boxes and a Gaussian between: the second
+    difference of x Φ(x) + φ(x).
+    """
+    import torch
+    from scipy.special import ndtr
+    from torch.nn.functional import conv2d, pad
+
+    b, c, h, w = pixels.shape
+    reach = int(np.ceil(3 * sigma_texels.max())) + 1
+    x = np.arange(-reach - 1, reach + 2) / sigma_texels[:, None]
+    integral = sigma_texels[:, None] * (x * ndtr(x) + np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi))
+    kernels = np.diff(integral, 2, axis=1)
+    weight = torch.as_tensor(kernels / kernels.sum(axis=1, keepdims=True), dtype=pixels.dtype, device=pixels.device)
+    weight = weight.repeat_interleave(c, 0)[:, None]
+    flat = pixels.reshape(1, b * c, h, w)
+    flat = conv2d(pad(flat, (reach, reach, 0, 0), mode="replicate"), weight[:, :, None], groups=b * c)
+    flat = conv2d(pad(flat, (0, 0, reach, reach), mode="replicate"), weight[..., None], groups=b * c)
+    return flat.reshape(pixels.shape)
+
+
+def gain_dots(pixels: "torch.Tensor", gain: np.ndarray) -> "torch.Tensor":
+    """Let dots grow: coverage a = 1 - x becomes a + 4 g a (1 - a); paper and solids stay, tones between darken."""
+    return pixels - 4 * as_factors(gain, pixels) * pixels * (1 - pixels)
+
+
+def mix_solids(pixels: "torch.Tensor") -> "torch.Tensor":
+    """Look (b, 3, h, w) in [0, 1] up in the cube of printed solids."""
+    import torch
+
+    off_on = torch.stack([1 - pixels, pixels], dim=2)
+    areas = torch.einsum("bihw,bjhw,bkhw->bijkhw", off_on[:, 0], off_on[:, 1], off_on[:, 2])
+    solids = torch.as_tensor(SOLIDS, dtype=pixels.dtype, device=pixels.device)
+    return torch.einsum("bijkhw,ijkc->bchw", areas, solids)
+
+
+def finish_inks(printed: "torch.Tensor", chroma: np.ndarray, density: np.ndarray, white: np.ndarray) -> "torch.Tensor":
+    """Dull, thin and yellow a print: shares of its distance from grey, of its distance from paper, and its paper."""
+    import torch
+
+    weights = torch.as_tensor(LUMA, dtype=printed.dtype, device=printed.device).view(1, 3, 1, 1)
+    grey = (printed * weights).sum(dim=1, keepdim=True)
+    dulled = grey + as_factors(chroma, printed) * (printed - grey)
+    paper = torch.as_tensor(PAPER, dtype=printed.dtype, device=printed.device).view(1, 3, 1, 1)
+    thinned = paper + as_factors(density, printed) * (dulled - paper)
+    return (thinned * as_factors(white, printed)).clamp(0, 1)
+
+
+@dataclass(frozen=True)
+class ProfiledPrint:
+    """A measured printer.
+
+    Attributes:
+        name: of the profile, and `sha256` of all that it holds.
+        held_out: its error, ΔE00, median on parts that it was not fitted to.
+        power, exponents, coefficients, paper_linear: as in `toolkit.imaging.printer.PrintProfile`.
+        bleed_mm: standard deviation of how far ink spreads, drawn for each print: profiles hold colours alone.
+        texel_mm: side of a texel on paper.
+        probability: that the patch is printed at all, and not shown as the file has it.
+    """
+
+    name: str
+    sha256: str
+    held_out: float
+    power: float
+    exponents: tuple[Exponents, ...]
+    coefficients: tuple[Triple, ...]
+    paper_linear: Triple
+    bleed_mm: Range = PrintProcess.bleed_mm
+    texel_mm: float = printed_size_mm(1)
+    probability: float = 1.0
+
+    def __post_init__(self) -> None:
+        check_range("ink bleed", self.bleed_mm, 0.001, 2)
+        check_range("texel", (self.texel_mm, self.texel_mm), 0.01, 100)
+        check_probability("print", self.probability)
+
+    def change(self, pixels: "torch.Tensor", rng: np.random.Generator) -> "torch.Tensor":
+        """Print (3, n, n), or some of (b, 3, n, n), sRGB-encoded in [0, 1]; differentiable."""
+        count = count_images(pixels)
+        acting = rng.random(count) < self.probability
+        bleed = rng.uniform(*self.bleed_mm, count)
+
+        def on_paper(some: "torch.Tensor", which: np.ndarray) -> "torch.Tensor":
+            return self.colour(spread_ink(some, bleed[which] / self.texel_mm))
+
+        return change_some(pixels, acting, on_paper)
+
+    def colour(self, pixels: "torch.Tensor") -> "torch.Tensor":
+        """The profile's colours of (b, 3, h, w), as `toolkit.imaging.printer.print_colours`; differentiable."""
+        import torch
+
+        powers = [torch.ones_like(pixels), pixels.clamp(0, 1) ** self.power]
+        for _ in range(2, 1 + max(max(term) for term in self.exponents)):
+            powers.append(powers[-1] * powers[1])
+        terms = torch.stack([powers[r][:, 0] * powers[g][:, 1] * powers[b][:, 2] for r, g, b in self.exponents], dim=1)
+        mixed = torch.einsum("bkhw,kc->bchw", terms, pixels.new_tensor(self.coefficients))
+        return encode(mixed * pixels.new_tensor(self.paper_linear).view(1, 3, 1, 1))
+
+    def describe(self) -> str:
+        """For the table of settings."""
+        bleed = f"ink bleed {self.bleed_mm[0]:g} to {self.bleed_mm[1]:g} mm"
+        return f"as measured, profile {self.name} ({self.sha256[:12]}), ΔE00 {self.held_out:.1f} held out, {bleed}"
+
+
+def use_profile(profile: PrintProfile) -> ProfiledPrint:
+    """The part that prints as a profile says."""
+    return ProfiledPrint(
+        profile.name, sha256_bytes(profile.model_dump_json().encode()), profile.held_out.median, profile.power,
+        profile.exponents, profile.coefficients, profile.paper_linear,
+    )  # fmt: skip
+
+
+def encode(linear: "torch.Tensor") -> "torch.Tensor":
+    """`toolkit.imaging.colour.linear_to_srgb`, differentiable."""
+    import torch
+
+    linear = linear.clamp(0, 1)
+    return torch.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)

@@ -1,0 +1,89 @@
+"""A patch set: a folder `print/patches/SET` with a picture for each of many classes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toolkit.boosters.patch_config import name_files
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import sha256_bytes
+from toolkit.core.workspace import Workspace
+from toolkit.objects.records import Patch, read_patch
+
+
+def name_class(labels: Sequence[str], index: int) -> str:
+    """File name without suffix: from the label, with the index where another class's would be the same."""
+    names = [name_files(None, label, k) for k, label in enumerate(labels)]
+    # file systems that know no case, and ImageNet's two 'crane'
+    same = [k for k, name in enumerate(names) if name.lower() == names[index].lower()]
+    return names[index] if len(same) == 1 else f"{names[index]}_{index}"
+
+
+@dataclass(frozen=True)
+class PatchSet:
+    """Pictures of one size, one for each class.
+
+    Attributes:
+        name: of the folder.
+        n_px: side of all of them.
+        patches: by class index.
+    """
+
+    name: str
+    n_px: int
+    patches: dict[int, Patch]
+
+    @property
+    def method(self) -> str:
+        """How the pictures were made, as their records say."""
+        return str(next(iter(self.patches.values())).record.settings.get("method", "unknown"))
+
+    @property
+    def code_kind(self) -> str | None:
+        """`qr` or `apriltag` where the pictures are codes."""
+        code: dict[str, Any] = next(iter(self.patches.values())).record.settings.get("code") or {}
+        return code.get("kind")
+
+    def code_text(self, class_index: int) -> str:
+        """What a reader of a class's code must say."""
+        return str(self.patches[class_index].record.settings["code"]["text"])
+
+    @property
+    def sha256(self) -> str:
+        """Of all pictures and the classes that they stand for."""
+        return sha256_bytes(repr([(k, self.patches[k].record.png_sha256) for k in sorted(self.patches)]).encode())
+
+    def stack(self, classes: np.ndarray) -> np.ndarray:
+        """(b, 3, n, n) float32 sRGB-encoded in [0, 1]: the pictures of (b,) class indices."""
+        pixels = np.stack([self.patches[int(index)].pixels for index in classes])
+        return np.ascontiguousarray(pixels.transpose(0, 3, 1, 2), np.float32) / 255
+
+
+def read_patch_set(workspace: Workspace, name: str, labels: list[str] | None) -> PatchSet:
+    """Read all pictures of a set and check them against the labels that they shall stand for, if any are given.
+
+    Raises:
+        ToolkitError: no such set, pictures of several sizes or two of a class, one that is damaged, or a class that is
+            not the one that the labels have at its index.
+    """
+    patches: dict[int, Patch] = {}
+    for file in workspace.with_patches(name).patches().values():
+        patch = read_patch(file)
+        record = patch.record
+        if labels and (record.class_index >= len(labels) or labels[record.class_index] != record.class_name):
+            other = f"'{labels[record.class_index]}'" if record.class_index < len(labels) else "no class"
+            raise ToolkitError(
+                f"{file}: made for class {record.class_index} '{record.class_name}', but index {record.class_index} of "
+                f"this classifier is {other}: name the classifier that the set was made for (SET@MODEL)"
+            )
+        if record.class_index in patches:
+            raise ToolkitError(f"set '{name}' has two pictures of class '{record.class_name}': remove one ({file})")
+        patches[record.class_index] = patch
+    sizes = sorted({patch.record.n_px for patch in patches.values()})
+    if len(sizes) > 1:
+        raise ToolkitError(
+            f"set '{name}' has pictures of {' and '.join(map(str, sizes))} px: keep each size in a set of its own"
+        )
+    return PatchSet(name, sizes[0], patches)

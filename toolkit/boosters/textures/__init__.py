@@ -1,1 +1,0 @@
-"""Textures: Algorithm 2 of the seed, on the rig."""

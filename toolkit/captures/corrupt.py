@@ -1,0 +1,127 @@
+"""Captures as ImageNet-C would spoil them: a corrupted copy of a source's images, in a source of its own.
+
+The published parameters are pixels of an image of 224², and a shot is larger: noise or a blur laid on it as it is would
+be mild or gone once a network has shrunk it. So each shot is resized and cut to 224² first, as published, and
+`toolkit eval` shows a file that was cut so to a network of 224 px as it is: with the usual preprocessing of such a
+network (256 px, 224² cut) the result is that of `toolkit eval --corrupt`; others resize and cut otherwise.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest, write_transforms
+from toolkit.core.errors import ToolkitError
+
+SEED = 0
+"""Of every corrupted image, with its path below the source: here and in `toolkit eval --corrupt`."""
+RESIZED_PX, CUT_PX = 256, 224
+BENDING = ("elastic_transform",)
+"""What moves the picture about, so that no camera has taken it."""
+
+Corruption = tuple[str, int]
+
+
+@dataclass(frozen=True)
+class CorruptedSource:
+    """A corrupted copy: its folder, images made now and kept from before, and (path, reason) of those that failed."""
+
+    source_dir: Path
+    made: int
+    kept: int
+    failed: tuple[tuple[str, str], ...]
+
+
+def name_source(source: str, corruption: Corruption) -> str:
+    """`sim-fog-3`. Two pairs never share a name: no corruption's name has a hyphen."""
+    return f"{source}-{corruption[0]}-{corruption[1]}"
+
+
+def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption], quiet: bool = True) -> list[CorruptedSource]:
+    """Corrupt the images of a source into folders beside it: `captures/sim` in fog of 3 is `captures/sim-fog-3`.
+
+    Each is a capture folder with the same objects, variants and poses. What a run before has finished is kept, and an
+    image that was shot anew is corrupted anew.
+
+    Args:
+        source_dir: with images and a manifest.
+        corruptions: (name, severity) of each.
+        quiet: no progress bar.
+
+    Raises:
+        ToolkitError: no images, a folder of that name that holds something else, or it cannot be written.
+    """
+    from toolkit.corruptions.folder import corrupt_folder
+
+    made = []
+    for corruption in corruptions:
+        out = source_dir.with_name(name_source(source_dir.name, corruption))
+        _check_own(out, corruption)
+        name, severity = corruption
+        done = corrupt_folder(source_dir, out, [name], [severity], SEED, CUT_PX, quiet=quiet)
+        _write_records(source_dir, out, corruption)
+        made.append(CorruptedSource(out, done.made, done.kept, tuple(done.failed)))
+    return made
+
+
+def _check_own(out: Path, corruption: Corruption) -> None:
+    for path, record in read_manifest(out).items():
+        if (record.made.get("corruption"), record.made.get("severity")) != corruption:
+            raise ToolkitError(
+                f"{out} holds images that are not from 'capture-sim --corrupt' ({path}): name another --source"
+            )
+
+
+def _write_records(source_dir: Path, out: Path, corruption: Corruption) -> None:
+    """Bring the manifest up to what lies in the folder; a run that was stopped in between is caught up with."""
+    from toolkit.corruptions.ledger import read_ledger
+    from toolkit.corruptions.request import find_sources
+
+    shots, known, ledger = read_manifest(source_dir), read_manifest(out), read_ledger(out)
+    records = []
+    for source in find_sources(source_dir, out, "png").sources:
+        shot, line = shots.get(source.path), ledger.get(source.target)
+        if shot is None or line is None or line.source_sha256 != shot.image_sha256:
+            continue
+        record = _describe(shot, source.target, line.sha256, f"{source_dir.name}/{source.path}", corruption)
+        records.append(record)
+        if known.get(record.path) != record:
+            append_record(out, record)
+    if corruption[0] not in BENDING:
+        write_transforms(out, sorted(records, key=lambda record: record.path))
+
+
+def _describe(shot: CaptureRecord, path: str, sha256: str, of: str, corruption: Corruption) -> CaptureRecord:
+    made = {"corruption": corruption[0], "severity": corruption[1], "corruption_seed": SEED, "cut_px": CUT_PX, "of": of}
+    return shot.model_copy(
+        update={
+            "path": path,
+            "image_sha256": sha256,
+            "intrinsics": shot.intrinsics and cut_intrinsics(shot.intrinsics),
+            "made": shot.made | made,
+            "inputs_sha256": None,  # a shot of these inputs looks otherwise
+        }
+    )
+
+
+def cut_intrinsics(intrinsics: dict[str, float]) -> dict[str, float]:
+    """Those of a shot that was resized and cut to 224² as `toolkit.corruptions.folder.read_picture` does.
+
+    Pixel centres are at half integers. A shot of 224² was left as it is.
+    """
+    width, height = round(intrinsics["width"]), round(intrinsics["height"])
+    if width == height == CUT_PX:
+        return intrinsics
+    short = min(width, height)
+    # the long side is truncated and the corner rounded, as resize_and_crop does
+    out_width, out_height = (int(RESIZED_PX * side / short) for side in (width, height))
+    left, top = (round((side - CUT_PX) / 2) for side in (out_width, out_height))
+    across, down = out_width / width, out_height / height
+    return intrinsics | {
+        "width": float(CUT_PX),
+        "height": float(CUT_PX),
+        "fx": intrinsics["fx"] * across,
+        "fy": intrinsics["fy"] * down,
+        "cx": intrinsics["cx"] * across - left,
+        "cy": intrinsics["cy"] * down - top,
+    }

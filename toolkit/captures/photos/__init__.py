@@ -1,1 +1,0 @@
-"""Photographs as cameras write them: pixels, metadata, RAW previews and films."""

@@ -1,0 +1,157 @@
+"""`toolkit doctor`: what the kit needs from a machine, checked one by one, each with the line that mends it."""
+
+import json
+import platform
+import shutil
+import subprocess
+import sys
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, requires, version
+from pathlib import Path
+
+import typer
+
+from toolkit.cli import options
+from toolkit.core.errors import ToolkitError
+from toolkit.rig.egl import PACKAGES
+
+NEEDED_DISK_MB = 500
+APT = "sudo apt-get install -y --no-install-recommends"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One finding.
+
+    Attributes:
+        name: what was looked at.
+        state: `ok`, `missing` (a command will fail) or `note` (optional).
+        found: what is there.
+        mend: the line that mends it, empty where nothing is to do.
+    """
+
+    name: str
+    state: str
+    found: str
+    mend: str = ""
+
+
+def check_machine(folder: Path) -> list[Check]:
+    """All checks; `folder` is where a workspace is or would be."""
+    return [_python(), _packages(), _open3d(), _egl(), _disk(folder), _weights(), _bundled(), _gpu()]
+
+
+def _python() -> Check:
+    found = platform.python_version()
+    if (3, 10) <= sys.version_info[:2] <= (3, 12):
+        return Check("Python", "ok", found)
+    return Check("Python", "missing", found, "make a virtual environment with Python 3.10, 3.11 or 3.12")
+
+
+def _packages() -> Check:
+    import re
+
+    try:
+        wanted = requires("toolkit-boost") or []
+    except PackageNotFoundError:
+        return Check("packages", "missing", "toolkit-boost is not installed", "pip install -e .")
+    missing = []
+    for requirement in wanted:
+        name = re.match(r"[A-Za-z0-9._-]+", requirement)
+        if ";" in requirement or name is None:  # extras and other Pythons
+            continue
+        try:
+            version(name.group())
+        except PackageNotFoundError:
+            missing.append(requirement)
+    if missing:
+        mend = f"pip install {' '.join(map(repr, missing))}"
+        return Check("packages", "missing", f"{len(missing)} not installed", mend)
+    return Check("packages", "ok", f"torch {version('torch')}, torchvision {version('torchvision')}")
+
+
+def _open3d() -> Check:
+    """In a process of its own, as a missing shared library may end it."""
+    command = [sys.executable, "-c", "import open3d; print(open3d.__version__)"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode == 0:
+        return Check("Open3D", "ok", done.stdout.split()[-1])
+    reason = (done.stderr.strip().splitlines() or [f"ended with code {done.returncode}"])[-1]
+    return Check("Open3D", "missing", reason[:120], f"{APT} {PACKAGES}")
+
+
+def _egl() -> Check:
+    from toolkit.rig.egl import egl_trouble
+
+    trouble = egl_trouble()
+    if trouble is None:
+        return Check("EGL", "ok", "a surfaceless display opens")
+    return Check("EGL", "note", f"{trouble}; only --renderer filament needs it", f"{APT} {PACKAGES}")
+
+
+def _disk(folder: Path) -> Check:
+    there = next(path for path in (folder, *folder.parents) if path.exists())
+    free_mb = shutil.disk_usage(there).free // 2**20
+    found = f"{free_mb / 1024:.1f} GB free"
+    if free_mb >= NEEDED_DISK_MB:
+        return Check("disk", "ok", found)
+    return Check("disk", "missing", found, f"free {NEEDED_DISK_MB} MB: 144 images and a report take about 40")
+
+
+def _weights() -> Check:
+    from toolkit.models.weights import find_local
+
+    try:
+        found = find_local("resnet18")
+    except ToolkitError as error:
+        return Check("ResNet-18 weights", "missing", str(error), "mend or unset TOOLKIT_WEIGHTS")
+    if found is not None:
+        return Check("ResNet-18 weights", "ok", str(found))
+    mend = "export TOOLKIT_WEIGHTS=FOLDER, with resnet18-*.pth in it; or let 'toolkit eval' download them once"
+    return Check("ResNet-18 weights", "note", "not on this machine yet", mend)
+
+
+def _bundled() -> Check:
+    """The classifier that needs no network: whether it is here and whole."""
+    from toolkit.models.bundled import read_bundled
+
+    try:
+        record = read_bundled()
+    except ToolkitError as error:
+        return Check("bundled classifier", "missing", str(error), "install the package again")
+    if record is None:
+        mend = "install the package again; --model works with weights of one's own all the same"
+        return Check("bundled classifier", "note", "not in this installation", mend)
+    share = record.held_out.accuracy
+    known = "" if share is None else f", {share:.0%} of {record.held_out.n} held-out images right"
+    found = f"{record.name}, {record.arch} trained on {record.trained_on}, not ImageNet{known}"
+    return Check("bundled classifier", "ok", found)
+
+
+def _gpu() -> Check:
+    import torch
+
+    if torch.cuda.is_available():
+        return Check("GPU", "ok", torch.cuda.get_device_name(0))
+    return Check("GPU", "note", "none; everything works on the CPU, training takes minutes")
+
+
+def doctor(workspace: options.Workspace = None, as_json: options.Json = False) -> None:
+    """Check what the kit needs from this machine; each thing missing comes with the line that mends it."""
+    from toolkit.core.console import console
+    from toolkit.core.workspace import open_workspace
+
+    checks = check_machine(open_workspace(workspace).root)
+    missing = [check for check in checks if check.state == "missing"]
+    if as_json:
+        typer.echo(json.dumps([asdict(check) for check in checks], indent=2))
+    else:
+        marks = {"ok": ("✓", "green"), "missing": ("✗", "red"), "note": ("•", "yellow")}
+        for check in checks:
+            mark, colour = marks[check.state]
+            console.print(f"{mark} {check.name}: {check.found}", style=colour, markup=False, soft_wrap=True)
+            if check.mend:
+                console.print(f"    {check.mend}", markup=False, soft_wrap=True)
+        ready = "ready; next: toolkit demo" if not missing else f"{len(missing)} to mend, in the lines above"
+        console.print(ready)
+    raise typer.Exit(1 if missing else 0)

@@ -1,0 +1,184 @@
+"""The folder that a user works in, and the package's own data behind it."""
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.files import explain_write_error, write_text
+
+PACKAGE_DATA = Path(__file__).parents[1] / "data"
+PATCH_SET_NAME = TEXTURE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """A folder with `rig/`, `print/`, `captures/` and `eval/`; what it lacks comes from the package's data.
+
+    Attributes:
+        root: the folder.
+        patch_set: the sub-folder of `print/patches` that is worked with, such as `rig18` for patches of that
+            classifier; None for the patches that lie in `print/patches` itself.
+    """
+
+    root: Path
+    patch_set: str | None = None
+
+    @property
+    def plan_file(self) -> Path:
+        """Where the capture plan is written."""
+        return self.root / "rig" / "plan.json"
+
+    @property
+    def objects_dir(self) -> Path:
+        """Specs of the user's own objects."""
+        return self.root / "rig" / "objects"
+
+    @property
+    def classifiers_dir(self) -> Path:
+        """Classifiers of the user's own, and their records."""
+        return self.root / "rig" / "classifiers"
+
+    @property
+    def print_dir(self) -> Path:
+        """Printed pages; those of a patch set have a folder of their own."""
+        return self.root / "print" / (self.patch_set or "")
+
+    @property
+    def patches_dir(self) -> Path:
+        """Trained patches and their records."""
+        return self.root / "print" / "patches" / (self.patch_set or "")
+
+    @property
+    def textures_dir(self) -> Path:
+        """Trained textures, their records, and the objects that wear them."""
+        return self.root / "rig" / "textures"
+
+    @property
+    def captures_dir(self) -> Path:
+        """Images, by source."""
+        return self.root / "captures"
+
+    @property
+    def eval_dir(self) -> Path:
+        """Results, by run."""
+        return self.root / "eval"
+
+    def object_specs(self) -> dict[str, Path]:
+        """Spec file of every known object by name; a file of the workspace wins over the package's."""
+        return _named_files("objects", "*.toml", self.objects_dir)
+
+    def patches(self) -> dict[str, Path]:
+        """PNG of every known patch by name; a file of the workspace wins over the package's."""
+        return _named_files(Path("patches", self.patch_set or ""), "*.png", self.patches_dir)
+
+    def textures(self) -> dict[str, Path]:
+        """PNG of every known texture by name; a file of the workspace wins over the package's."""
+        found = _named_files("textures", "*.png", self.textures_dir)
+        return {name: file for name, file in found.items() if TEXTURE_NAME.fullmatch(name)}  # others mask their paint
+
+    def with_patches(self, patch_set: str | None) -> "Workspace":
+        """The same workspace with the patches in a sub-folder of `print/patches`; None for those in the folder itself.
+
+        Raises:
+            ToolkitError: no such sub-folder holds a patch, here or in the package's data.
+        """
+        if patch_set is None:
+            return replace(self, patch_set=None)
+        known = self.patch_sets()
+        if patch_set in known:
+            return replace(self, patch_set=patch_set)
+        if known:
+            raise one_of("set of patches", patch_set, known)
+        raise ToolkitError(
+            f"--patches {patch_set}: expected a folder of patches in {self.root / 'print' / 'patches'}: "
+            f"make one with 'toolkit train-patch --model MODEL --out print/patches/NAME'"
+        )
+
+    def patch_sets(self) -> list[str]:
+        """Names of the sub-folders of `print/patches` that hold patches, the package's own among them."""
+        places = (PACKAGE_DATA / "patches", self.root / "print" / "patches")
+        found = {file.parent.name for place in places for file in place.glob("*/*.png")}
+        return sorted(name for name in found if PATCH_SET_NAME.fullmatch(name) and name != "previews")
+
+    def object_spec(self, name: str) -> Path:
+        """The spec of one object; an unknown name is a `ToolkitError`."""
+        specs = self.object_specs()
+        if name not in specs:
+            raise one_of("object", name, sorted(specs))
+        return specs[name]
+
+    def patch(self, name: str) -> Path:
+        """The PNG of one patch; an unknown name is a `ToolkitError`."""
+        patches = self.patches()
+        if name not in patches:
+            raise one_of("patch", name, sorted(patches))
+        return patches[name]
+
+    def texture(self, name: str) -> Path:
+        """The PNG of one texture; an unknown name is a `ToolkitError`."""
+        textures = self.textures()
+        if name not in textures:
+            raise one_of("texture", name, sorted(textures))
+        return textures[name]
+
+
+def _named_files(kind: str | Path, pattern: str, own: Path) -> dict[str, Path]:
+    found = {path.stem: path for path in sorted((PACKAGE_DATA / kind).glob(pattern))}
+    return found | {path.stem: path for path in sorted(own.glob(pattern))}
+
+
+def open_workspace(folder: Path | None = None) -> Workspace:
+    """The workspace of a command: `folder` (from `--workspace`), else the nearest with `rig/` from here upwards.
+
+    Where there is none, the current folder: built-in objects, plan and patches need no workspace.
+
+    Raises:
+        ToolkitError: `folder` was named and has no `rig/`.
+    """
+    if folder is not None:
+        if not (Path(folder) / "rig").is_dir():
+            raise ToolkitError(f"{folder} is no workspace (it has no rig/): make one with 'toolkit init {folder}'")
+        return Workspace(Path(folder).resolve())
+    here = Path.cwd()
+    return Workspace(next((up for up in (here, *here.parents) if (up / "rig").is_dir()), here))
+
+
+SPEC_GUIDE = """\
+# One file per object of your own: NAME.toml, with the mesh beside it (glb, obj + mtl, ply, stl, off).
+# Copy this file to NAME.toml, mend it, and run: toolkit plan --object NAME
+#
+# name = "mug"
+# class = "coffee mug"        # an ImageNet category, an index, or a label of your own classifier
+# mesh = "mug.glb"
+# length_mm = 120             # longest side
+# up = "y"                    # the mesh's axis that points up; glTF and OBJ files mostly have y
+# front = "z"                 # and the one that points to the front
+#
+# [patch]
+# at = "top"                  # top, front, back, left or right
+# size_mm = 40                # side of the printed patch; default: the size in the patch's record
+# offset_mm = [0, 0]          # from the middle of that side: right and up; for the top, forward and left
+# rotation_deg = 0
+"""
+
+
+def make_workspace(folder: Path) -> Workspace:
+    """Make the folders of a workspace and a guide to object specs; what is there already stays as it is.
+
+    Raises:
+        ToolkitError: `folder` is a file, or cannot be written.
+    """
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise ToolkitError(f"{folder} is a file: name a folder to make a workspace of")
+    space = Workspace(folder.resolve())
+    guide = space.objects_dir / "README.txt"
+    try:
+        for path in (space.objects_dir, space.textures_dir, space.patches_dir, space.captures_dir, space.eval_dir):
+            path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise explain_write_error(folder, error) from error
+    if not guide.exists():
+        write_text(guide, SPEC_GUIDE)
+    return space

@@ -1,0 +1,1 @@
+"""Pictures as arrays: reading what people have, colour, resize and crop."""

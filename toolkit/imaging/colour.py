@@ -1,0 +1,60 @@
+"""Between sRGB-encoded values and linear light (IEC 61966-2-1), and how different two colours look."""
+
+import numpy as np
+
+
+def srgb_to_linear(encoded: np.ndarray) -> np.ndarray:
+    """sRGB-encoded [0, 1] to linear [0, 1], any shape, float32."""
+    encoded = np.asarray(encoded, np.float32)
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** np.float32(2.4))
+
+
+def linear_to_srgb(linear: np.ndarray) -> np.ndarray:
+    """Linear to sRGB-encoded [0, 1], any shape, float32; values outside [0, 1] are clipped."""
+    linear = np.clip(np.asarray(linear, np.float32), 0, 1)
+    return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** np.float32(1 / 2.4) - 0.055)
+
+
+WHITE_D65 = np.array([0.95047, 1.0, 1.08883])
+XYZ_OF_LINEAR_SRGB = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+)
+"""IEC 61966-2-1, D65."""
+POW25_7 = 25.0**7
+
+
+def lab_of_linear(linear: np.ndarray) -> np.ndarray:
+    """(..., 3) L*a*b* of linear sRGB, 1 is the white that the eye has adapted to (CIE 15:2004, D65)."""
+    xyz = np.maximum(np.asarray(linear, float), 0) @ XYZ_OF_LINEAR_SRGB.T / WHITE_D65
+    root = np.where(xyz > (6 / 29) ** 3, np.cbrt(xyz), xyz / (3 * (6 / 29) ** 2) + 4 / 29)
+    x, y, z = np.moveaxis(root, -1, 0)
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
+
+
+def delta_e2000(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(...) ΔE00 of L*a*b* colours (..., 3); 1 is about the least that is seen side by side.
+
+    Source: Sharma, Wu and Dalal (2005), "The CIEDE2000 color-difference formula", whose test pairs it meets.
+    """
+    l1, a1, b1 = np.moveaxis(np.asarray(one, float), -1, 0)
+    l2, a2, b2 = np.moveaxis(np.asarray(other, float), -1, 0)
+    mean_chroma = (np.hypot(a1, b1) + np.hypot(a2, b2)) / 2
+    stretch = 1 + 0.5 * (1 - np.sqrt(mean_chroma**7 / (mean_chroma**7 + POW25_7)))
+    c1, c2 = np.hypot(stretch * a1, b1), np.hypot(stretch * a2, b2)
+    h1, h2 = (np.degrees(np.arctan2(b, stretch * a)) % 360 for a, b in ((a1, b1), (a2, b2)))
+    grey = c1 * c2 == 0
+    turn = np.where(grey, 0.0, (h2 - h1 + 180) % 360 - 180)
+    turn = np.where(turn == -180, 180.0, turn)  # h2 - h1 of exactly half a turn counts upwards
+    far = np.abs(h1 - h2) > 180
+    hue = np.where(grey, h1 + h2, (h1 + h2) / 2 + np.where(far, np.where(h1 + h2 < 360, 180, -180), 0))
+    light, chroma = (l1 + l2) / 2, (c1 + c2) / 2
+    shape = (
+        1 - 0.17 * np.cos(np.radians(hue - 30)) + 0.24 * np.cos(np.radians(2 * hue))
+        + 0.32 * np.cos(np.radians(3 * hue + 6)) - 0.20 * np.cos(np.radians(4 * hue - 63))
+    )  # fmt: skip
+    d_light = (l2 - l1) / (1 + 0.015 * (light - 50) ** 2 / np.sqrt(20 + (light - 50) ** 2))
+    d_chroma = (c2 - c1) / (1 + 0.045 * chroma)
+    d_hue = 2 * np.sqrt(c1 * c2) * np.sin(np.radians(turn / 2)) / (1 + 0.015 * chroma * shape)
+    blue = np.sin(np.radians(60 * np.exp(-(((hue - 275) / 25) ** 2))))
+    rotation = -2 * np.sqrt(chroma**7 / (chroma**7 + POW25_7)) * blue
+    return np.sqrt(np.maximum(d_light**2 + d_chroma**2 + d_hue**2 + rotation * d_chroma * d_hue, 0))

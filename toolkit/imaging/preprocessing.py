@@ -1,0 +1,66 @@
+"""From a photograph to what a network sees: resize the short side, cut the middle, normalise."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+LONGEST_WHOLE = 8
+
+
+@dataclass(frozen=True)
+class Preprocessing:
+    """How a network wants its images.
+
+    Attributes:
+        resize_px: length of the short side after resizing.
+        crop_px: side of the central square that is kept.
+        mean, std: of sRGB-encoded values in [0, 1], per channel.
+        filter_name: Pillow's name of the resampling filter, always antialiased.
+    """
+
+    resize_px: int
+    crop_px: int
+    mean: tuple[float, float, float]
+    std: tuple[float, float, float]
+    filter_name: str = "BILINEAR"
+
+    def describe(self) -> str:
+        """One line for a report."""
+        return (
+            f"short side resized to {self.resize_px} px ({self.filter_name.lower()}, antialiased), central "
+            f"{self.crop_px}×{self.crop_px} px, normalised with mean {self.mean} and standard deviation {self.std}"
+        )
+
+
+def published_preprocessing(preset: Any) -> Preprocessing:
+    """From torchvision's `weights.transforms()`."""
+    return Preprocessing(
+        preset.resize_size[0],
+        preset.crop_size[0],
+        tuple(preset.mean),
+        tuple(preset.std),
+        preset.interpolation.name,
+    )
+
+
+def resize_and_crop(image: np.ndarray, how: Preprocessing) -> np.ndarray:
+    """(h, w, 3) uint8 sRGB to (crop_px, crop_px, 3) uint8 sRGB, as torchvision's `transforms()` does with a photograph.
+
+    The pixels are torchvision's own, but for images more than eight times as long as wide: of those only the part that
+    is kept is resampled, which bounds the memory, and some values round to the next of the 255 levels.
+    """
+    height, width = image.shape[:2]
+    short, long = min(height, width), max(height, width)
+    # torchvision truncates the long side and rounds the crop's corner half to even: the same pixels need the same rule
+    scaled_long = int(how.resize_px * long / short)
+    out_width, out_height = (how.resize_px, scaled_long) if width <= height else (scaled_long, how.resize_px)
+    left, top = round((out_width - how.crop_px) / 2), round((out_height - how.crop_px) / 2)
+    kept = (left, top, left + how.crop_px, top + how.crop_px)
+    picture, resample = Image.fromarray(image), Image.Resampling[how.filter_name]
+    if long <= LONGEST_WHOLE * short:
+        return np.asarray(picture.resize((out_width, out_height), resample).crop(kept))
+    x_step, y_step = width / out_width, height / out_height
+    box = (kept[0] * x_step, kept[1] * y_step, kept[2] * x_step, kept[3] * y_step)
+    return np.asarray(picture.resize((how.crop_px, how.crop_px), resample, box=box))

@@ -1,0 +1,227 @@
+"""What a printer makes of colours: its inks, a profile measured on photographs, and how well a patch will print."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from toolkit.core.files import read_json, write_json
+from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
+
+SOLIDS = np.array(
+    [
+        [[[0.311, 0.289, 0.282], [0.308, 0.345, 0.562]], [[0.064, 0.560, 0.355], [0.000, 0.617, 0.850]]],
+        [[[0.840, 0.296, 0.304], [0.859, 0.309, 0.554]], [[0.982, 0.870, 0.202], [0.950, 0.950, 0.969]]],
+    ]
+)
+"""[r, g, b] -> what is printed where the file's red, green and blue are 0 or 1, in this order: black ink, blue (cyan on
+magenta), green (cyan on yellow), cyan, red (magenta on yellow), magenta, yellow, bare paper."""
+PAPER = SOLIDS[1, 1, 1]
+
+
+def nearest_printable(colours: np.ndarray) -> np.ndarray:
+    """The nearest colours that the inks can mix: halftones mix solids, so these fill the convex hull of `SOLIDS`.
+
+    Args:
+        colours: (k, 3) sRGB-encoded.
+
+    Returns:
+        (k, 3); a colour that can be printed comes back itself.
+    """
+    nearest = np.array(colours, float)
+    triangles, normals = _hull()
+    above = np.einsum("kfc,fc->kf", nearest[:, None] - triangles[None, :, 0], normals)
+    outside = np.flatnonzero(above.max(axis=1) > 0)
+    points, best = nearest[outside], np.full(len(outside), np.inf)
+    for triangle in triangles:
+        place = _nearest_on_triangle(points, triangle)
+        distance = np.linalg.norm(points - place, axis=1)
+        nearer = distance < best
+        nearest[outside[nearer]], best[nearer] = place[nearer], distance[nearer]
+    return nearest
+
+
+@lru_cache(maxsize=1)
+def _hull() -> tuple[np.ndarray, np.ndarray]:
+    """Triangles (f, 3, 3) of the hull of `SOLIDS`, and their outward normals (f, 3): those with all points below."""
+    solids, triangles, normals = SOLIDS.reshape(8, 3), [], []
+    for a, b, c in combinations(range(8), 3):
+        normal = np.cross(solids[b] - solids[a], solids[c] - solids[a])
+        side = (solids - solids[a]) @ normal
+        if side.max() < 1e-9 or side.min() > -1e-9:
+            triangles.append(solids[[a, b, c]])
+            normals.append(normal * (1 if side.max() < 1e-9 else -1) / np.linalg.norm(normal))
+    return np.array(triangles), np.array(normals)
+
+
+def _nearest_on_triangle(points: np.ndarray, triangle: np.ndarray) -> np.ndarray:
+    """(k, 3) the place on a triangle that is nearest to each of (k, 3) points."""
+    edges = triangle[1:] - triangle[0]
+    weights = np.linalg.lstsq(edges.T, (points - triangle[0]).T, rcond=None)[0].T
+    within = (weights >= 0).all(axis=1) & (weights.sum(axis=1) <= 1)
+    nearest = np.where(within[:, None], triangle[0] + weights @ edges, np.nan)
+    best = np.where(within, -1.0, np.inf)
+    for start, end in ((0, 1), (1, 2), (2, 0)):
+        edge = triangle[end] - triangle[start]
+        along = ((points - triangle[start]) @ edge / (edge @ edge)).clip(0, 1)
+        place = triangle[start] + along[:, None] * edge
+        distance = np.linalg.norm(points - place, axis=1)
+        nearer = distance < best
+        nearest[nearer], best[nearer] = place[nearer], distance[nearer]
+    return nearest
+
+
+NOISE_VARIATION = 1 / 3
+"""Total variation of uniform noise: the mean distance of two numbers that are drawn from [0, 1]."""
+DULL = 0.05
+"""Non-printability beyond which the print looks plainly duller than the screen; uniform noise has 0.09."""
+
+
+@dataclass(frozen=True)
+class PrintScores:
+    """Of a patch.
+
+    Attributes:
+        total_variation: mean absolute difference of neighbouring texels, right and below, over the channels (Rudin,
+            Osher and Fatemi 1992, the anisotropic form): 0 is one flat colour, 0.33 noise.
+        non_printability: mean distance, root mean square over the channels, of a texel to the nearest colour that the
+            inks can make: 0 where every colour can be printed. The non-printability score of Sharif
+            et al. (2016), with all printable colours for their list of some, and the distance to the nearest
+            (Thys et al. 2019) for the product of all distances, which has the same zeros.
+    """
+
+    total_variation: float
+    non_printability: float
+
+    def describe(self, name: str) -> str:
+        """One line: the numbers, and what they mean on paper."""
+        grain = "as grainy as noise: texels blur from afar" if self.total_variation > 0.25 else "0 is flat, 0.33 noise"
+        inks = (
+            "its strongest colours come out duller than on the screen"
+            if self.non_printability > DULL
+            else "near to what inks on plain paper can show"
+        )
+        return (
+            f"{name}: total variation {self.total_variation:.2f} ({grain}), "
+            f"non-printability {self.non_printability:.2f} ({inks})"
+        )
+
+
+def score_print(pixels: np.ndarray) -> PrintScores:
+    """Score (n, n, 3) uint8 sRGB pixels, n at least 2."""
+    colours = pixels.astype(float) / 255
+    steps = [np.abs(np.diff(colours, axis=axis)).ravel() for axis in (0, 1)]
+    flat = colours.reshape(-1, 3)
+    kinds, count = np.unique(flat, axis=0, return_counts=True)
+    distance = np.sqrt(((kinds - nearest_printable(kinds)) ** 2).mean(axis=1))
+    return PrintScores(float(np.concatenate(steps).mean()), float((distance * count).sum() / len(flat)))
+
+
+Exponents = tuple[int, int, int]
+Triple = tuple[float, float, float]
+HIGHEST_DEGREE = 3
+
+
+class ColourError(BaseModel):
+    """CIEDE2000 differences: their median and their 95th percentile."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    median: float = Field(ge=0)
+    p95: float = Field(ge=0)
+
+    def __str__(self) -> str:
+        return f"ΔE00 {self.median:.1f} (95 % below {self.p95:.1f})"
+
+
+class ProfileMade(BaseModel):
+    """When, with what and by whom a profile was made."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    on: str
+    with_version: str
+    by: str | None = None
+
+
+class PrintProfile(BaseModel):
+    """`print/profiles/NAME.json`.
+
+    Attributes:
+        name: of the profile: printer, paper, or the patch that it was measured on.
+        patch: name of that patch, and `patch_sha256` the hash of its PNG.
+        model: which polynomial was chosen, in a word.
+        power: that the encoded file colour is raised to.
+        exponents: of red, green and blue, for each term.
+        coefficients: of each term, for the printed red, green and blue.
+        paper_linear: linear light of the paper itself; the profile's colours are shares of it.
+        photos: hashes of the photographs.
+        n_samples: pixels and strip cells that were fitted to.
+        strip_cells: cells of the colour strip among them.
+        without: how far the print is from the file, paper taken as white.
+        held_out: how far the print is from what the profile says, on parts of the patch that it was not fitted to.
+        made: when, with what, by whom.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    schema_version: Literal[1] = 1
+    name: str = Field(min_length=1)
+    patch: str
+    patch_sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+    model: str
+    power: float = Field(ge=1, le=4)
+    exponents: tuple[Exponents, ...] = Field(min_length=1, max_length=20)
+    coefficients: tuple[Triple, ...]
+    paper_linear: Triple
+    photos: tuple[str, ...] = Field(min_length=1)
+    n_samples: int = Field(gt=0)
+    strip_cells: int = Field(ge=0)
+    without: ColourError
+    held_out: ColourError
+    made: ProfileMade
+
+    @model_validator(mode="after")
+    def _agree(self) -> "PrintProfile":
+        if len(self.coefficients) != len(self.exponents):
+            raise ValueError(f"expected {len(self.exponents)} coefficients, as exponents, got {len(self.coefficients)}")
+        if any(min(term) < 0 or sum(term) > HIGHEST_DEGREE for term in self.exponents):
+            raise ValueError(f"expected exponents from 0 that add up to at most {HIGHEST_DEGREE}")
+        if len(set(self.exponents)) < len(self.exponents):
+            raise ValueError("expected exponents that differ")
+        if not all(0.2 <= value <= 1.2 for value in self.paper_linear):
+            raise ValueError("expected paper_linear from 0.2 to 1.2")
+        return self
+
+
+def white_paper() -> Triple:
+    """Linear light of `PAPER`: a photo cannot tell how white a paper is, only what is darker than it."""
+    red, green, blue = (float(value) for value in srgb_to_linear(PAPER))
+    return red, green, blue
+
+
+def raise_terms(encoded: np.ndarray, power: float, exponents: tuple[Exponents, ...]) -> np.ndarray:
+    """(..., k) the polynomial's terms at sRGB-encoded colours (..., 3) in [0, 1]."""
+    raised = np.asarray(encoded, float) ** power
+    return np.stack([np.prod(raised ** np.array(term), axis=-1) for term in exponents], axis=-1)
+
+
+def print_colours(profile: PrintProfile, encoded: np.ndarray) -> np.ndarray:
+    """sRGB-encoded (..., 3) in [0, 1]: what comes out of the printer for a file's colours, in neutral light."""
+    terms = raise_terms(encoded, profile.power, profile.exponents)
+    return linear_to_srgb(terms @ np.array(profile.coefficients) * np.array(profile.paper_linear))
+
+
+def read_print_profile(file: Path) -> PrintProfile:
+    """Read and validate a profile.
+
+    Raises:
+        ToolkitError: the file is missing, no JSON, or a field is wrong.
+    """
+    return read_json(file, PrintProfile)
+
+
+def write_print_profile(file: Path, profile: PrintProfile) -> Path:
+    """Write a profile as JSON."""
+    return write_json(file, profile.model_dump(mode="json"))

@@ -1,0 +1,148 @@
+"""Photographs as people have them, decoded to one form: upright (h, w, 3) uint8, sRGB-encoded."""
+
+import contextlib
+import io
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageCms, ImageOps
+
+from toolkit.core.errors import ToolkitError
+
+IMAGE_SUFFIXES = frozenset(
+    (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".heic", ".heif", ".avif", ".bmp", ".gif")
+)
+MAX_MEGAPIXELS = 120
+"""Limit on what is decoded: above the largest photographs, below what would fill the memory."""
+MID_GREY = 128
+DRAFT_MARGIN = 2
+
+
+class UnreadableImage(ToolkitError):
+    """A file that does not decode; `reason` says why in a few words."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(f"{path}: {reason}")
+        self.reason = reason
+
+
+def is_image_name(name: str) -> bool:
+    """Whether a file is an image by its suffix."""
+    return Path(name).suffix.lower() in IMAGE_SUFFIXES
+
+
+def read_image(path: Path, short_side_px: int | None = None) -> np.ndarray:
+    """Decode a photograph to (h, w, 3) uint8, sRGB-encoded.
+
+    EXIF orientation is applied, an embedded ICC profile converted to sRGB, 16-bit and grey and CMYK and palette images
+    brought to 8-bit RGB, transparency laid over mid grey. Of several frames the first is taken.
+
+    Args:
+        path: JPEG, PNG, WebP, TIFF, HEIC, AVIF, BMP or GIF.
+        short_side_px: what the image will be shrunk to. A JPEG may then be decoded at a half, quarter or eighth of its
+            size, as long as the short side keeps twice this length, so that the shrunk image is the same but for
+            rounding. None decodes in full.
+
+    Raises:
+        UnreadableImage: the file is empty, no image, truncated, of a kind that cannot be shown, or far too large.
+    """
+    return _decode(Path(path), None, short_side_px)
+
+
+def decode_image(content: bytes, name: Path, short_side_px: int | None = None) -> np.ndarray:
+    """`read_image` for bytes that lie in memory; `name` is what errors call them."""
+    return _decode(Path(name), content, short_side_px)
+
+
+def _decode(path: Path, content: bytes | None, short_side_px: int | None) -> np.ndarray:
+    register_heif()
+    try:
+        if (path.stat().st_size if content is None else len(content)) == 0:
+            raise UnreadableImage(path, "the file is empty")
+        with Image.open(path if content is None else io.BytesIO(content)) as image:
+            if short_side_px is not None:
+                image.draft(image.mode, (DRAFT_MARGIN * short_side_px, DRAFT_MARGIN * short_side_px))
+            megapixels = image.width * image.height / 1e6
+            if megapixels > MAX_MEGAPIXELS:
+                raise UnreadableImage(
+                    path,
+                    f"{megapixels:.0f} megapixels, more than {MAX_MEGAPIXELS}: a decompression bomb, or scale it down",
+                )
+            image.load()
+            return np.asarray(_to_rgb(_turn_upright(image)))
+    except UnreadableImage:
+        raise
+    # the bytes may come from anywhere, and decoders raise nearly every built-in exception on hostile ones
+    except Exception as error:
+        raise UnreadableImage(path, explain_damage(error)) from None
+
+
+def explain_damage(error: Exception) -> str:
+    """In a few words what is wrong with an image, from what its decoder raised."""
+    if isinstance(error, Image.UnidentifiedImageError):
+        return "not an image, whatever its name says"
+    if isinstance(error, Image.DecompressionBombError):
+        return "a decompression bomb: far more pixels than any photograph"
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror.lower()
+    text = " ".join(str(error).split())
+    if "truncated" in text.lower() or isinstance(error, EOFError):
+        return "truncated: the end of the file is missing"
+    return f"damaged ({text[:100] or error.__class__.__name__})"
+
+
+@lru_cache(maxsize=1)
+def register_heif() -> None:
+    """Teach Pillow to open HEIC files, once."""
+    try:
+        from pillow_heif import register_heif_opener
+    except ImportError:
+        return  # HEIC files are then reported as no image; the package depends on pillow-heif
+    register_heif_opener()
+
+
+def _turn_upright(image: Image.Image) -> Image.Image:
+    # damaged EXIF says nothing about the pixels: keep the image as it lies
+    with contextlib.suppress(Exception):
+        return ImageOps.exif_transpose(image)
+    return image
+
+
+def _to_rgb(image: Image.Image) -> Image.Image:
+    profile = image.info.get("icc_profile")
+    image = _to_eight_bits(image)
+    if image.mode in ("P", "PA", "LA", "RGBa", "La") or "transparency" in image.info:
+        has_alpha = image.mode != "P" or "transparency" in image.info
+        image = image.convert("RGBA" if has_alpha else "RGB")
+    alpha = image.getchannel("A") if image.mode == "RGBA" else None
+    if alpha is not None:
+        image = image.convert("RGB")
+    if profile:
+        image = _to_srgb(image, profile)
+    image = image if image.mode == "RGB" else image.convert("RGB")
+    if alpha is None:
+        return image
+    return Image.composite(image, Image.new("RGB", image.size, (MID_GREY,) * 3), alpha)
+
+
+def _to_eight_bits(image: Image.Image) -> Image.Image:
+    if not (image.mode.startswith("I") or image.mode == "F"):
+        return image
+    values = np.asarray(image, np.float64)
+    if image.mode == "F":
+        full = 1.0 if values.max(initial=0) <= 1.0 else 255.0
+    else:
+        full = 65535.0 if image.mode.startswith("I;16") or values.max(initial=0) > 255 else 255.0
+    return Image.fromarray(np.round(np.clip(np.nan_to_num(values) / full, 0, 1) * 255).astype(np.uint8))
+
+
+def _to_srgb(image: Image.Image, profile: bytes) -> Image.Image:
+    # a broken or foreign profile is common in shared photographs, and no reason to refuse the pixels
+    with contextlib.suppress(ImageCms.PyCMSError, OSError, ValueError, TypeError):
+        source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
+        if "sRGB" in ImageCms.getProfileDescription(source):
+            return image
+        converted = ImageCms.profileToProfile(image, source, ImageCms.createProfile("sRGB"), outputMode="RGB")
+        return image if converted is None else converted
+    return image

@@ -1,0 +1,151 @@
+"""Which network `--model NAME` means: one of the workspace, the bundled one, or a published one."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.workspace import PACKAGE_DATA
+from toolkit.models.architectures import list_architectures
+from toolkit.models.labels import read_labels_file
+
+
+class ClassShare(BaseModel):
+    """Of one class's held-out images, how many the network gets right."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    n: int
+    correct: int
+
+
+class HeldOut(BaseModel):
+    """What the written weights say of images that they were not trained on.
+
+    Attributes:
+        n, correct: of all classes together.
+        accuracy: their ratio; None where nothing was held out.
+        ci95: Wilson's 95 % interval of it.
+        per_class: by label.
+        confusions: the commonest mistakes, (true label, answer, how often).
+        what: how these images differ from those trained on.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    n: int
+    correct: int
+    accuracy: float | None
+    ci95: tuple[float, float]
+    per_class: dict[str, ClassShare]
+    confusions: list[tuple[str, str, int]]
+    what: str
+
+
+class ClassifierRecord(BaseModel):
+    """How a classifier came to be, and how to feed and read it; a `LabelsFile` with more in it.
+
+    Attributes:
+        name: file name without suffix.
+        arch: name of the network, see `list_architectures`.
+        trained_on: in a few words, to be said wherever the network speaks.
+        labels: one per output, in order.
+        resize_px, crop_px, mean, std, filter_name: preprocessing of an image, sRGB-encoded.
+        data: sources with counts, and the hashes of the pixels that were trained on and held out.
+        seed: of every random draw.
+        settings: every hyper-parameter.
+        final: mean loss and accuracy of the last steps, on augmented training images.
+        held_out: accuracy of the weights as written.
+        sha256: of the weights' file.
+        toolkit_version: of the program that trained it.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    schema_version: int = 1
+    name: str
+    arch: str
+    trained_on: str
+    labels: list[str] = Field(min_length=2)
+    resize_px: int = Field(gt=0)
+    crop_px: int = Field(gt=0)
+    mean: tuple[float, float, float]
+    std: tuple[float, float, float]
+    filter_name: str
+    data: dict[str, Any]
+    seed: int
+    settings: dict[str, Any]
+    final: dict[str, float]
+    held_out: HeldOut
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+    toolkit_version: str
+
+
+BUNDLED = "rig18"
+BUNDLED_DIR = PACKAGE_DATA / "classifiers"
+DEFAULT_ARCH = "resnet18"
+SUFFIX = ".safetensors"
+TIMM_PREFIX = "timm:"
+
+
+@dataclass(frozen=True)
+class Found:
+    """A network to load.
+
+    Attributes:
+        arch: name of it, see `list_architectures`, or `timm:` with timm's.
+        weights: its file; None for the published weights.
+    """
+
+    arch: str
+    weights: Path | None
+
+
+def find_classifier(model: str | None = None, weights: Path | None = None, folder: Path | None = None) -> Found:
+    """The network that `--model` and `--weights` mean.
+
+    A name is looked for in `folder`, among the bundled classifiers, and in `list_architectures`. Without one, the
+    record beside the weights says which network they are of, and else it is a ResNet-18.
+
+    Args:
+        model: `--model`.
+        weights: `--weights`.
+        folder: the workspace's `rig/classifiers`.
+
+    Raises:
+        ToolkitError: the name is unknown, or a classifier with its own weights was given others.
+    """
+    if model is not None and model.startswith(TIMM_PREFIX):
+        return Found(model, weights)
+    if model is None:
+        arch = None if weights is None else read_labels_file(Path(weights)).arch
+        return Found(arch or DEFAULT_ARCH, weights)
+    own = list_own(folder)
+    if model in own:
+        if weights is not None:
+            raise ToolkitError(f"--model {model} --weights {weights}: {model} has its own weights: leave one out")
+        return Found(_arch_of(own[model]), own[model])
+    if model == BUNDLED:
+        raise ToolkitError(
+            f"--model {BUNDLED}: {BUNDLED_DIR / BUNDLED}{SUFFIX} is missing from this installation: "
+            f"install the package again, or train one with 'toolkit train-classifier --data everyday --name NAME'"
+        )
+    known = list_architectures()
+    if model not in known:
+        raise one_of("model", model, [*own, *known])
+    return Found(model, weights)
+
+
+def list_own(folder: Path | None = None) -> dict[str, Path]:
+    """Weights of the bundled classifiers and of those in `folder`, by name; a file of `folder` wins."""
+    places = [BUNDLED_DIR] if folder is None else [BUNDLED_DIR, folder]
+    return {path.stem: path for place in places for path in sorted(place.glob(f"*{SUFFIX}"))}
+
+
+def _arch_of(weights: Path) -> str:
+    arch = read_labels_file(weights).arch
+    if arch is None:
+        raise ToolkitError(
+            f"{weights}: no record {weights.stem}.json with the field 'arch' beside it: name its network with "
+            f"--model ARCH --weights {weights}"
+        )
+    return arch

@@ -1,0 +1,123 @@
+"""A classifier that is ready to use: network, weights, labels and preprocessing in one."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toolkit.core.errors import ToolkitError
+from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
+from toolkit.models.labels import (
+    LabelsFile,
+    imagenet_wnids,
+    index_of_label,
+    index_of_wnid,
+)
+from toolkit.models.weights import WeightsFile
+
+
+@dataclass(frozen=True)
+class Classifier:
+    """A frozen network and all that is needed to feed it and read it.
+
+    Attributes:
+        arch: name of the network, see `list_architectures`.
+        module: the network, in eval mode, its parameters without gradient.
+        labels: name of each output.
+        preprocessing: how it wants its images.
+        weights: the file that its weights came from.
+        device: where it runs, `cpu` or `cuda`.
+        is_imagenet: whether the labels are the 1000 of ImageNet.
+        name: what to call it in a result: of a classifier of one's own its file's, else the network's.
+        trained_on: in a few words, where its record says.
+    """
+
+    arch: str
+    module: Any
+    labels: list[str]
+    preprocessing: Preprocessing
+    weights: WeightsFile
+    device: str
+    is_imagenet: bool
+    name: str = ""
+    trained_on: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            object.__setattr__(self, "name", self.arch)
+
+    def describe(self) -> str:
+        """Which network speaks, on what it was trained, and whose classes it answers with."""
+        if self.is_imagenet and not self.trained_on:
+            return f"{self.name} (ImageNet's 1000 classes, weights {self.weights.name})"
+        trained = (
+            f"{self.arch} trained on {self.trained_on}" if self.trained_on else f"{self.arch}, {self.weights.name}"
+        )
+        if self.is_imagenet:
+            return f"{self.name} ({trained}; ImageNet's 1000 classes)"
+        return f"{self.name} ({trained}; {len(self.labels)} classes of its own, not ImageNet's)"
+
+    def preprocess(self, image: np.ndarray):
+        """(h, w, 3) uint8 sRGB to a (3, crop, crop) float32 tensor, sRGB-encoded in [0, 1], not normalised."""
+        import torch
+
+        pixels = np.ascontiguousarray(resize_and_crop(image, self.preprocessing).transpose(2, 0, 1))
+        return torch.from_numpy(pixels).float().div(255)
+
+    def logits(self, batch):
+        """(b, 3, h, w) float tensor, sRGB-encoded in [0, 1], to (b, classes); normalises inside, differentiable.
+
+        Raises:
+            ValueError: the batch has another shape.
+        """
+        import torch
+
+        if batch.ndim != 4 or batch.shape[1] != 3:
+            raise ValueError(f"batch must be Bx3xHxW, got {tuple(batch.shape)}")
+        batch = batch.to(self.device)
+        mean, std = (
+            torch.tensor(values, dtype=batch.dtype, device=batch.device).view(1, 3, 1, 1)
+            for values in (self.preprocessing.mean, self.preprocessing.std)
+        )
+        normalised = (batch - mean) / std
+        return self.module(normalised.contiguous(memory_format=torch.channels_last))
+
+    def class_index(self, name: str | int) -> int:
+        """Index of a class by name, by index, or for ImageNet by WordNet id.
+
+        Raises:
+            ToolkitError: there is no such class (the nearest names are listed), or several share the name.
+        """
+        if self.is_imagenet and isinstance(name, str) and name in imagenet_wnids():
+            return index_of_wnid(name)
+        return index_of_label(self.labels, name)
+
+
+def choose_device(device: str) -> str:
+    """`auto` to `cuda` where there is one, else `cpu`.
+
+    Raises:
+        ToolkitError: the name is unknown, or `cuda` was asked for and this machine has none.
+    """
+    import torch
+
+    from toolkit.core.errors import one_of
+
+    if device not in ("auto", "cpu", "cuda"):
+        raise one_of("device", device, ["auto", "cpu", "cuda"])
+    if device == "cpu":
+        return "cpu"
+    available = torch.cuda.is_available()
+    if device == "cuda" and not available:
+        raise ToolkitError("--device cuda: torch sees no CUDA device here: use --device cpu, or mend the driver")
+    return "cuda" if available else "cpu"
+
+
+def check_hash(file: WeightsFile, own: LabelsFile) -> None:
+    """A `ToolkitError` where the record beside the weights is of other weights."""
+    if own.sha256 is not None and own.sha256 != file.sha256:
+        raise ToolkitError(
+            f"{file.path}: its hash {file.sha256[:12]} does not match the {own.sha256[:12]} of "
+            f"{file.path.with_suffix('.json').name}: the weights were changed or damaged: "
+            "restore the pair, or train again"
+        )

@@ -1,0 +1,188 @@
+"""Find and read a network's weights, wherever the user keeps them."""
+
+import contextlib
+import http.client
+import os
+import re
+import socket
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import sha256_file
+from toolkit.models.architectures import published_weights
+
+FOLDER_VARIABLE = "TOOLKIT_WEIGHTS"
+SUFFIXES = (".pth", ".pt", ".safetensors")
+DOWNLOAD_TIMEOUT_S = 15.0
+
+
+@dataclass(frozen=True)
+class WeightsFile:
+    """The file that a network's weights came from.
+
+    Attributes:
+        path: the file.
+        sha256: of the file, 64 hex digits.
+        name: what to call it in a report: the file's name.
+    """
+
+    path: Path
+    sha256: str
+    name: str
+
+
+def find_weights(arch: str, weights: Path | None = None, quiet: bool = False) -> WeightsFile:
+    """The weights of a network: `weights`, else TOOLKIT_WEIGHTS, else torch's cache, else torchvision's download.
+
+    Raises:
+        ToolkitError: the named file is missing or of another kind, or none of the four ways has weights for `arch`.
+    """
+    entry = published_weights(arch)
+    named = None if weights is None else check_named(Path(weights))
+    found = named or find_local(arch)
+    if found is None and entry.url is None:
+        raise no_weights(arch, arch, f"train one with 'toolkit train-classifier --arch {arch}': none are published")
+    return open_weights(found or download(arch, entry.url, quiet))
+
+
+def open_weights(path: Path, name: str = "") -> WeightsFile:
+    """A file with its hash, called `name` in a report, by default as the file is.
+
+    Raises:
+        ToolkitError: it cannot be read.
+    """
+    try:
+        return WeightsFile(path, sha256_file(path), name or path.name)
+    except OSError as error:
+        raise ToolkitError(f"cannot read weights {path}: {error.strerror}") from None
+
+
+def find_local(arch: str) -> Path | None:
+    """The weights file that this machine already has, without a download: TOOLKIT_WEIGHTS, then torch's cache."""
+    url = published_weights(arch).url
+    published = _published_name(url) if url else ""
+    if (found := find_in_folder(arch, published)) is not None or not url:
+        return found
+    cached = cache_dir() / published
+    return cached if cached.is_file() else None
+
+
+def find_in_folder(arch: str, preferred: str = "") -> Path | None:
+    """A network's file in the folder TOOLKIT_WEIGHTS: the one called `preferred`, else `arch-*`, else `arch`."""
+    folder = os.environ.get(FOLDER_VARIABLE)
+    if not folder:
+        return None
+    names = [f"{arch}{middle}{suffix}" for suffix in SUFFIXES for middle in ("-*", "")]
+    found = [path for name in names for path in sorted(Path(folder).glob(name)) if path.is_file()]
+    return next((path for path in found if path.name == preferred), found[0] if found else None)
+
+
+def cache_dir() -> Path:
+    """Where torch keeps what it downloads."""
+    import torch
+
+    return Path(torch.hub.get_dir()) / "checkpoints"
+
+
+def read_state_dict(file: WeightsFile) -> OrderedDict[str, Any]:
+    """Parameters by name; nothing in the file is executed.
+
+    Checkpoints that wrap the state dict as `{"state_dict": ...}` or `{"model": ...}`, and names with the `module.` that
+    DataParallel adds, are unwrapped.
+
+    Raises:
+        ToolkitError: the file is broken, holds code, or holds no state dict.
+    """
+    state = _load(file.path)
+    for key in ("state_dict", "model"):
+        if isinstance(state, dict) and isinstance(state.get(key), dict):
+            state = state[key]
+    if not isinstance(state, dict) or not state or not all(hasattr(value, "shape") for value in state.values()):
+        raise ToolkitError(f"{file.path} holds no state dict: save one with torch.save(model.state_dict(), FILE)")
+    renamed = OrderedDict((_modern_name(name), value) for name, value in state.items())
+    # torch keeps its modules' versions here, and some networks load older files another way
+    renamed._metadata = getattr(state, "_metadata", None)  # type: ignore[attr-defined]
+    return renamed
+
+
+def _modern_name(name: str) -> str:
+    # torchvision's published DenseNets still have the names of torch 0.3, which its own loader mends like this
+    old = re.match(r"^(.*denselayer\d+\.(?:norm|conv))\.([12]\..+)$", name)
+    return (old[1] + old[2] if old else name).removeprefix("module.")
+
+
+def _load(path: Path) -> Any:
+    import pickle
+
+    import torch
+    from safetensors import SafetensorError
+    from safetensors.torch import load_file
+
+    try:
+        if path.suffix == ".safetensors":
+            return load_file(path)
+        return torch.load(path, map_location="cpu", weights_only=True)
+    except pickle.UnpicklingError:
+        raise ToolkitError(
+            f"{path} is damaged, or holds more than numbers and is not loaded for safety: "
+            "save a plain state dict with torch.save(model.state_dict(), FILE)"
+        ) from None
+    except (SafetensorError, RuntimeError, EOFError, OSError, ValueError, KeyError) as error:
+        reason = str(error).strip().splitlines()[0] if str(error).strip() else error.__class__.__name__
+        raise ToolkitError(f"cannot read weights {path}: the file is damaged ({reason}): copy it again") from None
+
+
+def check_named(path: Path) -> Path:
+    """`--weights`, if it is a file of a kind that can be read; else a `ToolkitError`."""
+    if not path.is_file():
+        raise ToolkitError(f"--weights {path}: no such file")
+    if path.suffix not in SUFFIXES:
+        raise ToolkitError(f"--weights {path}: expected a state dict that ends in {', '.join(SUFFIXES)}")
+    return path
+
+
+def _published_name(url: str) -> str:
+    return url.rsplit("/", 1)[-1]
+
+
+def download(arch: str, url: str, quiet: bool, timeout_s: float = DOWNLOAD_TIMEOUT_S) -> Path:
+    """A published file into torch's own cache, checked against the hash in its name; else a `ToolkitError`."""
+    import torch
+
+    name = _published_name(url)
+    target = cache_dir() / name
+    digits = re.search(r"-([0-9a-f]{8,})\.", name)
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        with socket_timeout(timeout_s):
+            torch.hub.download_url_to_file(url, str(target), digits[1] if digits else None, progress=not quiet)
+    except (OSError, http.client.HTTPException, RuntimeError) as error:
+        reason = str(getattr(error, "reason", "") or error).strip() or error.__class__.__name__
+        others = f"put {name} into torch's cache {cache_dir()}, or let it download from {url} (failed: {reason})"
+        raise no_weights(arch, arch, others) from None
+    return target
+
+
+def no_weights(model: str, file_stem: str, others: str) -> ToolkitError:
+    """The error of a network whose weights cannot be had: the ways that every network has, then its `others`."""
+    folder = os.environ.get(FOLDER_VARIABLE)
+    looked = f"{folder} has none" if folder else "not set"
+    return ToolkitError(
+        f"no weights for {model}: give a file with --weights, or set {FOLDER_VARIABLE} to a folder that holds "
+        f"{file_stem}-*.pth or .safetensors ({looked}), or {others}"
+    )
+
+
+@contextlib.contextmanager
+def socket_timeout(seconds: float) -> Iterator[None]:
+    """No connection made inside waits longer for an answer."""
+    before = socket.getdefaulttimeout()
+    socket.setdefaulttimeout(seconds)
+    try:
+        yield
+    finally:
+        socket.setdefaulttimeout(before)

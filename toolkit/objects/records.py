@@ -1,0 +1,354 @@
+"""The files of what is put on an object: a patch or a texture, each a picture with a record beside it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+from typing import Any, TypeVar
+from zipfile import ZIP_DEFLATED, ZIP_STORED, BadZipFile, ZipFile, ZipInfo
+from zlib import error as ZlibError
+
+import numpy as np
+from PIL import Image
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import inside, read_json, sha256_bytes, write_bytes, write_json
+
+SHA256 = r"^[0-9a-f]{64}$"
+
+
+class Network(BaseModel):
+    """A classifier, exactly: its architecture and the SHA-256 of its weights' file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    arch: str
+    weights: str
+    sha256: str
+
+
+class BoosterRecord(BaseModel):
+    """How a trained picture came to be.
+
+    Attributes:
+        name: file name without suffix.
+        class_name, class_index: the category it was trained for, in the networks' own labels.
+        n_px: side in pixels.
+        png_sha256: of the PNG file beside the record.
+        networks: the classifiers it was trained on.
+        data: what was trained on, in words, with the number of images.
+        seed: of every random draw.
+        settings: every hyper-parameter.
+        final: the end of the loss history: last steps' mean loss and accuracy.
+        toolkit_version: of the program that trained it.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    schema_version: int = 1
+    name: str
+    class_name: str
+    class_index: int = Field(ge=0)
+    n_px: int = Field(gt=0)
+    png_sha256: str = Field(pattern=SHA256)
+    networks: list[Network]
+    data: dict[str, Any]
+    seed: int
+    settings: dict[str, Any]
+    final: dict[str, float]
+    toolkit_version: str
+
+
+Record = TypeVar("Record", bound=BoosterRecord)
+
+
+def encode_png(pixels: np.ndarray) -> bytes:
+    """PNG bytes of (h, w, 3) uint8 sRGB pixels, or of (h, w) uint8 grey ones."""
+    buffer = BytesIO()
+    Image.fromarray(pixels).save(buffer, "PNG", optimize=True)
+    return buffer.getvalue()
+
+
+def decode_png(content: bytes, file: Path, mode: str = "RGB") -> np.ndarray:
+    """Pixels of a PNG, (h, w, 3) uint8, or (h, w) with mode `L`; `file` is named where it cannot be decoded."""
+    try:
+        return np.asarray(Image.open(BytesIO(content)).convert(mode))
+    except (OSError, SyntaxError, Image.DecompressionBombError) as error:  # Pillow's word for a broken chunk is syntax
+        raise ToolkitError(f"{file}: not a readable PNG: {error}") from None
+
+
+def read_recorded(file: Path, sha256: str, what: str = "picture") -> bytes:
+    """The bytes of a file whose hash is in a record.
+
+    Raises:
+        ToolkitError: it cannot be read, or is not the one that was recorded.
+    """
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        raise ToolkitError(f"cannot read {file}: {error}") from None
+    found = sha256_bytes(content)
+    if found != sha256:
+        raise ToolkitError(
+            f"{file}: its hash {found[:12]} does not match the record's {sha256[:12]}: the {what} was "
+            "changed after training; restore the pair, or train again"
+        )
+    return content
+
+
+def read_picture(png_file: Path, model: type[Record], command: str) -> tuple[np.ndarray, Record]:
+    """A square picture and its record, checked against each other; `command` makes them.
+
+    Returns:
+        (n, n, 3) uint8 sRGB pixels, and the record.
+
+    Raises:
+        ToolkitError: either file is missing or broken, the PNG is not square, or the record is of other pixels.
+    """
+    record_file = png_file.with_suffix(".json")
+    if not record_file.is_file():
+        raise ToolkitError(f"{png_file} has no record {record_file.name} beside it: train it with '{command}'")
+    record = read_json(record_file, model)
+    pixels = decode_png(read_recorded(png_file, record.png_sha256), png_file)
+    if pixels.shape != (record.n_px, record.n_px, 3):
+        raise ToolkitError(
+            f"{png_file}: expected {record.n_px}×{record.n_px} px as recorded, "
+            f"found {pixels.shape[1]}×{pixels.shape[0]}"
+        )
+    return pixels, record
+
+
+BASE_DPI = 72.0
+SCALE = 2.5
+"""The paper prints at 250 %; it names no resolution, 72 dpi is the PDF's own unit."""
+MM_PER_INCH = 25.4
+TAPE_MARGIN_MM = 5.0
+"""White paper that is left around a patch for the tape."""
+
+
+def printed_size_mm(n_px: int, dpi: float = BASE_DPI, scale: float = SCALE) -> float:
+    """Side of an n-pixel patch on paper, millimetres."""
+    return n_px / dpi * scale * MM_PER_INCH
+
+
+class PatchRecord(BoosterRecord):
+    """How a patch came to be: the fields of `BoosterRecord` and its side on paper at the default scale, millimetres."""
+
+    size_mm: float = Field(gt=0)
+
+
+@dataclass(frozen=True)
+class Patch:
+    """Pixels (n, n, 3) uint8, sRGB-encoded, and their record."""
+
+    pixels: np.ndarray
+    record: PatchRecord
+
+    @property
+    def size_mm(self) -> float:
+        """Side on paper at the default scale."""
+        return self.record.size_mm
+
+
+def write_patch(folder: Path, pixels: np.ndarray, record: dict[str, Any]) -> Patch:
+    """Write PNG and record; `record` holds the fields of `PatchRecord` except n_px, size_mm and png_sha256.
+
+    The PNG is renamed into place first: a crash between the two leaves a mismatch that `read_patch` reports.
+    """
+    png = encode_png(pixels)
+    n_px = pixels.shape[0]
+    full = PatchRecord(n_px=n_px, size_mm=round(printed_size_mm(n_px), 3), png_sha256=sha256_bytes(png), **record)
+    write_bytes(folder / f"{full.name}.png", png)
+    write_json(folder / f"{full.name}.json", full.model_dump())
+    return Patch(pixels, full)
+
+
+def read_patch(png_file: Path) -> Patch:
+    """Read a patch and check it against its record.
+
+    Raises:
+        ToolkitError: either file is missing or broken, the PNG is not square, or the record is of other pixels.
+    """
+    return Patch(*read_picture(Path(png_file), PatchRecord, "toolkit train-patch"))
+
+
+COMMAND = "toolkit train-texture"
+NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
+UV_MEMBER = "corner_uv.npy"
+MAX_UV_BYTES = 1 << 29
+"""More than 20 million triangles: what unpacks to more is no table of texture coordinates."""
+KEEP_LEVEL = 128
+
+
+class TexturedObject(BaseModel):
+    """An object that a texture was trained on, and what it takes to dress it again.
+
+    Attributes:
+        name: of the object.
+        mesh_sha256: `hash_shape` of its mesh on the table.
+        unwrapped: whether its texture coordinates were made for the texture, and are stored; else they are its own.
+        keep: names of the materials that keep their paint.
+        keep_image_sha256: of the PNG that says where else it keeps its paint; None without one.
+        uv_sha256: of the stored coordinates; None where the object's own are used.
+        glb_sha256: of the dressed object as it was exported, None where it was not. Not checked: other programs may
+            save it again.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    name: str = Field(pattern=NAME)
+    mesh_sha256: str = Field(pattern=SHA256)
+    unwrapped: bool = False
+    keep: list[str] = []
+    keep_image_sha256: str | None = Field(None, pattern=SHA256)
+    uv_sha256: str | None = Field(None, pattern=SHA256)
+    glb_sha256: str | None = Field(None, pattern=SHA256)
+
+    @model_validator(mode="after")
+    def _has_coordinates(self) -> "TexturedObject":
+        if self.unwrapped != (self.uv_sha256 is not None):
+            raise ValueError("expected uv_sha256 where unwrapped is true, and there alone")
+        return self
+
+
+class TextureRecord(BoosterRecord):
+    """How a texture came to be, and on which objects it goes."""
+
+    name: str = Field(pattern=NAME)
+    objects: list[TexturedObject] = Field(min_length=1)
+
+    @field_validator("objects")
+    @classmethod
+    def _once_each(cls, objects: list[TexturedObject]) -> list[TexturedObject]:
+        if len({one.name for one in objects}) < len(objects):
+            raise ValueError("expected each object once")
+        return objects
+
+    def entry(self, name: str) -> TexturedObject | None:
+        """What is recorded of an object, None where the texture is not for it."""
+        return next((one for one in self.objects if one.name == name), None)
+
+
+@dataclass(frozen=True)
+class Texture:
+    """A texture.
+
+    Attributes:
+        pixels: (n, n, 3) uint8, sRGB-encoded; row 0 is v = 1.
+        record: how it came to be.
+        corner_uv: by object, (m, 3, 2) float32 texture coordinates of each triangle's corners, where they are stored.
+        keep_images: by object, (h, w) bool in the mesh's own texture coordinates, true where its paint is kept.
+    """
+
+    pixels: np.ndarray
+    record: TextureRecord
+    corner_uv: Mapping[str, np.ndarray] = field(default_factory=dict)
+    keep_images: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+def glb_name(texture: str, item: str) -> str:
+    """File name of an object that wears a texture."""
+    return f"{texture}.glb" if texture == item else f"{texture}-{item}.glb"
+
+
+def uv_name(texture: str, item: str) -> str:
+    """File name of an object's stored texture coordinates."""
+    return f"{texture}-{item}.uv.npz"
+
+
+def keep_name(texture: str, item: str) -> str:
+    """File name of the mask of what keeps its paint."""
+    return f"{texture}-{item}.keep.png"
+
+
+def write_texture(
+    folder: Path, pixels: np.ndarray, record: dict[str, Any], corner_uv: Mapping[str, np.ndarray] | None = None,
+    keep_images: Mapping[str, np.ndarray] | None = None, glbs: Mapping[str, bytes] | None = None,
+) -> Texture:  # fmt: skip
+    """Write a texture, what its objects need, and last its record: a crash before that is told by `read_texture`.
+
+    Args:
+        folder: `rig/textures` of a workspace.
+        pixels: (n, n, 3) uint8 sRGB.
+        record: the fields of `TextureRecord` except n_px and png_sha256; `objects` lists dicts with the fields of
+            `TexturedObject` except `unwrapped` and the hashes of files, which follow from the arguments below.
+        corner_uv: by object, (m, 3, 2), for objects that were unwrapped.
+        keep_images: by object, (h, w) bool, true keeps the paint.
+        glbs: by object, the file to export.
+    """
+    corner_uv, keep_images, glbs = corner_uv or {}, keep_images or {}, glbs or {}
+    uv = {name: np.asarray(array, np.float32) for name, array in corner_uv.items()}
+    masks = {name: np.asarray(array, bool) for name, array in keep_images.items()}
+    coordinates = {name: _pack_uv(array) for name, array in uv.items()}
+    kept = {name: encode_png(np.where(mask, np.uint8(255), np.uint8(0))) for name, mask in masks.items()}
+    png = encode_png(pixels)
+    objects = [
+        one | {
+            "unwrapped": one["name"] in coordinates, "uv_sha256": _hash(coordinates, one["name"]),
+            "keep_image_sha256": _hash(kept, one["name"]), "glb_sha256": _hash(glbs, one["name"]),
+        }
+        for one in record["objects"]
+    ]  # fmt: skip
+    fields = record | {"objects": objects, "n_px": pixels.shape[0], "png_sha256": sha256_bytes(png)}
+    full = TextureRecord.model_validate(fields)
+    folder = Path(folder)
+    for named, contents in ((uv_name, coordinates), (keep_name, kept), (glb_name, glbs)):
+        for name, content in contents.items():
+            write_bytes(folder / named(full.name, name), content)
+    write_bytes(folder / f"{full.name}.png", png)
+    write_json(folder / f"{full.name}.json", full.model_dump())
+    return Texture(pixels, full, uv, masks)
+
+
+def read_texture(png_file: Path) -> Texture:
+    """Read a texture and what its objects need, each file checked against the record.
+
+    Raises:
+        ToolkitError: a file is missing, broken, outside the folder, or another than was recorded.
+    """
+    png_file = Path(png_file)
+    pixels, record = read_picture(png_file, TextureRecord, COMMAND)
+    corner_uv, keep_images = {}, {}
+    for one in record.objects:
+        if one.uv_sha256 is not None:
+            file = inside(png_file.parent, uv_name(png_file.stem, one.name))
+            corner_uv[one.name] = _unpack_uv(read_recorded(file, one.uv_sha256, "table"), file)
+        if one.keep_image_sha256 is not None:
+            file = inside(png_file.parent, keep_name(png_file.stem, one.name))
+            mask = decode_png(read_recorded(file, one.keep_image_sha256), file, "L")
+            keep_images[one.name] = mask >= KEEP_LEVEL
+    return Texture(pixels, record, corner_uv, keep_images)
+
+
+def _hash(contents: Mapping[str, bytes], name: str) -> str | None:
+    return sha256_bytes(contents[name]) if name in contents else None
+
+
+def _pack_uv(corner_uv: np.ndarray) -> bytes:
+    """An .npz file; `np.savez_compressed` would write the time of day into it."""
+    array, packed = BytesIO(), BytesIO()
+    np.save(array, corner_uv, allow_pickle=False)
+    with ZipFile(packed, "w", ZIP_DEFLATED) as archive:
+        archive.writestr(ZipInfo(UV_MEMBER), array.getvalue(), ZIP_DEFLATED)
+    return packed.getvalue()
+
+
+def _unpack_uv(content: bytes, file: Path) -> np.ndarray:
+    try:
+        with ZipFile(BytesIO(content)) as archive:
+            member = archive.getinfo(UV_MEMBER)
+            if member.file_size > MAX_UV_BYTES or member.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
+                raise ValueError(f"unpacks to {member.file_size >> 20} MiB, or is packed in a way of its own")
+            corner_uv = np.load(BytesIO(archive.read(UV_MEMBER)), allow_pickle=False)
+    # what NumPy, zipfile and zlib raise on damaged or hostile bytes
+    except (ValueError, KeyError, OSError, EOFError, MemoryError, BadZipFile, ZlibError, RuntimeError) as error:
+        why = " ".join(str(error).split())[:100]
+        raise ToolkitError(f"{file}: no readable table of texture coordinates ({why}): train again") from None
+    shape = getattr(corner_uv, "shape", ())
+    if len(shape) != 3 or shape[1:] != (3, 2) or corner_uv.dtype.kind != "f":
+        raise ToolkitError(
+            f"{file}: expected floats (triangles, 3, 2), found {getattr(corner_uv, 'dtype', type(corner_uv).__name__)} "
+            f"{shape}: train again"
+        )
+    # what keeps its paint keeps coordinates of its own, which may lie anywhere
+    if not np.isfinite(corner_uv).all():
+        raise ToolkitError(f"{file}: expected finite texture coordinates, found NaN or infinity: train again")
+    return corner_uv.astype(np.float32, copy=False)

@@ -1,0 +1,1 @@
+"""From a phone to `captures/real`: lens, board pose, import, checks, print profile."""

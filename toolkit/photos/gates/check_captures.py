@@ -1,0 +1,346 @@
+"""The gates over a capture folder: photograph by photograph, then over the whole set; what to retake."""
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from toolkit.captures.manifest import CaptureRecord, read_manifest
+from toolkit.captures.read import Capture, read_captures
+from toolkit.core.console import progress
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import explain_write_error, sha256_file, write_text
+from toolkit.core.workspace import Workspace
+from toolkit.imaging.read import UnreadableImage
+from toolkit.objects.load import load_object
+from toolkit.photos.gates.check_photo import Expectation, PhotoCheck, inspect_photo
+from toolkit.photos.gates.check_set import CheckedPhoto, SetFinding, check_set, lines_from_json
+from toolkit.photos.gates.expect import Expecter, make_view
+from toolkit.photos.gates.result import GateResult
+from toolkit.photos.photo import Photo, load_pixels, read_photo
+from toolkit.rig.variants import Print, find_booster
+
+if TYPE_CHECKING:
+    from toolkit.photos.importing.store import Check
+
+GATES_FILE = "gates.jsonl"
+VERSION = 1
+"""Of the measures: photographs that were judged by others are judged anew."""
+
+
+def hash_setup(workspace: Workspace) -> str:
+    """Hash of all but the image that a photograph's results follow from: board, lenses, patches, objects, measures."""
+    digest = hashlib.sha256(f"gates {VERSION}".encode())
+    for file in (workspace.root / "rig" / "board.json", workspace.root / "rig" / "lens.json"):
+        digest.update(file.read_bytes() if file.is_file() else b"none")
+    for name, file in sorted(workspace.patches().items()):
+        digest.update(f"{name} {sha256_file(file)}".encode())
+    # meshes may be large: their size and time tell a change
+    for file in sorted(workspace.objects_dir.glob("*")):
+        found = file.stat()
+        digest.update(f"{file.name} {found.st_size} {found.st_mtime_ns}".encode())
+    return digest.hexdigest()
+
+
+def append_check(source_dir: Path, path: str, image_sha256: str, check: PhotoCheck, setup: str) -> None:
+    """Append one photograph's results, whole and on disk when this returns.
+
+    Args:
+        source_dir: captures/SOURCE.
+        path: of the image below it.
+        image_sha256: of the image that was judged.
+        check: from `inspect_photo`.
+        setup: from `hash_setup`.
+
+    Raises:
+        ToolkitError: the file cannot be written.
+    """
+    file = Path(source_dir) / GATES_FILE
+    line = {
+        "setup": setup, "path": path, "image_sha256": image_sha256,
+        "results": [result.to_json() for result in check.results],
+        "lines": check.lines.to_json() if check.lines is not None else None,
+    }  # fmt: skip
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with file.open("ab") as stream:
+            # a line that a killed run left half-written is ended by the line's end before this one
+            stream.write(b"\n" * (stream.tell() > 0) + json.dumps(line, ensure_ascii=False).encode())
+            stream.flush()
+            os.fsync(stream.fileno())
+    except OSError as error:
+        raise explain_write_error(file, error) from error
+
+
+def read_checks(source_dir: Path, setup: str) -> dict[tuple[str, str], PhotoCheck]:
+    """Results by (path, image's hash), the last of each; lines that are broken or of another setup are passed over.
+
+    Nothing is lost by that: such a photograph is judged again.
+    """
+    file = Path(source_dir) / GATES_FILE
+    if not file.is_file():
+        return {}
+    found = {}
+    for line in file.read_bytes().split(b"\n"):
+        try:
+            content = json.loads(line)
+            if content["setup"] == setup:
+                found[(content["path"], content["image_sha256"])] = _read_check(content)
+        except (ValueError, KeyError, TypeError, AttributeError):
+            continue
+    return found
+
+
+def _read_check(content: Mapping[str, Any]) -> PhotoCheck:
+    results = tuple(GateResult(**result) for result in content["results"])
+    return PhotoCheck(results, lines_from_json(content["lines"]) if content["lines"] else None)
+
+
+RETAKE_FILE = "retake.txt"
+
+
+@dataclass(frozen=True)
+class Retake:
+    """One photograph to take, or to take again.
+
+    Attributes:
+        object, variant, pose_id: what it should show.
+        why: the gates that it failed, with their numbers.
+        advice: what to do, one line per gate.
+        path: of the photograph that is there, relative to its source; empty where there is none.
+    """
+
+    object: str
+    variant: str
+    pose_id: int | None
+    why: tuple[str, ...]
+    advice: tuple[str, ...]
+    path: str = ""
+
+    @property
+    def label(self) -> str:
+        """What to take, in words."""
+        pose = f"pose {self.pose_id}" if self.pose_id is not None else self.path or "all"
+        return f"{self.object}/{self.variant} {pose}"
+
+    def describe(self) -> str:
+        """One line for a person: what to take, why, and what to do better."""
+        return f"{self.label}: {'; '.join(self.why)} -> {'; '.join(self.advice)}"
+
+    def to_json(self) -> dict[str, Any]:
+        """The same for scripts."""
+        return asdict(self)
+
+
+def retake_list(photos: Sequence[CheckedPhoto], findings: Sequence[SetFinding] | None = None) -> list[Retake]:
+    """Everything that failed a gate, one row per photograph, by object, variant and pose.
+
+    Args:
+        photos: with the results of their own gates.
+        findings: from `check_set` of the same photographs; made here where they are not given.
+    """
+    findings = check_set(photos) if findings is None else findings
+    failed: dict[tuple[str, str, int | None, str], list[GateResult]] = {}
+    for photo in photos:
+        bad = [result for result in photo.results if result.failed]
+        if bad:
+            failed[(photo.object, photo.variant, photo.pose_id, photo.path)] = bad
+    for finding in findings:
+        if finding.result.failed:
+            key = (finding.object, finding.variant, finding.pose_id, finding.path)
+            failed.setdefault(key, []).append(finding.result)
+    ordered = sorted(failed.items(), key=lambda item: (item[0][0], item[0][1], item[0][2] or 0, item[0][3]))
+    return [
+        Retake(
+            name, variant, pose_id, tuple(_measured(result) for result in bad), tuple(result.advice for result in bad),
+            path,
+        )
+        for (name, variant, pose_id, path), bad in ordered
+    ]  # fmt: skip
+
+
+def count_unchecked(photos: Sequence[CheckedPhoto], findings: Sequence[SetFinding]) -> dict[tuple[str, str], int]:
+    """How often each gate could not be checked, by (gate, reason), the most frequent first."""
+    counts: dict[tuple[str, str], int] = {}
+    own = [result for photo in photos for result in photo.results]
+    for result in (*own, *(finding.result for finding in findings)):
+        if result.status == "not checked":
+            key = (result.name, result.advice.removeprefix("not checked: "))
+            counts[key] = counts.get(key, 0) + 1
+    return dict(sorted(counts.items(), key=lambda item: (-item[1], item[0])))
+
+
+def write_retake_list(source_dir: Path, rows: Sequence[Retake]) -> Path | None:
+    """Write `retake.txt` into captures/SOURCE, one line per photograph; with nothing to retake, the old file goes."""
+    return write_retake_lines(source_dir, [row.describe() for row in rows])
+
+
+def write_retake_lines(source_dir: Path, lines: Sequence[str]) -> Path | None:
+    """`write_retake_list` for lines that are made already."""
+    file = Path(source_dir) / RETAKE_FILE
+    if not lines:
+        file.unlink(missing_ok=True)
+        return None
+    return write_text(file, "".join(f"{line}\n" for line in lines))
+
+
+def _measured(result: GateResult) -> str:
+    return f"{result.name} {result.value:.3g} {result.unit}"
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """What the gates say of a source.
+
+    Attributes:
+        photos: with their own results.
+        findings: over the whole set.
+        retakes: what should be photographed again, and why.
+        unchecked: (gate, reason, how many photographs) of what could not be checked.
+        unreadable: (path, reason) of images that do not decode.
+    """
+
+    photos: tuple[CheckedPhoto, ...]
+    findings: tuple[SetFinding, ...]
+    retakes: tuple[Retake, ...]
+    unchecked: tuple[tuple[str, str, int], ...]
+    unreadable: tuple[tuple[str, str], ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The same for scripts; every gate of every photograph."""
+        return {
+            "photos": [
+                {
+                    "path": photo.path, "object": photo.object, "variant": photo.variant, "pose_id": photo.pose_id,
+                    "gates": [result.to_json() for result in photo.results],
+                }
+                for photo in self.photos
+            ],
+            "set": [
+                {
+                    "path": one.path, "object": one.object, "variant": one.variant, "pose_id": one.pose_id,
+                    "gate": one.result.to_json(),
+                }
+                for one in self.findings
+            ],
+            "retakes": [row.to_json() for row in self.retakes],
+            "not_checked": [{"gate": gate, "reason": why, "photos": n} for gate, why, n in self.unchecked],
+            "unreadable": [{"path": path, "reason": why} for path, why in self.unreadable],
+        }  # fmt: skip
+
+
+def make_check(workspace: Workspace, source: str = "real") -> "Check":
+    """The gates as `import_photos` takes them: each photograph is judged, and the result kept in `gates.jsonl`.
+
+    Args:
+        workspace: whose objects, patches and board are meant.
+        source: folder below captures/.
+    """
+    expecter = Expecter(workspace)
+    source_dir, setup = workspace.captures_dir / source, hash_setup(workspace)
+
+    def check(photo: Photo, pixels: np.ndarray, record: CaptureRecord) -> tuple[GateResult, ...]:
+        found = inspect_photo(pixels, expecter.expect_record(record))
+        append_check(source_dir, record.path, record.image_sha256 or photo.sha256, found, setup)
+        return found.results
+
+    return check
+
+
+def check_captures(workspace: Workspace, source: str = "real", quiet: bool = False) -> CheckReport:
+    """Judge every photograph of a source that was not judged before, then all together, and write `retake.txt`.
+
+    Photographs that somebody sorted into the folders by hand are judged too: their cameras are found from the board. A
+    run that is stopped goes on where it was.
+
+    Args:
+        workspace: whose captures are meant.
+        source: folder below captures/.
+        quiet: no progress bar.
+
+    Raises:
+        ToolkitError: there are no captures, or a manifest, board or lens file is broken.
+    """
+    source_dir = workspace.captures_dir / source
+    if not source_dir.is_dir():
+        raise ToolkitError(f"{source_dir} does not exist: import photographs first, with 'toolkit import PHOTOS/'")
+    captures = read_captures(source_dir).captures
+    setup = hash_setup(workspace)
+    records, known = read_manifest(source_dir), read_checks(source_dir, setup)
+    judge = _Judge(workspace)
+    photos: list[CheckedPhoto] = []
+    unreadable: list[tuple[str, str]] = []
+    with progress("checking photographs", len(captures), quiet) as bar:
+        for capture in captures:
+            path = capture.path.partition("/")[2]
+            try:
+                if capture.refused is not None:
+                    raise UnreadableImage(capture.file, capture.refused)
+                sha256 = sha256_file(capture.file)
+                found = known.get((path, sha256))
+                if found is None:
+                    found = judge.judge(capture, records.get(path), sha256)
+                    append_check(source_dir, path, sha256, found, setup)
+                photos.append(_as_checked(capture, found, path))
+            except UnreadableImage as error:
+                unreadable.append((path, error.reason))
+            bar.advance(note=path)
+    return summarise(source_dir, photos, unreadable, printed_sides(workspace, photos))
+
+
+def printed_sides(workspace: Workspace, photos: Sequence[CheckedPhoto]) -> dict[tuple[str, str], float]:
+    """The side in mm that each patch should have been printed with, by object and variant, where it is known."""
+    sides = {}
+    for name, variant in {(photo.object, photo.variant) for photo in photos if photo.lines is not None}:
+        with suppress(ToolkitError):  # an object or a patch that the workspace does not know: nothing to compare with
+            booster = find_booster(workspace, load_object(workspace.object_spec(name)), variant)
+            if isinstance(booster, Print):
+                sides[name, variant] = booster.size_mm
+    return sides
+
+
+def summarise(
+    source_dir: Path, photos: Sequence[CheckedPhoto], unreadable: Sequence[tuple[str, str]] = (),
+    sides_mm: Mapping[tuple[str, str], float] | None = None,
+) -> CheckReport:  # fmt: skip
+    """Check photographs as a set and write `captures/SOURCE/retake.txt`."""
+    findings = check_set(photos, sides_mm)
+    retakes = retake_list(photos, findings)
+    write_retake_list(source_dir, retakes)
+    unchecked = tuple((gate, why, n) for (gate, why), n in count_unchecked(photos, findings).items())
+    return CheckReport(tuple(photos), tuple(findings), tuple(retakes), unchecked, tuple(unreadable))
+
+
+class _Judge:
+    """Judges images of a capture folder, with what its manifest says, or with what the board says."""
+
+    def __init__(self, workspace: Workspace) -> None:
+        from toolkit.photos.importing.evidence import locate_by_board
+
+        self._expecter = Expecter(workspace)
+        self._locate = locate_by_board(workspace)
+
+    def judge(self, capture: Capture, record: CaptureRecord | None, sha256: str) -> PhotoCheck:
+        photo = read_photo(capture.file)
+        pixels = load_pixels(photo)
+        if record is not None and record.image_sha256 == sha256 and record.T_world_camera is not None:
+            return inspect_photo(pixels, self._expecter.expect_record(record))
+        return inspect_photo(pixels, self._expect_sorted(capture, photo, pixels))
+
+    def _expect_sorted(self, capture: Capture, photo: Photo, pixels: np.ndarray) -> Expectation:
+        """Of an image whose camera no manifest knows."""
+        located = self._locate(photo, pixels)
+        if isinstance(located, str):
+            return self._expecter.expect(capture.object, capture.variant, capture.pose_id, None, located)
+        view = make_view(located.T_world_camera, located.intrinsics, located.distortion)
+        return self._expecter.expect(capture.object, capture.variant, capture.pose_id, view)
+
+
+def _as_checked(capture: Capture, found: PhotoCheck, path: str) -> CheckedPhoto:
+    return CheckedPhoto(capture.object, capture.variant, capture.pose_id, found.results, found.lines, path)

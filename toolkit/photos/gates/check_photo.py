@@ -1,0 +1,196 @@
+"""All gates of one photograph."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import cv2
+import numpy as np
+
+from toolkit.photos.board_pose import BoardSighting, find_board
+from toolkit.photos.gates.check_set import PatchLines, trace_patch
+from toolkit.photos.gates.framing import (
+    CUT_OFF,
+    MISSING,
+    OFF_CENTRE,
+    check_blur,
+    check_centred,
+    check_cut_off,
+    check_over_exposure,
+    check_there,
+    check_under_exposure,
+    measure_board_blur,
+    measure_edge_blur,
+    measure_paper,
+    middle_of,
+)
+from toolkit.photos.gates.patch import (
+    HIDDEN,
+    LEAST_SEEN,
+    VARIANT,
+    PatchesSeen,
+    Wearing,
+    check_patch_shows,
+    check_variant,
+    expect_cells,
+    look_for_patches,
+    search_region,
+)
+from toolkit.photos.gates.result import GateResult
+from toolkit.photos.gates.solid import Solid, View, draw_silhouette, silhouette_px
+from toolkit.rig.board import BoardSpec, RingSpec
+
+WORK_SIDE_PX = 1440
+"""Longer side of the picture that is judged; larger ones are shrunk. What the gates ask is still seen at that size, a
+photograph of 12 megapixels is judged in a second, and none takes longer for being larger."""
+LEAST_REGION_PX = 400
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """What a photograph should show, and what is known of its camera.
+
+    Attributes:
+        object, variant: what stands there and what is on it.
+        pose_id: of the plan, None where it is not known.
+        view: its camera; None where it is not known.
+        no_pose: why there is no view, in a few words.
+        board: that the object stands on; None without one.
+        solid: the object with what is on it, in its place; None where its mesh is not known.
+        wearing: which patch belongs on it and which could be confused; None where nothing is known of patches.
+        no_wearing: why not.
+    """
+
+    object: str
+    variant: str
+    pose_id: int | None = None
+    view: View | None = field(default=None, repr=False)
+    no_pose: str = "no pose"
+    board: BoardSpec | RingSpec | None = None
+    solid: Solid | None = field(default=None, repr=False)
+    wearing: Wearing | None = field(default=None, repr=False)
+    no_wearing: str = "nothing is known of patches"
+
+
+@dataclass(frozen=True)
+class PhotoCheck:
+    """What the gates say of one photograph, and where its patch was seen, for `check_set`."""
+
+    results: tuple[GateResult, ...]
+    lines: PatchLines | None
+
+
+def check_photo(
+    image: np.ndarray, expectation: Expectation, sighting: BoardSighting | None = None
+) -> list[GateResult]:  # fmt: skip
+    """Judge one photograph; see `inspect_photo`."""
+    return list(inspect_photo(image, expectation, sighting).results)
+
+
+def inspect_photo(image: np.ndarray, expectation: Expectation, sighting: BoardSighting | None = None) -> PhotoCheck:
+    """Judge one photograph by every gate, each once and in the same order.
+
+    A gate whose input is not known is `not checked`, and so is one whose answer would only repeat another's: in a
+    photograph that is too blurred to find a patch in, the patch is not called missing.
+
+    Args:
+        image: (h, w, 3) uint8 sRGB, upright.
+        expectation: what it should show.
+        sighting: of the expectation's board in this image, where it was found before.
+
+    Raises:
+        ToolkitError: the view's lens is of pictures of another shape.
+    """
+    small, expectation, sighting = _shrink_all(image, expectation, sighting)
+    if sighting is None and expectation.board is not None:
+        sighting = find_board(small, expectation.board)
+    silhouette = _find_object(small, expectation)
+    region = middle_of(small) if silhouette is None else silhouette
+    pixels = small[region]
+    light = [
+        check_blur(_measure_blur(small, region, expectation, sighting), (small.shape[1], small.shape[0])),
+        check_over_exposure(pixels),
+        check_under_exposure(measure_paper(small, sighting) if sighting else None, pixels),
+    ]
+    framing = _check_framing(expectation, sighting)
+    why_blind = _why_blind(light, framing)
+    patch, seen = _check_patch(small, silhouette, expectation, why_blind)
+    own = seen.own if seen else None
+    lines = trace_patch(own, expectation.view) if own and expectation.view else None
+    return PhotoCheck((*light, *framing, *patch), lines)
+
+
+def _shrink_all(
+    image: np.ndarray, expectation: Expectation, sighting: BoardSighting | None
+) -> tuple[np.ndarray, Expectation, BoardSighting | None]:  # fmt: skip
+    """Image, view and sighting at the size that is judged."""
+    share = min(1.0, WORK_SIDE_PX / max(image.shape[:2]))
+    w, h = max(1, round(image.shape[1] * share)), max(1, round(image.shape[0] * share))
+    small = cv2.resize(image, (w, h), interpolation=cv2.INTER_AREA) if share < 1 else image
+    view = expectation.view
+    if view is not None and (view.lens.width, view.lens.height) != (w, h):
+        expectation = replace(expectation, view=replace(view, lens=view.lens.scaled(w, h)))
+    if sighting is not None and (sighting.width, sighting.height) != (w, h):
+        corners = sighting.corners_px * [w / sighting.width, h / sighting.height]
+        sighting = replace(sighting, corners_px=corners, width=w, height=h)
+    return np.ascontiguousarray(small), expectation, sighting
+
+
+def _find_object(image: np.ndarray, expectation: Expectation) -> np.ndarray | None:
+    """(h, w) bool: where the object should be; None where that is not known, or outside the picture."""
+    if expectation.view is None or expectation.solid is None:
+        return None
+    mask = draw_silhouette(expectation.solid, expectation.view).astype(np.uint8)
+    mask = cv2.resize(mask, image.shape[1::-1], interpolation=cv2.INTER_NEAREST).astype(bool)
+    return mask if mask.sum() >= LEAST_REGION_PX else None
+
+
+def _measure_blur(
+    image: np.ndarray, region: np.ndarray, expectation: Expectation, sighting: BoardSighting | None
+) -> float | None:  # fmt: skip
+    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    if sighting is not None and isinstance(expectation.board, BoardSpec):
+        width_px = measure_board_blur(grey, sighting, expectation.board)
+        if width_px is not None:
+            return width_px
+    return measure_edge_blur(grey, region)
+
+
+def _check_framing(expectation: Expectation, sighting: BoardSighting | None) -> list[GateResult]:
+    gates = (CUT_OFF, OFF_CENTRE, MISSING)
+    view, solid = expectation.view, expectation.solid
+    if view is None or solid is None:
+        why = f"no pose: {expectation.no_pose}" if view is None else "the object's shape is not known"
+        return [gate.skip(why) for gate in gates]
+    silhouette, size = silhouette_px(solid, view), (view.lens.width, view.lens.height)
+    cut = check_cut_off(silhouette, size)
+    centred = OFF_CENTRE.skip("it is cut off") if cut.failed else check_centred(silhouette, size)
+    if expectation.board is None or sighting is None:
+        return [cut, centred, MISSING.skip("no board is seen")]
+    return [cut, centred, check_there(solid, view, expectation.board, sighting)]
+
+
+def _why_blind(light: Sequence[GateResult], framing: Sequence[GateResult]) -> str | None:
+    """Which failed gate explains that no patch is found."""
+    reasons = [result.name for result in (*light, *framing) if result.failed and result.name != OFF_CENTRE.name]
+    return f"no patch is found, but the photograph fails by {' and '.join(reasons)}" if reasons else None
+
+
+def _check_patch(
+    image: np.ndarray, region: np.ndarray | None, expectation: Expectation, why_blind: str | None
+) -> tuple[list[GateResult], PatchesSeen | None]:
+    """The two gates of patches, and what was found; `region` as from `_find_object`."""
+    wearing = expectation.wearing
+    if wearing is None or not wearing.patches:
+        why = expectation.no_wearing
+        return [VARIANT.skip(why), HIDDEN.skip(why)], None
+    seen = look_for_patches(search_region(image, region), wearing, expectation.view)
+    expected = expect_cells(wearing, expectation.solid, expectation.view)
+    if wearing.own is not None and seen == PatchesSeen(None, None):
+        if expected is not None and expected.mean() < LEAST_SEEN:
+            why_blind = "from this pose the object itself hides most of the patch"
+        if why_blind is not None:
+            return [VARIANT.skip(why_blind), HIDDEN.skip(why_blind)], seen
+    variant = check_variant(seen, wearing.own, expectation.variant)
+    if wearing.own is None:
+        return [variant, HIDDEN.skip(f"'{expectation.variant}' has none")], seen
+    return [variant, check_patch_shows(seen, expected)], seen

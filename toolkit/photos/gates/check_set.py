@@ -1,0 +1,265 @@
+"""Gates that need all photographs of an object: has each its partner, and was the patch in the same place?"""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from toolkit.photos.gates.patch import cell_middles
+from toolkit.photos.gates.result import Gate, GateResult
+from toolkit.photos.gates.solid import View
+from toolkit.photos.sheet.find import CELL_SHOWS, PatchSighting
+from toolkit.photos.sheet.size import SIZE_TOLERANCE
+from toolkit.rig.variants import PAIR
+
+MOVED = Gate("patch moved", 5.0, "mm", "put it where it is in the other photographs, and take this one again")
+"""5 mm: a patch that stayed in its place is found within 0.2 mm in the rig's photographs, also by a lens that is 2 %
+off; a page that is not quite flat and a lens that nobody calibrated add a millimetre or two. A patch that was taken
+off and taped on again by eye lies 5 to 20 mm off."""
+SIZE = Gate(
+    "patch size",
+    100 * SIZE_TOLERANCE,
+    "% off",
+    "print it again at 100 % ('actual size'), with a ruler on the page's bars",
+)
+"""2 %: the rig's photographs give the side within 0.3 %; "fit to page" makes it 3 to 6 % too small."""
+LEAST_PHOTOS = 3
+"""Of two that disagree, nobody knows which one is right."""
+LEAST_CELLS = 4
+LEAST_ANGLE_DEG = 8.0
+"""Lines that are closer to parallel than this do not say where they meet."""
+ROUNDS = 20
+SOFT_MM = 0.5
+
+
+@dataclass(frozen=True)
+class PatchLines:
+    """Lines of sight on which the cells of a patch lie.
+
+    Attributes:
+        origin_mm: (3,) the camera.
+        directions: (25, 3) unit vectors in the world, rows of cells down.
+        shows: (25,) bool: which cells were seen.
+    """
+
+    origin_mm: np.ndarray
+    directions: np.ndarray
+    shows: np.ndarray
+
+    def to_json(self) -> dict[str, list]:
+        """The same for a file; directions to a hundred-thousandth, which is 0.01 mm at a metre."""
+        return {
+            "origin_mm": np.round(self.origin_mm, 3).tolist(), "directions": np.round(self.directions, 6).tolist(),
+            "shows": self.shows.tolist(),
+        }  # fmt: skip
+
+
+def lines_from_json(content: dict[str, list]) -> PatchLines:
+    """Undo `PatchLines.to_json`."""
+    return PatchLines(
+        np.array(content["origin_mm"], float), np.array(content["directions"], float), np.array(content["shows"], bool)
+    )
+
+
+def trace_patch(sighting: PatchSighting, view: View) -> PatchLines:
+    """The lines of a patch that was found; `view` is of the same picture at the same size."""
+    pixels = sighting.place.to_pixels(cell_middles())
+    rays = view.rays(view.lens.undistort(pixels))
+    return PatchLines(view.position_mm, rays, sighting.agreement.ravel() >= CELL_SHOWS)
+
+
+def measure_moves(photos: Sequence[PatchLines]) -> list[float | None]:
+    """How far in mm each photograph's patch lies beside where the photographs together have it.
+
+    Args:
+        photos: of one object with one patch.
+
+    Returns:
+        The median over the cells that it shows; None where too few photographs show them, or all from one side.
+    """
+    if len(photos) < LEAST_PHOTOS:
+        return [None] * len(photos)
+    misses = np.full((len(photos), photos[0].shows.size), np.nan)
+    for cell, point in enumerate(triangulate_cells(photos)):
+        who = [i for i, photo in enumerate(photos) if photo.shows[cell]]
+        if np.isfinite(point).all():
+            origins = np.array([photos[i].origin_mm for i in who])
+            misses[who, cell] = _miss(point, origins, np.array([photos[i].directions[cell] for i in who]))
+    enough = np.isfinite(misses).sum(axis=1) >= LEAST_CELLS
+    return [float(np.nanmedian(row)) if good else None for row, good in zip(misses, enough, strict=True)]
+
+
+def triangulate_cells(photos: Sequence[PatchLines]) -> np.ndarray:
+    """(25, 3) where the cells are in the world, mm; NaN where too few photographs show one, or all from one side."""
+    points = np.full((photos[0].shows.size, 3), np.nan)
+    for cell in range(len(points)):
+        who = [photo for photo in photos if photo.shows[cell]]
+        if len(who) >= LEAST_PHOTOS:
+            directions = np.array([photo.directions[cell] for photo in who])
+            if _spread_deg(directions) >= LEAST_ANGLE_DEG:
+                points[cell] = meet(np.array([photo.origin_mm for photo in who]), directions)
+    return points
+
+
+def measure_side(photos: Sequence[PatchLines]) -> float | None:
+    """The side of the patch, mm, from the distances of neighbouring cells; None where too few are known.
+
+    Paper that is bent keeps its lengths, and over a fifth of a patch a bend shortens nothing that could be measured.
+    """
+    if len(photos) < LEAST_PHOTOS:
+        return None
+    points = triangulate_cells(photos)
+    count = round(len(points) ** 0.5)
+    grid = points.reshape(count, count, 3)
+    steps = np.concatenate([np.diff(grid, axis=axis).reshape(-1, 3) for axis in (0, 1)])
+    lengths = np.linalg.norm(steps, axis=1)
+    known = lengths[np.isfinite(lengths)]
+    return None if len(known) < LEAST_CELLS else float(np.median(known)) * count
+
+
+def meet(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """(3,) the point with the least sum of distances to lines (Weiszfeld's weights), so that few strays do not draw it.
+
+    Args:
+        origins: (n, 3) a point of each.
+        directions: (n, 3) unit vectors, not all parallel.
+    """
+    across = np.eye(3) - directions[:, :, None] * directions[:, None, :]
+    weight = np.ones(len(origins))
+    point = origins.mean(axis=0)
+    for _ in range(ROUNDS):
+        weighted = across * weight[:, None, None]
+        point = np.linalg.solve(weighted.sum(axis=0), (weighted @ origins[:, :, None]).sum(axis=0))[:, 0]
+        weight = 1 / np.maximum(_miss(point, origins, directions), SOFT_MM)
+    return point
+
+
+def _miss(point: np.ndarray, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+    """(n,) distances of a point from lines."""
+    return np.linalg.norm(np.cross(point - origins, directions), axis=1)
+
+
+def _spread_deg(directions: np.ndarray) -> float:
+    """The widest angle between two of them."""
+    return float(np.degrees(np.arccos(np.clip((directions @ directions.T).min(), -1, 1))))
+
+
+PARTNER = Gate("missing partner", 0.0, "photographs of the pair missing", "take the same pose in the other variant")
+"""0: what is compared is the same object from the same pose with and without its patch; a photograph alone is left
+out."""
+
+
+@dataclass(frozen=True)
+class CheckedPhoto:
+    """One photograph of a set.
+
+    Attributes:
+        object, variant, pose_id: what it shows.
+        results: of its own gates.
+        lines: where its patch was seen; None without pose or patch.
+        path: of the image, for people.
+    """
+
+    object: str
+    variant: str
+    pose_id: int | None
+    results: tuple[GateResult, ...] = ()
+    lines: PatchLines | None = None
+    path: str = ""
+
+
+@dataclass(frozen=True)
+class SetFinding:
+    """What a gate over a set says of one photograph, which may be one that is not there yet."""
+
+    object: str
+    variant: str
+    pose_id: int | None
+    result: GateResult
+    path: str = ""
+
+
+def check_set(
+    photos: Sequence[CheckedPhoto], sides_mm: Mapping[tuple[str, str], float] | None = None
+) -> list[SetFinding]:
+    """Check pairs and patches over all photographs of a source.
+
+    Args:
+        photos: of any objects and variants; the same one may not come twice.
+        sides_mm: the side of the patch as it should have been printed, by object and variant, where that is known.
+    """
+    by_object: dict[str, list[CheckedPhoto]] = defaultdict(list)
+    for photo in photos:
+        by_object[photo.object].append(photo)
+    findings = []
+    for name in sorted(by_object):
+        findings += find_single_photos(name, by_object[name])
+        findings += find_moved_patches(by_object[name])
+        findings += find_wrong_sizes(by_object[name], sides_mm or {})
+    return findings
+
+
+def find_single_photos(name: str, photos: Sequence[CheckedPhoto]) -> list[SetFinding]:
+    """For each pose of one object that has a photograph in the pair, whether it has both."""
+    poses = {
+        variant: {photo.pose_id: photo for photo in photos if photo.variant == variant and photo.pose_id is not None}
+        for variant in PAIR
+    }
+    findings = []
+    for variant, other in (PAIR, PAIR[::-1]):
+        for pose_id, photo in sorted(poses[variant].items(), key=lambda item: item[0] or 0):
+            if not poses[other]:
+                result = PARTNER.skip(f"'{other}' has no photograph yet")
+                findings.append(SetFinding(name, variant, pose_id, result, photo.path))
+            elif pose_id not in poses[other]:
+                advice = f"pose {pose_id} is there as '{variant}' only: take it as '{other}' as well"
+                findings.append(SetFinding(name, other, pose_id, PARTNER.judge(1, advice)))
+            elif variant == PAIR[0]:
+                findings.append(SetFinding(name, variant, pose_id, PARTNER.judge(0), photo.path))
+    for photo in photos:
+        if photo.variant in PAIR and photo.pose_id is None:
+            result = PARTNER.skip("no pose: it is not known which pose it shows")
+            findings.append(SetFinding(name, photo.variant, None, result, photo.path))
+    return findings
+
+
+def find_moved_patches(photos: Sequence[CheckedPhoto]) -> list[SetFinding]:
+    """For each photograph of one object whose variant has a patch, how far it lies beside the others'.
+
+    A variant in which no photograph shows its patch has no findings: its own gates say why.
+    """
+    findings = []
+    for variant in sorted({photo.variant for photo in photos if photo.lines is not None}):
+        group = [photo for photo in photos if photo.variant == variant]
+        seen = [(photo, photo.lines) for photo in group if photo.lines is not None]
+        moves = dict(zip((id(photo) for photo, _ in seen), measure_moves([lines for _, lines in seen]), strict=True))
+        few = f"it takes {LEAST_PHOTOS} photographs with pose and patch, from different sides"
+        for photo in group:
+            move = moves.get(id(photo))
+            if move is not None:
+                result = MOVED.judge(
+                    move, f"the patch, or the object on its board, lies {move:.0f} mm beside: {MOVED.advice}"
+                )
+            else:
+                result = MOVED.skip(few if photo.lines is not None else "no pose, or no patch is seen")
+            findings.append(SetFinding(photo.object, photo.variant, photo.pose_id, result, photo.path))
+    return findings
+
+
+def find_wrong_sizes(
+    photos: Sequence[CheckedPhoto], sides_mm: Mapping[tuple[str, str], float]
+) -> list[SetFinding]:  # fmt: skip
+    """For each variant of one object with a patch, whether the patch is as large as it should have been printed."""
+    findings = []
+    for key in sorted({(photo.object, photo.variant) for photo in photos if photo.lines is not None} & set(sides_mm)):
+        group = [photo for photo in photos if (photo.object, photo.variant) == key]
+        side = measure_side([photo.lines for photo in group if photo.lines is not None])
+        if side is None:
+            result = SIZE.skip(f"it takes {LEAST_PHOTOS} photographs with pose and patch, from different sides")
+        else:
+            off = 100 * (side / sides_mm[key] - 1)
+            found = f"the patch measures {side:.1f} mm, {off:+.1f} %, where {sides_mm[key]:.1f} mm was meant"
+            result = SIZE.judge(abs(off), f"{found}: {SIZE.advice}")
+        findings.append(SetFinding(*key, None, result))
+    return findings

@@ -1,0 +1,335 @@
+"""Is the object in the photograph, whole and where it should be; is it too bright, too dark, or blurred?"""
+
+from itertools import pairwise
+
+import cv2
+import numpy as np
+
+from toolkit.imaging.colour import srgb_to_linear
+from toolkit.photos.board_pose import BoardSighting
+from toolkit.photos.gates.result import Gate, GateResult
+from toolkit.photos.gates.solid import Solid, View
+from toolkit.rig.board import BoardSpec, RingSpec
+
+CUT_OFF = Gate(
+    "cut off", 2.0, "% of the object", "the object reaches over the picture's edge: step back, or aim at its middle"
+)
+"""2 %: a classifier does not miss the tip of an aerial. The silhouette that a board and a mesh predict is about as
+sure: 5 mm that a 270 mm object stands beside the board's middle are 2 % of it."""
+CROP_SHARE = 0.875
+"""Classifiers look at the middle square of a photograph, 224 of 256 pixels of its shorter side."""
+OFF_CENTRE = Gate(
+    "off centre", 10.0, "% of the object",
+    "a part of the object lies outside the middle square that classifiers look at: aim at its middle, or step back",
+)  # fmt: skip
+"""10 %: at the plan's fill (80 % of the shorter side) an aim that is 3 % of the frame off loses nothing yet; from a
+tenth of the object on, what is lost can be what it was recognised by, and a pair is no longer compared on the same
+part."""
+MISSING = Gate(
+    "object missing", 25.0, "% of the board's corners that it should hide",
+    "the board is seen where the object should stand: put the object on the board's middle, its front to FRONT",
+)  # fmt: skip
+"""25 %: with the object in place none is seen, and 12 % at most where it stands 14 mm and 6° beside its place.
+Without it all are seen."""
+PLACE_SLACK_MM = 10.0
+"""A corner counts as hidden where it stays hidden if the object is moved by so much."""
+LEAST_HIDDEN = 4
+
+
+def measure_outside(pixels: np.ndarray, low: tuple[float, float], high: tuple[float, float]) -> float:
+    """Share in % of points (n, 2) that lie outside a rectangle given by two corners; NaN counts as outside."""
+    inside = ((pixels >= low) & (pixels < high)).all(axis=1)
+    return 100.0 * float((~inside).mean())
+
+
+def check_cut_off(silhouette: np.ndarray, size: tuple[int, int]) -> GateResult:
+    """Share of the object's silhouette outside the frame.
+
+    Args:
+        silhouette: (n, 2) pixels, from `silhouette_px`.
+        size: (width, height) of the photograph.
+    """
+    if len(silhouette) == 0:
+        return CUT_OFF.judge(100.0, "the object is behind the camera: check that the board lies under the object")
+    return CUT_OFF.judge(measure_outside(silhouette, (0, 0), size))
+
+
+def check_centred(silhouette: np.ndarray, size: tuple[int, int]) -> GateResult:
+    """Share of the object's silhouette outside the middle square that classifiers see; arguments as above."""
+    side = CROP_SHARE * min(size)
+    low = ((size[0] - side) / 2, (size[1] - side) / 2)
+    return OFF_CENTRE.judge(measure_outside(silhouette, low, (low[0] + side, low[1] + side)))
+
+
+def check_there(
+    solid: Solid, view: View, board: BoardSpec | RingSpec, sighting: BoardSighting
+) -> GateResult:  # fmt: skip
+    """Share of the board's corners behind the object that are seen all the same.
+
+    Args:
+        solid: the object in its place.
+        view: of the photograph.
+        board: that it stands on.
+        sighting: of it, in pixels of the same photograph.
+    """
+    hidden = find_hidden_corners(solid, view, board)
+    if len(hidden) < LEAST_HIDDEN:
+        return MISSING.skip("from here the object hides too little of the board to tell")
+    seen = np.isin(hidden, sighting.ids)
+    return MISSING.judge(100.0 * float(seen.mean()))
+
+
+def find_hidden_corners(solid: Solid, view: View, board: BoardSpec | RingSpec) -> np.ndarray:
+    """(k,) numbers of the board's corners that are in the frame and behind the object, safely so."""
+    points = board.object_points()
+    pixels = view.lens.project(view.T_world_camera, points)
+    framed = ((pixels >= 0) & (pixels < (view.lens.width, view.lens.height))).all(axis=1)
+    hidden = framed
+    for x, y in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
+        hidden = hidden & solid.hides(view, points + PLACE_SLACK_MM * np.array([x, y, 0.0]))
+    return np.flatnonzero(hidden)
+
+
+CLIPPED = 252
+"""sRGB value from which a channel has lost its shades; JPEG moves a clipped one by a few levels."""
+OVER = Gate(
+    "over-exposure", 5.0, "% of the object clipped",
+    "too bright: tap on the object before the shot, turn exposure down, or take the lamp away",
+)  # fmt: skip
+"""5 %: of the rig's good photographs 0.03 % are clipped at most, which leaves room for highlights on real paint,
+glass and metal; one stop too much clips 4 to 18 %, and the colours of a patch are then no longer those that were
+printed."""
+UNDER_PAPER = Gate(
+    "under-exposure", 110.0, "grey level of white paper",
+    "too dark: use more light, or turn exposure up", at_most=False,
+)  # fmt: skip
+"""110: white paper has 165 to 240 in a photograph that is exposed well, and 85 to 106 at two stops less, where noise
+and coarse shades take the place of colours. The paper is the measure where a board is seen, as a black object is not
+under-exposed."""
+UNDER_BRIGHTEST = Gate(
+    "under-exposure", 80.0, "grey level of the brightest tenth",
+    "too dark: use more light, or turn exposure up", at_most=False,
+)  # fmt: skip
+"""80: without a board, something in the middle of nearly every picture is half as bright as paper or brighter; less
+light than this by a further stop leaves nothing to see."""
+MIDDLE_SHARE = 0.6
+PAPER_PERCENTILE = 92
+"""A quarter of a ChArUco board is white paper, markers' modules included; its darker part may lie in a shadow."""
+
+
+def check_over_exposure(pixels: np.ndarray) -> GateResult:
+    """Share of the object's pixels of which two channels or more are clipped: one alone is a pure colour.
+
+    Args:
+        pixels: (n, 3) uint8 sRGB, of the object's region.
+    """
+    second = np.sort(pixels, axis=1)[:, 1]
+    return OVER.judge(100.0 * float((second >= CLIPPED).mean()))
+
+
+def check_under_exposure(paper: float | None, pixels: np.ndarray) -> GateResult:
+    """The grey level of the board's paper, or of the brightest tenth of the object's region where no board is seen.
+
+    Args:
+        paper: from `measure_paper`, None without a board.
+        pixels: (n, 3) uint8 sRGB, of the object's region.
+    """
+    if paper is not None:
+        return UNDER_PAPER.judge(paper)
+    return UNDER_BRIGHTEST.judge(float(np.percentile(_luma(pixels), 90)))
+
+
+def measure_paper(image: np.ndarray, sighting: BoardSighting) -> float | None:
+    """Grey level 0 to 255 of the board's white paper, half of which is at least as bright; None for a sliver of board.
+
+    Args:
+        image: (h, w, 3) uint8 sRGB.
+        sighting: of a board in it.
+    """
+    hull = cv2.convexHull(sighting.corners_px.astype(np.float32))
+    inside = np.zeros(image.shape[:2], np.uint8)
+    cv2.fillConvexPoly(inside, hull.round().astype(np.int32), 1)
+    pixels = image[inside.astype(bool)]
+    return float(np.percentile(_luma(pixels), PAPER_PERCENTILE)) if len(pixels) >= 100 else None
+
+
+def middle_of(image: np.ndarray) -> np.ndarray:
+    """(h, w) bool: the part of a picture in which an object is looked for when its place is not known."""
+    h, w = image.shape[:2]
+    mask = np.zeros((h, w), bool)
+    top, left = round(h * (1 - MIDDLE_SHARE) / 2), round(w * (1 - MIDDLE_SHARE) / 2)
+    mask[top : h - top, left : w - left] = True
+    return mask
+
+
+def _luma(pixels: np.ndarray) -> np.ndarray:
+    return pixels.astype(np.float32) @ np.array([0.2126, 0.7152, 0.0722], np.float32)
+
+
+NETWORK_SIDE_PX = 256
+"""Pixels of the photograph's shorter side once it is shrunk for a classifier."""
+BLUR = Gate("blur", 0.7, "px at the classifier's size", "hold still or use more light, and tap on the object to focus")
+"""0.7 px, as a Gaussian's standard deviation: shrinking blurs by 0.4 px itself, and the mildest defocus of
+ImageNet-C, which costs a ResNet some accuracy, is a disc of 1.5 px. Up to here the board can be read as well: one
+that fills the frame has modules of 1.5 such pixels or more. A sharp photograph of 640 × 360
+has 0.36 px, one of 1280 × 960 about 0.2 px."""
+LEAST_EDGES = 6
+ALONG = np.linspace(0.25, 0.75, 9)
+"""Places along a square's edge that are averaged: a marker's black border lies beside all of them."""
+MARKER_MODULES = 7
+MOST_EDGES = 30
+"""Of one direction, those that are seen widest."""
+NARROWEST_PX, WIDEST_MARGINS = 0.3, 1.8
+"""Widths of the blur that are tried: in pixels, and in white margins of the board."""
+LEAST_MARGIN_PX = 1.2
+LEAST_FIT = 0.8
+"""Share of an edge's variation that the fitted bar must explain: noise and what lies on the board are no edges."""
+BINS = 4
+LEAST_BIN = 40
+SMOOTH_PX = 0.8
+SHARP_PERCENTILE = 35
+Edge = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def check_blur(width_px: float | None, size: tuple[int, int]) -> GateResult:
+    """Judge a blur's width.
+
+    Args:
+        width_px: standard deviation in pixels of a photograph of that size; None where there were no edges.
+        size: (width, height).
+    """
+    if width_px is None:
+        return BLUR.skip("no edges are seen, neither of a board nor of anything else")
+    return BLUR.judge(width_px * NETWORK_SIDE_PX / min(size))
+
+
+def measure_board_blur(grey: np.ndarray, sighting: BoardSighting, board: BoardSpec) -> float | None:
+    """Standard deviation of the blur in pixels, from the edges of a ChArUco board's squares.
+
+    Args:
+        grey: (h, w) uint8, sRGB-encoded.
+        sighting: of the board in that picture.
+        board: which.
+
+    Returns:
+        The median over the edges of one direction, the worse of the two; None where too few edges are seen.
+    """
+    light = srgb_to_linear(np.arange(256) / 255.0)[grey]
+    places = zip(sighting.ids.tolist(), sighting.corners_px - 0.5, strict=True)
+    found = {divmod(number, board.columns - 1): place for number, place in places}
+    worst = None
+    for step in ((0, 1), (1, 0)):
+        edges = sorted(_list_edges(found, step), key=lambda edge: -_width_over(edge))[:MOST_EDGES]
+        widths = [width for edge in edges if (width := _fit_edge(light, board, *edge)) is not None]
+        if len(widths) >= LEAST_EDGES:
+            worst = max(worst or 0.0, float(np.median(widths)))
+    return worst
+
+
+def _list_edges(found: dict[tuple[int, int], np.ndarray], step: tuple[int, int]) -> list[Edge]:
+    """Both ends (2,) of each edge between corners that lie `step` apart, and the vector (2,) over its white square.
+
+    Args:
+        found: corners (2,) by row and column of the inner corners.
+        step: rows and columns from one end of an edge to the other.
+    """
+    edges: list[Edge] = []
+    for (row, column), start in found.items():
+        end = found.get((row + step[0], column + step[1]))
+        if end is None:
+            continue
+        sides = []
+        for r, c in ((row, column), (row + step[0], column + step[1])):
+            line = [found.get((r + sign * step[1], c + sign * step[0])) for sign in (-1, 0, 1)]
+            sides += [after - before for before, after in pairwise(line) if before is not None and after is not None]
+        if sides:
+            # the upper left square is black, so the one to the lower right of a corner is white where their sum is odd
+            after_is_white = (row + column) % 2 == 1
+            edges.append((start, end, np.mean(sides, axis=0) * (1 if after_is_white else -1)))
+    return edges
+
+
+def _normal_of(start: np.ndarray, end: np.ndarray, over_white: np.ndarray) -> np.ndarray:
+    """(2,) unit vector across an edge, towards its white side."""
+    along = end - start
+    normal = np.array([-along[1], along[0]]) / max(float(np.hypot(*along)), 1e-9)
+    return normal if normal @ over_white >= 0 else -normal
+
+
+def _width_over(edge: Edge) -> float:
+    return float(_normal_of(*edge) @ edge[2])
+
+
+def _fit_edge(light: np.ndarray, board: BoardSpec, start, end, over_white) -> float | None:
+    """Standard deviation in pixels of the blur across one edge; None where it is too slanted, cut or faint."""
+    normal = _normal_of(start, end, over_white)
+    margin = (board.square_mm - board.marker_mm) / 2 / board.square_mm * float(normal @ over_white)
+    if margin < LEAST_MARGIN_PX:
+        return None
+    border = margin * 2 * board.marker_mm / MARKER_MODULES / (board.square_mm - board.marker_mm)
+    steps = np.arange(-1.5 * margin, margin + 0.6 * border, 0.35)
+    places = (start + ALONG[:, None] * (end - start))[:, None] + steps[None, :, None] * normal
+    h, w = light.shape
+    if places.min() < 1 or places[..., 0].max() > w - 2 or places[..., 1].max() > h - 2:
+        return None
+    at = places.astype(np.float32)
+    profile = cv2.remap(light, at[..., 0], at[..., 1], cv2.INTER_LINEAR).mean(axis=0)
+    return _fit_bar(steps, profile, margin)
+
+
+def _fit_bar(steps: np.ndarray, profile: np.ndarray, margin: float) -> float | None:
+    """Fit a white bar from 0 to `margin` on black, blurred; its offset, brightness and blur are free."""
+    from scipy.special import ndtr
+
+    widths = np.geomspace(NARROWEST_PX, max(WIDEST_MARGINS * margin, 2 * NARROWEST_PX), 32)[:, None]
+    seen = profile - profile.mean()
+    best, found = np.inf, None
+    for shift in (-0.4, 0.0, 0.4):
+        bars = ndtr((steps - shift) / widths) - ndtr((steps - shift - margin) / widths)
+        bars -= bars.mean(axis=1, keepdims=True)
+        contrast = bars @ seen / np.maximum((bars * bars).sum(axis=1), 1e-9)
+        misses = ((seen - contrast[:, None] * bars) ** 2).sum(axis=1)
+        misses[contrast <= 0] = np.inf
+        if misses.min() < best:
+            best, found = float(misses.min()), float(widths[misses.argmin(), 0])
+    return found if best <= (1 - LEAST_FIT) * float((seen * seen).sum()) else None
+
+
+def measure_edge_blur(grey: np.ndarray, mask: np.ndarray) -> float | None:
+    """Standard deviation of the blur in pixels, from whatever edges there are.
+
+    Args:
+        grey: (h, w) uint8, sRGB-encoded.
+        mask: (h, w) bool: where edges count.
+
+    Returns:
+        Of the sharper edges of each direction the width, the worst direction's; None with too few edges.
+    """
+    more = 0.5 * BLUR.threshold * min(grey.shape) / NETWORK_SIDE_PX + 0.7
+    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), SMOOTH_PX)
+    x, y = _slopes(smooth)
+    again_x, again_y = _slopes(cv2.GaussianBlur(smooth, (0, 0), more))
+    slope, again = np.hypot(x, y), np.hypot(again_x, again_y)
+    peaks = mask & _is_ridge(slope, x, y)
+    values = slope[peaks]
+    if len(values) < LEAST_BIN:
+        return None
+    peaks &= slope >= max(3.0, 0.25 * float(np.percentile(values, 98)))
+    ratio = slope[peaks] / np.maximum(again[peaks], 1e-6)
+    width = np.sqrt(np.maximum(more**2 / np.maximum(ratio**2 - 1, 1e-3) - SMOOTH_PX**2, 0))
+    direction = (np.arctan2(y[peaks], x[peaks]) % np.pi * BINS / np.pi + 0.5).astype(int) % BINS
+    bins = [width[direction == i] for i in range(BINS)]
+    found = [float(np.percentile(one, SHARP_PERCENTILE)) for one in bins if len(one) >= LEAST_BIN]
+    return max(found) if found else None
+
+
+def _slopes(picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return cv2.Scharr(picture, cv2.CV_32F, 1, 0) / 32, cv2.Scharr(picture, cv2.CV_32F, 0, 1) / 32
+
+
+def _is_ridge(slope: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """(h, w) bool: steeper than both neighbours along the steepest direction, as Canny thins edges."""
+    level = np.abs(x) >= np.abs(y)
+    left_right = (slope >= np.roll(slope, 1, 1)) & (slope >= np.roll(slope, -1, 1))
+    up_down = (slope >= np.roll(slope, 1, 0)) & (slope >= np.roll(slope, -1, 0))
+    return np.where(level, left_right, up_down)

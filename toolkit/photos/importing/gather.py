@@ -1,0 +1,195 @@
+"""The photographs to import, each once, in the order in which they were taken."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from datetime import timezone
+from pathlib import Path
+
+from toolkit.core.console import progress
+from toolkit.core.errors import ToolkitError
+from toolkit.imaging.read import UnreadableImage
+from toolkit.photos.photo import Photo, check_file, is_photo_name, list_photos, natural_key, read_photo, show_name
+from toolkit.photos.video import VIDEO_SUFFIXES, pick_frames, read_video
+
+LIVE_PHOTO_S = 5.0
+"""A video no longer than this beside a photograph of the same name is what a phone records around it."""
+COMPANION_RANK = {"heif": 0, "jpeg": 1, "tiff": 2, "png": 3, "webp": 4, "avif": 5, "bmp": 6, "gif": 7, "dng": 8}
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A photograph that may be imported.
+
+    Attributes:
+        photo: it.
+        label: how it is called in messages: its path below the folder that was given.
+        folders: names of the folders between that folder and the file, that folder's own first.
+    """
+
+    photo: Photo
+    label: str
+    folders: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Gathered:
+    """What was found.
+
+    Attributes:
+        candidates: in the order in which they were taken.
+        by_time: whether that order is the camera's time, and not the order of names.
+        duplicates: (label, reason) of photographs that are here twice.
+        unreadable: (label, reason) of photographs that cannot be used.
+        others: names of files that are no photographs.
+    """
+
+    candidates: tuple[Candidate, ...]
+    by_time: bool
+    duplicates: tuple[tuple[str, str], ...]
+    unreadable: tuple[tuple[str, str], ...]
+    others: tuple[str, ...]
+
+
+def gather_photos(paths: Sequence[Path], every_s: float | None = None, quiet: bool = False) -> Gathered:
+    """Read what the photographs in folders and single files say of themselves; videos become frames.
+
+    Args:
+        paths: folders, photographs, videos.
+        every_s: as in `pick_frames`.
+        quiet: no progress bar.
+
+    Raises:
+        ToolkitError: a path does not exist, or none of them holds a photograph.
+    """
+    listed, unreadable, others = _list_all(paths)
+    if not listed and not unreadable:
+        named = ", ".join(str(path) for path in paths)
+        raise ToolkitError(f"{named}: holds no photographs: expected JPEG, HEIC, PNG, TIFF, WebP, DNG or video files")
+    found: list[Candidate] = []
+    duplicates: list[tuple[str, str]] = []
+    first: dict[str, str] = {}
+    with progress("reading photographs", len(listed), quiet) as bar:
+        for file, label, folders in listed:
+            try:
+                photo = read_photo(file)
+                if photo.sha256 in first:
+                    duplicates.append((label, f"the same photograph as {first[photo.sha256]}"))
+                else:
+                    first[photo.sha256] = label
+                    found.append(Candidate(photo, label, folders))
+            except UnreadableImage as error:
+                unreadable.append((label, error.reason))
+            bar.advance()
+    kept, companions = drop_companions(found)
+    candidates: list[Candidate] = []
+    for candidate in kept:
+        try:
+            candidates += _take_frames(candidate, every_s, quiet)
+        except UnreadableImage as error:
+            unreadable.append((candidate.label, error.reason))
+    ordered, by_time = sort_by_time(candidates)
+    return Gathered(tuple(ordered), by_time, (*duplicates, *companions), tuple(unreadable), tuple(others))
+
+
+def drop_companions(candidates: Sequence[Candidate]) -> tuple[list[Candidate], list[tuple[str, str]]]:
+    """Leave out what a camera stored beside a photograph of the same shot.
+
+    Files of one name (IMG_1.HEIC, IMG_1.JPG, IMG_1.DNG, IMG_1.MOV) in one folder are one shot when they were taken at
+    the same moment, or when one is the short film of a live photo.
+
+    Returns:
+        The rest, and (label, reason) of those left out.
+    """
+    groups: dict[tuple[Path, str], list[Candidate]] = {}
+    for candidate in candidates:
+        path = candidate.photo.path
+        groups.setdefault((path.parent, path.stem.lower()), []).append(candidate)
+    dropped: dict[int, str] = {}
+    for group in groups.values():
+        stills = [one for one in group if one.photo.kind != "video"]
+        stills.sort(key=lambda one: COMPANION_RANK.get(one.photo.kind, len(COMPANION_RANK)))
+        for one in group:
+            if not stills or one is stills[0]:
+                continue
+            best = stills[0]
+            if one.photo.kind == "video" and _is_live(one.photo):
+                dropped[id(one)] = f"the film of the live photo {best.label}"
+            elif one.photo.taken is not None and one.photo.taken == best.photo.taken:
+                dropped[id(one)] = f"the same shot as {best.label}, in another format"
+    rest = [one for one in candidates if id(one) not in dropped]
+    return rest, [(one.label, dropped[id(one)]) for one in candidates if id(one) in dropped]
+
+
+def sort_by_time(candidates: Sequence[Candidate]) -> tuple[list[Candidate], bool]:
+    """Candidates as they were taken, and whether the camera's times say so; by name where one has no time."""
+    times = [one.photo.taken for one in candidates]
+    if not times or any(taken is None for taken in times):
+        return sorted(candidates, key=_name_key), False
+    zoned = all(taken is not None and taken.tzinfo is not None for taken in times)
+
+    def moment(one: Candidate):
+        taken = one.photo.taken
+        assert taken is not None
+        # one camera's wall clock orders its photographs; zones only help where all have one
+        return (taken.astimezone(timezone.utc) if zoned else taken.replace(tzinfo=None)), _name_key(one)
+
+    return sorted(candidates, key=moment), True
+
+
+def _list_all(
+    paths: Sequence[Path],
+) -> tuple[list[tuple[Path, str, tuple[str, ...]]], list[tuple[str, str]], list[str]]:
+    listed: list[tuple[Path, str, tuple[str, ...]]] = []
+    unreadable: list[tuple[str, str]] = []
+    others: list[str] = []
+    for path in map(Path, paths):
+        if not path.is_dir():
+            if not path.exists():
+                raise ToolkitError(f"{path} does not exist: expected a photograph, a video, or a folder of them")
+            label = show_name(path.name)
+            if is_photo_name(path.name):
+                listed.append((path, label, ()))
+            else:
+                unreadable.append((label, "no photograph or video by its name"))
+            continue
+        found = list_photos(path)
+        unreadable += [(show_name(name), reason) for name, reason in found.refused]
+        others += map(show_name, found.others)
+        for file in found.photos:
+            parts = file.relative_to(path).parts
+            label = "/".join(show_name(part) for part in parts)
+            try:
+                check_file(file)  # a pipe or an empty file is listed, and never opened
+            except UnreadableImage as error:
+                unreadable.append((label, error.reason))
+            else:
+                listed.append((file, label, (path.resolve().name, *parts[:-1])))
+    return listed, unreadable, others
+
+
+def _take_frames(candidate: Candidate, every_s: float | None, quiet: bool) -> Iterable[Candidate]:
+    photo = candidate.photo
+    if photo.kind != "video":
+        return [candidate]
+    with progress(f"looking through {candidate.label}", 1, quiet) as bar:
+        frames = pick_frames(photo.path, every_s)
+        facts = read_video(photo.path)
+        bar.advance()
+    return [
+        Candidate(
+            replace(photo, frame=frame, taken=facts.taken_at(frame)), f"{candidate.label} frame {frame}",
+            candidate.folders,
+        )
+        for frame in frames
+    ]  # fmt: skip
+
+
+def _is_live(photo: Photo) -> bool:
+    if photo.path.suffix.lower() not in VIDEO_SUFFIXES:
+        return False
+    facts = read_video(photo.path)
+    return facts.n_frames / facts.fps <= LIVE_PHOTO_S
+
+
+def _name_key(candidate: Candidate):
+    return natural_key(candidate.label)

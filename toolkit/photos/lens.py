@@ -1,0 +1,314 @@
+"""The lens of a real camera, in `rig/lens.json`, and which of those a photograph was taken with."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import cv2
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import read_json, write_json
+from toolkit.core.workspace import Workspace
+from toolkit.photos.photo import Photo
+from toolkit.rig.camera import Camera
+
+FULL_FRAME_DIAGONAL_MM = 43.2666
+"""Of 36 × 24 mm. A 35 mm-equivalent focal length is taken as the one with the same *diagonal* angle of view, as CIPA's
+DCG-001 has it and phones write it."""
+
+SAME_ASPECT = 0.01
+"""Relative difference of aspect ratios up to which two pictures are of the same frame at two sizes."""
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Intrinsics of pictures of one size.
+
+    Attributes:
+        width, height: pixels.
+        fx, fy, cx, cy: pixels.
+        distortion: OpenCV's k1, k2, p1, p2, k3.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+
+    @property
+    def matrix(self) -> np.ndarray:
+        """(3, 3) camera matrix K."""
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
+
+    @property
+    def coefficients(self) -> np.ndarray:
+        """(5,) k1, k2, p1, p2, k3, as OpenCV's functions take them."""
+        return np.array(self.distortion, float)
+
+    @property
+    def fov_deg(self) -> float:
+        """Horizontal angle of view in degrees, distortion left out."""
+        return float(np.degrees(np.arctan(self.cx / self.fx) + np.arctan((self.width - self.cx) / self.fx)))
+
+    @property
+    def intrinsics(self) -> dict[str, float]:
+        """Width, height, fx, fy, cx, cy in pixels, as a manifest holds them; distortion left out."""
+        return {
+            "width": self.width, "height": self.height, "fx": self.fx, "fy": self.fy, "cx": self.cx, "cy": self.cy,
+        }  # fmt: skip
+
+    def project(self, T_world_camera: np.ndarray, points_mm: np.ndarray) -> np.ndarray:
+        """(n, 2) pixels of world points (n, 3), distortion included; points behind the camera give NaN."""
+        local = (np.asarray(points_mm, float).reshape(-1, 3) - T_world_camera[:3, 3]) @ T_world_camera[:3, :3]
+        pixels = np.full((len(local), 2), np.nan)
+        ahead = local[:, 2] > 1e-6
+        if ahead.any():
+            found, _ = cv2.projectPoints(local[ahead], np.zeros(3), np.zeros(3), self.matrix, self.coefficients)
+            pixels[ahead] = found.reshape(-1, 2)
+        return pixels
+
+    def undistort(self, pixels: np.ndarray) -> np.ndarray:
+        """(n, 2) directions x/z, y/z in camera axes of pixels (n, 2)."""
+        points = np.ascontiguousarray(pixels, float).reshape(-1, 1, 2)
+        found = cv2.undistortPoints(points, self.matrix, self.coefficients)
+        return found.reshape(-1, 2)
+
+    def scaled(self, width: int, height: int) -> "Lens":
+        """The same lens in pictures of another size and the same shape.
+
+        Raises:
+            ToolkitError: the shapes differ, so that one is a crop of the other in a way that is not known.
+        """
+        if not same_aspect((self.width, self.height), (width, height)):
+            raise ToolkitError(
+                f"a lens of {self.width}x{self.height} px says nothing of {width}x{height} px, another shape: "
+                f"calibrate with photos of that size"
+            )
+        across, down = width / self.width, height / self.height
+        return replace(
+            self, width=width, height=height, fx=self.fx * across, fy=self.fy * down, cx=self.cx * across,
+            cy=self.cy * down,
+        )  # fmt: skip
+
+    def rotated(self, quarter_turns: int = 1) -> "Lens":
+        """The same lens in pictures turned clockwise by so many quarter turns, as EXIF's orientation 6 asks for one."""
+        lens = self
+        for _ in range(quarter_turns % 4):
+            k1, k2, p1, p2, k3 = lens.distortion
+            # the tangential part (p2, p1) is a vector in the picture and turns with it
+            lens = Lens(
+                lens.height, lens.width, lens.fy, lens.fx, lens.height - lens.cy, lens.cx, (k1, k2, p2, -p1, k3)
+            )
+        return lens
+
+
+def same_aspect(one: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether two picture sizes (width, height) have the same shape."""
+    return abs(one[0] * other[1] / (one[1] * other[0]) - 1) < SAME_ASPECT
+
+
+def lens_of_camera(camera: Camera) -> Lens:
+    """The rig's pinhole camera as a lens."""
+    return Lens(camera.width, camera.height, camera.focal_px, camera.focal_px, camera.width / 2, camera.height / 2)
+
+
+def lens_from_focal(width: int, height: int, focal_35mm_mm: float) -> Lens:
+    """A lens without distortion from its 35 mm-equivalent focal length.
+
+    Phones round it to a whole millimetre (2 % at 26 mm, and so are distances), and a picture cropped from the sensor's
+    frame, as 16:9 mostly is, may carry the full frame's number: a calibrated lens is better.
+    """
+    focal_px = focal_35mm_mm / FULL_FRAME_DIAGONAL_MM * float(np.hypot(width, height))
+    return Lens(width, height, focal_px, focal_px, width / 2, height / 2)
+
+
+def lens_from_sensor(width: int, height: int, focal_mm: float, sensor_width_mm: float) -> Lens:
+    """A lens without distortion from its true focal length and the sensor's longer side, both in mm."""
+    focal_px = focal_mm / sensor_width_mm * max(width, height)
+    return Lens(width, height, focal_px, focal_px, width / 2, height / 2)
+
+
+def lens_from_exif(photo, sensor_width_mm: float | None = None) -> Lens | None:
+    """The lens that a photograph's own metadata describes, None where they do not say enough.
+
+    Args:
+        photo: a `toolkit.photos.photo.Photo`: upright size, `focal_35mm_mm` and `focal_mm` are read.
+        sensor_width_mm: longer side of the sensor; with it the true focal length is used, which is not rounded.
+    """
+    if sensor_width_mm and photo.focal_mm:
+        return lens_from_sensor(photo.width, photo.height, photo.focal_mm, sensor_width_mm)
+    if photo.focal_35mm_mm:
+        return lens_from_focal(photo.width, photo.height, photo.focal_35mm_mm)
+    return None
+
+
+SAME_FOCAL = 0.02
+"""Relative difference of 35 mm-equivalent focal lengths up to which two photographs are of one lens of a phone."""
+SENSOR_TURNS = {6: 1, 3: 2, 8: 3}
+"""Quarter turns clockwise that bring stored pixels upright, by EXIF orientation."""
+
+
+class LensRecord(BaseModel):
+    """One calibrated lens.
+
+    Attributes:
+        camera: maker and model as EXIF has them, None for a camera that writes none.
+        focal_35mm_mm: what it writes for this lens; phones have several.
+        width, height, fx, fy, cx, cy: pixels, as the sensor stores them; pixel (0, 0)'s centre at (0.5, 0.5).
+        distortion: OpenCV's k1, k2, p1, p2, k3.
+        reprojection_px: root mean square error of the calibration.
+        focal_sigma_px: standard deviation of fx.
+        views: photographs used.
+        coverage: share of the frame that held corners of the board.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    camera: str | None = None
+    focal_35mm_mm: float | None = Field(None, gt=0)
+    width: int = Field(ge=16, le=65535)
+    height: int = Field(ge=16, le=65535)
+    fx: float = Field(gt=0)
+    fy: float = Field(gt=0)
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    reprojection_px: float | None = None
+    focal_sigma_px: float | None = None
+    views: int | None = None
+    coverage: float | None = None
+
+    def lens(self) -> Lens:
+        """The lens, for pictures as the sensor stores them."""
+        return Lens(self.width, self.height, self.fx, self.fy, self.cx, self.cy, self.distortion)
+
+    def same_lens(self, other: "LensRecord") -> bool:
+        """Whether both are of one camera, focal length and size, so that the newer one replaces the older."""
+        sizes = (self.width, self.height) == (other.width, other.height)
+        return sizes and self.camera == other.camera and _same_focal(self.focal_35mm_mm, other.focal_35mm_mm)
+
+
+class LensFile(BaseModel):
+    """`rig/lens.json`."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    schema_version: Literal[1] = 1
+    lenses: list[LensRecord] = []
+
+
+@dataclass(frozen=True)
+class LensChoice:
+    """The lens of one photograph, upright as its pixels are read.
+
+    Attributes:
+        lens: None where it is not known.
+        source: `calibrated`, `exif`, or `none`.
+        note: for a person: where it comes from, or what to do.
+    """
+
+    lens: Lens | None
+    source: Literal["calibrated", "exif", "none"]
+    note: str
+
+
+def lens_file(workspace: Workspace) -> Path:
+    """Where calibrated lenses are."""
+    return workspace.root / "rig" / "lens.json"
+
+
+def read_lenses(workspace: Workspace) -> list[LensRecord]:
+    """The calibrated lenses, none where there is no file.
+
+    Raises:
+        ToolkitError: the file is broken.
+    """
+    file = lens_file(workspace)
+    return read_json(file, LensFile).lenses if file.is_file() else []
+
+
+def write_lenses(workspace: Workspace, records: list[LensRecord]) -> Path:
+    """Add lenses to `rig/lens.json`; older ones of the same camera, focal length and size are replaced."""
+    kept = [old for old in read_lenses(workspace) if not any(old.same_lens(new) for new in records)]
+    made = LensFile(lenses=[*kept, *records])
+    return write_json(lens_file(workspace), made.model_dump(mode="json", exclude_none=True))
+
+
+def lens_for(photo: Photo, workspace: Workspace, sensor_width_mm: float | None = None) -> LensChoice:
+    """The lens that a photograph was taken with: a calibrated one, else what EXIF says, else none and why.
+
+    Raises:
+        ToolkitError: `rig/lens.json` is broken.
+    """
+    return choose_lens(photo, read_lenses(workspace), sensor_width_mm)
+
+
+def choose_lens(photo: Photo, records: list[LensRecord], sensor_width_mm: float | None = None) -> LensChoice:
+    """`lens_for` with lenses that were read before, so that many photographs need one reading."""
+    turns = turns_upright(photo.path)
+    stored = (photo.width, photo.height) if turns % 2 == 0 else (photo.height, photo.width)
+    same_camera = [record for record in records if record.camera == photo.camera]
+    usable = [record for record in same_camera if _same_focal(record.focal_35mm_mm, photo.focal_35mm_mm)]
+    turned = turns
+    fitting = [record for record in usable if same_aspect((record.width, record.height), stored)]
+    if not fitting and turns % 2 == 0:
+        # turned without saying so, by an editor or as videos are: which way round is not known, and nearly the same
+        fitting = [record for record in usable if same_aspect((record.height, record.width), stored)]
+        turned = turns + 1
+    focals = {record.focal_35mm_mm for record in fitting}
+    if photo.focal_35mm_mm is None and len(focals) > 1:
+        said = " and ".join(
+            f"{focal:g} mm" if focal else "no focal length" for focal in sorted(focals, key=lambda f: f or 0)
+        )
+        return LensChoice(
+            None, "none", f"{photo.camera or 'the camera'} was calibrated at {said}, the photo names none"
+        )
+    if fitting:
+        record = min(fitting, key=lambda record: abs(record.width * record.height - stored[0] * stored[1]))
+        lens = record.lens().rotated(turned).scaled(photo.width, photo.height)
+        return LensChoice(lens, "calibrated", f"calibrated lens of {record.camera or 'a camera without a name'}")
+    from_exif = lens_from_exif(photo, sensor_width_mm)
+    why = _why_not_calibrated(photo, records, same_camera, usable)
+    if from_exif is not None:
+        return LensChoice(from_exif, "exif", f"focal length from EXIF, good to about 2 %; {why}")
+    return LensChoice(None, "none", f"no focal length in the photo's EXIF, and {why}")
+
+
+def turns_upright(path: Path) -> int:
+    """Quarter turns clockwise that EXIF asks for to bring stored pixels upright; 0 where it is silent."""
+    from PIL import Image
+
+    from toolkit.imaging.read import register_heif
+
+    register_heif()
+    try:
+        with Image.open(path) as image:
+            # pillow-heif obeys the orientation itself and keeps here what it was
+            orientation = image.info.get("original_orientation") or image.getexif().get(0x0112, 1)
+    # a video, a raw photograph, damaged EXIF: nothing is known then, and the pixels are read elsewhere
+    except Exception:
+        return 0
+    return SENSOR_TURNS.get(orientation, 0) if isinstance(orientation, int) else 0
+
+
+def _why_not_calibrated(photo: Photo, records, same_camera, usable) -> str:
+    camera = photo.camera or "a camera without a name"
+    if not records:
+        return "no lens is calibrated: run 'toolkit calibrate PHOTOS/' with photos of the board"
+    if not same_camera:
+        return f"no calibrated lens is of {camera}: run 'toolkit calibrate PHOTOS/' with its photos of the board"
+    if not usable:
+        return (
+            f"{camera} was calibrated at another focal length: run 'toolkit calibrate PHOTOS/' with photos at this one"
+        )
+    return (
+        f"{camera} was calibrated with pictures of another shape than {photo.width}x{photo.height}: run "
+        "'toolkit calibrate PHOTOS/' with pictures of this one"
+    )
+
+
+def _same_focal(one: float | None, other: float | None) -> bool:
+    return one is None or other is None or abs(one / other - 1) < SAME_FOCAL

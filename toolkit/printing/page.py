@@ -1,0 +1,210 @@
+"""Sheets of paper in millimetres: what every page has round its content, and a sheet cut into tiles that overlap."""
+
+import math
+import re
+from dataclasses import dataclass
+
+from toolkit.core.errors import ToolkitError, one_of
+
+PAPERS_MM = {
+    "a0": (841.0, 1189.0),
+    "a1": (594.0, 841.0),
+    "a2": (420.0, 594.0),
+    "a3": (297.0, 420.0),
+    "a4": (210.0, 297.0),
+    "a5": (148.0, 210.0),
+    "b3": (353.0, 500.0),
+    "b4": (250.0, 353.0),
+    "b5": (176.0, 250.0),
+    "letter": (215.9, 279.4),
+    "legal": (215.9, 355.6),
+    "tabloid": (279.4, 431.8),
+}
+"""Portrait width and height: ISO 216, and ANSI/ASME Y14.1 for the American sizes."""
+SMALLEST_MM = 135.0
+"""Room for a 100 mm check bar, its numbers and the margins that no printer reaches."""
+LARGEST_MM = 5000.0
+"""A PDF page ends at 14400 points, 5080 mm (ISO 32000-1, Annex C)."""
+CUSTOM = re.compile(r"^\s*(\d+(?:\.\d+)?)\s*[x×]\s*(\d+(?:\.\d+)?)\s*(?:mm)?\s*$", re.IGNORECASE)
+
+
+@dataclass(frozen=True)
+class Paper:
+    """A sheet as it lies in the printer: its name and its width and height in millimetres."""
+
+    name: str
+    width_mm: float
+    height_mm: float
+
+    @property
+    def orientation(self) -> str:
+        """`portrait` or `landscape`; a square is portrait."""
+        return "landscape" if self.width_mm > self.height_mm else "portrait"
+
+    def turn(self, orientation: str) -> "Paper":
+        """This sheet turned to `portrait` or `landscape`."""
+        if orientation == self.orientation or self.width_mm == self.height_mm:
+            return self
+        return Paper(self.name, self.height_mm, self.width_mm)
+
+
+def parse_paper(text: str) -> Paper:
+    """A paper by name (`a4`, `letter`), or one's own as width × height (`200x300mm`).
+
+    Raises:
+        ToolkitError: the name is unknown, or the sheet is smaller than 135 mm or larger than 5 m on a side.
+    """
+    name = text.strip().lower()
+    if name in PAPERS_MM:
+        return Paper(name, *PAPERS_MM[name])
+    custom = CUSTOM.match(name)
+    if custom is None:
+        raise one_of("paper", text, [*PAPERS_MM, "WIDTHxHEIGHTmm"])
+    width_mm, height_mm = float(custom[1]), float(custom[2])
+    if not all(math.isfinite(side) and SMALLEST_MM <= side <= LARGEST_MM for side in (width_mm, height_mm)):
+        raise ToolkitError(
+            f"paper '{text}': expected sides of {SMALLEST_MM:g} to {LARGEST_MM:g} mm (a 100 mm check bar must fit): "
+            "choose another paper"
+        )
+    return Paper(f"{width_mm:g}x{height_mm:g}mm", width_mm, height_mm)
+
+
+UNPRINTABLE_MM = 10.0
+"""Nearly every desktop printer reaches this far; many stop at 6 mm, a few at 12 mm on one end of the sheet only."""
+HEADER_MM = 23.0
+BAR_STRIP_MM = 5.5
+INSET_MM = BAR_STRIP_MM + 2
+"""The strip of a check bar and 2 mm of paper, so that neither words nor marks touch the bar."""
+BAR_MM = 100.0
+MARK_MM = 6.0
+"""Width of the zone round a cut line that holds crop marks and registration marks."""
+CAPTION_MM = 4.5
+"""Height of the line below it that holds the front arrow and a tile's name."""
+
+
+@dataclass(frozen=True)
+class Rect:
+    """A rectangle in millimetres, from its lower left corner, y upwards."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+
+    @property
+    def right(self) -> float:
+        """Greatest x."""
+        return self.x + self.width
+
+    @property
+    def top(self) -> float:
+        """Greatest y."""
+        return self.y + self.height
+
+    def centre(self, width: float, height: float) -> "Rect":
+        """A rectangle of that size about the same centre."""
+        return Rect(self.x + (self.width - width) / 2, self.y + (self.height - height) / 2, width, height)
+
+
+@dataclass(frozen=True)
+class PageFrame:
+    """Where things go on a page; the origin is the paper's lower left corner."""
+
+    paper: Paper
+
+    @property
+    def printable(self) -> Rect:
+        """The page without the margins that a printer does not reach."""
+        sides = 2 * UNPRINTABLE_MM
+        return Rect(UNPRINTABLE_MM, UNPRINTABLE_MM, self.paper.width_mm - sides, self.paper.height_mm - sides)
+
+    @property
+    def bars_corner(self) -> tuple[float, float]:
+        """Zero of both check bars."""
+        return UNPRINTABLE_MM + BAR_STRIP_MM, UNPRINTABLE_MM + BAR_STRIP_MM
+
+    @property
+    def header(self) -> Rect:
+        """The label, clear of the upright check bar, which on a low page reaches as high."""
+        area = self.printable
+        return Rect(area.x + INSET_MM, area.top - HEADER_MM, area.width - INSET_MM, HEADER_MM)
+
+    @property
+    def content(self) -> Rect:
+        """What is left for patches, their marks and captions."""
+        area = self.printable
+        return Rect(area.x + INSET_MM, area.y + INSET_MM, area.width - INSET_MM, area.height - INSET_MM - HEADER_MM)
+
+
+OVERLAP_MM = 10.0
+
+
+@dataclass(frozen=True)
+class Tile:
+    """One page's part of a sheet.
+
+    Attributes:
+        row, column: from the top left, zero-based.
+        area: in the sheet's own millimetres: origin at its lower left corner, y upwards.
+        rows, columns: of the whole grid.
+    """
+
+    row: int
+    column: int
+    area: Rect
+    rows: int
+    columns: int
+
+    @property
+    def name(self) -> str:
+        """`A1` at the top left, letters downwards, numbers to the right."""
+        return f"{_letters(self.row)}{self.column + 1}"
+
+    @property
+    def joins(self) -> dict[str, bool]:
+        """By side, whether another tile is joined on there; where none is, the side is the sheet's cut line."""
+        return {
+            "left": self.column > 0,
+            "right": self.column < self.columns - 1,
+            "top": self.row > 0,
+            "bottom": self.row < self.rows - 1,
+        }
+
+
+def _letters(row: int) -> str:
+    """A … Z, AA, AB …, as columns are named in a spreadsheet."""
+    letters = ""
+    row += 1
+    while row:
+        row, digit = divmod(row - 1, 26)
+        letters = chr(ord("A") + digit) + letters
+    return letters
+
+
+def split_length(length_mm: float, most_mm: float, overlap_mm: float = OVERLAP_MM) -> list[tuple[float, float]]:
+    """Equal spans (start, length) of at most `most_mm` that cover a length and overlap by `overlap_mm`."""
+    if length_mm <= most_mm:
+        return [(0.0, length_mm)]
+    count = math.ceil((length_mm - overlap_mm) / (most_mm - overlap_mm))
+    span = (length_mm + (count - 1) * overlap_mm) / count
+    return [(index * (span - overlap_mm), span) for index in range(count)]
+
+
+def tile_sheet(
+    side_mm: float, most_width_mm: float, most_height_mm: float, height_mm: float | None = None
+) -> list[Tile]:
+    """Tiles of a sheet, row by row from the top left, none larger than stated.
+
+    Args:
+        side_mm: width of the sheet.
+        most_width_mm, most_height_mm: of a tile.
+        height_mm: of the sheet; None: a square one.
+    """
+    sheet_height = side_mm if height_mm is None else height_mm
+    across = split_length(side_mm, most_width_mm)
+    down = split_length(sheet_height, most_height_mm)
+    return [
+        Tile(row, column, Rect(x, sheet_height - y - height, width, height), len(down), len(across))
+        for row, (y, height) in enumerate(down)
+        for column, (x, width) in enumerate(across)
+    ]

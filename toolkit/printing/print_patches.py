@@ -1,0 +1,185 @@
+"""Which patches a call of `toolkit print` means, each from its file to its PDF, and what there is to say of it."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.files import read_json, write_bytes
+from toolkit.core.workspace import Workspace
+from toolkit.imaging.printer import PrintScores, score_print
+from toolkit.objects.records import PatchRecord, read_patch
+from toolkit.objects.spec import read_spec
+from toolkit.printing.document import build_pdf
+from toolkit.printing.layout import PrintSettings, effective_percent
+
+
+def select_patches(
+    workspace: Workspace, classes: Sequence[str] = (), everything: bool = False, files: Sequence[Path] = ()
+) -> list[Path]:
+    """PNG files of the patches that are named, each once, in the order they are named.
+
+    Args:
+        workspace: where patches are looked for; the package's own count too.
+        classes: file names without suffix, or else the classes that patches were trained for (all patches of it).
+        everything: take every known patch.
+        files: PNG files anywhere, each with its record beside it.
+
+    Raises:
+        ToolkitError: nothing is named, a class has no patch, or there is no patch at all.
+    """
+    known = workspace.patches()
+    if not (classes or everything or files):
+        names = ", ".join(sorted(known)) or "none"
+        raise ToolkitError(f"no patch named: give --class NAME, --all or --patch-file FILE (known: {names})")
+    if (classes or everything) and not known:
+        raise ToolkitError(f"no patches in {workspace.patches_dir}: make one with 'toolkit train-patch --class NAME'")
+    chosen = [path for name in classes for path in _find_class(known, name)]
+    chosen += [known[name] for name in sorted(known)] if everything else []
+    for file in files:
+        if not file.is_file():
+            raise ToolkitError(f"--patch-file {file}: no such file: give a patch's PNG, its record beside it")
+        chosen.append(file)
+    return list(dict.fromkeys(chosen))
+
+
+def _find_class(known: dict[str, Path], wanted: str) -> list[Path]:
+    """A patch by its file's name, else every patch trained for that class, capitals ignored."""
+    if wanted in known:
+        return [known[wanted]]
+    trained_for, broken = _read_classes(known)
+    found = [known[name] for name, class_name in trained_for.items() if class_name.casefold() == wanted.casefold()]
+    if not found:
+        error = one_of("patch or class", wanted, sorted({*known, *trained_for.values()}))
+        raise ToolkitError("; ".join([str(error), *broken]))
+    return found
+
+
+def _read_classes(known: dict[str, Path]) -> tuple[dict[str, str], list[str]]:
+    """Class by patch name, and why the other records cannot be read."""
+    classes, broken = {}, []
+    for name, png_file in known.items():
+        try:
+            classes[name] = read_json(png_file.with_suffix(".json"), PatchRecord).class_name
+        except ToolkitError as error:
+            broken.append(str(error))
+    return classes, broken
+
+
+@dataclass(frozen=True)
+class PrintedPatch:
+    """A PDF that was written.
+
+    Attributes:
+        file: the PDF.
+        name, class_name, patch_sha256, n_px: of the patch.
+        size_mm: side of the patch on paper.
+        cut_mm: side of the sheet that is cut out, with its white margin.
+        scale_percent: of the patch's size at `dpi`.
+        paper, orientation: of every page.
+        copies, pages: how many.
+        tiles: rows and columns of pages that one copy takes, [1, 1] where it fits on a page.
+        recorded_mm: the side that the patch's record states.
+        colour_strip: whether the strip of known colours is beside the patch.
+        total_variation, non_printability: see `toolkit.imaging.printer.PrintScores`.
+    """
+
+    file: str
+    name: str
+    class_name: str
+    patch_sha256: str
+    n_px: int
+    size_mm: float
+    cut_mm: float
+    scale_percent: float
+    dpi: float
+    paper: str
+    orientation: str
+    copies: int
+    pages: int
+    tiles: tuple[int, int]
+    recorded_mm: float
+    colour_strip: bool
+    total_variation: float
+    non_printability: float
+
+    def describe(self) -> str:
+        """One line: what was made, how large, on how many pages."""
+        pages = f"{self.pages} page{'s' if self.pages > 1 else ''} of {self.paper} {self.orientation}"
+        copies = "" if self.copies == 1 else f", {self.copies} copies"
+        rows, columns = self.tiles
+        tiles = "" if rows * columns == 1 else f" (a map and {rows} × {columns} tiles a copy)"
+        return f"{shorten(self.file)}: {self.size_mm:.1f} × {self.size_mm:.1f} mm{copies}, {pages}{tiles}"
+
+    def describe_scores(self) -> str:
+        """One line: how the patch will come out of the printer."""
+        return PrintScores(self.total_variation, self.non_printability).describe(self.name)
+
+
+def shorten(file: str) -> str:
+    """Relative to the current folder where it is inside."""
+    here = Path.cwd()
+    path = Path(file).resolve()
+    return str(path.relative_to(here)) if path.is_relative_to(here) else file
+
+
+def print_patch(png_file: Path, pdf_file: Path, settings: PrintSettings) -> PrintedPatch:
+    """Read a patch, lay it out and write its PDF, whole or not at all.
+
+    Raises:
+        ToolkitError: the patch has no record or not its own, its size makes no sense, or the PDF cannot be written.
+    """
+    patch = read_patch(png_file)
+    document = build_pdf(patch, settings)
+    write_bytes(pdf_file, document.content)
+    record, plan = patch.record, document.plan
+    return PrintedPatch(
+        file=str(pdf_file),
+        name=png_file.stem,
+        class_name=record.class_name,
+        patch_sha256=record.png_sha256,
+        n_px=record.n_px,
+        size_mm=round(plan.side_mm, 3),
+        cut_mm=round(plan.cut_mm, 3),
+        scale_percent=round(effective_percent(record.n_px, plan.side_mm, settings.dpi), 3),
+        dpi=settings.dpi,
+        paper=plan.frame.paper.name,
+        orientation=plan.frame.paper.orientation,
+        copies=settings.copies,
+        pages=len(plan.pages),
+        tiles=plan.tiles,
+        recorded_mm=record.size_mm,
+        colour_strip=plan.has_strip,
+        **{key: round(score, 4) for key, score in asdict(score_print(patch.pixels)).items()},
+    )
+
+
+def print_all(workspace: Workspace, settings: PrintSettings | None = None) -> list[PrintedPatch]:
+    """Print every known patch into the workspace's `print/`; by default on A4 at 250 %.
+
+    Raises:
+        ToolkitError: there is no patch, or one of them cannot be printed.
+    """
+    files = select_patches(workspace, everything=True)
+    chosen = settings or PrintSettings()
+    return [print_patch(file, workspace.print_dir / f"{file.stem}.pdf", chosen) for file in files]
+
+
+def compare_with_rig(workspace: Workspace, printed: PrintedPatch) -> str | None:
+    """What to do where the rig mounts the patch at another size than was printed; None where both agree.
+
+    Only the object that bears the patch's name is looked at; one whose spec is broken is said to be.
+    """
+    specs = workspace.object_specs()
+    if printed.name not in specs:
+        return None
+    try:
+        mounted_mm = read_spec(specs[printed.name]).patch.size_mm or printed.recorded_mm
+    except ToolkitError as error:
+        return f"not compared with the rig: {error}"
+    if abs(mounted_mm - printed.size_mm) < 0.05:
+        return None
+    return (
+        f"the rig mounts {printed.name} at {mounted_mm:.1f} mm: print with --size-mm {mounted_mm:.1f}, or set "
+        f"size_mm = {printed.size_mm:.1f} under [patch] in rig/objects/{printed.name}.toml"
+    )

@@ -1,0 +1,268 @@
+"""In which order to take the photographs: little camera travel, and no drift of the light that looks like a patch."""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.files import read_json, write_json
+from toolkit.rig.plan import CapturePlan
+from toolkit.rig.variants import PAIR
+
+STARTS = 8
+LONGEST_RUN = 3
+MOST_POLISHED = 200
+"""Above so many points or-opt is left out: 2-opt alone stays within seconds."""
+
+
+def find_tour(points: np.ndarray) -> np.ndarray:
+    """(n,) indices of points (n, 3) along a closed tour, mostly the shortest for a plan's size; no randomness.
+
+    The best of a few starts is taken, and the tour starts at point 0 towards the lower of its neighbours' indices.
+    """
+    points = np.asarray(points, float)
+    n = len(points)
+    if n < 4:
+        return np.arange(n)
+    apart = np.linalg.norm(points[:, None] - points, axis=-1)
+    starts = np.unique(np.linspace(0, n - 1, min(n, STARTS)).round().astype(int))
+    tours = [_improve(_go_to_nearest(apart, int(start)), apart) for start in starts]
+    best = min(tours, key=lambda tour: round(_length(tour, apart), 6))
+    best = np.roll(best, -int(np.flatnonzero(best == 0)[0]))
+    return best if best[1] < best[-1] else np.r_[best[:1], best[:0:-1]]
+
+
+def _length(tour: np.ndarray, apart: np.ndarray) -> float:
+    return float(apart[tour, np.roll(tour, -1)].sum())
+
+
+def _go_to_nearest(apart: np.ndarray, start: int) -> np.ndarray:
+    free = np.ones(len(apart), bool)
+    tour = [start]
+    free[start] = False
+    while free.any():
+        tour.append(int(np.where(free, apart[tour[-1]], np.inf).argmin()))
+        free[tour[-1]] = False
+    return np.array(tour)
+
+
+def _improve(tour: np.ndarray, apart: np.ndarray) -> np.ndarray:
+    """Reverse stretches and move short runs until neither helps; every step shortens the tour, so it ends."""
+    slack = 1e-9 * float(apart.max())
+    while True:
+        better = _reverse_best(tour, apart, slack)
+        if better is None and len(tour) <= MOST_POLISHED:
+            better = _move_first(tour, apart, slack)
+        if better is None:
+            return tour
+        tour = better
+
+
+def _reverse_best(tour: np.ndarray, apart: np.ndarray, slack: float) -> np.ndarray | None:
+    """2-opt: the reversal of one stretch that shortens the tour most, None where none does."""
+    after = np.roll(tour, -1)
+    kept = apart[tour, after]
+    change = apart[np.ix_(tour, tour)] + apart[np.ix_(after, after)] - kept[:, None] - kept
+    i, j = np.unravel_index(np.triu(change, 1).argmin(), change.shape)
+    if change[i, j] >= -slack or i >= j:
+        return None
+    return np.r_[tour[: i + 1], tour[i + 1 : j + 1][::-1], tour[j + 1 :]]
+
+
+def _move_first(tour: np.ndarray, apart: np.ndarray, slack: float) -> np.ndarray | None:
+    """Or-opt: the first run of up to three points that is better off elsewhere, either way round; else None."""
+    n = len(tour)
+    for length in range(1, min(LONGEST_RUN, n - 3) + 1):
+        for start in range(n):
+            turned = np.roll(tour, -start)
+            run, rest = turned[:length], turned[length:]
+            gain = apart[rest[-1], run[0]] + apart[run[-1], rest[0]] - apart[rest[-1], rest[0]]
+            before, behind = rest[:-1], rest[1:]
+            for piece in (run, run[::-1]):
+                cost = apart[before, piece[0]] + apart[piece[-1], behind] - apart[before, behind]
+                place = int(cost.argmin())
+                if cost[place] < gain - slack:
+                    return np.r_[rest[: place + 1], piece, rest[place + 1 :]]
+    return None
+
+
+Order = Literal["aba", "blocks", "alternate"]
+ORDERS: tuple[Order, ...] = ("aba", "blocks", "alternate")
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+
+
+@dataclass(frozen=True)
+class ShotStep:
+    """One photograph to take.
+
+    Attributes:
+        number: 1, 2, … over the whole session.
+        object, variant: what stands on the table, and what is stuck on it.
+        pose_id: from where, in the plan.
+    """
+
+    __pydantic_config__ = ConfigDict(extra="forbid")
+    number: Annotated[int, Field(ge=1)]
+    object: str
+    variant: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
+    pose_id: Annotated[int, Field(ge=1)]
+
+
+class ShotList(BaseModel):
+    """`rig/shots.json`: the session's photographs in order.
+
+    Attributes:
+        seed, order: what the order follows from.
+        plan_sha256: per object, `hash_poses` of the plan that the list was made from.
+        steps: every photograph once, numbered from 1.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    schema_version: Literal[1] = 1
+    seed: int = Field(0, ge=0)
+    order: Order = "aba"
+    plan_sha256: dict[str, Sha256]
+    steps: list[ShotStep] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _whole(self) -> "ShotList":
+        seen: dict[tuple[str, str, int], int] = {}
+        for expected, step in enumerate(self.steps, 1):
+            if step.number != expected:
+                raise ValueError(f"steps: expected number {expected} in place {expected}, found {step.number}")
+            if step.object not in self.plan_sha256:
+                raise ValueError(f"step {step.number}: object '{step.object}' is not in plan_sha256")
+            key = (step.object, step.variant, step.pose_id)
+            if key in seen:
+                raise ValueError(f"step {step.number} repeats step {seen[key]}: {' '.join(map(str, key))}")
+            seen[key] = step.number
+        return self
+
+
+def order_shots(
+    plan: CapturePlan, objects: Sequence[str], variants: Sequence[str] | Mapping[str, Sequence[str]] = PAIR,
+    seed: int = 0, order: str = "aba",
+) -> list[ShotStep]:  # fmt: skip
+    """Every pose of every object in every variant once, object after object, each along a short closed tour.
+
+    Light and camera drift in the hour that a session takes. `aba`, the default: half a tour unpatched, a whole one
+    patched, the other half unpatched: the sheet is stuck on once, and a steady drift cancels over the pairs.
+
+    - `blocks`: one tour per variant, variants in random order; for a sheet that cannot be taken off again. Drift counts
+      as the patch's effect within an object.
+    - `alternate`: all variants at each camera position in turn, first one then the other first; the best match of a
+      pair's cameras, but the sheet goes on and off at every pose.
+
+    Start and direction of an object's tour are random and depend on (seed, object) alone.
+
+    Args:
+        plan: holds the poses.
+        objects: in the order of the session.
+        variants: for all objects, or per object.
+        seed: of start, direction and order of variants.
+        order: one of `ORDERS`.
+
+    Raises:
+        ToolkitError: an unknown order, an object that is not in the plan or named twice, or no variant.
+    """
+    parse_order(order)
+    if len(set(objects)) < len(objects):
+        raise ToolkitError(f"objects {', '.join(objects)}: expected each once in a session")
+    steps: list[ShotStep] = []
+    for name in objects:
+        if name not in plan.objects:
+            raise one_of("object of the plan", name, sorted(plan.objects))
+        wanted = tuple(dict.fromkeys(variants[name] if isinstance(variants, Mapping) else variants))
+        if not wanted:
+            raise ToolkitError(f"object '{name}': expected at least one variant to shoot")
+        rng = np.random.default_rng([seed, *name.encode()])
+        for variant, pose_id in _visit(_walk(plan, name, rng), wanted, order, rng):
+            steps.append(ShotStep(len(steps) + 1, name, variant, pose_id))
+    return steps
+
+
+def parse_order(text: str) -> Order:
+    """One of `ORDERS` by name; another name is a `ToolkitError`."""
+    for order in ORDERS:
+        if text == order:
+            return order
+    raise one_of("order of shots", text, list(ORDERS))
+
+
+def _walk(plan: CapturePlan, name: str, rng: np.random.Generator) -> list[int]:
+    """Pose ids along the object's tour, from a random start in a random direction."""
+    poses = plan.objects[name]
+    tour = find_tour(np.stack([pose.matrix()[:3, 3] for pose in poses]))
+    tour = np.roll(tour, int(rng.integers(len(tour))))
+    return [poses[i].id for i in (tour[::-1] if rng.integers(2) else tour)]
+
+
+def _visit(walk: list[int], variants: tuple[str, ...], order: str, rng: np.random.Generator) -> list[tuple[str, int]]:
+    """(variant, pose id) in the order of shooting."""
+    if order == "alternate":
+        first = int(rng.integers(2))
+        return [(v, pose) for i, pose in enumerate(walk) for v in (variants[::-1] if (i + first) % 2 else variants)]
+    if order == "blocks" or len(variants) == 1:
+        return [(variants[i], pose) for i in rng.permutation(len(variants)) for pose in walk]
+    bare = "unpatched" if "unpatched" in variants else variants[0]
+    others = [variant for variant in variants if variant != bare]
+    half = len(walk) // 2
+    turned = walk[half:] + walk[:half]
+    middle = [(others[i], pose) for i in rng.permutation(len(others)) for pose in turned]
+    return [(bare, pose) for pose in walk[:half]] + middle + [(bare, pose) for pose in walk[half:]]
+
+
+def measure_travel_mm(plan: CapturePlan, steps: Sequence[ShotStep]) -> float:
+    """How far the camera moves from shot to shot, in straight lines; the way to another object's place is left out."""
+    places = {(name, pose.id): pose.matrix()[:3, 3] for name, poses in plan.objects.items() for pose in poses}
+    return float(
+        sum(
+            np.linalg.norm(places[b.object, b.pose_id] - places[a.object, a.pose_id])
+            for a, b in pairwise(steps)
+            if a.object == b.object
+        )
+    )
+
+
+def hash_poses(plan: CapturePlan, name: str) -> str:
+    """SHA-256 of the plan's camera and one object's poses, whatever else the plan holds; 64 hex digits."""
+    content = [plan.camera.model_dump(mode="json"), [pose.model_dump(mode="json") for pose in plan.objects[name]]]
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def list_shots(plan: CapturePlan, steps: Sequence[ShotStep], seed: int = 0, order: Order = "aba") -> ShotList:
+    """The steps with what they follow from, ready for `write_shots`."""
+    names = dict.fromkeys(step.object for step in steps)
+    return ShotList(
+        seed=seed, order=order, plan_sha256={name: hash_poses(plan, name) for name in names}, steps=list(steps)
+    )
+
+
+def write_shots(file: Path, shots: ShotList) -> Path:
+    """Write `rig/shots.json`."""
+    return write_json(file, shots.model_dump(mode="json"))
+
+
+def read_shots(file: Path, plan: CapturePlan | None = None) -> ShotList:
+    """Read and validate `rig/shots.json`; with a plan, also that the list was made from its poses.
+
+    Raises:
+        ToolkitError: the file is missing or broken (the message names file and field), or the plan has changed since.
+    """
+    shots = read_json(file, ShotList)
+    for name, sha256 in shots.plan_sha256.items():
+        if plan is None:
+            break
+        if name not in plan.objects or hash_poses(plan, name) != sha256:
+            raise ToolkitError(
+                f"{file}: field 'plan_sha256.{name}': the plan of '{name}' has changed since the list was made: "
+                "make it again with 'toolkit plan --shot-list'"
+            )
+    return shots

@@ -1,0 +1,241 @@
+"""What is put on an object in each variant: nothing, its patch, its texture, or a control that says what these do."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.files import read_json, sha256_bytes
+from toolkit.core.workspace import Workspace
+from toolkit.objects.load import TableObject
+from toolkit.objects.mesh import Mesh
+from toolkit.objects.records import (
+    COMMAND,
+    Patch,
+    Texture,
+    TexturedObject,
+    TextureRecord,
+    encode_png,
+    read_patch,
+    read_texture,
+)
+from toolkit.rig.mount import attach, lay_flat, mount_patch
+
+if TYPE_CHECKING:
+    from toolkit.objects.atlas import Atlas
+
+
+def find_texture(workspace: Workspace, item: TableObject) -> Texture:
+    """The texture of an object: the one that bears its name, else the first by name that was trained on it.
+
+    Raises:
+        ToolkitError: there is none, its files do not match, or the object's mesh is another than it was trained on.
+    """
+    textures = workspace.textures()
+    for name in sorted(textures, key=lambda name: (name != item.name, name)):
+        record_file = textures[name].with_suffix(".json")
+        # one that lacks its record is refused by `read_texture`, and only where it is the object's by its name
+        listed = record_file.is_file() and read_json(record_file, TextureRecord).entry(item.name)
+        if listed or (name == item.name and not record_file.is_file()):
+            texture = read_texture(textures[name])
+            check_fit(item, texture)
+            return texture
+    raise ToolkitError(
+        f"no texture for object '{item.name}': train one with '{COMMAND} --object {item.name}', or leave the variants "
+        "with textures out"
+    )
+
+
+def check_fit(item: TableObject, texture: Texture) -> TexturedObject:
+    """What the record says of an object, if the object is still the one that the texture was trained on.
+
+    Raises:
+        ToolkitError: the texture is not for it, or its mesh changed.
+    """
+    name, again = texture.record.name, f"train again with '{COMMAND} --object {item.name}'"
+    entry = texture.record.entry(item.name)
+    if entry is None:
+        raise ToolkitError(f"texture '{name}' was not trained on object '{item.name}': {again}")
+    if item.shape_sha256 != entry.mesh_sha256:
+        raise ToolkitError(f"{item.name}: the object's mesh changed after training of its texture '{name}': {again}")
+    corner_uv = texture.corner_uv.get(item.name)
+    if corner_uv is not None and len(corner_uv) != len(item.mesh.faces):
+        raise ToolkitError(
+            f"{item.name}: texture '{name}' has coordinates of {len(corner_uv)} triangles, the object has "
+            f"{len(item.mesh.faces)}: {again}"
+        )
+    return entry
+
+
+def fit_texture(item: TableObject, texture: Texture) -> "Atlas":
+    """The atlas that a texture was trained on, rebuilt from the object's mesh and what is stored beside the texture.
+
+    Raises:
+        ToolkitError: as `check_fit`.
+    """
+    from toolkit.objects.atlas import make_atlas
+
+    entry = check_fit(item, texture)
+    return make_atlas(
+        item.mesh, texture.record.n_px, entry.keep, texture.keep_images.get(item.name), entry.unwrapped,
+        texture.corner_uv.get(item.name),
+    )  # fmt: skip
+
+
+def paint_object(item: TableObject, texture: Texture, pixels: np.ndarray) -> Mesh:
+    """The object with pixels (n, n, 3) uint8 sRGB where a texture of it has its own; raises as `check_fit`."""
+    from toolkit.objects.atlas import wear
+
+    return wear(fit_texture(item, texture), pixels)
+
+
+PAIR = ("unpatched", "patched")
+CONTROLS_OF = {
+    "patched": ("wrong-patch", "random-patch", "grey-patch", "patch-alone"),
+    "textured": ("random-texture", "grey-texture"),
+}
+CONTROLS = tuple(control for controls in CONTROLS_OF.values() for control in controls)
+VARIANTS = ("unpatched", *CONTROLS_OF, *CONTROLS)
+ON_PAPER = ("patched", *CONTROLS_OF["patched"])
+GREY = 128
+
+
+@dataclass(frozen=True)
+class Booster:
+    """A square of pixels that goes on an object.
+
+    Attributes:
+        pixels: (n, n, 3) uint8 sRGB.
+        sha256: of its PNG.
+        name: of the patch, of the texture, or of the control.
+    """
+
+    pixels: np.ndarray
+    sha256: str
+    name: str
+
+
+@dataclass(frozen=True)
+class Print(Booster):
+    """A booster on paper.
+
+    Attributes:
+        size_mm: side on paper.
+        alone: lies flat on the table, and the object is not there.
+    """
+
+    size_mm: float
+    alone: bool = False
+
+
+@dataclass(frozen=True)
+class Paint(Booster):
+    """A booster all over the object: its pixels take the place that a texture has there."""
+
+    texture: Texture
+
+
+def find_booster(workspace: Workspace, item: TableObject, variant: str) -> Print | Paint | None:
+    """What is put on `item` in a variant; None for `unpatched`.
+
+    - `patched`: its own patch; `patch-alone`: the same, flat on the table without the object.
+    - `wrong-patch`: the next patch by name that was trained for another class.
+    - `textured`: its own texture.
+    - `random-patch`, `random-texture`: noise with the colours of neither, drawn for the object's name alone;
+      `grey-patch`, `grey-texture`: middle grey; in the place and with the texels of the object's own.
+
+    Raises:
+        ToolkitError: an unknown variant, or the patch or texture that it needs is missing or broken.
+    """
+    if variant not in VARIANTS:
+        raise one_of("variant", variant, list(VARIANTS))
+    if variant == "unpatched":
+        return None
+    if variant == "textured" or variant in CONTROLS_OF["textured"]:
+        return _find_paint(workspace, item, variant)
+    own = find_patch(workspace, item)
+    size_mm = item.spec.patch.size_mm or own.size_mm
+    if variant in ("patched", "patch-alone"):
+        return Print(own.pixels, own.record.png_sha256, own.record.name, size_mm, variant == "patch-alone")
+    if variant == "wrong-patch":
+        wrong = _next_patch(workspace, own)
+        return Print(wrong.pixels, wrong.record.png_sha256, wrong.record.name, size_mm)
+    pixels = _control_pixels(variant, item, own.record.n_px)
+    return Print(pixels, sha256_bytes(encode_png(pixels)), variant, size_mm)
+
+
+def _find_paint(workspace: Workspace, item: TableObject, variant: str) -> Paint:
+    own = find_texture(workspace, item)
+    if variant == "textured":
+        return Paint(own.pixels, own.record.png_sha256, own.record.name, own)
+    pixels = _control_pixels(variant, item, own.record.n_px)
+    return Paint(pixels, sha256_bytes(encode_png(pixels)), variant, own)
+
+
+def _control_pixels(variant: str, item: TableObject, n: int) -> np.ndarray:
+    if variant.startswith("grey-"):
+        return np.full((n, n, 3), GREY, np.uint8)
+    return np.random.default_rng(list(item.name.encode())).integers(0, 256, (n, n, 3), dtype=np.uint8)
+
+
+def describe_booster(item: TableObject, booster: Print | Paint) -> dict[str, Any]:
+    """All that, beside the object's mesh, decides how it looks with a booster: what a picture's hash is made of."""
+    if isinstance(booster, Paint):
+        entry = check_fit(item, booster.texture)
+        atlas = entry.model_dump(include={"unwrapped", "uv_sha256", "keep", "keep_image_sha256"})
+        return {"texture": booster.sha256, "atlas": atlas}
+    return {"patch": booster.sha256, "mm": booster.size_mm, "mount": item.spec.patch.model_dump()}
+
+
+def note_booster(booster: Print | Paint | None) -> dict[str, Any]:
+    """What a manifest says of a booster besides its hash: its name, and its side in mm of paper or in texels."""
+    if isinstance(booster, Paint):
+        return {"booster": booster.name, "booster_px": len(booster.pixels)}
+    return {"booster": booster.name if booster else None, "booster_mm": booster.size_mm if booster else None}
+
+
+def dress(item: TableObject, booster: Print | Paint | None) -> Mesh:
+    """The mesh to photograph: the object, the object with a sheet on it or painted, or the sheet alone."""
+    if booster is None:
+        return item.mesh
+    if isinstance(booster, Paint):
+        return paint_object(item, booster.texture, booster.pixels)
+    if booster.alone:
+        return lay_flat(booster.pixels, booster.size_mm)
+    sheet = mount_patch(item.mesh, booster.pixels, booster.size_mm, item.spec.patch, item.name)
+    return attach(item.mesh, sheet)
+
+
+def find_patch(workspace: Workspace, item: TableObject) -> Patch:
+    """The patch of an object: the one that bears its name, else one trained for its class.
+
+    Raises:
+        ToolkitError: there is none, or its files do not match.
+    """
+    patches = workspace.patches()
+    for name in (item.name, str(item.spec.class_name).replace(" ", "_")):
+        if name in patches:
+            return read_patch(patches[name])
+    for file in patches.values():
+        patch = read_patch(file)
+        if item.spec.class_name in (patch.record.class_name, patch.record.class_index):
+            return patch
+    chosen = workspace.patch_set
+    where = f" --model {chosen} --out {workspace.patches_dir}" if chosen else ""
+    raise ToolkitError(
+        f"no patch for object '{item.name}' (class '{item.spec.class_name}'){f' in {chosen}' if chosen else ''}: train "
+        f"one with 'toolkit train-patch --class \"{item.spec.class_name}\" --data rig:{item.name}{where}', or shoot "
+        "--variant unpatched"
+    )
+
+
+def _next_patch(workspace: Workspace, own: Patch) -> Patch:
+    patches = workspace.patches()
+    names = sorted(patches)
+    after = [name for name in names if name > own.record.name] + [name for name in names if name < own.record.name]
+    for name in after:
+        other = read_patch(patches[name])
+        if other.record.class_index != own.record.class_index:
+            return other
+    raise ToolkitError("the variant wrong-patch needs a patch of another class: train one, or leave the variant out")

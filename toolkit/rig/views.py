@@ -1,0 +1,338 @@
+"""Renders to train on: random camera, light and backdrop, never the poses of a plan; in worker processes."""
+
+import multiprocessing
+import os
+import signal
+import threading
+from collections.abc import Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, replace
+from types import TracebackType
+
+import cv2
+import numpy as np
+
+from toolkit.core.console import progress
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
+from toolkit.objects.load import load_object
+from toolkit.objects.mesh import Mesh
+from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
+from toolkit.rig.lighting import BakeDetail
+from toolkit.rig.raycast import RaycastRenderer, TexturedView
+from toolkit.rig.renderer import make_renderer
+from toolkit.rig.shading import develop
+from toolkit.rig.studio import LIGHTS, Studio, make_studio
+
+PER_STUDIO = 24
+CAMERA = Camera(width=320, height=288, fov_deg=40.0)
+
+
+@dataclass(frozen=True)
+class ViewRanges:
+    """Where a random camera may stand, lowest and highest; the azimuth is anywhere.
+
+    Attributes:
+        elevation_deg: above the table.
+        roll_deg: about the line of sight.
+        fill: share of the frame's shorter side that the object reaches; above 1 it is cut off.
+        off_centre: the object's middle is shifted by up to this share of the half frame even where it fills it.
+        evenly: elevations are drawn evenly over the sphere's area, not over the angle.
+    """
+
+    elevation_deg: tuple[float, float] = (20.0, 70.0)
+    roll_deg: tuple[float, float] = (-8.0, 8.0)
+    fill: tuple[float, float] = (0.6, 0.95)
+    off_centre: float = 0.0
+    evenly: bool = False
+
+    def draw_elevation(self, rng: np.random.Generator) -> float:
+        """Degrees above the table."""
+        if not self.evenly:
+            return rng.uniform(*self.elevation_deg)
+        return float(np.degrees(np.arcsin(rng.uniform(*np.sin(np.radians(self.elevation_deg))))))
+
+
+NEAR_VIEWS = ViewRanges()
+WHOLE_SPHERE = ViewRanges((-90.0, 90.0), (-180.0, 180.0), (0.35, 0.95), 0.15, evenly=True)
+WIDE_VIEWS = ViewRanges((5.0, 80.0), (-20.0, 20.0), (0.35, 1.05), 0.15)
+THUMBNAIL_DETAIL = BakeDetail(key_rays=10, room_rays=40, surface_spacing=0.035, table_spacing=0.03)
+"""Light for small pictures, in which finer shade is not seen."""
+THUMBNAIL_TABLE_PX = 640
+THUMBNAIL_ROOM_PX = 256
+
+
+def render_training_images(
+    workspace: Workspace, object_name: str, count: int, seed: int, quiet: bool = False
+) -> Iterator[np.ndarray]:
+    """Yield `count` renders of the bare object, (288, 320, 3) uint8 sRGB.
+
+    Azimuth is anywhere, elevation 20-70°, the object fills 60-95 % of the shorter side, roll within ±8°, and the camera
+    looks a little beside the object. Each `PER_STUDIO` images share a studio with its own backdrop and light. Image i
+    depends on (seed, i) alone.
+
+    Raises:
+        ToolkitError: an unknown object, or a mesh that cannot be used.
+    """
+    item = load_object(workspace.object_spec(object_name))
+    size = float(item.mesh.size_mm.max())
+    with progress(f"rendering {object_name} to train on", count, quiet) as bar:
+        for start in range(0, count, PER_STUDIO):
+            renderer = make_renderer("raycast", item.mesh, random_studio(seed, start, size))
+            for i in range(start, min(start + PER_STUDIO, count)):
+                T_world_camera = random_pose(np.random.default_rng([seed, i, 2]), item.mesh, CAMERA)
+                yield develop(renderer.render(CAMERA, T_world_camera), (seed, i))
+                bar.advance()
+
+
+def render_thumbnails(mesh: Mesh, count: int, seed: tuple[int, ...], camera: Camera) -> np.ndarray:
+    """(count, height, width, 3) uint8 sRGB: small pictures of a mesh in one studio, from wide-ranging poses.
+
+    Backdrop, light and the object's turn towards the light are drawn once, the camera for each picture. Light is worked
+    out more coarsely than elsewhere, about eight times as fast. All depends on `seed` alone.
+
+    Args:
+        mesh: on the table.
+        count: how many pictures.
+        seed: of all draws.
+        camera: of the pictures, up to about 256 px a side.
+    """
+    turned = turn_mesh(mesh, float(np.random.default_rng([*seed, 3]).uniform(0, 360)))
+    light = str(np.random.default_rng([*seed, 1]).choice(list(LIGHTS)))
+    studio = make_studio(seed, float(mesh.size_mm.max()), light=light)
+    renderer = RaycastRenderer(turned, _coarsen_studio(studio), THUMBNAIL_DETAIL)
+    pictures = np.empty((count, camera.height, camera.width, 3), np.uint8)
+    for i in range(count):
+        pose = random_pose(np.random.default_rng([*seed, 2, i]), turned, camera, WIDE_VIEWS)
+        pictures[i] = develop(renderer.render(camera, pose), (*seed, 2, i))
+    return pictures
+
+
+def turn_mesh(mesh: Mesh, degrees: float) -> Mesh:
+    """The mesh turned about the vertical axis, counter-clockwise from above."""
+    cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    rotation = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]], np.float32)
+    return replace(mesh, vertices=mesh.vertices @ rotation.T, normals=mesh.normals @ rotation.T)
+
+
+def _coarsen_studio(studio: Studio) -> Studio:
+    """The studio with pictures of table and room no finer than a thumbnail shows."""
+    h, w = studio.table.shape[:2]
+    scale = min(1.0, THUMBNAIL_TABLE_PX / w)
+    table = cv2.resize(studio.table, (round(w * scale), round(h * scale)), interpolation=cv2.INTER_AREA)
+    room_size = (THUMBNAIL_ROOM_PX, THUMBNAIL_ROOM_PX // 2)
+    room = cv2.resize(studio.environment, room_size, interpolation=cv2.INTER_AREA)
+    return replace(studio, table=np.asarray(table), environment=np.asarray(room))
+
+
+def random_studio(seed: int, start: int, size_mm: float) -> Studio:
+    """The studio of the images from number `start` on: any backdrop, any light."""
+    light = str(np.random.default_rng([seed, start, 1]).choice(list(LIGHTS)))
+    return make_studio((seed, start), size_mm, light=light)
+
+
+def random_pose(rng: np.random.Generator, mesh: Mesh, camera: Camera, ranges: ViewRanges = NEAR_VIEWS) -> np.ndarray:
+    """(4, 4) `T_world_camera` somewhere around an object, within `ranges`: by default `render_training_images`'s."""
+    azimuth, elevation, roll = rng.uniform(0, 360), ranges.draw_elevation(rng), rng.uniform(*ranges.roll_deg)
+    target = np.array([0.0, 0.0, mesh.size_mm[2] / 2])
+    fill = rng.uniform(*ranges.fill)
+    distance = distance_to_fill(camera, mesh.vertices, target, azimuth, elevation, fill, roll)
+    free = max((1 - fill) * 0.5, ranges.off_centre) * distance * camera.height / 2 / camera.focal_px
+    return orbit_pose(target + rng.uniform(-free, free, 3) * [1, 1, 0], azimuth, elevation, distance, roll)
+
+
+FOV_DEG = 30.5
+"""Of the square picture: what the middle of a 4:3 frame of 40° shows."""
+DETAIL = BakeDetail(key_rays=16, room_rays=64, surface_spacing=0.022, table_spacing=0.02)
+"""Light for pictures of a few hundred pixels."""
+TRAIN, HELD_OUT = 0, 1
+"""Kinds of blocks: what is trained on and what is held out share no draw."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """An object whose texture is left out.
+
+    Attributes:
+        mesh: on the table, some of its materials sharing the texture to be left out, none of these metallic.
+        material: index of one that has it.
+        bare: the object in its own paint, for comparison.
+    """
+
+    mesh: Mesh
+    material: int
+    bare: Mesh
+
+
+@dataclass(frozen=True)
+class ViewSettings:
+    """How views are drawn.
+
+    Attributes:
+        ranges: where the camera may stand.
+        image_px: side of the square pictures.
+        studios: blocks that are used together; successive blocks show successive subjects.
+        per_studio: views of each.
+    """
+
+    ranges: ViewRanges = NEAR_VIEWS
+    image_px: int = 224
+    studios: int = 4
+    per_studio: int = 24
+
+
+@dataclass(frozen=True)
+class StreamedView:
+    """A view, and the same picture of the object in its own paint where that was asked for, (s, s, 3) uint8 sRGB."""
+
+    subject: int
+    view: TexturedView
+    bare: np.ndarray | None
+
+
+def render_block(
+    subjects: tuple[Subject, ...], settings: ViewSettings, seed: int, kind: int, block: int
+) -> list[StreamedView]:
+    """The views of one block; those held out with the object's own paint beside them."""
+    draws = np.random.SeedSequence(seed, spawn_key=(kind, block))
+    of_studio, *of_views = draws.spawn(1 + settings.per_studio)
+    rng = np.random.default_rng(of_studio)
+    subject = subjects[block % len(subjects)]
+    light, turn = str(rng.choice(list(LIGHTS))), float(rng.uniform(0, 360))
+    studio_seed = tuple(int(n) for n in of_studio.generate_state(2))
+    studio = make_studio(studio_seed, float(subject.mesh.size_mm.max()), light=light)
+    camera = Camera(settings.image_px, settings.image_px, FOV_DEG)
+    mesh = turn_mesh(subject.mesh, turn)
+    renderer = RaycastRenderer(mesh, studio, DETAIL)
+    own_paint = RaycastRenderer(turn_mesh(subject.bare, turn), studio, DETAIL) if kind == HELD_OUT else None
+    texture = mesh.materials[subject.material].texture
+    views = []
+    for i, of_view in enumerate(of_views):
+        pose = random_pose(np.random.default_rng(of_view), mesh, camera, settings.ranges)
+        bare = None if own_paint is None else develop(own_paint.render(camera, pose), (seed, kind, block, i))
+        views.append(StreamedView(block % len(subjects), _pack(renderer.take_apart(camera, pose, texture)), bare))
+    return views
+
+
+def _pack(view: TexturedView) -> TexturedView:
+    """Light and shares in half precision: a group of views is kept in memory."""
+    half = {name: getattr(view, name).astype(np.float16) for name in ("behind", "dark", "coverage", "gain", "lod")}
+    return replace(view, **half)
+
+
+class ViewStream:
+    """Groups of `settings.studios` blocks, in order, each rendered while the one before it is used.
+
+    A context manager: leaving it ends the workers. Without workers the blocks are rendered when they are asked for.
+    """
+
+    def __init__(
+        self, subjects: list[Subject], settings: ViewSettings, seed: int, groups: int, workers: int | None = None
+    ) -> None:
+        """Prepare `groups` groups of training views.
+
+        Args:
+            subjects: at least one.
+            settings: how views are drawn.
+            seed: of all draws.
+            groups: how many there are; none is rendered beyond.
+            workers: processes; None: one for each core but one, at least one.
+        """
+        self._subjects, self.settings, self._seed, self._groups = tuple(subjects), settings, seed, groups
+        self._workers = count_workers() if workers is None else workers
+        self._pool: ProcessPoolExecutor | None = None
+        self._waiting: dict[int, list[Future]] = {}
+        self._current: tuple[int, list[StreamedView]] | None = None
+
+    def __enter__(self) -> "ViewStream":
+        if self._workers:
+            self._pool = ProcessPoolExecutor(
+                self._workers, multiprocessing.get_context("spawn"), _start_worker, (self._subjects, self.settings)
+            )
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+            self._pool = None
+        self._waiting.clear()
+
+    @property
+    def views_per_group(self) -> int:
+        """How many views a group has."""
+        return self.settings.studios * self.settings.per_studio
+
+    def group(self, number: int) -> list[StreamedView]:
+        """The views of a group, and a beginning made with those after it."""
+        if self._current is None or self._current[0] != number:
+            self._current = None  # frees the group before
+            for stale in [n for n in self._waiting if n < number]:
+                del self._waiting[stale]
+            views = [view for block in self._render(number, TRAIN) for view in block]
+            self._current = number, views
+        return self._current[1]
+
+    def held_out(self, blocks: int) -> list[StreamedView]:
+        """Views that no group holds, each beside the object in its own paint."""
+        numbers = range(blocks)
+        if self._pool is None:
+            found = [render_block(self._subjects, self.settings, self._seed, HELD_OUT, b) for b in numbers]
+        else:
+            found = self._collect([self._pool.submit(_render_in_worker, self._seed, HELD_OUT, b) for b in numbers])
+        return [view for block in found for view in block]
+
+    def _render(self, number: int, kind: int) -> list[list[StreamedView]]:
+        count = self.settings.studios
+        if self._pool is None:
+            numbers = range(number * count, (number + 1) * count)
+            return [render_block(self._subjects, self.settings, self._seed, kind, b) for b in numbers]
+        ahead = 1 + -(-self._workers // count)
+        for n in range(number, min(number + 1 + ahead, self._groups)):
+            if n not in self._waiting:
+                blocks = range(n * count, (n + 1) * count)
+                self._waiting[n] = [self._pool.submit(_render_in_worker, self._seed, kind, b) for b in blocks]
+        return self._collect(self._waiting.pop(number))
+
+    def _collect(self, futures: list[Future]) -> list[list[StreamedView]]:
+        try:
+            return [future.result() for future in futures]
+        except BrokenProcessPool:
+            raise ToolkitError(
+                "a process that renders views was ended from outside, most likely for want of memory: the same command "
+                "goes on from the last checkpoint; --workers 1 or a smaller --batch needs less"
+            ) from None
+
+
+def count_workers() -> int:
+    """One process for each core that this one may use, but one; at least one."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return max(1, cores - 1)
+
+
+_worker: tuple[tuple[Subject, ...], ViewSettings] | None = None
+"""What this process renders, where it is a worker."""
+
+
+def _start_worker(subjects: tuple[Subject, ...], settings: ViewSettings) -> None:
+    global _worker
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to answer
+    threading.Thread(target=_die_with_parent, daemon=True).start()
+    _worker = subjects, settings
+
+
+def _die_with_parent() -> None:
+    """A worker whose parent was killed would wait for ever to hand over its views."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+def _render_in_worker(seed: int, kind: int, block: int) -> list[StreamedView]:
+    if _worker is None:
+        raise RuntimeError("the process was not started by ViewStream")
+    subjects, settings = _worker
+    return render_block(subjects, settings, seed, kind, block)

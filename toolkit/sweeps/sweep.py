@@ -1,0 +1,148 @@
+"""From an axis to `eval/sweeps/AXIS`: shoot every value as a source of its own, evaluate them all, write what came."""
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from toolkit.captures.read import CaptureFolder, Selection, read_captures
+from toolkit.captures.shoot import StoredImage, index_images, shoot_plan
+from toolkit.core.console import progress
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
+from toolkit.evaluation.evaluate import check_run_name, write_evaluation
+from toolkit.evaluation.predict import class_of_spec, find_true_classes
+from toolkit.evaluation.results import EvaluationResult
+from toolkit.models.network import Classifier
+from toolkit.rig.variants import PAIR
+from toolkit.sweeps.axes import Axis, Setup, Unit, Value, plan_units
+from toolkit.sweeps.cache import predict_once
+from toolkit.sweeps.figure import draw_sweep
+from toolkit.sweeps.result import Sweep, collect_rows, write_sweep
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """What a sweep made.
+
+    Attributes:
+        sweep: its rows.
+        json_file, csv_file, figure_file: where they are.
+        evaluation: the report over all values, each a source.
+        shot, kept: images shot now, and images that were there before or stand for several values.
+        classified: images that the network was asked about now.
+    """
+
+    sweep: Sweep
+    json_file: Path
+    csv_file: Path
+    figure_file: Path
+    evaluation: EvaluationResult
+    shot: int
+    kept: int
+    classified: int
+
+
+def run_sweep(
+    workspace: Workspace, axis: Axis, values: Sequence[Value], base: Setup, objects: Sequence[str],
+    classifier: Classifier, variants: Sequence[str] = PAIR, run_name: str | None = None, quiet: bool = False,
+) -> SweepResult:  # fmt: skip
+    """Vary one thing and keep the rest.
+
+    Images lie in `eval/sweeps/AXIS/captures/VALUE/OBJECT/VARIANT`, the report in `eval/sweeps/AXIS/MODEL`, and the rows
+    in `sweep-MODEL.json` and `.csv`, drawn in `.png`. They hold what this call asks for. What was shot or classified
+    before from the same inputs is taken from where it lies, also from other axes and from `captures/sim`.
+
+    Args:
+        workspace: whose objects and patches are meant, and whose `eval/` is written to.
+        axis, values: what is varied.
+        base: what is kept.
+        objects: names.
+        classifier: from `load_classifier`.
+        variants: what is stuck on the objects.
+        run_name: stands for MODEL; by default the classifier's name, and that of the set of patches.
+        quiet: no progress bar.
+
+    Raises:
+        ToolkitError: an unknown object or variant, no patch, an object that is no class of the network, nothing that
+            can be shot, or a disk that is full or read-only.
+    """
+    name = check_run_name(run_name or _name_run(workspace, classifier))
+    variants = tuple(dict.fromkeys(variants))
+    specs = {each: workspace.object_spec(each) for each in objects}
+    _check_classes(list(specs.values()), classifier)
+    units = plan_units(workspace, axis, values, base, list(specs), variants)
+    if axis.name == "size" and all(unit.patch_mm is None for unit in units):
+        raise ToolkitError("the axis 'size' varies the patch: name a variant that has one, such as --variant patched")
+    possible = [unit for unit in units if unit.refused is None]
+    if not possible:
+        raise ToolkitError(f"no value of the sweep can be shot: {units[0].label}: {units[0].refused}")
+    folder = workspace.eval_dir / "sweeps" / axis.name
+    # two sets of patches would take turns in one folder, and be shot again each time
+    captures_dir = folder / (f"captures-{workspace.patch_set}" if workspace.patch_set else "captures")
+    shot, kept, stale = _shoot(workspace, possible, variants, captures_dir, quiet)
+    captures = _read(captures_dir, possible, variants, stale)
+    classes = find_true_classes(captures, workspace, classifier)
+    cache_file = workspace.eval_dir / "sweeps" / "predictions.jsonl"
+    predictions, classified = predict_once(captures.captures, classes, classifier, cache_file, quiet)
+    evaluation = write_evaluation(folder / name, captures, predictions, classifier, quiet, saliency=False)
+    sweep = collect_rows(axis, units, variants, base.settings, classifier, evaluation)
+    json_file, csv_file = write_sweep(folder, name, sweep)
+    figure_file = draw_sweep(folder / f"sweep-{name}.png", sweep)
+    return SweepResult(sweep, json_file, csv_file, figure_file, evaluation, shot, kept, classified)
+
+
+def _check_classes(spec_files: Sequence[Path], classifier: Classifier) -> None:
+    """Find objects that the network has no class for before the work, not after it."""
+    for spec_file in spec_files:
+        try:
+            class_of_spec(spec_file, classifier)
+        except ToolkitError as error:
+            others = "; or sweep the other objects, each named with --object" if len(spec_files) > 1 else ""
+            raise ToolkitError(f"{error}{others}") from None
+
+
+def _name_run(workspace: Workspace, classifier: Classifier) -> str:
+    """The classifier's name, and that of the set of patches where it is another."""
+    return "-".join(dict.fromkeys(name for name in (classifier.name, workspace.patch_set) if name))
+
+
+def _shoot(
+    workspace: Workspace, units: Sequence[Unit], variants: Sequence[str], captures_dir: Path, quiet: bool
+) -> tuple[int, int, set[str]]:
+    """Images shot and kept, and paths of images there that are none of these units'."""
+    stored = dict(_find_stored(workspace))
+    shot = kept = 0
+    stale: set[str] = set()
+    with progress("shooting", len(units), quiet) as bar:
+        for unit in units:
+            bar.advance(0, note=f"{unit.label}: {unit.object}")
+            result = shoot_plan(
+                workspace, unit.setup.plan, [unit.object], variants, unit.setup.settings, unit.label, quiet=True,
+                captures_dir=captures_dir, patch_mm=unit.setup.patch_mm, stored=stored,
+            )  # fmt: skip
+            shot, kept = shot + result.shot, kept + result.kept
+            stale |= {f"{unit.label}/{path}" for path in result.stale}
+            stored |= index_images(result.source_dir)
+            bar.advance()
+    return shot, kept, stale
+
+
+def _find_stored(workspace: Workspace) -> Iterator[tuple[str, StoredImage]]:
+    sources = [workspace.captures_dir / "sim", *sorted(workspace.eval_dir.glob("sweeps/*/captures*/*"))]
+    for source_dir in sources:
+        # only a store: what cannot be read there is shot again
+        with contextlib.suppress(ToolkitError, OSError):
+            yield from index_images(source_dir).items()
+
+
+def _read(captures_dir: Path, units: Sequence[Unit], variants: Sequence[str], stale: set[str]) -> CaptureFolder:
+    """The images of these units alone, value by value, whatever else lies in the folder."""
+    folder = read_captures(captures_dir, Selection(tuple(dict.fromkeys(unit.label for unit in units)), (), ()))
+    wanted = {(unit.label, unit.object) for unit in units}
+    captures = [
+        one
+        for one in folder.captures
+        if (one.source, one.object) in wanted and one.variant in variants and one.path not in stale
+    ]
+    return replace(folder, captures=tuple(captures))

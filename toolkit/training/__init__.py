@@ -1,0 +1,1 @@
+"""The training loop, and classifiers trained from renders or from a folder of images."""

@@ -1,0 +1,381 @@
+"""Training and held-out images from any mix of sources, packed into files that are read without loading them whole."""
+
+import json
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+
+from toolkit.core.console import progress
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import explain_write_error, inside, sha256_bytes, sha256_file, write_json
+from toolkit.core.workspace import Workspace
+from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
+from toolkit.imaging.read import UnreadableImage
+from toolkit.models.labels import match_classes
+from toolkit.models.network import Classifier
+from toolkit.objects.spec import read_spec
+from toolkit.training.folder import CIFAR_PREFIX, LabelledFile, StoredImage, find_classes, list_cifar, load_square
+from toolkit.training.renders import EVERYDAY, RIG, RenderUnit, render_shards
+
+PACKAGE = Path(__file__).parents[1]
+PICTURE_MAKERS = ("training", "raycast", "lighting", "shading", "studio", "materials", "room", "backdrop", "finish")
+"""Modules of `toolkit.rig` that decide what a render looks like."""
+
+
+@dataclass(frozen=True)
+class RenderCounts:
+    """How many renders of a class.
+
+    Attributes:
+        per_class: to train on.
+        views: of each object in its studio; another object, or another studio, has other views.
+        held_out: share of `per_class` that is rendered on top and held out.
+        seed: of all draws.
+        px: side of the pictures.
+    """
+
+    per_class: int
+    views: int
+    held_out: float
+    seed: int
+    px: int
+
+    def __post_init__(self) -> None:
+        if self.per_class < 1 or self.views < 1:
+            raise ToolkitError(f"--per-class {self.per_class} --views {self.views}: expected at least 1 of each")
+        if not 0 <= self.held_out < 1:
+            raise ToolkitError(f"--held-out {self.held_out:g}: expected a share from 0 to below 1, such as 0.1")
+
+    def units(self, source: str, label: str, name: str) -> tuple[tuple[RenderUnit, ...], tuple[RenderUnit, ...]]:
+        """What to render of one object's kind, to train on and held out."""
+        parts = []
+        for part, images in enumerate((self.per_class, round(self.held_out * self.per_class))):
+            seeds = [(self.seed, crc32(name.encode()), part, k) for k in range(-(-images // self.views))]
+            parts.append(tuple(RenderUnit(source, label, seed, self.views, self.px) for seed in seeds))
+        return parts[0], parts[1]
+
+
+@dataclass(frozen=True)
+class Source:
+    """One `--data`.
+
+    Attributes:
+        train, held_out: images and renders.
+        skipped: (path, reason) of what is left out from the start.
+        record: for the classifier's record.
+        key: of all else that decides the pixels.
+        words: what it is, in a few words.
+        held_out_words: how the held-out images differ.
+    """
+
+    train: tuple[LabelledFile | RenderUnit | StoredImage, ...]
+    held_out: tuple[LabelledFile | RenderUnit | StoredImage, ...]
+    skipped: tuple[tuple[str, str], ...]
+    record: dict[str, Any]
+    key: str
+    words: str
+    held_out_words: str
+
+
+def open_source(data: str, workspace: Workspace, counts: RenderCounts, download: bool = False) -> Source:
+    """What one `--data` offers; `everyday` and `rig` are sources, a folder of that name is `./everyday`.
+
+    Args:
+        data: as typed.
+        workspace: whose objects `rig` is.
+        counts: of renders.
+        download: fetch CIFAR-10 where `cifar10:FOLDER` has none.
+
+    Raises:
+        ToolkitError: a folder that is missing or has no classes, or an object that cannot be rendered.
+    """
+    if data == EVERYDAY:
+        return _everyday(counts)
+    if data == RIG:
+        return _rig(workspace, counts)
+    if data.startswith(CIFAR_PREFIX):
+        return _cifar(Path(data.removeprefix(CIFAR_PREFIX)), download)
+    found = find_classes(Path(data), counts.held_out, counts.seed)
+    kinds = sorted({one.label for one in found.train})
+    record = {"source": Path(data).resolve().name, "classes": len(kinds)}
+    words = f"photographs of {len(kinds)} classes from the folder {record['source']}"
+    return Source(found.train, found.held_out, found.skipped, record, "", words, found.how)
+
+
+def _cifar(folder: Path, download: bool) -> Source:
+    train, held_out = (list_cifar(folder, split, download) for split in ("train", "test"))
+    record = {"source": "cifar10", "classes": len({one.label for one in train})}
+    return Source(train, held_out, (), record, "", "photographs of CIFAR-10", "CIFAR-10's test images")
+
+
+def _everyday(counts: RenderCounts) -> Source:
+    from toolkit.objects.shapes.everyday import MAKERS
+
+    units = [counts.units(EVERYDAY, label, f"{EVERYDAY}/{label}") for label in sorted(MAKERS)]
+    record = {"source": EVERYDAY, "classes": len(MAKERS), "objects": sum(len(train) for train, _ in units)}
+    words = f"renders of {len(MAKERS)} kinds of everyday objects"
+    return _source(units, record, _hash_code(), words, "other objects of each kind, in other studios and views")
+
+
+def _rig(workspace: Workspace, counts: RenderCounts) -> Source:
+    specs = {name: (file, read_spec(file)) for name, file in sorted(workspace.object_specs().items())}
+    units: list[tuple] = []
+    keys: list[Any] = [_hash_code()]
+    for name, (file, spec) in specs.items():
+        if isinstance(spec.class_name, int):
+            raise ToolkitError(
+                f"{file}: field 'class' is the number {spec.class_name}: a new classifier needs its classes by name"
+            )
+        units.append(counts.units(str(file), spec.class_name, f"{RIG}/{name}"))
+        keys.append([spec.model_dump(mode="json"), _hash_mesh(file, spec.mesh)])
+    kinds = {spec.class_name for _, spec in specs.values()}
+    record = {"source": RIG, "classes": len(kinds), "objects": list(specs)}
+    words = f"renders of {len(specs)} objects in the rig"
+    return _source(units, record, json.dumps(keys), words, "the same objects in other studios and views")
+
+
+def _source(units: Sequence[tuple], record: dict[str, Any], key: str, words: str, held_out_words: str) -> Source:
+    train = tuple(unit for own, _ in units for unit in own)
+    held_out = tuple(unit for _, own in units for unit in own)
+    return Source(train, held_out, (), record, key, words, held_out_words)
+
+
+def _hash_mesh(spec_file: Path, mesh: str) -> str:
+    if not mesh.startswith("builtin:") and (path := inside(spec_file.parent, mesh)).is_file():
+        return sha256_file(path)
+    return mesh
+
+
+def _hash_code() -> str:
+    """Of the modules that make and render objects: renders of another version are not mixed with this one's."""
+    files = sorted((PACKAGE / "objects").rglob("*.py"))
+    files += [PACKAGE / "rig" / f"{name}.py" for name in PICTURE_MAKERS]
+    return sha256_bytes("".join(sha256_file(file) for file in files).encode())
+
+
+@dataclass(frozen=True)
+class TrainingClasses:
+    """The outputs of a network and the data's names for them.
+
+    Attributes:
+        labels: one per output.
+        index_of: output by the label of an image, its folder's name.
+    """
+
+    labels: tuple[str, ...]
+    index_of: dict[str, int]
+
+    @property
+    def used(self) -> list[int]:
+        """Outputs that have images, sorted."""
+        return sorted(set(self.index_of.values()))
+
+
+def list_classes(sources: Sequence[Source]) -> TrainingClasses:
+    """The classes of the data, by name.
+
+    Raises:
+        ToolkitError: fewer than two.
+    """
+    labels = tuple(sorted({item.label for source in sources for item in source.train}))
+    if len(labels) < 2:
+        only = f"found only '{labels[0]}'" if labels else "found none"
+        raise ToolkitError(f"a classifier needs at least two classes: {only}: add another --data or class folder")
+    return TrainingClasses(labels, {label: index for index, label in enumerate(labels)})
+
+
+def keep_classes(sources: Sequence[Source], classifier: Classifier) -> TrainingClasses:
+    """All classes of a classifier; the data's are found among them by WordNet id or by label.
+
+    Raises:
+        ToolkitError: the data has a class that the classifier has not.
+    """
+    index_of: dict[str, int] = {}
+    for source in sources:
+        names = sorted({item.label for item in source.train})
+        index_of |= match_classes(names, classifier, Path(source.record["source"]), "--init")
+    return TrainingClasses(tuple(classifier.labels), index_of)
+
+
+BLOCK = 256
+PACKS = ("train", "held_out")
+Item = LabelledFile | RenderUnit | StoredImage
+
+
+@dataclass(frozen=True)
+class Pack:
+    """Images on disk.
+
+    Attributes:
+        images: (n, s, s, 3) uint8 sRGB, mapped from the file.
+        classes: (n,) int64.
+        sha256: of pixels and classes.
+    """
+
+    images: np.ndarray
+    classes: np.ndarray
+    sha256: str
+
+
+@dataclass(frozen=True)
+class TrainingSet:
+    """What a classifier is trained on and tested with.
+
+    Attributes:
+        labels: one per output of the network.
+        train, held_out: images; none may be held out.
+        skipped: (path, reason) of images that could not be used.
+        record: for the classifier's record.
+    """
+
+    labels: tuple[str, ...]
+    train: Pack
+    held_out: Pack
+    skipped: tuple[tuple[str, str], ...]
+    record: dict[str, Any]
+
+
+def load_training_set(
+    sources: Sequence[Source], classes: TrainingClasses, how: Preprocessing, keep: Path, workers: int, quiet: bool
+) -> TrainingSet:
+    """Render and decode what the sources offer, or take what an earlier run left in `keep`.
+
+    Args:
+        sources: at least one.
+        classes: what their labels stand for.
+        how: how images are stored: square, `crop_px` a side.
+        keep: folder for what is rendered and packed, until the training is finished.
+        workers: processes that render.
+        quiet: no progress bar.
+
+    Raises:
+        ToolkitError: a class none of whose images can be read, or the disk is full.
+    """
+    place = keep / f"data-{_hash_sources(sources, classes, how)[:16]}"
+    if not (place / "about.json").is_file():
+        _render(sources, place / "shards", workers, quiet)
+        _pack_all(sources, classes.index_of, how, place, quiet)
+        shutil.rmtree(place / "shards", ignore_errors=True)
+    about = json.loads((place / "about.json").read_text(encoding="utf-8"))
+    skipped = [one for source in sources for one in source.skipped] + [tuple(one) for one in about["skipped"]]
+    train, held_out = (_open_pack(place, name, about[name], how.crop_px) for name in PACKS)
+    _check_classes(classes, train, skipped)
+    record = {
+        "sources": [source.record for source in sources],
+        "trained_on": {"images": len(train.images), "sha256": train.sha256},
+        "held_out": {"images": len(held_out.images), "sha256": held_out.sha256},
+        "stored_px": how.crop_px,
+        "skipped": len(skipped),
+    }
+    return TrainingSet(classes.labels, train, held_out, tuple(skipped), record)
+
+
+def _hash_sources(sources: Sequence[Source], classes: TrainingClasses, how: Preprocessing) -> str:
+    """Address of the packed images: of the files' names, sizes and times, and of all that decides the renders."""
+    items = [[source.key, *map(_address, (*source.train, *source.held_out))] for source in sources]
+    return sha256_bytes(json.dumps([items, asdict(how), classes.index_of]).encode())
+
+
+def _address(item: Item) -> str:
+    if isinstance(item, RenderUnit | StoredImage):
+        return item.name
+    status = item.path.stat()
+    return f"{item.path} {item.label} {status.st_size} {status.st_mtime_ns}"
+
+
+def _render(sources: Sequence[Source], folder: Path, workers: int, quiet: bool) -> None:
+    units = [item for source in sources for item in (*source.train, *source.held_out) if isinstance(item, RenderUnit)]
+    if not units:
+        return
+    total = sum(unit.views for unit in units)
+    done = sum(unit.views for unit in units if (folder / unit.name).is_file())
+    with progress(f"Rendering {len(units)} objects", total, quiet, done) as bar:
+        render_shards(units, folder, workers, bar.advance)
+
+
+def _pack_all(
+    sources: Sequence[Source], index_of: dict[str, int], how: Preprocessing, place: Path, quiet: bool
+) -> None:
+    parts = {name: [item for source in sources for item in getattr(source, name)] for name in PACKS}
+    about: dict[str, Any] = {"skipped": []}
+    files = sum(isinstance(item, LabelledFile) for items in parts.values() for item in items)
+    with progress("Reading images", files, quiet or not files) as bar:
+        for name, items in parts.items():
+            about[name] = _write_pack(place, name, items, index_of, how, about["skipped"], bar.advance)
+    write_json(place / "about.json", about)
+
+
+def _write_pack(place: Path, name: str, items, index_of, how: Preprocessing, skipped: list, advance) -> dict[str, Any]:
+    """Pixels one after the other in a raw file, its length told by `about.json`, which is written last."""
+    classes: list[int] = []
+    digest = sha256()
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+        with (place / f"{name}.raw").open("wb") as file:
+            for label, pictures in _read_items(items, place / "shards", how, skipped, advance):
+                content = np.ascontiguousarray(pictures).tobytes()
+                file.write(content)
+                digest.update(content)
+                classes += [index_of[label]] * len(pictures)
+    except OSError as error:
+        raise explain_write_error(place / f"{name}.raw", error) from error
+    digest.update(np.array(classes, "<i8").tobytes())
+    return {"classes": classes, "sha256": digest.hexdigest()}
+
+
+def _read_items(
+    items: Sequence[Item], shards: Path, how: Preprocessing, skipped: list, advance: Callable[[int], None]
+) -> Iterator[tuple[str, np.ndarray]]:
+    """(label, (k, s, s, 3) uint8) of each item in order; a file that cannot be read goes to `skipped`."""
+    with ThreadPoolExecutor() as pool:
+        for start in range(0, len(items), BLOCK):
+            block = items[start : start + BLOCK]
+            for item, found in zip(block, pool.map(lambda one: _read_item(one, shards, how), block), strict=True):
+                if isinstance(item, LabelledFile):
+                    advance(1)
+                    if isinstance(found, str):
+                        skipped.append((item.shown, found))
+                if not isinstance(found, str):
+                    yield item.label, found
+
+
+def _read_item(item: Item, shards: Path, how: Preprocessing) -> np.ndarray | str:
+    if isinstance(item, RenderUnit):
+        return np.load(shards / item.name, allow_pickle=False, mmap_mode=None)
+    if isinstance(item, StoredImage):
+        return resize_and_crop(item.pixels, how)[None]
+    try:
+        return load_square(item.path, how)[None]
+    except UnreadableImage as error:
+        return error.reason
+
+
+def _open_pack(place: Path, name: str, about: dict[str, Any], px: int) -> Pack:
+    classes = np.array(about["classes"], np.int64)
+    shape = (len(classes), px, px, 3)
+    file = place / f"{name}.raw"
+    expected = int(np.prod(shape))
+    if not file.is_file() or file.stat().st_size != expected:
+        raise ToolkitError(f"{file} is damaged: expected {expected} bytes: delete {place}, or train with --restart")
+    images = np.memmap(file, np.uint8, "r", shape=shape) if len(classes) else np.zeros(shape, np.uint8)
+    return Pack(images, classes, about["sha256"])
+
+
+def _check_classes(classes: TrainingClasses, train: Pack, skipped: Sequence[tuple[str, str]]) -> None:
+    filled = set(train.classes.tolist())
+    label = next((label for label, index in classes.index_of.items() if index not in filled), None)
+    if label is not None:
+        path, reason = next((one for one in skipped if label in one[0]), ("", "none found"))
+        raise ToolkitError(f"class '{label}': none of its images can be used; {path}: {reason}")
+
+
+def store_preprocessing(how: Preprocessing, px: int) -> Preprocessing:
+    """How images are kept for training: the whole middle square at `px`."""
+    return replace(how, resize_px=px, crop_px=px)

@@ -1,0 +1,234 @@
+"""Images of classes to train on: from a folder with a sub-folder for each class, or CIFAR-10."""
+
+import http.client
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+
+from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.files import sha256_bytes
+from toolkit.imaging.folder import find_files, show_path
+from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
+from toolkit.imaging.read import UnreadableImage, read_image
+from toolkit.models.weights import DOWNLOAD_TIMEOUT_S, socket_timeout
+
+CIFAR_PREFIX = "cifar10:"
+SPLITS = ("train", "test")
+
+
+@dataclass(frozen=True)
+class Cifar10:
+    """Images of one split.
+
+    Attributes:
+        labels: of the classes.
+        pixels: (n, 32, 32, 3) uint8 sRGB.
+        classes: (n,) int64.
+    """
+
+    labels: tuple[str, ...]
+    pixels: np.ndarray
+    classes: np.ndarray
+
+
+def open_cifar(folder: Path, split: str, download: bool = False) -> Cifar10:
+    """The 50000 images of CIFAR-10's `train` or the 10000 of its `test`.
+
+    Its files are pickles, which can run code when they are read: torchvision compares the MD5 of every one with the
+    published one before it opens any.
+
+    Args:
+        folder: holds `cifar-10-batches-py`, or is it.
+        split: `train` or `test`.
+        download: fetch it into `folder` if it is not there.
+
+    Raises:
+        ToolkitError: it is not there, a file of it is damaged or foreign, or the download failed.
+    """
+    from torchvision.datasets import CIFAR10
+
+    if split not in SPLITS:
+        raise one_of("split of CIFAR-10", split, list(SPLITS))
+    folder = Path(folder)
+    root = folder.parent if folder.name == CIFAR10.base_folder else folder
+    try:
+        with socket_timeout(DOWNLOAD_TIMEOUT_S):
+            found = CIFAR10(str(root), train=split == "train", download=download)
+    except (RuntimeError, OSError, http.client.HTTPException) as error:
+        reason = str(getattr(error, "reason", "") or error).strip() or error.__class__.__name__
+        if download:
+            raise ToolkitError(
+                f"--download: cannot fetch CIFAR-10 from {CIFAR10.url} ({reason}): put {CIFAR10.filename} into {root} "
+                "and try again"
+            ) from None
+        if isinstance(error, RuntimeError):
+            reason = _find_wrong_file(CIFAR10, root / CIFAR10.base_folder)
+        raise ToolkitError(
+            f"--data {CIFAR_PREFIX}{root}: {reason}: unpack {CIFAR10.filename} there, or fetch it with --download"
+        ) from None
+    return Cifar10(tuple(found.classes), found.data, np.array(found.targets, np.int64))
+
+
+def _find_wrong_file(reader: Any, place: Path) -> str:
+    """What keeps torchvision's reader from it."""
+    from torchvision.datasets.utils import check_integrity
+
+    if not place.is_dir():
+        return f"no folder {place.name} in it"
+    for name, md5 in (*reader.train_list, *reader.test_list, (reader.meta["filename"], reader.meta["md5"])):
+        if not (place / name).is_file():
+            return f"{place.name}/{name} is missing"
+        if not check_integrity(str(place / name), md5):
+            return f"{place.name}/{name} is damaged or not CIFAR-10's (its MD5 is not {md5}) and was not opened"
+    return f"{place.name} was changed while it was read"
+
+
+TRAIN_NAME, HELD_OUT_NAMES = "train", ("val", "validation", "test")
+LEAST_SHARE = 0.25
+"""Images with a shorter side below this share of what the network sees are left out: they would show nothing."""
+
+
+@dataclass(frozen=True)
+class LabelledFile:
+    """An image and the class that it shows."""
+
+    path: Path
+    label: str
+    shown: str
+
+
+@dataclass(frozen=True)
+class FolderClasses:
+    """What a folder offers.
+
+    Attributes:
+        train, held_out: its images.
+        skipped: (path, reason) of files that must not be opened or are in no class.
+        how: how the held-out images were chosen.
+    """
+
+    train: tuple[LabelledFile, ...]
+    held_out: tuple[LabelledFile, ...]
+    skipped: tuple[tuple[str, str], ...]
+    how: str
+
+
+def find_classes(folder: Path, held_out_share: float, seed: int) -> FolderClasses:
+    """The images of a folder by class.
+
+    `train/CLASS/…` with `val/`, `validation/` or `test/` beside it is used as it is; of `train/` alone, and of
+    `CLASS/…`, a share of each class is held out, drawn by the seed.
+
+    Raises:
+        ToolkitError: no such folder, no class in it, or a class without images.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        what = "is a file" if folder.exists() else "does not exist"
+        raise ToolkitError(
+            f"--data {folder} {what}: expected 'everyday', 'rig', cifar10:FOLDER, or a folder with one folder per class"
+        )
+    root = folder / TRAIN_NAME if (folder / TRAIN_NAME).is_dir() else folder
+    train, skipped = _list_classes(root)
+    if root == folder:
+        return _split(train, skipped, held_out_share, seed)
+    beside = next((folder / name for name in HELD_OUT_NAMES if (folder / name).is_dir()), None)
+    if beside is None:
+        return _split(train, skipped, held_out_share, seed)
+    held_out, more = _list_classes(beside)
+    strange = sorted({one.label for one in held_out} - {one.label for one in train})
+    if strange:
+        raise ToolkitError(
+            f"{beside / strange[0]}: no class '{strange[0]}' in {root}: expected the same class folders in both"
+        )
+    return FolderClasses(tuple(train), tuple(held_out), (*skipped, *more), f"the images in {beside.name}/")
+
+
+def _list_classes(root: Path) -> tuple[list[LabelledFile], list[tuple[str, str]]]:
+    found = find_files(root)
+    skipped = [(show_path((root.name, path)), reason) for path, reason in found.refused]
+    files = []
+    for parts in found.images:
+        shown = show_path((root.name, *parts))
+        if len(parts) == 1:
+            skipped.append((shown, "in no class folder: move it into one"))
+        else:
+            files.append(LabelledFile(root.joinpath(*parts), parts[0], shown))
+    filled = {one.label for one in files}
+    empty = [
+        path.name
+        for path in sorted(root.iterdir())
+        if path.is_dir() and path.name[0] != "." and path.name not in filled
+    ]
+    if not files:
+        raise ToolkitError(f"--data {root}: no images in it: expected CLASS/IMAGE.jpg, one folder per class")
+    if empty:
+        raise ToolkitError(f"{root / empty[0]}: a class without images: put some in, or remove the folder")
+    return files, skipped
+
+
+def _split(files: list[LabelledFile], skipped, share: float, seed: int) -> FolderClasses:
+    """Hold out a share of each class, at least one image, but never the last one."""
+    train: list[LabelledFile] = []
+    held_out: list[LabelledFile] = []
+    for label in sorted({one.label for one in files}):
+        own = [one for one in files if one.label == label]
+        order = np.random.default_rng([seed, crc32(label.encode())]).permutation(len(own))
+        count = min(max(round(share * len(own)), 1), len(own) - 1) if share > 0 else 0
+        held_out += [own[k] for k in sorted(order[:count])]
+        train += [own[k] for k in sorted(order[count:])]
+    return FolderClasses(tuple(train), tuple(held_out), tuple(skipped), f"{share:.0%} of each class, by the seed")
+
+
+def load_square(path: Path, how: Preprocessing) -> np.ndarray:
+    """(crop_px, crop_px, 3) uint8 sRGB: the middle of a photograph.
+
+    Raises:
+        UnreadableImage: it cannot be decoded, or is too small to show anything.
+    """
+    return cut_square(read_image(path, how.resize_px), path, how)
+
+
+def cut_square(pixels: np.ndarray, path: Path, how: Preprocessing) -> np.ndarray:
+    """(crop_px, crop_px, 3) uint8 sRGB: the middle of (h, w, 3) pixels; `path` is named where they are too few.
+
+    Raises:
+        UnreadableImage: they would show nothing.
+    """
+    short = min(pixels.shape[:2])
+    if short < LEAST_SHARE * how.crop_px:
+        size = f"{pixels.shape[1]}×{pixels.shape[0]} px"
+        raise UnreadableImage(path, f"{size}, too small to be shown at {how.crop_px} px")
+    return resize_and_crop(pixels, how)
+
+
+@dataclass(frozen=True, eq=False)
+class StoredImage:
+    """An image that is in memory.
+
+    Attributes:
+        pixels: (h, w, 3) uint8 sRGB.
+        label: of its class.
+        name: says which it is, and its pixels' hash.
+    """
+
+    pixels: np.ndarray
+    label: str
+    name: str
+
+
+def list_cifar(folder: Path, split: str, download: bool) -> tuple[StoredImage, ...]:
+    """All images of a split.
+
+    Raises:
+        ToolkitError: as `open_cifar`.
+    """
+    cifar = open_cifar(folder, split, download)
+    digest = sha256_bytes(cifar.pixels.tobytes())[:16]
+    return tuple(
+        StoredImage(pixels, cifar.labels[index], f"cifar10/{split}/{k:05d} {digest}")
+        for k, (pixels, index) in enumerate(zip(cifar.pixels, cifar.classes, strict=True))
+    )

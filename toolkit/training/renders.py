@@ -1,0 +1,135 @@
+"""Renders to train a classifier on: processes that each draw one object in one studio, kept as shards on disk."""
+
+import os
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from functools import lru_cache
+from io import BytesIO
+from multiprocessing import get_context
+from pathlib import Path
+from time import sleep
+
+import numpy as np
+
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import sha256_bytes, write_bytes
+
+EVERYDAY, RIG = "everyday", "rig"
+FOV_DEG = 30.5
+"""Of the square picture: what the middle of a 4:3 frame of 40° shows."""
+WATCH_EVERY_S = 2.0
+
+
+@dataclass(frozen=True)
+class RenderUnit:
+    """Pictures of one object in one studio, the work of one process at a time.
+
+    Attributes:
+        source: `everyday`, or the path of an object's spec.
+        label: of the class.
+        seed: of all draws: the run's, the class's, whether they are held out, and the number of the object.
+        views: how many pictures.
+        px: their side.
+    """
+
+    source: str
+    label: str
+    seed: tuple[int, ...]
+    views: int
+    px: int
+
+    @property
+    def name(self) -> str:
+        """Of its shard: the same inputs have the same name."""
+        return f"{sha256_bytes(repr(self).encode())[:20]}.npy"
+
+
+def render_unit(unit: RenderUnit) -> np.ndarray:
+    """(views, px, px, 3) uint8 sRGB; depends on the unit alone."""
+    from toolkit.rig.camera import Camera
+    from toolkit.rig.views import render_thumbnails
+
+    return render_thumbnails(_make_mesh(unit), unit.views, unit.seed, Camera(unit.px, unit.px, FOV_DEG))
+
+
+def _make_mesh(unit: RenderUnit):
+    if unit.source != EVERYDAY:
+        return _load_mesh(unit.source)
+    from toolkit.objects.mesh import check_mesh, place_on_table
+    from toolkit.objects.shapes.everyday import make_everyday
+
+    seed = int(np.random.default_rng([*unit.seed, 0x0B]).integers(2**31))
+    return place_on_table(check_mesh(make_everyday(unit.label, seed), f"everyday object '{unit.label}', seed {seed}"))
+
+
+@lru_cache(maxsize=8)
+def _load_mesh(spec_file: str):
+    from toolkit.objects.load import load_object
+
+    return load_object(Path(spec_file)).mesh
+
+
+def render_shards(units: Sequence[RenderUnit], folder: Path, workers: int, advance: Callable[[int], None]) -> None:
+    """Render what is not there yet into `folder`, one file for each unit, each whole or absent.
+
+    Args:
+        units: what to render.
+        folder: of the shards.
+        workers: processes.
+        advance: called with the number of pictures of each finished unit.
+
+    Raises:
+        ToolkitError: an object cannot be made, the disk is full, or a process was killed.
+    """
+    waiting = [unit for unit in units if not (folder / unit.name).is_file()]
+    if not waiting:
+        return
+    pool = ProcessPoolExecutor(
+        min(workers, len(waiting)), get_context("spawn"), initializer=_start_worker, initargs=(os.getpid(),)
+    )
+    try:
+        running: dict[Future, RenderUnit] = {}
+        todo = iter(waiting)
+        while True:
+            # few at a time, so that Ctrl-C does not wait for a long queue
+            while len(running) < 2 * workers and (unit := next(todo, None)) is not None:
+                running[pool.submit(_write_shard, unit, folder)] = unit
+            if not running:
+                return
+            for done in wait(running, return_when=FIRST_COMPLETED).done:
+                done.result()
+                advance(running.pop(done).views)
+    except BrokenProcessPool:
+        raise ToolkitError(
+            "a process that renders was killed (out of memory?): run the same command again, it goes on where it "
+            "stopped; fewer --workers need less memory"
+        ) from None
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _write_shard(unit: RenderUnit, folder: Path) -> None:
+    buffer = BytesIO()
+    np.save(buffer, render_unit(unit), allow_pickle=False)
+    write_bytes(folder / unit.name, buffer.getvalue())
+
+
+def _start_worker(parent: int) -> None:
+    """One thread each: the processes share the cores among them. A process ends when its parent is gone."""
+    import cv2
+
+    from toolkit.rig import raycast
+
+    os.environ["OMP_NUM_THREADS"] = "1"
+    cv2.setNumThreads(1)
+    raycast.PARTS = 1
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            sleep(WATCH_EVERY_S)
+        os._exit(1)  # killed: nobody is left to take the work, and the queue would be waited at for ever
+
+    threading.Thread(target=watch, daemon=True).start()
