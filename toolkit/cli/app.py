@@ -1,15 +1,19 @@
 """The commands in their groups, each loaded when it is called."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
 from importlib import import_module
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from toolkit.core.errors import one_of
+from toolkit.core.errors import ToolkitError, one_of
 
 SHARED = "Every command"
+UsageError = typer.BadParameter.__bases__[0]
+"""Of what was typed; Click's own, or of the copy of Click that newer typers carry."""
 
 PLAIN = {
     "rich_markup_mode": None,
@@ -18,10 +22,17 @@ PLAIN = {
 
 
 class Entry(NamedTuple):
-    """A command in the list: `module:function` below `toolkit.cli`, and what it does in a few words."""
+    """A command in the list.
+
+    Attributes:
+        place: `module:function` below `toolkit.cli`.
+        about: what it does, in a few words.
+        old: earlier spelling of an option -> today's. It goes on working, and no help shows it.
+    """
 
     place: str
     about: str
+    old: Mapping[str, str] = MappingProxyType({})
 
 
 GROUPS: dict[str, dict[str, Entry]] = {
@@ -88,7 +99,40 @@ class LazyCommand(TyperCommand):
         module, _, function = self.entry.place.partition(":")
         command = getattr(import_module(f"toolkit.cli.{module}"), function)
         single = typer.main.get_command(make_single(command, str(self.name)))
-        return single.make_context(info_name, args, parent, **extra)
+        return single.make_context(info_name, [_respell(word, self.entry.old) for word in args], parent, **extra)
+
+
+def _respell(word: str, old: Mapping[str, str]) -> str:
+    name, equals, value = word.partition("=")
+    return f"{old[name]}{equals}{value}" if name in old else word
+
+
+def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
+    """A `UsageError` in one line that names the option and what was typed, or the nearest to a mistyped one."""
+    command = next((word for word in typed if any(word == name for name, _ in list_places())), "")
+    help_call = " ".join(filter(None, ["toolkit", command, "--help"]))
+    if hasattr(error, "possibilities"):  # no such option
+        known = [name for one in error.ctx.command.get_params(error.ctx) for name in one.opts]
+        near = get_close_matches(error.option_name, known, n=3)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"see '{help_call}'"
+        return ToolkitError(f"no option called '{error.option_name}': {hint}")
+    parameter = getattr(error, "param", None)
+    if parameter is None:
+        message = error.format_message().rstrip(".")
+        return ToolkitError(f"{message[0].lower()}{message[1:]}: see '{help_call}'")
+    name = parameter.opts[0] if parameter.param_type_name == "option" else parameter.metavar or parameter.name.upper()
+    if hasattr(error, "param_type"):
+        return ToolkitError(f"{name} is missing: see '{help_call}'")
+    at = next((typed.index(flag) + 1 for flag in parameter.opts if flag in typed), len(typed))
+    expected = error.message.rstrip(".").partition(", unable")[0].replace("Input should be", "expected")
+    for long, short in (
+        ("greater than or equal to", "at least"),
+        ("less than or equal to", "at most"),
+        ("a valid integer", "a whole number"),
+        ("a valid number", "a number"),
+    ):
+        expected = expected.replace(long, short)
+    return ToolkitError(f"{' '.join([name, *typed[at : at + parameter.nargs]])}: {expected}")
 
 
 class RoadGroup(TyperGroup):
