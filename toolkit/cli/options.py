@@ -40,14 +40,36 @@ Workspace = Annotated[
         help="Folder to work in; default: the nearest upwards with rig/.",
     ),
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", rich_help_panel=SHARED, help="No progress bar.")]
-Json = Annotated[bool, typer.Option("--json", rich_help_panel=SHARED, help="Print the result as JSON on stdout.")]
+
+
+def _be_quiet(context: typer.Context, wanted: bool) -> bool:
+    """Until the command has ended: progress and notices ask for it themselves, nobody passes it on."""
+    if wanted:
+        from toolkit.core.console import quietly
+
+        context.with_resource(quietly())
+    return wanted
+
+
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", callback=_be_quiet, rich_help_panel=SHARED, help="No progress bar.")
+]
+Json = Annotated[
+    bool,
+    typer.Option(
+        "--json",
+        callback=_be_quiet,
+        rich_help_panel=SHARED,
+        help="Print the result as JSON on stdout; no progress bar.",
+    ),
+]
 Seed = Annotated[
     int,
     typer.Option(
         "--seed", metavar="N", rich_help_panel=SHARED, help="Same seed, same bytes on the same machine.", min=0
     ),
 ]
+
 Patches = Annotated[
     str | None, typer.Option("--patches", help="Folder of patches below print/patches; default: that one itself.")
 ]
