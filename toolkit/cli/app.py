@@ -1,5 +1,6 @@
 """The commands in their groups, each loaded when it is called."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from importlib import import_module
@@ -19,6 +20,13 @@ PLAIN = {
     "rich_markup_mode": None,
     "context_settings": {"help_option_names": ["-h", "--help"], "max_content_width": 110},
 }
+
+
+TYPE = re.compile(r"<[\w\[\], ]+>")
+METAVARS = {"str": "TEXT", "int": "N", "float": "X", "path": "PATH", "Path": "PATH"}
+"""What stands for a value of a type in the help, where the option names nothing better."""
+RANGE = re.compile(r"; x>=[01](?=\])| *\[x>=[01]\]")
+"""A bound that goes without saying."""
 
 
 class Entry(NamedTuple):
@@ -71,20 +79,41 @@ GROUPS: dict[str, dict[str, Entry]] = {
 class GroupedCommand(TyperCommand):
     """A command whose help lists its options under the headings that they name."""
 
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """`[OPTIONS] PHOTOS...`."""
+        arguments = [one for one in self.get_params(ctx) if one.param_type_name == "argument"]
+        return [
+            "[OPTIONS]",
+            *(_argument_name(one) if one.required else f"[{_argument_name(one)}]" for one in arguments),
+        ]
+
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write every parameter under its heading; what every command has comes last."""
-        sections: dict[str, list[tuple[str, str]]] = {}
+        sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
         for parameter in self.get_params(ctx):
             row = parameter.get_help_record(ctx)
-            if row is not None:
-                heading = (
-                    SHARED if parameter.name == "help" else getattr(parameter, "rich_help_panel", None) or "Options"
-                )
-                sections.setdefault(heading, []).append(row)
+            if row is None:
+                continue
+            heading, name = getattr(parameter, "rich_help_panel", None) or "Options", TYPE.sub(_name_type, row[0])
+            if parameter.param_type_name == "argument":
+                heading, name = "Arguments", _argument_name(parameter)
+            elif parameter.name == "help":
+                heading = SHARED
+            sections.setdefault(heading, []).append((name, RANGE.sub("", row[1])))
         sections[SHARED] = sections.pop(SHARED)  # comes last
         for heading, rows in sections.items():
-            with formatter.section(heading):
-                formatter.write_dl(rows)
+            if rows:
+                with formatter.section(heading):
+                    formatter.write_dl(rows)
+
+
+def _argument_name(argument: Any) -> str:
+    return str(argument.metavar or argument.name.upper())
+
+
+def _name_type(found: re.Match[str]) -> str:
+    names = [METAVARS.get(word, word) for word in re.findall(r"\w+", found[0]) if word not in ("list", "tuple", "range")]
+    return " ".join(names)
 
 
 class LazyCommand(TyperCommand):
@@ -120,7 +149,7 @@ def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
     if parameter is None:
         message = error.format_message().rstrip(".")
         return ToolkitError(f"{message[0].lower()}{message[1:]}: see '{help_call}'")
-    name = parameter.opts[0] if parameter.param_type_name == "option" else parameter.metavar or parameter.name.upper()
+    name = parameter.opts[0] if parameter.param_type_name == "option" else _argument_name(parameter)
     if hasattr(error, "param_type"):
         return ToolkitError(f"{name} is missing: see '{help_call}'")
     at = next((typed.index(flag) + 1 for flag in parameter.opts if flag in typed), len(typed))

@@ -22,7 +22,7 @@ from typer.models import OptionInfo
 
 from toolkit.cli.app import SHARED
 from toolkit.core.config import Config, Flag, Range, bounds_of, flag_of, part_maker, typed_as
-from toolkit.core.errors import FieldError, ToolkitError, show_value
+from toolkit.core.errors import FIELD_PATH, FieldError, ToolkitError, show_value
 
 Overrides = dict[str, Any]
 """Path of a field -> the value that was typed; what was not typed is left out."""
@@ -71,7 +71,8 @@ Seed = Annotated[
 ]
 
 Patches = Annotated[
-    str | None, typer.Option("--patches", help="Folder of patches below print/patches; default: that one itself.")
+    str | None,
+    typer.Option("--patches", metavar="NAME", help="Folder of patches below print/patches; default: that one itself."),
 ]
 Models = Annotated[
     list[str] | None,
@@ -135,19 +136,23 @@ class ConfigFlag:
         """Its name in the command function."""
         return self.path.replace(".", "__")
 
-    def option(self) -> inspect.Parameter:
-        """The parameter that typer makes an option of; not typed, it is None."""
+    def option(self, names: Mapping[str, str]) -> inspect.Parameter:
+        """The parameter that typer makes an option of; not typed, it is None.
+
+        Args:
+            names: path of a field -> its flag, for fields that the help names as `{path}`.
+        """
         kind = bool if self.is_switch else typed_as(self.info)
         if kind is bool:
-            names = [self.flag.name or f"{self.spelling}/--no-{self.spelling.removeprefix('--')}"]
+            spellings = self.flag.name or f"{self.spelling}/--no-{self.spelling.removeprefix('--')}"
         else:
-            names = [self.spelling]
-        given: dict[str, Any] = {"help": self._help(), "metavar": self.flag.metavar or _metavar(kind)}
+            spellings = self.spelling
+        given: dict[str, Any] = {"help": self._help(names), "metavar": self.flag.metavar or _metavar(kind)}
         required = self.info.is_required() and not any(value is not None for value in self.values.values())
         made = (
             typer.Argument(**given)
             if self.flag.positional
-            else typer.Option(*names, rich_help_panel=self.flag.group, show_default=False, **given)
+            else typer.Option(spellings, rich_help_panel=self.flag.group, show_default=False, **given)
         )
         annotation = _as_typer_takes(kind)
         return inspect.Parameter(
@@ -157,19 +162,19 @@ class ConfigFlag:
             annotation=Annotated[annotation if required else Optional[annotation], made],  # noqa: UP045, a value
         )
 
-    def _help(self) -> str:
+    def _help(self, names: Mapping[str, str]) -> str:
         bounds = bounds_of(self.info)
         notes = [] if bounds in OBVIOUS else [bounds]
-        first = None
+        first, is_lone = None, typed_as(self.info) is bool and "/" not in (self.flag.name or "/")
         for number, (recipe, value) in enumerate(self.values.items()):
             shown = (
                 None if value is None and not self.is_switch else show_value(bool(value) if self.is_switch else value)
             )
-            if not shown or (number and shown == first):
+            if not shown or (number and shown == first) or (is_lone and not value):
                 continue
             notes.append(f"{recipe or 'default'}: {shown}")
             first = shown if not number else first
-        about = (self.info.description or "").rstrip()
+        about = FIELD_PATH.sub(lambda path: spell_flag(path[1], names), self.info.description or "").rstrip()
         return f"{about}  [{'; '.join(notes)}]" if notes else about
 
 
@@ -193,15 +198,17 @@ def from_config(**sources: Source) -> Callable[[Callable[..., Result]], Callable
 
     def decorate(command: Callable[..., Result]) -> Callable[..., Result]:
         flags = {parameter: list_flags(source) for parameter, source in sources.items()}
-        parameters = _spread(inspect.signature(command, eval_str=True), sources, flags)
-        names = {one.path: one.spelling for some in flags.values() for one in some} | _spellings(parameters)
+        signature = inspect.signature(command, eval_str=True)
+        names = {one.path: one.spelling for some in flags.values() for one in some}
+        names |= _spellings([one for one in signature.parameters.values() if one.name not in sources])
+        parameters = _spread(signature, sources, flags, names)
         _refuse_twins(list(names.items()))
 
         @wraps(command)
         def run(**typed: Any) -> Result:
             try:
                 for parameter, source in sources.items():
-                    given = {one.path: typed.pop(one.parameter) for one in flags[parameter]}
+                    given = {one.path: typed.pop(one.parameter, None) for one in flags[parameter]}
                     given = {path: value for path, value in given.items() if value not in (None, [], ())}
                     typed[parameter] = given if isinstance(source, Mapping) else _make(source, given)
                 return command(**typed)
@@ -252,12 +259,15 @@ def _parts(annotation: object) -> Iterator[type[Config]]:
 
 
 def _spread(
-    signature: inspect.Signature, sources: Mapping[str, Source], flags: Mapping[str, list[ConfigFlag]]
+    signature: inspect.Signature,
+    sources: Mapping[str, Source],
+    flags: Mapping[str, list[ConfigFlag]],
+    names: Mapping[str, str],
 ) -> list[inspect.Parameter]:
     parameters: list[inspect.Parameter] = []
     for name, parameter in signature.parameters.items():
         if name in sources:
-            parameters += [one.option() for one in flags[name]]
+            parameters += [one.option(names) for one in flags[name]]
         elif name == "recipe" and parameter.annotation is str:
             parameters.append(_recipe_option(next(one for one in sources.values() if isinstance(one, Mapping))))
         else:
