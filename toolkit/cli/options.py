@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 Workspace = Annotated[
-    Path | None, typer.Option("--workspace", help="Folder to work in; default: the nearest upwards with rig/.")
+    Path | None, typer.Option("--workspace", help="Folder to work in; default: the nearest upwards with toolkit.toml.")
 ]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout.")]
