@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import typer
 
+from toolkit.cli.add import add
 from toolkit.cli.baseline import baseline
 from toolkit.cli.calibrate import calibrate
 from toolkit.cli.capture_sim import capture_sim
@@ -37,6 +38,7 @@ app = typer.Typer(
 COMMANDS: dict[str, Callable[..., None]] = {
     "demo": demo,
     "init": init,
+    "add": add,
     "doctor": doctor,
     "objects": list_objects,
     "train-classifier": train_classifier,

@@ -184,15 +184,15 @@ def open_workspace(folder: Path | None = None) -> Workspace:
 
 
 SPEC_GUIDE = """\
-# One file per object of your own: NAME.toml, with the mesh beside it (glb, obj + mtl, ply, stl, off).
-# Copy this file to NAME.toml, mend it, and run: toolkit plan --object NAME
+# One file per object of your own: NAME.toml, with the mesh beside it (glb, gltf, obj + mtl, ply, stl, off).
+# 'toolkit add MESH --class NAME' writes both; or copy this file to NAME.toml, and run: toolkit plan --object NAME
 #
-# name = "mug"
 # class = "coffee mug"        # an ImageNet category, an index, or a label of your own classifier
 # mesh = "mug.glb"
 # length_mm = 120             # longest side
-# up = "y"                    # the mesh's axis that points up; glTF and OBJ files mostly have y
-# front = "z"                 # and the one that points to the front
+# world_length_m = 0.12       # of what it is a model of, for worlds outdoors; may be left out
+# up = "y"                    # the mesh's axis that points up; glTF: y, without being told; OBJ files mostly have y
+# front = "z"                 # and the one that points to the front; glTF: z
 #
 # [patch]
 # at = "top"                  # top, front, back, left or right
