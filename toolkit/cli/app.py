@@ -13,7 +13,7 @@ from typer.core import TyperCommand, TyperGroup
 from toolkit.core.errors import ToolkitError, one_of
 
 SHARED = "Every command"
-UsageError = typer.BadParameter.__bases__[0]
+UsageError: type[Exception] = typer.BadParameter.__bases__[0]
 """Of what was typed; Click's own, or of the copy of Click that newer typers carry."""
 
 PLAIN = {
@@ -69,6 +69,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
     },
     "Set-up": {
         "init": Entry("init:init", "make a workspace"),
+        "add": Entry("add:add", "add an object of your own from its mesh"),
         "demo": Entry("demo:demo", "walk the whole road in a new workspace"),
         "objects": Entry("objects:list_objects", "list the objects that can be photographed"),
         "doctor": Entry("health:doctor", "check what the kit needs from this machine"),
