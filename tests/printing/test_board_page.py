@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 import pypdfium2
 import pytest
-import typer
 from printed_pages import longest_run, render
 from typer.testing import CliRunner
 
+from toolkit.cli.app import make_single
 from toolkit.cli.print_ import print_patches
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
@@ -228,9 +228,7 @@ def space(tmp_path, monkeypatch):
 
 
 def call(*arguments):
-    app = typer.Typer(pretty_exceptions_enable=False)
-    app.command()(print_patches)
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return CliRunner().invoke(make_single(print_patches), [str(argument) for argument in arguments])
 
 
 def test_command_prints_the_board_and_writes_its_spec(space):

@@ -7,11 +7,11 @@ import sys
 from pathlib import Path
 
 import pytest
-import typer
 from printed_pages import make_patch
 from pypdf import PdfReader
 from typer.testing import CliRunner
 
+from toolkit.cli.app import make_single
 from toolkit.cli.print_ import print_patches
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
@@ -31,9 +31,7 @@ def space(tmp_path, monkeypatch):
 
 
 def call(*arguments):
-    app = typer.Typer(pretty_exceptions_enable=False)
-    app.command()(print_patches)
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return CliRunner().invoke(make_single(print_patches), [str(argument) for argument in arguments])
 
 
 def refuse(*arguments) -> str:

@@ -5,7 +5,7 @@ A command names its config, and receives it ready or as overrides of a recipe:
     @from_config(data=DataConfig, overrides=RECIPES)
     def train_patch(data: DataConfig, recipe: str, overrides: Overrides, seed: Seed = 0) -> None: ...
 
-Here alone a field becomes a flag: in the help, and in the message of a `FieldError`.
+Here alone a field becomes a flag; `toolkit.cli.app` writes it so in the message of a `FieldError`.
 """
 
 import inspect
@@ -20,9 +20,9 @@ import typer
 from pydantic.fields import FieldInfo
 from typer.models import OptionInfo
 
-from toolkit.cli.app import SHARED
+from toolkit.cli.app import SHARED, spell_flag
 from toolkit.core.config import Config, Flag, Range, bounds_of, flag_of, part_maker, typed_as
-from toolkit.core.errors import FIELD_PATH, FieldError, ToolkitError, show_value
+from toolkit.core.errors import FIELD_PATH, show_value
 
 Overrides = dict[str, Any]
 """Path of a field -> the value that was typed; what was not typed is left out."""
@@ -74,6 +74,7 @@ Patches = Annotated[
     str | None,
     typer.Option("--patches", metavar="NAME", help="Folder of patches below print/patches; default: that one itself."),
 ]
+RealSource = Annotated[str, typer.Option("--source", metavar="NAME", help="Folder below captures/.")]
 Models = Annotated[
     list[str] | None,
     typer.Option(
@@ -206,36 +207,17 @@ def from_config(**sources: Source) -> Callable[[Callable[..., Result]], Callable
 
         @wraps(command)
         def run(**typed: Any) -> Result:
-            try:
-                for parameter, source in sources.items():
-                    given = {one.path: typed.pop(one.parameter, None) for one in flags[parameter]}
-                    given = {path: value for path, value in given.items() if value not in (None, [], ())}
-                    typed[parameter] = given if isinstance(source, Mapping) else _make(source, given)
-                return command(**typed)
-            except FieldError as error:
-                raise ToolkitError(error.spell(lambda path: spell_flag(path, names), show_typed)) from None
+            for parameter, source in sources.items():
+                given = {one.path: typed.pop(one.parameter, None) for one in flags[parameter]}
+                given = {path: value for path, value in given.items() if value not in (None, [], ())}
+                typed[parameter] = given if isinstance(source, Mapping) else _make(source, given)
+            return command(**typed)
 
         run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         run.__annotations__ = {one.name: one.annotation for one in parameters}
         return run
 
     return decorate
-
-
-def spell_flag(path: str, names: Mapping[str, str]) -> str:
-    """The flag of a field; of a field of a part also where only its last name is known. Without a flag, its path."""
-    if path in names:
-        return names[path]
-    last = path.rpartition(".")[2]
-    found = {flag for known, flag in names.items() if known.rpartition(".")[2] == last}
-    return found.pop() if len(found) == 1 else path
-
-
-def show_typed(flag: str, value: object) -> str:
-    """A flag with its value as it was typed: `--no-pose`, `--share 0.2 0.4`."""
-    if isinstance(value, bool) and flag.startswith("--"):
-        return flag if value else f"--no-{flag.removeprefix('--')}"
-    return f"{flag} {show_value(value)}"
 
 
 def _walk(config: type[Config], holders: Mapping[str, object], before: str) -> Iterator[ConfigFlag]:

@@ -43,7 +43,9 @@ class PrintSettings(Config):
     scale_percent: Annotated[
         float, Field(gt=0), BeforeValidator(_read_percent), Flag("--scale", metavar="PERCENT", group=PAGE, typed=str)
     ] = Field(100 * SCALE, description="Side = pixels / dpi × scale.")
-    dpi: Annotated[float, Field(gt=0), Flag(group=PAGE)] = Field(BASE_DPI, description="Patch pixels per inch at 100 %.")
+    dpi: Annotated[float, Field(gt=0), Flag(group=PAGE)] = Field(
+        BASE_DPI, description="Patch pixels per inch at 100 %."
+    )
     size_mm: Annotated[float | None, Field(gt=0), Flag(group=PAGE)] = Field(
         None, description="Side of the printed patch, without its white margin, in place of {scale_percent} and {dpi}."
     )
