@@ -17,7 +17,7 @@ from toolkit.corruptions.catalogue import IMAGENET
 from toolkit.corruptions.corrupt import MIN_SIDE_PX, choose_parameters, corrupt, find_corruption, run_each
 from toolkit.corruptions.digital import from_bytes, to_bytes
 from toolkit.corruptions.draws import image_seed
-from toolkit.corruptions.ledger import FolderSettings, Line, append_lines, claim_folder, read_ledger
+from toolkit.corruptions.ledger import FolderSettings, Line, claim_folder, open_ledger, read_ledger
 from toolkit.corruptions.request import Source, choose_names, find_sources
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, read_image
@@ -257,7 +257,7 @@ def _write(out: Path, targets, files: list[bytes], known: dict[str, Line], resul
             continue
         write_bytes(file, content)
         lines.append(line)
-    append_lines(out, lines)
+    open_ledger(out).append(*lines)
     known.update({line.path: line for line in lines})
     result.made += len(lines)
 

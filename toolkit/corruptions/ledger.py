@@ -1,13 +1,13 @@
 """What `toolkit corrupt` has put into a folder: its settings, and one line per finished file."""
 
-import json
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import explain_write_error, inside, read_json, write_json
+from toolkit.core.files import inside, read_json, write_json
+from toolkit.core.records import RecordLog
 
 SETTINGS_FILE = "corruption.json"
 LEDGER_FILE = "corrupted.jsonl"
@@ -61,40 +61,18 @@ def claim_folder(folder: Path, settings: FolderSettings) -> None:
             )
 
 
+def open_ledger(folder: Path) -> RecordLog[Line]:
+    """The log of a folder's finished files."""
+    return RecordLog(folder / LEDGER_FILE, Line)
+
+
 def read_ledger(folder: Path) -> dict[str, Line]:
     """Lines by path; a half-written last line (a kill while appending) is passed over.
 
     Raises:
         ToolkitError: a line before the last is broken, or a path leaves the folder.
     """
-    file = folder / LEDGER_FILE
-    if not file.is_file():
-        return {}
-    known: dict[str, Line] = {}
-    lines = file.read_text(encoding="utf-8", errors="replace").split("\n")
-    for number, text in enumerate(lines, 1):
-        if not text:
-            continue
-        try:
-            line = Line.model_validate(json.loads(text))
-        except (json.JSONDecodeError, ValidationError):
-            if number == len(lines):
-                break
-            raise ToolkitError(f"{file}: line {number} is broken: delete that line") from None
-        inside(folder, line.path)
-        known[line.path] = line
+    known = open_ledger(folder).read_last(lambda line: line.path)
+    for path in known:
+        inside(folder, path)
     return known
-
-
-def append_lines(folder: Path, lines: list[Line]) -> None:
-    """Append `lines`; a half-written last line is dropped first."""
-    file = folder / LEDGER_FILE
-    try:
-        if file.is_file():
-            with file.open("r+b") as stream:
-                content = stream.read()
-                stream.truncate(content.rfind(b"\n") + 1)
-        with file.open("ab") as stream:
-            stream.write("".join(json.dumps(line.model_dump(), ensure_ascii=False) + "\n" for line in lines).encode())
-    except OSError as error:
-        raise explain_write_error(file, error) from error
