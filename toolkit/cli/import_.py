@@ -56,7 +56,8 @@ def import_(
     """
     from toolkit.core.workspace import open_workspace
     from toolkit.photos.gates.check_captures import check_captures, make_check
-    from toolkit.photos.importing.photos import ImportSettings, import_photos
+    from toolkit.photos.importing.import_photos import import_photos
+    from toolkit.photos.importing.settings import ImportSettings
 
     space = open_workspace(workspace).with_patches(patches)
     settings = ImportSettings(object_, variant, pose, match, first_shot, link, replace, every, source)

@@ -37,7 +37,7 @@ def studio(
     """
     from toolkit.core.errors import ToolkitError
     from toolkit.core.workspace import open_workspace
-    from toolkit.photos.importing.decide import FOLDER_NAME
+    from toolkit.photos.importing.settings import FOLDER_NAME
     from toolkit.studio.serve import open_door, require_extra
 
     require_extra()

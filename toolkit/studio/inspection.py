@@ -14,7 +14,7 @@ from toolkit.photos.gates.check_photo import check_photo
 from toolkit.photos.gates.expect import Expecter
 from toolkit.photos.gates.result import GateResult
 from toolkit.photos.gates.solid import View
-from toolkit.photos.importing.evidence import Located, locate_sighting
+from toolkit.photos.importing.locate import Located, locate_sighting
 from toolkit.photos.lens import Lens, read_lenses
 from toolkit.photos.match_pose import PoseMatch, match_pose, view_of
 from toolkit.photos.photo import Photo, load_pixels

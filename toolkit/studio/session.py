@@ -14,19 +14,20 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.folder import show_path
 from toolkit.objects.load import load_object
 from toolkit.photos.gates.check_captures import write_retake_lines
-from toolkit.photos.importing.decide import Decision
-from toolkit.photos.importing.evidence import Evidence, Target
+from toolkit.photos.importing.evidence import Evidence
 from toolkit.photos.importing.gather import Candidate
-from toolkit.photos.importing.photos import list_retakes
-from toolkit.photos.importing.store import (
+from toolkit.photos.importing.import_photos import list_retakes
+from toolkit.photos.importing.index import (
     REPLACED,
-    Ledger,
+    CaptureKey,
+    SourceIndex,
     drop_records,
-    find_occupants,
+    find_images,
     find_original,
-    read_ledger,
-    store_photo,
+    index_source,
 )
+from toolkit.photos.importing.match import Decision
+from toolkit.photos.importing.store import store_photo
 from toolkit.photos.photo import read_photo
 from toolkit.rig.plan import CapturePlan, Pose, read_plan
 from toolkit.rig.shot_order import ShotList, ShotStep, read_shots
@@ -97,17 +98,17 @@ class Session:
     def list_shots(self) -> list[Shot]:
         """Every step of the list with its state, as the disk says."""
         with self._lock:
-            ledger = self._ledger()
-            return [self._look_up(step, ledger) for step in self.shots.steps]
+            index = self._index()
+            return [self._look_up(step, index) for step in self.shots.steps]
 
     def look_up(self, number: int) -> Shot:
         """One step with its state."""
         with self._lock:
-            return self._look_up(self.find_step(number), self._ledger())
+            return self._look_up(self.find_step(number), self._index())
 
     def find_record(self, shot: Shot) -> CaptureRecord | None:
         """The manifest's line on the photograph that is there; None where it was put there by hand."""
-        return self._ledger().records.get(shot.path) if shot.path else None
+        return self._index().records.get(shot.path) if shot.path else None
 
     def take_in(self, number: int, upload: Path) -> Inspection | None:
         """Check an upload by its content, let it wait at its shot, and measure it.
@@ -157,10 +158,13 @@ class Session:
                 raise Refused(CONFLICT, "this photograph does not wait here any more: look again, or take another")
             photo = read_photo(file)
             seen = self.inspector.inspect(photo, step)
-            target = Target(step.object, step.variant, step.pose_id)
+            key = CaptureKey(step.object, step.variant, step.pose_id)
+            evidence = Evidence(
+                Candidate(photo, photo.name, ()), (step.object, step.variant), located=seen.located,
+                no_board=seen.no_board,
+            )  # fmt: skip
             store_photo(
-                self._ledger(), Candidate(photo, photo.name, ()), Decision(target, "user", seen.match),
-                Evidence((step.object, step.variant), located=seen.located, no_board=seen.no_board),
+                self._index(), evidence, Decision(key, "user", seen.match),
                 self._hash_booster(step.object, step.variant), lambda *_: seen.checked,
             )  # fmt: skip
             self.places.drop_waiting(step)
@@ -182,7 +186,7 @@ class Session:
 
     def write_lists(self) -> None:
         """Write `transforms.json` and `retake.txt` anew, as an import does at its end."""
-        records = [record for _, record in sorted(self._ledger().records.items())]
+        records = [record for _, record in sorted(self._index().records.items())]
         there = [record for record in records if (self.source_dir / record.path).is_file()]
         write_transforms(self.source_dir, there)
         write_retake_lines(self.source_dir, [f"{path}: {advice}" for path, advice in list_retakes(there)])
@@ -191,14 +195,14 @@ class Session:
         """Held while files are changed."""
         return self._lock
 
-    def _ledger(self) -> Ledger:
+    def _index(self) -> SourceIndex:
         # without hashing gigabytes: what is whole is asked by the import and by the evaluation
-        return Ledger(self.source_dir, {}, {}, read_manifest(self.source_dir))
+        return SourceIndex(self.source_dir, {}, {}, read_manifest(self.source_dir))
 
-    def _look_up(self, step: ShotStep, ledger: Ledger) -> Shot:
-        there = find_occupants(ledger, Target(step.object, step.variant, step.pose_id))
+    def _look_up(self, step: ShotStep, index: SourceIndex) -> Shot:
+        there = find_images(index, CaptureKey(step.object, step.variant, step.pose_id))
         path = show_path(there[0].relative_to(self.source_dir).parts) if there else None
-        record = ledger.records.get(path) if path else None
+        record = index.records.get(path) if path else None
         retake = bool(record and record.made.get("retake"))
         waiting = self.places.find_waiting(step)
         kept = (_original(record) or "")[:HASH_DIGITS] if record else None
@@ -211,7 +215,7 @@ class Session:
 
     def _is_kept(self, step: ShotStep, sha256: str) -> bool:
         """Whether this photograph is the shot's already; `Refused` where it is another shot's."""
-        for record in self._ledger().records.values():
+        for record in self._index().records.values():
             if _original(record) != sha256 or not (self.source_dir / record.path).is_file():
                 continue
             if (record.object, record.variant, record.pose_id) == (step.object, step.variant, step.pose_id):
@@ -276,9 +280,9 @@ def take_back(session: Session, number: int) -> Shot:
     with session.exclusive():
         step = session.find_step(number)
         root = session.source_dir
-        ledger = read_ledger(root)
-        target = Target(step.object, step.variant, step.pose_id)
-        there = find_occupants(ledger, target)
+        index = index_source(root)
+        key = CaptureKey(step.object, step.variant, step.pose_id)
+        there = find_images(index, key)
         record = session.find_record(session.look_up(number))
         if not there or record is None:
             what = "was put there by hand: delete the file itself" if there else "is not there"

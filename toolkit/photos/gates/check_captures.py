@@ -307,7 +307,7 @@ class _Judge:
     """Judges images of a capture folder, with what its manifest says, or with what the board says."""
 
     def __init__(self, workspace: Workspace) -> None:
-        from toolkit.photos.importing.evidence import locate_by_board
+        from toolkit.photos.importing.locate import locate_by_board
 
         self._expecter = Expecter(workspace)
         self._locate = locate_by_board(workspace)

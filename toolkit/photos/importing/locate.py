@@ -1,0 +1,80 @@
+"""Where a photograph's camera stood, from the printed board in the photograph."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from toolkit.core.workspace import Workspace
+from toolkit.photos.photo import Photo
+
+if TYPE_CHECKING:
+    from toolkit.photos.board_pose import BoardSighting
+    from toolkit.photos.lens import LensRecord
+
+
+@dataclass(frozen=True)
+class Located:
+    """Where a photograph's camera stood, from the board in it.
+
+    Attributes:
+        T_world_camera: (4, 4), OpenCV axes, millimetres.
+        intrinsics: of the upright photograph, pixels.
+        distortion: k1, k2, p1, p2, k3.
+        details: what else was measured, for the record: reprojection error, corners found.
+    """
+
+    T_world_camera: np.ndarray
+    intrinsics: dict[str, float]
+    distortion: tuple[float, ...] = ()
+    details: Mapping[str, float | int | str] = field(default_factory=dict)
+
+
+Locate = Callable[[Photo, np.ndarray], "Located | str"]
+"""(photo, its pixels (h, w, 3) uint8) -> where its camera stood, or in words why that is not known."""
+
+
+def locate_by_board(workspace: Workspace) -> Locate:
+    """A function that finds the workspace's board in a photograph and solves for the camera.
+
+    Raises:
+        ToolkitError: `rig/board.json` or `rig/lens.json` is broken.
+    """
+    from toolkit.photos.board_pose import find_board
+    from toolkit.photos.lens import read_lenses
+    from toolkit.rig.board import read_board
+
+    board, lenses = read_board(workspace), read_lenses(workspace)
+
+    def locate(photo: Photo, pixels: np.ndarray) -> Located | str:
+        return locate_sighting(photo, find_board(pixels, board), lenses)
+
+    return locate
+
+
+def locate_sighting(photo: Photo, sighting: "BoardSighting | None", lenses: list["LensRecord"]) -> Located | str:
+    """Where a photograph's camera stood, from the board that was found in it; in words why that is not known.
+
+    Args:
+        photo: whose lens is looked up.
+        sighting: of the board in the photograph, None where none was found.
+        lenses: that were calibrated.
+    """
+    from toolkit.photos.board_pose import solve_pose
+    from toolkit.photos.lens import choose_lens
+
+    if sighting is None:
+        return "no board is seen"
+    choice = choose_lens(photo, lenses)
+    if choice.lens is None:
+        return f"a board is seen, but not the lens known: {choice.note}"
+    pose = solve_pose(sighting, choice.lens)
+    if pose is None:
+        return "a board is seen, but its corners fit no camera above the table"
+    if reason := pose.doubt():
+        return reason
+    details = {
+        "lens": choice.source, "board_corners": pose.n_corners, "reprojection_px": round(pose.reprojection_px, 3),
+    }  # fmt: skip
+    return Located(pose.T_world_camera, choice.lens.intrinsics, choice.lens.distortion, details)
