@@ -16,7 +16,7 @@ def draw_everyday(font: ImageFont.FreeTypeFont) -> Image.Image:
     rows = -(-len(MAKERS) // COLUMNS)
     sheet = Image.new("RGB", (COLUMNS * CELL_PX, rows * (CELL_PX + CAPTION_PX)), "white")
     draw = ImageDraw.Draw(sheet)
-    camera = Camera(CELL_PX, CELL_PX, 40.0)
+    camera = Camera.from_fov(CELL_PX, CELL_PX, 40.0)
     for i, label in enumerate(sorted(MAKERS)):
         left, top = i % COLUMNS * CELL_PX, i // COLUMNS * (CELL_PX + CAPTION_PX)
         picture = render_thumbnails(make_everyday(label, (SEED, i)), 1, (SEED, i), camera)[0]

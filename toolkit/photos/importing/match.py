@@ -137,7 +137,7 @@ def make_render_matcher(workspace: Workspace, plan: CapturePlan) -> MatchRender:
             try:
                 item = load_object(workspace.object_spec(group[0]))
                 booster = find_booster(workspace, item, group[1]) if group[1] in VARIANTS else None
-                made[group] = make_templates(dress(item, booster), plan.camera.camera(), plan.objects[group[0]])
+                made[group] = make_templates(dress(item, booster), plan.camera, plan.objects[group[0]])
             except ToolkitError as error:
                 made[group] = str(error)
         templates = made[group]
