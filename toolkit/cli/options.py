@@ -8,7 +8,18 @@ import typer
 Workspace = Annotated[
     Path | None, typer.Option("--workspace", help="Folder to work in; default: the nearest upwards with rig/.")
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress bar.")]
+
+
+def _be_quiet(context: typer.Context, quiet: bool) -> bool:
+    """Until the command has ended: progress and notices ask for it themselves, nobody passes it on."""
+    if quiet:
+        from toolkit.core.console import quietly
+
+        context.with_resource(quietly())
+    return quiet
+
+
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", callback=_be_quiet, help="No progress bar.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout.")]
 Seed = Annotated[int, typer.Option("--seed", help="Same seed, same bytes on the same machine.", min=0)]
 Patches = Annotated[
