@@ -61,6 +61,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
     },
     "Set-up": {
         "init": Entry("init:init", "make a workspace"),
+        "add": Entry("add:add", "add an object of your own from its mesh"),
         "demo": Entry("demo:demo", "walk the whole road in a new workspace"),
         "objects": Entry("objects:list_objects", "list the objects that can be photographed"),
         "doctor": Entry("health:doctor", "check what the kit needs from this machine"),

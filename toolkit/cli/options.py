@@ -37,7 +37,7 @@ Workspace = Annotated[
         "--workspace",
         metavar="FOLDER",
         rich_help_panel=SHARED,
-        help="Folder to work in; default: the nearest upwards with rig/.",
+        help="Folder to work in; default: the nearest upwards with toolkit.toml.",
     ),
 ]
 
