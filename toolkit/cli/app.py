@@ -12,7 +12,7 @@ from typer.core import TyperCommand, TyperGroup
 from toolkit.core.errors import ToolkitError, one_of
 
 SHARED = "Every command"
-UsageError = typer.BadParameter.__bases__[0]
+UsageError: type[Exception] = typer.BadParameter.__bases__[0]
 """Of what was typed; Click's own, or of the copy of Click that newer typers carry."""
 
 PLAIN = {
