@@ -31,7 +31,7 @@ def build_strip_pdf(paper: Paper, orientation: str = "auto") -> tuple[bytes, Pag
     size = f"{width:g} × {height:g} mm"
     label = PatchLabel(
         "colour strip",
-        f"{size}   ({len(STRIP.cells)} cells of {STRIP.cells[0].side_mm:g} mm)",
+        f"{size}   ({len(STRIP.swatches)} cells of {STRIP.swatches[0].side_mm:g} mm)",
         f"sRGB, markers of {STRIP.dictionary}   ·   toolkit {__version__}",
     )
     describe_document(canvas, f"colour strip, {size}", label.size, {"dictionary": STRIP.dictionary})
@@ -149,7 +149,7 @@ def print_strip(paper: Paper, orientation: str, pdf_file: Path) -> PrintedSheet:
         kind="colour-strip",
         file=str(pdf_file),
         spec_file=None,
-        description=f"colour strip of {len(STRIP.cells)} cells",
+        description=f"colour strip of {len(STRIP.swatches)} cells",
         size_mm=STRIP.size_mm,
         paper=frame.paper.name,
         orientation=frame.paper.orientation,

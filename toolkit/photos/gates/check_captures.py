@@ -23,7 +23,6 @@ from toolkit.photos.gates.check_photo import Expectation, PhotoCheck, inspect_ph
 from toolkit.photos.gates.check_set import CheckedPhoto, SetFinding, check_set, lines_from_json
 from toolkit.photos.gates.expect import Expecter
 from toolkit.photos.gates.result import GateResult
-from toolkit.photos.gates.solid import View
 from toolkit.photos.photo import Photo, load_pixels, read_photo
 from toolkit.rig.variants import Print, find_booster
 
@@ -325,8 +324,7 @@ class _Judge:
         located = self._locate(photo, pixels)
         if isinstance(located, str):
             return self._expecter.expect(capture.object, capture.variant, capture.pose_id, None, located)
-        view = View(located.T_world_camera, located.camera)
-        return self._expecter.expect(capture.object, capture.variant, capture.pose_id, view)
+        return self._expecter.expect(capture.object, capture.variant, capture.pose_id, located)
 
 
 def _as_checked(capture: Capture, found: PhotoCheck, path: str) -> CheckedPhoto:

@@ -11,10 +11,11 @@ from toolkit.core.errors import ToolkitError
 from toolkit.imaging.read import UnreadableImage
 from toolkit.photos.importing.gather import Candidate
 from toolkit.photos.importing.index import CaptureKey, SourceIndex, describe_imported
-from toolkit.photos.importing.locate import Locate, Located
+from toolkit.photos.importing.locate import Locate
 from toolkit.photos.importing.settings import ImportSettings
 from toolkit.photos.match_pose import PoseMatch, match_pose
 from toolkit.photos.photo import load_pixels
+from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.plan import CapturePlan
 from toolkit.rig.shot_order import ShotStep
 from toolkit.rig.variants import VARIANTS
@@ -45,7 +46,7 @@ class Evidence:
     group: Group | None = None
     named: int | None = None
     ordered: CaptureKey | None = None
-    located: Located | None = None
+    located: PosedCamera | None = None
     no_board: str = "no board is seen"
     no_order: str = ""
     unusable: str | None = None

@@ -1,36 +1,20 @@
 """Where a photograph's camera stood, from the printed board in the photograph."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit.core.workspace import Workspace
 from toolkit.photos.photo import Photo
-from toolkit.rig.camera import Camera
+from toolkit.photos.posed_camera import PosedCamera
 
 if TYPE_CHECKING:
     from toolkit.photos.board_pose import BoardSighting
     from toolkit.photos.lens import LensRecord
 
 
-@dataclass(frozen=True)
-class Located:
-    """Where a photograph's camera stood, from the board in it.
-
-    Attributes:
-        T_world_camera: (4, 4), OpenCV axes, millimetres.
-        camera: of the upright photograph.
-        details: what else was measured, for the record: reprojection error, corners found.
-    """
-
-    T_world_camera: np.ndarray
-    camera: Camera
-    details: Mapping[str, float | int | str] = field(default_factory=dict)
-
-
-Locate = Callable[[Photo, np.ndarray], "Located | str"]
+Locate = Callable[[Photo, np.ndarray], PosedCamera | str]
 """(photo, its pixels (h, w, 3) uint8) -> where its camera stood, or in words why that is not known."""
 
 
@@ -46,13 +30,13 @@ def locate_by_board(workspace: Workspace) -> Locate:
 
     board, lenses = read_board(workspace), read_lenses(workspace)
 
-    def locate(photo: Photo, pixels: np.ndarray) -> Located | str:
+    def locate(photo: Photo, pixels: np.ndarray) -> PosedCamera | str:
         return locate_sighting(photo, find_board(pixels, board), lenses)
 
     return locate
 
 
-def locate_sighting(photo: Photo, sighting: "BoardSighting | None", lenses: list["LensRecord"]) -> Located | str:
+def locate_sighting(photo: Photo, sighting: "BoardSighting | None", lenses: list["LensRecord"]) -> PosedCamera | str:
     """Where a photograph's camera stood, from the board that was found in it; in words why that is not known.
 
     Args:
@@ -76,4 +60,4 @@ def locate_sighting(photo: Photo, sighting: "BoardSighting | None", lenses: list
     details = {
         "lens": choice.source, "board_corners": pose.n_corners, "reprojection_px": round(pose.reprojection_px, 3),
     }  # fmt: skip
-    return Located(pose.T_world_camera, choice.lens, details)
+    return PosedCamera(pose.T_world_camera, choice.lens, details)
