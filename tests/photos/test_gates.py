@@ -30,7 +30,7 @@ from toolkit.photos.gates.check_captures import (
 )
 from toolkit.photos.gates.check_photo import check_photo, inspect_photo
 from toolkit.photos.gates.check_set import CheckedPhoto, PatchLines, check_set, measure_moves
-from toolkit.photos.gates.expect import Expecter, view_of_record
+from toolkit.photos.gates.expect import ExpectationBuilder, view_of_record
 from toolkit.photos.gates.framing import (
     check_centred,
     check_cut_off,
@@ -58,7 +58,7 @@ class Bench:
     """A workspace with a crate that wears the racer's patch, and photographs of it on a board."""
 
     space: object
-    expecter: Expecter
+    expecter: ExpectationBuilder
 
     @cache  # noqa: B019 - one bench lives as long as the module
     def mesh(self, variant: str, offset_mm: tuple[float, float] = (0.0, 0.0)):
@@ -95,7 +95,7 @@ def bench(tmp_path_factory, make_box) -> Bench:
         f'name = "crate"\nclass = "racer"\nmesh = "crate.obj"\nlength_mm = 130\n[patch]\nsize_mm = {PATCH_MM}\n'
     )
     write_board(space, BOARD)
-    return Bench(space, Expecter(space))
+    return Bench(space, ExpectationBuilder(space))
 
 
 def by_name(results) -> dict:

@@ -9,7 +9,7 @@ from toolkit.printing.colour_strip import FIDUCIALS, STRIP
 from toolkit.printing.document import build_pdf
 from toolkit.printing.layout import PrintSettings
 from toolkit.printing.page import parse_paper
-from toolkit.printing.print_sheets import build_strip_pdf
+from toolkit.printing.print_boards import build_strip_pdf
 
 
 @pytest.fixture(scope="module")

@@ -72,7 +72,7 @@ def test_a_lost_answer_may_be_asked_for_again(desk, photo):
 
 def test_a_kill_between_keeping_and_clearing_up_is_no_retake(desk, photo, reopen):
     desk.send(1, photo())
-    waiting = desk.session.places.find_waiting(desk.session.find_step(1))
+    waiting = desk.session.folders.find_waiting(desk.session.find_step(1))
     content, name = waiting.read_bytes(), waiting.name
     desk.keep(1, sha256_bytes(content))
     waiting.parent.mkdir(parents=True, exist_ok=True)

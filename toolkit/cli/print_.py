@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from toolkit.core.workspace import Workspace
     from toolkit.printing.layout import PrintSettings
     from toolkit.printing.page import Paper
+    from toolkit.printing.print_boards import PrintedBoard
     from toolkit.printing.print_patches import PrintedPatch
-    from toolkit.printing.print_sheets import PrintedSheet
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class SheetWish:
 
 def print_wish(
     wish: SheetWish, place: "Workspace", paper: "Paper", orientation: str, out: Path | None
-) -> "PrintedSheet":
+) -> "PrintedBoard":
     """Print the sheet into the workspace's `print/`, a folder, or the .pdf file named.
 
     Raises:
@@ -67,7 +67,7 @@ def print_wish(
     """
     from toolkit.printing.board_page import choose_board
     from toolkit.printing.layout import check_orientation
-    from toolkit.printing.print_sheets import parse_squares, print_sheet, print_strip
+    from toolkit.printing.print_boards import parse_squares, print_board, print_strip
     from toolkit.rig.board import Sheet
     from toolkit.rig.markers import PALE_PERCENT, RingSpec, choose_ring
 
@@ -85,10 +85,10 @@ def print_wish(
         squares = None if wish.board_squares is None else parse_squares(wish.board_squares)
         spec = choose_board(paper, orientation, squares, wish.square_mm, wish.marker_mm)
     spec = replace(spec, ink_percent=PALE_PERCENT if wish.ink_percent is None else wish.ink_percent)
-    return print_sheet(place, spec, paper, orientation, pdf_file)
+    return print_board(place, spec, paper, orientation, pdf_file)
 
 
-def report_sheet(printed: "PrintedSheet", as_json: bool) -> None:
+def report_sheet(printed: "PrintedBoard", as_json: bool) -> None:
     """Say what was made and what to do with it."""
     from toolkit.core.console import console
     from toolkit.printing.print_patches import shorten

@@ -88,7 +88,7 @@ def _validate(path: Path, content: Any, model: type[Model]) -> Model:
         field = ".".join(str(part) for part in first["loc"]) or "(whole file)"
         found = "" if first["type"] == "missing" else f", found {json.dumps(first['input'], default=str)[:80]}"
         raise ToolkitError(
-            f"{path}: field '{field}': {first['msg']}{found}: mend the file, or delete it to get the default back"
+            f"{path}: field '{field}': {first['msg']}{found}: correct the file, or delete it to get the default back"
         ) from None
 
 

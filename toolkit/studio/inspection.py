@@ -11,7 +11,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.photos.board_pose import find_board
 from toolkit.photos.gates.check_photo import check_photo
-from toolkit.photos.gates.expect import Expecter
+from toolkit.photos.gates.expect import ExpectationBuilder
 from toolkit.photos.gates.result import GateResult
 from toolkit.photos.importing.locate import locate_sighting
 from toolkit.photos.lens import read_lenses
@@ -72,7 +72,7 @@ class Inspector:
 
     def __init__(self, workspace: Workspace, plan: CapturePlan) -> None:
         self._workspace, self._plan = workspace, plan
-        self._expecter = Expecter(workspace)
+        self._expecter = ExpectationBuilder(workspace)
         self._lock = Lock()
         self._warm: set[tuple[str, str]] = set()
         self._kept: OrderedDict[tuple[str, ShotStep], Inspection] = OrderedDict()

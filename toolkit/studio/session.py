@@ -33,7 +33,7 @@ from toolkit.rig.plan import CapturePlan, Pose, read_plan
 from toolkit.rig.shot_order import ShotList, ShotStep, read_shots
 from toolkit.rig.variants import VARIANTS, find_booster
 from toolkit.studio.inspection import Inspection, Inspector
-from toolkit.studio.upload import HASH_DIGITS, Places, Refused, check_writable, hash_in_name, open_upload
+from toolkit.studio.upload import HASH_DIGITS, Refused, UploadFolders, check_writable, hash_in_name, open_upload
 
 Status = Literal["open", "waiting", "skipped", "done"]
 NOT_FOUND, CONFLICT = 404, 409
@@ -81,9 +81,9 @@ class Session:
         return self.workspace.captures_dir / self.source
 
     @property
-    def places(self) -> Places:
+    def folders(self) -> UploadFolders:
         """Where uploads and waiting photographs are."""
-        return Places(self.workspace.root)
+        return UploadFolders(self.workspace.root)
 
     def find_step(self, number: int) -> ShotStep:
         """The step with that number; `Refused` (404) where the list has none."""
@@ -110,7 +110,7 @@ class Session:
         """The manifest's line on the photograph that is there; None where it was put there by hand."""
         return self._index().records.get(shot.path) if shot.path else None
 
-    def take_in(self, number: int, upload: Path) -> Inspection | None:
+    def receive(self, number: int, upload: Path) -> Inspection | None:
         """Check an upload by its content, let it wait at its shot, and measure it.
 
         Returns:
@@ -126,7 +126,7 @@ class Session:
             with self._lock:
                 if self._is_kept(step, photo.sha256):
                     return None
-                file = self.places.put_waiting(step, upload, photo)
+                file = self.folders.put_waiting(step, upload, photo)
             return self.inspector.inspect(read_photo(file), step, pixels)
         finally:
             upload.unlink(missing_ok=True)
@@ -134,7 +134,7 @@ class Session:
     def inspect_waiting(self, number: int) -> Inspection | None:
         """The verdict on the photograph that waits at a shot, None where none waits."""
         shot = self.look_up(number)
-        file = self.places.find_waiting(shot.step) if shot.status == "waiting" else None
+        file = self.folders.find_waiting(shot.step) if shot.status == "waiting" else None
         return self.inspector.inspect(read_photo(file), shot.step) if file else None
 
     def keep(self, number: int, sha256: str) -> Shot:
@@ -151,9 +151,9 @@ class Session:
         with self._lock:
             step = self.find_step(number)
             if self._is_kept(step, sha256):
-                self.places.drop_waiting(step)
+                self.folders.drop_waiting(step)
                 return self.look_up(number)
-            file = self.places.find_waiting(step)
+            file = self.folders.find_waiting(step)
             if file is None or hash_in_name(file) != sha256[:HASH_DIGITS]:
                 raise Refused(CONFLICT, "this photograph does not wait here any more: look again, or take another")
             photo = read_photo(file)
@@ -167,21 +167,21 @@ class Session:
                 self._index(), evidence, Decision(key, "user", seen.match),
                 self._hash_booster(step.object, step.variant), lambda *_: seen.checked,
             )  # fmt: skip
-            self.places.drop_waiting(step)
-            self.places.set_skipped(step, False)
+            self.folders.drop_waiting(step)
+            self.folders.set_skipped(step, False)
             self.write_lists()
             return self.look_up(number)
 
     def discard(self, number: int) -> Shot:
         """Throw away what waits at a shot; what is in the captures stays."""
         with self._lock:
-            self.places.drop_waiting(self.find_step(number))
+            self.folders.drop_waiting(self.find_step(number))
             return self.look_up(number)
 
     def skip(self, number: int, skipped: bool) -> Shot:
         """Put a shot off, or call it back."""
         with self._lock:
-            self.places.set_skipped(self.find_step(number), skipped)
+            self.folders.set_skipped(self.find_step(number), skipped)
             return self.look_up(number)
 
     def write_lists(self) -> None:
@@ -204,14 +204,14 @@ class Session:
         path = show_path(there[0].relative_to(self.source_dir).parts) if there else None
         record = index.records.get(path) if path else None
         retake = bool(record and record.made.get("retake"))
-        waiting = self.places.find_waiting(step)
+        waiting = self.folders.find_waiting(step)
         kept = (_original(record) or "")[:HASH_DIGITS] if record else None
         # a kill between the two steps of `keep` leaves what is kept waiting
         if waiting is not None and hash_in_name(waiting) != kept:
             return Shot(step, "waiting", path, retake)
         if path:
             return Shot(step, "done", path, retake)
-        return Shot(step, "skipped" if self.places.skip_mark(step).exists() else "open", None)
+        return Shot(step, "skipped" if self.folders.skip_mark(step).exists() else "open", None)
 
     def _is_kept(self, step: ShotStep, sha256: str) -> bool:
         """Whether this photograph is the shot's already; `Refused` where it is another shot's."""
@@ -264,13 +264,13 @@ def open_session(
         raise ToolkitError(f"{file} is not there: make the list of shots with 'toolkit plan --shot-list'")
     plan = read_plan(workspace.plan_file)
     session = Session(workspace, plan, read_shots(file, plan), make_inspector(workspace, plan), source)
-    check_writable(session.places)
-    session.places.sweep()
+    check_writable(session.folders)
+    session.folders.sweep()
     session.list_shots()  # a broken manifest is said now, not when the first photograph is kept
     return session
 
 
-def take_back(session: Session, number: int) -> Shot:
+def undo_keep(session: Session, number: int) -> Shot:
     """Undo `keep`: the photograph waits at its shot again, and a shot that it had replaced is there again.
 
     Raises:
@@ -288,9 +288,9 @@ def take_back(session: Session, number: int) -> Shot:
             what = "was put there by hand: delete the file itself" if there else "is not there"
             raise Refused(CONFLICT, f"the photograph of shot {number} {what}")
         file = root / record.path
-        # a copy first: it is in one of the two places at every moment
-        upload = write_bytes(session.places.new_incoming(), file.read_bytes())
-        session.places.put_waiting(step, upload, read_photo(upload))
+        # a copy first: it is in one of the two folders at every moment
+        upload = write_bytes(session.folders.new_incoming(), file.read_bytes())
+        session.folders.put_waiting(step, upload, read_photo(upload))
         before = _find_before(root, record)
         file.unlink()
         drop_records(root, {record.path})

@@ -21,7 +21,7 @@ from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
 from toolkit.photos.gates.check_photo import Expectation, PhotoCheck, inspect_photo
 from toolkit.photos.gates.check_set import CheckedPhoto, SetFinding, check_set, lines_from_json
-from toolkit.photos.gates.expect import Expecter
+from toolkit.photos.gates.expect import ExpectationBuilder
 from toolkit.photos.gates.result import GateResult
 from toolkit.photos.photo import Photo, load_pixels, read_photo
 from toolkit.rig.variants import Print, find_booster
@@ -228,7 +228,7 @@ def make_check(workspace: Workspace, source: str = "real") -> "Check":
         workspace: whose objects, patches and board are meant.
         source: folder below captures/.
     """
-    expecter = Expecter(workspace)
+    expecter = ExpectationBuilder(workspace)
     source_dir, setup = workspace.captures_dir / source, hash_setup(workspace)
 
     def check(photo: Photo, pixels: np.ndarray, record: CaptureRecord) -> tuple[GateResult, ...]:
@@ -309,7 +309,7 @@ class _Judge:
     def __init__(self, workspace: Workspace) -> None:
         from toolkit.photos.importing.locate import locate_by_board
 
-        self._expecter = Expecter(workspace)
+        self._expecter = ExpectationBuilder(workspace)
         self._locate = locate_by_board(workspace)
 
     def judge(self, capture: Capture, record: CaptureRecord | None, sha256: str) -> PhotoCheck:

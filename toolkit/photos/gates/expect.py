@@ -22,7 +22,7 @@ Built = tuple[Solid | None, ExpectedPatch | None, str]
 """What is expected of an object in a variant: its shape, its patch, and why that is not known."""
 
 
-class Expecter:
+class ExpectationBuilder:
     """Makes expectations; objects are built once for each variant and kept.
 
     Args:

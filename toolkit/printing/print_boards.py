@@ -9,7 +9,7 @@ from toolkit import __version__
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.printing.board_page import build_sheet_pdf
+from toolkit.printing.board_page import build_board_pdf
 from toolkit.printing.canvas import POINTS_PER_MM, describe_document, open_canvas, register_fonts
 from toolkit.printing.colour_strip import STRIP, StripPlace, draw_strip, reserve_strip
 from toolkit.printing.layout import check_orientation, turn_frames
@@ -53,7 +53,7 @@ SQUARES = re.compile(r"^\s*(\d{1,4})\s*[x×]\s*(\d{1,4})\s*$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
-class PrintedSheet:
+class PrintedBoard:
     """A PDF that was written.
 
     Attributes:
@@ -99,18 +99,18 @@ def parse_squares(text: str) -> tuple[int, int]:
     return int(found[1]), int(found[2])
 
 
-def print_sheet(workspace: Workspace, spec: Sheet, paper: Paper, orientation: str, pdf_file: Path) -> PrintedSheet:
+def print_board(workspace: Workspace, spec: Sheet, paper: Paper, orientation: str, pdf_file: Path) -> PrintedBoard:
     """Write a board's or a ring's PDF, then its spec to `rig/board.json`, where readers of photographs find it.
 
     Raises:
         ToolkitError: the sheet is too large for its paper, or a file cannot be written.
     """
-    document = build_sheet_pdf(spec, paper, check_orientation(orientation))
+    document = build_board_pdf(spec, paper, check_orientation(orientation))
     write_bytes(pdf_file, document.content)
     note = _compare(workspace, spec)
     spec_file = write_board(workspace, spec)
     plan = document.plan
-    return PrintedSheet(
+    return PrintedBoard(
         kind="board" if isinstance(spec, BoardSpec) else "ring",
         file=str(pdf_file),
         spec_file=str(spec_file),
@@ -137,7 +137,7 @@ def _compare(workspace: Workspace, spec: Sheet) -> str | None:
     return f"photographs are now read by this sheet; the one before was a {old.describe()}"
 
 
-def print_strip(paper: Paper, orientation: str, pdf_file: Path) -> PrintedSheet:
+def print_strip(paper: Paper, orientation: str, pdf_file: Path) -> PrintedBoard:
     """Write the PDF of the colour strip on a page of its own.
 
     Raises:
@@ -145,7 +145,7 @@ def print_strip(paper: Paper, orientation: str, pdf_file: Path) -> PrintedSheet:
     """
     content, frame = build_strip_pdf(paper, check_orientation(orientation))
     write_bytes(pdf_file, content)
-    return PrintedSheet(
+    return PrintedBoard(
         kind="colour-strip",
         file=str(pdf_file),
         spec_file=None,
