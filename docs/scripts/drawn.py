@@ -83,7 +83,7 @@ def draw_everyday(font: ImageFont.FreeTypeFont) -> Image.Image:
     rows = -(-len(MAKERS) // KIND_COLUMNS)
     sheet = Image.new("RGB", (KIND_COLUMNS * KIND_PX, rows * (KIND_PX + KIND_CAPTION_PX)), "white")
     draw = ImageDraw.Draw(sheet)
-    camera = Camera(KIND_PX, KIND_PX, 40.0)
+    camera = Camera.from_fov(KIND_PX, KIND_PX, 40.0)
     for i, label in enumerate(sorted(MAKERS)):
         left, top = i % KIND_COLUMNS * KIND_PX, i // KIND_COLUMNS * (KIND_PX + KIND_CAPTION_PX)
         picture = render_thumbnails(make_everyday(label, (SEED, i)), 1, (SEED, i), camera)[0]
