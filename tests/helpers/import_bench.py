@@ -18,7 +18,7 @@ from toolkit.rig.plan import Pattern, make_plan, read_plan, write_plan
 
 register_heif()
 START = datetime(2024, 5, 1, 10)
-PATCHED = ImportSettings("crate", "patched")
+PATCHED = ImportSettings(object="crate", variant="patched")
 LENS = Camera(48, 36, fx=50.0, fy=50.0, cx=24.0, cy=18.0)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from toolkit.captures.read import read_pose_id
 from toolkit.core.console import progress
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError
 from toolkit.imaging.read import UnreadableImage
 from toolkit.photos.importing.gather import Candidate
 from toolkit.photos.importing.index import CaptureKey, SourceIndex, describe_imported
@@ -81,9 +81,10 @@ def collect_evidence(
     ungrouped = [i for i in ungrouped if candidates[i].photo.identity not in index.replaced]
     new = [i for i, one in enumerate(candidates) if describe_imported(index, one.photo) is None]
     if not steps and new and not any(one.group or one.unusable for one in every):
-        raise ToolkitError(
-            "nothing says what the photographs show: say --object and --variant, sort them into folders "
-            "OBJECT/VARIANT, or write a shot list with 'toolkit plan --shot-list' and follow it"
+        raise FieldError(
+            "nothing says what the photographs show: give {object} and {variant}, sort them into folders "
+            "OBJECT/VARIANT, or write a shot list with 'toolkit plan --shot-list' and follow it",
+            {},
         )
     groups = _list_members(every)
     _match_orders(every, groups, ungrouped, plan, steps, settings)
@@ -156,7 +157,7 @@ def _match_orders(
     if ungrouped and steps:
         take(ungrouped, match_session_order(len(ungrouped), steps, settings.first_shot))
     elif ungrouped:
-        take(ungrouped, "there is no shot list: say --object and --variant")
+        take(ungrouped, "there is no shot list: say object and variant")
 
 
 def is_followed(evidence: Sequence[Evidence], plan: CapturePlan) -> bool:
@@ -213,7 +214,7 @@ def read_named_poses(candidates: Sequence[Candidate], pose_ids: Collection[int],
     Args:
         candidates: of one object and variant.
         pose_ids: of the plan.
-        always: believe every number that is a pose of the plan, as a `match` by `name` asks for.
+        always: believe every number that is a pose of the plan, as `match` = `name` asks for.
     """
     numbers = [read_pose_id(one.photo.path.name) if one.photo.frame is None else None for one in candidates]
     whole = Counter(numbers) == Counter(pose_ids)
@@ -255,8 +256,8 @@ def match_session_order(count: int, steps: Sequence[ShotStep], first: int | None
     """
     if first is None and count != len(steps):
         return (
-            f"{count} photographs for the {len(steps)} shots of rig/shots.json: say --first-shot N for a part of "
-            "the list, or --object and --variant"
+            f"{count} photographs for the {len(steps)} shots of rig/shots.json: say the first shot of a part of "
+            "the list, or object and variant"
         )
     part = steps[(first or 1) - 1 :][:count]
     if len(part) < count:

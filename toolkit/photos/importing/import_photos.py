@@ -2,12 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from toolkit.captures.manifest import CaptureRecord, write_transforms
 from toolkit.core.console import progress
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
@@ -17,11 +18,45 @@ from toolkit.photos.importing.index import SourceIndex, describe_imported, index
 from toolkit.photos.importing.locate import Locate, locate_by_board
 from toolkit.photos.importing.match import MatchRender, make_render_matcher
 from toolkit.photos.importing.resolve import Ask, Resolved, resolve_photos
-from toolkit.photos.importing.settings import ImportSettings, check_settings, refuse_captures
+from toolkit.photos.importing.settings import FOLDER_NAME, ImportSettings
 from toolkit.photos.importing.store import Check, store_photo
 from toolkit.rig.plan import CapturePlan, open_plan
 from toolkit.rig.shot_order import ShotStep, read_shots
 from toolkit.rig.variants import PAIR, VARIANTS, find_booster
+
+
+def check_settings(workspace: Workspace, settings: ImportSettings) -> list[str]:
+    """Check names; returns notes for the user.
+
+    Raises:
+        ToolkitError: an unknown object, or a variant that is a misspelling of a known one.
+    """
+    if settings.object is not None:
+        workspace.object_spec(settings.object)
+    variant = settings.variant
+    if variant is None or variant in VARIANTS:
+        return []
+    if not FOLDER_NAME.fullmatch(variant):
+        raise FieldError("expected a name of letters, digits, '-', '_' and '.'", {"variant": variant})
+    known = [*VARIANTS, *workspace.patches(), *workspace.textures()]
+    if variant not in known and get_close_matches(variant, known, n=1, cutoff=0.8):
+        raise one_of("variant", variant, known)
+    return [f"variant '{variant}' is none that the kit knows: nothing is recorded of what is on the object"]
+
+
+def refuse_captures(workspace: Workspace, paths: list[Path]) -> None:
+    """Check that no photograph would be imported from the captures themselves.
+
+    Raises:
+        ToolkitError: a path lies in the workspace's captures/, or holds it.
+    """
+    captures = workspace.captures_dir.resolve()
+    for path in paths:
+        real = Path(path).resolve()
+        if real.is_relative_to(captures) or captures.is_relative_to(real):
+            raise ToolkitError(
+                f"{path} is, holds or lies in {captures}: name the folder that the camera's photos are in"
+            )
 
 
 @dataclass(frozen=True)
@@ -211,11 +246,9 @@ def _check_pose(plan: CapturePlan, settings: ImportSettings, gathered: Gathered)
         return
     ids = [pose.id for pose in plan.objects[settings.object]]
     if settings.pose not in ids:
-        raise ToolkitError(
-            f"--pose {settings.pose}: the plan of '{settings.object}' has poses {min(ids)} to {max(ids)}"
-        )
+        raise FieldError(f"the plan of '{settings.object}' has poses {min(ids)} to {max(ids)}", {"pose": settings.pose})
     if len(gathered.candidates) > 1:
-        raise ToolkitError(f"--pose {settings.pose}: is of one photograph, {len(gathered.candidates)} were given")
+        raise FieldError(f"is of one photograph, {len(gathered.candidates)} were given", {"pose": settings.pose})
 
 
 def _store_all(

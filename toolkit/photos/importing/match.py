@@ -57,7 +57,7 @@ def decide_pose(
     Args:
         evidence: of the photograph.
         plan: holds the poses.
-        how: one of `MATCHES`; any but `auto` asks for that evidence alone.
+        how: `ImportSettings.match`; any but `auto` asks for that evidence alone.
         by_render: what the nearest render says; slow, and asked last.
     """
     group = evidence.find_group()

@@ -98,7 +98,7 @@ def _resolve_doubles(resolved: list[Resolved], refused: list[tuple[str, str]], a
                 reason = f"{key}: {labels[int(answer) - 1]} was chosen"
             else:
                 others = ", ".join(other for other in labels if other != label)
-                reason = f"{key} is shown as well by {others}: take one away, or let the latest count with --replace"
+                reason = f"{key} is shown as well by {others}: take one away, or let the latest count (replace)"
             refused.append((label, reason))
     return [(one, decision) for one, decision in resolved if kept.get(decision.key) is one]
 
@@ -128,7 +128,8 @@ def _resolve_occupied(
         ):
             kept.append((one, decision))
         else:
-            refused.append((candidate.label, f"{key} has {path}{came}: a retake replaces it with --replace"))
+            asked = "a retake replaces it only where that is asked for (replace)"
+            refused.append((candidate.label, f"{key} has {path}{came}: {asked}"))
     return kept
 
 

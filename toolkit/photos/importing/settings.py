@@ -1,84 +1,60 @@
-"""What `toolkit import` was asked to do, and whether that goes together."""
+"""What `toolkit import` is asked to do."""
 
 import re
-from dataclasses import dataclass
-from difflib import get_close_matches
-from pathlib import Path
+from typing import Annotated, Literal
 
-from toolkit.core.errors import ToolkitError, one_of
-from toolkit.core.workspace import Workspace
-from toolkit.rig.variants import VARIANTS
+from pydantic import Field, model_validator
 
-MATCHES = ("auto", "board", "name", "order", "render")
+from toolkit.core.config import Config, Expect, Flag
+from toolkit.core.errors import FieldError
+
 FOLDER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 
+Source = Annotated[
+    str,
+    Field(pattern=f"^{FOLDER_NAME.pattern}$"),
+    Expect("the name of one folder below captures/"),
+    Flag(metavar="NAME"),
+]
 
-@dataclass(frozen=True)
-class ImportSettings:
+
+class ImportSettings(Config):
     """How to import.
 
-    Attributes:
-        object, variant: what all photographs show; None: their folders, names or the shot list say it.
-        pose: of the one photograph that is given.
-        match: what tells the pose: auto, board, name, order or render.
-        first_shot: number in the shot list of the first photograph's shot, where a part of the list was shot.
-        link: hard links where possible, instead of copies.
-        replace: a later photograph takes the place of one that is there; the old one is kept aside.
-        every_s: of a video, one frame in each so many seconds; None: one per moment of stillness.
-        source: folder below captures/.
-    """
-
-    object: str | None = None
-    variant: str | None = None
-    pose: int | None = None
-    match: str = "auto"
-    first_shot: int | None = None
-    link: bool = False
-    replace: bool = False
-    every_s: float | None = None
-    source: str = "real"
-
-
-def check_settings(workspace: Workspace, settings: ImportSettings) -> list[str]:
-    """Check names and that the settings go together; returns notes for the user.
-
     Raises:
-        ToolkitError: an unknown object or way of matching, a variant that is a misspelling of a known one, or settings
-            that contradict each other.
+        FieldError: a field that has no sense without another, or none beside it.
     """
-    if settings.match not in MATCHES:
-        raise one_of("way of matching", settings.match, list(MATCHES))
-    if not FOLDER_NAME.fullmatch(settings.source):
-        raise ToolkitError(
-            f"--source {settings.source}: expected the name of one folder below {workspace.captures_dir}"
-        )
-    if settings.object is not None:
-        workspace.object_spec(settings.object)
-    if settings.pose is not None and not (settings.object and settings.variant):
-        raise ToolkitError("--pose names the pose of one photograph: say --object and --variant with it")
-    if settings.first_shot is not None and (settings.object or settings.variant):
-        raise ToolkitError("--first-shot counts in the whole shot list: leave --object and --variant out")
-    variant = settings.variant
-    if variant is None or variant in VARIANTS:
-        return []
-    if not FOLDER_NAME.fullmatch(variant):
-        raise ToolkitError(f"--variant {variant!r}: expected a name of letters, digits, '-', '_' and '.'")
-    known = [*VARIANTS, *workspace.patches(), *workspace.textures()]
-    if variant not in known and get_close_matches(variant, known, n=1, cutoff=0.8):
-        raise one_of("variant", variant, known)
-    return [f"variant '{variant}' is none that the kit knows: nothing is recorded of what is on the object"]
 
+    object: Annotated[str | None, Flag(metavar="NAME")] = Field(
+        None, description="What all photographs show. Default: their folders, names or the shot list say it."
+    )
+    variant: Annotated[str | None, Flag(metavar="NAME")] = Field(
+        None, description="unpatched, patched, a control, or a booster's name; likewise."
+    )
+    pose: Annotated[int | None, Field(ge=1), Flag()] = Field(
+        None, description="Pose of the one photograph that is given."
+    )
+    match: Annotated[Literal["auto", "board", "name", "order", "render"], Flag(metavar="HOW")] = Field(
+        "auto", description="What tells the pose: board, name (pose_07), order (of time), render, or auto."
+    )
+    first_shot: Annotated[int | None, Field(ge=1), Flag()] = Field(
+        None, description="The photographs are a part of the shot list, from this shot on."
+    )
+    link: Annotated[bool, Flag("--link")] = Field(False, description="Hard links instead of copies, where possible.")
+    replace: Annotated[bool, Flag("--replace")] = Field(
+        False, description="A retake replaces the earlier photograph, which is kept aside."
+    )
+    every_s: Annotated[float | None, Field(ge=0.05, le=3600), Flag("--every", metavar="SECONDS")] = Field(
+        None, description="Of a video take a frame in each so many seconds, not one per still moment."
+    )
+    source: Source = Field("real", description="Folder below captures/.")
 
-def refuse_captures(workspace: Workspace, paths: list[Path]) -> None:
-    """Check that no photograph would be imported from the captures themselves.
-
-    Raises:
-        ToolkitError: a path lies in the workspace's captures/, or holds it.
-    """
-    captures = workspace.captures_dir.resolve()
-    for path in paths:
-        real = Path(path).resolve()
-        if real.is_relative_to(captures) or captures.is_relative_to(real):
-            raise ToolkitError(
-                f"{path} is, holds or lies in {captures}: name the folder that the camera's photos are in"
+    @model_validator(mode="after")
+    def _check(self) -> "ImportSettings":
+        if self.pose is not None and not (self.object and self.variant):
+            raise FieldError("the pose of one photograph: give {object} and {variant} with it", {"pose": self.pose})
+        if self.first_shot is not None and (self.object or self.variant):
+            raise FieldError(
+                "counts in the whole shot list: leave {object} and {variant} out", {"first_shot": self.first_shot}
             )
+        return self
