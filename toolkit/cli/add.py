@@ -126,7 +126,7 @@ def _draw(space: "Workspace", item: "TableObject", quiet: bool) -> tuple[Path, s
         )
     except ToolkitError as error:
         trouble = str(error)
-    camera = Camera()
+    camera = Camera.from_fov()
     poses = plan_poses(item, camera, Pattern("grid", 8, (20.0, 60.0)))
     file = space.root / "rig" / "preview" / f"{item.name}-sheet.png"
     with progress("drawing the preview", 1, quiet) as bar:
