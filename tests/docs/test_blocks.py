@@ -5,6 +5,7 @@ import re
 import shutil
 import sys
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -75,9 +76,9 @@ def test_a_wrong_command_is_found(line: str) -> None:
 
 
 def test_a_wrong_mention_is_found() -> None:
-    parse("toolkit train-patch --recipe paper".split(), whole=False)
+    parse(["toolkit", "train-patch", "--recipe", "paper"], whole=False)
     with pytest.raises(AssertionError):
-        parse("toolkit train-patch --recepi paper".split(), whole=False)
+        parse(["toolkit", "train-patch", "--recepi", "paper"], whole=False)
 
 
 @pytest.mark.parametrize("page", PAGES)
@@ -133,7 +134,7 @@ NEEDS = (
     "patches-100",
     "--board",
 )
-"""What a line needs that the small workspace has not; a board makes every picture large."""
+"""What a line needs that the small workspace has not, or what takes long: a board makes every picture large."""
 
 
 def put_light_warplane(folder: Path) -> None:
@@ -149,9 +150,7 @@ def is_quick(words: Command) -> bool:
     """Whether a command of a page is run."""
     if words[0] != "toolkit" or words[1] not in QUICK:
         return False
-    named = [
-        value for flag, value in zip(words, words[1:], strict=False) if flag in ("--model", "--source", "--recipe")
-    ]
+    named = [value for flag, value in pairwise(words) if flag in ("--model", "--source", "--recipe")]
     is_here = all(value in ("rig18", "sim", "sim-mine") for value in named)
     if words[1] == "print":
         return not any(one in word for word in words for one in NEEDS[2:-1])
