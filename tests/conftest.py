@@ -61,7 +61,7 @@ def make_crate_space(make_box):
         write_patch(space.patches_dir, pixels, make_patch_record("crate"))
         item = load_object(space.object_spec("crate"))
         pattern = Pattern("ring", count=2, elevation_deg=(40, 40))
-        write_plan(space.plan_file, make_plan([item], Camera(96, 72), pattern))
+        write_plan(space.plan_file, make_plan([item], Camera.from_fov(96, 72), pattern))
         return space
 
     return make

@@ -52,7 +52,7 @@ def test_the_buffers_put_together_are_a_render_of_the_patch(space, views):
     mesh = attach(item.mesh, mount_patch(item.mesh, pixels, 40.0, item.spec.patch))
     light = str(np.random.default_rng([7, 0, 1]).choice(list(LIGHTS)))
     renderer = RaycastRenderer(mesh, make_studio((7, 0), 100.0, light=light))
-    camera = Camera(SIDE, SIDE, mounted.FOV_DEG)
+    camera = Camera.from_fov(SIDE, SIDE, mounted.FOV_DEG)
     theta = torch.from_numpy(pixels.transpose(2, 0, 1) / 255.0).float()
     stacked = stack_views(views, "cpu")
     for i in range(3):

@@ -147,7 +147,7 @@ def make_wall(texture: np.ndarray, low: float, high: float) -> Mesh:
 def see_wall(n: int, low: float = 0.0, high: float = 1.0, side: int = 128):
     texture = np.full((n, n, 3), 128, np.uint8)
     mesh = make_wall(texture, low, high)
-    camera = Camera(side, side, 30.0)
+    camera = Camera.from_fov(side, side, 30.0)
     pose = look_at(np.array([230.0, 0, 50]), np.array([0.0, 0, 50]))
     return RaycastRenderer(mesh, make_studio(0, 100.0, "white")).take_apart(camera, pose, texture), camera
 
@@ -160,7 +160,7 @@ def test_a_texture_of_its_own_coordinates_comes_back_to_half_a_texel():
     coordinates = torch.stack([centres.expand(n, n), (1 - centres)[:, None].expand(n, n), torch.zeros(n, n)])
     found = pyramid.look_up(pyramid.build_levels(coordinates), torch.from_numpy(view.uv), torch.from_numpy(view.lod))
     row, column = np.divmod(view.pixel, 128)
-    mm_per_px = 230 / camera.focal_px
+    mm_per_px = 230 / camera.fx
     u = (column + 0.5 - 64) * mm_per_px / 100 + 0.5
     v = 0.5 - (row + 0.5 - 64) * mm_per_px / 100
     inside = (np.abs(u - 0.5) < 0.5 - 1 / n) & (np.abs(v - 0.5) < 0.5 - 1 / n)

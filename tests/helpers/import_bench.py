@@ -19,7 +19,7 @@ from toolkit.rig.plan import Pattern, make_plan, read_plan, write_plan
 register_heif()
 START = datetime(2024, 5, 1, 10)
 PATCHED = ImportSettings("crate", "patched")
-LENS = {"width": 48.0, "height": 36.0, "fx": 50.0, "fy": 50.0, "cx": 24.0, "cy": 18.0}
+LENS = Camera(48, 36, fx=50.0, fy=50.0, cx=24.0, cy=18.0)
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def space(tmp_path, make_crate_space, monkeypatch):
     monkeypatch.setattr("toolkit.core.workspace.PACKAGE_DATA", tmp_path / "none")
     item = load_object(made.object_spec("crate"))
     pattern = Pattern("ring", count=4, elevation_deg=(40, 40))
-    write_plan(made.plan_file, make_plan([item], Camera(96, 72), pattern))
+    write_plan(made.plan_file, make_plan([item], Camera.from_fov(96, 72), pattern))
     return made
 
 
@@ -72,7 +72,7 @@ class Board:
         self.seen += 1
         assert pixels.shape[2] == 3
         found = self.cameras.get(photo.path.name)
-        return "no board is seen" if found is None else Located(found, LENS, (), {"board_corners": 9})
+        return "no board is seen" if found is None else Located(found, LENS, {"board_corners": 9})
 
 
 NO_BOARD = Board({})

@@ -12,7 +12,6 @@ from printed_photos import shipped_patch
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.objects.load import load_object
-from toolkit.photos.lens import lens_of_camera
 from toolkit.photos.sheet import size as patch_size
 from toolkit.photos.sheet.align import FLAT, UNIT_CORNERS, Placement, draw_patch, fit_placement, is_plausible
 from toolkit.photos.sheet.find import find_patch, rectify_patch, search_photo, shrink_image, which_patch
@@ -23,7 +22,7 @@ from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.shading import develop
 from toolkit.rig.studio import make_studio
 
-CAMERA = Camera(640, 480, 40.0)
+CAMERA = Camera.from_fov(640, 480, 40.0)
 PATCH_MM = 88.194
 PATCHES = ("coffeepot", "eggnog", "racer", "warplane")
 POSES = {"racer": ((20, 30), (140, 62)), "eggnog": ((10, 28), (325, 45))}
@@ -173,7 +172,7 @@ def test_a_bare_object_has_no_patch():
 def test_a_mounted_patch_is_measured_to_a_percent(photos, name):
     item, shots = photos[name]
     surface = mount_surface(item, PATCH_MM)
-    views = [View(find_patch(photo, shipped_patch(name)), lens_of_camera(CAMERA), pose) for photo, pose in shots]
+    views = [View(find_patch(photo, shipped_patch(name)), CAMERA, pose) for photo, pose in shots]
     measures = [measure_patch(view, surface) for view in views]
     for measure in measures:
         assert measure.size_mm == pytest.approx(PATCH_MM, rel=0.01)
@@ -191,7 +190,7 @@ def test_a_patch_that_the_print_dialog_shrank_is_noticed():
     views = []
     for pose in POSES["racer"]:
         photo, T_world_camera = shoot("racer", *pose, renderer)
-        views.append(View(find_patch(photo, shipped_patch("racer")), lens_of_camera(CAMERA), T_world_camera))
+        views.append(View(find_patch(photo, shipped_patch("racer")), CAMERA, T_world_camera))
     for measures in ([patch_size.triangulate_patch(views)], [measure_patch(view, surface) for view in views]):
         check = check_size(measures, PATCH_MM)
         assert not check.passed and check.scale == pytest.approx(0.94, abs=0.01)
@@ -204,7 +203,7 @@ def test_a_page_on_the_table_is_measured_on_the_plane():
     corners = (UNIT_CORNERS - 0.5) * [80, -80] + [12, -7]
     pixels, _ = project(CAMERA, pose, np.c_[corners, np.zeros(4)])
     photo = paste(shipped_patch("warplane"), pixels)
-    view = View(find_patch(photo, shipped_patch("warplane")), lens_of_camera(CAMERA), pose)
+    view = View(find_patch(photo, shipped_patch("warplane")), CAMERA, pose)
     measure = measure_patch(view, flat_surface(np.eye(4)))
     assert measure.size_mm == pytest.approx(80, rel=0.004)
     assert np.abs(measure.corners_mm - corners).max() < 0.4
@@ -216,7 +215,7 @@ def test_a_page_on_the_table_is_measured_on_the_plane():
 def test_one_side_alone_does_not_place_a_patch_in_space():
     pose = orbit_pose(np.zeros(3), 20, 55, 500.0)
     pixels, _ = project(CAMERA, pose, np.c_[(UNIT_CORNERS - 0.5) * [80, -80], np.zeros(4)])
-    view = View(find_patch(paste(shipped_patch("racer"), pixels), shipped_patch("racer")), lens_of_camera(CAMERA), pose)
+    view = View(find_patch(paste(shipped_patch("racer"), pixels), shipped_patch("racer")), CAMERA, pose)
     assert patch_size.triangulate_patch([view]) is None
     assert patch_size.triangulate_patch([view, view]) is None
     assert patch_size.triangulate_patch([]) is None

@@ -30,7 +30,7 @@ from toolkit.photos.gates.check_captures import (
 )
 from toolkit.photos.gates.check_photo import check_photo, inspect_photo
 from toolkit.photos.gates.check_set import CheckedPhoto, PatchLines, check_set, measure_moves
-from toolkit.photos.gates.expect import Expecter, make_view, view_of_record
+from toolkit.photos.gates.expect import Expecter, view_of_record
 from toolkit.photos.gates.framing import (
     check_centred,
     check_cut_off,
@@ -41,14 +41,13 @@ from toolkit.photos.gates.framing import (
 )
 from toolkit.photos.gates.result import Gate
 from toolkit.photos.gates.solid import Solid, View, draw_silhouette, silhouette_px
-from toolkit.photos.lens import Lens, lens_of_camera
 from toolkit.rig.board import BoardSpec, write_board
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.mount import attach, mount_patch
 
 BOARD = BoardSpec(9, 9, 25.0, 18.75)
-CAMERA = Camera(640, 480, 40.0)
-LENS = lens_of_camera(CAMERA)
+CAMERA = Camera.from_fov(640, 480, 40.0)
+LENS = CAMERA
 PATCH_MM = 60.0
 SIDES = ((20, 45), (140, 55), (260, 40), (80, 50), (200, 60))
 
@@ -289,10 +288,10 @@ def test_shares_outside_the_frame_are_those_of_the_geometry(make_box):
     top_px = 400.0 / 500.0  # pixels per mm on the face that is 500 mm away
     for shift, share in ((0.0, 0.0), (200.0, 50.0), (200.0 - 15 * top_px, 25.0)):
         # azimuth 0 from above: the object's front (+x) is up in the picture, its 60 mm lie across
-        view = View(T, Lens(400, 400, 400.0, 400.0, 200.0 + shift, 200.0))
+        view = View(T, Camera(400, 400, fx=400.0, fy=400.0, cx=200.0 + shift, cy=200.0))
         outside = check_cut_off(silhouette_px(Solid(box), view), (400, 400))
         assert outside.value == pytest.approx(share, abs=1.0) and outside.failed == (share > 2)
-    view = View(T, Lens(400, 400, 400.0, 400.0, 200.0, 200.0))
+    view = View(T, Camera(400, 400, fx=400.0, fy=400.0, cx=200.0, cy=200.0))
     mask = draw_silhouette(Solid(box), view)
     assert mask.mean() == pytest.approx(100 * 60 * top_px**2 / 400**2, rel=0.03)
     centred = silhouette_px(Solid(box), replace(view, lens=replace(view.lens, cx=375.0)))  # the square ends at 375
@@ -447,7 +446,7 @@ def test_the_import_gets_the_gates_words(bench):
 
 def test_controls_and_unknown_variants(bench):
     """What is on the object decides what can be asked."""
-    view = make_view(pose(0), LENS.intrinsics)
+    view = View(pose(0), LENS)
     grey = bench.expecter.expect("crate", "grey-patch", 1, view)
     assert grey.wearing is None and "no marks" in grey.no_wearing
     assert bench.expecter.expect("crate", "wrong-patch", 1, view).wearing.own == "warplane"

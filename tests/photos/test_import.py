@@ -111,7 +111,7 @@ def test_the_board_says_the_pose_and_by_how_much_it_was_missed(space, folder):
     gap = np.linalg.norm(camera(space, 181.5, closer=1.05)[:3, 3] - plan.matrix()[:3, 3])
     assert record.made["pose_error_mm"] == pytest.approx(gap, abs=0.05)
     np.testing.assert_allclose(record.T_world_camera, board.cameras["z.jpg"], atol=1e-6)
-    assert record.intrinsics == LENS
+    assert record.intrinsics == LENS.intrinsics
     row = next(row for row in result.coverage if row.variant == "patched")
     assert row.missing == (1,) and 1 < row.mean_error_deg < 3
     assert (
@@ -285,7 +285,7 @@ def test_real_boards_are_found_and_measured(space, folder, make_box):
     from toolkit.photos.match_pose import match_pose
     from toolkit.rig.board import DEFAULT_BOARD
 
-    lens = Camera(960, 720, 62.0)
+    lens = Camera.from_fov(960, 720, 62.0)
     poses = read_plan(space.plan_file).objects["crate"]
     truth = {}
     for i, (name, orientation) in enumerate((("a.heic", 6), ("b.jpg", 8), ("c.jpg", 1))):
@@ -313,7 +313,7 @@ def test_a_render_that_looks_the_same_from_two_sides_is_no_answer(space, folder,
     from board_photos import photograph, save_photo
 
     pose = read_plan(space.plan_file).objects["crate"][0]
-    pixels = photograph(make_box(), None, Camera(320, 240, 45.0), pose.matrix(), backdrop="concrete")
+    pixels = photograph(make_box(), None, Camera.from_fov(320, 240, 45.0), pose.matrix(), backdrop="concrete")
     save_photo(folder / "IMG_7.jpg", pixels)
     result = import_photos(space, [folder], ImportSettings("crate", "unpatched"), quiet=True)
     assert not result.imported

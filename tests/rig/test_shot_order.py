@@ -33,7 +33,7 @@ def make_boxes_plan(make_box):
             TableObject(ObjectSpec(name=name, class_name=name, mesh="box.obj", length_mm=100), make_box())
             for name in names
         ]
-        return make_plan(items, Camera(), pattern or Pattern())
+        return make_plan(items, Camera.from_fov(), pattern or Pattern())
 
     return make
 
@@ -218,5 +218,5 @@ def test_the_hash_is_of_one_objects_poses_and_the_camera(make_boxes_plan):
     moved = make_boxes_plan(Pattern(elevation_deg=(25, 66)))
     assert hash_poses(plan, "crate") != hash_poses(moved, "crate")
     assert hash_poses(plan, "crate") != hash_poses(
-        plan.model_copy(update={"camera": plan.camera.model_copy(update={"fov_deg": 41.0})}), "crate"
+        plan.model_copy(update={"camera": Camera.from_fov(640, 480, 41.0)}), "crate"
     )

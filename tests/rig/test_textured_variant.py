@@ -40,7 +40,7 @@ def space(tmp_path):
         (space.objects_dir / f"{name}.toml").write_text(SPEC.format(name=name, mm=100))
     items = [load_object(space.object_spec(name)) for name in ("block", "brick")]
     pattern = Pattern("ring", count=1, elevation_deg=(60, 60))
-    write_plan(space.plan_file, make_plan(items, Camera(128, 96), pattern))
+    write_plan(space.plan_file, make_plan(items, Camera.from_fov(128, 96), pattern))
     return space
 
 
@@ -81,7 +81,7 @@ def picture(space, variant, name="block"):
 def seen_at(space, variant, point, reach=2):
     """Mean colour around a point of the object."""
     plan = read_plan(space.plan_file)
-    place, _ = project(plan.camera.camera(), plan.objects["block"][0].matrix(), point[None])
+    place, _ = project(plan.camera, plan.objects["block"][0].matrix(), point[None])
     x, y = place[0].astype(int)
     return picture(space, variant)[y - reach : y + reach + 1, x - reach : x + reach + 1].mean(axis=(0, 1))
 

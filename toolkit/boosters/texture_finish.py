@@ -142,7 +142,7 @@ def plan_turntable(subject: Subject, image_px: int, device: str) -> ViewBatch:
     mesh = subject.mesh
     studio = make_studio(0, float(mesh.size_mm.max()), BACKDROP)
     renderer = RaycastRenderer(mesh, studio, DETAIL)
-    camera = Camera(image_px, image_px, FOV_DEG)
+    camera = Camera.from_fov(image_px, image_px, FOV_DEG)
     target = np.array([0.0, 0.0, mesh.size_mm[2] / 2])
     views = []
     for azimuth in np.arange(VIEWS) * 360.0 / VIEWS:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest, write_transforms
 from toolkit.core.errors import ToolkitError
+from toolkit.rig.camera import Camera
 
 SEED = 0
 """Of every corrupted image, with its path below the source: here and in `toolkit eval --corrupt`."""
@@ -116,12 +117,5 @@ def cut_intrinsics(intrinsics: dict[str, float]) -> dict[str, float]:
     # the long side is truncated and the corner rounded, as resize_and_crop does
     out_width, out_height = (int(RESIZED_PX * side / short) for side in (width, height))
     left, top = (round((side - CUT_PX) / 2) for side in (out_width, out_height))
-    across, down = out_width / width, out_height / height
-    return intrinsics | {
-        "width": float(CUT_PX),
-        "height": float(CUT_PX),
-        "fx": intrinsics["fx"] * across,
-        "fy": intrinsics["fy"] * down,
-        "cx": intrinsics["cx"] * across - left,
-        "cy": intrinsics["cy"] * down - top,
-    }
+    cut = Camera.from_intrinsics(intrinsics).scaled(out_width, out_height).cropped(left, top, CUT_PX, CUT_PX)
+    return intrinsics | {name: float(value) for name, value in cut.intrinsics.items()}

@@ -21,7 +21,7 @@ from toolkit.captures.shoot import (
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
-from toolkit.rig.camera import Camera, camera_of_intrinsics
+from toolkit.rig.camera import Camera
 from toolkit.rig.variants import find_booster
 
 MAX_PX = 1280
@@ -141,24 +141,19 @@ def read_measured(
         if trouble:
             skipped.append((path, f"{MANIFEST}: {trouble}: import it again"))
         else:
-            photos.append(MeasuredPhoto(path, record, scale_camera(record.intrinsics, max_px), pose))
+            camera = scale_camera(Camera.from_intrinsics(record.intrinsics), max_px)
+            photos.append(MeasuredPhoto(path, record, camera, pose))
     return photos, skipped
 
 
-def scale_camera(intrinsics: dict[str, float], max_px: int = MAX_PX) -> Camera:
+def scale_camera(camera: Camera, max_px: int = MAX_PX) -> Camera:
     """The camera of a photograph that was scaled so that its longer side is at most `max_px`.
 
     Pixel centres are at half integers, so that all lengths in pixels scale alike; where the new width and height are
     rounded, x and y scale by what they really became.
     """
-    width, height = round(intrinsics["width"]), round(intrinsics["height"])
-    share = min(1.0, max_px / max(width, height))
-    new_width, new_height = max(1, round(width * share)), max(1, round(height * share))
-    across, down = new_width / width, new_height / height
-    return camera_of_intrinsics(
-        new_width, new_height, intrinsics["fx"] * across, intrinsics["fy"] * down, intrinsics["cx"] * across,
-        intrinsics["cy"] * down,
-    )  # fmt: skip
+    share = min(1.0, max_px / max(camera.width, camera.height))
+    return camera.scaled(max(1, round(camera.width * share)), max(1, round(camera.height * share)))
 
 
 def _is_square(rows: list[list[float]]) -> bool:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import explain_write_error, inside, sha256_file, write_json
+from toolkit.rig.camera import Camera
 
 MANIFEST = "manifest.jsonl"
 
@@ -39,6 +40,14 @@ class CaptureRecord(BaseModel):
     image_sha256: str | None = None
     made: dict[str, Any] = {}
     inputs_sha256: str | None = None
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera that `intrinsics` and a photograph's `distortion` describe; None where they are not known."""
+        if not self.intrinsics:
+            return None
+        found = self.made.get("distortion")
+        return Camera.from_intrinsics(self.intrinsics, [float(k) for k in found] if isinstance(found, list) else [])
 
 
 def read_manifest(source_dir: Path) -> dict[str, CaptureRecord]:
@@ -117,21 +126,22 @@ def to_opengl(T_world_camera: np.ndarray) -> np.ndarray:
 
 def describe_transforms(records: list[CaptureRecord]) -> dict[str, Any]:
     """The content of `transforms.json` for the records that know their camera; all must share its intrinsics."""
-    known = [record for record in records if record.T_world_camera and record.intrinsics]
-    if not known:
+    known = [(record, record.camera) for record in records if record.T_world_camera]
+    cameras = [(record, camera) for record, camera in known if camera is not None]
+    if not cameras:
         return {"camera_model": "OPENCV", "frames": []}
-    lens = known[0].intrinsics or {}
+    first = cameras[0][1]
     frames = []
-    for record in known:
-        own = record.intrinsics or {}
+    for record, camera in cameras:
         frame: dict[str, Any] = {
             "file_path": record.path, "transform_matrix": to_opengl(np.array(record.T_world_camera)).tolist(),
             "object": record.object, "variant": record.variant,
         }  # fmt: skip
-        if own != lens:
-            frame |= _lens(own)
+        if camera.intrinsics != first.intrinsics:
+            frame |= _describe_camera(camera)
         frames.append(frame)
-    return {"camera_model": "OPENCV", **_lens(lens), "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0, "frames": frames}
+    distortion = {"k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0}
+    return {"camera_model": "OPENCV", **_describe_camera(first), **distortion, "frames": frames}
 
 
 def write_transforms(source_dir: Path, records: list[CaptureRecord]) -> Path:
@@ -139,8 +149,7 @@ def write_transforms(source_dir: Path, records: list[CaptureRecord]) -> Path:
     return write_json(Path(source_dir) / "transforms.json", describe_transforms(records))
 
 
-def _lens(intrinsics: dict[str, float]) -> dict[str, float]:
+def _describe_camera(camera: Camera) -> dict[str, float]:
     return {
-        "fl_x": intrinsics["fx"], "fl_y": intrinsics["fy"], "cx": intrinsics["cx"], "cy": intrinsics["cy"],
-        "w": int(intrinsics["width"]), "h": int(intrinsics["height"]),
+        "fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy, "w": camera.width, "h": camera.height,
     }  # fmt: skip

@@ -154,7 +154,7 @@ def shoot_plan(
     settings = settings or ShootSettings()
     check_settings(workspace, settings, source)
     variants = tuple(dict.fromkeys(variants))  # named twice is shot once
-    camera = plan.camera.camera()
+    camera = plan.camera
     items = {name: _load_item(workspace, name, patch_mm) for name in objects}
     scenes = [
         _plan_scene(workspace, plan, camera, item, variant, settings)

@@ -116,7 +116,8 @@ def plan(
         return
     names = objects or sorted(space.object_specs())
     items = [load_object(space.object_spec(name)) for name in names]
-    made = make_plan(items, Camera(*size, fov), Pattern(pattern, count, elevation, fill, distance, jitter, seed))
+    spread = Pattern(pattern, count, elevation, fill, distance, jitter, seed)
+    made = make_plan(items, Camera.from_fov(*size, fov), spread)
     old = read_plan(space.plan_file) if objects and space.plan_file.is_file() else None
     file = write_plan(space.plan_file, keep_others(old, made))
     drawn = _draw(space, items, made, seed, quiet or as_json) if preview else None
@@ -184,7 +185,7 @@ def _draw(space, items, made, seed: int, quiet: bool) -> Path:
     from toolkit.core.files import write_bytes
     from toolkit.rig.preview import draw_contact_sheet, draw_positions
 
-    camera, folder = made.camera.camera(), space.root / "rig" / "preview"
+    camera, folder = made.camera, space.root / "rig" / "preview"
     with progress("drawing previews", len(items), quiet) as bar:
         for item in items:
             poses = made.objects[item.name]

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from toolkit.photos.lens import Lens
+from toolkit.photos.lens import scale_lens
 from toolkit.photos.plane_pose import PhotoPose, fit_plane_pose
 from toolkit.rig.board import BoardSpec, RingSpec
+from toolkit.rig.camera import Camera
 from toolkit.rig.markers import get_dictionary
 
 ANCHORS = 16
@@ -164,7 +165,7 @@ def find_board(image: np.ndarray, board: BoardSpec | RingSpec) -> BoardSighting 
     return BoardSighting(ids, corners_px, finder.world_mm[ids], grey.shape[1], grey.shape[0])
 
 
-def solve_pose(sighting: BoardSighting, lens: Lens) -> PhotoPose | None:
+def solve_pose(sighting: BoardSighting, lens: Camera) -> PhotoPose | None:
     """The camera of a sighting; None where its corners fit no camera above the table.
 
     Args:
@@ -175,7 +176,7 @@ def solve_pose(sighting: BoardSighting, lens: Lens) -> PhotoPose | None:
         ToolkitError: the lens is of pictures of another shape.
     """
     if (lens.width, lens.height) != (sighting.width, sighting.height):
-        lens = lens.scaled(sighting.width, sighting.height)
+        lens = scale_lens(lens, sighting.width, sighting.height)
     return fit_plane_pose(sighting.world_mm, sighting.corners_px, lens)
 
 

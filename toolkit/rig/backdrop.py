@@ -29,7 +29,7 @@ class Backdrop:
         """(height, width, 3) float32 linear radiance without the object."""
         rotation = T_world_camera[:3, :3].astype(np.float32)
         origin = T_world_camera[:3, 3].astype(np.float32)
-        (fx, fy), (cx, cy) = map(np.float32, camera.focals_px), camera.principal_px
+        fx, fy, cx, cy = np.float32(camera.fx), np.float32(camera.fy), camera.cx, camera.cy
         x = (np.arange(camera.width, dtype=np.float32) + 0.5 - cx) / fx
         y = (np.arange(camera.height, dtype=np.float32) + 0.5 - cy) / fy
         direction = [
@@ -38,7 +38,7 @@ class Backdrop:
         falling = np.minimum(direction[2], np.float32(-1e-4))
         reach = -origin[2] / falling
         ground_x, ground_y = origin[0] + reach * direction[0], origin[1] + reach * direction[1]
-        footprint = reach / np.float32(camera.focal_px)
+        footprint = reach / np.float32(camera.fx)
         cosine = -falling / np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
         picture = self._table_picture(ground_x, ground_y, footprint / np.sqrt(np.maximum(cosine, 0.05)))
         picture += self._table_gloss(direction, cosine)

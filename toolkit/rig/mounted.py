@@ -67,7 +67,7 @@ def render_mounted_views(
     """
     item = load_object(workspace.object_spec(object_name))
     side_mm = item.spec.patch.size_mm or size_mm
-    camera = Camera(image_px, image_px, FOV_DEG)
+    camera = Camera.from_fov(image_px, image_px, FOV_DEG)
     dressed = [
         attach(
             item.mesh, mount_patch(item.mesh, np.full((64, 64, 3), v, np.uint8), side_mm, item.spec.patch, item.name)

@@ -3,10 +3,11 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, ValidationError, model_validator
+from pydantic_core import CoreSchema, core_schema
 
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import read_json, write_json
@@ -109,8 +110,8 @@ PATTERNS: dict[str, Callable[[int, float, float], np.ndarray]] = {
 Row = tuple[float, float, float, float]
 
 
-class CameraModel(BaseModel):
-    """The camera of a plan: pixels, and the horizontal field of view or the focal length and sensor width in mm."""
+class _CameraFields(BaseModel):
+    """A camera as a plan's file has it: pixels, and the field of view or the focal length and sensor width in mm."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     width: int = Field(640, ge=16, le=16384)
@@ -120,12 +121,28 @@ class CameraModel(BaseModel):
     sensor_width_mm: float | None = Field(None, gt=0)
     convention: Literal["opencv"] = "opencv"
 
+    @classmethod
+    def of(cls, camera: Camera) -> "_CameraFields":
+        return cls(width=camera.width, height=camera.height, fov_deg=camera.fov_deg)
+
     def camera(self) -> Camera:
-        """The pinhole camera that these numbers describe."""
-        fov = self.fov_deg
-        if fov is None and self.focal_mm and self.sensor_width_mm:
-            fov = 2 * float(np.degrees(np.arctan(self.sensor_width_mm / 2 / self.focal_mm)))
-        return Camera(self.width, self.height, fov or Camera.fov_deg)
+        if self.fov_deg is None and self.focal_mm and self.sensor_width_mm:
+            return Camera.from_focal_mm(self.width, self.height, self.focal_mm, self.sensor_width_mm)
+        size = self.width, self.height
+        return Camera.from_fov(*size) if self.fov_deg is None else Camera.from_fov(*size, self.fov_deg)
+
+
+class _InFile:
+    """Reads and writes a `Camera` as `_CameraFields`."""
+
+    @staticmethod
+    def __get_pydantic_core_schema__(source: type[Camera], handler: GetCoreSchemaHandler) -> CoreSchema:
+        fields = handler.generate_schema(_CameraFields)
+        return core_schema.no_info_wrap_validator_function(
+            lambda value, read: value if isinstance(value, Camera) else read(value).camera(),
+            fields,
+            serialization=core_schema.plain_serializer_function_ser_schema(_CameraFields.of, return_schema=fields),
+        )
 
 
 class Pose(BaseModel):
@@ -175,7 +192,7 @@ class CapturePlan(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     schema_version: Literal[1] = 1
-    camera: CameraModel
+    camera: Annotated[Camera, _InFile]
     pattern: dict[str, object] = {}
     objects: dict[str, list[Pose]]
 
@@ -246,12 +263,12 @@ def make_plan(items: list[TableObject], camera: Camera, pattern: Pattern) -> Cap
     from dataclasses import asdict
 
     try:
-        model = CameraModel(width=camera.width, height=camera.height, fov_deg=camera.fov_deg)
+        _CameraFields.of(camera)
     except ValidationError as error:
         first = error.errors()[0]
         raise ToolkitError(f"camera: {first['loc'][0]}: {first['msg']}, found {first['input']}") from None
     return CapturePlan(
-        camera=model,
+        camera=camera,
         pattern=asdict(pattern),
         objects={item.name: plan_poses(item, camera, pattern) for item in items},
     )
@@ -281,7 +298,7 @@ def open_plan(workspace: Workspace, names: list[str] | None = None, pattern: Pat
     if old is not None and not missing:
         return old
     items = [load_object(workspace.object_spec(name)) for name in missing]
-    plan = keep_others(old, make_plan(items, old.camera.camera() if old else Camera(), pattern or Pattern()))
+    plan = keep_others(old, make_plan(items, old.camera if old else Camera.from_fov(), pattern or Pattern()))
     write_plan(workspace.plan_file, plan)
     return plan
 
@@ -310,10 +327,10 @@ def scale_resolution(plan: CapturePlan, width_px: int) -> CapturePlan:
     Raises:
         ToolkitError: width or height is under 16 or over 16384 pixels.
     """
-    old = plan.camera
-    height_px = round(old.height * width_px / old.width)
+    height_px = round(plan.camera.height * width_px / plan.camera.width)
+    camera = Camera.from_fov(width_px, height_px, plan.camera.fov_deg)
     try:
-        camera = CameraModel.model_validate(old.model_dump() | {"width": width_px, "height": height_px})
+        _CameraFields.of(camera)
     except ValidationError:
         raise ToolkitError(
             f"a resolution of {width_px}×{height_px} px: expected both sides between 16 and 16384 px"

@@ -226,7 +226,7 @@ class RaycastRenderer:
         )  # fmt: skip
         if len(found):
             triangle, uv = hits["primitive_ids"][found].astype(np.int64), hits["primitive_uvs"][found]
-            pixel_angle = np.float32(1 / camera.focal_px)
+            pixel_angle = np.float32(1 / camera.fx)
             self._shade(seen, found, rays[found], depth[found], triangle, uv, pixel_angle, left_out)
         return seen
 

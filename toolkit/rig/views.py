@@ -26,7 +26,7 @@ from toolkit.rig.shading import develop
 from toolkit.rig.studio import LIGHTS, Studio, make_studio
 
 PER_STUDIO = 24
-CAMERA = Camera(width=320, height=288, fov_deg=40.0)
+CAMERA = Camera.from_fov(width=320, height=288, fov_deg=40.0)
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def random_pose(rng: np.random.Generator, mesh: Mesh, camera: Camera, ranges: Vi
     target = np.array([0.0, 0.0, mesh.size_mm[2] / 2])
     fill = rng.uniform(*ranges.fill)
     distance = distance_to_fill(camera, mesh.vertices, target, azimuth, elevation, fill, roll)
-    free = max((1 - fill) * 0.5, ranges.off_centre) * distance * camera.height / 2 / camera.focal_px
+    free = max((1 - fill) * 0.5, ranges.off_centre) * distance * camera.height / 2 / camera.fx
     return orbit_pose(target + rng.uniform(-free, free, 3) * [1, 1, 0], azimuth, elevation, distance, roll)
 
 
@@ -202,7 +202,7 @@ def render_block(
     light, turn = str(rng.choice(list(LIGHTS))), float(rng.uniform(0, 360))
     studio_seed = tuple(int(n) for n in of_studio.generate_state(2))
     studio = make_studio(studio_seed, float(subject.mesh.size_mm.max()), light=light)
-    camera = Camera(settings.image_px, settings.image_px, FOV_DEG)
+    camera = Camera.from_fov(settings.image_px, settings.image_px, FOV_DEG)
     mesh = turn_mesh(subject.mesh, turn)
     renderer = RaycastRenderer(mesh, studio, DETAIL)
     own_paint = RaycastRenderer(turn_mesh(subject.bare, turn), studio, DETAIL) if kind == HELD_OUT else None

@@ -103,7 +103,7 @@ class GhostArtist:
         pose = next((one for one in self._plan.objects.get(name, []) if one.id == pose_id), None)
         if pose is None:
             raise ToolkitError(f"the plan has no pose {pose_id} of '{name}': run 'toolkit plan --shot-list' again")
-        seen = self._stage(name, variant).look(square_camera(self._plan.camera.camera()), pose.matrix())
+        seen = self._stage(name, variant).look(square_camera(self._plan.camera), pose.matrix())
         buffer = io.BytesIO()
         Image.fromarray(paint_lines(seen), "RGBA").save(buffer, "PNG", compress_level=6)
         return buffer.getvalue()
@@ -122,8 +122,8 @@ class GhostArtist:
 
 def square_camera(camera: Camera, side_px: int = SIDE_PX) -> Camera:
     """The camera that sees the square in the middle of a plan's frame, as wide as the frame's shorter side."""
-    half = min(camera.width, camera.height) / 2
-    return Camera(side_px, side_px, 2 * float(np.degrees(np.arctan(half / camera.focal_px))))
+    shorter = min(camera.width, camera.height)
+    return Camera.from_focal_px(side_px, side_px, camera.fx * side_px / shorter)
 
 
 def paint_lines(seen: _Seen) -> np.ndarray:

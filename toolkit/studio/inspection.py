@@ -15,7 +15,7 @@ from toolkit.photos.gates.expect import Expecter
 from toolkit.photos.gates.result import GateResult
 from toolkit.photos.gates.solid import View
 from toolkit.photos.importing.evidence import Located, locate_sighting
-from toolkit.photos.lens import Lens, read_lenses
+from toolkit.photos.lens import read_lenses
 from toolkit.photos.match_pose import PoseMatch, match_pose, view_of
 from toolkit.photos.photo import Photo, load_pixels
 from toolkit.rig.camera import Camera
@@ -116,12 +116,12 @@ class Inspector:
         why = found if isinstance(found, str) else ""
         view = match = nearest = scale = None
         if located is not None:
-            view = View(located.T_world_camera, _lens_of(located))
+            view = View(located.T_world_camera, located.camera)
             poses = self._plan.objects[step.object]
             nearest = match_pose(located.T_world_camera, poses)
             pose = next(pose for pose in poses if pose.id == step.pose_id)
             match = match_pose(located.T_world_camera, [pose])
-            scale = _compare_size(view, match, pose, self._plan.camera.camera())
+            scale = _compare_size(view, match, pose, self._plan.camera)
         expectation = self._expecter.expect(step.object, step.variant, step.pose_id, view, why)
         results = check_photo(pixels, expectation, sighting)
         return Inspection(photo.sha256, tuple(results), located, why, match, nearest, scale)
@@ -130,15 +130,6 @@ class Inspector:
 def _compare_size(view: View, match: PoseMatch, pose: Pose, camera: Camera) -> float:
     """Size of the object in a photograph over that in the plan's picture, both measured by the shorter side."""
     lens = view.lens
-    zoom = lens.fx / min(lens.width, lens.height) / (camera.focal_px / min(camera.width, camera.height))
+    zoom = lens.fx / min(lens.width, lens.height) / (camera.fx / min(camera.width, camera.height))
     planned_mm = view_of(pose.matrix(), np.array(pose.target_mm)).distance_mm
     return float(zoom * planned_mm / max(planned_mm + match.distance_mm, 1.0))
-
-
-def _lens_of(located: Located) -> Lens:
-    given = located.intrinsics
-    k = (*located.distortion, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return Lens(
-        int(given["width"]), int(given["height"]), given["fx"], given["fy"], given["cx"], given["cy"],
-        (k[0], k[1], k[2], k[3], k[4]),
-    )  # fmt: skip

@@ -219,7 +219,7 @@ def _plan_unit(
     sized = item if setup.patch_mm is None else replace(item, spec=item.spec.with_patch_size(setup.patch_mm))
     refused = None
     try:
-        check_poses(item, setup.plan.camera.camera(), setup.plan.objects[item.name])
+        check_poses(item, setup.plan.camera, setup.plan.objects[item.name])
         for name in variants:
             booster = find_booster(workspace, sized, name)
             if isinstance(booster, Print):  # paint fits wherever the object itself can be shot

@@ -21,8 +21,9 @@ from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
 from toolkit.photos.gates.check_photo import Expectation, PhotoCheck, inspect_photo
 from toolkit.photos.gates.check_set import CheckedPhoto, SetFinding, check_set, lines_from_json
-from toolkit.photos.gates.expect import Expecter, make_view
+from toolkit.photos.gates.expect import Expecter
 from toolkit.photos.gates.result import GateResult
+from toolkit.photos.gates.solid import View
 from toolkit.photos.photo import Photo, load_pixels, read_photo
 from toolkit.rig.variants import Print, find_booster
 
@@ -338,7 +339,7 @@ class _Judge:
         located = self._locate(photo, pixels)
         if isinstance(located, str):
             return self._expecter.expect(capture.object, capture.variant, capture.pose_id, None, located)
-        view = make_view(located.T_world_camera, located.intrinsics, located.distortion)
+        view = View(located.T_world_camera, located.camera)
         return self._expecter.expect(capture.object, capture.variant, capture.pose_id, view)
 
 

@@ -37,6 +37,7 @@ from toolkit.photos.gates.patch import (
 )
 from toolkit.photos.gates.result import GateResult
 from toolkit.photos.gates.solid import Solid, View, draw_silhouette, silhouette_px
+from toolkit.photos.lens import scale_lens
 from toolkit.rig.board import BoardSpec, RingSpec
 
 WORK_SIDE_PX = 1440
@@ -128,7 +129,7 @@ def _shrink_all(
     small = cv2.resize(image, (w, h), interpolation=cv2.INTER_AREA) if share < 1 else image
     view = expectation.view
     if view is not None and (view.lens.width, view.lens.height) != (w, h):
-        expectation = replace(expectation, view=replace(view, lens=view.lens.scaled(w, h)))
+        expectation = replace(expectation, view=replace(view, lens=scale_lens(view.lens, w, h)))
     if sighting is not None and (sighting.width, sighting.height) != (w, h):
         corners = sighting.corners_px * [w / sighting.width, h / sighting.height]
         sighting = replace(sighting, corners_px=corners, width=w, height=h)

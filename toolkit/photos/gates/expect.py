@@ -1,6 +1,5 @@
 """What a photograph of an object, a variant and a pose should show, from the workspace's objects, patches and board."""
 
-from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -13,7 +12,6 @@ from toolkit.objects.records import read_patch
 from toolkit.photos.gates.check_photo import Expectation
 from toolkit.photos.gates.patch import Wearing, place_cells
 from toolkit.photos.gates.solid import Solid, View
-from toolkit.photos.lens import Lens
 from toolkit.photos.sheet.features import describe_patch
 from toolkit.rig.board import read_board
 from toolkit.rig.mount import attach, mount_patch
@@ -117,22 +115,6 @@ class Expecter:
 
 def view_of_record(record: CaptureRecord) -> View | None:
     """The camera that a manifest's line has; None where it has none."""
-    if record.T_world_camera is None or record.intrinsics is None:
+    if record.T_world_camera is None or (camera := record.camera) is None:
         return None
-    found = record.made.get("distortion")
-    distortion = [float(number) for number in found] if isinstance(found, list) else []
-    return make_view(np.array(record.T_world_camera, float), record.intrinsics, distortion)
-
-
-def make_view(T_world_camera: np.ndarray, intrinsics: Mapping[str, float], distortion: Sequence[float] = ()) -> View:
-    """A camera from numbers as manifests hold them.
-
-    Args:
-        T_world_camera: (4, 4).
-        intrinsics: width, height, fx, fy, cx, cy in pixels.
-        distortion: k1, k2, p1, p2, k3, or nothing.
-    """
-    k1, k2, p1, p2, k3 = [*distortion, 0.0, 0.0, 0.0, 0.0, 0.0][:5]
-    size = int(intrinsics["width"]), int(intrinsics["height"])
-    fx, fy, cx, cy = (float(intrinsics[name]) for name in ("fx", "fy", "cx", "cy"))
-    return View(T_world_camera, Lens(*size, fx, fy, cx, cy, (k1, k2, p1, p2, k3)))
+    return View(np.array(record.T_world_camera, float), camera)

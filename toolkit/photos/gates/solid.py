@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from toolkit.objects.mesh import Mesh, make_ray_scene
-from toolkit.photos.lens import Lens
+from toolkit.rig.camera import Camera
 
 MASK_SIDE_PX = 256
 """Longer side of the silhouettes: a pixel is then about a pixel of what a classifier sees."""
@@ -23,7 +23,7 @@ class View:
     """A photograph's camera: `T_world_camera` (4, 4) and its lens."""
 
     T_world_camera: np.ndarray
-    lens: Lens
+    lens: Camera
 
     @property
     def position_mm(self) -> np.ndarray:

@@ -12,6 +12,7 @@ from toolkit.captures.read import read_pose_id
 from toolkit.core.workspace import Workspace
 from toolkit.photos.importing.gather import Candidate
 from toolkit.photos.photo import Photo
+from toolkit.rig.camera import Camera
 
 if TYPE_CHECKING:
     from toolkit.photos.board_pose import BoardSighting
@@ -38,14 +39,12 @@ class Located:
 
     Attributes:
         T_world_camera: (4, 4), OpenCV axes, millimetres.
-        intrinsics: of the upright photograph, pixels.
-        distortion: k1, k2, p1, p2, k3.
+        camera: of the upright photograph.
         details: what else was measured, for the record: reprojection error, corners found.
     """
 
     T_world_camera: np.ndarray
-    intrinsics: dict[str, float]
-    distortion: tuple[float, ...] = ()
+    camera: Camera
     details: Mapping[str, float | int | str] = field(default_factory=dict)
 
 
@@ -209,4 +208,4 @@ def locate_sighting(photo: Photo, sighting: "BoardSighting | None", lenses: list
     details = {
         "lens": choice.source, "board_corners": pose.n_corners, "reprojection_px": round(pose.reprojection_px, 3),
     }  # fmt: skip
-    return Located(pose.T_world_camera, choice.lens.intrinsics, choice.lens.distortion, details)
+    return Located(pose.T_world_camera, choice.lens, details)

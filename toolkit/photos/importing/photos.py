@@ -40,7 +40,7 @@ def rank_by_render(workspace: Workspace, plan: CapturePlan) -> ByRender:
     def rank(studied: Studied, group: tuple[str, str]) -> Decision | Doubt:
         if group not in made:
             try:
-                made[group] = make_templates(_dressed(workspace, *group), plan.camera.camera(), plan.objects[group[0]])
+                made[group] = make_templates(_dressed(workspace, *group), plan.camera, plan.objects[group[0]])
             except ToolkitError as error:
                 made[group] = str(error)
         templates = made[group]

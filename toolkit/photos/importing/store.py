@@ -251,12 +251,12 @@ def _describe(
         made |= {"pose_error_deg": round(match.error_deg, 3), "pose_error_mm": round(match.error_mm, 2)}
     if located is not None:
         made |= dict(located.details)
-        if any(located.distortion):
-            made["distortion"] = list(located.distortion)
+        if any(located.camera.distortion):
+            made["distortion"] = list(located.camera.distortion)
     name = f"pose_{target.pose_id:02d}{SUFFIXES[photo.kind]}"
     return CaptureRecord(
         path=f"{target.object}/{target.variant}/{name}", object=target.object, variant=target.variant,
-        pose_id=target.pose_id, intrinsics=located.intrinsics if located else None,
+        pose_id=target.pose_id, intrinsics=located.camera.intrinsics if located else None,
         T_world_camera=np.round(located.T_world_camera, 6).tolist() if located else None,
         booster_sha256=booster_sha256, image_sha256=image_sha256, made=made,
     )  # fmt: skip

@@ -9,10 +9,10 @@ import numpy as np
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import TableObject
 from toolkit.objects.records import TAPE_MARGIN_MM
-from toolkit.photos.lens import Lens
 from toolkit.photos.sheet.align import UNIT_CORNERS, map_points, sample_image
 from toolkit.photos.sheet.find import CELL_SHOWS, PatchSighting
 from toolkit.printing.page import Paper
+from toolkit.rig.camera import Camera
 from toolkit.rig.mount import SAMPLES, mount_patch
 
 SIZE_TOLERANCE = 0.02
@@ -32,7 +32,7 @@ class View:
     """A photo in which the patch was found, and its camera."""
 
     sighting: PatchSighting
-    lens: Lens
+    lens: Camera
     T_world_camera: np.ndarray
 
 

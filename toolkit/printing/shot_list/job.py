@@ -88,7 +88,7 @@ def write_shot_list(
         boosters[name] = _find_boosters(workspace, item, variants, missing)
     steps = order_shots(plan, list(items), {name: tuple(boosters[name]) for name in items}, seed, order)
     for name, item in items.items():
-        check_poses(item, plan.camera.camera(), plan.objects[name])
+        check_poses(item, plan.camera, plan.objects[name])
     content, pages = _draw(workspace, plan, items, boosters, steps, missing, paper, seed, order, quiet)
     pdf_file = write_bytes(workspace.print_dir / "shot_list.pdf", content)
     shots_file = workspace.root / "rig" / "shots.json"
@@ -112,7 +112,7 @@ def _draw(
             sessions.append(
                 prepare_session(
                     item,
-                    plan.camera.camera(),
+                    plan.camera,
                     plan.objects[name],
                     own,
                     boosters[name],

@@ -72,7 +72,7 @@ def draw_views(
     Raises:
         ToolkitError: a sheet cannot be mounted on the object.
     """
-    small = Camera(WIDTH_PX, max(1, round(WIDTH_PX * camera.height / camera.width)), camera.fov_deg)
+    small = Camera.from_fov(WIDTH_PX, max(1, round(WIDTH_PX * camera.height / camera.width)), camera.fov_deg)
     studio = make_light_studio(item, board)
     views = {}
     for variant, booster in boosters.items():
@@ -194,13 +194,14 @@ def _photograph(item: TableObject, sheet, right, up, points: np.ndarray):
     fov = 2 * float(np.degrees(np.arctan(width / px_per_mm / 2 / far)))
     T_world_camera = look_at(target + normal * far, target)
     T_world_camera[:3, :3] = np.stack([right, -up, -normal], axis=1)
-    fine = Camera(width * FINER, height * FINER, fov)
+    fine = Camera.from_fov(width * FINER, height * FINER, fov)
     renderer = RaycastRenderer(attach(item.mesh, sheet), make_light_studio(item, None), DETAIL)
     picture = develop(renderer.render(fine, T_world_camera), (0,), noise=0, falloff=0)
     outside = ~np.isfinite(renderer.buffers(fine, T_world_camera)["depth"])
     picture[outside] = 255
     small = np.asarray(Image.fromarray(picture).resize((width, height), Image.Resampling.BOX))
-    corners, _ = project(Camera(width, height, fov), T_world_camera, np.array([target, target + right, target + up]))
+    places = np.array([target, target + right, target + up])
+    corners, _ = project(Camera.from_fov(width, height, fov), T_world_camera, places)
     scale = float(np.hypot(*(corners[1] - corners[0])))
     frame = (
         centre[0] - width / 2 / scale, centre[1] - height / 2 / scale,

@@ -1,4 +1,4 @@
-"""A figure of what a patch meets in training: each part of the default recipe alone."""
+"""Figures that need no workspace: what a patch meets in training, and the kinds that rig18 was trained on."""
 
 from dataclasses import dataclass, replace
 
@@ -15,6 +15,9 @@ from toolkit.boosters.parts.pose import PoseRanges
 from toolkit.boosters.parts.print_process import PrintProcess
 from toolkit.boosters.parts.sensor_noise import SensorNoise
 from toolkit.core.draws import Draws
+from toolkit.objects.shapes.everyday import MAKERS, make_everyday
+from toolkit.rig.camera import Camera
+from toolkit.rig.views import render_thumbnails
 
 CELL_PX, CAPTION_PX, GAP_PX, DRAWS = 224, 30, 8, 2
 STILL = AffineRanges(rotation_deg=(12, 12), share=(0.6, 0.6), foreshortening=(0.9, 0.9), overhang=0)
@@ -67,4 +70,23 @@ def draw_parts(pixels: np.ndarray, photo: Image.Image, font: ImageFont.FreeTypeF
             shown = show_patch(patch, image, row.appearance, Draws(5, line))[0].permute(1, 2, 0).numpy()
             cell = Image.fromarray(np.round(shown * 255).astype(np.uint8))
             sheet.paste(cell, (column * step, CAPTION_PX + line * step))
+    return sheet
+
+
+KIND_COLUMNS, KIND_PX, KIND_CAPTION_PX = 9, 150, 22
+SEED = 20_000
+"""Far from the seeds of the training set."""
+
+
+def draw_everyday(font: ImageFont.FreeTypeFont) -> Image.Image:
+    """All kinds, in the order of their labels, from random poses as in training."""
+    rows = -(-len(MAKERS) // KIND_COLUMNS)
+    sheet = Image.new("RGB", (KIND_COLUMNS * KIND_PX, rows * (KIND_PX + KIND_CAPTION_PX)), "white")
+    draw = ImageDraw.Draw(sheet)
+    camera = Camera.from_fov(KIND_PX, KIND_PX, 40.0)
+    for i, label in enumerate(sorted(MAKERS)):
+        left, top = i % KIND_COLUMNS * KIND_PX, i // KIND_COLUMNS * (KIND_PX + KIND_CAPTION_PX)
+        picture = render_thumbnails(make_everyday(label, (SEED, i)), 1, (SEED, i), camera)[0]
+        sheet.paste(Image.fromarray(picture), (left, top))
+        draw.text((left + 4, top + KIND_PX + 2), label, fill=(28, 30, 34), font=font)
     return sheet

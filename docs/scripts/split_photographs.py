@@ -1,4 +1,4 @@
-"""Photographs for the benchmark, from a folder with one folder per class: python docs/split_photographs.py FOLDER OUT.
+"""Photographs for the benchmark, from a folder with one folder per class: split_photographs.py FOLDER OUT.
 
 Every second class with at least five photographs is evaluated: its first two go to OUT/train, the others to OUT/val.
 The photographs of all other classes go to OUT/train, where they serve as backgrounds.
