@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from toolkit.captures.shoot import ShootSettings as ShootSettings
     from toolkit.captures.shoot import shoot_plan as shoot_plan
     from toolkit.cli.health import check_machine as check_machine
-    from toolkit.core.draws import Draws as Draws
+    from toolkit.core.console import quietly as quietly
     from toolkit.core.errors import ToolkitError as ToolkitError
     from toolkit.core.workspace import Workspace as Workspace
     from toolkit.core.workspace import make_workspace as make_workspace
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from toolkit.evaluation.notebook import predictions_table as predictions_table
     from toolkit.models.load import load_classifier as load_classifier
     from toolkit.models.network import Classifier as Classifier
+    from toolkit.objects.add import ObjectRequest as ObjectRequest
+    from toolkit.objects.add import add_object as add_object
     from toolkit.objects.load import load_object as load_object
     from toolkit.objects.records import read_patch as read_patch
     from toolkit.objects.records import read_texture as read_texture
@@ -44,6 +46,8 @@ else:
         "Workspace": "toolkit.core.workspace",
         "make_workspace": "toolkit.core.workspace",
         "open_workspace": "toolkit.core.workspace",
+        "add_object": "toolkit.objects.add",
+        "ObjectRequest": "toolkit.objects.add",
         "load_object": "toolkit.objects.load",
         "load_classifier": "toolkit.models.load",
         "Classifier": "toolkit.models.network",
@@ -68,9 +72,9 @@ else:
         "predictions_table": "toolkit.evaluation.notebook",
         "load_captures": "toolkit.evaluation.notebook",
         "CaptureDataset": "toolkit.captures.dataset",
-        "Draws": "toolkit.core.draws",
         "image_seed": "toolkit.corruptions.draws",
         "check_machine": "toolkit.cli.health",
+        "quietly": "toolkit.core.console",
         "ToolkitError": "toolkit.core.errors",
     }
 

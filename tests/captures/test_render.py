@@ -20,7 +20,7 @@ def space(tmp_path, make_crate_space):
 def test_the_pixels_are_those_of_the_files(space):
     plan, settings = open_plan(space), ShootSettings(seed=3, image_format="png", backdrop="slate")
     shot = shoot_plan(space, plan, ["crate"], settings=settings, quiet=True)
-    item, poses, camera = load_object(space.object_spec("crate")), plan.objects["crate"], plan.camera.camera()
+    item, poses, camera = load_object(space.object_spec("crate")), plan.objects["crate"], plan.camera
     for variant, booster in (("unpatched", None), ("patched", read_patch(space.patch("crate")))):
         files = [shot.source_dir / "crate" / variant / f"pose_{pose.id:02d}.png" for pose in poses]
         expected = np.stack([np.asarray(Image.open(file)) for file in files])
@@ -29,7 +29,7 @@ def test_the_pixels_are_those_of_the_files(space):
 
 def test_a_patch_changes_the_picture_where_it_lies(space):
     plan, item = open_plan(space), load_object(space.object_spec("crate"))
-    poses, camera = plan.objects["crate"], plan.camera.camera()
+    poses, camera = plan.objects["crate"], plan.camera
     bare, patched = (render(item, poses, camera, one) for one in (None, read_patch(space.patch("crate"))))
     for pose, change in zip(poses, np.abs(patched.astype(int) - bare).sum(axis=3), strict=True):
         middle, _ = project(camera, pose.matrix(), np.array([[0, 0, item.mesh.size_mm[2]]]))
@@ -44,7 +44,7 @@ def test_no_poses_are_no_pictures(space):
 
 def test_objects_are_planned_anew_and_the_others_kept(space):
     before = open_plan(space)
-    camera = before.camera.camera()
+    camera = before.camera
     plan = plan_objects(space, ["racer"], Pattern("ring", count=3, elevation_deg=(30, 30)), camera)
     assert read_plan(space.plan_file).objects == plan.objects
     assert plan.objects["crate"] == before.objects["crate"]

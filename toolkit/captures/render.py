@@ -39,7 +39,7 @@ def render(
         ToolkitError: an unknown backdrop, light or renderer, a patch that is too large for the object, or a texture
             that was trained on another.
     """
-    settings, camera = settings or ShootSettings(), camera or Camera()
+    settings, camera = settings or ShootSettings(), camera or Camera.from_fov()
     mesh = dress(item, _put_on(item, booster))
     renderer = make_renderer(settings.renderer, mesh, studio_for(item, settings))
     pictures = [develop(renderer.render(camera, pose.matrix()), (settings.seed, pose.id)) for pose in poses]

@@ -367,7 +367,7 @@ def plan_objects(
         ToolkitError: an unknown object, or as `make_plan` says.
     """
     items = [load_object(workspace.object_spec(name)) for name in objects or sorted(workspace.object_specs())]
-    made = make_plan(items, camera or Camera(), pattern or Pattern())
+    made = make_plan(items, camera or Camera.from_fov(), pattern or Pattern())
     old = read_plan(workspace.plan_file) if objects and workspace.plan_file.is_file() else None
     plan = keep_others(old, made)
     write_plan(workspace.plan_file, plan)
