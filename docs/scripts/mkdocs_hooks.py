@@ -44,7 +44,7 @@ def write_commands() -> Iterator[str]:
     for group, names in groups.items():
         yield from ("", f"## {group}", "")
         for name in names:
-            yield from _write_command(name, commands[name])
+            yield from _write_command(name, commands[name].load())
 
 
 def _name_group(command: Any) -> str:

@@ -10,15 +10,15 @@ from PIL import Image
 
 from toolkit.imaging.read import register_heif
 from toolkit.objects.load import load_object
-from toolkit.photos.importing.decide import ImportSettings
 from toolkit.photos.importing.evidence import Located
 from toolkit.photos.importing.photos import import_photos
+from toolkit.photos.importing.settings import ImportSettings
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.plan import Pattern, make_plan, read_plan, write_plan
 
 register_heif()
 START = datetime(2024, 5, 1, 10)
-PATCHED = ImportSettings("crate", "patched")
+PATCHED = ImportSettings(object="crate", variant="patched")
 LENS = Camera(48, 36, fx=50.0, fy=50.0, cx=24.0, cy=18.0)
 
 

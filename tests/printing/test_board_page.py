@@ -7,10 +7,10 @@ import cv2
 import numpy as np
 import pypdfium2
 import pytest
-import typer
 from printed_pages import longest_run, render
 from typer.testing import CliRunner
 
+from toolkit.cli.app import make_single
 from toolkit.cli.print_ import print_patches
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
@@ -228,9 +228,7 @@ def space(tmp_path, monkeypatch):
 
 
 def call(*arguments):
-    app = typer.Typer(pretty_exceptions_enable=False)
-    app.command()(print_patches)
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return CliRunner().invoke(make_single(print_patches), [str(argument) for argument in arguments])
 
 
 def test_command_prints_the_board_and_writes_its_spec(space):
@@ -265,17 +263,20 @@ def test_command_prints_the_strip_alone(space):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--board", "--ring"], "expected one of them"),
-        (["--board", "--class", "racer"], "a call of their own"),
-        (["--square-mm", "3"], "goes with --board"),
+        (["--board", "--ring"], "--board --ring: expected one of them"),
+        (["--board", "--class", "racer"], "--board: printed alone: print patches by a call of their own"),
+        (["--square-mm", "3"], "--square-mm 3: goes with --board"),
         (["--ring-mm", "200", "--board"], "goes with --ring"),
         (["--board", "--marker-mm", "26"], "expected at most 23.4 mm"),
         (["--board", "--board-squares", "7y10"], "such as 7x10"),
         (["--board", "--board-squares", "60x60"], "has 800"),
-        (["--board", "--board-squares", "30x40", "--square-mm", "50"], "101 pages"),
-        (["--board", "--square-mm", "nan"], "found nan"),
+        (
+            ["--board", "--board-squares", "30x40", "--square-mm", "50"],
+            "101 pages of a4: expected at most 40; choose fewer or smaller squares or a larger --paper",
+        ),
+        (["--board", "--square-mm", "nan"], "--square-mm nan: expected a number"),
         (["--board", "--paper", "a44"], "did you mean a4?"),
-        (["--board", "--orientation", "up"], "orientation"),
+        (["--board", "--orientation", "up"], "--orientation up: expected auto, portrait or landscape"),
         (["--ring", "--ring-mm", "20"], "at least 30 mm"),
         (["--ring", "--ring-mm", "4000"], "smaller ring"),
     ],

@@ -7,9 +7,9 @@ from printed_pages import make_patch, render
 
 from toolkit.printing.colour_strip import FIDUCIALS, STRIP
 from toolkit.printing.document import build_pdf
-from toolkit.printing.layout import PrintSettings
 from toolkit.printing.page import parse_paper
 from toolkit.printing.print_sheets import build_strip_pdf
+from toolkit.printing.settings import PrintSettings
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def test_painted_strip_is_read_where_it_says():
 @pytest.mark.parametrize("percent", [100, 250, 400])
 def test_strip_on_the_patchs_page(patch, paper, percent):
     """The page is of the size that the test's patch of 20 px has; its strip measures right and shows its colours."""
-    document = build_pdf(patch, PrintSettings(parse_paper(paper), scale_percent=percent))
+    document = build_pdf(patch, PrintSettings(paper=parse_paper(paper), scale_percent=percent))
     assert document.plan.has_strip
     page = render(document.content, dpi=300)
     homography = find_strip(page.pixels)
@@ -116,7 +116,7 @@ def test_strip_goes_up_the_side_where_two_copies_leave_no_room_below(patch):
 @pytest.mark.parametrize("paper", ["135x135mm", "a5", "a4", "letter", "a3"])
 @pytest.mark.parametrize(("side_mm", "copies"), [(10, 7), (35.3, 1), (60, 3), (88.2, 2), (141, 1)])
 def test_strip_never_touches_a_patch_or_its_marks(patch, paper, side_mm, copies):
-    plan = build_pdf(patch, PrintSettings(parse_paper(paper), size_mm=side_mm, copies=copies)).plan
+    plan = build_pdf(patch, PrintSettings(paper=parse_paper(paper), size_mm=side_mm, copies=copies)).plan
     for page in plan.pages:
         strip = getattr(page, "strip", None)
         if strip is None:
@@ -131,7 +131,7 @@ def test_strip_never_touches_a_patch_or_its_marks(patch, paper, side_mm, copies)
 
 
 def test_no_page_is_added_for_the_strip(patch):
-    tight = PrintSettings(parse_paper("135x135mm"), size_mm=50)
+    tight = PrintSettings(paper=parse_paper("135x135mm"), size_mm=50)
     assert not build_pdf(patch, tight).plan.has_strip
     tiled = build_pdf(patch, PrintSettings(size_mm=300)).plan
     assert not tiled.has_strip

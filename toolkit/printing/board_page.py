@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit import __version__
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError
 from toolkit.printing.canvas import (
     BOLD,
     POINTS_PER_MM,
@@ -169,9 +169,10 @@ def plan_sheet(spec: Sheet, paper: Paper, orientation: str = "auto") -> SheetPla
     plan = min(plans, key=lambda plan: len(plan.pages))
     if len(plan.pages) > MOST_SHEET_PAGES:
         smaller = "fewer or smaller squares" if isinstance(spec, BoardSpec) else "a smaller ring"
-        raise ToolkitError(
+        raise FieldError(
             f"a sheet of {width:.0f} × {height:.0f} mm needs {len(plan.pages)} pages of {paper.name}: expected at most "
-            f"{MOST_SHEET_PAGES}; choose {smaller} or a larger --paper"
+            f"{MOST_SHEET_PAGES}; choose {smaller} or a larger {{paper}}",
+            {},
         )
     return plan
 

@@ -1,22 +1,23 @@
 """A board, a ring or the colour strip from what is asked for to its PDF, and what there is to say of it."""
 
-import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 
 from toolkit import __version__
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.printing.board_page import build_sheet_pdf
+from toolkit.printing.board_page import build_sheet_pdf, choose_board
 from toolkit.printing.canvas import POINTS_PER_MM, describe_document, open_canvas, register_fonts
 from toolkit.printing.colour_strip import STRIP, StripPlace, draw_strip, reserve_strip
-from toolkit.printing.layout import check_orientation, turn_frames
+from toolkit.printing.layout import turn_frames
 from toolkit.printing.marks import PatchLabel, draw_check_bars, draw_crop_marks, draw_header
 from toolkit.printing.page import MARK_MM, PageFrame, Paper
 from toolkit.printing.print_patches import shorten
-from toolkit.rig.board import BoardSpec, Sheet, board_file, read_board, write_board
+from toolkit.printing.settings import PrintSettings, SheetSettings
+from toolkit.rig.board import Sheet, board_file, read_board, write_board
+from toolkit.rig.markers import PALE_PERCENT, RingSpec, choose_ring
 
 USE_IT = "Print it on the paper and with the settings of the patches; photograph it beside the object."
 
@@ -47,9 +48,6 @@ def build_strip_pdf(paper: Paper, orientation: str = "auto") -> tuple[bytes, Pag
     canvas.showPage()
     canvas.save()
     return buffer.getvalue(), frame
-
-
-SQUARES = re.compile(r"^\s*(\d{1,4})\s*[x×]\s*(\d{1,4})\s*$", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -87,33 +85,38 @@ class PrintedSheet:
         return f"{shorten(self.file)}: {self.description}; {width:.1f} × {height:.1f} mm, {pages}"
 
 
-def parse_squares(text: str) -> tuple[int, int]:
-    """`7x10` to columns and rows.
+def print_sheet(
+    workspace: Workspace, wanted: SheetSettings, page: PrintSettings | None = None, out: Path | None = None
+) -> PrintedSheet:
+    """Print a board, a ring or the colour strip.
+
+    The spec of a board or ring is written to `rig/board.json`, where readers of photographs find it.
+
+    Args:
+        workspace: into whose `print/` it is printed by default.
+        wanted: which sheet.
+        page: paper and orientation.
+        out: a folder, or the PDF.
 
     Raises:
-        ToolkitError: it is something else.
+        ToolkitError: no sheet is wanted, it cannot be, it is too large for its paper, or a file cannot be written.
     """
-    found = SQUARES.match(text)
-    if found is None:
-        raise ToolkitError(f"--board-squares: expected columns x rows such as 7x10, found '{text}'")
-    return int(found[1]), int(found[2])
-
-
-def print_sheet(workspace: Workspace, spec: Sheet, paper: Paper, orientation: str, pdf_file: Path) -> PrintedSheet:
-    """Write a board's or a ring's PDF, then its spec to `rig/board.json`, where readers of photographs find it.
-
-    Raises:
-        ToolkitError: the sheet is too large for its paper, or a file cannot be written.
-    """
-    document = build_sheet_pdf(spec, paper, check_orientation(orientation))
+    if wanted.kind is None:
+        raise FieldError("no sheet named: expected one of {board}, {ring} and {colour_strip}", {})
+    page, folder = page or PrintSettings(), out or workspace.root / "print"
+    is_file = folder.suffix.lower() == ".pdf"
+    pdf_file = folder if is_file else folder / f"{wanted.kind.replace('-', '_')}.pdf"
+    if wanted.colour_strip:
+        return _print_strip(page, pdf_file)
+    spec = choose_sheet(wanted, page)
+    document = build_sheet_pdf(spec, page.paper, page.orientation)
     write_bytes(pdf_file, document.content)
     note = _compare(workspace, spec)
-    spec_file = write_board(workspace, spec)
     plan = document.plan
     return PrintedSheet(
-        kind="board" if isinstance(spec, BoardSpec) else "ring",
+        kind=wanted.kind,
         file=str(pdf_file),
-        spec_file=str(spec_file),
+        spec_file=str(write_board(workspace, spec)),
         description=spec.describe(),
         size_mm=(round(spec.size_mm[0], 3), round(spec.size_mm[1], 3)),
         paper=plan.frame.paper.name,
@@ -122,6 +125,20 @@ def print_sheet(workspace: Workspace, spec: Sheet, paper: Paper, orientation: st
         tiles=plan.tiles,
         note=note,
     )
+
+
+def choose_sheet(wanted: SheetSettings, page: PrintSettings) -> Sheet:
+    """The board or ring that is asked for; what is left open is chosen.
+
+    Raises:
+        ToolkitError: there can be no such sheet.
+    """
+    spec: Sheet
+    if wanted.ring:
+        spec = choose_ring(RingSpec.inner_mm if wanted.ring_mm is None else wanted.ring_mm, wanted.marker_mm)
+    else:
+        spec = choose_board(page.paper, page.orientation, wanted.squares, wanted.square_mm, wanted.marker_mm)
+    return replace(spec, ink_percent=PALE_PERCENT if wanted.ink_percent is None else wanted.ink_percent)
 
 
 def _compare(workspace: Workspace, spec: Sheet) -> str | None:
@@ -137,13 +154,8 @@ def _compare(workspace: Workspace, spec: Sheet) -> str | None:
     return f"photographs are now read by this sheet; the one before was a {old.describe()}"
 
 
-def print_strip(paper: Paper, orientation: str, pdf_file: Path) -> PrintedSheet:
-    """Write the PDF of the colour strip on a page of its own.
-
-    Raises:
-        ToolkitError: the file cannot be written.
-    """
-    content, frame = build_strip_pdf(paper, check_orientation(orientation))
+def _print_strip(page: PrintSettings, pdf_file: Path) -> PrintedSheet:
+    content, frame = build_strip_pdf(page.paper, page.orientation)
     write_bytes(pdf_file, content)
     return PrintedSheet(
         kind="colour-strip",

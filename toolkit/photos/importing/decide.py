@@ -1,19 +1,18 @@
-"""What `toolkit import` was asked to do, and which pose a photograph shows; what is in doubt is said, never guessed."""
+"""Which pose a photograph shows; what is in doubt is said, never guessed."""
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
 
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.workspace import Workspace
 from toolkit.photos.importing.evidence import Evidence, Target
+from toolkit.photos.importing.settings import FOLDER_NAME, ImportSettings
 from toolkit.photos.match_pose import PoseMatch, match_pose
 from toolkit.rig.plan import CapturePlan
 from toolkit.rig.variants import VARIANTS
 
-MATCHES = ("auto", "board", "name", "order", "render")
 FOLLOWED_SHARE = 0.75
 """Share of the photographs with a board or a telling name that must agree with the order before it is believed."""
 FAR_AND_NAMED_DEG = 30.0
@@ -56,7 +55,7 @@ def decide(
     Args:
         evidence: of the photograph.
         plan: holds the poses.
-        how: one of `MATCHES`; any but `auto` asks for that evidence alone.
+        how: `ImportSettings.match`; any but `auto` asks for that evidence alone.
         why_no_order: why `evidence.ordered` is missing, for the doubt's words.
         by_render: (object, variant) -> what the nearest render says; slow, and asked last.
     """
@@ -147,59 +146,19 @@ def _possible(match: PoseMatch) -> tuple[int, ...]:
     return (match.pose_id,)
 
 
-FOLDER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
-
-
-@dataclass(frozen=True)
-class ImportSettings:
-    """How to import.
-
-    Attributes:
-        object, variant: what all photographs show; None: their folders, names or the shot list say it.
-        pose: of the one photograph that is given.
-        match: what tells the pose: auto, board, name, order or render.
-        first_shot: number in the shot list of the first photograph's shot, where a part of the list was shot.
-        link: hard links where possible, instead of copies.
-        replace: a later photograph takes the place of one that is there; the old one is kept aside.
-        every_s: of a video, one frame in each so many seconds; None: one per moment of stillness.
-        source: folder below captures/.
-    """
-
-    object: str | None = None
-    variant: str | None = None
-    pose: int | None = None
-    match: str = "auto"
-    first_shot: int | None = None
-    link: bool = False
-    replace: bool = False
-    every_s: float | None = None
-    source: str = "real"
-
-
 def check_settings(workspace: Workspace, settings: ImportSettings) -> list[str]:
-    """Check names and that the settings go together; returns notes for the user.
+    """Check names; returns notes for the user.
 
     Raises:
-        ToolkitError: an unknown object or way of matching, a variant that is a misspelling of a known one, or settings
-            that contradict each other.
+        ToolkitError: an unknown object, or a variant that is a misspelling of a known one.
     """
-    if settings.match not in MATCHES:
-        raise one_of("way of matching", settings.match, list(MATCHES))
-    if not FOLDER_NAME.fullmatch(settings.source):
-        raise ToolkitError(
-            f"--source {settings.source}: expected the name of one folder below {workspace.captures_dir}"
-        )
     if settings.object is not None:
         workspace.object_spec(settings.object)
-    if settings.pose is not None and not (settings.object and settings.variant):
-        raise ToolkitError("--pose names the pose of one photograph: say --object and --variant with it")
-    if settings.first_shot is not None and (settings.object or settings.variant):
-        raise ToolkitError("--first-shot counts in the whole shot list: leave --object and --variant out")
     variant = settings.variant
     if variant is None or variant in VARIANTS:
         return []
     if not FOLDER_NAME.fullmatch(variant):
-        raise ToolkitError(f"--variant {variant!r}: expected a name of letters, digits, '-', '_' and '.'")
+        raise FieldError("expected a name of letters, digits, '-', '_' and '.'", {"variant": variant})
     known = [*VARIANTS, *workspace.patches(), *workspace.textures()]
     if variant not in known and get_close_matches(variant, known, n=1, cutoff=0.8):
         raise one_of("variant", variant, known)

@@ -100,7 +100,7 @@ def believe_names(candidates: Sequence[Candidate], pose_ids: Collection[int], al
     Args:
         candidates: of one object and variant.
         pose_ids: of the plan.
-        always: believe every number that is a pose of the plan, as `--match name` asks for.
+        always: believe every number that is a pose of the plan, as `match` = `name` asks for.
     """
     numbers = [read_pose_id(one.photo.path.name) if one.photo.frame is None else None for one in candidates]
     whole = Counter(numbers) == Counter(pose_ids)
@@ -142,8 +142,8 @@ def order_session(count: int, steps: Sequence["ShotStep"], first: int | None) ->
     """
     if first is None and count != len(steps):
         return (
-            f"{count} photographs for the {len(steps)} shots of rig/shots.json: say --first-shot N for a part of "
-            "the list, or --object and --variant"
+            f"{count} photographs for the {len(steps)} shots of rig/shots.json: say the first shot of a part of "
+            "the list, or object and variant"
         )
     part = steps[(first or 1) - 1 :][:count]
     if len(part) < count:

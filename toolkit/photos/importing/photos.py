@@ -7,13 +7,14 @@ from typing import Any
 
 from toolkit.captures.manifest import CaptureRecord, write_transforms
 from toolkit.core.console import progress
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
-from toolkit.photos.importing.decide import Decision, Doubt, ImportSettings, check_settings, refuse_captures
+from toolkit.photos.importing.decide import Decision, Doubt, check_settings, refuse_captures
 from toolkit.photos.importing.evidence import Locate, Target, locate_by_board
 from toolkit.photos.importing.gather import Gathered, gather_photos
+from toolkit.photos.importing.settings import ImportSettings
 from toolkit.photos.importing.settle import Ask, ByRender, Settled, settle_photos
 from toolkit.photos.importing.store import (
     Check,
@@ -260,11 +261,9 @@ def _check_pose(plan: CapturePlan, settings: ImportSettings, gathered: Gathered)
         return
     ids = [pose.id for pose in plan.objects[settings.object]]
     if settings.pose not in ids:
-        raise ToolkitError(
-            f"--pose {settings.pose}: the plan of '{settings.object}' has poses {min(ids)} to {max(ids)}"
-        )
+        raise FieldError(f"the plan of '{settings.object}' has poses {min(ids)} to {max(ids)}", {"pose": settings.pose})
     if len(gathered.candidates) > 1:
-        raise ToolkitError(f"--pose {settings.pose}: is of one photograph, {len(gathered.candidates)} were given")
+        raise FieldError(f"is of one photograph, {len(gathered.candidates)} were given", {"pose": settings.pose})
 
 
 def _store_all(

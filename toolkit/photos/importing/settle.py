@@ -6,8 +6,9 @@ from datetime import datetime
 
 from toolkit.core.files import sha256_bytes, sha256_file
 from toolkit.imaging.folder import show_path
-from toolkit.photos.importing.decide import Decision, Doubt, ImportSettings, decide, measure_match
+from toolkit.photos.importing.decide import Decision, Doubt, decide, measure_match
 from toolkit.photos.importing.evidence import Target
+from toolkit.photos.importing.settings import ImportSettings
 from toolkit.photos.importing.store import Ledger, encode_photo, find_occupants
 from toolkit.photos.importing.study import Studied
 from toolkit.rig.plan import CapturePlan
@@ -105,7 +106,7 @@ def _settle_doubles(settled: list[Settled], refused: list[tuple[str, str]], ask:
                 reason = f"{target}: {labels[int(answer) - 1]} was chosen"
             else:
                 others = ", ".join(other for other in labels if other != label)
-                reason = f"{target} is shown as well by {others}: take one away, or let the latest count with --replace"
+                reason = f"{target} is shown as well by {others}: take one away, or let the latest count (replace)"
             refused.append((label, reason))
     return [one for one in settled if kept.get(one.decision.target) is one]
 
@@ -131,7 +132,12 @@ def _settle_occupied(
         ):
             kept.append(one)
         else:
-            refused.append((candidate.label, f"{target} has {path}{came}: a retake replaces it with --replace"))
+            refused.append(
+                (
+                    candidate.label,
+                    f"{target} has {path}{came}: a retake replaces it only where that is asked for (replace)",
+                )
+            )
     return kept
 
 

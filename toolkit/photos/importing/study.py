@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 from toolkit.core.console import progress
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError
 from toolkit.imaging.read import UnreadableImage
-from toolkit.photos.importing.decide import ImportSettings, is_followed
+from toolkit.photos.importing.decide import is_followed
 from toolkit.photos.importing.evidence import (
     Evidence,
     Locate,
@@ -18,6 +18,7 @@ from toolkit.photos.importing.evidence import (
     order_session,
 )
 from toolkit.photos.importing.gather import Candidate
+from toolkit.photos.importing.settings import ImportSettings
 from toolkit.photos.importing.store import Ledger, describe_before
 from toolkit.photos.photo import load_pixels
 from toolkit.rig.plan import CapturePlan
@@ -69,9 +70,10 @@ def study_photos(
     ungrouped = [i for i in ungrouped if candidates[i].photo.identity not in ledger.replaced]
     new = [i for i, one in enumerate(candidates) if describe_before(ledger, one.photo) is None]
     if not steps and new and not groups and not troubles:
-        raise ToolkitError(
-            "nothing says what the photographs show: say --object and --variant, sort them into folders "
-            "OBJECT/VARIANT, or write a shot list with 'toolkit plan --shot-list' and follow it"
+        raise FieldError(
+            "nothing says what the photographs show: give {object} and {variant}, sort them into folders "
+            "OBJECT/VARIANT, or write a shot list with 'toolkit plan --shot-list' and follow it",
+            {},
         )
     ordered, why, named = _order_all(candidates, groups, ungrouped, plan, steps, settings)
     studied = {i: Studied(candidates[i], trouble=troubles.get(i)) for i in new}
@@ -136,7 +138,7 @@ def _order_all(candidates, groups, ungrouped: list[int], plan, steps, settings: 
     if ungrouped and steps:
         take(ungrouped, order_session(len(ungrouped), steps, settings.first_shot))
     elif ungrouped:
-        why.update(dict.fromkeys(ungrouped, "there is no shot list: say --object and --variant"))
+        why.update(dict.fromkeys(ungrouped, "there is no shot list: say object and variant"))
     return ordered, why, named
 
 
