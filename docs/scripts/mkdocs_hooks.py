@@ -13,6 +13,8 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+SHARED = "Every command"
+"""The heading under which a command's help lists the options that all have."""
 MARKER = re.compile(r"^<!-- (?P<what>commands|names|fields)(?:: (?P<where>[\w.]+))? -->$", re.MULTILINE)
 
 
@@ -52,16 +54,24 @@ def _name_group(command: Any) -> str:
     return panel if isinstance(panel, str) else "Commands"
 
 
-def _write_command(name: str, command: Any) -> Iterator[str]:
-    context = command.make_context(name, [], resilient_parsing=True)
-    arguments = [one for one in command.params if one.param_type_name == "argument"]
+def _write_command(name: str, listed: Any) -> Iterator[str]:
+    """Usage, help, a table of its own options, and a line of those that every command has."""
+    context = listed.make_context(name, [], resilient_parsing=True)
+    command = context.command  # the whole one: what is listed may know its name alone
+    parameters = [one for one in command.get_params(context) if one.name != "help"]
+    arguments = [one for one in parameters if one.param_type_name == "argument"]
     usage = " ".join(["toolkit", name, *(_name_argument(one, context) for one in arguments), "[OPTIONS]"])
-    yield from ("", f"### toolkit {name}", "", "```text", usage, "```", "", (command.help or "").strip())
-    yield from ("", "| option | what it is |", "|---|---|")
-    for parameter in command.params:
+    yield from ("", f"### toolkit {name}", "", "```text", usage, "```", "", (command.help or "").strip(), "")
+    shared = [one for one in parameters if getattr(one, "rich_help_panel", None) == SHARED]
+    own = [one for one in parameters if one not in shared]
+    if own:
+        yield from ("| option | what it is |", "|---|---|")
+    for parameter in own:
         flags, text = _describe(parameter, context)
-        if "--help" not in flags:
-            yield f"| {flags} | {text} |"
+        yield f"| {flags} | {text} |"
+    if shared:
+        flags = ", ".join(_describe(one, context)[0] for one in shared)
+        yield from ("", f"As every command: {flags}.")
 
 
 def _name_argument(parameter: Any, context: Any) -> str:

@@ -1,6 +1,7 @@
 """`toolkit capture-sim`."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -75,12 +76,12 @@ def capture_sim(
 
     corruptions = parse_corruptions(corrupt or ())
     space = open_workspace(workspace).with_patches(patches)
-    look = {"seed": seed, "backdrop": backdrop, "light": light, "renderer": renderer, "image_format": image_format}
+    bare = ShootSettings(seed, backdrop, light, renderer, image_format)
     skipped: Sequence[tuple[str, str]] | None = None
     if like is not None:
         folder = like if like.is_dir() else space.root / like
         with_board = shows_board(folder) if board is None else board
-        settings = ShootSettings(**look, board=read_board(space) if with_board else None)
+        settings = replace(bare, board=read_board(space)) if with_board else bare
         found = shoot_like(space, folder, settings, source, objects or (), variants or (), max_px or MAX_PX)
         shot, skipped = found.shoot, found.skipped
         list_skipped(skipped)
@@ -93,7 +94,7 @@ def capture_sim(
         plan = open_plan(space, objects)
         if source == "real":
             raise FieldError("captures/real is for photographs: name another folder, such as sim-2", {"source": source})
-        settings = ShootSettings(**look, board=read_board(space) if board else None)
+        settings = replace(bare, board=read_board(space)) if board else bare
         source = source or "-".join(["sim", *([patches] if patches else []), *(["board"] if board else [])])
         shot = shoot_plan(space, plan, objects or list(plan.objects), variants or PAIR, settings, source)
     corrupted = corrupt_source(shot.source_dir, corruptions, quiet=False)
