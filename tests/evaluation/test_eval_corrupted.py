@@ -16,8 +16,9 @@ from PIL import Image
 from toolkit.captures.read import read_captures
 from toolkit.cli import main
 from toolkit.corruptions import corrupt_picture, image_seed
+from toolkit.evaluation.dataset import add_corrupted
 from toolkit.evaluation.evaluate import evaluate_captures
-from toolkit.evaluation.predict import add_corrupted, decode_ahead, predict_captures
+from toolkit.evaluation.predict import decode_ahead, predict_captures
 from toolkit.imaging.preprocessing import resize_and_crop
 from toolkit.imaging.read import read_image
 from toolkit.models.network import Classifier
@@ -70,7 +71,7 @@ def test_sources_tables_pairs_and_files_name_it(textured, seeing):
     result = evaluate_captures(textured.captures_dir, textured, seeing, quiet=True, corruptions=[FOG])
     sources = {group.source for group in result.groups}
     assert sources == {"sim", "real", "sim-fog-3", "real-fog-3"}
-    assert {(pair.source, pair.n_pairs) for pair in result.pairs} == {(source, 2) for source in sources}
+    assert {(pair.source, pair.outcomes.n) for pair in result.pairs} == {(source, 2) for source in sources}
     assert result.unpaired == ()
     summary = json.loads((result.run_dir / "summary.json").read_text())
     assert summary["corrupted"] == [

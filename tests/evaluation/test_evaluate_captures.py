@@ -13,8 +13,9 @@ from PIL import Image
 from toolkit.captures.read import Selection, read_captures
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation import predict
+from toolkit.evaluation.dataset import add_corrupted
 from toolkit.evaluation.evaluate import evaluate_captures
-from toolkit.evaluation.predict import add_corrupted, predict_captures
+from toolkit.evaluation.predict import predict_captures
 from toolkit.evaluation.results import COLUMNS
 
 

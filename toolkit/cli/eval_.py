@@ -77,13 +77,12 @@ def evaluate(
 def show_result(result) -> None:
     """Print an `EvaluationResult`: tables, what could not be used, the result in words, and where the report is."""
     from toolkit.core.console import console, errors
-    from toolkit.evaluation.evaluate import list_lines
-    from toolkit.evaluation.tables import print_tables
+    from toolkit.evaluation.tables import list_lines, print_tables
 
     console.print(f"network: {result.summary['model']['description']}", markup=False, soft_wrap=True)
     print_tables(console, result)
-    trouble = list_lines("could not be read", result.failed) if result.failed else []
-    trouble += list_lines("without a partner", result.unpaired) if result.unpaired else []
+    trouble = list_lines("could not be read", result.failed)
+    trouble += list_lines("without a partner", result.unpaired)
     for line in (*trouble, *(f"note: {note}" for note in result.notes)):
         errors.print(line, style="yellow", markup=False, soft_wrap=True)
     console.print(f"report: {result.report_file}", markup=False, soft_wrap=True)

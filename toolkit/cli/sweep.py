@@ -76,14 +76,14 @@ def sweep(
 def show_sweep(result) -> None:
     """Print a `SweepResult`: the table, what could not be shot or read, and where the files are."""
     from toolkit.core.console import console, errors
-    from toolkit.evaluation.evaluate import list_lines
-    from toolkit.sweeps.result import build_table
+    from toolkit.evaluation.tables import list_lines
+    from toolkit.sweeps.result import build_sweep_table
 
-    console.print(build_table(result.sweep))
+    console.print(build_sweep_table(result.sweep))
     console.print()
     skipped = [(label, reason) for label, _, reason in result.sweep.skipped]
-    trouble = list_lines("not possible", skipped) if skipped else []
-    trouble += list_lines("could not be read", result.sweep.failed) if result.sweep.failed else []
+    trouble = list_lines("not possible", skipped)
+    trouble += list_lines("could not be read", result.sweep.failed)
     for line in (*trouble, *(f"note: {note}" for note in result.evaluation.notes)):
         errors.print(line, style="yellow", markup=False, soft_wrap=True)
     console.print(f"{result.shot} images shot, {result.kept} kept; {result.classified} classified", soft_wrap=True)

@@ -11,6 +11,27 @@ console = Console(highlight=False)
 errors = Console(stderr=True, highlight=False)
 
 
+_is_quiet = False
+
+
+@contextmanager
+def quietly(quiet: bool = True) -> Iterator[None]:
+    """Within, there are no progress bars and no notices; with `quiet=False` it stays as it is around it."""
+    global _is_quiet
+    before = _is_quiet
+    _is_quiet = before or quiet
+    try:
+        yield
+    finally:
+        _is_quiet = before
+
+
+def notice(line: str) -> None:
+    """Say on stderr what the user should know along the way."""
+    if not _is_quiet:
+        errors.print(line, markup=False, soft_wrap=True)
+
+
 def list_skipped(skipped: Iterable[tuple[str, str]]) -> None:
     """Say on stderr which files could not be used, and why."""
     for path, reason in skipped:
@@ -42,11 +63,11 @@ class Ticker:
 
 @contextmanager
 def progress(title: str, total: int, quiet: bool = False, done: int = 0) -> Iterator[Ticker]:
-    """A progress bar on stderr over `total` units, `done` of them finished by an earlier run.
+    """A progress bar on stderr over `total` units, `done` of them finished by an earlier run; none `quietly`.
 
-    Where stderr is no terminal, one line at the start and one at the end stand in for the bar.
+    Where stderr is no terminal, one line at the start stands in for the bar.
     """
-    if quiet:
+    if quiet or _is_quiet:
         yield Ticker(None, None)
         return
     if not errors.is_terminal:

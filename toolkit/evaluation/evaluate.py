@@ -1,21 +1,44 @@
-"""From a capture folder to a run folder."""
+"""From a capture folder to a run folder: read the images, predict, compare, write."""
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from toolkit.captures.corrupt import Corruption
-from toolkit.captures.read import CaptureFolder, Selection, read_captures
+from toolkit.captures.read import Selection
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_json
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.predict import Prediction, add_corrupted, find_true_classes, leave_out_unknown, predict_captures
+from toolkit.evaluation.dataset import read_dataset
+from toolkit.evaluation.predict import predict_captures
 from toolkit.evaluation.report import write_report
-from toolkit.evaluation.results import EvaluationResult, find_results, summarise, write_predictions
+from toolkit.evaluation.results import Findings, compare_predictions, summarise, write_predictions
 from toolkit.evaluation.saliency import draw_saliency
 from toolkit.models.network import Classifier
 
 RUN_NAME = re.compile(r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
+
+
+@dataclass(frozen=True)
+class Evaluation(Findings):
+    """What an evaluation found, and where it is written.
+
+    Attributes:
+        run_dir: the folder `eval/RUN`.
+        notes: what else the reader should know.
+        summary: what `summary.json` holds.
+    """
+
+    run_dir: Path
+    notes: tuple[str, ...]
+    summary: dict[str, Any]
+
+    @property
+    def report_file(self) -> Path:
+        """The page to open."""
+        return self.run_dir / "report.html"
 
 
 def evaluate_captures(
@@ -28,7 +51,7 @@ def evaluate_captures(
     batch_size: int | None = None,
     saliency: bool | None = None,
     corruptions: Sequence[Corruption] = (),
-) -> EvaluationResult:
+) -> Evaluation:
     """Classify every image of a capture folder and write `eval/RUN`: predictions.csv, summary.json, report.html.
 
     An image that cannot be read is listed with its reason, and the others are evaluated. A run of the same name is
@@ -50,54 +73,34 @@ def evaluate_captures(
             a bad run name, or a folder that cannot be written.
     """
     run_dir = workspace.eval_dir / check_run_name(run_name or classifier.name)
-    folder = leave_out_unknown(read_captures(captures_dir, selection), workspace, classifier)
-    folder = add_corrupted(folder, corruptions)
-    classes = find_true_classes(folder, workspace, classifier)
+    folder, classes = read_dataset(captures_dir, workspace, classifier, selection, corruptions)
     predictions = predict_captures(folder.captures, classes, classifier, batch_size, quiet)
-    return write_evaluation(run_dir, folder, predictions, classifier, quiet, batch_size, saliency)
+    findings = compare_predictions(classifier.name, predictions, folder.refused_folders)
+    return write_evaluation(run_dir, classifier, findings, folder.notes, saliency, batch_size, quiet)
 
 
 def write_evaluation(
     run_dir: Path,
-    folder: CaptureFolder,
-    predictions: Sequence[Prediction],
     classifier: Classifier,
-    quiet: bool = False,
-    batch_size: int | None = None,
+    findings: Findings,
+    notes: Sequence[str],
     saliency: bool | None = None,
-) -> EvaluationResult:
-    """Write what follows from the predictions of a folder's images; see `evaluate_captures`.
+    batch_size: int | None = None,
+    quiet: bool = False,
+) -> Evaluation:
+    """Write what was found; arguments as in `evaluate_captures`.
 
     Raises:
         ToolkitError: `run_dir` cannot be written.
     """
-    findings = find_results(classifier.name, predictions, folder.refused_folders)
-    write_predictions(run_dir / "predictions.csv", predictions)
     maps = draw_saliency(findings.flips, classifier, saliency, batch_size, quiet)
-    why = [f"no saliency maps: {maps.reason}"] if saliency and maps.reason else []
-    notes = (*folder.notes, *why)
+    notes = (*notes, *([f"no saliency maps: {maps.reason}"] if saliency and maps.reason else []))
+    write_predictions(run_dir / "predictions.csv", findings.predictions)
     summary = summarise(classifier, findings, notes)
     write_json(run_dir / "summary.json", summary)
-    report_file = write_report(run_dir / "report.html", run_dir.name, classifier, findings, notes, maps)
-    return EvaluationResult(
-        run_dir,
-        report_file,
-        findings.predictions,
-        findings.groups,
-        findings.pairs,
-        findings.failed,
-        findings.unpaired,
-        notes,
-        findings.headlines,
-        summary,
-        findings.sim_real,
-    )
-
-
-def list_lines(title: str, items: Sequence[tuple[str, str]], limit: int = 20) -> list[str]:
-    """`title` and one line per (path, reason), the rest counted."""
-    lines = [f"{len(items)} {title}:", *(f"  {path}: {reason}" for path, reason in items[:limit])]
-    return lines if len(items) <= limit else [*lines, f"  and {len(items) - limit} more, all in summary.json"]
+    done = Evaluation(**vars(findings), run_dir=run_dir, notes=notes, summary=summary)
+    write_report(done.report_file, classifier, findings, notes, maps)
+    return done
 
 
 def check_run_name(name: str) -> str:

@@ -19,7 +19,7 @@ from toolkit.objects.mesh import (
     mesh_from_corners,
     place_on_table,
 )
-from toolkit.objects.spec import ObjectSpec, read_spec
+from toolkit.objects.spec import BUILTIN_PREFIX, ObjectSpec, read_spec
 
 BUILTIN = ("racer", "warplane", "coffeepot", "eggnog")
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
@@ -57,8 +57,8 @@ def load_object(spec_file: Path) -> TableObject:
         ToolkitError: the spec or the mesh cannot be used; the message says why.
     """
     spec = read_spec(spec_file)
-    if spec.mesh.startswith("builtin:"):
-        mesh = build_mesh(spec.mesh.removeprefix("builtin:"))
+    if spec.mesh.startswith(BUILTIN_PREFIX):
+        mesh = build_mesh(spec.mesh.removeprefix(BUILTIN_PREFIX))
     else:
         mesh = read_mesh(inside(Path(spec_file).parent, spec.mesh))
     mesh = turn_upright(mesh, spec.up, spec.front)

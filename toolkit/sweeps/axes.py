@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from toolkit.captures.shoot import ShootSettings
 from toolkit.core.errors import ToolkitError, one_of
@@ -110,16 +111,14 @@ def _number(what: str, example: str, whole: bool, low: float, high: float) -> Ca
     return parse
 
 
-def _change_light(setup: Setup, value: Value) -> Setup:
-    return replace(setup, settings=replace(setup.settings, light=str(value)))
+def _change_setting(name: str) -> Callable[[Setup, Value], Setup]:
+    """The change of one of the settings that images are shot with."""
 
+    def change(setup: Setup, value: Value) -> Setup:
+        settings: dict[str, Any] = {name: value}
+        return replace(setup, settings=replace(setup.settings, **settings))
 
-def _change_backdrop(setup: Setup, value: Value) -> Setup:
-    return replace(setup, settings=replace(setup.settings, backdrop=str(value)))
-
-
-def _change_seed(setup: Setup, value: Value) -> Setup:
-    return replace(setup, settings=replace(setup.settings, seed=int(value)))
+    return change
 
 
 def _change_distance(setup: Setup, value: Value) -> Setup:
@@ -135,8 +134,8 @@ def _change_size(setup: Setup, value: Value) -> Setup:
 
 
 _AXES = (
-    Axis("light", "light", "", tuple(LIGHTS), _one_name("light", tuple(LIGHTS)), _change_light),
-    Axis("backdrop", "backdrop", "", BACKDROPS, _one_name("backdrop", BACKDROPS), _change_backdrop),
+    Axis("light", "light", "", tuple(LIGHTS), _one_name("light", tuple(LIGHTS)), _change_setting("light")),
+    Axis("backdrop", "backdrop", "", BACKDROPS, _one_name("backdrop", BACKDROPS), _change_setting("backdrop")),
     Axis(
         "distance", "distance, as a multiple of the plan's", "x", (0.9, 1.0, 1.5, 2.0, 3.0),
         _number("a factor of the plan's distance", "1.5", False, 0.1, 20), _change_distance,
@@ -154,7 +153,7 @@ _AXES = (
     ),
     Axis(
         "seed", "seed of backdrop, room and noise", "", (0, 1, 2, 3, 4),
-        _number("a seed", "3", True, 0, 2**32 - 1), _change_seed,
+        _number("a seed", "3", True, 0, 2**32 - 1), _change_setting("seed"),
     ),
 )  # fmt: skip
 AXES: dict[str, Axis] = {axis.name: axis for axis in _AXES}

@@ -10,9 +10,9 @@ from toolkit.captures.shoot import StoredImage, index_images, shoot_plan
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.evaluate import check_run_name, write_evaluation
-from toolkit.evaluation.predict import class_of_spec, find_true_classes
-from toolkit.evaluation.results import EvaluationResult
+from toolkit.evaluation.dataset import class_of_spec, find_true_classes
+from toolkit.evaluation.evaluate import Evaluation, check_run_name, write_evaluation
+from toolkit.evaluation.results import compare_predictions
 from toolkit.models.network import Classifier
 from toolkit.rig.variants import PAIR
 from toolkit.sweeps.axes import Axis, Setup, Unit, Value, plan_units
@@ -37,7 +37,7 @@ class SweepResult:
     json_file: Path
     csv_file: Path
     figure_file: Path
-    evaluation: EvaluationResult
+    evaluation: Evaluation
     shot: int
     kept: int
     classified: int
@@ -85,7 +85,8 @@ def run_sweep(
     classes = find_true_classes(captures, workspace, classifier)
     cache_file = workspace.eval_dir / "sweeps" / "predictions.jsonl"
     predictions, classified = predict_once(captures.captures, classes, classifier, cache_file, quiet)
-    evaluation = write_evaluation(folder / name, captures, predictions, classifier, quiet, saliency=False)
+    findings = compare_predictions(classifier.name, predictions, captures.refused_folders)
+    evaluation = write_evaluation(folder / name, classifier, findings, captures.notes, saliency=False)
     sweep = collect_rows(axis, units, variants, base.settings, classifier, evaluation)
     json_file, csv_file = write_sweep(folder, name, sweep)
     figure_file = draw_sweep(folder / f"sweep-{name}.png", sweep)

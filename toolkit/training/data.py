@@ -25,8 +25,6 @@ from toolkit.training.folder import CIFAR_PREFIX, LabelledFile, StoredImage, fin
 from toolkit.training.renders import EVERYDAY, RIG, RenderUnit, render_shards
 
 PACKAGE = Path(__file__).parents[1]
-PICTURE_MAKERS = ("training", "raycast", "lighting", "shading", "studio", "materials", "room", "backdrop", "finish")
-"""Modules of `toolkit.rig` that decide what a render looks like."""
 
 
 @dataclass(frozen=True)
@@ -155,8 +153,7 @@ def _hash_mesh(spec_file: Path, mesh: str) -> str:
 
 def _hash_code() -> str:
     """Of the modules that make and render objects: renders of another version are not mixed with this one's."""
-    files = sorted((PACKAGE / "objects").rglob("*.py"))
-    files += [PACKAGE / "rig" / f"{name}.py" for name in PICTURE_MAKERS]
+    files = [file for package in ("objects", "rig") for file in sorted((PACKAGE / package).rglob("*.py"))]
     return sha256_bytes("".join(sha256_file(file) for file in files).encode())
 
 

@@ -1,0 +1,45 @@
+"""Quiet is a state of the console, which nobody passes on."""
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from toolkit.cli import options
+from toolkit.core.console import notice, progress, quietly
+
+
+def say_all() -> None:
+    notice("a notice [with brackets]")
+    with progress("Working", 3) as bar:
+        bar.advance()
+
+
+def test_notices_and_progress_are_on_stderr_unless_quiet(capsys):
+    say_all()
+    told = capsys.readouterr()
+    assert told.out == "" and told.err.splitlines() == ["a notice [with brackets]", "Working: 3 to do"]
+    with quietly():
+        say_all()
+        with quietly(False):
+            say_all()
+    assert capsys.readouterr() == ("", "")
+    say_all()
+    assert "a notice" in capsys.readouterr().err
+
+
+def test_quiet_ends_with_an_error(capsys):
+    with pytest.raises(ValueError), quietly():
+        raise ValueError
+    say_all()
+    assert "a notice" in capsys.readouterr().err
+
+
+def test_the_option_holds_until_its_command_has_ended():
+    app = typer.Typer()
+
+    @app.command()
+    def work(quiet: options.Quiet = False) -> None:
+        say_all()
+
+    told = [CliRunner().invoke(app, arguments).stderr for arguments in ([], ["--quiet"], ["-q"], [])]
+    assert [("a notice" in text) for text in told] == [True, False, False, True]

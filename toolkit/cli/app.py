@@ -1,0 +1,271 @@
+"""The commands in their groups, each loaded when it is called."""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
+from importlib import import_module
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+from toolkit.core.errors import FieldError, ToolkitError, one_of, show_value
+
+SHARED = "Every command"
+UsageError: type[Exception] = typer.BadParameter.__bases__[0]
+"""Of what was typed; Click's own, or of the copy of Click that newer typers carry."""
+
+PLAIN = {
+    "rich_markup_mode": None,
+    "context_settings": {"help_option_names": ["-h", "--help"], "max_content_width": 110},
+}
+
+
+TYPE = re.compile(r"<[\w\[\], ]+>")
+METAVARS = {"str": "TEXT", "int": "N", "float": "X", "path": "PATH", "Path": "PATH"}
+"""What stands for a value of a type in the help, where the option names nothing better."""
+RANGE = re.compile(r"; x>=[01](?=\])| *\[x>=[01]\]")
+"""A bound that goes without saying."""
+
+
+class Entry(NamedTuple):
+    """A command in the list.
+
+    Attributes:
+        place: `module:function` below `toolkit.cli`.
+        about: what it does, in a few words.
+        old: earlier spelling of an option -> today's. It goes on working, and no help shows it.
+    """
+
+    place: str
+    about: str
+    old: Mapping[str, str] = MappingProxyType({})
+
+
+GROUPS: dict[str, dict[str, Entry]] = {
+    "The road": {
+        "train-patch": Entry("train_patch:train_patch", "train a patch for a class"),
+        "train-texture": Entry("train_texture:train_texture", "train a texture for an object"),
+        "print": Entry("print_:print_patches", "print patches at true size, or the board"),
+        "plan": Entry("plan:plan", "plan the camera poses"),
+        "capture-sim": Entry("capture_sim:capture_sim", "shoot every object at every pose"),
+        "eval": Entry("eval_:evaluate", "classify a capture folder: table, statistics, report"),
+        "sweep": Entry("sweep:sweep", "vary one thing: distance, light, size and more"),
+    },
+    "Your photographs": {
+        "studio": Entry("studio:studio", "shoot by phone, the next shot shown as a ghost"),
+        "import": Entry("photos:import_", "import photographs, tell object and pose"),
+        "check": Entry("photos:check", "judge photographs: sharp, well exposed, whole"),
+        "calibrate": Entry("measure:calibrate", "measure a camera's lens"),
+        "print-profile": Entry("measure:print_profile", "measure what a printer does to colours"),
+    },
+    "Benchmarks": {
+        "corrupt": Entry("corrupt:corrupt", "corrupt images as ImageNet-C does"),
+        "train-classifier": Entry("train_classifier:train_classifier", "train a classifier of your own classes"),
+        "train-patches": Entry("train_patches:train_patches", "train a patch for each of many classes"),
+        "baseline": Entry("baseline:baseline", "make codes and other baselines"),
+        "corrupt-eval": Entry("corrupt_eval:corrupt_eval", "corrupt a data set with and without patches"),
+    },
+    "Set-up": {
+        "init": Entry("init:init", "make a workspace"),
+        "add": Entry("add:add", "add an object of your own from its mesh"),
+        "demo": Entry("demo:demo", "walk the whole road in a new workspace"),
+        "objects": Entry("objects:list_objects", "list the objects that can be photographed"),
+        "doctor": Entry("health:doctor", "check what the kit needs from this machine"),
+    },
+}
+
+
+class GroupedCommand(TyperCommand):
+    """A command whose help lists its options under the headings that they name."""
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """`[OPTIONS] PHOTOS...`."""
+        arguments = [one for one in self.get_params(ctx) if one.param_type_name == "argument"]
+        return [
+            "[OPTIONS]",
+            *(_name_parameter(one) if one.required else f"[{_name_parameter(one)}]" for one in arguments),
+        ]
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write every parameter under its heading; what every command has comes last."""
+        sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+        for parameter in self.get_params(ctx):
+            row = parameter.get_help_record(ctx)
+            if row is None:
+                continue
+            heading, name = getattr(parameter, "rich_help_panel", None) or "Options", TYPE.sub(_name_type, row[0])
+            if parameter.param_type_name == "argument":
+                heading, name = "Arguments", _name_parameter(parameter)
+            elif parameter.name == "help":
+                heading = SHARED
+            sections.setdefault(heading, []).append((name, RANGE.sub("", row[1])))
+        sections[SHARED] = sections.pop(SHARED)  # comes last
+        for heading, rows in sections.items():
+            if rows:
+                with formatter.section(heading):
+                    formatter.write_dl(rows)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run it.
+
+        Raises:
+            ToolkitError: as the command says; fields are written as their flags.
+        """
+        try:
+            return super().invoke(ctx)
+        except FieldError as error:
+            names = {one.name.replace("__", "."): _name_parameter(one) for one in self.get_params(ctx)}
+            raise ToolkitError(error.spell(lambda path: spell_flag(path, names), show_typed)) from None
+
+
+def _name_parameter(parameter: Any) -> str:
+    """`--size-mm`, or an argument's metavar."""
+    if parameter.param_type_name == "option":
+        return str(parameter.opts[0])
+    return str(parameter.metavar or parameter.name.upper())
+
+
+def spell_flag(path: str, names: Mapping[str, str]) -> str:
+    """The flag of a field; of a field of a part also where only its last name is known. Without a flag, its path."""
+    if path in names:
+        return names[path]
+    last = path.rpartition(".")[2]
+    found = {flag for known, flag in names.items() if known.rpartition(".")[2] == last}
+    return found.pop() if len(found) == 1 else path
+
+
+def show_typed(flag: str, value: object) -> str:
+    """A flag with its value as it was typed: `--no-pose`, `--share 0.2 0.4`."""
+    if isinstance(value, bool) and flag.startswith("--"):
+        return flag if value else f"--no-{flag.removeprefix('--')}"
+    return f"{flag} {show_value(value)}"
+
+
+def _name_type(found: re.Match[str]) -> str:
+    names = [
+        METAVARS.get(word, word) for word in re.findall(r"\w+", found[0]) if word not in ("list", "tuple", "range")
+    ]
+    return " ".join(names)
+
+
+class LazyCommand(TyperCommand):
+    """A command of which only name and summary are known until it is called."""
+
+    def __init__(self, name: str, entry: Entry, group: str) -> None:
+        super().__init__(name, help=entry.about, short_help=entry.about, rich_help_panel=group, rich_markup_mode=None)
+        self.entry = entry
+
+    def load(self) -> Any:
+        """The whole command."""
+        module, _, function = self.entry.place.partition(":")
+        return typer.main.get_command(
+            make_single(getattr(import_module(f"toolkit.cli.{module}"), function), str(self.name))
+        )
+
+    def make_context(self, info_name: Any, args: list[str], parent: Any = None, **extra: Any) -> Any:
+        """Load the command, and go on with it."""
+        typed = [_respell(word, self.entry.old) for word in args]
+        return self.load().make_context(info_name, typed, parent, **extra)
+
+
+def _respell(word: str, old: Mapping[str, str]) -> str:
+    name, equals, value = word.partition("=")
+    return f"{old[name]}{equals}{value}" if name in old else word
+
+
+def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
+    """A `UsageError` in one line that names the option and what was typed, or the nearest to a mistyped one."""
+    command = next((word for word in typed if any(word == name for name, _ in list_places())), "")
+    help_call = " ".join(filter(None, ["toolkit", command, "--help"]))
+    if hasattr(error, "possibilities"):  # no such option
+        known = [name for one in error.ctx.command.get_params(error.ctx) for name in one.opts]
+        near = get_close_matches(error.option_name, known, n=3)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"see '{help_call}'"
+        return ToolkitError(f"no option called '{error.option_name}': {hint}")
+    parameter = getattr(error, "param", None)
+    if parameter is None:
+        message = error.format_message().rstrip(".")
+        return ToolkitError(f"{message[0].lower()}{message[1:]}: see '{help_call}'")
+    name = _name_parameter(parameter)
+    if hasattr(error, "param_type"):
+        return ToolkitError(f"{name} is missing: see '{help_call}'")
+    at = next((typed.index(flag) + 1 for flag in parameter.opts if flag in typed), len(typed))
+    expected = error.message.rstrip(".").partition(", unable")[0].replace("Input should be", "expected")
+    for long, short in (
+        ("greater than or equal to", "at least"),
+        ("less than or equal to", "at most"),
+        ("a valid integer", "a whole number"),
+        ("a valid number", "a number"),
+    ):
+        expected = expected.replace(long, short)
+    return ToolkitError(f"{' '.join([name, *typed[at : at + parameter.nargs]])}: {expected}")
+
+
+class RoadGroup(TyperGroup):
+    """All commands, listed by group; a mistyped one is answered in one line that names the nearest."""
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        for group, entries in GROUPS.items():
+            for name, entry in entries.items():
+                self.add_command(LazyCommand(name, entry, group))
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """In the order of the groups."""
+        return list(self.commands)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command that was typed.
+
+        Raises:
+            ToolkitError: there is none of this name.
+        """
+        if args and args[0] not in self.commands and not args[0].startswith("-") and not ctx.resilient_parsing:
+            raise one_of("command", args[0], list(self.commands))
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """One section for each group, the summaries below each other."""
+        width = max(map(len, self.commands))
+        for group, entries in GROUPS.items():
+            with formatter.section(group):
+                formatter.write_dl([(f"{name:<{width}}", entry.about) for name, entry in entries.items()])
+
+
+def make_single(function: Callable[..., None], name: str | None = None) -> typer.Typer:
+    """The command line of one function, with the help that every command has."""
+    single = typer.Typer(add_completion=False, **PLAIN)  # type: ignore[arg-type]
+    single.command(name, cls=GroupedCommand)(function)
+    return single
+
+
+def make_app() -> typer.Typer:
+    """The whole command line."""
+    app = typer.Typer(
+        cls=RoadGroup, no_args_is_help=True, pretty_exceptions_enable=False, **PLAIN,  # type: ignore[arg-type]
+        help="Boost physical objects for a neural network, and prove it: train, print, plan, shoot, evaluate.",
+    )  # fmt: skip
+
+    def show_version(wanted: bool) -> None:
+        if wanted:
+            from toolkit import __version__
+
+            typer.echo(f"toolkit {__version__}")
+            raise typer.Exit
+
+    @app.callback()
+    def all_commands(
+        version: bool = typer.Option(
+            False, "--version", help="Print the version.", callback=show_version, is_eager=True
+        ),
+    ) -> None:
+        pass
+
+    return app
+
+
+def list_places() -> Sequence[tuple[str, Entry]]:
+    """Every command's name and entry."""
+    return [(name, entry) for entries in GROUPS.values() for name, entry in entries.items()]
