@@ -145,11 +145,24 @@ def _read_attributes(docstring: str) -> dict[str, str]:
 
 
 def write_names() -> Iterator[str]:
-    """Every public name of the package, for mkdocstrings."""
-    import toolkit
+    """Every name that `import toolkit as tk` offers, for mkdocstrings, in the order of its list."""
+    homes = list_homes()
+    if homes:
+        yield from (
+            "## Names",
+            "",
+            "`import toolkit as tk`, and these are there, each loaded when it is first used.",
+            "",
+        )
+    for name, module in homes.items():
+        yield from (f"::: {module}.{name}", "")
 
-    for name in getattr(toolkit, "__all__", ()):
-        yield from (f"::: toolkit.{name}", "")
+
+def list_homes() -> dict[str, str]:
+    """Name -> module, of what `toolkit/__init__.py` imports to offer it: `from module import name as name`."""
+    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
+    return {one.name: str(node.module) for node in imports for one in node.names if one.asname == one.name}
 
 
 def write_modules() -> Iterator[str]:
