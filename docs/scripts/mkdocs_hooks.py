@@ -145,7 +145,7 @@ def _read_attributes(docstring: str) -> dict[str, str]:
 
 
 def write_names() -> Iterator[str]:
-    """Every name that `import toolkit as tk` offers, for mkdocstrings, in the order of its list."""
+    """Every name that `import toolkit as tk` offers, for mkdocstrings, in the order in which the package lists them."""
     homes = list_homes()
     if homes:
         yield from (
@@ -162,7 +162,9 @@ def list_homes() -> dict[str, str]:
     """Name -> module, of what `toolkit/__init__.py` imports to offer it: `from module import name as name`."""
     tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
     imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
-    return {one.name: str(node.module) for node in imports for one in node.names if one.asname == one.name}
+    homes = {one.name: str(node.module) for node in imports for one in node.names if one.asname == one.name}
+    listed = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and node.value in homes]
+    return {name: homes[name] for name in dict.fromkeys([*listed, *homes])}
 
 
 def write_modules() -> Iterator[str]:
