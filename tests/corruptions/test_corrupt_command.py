@@ -10,8 +10,7 @@ from typer.testing import CliRunner
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.corruptions import CORRUPTIONS, corrupt_picture, image_seed
-from toolkit.corruptions.folder import corrupt_folder
-from toolkit.corruptions.ledger import LEDGER_FILE
+from toolkit.corruptions.folder import LOG_FILE, corrupt_folder
 from toolkit.corruptions.request import choose_names
 
 
@@ -55,7 +54,7 @@ def test_mirrors_the_tree_and_is_the_python_call(photos, tmp_path):
     code, said, notes = run(photos, out, "--name", "fog", "--severity", 3, "--seed", 5)
     assert code == 0 and "made 4 images" in said
     assert list_files(out) == [
-        "a/1.png", "a/2.png", "b/c/3.jpg.png", "b/c/3.png.png", LEDGER_FILE, "corruption.json",
+        "a/1.png", "a/2.png", "b/c/3.jpg.png", "b/c/3.png.png", LOG_FILE, "corruption.json",
     ]  # fmt: skip
     expected = corrupt_picture(np.asarray(Image.open(photos / "a/1.png")), "fog", 3, image_seed(5, "a/1.png"))
     assert np.array_equal(np.asarray(Image.open(out / "a/1.png")), expected)
@@ -80,9 +79,9 @@ def test_a_killed_run_goes_on_and_ends_the_same(photos, tmp_path):
     whole, stopped = tmp_path / "whole", tmp_path / "stopped"
     for out in (whole, stopped):
         assert run(photos, out, "--name", "snow", "--severity", 2)[0] == 0
-    lines = (stopped / LEDGER_FILE).read_text().splitlines(keepends=True)
+    lines = (stopped / LOG_FILE).read_text().splitlines(keepends=True)
     # the second file is written but not its line, the third line is torn, the fourth file is gone
-    (stopped / LEDGER_FILE).write_text(lines[0] + lines[2][:20])
+    (stopped / LOG_FILE).write_text(lines[0] + lines[2][:20])
     (stopped / json.loads(lines[3])["path"]).unlink()
     code, said, _ = run(photos, stopped, "--name", "snow", "--severity", 2)
     assert code == 0 and "1 kept" in said

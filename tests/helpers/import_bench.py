@@ -10,9 +10,9 @@ from PIL import Image
 
 from toolkit.imaging.read import register_heif
 from toolkit.objects.load import load_object
-from toolkit.photos.importing.evidence import Located
-from toolkit.photos.importing.photos import import_photos
+from toolkit.photos.importing.import_photos import import_photos
 from toolkit.photos.importing.settings import ImportSettings
+from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.plan import Pattern, make_plan, read_plan, write_plan
 
@@ -72,7 +72,7 @@ class Board:
         self.seen += 1
         assert pixels.shape[2] == 3
         found = self.cameras.get(photo.path.name)
-        return "no board is seen" if found is None else Located(found, LENS, {"board_corners": 9})
+        return "no board is seen" if found is None else PosedCamera(found, LENS, {"board_corners": 9})
 
 
 NO_BOARD = Board({})
@@ -84,7 +84,7 @@ def run(space, paths, settings=PATCHED, board=NO_BOARD, **options):
 
 
 def no_render(studied, group):
-    from toolkit.photos.importing.decide import Doubt
+    from toolkit.photos.importing.match import Doubt
 
     return Doubt("nothing is rendered here")
 

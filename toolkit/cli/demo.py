@@ -49,6 +49,6 @@ def demo(
     shot = shoot_plan(space, plan, list(plan.objects), settings=ShootSettings(seed=seed), quiet=quiet)
     console.print(f"     {shot.shot} images shot, {shot.kept} kept from before ({shot.source_dir})", soft_wrap=True)
     console.print(f"4/4  evaluate: what {classifier.name} says about each image")
-    result = evaluate_captures(space.captures_dir, space, classifier, quiet=quiet)
+    result = evaluate_captures(space.captures_dir, space, classifier)
     print_tables(console, result)
     console.print(f"report: {result.report_file}", soft_wrap=True)

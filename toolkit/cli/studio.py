@@ -9,7 +9,7 @@ import typer
 from toolkit.cli import options
 
 if TYPE_CHECKING:
-    from toolkit.studio.serve import Door
+    from toolkit.studio.serve import Listener
     from toolkit.studio.session import Session
 
 
@@ -37,8 +37,8 @@ def studio(
     """
     from toolkit.core.errors import ToolkitError
     from toolkit.core.workspace import open_workspace
-    from toolkit.photos.importing.decide import FOLDER_NAME
-    from toolkit.studio.serve import open_door, require_extra
+    from toolkit.photos.importing.settings import FOLDER_NAME
+    from toolkit.studio.serve import listen, require_extra
 
     require_extra()
     if address is not None and not lan:
@@ -58,7 +58,7 @@ def studio(
 
         return load_classifier(model, weights, device, True, space.classifiers_dir)
 
-    door = open_door(lan, port, address)
+    door = listen(lan, port, address)
     predictor = Predictor(session, load)
     server = make_server(make_app(session, door.access, predictor))
     with end_on_signal(server), door.listener:
@@ -70,7 +70,7 @@ def studio(
         show_summary(session)
 
 
-def show_door(door: "Door", code: bool) -> None:
+def show_door(door: "Listener", code: bool) -> None:
     """Say where the page is; with `code`, also as a QR code."""
     from toolkit.core.console import console
     from toolkit.studio.serve import show_code

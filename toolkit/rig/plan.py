@@ -1,6 +1,6 @@
 """The capture plan: where the camera stands for every pose of every object, in `rig/plan.json`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -345,3 +345,30 @@ def _move(pose: Pose, factor: float) -> Pose:
     )  # fmt: skip
     rows = None if pose.T_world_camera is None else np.round(T_world_camera, 6).tolist()
     return Pose.model_validate(pose.model_dump() | {"distance_mm": distance_mm, "T_world_camera": rows})
+
+
+def plan_objects(
+    workspace: Workspace, objects: Sequence[str] = (), pattern: Pattern | None = None, camera: Camera | None = None
+) -> CapturePlan:
+    """Plan the poses of objects anew and write `rig/plan.json`; without names, of all that the workspace knows.
+
+    Objects that the plan holds already and that are not named keep their poses, if the camera is the same.
+
+    Args:
+        workspace: whose objects are meant, and whose plan is written.
+        objects: names.
+        pattern: how the poses are spread; 18 on a grid by default. Degrees and millimetres.
+        camera: pixels and field of view; 640 × 480 px and 40 degrees by default.
+
+    Returns:
+        The whole plan as it was written.
+
+    Raises:
+        ToolkitError: an unknown object, or as `make_plan` says.
+    """
+    items = [load_object(workspace.object_spec(name)) for name in objects or sorted(workspace.object_specs())]
+    made = make_plan(items, camera or Camera.from_fov(), pattern or Pattern())
+    old = read_plan(workspace.plan_file) if objects and workspace.plan_file.is_file() else None
+    plan = keep_others(old, made)
+    write_plan(workspace.plan_file, plan)
+    return plan

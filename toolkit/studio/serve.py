@@ -22,7 +22,7 @@ EXTRA = "pip install 'toolkit-boost[studio]'"
 
 
 @dataclass(frozen=True)
-class Door:
+class Listener:
     """A socket that listens, and who is let in.
 
     Attributes:
@@ -43,7 +43,7 @@ class Door:
         return f"{base}?token={self.access.token}" if self.access.token else base
 
 
-def open_door(lan: bool = False, port: int | None = None, address: str | None = None) -> Door:
+def listen(lan: bool = False, port: int | None = None, address: str | None = None) -> Listener:
     """Bind the address, so that trouble with it is said before anything is promised.
 
     Args:
@@ -60,7 +60,7 @@ def open_door(lan: bool = False, port: int | None = None, address: str | None = 
     names = {host} if lan else {LOOPBACK, "localhost", "[::1]"}
     token = make_token() if lan else None
     access = Access(frozenset(f"{name}:{bound}" for name in names), token, f"toolkit_studio_{bound}")
-    return Door(host, bound, access, listener)
+    return Listener(host, bound, access, listener)
 
 
 def find_lan_address() -> str:
