@@ -1,12 +1,51 @@
-"""Options that several commands share."""
+"""Options of the commands: those that several share, and those that are made from a config.
 
+A command names its config, and receives it ready or as overrides of a recipe:
+
+    @from_config(data=DataConfig, overrides=RECIPES)
+    def train_patch(data: DataConfig, recipe: str, overrides: Overrides, seed: Seed = 0) -> None: ...
+
+Here alone a field becomes a flag: in the help, and in the message of a `FieldError`.
+"""
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
-from typing import Annotated
+from types import NoneType
+from typing import Annotated, Any, Literal, Optional, TypeVar, get_args, get_origin
 
 import typer
+from pydantic.fields import FieldInfo
+from typer.models import OptionInfo
+
+from toolkit.cli.app import SHARED
+from toolkit.core.config import Config, Flag, Range, bounds_of, flag_of, part_maker, typed_as
+from toolkit.core.errors import FieldError, ToolkitError, show_value
+
+Overrides = dict[str, Any]
+"""Path of a field -> the value that was typed; what was not typed is left out."""
+Source = type[Config] | Mapping[str, Config]
+Result = TypeVar("Result")
+OBVIOUS = ("", "at least 0", "at least 1", "above 0")
+"""Bounds that the help leaves to the errors."""
 
 Workspace = Annotated[
-    Path | None, typer.Option("--workspace", help="Folder to work in; default: the nearest upwards with rig/.")
+    Path | None,
+    typer.Option(
+        "--workspace",
+        metavar="FOLDER",
+        rich_help_panel=SHARED,
+        help="Folder to work in; default: the nearest upwards with rig/.",
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", rich_help_panel=SHARED, help="Print the result as JSON on stdout.")]
+Seed = Annotated[
+    int,
+    typer.Option(
+        "--seed", metavar="N", rich_help_panel=SHARED, help="Same seed, same bytes on the same machine.", min=0
+    ),
 ]
 
 
@@ -19,9 +58,9 @@ def _be_quiet(context: typer.Context, quiet: bool) -> bool:
     return quiet
 
 
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", callback=_be_quiet, help="No progress bar.")]
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON on stdout.")]
-Seed = Annotated[int, typer.Option("--seed", help="Same seed, same bytes on the same machine.", min=0)]
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", callback=_be_quiet, rich_help_panel=SHARED, help="No progress bar.")
+]
 Patches = Annotated[
     str | None, typer.Option("--patches", help="Folder of patches below print/patches; default: that one itself.")
 ]
@@ -29,11 +68,13 @@ Models = Annotated[
     list[str] | None,
     typer.Option(
         "--model",
+        metavar="NAME",
         help="Torchvision classifier, timm:NAME, rig18, or your own; several add their losses. Default: resnet18.",
     ),
 ]
 WeightFiles = Annotated[
-    list[Path] | None, typer.Option("--weights", help="State dict (.pth, .safetensors), one for each --model.")
+    list[Path] | None,
+    typer.Option("--weights", metavar="FILE", help="State dict (.pth, .safetensors), one for each --model."),
 ]
 WeightsFile = Annotated[Path | None, typer.Option("--weights", help="State dict (.pth, .safetensors) of --model.")]
 Rotation = Annotated[float, typer.Option(help="Largest turn of a patch, degrees. The paper's release: 45.")]
@@ -50,4 +91,225 @@ Corrupt = Annotated[
         "severity under all five; may be repeated.",
     ),
 ]
-Device = Annotated[str, typer.Option("--device", help="auto, cpu or cuda.")]
+Device = Annotated[
+    str, typer.Option("--device", metavar="auto|cpu|cuda", rich_help_panel=SHARED, help="Where the networks run.")
+]
+
+
+@dataclass(frozen=True)
+class ConfigFlag:
+    """The flag of one field of a config, or of a part of it.
+
+    Attributes:
+        path: of the field, such as `affine.share`.
+        info: its declaration.
+        flag: its mark.
+        is_switch: whether it puts a part in or takes it out.
+        values: the value that each recipe gives it; of a config without recipes the default, under ``.
+    """
+
+    path: str
+    info: FieldInfo
+    flag: Flag
+    is_switch: bool
+    values: Mapping[str, object]
+
+    @property
+    def spelling(self) -> str:
+        """Such as `--size-px`, of a switch that which turns it on; a positional argument's metavar."""
+        if self.flag.positional:
+            return self.flag.metavar or self.path.upper()
+        return (self.flag.name or f"--{self.path.rpartition('.')[2].replace('_', '-')}").partition("/")[0]
+
+    @property
+    def parameter(self) -> str:
+        """Its name in the command function."""
+        return self.path.replace(".", "__")
+
+    def option(self) -> inspect.Parameter:
+        """The parameter that typer makes an option of; not typed, it is None."""
+        kind = bool if self.is_switch else typed_as(self.info)
+        if kind is bool:
+            names = [self.flag.name or f"{self.spelling}/--no-{self.spelling.removeprefix('--')}"]
+        else:
+            names = [self.spelling]
+        given: dict[str, Any] = {"help": self._help(), "metavar": self.flag.metavar or _metavar(kind)}
+        required = self.info.is_required() and not any(value is not None for value in self.values.values())
+        made = (
+            typer.Argument(**given)
+            if self.flag.positional
+            else typer.Option(*names, rich_help_panel=self.flag.group, show_default=False, **given)
+        )
+        annotation = _as_typer_takes(kind)
+        return inspect.Parameter(
+            self.parameter,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=inspect.Parameter.empty if required else None,
+            annotation=Annotated[annotation if required else Optional[annotation], made],  # noqa: UP045, a value
+        )
+
+    def _help(self) -> str:
+        bounds = bounds_of(self.info)
+        notes = [] if bounds in OBVIOUS else [bounds]
+        first = None
+        for number, (recipe, value) in enumerate(self.values.items()):
+            shown = (
+                None if value is None and not self.is_switch else show_value(bool(value) if self.is_switch else value)
+            )
+            if not shown or (number and shown == first):
+                continue
+            notes.append(f"{recipe or 'default'}: {shown}")
+            first = shown if not number else first
+        about = (self.info.description or "").rstrip()
+        return f"{about}  [{'; '.join(notes)}]" if notes else about
+
+
+def list_flags(source: Source) -> list[ConfigFlag]:
+    """Every flag of a config class, or of the recipes of one, in the order of its fields."""
+    if isinstance(source, Mapping):
+        return list(_walk(type(next(iter(source.values()))), dict(source), ""))
+    return list(_walk(source, {"": None}, ""))
+
+
+def from_config(**sources: Source) -> Callable[[Callable[..., Result]], Callable[..., Result]]:
+    """Make options of a command from configs.
+
+    Args:
+        sources: parameter of the command function -> a config class, of which it receives an instance; or recipes by
+            name, of which it receives what was typed as `Overrides`. A parameter `recipe` then becomes `--recipe`.
+
+    Raises:
+        ValueError: two fields have the same flag.
+    """
+
+    def decorate(command: Callable[..., Result]) -> Callable[..., Result]:
+        flags = {parameter: list_flags(source) for parameter, source in sources.items()}
+        parameters = _spread(inspect.signature(command, eval_str=True), sources, flags)
+        names = {one.path: one.spelling for some in flags.values() for one in some} | _spellings(parameters)
+        _refuse_twins(list(names.items()))
+
+        @wraps(command)
+        def run(**typed: Any) -> Result:
+            try:
+                for parameter, source in sources.items():
+                    given = {one.path: typed.pop(one.parameter) for one in flags[parameter]}
+                    given = {path: value for path, value in given.items() if value not in (None, [], ())}
+                    typed[parameter] = given if isinstance(source, Mapping) else _make(source, given)
+                return command(**typed)
+            except FieldError as error:
+                raise ToolkitError(error.spell(lambda path: spell_flag(path, names), show_typed)) from None
+
+        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = {one.name: one.annotation for one in parameters}
+        return run
+
+    return decorate
+
+
+def spell_flag(path: str, names: Mapping[str, str]) -> str:
+    """The flag of a field; of a field of a part also where only its last name is known. Without a flag, its path."""
+    if path in names:
+        return names[path]
+    last = path.rpartition(".")[2]
+    found = {flag for known, flag in names.items() if known.rpartition(".")[2] == last}
+    return found.pop() if len(found) == 1 else path
+
+
+def show_typed(flag: str, value: object) -> str:
+    """A flag with its value as it was typed: `--no-pose`, `--share 0.2 0.4`."""
+    if isinstance(value, bool) and flag.startswith("--"):
+        return flag if value else f"--no-{flag.removeprefix('--')}"
+    return f"{flag} {show_value(value)}"
+
+
+def _walk(config: type[Config], holders: Mapping[str, object], before: str) -> Iterator[ConfigFlag]:
+    for name, info in config.model_fields.items():
+        default = None if info.is_required() else info.get_default(call_default_factory=True)
+        values = {recipe: getattr(one, name) if one is not None else default for recipe, one in holders.items()}
+        flag, is_switch = flag_of(info), part_maker(config, name) is not None
+        if flag is not None:
+            yield ConfigFlag(before + name, info, flag, is_switch and flag.typed is None, values)
+        for part in _parts(info.annotation):
+            within = {recipe: value for recipe, value in values.items() if isinstance(value, part)}
+            yield from _walk(part, within, f"{before}{name}.")
+
+
+def _parts(annotation: object) -> Iterator[type[Config]]:
+    if isinstance(annotation, type) and issubclass(annotation, Config):
+        yield annotation
+    elif get_origin(annotation) is not tuple:
+        for one in get_args(annotation):
+            yield from _parts(one)
+
+
+def _spread(
+    signature: inspect.Signature, sources: Mapping[str, Source], flags: Mapping[str, list[ConfigFlag]]
+) -> list[inspect.Parameter]:
+    parameters: list[inspect.Parameter] = []
+    for name, parameter in signature.parameters.items():
+        if name in sources:
+            parameters += [one.option() for one in flags[name]]
+        elif name == "recipe" and parameter.annotation is str:
+            parameters.append(_recipe_option(next(one for one in sources.values() if isinstance(one, Mapping))))
+        else:
+            parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+    return parameters
+
+
+def _recipe_option(recipes: Mapping[str, Config]) -> inspect.Parameter:
+    about = "; ".join(
+        f"{name}: {text}" if (text := getattr(one, "about", "")) else name for name, one in recipes.items()
+    )
+    first = next(iter(recipes))
+    option = typer.Option(
+        "--recipe",
+        metavar="NAME",
+        help=f"{about}. The other flags change either.  [default: {first}]",
+        show_default=False,
+    )
+    return inspect.Parameter("recipe", inspect.Parameter.KEYWORD_ONLY, default=first, annotation=Annotated[str, option])
+
+
+def _spellings(parameters: list[inspect.Parameter]) -> dict[str, str]:
+    """Flags of the command's own options, which other fields' errors may name."""
+    names = {}
+    for one in parameters:
+        option = next((mark for mark in get_args(one.annotation)[1:] if isinstance(mark, OptionInfo)), None)
+        if option is not None and "__" not in one.name:
+            given = [text for text in (option.default, *(option.param_decls or ())) if isinstance(text, str)]
+            names[one.name] = next(iter(given), f"--{one.name.replace('_', '-')}").partition("/")[0]
+    return names
+
+
+def _refuse_twins(names: list[tuple[str, str]]) -> None:
+    seen: dict[str, str] = {}
+    for path, flag in names:
+        if seen.setdefault(flag, path) != path:
+            raise ValueError(f"{flag} is the flag of {seen[flag]} and of {path}")
+
+
+def _make(config: type[Config], given: Overrides) -> Config:
+    top = {path: value for path, value in given.items() if "." not in path}
+    return config(**top).with_overrides({path: value for path, value in given.items() if "." in path})
+
+
+def _metavar(kind: object) -> str | None:
+    if get_origin(kind) is Literal:
+        return "|".join(str(choice) for choice in get_args(kind))
+    items = get_args(kind)
+    if get_origin(kind) is tuple and items[-1] is not Ellipsis:
+        return "LOW HIGH" if kind == Range else " ".join(str(_metavar(item)) for item in items)
+    if get_origin(kind) in (list, tuple):
+        return _metavar(items[0])
+    return {int: "N", float: "X", Path: "PATH", str: "TEXT"}.get(kind)  # type: ignore[call-overload]
+
+
+def _as_typer_takes(kind: Any) -> Any:
+    if get_origin(kind) is Literal:
+        return str  # the config checks it, in one line
+    items = get_args(kind)
+    if get_origin(kind) is tuple and items[-1] is Ellipsis:
+        return list[items[0]]  # type: ignore[valid-type]
+    if NoneType in items:
+        raise TypeError(f"{kind}: give its Flag the type that is typed")
+    return kind

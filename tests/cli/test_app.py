@@ -1,0 +1,41 @@
+"""The list of commands: groups, places, and what a mistyped command is told."""
+
+from importlib import import_module
+
+import pytest
+from typer.testing import CliRunner
+
+from toolkit import __version__
+from toolkit.cli import app
+from toolkit.cli.app import GROUPS, list_places
+from toolkit.core.errors import ToolkitError
+
+
+def test_the_help_lists_every_command_once_under_its_group():
+    text = CliRunner().invoke(app, ["--help"], env={"COLUMNS": "80"}).output
+    assert [text.index(f"\n{group}:\n") for group in GROUPS] == sorted(text.index(f"\n{group}:\n") for group in GROUPS)
+    for name, entry in list_places():
+        assert text.count(f"\n  {name} ") == 1
+        assert entry.about in text, "no summary is cut off at 80 columns"
+
+
+@pytest.mark.parametrize(("name", "entry"), list_places())
+def test_every_entry_names_a_function_with_a_docstring(name, entry):
+    module, _, function = entry.place.partition(":")
+    assert getattr(import_module(f"toolkit.cli.{module}"), function).__doc__, name
+
+
+def test_a_mistyped_command_is_answered_by_the_nearest():
+    outcome = CliRunner().invoke(app, ["trian-patch"])
+    assert isinstance(outcome.exception, ToolkitError)
+    assert str(outcome.exception) == "no command called 'trian-patch': did you mean train-patch or train-patches?"
+
+
+def test_the_version_is_printed():
+    assert CliRunner().invoke(app, ["--version"]).output == f"toolkit {__version__}\n"
+
+
+@pytest.mark.parametrize(("typed", "offered"), [("toolkit cap", "capture-sim"), ("toolkit plan --ob", "--object")])
+def test_the_shell_completes_commands_and_options(typed, offered):
+    asked = {"_TOOLKIT_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(len(typed.split()) - 1)}
+    assert offered in CliRunner().invoke(app, [], env=asked, prog_name="toolkit").output

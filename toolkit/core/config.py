@@ -1,0 +1,298 @@
+"""Settings declared once: a config is their flags, their validation, their record and their hash.
+
+    class Sheet(Config):
+        size_px: Annotated[int, Field(ge=8, le=224), Flag()] = Field(100, description="Side of the patch, pixels.")
+
+A config is frozen. A recipe is an instance of it, `with_overrides` makes another one. A config may hold others, and a
+field of one of those is named by its path, such as `affine.share`.
+"""
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields, is_dataclass, replace
+from difflib import get_close_matches
+from hashlib import sha256
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+
+from annotated_types import Ge, Gt, Le, Lt
+from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationError, model_serializer
+from pydantic.fields import FieldInfo
+from pydantic_core import ErrorDetails, core_schema
+
+from toolkit.core.errors import FieldError, ToolkitError, one_of, show_value
+
+Range = tuple[float, float]
+UNITS = {"deg": "°", "mm": " mm", "px": " px", "m": " m", "s": " s"}
+KINDS: dict[object, str] = {int: "a whole number", float: "a number", bool: "on or off", Path: "a file", str: "text"}
+Self = TypeVar("Self", bound="Config")
+
+
+@dataclass(frozen=True)
+class Flag:
+    """Marks a field that has a flag, and holds what only the command line needs to know of it.
+
+    Attributes:
+        name: where it is not the field's own, such as `--rotation` for `rotation_deg`.
+        metavar: what stands for its value in the help, such as `LOW HIGH`.
+        group: heading in the help that it stands under.
+        positional: an argument without a flag.
+        typed: what is typed, where a validator makes the field's own type of it.
+        make: a field that holds a part or None is a switch, `--pose/--no-pose`; this makes the part that it switches
+            on. By default the part's class, without arguments.
+    """
+
+    name: str | None = None
+    metavar: str | None = None
+    group: str = "Options"
+    positional: bool = False
+    typed: object = None
+    make: Callable[[], object] | None = None
+
+
+@dataclass(frozen=True)
+class Expect:
+    """What a field's errors say they expected, where its type and bounds do not say it well: `0 to 16 texels`."""
+
+    words: str
+
+
+@dataclass(frozen=True)
+class Rising:
+    """Bounds of a pair of numbers, lowest first: `Annotated[Range, Rising(0.02, 2)]`."""
+
+    low: float
+    high: float
+
+    def __str__(self) -> str:
+        return f"two rising numbers from {self.low:g} to {self.high:g}"
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> core_schema.CoreSchema:
+        return core_schema.no_info_after_validator_function(self._check, handler(source))
+
+    def _check(self, pair: Range) -> Range:
+        if not self.low <= pair[0] <= pair[1] <= self.high:
+            raise ValueError(f"expected {self}")
+        return pair
+
+
+class Later:
+    """Marks a field that came later: left out of record and hash while it has its default, so that old hashes stay."""
+
+
+class Config(BaseModel):
+    """Frozen, validated settings.
+
+    Raises:
+        FieldError: a field's value cannot be used.
+        ToolkitError: there is no such field.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, arbitrary_types_allowed=True)
+
+    def __init__(self, **values: Any) -> None:
+        try:
+            super().__init__(**values)
+        except ValidationError as error:
+            raise explain(type(self), values, error.errors()[0]) from None
+
+    # pydantic would else run this __init__ for configs within configs, whose errors would lose the outer field's name
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: Callable[["Config"], dict[str, Any]]) -> dict[str, Any]:
+        dumped = dump(self)
+        for name, info in type(self).model_fields.items():
+            if _has(info, Later) and getattr(self, name) == info.get_default(call_default_factory=True):
+                dumped.pop(name, None)
+        return dumped
+
+    def record(self) -> dict[str, Any]:
+        """All settings as JSON holds them; fields declared with `exclude=True` are not among them."""
+        return self.model_dump(mode="json")
+
+    def sha256(self, *inputs: object) -> str:
+        """Hash of the record, after whatever else decides the result, which must be JSON."""
+        return sha256(json.dumps([*inputs, self.record()], sort_keys=True).encode()).hexdigest()
+
+    def with_overrides(self: Self, overrides: Mapping[str, Any] | None = None, /, **by_name: Any) -> Self:
+        """Another config with some fields changed; None leaves a field as it is.
+
+        Args:
+            overrides: path of a field -> its new value. For a field that holds a part or None, True keeps or makes the
+                part and False takes it away.
+            by_name: the same, for fields of this config.
+
+        Raises:
+            FieldError: a value cannot be used, or belongs to a part that does not act.
+        """
+        changes = {path: value for path, value in {**(overrides or {}), **by_name}.items() if value is not None}
+        values = {name: getattr(self, name) for name in type(self).model_fields}
+        below: dict[str, dict[str, Any]] = {}
+        for path, value in changes.items():
+            name, _, rest = path.partition(".")
+            if rest:
+                below.setdefault(name, {})[rest] = value
+            elif isinstance(value, bool) and (make := part_maker(type(self), name)) is not None:
+                values[name] = (values[name] or make()) if value else None
+            else:
+                values[name] = value
+        for name, some in below.items():
+            values[name] = _override_part(name, values.get(name), some)
+        return type(self)(**values)
+
+    def rows(self) -> list[tuple[str, str]]:
+        """(name, value) of every setting, in words; a part in one line, and what is None left out."""
+        held = [(name, getattr(self, name)) for name in type(self).model_fields]
+        return [(name.replace("_", " "), describe(value, name)) for name, value in held if value is not None]
+
+
+def explain(config: type[Config], values: Mapping[str, Any], error: ErrorDetails) -> ToolkitError:
+    """One validation error of pydantic's in the project's words."""
+    names: list[str] = []
+    info: FieldInfo | None = None
+    found: object = values
+    owner: type[Config] | None = config
+    for step in error["loc"]:
+        if owner is None or step not in owner.model_fields:
+            continue  # the number of an item, or the tag of a union's member
+        name = str(step)
+        info, found = owner.model_fields[name], found.get(name) if isinstance(found, Mapping) else None
+        names.append(name)
+        owner = next((kind for kind in _members(info.annotation) if _is_config(kind)), None)
+    if error["type"] == "extra_forbidden":
+        return one_of("setting", str(error["loc"][-1]), list((owner or config).model_fields))
+    path = ".".join(names)
+    if info is None:
+        return ToolkitError(str(error["msg"]).removeprefix("Value error, "))
+    if error["type"] == "missing":
+        return FieldError(f"{{{path}}}: expected {expected_of(info) or 'a value'}; it has no default", {})
+    if error["type"] == "value_error":
+        return FieldError(str(error["ctx"]["error"]), {path: found})
+    words = expected_of(info, found) or error["msg"].replace("Input should be ", "")
+    return FieldError(f"expected {words}", {path: found})
+
+
+def expected_of(info: FieldInfo, found: object = None) -> str:
+    """What a field can hold, in words, from its type and bounds; of `found` only whether its type is right matters."""
+    for mark in info.metadata:
+        if isinstance(mark, Expect):
+            return mark.words
+        if isinstance(mark, Rising):
+            return str(mark)
+    kind = typed_as(info)
+    if get_origin(kind) is Literal:
+        known = [str(choice) for choice in get_args(kind)]
+        near = get_close_matches(str(found), known, n=1)
+        return _or(known) + (f"; did you mean {near[0]}?" if near else "")
+    words, bounds = KINDS.get(kind, ""), bounds_of(info)
+    return ", ".join(filter(None, [words, bounds])) if not bounds or isinstance(found, str) else bounds
+
+
+def bounds_of(info: FieldInfo) -> str:
+    """A number's bounds in words: `8 to 224`, `at least 2`, `above 0 and at most 1`; empty where there are none."""
+    low = high = ""
+    for mark in info.metadata:
+        match mark:
+            case Ge(ge=bound):
+                low = f"at least {bound:g}"
+            case Gt(gt=bound):
+                low = f"above {bound:g}"
+            case Le(le=bound):
+                high = f"at most {bound:g}"
+            case Lt(lt=bound):
+                high = f"below {bound:g}"
+    if low.startswith("at least") and high.startswith("at most"):
+        return f"{low.removeprefix('at least ')} to {high.removeprefix('at most ')}"
+    return " and ".join(filter(None, [low, high]))
+
+
+def typed_as(info: FieldInfo) -> Any:
+    """What a user gives for a field: its type without None, or what its flag says."""
+    flag = flag_of(info)
+    if flag is not None and flag.typed is not None:
+        return flag.typed
+    members = _members(info.annotation)
+    return members[0] if len(members) == 1 else Union[tuple(members)]  # noqa: UP007, the members are values here
+
+
+def flag_of(info: FieldInfo) -> Flag | None:
+    """The mark of a field's flag, where it has one."""
+    return next((mark for mark in info.metadata if isinstance(mark, Flag)), None)
+
+
+def part_maker(config: type[Config], name: str) -> Callable[[], object] | None:
+    """What makes the part that a field holds while it is switched on; None for a field that is no switch."""
+    info = config.model_fields.get(name)
+    if info is None or NoneType not in get_args(info.annotation):
+        return None
+    flag = flag_of(info)
+    if flag is not None and flag.make is not None:
+        return flag.make
+    return next((kind for kind in _members(info.annotation) if _is_part(kind)), None)
+
+
+def describe(value: object, name: str = "") -> str:
+    """A setting's value in words, with the unit that its name ends in; a part's fields, its probabilities last."""
+    if isinstance(value, Config) or (is_dataclass(value) and not isinstance(value, type)):
+        if hasattr(value, "describe"):
+            return str(value.describe())
+        names = list(type(value).model_fields) if isinstance(value, Config) else [one.name for one in fields(value)]
+        names.sort(key=lambda name: name.endswith("probability"))
+        return ", ".join(f"{_words(one)} {describe(getattr(value, one), one)}" for one in names)
+    unit = UNITS.get(name.rpartition("_")[2], "")
+    if isinstance(value, tuple) and len(value) == 2 and all(isinstance(item, int | float) for item in value):
+        return f"{value[0]:g} to {value[1]:g}{unit}"
+    if isinstance(value, tuple | list):
+        return ", ".join(describe(item) for item in value)
+    return f"{value:.4g}{unit}" if isinstance(value, float) else f"{show_value(value)}{unit}"
+
+
+def align_rows(rows: list[tuple[str, str]]) -> list[str]:
+    """`name  value` lines, the values below each other."""
+    width = max((len(name) for name, _ in rows), default=0)
+    return [f"  {name:<{width}}  {value}" for name, value in rows]
+
+
+def _override_part(name: str, part: object, changes: Mapping[str, Any]) -> object:
+    if part is None:
+        first = next(iter(changes))
+        raise FieldError(f"expected together with {{{name}}}, which is off", {f"{name}.{first}": changes[first]})
+    try:
+        if isinstance(part, Config):
+            return part.with_overrides(changes)
+        if is_dataclass(part) and not isinstance(part, type):
+            return replace(part, **changes)
+    except FieldError as error:
+        raise error.within(name) from None
+    raise ToolkitError(f"{name} has no settings of its own")
+
+
+def _members(annotation: object) -> list[Any]:
+    if get_origin(annotation) is Annotated:
+        return _members(get_args(annotation)[0])
+    if get_origin(annotation) in (Union, UnionType):
+        return [kind for one in get_args(annotation) if one is not NoneType for kind in _members(one)]
+    return [annotation]
+
+
+def _is_config(kind: object) -> bool:
+    return isinstance(kind, type) and issubclass(kind, Config)
+
+
+def _is_part(kind: object) -> bool:
+    return isinstance(kind, type) and (is_dataclass(kind) or issubclass(kind, Config))
+
+
+def _has(info: FieldInfo, mark: type) -> bool:
+    return any(one is mark or isinstance(one, mark) for one in info.metadata)
+
+
+def _words(name: str) -> str:
+    head, _, unit = name.rpartition("_")
+    return (head if unit in UNITS and head else name).replace("_", " ")
+
+
+def _or(words: list[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} or {words[-1]}"
