@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -66,7 +66,9 @@ def cut_shards(images: ImageSet, size: int) -> Iterable[Shard]:
         yield Shard(part, tuple(images.hash_image(one.id) for one in part))
 
 
-def make_key(shard: Shard, variant: Variant, answerer: Answerer, cell: Cell, placement: Placement, seed: int) -> str:
+def make_key(
+    shard: Shard, variant: Variant, answerer: Answerer, cell: Cell, placement: Placement, seed: int
+) -> str:
     """Hash of everything that the answers of a cell to a shard depend on."""
     how = variant.classifier.preprocessing
     patches = variant.patches
@@ -77,7 +79,7 @@ def make_key(shard: Shard, variant: Variant, answerer: Answerer, cell: Cell, pla
         given = [cell.corruption, cell.severity, CORRUPTIONS[cell.corruption].parameters[chosen][cell.severity - 1]]
     inputs = [
         METHOD_VERSION, [[one.id, one.class_index] for one in shard.images], shard.hashes, how.describe(), pictures,
-        None if patches is None else asdict(placement), None if patches is given is None else seed, given,
+        None if patches is None else placement.model_dump(), None if patches is given is None else seed, given,
         answerer.address,
     ]  # fmt: skip
     return sha256_bytes(json.dumps(inputs).encode())
