@@ -179,7 +179,7 @@ def batch_views(
     )  # fmt: skip
 
     def gather(name: str, kind: type) -> torch.Tensor:
-        rows = np.concatenate([getattr(view, name) for view in views]).astype(kind)
+        rows: np.ndarray = np.concatenate([getattr(view, name) for view in views]).astype(kind)
         return torch.from_numpy(rows).to(device)
 
     return ViewBatch(
