@@ -261,7 +261,7 @@ def test_a_run_writes_it_to_summary_and_report(workspace, put, colour_classifier
         for variant, labels in variants.items():
             for i, label in enumerate(labels, 1):
                 put(f"{source}/racer/{variant}/pose_{i:02d}.png", label)
-    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     (entry,) = json.loads((result.run_dir / "summary.json").read_text())["sim_real"]
     assert (entry["sim"], entry["real"], entry["n"], entry["unmatched_sim"]) == ("sim", "real", 6, [])
     row = next(row for row in entry["rows"] if (row["object"], row["variant"]) == ("racer", "patched"))
@@ -281,6 +281,6 @@ def test_a_run_writes_it_to_summary_and_report(workspace, put, colour_classifier
 
 def test_a_run_without_photographs_says_nothing_of_them(workspace, put, colour_classifier):
     put("sim/racer/patched/pose_01.png", "racer")
-    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     assert json.loads((result.run_dir / "summary.json").read_text())["sim_real"] == []
     assert "sim-real" not in result.report_file.read_text()

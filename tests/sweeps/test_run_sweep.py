@@ -15,7 +15,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.rig.plan import read_plan, write_plan
 from toolkit.sweeps import sweep as sweeps
-from toolkit.sweeps.axes import AXES
+from toolkit.sweeps.config import SweepConfig
 from toolkit.sweeps.sweep import run_sweep
 
 
@@ -35,7 +35,8 @@ def after(swept, tmp_path):
 
 
 def sweep(space, redness, axis, values, **more):
-    return run_sweep(space, AXES[axis], values, make_base(space), ["crate"], redness, quiet=True, **more)
+    config = SweepConfig(axis=axis, values=values, objects=["crate"], **more)
+    return run_sweep(space, config, redness, make_base(space))
 
 
 def image(space, axis, label, variant, pose=1):

@@ -59,7 +59,7 @@ def corrupt_eval(
     from toolkit.boosters.place_patches import Placement
     from toolkit.core.workspace import open_workspace
     from toolkit.corruptions.request import parse_corruptions
-    from toolkit.evaluation.evaluate import check_run_name
+    from toolkit.evaluation.config import check_run_name
     from toolkit.models.load import load_classifier
     from toolkit.training.image_set import choose_classes, open_images
 

@@ -7,9 +7,10 @@ from difflib import get_close_matches
 from pathlib import Path
 
 from toolkit.captures.corrupt import Corruption, name_source
-from toolkit.captures.read import Capture, CaptureFolder, Selection, read_captures
+from toolkit.captures.read import Capture, CaptureFolder, read_captures
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
+from toolkit.evaluation.config import EvalConfig
 from toolkit.models.network import Classifier
 from toolkit.objects.spec import read_spec
 
@@ -18,8 +19,7 @@ def read_dataset(
     captures_dir: Path,
     workspace: Workspace,
     classifier: Classifier,
-    selection: Selection | None = None,
-    corruptions: Sequence[Corruption] = (),
+    config: EvalConfig,
 ) -> tuple[CaptureFolder, dict[str, int]]:
     """The images to classify, and the true class of every object among them.
 
@@ -29,15 +29,14 @@ def read_dataset(
         captures_dir: `captures/`, one of its sources, one object's folder, or an ImageFolder.
         workspace: whose object specs say what each object is.
         classifier: whose classes are meant.
-        selection: the sources, objects and variants that are meant; all by default.
-        corruptions: (name, severity) of each under which the images are classified once more.
+        config: which sources, objects and variants are meant, and under which corruptions besides.
 
     Raises:
         ToolkitError: no images, no object whose class the network knows, a folder that is no object, or a broken
             manifest.
     """
-    folder = leave_out_unknown(read_captures(captures_dir, selection), workspace, classifier)
-    folder = add_corrupted(folder, corruptions)
+    folder = leave_out_unknown(read_captures(captures_dir, config.selection), workspace, classifier)
+    folder = add_corrupted(folder, config.corruptions)
     return folder, find_true_classes(folder, workspace, classifier)
 
 

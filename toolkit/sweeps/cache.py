@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.captures.read import Capture
-from toolkit.core.console import progress
+from toolkit.core.console import progress, quietly
 from toolkit.core.files import sha256_file
 from toolkit.core.records import RecordLog
 from toolkit.evaluation.predict import Prediction, predict_captures
@@ -35,8 +35,7 @@ class CachedPrediction(BaseModel):
 
 
 def predict_once(
-    captures: Sequence[Capture], true_classes: dict[str, int], classifier: Classifier, cache_file: Path,
-    quiet: bool = False,
+    captures: Sequence[Capture], true_classes: dict[str, int], classifier: Classifier, cache_file: Path
 ) -> tuple[list[Prediction], int]:  # fmt: skip
     """`predict_captures`, asking the network only about images it has not seen.
 
@@ -55,9 +54,9 @@ def predict_once(
     # the same image may stand for several values: the first to come is asked about
     todo = list({key: at for at, key in reversed(list(enumerate(keys))) if key not in cached}.values())[::-1]
     unread: dict[str, Prediction] = {}
-    with progress("classifying", len(captures), quiet, done=len(captures) - len(todo)) as bar:
+    with progress("classifying", len(captures), done=len(captures) - len(todo)) as bar, quietly():
         for chunk in _chunks(todo):
-            predictions = predict_captures([captures[at] for at in chunk], true_classes, classifier, quiet=True)
+            predictions = predict_captures([captures[at] for at in chunk], true_classes, classifier)
             new = [(keys[at], one) for at, one in zip(chunk, predictions, strict=True)]
             unread |= {key: one for key, one in new if not one.is_read}
             rows = [_row(key, one) for key, one in new if one.is_read]
