@@ -149,7 +149,7 @@ def draw_mounted(
     rng = draws.of("mounted")
     which = rng.choice(len(views), count, replace=count > len(views))
     corners = rng.integers(0, views.batch.still.shape[1] - image_px + 1, (count, 2))
-    return lambda patch: show_mounted(patch, views, which, corners, image_px, rng)
+    return lambda patch: show_mounted(patch, views, which, corners, image_px, rng=rng)
 
 
 def validate_mounted(
