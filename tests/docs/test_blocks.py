@@ -183,7 +183,8 @@ def shot_space(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from toolkit.core.workspace import make_workspace
     from toolkit.objects.load import load_object
     from toolkit.rig.camera import Camera
-    from toolkit.rig.plan import Pattern, make_plan, write_plan
+    from toolkit.rig.pattern import Pattern
+    from toolkit.rig.plan import make_plan, write_plan
 
     space = make_workspace(tmp_path_factory.mktemp("docs") / "lab")
     put_light_warplane(space.root)
