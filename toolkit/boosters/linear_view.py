@@ -140,7 +140,8 @@ class ViewBatch:
         import torch
 
         width, starts = self.still.shape[2], np.cumsum([0, *self.counts]).tolist()
-        still, pixels, chosen = [], [], []
+        still, pixels = [], []
+        chosen: list[slice | torch.Tensor] = []
         for view, (top, left) in zip(which.tolist(), corners.tolist(), strict=True):
             still.append(self.still[view, top : top + side, left : left + side])
             span = slice(starts[view], starts[view + 1])
