@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from toolkit.benchmark.cells import CLEAN
+from toolkit.benchmark.config import CLEAN
 from toolkit.benchmark.summary import Summary, read_summary
 from toolkit.core.files import write_text
 from toolkit.core.workspace import Workspace

@@ -8,7 +8,7 @@ import pytest
 from made_answers import make_benchmark
 from scipy.stats import binomtest
 
-from toolkit.benchmark.cells import CLEAN
+from toolkit.benchmark.config import CLEAN
 from toolkit.benchmark.grid import Benchmark, CellRanks
 from toolkit.benchmark.metrics import ALEXNET_ERRORS, summarise
 from toolkit.benchmark.recognisers import NETWORK, READER

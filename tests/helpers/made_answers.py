@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from toolkit.benchmark.cells import CLEAN
+from toolkit.benchmark.config import CLEAN
 from toolkit.benchmark.grid import Benchmark, CellRanks
 from toolkit.benchmark.recognisers import NETWORK, READER
 from toolkit.corruptions.catalogue import CORRUPTIONS

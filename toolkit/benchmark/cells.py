@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from toolkit.benchmark.config import CorruptEvalConfig
+from toolkit.benchmark.config import NOT_CORRUPTED, Condition, CorruptEvalConfig
 from toolkit.benchmark.recognisers import Recogniser
 from toolkit.benchmark.variants import Variant
 from toolkit.boosters.place_patches import boost_images
@@ -24,10 +24,6 @@ from toolkit.training.image_set import ImageSet, LabelledImage
 if TYPE_CHECKING:
     import torch
 
-CLEAN = "clean"
-Condition = tuple[str, int]
-"""(corruption, severity) of the images in a cell; `clean` and 0 where they are not corrupted."""
-NOT_CORRUPTED: Condition = (CLEAN, 0)
 METHOD_VERSION = 1
 """Raised when the same inputs give other ranks, as after a change to a corruption."""
 FAILED = -1

@@ -9,6 +9,11 @@ from toolkit.core.config import Config, Flag
 from toolkit.corruptions.request import parse_corruptions
 from toolkit.evaluation.config import Corruptions, RunName
 
+CLEAN = "clean"
+Condition = tuple[str, int]
+"""(corruption, severity) of the images in a cell; `clean` and 0 where they are not corrupted."""
+NOT_CORRUPTED: Condition = (CLEAN, 0)
+
 
 class CorruptEvalConfig(Config):
     """One run of the corruption benchmark; see `evaluate_benchmark`."""
@@ -16,10 +21,11 @@ class CorruptEvalConfig(Config):
     patches: Annotated[tuple[str, ...], Flag(metavar="SET[@MODEL]")] = Field(
         (), description="Patch set below print/patches, repeatable; SET@MODEL is answered by another classifier."
     )
-    corruptions: Annotated[Corruptions, Flag("--corruption", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = Field(
-        default_factory=lambda: parse_corruptions(["common"]),
-        description="NAME[:SEVERITY], a family, common (15) or all (19); fog:3, noise:1-3. Repeatable. "
-        "Default: common.",
+    corruptions: Annotated[
+        Corruptions | None, Flag("--corruption", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])
+    ] = Field(
+        None,
+        description="A corruption, a family, common (15) or all (19); fog:3, noise:1-3. Repeatable. Default: common.",
     )
     classes: Annotated[tuple[str, ...], Flag("--class", metavar="NAME")] = Field(
         (), description="Label, index or WordNet id. Default: all with images and patches."
@@ -32,3 +38,8 @@ class CorruptEvalConfig(Config):
         None, description="Of the results folder. Default: the data's and the model's."
     )
     seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Same seed, same bytes on the same machine.")
+
+    @property
+    def conditions(self) -> list[Condition]:
+        """Not corrupted, then the corruptions."""
+        return [NOT_CORRUPTED, *(parse_corruptions(["common"]) if self.corruptions is None else self.corruptions)]

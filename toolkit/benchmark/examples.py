@@ -5,7 +5,8 @@ from io import BytesIO
 
 import numpy as np
 
-from toolkit.benchmark.cells import NOT_CORRUPTED, Condition, Shard, apply_variant, corrupt_images, load_shard
+from toolkit.benchmark.cells import Shard, apply_variant, corrupt_images, load_shard
+from toolkit.benchmark.config import NOT_CORRUPTED, Condition
 from toolkit.benchmark.grid import Benchmark, Grid
 from toolkit.benchmark.variants import Variant
 
@@ -34,7 +35,7 @@ def draw_examples(grid: Grid, benchmark: Benchmark) -> bytes:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    chosen, conditions = benchmark.ids[len(benchmark.ids) // 2], choose_conditions(grid.config.corruptions)
+    chosen, conditions = benchmark.ids[len(benchmark.ids) // 2], choose_conditions(grid.config.conditions[1:])
     number = benchmark.ids.index(chosen)
     image = next(one for one in grid.images.images if one.id == chosen)
     shard = Shard((image,), ("",))

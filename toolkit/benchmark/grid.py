@@ -11,8 +11,6 @@ import numpy as np
 from toolkit import __version__
 from toolkit.benchmark.cells import (
     FAILED,
-    NOT_CORRUPTED,
-    Condition,
     Shard,
     append_cells,
     apply_variant,
@@ -22,7 +20,7 @@ from toolkit.benchmark.cells import (
     rank_images,
     read_cells,
 )
-from toolkit.benchmark.config import CorruptEvalConfig
+from toolkit.benchmark.config import Condition, CorruptEvalConfig
 from toolkit.benchmark.variants import Variant
 from toolkit.boosters.place_patches import is_whole
 from toolkit.core.console import progress
@@ -51,11 +49,6 @@ class Grid:
     images: ImageSet
     variants: tuple[Variant, ...]
     config: CorruptEvalConfig
-
-    @property
-    def conditions(self) -> list[Condition]:
-        """Not corrupted, then the corruptions."""
-        return [NOT_CORRUPTED, *self.config.corruptions]
 
     @property
     def name(self) -> str:
@@ -132,7 +125,7 @@ def run_grid(grid: Grid, cells_file: Path, notes: Sequence[str] = ()) -> Benchma
             (v, condition, r): make_key(shard, variant, recogniser, condition, grid.config)
             for v, variant in enumerate(grid.variants)
             for r, recogniser in enumerate(variant.recognisers)
-            for condition in grid.conditions
+            for condition in grid.config.conditions
         }
         for shard in shards
     ]
@@ -211,11 +204,11 @@ def _collect(
         CellRanks(variant.name, recogniser.name, recogniser.kind, *condition, ranks=joined[v, condition, r][usable])
         for v, variant in enumerate(grid.variants)
         for r, recogniser in enumerate(variant.recognisers)
-        for condition in grid.conditions
+        for condition in grid.config.conditions
     ]
     classes = np.array([one.class_index for one in images])[usable]
     ids = tuple(one.id for one, ok in zip(images, usable, strict=True) if ok)
-    note = find_note(list(dict.fromkeys(name for name, _ in grid.config.corruptions)))
+    note = find_note(list(dict.fromkeys(name for name, _ in grid.config.conditions[1:])))
     return Benchmark(
         about=describe(grid, ids),
         ids=ids,

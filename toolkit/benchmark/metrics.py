@@ -6,7 +6,7 @@ from math import sqrt
 
 import numpy as np
 
-from toolkit.benchmark.cells import CLEAN, NOT_CORRUPTED, Condition
+from toolkit.benchmark.config import CLEAN, NOT_CORRUPTED, Condition
 from toolkit.benchmark.grid import Benchmark
 from toolkit.benchmark.recognisers import NOT_DECODED, READER, RIGHT, WRONG
 from toolkit.benchmark.summary import Against, Cell, CorruptionMean, Difference, Summary, VariantMean

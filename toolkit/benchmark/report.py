@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from toolkit.benchmark.cells import CLEAN, NOT_CORRUPTED
+from toolkit.benchmark.config import CLEAN, NOT_CORRUPTED
 from toolkit.benchmark.figures import draw_overview, draw_variant
 from toolkit.benchmark.grid import Benchmark
 from toolkit.benchmark.metrics import summarise
