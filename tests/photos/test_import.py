@@ -12,9 +12,9 @@ from toolkit.captures.manifest import read_manifest
 from toolkit.captures.read import read_captures
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
-from toolkit.photos.importing.decide import Decision, Doubt
-from toolkit.photos.importing.evidence import Target
-from toolkit.photos.importing.photos import import_photos
+from toolkit.photos.importing.import_photos import import_photos
+from toolkit.photos.importing.index import CaptureKey
+from toolkit.photos.importing.match import Decision, Doubt
 from toolkit.photos.importing.settings import ImportSettings
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.plan import read_plan
@@ -152,10 +152,10 @@ def test_the_board_against_the_order_is_a_doubt_only_where_the_order_was_followe
 def test_the_nearest_render_is_asked_last_and_only_when_sure(space, folder):
     asked = []
 
-    def by_render(studied, group):
-        asked.append(studied.candidate.label)
-        if studied.candidate.label == "a.jpg":
-            return Decision(Target(*group, 2), "render")
+    def by_render(evidence, group):
+        asked.append(evidence.candidate.label)
+        if evidence.candidate.label == "a.jpg":
+            return Decision(CaptureKey(*group, 2), "render")
         return Doubt("it looks like pose 1 and pose 3")
 
     take(folder / "a.jpg", 1), take(folder / "b.jpg", 2), take(folder / "pose_4.jpg", 3)

@@ -5,9 +5,9 @@ import pytest
 from toolkit.captures.manifest import read_manifest
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes
-from toolkit.photos.importing.photos import import_photos
+from toolkit.photos.importing.import_photos import import_photos
+from toolkit.photos.importing.index import REPLACED
 from toolkit.photos.importing.settings import ImportSettings
-from toolkit.photos.importing.store import REPLACED
 from toolkit.studio.session import open_session
 
 
@@ -71,7 +71,7 @@ def test_a_lost_answer_may_be_asked_for_again(desk, photo):
 
 def test_a_kill_between_keeping_and_clearing_up_is_no_retake(desk, photo, reopen):
     desk.send(1, photo())
-    waiting = desk.session.places.find_waiting(desk.session.find_step(1))
+    waiting = desk.session.folders.find_waiting(desk.session.find_step(1))
     content, name = waiting.read_bytes(), waiting.name
     desk.keep(1, sha256_bytes(content))
     waiting.parent.mkdir(parents=True, exist_ok=True)

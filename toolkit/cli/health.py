@@ -36,9 +36,14 @@ class Check:
     mend: str = ""
 
 
-def check_machine(folder: Path) -> list[Check]:
-    """All checks; `folder` is where a workspace is or would be."""
-    return [_python(), _packages(), _open3d(), _egl(), _disk(folder), _weights(), _bundled(), _gpu()]
+def check_machine(folder: Path | None = None) -> list[Check]:
+    """What the kit needs from this machine, each with what was found and the line that mends it.
+
+    Args:
+        folder: where a workspace is or would be, for its free disk space; by default the current one.
+    """
+    where = Path.cwd() if folder is None else folder
+    return [_python(), _packages(), _open3d(), _egl(), _disk(where), _weights(), _bundled(), _gpu()]
 
 
 def _python() -> Check:

@@ -2,74 +2,61 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 from toolkit.captures.manifest import CaptureRecord, write_transforms
 from toolkit.core.console import progress
-from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
-from toolkit.photos.importing.decide import Decision, Doubt, check_settings, refuse_captures
-from toolkit.photos.importing.evidence import Locate, Target, locate_by_board
+from toolkit.photos.importing.evidence import collect_evidence
 from toolkit.photos.importing.gather import Gathered, gather_photos
-from toolkit.photos.importing.settings import ImportSettings
-from toolkit.photos.importing.settle import Ask, ByRender, Settled, settle_photos
-from toolkit.photos.importing.store import (
-    Check,
-    Ledger,
-    describe_before,
-    is_whole,
-    list_poses,
-    read_ledger,
-    store_photo,
-)
-from toolkit.photos.importing.study import Studied, study_photos
-from toolkit.photos.photo import load_pixels
+from toolkit.photos.importing.index import SourceIndex, describe_imported, index_source, is_whole, list_poses
+from toolkit.photos.importing.locate import Locate, locate_by_board
+from toolkit.photos.importing.match import MatchRender, make_render_matcher
+from toolkit.photos.importing.resolve import Ask, Resolved, resolve_photos
+from toolkit.photos.importing.settings import FOLDER_NAME, ImportSettings
+from toolkit.photos.importing.store import Check, store_photo
 from toolkit.rig.plan import CapturePlan, open_plan
 from toolkit.rig.shot_order import ShotStep, read_shots
-from toolkit.rig.variants import PAIR, VARIANTS, dress, find_booster
+from toolkit.rig.variants import PAIR, VARIANTS, find_booster
 
 
-def rank_by_render(workspace: Workspace, plan: CapturePlan) -> ByRender:
-    """A function that compares a photograph with renders of its object, which are made once per object and variant."""
-    from toolkit.photos.match_render import PoseTemplates, make_templates, match_by_render
+def check_settings(workspace: Workspace, settings: ImportSettings) -> list[str]:
+    """Check names; returns notes for the user.
 
-    made: dict[tuple[str, str], PoseTemplates | str] = {}
-
-    def rank(studied: Studied, group: tuple[str, str]) -> Decision | Doubt:
-        if group not in made:
-            try:
-                made[group] = make_templates(_dressed(workspace, *group), plan.camera, plan.objects[group[0]])
-            except ToolkitError as error:
-                made[group] = str(error)
-        templates = made[group]
-        why = studied.evidence.no_board
-        if isinstance(templates, str):
-            return Doubt(f"{why}, and no render can be made: {templates}")
-        try:
-            match = match_by_render(load_pixels(studied.candidate.photo), templates)
-        except UnreadableImage as error:
-            return Doubt(error.reason)
-        best = Target(*group, match.pose_id)
-        if not match.ambiguous:
-            return Decision(best, "render")
-        if match.runner_up is None:
-            return Doubt(f"{why}, and it does not look like the render of its pose", (best,))
-        reason = (
-            f"{why}, and it looks about as much like the render of pose {match.pose_id} ({match.score:.2f}) as of "
-            f"pose {match.runner_up} ({match.ranking[1][1]:.2f})"
-        )
-        return Doubt(reason, (best, Target(*group, match.runner_up)))
-
-    return rank
+    Raises:
+        ToolkitError: an unknown object, or a variant that is a misspelling of a known one.
+    """
+    if settings.object is not None:
+        workspace.object_spec(settings.object)
+    variant = settings.variant
+    if variant is None or variant in VARIANTS:
+        return []
+    if not FOLDER_NAME.fullmatch(variant):
+        raise FieldError("expected a name of letters, digits, '-', '_' and '.'", {"variant": variant})
+    known = [*VARIANTS, *workspace.patches(), *workspace.textures()]
+    if variant not in known and get_close_matches(variant, known, n=1, cutoff=0.8):
+        raise one_of("variant", variant, known)
+    return [f"variant '{variant}' is none that the kit knows: nothing is recorded of what is on the object"]
 
 
-def _dressed(workspace: Workspace, name: str, variant: str):
-    item = load_object(workspace.object_spec(name))
-    booster = find_booster(workspace, item, variant) if variant in VARIANTS else None
-    return dress(item, booster)
+def refuse_captures(workspace: Workspace, paths: list[Path]) -> None:
+    """Check that no photograph would be imported from the captures themselves.
+
+    Raises:
+        ToolkitError: a path lies in the workspace's captures/, or holds it.
+    """
+    captures = workspace.captures_dir.resolve()
+    for path in paths:
+        real = Path(path).resolve()
+        if real.is_relative_to(captures) or captures.is_relative_to(real):
+            raise ToolkitError(
+                f"{path} is, holds or lies in {captures}: name the folder that the camera's photos are in"
+            )
 
 
 @dataclass(frozen=True)
@@ -94,13 +81,13 @@ class Coverage:
 
 
 def measure_coverage(
-    ledger: Ledger, whole: Sequence[CaptureRecord], plan: CapturePlan, imported: Sequence[CaptureRecord],
+    index: SourceIndex, whole: Sequence[CaptureRecord], plan: CapturePlan, imported: Sequence[CaptureRecord],
     name: str | None = None,
 ) -> tuple[Coverage, ...]:  # fmt: skip
     """Count poses of each object that has images in the source, in each variant that it has and in the pair.
 
     Args:
-        ledger: of the source.
+        index: of the source.
         whole: records of its images.
         plan: says which poses there should be.
         imported: records that came now.
@@ -117,7 +104,7 @@ def measure_coverage(
             continue
         ids = [pose.id for pose in plan.objects[object_name]]
         for variant in (*PAIR, *sorted(set(found) - set(PAIR))):
-            there = list_poses(ledger, object_name, variant, ids)
+            there = list_poses(index, object_name, variant, ids)
             own = [record for record in whole if (record.object, record.variant) == (object_name, variant)]
             now = [record for record in imported if (record.object, record.variant) == (object_name, variant)]
             rows.append(
@@ -189,7 +176,7 @@ class ImportResult:
 def import_photos(
     workspace: Workspace, paths: Sequence[Path], settings: ImportSettings | None = None, *,
     locate: Locate | None = None, check: Check | None = None, ask: Ask | None = None,
-    by_render: ByRender | None = None, quiet: bool = False,
+    by_render: MatchRender | None = None, quiet: bool = False,
 ) -> ImportResult:  # fmt: skip
     """Import photographs into captures/SOURCE; what was imported before stays, what is in doubt is not guessed.
 
@@ -218,26 +205,24 @@ def import_photos(
     plan = open_plan(workspace, [settings.object] if settings.object else None)
     steps = _read_steps(workspace, plan, settings, notes)
     gathered = gather_photos(paths, settings.every_s, quiet)
-    ledger = read_ledger(workspace.captures_dir / settings.source)
+    index = index_source(workspace.captures_dir / settings.source)
     _check_pose(plan, settings, gathered)
-    studied = study_photos(
-        gathered.candidates, plan, steps, ledger, settings, locate or locate_by_board(workspace), quiet
-    )
-    by_render = by_render or rank_by_render(workspace, plan)
-    settled, refused = settle_photos(studied, plan, ledger, settings, ask, by_render)
-    imported, broken = _store_all(workspace, ledger, settled, settings, check, quiet, notes)
-    before = [(one.label, where) for one in gathered.candidates if (where := describe_before(ledger, one.photo))]
-    if any(one.decision.matched_by == "order" for one in settled) and not gathered.by_time:
+    locate, by_render = locate or locate_by_board(workspace), by_render or make_render_matcher(workspace, plan)
+    evidence = collect_evidence(gathered.candidates, plan, steps, index, settings, locate, quiet)
+    resolved, refused = resolve_photos(evidence, plan, index, settings, ask, by_render)
+    imported, broken = _store_all(workspace, index, resolved, settings, check, quiet, notes)
+    before = [(one.label, where) for one in gathered.candidates if (where := describe_imported(index, one.photo))]
+    if any(decision.matched_by == "order" for _, decision in resolved) and not gathered.by_time:
         notes.append("the photographs carry no time: their order is that of their names")
     if gathered.others:
         more = f" and {len(gathered.others) - SHOWN_OTHERS} more" if len(gathered.others) > SHOWN_OTHERS else ""
         notes.append(f"no photographs by their names, left alone: {', '.join(gathered.others[:SHOWN_OTHERS])}{more}")
-    after = read_ledger(ledger.source_dir)
-    whole = [record for _, record in sorted(after.records.items()) if is_whole(ledger.source_dir, record)]
+    after = index_source(index.source_dir)
+    whole = [record for _, record in sorted(after.records.items()) if is_whole(index.source_dir, record)]
     if whole:
-        write_transforms(ledger.source_dir, whole)
+        write_transforms(index.source_dir, whole)
     return ImportResult(
-        ledger.source_dir, tuple(imported), tuple(before), gathered.duplicates,
+        index.source_dir, tuple(imported), tuple(before), gathered.duplicates,
         (*gathered.unreadable, *refused, *broken), measure_coverage(after, whole, plan, imported, settings.object),
         tuple(dict.fromkeys(notes)),
     )  # fmt: skip
@@ -267,32 +252,32 @@ def _check_pose(plan: CapturePlan, settings: ImportSettings, gathered: Gathered)
 
 
 def _store_all(
-    workspace: Workspace, ledger: Ledger, settled: Sequence[Settled], settings: ImportSettings, check: Check | None,
-    quiet: bool, notes: list[str],
+    workspace: Workspace, index: SourceIndex, resolved: Sequence[Resolved], settings: ImportSettings,
+    check: Check | None, quiet: bool, notes: list[str],
 ) -> tuple[list[CaptureRecord], list[tuple[str, str]]]:  # fmt: skip
     """Store photographs one by one; returns their records, and (label, reason) of those that broke meanwhile."""
     boosters: dict[tuple[str, str], str | None] = {}
     records: dict[str, CaptureRecord] = {}
     broken: list[tuple[str, str]] = []
     copied = False
-    with progress("importing", len(settled), quiet) as bar:
-        for one in settled:
-            candidate, target = one.studied.candidate, one.decision.target
-            group = (target.object, target.variant)
+    with progress("importing", len(resolved), quiet) as bar:
+        for evidence, decision in resolved:
+            candidate, key = evidence.candidate, decision.key
+            group = (key.object, key.variant)
             if group not in boosters:
                 boosters[group] = _hash_booster(workspace, *group, notes)
             try:
-                stored = store_photo(
-                    ledger, candidate, one.decision, one.studied.evidence, boosters[group], check, settings.link
+                record, linked = store_photo(
+                    index, evidence, decision, boosters[group], check=check, link=settings.link
                 )
             except UnreadableImage as error:
                 broken.append((candidate.label, error.reason))
             except FileNotFoundError:
                 broken.append((candidate.label, "it is gone since it was read"))
             else:
-                records[stored.record.path] = ledger.records[stored.record.path] = stored.record
-                copied |= settings.link and not stored.linked
-            bar.advance(note=str(target))
+                records[record.path] = index.records[record.path] = record
+                copied |= settings.link and not linked
+            bar.advance(note=str(key))
     if copied:
         notes.append(
             "some photographs were copied, not linked: raw previews, frames of videos, or files of another disk"

@@ -1,26 +1,22 @@
 """The printed patch in a photograph: whether it is there, which one it is, where it lies, and how much of it shows."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
-from toolkit.photos.sheet.align import (
+from toolkit.photos.prints.align import (
     FLAT,
     UNIT_CORNERS,
-    Placement,
+    PatchWarp,
     agreement,
     align,
-    fit_placement,
+    fit_warp,
     is_plausible,
     patch_values,
     sample_image,
 )
-from toolkit.photos.sheet.features import Features, describe_patch, find_features, guess_places
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from toolkit.photos.prints.features import Features, describe_patch, find_features, guess_places
 
 LEAST_CONFIDENCE = 0.45
 """Below it the patch counts as not there. Of 216 of the rig's photos at 640 × 480 (four objects, 18 poses; bare, with
@@ -31,7 +27,7 @@ CELL_SHOWS = 0.4
 SEARCH_PX = 1600
 """Longest side of the photo that is searched; larger ones are shrunk."""
 ALIGN_PX = 220.0
-"""Side at which the patch is laid over the photo: at 100 texels, two pixels each."""
+"""Side at which patch and photo are aligned: at 100 texels, two pixels each."""
 GUESSES = 4
 SURE = 0.8
 """Above it no other place is looked at."""
@@ -52,7 +48,7 @@ class PatchSighting:
             lies nearest.
         inliers: points on the patch that lie within a pixel of where they should.
         confidence: mean correlation of photo and file over the half of the patch that agrees best, at most 1.
-        place: the same with the paper's bend.
+        warp: the same with the paper's bend.
         agreement: (5, 5) correlation by cell of the patch, rows down.
     """
 
@@ -60,7 +56,7 @@ class PatchSighting:
     homography: np.ndarray
     inliers: int
     confidence: float
-    place: Placement
+    warp: PatchWarp
     agreement: np.ndarray
 
     @property
@@ -115,54 +111,36 @@ def find_patch(
     return best if best is not None and best.confidence >= LEAST_CONFIDENCE else None
 
 
-def which_patch(image: np.ndarray | SearchedPhoto, patches: "Mapping[str, np.ndarray]") -> str | None:
-    """The name of the patch in a photograph.
-
-    Args:
-        image: as for `find_patch`.
-        patches: pixels (n, n, 3) uint8 sRGB by name.
-
-    Returns:
-        None where none of them is seen, or two are seen about equally well (within `LEAD`).
-    """
-    photo = image if isinstance(image, SearchedPhoto) else search_photo(image)
-    found = {name: find_patch(photo, pixels) for name, pixels in patches.items()}
-    ranked = sorted(((seen.confidence, name) for name, seen in found.items() if seen is not None), reverse=True)
-    if not ranked or (len(ranked) > 1 and ranked[0][0] - ranked[1][0] < LEAD):
-        return None
-    return ranked[0][1]
-
-
 def rectify_patch(image: np.ndarray, sighting: PatchSighting, n_px: int) -> np.ndarray:
     """(n_px, n_px, 3) uint8: the patch as the photo has it, straightened, the file's upper left corner first."""
     steps = (np.arange(n_px) + 0.5) / n_px
     uv = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
-    scale = min(1.0, n_px / max(sighting.place.side_px, 1.0))
-    at = sighting.place.scaled(scale).to_pixels(uv).reshape(n_px, n_px, 2)
+    scale = min(1.0, n_px / max(sighting.warp.side_px, 1.0))
+    at = sighting.warp.scaled(scale).to_pixels(uv).reshape(n_px, n_px, 2)
     return sample_image(shrink_image(image, scale), at)
 
 
-def _starts(photo: SearchedPhoto, patch_pixels: np.ndarray, expected_px: np.ndarray | None) -> list[list[Placement]]:
+def _starts(photo: SearchedPhoto, patch_pixels: np.ndarray, expected_px: np.ndarray | None) -> list[list[PatchWarp]]:
     """Where to look, in the whole photo's pixels, the likeliest place first; of each, bent and flat."""
-    starts: list[list[Placement]] = []
+    starts: list[list[PatchWarp]] = []
     for guess in guess_places(photo.features, describe_patch(patch_pixels), GUESSES):
-        flat = Placement(np.vstack([guess.affine, [0, 0, 1.0]]), FLAT)
+        flat = PatchWarp(np.vstack([guess.affine, [0, 0, 1.0]]), FLAT)
         near_px = 0.02 * flat.side_px
-        fitted = fit_placement(guess.uv, guess.px, flat, float("inf"), near_px)
-        bent = fit_placement(guess.uv, guess.px, fitted, MATCHES_STIFFNESS, near_px)
+        fitted = fit_warp(guess.uv, guess.px, flat, float("inf"), near_px)
+        bent = fit_warp(guess.uv, guess.px, fitted, MATCHES_STIFFNESS, near_px)
         shape = tuple(round(side * photo.scale) for side in photo.image.shape[:2])
         good = [one.scaled(1 / photo.scale) for one in (bent, fitted, flat) if is_plausible(one, shape)]
         starts.append(good[:2])
     if expected_px is not None:
         corners = np.asarray(expected_px, np.float32)
-        there = Placement(cv2.getPerspectiveTransform(UNIT_CORNERS.astype(np.float32), corners), FLAT)
+        there = PatchWarp(cv2.getPerspectiveTransform(UNIT_CORNERS.astype(np.float32), corners), FLAT)
         if is_plausible(there, photo.image.shape):
             starts.append([there])
     return [start for start in starts if start]
 
 
-def _look(image: np.ndarray, patch_pixels: np.ndarray, starts: list[Placement]) -> PatchSighting | None:
-    """Lay the patch over one place of the photo and say how well it fits; None where it plainly does not."""
+def _look(image: np.ndarray, patch_pixels: np.ndarray, starts: list[PatchWarp]) -> PatchSighting | None:
+    """Align the patch with one place of the photo and measure how well it fits; None where it plainly does not."""
     scale = min(1.0, ALIGN_PX / starts[0].side_px)
     small = shrink_image(image, scale).astype(np.float32) / 255
     colour, grey = patch_values(patch_pixels)
@@ -170,10 +148,10 @@ def _look(image: np.ndarray, patch_pixels: np.ndarray, starts: list[Placement]) 
     likeness, start = max(ranked, key=lambda pair: pair[0])
     if likeness < LEAST_START:
         return None
-    place, inliers = align(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), grey, start)
-    scores = agreement(small, colour, place)
-    place = place.scaled(1 / scale)
-    return PatchSighting(place.corners, place.homography, inliers, _confidence(scores), place, scores)
+    warp, inliers = align(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), grey, start)
+    scores = agreement(small, colour, warp)
+    warp = warp.scaled(1 / scale)
+    return PatchSighting(warp.corners, warp.homography, inliers, _confidence(scores), warp, scores)
 
 
 def _confidence(scores: np.ndarray) -> float:

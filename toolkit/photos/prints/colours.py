@@ -9,8 +9,8 @@ from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
 from toolkit.imaging.printer import ColourError
 from toolkit.objects.records import TAPE_MARGIN_MM
-from toolkit.photos.sheet.align import Drawn, Placement, draw_patch, sample_image
-from toolkit.photos.sheet.find import CELL_SHOWS, PatchSighting, rectify_patch, shrink_image
+from toolkit.photos.prints.align import Drawn, PatchWarp, draw_patch, sample_image
+from toolkit.photos.prints.find import CELL_SHOWS, PatchSighting, shrink_image
 
 COLOUR_PX = 200.0
 """Side at which colours are compared; finer photos are shrunk, which also averages their noise."""
@@ -30,7 +30,7 @@ class PrintedColours:
     """A patch's printed colours, pixel by pixel.
 
     Attributes:
-        place: of the patch in the photo, as large as it was compared.
+        warp: of the patch in the photo, as large as it was compared.
         shape: (h, w) of that photo.
         rows, columns: (k,) the pixels.
         uv: (k, 2) their places on the patch.
@@ -38,7 +38,7 @@ class PrintedColours:
         white_from: `margin` or `strip`: what was taken as white.
     """
 
-    place: Placement
+    warp: PatchWarp
     shape: tuple[int, int]
     rows: np.ndarray
     columns: np.ndarray
@@ -48,7 +48,7 @@ class PrintedColours:
 
     def draw(self, values: np.ndarray, blur_px: float = 0.0) -> np.ndarray:
         """(k, c) what the pixels average of values (n, n, c) on the patch, through a lens that blurs by `blur_px`."""
-        drawn = draw_patch(np.ascontiguousarray(values, np.float32), self.place, self.shape)
+        drawn = draw_patch(np.ascontiguousarray(values, np.float32), self.warp, self.shape)
         if drawn is None:
             raise ToolkitError("the patch lies outside of the photo")
         picture = drawn.picture
@@ -90,9 +90,9 @@ def read_colours(
     Raises:
         ToolkitError: there is no white to go by, or too little of the patch is to be seen unclipped.
     """
-    scale = min(1.0, COLOUR_PX / sighting.place.side_px)
-    small, place = shrink_image(image, scale), sighting.place.scaled(scale)
-    drawn = draw_patch(np.zeros((8, 8, 1), np.float32), place, small.shape)
+    scale = min(1.0, COLOUR_PX / sighting.warp.side_px)
+    small, warp = shrink_image(image, scale), sighting.warp.scaled(scale)
+    drawn = draw_patch(np.zeros((8, 8, 1), np.float32), warp, small.shape)
     if drawn is None:
         raise ToolkitError("the patch lies outside of the photo")
     rows, columns = _usable(small, drawn, sighting)
@@ -103,7 +103,7 @@ def read_colours(
         )
     uv = drawn.uv[rows, columns]
     light = srgb_to_linear(small[rows + drawn.top, columns + drawn.left] / 255.0).astype(float)
-    white = _margin_white(small, place, TAPE_MARGIN_MM / size_mm, np.percentile(light, 98, axis=0))
+    white = _margin_white(small, warp, TAPE_MARGIN_MM / size_mm, np.percentile(light, 98, axis=0))
     white_from = "margin"
     if white is None:
         if strip_white is None:
@@ -113,7 +113,7 @@ def read_colours(
             )
         white, white_from = np.vstack([np.zeros((2, 3)), strip_white]), "strip"
     return PrintedColours(
-        place, small.shape[:2], rows + drawn.top, columns + drawn.left, uv, light / (_slope(uv) @ white), white_from
+        warp, small.shape[:2], rows + drawn.top, columns + drawn.left, uv, light / (_slope(uv) @ white), white_from
     )
 
 
@@ -134,12 +134,6 @@ def measure_error(seen: np.ndarray, meant: np.ndarray) -> ColourError:
     return ColourError(median=round(float(median), 3), p95=round(float(p95), 3))
 
 
-def show_beside(image: np.ndarray, sighting: PatchSighting, patch_pixels: np.ndarray, side_px: int = 300) -> np.ndarray:
-    """(side_px, 2 side_px, 3) uint8: the straightened print as photographed, and the file beside it."""
-    file = cv2.resize(patch_pixels, (side_px, side_px), interpolation=cv2.INTER_AREA)
-    return np.concatenate([rectify_patch(image, sighting, side_px), file], axis=1)
-
-
 def _usable(photo: np.ndarray, drawn: Drawn, sighting: PatchSighting) -> tuple[np.ndarray, np.ndarray]:
     """Rows and columns in the cut of pixels that show the patch, unhidden and not over-exposed."""
     cells = len(sighting.agreement)
@@ -153,7 +147,7 @@ def _slope(uv: np.ndarray) -> np.ndarray:
     return np.c_[uv - 0.5, np.ones(len(uv))]
 
 
-def _margin_white(photo: np.ndarray, place: Placement, width: float, brightest: np.ndarray) -> np.ndarray | None:
+def _margin_white(photo: np.ndarray, warp: PatchWarp, width: float, brightest: np.ndarray) -> np.ndarray | None:
     """(3, 3) light of the white margin as a slope over (u, v): rows u, v and middle; None where it is not paper."""
     steps = np.linspace(0.02, 0.98, RING_POINTS)
     sides = []
@@ -164,7 +158,7 @@ def _margin_white(photo: np.ndarray, place: Placement, width: float, brightest: 
                 np.stack([np.full(RING_POINTS, edge), steps], 1),
             ]
     uv = np.concatenate(sides)
-    at = place.to_pixels(uv)
+    at = warp.to_pixels(uv)
     inside = ((at >= 0.5) & (at <= np.array(photo.shape[1::-1]) - 0.5)).all(axis=1)
     seen = sample_image(photo, at[:, None])[:, 0]
     good = inside & (seen < CLIPPED).all(axis=1)

@@ -11,10 +11,10 @@ from toolkit.core.errors import ToolkitError
 from toolkit.imaging.printer import PrintProfile, ProfileMade, white_paper
 from toolkit.objects.records import Patch
 from toolkit.photos.photo import list_photos, load_pixels, read_photo
-from toolkit.photos.sheet.colours import ColourComparison, PrintedColours, compare_colours, read_colours
-from toolkit.photos.sheet.find import find_patch
-from toolkit.photos.sheet.fit_profile import FittedColours, StripReading, fit_colours, read_strip
-from toolkit.photos.sheet.size import SIZE_TOLERANCE, measure_on_page
+from toolkit.photos.prints.colours import ColourComparison, PrintedColours, compare_colours, read_colours
+from toolkit.photos.prints.find import find_patch
+from toolkit.photos.prints.fit_profile import FittedColours, StripReading, fit_colours, read_strip
+from toolkit.photos.prints.size import SIZE_TOLERANCE, measure_on_page
 from toolkit.printing.page import Paper
 
 SMALL_PX = 150.0
@@ -23,7 +23,7 @@ SMALL_PX = 150.0
 
 @dataclass(frozen=True)
 class ProfiledPhoto:
-    """What one photo told.
+    """What one photo showed.
 
     Attributes:
         name: of the file.
@@ -126,7 +126,7 @@ def _read_print(
     part = read_colours(image, sighting, size_mm, None if strip is None else strip.white_linear)
     page = measure_on_page(image, sighting, paper)
     photo = ProfiledPhoto(
-        file.name, about.sha256, sighting.place.side_px, compare_colours(part, patch.pixels), strip is not None,
+        file.name, about.sha256, sighting.warp.side_px, compare_colours(part, patch.pixels), strip is not None,
         None if page is None else page.size_mm,
     )  # fmt: skip
     return photo, part, strip

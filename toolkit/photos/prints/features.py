@@ -186,7 +186,7 @@ def guess_places(photo: Features, patch: Features, most: int = 6) -> list[Guess]
         voters = left[best]
         if voters.sum() < MIN_SUPPORT:
             break
-        guesses.append(_settle(affine[best], uv, px, voters))
+        guesses.append(_refine(affine[best], uv, px, voters))
         left = left & ~voters[None] & ~voters[:, None]
     return guesses
 
@@ -199,7 +199,7 @@ def _count_places(votes: np.ndarray, uv: np.ndarray) -> np.ndarray:
     return ((votes.astype(np.float32) @ one_of) > 0).sum(axis=1) + votes.sum(axis=1) * 1e-3
 
 
-def _settle(affine: np.ndarray, uv: np.ndarray, px: np.ndarray, voters: np.ndarray) -> Guess:
+def _refine(affine: np.ndarray, uv: np.ndarray, px: np.ndarray, voters: np.ndarray) -> Guess:
     """The affine map that fits the voters best, where there are enough of them."""
     if voters.sum() >= 5:
         a = np.c_[uv[voters], np.ones(voters.sum())]

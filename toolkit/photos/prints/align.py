@@ -15,7 +15,7 @@ FIT_STEPS = 8
 
 
 @dataclass(frozen=True)
-class Placement:
+class PatchWarp:
     """From the patch to pixels.
 
     Attributes:
@@ -39,9 +39,9 @@ class Placement:
                 uv = map_points(back, pixels - bend_terms(np.clip(uv, -0.3, 1.3)) @ self.bend)
         return uv
 
-    def scaled(self, factor: float) -> "Placement":
+    def scaled(self, factor: float) -> "PatchWarp":
         """In the same photo at another size."""
-        return Placement(np.diag([factor, factor, 1.0]) @ self.homography, self.bend * factor)
+        return PatchWarp(np.diag([factor, factor, 1.0]) @ self.homography, self.bend * factor)
 
     @property
     def corners(self) -> np.ndarray:
@@ -73,15 +73,15 @@ def area(corners: np.ndarray) -> float:
     return float((x * np.roll(y, -1) - y * np.roll(x, -1)).sum() / 2)
 
 
-def is_plausible(placement: Placement, shape: tuple[int, ...]) -> bool:
+def is_plausible(warp: PatchWarp, shape: tuple[int, ...]) -> bool:
     """Whether the patch is a convex quadrilateral, not mirrored, of some size, with its middle in the photo."""
-    H = placement.homography
-    if not (np.isfinite(H).all() and np.isfinite(placement.bend).all()) or abs(np.linalg.det(H)) < 1e-12:
+    H = warp.homography
+    if not (np.isfinite(H).all() and np.isfinite(warp.bend).all()) or abs(np.linalg.det(H)) < 1e-12:
         return False
     depth = UNIT_CORNERS @ H[2, :2] + H[2, 2]
     if (depth <= 1e-3 * depth.max()).any():
         return False
-    corners = placement.corners
+    corners = warp.corners
     sides = np.roll(corners, -1, axis=0) - corners
     following = np.roll(sides, -1, axis=0)
     turns = sides[:, 0] * following[:, 1] - sides[:, 1] * following[:, 0]
@@ -93,10 +93,8 @@ def is_plausible(placement: Placement, shape: tuple[int, ...]) -> bool:
     return bool((middle > 0).all() and middle[0] < w and middle[1] < h and lengths.max() < 1.5 * max(h, w))
 
 
-def fit_placement(
-    uv: np.ndarray, pixels: np.ndarray, start: Placement, stiffness: float, near_px: float = 1.0
-) -> Placement:
-    """The placement that fits pairs of places best, by robust least squares (Cauchy's weights).
+def fit_warp(uv: np.ndarray, pixels: np.ndarray, start: PatchWarp, stiffness: float, near_px: float = 1.0) -> PatchWarp:
+    """The warp that fits pairs of places best, by robust least squares (Cauchy's weights).
 
     Args:
         uv, pixels: (n, 2) pairs; some may be wrong.
@@ -123,7 +121,7 @@ def fit_placement(
             return start
         h = h + step[:8]
         bend = bend if flat else bend + step[8:].reshape(2, BEND_TERMS).T
-    return Placement(np.append(h, 1.0).reshape(3, 3), bend)
+    return PatchWarp(np.append(h, 1.0).reshape(3, 3), bend)
 
 
 def _solve_step(uv, raised, terms, miss, weight, bend, stiffness: float | None) -> np.ndarray:
@@ -165,7 +163,7 @@ GRID = 15
 WINDOW_PX = 13
 HOPELESS = 0.15
 """Mean correlation below which, flat, a patch is not bent into what it does not look like."""
-SETTLED = 0.002
+CONVERGED = 0.002
 STIFFNESS = (float("inf"), 0.3, 0.02, 0.005, 0.002, 0.001, 0.001)
 """Of the paper in each round of alignment: flat first, then more and more pliable."""
 
@@ -193,24 +191,24 @@ class Drawn:
         return photo[self.top : self.top + h, self.left : self.left + w]
 
 
-def draw_patch(patch: np.ndarray, place: Placement, shape: tuple[int, ...]) -> Drawn | None:
+def draw_patch(patch: np.ndarray, warp: PatchWarp, shape: tuple[int, ...]) -> Drawn | None:
     """Draw patch values as a camera averages them; None where the photo shows none of it.
 
     Args:
         patch: (n, n, c) float32; for colours, linear light, as light is what a pixel averages.
-        place: where it lies.
+        warp: where it lies.
         shape: of the photo, (h, w, …).
     """
     rim = np.linspace(0, 1, 9)
     outline = np.concatenate([np.stack([rim, 0 * rim + k], 1) for k in (0, 1)])
-    outline = place.to_pixels(np.concatenate([outline, outline[:, ::-1]]))
+    outline = warp.to_pixels(np.concatenate([outline, outline[:, ::-1]]))
     low = np.maximum(np.floor(outline.min(axis=0)).astype(int) - MARGIN_PX, 0)
     high = np.minimum(np.ceil(outline.max(axis=0)).astype(int) + MARGIN_PX, (shape[1], shape[0]))
     if (high - low < 4).any():
         return None
     w, h = (int(x) for x in high - low)
-    uv = _look_back(place, w, h, low)
-    source = _enlarge(patch, place)
+    uv = _look_back(warp, w, h, low)
+    source = _enlarge(patch, warp)
     m = source.shape[0]
     fine = cv2.resize((uv * m).astype(np.float32), (w * SAMPLES, h * SAMPLES), interpolation=cv2.INTER_LINEAR)
     picture = cv2.resize(sample_image(source, fine), (w, h), interpolation=cv2.INTER_AREA).reshape(h, w, -1)
@@ -219,11 +217,11 @@ def draw_patch(patch: np.ndarray, place: Placement, shape: tuple[int, ...]) -> D
     return Drawn(picture, inside, int(low[0]), int(low[1]), uv)
 
 
-def _look_back(place: Placement, w: int, h: int, low: np.ndarray) -> np.ndarray:
+def _look_back(warp: PatchWarp, w: int, h: int, low: np.ndarray) -> np.ndarray:
     """(h, w, 2) places on the patch of a cut's pixels: exact every few pixels, and between them by straight lines."""
     columns, rows = -(-w // INVERSE_EVERY_PX) + 1, -(-h // INVERSE_EVERY_PX) + 1
     y, x = np.mgrid[:rows, :columns] * float(INVERSE_EVERY_PX)
-    coarse = place.to_patch(np.stack([x + low[0], y + low[1]], -1).reshape(-1, 2)).reshape(rows, columns, 2)
+    coarse = warp.to_patch(np.stack([x + low[0], y + low[1]], -1).reshape(-1, 2)).reshape(rows, columns, 2)
     y, x = (np.mgrid[:h, :w] + 0.5) / INVERSE_EVERY_PX + 0.5
     return sample_image(coarse.astype(np.float32), np.stack([x, y], -1)).astype(float)
 
@@ -239,9 +237,9 @@ def sample_image(image: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     return np.concatenate([part.reshape(*x.shape, -1) for part in found], axis=-1)
 
 
-def _enlarge(patch: np.ndarray, place: Placement) -> np.ndarray:
+def _enlarge(patch: np.ndarray, warp: PatchWarp) -> np.ndarray:
     """Texels as crisp squares, blurred a little less than a sample's footprint, so that sampling does not alias."""
-    corners = place.corners
+    corners = warp.corners
     samples = np.maximum(np.linalg.norm(np.diff(corners[:3], axis=0), axis=1) * SAMPLES, 1)  # across, down
     n = patch.shape[0]
     repeat = int(np.clip(np.ceil(samples.max() / n), 1, max(1, 1600 // n)))
@@ -252,12 +250,12 @@ def _enlarge(patch: np.ndarray, place: Placement) -> np.ndarray:
     return np.asarray(cv2.GaussianBlur(source, (0, 0), sigmaX=max(sigma[0], 0.01), sigmaY=max(sigma[1], 0.01)))
 
 
-def align(grey: np.ndarray, patch_grey: np.ndarray, start: Placement) -> tuple[Placement, int]:
-    """Lay the patch exactly over the photo, flat at first and then bending with the paper.
+def align(grey: np.ndarray, patch_grey: np.ndarray, start: PatchWarp) -> tuple[PatchWarp, int]:
+    """Align the patch exactly with the photo, flat at first and then bending with the paper.
 
     In each round the patch is drawn where it is thought to lie, points on it are followed into the photo (Lucas and
     Kanade 1981, on pictures whose local mean and contrast are made equal, so that light and inks do not matter), and
-    the placement is fitted to where they went.
+    the warp is fitted to where they went.
 
     Args:
         grey: (h, w) float32 photo in [0, 1].
@@ -265,38 +263,38 @@ def align(grey: np.ndarray, patch_grey: np.ndarray, start: Placement) -> tuple[P
         start: some pixels off.
 
     Returns:
-        The best placement on the way, and how many points agree with it to a pixel.
+        The best warp on the way, and how many points agree with it to a pixel.
     """
     best, best_score, inliers = start, float(agreement(grey[..., None], patch_grey, start).mean()), 0
-    place = start
+    warp = start
     for stiffness in STIFFNESS:
-        drawn = draw_patch(patch_grey, place, grey.shape)
+        drawn = draw_patch(patch_grey, warp, grey.shape)
         if drawn is None or drawn.inside.sum() < 4 * LEAST_PIXELS:
             break
-        uv, pixels = follow(grey, drawn, place)
-        place = fit_placement(uv, pixels, place, stiffness)
-        if not is_plausible(place, grey.shape):
+        uv, pixels = follow(grey, drawn, warp)
+        warp = fit_warp(uv, pixels, warp, stiffness)
+        if not is_plausible(warp, grey.shape):
             break
-        score = float(agreement(grey[..., None], patch_grey, place).mean())
+        score = float(agreement(grey[..., None], patch_grey, warp).mean())
         if score < HOPELESS and best_score < HOPELESS:
             break
-        settled = stiffness < 0.02 and score < best_score + SETTLED
+        converged = stiffness < 0.02 and score < best_score + CONVERGED
         if score > best_score:
-            best, best_score = place, score
-            inliers = int((np.linalg.norm(place.to_pixels(uv) - pixels, axis=1) < 1).sum()) if len(uv) else 0
-        if settled:
+            best, best_score = warp, score
+            inliers = int((np.linalg.norm(warp.to_pixels(uv) - pixels, axis=1) < 1).sum()) if len(uv) else 0
+        if converged:
             break
     return best, inliers
 
 
-def follow(grey: np.ndarray, drawn: Drawn, place: Placement) -> tuple[np.ndarray, np.ndarray]:
+def follow(grey: np.ndarray, drawn: Drawn, warp: PatchWarp) -> tuple[np.ndarray, np.ndarray]:
     """Pairs (uv, pixels) of points on the patch and where the photo shows them, both (k, 2)."""
     theirs = _equalise(drawn.cut(grey))
     ours = np.where(drawn.inside, _equalise(drawn.picture[..., 0]), theirs)
     steps = (np.arange(GRID) + 0.5) / GRID
     uv = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
     corner = np.array([drawn.left, drawn.top])
-    at = place.to_pixels(uv) - corner
+    at = warp.to_pixels(uv) - corner
     h, w = drawn.inside.shape
     kept = (at > 3).all(axis=1) & (at[:, 0] < w - 3) & (at[:, 1] < h - 3)
     uv, at = uv[kept], at[kept]
@@ -320,15 +318,15 @@ def _equalise(picture: np.ndarray) -> np.ndarray:
     return (picture - mean) / (spread + 0.01)
 
 
-def agreement(photo: np.ndarray, patch: np.ndarray, place: Placement) -> np.ndarray:
+def agreement(photo: np.ndarray, patch: np.ndarray, warp: PatchWarp) -> np.ndarray:
     """(CELLS, CELLS) correlation of photo and patch in each cell, -1 to 1; 0 where too little of it is to be seen.
 
     Args:
         photo: (h, w, c) float32.
         patch: (n, n, c) float32.
-        place: where it lies.
+        warp: where it lies.
     """
-    drawn = draw_patch(patch, place, photo.shape)
+    drawn = draw_patch(patch, warp, photo.shape)
     if drawn is None:
         return np.zeros((CELLS, CELLS))
     cell = (np.clip(drawn.uv[drawn.inside], 0, 0.999) * CELLS).astype(int) @ [1, CELLS]

@@ -8,7 +8,7 @@ from toolkit import __version__
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.printing.board_page import build_sheet_pdf, choose_board
+from toolkit.printing.board_page import build_board_pdf, choose_board
 from toolkit.printing.canvas import POINTS_PER_MM, describe_document, open_canvas, register_fonts
 from toolkit.printing.colour_strip import STRIP, StripPlace, draw_strip, reserve_strip
 from toolkit.printing.layout import turn_frames
@@ -32,7 +32,7 @@ def build_strip_pdf(paper: Paper, orientation: str = "auto") -> tuple[bytes, Pag
     size = f"{width:g} × {height:g} mm"
     label = PatchLabel(
         "colour strip",
-        f"{size}   ({len(STRIP.cells)} cells of {STRIP.cells[0].side_mm:g} mm)",
+        f"{size}   ({len(STRIP.swatches)} cells of {STRIP.swatches[0].side_mm:g} mm)",
         f"sRGB, markers of {STRIP.dictionary}   ·   toolkit {__version__}",
     )
     describe_document(canvas, f"colour strip, {size}", label.size, {"dictionary": STRIP.dictionary})
@@ -51,7 +51,7 @@ def build_strip_pdf(paper: Paper, orientation: str = "auto") -> tuple[bytes, Pag
 
 
 @dataclass(frozen=True)
-class PrintedSheet:
+class PrintedBoard:
     """A PDF that was written.
 
     Attributes:
@@ -85,9 +85,9 @@ class PrintedSheet:
         return f"{shorten(self.file)}: {self.description}; {width:.1f} × {height:.1f} mm, {pages}"
 
 
-def print_sheet(
+def print_board(
     workspace: Workspace, wanted: SheetSettings, page: PrintSettings | None = None, out: Path | None = None
-) -> PrintedSheet:
+) -> PrintedBoard:
     """Print a board, a ring or the colour strip.
 
     The spec of a board or ring is written to `rig/board.json`, where readers of photographs find it.
@@ -109,11 +109,11 @@ def print_sheet(
     if wanted.colour_strip:
         return _print_strip(page, pdf_file)
     spec = choose_sheet(wanted, page)
-    document = build_sheet_pdf(spec, page.paper, page.orientation)
+    document = build_board_pdf(spec, page.paper, page.orientation)
     write_bytes(pdf_file, document.content)
     note = _compare(workspace, spec)
     plan = document.plan
-    return PrintedSheet(
+    return PrintedBoard(
         kind=wanted.kind,
         file=str(pdf_file),
         spec_file=str(write_board(workspace, spec)),
@@ -154,14 +154,14 @@ def _compare(workspace: Workspace, spec: Sheet) -> str | None:
     return f"photographs are now read by this sheet; the one before was a {old.describe()}"
 
 
-def _print_strip(page: PrintSettings, pdf_file: Path) -> PrintedSheet:
+def _print_strip(page: PrintSettings, pdf_file: Path) -> PrintedBoard:
     content, frame = build_strip_pdf(page.paper, page.orientation)
     write_bytes(pdf_file, content)
-    return PrintedSheet(
+    return PrintedBoard(
         kind="colour-strip",
         file=str(pdf_file),
         spec_file=None,
-        description=f"colour strip of {len(STRIP.cells)} cells",
+        description=f"colour strip of {len(STRIP.swatches)} cells",
         size_mm=STRIP.size_mm,
         paper=frame.paper.name,
         orientation=frame.paper.orientation,

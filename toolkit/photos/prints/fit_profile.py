@@ -9,8 +9,8 @@ import numpy as np
 
 from toolkit.imaging.colour import srgb_to_linear
 from toolkit.imaging.printer import ColourError, Exponents, raise_terms
-from toolkit.photos.sheet.align import map_points, sample_image
-from toolkit.photos.sheet.colours import PrintedColours, measure_error
+from toolkit.photos.prints.align import map_points, sample_image
+from toolkit.photos.prints.colours import PrintedColours, measure_error
 from toolkit.printing.colour_strip import STRIP
 
 INSET = 0.2
@@ -26,7 +26,7 @@ class StripReading:
     """Colours of the strip's cells as a photo shows them.
 
     Attributes:
-        names: of the cells.
+        names: of the swatches.
         file_srgb: (k, 3) uint8, as the file states them.
         seen_linear: (k, 3) float, linear light of the photo: median over the cell's middle.
         clipped: (k,) bool, whether the photo is over-exposed there.
@@ -57,14 +57,14 @@ def read_strip(image: np.ndarray) -> StripReading | None:
     H = _find_strip(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
     if H is None:
         return None
-    side = STRIP.cells[0].side_mm
-    corners = map_points(H, STRIP.cell_corners_mm().reshape(-1, 2)).reshape(-1, 4, 2)
+    side = STRIP.swatches[0].side_mm
+    corners = map_points(H, STRIP.swatch_corners_mm().reshape(-1, 2)).reshape(-1, 4, 2)
     if np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).min() < LEAST_CELL_PX:
         return None
     steps = ((np.arange(SAMPLE_PX) + 0.5) / SAMPLE_PX - 0.5) * (1 - 2 * INSET) * side
     offsets = np.stack(np.meshgrid(steps, steps), -1).reshape(-1, 2)
     places = map_points(H, (STRIP.centres_mm[:, None] + offsets).reshape(-1, 2))
-    at = places.reshape(len(STRIP.cells), -1, 2)
+    at = places.reshape(len(STRIP.swatches), -1, 2)
     if (at < 0).any() or (at[..., 0] > image.shape[1]).any() or (at[..., 1] > image.shape[0]).any():
         return None
     seen = sample_image(image, at)
