@@ -4,6 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 import numpy as np
 
@@ -186,7 +187,7 @@ def _why_not(photo: MeasuredPhoto, item: TableObject, booster_sha256: str | None
 
 
 def _plan_shot(
-    photo: MeasuredPhoto, item: TableObject, look: dict, photos_dir: Path, image_format: str, taken: set[str]
+    photo: MeasuredPhoto, item: TableObject, look: dict[str, Any], photos_dir: Path, image_format: str, taken: set[str]
 ) -> Shot:
     path = str(PurePosixPath(photo.path).with_suffix(f".{image_format}"))
     if path in taken:  # pose_01.jpg beside pose_01.heic

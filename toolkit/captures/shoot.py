@@ -14,7 +14,7 @@ from PIL import Image
 
 from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest, write_transforms
-from toolkit.core.console import progress
+from toolkit.core.console import Ticker, progress
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import inside, sha256_bytes, write_bytes
 from toolkit.core.workspace import Workspace
@@ -154,10 +154,9 @@ def shoot_plan(
     settings = settings or ShootSettings()
     check_settings(workspace, settings, source)
     variants = tuple(dict.fromkeys(variants))  # named twice is shot once
-    camera = plan.camera
     items = {name: _load_item(workspace, name, patch_mm) for name in objects}
     scenes = [
-        _plan_scene(workspace, plan, camera, item, variant, settings)
+        _plan_scene(workspace, plan, item, variant, settings)
         for item in items.values()
         for variant in variants
     ]  # fmt: skip
@@ -240,11 +239,14 @@ def studio_for(item: TableObject, settings: ShootSettings) -> Studio:
     return studio if settings.board is None else lay_board(studio, settings.board)
 
 
-def _plan_scene(workspace, plan, camera, item: TableObject, variant: str, settings) -> list[Shot]:
+def _plan_scene(
+    workspace: Workspace, plan: CapturePlan, item: TableObject, variant: str, settings: ShootSettings
+) -> list[Shot]:
     """The shots of one object in one variant."""
     name = item.name
     if name not in plan.objects:
         raise ToolkitError(f"object '{name}' is not in {workspace.plan_file}: run 'toolkit plan --object {name}'")
+    camera = plan.camera
     check_poses(item, camera, plan.objects[name])
     look = describe_look(workspace, item, variant, settings) | {"camera": camera.intrinsics}
     return [
@@ -277,7 +279,9 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
     return look
 
 
-def _shoot_scene(workspace, shots: Sequence[Shot], settings: ShootSettings, source_dir: Path, bar) -> None:
+def _shoot_scene(
+    workspace: Workspace, shots: Sequence[Shot], settings: ShootSettings, source_dir: Path, bar: Ticker
+) -> None:
     item, variant = shots[0].item, shots[0].variant
     booster = find_booster(workspace, item, variant)
     studio = studio_for(item, settings)

@@ -3,7 +3,7 @@
 import hashlib
 import io
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -179,7 +179,7 @@ class CorruptResult:
     made: int = 0
     kept: int = 0
     failed: list[tuple[str, str]] = field(default_factory=list)
-    sizes: Counter = field(default_factory=Counter)
+    sizes: Counter[tuple[str, int, int]] = field(default_factory=Counter)
 
     def describe_scale(self) -> list[str]:
         """Which parameters the images took, and where these were made for another size: a line for each set."""
@@ -274,7 +274,10 @@ def _list_sources(source: Path, out: Path, image_format: str) -> tuple[list[Sour
     return list(found.sources), list(found.refused)
 
 
-def _load(chunk, out: Path, places, known: dict[str, CorruptedFile], size_px, result: CorruptResult) -> list[Loaded]:
+def _load(
+    chunk: Sequence[Source], out: Path, places: Mapping[tuple[str, int], str], known: Mapping[str, CorruptedFile],
+    size_px: int | None, result: CorruptResult,
+) -> list[Loaded]:  # fmt: skip
     """Read what is not finished yet; what cannot be read or must not be overwritten goes to the result's list."""
     slots: list[Loaded | None] = [None] * len(chunk)
     trouble: list[list[tuple[str, str]]] = [[] for _ in chunk]
@@ -317,7 +320,10 @@ def _look(file: Path, line: CorruptedFile | None, source_sha256: str) -> str:
     return "missing" if sha256_file(file) == line.sha256 else "changed"
 
 
-def _write(out: Path, targets, files: list[bytes], known: dict[str, CorruptedFile], result: CorruptResult) -> None:
+def _write(
+    out: Path, targets: Sequence[tuple[str, str]], files: list[bytes], known: dict[str, CorruptedFile],
+    result: CorruptResult,
+) -> None:  # fmt: skip
     lines = []
     for (target, source_sha256), content in zip(targets, files, strict=True):
         line = CorruptedFile(path=target, sha256=hashlib.sha256(content).hexdigest(), source_sha256=source_sha256)

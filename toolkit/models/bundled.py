@@ -48,7 +48,7 @@ def load_best(device: str, quiet: bool) -> tuple[Classifier, str]:
     if bundled_file() is None:
         return load_classifier(DEFAULT_ARCH, device=device, quiet=quiet), "its weights were downloaded"
     try:
-        download(DEFAULT_ARCH, published_weights(DEFAULT_ARCH).url, quiet, PATIENCE_S)
+        download(DEFAULT_ARCH, str(published_weights(DEFAULT_ARCH).url), quiet, PATIENCE_S)
     except ToolkitError:
         why = f"no weights of {DEFAULT_ARCH} on this machine, and none could be downloaded"
         return load_classifier(BUNDLED, device=device, quiet=quiet), why

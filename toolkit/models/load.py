@@ -2,7 +2,7 @@
 
 from collections import OrderedDict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.preprocessing import published_preprocessing
@@ -11,6 +11,11 @@ from toolkit.models.find import TIMM_PREFIX, find_classifier
 from toolkit.models.labels import adapt_preprocessing, choose_labels, read_labels_file
 from toolkit.models.network import Classifier, check_hash, choose_device
 from toolkit.models.weights import WeightsFile, find_weights, read_state_dict
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import torch
 
 
 def load_classifier(
@@ -55,13 +60,14 @@ def load_classifier(
     _fill(module, state, arch, file)
     for parameter in module.parameters():
         parameter.requires_grad_(False)
-    module = module.eval().to(device=place, memory_format=torch.channels_last)
+    module = module.eval().to(memory_format=torch.channels_last).to(place)
     labels = choose_labels(file.path, own.labels, published, num_classes)
     preprocessing = adapt_preprocessing(published_preprocessing(entry.transforms()), own)
     is_imagenet = labels == imagenet_labels()
     return Classifier(
-        arch, module, labels, preprocessing, file, place, is_imagenet, own.name or arch, own.trained_on or ""
-    )
+        arch=arch, module=module, labels=labels, preprocessing=preprocessing, weights=file, device=place,
+        is_imagenet=is_imagenet, name=own.name or arch, trained_on=own.trained_on or "",
+    )  # fmt: skip
 
 
 def load_classifiers(
@@ -80,7 +86,7 @@ def load_classifiers(
     return [load_classifier(name, file, device, quiet, folder) for name, file in zip(names, files, strict=True)]
 
 
-def _count_classes(arch: str, state: dict[str, Any], published: int, file: WeightsFile) -> int:
+def _count_classes(arch: str, state: "Mapping[str, torch.Tensor]", published: int, file: WeightsFile) -> int:
     import torch
 
     with torch.device("meta"):
@@ -91,7 +97,7 @@ def _count_classes(arch: str, state: dict[str, Any], published: int, file: Weigh
     return int(state[last].shape[0])
 
 
-def _fill(module: Any, state: OrderedDict[str, Any], arch: str, file: WeightsFile) -> None:
+def _fill(module: "torch.nn.Module", state: "OrderedDict[str, torch.Tensor]", arch: str, file: WeightsFile) -> None:
     import torch
 
     expected = module.state_dict()

@@ -4,7 +4,8 @@ import math
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.preprocessing import Preprocessing
@@ -21,6 +22,11 @@ from toolkit.models.weights import (
     open_weights,
     read_state_dict,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import torch
 
 HUB_FILE = "model.safetensors"
 HUB_TIMEOUT_S = 10.0
@@ -95,20 +101,14 @@ def load_timm_network(model: str, weights: Path | None = None, device: str = "au
     if not all(torch.isfinite(value).all() for value in state.values()):
         raise ToolkitError(f"{file.path}: some weights are infinite or not a number: the file is damaged or diverged")
     module = _build(model, state, num_classes, file)
-    module = module.requires_grad_(False).eval().to(device=place, memory_format=torch.channels_last)
+    module = module.requires_grad_(False).eval().to(memory_format=torch.channels_last).to(place)
     published = imagenet_labels()  # timm's ImageNet-1k networks have them in the same order
     labels = choose_labels(file.path, own.labels, published, num_classes)
     return Classifier(
-        model,
-        module,
-        labels,
-        adapt_preprocessing(preprocessing, own),
-        file,
-        place,
-        labels == published,
-        own.name or model.replace(":", "-"),  # it names the run's folder
-        own.trained_on or "",
-    )
+        arch=model, module=module, labels=labels, preprocessing=adapt_preprocessing(preprocessing, own), weights=file,
+        device=place, is_imagenet=labels == published, trained_on=own.trained_on or "",
+        name=own.name or model.replace(":", "-"),  # it names the run's folder
+    )  # fmt: skip
 
 
 def published_config(name: str) -> dict[str, Any]:
@@ -128,7 +128,7 @@ def published_config(name: str) -> dict[str, Any]:
     return timm.get_pretrained_cfg(name).to_dict()
 
 
-def _import_timm(name: str) -> Any:
+def _import_timm(name: str) -> ModuleType:
     try:
         return import_module("timm")
     except ImportError as error:
@@ -156,7 +156,7 @@ def published_preprocessing(name: str, config: dict[str, Any]) -> Preprocessing:
     return Preprocessing(resize_px, height, wanted["mean"], wanted["std"], wanted["interpolation"].upper())
 
 
-def _count_classes(model: str, config: dict[str, Any], state: dict[str, Any]) -> int:
+def _count_classes(model: str, config: dict[str, Any], state: "Mapping[str, torch.Tensor]") -> int:
     """Outputs of the last layer; timm's published number where the file calls that layer otherwise."""
     last = config.get("classifier") or ""
     weight = state.get(f"{last if isinstance(last, str) else last[0]}.weight")
@@ -166,7 +166,7 @@ def _count_classes(model: str, config: dict[str, Any], state: dict[str, Any]) ->
     return count
 
 
-def _build(model: str, state: dict[str, Any], num_classes: int, file: WeightsFile) -> Any:
+def _build(model: str, state: "Mapping[str, torch.Tensor]", num_classes: int, file: WeightsFile) -> "torch.nn.Module":
     """Timm's own loading: it knows how to convert the formats of the networks' authors."""
     timm = import_module("timm")
     try:

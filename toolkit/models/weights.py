@@ -9,11 +9,14 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.models.architectures import published_weights
+
+if TYPE_CHECKING:
+    import torch
 
 FOLDER_VARIABLE = "TOOLKIT_WEIGHTS"
 SUFFIXES = (".pth", ".pt", ".safetensors")
@@ -46,7 +49,7 @@ def find_weights(arch: str, weights: Path | None = None, quiet: bool = False) ->
     found = named or find_local(arch)
     if found is None and entry.url is None:
         raise no_weights(arch, arch, f"train one with 'toolkit train-classifier --arch {arch}': none are published")
-    return open_weights(found or download(arch, entry.url, quiet))
+    return open_weights(found or download(arch, str(entry.url), quiet))
 
 
 def open_weights(path: Path, name: str = "") -> WeightsFile:
@@ -88,7 +91,7 @@ def cache_dir() -> Path:
     return Path(torch.hub.get_dir()) / "checkpoints"
 
 
-def read_state_dict(file: WeightsFile) -> OrderedDict[str, Any]:
+def read_state_dict(file: WeightsFile) -> "OrderedDict[str, torch.Tensor]":
     """Parameters by name; nothing in the file is executed.
 
     Checkpoints that wrap the state dict as `{"state_dict": ...}` or `{"model": ...}`, and names with the `module.` that
@@ -115,7 +118,7 @@ def _modern_name(name: str) -> str:
     return (old[1] + old[2] if old else name).removeprefix("module.")
 
 
-def _load(path: Path) -> Any:
+def _load(path: Path) -> object:
     import pickle
 
     import torch

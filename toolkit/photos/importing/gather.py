@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from datetime import timezone
+from datetime import datetime, timezone
 from pathlib import Path
 
 from toolkit.core.console import progress
@@ -11,6 +11,7 @@ from toolkit.imaging.read import UnreadableImage
 from toolkit.photos.photo import Photo, check_file, is_photo_name, list_photos, natural_key, read_photo, show_name
 from toolkit.photos.video import VIDEO_SUFFIXES, pick_frames, read_video
 
+SortKey = list[tuple[int, int, str]]
 LIVE_PHOTO_S = 5.0
 """A video no longer than this beside a photograph of the same name is what a phone records around it."""
 COMPANION_RANK = {"heif": 0, "jpeg": 1, "tiff": 2, "png": 3, "webp": 4, "avif": 5, "bmp": 6, "gif": 7, "dng": 8}
@@ -127,7 +128,7 @@ def sort_by_time(candidates: Sequence[Candidate]) -> tuple[list[Candidate], bool
         return sorted(candidates, key=_name_key), False
     zoned = all(taken is not None and taken.tzinfo is not None for taken in times)
 
-    def moment(one: Candidate):
+    def moment(one: Candidate) -> tuple[datetime, SortKey]:
         taken = one.photo.taken
         assert taken is not None
         # one camera's wall clock orders its photographs; zones only help where all have one
@@ -191,5 +192,5 @@ def _is_live(photo: Photo) -> bool:
     return facts.n_frames / facts.fps <= LIVE_PHOTO_S
 
 
-def _name_key(candidate: Candidate):
+def _name_key(candidate: Candidate) -> SortKey:
     return natural_key(candidate.label)
