@@ -128,7 +128,7 @@ class ShootResult:
 
 def shoot_plan(
     workspace: Workspace, plan: CapturePlan, objects: Iterable[str], variants: Iterable[str] = PAIR,
-    settings: ShootSettings | None = None, source: str = "sim", quiet: bool = False, *,
+    settings: ShootSettings | None = None, source: str = "sim", *,
     captures_dir: Path | None = None, patch_mm: float | None = None, stored: Mapping[str, StoredImage] | None = None,
 ) -> ShootResult:  # fmt: skip
     """Shoot what the plan asks for and is not there yet.
@@ -142,7 +142,6 @@ def shoot_plan(
         objects, variants: what is shot.
         settings: how.
         source: folder below `captures_dir`.
-        quiet: no progress bar.
         captures_dir: where to, by default the workspace's `captures/`.
         patch_mm: printed side of every patch, by default as the object's spec or the patch's record says.
         stored: images by the hash of their inputs (`index_images`) that are copied instead of shot again.
@@ -160,7 +159,7 @@ def shoot_plan(
         for item in items.values()
         for variant in variants
     ]  # fmt: skip
-    return shoot_scenes(workspace, scenes, settings, (captures_dir or workspace.captures_dir) / source, quiet, stored)
+    return shoot_scenes(workspace, scenes, settings, (captures_dir or workspace.captures_dir) / source, stored)
 
 
 def check_settings(workspace: Workspace, settings: ShootSettings, source: str) -> None:
@@ -193,7 +192,7 @@ def check_no_photographs(source_dir: Path, known: Mapping[str, CaptureRecord]) -
 
 def shoot_scenes(
     workspace: Workspace, scenes: Sequence[Sequence[Shot]], settings: ShootSettings, source_dir: Path,
-    quiet: bool = False, stored: Mapping[str, StoredImage] | None = None,
+    stored: Mapping[str, StoredImage] | None = None,
 ) -> ShootResult:  # fmt: skip
     """Take the shots that are not there yet; those of a scene share object and variant, and its light is baked once.
 
@@ -209,7 +208,7 @@ def shoot_scenes(
     if stored:
         waiting = [[shot for shot in shots if not _copy_stored(shot, stored, source_dir)] for shots in waiting]
     total, todo = sum(map(len, scenes)), sum(map(len, waiting))
-    with progress("shooting", total, quiet, done=total - todo) as bar:
+    with progress("shooting", total, done=total - todo) as bar:
         for shots in waiting:
             if shots:
                 _shoot_scene(workspace, shots, settings, source_dir, bar)

@@ -86,9 +86,9 @@ def capture_sim(
         raise ToolkitError("--source real: captures/real is for photographs: name another folder, such as sim-2")
     source = source or "-".join(["sim", *([patches] if patches else []), *(["board"] if board else [])])
     result = shoot_plan(
-        space, plan, objects or list(plan.objects), variants or PAIR, settings, source, quiet or as_json
+        space, plan, objects or list(plan.objects), variants or PAIR, settings, source
     )  # fmt: skip
-    corrupted = corrupt_source(result.source_dir, corruptions, quiet or as_json)
+    corrupted = corrupt_source(result.source_dir, corruptions)
     _show(space, result, as_json, corrupted)
     if any(one.failed for one in corrupted):
         raise typer.Exit(1)
@@ -101,9 +101,9 @@ def _shoot_like(
     from toolkit.captures.like import MAX_PX, shoot_like
     from toolkit.core.console import list_skipped
 
-    found = shoot_like(space, folder, settings, source, objects, variants, max_px or MAX_PX, quiet or as_json)
+    found = shoot_like(space, folder, settings, source, objects, variants, max_px or MAX_PX)
     list_skipped(found.skipped)
-    corrupted = corrupt_source(found.shoot.source_dir, corruptions, quiet or as_json)
+    corrupted = corrupt_source(found.shoot.source_dir, corruptions)
     _show(space, found.shoot, as_json, corrupted, len(found.skipped))
     if found.skipped or any(one.failed for one in corrupted):
         raise typer.Exit(1)

@@ -51,7 +51,7 @@ def corrupt(
     if source.is_file() and out.suffix.lower() in (".png", ".jpg", ".jpeg"):
         result = corrupt_file(source, out, chosen, levels, seed, size, device)
     else:
-        result = corrupt_folder(source, out, chosen, levels, seed, size, image_format, device, quiet or as_json)
+        result = corrupt_folder(source, out, chosen, levels, seed, size, image_format, device)
     if as_json:
         failed = [{"path": path, "reason": reason} for path, reason in result.failed]
         typer.echo(json.dumps({"out": str(out), "made": result.made, "kept": result.kept, "failed": failed}, indent=2))

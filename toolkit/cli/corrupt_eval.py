@@ -68,9 +68,9 @@ def corrupt_eval(
     quiet = quiet or as_json
 
     def load(name: str):
-        return load_classifier(name, None, device, quiet, place.classifiers_dir)
+        return load_classifier(name, None, device, place.classifiers_dir)
 
-    classifier = load_classifier(model, weights, device, quiet, place.classifiers_dir)
+    classifier = load_classifier(model, weights, device, place.classifiers_dir)
     images = choose_classes(open_images(data, classifier, "test", download), classes or [], classifier)
     if per_class is not None:
         images = images.draw(per_class, seed)

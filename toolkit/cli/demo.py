@@ -34,7 +34,7 @@ def demo(
     from toolkit.rig.plan import Pattern, open_plan
 
     space = make_workspace(folder)
-    classifier, why = load_best(device, quiet)
+    classifier, why = load_best(device)
     is_bundled = classifier.name == BUNDLED
     space = space.with_patches(BUNDLED if is_bundled else None)
     console.print(f"network: {classifier.describe()}: {why}", markup=False, soft_wrap=True)
@@ -46,7 +46,7 @@ def demo(
     console.print(f"2/4  print: the patches as PDF pages, 250 % scale ({space.print_dir})", soft_wrap=True)
     print_all(space)
     console.print("3/4  shoot: every object at every pose, without and with its patch")
-    shot = shoot_plan(space, plan, list(plan.objects), settings=ShootSettings(seed=seed), quiet=quiet)
+    shot = shoot_plan(space, plan, list(plan.objects), settings=ShootSettings(seed=seed))
     console.print(f"     {shot.shot} images shot, {shot.kept} kept from before ({shot.source_dir})", soft_wrap=True)
     console.print(f"4/4  evaluate: what {classifier.name} says about each image")
     result = evaluate_captures(space.captures_dir, space, classifier)

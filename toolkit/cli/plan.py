@@ -46,7 +46,7 @@ def make_list(
     sheet, chosen = parse_paper(paper), parse_order(order)
     made = open_plan(space, list(objects or []))
     names = list(dict.fromkeys(objects or made.objects))
-    result = write_shot_list(space, made, names, sheet, variants or PAIR, seed, chosen, quiet or as_json)
+    result = write_shot_list(space, made, names, sheet, variants or PAIR, seed, chosen)
     for name, reason in result.without_patch.items():
         errors.print(f"{name}: unpatched only: {reason}", style="yellow", markup=False, soft_wrap=True)
     if as_json:

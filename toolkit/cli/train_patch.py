@@ -147,7 +147,7 @@ def train_patch(
         if not quiet:
             errors.print(line, markup=False, soft_wrap=True)
 
-    networks = load_classifiers(model, weights, device, quiet, place.classifiers_dir)
+    networks = load_classifiers(model, weights, device, place.classifiers_dir)
     trained = run(request, networks, place, out, restart, quiet, say)
     _report(trained, as_json)
     if trained.skipped:

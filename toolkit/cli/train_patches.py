@@ -63,7 +63,7 @@ def train_patches(
 
     place = open_workspace(workspace)
     placement = Placement(rotation, scale, translate)
-    classifier = load_classifier(model, weights, device, quiet, place.classifiers_dir)
+    classifier = load_classifier(model, weights, device, place.classifiers_dir)
     found = open_images(data, classifier, "train", download)
     chosen = choose_classes(found, classes or [], classifier).classes
     spoilt = tuple(corrupt) if corrupt else None

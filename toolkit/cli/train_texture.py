@@ -109,7 +109,7 @@ def train_texture(
         class_name=class_name, size_px=size_px, keep=tuple(keep or ()), keep_image=keep_image, unwrap=unwrap, name=name
     )
     make_request(recipe, choices, tuple(objects), seed, 224, backgrounds, **wanted)  # refuses before weights are read
-    networks = load_classifiers(model, weights, device, quiet, place.classifiers_dir)
+    networks = load_classifiers(model, weights, device, place.classifiers_dir)
     image_px = networks[0].preprocessing.crop_px
     request = make_request(recipe, choices, tuple(objects), seed, image_px, backgrounds, **wanted)
 

@@ -204,7 +204,6 @@ def corrupt_folder(
     size_px: int | None = None,
     image_format: str = "png",
     device: str = "cpu",
-    quiet: bool = True,
 ) -> CorruptResult:
     """Corrupt every image of a folder, or one image, into a folder of the same layout.
 
@@ -220,7 +219,6 @@ def corrupt_folder(
         size_px: resize to 8/7 of it and cut out the middle, as published (256, 224); None keeps the images' sizes.
         image_format: `png`, or `jpg` of quality 85, which is what ImageNet-C's files are.
         device: cpu or cuda.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: there are no images, `out` holds images of other settings, or a setting is wrong.
@@ -239,7 +237,7 @@ def corrupt_folder(
     result = CorruptResult(failed=refused)
     places = {item: "" if single else f"{item[0]}/{item[1]}/" for item in plan}
     known = read_finished(out)
-    with progress("corrupting", len(sources) * len(plan), quiet) as ticker:
+    with progress("corrupting", len(sources) * len(plan)) as ticker:
         for start in range(0, len(sources), CHUNK_FILES):
             chunk = sources[start : start + CHUNK_FILES]
             loaded = _load(chunk, out, places, known, size_px, result)

@@ -22,7 +22,6 @@ def load_classifier(
     model: str | None = None,
     weights: Path | None = None,
     device: str = "auto",
-    quiet: bool = False,
     folder: Path | None = None,
 ) -> Classifier:
     """Load a classifier: a torchvision network, the bundled `rig18`, or one that `toolkit train-classifier` made.
@@ -35,7 +34,6 @@ def load_classifier(
         weights: state dict, `.pth` or `.safetensors`; by default see `find_weights`. The number of classes is read from
             it; a `WEIGHTS.json` beside it may name them. Half precision becomes single.
         device: `auto`, `cpu` or `cuda`.
-        quiet: no progress bar when downloading.
         folder: of the workspace's own classifiers.
 
     Raises:
@@ -48,9 +46,9 @@ def load_classifier(
     if found.arch.startswith(TIMM_PREFIX):
         from toolkit.models.timm_networks import load_timm_network
 
-        return load_timm_network(found.arch, found.weights, device, quiet)
+        return load_timm_network(found.arch, found.weights, device)
     arch, entry, place = found.arch, published_weights(found.arch), choose_device(device)
-    file = find_weights(arch, found.weights, quiet)
+    file = find_weights(arch, found.weights)
     own = read_labels_file(file.path)
     check_hash(file, own)
     state = read_state_dict(file)
@@ -71,7 +69,7 @@ def load_classifier(
 
 
 def load_classifiers(
-    models: list[str] | None, weights: list[Path] | None, device: str = "auto", quiet: bool = False,
+    models: list[str] | None, weights: list[Path] | None, device: str = "auto",
     folder: Path | None = None,
 ) -> list[Classifier]:  # fmt: skip
     """Several classifiers, at least one; see `load_classifier`.
@@ -83,7 +81,7 @@ def load_classifiers(
     files: list[Path | None] = list(weights) if weights else [None] * len(names)
     if len(files) != len(names):
         raise ToolkitError(f"{len(names)} --model and {len(files)} --weights: expected one --weights for each --model")
-    return [load_classifier(name, file, device, quiet, folder) for name, file in zip(names, files, strict=True)]
+    return [load_classifier(name, file, device, folder) for name, file in zip(names, files, strict=True)]
 
 
 def _count_classes(arch: str, state: "Mapping[str, torch.Tensor]", published: int, file: WeightsFile) -> int:

@@ -7,6 +7,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from toolkit.core.console import is_quiet
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.architectures import imagenet_labels
@@ -32,14 +33,13 @@ HUB_FILE = "model.safetensors"
 HUB_TIMEOUT_S = 10.0
 
 
-def find_timm_weights(name: str, config: dict[str, Any], weights: Path | None, quiet: bool) -> WeightsFile:
+def find_timm_weights(name: str, config: dict[str, Any], weights: Path | None) -> WeightsFile:
     """The weights of a network: `weights`, else TOOLKIT_WEIGHTS, else the hub's cache, else timm's download.
 
     Args:
         name: timm's, without prefix: the folder's file is `NAME-*.pth` or `.safetensors`.
         config: timm's record of the network's weights.
         weights: `--weights`.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: the named file is missing or of another kind, or none of the ways has weights.
@@ -50,19 +50,19 @@ def find_timm_weights(name: str, config: dict[str, Any], weights: Path | None, q
         return open_weights(local)
     if repo := config.get("hf_hub_id"):
         filename = config.get("hf_hub_filename") or HUB_FILE
-        return open_weights(_fetch_from_hub(name, repo, filename, quiet), f"{repo}/{filename}")
+        return open_weights(_fetch_from_hub(name, repo, filename), f"{repo}/{filename}")
     if url := config.get("url"):
-        return open_weights(download(name, url, quiet))
+        return open_weights(download(name, url))
     raise ToolkitError(f"no weights for timm:{name}, and timm publishes none: give a file with --weights")
 
 
-def _fetch_from_hub(name: str, repo: str, filename: str, quiet: bool) -> Path:
+def _fetch_from_hub(name: str, repo: str, filename: str) -> Path:
     from huggingface_hub import get_hf_file_metadata, hf_hub_download, hf_hub_url, try_to_load_from_cache
     from huggingface_hub.utils import disable_progress_bars
 
     if isinstance(cached := try_to_load_from_cache(repo, filename), str):
         return Path(cached)
-    if quiet:
+    if is_quiet():
         disable_progress_bars()
     try:
         # without a network the download itself would try again for half a minute; this asks once
@@ -73,7 +73,7 @@ def _fetch_from_hub(name: str, repo: str, filename: str, quiet: bool) -> Path:
     raise no_weights(f"timm:{name}", name, f"let it download {repo} from the Hugging Face hub (failed: {reason})")
 
 
-def load_timm_network(model: str, weights: Path | None = None, device: str = "auto", quiet: bool = False) -> Classifier:
+def load_timm_network(model: str, weights: Path | None = None, device: str = "auto") -> Classifier:
     """Load a network of timm, with the preprocessing that timm publishes for its weights.
 
     Args:
@@ -82,7 +82,6 @@ def load_timm_network(model: str, weights: Path | None = None, device: str = "au
             from it; a `WEIGHTS.json` beside it may name them. A file in the format of the network's authors is
             converted where timm knows how.
         device: `auto`, `cpu` or `cuda`.
-        quiet: no progress bar when downloading.
 
     Raises:
         ToolkitError: timm is not installed, it has no such network, the network is no classifier or wants images that
@@ -93,7 +92,7 @@ def load_timm_network(model: str, weights: Path | None = None, device: str = "au
     name, place = model.removeprefix(PREFIX), choose_device(device)
     config = published_config(name)
     preprocessing = published_preprocessing(name, config)
-    file = find_timm_weights(name, config, weights, quiet)
+    file = find_timm_weights(name, config, weights)
     own = read_labels_file(file.path)
     check_hash(file, own)
     state = read_state_dict(file)

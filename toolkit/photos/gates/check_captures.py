@@ -239,7 +239,7 @@ def make_check(workspace: Workspace, source: str = "real") -> "Check":
     return check
 
 
-def check_captures(workspace: Workspace, source: str = "real", quiet: bool = False) -> CheckReport:
+def check_captures(workspace: Workspace, source: str = "real") -> CheckReport:
     """Judge every photograph of a source that was not judged before, then all together, and write `retake.txt`.
 
     Photographs that somebody sorted into the folders by hand are judged too: their cameras are found from the board. A
@@ -248,7 +248,6 @@ def check_captures(workspace: Workspace, source: str = "real", quiet: bool = Fal
     Args:
         workspace: whose captures are meant.
         source: folder below captures/.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: there are no captures, or a manifest, board or lens file is broken.
@@ -262,7 +261,7 @@ def check_captures(workspace: Workspace, source: str = "real", quiet: bool = Fal
     judge = _Judge(workspace)
     photos: list[CheckedPhoto] = []
     unreadable: list[tuple[str, str]] = []
-    with progress("checking photographs", len(captures), quiet) as bar:
+    with progress("checking photographs", len(captures)) as bar:
         for capture in captures:
             path = capture.path.partition("/")[2]
             try:

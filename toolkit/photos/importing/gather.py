@@ -51,13 +51,12 @@ class Gathered:
     others: tuple[str, ...]
 
 
-def gather_photos(paths: Sequence[Path], every_s: float | None = None, quiet: bool = False) -> Gathered:
+def gather_photos(paths: Sequence[Path], every_s: float | None = None) -> Gathered:
     """Read what the photographs in folders and single files say of themselves; videos become frames.
 
     Args:
         paths: folders, photographs, videos.
         every_s: as in `pick_frames`.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: a path does not exist, or none of them holds a photograph.
@@ -69,7 +68,7 @@ def gather_photos(paths: Sequence[Path], every_s: float | None = None, quiet: bo
     found: list[Candidate] = []
     duplicates: list[tuple[str, str]] = []
     first: dict[str, str] = {}
-    with progress("reading photographs", len(listed), quiet) as bar:
+    with progress("reading photographs", len(listed)) as bar:
         for file, label, folders in listed:
             try:
                 photo = read_photo(file)
@@ -85,7 +84,7 @@ def gather_photos(paths: Sequence[Path], every_s: float | None = None, quiet: bo
     candidates: list[Candidate] = []
     for candidate in kept:
         try:
-            candidates += _take_frames(candidate, every_s, quiet)
+            candidates += _take_frames(candidate, every_s)
         except UnreadableImage as error:
             unreadable.append((candidate.label, error.reason))
     ordered, by_time = sort_by_time(candidates)
@@ -168,11 +167,11 @@ def _list_all(
     return listed, unreadable, others
 
 
-def _take_frames(candidate: Candidate, every_s: float | None, quiet: bool) -> Iterable[Candidate]:
+def _take_frames(candidate: Candidate, every_s: float | None) -> Iterable[Candidate]:
     photo = candidate.photo
     if photo.kind != "video":
         return [candidate]
-    with progress(f"looking through {candidate.label}", 1, quiet) as bar:
+    with progress(f"looking through {candidate.label}", 1) as bar:
         frames = pick_frames(photo.path, every_s)
         facts = read_video(photo.path)
         bar.advance()
