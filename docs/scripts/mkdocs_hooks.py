@@ -1,21 +1,25 @@
 """What the site takes from the code: commands from the command line, fields of files from the models that read them.
 
-A page says where: `<!-- commands -->`, `<!-- fields: toolkit.objects.spec.ObjectSpec -->`, `<!-- names -->`.
+A page says where: `<!-- commands -->`, `<!-- fields: toolkit.objects.spec.ObjectSpec -->`, `<!-- names -->`,
+`<!-- modules -->`.
 """
 
+import ast
 import importlib
 import re
 import types
 import typing
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+PACKAGE = Path(__file__).resolve().parents[2] / "toolkit"
 SHARED = "Every command"
 """The heading under which a command's help lists the options that all have."""
-MARKER = re.compile(r"^<!-- (?P<what>commands|names|fields)(?:: (?P<where>[\w.]+))? -->$", re.MULTILINE)
+MARKER = re.compile(r"^<!-- (?P<what>commands|names|modules|fields)(?:: (?P<where>[\w.]+))? -->$", re.MULTILINE)
 
 
 def on_page_markdown(markdown: str, **_: object) -> str:
@@ -29,6 +33,8 @@ def write_part(what: str, where: str | None) -> str:
         return "\n".join(write_commands())
     if what == "names":
         return "\n".join(write_names())
+    if what == "modules":
+        return "\n".join(write_modules())
     module, _, name = (where or "").rpartition(".")
     return "\n".join(write_fields(getattr(importlib.import_module(module), name)))
 
@@ -139,8 +145,46 @@ def _read_attributes(docstring: str) -> dict[str, str]:
 
 
 def write_names() -> Iterator[str]:
-    """Every public name of the package, for mkdocstrings."""
-    import toolkit
+    """Every name that `import toolkit as tk` offers, for mkdocstrings, in the order in which the package lists them."""
+    homes = list_homes()
+    if homes:
+        yield from (
+            "## Names",
+            "",
+            "`import toolkit as tk`, and these are there, each loaded when it is first used.",
+            "",
+        )
+    for name, module in homes.items():
+        yield from (f"::: {module}.{name}", "")
 
-    for name in getattr(toolkit, "__all__", ()):
-        yield from (f"::: toolkit.{name}", "")
+
+def list_homes() -> dict[str, str]:
+    """Name -> module, of what `toolkit/__init__.py` imports to offer it: `from module import name as name`."""
+    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
+    homes = {one.name: str(node.module) for node in imports for one in node.names if one.asname == one.name}
+    listed = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and node.value in homes]
+    return {name: homes[name] for name in dict.fromkeys([*listed, *homes])}
+
+
+def write_modules() -> Iterator[str]:
+    """Every module under its package, with the first sentence of its docstring."""
+    for package in sorted(PACKAGE.glob("*/__init__.py")):
+        yield from (
+            "",
+            f"### toolkit.{package.parent.name}",
+            "",
+            _read_summary(package),
+            "",
+            "| module | what it is |",
+            "|---|---|",
+        )
+        for file in sorted(package.parent.rglob("*.py")):
+            name = ".".join(file.relative_to(package.parent).with_suffix("").parts)
+            if file != package:
+                yield f"| `{name.removesuffix('.__init__')}` | {_cell(_read_summary(file))} |"
+
+
+def _read_summary(file: Path) -> str:
+    docstring = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+    return " ".join(docstring.split("\n\n")[0].split())

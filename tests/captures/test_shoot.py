@@ -171,7 +171,7 @@ def killed(source_dir, record):
 shoot.append_record = killed
 space = Workspace(Path(sys.argv[1]))
 settings = shoot.ShootSettings(backdrop="white")
-shoot.shoot_plan(space, read_plan(space.plan_file), ["crate"], settings=settings, quiet=True)
+shoot.shoot_plan(space, read_plan(space.plan_file), ["crate"], settings=settings)
 """
 
 

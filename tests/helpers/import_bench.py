@@ -14,7 +14,8 @@ from toolkit.photos.importing.import_photos import import_photos
 from toolkit.photos.importing.settings import ImportSettings
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.camera import Camera, orbit_pose
-from toolkit.rig.plan import Pattern, make_plan, read_plan, write_plan
+from toolkit.rig.pattern import Pattern
+from toolkit.rig.plan import make_plan, read_plan, write_plan
 
 register_heif()
 START = datetime(2024, 5, 1, 10)
@@ -28,7 +29,7 @@ def space(tmp_path, make_crate_space, monkeypatch):
     made = make_crate_space(tmp_path / "space")
     monkeypatch.setattr("toolkit.core.workspace.PACKAGE_DATA", tmp_path / "none")
     item = load_object(made.object_spec("crate"))
-    pattern = Pattern("ring", count=4, elevation_deg=(40, 40))
+    pattern = Pattern(name="ring", count=4, elevation_deg=(40, 40))
     write_plan(made.plan_file, make_plan([item], Camera.from_fov(96, 72), pattern))
     return made
 

@@ -27,7 +27,7 @@ def test_loopback_is_the_default_and_needs_no_token():
 
 
 def test_a_taken_port_is_said(taken):
-    with pytest.raises(ToolkitError, match=f"port {taken} of 127.0.0.1 is taken.*--port"):
+    with pytest.raises(ToolkitError, match=f"port {taken} of 127.0.0.1 is taken.*choose another port"):
         listen(port=taken)
 
 
@@ -58,7 +58,7 @@ def test_no_network_is_said(monkeypatch):
             raise OSError(101, "Network is unreachable")
 
     monkeypatch.setattr(serve.socket, "socket", Deaf)
-    with pytest.raises(ToolkitError, match=r"no address in a local network.*--address"):
+    with pytest.raises(ToolkitError, match=r"no address in a local network.*by address"):
         listen(lan=True)
 
 

@@ -58,7 +58,7 @@ def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption]) -> list[
         out = source_dir.with_name(name_source(source_dir.name, corruption))
         _check_own(out, corruption)
         name, severity = corruption
-        done = corrupt_folder(source_dir, out, [name], [severity], SEED, CUT_PX)
+        done = corrupt_folder(source_dir, out, [(name, severity)], seed=SEED, size_px=CUT_PX)
         _write_records(source_dir, out, corruption)
         made.append(CorruptedSource(out, done.made, done.kept, tuple(done.failed)))
     return made

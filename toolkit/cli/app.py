@@ -27,6 +27,7 @@ METAVARS = {"str": "TEXT", "int": "N", "float": "X", "path": "PATH", "Path": "PA
 """What stands for a value of a type in the help, where the option names nothing better."""
 RANGE = re.compile(r"; x>=[01](?=\])| *\[x>=[01]\]")
 """A bound that goes without saying."""
+BOUNDS = re.compile(r"(\d+)<=x<=(\d+)")
 
 
 class Entry(NamedTuple):
@@ -43,12 +44,15 @@ class Entry(NamedTuple):
     old: Mapping[str, str] = MappingProxyType({})
 
 
+OLD = {"--size": "--size-px", "--rotation": "--max-rotation", "--scale": "--patch-scale", "--corruption": "--corrupt"}
+"""Of the benchmark's commands; elsewhere these mean other things."""
+
 GROUPS: dict[str, dict[str, Entry]] = {
     "The road": {
         "train-patch": Entry("train_patch:train_patch", "train a patch for a class"),
         "train-texture": Entry("train_texture:train_texture", "train a texture for an object"),
         "print": Entry("print_:print_patches", "print patches at true size, or the board"),
-        "plan": Entry("plan:plan", "plan the camera poses"),
+        "plan": Entry("plan:plan", "plan the camera poses", {"--size": "--resolution"}),
         "capture-sim": Entry("capture_sim:capture_sim", "shoot every object at every pose"),
         "eval": Entry("eval_:evaluate", "classify a capture folder: table, statistics, report"),
         "sweep": Entry("sweep:sweep", "vary one thing: distance, light, size and more"),
@@ -61,16 +65,18 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "print-profile": Entry("measure:print_profile", "measure what a printer does to colours"),
     },
     "Benchmarks": {
-        "corrupt": Entry("corrupt:corrupt", "corrupt images as ImageNet-C does"),
+        "corrupt": Entry(
+            "corrupt:corrupt", "corrupt images as ImageNet-C does", {"--name": "--corrupt", "--size": "--image-px"}
+        ),
         "train-classifier": Entry("train_classifier:train_classifier", "train a classifier of your own classes"),
-        "train-patches": Entry("train_patches:train_patches", "train a patch for each of many classes"),
-        "baseline": Entry("baseline:baseline", "make codes and other baselines"),
-        "corrupt-eval": Entry("corrupt_eval:corrupt_eval", "corrupt a data set with and without patches"),
+        "train-patches": Entry("train_patches:train_patches", "train a patch for each of many classes", OLD),
+        "baseline": Entry("baseline:baseline", "make codes and other baselines", OLD),
+        "corrupt-eval": Entry("corrupt_eval:corrupt_eval", "corrupt a data set with and without patches", OLD),
     },
     "Set-up": {
         "init": Entry("init:init", "make a workspace"),
         "add": Entry("add:add", "add an object of your own from its mesh"),
-        "demo": Entry("demo:demo", "walk the whole road in a new workspace"),
+        "demo": Entry("objects:demo", "walk the whole road in a new workspace"),
         "objects": Entry("objects:list_objects", "list the objects that can be photographed"),
         "doctor": Entry("health:doctor", "check what the kit needs from this machine"),
     },
@@ -100,7 +106,7 @@ class GroupedCommand(TyperCommand):
                 heading, name = "Arguments", _name_parameter(parameter)
             elif parameter.name == "help":
                 heading = SHARED
-            sections.setdefault(heading, []).append((name, RANGE.sub("", row[1])))
+            sections.setdefault(heading, []).append((name, BOUNDS.sub(r"\1 to \2", RANGE.sub("", row[1]))))
         sections[SHARED] = sections.pop(SHARED)  # comes last
         for heading, rows in sections.items():
             if rows:
@@ -166,8 +172,10 @@ class LazyCommand(TyperCommand):
 
     def make_context(self, info_name: Any, args: list[str], parent: Any = None, **extra: Any) -> Any:
         """Load the command, and go on with it."""
-        typed = [_respell(word, self.entry.old) for word in args]
-        return self.load().make_context(info_name, typed, parent, **extra)
+        command = self.load()
+        known = {name for parameter in command.params for name in parameter.opts}
+        old = {earlier: today for earlier, today in self.entry.old.items() if earlier not in known}
+        return command.make_context(info_name, [_respell(word, old) for word in args], parent, **extra)
 
 
 def _respell(word: str, old: Mapping[str, str]) -> str:

@@ -20,7 +20,7 @@ from toolkit.corruptions.catalogue import IMAGENET
 from toolkit.corruptions.corrupt import MIN_SIDE_PX, choose_parameters, corrupt, find_corruption, run_each
 from toolkit.corruptions.digital import from_bytes, to_bytes
 from toolkit.corruptions.draws import image_seed
-from toolkit.corruptions.request import Source, choose_names, find_sources
+from toolkit.corruptions.request import Source, find_sources
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, read_image
 
@@ -190,7 +190,7 @@ class CorruptResult:
             other = sum(n for size, n in self.sizes.items() if size[0] == name and min(size[1:]) != made_for)
             line = f"{count} images with the parameters for {made_for}² ({name})"
             if other:
-                line += f"; {other} have another size, and lengths are pixels, not scaled: --size {made_for} compares"
+                line += f"; {other} have another size, and lengths are pixels, not scaled: image_px {made_for} compares"
             lines.append(line)
         return lines
 
@@ -198,8 +198,8 @@ class CorruptResult:
 def corrupt_folder(
     source: Path,
     out: Path,
-    names: list[str],
-    severities: list[int],
+    corruptions: Sequence[tuple[str, int]],
+    *,
     seed: int = 0,
     size_px: int | None = None,
     image_format: str = "png",
@@ -213,8 +213,7 @@ def corrupt_folder(
     Args:
         source: a folder, or one image.
         out: folder to write to, beside or within `source`.
-        names: of corruptions, see `choose_names`.
-        severities: 1 to 5, each.
+        corruptions: name and severity of each, see `parse_corruptions`.
         seed: of the run.
         size_px: resize to 8/7 of it and cut out the middle, as published (256, 224); None keeps the images' sizes.
         image_format: `png`, or `jpg` of quality 85, which is what ImageNet-C's files are.
@@ -223,7 +222,7 @@ def corrupt_folder(
     Raises:
         ToolkitError: there are no images, `out` holds images of other settings, or a setting is wrong.
     """
-    plan = [(name, severity) for name in choose_names(names) for severity in dict.fromkeys(severities)]
+    plan = list(dict.fromkeys(corruptions))
     for name, severity in plan:
         find_corruption(name, severity)
     _check_settings(source, out, size_px, image_format)
@@ -342,24 +341,25 @@ def _is_same(file: Path, sha256: str) -> bool:
 
 
 def corrupt_file(
-    source: Path, out: Path, names: list[str], severities: list[int], seed: int, size_px: int | None, device: str
-) -> CorruptResult:
+    source: Path, out: Path, corruptions: Sequence[tuple[str, int]], *, seed: int = 0, size_px: int | None = None,
+    device: str = "cpu",
+) -> CorruptResult:  # fmt: skip
     """Corrupt one image into one file, PNG or JPEG by its suffix; its seed is its name.
 
     Raises:
         ToolkitError: the image cannot be read, `out` is another file, or more than one corruption is asked for.
     """
-    if len(names) != 1 or len(severities) != 1:
-        count = len(names) * len(severities)
+    if len(corruptions) != 1:
         raise ToolkitError(
-            f"{out} is one file for {count} corruptions: name one --name and one --severity, or a folder"
+            f"{out} is one file for {len(corruptions)} corruptions: name one at one severity, or a folder"
         )
+    ((name, severity),) = corruptions
     image_format = "png" if out.suffix.lower() == ".png" else "jpg"
     _check_settings(source, out.parent / f"{out.name}.folder", size_px, image_format)
     result = CorruptResult()
     pixels = read_picture(source, size_px)
     loaded = Loaded(Source(source, source.name, out.name), pixels, "", {})
-    content = render([loaded], names[0], severities[0], seed, image_format, device)[0]
+    content = render([loaded], name, severity, seed, image_format, device)[0]
     result.sizes.update([(choose_parameters(*pixels.shape[:2]), *pixels.shape[:2])])
     if not out.exists():
         write_bytes(out, content)
