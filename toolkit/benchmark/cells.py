@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -73,7 +73,8 @@ def make_key(
         given = [corruption, severity, CORRUPTIONS[corruption].parameters[chosen][severity - 1]]
     inputs = [
         METHOD_VERSION, [[one.id, one.class_index] for one in shard.images], shard.hashes, how.describe(), pictures,
-        None if patches is None else asdict(config.placement), None if patches is given is None else config.seed, given,
+        None if patches is None else config.placement.model_dump(),
+        None if patches is given is None else config.seed, given,
         recogniser.identity,
     ]  # fmt: skip
     return sha256_bytes(json.dumps(inputs).encode())

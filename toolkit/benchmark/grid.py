@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence, Sized
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -247,7 +247,7 @@ def describe(grid: Grid, ids: Sequence[str]) -> dict[str, Any]:
         "image_px": image_px,
         "preprocessing": main.preprocessing.describe(),
         "parameters": choose_parameters(image_px, image_px),
-        "placement": asdict(grid.config.placement),
+        "placement": grid.config.placement.model_dump(),
         "seed": grid.config.seed,
         "variants": [_describe_variant(variant, grid, ids) for variant in grid.variants],
         "toolkit_version": __version__,

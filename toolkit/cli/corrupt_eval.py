@@ -48,7 +48,7 @@ def corrupt_eval(
     from toolkit.models.network import Classifier
     from toolkit.training.image_set import open_images
 
-    config = config.with_overrides(placement=Placement(rotation, scale, translate))
+    config = config.with_overrides(placement=Placement(rotation_deg=rotation, scale=scale, translate=translate))
     space = open_workspace(workspace)
 
     def load(name: str) -> Classifier:
