@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -78,7 +78,7 @@ def make_key(shard: Shard, variant: Variant, answerer: Answerer, cell: Cell, pla
         given = [cell.corruption, cell.severity, CORRUPTIONS[cell.corruption].parameters[chosen][cell.severity - 1]]
     inputs = [
         METHOD_VERSION, [[one.id, one.class_index] for one in shard.images], shard.hashes, how.describe(), pictures,
-        None if patches is None else asdict(placement), None if patches is given is None else seed, given,
+        None if patches is None else placement.model_dump(), None if patches is given is None else seed, given,
         answerer.address,
     ]  # fmt: skip
     return sha256_bytes(json.dumps(inputs).encode())

@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -197,7 +197,7 @@ def describe(request: GridRequest, ids: Sequence[str]) -> dict[str, Any]:
         "image_px": image_px,
         "preprocessing": main.preprocessing.describe(),
         "parameters": choose_parameters(image_px, image_px),
-        "placement": asdict(request.placement),
+        "placement": request.placement.model_dump(),
         "seed": request.seed,
         "variants": [_describe_variant(variant, request, ids) for variant in request.variants],
         "toolkit_version": __version__,

@@ -63,7 +63,8 @@ def corrupt_eval(
     from toolkit.models.load import load_classifier
     from toolkit.training.image_set import choose_classes, open_images
 
-    plan, placement = parse_corruptions(corruptions or ["common"]), Placement(rotation, scale, translate)
+    plan = parse_corruptions(corruptions or ["common"])
+    placement = Placement(rotation_deg=rotation, scale=scale, translate=translate)
     place = open_workspace(workspace)
     quiet = quiet or as_json
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from toolkit.captures.read import Selection, read_captures
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.predict import find_true_classes, leave_out_unknown
+from toolkit.evaluation.dataset import find_true_classes, leave_out_unknown
 from toolkit.models.network import Classifier
 
 if TYPE_CHECKING:
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import torch
 
     from toolkit.captures.dataset import CaptureDataset
-    from toolkit.evaluation.results import EvaluationResult
+    from toolkit.evaluation.evaluate import Evaluation
 
 TYPES = {
     **dict.fromkeys(("source", "object", "variant", "path", "true_label", "top1_label", "status"), "string"),
