@@ -83,9 +83,17 @@ def test_weights_are_found_or_the_way_to_them_is_told(tmp_path, monkeypatch):
     monkeypatch.setenv("TORCH_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv("TOOLKIT_WEIGHTS", raising=False)
     check = health._weights()
-    assert check.state == "note" and "TOOLKIT_WEIGHTS" in check.fix
+    assert (check.state, check.found) == ("note", "not on this machine yet") and "TOOLKIT_WEIGHTS" in check.fix
+    monkeypatch.setenv("TOOLKIT_WEIGHTS", str(tmp_path))
+    assert health._weights() == check  # a folder without them
     monkeypatch.setenv("TOOLKIT_WEIGHTS", str(tmp_path / "nowhere"))
-    assert health._weights().state == "note"
+    check = health._weights()
+    assert (check.state, check.fix) == ("missing", "fix or unset TOOLKIT_WEIGHTS")
+    assert check.found == f"TOOLKIT_WEIGHTS is {tmp_path / 'nowhere'}, which is no folder"
+    (tmp_path / "cache" / "hub" / "checkpoints").mkdir(parents=True)
+    (tmp_path / "cache" / "hub" / "checkpoints" / "resnet18-f37072fd.pth").write_bytes(b"x")
+    check = health._weights()  # downloaded before: found whatever the variable says
+    assert check.state == "ok" and "resnet18-f37072fd.pth" in check.found
     (tmp_path / "resnet18-abcd1234.pth").write_bytes(b"x")
     monkeypatch.setenv("TOOLKIT_WEIGHTS", str(tmp_path))
     check = health._weights()

@@ -1,5 +1,6 @@
 """`toolkit doctor`: what the kit needs from a machine, checked one by one, each with the line that fixes it."""
 
+import os
 import platform
 import shutil
 import subprocess
@@ -104,7 +105,7 @@ def _disk(folder: Path) -> Check:
 
 
 def _weights() -> Check:
-    from toolkit.models.weights import find_local
+    from toolkit.models.weights import FOLDER_VARIABLE, find_local
 
     try:
         found = find_local("resnet18")
@@ -112,6 +113,10 @@ def _weights() -> Check:
         return Check("ResNet-18 weights", "missing", str(error), "fix or unset TOOLKIT_WEIGHTS")
     if found is not None:
         return Check("ResNet-18 weights", "ok", str(found))
+    folder = os.environ.get(FOLDER_VARIABLE, "")
+    if folder and not Path(folder).is_dir():
+        why = f"{FOLDER_VARIABLE} is {folder}, which is no folder"
+        return Check("ResNet-18 weights", "missing", why, f"fix or unset {FOLDER_VARIABLE}")
     fix = "export TOOLKIT_WEIGHTS=FOLDER, with resnet18-*.pth in it; or let 'toolkit eval' download them once"
     return Check("ResNet-18 weights", "note", "not on this machine yet", fix)
 
