@@ -112,7 +112,7 @@ QUICK: dict[str, Command] = {
     "init": [],
     "objects": [],
     "print": [],
-    "plan": ["--object", "warplane", "--count", "2", "--size", "160", "120"],
+    "plan": ["--object", "warplane", "--count", "2", "--resolution", "160", "120"],
     "capture-sim": [],
     "corrupt": [],
     "add": [],
