@@ -139,7 +139,10 @@ def _pieces(facing: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     return connected_components(graph, directed=False)[1]
 
 
-def _join_small(piece, facing, unit, area, pairs, length, least_area) -> tuple[np.ndarray, np.ndarray]:
+def _join_small(
+    piece: np.ndarray, facing: np.ndarray, unit: np.ndarray, area: np.ndarray, pairs: np.ndarray, length: np.ndarray,
+    least_area: float,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Give pieces under `least_area` to the neighbour they share the longest border with, if they lean its way."""
     for _ in range(6):
         count = int(piece.max()) + 1
@@ -166,7 +169,9 @@ def _join_small(piece, facing, unit, area, pairs, length, least_area) -> tuple[n
     return piece, facing
 
 
-def _cut_winding(piece, facing, corners, area, pairs) -> np.ndarray:
+def _cut_winding(
+    piece: np.ndarray, facing: np.ndarray, corners: np.ndarray, area: np.ndarray, pairs: np.ndarray
+) -> np.ndarray:
     """Halve pieces that lie over themselves at the middle of their height, as often as it takes."""
     across = np.array([[1, 2], [1, 2], [0, 2], [0, 2], [0, 1], [0, 1]])[facing]
     flat = np.take_along_axis(corners, np.repeat(across[:, None], 3, axis=1), axis=2)
@@ -185,7 +190,9 @@ def _cut_winding(piece, facing, corners, area, pairs) -> np.ndarray:
     return piece
 
 
-def _lay_flat(corners, unit, weighted, piece, facing) -> np.ndarray:
+def _lay_flat(
+    corners: np.ndarray, unit: np.ndarray, weighted: np.ndarray, piece: np.ndarray, facing: np.ndarray
+) -> np.ndarray:
     """(m, 3, 2) each corner on its piece, seen along its mean normal or its direction: what suits the worst face."""
     count = int(piece.max()) + 1
     mean = np.stack([np.bincount(piece, weighted[:, axis], count) for axis in range(3)], axis=1)

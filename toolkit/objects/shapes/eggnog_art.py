@@ -39,7 +39,7 @@ class Canvas:
         """The picture."""
         return Image.fromarray(self.pixels.clip(0, 255).astype(np.uint8))
 
-    def fill(self, mask: np.ndarray, colour, alpha: float = 1.0) -> None:
+    def fill(self, mask: np.ndarray, colour: Colour | np.ndarray, alpha: float = 1.0) -> None:
         """Blend a colour, or an array of them, over the mask."""
         weight = (mask * alpha)[..., None]
         self.pixels += (np.asarray(colour, np.float32) - self.pixels) * weight
