@@ -1,10 +1,14 @@
 """`toolkit corrupt-eval`: does a patch help where the weather, the camera or the transmission is bad?"""
 
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from toolkit.cli import options
+
+if TYPE_CHECKING:
+    from toolkit.models.network import Classifier
 
 SHOWN_NAMES = 5
 
@@ -53,44 +57,31 @@ def corrupt_eval(
 
     Results go to eval/corruptions/RUN. An answer is computed once, whatever run asks for it.
     """
-    from toolkit.benchmark.grid import GridRequest, draw_examples, run_grid
-    from toolkit.benchmark.report import write_benchmark
-    from toolkit.benchmark.variants import open_variants, share_classes
+    from toolkit.benchmark.run import benchmark_corruptions
     from toolkit.boosters.place_patches import Placement
+    from toolkit.core.console import quietly
     from toolkit.core.workspace import open_workspace
     from toolkit.corruptions.request import parse_corruptions
-    from toolkit.evaluation.evaluate import check_run_name
     from toolkit.models.load import load_classifier
-    from toolkit.training.image_set import choose_classes, open_images
 
-    plan, placement = parse_corruptions(corruptions or ["common"]), Placement(rotation, scale, translate)
+    chosen, placement = corruptions or ["common"], Placement(rotation, scale, translate)
+    parse_corruptions(chosen)  # refuses before weights are read
     place = open_workspace(workspace)
-    quiet = quiet or as_json
 
-    def load(name: str):
-        return load_classifier(name, None, device, quiet, place.classifiers_dir)
+    def load(name: str | None, file: Path | None = None) -> "Classifier":
+        return load_classifier(name, file, device, quiet, place.classifiers_dir)
 
-    classifier = load_classifier(model, weights, device, quiet, place.classifiers_dir)
-    images = choose_classes(open_images(data, classifier, "test", download), classes or [], classifier)
-    if per_class is not None:
-        images = images.draw(per_class, seed)
-    variants, notes = open_variants(place, patches or [], classifier, load)
-    shared = share_classes(variants, images.classes)
-    without_images = {} if classes else {
-        variant.name: [classifier.labels[k] for k in variant.patches.patches if k not in images.classes]
-        for variant in variants if variant.patches is not None
-    }  # fmt: skip
-    name = check_run_name(run or f"{images.name.replace('/', '-')}-{classifier.name}")
-    request = GridRequest(images.only(shared), tuple(variants), plan, placement, seed, name)
-    folder = place.eval_dir / "corruptions"
-    result = run_grid(request, folder / "cells.jsonl", quiet, notes)
-    files = write_benchmark(folder / name, result.benchmark, draw_examples(request, result.benchmark))
-    failed = result.benchmark.failed
+    with quietly(quiet or as_json):
+        done = benchmark_corruptions(
+            place, load(model, weights), data, patches or (), chosen, classes=classes or (), per_class=per_class,
+            placement=placement, seed=seed, run=run, download=download, load=load,
+        )  # fmt: skip
+    failed = done.result.benchmark.failed
     if as_json:
-        typer.echo(files.summary.read_text(encoding="utf-8"))
+        typer.echo(done.files.summary.read_text(encoding="utf-8"))
     else:
-        _report(result, files, without_images)
-    if failed or any(without_images.values()):
+        _report(done.result, done.files, done.without_images)
+    if failed or any(done.without_images.values()):
         raise typer.Exit(1)
 
 
