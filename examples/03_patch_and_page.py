@@ -15,7 +15,8 @@ network = tk.load_classifier("rig18")  # several networks in a list make a patch
 
 # Every setting of the recipe can be given by name; recipe="paper" is Algorithm 1 as published.
 trained = tk.train_patch(
-    lab, "racer", network, data=["rig:racer"], size_px=60, name="quick", steps=STEPS, batch=8, mounted_views=24, images=10,
+    lab, "racer", network, data=["rig:racer"], size_px=60, name="quick",
+    steps=STEPS, batch=8, mounted_views=24, images=10, camera=False,
 )  # fmt: skip
 record = trained.patch.record
 print(f"{record.name}: {record.n_px} px for '{record.class_name}', loss {record.final['loss']:.2f}")

@@ -9,7 +9,8 @@ from PIL import Image
 
 import toolkit as tk
 
-STEPS, BATCH, CLASS = 60, 16, "teapot"
+STEPS, BATCH, CLASS = 40, 8, "dice"
+PLACES = tk.AffineRanges(share=(0.35, 0.5), foreshortening=(0.7, 1.0))  # how large, how oblique
 
 
 class LearnedPatch(torch.nn.Module):
@@ -22,21 +23,20 @@ class LearnedPatch(torch.nn.Module):
 
     def forward(self, images: torch.Tensor, seed: int) -> torch.Tensor:
         """(b, 3, h, w) images in [0, 1] with the patch on them; another seed, other places."""
-        return tk.apply_patch(images, torch.sigmoid(self.logits), seed)
+        return tk.apply_patch(images, torch.sigmoid(self.logits), seed, placement=PLACES)
 
 
 lab = tk.make_workspace(Path(sys.argv[1] if len(sys.argv) > 1 else "example-out"))
 network = tk.load_classifier("rig18")  # `logits` is any differentiable function of (b, 3, h, w) images in [0, 1]
 target = network.class_index(CLASS)
 side = network.preprocessing.crop_px
-camera, pattern = tk.Camera.from_fov(side, side), tk.Pattern("fibonacci", count=24)
-items = [tk.load_object(lab.object_spec(name)) for name in ("racer", "warplane", "eggnog")]
-pictures = np.concatenate([tk.render(item, tk.plan_poses(item, camera, pattern), camera) for item in items])
+item, camera = tk.load_object(lab.object_spec("racer")), tk.Camera.from_fov(side, side)
+pictures = tk.render(item, tk.plan_poses(item, camera, tk.Pattern("fibonacci", count=32)), camera)
 photos = torch.from_numpy(pictures).permute(0, 3, 1, 2).float() / 255
 held_out, train = photos[::4], photos[torch.arange(len(photos)) % 4 != 0]
 
-patch = LearnedPatch(32)
-optimiser = torch.optim.Adam(patch.parameters(), lr=0.1)
+patch = LearnedPatch(24)
+optimiser = torch.optim.Adam(patch.parameters(), lr=0.2)
 for step in range(STEPS):
     chosen = np.random.default_rng([0, step]).choice(len(train), BATCH)
     shown = patch(train[chosen], seed=step)
@@ -48,7 +48,7 @@ for step in range(STEPS):
         print(f"step {step}: loss {loss.item():.2f}")
 
 with torch.no_grad():
-    grey = tk.apply_patch(held_out, torch.full((3, 32, 32), 0.5), seed=10**6)
+    grey = tk.apply_patch(held_out, torch.full((3, 24, 24), 0.5), seed=10**6, placement=PLACES)
     shown = patch(held_out, seed=10**6)
     for what, images in (("bare", held_out), ("grey patch", grey), ("learned patch", shown)):
         share = (network.logits(images).argmax(dim=1) == target).float().mean()

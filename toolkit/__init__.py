@@ -8,6 +8,7 @@ nothing. Its docstring says shapes, units and errors. The packages behind it are
 TYPE_CHECKING = False  # as typing's own, without the time that importing it takes
 if TYPE_CHECKING:
     __version__: str
+    from toolkit.benchmark.run import benchmark_corruptions as benchmark_corruptions
     from toolkit.boosters.apply import apply_patch as apply_patch
     from toolkit.boosters.parts.affine import AffineRanges as AffineRanges
     from toolkit.boosters.train import train_patch as train_patch
@@ -69,6 +70,7 @@ else:
         "ShootSettings": "toolkit.captures.shoot",
         "corrupt": "toolkit.corruptions.corrupt",
         "evaluate_captures": "toolkit.evaluation.evaluate",
+        "benchmark_corruptions": "toolkit.benchmark.run",
         "predictions_table": "toolkit.evaluation.notebook",
         "load_captures": "toolkit.evaluation.notebook",
         "CaptureDataset": "toolkit.captures.dataset",

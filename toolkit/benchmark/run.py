@@ -6,6 +6,8 @@ from pathlib import Path
 
 from toolkit.benchmark.grid import GridRequest, GridResult, draw_examples, run_grid
 from toolkit.benchmark.report import BenchmarkFiles, write_benchmark
+from toolkit.benchmark.summary import read_summary
+from toolkit.benchmark.text import say_benchmark
 from toolkit.benchmark.variants import open_variants, share_classes
 from toolkit.boosters.place_patches import Placement
 from toolkit.core.workspace import Workspace
@@ -29,6 +31,11 @@ class BenchmarkRun:
     result: GridResult
     files: BenchmarkFiles
     without_images: dict[str, list[str]]
+
+    @property
+    def headlines(self) -> list[str]:
+        """The result in words, a sentence for each patch set and who answers."""
+        return say_benchmark(read_summary(self.files.summary))
 
 
 def benchmark_corruptions(
