@@ -9,15 +9,16 @@ from PIL import Image
 from torchvision.utils import save_image
 
 import toolkit as tk
+from toolkit.boosters.place_patches import Placement
 
 lab = tk.make_workspace(Path(sys.argv[1] if len(sys.argv) > 1 else "example-out"))
 network = tk.load_classifier("rig18")
 side = network.preprocessing.crop_px
-camera, pattern = tk.Camera.from_fov(side, side), tk.Pattern("fibonacci", count=5)
+camera, pattern = tk.Camera.from_fov(side, side), tk.Pattern("fibonacci", count=4)
 
 # A data set: a folder per class. With photographs of yours this part falls away.
 data = lab.root / "photographs"
-for name in ("coffeepot", "racer"):
+for name in ("coffeepot", "eggnog", "racer", "warplane"):
     item = tk.load_object(lab.object_spec(name))
     (data / name).mkdir(parents=True, exist_ok=True)
     for k, picture in enumerate(tk.render(item, tk.plan_poses(item, camera, pattern), camera)):
@@ -37,7 +38,9 @@ sheet = lab.root / "corrupted.png"
 save_image(torch.cat(rows), sheet, nrow=len(files))
 
 # The benchmark: every image without and with the shipped patch of its class, clean and under each corruption.
-done = tk.benchmark_corruptions(lab, network, data, ["rig18"], ["fog:1-3", "gaussian_noise:3", "contrast:3"])
+smaller = Placement(scale=(0.35, 0.45))  # they have 100 px, and the network sees 128
+severe = ["fog:3", "gaussian_noise:3", "contrast:3"]
+done = tk.benchmark_corruptions(lab, network, data, ["rig18"], severe, placement=smaller)
 for headline in done.headlines:
     print(headline)
 print(f"made {sheet}, {done.files.cells} and {done.files.report}")
