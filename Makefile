@@ -1,7 +1,7 @@
 # make demo    set up, then the whole road in ./demo: print files, 144 images, table and report
 # make test    set up, then all tests
 # make bench   speed against the peers, as ratios in one run
-# make lint    ruff and mypy
+# make lint    ruff, mypy, and import-linter: imports point down, no circles
 # make site    the documentation as a site in ./site; it opens from disk
 # make docs    measure the results anew and draw the figures: about two hours
 
@@ -23,7 +23,7 @@ bench: setup .venv/.bench
 	$(BIN)/python -m benchmarks
 
 lint: setup .venv/.lint
-	$(BIN)/ruff format --check . && $(BIN)/ruff check . && $(BIN)/mypy
+	$(BIN)/ruff format --check . && $(BIN)/ruff check . && $(BIN)/lint-imports && $(BIN)/mypy
 
 # Networks that judge the shipped captures; DOCS_MODELS="timm:tf_efficientnet_lite0 ..." adds more.
 DOCS_MODELS ?=

@@ -13,7 +13,7 @@ import toolkit as tk
 lab = tk.make_workspace(Path(sys.argv[1] if len(sys.argv) > 1 else "example-out"))
 
 
-def build_dumbbell() -> trimesh.Trimesh:
+def build_dumbbell() -> trimesh.Scene:
     """A dumbbell in metres, lying along x, y up and z to the front, as glTF has it. Yours comes from a file."""
     across = trimesh.transformations.rotation_matrix(np.pi / 2, (0, 1, 0))
     pieces = []
@@ -26,7 +26,7 @@ def build_dumbbell() -> trimesh.Trimesh:
         piece.apply_translation((middle_m, 0.045, 0))
         piece.visual.face_colors = (colour, colour, colour, 255)
         pieces.append(piece)
-    return trimesh.util.concatenate(pieces)
+    return trimesh.Scene(pieces)
 
 
 mesh_file = lab.root / "dumbbell.glb"

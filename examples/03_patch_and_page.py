@@ -27,7 +27,7 @@ for answer in trained.on_object:
 
 item = tk.load_object(lab.object_spec("racer"))
 camera = tk.Camera.from_fov(320, 240)
-poses = tk.plan_poses(item, camera, tk.Pattern("ring", count=4, elevation_deg=(35, 35)))
+poses = tk.plan_poses(item, camera, tk.Pattern(name="ring", count=4, elevation_deg=(35, 35)))
 bare, patched = tk.render(item, poses, camera), tk.render(item, poses, camera, trained.patch)
 sheet = lab.root / "racer-quick.png"
 Image.fromarray(np.vstack([np.hstack(list(bare)), np.hstack(list(patched))])).save(sheet)

@@ -31,7 +31,7 @@ network = tk.load_classifier("rig18")  # `logits` is any differentiable function
 target = network.class_index(CLASS)
 side = network.preprocessing.crop_px
 item, camera = tk.load_object(lab.object_spec("racer")), tk.Camera.from_fov(side, side)
-pictures = tk.render(item, tk.plan_poses(item, camera, tk.Pattern("fibonacci", count=32)), camera)
+pictures = tk.render(item, tk.plan_poses(item, camera, tk.Pattern(name="fibonacci", count=32)), camera)
 photos = torch.from_numpy(pictures).permute(0, 3, 1, 2).float() / 255
 held_out, train = photos[::4], photos[torch.arange(len(photos)) % 4 != 0]
 

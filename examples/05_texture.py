@@ -20,7 +20,7 @@ for validation in trained.validations:
 
 item = tk.load_object(lab.object_spec(NAME))
 camera = tk.Camera.from_fov(320, 240)
-poses = tk.plan_poses(item, camera, tk.Pattern("ring", count=4, elevation_deg=(30, 30)))
+poses = tk.plan_poses(item, camera, tk.Pattern(name="ring", count=4, elevation_deg=(30, 30)))
 own, textured = tk.render(item, poses, camera), tk.render(item, poses, camera, trained.texture)
 sheet = lab.root / f"{NAME}-texture.png"
 Image.fromarray(np.vstack([np.hstack(list(own)), np.hstack(list(textured))])).save(sheet)

@@ -14,7 +14,7 @@ from toolkit.boosters.place_patches import Placement
 lab = tk.make_workspace(Path(sys.argv[1] if len(sys.argv) > 1 else "example-out"))
 network = tk.load_classifier("rig18")
 side = network.preprocessing.crop_px
-camera, pattern = tk.Camera.from_fov(side, side), tk.Pattern("fibonacci", count=4)
+camera, pattern = tk.Camera.from_fov(side, side), tk.Pattern(name="fibonacci", count=4)
 
 # A data set: a folder per class. With photographs of yours this part falls away.
 data = lab.root / "photographs"

@@ -28,7 +28,7 @@ for what, answers in right.items():
     print(f"{what}: right on {sum(answers)} of {len(answers)}")
 
 # The same, evaluated and written to eval/far; one row for each image.
-result = tk.evaluate_captures(lab.captures_dir / "far", lab, network, run_name="far")
+result = tk.evaluate_captures(lab.captures_dir, lab, network, tk.EvalConfig(sources=("far",), run="far"))
 table = tk.predictions_table(result)
 azimuths = {pose.id: pose.azimuth_deg for pose in plan.objects[NAME]}
 table["azimuth_deg"] = table.pose_id.map(azimuths)

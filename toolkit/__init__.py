@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from toolkit.core.workspace import open_workspace as open_workspace
     from toolkit.corruptions.corrupt import corrupt as corrupt
     from toolkit.corruptions.draws import image_seed as image_seed
+    from toolkit.evaluation.config import EvalConfig as EvalConfig
     from toolkit.evaluation.evaluate import evaluate_captures as evaluate_captures
     from toolkit.evaluation.notebook import load_captures as load_captures
     from toolkit.evaluation.notebook import predictions_table as predictions_table
@@ -35,11 +36,11 @@ if TYPE_CHECKING:
     from toolkit.objects.load import load_object as load_object
     from toolkit.objects.records import read_patch as read_patch
     from toolkit.objects.records import read_texture as read_texture
-    from toolkit.printing.layout import PrintSettings as PrintSettings
     from toolkit.printing.print_patches import print_patch as print_patch
+    from toolkit.printing.settings import PrintSettings as PrintSettings
     from toolkit.rig.camera import Camera as Camera
     from toolkit.rig.mount import mount_patch as mount_patch
-    from toolkit.rig.plan import Pattern as Pattern
+    from toolkit.rig.pattern import Pattern as Pattern
     from toolkit.rig.plan import plan_objects as plan_objects
     from toolkit.rig.plan import plan_poses as plan_poses
 else:
@@ -60,9 +61,9 @@ else:
         "AffineRanges": "toolkit.boosters.parts.affine",
         "mount_patch": "toolkit.rig.mount",
         "print_patch": "toolkit.printing.print_patches",
-        "PrintSettings": "toolkit.printing.layout",
+        "PrintSettings": "toolkit.printing.settings",
         "Camera": "toolkit.rig.camera",
-        "Pattern": "toolkit.rig.plan",
+        "Pattern": "toolkit.rig.pattern",
         "plan_poses": "toolkit.rig.plan",
         "plan_objects": "toolkit.rig.plan",
         "render": "toolkit.captures.render",
@@ -70,6 +71,7 @@ else:
         "ShootSettings": "toolkit.captures.shoot",
         "corrupt": "toolkit.corruptions.corrupt",
         "evaluate_captures": "toolkit.evaluation.evaluate",
+        "EvalConfig": "toolkit.evaluation.config",
         "benchmark_corruptions": "toolkit.benchmark.run",
         "predictions_table": "toolkit.evaluation.notebook",
         "load_captures": "toolkit.evaluation.notebook",

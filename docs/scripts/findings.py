@@ -16,6 +16,7 @@ NAMES = {
     "timm-tf_efficientnet_lite1": "EfficientNet-Lite1",
 }  # fmt: skip
 Row = dict[str, str]
+PERCENT = "\N{NO-BREAK SPACE}%"
 
 
 class Findings:
@@ -82,7 +83,7 @@ def _say_role(runs: list[str]) -> str:
 def say_share(row: Row) -> str:
     """`39 of 72 (54 %, 43–65 %)`: right, images, share, 95 % interval."""
     low, high = (f"{100 * float(row[key]):.0f}" for key in ("top1_low", "top1_high"))
-    return f"{row['correct']} of {row['n']} ({percent(row['top1'])} %, {low}–{high} %)"
+    return f"{row['correct']} of {row['n']} ({percent(row['top1'])}{PERCENT}, {low}–{high}{PERCENT})"
 
 
 def say_p(p: str) -> str:

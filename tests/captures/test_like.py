@@ -255,4 +255,4 @@ def test_the_command_says_what_it_did_and_what_not(space, monkeypatch):
     assert "3 kept from before, 1 photograph left out" in done.stdout.replace("\n", " ")
     assert f"skipped crate/unpatched/pose_09.jpg: {NOT_MEASURED}" in done.stderr
     refused = CliRunner().invoke(app, ["capture-sim", "--workspace", str(space.root), "--max-px", "99"])
-    assert isinstance(refused.exception, ToolkitError) and "--max-px goes with --like" in str(refused.exception)
+    assert isinstance(refused.exception, ToolkitError) and "--max-px 99: goes with --like" in str(refused.exception)

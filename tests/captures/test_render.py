@@ -9,7 +9,8 @@ from toolkit.captures.shoot import ShootSettings, shoot_plan
 from toolkit.objects.load import load_object
 from toolkit.objects.records import read_patch
 from toolkit.rig.camera import project
-from toolkit.rig.plan import Pattern, open_plan, plan_objects, read_plan
+from toolkit.rig.pattern import Pattern
+from toolkit.rig.plan import open_plan, plan_objects, read_plan
 
 
 @pytest.fixture
@@ -45,9 +46,9 @@ def test_no_poses_are_no_pictures(space):
 def test_objects_are_planned_anew_and_the_others_kept(space):
     before = open_plan(space)
     camera = before.camera
-    plan = plan_objects(space, ["racer"], Pattern("ring", count=3, elevation_deg=(30, 30)), camera)
+    plan = plan_objects(space, ["racer"], Pattern(name="ring", count=3, elevation_deg=(30, 30)), camera)
     assert read_plan(space.plan_file).objects == plan.objects
     assert plan.objects["crate"] == before.objects["crate"]
     assert [pose.azimuth_deg for pose in plan.objects["racer"]] == [0, 120, 240]
-    again = plan_objects(space, ["crate"], Pattern("ring", count=1), camera)
+    again = plan_objects(space, ["crate"], Pattern(name="ring", count=1), camera)
     assert len(again.objects["crate"]) == 1 and again.objects["racer"] == plan.objects["racer"]

@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.benchmark.answers import CLEAN
 from toolkit.benchmark.variants import Answerer, Variant, read_codes
 from toolkit.boosters.place_patches import Placement, boost_images
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import append_lines, sha256_bytes
+from toolkit.core.files import sha256_bytes
+from toolkit.core.records import RecordLog
 from toolkit.corruptions import CORRUPTIONS, choose_parameters, corrupt, image_seed
 from toolkit.corruptions.corrupt import run_each
 from toolkit.imaging.preprocessing import Preprocessing
@@ -83,29 +84,20 @@ def make_key(shard: Shard, variant: Variant, answerer: Answerer, cell: Cell, pla
     return sha256_bytes(json.dumps(inputs).encode())
 
 
+def open_cells(file: Path) -> RecordLog[CellLine]:
+    """The log of answers; those of a line that is broken are computed again."""
+    return RecordLog(file, CellLine, required=False, compact=True)
+
+
 def read_cells(file: Path, wanted: set[str]) -> dict[str, np.ndarray]:
     """Ranks by key, of the keys that are wanted; a line that a kill has cut is passed over."""
-    found: dict[str, np.ndarray] = {}
-    if file.is_file():
-        with file.open(encoding="utf-8", errors="replace") as stream:
-            for text in stream:
-                if text[8:72] not in wanted:  # {"key":"…
-                    continue
-                try:
-                    line = CellLine.model_validate_json(text)
-                except ValidationError:
-                    continue
-                found[line.key] = np.array(line.ranks, np.int32)
-    return found
+    lines = open_cells(file).read(lambda text: text[8:72] in wanted)  # {"key":"…
+    return {line.key: np.array(line.ranks, np.int32) for line in lines}
 
 
 def append_cells(file: Path, rows: Sequence[tuple[str, np.ndarray]]) -> None:
-    """Append ranks by key, flushed to disk.
-
-    Raises:
-        ToolkitError: the disk is full or read-only.
-    """
-    append_lines(file, [CellLine(key=key, ranks=ranks.tolist()).model_dump_json() for key, ranks in rows])
+    """Append ranks by key, flushed to disk; raises as `RecordLog.append`."""
+    open_cells(file).append(*(CellLine(key=key, ranks=ranks.tolist()) for key, ranks in rows))
 
 
 CPU_PART, CUDA_PART = 16, 128

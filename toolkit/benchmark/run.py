@@ -12,7 +12,7 @@ from toolkit.benchmark.variants import open_variants, share_classes
 from toolkit.boosters.place_patches import Placement
 from toolkit.core.workspace import Workspace
 from toolkit.corruptions.request import parse_corruptions
-from toolkit.evaluation.evaluate import check_run_name
+from toolkit.evaluation.config import check_run_name
 from toolkit.models.load import load_classifier
 from toolkit.models.network import Classifier
 from toolkit.training.image_set import choose_classes, open_images

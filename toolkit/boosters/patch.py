@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from toolkit.boosters.data import TrainingData, choose_object, is_rig_source, load_data, names_of_class
-from toolkit.boosters.mounted import MountedViews, divide_views, stack_views
+from toolkit.boosters.mounted import MountedViews, load_mounted_views
 from toolkit.boosters.patch_config import PatchRequest, check_size, hash_inputs, name_files
 from toolkit.boosters.patch_finish import PatchFiles, finish_patch
 from toolkit.boosters.patch_loop import CHECKPOINT_EVERY_S, make_steps, read_checkpoint
@@ -15,7 +15,6 @@ from toolkit.boosters.validation import Validation
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.objects.records import Patch, printed_size_mm, read_patch
-from toolkit.rig.mounted import render_mounted_views
 from toolkit.rig.views import ViewRanges
 from toolkit.training.checkpoint import forget_run, say_start
 
@@ -105,7 +104,7 @@ def train_patch(
     state = read_checkpoint(checkpoint_file, key)
     resumed_from = 0 if state is None else state.done
     say_start(say, resumed_from, request.descent.steps, files.training)
-    train_views, held_out_views = (None, None) if views is None else divide_views(views)
+    train_views, held_out_views = (None, None) if views is None else views.divide()
     state = make_steps(
         request, targets, data.train, state, key, checkpoint_file, checkpoint_every_s, quiet, train_views
     )  # fmt: skip
@@ -121,11 +120,11 @@ def _load_views(request: PatchRequest, workspace: Workspace, names, classifier, 
     source = next((source for source in request.data.sources if is_rig_source(source)), None)
     if source is None:
         raise ToolkitError("--mounted-share needs the object in the rig: add --data rig, or set it to 0")
-    views = render_mounted_views(
-        workspace, choose_object(workspace, source, names), printed_size_mm(request.size_px), request.mounted_views,
-        request.data.seed, classifier.preprocessing.resize_px, quiet, ViewRanges(fill=request.mounted_fill),
+    return load_mounted_views(
+        workspace, choose_object(workspace, source, names), printed_size_mm(request.size_px), request.size_px,
+        request.mounted_views, seed=request.data.seed, image_px=classifier.preprocessing.resize_px,
+        device=classifier.device, quiet=quiet, ranges=ViewRanges(fill=request.mounted_fill),
     )  # fmt: skip
-    return stack_views(list(views), classifier.device)
 
 
 def _describe_data(data: TrainingData, say: Callable[[str], None]) -> None:

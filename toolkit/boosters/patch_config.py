@@ -53,7 +53,7 @@ def non_printability(patch: "torch.Tensor") -> "torch.Tensor":
 CameraParts = tuple[CameraBlur, SensorNoise, JpegFile]
 SMALLEST_PX = 8
 METHOD = "unadversarial patch, sign of the gradient"
-METHOD_VERSION = 3
+METHOD_VERSION = 4
 """Raised when the same request gives other numbers: an older checkpoint is then another run's."""
 
 

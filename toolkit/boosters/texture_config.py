@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from toolkit.boosters.linear_view import GRADIENTS
 from toolkit.boosters.parts.base import ImagePart
 from toolkit.boosters.parts.light import Exposure
 from toolkit.boosters.patch_steps import Descent, Target
-from toolkit.boosters.texture_picture import GRADIENTS
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import sha256_bytes
 from toolkit.rig.views import ViewSettings

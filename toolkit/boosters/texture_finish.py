@@ -8,11 +8,11 @@ import numpy as np
 from PIL import Image
 
 from toolkit import __version__
+from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.boosters.patch_finish import RIGHT, WRONG, list_shares, name_network, write_caption
 from toolkit.boosters.patch_steps import Target
 from toolkit.boosters.texture_config import TextureRequest, state_names
 from toolkit.boosters.texture_objects import Wearers
-from toolkit.boosters.texture_picture import ViewBatch, batch_views, show_texture
 from toolkit.boosters.validation import Share, Validation
 from toolkit.core.draws import Draws
 from toolkit.corruptions.corrupt import corrupt
@@ -148,7 +148,7 @@ def plan_turntable(subject: Subject, image_px: int, device: str) -> ViewBatch:
     for azimuth in np.arange(VIEWS) * 360.0 / VIEWS:
         distance = distance_to_fill(camera, mesh.vertices, target, azimuth, ELEVATION_DEG, FILL)
         pose = orbit_pose(target, azimuth, ELEVATION_DEG, distance)
-        views.append(renderer.take_apart(camera, pose, mesh.materials[subject.material].texture))
+        views.append(renderer.render_linear(camera, pose, mesh.materials[subject.material].texture))
     return batch_views(views, device)
 
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.boosters.patch_steps import Target, judge_photos, smooth_gradient
 from toolkit.boosters.texture_config import Optimiser, TextureRequest
-from toolkit.boosters.texture_picture import ViewBatch, batch_views, show_texture
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import srgb_to_linear
@@ -95,7 +95,7 @@ def train_steps(
 
 def take_photos(texture: "torch.Tensor", batch: ViewBatch, request: TextureRequest, draws: Draws) -> "torch.Tensor":
     """Photographs (b, 3, s, s) of a dilated texture as the camera of `request` gives them, sRGB-encoded in [0, 1]."""
-    count = len(batch.still)
+    count = len(batch)
     light = 1.0 if request.exposure is None else request.exposure.draw(draws.of("exposure"), count, texture)
     photos = show_texture(texture, batch, request.gradient, light)
     for part in request.camera:

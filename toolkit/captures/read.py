@@ -49,6 +49,11 @@ class Capture:
     corruption: tuple[str, int] | None = None
     cut_px: int | None = None
 
+    @property
+    def path_in_source(self) -> str:
+        """OBJECT/VARIANT/FILE."""
+        return self.path.split("/", 1)[1]
+
 
 @dataclass(frozen=True)
 class CaptureFolder:

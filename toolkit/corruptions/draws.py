@@ -21,7 +21,7 @@ def _hash(address: str) -> int:
     return int.from_bytes(hashlib.blake2b(address.encode(), digest_size=8).digest(), "big") >> 1
 
 
-class Draws:
+class RandomStreams:
     """The random numbers of one batch under one corruption: one stream per image.
 
     They are drawn on the CPU whatever the device, so that a GPU makes the same picture as a CPU, and image by image, so

@@ -109,7 +109,7 @@ def choose_device(device: str) -> str:
         return "cpu"
     available = torch.cuda.is_available()
     if device == "cuda" and not available:
-        raise ToolkitError("--device cuda: torch sees no CUDA device here: use --device cpu, or mend the driver")
+        raise ToolkitError("--device cuda: torch sees no CUDA device here: use the cpu, or repair the driver")
     return "cuda" if available else "cpu"
 
 

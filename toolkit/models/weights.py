@@ -110,7 +110,7 @@ def read_state_dict(file: WeightsFile) -> OrderedDict[str, Any]:
 
 
 def _modern_name(name: str) -> str:
-    # torchvision's published DenseNets still have the names of torch 0.3, which its own loader mends like this
+    # torchvision's published DenseNets still have the names of torch 0.3, which its own loader renames like this
     old = re.match(r"^(.*denselayer\d+\.(?:norm|conv))\.([12]\..+)$", name)
     return (old[1] + old[2] if old else name).removeprefix("module.")
 

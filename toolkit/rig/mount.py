@@ -82,7 +82,7 @@ def mount_patch(mesh: Mesh, pixels: np.ndarray, size_mm: float, mount: PatchMoun
     vertices = _unroll(across, height, along_right, side)
     T_object_sheet = np.eye(4)
     T_object_sheet[:3] = np.stack([right, up, normal, centre], axis=1)
-    return Sheet(_sheet_mesh(vertices, along_right, T_object_sheet, pixels, size_mm, side), size_mm, T_object_sheet)
+    return Sheet(_sheet_mesh(vertices, along_right, T_object_sheet, pixels, size_mm), size_mm, T_object_sheet)
 
 
 def lay_flat(pixels: np.ndarray, size_mm: float) -> Mesh:
@@ -90,7 +90,7 @@ def lay_flat(pixels: np.ndarray, size_mm: float) -> Mesh:
     side = size_mm + 2 * TAPE_MARGIN_MM
     steps = np.linspace(-side / 2, side / 2, SAMPLES)
     points = _unroll(steps, np.full(SAMPLES, CLEARANCE_MM), True, side)
-    return _sheet_mesh(points, True, np.eye(4), pixels, size_mm, side)
+    return _sheet_mesh(points, True, np.eye(4), pixels, size_mm)
 
 
 def attach(mesh: Mesh, sheet: Sheet) -> Mesh:
@@ -204,7 +204,9 @@ def _unroll(across: np.ndarray, height: np.ndarray, along_right: bool, side: flo
     return np.stack([curve, rule, lift] if along_right else [rule, curve, lift], axis=-1)
 
 
-def _sheet_mesh(points, along_right: bool, T_object_sheet, pixels, size_mm: float, side: float) -> Mesh:
+def _sheet_mesh(
+    points: np.ndarray, along_right: bool, T_object_sheet: np.ndarray, pixels: np.ndarray, size_mm: float
+) -> Mesh:
     place = points @ T_object_sheet[:3, :3].T + T_object_sheet[:3, 3]
     tangent = np.gradient(place, axis=0)
     ruling = np.broadcast_to(place[:, 1:] - place[:, :1], place.shape)
@@ -219,7 +221,7 @@ def _sheet_mesh(points, along_right: bool, T_object_sheet, pixels, size_mm: floa
     place, normals, uv = (array.reshape(-1, array.shape[-1]).astype(np.float32) for array in (place, normals, uv))
     front = Mesh(
         place, normals, uv, faces.astype(np.int32), np.zeros(len(faces), np.int32),
-        (Material(PAPER_MATERIAL, print_on_paper(pixels, size_mm, side), roughness=0.75),),
+        (Material(PAPER_MATERIAL, print_on_paper(pixels, size_mm), roughness=0.75),),
     )  # fmt: skip
     back = Mesh(
         front.vertices - front.normals * np.float32(0.15), -front.normals, front.uv, front.faces[:, ::-1].copy(),
@@ -228,10 +230,14 @@ def _sheet_mesh(points, along_right: bool, T_object_sheet, pixels, size_mm: floa
     return merge_meshes([front, back])
 
 
-def print_on_paper(pixels: np.ndarray, size_mm: float, side_mm: float) -> np.ndarray:
+def size_on_paper(n_px: int, size_mm: float) -> tuple[int, int]:
+    """Texels of the sheet's picture for each pixel of a patch, and for the white margin."""
+    repeat = max(1, round(512 / n_px))
+    return repeat, round(TAPE_MARGIN_MM / size_mm * n_px * repeat)
+
+
+def print_on_paper(pixels: np.ndarray, size_mm: float) -> np.ndarray:
     """The sheet's picture: whole patch pixels with crisp edges on white paper, (m, m, 3) uint8 sRGB."""
-    n = pixels.shape[0]
-    repeat = max(1, round(512 / n))
-    margin = round((side_mm - size_mm) / 2 / size_mm * n * repeat)
+    repeat, margin = size_on_paper(len(pixels), size_mm)
     crisp = pixels.repeat(repeat, axis=0).repeat(repeat, axis=1)
     return np.stack([np.pad(crisp[..., c], margin, constant_values=PAPER[c]) for c in range(3)], axis=-1)

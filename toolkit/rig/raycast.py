@@ -15,41 +15,10 @@ from toolkit.rig import shading
 from toolkit.rig.backdrop import Backdrop
 from toolkit.rig.camera import Camera, pixel_rays, project
 from toolkit.rig.lighting import FULL_DETAIL, BakeDetail, bake_lighting, read_samples
+from toolkit.rig.linear_view import LinearView
 from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.studio import Studio
 from toolkit.rig.textures import sample_pyramid, texture_pyramid
-
-
-@dataclass(frozen=True)
-class TexturedView:
-    """One view of h × w pixels; light is linear, in exposure units.
-
-    Attributes:
-        behind: (h, w, 3) float32 table and room without the object, its shadow included.
-        dark: (h, w, 3) float32 the object with a black texture: gloss, and parts that keep their paint.
-        coverage: (h, w) float32 share of each pixel that shows the object.
-        pixel: (k,) int32 which pixel a sample of the texture counts for, row · w + column.
-        uv: (k, 2) float32 where it lies on the texture, u right and v up; outside [0, 1] the texture repeats.
-        lod: (k,) float32 base-2 logarithm of the texture's texels per pixel there.
-        gain: (k, 3) float32 light that white texels bring to the pixel.
-    """
-
-    behind: np.ndarray
-    dark: np.ndarray
-    coverage: np.ndarray
-    pixel: np.ndarray
-    uv: np.ndarray
-    lod: np.ndarray
-    gain: np.ndarray
-
-
-def view_of_nothing(behind: np.ndarray) -> TexturedView:
-    """A view (h, w, 3) in which the object is not seen."""
-    none = np.zeros(0, np.float32)
-    cover = np.zeros(behind.shape[:2], np.float32)
-    uv, gain = none.reshape(0, 2), none.reshape(0, 3)
-    return TexturedView(behind, np.zeros_like(behind), cover, none.astype(np.int32), uv, none, gain)
-
 
 SUBPIXELS = np.array([[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]], np.float32)
 """Offsets of the four samples: a rotated grid, which resolves near-horizontal and near-vertical edges best."""
@@ -124,20 +93,20 @@ class RaycastRenderer:
             picture[top:bottom, left:right] = colour.reshape(bottom - top, right - left, 3)
         return picture * np.float32(self._studio.exposure)
 
-    def take_apart(self, camera: Camera, T_world_camera: np.ndarray, texture: np.ndarray) -> TexturedView:
-        """What `render` shows, in parts, so that another picture can take the place of one of the mesh's textures.
+    def render_linear(self, camera: Camera, T_world_camera: np.ndarray, texture: np.ndarray) -> LinearView:
+        """What `render` shows, linear in the colours of those of the mesh's materials that share a texture.
 
         Args:
             camera, T_world_camera: as for `render`.
             texture: the one of the materials' textures (the array itself) that is left out; its materials must not be
-                metallic, for then a picture is linear in the texture's linear colours.
+                metallic, for their gloss has their colour. What bounces off the table has the texture's mean colour.
         """
         left_out = np.array([m.texture is texture for m in self._mesh.materials])
         waiting = _workers().submit(self._backdrop.render, camera, T_world_camera)
         frame = self._look(camera, T_world_camera, left_out)
         exposure = np.float32(self._studio.exposure)
         behind = waiting.result() * exposure
-        return view_of_nothing(behind) if frame is None else _assemble(frame, behind, exposure)
+        return LinearView.of_nothing(behind) if frame is None else _assemble(frame, behind, exposure)
 
     def _look(self, camera: Camera, T_world_camera: np.ndarray, left_out: np.ndarray | None = None) -> _Frame | None:
         """Trace the pixels that can show the object; None where none can."""
@@ -154,15 +123,10 @@ class RaycastRenderer:
         fine = self._trace(camera, T_world_camera, samples, left_out)
         return _Frame((left, top, right, bottom), seen, refine, fine)
 
-    def buffers(
-        self, camera: Camera, T_world_camera: np.ndarray, offset: np.ndarray | tuple[float, float] = (0.0, 0.0)
-    ) -> dict[str, np.ndarray]:
-        """Exact float buffers: depth along the ray in mm (inf: none), material (-1: none), texture uv (NaN: none).
-
-        They are taken at pixel centres, or `offset` (x, y) pixels beside them.
-        """
+    def buffers(self, camera: Camera, T_world_camera: np.ndarray) -> dict[str, np.ndarray]:
+        """Exact float buffers at pixel centres: depth along the ray, mm (inf: none), material (-1: none), uv (NaN)."""
         y, x = np.mgrid[: camera.height, : camera.width].astype(np.float32) + np.float32(0.5)
-        pixels = np.stack([x, y], axis=-1).reshape(-1, 2) + np.asarray(offset, np.float32)
+        pixels = np.stack([x, y], axis=-1).reshape(-1, 2)
         hits = self._cast(pixel_rays(camera, T_world_camera, pixels))
         shape = (camera.height, camera.width)
         seen = np.isfinite(hits["t_hit"])
@@ -175,15 +139,6 @@ class RaycastRenderer:
             "depth": hits["t_hit"].reshape(shape), "material": material.reshape(shape),
             "uv": texture_uv.reshape(*shape, 2),
         }  # fmt: skip
-
-    def sheet_samples(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
-        """(4, height, width, 2) places on the printed sheet that the four samples of each pixel see, NaN for none."""
-        samples = []
-        for offset in SUBPIXELS:
-            found = self.buffers(camera, T_world_camera, offset)
-            on_sheet = self._is_paper[found["material"]] & (found["material"] >= 0)
-            samples.append(np.where(on_sheet[..., None], found["uv"], np.nan))
-        return np.stack(samples)
 
     def _cast(self, rays: np.ndarray) -> dict[str, np.ndarray]:
         import open3d as o3d
@@ -293,7 +248,7 @@ class RaycastRenderer:
         return (albedo * area[:, None]).sum(axis=0) / max(float(area.sum()), 1e-9)
 
 
-def _assemble(frame: _Frame, behind: np.ndarray, exposure: np.float32) -> TexturedView:
+def _assemble(frame: _Frame, behind: np.ndarray, exposure: np.float32) -> LinearView:
     """The parts of a picture: interior pixels count one sample, refined ones the mean of theirs."""
     left, top, right, bottom = frame.region
     seen, fine, refine = frame.seen, frame.fine, frame.refine
@@ -309,7 +264,7 @@ def _assemble(frame: _Frame, behind: np.ndarray, exposure: np.float32) -> Textur
     full[top:bottom, left:right] = dark.reshape(bottom - top, right - left, 3) * exposure
     cover[top:bottom, left:right] = hit.reshape(bottom - top, right - left)
     share = np.float32(1 / len(SUBPIXELS))
-    return TexturedView(
+    return LinearView(
         behind=behind, dark=full, coverage=cover,
         pixel=((row + top) * behind.shape[1] + column + left).astype(np.int32),
         uv=np.concatenate([seen.uv[coarse], fine.uv[split]]),

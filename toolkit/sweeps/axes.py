@@ -3,9 +3,10 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 from toolkit.captures.shoot import ShootSettings
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import printed_size_mm
@@ -71,7 +72,7 @@ def find_axis(name: str) -> Axis:
     return AXES[name]
 
 
-def parse_values(axis: Axis, typed: Sequence[str] | None) -> list[Value]:
+def parse_values(axis: Axis, typed: Sequence[Value] = ()) -> list[Value]:
     """The values asked for, each once, in order (numbers ascending); the axis' own where none are named.
 
     Each text may hold several, separated by commas.
@@ -79,7 +80,7 @@ def parse_values(axis: Axis, typed: Sequence[str] | None) -> list[Value]:
     Raises:
         ToolkitError: a value that the axis cannot have.
     """
-    texts = [text.strip() for each in typed or () for text in each.split(",")]
+    texts = [text.strip() for each in typed for text in str(each).split(",")]
     values = dict.fromkeys(axis.parse(text) for text in texts) if texts else dict.fromkeys(axis.defaults)
     return sorted(values) if axis.is_ordered else list(values)  # type: ignore[type-var]
 
@@ -102,24 +103,22 @@ def _number(what: str, example: str, whole: bool, low: float, high: float) -> Ca
         except ValueError:
             value = math.nan
         if not low <= value <= high:  # nan is neither
-            raise ToolkitError(
-                f"--values {text}: expected {what}, {kind} from {low:g} to {high:g}, for example --values {example}"
+            raise FieldError(
+                f"expected {what}, {kind} from {low:g} to {high:g}, for example {example}", {"values": text}
             )
         return value
 
     return parse
 
 
-def _change_light(setup: Setup, value: Value) -> Setup:
-    return replace(setup, settings=replace(setup.settings, light=str(value)))
+def _change_setting(name: str) -> Callable[[Setup, Value], Setup]:
+    """The change of one of the settings that images are shot with."""
 
+    def change(setup: Setup, value: Value) -> Setup:
+        settings: dict[str, Any] = {name: value}
+        return replace(setup, settings=replace(setup.settings, **settings))
 
-def _change_backdrop(setup: Setup, value: Value) -> Setup:
-    return replace(setup, settings=replace(setup.settings, backdrop=str(value)))
-
-
-def _change_seed(setup: Setup, value: Value) -> Setup:
-    return replace(setup, settings=replace(setup.settings, seed=int(value)))
+    return change
 
 
 def _change_distance(setup: Setup, value: Value) -> Setup:
@@ -135,8 +134,8 @@ def _change_size(setup: Setup, value: Value) -> Setup:
 
 
 _AXES = (
-    Axis("light", "light", "", tuple(LIGHTS), _one_name("light", tuple(LIGHTS)), _change_light),
-    Axis("backdrop", "backdrop", "", BACKDROPS, _one_name("backdrop", BACKDROPS), _change_backdrop),
+    Axis("light", "light", "", tuple(LIGHTS), _one_name("light", tuple(LIGHTS)), _change_setting("light")),
+    Axis("backdrop", "backdrop", "", BACKDROPS, _one_name("backdrop", BACKDROPS), _change_setting("backdrop")),
     Axis(
         "distance", "distance, as a multiple of the plan's", "x", (0.9, 1.0, 1.5, 2.0, 3.0),
         _number("a factor of the plan's distance", "1.5", False, 0.1, 20), _change_distance,
@@ -154,7 +153,7 @@ _AXES = (
     ),
     Axis(
         "seed", "seed of backdrop, room and noise", "", (0, 1, 2, 3, 4),
-        _number("a seed", "3", True, 0, 2**32 - 1), _change_seed,
+        _number("a seed", "3", True, 0, 2**32 - 1), _change_setting("seed"),
     ),
 )  # fmt: skip
 AXES: dict[str, Axis] = {axis.name: axis for axis in _AXES}
@@ -193,22 +192,27 @@ def plan_units(
 
     Raises:
         ToolkitError: an object, variant or patch is unknown, missing or broken, an object is not in the plan, or a
-            value is none that a camera can have.
+            value is none that a camera can have; or the patch's size is varied and no variant has a patch.
     """
     items = {name: load_object(workspace.object_spec(name)) for name in dict.fromkeys(objects)}
     for name in items:
         if name not in base.plan.objects:
             raise ToolkitError(f"object '{name}' is not in {workspace.plan_file}: run 'toolkit plan --object {name}'")
     setups = {value: axis.change(base, value) for value in values}
-    return [
-        _plan_unit(workspace, axis, value, setup, item, variants)
+    units = [
+        _plan_unit(workspace, item, setup, variants, value=value, label=axis.label(value))
         for value, setup in setups.items()
         for item in items.values()
-    ]  # fmt: skip
+    ]
+    if axis.name == "size" and all(unit.patch_mm is None for unit in units):
+        raise FieldError(
+            "the axis 'size' varies the patch: name a variant that has one, such as 'patched'", {"variants": variants}
+        )
+    return units
 
 
 def _plan_unit(
-    workspace: Workspace, axis: Axis, value: Value, setup: Setup, item: TableObject, variants: Sequence[str]
+    workspace: Workspace, item: TableObject, setup: Setup, variants: Sequence[str], *, value: Value, label: str
 ) -> Unit:
     longest_mm = float(item.mesh.size_mm.max())
     boosters = [find_booster(workspace, item, name) for name in variants]
@@ -226,4 +230,4 @@ def _plan_unit(
                 dress(sized, booster)
     except ToolkitError as error:
         refused = str(error)
-    return Unit(value, axis.label(value), item.name, setup, patch_mm, longest_mm, refused)
+    return Unit(value, label, item.name, setup, patch_mm, longest_mm, refused)

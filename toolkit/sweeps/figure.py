@@ -2,11 +2,15 @@
 
 from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from toolkit.captures.read import POOLED
 from toolkit.core.files import write_bytes
 from toolkit.sweeps.axes import Axis
-from toolkit.sweeps.result import Sweep, SweepRow
+from toolkit.sweeps.result import Sweep
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 COLOURS = {"unpatched": "#6b6f76", "patched": "#0072b2"}
 MORE_COLOURS = ("#d55e00", "#009e73", "#cc79a7", "#e69f00")
@@ -46,20 +50,20 @@ def draw_sweep(path: Path, sweep: Sweep) -> Path:
     return write_bytes(path, buffer.getvalue())
 
 
-def _draw_panel(panel, sweep: Sweep, name: str) -> None:
+def _draw_panel(panel: "Axes", sweep: Sweep, name: str) -> None:
     has_scale = sweep.axis.is_ordered
-    places = {label: float(value) if has_scale else float(i) for i, (value, label) in enumerate(sweep.values)}
+    places = {label: float(value) if has_scale else float(i) for i, (label, value) in enumerate(sweep.values.items())}
     more = iter(MORE_COLOURS * len(sweep.variants))
-    shots = max((row.n for row in sweep.rows if row.object == name), default=0)
+    shots = max((group.n for group in sweep.groups if group.object == name), default=0)
     for i, variant in enumerate(sweep.variants):
-        rows = [row for row in sweep.rows if (row.object, row.variant) == (name, variant) and row.top1 is not None]
+        groups = [own for own in sweep.groups if (own.object, own.variant) == (name, variant) and own.n]
         colour = COLOURS.get(variant) or next(more)
         shift = 0.0 if has_scale else min(DODGE, SPREAD / len(sweep.variants)) * (i - (len(sweep.variants) - 1) / 2)
-        x = [places[row.label] + shift for row in rows]
-        y = [100 * (row.top1 or 0.0) for row in rows]
-        low, high = [100 * row.ci95[0] for row in rows], [100 * row.ci95[1] for row in rows]
+        x = [places[group.source] + shift for group in groups]
+        y = [100 * (group.top1 or 0.0) for group in groups]
+        low, high = ([100 * group.top1_ci95[end] for group in groups] for end in (0, 1))
         marker, side = MARKERS[i % len(MARKERS)]
-        style = {"color": colour, "marker": marker, "ms": side, "label": variant, "clip_on": False}
+        style: dict[str, Any] = {"color": colour, "marker": marker, "ms": side, "label": variant, "clip_on": False}
         if has_scale:
             panel.fill_between(x, low, high, color=colour, alpha=0.18, lw=0)
             panel.plot(x, y, lw=1.8, zorder=3, **style)
@@ -68,7 +72,7 @@ def _draw_panel(panel, sweep: Sweep, name: str) -> None:
             panel.plot(x, y, lw=0, zorder=3, **style)
     if has_scale and sweep.axis.is_log:
         panel.set_xscale("log")
-    ticks = [_say_tick(sweep, name, label) for _, label in sweep.values]
+    ticks = [_format_tick(sweep, name, label) for label in sweep.values]
     tilted = not has_scale and max(map(len, ticks)) > LONG_NAME and len(ticks) > MANY_TICKS
     panel.set_xticks(list(places.values()), ticks, rotation=30 if tilted else 0, ha="right" if tilted else "center")
     panel.minorticks_off()
@@ -93,16 +97,12 @@ def _span(places: list[float], axis: Axis) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def _say_tick(sweep: Sweep, name: str, label: str) -> str:
+def _format_tick(sweep: Sweep, name: str, label: str) -> str:
     """`44` and below it the share of the object's longest side; `*` where objects are missing from the pooled point."""
-    value = next(value for value, own in sweep.values if own == label)
+    value = sweep.values[label]
     text = value if isinstance(value, str) else f"{value:.3g}" if isinstance(value, float) else str(value)
     missing = {skipped for own, skipped, _ in sweep.skipped if own == label}
     if name in missing or (name == POOLED and missing):
         text += "*" if name == POOLED else "\n–"
-    share = _share(sweep.rows, name, label) if sweep.axis.name == "size" else None
+    share = sweep.sizes.get((label, name), (None, None))[1] if sweep.axis.name == "size" else None
     return text if share is None else f"{text}\n{100 * share:.0f} %"
-
-
-def _share(rows: tuple[SweepRow, ...], name: str, label: str) -> float | None:
-    return next((row.patch_share for row in rows if (row.object, row.label) == (name, label) and row.patch_share), None)

@@ -8,9 +8,9 @@ import numpy as np
 
 from toolkit.photos.gates.patch import cell_middles
 from toolkit.photos.gates.result import Gate, GateResult
-from toolkit.photos.gates.solid import View
-from toolkit.photos.sheet.find import CELL_SHOWS, PatchSighting
-from toolkit.photos.sheet.size import SIZE_TOLERANCE
+from toolkit.photos.posed_camera import PosedCamera
+from toolkit.photos.prints.find import CELL_SHOWS, PatchSighting
+from toolkit.photos.prints.size import SIZE_TOLERANCE
 from toolkit.rig.variants import PAIR
 
 MOVED = Gate("patch moved", 5.0, "mm", "put it where it is in the other photographs, and take this one again")
@@ -62,10 +62,10 @@ def lines_from_json(content: dict[str, list]) -> PatchLines:
     )
 
 
-def trace_patch(sighting: PatchSighting, view: View) -> PatchLines:
+def trace_patch(sighting: PatchSighting, view: PosedCamera) -> PatchLines:
     """The lines of a patch that was found; `view` is of the same picture at the same size."""
-    pixels = sighting.place.to_pixels(cell_middles())
-    rays = view.rays(view.lens.undistort(pixels))
+    pixels = sighting.warp.to_pixels(cell_middles())
+    rays = view.rays(view.camera.undistort(pixels))
     return PatchLines(view.position_mm, rays, sighting.agreement.ravel() >= CELL_SHOWS)
 
 

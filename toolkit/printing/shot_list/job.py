@@ -136,7 +136,7 @@ def _find_boosters(
         try:
             found[variant] = find_booster(workspace, item, variant)
         except ToolkitError as error:
-            # a patch that is there and broken must be mended, not left out
+            # a patch that is there and broken must be put right, not left out
             if item.name in workspace.patches() or "unpatched" not in variants:
                 raise
             missing[item.name] = str(error)
