@@ -21,6 +21,14 @@ def run_example(file: Path, folder: Path) -> list[str]:
     return done.stdout.splitlines()
 
 
+HELPS = {
+    "01_road": (r"^patched +(\d\.\d+)", r"^unpatched +(\d\.\d+)"),
+    "04_own_training_loop": (r"learned patch: (\d+)%", r"grey patch: (\d+)%"),
+    "05_texture": (r"clear views: (\d+)%", r"clear views: .* (\d+)% \(.* in its own paint"),
+}
+"""What some say of a booster and of the object without: the reader is told that it helps, so it must."""
+
+
 def test_there_are_seven():
     assert [file.name[:3] for file in EXAMPLES] == [f"0{k}_" for k in range(1, 8)]
 
@@ -46,18 +54,6 @@ def test_it_runs_and_makes_what_it_says(file, tmp_path):
         found = list(tmp_path.rglob(Path(path).name))
         assert found and found[0].stat().st_size > 50, path
     assert [path.name for path in tmp_path.iterdir()] == ["out"], "an example writes into its folder alone"
-
-
-def read_shares(lines: list[str], pattern: str) -> list[float]:
-    return [float(share) for line in lines for share in re.findall(pattern, line)]
-
-
-@pytest.mark.slow
-def test_the_patch_of_the_road_helps(tmp_path):
-    """The reader is told that 30 steps are enough to see that it works."""
-    file = next(file for file in EXAMPLES if file.stem == "01_road")
-    said = run_example(file, tmp_path)
-    patched, unpatched = (
-        read_shares([line for line in said if line.startswith(name)], r"\b\d\.\d+")[0] for name in ("patched", "unpatched")
-    )
-    assert patched >= unpatched + 0.1
+    if file.stem in HELPS:
+        boosted, without = (float(re.search(words, "\n".join(said), re.MULTILINE)[1]) for words in HELPS[file.stem])
+        assert boosted >= without + 0.1 * max(1, boosted)
