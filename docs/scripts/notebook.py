@@ -7,12 +7,14 @@ IPython runs the cells without a kernel; it and nbformat come with Open3D.
 import os
 import re
 import sys
+from base64 import b64encode
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import nbformat
+from IPython.core.displayhook import CapturingDisplayHook
 from IPython.core.interactiveshell import InteractiveShell
-from IPython.utils.capture import RichOutput, capture_output
+from IPython.utils.capture import capture_output
 from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook, new_output
 
 from toolkit.core.console import quietly
@@ -72,6 +74,8 @@ def execute(cells: list[nbformat.NotebookNode], folder: Path) -> None:
     os.chdir(folder)
     try:
         for count, cell in enumerate((cell for cell in cells if cell.cell_type == "code"), 1):
+            shown: list[dict[str, dict[str, object]]] = []
+            shell.display_trap.hook = CapturingDisplayHook(shell, shown)
             with capture_output() as said, quietly():
                 done = shell.run_cell(cell.source)
             if not done.success:
@@ -79,17 +83,15 @@ def execute(cells: list[nbformat.NotebookNode], folder: Path) -> None:
             cell.execution_count = count
             text = said.stdout.replace(f"{folder}/", "")
             cell.outputs = [new_output("stream", name="stdout", text=text)] if text else []
-            cell.outputs += [new_output("display_data", data=choose_formats(one)) for one in said.outputs]
+            cell.outputs += [new_output("display_data", data=choose_formats(one["data"])) for one in shown]
     finally:
         os.chdir(before)
 
 
-def choose_formats(output: RichOutput) -> dict[str, str]:
-    """Of a picture the JPEG alone, where there is one: a render as PNG is large."""
-    data = dict(output.data)
-    if "image/jpeg" in data:
-        data.pop("image/png", None)
-    return data
+def choose_formats(data: dict[str, object]) -> dict[str, object]:
+    """As a notebook holds them; of a picture the JPEG alone, as a render is large as PNG."""
+    kept = {kind: one for kind, one in data.items() if kind != "image/png" or "image/jpeg" not in data}
+    return {kind: b64encode(one).decode() if isinstance(one, bytes) else one for kind, one in kept.items()}
 
 
 def main(notebook: str | None = None) -> None:
