@@ -32,7 +32,7 @@ def shared_light():
             digest.update(np.ascontiguousarray(array).tobytes())
         key = digest.digest()
         if key not in baked:
-            while len(baked) > 40:
+            while len(baked) > 15:
                 baked.pop(next(iter(baked)))
             baked[key] = bake(scene, corners, corner_normals, albedo, studio, **detail)
         return baked[key]
