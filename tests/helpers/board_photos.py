@@ -42,7 +42,7 @@ def photograph(
 
     Args:
         subject: name of a built-in object, a mesh in world millimetres, or None for the bare board.
-        board: a `BoardSpec` or `RingSpec`; None for no board.
+        board: a `CharucoBoard` or `MarkerRing`; None for no board.
         camera: whose distortion and principal point the picture gets.
         T_world_camera: (4, 4).
         seed: of the table top and the sensor's noise.

@@ -25,14 +25,14 @@ from toolkit.printing.shot_list.drawings import (
     set_ink,
     write,
 )
-from toolkit.rig.board import Sheet, lay_board
+from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera, look_at, project
 from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.mount import SIDES, attach, mount_patch
 from toolkit.rig.plan import Pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.shading import develop
-from toolkit.rig.studio import Studio, make_studio
+from toolkit.rig.studio import Studio, add_board, make_studio
 from toolkit.rig.variants import Paint, Print, dress
 
 if TYPE_CHECKING:
@@ -48,16 +48,16 @@ BRIGHTER = 1.25
 DETAIL = BakeDetail(key_rays=16, room_rays=48, surface_spacing=0.026, table_spacing=0.022)
 
 
-def make_light_studio(item: TableObject, board: Sheet | None) -> Studio:
+def make_light_studio(item: TableObject, board: Board | None) -> Studio:
     """A white table, which costs little ink, with the board painted on in true size."""
     studio = make_studio(0, TABLE_SCALE * float(item.mesh.size_mm.max()), backdrop="white")
     studio = replace(studio, exposure=BRIGHTER * studio.exposure)
-    return studio if board is None else lay_board(studio, board, px_per_mm=studio.table.shape[1] / studio.table_mm[0])
+    return studio if board is None else add_board(studio, board, px_per_mm=studio.table.shape[1] / studio.table_mm[0])
 
 
 def draw_views(
     item: TableObject, camera: Camera, poses: list[Pose], boosters: Mapping[str, Print | Paint | None],
-    board: Sheet | None, bar: Ticker,
+    board: Board | None, bar: Ticker,
 ) -> dict[tuple[str, int], bytes]:  # fmt: skip
     """JPEGs by (variant, pose id), as wide as `WIDTH_PX` and of the camera's aspect.
 
