@@ -12,7 +12,7 @@ lab = tk.make_workspace(sys.argv[1] if len(sys.argv) > 1 else "example-out")
 network = tk.load_classifier("rig18")  # bundled; "resnet18", "timm:..." and files of weights work as well
 trained = tk.train_patch(lab, NAME, network, steps=STEPS, batch=8, mounted_views=16, images=16)
 page = tk.print_patch(lab.patch(NAME), lab.print_dir / f"{NAME}.pdf")
-plan = tk.plan_objects(lab, [NAME], tk.Pattern(count=POSES), tk.Camera(320, 240))
+plan = tk.plan_objects(lab, [NAME], tk.Pattern(count=POSES), tk.Camera.from_fov(320, 240))
 shots = tk.shoot_plan(lab, plan, [NAME], variants=["unpatched", "patched", "grey-patch"])
 result = tk.evaluate_captures(lab.captures_dir, lab, network)
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_linear, srgb_to_linear
-from toolkit.boosters.patch_steps import Target
+from toolkit.boosters.pixels import Target
 from toolkit.boosters.validation import Share, Validation
 from toolkit.core.draws import Draws
 from toolkit.core.files import sha256_bytes

@@ -62,7 +62,7 @@ def baseline(
         kind, tuple(class_names or ()), tuple(sizes or (100,)), data, set_name, border, seed
     )  # fmt: skip
     place = open_workspace(workspace)
-    classifier = load_classifier(model, weights, device, quiet, place.classifiers_dir)
+    classifier = load_classifier(model, weights, device, place.classifiers_dir)
     made = make_baseline(request, classifier, place, quiet)
     _report(made, kind, data, as_json)
     if made.skipped:

@@ -1,5 +1,7 @@
 """What is behind the object: the lit table top and the room, found for every pixel in closed form."""
 
+from threading import Lock
+
 import cv2
 import numpy as np
 
@@ -18,12 +20,7 @@ class Backdrop:
         self._studio = studio
         self._lit = build_pyramid(_light_table(studio, lighting))
         self._size = np.array(studio.table_mm, np.float32)
-        w = studio.environment.shape[1]
-        tiled = np.concatenate([studio.environment] * 3, axis=1)
-        self._rooms = [
-            np.ascontiguousarray(cv2.GaussianBlur(tiled, (0, 0), w * (0.004 + 0.13 * r**1.5))[:, w : 2 * w])
-            for r in ROUGHNESS_LEVELS
-        ]
+        self._blurring = Lock()
 
     def render(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
         """(height, width, 3) float32 linear radiance without the object."""
@@ -67,7 +64,11 @@ class Backdrop:
         return radiance
 
     def _room(self, direction: np.ndarray, level: int) -> np.ndarray:
-        return sample_directions(self._rooms[level], direction)
+        rooms = self._studio.blurred_rooms
+        with self._blurring:  # parts of a picture are shaded side by side; few of the levels are met in it
+            if level not in rooms:
+                rooms[level] = _blur_room(self._studio.environment, ROUGHNESS_LEVELS[level])
+        return sample_directions(rooms[level], direction)
 
     def _table_in_mirror(self, points: np.ndarray, direction: np.ndarray, level: np.ndarray) -> np.ndarray:
         reach = points[:, 2] / -direction[:, 2]
@@ -129,6 +130,14 @@ class Backdrop:
         sheen = self._room(mirrored, level) * fresnel[:, None] * (1 - 0.6 * roughness)
         sheen = sheen.reshape(*coarse[0].shape, 3).astype(np.float32)
         return cv2.resize(sheen, (sheen.shape[1] * step, sheen.shape[0] * step), interpolation=cv2.INTER_LINEAR)[:h, :w]
+
+
+def _blur_room(environment: np.ndarray, roughness: float) -> np.ndarray:
+    """The (h, w, 3) room as a surface of that roughness mirrors it."""
+    w = environment.shape[1]
+    tiled = np.concatenate([environment] * 3, axis=1)
+    blurred = cv2.GaussianBlur(tiled, (0, 0), w * (0.004 + 0.13 * roughness**1.5))
+    return np.ascontiguousarray(blurred[:, w : 2 * w])
 
 
 def _light_table(studio: Studio, lighting: Lighting) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
@@ -208,6 +208,11 @@ class Studio:
     table_mm: tuple[float, float]
     table_roughness: float
     exposure: float
+
+    @cached_property
+    def blurred_rooms(self) -> dict[int, np.ndarray]:
+        """`environment` as rough surfaces mirror it, by level of roughness; filled by who renders."""
+        return {}
 
 
 LIGHTS: dict[str, KeyLight] = {
