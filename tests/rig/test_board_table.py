@@ -8,7 +8,7 @@ from toolkit.photos.board_pose import find_board, solve_pose
 from toolkit.rig.board import DEFAULT_BOARD, CharucoBoard
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.shading import develop
+from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
 
 
@@ -19,7 +19,7 @@ def test_a_picture_of_it_gives_the_camera_back(tmp_path, make_crate_space, azimu
     board = CharucoBoard(columns=9, rows=11, square_mm=26.0, marker_mm=19.5)
     studio = add_board(make_studio(1, 100.0, "oak"), board)
     camera, pose = Camera.from_fov(800, 600, 40.0), orbit_pose(np.array([0, 0, 20.0]), azimuth_deg, 45, 420)
-    picture = develop(RaycastRenderer(mesh, studio).render(camera, pose), (1,))
+    picture = tone_map(RaycastRenderer(mesh, studio).render(camera, pose), (1,))
     sighting = find_board(picture, board)
     assert sighting is not None
     found = solve_pose(sighting, camera).T_world_camera

@@ -23,7 +23,7 @@ from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan, check_poses
 from toolkit.rig.renderer import RENDERERS, make_renderer
-from toolkit.rig.shading import develop
+from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import Studio, add_board, make_studio
 from toolkit.rig.variants import PAIR, describe_booster, dress, find_booster, note_booster
 
@@ -288,7 +288,7 @@ def _shoot_scene(
     renderer = make_renderer(settings.renderer, dress(item, booster), studio)
     for shot in shots:
         picture = renderer.render(shot.camera, shot.T_world_camera)
-        content = _encode(develop(picture, (settings.seed, shot.pose_id or 0)), settings.image_format)
+        content = _encode(tone_map(picture, (settings.seed, shot.pose_id or 0)), settings.image_format)
         write_bytes(source_dir / shot.path, content)
         append_record(
             source_dir,

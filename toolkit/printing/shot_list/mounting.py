@@ -29,10 +29,10 @@ from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera, look_at, project
 from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.mount import SIDES, attach, mount_patch
-from toolkit.rig.mount import Sheet as MountedSheet
+from toolkit.rig.mount import MountedSheet as MountedSheet
 from toolkit.rig.plan import Pose
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.shading import develop
+from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import Studio, add_board, make_studio
 from toolkit.rig.variants import Paint, Print, dress
 
@@ -80,7 +80,7 @@ def draw_views(
         bar.advance(0, note=f"{item.name} {variant}: light")
         renderer = RaycastRenderer(dress(item, booster), studio, DETAIL)
         for pose in poses:
-            picture = develop(renderer.render(small, pose.matrix()), (0, pose.id), noise=0, falloff=0)
+            picture = tone_map(renderer.render(small, pose.matrix()), (0, pose.id), noise=0, falloff=0)
             views[variant, pose.id] = encode_jpeg(picture)
             bar.advance(note=f"{item.name} {variant}")
     return views
@@ -199,7 +199,7 @@ def _photograph(
     T_world_camera[:3, :3] = np.stack([right, -up, -normal], axis=1)
     fine = Camera.from_fov(width * FINER, height * FINER, fov)
     renderer = RaycastRenderer(attach(item.mesh, sheet), make_light_studio(item, None), DETAIL)
-    picture = develop(renderer.render(fine, T_world_camera), (0,), noise=0, falloff=0)
+    picture = tone_map(renderer.render(fine, T_world_camera), (0,), noise=0, falloff=0)
     outside = ~np.isfinite(renderer.buffers(fine, T_world_camera)["depth"])
     picture[outside] = 255
     small = np.asarray(Image.fromarray(picture).resize((width, height), Image.Resampling.BOX))
