@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from toolkit.core.console import progress
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
@@ -152,9 +152,9 @@ def _name_pdf(workspace: Workspace, boosters: dict[str, Print | Paint | None]) -
 def _check_paper(paper: Paper) -> None:
     upright = paper.turn("portrait")
     if upright.width_mm < NARROWEST_MM or upright.height_mm < LOWEST_MM:
-        raise ToolkitError(
-            f"--paper {paper.name}: expected at least {NARROWEST_MM:.0f} × {LOWEST_MM:.0f} mm for a shot list: "
-            "choose a4 or letter"
+        raise FieldError(
+            f"expected at least {NARROWEST_MM:.0f} × {LOWEST_MM:.0f} mm for a shot list: choose a4 or letter",
+            {"paper": paper.name},
         )
 
 
