@@ -102,7 +102,7 @@ def test_a_link_out_of_the_folder_is_listed_and_no_sample(space, tmp_path):
 def test_the_logits_are_those_of_the_evaluation(space):
     classifier = tiny_classifier()
     (space.captures_dir / "real" / "cat" / "patched" / "broken.png").write_bytes(b"no picture")
-    result = evaluate_captures(space.captures_dir, space, classifier, quiet=True)
+    result = evaluate_captures(space.captures_dir, space, classifier)
     table = predictions_table(result)
     rows = list(csv.DictReader((result.run_dir / "predictions.csv").open()))
     assert list(table.columns) == list(rows[0]) and len(table) == len(rows) == 9
@@ -120,7 +120,7 @@ def test_the_logits_are_those_of_the_evaluation(space):
 
 def test_what_is_not_known_is_na(space):
     (space.captures_dir / "real" / "cat" / "patched" / "broken.png").write_bytes(b"no picture")
-    run_dir = evaluate_captures(space.captures_dir, space, tiny_classifier(), quiet=True).run_dir
+    run_dir = evaluate_captures(space.captures_dir, space, tiny_classifier()).run_dir
     table = predictions_table(str(run_dir))
     broken = table[table.path.str.endswith("broken.png")].iloc[0]
     assert broken.isna().sum() == 8 and broken.true_label == "cat" and broken.status != "ok"

@@ -4,10 +4,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from toolkit.captures.read import Selection, read_captures
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.dataset import find_true_classes, leave_out_unknown
+from toolkit.evaluation.config import EvalConfig
+from toolkit.evaluation.ground_truth import read_labelled_captures
 from toolkit.models.network import Classifier
 
 if TYPE_CHECKING:
@@ -54,14 +54,13 @@ def load_captures(
     """
     from toolkit.captures.dataset import CaptureDataset
 
-    chosen = Selection(tuple(sources), tuple(objects), tuple(variants))
-    found = read_captures(Path(captures_dir or workspace.captures_dir), chosen)
-    folder = leave_out_unknown(found, workspace, classifier)
-    targets = find_true_classes(folder, workspace, classifier)
+    config = EvalConfig(sources=tuple(sources), objects=tuple(objects), variants=tuple(variants))
+    root = Path(captures_dir or workspace.captures_dir)
+    folder, targets = read_labelled_captures(root, workspace, classifier, config)
     return CaptureDataset(folder, targets, classifier.preprocessing, transform)
 
 
-def predictions_table(run: "EvaluationResult | Path | str") -> "pandas.DataFrame":
+def predictions_table(run: "Evaluation | Path | str") -> "pandas.DataFrame":
     """The predictions of an evaluation as a pandas `DataFrame`, one row per image, as in its `predictions.csv`.
 
     Columns: source, object, variant, pose_id, path, true_index, true_label, top1_index, top1_label, top1_prob,
