@@ -100,7 +100,7 @@ def shoot_like(
         reasons = [_why_not(photo, item, sha256) for photo in own]
         skipped += [(photo.path, why) for photo, why in zip(own, reasons, strict=True) if why]
         fit = [photo for photo, why in zip(own, reasons, strict=True) if not why]
-        scenes.append([_plan_shot(photo, item, look, photos_dir, settings.image_format, taken) for photo in fit])
+        scenes.append([_plan_shot(photo, item, look, photos_dir, settings.image_format, taken=taken) for photo in fit])
     if not any(scenes):
         path, reason = skipped[0]
         raise ToolkitError(
@@ -196,4 +196,6 @@ def _plan_shot(
     camera, pose = photo.camera, np.round(photo.T_world_camera, 6)
     inputs = sha256_json(look | {"camera": camera.intrinsics, "T_world_camera": pose.tolist()})
     made = {"like": f"{photos_dir.resolve().name}/{photo.path}", "like_sha256": photo.record.image_sha256 or ""}
-    return Shot(item, photo.record.variant, photo.record.pose_id, camera, pose, path, inputs, made)
+    return Shot(
+        item, photo.record.variant, photo.record.pose_id, camera, pose, path=path, inputs_sha256=inputs, made=made
+    )

@@ -250,8 +250,8 @@ def _plan_scene(
     return [
         Shot(
             item, variant, pose.id, camera, pose.matrix(),
-            f"{name}/{variant}/pose_{pose.id:02d}.{settings.image_format}",
-            sha256_json(look | {"pose": pose.model_dump()}),
+            path=f"{name}/{variant}/pose_{pose.id:02d}.{settings.image_format}",
+            inputs_sha256=sha256_json(look | {"pose": pose.model_dump()}),
         )
         for pose in plan.objects[name]
     ]  # fmt: skip
