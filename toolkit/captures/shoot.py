@@ -15,7 +15,7 @@ from PIL import Image
 from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest, write_transforms
 from toolkit.core.console import Ticker, progress
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import inside, sha256_bytes, write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
@@ -184,9 +184,8 @@ def check_no_photographs(source_dir: Path, known: Mapping[str, CaptureRecord]) -
     """
     photograph = next((path for path, record in known.items() if "renderer" not in record.made), None)
     if photograph is not None:
-        raise ToolkitError(
-            f"{source_dir} holds photographs ({photograph}), which the rig would overwrite: name another folder with "
-            "--source"
+        raise FieldError(
+            f"{source_dir} holds photographs ({photograph}), which the rig would overwrite: name another {{source}}", {}
         )
 
 
@@ -251,8 +250,8 @@ def _plan_scene(
     return [
         Shot(
             item, variant, pose.id, camera, pose.matrix(),
-            f"{name}/{variant}/pose_{pose.id:02d}.{settings.image_format}",
-            sha256_json(look | {"pose": pose.model_dump()}),
+            path=f"{name}/{variant}/pose_{pose.id:02d}.{settings.image_format}",
+            inputs_sha256=sha256_json(look | {"pose": pose.model_dump()}),
         )
         for pose in plan.objects[name]
     ]  # fmt: skip

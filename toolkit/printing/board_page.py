@@ -88,7 +88,7 @@ def _draw_markers(canvas: "Canvas", spec: Board) -> None:
 def _draw_front(canvas: "Canvas", x: float, baseline: float) -> float:
     """The word FRONT about x between two arrows that point down the page; returns its half width."""
     half = measure_text_mm(FRONT, BOLD, FRONT_SIZE_MM) / 2
-    draw_text(canvas, FRONT, x, baseline, FRONT_SIZE_MM, 4 * half, BOLD, "centre")
+    draw_text(canvas, FRONT, x, baseline, FRONT_SIZE_MM, room_mm=4 * half, font=BOLD, align="centre")
     for side in (-1, 1):
         at, head = x + side * (half + 3), canvas.beginPath()
         head.moveTo(at - 1.6, baseline + 3)
@@ -109,7 +109,7 @@ def _write_on_board(canvas: "Canvas", spec: CharucoBoard) -> None:
     for x in (-gap - TICK_MM, width + gap):
         canvas.line(x, height / 2, x + TICK_MM, height / 2)
     taken = _draw_front(canvas, width / 2, -FRONT_EDGE_MM + 1.2)
-    draw_text(canvas, spec.describe(), 0, -FRONT_EDGE_MM + 1.4, 2.2, width / 2 - taken - 2)
+    draw_text(canvas, spec.describe(), 0, -FRONT_EDGE_MM + 1.4, 2.2, room_mm=width / 2 - taken - 2)
 
 
 def _write_in_ring(canvas: "Canvas", spec: MarkerRing) -> None:
@@ -124,7 +124,7 @@ def _write_in_ring(canvas: "Canvas", spec: MarkerRing) -> None:
     front = middle - radius + FRONT_SIZE_MM
     _draw_front(canvas, middle, front)
     canvas.setFillGray(0)
-    draw_text(canvas, spec.describe(), middle + 3, middle - 4, 2.2, radius - 8)
+    draw_text(canvas, spec.describe(), middle + 3, middle - 4, 2.2, room_mm=radius - 8)
 
 
 MOST_SHEET_PAGES = 40
@@ -219,7 +219,7 @@ def build_board_pdf(spec: Board, paper: Paper, orientation: str = "auto") -> Boa
     keywords = {"kind": "board" if isinstance(spec, CharucoBoard) else "ring", "dictionary": spec.dictionary}
     describe_document(canvas, f"{label.title}, {label.size}", spec.describe(), keywords)
     for number, page in enumerate(plan.pages, start=1):
-        _draw_page(canvas, plan, page, spec, label, number)
+        _draw_page(canvas, plan, page, spec, label, number=number)
         canvas.showPage()
     canvas.save()
     return BoardDocument(buffer.getvalue(), plan)
@@ -273,4 +273,6 @@ def _draw_page(canvas: "Canvas", plan: BoardPages, page: Page, spec: Board, labe
 
 
 def _draw_caption(canvas: "Canvas", window: Rect, words: str) -> None:
-    draw_text(canvas, words, window.x + window.width / 2, window.y - MARK_MM - 2.6, 2.4, window.width, align="centre")
+    draw_text(
+        canvas, words, window.x + window.width / 2, window.y - MARK_MM - 2.6, 2.4, room_mm=window.width, align="centre"
+    )

@@ -55,7 +55,9 @@ class ExpectationBuilder:
         if key not in self._kept:
             self._kept[key] = self._build(object_name, variant)
         solid, patch, no_patch = self._kept[key]
-        return Expectation(object_name, variant, pose_id, view, no_pose, self.board, solid, patch, no_patch)
+        return Expectation(
+            object_name, variant, pose_id, view, no_pose, board=self.board, solid=solid, patch=patch, no_patch=no_patch
+        )
 
     def prepare(self, object_name: str, variant: str) -> None:
         """Build now what the first photograph would wait for: the object, and the local features of all patches."""

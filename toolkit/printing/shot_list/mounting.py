@@ -157,8 +157,8 @@ def draw_mounting(item: TableObject, booster: Print) -> MountDrawing:
     extremes = body[[body[:, 0].argmin(), body[:, 1].argmin(), body[:, 0].argmax(), body[:, 1].argmax()]]
     jpeg, frame = _photograph(item, sheet, right, up, np.concatenate([body, edge]))
     return MountDrawing(
-        jpeg, frame, _box(body), extremes, _box(edge), edge, patch, middle,
-        axis / max(float(np.linalg.norm(axis)), 1e-9), booster.size_mm, cut_mm,
+        jpeg, frame, _box(body), extremes, _box(edge), outline_mm=edge, patch_mm=patch, centre_mm=middle,
+        arrow_mm=axis / max(float(np.linalg.norm(axis)), 1e-9), size_mm=booster.size_mm, cut_mm=cut_mm,
     )  # fmt: skip
 
 
@@ -239,7 +239,16 @@ def draw_mounting_plan(canvas: "Canvas", area: Rect, drawing: MountDrawing, side
     _draw_sheet_arrow(canvas, at, drawing)
     _draw_chains(canvas, at, picture, drawing)
     if side == "top":
-        write(canvas, "front", picture.right + 0.6, picture.y + picture.height / 2 - 1, 2.8, 9, BOLD, colour=SOFT)
+        write(
+            canvas,
+            "front",
+            picture.right + 0.6,
+            picture.y + picture.height / 2 - 1,
+            2.8,
+            room_mm=9,
+            font=BOLD,
+            colour=SOFT,
+        )
 
 
 def _draw_sheet_arrow(canvas: "Canvas", at: ToPage, drawing: MountDrawing) -> None:
