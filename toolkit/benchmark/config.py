@@ -24,7 +24,7 @@ class CorruptEvalConfig(Config):
     corruptions: Annotated[Corruptions | None, Flag("--corrupt", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = (
         Field(
             None,
-            description="A corruption, a family, common (15) or all (19); fog:3, noise:1-3. Repeatable. Default: common.",
+            description="A corruption, a family, common (15) or all (19); fog:3, noise:1-3. Default: common.",
         )
     )
     classes: Annotated[tuple[str, ...], Flag("--class", metavar="NAME")] = Field(

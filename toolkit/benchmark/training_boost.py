@@ -56,8 +56,8 @@ class TrainingBoost:
         name, n_px = self.pictures.name, self.pictures.n_px
         if n_px > image_px:
             raise FieldError(
-                f"its patches are {n_px} px a side, and the network sees images of {image_px} px: make smaller ones, or "
-                "raise {image_px}",
+                f"its patches are {n_px} px a side, and the network sees images of {image_px} px: make smaller ones, "
+                "or raise {image_px}",
                 {"patches": name},
             )
         chosen = [self._find(labels[index], index) for index in used]
