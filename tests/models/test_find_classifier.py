@@ -14,7 +14,7 @@ from toolkit.core.files import sha256_file
 from toolkit.models import bundled, find, load_classifier
 from toolkit.models.bundled import load_best, read_bundled
 from toolkit.models.find import find_classifier, list_own
-from toolkit.training.classifier import halve_weights, summarise_answers
+from toolkit.training.classifier_task import halve_weights, summarise_answers
 
 LABELS = ["racer", "warplane", "coffee mug"]
 
