@@ -24,7 +24,7 @@ def _scene(width: int, height: int):
     from toolkit.rig.studio import make_studio
 
     mesh = load_object(PACKAGE_DATA / "objects" / f"{OBJECT}.toml").mesh
-    camera = Camera(width, height)
+    camera = Camera.from_fov(width, height)
     target = np.array([0, 0, mesh.size_mm[2] / 2])
     poses = []
     for i in range(FRAMES):
@@ -121,7 +121,7 @@ def pyrender_shadows(width: int, height: int):
     light[:3, :3] = trimesh.geometry.align_vectors([0, 0, 1], [0.4, 0.3, 0.8])[:3, :3]
     light[:3, 3] = np.array([0.4, 0.3, 0.8]) * 600
     scene.add(pyrender.DirectionalLight(intensity=4.0), pose=light)
-    lens = pyrender.IntrinsicsCamera(camera.focal_px, camera.focal_px, width / 2, height / 2, znear=10, zfar=5000)
+    lens = pyrender.IntrinsicsCamera(camera.fx, camera.fx, width / 2, height / 2, znear=10, zfar=5000)
     node = scene.add(lens)
     renderer = pyrender.OffscreenRenderer(width, height)
 

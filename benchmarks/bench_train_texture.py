@@ -72,7 +72,7 @@ def render_block(atlas: Atlas, views: int, seed: int) -> float:
     """Seconds per view to light a studio and render `views` pictures of the object in it, as `capture-sim` does."""
     began = perf_counter()
     renderer = RaycastRenderer(atlas.mesh, make_studio((seed, 1), LENGTH_MM), DETAIL)
-    camera = Camera(224, 224, FOV_DEG)
+    camera = Camera.from_fov(224, 224, FOV_DEG)
     for i in range(views):
         renderer.render(camera, random_pose(np.random.default_rng([seed, i]), atlas.mesh, camera))
     return (perf_counter() - began) / views

@@ -46,7 +46,7 @@ def area(corners: np.ndarray) -> float:
 def test_a_sheet_is_projected_as_opencv_does():
     rng = np.random.default_rng(0)
     for _ in range(20):
-        camera = Camera(M, M, rng.uniform(20, 70))
+        camera = Camera.from_fov(M, M, rng.uniform(20, 70))
         box = rng.uniform(50, 300, 3)
         azimuth, elevation = rng.uniform(0, 360), rng.uniform(25, 85)
         sheet = draw_sheet(rng, box, 80.0, 0.3, rng.uniform(0, 10))
@@ -126,7 +126,7 @@ def test_nothing_leaves_the_frame_and_no_sheet_is_mirrored():
 
 
 def test_the_box_reaches_across_the_share_asked_for():
-    box, camera = np.array([300.0, 120, 80]), Camera(M, M, 40)
+    box, camera = np.array([300.0, 120, 80]), Camera.from_fov(M, M, 40)
     points, middle = box_corners(box), np.array([0, 0, 40.0])
     distance = distance_to_fill(camera, points, middle, 70, 35, 0.7)
     T_camera_world = np.linalg.inv(orbit_pose(middle, 70, 35, distance))

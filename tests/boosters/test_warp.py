@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from part_checks import check_gradient
 
 from toolkit.boosters.parts.affine import AffineRanges, affine_matrices
 from toolkit.boosters.parts.base import plan_warp, warp_patch
@@ -121,5 +122,4 @@ def test_a_homography_lands_its_corners():
 def test_gradient_matches_finite_differences_in_double_precision():
     rng = np.random.default_rng(3)
     T = AffineRanges(share=(0.4, 0.8)).place(rng, 2, 6, 16)
-    patch = torch.from_numpy(rng.random((3, 6, 6))).requires_grad_(True)
-    assert torch.autograd.gradcheck(lambda theta: warp_patch(theta, T, 16)[0], patch)
+    check_gradient(lambda theta: warp_patch(theta, T, 16)[0], torch.from_numpy(rng.random((3, 6, 6))))

@@ -20,14 +20,13 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
-from toolkit.photos.lens import Lens
-from toolkit.rig.camera import orbit_pose, pixel_rays, project
+from toolkit.rig.camera import Camera, orbit_pose, pixel_rays, project
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
 
 SETTINGS = ShootSettings(backdrop="white")
-LANDSCAPE = Lens(420, 300, 520.0, 531.0, 188.3, 164.6)
-PORTRAIT = Lens(300, 401, 480.0, 480.0, 157.25, 189.5)
+LANDSCAPE = Camera(420, 300, fx=520.0, fy=531.0, cx=188.3, cy=164.6)
+PORTRAIT = Camera(300, 401, fx=480.0, fy=480.0, cx=157.25, cy=189.5)
 TARGET = np.array([4.0, -3.0, 18.0])
 VIEWS = {
     "pose_01": (1, LANDSCAPE, orbit_pose(TARGET, 25, 35, 300, 4)),
@@ -67,7 +66,7 @@ def shot(tmp_path_factory, make_crate_space):
         pixels = board_photos.photograph(crate, None, lens, T_world_camera, backdrop="white")
         board_photos.save_photo(real / path, pixels)
         append_record(real, record(path, pose_id, lens, T_world_camera, image_sha256=sha256_file(real / path)))
-    return space, shoot_like(space, real, SETTINGS, max_px=MAX_PX, quiet=True)
+    return space, shoot_like(space, real, SETTINGS, max_px=MAX_PX)
 
 
 def outline(picture) -> np.ndarray:
@@ -119,7 +118,7 @@ def opencv(lens, T_world_camera, points):
 def test_known_points_project_within_a_tenth_of_a_pixel(lens, max_px):
     T_world_camera = VIEWS["pose_01"][2]
     points = np.random.default_rng(3).uniform(-50, 50, (40, 3))
-    camera = scale_camera(lens.intrinsics, max_px)
+    camera = scale_camera(lens, max_px)
     size = np.array([camera.width, camera.height])
     assert size.max() == min(max_px, max(lens.width, lens.height))
     expected = opencv(lens, T_world_camera, points) * (size / [lens.width, lens.height])
@@ -140,7 +139,7 @@ def test_the_table_is_seen_where_the_lens_puts_it(lens, make_box):
     studio = replace(make_studio(0, 100.0, "white"), table=table, table_mm=(400.0, 300.0), table_roughness=1.0)
     renderer = RaycastRenderer(make_box((4, 4, 4)), studio, QUICK)
     T_world_camera = VIEWS["pose_01"][2]
-    camera = scale_camera(lens.intrinsics, 1280)
+    camera = scale_camera(lens, 1280)
     light = renderer.render(camera, T_world_camera).mean(axis=-1)
     expected = opencv(lens, T_world_camera, place)[0]
     left, top = np.floor(expected).astype(int) - 14
@@ -175,7 +174,7 @@ def space(shot, tmp_path):
 
 
 def again(space, **more):
-    return shoot_like(space, space.captures_dir / "real", SETTINGS, max_px=MAX_PX, quiet=True, **more)
+    return shoot_like(space, space.captures_dir / "real", SETTINGS, max_px=MAX_PX, **more)
 
 
 def test_only_a_photograph_with_a_new_pose_is_shot_again(space):
@@ -256,4 +255,4 @@ def test_the_command_says_what_it_did_and_what_not(space, monkeypatch):
     assert "3 kept from before, 1 photograph left out" in done.stdout.replace("\n", " ")
     assert f"skipped crate/unpatched/pose_09.jpg: {NOT_MEASURED}" in done.stderr
     refused = CliRunner().invoke(app, ["capture-sim", "--workspace", str(space.root), "--max-px", "99"])
-    assert isinstance(refused.exception, ToolkitError) and "--max-px goes with --like" in str(refused.exception)
+    assert isinstance(refused.exception, ToolkitError) and "--max-px 99: goes with --like" in str(refused.exception)

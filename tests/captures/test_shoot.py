@@ -27,7 +27,7 @@ PATHS = [f"crate/{variant}/pose_{i:02d}.jpg" for variant in ("patched", "unpatch
 
 
 def shoot(space, variants=("unpatched", "patched"), settings=SETTINGS, objects=("crate",), **more):
-    return shoot_plan(space, read_plan(space.plan_file), objects, variants, settings, quiet=True, **more)
+    return shoot_plan(space, read_plan(space.plan_file), objects, variants, settings, **more)
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +75,7 @@ def test_pairs_differ_on_the_patch_and_hardly_elsewhere(shot):
             for v in ("unpatched", "patched")
         ]  # fmt: skip
         change = np.abs(pair[0] - pair[1]).max(axis=-1)
-        camera = read_plan(shot.plan_file).camera.camera()
+        camera = read_plan(shot.plan_file).camera
         corners = np.array([[x, y, 40.5] for x in (-26, 26) for y in (-26, 26)])
         pixels, _ = project(camera, pose.matrix(), corners)
         (left, top), (right, bottom) = np.floor(pixels.min(axis=0)).astype(int), np.ceil(pixels.max(axis=0)).astype(int)
@@ -171,7 +171,7 @@ def killed(source_dir, record):
 shoot.append_record = killed
 space = Workspace(Path(sys.argv[1]))
 settings = shoot.ShootSettings(backdrop="white")
-shoot.shoot_plan(space, read_plan(space.plan_file), ["crate"], settings=settings, quiet=True)
+shoot.shoot_plan(space, read_plan(space.plan_file), ["crate"], settings=settings)
 """
 
 
@@ -266,7 +266,7 @@ def test_controls_differ_from_the_patch_in_what_they_say(space, patch_record):
     pixels = np.zeros((12, 12, 3), np.uint8)
     write_patch(space.patches_dir, pixels, patch_record("crate2") | {"class_index": 2})  # next by name
     assert shoot(space, CONTROLS_OF["patched"]).shot == 8
-    folder, camera = space.captures_dir / "sim", read_plan(space.plan_file).camera.camera()
+    folder, camera = space.captures_dir / "sim", read_plan(space.plan_file).camera
     pose = read_plan(space.plan_file).objects["crate"][0]
     place, _ = project(camera, pose.matrix(), np.array([[0, 0, 40.5]]))
     x, y = place[0].astype(int)
@@ -298,4 +298,4 @@ def test_photographs_are_not_shot_over(tmp_path, make_crate_space):
     source.mkdir(parents=True)
     append_record(source, CaptureRecord(path="crate/patched/pose_01.jpg", object="crate", variant="patched"))
     with pytest.raises(ToolkitError, match=r"holds photographs \(crate/patched/pose_01.jpg\).*--source"):
-        shoot_plan(space, read_plan(space.plan_file), ["crate"], source="kitchen", quiet=True)
+        shoot_plan(space, read_plan(space.plan_file), ["crate"], source="kitchen")

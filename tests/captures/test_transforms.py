@@ -8,7 +8,7 @@ import pytest
 from toolkit.captures.manifest import CaptureRecord, describe_transforms, to_opengl, write_transforms
 from toolkit.rig.camera import Camera, orbit_pose, project
 
-CAMERA = Camera(160, 120, 45)
+CAMERA = Camera.from_fov(160, 120, 45)
 
 
 def record(name, T_world_camera, camera=CAMERA):
@@ -47,7 +47,7 @@ def test_a_viewer_projects_as_the_rig_does(tmp_path):
 
 def test_other_lenses_are_written_per_frame_and_unknown_cameras_left_out():
     pose = orbit_pose(np.zeros(3), 0, 30, 300)
-    other = Camera(320, 200, 60)
+    other = Camera.from_fov(320, 200, 60)
     content = describe_transforms([record("a", pose), record("b", pose, other), record("c", None)])
     assert [frame["file_path"][-5:] for frame in content["frames"]] == ["a.jpg", "b.jpg"]
     assert "fl_x" not in content["frames"][0]

@@ -13,7 +13,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from toolkit.cli import app
-from toolkit.cli.import_ import _shorten, ask_person
+from toolkit.cli.photos import _shorten, ask_person
 
 
 @pytest.fixture

@@ -1,5 +1,7 @@
 """Workspaces: found from anywhere inside, and their own files win over the package's."""
 
+from pathlib import Path
+
 import pytest
 
 from toolkit.core.errors import ToolkitError
@@ -25,9 +27,63 @@ def test_the_nearest_one_counts(tmp_path, monkeypatch):
     assert open_workspace().root == inner.root
 
 
-def test_a_named_folder_without_rig_is_refused(tmp_path):
-    with pytest.raises(ToolkitError, match=r"is no workspace \(it has no rig/\): make one with 'toolkit init"):
+def test_a_named_folder_without_a_marker_is_refused(tmp_path):
+    with pytest.raises(ToolkitError, match=r"is no workspace \(it has no toolkit.toml\): make one with 'toolkit init"):
         open_workspace(tmp_path)
+
+
+def test_the_marker_alone_makes_a_workspace(tmp_path, monkeypatch):
+    (tmp_path / "toolkit.toml").write_text("schema_version = 1\n")
+    (tmp_path / "captures").mkdir()
+    monkeypatch.chdir(tmp_path / "captures")
+    assert open_workspace().root == open_workspace(tmp_path).root == tmp_path
+
+
+def test_an_older_workspace_has_rig_alone(tmp_path, monkeypatch):
+    (tmp_path / "rig" / "objects").mkdir(parents=True)
+    (tmp_path / "rig" / "my_script.py").write_text("")
+    below = tmp_path / "captures" / "real"
+    below.mkdir(parents=True)
+    monkeypatch.chdir(below)
+    assert open_workspace().root == open_workspace(tmp_path).root == tmp_path
+    make_workspace(tmp_path)
+    assert (tmp_path / "toolkit.toml").is_file() and open_workspace().root == tmp_path
+
+
+@pytest.mark.parametrize("source", ["toolkit/__init__.py", "toolkit/rig/__init__.py", "toolkit/rig/test_pose.py"])
+def test_source_code_is_never_taken_for_an_older_workspace(tmp_path, monkeypatch, source):
+    (tmp_path / "toolkit" / "rig" / "shapes").mkdir(parents=True)
+    (tmp_path / source).write_text("")
+    space = make_workspace(tmp_path)
+    for folder in ("toolkit", "toolkit/rig", "toolkit/rig/shapes"):
+        monkeypatch.chdir(tmp_path / folder)
+        assert open_workspace().root == space.root
+    with pytest.raises(ToolkitError, match="is no workspace"):
+        open_workspace(tmp_path / "toolkit")
+
+
+@pytest.mark.parametrize("folder", ["toolkit", "toolkit/rig", "tests", "tests/rig", "docs", "rig/objects"])
+def test_in_the_repository_commands_work_at_its_root(monkeypatch, folder):
+    root = Path(__file__).resolve().parents[2]
+    monkeypatch.chdir(root / folder)
+    assert open_workspace().root == root
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("schema_version = 2\n", r"field 'schema_version': Input should be 1, found 2"),
+        ("", r"field 'schema_version': Field required"),
+        ('schema_version = 1\nmodle = "resnet18"\n', r"field 'modle': Extra inputs are not permitted"),
+        ("schema_version = \n", r"not TOML: .*line 1"),
+    ],
+)
+def test_a_wrong_field_of_the_marker_is_named(tmp_path, content, words):
+    (tmp_path / "toolkit.toml").write_text(content)
+    for read in (open_workspace, make_workspace):
+        with pytest.raises(ToolkitError, match=words) as caught:
+            read(tmp_path)
+        assert str(tmp_path / "toolkit.toml") in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_its_own_files_win(tmp_path):

@@ -7,11 +7,12 @@ import pytest
 from scipy.stats import binomtest
 
 from toolkit.captures.read import Capture
+from toolkit.evaluation import metrics
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.metrics import rank_variant
 from toolkit.evaluation.predict import Prediction
-from toolkit.evaluation.results import find_results
-from toolkit.evaluation.verdict import EITHER, STICKER, ask_help, ask_this, compare_controls
+from toolkit.evaluation.results import compare_predictions
+from toolkit.evaluation.verdict import EITHER, STICKER, ask_help, ask_this
 from toolkit.rig.variants import CONTROLS_OF, VARIANTS
 
 HELPS, THIS_PATCH = ask_help("patched"), ask_this("patched")
@@ -31,8 +32,12 @@ def shoot(name="racer", source="sim", n=18, **right):
     return made
 
 
+def compare_controls(predictions):
+    return metrics.compare_controls(metrics.index_poses(predictions))
+
+
 def answer(predictions, question):
-    found = [one for one in find_results("net", predictions).headlines if one.question == question]
+    found = [one for one in compare_predictions("net", predictions).headlines if one.question == question]
     assert len(found) <= 1
     return found[0] if found else None
 
@@ -61,14 +66,15 @@ def test_order_of_variants():
 def test_counts_against_the_binomial_test():
     rows = {(row.object, row.first, row.second): row for row in compare_controls(shoot(**STRONG, patch_alone=9))}
     row = rows["racer", "patched", "random-patch"]
-    assert (row.n_pairs, row.n_first, row.n_second, row.only_first, row.only_second) == (18, 17, 4, 13, 0)
-    assert row.mcnemar_p == pytest.approx(binomtest(13, 13, 0.5).pvalue)
+    found = row.outcomes
+    assert (found.n, found.n_first, found.n_second, found.only_first, found.only_second) == (18, 17, 4, 13, 0)
+    assert found.mcnemar_p == pytest.approx(binomtest(13, 13, 0.5).pvalue)
     assert row.prob_second == pytest.approx((4 * 0.6 + 14 * 0.1) / 18)
-    assert rows["all", "patched", "patch-alone"].only_first == 8
+    assert rows["all", "patched", "patch-alone"].outcomes.only_first == 8
     wrong = rows["all", "unpatched", "wrong-patch"]
-    assert (wrong.n_first, wrong.n_second, wrong.only_first) == (2, 1, 1)
+    assert (wrong.outcomes.n_first, wrong.outcomes.n_second, wrong.outcomes.only_first) == (2, 1, 1)
     # wrong in poses 2 to 18, of which 3, 6, …, 18 are called bobsled
-    assert (wrong.says, wrong.n_says) == ("packet", 11)
+    assert (wrong.mistake, wrong.n_mistakes) == ("packet", 11)
     interval = binomtest(17, 18).proportion_ci(0.95, method="wilson")
     assert row.as_json()["first_ci95"] == pytest.approx([interval.low, interval.high])
 
@@ -78,7 +84,7 @@ def test_poses_are_matched_and_unread_ones_left_out():
     broken = Prediction(seen[-1].capture, 0, "racer", status="empty")
     lonely = shoot(n=5, patched=5)[-1]
     rows = compare_controls([*seen[:-1], broken, lonely])
-    assert [(row.object, row.n_pairs, row.only_first) for row in rows] == [("racer", 2, 2), ("all", 2, 2)]
+    assert [(row.object, row.outcomes.n, row.outcomes.only_first) for row in rows] == [("racer", 2, 2), ("all", 2, 2)]
     assert compare_controls(shoot(unpatched=3, patched=3)) == []
 
 
@@ -86,8 +92,8 @@ def test_pooled_over_objects_but_not_over_sources():
     seen = shoot("a", patched=18, grey_patch=1) + shoot("b", patched=18, grey_patch=2)
     seen += shoot("a", source="real", n=4, patched=4, grey_patch=4)
     rows = {(row.source, row.object): row for row in compare_controls(seen)}
-    assert (rows["sim", "all"].n_pairs, rows["sim", "all"].n_second) == (36, 3)
-    assert (rows["real", "all"].n_pairs, rows["real", "all"].n_second) == (4, 4)
+    assert (rows["sim", "all"].outcomes.n, rows["sim", "all"].outcomes.n_second) == (36, 3)
+    assert (rows["real", "all"].outcomes.n, rows["real", "all"].outcomes.n_second) == (4, 4)
 
 
 def test_it_is_this_patch():
@@ -146,17 +152,17 @@ def test_sticker_numbers_in_words():
 
 
 def test_controls_get_no_headline_beside_the_patch():
-    full = find_results("net", shoot(**STRONG, patch_alone=16)).headlines
+    full = compare_predictions("net", shoot(**STRONG, patch_alone=16)).headlines
     assert [one.question for one in full] == [HELPS, THIS_PATCH, STICKER]
-    bare = find_results("net", shoot(unpatched=2, grey_patch=3, patch_alone=3)).headlines
+    bare = compare_predictions("net", shoot(unpatched=2, grey_patch=3, patch_alone=3)).headlines
     assert [(one.variant, one.question) for one in bare] == [("grey-patch", ""), ("patch-alone", STICKER)]
-    assert [one.question for one in find_results("net", shoot(unpatched=2, patched=9)).headlines] == [""]
+    assert [one.question for one in compare_predictions("net", shoot(unpatched=2, patched=9)).headlines] == [""]
 
 
 def test_the_sticker_alone_is_no_flip():
-    gained, _ = find_results("net", shoot(**STRONG, patch_alone=16)).flips
+    gained, _ = compare_predictions("net", shoot(**STRONG, patch_alone=16)).flips
     assert gained.counts == (("patched", 15), ("random-patch", 2), ("grey-patch", 1))
-    assert [match.after.capture.variant for match in gained.shown] == ["patched"] * 15 + ["random-patch"] * 2 + [
+    assert [pair.second.capture.variant for pair in gained.shown] == ["patched"] * 15 + ["random-patch"] * 2 + [
         "grey-patch"
     ]
 
@@ -166,7 +172,7 @@ def test_summary_and_report(put, workspace, colour_classifier):
         for variant in ("unpatched", "patched", *CONTROLS_OF["patched"]):
             says = "racer" if variant in ("patched", "patch-alone") else "eggnog"
             put(f"sim/racer/{variant}/pose_{pose:02d}.png", says)
-    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     controls = json.loads((result.run_dir / "summary.json").read_text())["controls"]
     assert [one["question"] for one in controls["answers"]] == [HELPS, THIS_PATCH, STICKER]
     assert [one["tone"] for one in controls["answers"]] == ["good", "good", "bad"]
@@ -187,7 +193,7 @@ def test_summary_and_report(put, workspace, colour_classifier):
 def test_without_controls_nothing_is_added(put, workspace, colour_classifier):
     put("sim/racer/unpatched/1.png", "eggnog")
     put("sim/racer/patched/1.png", "racer")
-    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     assert result.summary["controls"] == {"comparisons": [], "answers": []}
     assert 'id="controls"' not in result.report_file.read_text(encoding="utf-8")
 
@@ -197,7 +203,7 @@ GREEN = {"unpatched": 2, "textured": 17, "random_texture": 4, "grey_texture": 3}
 
 def test_it_is_this_texture():
     """The controls of the texture are for the texture, as the patch's are for the patch."""
-    lines = find_results("net", shoot(**GREEN)).headlines
+    lines = compare_predictions("net", shoot(**GREEN)).headlines
     assert [one.question for one in lines] == [ask_help("textured"), ask_this("textured")]
     assert [one.verdict for one in lines] == ["The texture helps", "It is this texture"]
     assert "17 of 18 (94 %, 95 % interval 74–99 %) with the texture and on 2 of 18" in lines[0].sentence
@@ -223,16 +229,16 @@ def test_patch_or_texture(patched, textured, tone, verdict):
     assert (found.tone, found.verdict) == (tone, verdict)
     lost, won = max(0, patched - textured), max(0, textured - patched)
     assert f"{lost} only with the patch and {won} only with the texture" in found.sentence
-    assert [one.question for one in find_results("net", seen).headlines] == [
+    assert [one.question for one in compare_predictions("net", seen).headlines] == [
         ask_help("patched"), ask_help("textured"), EITHER,
     ]  # fmt: skip
 
 
 def test_a_texture_beside_nothing_but_the_bare_object():
-    (only,) = find_results("net", shoot(unpatched=2, textured=9)).headlines
+    (only,) = compare_predictions("net", shoot(unpatched=2, textured=9)).headlines
     assert (only.variant, only.question, only.verdict) == ("textured", "", "The texture helps")
     assert "Of 18 pairs, 7 became right and 0 became wrong" in only.sentence
-    (lonely,) = find_results("net", shoot(unpatched=2, grey_texture=9)).headlines
+    (lonely,) = compare_predictions("net", shoot(unpatched=2, grey_texture=9)).headlines
     assert lonely.variant == "grey-texture" and "'grey-texture'" in lonely.verdict
 
 
@@ -240,7 +246,7 @@ def test_report_of_every_variant(put, workspace, colour_classifier):
     for pose in range(1, 9):
         for variant in VARIANTS:
             put(f"sim/racer/{variant}/{pose}.png", "racer" if variant in ("patched", "textured") else "eggnog")
-    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     assert [one["question"] for one in result.summary["controls"]["answers"]] == [
         HELPS, ask_help("textured"), THIS_PATCH, STICKER, ask_this("textured"), EITHER,
     ]  # fmt: skip
@@ -255,7 +261,7 @@ def test_report_of_every_variant(put, workspace, colour_classifier):
 def test_report_of_patch_and_texture_speaks_of_no_controls(put, workspace, colour_classifier):
     for variant in ("unpatched", "patched", "textured"):
         put(f"sim/racer/{variant}/1.png", "racer")
-    html = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True).report_file.read_text(
+    html = evaluate_captures(workspace.captures_dir, workspace, colour_classifier).report_file.read_text(
         encoding="utf-8"
     )
     assert "Patch and texture</h2>" in html and "Controls" not in html and "grey-patch" not in html

@@ -7,9 +7,17 @@ import pytest
 from scipy.stats import binomtest
 
 from toolkit.captures.read import Capture
-from toolkit.evaluation.metrics import compare_variants, group_predictions, match_pairs, mcnemar_p, wilson_interval
+from toolkit.core.statistics import mcnemar_p, wilson_interval
+from toolkit.core.tables import format_p, format_test
+from toolkit.evaluation.metrics import (
+    compare_unpatched,
+    explain_unpaired,
+    group_predictions,
+    index_poses,
+    pair_variants,
+)
 from toolkit.evaluation.predict import Prediction
-from toolkit.evaluation.verdict import ONE_WAY_FLIPS, say_p, write_headlines
+from toolkit.evaluation.verdict import ONE_WAY_FLIPS, write_headlines
 
 
 @pytest.mark.parametrize(("k", "n"), [(0, 18), (1, 18), (9, 18), (17, 18), (18, 18), (61, 72), (1, 1), (499, 1000)])
@@ -52,12 +60,11 @@ def one(pose_id, variant, rank, name="racer", source="sim", status="ok", tag="")
 def test_eighteen_one_way_flips():
     predictions = [one(pose, "unpatched", 7) for pose in range(1, 19)]
     predictions += [one(pose, "patched", 1) for pose in range(1, 19)]
-    matches, unpaired = match_pairs(predictions)
-    racer, pooled = compare_variants(matches)
+    racer, pooled = compare_unpatched(index_poses(predictions))
     assert (racer.object, pooled.object) == ("racer", "all")
-    assert (racer.n_pairs, racer.gained, racer.lost) == (18, 18, 0)
-    assert racer.mcnemar_p == pytest.approx(2 * 0.5**18)
-    assert unpaired == []
+    assert (racer.outcomes.n, racer.outcomes.only_second, racer.outcomes.only_first) == (18, 18, 0)
+    assert racer.outcomes.mcnemar_p == pytest.approx(2 * 0.5**18)
+    assert explain_unpaired(predictions, index_poses(predictions)) == []
     groups = {(group.object, group.variant): group for group in group_predictions(predictions)}
     assert groups["racer", "unpatched"].top1 == 0
     assert groups["racer", "patched"].as_json() == {
@@ -107,10 +114,13 @@ def test_what_has_no_partner_is_listed():
         one(None, "patched", 1),
         one(1, "unpatched", 1, name="alone"),
     ]
-    matches, unpaired = match_pairs(predictions)
-    (row, _) = compare_variants(matches)
-    assert (row.n_pairs, row.gained, row.lost, row.mcnemar_p) == (1, 0, 1, 1.0)
-    reasons = dict(unpaired)
+    poses = index_poses(predictions)
+    (row, _) = compare_unpatched(poses)
+    assert row.as_pair() == {
+        "source": "sim", "object": "racer", "variant": "patched", "n_pairs": 1, "gained": 0, "lost": 1,
+        "mcnemar_p": 1.0,
+    }  # fmt: skip
+    reasons = dict(explain_unpaired(predictions, poses))
     assert set(reasons) == {f"sim/racer/{p}.png" for p in ("patched/2", "patched/3", "unpatched/4", "patched/None")}
     assert "no unpatched image of pose 2" in reasons["sim/racer/patched/2.png"]
     assert "could not be read" in reasons["sim/racer/patched/3.png"]
@@ -125,18 +135,18 @@ def test_of_two_images_of_a_pose_the_first_that_was_read_is_paired():
         one(1, "unpatched", 1, tag="c"),
         one(1, "patched", 1),
     ]
-    matches, unpaired = match_pairs(predictions)
-    assert [(match.before.capture.path, match.is_gained) for match in matches] == [("sim/racer/unpatched/1b.png", True)]
-    assert unpaired == []
+    poses = index_poses(predictions)
+    pairs = pair_variants(poses, "unpatched", "patched")
+    assert [(pair.first.capture.path, pair.is_gained) for pair in pairs] == [("sim/racer/unpatched/1b.png", True)]
+    assert explain_unpaired(predictions, poses) == []
 
 
 def test_several_variants_each_against_unpatched():
     predictions = [one(pose, "unpatched", 2) for pose in range(8)]
     predictions += [one(pose, "patched", 1) for pose in range(8)]
     predictions += [one(pose, "qr-code", 3) for pose in range(8)]
-    matches, _ = match_pairs(predictions)
-    pairs = compare_variants(matches)
-    assert [(p.object, p.variant, p.gained) for p in pairs] == [
+    pairs = compare_unpatched(index_poses(predictions))
+    assert [(p.object, p.second, p.outcomes.only_second) for p in pairs] == [
         ("racer", "patched", 8),
         ("racer", "qr-code", 0),
         ("all", "patched", 8),
@@ -148,4 +158,5 @@ def test_several_variants_each_against_unpatched():
 
 
 def test_p_in_words():
-    assert [say_p(p) for p in (1.0, 0.03125, 2e-6)] == ["p = 1", "p = 0.031", "p < 0.0001"]
+    assert [format_p(p) for p in (1.0, 0.03125, 2e-6, None)] == ["1", "0.031", "< 0.0001", ""]
+    assert [format_test(p) for p in (1.0, 2e-6)] == ["exact McNemar p = 1", "exact McNemar p < 0.0001"]

@@ -19,7 +19,7 @@ from toolkit.evaluation.contact_sheet import (
     make_thumbnails,
     read_direction,
 )
-from toolkit.evaluation.metrics import MAX_FLIPS, compare_variants, group_predictions, list_flips, match_pairs
+from toolkit.evaluation.metrics import MAX_FLIPS, compare_unpatched, group_predictions, index_poses, list_flips
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.tables import build_tables
 from toolkit.rig.camera import orbit_pose
@@ -111,8 +111,7 @@ def test_flips_are_sorted_and_counted():
     seen = [one(pose, "unpatched", right=pose >= 50) for pose in range(60)] + [
         one(pose, right=pose < 50) for pose in range(60)
     ]
-    matches, _ = match_pairs(seen)
-    gained, lost = list_flips(matches)
+    gained, lost = list_flips(index_poses(seen))
     assert (len(gained.shown), gained.n, len(lost.shown), lost.n) == (MAX_FLIPS, 50, 10, 10)
     assert all(len(card.cells) == 2 for card in lay_out_flips(gained))
 
@@ -133,9 +132,8 @@ def test_thumbnails_are_small_upright_jpegs(tmp_path, colour_classifier):
 
 
 def printed(seen) -> str:
-    matches, _ = match_pairs(seen)
     console = Console(width=80, record=True, file=io.StringIO())
-    for table in build_tables(group_predictions(seen), compare_variants(matches)):
+    for table in build_tables(group_predictions(seen), compare_unpatched(index_poses(seen))):
         console.print(table)
     return console.export_text()
 
@@ -145,7 +143,7 @@ def test_console_table_fits_eighty_columns():
             ("coffeepot", "racer")]  # fmt: skip
     text = printed(seen)
     assert "unpatched" in text and "all" in text and "0–18" in text and "82–100" in text
-    assert "<0.0001" in text
+    assert "< 0.0001" in text
     assert max(map(len, text.splitlines())) <= 80
     assert "all" not in printed([one(1), one(1, "unpatched")])
 

@@ -11,12 +11,13 @@ from rich.console import Console
 from scipy.stats import binomtest, spearmanr
 
 from toolkit.captures.read import Capture
+from toolkit.core.statistics import cohen_kappa, paired_difference_interval, rank_correlation
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.report import MAX_CARDS, SIDE, place_prob, view_sim_real
-from toolkit.evaluation.results import find_results
-from toolkit.evaluation.sim_real import cohen_kappa, compare_sim_real, paired_difference_interval, rank_correlation
-from toolkit.evaluation.sim_real_text import print_sim_real
+from toolkit.evaluation.results import compare_predictions
+from toolkit.evaluation.sim_real import compare_sim_real, place_of
+from toolkit.evaluation.tables import print_sim_real
 
 
 @pytest.mark.parametrize(
@@ -103,11 +104,13 @@ def series(source, marks, variant="patched", name="racer", **more):
 def test_gap_and_its_parts_are_counted_pose_by_pose():
     (found,) = compare_sim_real([*series("real", "+--+-.++"), *series("sim", "++++-+.+")])
     row = found.rows[0]
-    assert (row.n, row.both, row.sim_only, row.real_only, row.n_sim, row.n_real) == (6, 3, 2, 0, 5, 3)
-    assert row.gap == pytest.approx(-1 / 3)
-    assert row.gap_ci95 == paired_difference_interval(3, 0, 2, 1)
-    assert row.mcnemar_p == pytest.approx(binomtest(0, 2).pvalue)
-    assert [couple.place for couple in found.wrong] == [("racer", "patched", 2), ("racer", "patched", 3)]
+    counts = row.outcomes
+    assert (counts.n, counts.both, counts.only_first, counts.only_second) == (6, 3, 2, 0)
+    assert (counts.n_first, counts.n_second) == (5, 3)
+    assert counts.gain == pytest.approx(-1 / 3)
+    assert counts.gain_ci95 == paired_difference_interval(3, 0, 2, 1)
+    assert counts.mcnemar_p == pytest.approx(binomtest(0, 2).pvalue)
+    assert [place_of(pair) for pair in found.wrong] == [("racer", "patched", 2), ("racer", "patched", 3)]
     assert row.rank.rho == pytest.approx(1)  # both series grow with the pose
     assert found.unmatched_real == (
         ("real/racer/patched/pose_07.jpg", "sim has no image of racer, patched, pose 7"),
@@ -123,7 +126,7 @@ def test_pooled_rows_stand_last_and_add_up():
         for shot in (*series("real", real, variant, name), *series("sim", sim, variant, name))
     ]
     (found,) = compare_sim_real(seen)
-    assert [(row.object, row.variant, row.n, row.sim_only) for row in found.rows] == [
+    assert [(row.object, row.variant, row.outcomes.n, row.outcomes.only_first) for row in found.rows] == [
         ("a", "unpatched", 3, 1), ("a", "patched", 3, 1), ("b", "unpatched", 2, 1), ("b", "patched", 2, 1),
         ("all", "unpatched", 5, 2), ("all", "patched", 5, 2),
     ]  # fmt: skip
@@ -136,9 +139,10 @@ def test_gains_are_foreseen_or_not():
     ]  # fmt: skip
     forecast, pooled = compare_sim_real(seen)[0].forecasts
     # of the seven poses with all four images, photographs gain 1 and 2, the rig 1 and 4
-    assert (forecast.n, forecast.both, forecast.sim_only, forecast.real_only, forecast.neither) == (7, 1, 1, 1, 4)
+    found = forecast.outcomes
+    assert (found.n, found.both, found.only_first, found.only_second, found.neither) == (7, 1, 1, 1, 4)
     assert (forecast.sim_lost, forecast.real_lost) == (0, 1)
-    assert forecast.kappa == pytest.approx((5 / 7 - (4 + 25) / 49) / (1 - (4 + 25) / 49))
+    assert found.kappa == pytest.approx((5 / 7 - (4 + 25) / 49) / (1 - (4 + 25) / 49))
     assert (forecast.sim_gain, forecast.real_gain) == (pytest.approx(2 / 7), pytest.approx(1 / 7))
     assert replace(pooled, object="racer") == forecast
     assert compare_sim_real([*series("real", "+"), *series("sim", "+")])[0].forecasts == ()  # nothing bare
@@ -161,35 +165,35 @@ def test_another_patch_is_not_compared():
     sim = [one("sim", i, True, booster_sha256="a" * 64) for i in (1, 2, 3)]
     real = [one("real", i, True, booster_sha256=sha) for i, sha in ((1, "a" * 64), (2, "b" * 64), (3, None))]
     (found,) = compare_sim_real([*sim, *real])
-    assert [couple.place[2] for couple in found.couples] == [1, 3]  # a photograph sorted by hand says nothing: taken
+    assert [place_of(pair)[2] for pair in found.pairs] == [1, 3]  # a photograph sorted by hand says nothing: taken
     ((path, reason),) = found.unmatched_real
     assert path == "real/racer/patched/pose_02.jpg" and "sim has another patch or texture there" in reason
 
 
-def test_several_photographs_of_a_pose_are_coupled_by_name_or_the_first_is():
+def test_several_photographs_of_a_pose_are_paired_by_name_or_the_first_is():
     real = [one("real", 1, True, file=name) for name in ("pose_01.heic", "pose_01.jpg", "pose_01_b.jpg")]
     like = [one("sim-like-real", 1, True, file=name) for name in ("pose_01.heic.jpg", "pose_01.jpg", "pose_01_b.jpg")]
     (found,) = compare_sim_real([*real, *like])
-    assert {(couple.sim.capture.file.name, couple.real.capture.file.name) for couple in found.couples} == {
+    assert {(pair.first.capture.file.name, pair.second.capture.file.name) for pair in found.pairs} == {
         ("pose_01.heic.jpg", "pose_01.heic"), ("pose_01.jpg", "pose_01.jpg"), ("pose_01_b.jpg", "pose_01_b.jpg"),
     }  # fmt: skip
     by_hand = [one("real", 1, True, file=name) for name in ("IMG_1.jpg", "IMG_001.jpg")]
     (found,) = compare_sim_real([*by_hand, one("sim", 1, True)])
-    assert [couple.real.capture.file.name for couple in found.couples] == ["IMG_1.jpg"]
+    assert [pair.second.capture.file.name for pair in found.pairs] == ["IMG_1.jpg"]
     assert found.unmatched_real == (("real/racer/patched/IMG_001.jpg", "another image of pose 1 is compared"),)
 
 
-def test_unread_images_and_those_without_a_pose_are_in_no_couple():
+def test_unread_images_and_those_without_a_pose_are_in_no_pair():
     unread = replace(one("real", 2, True), status="broken", true_rank=None)
     nameless = replace(one("real", 3, True).capture, pose_id=None)
     real = [one("real", 1, True), unread, replace(one("real", 3, True), capture=nameless)]
     (found,) = compare_sim_real([*real, *series("sim", "+++")])
-    assert len(found.couples) == 1
+    assert len(found.pairs) == 1
     assert found.unmatched_real == (("real/racer/patched/pose_03.jpg", "no pose number in its name"),)
 
 
 def headline(real, sim):
-    return find_results("net", [*real, *sim]).headlines[-1]
+    return compare_predictions("net", [*real, *sim]).headlines[-1]
 
 
 def test_the_headline_is_no_surer_than_the_numbers():
@@ -238,10 +242,10 @@ def test_probabilities_are_placed_by_their_odds():
 
 def test_the_chart_marks_what_the_rig_got_wrong():
     (view,) = view_sim_real(compare_sim_real([*series("real", "+-+-"), *series("sim", "++--")]))
-    (chart,) = view.charts
-    assert [point.kind for point in chart.points] == ["both", "sim", "real", "neither"]
-    assert all(point.x == pytest.approx(SIDE - point.y) for point in chart.points)  # equal probabilities: the diagonal
-    assert "racer, pose 2: 2 % in the rig, 2 % in the photograph" in chart.points[1].words
+    (points,) = view.charts.values()
+    assert [point.kind for point in points] == ["both", "sim", "real", "neither"]
+    assert all(point.x == pytest.approx(SIDE - point.y) for point in points)  # equal probabilities: the diagonal
+    assert "racer, pose 2: 2 % in the rig, 2 % in the photograph" in points[1].words
     assert [card.title for card in view.cards] == ["racer · patched · pose 2", "racer · patched · pose 3"]
     many = [*series("real", "-" * 60), *[one("sim", i, True, prob=1 - 0.001 * i) for i in range(1, 61)]]
     (view,) = view_sim_real(compare_sim_real(many))
@@ -257,7 +261,7 @@ def test_a_run_writes_it_to_summary_and_report(workspace, put, colour_classifier
         for variant, labels in variants.items():
             for i, label in enumerate(labels, 1):
                 put(f"{source}/racer/{variant}/pose_{i:02d}.png", label)
-    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     (entry,) = json.loads((result.run_dir / "summary.json").read_text())["sim_real"]
     assert (entry["sim"], entry["real"], entry["n"], entry["unmatched_sim"]) == ("sim", "real", 6, [])
     row = next(row for row in entry["rows"] if (row["object"], row["variant"]) == ("racer", "patched"))
@@ -277,6 +281,6 @@ def test_a_run_writes_it_to_summary_and_report(workspace, put, colour_classifier
 
 def test_a_run_without_photographs_says_nothing_of_them(workspace, put, colour_classifier):
     put("sim/racer/patched/pose_01.png", "racer")
-    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     assert json.loads((result.run_dir / "summary.json").read_text())["sim_real"] == []
     assert "sim-real" not in result.report_file.read_text()

@@ -19,7 +19,7 @@ from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Mesh, place_on_table
 from toolkit.objects.shapes.modelling import assemble, box
-from toolkit.photos.lens import FULL_FRAME_DIAGONAL_MM, Lens, lens_of_camera
+from toolkit.photos.lens import FULL_FRAME_DIAGONAL_MM
 from toolkit.rig.camera import Camera
 from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.raycast import RaycastRenderer
@@ -35,7 +35,7 @@ _scenes: dict[tuple, RaycastRenderer] = {}
 
 
 def photograph(
-    subject: str | Mesh | None, board, camera: Camera | Lens, T_world_camera: np.ndarray, *, seed: int = 0,
+    subject: str | Mesh | None, board, camera: Camera, T_world_camera: np.ndarray, *, seed: int = 0,
     backdrop: str | None = None, light: str = "studio", px_per_mm: float = 3.0, noise: float = 0.006,
 ) -> np.ndarray:  # fmt: skip
     """(h, w, 3) uint8 sRGB picture of a subject on the board.
@@ -43,7 +43,7 @@ def photograph(
     Args:
         subject: name of a built-in object, a mesh in world millimetres, or None for the bare board.
         board: a `BoardSpec` or `RingSpec`; None for no board.
-        camera: the rig's pinhole camera, or a `Lens` whose distortion and principal point the picture gets.
+        camera: whose distortion and principal point the picture gets.
         T_world_camera: (4, 4).
         seed: of the table top and the sensor's noise.
         backdrop, light: as `make_studio` names them; the backdrop is what lies under the board.
@@ -51,12 +51,11 @@ def photograph(
         noise: as in `develop`.
     """
     renderer = _scene(subject, board, seed, backdrop, light, px_per_mm)
-    lens = camera if isinstance(camera, Lens) else lens_of_camera(camera)
-    if isinstance(camera, Camera):
+    if camera == Camera.from_focal_px(camera.width, camera.height, camera.fx):
         picture = renderer.render(camera, T_world_camera)
     else:
-        wide = _camera_around(lens)
-        picture = _through_lens(renderer.render(wide, T_world_camera), wide, lens)
+        wide = _camera_around(camera)
+        picture = _through_lens(renderer.render(wide, T_world_camera), wide, camera)
     return develop(picture, (seed, int(np.abs(T_world_camera[:3, 3]).sum())), noise)
 
 
@@ -107,7 +106,7 @@ def _crumb(table_mm: tuple[float, float]) -> Mesh:
     return replace(mesh, vertices=mesh.vertices + corner)
 
 
-def _camera_around(lens: Lens) -> Camera:
+def _camera_around(lens: Camera) -> Camera:
     """A centred pinhole camera of the same focal length that sees all the lens sees."""
     across, down = np.linspace(0, lens.width, 33), np.linspace(0, lens.height, 33)
     edge = np.concatenate([
@@ -116,13 +115,13 @@ def _camera_around(lens: Lens) -> Camera:
     ])  # fmt: skip
     reach = np.abs(lens.undistort(edge)).max(axis=0) * lens.fx + 4
     width, height = 2 * np.ceil(reach).astype(int)
-    return Camera(int(width), int(height), float(np.degrees(2 * np.arctan(width / 2 / lens.fx))))
+    return Camera.from_focal_px(int(width), int(height), lens.fx)
 
 
-def _through_lens(picture: np.ndarray, wide: Camera, lens: Lens) -> np.ndarray:
+def _through_lens(picture: np.ndarray, wide: Camera, lens: Camera) -> np.ndarray:
     x, y = np.meshgrid(np.arange(lens.width) + 0.5, np.arange(lens.height) + 0.5)
     rays = lens.undistort(np.stack([x, y], axis=-1).reshape(-1, 2))
-    places = rays * wide.focal_px + [wide.width / 2 - 0.5, wide.height / 2 - 0.5]
+    places = rays * wide.fx + [wide.width / 2 - 0.5, wide.height / 2 - 0.5]
     places = places.astype(np.float32).reshape(lens.height, lens.width, 2)
     return cv2.remap(picture, places[..., 0], places[..., 1], cv2.INTER_CUBIC).clip(0)
 
@@ -172,10 +171,9 @@ def through_jpeg(pixels: np.ndarray, quality: int) -> np.ndarray:
     return np.asarray(Image.open(buffer))
 
 
-def focal_35mm(camera: Camera | Lens) -> float:
+def focal_35mm(camera: Camera) -> float:
     """The 35 mm-equivalent focal length that a camera writes, not rounded."""
-    lens = camera if isinstance(camera, Lens) else lens_of_camera(camera)
-    return lens.fx * FULL_FRAME_DIAGONAL_MM / float(np.hypot(lens.width, lens.height))
+    return camera.fx * FULL_FRAME_DIAGONAL_MM / float(np.hypot(camera.width, camera.height))
 
 
 TURN_BACK = {1: 0, 3: 2, 6: 1, 8: 3}

@@ -54,7 +54,7 @@ def seen(mesh: Mesh, azimuth_deg: float, size: int = 120):
     """Triangles, barycentrics and texture coordinates at the pixels that see the mesh."""
     import open3d as o3d
 
-    camera = Camera(size, size)
+    camera = Camera.from_fov(size, size)
     distance = 2.0 * float(mesh.size_mm.max())
     pose = orbit_pose([0, 0, mesh.size_mm[2] / 2], azimuth_deg, 25, distance)
     y, x = np.mgrid[:size, :size] + 0.5

@@ -17,12 +17,36 @@ def write(folder, patch="", **fields):
 
 def test_defaults_and_everything_named(tmp_path):
     spec = read_spec(write(tmp_path))
-    assert (spec.name, spec.class_name, spec.up, spec.front, spec.patch.at) == ("mug", "coffee mug", "z", "x", "top")
+    assert (spec.name, spec.class_name, spec.up, spec.front, spec.patch.at) == ("mug", "coffee mug", "y", "z", "top")
     assert spec.patch.size_mm is None
     patch = '[patch]\nat = "left"\nsize_mm = 40\noffset_mm = [3, -4]\nrotation_deg = 90'
     spec = read_spec(write(tmp_path, patch, **{"class": "504", "up": '"-y"'}))
     assert (spec.class_name, spec.up) == (504, "-y")
     assert (spec.patch.at, spec.patch.size_mm, spec.patch.offset_mm) == ("left", 40, (3, -4))
+
+
+@pytest.mark.parametrize(
+    ("mesh", "axes"),
+    [("mug.glb", "yz"), ("a/mug.GLTF", "yz"), ("mug.obj", "zx"), ("mug.stl", "zx"), ("builtin:racer", "zx")],
+)
+def test_a_mesh_stands_as_its_format_says_unless_told_otherwise(tmp_path, mesh, axes):
+    """glTF's specification: +y is up and +z to the front; the other formats state nothing."""
+    spec = read_spec(write(tmp_path, mesh=f'"{mesh}"'))
+    assert (spec.up, spec.front) == tuple(axes)
+    spec = read_spec(write(tmp_path, mesh=f'"{mesh}"', up='"-x"'))
+    assert (spec.up, spec.front) == ("-x", axes[1])
+
+
+def test_the_name_is_the_files_and_may_be_left_out(tmp_path):
+    assert read_spec(write(tmp_path, name=None)).name == "mug"
+    file = write(tmp_path, name=None).rename(tmp_path / "my mug.toml")
+    with pytest.raises(ToolkitError, match=r"expected a file name of letters.*found 'my mug': rename the file"):
+        read_spec(file)
+
+
+def test_a_model_may_state_what_it_is_a_model_of(tmp_path):
+    assert read_spec(write(tmp_path)).world_length_m is None
+    assert read_spec(write(tmp_path, world_length_m="4.5")).world_length_m == 4.5
 
 
 @pytest.mark.parametrize(
@@ -33,6 +57,8 @@ def test_defaults_and_everything_named(tmp_path):
         ({"class": None}, "", "field 'class': Field required"),
         ({"length_mm": "-3"}, "", "field 'length_mm'.*found -3"),
         ({"length_mm": "nan"}, "", "field 'length_mm'"),
+        ({"world_length_m": "0"}, "", "field 'world_length_m'.*found 0"),
+        ({"mesh": "3"}, "", "field 'mesh'.*found 3"),
         ({"up": '"w"'}, "", "field 'up'.*found \"w\""),
         ({"lenght_mm": "3"}, "", "field 'lenght_mm': Extra"),
         ({}, '[patch]\nat = "bottom"', r"field 'patch\.at'.*found \"bottom\""),

@@ -8,13 +8,13 @@ from board_photos import photograph
 
 from toolkit.core.errors import ToolkitError
 from toolkit.photos.board_pose import find_board, solve_pose
-from toolkit.photos.lens import Lens, lens_from_focal, lens_of_camera
+from toolkit.photos.lens import lens_from_focal
 from toolkit.rig.board import DEFAULT_BOARD, BoardSpec, RingSpec
 from toolkit.rig.camera import Camera, look_at, orbit_pose
 from toolkit.rig.markers import choose_ring
 
 PAGE = BoardSpec(7, 10, 26.0, 19.5)
-SMALL = Camera(960, 540, 40)
+SMALL = Camera.from_fov(960, 540, 40)
 T_PAGE = orbit_pose(np.array([0.0, 0, 20]), 25, 45, 480)
 
 
@@ -29,7 +29,7 @@ def errors_of(pose, T_world_camera) -> tuple[float, float]:
 def solve(pixels, board, camera):
     sighting = find_board(pixels, board)
     assert sighting is not None
-    return solve_pose(sighting, camera if isinstance(camera, Lens) else lens_of_camera(camera))
+    return solve_pose(sighting, camera)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,7 @@ def page_photo(crate):
 
 
 def test_aim_at_full_hd_with_a_built_in_object_on_the_board():
-    camera = Camera(1920, 1080, 40)
+    camera = Camera.from_fov(1920, 1080, 40)
     angles, shares = [], []
     for azimuth, elevation in ((0, 25), (140, 25), (75, 45), (250, 65)):
         T_world_camera = orbit_pose(np.array([0, 0, 45.0]), azimuth, elevation, 700)
@@ -57,7 +57,7 @@ def test_aim_at_full_hd_with_a_built_in_object_on_the_board():
 
 def test_found_corners_lie_where_the_camera_projects_them(page_photo):
     sighting = find_board(page_photo, PAGE)
-    off = sighting.corners_px - lens_of_camera(SMALL).project(T_PAGE, sighting.world_mm)
+    off = sighting.corners_px - SMALL.project(T_PAGE, sighting.world_mm)
     assert len(sighting.ids) >= 20
     assert np.abs(np.median(off, axis=0)).max() < 0.05  # half a pixel, were the conventions mixed up
     np.testing.assert_allclose(sighting.world_mm, PAGE.object_points(sighting.ids))
@@ -68,7 +68,7 @@ def test_corners_beside_covered_markers_are_found_too(page_photo):
     grey = cv2.cvtColor(page_photo, cv2.COLOR_RGB2GRAY)
     by_opencv = cv2.aruco.CharucoDetector(PAGE.to_cv()).detectBoard(grey)[1]
     sighting = find_board(page_photo, PAGE)
-    off = np.linalg.norm(sighting.corners_px - lens_of_camera(SMALL).project(T_PAGE, sighting.world_mm), axis=1)
+    off = np.linalg.norm(sighting.corners_px - SMALL.project(T_PAGE, sighting.world_mm), axis=1)
     assert len(sighting.ids) >= 1.5 * len(by_opencv)
     assert np.mean(off < 0.3) > 0.9 and off.max() < 2  # the crate's own edges may pass for one
 
@@ -106,11 +106,11 @@ def test_half_a_board_out_of_the_frame():
 def test_a_large_photograph_is_searched_small_and_refined_in_full(page_photo):
     large = cv2.resize(page_photo, None, fx=4, fy=4, interpolation=cv2.INTER_CUBIC)
     sighting = find_board(large, PAGE)
-    off = sighting.corners_px / 4 - lens_of_camera(SMALL).project(T_PAGE, sighting.world_mm)
+    off = sighting.corners_px / 4 - SMALL.project(T_PAGE, sighting.world_mm)
     assert (sighting.width, sighting.height) == (3840, 2160)
     assert np.abs(np.median(off, axis=0)).max() < 0.05
     # a lens of the smaller picture is scaled to it
-    angle, share = errors_of(solve_pose(sighting, lens_of_camera(SMALL)), T_PAGE)
+    angle, share = errors_of(solve_pose(sighting, SMALL), T_PAGE)
     assert angle < 0.2 and share < 0.004
 
 
@@ -122,11 +122,11 @@ def test_any_way_up(turn):
 
 
 def test_a_distorting_lens_is_allowed_for():
-    lens = Lens(960, 540, 860, 866, 495, 262, (-0.2, 0.07, 0.001, -0.001, 0.0))
+    lens = Camera(960, 540, fx=860, fy=866, cx=495, cy=262, distortion=(-0.2, 0.07, 0.001, -0.001, 0.0))
     pixels = photograph(None, PAGE, lens, T_PAGE)
     angle, share = errors_of(solve(pixels, PAGE, lens), T_PAGE)
     assert angle < 0.1 and share < 0.002
-    plain = Lens(960, 540, 860, 866, 495, 262)
+    plain = Camera(960, 540, fx=860, fy=866, cx=495, cy=262)
     assert errors_of(solve(pixels, PAGE, plain), T_PAGE)[1] > 2 * share  # the test can tell
 
 
@@ -157,7 +157,7 @@ def test_corners_that_are_no_corners_are_dropped(page_photo):
     sighting = find_board(page_photo, PAGE)
     spoiled = sighting.corners_px.copy()
     spoiled[::5] += np.random.default_rng(0).uniform(3, 80, spoiled[::5].shape)
-    pose = solve_pose(type(sighting)(sighting.ids, spoiled, sighting.world_mm, 960, 540), lens_of_camera(SMALL))
+    pose = solve_pose(type(sighting)(sighting.ids, spoiled, sighting.world_mm, 960, 540), SMALL)
     angle, share = errors_of(pose, T_PAGE)
     assert angle < 0.1 and share < 0.002
     assert pose.n_corners <= len(spoiled) - len(spoiled[::5])
@@ -173,7 +173,7 @@ def made_sighting(lens, T_world_camera, noise_px, rng, ids=None):
 
 
 def test_the_stated_uncertainty_is_the_scatter():
-    lens, rng = lens_of_camera(SMALL), np.random.default_rng(3)
+    lens, rng = SMALL, np.random.default_rng(3)
     poses = [solve_pose(made_sighting(lens, T_PAGE, 0.4, rng), lens) for _ in range(120)]
     places = np.array([pose.T_world_camera[:3, 3] - T_PAGE[:3, 3] for pose in poses])
     turns = [cv2.Rodrigues(pose.T_world_camera[:3, :3] @ T_PAGE[:3, :3].T)[0].ravel() for pose in poses]
@@ -184,7 +184,7 @@ def test_the_stated_uncertainty_is_the_scatter():
 
 
 def test_a_far_and_noisy_board_is_called_ambiguous_and_never_below_the_table():
-    lens, rng = lens_of_camera(Camera(640, 480, 20)), np.random.default_rng(1)
+    lens, rng = Camera.from_fov(640, 480, 20), np.random.default_rng(1)
     far = orbit_pose(np.zeros(3), 30, 75, 6000)
     poses = [solve_pose(made_sighting(lens, far, 0.5, rng), lens) for _ in range(8)]
     assert all(pose is None or pose.T_world_camera[2, 3] > 0 for pose in poses)
@@ -194,11 +194,11 @@ def test_a_far_and_noisy_board_is_called_ambiguous_and_never_below_the_table():
 
 
 def test_one_row_of_corners_is_no_pose():
-    lens, rng = lens_of_camera(SMALL), np.random.default_rng(1)
+    lens, rng = SMALL, np.random.default_rng(1)
     row = made_sighting(lens, T_PAGE, 0.1, rng, ids=range(PAGE.columns - 1))
     assert solve_pose(row, lens) is None
 
 
 def test_a_lens_of_another_shape_is_refused(page_photo):
     with pytest.raises(ToolkitError, match="640x480 px says nothing of 960x540"):
-        solve_pose(find_board(page_photo, PAGE), lens_of_camera(Camera(640, 480, 40)))
+        solve_pose(find_board(page_photo, PAGE), Camera.from_fov(640, 480, 40))

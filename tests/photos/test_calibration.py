@@ -24,13 +24,11 @@ from toolkit.photos.calibrate import (
     stored_sighting,
 )
 from toolkit.photos.lens import (
-    Lens,
     LensRecord,
     lens_file,
     lens_for,
     lens_from_exif,
     lens_from_focal,
-    lens_of_camera,
     read_lenses,
     write_lenses,
 )
@@ -39,7 +37,7 @@ from toolkit.rig.board import BoardSpec, write_board
 from toolkit.rig.camera import Camera, look_at, orbit_direction, orbit_pose, project
 
 BOARD = BoardSpec(7, 10, 26.0, 19.5)
-LENS = Lens(640, 480, 560, 563, 328, 234, (-0.16, 0.05, 0.001, -0.0015, 0.0))
+LENS = Camera(640, 480, fx=560, fy=563, cx=328, cy=234, distortion=(-0.16, 0.05, 0.001, -0.0015, 0.0))
 
 
 def viewpoints(count, seed=4):
@@ -60,7 +58,7 @@ def made_view(lens, T_world_camera, rng, noise_px=0.1):
     return BoardSighting(ids, seen, BOARD.object_points(ids), lens.width, lens.height)
 
 
-def worst_ray_px(one: Lens, other: Lens) -> float:
+def worst_ray_px(one: Camera, other: Camera) -> float:
     """How far the same pixel's rays are apart, in pixels at the focal length, over the frame."""
     x, y = np.meshgrid(np.linspace(0.05, 0.95, 9) * one.width, np.linspace(0.05, 0.95, 7) * one.height)
     grid = np.stack([x, y], axis=-1).reshape(-1, 2)
@@ -83,7 +81,7 @@ def test_the_lens_that_took_the_photos_is_found(measured):
     assert abs(lens.cx - LENS.cx) < 2 and abs(lens.cy - LENS.cy) < 2
     assert lens.distortion[0] == pytest.approx(LENS.distortion[0], abs=0.02)
     assert worst_ray_px(LENS, lens) < 3
-    assert worst_ray_px(LENS, Lens(640, 480, 560, 563, 328, 234)) > 8  # that much the distortion is
+    assert worst_ray_px(LENS, Camera(640, 480, fx=560, fy=563, cx=328, cy=234)) > 8  # that much the distortion is
     assert measured.reprojection_px < 0.25 and len(measured.used) == 8 and measured.refused == ()
 
 
@@ -137,7 +135,7 @@ def test_photos_that_cannot_tell_the_focal_length_are_refused():
 
 def test_slant_is_the_change_of_distance_over_the_board():
     T_world_camera = orbit_pose(np.zeros(3), 0, 60, 500)
-    plain = Lens(640, 480, 560, 560, 320, 240)
+    plain = Camera(640, 480, fx=560, fy=560, cx=320, cy=240)
     view = made_view(plain, T_world_camera, np.random.default_rng(0), 0.0)
     assert len(view.ids) == BOARD.corner_count
     assert measure_slant(view) == pytest.approx(8 * 26 * np.cos(np.radians(60)) / 500, rel=0.01)
@@ -185,16 +183,16 @@ def test_turning_a_lens_turns_its_picture():
 
 
 def test_a_lens_of_the_rig_projects_as_the_rig_does_and_scales():
-    camera = Camera(640, 480, 40)
+    camera = Camera.from_fov(640, 480, 40)
     points = np.random.default_rng(0).uniform(-80, 80, (40, 3))
     T_world_camera = orbit_pose(np.zeros(3), 30, 40, 400)
     expected = project(camera, T_world_camera, points)[0]
-    np.testing.assert_allclose(lens_of_camera(camera).project(T_world_camera, points), expected, atol=1e-6)
-    twice = lens_of_camera(camera).scaled(1280, 960).project(T_world_camera, points)
+    np.testing.assert_allclose(camera.project(T_world_camera, points), expected, atol=1e-6)
+    twice = camera.scaled(1280, 960).project(T_world_camera, points)
     np.testing.assert_allclose(twice, 2 * expected, atol=1e-6)
     behind = T_world_camera[:3, 3] - 10 * T_world_camera[:3, 2]
-    assert np.isnan(lens_of_camera(camera).project(T_world_camera, behind)).all()
-    assert lens_of_camera(camera).fov_deg == pytest.approx(40)
+    assert np.isnan(camera.project(T_world_camera, behind)).all()
+    assert camera.fov_deg == pytest.approx(40)
 
 
 @pytest.fixture
@@ -289,9 +287,9 @@ def test_a_broken_lens_file_is_one_line(space, tmp_path):
 
 
 def test_rounded_focal_lengths_are_written_as_cameras_do(tmp_path):
-    camera = Camera(640, 480, 40)
+    camera = Camera.from_fov(640, 480, 40)
     photo = read_photo(
         save_photo(tmp_path / "a.jpg", np.zeros((480, 640, 3), np.uint8), focal_35mm_mm=board_photos.focal_35mm(camera))
     )
     assert photo.focal_35mm_mm == round(board_photos.focal_35mm(camera))
-    assert lens_from_exif(photo).fx == pytest.approx(camera.focal_px, rel=0.5 / photo.focal_35mm_mm)
+    assert lens_from_exif(photo).fx == pytest.approx(camera.fx, rel=0.5 / photo.focal_35mm_mm)

@@ -12,9 +12,10 @@ from toolkit.captures.manifest import read_manifest
 from toolkit.captures.read import read_captures
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
-from toolkit.photos.importing.decide import Decision, Doubt, ImportSettings
-from toolkit.photos.importing.evidence import Target
-from toolkit.photos.importing.photos import import_photos
+from toolkit.photos.importing.import_photos import import_photos
+from toolkit.photos.importing.index import CaptureKey
+from toolkit.photos.importing.match import Decision, Doubt
+from toolkit.photos.importing.settings import ImportSettings
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.plan import read_plan
 from toolkit.rig.shot_order import list_shots, order_shots, write_shots
@@ -58,7 +59,7 @@ def test_another_count_says_nothing_of_the_order(space, folder):
         take(folder / f"IMG_{i + 7}.jpg", i, i)
     result = run(space, folder, by_render=no_render)
     assert not result.imported and len(result.refused) == 3
-    result = run(space, folder, ImportSettings("crate", "patched", match="order"))
+    result = run(space, folder, ImportSettings(object="crate", variant="patched", match="order"))
     assert all("3 photographs for the 4 poses of the plan" in why for why in reasons(result).values())
 
 
@@ -68,14 +69,14 @@ def test_names_count_after_the_word_pose_or_when_they_are_the_plan(space, folder
     others = folder.parent / "others"
     for i in range(1, 5):
         take(others / f"{5 - i}.jpg", 10 + i, i)  # named against the order of time
-    result = run(space, others, ImportSettings("crate", "unpatched", match="name"))
+    result = run(space, others, ImportSettings(object="crate", variant="unpatched", match="name"))
     assert imported(result) == {f"crate/unpatched/pose_{i:02d}.jpg": f"{i}.jpg" for i in range(1, 5)}
 
 
 def test_a_cameras_counter_is_no_pose_unless_asked(space, folder):
     take(folder / "IMG_0002.jpg", 1)
     assert "nothing is rendered" in reasons(run(space, folder, by_render=no_render))["IMG_0002.jpg"]
-    result = run(space, folder, ImportSettings("crate", "patched", match="name"))
+    result = run(space, folder, ImportSettings(object="crate", variant="patched", match="name"))
     assert list(imported(result)) == ["crate/patched/pose_02.jpg"]
 
 
@@ -88,7 +89,7 @@ def test_a_name_against_the_order_is_a_doubt_only_where_the_order_was_followed(s
     others = folder.parent / "others"
     for i, pose in enumerate((4, 2, 1, 3)):  # named by a person, taken in any order
         take(others / f"pose_{pose}.jpg", 10 + i, i)
-    result = run(space, others, ImportSettings("crate", "unpatched"))
+    result = run(space, others, ImportSettings(object="crate", variant="unpatched"))
     assert [record.pose_id for record in result.imported] == [4, 2, 1, 3] and not result.refused
 
 
@@ -111,7 +112,7 @@ def test_the_board_says_the_pose_and_by_how_much_it_was_missed(space, folder):
     gap = np.linalg.norm(camera(space, 181.5, closer=1.05)[:3, 3] - plan.matrix()[:3, 3])
     assert record.made["pose_error_mm"] == pytest.approx(gap, abs=0.05)
     np.testing.assert_allclose(record.T_world_camera, board.cameras["z.jpg"], atol=1e-6)
-    assert record.intrinsics == LENS
+    assert record.intrinsics == LENS.intrinsics
     row = next(row for row in result.coverage if row.variant == "patched")
     assert row.missing == (1,) and 1 < row.mean_error_deg < 3
     assert (
@@ -130,7 +131,7 @@ def test_the_board_between_two_poses_asks_the_order(space, folder):
     lone = take(folder.parent / "lone" / "e.jpg", 9, 9)
     for azimuth, word in ((45.0, "ambiguous"), (14.0, "far from every pose")):
         board = Board({"e.jpg": camera(space, azimuth)})
-        result = run(space, lone.parent, ImportSettings("crate", "unpatched"), board)
+        result = run(space, lone.parent, ImportSettings(object="crate", variant="unpatched"), board)
         assert not result.imported and word in reasons(result)["e.jpg"]
 
 
@@ -144,17 +145,17 @@ def test_the_board_against_the_order_is_a_doubt_only_where_the_order_was_followe
     assert list(reasons(result)) == ["d.jpg"] and "its order says pose 4" in reasons(result)["d.jpg"]
     # walked round the other way: the order was never meant
     board = Board({name: camera(space, azimuth) for name, azimuth in zip(names, (270, 180, 90, 0), strict=True)})
-    result = run(space, folder, ImportSettings("crate", "patched", source="other"), board)
+    result = run(space, folder, ImportSettings(object="crate", variant="patched", source="other"), board)
     assert [record.pose_id for record in result.imported] == [4, 3, 2, 1] and not result.refused
 
 
 def test_the_nearest_render_is_asked_last_and_only_when_sure(space, folder):
     asked = []
 
-    def by_render(studied, group):
-        asked.append(studied.candidate.label)
-        if studied.candidate.label == "a.jpg":
-            return Decision(Target(*group, 2), "render")
+    def by_render(evidence, group):
+        asked.append(evidence.candidate.label)
+        if evidence.candidate.label == "a.jpg":
+            return Decision(CaptureKey(*group, 2), "render")
         return Doubt("it looks like pose 1 and pose 3")
 
     take(folder / "a.jpg", 1), take(folder / "b.jpg", 2), take(folder / "pose_4.jpg", 3)
@@ -166,13 +167,13 @@ def test_the_nearest_render_is_asked_last_and_only_when_sure(space, folder):
 
 def test_one_photograph_of_a_pose_that_is_named(space, folder):
     photo = take(folder / "x.jpg", 1)
-    result = run(space, photo, ImportSettings("crate", "patched", pose=3))
+    result = run(space, photo, ImportSettings(object="crate", variant="patched", pose=3))
     assert list(imported(result)) == ["crate/patched/pose_03.jpg"]
     take(folder / "y.jpg", 2)
-    with pytest.raises(ToolkitError, match="--pose 3: is of one photograph, 2 were given"):
-        run(space, folder, ImportSettings("crate", "patched", pose=3))
+    with pytest.raises(ToolkitError, match="pose 3: is of one photograph, 2 were given"):
+        run(space, folder, ImportSettings(object="crate", variant="patched", pose=3))
     with pytest.raises(ToolkitError, match="has poses 1 to 4"):
-        run(space, photo, ImportSettings("crate", "patched", pose=9))
+        run(space, photo, ImportSettings(object="crate", variant="patched", pose=9))
 
 
 # --- which object and variant ---------------------------------------------------------------------------------------
@@ -200,7 +201,7 @@ def test_a_whole_session_follows_the_shot_list(space, folder):
 def test_a_part_of_a_session_says_where_it_begins(space, folder):
     steps = shoot_list(space, folder, count=5)
     result = run(space, folder, ImportSettings())
-    assert not result.imported and "say --first-shot" in next(iter(reasons(result).values()))
+    assert not result.imported and "say the first shot of a part" in next(iter(reasons(result).values()))
     result = run(space, folder, ImportSettings(first_shot=1))
     assert len(result.imported) == 5
     for step in steps[5:]:
@@ -238,26 +239,26 @@ def test_a_folder_that_contradicts_the_command_is_not_imported(space, folder):
 
 def test_nothing_says_what_they_show(space, folder):
     take(folder / "a.jpg", 1)
-    with pytest.raises(ToolkitError, match=r"say --object and --variant, .*toolkit plan --shot-list"):
+    with pytest.raises(ToolkitError, match=r"give object and variant, .*toolkit plan --shot-list"):
         run(space, folder, ImportSettings())
 
 
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        (ImportSettings("crat", "patched"), "did you mean crate"),
-        (ImportSettings("crate", "pached"), "did you mean patched"),
-        (ImportSettings("crate", "../../x"), "expected a name of letters"),
-        (ImportSettings("crate", "patched", match="boards"), "no way of matching called 'boards': did you mean board"),
-        (ImportSettings("crate", "patched", source="../x"), "name of one folder"),
-        (ImportSettings("crate", pose=1), "--pose names the pose of one photograph"),
-        (ImportSettings("crate", "patched", first_shot=2), "--first-shot counts in the whole shot list"),
+        ({"object": "crat", "variant": "patched"}, "did you mean crate"),
+        ({"object": "crate", "variant": "pached"}, "did you mean patched"),
+        ({"object": "crate", "variant": "../../x"}, "expected a name of letters"),
+        ({"match": "boards"}, "match boards: expected auto, board, name, order or render; did you mean board"),
+        ({"source": "../x"}, "source ../x: expected the name of one folder below captures/"),
+        ({"object": "crate", "pose": 1}, "pose 1: the pose of one photograph: give object and variant with it"),
+        ({"object": "crate", "first_shot": 2}, "first_shot 2: counts in the whole shot list: leave object and variant"),
     ],
 )
 def test_settings_that_cannot_be_are_one_line(space, folder, settings, words):
     take(folder / "a.jpg", 1)
     with pytest.raises(ToolkitError, match=words):
-        run(space, folder, settings)
+        run(space, folder, ImportSettings(**settings))
     assert not (space.captures_dir / "real").exists()
 
 
@@ -274,7 +275,7 @@ def test_captures_are_not_imported_into_themselves(space, folder):
 
 def test_another_boosters_name_is_taken_with_a_note(space, folder):
     take(folder / "pose_1.jpg", 1)
-    result = run(space, folder, ImportSettings("crate", "my-sticker"))
+    result = run(space, folder, ImportSettings(object="crate", variant="my-sticker"))
     assert list(imported(result)) == ["crate/my-sticker/pose_01.jpg"] and "my-sticker" in result.notes[0]
 
 
@@ -285,7 +286,7 @@ def test_real_boards_are_found_and_measured(space, folder, make_box):
     from toolkit.photos.match_pose import match_pose
     from toolkit.rig.board import DEFAULT_BOARD
 
-    lens = Camera(960, 720, 62.0)
+    lens = Camera.from_fov(960, 720, 62.0)
     poses = read_plan(space.plan_file).objects["crate"]
     truth = {}
     for i, (name, orientation) in enumerate((("a.heic", 6), ("b.jpg", 8), ("c.jpg", 1))):
@@ -295,7 +296,7 @@ def test_real_boards_are_found_and_measured(space, folder, make_box):
         pixels = photograph(make_box(), DEFAULT_BOARD, lens, T, px_per_mm=2.5)
         save_photo(folder / name, pixels, focal_35mm_mm=focal_35mm(lens), orientation=orientation)
         truth[pose.id] = T
-    result = import_photos(space, [folder], ImportSettings("crate", "unpatched"), quiet=True)
+    result = import_photos(space, [folder], ImportSettings(object="crate", variant="unpatched"))
     assert not result.refused and [record.pose_id for record in result.imported] == [3, 2, 1]
     for record in result.imported:
         T = np.array(record.T_world_camera)
@@ -313,10 +314,12 @@ def test_a_render_that_looks_the_same_from_two_sides_is_no_answer(space, folder,
     from board_photos import photograph, save_photo
 
     pose = read_plan(space.plan_file).objects["crate"][0]
-    pixels = photograph(make_box(), None, Camera(320, 240, 45.0), pose.matrix(), backdrop="concrete")
+    pixels = photograph(make_box(), None, Camera.from_fov(320, 240, 45.0), pose.matrix(), backdrop="concrete")
     save_photo(folder / "IMG_7.jpg", pixels)
-    result = import_photos(space, [folder], ImportSettings("crate", "unpatched"), quiet=True)
+    result = import_photos(space, [folder], ImportSettings(object="crate", variant="unpatched"))
     assert not result.imported
     assert re.search(r"no board is seen, and it looks .* pose [13] .* pose [13] ", reasons(result)["IMG_7.jpg"])
-    sure = import_photos(space, [folder], ImportSettings("crate", "unpatched", match="board"), quiet=True)
+    sure = import_photos(
+        space, [folder], ImportSettings(object="crate", variant="unpatched", match="board")
+    )
     assert reasons(sure) == {"IMG_7.jpg": "no board is seen"}

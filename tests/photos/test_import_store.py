@@ -12,8 +12,8 @@ from toolkit.captures.manifest import MANIFEST, read_manifest
 from toolkit.captures.read import read_captures
 from toolkit.core.files import sha256_file
 from toolkit.photos.gates.result import Gate
-from toolkit.photos.importing.decide import ImportSettings
-from toolkit.photos.importing.store import REPLACED
+from toolkit.photos.importing.index import REPLACED
+from toolkit.photos.importing.settings import ImportSettings
 
 space, folder = import_bench.space, import_bench.folder
 
@@ -30,7 +30,7 @@ def test_the_same_photograph_is_not_taken_twice(space, folder):
     moved = folder.parent / "moved"
     moved.mkdir()
     (folder / "pose_1.jpg").rename(moved / "pose_4.jpg")
-    for settings in (PATCHED, ImportSettings("crate", "unpatched")):
+    for settings in (PATCHED, ImportSettings(object="crate", variant="unpatched")):
         result = run(space, moved, settings)
         assert not result.imported and not result.refused
         assert result.before == (("pose_4.jpg", "imported before, as crate/patched/pose_01.jpg"),)
@@ -67,18 +67,18 @@ def test_a_retake_waits_for_the_word_and_the_old_one_is_kept(space, folder):
     again = take(folder.parent / "again" / "pose_1.png", 2, 5)
     result = run(space, again)
     assert not result.imported and "crate/patched/pose_01.jpg (from pose_1.jpg)" in reasons(result)["pose_1.png"]
-    result = run(space, again, ImportSettings("crate", "patched", replace=True))
+    result = run(space, again, ImportSettings(object="crate", variant="patched", replace=True))
     place = result.source_dir / "crate" / "patched"
     assert [file.name for file in place.iterdir()] == ["pose_01.png"]
     assert list(read_manifest(result.source_dir)) == ["crate/patched/pose_01.png"]
     (kept,) = (result.source_dir / REPLACED).rglob("*.jpg")
     assert kept.read_bytes() == old
     # neither comes back, and what an older one would replace stays
-    for settings in (PATCHED, ImportSettings("crate", "patched", replace=True)):
+    for settings in (PATCHED, ImportSettings(object="crate", variant="patched", replace=True)):
         result = run(space, [folder, again.parent], settings)
         assert not result.imported and not result.refused and len(result.before) == 2
     older = take(folder.parent / "older" / "pose_1.jpg", 3, 0)
-    result = run(space, older, ImportSettings("crate", "patched", replace=True))
+    result = run(space, older, ImportSettings(object="crate", variant="patched", replace=True))
     assert "has the later photograph" in reasons(result)["pose_1.jpg"]
     assert len(read_captures(space.captures_dir).captures) == 1
 
@@ -87,7 +87,7 @@ def test_with_replace_the_latest_of_several_counts(space, folder):
     for minute, name in ((3, "pose_1_a.jpg"), (9, "pose_1_c.jpg"), (5, "pose_1_b.jpg")):
         take(folder / name, minute, minute)
     for _ in range(2):  # and again it is so
-        result = run(space, folder, ImportSettings("crate", "patched", replace=True))
+        result = run(space, folder, ImportSettings(object="crate", variant="patched", replace=True))
         assert read_manifest(result.source_dir)["crate/patched/pose_01.jpg"].made["original_name"] == "pose_1_c.jpg"
         assert len(list((result.source_dir / REPLACED).rglob("*.jpg"))) == 2
     assert not result.imported and len(result.before) == 3
@@ -100,7 +100,7 @@ def test_an_image_that_was_put_there_by_hand_is_not_overwritten(space, folder):
     take(folder / "pose_1.jpg", 1)
     result = run(space, folder)
     assert not result.imported and "pose 1 has crate/patched/1.jpg" in reasons(result)["pose_1.jpg"]
-    result = run(space, folder, ImportSettings("crate", "patched", replace=True))
+    result = run(space, folder, ImportSettings(object="crate", variant="patched", replace=True))
     assert [file.name for file in hand.parent.iterdir()] == ["pose_01.jpg"]
     (kept,) = (result.source_dir / REPLACED).rglob("*.jpg")
     assert kept.read_bytes() == content
@@ -116,13 +116,13 @@ def test_a_deleted_image_is_imported_again(space, folder):
 @pytest.mark.parametrize("replace", [False, True])
 def test_a_kill_at_any_write_loses_nothing(space, folder, monkeypatch, replace):
     """Every write fails once, at each place in turn; the same command then ends where an undisturbed one does."""
-    from toolkit.photos.importing import store as ledger_module
+    from toolkit.photos.importing import index as index_module
     from toolkit.photos.importing import store as store_module
 
     class Killed(BaseException):
         pass
 
-    settings = ImportSettings("crate", "patched", replace=replace)
+    settings = ImportSettings(object="crate", variant="patched", replace=replace)
     take(folder / "pose_1.jpg", 1, 1), take(folder / "pose_2.png", 2, 2)
     source = space.captures_dir / "real"
     originals = {sha256_file(file) for file in folder.iterdir()}
@@ -131,7 +131,7 @@ def test_a_kill_at_any_write_loses_nothing(space, folder, monkeypatch, replace):
         run(space, first[0].parent)
         originals |= {sha256_file(file) for file in first}
         shutil.copytree(source, folder.parent / "start")
-    names = ((store_module, "write_bytes"), (store_module, "append_record"), (ledger_module, "write_text"))
+    names = ((store_module, "write_bytes"), (store_module, "append_record"), (index_module, "write_text"))
     real = {name: getattr(module, name) for module, name in names}
     for nth in range(20):
         shutil.rmtree(source, ignore_errors=True)
@@ -173,11 +173,11 @@ def test_a_kill_at_any_write_loses_nothing(space, folder, monkeypatch, replace):
 
 def test_links_share_the_file_and_leave_it_whole(space, folder):
     take(folder / "pose_1.jpg", 1), take(folder / "pose_2.jpg", 2)
-    result = run(space, folder, ImportSettings("crate", "patched", link=True))
+    result = run(space, folder, ImportSettings(object="crate", variant="patched", link=True))
     for i in (1, 2):
         assert (result.source_dir / f"crate/patched/pose_{i:02d}.jpg").samefile(folder / f"pose_{i}.jpg")
     (result.source_dir / MANIFEST).unlink()  # again over links that are there already
-    again = run(space, folder, ImportSettings("crate", "patched", link=True))
+    again = run(space, folder, ImportSettings(object="crate", variant="patched", link=True))
     assert len(again.imported) == 2
     assert len(list((result.source_dir / "crate/patched").iterdir())) == 2
     assert len(read_captures(space.captures_dir).captures) == 2
@@ -200,11 +200,11 @@ def test_a_preview_and_a_frame_become_photographs_with_their_origin(space, folde
         assert image.format == "JPEG" and image.getexif()[0x0112] == 6
     # both frames show pose 1, so neither is taken
     assert len(result.refused) == 2 and all("frame" in name for name in reasons(result))
-    result = run(space, clip, ImportSettings("crate", "patched", replace=True), board)
+    result = run(space, clip, ImportSettings(object="crate", variant="patched", replace=True), board)
     record = read_manifest(result.source_dir)["crate/patched/pose_01.jpg"]
     assert record.made["how"] == "frame of a video" and record.made["original_sha256"] == sha256_file(clip)
     assert 32 <= record.made["frame"] < 52
-    again = run(space, clip, ImportSettings("crate", "patched", replace=True), board)
+    again = run(space, clip, ImportSettings(object="crate", variant="patched", replace=True), board)
     assert not again.imported and len(again.before) == 2
 
 
@@ -281,5 +281,5 @@ def test_what_the_gates_say_is_kept_with_each_photograph(space, folder):
         "patch": None,
     }
     again = take(folder.parent / "again" / "pose_2.jpg", 3, 3)
-    result = run(space, again, ImportSettings("crate", "patched", replace=True), check=check)
+    result = run(space, again, ImportSettings(object="crate", variant="patched", replace=True), check=check)
     assert "retake" not in read_manifest(result.source_dir)["crate/patched/pose_02.jpg"].made

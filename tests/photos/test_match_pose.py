@@ -111,7 +111,7 @@ def test_wrong_use_is_said():
     with pytest.raises(ToolkitError, match="middle of the object"):
         match_pose(inside, GRID)
     with pytest.raises(ToolkitError, match="toolkit plan"):
-        make_templates(object_mesh("racer"), Camera(), [])
+        make_templates(object_mesh("racer"), Camera.from_fov(), [])
 
 
 @pytest.fixture(scope="module")
@@ -122,13 +122,13 @@ def racer():
         Pose(id=1 + i, azimuth_deg=60 * i, elevation_deg=elevation, distance_mm=560, target_mm=target)
         for i, elevation in enumerate((25, 45, 25, 65, 45, 25))
     ]
-    return mesh, poses, make_templates(mesh, Camera(640, 480, 40), poses)
+    return mesh, poses, make_templates(mesh, Camera.from_fov(640, 480, 40), poses)
 
 
 def test_without_a_board_the_likest_render_is_the_pose(racer):
     """Another light, table, lens and framing than the templates', and a camera that stands a little beside its pose."""
     mesh, poses, templates = racer
-    camera = Camera(320, 240, 55)
+    camera = Camera.from_fov(320, 240, 55)
     right, sure_and_wrong = 0, 0
     for pose in poses:
         rng = np.random.default_rng(pose.id)
@@ -146,7 +146,8 @@ def test_without_a_board_the_likest_render_is_the_pose(racer):
 
 def test_a_picture_without_the_object_is_ambiguous(racer):
     *_, templates = racer
-    bare = photograph(None, None, Camera(320, 240, 40), orbit_pose(np.array([0.0, 0, 30]), 10, 40, 500), backdrop="oak")
+    pose = orbit_pose(np.array([0.0, 0, 30]), 10, 40, 500)
+    bare = photograph(None, None, Camera.from_fov(320, 240, 40), pose, backdrop="oak")
     assert match_by_render(bare, templates).ambiguous
     grey = np.full((60, 80, 3), 128, np.uint8)
     assert match_by_render(grey, templates).ambiguous

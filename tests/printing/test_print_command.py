@@ -7,11 +7,11 @@ import sys
 from pathlib import Path
 
 import pytest
-import typer
 from printed_pages import make_patch
 from pypdf import PdfReader
 from typer.testing import CliRunner
 
+from toolkit.cli.app import make_single
 from toolkit.cli.print_ import print_patches
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
@@ -31,9 +31,7 @@ def space(tmp_path, monkeypatch):
 
 
 def call(*arguments):
-    app = typer.Typer(pretty_exceptions_enable=False)
-    app.command()(print_patches)
-    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return CliRunner().invoke(make_single(print_patches), [str(argument) for argument in arguments])
 
 
 def refuse(*arguments) -> str:
@@ -106,7 +104,7 @@ def test_the_rigs_size_is_compared(space):
     spec.write_text(
         'name="warplane"\nclass="warplane"\nmesh="builtin:warplane"\nlength_mm=270\n[patch]\nsize_mm=40.0\n'
     )
-    assert "--size-mm 40.0" in call("--class", "warplane").output
+    assert "print with size_mm 40.0" in call("--class", "warplane").output
     assert "the rig mounts" not in call("--class", "warplane", "--size-mm", "40").output
     spec.write_text("name = 3")
     assert "not compared with the rig" in call("--class", "warplane").output
@@ -117,7 +115,7 @@ def test_unknown_class_names_the_nearest(space):
 
 
 def test_nothing_named_and_nothing_there(space):
-    assert "--class NAME" in refuse()
+    assert refuse().startswith("no patch named: give --class, --all or --patch-file (known: racer,")
     for path in (space / "print" / "patches").iterdir():
         path.unlink()
     assert "toolkit train-patch" in refuse("--all")

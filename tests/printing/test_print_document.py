@@ -10,8 +10,8 @@ from pypdf import PdfReader
 
 from toolkit.objects.records import Patch
 from toolkit.printing.document import build_pdf
-from toolkit.printing.layout import PrintSettings
 from toolkit.printing.page import parse_paper
+from toolkit.printing.settings import PrintSettings
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +96,7 @@ def test_copies_are_packed(patch, copies, pages):
 
 
 def test_same_patch_same_bytes(patch):
-    settings = PrintSettings(parse_paper("letter"), size_mm=250)
+    settings = PrintSettings(paper=parse_paper("letter"), size_mm=250)
     first = build_pdf(patch, settings).content
     assert build_pdf(patch, settings).content == first
     other = Patch(make_pixels(20, seed=1), patch.record)
@@ -106,7 +106,7 @@ def test_same_patch_same_bytes(patch):
 def test_words_do_not_touch_each_other_or_the_bars(tmp_path):
     long = "a-very-long-name-for-a-category-that-nobody-would-want-to-read-on-paper"
     patch = make_patch(tmp_path, name="short", n_px=20, class_name=long)
-    content = build_pdf(patch, PrintSettings(parse_paper("135x135mm"), size_mm=20)).content
+    content = build_pdf(patch, PrintSettings(paper=parse_paper("135x135mm"), size_mm=20)).content
     with pdfplumber.open(BytesIO(content)) as pdf:
         words = pdf.pages[0].filter(lambda thing: thing.get("upright", True)).extract_words()
     assert len(words) > 50

@@ -7,14 +7,13 @@ import pytest
 from toolkit.core.errors import ToolkitError
 from toolkit.printing.layout import (
     CopiesPage,
-    PrintSettings,
     TilePage,
     effective_percent,
     measure_side_mm,
-    parse_percent,
     plan_pages,
 )
 from toolkit.printing.page import CAPTION_MM, MARK_MM, PAPERS_MM, PageFrame, parse_paper
+from toolkit.printing.settings import PrintSettings
 
 PAPERS = ["135x135mm", "a5", "a4", "letter", "tabloid", "a3", "1000x140mm"]
 
@@ -64,25 +63,25 @@ def test_paper_size_of_the_seed():
 
 @pytest.mark.parametrize("text", ["250", "250%", " 250 % "])
 def test_percent(text):
-    assert parse_percent(text) == 250
+    assert PrintSettings(scale_percent=text).scale_percent == 250
 
 
 @pytest.mark.parametrize(
     ("settings", "says"),
     [
-        ({"scale_percent": 0}, "--scale"),
-        ({"scale_percent": -250}, "--scale"),
-        ({"scale_percent": float("nan")}, "--scale"),
-        ({"dpi": 0}, "--dpi"),
-        ({"dpi": float("inf")}, "--dpi"),
-        ({"size_mm": 0}, "--size-mm"),
-        ({"size_mm": -3}, "--size-mm"),
+        ({"scale_percent": 0}, "^scale_percent .*: expected"),
+        ({"scale_percent": -250}, "^scale_percent .*: expected"),
+        ({"scale_percent": float("nan")}, "^scale_percent .*: expected"),
+        ({"dpi": 0}, "^dpi .*: expected"),
+        ({"dpi": float("inf")}, "^dpi .*: expected"),
+        ({"size_mm": 0}, "^size_mm .*: expected"),
+        ({"size_mm": -3}, "^size_mm .*: expected"),
         ({"size_mm": 5001}, "5000 mm"),
         ({"scale_percent": 20000}, "5000 mm"),
         ({"dpi": 1e6}, "1 to 5000 mm"),
-        ({"copies": 0}, "--copies"),
-        ({"margin_mm": -1}, "--margin-mm"),
-        ({"orientation": "sideways"}, "orientation"),
+        ({"copies": 0}, "^copies 0: expected 1 to 1000"),
+        ({"margin_mm": -1}, "^margin_mm -1: expected 0 to 100"),
+        ({"orientation": "sideways"}, "orientation sideways: expected auto, portrait or landscape"),
         ({"size_mm": 4000, "copies": 100}, "pages"),
     ],
 )
@@ -99,7 +98,7 @@ def overlap(a, b):
 @pytest.mark.parametrize("paper", PAPERS)
 @pytest.mark.parametrize("side_mm", [1, 10, 35.3, 88.2, 141, 300, 600])
 def test_marks_and_captions_stay_in_the_content_and_apart(paper, side_mm):
-    settings = PrintSettings(parse_paper(paper), copies=7)
+    settings = PrintSettings(paper=parse_paper(paper), copies=7)
     plan = plan_pages(side_mm, settings)
     content = plan.frame.content
     copies = 0
@@ -132,11 +131,11 @@ def test_header_bars_and_content_are_apart(paper):
 
 def test_auto_orientation_saves_pages():
     paper = parse_paper("a3")
-    auto = plan_pages(170, PrintSettings(paper, copies=2))
+    auto = plan_pages(170, PrintSettings(paper=paper, copies=2))
     assert len(auto.pages) == 1
-    tall = plan_pages(100, PrintSettings(parse_paper("a4")))
+    tall = plan_pages(100, PrintSettings(paper=parse_paper("a4")))
     assert tall.frame.paper.orientation == "portrait"
-    flat = plan_pages(100, PrintSettings(parse_paper("400x200mm"), copies=2))
+    flat = plan_pages(100, PrintSettings(paper=parse_paper("400x200mm"), copies=2))
     assert (flat.frame.paper.orientation, len(flat.pages)) == ("landscape", 1)
-    forced = plan_pages(100, PrintSettings(parse_paper("a4"), orientation="landscape"))
+    forced = plan_pages(100, PrintSettings(paper=parse_paper("a4"), orientation="landscape"))
     assert (forced.frame.paper.width_mm, forced.frame.paper.height_mm) == (297, 210)

@@ -7,8 +7,8 @@ from printed_pages import longest_run, make_patch, render
 from toolkit.objects.records import Patch
 from toolkit.printing import canvas as artwork
 from toolkit.printing.document import build_pdf
-from toolkit.printing.layout import PrintSettings
 from toolkit.printing.page import parse_paper
+from toolkit.printing.settings import PrintSettings
 
 TOLERANCE_MM = 0.1
 """PDFium moves an edge by up to a device pixel outwards: at 600 dpi two edges make 0.085 mm, at 300 dpi twice that."""
@@ -23,7 +23,7 @@ def patch(tmp_path_factory):
 @pytest.mark.parametrize("paper", ["a4", "letter"])
 @pytest.mark.parametrize("percent", [100, 250, 400])
 def test_page_measures_right(patch, paper, percent):
-    page = render(build_pdf(patch, PrintSettings(parse_paper(paper), scale_percent=percent)).content)
+    page = render(build_pdf(patch, PrintSettings(paper=parse_paper(paper), scale_percent=percent)).content)
     height, width = (side / page.per_mm for side in page.pixels.shape[:2])
     assert (width, height) == pytest.approx(PAGES_MM[paper], abs=TOLERANCE_MM)
 
@@ -135,7 +135,7 @@ def test_size_mm_is_the_side_of_the_patch_alone(patch, side_mm):
     [("a4", {}), ("a5", {"copies": 9, "size_mm": 10}), ("135x135mm", {"size_mm": 300}), ("letter", {"size_mm": 600})],
 )
 def test_nothing_is_printed_in_the_outer_10_mm(patch, paper, settings):
-    document = build_pdf(patch, PrintSettings(parse_paper(paper), **settings))
+    document = build_pdf(patch, PrintSettings(paper=parse_paper(paper), **settings))
     for index in range(min(len(document.plan.pages), 4)):
         page = render(document.content, index, dpi=150)
         left, top, right, bottom = page.box_mm(page.pixels.min(2) < 250)

@@ -25,15 +25,16 @@ from toolkit.printing.shot_list.mounting import draw_mounting, draw_views, make_
 from toolkit.printing.shot_list.session import trace_outline
 from toolkit.rig.board import DEFAULT_BOARD
 from toolkit.rig.camera import Camera
-from toolkit.rig.plan import Pattern, make_plan, open_plan, read_plan, write_plan
+from toolkit.rig.pattern import Pattern
+from toolkit.rig.plan import make_plan, open_plan, read_plan, write_plan
 
 COUNT = 8
 
 
 def plan_more(space, count=COUNT):
     item = load_object(space.object_spec("crate"))
-    pattern = Pattern("fibonacci", count, (20, 75))
-    write_plan(space.plan_file, make_plan([item], Camera(64, 48), pattern))
+    pattern = Pattern(name="fibonacci", count=count, elevation_deg=(20, 75))
+    write_plan(space.plan_file, make_plan([item], Camera.from_fov(64, 48), pattern))
     return read_plan(space.plan_file)
 
 
@@ -66,7 +67,7 @@ def read_back(space, result) -> Listed:
 
 @pytest.fixture(scope="module")
 def listed(space):
-    result = write_shot_list(space, open_plan(space), ["crate"], parse_paper("a4"), seed=2, quiet=True)
+    result = write_shot_list(space, open_plan(space), ["crate"], parse_paper("a4"), seed=2)
     return read_back(space, result)
 
 
@@ -189,7 +190,7 @@ def test_the_same_seed_gives_the_same_bytes_and_letter_is_letter(tmp_path, make_
 
     def made():
         result = write_shot_list(
-            space, open_plan(space), ["crate"], parse_paper("letter"), ("unpatched",), 1, "blocks", quiet=True
+            space, open_plan(space), ["crate"], parse_paper("letter"), ("unpatched",), 1, "blocks"
         )
         return Path(result.pdf_file).read_bytes(), Path(result.shots_file).read_bytes()
 
@@ -257,7 +258,7 @@ def test_the_picture_shows_the_board_where_opencv_looks_for_it(space):
     from toolkit.rig.shading import develop
 
     item = load_object(space.object_spec("crate"))
-    camera, pose = Camera(1000, 750, 40.0), orbit_pose(np.array([0, 0, 20.0]), 30, 60, 700)
+    camera, pose = Camera.from_fov(1000, 750, 40.0), orbit_pose(np.array([0, 0, 20.0]), 30, 60, 700)
     picture = RaycastRenderer(item.mesh, make_light_studio(item, DEFAULT_BOARD)).render(camera, pose)
     grey = cv2.cvtColor(develop(picture, (0,), noise=0), cv2.COLOR_RGB2GRAY)
     corners, ids, _, _ = cv2.aruco.CharucoDetector(DEFAULT_BOARD.to_cv()).detectBoard(grey)
@@ -271,7 +272,7 @@ def test_views_are_one_per_variant_and_pose(space):
     item = load_object(space.object_spec("crate"))
     plan = open_plan(space)
     poses = plan.objects["crate"][:2]
-    views = draw_views(item, plan.camera.camera(), poses, {"unpatched": None}, None, Ticker(None, None))
+    views = draw_views(item, plan.camera, poses, {"unpatched": None}, None, Ticker(None, None))
     assert set(views) == {("unpatched", poses[0].id), ("unpatched", poses[1].id)}
     assert views["unpatched", 1] != views["unpatched", 2]
 
@@ -285,4 +286,4 @@ def test_a_box_is_outlined_as_a_rectangle(make_box):
 
 def test_the_equivalent_focal_length_is_the_textbooks():
     """A 50 mm lens on 36 × 24 mm sees 39.6° across."""
-    assert equivalent_focal_mm(Camera(3600, 2400, 39.598)) == pytest.approx(50, abs=0.02)
+    assert equivalent_focal_mm(Camera.from_fov(3600, 2400, 39.598)) == pytest.approx(50, abs=0.02)

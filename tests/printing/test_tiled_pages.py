@@ -7,8 +7,9 @@ import pytest
 from printed_pages import Raster, make_patch, render
 
 from toolkit.printing.document import build_pdf
-from toolkit.printing.layout import MapPage, PrintSettings, TilePage
+from toolkit.printing.layout import MapPage, TilePage
 from toolkit.printing.page import parse_paper, split_length, tile_sheet
+from toolkit.printing.settings import PrintSettings
 
 DPI = 300
 
@@ -18,7 +19,7 @@ def tiled(request, tmp_path_factory):
     paper, percent = request.param
     patch = make_patch(tmp_path_factory.mktemp("patch"), n_px=60)
     document = build_pdf(
-        patch, PrintSettings(parse_paper(paper), scale_percent=percent, dpi=60 / 300 * percent / 100 * 25.4)
+        patch, PrintSettings(paper=parse_paper(paper), scale_percent=percent, dpi=60 / 300 * percent / 100 * 25.4)
     )
     pages = [render(document.content, index, DPI) for index in range(len(document.plan.pages))]
     return patch, document, pages

@@ -9,7 +9,7 @@ from toolkit.rig.camera import Camera, orbit_pose, pixel_rays, project
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import KeyLight, make_studio
 
-CAMERA = Camera(160, 120, 50)
+CAMERA = Camera.from_fov(160, 120, 50)
 
 
 @pytest.fixture(scope="module")

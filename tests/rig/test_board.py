@@ -23,7 +23,7 @@ def photograph(spec, azimuth_deg, elevation_deg, cover_mm=None):
         middle = np.array(picture.shape) / 2
         (top, left), (bottom, right) = ((middle + sign * 1.25 * np.array(cover_mm)).astype(int) for sign in (-1, 1))
         picture[top:bottom, left:right] = 120
-    camera = Camera(1600, 1200, 40)
+    camera = Camera.from_fov(1600, 1200, 40)
     T_world_camera = orbit_pose(np.zeros(3), azimuth_deg, elevation_deg, 3.2 * max(half_width, half_height))
     # Upper left, upper right, lower right, lower left of the page: down is +x, to the right is +y.
     world = np.array([(-1, -1), (-1, 1), (1, 1), (1, -1)]) * (half_height, half_width)

@@ -5,7 +5,6 @@ import pytest
 
 from toolkit.objects.load import load_object
 from toolkit.photos.board_pose import find_board, solve_pose
-from toolkit.photos.lens import lens_of_camera
 from toolkit.rig.board import DEFAULT_BOARD, BoardSpec, lay_board
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
@@ -19,11 +18,11 @@ def test_a_picture_of_it_gives_the_camera_back(tmp_path, make_crate_space, azimu
     mesh = load_object(make_crate_space(tmp_path / "w").object_spec("crate")).mesh
     board = BoardSpec(columns=9, rows=11, square_mm=26.0, marker_mm=19.5)
     studio = lay_board(make_studio(1, 100.0, "oak"), board)
-    camera, pose = Camera(800, 600, 40.0), orbit_pose(np.array([0, 0, 20.0]), azimuth_deg, 45, 420)
+    camera, pose = Camera.from_fov(800, 600, 40.0), orbit_pose(np.array([0, 0, 20.0]), azimuth_deg, 45, 420)
     picture = develop(RaycastRenderer(mesh, studio).render(camera, pose), (1,))
     sighting = find_board(picture, board)
     assert sighting is not None
-    found = solve_pose(sighting, lens_of_camera(camera)).T_world_camera
+    found = solve_pose(sighting, camera).T_world_camera
     angle = np.degrees(np.arccos(np.clip(found[:3, 2] @ pose[:3, 2], -1, 1)))
     assert angle < 0.2
     assert np.linalg.norm(found[:3, 3] - pose[:3, 3]) < 0.01 * 420

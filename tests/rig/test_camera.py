@@ -6,7 +6,7 @@ import pytest
 
 from toolkit.rig.camera import Camera, distance_to_fill, look_at, orbit_direction, orbit_pose, pixel_rays, project
 
-CAMERA = Camera(160, 120, 47.0)
+CAMERA = Camera.from_fov(160, 120, 47.0)
 VIEWS = [(0, 30, 0), (75, 5, 10), (200, 65, -35), (310, 89, 90), (123, 90, 20), (40, -20, 0)]
 
 
@@ -93,3 +93,27 @@ def test_the_object_fills_exactly_the_share_asked_for(angles, fill):
     pixels, depth = project(CAMERA, orbit_pose(target, *angles[:2], distance, angles[2]), points)
     assert (depth > 0).all()
     assert np.abs(pixels - [80, 60]).max() / 60 == pytest.approx(fill, abs=1e-9)
+
+
+def test_a_field_of_view_comes_back_and_stands_for_its_focal_length():
+    for fov_deg in (1.5, 30.5, 33.3, 40.0, 62.0, 169.0):
+        camera = Camera.from_fov(640, 480, fov_deg)
+        assert camera.fov_deg == fov_deg
+        assert camera.fx == camera.fy == pytest.approx(320 / np.tan(np.radians(fov_deg / 2)))
+    assert Camera.from_focal_mm(640, 480, 35.0, 36.0).fx == pytest.approx(640 * 35 / 36)
+
+
+def test_scaled_and_cropped_pictures_show_points_where_the_pixels_went():
+    lens = Camera(640, 480, fx=560, fy=563, cx=328, cy=234, distortion=(-0.16, 0.05, 0.001, -0.0015, 0.0))
+    points = np.random.default_rng(0).uniform((-40, -40, 260), (40, 40, 340), (20, 3))
+    pixels = lens.project(np.eye(4), points)
+    small = lens.scaled(320, 160).cropped(100, 20, 64, 64)
+    np.testing.assert_allclose(small.project(np.eye(4), points), pixels * [1 / 2, 1 / 3] - [100, 20], atol=1e-9)
+    assert (small.width, small.height) == (64, 64)
+
+
+def test_intrinsics_round_trip_with_missing_coefficients():
+    lens = Camera(640, 480, fx=560, fy=563, cx=328, cy=234, distortion=(-0.1, 0.05, 0.0, 0.0, 0.0))
+    assert Camera.from_intrinsics(lens.intrinsics, (-0.1, 0.05)) == lens
+    plain, _ = project(Camera.from_intrinsics(lens.intrinsics), np.eye(4), np.array([[10.0, 20, 300]]))
+    np.testing.assert_allclose(plain, [[328 + 560 / 30, 234 + 563 / 15]])

@@ -53,7 +53,7 @@ def knotted():
 
 def test_silhouettes_are_those_of_an_independent_rasteriser(needs_egl, studio):
     """Pixels that change when the object is painted white instead of black are the object, whatever the light."""
-    painted, camera = knotted(), Camera(480, 360, 40)
+    painted, camera = knotted(), Camera.from_fov(480, 360, 40)
     views = [orbit_pose(np.array([0, 0, 50.0]), azimuth, 35, 190) for azimuth in (20, 140, 265)]
     filament = []
     for code in (0, 255):
@@ -76,7 +76,7 @@ from toolkit.rig.filament import FilamentRenderer
 from toolkit.rig.studio import make_studio
 mesh = place_on_table(assemble(box((50, 40, 30)), {"paint": (0.6, 0.0)}, 64))
 renderer = FilamentRenderer(mesh, make_studio(0, 50, "white"))
-picture = renderer.render(Camera(64, 48), orbit_pose((0, 0, 15), 30, 40, 200))
+picture = renderer.render(Camera.from_fov(64, 48), orbit_pose((0, 0, 15), 30, 40, 200))
 import torch, torchvision
 print("sum", torchvision.models.resnet18().eval()(torch.zeros(1, 3, 32, 32)).shape[1], picture.shape)
 """

@@ -157,7 +157,7 @@ def test_the_other_face_is_white_and_just_behind(cube):
 def test_the_print_has_its_size_on_the_paper(n, size):
     ink = np.zeros((n, n, 3), np.uint8)
     side = size + 2 * TAPE_MARGIN_MM
-    paper = print_on_paper(ink, size, side)
+    paper = print_on_paper(ink, size)
     inked = np.flatnonzero((paper == 0).all(axis=2).any(axis=0))
     texel = side / paper.shape[1]
     assert paper.shape[0] == paper.shape[1]
@@ -235,10 +235,10 @@ def colours_at(picture, pixels):
 
 @pytest.mark.parametrize("at", VIEWS)
 def test_each_side_shows_the_print_upright_and_unmirrored(papered, at):
-    camera = Camera(96, 72, 40)
+    camera = Camera.from_fov(96, 72, 40)
     azimuth, elevation = VIEWS[at]
     picture = papered.render(camera, orbit_pose(np.array([0, 0, 50.0]), azimuth, elevation, 300))
-    step = 10 / 250 * camera.focal_px  # a quadrant's middle is 10 mm off, on a side that is 250 mm away
+    step = 10 / 250 * camera.fx  # a quadrant's middle is 10 mm off, on a side that is 250 mm away
     x, y = np.array([-1, 1, -1, 1]) * step + 48, np.array([-1, -1, 1, 1]) * step + 36
     assert colours_at(picture, np.stack([x, y], axis=1)) == [0, 1, 2, 3]
 
@@ -246,7 +246,7 @@ def test_each_side_shows_the_print_upright_and_unmirrored(papered, at):
 @pytest.mark.parametrize("view", [(20, 40), (130, 60), (250, 75)])
 def test_the_print_keeps_its_place_through_the_poses(papered, view):
     """Known places on the top (front is the print's right, left its upper edge) show their quadrant from everywhere."""
-    camera = Camera(160, 120, 40)
+    camera = Camera.from_fov(160, 120, 40)
     T_world_camera = orbit_pose(np.array([0, 0, 50.0]), *view, 320)
     picture = papered.render(camera, T_world_camera)
     places = np.array([[-10, 10, 100.4], [10, 10, 100.4], [-10, -10, 100.4], [10, -10, 100.4]])

@@ -10,7 +10,8 @@ from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.spec import ObjectSpec
 from toolkit.rig.camera import Camera, project
-from toolkit.rig.plan import Pattern, check_poses, make_plan, open_plan, read_plan, write_plan
+from toolkit.rig.pattern import Pattern
+from toolkit.rig.plan import check_poses, make_plan, open_plan, read_plan, write_plan
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +25,7 @@ def written(tmp_path, crate):
     """Write a plan with one field changed and read it back."""
 
     def write(change):
-        content = make_plan([crate], Camera(), Pattern(count=2)).model_dump(mode="json", exclude_none=True)
+        content = make_plan([crate], Camera.from_fov(), Pattern(count=2)).model_dump(mode="json", exclude_none=True)
         change(content)
         file = tmp_path / "plan.json"
         file.write_text(json.dumps(content))
@@ -38,7 +39,7 @@ def test_the_built_in_objects_are_whole_in_all_eighteen_poses(tmp_path, monkeypa
     space = open_workspace()
     items = [load_object(file) for file in space.object_specs().values()]
     assert [item.name for item in items] == ["coffeepot", "eggnog", "racer", "warplane"]
-    camera = Camera()
+    camera = Camera.from_fov()
     plan = make_plan(items, camera, Pattern())
     for item in items:
         poses = plan.objects[item.name]
@@ -51,7 +52,7 @@ def test_the_built_in_objects_are_whole_in_all_eighteen_poses(tmp_path, monkeypa
 
 
 def test_file_round_trip_is_byte_equal(tmp_path, crate):
-    plan = make_plan([crate], Camera(96, 72, 33.3), Pattern("fibonacci", 5, jitter_deg=1, seed=3))
+    plan = make_plan([crate], Camera.from_fov(96, 72, 33.3), Pattern(name="fibonacci", count=5, jitter_deg=1, seed=3))
     first = write_plan(tmp_path / "a.json", plan)
     second = write_plan(tmp_path / "b.json", read_plan(first))
     assert first.read_bytes() == second.read_bytes()
@@ -60,10 +61,10 @@ def test_file_round_trip_is_byte_equal(tmp_path, crate):
 
 
 def test_distances_asked_for_are_spread_over_the_poses(crate):
-    poses = make_plan([crate], Camera(), Pattern(count=3, distance_mm=(300, 500))).objects["crate"]
+    poses = make_plan([crate], Camera.from_fov(), Pattern(count=3, distance_mm=(300, 500))).objects["crate"]
     assert [pose.distance_mm for pose in poses] == [300, 400, 500]
     with pytest.raises(ToolkitError, match=r"'crate', pose 1: the object is cropped at 120 mm: expected at least"):
-        make_plan([crate], Camera(), Pattern(distance_mm=(120, 500)))
+        make_plan([crate], Camera.from_fov(), Pattern(distance_mm=(120, 500)))
 
 
 def test_focal_length_and_sensor_stand_for_the_field_of_view(written):
@@ -71,9 +72,9 @@ def test_focal_length_and_sensor_stand_for_the_field_of_view(written):
         del content["camera"]["fov_deg"]
         content["camera"] |= {"focal_mm": 35.0, "sensor_width_mm": 36.0}
 
-    camera = written(to_lens).camera.camera()
+    camera = written(to_lens).camera
     assert camera.fov_deg == pytest.approx(54.43, abs=0.01)  # the 35 mm lens of the textbooks
-    assert camera.focal_px == pytest.approx(640 * 35 / 36)
+    assert camera.fx == pytest.approx(640 * 35 / 36)
 
 
 def first_pose(content):
@@ -124,16 +125,16 @@ def test_a_pose_without_its_matrix_follows_its_angles(written):
     ],
 )
 def test_a_pose_that_cannot_be_shot_is_refused_in_one_line(crate, fields, words):
-    pose = make_plan([crate], Camera(), Pattern(count=1)).objects["crate"][0]
+    pose = make_plan([crate], Camera.from_fov(), Pattern(count=1)).objects["crate"][0]
     wrong = type(pose).model_validate(pose.model_dump(exclude={"T_world_camera"}) | fields)
     with pytest.raises(ToolkitError, match=words) as caught:
-        check_poses(crate, Camera(), [wrong])
+        check_poses(crate, Camera.from_fov(), [wrong])
     assert str(caught.value).startswith("plan: object 'crate', pose 1:") and "\n" not in str(caught.value)
 
 
 def test_a_camera_that_cannot_be_is_refused(crate):
     with pytest.raises(ToolkitError, match=r"camera: width.*found 8"):
-        make_plan([crate], Camera(8, 480), Pattern())
+        make_plan([crate], Camera.from_fov(8, 480), Pattern())
 
 
 def test_a_missing_plan_is_made_once_and_then_read(tmp_path, make_crate_space, monkeypatch):
@@ -145,3 +146,15 @@ def test_a_missing_plan_is_made_once_and_then_read(tmp_path, make_crate_space, m
     content = space.plan_file.read_bytes()
     assert open_plan(space).model_dump() == read_plan(space.plan_file).model_dump()
     assert space.plan_file.read_bytes() == content
+
+
+def test_a_plan_with_a_focal_length_keeps_its_objects_when_one_is_added(tmp_path, make_crate_space):
+    space = make_crate_space(tmp_path)
+    open_plan(space, ["crate"], Pattern(count=2))
+    content = json.loads(space.plan_file.read_text())
+    content["camera"] = {"width": 640, "height": 480, "focal_mm": 50.0, "sensor_width_mm": 36.0}
+    space.plan_file.write_text(json.dumps(content))
+    before = read_plan(space.plan_file)
+    after = open_plan(space, ["racer"], Pattern(count=1))
+    assert after.objects["crate"] == before.objects["crate"] and len(after.objects["racer"]) == 1
+    assert read_plan(space.plan_file).camera.fx == pytest.approx(before.camera.fx, rel=1e-12)

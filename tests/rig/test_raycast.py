@@ -12,7 +12,7 @@ from toolkit.rig.shading import develop
 from toolkit.rig.studio import KeyLight, make_studio
 from toolkit.rig.textures import sample
 
-CAMERA = Camera(96, 72, 40)
+CAMERA = Camera.from_fov(96, 72, 40)
 
 
 @pytest.fixture(scope="module")
@@ -137,7 +137,7 @@ def test_the_thinnest_tip_of_a_heavy_mesh_is_in_the_picture(make_box, even):
         faces=np.where(mesh.faces < start, mesh.faces, mesh.faces + 200_000).astype(np.int32),
     )
     renderer = RaycastRenderer(mesh, even)
-    camera = Camera(160, 120, 40)
+    camera = Camera.from_fov(160, 120, 40)
     T_world_camera = orbit_pose(np.array([0, 0, 60.0]), 90, 60, 260)
     seen = renderer.buffers(camera, T_world_camera)["material"] >= 0
     picture = renderer.render(camera, T_world_camera).mean(axis=-1)

@@ -8,7 +8,7 @@ from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
 from toolkit.rig.views import THUMBNAIL_DETAIL, WIDE_VIEWS, random_pose, render_thumbnails, turn_mesh
 
-CAMERA = Camera(48, 48, 30.5)
+CAMERA = Camera.from_fov(48, 48, 30.5)
 
 
 def test_all_depends_on_the_seed(make_box):

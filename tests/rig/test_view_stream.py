@@ -125,4 +125,4 @@ def test_the_whole_sphere_is_covered_evenly(subject):
 def _camera():
     from toolkit.rig.camera import Camera
 
-    return Camera(32, 32, 30.0)
+    return Camera.from_fov(32, 32, 30.0)

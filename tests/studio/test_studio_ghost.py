@@ -11,12 +11,12 @@ from toolkit.photos.gates.result import GateResult
 from toolkit.photos.photo import read_photo
 from toolkit.rig.camera import project
 from toolkit.rig.plan import read_plan
-from toolkit.studio.ghost import SIDE_PX, GhostArtist, square_camera
+from toolkit.studio.ghost import SIDE_PX, GhostRenderer, square_camera
 
 
 @pytest.fixture
 def artist(shot_space):
-    return GhostArtist(shot_space, read_plan(shot_space.plan_file))
+    return GhostRenderer(shot_space, read_plan(shot_space.plan_file))
 
 
 def read_ghost(artist, variant, pose_id=1):
@@ -36,7 +36,7 @@ def test_the_ghost_fills_the_hull_of_the_projected_corners(artist, shot_space, p
     assert ghost.shape == (SIDE_PX, SIDE_PX, 4)
     pose = next(pose for pose in plan.objects["crate"] if pose.id == pose_id)
     mesh = load_object(shot_space.object_spec("crate")).mesh
-    corners = corners_on(square_camera(plan.camera.camera()), pose, mesh)
+    corners = corners_on(square_camera(plan.camera), pose, mesh)
     expected = np.zeros(ghost.shape[:2], np.uint8)
     cv2.fillConvexPoly(expected, cv2.convexHull(corners.astype(np.float32)).round().astype(np.int32), 1)
     drawn = ghost[..., 3] > 10
@@ -49,7 +49,7 @@ def test_the_ghost_fills_the_hull_of_the_projected_corners(artist, shot_space, p
 
 
 def test_the_square_is_the_middle_of_the_plans_frame(shot_space):
-    camera = read_plan(shot_space.plan_file).camera.camera()
+    camera = read_plan(shot_space.plan_file).camera
     pose = read_plan(shot_space.plan_file).objects["crate"][0]
     points = np.array([[40.0, -25.0, 10.0], [-50.0, 30.0, 40.0]])
     frame, square = project(camera, pose.matrix(), points)[0], project(square_camera(camera), pose.matrix(), points)[0]

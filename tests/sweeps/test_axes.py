@@ -5,7 +5,7 @@ import pytest
 
 from toolkit.core.errors import ToolkitError
 from toolkit.rig.camera import Camera, orbit_pose, project
-from toolkit.rig.plan import CameraModel, CapturePlan, Pose, scale_distance, scale_resolution
+from toolkit.rig.plan import CapturePlan, Pose, scale_distance, scale_resolution
 from toolkit.rig.studio import BACKDROPS, LIGHTS
 from toolkit.sweeps.axes import AXES, PAPER_MM, find_axis, parse_values
 
@@ -22,7 +22,7 @@ def make_plan(with_matrix=True):
                 T_world_camera=rows,
             )
         )  # fmt: skip
-    return CapturePlan(camera=CameraModel(width=640, height=480, fov_deg=40), objects={"crate": poses})
+    return CapturePlan(camera=Camera.from_fov(640, 480, 40), objects={"crate": poses})
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.5, 3])
@@ -51,8 +51,9 @@ def test_distance_once_is_the_plan_itself():
 
 @pytest.mark.parametrize("lens", [{"fov_deg": 40}, {"focal_mm": 30.0, "sensor_width_mm": 36.0}, {}])
 def test_resolution_scales_the_intrinsics_and_every_pixel(lens):
-    plan = make_plan().model_copy(update={"camera": CameraModel(width=640, height=480, **lens)})
-    old, new = plan.camera.camera(), scale_resolution(plan, 160).camera.camera()
+    content = make_plan().model_dump(mode="json") | {"camera": {"width": 640, "height": 480, **lens}}
+    plan = CapturePlan.model_validate(content)
+    old, new = plan.camera, scale_resolution(plan, 160).camera
     for name, value in old.intrinsics.items():
         assert new.intrinsics[name] == pytest.approx(value / 4), name
     points = np.random.default_rng(0).uniform(-50, 50, (20, 3))
@@ -65,14 +66,14 @@ def test_resolution_scales_the_intrinsics_and_every_pixel(lens):
 def test_resolution_that_no_camera_has_is_refused():
     with pytest.raises(ToolkitError, match=r"a resolution of 18×14 px: expected both sides between 16 and 16384 px"):
         scale_resolution(make_plan(), 18)
-    assert scale_resolution(make_plan(), 22).camera.camera() == Camera(22, 16, 40)
+    assert scale_resolution(make_plan(), 22).camera == Camera.from_fov(22, 16, 40)
 
 
 def test_default_values_are_those_of_the_studio_and_the_paper():
-    assert parse_values(AXES["light"], None) == list(LIGHTS)
+    assert parse_values(AXES["light"]) == list(LIGHTS)
     assert parse_values(AXES["backdrop"], []) == list(BACKDROPS)
     assert abs(PAPER_MM - 100 / 72 * 25.4 * 2.5) < 1e-3
-    assert parse_values(AXES["size"], None)[-1] == PAPER_MM
+    assert parse_values(AXES["size"])[-1] == PAPER_MM
 
 
 def test_values_are_taken_once_and_numbers_in_order():
@@ -87,13 +88,13 @@ def test_values_are_taken_once_and_numbers_in_order():
     [
         ("light", "dimm", r"no light called 'dimm': did you mean dim\?"),
         ("backdrop", "oaken", r"no backdrop called 'oaken': did you mean oak\?"),
-        ("distance", "far", "--values far: expected a factor of the plan's distance, a number from 0.1 to 20"),
-        ("distance", "nan", "--values nan: expected a factor"),
-        ("distance", "-1", "--values -1: expected a factor"),
-        ("resolution", "64.5", "--values 64.5: expected the picture's width in pixels, a whole number"),
-        ("size", "0", "--values 0: expected the printed side of the patch in mm, a number from 1 to 10000"),
-        ("size", "", "--values : expected the printed side"),
-        ("seed", "-2", "--values -2: expected a seed, a whole number from 0"),
+        ("distance", "far", "values far: expected a factor of the plan's distance, a number from 0.1 to 20"),
+        ("distance", "nan", "values nan: expected a factor"),
+        ("distance", "-1", "values -1: expected a factor"),
+        ("resolution", "64.5", "values 64.5: expected the picture's width in pixels, a whole number"),
+        ("size", "0", "values 0: expected the printed side of the patch in mm, a number from 1 to 10000"),
+        ("size", "", "values : expected the printed side"),
+        ("seed", "-2", "values -2: expected a seed, a whole number from 0"),
     ],
 )
 def test_a_wrong_value_is_one_line_that_says_what_is_expected(axis, value, words):

@@ -15,7 +15,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.rig.plan import read_plan, write_plan
 from toolkit.sweeps import sweep as sweeps
-from toolkit.sweeps.axes import AXES
+from toolkit.sweeps.config import SweepConfig
 from toolkit.sweeps.sweep import run_sweep
 
 
@@ -35,7 +35,8 @@ def after(swept, tmp_path):
 
 
 def sweep(space, redness, axis, values, **more):
-    return run_sweep(space, AXES[axis], values, make_base(space), ["crate"], redness, quiet=True, **more)
+    config = SweepConfig(axis=axis, values=values, objects=["crate"], **more)
+    return run_sweep(space, config, redness, make_base(space))
 
 
 def image(space, axis, label, variant, pose=1):
@@ -93,7 +94,7 @@ def test_another_patch_means_its_own_images_again_and_no_others(after, redness):
     paint_patch(after, (120, 120, 120))
     result = sweep(after, redness, "light", ["studio", "dim"])
     assert (result.shot, result.kept, result.classified) == (4, 4, 4)
-    assert {row.top1 for row in result.sweep.rows if row.variant == "patched"} == {0.0}
+    assert {group.top1 for group in result.sweep.groups if group.variant == "patched"} == {0.0}
 
 
 def test_size_covers_its_square_and_the_bare_object_is_shot_once(space, redness):
@@ -111,9 +112,9 @@ def test_size_covers_its_square_and_the_bare_object_is_shot_once(space, redness)
         np.testing.assert_array_equal(*bare)
     records = read_manifest(space.eval_dir / "sweeps/size/captures/20mm")
     assert records["crate/patched/pose_01.jpg"].made["booster_mm"] == 20
-    shares = {row.label: row.patch_share for row in result.sweep.rows if row.variant == "patched"}
+    shares = {row["label"]: row["patch_share"] for row in result.sweep.rows if row["variant"] == "patched"}
     assert shares == {"20mm": 0.2, "40mm": 0.4}
-    assert [(pair.label, pair.n_pairs) for pair in result.sweep.pairs if pair.object == "crate"] == [
+    assert [(pair.source, pair.outcomes.n) for pair in result.sweep.pairs if pair.object == "crate"] == [
         ("20mm", 2), ("40mm", 2)
     ]  # fmt: skip
 
@@ -122,7 +123,7 @@ def test_a_patch_too_large_is_reported_and_the_rest_is_done(space, redness):
     result = sweep(space, redness, "size", [40.0, 80.0])
     assert [(label, name) for label, name, _ in result.sweep.skipped] == [("80mm", "crate")]
     assert "a patch of 80 mm is over half of the object's longest side (100 mm)" in result.sweep.skipped[0][2]
-    assert {row.label for row in result.sweep.rows} == {"40mm"}
+    assert {group.source for group in result.sweep.groups} == {"40mm"}
     content = json.loads(result.json_file.read_text())
     assert [value["value"] for value in content["values"]] == [40, 80] and len(content["skipped"]) == 1
     with pytest.raises(ToolkitError, match="no value of the sweep can be shot: 80mm: crate: a patch of 80 mm"):
@@ -139,7 +140,7 @@ def test_a_camera_that_crops_the_object_is_reported(space, redness):
 
 def test_images_shot_before_from_the_same_inputs_are_copied(space, redness):
     base = make_base(space)
-    shoot_plan(space, base.plan, ["crate"], ["unpatched"], base.settings, quiet=True)
+    shoot_plan(space, base.plan, ["crate"], ["unpatched"], base.settings)
     whole, damaged = (space.captures_dir / "sim" / f"crate/unpatched/pose_0{i}.jpg" for i in (1, 2))
     content = whole.read_bytes()
     damaged.write_bytes(damaged.read_bytes()[:300])
@@ -170,12 +171,12 @@ def test_an_interrupted_sweep_goes_on_where_it_stopped(space, redness, monkeypat
 
 def test_what_else_lies_in_the_folder_is_not_counted(after, redness):
     result = sweep(after, redness, "light", ["dim"], variants=["patched"])
-    assert {(row.label, row.variant, row.n) for row in result.sweep.rows} == {("dim", "patched", 2)}
+    assert {(group.source, group.variant, group.n) for group in result.sweep.groups} == {("dim", "patched", 2)}
     plan = read_plan(after.plan_file)
     fewer = plan.model_copy(update={"objects": {"crate": plan.objects["crate"][:1]}})
     write_plan(after.plan_file, fewer)
     result = sweep(after, redness, "light", ["dim"], variants=["patched"])
-    assert {row.n for row in result.sweep.rows} == {1}
+    assert {group.n for group in result.sweep.groups} == {1}
 
 
 def test_an_object_that_is_no_class_is_refused_before_any_work(space, redness):

@@ -7,12 +7,13 @@ from red_crate import RED, make_base
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import load_object
 from toolkit.objects.records import write_texture
-from toolkit.sweeps.axes import AXES
+from toolkit.sweeps.config import SweepConfig
 from toolkit.sweeps.sweep import run_sweep
 
 
 def sweep(space, redness, variants):
-    return run_sweep(space, AXES["size"], [20.0, 40.0], make_base(space), ["crate"], redness, variants, quiet=True)
+    config = SweepConfig(axis="size", values=[20.0, 40.0], objects=["crate"], variants=variants)
+    return run_sweep(space, config, redness, make_base(space))
 
 
 def test_a_texture_beside_a_patch_of_several_sizes(space, redness):
@@ -29,10 +30,10 @@ def test_a_texture_beside_a_patch_of_several_sizes(space, redness):
         sweep(space, redness, ["unpatched", "textured"])
     result = sweep(space, redness, ["unpatched", "patched", "textured"])
     assert (result.shot, result.kept) == (8, 4)  # both poses: bare once, the patch twice, the texture once
-    sizes = {(row.label, row.variant): row.patch_mm for row in result.sweep.rows if row.object == "crate"}
+    sizes = {(row["label"], row["variant"]): row["patch_mm"] for row in result.sweep.rows if row["object"] == "crate"}
     assert sizes == {
         (label, variant): mm if variant == "patched" else None
         for label, mm in (("20mm", 20), ("40mm", 40))
         for variant in ("unpatched", "patched", "textured")
     }
-    assert {row.top1 for row in result.sweep.rows if row.variant == "textured"} == {1.0}
+    assert {group.top1 for group in result.sweep.groups if group.variant == "textured"} == {1.0}

@@ -19,7 +19,7 @@ from toolkit.boosters.data import (
     names_of_class,
     stack_on_device,
 )
-from toolkit.boosters.mounted import MountedViews, divide_views, draw_mounted, stack_views, validate_mounted
+from toolkit.boosters.mounted import MountedViews, draw_mounted, load_mounted_views, validate_mounted
 from toolkit.boosters.parts.base import Appearance, place_patch, print_patch, show_patch, take_photos
 from toolkit.boosters.patch_config import PatchConfig, check_size, hash_inputs
 from toolkit.boosters.pixel_config import name_files
@@ -40,7 +40,6 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.printer import score_print
 from toolkit.objects.records import Patch, printed_size_mm, read_patch, write_patch
-from toolkit.rig.mounted import render_mounted_views
 from toolkit.rig.views import ViewRanges
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import History, fit
@@ -146,11 +145,11 @@ def _render_views(
     config: PatchConfig, workspace: Workspace, object_name: str, network: Network, data: TrainingData
 ) -> MountedViews:
     """Views of the object with its sheet."""
-    views = render_mounted_views(
-        workspace, object_name, printed_size_mm(config.size_px), config.mounted_views, data.record["seed"],
-        network.preprocessing.resize_px, ranges=ViewRanges(fill=config.mounted_fill),
+    return load_mounted_views(
+        workspace, object_name, printed_size_mm(config.size_px), config.size_px, config.mounted_views,
+        seed=data.record["seed"], image_px=network.preprocessing.resize_px, device=network.device,
+        ranges=ViewRanges(fill=config.mounted_fill),
     )  # fmt: skip
-    return stack_views(list(views), network.device)
 
 
 class PatchTask(PixelTask[TrainedPatch]):
@@ -180,7 +179,7 @@ class PatchTask(PixelTask[TrainedPatch]):
         self._views: MountedViews | None = None
         self._held_out_views: MountedViews | None = None
         if views is not None:
-            self._views, self._held_out_views = divide_views(views)
+            self._views, self._held_out_views = views.divide()
 
     @property
     def _device(self) -> str:

@@ -11,6 +11,7 @@ import numpy as np
 
 from toolkit import __version__
 from toolkit.boosters.data import choose_images, load_files
+from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.boosters.pixel_config import name_files
 from toolkit.boosters.pixels import (
     Network,
@@ -31,7 +32,6 @@ from toolkit.boosters.texture_objects import (
     load_objects,
     read_keep_image,
 )
-from toolkit.boosters.texture_picture import ViewBatch, batch_views, show_texture
 from toolkit.boosters.validation import Share, Validation, list_shares
 from toolkit.core.console import progress
 from toolkit.core.draws import Draws
@@ -294,7 +294,7 @@ class TextureTask(PixelTask[TrainedTexture]):
 
 def take_photos(texture: "torch.Tensor", batch: ViewBatch, config: TextureConfig, draws: Draws) -> "torch.Tensor":
     """Photographs (b, 3, s, s) of a dilated texture as the camera of `config` gives them, sRGB-encoded in [0, 1]."""
-    count = len(batch.still)
+    count = len(batch)
     light = 1.0 if config.exposure is None else config.exposure.draw(draws.of("exposure"), count, texture)
     photos = show_texture(texture, batch, config.gradient, light)
     for part in config.photo_parts:
@@ -369,11 +369,11 @@ def plan_turntable(subject: Subject, image_px: int, device: str) -> ViewBatch:
     mesh = subject.mesh
     studio = make_studio(0, float(mesh.size_mm.max()), TURNTABLE_BACKDROP)
     renderer = RaycastRenderer(mesh, studio, DETAIL)
-    camera = Camera(image_px, image_px, FOV_DEG)
+    camera = Camera.from_fov(image_px, image_px, FOV_DEG)
     target = np.array([0.0, 0.0, mesh.size_mm[2] / 2])
     views = []
     for azimuth in np.arange(TURNTABLE_VIEWS) * 360.0 / TURNTABLE_VIEWS:
         distance = distance_to_fill(camera, mesh.vertices, target, azimuth, TURNTABLE_ELEVATION_DEG, TURNTABLE_FILL)
         pose = orbit_pose(target, azimuth, TURNTABLE_ELEVATION_DEG, distance)
-        views.append(renderer.take_apart(camera, pose, mesh.materials[subject.material].texture))
+        views.append(renderer.render_linear(camera, pose, mesh.materials[subject.material].texture))
     return batch_views(views, device)

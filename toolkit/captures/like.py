@@ -4,6 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from toolkit.captures.shoot import (
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
-from toolkit.rig.camera import Camera, camera_of_intrinsics
+from toolkit.rig.camera import Camera
 from toolkit.rig.variants import find_booster
 
 MAX_PX = 1280
@@ -56,7 +57,7 @@ class MeasuredPhoto:
 
 def shoot_like(
     workspace: Workspace, photos_dir: Path, settings: ShootSettings | None = None, source: str | None = None,
-    objects: Iterable[str] = (), variants: Iterable[str] = (), max_px: int = MAX_PX, quiet: bool = False,
+    objects: Iterable[str] = (), variants: Iterable[str] = (), max_px: int = MAX_PX,
 ) -> LikeResult:  # fmt: skip
     """Shoot the object and variant of every photograph with the camera that was measured for it.
 
@@ -70,7 +71,6 @@ def shoot_like(
         source: folder below `captures/`, by default `sim-like-` and the name of `photos_dir`.
         objects, variants: only these; all by default.
         max_px: the longer side of what is rendered, in pixels; a smaller photograph keeps its size.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: no manifest, no photograph that can be shot, an unknown object, variant or setting, a source that
@@ -106,7 +106,7 @@ def shoot_like(
         raise ToolkitError(
             f"none of the {len(skipped)} photographs in {photos_dir} can be shot again; {path}: {reason}"
         )
-    result = shoot_scenes(workspace, scenes, settings, workspace.captures_dir / source, quiet)
+    result = shoot_scenes(workspace, scenes, settings, workspace.captures_dir / source)
     return LikeResult(result, tuple(sorted(skipped)))
 
 
@@ -141,24 +141,19 @@ def read_measured(
         if trouble:
             skipped.append((path, f"{MANIFEST}: {trouble}: import it again"))
         else:
-            photos.append(MeasuredPhoto(path, record, scale_camera(record.intrinsics, max_px), pose))
+            camera = scale_camera(Camera.from_intrinsics(record.intrinsics), max_px)
+            photos.append(MeasuredPhoto(path, record, camera, pose))
     return photos, skipped
 
 
-def scale_camera(intrinsics: dict[str, float], max_px: int = MAX_PX) -> Camera:
+def scale_camera(camera: Camera, max_px: int = MAX_PX) -> Camera:
     """The camera of a photograph that was scaled so that its longer side is at most `max_px`.
 
     Pixel centres are at half integers, so that all lengths in pixels scale alike; where the new width and height are
     rounded, x and y scale by what they really became.
     """
-    width, height = round(intrinsics["width"]), round(intrinsics["height"])
-    share = min(1.0, max_px / max(width, height))
-    new_width, new_height = max(1, round(width * share)), max(1, round(height * share))
-    across, down = new_width / width, new_height / height
-    return camera_of_intrinsics(
-        new_width, new_height, intrinsics["fx"] * across, intrinsics["fy"] * down, intrinsics["cx"] * across,
-        intrinsics["cy"] * down,
-    )  # fmt: skip
+    share = min(1.0, max_px / max(camera.width, camera.height))
+    return camera.scaled(max(1, round(camera.width * share)), max(1, round(camera.height * share)))
 
 
 def _is_square(rows: list[list[float]]) -> bool:
@@ -191,7 +186,7 @@ def _why_not(photo: MeasuredPhoto, item: TableObject, booster_sha256: str | None
 
 
 def _plan_shot(
-    photo: MeasuredPhoto, item: TableObject, look: dict, photos_dir: Path, image_format: str, taken: set[str]
+    photo: MeasuredPhoto, item: TableObject, look: dict[str, Any], photos_dir: Path, image_format: str, taken: set[str]
 ) -> Shot:
     path = str(PurePosixPath(photo.path).with_suffix(f".{image_format}"))
     if path in taken:  # pose_01.jpg beside pose_01.heic

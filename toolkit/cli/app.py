@@ -1,15 +1,20 @@
 """The commands in their groups, each loaded when it is called."""
 
-from collections.abc import Callable, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
 from importlib import import_module
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from toolkit.core.errors import one_of
+from toolkit.core.errors import FieldError, ToolkitError, one_of, show_value
 
 SHARED = "Every command"
+UsageError: type[Exception] = typer.BadParameter.__bases__[0]
+"""Of what was typed; Click's own, or of the copy of Click that newer typers carry."""
 
 PLAIN = {
     "rich_markup_mode": None,
@@ -17,40 +22,64 @@ PLAIN = {
 }
 
 
+TYPE = re.compile(r"<[\w\[\], ]+>")
+METAVARS = {"str": "TEXT", "int": "N", "float": "X", "path": "PATH", "Path": "PATH"}
+"""What stands for a value of a type in the help, where the option names nothing better."""
+
+
 class Entry(NamedTuple):
-    """A command in the list: `module:function` below `toolkit.cli`, and what it does in a few words."""
+    """A command in the list.
+
+    Attributes:
+        place: `module:function` below `toolkit.cli`.
+        about: what it does, in a few words.
+        old: earlier spelling of an option -> today's. It goes on working, and no help shows it.
+    """
 
     place: str
     about: str
+    old: Mapping[str, str] = MappingProxyType({})
 
+
+TURNED = {"--rotation": "--max-rotation", "--scale": "--patch-scale"}
+"""Elsewhere these mean a range of turns, and the size of a print."""
 
 GROUPS: dict[str, dict[str, Entry]] = {
     "The road": {
         "train-patch": Entry("train_patch:train_patch", "train a patch for a class"),
         "train-texture": Entry("train_texture:train_texture", "train a texture for an object"),
         "print": Entry("print_:print_patches", "print patches at true size, or the board"),
-        "plan": Entry("plan:plan", "plan the camera poses"),
+        "plan": Entry("plan:plan", "plan the camera poses", {"--size": "--resolution"}),
         "capture-sim": Entry("capture_sim:capture_sim", "shoot every object at every pose"),
         "eval": Entry("eval_:evaluate", "classify a capture folder: table, statistics, report"),
         "sweep": Entry("sweep:sweep", "vary one thing: distance, light, size and more"),
     },
     "Your photographs": {
         "studio": Entry("studio:studio", "shoot by phone, the next shot shown as a ghost"),
-        "import": Entry("import_:import_", "import photographs, tell object and pose"),
-        "check": Entry("check:check", "judge photographs: sharp, well exposed, whole"),
-        "calibrate": Entry("calibrate:calibrate", "measure a camera's lens"),
-        "print-profile": Entry("print_profile:print_profile", "measure what a printer does to colours"),
+        "import": Entry("photos:import_", "import photographs, tell object and pose"),
+        "check": Entry("photos:check", "judge photographs: sharp, well exposed, whole"),
+        "calibrate": Entry("measure:calibrate", "measure a camera's lens"),
+        "print-profile": Entry("measure:print_profile", "measure what a printer does to colours"),
     },
     "Benchmarks": {
-        "corrupt": Entry("corrupt:corrupt", "corrupt images as ImageNet-C does"),
+        "corrupt": Entry(
+            "corrupt:corrupt", "corrupt images as ImageNet-C does", {"--name": "--corrupt", "--size": "--image-px"}
+        ),
         "train-classifier": Entry("train_classifier:train_classifier", "train a classifier of your own classes"),
-        "train-patches": Entry("train_patches:train_patches", "train a patch for each of many classes"),
-        "baseline": Entry("baseline:baseline", "make codes and other baselines"),
-        "corrupt-eval": Entry("corrupt_eval:corrupt_eval", "corrupt a data set with and without patches"),
+        "train-patches": Entry(
+            "train_patches:train_patches", "train a patch for each of many classes", {**TURNED, "--size": "--size-px"}
+        ),
+        "baseline": Entry("baseline:baseline", "make codes and other baselines", {"--size": "--size-px"}),
+        "corrupt-eval": Entry(
+            "corrupt_eval:corrupt_eval",
+            "corrupt a data set with and without patches",
+            {**TURNED, "--corruption": "--corrupt"},
+        ),
     },
     "Set-up": {
         "init": Entry("init:init", "make a workspace"),
-        "demo": Entry("demo:demo", "walk the whole road in a new workspace"),
+        "add": Entry("add:add", "add an object of your own from its mesh"),
+        "demo": Entry("objects:demo", "walk the whole road in a new workspace"),
         "objects": Entry("objects:list_objects", "list the objects that can be photographed"),
         "doctor": Entry("health:doctor", "check what the kit needs from this machine"),
     },
@@ -60,20 +89,79 @@ GROUPS: dict[str, dict[str, Entry]] = {
 class GroupedCommand(TyperCommand):
     """A command whose help lists its options under the headings that they name."""
 
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """`[OPTIONS] PHOTOS...`."""
+        arguments = [one for one in self.get_params(ctx) if one.param_type_name == "argument"]
+        return [
+            "[OPTIONS]",
+            *(_name_parameter(one) if one.required else f"[{_name_parameter(one)}]" for one in arguments),
+        ]
+
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write every parameter under its heading; what every command has comes last."""
-        sections: dict[str, list[tuple[str, str]]] = {}
+        sections: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
         for parameter in self.get_params(ctx):
             row = parameter.get_help_record(ctx)
-            if row is not None:
-                heading = (
-                    SHARED if parameter.name == "help" else getattr(parameter, "rich_help_panel", None) or "Options"
-                )
-                sections.setdefault(heading, []).append(row)
+            if row is None:
+                continue
+            heading, name = getattr(parameter, "rich_help_panel", None) or "Options", TYPE.sub(_name_type, row[0])
+            if parameter.param_type_name == "argument":
+                heading, name = "Arguments", _name_parameter(parameter)
+            elif parameter.name == "help":
+                heading = SHARED
+            sections.setdefault(heading, []).append((name, _write_bounds(row[1])))
         sections[SHARED] = sections.pop(SHARED)  # comes last
         for heading, rows in sections.items():
-            with formatter.section(heading):
-                formatter.write_dl(rows)
+            if rows:
+                with formatter.section(heading):
+                    formatter.write_dl(rows)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run it.
+
+        Raises:
+            ToolkitError: as the command says; fields are written as their flags.
+        """
+        try:
+            return super().invoke(ctx)
+        except FieldError as error:
+            names = {one.name.replace("__", "."): _name_parameter(one) for one in self.get_params(ctx)}
+            raise ToolkitError(error.spell(lambda path: spell_flag(path, names), show_typed)) from None
+
+
+def _name_parameter(parameter: Any) -> str:
+    """`--size-mm`, or an argument's metavar."""
+    if parameter.param_type_name == "option":
+        return str(parameter.opts[0])
+    return str(parameter.metavar or parameter.name.upper())
+
+
+def spell_flag(path: str, names: Mapping[str, str]) -> str:
+    """The flag of a field; of a field of a part also where only its last name is known. Without a flag, its path."""
+    if path in names:
+        return names[path]
+    last = path.rpartition(".")[2]
+    found = {flag for known, flag in names.items() if known.rpartition(".")[2] == last}
+    return found.pop() if len(found) == 1 else path
+
+
+def show_typed(flag: str, value: object) -> str:
+    """A flag with its value as it was typed: `--no-pose`, `--share 0.2 0.4`."""
+    if isinstance(value, bool) and flag.startswith("--"):
+        return flag if value else f"--no-{flag.removeprefix('--')}"
+    return f"{flag} {show_value(value)}"
+
+
+def _write_bounds(text: str) -> str:
+    text = re.sub(r"; x>=[01](?=\])| *\[x>=[01]\]", "", text)  # these go without saying
+    return re.sub(r"x>=(\d+)", r"at least \1", re.sub(r"(\d+)<=x<=(\d+)", r"\1 to \2", text))
+
+
+def _name_type(found: re.Match[str]) -> str:
+    names = [
+        METAVARS.get(word, word) for word in re.findall(r"\w+", found[0]) if word not in ("list", "tuple", "range")
+    ]
+    return " ".join(names)
 
 
 class LazyCommand(TyperCommand):
@@ -83,12 +171,52 @@ class LazyCommand(TyperCommand):
         super().__init__(name, help=entry.about, short_help=entry.about, rich_help_panel=group, rich_markup_mode=None)
         self.entry = entry
 
+    def load(self) -> Any:
+        """The whole command."""
+        module, _, function = self.entry.place.partition(":")
+        return typer.main.get_command(
+            make_single(getattr(import_module(f"toolkit.cli.{module}"), function), str(self.name))
+        )
+
     def make_context(self, info_name: Any, args: list[str], parent: Any = None, **extra: Any) -> Any:
         """Load the command, and go on with it."""
-        module, _, function = self.entry.place.partition(":")
-        command = getattr(import_module(f"toolkit.cli.{module}"), function)
-        single = typer.main.get_command(make_single(command, str(self.name)))
-        return single.make_context(info_name, args, parent, **extra)
+        command = self.load()
+        known = {name for parameter in command.params for name in parameter.opts}
+        old = {earlier: today for earlier, today in self.entry.old.items() if earlier not in known}
+        return command.make_context(info_name, [_respell(word, old) for word in args], parent, **extra)
+
+
+def _respell(word: str, old: Mapping[str, str]) -> str:
+    name, equals, value = word.partition("=")
+    return f"{old[name]}{equals}{value}" if name in old else word
+
+
+def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
+    """A `UsageError` in one line that names the option and what was typed, or the nearest to a mistyped one."""
+    command = next((word for word in typed if any(word == name for name, _ in list_places())), "")
+    help_call = " ".join(filter(None, ["toolkit", command, "--help"]))
+    if hasattr(error, "possibilities"):  # no such option
+        known = [name for one in error.ctx.command.get_params(error.ctx) for name in one.opts]
+        near = get_close_matches(error.option_name, known, n=3)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"see '{help_call}'"
+        return ToolkitError(f"no option called '{error.option_name}': {hint}")
+    parameter = getattr(error, "param", None)
+    if parameter is None:
+        message = error.format_message().rstrip(".")
+        return ToolkitError(f"{message[0].lower()}{message[1:]}: see '{help_call}'")
+    name = _name_parameter(parameter)
+    if hasattr(error, "param_type"):
+        return ToolkitError(f"{name} is missing: see '{help_call}'")
+    at = next((typed.index(flag) + 1 for flag in parameter.opts if flag in typed), len(typed))
+    expected = error.message.rstrip(".").partition(", unable")[0].replace("Input should be", "expected")
+    for long, short in (
+        ("greater than or equal to", "at least"),
+        ("less than or equal to", "at most"),
+        ("a valid integer", "a whole number"),
+        ("a valid number", "a number"),
+    ):
+        expected = expected.replace(long, short)
+    return ToolkitError(f"{' '.join([name, *typed[at : at + parameter.nargs]])}: {expected}")
 
 
 class RoadGroup(TyperGroup):

@@ -7,7 +7,10 @@ import typer
 
 
 def init(folder: Annotated[Path, typer.Argument(help="Folder to make a workspace of; made if missing.")]) -> None:
-    """Make a workspace: rig/, print/, captures/ and eval/, with an example object spec to start from."""
+    """Make a workspace: toolkit.toml, which marks it, and rig/, print/, captures/ and eval/.
+
+    What is there already stays as it is, so that a workspace of an older version can be marked.
+    """
     from toolkit.core.console import console
     from toolkit.core.workspace import make_workspace
 

@@ -5,7 +5,7 @@ A command names its config, and receives it ready or as overrides of a recipe:
     @from_config(data=DataConfig, overrides=RECIPES)
     def train_patch(data: DataConfig, recipe: str, overrides: Overrides, seed: Seed = 0) -> None: ...
 
-Here alone a field becomes a flag: in the help, and in the message of a `FieldError`.
+Here alone a field becomes a flag; `toolkit.cli.app` writes it so in the message of a `FieldError`.
 """
 
 import inspect
@@ -20,9 +20,9 @@ import typer
 from pydantic.fields import FieldInfo
 from typer.models import OptionInfo
 
-from toolkit.cli.app import SHARED
+from toolkit.cli.app import SHARED, spell_flag
 from toolkit.core.config import Config, Flag, Range, bounds_of, flag_of, part_maker, typed_as
-from toolkit.core.errors import FieldError, ToolkitError, show_value
+from toolkit.core.errors import FIELD_PATH, show_value
 
 Overrides = dict[str, Any]
 """Path of a field -> the value that was typed; what was not typed is left out."""
@@ -37,10 +37,32 @@ Workspace = Annotated[
         "--workspace",
         metavar="FOLDER",
         rich_help_panel=SHARED,
-        help="Folder to work in; default: the nearest upwards with rig/.",
+        help="Folder to work in; default: the nearest upwards with toolkit.toml.",
     ),
 ]
-Json = Annotated[bool, typer.Option("--json", rich_help_panel=SHARED, help="Print the result as JSON on stdout.")]
+
+
+def _be_quiet(context: typer.Context, wanted: bool) -> bool:
+    """Until the command has ended: progress and notices ask for it themselves, nobody passes it on."""
+    if wanted:
+        from toolkit.core.console import quietly
+
+        context.with_resource(quietly())
+    return wanted
+
+
+Quiet = Annotated[
+    bool, typer.Option("--quiet", "-q", callback=_be_quiet, rich_help_panel=SHARED, help="No progress bar.")
+]
+Json = Annotated[
+    bool,
+    typer.Option(
+        "--json",
+        callback=_be_quiet,
+        rich_help_panel=SHARED,
+        help="Print the result as JSON on stdout; no progress bar.",
+    ),
+]
 Seed = Annotated[
     int,
     typer.Option(
@@ -48,22 +70,24 @@ Seed = Annotated[
     ),
 ]
 
-
-def _be_quiet(context: typer.Context, quiet: bool) -> bool:
-    """Until the command has ended: progress and notices ask for it themselves, nobody passes it on."""
-    if quiet:
-        from toolkit.core.console import quietly
-
-        context.with_resource(quietly())
-    return quiet
-
-
-Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", callback=_be_quiet, rich_help_panel=SHARED, help="No progress bar.")
-]
 Patches = Annotated[
-    str | None, typer.Option("--patches", help="Folder of patches below print/patches; default: that one itself.")
+    str | None,
+    typer.Option("--patches", metavar="NAME", help="Folder of patches below print/patches; default: that one itself."),
 ]
+Objects = Annotated[
+    list[str] | None,
+    typer.Option("--object", metavar="NAME", help="Only this object; repeat for more. Default: all."),
+]
+Variants = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--variant",
+        metavar="NAME",
+        help="unpatched, patched, textured; controls of the patch: wrong-patch, random-patch, grey-patch, patch-alone; "
+        "of the texture: random-texture, grey-texture; repeat for more. Default: unpatched and patched.",
+    ),
+]
+RealSource = Annotated[str, typer.Option("--source", metavar="NAME", help="Folder below captures/.")]
 Models = Annotated[
     list[str] | None,
     typer.Option(
@@ -72,21 +96,25 @@ Models = Annotated[
         help="Torchvision classifier, timm:NAME, rig18, or your own; several add their losses. Default: resnet18.",
     ),
 ]
+Model = Annotated[
+    str | None,
+    typer.Option(
+        "--model", metavar="NAME", help="Torchvision classifier, timm:NAME, rig18, or your own. Default: resnet18."
+    ),
+]
 WeightFiles = Annotated[
     list[Path] | None,
     typer.Option("--weights", metavar="FILE", help="State dict (.pth, .safetensors), one for each --model."),
 ]
-WeightsFile = Annotated[Path | None, typer.Option("--weights", help="State dict (.pth, .safetensors) of --model.")]
-Rotation = Annotated[float, typer.Option(help="Largest turn of a patch, degrees. The paper's release: 45.")]
-Scale = Annotated[tuple[float, float], typer.Option(help="Smallest and largest, of its own pixels. Release: 0.9 1.1.")]
-Translate = Annotated[
-    float, typer.Option(help="Largest move from the middle, of the image's side; it may be cut off. Release: 0.3.")
+WeightsFile = Annotated[
+    Path | None, typer.Option("--weights", metavar="FILE", help="State dict (.pth, .safetensors) of --model.")
 ]
 Download = Annotated[bool, typer.Option("--download", help="Fetch CIFAR-10 into the folder of cifar10:FOLDER.")]
 Corrupt = Annotated[
     list[str] | None,
     typer.Option(
         "--corrupt",
+        metavar="NAME",
         help="Under this corruption of ImageNet-C: fog:3, noise:1-3, weather, common (15), all (19); without a "
         "severity under all five; may be repeated.",
     ),
@@ -126,19 +154,23 @@ class ConfigFlag:
         """Its name in the command function."""
         return self.path.replace(".", "__")
 
-    def option(self) -> inspect.Parameter:
-        """The parameter that typer makes an option of; not typed, it is None."""
+    def option(self, names: Mapping[str, str]) -> inspect.Parameter:
+        """The parameter that typer makes an option of; not typed, it is None.
+
+        Args:
+            names: path of a field -> its flag, for fields that the help names as `{path}`.
+        """
         kind = bool if self.is_switch else typed_as(self.info)
         if kind is bool:
-            names = [self.flag.name or f"{self.spelling}/--no-{self.spelling.removeprefix('--')}"]
+            spellings = self.flag.name or f"{self.spelling}/--no-{self.spelling.removeprefix('--')}"
         else:
-            names = [self.spelling]
-        given: dict[str, Any] = {"help": self._help(), "metavar": self.flag.metavar or _metavar(kind)}
+            spellings = self.spelling
+        given: dict[str, Any] = {"help": self._help(names), "metavar": self.flag.metavar or _metavar(kind)}
         required = self.info.is_required() and not any(value is not None for value in self.values.values())
         made = (
             typer.Argument(**given)
             if self.flag.positional
-            else typer.Option(*names, rich_help_panel=self.flag.group, show_default=False, **given)
+            else typer.Option(spellings, rich_help_panel=self.flag.group, show_default=False, **given)
         )
         annotation = _as_typer_takes(kind)
         return inspect.Parameter(
@@ -148,19 +180,19 @@ class ConfigFlag:
             annotation=Annotated[annotation if required else Optional[annotation], made],  # noqa: UP045, a value
         )
 
-    def _help(self) -> str:
+    def _help(self, names: Mapping[str, str]) -> str:
         bounds = bounds_of(self.info)
         notes = [] if bounds in OBVIOUS else [bounds]
-        first = None
+        first, is_lone = None, typed_as(self.info) is bool and "/" not in (self.flag.name or "/")
         for number, (recipe, value) in enumerate(self.values.items()):
             shown = (
                 None if value is None and not self.is_switch else show_value(bool(value) if self.is_switch else value)
             )
-            if not shown or (number and shown == first):
+            if not shown or (number and shown == first) or (is_lone and not value):
                 continue
             notes.append(f"{recipe or 'default'}: {shown}")
             first = shown if not number else first
-        about = (self.info.description or "").rstrip()
+        about = FIELD_PATH.sub(lambda path: spell_flag(path[1], names), self.info.description or "").rstrip()
         return f"{about}  [{'; '.join(notes)}]" if notes else about
 
 
@@ -184,42 +216,25 @@ def from_config(**sources: Source) -> Callable[[Callable[..., Result]], Callable
 
     def decorate(command: Callable[..., Result]) -> Callable[..., Result]:
         flags = {parameter: list_flags(source) for parameter, source in sources.items()}
-        parameters = _spread(inspect.signature(command, eval_str=True), sources, flags)
-        names = {one.path: one.spelling for some in flags.values() for one in some} | _spellings(parameters)
+        signature = inspect.signature(command, eval_str=True)
+        names = {one.path: one.spelling for some in flags.values() for one in some}
+        names |= _spellings([one for one in signature.parameters.values() if one.name not in sources])
+        parameters = _spread(signature, sources, flags, names)
         _refuse_twins(list(names.items()))
 
         @wraps(command)
         def run(**typed: Any) -> Result:
-            try:
-                for parameter, source in sources.items():
-                    given = {one.path: typed.pop(one.parameter) for one in flags[parameter]}
-                    given = {path: value for path, value in given.items() if value not in (None, [], ())}
-                    typed[parameter] = given if isinstance(source, Mapping) else _make(source, given)
-                return command(**typed)
-            except FieldError as error:
-                raise ToolkitError(error.spell(lambda path: spell_flag(path, names), show_typed)) from None
+            for parameter, source in sources.items():
+                given = {one.path: typed.pop(one.parameter, None) for one in flags[parameter]}
+                given = {path: value for path, value in given.items() if value not in (None, [], ())}
+                typed[parameter] = given if isinstance(source, Mapping) else _make(source, given)
+            return command(**typed)
 
         run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         run.__annotations__ = {one.name: one.annotation for one in parameters}
         return run
 
     return decorate
-
-
-def spell_flag(path: str, names: Mapping[str, str]) -> str:
-    """The flag of a field; of a field of a part also where only its last name is known. Without a flag, its path."""
-    if path in names:
-        return names[path]
-    last = path.rpartition(".")[2]
-    found = {flag for known, flag in names.items() if known.rpartition(".")[2] == last}
-    return found.pop() if len(found) == 1 else path
-
-
-def show_typed(flag: str, value: object) -> str:
-    """A flag with its value as it was typed: `--no-pose`, `--share 0.2 0.4`."""
-    if isinstance(value, bool) and flag.startswith("--"):
-        return flag if value else f"--no-{flag.removeprefix('--')}"
-    return f"{flag} {show_value(value)}"
 
 
 def _walk(config: type[Config], holders: Mapping[str, object], before: str) -> Iterator[ConfigFlag]:
@@ -243,12 +258,15 @@ def _parts(annotation: object) -> Iterator[type[Config]]:
 
 
 def _spread(
-    signature: inspect.Signature, sources: Mapping[str, Source], flags: Mapping[str, list[ConfigFlag]]
+    signature: inspect.Signature,
+    sources: Mapping[str, Source],
+    flags: Mapping[str, list[ConfigFlag]],
+    names: Mapping[str, str],
 ) -> list[inspect.Parameter]:
     parameters: list[inspect.Parameter] = []
     for name, parameter in signature.parameters.items():
         if name in sources:
-            parameters += [one.option() for one in flags[name]]
+            parameters += [one.option(names) for one in flags[name]]
         elif name == "recipe" and parameter.annotation is str:
             parameters.append(_recipe_option(next(one for one in sources.values() if isinstance(one, Mapping))))
         else:

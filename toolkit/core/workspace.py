@@ -3,10 +3,14 @@
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ConfigDict
 
 from toolkit.core.errors import ToolkitError, one_of
-from toolkit.core.files import explain_write_error, write_text
+from toolkit.core.files import explain_write_error, read_toml, write_text
 
+MARKER = "toolkit.toml"
 PACKAGE_DATA = Path(__file__).parents[1] / "data"
 PATCH_SET_NAME = TEXTURE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
@@ -91,7 +95,8 @@ class Workspace:
         if known:
             raise one_of("set of patches", patch_set, known)
         raise ToolkitError(
-            f"--patches {patch_set}: expected a folder of patches in {self.root / 'print' / 'patches'}: "
+            f"no set of patches called '{patch_set}': expected a folder of patches in "
+            f"{self.root / 'print' / 'patches'}: "
             f"make one with 'toolkit train-patch --model MODEL --out print/patches/NAME'"
         )
 
@@ -128,32 +133,66 @@ def _named_files(kind: str | Path, pattern: str, own: Path) -> dict[str, Path]:
     return found | {path.stem: path for path in sorted(own.glob(pattern))}
 
 
-def open_workspace(folder: Path | None = None) -> Workspace:
-    """The workspace of a command: `folder` (from `--workspace`), else the nearest with `rig/` from here upwards.
+class WorkspaceFile(BaseModel):
+    """`toolkit.toml`, which marks a folder as a workspace.
+
+    Attributes:
+        schema_version: of the workspace's layout.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    schema_version: Literal[1]
+
+
+MARKER_TEXT = """\
+# This file marks the folder as a workspace: 'toolkit' commands that run here or below read and write
+# rig/, print/, captures/ and eval/ beside it.
+schema_version = 1
+"""
+
+
+def is_workspace(folder: Path) -> bool:
+    """Whether a folder is marked by `toolkit.toml`, or is an older workspace: one with `rig/`, and no source code."""
+    return (folder / MARKER).is_file() or _is_older(folder)
+
+
+def _is_older(folder: Path) -> bool:
+    rig = folder / "rig"
+    if not rig.is_dir() or (folder / "__init__.py").exists() or (rig / "__init__.py").exists():
+        return False
+    return (rig / "objects").is_dir() or not any(rig.glob("*.py"))  # tests are often sorted as the package is
+
+
+def open_workspace(folder: Path | str | None = None) -> Workspace:
+    """The workspace of a command: `folder` where one is named, else the nearest from the current folder upwards.
 
     Where there is none, the current folder: built-in objects, plan and patches need no workspace.
 
     Raises:
-        ToolkitError: `folder` was named and has no `rig/`.
+        ToolkitError: `folder` is no workspace (see `is_workspace`), or its `toolkit.toml` has a wrong field.
     """
     if folder is not None:
-        if not (Path(folder) / "rig").is_dir():
-            raise ToolkitError(f"{folder} is no workspace (it has no rig/): make one with 'toolkit init {folder}'")
-        return Workspace(Path(folder).resolve())
-    here = Path.cwd()
-    return Workspace(next((up for up in (here, *here.parents) if (up / "rig").is_dir()), here))
+        root = Path(folder).resolve()
+        if not is_workspace(root):
+            raise ToolkitError(f"{folder} is no workspace (it has no {MARKER}): make one with 'toolkit init {folder}'")
+    else:
+        here = Path.cwd()
+        root = next((up for up in (here, *here.parents) if is_workspace(up)), here)
+    if (root / MARKER).is_file():
+        read_toml(root / MARKER, WorkspaceFile)
+    return Workspace(root)
 
 
 SPEC_GUIDE = """\
-# One file per object of your own: NAME.toml, with the mesh beside it (glb, obj + mtl, ply, stl, off).
-# Copy this file to NAME.toml, mend it, and run: toolkit plan --object NAME
+# One file per object of your own: NAME.toml, with the mesh beside it (glb, gltf, obj + mtl, ply, stl, off).
+# 'toolkit add MESH --class NAME' writes both; or copy this file to NAME.toml, and run: toolkit plan --object NAME
 #
-# name = "mug"
 # class = "coffee mug"        # an ImageNet category, an index, or a label of your own classifier
 # mesh = "mug.glb"
 # length_mm = 120             # longest side
-# up = "y"                    # the mesh's axis that points up; glTF and OBJ files mostly have y
-# front = "z"                 # and the one that points to the front
+# world_length_m = 0.12       # of what it is a model of, for worlds outdoors; may be left out
+# up = "y"                    # the mesh's axis that points up; glTF: y, without being told; OBJ files mostly have y
+# front = "z"                 # and the one that points to the front; glTF: z
 #
 # [patch]
 # at = "top"                  # top, front, back, left or right
@@ -163,11 +202,11 @@ SPEC_GUIDE = """\
 """
 
 
-def make_workspace(folder: Path) -> Workspace:
-    """Make the folders of a workspace and a guide to object specs; what is there already stays as it is.
+def make_workspace(folder: Path | str) -> Workspace:
+    """Make the folders of a workspace, `toolkit.toml` and a guide to object specs; what is there stays as it is.
 
     Raises:
-        ToolkitError: `folder` is a file, or cannot be written.
+        ToolkitError: `folder` is a file, or cannot be written; its `toolkit.toml` has a wrong field.
     """
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
@@ -179,6 +218,7 @@ def make_workspace(folder: Path) -> Workspace:
             path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise explain_write_error(folder, error) from error
-    if not guide.exists():
-        write_text(guide, SPEC_GUIDE)
-    return space
+    for file, text in ((guide, SPEC_GUIDE), (space.root / MARKER, MARKER_TEXT)):
+        if not file.exists():
+            write_text(file, text)
+    return open_workspace(space.root)

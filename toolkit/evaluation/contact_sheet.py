@@ -8,12 +8,13 @@ from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from math import asin, atan2, cos, degrees, pi, radians, sin, sqrt
+from typing import TypeVar
 
 from PIL import Image
 
 from toolkit.captures.read import Capture
 from toolkit.evaluation.metrics import FlipList, rank_variant
-from toolkit.evaluation.predict import CPU_BATCH, Prediction, decode_ahead, laid_on
+from toolkit.evaluation.predict import CPU_BATCH, Prediction, decode_ahead, find_pending
 from toolkit.imaging.read import UnreadableImage, read_image
 from toolkit.models.network import Classifier
 
@@ -28,8 +29,8 @@ def make_thumbnails(captures: Iterable[Capture], classifier: Classifier) -> dict
     An image that is corrupted when it is read is shown as the network sees it, resized and cut.
     """
     wanted = list({capture.path: capture for capture in captures}.values())
-    corrupted = [capture for capture in wanted if laid_on(capture) is not None]
-    plain = [capture for capture in wanted if laid_on(capture) is None]
+    corrupted = [capture for capture in wanted if find_pending(capture) is not None]
+    plain = [capture for capture in wanted if find_pending(capture) is None]
     with ThreadPoolExecutor(max(1, min(8, os.cpu_count() or 1))) as pool:
         made = pool.map(_make, plain)
         uris = {capture.path: uri for capture, uri in zip(plain, made, strict=True) if uri}
@@ -60,6 +61,8 @@ def encode_jpeg(image: Image.Image) -> str:
     return "data:image/jpeg;base64," + base64.b64encode(content).decode("ascii")
 
 
+Seen = list[tuple[tuple[float, float], Prediction]]
+"""(azimuth, elevation) in degrees of each image, and what was said of it."""
 RADIUS = 100.0
 LARGEST_DOT, SMALLEST_DOT, DOT_SHARE = 11.0, 2.5, 46.0
 
@@ -117,7 +120,7 @@ def read_direction(capture: Capture) -> tuple[float, float] | None:
 
 def chart_poses(predictions: Sequence[Prediction]) -> list[PoseChart]:
     """A chart for each source and variant of which some image has a known pose; `unpatched` first."""
-    found: dict[tuple[str, str], list[tuple[tuple[float, float], Prediction]]] = defaultdict(list)
+    found: dict[tuple[str, str], Seen] = defaultdict(list)
     for one in predictions:
         direction = read_direction(one.capture)
         if direction is not None and one.is_read:
@@ -129,9 +132,9 @@ def chart_poses(predictions: Sequence[Prediction]) -> list[PoseChart]:
     return [_chart(*key, found[key], lowest[key[0]]) for key in keys]
 
 
-def _chart(source: str, variant: str, seen: list, lowest: float) -> PoseChart:
+def _chart(source: str, variant: str, seen: Seen, lowest: float) -> PoseChart:
     rim_deg = 30.0 * (lowest // 30)
-    by_place: dict[tuple[int, int], list] = defaultdict(list)
+    by_place: dict[tuple[int, int], Seen] = defaultdict(list)
     for direction, one in seen:
         by_place[(round(direction[0]) % 360, round(direction[1]))].append((direction, one))
     dot_radius = min(LARGEST_DOT, max(SMALLEST_DOT, DOT_SHARE / sqrt(len(by_place))))
@@ -144,13 +147,13 @@ def _chart(source: str, variant: str, seen: list, lowest: float) -> PoseChart:
     return PoseChart(source, variant, tuple(rings), dots, dot_radius)
 
 
-def _dot(seen: list, rim_deg: float, dot_radius: float) -> PoseDot:
+def _dot(seen: Seen, rim_deg: float, dot_radius: float) -> PoseDot:
     azimuth, elevation = seen[0][0]
     n, n_right = len(seen), sum(one.correct_top1 for _, one in seen)
     r = _radius(elevation, rim_deg)
     # seen from above with the object's front towards the reader: azimuth 0 points down, 90 (its left) to the right
     x, y = r * sin(radians(azimuth)), r * cos(radians(azimuth))
-    return PoseDot(x, y, _wedge(x, y, dot_radius, n_right / n), azimuth, elevation, n, n_right)
+    return PoseDot(x, y, _wedge(x, y, dot_radius, n_right / n), azimuth, elevation, n=n, n_right=n_right)
 
 
 def _radius(elevation_deg: float, rim_deg: float) -> float:
@@ -165,6 +168,7 @@ def _wedge(x: float, y: float, radius: float, share: float) -> str:
     return f"M{x:.2f} {y:.2f}V{y - radius:.2f}A{radius:.2f} {radius:.2f} 0 {large} 1 {end_x:.2f} {end_y:.2f}Z"
 
 
+Item = TypeVar("Item")
 MAX_PICTURES = 600
 MANY_SHEETS, FEW_CARDS = 12, 3
 
@@ -220,14 +224,14 @@ def lay_out(predictions: Sequence[Prediction], max_pictures: int = MAX_PICTURES)
 def lay_out_flips(flips: FlipList) -> list[Card]:
     """A card for each flip that is shown, the image before and the image after."""
     cards = []
-    for match in flips.shown:
-        capture = match.after.capture
+    for pair in flips.shown:
+        capture = pair.second.capture
         title = f"{capture.source} · {capture.object} · pose {capture.pose_id}"
-        cards.append(Card(title, say_place(match.after), (match.before, match.after)))
+        cards.append(Card(title, describe_place(pair.second), (pair.first, pair.second)))
     return cards
 
 
-def say_place(one: Prediction) -> str:
+def describe_place(one: Prediction) -> str:
     """`60° around, 40° up`, or nothing where the pose is unknown."""
     direction = read_direction(one.capture)
     return "" if direction is None else f"{direction[0]:.0f}° around, {direction[1]:.0f}° up"
@@ -247,8 +251,8 @@ def _deal(members: list[Prediction]) -> list[Card]:
     cards = []
     for pose_id in sorted(poses):
         cells = sorted(poses[pose_id].values(), key=lambda one: rank_variant(one.capture.variant))
-        cards.append(Card(f"pose {pose_id}", say_place(cells[0]), tuple(cells)))
-    return cards + [Card(one.capture.path.rsplit("/", 1)[-1], say_place(one), (one,)) for one in loose]
+        cards.append(Card(f"pose {pose_id}", describe_place(cells[0]), tuple(cells)))
+    return cards + [Card(one.capture.path.rsplit("/", 1)[-1], describe_place(one), (one,)) for one in loose]
 
 
 def _gather(sheets: list[Sheet]) -> list[Sheet]:
@@ -266,7 +270,7 @@ def _gather(sheets: list[Sheet]) -> list[Sheet]:
     return gathered
 
 
-def _thin(items: Sequence, room: int) -> list:
+def _thin(items: Sequence[Item], room: int) -> list[Item]:
     if len(items) <= room:
         return list(items)
     return [items[index * len(items) // room] for index in range(room)]

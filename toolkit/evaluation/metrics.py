@@ -1,12 +1,12 @@
-"""Which pairs became right or wrong, and which of them are shown."""
+"""What the predictions count up to: groups, two variants on the same poses, and the pairs that changed."""
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from toolkit.captures.read import POOLED, UNPATCHED
-from toolkit.core.statistics import mcnemar_p, wilson_interval
+from toolkit.core.statistics import Interval, PairedOutcomes, wilson_interval
 from toolkit.evaluation.predict import Prediction
 from toolkit.rig.variants import CONTROLS, CONTROLS_OF, VARIANTS
 
@@ -16,6 +16,14 @@ RIVALS = {booster: tuple(name for name in names if name != ALONE) for booster, n
 """By booster, the controls that are on the object where the booster was."""
 OWNERS = {control: booster for booster, names in CONTROLS_OF.items() for control in names}
 """By control, the booster that it belongs to."""
+COMPARED = (
+    *((booster, control) for booster, controls in CONTROLS_OF.items() for control in controls),
+    (PATCHED, TEXTURED),
+    (UNPATCHED, WRONG),
+)
+"""The variants that are compared besides each with `unpatched`, in this order."""
+Poses = dict[tuple[str, str], dict[str, dict[int, Prediction]]]
+"""(source, object) -> variant -> pose -> image."""
 
 
 def rank_variant(variant: str) -> tuple[int, str]:
@@ -60,7 +68,7 @@ class Group:
         return self.n_top5 / self.n if self.n else None
 
     @property
-    def top1_ci95(self) -> tuple[float, float]:
+    def top1_ci95(self) -> Interval:
         """Wilson interval of `top1`."""
         return wilson_interval(self.n_top1, self.n)
 
@@ -73,44 +81,73 @@ class Group:
 
 @dataclass(frozen=True)
 class Pair:
-    """A variant against `unpatched`, pose by pose.
+    """Two images of one object at one pose, both read: in two variants, or of two sources."""
+
+    first: Prediction
+    second: Prediction
+
+    @property
+    def is_gained(self) -> bool:
+        """The first is wrong, the second right."""
+        return self.second.correct_top1 and not self.first.correct_top1
+
+    @property
+    def is_lost(self) -> bool:
+        """The first is right, the second wrong."""
+        return self.first.correct_top1 and not self.second.correct_top1
+
+    @property
+    def change(self) -> float:
+        """Probability of the true class in the second less that in the first."""
+        return (self.second.true_prob or 0.0) - (self.first.true_prob or 0.0)
+
+
+def count_outcomes(pairs: Iterable[Pair]) -> PairedOutcomes:
+    """Of how many pairs both images, one alone or neither is right."""
+    return PairedOutcomes.count((pair.first.correct_top1, pair.second.correct_top1) for pair in pairs)
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Two variants on the same poses; `object` is `all` for the pooled row of a source.
 
     Attributes:
-        n_pairs: poses seen in both and read in both.
-        gained: wrong before, right with the booster.
-        lost: right before, wrong with the booster.
-        mcnemar_p: of gained against lost.
+        first, second: the variants: `unpatched` and another, a booster and its control, or `patched` and `textured`.
+        outcomes: of the poses seen in both and read in both.
+        prob_first, prob_second: mean probability of the true class.
+        mistake, n_mistakes: the commonest wrong first guess with `second`, and how often; None and 0 where it is always
+            right.
     """
 
     source: str
     object: str
-    variant: str
-    n_pairs: int
-    gained: int
-    lost: int
-    mcnemar_p: float
+    first: str
+    second: str
+    outcomes: PairedOutcomes
+    prob_first: float
+    prob_second: float
+    mistake: str | None
+    n_mistakes: int
+
+    def as_pair(self) -> dict[str, Any]:
+        """One of the `pairs` of `summary.json`: a variant against `unpatched`."""
+        found = self.outcomes
+        counts = {"n_pairs": found.n, "gained": found.only_second, "lost": found.only_first}
+        head = {"source": self.source, "object": self.object, "variant": self.second}
+        return head | counts | {"mcnemar_p": found.mcnemar_p}
 
     def as_json(self) -> dict[str, Any]:
-        """The fields of `summary.json`."""
-        return asdict(self)
-
-
-@dataclass(frozen=True)
-class Match:
-    """The two images of one pose, both read."""
-
-    before: Prediction
-    after: Prediction
-
-    @property
-    def is_gained(self) -> bool:
-        """Wrong before, right after."""
-        return self.after.correct_top1 and not self.before.correct_top1
-
-    @property
-    def is_lost(self) -> bool:
-        """Right before, wrong after."""
-        return self.before.correct_top1 and not self.after.correct_top1
+        """One of the `comparisons` of `summary.json`."""
+        found = self.outcomes
+        return {
+            "source": self.source, "object": self.object, "first": self.first, "second": self.second,
+            "n_pairs": found.n, "n_first": found.n_first, "n_second": found.n_second,
+            "only_first": found.only_first, "only_second": found.only_second, "mcnemar_p": found.mcnemar_p,
+            "prob_first": self.prob_first, "prob_second": self.prob_second,
+            "says": self.mistake, "n_says": self.n_mistakes,
+            "first_ci95": list(wilson_interval(found.n_first, found.n)),
+            "second_ci95": list(wilson_interval(found.n_second, found.n)),
+        }  # fmt: skip
 
 
 def group_predictions(predictions: Sequence[Prediction]) -> list[Group]:
@@ -119,12 +156,28 @@ def group_predictions(predictions: Sequence[Prediction]) -> list[Group]:
     for one in predictions:
         for name in (one.capture.object, POOLED):
             members[(one.capture.source, name, one.capture.variant)].append(one)
-    return [_group(key, members[key]) for key in sorted(members, key=_row_order)]
+
+    def order(key: tuple[str, str, str]) -> tuple[str, bool, str, tuple[int, str]]:
+        return key[0], key[1] == POOLED, key[1], rank_variant(key[2])
+
+    return [_count_group(key, members[key]) for key in sorted(members, key=order)]
 
 
-def index_poses(predictions: Iterable[Prediction]) -> dict[tuple[str, str], dict[str, dict[int, Prediction]]]:
-    """(source, object) -> variant -> pose -> image: of several of one pose the first that was read."""
-    by_pose: dict[tuple[str, str], dict[str, dict[int, Prediction]]] = defaultdict(lambda: defaultdict(dict))
+def _count_group(key: tuple[str, str, str], members: list[Prediction]) -> Group:
+    read = [one for one in members if one.is_read]
+    return Group(
+        *key,
+        n=len(read),
+        failed=len(members) - len(read),
+        n_top1=sum(one.correct_top1 for one in read),
+        n_top5=sum(one.correct_top5 for one in read),
+        mean_true_prob=sum(one.true_prob or 0.0 for one in read) / len(read) if read else None,
+    )
+
+
+def index_poses(predictions: Iterable[Prediction]) -> Poses:
+    """Images by source and object, variant and pose: of several of one pose the first that was read."""
+    by_pose: Poses = defaultdict(lambda: defaultdict(dict))
     for one in predictions:
         poses = by_pose[(one.capture.source, one.capture.object)][one.capture.variant]
         if one.capture.pose_id is not None:
@@ -134,62 +187,77 @@ def index_poses(predictions: Iterable[Prediction]) -> dict[tuple[str, str], dict
     return by_pose
 
 
-def match_pairs(predictions: Sequence[Prediction]) -> tuple[list[Match], list[tuple[str, str]]]:
-    """Pair each variant's images with `unpatched` by pose.
+def pair_variants(poses: Poses, first: str, second: str) -> list[Pair]:
+    """The images of two variants at the same pose where both were read; by source and object, poses ascending."""
+    pairs = []
+    for variants in poses.values():
+        one, other = variants.get(first, {}), variants.get(second, {})
+        shared = [Pair(one[pose], other[pose]) for pose in sorted(one.keys() & other.keys())]
+        pairs += [pair for pair in shared if pair.first.is_read and pair.second.is_read]
+    return pairs
 
-    Of several images of one pose the first that was read is taken.
 
-    Returns:
-        The matches, and (path, reason) of every image that was read and has no partner. Where an object was seen in one
-        variant only, nothing can be paired and nothing is listed.
+def pair_with_unpatched(poses: Poses) -> dict[str, list[Pair]]:
+    """By variant, its images with those of `unpatched`; a variant of which none could be paired is left out."""
+    names = sorted({name for variants in poses.values() for name in variants} - {UNPATCHED}, key=rank_variant)
+    found = {name: pair_variants(poses, UNPATCHED, name) for name in names}
+    return {name: pairs for name, pairs in found.items() if pairs}
+
+
+def compare_pairs(pairs: Iterable[Pair]) -> list[Comparison]:
+    """Two variants by source and object, `all` last."""
+    members: dict[tuple[str, str], list[Pair]] = defaultdict(list)
+    for pair in pairs:
+        for name in (pair.second.capture.object, POOLED):
+            members[(pair.second.capture.source, name)].append(pair)
+    return [_compare(*key, own) for key, own in members.items()]
+
+
+def compare_unpatched(poses: Poses) -> list[Comparison]:
+    """Each variant against `unpatched`, by source, object (`all` last) and variant."""
+    return _sort_rows([row for pairs in pair_with_unpatched(poses).values() for row in compare_pairs(pairs)])
+
+
+def compare_controls(poses: Poses) -> list[Comparison]:
+    """What `COMPARED` lists, by source and object, `all` last; what was not shot is not compared."""
+    return _sort_rows([row for names in COMPARED for row in compare_pairs(pair_variants(poses, *names))])
+
+
+def _sort_rows(rows: list[Comparison]) -> list[Comparison]:
+    return sorted(rows, key=lambda row: (row.source, row.object == POOLED, row.object))  # stable: variants as they came
+
+
+def _compare(source: str, name: str, pairs: list[Pair]) -> Comparison:
+    wrong = Counter(pair.second.top1_label for pair in pairs if not pair.second.correct_top1)
+    mistake, n_mistakes = min(wrong.items(), key=lambda item: (-item[1], item[0] or ""), default=(None, 0))
+    return Comparison(
+        source,
+        name,
+        first=pairs[0].first.capture.variant,
+        second=pairs[0].second.capture.variant,
+        outcomes=count_outcomes(pairs),
+        prob_first=sum(pair.first.true_prob or 0.0 for pair in pairs) / len(pairs),
+        prob_second=sum(pair.second.true_prob or 0.0 for pair in pairs) / len(pairs),
+        mistake=mistake,
+        n_mistakes=n_mistakes,
+    )
+
+
+def explain_unpaired(predictions: Sequence[Prediction], poses: Poses) -> list[tuple[str, str]]:
+    """(path, reason) of every image that was read and has no partner in `unpatched`, or in any other variant.
+
+    Where an object was seen in one variant only, nothing can be paired and nothing is listed.
     """
-    by_pose = index_poses(predictions)
-    matches: list[Match] = []
-    unpaired: list[tuple[str, str]] = []
+    unpaired = []
     for one in predictions:
-        capture, variants = one.capture, by_pose[(one.capture.source, one.capture.object)]
+        capture, variants = one.capture, poses[(one.capture.source, one.capture.object)]
         if len(variants) == 1 or not one.is_read:
             continue
         others = [UNPATCHED] if capture.variant != UNPATCHED else [name for name in variants if name != UNPATCHED]
-        pose_id = capture.pose_id
         reason = _why_unpaired(one, [variants.get(name, {}) for name in others], " or ".join(sorted(others)))
         if reason:
             unpaired.append((capture.path, reason))
-        elif capture.variant != UNPATCHED and pose_id is not None and variants[capture.variant][pose_id] is one:
-            matches.append(Match(variants[UNPATCHED][pose_id], one))
-    return matches, unpaired
-
-
-def compare_variants(matches: Iterable[Match]) -> list[Pair]:
-    """Rows by source, object (`all` last) and variant."""
-    members: dict[tuple[str, str, str], list[Match]] = defaultdict(list)
-    for match in matches:
-        capture = match.after.capture
-        for name in (capture.object, POOLED):
-            members[(capture.source, name, capture.variant)].append(match)
-    rows = []
-    for key in sorted(members, key=_row_order):
-        gained, lost = sum(one.is_gained for one in members[key]), sum(one.is_lost for one in members[key])
-        rows.append(Pair(*key, len(members[key]), gained, lost, mcnemar_p(gained, lost)))
-    return rows
-
-
-def _row_order(key: tuple[str, str, str]) -> tuple:
-    source, name, variant = key
-    return source, name == POOLED, name, rank_variant(variant)
-
-
-def _group(key: tuple[str, str, str], members: list[Prediction]) -> Group:
-    read = [one for one in members if one.is_read]
-    mean = sum(one.true_prob or 0.0 for one in read) / len(read) if read else None
-    return Group(
-        *key,
-        len(read),
-        len(members) - len(read),
-        sum(one.correct_top1 for one in read),
-        sum(one.correct_top5 for one in read),
-        mean,
-    )
+    return unpaired
 
 
 def _why_unpaired(one: Prediction, others: list[dict[int, Prediction]], name: str) -> str | None:
@@ -218,7 +286,7 @@ class FlipList:
     """
 
     kind: str
-    shown: tuple[Match, ...]
+    shown: tuple[Pair, ...]
     counts: tuple[tuple[str, int], ...]
 
     @property
@@ -227,25 +295,17 @@ class FlipList:
         return sum(count for _, count in self.counts)
 
 
-def list_flips(matches: Sequence[Match]) -> tuple[FlipList, FlipList]:
-    """The pairs that were gained and those that were lost, at most 40 of each shown.
+def list_flips(poses: Poses) -> tuple[FlipList, FlipList]:
+    """The pairs that were gained and those that were lost against `unpatched`, at most 40 of each shown.
 
     `patch-alone` is left out: without the object its images are no before and after of one thing.
     """
-    pairs = [match for match in matches if match.after.capture.variant != ALONE]
-    return _pick("gained", [match for match in pairs if match.is_gained]), _pick(
-        "lost", [match for match in pairs if match.is_lost]
-    )
+    pairs = [pair for name, own in pair_with_unpatched(poses).items() if name != ALONE for pair in own]
+    gained, lost = [pair for pair in pairs if pair.is_gained], [pair for pair in pairs if pair.is_lost]
+    return _pick_flips("gained", gained), _pick_flips("lost", lost)
 
 
-def _pick(kind: str, flips: list[Match]) -> FlipList:
-    flips.sort(
-        key=lambda match: (
-            rank_variant(match.after.capture.variant),
-            -abs((match.after.true_prob or 0) - (match.before.true_prob or 0)),
-        )
-    )
-    counts = Counter(match.after.capture.variant for match in flips)
-    return FlipList(
-        kind, tuple(flips[:MAX_FLIPS]), tuple((name, counts[name]) for name in sorted(counts, key=rank_variant))
-    )
+def _pick_flips(kind: str, flips: list[Pair]) -> FlipList:
+    flips.sort(key=lambda pair: (rank_variant(pair.second.capture.variant), -abs(pair.change)))
+    counts = Counter(pair.second.capture.variant for pair in flips)
+    return FlipList(kind, tuple(flips[:MAX_FLIPS]), tuple(counts.items()))

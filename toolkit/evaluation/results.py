@@ -1,27 +1,29 @@
-"""What an evaluation found, and its `predictions.csv` and `summary.json`."""
+"""Everything that follows from the predictions, and its `predictions.csv` and `summary.json`."""
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from toolkit import __version__
+from toolkit.captures.read import Capture
 from toolkit.core.files import write_text
 from toolkit.evaluation.metrics import (
+    Comparison,
     FlipList,
     Group,
-    Pair,
-    compare_variants,
+    compare_controls,
+    compare_unpatched,
+    explain_unpaired,
     group_predictions,
+    index_poses,
     list_flips,
-    match_pairs,
 )
-from toolkit.evaluation.predict import Prediction, list_corrupted
-from toolkit.evaluation.sim_real import SimReal, compare_sim_real
-from toolkit.evaluation.sim_real_text import write_sim_real
-from toolkit.evaluation.verdict import Comparison, Headline, compare_controls, write_headlines
+from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.sim_real import SimReal, compare_sim_real, write_sim_real
+from toolkit.evaluation.verdict import Headline, write_headlines
 from toolkit.models.network import Classifier
 
 
@@ -31,7 +33,8 @@ class Findings:
 
     Attributes:
         predictions: one per image.
-        groups, pairs: rows of the tables.
+        groups: accuracy by source, object and variant.
+        pairs: each variant against `unpatched`.
         comparisons: the boosters against their controls and each other.
         headlines: the result in words.
         flips: pairs gained, and lost.
@@ -42,34 +45,35 @@ class Findings:
 
     predictions: tuple[Prediction, ...]
     groups: tuple[Group, ...]
-    pairs: tuple[Pair, ...]
+    pairs: tuple[Comparison, ...]
     comparisons: tuple[Comparison, ...]
     headlines: tuple[Headline, ...]
     flips: tuple[FlipList, FlipList]
     failed: tuple[tuple[str, str], ...]
     unpaired: tuple[tuple[str, str], ...]
-    sim_real: tuple[SimReal, ...] = ()
+    sim_real: tuple[SimReal, ...]
 
 
-def find_results(
-    arch: str, predictions: Sequence[Prediction], refused_folders: Sequence[tuple[str, str]] = ()
+def compare_predictions(
+    network: str, predictions: Sequence[Prediction], refused_folders: Sequence[tuple[str, str]] = ()
 ) -> Findings:
-    """Count, pair, test and put into words."""
+    """Count, pair, test and put into words what the network of that name said."""
+    poses = index_poses(predictions)
     groups = group_predictions(predictions)
-    matches, unpaired = match_pairs(predictions)
-    pairs = compare_variants(matches)
-    comparisons = compare_controls(predictions)
+    pairs, comparisons = compare_unpatched(poses), compare_controls(poses)
     sim_real = compare_sim_real(predictions)
+    headlines = write_headlines(network, groups, [*pairs, *comparisons]) + write_sim_real(network, sim_real)
+    unread = [(one.capture.path, one.status) for one in predictions if not one.is_read]
     return Findings(
         tuple(predictions),
-        tuple(groups),
-        tuple(pairs),
-        tuple(comparisons),
-        (*write_headlines(arch, groups, pairs, comparisons), *write_sim_real(arch, sim_real)),
-        list_flips(matches),
-        (*((one.capture.path, one.status) for one in predictions if not one.is_read), *refused_folders),
-        tuple(unpaired),
-        tuple(sim_real),
+        groups=tuple(groups),
+        pairs=tuple(pairs),
+        comparisons=tuple(comparisons),
+        headlines=tuple(headlines),
+        flips=list_flips(poses),
+        failed=(*unread, *refused_folders),
+        unpaired=tuple(explain_unpaired(predictions, poses)),
+        sim_real=tuple(sim_real),
     )
 
 
@@ -90,7 +94,7 @@ def write_predictions(path: Path, predictions: Sequence[Prediction]) -> Path:
     return write_text(path, text.getvalue())
 
 
-def _row(one: Prediction) -> list[Any]:
+def _row(one: Prediction) -> list[object]:
     capture = one.capture
     head = [capture.source, capture.object, capture.variant, capture.pose_id, capture.path, one.true_index]
     if not one.is_read:
@@ -123,7 +127,7 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str]) 
             "preprocessing": classifier.preprocessing.describe(),
         },
         "groups": [group.as_json() for group in findings.groups],
-        "pairs": [pair.as_json() for pair in findings.pairs],
+        "pairs": [pair.as_pair() for pair in findings.pairs],
         "controls": {
             "comparisons": [row.as_json() for row in findings.comparisons],
             "answers": [headline.as_json() for headline in findings.headlines if headline.question],
@@ -137,30 +141,7 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str]) 
     }
 
 
-@dataclass(frozen=True)
-class EvaluationResult:
-    """What an evaluation found, and where it is written.
-
-    Attributes:
-        run_dir, report_file: the folder `eval/RUN` and the HTML file in it.
-        predictions: one per image.
-        groups, pairs: rows of the tables.
-        failed: (path, reason) of what could not be read.
-        unpaired: (path, reason) of images without a partner.
-        notes: what else the reader should know.
-        headlines: the result in words.
-        summary: what `summary.json` holds.
-        sim_real: rendered sources against photographs of the same poses.
-    """
-
-    run_dir: Path
-    report_file: Path
-    predictions: tuple[Prediction, ...]
-    groups: tuple[Group, ...]
-    pairs: tuple[Pair, ...]
-    failed: tuple[tuple[str, str], ...]
-    unpaired: tuple[tuple[str, str], ...]
-    notes: tuple[str, ...]
-    headlines: tuple[Headline, ...]
-    summary: dict[str, Any]
-    sim_real: tuple[SimReal, ...] = ()
+def list_corrupted(captures: Iterable[Capture]) -> list[dict[str, str | int]]:
+    """Source, corruption and severity of each source that is corrupted, sorted, as `summary.json` has them."""
+    found = sorted({(one.source, *one.corruption) for one in captures if one.corruption is not None})
+    return [{"source": source, "corruption": name, "severity": severity} for source, name, severity in found]

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
@@ -10,8 +10,11 @@ from PIL import Image
 from toolkit.core.console import progress
 from toolkit.evaluation.contact_sheet import encode_jpeg
 from toolkit.evaluation.metrics import FlipList
-from toolkit.evaluation.predict import CPU_BATCH, CUDA_BATCH, Prediction, decode_ahead
+from toolkit.evaluation.predict import Prediction, batch_pixels, choose_batch_size
 from toolkit.models.network import Classifier
+
+if TYPE_CHECKING:
+    import torch
 
 NO_MAP = "{arch} has no feature map with a place in the image: no module of it gives (b, c, h, w) with h, w > 1"
 TOKENS = "the last feature map of {arch} comes before its attention layers, where Grad-CAM says little"
@@ -22,7 +25,7 @@ class NoSaliency(Exception):
     """A network that Grad-CAM cannot explain; the message says why."""
 
 
-def find_feature_map(classifier: Classifier) -> Any:
+def find_feature_map(classifier: Classifier) -> "torch.nn.Module":
     """The module whose output, of those with four axes and a height and width above one, is made last.
 
     Raises:
@@ -30,16 +33,17 @@ def find_feature_map(classifier: Classifier) -> Any:
     """
     import torch
 
-    last: list[Any] = [None]
-    tokens_after: list[bool] = [False]
+    last: torch.nn.Module | None = None
+    tokens_after = False
 
-    def note(module: Any, _: Any, output: Any) -> None:
+    def note(module: torch.nn.Module, _: tuple, output: object) -> None:
+        nonlocal last, tokens_after
         if not isinstance(output, torch.Tensor):
             return
         if output.ndim == 4 and min(output.shape[2:]) > 1:
-            last[0], tokens_after[0] = module, False
+            last, tokens_after = module, False
         elif output.ndim == 3 and output.shape[1] > 1:
-            tokens_after[0] = True
+            tokens_after = True
 
     hooks = [module.register_forward_hook(note) for module in classifier.module.modules()]
     side = classifier.preprocessing.crop_px
@@ -49,14 +53,16 @@ def find_feature_map(classifier: Classifier) -> Any:
     finally:
         for hook in hooks:
             hook.remove()
-    if last[0] is None:
+    if last is None:
         raise NoSaliency(NO_MAP.format(arch=classifier.arch))
-    if tokens_after[0]:
+    if tokens_after:
         raise NoSaliency(TOKENS.format(arch=classifier.arch))
-    return last[0]
+    return last
 
 
-def compute_gradcam(classifier: Classifier, feature_map: Any, batch: Any, classes: list[int]) -> np.ndarray:
+def compute_gradcam(
+    classifier: Classifier, feature_map: "torch.nn.Module", batch: "torch.Tensor", classes: list[int]
+) -> np.ndarray:
     """(b, h, w) float32 maps, at least 0, in the feature map's own resolution and without any scaling.
 
     The channels of the feature map, each weighted by the mean over all places of the gradient of the class's logit,
@@ -74,9 +80,9 @@ def compute_gradcam(classifier: Classifier, feature_map: Any, batch: Any, classe
     """
     import torch
 
-    seen: list[Any] = []
+    seen: list[torch.Tensor] = []
 
-    def start_graph(_: Any, __: Any, output: Any) -> Any:
+    def start_graph(_: torch.nn.Module, __: tuple, output: torch.Tensor) -> torch.Tensor:
         leaf = output.detach().requires_grad_()
         seen.append(leaf)
         return leaf.clone()  # what follows may work in place, which a leaf of the graph does not allow
@@ -88,7 +94,7 @@ def compute_gradcam(classifier: Classifier, feature_map: Any, batch: Any, classe
             target = logits[torch.arange(len(batch)), torch.tensor(classes)].sum()
             gradient = torch.autograd.grad(target, seen[-1], allow_unused=True)[0] if target.requires_grad else None
     except torch.cuda.OutOfMemoryError:
-        raise NoSaliency(f"{len(batch)} images do not fit the GPU's memory: make --batch-size smaller") from None
+        raise NoSaliency(f"{len(batch)} images do not fit the GPU's memory: make batch_size smaller") from None
     finally:
         hook.remove()
     if gradient is None:
@@ -124,7 +130,6 @@ def draw_saliency(
     classifier: Classifier,
     wanted: bool | None = None,
     batch_size: int | None = None,
-    quiet: bool = False,
 ) -> Saliency:
     """Grad-CAM for the true class on both images of every flip shown.
 
@@ -133,23 +138,21 @@ def draw_saliency(
         classifier: the network that was evaluated.
         wanted: yes, no, or where None: when there are at most 200 flips.
         batch_size: images per pass.
-        quiet: no progress bar.
     """
-    shown = [match for one in flips for match in one.shown]
+    shown = [pair for one in flips for pair in one.shown]
     n = sum(one.n for one in flips)
     if wanted is False or not shown:
         return Saliency()
     if wanted is None and n > MAX_UNASKED:
-        return Saliency(reason=f"{n} flips are more than {MAX_UNASKED}: ask for them with --saliency")
-    images = list({one.capture.path: one for match in shown for one in (match.before, match.after)}.values())
-    size = batch_size or (CUDA_BATCH if classifier.device == "cuda" else CPU_BATCH)
+        return Saliency(reason=f"{n} flips are more than {MAX_UNASKED}: ask for saliency maps to have them")
+    images = list({one.capture.path: one for pair in shown for one in (pair.first, pair.second)}.values())
     try:
-        seen = _compute_maps(images, classifier, size, quiet)
+        seen = _compute_maps(images, classifier, choose_batch_size(classifier, batch_size))
     except NoSaliency as why:
         return Saliency(reason=str(why))
     pictures = {}
-    for match in shown:
-        paths = (match.before.capture.path, match.after.capture.path)
+    for pair in shown:
+        paths = (pair.first.capture.path, pair.second.capture.path)
         if all(path in seen for path in paths):
             # one scale for both: a paler map is less evidence
             top = max(float(seen[path][1].max()) for path in paths)
@@ -179,31 +182,22 @@ def overlay_heat(pixels: np.ndarray, heat: np.ndarray, top: float) -> Image.Imag
 
 
 def _compute_maps(
-    images: Sequence[Prediction], classifier: Classifier, size: int, quiet: bool
+    images: Sequence[Prediction], classifier: Classifier, size: int
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """(pixels, map) of each image by its path; an image that does not decode any more is left out."""
     import torch
 
     feature_map = find_feature_map(classifier)
+    classes = {one.capture.path: one.true_index for one in images}
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    waiting: list[tuple[Prediction, np.ndarray]] = []
-
-    def flush() -> None:
-        batch = torch.from_numpy(np.stack([pixels for _, pixels in waiting])).permute(0, 3, 1, 2).float().div_(255)
-        maps = compute_gradcam(classifier, feature_map, batch, [one.true_index for one, _ in waiting])
-        for (one, pixels), heat in zip(waiting, maps, strict=True):
-            found[one.capture.path] = (pixels, heat)
-        ticker.advance(len(waiting))
-        waiting.clear()
-
-    with progress("saliency", len(images), quiet) as ticker:
-        for one, pixels in zip(images, decode_ahead([one.capture for one in images], classifier, size), strict=True):
-            if isinstance(pixels, str):
-                ticker.advance()
-                continue
-            waiting.append((one, pixels))
-            if len(waiting) == size:
-                flush()
-        if waiting:
-            flush()
+    with progress("saliency", len(images)) as ticker:
+        for batch in batch_pixels([one.capture for one in images], classifier, size):
+            read = [(capture.path, pixels) for capture, pixels in batch if not isinstance(pixels, str)]
+            if read:
+                tensor = (
+                    torch.from_numpy(np.stack([pixels for _, pixels in read])).permute(0, 3, 1, 2).float().div_(255)
+                )
+                maps = compute_gradcam(classifier, feature_map, tensor, [classes[path] for path, _ in read])
+                found |= {path: (pixels, heat) for (path, pixels), heat in zip(read, maps, strict=True)}
+            ticker.advance(len(batch))
     return found

@@ -4,72 +4,215 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import atanh, sqrt, tanh
 from pathlib import PurePosixPath
 from typing import Any
 
 from toolkit.captures.read import POOLED, UNPATCHED
-from toolkit.core.statistics import Z_95, mcnemar_p, wilson_interval
-from toolkit.evaluation.metrics import rank_variant
+from toolkit.core.statistics import SIGNIFICANT, PairedOutcomes, RankCorrelation, rank_correlation, wilson_interval
+from toolkit.core.tables import (
+    format_count,
+    format_kappa,
+    format_points,
+    format_points_interval,
+    format_rank,
+    format_test,
+)
+from toolkit.evaluation.metrics import OWNERS, Pair, count_outcomes, name_booster, rank_variant
 from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.verdict import Headline
 
-Poses = dict[tuple[str, str, int], list[Prediction]]
 Reasons = tuple[tuple[str, str], ...]
+"""(path, reason) of each image."""
+Key = tuple[str, str, int]
+"""Object, variant and pose."""
+Poses = dict[Key, list[Prediction]]
+LIKE = "sim-like-"
+"""Start of the names of sources that were shot with the cameras of photographs."""
 
 
 @dataclass(frozen=True)
-class Couple:
-    """A rendered image and a photograph of the same object, variant and pose, both read."""
+class SimRealRow:
+    """One object and variant, or all objects.
 
-    sim: Prediction
-    real: Prediction
+    Attributes:
+        outcomes: of the pairs: first the rig, second the photograph.
+        rank: rank correlation over the pairs of the true class's probability.
+    """
 
-    @property
-    def differs(self) -> bool:
-        """Whether one is right and the other wrong: the rig predicted this pose wrongly."""
-        return self.sim.correct_top1 != self.real.correct_top1
-
-    @property
-    def place(self) -> tuple[str, str, int | None]:
-        """Object, variant and pose."""
-        return self.real.capture.object, self.real.capture.variant, self.real.capture.pose_id
+    object: str
+    variant: str
+    outcomes: PairedOutcomes
+    rank: RankCorrelation
 
     def as_json(self) -> dict[str, Any]:
         """The fields of `summary.json`."""
-        name, variant, pose_id = self.place
-        head: dict[str, Any] = {"object": name, "variant": variant, "pose_id": pose_id}
-        for key, one in (("sim", self.sim), ("real", self.real)):
-            head |= {
-                f"{key}_path": one.capture.path, f"{key}_right": one.correct_top1, f"{key}_says": one.top1_label,
-                f"{key}_true_prob": one.true_prob,
-            }  # fmt: skip
-        return head
+        found = self.outcomes
+        return {
+            "object": self.object, "variant": self.variant, "n": found.n,
+            "sim_top1": found.n_first / found.n, "sim_top1_ci95": list(wilson_interval(found.n_first, found.n)),
+            "real_top1": found.n_second / found.n, "real_top1_ci95": list(wilson_interval(found.n_second, found.n)),
+            "both": found.both, "sim_only": found.only_first, "real_only": found.only_second, "gap": found.gain,
+            "gap_ci95": list(found.gain_ci95), "mcnemar_p": found.mcnemar_p, "rank_correlation": self.rank.rho,
+            "rank_correlation_ci95": list(self.rank.ci95) if self.rank.ci95 else None,
+            "rank_correlation_note": self.rank.why or None,
+        }  # fmt: skip
 
 
-def couple_images(
-    sims: Sequence[Prediction], reals: Sequence[Prediction]
-) -> tuple[tuple[Couple, ...], Reasons, Reasons]:
-    """Couple the images of two sources by object, variant and pose.
+@dataclass(frozen=True)
+class GainForecast:
+    """Whether the rig tells which poses a booster gains: poses with all four images, unpatched and not, of both kinds.
 
-    Images whose manifests name different boosters are no couple. Of several images of one pose, those of one name are
-    coupled, each once; where none are, the first that fit.
+    Attributes:
+        outcomes: a pose is gained (wrong before, right after) or not: first in the rig, second in photographs.
+        sim_gain, real_gain: change of the share right, the booster's effect.
+        sim_lost, real_lost: right before and wrong after.
+    """
+
+    object: str
+    variant: str
+    outcomes: PairedOutcomes
+    sim_lost: int
+    real_lost: int
+
+    @property
+    def sim_gain(self) -> float:
+        """Change of the share right in the rig, the booster's effect."""
+        return (self.outcomes.n_first - self.sim_lost) / self.outcomes.n
+
+    @property
+    def real_gain(self) -> float:
+        """Change of the share right in photographs."""
+        return (self.outcomes.n_second - self.real_lost) / self.outcomes.n
+
+    def as_json(self) -> dict[str, Any]:
+        """The fields of `summary.json`."""
+        found = self.outcomes
+        return {
+            "object": self.object, "variant": self.variant, "n": found.n, "both": found.both,
+            "sim_only": found.only_first, "real_only": found.only_second, "neither": found.neither,
+            "sim_lost": self.sim_lost, "real_lost": self.real_lost, "sim_gain": self.sim_gain,
+            "real_gain": self.real_gain, "kappa": found.kappa, "agreement": (found.both + found.neither) / found.n,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SimReal:
+    """One rendered source against one of photographs.
+
+    Attributes:
+        sim, real: their names.
+        pairs: images of both that show the same object, variant and pose: first the rig's, second the photograph.
+        unmatched_sim, unmatched_real: images of either that were read and are in no pair.
+    """
+
+    sim: str
+    real: str
+    pairs: tuple[Pair, ...]
+    unmatched_sim: Reasons
+    unmatched_real: Reasons
+
+    @cached_property
+    def rows(self) -> tuple[SimRealRow, ...]:
+        """By object (`all` last) and variant."""
+        members: dict[tuple[str, str], list[Pair]] = defaultdict(list)
+        for pair in self.pairs:
+            name, variant, _ = place_of(pair)
+            for owner in (name, POOLED):
+                members[(owner, variant)].append(pair)
+        return tuple(_count_row(key, members[key]) for key in sorted(members, key=_row_order))
+
+    @cached_property
+    def forecasts(self) -> tuple[GainForecast, ...]:
+        """By object (`all` last) and variant, `unpatched` left out."""
+        first: dict[tuple[str, str, int | None], Pair] = {}
+        for pair in self.pairs:
+            first.setdefault(place_of(pair), pair)
+        members: dict[tuple[str, str], list[tuple[Pair, Pair]]] = defaultdict(list)
+        for (name, variant, pose_id), after in first.items():
+            before = first.get((name, UNPATCHED, pose_id))
+            if variant != UNPATCHED and before is not None:
+                for owner in (name, POOLED):
+                    members[(owner, variant)].append((before, after))
+        return tuple(_forecast(key, members[key]) for key in sorted(members, key=_row_order))
+
+    @cached_property
+    def wrong(self) -> tuple[Pair, ...]:
+        """Pairs of which one is right and the other wrong: the rig predicted this pose wrongly."""
+        return tuple(pair for pair in self.pairs if pair.is_gained or pair.is_lost)
+
+    def as_json(self) -> dict[str, Any]:
+        """One entry of `sim_real` in `summary.json`."""
+        return {
+            "sim": self.sim, "real": self.real, "n": len(self.pairs),
+            "rows": [row.as_json() for row in self.rows],
+            "gains": [forecast.as_json() for forecast in self.forecasts],
+            "wrong": [_pair_json(pair) for pair in self.wrong],
+            "unmatched_sim": [{"path": path, "reason": reason} for path, reason in self.unmatched_sim],
+            "unmatched_real": [{"path": path, "reason": reason} for path, reason in self.unmatched_real],
+        }  # fmt: skip
+
+
+def place_of(pair: Pair) -> tuple[str, str, int | None]:
+    """Object, variant and pose of a pair."""
+    return pair.second.capture.object, pair.second.capture.variant, pair.second.capture.pose_id
+
+
+def _pair_json(pair: Pair) -> dict[str, Any]:
+    name, variant, pose_id = place_of(pair)
+    fields: dict[str, Any] = {"object": name, "variant": variant, "pose_id": pose_id}
+    for key, one in (("sim", pair.first), ("real", pair.second)):
+        fields |= {
+            f"{key}_path": one.capture.path, f"{key}_right": one.correct_top1, f"{key}_says": one.top1_label,
+            f"{key}_true_prob": one.true_prob,
+        }  # fmt: skip
+    return fields
+
+
+def compare_sim_real(predictions: Sequence[Prediction]) -> list[SimReal]:
+    """Every rendered source against every one of photographs that shows some of the same objects, variants and poses.
+
+    A source is rendered if its manifest says so or its name is `sim` or starts with `sim-`. One that was shot with the
+    cameras of photographs (`sim-like-real`) is compared with those alone. Images whose manifests name different
+    boosters are no pair. Of several images of one pose those of one name are paired, else the first of each. Sources
+    are compared under the same corruption alone.
+    """
+    by_source: dict[str, list[Prediction]] = defaultdict(list)
+    for one in predictions:
+        by_source[one.capture.source].append(one)
+    rendered = [name for name in by_source if _is_rendered(name, by_source[name])]
+    made = []
+    for real in by_source:
+        for sim in rendered:
+            shot_for = sim.removeprefix(LIKE) if sim.startswith(LIKE) else real
+            alike = by_source[sim][0].capture.corruption == by_source[real][0].capture.corruption
+            if alike and real not in rendered and shot_for == real:
+                made.append(SimReal(sim, real, *pair_sources(by_source[sim], by_source[real])))
+    return [one for one in made if one.pairs]
+
+
+def _is_rendered(source: str, members: Iterable[Prediction]) -> bool:
+    return source == "sim" or source.startswith("sim-") or any(one.capture.is_rendered for one in members)
+
+
+def pair_sources(sims: Sequence[Prediction], reals: Sequence[Prediction]) -> tuple[tuple[Pair, ...], Reasons, Reasons]:
+    """Pair the images of two sources by object, variant and pose.
+
+    Images whose manifests name different boosters are no pair. Of several images of one pose, those of one name are
+    paired, each once; where none are, the first that fit.
 
     Returns:
-        The couples by object, variant and pose; and (path, reason) of the images of either source that were read and
-        are in none.
+        The pairs by object, variant and pose; and the images of either source that were read and are in none.
     """
-    sim_poses, real_poses = _index(sims), _index(reals)
-    couples: list[Couple] = []
+    sim_poses, real_poses = _index_images(sims), _index_images(reals)
+    pairs: list[Pair] = []
     for key in sorted(sim_poses.keys() & real_poses.keys(), key=lambda key: (key[0], rank_variant(key[1]), key[2])):
-        fitting = [
-            Couple(one, other) for one in sim_poses[key] for other in real_poses[key] if _same_booster(one, other)
-        ]  # fmt: skip
-        couples += _take_once(fitting) or fitting[:1]
-    used = {id(one) for couple in couples for one in (couple.sim, couple.real)}
-    return tuple(couples), _explain(sims, used, reals, real_poses), _explain(reals, used, sims, sim_poses)
+        fitting = [Pair(one, other) for one in sim_poses[key] for other in real_poses[key] if _same_booster(one, other)]
+        pairs += _pair_by_name(fitting) or fitting[:1]
+    used = {id(one) for pair in pairs for one in (pair.first, pair.second)}
+    return tuple(pairs), _explain(sims, used, reals, real_poses), _explain(reals, used, sims, sim_poses)
 
 
-def _index(members: Iterable[Prediction]) -> Poses:
+def _index_images(members: Iterable[Prediction]) -> Poses:
     poses: Poses = defaultdict(list)
     for one in members:
         capture = one.capture
@@ -83,25 +226,23 @@ def _same_booster(one: Prediction, other: Prediction) -> bool:
     return len(known) < 2
 
 
-def _take_once(candidates: Iterable[Couple]) -> list[Couple]:
+def _pair_by_name(candidates: Iterable[Pair]) -> list[Pair]:
     """Those that name each other, by their files, each image once."""
     taken: set[int] = set()
     chosen = []
     # pose_01.heic.jpg is the image like pose_01.heic, where there is a pose_01.jpg beside it
     for kind in ("name", "stem"):
-        for couple in candidates:
-            sim, real = PurePosixPath(couple.sim.capture.path), PurePosixPath(couple.real.capture.path)
-            ids = {id(couple.sim), id(couple.real)}
+        for pair in candidates:
+            sim, real = PurePosixPath(pair.first.capture.path), PurePosixPath(pair.second.capture.path)
+            ids = {id(pair.first), id(pair.second)}
             if sim.stem == getattr(real, kind) and not ids & taken:
                 taken |= ids
-                chosen.append(couple)
+                chosen.append(pair)
     return chosen
 
 
-def _explain(
-    members: Sequence[Prediction], used: set[int], others: Sequence[Prediction], poses: Poses
-) -> tuple[tuple[str, str], ...]:
-    """(path, reason) of the images of one source that were read and are in no couple."""
+def _explain(members: Sequence[Prediction], used: set[int], others: Sequence[Prediction], poses: Poses) -> Reasons:
+    """The images of one source that were read and are in no pair."""
     other, left = others[0].capture.source if others else "the other", []
     for one in members:
         capture = one.capture
@@ -120,313 +261,64 @@ def _explain(
     return tuple(left)
 
 
-FEWEST_RANKS, FEWEST_FOR_INTERVAL = 3, 5
-
-
-@dataclass(frozen=True)
-class RankCorrelation:
-    """Spearman's rank correlation.
-
-    Attributes:
-        n: pairs of values.
-        rho: None where there is none.
-        ci95: None where it cannot be given: fewer than five pairs, or all in the same or the opposite order.
-        why: why `rho` is None, else empty.
-    """
-
-    n: int
-    rho: float | None
-    ci95: tuple[float, float] | None = None
-    why: str = ""
-
-
-def rank_correlation(first: Sequence[float], second: Sequence[float]) -> RankCorrelation:
-    """Spearman's rho of paired values, ties at their mean rank, with a 95 % interval.
-
-    The interval is Fisher's z with the standard error √((1 + ρ²/2) / (n − 3)) of Bonett and Wright (Psychometrika 65,
-    2000), which keeps its coverage better than 1/√(n − 3) does for ranks.
-    """
-    from scipy.stats import spearmanr
-
-    n = len(first)
-    if n < FEWEST_RANKS:
-        return RankCorrelation(n, None, why="too few")
-    if min(first) == max(first) or min(second) == max(second):
-        return RankCorrelation(n, None, why="all equal")
-    rho = max(-1.0, min(1.0, float(spearmanr(first, second).statistic)))
-    if n < FEWEST_FOR_INTERVAL or abs(rho) > 1 - 1e-12:
-        return RankCorrelation(n, rho)
-    half = Z_95 * sqrt((1 + rho * rho / 2) / (n - 3))
-    return RankCorrelation(n, rho, (tanh(atanh(rho) - half), tanh(atanh(rho) + half)))
-
-
-def paired_difference_interval(both: int, first_only: int, second_only: int, neither: int) -> tuple[float, float]:
-    """95 % interval of (first's share - second's share) on the same trials; (-1, 1) without trials.
-
-    Method 10 of Newcombe (Statistics in Medicine 17, 2635-2650, 1998): the Wilson intervals of both shares, squared and
-    added, less twice their product with the phi correlation, which is corrected for continuity. It stays within ±1 and
-    keeps its coverage for a dozen pairs and where none of them differ.
-    """
-    n = both + first_only + second_only + neither
-    if n == 0:
-        return -1.0, 1.0
-    share_1, share_2 = (both + first_only) / n, (both + second_only) / n
-    low_1, high_1 = wilson_interval(both + first_only, n)
-    low_2, high_2 = wilson_interval(both + second_only, n)
-    phi = _corrected_phi(both, first_only, second_only, neither)
-
-    def reach(a: float, b: float) -> float:
-        return sqrt(max(0.0, a * a - 2 * phi * a * b + b * b))
-
-    difference = (first_only - second_only) / n
-    low = difference - reach(share_1 - low_1, high_2 - share_2)
-    high = difference + reach(high_1 - share_1, share_2 - low_2)
-    return max(-1.0, low), min(1.0, high)
-
-
-def _corrected_phi(both: int, first_only: int, second_only: int, neither: int) -> float:
-    """Newcombe's: a positive one is brought half a pair per cell nearer to 0; 0 where a margin is empty."""
-    margins = (both + first_only) * (second_only + neither) * (both + second_only) * (first_only + neither)
-    if margins == 0:
-        return 0.0
-    n = both + first_only + second_only + neither
-    product = float(both * neither - first_only * second_only)
-    if product > 0:
-        product = max(product - n / 2, 0.0)
-    return product / sqrt(margins)
-
-
-def cohen_kappa(both: int, first_only: int, second_only: int, neither: int) -> float | None:
-    """Agreement of two yes-or-no judges beyond chance: 1 full, 0 as by chance (Cohen 1960); None where undefined.
-
-    It is undefined without trials, and where both judges say the same thing of everything: there is nothing to tell
-    apart.
-    """
-    n = both + first_only + second_only + neither
-    yes_1, yes_2 = both + first_only, both + second_only
-    by_chance = yes_1 * yes_2 + (n - yes_1) * (n - yes_2)  # times n², in whole numbers
-    if by_chance == n * n:
-        return None
-    return ((both + neither) * n - by_chance) / (n * n - by_chance)
-
-
-LIKE = "sim-like-"
-"""Start of the names of sources that were shot with the cameras of photographs."""
-
-
-@dataclass(frozen=True)
-class SimRealRow:
-    """One object and variant, or all objects: the couples counted.
-
-    Attributes:
-        n: couples.
-        both, sim_only, real_only: right in both, in the rig alone, in the photograph alone.
-        rank: rank correlation over the couples of the true class's probability.
-    """
-
-    object: str
-    variant: str
-    n: int
-    both: int
-    sim_only: int
-    real_only: int
-    rank: RankCorrelation
-
-    @property
-    def n_sim(self) -> int:
-        """Right in the rig."""
-        return self.both + self.sim_only
-
-    @property
-    def n_real(self) -> int:
-        """Right in the photographs."""
-        return self.both + self.real_only
-
-    @property
-    def gap(self) -> float:
-        """Share right in the photographs less that in the rig: below 0, the rig promises too much."""
-        return (self.real_only - self.sim_only) / self.n
-
-    @property
-    def gap_ci95(self) -> tuple[float, float]:
-        """Newcombe's interval for paired shares."""
-        return paired_difference_interval(
-            self.both, self.real_only, self.sim_only, self.n - self.both - self.sim_only - self.real_only
-        )
-
-    @property
-    def mcnemar_p(self) -> float:
-        """Exact and two-sided, of `real_only` against `sim_only`."""
-        return mcnemar_p(self.real_only, self.sim_only)
-
-    def as_json(self) -> dict[str, Any]:
-        """The fields of `summary.json`."""
-        return {
-            "object": self.object, "variant": self.variant, "n": self.n,
-            "sim_top1": self.n_sim / self.n, "sim_top1_ci95": list(wilson_interval(self.n_sim, self.n)),
-            "real_top1": self.n_real / self.n, "real_top1_ci95": list(wilson_interval(self.n_real, self.n)),
-            "both": self.both, "sim_only": self.sim_only, "real_only": self.real_only, "gap": self.gap,
-            "gap_ci95": list(self.gap_ci95), "mcnemar_p": self.mcnemar_p, "rank_correlation": self.rank.rho,
-            "rank_correlation_ci95": list(self.rank.ci95) if self.rank.ci95 else None,
-            "rank_correlation_note": self.rank.why or None,
-        }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class FlipForecast:
-    """Whether the rig tells which poses a booster gains: poses with all four images, unpatched and not, of both kinds.
-
-    Attributes:
-        n: such poses.
-        both, sim_only, real_only: gained (wrong before, right after) in both, in the rig alone, in photographs alone.
-        sim_lost, real_lost: right before and wrong after.
-    """
-
-    object: str
-    variant: str
-    n: int
-    both: int
-    sim_only: int
-    real_only: int
-    sim_lost: int
-    real_lost: int
-
-    @property
-    def neither(self) -> int:
-        """Gained in neither."""
-        return self.n - self.both - self.sim_only - self.real_only
-
-    @property
-    def kappa(self) -> float | None:
-        """Cohen's kappa of gained or not; None where it is the same everywhere in both."""
-        return cohen_kappa(self.both, self.sim_only, self.real_only, self.neither)
-
-    @property
-    def sim_gain(self) -> float:
-        """Change of the share right in the rig, the booster's effect."""
-        return (self.both + self.sim_only - self.sim_lost) / self.n
-
-    @property
-    def real_gain(self) -> float:
-        """Change of the share right in photographs."""
-        return (self.both + self.real_only - self.real_lost) / self.n
-
-    def as_json(self) -> dict[str, Any]:
-        """The fields of `summary.json`."""
-        names = ("object", "variant", "n", "both", "sim_only", "real_only", "neither", "sim_lost", "real_lost")
-        fields = {name: getattr(self, name) for name in (*names, "sim_gain", "real_gain", "kappa")}
-        return fields | {"agreement": (self.both + self.neither) / self.n}
-
-
-@dataclass(frozen=True)
-class SimReal:
-    """One rendered source against one of photographs.
-
-    Attributes:
-        sim, real: their names.
-        couples: images of both that show the same object, variant and pose.
-        unmatched_sim, unmatched_real: (path, reason) of images of either that were read and are in no couple.
-    """
-
-    sim: str
-    real: str
-    couples: tuple[Couple, ...]
-    unmatched_sim: tuple[tuple[str, str], ...]
-    unmatched_real: tuple[tuple[str, str], ...]
-
-    @cached_property
-    def rows(self) -> tuple[SimRealRow, ...]:
-        """By object (`all` last) and variant."""
-        members = _by_row(self.couples)
-        return tuple(_count(key, members[key]) for key in sorted(members, key=_row_order))
-
-    @cached_property
-    def forecasts(self) -> tuple[FlipForecast, ...]:
-        """By object (`all` last) and variant, `unpatched` left out."""
-        first: dict[tuple[str, str, int | None], Couple] = {}
-        for couple in self.couples:
-            first.setdefault(couple.place, couple)
-        pairs: dict[tuple[str, str], list[tuple[Couple, Couple]]] = defaultdict(list)
-        for (name, variant, pose_id), after in first.items():
-            before = first.get((name, UNPATCHED, pose_id))
-            if variant != UNPATCHED and before is not None:
-                for owner in (name, POOLED):
-                    pairs[(owner, variant)].append((before, after))
-        return tuple(_forecast(key, pairs[key]) for key in sorted(pairs, key=_row_order))
-
-    @cached_property
-    def wrong(self) -> tuple[Couple, ...]:
-        """Couples of which one is right and the other wrong, by object, variant and pose."""
-        return tuple(couple for couple in self.couples if couple.differs)
-
-    def as_json(self) -> dict[str, Any]:
-        """One entry of `sim_real` in `summary.json`."""
-        return {
-            "sim": self.sim, "real": self.real, "n": len(self.couples),
-            "rows": [row.as_json() for row in self.rows],
-            "gains": [forecast.as_json() for forecast in self.forecasts],
-            "wrong": [couple.as_json() for couple in self.wrong],
-            "unmatched_sim": [{"path": path, "reason": reason} for path, reason in self.unmatched_sim],
-            "unmatched_real": [{"path": path, "reason": reason} for path, reason in self.unmatched_real],
-        }  # fmt: skip
-
-
-def compare_sim_real(predictions: Sequence[Prediction]) -> list[SimReal]:
-    """Every rendered source against every one of photographs that shows some of the same objects, variants and poses.
-
-    A source is rendered if its manifest says so or its name is `sim` or starts with `sim-`. One that was shot with the
-    cameras of photographs (`sim-like-real`) is compared with those alone. Images whose manifests name different
-    boosters are no couple. Of several images of one pose those of one name are coupled, else the first of each. Sources
-    are compared under the same corruption alone.
-    """
-    by_source: dict[str, list[Prediction]] = defaultdict(list)
-    for one in predictions:
-        by_source[one.capture.source].append(one)
-    rendered = [name for name in by_source if _is_rendered(name, by_source[name])]
-    made = []
-    for real in by_source:
-        for sim in rendered:
-            shot_for = sim.removeprefix(LIKE) if sim.startswith(LIKE) else real
-            alike = by_source[sim][0].capture.corruption == by_source[real][0].capture.corruption
-            if alike and real not in rendered and shot_for == real:
-                made.append(SimReal(sim, real, *couple_images(by_source[sim], by_source[real])))
-    return [one for one in made if one.couples]
-
-
-def _is_rendered(source: str, members: Iterable[Prediction]) -> bool:
-    return source == "sim" or source.startswith("sim-") or any(one.capture.is_rendered for one in members)
-
-
-def _by_row(couples: Iterable[Couple]) -> dict[tuple[str, str], list[Couple]]:
-    members: dict[tuple[str, str], list[Couple]] = defaultdict(list)
-    for couple in couples:
-        name, variant, _ = couple.place
-        for owner in (name, POOLED):
-            members[(owner, variant)].append(couple)
-    return members
-
-
-def _row_order(key: tuple[str, str]) -> tuple:
+def _row_order(key: tuple[str, str]) -> tuple[bool, str, tuple[int, str]]:
     name, variant = key
     return name == POOLED, name, rank_variant(variant)
 
 
-def _count(key: tuple[str, str], couples: Sequence[Couple]) -> SimRealRow:
-    both = sum(couple.sim.correct_top1 and couple.real.correct_top1 for couple in couples)
-    n_sim = sum(couple.sim.correct_top1 for couple in couples)
-    n_real = sum(couple.real.correct_top1 for couple in couples)
-    rank = rank_correlation(
-        [couple.sim.true_prob or 0.0 for couple in couples], [couple.real.true_prob or 0.0 for couple in couples]
+def _count_row(key: tuple[str, str], pairs: Sequence[Pair]) -> SimRealRow:
+    probs = [[one.true_prob or 0.0 for one in both] for both in zip(*((p.first, p.second) for p in pairs), strict=True)]
+    return SimRealRow(*key, count_outcomes(pairs), rank_correlation(*probs))
+
+
+def _forecast(key: tuple[str, str], pairs: Sequence[tuple[Pair, Pair]]) -> GainForecast:
+    sim = [Pair(before.first, after.first) for before, after in pairs]
+    real = [Pair(before.second, after.second) for before, after in pairs]
+    gained = PairedOutcomes.count((one.is_gained, other.is_gained) for one, other in zip(sim, real, strict=True))
+    return GainForecast(*key, gained, sum(pair.is_lost for pair in sim), sum(pair.is_lost for pair in real))
+
+
+def write_sim_real(network: str, comparisons: Sequence[SimReal]) -> list[Headline]:
+    """A headline for each rendered source against photographs: of its first booster, or of the bare objects."""
+    return [_judge_rig(network, one, _pick_row(one)) for one in comparisons]
+
+
+def _pick_row(one: SimReal) -> SimRealRow:
+    rows = {row.variant: row for row in one.rows if row.object == POOLED}
+    boosters = [name for name in rows if name != UNPATCHED and name not in OWNERS]
+    return rows[(boosters or list(rows))[0]]
+
+
+def _judge_rig(network: str, one: SimReal, row: SimRealRow) -> Headline:
+    found = row.outcomes
+    low_rank = row.rank.ci95[0] if row.rank.ci95 else 0.0
+    if found.mcnemar_p < SIGNIFICANT:
+        tone, verdict = "bad", "The rig promises too " + ("much" if found.gain < 0 else "little")
+    elif low_rank > 0:
+        tone, verdict = "good", "The rig ranks the poses as the photographs do, and no gap is shown"
+    else:
+        tone, verdict = "open", "No gap is shown, nor that the rig knows which poses are hard"
+    if found.mcnemar_p < SIGNIFICANT and low_rank > 0:
+        tone, verdict = "open", f"{verdict}, but ranks the poses as the photographs do"
+    what = "without a booster" if row.variant == UNPATCHED else f"with {name_booster(row.variant)}"
+    sentence = (
+        f"On {found.n} poses {what} {network} is right on {format_count(found.n_first, found.n)} in {one.sim} and on "
+        f"{format_count(found.n_second, found.n)} in {one.real}: a gap of {format_points(found.gain)} points (95 % "
+        f"interval {format_points_interval(found.gain_ci95)}, {format_test(found.mcnemar_p)}). Predicted wrongly: "
+        f"{found.only_first + found.only_second} of {found.n}. Rank correlation over poses of the true class's "
+        f"probability: {format_rank(row.rank)}."
     )
-    return SimRealRow(*key, len(couples), both, n_sim - both, n_real - both, rank)
+    forecast = next((own for own in one.forecasts if (own.object, own.variant) == (POOLED, row.variant)), None)
+    if forecast is not None:
+        sentence += f" {_describe_forecast(forecast)}"
+    return Headline(f"{one.sim} and {one.real}", row.variant, tone, verdict, sentence)
 
 
-def _forecast(key: tuple[str, str], pairs: Sequence[tuple[Couple, Couple]]) -> FlipForecast:
-    sim_gained = [after.sim.correct_top1 and not before.sim.correct_top1 for before, after in pairs]
-    real_gained = [after.real.correct_top1 and not before.real.correct_top1 for before, after in pairs]
-    both = sum(one and other for one, other in zip(sim_gained, real_gained, strict=True))
-    return FlipForecast(
-        *key, len(pairs), both, sum(sim_gained) - both, sum(real_gained) - both,
-        sum(before.sim.correct_top1 and not after.sim.correct_top1 for before, after in pairs),
-        sum(before.real.correct_top1 and not after.real.correct_top1 for before, after in pairs),
-    )  # fmt: skip
+def _describe_forecast(forecast: GainForecast) -> str:
+    found = forecast.outcomes
+    kappa = "" if found.kappa is None else f" (Cohen's kappa {format_kappa(found.kappa)})"
+    return (
+        f"{name_booster(forecast.variant).capitalize()} adds {format_points(forecast.sim_gain)} points in the rig and "
+        f"{format_points(forecast.real_gain)} in photographs; of {found.n_second} gained in photographs the rig "
+        f"foresaw {found.both}, and it foresaw {found.only_first} that were not{kappa}."
+    )

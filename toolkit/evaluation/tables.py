@@ -1,83 +1,158 @@
-"""The result as a table on the console."""
+"""The result on the console: a table for each source, the rig against photographs, and each result in words."""
 
 from collections.abc import Sequence
-
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from toolkit.captures.read import POOLED
-from toolkit.evaluation.metrics import Group, Pair
-from toolkit.evaluation.results import EvaluationResult
-from toolkit.evaluation.sim_real_text import print_sim_real
+from toolkit.core.tables import (
+    NONE,
+    build_table,
+    format_interval,
+    format_kappa,
+    format_p,
+    format_percent,
+    format_points,
+    format_points_interval,
+    format_rank,
+)
+from toolkit.evaluation.metrics import Comparison, Group, Pair
+from toolkit.evaluation.results import Findings
+from toolkit.evaluation.sim_real import GainForecast, SimReal, SimRealRow, place_of
 
-MAX_ROWS = 60
+if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.table import Table
+
+MAX_ROWS, MAX_WRONG = 60, 12
+WHO = ("object", "variant")
 
 
-def print_tables(console: Console, result: EvaluationResult) -> None:
+class HasObject(Protocol):
+    """A row of a table."""
+
+    @property
+    def object(self) -> str:
+        """Which object it is of; `all` for the pooled row."""
+
+
+Row = TypeVar("Row", bound=HasObject)
+
+
+def print_tables(console: "Console", findings: Findings) -> None:
     """Print the tables of an evaluation, then each result in words."""
-    for table in build_tables(result.groups, result.pairs):
+    for table in build_tables(findings.groups, findings.pairs):
         console.print(table)
         console.print()
-    print_sim_real(console, result.sim_real)
-    for headline in result.headlines:
+    print_sim_real(console, findings.sim_real)
+    for headline in findings.headlines:
         asked = f"{headline.question} " if headline.question else ""
         words = f"{headline.source}: {asked}{headline.verdict}. {headline.sentence}"
         console.print(words, markup=False, soft_wrap=True)
 
 
-def build_tables(groups: Sequence[Group], pairs: Sequence[Pair]) -> list[Table]:
+def pick_rows(rows: Sequence[Row], max_rows: int = MAX_ROWS) -> list[Row]:
+    """The rows of one source worth showing: the pooled alone when they are too many, none pooled for one object."""
+    single = [row for row in rows if row.object != POOLED]
+    if len({row.object for row in single}) == 1:
+        return single
+    return list(rows) if len(single) <= max_rows else [row for row in rows if row.object == POOLED]
+
+
+def build_tables(groups: Sequence[Group], pairs: Sequence[Comparison]) -> "list[Table]":
     """One table per source: object × variant, then the pooled rows where there are several objects.
 
     A source with more than 60 rows shows the pooled ones alone.
     """
-    paired = {(pair.source, pair.object, pair.variant): pair for pair in pairs}
+    paired = {(pair.source, pair.object, pair.second): pair for pair in pairs}
     tables = []
     for source in dict.fromkeys(group.source for group in groups):
-        rows = pick_rows([group for group in groups if group.source == source], MAX_ROWS)
-        n_objects = len({group.object for group in groups if group.source == source} - {POOLED})
-        tables.append(_build(f"{source}: {n_objects} object{'s' if n_objects != 1 else ''}", rows, paired))
+        own = [group for group in groups if group.source == source]
+        n_objects = len({group.object for group in own} - {POOLED})
+        rows = pick_rows(own)
+        failed = ["failed"] if any(group.failed for group in rows) else []
+        numbers = ("n", *failed, "top-1 %", "95 %", "top-5 %", "prob", "gained", "lost", "p")
+        cells = []
+        for group in rows:
+            pair = paired.get((source, group.object, group.variant))
+            head = [group.object, group.variant, str(group.n), *(str(group.failed or "") for _ in failed)]
+            cells.append([*head, *_format_group(group), *_format_change(pair)])
+        title = f"{source}: {n_objects} object{'s' if n_objects != 1 else ''}"
+        tables.append(build_table(title, WHO, numbers, cells, bold=POOLED))
     return tables
 
 
-def pick_rows(rows: Sequence[Group], max_rows: int) -> list[Group]:
-    """The rows of one source worth showing: the pooled alone when they are too many, none pooled for one object."""
-    single = [group for group in rows if group.object != POOLED]
-    if len({group.object for group in single}) == 1:
-        return single
-    return list(rows) if len(single) <= max_rows else [group for group in rows if group.object == POOLED]
+def _format_group(group: Group) -> list[str]:
+    if group.mean_true_prob is None:
+        return [NONE] * 4
+    shares = [format_percent(group.top1), format_interval(group.top1_ci95), format_percent(group.top5)]
+    return [*shares, f"{group.mean_true_prob:.2f}"]
 
 
-def _build(title: str, rows: Sequence[Group], paired: dict[tuple[str, str, str], Pair]) -> Table:
-    has_failed = any(group.failed for group in rows)
-    table = Table(title=Text(title), title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("object", overflow="fold", min_width=6)
-    table.add_column("variant", overflow="fold", min_width=12)
-    for name in ("n", *(["failed"] if has_failed else []), "top-1 %", "95 %", "top-5 %", "prob", "gained", "lost", "p"):
-        table.add_column(name, justify="right", no_wrap=True)
-    last = None
-    for group in rows:
-        pair = paired.get((group.source, group.object, group.variant))
-        name = group.object if group.object != last else ""
-        failed = [str(group.failed or "")] if has_failed else []
-        style = "bold" if group.object == POOLED else ""
-        table.add_row(
-            Text(name), Text(group.variant), str(group.n), *failed, *_numbers(group), *_tests(pair), style=style
-        )
-        last = group.object
-    return table
-
-
-def _numbers(group: Group) -> list[str]:
-    if group.top1 is None or group.top5 is None or group.mean_true_prob is None:
-        return ["–", "–", "–", "–"]
-    low, high = group.top1_ci95
-    interval = f"{100 * low:.0f}–{100 * high:.0f}"
-    return [f"{100 * group.top1:.0f}", interval, f"{100 * group.top5:.0f}", f"{group.mean_true_prob:.2f}"]
-
-
-def _tests(pair: Pair | None) -> list[str]:
+def _format_change(pair: Comparison | None) -> list[str]:
     if pair is None:
-        return ["", "", ""]
-    p = "<0.0001" if pair.mcnemar_p < 1e-4 else f"{pair.mcnemar_p:.2g}"
-    return [str(pair.gained), str(pair.lost), p]
+        return [""] * 3
+    return [str(pair.outcomes.only_second), str(pair.outcomes.only_first), format_p(pair.outcomes.mcnemar_p)]
+
+
+def print_sim_real(console: "Console", comparisons: Sequence[SimReal]) -> None:
+    """Print, for each pair of sources, the gap, the ranks, the gains, and the poses that were predicted wrongly."""
+    for one in comparisons:
+        title = f"{one.sim} and {one.real}: {len(one.pairs)} pairs of images of the same pose"
+        gaps = [_format_gap(row) for row in pick_rows(one.rows)]
+        numbers = ("n", "sim %", "real %", "gap (95 %)", "p", "rank correlation")
+        console.print(build_table(title, WHO, numbers, gaps, bold=POOLED))
+        gains = [_format_gains(forecast) for forecast in pick_rows(one.forecasts)]
+        if gains:
+            heads = ("n", "both", "sim only", "real only", "neither", "kappa", "adds sim", "adds real")
+            title = "poses gained over unpatched, foreseen by the rig or not"
+            console.print(build_table(title, WHO, heads, gains, bold=POOLED))
+        for line in _list_rest(one):
+            console.print(line, markup=False, soft_wrap=True)
+        console.print()
+
+
+def _format_gap(row: SimRealRow) -> list[str]:
+    found = row.outcomes
+    gap = f"{format_points(found.gain)} ({format_points_interval(found.gain_ci95)})"
+    shares = [format_percent(count / found.n) for count in (found.n_first, found.n_second)]
+    return [row.object, row.variant, str(found.n), *shares, gap, format_p(found.mcnemar_p), format_rank(row.rank)]
+
+
+def _format_gains(row: GainForecast) -> list[str]:
+    found = row.outcomes
+    counts = [str(count) for count in (found.n, found.both, found.only_first, found.only_second, found.neither)]
+    gains = [format_points(row.sim_gain), format_points(row.real_gain)]
+    return [row.object, row.variant, *counts, format_kappa(found.kappa), *gains]
+
+
+def _list_rest(one: SimReal) -> list[str]:
+    lines = []
+    if one.wrong:
+        marks = "− the photograph does worse, + better"
+        lines.append(f"predicted wrongly, {len(one.wrong)} of {len(one.pairs)} ({marks}):")
+        found = _list_wrong(one.wrong)
+        lines += [f"  {who}: pose {', '.join(poses)}" for who, poses in list(found.items())[:MAX_WRONG]]
+        if len(found) > MAX_WRONG:
+            lines.append(f"  and {len(found) - MAX_WRONG} more lines, all in summary.json")
+    for name, left in ((one.real, one.unmatched_real), (one.sim, one.unmatched_sim)):
+        if left:
+            images = "image" if len(left) == 1 else "images, the first"
+            lines.append(f"not compared, {name}: {len(left)} {images} {left[0][0]}: {left[0][1]}")
+    return lines
+
+
+def _list_wrong(pairs: Sequence[Pair]) -> dict[str, list[str]]:
+    """Object and variant -> the poses that were predicted wrongly, marked + where the photograph did better."""
+    found: dict[str, list[str]] = {}
+    for pair in pairs:
+        name, variant, pose_id = place_of(pair)
+        found.setdefault(f"{name} {variant}", []).append(f"{pose_id}{'+' if pair.is_gained else '−'}")
+    return found
+
+
+def list_lines(title: str, items: Sequence[tuple[str, str]], limit: int = 20) -> list[str]:
+    """`title` and one line per (path, reason), the rest counted; nothing without items."""
+    if not items:
+        return []
+    lines = [f"{len(items)} {title}:", *(f"  {path}: {reason}" for path, reason in items[:limit])]
+    return lines if len(items) <= limit else [*lines, f"  and {len(items) - limit} more, all in summary.json"]

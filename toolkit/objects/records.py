@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, read_json, sha256_bytes, write_bytes, write_json
+from toolkit.objects.printed_size import printed_size_mm
 
 SHA256 = r"^[0-9a-f]{64}$"
 
@@ -117,17 +118,8 @@ def read_picture(png_file: Path, model: type[Record], command: str) -> tuple[np.
     return pixels, record
 
 
-BASE_DPI = 72.0
-SCALE = 2.5
-"""The paper prints at 250 %; it names no resolution, 72 dpi is the PDF's own unit."""
-MM_PER_INCH = 25.4
 TAPE_MARGIN_MM = 5.0
 """White paper that is left around a patch for the tape."""
-
-
-def printed_size_mm(n_px: int, dpi: float = BASE_DPI, scale: float = SCALE) -> float:
-    """Side of an n-pixel patch on paper, millimetres."""
-    return n_px / dpi * scale * MM_PER_INCH
 
 
 class PatchRecord(BoosterRecord):

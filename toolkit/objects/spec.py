@@ -1,14 +1,26 @@
 """`rig/objects/NAME.toml`: what an object is and where its patch goes."""
 
+import re
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_toml
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
+Side = Literal["top", "front", "back", "left", "right"]
+OBJECT_NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
+BUILTIN_PREFIX = "builtin:"
+
+
+def axes_of_format(mesh: str) -> tuple[Axis, Axis]:
+    """The axes that point up and to the front where a spec does not name them.
+
+    glTF's specification states y and z. No other format states any: those stand as the rig does, z up and front x.
+    """
+    return ("y", "z") if Path(mesh).suffix.lower() in (".glb", ".gltf") else ("z", "x")
 
 
 class PatchMount(BaseModel):
@@ -23,7 +35,7 @@ class PatchMount(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-    at: Literal["top", "front", "back", "left", "right"] = "top"
+    at: Side = "top"
     size_mm: float | None = Field(None, gt=0)
     offset_mm: tuple[float, float] = (0.0, 0.0)
     rotation_deg: float = 0.0
@@ -33,23 +45,33 @@ class ObjectSpec(BaseModel):
     """An object that can be photographed.
 
     Attributes:
-        name: the name of its folder in a capture.
+        name: of its folder in a capture; in a file it is the file's and may be left out.
         class_name: the category it should be recognised as: an ImageNet name, an index, or a label of one's own.
         mesh: `builtin:NAME`, or a file beside the spec.
         length_mm: longest side.
-        up: the mesh's axis that points up.
-        front: the mesh's axis that points to the front.
+        world_length_m: longest side of what it is a model of, for worlds outdoors.
+        up: the mesh's axis that points up; by default as `axes_of_format` says.
+        front: the mesh's axis that points to the front; likewise.
         patch: where the patch is stuck.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
-    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$")
+    name: str = Field("", pattern=OBJECT_NAME)
     class_name: str | int = Field(alias="class")
     mesh: str
     length_mm: float = Field(gt=0, lt=100_000)
+    world_length_m: float | None = Field(None, gt=0, lt=10_000)
     up: Axis = "z"
     front: Axis = "x"
     patch: PatchMount = PatchMount()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _stand_as_the_format_says(cls, fields: Any) -> Any:
+        if not isinstance(fields, dict) or not isinstance(fields.get("mesh"), str):
+            return fields
+        up, front = axes_of_format(fields["mesh"])
+        return {"up": up, "front": front} | fields
 
     def with_patch_size(self, size_mm: float) -> "ObjectSpec":
         """The same object with a patch printed at another size, millimetres."""
@@ -57,8 +79,17 @@ class ObjectSpec(BaseModel):
 
 
 def read_spec(path: Path) -> ObjectSpec:
-    """Read one object spec; a wrong field, or a name that is not the file's, is a `ToolkitError` that says so."""
-    spec = read_toml(path, ObjectSpec)
-    if spec.name != Path(path).stem:
-        raise ToolkitError(f"{path}: field 'name': expected '{Path(path).stem}' as the file's, found '{spec.name}'")
-    return spec
+    """Read one object spec, with the file's name for its own.
+
+    Raises:
+        ToolkitError: a field is wrong, or the name in the file, or the file's, is none; the message says which.
+    """
+    spec, name = read_toml(path, ObjectSpec), Path(path).stem
+    if spec.name not in ("", name):
+        raise ToolkitError(
+            f"{path}: field 'name': expected '{name}' as the file's, found '{spec.name}': leave the field out, or "
+            "rename the file"
+        )
+    if not re.match(OBJECT_NAME, name):
+        raise ToolkitError(f"{path}: expected a file name of letters, digits, - and _, found '{name}': rename the file")
+    return spec.model_copy(update={"name": name})

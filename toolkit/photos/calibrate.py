@@ -11,10 +11,11 @@ from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.read import UnreadableImage
 from toolkit.photos.board_pose import BoardSighting, find_board
-from toolkit.photos.lens import Lens, LensRecord, turns_upright
+from toolkit.photos.lens import LensRecord, turns_upright
 from toolkit.photos.photo import Photo, list_photos, load_pixels, read_photo
 from toolkit.photos.video import pick_frames
 from toolkit.rig.board import Sheet
+from toolkit.rig.camera import Camera
 
 LEAST_VIEWS = 6
 LEAST_CORNERS = 12
@@ -52,7 +53,7 @@ class Calibration:
         refused: (index, why) of the others.
     """
 
-    lens: Lens
+    lens: Camera
     reprojection_px: float
     focal_sigma_px: float
     coverage: float
@@ -121,7 +122,12 @@ def calibrate_lens(views: Sequence[BoardSighting]) -> Calibration:
             "board at a slant, from several sides"
         )
     return Calibration(
-        fit.lens, fit.rms_px, fit.focal_sigma_px, cover(pixels, size), tuple(used), tuple(sorted(refused.items()))
+        fit.lens,
+        fit.rms_px,
+        fit.focal_sigma_px,
+        cover(pixels, size),
+        used=tuple(used),
+        refused=tuple(sorted(refused.items())),
     )
 
 
@@ -144,7 +150,7 @@ def cover(pixels: Sequence[np.ndarray], size: tuple[int, int]) -> float:
 
 @dataclass(frozen=True)
 class _Fit:
-    lens: Lens
+    lens: Camera
     rms_px: float
     focal_sigma_px: float
     errors: list[np.ndarray]
@@ -166,7 +172,7 @@ def _fit(world: list[np.ndarray], pixels: list[np.ndarray], size: tuple[int, int
         ) from None
     k1, k2, p1, p2, k3 = map(float, distortion.reshape(-1)[:5])
     fx, fy, cx, cy = (float(matrix[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    lens = Lens(size[0], size[1], fx, fy, cx, cy, (k1, k2, p1, p2, k3))
+    lens = Camera(size[0], size[1], fx=fx, fy=fy, cx=cx, cy=cy, distortion=(k1, k2, p1, p2, k3))
     errors = []
     for points, seen, rotation, translation in zip(world, pixels, rotations, translations, strict=True):
         placed, _ = cv2.projectPoints(points, rotation, translation, lens.matrix, lens.coefficients)

@@ -1,10 +1,9 @@
 """The lens of a real camera, in `rig/lens.json`, and which of those a photograph was taken with."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-import cv2
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -12,7 +11,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_json, write_json
 from toolkit.core.workspace import Workspace
 from toolkit.photos.photo import Photo
-from toolkit.rig.camera import Camera
+from toolkit.rig.camera import NO_DISTORTION, Camera, Distortion
 
 FULL_FRAME_DIAGONAL_MM = 43.2666
 """Of 36 × 24 mm. A 35 mm-equivalent focal length is taken as the one with the same *diagonal* angle of view, as CIPA's
@@ -22,122 +21,46 @@ SAME_ASPECT = 0.01
 """Relative difference of aspect ratios up to which two pictures are of the same frame at two sizes."""
 
 
-@dataclass(frozen=True)
-class Lens:
-    """Intrinsics of pictures of one size.
-
-    Attributes:
-        width, height: pixels.
-        fx, fy, cx, cy: pixels.
-        distortion: OpenCV's k1, k2, p1, p2, k3.
-    """
-
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
-
-    @property
-    def matrix(self) -> np.ndarray:
-        """(3, 3) camera matrix K."""
-        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
-
-    @property
-    def coefficients(self) -> np.ndarray:
-        """(5,) k1, k2, p1, p2, k3, as OpenCV's functions take them."""
-        return np.array(self.distortion, float)
-
-    @property
-    def fov_deg(self) -> float:
-        """Horizontal angle of view in degrees, distortion left out."""
-        return float(np.degrees(np.arctan(self.cx / self.fx) + np.arctan((self.width - self.cx) / self.fx)))
-
-    @property
-    def intrinsics(self) -> dict[str, float]:
-        """Width, height, fx, fy, cx, cy in pixels, as a manifest holds them; distortion left out."""
-        return {
-            "width": self.width, "height": self.height, "fx": self.fx, "fy": self.fy, "cx": self.cx, "cy": self.cy,
-        }  # fmt: skip
-
-    def project(self, T_world_camera: np.ndarray, points_mm: np.ndarray) -> np.ndarray:
-        """(n, 2) pixels of world points (n, 3), distortion included; points behind the camera give NaN."""
-        local = (np.asarray(points_mm, float).reshape(-1, 3) - T_world_camera[:3, 3]) @ T_world_camera[:3, :3]
-        pixels = np.full((len(local), 2), np.nan)
-        ahead = local[:, 2] > 1e-6
-        if ahead.any():
-            found, _ = cv2.projectPoints(local[ahead], np.zeros(3), np.zeros(3), self.matrix, self.coefficients)
-            pixels[ahead] = found.reshape(-1, 2)
-        return pixels
-
-    def undistort(self, pixels: np.ndarray) -> np.ndarray:
-        """(n, 2) directions x/z, y/z in camera axes of pixels (n, 2)."""
-        points = np.ascontiguousarray(pixels, float).reshape(-1, 1, 2)
-        found = cv2.undistortPoints(points, self.matrix, self.coefficients)
-        return found.reshape(-1, 2)
-
-    def scaled(self, width: int, height: int) -> "Lens":
-        """The same lens in pictures of another size and the same shape.
-
-        Raises:
-            ToolkitError: the shapes differ, so that one is a crop of the other in a way that is not known.
-        """
-        if not same_aspect((self.width, self.height), (width, height)):
-            raise ToolkitError(
-                f"a lens of {self.width}x{self.height} px says nothing of {width}x{height} px, another shape: "
-                f"calibrate with photos of that size"
-            )
-        across, down = width / self.width, height / self.height
-        return replace(
-            self, width=width, height=height, fx=self.fx * across, fy=self.fy * down, cx=self.cx * across,
-            cy=self.cy * down,
-        )  # fmt: skip
-
-    def rotated(self, quarter_turns: int = 1) -> "Lens":
-        """The same lens in pictures turned clockwise by so many quarter turns, as EXIF's orientation 6 asks for one."""
-        lens = self
-        for _ in range(quarter_turns % 4):
-            k1, k2, p1, p2, k3 = lens.distortion
-            # the tangential part (p2, p1) is a vector in the picture and turns with it
-            lens = Lens(
-                lens.height, lens.width, lens.fy, lens.fx, lens.height - lens.cy, lens.cx, (k1, k2, p2, -p1, k3)
-            )
-        return lens
-
-
 def same_aspect(one: tuple[int, int], other: tuple[int, int]) -> bool:
     """Whether two picture sizes (width, height) have the same shape."""
     return abs(one[0] * other[1] / (one[1] * other[0]) - 1) < SAME_ASPECT
 
 
-def lens_of_camera(camera: Camera) -> Lens:
-    """The rig's pinhole camera as a lens."""
-    return Lens(camera.width, camera.height, camera.focal_px, camera.focal_px, camera.width / 2, camera.height / 2)
+def scale_lens(lens: Camera, width: int, height: int) -> Camera:
+    """The same lens in pictures of another size and the same shape.
+
+    Raises:
+        ToolkitError: the shapes differ, so that one is a crop of the other in a way that is not known.
+    """
+    if not same_aspect((lens.width, lens.height), (width, height)):
+        raise ToolkitError(
+            f"a lens of {lens.width}x{lens.height} px says nothing of {width}x{height} px, another shape: "
+            f"calibrate with photos of that size"
+        )
+    return lens.scaled(width, height)
 
 
-def lens_from_focal(width: int, height: int, focal_35mm_mm: float) -> Lens:
+def lens_from_focal(width: int, height: int, focal_35mm_mm: float) -> Camera:
     """A lens without distortion from its 35 mm-equivalent focal length.
 
     Phones round it to a whole millimetre (2 % at 26 mm, and so are distances), and a picture cropped from the sensor's
     frame, as 16:9 mostly is, may carry the full frame's number: a calibrated lens is better.
     """
     focal_px = focal_35mm_mm / FULL_FRAME_DIAGONAL_MM * float(np.hypot(width, height))
-    return Lens(width, height, focal_px, focal_px, width / 2, height / 2)
+    return Camera.from_focal_px(width, height, focal_px)
 
 
-def lens_from_sensor(width: int, height: int, focal_mm: float, sensor_width_mm: float) -> Lens:
+def lens_from_sensor(width: int, height: int, focal_mm: float, sensor_width_mm: float) -> Camera:
     """A lens without distortion from its true focal length and the sensor's longer side, both in mm."""
     focal_px = focal_mm / sensor_width_mm * max(width, height)
-    return Lens(width, height, focal_px, focal_px, width / 2, height / 2)
+    return Camera.from_focal_px(width, height, focal_px)
 
 
-def lens_from_exif(photo, sensor_width_mm: float | None = None) -> Lens | None:
+def lens_from_exif(photo: Photo, sensor_width_mm: float | None = None) -> Camera | None:
     """The lens that a photograph's own metadata describes, None where they do not say enough.
 
     Args:
-        photo: a `toolkit.photos.photo.Photo`: upright size, `focal_35mm_mm` and `focal_mm` are read.
+        photo: upright size, `focal_35mm_mm` and `focal_mm` are read.
         sensor_width_mm: longer side of the sensor; with it the true focal length is used, which is not rounded.
     """
     if sensor_width_mm and photo.focal_mm:
@@ -176,15 +99,15 @@ class LensRecord(BaseModel):
     fy: float = Field(gt=0)
     cx: float
     cy: float
-    distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion: Distortion = NO_DISTORTION
     reprojection_px: float | None = None
     focal_sigma_px: float | None = None
     views: int | None = None
     coverage: float | None = None
 
-    def lens(self) -> Lens:
+    def lens(self) -> Camera:
         """The lens, for pictures as the sensor stores them."""
-        return Lens(self.width, self.height, self.fx, self.fy, self.cx, self.cy, self.distortion)
+        return Camera.from_intrinsics(self.model_dump(), self.distortion)
 
     def same_lens(self, other: "LensRecord") -> bool:
         """Whether both are of one camera, focal length and size, so that the newer one replaces the older."""
@@ -210,7 +133,7 @@ class LensChoice:
         note: for a person: where it comes from, or what to do.
     """
 
-    lens: Lens | None
+    lens: Camera | None
     source: Literal["calibrated", "exif", "none"]
     note: str
 
@@ -268,7 +191,7 @@ def choose_lens(photo: Photo, records: list[LensRecord], sensor_width_mm: float 
         )
     if fitting:
         record = min(fitting, key=lambda record: abs(record.width * record.height - stored[0] * stored[1]))
-        lens = record.lens().rotated(turned).scaled(photo.width, photo.height)
+        lens = scale_lens(record.lens().rotated(turned), photo.width, photo.height)
         return LensChoice(lens, "calibrated", f"calibrated lens of {record.camera or 'a camera without a name'}")
     from_exif = lens_from_exif(photo, sensor_width_mm)
     why = _why_not_calibrated(photo, records, same_camera, usable)
@@ -294,7 +217,9 @@ def turns_upright(path: Path) -> int:
     return SENSOR_TURNS.get(orientation, 0) if isinstance(orientation, int) else 0
 
 
-def _why_not_calibrated(photo: Photo, records, same_camera, usable) -> str:
+def _why_not_calibrated(
+    photo: Photo, records: list[LensRecord], same_camera: list[LensRecord], usable: list[LensRecord]
+) -> str:
     camera = photo.camera or "a camera without a name"
     if not records:
         return "no lens is calibrated: run 'toolkit calibrate PHOTOS/' with photos of the board"

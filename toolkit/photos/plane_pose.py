@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from toolkit.photos.lens import Lens
+from toolkit.rig.camera import Camera
 
 LEAST_POINTS = 6
 LEAST_SPREAD_MM = 5.0
@@ -62,7 +62,7 @@ class PhotoPose:
         return None
 
 
-def fit_plane_pose(world_mm: np.ndarray, pixels: np.ndarray, lens: Lens) -> PhotoPose | None:
+def fit_plane_pose(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> PhotoPose | None:
     """Fit a camera above the table to points of the plane z = 0.
 
     IPPE gives both cameras that a plane allows (Collins and Bartoli, 2014), SQPNP a third start; each is refined by
@@ -95,7 +95,12 @@ def fit_plane_pose(world_mm: np.ndarray, pixels: np.ndarray, lens: Lens) -> Phot
     best, rival = fits[0], next((fit for fit in fits[1:] if not fit.like(fits[0])), None)
     angle, position = _uncertainty(best, world_mm[kept], lens)
     return PhotoPose(
-        best.T_world_camera, best.rms_px, int(kept.sum()), angle, position, rival.rms_px if rival else None
+        best.T_world_camera,
+        best.rms_px,
+        int(kept.sum()),
+        angle_sigma_deg=angle,
+        position_sigma_mm=position,
+        rival_px=rival.rms_px if rival else None,
     )
 
 
@@ -120,7 +125,7 @@ class _Fit:
         return float(np.linalg.norm(cv2.Rodrigues(turn)[0])) < np.radians(0.2)
 
 
-def _drop_gross(world_mm: np.ndarray, pixels: np.ndarray, lens: Lens) -> np.ndarray:
+def _drop_gross(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> np.ndarray:
     """(n,) which points agree with one homography, distortion taken out."""
     if len(pixels) < LEAST_POINTS:
         return np.zeros(len(pixels), bool)
@@ -136,7 +141,7 @@ def _spread(world_mm: np.ndarray) -> float:
     return float(np.linalg.svd(centred, compute_uv=False)[1] / np.sqrt(len(centred)))
 
 
-def _fit_all(world_mm: np.ndarray, pixels: np.ndarray, lens: Lens) -> list[_Fit]:
+def _fit_all(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> list[_Fit]:
     """Every camera above the table that a start leads to, the best first."""
     fits = []
     for method in (cv2.SOLVEPNP_IPPE, cv2.SOLVEPNP_SQPNP):
@@ -155,13 +160,13 @@ def _fit_all(world_mm: np.ndarray, pixels: np.ndarray, lens: Lens) -> list[_Fit]
     return sorted(fits, key=lambda fit: fit.rms_px)
 
 
-def _errors(fit: _Fit, world_mm: np.ndarray, pixels: np.ndarray, lens: Lens) -> np.ndarray:
+def _errors(fit: _Fit, world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> np.ndarray:
     """(n,) distances in pixels."""
     placed, _ = cv2.projectPoints(world_mm, fit.rotation, fit.translation, lens.matrix, lens.coefficients)
     return np.linalg.norm(placed.reshape(-1, 2) - pixels, axis=1)
 
 
-def _uncertainty(fit: _Fit, world_mm: np.ndarray, lens: Lens) -> tuple[float, float]:
+def _uncertainty(fit: _Fit, world_mm: np.ndarray, lens: Camera) -> tuple[float, float]:
     """Standard deviations of the camera's direction (degrees) and place (mm): σ² (JᵀJ)⁻¹, carried to the world."""
     _, jacobian = cv2.projectPoints(world_mm, fit.rotation, fit.translation, lens.matrix, lens.coefficients)
     jacobian = jacobian[:, :6]  # by rotation vector and translation

@@ -12,7 +12,7 @@ from typing import BinaryIO
 import cv2
 import numpy as np
 
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError
 from toolkit.imaging.read import MAX_MEGAPIXELS, UnreadableImage
 
 LOOK_WIDTH_PX = 160
@@ -159,7 +159,7 @@ def pick_frames(path: Path, every_s: float | None = None) -> list[int]:
         ToolkitError: `every_s` is no time.
     """
     if every_s is not None and not 0.05 <= every_s <= LONGEST_S:
-        raise ToolkitError(f"--every {every_s:g}: expected 0.05 to {LONGEST_S:g} seconds")
+        raise FieldError(f"expected 0.05 to {LONGEST_S:g} seconds", {"every_s": every_s})
     path = Path(path)
     looks, fps = _look_through(path)
     if every_s is not None:
@@ -170,7 +170,9 @@ def pick_frames(path: Path, every_s: float | None = None) -> list[int]:
     chosen = choose_still_frames(looks, fps)
     if not chosen:
         raise UnreadableImage(
-            path, "the camera is never held still: stop for a second at each pose, or say --every SECONDS"
+            path,
+            "the camera is never held still: stop for a second at each pose, or take a frame in each so many "
+            "seconds (every_s)",
         )
     return chosen
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolkit import __version__
-from toolkit.objects.records import MM_PER_INCH
+from toolkit.objects.printed_size import MM_PER_INCH
 from toolkit.printing.page import Paper
 
 if TYPE_CHECKING:

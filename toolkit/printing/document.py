@@ -22,7 +22,6 @@ from toolkit.printing.layout import (
     MapPage,
     Page,
     PrintPlan,
-    PrintSettings,
     TilePage,
     measure_side_mm,
     plan_pages,
@@ -39,6 +38,7 @@ from toolkit.printing.marks import (
     draw_overlap_marks,
 )
 from toolkit.printing.page import OVERLAP_MM, Rect
+from toolkit.printing.settings import PrintSettings
 
 if TYPE_CHECKING:
     from reportlab.pdfgen.canvas import Canvas

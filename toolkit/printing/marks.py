@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING
 
 from toolkit.objects.records import PatchRecord
 from toolkit.printing.canvas import BOLD, PLAIN, draw_text, measure_text_mm
-from toolkit.printing.layout import PrintSettings, effective_percent
+from toolkit.printing.layout import effective_percent
 from toolkit.printing.page import BAR_MM, MARK_MM, OVERLAP_MM, PageFrame, Rect, Tile
+from toolkit.printing.settings import PrintSettings
 
 if TYPE_CHECKING:
     from reportlab.pdfgen.canvas import Canvas

@@ -36,6 +36,9 @@ class Paper:
     width_mm: float
     height_mm: float
 
+    def __str__(self) -> str:
+        return self.name
+
     @property
     def orientation(self) -> str:
         """`portrait` or `landscape`; a square is portrait."""

@@ -4,14 +4,16 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.console import progress
+from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import read_json, write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.printer import PrintScores, score_print
 from toolkit.objects.records import PatchRecord, read_patch
 from toolkit.objects.spec import read_spec
 from toolkit.printing.document import build_pdf
-from toolkit.printing.layout import PrintSettings, effective_percent
+from toolkit.printing.layout import effective_percent
+from toolkit.printing.settings import PrintSettings
 
 
 def select_patches(
@@ -31,14 +33,14 @@ def select_patches(
     known = workspace.patches()
     if not (classes or everything or files):
         names = ", ".join(sorted(known)) or "none"
-        raise ToolkitError(f"no patch named: give --class NAME, --all or --patch-file FILE (known: {names})")
+        raise FieldError(f"no patch named: give {{classes}}, {{everything}} or {{files}} (known: {names})", {})
     if (classes or everything) and not known:
         raise ToolkitError(f"no patches in {workspace.patches_dir}: make one with 'toolkit train-patch --class NAME'")
     chosen = [path for name in classes for path in _find_class(known, name)]
     chosen += [known[name] for name in sorted(known)] if everything else []
     for file in files:
         if not file.is_file():
-            raise ToolkitError(f"--patch-file {file}: no such file: give a patch's PNG, its record beside it")
+            raise FieldError("no such file: expected a patch's PNG, its record beside it", {"files": file})
         chosen.append(file)
     return list(dict.fromkeys(chosen))
 
@@ -123,13 +125,18 @@ def shorten(file: str) -> str:
     return str(path.relative_to(here)) if path.is_relative_to(here) else file
 
 
-def print_patch(png_file: Path, pdf_file: Path, settings: PrintSettings) -> PrintedPatch:
-    """Read a patch, lay it out and write its PDF, whole or not at all.
+def print_patch(png_file: Path, pdf_file: Path, settings: PrintSettings | None = None) -> PrintedPatch:
+    """Read a patch, lay it out true to size and write its PDF, whole or not at all.
+
+    Args:
+        png_file: the patch, its record beside it.
+        pdf_file: the page or pages.
+        settings: paper, scale and the rest, in millimetres; by default A4 at 250 % of 72 dpi.
 
     Raises:
         ToolkitError: the patch has no record or not its own, its size makes no sense, or the PDF cannot be written.
     """
-    patch = read_patch(png_file)
+    patch, settings = read_patch(png_file), settings or PrintSettings()
     document = build_pdf(patch, settings)
     write_bytes(pdf_file, document.content)
     record, plan = patch.record, document.plan
@@ -154,15 +161,61 @@ def print_patch(png_file: Path, pdf_file: Path, settings: PrintSettings) -> Prin
     )
 
 
+def print_patches(
+    files: Sequence[Path], out: Path, settings: PrintSettings | None = None, go_on: bool = False
+) -> tuple[list[PrintedPatch], list[dict[str, str]]]:
+    """Print each patch, by default on A4 at 250 %.
+
+    Args:
+        files: PNG files, each with its record beside it.
+        out: folder for the PDFs; for one patch it may be a PDF.
+        settings: of every page.
+        go_on: list a patch that cannot be printed and print the others, instead of ending with its error.
+
+    Returns:
+        What was printed, and `patch` and `reason` of each that could not be.
+
+    Raises:
+        ToolkitError: two patches would share a PDF, or a patch cannot be printed.
+    """
+    settings = settings or PrintSettings()
+    printed: list[PrintedPatch] = []
+    failed: list[dict[str, str]] = []
+    targets = _name_targets(files, out)
+    with progress("Printing", len(targets), quiet=len(targets) == 1) as ticker:
+        for png_file, pdf_file in targets:
+            try:
+                printed.append(print_patch(png_file, pdf_file, settings))
+            except ToolkitError as error:
+                if not go_on or len(targets) == 1:
+                    raise
+                failed.append({"patch": str(png_file), "reason": str(error)})
+            ticker.advance(note=pdf_file.name)
+    return printed, failed
+
+
+def _name_targets(files: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
+    """(patch, PDF) pairs; two patches may not share a PDF."""
+    if out.suffix.lower() == ".pdf":
+        if len(files) > 1:
+            raise FieldError(f"one file for {len(files)} patches: name a folder", {"out": out})
+        return [(files[0], out)]
+    targets = [(file, out / f"{file.stem}.pdf") for file in files]
+    names = [pdf_file.name for _, pdf_file in targets]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise FieldError(
+            f"two patches would be written to {out / twice[0]}: print them by calls with different {{out}}", {}
+        )
+    return targets
+
+
 def print_all(workspace: Workspace, settings: PrintSettings | None = None) -> list[PrintedPatch]:
     """Print every known patch into the workspace's `print/`; by default on A4 at 250 %.
 
     Raises:
         ToolkitError: there is no patch, or one of them cannot be printed.
     """
-    files = select_patches(workspace, everything=True)
-    chosen = settings or PrintSettings()
-    return [print_patch(file, workspace.print_dir / f"{file.stem}.pdf", chosen) for file in files]
+    return print_patches(select_patches(workspace, everything=True), workspace.print_dir, settings)[0]
 
 
 def compare_with_rig(workspace: Workspace, printed: PrintedPatch) -> str | None:
@@ -180,6 +233,6 @@ def compare_with_rig(workspace: Workspace, printed: PrintedPatch) -> str | None:
     if abs(mounted_mm - printed.size_mm) < 0.05:
         return None
     return (
-        f"the rig mounts {printed.name} at {mounted_mm:.1f} mm: print with --size-mm {mounted_mm:.1f}, or set "
+        f"the rig mounts {printed.name} at {mounted_mm:.1f} mm: print with size_mm {mounted_mm:.1f}, or set "
         f"size_mm = {printed.size_mm:.1f} under [patch] in rig/objects/{printed.name}.toml"
     )

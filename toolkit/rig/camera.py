@@ -4,60 +4,123 @@ Convention: camera axes x right, y down, z forward; pixel (0, 0) is the upper le
 (0.5, 0.5); `T_world_camera` maps camera points to the world, millimetres.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
+
+Distortion = tuple[float, float, float, float, float]
+NO_DISTORTION: Distortion = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Intrinsics without distortion: square pixels and a centred lens, unless the last two fields say otherwise.
+    """Intrinsics of pictures of one size, as OpenCV has them; the renderers leave distortion out.
 
     Attributes:
         width, height: pixels.
-        fov_deg: horizontal field of view of a frame of that width with the lens at its middle.
-        aspect: focal length in pixels along y over that along x.
-        centre_px: (x, y) of the principal point; None is the middle of the frame.
+        fx, fy: focal lengths, pixels.
+        cx, cy: principal point, pixels.
+        distortion: k1, k2, p1, p2, k3.
     """
 
-    width: int = 640
-    height: int = 480
-    fov_deg: float = 40.0
-    aspect: float = 1.0
-    centre_px: tuple[float, float] | None = None
+    width: int
+    height: int
+    _: KW_ONLY
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: Distortion = NO_DISTORTION
 
-    @property
-    def focal_px(self) -> float:
-        """Focal length in pixels along x."""
-        return self.width / 2 / float(np.tan(np.radians(self.fov_deg) / 2))
+    @classmethod
+    def from_fov(cls, width: int = 640, height: int = 480, fov_deg: float = 40.0) -> "Camera":
+        """Square pixels and a centred lens of this horizontal field of view."""
+        return cls.from_focal_px(width, height, width / 2 / float(np.tan(np.radians(fov_deg) / 2)))
 
-    @property
-    def focals_px(self) -> tuple[float, float]:
-        """Focal lengths in pixels along x and y."""
-        return self.focal_px, self.focal_px * self.aspect
+    @classmethod
+    def from_focal_mm(cls, width: int, height: int, focal_mm: float, sensor_width_mm: float) -> "Camera":
+        """Square pixels and a centred lens of this focal length over a sensor as wide as the picture."""
+        return cls.from_fov(width, height, 2 * float(np.degrees(np.arctan(sensor_width_mm / 2 / focal_mm))))
 
-    @property
-    def principal_px(self) -> tuple[float, float]:
-        """(x, y) of the principal point."""
-        return self.centre_px or (self.width / 2, self.height / 2)
+    @classmethod
+    def from_focal_px(cls, width: int, height: int, focal_px: float) -> "Camera":
+        """Square pixels and a centred lens of this focal length in pixels."""
+        return cls(width, height, fx=focal_px, fy=focal_px, cx=width / 2, cy=height / 2)
+
+    @classmethod
+    def from_intrinsics(cls, intrinsics: Mapping[str, float], distortion: Sequence[float] = ()) -> "Camera":
+        """The camera of a manifest's line: width, height, fx, fy, cx, cy in pixels; missing coefficients are 0."""
+        fx, fy, cx, cy = (float(intrinsics[name]) for name in ("fx", "fy", "cx", "cy"))
+        k1, k2, p1, p2, k3 = [*distortion, *NO_DISTORTION][:5]
+        width, height = round(intrinsics["width"]), round(intrinsics["height"])
+        return cls(width, height, fx=fx, fy=fy, cx=cx, cy=cy, distortion=(k1, k2, p1, p2, k3))
 
     @property
     def intrinsics(self) -> dict[str, float]:
-        """Width, height, fx, fy, cx, cy in pixels."""
-        (fx, fy), (cx, cy) = self.focals_px, self.principal_px
-        return {"width": self.width, "height": self.height, "fx": fx, "fy": fy, "cx": cx, "cy": cy}
+        """Width, height, fx, fy, cx, cy in pixels, as a manifest holds them; distortion left out."""
+        return {
+            "width": self.width, "height": self.height, "fx": self.fx, "fy": self.fy, "cx": self.cx, "cy": self.cy,
+        }  # fmt: skip
 
     @property
     def matrix(self) -> np.ndarray:
         """(3, 3) camera matrix K."""
-        (fx, fy), (cx, cy) = self.focals_px, self.principal_px
-        return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
+        return np.array([[self.fx, 0, self.cx], [0, self.fy, self.cy], [0, 0, 1.0]])
 
+    @property
+    def coefficients(self) -> np.ndarray:
+        """(5,) k1, k2, p1, p2, k3, as OpenCV's functions take them."""
+        return np.array(self.distortion, float)
 
-def camera_of_intrinsics(width: int, height: int, fx: float, fy: float, cx: float, cy: float) -> Camera:
-    """The camera with this matrix, all in pixels."""
-    fov_deg = 2 * float(np.degrees(np.arctan(width / 2 / fx)))
-    return Camera(int(width), int(height), fov_deg, float(fy / fx), (float(cx), float(cy)))
+    @property
+    def fov_deg(self) -> float:
+        """Horizontal field of view, distortion left out; rounded, so that 40 degrees in are 40 degrees out."""
+        return round(float(np.degrees(np.arctan(self.cx / self.fx) + np.arctan((self.width - self.cx) / self.fx))), 12)
+
+    def scaled(self, width: int, height: int) -> "Camera":
+        """The same lens in pictures of another size: x and y each scale by what the size does."""
+        across, down = width / self.width, height / self.height
+        return replace(
+            self, width=width, height=height, fx=self.fx * across, fy=self.fy * down, cx=self.cx * across,
+            cy=self.cy * down,
+        )  # fmt: skip
+
+    def cropped(self, left: float, top: float, width: int, height: int) -> "Camera":
+        """The same lens in a part of its pictures, whose corner lies `left` and `top` pixels from theirs."""
+        return replace(self, width=width, height=height, cx=self.cx - left, cy=self.cy - top)
+
+    def rotated(self, quarter_turns: int = 1) -> "Camera":
+        """The same lens in pictures turned clockwise by so many quarter turns, as EXIF's orientation 6 asks for one."""
+        turned = self
+        for _ in range(quarter_turns % 4):
+            k1, k2, p1, p2, k3 = turned.distortion
+            # the tangential part (p2, p1) is a vector in the picture and turns with it
+            turned = Camera(
+                turned.height, turned.width, fx=turned.fy, fy=turned.fx, cx=turned.height - turned.cy, cy=turned.cx,
+                distortion=(k1, k2, p2, -p1, k3),
+            )  # fmt: skip
+        return turned
+
+    def project(self, T_world_camera: np.ndarray, points_mm: np.ndarray) -> np.ndarray:
+        """(n, 2) pixels of world points (n, 3), distortion included; points behind the camera give NaN."""
+        import cv2
+
+        local = (np.asarray(points_mm, float).reshape(-1, 3) - T_world_camera[:3, 3]) @ T_world_camera[:3, :3]
+        pixels = np.full((len(local), 2), np.nan)
+        ahead = local[:, 2] > 1e-6
+        if ahead.any():
+            found, _ = cv2.projectPoints(local[ahead], np.zeros(3), np.zeros(3), self.matrix, self.coefficients)
+            pixels[ahead] = found.reshape(-1, 2)
+        return pixels
+
+    def undistort(self, pixels: np.ndarray) -> np.ndarray:
+        """(n, 2) directions x/z, y/z in camera axes of pixels (n, 2)."""
+        import cv2
+
+        points = np.ascontiguousarray(pixels, float).reshape(-1, 1, 2)
+        found = cv2.undistortPoints(points, self.matrix, self.coefficients)
+        return found.reshape(-1, 2)
 
 
 def orbit_direction(azimuth_deg: float, elevation_deg: float) -> np.ndarray:
@@ -99,18 +162,22 @@ def orbit_pose(
 
 
 def project(camera: Camera, T_world_camera: np.ndarray, points_mm: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pixel coordinates (n, 2) and depths (n,) in mm of world points (n, 3); points behind have depth <= 0."""
+    """Pixel coordinates (n, 2), without distortion, and depths (n,) in mm of world points (n, 3).
+
+    Points behind the camera have depth <= 0.
+    """
     local = (np.asarray(points_mm, float) - T_world_camera[:3, 3]) @ T_world_camera[:3, :3]
     depth = local[:, 2]
     safe = np.where(np.abs(depth) < 1e-9, 1e-9, depth)
-    pixels = local[:, :2] / safe[:, None] * camera.focals_px + camera.principal_px
+    pixels = local[:, :2] / safe[:, None] * (camera.fx, camera.fy) + (camera.cx, camera.cy)
     return pixels, depth
 
 
 def pixel_rays(camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """(n, 6) float32 rays, origin and unit direction in the world, through pixel coordinates (n, 2)."""
+    """(n, 6) float32 rays, origin and unit direction in the world, through undistorted pixel coordinates (n, 2)."""
     local = np.empty((len(pixels), 3), np.float32)
-    local[:, :2] = (pixels - np.array(camera.principal_px, np.float32)) / np.array(camera.focals_px, np.float32)
+    centre, focal = np.array([[camera.cx, camera.cy], [camera.fx, camera.fy]], np.float32)
+    local[:, :2] = (pixels - centre) / focal
     local[:, 2] = 1
     directions = local @ T_world_camera[:3, :3].T.astype(np.float32)
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -138,5 +205,5 @@ def distance_to_fill(
     rotation = orbit_pose(np.zeros(3), azimuth_deg, elevation_deg, 1.0, roll_deg)[:3, :3]
     x, y, z = ((np.asarray(points_mm, float) - target_mm) @ rotation).T
     half = min(camera.width, camera.height) / 2
-    across = np.maximum(np.abs(x), np.abs(y)) / half * camera.focal_px / fill
+    across = np.maximum(np.abs(x), np.abs(y)) / half * camera.fx / fill
     return float((across - z).max())

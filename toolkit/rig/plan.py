@@ -1,64 +1,24 @@
 """The capture plan: where the camera stands for every pose of every object, in `rig/plan.json`."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, ValidationError, model_validator
+from pydantic_core import CoreSchema, core_schema
 
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_json, write_json
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
-
-
-@dataclass(frozen=True)
-class Pattern:
-    """How camera positions are spread.
-
-    Attributes:
-        name: grid, ring, hemisphere or fibonacci.
-        count: number of poses.
-        elevation_deg: lowest and highest elevation.
-        fill: share of the frame's shorter side that the object reaches across.
-        distance_mm: nearest and farthest distance, spread evenly over the poses; None: as `fill` says.
-        jitter_deg: standard deviation added to azimuth and elevation.
-        seed: of the jitter.
-    """
-
-    name: str = "grid"
-    count: int = 18
-    elevation_deg: tuple[float, float] = (25.0, 65.0)
-    fill: float = 0.8
-    distance_mm: tuple[float, float] | None = None
-    jitter_deg: float = 0.0
-    seed: int = 0
+from toolkit.rig.pattern import Pattern
 
 
 def spread_poses(pattern: Pattern) -> np.ndarray:
-    """(count, 2) azimuth in [0, 360) and elevation in degrees.
-
-    Raises:
-        ToolkitError: an unknown pattern, no poses, elevations outside 0-90° or in the wrong order, or a fill, jitter
-            or distance that no camera can have.
-    """
+    """(count, 2) azimuth in [0, 360) and elevation in degrees."""
     low, high = pattern.elevation_deg
-    if pattern.name not in PATTERNS:
-        raise one_of("pattern", pattern.name, list(PATTERNS))
-    if pattern.count < 1:
-        raise ToolkitError(f"--count {pattern.count}: expected at least one pose")
-    if not 0 <= low <= high <= 90:
-        raise ToolkitError(f"elevations {low:g} to {high:g}: expected 0 <= lowest <= highest <= 90 degrees")
-    if not 0.05 <= pattern.fill <= 0.95:
-        raise ToolkitError(f"--fill {pattern.fill:g}: expected 0.05 to 0.95 of the frame")
-    if not 0 <= pattern.jitter_deg <= 45:
-        raise ToolkitError(f"--jitter {pattern.jitter_deg:g}: expected 0 to 45 degrees")
-    if pattern.distance_mm is not None and not all(0 < side < 1e6 for side in pattern.distance_mm):
-        near, far = pattern.distance_mm
-        raise ToolkitError(f"--distance {near:g} {far:g}: expected distances over 0 and under 1000000 mm")
     angles = PATTERNS[pattern.name](pattern.count, low, high)
     if pattern.jitter_deg:
         for i in range(len(angles)):  # pose i depends on (seed, i) alone
@@ -109,8 +69,8 @@ PATTERNS: dict[str, Callable[[int, float, float], np.ndarray]] = {
 Row = tuple[float, float, float, float]
 
 
-class CameraModel(BaseModel):
-    """The camera of a plan: pixels, and the horizontal field of view or the focal length and sensor width in mm."""
+class _CameraFields(BaseModel):
+    """A camera as a plan's file has it: pixels, and the field of view or the focal length and sensor width in mm."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     width: int = Field(640, ge=16, le=16384)
@@ -120,12 +80,28 @@ class CameraModel(BaseModel):
     sensor_width_mm: float | None = Field(None, gt=0)
     convention: Literal["opencv"] = "opencv"
 
+    @classmethod
+    def of(cls, camera: Camera) -> "_CameraFields":
+        return cls(width=camera.width, height=camera.height, fov_deg=camera.fov_deg)
+
     def camera(self) -> Camera:
-        """The pinhole camera that these numbers describe."""
-        fov = self.fov_deg
-        if fov is None and self.focal_mm and self.sensor_width_mm:
-            fov = 2 * float(np.degrees(np.arctan(self.sensor_width_mm / 2 / self.focal_mm)))
-        return Camera(self.width, self.height, fov or Camera.fov_deg)
+        if self.fov_deg is None and self.focal_mm and self.sensor_width_mm:
+            return Camera.from_focal_mm(self.width, self.height, self.focal_mm, self.sensor_width_mm)
+        size = self.width, self.height
+        return Camera.from_fov(*size) if self.fov_deg is None else Camera.from_fov(*size, self.fov_deg)
+
+
+class _InFile:
+    """Reads and writes a `Camera` as `_CameraFields`."""
+
+    @staticmethod
+    def __get_pydantic_core_schema__(source: type[Camera], handler: GetCoreSchemaHandler) -> CoreSchema:
+        fields = handler.generate_schema(_CameraFields)
+        return core_schema.no_info_wrap_validator_function(
+            lambda value, read: value if isinstance(value, Camera) else read(value).camera(),
+            fields,
+            serialization=core_schema.plain_serializer_function_ser_schema(_CameraFields.of, return_schema=fields),
+        )
 
 
 class Pose(BaseModel):
@@ -175,7 +151,7 @@ class CapturePlan(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     schema_version: Literal[1] = 1
-    camera: CameraModel
+    camera: Annotated[Camera, _InFile]
     pattern: dict[str, object] = {}
     objects: dict[str, list[Pose]]
 
@@ -198,7 +174,7 @@ def plan_poses(item: TableObject, camera: Camera, pattern: Pattern) -> list[Pose
     poses = []
     angles = spread_poses(pattern)
     for i, (azimuth, elevation) in enumerate(np.round(angles, 3)):
-        distance = distance_to_fill(camera, item.mesh.vertices, target, azimuth, elevation, pattern.fill)
+        distance = distance_to_fill(camera, item.mesh.vertices, target, azimuth, elevation, fill=pattern.fill)
         if pattern.distance_mm is not None:
             share = i / max(len(angles) - 1, 1)
             distance = pattern.distance_mm[0] * (1 - share) + pattern.distance_mm[1] * share
@@ -228,8 +204,8 @@ def check_poses(item: TableObject, camera: Camera, poses: list[Pose]) -> None:
         if position[2] <= 0:
             raise ToolkitError(f"{where}: the camera is below the table top: expected an elevation that keeps it above")
         least = distance_to_fill(
-            camera, item.mesh.vertices, np.array(pose.target_mm), pose.azimuth_deg, pose.elevation_deg, 0.995,
-            pose.roll_deg,
+            camera, item.mesh.vertices, np.array(pose.target_mm), pose.azimuth_deg, pose.elevation_deg,
+            fill=0.995, roll_deg=pose.roll_deg,
         )  # fmt: skip
         if pose.distance_mm < least:
             raise ToolkitError(
@@ -243,16 +219,14 @@ def make_plan(items: list[TableObject], camera: Camera, pattern: Pattern) -> Cap
     Raises:
         ToolkitError: the camera cannot be, or as `plan_poses` and `spread_poses` say.
     """
-    from dataclasses import asdict
-
     try:
-        model = CameraModel(width=camera.width, height=camera.height, fov_deg=camera.fov_deg)
+        _CameraFields.of(camera)
     except ValidationError as error:
         first = error.errors()[0]
         raise ToolkitError(f"camera: {first['loc'][0]}: {first['msg']}, found {first['input']}") from None
     return CapturePlan(
-        camera=model,
-        pattern=asdict(pattern),
+        camera=camera,
+        pattern=pattern.record(),
         objects={item.name: plan_poses(item, camera, pattern) for item in items},
     )
 
@@ -281,7 +255,7 @@ def open_plan(workspace: Workspace, names: list[str] | None = None, pattern: Pat
     if old is not None and not missing:
         return old
     items = [load_object(workspace.object_spec(name)) for name in missing]
-    plan = keep_others(old, make_plan(items, old.camera.camera() if old else Camera(), pattern or Pattern()))
+    plan = keep_others(old, make_plan(items, old.camera if old else Camera.from_fov(), pattern or Pattern()))
     write_plan(workspace.plan_file, plan)
     return plan
 
@@ -310,10 +284,10 @@ def scale_resolution(plan: CapturePlan, width_px: int) -> CapturePlan:
     Raises:
         ToolkitError: width or height is under 16 or over 16384 pixels.
     """
-    old = plan.camera
-    height_px = round(old.height * width_px / old.width)
+    height_px = round(plan.camera.height * width_px / plan.camera.width)
+    camera = Camera.from_fov(width_px, height_px, plan.camera.fov_deg)
     try:
-        camera = CameraModel.model_validate(old.model_dump() | {"width": width_px, "height": height_px})
+        _CameraFields.of(camera)
     except ValidationError:
         raise ToolkitError(
             f"a resolution of {width_px}×{height_px} px: expected both sides between 16 and 16384 px"
@@ -328,3 +302,30 @@ def _move(pose: Pose, factor: float) -> Pose:
     )  # fmt: skip
     rows = None if pose.T_world_camera is None else np.round(T_world_camera, 6).tolist()
     return Pose.model_validate(pose.model_dump() | {"distance_mm": distance_mm, "T_world_camera": rows})
+
+
+def plan_objects(
+    workspace: Workspace, objects: Sequence[str] = (), pattern: Pattern | None = None, camera: Camera | None = None
+) -> CapturePlan:
+    """Plan the poses of objects anew and write `rig/plan.json`; without names, of all that the workspace knows.
+
+    Objects that the plan holds already and that are not named keep their poses, if the camera is the same.
+
+    Args:
+        workspace: whose objects are meant, and whose plan is written.
+        objects: names.
+        pattern: how the poses are spread; 18 on a grid by default. Degrees and millimetres.
+        camera: pixels and field of view; 640 × 480 px and 40 degrees by default.
+
+    Returns:
+        The whole plan as it was written.
+
+    Raises:
+        ToolkitError: an unknown object, or as `make_plan` says.
+    """
+    items = [load_object(workspace.object_spec(name)) for name in objects or sorted(workspace.object_specs())]
+    made = make_plan(items, camera or Camera.from_fov(), pattern or Pattern())
+    old = read_plan(workspace.plan_file) if objects and workspace.plan_file.is_file() else None
+    plan = keep_others(old, made)
+    write_plan(workspace.plan_file, plan)
+    return plan

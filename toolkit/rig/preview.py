@@ -55,7 +55,7 @@ def draw_contact_sheet(
     item: TableObject, camera: Camera, poses: list[Pose], studio: Studio, columns: int = 6, tile_px: int = 320
 ) -> bytes:
     """PNG of what every pose sees, with its number and angles."""
-    small = Camera(tile_px, round(tile_px * camera.height / camera.width), camera.fov_deg)
+    small = Camera.from_fov(tile_px, round(tile_px * camera.height / camera.width), camera.fov_deg)
     renderer = make_renderer("raycast", item.mesh, studio)
     columns = min(columns, len(poses))
     rows = -(-len(poses) // columns)
@@ -78,6 +78,6 @@ def _frame_corners(camera: Camera, pose: Pose) -> np.ndarray:
     """(4, 3) corners of the picture, drawn a sixth of the way to the target."""
     T_world_camera = pose.matrix()
     depth = pose.distance_mm / 6
-    x, y = camera.width / 2 / camera.focal_px * depth, camera.height / 2 / camera.focal_px * depth
+    x, y = camera.width / 2 / camera.fx * depth, camera.height / 2 / camera.fx * depth
     local = np.array([[-x, -y, depth], [x, -y, depth], [x, y, depth], [-x, y, depth]])
     return local @ T_world_camera[:3, :3].T + T_world_camera[:3, 3]

@@ -233,7 +233,8 @@ def measure_travel_mm(plan: CapturePlan, steps: Sequence[ShotStep]) -> float:
 
 def hash_poses(plan: CapturePlan, name: str) -> str:
     """SHA-256 of the plan's camera and one object's poses, whatever else the plan holds; 64 hex digits."""
-    content = [plan.camera.model_dump(mode="json"), [pose.model_dump(mode="json") for pose in plan.objects[name]]]
+    camera = plan.model_dump(mode="json", include={"camera"})["camera"]
+    content = [camera, [pose.model_dump(mode="json") for pose in plan.objects[name]]]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 

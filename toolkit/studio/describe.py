@@ -1,4 +1,4 @@
-"""What the page is told, as plain values for JSON."""
+"""What the page shows, as plain values for JSON."""
 
 import math
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ NEAR_DEG = 6.0
 def describe_session(session: Session, predictor: Predictor) -> dict[str, Any]:
     """All shots with their state, what comes next, and the predictions so far."""
     shots = session.list_shots()
-    camera, state = session.plan.camera.camera(), predictor.state
+    camera, state = session.plan.camera, predictor.state
     focal_mm = equivalent_focal_mm(camera)
     return {
         "shots": [describe_shot(shot) for shot in shots],

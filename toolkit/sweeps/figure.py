@@ -1,12 +1,16 @@
 """The sweep as a picture: top-1 with its interval over the axis, a panel per object and one for all."""
 
-from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from toolkit.captures.read import POOLED
+from toolkit.core.figures import encode_figure, make_figure
 from toolkit.core.files import write_bytes
 from toolkit.sweeps.axes import Axis
-from toolkit.sweeps.result import Sweep, SweepRow
+from toolkit.sweeps.result import Sweep
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 COLOURS = {"unpatched": "#6b6f76", "patched": "#0072b2"}
 MORE_COLOURS = ("#d55e00", "#009e73", "#cc79a7", "#e69f00")
@@ -19,14 +23,10 @@ LONG_NAME, MANY_TICKS = 6, 4
 
 def draw_sweep(path: Path, sweep: Sweep) -> Path:
     """Write the figure as PNG; an axis with a scale is drawn as lines and bands, one without as dots and bars."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     names = [*sweep.objects] if len(sweep.objects) == 1 else [POOLED, *sweep.objects]
     columns = min(MAX_COLUMNS, len(names))
     rows = -(-len(names) // columns)
-    figure = Figure(figsize=(2 + 3.4 * columns, 1.4 + 2.8 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = make_figure(2 + 3.4 * columns, 1.4 + 2.8 * rows)
     panels = figure.subplots(rows, columns, sharey=True, squeeze=False).reshape(-1)
     for panel, name in zip(panels, names, strict=False):
         _draw_panel(panel, sweep, name)
@@ -41,25 +41,23 @@ def draw_sweep(path: Path, sweep: Sweep) -> Path:
     )
     missing = "; *: fewer, without an object that cannot be shot there" if sweep.skipped and len(names) > 1 else ""
     figure.supxlabel(sweep.axis.title + missing, fontsize=11)
-    buffer = BytesIO()
-    figure.savefig(buffer, dpi=120, format="png", metadata={"Software": None})
-    return write_bytes(path, buffer.getvalue())
+    return write_bytes(path, encode_figure(figure))
 
 
-def _draw_panel(panel, sweep: Sweep, name: str) -> None:
+def _draw_panel(panel: "Axes", sweep: Sweep, name: str) -> None:
     has_scale = sweep.axis.is_ordered
-    places = {label: float(value) if has_scale else float(i) for i, (value, label) in enumerate(sweep.values)}
+    places = {label: float(value) if has_scale else float(i) for i, (label, value) in enumerate(sweep.values.items())}
     more = iter(MORE_COLOURS * len(sweep.variants))
-    shots = max((row.n for row in sweep.rows if row.object == name), default=0)
+    shots = max((group.n for group in sweep.groups if group.object == name), default=0)
     for i, variant in enumerate(sweep.variants):
-        rows = [row for row in sweep.rows if (row.object, row.variant) == (name, variant) and row.top1 is not None]
+        groups = [own for own in sweep.groups if (own.object, own.variant) == (name, variant) and own.n]
         colour = COLOURS.get(variant) or next(more)
         shift = 0.0 if has_scale else min(DODGE, SPREAD / len(sweep.variants)) * (i - (len(sweep.variants) - 1) / 2)
-        x = [places[row.label] + shift for row in rows]
-        y = [100 * (row.top1 or 0.0) for row in rows]
-        low, high = [100 * row.ci95[0] for row in rows], [100 * row.ci95[1] for row in rows]
+        x = [places[group.source] + shift for group in groups]
+        y = [100 * (group.top1 or 0.0) for group in groups]
+        low, high = ([100 * group.top1_ci95[end] for group in groups] for end in (0, 1))
         marker, side = MARKERS[i % len(MARKERS)]
-        style = {"color": colour, "marker": marker, "ms": side, "label": variant, "clip_on": False}
+        style: dict[str, Any] = {"color": colour, "marker": marker, "ms": side, "label": variant, "clip_on": False}
         if has_scale:
             panel.fill_between(x, low, high, color=colour, alpha=0.18, lw=0)
             panel.plot(x, y, lw=1.8, zorder=3, **style)
@@ -68,7 +66,7 @@ def _draw_panel(panel, sweep: Sweep, name: str) -> None:
             panel.plot(x, y, lw=0, zorder=3, **style)
     if has_scale and sweep.axis.is_log:
         panel.set_xscale("log")
-    ticks = [_say_tick(sweep, name, label) for _, label in sweep.values]
+    ticks = [_format_tick(sweep, name, label) for label in sweep.values]
     tilted = not has_scale and max(map(len, ticks)) > LONG_NAME and len(ticks) > MANY_TICKS
     panel.set_xticks(list(places.values()), ticks, rotation=30 if tilted else 0, ha="right" if tilted else "center")
     panel.minorticks_off()
@@ -93,16 +91,12 @@ def _span(places: list[float], axis: Axis) -> tuple[float, float]:
     return low - margin, high + margin
 
 
-def _say_tick(sweep: Sweep, name: str, label: str) -> str:
+def _format_tick(sweep: Sweep, name: str, label: str) -> str:
     """`44` and below it the share of the object's longest side; `*` where objects are missing from the pooled point."""
-    value = next(value for value, own in sweep.values if own == label)
+    value = sweep.values[label]
     text = value if isinstance(value, str) else f"{value:.3g}" if isinstance(value, float) else str(value)
     missing = {skipped for own, skipped, _ in sweep.skipped if own == label}
     if name in missing or (name == POOLED and missing):
         text += "*" if name == POOLED else "\n–"
-    share = _share(sweep.rows, name, label) if sweep.axis.name == "size" else None
+    share = sweep.sizes.get((label, name), (None, None))[1] if sweep.axis.name == "size" else None
     return text if share is None else f"{text}\n{100 * share:.0f} %"
-
-
-def _share(rows: tuple[SweepRow, ...], name: str, label: str) -> float | None:
-    return next((row.patch_share for row in rows if (row.object, row.label) == (name, label) and row.patch_share), None)

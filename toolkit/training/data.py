@@ -18,15 +18,12 @@ from toolkit.core.files import explain_write_error, inside, sha256_bytes, sha256
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage
-from toolkit.models.labels import match_classes
-from toolkit.models.network import Classifier
+from toolkit.models.network import Classifier, match_classes
 from toolkit.objects.spec import read_spec
 from toolkit.training.folder import CIFAR_PREFIX, LabelledFile, StoredImage, find_classes, list_cifar, load_square
 from toolkit.training.renders import EVERYDAY, RIG, RenderUnit, render_shards
 
 PACKAGE = Path(__file__).parents[1]
-PICTURE_MAKERS = ("training", "raycast", "lighting", "shading", "studio", "materials", "room", "backdrop", "finish")
-"""Modules of `toolkit.rig` that decide what a render looks like."""
 
 
 @dataclass(frozen=True)
@@ -155,8 +152,7 @@ def _hash_mesh(spec_file: Path, mesh: str) -> str:
 
 def _hash_code() -> str:
     """Of the modules that make and render objects: renders of another version are not mixed with this one's."""
-    files = sorted((PACKAGE / "objects").rglob("*.py"))
-    files += [PACKAGE / "rig" / f"{name}.py" for name in PICTURE_MAKERS]
+    files = [file for package in ("objects", "rig") for file in sorted((PACKAGE / package).rglob("*.py"))]
     return sha256_bytes("".join(sha256_file(file) for file in files).encode())
 
 
@@ -200,7 +196,7 @@ def keep_classes(sources: Sequence[Source], classifier: Classifier) -> TrainingC
     index_of: dict[str, int] = {}
     for source in sources:
         names = sorted({item.label for item in source.train})
-        index_of |= match_classes(names, classifier, Path(source.record["source"]), "--init")
+        index_of |= match_classes(names, classifier, Path(source.record["source"]), "init")
     return TrainingClasses(tuple(classifier.labels), index_of)
 
 

@@ -52,7 +52,7 @@ def render_unit(unit: RenderUnit) -> np.ndarray:
     from toolkit.rig.camera import Camera
     from toolkit.rig.views import render_thumbnails
 
-    return render_thumbnails(_make_mesh(unit), unit.views, unit.seed, Camera(unit.px, unit.px, FOV_DEG))
+    return render_thumbnails(_make_mesh(unit), unit.views, unit.seed, Camera.from_fov(unit.px, unit.px, FOV_DEG))
 
 
 def _make_mesh(unit: RenderUnit):

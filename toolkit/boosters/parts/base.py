@@ -172,11 +172,12 @@ def _jacobian(T_image_patch: np.ndarray, patch_px: int) -> np.ndarray:
 
 
 def warp_patch(
-    patch: "torch.Tensor", T_image_patch: np.ndarray, image_px: int, scales: tuple[float, float] | None = None
-) -> tuple["torch.Tensor", "torch.Tensor"]:
+    patch: "torch.Tensor", T_image_patch: np.ndarray, image_px: int, scales: tuple[float, float] | None = None,
+    mask: "torch.Tensor | None" = None,
+) -> tuple["torch.Tensor", "torch.Tensor"]:  # fmt: skip
     """Draw a patch and its mask into images.
 
-    The mask is explicit: every texel of the square is opaque, black ones too.
+    The mask is explicit: without one every texel of the square is opaque, black ones too.
 
     Args:
         patch: (3, n, n), or (b, 3, n, n) for one per image; any values, any encoding.
@@ -184,6 +185,7 @@ def warp_patch(
         image_px: side m of the images.
         scales: smallest and largest pixels per texel that may come, of similarities; an image then does not depend on
             the others of its batch, from which the sizes are else taken.
+        mask: (1, n, n), or (b, 1, n, n) with a patch for each image: how opaque each texel is, in [0, 1].
 
     Returns:
         The patch times its mask, (b, 3, m, m), and the mask, (b, 1, m, m): the share of each pixel that it covers.
@@ -192,7 +194,8 @@ def warp_patch(
     from torch.nn.functional import grid_sample, pad
 
     plan = plan_warp(T_image_patch, patch.shape[-1], scales)
-    texels = torch.cat([patch, torch.ones_like(patch[..., :1, :, :])], dim=-3)
+    opaque = torch.ones_like(patch[..., :1, :, :])
+    texels = torch.cat([patch, opaque] if mask is None else [patch * mask, opaque * mask], dim=-3)
     if plan.repeat > 1:
         texels = texels.repeat_interleave(plan.repeat, -1).repeat_interleave(plan.repeat, -2)
     end = plan.side - plan.start - texels.shape[-1]

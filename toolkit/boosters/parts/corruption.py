@@ -75,10 +75,10 @@ def corrupt_straight(images: "torch.Tensor", name: str, severity: int, seeds: Se
         As `images`, what `corrupt` returns; differentiable.
     """
     from toolkit.corruptions import CORRUPTIONS, choose_parameters, corrupt
-    from toolkit.corruptions.draws import Draws
+    from toolkit.corruptions.draws import RandomStreams
 
     if name in DIFFERENTIABLE:
         corruption = CORRUPTIONS[name]
         given = corruption.parameters[choose_parameters(*images.shape[-2:])][severity - 1]
-        return corruption.apply(images, given, Draws(seeds, name, severity, images.device)).clamp(0, 1)
+        return corruption.apply(images, given, RandomStreams(seeds, name, severity, images.device)).clamp(0, 1)
     return corrupt(images, name, severity, seeds) + (images - images.detach())

@@ -86,7 +86,7 @@ class PoseRanges(Config):
     def _try_one(self, rng: np.random.Generator, patch_px: int, image_px: int) -> np.ndarray | None:
         azimuth, elevation = rng.uniform(*self.azimuth_deg), rng.uniform(*self.elevation_deg)
         roll, fill = rng.uniform(*self.roll_deg), rng.uniform(*self.fill)
-        camera = Camera(image_px, image_px, rng.uniform(*self.fov_deg))
+        camera = Camera.from_fov(image_px, image_px, rng.uniform(*self.fov_deg))
         box = self.length_mm * np.array([1, rng.uniform(*self.width), rng.uniform(*self.height)])
         sheet = draw_sheet(rng, box, self.size_mm, self.offset, rng.uniform(*self.tilt_deg))
         middle = np.array([0, 0, box[2] / 2])

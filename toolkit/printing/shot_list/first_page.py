@@ -46,7 +46,7 @@ PHONE_MM = 25.0
 
 def equivalent_focal_mm(camera: Camera) -> float:
     """The 35 mm equivalent focal length with the camera's field of view, by the diagonal."""
-    return FILM_DIAGONAL_MM * camera.focal_px / float(np.hypot(camera.width, camera.height))
+    return FILM_DIAGONAL_MM * camera.fx / float(np.hypot(camera.width, camera.height))
 
 
 def advise_camera(camera: Camera, places: Sequence[CameraPlace]) -> list[str]:

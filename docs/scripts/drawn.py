@@ -1,0 +1,92 @@
+"""Figures that need no workspace: what a patch meets in training, and the kinds that rig18 was trained on."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from toolkit.boosters.parts.affine import AffineRanges
+from toolkit.boosters.parts.base import Appearance, show_patch
+from toolkit.boosters.parts.blur import CameraBlur
+from toolkit.boosters.parts.glare import TapeGlare
+from toolkit.boosters.parts.jpeg import JpegFile
+from toolkit.boosters.parts.light import LightRanges
+from toolkit.boosters.parts.pose import PoseRanges
+from toolkit.boosters.parts.print_process import PrintProcess
+from toolkit.boosters.parts.sensor_noise import SensorNoise
+from toolkit.core.draws import Draws
+from toolkit.objects.shapes.everyday import MAKERS, make_everyday
+from toolkit.rig.camera import Camera
+from toolkit.rig.views import render_thumbnails
+
+CELL_PX, CAPTION_PX, GAP_PX, DRAWS = 224, 30, 8, 2
+STILL = AffineRanges(rotation_deg=(12, 12), share=(0.6, 0.6), foreshortening=(0.9, 0.9), overhang=0)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A part and what to call it."""
+
+    title: str
+    appearance: Appearance
+
+
+def list_rows() -> list[Row]:
+    """Each part with probability 1, at the ranges that the default recipe draws from."""
+    sure = {"probability": 1.0}
+    return [
+        Row("pose", Appearance(PoseRanges(**sure))),
+        Row("light", Appearance(STILL, on_paper=(LightRanges(),))),
+        Row("print", Appearance(STILL, on_print=(PrintProcess(**sure),))),
+        Row("glare", Appearance(STILL, on_paper=(TapeGlare(**sure),))),
+        Row("blur", Appearance(STILL, on_photo=(CameraBlur(**sure),))),
+        Row("noise", Appearance(STILL, on_photo=(SensorNoise(**sure),))),
+        Row("JPEG", Appearance(STILL, on_photo=(replace(JpegFile(), quality=(40, 40), **sure),))),
+    ]
+
+
+def draw_parts(pixels: np.ndarray, photo: Image.Image, font: ImageFont.FreeTypeFont) -> Image.Image:
+    """A column per part, two random draws below each other.
+
+    Args:
+        pixels: (n, n, 3) uint8 sRGB patch.
+        photo: to paste it into.
+        font: of the captions.
+    """
+    import torch
+
+    side = min(photo.size)
+    left, top = (photo.width - side) // 2, (photo.height - side) // 2
+    square = photo.crop((left, top, left + side, top + side)).resize((CELL_PX, CELL_PX), Image.Resampling.LANCZOS)
+    image = torch.from_numpy(np.array(square)).permute(2, 0, 1)[None].float().div(255)
+    patch = torch.from_numpy(pixels.copy()).permute(2, 0, 1).float().div(255)
+    rows = list_rows()
+    step = CELL_PX + GAP_PX
+    sheet = Image.new("RGB", (len(rows) * step - GAP_PX, CAPTION_PX + DRAWS * step - GAP_PX), "white")
+    draw = ImageDraw.Draw(sheet)
+    for column, row in enumerate(rows):
+        draw.text((column * step + 4, 3), row.title, fill=(28, 30, 34), font=font)
+        for line in range(DRAWS):
+            shown = show_patch(patch, image, row.appearance, Draws(5, line))[0].permute(1, 2, 0).numpy()
+            cell = Image.fromarray(np.round(shown * 255).astype(np.uint8))
+            sheet.paste(cell, (column * step, CAPTION_PX + line * step))
+    return sheet
+
+
+KIND_COLUMNS, KIND_PX, KIND_CAPTION_PX = 9, 150, 22
+SEED = 20_000
+"""Far from the seeds of the training set."""
+
+
+def draw_everyday(font: ImageFont.FreeTypeFont) -> Image.Image:
+    """All kinds, in the order of their labels, from random poses as in training."""
+    rows = -(-len(MAKERS) // KIND_COLUMNS)
+    sheet = Image.new("RGB", (KIND_COLUMNS * KIND_PX, rows * (KIND_PX + KIND_CAPTION_PX)), "white")
+    draw = ImageDraw.Draw(sheet)
+    camera = Camera.from_fov(KIND_PX, KIND_PX, 40.0)
+    for i, label in enumerate(sorted(MAKERS)):
+        left, top = i % KIND_COLUMNS * KIND_PX, i // KIND_COLUMNS * (KIND_PX + KIND_CAPTION_PX)
+        picture = render_thumbnails(make_everyday(label, (SEED, i)), 1, (SEED, i), camera)[0]
+        sheet.paste(Image.fromarray(picture), (left, top))
+        draw.text((left + 4, top + KIND_PX + 2), label, fill=(28, 30, 34), font=font)
+    return sheet

@@ -1,0 +1,195 @@
+"""The figures of README and docs that a finished workspace makes: captures with their verdicts, pages, reports."""
+
+import csv
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from drawn import draw_everyday, draw_parts
+from PIL import Image, ImageDraw, ImageFont
+
+from toolkit.core.workspace import Workspace
+from toolkit.objects.load import BUILTIN
+from toolkit.objects.records import read_patch
+from toolkit.rig.variants import PAIR
+
+CLEAR, FOGGY, TEXTURES = "sim-textures", "sim-textures-fog", "textures-"
+RIGHT, WRONG = (34, 139, 74), (196, 48, 48)
+TILE, STRIP = (400, 300), 34
+
+
+def make_sheet(columns: int, lines: int) -> Image.Image:
+    """White paper for so many tiles."""
+    return Image.new("RGB", (columns * TILE[0], lines * (TILE[1] + STRIP)), "white")
+
+
+def paste_tile(
+    sheet: Image.Image, space: Workspace, row: dict[str, str], column: int, line: int, font: ImageFont.FreeTypeFont
+) -> None:
+    """Paste the capture of a row of `predictions.csv`; its strip is green where the guess is right, else red."""
+    (width, height), draw = TILE, ImageDraw.Draw(sheet)
+    left, top = column * width, line * (height + STRIP)
+    picture = Image.open(space.captures_dir / row["path"]).convert("RGB")
+    sheet.paste(picture.resize(TILE, Image.Resampling.LANCZOS), (left, top))
+    right = row["correct_top1"] in ("1", "True", "true")
+    text = f"{'✓' if right else '✗'} {row['top1_label']}  {float(row['top1_prob']):.0%}"
+    draw.rectangle((left, top + height, left + width, top + height + STRIP), fill=RIGHT if right else WRONG)
+    draw.text((left + 12, top + height + 6), text, fill="white", font=font)
+
+
+def read_predictions(space: Workspace, run: str) -> list[dict[str, str]]:
+    """Rows of a run's predictions."""
+    with (space.eval_dir / run / "predictions.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def draw_pairs(space: Workspace, rows: list[dict[str, str]]) -> Image.Image:
+    """Per object the first pose at which bare and patched differ, else pose 1: bare above, patched below."""
+    sheet, font = make_sheet(len(BUILTIN), 2), load_font(18)
+    for column, name in enumerate(BUILTIN):
+        by_pose: dict[int, dict[str, dict[str, str]]] = {}
+        for row in rows:
+            if row["object"] == name and row["pose_id"]:
+                by_pose.setdefault(int(row["pose_id"]), {})[row["variant"]] = row
+        pairs = [pair for _, pair in sorted(by_pose.items()) if {"patched", "unpatched"} <= pair.keys()]
+        differs = [pair for pair in pairs if pair["patched"]["correct_top1"] != pair["unpatched"]["correct_top1"]]
+        chosen = (differs or pairs)[0]
+        for line, variant in enumerate(("unpatched", "patched")):
+            row = chosen[variant]
+            paste_tile(sheet, space, row, column, line, font)
+    return sheet
+
+
+def load_font(size: int) -> ImageFont.FreeTypeFont:
+    """DejaVu, which has the marks; it comes with matplotlib."""
+    from matplotlib import get_data_path
+
+    return ImageFont.truetype(Path(get_data_path()) / "fonts/ttf/DejaVuSans.ttf", size)
+
+
+def draw_contact_sheet(space: Workspace, rows: list[dict[str, str]]) -> Image.Image:
+    """Every capture of the sim source: a row per object and variant, a column per pose, framed right or wrong."""
+    names = sorted({row["object"] for row in rows})
+    poses = sorted({int(row["pose_id"]) for row in rows if row["pose_id"]})
+    w, h, frame = 128, 96, 3
+    sheet = Image.new("RGB", (len(poses) * (w + 2 * frame), len(names) * 2 * (h + 2 * frame)), "white")
+    for row in rows:
+        if not row["pose_id"]:
+            continue
+        line = 2 * names.index(row["object"]) + (row["variant"] == "patched")
+        left, top = poses.index(int(row["pose_id"])) * (w + 2 * frame), line * (h + 2 * frame)
+        right = row["correct_top1"] in ("1", "True", "true")
+        sheet.paste(RIGHT if right else WRONG, (left, top, left + w + 2 * frame, top + h + 2 * frame))
+        picture = Image.open(space.captures_dir / row["path"]).convert("RGB")
+        sheet.paste(picture.resize((w, h), Image.Resampling.LANCZOS), (left + frame, top + frame))
+    return sheet
+
+
+def draw_patches(space: Workspace) -> Image.Image:
+    """The shipped patches side by side, pixel for pixel."""
+    side, gap = 300, 16
+    sheet = Image.new("RGB", (len(BUILTIN) * (side + gap) - gap, side), "white")
+    for i, name in enumerate(BUILTIN):
+        pixels = read_patch(space.patch(name)).pixels
+        sheet.paste(Image.fromarray(pixels).resize((side, side), Image.Resampling.NEAREST), (i * (side + gap), 0))
+    return sheet
+
+
+def draw_page(space: Workspace, name: str) -> Image.Image:
+    """The printed page as a picture."""
+    import pypdfium2
+
+    page = pypdfium2.PdfDocument(space.print_dir / f"{name}.pdf")[0]
+    return page.render(scale=1.6).to_pil()
+
+
+def draw_shot_list(space: Workspace) -> Image.Image:
+    """The first two pages of the shot list, side by side."""
+    import pypdfium2
+
+    document = pypdfium2.PdfDocument(space.print_dir / "shot_list.pdf")
+    pages = [document[number].render(scale=1.3).to_pil() for number in range(2)]
+    sheet = Image.new("RGB", (sum(page.width for page in pages), pages[0].height), "white")
+    for number, page in enumerate(pages):
+        sheet.paste(page, (number * pages[0].width, 0))
+    return sheet
+
+
+def photograph_report(space: Workspace, run: str, target: Path) -> bool:
+    """A picture of the report's top, where a Chromium is installed."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        return False
+    report = (space.eval_dir / run / "report.html").resolve().as_uri()
+    subprocess.run(
+        [browser, "--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=1200,1500",
+         f"--screenshot={target}", report],
+        check=True, capture_output=True,
+    )  # fmt: skip
+    return True
+
+
+def photograph_studio(space: Workspace, target: Path) -> bool:
+    """A picture of the studio's page as a phone shows it, where a Chromium is installed and there is a shot list."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None or not (space.root / "rig" / "shots.json").is_file():
+        return False
+    command = [sys.executable, "-m", "toolkit", "studio", "--workspace", str(space.root), "--port", "8797"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as server:
+        address = server.stdout.readline().strip() if server.stdout else ""
+        subprocess.run(
+            [browser, "--headless", "--no-sandbox", "--hide-scrollbars", "--window-size=430,1000",
+             "--virtual-time-budget=15000", f"--screenshot={target}", address],
+            check=True, capture_output=True,
+        )  # fmt: skip
+        server.terminate()
+    return True
+
+
+def draw_textures(space: Workspace, rows: list[dict[str, str]], font: ImageFont.FreeTypeFont) -> Image.Image:
+    """Per object one pose: bare, in its texture, and in its texture in fog, with the network's first guess."""
+    views = ((CLEAR, "unpatched"), (CLEAR, "textured"), (FOGGY, "textured"))
+    sheet = make_sheet(len(BUILTIN), len(views))
+    for column, name in enumerate(BUILTIN):
+        found = {
+            (row["source"], row["variant"], int(row["pose_id"])): row
+            for row in rows
+            if row["object"] == name and row["pose_id"]
+        }
+        poses = sorted(pose for source, variant, pose in found if (source, variant) == views[0])
+        differs = [pose for pose in poses if found[(*views[0], pose)]["correct_top1"] not in ("1", "True", "true")]
+        for line, view in enumerate(views):
+            row = found[(*view, (differs or poses)[0])]
+            paste_tile(sheet, space, row, column, line, font)
+    return sheet
+
+
+def copy_sweeps(space: Workspace, figures: Path, main_run: str) -> None:
+    """The figure of every finished sweep, as `sweep-AXIS.png`, those of other runs than `main_run` with its name."""
+    for file in sorted(space.eval_dir.glob("sweeps/*/sweep-*.json")):
+        axis, run = file.parent.name, file.stem.removeprefix("sweep-")
+        name = f"sweep-{axis}.png" if run == main_run else f"sweep-{axis}-{run}.png"
+        shutil.copyfile(file.with_suffix(".png"), figures / name)
+
+
+def draw_figures(space: Workspace, figures: Path, run: str) -> None:
+    """Write all figures of a finished workspace; `run` is the evaluation that they show."""
+    figures.mkdir(exist_ok=True)
+    rows = [r for r in read_predictions(space, run) if r["source"] == "sim" and r["variant"] in PAIR]
+    draw_pairs(space, rows).save(figures / "pairs.jpg", quality=90)
+    draw_contact_sheet(space, rows).save(figures / "contact-sheet.jpg", quality=88)
+    draw_patches(space).save(figures / "patches.png")
+    draw_page(space, "warplane").save(figures / "page.png")
+    if (space.print_dir / "shot_list.pdf").is_file():
+        draw_shot_list(space).save(figures / "shot-list.png")
+    with Image.open(space.captures_dir / rows[0]["path"]) as photo:
+        pixels = read_patch(space.patch(BUILTIN[0])).pixels
+        draw_parts(pixels, photo.convert("RGB"), load_font(18)).save(figures / "parts.png")
+    draw_everyday(load_font(13)).save(figures / "everyday.jpg", quality=90)
+    if (space.eval_dir / f"{TEXTURES}{run}").is_dir():
+        rows = read_predictions(space, f"{TEXTURES}{run}")
+        draw_textures(space, rows, load_font(18)).save(figures / "textures.jpg", quality=90)
+    copy_sweeps(space, figures, run)
+    photograph_report(space, run, figures / "report.png")
+    photograph_studio(space, figures / "studio.png")

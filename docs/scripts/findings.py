@@ -1,0 +1,117 @@
+"""docs/results.md from the tables in docs/results: python docs/scripts/findings.py. No number is typed by hand."""
+
+import csv
+from collections import defaultdict
+from pathlib import Path
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from toolkit.core.files import write_text
+from toolkit.core.tables import format_p, format_percent, format_points
+from toolkit.models.bundled import read_bundled
+
+SCRIPTS = Path(__file__).resolve().parent
+DOCS = SCRIPTS.parent
+NAMES = {
+    "resnet18": "ResNet-18", "mobilenet_v2": "MobileNetV2", "timm-tf_efficientnet_lite0": "EfficientNet-Lite0",
+    "timm-tf_efficientnet_lite1": "EfficientNet-Lite1",
+}  # fmt: skip
+Row = dict[str, str]
+PERCENT = "\N{NO-BREAK SPACE}%"
+
+
+class Findings:
+    """The tables, and the ways in which the page says a number.
+
+    Args:
+        folder: with the CSV files.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.tables: dict[str, list[Row]] = {}
+        for file in sorted(folder.glob("*.csv")):
+            with file.open(encoding="utf-8", newline="") as stream:
+                self.tables[file.stem] = list(csv.DictReader(stream))
+
+    def rows(self, table: str, **wanted: str) -> list[Row]:
+        """The rows of a table in which every column that is named has this value."""
+        return [row for row in self.tables[table] if all(row[key] == value for key, value in wanted.items())]
+
+    def row(self, table: str, **wanted: str) -> Row:
+        """The only such row."""
+        found = self.rows(table, **wanted)
+        if len(found) != 1:
+            raise ValueError(f"{table}.csv: expected one row with {wanted}, found {len(found)}")
+        return found[0]
+
+    def top1(self, run: str, source: str, variant: str, object: str = "all") -> str:
+        """`39 of 72 (54 %, 43–65 %)` from captures.csv."""
+        return say_share(self.row("captures", run=run, source=source, variant=variant, object=object))
+
+    def pair(self, run: str, source: str, variant: str, object: str = "all") -> str:
+        """Three cells of a table from pairs.csv: gained, lost, p."""
+        row = self.row("pairs", run=run, source=source, variant=variant, object=object)
+        return f"{row['gained']} | {row['lost']} | {say_p(row['mcnemar_p'])}"
+
+    def change(self, run: str, source: str, variant: str, object: str = "all") -> str:
+        """`26 gained, 0 lost, p < 0.0001`."""
+        row = self.row("pairs", run=run, source=source, variant=variant, object=object)
+        p = say_p(row["mcnemar_p"])
+        return f"{row['gained']} gained, {row['lost']} lost, p {p if p.startswith('<') else f'= {p}'}"
+
+    def swept(self, axis: str, value: str, variant: str, run: str = "resnet18") -> str:
+        """`65 of 72 (90 %, 81–95 %)` from sweeps.csv, all objects together."""
+        return say_share(self.row("sweeps", run=run, axis=axis, value=value, variant=variant, object="all"))
+
+    def networks(self) -> list[tuple[str, Row, str]]:
+        """Each network once: its name, a run of it, and what was trained on it."""
+        trained: dict[str, list[str]] = defaultdict(list)
+        first: dict[str, Row] = {}
+        for run in self.tables["runs"]:
+            first.setdefault(run["network"], run)
+            if run["patches_trained_on_it"] == "yes":
+                trained[run["network"]].append(run["run"])
+        ordered = [key for key in NAMES if key in first]
+        return [(NAMES[key], first[key], _say_role(trained[key])) for key in ordered]
+
+
+def _say_role(runs: list[str]) -> str:
+    if any(not run.startswith("both-") for run in runs):
+        return "the shipped patches and textures, and `both`"
+    return "`both`" if runs else "nothing"
+
+
+def say_share(row: Row) -> str:
+    """`39 of 72 (54 %, 43–65 %)`: right, images, share, 95 % interval."""
+    low, high = (f"{100 * float(row[key]):.0f}" for key in ("top1_low", "top1_high"))
+    return f"{row['correct']} of {row['n']} ({percent(row['top1'])}{PERCENT}, {low}–{high}{PERCENT})"
+
+
+def say_p(p: str) -> str:
+    """`0.031`, or `< 0.0001`."""
+    return format_p(float(p))
+
+
+def percent(share: str) -> str:
+    """A share as whole per cent; a dash where there is none."""
+    return format_percent(float(share) if share else None)
+
+
+def points(share: str) -> str:
+    """A difference of shares in percentage points, with its sign."""
+    return format_points(float(share)) if share else ""
+
+
+def write_page(folder: Path = DOCS / "results") -> str:
+    """The page as Markdown."""
+    environment = Environment(
+        loader=FileSystemLoader(SCRIPTS), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        keep_trailing_newline=True, autoescape=False,
+    )  # fmt: skip
+    environment.filters |= {"percent": percent, "points": points, "share": say_share, "p": say_p}
+    template = environment.get_template("results.md.j2")
+    return template.render(of=Findings(folder), names=NAMES, rig18=read_bundled())
+
+
+if __name__ == "__main__":
+    write_text(DOCS / "results.md", write_page())

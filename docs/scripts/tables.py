@@ -1,0 +1,192 @@
+"""The tables in docs/results as CSV: from a workspace's evaluations and from docs/records, no number typed by hand."""
+
+import csv
+import io
+import json
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from toolkit.benchmark.config import CLEAN
+from toolkit.benchmark.summary import Summary, read_summary
+from toolkit.core.files import write_text
+from toolkit.core.workspace import Workspace
+from toolkit.models.bundled import read_bundled
+from toolkit.objects.records import PatchRecord, TextureRecord, read_patch, read_texture
+from toolkit.sweeps.axes import AXES
+
+DOCS = Path(__file__).resolve().parents[1]
+RECORDS = DOCS / "records"
+TABLES = DOCS / "results"
+BENCHMARKS = ("photographs", "cifar")
+"""Runs of the corruption benchmark whose `summary.json` lies in `records/benchmark`."""
+Row = dict[str, Any]
+
+
+def read_summaries(space: Workspace) -> dict[str, dict[str, Any]]:
+    """Every run's `summary.json` by the run's name."""
+    files = sorted(space.eval_dir.glob("*/summary.json"))
+    return {file.parent.name: json.loads(file.read_text(encoding="utf-8")) for file in files}
+
+
+def write_evaluation_tables(space: Workspace, folder: Path = TABLES) -> None:
+    """`runs`, `captures`, `pairs`, `answers` and `sweeps`: what a finished workspace holds."""
+    summaries = read_summaries(space)
+    write_table(folder / "runs.csv", [describe_run(space, run, each) for run, each in summaries.items()])
+    write_table(folder / "captures.csv", [row for run, each in summaries.items() for row in list_groups(run, each)])
+    write_table(folder / "pairs.csv", [row for run, each in summaries.items() for row in list_pairs(run, each)])
+    answers = [
+        {"run": run, **{key: one[key] for key in ("source", "question", "verdict", "sentence")}}
+        for run, each in summaries.items()
+        for one in each["controls"]["answers"]
+    ]
+    write_table(folder / "answers.csv", answers)
+    write_table(folder / "sweeps.csv", list(list_sweeps(space)))
+
+
+def write_record_tables(space: Workspace, folder: Path = TABLES) -> None:
+    """`patches`, `textures`, `rig18` and the benchmark's tables: from records that are in the repository."""
+    sets = [space, *(space.with_patches(one) for one in space.patch_sets())]
+    patches = [
+        describe_patch(own.patch_set, read_patch(file).record) for own in sets for file in own.patches().values()
+    ]
+    write_table(folder / "patches.csv", patches)
+    shipped = [read_texture(file).record for file in space.textures().values()]
+    trained = [*_read_textures("gradients"), *shipped, *_read_textures("meshes")]
+    write_table(folder / "textures.csv", [describe_texture(record) for record in trained])
+    bundled = read_bundled()
+    if bundled is not None:
+        kinds = sorted(bundled.held_out.per_class.items())
+        write_table(
+            folder / "rig18.csv", [{"kind": name, "n": share.n, "correct": share.correct} for name, share in kinds]
+        )
+    for name in BENCHMARKS:
+        summary = read_summary(RECORDS / "benchmark" / f"{name}.json")
+        write_table(folder / f"benchmark-{name}.csv", list(list_variants(summary)))
+        write_table(folder / f"benchmark-{name}-cells.csv", list(list_cells(summary)))
+
+
+def write_table(file: Path, rows: Sequence[Row]) -> None:
+    """Write rows under the first row's keys; shares with four decimals."""
+    if not rows:
+        return
+    text = io.StringIO()
+    table = csv.DictWriter(text, rows[0].keys(), lineterminator="\n")
+    table.writeheader()
+    table.writerows({key: _write_value(value) for key, value in row.items()} for row in rows)
+    write_text(file, text.getvalue())
+
+
+def _write_value(value: object) -> object:
+    if isinstance(value, float):
+        return f"{value:.3g}" if 0 < abs(value) < 0.001 else f"{value:.4f}".rstrip("0").rstrip(".")
+    return "" if value is None else value
+
+
+def describe_run(space: Workspace, run: str, summary: dict[str, Any]) -> Row:
+    """The network of a run, and whether the patches that it judges were trained on it."""
+    model = summary["model"]
+    patch_set = summary["groups"][0]["source"].partition("-")[2] or None
+    own = space.with_patches(patch_set) if patch_set in space.patch_sets() else space
+    seen = {network.sha256 for patch in own.patches().values() for network in read_patch(patch).record.networks}
+    return {
+        "run": run, "network": model["arch"], "weights": model["weights"], "sha256": model["sha256"][:16],
+        "patches_trained_on_it": "yes" if model["sha256"] in seen else "no",
+    }  # fmt: skip
+
+
+def list_groups(run: str, summary: dict[str, Any]) -> Iterator[Row]:
+    """One row per source, object and variant."""
+    for group in summary["groups"]:
+        low, high = group["top1_ci95"]
+        yield {
+            "run": run, "source": group["source"], "object": group["object"], "variant": group["variant"],
+            "n": group["n"], "correct": round(group["top1"] * group["n"]), "top1": group["top1"], "top1_low": low,
+            "top1_high": high, "top5": group["top5"], "mean_true_prob": group["mean_true_prob"],
+        }  # fmt: skip
+
+
+def list_pairs(run: str, summary: dict[str, Any]) -> Iterator[Row]:
+    """One row per source, object and variant, against the bare object at the same pose."""
+    for pair in summary["pairs"]:
+        names = {key: pair[key] for key in ("source", "object", "variant", "n_pairs", "gained", "lost", "mcnemar_p")}
+        yield {"run": run, **names}
+
+
+def list_sweeps(space: Workspace) -> Iterator[Row]:
+    """Every finished sweep of a workspace, `eval/sweeps/AXIS/sweep-NAME.json`."""
+    for axis in AXES:
+        for file in sorted((space.eval_dir / "sweeps" / axis).glob("sweep-*.json")):
+            content = json.loads(file.read_text(encoding="utf-8"))
+            pairs = {(one["label"], one["object"], one["variant"]): one for one in content["pairs"]}
+            for row in content["rows"]:
+                pair = pairs.get((row["label"], row["object"], row["variant"]), {})
+                low, high = row["ci95"]
+                yield {
+                    "run": file.stem.removeprefix("sweep-"), "axis": axis, "value": row["label"],
+                    "object": row["object"], "variant": row["variant"], "n": row["n"],
+                    "correct": round((row["top1"] or 0) * row["n"]), "top1": row["top1"], "top1_low": low,
+                    "top1_high": high, "gained": pair.get("gained"), "lost": pair.get("lost"),
+                    "mcnemar_p": pair.get("mcnemar_p"),
+                }  # fmt: skip
+
+
+def describe_patch(patch_set: str | None, record: PatchRecord) -> Row:
+    """What a patch was trained on and how well it prints."""
+    settings = record.settings
+    return {
+        "patch": record.name if patch_set is None else f"{patch_set}/{record.name}", "n_px": record.n_px,
+        "size_mm": round(record.size_mm, 1),
+        "networks": " + ".join(f"{net.weights} {net.sha256[:8]}" for net in record.networks),
+        "data": " + ".join(f"{source['used']} images of {source['source']}" for source in record.data["sources"]),
+        "mounted_views": settings.get("mounted_views", 0), "mounted_share": settings.get("mounted_share", 0),
+        "steps": settings["steps"], "batch": settings["batch"], "lr": settings["lr"],
+        "total_variation": record.final["total_variation"], "non_printability": record.final["non_printability"],
+    }  # fmt: skip
+
+
+def describe_texture(record: TextureRecord) -> Row:
+    """What a texture reached on held-out views, in studio light and in fog, against the bare object."""
+    network, final = record.networks[0].arch, record.final
+    shares = {
+        f"{paint}_{weather}": final[f"{network}_{place}_{of}_top1"]
+        for paint, of in (("bare", "bare"), ("textured", "patched"))
+        for weather, place in (("studio", "held_out"), ("fog", "held_out_fog"))
+    }
+    return {
+        "texture": record.name, "class": record.class_name, "objects": " + ".join(one.name for one in record.objects),
+        "new_coordinates": "yes" if any(one.unwrapped for one in record.objects) else "no", "network": network,
+        "gradient": record.settings["gradient"], "steps": record.settings["steps"], "last_loss": final["loss"],
+        "last_recognised": final["accuracy"], "n": round(final[f"{network}_held_out_bare_n"]), **shares,
+    }  # fmt: skip
+
+
+def _read_textures(folder: str) -> list[TextureRecord]:
+    files = sorted((RECORDS / folder).glob("*.json"))
+    return [TextureRecord.model_validate_json(file.read_text(encoding="utf-8")) for file in files]
+
+
+def list_variants(summary: Summary) -> Iterator[Row]:
+    """Means over the corruptions, one row for each variant and who answered."""
+    changes = {(one.variant, one.recogniser): one for one in summary.differences if one.against == "unpatched"}
+    for row in summary.variants:
+        change = changes.get((row.variant, row.recogniser))
+        low, high = row.top1_ci95
+        change_low, change_high = change.ci95 if change else (None, None)
+        yield {
+            "variant": row.variant, "answered_by": row.recogniser, "clean_top1": row.clean_top1,
+            "corrupted_top1": row.top1, "low": low, "high": high, "change": change.difference if change else None,
+            "change_low": change_low, "change_high": change_high, "corrupted_top5": row.top5, "mce": row.mce_alexnet,
+            "relative_ce": row.mce_unpatched, "wrong": row.wrong, "not_decoded": row.not_decoded,
+        }  # fmt: skip
+
+
+def list_cells(summary: Summary) -> Iterator[Row]:
+    """Every variant under every corruption at every severity; severity 0 is the clean image."""
+    for cell in summary.cells:
+        if cell.corruption == CLEAN or cell.severity:
+            yield {
+                "variant": cell.variant, "answered_by": cell.recogniser, "corruption": cell.corruption,
+                "severity": cell.severity, "n": cell.n, "correct": cell.right, "top1": cell.top1,
+                "gained": cell.gained, "lost": cell.lost, "mcnemar_p": cell.mcnemar_p,
+            }  # fmt: skip

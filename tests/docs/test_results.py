@@ -1,0 +1,74 @@
+"""The results: the page says what the tables say, and the tables agree with themselves and with SciPy."""
+
+import csv
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from scipy.stats import binomtest
+
+DOCS = Path(__file__).parents[2] / "docs"
+TABLES = DOCS / "results"
+sys.path.insert(0, str(DOCS / "scripts"))
+
+
+def read_table(name: str) -> list[dict[str, str]]:
+    with (TABLES / f"{name}.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_page_is_what_the_tables_make() -> None:
+    from findings import write_page
+
+    assert (DOCS / "results.md").read_text(encoding="utf-8") == write_page()
+
+
+def test_the_page_changes_with_the_tables(tmp_path: Path) -> None:
+    from findings import write_page
+
+    for file in TABLES.glob("*.csv"):
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    captures = (tmp_path / "captures.csv").read_text(encoding="utf-8")
+    (tmp_path / "captures.csv").write_text(captures.replace(",72,65,", ",72,64,"), encoding="utf-8")
+    assert "65 of 72" in write_page()
+    assert "64 of 72 (90\N{NO-BREAK SPACE}%" in write_page(tmp_path)
+
+
+@pytest.mark.parametrize("table", ["captures", "sweeps"])
+def test_shares_and_intervals(table: str) -> None:
+    for row in read_table(table):
+        n, correct = int(row["n"]), int(row["correct"])
+        interval = binomtest(correct, n).proportion_ci(method="wilson")
+        assert float(row["top1"]) == pytest.approx(correct / n, abs=1e-4)
+        assert float(row["top1_low"]) == pytest.approx(interval.low, abs=1e-4)
+        assert float(row["top1_high"]) == pytest.approx(interval.high, abs=1e-4)
+
+
+@pytest.mark.parametrize("table", ["pairs", "sweeps", "benchmark-photographs-cells", "benchmark-cifar-cells"])
+def test_p_is_the_binomial_one(table: str) -> None:
+    tested = [row for row in read_table(table) if row["mcnemar_p"]]
+    assert tested
+    for row in tested:
+        gained, lost = int(row["gained"]), int(row["lost"])
+        p = binomtest(gained, gained + lost).pvalue if gained + lost else 1
+        assert float(row["mcnemar_p"]) == pytest.approx(p, rel=0.01, abs=5e-5)
+
+
+def test_pairs_are_the_difference_of_captures() -> None:
+    """Where every bare image has its partner, gained less lost is the change in how many are right."""
+    right = {(row["run"], row["source"], row["object"], row["variant"]): row for row in read_table("captures")}
+    for pair in read_table("pairs"):
+        bare = right[pair["run"], pair["source"], pair["object"], "unpatched"]
+        with_it = right[pair["run"], pair["source"], pair["object"], pair["variant"]]
+        assert bare["n"] == with_it["n"] == pair["n_pairs"]
+        assert int(pair["gained"]) - int(pair["lost"]) == int(with_it["correct"]) - int(bare["correct"])
+
+
+def test_answers_say_the_numbers_of_captures() -> None:
+    right = {(row["run"], row["source"], row["object"], row["variant"]): row for row in read_table("captures")}
+    for answer in read_table("answers"):
+        if answer["question"].startswith("does the "):
+            variant = "textured" if "texture" in answer["question"] else "patched"
+            row = right[answer["run"], answer["source"], "all", variant]
+            assert re.search(rf"is right on {row['correct']} of {row['n']} ", answer["sentence"])

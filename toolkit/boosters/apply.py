@@ -1,0 +1,100 @@
+"""Lay a patch on a batch of images: one differentiable line for a training loop of one's own."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from toolkit.boosters.parts.affine import AffineRanges
+from toolkit.boosters.parts.base import Placement, warp_patch
+from toolkit.core.errors import ToolkitError
+
+if TYPE_CHECKING:
+    import torch
+
+SMALLEST_PX = 2
+
+
+def apply_patch(
+    images: "torch.Tensor",
+    patch: "torch.Tensor",
+    seed: int | Sequence[int] = 0,
+    *,
+    placement: Placement | None = None,
+    mask: "torch.Tensor | None" = None,
+) -> "torch.Tensor":
+    """Lay a patch on every image at a random place: x (1 - T(m)) + T(θ m), Algorithm 1 of the paper.
+
+    Differentiable in `images` and in `patch`; keep the patch in [0, 1] yourself, for example with `clamp_` after a
+    step. Texels are antialiased over the pixels that they cover, and keep crisp edges where they are larger than those.
+
+    **Convention:** `T_image_patch` maps texels [0, n]² to pixels, x right and y down, pixel centres at half integers.
+    It is drawn in the central square of an image that is none, and cut at the image's edge.
+
+    Args:
+        images: x, (b, 3, h, w) float, sRGB-encoded in [0, 1], not normalised, on any device.
+        patch: θ, (3, n, n) float in [0, 1] for all images, or (b, 3, n, n) with one for each.
+        seed: of the placements. Image i depends on (seed, i) alone: give the number of the step. With a sequence of b
+            seeds image i depends on seeds[i] alone, whatever its place in the batch.
+        placement: what is drawn; by default `AffineRanges()`: any turn, a side of 20 to 42 % of the image's shorter
+            side, foreshortened as by an oblique view.
+        mask: (n, n) float in [0, 1], how opaque each texel is; by default the whole square is. It gets no gradient.
+
+    Returns:
+        (b, 3, h, w) of the images' type, sRGB-encoded in [0, 1].
+
+    Raises:
+        ToolkitError: another shape, integers instead of floats, or not one seed or patch for each image.
+    """
+    import torch
+
+    _check_shapes(images, patch, seed, mask)
+    if len(images) == 0:
+        return images
+    ranges = AffineRanges() if placement is None else placement
+    (height, width), n = images.shape[-2:], patch.shape[-1]
+    T_image_patch = _draw_placements(ranges, seed, len(images), n, min(height, width))
+    T_image_patch[:, 0] += (width - min(height, width)) / 2 * T_image_patch[:, 2]
+    T_image_patch[:, 1] += (height - min(height, width)) / 2 * T_image_patch[:, 2]
+    precise = torch.float64 if images.dtype == torch.float64 else torch.float32  # no FFT of half precision on a CPU
+    texels = patch.to(images.device, precise)
+    opaque = None if mask is None else mask.detach().to(texels)[None]
+    scales = _find_scales(ranges, n, min(height, width))
+    paper, covered = warp_patch(texels, T_image_patch, max(height, width), scales, opaque)
+    paper, covered = paper[..., :height, :width], covered[..., :height, :width]
+    return (images * (1 - covered) + paper).clamp(0, 1).to(images.dtype)
+
+
+def _draw_placements(
+    placement: Placement, seed: int | Sequence[int], count: int, patch_px: int, image_px: int
+) -> np.ndarray:
+    """(count, 3, 3) `T_image_patch`, each with a generator of its own."""
+    streams = [(seed, i) for i in range(count)] if isinstance(seed, int | np.integer) else [(one,) for one in seed]
+    return np.concatenate([placement.place(np.random.default_rng(s), 1, patch_px, image_px) for s in streams])
+
+
+def _find_scales(placement: Placement, patch_px: int, image_px: int) -> tuple[float, float] | None:
+    """Smallest and largest pixels per texel that may be drawn, so that no image depends on the others of its batch."""
+    if not isinstance(placement, AffineRanges):
+        return None
+    low, high = (share * image_px / patch_px for share in placement.share)
+    return low * placement.foreshortening[0], high * placement.foreshortening[1]
+
+
+def _check_shapes(
+    images: "torch.Tensor", patch: "torch.Tensor", seed: int | Sequence[int], mask: "torch.Tensor | None"
+) -> None:
+    if images.ndim != 4 or images.shape[1] != 3 or not images.is_floating_point():
+        found = f"{tuple(images.shape)} {images.dtype}"
+        raise ToolkitError(f"images: expected (b, 3, h, w) float in [0, 1], got {found}: convert them first")
+    n = patch.shape[-1] if patch.ndim else 0
+    if tuple(patch.shape) not in ((3, n, n), (len(images), 3, n, n)) or n < SMALLEST_PX:
+        raise ToolkitError(
+            f"patch: expected (3, n, n), or (b, 3, n, n) with b = {len(images)} images, got {tuple(patch.shape)}"
+        )
+    if not patch.is_floating_point():
+        raise ToolkitError(f"patch: expected float in [0, 1], got {patch.dtype}: divide 8-bit pixels by 255")
+    if not isinstance(seed, int | np.integer) and len(seed) != len(images):
+        raise ToolkitError(f"seed: expected one number, or {len(images)}, one for each image, got {len(seed)}")
+    if mask is not None and tuple(mask.shape) != (n, n):
+        raise ToolkitError(f"mask: expected ({n}, {n}), one number for each texel, got {tuple(mask.shape)}")

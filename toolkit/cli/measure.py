@@ -1,0 +1,178 @@
+"""`toolkit calibrate` and `toolkit print-profile`: a camera's lens and a printer's colours, from photographs."""
+
+import re
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from toolkit.cli import options
+from toolkit.cli.output import say, show_json, show_table, warn
+from toolkit.core.errors import FieldError, ToolkitError
+
+if TYPE_CHECKING:
+    from toolkit.photos.calibrate import CalibrationRun, LensResult
+    from toolkit.photos.prints.profile_photos import ProfileRun
+
+
+def calibrate(
+    photos: Annotated[Path, typer.Argument(help="Folder with photos of the printed board, from several sides.")],
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Measure the lens of a camera from photos of the printed board and keep it in rig/lens.json."""
+    from toolkit.core.console import list_skipped
+    from toolkit.core.workspace import open_workspace
+    from toolkit.photos.calibrate import calibrate_folder
+    from toolkit.photos.lens import write_lenses
+    from toolkit.rig.board import read_board
+
+    space = open_workspace(workspace)
+    board = read_board(space)
+    run = calibrate_folder(photos, board)
+    list_skipped(run.unreadable)
+    list_skipped((name, f"no {board.describe()} found in it") for name in run.without_board)
+    records = [record for result in run.lenses if (record := result.record()) is not None]
+    for result in run.lenses:
+        if result.calibration is None:
+            list_skipped([(_describe(result), result.why)])
+        else:
+            list_skipped((result.names[index], why) for index, why in result.calibration.refused)
+    if not records:
+        why = run.lenses[0].why if run.lenses else f"the {board.describe()} was found in none of the photos"
+        raise ToolkitError(f"{photos}: no lens could be calibrated: {why}")
+    file = write_lenses(space, records)
+    if as_json:
+        show_json(_calibration_json(run))
+    else:
+        _report_lenses(run)
+        say(f"wrote {file}; next: toolkit import PHOTOS/")
+    if run.unreadable:
+        raise typer.Exit(1)
+
+
+def _describe(result: "LensResult") -> str:
+    focal = f" at {result.focal_35mm_mm:g} mm" if result.focal_35mm_mm else ""
+    return f"{result.camera or 'camera without a name'}{focal}, {result.size[0]}x{result.size[1]}"
+
+
+def _report_lenses(run: "CalibrationRun") -> None:
+    rows = []
+    notes = []
+    for result in run.lenses:
+        found = result.calibration
+        if found is None:
+            continue
+        photos, focal_px = (
+            f"{len(found.used)} of {len(result.names)}",
+            f"{found.lens.fx:.1f} ± {found.focal_sigma_px:.1f}",
+        )
+        error, view, covered = f"{found.reprojection_px:.2f}", f"{found.lens.fov_deg:.1f}°", f"{found.coverage:.0%}"
+        rows.append((_describe(result), photos, error, view, focal_px, covered))
+        notes += [f"{_describe(result)}: {line}" for line in found.advice()]
+    show_table(("lens", "photos", "error, px", "field of view", "focal length, px", "frame covered"), rows)
+    for note in notes:
+        say(note)
+
+
+def _calibration_json(run: "CalibrationRun") -> dict[str, Any]:
+    lenses = []
+    for result in run.lenses:
+        record = result.record()
+        lenses.append({
+            "camera": result.camera, "size": list(result.size), "why_not": result.why or None,
+            "lens": record.model_dump(mode="json") if record else None,
+            "fov_deg": round(result.calibration.lens.fov_deg, 3) if result.calibration else None,
+            "advice": result.calibration.advice() if result.calibration else [],
+        })  # fmt: skip
+    skipped = [*run.unreadable, *((name, "no board found") for name in run.without_board)]
+    return {"lenses": lenses, "skipped": [list(pair) for pair in skipped]}
+
+
+def print_profile(
+    photos: Annotated[list[Path], typer.Argument(help="Photographs of the printed page, or a folder of them.")],
+    class_name: Annotated[
+        str, typer.Option("--class", metavar="NAME", help="The patch on it, by file name or by class.")
+    ],
+    paper: Annotated[
+        str,
+        typer.Option(
+            metavar="SIZE", help="Of the page, whose edges say at which size it was printed: a4, letter, 200x300mm."
+        ),
+    ] = "a4",
+    size_mm: Annotated[
+        float | None, typer.Option(help="Side of the printed patch. Default: as its record says.", min=1)
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of the profile: printer and paper. Default: the patch's.")
+    ] = None,
+    by: Annotated[str | None, typer.Option(metavar="NAME", help="Who measured, to be recorded.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="JSON file. Default: print/profiles/NAME.json.")
+    ] = None,
+    patches: options.Patches = None,
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Measure what a printer makes of a patch's colours and size, from photos of its page, for 'train-patch'."""
+    from toolkit.core.console import list_skipped
+    from toolkit.core.workspace import open_workspace
+    from toolkit.imaging.printer import write_print_profile
+    from toolkit.objects.records import read_patch
+    from toolkit.photos.prints.profile_photos import profile_photos
+    from toolkit.printing.page import parse_paper
+    from toolkit.printing.print_patches import select_patches
+
+    if name is not None and not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
+        raise FieldError("expected letters, digits, '-' and '_', without a suffix", {"name": name})
+    space = open_workspace(workspace).with_patches(patches)
+    chosen = select_patches(space, [class_name])
+    if len(chosen) > 1:
+        names = ", ".join(file.stem for file in chosen)
+        raise FieldError(
+            f"means {len(chosen)} patches: name one of them by its file: {names}", {"class_name": class_name}
+        )
+    patch = read_patch(chosen[0])
+    run = profile_photos(photos, patch, parse_paper(paper), size_mm, name, by)
+    list_skipped(run.skipped)
+    file = write_print_profile(out or space.root / "print" / "profiles" / f"{run.profile.name}.json", run.profile)
+    if as_json:
+        show_json(_profile_json(run, file))
+    else:
+        _report_profile(run, file, size_mm or patch.size_mm)
+    if run.skipped:
+        raise typer.Exit(1)
+
+
+def _profile_json(run: "ProfileRun", file: Path) -> dict[str, Any]:
+    photos = [asdict(photo) | {"colour": asdict(photo.colour)} for photo in run.photos]
+    for photo in photos:
+        photo["colour"]["error"] = photo["colour"]["error"].model_dump()
+    return {
+        "file": str(file), "profile": run.profile.model_dump(mode="json"), "photos": photos,
+        "skipped": [{"path": path, "reason": reason} for path, reason in run.skipped],
+        "tried": run.tried, "warnings": list(run.warnings),
+    }  # fmt: skip
+
+
+def _report_profile(run: "ProfileRun", file: Path, expected_mm: float) -> None:
+    for photo in run.photos:
+        size = "sheet's edges not seen"
+        if photo.size_mm is not None:
+            size = f"{photo.size_mm:.1f} mm of {expected_mm:.1f} mm"
+        strip = "strip read" if photo.has_strip else "no strip"
+        bias = ", ".join(
+            f"{channel} {100 * value:+.0f} %" for channel, value in zip("RGB", photo.colour.bias, strict=True)
+        )
+        say(f"{photo.name}: {size}, {strip}, printed colours off by {photo.colour.error}, on average {bias}")
+    for warning in run.warnings:
+        warn(f"note: {warning}")
+    profile = run.profile
+    say(
+        f"{file}: model '{profile.model}' of {profile.n_samples} samples; print against file {profile.without}, "
+        f"against the profile, on parts it was not fitted to, {profile.held_out}"
+    )
+    say(f"next: toolkit train-patch --class {profile.patch} --data rig --print-profile {file}")

@@ -1,0 +1,49 @@
+"""What a command prints: lines and tables on stdout, notes and failures on stderr, or JSON on stdout."""
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import typer
+
+
+def say(line: str) -> None:
+    """One line on stdout, as it is."""
+    from toolkit.core.console import console
+
+    console.print(line, markup=False, soft_wrap=True)
+
+
+def warn(line: str, style: str = "yellow") -> None:
+    """One line on stderr that wants to be seen."""
+    from toolkit.core.console import errors
+
+    errors.print(line, style=style, markup=False, soft_wrap=True)
+
+
+def remark(line: str) -> None:
+    """`note: …` on stderr."""
+    warn(f"note: {line}", style="")
+
+
+def show_json(content: Any) -> None:
+    """The result for a script."""
+    typer.echo(json.dumps(content, indent=2, ensure_ascii=False))
+
+
+def show_table(titles: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
+    """A table on stdout, every cell as it is."""
+    from rich.table import Table
+    from rich.text import Text
+
+    from toolkit.core.console import console
+
+    table = Table(*titles)
+    for row in rows:
+        table.add_row(*(Text(str(cell)) for cell in row))
+    console.print(table)
+
+
+def kept_before(count: int) -> str:
+    """`, 3 kept from before`, or nothing."""
+    return f", {count} kept from before" if count else ""

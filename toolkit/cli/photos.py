@@ -1,0 +1,148 @@
+"""`toolkit import` and `toolkit check`: photographs from a camera or phone, and what is to be taken again."""
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from toolkit.cli import options
+from toolkit.cli.options import from_config
+from toolkit.cli.output import remark, say, show_json, show_table, warn
+from toolkit.photos.importing.settings import ImportSettings
+
+if TYPE_CHECKING:
+    from toolkit.photos.gates.check_captures import CheckReport
+    from toolkit.photos.importing.import_photos import ImportResult
+
+SHOWN_POSES = 6
+SHOWN_AGAIN = 10
+
+
+@from_config(settings=ImportSettings)
+def import_(
+    photos: Annotated[
+        list[Path], typer.Argument(metavar="PHOTOS...", help="Folders, photographs or videos; they stay as they are.")
+    ],
+    settings: ImportSettings,
+    ask: Annotated[
+        bool | None,
+        typer.Option("--ask/--no-ask", help="Ask what is in doubt. Default: at a terminal.", show_default=False),
+    ] = None,
+    patches: options.Patches = None,
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Import photographs (JPEG, HEIC, PNG, TIFF, WebP, DNG, video): each finds its pose, none is taken twice.
+
+    Object and variant come from the options, from folders OBJECT/VARIANT, or from the shot list that was followed.
+    """
+    from toolkit.core.workspace import open_workspace
+    from toolkit.photos.gates.check_captures import check_captures, make_check
+    from toolkit.photos.importing.import_photos import import_photos
+
+    space = open_workspace(workspace).with_patches(patches)
+    asking = ask if ask is not None else sys.stdin.isatty() and not (quiet or as_json)
+    check = make_check(space, settings.source)
+    result = import_photos(space, photos, settings, check=check, ask=ask_person if asking else None)
+    report = check_captures(space, settings.source) if any(row.there for row in result.coverage) else None
+    if as_json:
+        show_json(result.to_json() | {"gates": None if report is None else report.to_json()})
+    else:
+        _report_import(result, report)
+    if result.refused:
+        raise typer.Exit(1)
+
+
+def ask_person(question: str, answers: Sequence[str]) -> str | None:
+    """Put a question on stderr until it is answered with one of `answers`, or with s or nothing to leave it out."""
+    shown = "/".join(answers) if len(answers) <= SHOWN_POSES else f"{answers[0]}-{answers[-1]}"
+    while True:
+        answer = typer.prompt(f"{question} [{shown}, s to leave it out]", default="s", show_default=False, err=True)
+        answer = answer.strip().lower()
+        if answer in ("s", "n", "skip", "no"):
+            return None
+        if answer in answers:
+            return answer
+        typer.echo(f"'{answer}' is none of them", err=True)
+
+
+def _report_import(result: "ImportResult", report: "CheckReport | None") -> None:
+    """What came, what is missing or to be taken again, what is next."""
+    rows = []
+    for row in result.coverage:
+        error = "" if row.mean_error_deg is None else f"{row.mean_error_deg:.1f}°, {row.mean_error_mm:.0f} mm"
+        total = f"{row.there} of {row.there + len(row.missing)}"
+        rows.append((row.object, row.variant, row.imported, total, _shorten(row.missing), error))
+    if rows:
+        show_table(("object", "variant", "imported", "there", "missing poses", "mean pose error"), rows)
+    again = (*result.duplicates, *result.before)
+    for name, reason in again[:SHOWN_AGAIN]:
+        warn(f"not again {name}: {reason}", style="")
+    if len(again) > SHOWN_AGAIN:
+        warn(f"not again {len(again) - SHOWN_AGAIN} more: --json lists them all", style="")
+    for name, reason in result.refused:
+        warn(f"skipped {name}: {reason}")
+    for note in result.notes:
+        remark(note)
+    before = f", {len(result.before)} imported before" if result.before else ""
+    skipped = f", {len(result.refused)} skipped" if result.refused else ""
+    say(f"imported {len(result.imported)} photographs{before}{skipped}: {result.source_dir}")
+    if report is not None:
+        _report_check(report, result.source_dir)
+    if any(row.there for row in result.coverage):
+        say(f"next: toolkit eval {result.source_dir.parent}")
+
+
+def _shorten(poses: Sequence[int]) -> str:
+    """1, 2, 3, 7 as "1-3 7"."""
+    runs: list[list[int]] = []
+    for pose in sorted(poses):
+        if runs and pose == runs[-1][1] + 1:
+            runs[-1][1] = pose
+        else:
+            runs.append([pose, pose])
+    return " ".join(str(first) if first == last else f"{first}-{last}" for first, last in runs)
+
+
+def check(
+    source: options.RealSource = "real",
+    patches: options.Patches = None,
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Judge photographs: sharp, well exposed, whole, of the right variant, the patch in its place; else a retake list.
+
+    Photographs that were imported have been judged already; those sorted into captures/real by hand are judged here.
+    """
+    from toolkit.core.workspace import open_workspace
+    from toolkit.photos.gates.check_captures import check_captures
+
+    space = open_workspace(workspace).with_patches(patches)
+    report = check_captures(space, source)
+    if as_json:
+        show_json(report.to_json())
+    else:
+        _report_check(report, space.captures_dir / source)
+        say(f"next: toolkit eval {space.captures_dir}")
+    if report.unreadable:
+        raise typer.Exit(1)
+
+
+def _report_check(report: "CheckReport", folder: Path) -> None:
+    """What the gates found: what to take again and why, and what could not be checked."""
+    from toolkit.photos.gates.check_captures import RETAKE_FILE
+
+    for path, reason in report.unreadable:
+        warn(f"skipped {path}: {reason}")
+    for row in report.retakes:
+        warn(f"retake {row.describe()}")
+    for gate, reason, count in report.unchecked:
+        remark(f"{gate} not checked in {count} photographs: {reason}")
+    passed = len(report.photos) - len({row.path for row in report.retakes if row.path})
+    say(f"{passed} of {len(report.photos)} photographs pass every gate that was checked")
+    if report.retakes:
+        say(f"to take again: {folder}/{RETAKE_FILE}")

@@ -1,0 +1,104 @@
+"""How numbers are written, and tables on the console; reports and documentation use the same functions."""
+
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
+
+from toolkit.core.statistics import Interval, RankCorrelation, wilson_interval
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+NONE = "–"
+ROUNDING = 1e-9
+FIRST_WIDTH, TEXT_WIDTH = 6, 12
+"""To which a first and another column of text may be narrowed on a small console."""
+
+
+def format_percent(share: float | None) -> str:
+    """`61`, or a dash where there is none; a tenth more where rounding would hide that it is not 0 or 100."""
+    if share is None:
+        return NONE
+    is_hidden = ROUNDING < share < 0.005 or 0.995 <= share < 1 - ROUNDING
+    return f"{min(max(100 * share, 0.1), 99.9):.1f}" if is_hidden else f"{100 * share:.0f}"
+
+
+def format_interval(interval: Interval | None) -> str:
+    """`55–67`, in per cent; empty where there is none."""
+    return f"{100 * interval[0]:.0f}–{100 * interval[1]:.0f}" if interval else ""
+
+
+def format_count(count: int, n: int) -> str:
+    """`13 of 18 (72 %, 95 % interval 49–88 %)`."""
+    if n == 0:
+        return "0 of 0"
+    return (
+        f"{count} of {n} ({format_percent(count / n)} %, 95 % interval {format_interval(wilson_interval(count, n))} %)"
+    )
+
+
+def format_points(share: float) -> str:
+    """`−6`, `0`, `+11`: a difference of shares in percentage points."""
+    points = round(100 * share)
+    return "0" if points == 0 else _minus(f"{points:+d}")
+
+
+def format_points_interval(interval: Interval | None) -> str:
+    """`−6 to +11`, empty where there is none."""
+    return f"{format_points(interval[0])} to {format_points(interval[1])}" if interval else ""
+
+
+def format_p(p: float | None) -> str:
+    """`0.031`, or `< 0.0001`; empty where there is none."""
+    return "" if p is None else "< 0.0001" if p < 1e-4 else f"{p:.2g}"
+
+
+def format_test(p: float) -> str:
+    """`exact McNemar p = 0.031`, or `exact McNemar p < 0.0001`."""
+    number = format_p(p)
+    return f"exact McNemar p {number if number[0] == '<' else f'= {number}'}"
+
+
+def format_rank(rank: RankCorrelation) -> str:
+    """`0.81 (0.55 to 0.93)`, `0.81` or why there is none."""
+    if rank.rho is None:
+        return rank.why
+    return _minus(f"{rank.rho:.2f}" + (f" ({rank.ci95[0]:.2f} to {rank.ci95[1]:.2f})" if rank.ci95 else ""))
+
+
+def format_kappa(kappa: float | None) -> str:
+    """`0.45`, or `all equal` where nothing can be told apart."""
+    return "all equal" if kappa is None else _minus(f"{kappa:.2f}")
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "−")
+
+
+def build_table(
+    title: str, texts: Sequence[str], numbers: Sequence[str], rows: Iterable[Sequence[str]], bold: str | None = None
+) -> "Table":
+    """A table for the console.
+
+    Args:
+        title: above it.
+        texts: heads of the columns of text on the left, which are folded where the console is narrow.
+        numbers: heads of the columns on the right.
+        rows: a cell for each column. A cell in the first column that is the one above is left out.
+        bold: first cell of the rows that stand out.
+    """
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=Text(title), title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    cells = [list(row) for row in rows]
+    for i, name in enumerate(texts):
+        longest = max(len(name), *(len(row[i]) for row in cells), 0)
+        table.add_column(name, overflow="fold", min_width=min(longest, TEXT_WIDTH if i else FIRST_WIDTH))
+    for name in numbers:
+        table.add_column(name, justify="right", no_wrap=True)
+    above = None
+    for first, *rest in cells:
+        shown = "" if first == above else first
+        table.add_row(Text(shown), *map(Text, rest), style="bold" if first == bold else "")
+        above = first
+    return table

@@ -1,0 +1,223 @@
+"""A mesh of the user's own becomes an object of the workspace: its files copied, its spec written."""
+
+import json
+import re
+import struct
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from urllib.parse import unquote
+
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import inside, write_bytes, write_text
+from toolkit.core.workspace import Workspace
+from toolkit.objects.load import TableObject, load_object, read_mesh, turn_upright
+from toolkit.objects.records import printed_size_mm
+from toolkit.objects.spec import OBJECT_NAME, Axis, Side, axes_of_format
+
+MM_PER_M = 1000.0
+GUESSED_LENGTH_MM = 200.0
+DEFAULT_PATCH_MM = printed_size_mm(100)
+"""Of a patch of 100 px, which training makes unless it is told otherwise."""
+
+
+@dataclass(frozen=True)
+class ObjectRequest:
+    """What is known of a new object; what is None follows from the mesh and its format.
+
+    Attributes:
+        class_name: the category it should be recognised as: a label, or an index.
+        name: of the object; None: the mesh file's.
+        length_mm: longest side of the real object; None: glTF's own metres, else a guess.
+        print_side: the side that the printed patch is taped to.
+        up, front: the mesh's axes that point up and to the front.
+        replace: whether an object of this name may be replaced, and a built-in one covered.
+    """
+
+    class_name: str | int
+    name: str | None = None
+    length_mm: float | None = None
+    print_side: Side = "top"
+    up: Axis | None = None
+    front: Axis | None = None
+    replace: bool = False
+
+
+@dataclass(frozen=True)
+class AddedObject:
+    """What was made.
+
+    Attributes:
+        item: the object on the table.
+        spec_file: its spec.
+        mesh_files: the mesh and what it names, in the workspace.
+        length_is_guessed: the format states no unit and no length was given.
+    """
+
+    item: TableObject
+    spec_file: Path
+    mesh_files: tuple[Path, ...]
+    length_is_guessed: bool
+
+
+def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) -> AddedObject:
+    """Copy a mesh with the files it names into `rig/objects/NAME/` and write `rig/objects/NAME.toml`.
+
+    A mesh that lies in `rig/objects` already stays where it is. The spec is written last, so that an interruption
+    leaves no object with half of its files.
+
+    Raises:
+        ToolkitError: the mesh cannot be used, names files that are missing or not in its folder, the name is taken or
+            is none, or a length is no length.
+    """
+    mesh_file = Path(mesh_file)
+    mesh_file = mesh_file.parent.resolve() / mesh_file.name
+    name = request.name or re.sub(r"[^A-Za-z0-9_-]+", "-", mesh_file.stem).strip("-_")
+    _check_name(workspace, name, request.replace)
+    named = find_named_files(mesh_file)
+    mesh = read_mesh(mesh_file)
+    if request.length_mm is not None and not 0 < request.length_mm < 100_000:
+        raise ToolkitError(f"length_mm: expected millimetres over 0 and under 100000, found {request.length_mm:g}")
+    is_gltf = mesh_file.suffix.lower() in (".glb", ".gltf")
+    stated_mm = float(mesh.size_mm.max()) * MM_PER_M if is_gltf else 0.0
+    length_mm = request.length_mm or (stated_mm if 1 <= stated_mm < 100_000 else GUESSED_LENGTH_MM)
+    usual_up, usual_front = _usual_axes(mesh_file)
+    up, front = request.up or usual_up, request.front or usual_front
+    turn_upright(mesh, up, front)  # two names of one axis are refused before anything is written
+
+    place = workspace.objects_dir.resolve()
+    files = [mesh_file, *named]
+    if not mesh_file.is_relative_to(place):
+        target = place / name
+        files = [write_bytes(target / file.relative_to(mesh_file.parent), file.read_bytes()) for file in files]
+    text = _write_spec(request, files[0].relative_to(place).as_posix(), length_mm, (up, front))
+    spec_file = write_text(place / f"{name}.toml", f"# {name}: every field may be changed.\n{text}")
+    guessed = request.length_mm is None and length_mm != stated_mm
+    return AddedObject(load_object(spec_file), spec_file, tuple(files), guessed)
+
+
+def _check_name(workspace: Workspace, name: str, replace: bool) -> None:
+    if not re.match(OBJECT_NAME, name):
+        raise ToolkitError(f"name: expected letters, digits, - and _, found '{name}': give the object another name")
+    known = workspace.object_specs().get(name)
+    if known is None or replace:
+        return
+    what = f"there is {known}" if known.parent == workspace.objects_dir else "it is built in"
+    raise ToolkitError(f"the name '{name}' is taken ({what}): choose another name, or say that it is to be replaced")
+
+
+def _usual_axes(mesh_file: Path) -> tuple[Axis, Axis]:
+    """Up and front: glTF's by its specification; the other formats state none, and stand as modellers write them.
+
+    Blender and CAD programs look at an object's front along +y with z up, which they write as y up and front z in OBJ.
+    """
+    suffix = mesh_file.suffix.lower()
+    if suffix in (".glb", ".gltf"):
+        return axes_of_format(mesh_file.name)
+    return ("y", "z") if suffix == ".obj" else ("z", "-y")
+
+
+def _write_spec(request: ObjectRequest, mesh: str, length_mm: float, axes: tuple[Axis, Axis]) -> str:
+    fits = length_mm / 3 >= DEFAULT_PATCH_MM
+    size = f"# size_mm = {DEFAULT_PATCH_MM:.0f}" if fits else f"size_mm = {length_mm / 3:.3g}"
+    fields = [
+        ("class", _quote(request.class_name), "an ImageNet category, an index, or a label of your own classifier"),
+        ("mesh", _quote(mesh), "beside this file or in a folder below"),
+        ("length_mm", f"{length_mm:.6g}", "longest side of the real object, for printing and the camera's distance"),
+        ("# world_length_m", f"{length_mm / MM_PER_M:.4g}", "of what it is a model of, for worlds outdoors"),
+        ("up", _quote(axes[0]), "the mesh's axis that points up: x, y, z, -x, -y or -z"),
+        ("front", _quote(axes[1]), "and the one that points to the front"),
+        ("", "", ""),
+        ("[patch]", "", "where the printed patch is taped"),
+        ("at", _quote(request.print_side), "top, front, back, left or right"),
+        (*size.rsplit(" = ", 1), "side of the printed patch; without it, the size in the patch's record"),
+        ("offset_mm", "[0, 0]", "from the middle of that side: right and up; for the top, forward and left"),
+        ("rotation_deg", "0", "turn of the patch, counter-clockwise as one sees it"),
+    ]
+    starts = [f"{key} = {value}" if value else key for key, value, _ in fields]
+    width = max(map(len, starts)) + 2
+    lines = (f"{start:{width}}# {why}" if why else "" for start, (_, _, why) in zip(starts, fields, strict=True))
+    return "".join(f"{line}\n" for line in lines)
+
+
+def _quote(value: str | int) -> str:
+    return json.dumps(value, ensure_ascii=False)  # JSON's strings are TOML's
+
+
+def find_named_files(mesh_file: Path) -> list[Path]:
+    """The files that a mesh names, all in its folder or below: material libraries, textures, buffers.
+
+    OBJ's `mtllib` and the maps in it, the `uri`s of glTF's buffers and images, and PLY's `TextureFile`.
+
+    Raises:
+        ToolkitError: one is missing, or lies outside the mesh's folder.
+    """
+    if not mesh_file.is_file():
+        return []  # reading says so
+    suffix = mesh_file.suffix.lower()
+    if suffix in (".glb", ".gltf"):
+        return _check_files(mesh_file, _gltf_uris(mesh_file))
+    if suffix == ".ply":
+        return _check_files(mesh_file, _values(_header_lines(mesh_file), (b"comment texturefile",)))
+    if suffix != ".obj":
+        return []
+    with mesh_file.open("rb") as lines:
+        libraries = _check_files(mesh_file, _values(lines, (b"mtllib",)))
+    maps: list[str] = []
+    for library in libraries:
+        maps += _values(library.read_bytes().splitlines(), (b"map_", b"bump", b"disp", b"decal", b"refl", b"norm"))
+    return libraries + [file for file in _check_files(mesh_file, maps) if file not in libraries]
+
+
+def _check_files(mesh_file: Path, names: Iterable[str]) -> list[Path]:
+    folder = mesh_file.parent
+    files: list[Path] = []
+    for name in dict.fromkeys(names):
+        try:
+            file = inside(folder, name)
+        except ToolkitError as error:
+            raise ToolkitError(f"{mesh_file} names another file: {error}") from None
+        if Path(name).is_absolute():
+            raise ToolkitError(f"{mesh_file} names {name}: expected a path in its own folder: edit the mesh's text")
+        files.append(file if ".." in name else folder / name)  # a linked file keeps its place
+    missing = [str(file.relative_to(folder)) for file in files if not file.is_file()]
+    if missing:
+        raise ToolkitError(f"{mesh_file} names files that are not there: {', '.join(missing)}: put them into {folder}")
+    return files
+
+
+def _values(lines: Iterable[bytes], keys: tuple[bytes, ...]) -> list[str]:
+    """What follows one of `keys` on its line; options before a map's file name are left out."""
+    found = []
+    for line in lines:
+        line = line.strip()
+        if not line.lower().startswith(keys):
+            continue
+        words = line.decode("utf-8", "replace").split(None, 2 if b" " in keys[0] else 1)
+        value = words[-1] if len(words) > 1 else ""
+        if value.startswith("-"):
+            value = value.split()[-1]
+        if value:
+            found.append(value)
+    return found
+
+
+def _header_lines(ply: Path) -> list[bytes]:
+    with ply.open("rb") as stream:
+        head = stream.read(1 << 16)
+    return head.split(b"end_header")[0].splitlines()
+
+
+def _gltf_uris(file: Path) -> list[str]:
+    try:
+        content = file.read_bytes()
+        if file.suffix.lower() == ".glb":
+            (length,) = struct.unpack_from("<I", content, 12)  # after the header of 12 bytes, the JSON chunk's
+            content = content[20 : 20 + length]
+        tree: Any = json.loads(content)
+        entries = [entry for key in ("buffers", "images") for entry in tree.get(key, [])]
+        uris = [entry["uri"] for entry in entries if isinstance(entry.get("uri"), str)]
+    except (ValueError, AttributeError, TypeError, struct.error):
+        return []  # reading says that it is no glTF
+    return [unquote(uri) for uri in uris if not uri.startswith("data:")]

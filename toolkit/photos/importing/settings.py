@@ -1,0 +1,60 @@
+"""What `toolkit import` is asked to do."""
+
+import re
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from toolkit.core.config import Config, Expect, Flag
+from toolkit.core.errors import FieldError
+
+FOLDER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+
+Source = Annotated[
+    str,
+    Field(pattern=f"^{FOLDER_NAME.pattern}$"),
+    Expect("the name of one folder below captures/"),
+    Flag(metavar="NAME"),
+]
+
+
+class ImportSettings(Config):
+    """How to import.
+
+    Raises:
+        FieldError: a field that has no sense without another, or none beside it.
+    """
+
+    object: Annotated[str | None, Flag(metavar="NAME")] = Field(
+        None, description="What all photographs show. Default: their folders, names or the shot list say it."
+    )
+    variant: Annotated[str | None, Flag(metavar="NAME")] = Field(
+        None, description="unpatched, patched, a control, or a booster's name; likewise."
+    )
+    pose: Annotated[int | None, Field(ge=1), Flag()] = Field(
+        None, description="Pose of the one photograph that is given."
+    )
+    match: Annotated[Literal["auto", "board", "name", "order", "render"], Flag(metavar="HOW")] = Field(
+        "auto", description="What tells the pose: board, name (pose_07), order (of time), render, or auto."
+    )
+    first_shot: Annotated[int | None, Field(ge=1), Flag()] = Field(
+        None, description="The photographs are a part of the shot list, from this shot on."
+    )
+    link: Annotated[bool, Flag("--link")] = Field(False, description="Hard links instead of copies, where possible.")
+    replace: Annotated[bool, Flag("--replace")] = Field(
+        False, description="A retake replaces the earlier photograph, which is kept aside."
+    )
+    every_s: Annotated[float | None, Field(ge=0.05, le=3600), Flag("--every", metavar="SECONDS")] = Field(
+        None, description="Of a video take a frame in each so many seconds, not one per still moment."
+    )
+    source: Source = Field("real", description="Folder below captures/.")
+
+    @model_validator(mode="after")
+    def _check(self) -> "ImportSettings":
+        if self.pose is not None and not (self.object and self.variant):
+            raise FieldError("the pose of one photograph: give {object} and {variant} with it", {"pose": self.pose})
+        if self.first_shot is not None and (self.object or self.variant):
+            raise FieldError(
+                "counts in the whole shot list: leave {object} and {variant} out", {"first_shot": self.first_shot}
+            )
+        return self

@@ -1,0 +1,120 @@
+"""What `toolkit print` is asked for: the page of a patch, or a sheet to stand objects on."""
+
+import re
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+
+from toolkit.core.config import Config, Flag
+from toolkit.core.errors import FieldError
+from toolkit.objects.printed_size import BASE_DPI, SCALE
+from toolkit.printing.page import Paper, parse_paper
+
+MOST_COPIES = 1000
+WIDEST_MARGIN_MM = 100.0
+SQUARES = re.compile(r"^\s*(\d{1,4})\s*[x×]\s*(\d{1,4})\s*$", re.IGNORECASE)
+SHEET = "The sheet that objects stand on, or the strip of colours"
+PAGE = "On paper"
+
+AnyPaper = Annotated[Paper, BeforeValidator(lambda paper: parse_paper(paper) if isinstance(paper, str) else paper)]
+
+
+def _read_percent(value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    try:
+        return float(value.strip().removesuffix("%"))
+    except ValueError:
+        raise ValueError("expected a percentage such as 250 or 250%") from None
+
+
+def _read_squares(value: Any) -> Any:
+    if not isinstance(value, str):
+        return value
+    found = SQUARES.match(value)
+    if found is None:
+        raise ValueError("expected columns x rows such as 7x10")
+    return int(found[1]), int(found[2])
+
+
+class PrintSettings(Config):
+    """How a patch is printed."""
+
+    scale_percent: Annotated[
+        float, Field(gt=0), BeforeValidator(_read_percent), Flag("--scale", metavar="PERCENT", group=PAGE, typed=str)
+    ] = Field(100 * SCALE, description="Side = pixels / dpi × scale.")
+    dpi: Annotated[float, Field(gt=0), Flag(group=PAGE)] = Field(
+        BASE_DPI, description="Patch pixels per inch at 100 %."
+    )
+    size_mm: Annotated[float | None, Field(gt=0), Flag(group=PAGE)] = Field(
+        None, description="Side of the printed patch, without its white margin, in place of {scale_percent} and {dpi}."
+    )
+    copies: Annotated[int, Field(ge=1, le=MOST_COPIES), Flag(group=PAGE)] = Field(
+        1, description="Of each patch, packed on a page where they fit."
+    )
+    margin_mm: Annotated[float, Field(ge=0, le=WIDEST_MARGIN_MM), Flag(group=PAGE)] = Field(
+        5.0, description="White paper round the patch to tape it by, inside the cut."
+    )
+    paper: Annotated[AnyPaper, Flag(metavar="SIZE", group=PAGE, typed=str)] = Field(
+        parse_paper("a4"), description="a0 to a5, b3 to b5, letter, legal, tabloid, or one's own: 200x300mm."
+    )
+    orientation: Annotated[Literal["auto", "portrait", "landscape"], Flag(group=PAGE)] = Field(
+        "auto", description="auto: the one with fewer pages."
+    )
+
+
+class SheetSettings(Config):
+    """Which sheet is printed, if any, and its measures; what is None is chosen to suit.
+
+    Raises:
+        FieldError: two sheets at once, or a measure of another sheet or of none.
+    """
+
+    board: Annotated[bool, Flag("--board", group=SHEET)] = Field(
+        False, description="A ChArUco board: photographs of what stands on it tell the camera."
+    )
+    ring: Annotated[bool, Flag("--ring", group=SHEET)] = Field(
+        False, description="A ring of markers in its place, for a turntable."
+    )
+    colour_strip: Annotated[bool, Flag("--colour-strip", group=SHEET)] = Field(
+        False, description="Known colours alone; a patch's page has them where they fit."
+    )
+    squares: Annotated[
+        tuple[int, int] | None,
+        BeforeValidator(_read_squares),
+        Flag("--board-squares", metavar="COLUMNSxROWS", group=SHEET, typed=str),
+    ] = Field(None, description="Of the board.  [default: 12x15]")
+    square_mm: Annotated[float | None, Flag(group=SHEET)] = Field(
+        None, description="Side of its squares.  [default: 26, or with {squares} what fits on a page]"
+    )
+    ring_mm: Annotated[float | None, Flag(group=SHEET)] = Field(
+        None, description="Diameter of the free disc in the ring.  [default: 300]"
+    )
+    marker_mm: Annotated[float | None, Flag(group=SHEET)] = Field(
+        None, description="Side of the markers.  [default: three quarters of a square, or to suit the ring]"
+    )
+    ink_percent: Annotated[float | None, Flag("--ink", metavar="PERCENT", group=SHEET)] = Field(
+        None,
+        description="Of board or ring; 100 is black, which networks see before the object: for calibrating without "
+        "one.  [default: 10]",
+    )
+
+    @model_validator(mode="after")
+    def _check(self) -> "SheetSettings":
+        asked = [kind for kind in ("board", "ring", "colour_strip") if getattr(self, kind)]
+        if len(asked) > 1:
+            raise FieldError("expected one of them: print the others by calls of their own", dict.fromkeys(asked, True))
+        belongs = {
+            "squares": ["board"], "square_mm": ["board"], "ring_mm": ["ring"], "marker_mm": ["board", "ring"],
+            "ink_percent": ["board", "ring"],
+        }  # fmt: skip
+        for name, kinds in belongs.items():
+            if getattr(self, name) is not None and not set(asked) & set(kinds):
+                wanted = " or ".join(f"{{{kind}}}" for kind in kinds)
+                raise FieldError(f"goes with {wanted}: add that, or leave it out", {name: getattr(self, name)})
+        return self
+
+    @property
+    def kind(self) -> str | None:
+        """`board`, `ring`, `colour-strip`, or None where no sheet is asked for."""
+        return "board" if self.board else "ring" if self.ring else "colour-strip" if self.colour_strip else None
