@@ -93,7 +93,7 @@ def art_step(module: torch.nn.Module, device: str) -> Callable[[], None]:
         rotation_max=ranges.rotation_deg[1],
         scale_min=ranges.share[0],
         scale_max=ranges.share[1],
-        learning_rate=Descent().lr,
+        learning_rate=PatchConfig().lr,
         max_iter=1,
         batch_size=BATCH,
         patch_shape=(3, PATCH_PX, PATCH_PX),

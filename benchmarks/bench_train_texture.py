@@ -34,6 +34,7 @@ from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
 from toolkit.rig.views import DETAIL, FOV_DEG, count_workers, random_pose
+from toolkit.training.loop import make_steps
 
 TEXELS, LENGTH_MM = 200, 270.0
 TRIANGLES = (1_000, 10_000, 100_000, 300_000)
