@@ -65,7 +65,7 @@ def measure_speed(folder: Path, count: int) -> tuple[float, float]:
                 bare(batch).argmax(1).cpu()
 
     def run_ours() -> None:
-        predict_captures(captures, {"racer": 751}, classifier, BATCH, quiet=True)
+        predict_captures(captures, {"racer": 751}, classifier, BATCH)
 
     seconds: dict[str, list[float]] = {"bare": [], "ours": []}
     for turn in range(ROUNDS + 1):
@@ -91,7 +91,7 @@ def _report_peak(folder: Path, count: int) -> None:
     from toolkit.evaluation.predict import predict_captures
 
     captures = read_captures(folder / "captures").captures[:count]
-    predict_captures(captures, {"racer": 751}, make_classifier(folder), BATCH, quiet=True)
+    predict_captures(captures, {"racer": 751}, make_classifier(folder), BATCH)
     # not getrusage's ru_maxrss: a child process inherits its parent's peak there
     status = Path("/proc/self/status").read_text()
     print(json.dumps(int(status.split("VmHWM:")[1].split()[0]) / 1024))

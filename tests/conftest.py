@@ -80,7 +80,8 @@ def make_crate_space(make_box):
     from toolkit.objects.load import load_object
     from toolkit.objects.records import write_patch
     from toolkit.rig.camera import Camera
-    from toolkit.rig.plan import Pattern, make_plan, write_plan
+    from toolkit.rig.pattern import Pattern
+    from toolkit.rig.plan import make_plan, write_plan
 
     def make(folder):
         space = make_workspace(folder)
@@ -94,7 +95,7 @@ def make_crate_space(make_box):
         pixels = np.random.default_rng(5).integers(0, 256, (12, 12, 3), dtype=np.uint8)
         write_patch(space.patches_dir, pixels, make_patch_record("crate"))
         item = load_object(space.object_spec("crate"))
-        pattern = Pattern("ring", count=2, elevation_deg=(40, 40))
+        pattern = Pattern(name="ring", count=2, elevation_deg=(40, 40))
         write_plan(space.plan_file, make_plan([item], Camera.from_fov(96, 72), pattern))
         return space
 

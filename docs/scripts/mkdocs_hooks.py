@@ -1,19 +1,25 @@
 """What the site takes from the code: commands from the command line, fields of files from the models that read them.
 
-A page says where: `<!-- commands -->`, `<!-- fields: toolkit.objects.spec.ObjectSpec -->`, `<!-- names -->`.
+A page says where: `<!-- commands -->`, `<!-- fields: toolkit.objects.spec.ObjectSpec -->`, `<!-- names -->`,
+`<!-- modules -->`.
 """
 
+import ast
 import importlib
 import re
 import types
 import typing
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-MARKER = re.compile(r"^<!-- (?P<what>commands|names|fields)(?:: (?P<where>[\w.]+))? -->$", re.MULTILINE)
+PACKAGE = Path(__file__).resolve().parents[2] / "toolkit"
+SHARED = "Every command"
+"""The heading under which a command's help lists the options that all have."""
+MARKER = re.compile(r"^<!-- (?P<what>commands|names|modules|fields)(?:: (?P<where>[\w.]+))? -->$", re.MULTILINE)
 
 
 def on_page_markdown(markdown: str, **_: object) -> str:
@@ -27,6 +33,8 @@ def write_part(what: str, where: str | None) -> str:
         return "\n".join(write_commands())
     if what == "names":
         return "\n".join(write_names())
+    if what == "modules":
+        return "\n".join(write_modules())
     module, _, name = (where or "").rpartition(".")
     return "\n".join(write_fields(getattr(importlib.import_module(module), name)))
 
@@ -52,16 +60,24 @@ def _name_group(command: Any) -> str:
     return panel if isinstance(panel, str) else "Commands"
 
 
-def _write_command(name: str, command: Any) -> Iterator[str]:
-    context = command.make_context(name, [], resilient_parsing=True)
-    arguments = [one for one in command.params if one.param_type_name == "argument"]
+def _write_command(name: str, listed: Any) -> Iterator[str]:
+    """Usage, help, a table of its own options, and a line of those that every command has."""
+    context = listed.make_context(name, [], resilient_parsing=True)
+    command = context.command  # the whole one: what is listed may know its name alone
+    parameters = [one for one in command.get_params(context) if one.name != "help"]
+    arguments = [one for one in parameters if one.param_type_name == "argument"]
     usage = " ".join(["toolkit", name, *(_name_argument(one, context) for one in arguments), "[OPTIONS]"])
-    yield from ("", f"### toolkit {name}", "", "```text", usage, "```", "", (command.help or "").strip())
-    yield from ("", "| option | what it is |", "|---|---|")
-    for parameter in command.params:
+    yield from ("", f"### toolkit {name}", "", "```text", usage, "```", "", (command.help or "").strip(), "")
+    shared = [one for one in parameters if getattr(one, "rich_help_panel", None) == SHARED]
+    own = [one for one in parameters if one not in shared]
+    if own:
+        yield from ("| option | what it is |", "|---|---|")
+    for parameter in own:
         flags, text = _describe(parameter, context)
-        if "--help" not in flags:
-            yield f"| {flags} | {text} |"
+        yield f"| {flags} | {text} |"
+    if shared:
+        flags = ", ".join(_describe(one, context)[0] for one in shared)
+        yield from ("", f"As every command: {flags}.")
 
 
 def _name_argument(parameter: Any, context: Any) -> str:
@@ -129,8 +145,46 @@ def _read_attributes(docstring: str) -> dict[str, str]:
 
 
 def write_names() -> Iterator[str]:
-    """Every public name of the package, for mkdocstrings."""
-    import toolkit
+    """Every name that `import toolkit as tk` offers, for mkdocstrings, in the order in which the package lists them."""
+    homes = list_homes()
+    if homes:
+        yield from (
+            "## Names",
+            "",
+            "`import toolkit as tk`, and these are there, each loaded when it is first used.",
+            "",
+        )
+    for name, module in homes.items():
+        yield from (f"::: {module}.{name}", "")
 
-    for name in getattr(toolkit, "__all__", ()):
-        yield from (f"::: toolkit.{name}", "")
+
+def list_homes() -> dict[str, str]:
+    """Name -> module, of what `toolkit/__init__.py` imports to offer it: `from module import name as name`."""
+    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
+    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
+    homes = {one.name: str(node.module) for node in imports for one in node.names if one.asname == one.name}
+    listed = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and node.value in homes]
+    return {name: homes[name] for name in dict.fromkeys([*listed, *homes])}
+
+
+def write_modules() -> Iterator[str]:
+    """Every module under its package, with the first sentence of its docstring."""
+    for package in sorted(PACKAGE.glob("*/__init__.py")):
+        yield from (
+            "",
+            f"### toolkit.{package.parent.name}",
+            "",
+            _read_summary(package),
+            "",
+            "| module | what it is |",
+            "|---|---|",
+        )
+        for file in sorted(package.parent.rglob("*.py")):
+            name = ".".join(file.relative_to(package.parent).with_suffix("").parts)
+            if file != package:
+                yield f"| `{name.removesuffix('.__init__')}` | {_cell(_read_summary(file))} |"
+
+
+def _read_summary(file: Path) -> str:
+    docstring = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+    return " ".join(docstring.split("\n\n")[0].split())

@@ -8,7 +8,7 @@ from part_checks import check_gradient, count_changed, grey_noise
 from toolkit.boosters.parts.fog import Fog
 from toolkit.core.errors import ToolkitError
 from toolkit.corruptions.catalogue import CORRUPTIONS
-from toolkit.corruptions.draws import Draws
+from toolkit.corruptions.draws import RandomStreams
 from toolkit.corruptions.weather import add_fog
 
 
@@ -28,7 +28,8 @@ def test_with_a_fixed_strength_it_is_the_benchmarks_fog():
     drawn.random(2), drawn.uniform(size=4)
     seeds = drawn.integers(1 << 62, size=2)
     for image, seed, found in zip(images, seeds, foggy, strict=True):
-        expected = add_fog(image[None].clone(), (strength, smoothness), Draws([int(seed)], "fog", 0, image.device))[0]
+        streams = RandomStreams([int(seed)], "fog", 0, image.device)
+        expected = add_fog(image[None].clone(), (strength, smoothness), streams)[0]
         assert torch.allclose(found, expected.clamp(0, 1), atol=1e-6)
 
 

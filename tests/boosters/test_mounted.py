@@ -8,28 +8,23 @@ import pytest
 import torch
 from tiny_network import LABELS, tiny_classifier
 
-from toolkit.boosters.mounted import (  # fmt: skip
-    MountedViews,
-    develop,
-    divide_views,
-    draw_mounted,
-    show_mounted,
-    stack_views,
-    validate_mounted,
-)
+from toolkit.boosters.linear_view import develop, srgb_to_linear
+from toolkit.boosters.mounted import draw_mounted, print_on_paper, show_mounted, stack_views, validate_mounted
 from toolkit.boosters.parts.affine import AffineRanges
 from toolkit.boosters.parts.base import Appearance
 from toolkit.boosters.patch_steps import Descent, Target, draw_first_patch, patch_gradient, train_steps
 from toolkit.core.draws import Draws
-from toolkit.rig import mounted
+from toolkit.imaging import colour
+from toolkit.objects.load import load_object
+from toolkit.rig import mount
 from toolkit.rig import shading as finish
 from toolkit.rig.camera import Camera
 from toolkit.rig.mount import attach, mount_patch
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.studio import make_studio
-from toolkit.rig.views import random_pose
+from toolkit.rig.studio import LIGHTS, make_studio
+from toolkit.rig.views import FOV_DEG, random_pose, render_mounted_views
 
-SIDE = 48
+SIDE, TEXELS, SIZE_MM = 48, 8, 40.0
 
 
 @pytest.fixture(scope="module")
@@ -39,42 +34,48 @@ def space(tmp_path_factory, make_crate_space):
 
 @pytest.fixture(scope="module")
 def views(space):
-    return list(mounted.render_mounted_views(space, "crate", 40.0, 3, 7, SIDE, quiet=True))
+    item = load_object(space.object_spec("crate"))
+    return list(render_mounted_views(item, SIZE_MM, TEXELS, 3, seed=7, image_px=SIDE, quiet=True))
 
 
 def test_the_buffers_put_together_are_a_render_of_the_patch(space, views):
     """The same camera, studio and mount, but rendered with the patch itself."""
-    from toolkit.objects.load import load_object
-    from toolkit.rig.studio import LIGHTS
-
     pixels = np.random.default_rng(1).integers(0, 256, (8, 8, 3), dtype=np.uint8)
     item = load_object(space.object_spec("crate"))
     mesh = attach(item.mesh, mount_patch(item.mesh, pixels, 40.0, item.spec.patch))
     light = str(np.random.default_rng([7, 0, 1]).choice(list(LIGHTS)))
     renderer = RaycastRenderer(mesh, make_studio((7, 0), 100.0, light=light))
-    camera = Camera.from_fov(SIDE, SIDE, mounted.FOV_DEG)
+    camera = Camera.from_fov(SIDE, SIDE, FOV_DEG)
     theta = torch.from_numpy(pixels.transpose(2, 0, 1) / 255.0).float()
-    stacked = stack_views(views, "cpu")
+    stacked = stack_views(views, SIZE_MM, "cpu")
     for i in range(3):
         pose = random_pose(np.random.default_rng([7, i, 2]), item.mesh, camera)
         rendered = finish.develop(renderer.render(camera, pose), (0,), noise=0, falloff=0) / 255
         shown = show_mounted(theta, stacked, np.array([i]), np.zeros((1, 2), int), SIDE)[0].permute(1, 2, 0).numpy()
-        on_patch = ~np.isnan(views[i].uv[..., 0]).all(axis=0)
-        assert on_patch.sum() > 40
-        around = np.abs(shown - rendered)[~on_patch]
-        assert np.quantile(around, 0.99) < 0.02  # the same picture, but for colours that bleed at the patch's rim
-        # texel edges are blended by look-ups here and printed sharp there, so means are compared, not every pixel
-        assert np.abs(shown - rendered)[on_patch].mean() < 0.06
-        assert np.corrcoef(shown[on_patch].ravel(), rendered[on_patch].ravel())[0, 1] > 0.93
+        assert len(np.unique(views[i].pixel)) > 40
+        # half a level of rounding, half precision, and light that bounces with the colour of a grey patch
+        assert np.abs(shown - rendered).max() < 2 / 255
+        assert np.abs(shown - rendered).mean() < 0.3 / 255
 
 
 def test_upside_down_would_be_noticed(views):
-    stacked = stack_views(views, "cpu")
-    theta = torch.zeros(3, 8, 8)
+    stacked = stack_views(views, SIZE_MM, "cpu")
+    theta = torch.zeros(3, TEXELS, TEXELS)
     theta[:, :4] = 1  # the upper half of the sheet is white
     shown = show_mounted(theta, stacked, np.array([0]), np.zeros((1, 2), int), SIDE)[0].mean(0).numpy()
-    v = views[0].uv[0, ..., 1]
-    assert shown[v > 0.7].mean() > shown[v < 0.3].mean() + 0.2
+    inside = np.abs(views[0].uv - 0.5).max(axis=1) < 0.35  # on the patch and not on the margin
+    pixel, v = views[0].pixel[inside], views[0].uv[inside, 1]
+    shown = shown.reshape(-1)
+    assert shown[pixel[v > 0.7]].mean() > shown[pixel[v < 0.3]].mean() + 0.2
+
+
+@pytest.mark.parametrize("n", [8, 33, 100, 300])
+def test_the_paper_is_that_of_the_rig(n):
+    pixels = np.random.default_rng(n).integers(0, 256, (n, n, 3), dtype=np.uint8)
+    theta = torch.from_numpy(pixels.transpose(2, 0, 1) / 255.0)
+    found = print_on_paper(srgb_to_linear(theta), 88.2).numpy()
+    wanted = colour.srgb_to_linear(mount.print_on_paper(pixels, 88.2) / 255)
+    np.testing.assert_allclose(found.transpose(1, 2, 0), wanted, atol=1e-6)
 
 
 def test_develop_is_the_rigs(views):
@@ -85,15 +86,14 @@ def test_develop_is_the_rigs(views):
 
 
 def test_the_gradient_is_that_of_finite_differences(views):
-    stacked = stack_views(views, "cpu")
-    exact = MountedViews(stacked.dark.double(), stacked.gain.double(), stacked.uv.double(), "")
+    stacked = stack_views(views, SIZE_MM, "cpu")
     classifier = SimpleNamespace(logits=tiny_classifier().module.double().__call__)
     targets = [Target(classifier, 1)]
     theta = draw_first_patch(10, 3).double() * 0.8 + 0.1
     empty, draws = torch.empty(0, 3, 32, 32, dtype=torch.float64), Draws(0, 0)
 
     def loss_at(patch):
-        waiting = draw_mounted(exact, draws, 3, 32)
+        waiting = draw_mounted(stacked, draws, 3, 32)
         return patch_gradient(patch, empty, targets, Appearance(AffineRanges()), draws, waiting)
 
     gradient, _, _ = loss_at(theta)
@@ -109,7 +109,7 @@ def test_the_gradient_is_that_of_finite_differences(views):
 
 def test_training_on_views_alone_raises_the_class(views):
     classifier = tiny_classifier(2)
-    stacked = stack_views(views, "cpu")
+    stacked = stack_views(views, SIZE_MM, "cpu")
     empty = torch.zeros(1, 3, 36, 36, dtype=torch.uint8)
     steps = list(
         train_steps(
@@ -121,7 +121,7 @@ def test_training_on_views_alone_raises_the_class(views):
 
 
 def test_held_out_views_are_not_trained_on(views):
-    train, held_out = divide_views(stack_views(views, "cpu"))
+    train, held_out = stack_views(views, SIZE_MM, "cpu").divide()
     assert (len(train), len(held_out)) == (2, 1)
     answer = validate_mounted(torch.zeros(3, 8, 8), held_out, [Target(tiny_classifier(), 0)], 32)
     assert [(a.bare.n, a.patched.n) for a in answer] == [(1, 1)]
@@ -139,7 +139,7 @@ class Darken:
 
 def test_printer_and_camera_act_on_the_mounted_sheet_too(views):
     """On the print they change the patch alone, on the photograph everything."""
-    stacked = stack_views(views, "cpu")
+    stacked = stack_views(views, SIZE_MM, "cpu")
     seen = []
     classifier = SimpleNamespace(logits=lambda photos: seen.append(photos.detach()) or photos.mean((2, 3)))
     empty, theta = torch.empty(0, 3, 32, 32), torch.full((3, 8, 8), 0.8)

@@ -17,7 +17,7 @@ def type_command(tmp_path, monkeypatch, capsys):
     """Run `toolkit train-patch ARGUMENTS` in an empty folder; returns exit code, stdout and stderr."""
     loaded = []
 
-    def load_tiny(arch, weights, device, quiet, folder):
+    def load_tiny(arch, weights, device, folder):
         loaded.append((arch, weights))
         return tiny_classifier()
 

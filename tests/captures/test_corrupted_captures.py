@@ -12,13 +12,14 @@ from PIL import Image
 
 from toolkit.captures.corrupt import corrupt_source, cut_intrinsics
 from toolkit.captures.manifest import MANIFEST, append_record, read_manifest
-from toolkit.captures.read import Selection, read_captures
+from toolkit.captures.read import read_captures
 from toolkit.captures.shoot import ShootSettings, shoot_plan
 from toolkit.cli import main
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import Workspace
 from toolkit.corruptions.folder import read_picture
+from toolkit.evaluation.config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier
@@ -32,7 +33,7 @@ FOG = ("fog", 3)
 def shot(tmp_path_factory, make_crate_space):
     """A workspace with four images; not to be changed."""
     space = make_crate_space(tmp_path_factory.mktemp("shot"))
-    shoot_plan(space, read_plan(space.plan_file), ["crate"], settings=ShootSettings(backdrop="white"), quiet=True)
+    shoot_plan(space, read_plan(space.plan_file), ["crate"], settings=ShootSettings(backdrop="white"))
     return space
 
 
@@ -84,16 +85,16 @@ def test_copies_are_captures_and_say_what_eval_says(space, type_command, classif
             assert Image.open(folder / path).size == (224, 224)
         assert len(json.loads((folder / "transforms.json").read_text())["frames"]) == 4
     both = [FOG, ("defocus_blur", 5)]
-    files = evaluate_captures(space.captures_dir, space, classifier, "files", quiet=True)
+    files = evaluate_captures(space.captures_dir, space, classifier, EvalConfig(run="files"))
     assert files.notes == () and len(files.pairs) == 6
-    only = Selection(sources=("sim",))
-    laid_on = evaluate_captures(space.captures_dir, space, classifier, "laid-on", True, only, corruptions=both)
+    only = EvalConfig(run="laid-on", sources=("sim",), corruptions=both)
+    laid_on = evaluate_captures(space.captures_dir, space, classifier, only)
     found, expected = (
         [(one.capture.source, one.capture.pose_id, one.true_prob) for one in result.predictions]
         for result in (files, laid_on)
     )
     assert found == expected
-    again = evaluate_captures(space.captures_dir, space, classifier, "again", quiet=True, corruptions=[FOG])
+    again = evaluate_captures(space.captures_dir, space, classifier, EvalConfig(run="again", corruptions=[FOG]))
     assert len(again.predictions) == 16 and "not once more: sim-defocus_blur-5, sim-fog-3" in again.notes[0]
 
 

@@ -66,7 +66,7 @@ def shot(tmp_path_factory, make_crate_space):
         pixels = board_photos.photograph(crate, None, lens, T_world_camera, backdrop="white")
         board_photos.save_photo(real / path, pixels)
         append_record(real, record(path, pose_id, lens, T_world_camera, image_sha256=sha256_file(real / path)))
-    return space, shoot_like(space, real, SETTINGS, max_px=MAX_PX, quiet=True)
+    return space, shoot_like(space, real, SETTINGS, max_px=MAX_PX)
 
 
 def outline(picture) -> np.ndarray:
@@ -174,7 +174,7 @@ def space(shot, tmp_path):
 
 
 def again(space, **more):
-    return shoot_like(space, space.captures_dir / "real", SETTINGS, max_px=MAX_PX, quiet=True, **more)
+    return shoot_like(space, space.captures_dir / "real", SETTINGS, max_px=MAX_PX, **more)
 
 
 def test_only_a_photograph_with_a_new_pose_is_shot_again(space):
@@ -255,4 +255,4 @@ def test_the_command_says_what_it_did_and_what_not(space, monkeypatch):
     assert "3 kept from before, 1 photograph left out" in done.stdout.replace("\n", " ")
     assert f"skipped crate/unpatched/pose_09.jpg: {NOT_MEASURED}" in done.stderr
     refused = CliRunner().invoke(app, ["capture-sim", "--workspace", str(space.root), "--max-px", "99"])
-    assert isinstance(refused.exception, ToolkitError) and "--max-px goes with --like" in str(refused.exception)
+    assert isinstance(refused.exception, ToolkitError) and "--max-px 99: goes with --like" in str(refused.exception)

@@ -103,6 +103,6 @@ def test_a_full_disk_is_one_line(tmp_path, monkeypatch):
     def full(_):
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("toolkit.captures.manifest.os.fsync", full)
+    monkeypatch.setattr("toolkit.core.records.os.fsync", full)
     with pytest.raises(ToolkitError, match=r"cannot write .*manifest\.jsonl: the disk is full"):
         append_record(tmp_path, record())

@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from toolkit.corruptions import CORRUPTIONS, corrupt
 from toolkit.corruptions.blur import blur_along, disk_kernel, draw_neighbours, motion_taps, trace_copies
-from toolkit.corruptions.draws import Draws
+from toolkit.corruptions.draws import RandomStreams
 from toolkit.corruptions.filters import blur_by_matrix, blur_gaussian, filter_by_kernel
 
 IMAGEMAGICK = {
@@ -104,7 +104,7 @@ def test_zoom_blur_is_the_mean_of_scipys_zooms(name, severity):
 @pytest.mark.parametrize(("reach", "size"), [(1, (24, 24)), (2, (24, 31)), (4, (40, 32))])
 def test_glass_moves_are_those_of_the_published_loop(reach, size):
     height, width = size
-    neighbours = draw_neighbours(height, width, reach, Draws([3, 4], "glass_blur", 1, torch.device("cpu")))
+    neighbours = draw_neighbours(height, width, reach, RandomStreams([3, 4], "glass_blur", 1, torch.device("cpu")))
     origins = trace_copies(neighbours, height, width, reach).reshape(2, height, width).numpy()
     for image, origin in zip(neighbours.reshape(2, height, width).numpy(), origins, strict=True):
         values = np.arange(height * width).reshape(height, width)
@@ -120,7 +120,7 @@ def test_glass_moves_are_those_of_the_published_loop(reach, size):
 
 def test_glass_moves_are_uniform():
     side, reach = 224, 2
-    neighbours = draw_neighbours(side, side, reach, Draws(range(4), "glass_blur", 1, torch.device("cpu")))
+    neighbours = draw_neighbours(side, side, reach, RandomStreams(range(4), "glass_blur", 1, torch.device("cpu")))
     moves = (neighbours - torch.arange(side * side)).reshape(4, side, side)[:, 3:223, 3:223]
     counts = torch.unique(moves, return_counts=True)[1]
     assert len(counts) == 16

@@ -10,7 +10,7 @@ from PIL import Image
 from scipy import ndimage
 
 from toolkit.corruptions import CORRUPTIONS, SEVERITIES, corrupt
-from toolkit.corruptions.draws import Draws
+from toolkit.corruptions.draws import RandomStreams
 
 
 @pytest.fixture(scope="module", params=[(224, 224), (32, 32), (100, 131)])
@@ -68,7 +68,7 @@ def test_elastic_is_opencvs_affine_and_scipys_map(severity, parameters):
     image = np.stack([np.sin(x / 9) + np.cos(y / 7), np.sin((x + y) / 11), np.cos(x * y / side / 8)], 2)
     image = ((image + 2) / 4).astype(np.float32)
     strength, sigma, shift = CORRUPTIONS["elastic_transform"].parameters[parameters][severity - 1]
-    draws = Draws([6], "elastic_transform", severity, torch.device("cpu"))
+    draws = RandomStreams([6], "elastic_transform", severity, torch.device("cpu"))
     moves = (draws.uniform(3, 2)[0].numpy() * 2 - 1) * shift
     noise = draws.uniform(2, side, side)[0].double().numpy() * 2 - 1
 
@@ -93,7 +93,9 @@ def test_elastic_displacement_has_the_deviation_of_smoothed_noise():
 
     strength, sigma = 244 * 0.12, 2.44
     ramp = torch.arange(224.0).expand(20, 3, 224, 224) / 224
-    moved = elastic.bend(ramp.contiguous(), (strength, sigma, 0.0), Draws(range(20), "x", 1, torch.device("cpu")))
+    moved = elastic.bend(
+        ramp.contiguous(), (strength, sigma, 0.0), RandomStreams(range(20), "x", 1, torch.device("cpu"))
+    )
     shift = ((moved - ramp) * 224)[..., 20:-20, 20:-20]
     expected = strength * (1 / 3 / (4 * np.pi * sigma**2)) ** 0.5
     assert shift.std().item() == pytest.approx(expected, rel=0.03)

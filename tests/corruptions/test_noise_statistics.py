@@ -6,7 +6,7 @@ import torch
 from scipy.stats import chisquare, poisson
 
 from toolkit.corruptions import CORRUPTIONS, corrupt
-from toolkit.corruptions.draws import Draws
+from toolkit.corruptions.draws import RandomStreams
 from toolkit.corruptions.noise import draw_poisson
 
 COUNT = 8
@@ -58,7 +58,7 @@ def test_shot_noise_counts_photons(severity):
 @pytest.mark.parametrize("scale", [3, 60, 500])
 def test_poisson_table_at_every_level(scale):
     levels = torch.arange(256, dtype=torch.int32).repeat(600, 1)[None]
-    counts = draw_poisson(levels, scale, 255, Draws([5], "test", 1, torch.device("cpu")))[0]
+    counts = draw_poisson(levels, scale, 255, RandomStreams([5], "test", 1, torch.device("cpu")))[0]
     means = np.arange(256) * scale / 255
     errors = (counts.mean(0).numpy() - means) / np.sqrt(np.maximum(means, 1e-9) / 600)
     assert counts[:, 0].max() == 0

@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from toolkit.corruptions import CORRUPTIONS, SEVERITIES, corrupt
-from toolkit.corruptions.draws import Draws
+from toolkit.corruptions.draws import RandomStreams
 from toolkit.corruptions.frost_texture import PANES, draw_panes
 from toolkit.corruptions.weather import cut_frost, draw_clouds
 
@@ -77,9 +77,9 @@ def grow_by_loop(side: int, decay: float, shifts: list[float]) -> np.ndarray:
 
 @pytest.mark.parametrize("decay", [1.4, 3.0])
 def test_clouds_are_diamond_square(decay):
-    clouds = draw_clouds(32, decay, Draws([8, 9], "fog", 1, CPU)).numpy()
+    clouds = draw_clouds(32, decay, RandomStreams([8, 9], "fog", 1, CPU)).numpy()
     for seed, cloud in zip((8, 9), clouds, strict=True):
-        shifts = (Draws([seed], "fog", 1, CPU).uniform(32**2 - 1)[0].double() * 2 - 1).tolist()
+        shifts = (RandomStreams([seed], "fog", 1, CPU).uniform(32**2 - 1)[0].double() * 2 - 1).tolist()
         assert np.abs(cloud - grow_by_loop(32, decay, shifts)).max() < 1e-5
         assert cloud.min() == 0 and cloud.max() == 1
 
@@ -112,7 +112,7 @@ def test_snow_whitens_by_its_share_and_falls_steeply():
 
 
 def test_frost_is_a_blend_with_a_piece_of_a_pane():
-    pane = torch.stack(cut_frost(224, 224, 1, Draws([1, 2, 3], "frost", 3, CPU)))
+    pane = torch.stack(cut_frost(224, 224, 1, RandomStreams([1, 2, 3], "frost", 3, CPU)))
     image = torch.rand(3, 3, 224, 224)
     assert torch.allclose(corrupt(image, "frost", 3, [1, 2, 3]), (0.7 * image + 0.7 * pane).clamp(0, 1), atol=1e-6)
 
@@ -129,11 +129,11 @@ def test_frost_panes_have_the_photographs_figures():
 
 
 def test_frost_takes_every_pane_and_repeats_on_large_images():
-    pieces = torch.stack(cut_frost(32, 32, 0.2, Draws(range(60), "frost", 1, CPU)))
+    pieces = torch.stack(cut_frost(32, 32, 0.2, RandomStreams(range(60), "frost", 1, CPU)))
     means = torch.tensor([pane.mean for pane in PANES])[:, :, None, None].mean((2, 3))
     nearest = (pieces.mean((2, 3))[:, None] - means).square().sum(2).argmin(1)
     assert set(nearest.tolist()) >= {0, 1, 3, 4}
-    wide = cut_frost(32, 1400, 1, Draws([0], "frost", 1, CPU))[0]
+    wide = cut_frost(32, 1400, 1, RandomStreams([0], "frost", 1, CPU))[0]
     assert torch.equal(wide[..., :100], wide[..., 640:740])
 
 

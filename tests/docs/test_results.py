@@ -32,7 +32,7 @@ def test_the_page_changes_with_the_tables(tmp_path: Path) -> None:
     captures = (tmp_path / "captures.csv").read_text(encoding="utf-8")
     (tmp_path / "captures.csv").write_text(captures.replace(",72,65,", ",72,64,"), encoding="utf-8")
     assert "65 of 72" in write_page()
-    assert "64 of 72 (90 %" in write_page(tmp_path)
+    assert "64 of 72 (90\N{NO-BREAK SPACE}%" in write_page(tmp_path)
 
 
 @pytest.mark.parametrize("table", ["captures", "sweeps"])

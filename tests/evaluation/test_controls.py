@@ -172,7 +172,7 @@ def test_summary_and_report(put, workspace, colour_classifier):
         for variant in ("unpatched", "patched", *CONTROLS_OF["patched"]):
             says = "racer" if variant in ("patched", "patch-alone") else "eggnog"
             put(f"sim/racer/{variant}/pose_{pose:02d}.png", says)
-    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     controls = json.loads((result.run_dir / "summary.json").read_text())["controls"]
     assert [one["question"] for one in controls["answers"]] == [HELPS, THIS_PATCH, STICKER]
     assert [one["tone"] for one in controls["answers"]] == ["good", "good", "bad"]
@@ -193,7 +193,7 @@ def test_summary_and_report(put, workspace, colour_classifier):
 def test_without_controls_nothing_is_added(put, workspace, colour_classifier):
     put("sim/racer/unpatched/1.png", "eggnog")
     put("sim/racer/patched/1.png", "racer")
-    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     assert result.summary["controls"] == {"comparisons": [], "answers": []}
     assert 'id="controls"' not in result.report_file.read_text(encoding="utf-8")
 
@@ -246,7 +246,7 @@ def test_report_of_every_variant(put, workspace, colour_classifier):
     for pose in range(1, 9):
         for variant in VARIANTS:
             put(f"sim/racer/{variant}/{pose}.png", "racer" if variant in ("patched", "textured") else "eggnog")
-    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     assert [one["question"] for one in result.summary["controls"]["answers"]] == [
         HELPS, ask_help("textured"), THIS_PATCH, STICKER, ask_this("textured"), EITHER,
     ]  # fmt: skip
@@ -261,7 +261,7 @@ def test_report_of_every_variant(put, workspace, colour_classifier):
 def test_report_of_patch_and_texture_speaks_of_no_controls(put, workspace, colour_classifier):
     for variant in ("unpatched", "patched", "textured"):
         put(f"sim/racer/{variant}/1.png", "racer")
-    html = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True).report_file.read_text(
+    html = evaluate_captures(workspace.captures_dir, workspace, colour_classifier).report_file.read_text(
         encoding="utf-8"
     )
     assert "Patch and texture</h2>" in html and "Controls" not in html and "grey-patch" not in html

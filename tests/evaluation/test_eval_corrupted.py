@@ -16,8 +16,9 @@ from PIL import Image
 from toolkit.captures.read import read_captures
 from toolkit.cli import main
 from toolkit.corruptions import corrupt_picture, image_seed
-from toolkit.evaluation.dataset import add_corrupted
+from toolkit.evaluation.config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
+from toolkit.evaluation.ground_truth import add_corrupted
 from toolkit.evaluation.predict import decode_ahead, predict_captures
 from toolkit.imaging.preprocessing import resize_and_crop
 from toolkit.imaging.read import read_image
@@ -54,7 +55,7 @@ def by_hand(file, below: str, corruption, classifier: Classifier):
 
 
 def test_it_is_the_crop_corrupted_by_hand(textured, seeing):
-    result = evaluate_captures(textured.captures_dir, textured, seeing, quiet=True, corruptions=[FOG, BLUR])
+    result = evaluate_captures(textured.captures_dir, textured, seeing, EvalConfig(corruptions=[FOG, BLUR]))
     assert len(result.predictions) == 8 * 3
     for one in result.predictions:
         capture = one.capture
@@ -68,7 +69,7 @@ def test_it_is_the_crop_corrupted_by_hand(textured, seeing):
 
 
 def test_sources_tables_pairs_and_files_name_it(textured, seeing):
-    result = evaluate_captures(textured.captures_dir, textured, seeing, quiet=True, corruptions=[FOG])
+    result = evaluate_captures(textured.captures_dir, textured, seeing, EvalConfig(corruptions=[FOG]))
     sources = {group.source for group in result.groups}
     assert sources == {"sim", "real", "sim-fog-3", "real-fog-3"}
     assert {(pair.source, pair.outcomes.n) for pair in result.pairs} == {(source, 2) for source in sources}
@@ -85,7 +86,7 @@ def test_sources_tables_pairs_and_files_name_it(textured, seeing):
 
 
 def test_the_report_shows_the_corrupted_picture(textured, seeing):
-    result = evaluate_captures(textured.captures_dir, textured, seeing, quiet=True, corruptions=[FOG])
+    result = evaluate_captures(textured.captures_dir, textured, seeing, EvalConfig(corruptions=[FOG]))
     html = result.report_file.read_text()
     shown = re.findall(
         r'<img src="data:image/jpeg;base64,([^"]+)" alt="[^"]*" title="sim-fog-3/[^"]*/patched/pose_1', html
@@ -102,8 +103,8 @@ def test_the_report_shows_the_corrupted_picture(textured, seeing):
 def test_neither_order_nor_batch_matters(textured, seeing):
     folder = add_corrupted(read_captures(textured.captures_dir), [FOG, ("gaussian_noise", 5), ("frost", 2)])
     mixed = list(np.random.default_rng(0).permutation(np.array(folder.captures, object)))
-    whole = {one.capture.path: one for one in predict_captures(folder.captures, {"racer": 0}, seeing, quiet=True)}
-    for one in predict_captures(mixed, {"racer": 0}, seeing, batch_size=3, quiet=True):
+    whole = {one.capture.path: one for one in predict_captures(folder.captures, {"racer": 0}, seeing)}
+    for one in predict_captures(mixed, {"racer": 0}, seeing, batch_size=3):
         assert one.top1_prob == pytest.approx(whole[one.capture.path].top1_prob, abs=1e-6)
     crops = dict(zip(whole, decode_ahead(folder.captures, seeing, 32), strict=True))
     for capture, pixels in zip(mixed, decode_ahead(mixed, seeing, 3), strict=True):
@@ -124,7 +125,7 @@ def test_an_unreadable_image_is_listed_under_each(put, workspace, colour_classif
     put("sim/racer/unpatched/1.png", "racer")
     put("sim/racer/unpatched/2.png", "racer").write_bytes(b"")
     put("sim/racer/unpatched/3.png", "racer")
-    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True, corruptions=[FOG])
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, EvalConfig(corruptions=[FOG]))
     paths = [f"{source}/racer/unpatched/2.png" for source in ("sim", "sim-fog-3")]
     assert result.failed == tuple((path, "the file is empty") for path in paths)
     assert [group.n for group in result.groups if group.object == "racer"] == [2, 2]

@@ -10,11 +10,12 @@ import warnings
 import pytest
 from PIL import Image
 
-from toolkit.captures.read import Selection, read_captures
+from toolkit.captures.read import read_captures
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation import predict
-from toolkit.evaluation.dataset import add_corrupted
+from toolkit.evaluation.config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
+from toolkit.evaluation.ground_truth import add_corrupted
 from toolkit.evaluation.predict import predict_captures
 from toolkit.evaluation.results import COLUMNS
 
@@ -36,7 +37,7 @@ def shot(put, workspace):
 
 
 def test_results_are_right(shot, colour_classifier):
-    result = evaluate_captures(shot.captures_dir, shot, colour_classifier, quiet=True)
+    result = evaluate_captures(shot.captures_dir, shot, colour_classifier)
     assert result.run_dir == shot.eval_dir / "colours"
     assert sorted(path.name for path in result.run_dir.iterdir()) == ["predictions.csv", "report.html", "summary.json"]
     summary = json.loads((result.run_dir / "summary.json").read_text())
@@ -61,7 +62,7 @@ def test_results_are_right(shot, colour_classifier):
 
 
 def test_csv_has_the_agreed_columns(shot, colour_classifier):
-    rows = read_rows(evaluate_captures(shot.captures_dir, shot, colour_classifier, quiet=True))
+    rows = read_rows(evaluate_captures(shot.captures_dir, shot, colour_classifier))
     assert tuple(rows[0]) == COLUMNS
     assert len(rows) == 32
     row = next(row for row in rows if row["path"] == "sim/racer/unpatched/pose_02.png")
@@ -76,13 +77,11 @@ def test_csv_has_the_agreed_columns(shot, colour_classifier):
 
 
 def test_same_input_same_bytes_and_a_rerun_replaces(shot, colour_classifier):
-    first = evaluate_captures(shot.captures_dir, shot, colour_classifier, "again", quiet=True)
+    first = evaluate_captures(shot.captures_dir, shot, colour_classifier, EvalConfig(run="again"))
     before = {path.name: path.read_bytes() for path in first.run_dir.iterdir()}
-    evaluate_captures(shot.captures_dir, shot, colour_classifier, "again", quiet=True, batch_size=5)
+    evaluate_captures(shot.captures_dir, shot, colour_classifier, EvalConfig(run="again", batch_size=5))
     assert {path.name: path.read_bytes() for path in first.run_dir.iterdir()} == before
-    evaluate_captures(
-        shot.captures_dir, shot, colour_classifier, "again", quiet=True, selection=Selection(objects=("racer",))
-    )
+    evaluate_captures(shot.captures_dir, shot, colour_classifier, EvalConfig(run="again", objects=("racer",)))
     assert len(read_rows(first)) == 16
 
 
@@ -94,7 +93,7 @@ def test_bad_files_are_listed_and_the_good_part_is_done(shot, colour_classifier)
     (folder / "pose_03.png").write_text("no image")
     (folder / "pose_20.png").write_bytes(whole)
     (folder / "notes.txt").write_text("not counted")
-    result = evaluate_captures(shot.captures_dir, shot, colour_classifier, quiet=True)
+    result = evaluate_captures(shot.captures_dir, shot, colour_classifier)
     reasons = {path.rsplit("/", 1)[1]: reason for path, reason in result.failed}
     assert set(reasons) == {"pose_01.png", "pose_02.png", "pose_03.png"}
     assert "truncated" in reasons["pose_01.png"] and "empty" in reasons["pose_02.png"]
@@ -112,7 +111,7 @@ def test_bad_files_are_listed_and_the_good_part_is_done(shot, colour_classifier)
 
 def test_nothing_readable_is_still_a_result(put, workspace, colour_classifier):
     put("real/racer/patched/1.png", "racer").write_bytes(b"")
-    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     assert len(result.failed) == 1
     assert result.summary["groups"][0]["top1"] is None
     assert result.summary["groups"][0]["top1_ci95"] == [0.0, 1.0]
@@ -125,30 +124,29 @@ def test_truth_from_spec_folder_name_or_clear_error(put, workspace, colour_class
     )
     put("real/my_mug/unpatched/1.png", "coffeepot")
     put("real/Racer/unpatched/1.png", "racer")
-    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     assert [one.correct_top1 for one in result.predictions] == [True, True]
     put("real/warplan/unpatched/1.png", "racer")
     with pytest.raises(ToolkitError, match=r"'warplan'.*did you mean warplane.*rig/objects/warplan\.toml"):
-        evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+        evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     (workspace.objects_dir / "my_mug.toml").write_text(
         'name = "my_mug"\nclass = "cup"\nmesh = "mug.obj"\nlength_mm = 90\n'
     )
     shutil.rmtree(workspace.captures_dir / "real" / "warplan")
-    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     assert [one.capture.object for one in result.predictions] == ["Racer"]
     (note,) = (note for note in result.notes if "my_mug" in note)
     assert "1 image of 'my_mug' left out" in note and "my_mug.toml: no class called 'cup'" in note
     assert note in result.summary["notes"]
-    only = Selection(objects=("my_mug",))
+    only = EvalConfig(objects=("my_mug",))
     with pytest.raises(ToolkitError, match=r"my_mug\.toml: no class called 'cup'.*knows none of the objects"):
-        evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True, selection=only)
+        evaluate_captures(workspace.captures_dir, workspace, colour_classifier, only)
 
 
-def test_bad_run_names(shot, colour_classifier):
+def test_bad_run_names():
     for name in ("../evil", "a/b", ".hidden", "-x"):
-        with pytest.raises(ToolkitError, match="--run"):
-            evaluate_captures(shot.captures_dir, shot, colour_classifier, name, quiet=True)
-    assert not shot.eval_dir.exists()
+        with pytest.raises(ToolkitError, match=f"^run {re.escape(name)}: expected letters"):
+            EvalConfig(run=name)
 
 
 def test_read_only_workspace(shot, colour_classifier, monkeypatch):
@@ -163,7 +161,7 @@ def test_read_only_workspace(shot, colour_classifier, monkeypatch):
 
     monkeypatch.setattr(Path, "open", refuse)
     with pytest.raises(ToolkitError, match="read-only"):
-        evaluate_captures(shot.captures_dir, shot, colour_classifier, quiet=True)
+        evaluate_captures(shot.captures_dir, shot, colour_classifier)
 
 
 def test_ties_go_to_the_lower_index_on_every_path(put, workspace, colour_classifier):
@@ -178,7 +176,7 @@ def test_ties_go_to_the_lower_index_on_every_path(put, workspace, colour_classif
     flat = dataclasses.replace(colour_classifier, module=Flat())
     put("real/racer/unpatched/1.png", "racer")
     put("real/eggnog/unpatched/1.png", "racer")
-    result = evaluate_captures(workspace.captures_dir, workspace, flat, quiet=True)
+    result = evaluate_captures(workspace.captures_dir, workspace, flat)
     assert [(one.true_label, one.top1_index, one.true_rank) for one in result.predictions] == [
         ("eggnog", 0, 4),
         ("racer", 0, 1),
@@ -208,7 +206,7 @@ def test_few_images_are_decoded_ahead(put, workspace, colour_classifier, monkeyp
     monkeypatch.setattr(predict, "resize_and_crop", crop)
     monkeypatch.setattr(predict, "_classify", classify)
     captures = add_corrupted(read_captures(workspace.captures_dir), [("contrast", 1)]).captures
-    found = predict_captures(captures, {"racer": 0}, colour_classifier, batch_size=4, quiet=True)
+    found = predict_captures(captures, {"racer": 0}, colour_classifier, batch_size=4)
     assert len(found) == 160 and all(one.correct_top1 for one in found)
     assert most <= 4 + 4 + predict.MAX_DECODERS + 1
 
@@ -219,14 +217,14 @@ def test_warnings_of_decoders_do_not_reach_the_user(put, workspace, colour_class
     assert Image.MAX_IMAGE_PIXELS < 64 * 48 and file.is_file()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+        result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     assert result.predictions[0].is_read
 
 
 def test_report_is_one_safe_file(shot, colour_classifier, put):
     evil = "<script>alert(1)<&script>_5.png"
     put(f"sim/racer/patched/{evil}", "racer")
-    result = evaluate_captures(shot.captures_dir, shot, colour_classifier, quiet=True)
+    result = evaluate_captures(shot.captures_dir, shot, colour_classifier)
     html = result.report_file.read_text(encoding="utf-8")
     assert "<script" not in html and "&lt;script&gt;" in html
     assert not re.findall(r"""(?:src|href)=["'](?!data:image/jpeg;base64,|#)""", html)

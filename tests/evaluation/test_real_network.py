@@ -31,7 +31,7 @@ def result(classifier, photographs, tmp_path_factory):
     from toolkit.core.workspace import Workspace
     from toolkit.evaluation.evaluate import evaluate_captures
 
-    return evaluate_captures(photographs, Workspace(tmp_path_factory.mktemp("space")), classifier, quiet=True)
+    return evaluate_captures(photographs, Workspace(tmp_path_factory.mktemp("space")), classifier)
 
 
 def test_accuracy_is_the_networks(result):

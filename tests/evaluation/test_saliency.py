@@ -12,6 +12,7 @@ from PIL import Image
 from torch import nn
 
 from toolkit.evaluation import saliency
+from toolkit.evaluation.config import EvalConfig
 from toolkit.evaluation.contact_sheet import MAX_BYTES
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.metrics import FlipList
@@ -50,7 +51,7 @@ def pictures(result):
 
 
 def test_report_has_two_maps_per_flip(shot, spots):
-    found, html = pictures(evaluate_captures(shot.captures_dir, shot, spots, quiet=True))
+    found, html = pictures(evaluate_captures(shot.captures_dir, shot, spots))
     assert len(found) == 2 * 4
     assert all(len(base64.b64decode(one)) <= MAX_BYTES for one in found)
     assert Image.open(io.BytesIO(base64.b64decode(found[0]))).size == (28, 28)
@@ -58,30 +59,30 @@ def test_report_has_two_maps_per_flip(shot, spots):
 
 
 def test_batches_do_not_change_the_maps(shot, spots):
-    first, _ = pictures(evaluate_captures(shot.captures_dir, shot, spots, "a", quiet=True))
-    second, _ = pictures(evaluate_captures(shot.captures_dir, shot, spots, "b", quiet=True, batch_size=3))
+    first, _ = pictures(evaluate_captures(shot.captures_dir, shot, spots, EvalConfig(run="a")))
+    second, _ = pictures(evaluate_captures(shot.captures_dir, shot, spots, EvalConfig(run="b", batch_size=3)))
     assert first == second
 
 
 def test_may_be_left_out(shot, spots):
-    found, html = pictures(evaluate_captures(shot.captures_dir, shot, spots, quiet=True, saliency=False))
+    found, html = pictures(evaluate_captures(shot.captures_dir, shot, spots, EvalConfig(saliency=False)))
     assert found == [] and "No saliency maps" not in html and "Grad-CAM" not in html
 
 
 def test_a_network_without_a_map_says_so(shot, colour_classifier):
-    result = evaluate_captures(shot.captures_dir, shot, colour_classifier, quiet=True)
+    result = evaluate_captures(shot.captures_dir, shot, colour_classifier)
     found, html = pictures(result)
     assert found == [] and "No saliency maps: colours has no feature map" in html
     assert result.notes == ()
-    asked = evaluate_captures(shot.captures_dir, shot, colour_classifier, quiet=True, saliency=True)
+    asked = evaluate_captures(shot.captures_dir, shot, colour_classifier, EvalConfig(saliency=True))
     assert any("no saliency maps: colours has no feature map" in note for note in asked.notes)
 
 
 def test_many_flips_wait_to_be_asked(shot, spots, monkeypatch):
     monkeypatch.setattr(saliency, "MAX_UNASKED", 3)
-    found, html = pictures(evaluate_captures(shot.captures_dir, shot, spots, quiet=True))
+    found, html = pictures(evaluate_captures(shot.captures_dir, shot, spots))
     assert found == [] and "4 flips are more than 3: ask for saliency maps to have them" in html
-    found, _ = pictures(evaluate_captures(shot.captures_dir, shot, spots, quiet=True, saliency=True))
+    found, _ = pictures(evaluate_captures(shot.captures_dir, shot, spots, EvalConfig(saliency=True)))
     assert len(found) == 8
     assert draw_saliency([FlipList("gained", (), ())], spots).reason == ""
 
@@ -93,7 +94,7 @@ def test_an_image_gone_since_is_left_out(shot, spots, monkeypatch):
 
     find = saliency.find_feature_map
     monkeypatch.setattr(saliency, "find_feature_map", lose)
-    found, _ = pictures(evaluate_captures(shot.captures_dir, shot, spots, quiet=True))
+    found, _ = pictures(evaluate_captures(shot.captures_dir, shot, spots))
     assert len(found) == 2 * 3
 
 
@@ -121,7 +122,7 @@ def test_both_maps_of_a_flip_have_one_scale(shot, spots, monkeypatch):
         return {path: (grey, np.full((7, 7), value, np.float32)) for path, value in level.items()}
 
     monkeypatch.setattr(saliency, "_compute_maps", weak_before)
-    found, _ = pictures(evaluate_captures(shot.captures_dir, shot, spots, quiet=True))
+    found, _ = pictures(evaluate_captures(shot.captures_dir, shot, spots))
     means = [np.asarray(Image.open(io.BytesIO(base64.b64decode(one)))).mean((0, 1)) for one in found[:2]]
     for mean, share in zip(means, (0.25, 1.0), strict=True):
         expected = np.asarray(overlay_heat(grey, np.full((7, 7), share), 1.0)).mean((0, 1))

@@ -242,10 +242,10 @@ def test_probabilities_are_placed_by_their_odds():
 
 def test_the_chart_marks_what_the_rig_got_wrong():
     (view,) = view_sim_real(compare_sim_real([*series("real", "+-+-"), *series("sim", "++--")]))
-    (chart,) = view.charts
-    assert [point.kind for point in chart.points] == ["both", "sim", "real", "neither"]
-    assert all(point.x == pytest.approx(SIDE - point.y) for point in chart.points)  # equal probabilities: the diagonal
-    assert "racer, pose 2: 2 % in the rig, 2 % in the photograph" in chart.points[1].words
+    (points,) = view.charts.values()
+    assert [point.kind for point in points] == ["both", "sim", "real", "neither"]
+    assert all(point.x == pytest.approx(SIDE - point.y) for point in points)  # equal probabilities: the diagonal
+    assert "racer, pose 2: 2 % in the rig, 2 % in the photograph" in points[1].words
     assert [card.title for card in view.cards] == ["racer · patched · pose 2", "racer · patched · pose 3"]
     many = [*series("real", "-" * 60), *[one("sim", i, True, prob=1 - 0.001 * i) for i in range(1, 61)]]
     (view,) = view_sim_real(compare_sim_real(many))
@@ -261,7 +261,7 @@ def test_a_run_writes_it_to_summary_and_report(workspace, put, colour_classifier
         for variant, labels in variants.items():
             for i, label in enumerate(labels, 1):
                 put(f"{source}/racer/{variant}/pose_{i:02d}.png", label)
-    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     (entry,) = json.loads((result.run_dir / "summary.json").read_text())["sim_real"]
     assert (entry["sim"], entry["real"], entry["n"], entry["unmatched_sim"]) == ("sim", "real", 6, [])
     row = next(row for row in entry["rows"] if (row["object"], row["variant"]) == ("racer", "patched"))
@@ -281,6 +281,6 @@ def test_a_run_writes_it_to_summary_and_report(workspace, put, colour_classifier
 
 def test_a_run_without_photographs_says_nothing_of_them(workspace, put, colour_classifier):
     put("sim/racer/patched/pose_01.png", "racer")
-    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier, quiet=True)
+    result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     assert json.loads((result.run_dir / "summary.json").read_text())["sim_real"] == []
     assert "sim-real" not in result.report_file.read_text()

@@ -10,11 +10,12 @@ from PIL import Image
 
 from toolkit.imaging.read import register_heif
 from toolkit.objects.load import load_object
-from toolkit.photos.importing.evidence import Located
-from toolkit.photos.importing.photos import import_photos
+from toolkit.photos.importing.import_photos import import_photos
 from toolkit.photos.importing.settings import ImportSettings
+from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.camera import Camera, orbit_pose
-from toolkit.rig.plan import Pattern, make_plan, read_plan, write_plan
+from toolkit.rig.pattern import Pattern
+from toolkit.rig.plan import make_plan, read_plan, write_plan
 
 register_heif()
 START = datetime(2024, 5, 1, 10)
@@ -28,7 +29,7 @@ def space(tmp_path, make_crate_space, monkeypatch):
     made = make_crate_space(tmp_path / "space")
     monkeypatch.setattr("toolkit.core.workspace.PACKAGE_DATA", tmp_path / "none")
     item = load_object(made.object_spec("crate"))
-    pattern = Pattern("ring", count=4, elevation_deg=(40, 40))
+    pattern = Pattern(name="ring", count=4, elevation_deg=(40, 40))
     write_plan(made.plan_file, make_plan([item], Camera.from_fov(96, 72), pattern))
     return made
 
@@ -72,7 +73,7 @@ class Board:
         self.seen += 1
         assert pixels.shape[2] == 3
         found = self.cameras.get(photo.path.name)
-        return "no board is seen" if found is None else Located(found, LENS, {"board_corners": 9})
+        return "no board is seen" if found is None else PosedCamera(found, LENS, {"board_corners": 9})
 
 
 NO_BOARD = Board({})
@@ -80,11 +81,11 @@ NO_BOARD = Board({})
 
 def run(space, paths, settings=PATCHED, board=NO_BOARD, **options):
     paths = paths if isinstance(paths, list) else [paths]
-    return import_photos(space, paths, settings, locate=board, quiet=True, **options)
+    return import_photos(space, paths, settings, locate=board, **options)
 
 
 def no_render(studied, group):
-    from toolkit.photos.importing.decide import Doubt
+    from toolkit.photos.importing.match import Doubt
 
     return Doubt("nothing is rendered here")
 

@@ -29,14 +29,14 @@ def make_subject(space) -> Subject:
     return Subject(atlas.mesh, int(atlas.mesh.face_material[atlas.trained][0]), mesh)
 
 
-def take_apart(atlas: Atlas, count: int = 2, side: int = SIDE):
+def render_linear(atlas: Atlas, count: int = 2, side: int = SIDE):
     """Views of an atlas' mesh with the studio, camera and poses they were taken in."""
     studio: Studio = make_studio(3, 100.0, "oak")
     camera = Camera.from_fov(side, side, FOV_DEG)
     texture = atlas.mesh.materials[atlas.mesh.face_material[atlas.trained][0]].texture
     renderer = RaycastRenderer(atlas.mesh, studio)
     poses = [random_pose(np.random.default_rng([4, i]), atlas.mesh, camera, NEAR_VIEWS) for i in range(count)]
-    return [renderer.take_apart(camera, pose, texture) for pose in poses], studio, camera, poses
+    return [renderer.render_linear(camera, pose, texture) for pose in poses], studio, camera, poses
 
 
 def crate_request(steps: int = 6, **changes) -> TextureRequest:

@@ -30,7 +30,7 @@ from toolkit.photos.gates.check_captures import (
 )
 from toolkit.photos.gates.check_photo import check_photo, inspect_photo
 from toolkit.photos.gates.check_set import CheckedPhoto, PatchLines, check_set, measure_moves
-from toolkit.photos.gates.expect import Expecter, view_of_record
+from toolkit.photos.gates.expect import ExpectationBuilder, view_of_record
 from toolkit.photos.gates.framing import (
     check_centred,
     check_cut_off,
@@ -40,7 +40,8 @@ from toolkit.photos.gates.framing import (
     measure_edge_blur,
 )
 from toolkit.photos.gates.result import Gate
-from toolkit.photos.gates.solid import Solid, View, draw_silhouette, silhouette_px
+from toolkit.photos.gates.solid import Solid, draw_silhouette, silhouette_px
+from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.board import BoardSpec, write_board
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.mount import attach, mount_patch
@@ -57,7 +58,7 @@ class Bench:
     """A workspace with a crate that wears the racer's patch, and photographs of it on a board."""
 
     space: object
-    expecter: Expecter
+    expecter: ExpectationBuilder
 
     @cache  # noqa: B019 - one bench lives as long as the module
     def mesh(self, variant: str, offset_mm: tuple[float, float] = (0.0, 0.0)):
@@ -76,7 +77,7 @@ class Bench:
         return bp.photograph(mesh, BOARD, CAMERA, pose(side), light=light, px_per_mm=2.5, seed=1)
 
     def expect(self, variant: str, side: int, **changes):
-        return replace(self.expecter.expect("crate", variant, side + 1, View(pose(side), LENS)), **changes)
+        return replace(self.expecter.expect("crate", variant, side + 1, PosedCamera(pose(side), LENS)), **changes)
 
 
 def pose(side: int) -> np.ndarray:
@@ -94,7 +95,7 @@ def bench(tmp_path_factory, make_box) -> Bench:
         f'name = "crate"\nclass = "racer"\nmesh = "crate.obj"\nlength_mm = 130\n[patch]\nsize_mm = {PATCH_MM}\n'
     )
     write_board(space, BOARD)
-    return Bench(space, Expecter(space))
+    return Bench(space, ExpectationBuilder(space))
 
 
 def by_name(results) -> dict:
@@ -143,7 +144,7 @@ def cut(left: float, top: float, right: float, bottom: float):
         small = bp.crop(image, left, top, right, bottom)
         h, w = small.shape[:2]
         lens = replace(LENS, width=w, height=h, cx=LENS.cx - round(left * 640), cy=LENS.cy - round(top * 480))
-        return small, replace(expectation, view=replace(expectation.view, lens=lens))
+        return small, replace(expectation, view=replace(expectation.view, camera=lens))
 
     return spoil
 
@@ -152,7 +153,7 @@ def beside_the_middle(bench, image, expectation):
     """In a wider picture, whose middle is elsewhere."""
     wide = cv2.copyMakeBorder(image, 0, 0, 320, 0, cv2.BORDER_REPLICATE)
     lens = replace(LENS, width=960, cx=LENS.cx + 320)
-    return wide, replace(expectation, view=replace(expectation.view, lens=lens))
+    return wide, replace(expectation, view=replace(expectation.view, camera=lens))
 
 
 def without_object(bench, image, expectation):
@@ -160,7 +161,7 @@ def without_object(bench, image, expectation):
 
 
 def hand_over_patch(bench, image, expectation):
-    corners = LENS.project(expectation.view.T_world_camera, expectation.wearing.corners_mm)
+    corners = LENS.project(expectation.view.T_world_camera, expectation.patch.corners_mm)
     middles = (corners[0] + 0.55 * (corners[1] - corners[0]), corners[3] + 0.55 * (corners[2] - corners[3]))
     mask = np.zeros(image.shape[:2], np.uint8)
     cv2.fillConvexPoly(mask, np.array([corners[0], *middles, corners[3]]).round().astype(np.int32), 1)
@@ -212,7 +213,7 @@ def test_another_patch_is_named(bench):
 
 
 def test_what_cannot_be_checked_is_said_and_is_no_pass(bench):
-    expectation = bench.expect("patched", 0, view=None, no_pose="no lens is known", wearing=None, no_wearing="no patch")
+    expectation = bench.expect("patched", 0, view=None, no_pose="no lens is known", patch=None, no_patch="no patch")
     results = by_name(check_photo(bench.shoot("patched", 0), expectation))
     for name in ("cut off", "off centre", "object missing"):
         assert results[name].advice == "not checked: no pose: no lens is known"
@@ -288,17 +289,17 @@ def test_shares_outside_the_frame_are_those_of_the_geometry(make_box):
     top_px = 400.0 / 500.0  # pixels per mm on the face that is 500 mm away
     for shift, share in ((0.0, 0.0), (200.0, 50.0), (200.0 - 15 * top_px, 25.0)):
         # azimuth 0 from above: the object's front (+x) is up in the picture, its 60 mm lie across
-        view = View(T, Camera(400, 400, fx=400.0, fy=400.0, cx=200.0 + shift, cy=200.0))
+        view = PosedCamera(T, Camera(400, 400, fx=400.0, fy=400.0, cx=200.0 + shift, cy=200.0))
         outside = check_cut_off(silhouette_px(Solid(box), view), (400, 400))
         assert outside.value == pytest.approx(share, abs=1.0) and outside.failed == (share > 2)
-    view = View(T, Camera(400, 400, fx=400.0, fy=400.0, cx=200.0, cy=200.0))
+    view = PosedCamera(T, Camera(400, 400, fx=400.0, fy=400.0, cx=200.0, cy=200.0))
     mask = draw_silhouette(Solid(box), view)
     assert mask.mean() == pytest.approx(100 * 60 * top_px**2 / 400**2, rel=0.03)
-    centred = silhouette_px(Solid(box), replace(view, lens=replace(view.lens, cx=375.0)))  # the square ends at 375
+    centred = silhouette_px(Solid(box), replace(view, camera=replace(view.camera, cx=375.0)))  # the square ends at 375
     assert check_centred(centred, (400, 400)).value == pytest.approx(50.0, abs=1.0)
     away = orbit_pose(np.array([0, 0, 1500.0]), 0.0, 90.0, 10.0)
     away[:3, :3] = away[:3, :3] @ np.diag([1, -1, -1])  # looks up
-    assert check_cut_off(silhouette_px(Solid(box), View(away, view.lens)), (400, 400)).value == 100.0
+    assert check_cut_off(silhouette_px(Solid(box), PosedCamera(away, view.camera)), (400, 400)).value == 100.0
 
 
 def test_exposure_counts_what_is_lost():
@@ -412,7 +413,7 @@ def test_a_folder_is_judged_once(bench, monkeypatch):
         T_world_camera=pose(1).tolist(), intrinsics=LENS.intrinsics, image_sha256=folder_check.sha256_file(path),
     )  # fmt: skip
     append_record(source, record)
-    report = folder_check.check_captures(bench.space, quiet=True)
+    report = folder_check.check_captures(bench.space)
     results = {photo.path: by_name(photo.results) for photo in report.photos}
     assert results["crate/patched/pose_01.jpg"]["object missing"].passed  # board and EXIF gave the pose
     assert results["crate/unpatched/pose_02.png"]["cut off"].passed
@@ -421,7 +422,7 @@ def test_a_folder_is_judged_once(bench, monkeypatch):
     assert (source / "retake.txt").read_text().count("\n") == 2
     assert json.loads(json.dumps(report.to_json()))["retakes"][1]["advice"][0].startswith("hold still")
     monkeypatch.setattr(folder_check, "inspect_photo", None)  # a second run judges nothing
-    assert folder_check.check_captures(bench.space, quiet=True).to_json() == report.to_json()
+    assert folder_check.check_captures(bench.space).to_json() == report.to_json()
     before = hash_setup(bench.space)
     (bench.space.root / "rig" / "lens.json").write_text("{}")
     assert hash_setup(bench.space) != before  # what was not known then may be known now
@@ -434,7 +435,7 @@ def test_the_import_gets_the_gates_words(bench):
         path="crate/patched/pose_01.jpg", object="crate", variant="patched", pose_id=1, image_sha256="5",
         T_world_camera=pose(0).tolist(), intrinsics=LENS.intrinsics, made={"distortion": [0.1, 0, 0, 0, 0]},
     )  # fmt: skip
-    assert view_of_record(record).lens.distortion == (0.1, 0, 0, 0, 0)
+    assert view_of_record(record).camera.distortion == (0.1, 0, 0, 0, 0)
     assert view_of_record(record.model_copy(update={"T_world_camera": None})) is None
     record = record.model_copy(update={"made": {}})
     verdicts = check(None, bench.shoot("patched", 0), record)
@@ -446,12 +447,12 @@ def test_the_import_gets_the_gates_words(bench):
 
 def test_controls_and_unknown_variants(bench):
     """What is on the object decides what can be asked."""
-    view = View(pose(0), LENS)
+    view = PosedCamera(pose(0), LENS)
     grey = bench.expecter.expect("crate", "grey-patch", 1, view)
-    assert grey.wearing is None and "no marks" in grey.no_wearing
-    assert bench.expecter.expect("crate", "wrong-patch", 1, view).wearing.own == "warplane"
-    assert bench.expecter.expect("crate", "unpatched", 1, view).wearing.home == "racer"
-    assert "is not known" in bench.expecter.expect("crate", "sticker", 1, view).no_wearing
+    assert grey.patch is None and "no marks" in grey.no_patch
+    assert bench.expecter.expect("crate", "wrong-patch", 1, view).patch.own == "warplane"
+    assert bench.expecter.expect("crate", "unpatched", 1, view).patch.home == "racer"
+    assert "is not known" in bench.expecter.expect("crate", "sticker", 1, view).no_patch
     assert bench.expecter.expect("vase", "patched", 1, view).solid is None
 
 

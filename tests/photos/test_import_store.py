@@ -12,8 +12,8 @@ from toolkit.captures.manifest import MANIFEST, read_manifest
 from toolkit.captures.read import read_captures
 from toolkit.core.files import sha256_file
 from toolkit.photos.gates.result import Gate
+from toolkit.photos.importing.index import REPLACED
 from toolkit.photos.importing.settings import ImportSettings
-from toolkit.photos.importing.store import REPLACED
 
 space, folder = import_bench.space, import_bench.folder
 
@@ -116,7 +116,7 @@ def test_a_deleted_image_is_imported_again(space, folder):
 @pytest.mark.parametrize("replace", [False, True])
 def test_a_kill_at_any_write_loses_nothing(space, folder, monkeypatch, replace):
     """Every write fails once, at each place in turn; the same command then ends where an undisturbed one does."""
-    from toolkit.photos.importing import store as ledger_module
+    from toolkit.photos.importing import index as index_module
     from toolkit.photos.importing import store as store_module
 
     class Killed(BaseException):
@@ -131,7 +131,7 @@ def test_a_kill_at_any_write_loses_nothing(space, folder, monkeypatch, replace):
         run(space, first[0].parent)
         originals |= {sha256_file(file) for file in first}
         shutil.copytree(source, folder.parent / "start")
-    names = ((store_module, "write_bytes"), (store_module, "append_record"), (ledger_module, "write_text"))
+    names = ((store_module, "write_bytes"), (store_module, "append_record"), (index_module, "write_text"))
     real = {name: getattr(module, name) for module, name in names}
     for nth in range(20):
         shutil.rmtree(source, ignore_errors=True)

@@ -23,11 +23,11 @@ from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
 from toolkit.imaging.printer import raise_terms, read_print_profile
-from toolkit.photos.sheet.align import map_points
-from toolkit.photos.sheet.colours import compare_colours, measure_error, read_colours, show_beside
-from toolkit.photos.sheet.find import find_patch
-from toolkit.photos.sheet.fit_profile import MODELS, fit_colours, read_strip
-from toolkit.photos.sheet.size import find_page, measure_on_page
+from toolkit.photos.prints.align import map_points
+from toolkit.photos.prints.colours import compare_colours, measure_error, read_colours
+from toolkit.photos.prints.find import find_patch, rectify_patch
+from toolkit.photos.prints.fit_profile import MODELS, fit_colours, read_strip
+from toolkit.photos.prints.size import find_page, measure_on_page
 from toolkit.printing.colour_strip import STRIP
 from toolkit.printing.page import parse_paper
 
@@ -140,7 +140,7 @@ def test_fitting_recovers_the_printer(page, with_strip):
     assert error.median < 1.0 and error.p95 < 2.5
     assert fitted.held_out.median < 2 < 8 < fitted.without.median
     assert fitted.tried["matrix"] > 2 * fitted.held_out.median  # inks do not mix as light does
-    assert fitted.strip_cells == (len(STRIP.cells) if with_strip else 0)
+    assert fitted.strip_cells == (len(STRIP.swatches) if with_strip else 0)
 
 
 def test_a_plain_matrix_is_kept_where_it_is_enough():
@@ -184,11 +184,12 @@ def test_an_overexposed_print_is_refused(page):
         read_colours(photo, sighting, PATCH_MM)
 
 
-def test_print_and_file_are_shown_side_by_side(page):
+def test_a_straightened_print_looks_like_its_file(page):
     photo, sighting, _ = page
-    both = show_beside(photo, sighting, shipped_patch(PATCH), 80).astype(float)
-    assert both.shape == (80, 160, 3)
-    assert np.corrcoef(both[:, :80].ravel(), both[:, 80:].ravel())[0, 1] > 0.8
+    n_px = len(shipped_patch(PATCH))
+    straight = rectify_patch(photo, sighting, n_px)
+    assert straight.shape == (n_px, n_px, 3)
+    assert np.corrcoef(straight.ravel().astype(float), shipped_patch(PATCH).ravel())[0, 1] > 0.8
 
 
 def test_the_command_writes_a_profile_and_says_what_is_wrong(page, tmp_path):
@@ -210,7 +211,7 @@ def test_the_command_writes_a_profile_and_says_what_is_wrong(page, tmp_path):
     assert told["photos"][0]["size_mm"] == pytest.approx(0.94 * PATCH_MM, rel=0.004)
     assert any("94.0%" in line or "93.9%" in line or "94.1%" in line for line in told["warnings"])
     profile = read_print_profile(lab / "print" / "profiles" / "copier.json")
-    assert profile.patch == PATCH and profile.made.by == "A. Tester" and profile.strip_cells == len(STRIP.cells)
+    assert profile.patch == PATCH and profile.made.by == "A. Tester" and profile.strip_cells == len(STRIP.swatches)
     assert profile.held_out.median < 4 < 8 < profile.without.median  # chroma of a JPEG is coarser than its texels
 
     wrong = run(names[0], "--class", "racer")

@@ -14,7 +14,14 @@ from toolkit.cli.app import make_single
 from toolkit.cli.print_ import print_patches
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
-from toolkit.printing.board_page import EDGE_MM, FRONT_EDGE_MM, build_sheet_pdf, choose_board, measure_sheet, plan_sheet
+from toolkit.printing.board_page import (
+    EDGE_MM,
+    FRONT_EDGE_MM,
+    build_board_pdf,
+    choose_board,
+    measure_board,
+    plan_board_pages,
+)
 from toolkit.printing.layout import TilePage
 from toolkit.printing.page import parse_paper
 from toolkit.rig.board import DEFAULT_BOARD, BoardSpec, read_board
@@ -48,7 +55,7 @@ def board_on_page(document):
 
 @pytest.fixture(scope="module", params=["a4", "letter"])
 def one_page(request):
-    document = build_sheet_pdf(ONE_PAGE, parse_paper(request.param))
+    document = build_board_pdf(ONE_PAGE, parse_paper(request.param))
     assert len(document.plan.pages) == 1
     return request.param, document, render(document.content)
 
@@ -151,7 +158,7 @@ def join_tiles(document, dpi):
 
 @pytest.mark.parametrize(("paper", "dpi"), [("a4", 200), ("letter", 150)])
 def test_default_board_is_four_tiles_that_join(paper, dpi):
-    document = build_sheet_pdf(DEFAULT_BOARD, parse_paper(paper))
+    document = build_board_pdf(DEFAULT_BOARD, parse_paper(paper))
     assert document.plan.tiles == (2, 2)
     sheet, per_mm = join_tiles(document, dpi)
     ids, corners = detect_board(sheet, DEFAULT_BOARD)
@@ -164,7 +171,7 @@ def test_default_board_is_four_tiles_that_join(paper, dpi):
 @pytest.mark.parametrize(("paper", "dpi"), [("a4", 600), ("letter", 300)])
 def test_ring_on_one_page(paper, dpi):
     ring = choose_ring(130)
-    document = build_sheet_pdf(ring, parse_paper(paper))
+    document = build_board_pdf(ring, parse_paper(paper))
     (cut,) = document.plan.pages[0].cuts
     page = render(document.content, dpi=dpi)
     markers = detect_markers(page.pixels[..., 0], ring)
@@ -180,7 +187,7 @@ def test_ring_on_one_page(paper, dpi):
 
 
 def test_tiled_ring_joins():
-    document = build_sheet_pdf(RingSpec(), parse_paper("a3"))
+    document = build_board_pdf(RingSpec(), parse_paper("a3"))
     assert len(document.plan.pages) == 1 + document.plan.tiles[0] * document.plan.tiles[1]
     sheet, per_mm = join_tiles(document, dpi=150)
     markers = detect_markers(sheet, RingSpec())
@@ -193,7 +200,7 @@ def test_tiled_ring_joins():
     ("spec", "paper"), [(DEFAULT_BOARD, "a4"), (DEFAULT_BOARD, "letter"), (RingSpec(), "a4"), (ONE_PAGE, "135x300mm")]
 )
 def test_nothing_is_printed_in_the_outer_10_mm(spec, paper):
-    document = build_sheet_pdf(spec, parse_paper(paper))
+    document = build_board_pdf(spec, parse_paper(paper))
     sheet = document.plan.frame.paper
     for index in range(min(len(document.plan.pages), 3)):
         page = render(document.content, index, dpi=120)
@@ -202,22 +209,22 @@ def test_nothing_is_printed_in_the_outer_10_mm(spec, paper):
 
 
 def test_same_spec_same_bytes():
-    assert build_sheet_pdf(ONE_PAGE, parse_paper("a4")).content == build_sheet_pdf(ONE_PAGE, parse_paper("a4")).content
+    assert build_board_pdf(ONE_PAGE, parse_paper("a4")).content == build_board_pdf(ONE_PAGE, parse_paper("a4")).content
 
 
 @pytest.mark.parametrize("paper", ["a4", "letter", "a3"])
 def test_squares_are_chosen_to_fit_one_page(paper):
     board = choose_board(parse_paper(paper), squares=(7, 10))
-    assert len(plan_sheet(board, parse_paper(paper)).pages) == 1
+    assert len(plan_board_pages(board, parse_paper(paper)).pages) == 1
     larger = BoardSpec(7, 10, board.square_mm + 1, board.marker_mm)
-    assert board.square_mm == 26 or len(plan_sheet(larger, parse_paper(paper)).pages) > 1
+    assert board.square_mm == 26 or len(plan_board_pages(larger, parse_paper(paper)).pages) > 1
     assert choose_board(parse_paper(paper), squares=(30, 40)).square_mm == 26  # no page holds these: they are tiled
 
 
 def test_edges_of_the_sheet_hold_what_is_written_on_them():
-    width, height = measure_sheet(ONE_PAGE)
+    width, height = measure_board(ONE_PAGE)
     assert (width - 140, height - 200) == (2 * EDGE_MM, EDGE_MM + FRONT_EDGE_MM)
-    assert measure_sheet(choose_ring(130)) == choose_ring(130).size_mm
+    assert measure_board(choose_ring(130)) == choose_ring(130).size_mm
 
 
 @pytest.fixture
@@ -294,7 +301,7 @@ def test_what_cannot_be_printed_is_one_line(space, arguments, says):
 def test_the_page_is_as_dark_as_asked(ink_percent):
     """The darkest square of the rasterised page has the grey of the ink, its writing stays black."""
     spec = BoardSpec(7, 10, 20.0, 15.0, ink_percent=ink_percent)
-    page = pypdfium2.PdfDocument(build_sheet_pdf(spec, parse_paper("a4")).content)[0]
+    page = pypdfium2.PdfDocument(build_board_pdf(spec, parse_paper("a4")).content)[0]
     grey = page.render(scale=100 / 72).to_numpy()[..., 0].astype(int)
     wanted = round(255 * (1 - ink_percent / 100))
     counts = np.bincount(grey.ravel(), minlength=256)

@@ -8,7 +8,7 @@ from printed_pages import make_patch, render
 from toolkit.printing.colour_strip import FIDUCIALS, STRIP
 from toolkit.printing.document import build_pdf
 from toolkit.printing.page import parse_paper
-from toolkit.printing.print_sheets import build_strip_pdf
+from toolkit.printing.print_boards import build_strip_pdf
 from toolkit.printing.settings import PrintSettings
 
 
@@ -36,7 +36,7 @@ def place(homography, points_mm):
 def read_cells(pixels, homography):
     """(k, 3) median colour in the middle half of each cell."""
     found = []
-    for corners in STRIP.cell_corners_mm(inset_mm=STRIP.cells[0].side_mm / 4):
+    for corners in STRIP.swatch_corners_mm(inset_mm=STRIP.swatches[0].side_mm / 4):
         spot = place(homography, corners)
         (x0, y0), (x1, y1) = np.ceil(spot.min(axis=0)).astype(int), np.floor(spot.max(axis=0)).astype(int)
         found.append(np.median(pixels[y0:y1, x0:x1].reshape(-1, 3), axis=0))
@@ -54,7 +54,7 @@ def test_colours():
     by_name = dict(zip(STRIP.names, STRIP.srgb.tolist(), strict=True))
     assert len(by_name) == 22
     assert by_name["yellow"] == [255, 255, 0]
-    ramp = STRIP.srgb[STRIP.is_grey]
+    ramp = STRIP.srgb[[name.startswith("grey") for name in STRIP.names]]
     assert len(ramp) == 11
     assert (ramp == ramp[:, :1]).all()
     assert set(np.diff(ramp[:, 0].astype(int))) <= {25, 26}
@@ -78,8 +78,8 @@ def test_strip_on_the_patchs_page(patch, paper, percent):
     homography = find_strip(page.pixels)
     strip = document.plan.pages[0].strip
     top = page.pixels.shape[0] / page.per_mm - strip.y - STRIP.size_mm[1]
-    corners = place(homography, STRIP.cell_corners_mm().reshape(-1, 2)) / page.per_mm
-    expected = STRIP.cell_corners_mm().reshape(-1, 2) + np.array([strip.x, top])
+    corners = place(homography, STRIP.swatch_corners_mm().reshape(-1, 2)) / page.per_mm
+    expected = STRIP.swatch_corners_mm().reshape(-1, 2) + np.array([strip.x, top])
     assert np.abs(corners - expected).max() < 0.1
     assert np.abs(read_cells(page.pixels, homography) - STRIP.srgb).max() <= 1
 
@@ -88,7 +88,7 @@ def test_cells_measure_right_at_600_dpi(patch):
     document = build_pdf(patch, PrintSettings())
     page, strip = render(document.content), document.plan.pages[0].strip
     top = 297 - strip.y - STRIP.size_mm[1]
-    (black,) = (cell for cell in STRIP.cells if cell.name == "black")
+    (black,) = (cell for cell in STRIP.swatches if cell.name == "black")
     x, y = strip.x + black.x, top + black.y
     (across,) = page.black_groups_mm(x - 2, y + 3, x + 9, y + 4, axis=0)
     assert across == pytest.approx(x + 3.5, abs=0.1)

@@ -25,14 +25,15 @@ from toolkit.printing.shot_list.mounting import draw_mounting, draw_views, make_
 from toolkit.printing.shot_list.session import trace_outline
 from toolkit.rig.board import DEFAULT_BOARD
 from toolkit.rig.camera import Camera
-from toolkit.rig.plan import Pattern, make_plan, open_plan, read_plan, write_plan
+from toolkit.rig.pattern import Pattern
+from toolkit.rig.plan import make_plan, open_plan, read_plan, write_plan
 
 COUNT = 8
 
 
 def plan_more(space, count=COUNT):
     item = load_object(space.object_spec("crate"))
-    pattern = Pattern("fibonacci", count, (20, 75))
+    pattern = Pattern(name="fibonacci", count=count, elevation_deg=(20, 75))
     write_plan(space.plan_file, make_plan([item], Camera.from_fov(64, 48), pattern))
     return read_plan(space.plan_file)
 
@@ -66,7 +67,7 @@ def read_back(space, result) -> Listed:
 
 @pytest.fixture(scope="module")
 def listed(space):
-    result = write_shot_list(space, open_plan(space), ["crate"], parse_paper("a4"), seed=2, quiet=True)
+    result = write_shot_list(space, open_plan(space), ["crate"], parse_paper("a4"), seed=2)
     return read_back(space, result)
 
 
@@ -189,7 +190,7 @@ def test_the_same_seed_gives_the_same_bytes_and_letter_is_letter(tmp_path, make_
 
     def made():
         result = write_shot_list(
-            space, open_plan(space), ["crate"], parse_paper("letter"), ("unpatched",), 1, "blocks", quiet=True
+            space, open_plan(space), ["crate"], parse_paper("letter"), ("unpatched",), 1, "blocks"
         )
         return Path(result.pdf_file).read_bytes(), Path(result.shots_file).read_bytes()
 

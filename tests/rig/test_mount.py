@@ -157,7 +157,7 @@ def test_the_other_face_is_white_and_just_behind(cube):
 def test_the_print_has_its_size_on_the_paper(n, size):
     ink = np.zeros((n, n, 3), np.uint8)
     side = size + 2 * TAPE_MARGIN_MM
-    paper = print_on_paper(ink, size, side)
+    paper = print_on_paper(ink, size)
     inked = np.flatnonzero((paper == 0).all(axis=2).any(axis=0))
     texel = side / paper.shape[1]
     assert paper.shape[0] == paper.shape[1]

@@ -10,7 +10,8 @@ from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.spec import ObjectSpec
 from toolkit.rig.camera import Camera, project
-from toolkit.rig.plan import Pattern, check_poses, make_plan, open_plan, read_plan, write_plan
+from toolkit.rig.pattern import Pattern
+from toolkit.rig.plan import check_poses, make_plan, open_plan, read_plan, write_plan
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +52,7 @@ def test_the_built_in_objects_are_whole_in_all_eighteen_poses(tmp_path, monkeypa
 
 
 def test_file_round_trip_is_byte_equal(tmp_path, crate):
-    plan = make_plan([crate], Camera.from_fov(96, 72, 33.3), Pattern("fibonacci", 5, jitter_deg=1, seed=3))
+    plan = make_plan([crate], Camera.from_fov(96, 72, 33.3), Pattern(name="fibonacci", count=5, jitter_deg=1, seed=3))
     first = write_plan(tmp_path / "a.json", plan)
     second = write_plan(tmp_path / "b.json", read_plan(first))
     assert first.read_bytes() == second.read_bytes()

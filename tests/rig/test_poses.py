@@ -1,11 +1,14 @@
 """Patterns of camera positions."""
 
+from typing import get_args
+
 import numpy as np
 import pytest
 
 from toolkit.core.errors import ToolkitError
 from toolkit.rig.camera import orbit_direction
-from toolkit.rig.plan import PATTERNS, Pattern, spread_poses
+from toolkit.rig.pattern import Pattern
+from toolkit.rig.plan import PATTERNS, spread_poses
 
 NAMES = list(PATTERNS)
 
@@ -14,7 +17,7 @@ NAMES = list(PATTERNS)
 @pytest.mark.parametrize("count", [1, 2, 5, 7, 18, 36, 97])
 @pytest.mark.parametrize("elevations", [(25, 65), (0, 90), (40, 40)])
 def test_as_many_as_asked_for_in_range_and_all_different(name, count, elevations):
-    angles = spread_poses(Pattern(name, count, elevations))
+    angles = spread_poses(Pattern(name=name, count=count, elevation_deg=elevations))
     assert angles.shape == (count, 2)
     assert (angles[:, 0] >= 0).all() and (angles[:, 0] < 360).all()
     assert (angles[:, 1] >= elevations[0] - 1e-9).all() and (angles[:, 1] <= elevations[1] + 1e-9).all()
@@ -27,7 +30,7 @@ def test_the_default_is_six_azimuths_at_three_elevations():
 
 
 def test_a_ring_has_one_elevation_and_equal_steps():
-    angles = spread_poses(Pattern("ring", 8, (20, 50)))
+    angles = spread_poses(Pattern(name="ring", count=8, elevation_deg=(20, 50)))
     assert set(angles[:, 1]) == {35}
     np.testing.assert_allclose(np.diff(angles[:, 0]), 45)
 
@@ -35,7 +38,7 @@ def test_a_ring_has_one_elevation_and_equal_steps():
 @pytest.mark.parametrize("name", ["hemisphere", "fibonacci"])
 def test_spread_patterns_cover_the_sphere_evenly(name):
     """Directions as dense near the pole as near the horizon: the mean height of an even spread is the middle height."""
-    angles = spread_poses(Pattern(name, 200, (0, 90)))
+    angles = spread_poses(Pattern(name=name, count=200, elevation_deg=(0, 90)))
     directions = np.stack([orbit_direction(a, e) for a, e in angles])
     assert directions[:, 2].mean() == pytest.approx(0.5, abs=0.02)
     assert np.abs(directions[:, :2].mean(axis=0)).max() < 0.03
@@ -47,8 +50,8 @@ def test_spread_patterns_cover_the_sphere_evenly(name):
 @pytest.mark.parametrize("name", ["fibonacci", "grid", "ring", "hemisphere"])
 def test_jitter_of_a_pose_depends_on_seed_and_number_alone(name):
     def jitter(count, seed):
-        moved = spread_poses(Pattern(name, count, (30, 60), jitter_deg=2, seed=seed))
-        shift = moved - spread_poses(Pattern(name, count, (30, 60)))
+        moved = spread_poses(Pattern(name=name, count=count, elevation_deg=(30, 60), jitter_deg=2, seed=seed))
+        shift = moved - spread_poses(Pattern(name=name, count=count, elevation_deg=(30, 60)))
         return np.stack([(shift[:, 0] + 180) % 360 - 180, shift[:, 1]], axis=1)
 
     # clipping keeps elevations within three standard deviations of the range: none is reached here
@@ -61,20 +64,24 @@ def test_jitter_of_a_pose_depends_on_seed_and_number_alone(name):
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"name": "gird"}, "did you mean grid"),
-        ({"count": 0}, "at least one"),
-        ({"elevation_deg": (60, 20)}, "lowest <= highest"),
-        ({"elevation_deg": (-5, 20)}, "lowest <= highest"),
-        ({"elevation_deg": (20, 95)}, "lowest <= highest"),
-        ({"elevation_deg": (float("nan"), 95)}, "lowest <= highest"),
-        ({"fill": 1.2}, "--fill 1.2"),
-        ({"fill": 0.0}, "--fill 0"),
-        ({"jitter_deg": -1}, "--jitter -1"),
-        ({"jitter_deg": float("nan")}, "--jitter nan"),
-        ({"distance_mm": (-5, 400)}, "--distance -5 400"),
-        ({"distance_mm": (400, float("inf"))}, "--distance 400 inf"),
+        ({"name": "gird"}, "name gird: expected grid, .*did you mean grid"),
+        ({"count": 0}, "count 0: expected at least 1"),
+        ({"elevation_deg": (60, 20)}, "elevation_deg 60 20: expected two rising numbers from 0 to 90"),
+        ({"elevation_deg": (-5, 20)}, "rising numbers from 0 to 90"),
+        ({"elevation_deg": (20, 95)}, "rising numbers from 0 to 90"),
+        ({"elevation_deg": (float("nan"), 95)}, "rising numbers from 0 to 90"),
+        ({"fill": 1.2}, r"fill 1.2: expected 0.05 to 0.95"),
+        ({"fill": 0.0}, "fill 0: expected"),
+        ({"jitter_deg": -1}, "jitter_deg -1: expected 0 to 45"),
+        ({"jitter_deg": float("nan")}, "jitter_deg nan: expected"),
+        ({"distance_mm": (-5, 400)}, "distance_mm -5 400: expected distances over 0 and under 1000000 mm"),
+        ({"distance_mm": (400, float("inf"))}, "distance_mm 400 inf: expected distances over 0"),
     ],
 )
 def test_what_cannot_be_is_refused_by_name(wrong, words):
     with pytest.raises(ToolkitError, match=words):
-        spread_poses(Pattern(**wrong))
+        Pattern(**wrong)
+
+
+def test_every_pattern_that_can_be_asked_for_is_there():
+    assert set(get_args(Pattern.model_fields["name"].annotation)) == set(PATTERNS)

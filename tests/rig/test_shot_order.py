@@ -10,7 +10,8 @@ from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import TableObject
 from toolkit.objects.spec import ObjectSpec
 from toolkit.rig.camera import Camera
-from toolkit.rig.plan import Pattern, make_plan
+from toolkit.rig.pattern import Pattern
+from toolkit.rig.plan import make_plan
 from toolkit.rig.shot_order import (  # fmt: skip
     ORDERS,
     ShotStep,
@@ -84,7 +85,7 @@ def test_points_in_one_place_make_a_tour():
 @pytest.mark.parametrize("order", ORDERS)
 @pytest.mark.parametrize("count", [1, 2, 7, 18])
 def test_every_object_pose_and_variant_comes_once(make_boxes_plan, order, count):
-    plan = make_boxes_plan(Pattern("fibonacci", count))
+    plan = make_boxes_plan(Pattern(name="fibonacci", count=count))
     variants = ("unpatched", "patched", "grey-patch")
     steps = order_shots(plan, ["chest", "crate"], variants, seed=4, order=order)
     assert [step.number for step in steps] == list(range(1, 6 * count + 1))
@@ -169,7 +170,7 @@ def test_what_cannot_be_ordered_is_refused(make_boxes_plan, arguments, words):
 @pytest.fixture
 def written(tmp_path, make_boxes_plan):
     """Write a list with one field changed, and read it back."""
-    plan = make_boxes_plan(Pattern("ring", 3), ("crate",))
+    plan = make_boxes_plan(Pattern(name="ring", count=3), ("crate",))
 
     def write(change=lambda content: None):
         file = write_shots(tmp_path / "rig" / "shots.json", list_shots(plan, order_shots(plan, ["crate"])))
@@ -182,7 +183,7 @@ def written(tmp_path, make_boxes_plan):
 
 
 def test_a_list_is_read_as_it_was_written(written, make_boxes_plan):
-    plan = make_boxes_plan(Pattern("ring", 3), ("crate",))
+    plan = make_boxes_plan(Pattern(name="ring", count=3), ("crate",))
     shots = written()
     assert shots.steps == order_shots(plan, ["crate"])
     assert (shots.seed, shots.order, shots.plan_sha256) == (0, "aba", {"crate": hash_poses(plan, "crate")})

@@ -16,7 +16,8 @@ from toolkit.objects.mesh import Material, hash_mesh, hash_shape
 from toolkit.objects.records import encode_png, write_texture
 from toolkit.objects.shapes.modelling import assemble, box
 from toolkit.rig.camera import Camera, project
-from toolkit.rig.plan import Pattern, make_plan, read_plan, write_plan
+from toolkit.rig.pattern import Pattern
+from toolkit.rig.plan import make_plan, read_plan, write_plan
 from toolkit.rig.variants import CONTROLS_OF, dress, find_booster, find_texture, fit_texture
 
 SETTINGS = ShootSettings(backdrop="white", image_format="png")
@@ -39,7 +40,7 @@ def space(tmp_path):
     for name in ("block", "brick"):
         (space.objects_dir / f"{name}.toml").write_text(SPEC.format(name=name, mm=100))
     items = [load_object(space.object_spec(name)) for name in ("block", "brick")]
-    pattern = Pattern("ring", count=1, elevation_deg=(60, 60))
+    pattern = Pattern(name="ring", count=1, elevation_deg=(60, 60))
     write_plan(space.plan_file, make_plan(items, Camera.from_fov(128, 96), pattern))
     return space
 
@@ -71,7 +72,7 @@ def save(space, pixels=RED, name="block", objects=("block",), keep=(), **more):
 
 
 def shoot(space, variants, objects=("block",)):
-    return shoot_plan(space, read_plan(space.plan_file), objects, variants, SETTINGS, quiet=True)
+    return shoot_plan(space, read_plan(space.plan_file), objects, variants, SETTINGS)
 
 
 def picture(space, variant, name="block"):

@@ -35,8 +35,8 @@ def test_nothing_is_answered_without_the_token(guarded, address, tokens):
 def test_nothing_is_written_without_the_token(guarded, photo):
     assert guarded.send(1, photo()).status_code == 403
     assert guarded.client.post("/api/shots/1/skip").status_code == 403
-    assert not list(guarded.session.places.incoming_dir.iterdir())
-    assert not guarded.session.places.skip_mark(guarded.session.find_step(1)).exists()
+    assert not list(guarded.session.folders.incoming_dir.iterdir())
+    assert not guarded.session.folders.skip_mark(guarded.session.find_step(1)).exists()
 
 
 @pytest.mark.parametrize(

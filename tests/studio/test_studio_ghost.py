@@ -11,12 +11,12 @@ from toolkit.photos.gates.result import GateResult
 from toolkit.photos.photo import read_photo
 from toolkit.rig.camera import project
 from toolkit.rig.plan import read_plan
-from toolkit.studio.ghost import SIDE_PX, GhostArtist, square_camera
+from toolkit.studio.ghost import SIDE_PX, GhostRenderer, square_camera
 
 
 @pytest.fixture
 def artist(shot_space):
-    return GhostArtist(shot_space, read_plan(shot_space.plan_file))
+    return GhostRenderer(shot_space, read_plan(shot_space.plan_file))
 
 
 def read_ghost(artist, variant, pose_id=1):

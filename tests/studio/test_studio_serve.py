@@ -7,7 +7,7 @@ import pytest
 
 from toolkit.core.errors import ToolkitError
 from toolkit.studio import serve
-from toolkit.studio.serve import open_door, require_extra, show_code
+from toolkit.studio.serve import listen, require_extra, show_code
 
 
 @pytest.fixture
@@ -19,7 +19,7 @@ def taken():
 
 
 def test_loopback_is_the_default_and_needs_no_token():
-    door = open_door()
+    door = listen()
     with door.listener:
         assert door.address == "127.0.0.1" == door.listener.getsockname()[0]
         assert door.access.token is None and door.url == f"http://127.0.0.1:{door.port}/"
@@ -27,20 +27,20 @@ def test_loopback_is_the_default_and_needs_no_token():
 
 
 def test_a_taken_port_is_said(taken):
-    with pytest.raises(ToolkitError, match=f"port {taken} of 127.0.0.1 is taken.*--port"):
-        open_door(port=taken)
+    with pytest.raises(ToolkitError, match=f"port {taken} of 127.0.0.1 is taken.*choose another port"):
+        listen(port=taken)
 
 
 def test_without_a_wish_any_free_port_will_do(taken, monkeypatch):
     monkeypatch.setattr(serve, "USUAL_PORT", taken)
-    door = open_door()
+    door = listen()
     with door.listener:
         assert door.port not in (0, taken)
 
 
 def test_the_local_network_gets_its_address_and_a_token(monkeypatch):
     monkeypatch.setattr(serve, "find_lan_address", lambda: "127.0.0.2")  # every 127.x is this machine
-    door = open_door(lan=True)
+    door = listen(lan=True)
     with door.listener:
         assert door.listener.getsockname()[0] == "127.0.0.2"
         assert door.access.hosts == {f"127.0.0.2:{door.port}"}
@@ -49,7 +49,7 @@ def test_the_local_network_gets_its_address_and_a_token(monkeypatch):
 
 def test_an_address_of_another_machine_is_said():
     with pytest.raises(ToolkitError, match=r"192\.0\.2\.7 is no address of this machine"):
-        open_door(lan=True, address="192.0.2.7")
+        listen(lan=True, address="192.0.2.7")
 
 
 def test_no_network_is_said(monkeypatch):
@@ -58,8 +58,8 @@ def test_no_network_is_said(monkeypatch):
             raise OSError(101, "Network is unreachable")
 
     monkeypatch.setattr(serve.socket, "socket", Deaf)
-    with pytest.raises(ToolkitError, match=r"no address in a local network.*--address"):
-        open_door(lan=True)
+    with pytest.raises(ToolkitError, match=r"no address in a local network.*by address"):
+        listen(lan=True)
 
 
 def test_the_code_in_the_terminal_is_read_by_another_library():

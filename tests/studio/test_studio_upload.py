@@ -4,7 +4,7 @@ import re
 import pytest
 
 from toolkit.core.files import explain_write_error
-from toolkit.studio.upload import PART, Places
+from toolkit.studio.upload import PART, UploadFolders
 
 NAME = re.compile(r"\d{8}-\d{6}-\d{6}-[0-9a-f]{32}\.(jpg|png)")
 
@@ -133,7 +133,7 @@ def test_a_disk_that_fills_while_a_photograph_is_kept_loses_nothing(desk, photo,
 
 
 def test_what_a_stopped_server_left_half_is_swept_away(desk, reopen):
-    half = Places(desk.space.root).new_incoming()
+    half = UploadFolders(desk.space.root).new_incoming()
     half.write_bytes(b"half")
     reopen()
     assert not half.exists()
@@ -145,6 +145,6 @@ def test_any_other_trouble_of_the_disk_is_one_line_too(desk, photo, monkeypatch)
     def fail(self, step):
         raise OSError(errno.EROFS, "Read-only file system", "waiting")
 
-    monkeypatch.setattr(Places, "drop_waiting", fail)
+    monkeypatch.setattr(UploadFolders, "drop_waiting", fail)
     answer = desk.client.post("/api/shots/1/discard")
     assert answer.status_code == 507 and "read-only" in answer.json()["error"]

@@ -70,10 +70,10 @@ def test_resolution_that_no_camera_has_is_refused():
 
 
 def test_default_values_are_those_of_the_studio_and_the_paper():
-    assert parse_values(AXES["light"], None) == list(LIGHTS)
+    assert parse_values(AXES["light"]) == list(LIGHTS)
     assert parse_values(AXES["backdrop"], []) == list(BACKDROPS)
     assert abs(PAPER_MM - 100 / 72 * 25.4 * 2.5) < 1e-3
-    assert parse_values(AXES["size"], None)[-1] == PAPER_MM
+    assert parse_values(AXES["size"])[-1] == PAPER_MM
 
 
 def test_values_are_taken_once_and_numbers_in_order():
@@ -88,13 +88,13 @@ def test_values_are_taken_once_and_numbers_in_order():
     [
         ("light", "dimm", r"no light called 'dimm': did you mean dim\?"),
         ("backdrop", "oaken", r"no backdrop called 'oaken': did you mean oak\?"),
-        ("distance", "far", "--values far: expected a factor of the plan's distance, a number from 0.1 to 20"),
-        ("distance", "nan", "--values nan: expected a factor"),
-        ("distance", "-1", "--values -1: expected a factor"),
-        ("resolution", "64.5", "--values 64.5: expected the picture's width in pixels, a whole number"),
-        ("size", "0", "--values 0: expected the printed side of the patch in mm, a number from 1 to 10000"),
-        ("size", "", "--values : expected the printed side"),
-        ("seed", "-2", "--values -2: expected a seed, a whole number from 0"),
+        ("distance", "far", "values far: expected a factor of the plan's distance, a number from 0.1 to 20"),
+        ("distance", "nan", "values nan: expected a factor"),
+        ("distance", "-1", "values -1: expected a factor"),
+        ("resolution", "64.5", "values 64.5: expected the picture's width in pixels, a whole number"),
+        ("size", "0", "values 0: expected the printed side of the patch in mm, a number from 1 to 10000"),
+        ("size", "", "values : expected the printed side"),
+        ("seed", "-2", "values -2: expected a seed, a whole number from 0"),
     ],
 )
 def test_a_wrong_value_is_one_line_that_says_what_is_expected(axis, value, words):

@@ -15,7 +15,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.rig.plan import read_plan, write_plan
 from toolkit.sweeps import sweep as sweeps
-from toolkit.sweeps.axes import AXES
+from toolkit.sweeps.config import SweepConfig
 from toolkit.sweeps.sweep import run_sweep
 
 
@@ -35,7 +35,8 @@ def after(swept, tmp_path):
 
 
 def sweep(space, redness, axis, values, **more):
-    return run_sweep(space, AXES[axis], values, make_base(space), ["crate"], redness, quiet=True, **more)
+    config = SweepConfig(axis=axis, values=values, objects=["crate"], **more)
+    return run_sweep(space, config, redness, make_base(space))
 
 
 def image(space, axis, label, variant, pose=1):
@@ -139,7 +140,7 @@ def test_a_camera_that_crops_the_object_is_reported(space, redness):
 
 def test_images_shot_before_from_the_same_inputs_are_copied(space, redness):
     base = make_base(space)
-    shoot_plan(space, base.plan, ["crate"], ["unpatched"], base.settings, quiet=True)
+    shoot_plan(space, base.plan, ["crate"], ["unpatched"], base.settings)
     whole, damaged = (space.captures_dir / "sim" / f"crate/unpatched/pose_0{i}.jpg" for i in (1, 2))
     content = whole.read_bytes()
     damaged.write_bytes(damaged.read_bytes()[:300])

@@ -11,7 +11,7 @@ from toolkit.cli import main
 @pytest.fixture
 def run(space, redness, monkeypatch, capsys):
     """A function (arguments) -> exit code, stdout, stderr of `toolkit sweep ...`."""
-    monkeypatch.setattr("toolkit.models.load.load_classifier", lambda *_: redness)
+    monkeypatch.setattr("toolkit.models.load.load_classifier", lambda *_, **__: redness)
     monkeypatch.setenv("COLUMNS", "200")
 
     def call(*arguments):
@@ -48,7 +48,7 @@ def test_a_part_that_is_not_possible_is_exit_code_1_and_json_says_why(run):
         (["size", "--values", "big"], "error: --values big: expected the printed side of the patch in mm"),
         (["light", "--variant", "patchd"], "error: no variant called 'patchd': did you mean patched"),
         (["light", "--object", "crat"], "error: no object called 'crat': did you mean crate?"),
-        (["light", "--run", "a/b"], "error: --run 'a/b': expected letters, digits"),
+        (["light", "--run", "a/b"], "error: --run a/b: expected letters, digits"),
     ],
 )
 def test_mistakes_are_one_line_and_exit_code_2(run, space, arguments, words):

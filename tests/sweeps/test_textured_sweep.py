@@ -7,12 +7,13 @@ from red_crate import RED, make_base
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import load_object
 from toolkit.objects.records import write_texture
-from toolkit.sweeps.axes import AXES
+from toolkit.sweeps.config import SweepConfig
 from toolkit.sweeps.sweep import run_sweep
 
 
 def sweep(space, redness, variants):
-    return run_sweep(space, AXES["size"], [20.0, 40.0], make_base(space), ["crate"], redness, variants, quiet=True)
+    config = SweepConfig(axis="size", values=[20.0, 40.0], objects=["crate"], variants=variants)
+    return run_sweep(space, config, redness, make_base(space))
 
 
 def test_a_texture_beside_a_patch_of_several_sizes(space, redness):

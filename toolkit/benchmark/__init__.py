@@ -1,1 +1,1 @@
-"""The corruption benchmark: a data set boosted with patches, corrupted, and shown to a classifier (seed, section D)."""
+"""The corruption benchmark: a data set with patches in it, corrupted, shown to a classifier (the paper, Appendix D)."""

@@ -1,21 +1,24 @@
 """Training on the mounted sheet: the patch as the rig shows it on its object, bent, lit and partly hidden.
 
-The rig takes each view apart into buffers in which the picture is linear in the patch's linear colours
-(`toolkit.rig.mounted`), so that gradients reach the patch through exact geometry and light.
+Its paper is one material of the scene (`toolkit.boosters.linear_view`), whose texture is the patch with a white margin.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.boosters.patch_steps import Target
+from toolkit.boosters.linear_view import ViewBatch, batch_views, show_linear, srgb_to_linear
+from toolkit.boosters.pixels import Target
 from toolkit.boosters.validation import Share, Validation
 from toolkit.core.draws import Draws
 from toolkit.core.files import sha256_bytes
-from toolkit.rig.mounted import MountedView
-from toolkit.rig.shading import SHOULDER
+from toolkit.core.workspace import Workspace
+from toolkit.objects.load import load_object
+from toolkit.rig.linear_view import LinearView
+from toolkit.rig.mount import PAPER, size_on_paper
+from toolkit.rig.views import NEAR_VIEWS, ViewRanges, render_mounted_views
 
 if TYPE_CHECKING:
     import torch
@@ -29,46 +32,79 @@ BATCH = 24
 
 @dataclass(frozen=True)
 class MountedViews:
-    """Views as tensors; see `toolkit.rig.mounted.MountedView` for their meaning.
+    """Views of an object with a sheet on it.
 
     Attributes:
-        dark, gain: (k, 3, s, s) float16 linear.
-        uv: (k, 4, s, s, 2) float16, NaN off the patch.
-        sha256: of all of it.
+        batch: all of them, in half precision.
+        size_mm: side of the patch on the sheet.
+        sha256: of the views.
     """
 
-    dark: "torch.Tensor"
-    gain: "torch.Tensor"
-    uv: "torch.Tensor"
+    batch: ViewBatch
+    size_mm: float
     sha256: str
 
     def __len__(self) -> int:
-        return len(self.dark)
+        return len(self.batch)
 
-    def part(self, start: int, stop: int) -> "MountedViews":
-        """Views `start` to `stop`."""
-        return MountedViews(self.dark[start:stop], self.gain[start:stop], self.uv[start:stop], self.sha256)
+    def divide(self) -> tuple["MountedViews", "MountedViews"]:
+        """Those to train on, and the last fifth, which is held out."""
+        kept = len(self) - max(1, round(len(self) * HELD_OUT))
+        train, held_out = (self.batch.part(*span) for span in ((0, kept), (kept, len(self))))
+        return replace(self, batch=train), replace(self, batch=held_out)
 
 
-def stack_views(views: list[MountedView], device: str) -> MountedViews:
-    """Tensors on `device`."""
+def load_mounted_views(
+    workspace: Workspace,
+    object_name: str,
+    size_mm: float,
+    patch_px: int,
+    count: int,
+    *,
+    seed: int,
+    image_px: int,
+    device: str,
+    quiet: bool = False,
+    ranges: ViewRanges = NEAR_VIEWS,
+) -> MountedViews:
+    """Render views as `toolkit.rig.views.render_mounted_views` and put them on `device`.
+
+    Args:
+        workspace: whose object it is.
+        object_name: as in its spec.
+        size_mm: side of the printed patch, unless the object's spec states one.
+        patch_px, count, seed, image_px, quiet, ranges: as there.
+        device: of the tensors.
+
+    Raises:
+        ToolkitError: an unknown object, or a sheet that cannot be mounted.
+    """
+    item = load_object(workspace.object_spec(object_name))
+    side_mm = item.spec.patch.size_mm or size_mm
+    views = render_mounted_views(
+        item, side_mm, patch_px, count, seed=seed, image_px=image_px, quiet=quiet, ranges=ranges
+    )
+    return stack_views(list(views), side_mm, device)
+
+
+def stack_views(views: list[LinearView], size_mm: float, device: str) -> MountedViews:
+    """Views of a sheet whose patch has a side of `size_mm`, as tensors on `device`."""
+    digest = sha256_bytes("".join(view.sha256 for view in views).encode())
+    return MountedViews(batch_views(views, device, half=True), size_mm, digest)
+
+
+def print_on_paper(linear: "torch.Tensor", size_mm: float) -> "torch.Tensor":
+    """(3, m, m): `toolkit.rig.mount.print_on_paper`, in linear light and differentiable in the patch (3, n, n)."""
     import torch
+    from torch.nn.functional import interpolate
 
-    dark = np.stack([view.dark for view in views]).transpose(0, 3, 1, 2).astype(np.float16)
-    gain = np.stack([view.gain for view in views]).transpose(0, 3, 1, 2).astype(np.float16)
-    uv = np.stack([view.uv for view in views]).astype(np.float16)
-    digest = sha256_bytes(b"".join(sha256_bytes(array.tobytes()).encode() for array in (dark, gain, uv)))
-
-    def place(array: np.ndarray) -> torch.Tensor:
-        return torch.from_numpy(np.ascontiguousarray(array)).to(device)
-
-    return MountedViews(place(dark), place(gain), place(uv), digest)
-
-
-def divide_views(views: MountedViews) -> tuple[MountedViews, MountedViews]:
-    """Those to train on, and the last fifth, which is held out."""
-    kept = len(views) - max(1, round(len(views) * HELD_OUT))
-    return views.part(0, kept), views.part(kept, len(views))
+    repeat, margin = size_on_paper(linear.shape[-1], size_mm)
+    crisp = interpolate(linear[None], scale_factor=repeat)[0]
+    white = srgb_to_linear(torch.tensor(PAPER, dtype=linear.dtype, device=linear.device) / 255)[:, None, None]
+    side = crisp.shape[-1]
+    paper = white.repeat(1, side + 2 * margin, side + 2 * margin)
+    paper[:, margin : margin + side, margin : margin + side] = crisp
+    return paper
 
 
 def show_mounted(
@@ -82,7 +118,7 @@ def show_mounted(
     """Photographs of the object with a patch on its sheet.
 
     Args:
-        patch: θ, (3, n, n) sRGB-encoded in [0, 1].
+        patch: θ, (3, n, n) sRGB-encoded in [0, 1], n as the views were made for.
         views: of the object.
         which: (b,) views to show.
         corners: (b, 2) top and left of the cut.
@@ -94,43 +130,16 @@ def show_mounted(
     """
     import torch
 
-    cuts = [
-        (k, slice(top, top + image_px), slice(left, left + image_px))
-        for k, (top, left) in zip(which, corners, strict=True)
-    ]
-    light = torch.stack([views.dark[k, :, y, x] for k, y, x in cuts]).to(patch.dtype)
-    factor = torch.ones((), dtype=patch.dtype)
-    if rng is not None:
-        count = len(cuts)
-        drawn = rng.uniform(*EXPOSURE, (count, 1, 1, 1)) * rng.uniform(1 - TINT, 1 + TINT, (count, 3, 1, 1))
-        factor = torch.as_tensor(drawn, dtype=patch.dtype, device=patch.device)
-    photos = develop(light * factor)
-    # only the patch's own pixels carry a gradient, and they are few
-    uv = torch.stack([views.uv[k, :, y, x] for k, y, x in cuts])
-    k, y, x = (~uv[..., 0].isnan()).any(dim=1).nonzero(as_tuple=True)
-    gain = torch.stack([views.gain[one, :, rows, columns] for one, rows, columns in cuts])
-    on_patch = light[k, :, y, x] + gain[k, :, y, x].to(patch.dtype) * _look_up(patch, uv[k, :, y, x].to(patch.dtype))
-    photos = photos.permute(0, 2, 3, 1).index_put(
-        (k, y, x), develop(on_patch * factor.expand(len(cuts), 3, 1, 1)[k, :, 0, 0])
-    )
-    photos = photos.permute(0, 3, 1, 2)
-    if rng is not None:
-        grain = torch.as_tensor(rng.standard_normal(photos.shape, np.float32), dtype=patch.dtype, device=patch.device)
-        photos = photos + NOISE * grain
-    return photos.clamp(0, 1)
-
-
-def _look_up(patch: "torch.Tensor", uv: "torch.Tensor") -> "torch.Tensor":
-    """Linear colours (p, 3) of a patch (3, n, n) at (p, 4, 2) places, mean over those of the four that are on it."""
-    import torch
-    from torch.nn.functional import grid_sample
-
-    seen = (~uv[..., 0].isnan()).to(patch.dtype)
-    weight = seen / seen.sum(dim=1, keepdim=True).clamp_min(1)
-    grid = torch.stack([uv[..., 0] * 2 - 1, 1 - uv[..., 1] * 2], -1).nan_to_num(0)
-    linear = srgb_to_linear(patch)[None]
-    texels = grid_sample(linear, grid[None], mode="bilinear", padding_mode="border", align_corners=False)[0]
-    return (texels * weight).sum(dim=2).T
+    batch = views.batch.cut(which, corners, image_px, patch.dtype)
+    paper = print_on_paper(srgb_to_linear(patch), views.size_mm)
+    if rng is None:
+        return show_linear(paper, batch)
+    count = len(batch)
+    drawn = rng.uniform(*EXPOSURE, (count, 1, 1, 1)) * rng.uniform(1 - TINT, 1 + TINT, (count, 3, 1, 1))
+    photos = show_linear(paper, batch, torch.as_tensor(drawn, dtype=patch.dtype, device=patch.device))
+    shape = (count, 3, image_px, image_px)
+    grain = torch.as_tensor(rng.standard_normal(shape, np.float32), dtype=patch.dtype, device=patch.device)
+    return (photos + NOISE * grain).clamp(0, 1)
 
 
 def draw_mounted(
@@ -139,8 +148,8 @@ def draw_mounted(
     """A batch of random views at random cuts, waiting for its patch."""
     rng = draws.of("mounted")
     which = rng.choice(len(views), count, replace=count > len(views))
-    corners = rng.integers(0, views.dark.shape[-1] - image_px + 1, (count, 2))
-    return lambda patch: show_mounted(patch, views, which, corners, image_px, rng)
+    corners = rng.integers(0, views.batch.still.shape[1] - image_px + 1, (count, 2))
+    return lambda patch: show_mounted(patch, views, which, corners, image_px, rng=rng)
 
 
 def validate_mounted(
@@ -150,14 +159,14 @@ def validate_mounted(
     import torch
 
     grey = torch.full_like(patch, PAPER_GREY)
-    start = (views.dark.shape[-1] - image_px) // 2
+    start = (views.batch.still.shape[1] - image_px) // 2
     hits = np.zeros((2, len(targets)), int)
     with torch.inference_mode():
         for first in range(0, len(views), BATCH):
             which = np.arange(first, min(first + BATCH, len(views)))
             corners = np.full((len(which), 2), start)
-            for row, sheet in enumerate((grey, patch)):
-                photos = show_mounted(sheet, views, which, corners, image_px)
+            for row, printed in enumerate((grey, patch)):
+                photos = show_mounted(printed, views, which, corners, image_px)
                 for k, target in enumerate(targets):
                     hits[row, k] += int((target.classifier.logits(photos).argmax(1) == target.class_index).sum())
     count = len(views)
@@ -165,20 +174,3 @@ def validate_mounted(
         Validation(target.classifier.name, Share(int(hits[0, k]), count), Share(int(hits[1, k]), count))
         for k, target in enumerate(targets)
     ]
-
-
-def srgb_to_linear(encoded: "torch.Tensor") -> "torch.Tensor":
-    """`toolkit.imaging.colour.srgb_to_linear`, differentiable."""
-    import torch
-
-    return torch.where(encoded <= 0.04045, encoded / 12.92, ((encoded.clamp_min(0.04045) + 0.055) / 1.055) ** 2.4)
-
-
-def develop(light: "torch.Tensor") -> "torch.Tensor":
-    """`toolkit.rig.shading.develop` without falloff and noise, differentiable; sRGB-encoded in [0, 1]."""
-    import torch
-
-    over = (light - SHOULDER).clamp_min(0)
-    light = light.clamp_max(SHOULDER) + (1 - SHOULDER) * (1 - torch.exp(-over / (1 - SHOULDER)))
-    light = light.clamp(0, 1)
-    return torch.where(light <= 0.0031308, light * 12.92, 1.055 * light.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)

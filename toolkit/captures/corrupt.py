@@ -1,7 +1,7 @@
-"""Captures as ImageNet-C would spoil them: a corrupted copy of a source's images, in a source of its own.
+"""Captures as ImageNet-C would corrupt them: a corrupted copy of a source's images, in a source of its own.
 
-The published parameters are pixels of an image of 224², and a shot is larger: noise or a blur laid on it as it is would
-be mild or gone once a network has shrunk it. So each shot is resized and cut to 224² first, as published, and
+The published parameters are pixels of an image of 224², and a shot is larger: noise or a blur added to the whole shot
+would be mild or gone once a network has shrunk it. So each shot is resized and cut to 224² first, as published, and
 `toolkit eval` shows a file that was cut so to a network of 224 px as it is: with the usual preprocessing of such a
 network (256 px, 224² cut) the result is that of `toolkit eval --corrupt`; others resize and cut otherwise.
 """
@@ -38,7 +38,7 @@ def name_source(source: str, corruption: Corruption) -> str:
     return f"{source}-{corruption[0]}-{corruption[1]}"
 
 
-def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption], quiet: bool = True) -> list[CorruptedSource]:
+def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption]) -> list[CorruptedSource]:
     """Corrupt the images of a source into folders beside it: `captures/sim` in fog of 3 is `captures/sim-fog-3`.
 
     Each is a capture folder with the same objects, variants and poses. What a run before has finished is kept, and an
@@ -47,7 +47,6 @@ def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption], quiet: b
     Args:
         source_dir: with images and a manifest.
         corruptions: (name, severity) of each.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: no images, a folder of that name that holds something else, or it cannot be written.
@@ -59,7 +58,7 @@ def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption], quiet: b
         out = source_dir.with_name(name_source(source_dir.name, corruption))
         _check_own(out, corruption)
         name, severity = corruption
-        done = corrupt_folder(source_dir, out, [name], [severity], SEED, CUT_PX, quiet=quiet)
+        done = corrupt_folder(source_dir, out, [(name, severity)], seed=SEED, size_px=CUT_PX)
         _write_records(source_dir, out, corruption)
         made.append(CorruptedSource(out, done.made, done.kept, tuple(done.failed)))
     return made
@@ -75,13 +74,13 @@ def _check_own(out: Path, corruption: Corruption) -> None:
 
 def _write_records(source_dir: Path, out: Path, corruption: Corruption) -> None:
     """Bring the manifest up to what lies in the folder; a run that was stopped in between is caught up with."""
-    from toolkit.corruptions.ledger import read_ledger
+    from toolkit.corruptions.folder import read_finished
     from toolkit.corruptions.request import find_sources
 
-    shots, known, ledger = read_manifest(source_dir), read_manifest(out), read_ledger(out)
+    shots, known, finished = read_manifest(source_dir), read_manifest(out), read_finished(out)
     records = []
     for source in find_sources(source_dir, out, "png").sources:
-        shot, line = shots.get(source.path), ledger.get(source.target)
+        shot, line = shots.get(source.path), finished.get(source.target)
         if shot is None or line is None or line.source_sha256 != shot.image_sha256:
             continue
         record = _describe(shot, source.target, line.sha256, f"{source_dir.name}/{source.path}", corruption)

@@ -1,15 +1,13 @@
-"""`transforms.json` in nerfstudio's format, so that a capture opens in the field's own viewers."""
+"""What is known of each image of a source: `manifest.jsonl`, and `transforms.json` for the field's own viewers."""
 
-import json
-import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
-from toolkit.core.errors import ToolkitError
-from toolkit.core.files import explain_write_error, inside, sha256_file, write_json
+from toolkit.core.files import inside, sha256_file, write_json
+from toolkit.core.records import RecordLog
 from toolkit.rig.camera import Camera
 
 MANIFEST = "manifest.jsonl"
@@ -50,60 +48,26 @@ class CaptureRecord(BaseModel):
         return Camera.from_intrinsics(self.intrinsics, [float(k) for k in found] if isinstance(found, list) else [])
 
 
+def open_manifest(source_dir: Path) -> RecordLog[CaptureRecord]:
+    """The log of a source's images."""
+    return RecordLog(Path(source_dir) / MANIFEST, CaptureRecord)
+
+
 def read_manifest(source_dir: Path) -> dict[str, CaptureRecord]:
     """Records by path; the last line for a path wins; a half-written last line (a kill while appending) is dropped.
 
     Raises:
         ToolkitError: a line in the middle is broken, or a path leaves the folder.
     """
-    file = Path(source_dir) / MANIFEST
-    if not file.is_file():
-        return {}
-    records: dict[str, CaptureRecord] = {}
-    text = file.read_text(encoding="utf-8", errors="replace")
-    lines = text.split("\n")  # and not at what else Unicode calls a line's end: file names may hold it
-    for number, line in enumerate(lines, 1):
-        if not line.strip():
-            continue
-        try:
-            record = CaptureRecord.model_validate(json.loads(line))
-        except (json.JSONDecodeError, ValidationError) as error:
-            if number == len(lines):
-                break
-            raise ToolkitError(
-                f"{file}: line {number} is broken ({error.__class__.__name__}): delete that line"
-            ) from None
-        inside(source_dir, record.path)
-        records[record.path] = record
+    records = open_manifest(source_dir).read_last(lambda record: record.path)
+    for path in records:
+        inside(source_dir, path)
     return records
 
 
 def append_record(source_dir: Path, record: CaptureRecord) -> None:
-    """Append one line and flush it to disk; a half-written line before it is ended first."""
-    file = Path(source_dir) / MANIFEST
-    try:
-        with file.open("a+b") as stream:
-            if stream.tell():
-                stream.seek(-1, os.SEEK_END)
-                if stream.read(1) != b"\n":
-                    _end_last_line(stream)
-            stream.write(json.dumps(record.model_dump(), ensure_ascii=False).encode() + b"\n")
-            stream.flush()
-            os.fsync(stream.fileno())
-    except OSError as error:
-        raise explain_write_error(file, error) from error
-
-
-def _end_last_line(stream) -> None:
-    """End a last line that is whole, as an editor may leave it; drop one that a kill cut short."""
-    stream.seek(0)
-    content = stream.read()
-    start = content.rfind(b"\n") + 1
-    try:
-        json.loads(content[start:])
-        stream.write(b"\n")
-    except ValueError:
-        stream.truncate(start)
+    """Append one line and flush it to disk; raises as `RecordLog.append`."""
+    open_manifest(source_dir).append(record)
 
 
 def is_finished(source_dir: Path, record: CaptureRecord | None, inputs_sha256: str) -> bool:

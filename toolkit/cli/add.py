@@ -114,7 +114,8 @@ def _draw(space: "Workspace", item: "TableObject", quiet: bool) -> tuple[Path, s
     from toolkit.objects.add import DEFAULT_PATCH_MM
     from toolkit.rig.camera import Camera
     from toolkit.rig.mount import attach, mount_patch
-    from toolkit.rig.plan import Pattern, plan_poses
+    from toolkit.rig.pattern import Pattern
+    from toolkit.rig.plan import plan_poses
     from toolkit.rig.preview import draw_contact_sheet
 
     checks = np.where(np.indices((8, 8)).sum(0)[..., None] % 2, [40, 90, 200], [250, 250, 250]).astype(np.uint8)
@@ -127,7 +128,7 @@ def _draw(space: "Workspace", item: "TableObject", quiet: bool) -> tuple[Path, s
     except ToolkitError as error:
         trouble = str(error)
     camera = Camera.from_fov()
-    poses = plan_poses(item, camera, Pattern("grid", 8, (20.0, 60.0)))
+    poses = plan_poses(item, camera, Pattern(name="grid", count=8, elevation_deg=(20.0, 60.0)))
     file = space.root / "rig" / "preview" / f"{item.name}-sheet.png"
     with progress("drawing the preview", 1, quiet) as bar:
         write_bytes(file, draw_contact_sheet(shown, camera, poses, studio_for(item, ShootSettings()), columns=4))

@@ -25,8 +25,6 @@ PLAIN = {
 TYPE = re.compile(r"<[\w\[\], ]+>")
 METAVARS = {"str": "TEXT", "int": "N", "float": "X", "path": "PATH", "Path": "PATH"}
 """What stands for a value of a type in the help, where the option names nothing better."""
-RANGE = re.compile(r"; x>=[01](?=\])| *\[x>=[01]\]")
-"""A bound that goes without saying."""
 
 
 class Entry(NamedTuple):
@@ -43,12 +41,15 @@ class Entry(NamedTuple):
     old: Mapping[str, str] = MappingProxyType({})
 
 
+TURNED = {"--rotation": "--max-rotation", "--scale": "--patch-scale"}
+"""Elsewhere these mean a range of turns, and the size of a print."""
+
 GROUPS: dict[str, dict[str, Entry]] = {
     "The road": {
         "train-patch": Entry("train_patch:train_patch", "train a patch for a class"),
         "train-texture": Entry("train_texture:train_texture", "train a texture for an object"),
         "print": Entry("print_:print_patches", "print patches at true size, or the board"),
-        "plan": Entry("plan:plan", "plan the camera poses"),
+        "plan": Entry("plan:plan", "plan the camera poses", {"--size": "--resolution"}),
         "capture-sim": Entry("capture_sim:capture_sim", "shoot every object at every pose"),
         "eval": Entry("eval_:evaluate", "classify a capture folder: table, statistics, report"),
         "sweep": Entry("sweep:sweep", "vary one thing: distance, light, size and more"),
@@ -61,16 +62,24 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "print-profile": Entry("measure:print_profile", "measure what a printer does to colours"),
     },
     "Benchmarks": {
-        "corrupt": Entry("corrupt:corrupt", "corrupt images as ImageNet-C does"),
+        "corrupt": Entry(
+            "corrupt:corrupt", "corrupt images as ImageNet-C does", {"--name": "--corrupt", "--size": "--image-px"}
+        ),
         "train-classifier": Entry("train_classifier:train_classifier", "train a classifier of your own classes"),
-        "train-patches": Entry("train_patches:train_patches", "train a patch for each of many classes"),
-        "baseline": Entry("baseline:baseline", "make codes and other baselines"),
-        "corrupt-eval": Entry("corrupt_eval:corrupt_eval", "corrupt a data set with and without patches"),
+        "train-patches": Entry(
+            "train_patches:train_patches", "train a patch for each of many classes", {**TURNED, "--size": "--size-px"}
+        ),
+        "baseline": Entry("baseline:baseline", "make codes and other baselines", {"--size": "--size-px"}),
+        "corrupt-eval": Entry(
+            "corrupt_eval:corrupt_eval",
+            "corrupt a data set with and without patches",
+            {**TURNED, "--corruption": "--corrupt"},
+        ),
     },
     "Set-up": {
         "init": Entry("init:init", "make a workspace"),
         "add": Entry("add:add", "add an object of your own from its mesh"),
-        "demo": Entry("demo:demo", "walk the whole road in a new workspace"),
+        "demo": Entry("objects:demo", "walk the whole road in a new workspace"),
         "objects": Entry("objects:list_objects", "list the objects that can be photographed"),
         "doctor": Entry("health:doctor", "check what the kit needs from this machine"),
     },
@@ -100,7 +109,7 @@ class GroupedCommand(TyperCommand):
                 heading, name = "Arguments", _name_parameter(parameter)
             elif parameter.name == "help":
                 heading = SHARED
-            sections.setdefault(heading, []).append((name, RANGE.sub("", row[1])))
+            sections.setdefault(heading, []).append((name, _write_bounds(row[1])))
         sections[SHARED] = sections.pop(SHARED)  # comes last
         for heading, rows in sections.items():
             if rows:
@@ -143,6 +152,11 @@ def show_typed(flag: str, value: object) -> str:
     return f"{flag} {show_value(value)}"
 
 
+def _write_bounds(text: str) -> str:
+    text = re.sub(r"; x>=[01](?=\])| *\[x>=[01]\]", "", text)  # these go without saying
+    return re.sub(r"x>=(\d+)", r"at least \1", re.sub(r"(\d+)<=x<=(\d+)", r"\1 to \2", text))
+
+
 def _name_type(found: re.Match[str]) -> str:
     names = [
         METAVARS.get(word, word) for word in re.findall(r"\w+", found[0]) if word not in ("list", "tuple", "range")
@@ -166,8 +180,10 @@ class LazyCommand(TyperCommand):
 
     def make_context(self, info_name: Any, args: list[str], parent: Any = None, **extra: Any) -> Any:
         """Load the command, and go on with it."""
-        typed = [_respell(word, self.entry.old) for word in args]
-        return self.load().make_context(info_name, typed, parent, **extra)
+        command = self.load()
+        known = {name for parameter in command.params for name in parameter.opts}
+        old = {earlier: today for earlier, today in self.entry.old.items() if earlier not in known}
+        return command.make_context(info_name, [_respell(word, old) for word in args], parent, **extra)
 
 
 def _respell(word: str, old: Mapping[str, str]) -> str:

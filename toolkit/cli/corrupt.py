@@ -1,12 +1,12 @@
 """`toolkit corrupt`: images as bad weather, bad cameras and bad transmission leave them."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from toolkit.cli import options
+from toolkit.cli.output import kept_before, remark, say, show_json, warn
 
 SHOWN_FAILURES = 20
 
@@ -17,22 +17,30 @@ def corrupt(
     names: Annotated[
         list[str],
         typer.Option(
-            "--name",
-            help="Corruption, or noise, blur, weather, digital, extra, common (15), all (19); may be repeated.",
+            "--corrupt",
+            metavar="NAME",
+            help="Corruption, or noise, blur, weather, digital, extra, common (15), all (19); fog:3 or noise:1-3 for "
+            "some severities; may be repeated.",
         ),
     ],
     severities: Annotated[
         list[int] | None,
-        typer.Option("--severity", min=1, max=5, help="1 (slight) to 5 (severe); may be repeated. Default: all five."),
+        typer.Option(
+            "--severity",
+            metavar="N",
+            min=1,
+            max=5,
+            help="Of those named without one: 1 (slight) to 5 (severe); may be repeated. Default: all five.",
+        ),
     ] = None,
-    seed: options.Seed = 0,
-    size: Annotated[
+    image_px: Annotated[
         int | None,
-        typer.Option("--size", help="Resize and cut to SIZE×SIZE px first, as published (224). Default: as they are."),
+        typer.Option(metavar="N", help="Resize and cut to N×N px first, as published (224). Default: as they are."),
     ] = None,
     image_format: Annotated[
-        str, typer.Option("--format", help="png, or jpg of quality 85 as ImageNet-C was saved.")
+        str, typer.Option("--format", metavar="png|jpg", help="jpg: of quality 85, as ImageNet-C was saved.")
     ] = "png",
+    seed: options.Seed = 0,
     device: options.Device = "auto",
     quiet: options.Quiet = False,
     as_json: options.Json = False,
@@ -41,36 +49,30 @@ def corrupt(
 
     One corruption at one severity mirrors IN in OUT; several lie in OUT/NAME/SEVERITY.
     """
+    from toolkit.corruptions.corrupt import SEVERITIES
     from toolkit.corruptions.folder import corrupt_file, corrupt_folder
-    from toolkit.corruptions.request import choose_names, find_note
+    from toolkit.corruptions.request import find_note, parse_corruptions
     from toolkit.models.network import choose_device
 
-    levels = severities or [1, 2, 3, 4, 5]
-    chosen = choose_names(names)
+    chosen = parse_corruptions(names, severities or SEVERITIES)
     device = choose_device(device)
     if source.is_file() and out.suffix.lower() in (".png", ".jpg", ".jpeg"):
-        result = corrupt_file(source, out, chosen, levels, seed, size, device)
+        result = corrupt_file(source, out, chosen, seed=seed, size_px=image_px, device=device)
     else:
-        result = corrupt_folder(source, out, chosen, levels, seed, size, image_format, device, quiet or as_json)
+        result = corrupt_folder(
+            source, out, chosen, seed=seed, size_px=image_px, image_format=image_format, device=device
+        )
     if as_json:
         failed = [{"path": path, "reason": reason} for path, reason in result.failed]
-        typer.echo(json.dumps({"out": str(out), "made": result.made, "kept": result.kept, "failed": failed}, indent=2))
+        show_json({"out": str(out), "made": result.made, "kept": result.kept, "failed": failed})
     else:
-        show_result(result, out, find_note(chosen))
+        note = find_note(list(dict.fromkeys(name for name, _ in chosen)))
+        for line in (*result.describe_scale(), *([note] if note else [])):
+            remark(line)
+        for path, reason in result.failed[:SHOWN_FAILURES]:
+            warn(f"failed: {path}: {reason}")
+        if len(result.failed) > SHOWN_FAILURES:
+            warn(f"failed: {len(result.failed) - SHOWN_FAILURES} more, --json lists them all")
+        say(f"made {result.made} images{kept_before(result.kept)}: {out}")
     if result.failed:
         raise typer.Exit(1)
-
-
-def show_result(result, out: Path, note: str | None) -> None:
-    """Print a `CorruptResult`: what was made with which parameters, and what could not be."""
-    from toolkit.core.console import console, errors
-
-    for line in (*result.describe_scale(), *([note] if note else [])):
-        errors.print(f"note: {line}", markup=False, soft_wrap=True)
-    for path, reason in result.failed[:SHOWN_FAILURES]:
-        errors.print(f"failed: {path}: {reason}", style="yellow", markup=False, soft_wrap=True)
-    if len(result.failed) > SHOWN_FAILURES:
-        more = len(result.failed) - SHOWN_FAILURES
-        errors.print(f"failed: {more} more, --json lists them all", style="yellow", markup=False, soft_wrap=True)
-    kept = f", {result.kept} kept from before" if result.kept else ""
-    console.print(f"made {result.made} images{kept}: {out}", markup=False, soft_wrap=True)

@@ -13,7 +13,7 @@ from toolkit.core.errors import FieldError, ToolkitError
 
 if TYPE_CHECKING:
     from toolkit.photos.calibrate import CalibrationRun, LensResult
-    from toolkit.photos.sheet.profile_photos import ProfileRun
+    from toolkit.photos.prints.profile_photos import ProfileRun
 
 
 def calibrate(
@@ -122,7 +122,7 @@ def print_profile(
     from toolkit.core.workspace import open_workspace
     from toolkit.imaging.printer import write_print_profile
     from toolkit.objects.records import read_patch
-    from toolkit.photos.sheet.profile_photos import profile_photos
+    from toolkit.photos.prints.profile_photos import profile_photos
     from toolkit.printing.page import parse_paper
     from toolkit.printing.print_patches import select_patches
 

@@ -74,6 +74,19 @@ Patches = Annotated[
     str | None,
     typer.Option("--patches", metavar="NAME", help="Folder of patches below print/patches; default: that one itself."),
 ]
+Objects = Annotated[
+    list[str] | None,
+    typer.Option("--object", metavar="NAME", help="Only this object; repeat for more. Default: all."),
+]
+Variants = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--variant",
+        metavar="NAME",
+        help="unpatched, patched, textured; controls of the patch: wrong-patch, random-patch, grey-patch, patch-alone; "
+        "of the texture: random-texture, grey-texture; repeat for more. Default: unpatched and patched.",
+    ),
+]
 RealSource = Annotated[str, typer.Option("--source", metavar="NAME", help="Folder below captures/.")]
 Models = Annotated[
     list[str] | None,
@@ -83,21 +96,25 @@ Models = Annotated[
         help="Torchvision classifier, timm:NAME, rig18, or your own; several add their losses. Default: resnet18.",
     ),
 ]
+Model = Annotated[
+    str | None,
+    typer.Option(
+        "--model", metavar="NAME", help="Torchvision classifier, timm:NAME, rig18, or your own. Default: resnet18."
+    ),
+]
 WeightFiles = Annotated[
     list[Path] | None,
     typer.Option("--weights", metavar="FILE", help="State dict (.pth, .safetensors), one for each --model."),
 ]
-WeightsFile = Annotated[Path | None, typer.Option("--weights", help="State dict (.pth, .safetensors) of --model.")]
-Rotation = Annotated[float, typer.Option(help="Largest turn of a patch, degrees. The paper's release: 45.")]
-Scale = Annotated[tuple[float, float], typer.Option(help="Smallest and largest, of its own pixels. Release: 0.9 1.1.")]
-Translate = Annotated[
-    float, typer.Option(help="Largest move from the middle, of the image's side; it may be cut off. Release: 0.3.")
+WeightsFile = Annotated[
+    Path | None, typer.Option("--weights", metavar="FILE", help="State dict (.pth, .safetensors) of --model.")
 ]
 Download = Annotated[bool, typer.Option("--download", help="Fetch CIFAR-10 into the folder of cifar10:FOLDER.")]
 Corrupt = Annotated[
     list[str] | None,
     typer.Option(
         "--corrupt",
+        metavar="NAME",
         help="Under this corruption of ImageNet-C: fog:3, noise:1-3, weather, common (15), all (19); without a "
         "severity under all five; may be repeated.",
     ),

@@ -14,7 +14,7 @@ from toolkit.photos.importing.settings import ImportSettings
 
 if TYPE_CHECKING:
     from toolkit.photos.gates.check_captures import CheckReport
-    from toolkit.photos.importing.photos import ImportResult
+    from toolkit.photos.importing.import_photos import ImportResult
 
 SHOWN_POSES = 6
 SHOWN_AGAIN = 10
@@ -41,7 +41,7 @@ def import_(
     """
     from toolkit.core.workspace import open_workspace
     from toolkit.photos.gates.check_captures import check_captures, make_check
-    from toolkit.photos.importing.photos import import_photos
+    from toolkit.photos.importing.import_photos import import_photos
 
     space = open_workspace(workspace).with_patches(patches)
     asking = ask if ask is not None else sys.stdin.isatty() and not (quiet or as_json)

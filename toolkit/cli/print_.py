@@ -13,8 +13,8 @@ from toolkit.core.errors import FieldError
 from toolkit.printing.settings import PrintSettings, SheetSettings
 
 if TYPE_CHECKING:
+    from toolkit.printing.print_boards import PrintedBoard
     from toolkit.printing.print_patches import PrintedPatch
-    from toolkit.printing.print_sheets import PrintedSheet
 
 AT_TRUE_SIZE = 'print at 100 % ("actual size"), measure both check bars (100 mm)'
 JOIN = "join the tiles as page 1 shows"
@@ -48,13 +48,13 @@ def print_patches(
 
     place = open_workspace(workspace).with_patches(patches)
     if sheet.kind is not None:
-        from toolkit.printing.print_sheets import print_sheet
+        from toolkit.printing.print_boards import print_board
 
         if classes or everything or files:
             raise FieldError(
                 "printed alone: print patches by a call of their own", {sheet.kind.replace("-", "_"): True}
             )
-        _report_sheet(print_sheet(place, sheet, settings, out), as_json)
+        _report_sheet(print_board(place, sheet, settings, out), as_json)
         return
     chosen = of_patches.select_patches(place, classes or [], everything, files or [])
     printed, failed = of_patches.print_patches(chosen, out or place.print_dir, settings, go_on=everything)
@@ -83,7 +83,7 @@ def _report_patches(printed: list["PrintedPatch"], notes: list[str]) -> None:
         say(f"next: {', '.join([AT_TRUE_SIZE, *([JOIN] if tiled else []), cut])}")
 
 
-def _report_sheet(printed: "PrintedSheet", as_json: bool) -> None:
+def _report_sheet(printed: "PrintedBoard", as_json: bool) -> None:
     from toolkit.printing.print_patches import shorten
 
     if as_json:

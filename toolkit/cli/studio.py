@@ -1,15 +1,17 @@
 """`toolkit studio`: a web page to photograph with."""
 
-from pathlib import Path
 from threading import Thread
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from toolkit.cli import options
+from toolkit.cli.output import say
+from toolkit.core.errors import FieldError
 
 if TYPE_CHECKING:
-    from toolkit.studio.serve import Door
+    from toolkit.models.network import Classifier
+    from toolkit.studio.serve import Listener
     from toolkit.studio.session import Session
 
 
@@ -18,14 +20,15 @@ def studio(
         bool, typer.Option("--lan", help="For a phone in the same network: a URL with a token, and its QR code.")
     ] = False,
     port: Annotated[
-        int | None, typer.Option("--port", min=1, max=65535, help="Default: 8765, or a free one.", show_default=False)
+        int | None, typer.Option(min=1, max=65535, help="Default: 8765, or a free one.", show_default=False)
     ] = None,
     address: Annotated[
-        str | None, typer.Option("--address", help="With --lan: this machine's address there. Default: it is found.")
+        str | None,
+        typer.Option(metavar="ADDRESS", help="With --lan: this machine's address there. Default: it is found."),
     ] = None,
-    model: Annotated[str | None, typer.Option("--model", help="For the predictions; default: resnet18.")] = None,
-    weights: Annotated[Path | None, typer.Option("--weights", help="State dict, .pth or .safetensors.")] = None,
-    source: Annotated[str, typer.Option(help="Folder below captures/.")] = "real",
+    model: options.Model = None,
+    weights: options.WeightsFile = None,
+    source: options.RealSource = "real",
     device: options.Device = "auto",
     patches: options.Patches = None,
     workspace: options.Workspace = None,
@@ -35,16 +38,15 @@ def studio(
 
     Each photograph that is kept lies in captures/real at once; stop with Ctrl-C and start again at any time.
     """
-    from toolkit.core.errors import ToolkitError
     from toolkit.core.workspace import open_workspace
-    from toolkit.photos.importing.decide import FOLDER_NAME
-    from toolkit.studio.serve import open_door, require_extra
+    from toolkit.photos.importing.settings import FOLDER_NAME
+    from toolkit.studio.serve import listen, require_extra
 
     require_extra()
     if address is not None and not lan:
-        raise ToolkitError("--address is this machine's address in the local network: say --lan with it")
+        raise FieldError("this machine's address in the local network: say {lan} with it", {"address": address})
     if not FOLDER_NAME.fullmatch(source):
-        raise ToolkitError(f"--source {source}: expected the name of one folder below captures/")
+        raise FieldError("expected the name of one folder below captures/", {"source": source})
     from toolkit.studio.app import make_app
     from toolkit.studio.predictor import Predictor
     from toolkit.studio.serve import end_on_signal, make_server
@@ -53,12 +55,14 @@ def studio(
     space = open_workspace(workspace).with_patches(patches)
     session = open_session(space, source)
 
-    def load():
+    def load() -> "Classifier":
+        from toolkit.core.console import quietly
         from toolkit.models.load import load_classifier
 
-        return load_classifier(model, weights, device, True, space.classifiers_dir)
+        with quietly():
+            return load_classifier(model, weights, device, space.classifiers_dir)
 
-    door = open_door(lan, port, address)
+    door = listen(lan, port, address)
     predictor = Predictor(session, load)
     server = make_server(make_app(session, door.access, predictor))
     with end_on_signal(server), door.listener:
@@ -70,7 +74,7 @@ def studio(
         show_summary(session)
 
 
-def show_door(door: "Door", code: bool) -> None:
+def show_door(door: "Listener", code: bool) -> None:
     """Say where the page is; with `code`, also as a QR code."""
     from toolkit.core.console import console
     from toolkit.studio.serve import show_code
@@ -79,7 +83,7 @@ def show_door(door: "Door", code: bool) -> None:
         show_code(door.url, lambda text: console.print(text, markup=False, soft_wrap=True, end=""))
     lan = door.access.token is not None
     hint = "phone and computer must be in one network" if lan else "for a phone: toolkit studio --lan"
-    console.print(f"{door.url}\nCtrl-C ends it; {hint}", markup=False, soft_wrap=True)
+    say(f"{door.url}\nCtrl-C ends it; {hint}")
 
 
 def warm_up(session: "Session") -> None:
@@ -93,8 +97,6 @@ def warm_up(session: "Session") -> None:
 
 def show_summary(session: "Session") -> None:
     """Say what is there and what to do next."""
-    from toolkit.core.console import console
-
     shots = session.list_shots()
     done = sum(1 for shot in shots if shot.path)
     waiting = sum(1 for shot in shots if shot.status == "waiting")
@@ -102,8 +104,8 @@ def show_summary(session: "Session") -> None:
     parts = [f"{done} of {len(shots)} shots are in {session.source_dir}"]
     parts += [f"{waiting} wait for a yes"] if waiting else []
     parts += [f"{skipped} put off"] if skipped else []
-    console.print("; ".join(parts), markup=False, soft_wrap=True)
+    say("; ".join(parts))
     if done < len(shots):
-        console.print("the same command goes on from here", soft_wrap=True)
+        say("the same command goes on from here")
     if done:
-        console.print(f"next: toolkit eval {session.workspace.captures_dir}", markup=False, soft_wrap=True)
+        say(f"next: toolkit eval {session.workspace.captures_dir}")

@@ -35,6 +35,11 @@ def quietly(quiet: bool = True) -> Iterator[None]:
         _is_quiet = before
 
 
+def is_quiet() -> bool:
+    """Whether this runs `quietly`."""
+    return _is_quiet
+
+
 def notice(line: str) -> None:
     """Say on stderr what the user should know along the way."""
     if not _is_quiet:

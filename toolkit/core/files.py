@@ -6,7 +6,6 @@ import hashlib
 import json
 import os
 import sys
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -33,26 +32,6 @@ def explain_write_error(path: Path, error: OSError) -> ToolkitError:
     """One line for an `OSError` met while writing `path`."""
     why = WRITE_TROUBLE.get(error.errno or 0, str(error.strerror or error))
     return ToolkitError(f"cannot write {path}: {why}")
-
-
-def append_lines(path: Path, lines: Iterable[str]) -> None:
-    """Append lines to a text file and flush them to disk; they begin on a line of their own, whatever a kill left.
-
-    Raises:
-        ToolkitError: the disk is full or read-only, or the folder may not be written.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with path.open("a+b") as stream:
-            if stream.tell():
-                stream.seek(-1, os.SEEK_END)
-                if stream.read(1) != b"\n":
-                    stream.write(b"\n")
-            stream.write("".join(f"{line}\n" for line in lines).encode())
-            stream.flush()
-            os.fsync(stream.fileno())
-    except OSError as error:
-        raise explain_write_error(path, error) from error
 
 
 def write_bytes(path: Path, content: bytes) -> Path:
@@ -109,7 +88,7 @@ def _validate(path: Path, content: Any, model: type[Model]) -> Model:
         field = ".".join(str(part) for part in first["loc"]) or "(whole file)"
         found = "" if first["type"] == "missing" else f", found {json.dumps(first['input'], default=str)[:80]}"
         raise ToolkitError(
-            f"{path}: field '{field}': {first['msg']}{found}: mend the file, or delete it to get the default back"
+            f"{path}: field '{field}': {first['msg']}{found}: correct the file, or delete it to get the default back"
         ) from None
 
 

@@ -163,7 +163,7 @@ def _is_older(folder: Path) -> bool:
     return (rig / "objects").is_dir() or not any(rig.glob("*.py"))  # tests are often sorted as the package is
 
 
-def open_workspace(folder: Path | None = None) -> Workspace:
+def open_workspace(folder: Path | str | None = None) -> Workspace:
     """The workspace of a command: `folder` where one is named, else the nearest from the current folder upwards.
 
     Where there is none, the current folder: built-in objects, plan and patches need no workspace.
@@ -202,7 +202,7 @@ SPEC_GUIDE = """\
 """
 
 
-def make_workspace(folder: Path) -> Workspace:
+def make_workspace(folder: Path | str) -> Workspace:
     """Make the folders of a workspace, `toolkit.toml` and a guide to object specs; what is there stays as it is.
 
     Raises:

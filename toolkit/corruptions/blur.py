@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch.nn import functional as F
 
-from toolkit.corruptions.draws import Draws
+from toolkit.corruptions.draws import RandomStreams
 from toolkit.corruptions.filters import blur_gaussian, filter_by_kernel
 
 
@@ -52,7 +52,7 @@ def blur_along(planes: torch.Tensor, radius_px: float, sigma_px: float, angles_d
     return blurred
 
 
-def shuffle_near(images: torch.Tensor, reach_px: int, rounds: int, draws: Draws) -> torch.Tensor:
+def shuffle_near(images: torch.Tensor, reach_px: int, rounds: int, draws: RandomStreams) -> torch.Tensor:
     """Take every pixel of (b, c, h, w) from a random place nearby, row by row from the bottom right.
 
     The published images come from a loop that goes from the bottom right to the top left and means to swap each pixel
@@ -68,7 +68,7 @@ def shuffle_near(images: torch.Tensor, reach_px: int, rounds: int, draws: Draws)
     return flat.reshape(images.shape)
 
 
-def draw_neighbours(height: int, width: int, reach_px: int, draws: Draws) -> torch.Tensor:
+def draw_neighbours(height: int, width: int, reach_px: int, draws: RandomStreams) -> torch.Tensor:
     """(b, h × w) int64: the pixel that each one copies; those near the border copy themselves."""
     side = 2 * reach_px
     pick = (draws.uniform(height * width) * side**2).long()
@@ -104,7 +104,7 @@ SMALL_DISK_PX = 8
 EMPTY = 1e-9
 
 
-def blur_by_gaussian(images: torch.Tensor, sigma_px: float, draws: Draws) -> torch.Tensor:
+def blur_by_gaussian(images: torch.Tensor, sigma_px: float, draws: RandomStreams) -> torch.Tensor:
     """Blur with a Gaussian."""
     return blur_gaussian(images, sigma_px)
 
@@ -127,12 +127,12 @@ def disk_kernel(radius_px: float, softness_px: float) -> np.ndarray:
     return kernel
 
 
-def blur_by_defocus(images: torch.Tensor, shape: tuple[float, float], draws: Draws) -> torch.Tensor:
+def blur_by_defocus(images: torch.Tensor, shape: tuple[float, float], draws: RandomStreams) -> torch.Tensor:
     """Blur with a disk; `shape` is its radius and the softness of its rim, px."""
     return filter_by_kernel(images, disk_kernel(*shape))
 
 
-def blur_by_glass(images: torch.Tensor, shape: tuple[float, int, int], draws: Draws) -> torch.Tensor:
+def blur_by_glass(images: torch.Tensor, shape: tuple[float, int, int], draws: RandomStreams) -> torch.Tensor:
     """Blur, move pixels about, blur; `shape` is the blurs' sigma, the greatest move in px, and the number of rounds.
 
     The original truncates to 8 bits after the first blur; here the values stay as they are.
@@ -141,7 +141,7 @@ def blur_by_glass(images: torch.Tensor, shape: tuple[float, int, int], draws: Dr
     return blur_gaussian(shuffle_near(blur_gaussian(images, sigma_px), reach_px, rounds, draws), sigma_px)
 
 
-def blur_by_motion(images: torch.Tensor, shape: tuple[float, float], draws: Draws) -> torch.Tensor:
+def blur_by_motion(images: torch.Tensor, shape: tuple[float, float], draws: RandomStreams) -> torch.Tensor:
     """Blur along a line at up to 45° from the horizontal; `shape` is ImageMagick's radius and sigma, px."""
     angles = (draws.uniform() * 2 - 1) * MAX_MOTION_ANGLE_DEG
     return blur_along(images, *shape, angles)
@@ -164,7 +164,7 @@ def fill_by_zoom(cut: torch.Tensor, factor: float, height: int, width: int) -> t
     return zoomed[..., top : top + height, left : left + width]
 
 
-def blur_by_zoom(images: torch.Tensor, zooms: tuple[float, float], draws: Draws) -> torch.Tensor:
+def blur_by_zoom(images: torch.Tensor, zooms: tuple[float, float], draws: RandomStreams) -> torch.Tensor:
     """The mean of the image and its enlargements; `zooms` is the end and the step of `numpy.arange(1, end, step)`."""
     factors = np.arange(1, *zooms).tolist()
     total = images.clone()

@@ -13,7 +13,7 @@ import torch
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.corruptions.catalogue import CIFAR, CORRUPTIONS, IMAGENET, MAX_CIFAR_SIDE_PX, Corruption
 from toolkit.corruptions.digital import from_bytes, to_bytes
-from toolkit.corruptions.draws import Draws
+from toolkit.corruptions.draws import RandomStreams
 
 
 @lru_cache(maxsize=2)
@@ -111,7 +111,7 @@ def corrupt(
     images = images.detach().float()
 
     def apply(part: slice) -> torch.Tensor:
-        draws = Draws([int(seed) for seed in seeds[part]], name, severity, images.device)
+        draws = RandomStreams([int(seed) for seed in seeds[part]], name, severity, images.device)
         return corruption.apply(images[part], given, draws)
 
     if images.device.type != "cpu":

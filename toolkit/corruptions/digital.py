@@ -8,13 +8,13 @@ import numpy as np
 import torch
 from torch.nn import functional as F
 
-from toolkit.corruptions.draws import Draws
+from toolkit.corruptions.draws import RandomStreams
 from toolkit.corruptions.filters import blur_by_matrix
 
 FIELD_TRUNCATE = 3.0
 
 
-def bend(images: torch.Tensor, shape: tuple[float, float, float], draws: Draws) -> torch.Tensor:
+def bend(images: torch.Tensor, shape: tuple[float, float, float], draws: RandomStreams) -> torch.Tensor:
     """Change the image affinely, then displace its pixels; both are interpolated linearly.
 
     Args:
@@ -38,7 +38,7 @@ def _pixels(images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
     return torch.arange(width, device=images.device), torch.arange(height, device=images.device)[:, None]
 
 
-def move_affinely(images: torch.Tensor, shift_px: float, draws: Draws) -> tuple[torch.Tensor, torch.Tensor]:
+def move_affinely(images: torch.Tensor, shift_px: float, draws: RandomStreams) -> tuple[torch.Tensor, torch.Tensor]:
     """Return x and y, (b, h, w), of where each pixel comes from when three points around the middle move at random.
 
     The points lie a third of the short side from the middle, to the lower right, upper right and upper left.
@@ -70,12 +70,12 @@ ROUNDING = 1e-4
 """Far above what float32 loses in a mean of 8-bit values, far below the least distance of such a mean from a half."""
 
 
-def reduce_contrast(images: torch.Tensor, share: float, draws: Draws) -> torch.Tensor:
+def reduce_contrast(images: torch.Tensor, share: float, draws: RandomStreams) -> torch.Tensor:
     """Move every value towards its channel's mean over the image; `share` of the distance is left."""
     return torch.lerp(images.mean((2, 3), keepdim=True), images, share)
 
 
-def saturate(images: torch.Tensor, change: tuple[float, float], draws: Draws) -> torch.Tensor:
+def saturate(images: torch.Tensor, change: tuple[float, float], draws: RandomStreams) -> torch.Tensor:
     """Multiply the S of HSV and add to it; `change` is the factor and the summand. Hue and V stay.
 
     A grey pixel has no hue; as in scikit-image it counts as red, which shows where something is added to its S.
@@ -102,7 +102,7 @@ def from_bytes(pixels: np.ndarray, device: torch.device | str = "cpu") -> torch.
     return levels.to(torch.float32, memory_format=torch.contiguous_format).div_(255)
 
 
-def compress_jpeg(images: torch.Tensor, quality: int, draws: Draws) -> torch.Tensor:
+def compress_jpeg(images: torch.Tensor, quality: int, draws: RandomStreams) -> torch.Tensor:
     """Encode and decode as JPEG: 4:2:0, the standard's tables scaled to `quality`, 8 bits in and out.
 
     libjpeg-turbo does both: through OpenCV, to the same bytes and pixels as through the published Pillow in less time.
@@ -116,7 +116,7 @@ def compress_jpeg(images: torch.Tensor, quality: int, draws: Draws) -> torch.Ten
     return _change_levels(images, compress)
 
 
-def pixelate(images: torch.Tensor, share: float, draws: Draws) -> torch.Tensor:
+def pixelate(images: torch.Tensor, share: float, draws: RandomStreams) -> torch.Tensor:
     """Shrink to `share` of the size and enlarge again, with the box filter of Pillow and its rounding to 8 bits.
 
     Pillow's box takes the plain mean of the pixels whose centres it covers, first along the rows, and rounds to 8 bits,

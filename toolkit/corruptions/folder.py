@@ -1,26 +1,97 @@
-"""Corrupt the images of a folder, or one image, into files."""
+"""Corrupt the images of a folder, or one image, into files; the folder holds its settings and a log of what is done."""
 
 import hashlib
 import io
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from PIL import Image
+from pydantic import BaseModel, ConfigDict
 
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import sha256_file, write_bytes
+from toolkit.core.files import inside, read_json, sha256_file, write_bytes, write_json
+from toolkit.core.records import RecordLog
 from toolkit.corruptions.catalogue import IMAGENET
 from toolkit.corruptions.corrupt import MIN_SIDE_PX, choose_parameters, corrupt, find_corruption, run_each
 from toolkit.corruptions.digital import from_bytes, to_bytes
 from toolkit.corruptions.draws import image_seed
-from toolkit.corruptions.ledger import FolderSettings, Line, append_lines, claim_folder, read_ledger
-from toolkit.corruptions.request import Source, choose_names, find_sources
+from toolkit.corruptions.request import Source, find_sources
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, read_image
+
+SETTINGS_FILE = "corruption.json"
+LOG_FILE = "corrupted.jsonl"
+
+
+class FolderSettings(BaseModel):
+    """What all images of a folder have in common.
+
+    Attributes:
+        schema_version: of this file.
+        corruption, severity: of every image, None where they lie in folders NAME/SEVERITY.
+        seed: of the run.
+        size_px: side that the images were resized and cut to, None for their own.
+        image_format: png or jpg.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    schema_version: Literal[1] = 1
+    corruption: str | None = None
+    severity: int | None = None
+    seed: int = 0
+    size_px: int | None = None
+    image_format: str = "png"
+
+
+class CorruptedFile(BaseModel):
+    """One finished file: its path below the folder, its hash, and the hash of the file it was made from."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+    path: str
+    sha256: str
+    source_sha256: str
+
+
+def claim_folder(folder: Path, settings: FolderSettings) -> None:
+    """Write the settings into `folder`, or see that those in it are the same.
+
+    Raises:
+        ToolkitError: it holds images made with other settings, or cannot be written.
+    """
+    file = folder / SETTINGS_FILE
+    if not file.is_file():
+        write_json(file, settings.model_dump())
+        return
+    before = read_json(file, FolderSettings)
+    for name, wanted in settings.model_dump().items():
+        found = getattr(before, name)
+        if found != wanted:
+            raise ToolkitError(
+                f"{folder} holds images of {name} {found}, not {wanted}: name another folder to write to"
+            )
+
+
+def open_log(folder: Path) -> RecordLog[CorruptedFile]:
+    """The log of a folder's finished files."""
+    return RecordLog(folder / LOG_FILE, CorruptedFile)
+
+
+def read_finished(folder: Path) -> dict[str, CorruptedFile]:
+    """Lines by path; a half-written last line (a kill while appending) is passed over.
+
+    Raises:
+        ToolkitError: a line before the last is broken, or a path leaves the folder.
+    """
+    known = open_log(folder).read_last(lambda line: line.path)
+    for path in known:
+        inside(folder, path)
+    return known
+
 
 BATCH_PIXELS = 16 * 256**2
 MARGIN = (8, 7)
@@ -108,7 +179,7 @@ class CorruptResult:
     made: int = 0
     kept: int = 0
     failed: list[tuple[str, str]] = field(default_factory=list)
-    sizes: Counter = field(default_factory=Counter)
+    sizes: Counter[tuple[str, int, int]] = field(default_factory=Counter)
 
     def describe_scale(self) -> list[str]:
         """Which parameters the images took, and where these were made for another size: a line for each set."""
@@ -119,7 +190,7 @@ class CorruptResult:
             other = sum(n for size, n in self.sizes.items() if size[0] == name and min(size[1:]) != made_for)
             line = f"{count} images with the parameters for {made_for}² ({name})"
             if other:
-                line += f"; {other} have another size, and lengths are pixels, not scaled: --size {made_for} compares"
+                line += f"; {other} have another size, and lengths are pixels, not scaled: image_px {made_for} compares"
             lines.append(line)
         return lines
 
@@ -127,13 +198,12 @@ class CorruptResult:
 def corrupt_folder(
     source: Path,
     out: Path,
-    names: list[str],
-    severities: list[int],
+    corruptions: Sequence[tuple[str, int]],
+    *,
     seed: int = 0,
     size_px: int | None = None,
     image_format: str = "png",
     device: str = "cpu",
-    quiet: bool = True,
 ) -> CorruptResult:
     """Corrupt every image of a folder, or one image, into a folder of the same layout.
 
@@ -143,18 +213,16 @@ def corrupt_folder(
     Args:
         source: a folder, or one image.
         out: folder to write to, beside or within `source`.
-        names: of corruptions, see `choose_names`.
-        severities: 1 to 5, each.
+        corruptions: name and severity of each, see `parse_corruptions`.
         seed: of the run.
         size_px: resize to 8/7 of it and cut out the middle, as published (256, 224); None keeps the images' sizes.
         image_format: `png`, or `jpg` of quality 85, which is what ImageNet-C's files are.
         device: cpu or cuda.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: there are no images, `out` holds images of other settings, or a setting is wrong.
     """
-    plan = [(name, severity) for name in choose_names(names) for severity in dict.fromkeys(severities)]
+    plan = list(dict.fromkeys(corruptions))
     for name, severity in plan:
         find_corruption(name, severity)
     _check_settings(source, out, size_px, image_format)
@@ -167,8 +235,8 @@ def corrupt_folder(
     claim_folder(out, settings)
     result = CorruptResult(failed=refused)
     places = {item: "" if single else f"{item[0]}/{item[1]}/" for item in plan}
-    known = read_ledger(out)
-    with progress("corrupting", len(sources) * len(plan), quiet) as ticker:
+    known = read_finished(out)
+    with progress("corrupting", len(sources) * len(plan)) as ticker:
         for start in range(0, len(sources), CHUNK_FILES):
             chunk = sources[start : start + CHUNK_FILES]
             loaded = _load(chunk, out, places, known, size_px, result)
@@ -203,7 +271,10 @@ def _list_sources(source: Path, out: Path, image_format: str) -> tuple[list[Sour
     return list(found.sources), list(found.refused)
 
 
-def _load(chunk, out: Path, places, known: dict[str, Line], size_px, result: CorruptResult) -> list[Loaded]:
+def _load(
+    chunk: Sequence[Source], out: Path, places: Mapping[tuple[str, int], str], known: Mapping[str, CorruptedFile],
+    size_px: int | None, result: CorruptResult,
+) -> list[Loaded]:  # fmt: skip
     """Read what is not finished yet; what cannot be read or must not be overwritten goes to the result's list."""
     slots: list[Loaded | None] = [None] * len(chunk)
     trouble: list[list[tuple[str, str]]] = [[] for _ in chunk]
@@ -238,7 +309,7 @@ def _load(chunk, out: Path, places, known: dict[str, Line], size_px, result: Cor
     return loaded
 
 
-def _look(file: Path, line: Line | None, source_sha256: str) -> str:
+def _look(file: Path, line: CorruptedFile | None, source_sha256: str) -> str:
     if line is None or not file.is_file():
         return "missing"
     if line.source_sha256 == source_sha256:
@@ -246,10 +317,13 @@ def _look(file: Path, line: Line | None, source_sha256: str) -> str:
     return "missing" if sha256_file(file) == line.sha256 else "changed"
 
 
-def _write(out: Path, targets, files: list[bytes], known: dict[str, Line], result: CorruptResult) -> None:
+def _write(
+    out: Path, targets: Sequence[tuple[str, str]], files: list[bytes], known: dict[str, CorruptedFile],
+    result: CorruptResult,
+) -> None:  # fmt: skip
     lines = []
     for (target, source_sha256), content in zip(targets, files, strict=True):
-        line = Line(path=target, sha256=hashlib.sha256(content).hexdigest(), source_sha256=source_sha256)
+        line = CorruptedFile(path=target, sha256=hashlib.sha256(content).hexdigest(), source_sha256=source_sha256)
         file = out / target
         if file.exists() and target not in known and not _is_same(file, line.sha256):
             # the same bytes: a run before was stopped after the file and before its line
@@ -257,7 +331,7 @@ def _write(out: Path, targets, files: list[bytes], known: dict[str, Line], resul
             continue
         write_bytes(file, content)
         lines.append(line)
-    append_lines(out, lines)
+    open_log(out).append(*lines)
     known.update({line.path: line for line in lines})
     result.made += len(lines)
 
@@ -267,24 +341,25 @@ def _is_same(file: Path, sha256: str) -> bool:
 
 
 def corrupt_file(
-    source: Path, out: Path, names: list[str], severities: list[int], seed: int, size_px: int | None, device: str
-) -> CorruptResult:
+    source: Path, out: Path, corruptions: Sequence[tuple[str, int]], *, seed: int = 0, size_px: int | None = None,
+    device: str = "cpu",
+) -> CorruptResult:  # fmt: skip
     """Corrupt one image into one file, PNG or JPEG by its suffix; its seed is its name.
 
     Raises:
         ToolkitError: the image cannot be read, `out` is another file, or more than one corruption is asked for.
     """
-    if len(names) != 1 or len(severities) != 1:
-        count = len(names) * len(severities)
+    if len(corruptions) != 1:
         raise ToolkitError(
-            f"{out} is one file for {count} corruptions: name one --name and one --severity, or a folder"
+            f"{out} is one file for {len(corruptions)} corruptions: name one at one severity, or a folder"
         )
+    ((name, severity),) = corruptions
     image_format = "png" if out.suffix.lower() == ".png" else "jpg"
     _check_settings(source, out.parent / f"{out.name}.folder", size_px, image_format)
     result = CorruptResult()
     pixels = read_picture(source, size_px)
     loaded = Loaded(Source(source, source.name, out.name), pixels, "", {})
-    content = render([loaded], names[0], severities[0], seed, image_format, device)[0]
+    content = render([loaded], name, severity, seed, image_format, device)[0]
     result.sizes.update([(choose_parameters(*pixels.shape[:2]), *pixels.shape[:2])])
     if not out.exists():
         write_bytes(out, content)

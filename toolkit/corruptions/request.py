@@ -109,12 +109,13 @@ def find_note(names: list[str]) -> str | None:
 SEVERITY_WORDS = re.compile(r"([1-5])(?:-([1-5]))?")
 
 
-def parse_corruptions(words: Sequence[str]) -> tuple[tuple[str, int], ...]:
+def parse_corruptions(words: Sequence[str], severities: Sequence[int] = SEVERITIES) -> tuple[tuple[str, int], ...]:
     """Names with severities from words such as `fog:3`, `noise:1-3` and `common`, in their order, each once.
 
     Args:
         words: a corruption, a family, `common` (the fifteen) or `all` (the nineteen), with `:SEVERITY` or
-            `:FIRST-LAST`; without, all five.
+            `:FIRST-LAST`.
+        severities: of a word that has none.
 
     Returns:
         (name, severity) of each.
@@ -126,15 +127,15 @@ def parse_corruptions(words: Sequence[str]) -> tuple[tuple[str, int], ...]:
         (name, severity)
         for word in words
         for name in choose_names([word.partition(":")[0]])
-        for severity in _parse_severities(word)
+        for severity in _parse_severities(word, severities)
     ]
     return tuple(dict.fromkeys(pairs))
 
 
-def _parse_severities(word: str) -> Sequence[int]:
+def _parse_severities(word: str, default: Sequence[int]) -> Sequence[int]:
     _, colon, after = word.partition(":")
     if not colon:
-        return SEVERITIES
+        return default
     match = SEVERITY_WORDS.fullmatch(after)
     first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
     if first > last:

@@ -8,14 +8,14 @@ import numpy as np
 import torch
 
 from toolkit.corruptions.blur import blur_along, fill_by_zoom
-from toolkit.corruptions.draws import Draws
+from toolkit.corruptions.draws import RandomStreams
 from toolkit.corruptions.filters import blur_gaussian
 from toolkit.corruptions.frost_texture import draw_panes
 
 FIRST_WIBBLE = 100.0
 
 
-def draw_clouds(side_px: int, decay: float, draws: Draws) -> torch.Tensor:
+def draw_clouds(side_px: int, decay: float, draws: RandomStreams) -> torch.Tensor:
     """(b, side, side) float32 in [0, 1], 0 and 1 both reached.
 
     Points half-way between known ones get their mean and a uniform random shift, whose bound falls with every halving.
@@ -57,7 +57,7 @@ def _panes_on(device: torch.device, scale: float) -> torch.Tensor:
     return torch.from_numpy(draw_panes(scale)).permute(0, 3, 1, 2).contiguous().to(device)
 
 
-def cut_frost(height: int, width: int, scale: float, draws: Draws) -> list[torch.Tensor]:
+def cut_frost(height: int, width: int, scale: float, draws: RandomStreams) -> list[torch.Tensor]:
     """One (3, height, width) float32 sRGB-encoded piece per image, not to be written into.
 
     Args:
@@ -89,7 +89,7 @@ CANNY_THRESHOLDS = (50, 150)
 LEAST_MUD = 0.8
 
 
-def add_spatter(images: torch.Tensor, shape: tuple[float, ...], draws: Draws) -> torch.Tensor:
+def add_spatter(images: torch.Tensor, shape: tuple[float, ...], draws: RandomStreams) -> torch.Tensor:
     """Splash water, which adds light, or mud, which covers.
 
     Args:
@@ -130,7 +130,7 @@ LUMA = (0.299, 0.587, 0.114)
 SNOW_ANGLES_DEG = (-135.0, -45.0)
 
 
-def add_snow(images: torch.Tensor, shape: tuple[float, ...], draws: Draws) -> torch.Tensor:
+def add_snow(images: torch.Tensor, shape: tuple[float, ...], draws: RandomStreams) -> torch.Tensor:
     """Whiten the image and let flakes fall over it, once as they are and once turned by 180°.
 
     Args:
@@ -155,7 +155,7 @@ def _grey(images: torch.Tensor) -> torch.Tensor:
     return (red * LUMA[0]).add_(green, alpha=LUMA[1]).add_(blue, alpha=LUMA[2])[:, None]
 
 
-def add_frost(images: torch.Tensor, shares: tuple[float, float, float], draws: Draws) -> torch.Tensor:
+def add_frost(images: torch.Tensor, shares: tuple[float, float, float], draws: RandomStreams) -> torch.Tensor:
     """Add a random piece of a frosted pane; `shares` of the image and of the frost, and the texture's scale.
 
     The texture is the toolkit's own (see `frost`): the published images have photographs of frost there.
@@ -168,7 +168,7 @@ def add_frost(images: torch.Tensor, shares: tuple[float, float, float], draws: D
     return frosted
 
 
-def add_fog(images: torch.Tensor, shape: tuple[float, float], draws: Draws) -> torch.Tensor:
+def add_fog(images: torch.Tensor, shape: tuple[float, float], draws: RandomStreams) -> torch.Tensor:
     """Add clouds, and dim so that the brightest value stays; `shape` is the clouds' strength and smoothness."""
     strength, decay = shape
     height, width = images.shape[-2:]
@@ -178,7 +178,7 @@ def add_fog(images: torch.Tensor, shape: tuple[float, float], draws: Draws) -> t
     return (images + strength * clouds).mul_(brightest / (brightest + strength))
 
 
-def brighten(images: torch.Tensor, amount: float, draws: Draws) -> torch.Tensor:
+def brighten(images: torch.Tensor, amount: float, draws: RandomStreams) -> torch.Tensor:
     """Add `amount` to the V of HSV, at most to 1. Hue and saturation stay: all three channels grow alike."""
     value = images.amax(1, keepdim=True)
     brighter = (value + amount).clamp_(max=1)

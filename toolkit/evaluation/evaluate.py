@@ -1,24 +1,21 @@
 """From a capture folder to a run folder: read the images, predict, compare, write."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from toolkit.captures.corrupt import Corruption
-from toolkit.captures.read import Selection
-from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_json
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.dataset import read_dataset
+from toolkit.evaluation.config import EvalConfig
+from toolkit.evaluation.ground_truth import read_labelled_captures
 from toolkit.evaluation.predict import predict_captures
 from toolkit.evaluation.report import write_report
 from toolkit.evaluation.results import Findings, compare_predictions, summarise, write_predictions
 from toolkit.evaluation.saliency import draw_saliency
 from toolkit.models.network import Classifier
 
-RUN_NAME = re.compile(r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
+DEFAULT = EvalConfig()
 
 
 @dataclass(frozen=True)
@@ -42,15 +39,7 @@ class Evaluation(Findings):
 
 
 def evaluate_captures(
-    captures_dir: Path,
-    workspace: Workspace,
-    classifier: Classifier,
-    run_name: str | None = None,
-    quiet: bool = False,
-    selection: Selection | None = None,
-    batch_size: int | None = None,
-    saliency: bool | None = None,
-    corruptions: Sequence[Corruption] = (),
+    captures_dir: Path, workspace: Workspace, classifier: Classifier, config: EvalConfig = DEFAULT
 ) -> Evaluation:
     """Classify every image of a capture folder and write `eval/RUN`: predictions.csv, summary.json, report.html.
 
@@ -61,54 +50,32 @@ def evaluate_captures(
         captures_dir: `captures/`, one of its sources, one object's folder, or an ImageFolder.
         workspace: whose object specs say what each object is, and whose `eval/` is written to.
         classifier: from `load_classifier`.
-        run_name: folder under `eval/`; by default the network's name.
-        quiet: no progress bar.
-        selection: the sources, objects and variants that are meant; all by default.
-        batch_size: images per pass of the network; 32 on a CPU and 128 on a GPU by default.
-        saliency: whether the report has Grad-CAM maps of the flips it shows; by default when there are at most 200.
-        corruptions: (name, severity) of each under which the images are classified once more, in sources of their own.
+        config: the name of the run, and what is evaluated; everything by default.
 
     Raises:
         ToolkitError: no images, no object whose class the network knows, a folder that is no object, a broken manifest,
-            a bad run name, or a folder that cannot be written.
+            or a folder that cannot be written.
     """
-    run_dir = workspace.eval_dir / check_run_name(run_name or classifier.name)
-    folder, classes = read_dataset(captures_dir, workspace, classifier, selection, corruptions)
-    predictions = predict_captures(folder.captures, classes, classifier, batch_size, quiet)
+    run_dir = workspace.eval_dir / (config.run or classifier.name)
+    folder, classes = read_labelled_captures(captures_dir, workspace, classifier, config)
+    predictions = predict_captures(folder.captures, classes, classifier, config.batch_size)
     findings = compare_predictions(classifier.name, predictions, folder.refused_folders)
-    return write_evaluation(run_dir, classifier, findings, folder.notes, saliency, batch_size, quiet)
+    return write_evaluation(run_dir, classifier, findings, folder.notes, config)
 
 
 def write_evaluation(
-    run_dir: Path,
-    classifier: Classifier,
-    findings: Findings,
-    notes: Sequence[str],
-    saliency: bool | None = None,
-    batch_size: int | None = None,
-    quiet: bool = False,
+    run_dir: Path, classifier: Classifier, findings: Findings, notes: Sequence[str], config: EvalConfig = DEFAULT
 ) -> Evaluation:
-    """Write what was found; arguments as in `evaluate_captures`.
+    """Write what was found; see `evaluate_captures`.
 
     Raises:
         ToolkitError: `run_dir` cannot be written.
     """
-    maps = draw_saliency(findings.flips, classifier, saliency, batch_size, quiet)
-    notes = (*notes, *([f"no saliency maps: {maps.reason}"] if saliency and maps.reason else []))
-    write_predictions(run_dir / "predictions.csv", findings.predictions)
-    summary = summarise(classifier, findings, notes)
-    write_json(run_dir / "summary.json", summary)
+    maps = draw_saliency(findings.flips, classifier, config.saliency, config.batch_size)
+    why = [f"no saliency maps: {maps.reason}"] if config.saliency and maps.reason else []
+    notes, summary = (*notes, *why), summarise(classifier, findings, (*notes, *why))
     done = Evaluation(**vars(findings), run_dir=run_dir, notes=notes, summary=summary)
+    write_predictions(run_dir / "predictions.csv", findings.predictions)
+    write_json(run_dir / "summary.json", summary)
     write_report(done.report_file, classifier, findings, notes, maps)
     return done
-
-
-def check_run_name(name: str) -> str:
-    """The name of a run, if it can be that of a folder.
-
-    Raises:
-        ToolkitError: it cannot.
-    """
-    if not RUN_NAME.match(name):
-        raise ToolkitError(f"--run '{name}': expected letters, digits, '.', '_' and '-', such as 'resnet18-tuesday'")
-    return name

@@ -67,7 +67,6 @@ def predict_captures(
     true_classes: dict[str, int],
     classifier: Classifier,
     batch_size: int | None = None,
-    quiet: bool = False,
 ) -> list[Prediction]:
     """Classify images; the order of the result is that of `captures`.
 
@@ -78,7 +77,7 @@ def predict_captures(
         ToolkitError: the network's output is not finite, or a batch does not fit the GPU.
     """
     predictions: list[Prediction] = []
-    with progress("classifying", len(captures), quiet) as ticker:
+    with progress("classifying", len(captures)) as ticker:
         for batch in batch_pixels(captures, classifier, choose_batch_size(classifier, batch_size)):
             read = [pixels for _, pixels in batch if not isinstance(pixels, str)]
             outputs = iter(_classify(read, classifier) if read else ())

@@ -1,6 +1,6 @@
 """`report.html`: one file that opens from disk with no network."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import log
 from pathlib import Path
@@ -55,6 +55,8 @@ def write_report(
         "controlled": _name_controlled(findings.comparisons),
         "charts": chart_poses(predictions),
         "sim_real": views,
+        "side": SIDE,
+        "ticks": [(place_prob(prob), label) for prob, label in TICKS],
         "sources": sorted({one.capture.source for one in predictions}),
         "sheets": sheets,
         "n_hidden": n_hidden,
@@ -77,13 +79,14 @@ def write_report(
     return write_text(path, render_page("toolkit.evaluation", TEMPLATE, context))
 
 
-def render_page(package: str, template: str, context: Mapping[str, Any]) -> str:
+def render_page(package: str, template: str, context: Mapping[str, Any], **filters: Callable[[str], str]) -> str:
     """The HTML of a page; everything that comes from files or names is escaped.
 
     Args:
         package: in which the template lies.
         template: its name.
         context: what it is filled with.
+        filters: its own, beside those of numbers.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -94,7 +97,7 @@ def render_page(package: str, template: str, context: Mapping[str, Any]) -> str:
     environment.filters |= {
         "percent": tables.format_percent, "interval": tables.format_interval, "points": tables.format_points,
         "points_interval": tables.format_points_interval, "p_value": tables.format_p, "rank": tables.format_rank,
-        "kappa": tables.format_kappa,
+        "kappa": tables.format_kappa, **filters,
     }  # fmt: skip
     environment.globals["wilson"] = wilson_interval
     return environment.get_template(template).render(context)
@@ -140,27 +143,20 @@ class PosePoint:
 
 
 @dataclass(frozen=True)
-class Scatter:
-    """The true class's probability in the rig and in photographs, one point per pose of one variant.
+class SimRealView:
+    """One pair of sources in the report.
 
     Attributes:
-        ticks: (place, label) along x; y has the same, upwards.
+        found: what was found.
+        rows, forecasts: those that are shown.
+        charts: by variant, the true class's probability in the rig and in photographs, one point per pose.
+        cards: of the wrongly predicted.
     """
-
-    variant: str
-    points: tuple[PosePoint, ...]
-    ticks: tuple[tuple[float, str], ...]
-    side: float = SIDE
-
-
-@dataclass(frozen=True)
-class SimRealView:
-    """One pair of sources in the report: the rows that are shown, charts, and cards of the wrongly predicted."""
 
     found: SimReal
     rows: list[SimRealRow]
     forecasts: list[GainForecast]
-    charts: list[Scatter]
+    charts: dict[str, list[PosePoint]]
     cards: list[Card]
 
 
@@ -169,7 +165,7 @@ def view_sim_real(comparisons: Sequence[SimReal]) -> list[SimRealView]:
     views = []
     for one in comparisons:
         variants = sorted({place_of(pair)[1] for pair in one.pairs}, key=rank_variant)
-        charts = [_scatter(name, [pair for pair in one.pairs if place_of(pair)[1] == name]) for name in variants]
+        charts = {name: [_make_point(pair) for pair in one.pairs if place_of(pair)[1] == name] for name in variants}
         cards = [_make_card(pair) for pair in _pick_furthest(one.wrong)]
         views.append(SimRealView(one, pick_rows(one.rows, MAX_ROWS), pick_rows(one.forecasts, MAX_ROWS), charts, cards))
     return views
@@ -180,11 +176,6 @@ def place_prob(prob: float) -> float:
     end = log((1 - LEAST_PROB) / LEAST_PROB)
     inside = min(1 - LEAST_PROB, max(LEAST_PROB, prob))
     return SIDE * (log(inside / (1 - inside)) + end) / (2 * end)
-
-
-def _scatter(variant: str, pairs: Sequence[Pair]) -> Scatter:
-    ticks = tuple((place_prob(prob), label) for prob, label in TICKS)
-    return Scatter(variant, tuple(map(_make_point, pairs)), ticks)
 
 
 def _make_point(pair: Pair) -> PosePoint:

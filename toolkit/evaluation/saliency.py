@@ -130,7 +130,6 @@ def draw_saliency(
     classifier: Classifier,
     wanted: bool | None = None,
     batch_size: int | None = None,
-    quiet: bool = False,
 ) -> Saliency:
     """Grad-CAM for the true class on both images of every flip shown.
 
@@ -139,7 +138,6 @@ def draw_saliency(
         classifier: the network that was evaluated.
         wanted: yes, no, or where None: when there are at most 200 flips.
         batch_size: images per pass.
-        quiet: no progress bar.
     """
     shown = [pair for one in flips for pair in one.shown]
     n = sum(one.n for one in flips)
@@ -149,7 +147,7 @@ def draw_saliency(
         return Saliency(reason=f"{n} flips are more than {MAX_UNASKED}: ask for saliency maps to have them")
     images = list({one.capture.path: one for pair in shown for one in (pair.first, pair.second)}.values())
     try:
-        seen = _compute_maps(images, classifier, choose_batch_size(classifier, batch_size), quiet)
+        seen = _compute_maps(images, classifier, choose_batch_size(classifier, batch_size))
     except NoSaliency as why:
         return Saliency(reason=str(why))
     pictures = {}
@@ -184,7 +182,7 @@ def overlay_heat(pixels: np.ndarray, heat: np.ndarray, top: float) -> Image.Imag
 
 
 def _compute_maps(
-    images: Sequence[Prediction], classifier: Classifier, size: int, quiet: bool
+    images: Sequence[Prediction], classifier: Classifier, size: int
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """(pixels, map) of each image by its path; an image that does not decode any more is left out."""
     import torch
@@ -192,7 +190,7 @@ def _compute_maps(
     feature_map = find_feature_map(classifier)
     classes = {one.capture.path: one.true_index for one in images}
     found: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-    with progress("saliency", len(images), quiet) as ticker:
+    with progress("saliency", len(images)) as ticker:
         for batch in batch_pixels([one.capture for one in images], classifier, size):
             read = [(capture.path, pixels) for capture, pixels in batch if not isinstance(pixels, str)]
             if read:

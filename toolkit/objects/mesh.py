@@ -10,7 +10,7 @@ import numpy as np
 from toolkit.core.errors import ToolkitError
 
 if TYPE_CHECKING:
-    import open3d as o3d
+    from open3d.t.geometry import RaycastingScene
 
 
 @dataclass(frozen=True)
@@ -196,7 +196,7 @@ def _hash_arrays(arrays: Iterable[np.ndarray]) -> "hashlib._Hash":
     return digest
 
 
-def make_ray_scene(mesh: Mesh) -> "o3d.t.geometry.RaycastingScene":
+def make_ray_scene(mesh: Mesh) -> "RaycastingScene":
     """Open3D's ray-casting scene (Embree) of a mesh."""
     import open3d as o3d
 

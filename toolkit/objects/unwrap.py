@@ -95,9 +95,9 @@ def cut_charts(vertices: np.ndarray, faces: np.ndarray, least_area: float) -> tu
     unit[area == 0] = 0
     pairs, length = _neighbours(vertices, faces)
     facing = _choose_directions(unit, pairs, length)
-    piece, facing = _join_small(_pieces(facing, pairs), facing, unit, area, pairs, length, least_area)
+    piece, facing = _join_small(facing, unit, area, pairs, length=length, least_area=least_area)
     piece = _cut_winding(piece, facing, corners, area, pairs)
-    return piece, _lay_flat(corners, unit, weighted, piece, facing)
+    return piece, _flatten(corners, unit, weighted, piece, facing)
 
 
 def _neighbours(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -140,10 +140,13 @@ def _pieces(facing: np.ndarray, pairs: np.ndarray) -> np.ndarray:
 
 
 def _join_small(
-    piece: np.ndarray, facing: np.ndarray, unit: np.ndarray, area: np.ndarray, pairs: np.ndarray, length: np.ndarray,
-    least_area: float,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Give pieces under `least_area` to the neighbour they share the longest border with, if they lean its way."""
+    facing: np.ndarray, unit: np.ndarray, area: np.ndarray, pairs: np.ndarray, length: np.ndarray, least_area: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Connected pieces and where they face; those under `least_area` join a neighbour.
+
+    It is the one they share the longest border with, if they lean its way.
+    """
+    piece = _pieces(facing, pairs)
     for _ in range(6):
         count = int(piece.max()) + 1
         size = np.bincount(piece, area, count)
@@ -190,7 +193,7 @@ def _cut_winding(
     return piece
 
 
-def _lay_flat(
+def _flatten(
     corners: np.ndarray, unit: np.ndarray, weighted: np.ndarray, piece: np.ndarray, facing: np.ndarray
 ) -> np.ndarray:
     """(m, 3, 2) each corner on its piece, seen along its mean normal or its direction: what suits the worst face."""
@@ -221,7 +224,7 @@ SMALL_PX = 4
 
 
 def unwrap(vertices: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:
-    """Lay every triangle flat on a square texture, at one scale.
+    """Flatten every triangle onto a square texture, at one scale.
 
     The same input gives the same coordinates. Pieces lie 2 texels apart, less where there are so many of them that
     little else would be left of the texture.

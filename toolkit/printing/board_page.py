@@ -38,7 +38,7 @@ FRONT = "FRONT"
 FRONT_SIZE_MM = 4.0
 
 
-def measure_sheet(spec: Sheet) -> tuple[float, float]:
+def measure_board(spec: Sheet) -> tuple[float, float]:
     """Width and height of what is cut out."""
     width, height = spec.size_mm
     if isinstance(spec, RingSpec):
@@ -46,7 +46,7 @@ def measure_sheet(spec: Sheet) -> tuple[float, float]:
     return width + 2 * EDGE_MM, height + EDGE_MM + FRONT_EDGE_MM
 
 
-def draw_table_sheet(canvas: "Canvas", spec: Sheet) -> None:
+def draw_board(canvas: "Canvas", spec: Sheet) -> None:
     """Draw a board or a ring at full size; its ink is the printer's own black, not a mixture of colours."""
     canvas.saveState()
     canvas.setFillGray(0)
@@ -138,7 +138,7 @@ STAND_IT = (
 
 
 @dataclass(frozen=True)
-class SheetPlan:
+class BoardPages:
     """Every page of a sheet's file: what all have in common, and the pages in the order of printing."""
 
     frame: PageFrame
@@ -151,21 +151,21 @@ class SheetPlan:
 
 
 @dataclass(frozen=True)
-class SheetDocument:
+class BoardDocument:
     """A finished PDF and how it is laid out."""
 
     content: bytes
-    plan: SheetPlan
+    plan: BoardPages
 
 
-def plan_sheet(spec: Sheet, paper: Paper, orientation: str = "auto") -> SheetPlan:
+def plan_board_pages(spec: Sheet, paper: Paper, orientation: str = "auto") -> BoardPages:
     """Lay out a board or a ring on as few pages as can be.
 
     Raises:
         ToolkitError: it would take more than `MOST_SHEET_PAGES`.
     """
-    width, height = measure_sheet(spec)
-    plans = [SheetPlan(frame, tuple(lay_out(frame, width, height))) for frame in turn_frames(paper, orientation)]
+    width, height = measure_board(spec)
+    plans = [BoardPages(frame, tuple(lay_out(frame, width, height))) for frame in turn_frames(paper, orientation)]
     plan = min(plans, key=lambda plan: len(plan.pages))
     if len(plan.pages) > MOST_SHEET_PAGES:
         smaller = "fewer or smaller squares" if isinstance(spec, BoardSpec) else "a smaller ring"
@@ -199,20 +199,20 @@ def choose_board(
         for smaller in range(int(side), int(SMALLEST_SQUARE_MM) - 1, -1):
             board = BoardSpec(columns, rows, float(smaller), smaller * MARKER_SHARE)
             frames = turn_frames(paper, orientation)
-            if any(len(lay_out(frame, *measure_sheet(board))) == 1 for frame in frames):
+            if any(len(lay_out(frame, *measure_board(board))) == 1 for frame in frames):
                 side = float(smaller)
                 break
     return BoardSpec(columns, rows, side, round(side * MARKER_SHARE, 2) if marker_mm is None else marker_mm)
 
 
-def build_sheet_pdf(spec: Sheet, paper: Paper, orientation: str = "auto") -> SheetDocument:
+def build_board_pdf(spec: Sheet, paper: Paper, orientation: str = "auto") -> BoardDocument:
     """A board or a ring as PDF; the same spec, paper and toolkit version give the same bytes.
 
     Raises:
         ToolkitError: it is too large to be tiled sensibly.
     """
-    plan = plan_sheet(spec, paper, orientation)
-    label = label_sheet(spec)
+    plan = plan_board_pages(spec, paper, orientation)
+    label = label_board(spec)
     register_fonts()
     buffer = BytesIO()
     canvas = open_canvas(buffer, plan.frame.paper)
@@ -222,10 +222,10 @@ def build_sheet_pdf(spec: Sheet, paper: Paper, orientation: str = "auto") -> She
         _draw_page(canvas, plan, page, spec, label, number)
         canvas.showPage()
     canvas.save()
-    return SheetDocument(buffer.getvalue(), plan)
+    return BoardDocument(buffer.getvalue(), plan)
 
 
-def label_sheet(spec: Sheet) -> PatchLabel:
+def label_board(spec: Sheet) -> PatchLabel:
     """The words at the top of every page of a sheet."""
     if isinstance(spec, BoardSpec):
         width, height = spec.size_mm
@@ -245,11 +245,11 @@ def label_sheet(spec: Sheet) -> PatchLabel:
     return PatchLabel("camera board" if isinstance(spec, BoardSpec) else "turntable ring", size, origin)
 
 
-def _draw_page(canvas: "Canvas", plan: SheetPlan, page: Page, spec: Sheet, label: PatchLabel, number: int) -> None:
+def _draw_page(canvas: "Canvas", plan: BoardPages, page: Page, spec: Sheet, label: PatchLabel, number: int) -> None:
     frame = plan.frame
 
     def draw_sheet(canvas: "Canvas") -> None:
-        draw_table_sheet(canvas, spec)
+        draw_board(canvas, spec)
 
     canvas.scale(POINTS_PER_MM, POINTS_PER_MM)
     which = f"{frame.paper.name} {frame.paper.orientation}, page {number} of {len(plan.pages)}"

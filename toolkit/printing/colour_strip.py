@@ -43,7 +43,7 @@ GREY_STEPS = 11
 
 
 @dataclass(frozen=True)
-class Cell:
+class Swatch:
     """One colour: its name, its upper left corner and side in millimetres, and its sRGB value of three bytes."""
 
     name: str
@@ -58,14 +58,14 @@ class ColourStrip:
     """Geometry and colours of the strip.
 
     Attributes:
-        cells: the colours from left to right, then the greys from black to white.
+        swatches: the colours from left to right, then the greys from black to white.
         size_mm: width and height; paper round it stays white for `QUIET_MM`.
         marker_mm: side of a fiducial marker.
         marker_corners: upper left corner of each marker by its number.
         dictionary: of the markers, one of OpenCV's by name.
     """
 
-    cells: tuple[Cell, ...]
+    swatches: tuple[Swatch, ...]
     size_mm: tuple[float, float]
     marker_mm: float
     marker_corners: dict[int, tuple[float, float]] = field(hash=False)
@@ -73,26 +73,21 @@ class ColourStrip:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of the cells."""
-        return tuple(cell.name for cell in self.cells)
+        """Of the swatches."""
+        return tuple(swatch.name for swatch in self.swatches)
 
     @cached_property
     def srgb(self) -> np.ndarray:
-        """(k, 3) uint8, the colours that the file states, cell by cell."""
-        return np.array([cell.srgb for cell in self.cells], np.uint8)
-
-    @cached_property
-    def is_grey(self) -> np.ndarray:
-        """(k,) bool: the cells of the ramp."""
-        return np.array([cell.name.startswith("grey") for cell in self.cells])
+        """(k, 3) uint8, the colours that the file states, swatch by swatch."""
+        return np.array([swatch.srgb for swatch in self.swatches], np.uint8)
 
     @cached_property
     def centres_mm(self) -> np.ndarray:
-        """(k, 2) middle of each cell."""
-        return np.array([(cell.x + cell.side_mm / 2, cell.y + cell.side_mm / 2) for cell in self.cells])
+        """(k, 2) middle of each swatch."""
+        return np.array([(swatch.x + swatch.side_mm / 2, swatch.y + swatch.side_mm / 2) for swatch in self.swatches])
 
-    def cell_corners_mm(self, inset_mm: float = 0.0) -> np.ndarray:
-        """(k, 4, 2) corners of the cells (upper left, upper right, lower right, lower left), `inset_mm` inside."""
+    def swatch_corners_mm(self, inset_mm: float = 0.0) -> np.ndarray:
+        """(k, 4, 2) corners of the swatches (upper left, upper right, lower right, lower left), `inset_mm` inside."""
         half = CELL_MM / 2 - inset_mm
         square = np.array([[-half, -half], [half, -half], [half, half], [-half, half]])
         return self.centres_mm[:, None] + square
@@ -115,7 +110,10 @@ class ColourStrip:
         """(h, w, 3) uint8 sRGB picture of the strip as the file states it, with a white border all round."""
         width, height = (round((side + 2 * border_mm) * px_per_mm) for side in self.size_mm)
         picture = np.full((height, width, 3), 255.0)
-        shares = [((cell.x, cell.y, cell.x + cell.side_mm, cell.y + cell.side_mm), cell.srgb) for cell in self.cells]
+        shares = [
+            ((swatch.x, swatch.y, swatch.x + swatch.side_mm, swatch.y + swatch.side_mm), swatch.srgb)
+            for swatch in self.swatches
+        ]
         for rects, colour in [
             *((np.array([rect]), srgb) for rect, srgb in shares),
             (self.marker_rects_mm(), (0, 0, 0)),
@@ -127,12 +125,12 @@ class ColourStrip:
 
 
 def lay_out_strip() -> ColourStrip:
-    """The strip: marker, cells, marker, each with white round it."""
+    """The strip: marker, swatches, marker, each with white round it."""
     values = [round(255 * step / (GREY_STEPS - 1)) for step in range(GREY_STEPS)]
     greys = {f"grey {value}": (value, value, value) for value in values}
     left = MARKER_MM + QUIET_MM
-    cells = tuple(
-        Cell(name, left + column * CELL_MM, row * (CELL_MM + ROW_GAP_MM), CELL_MM, srgb)
+    swatches = tuple(
+        Swatch(name, left + column * CELL_MM, row * (CELL_MM + ROW_GAP_MM), CELL_MM, srgb)
         for row, colours in enumerate((COLOURS, greys))
         for column, (name, srgb) in enumerate(colours.items())
     )
@@ -140,7 +138,7 @@ def lay_out_strip() -> ColourStrip:
     width = 2 * left + CELL_MM * len(COLOURS)
     top = (height - MARKER_MM) / 2
     corners = dict(zip(FIDUCIALS, ((0.0, top), (width - MARKER_MM, top)), strict=True))
-    return ColourStrip(cells, (width, height), MARKER_MM, corners)
+    return ColourStrip(swatches, (width, height), MARKER_MM, corners)
 
 
 STRIP = lay_out_strip()
@@ -200,13 +198,13 @@ def draw_strip(canvas: "Canvas", place: StripPlace) -> None:
     canvas.translate(place.x, place.y)
     if place.upright:
         canvas.rotate(90)
-    last = max(cell.x for cell in STRIP.cells)
-    for cell in STRIP.cells:
-        red, green, blue = (f"{value / 255:.5g}" for value in cell.srgb)
-        bottom = height - cell.y - cell.side_mm
+    last = max(swatch.x for swatch in STRIP.swatches)
+    for swatch in STRIP.swatches:
+        red, green, blue = (f"{value / 255:.5g}" for value in swatch.srgb)
+        bottom = height - swatch.y - swatch.side_mm
         # It reaches under its right neighbour, so that no hairline of paper shows between them (see artwork.py).
-        reach = cell.side_mm + (UNDERLAP_MM if cell.x < last else 0)
-        box = f"{cell.x:g} {bottom:g} {reach:g} {cell.side_mm:g}"
+        reach = swatch.side_mm + (UNDERLAP_MM if swatch.x < last else 0)
+        box = f"{swatch.x:g} {bottom:g} {reach:g} {swatch.side_mm:g}"
         canvas._code.append(f"/{SPACE} cs {red} {green} {blue} sc {box} re f")
     canvas.setFillGray(0)
     path = canvas.beginPath()

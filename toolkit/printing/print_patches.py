@@ -125,13 +125,18 @@ def shorten(file: str) -> str:
     return str(path.relative_to(here)) if path.is_relative_to(here) else file
 
 
-def print_patch(png_file: Path, pdf_file: Path, settings: PrintSettings) -> PrintedPatch:
-    """Read a patch, lay it out and write its PDF, whole or not at all.
+def print_patch(png_file: Path, pdf_file: Path, settings: PrintSettings | None = None) -> PrintedPatch:
+    """Read a patch, lay it out true to size and write its PDF, whole or not at all.
+
+    Args:
+        png_file: the patch, its record beside it.
+        pdf_file: the page or pages.
+        settings: paper, scale and the rest, in millimetres; by default A4 at 250 % of 72 dpi.
 
     Raises:
         ToolkitError: the patch has no record or not its own, its size makes no sense, or the PDF cannot be written.
     """
-    patch = read_patch(png_file)
+    patch, settings = read_patch(png_file), settings or PrintSettings()
     document = build_pdf(patch, settings)
     write_bytes(pdf_file, document.content)
     record, plan = patch.record, document.plan

@@ -70,7 +70,7 @@ class Backdrop:
                 rooms[level] = _blur_room(self._studio.environment, ROUGHNESS_LEVELS[level])
         return sample_directions(rooms[level], direction)
 
-    def _table_in_mirror(self, points, direction, level) -> np.ndarray:
+    def _table_in_mirror(self, points: np.ndarray, direction: np.ndarray, level: np.ndarray) -> np.ndarray:
         reach = points[:, 2] / -direction[:, 2]
         u = (points[:, 0] + reach * direction[:, 0]) / self._size[0] + 0.5
         v = (points[:, 1] + reach * direction[:, 1]) / self._size[1] + 0.5
@@ -98,7 +98,7 @@ class Backdrop:
                 np.minimum(nearest, distance, out=nearest)
         return nearest
 
-    def _table_picture(self, x, y, footprint) -> np.ndarray:
+    def _table_picture(self, x: np.ndarray, y: np.ndarray, footprint: np.ndarray) -> np.ndarray:
         """Bilinear in the two pyramid levels around each pixel's footprint."""
         lod = np.log2(np.maximum(footprint * np.float32(self._lit[0].shape[1] / self._size[0]), 1e-3))
         lod = np.clip(lod, 0, len(self._lit) - 1)
@@ -117,7 +117,7 @@ class Backdrop:
                 picture += (values - picture) * np.clip(lod - (level - 1), 0, 1)[..., None]
         return picture
 
-    def _table_gloss(self, direction, cosine) -> np.ndarray:
+    def _table_gloss(self, direction: list[np.ndarray], cosine: np.ndarray) -> np.ndarray:
         """The table's own sheen, smooth enough to be worked out at an eighth of the resolution."""
         h, w = cosine.shape
         step = 8

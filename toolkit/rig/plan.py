@@ -1,7 +1,6 @@
 """The capture plan: where the camera stands for every pose of every object, in `rig/plan.json`."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,57 +8,17 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, GetCoreSchemaHandler, ValidationError, model_validator
 from pydantic_core import CoreSchema, core_schema
 
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_json, write_json
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
-
-
-@dataclass(frozen=True)
-class Pattern:
-    """How camera positions are spread.
-
-    Attributes:
-        name: grid, ring, hemisphere or fibonacci.
-        count: number of poses.
-        elevation_deg: lowest and highest elevation.
-        fill: share of the frame's shorter side that the object reaches across.
-        distance_mm: nearest and farthest distance, spread evenly over the poses; None: as `fill` says.
-        jitter_deg: standard deviation added to azimuth and elevation.
-        seed: of the jitter.
-    """
-
-    name: str = "grid"
-    count: int = 18
-    elevation_deg: tuple[float, float] = (25.0, 65.0)
-    fill: float = 0.8
-    distance_mm: tuple[float, float] | None = None
-    jitter_deg: float = 0.0
-    seed: int = 0
+from toolkit.rig.pattern import Pattern
 
 
 def spread_poses(pattern: Pattern) -> np.ndarray:
-    """(count, 2) azimuth in [0, 360) and elevation in degrees.
-
-    Raises:
-        ToolkitError: an unknown pattern, no poses, elevations outside 0-90° or in the wrong order, or a fill, jitter
-            or distance that no camera can have.
-    """
+    """(count, 2) azimuth in [0, 360) and elevation in degrees."""
     low, high = pattern.elevation_deg
-    if pattern.name not in PATTERNS:
-        raise one_of("pattern", pattern.name, list(PATTERNS))
-    if pattern.count < 1:
-        raise ToolkitError(f"--count {pattern.count}: expected at least one pose")
-    if not 0 <= low <= high <= 90:
-        raise ToolkitError(f"elevations {low:g} to {high:g}: expected 0 <= lowest <= highest <= 90 degrees")
-    if not 0.05 <= pattern.fill <= 0.95:
-        raise ToolkitError(f"--fill {pattern.fill:g}: expected 0.05 to 0.95 of the frame")
-    if not 0 <= pattern.jitter_deg <= 45:
-        raise ToolkitError(f"--jitter {pattern.jitter_deg:g}: expected 0 to 45 degrees")
-    if pattern.distance_mm is not None and not all(0 < side < 1e6 for side in pattern.distance_mm):
-        near, far = pattern.distance_mm
-        raise ToolkitError(f"--distance {near:g} {far:g}: expected distances over 0 and under 1000000 mm")
     angles = PATTERNS[pattern.name](pattern.count, low, high)
     if pattern.jitter_deg:
         for i in range(len(angles)):  # pose i depends on (seed, i) alone
@@ -215,7 +174,7 @@ def plan_poses(item: TableObject, camera: Camera, pattern: Pattern) -> list[Pose
     poses = []
     angles = spread_poses(pattern)
     for i, (azimuth, elevation) in enumerate(np.round(angles, 3)):
-        distance = distance_to_fill(camera, item.mesh.vertices, target, azimuth, elevation, pattern.fill)
+        distance = distance_to_fill(camera, item.mesh.vertices, target, azimuth, elevation, fill=pattern.fill)
         if pattern.distance_mm is not None:
             share = i / max(len(angles) - 1, 1)
             distance = pattern.distance_mm[0] * (1 - share) + pattern.distance_mm[1] * share
@@ -245,8 +204,8 @@ def check_poses(item: TableObject, camera: Camera, poses: list[Pose]) -> None:
         if position[2] <= 0:
             raise ToolkitError(f"{where}: the camera is below the table top: expected an elevation that keeps it above")
         least = distance_to_fill(
-            camera, item.mesh.vertices, np.array(pose.target_mm), pose.azimuth_deg, pose.elevation_deg, 0.995,
-            pose.roll_deg,
+            camera, item.mesh.vertices, np.array(pose.target_mm), pose.azimuth_deg, pose.elevation_deg,
+            fill=0.995, roll_deg=pose.roll_deg,
         )  # fmt: skip
         if pose.distance_mm < least:
             raise ToolkitError(
@@ -260,8 +219,6 @@ def make_plan(items: list[TableObject], camera: Camera, pattern: Pattern) -> Cap
     Raises:
         ToolkitError: the camera cannot be, or as `plan_poses` and `spread_poses` say.
     """
-    from dataclasses import asdict
-
     try:
         _CameraFields.of(camera)
     except ValidationError as error:
@@ -269,7 +226,7 @@ def make_plan(items: list[TableObject], camera: Camera, pattern: Pattern) -> Cap
         raise ToolkitError(f"camera: {first['loc'][0]}: {first['msg']}, found {first['input']}") from None
     return CapturePlan(
         camera=camera,
-        pattern=asdict(pattern),
+        pattern=pattern.record(),
         objects={item.name: plan_poses(item, camera, pattern) for item in items},
     )
 
@@ -345,3 +302,30 @@ def _move(pose: Pose, factor: float) -> Pose:
     )  # fmt: skip
     rows = None if pose.T_world_camera is None else np.round(T_world_camera, 6).tolist()
     return Pose.model_validate(pose.model_dump() | {"distance_mm": distance_mm, "T_world_camera": rows})
+
+
+def plan_objects(
+    workspace: Workspace, objects: Sequence[str] = (), pattern: Pattern | None = None, camera: Camera | None = None
+) -> CapturePlan:
+    """Plan the poses of objects anew and write `rig/plan.json`; without names, of all that the workspace knows.
+
+    Objects that the plan holds already and that are not named keep their poses, if the camera is the same.
+
+    Args:
+        workspace: whose objects are meant, and whose plan is written.
+        objects: names.
+        pattern: how the poses are spread; 18 on a grid by default. Degrees and millimetres.
+        camera: pixels and field of view; 640 × 480 px and 40 degrees by default.
+
+    Returns:
+        The whole plan as it was written.
+
+    Raises:
+        ToolkitError: an unknown object, or as `make_plan` says.
+    """
+    items = [load_object(workspace.object_spec(name)) for name in objects or sorted(workspace.object_specs())]
+    made = make_plan(items, camera or Camera.from_fov(), pattern or Pattern())
+    old = read_plan(workspace.plan_file) if objects and workspace.plan_file.is_file() else None
+    plan = keep_others(old, made)
+    write_plan(workspace.plan_file, plan)
+    return plan

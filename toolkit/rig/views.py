@@ -16,17 +16,21 @@ import numpy as np
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
-from toolkit.objects.load import load_object
+from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
 from toolkit.rig.lighting import BakeDetail
-from toolkit.rig.raycast import RaycastRenderer, TexturedView
+from toolkit.rig.linear_view import LinearView
+from toolkit.rig.mount import attach, mount_patch
+from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.renderer import make_renderer
 from toolkit.rig.shading import develop
 from toolkit.rig.studio import LIGHTS, Studio, make_studio
 
 PER_STUDIO = 24
 CAMERA = Camera.from_fov(width=320, height=288, fov_deg=40.0)
+FOV_DEG = 30.5
+"""Of the square picture: what the middle of a 4:3 frame of 40° shows."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +90,48 @@ def render_training_images(
                 bar.advance()
 
 
+def render_mounted_views(
+    item: TableObject,
+    size_mm: float,
+    patch_px: int,
+    count: int,
+    *,
+    seed: int,
+    image_px: int,
+    quiet: bool = False,
+    ranges: ViewRanges = NEAR_VIEWS,
+) -> Iterator[LinearView]:
+    """Yield `count` views of an object with a printed sheet on it, linear in the colours of the sheet's paper.
+
+    Poses, lights and backdrops are as for `render_training_images`; light bounces off the table as from a grey patch.
+    View i depends on (seed, i) alone, and none is a pose of a plan.
+
+    Args:
+        item: the object.
+        size_mm: side of the printed patch.
+        patch_px: texels of its side, of which `lod` counts those that `toolkit.rig.mount.print_on_paper` makes.
+        count: how many.
+        seed: of all draws.
+        image_px: side of the square pictures.
+        quiet: no progress bar.
+        ranges: where the camera may stand.
+
+    Raises:
+        ToolkitError: a sheet that cannot be mounted.
+    """
+    camera = Camera.from_fov(image_px, image_px, FOV_DEG)
+    grey = np.full((patch_px, patch_px, 3), 128, np.uint8)
+    sheet = mount_patch(item.mesh, grey, size_mm, item.spec.patch, item.name)
+    mesh, paper = attach(item.mesh, sheet), sheet.mesh.materials[0].texture
+    with progress(f"rendering {item.name} with its sheet", count, quiet) as bar:
+        for start in range(0, count, PER_STUDIO):
+            renderer = RaycastRenderer(mesh, random_studio(seed, start, float(item.mesh.size_mm.max())))
+            for i in range(start, min(start + PER_STUDIO, count)):
+                T_world_camera = random_pose(np.random.default_rng([seed, i, 2]), item.mesh, camera, ranges)
+                yield renderer.render_linear(camera, T_world_camera, paper).packed()
+                bar.advance()
+
+
 def render_thumbnails(mesh: Mesh, count: int, seed: tuple[int, ...], camera: Camera) -> np.ndarray:
     """(count, height, width, 3) uint8 sRGB: small pictures of a mesh in one studio, from wide-ranging poses.
 
@@ -137,13 +183,11 @@ def random_pose(rng: np.random.Generator, mesh: Mesh, camera: Camera, ranges: Vi
     azimuth, elevation, roll = rng.uniform(0, 360), ranges.draw_elevation(rng), rng.uniform(*ranges.roll_deg)
     target = np.array([0.0, 0.0, mesh.size_mm[2] / 2])
     fill = rng.uniform(*ranges.fill)
-    distance = distance_to_fill(camera, mesh.vertices, target, azimuth, elevation, fill, roll)
+    distance = distance_to_fill(camera, mesh.vertices, target, azimuth, elevation, fill=fill, roll_deg=roll)
     free = max((1 - fill) * 0.5, ranges.off_centre) * distance * camera.height / 2 / camera.fx
     return orbit_pose(target + rng.uniform(-free, free, 3) * [1, 1, 0], azimuth, elevation, distance, roll)
 
 
-FOV_DEG = 30.5
-"""Of the square picture: what the middle of a 4:3 frame of 40° shows."""
 DETAIL = BakeDetail(key_rays=16, room_rays=64, surface_spacing=0.022, table_spacing=0.02)
 """Light for pictures of a few hundred pixels."""
 TRAIN, HELD_OUT = 0, 1
@@ -187,7 +231,7 @@ class StreamedView:
     """A view, and the same picture of the object in its own paint where that was asked for, (s, s, 3) uint8 sRGB."""
 
     subject: int
-    view: TexturedView
+    view: LinearView
     bare: np.ndarray | None
 
 
@@ -211,14 +255,8 @@ def render_block(
     for i, of_view in enumerate(of_views):
         pose = random_pose(np.random.default_rng(of_view), mesh, camera, settings.ranges)
         bare = None if own_paint is None else develop(own_paint.render(camera, pose), (seed, kind, block, i))
-        views.append(StreamedView(block % len(subjects), _pack(renderer.take_apart(camera, pose, texture)), bare))
+        views.append(StreamedView(block % len(subjects), renderer.render_linear(camera, pose, texture).packed(), bare))
     return views
-
-
-def _pack(view: TexturedView) -> TexturedView:
-    """Light and shares in half precision: a group of views is kept in memory."""
-    half = {name: getattr(view, name).astype(np.float16) for name in ("behind", "dark", "coverage", "gain", "lod")}
-    return replace(view, **half)
 
 
 class ViewStream:

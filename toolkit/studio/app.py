@@ -1,6 +1,7 @@
 """The web application: addresses, and what each of them calls."""
 
 import io
+from collections.abc import Callable
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -20,9 +21,9 @@ from toolkit.core.files import explain_write_error
 from toolkit.imaging.read import read_image
 from toolkit.studio.access import Access, Guard
 from toolkit.studio.describe import describe_inspection, describe_place, describe_session
-from toolkit.studio.ghost import GhostArtist
+from toolkit.studio.ghost import GhostRenderer
 from toolkit.studio.predictor import Predictor
-from toolkit.studio.session import NOT_FOUND, Session, take_back
+from toolkit.studio.session import NOT_FOUND, Session, undo_keep
 from toolkit.studio.upload import MOST_BYTES, Refused, receive_file
 
 PREVIEW_PX, THUMB_PX = 1280, 240
@@ -81,7 +82,7 @@ def make_app(session: Session, access: Access, predictor: Predictor, most_bytes:
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None)
     _answer_errors(app)
     _add_page(app)
-    _add_pictures(app, session, GhostArtist(session.workspace, session.plan))
+    _add_pictures(app, session, GhostRenderer(session.workspace, session.plan))
     _add_shots(app, session, predictor)
     _add_upload(app, session, most_bytes)
     return Guard(app, access)
@@ -103,7 +104,7 @@ def _answer_errors(app: FastAPI) -> None:
 
 
 def _add_page(app: FastAPI) -> None:
-    def serve(name: str, kind: str):
+    def serve(name: str, kind: str) -> Callable[[], Response]:
         content = (files("toolkit.studio") / name).read_bytes()
         return lambda: Response(content, media_type=kind)
 
@@ -111,7 +112,7 @@ def _add_page(app: FastAPI) -> None:
         app.get(address)(serve(name, kind))
 
 
-def _add_pictures(app: FastAPI, session: Session, artist: GhostArtist) -> None:
+def _add_pictures(app: FastAPI, session: Session, artist: GhostRenderer) -> None:
     @app.get("/api/shots/{number}/ghost.png")
     def ghost(number: int) -> Response:
         step = session.find_step(number)
@@ -127,7 +128,7 @@ def _add_pictures(app: FastAPI, session: Session, artist: GhostArtist) -> None:
 
     @app.get("/api/shots/{number}/waiting.jpg")
     def waiting(number: int) -> Response:
-        file = session.places.find_waiting(session.find_step(number))
+        file = session.folders.find_waiting(session.find_step(number))
         if file is None:
             raise Refused(NOT_FOUND, f"no photograph waits at shot {number}")
         return _jpeg(show_photo(file, PREVIEW_PX))
@@ -172,7 +173,7 @@ def _add_shots(app: FastAPI, session: Session, predictor: Predictor) -> None:
 
     @app.post("/api/shots/{number}/undo")
     def undo(number: int) -> dict[str, Any]:
-        take_back(session, number)
+        undo_keep(session, number)
         return tell(number)
 
 
@@ -185,10 +186,10 @@ def _add_upload(app: FastAPI, session: Session, most_bytes: int) -> None:
         length = request.headers.get("content-length", "")
         announced = int(length) if length.isascii() and length.isdecimal() else None
         try:
-            file = await receive_file(request.stream(), session.places, announced, most_bytes)
+            file = await receive_file(request.stream(), session.folders, announced, most_bytes)
         except ClientDisconnect:
             return Response(status_code=CLOSED)  # nobody hears it; the upload is deleted
-        found = await run_in_threadpool(session.take_in, number, file)
+        found = await run_in_threadpool(session.receive, number, file)
         if found is None:
             return {"there": True}
         return {"there": False, **describe_inspection(found)}

@@ -1,4 +1,4 @@
-"""What the page is told, as plain values for JSON."""
+"""What the page shows, as plain values for JSON."""
 
 import math
 from collections.abc import Sequence

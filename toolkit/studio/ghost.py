@@ -35,7 +35,7 @@ KEPT_GHOSTS = 96
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _Rendered:
     """What pixels meet, (h, w, ...): depth (inf for nothing), face normal, whether it is the sheet, brightness."""
 
     depth: np.ndarray
@@ -51,7 +51,7 @@ class _Stage:
         self._mesh, self._scene = mesh, make_ray_scene(mesh)
         self._first_of_sheet = first_of_sheet
 
-    def look(self, camera: Camera, T_world_camera: np.ndarray) -> _Seen:
+    def look(self, camera: Camera, T_world_camera: np.ndarray) -> _Rendered:
         import open3d as o3d
 
         h, w = camera.height, camera.width
@@ -64,7 +64,7 @@ class _Stage:
         is_paper, brightness = np.zeros(h * w, bool), np.zeros(h * w, np.float32)
         is_paper[hit] = self._mesh.face_material[triangle] >= self._first_of_sheet
         brightness[hit] = self._read_paint(triangle, at)
-        return _Seen(
+        return _Rendered(
             depth.reshape(h, w), normal.reshape(h, w, 3), is_paper.reshape(h, w), brightness.reshape(h, w)
         )  # fmt: skip
 
@@ -82,7 +82,7 @@ class _Stage:
         return value
 
 
-class GhostArtist:
+class GhostRenderer:
     """Draws the ghosts of a plan's poses, each once; safe to call from several threads."""
 
     def __init__(self, workspace: Workspace, plan: CapturePlan) -> None:
@@ -126,7 +126,7 @@ def square_camera(camera: Camera, side_px: int = SIDE_PX) -> Camera:
     return Camera.from_focal_px(side_px, side_px, camera.fx * side_px / shorter)
 
 
-def paint_lines(seen: _Seen) -> np.ndarray:
+def paint_lines(seen: _Rendered) -> np.ndarray:
     """(h, w, 4) uint8: white lines with a dark halo, the sheet's in amber, a breath of white inside the outline."""
     solid = np.isfinite(seen.depth)
     strong = _outlines(seen, solid)
@@ -148,7 +148,7 @@ def paint_lines(seen: _Seen) -> np.ndarray:
     return np.dstack([colour, 255 * alpha]).clip(0, 255).round().astype(np.uint8)
 
 
-def _outlines(seen: _Seen, solid: np.ndarray) -> np.ndarray:
+def _outlines(seen: _Rendered, solid: np.ndarray) -> np.ndarray:
     """(h, w) bool: the silhouette, steps in depth, and creases."""
     lines = _steps(solid)
     inverse = np.where(solid, 1 / np.where(solid, seen.depth, 1), 0)  # linear over a plane, so that slopes drop out
@@ -162,7 +162,7 @@ def _outlines(seen: _Seen, solid: np.ndarray) -> np.ndarray:
     return lines
 
 
-def _paint_steps(seen: _Seen, solid: np.ndarray) -> np.ndarray:
+def _paint_steps(seen: _Rendered, solid: np.ndarray) -> np.ndarray:
     smooth = cv2.GaussianBlur(seen.brightness, (0, 0), PAINT_BLUR_PX)
     inside = cv2.erode(solid.astype(np.uint8), np.ones((5, 5))).astype(bool) & ~seen.is_paper
     x, y = cv2.Sobel(smooth, cv2.CV_32F, 1, 0) / 8, cv2.Sobel(smooth, cv2.CV_32F, 0, 1) / 8

@@ -11,13 +11,13 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.photos.board_pose import find_board
 from toolkit.photos.gates.check_photo import check_photo
-from toolkit.photos.gates.expect import Expecter
+from toolkit.photos.gates.expect import ExpectationBuilder
 from toolkit.photos.gates.result import GateResult
-from toolkit.photos.gates.solid import View
-from toolkit.photos.importing.evidence import Located, locate_sighting
+from toolkit.photos.importing.locate import locate_sighting
 from toolkit.photos.lens import read_lenses
 from toolkit.photos.match_pose import PoseMatch, match_pose, view_of
 from toolkit.photos.photo import Photo, load_pixels
+from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan, Pose
 from toolkit.rig.shot_order import ShotStep
@@ -41,7 +41,7 @@ class Inspection:
 
     sha256: str
     results: tuple[GateResult, ...]
-    located: Located | None
+    located: PosedCamera | None
     no_board: str
     match: PoseMatch | None
     nearest: PoseMatch | None
@@ -72,7 +72,7 @@ class Inspector:
 
     def __init__(self, workspace: Workspace, plan: CapturePlan) -> None:
         self._workspace, self._plan = workspace, plan
-        self._expecter = Expecter(workspace)
+        self._expecter = ExpectationBuilder(workspace)
         self._lock = Lock()
         self._warm: set[tuple[str, str]] = set()
         self._kept: OrderedDict[tuple[str, ShotStep], Inspection] = OrderedDict()
@@ -114,22 +114,20 @@ class Inspector:
         found = locate_sighting(photo, sighting, read_lenses(self._workspace))
         located = None if isinstance(found, str) else found
         why = found if isinstance(found, str) else ""
-        view = match = nearest = scale = None
+        match = nearest = scale = None
         if located is not None:
-            view = View(located.T_world_camera, located.camera)
             poses = self._plan.objects[step.object]
             nearest = match_pose(located.T_world_camera, poses)
             pose = next(pose for pose in poses if pose.id == step.pose_id)
             match = match_pose(located.T_world_camera, [pose])
-            scale = _compare_size(view, match, pose, self._plan.camera)
-        expectation = self._expecter.expect(step.object, step.variant, step.pose_id, view, why)
+            scale = _compare_size(located.camera, match, pose, self._plan.camera)
+        expectation = self._expecter.expect(step.object, step.variant, step.pose_id, located, why)
         results = check_photo(pixels, expectation, sighting)
         return Inspection(photo.sha256, tuple(results), located, why, match, nearest, scale)
 
 
-def _compare_size(view: View, match: PoseMatch, pose: Pose, camera: Camera) -> float:
+def _compare_size(lens: Camera, match: PoseMatch, pose: Pose, camera: Camera) -> float:
     """Size of the object in a photograph over that in the plan's picture, both measured by the shorter side."""
-    lens = view.lens
     zoom = lens.fx / min(lens.width, lens.height) / (camera.fx / min(camera.width, camera.height))
     planned_mm = view_of(pose.matrix(), np.array(pose.target_mm)).distance_mm
     return float(zoom * planned_mm / max(planned_mm + match.distance_mm, 1.0))

@@ -7,8 +7,9 @@ from threading import Event, Lock, Thread
 from typing import Any, Literal
 
 from toolkit.captures.read import Capture
+from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
-from toolkit.evaluation.dataset import class_of_spec
+from toolkit.evaluation.ground_truth import class_of_spec
 from toolkit.evaluation.predict import Prediction, predict_captures
 from toolkit.models.network import Classifier
 from toolkit.studio.session import Session
@@ -111,7 +112,8 @@ class Predictor:
             file = self._session.source_dir / shot.path
             source = self._session.source
             capture = Capture(source, name, shot.step.variant, shot.step.pose_id, file, f"{source}/{shot.path}")
-            (found,) = predict_captures([capture], {name: true}, classifier, quiet=True)
+            with quietly():
+                (found,) = predict_captures([capture], {name: true}, classifier)
             with self._lock:
                 self._known[key] = found
         self._say(PredictorState("ready", classifier.name, tuple(notes.values())))

@@ -7,11 +7,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.studio.access import Access, make_token
 
 if TYPE_CHECKING:
     import uvicorn
+    from starlette.types import ASGIApp
 
 LOOPBACK = "127.0.0.1"
 USUAL_PORT = 8765
@@ -22,7 +23,7 @@ EXTRA = "pip install 'toolkit-boost[studio]'"
 
 
 @dataclass(frozen=True)
-class Door:
+class Listener:
     """A socket that listens, and who is let in.
 
     Attributes:
@@ -43,7 +44,7 @@ class Door:
         return f"{base}?token={self.access.token}" if self.access.token else base
 
 
-def open_door(lan: bool = False, port: int | None = None, address: str | None = None) -> Door:
+def listen(lan: bool = False, port: int | None = None, address: str | None = None) -> Listener:
     """Bind the address, so that trouble with it is said before anything is promised.
 
     Args:
@@ -60,7 +61,7 @@ def open_door(lan: bool = False, port: int | None = None, address: str | None = 
     names = {host} if lan else {LOOPBACK, "localhost", "[::1]"}
     token = make_token() if lan else None
     access = Access(frozenset(f"{name}:{bound}" for name in names), token, f"toolkit_studio_{bound}")
-    return Door(host, bound, access, listener)
+    return Listener(host, bound, access, listener)
 
 
 def find_lan_address() -> str:
@@ -76,9 +77,7 @@ def find_lan_address() -> str:
         except OSError:
             found = LOOPBACK
     if found.startswith("127.") or found == "0.0.0.0":
-        raise ToolkitError(
-            "--lan: this machine has no address in a local network: join one, or name it with --address ADDRESS"
-        )
+        raise FieldError("{lan}: this machine has no address in a local network: join one, or name it by {address}", {})
     return found
 
 
@@ -102,7 +101,7 @@ def require_extra() -> None:
         raise ToolkitError(f"toolkit studio needs {' and '.join(missing)}, which the extra 'studio' brings: {EXTRA}")
 
 
-def make_server(app) -> "uvicorn.Server":
+def make_server(app: "ASGIApp") -> "uvicorn.Server":
     """A server that ends when its `should_exit` is set; what is being answered then is finished, for some seconds."""
     import uvicorn
 
@@ -143,7 +142,7 @@ def _bind(host: str, port: int, any_will_do: bool) -> socket.socket:
         listener.close()
         if any_will_do and port:
             return _bind(host, 0, False)
-        raise ToolkitError(_explain(host, port, error)) from None
+        raise FieldError(_explain(host, port, error), {}) from None
 
 
 def _explain(host: str, port: int, error: OSError | OverflowError) -> str:
@@ -151,9 +150,9 @@ def _explain(host: str, port: int, error: OSError | OverflowError) -> str:
 
     code = getattr(error, "errno", None)
     if code == errno.EADDRINUSE:
-        return f"port {port} of {host} is taken, perhaps by another studio: stop it, or choose one with --port"
+        return f"port {port} of {host} is taken, perhaps by another studio: stop it, or choose another {{port}}"
     if code == errno.EACCES:
-        return f"port {port} may not be used: choose one above 1023 with --port"
+        return f"port {port} may not be used: choose a {{port}} above 1023"
     if code == errno.EADDRNOTAVAIL:
-        return f"{host} is no address of this machine: leave --address out, or name one that is"
+        return f"{host} is no address of this machine: leave {{address}} out, or name one that is"
     return f"cannot listen on {host} port {port}: {getattr(error, 'strerror', None) or error}"

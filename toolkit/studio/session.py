@@ -14,25 +14,26 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.folder import show_path
 from toolkit.objects.load import load_object
 from toolkit.photos.gates.check_captures import write_retake_lines
-from toolkit.photos.importing.decide import Decision
-from toolkit.photos.importing.evidence import Evidence, Target
+from toolkit.photos.importing.evidence import Evidence
 from toolkit.photos.importing.gather import Candidate
-from toolkit.photos.importing.photos import list_retakes
-from toolkit.photos.importing.store import (
+from toolkit.photos.importing.import_photos import list_retakes
+from toolkit.photos.importing.index import (
     REPLACED,
-    Ledger,
+    CaptureKey,
+    SourceIndex,
     drop_records,
-    find_occupants,
+    find_images,
     find_original,
-    read_ledger,
-    store_photo,
+    index_source,
 )
+from toolkit.photos.importing.match import Decision
+from toolkit.photos.importing.store import store_photo
 from toolkit.photos.photo import read_photo
 from toolkit.rig.plan import CapturePlan, Pose, read_plan
 from toolkit.rig.shot_order import ShotList, ShotStep, read_shots
 from toolkit.rig.variants import VARIANTS, find_booster
 from toolkit.studio.inspection import Inspection, Inspector
-from toolkit.studio.upload import HASH_DIGITS, Places, Refused, check_writable, hash_in_name, open_upload
+from toolkit.studio.upload import HASH_DIGITS, Refused, UploadFolders, check_writable, hash_in_name, open_upload
 
 Status = Literal["open", "waiting", "skipped", "done"]
 NOT_FOUND, CONFLICT = 404, 409
@@ -80,9 +81,9 @@ class Session:
         return self.workspace.captures_dir / self.source
 
     @property
-    def places(self) -> Places:
+    def folders(self) -> UploadFolders:
         """Where uploads and waiting photographs are."""
-        return Places(self.workspace.root)
+        return UploadFolders(self.workspace.root)
 
     def find_step(self, number: int) -> ShotStep:
         """The step with that number; `Refused` (404) where the list has none."""
@@ -97,19 +98,19 @@ class Session:
     def list_shots(self) -> list[Shot]:
         """Every step of the list with its state, as the disk says."""
         with self._lock:
-            ledger = self._ledger()
-            return [self._look_up(step, ledger) for step in self.shots.steps]
+            index = self._index()
+            return [self._look_up(step, index) for step in self.shots.steps]
 
     def look_up(self, number: int) -> Shot:
         """One step with its state."""
         with self._lock:
-            return self._look_up(self.find_step(number), self._ledger())
+            return self._look_up(self.find_step(number), self._index())
 
     def find_record(self, shot: Shot) -> CaptureRecord | None:
         """The manifest's line on the photograph that is there; None where it was put there by hand."""
-        return self._ledger().records.get(shot.path) if shot.path else None
+        return self._index().records.get(shot.path) if shot.path else None
 
-    def take_in(self, number: int, upload: Path) -> Inspection | None:
+    def receive(self, number: int, upload: Path) -> Inspection | None:
         """Check an upload by its content, let it wait at its shot, and measure it.
 
         Returns:
@@ -125,7 +126,7 @@ class Session:
             with self._lock:
                 if self._is_kept(step, photo.sha256):
                     return None
-                file = self.places.put_waiting(step, upload, photo)
+                file = self.folders.put_waiting(step, upload, photo)
             return self.inspector.inspect(read_photo(file), step, pixels)
         finally:
             upload.unlink(missing_ok=True)
@@ -133,7 +134,7 @@ class Session:
     def inspect_waiting(self, number: int) -> Inspection | None:
         """The verdict on the photograph that waits at a shot, None where none waits."""
         shot = self.look_up(number)
-        file = self.places.find_waiting(shot.step) if shot.status == "waiting" else None
+        file = self.folders.find_waiting(shot.step) if shot.status == "waiting" else None
         return self.inspector.inspect(read_photo(file), shot.step) if file else None
 
     def keep(self, number: int, sha256: str) -> Shot:
@@ -150,39 +151,42 @@ class Session:
         with self._lock:
             step = self.find_step(number)
             if self._is_kept(step, sha256):
-                self.places.drop_waiting(step)
+                self.folders.drop_waiting(step)
                 return self.look_up(number)
-            file = self.places.find_waiting(step)
+            file = self.folders.find_waiting(step)
             if file is None or hash_in_name(file) != sha256[:HASH_DIGITS]:
                 raise Refused(CONFLICT, "this photograph does not wait here any more: look again, or take another")
             photo = read_photo(file)
             seen = self.inspector.inspect(photo, step)
-            target = Target(step.object, step.variant, step.pose_id)
+            key = CaptureKey(step.object, step.variant, step.pose_id)
+            evidence = Evidence(
+                Candidate(photo, photo.name, ()), (step.object, step.variant), located=seen.located,
+                no_board=seen.no_board,
+            )  # fmt: skip
             store_photo(
-                self._ledger(), Candidate(photo, photo.name, ()), Decision(target, "user", seen.match),
-                Evidence((step.object, step.variant), located=seen.located, no_board=seen.no_board),
+                self._index(), evidence, Decision(key, "user", seen.match),
                 self._hash_booster(step.object, step.variant), lambda *_: seen.checked,
             )  # fmt: skip
-            self.places.drop_waiting(step)
-            self.places.set_skipped(step, False)
+            self.folders.drop_waiting(step)
+            self.folders.set_skipped(step, False)
             self.write_lists()
             return self.look_up(number)
 
     def discard(self, number: int) -> Shot:
         """Throw away what waits at a shot; what is in the captures stays."""
         with self._lock:
-            self.places.drop_waiting(self.find_step(number))
+            self.folders.drop_waiting(self.find_step(number))
             return self.look_up(number)
 
     def skip(self, number: int, skipped: bool) -> Shot:
         """Put a shot off, or call it back."""
         with self._lock:
-            self.places.set_skipped(self.find_step(number), skipped)
+            self.folders.set_skipped(self.find_step(number), skipped)
             return self.look_up(number)
 
     def write_lists(self) -> None:
         """Write `transforms.json` and `retake.txt` anew, as an import does at its end."""
-        records = [record for _, record in sorted(self._ledger().records.items())]
+        records = [record for _, record in sorted(self._index().records.items())]
         there = [record for record in records if (self.source_dir / record.path).is_file()]
         write_transforms(self.source_dir, there)
         write_retake_lines(self.source_dir, [f"{path}: {advice}" for path, advice in list_retakes(there)])
@@ -191,27 +195,27 @@ class Session:
         """Held while files are changed."""
         return self._lock
 
-    def _ledger(self) -> Ledger:
+    def _index(self) -> SourceIndex:
         # without hashing gigabytes: what is whole is asked by the import and by the evaluation
-        return Ledger(self.source_dir, {}, {}, read_manifest(self.source_dir))
+        return SourceIndex(self.source_dir, {}, {}, read_manifest(self.source_dir))
 
-    def _look_up(self, step: ShotStep, ledger: Ledger) -> Shot:
-        there = find_occupants(ledger, Target(step.object, step.variant, step.pose_id))
+    def _look_up(self, step: ShotStep, index: SourceIndex) -> Shot:
+        there = find_images(index, CaptureKey(step.object, step.variant, step.pose_id))
         path = show_path(there[0].relative_to(self.source_dir).parts) if there else None
-        record = ledger.records.get(path) if path else None
+        record = index.records.get(path) if path else None
         retake = bool(record and record.made.get("retake"))
-        waiting = self.places.find_waiting(step)
+        waiting = self.folders.find_waiting(step)
         kept = (_original(record) or "")[:HASH_DIGITS] if record else None
         # a kill between the two steps of `keep` leaves what is kept waiting
         if waiting is not None and hash_in_name(waiting) != kept:
             return Shot(step, "waiting", path, retake)
         if path:
             return Shot(step, "done", path, retake)
-        return Shot(step, "skipped" if self.places.skip_mark(step).exists() else "open", None)
+        return Shot(step, "skipped" if self.folders.skip_mark(step).exists() else "open", None)
 
     def _is_kept(self, step: ShotStep, sha256: str) -> bool:
         """Whether this photograph is the shot's already; `Refused` where it is another shot's."""
-        for record in self._ledger().records.values():
+        for record in self._index().records.values():
             if _original(record) != sha256 or not (self.source_dir / record.path).is_file():
                 continue
             if (record.object, record.variant, record.pose_id) == (step.object, step.variant, step.pose_id):
@@ -260,13 +264,13 @@ def open_session(
         raise ToolkitError(f"{file} is not there: make the list of shots with 'toolkit plan --shot-list'")
     plan = read_plan(workspace.plan_file)
     session = Session(workspace, plan, read_shots(file, plan), make_inspector(workspace, plan), source)
-    check_writable(session.places)
-    session.places.sweep()
+    check_writable(session.folders)
+    session.folders.sweep()
     session.list_shots()  # a broken manifest is said now, not when the first photograph is kept
     return session
 
 
-def take_back(session: Session, number: int) -> Shot:
+def undo_keep(session: Session, number: int) -> Shot:
     """Undo `keep`: the photograph waits at its shot again, and a shot that it had replaced is there again.
 
     Raises:
@@ -276,17 +280,17 @@ def take_back(session: Session, number: int) -> Shot:
     with session.exclusive():
         step = session.find_step(number)
         root = session.source_dir
-        ledger = read_ledger(root)
-        target = Target(step.object, step.variant, step.pose_id)
-        there = find_occupants(ledger, target)
+        index = index_source(root)
+        key = CaptureKey(step.object, step.variant, step.pose_id)
+        there = find_images(index, key)
         record = session.find_record(session.look_up(number))
         if not there or record is None:
             what = "was put there by hand: delete the file itself" if there else "is not there"
             raise Refused(CONFLICT, f"the photograph of shot {number} {what}")
         file = root / record.path
-        # a copy first: it is in one of the two places at every moment
-        upload = write_bytes(session.places.new_incoming(), file.read_bytes())
-        session.places.put_waiting(step, upload, read_photo(upload))
+        # a copy first: it is in one of the two folders at every moment
+        upload = write_bytes(session.folders.new_incoming(), file.read_bytes())
+        session.folders.put_waiting(step, upload, read_photo(upload))
         before = _find_before(root, record)
         file.unlink()
         drop_records(root, {record.path})

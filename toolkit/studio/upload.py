@@ -33,7 +33,7 @@ PART = ".part"
 
 
 @dataclass(frozen=True)
-class Places:
+class UploadFolders:
     """Folders of one workspace's studio."""
 
     root: Path
@@ -119,14 +119,14 @@ def hash_in_name(file: Path) -> str:
     return file.stem.rpartition("-")[2]
 
 
-def check_writable(places: Places) -> None:
+def check_writable(folders: UploadFolders) -> None:
     """A `ToolkitError` where no upload could be written, before anybody takes a photograph."""
-    probe = places.new_incoming()
+    probe = folders.new_incoming()
     try:
         probe.touch()
         probe.unlink()
     except OSError as error:
-        raise ToolkitError(str(explain_write_error(places.incoming_dir, error))) from error
+        raise ToolkitError(str(explain_write_error(folders.incoming_dir, error))) from error
 
 
 MOST_BYTES = 40 << 20
@@ -135,12 +135,12 @@ KINDS = ("jpeg", "heif", "avif", "png", "webp", "tiff")
 HTTP_FULL, HTTP_TOO_LARGE, HTTP_NO_PHOTO = 507, 413, 415
 
 
-async def receive_file(blocks: AsyncIterator[bytes], places: Places, announced: int | None, limit: int) -> Path:
+async def receive_file(blocks: AsyncIterator[bytes], folders: UploadFolders, announced: int | None, limit: int) -> Path:
     """Write an upload to a new file of the incoming folder; what breaks off leaves nothing behind.
 
     Args:
         blocks: of the request's body.
-        places: of the workspace.
+        folders: of the workspace.
         announced: its Content-Length, None where it has none; a wrong one is not believed.
         limit: most bytes.
 
@@ -149,7 +149,7 @@ async def receive_file(blocks: AsyncIterator[bytes], places: Places, announced: 
     """
     if announced is not None and announced > limit:
         raise _too_large(limit)
-    file = places.new_incoming()
+    file = folders.new_incoming()
     size = 0
     try:
         with file.open("xb") as stream:

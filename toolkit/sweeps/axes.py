@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from toolkit.captures.shoot import ShootSettings
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import printed_size_mm
@@ -72,7 +72,7 @@ def find_axis(name: str) -> Axis:
     return AXES[name]
 
 
-def parse_values(axis: Axis, typed: Sequence[str] | None) -> list[Value]:
+def parse_values(axis: Axis, typed: Sequence[Value] = ()) -> list[Value]:
     """The values asked for, each once, in order (numbers ascending); the axis' own where none are named.
 
     Each text may hold several, separated by commas.
@@ -80,7 +80,7 @@ def parse_values(axis: Axis, typed: Sequence[str] | None) -> list[Value]:
     Raises:
         ToolkitError: a value that the axis cannot have.
     """
-    texts = [text.strip() for each in typed or () for text in each.split(",")]
+    texts = [text.strip() for each in typed for text in str(each).split(",")]
     values = dict.fromkeys(axis.parse(text) for text in texts) if texts else dict.fromkeys(axis.defaults)
     return sorted(values) if axis.is_ordered else list(values)  # type: ignore[type-var]
 
@@ -103,8 +103,8 @@ def _number(what: str, example: str, whole: bool, low: float, high: float) -> Ca
         except ValueError:
             value = math.nan
         if not low <= value <= high:  # nan is neither
-            raise ToolkitError(
-                f"--values {text}: expected {what}, {kind} from {low:g} to {high:g}, for example --values {example}"
+            raise FieldError(
+                f"expected {what}, {kind} from {low:g} to {high:g}, for example {example}", {"values": text}
             )
         return value
 
@@ -121,39 +121,37 @@ def _change_setting(name: str) -> Callable[[Setup, Value], Setup]:
     return change
 
 
-def _change_distance(setup: Setup, value: Value) -> Setup:
-    return replace(setup, plan=scale_distance(setup.plan, float(value)))
-
-
-def _change_resolution(setup: Setup, value: Value) -> Setup:
-    return replace(setup, plan=scale_resolution(setup.plan, int(value)))
-
-
-def _change_size(setup: Setup, value: Value) -> Setup:
-    return replace(setup, patch_mm=float(value))
-
-
 _AXES = (
-    Axis("light", "light", "", tuple(LIGHTS), _one_name("light", tuple(LIGHTS)), _change_setting("light")),
-    Axis("backdrop", "backdrop", "", BACKDROPS, _one_name("backdrop", BACKDROPS), _change_setting("backdrop")),
+    Axis(
+        "light", "light", "", tuple(LIGHTS), parse=_one_name("light", tuple(LIGHTS)), change=_change_setting("light"),
+    ),
+    Axis(
+        "backdrop", "backdrop", "", BACKDROPS, parse=_one_name("backdrop", BACKDROPS),
+        change=_change_setting("backdrop"),
+    ),
     Axis(
         "distance", "distance, as a multiple of the plan's", "x", (0.9, 1.0, 1.5, 2.0, 3.0),
-        _number("a factor of the plan's distance", "1.5", False, 0.1, 20), _change_distance,
+        parse=_number("a factor of the plan's distance", "1.5", False, 0.1, 20),
+        change=lambda setup, value: replace(setup, plan=scale_distance(setup.plan, float(value))),
         is_ordered=True, is_log=True,
     ),
     Axis(
         "resolution", "width of the picture (px)", "px", (64, 96, 160, 320, 640),
-        _number("the picture's width in pixels", "320", True, 16, 16384), _change_resolution,
+        parse=_number("the picture's width in pixels", "320", True, 16, 16384),
+        change=lambda setup, value: replace(setup, plan=scale_resolution(setup.plan, int(value))),
         is_ordered=True, is_log=True,
     ),
     Axis(
         "size", "printed side of the patch (mm, and its share of the object's longest side)", "mm",
         (22.0, 44.0, 60.0, PAPER_MM),
-        _number("the printed side of the patch in mm", "44", False, 1, 10000), _change_size, is_ordered=True,
+        parse=_number("the printed side of the patch in mm", "44", False, 1, 10000),
+        change=lambda setup, value: replace(setup, patch_mm=float(value)),
+        is_ordered=True,
     ),
     Axis(
         "seed", "seed of backdrop, room and noise", "", (0, 1, 2, 3, 4),
-        _number("a seed", "3", True, 0, 2**32 - 1), _change_setting("seed"),
+        parse=_number("a seed", "3", True, 0, 2**32 - 1),
+        change=_change_setting("seed"),
     ),
 )  # fmt: skip
 AXES: dict[str, Axis] = {axis.name: axis for axis in _AXES}
@@ -182,9 +180,14 @@ class Unit:
 
 
 def plan_units(
-    workspace: Workspace, axis: Axis, values: Sequence[Value], base: Setup, objects: Sequence[str],
+    workspace: Workspace,
+    axis: Axis,
+    values: Sequence[Value],
+    base: Setup,
+    *,
+    objects: Sequence[str],
     variants: Sequence[str],
-) -> list[Unit]:  # fmt: skip
+) -> list[Unit]:
     """Every unit of a sweep, value by value.
 
     An object that cannot be shot in one of the variants at a value (a patch too large for it, a camera inside it) is
@@ -192,22 +195,27 @@ def plan_units(
 
     Raises:
         ToolkitError: an object, variant or patch is unknown, missing or broken, an object is not in the plan, or a
-            value is none that a camera can have.
+            value is none that a camera can have; or the patch's size is varied and no variant has a patch.
     """
     items = {name: load_object(workspace.object_spec(name)) for name in dict.fromkeys(objects)}
     for name in items:
         if name not in base.plan.objects:
             raise ToolkitError(f"object '{name}' is not in {workspace.plan_file}: run 'toolkit plan --object {name}'")
     setups = {value: axis.change(base, value) for value in values}
-    return [
-        _plan_unit(workspace, axis, value, setup, item, variants)
+    units = [
+        _plan_unit(workspace, item, setup, variants, value=value, label=axis.label(value))
         for value, setup in setups.items()
         for item in items.values()
-    ]  # fmt: skip
+    ]
+    if axis.name == "size" and all(unit.patch_mm is None for unit in units):
+        raise FieldError(
+            "the axis 'size' varies the patch: name a variant that has one, such as 'patched'", {"variants": variants}
+        )
+    return units
 
 
 def _plan_unit(
-    workspace: Workspace, axis: Axis, value: Value, setup: Setup, item: TableObject, variants: Sequence[str]
+    workspace: Workspace, item: TableObject, setup: Setup, variants: Sequence[str], *, value: Value, label: str
 ) -> Unit:
     longest_mm = float(item.mesh.size_mm.max())
     boosters = [find_booster(workspace, item, name) for name in variants]
@@ -225,4 +233,4 @@ def _plan_unit(
                 dress(sized, booster)
     except ToolkitError as error:
         refused = str(error)
-    return Unit(value, axis.label(value), item.name, setup, patch_mm, longest_mm, refused)
+    return Unit(value, label, item.name, setup, patch_mm=patch_mm, longest_mm=longest_mm, refused=refused)

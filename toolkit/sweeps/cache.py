@@ -2,14 +2,16 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.captures.read import Capture
-from toolkit.core.console import progress
-from toolkit.core.files import append_lines, sha256_file
+from toolkit.core.console import progress, quietly
+from toolkit.core.files import sha256_file
+from toolkit.core.records import RecordLog
 from toolkit.evaluation.predict import Prediction, predict_captures
 from toolkit.models.network import Classifier
 
@@ -34,8 +36,7 @@ class CachedPrediction(BaseModel):
 
 
 def predict_once(
-    captures: Sequence[Capture], true_classes: dict[str, int], classifier: Classifier, cache_file: Path,
-    quiet: bool = False,
+    captures: Sequence[Capture], true_classes: dict[str, int], classifier: Classifier, cache_file: Path
 ) -> tuple[list[Prediction], int]:  # fmt: skip
     """`predict_captures`, asking the network only about images it has not seen.
 
@@ -48,24 +49,25 @@ def predict_once(
     Raises:
         ToolkitError: as `predict_captures`, or the file cannot be written.
     """
-    cached = read_cache(cache_file)
+    cache = open_cache(cache_file)
+    cached = cache.read_last(lambda row: row.key)
     keys = [make_key(capture, true_classes[capture.object], classifier) for capture in captures]
     # the same image may stand for several values: the first to come is asked about
     todo = list({key: at for at, key in reversed(list(enumerate(keys))) if key not in cached}.values())[::-1]
     unread: dict[str, Prediction] = {}
-    with progress("classifying", len(captures), quiet, done=len(captures) - len(todo)) as bar:
-        for chunk in _chunks(todo):
-            predictions = predict_captures([captures[at] for at in chunk], true_classes, classifier, quiet=True)
+    with progress("classifying", len(captures), done=len(captures) - len(todo)) as bar, quietly():
+        for chunk in (todo[start : start + CHUNK] for start in range(0, len(todo), CHUNK)):
+            predictions = predict_captures([captures[at] for at in chunk], true_classes, classifier)
             new = [(keys[at], one) for at, one in zip(chunk, predictions, strict=True)]
             unread |= {key: one for key, one in new if not one.is_read}
             rows = [_row(key, one) for key, one in new if one.is_read]
-            append_lines(cache_file, [row.model_dump_json() for row in rows])
+            cache.append(*rows)
             cached |= {row.key: row for row in rows}
             bar.advance(len(chunk))
     results = [
         _recall(capture, true_classes[capture.object], classifier, cached[key])
         if key in cached
-        else _unread(capture, unread[key])
+        else replace(unread[key], capture=capture)
         for capture, key in zip(captures, keys, strict=True)
     ]
     return results, len(todo)
@@ -82,21 +84,9 @@ def make_key(capture: Capture, true_index: int, classifier: Classifier) -> str:
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
 
-def read_cache(cache_file: Path) -> dict[str, CachedPrediction]:
-    """Kept predictions by key; a line that is broken (a kill while writing) is worth only its image's time."""
-    cached: dict[str, CachedPrediction] = {}
-    if Path(cache_file).is_file():
-        for line in Path(cache_file).read_bytes().split(b"\n"):
-            try:
-                row = CachedPrediction.model_validate_json(line)
-            except ValidationError:
-                continue
-            cached[row.key] = row
-    return cached
-
-
-def _chunks(items: list[int]) -> Iterator[list[int]]:
-    return (items[start : start + CHUNK] for start in range(0, len(items), CHUNK))
+def open_cache(cache_file: Path) -> RecordLog[CachedPrediction]:
+    """The log of kept predictions; a line that is broken (a kill while writing) is worth only its image's time."""
+    return RecordLog(cache_file, CachedPrediction, required=False, compact=True)
 
 
 def _row(key: str, one: Prediction) -> CachedPrediction:
@@ -108,11 +98,5 @@ def _row(key: str, one: Prediction) -> CachedPrediction:
 
 def _recall(capture: Capture, true_index: int, classifier: Classifier, row: CachedPrediction) -> Prediction:
     labels = classifier.labels
-    return Prediction(
-        capture, true_index, labels[true_index], row.top1_index, labels[row.top1_index], row.top1_prob, row.true_prob,
-        row.true_rank,
-    )  # fmt: skip
-
-
-def _unread(capture: Capture, one: Prediction) -> Prediction:
-    return Prediction(capture, one.true_index, one.true_label, status=one.status)
+    said = row.model_dump(exclude={"key"})
+    return Prediction(capture, true_index, labels[true_index], top1_label=labels[row.top1_index], **said)

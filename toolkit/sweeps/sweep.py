@@ -6,17 +6,19 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from toolkit.captures.read import CaptureFolder, Selection, read_captures
-from toolkit.captures.shoot import StoredImage, index_images, shoot_plan
-from toolkit.core.console import progress
+from toolkit.captures.shoot import ShootSettings, StoredImage, index_images, shoot_plan
+from toolkit.core.console import progress, quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.dataset import class_of_spec, find_true_classes
-from toolkit.evaluation.evaluate import Evaluation, check_run_name, write_evaluation
+from toolkit.evaluation.config import EvalConfig
+from toolkit.evaluation.evaluate import Evaluation, write_evaluation
+from toolkit.evaluation.ground_truth import class_of_spec, find_true_classes
 from toolkit.evaluation.results import compare_predictions
 from toolkit.models.network import Classifier
-from toolkit.rig.variants import PAIR
-from toolkit.sweeps.axes import Axis, Setup, Unit, Value, plan_units
+from toolkit.rig.plan import open_plan
+from toolkit.sweeps.axes import Setup, Unit, plan_units
 from toolkit.sweeps.cache import predict_once
+from toolkit.sweeps.config import SweepConfig
 from toolkit.sweeps.figure import draw_sweep
 from toolkit.sweeps.result import Sweep, collect_rows, write_sweep
 
@@ -44,9 +46,8 @@ class SweepResult:
 
 
 def run_sweep(
-    workspace: Workspace, axis: Axis, values: Sequence[Value], base: Setup, objects: Sequence[str],
-    classifier: Classifier, variants: Sequence[str] = PAIR, run_name: str | None = None, quiet: bool = False,
-) -> SweepResult:  # fmt: skip
+    workspace: Workspace, config: SweepConfig, classifier: Classifier, base: Setup | None = None
+) -> SweepResult:
     """Vary one thing and keep the rest.
 
     Images lie in `eval/sweeps/AXIS/captures/VALUE/OBJECT/VARIANT`, the report in `eval/sweeps/AXIS/MODEL`, and the rows
@@ -55,42 +56,38 @@ def run_sweep(
 
     Args:
         workspace: whose objects and patches are meant, and whose `eval/` is written to.
-        axis, values: what is varied.
-        base: what is kept.
-        objects: names.
+        config: what is varied. Its `run` stands for MODEL.
         classifier: from `load_classifier`.
-        variants: what is stuck on the objects.
-        run_name: stands for MODEL; by default the classifier's name, and that of the set of patches.
-        quiet: no progress bar.
+        base: what is kept: by default the workspace's plan, and the rig's settings with the seed of `config`.
 
     Raises:
         ToolkitError: an unknown object or variant, no patch, an object that is no class of the network, nothing that
             can be shot, or a disk that is full or read-only.
     """
-    name = check_run_name(run_name or _name_run(workspace, classifier))
-    variants = tuple(dict.fromkeys(variants))
-    specs = {each: workspace.object_spec(each) for each in objects}
+    axis, values = config.parse()
+    base = base or Setup(open_plan(workspace, list(config.objects) or None), ShootSettings(config.seed))
+    specs = {name: workspace.object_spec(name) for name in config.objects or base.plan.objects}
     _check_classes(list(specs.values()), classifier)
-    units = plan_units(workspace, axis, values, base, list(specs), variants)
-    if axis.name == "size" and all(unit.patch_mm is None for unit in units):
-        raise ToolkitError("the axis 'size' varies the patch: name a variant that has one, such as --variant patched")
+    variants = tuple(dict.fromkeys(config.variants))
+    units = plan_units(workspace, axis, values, base, objects=list(specs), variants=variants)
     possible = [unit for unit in units if unit.refused is None]
     if not possible:
         raise ToolkitError(f"no value of the sweep can be shot: {units[0].label}: {units[0].refused}")
     folder = workspace.eval_dir / "sweeps" / axis.name
+    name = config.run or _name_run(workspace, classifier)
     # two sets of patches would take turns in one folder, and be shot again each time
     captures_dir = folder / (f"captures-{workspace.patch_set}" if workspace.patch_set else "captures")
-    shot, kept, stale = _shoot(workspace, possible, variants, captures_dir, quiet)
-    captures = _read(captures_dir, possible, variants, stale)
+    shot, kept, stale = _shoot_units(workspace, possible, variants, captures_dir)
+    captures = _read_units(captures_dir, possible, variants, stale)
     classes = find_true_classes(captures, workspace, classifier)
     cache_file = workspace.eval_dir / "sweeps" / "predictions.jsonl"
-    predictions, classified = predict_once(captures.captures, classes, classifier, cache_file, quiet)
+    predictions, classified = predict_once(captures.captures, classes, classifier, cache_file)
     findings = compare_predictions(classifier.name, predictions, captures.refused_folders)
-    evaluation = write_evaluation(folder / name, classifier, findings, captures.notes, saliency=False)
-    sweep = collect_rows(axis, units, variants, base.settings, classifier, evaluation)
+    evaluation = write_evaluation(folder / name, classifier, findings, captures.notes, EvalConfig(saliency=False))
+    sweep = collect_rows(config, base.settings, units, classifier, findings)
     json_file, csv_file = write_sweep(folder, name, sweep)
     figure_file = draw_sweep(folder / f"sweep-{name}.png", sweep)
-    return SweepResult(sweep, json_file, csv_file, figure_file, evaluation, shot, kept, classified)
+    return SweepResult(sweep, json_file, csv_file, figure_file, evaluation, shot=shot, kept=kept, classified=classified)
 
 
 def _check_classes(spec_files: Sequence[Path], classifier: Classifier) -> None:
@@ -108,18 +105,18 @@ def _name_run(workspace: Workspace, classifier: Classifier) -> str:
     return "-".join(dict.fromkeys(name for name in (classifier.name, workspace.patch_set) if name))
 
 
-def _shoot(
-    workspace: Workspace, units: Sequence[Unit], variants: Sequence[str], captures_dir: Path, quiet: bool
+def _shoot_units(
+    workspace: Workspace, units: Sequence[Unit], variants: Sequence[str], captures_dir: Path
 ) -> tuple[int, int, set[str]]:
     """Images shot and kept, and paths of images there that are none of these units'."""
     stored = dict(_find_stored(workspace))
     shot = kept = 0
     stale: set[str] = set()
-    with progress("shooting", len(units), quiet) as bar:
+    with progress("shooting", len(units)) as bar, quietly():
         for unit in units:
             bar.advance(0, note=f"{unit.label}: {unit.object}")
             result = shoot_plan(
-                workspace, unit.setup.plan, [unit.object], variants, unit.setup.settings, unit.label, quiet=True,
+                workspace, unit.setup.plan, [unit.object], variants, unit.setup.settings, source=unit.label,
                 captures_dir=captures_dir, patch_mm=unit.setup.patch_mm, stored=stored,
             )  # fmt: skip
             shot, kept = shot + result.shot, kept + result.kept
@@ -137,7 +134,7 @@ def _find_stored(workspace: Workspace) -> Iterator[tuple[str, StoredImage]]:
             yield from index_images(source_dir).items()
 
 
-def _read(captures_dir: Path, units: Sequence[Unit], variants: Sequence[str], stale: set[str]) -> CaptureFolder:
+def _read_units(captures_dir: Path, units: Sequence[Unit], variants: Sequence[str], stale: set[str]) -> CaptureFolder:
     """The images of these units alone, value by value, whatever else lies in the folder."""
     folder = read_captures(captures_dir, Selection(tuple(dict.fromkeys(unit.label for unit in units)), (), ()))
     wanted = {(unit.label, unit.object) for unit in units}

@@ -1,1 +1,1 @@
-"""What patches are compared with: codes, photographs and fixed patterns in their place (seed, section D.2)."""
+"""What patches are compared with: codes, photographs and fixed patterns in their place (the paper, Appendix D.2)."""

@@ -1,4 +1,4 @@
-"""QR codes and AprilTags: a class's index as a code that a reader made for it finds (seed, section D.2.1)."""
+"""QR codes and AprilTags: a class's index as a code that a reader made for it finds (the paper, D.2.1)."""
 
 from functools import lru_cache, partial
 from typing import Any

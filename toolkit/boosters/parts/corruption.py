@@ -1,4 +1,4 @@
-"""Photographs spoiled by the corruptions of ImageNet-C, with a gradient."""
+"""Photographs corrupted by the operations of ImageNet-C, with a gradient."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ class Corrupted:
 
         check_probability("corruption", self.probability)
         if not self.corruptions:
-            raise ToolkitError("--corrupt: expected at least one corruption, such as fog:3")
+            raise ToolkitError("expected at least one corruption, such as fog:3")
         for corruption in self.corruptions:
             find_corruption(*corruption)
 
@@ -75,10 +75,10 @@ def corrupt_straight(images: "torch.Tensor", name: str, severity: int, seeds: Se
         As `images`, what `corrupt` returns; differentiable.
     """
     from toolkit.corruptions import CORRUPTIONS, choose_parameters, corrupt
-    from toolkit.corruptions.draws import Draws
+    from toolkit.corruptions.draws import RandomStreams
 
     if name in DIFFERENTIABLE:
         corruption = CORRUPTIONS[name]
         given = corruption.parameters[choose_parameters(*images.shape[-2:])][severity - 1]
-        return corruption.apply(images, given, Draws(seeds, name, severity, images.device)).clamp(0, 1)
+        return corruption.apply(images, given, RandomStreams(seeds, name, severity, images.device)).clamp(0, 1)
     return corrupt(images, name, severity, seeds) + (images - images.detach())

@@ -34,7 +34,7 @@ class Fog:
         """Lay fog over some of (b, 3, h, w) sRGB-encoded photographs, within [0, 1]; differentiable."""
         import torch
 
-        from toolkit.corruptions.draws import Draws
+        from toolkit.corruptions.draws import RandomStreams
         from toolkit.corruptions.weather import add_fog
 
         count = count_images(pixels)
@@ -44,7 +44,9 @@ class Fog:
 
         def cover(some: torch.Tensor, which: np.ndarray) -> torch.Tensor:
             foggy = [
-                add_fog(photo[None], (strength[k], smoothness[k]), Draws([int(seeds[k])], "fog", 0, photo.device))
+                add_fog(
+                    photo[None], (strength[k], smoothness[k]), RandomStreams([int(seeds[k])], "fog", 0, photo.device)
+                )
                 for photo, k in zip(some, which, strict=True)
             ]
             return torch.cat(foggy).clamp(0, 1)

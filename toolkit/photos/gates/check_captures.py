@@ -1,8 +1,6 @@
 """The gates over a capture folder: photograph by photograph, then over the whole set; what to retake."""
 
 import hashlib
-import json
-import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
@@ -10,20 +8,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict
 
 from toolkit.captures.manifest import CaptureRecord, read_manifest
 from toolkit.captures.read import Capture, read_captures
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import explain_write_error, sha256_file, write_text
+from toolkit.core.files import sha256_file, write_text
+from toolkit.core.records import RecordLog
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
 from toolkit.photos.gates.check_photo import Expectation, PhotoCheck, inspect_photo
-from toolkit.photos.gates.check_set import CheckedPhoto, SetFinding, check_set, lines_from_json
-from toolkit.photos.gates.expect import Expecter
+from toolkit.photos.gates.check_set import CheckedPhoto, LinesRecord, SetFinding, check_set
+from toolkit.photos.gates.expect import ExpectationBuilder
 from toolkit.photos.gates.result import GateResult
-from toolkit.photos.gates.solid import View
 from toolkit.photos.photo import Photo, load_pixels, read_photo
 from toolkit.rig.variants import Print, find_booster
 
@@ -49,58 +48,44 @@ def hash_setup(workspace: Workspace) -> str:
     return digest.hexdigest()
 
 
-def append_check(source_dir: Path, path: str, image_sha256: str, check: PhotoCheck, setup: str) -> None:
-    """Append one photograph's results, whole and on disk when this returns.
+class CheckLine(BaseModel):
+    """One line of `gates.jsonl`: what the gates said of one image.
 
-    Args:
-        source_dir: captures/SOURCE.
-        path: of the image below it.
-        image_sha256: of the image that was judged.
-        check: from `inspect_photo`.
+    Attributes:
         setup: from `hash_setup`.
-
-    Raises:
-        ToolkitError: the file cannot be written.
+        path: of the image below captures/SOURCE.
+        image_sha256: of the image that was judged.
+        results: of its gates.
+        lines: where its patch was seen; None where it was not.
     """
-    file = Path(source_dir) / GATES_FILE
-    line = {
-        "setup": setup, "path": path, "image_sha256": image_sha256,
-        "results": [result.to_json() for result in check.results],
-        "lines": check.lines.to_json() if check.lines is not None else None,
-    }  # fmt: skip
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with file.open("ab") as stream:
-            # a line that a killed run left half-written is ended by the line's end before this one
-            stream.write(b"\n" * (stream.tell() > 0) + json.dumps(line, ensure_ascii=False).encode())
-            stream.flush()
-            os.fsync(stream.fileno())
-    except OSError as error:
-        raise explain_write_error(file, error) from error
+
+    model_config = ConfigDict(frozen=True)
+    setup: str
+    path: str
+    image_sha256: str
+    results: tuple[GateResult, ...]
+    lines: LinesRecord | None
+
+
+def open_gates_log(source_dir: Path) -> RecordLog[CheckLine]:
+    """The log of what was judged; a photograph whose line is broken is judged again."""
+    return RecordLog(Path(source_dir) / GATES_FILE, CheckLine, required=False)
+
+
+def append_check(source_dir: Path, path: str, image_sha256: str, check: PhotoCheck, setup: str) -> None:
+    """Append one photograph's results, see `CheckLine`; raises as `RecordLog.append`."""
+    lines = LinesRecord.from_lines(check.lines) if check.lines is not None else None
+    line = CheckLine(setup=setup, path=path, image_sha256=image_sha256, results=check.results, lines=lines)
+    open_gates_log(source_dir).append(line)
 
 
 def read_checks(source_dir: Path, setup: str) -> dict[tuple[str, str], PhotoCheck]:
-    """Results by (path, image's hash), the last of each; lines that are broken or of another setup are passed over.
-
-    Nothing is lost by that: such a photograph is judged again.
-    """
-    file = Path(source_dir) / GATES_FILE
-    if not file.is_file():
-        return {}
-    found = {}
-    for line in file.read_bytes().split(b"\n"):
-        try:
-            content = json.loads(line)
-            if content["setup"] == setup:
-                found[(content["path"], content["image_sha256"])] = _read_check(content)
-        except (ValueError, KeyError, TypeError, AttributeError):
-            continue
-    return found
-
-
-def _read_check(content: Mapping[str, Any]) -> PhotoCheck:
-    results = tuple(GateResult(**result) for result in content["results"])
-    return PhotoCheck(results, lines_from_json(content["lines"]) if content["lines"] else None)
+    """Results by (path, image's hash), the last of each, of those that were judged with the same setup."""
+    return {
+        (line.path, line.image_sha256): PhotoCheck(line.results, line.lines.to_lines() if line.lines else None)
+        for line in open_gates_log(source_dir).read()
+        if line.setup == setup
+    }
 
 
 RETAKE_FILE = "retake.txt"
@@ -243,7 +228,7 @@ def make_check(workspace: Workspace, source: str = "real") -> "Check":
         workspace: whose objects, patches and board are meant.
         source: folder below captures/.
     """
-    expecter = Expecter(workspace)
+    expecter = ExpectationBuilder(workspace)
     source_dir, setup = workspace.captures_dir / source, hash_setup(workspace)
 
     def check(photo: Photo, pixels: np.ndarray, record: CaptureRecord) -> tuple[GateResult, ...]:
@@ -254,7 +239,7 @@ def make_check(workspace: Workspace, source: str = "real") -> "Check":
     return check
 
 
-def check_captures(workspace: Workspace, source: str = "real", quiet: bool = False) -> CheckReport:
+def check_captures(workspace: Workspace, source: str = "real") -> CheckReport:
     """Judge every photograph of a source that was not judged before, then all together, and write `retake.txt`.
 
     Photographs that somebody sorted into the folders by hand are judged too: their cameras are found from the board. A
@@ -263,7 +248,6 @@ def check_captures(workspace: Workspace, source: str = "real", quiet: bool = Fal
     Args:
         workspace: whose captures are meant.
         source: folder below captures/.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: there are no captures, or a manifest, board or lens file is broken.
@@ -277,7 +261,7 @@ def check_captures(workspace: Workspace, source: str = "real", quiet: bool = Fal
     judge = _Judge(workspace)
     photos: list[CheckedPhoto] = []
     unreadable: list[tuple[str, str]] = []
-    with progress("checking photographs", len(captures), quiet) as bar:
+    with progress("checking photographs", len(captures)) as bar:
         for capture in captures:
             path = capture.path.partition("/")[2]
             try:
@@ -322,9 +306,9 @@ class _Judge:
     """Judges images of a capture folder, with what its manifest says, or with what the board says."""
 
     def __init__(self, workspace: Workspace) -> None:
-        from toolkit.photos.importing.evidence import locate_by_board
+        from toolkit.photos.importing.locate import locate_by_board
 
-        self._expecter = Expecter(workspace)
+        self._expecter = ExpectationBuilder(workspace)
         self._locate = locate_by_board(workspace)
 
     def judge(self, capture: Capture, record: CaptureRecord | None, sha256: str) -> PhotoCheck:
@@ -339,8 +323,7 @@ class _Judge:
         located = self._locate(photo, pixels)
         if isinstance(located, str):
             return self._expecter.expect(capture.object, capture.variant, capture.pose_id, None, located)
-        view = View(located.T_world_camera, located.camera)
-        return self._expecter.expect(capture.object, capture.variant, capture.pose_id, view)
+        return self._expecter.expect(capture.object, capture.variant, capture.pose_id, located)
 
 
 def _as_checked(capture: Capture, found: PhotoCheck, path: str) -> CheckedPhoto:

@@ -27,8 +27,8 @@ from toolkit.photos.gates.patch import (
     HIDDEN,
     LEAST_SEEN,
     VARIANT,
+    ExpectedPatch,
     PatchesSeen,
-    Wearing,
     check_patch_shows,
     check_variant,
     expect_cells,
@@ -36,8 +36,9 @@ from toolkit.photos.gates.patch import (
     search_region,
 )
 from toolkit.photos.gates.result import GateResult
-from toolkit.photos.gates.solid import Solid, View, draw_silhouette, silhouette_px
+from toolkit.photos.gates.solid import Solid, draw_silhouette, silhouette_px
 from toolkit.photos.lens import scale_lens
+from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.board import BoardSpec, RingSpec
 
 WORK_SIDE_PX = 1440
@@ -57,19 +58,19 @@ class Expectation:
         no_pose: why there is no view, in a few words.
         board: that the object stands on; None without one.
         solid: the object with what is on it, in its place; None where its mesh is not known.
-        wearing: which patch belongs on it and which could be confused; None where nothing is known of patches.
-        no_wearing: why not.
+        patch: which patch belongs on it and which could be confused; None where nothing is known of patches.
+        no_patch: why not.
     """
 
     object: str
     variant: str
     pose_id: int | None = None
-    view: View | None = field(default=None, repr=False)
+    view: PosedCamera | None = field(default=None, repr=False)
     no_pose: str = "no pose"
     board: BoardSpec | RingSpec | None = None
     solid: Solid | None = field(default=None, repr=False)
-    wearing: Wearing | None = field(default=None, repr=False)
-    no_wearing: str = "nothing is known of patches"
+    patch: ExpectedPatch | None = field(default=None, repr=False)
+    no_patch: str = "nothing is known of patches"
 
 
 @dataclass(frozen=True)
@@ -128,8 +129,8 @@ def _shrink_all(
     w, h = max(1, round(image.shape[1] * share)), max(1, round(image.shape[0] * share))
     small = cv2.resize(image, (w, h), interpolation=cv2.INTER_AREA) if share < 1 else image
     view = expectation.view
-    if view is not None and (view.lens.width, view.lens.height) != (w, h):
-        expectation = replace(expectation, view=replace(view, lens=scale_lens(view.lens, w, h)))
+    if view is not None and (view.camera.width, view.camera.height) != (w, h):
+        expectation = replace(expectation, view=replace(view, camera=scale_lens(view.camera, w, h)))
     if sighting is not None and (sighting.width, sighting.height) != (w, h):
         corners = sighting.corners_px * [w / sighting.width, h / sighting.height]
         sighting = replace(sighting, corners_px=corners, width=w, height=h)
@@ -162,7 +163,7 @@ def _check_framing(expectation: Expectation, sighting: BoardSighting | None) -> 
     if view is None or solid is None:
         why = f"no pose: {expectation.no_pose}" if view is None else "the object's shape is not known"
         return [gate.skip(why) for gate in gates]
-    silhouette, size = silhouette_px(solid, view), (view.lens.width, view.lens.height)
+    silhouette, size = silhouette_px(solid, view), (view.camera.width, view.camera.height)
     cut = check_cut_off(silhouette, size)
     centred = OFF_CENTRE.skip("it is cut off") if cut.failed else check_centred(silhouette, size)
     if expectation.board is None or sighting is None:
@@ -180,18 +181,18 @@ def _check_patch(
     image: np.ndarray, region: np.ndarray | None, expectation: Expectation, why_blind: str | None
 ) -> tuple[list[GateResult], PatchesSeen | None]:
     """The two gates of patches, and what was found; `region` as from `_find_object`."""
-    wearing = expectation.wearing
-    if wearing is None or not wearing.patches:
-        why = expectation.no_wearing
+    patch = expectation.patch
+    if patch is None or not patch.patches:
+        why = expectation.no_patch
         return [VARIANT.skip(why), HIDDEN.skip(why)], None
-    seen = look_for_patches(search_region(image, region), wearing, expectation.view)
-    expected = expect_cells(wearing, expectation.solid, expectation.view)
-    if wearing.own is not None and seen == PatchesSeen(None, None):
+    seen = look_for_patches(search_region(image, region), patch, expectation.view)
+    expected = expect_cells(patch, expectation.solid, expectation.view)
+    if patch.own is not None and seen == PatchesSeen(None, None):
         if expected is not None and expected.mean() < LEAST_SEEN:
             why_blind = "from this pose the object itself hides most of the patch"
         if why_blind is not None:
             return [VARIANT.skip(why_blind), HIDDEN.skip(why_blind)], seen
-    variant = check_variant(seen, wearing.own, expectation.variant)
-    if wearing.own is None:
+    variant = check_variant(seen, patch.own, expectation.variant)
+    if patch.own is None:
         return [variant, HIDDEN.skip(f"'{expectation.variant}' has none")], seen
     return [variant, check_patch_shows(seen, expected)], seen

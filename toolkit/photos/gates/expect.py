@@ -10,18 +10,19 @@ from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import read_patch
 from toolkit.photos.gates.check_photo import Expectation
-from toolkit.photos.gates.patch import Wearing, place_cells
-from toolkit.photos.gates.solid import Solid, View
-from toolkit.photos.sheet.features import describe_patch
-from toolkit.rig.board import read_board
+from toolkit.photos.gates.patch import ExpectedPatch, place_cells
+from toolkit.photos.gates.solid import Solid
+from toolkit.photos.posed_camera import PosedCamera
+from toolkit.photos.prints.features import describe_patch
+from toolkit.rig.board import Sheet, read_board
 from toolkit.rig.mount import attach, mount_patch
 from toolkit.rig.variants import VARIANTS, Print, dress, find_booster
 
-Built = tuple[Solid | None, Wearing | None, str]
-"""What is expected of an object in a variant: its shape, what it wears, and why that is not known."""
+Built = tuple[Solid | None, ExpectedPatch | None, str]
+"""What is expected of an object in a variant: its shape, its patch, and why that is not known."""
 
 
-class Expecter:
+class ExpectationBuilder:
     """Makes expectations; objects are built once for each variant and kept.
 
     Args:
@@ -33,12 +34,12 @@ class Expecter:
         self._kept: dict[tuple[str, str], Built] = {}
 
     @cached_property
-    def board(self):
+    def board(self) -> Sheet:
         """The board of the workspace; a broken `rig/board.json` is a `ToolkitError`."""
         return read_board(self._workspace)
 
     def expect(
-        self, object_name: str, variant: str, pose_id: int | None = None, view: View | None = None,
+        self, object_name: str, variant: str, pose_id: int | None = None, view: PosedCamera | None = None,
         no_pose: str = "no board is seen",
     ) -> Expectation:  # fmt: skip
         """What such a photograph should show.
@@ -47,14 +48,14 @@ class Expecter:
 
         Args:
             object_name, variant, pose_id: what is shown.
-            view: its camera, from `View(T_world_camera, lens)`.
+            view: its camera, from the manifest or the board.
             no_pose: why there is none.
         """
         key = (object_name, variant)
         if key not in self._kept:
             self._kept[key] = self._build(object_name, variant)
-        solid, wearing, no_wearing = self._kept[key]
-        return Expectation(object_name, variant, pose_id, view, no_pose, self.board, solid, wearing, no_wearing)
+        solid, patch, no_patch = self._kept[key]
+        return Expectation(object_name, variant, pose_id, view, no_pose, self.board, solid, patch, no_patch)
 
     def prepare(self, object_name: str, variant: str) -> None:
         """Build now what the first photograph would wait for: the object, and the local features of all patches."""
@@ -98,23 +99,23 @@ class Expecter:
             return Solid(dress(item, booster)), None, "a grey patch has no marks by which it could be found"
         patches = {**self._patches, booster.name: booster.pixels}
         if booster.alone:
-            return Solid(dress(item, booster)), Wearing(booster.name, patches), ""
+            return Solid(dress(item, booster)), ExpectedPatch(booster.name, patches), ""
         sheet = mount_patch(item.mesh, booster.pixels, booster.size_mm, item.spec.patch, item.name)
-        wearing = Wearing(booster.name, patches, None, *place_cells(sheet))
-        return Solid(attach(item.mesh, sheet)), wearing, ""
+        patch = ExpectedPatch(booster.name, patches, None, *place_cells(sheet))
+        return Solid(attach(item.mesh, sheet)), patch, ""
 
-    def _without_patch(self, item: TableObject) -> Wearing:
+    def _without_patch(self, item: TableObject) -> ExpectedPatch:
         try:
             home = find_booster(self._workspace, item, "patched")
             assert isinstance(home, Print)
             sheet = mount_patch(item.mesh, home.pixels, home.size_mm, item.spec.patch, item.name)
         except ToolkitError:  # it has none, or none that fits: there is nothing to leave on
-            return Wearing(None, self._patches)
-        return Wearing(None, {**self._patches, home.name: home.pixels}, home.name, *place_cells(sheet))
+            return ExpectedPatch(None, self._patches)
+        return ExpectedPatch(None, {**self._patches, home.name: home.pixels}, home.name, *place_cells(sheet))
 
 
-def view_of_record(record: CaptureRecord) -> View | None:
+def view_of_record(record: CaptureRecord) -> PosedCamera | None:
     """The camera that a manifest's line has; None where it has none."""
     if record.T_world_camera is None or (camera := record.camera) is None:
         return None
-    return View(np.array(record.T_world_camera, float), camera)
+    return PosedCamera(np.array(record.T_world_camera, float), camera)

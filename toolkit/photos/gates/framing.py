@@ -8,7 +8,8 @@ import numpy as np
 from toolkit.imaging.colour import srgb_to_linear
 from toolkit.photos.board_pose import BoardSighting
 from toolkit.photos.gates.result import Gate, GateResult
-from toolkit.photos.gates.solid import Solid, View
+from toolkit.photos.gates.solid import Solid
+from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.board import BoardSpec, RingSpec
 
 CUT_OFF = Gate(
@@ -62,7 +63,7 @@ def check_centred(silhouette: np.ndarray, size: tuple[int, int]) -> GateResult:
 
 
 def check_there(
-    solid: Solid, view: View, board: BoardSpec | RingSpec, sighting: BoardSighting
+    solid: Solid, view: PosedCamera, board: BoardSpec | RingSpec, sighting: BoardSighting
 ) -> GateResult:  # fmt: skip
     """Share of the board's corners behind the object that are seen all the same.
 
@@ -79,12 +80,10 @@ def check_there(
     return MISSING.judge(100.0 * float(seen.mean()))
 
 
-def find_hidden_corners(solid: Solid, view: View, board: BoardSpec | RingSpec) -> np.ndarray:
+def find_hidden_corners(solid: Solid, view: PosedCamera, board: BoardSpec | RingSpec) -> np.ndarray:
     """(k,) numbers of the board's corners that are in the frame and behind the object, safely so."""
     points = board.object_points()
-    pixels = view.lens.project(view.T_world_camera, points)
-    framed = ((pixels >= 0) & (pixels < (view.lens.width, view.lens.height))).all(axis=1)
-    hidden = framed
+    hidden = view.sees(points)
     for x, y in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
         hidden = hidden & solid.hides(view, points + PLACE_SLACK_MM * np.array([x, y, 0.0]))
     return np.flatnonzero(hidden)
@@ -220,7 +219,7 @@ def measure_board_blur(grey: np.ndarray, sighting: BoardSighting, board: BoardSp
     worst = None
     for step in ((0, 1), (1, 0)):
         edges = sorted(_list_edges(found, step), key=lambda edge: -_width_over(edge))[:MOST_EDGES]
-        widths = [width for edge in edges if (width := _fit_edge(light, board, *edge)) is not None]
+        widths = [width for edge in edges if (width := _fit_edge(light, board, edge)) is not None]
         if len(widths) >= LEAST_EDGES:
             worst = max(worst or 0.0, float(np.median(widths)))
     return worst
@@ -260,9 +259,10 @@ def _width_over(edge: Edge) -> float:
     return float(_normal_of(*edge) @ edge[2])
 
 
-def _fit_edge(light: np.ndarray, board: BoardSpec, start, end, over_white) -> float | None:
+def _fit_edge(light: np.ndarray, board: BoardSpec, edge: Edge) -> float | None:
     """Standard deviation in pixels of the blur across one edge; None where it is too slanted, cut or faint."""
-    normal = _normal_of(start, end, over_white)
+    start, end, over_white = edge
+    normal = _normal_of(*edge)
     margin = (board.square_mm - board.marker_mm) / 2 / board.square_mm * float(normal @ over_white)
     if margin < LEAST_MARGIN_PX:
         return None

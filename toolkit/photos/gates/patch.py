@@ -8,9 +8,10 @@ import numpy as np
 
 from toolkit.objects.records import TAPE_MARGIN_MM
 from toolkit.photos.gates.result import Gate, GateResult
-from toolkit.photos.gates.solid import Solid, View
-from toolkit.photos.sheet.features import Features, describe_patch, guess_places
-from toolkit.photos.sheet.find import CELL_SHOWS, LEAD, PatchSighting, SearchedPhoto, find_patch, search_photo
+from toolkit.photos.gates.solid import Solid
+from toolkit.photos.posed_camera import PosedCamera
+from toolkit.photos.prints.features import Features, describe_patch, guess_places
+from toolkit.photos.prints.find import CELL_SHOWS, LEAD, PatchSighting, SearchedPhoto, find_patch, search_photo
 from toolkit.rig.mount import Sheet
 
 CELLS = 5
@@ -35,7 +36,7 @@ VARIANT = Gate("wrong variant", 0.0, "wrong or missing patches", "the photograph
 
 
 @dataclass(frozen=True)
-class Wearing:
+class ExpectedPatch:
     """What a photograph's object should have stuck on it.
 
     Attributes:
@@ -84,7 +85,7 @@ def search_region(image: np.ndarray, region: np.ndarray | None) -> SearchedPhoto
     return replace(photo, features=Features(photo.features.frames[kept], photo.features.descriptors[kept]))
 
 
-def look_for_patches(photo: SearchedPhoto, wearing: Wearing, view: View | None) -> PatchesSeen:
+def look_for_patches(photo: SearchedPhoto, patch: ExpectedPatch, view: PosedCamera | None) -> PatchesSeen:
     """Look for the patch that belongs on the object; where it is not seen, for all others.
 
     The object's own patch is looked for thoroughly, also where mesh and mount say that it lies. Of the others, only
@@ -92,20 +93,20 @@ def look_for_patches(photo: SearchedPhoto, wearing: Wearing, view: View | None) 
 
     Args:
         photo: from `search_region`.
-        wearing: what should be on the object.
+        patch: what should be on the object.
         view: of the photograph, None where it is not known.
     """
     expected = None
-    if view is not None and wearing.corners_mm is not None:
-        corners = view.lens.project(view.T_world_camera, wearing.corners_mm)
+    if view is not None and patch.corners_mm is not None:
+        corners = view.project(patch.corners_mm)
         expected = corners if np.isfinite(corners).all() else None
-    likely = wearing.own or wearing.home
-    found = find_patch(photo, wearing.patches[likely], expected) if likely is not None else None
+    likely = patch.own or patch.home
+    found = find_patch(photo, patch.patches[likely], expected) if likely is not None else None
     if found is not None:
-        return PatchesSeen(found, None) if likely == wearing.own else PatchesSeen(None, likely)
+        return PatchesSeen(found, None) if likely == patch.own else PatchesSeen(None, likely)
     sightings = {
         name: find_patch(photo, pixels)
-        for name, pixels in wearing.patches.items()
+        for name, pixels in patch.patches.items()
         if name != likely and _is_supported(photo, pixels)
     }
     ranked = sorted(((one.confidence, name) for name, one in sightings.items() if one is not None), reverse=True)
@@ -155,20 +156,18 @@ def check_patch_shows(seen: PatchesSeen, expected: np.ndarray | None) -> GateRes
     return HIDDEN.judge(100.0 * float((~agrees[expected]).mean()))
 
 
-def expect_cells(wearing: Wearing, solid: Solid | None, view: View | None) -> np.ndarray | None:
+def expect_cells(patch: ExpectedPatch, solid: Solid | None, view: PosedCamera | None) -> np.ndarray | None:
     """(25,) bool: which cells of the patch face the camera, in the frame and behind nothing; None without a pose."""
-    if view is None or solid is None or wearing.cells_mm is None or wearing.outward is None:
+    if view is None or solid is None or patch.cells_mm is None or patch.outward is None:
         return None
-    to_camera = view.position_mm - wearing.cells_mm
+    to_camera = view.position_mm - patch.cells_mm
     to_camera /= np.linalg.norm(to_camera, axis=1, keepdims=True)
-    facing = (to_camera * wearing.outward).sum(axis=1) > np.cos(np.radians(STEEPEST_DEG))
-    pixels = view.lens.project(view.T_world_camera, wearing.cells_mm)
-    framed = ((pixels >= 0) & (pixels < (view.lens.width, view.lens.height))).all(axis=1)
-    return facing & framed & ~solid.hides(view, wearing.cells_mm)
+    facing = (to_camera * patch.outward).sum(axis=1) > np.cos(np.radians(STEEPEST_DEG))
+    return facing & view.sees(patch.cells_mm) & ~solid.hides(view, patch.cells_mm)
 
 
 def place_cells(sheet: Sheet) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where a mounted patch's cells lie: `Wearing`'s cells_mm, outward and corners_mm, in the object's frame.
+    """Where a mounted patch's cells lie: `ExpectedPatch`'s cells_mm, outward and corners_mm, in the object's frame.
 
     The sheet's printed face is a grid of points along its bend and across it; places between are linear.
     """

@@ -5,36 +5,21 @@ Convention: pixel (0, 0)'s centre lies at (0.5, 0.5); world millimetres; `T_worl
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit.objects.mesh import Mesh, make_ray_scene
-from toolkit.rig.camera import Camera
+from toolkit.photos.posed_camera import PosedCamera
+
+if TYPE_CHECKING:
+    from open3d.t.geometry import RaycastingScene
 
 MASK_SIDE_PX = 256
 """Longer side of the silhouettes: a pixel is then about a pixel of what a classifier sees."""
 CANVAS_PX = 192
 WIDEST = 4.0
 """Tangent of the widest angle from the line of sight at which a part of the object is still counted."""
-
-
-@dataclass(frozen=True)
-class View:
-    """A photograph's camera: `T_world_camera` (4, 4) and its lens."""
-
-    T_world_camera: np.ndarray
-    lens: Camera
-
-    @property
-    def position_mm(self) -> np.ndarray:
-        """(3,) where it stood."""
-        return self.T_world_camera[:3, 3]
-
-    def rays(self, directions: np.ndarray) -> np.ndarray:
-        """(n, 3) unit vectors in the world of directions x/z, y/z (n, 2) in camera axes."""
-        local = np.c_[directions, np.ones(len(directions))]
-        turned = local @ self.T_world_camera[:3, :3].T
-        return turned / np.linalg.norm(turned, axis=1, keepdims=True)
 
 
 @dataclass(frozen=True)
@@ -48,7 +33,7 @@ class Solid:
     mesh: Mesh = field(repr=False)
 
     @cached_property
-    def _scene(self):
+    def _scene(self) -> "RaycastingScene":
         return make_ray_scene(self.mesh)
 
     def hit_mm(self, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -58,16 +43,16 @@ class Solid:
         rays = np.concatenate([np.broadcast_to(origin, directions.shape), directions], axis=1).astype(np.float32)
         return self._scene.cast_rays(o3d.core.Tensor(np.ascontiguousarray(rays)))["t_hit"].numpy()
 
-    def hides(self, view: View, points_mm: np.ndarray, slack_mm: float = 2.0) -> np.ndarray:
+    def hides(self, view: PosedCamera, points_mm: np.ndarray, slack_mm: float = 2.0) -> np.ndarray:
         """(n,) which points (n, 3) lie behind the object, more than `slack_mm` behind its surface."""
         away = points_mm - view.position_mm
         length = np.linalg.norm(away, axis=1)
         return self.hit_mm(view.position_mm, away / length[:, None]) < length - slack_mm
 
 
-def draw_silhouette(solid: Solid, view: View) -> np.ndarray:
+def draw_silhouette(solid: Solid, view: PosedCamera) -> np.ndarray:
     """(h, w) bool: where the object is in the photograph, at `MASK_SIDE_PX`."""
-    lens = view.lens
+    lens = view.camera
     share = MASK_SIDE_PX / max(lens.width, lens.height)
     w, h = max(1, round(lens.width * share)), max(1, round(lens.height * share))
     x, y = np.meshgrid((np.arange(w) + 0.5) * lens.width / w, (np.arange(h) + 0.5) * lens.height / h)
@@ -75,7 +60,7 @@ def draw_silhouette(solid: Solid, view: View) -> np.ndarray:
     return np.isfinite(solid.hit_mm(view.position_mm, view.rays(directions))).reshape(h, w)
 
 
-def silhouette_px(solid: Solid, view: View) -> np.ndarray:
+def silhouette_px(solid: Solid, view: PosedCamera) -> np.ndarray:
     """(n, 2) pixels, evenly spread over the object's whole silhouette, those that lie outside the frame as well.
 
     Empty where no part of the object is in front of the camera.
@@ -93,4 +78,4 @@ def silhouette_px(solid: Solid, view: View) -> np.ndarray:
     distance = solid.hit_mm(view.position_mm, rays)
     met = np.isfinite(distance)
     points = view.position_mm + rays[met] * distance[met, None]
-    return view.lens.project(view.T_world_camera, points)
+    return view.project(points)

@@ -1,81 +1,194 @@
-"""What speaks for an object, a variant and a pose in a photograph: order, name, folder, and the printed board."""
+"""What speaks for the object, variant and pose of a photograph: folder and file name, order of shooting, board."""
 
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
-
-import numpy as np
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from toolkit.captures.read import read_pose_id
-from toolkit.core.workspace import Workspace
+from toolkit.core.console import progress
+from toolkit.core.errors import FieldError
+from toolkit.imaging.read import UnreadableImage
 from toolkit.photos.importing.gather import Candidate
-from toolkit.photos.photo import Photo
-from toolkit.rig.camera import Camera
+from toolkit.photos.importing.index import CaptureKey, SourceIndex, describe_imported
+from toolkit.photos.importing.locate import Locate
+from toolkit.photos.importing.settings import ImportSettings
+from toolkit.photos.match_pose import PoseMatch, match_pose
+from toolkit.photos.photo import load_pixels
+from toolkit.photos.posed_camera import PosedCamera
+from toolkit.rig.plan import CapturePlan
+from toolkit.rig.shot_order import ShotStep
+from toolkit.rig.variants import VARIANTS
 
-if TYPE_CHECKING:
-    from toolkit.photos.board_pose import BoardSighting
-    from toolkit.photos.lens import LensRecord
-    from toolkit.rig.plan import CapturePlan
-    from toolkit.rig.shot_order import ShotStep
-
-
-@dataclass(frozen=True)
-class Target:
-    """What a photograph shows: an object, a variant, a pose of the plan."""
-
-    object: str
-    variant: str
-    pose_id: int
-
-    def __str__(self) -> str:
-        return f"{self.object}/{self.variant} pose {self.pose_id}"
-
-
-@dataclass(frozen=True)
-class Located:
-    """Where a photograph's camera stood, from the board in it.
-
-    Attributes:
-        T_world_camera: (4, 4), OpenCV axes, millimetres.
-        camera: of the upright photograph.
-        details: what else was measured, for the record: reprojection error, corners found.
-    """
-
-    T_world_camera: np.ndarray
-    camera: Camera
-    details: Mapping[str, float | int | str] = field(default_factory=dict)
+FOLLOWED_SHARE = 0.75
+"""Share of the photographs with a board or a telling name that must agree with the order before it is believed."""
+NOT_FOLLOWED = "the boards or names of the photographs show that they were not taken in this order"
+Group = tuple[str, str]
+"""Object and variant."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What is known of one photograph before a pose is chosen.
+    """One photograph, and what is known of it before a pose is chosen.
 
     Attributes:
-        group: object and variant, from the command line or from folder and file names.
+        candidate: the photograph.
+        group: object and variant, from the settings or from folder and file names.
         named: the pose in the file's name, if names are to be believed here.
         ordered: what its place in the order of shooting says.
         located: where the board says the camera stood.
         no_board: why there is no `located`.
+        no_order: why there is no `ordered`; empty where there is one.
+        unusable: why it cannot be imported at all.
     """
 
-    group: tuple[str, str] | None = None
+    candidate: Candidate
+    group: Group | None = None
     named: int | None = None
-    ordered: Target | None = None
-    located: Located | None = None
+    ordered: CaptureKey | None = None
+    located: PosedCamera | None = None
     no_board: str = "no board is seen"
+    no_order: str = ""
+    unusable: str | None = None
+
+    def find_group(self) -> Group | None:
+        """Object and variant as said, else as the order has them."""
+        return self.group or ((self.ordered.object, self.ordered.variant) if self.ordered else None)
+
+
+def collect_evidence(
+    candidates: Sequence[Candidate], plan: CapturePlan, steps: Sequence[ShotStep], index: SourceIndex,
+    settings: ImportSettings, locate: Locate,
+) -> list[Evidence]:  # fmt: skip
+    """Everything but the decision, for the photographs that were not imported before.
+
+    Those that were still count for the order: it is of all that were taken.
+
+    Args:
+        candidates: in the order in which they were taken.
+        plan: holds the poses.
+        steps: the shot list, empty where there is none.
+        index: what was imported before.
+        settings: what was asked for.
+        locate: finds the camera by the board.
+
+    Raises:
+        ToolkitError: nothing says which object and variant the photographs show.
+    """
+    every = _find_groups(candidates, plan, steps, index, settings)
+    ungrouped = [i for i, one in enumerate(every) if one.group is None and one.unusable is None]
+    ungrouped = [i for i in ungrouped if candidates[i].photo.identity not in index.replaced]
+    new = [i for i, one in enumerate(candidates) if describe_imported(index, one.photo) is None]
+    if not steps and new and not any(one.group or one.unusable for one in every):
+        raise FieldError(
+            "nothing says what the photographs show: give {object} and {variant}, sort them into folders "
+            "OBJECT/VARIANT, or write a shot list with 'toolkit plan --shot-list' and follow it",
+            {},
+        )
+    groups = _list_members(every)
+    _match_orders(every, groups, ungrouped, plan, steps, settings)
+    waiting = [i for i in new if every[i].unusable is None]
+    with progress("finding the board", len(waiting)) as bar:
+        for i in waiting:
+            photo = candidates[i].photo
+            try:
+                found = locate(photo, load_pixels(photo))
+                every[i] = replace(every[i], **({"no_board": found} if isinstance(found, str) else {"located": found}))
+            except UnreadableImage as error:
+                every[i] = replace(every[i], unusable=error.reason)
+            bar.advance(note=candidates[i].label)
+    if settings.match == "auto":
+        for part in (*groups.values(), ungrouped):
+            known = [i for i in part if i in set(new)]
+            if not is_followed([every[i] for i in known], plan):
+                for i in known:
+                    every[i] = replace(every[i], ordered=None, no_order=NOT_FOLLOWED)
+    return [every[i] for i in new]
+
+
+def _find_groups(
+    candidates: Sequence[Candidate], plan: CapturePlan, steps: Sequence[ShotStep], index: SourceIndex,
+    settings: ImportSettings,
+) -> list[Evidence]:  # fmt: skip
+    """The photographs with their groups, or why they cannot be imported."""
+    variants = {*VARIANTS, *(step.variant for step in steps), *([settings.variant] if settings.variant else [])}
+    every = []
+    for one in candidates:
+        group, unusable = None, None
+        if one.photo.identity not in index.replaced:
+            record = index.current.get(one.photo.identity)
+            found = find_group(one, plan.objects, variants, (settings.object, settings.variant))
+            # what was imported to elsewhere is no part of this group's order
+            if isinstance(found, tuple) and (record is None or found == (record.object, record.variant)):
+                group = found
+            elif isinstance(found, str) and record is None:
+                unusable = found
+        every.append(Evidence(one, group, unusable=unusable))
+    return every
+
+
+def _list_members(every: Sequence[Evidence]) -> dict[Group, list[int]]:
+    """Indices of the photographs of each group, in order."""
+    members: dict[Group, list[int]] = {}
+    for i, one in enumerate(every):
+        if one.group is not None:
+            members.setdefault(one.group, []).append(i)
+    return members
+
+
+def _match_orders(
+    every: list[Evidence], groups: Mapping[Group, list[int]], ungrouped: list[int], plan: CapturePlan,
+    steps: Sequence[ShotStep], settings: ImportSettings,
+) -> None:  # fmt: skip
+    """Add to each photograph what the order of shooting and the name in its file say."""
+
+    def take(indices: list[int], found: list[CaptureKey] | str) -> None:
+        for at, i in enumerate(indices):
+            says = {"no_order": found} if isinstance(found, str) else {"ordered": found[at]}
+            every[i] = replace(every[i], **says)
+
+    for group, indices in groups.items():
+        pose_ids = {pose.id for pose in plan.objects[group[0]]}
+        named = read_named_poses([every[i].candidate for i in indices], pose_ids, settings.match == "name")
+        for i, pose_id in zip(indices, named, strict=True):
+            every[i] = replace(every[i], named=pose_id)
+        take(indices, match_group_order(len(indices), group, plan, steps))
+    if ungrouped and steps:
+        take(ungrouped, match_session_order(len(ungrouped), steps, settings.first_shot))
+    elif ungrouped:
+        take(ungrouped, "there is no shot list: say object and variant")
+
+
+def is_followed(evidence: Sequence[Evidence], plan: CapturePlan) -> bool:
+    """Whether photographs whose pose a board or a name says follow the order of shooting; yes where none says it."""
+    agreements = []
+    for one in evidence:
+        if one.ordered is None:
+            continue
+        if one.located is not None:
+            match = match_pose(one.located.T_world_camera, plan.objects[one.ordered.object])
+            agreements.append(one.ordered.pose_id in possible_poses(match))
+        elif one.named is not None:
+            agreements.append(one.ordered.pose_id == one.named)
+    return sum(agreements) >= FOLLOWED_SHARE * len(agreements)
+
+
+def possible_poses(match: PoseMatch) -> tuple[int, ...]:
+    """The poses that a camera may have been meant for: the nearest, and the next where it is about as near."""
+    if match.ambiguous and match.runner_up is not None:
+        return match.pose_id, match.runner_up
+    return (match.pose_id,)
 
 
 def find_group(
     candidate: Candidate, objects: Collection[str], variants: Collection[str], forced: tuple[str | None, str | None]
-) -> tuple[str, str] | str | None:  # fmt: skip
+) -> Group | str | None:  # fmt: skip
     """Object and variant of a photograph.
 
     Args:
         candidate: whose folders and file name may hold them, as in racer/patched/IMG_1.jpg or racer_patched_07.jpg.
         objects, variants: known names.
-        forced: object and variant from the command line, None where it says none.
+        forced: object and variant from the settings, None where they name none.
 
     Returns:
         (object, variant); None where one of them is unknown; a sentence where what was said and the names disagree.
@@ -91,7 +204,7 @@ def find_group(
     return (group[0], group[1]) if group[0] and group[1] else None
 
 
-def believe_names(candidates: Sequence[Candidate], pose_ids: Collection[int], always: bool) -> list[int | None]:
+def read_named_poses(candidates: Sequence[Candidate], pose_ids: Collection[int], always: bool) -> list[int | None]:
     """The pose in each name, where names are to be believed.
 
     A camera's own counter (IMG_0007) says nothing of poses. A number counts after the word `pose`; otherwise only when
@@ -111,34 +224,34 @@ def believe_names(candidates: Sequence[Candidate], pose_ids: Collection[int], al
     return believed
 
 
-def order_group(
-    count: int, group: tuple[str, str], plan: "CapturePlan", steps: Sequence["ShotStep"]
-) -> list[Target] | str:  # fmt: skip
+def match_group_order(
+    count: int, group: Group, plan: CapturePlan, steps: Sequence[ShotStep]
+) -> list[CaptureKey] | str:  # fmt: skip
     """What `count` photographs of one object and variant show if they follow the order of shooting.
 
     That is the shot list's, where it has them, else the plan's.
 
     Returns:
-        One target per photograph, or why the order says nothing.
+        One key per photograph, or why the order says nothing.
     """
     pose_ids = [step.pose_id for step in steps if (step.object, step.variant) == group]
     source = "the shot list" if pose_ids else "the plan"
     pose_ids = pose_ids or [pose.id for pose in plan.objects[group[0]]]
     if count != len(pose_ids):
         return f"{count} photographs for the {len(pose_ids)} poses of {source}, so their order says nothing"
-    return [Target(*group, pose_id) for pose_id in pose_ids]
+    return [CaptureKey(*group, pose_id) for pose_id in pose_ids]
 
 
-def order_session(count: int, steps: Sequence["ShotStep"], first: int | None) -> list[Target] | str:
+def match_session_order(count: int, steps: Sequence[ShotStep], first: int | None) -> list[CaptureKey] | str:
     """What `count` photographs show if they follow the shot list.
 
     Args:
-        count: of photographs that neither the command nor their names put into a group.
+        count: of photographs that neither the settings nor their names put into a group.
         steps: the shot list.
         first: number of the first photograph's shot, if the list was shot in parts; None: they are the whole list.
 
     Returns:
-        One target per photograph, or why the order says nothing.
+        One key per photograph, or why the order says nothing.
     """
     if first is None and count != len(steps):
         return (
@@ -148,64 +261,4 @@ def order_session(count: int, steps: Sequence["ShotStep"], first: int | None) ->
     part = steps[(first or 1) - 1 :][:count]
     if len(part) < count:
         return f"{count} photographs from shot {first} on, the list has {len(steps)} shots"
-    return [Target(step.object, step.variant, step.pose_id) for step in part]
-
-
-def group_by(
-    candidates: Sequence[Candidate], groups: Mapping[int, tuple[str, str]]
-) -> dict[tuple[str, str], list[int]]:
-    """Indices of the candidates of each group, in order."""
-    indices: dict[tuple[str, str], list[int]] = {}
-    for i in range(len(candidates)):
-        if i in groups:
-            indices.setdefault(groups[i], []).append(i)
-    return indices
-
-
-Locate = Callable[[Photo, np.ndarray], "Located | str"]
-"""(photo, its pixels (h, w, 3) uint8) -> where its camera stood, or in words why that is not known."""
-
-
-def locate_by_board(workspace: Workspace) -> Locate:
-    """A function that finds the workspace's board in a photograph and solves for the camera.
-
-    Raises:
-        ToolkitError: `rig/board.json` or `rig/lens.json` is broken.
-    """
-    from toolkit.photos.board_pose import find_board
-    from toolkit.photos.lens import read_lenses
-    from toolkit.rig.board import read_board
-
-    board, lenses = read_board(workspace), read_lenses(workspace)
-
-    def locate(photo: Photo, pixels: np.ndarray) -> Located | str:
-        return locate_sighting(photo, find_board(pixels, board), lenses)
-
-    return locate
-
-
-def locate_sighting(photo: Photo, sighting: "BoardSighting | None", lenses: list["LensRecord"]) -> Located | str:
-    """Where a photograph's camera stood, from the board that was found in it; in words why that is not known.
-
-    Args:
-        photo: whose lens is looked up.
-        sighting: of the board in the photograph, None where none was found.
-        lenses: that were calibrated.
-    """
-    from toolkit.photos.board_pose import solve_pose
-    from toolkit.photos.lens import choose_lens
-
-    if sighting is None:
-        return "no board is seen"
-    choice = choose_lens(photo, lenses)
-    if choice.lens is None:
-        return f"a board is seen, but not the lens known: {choice.note}"
-    pose = solve_pose(sighting, choice.lens)
-    if pose is None:
-        return "a board is seen, but its corners fit no camera above the table"
-    if reason := pose.doubt():
-        return reason
-    details = {
-        "lens": choice.source, "board_corners": pose.n_corners, "reprojection_px": round(pose.reprojection_px, 3),
-    }  # fmt: skip
-    return Located(pose.T_world_camera, choice.lens, details)
+    return [CaptureKey(step.object, step.variant, step.pose_id) for step in part]

@@ -1,0 +1,274 @@
+"""Every command and code block of README and docs does what it says, as far as that can be had in a minute."""
+
+import json
+import re
+import shutil
+import sys
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from pages import DOCS, LANGUAGES, PAGES, ROOT, list_blocks, list_commands, list_mentions, read_page
+
+SHELL = {"cd", "export", "pip", "python", "."}
+"""What the pages call beside `toolkit` and `make`."""
+Command = list[str]
+
+
+def parse(words: Command, whole: bool = True) -> None:
+    """Give a command to the real command line without running it.
+
+    Args:
+        words: `toolkit plan --count 12`, or a call of make.
+        whole: whether all that the command needs must be there; a mention in prose may leave it out.
+    """
+    import typer
+
+    from toolkit.cli import app
+
+    program, *rest = words
+    if program == "make":
+        targets = {name for line in read_targets() for name in line.split()}
+        unknown = [one for one in rest if "=" not in one and one not in targets]
+        assert not unknown, f"no such target in the Makefile: {unknown}"
+    elif program == "toolkit":
+        commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+        name, *arguments = rest
+        assert name in commands, f"no such command: {name}"
+        try:
+            commands[name].make_context(name, arguments)
+        except Exception as error:  # Click's own, or of the copy that newer typers carry
+            is_partial = type(error).__name__ == "MissingParameter" and not whole
+            if type(error).__name__ not in ("Exit", "NoArgsIsHelpError") and not is_partial:
+                raise AssertionError(f"{' '.join(words)}: {error}") from error
+    else:
+        assert program in SHELL, f"what is {program}?"
+
+
+def read_targets() -> list[str]:
+    return re.findall(r"^([a-z][a-z -]*):(?!=)", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_commands_are_known(page: str) -> None:
+    for words in list_commands(read_page(page)):
+        parse(words)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_commands_in_the_prose_are_known(page: str) -> None:
+    for words in list_mentions(read_page(page)):
+        if words[1].islower() and words[1][0] != "-":  # neither COMMAND nor --help
+            parse(words, whole=False)
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "toolkit nosuch", "toolkit print --al", "toolkit plan --count many", "toolkit eval captures/ --modl resnet18",
+        "toolkit train-patch --data rig", "toolkit plan --fov 400", "make nosuch", "tolkit plan",
+    ],
+)  # fmt: skip
+def test_a_wrong_command_is_found(line: str) -> None:
+    with pytest.raises(AssertionError):
+        parse(line.split())
+
+
+def test_a_wrong_mention_is_found() -> None:
+    parse(["toolkit", "train-patch", "--recipe", "paper"], whole=False)
+    with pytest.raises(AssertionError):
+        parse(["toolkit", "train-patch", "--recepi", "paper"], whole=False)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_blocks_say_their_language(page: str) -> None:
+    text = read_page(page)
+    assert {block.language for block in list_blocks(text)} <= set(LANGUAGES)
+    assert text.count("\n```") == 2 * len(list_blocks(text)), "a block is not closed"
+    outside = re.sub(r"^```.*?^```$", "", text, flags=re.MULTILINE | re.DOTALL)
+    assert not re.search(r"\n\n {4,}(?![-*\d ])", outside), "an indented block: fence it"
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_settings_are_valid(page: str) -> None:
+    """Files that a page shows are read by the models that read the user's."""
+    from toolkit.models.labels import LabelsFile
+    from toolkit.objects.spec import ObjectSpec
+
+    if sys.version_info >= (3, 11):
+        import tomllib
+    else:
+        import tomli as tomllib
+    for block in list_blocks(read_page(page), "toml"):
+        ObjectSpec.model_validate(tomllib.loads(block.body))
+    for block in list_blocks(read_page(page), "json"):
+        labels = LabelsFile.model_validate(json.loads(block.body))
+        assert not labels.model_extra
+
+
+# What really runs: in a workspace of one light object, two poses and small pictures, with the bundled network.
+QUICK: dict[str, Command] = {
+    "init": [],
+    "objects": [],
+    "print": [],
+    "plan": ["--object", "warplane", "--count", "2", "--resolution", "160", "120"],
+    "capture-sim": [],
+    "corrupt": [],
+    "add": [],
+    "eval": ["--model", "rig18", "--no-saliency"],
+    "train-patch": [
+        *("--model", "rig18", "--steps", "1", "--batch", "2", "--images", "4", "--mounted-views", "10"),
+    ],
+}
+"""By command: what is added so that it takes seconds."""
+NEEDS = (
+    "--like",
+    "--paper",
+    "photographs",
+    "textured",
+    "captures/real",
+    "parts",
+    "PHOTOS",
+    "print/profiles",
+    "patches-100",
+    "--board",
+)
+"""What a line needs that the small workspace has not, or what takes long: a board makes every picture large."""
+
+
+def put_light_objects(folder: Path) -> None:
+    """Boxes in the place of the objects that come with the kit: a workspace's own objects win."""
+    import trimesh
+
+    from toolkit.objects.load import BUILTIN
+
+    trimesh.creation.box((270, 200, 90)).export(folder / "rig/objects/box.obj")
+    for name in BUILTIN:
+        spec = f'class = "{name}"\nmesh = "box.obj"\nlength_mm = 270\n[patch]\nsize_mm = 88\n'
+        (folder / f"rig/objects/{name}.toml").write_text(spec, encoding="utf-8")
+
+
+def is_quick(words: Command) -> bool:
+    """Whether a command of a page is run."""
+    if words[0] != "toolkit" or words[1] not in QUICK:
+        return False
+    named = [value for flag, value in pairwise(words) if flag in ("--model", "--source", "--recipe")]
+    is_here = all(value in ("rig18", "sim", "sim-mine") for value in named)
+    if words[1] == "train-patch" and not {"--out", "rig:mug"} & set(words):
+        return False  # some of them are enough
+    if words[1] == "print":
+        return not any(one in word for word in words for one in NEEDS[2:-1])
+    return is_here and not any(one in word for word in words for one in NEEDS) and "racer" not in words
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[[Command], None]:
+    """A function that runs a command in this process and fails where it does."""
+    from toolkit.cli import main
+
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+
+    def call(words: Command) -> None:
+        extra = QUICK[words[1]]
+        if words[1] == "plan" and "--distance" in words:
+            extra = [*extra, "--distance", "500", "700"]
+        monkeypatch.setattr(sys, "argv", [*words, *extra])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert not ended.value.code, f"{' '.join(sys.argv)}\n{capsys.readouterr().err}"
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def shot_space(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A workspace in which the warplane was shot at two poses, without and with its patch."""
+    from toolkit.captures.shoot import shoot_plan
+    from toolkit.core.workspace import make_workspace
+    from toolkit.objects.load import load_object
+    from toolkit.rig.camera import Camera
+    from toolkit.rig.pattern import Pattern
+    from toolkit.rig.plan import make_plan, write_plan
+
+    space = make_workspace(tmp_path_factory.mktemp("docs") / "lab")
+    put_light_objects(space.root)
+    item = load_object(space.object_spec("warplane"))
+    plan = make_plan([item], Camera.from_fov(160, 120, 40.0), Pattern(count=2))
+    write_plan(space.plan_file, plan)
+    shoot_plan(space, plan, ["warplane"])
+    return space.root
+
+
+@pytest.fixture
+def lab(shot_space: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of that workspace, to work in, with a mesh that is no object yet."""
+    import trimesh
+
+    folder = Path(shutil.copytree(shot_space, tmp_path / "lab"))
+    trimesh.creation.cylinder(30, 90).export(folder / "mug.glb")
+    monkeypatch.chdir(folder)
+    return folder
+
+
+RUNNING = [page for page in PAGES if any(map(is_quick, list_commands(read_page(page))))]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [page for page in RUNNING if page not in ("README.md", "docs/tutorial.md")])
+def test_quick_commands_run(page: str, lab: Path, run: Callable[[Command], None]) -> None:
+    for words in list_commands(read_page(page)):
+        if is_quick(words):
+            run(words)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["README.md", "docs/tutorial.md"])
+def test_the_road_runs_from_an_empty_folder(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Callable[[Command], None]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    ran = []
+    for words in list_commands(read_page(page)):
+        if words[0] == "cd":
+            monkeypatch.chdir(words[1])
+            put_light_objects(Path.cwd())
+        elif is_quick(words):
+            run(words)
+            ran.append(words[1])
+    assert {"init", "plan", "capture-sim", "eval", "print"} <= set(ran)
+    assert list(tmp_path.glob("lab/eval/*/report.html"))
+
+
+def test_a_command_that_is_refused_is_found(lab: Path, run: Callable[[Command], None]) -> None:
+    with pytest.raises(AssertionError, match="printed alone"):
+        run(["toolkit", "print", "--all", "--board"])
+
+
+SMALLER = {
+    "steps=400": "steps=1, batch=2, images=4, mounted_views=10",
+    "count=18": "count=2",
+    "640, 480": "160, 120",
+}
+"""In Python blocks, what is put in the place of settings that take minutes."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", [page for page in PAGES if list_blocks(read_page(page), "python")])
+def test_python_runs(page: str, lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(lab.parent)  # what a block calls `lab` is there already
+    scope: dict[str, object] = {"__name__": "__main__"}
+    for block in list_blocks(read_page(page), "python"):
+        body = block.body
+        for setting, smaller in SMALLER.items():
+            body = body.replace(setting, smaller)
+        exec(compile(body, page, "exec"), scope)
+
+
+def test_reports_and_pages_are_where_the_docs_say(lab: Path, run: Callable[[Command], None]) -> None:
+    run(["toolkit", "eval", "captures/"])
+    assert {file.name for file in (lab / "eval/rig18").iterdir()} >= {"report.html", "predictions.csv", "summary.json"}
+    heads = (lab / "eval/rig18/predictions.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
+    page = (DOCS / "reference/files.md").read_text(encoding="utf-8")
+    shown = page.split("### `eval/RUN/predictions.csv`")[1].split(".\n")[0]
+    assert re.findall(r"`(\w+)`", shown) == heads

@@ -1,0 +1,99 @@
+"""The pages as a whole: links lead somewhere, tables can be read, and what comes from the code is there."""
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from pages import DOCS, FENCE, PAGES, ROOT, read_page
+
+sys.path.insert(0, str(DOCS / "scripts"))
+LINK = re.compile(r"(?<!`)\]\(([^)\s]+)\)")
+WIDEST_CELL = 140
+
+
+def list_anchors(file: Path) -> set[str]:
+    """The anchors of a page's headings, as GitHub and the site make them."""
+    text = FENCE.sub("", file.read_text(encoding="utf-8"))
+    titles = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\s-]", "", title).strip().lower().replace(" ", "-") for title in titles}
+
+
+def find_broken_links(page: Path, text: str) -> list[str]:
+    """Links of a page that lead to no file, or to no heading of it."""
+    broken = []
+    for link in LINK.findall(FENCE.sub("", text)):
+        place, _, anchor = link.partition("#")
+        if re.match(r"[a-z]+:", place):
+            continue
+        file = (page.parent / place).resolve() if place else page
+        if not file.exists() or (anchor and file.suffix == ".md" and anchor not in list_anchors(file)):
+            broken.append(link)
+    return broken
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_links_and_pictures_are_there(page: str) -> None:
+    assert not find_broken_links(PAGES[page], read_page(page))
+
+
+def test_a_broken_link_is_found() -> None:
+    text = "[a](docs/nosuch.md) ![b](docs/figures/pairs.jpg) [c](docs/results.md#nosuch) [d](docs/results.md#textures)"
+    assert find_broken_links(ROOT / "README.md", text) == ["docs/nosuch.md", "docs/results.md#nosuch"]
+
+
+def test_no_figure_is_left_over() -> None:
+    shown = "".join(map(read_page, PAGES))
+    assert [file.name for file in (DOCS / "figures").iterdir() if file.name not in shown] == []
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_tables_can_be_read(page: str) -> None:
+    rows = [line for line in FENCE.sub("", read_page(page)).splitlines() if line.startswith("|")]
+    cells = [re.sub(r"!?\[([^]]*)\]\([^)]*\)", r"\1", cell).strip() for row in rows for cell in row.split("|")]
+    assert [cell for cell in cells if len(cell) > WIDEST_CELL] == []
+
+
+def test_every_page_is_in_the_site() -> None:
+    config = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    listed = re.findall(r": ([\w/-]+\.md)$", config, re.MULTILINE)
+    assert sorted(f"docs/{one}" for one in listed) == sorted(set(PAGES) - {"README.md"})
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if "<!-- " in read_page(page)])
+def test_what_comes_from_the_code_is_there(page: str) -> None:
+    from mkdocs_hooks import MARKER, on_page_markdown
+
+    markers = [line for line in read_page(page).splitlines() if line.startswith("<!-- ")]
+    assert all(MARKER.fullmatch(line) for line in markers), markers
+    made = on_page_markdown(read_page(page))
+    assert not MARKER.search(made)
+    assert "nosuch" not in made
+
+
+def test_the_reference_has_every_command_and_option() -> None:
+    """What the real help lists, the page lists."""
+    import subprocess
+
+    from mkdocs_hooks import write_part
+
+    page = write_part("commands", None)
+    program = [sys.executable, "-m", "toolkit"]
+    listed = subprocess.run([*program, "--help"], capture_output=True, text=True, check=True).stdout
+    names = re.findall(r"^  ([a-z][a-z-]+) {2,}\S", listed.split("\n\n", 3)[3], re.MULTILINE)
+    assert len(names) > 20
+    assert re.findall(r"^### toolkit (.+)$", page, re.MULTILINE) == names
+    for name in ("train-patch", "eval", "print"):
+        shown = subprocess.run([*program, name, "--help"], capture_output=True, text=True, check=True).stdout
+        part = page.split(f"### toolkit {name}\n")[1].split("\n### ")[0]
+        options = set(re.findall(r"^  (?:-\w, )?(--[a-z-]+)", shown, re.MULTILINE))
+        assert len(options) > 10
+        assert options - {"--help"} <= set(re.findall(r"--[a-z-]+", part))
+
+
+def test_a_field_of_a_file_is_explained() -> None:
+    from mkdocs_hooks import write_part
+
+    rows = write_part("fields", "toolkit.objects.spec.ObjectSpec").splitlines()
+    assert any(row.startswith("| `class` | text or whole number | required | the category") for row in rows)
+    assert any(row.startswith("| `length_mm` | number | required | longest side") for row in rows)

@@ -1,0 +1,112 @@
+"""What `import toolkit` gives: its names, what they cost, and what they say of themselves."""
+
+import ast
+import inspect
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import toolkit as tk
+
+SOURCE = Path(tk.__file__)
+HEAVY = ("torch", "torchvision", "open3d", "numpy", "scipy", "pydantic", "PIL", "cv2", "trimesh", "rich", "typer")
+
+
+def find_typed_names() -> dict[str, str]:
+    """What a type checker sees: name and home of each import in the TYPE_CHECKING block."""
+    branch = next(node for node in ast.parse(SOURCE.read_text()).body if isinstance(node, ast.If))
+    imports = [node for node in branch.body if isinstance(node, ast.ImportFrom)]
+    assert all(alias.asname == alias.name for node in imports for alias in node.names)
+    return {alias.name: node.module for node in imports for alias in node.names}
+
+
+NAMES = sorted(find_typed_names())
+
+
+def run(*command: str) -> str:
+    environment = {**os.environ, "PYTHONPATH": str(SOURCE.parents[1])}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_the_import_loads_nothing_heavy():
+    loaded = run(sys.executable, "-c", f"import toolkit, sys; print([m for m in {HEAVY} if m in sys.modules])")
+    assert loaded.strip() == "[]"
+
+
+def test_a_light_name_loads_nothing_heavy():
+    heavy = ("torch", "open3d", "cv2")
+    code = f"import toolkit as tk, sys; tk.Workspace, tk.load_object; print([m for m in {heavy} if m in sys.modules])"
+    assert run(sys.executable, "-c", code).strip() == "[]"
+
+
+def test_people_and_type_checkers_see_the_same_names():
+    assert find_typed_names() == tk._HOMES
+    assert set(NAMES) <= set(dir(tk))
+    assert 20 <= len(NAMES) <= 35
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_name_is_what_its_home_calls_so_and_explains_itself(name):
+    thing = getattr(tk, name)
+    assert thing.__name__ == name and thing.__module__ == find_typed_names()[name]
+    text = inspect.getdoc(thing) or ""
+    assert len(text) > 60
+    if inspect.isfunction(thing):
+        signature = inspect.signature(thing)
+        unsaid = [one for one in signature.parameters.values() if one.annotation is inspect.Parameter.empty]
+        assert not unsaid and signature.return_annotation is not inspect.Signature.empty
+
+
+ARRAYS = {
+    "apply_patch": "(b, 3, h, w) float",
+    "corrupt": "(b, 3, h, w) float",
+    "render": "(n, h, w, 3) uint8 sRGB",
+    "mount_patch": "(n, n, 3) uint8 sRGB",
+    "train_patch": "(n, n, 3) uint8 sRGB",
+    "train_texture": "(n, n, 3) uint8 sRGB",
+    "load_captures": "(3, s, s) float32",
+    "CaptureDataset": "(3, s, s) float32",
+    "Camera": "pixels",
+    "Pattern": "deg",
+    "plan_objects": "millimetres",
+    "print_patch": "millimetres",
+}
+
+
+@pytest.mark.parametrize(("name", "words"), ARRAYS.items())
+def test_shapes_and_units_are_said(name, words):
+    assert words in inspect.getdoc(getattr(tk, name))
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if inspect.isfunction(getattr(tk, name))])
+def test_functions_that_can_refuse_say_when(name):
+    function = getattr(tk, name)
+    if "raise " in inspect.getsource(function) or name.startswith(("load_", "read_", "train_", "shoot_", "evaluate_")):
+        assert "Raises:" in inspect.getdoc(function)
+
+
+def test_an_unknown_name_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="module 'toolkit' has no attribute 'no_such_thing'"):
+        tk.no_such_thing  # noqa: B018
+    assert not hasattr(tk, "torch")
+
+
+def test_the_version_is_the_packages():
+    from importlib.metadata import version
+
+    assert tk.__version__ == version("toolkit-boost")
+
+
+def test_the_package_says_that_it_is_typed():
+    tomllib = pytest.importorskip("tomllib", reason="Python 3.11 brought it")
+
+    assert SOURCE.with_name("py.typed").is_file()
+    settings = tomllib.loads((SOURCE.parents[1] / "pyproject.toml").read_text())["tool"]
+    assert "py.typed" in settings["setuptools"]["package-data"]["toolkit"]
+    # the examples are type-checked against the list, so that a wrong type there is an error of `make lint`
+    assert "examples" in settings["mypy"]["files"]

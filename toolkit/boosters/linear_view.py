@@ -1,0 +1,250 @@
+"""Photographs of an object, differentiable in the texture of one of its materials: Algorithm 2, forward and backward.
+
+The material may be the object's own, or the sheet that is stuck on it: both are `toolkit.rig.linear_view.LinearView`s.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from toolkit.rig.linear_view import LinearView
+from toolkit.rig.shading import SHOULDER
+
+if TYPE_CHECKING:
+    import torch
+
+SMALLEST = 4
+"""Side of the coarsest level."""
+
+
+def build_levels(linear: "torch.Tensor") -> list["torch.Tensor"]:
+    """Halve (3, n, n) by area average until a side is 4; level 0 is the input, as `build_pyramid` does."""
+    levels = [linear]
+    while levels[-1].shape[-1] > SMALLEST:
+        levels.append(_halve(levels[-1]))
+    return levels
+
+
+def _halve(level: "torch.Tensor") -> "torch.Tensor":
+    import torch
+
+    if level.shape[-1] % 2 == 0:
+        rows = 0.5 * level[:, 0::2] + 0.5 * level[:, 1::2]
+        return 0.5 * rows[..., 0::2] + 0.5 * rows[..., 1::2]
+    halve = torch.from_numpy(_halving(level.shape[-1])).to(level)
+    return halve @ level @ halve.T
+
+
+@lru_cache(maxsize=32)
+def _halving(side: int) -> np.ndarray:
+    """(side // 2, side) weights of OpenCV's area average, which also serve odd sides."""
+    return cv2.resize(np.eye(side, dtype=np.float32), (side, side // 2), interpolation=cv2.INTER_AREA)
+
+
+def look_up(levels: list["torch.Tensor"], uv: "torch.Tensor", lod: "torch.Tensor") -> "torch.Tensor":
+    """Trilinear colours (k, 3) at (k, 2) places, u right and v up; the texture repeats outside [0, 1].
+
+    Args:
+        levels: of `build_levels`.
+        uv: places.
+        lod: (k,) base-2 logarithm of level-0 texels per pixel.
+    """
+    lod = lod.clamp(0, len(levels) - 1)
+    found = levels[0].new_zeros((len(uv), 3))
+    if not len(uv):
+        return found
+    for number in range(int(lod.min()), int(lod.max().ceil()) + 1):
+        weight = (1 - (lod - number).abs()).clamp_min(0)
+        chosen = weight.nonzero()[:, 0]
+        if len(chosen):
+            colour = _look_up_level(levels[number], uv[chosen])
+            found = found.index_add(0, chosen, colour * weight[chosen, None])
+    return found
+
+
+def _look_up_level(level: "torch.Tensor", uv: "torch.Tensor") -> "torch.Tensor":
+    from torch.nn.functional import grid_sample, pad
+
+    side = level.shape[-1]
+    wrapped = pad(level[None], (1, 1, 1, 1), mode="circular")
+    u, v = uv[:, 0] - uv[:, 0].floor(), uv[:, 1] - uv[:, 1].floor()
+    inner = side / (side + 2)  # the ring of repeated texels makes the picture a little larger
+    grid = uv.new_empty((1, 1, len(uv), 2))
+    grid[0, 0, :, 0], grid[0, 0, :, 1] = (u * 2 - 1) * inner, (1 - v * 2) * inner
+    return grid_sample(wrapped, grid, mode="bilinear", align_corners=False)[0, :, 0].T
+
+
+def srgb_to_linear(encoded: "torch.Tensor") -> "torch.Tensor":
+    """`toolkit.imaging.colour.srgb_to_linear`, differentiable."""
+    import torch
+
+    return torch.where(encoded <= 0.04045, encoded / 12.92, ((encoded.clamp_min(0.04045) + 0.055) / 1.055) ** 2.4)
+
+
+def develop(light: "torch.Tensor") -> "torch.Tensor":
+    """`toolkit.rig.shading.develop` without falloff and noise, differentiable; sRGB-encoded in [0, 1]."""
+    import torch
+
+    over = (light - SHOULDER).clamp_min(0)
+    light = light.clamp_max(SHOULDER) + (1 - SHOULDER) * (1 - torch.exp(-over / (1 - SHOULDER)))
+    light = light.clamp(0, 1)
+    return torch.where(light <= 0.0031308, light * 12.92, 1.055 * light.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
+
+
+GRADIENTS = ("shaded", "linear")
+
+
+@dataclass(frozen=True)
+class ViewBatch:
+    """Views as tensors; see `LinearView` for their meaning.
+
+    Attributes:
+        still: (b, h, w, 3) linear light of all but the material.
+        counts: (b,) samples of each view; those of a view lie side by side.
+        pixel: (k,) int64 pixel of each sample among the h · w of its view.
+        uv, lod, gain: (k, 2), (k,), (k, 3) of the samples.
+        share: (k,) share of its pixel that a sample stands for.
+    """
+
+    still: "torch.Tensor"
+    counts: tuple[int, ...]
+    pixel: "torch.Tensor"
+    uv: "torch.Tensor"
+    lod: "torch.Tensor"
+    gain: "torch.Tensor"
+    share: "torch.Tensor"
+
+    def __len__(self) -> int:
+        return len(self.counts)
+
+    def part(self, start: int, stop: int) -> "ViewBatch":
+        """Views `start` to `stop`."""
+        first, last = sum(self.counts[:start]), sum(self.counts[:stop])
+        samples = {name: getattr(self, name)[first:last] for name in ("pixel", "uv", "lod", "gain", "share")}
+        return ViewBatch(self.still[start:stop], self.counts[start:stop], **samples)
+
+    def cut(self, which: np.ndarray, corners: np.ndarray, side: int, dtype: "torch.dtype") -> "ViewBatch":
+        """Squares of some views.
+
+        Args:
+            which: (b,) numbers of views.
+            corners: (b, 2) top and left of each square.
+            side: of the squares, pixels.
+            dtype: of what is returned.
+        """
+        import torch
+
+        width, starts = self.still.shape[2], np.cumsum([0, *self.counts]).tolist()
+        still, pixels = [], []
+        chosen: list[slice | torch.Tensor] = []
+        for view, (top, left) in zip(which.tolist(), corners.tolist(), strict=True):
+            still.append(self.still[view, top : top + side, left : left + side])
+            span = slice(starts[view], starts[view + 1])
+            row, column = self.pixel[span] // width - top, self.pixel[span] % width - left
+            inside = ((row >= 0) & (row < side) & (column >= 0) & (column < side)).nonzero()[:, 0]
+            pixels.append((row * side + column)[inside])
+            chosen.append(span if len(inside) == len(row) else inside + span.start)
+        samples = {
+            name: torch.cat([getattr(self, name)[some] for some in chosen]).to(dtype)
+            for name in ("uv", "lod", "gain", "share")
+        }
+        counts = tuple(len(rows) for rows in pixels)
+        return ViewBatch(torch.stack(still).to(dtype), counts, torch.cat(pixels), **samples)
+
+
+def batch_views(
+    views: list[LinearView], device: str, behind: "list[np.ndarray | None] | None" = None, half: bool = False
+) -> ViewBatch:
+    """Put views of one size together.
+
+    Args:
+        views: at least one.
+        device: where the tensors go.
+        behind: per view, (h, w, 3) float32 linear light of a photograph in place of table and room, or None.
+        half: keep light in half precision, for many views.
+    """
+    import torch
+
+    precision = np.float16 if half else np.float32
+    still = np.stack(
+        [
+            (view.dark + (1 - view.coverage[..., None]) * (view.behind if back is None else back).astype(np.float32))
+            .astype(precision)
+            for view, back in zip(views, behind or [None] * len(views), strict=True)
+        ]
+    )  # fmt: skip
+
+    def gather(name: str, kind: type) -> torch.Tensor:
+        rows: np.ndarray = np.concatenate([getattr(view, name) for view in views]).astype(kind)
+        return torch.from_numpy(rows).to(device)
+
+    return ViewBatch(
+        still=torch.from_numpy(still).to(device), counts=tuple(len(view.pixel) for view in views),
+        pixel=gather("pixel", np.int64), uv=gather("uv", np.float32), lod=gather("lod", precision),
+        gain=gather("gain", precision), share=gather("share", precision),
+    )  # fmt: skip
+
+
+def show_texture(
+    texture: "torch.Tensor", batch: ViewBatch, gradient: str = "shaded", light: "torch.Tensor | float" = 1.0
+) -> "torch.Tensor":
+    """Photographs of the objects with a texture on them.
+
+    Both gradients give the same picture, the rig's. `shaded` differentiates that picture: texture × light, tone mapped.
+    `linear` is the paper's `x_drend - detach(x_drend) + x_rend` (Salman et al. 2021, Algorithm 2), where `x_drend` is
+    the texture itself at the place that each pixel sees, without light.
+
+    Args:
+        texture: θ, (3, n, n) sRGB-encoded in [0, 1], dilated.
+        batch: of the views.
+        gradient: one of `GRADIENTS`.
+        light: factor on all light, broadcast to (b, 3, 1, 1).
+
+    Returns:
+        (b, 3, h, w) sRGB-encoded in [0, 1].
+    """
+    import torch
+
+    linear = srgb_to_linear(texture)
+    if gradient == "shaded":
+        return show_linear(linear, batch, light)
+    with torch.no_grad():
+        rendered = show_linear(linear, batch, light)
+    slot, shown = _find_shown(batch)
+    colour = look_up(build_levels(texture), batch.uv, batch.lod) * batch.share[:, None]
+    flat = colour.new_zeros((len(shown), 3)).index_add(0, slot, colour)
+    count, _, height, width = rendered.shape
+    photos = rendered.permute(0, 2, 3, 1).reshape(-1, 3).index_add(0, shown, flat - flat.detach())
+    return photos.view(count, height, width, 3).permute(0, 3, 1, 2)
+
+
+def show_linear(linear: "torch.Tensor", batch: ViewBatch, light: "torch.Tensor | float" = 1.0) -> "torch.Tensor":
+    """`show_texture` of linear colours, differentiable as it is."""
+    import torch
+    from torch.nn.functional import pad
+
+    count, height, width, _ = batch.still.shape
+    factor = torch.as_tensor(light, dtype=linear.dtype, device=linear.device).expand(count, 3, 1, 1).flatten(1)
+    photos = torch.stack([develop(still * one) for still, one in zip(batch.still, factor, strict=True)]).view(-1, 3)
+    # only pixels that show the material carry a gradient, and they may be few
+    slot, shown = _find_shown(batch)
+    colour = look_up(build_levels(linear), batch.uv, batch.lod) * batch.gain
+    lit = batch.still.view(-1, 3)[shown].index_add(0, slot, colour) * factor[shown // (height * width)]
+    whole = pad(lit, (0, 0, 0, -len(lit) % 256))  # an array's last odd values would be rounded otherwise
+    return photos.index_put((shown,), develop(whole)[: len(lit)]).view(count, height, width, 3).permute(0, 3, 1, 2)
+
+
+def _find_shown(batch: ViewBatch) -> tuple["torch.Tensor", "torch.Tensor"]:
+    """(k,) which pixel of those that show the material a sample counts for, and (t,) these among all of the batch."""
+    import torch
+
+    count, height, width, _ = batch.still.shape
+    counts = torch.tensor(batch.counts, device=batch.pixel.device)
+    start = torch.arange(count, device=batch.pixel.device) * (height * width)
+    pixel = batch.pixel + start.repeat_interleave(counts)
+    seen = torch.zeros(count * height * width, dtype=torch.bool, device=pixel.device)
+    seen[pixel] = True
+    return (seen.cumsum(0) - 1)[pixel], seen.nonzero()[:, 0]

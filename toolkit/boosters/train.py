@@ -1,0 +1,121 @@
+"""Train a booster from Python: what a notebook has to say, and the recipe for everything else."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from toolkit.boosters import patch, patch_config, texture, texture_config
+from toolkit.boosters.data import DataConfig
+from toolkit.boosters.patch import TrainedPatch
+from toolkit.boosters.texture import TrainedTexture
+from toolkit.core.workspace import Workspace
+from toolkit.models.network import Classifier
+
+
+def train_patch(
+    workspace: Workspace,
+    class_name: str | int,
+    classifiers: Classifier | Sequence[Classifier],
+    data: Sequence[str | Path] = ("rig",),
+    *,
+    recipe: str = "default",
+    size_px: int = 100,
+    images: int = 256,
+    seed: int = 0,
+    name: str | None = None,
+    out: Path | None = None,
+    restart: bool = False,
+    **settings: Any,
+) -> TrainedPatch:
+    """Train a patch that makes classifiers see a class, into `print/patches/NAME.png` and its record.
+
+    An interrupted run goes on where it stopped, and one that was finished before comes back as it is: the same
+    arguments give the same pixels.
+
+    Args:
+        workspace: whose objects are rendered, and where the patch is written.
+        class_name: a label of the classifiers, an index, or a WordNet id.
+        classifiers: the networks that shall see it; the labels and the preprocessing of the first lead.
+        data: `rig` (or `rig:OBJECT`) for renders of the object with the patch mounted on it; folders of photographs.
+        recipe: `default`, or `paper` for Algorithm 1 as published.
+        size_px: side of the patch in texels; on paper 0.88 mm each, at 250 % of 72 dpi.
+        images: kept in memory at most, a fifth of them held out.
+        seed: of every random draw.
+        name: of the files; by default from the class.
+        out: folder for the patch instead of the workspace's.
+        restart: forget what an earlier run left.
+        settings: instead of the recipe's: steps, epochs, batch, lr, mounted_views and so on, by the names of
+            `toolkit.boosters.patch_config.PatchConfig`.
+
+    Returns:
+        `patch` (its `pixels` are (n, n, 3) uint8 sRGB), `files`, and per network how often it answers right on held-out
+        images with the patch and without.
+
+    Raises:
+        ToolkitError: an unknown class, recipe or setting, one that is out of its range, data that cannot be used, or
+            the disk is full.
+    """
+    sources = DataConfig(sources=tuple(map(str, data)), images=images, seed=seed)
+    config = patch_config.make_config(recipe, {**settings, "size_px": size_px, "seed": seed}, sources)
+    networks = _as_list(classifiers)
+    return patch.train_patch(config, class_name, networks, sources, workspace, name=name, out=out, restart=restart)
+
+
+def train_texture(
+    workspace: Workspace,
+    objects: str | Sequence[str],
+    classifiers: Classifier | Sequence[Classifier],
+    *,
+    class_name: str | None = None,
+    recipe: str = "default",
+    size_px: int = 200,
+    keep: Sequence[str] = (),
+    backgrounds: Path | None = None,
+    seed: int = 0,
+    name: str | None = None,
+    out: Path | None = None,
+    restart: bool = False,
+    workers: int | None = None,
+    **settings: Any,
+) -> TrainedTexture:
+    """Train the whole surface of an object, into `rig/textures/NAME.png`, its record, and a GLB of the object in it.
+
+    An interrupted run goes on where it stopped, and one that was finished before comes back as it is.
+
+    Args:
+        workspace: whose objects are meant, and where the texture is written.
+        objects: name of the object; several of one class share one texture.
+        classifiers: the networks that shall see its class; the labels and the preprocessing of the first lead.
+        class_name: a label of the classifiers, an index, or a WordNet id; by default the objects' own class.
+        recipe: `default`, or `paper` for Algorithm 2 as published, which needs `backgrounds`.
+        size_px: side of the texture in texels, 8 to 1024.
+        keep: names of materials that keep their paint.
+        backgrounds: folder of photographs to stand behind the object.
+        seed: of every random draw.
+        name: of the files; by default the object's.
+        out: folder for the texture instead of the workspace's.
+        restart: forget what an earlier run left.
+        workers: processes that render; 0: none; by default one for each core but one.
+        settings: instead of the recipe's: steps, batch, lr, reuse and so on, by the names of
+            `toolkit.boosters.texture_config.TextureConfig`.
+
+    Returns:
+        `texture` (its `pixels` are (n, n, 3) uint8 sRGB), `files`, and per network how often it answers right on
+        held-out views in the texture and in the object's own paint, clear and in fog.
+
+    Raises:
+        ToolkitError: an unknown object, recipe or setting, one that is out of its range, photographs that cannot be
+            used, or the disk is full.
+    """
+    config = texture_config.make_config(recipe, {
+        **settings, "objects": (objects,) if isinstance(objects, str) else tuple(objects), "size_px": size_px,
+        "keep": tuple(keep), "backgrounds": backgrounds, "seed": seed,
+    })  # fmt: skip
+    return texture.train_texture(
+        config, _as_list(classifiers), workspace, class_name=class_name, name=name, out=out, restart=restart,
+        workers=workers,
+    )  # fmt: skip
+
+
+def _as_list(classifiers: Classifier | Sequence[Classifier]) -> list[Classifier]:
+    return [classifiers] if isinstance(classifiers, Classifier) else list(classifiers)

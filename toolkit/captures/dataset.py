@@ -1,0 +1,109 @@
+"""Captures as a `torch.utils.data.Dataset`: images as a network wants them, their class, and what is known of each."""
+
+from collections.abc import Callable, Mapping
+from typing import TypedDict
+
+import numpy as np
+import torch
+from torch.utils.data import Dataset
+
+from toolkit.captures.read import Capture, CaptureFolder
+from toolkit.core.errors import ToolkitError
+from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
+from toolkit.imaging.read import UnreadableImage, read_image
+
+
+class CaptureInfo(TypedDict):
+    """What is known of one image, in types that PyTorch's `default_collate` joins into batches.
+
+    Attributes:
+        path: SOURCE/OBJECT/VARIANT/FILE.
+        source, object, variant: the folders that it lies in.
+        pose_id: of the plan's pose; -1 where it is not known.
+        T_world_camera: (4, 4) float32, OpenCV axes, millimetres; NaN where it is not known.
+    """
+
+    path: str
+    source: str
+    object: str
+    variant: str
+    pose_id: int
+    T_world_camera: torch.Tensor
+
+
+Sample = tuple[torch.Tensor, int, CaptureInfo]
+
+
+class CaptureDataset(Dataset[Sample]):
+    """The images of a capture folder, one `(image, target, info)` each; goes into a `DataLoader` with any workers.
+
+    - `image`: (3, s, s) float32, sRGB-encoded in [0, 1], resized and cut as the network wants it, not normalised:
+      what `Classifier.logits` and `apply_patch` take.
+    - `target`: index of the object's class, -1 where `targets` does not name the object.
+    - `info`: a `CaptureInfo`.
+
+    Attributes:
+        captures: what is known of each image, in the order of the samples.
+        refused: (path, reason) of files that may not be opened, such as links out of the folder; they are no samples.
+    """
+
+    def __init__(
+        self,
+        folder: CaptureFolder,
+        targets: Mapping[str, int],
+        preprocessing: Preprocessing,
+        transform: Callable[[torch.Tensor], torch.Tensor] | None = None,
+    ) -> None:
+        """Take the images of a folder; each is read when it is asked for.
+
+        Args:
+            folder: from `read_captures`.
+            targets: class index of each object by name.
+            preprocessing: how the images are resized and cut, such as `Classifier.preprocessing`.
+            transform: of the finished image; with workers it must be picklable.
+        """
+        self.captures = tuple(capture for capture in folder.captures if capture.refused is None)
+        self.refused = (
+            *((capture.path, capture.refused) for capture in folder.captures if capture.refused is not None),
+            *folder.refused_folders,
+        )
+        self.targets, self.preprocessing, self.transform = dict(targets), preprocessing, transform
+
+    def __len__(self) -> int:
+        return len(self.captures)
+
+    def __getitem__(self, index: int) -> Sample:
+        """One sample; an image that cannot be read is a `ToolkitError` that names it."""
+        capture = self.captures[index]
+        pixels = read_crop(capture, self.preprocessing)
+        image = torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1))).float().div_(255)
+        if self.transform is not None:
+            image = self.transform(image)
+        return image, self.targets.get(capture.object, -1), _describe(capture)
+
+
+def read_crop(capture: Capture, how: Preprocessing) -> np.ndarray:
+    """(crop_px, crop_px, 3) uint8 sRGB of one image; a file that was cut to that size before stays as it is.
+
+    Raises:
+        ToolkitError: the file cannot be read as an image.
+    """
+    try:
+        pixels = read_image(capture.file, how.resize_px)
+    except UnreadableImage as error:
+        raise ToolkitError(f"{capture.path}: {error.reason}: take it out of the folder, or put it right") from None
+    is_cut = capture.cut_px == how.crop_px and pixels.shape[:2] == (how.crop_px, how.crop_px)
+    return pixels if is_cut else resize_and_crop(pixels, how)
+
+
+def _describe(capture: Capture) -> CaptureInfo:
+    rows = capture.T_world_camera
+    T_world_camera = torch.full((4, 4), torch.nan) if rows is None else torch.tensor(rows, dtype=torch.float32)
+    return CaptureInfo(
+        path=capture.path,
+        source=capture.source,
+        object=capture.object,
+        variant=capture.variant,
+        pose_id=-1 if capture.pose_id is None else capture.pose_id,
+        T_world_camera=T_world_camera,
+    )

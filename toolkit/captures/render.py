@@ -1,0 +1,55 @@
+"""Pictures of an object in memory, as `shoot_plan` would write them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from toolkit.captures.shoot import ShootSettings, studio_for
+from toolkit.objects.load import TableObject
+from toolkit.objects.records import Patch, Texture
+from toolkit.rig.camera import Camera
+from toolkit.rig.plan import Pose
+from toolkit.rig.renderer import make_renderer
+from toolkit.rig.shading import develop
+from toolkit.rig.variants import Paint, Print, dress
+
+
+def render(
+    item: TableObject,
+    poses: Sequence[Pose],
+    camera: Camera | None = None,
+    booster: Patch | Texture | None = None,
+    settings: ShootSettings | None = None,
+) -> np.ndarray:
+    """Photograph an object in the virtual studio, bare, with a patch on it or in a texture.
+
+    The light is baked once for all poses. The pixels are those that `shoot_plan` writes with the same settings as PNG.
+
+    Args:
+        item: from `load_object`.
+        poses: where the camera stands, such as `plan.objects["racer"]`; degrees and millimetres.
+        camera: its pixels and field of view; 640 × 480 px and 40 degrees by default.
+        booster: a patch is mounted where the object's spec says and at the size it states, else the patch's record.
+        settings: seed, backdrop, light and renderer.
+
+    Returns:
+        (n, h, w, 3) uint8 sRGB, one picture for each pose.
+
+    Raises:
+        ToolkitError: an unknown backdrop, light or renderer, a patch that is too large for the object, or a texture
+            that was trained on another.
+    """
+    settings, camera = settings or ShootSettings(), camera or Camera.from_fov()
+    mesh = dress(item, _put_on(item, booster))
+    renderer = make_renderer(settings.renderer, mesh, studio_for(item, settings))
+    pictures = [develop(renderer.render(camera, pose.matrix()), (settings.seed, pose.id)) for pose in poses]
+    return np.stack(pictures) if pictures else np.zeros((0, camera.height, camera.width, 3), np.uint8)
+
+
+def _put_on(item: TableObject, booster: Patch | Texture | None) -> Print | Paint | None:
+    if booster is None:
+        return None
+    named = booster.pixels, booster.record.png_sha256, booster.record.name
+    if isinstance(booster, Texture):
+        return Paint(*named, booster)
+    return Print(*named, item.spec.patch.size_mm or booster.size_mm)

@@ -1,0 +1,155 @@
+"""What is evaluated: the images of a capture folder, clean and corrupted, and the true class of each object."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from difflib import get_close_matches
+from pathlib import Path
+
+from toolkit.captures.corrupt import Corruption, name_source
+from toolkit.captures.read import Capture, CaptureFolder, read_captures
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
+from toolkit.evaluation.config import EvalConfig
+from toolkit.models.network import Classifier
+from toolkit.objects.spec import read_spec
+
+
+def read_labelled_captures(
+    captures_dir: Path,
+    workspace: Workspace,
+    classifier: Classifier,
+    config: EvalConfig,
+) -> tuple[CaptureFolder, dict[str, int]]:
+    """The images to classify, and the true class of every object among them.
+
+    An object whose spec names a class that the network does not have is left out with a note.
+
+    Args:
+        captures_dir: `captures/`, one of its sources, one object's folder, or an ImageFolder.
+        workspace: whose object specs say what each object is.
+        classifier: whose classes are meant.
+        config: which sources, objects and variants are meant, and under which corruptions besides.
+
+    Raises:
+        ToolkitError: no images, no object whose class the network knows, a folder that is no object, or a broken
+            manifest.
+    """
+    folder = leave_out_unknown(read_captures(captures_dir, config.selection), workspace, classifier)
+    folder = add_corrupted(folder, config.corruptions)
+    return folder, find_true_classes(folder, workspace, classifier)
+
+
+def add_corrupted(folder: CaptureFolder, corruptions: Sequence[Corruption]) -> CaptureFolder:
+    """The folder with each source once more under each corruption: `sim` in fog of severity 3 is source `sim-fog-3`.
+
+    Nothing is read here: an image is corrupted whenever it is read, see `toolkit.evaluation.predict`. A source of the
+    folder that has the name already keeps it, and the other gets a `+`. Files that are corrupted already, by the
+    manifest, are not corrupted again; a note says so.
+
+    Args:
+        folder: what is evaluated.
+        corruptions: (name, severity) of each.
+    """
+    if not corruptions:
+        return folder
+    from toolkit.corruptions.request import find_note
+
+    clean = [one for one in folder.captures if one.corruption is None]
+    taken = {one.source for one in folder.captures}
+    corrupted = sorted(taken - {one.source for one in clean})
+    made: list[Capture] = []
+    for source in dict.fromkeys(one.source for one in clean):
+        for corruption in corruptions:
+            name = name_source(source, corruption)
+            while name in taken:
+                name += "+"
+            taken.add(name)
+            made += [
+                replace(one, source=name, path=f"{name}/{one.path_in_source}", corruption=corruption)
+                for one in clean
+                if one.source == source
+            ]
+    notes = [f"corrupted already, and not once more: {', '.join(corrupted)}"] if corrupted else []
+    notes += [note] if (note := find_note(list(dict.fromkeys(name for name, _ in corruptions)))) else []
+    captures = sorted((*folder.captures, *made), key=lambda one: (one.source, one.object, one.variant, one.path))
+    return replace(folder, captures=tuple(captures), notes=(*folder.notes, *notes))
+
+
+def find_true_classes(folder: CaptureFolder, workspace: Workspace, classifier: Classifier) -> dict[str, int]:
+    """Class index of every object of a capture folder: from its spec, else from the name of its folder.
+
+    A folder's name may be a class name, with spaces or underscores, or a WordNet id as in ImageNet's own folders.
+
+    Raises:
+        ToolkitError: an object is neither known nor named for a class, or its spec's class is none of the network's.
+    """
+    specs = workspace.object_specs()
+    classes = {}
+    for name in folder.objects:
+        if name in specs:
+            classes[name] = class_of_spec(specs[name], classifier)
+        else:
+            classes[name] = _class_of_folder(name, folder, sorted(specs), classifier)
+    return classes
+
+
+def leave_out_unknown(folder: CaptureFolder, workspace: Workspace, classifier: Classifier) -> CaptureFolder:
+    """The folder without the objects whose spec names a class that the network does not have; a note tells of each.
+
+    Raises:
+        ToolkitError: the network knows the class of none of the objects, or a spec is broken.
+    """
+    specs = workspace.object_specs()
+    reasons = {}
+    for name in folder.objects:
+        if name in specs:
+            wanted = read_spec(specs[name]).class_name
+            try:
+                classifier.class_index(wanted)
+            except ToolkitError as error:
+                reasons[name] = f"{specs[name]}: {error}"
+    if not reasons:
+        return folder
+    if len(reasons) == len(folder.objects):
+        raise ToolkitError(
+            f"{next(iter(reasons.values()))}: {classifier.name} knows none of the objects in {folder.root}"
+        )
+    counts = Counter(one.object for one in folder.captures)
+    notes = [
+        f"{counts[name]} image{'s' if counts[name] > 1 else ''} of '{name}' left out, {classifier.name} does not know "
+        f"its class: {reason}"
+        for name, reason in reasons.items()
+    ]
+    kept = tuple(one for one in folder.captures if one.object not in reasons)
+    return replace(folder, captures=kept, notes=(*folder.notes, *notes))
+
+
+def class_of_spec(spec_file: Path, classifier: Classifier) -> int:
+    """Class index of an object by its spec.
+
+    Raises:
+        ToolkitError: the spec is broken, or its class is none of the network's.
+    """
+    name = read_spec(spec_file).class_name
+    try:
+        return classifier.class_index(name)
+    except ToolkitError as error:
+        raise ToolkitError(f"{spec_file}: {error}") from None
+
+
+def _class_of_folder(name: str, folder: CaptureFolder, specs: list[str], classifier: Classifier) -> int:
+    why = ""
+    # a folder called `12` is a name, not an index: only a spec may give a class by its number
+    for spelling in dict.fromkeys((name, name.replace("_", " "))) if not name.isdecimal() else ():
+        try:
+            return classifier.class_index(spelling)
+        except ToolkitError as error:
+            why = str(error) if str(error).startswith("several") else why
+    where = next(capture.path for capture in folder.captures if capture.object == name)
+    near = get_close_matches(name, [*specs, *classifier.labels], n=3)
+    hint = why or (f"did you mean {' or '.join(near)}?" if near else f"known objects: {', '.join(specs)}")
+    raise ToolkitError(
+        f"{folder.root}: no object or class called '{name}' ({where}): {hint} Rename the folder, "
+        f'or say what it shows with class = "..." in rig/objects/{name}.toml'
+    )

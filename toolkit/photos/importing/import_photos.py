@@ -1,0 +1,297 @@
+"""`toolkit import`: from a phone's photographs to a capture folder in which each is known to show what it shows."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+from toolkit.captures.manifest import CaptureRecord, write_transforms
+from toolkit.core.console import progress
+from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.workspace import Workspace
+from toolkit.imaging.read import UnreadableImage
+from toolkit.objects.load import load_object
+from toolkit.photos.importing.evidence import collect_evidence
+from toolkit.photos.importing.gather import Gathered, gather_photos
+from toolkit.photos.importing.index import SourceIndex, describe_imported, index_source, is_whole, list_poses
+from toolkit.photos.importing.locate import Locate, locate_by_board
+from toolkit.photos.importing.match import MatchRender, make_render_matcher
+from toolkit.photos.importing.resolve import Ask, Resolved, resolve_photos
+from toolkit.photos.importing.settings import FOLDER_NAME, ImportSettings
+from toolkit.photos.importing.store import Check, store_photo
+from toolkit.rig.plan import CapturePlan, open_plan
+from toolkit.rig.shot_order import ShotStep, read_shots
+from toolkit.rig.variants import PAIR, VARIANTS, find_booster
+
+
+def check_settings(workspace: Workspace, settings: ImportSettings) -> list[str]:
+    """Check names; returns notes for the user.
+
+    Raises:
+        ToolkitError: an unknown object, or a variant that is a misspelling of a known one.
+    """
+    if settings.object is not None:
+        workspace.object_spec(settings.object)
+    variant = settings.variant
+    if variant is None or variant in VARIANTS:
+        return []
+    if not FOLDER_NAME.fullmatch(variant):
+        raise FieldError("expected a name of letters, digits, '-', '_' and '.'", {"variant": variant})
+    known = [*VARIANTS, *workspace.patches(), *workspace.textures()]
+    if variant not in known and get_close_matches(variant, known, n=1, cutoff=0.8):
+        raise one_of("variant", variant, known)
+    return [f"variant '{variant}' is none that the kit knows: nothing is recorded of what is on the object"]
+
+
+def refuse_captures(workspace: Workspace, paths: list[Path]) -> None:
+    """Check that no photograph would be imported from the captures themselves.
+
+    Raises:
+        ToolkitError: a path lies in the workspace's captures/, or holds it.
+    """
+    captures = workspace.captures_dir.resolve()
+    for path in paths:
+        real = Path(path).resolve()
+        if real.is_relative_to(captures) or captures.is_relative_to(real):
+            raise ToolkitError(
+                f"{path} is, holds or lies in {captures}: name the folder that the camera's photos are in"
+            )
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """What there is of one object in one variant.
+
+    Attributes:
+        object, variant: which.
+        imported: photographs that came now.
+        there: poses that have an image.
+        missing: poses of the plan that have none.
+        mean_error_deg, mean_error_mm: of the cameras that a board located, against their poses; None without.
+    """
+
+    object: str
+    variant: str
+    imported: int
+    there: int
+    missing: tuple[int, ...]
+    mean_error_deg: float | None
+    mean_error_mm: float | None
+
+
+def measure_coverage(
+    index: SourceIndex, whole: Sequence[CaptureRecord], plan: CapturePlan, imported: Sequence[CaptureRecord],
+    name: str | None = None,
+) -> tuple[Coverage, ...]:  # fmt: skip
+    """Count poses of each object that has images in the source, in each variant that it has and in the pair.
+
+    Args:
+        index: of the source.
+        whole: records of its images.
+        plan: says which poses there should be.
+        imported: records that came now.
+        name: an object to count though it has no image.
+    """
+    variants: dict[str, list[str]] = {name: []} if name else {}
+    for record in whole:
+        known = variants.setdefault(record.object, [])
+        if record.variant not in known:
+            known.append(record.variant)
+    rows = []
+    for object_name, found in sorted(variants.items()):
+        if object_name not in plan.objects:
+            continue
+        ids = [pose.id for pose in plan.objects[object_name]]
+        for variant in (*PAIR, *sorted(set(found) - set(PAIR))):
+            there = list_poses(index, object_name, variant, ids)
+            own = [record for record in whole if (record.object, record.variant) == (object_name, variant)]
+            now = [record for record in imported if (record.object, record.variant) == (object_name, variant)]
+            rows.append(
+                Coverage(
+                    object_name, variant, len(now), len(there), tuple(pose for pose in ids if pose not in there),
+                    _mean(own, "pose_error_deg"), _mean(own, "pose_error_mm"),
+                )
+            )  # fmt: skip
+    return tuple(rows)
+
+
+def list_retakes(whole: Sequence[CaptureRecord]) -> tuple[tuple[str, str], ...]:
+    """(path, advice) of the images that a gate found wanting when they were imported."""
+    found = []
+    for record in whole:
+        advice = record.made.get("retake")
+        if isinstance(advice, list) and advice:
+            found.append((record.path, "; ".join(str(line) for line in advice)))
+    return tuple(found)
+
+
+def _mean(records: Sequence[CaptureRecord], key: str) -> float | None:
+    values = [float(value) for record in records if isinstance(value := record.made.get(key), int | float)]
+    return sum(values) / len(values) if values else None
+
+
+SHOWN_OTHERS = 5
+
+
+@dataclass(frozen=True)
+class ImportResult:
+    """What a run did.
+
+    Attributes:
+        source_dir: captures/SOURCE.
+        imported: records of the photographs that came now.
+        before: (label, where) of those that were imported before.
+        duplicates: (label, reason) of those that were given twice.
+        refused: (label, reason) of those that could not be imported.
+        coverage: per object and variant.
+        notes: what else the user should know.
+    """
+
+    source_dir: Path
+    imported: tuple[CaptureRecord, ...]
+    before: tuple[tuple[str, str], ...]
+    duplicates: tuple[tuple[str, str], ...]
+    refused: tuple[tuple[str, str], ...]
+    coverage: tuple[Coverage, ...]
+    notes: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """The same for scripts."""
+
+        def named(pairs: Sequence[tuple[str, str]]) -> list[dict[str, str]]:
+            return [{"path": path, "reason": reason} for path, reason in pairs]
+
+        return {
+            "folder": str(self.source_dir),
+            "imported": [record.model_dump() for record in self.imported],
+            "before": named(self.before),
+            "duplicates": named(self.duplicates),
+            "refused": named(self.refused),
+            "coverage": [{**vars(one), "missing": list(one.missing)} for one in self.coverage],
+            "notes": list(self.notes),
+        }
+
+
+def import_photos(
+    workspace: Workspace, paths: Sequence[Path], settings: ImportSettings | None = None, *,
+    locate: Locate | None = None, check: Check | None = None, ask: Ask | None = None,
+    by_render: MatchRender | None = None,
+) -> ImportResult:  # fmt: skip
+    """Import photographs into captures/SOURCE; what was imported before stays, what is in doubt is not guessed.
+
+    Each photograph is whole on disk and in the manifest before the next begins, so a run that was stopped goes on.
+    Originals are read, never written.
+
+    Args:
+        workspace: whose plan, board, lenses and captures are meant.
+        paths: folders, photographs, videos.
+        settings: what was asked for.
+        locate: finds a photograph's camera; by default from the workspace's board.
+        check: the gates that every photograph goes through; its numbers are kept with it.
+        ask: puts questions to a person; None where nobody is there.
+        by_render: what the nearest render says of a photograph that nothing else speaks for; by default, by rendering
+            the object at every pose.
+
+    Raises:
+        ToolkitError: nothing to import, an unknown object, a broken plan, shot list or manifest, settings that
+            contradict each other, or a disk that is full or read-only.
+    """
+    settings = settings or ImportSettings()
+    paths = [Path(path) for path in paths]
+    notes = check_settings(workspace, settings)
+    refuse_captures(workspace, paths)
+    plan = open_plan(workspace, [settings.object] if settings.object else None)
+    steps = _read_steps(workspace, plan, settings, notes)
+    gathered = gather_photos(paths, settings.every_s)
+    index = index_source(workspace.captures_dir / settings.source)
+    _check_pose(plan, settings, gathered)
+    locate, by_render = locate or locate_by_board(workspace), by_render or make_render_matcher(workspace, plan)
+    evidence = collect_evidence(gathered.candidates, plan, steps, index, settings, locate)
+    resolved, refused = resolve_photos(evidence, plan, index, settings, ask, by_render)
+    imported, broken = _store_all(workspace, index, resolved, settings, check, notes)
+    before = [(one.label, where) for one in gathered.candidates if (where := describe_imported(index, one.photo))]
+    if any(decision.matched_by == "order" for _, decision in resolved) and not gathered.by_time:
+        notes.append("the photographs carry no time: their order is that of their names")
+    if gathered.others:
+        more = f" and {len(gathered.others) - SHOWN_OTHERS} more" if len(gathered.others) > SHOWN_OTHERS else ""
+        notes.append(f"no photographs by their names, left alone: {', '.join(gathered.others[:SHOWN_OTHERS])}{more}")
+    after = index_source(index.source_dir)
+    whole = [record for _, record in sorted(after.records.items()) if is_whole(index.source_dir, record)]
+    if whole:
+        write_transforms(index.source_dir, whole)
+    return ImportResult(
+        index.source_dir, tuple(imported), tuple(before), gathered.duplicates,
+        (*gathered.unreadable, *refused, *broken), measure_coverage(after, whole, plan, imported, settings.object),
+        tuple(dict.fromkeys(notes)),
+    )  # fmt: skip
+
+
+def _read_steps(workspace: Workspace, plan: CapturePlan, settings: ImportSettings, notes: list[str]) -> list[ShotStep]:
+    file = workspace.root / "rig" / "shots.json"
+    if not file.is_file():
+        return []
+    try:
+        return read_shots(file, plan).steps
+    except ToolkitError as error:
+        if not (settings.object and settings.variant):
+            raise
+        notes.append(f"the shot list is not used: {error}")
+        return []
+
+
+def _check_pose(plan: CapturePlan, settings: ImportSettings, gathered: Gathered) -> None:
+    if settings.pose is None or settings.object is None:
+        return
+    ids = [pose.id for pose in plan.objects[settings.object]]
+    if settings.pose not in ids:
+        raise FieldError(f"the plan of '{settings.object}' has poses {min(ids)} to {max(ids)}", {"pose": settings.pose})
+    if len(gathered.candidates) > 1:
+        raise FieldError(f"is of one photograph, {len(gathered.candidates)} were given", {"pose": settings.pose})
+
+
+def _store_all(
+    workspace: Workspace, index: SourceIndex, resolved: Sequence[Resolved], settings: ImportSettings,
+    check: Check | None, notes: list[str],
+) -> tuple[list[CaptureRecord], list[tuple[str, str]]]:  # fmt: skip
+    """Store photographs one by one; returns their records, and (label, reason) of those that broke meanwhile."""
+    boosters: dict[tuple[str, str], str | None] = {}
+    records: dict[str, CaptureRecord] = {}
+    broken: list[tuple[str, str]] = []
+    copied = False
+    with progress("importing", len(resolved)) as bar:
+        for evidence, decision in resolved:
+            candidate, key = evidence.candidate, decision.key
+            group = (key.object, key.variant)
+            if group not in boosters:
+                boosters[group] = _hash_booster(workspace, *group, notes)
+            try:
+                record, linked = store_photo(
+                    index, evidence, decision, boosters[group], check=check, link=settings.link
+                )
+            except UnreadableImage as error:
+                broken.append((candidate.label, error.reason))
+            except FileNotFoundError:
+                broken.append((candidate.label, "it is gone since it was read"))
+            else:
+                records[record.path] = index.records[record.path] = record
+                copied |= settings.link and not linked
+            bar.advance(note=str(key))
+    if copied:
+        notes.append(
+            "some photographs were copied, not linked: raw previews, frames of videos, or files of another disk"
+        )
+    return list(records.values()), broken
+
+
+def _hash_booster(workspace: Workspace, name: str, variant: str, notes: list[str]) -> str | None:
+    """SHA-256 of what is on the object, None where nothing is, or nothing is known of it."""
+    if variant == "unpatched":
+        return None
+    try:
+        if variant in VARIANTS:
+            booster = find_booster(workspace, load_object(workspace.object_spec(name)), variant)
+            return booster.sha256 if booster else None
+    except ToolkitError as error:
+        notes.append(f"{name}/{variant}: what is on the object is not recorded: {error}")
+    return None

@@ -1,0 +1,162 @@
+"""Which pose a photograph shows; what is in doubt is said, never guessed."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
+from toolkit.imaging.read import UnreadableImage
+from toolkit.objects.load import load_object
+from toolkit.photos.importing.evidence import Evidence, Group, possible_poses
+from toolkit.photos.importing.index import CaptureKey
+from toolkit.photos.match_pose import PoseMatch, match_pose
+from toolkit.photos.photo import load_pixels
+from toolkit.rig.plan import CapturePlan
+from toolkit.rig.variants import VARIANTS, dress, find_booster
+
+FAR_AND_NAMED_DEG = 30.0
+"""A camera so far from the pose that order or name say was not meant to stand there."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What a photograph shows.
+
+    Attributes:
+        key: object, variant and pose.
+        matched_by: board, name, order, render, or user.
+        match: how far the camera stood from that pose, where a board says so.
+    """
+
+    key: CaptureKey
+    matched_by: str
+    match: PoseMatch | None = None
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """Why no pose was chosen, and between which keys a person could choose."""
+
+    reason: str
+    choices: tuple[CaptureKey, ...] = ()
+
+
+MatchRender = Callable[[Evidence, Group], Decision | Doubt]
+"""(photograph, its object and variant) -> what the nearest render says."""
+
+
+def decide_pose(
+    evidence: Evidence, plan: CapturePlan, how: str = "auto", by_render: MatchRender | None = None
+) -> Decision | Doubt:
+    """Choose the pose of one photograph.
+
+    The board is believed first, then the name, then the order, then the nearest render. With `auto`, those that speak
+    must not contradict each other: what is less believed may decide between two poses that are about equally near, and
+    turns a photograph into a doubt where it names another pose than the board shows.
+
+    Args:
+        evidence: of the photograph.
+        plan: holds the poses.
+        how: `ImportSettings.match`; any but `auto` asks for that evidence alone.
+        by_render: what the nearest render says; slow, and asked last.
+    """
+    group = evidence.find_group()
+    if group is None:
+        missing = "nothing says which object and variant it shows"
+        return Doubt(f"{missing}: {evidence.no_order}" if evidence.no_order else missing)
+    claims = _collect_claims(evidence, how)
+    match = match_pose(evidence.located.T_world_camera, plan.objects[group[0]]) if evidence.located else None
+    if how == "render" or (how == "auto" and match is None and not claims and by_render):
+        return by_render(evidence, group) if by_render else Doubt("matching by render needs the object's mesh")
+    if how in ("name", "order") or match is None:
+        return _decide_by_claims(group, claims, evidence, plan, how)
+    return _decide_by_board(group, claims, match)
+
+
+def measure_match(evidence: Evidence, key: CaptureKey, plan: CapturePlan) -> PoseMatch | None:
+    """How far the camera stood from the pose that was chosen; None without a board."""
+    if evidence.located is None:
+        return None
+    poses = [pose for pose in plan.objects[key.object] if pose.id == key.pose_id]
+    return match_pose(evidence.located.T_world_camera, poses)
+
+
+def _collect_claims(evidence: Evidence, how: str) -> dict[str, int]:
+    claims = {}
+    if how in ("auto", "name") and evidence.named is not None:
+        claims["name"] = evidence.named
+    if how in ("auto", "order") and evidence.ordered is not None:
+        claims["order"] = evidence.ordered.pose_id
+    return claims
+
+
+def _decide_by_claims(
+    group: Group, claims: dict[str, int], evidence: Evidence, plan: CapturePlan, how: str
+) -> Decision | Doubt:
+    poses = sorted(set(claims.values()))
+    if not poses:
+        why = evidence.no_order
+        reasons = {
+            "auto": f"{evidence.no_board}, its name says no pose" + (f", and {why}" if why else ""),
+            "board": evidence.no_board,
+            "name": "its name holds no pose of the plan: expected one such as pose_07",
+            "order": why or "its place in the order is not known",
+        }
+        return Doubt(reasons[how])
+    if len(poses) > 1:
+        said = " and ".join(f"its {what} says pose {pose}" for what, pose in claims.items())
+        return Doubt(said, tuple(CaptureKey(*group, pose) for pose in poses))
+    key = CaptureKey(*group, poses[0])
+    return Decision(key, next(iter(claims)), measure_match(evidence, key, plan))
+
+
+def _decide_by_board(group: Group, claims: dict[str, int], match: PoseMatch) -> Decision | Doubt:
+    possible = possible_poses(match)
+    choices = tuple(CaptureKey(*group, pose) for pose in dict.fromkeys((*possible, *claims.values())))
+    against = [f"its {what} says pose {pose}" for what, pose in claims.items() if pose not in possible]
+    if against:
+        return Doubt(f"the board shows {match.describe()}, but {' and '.join(against)}", choices)
+    claimed = set(claims.values())
+    if len(claimed) > 1:
+        return Doubt(f"the board shows {match.describe()}; name and order disagree", choices)
+    chosen = next(iter(claimed)) if claimed else match.pose_id
+    vouched = claimed and chosen == match.pose_id and match.error_deg <= FAR_AND_NAMED_DEG
+    if (match.ambiguous and not claimed) or (match.far and not vouched):
+        return Doubt(f"the board shows {match.describe()}", choices)
+    return Decision(CaptureKey(*group, chosen), "board", match)
+
+
+def make_render_matcher(workspace: Workspace, plan: CapturePlan) -> MatchRender:
+    """A function that compares a photograph with renders of its object, which are made once per object and variant."""
+    from toolkit.photos.match_render import PoseTemplates, make_templates, match_by_render
+
+    made: dict[Group, PoseTemplates | str] = {}
+
+    def match(evidence: Evidence, group: Group) -> Decision | Doubt:
+        if group not in made:
+            try:
+                item = load_object(workspace.object_spec(group[0]))
+                booster = find_booster(workspace, item, group[1]) if group[1] in VARIANTS else None
+                made[group] = make_templates(dress(item, booster), plan.camera, plan.objects[group[0]])
+            except ToolkitError as error:
+                made[group] = str(error)
+        templates = made[group]
+        why = evidence.no_board
+        if isinstance(templates, str):
+            return Doubt(f"{why}, and no render can be made: {templates}")
+        try:
+            found = match_by_render(load_pixels(evidence.candidate.photo), templates)
+        except UnreadableImage as error:
+            return Doubt(error.reason)
+        best = CaptureKey(*group, found.pose_id)
+        if not found.ambiguous:
+            return Decision(best, "render")
+        if found.runner_up is None:
+            return Doubt(f"{why}, and it does not look like the render of its pose", (best,))
+        reason = (
+            f"{why}, and it looks about as much like the render of pose {found.pose_id} ({found.score:.2f}) as of "
+            f"pose {found.runner_up} ({found.ranking[1][1]:.2f})"
+        )
+        return Doubt(reason, (best, CaptureKey(*group, found.runner_up)))
+
+    return match

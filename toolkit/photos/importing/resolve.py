@@ -1,0 +1,158 @@
+"""Resolve what is open once every photograph was looked at alone: doubts, two photographs of a pose, retakes."""
+
+from collections.abc import Callable, Sequence
+from datetime import datetime
+
+from toolkit.core.files import sha256_bytes, sha256_file
+from toolkit.imaging.folder import show_path
+from toolkit.photos.importing.evidence import Evidence
+from toolkit.photos.importing.index import CaptureKey, SourceIndex, find_images
+from toolkit.photos.importing.match import Decision, Doubt, MatchRender, decide_pose, measure_match
+from toolkit.photos.importing.settings import ImportSettings
+from toolkit.photos.importing.store import encode_photo
+from toolkit.photos.photo import Photo
+from toolkit.rig.plan import CapturePlan
+
+Ask = Callable[[str, Sequence[str]], "str | None"]
+"""(question, answers that are possible) -> the answer, None for leaving the photograph out."""
+Resolved = tuple[Evidence, Decision]
+"""A photograph that is to be stored."""
+
+
+def resolve_photos(
+    evidence: Sequence[Evidence], plan: CapturePlan, index: SourceIndex, settings: ImportSettings,
+    ask: Ask | None = None, by_render: MatchRender | None = None,
+) -> tuple[list[Resolved], list[tuple[str, str]]]:  # fmt: skip
+    """Decide for all photographs; what stays open is asked, and refused where nobody answers.
+
+    Args:
+        evidence: of the photographs, in the order in which they were taken.
+        plan: holds the poses.
+        index: what is there.
+        settings: what was asked for.
+        ask: puts a question to a person; None where there is none.
+        by_render: what the nearest render says of a photograph.
+
+    Returns:
+        Photographs to store in that order, and (label, reason) of those that are refused.
+    """
+    resolved: list[Resolved] = []
+    refused: list[tuple[str, str]] = []
+    for one in evidence:
+        outcome = _decide_one(one, plan, settings, by_render)
+        if isinstance(outcome, Doubt) and ask is not None and one.unusable is None:
+            outcome = _ask_pose(one, outcome, plan, ask)
+        if isinstance(outcome, Doubt):
+            refused.append((one.candidate.label, outcome.reason))
+        else:
+            resolved.append((one, outcome))
+    if not settings.replace:
+        resolved = _resolve_doubles(resolved, refused, ask)
+    return _resolve_occupied(resolved, refused, index, settings, ask), refused
+
+
+def _decide_one(
+    one: Evidence, plan: CapturePlan, settings: ImportSettings, by_render: MatchRender | None
+) -> Decision | Doubt:
+    if one.unusable is not None:
+        return Doubt(one.unusable)
+    if settings.pose is not None and settings.object and settings.variant:
+        key = CaptureKey(settings.object, settings.variant, settings.pose)
+        return Decision(key, "user", measure_match(one, key, plan))
+    return decide_pose(one, plan, settings.match, by_render)
+
+
+def _ask_pose(one: Evidence, doubt: Doubt, plan: CapturePlan, ask: Ask) -> Decision | Doubt:
+    group = one.find_group()
+    if group is None:
+        return doubt
+    poses = [str(pose.id) for pose in plan.objects[group[0]]]
+    likely = [str(choice.pose_id) for choice in doubt.choices]
+    hint = f"; likely {' or '.join(likely)}" if likely else ""
+    answer = ask(f"{one.candidate.label}: {doubt.reason}. Which pose of {'/'.join(group)} is it{hint}?", poses)
+    if answer is None:
+        return doubt
+    key = CaptureKey(*group, int(answer))
+    return Decision(key, "user", measure_match(one, key, plan))
+
+
+def _resolve_doubles(resolved: list[Resolved], refused: list[tuple[str, str]], ask: Ask | None) -> list[Resolved]:
+    """Of several photographs of one pose keep the one that a person chooses, or none."""
+    by_key: dict[CaptureKey, list[Evidence]] = {}
+    for one, decision in resolved:
+        by_key.setdefault(decision.key, []).append(one)
+    kept = {key: ones[0] for key, ones in by_key.items() if len(ones) == 1}
+    for key, ones in by_key.items():
+        if key in kept:
+            continue
+        labels = [one.candidate.label for one in ones]
+        listed = ", ".join(f"{i} {label}" for i, label in enumerate(labels, 1))
+        numbers = [str(i) for i in range(1, len(ones) + 1)]
+        answer = ask(f"{len(ones)} photographs show {key}: {listed}. Which one counts?", numbers) if ask else None
+        for number, one in zip(numbers, ones, strict=True):
+            if number == answer:
+                kept[key] = one
+                continue
+            label = one.candidate.label
+            if answer:
+                reason = f"{key}: {labels[int(answer) - 1]} was chosen"
+            else:
+                others = ", ".join(other for other in labels if other != label)
+                reason = f"{key} is shown as well by {others}: take one away, or let the latest count (replace)"
+            refused.append((label, reason))
+    return [(one, decision) for one, decision in resolved if kept.get(decision.key) is one]
+
+
+def _resolve_occupied(
+    resolved: list[Resolved],
+    refused: list[tuple[str, str]],
+    index: SourceIndex,
+    settings: ImportSettings,
+    ask: Ask | None,
+) -> list[Resolved]:
+    """Photographs for poses that have an image replace it only when they are later, and when that was asked for."""
+    kept = []
+    for one, decision in resolved:
+        candidate, key = one.candidate, decision.key
+        there = _find_other(candidate.photo, key, index)
+        if there is None:
+            kept.append((one, decision))
+            continue
+        path, record_taken, original = there
+        came = f" (from {original})" if original else ""
+        taken = candidate.photo.taken
+        if taken and record_taken and _wall(taken) < _wall(record_taken):
+            refused.append((candidate.label, f"{key} has the later photograph {path}{came}"))
+        elif settings.replace or (
+            ask and ask(f"{candidate.label}: {key} has {path}{came}. Replace it, and keep it aside?", ["y"]) == "y"
+        ):
+            kept.append((one, decision))
+        else:
+            asked = "a retake replaces it only where that is asked for (replace)"
+            refused.append((candidate.label, f"{key} has {path}{came}: {asked}"))
+    return kept
+
+
+def _find_other(photo: Photo, key: CaptureKey, index: SourceIndex) -> tuple[str, datetime | None, str | None] | None:
+    """Path, time and original name of another image that is there for the same pose."""
+    for file in find_images(index, key):
+        path = show_path(file.relative_to(index.source_dir).parts)
+        record = index.records.get(path)
+        if record is None or record.image_sha256 != sha256_file(file):
+            # a run that was killed between image and record left this photograph itself
+            if sha256_file(file) == sha256_bytes(encode_photo(photo)):
+                continue
+            return path, None, None
+        return path, _read_time(record.made.get("taken")), record.made.get("original_name")
+    return None
+
+
+def _read_time(text: object) -> datetime | None:
+    try:
+        return datetime.fromisoformat(text) if isinstance(text, str) else None
+    except ValueError:
+        return None
+
+
+def _wall(taken: datetime) -> datetime:
+    return taken.replace(tzinfo=None)

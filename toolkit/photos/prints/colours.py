@@ -1,0 +1,179 @@
+"""The colours of a printed patch in a photograph against the file's, paper taken as white."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from toolkit.core.errors import ToolkitError
+from toolkit.imaging.colour import delta_e2000, lab_of_linear, linear_to_srgb, srgb_to_linear
+from toolkit.imaging.printer import ColourError
+from toolkit.objects.records import TAPE_MARGIN_MM
+from toolkit.photos.prints.align import Drawn, PatchWarp, draw_patch, sample_image
+from toolkit.photos.prints.find import CELL_SHOWS, PatchSighting, shrink_image
+
+COLOUR_PX = 200.0
+"""Side at which colours are compared; finer photos are shrunk, which also averages their noise."""
+CLIPPED = 250
+RING_POINTS = 40
+RING = (0.25, 0.75)
+"""Share of the white margin's width that is looked at: not where ink or tape's edge may mix in."""
+PAPER_SPREAD = 0.12
+"""Paper counts as paper where its light differs by no more than this, root mean square, from a smooth slope."""
+LEAST_WHITE = 0.8
+"""And where it is at least this bright, against the brightest of the patch."""
+LEAST_PIXELS = 200
+
+
+@dataclass(frozen=True)
+class PrintedColours:
+    """A patch's printed colours, pixel by pixel.
+
+    Attributes:
+        warp: of the patch in the photo, as large as it was compared.
+        shape: (h, w) of that photo.
+        rows, columns: (k,) the pixels.
+        uv: (k, 2) their places on the patch.
+        seen: (k, 3) linear light as a share of the paper's at that place.
+        white_from: `margin` or `strip`: what was taken as white.
+    """
+
+    warp: PatchWarp
+    shape: tuple[int, int]
+    rows: np.ndarray
+    columns: np.ndarray
+    uv: np.ndarray
+    seen: np.ndarray
+    white_from: str
+
+    def draw(self, values: np.ndarray, blur_px: float = 0.0) -> np.ndarray:
+        """(k, c) what the pixels average of values (n, n, c) on the patch, through a lens that blurs by `blur_px`."""
+        drawn = draw_patch(np.ascontiguousarray(values, np.float32), self.warp, self.shape)
+        if drawn is None:
+            raise ToolkitError("the patch lies outside of the photo")
+        picture = drawn.picture
+        if blur_px:
+            picture = cv2.GaussianBlur(picture, (0, 0), blur_px).reshape(picture.shape)
+        return picture[self.rows - drawn.top, self.columns - drawn.left].astype(float)
+
+
+@dataclass(frozen=True)
+class ColourComparison:
+    """A print against its file.
+
+    Attributes:
+        error: ΔE00 over the pixels.
+        bias: (3,) mean of print less file in red, green and blue, sRGB-encoded, so that -0.1 is a tenth darker.
+        rms: (3,) root mean square of the same.
+        n_pixels: that were compared.
+        white_from: `margin` or `strip`.
+    """
+
+    error: ColourError
+    bias: tuple[float, float, float]
+    rms: tuple[float, float, float]
+    n_pixels: int
+    white_from: str
+
+
+def read_colours(
+    image: np.ndarray, sighting: PatchSighting, size_mm: float, strip_white: np.ndarray | None = None
+) -> PrintedColours:
+    """Read a patch's colours off a photo, its light evened out by the white margin around it.
+
+    Args:
+        image: (h, w, 3) uint8 sRGB.
+        sighting: of the patch.
+        size_mm: side of the patch, which says how wide the margin is beside it.
+        strip_white: (3,) linear light of bare paper on the colour strip, used where the margin was cut off or hidden.
+
+    Raises:
+        ToolkitError: there is no white to go by, or too little of the patch is to be seen unclipped.
+    """
+    scale = min(1.0, COLOUR_PX / sighting.warp.side_px)
+    small, warp = shrink_image(image, scale), sighting.warp.scaled(scale)
+    drawn = draw_patch(np.zeros((8, 8, 1), np.float32), warp, small.shape)
+    if drawn is None:
+        raise ToolkitError("the patch lies outside of the photo")
+    rows, columns = _usable(small, drawn, sighting)
+    if len(rows) < LEAST_PIXELS:
+        raise ToolkitError(
+            f"only {len(rows)} pixels of the patch are to be seen and not over-exposed, at least {LEAST_PIXELS} are "
+            "needed: take the photo nearer, or darker"
+        )
+    uv = drawn.uv[rows, columns]
+    light = srgb_to_linear(small[rows + drawn.top, columns + drawn.left] / 255.0).astype(float)
+    white = _margin_white(small, warp, TAPE_MARGIN_MM / size_mm, np.percentile(light, 98, axis=0))
+    white_from = "margin"
+    if white is None:
+        if strip_white is None:
+            raise ToolkitError(
+                "no white to go by: the paper round the patch is cut off, hidden or over-exposed: leave 5 mm of it, or "
+                "photograph the page with its colour strip"
+            )
+        white, white_from = np.vstack([np.zeros((2, 3)), strip_white]), "strip"
+    return PrintedColours(
+        warp, small.shape[:2], rows + drawn.top, columns + drawn.left, uv, light / (_slope(uv) @ white), white_from
+    )
+
+
+def compare_colours(colours: PrintedColours, patch_pixels: np.ndarray) -> ColourComparison:
+    """Printed-colour error: the print against the file (n, n, 3) uint8 sRGB, pixel by pixel."""
+    meant = colours.draw(srgb_to_linear(patch_pixels / 255.0))
+    difference = linear_to_srgb(colours.seen).astype(float) - linear_to_srgb(meant)
+    bias, rms = difference.mean(axis=0), np.sqrt((difference**2).mean(axis=0))
+    return ColourComparison(
+        measure_error(colours.seen, meant), tuple(bias.tolist()), tuple(rms.tolist()), len(meant), colours.white_from
+    )
+
+
+def measure_error(seen: np.ndarray, meant: np.ndarray) -> ColourError:
+    """ΔE00 between linear colours (k, 3), 1 the white of both."""
+    difference = delta_e2000(lab_of_linear(np.clip(seen, 0, 1.2)), lab_of_linear(np.clip(meant, 0, 1.2)))
+    median, p95 = np.percentile(difference, [50, 95])
+    return ColourError(median=round(float(median), 3), p95=round(float(p95), 3))
+
+
+def _usable(photo: np.ndarray, drawn: Drawn, sighting: PatchSighting) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and columns in the cut of pixels that show the patch, unhidden and not over-exposed."""
+    cells = len(sighting.agreement)
+    cell = (np.clip(drawn.uv, 0, 0.999) * cells).astype(int)
+    shows = sighting.agreement[cell[..., 1], cell[..., 0]] >= CELL_SHOWS
+    rows, columns = np.nonzero(drawn.inside & shows & (drawn.cut(photo) < CLIPPED).all(axis=2))
+    return rows, columns
+
+
+def _slope(uv: np.ndarray) -> np.ndarray:
+    return np.c_[uv - 0.5, np.ones(len(uv))]
+
+
+def _margin_white(photo: np.ndarray, warp: PatchWarp, width: float, brightest: np.ndarray) -> np.ndarray | None:
+    """(3, 3) light of the white margin as a slope over (u, v): rows u, v and middle; None where it is not paper."""
+    steps = np.linspace(0.02, 0.98, RING_POINTS)
+    sides = []
+    for away in np.linspace(RING[0] * width, RING[1] * width, 3):
+        for edge in (-away, 1 + away):
+            sides += [
+                np.stack([steps, np.full(RING_POINTS, edge)], 1),
+                np.stack([np.full(RING_POINTS, edge), steps], 1),
+            ]
+    uv = np.concatenate(sides)
+    at = warp.to_pixels(uv)
+    inside = ((at >= 0.5) & (at <= np.array(photo.shape[1::-1]) - 0.5)).all(axis=1)
+    seen = sample_image(photo, at[:, None])[:, 0]
+    good = inside & (seen < CLIPPED).all(axis=1)
+    if good.sum() < len(uv) / 3:
+        return None
+    light, terms = srgb_to_linear(seen[good] / 255.0).astype(float), _slope(uv[good])
+    weight = np.ones(len(light))
+    for _ in range(12):
+        fit = np.linalg.lstsq(terms * weight[:, None], light * weight[:, None], rcond=None)[0]
+        miss = (light - terms @ fit).mean(axis=1)
+        # what hides paper is darker than it: the brighter side is trusted more
+        scale = np.maximum(np.median(np.abs(miss)), 0.01) * np.where(miss < 0, 1.0, 3.0)
+        weight = 1 / (1 + (miss / scale) ** 2)
+    spread = np.sqrt((weight * miss**2).sum() / weight.sum()) / fit[2].mean()
+    corners = _slope(np.array([[0, 0], [1, 0], [0, 1], [1, 1.0]])) @ fit
+    if spread > PAPER_SPREAD or (corners <= 0.01).any() or (fit[2] < LEAST_WHITE * brightest).any():
+        return None
+    return fit

@@ -1,0 +1,158 @@
+"""From photographs of a printed page to a print profile: what `toolkit print-profile` runs."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timezone
+from pathlib import Path
+
+from toolkit import __version__
+from toolkit.core.console import progress
+from toolkit.core.errors import ToolkitError
+from toolkit.imaging.printer import PrintProfile, ProfileMade, white_paper
+from toolkit.objects.records import Patch
+from toolkit.photos.photo import list_photos, load_pixels, read_photo
+from toolkit.photos.prints.colours import ColourComparison, PrintedColours, compare_colours, read_colours
+from toolkit.photos.prints.find import find_patch
+from toolkit.photos.prints.fit_profile import FittedColours, StripReading, fit_colours, read_strip
+from toolkit.photos.prints.size import SIZE_TOLERANCE, measure_on_page
+from toolkit.printing.page import Paper
+
+SMALL_PX = 150.0
+"""Side below which texels run into each other, and a profile says little of single colours."""
+
+
+@dataclass(frozen=True)
+class ProfiledPhoto:
+    """What one photo showed.
+
+    Attributes:
+        name: of the file.
+        sha256: of the file.
+        side_px: of the patch in it.
+        colour: the print against the file.
+        has_strip: whether the colour strip was read.
+        size_mm: side of the patch by the sheet's edges, None where they are not seen.
+    """
+
+    name: str
+    sha256: str
+    side_px: float
+    colour: ColourComparison
+    has_strip: bool
+    size_mm: float | None
+
+
+@dataclass(frozen=True)
+class ProfileRun:
+    """A fitted profile and what it was fitted to.
+
+    Attributes:
+        profile: the profile.
+        photos: those that were used.
+        skipped: (path, reason) of those that could not be.
+        tried: held-out median ΔE00 by model.
+        warnings: what the user should know.
+    """
+
+    profile: PrintProfile
+    photos: tuple[ProfiledPhoto, ...]
+    skipped: tuple[tuple[str, str], ...]
+    tried: dict[str, float]
+    warnings: tuple[str, ...]
+
+
+def profile_photos(
+    paths: Sequence[Path],
+    patch: Patch,
+    paper: Paper,
+    size_mm: float | None = None,
+    name: str | None = None,
+    by: str | None = None,
+) -> ProfileRun:
+    """Fit a print profile to photographs of one printed patch.
+
+    Args:
+        paths: photographs, or folders of them.
+        patch: the file that was printed.
+        paper: the sheet, for photos that show all of it.
+        size_mm: side of the printed patch; by default as its record says.
+        name: of the profile; by default the patch's.
+        by: who measured.
+
+    Raises:
+        ToolkitError: a folder cannot be read, or no photo could be used; the message says why of the first.
+    """
+    expected_mm = size_mm or patch.size_mm
+    files = [file for path in paths for file in (list_photos(path).photos if path.is_dir() else [path])]
+    if not files:
+        raise ToolkitError(f"{', '.join(map(str, paths))}: no photographs there")
+    colours: list[PrintedColours] = []
+    strips: list[StripReading] = []
+    photos: list[ProfiledPhoto] = []
+    skipped: list[tuple[str, str]] = []
+    with progress("reading prints", len(files)) as bar:
+        for file in files:
+            try:
+                photo, part, strip = _read_print(file, patch, paper, expected_mm)
+            except ToolkitError as error:
+                skipped.append((str(file), str(error).removeprefix(f"{file}: ")))
+            else:
+                photos.append(photo)
+                colours.append(part)
+                strips += [] if strip is None else [strip]
+            bar.advance(note=file.name)
+    if not photos:
+        raise ToolkitError(f"none of {len(files)} photographs could be used: {skipped[0][0]}: {skipped[0][1]}")
+    fitted = fit_colours(colours, patch.pixels, strips)
+    made = ProfileMade(on=datetime.now(timezone.utc).date().isoformat(), with_version=__version__, by=by)
+    profile = _make_profile(fitted, patch, name or patch.record.name, tuple(photo.sha256 for photo in photos), made)
+    return ProfileRun(profile, tuple(photos), tuple(skipped), fitted.tried, tuple(_warn(photos, expected_mm)))
+
+
+def _read_print(
+    file: Path, patch: Patch, paper: Paper, size_mm: float
+) -> tuple[ProfiledPhoto, PrintedColours, StripReading | None]:
+    about = read_photo(file)
+    image = load_pixels(about)
+    sighting = find_patch(image, patch.pixels)
+    if sighting is None:
+        raise ToolkitError(
+            f"the patch '{patch.record.name}' was not found in it: photograph the whole page flat, sharp and in even "
+            "light, and name the patch that is on it"
+        )
+    strip = read_strip(image)
+    part = read_colours(image, sighting, size_mm, None if strip is None else strip.white_linear)
+    page = measure_on_page(image, sighting, paper)
+    photo = ProfiledPhoto(
+        file.name, about.sha256, sighting.warp.side_px, compare_colours(part, patch.pixels), strip is not None,
+        None if page is None else page.size_mm,
+    )  # fmt: skip
+    return photo, part, strip
+
+
+def _make_profile(
+    fitted: FittedColours, patch: Patch, name: str, photos: tuple[str, ...], made: ProfileMade
+) -> PrintProfile:
+    coefficients = tuple((float(r), float(g), float(b)) for r, g, b in fitted.coefficients.round(6))
+    return PrintProfile(
+        name=name, patch=patch.record.name, patch_sha256=patch.record.png_sha256, model=fitted.model,
+        power=fitted.power, exponents=fitted.exponents, coefficients=coefficients, paper_linear=white_paper(),
+        photos=photos, n_samples=fitted.n_samples, strip_cells=fitted.strip_cells, without=fitted.without,
+        held_out=fitted.held_out, made=made,
+    )  # fmt: skip
+
+
+def _warn(photos: Sequence[ProfiledPhoto], expected_mm: float) -> list[str]:
+    """What is wrong with the print or the photos, one line each."""
+    lines = []
+    for photo in photos:
+        if photo.size_mm is not None and abs(photo.size_mm / expected_mm - 1) > SIZE_TOLERANCE:
+            lines.append(
+                f"{photo.name}: by the sheet's edges the patch is {photo.size_mm:.1f} mm where {expected_mm:.1f} mm "
+                f"was meant ({photo.size_mm / expected_mm:.1%}): print it at 100 %, 'actual size'"
+            )
+        if photo.side_px < SMALL_PX:
+            lines.append(f"{photo.name}: the patch is {photo.side_px:.0f} px wide: {SMALL_PX:.0f} px or more tell more")
+    if not any(photo.has_strip for photo in photos):
+        lines.append("no photo shows the colour strip: colours that the patch lacks are guessed from those it has")
+    return lines
