@@ -54,6 +54,7 @@ def made(tmp_path_factory):
     return benchmark, write_benchmark(tmp_path_factory.mktemp("runs") / "one", benchmark)
 
 
+@pytest.mark.slow
 def test_all_files_and_none_besides(made):
     benchmark, files = made
     folder = files.summary.parent

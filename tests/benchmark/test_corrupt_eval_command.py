@@ -31,6 +31,7 @@ def refuse(type_command, *words) -> str:
     return str(result.exception)
 
 
+@pytest.mark.slow
 def test_from_training_to_the_report(type_command):
     trained = type_command(
         "train-patches", "--data", type_command.data, "--size-px", 16, "--size-px", 20, "--steps", 4, "--batch", 4

@@ -64,6 +64,7 @@ def test_tags_are_read_in_their_own_family(dictionary):
     assert reader.read(put(255 - np.zeros((60, 60, 3), np.uint8))) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reader", ALL_READERS)
 def test_no_picture_is_too_odd(reader, capfd):
     rng = np.random.default_rng(0)

@@ -56,6 +56,7 @@ def request_for(noise, boost, **changes):
     return ClassifierRequest("fixed", (str(noise),), "cifar_resnet8", **fields)
 
 
+@pytest.mark.slow
 def test_it_learns_to_read_the_patches(noise, space):
     write_set(space)
     boost = read_training_boost(space, "flat")

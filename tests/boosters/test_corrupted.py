@@ -36,6 +36,7 @@ def smooth_images(count: int = 2, side: int = 96) -> torch.Tensor:
     return images
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("severity", [1, 3, 5])
 @pytest.mark.parametrize("name", CORRUPTIONS)
 def test_forward_it_is_the_benchmarks_corruption(name, severity):
@@ -139,6 +140,7 @@ def test_a_request_without_it_keeps_its_hash():
     assert len(others) == 4
 
 
+@pytest.mark.slow
 def test_it_is_recorded_said_and_validated(tmp_path):
     photos = write_photos(tmp_path / "photos", 6)
     choices = Choices(steps=2, batch=4, corrupt=("contrast:5", "jpeg_compression:2"))

@@ -97,6 +97,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not(tmp_path, photo
     assert not np.array_equal(first.patch.pixels, other.patch.pixels)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when", ["checkpoint", "record"])
 def test_kill_9_then_the_same_command_ends_as_if_never_killed(tmp_path, photos, when):
     environment = os.environ | {"PYTHONPATH": str(HELPERS)}

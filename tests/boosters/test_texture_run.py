@@ -70,6 +70,7 @@ def files_below(folder: Path) -> list[str]:
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
+@pytest.mark.slow
 def test_texture_record_glb_and_turntable_are_written_and_nothing_else_is_left(space):
     made = run(space)
     assert files_below(space.textures_dir) == [
@@ -85,6 +86,7 @@ def test_texture_record_glb_and_turntable_are_written_and_nothing_else_is_left(s
     assert made.validations[0].clear.patched.n == 4
 
 
+@pytest.mark.slow
 def test_the_loss_falls(space):
     """A network of random weights sees its class more surely at the end than at the start, on views not trained on."""
     request = crate_request(24, descent=Descent(steps=24, batch=4, lr=0.1))
@@ -94,6 +96,7 @@ def test_the_loss_falls(space):
     assert made.texture.record.final["loss"] < first.texture.record.final["loss"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("optimiser", ["sign", "sgd", "adam"])
 def test_a_killed_and_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path, space, make_crate_space, optimiser):
     threads = torch.get_num_threads()
@@ -118,6 +121,7 @@ def test_a_killed_and_resumed_run_ends_where_an_uninterrupted_one_does(tmp_path,
         torch.set_num_threads(threads)
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_is_done(space, monkeypatch):
     whole = run(space, crate_request(name="whole"))
     steps, count = texture_run.train_steps, 0
@@ -138,6 +142,7 @@ def test_ctrl_c_keeps_what_is_done(space, monkeypatch):
     assert np.array_equal(made.texture.pixels, whole.texture.pixels)
 
 
+@pytest.mark.slow
 def test_a_finished_texture_is_not_trained_again_unless_asked(space):
     made = run(space)
     assert run(space).was_finished
@@ -147,12 +152,14 @@ def test_a_finished_texture_is_not_trained_again_unless_asked(space):
     assert not run(space, crate_request(gradient="linear")).was_finished
 
 
+@pytest.mark.slow
 def test_other_settings_give_other_textures(space):
     first = run(space).texture.pixels
     for change in ({"gradient": "linear"}, {"optimiser": "adam"}, {"exposure": None}):
         assert not np.array_equal(first, run(space, crate_request(name="other", **change)).texture.pixels)
 
 
+@pytest.mark.slow
 def test_several_objects_share_one_texture(space):
     spec = (space.objects_dir / "crate.toml").read_text()
     (space.objects_dir / "box.toml").write_text(spec.replace('name = "crate"', 'name = "box"').replace("100", "80"))
@@ -162,6 +169,7 @@ def test_several_objects_share_one_texture(space):
     assert made.files.glb("box").name == "jet-box.glb" and made.files.glb("box").is_file()
 
 
+@pytest.mark.slow
 def test_photographs_stand_behind_the_object(space, tmp_path):
     photos = write_photos(tmp_path / "photos", 3)
     made = run(space, crate_request(backgrounds=photos, background_share=1.0))

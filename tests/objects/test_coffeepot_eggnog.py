@@ -137,6 +137,7 @@ def test_eggnog_stands_open_and_full_with_nutmeg_on_the_foam():
     assert (np.ptp(glass, axis=1) < 20).all() and glass.min() > 200
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bearing_deg", [0, 90, 180, 270])
 def test_eggnog_shows_through_the_glass_above_a_label_on_every_side(bearing_deg: float):
     mesh = build_mesh("eggnog")

@@ -42,6 +42,7 @@ def page_photo(crate):
     return photograph(crate, PAGE, SMALL, T_PAGE)
 
 
+@pytest.mark.slow
 def test_aim_at_full_hd_with_a_built_in_object_on_the_board():
     camera = Camera.from_fov(1920, 1080, 40)
     angles, shares = [], []
@@ -114,6 +115,7 @@ def test_a_large_photograph_is_searched_small_and_refined_in_full(page_photo):
     assert angle < 0.2 and share < 0.004
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [0, 90, 180, -90])
 def test_any_way_up(turn):
     T_world_camera = orbit_pose(np.array([0.0, 0, 0]), 200, 55, 520, turn)

@@ -149,6 +149,7 @@ def test_the_straightened_patch_is_the_file():
     assert turned < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(POSES))
 def test_a_mounted_patch_is_found_where_the_rig_mounted_it(photos, name):
     item, shots = photos[name]

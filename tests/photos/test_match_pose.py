@@ -125,6 +125,7 @@ def racer():
     return mesh, poses, make_templates(mesh, Camera.from_fov(640, 480, 40), poses)
 
 
+@pytest.mark.slow
 def test_without_a_board_the_likest_render_is_the_pose(racer):
     """Another light, table, lens and framing than the templates', and a camera that stands a little beside its pose."""
     mesh, poses, templates = racer

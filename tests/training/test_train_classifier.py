@@ -48,6 +48,7 @@ def tiny_request(colours, **changes):
     return ClassifierRequest("tiny", (str(colours),), "mobilenet_v3_small", image_px=32, recipe=recipe, **changes)
 
 
+@pytest.mark.slow
 def test_it_learns_colours_and_nothing_from_shuffled_ones(trained, tmp_path):
     assert trained.record.held_out.accuracy > 0.8
     folder = write_colours(tmp_path / "shuffled", 36, shuffled=True)
@@ -126,6 +127,7 @@ def test_a_killed_run_goes_on_to_the_same_bytes(colours, tmp_path, monkeypatch):
     assert not (space.classifiers_dir / ".training").exists()
 
 
+@pytest.mark.slow
 def test_the_seed_decides(colours, tmp_path):
     files = []
     for seed in (1, 2):
