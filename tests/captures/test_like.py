@@ -238,7 +238,7 @@ def test_bad_calls_are_refused_before_anything_is_written(space):
         with pytest.raises(ToolkitError, match=words):
             again(space, **call)
     assert sha256_file(real / MANIFEST) == before
-    with pytest.raises(ToolkitError, match=r"has no manifest\.jsonl .*--like expects one source"):
+    with pytest.raises(ToolkitError, match=r"like .*: has no manifest\.jsonl .*expected one source"):
         read_measured(space.captures_dir)
 
 

@@ -301,5 +301,5 @@ def test_photographs_are_not_shot_over(tmp_path, make_crate_space):
     source = space.captures_dir / "kitchen"
     source.mkdir(parents=True)
     append_record(source, CaptureRecord(path="crate/patched/pose_01.jpg", object="crate", variant="patched"))
-    with pytest.raises(ToolkitError, match=r"holds photographs \(crate/patched/pose_01.jpg\).*--source"):
+    with pytest.raises(ToolkitError, match=r"holds photographs \(crate/patched/pose_01.jpg\).*name another source"):
         shoot_plan(space, read_plan(space.plan_file), ["crate"], source="kitchen")

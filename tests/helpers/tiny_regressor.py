@@ -12,7 +12,7 @@ STEPS = 14
 
 
 class Regressor(Task[dict[str, np.ndarray]]):
-    """Where a drone shall land, (x, y) in metres, from three numbers; it keeps a running mean, as normalisation does."""
+    """Where a drone shall land, (x, y) in metres, from three numbers; it keeps a running mean."""
 
     kind = "regressor"
     TRUE = torch.tensor([[1.0, -2.0, 0.5], [0.25, 3.0, -1.0]])
@@ -33,7 +33,9 @@ class Regressor(Task[dict[str, np.ndarray]]):
         x = torch.from_numpy(np.random.default_rng([7, step]).normal(size=(16, 3))).float()
         away_m = x @ self.weight.T + self.bias - x @ self.TRUE.T
         self.running_mean.mul_(0.9).add_(0.1 * away_m.detach().mean(0))
-        return away_m.square().mean() + 0 * self.running_mean.sum(), {"error_m": float(away_m.detach().norm(dim=1).mean())}
+        return away_m.square().mean() + 0 * self.running_mean.sum(), {
+            "error_m": float(away_m.detach().norm(dim=1).mean())
+        }
 
     def show(self):
         self.shown += 1
