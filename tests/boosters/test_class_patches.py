@@ -87,6 +87,7 @@ def test_a_killed_run_keeps_what_is_finished_and_goes_on(place, monkeypatch):
     assert [one.patched is None for one in rest] == [True, False]
 
 
+@pytest.mark.slow
 def test_images_of_the_class_alone_where_there_are_enough_or_where_asked(place, monkeypatch):
     monkeypatch.setattr(class_patches, "FEW_IMAGES", 4)
     train(place, (1,), (16,))

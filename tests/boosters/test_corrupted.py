@@ -165,6 +165,7 @@ class StripesOrRed(torch.nn.Module):
         return torch.stack([torch.full_like(jet, 0.8), jet * 0, jet * 0, jet], 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["defocus_blur", "gaussian_blur"])
 def test_a_patch_that_has_met_a_corruption_bears_it_better(name):
     """By the true gradient and straight through; without it the patch learns the stripes, which are easier."""

@@ -161,6 +161,7 @@ def stop_half_way(folder: Path, photos: Path, monkeypatch, **changes) -> None:
             run(folder, photos, **changes)
 
 
+@pytest.mark.slow
 def test_another_request_does_not_mix_with_an_old_checkpoint(tmp_path, photos, monkeypatch, capsys):
     stop_half_way(tmp_path / "w", photos, monkeypatch)
     other = train_tiny(tmp_path / "w", photos, tiny_config(lr=0.05))

@@ -65,6 +65,7 @@ def test_corrupted_photographs_are_answered_apart(type_command, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_json_is_the_result_and_nothing_else(type_command, tmp_path):
     write_photos(tmp_path / "photos", 6)
     code, said, _ = type_command("--class", "3", "--data", "photos", "--json", *QUICK, "--lr", "0.5")

@@ -76,6 +76,7 @@ def test_bad_input_is_one_line_and_exit_code_2(space, tmp_path):
         assert len(result.stderr.strip().splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_a_doubt_is_asked_only_where_asking_was_wanted(space, tmp_path, monkeypatch):
     take(tmp_path / "photos" / "a_pose_1.jpg", 1), take(tmp_path / "photos" / "b_pose_1.jpg", 2)
     options = ("--object", "crate", "--variant", "patched")

@@ -91,6 +91,7 @@ def test_texture_and_materials_are_those_of_a_household_object(mesh: Mesh):
         assert 0.1 <= material.roughness <= 0.6 and material.metallic == 0
 
 
+@pytest.mark.slow
 def test_building_twice_gives_the_same_bytes():
     from toolkit.objects.shapes import coffeepot, eggnog
 

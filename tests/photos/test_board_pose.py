@@ -83,6 +83,7 @@ SPOILS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spoil", SPOILS)
 def test_a_poor_photograph_still_gives_the_pose(page_photo, spoil):
     angle, share = errors_of(solve(SPOILS[spoil](page_photo), PAGE, SMALL), T_PAGE)
@@ -94,6 +95,7 @@ def test_the_same_pixels_give_the_same_pose(page_photo):
     assert np.array_equal(one.T_world_camera, other.T_world_camera)
 
 
+@pytest.mark.slow
 def test_half_a_board_out_of_the_frame():
     T_world_camera = look_at(np.array([300.0, -150, 320]), np.array([110.0, -20, 0]), 12)
     pixels = photograph(None, PAGE, SMALL, T_world_camera)

@@ -95,6 +95,7 @@ def test_a_pose_with_the_measured_lens_is_as_good_as_with_the_true_one(photos, m
         assert off < 0.005 * 350 and np.degrees(turn) < 0.3
 
 
+@pytest.mark.slow
 def test_the_stated_focal_uncertainty_is_the_scatter():
     found = []
     for seed in range(30):

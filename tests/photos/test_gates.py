@@ -254,6 +254,7 @@ def blur_light(pixels: np.ndarray, sigma: float) -> np.ndarray:
     return (linear_to_srgb(light) * 255).round().astype(np.uint8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma", [1.0, 2.0, 3.0])
 def test_a_boards_edges_tell_the_blur(sigma):
     """A painted page, turned and in perspective, blurred by a Gaussian of known width, as light is."""

@@ -145,6 +145,7 @@ def test_without_a_board_the_likest_render_is_the_pose(racer):
     assert right >= 5 and sure_and_wrong == 0
 
 
+@pytest.mark.slow
 def test_a_picture_without_the_object_is_ambiguous(racer):
     *_, templates = racer
     pose = orbit_pose(np.array([0.0, 0, 30]), 10, 40, 500)

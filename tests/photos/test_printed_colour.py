@@ -88,6 +88,7 @@ def test_the_scale_of_the_page_is_measured_by_its_edges(scale):
     assert np.abs(measure.page_px - page_corners(0.15, -7)).max() < 1.0
 
 
+@pytest.mark.slow
 def test_another_sheet_or_none_gives_no_size(page):
     photo, sighting, _ = page
     assert measure_on_page(photo, sighting, parse_paper("140x297mm")) is None

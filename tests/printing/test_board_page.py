@@ -60,6 +60,7 @@ def one_page(request):
     return request.param, document, render(document.content)
 
 
+@pytest.mark.slow
 def test_page_and_check_bars_measure_right(one_page):
     paper, _, page = one_page
     height, width = (side / page.per_mm for side in page.pixels.shape[:2])
@@ -199,6 +200,7 @@ def test_tiled_ring_joins():
         assert np.abs(corners / per_mm - DEFAULT_RING.sheet_corners([number])[0]).max() < 2 * TOLERANCE_MM
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spec", "paper"), [(DEFAULT_BOARD, "a4"), (DEFAULT_BOARD, "letter"), (DEFAULT_RING, "a4"), (ONE_PAGE, "135x300mm")]
 )

@@ -187,6 +187,7 @@ def test_nothing_is_drawn_outside_the_margins(listed):
             assert word["top"] > 9 * POINTS_PER_MM and word["bottom"] < page.height - 8 * POINTS_PER_MM
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_and_letter_is_letter(tmp_path, make_crate_space):
     space = make_crate_space(tmp_path / "letter")
 

@@ -48,6 +48,7 @@ def face_light(corners, light, axis, sign):
     return read_samples(light.grid, light.stored, faces.repeat(3), uv).mean(axis=0)
 
 
+@pytest.mark.slow
 def test_an_open_table_in_an_even_room_receives_pi_times_its_radiance(bake):
     """96 directions: exact for surfaces that look up (their heights are evenly spaced), 4 % for upright ones."""
     corners, light = bake(room=0.7)
@@ -61,6 +62,7 @@ def test_an_open_table_in_an_even_room_receives_pi_times_its_radiance(bake):
         np.testing.assert_allclose(face_light(corners, light, axis, sign)[:3], np.pi / 2 * 0.7, rtol=0.04)
 
 
+@pytest.mark.slow
 def test_the_key_light_follows_lamberts_law(bake):
     key = KeyLight(azimuth_deg=30, elevation_deg=50, radius_deg=3, irradiance=(2.0, 1.0, 0.5))
     corners, light = bake(key=key)

@@ -117,6 +117,7 @@ def test_texels_are_where_their_coordinates_say(space, block):
         np.testing.assert_allclose(texture[row, column], [256 * u, 256 * v, 128], atol=4)
 
 
+@pytest.mark.slow
 def test_materials_and_images_keep_their_paint(space, block):
     save(space, keep=["glass"])
     shoot(space, ["unpatched", "textured"])

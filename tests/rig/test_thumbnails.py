@@ -12,6 +12,7 @@ from toolkit.rig.views import THUMBNAIL_DETAIL, WIDE_VIEWS, random_pose, render_
 CAMERA = Camera.from_fov(48, 48, 30.5)
 
 
+@pytest.mark.slow
 def test_all_depends_on_the_seed(make_box):
     mesh = make_box()
     one, again, other = (render_thumbnails(mesh, 3, (seed, 7), CAMERA) for seed in (1, 1, 2))

@@ -185,6 +185,7 @@ def test_init_takes_all_but_the_last_layer(trained, colours, tmp_path):
         start_network(config.with_overrides(arch="resnet34"), 7, find_weights("resnet34", trained.file))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arch", ["mnasnet0_5", "squeezenet1_1"])
 def test_other_networks_are_written_and_read_back(arch, colours, tmp_path):
     space = make_workspace(tmp_path)
