@@ -54,6 +54,7 @@ def train(noise, space, boost, **changes):
     return train_classifier(config, space, boost, device="cpu")
 
 
+@pytest.mark.slow
 def test_it_learns_to_read_the_patches(noise, space):
     write_set(space)
     boost = read_training_boost(space, "flat")

@@ -39,6 +39,7 @@ def views(space):
     return list(render_mounted_views(item, SIZE_MM, TEXELS, 3, seed=7, image_px=SIDE, quiet=True))
 
 
+@pytest.mark.slow
 def test_the_buffers_put_together_are_a_render_of_the_patch(space, views):
     """The same camera, studio and mount, but rendered with the patch itself."""
     pixels = np.random.default_rng(1).integers(0, 256, (8, 8, 3), dtype=np.uint8)

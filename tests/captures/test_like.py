@@ -79,6 +79,7 @@ def overlap(one: np.ndarray, other: np.ndarray) -> float:
     return (one & other).sum() / (one | other).sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", VIEWS)
 def test_the_silhouette_is_the_photographs(shot, name):
     space, _ = shot
@@ -130,6 +131,7 @@ def test_known_points_project_within_a_tenth_of_a_pixel(lens, max_px):
     assert (depth > 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", [LANDSCAPE, PORTRAIT])
 def test_the_table_is_seen_where_the_lens_puts_it(lens, make_box):
     """The middle of a small disc painted on the table, in the picture: the backdrop has formulas of its own."""

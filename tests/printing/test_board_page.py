@@ -60,6 +60,7 @@ def one_page(request):
     return request.param, document, render(document.content)
 
 
+@pytest.mark.slow
 def test_page_and_check_bars_measure_right(one_page):
     paper, _, page = one_page
     height, width = (side / page.per_mm for side in page.pixels.shape[:2])
@@ -107,6 +108,7 @@ def test_crop_marks_stand_at_the_sheets_corners(one_page):
     assert (cut.width, cut.height) == pytest.approx((140 + 2 * EDGE_MM, 200 + EDGE_MM + FRONT_EDGE_MM))
 
 
+@pytest.mark.slow
 def test_opencv_finds_every_corner_in_its_place(one_page):
     _, document, page = one_page
     ids, corners = detect_board(page.pixels[..., 0], ONE_PAGE)
@@ -156,6 +158,7 @@ def join_tiles(document, dpi):
     return sheet, per_mm
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("paper", "dpi"), [("a4", 200), ("letter", 150)])
 def test_default_board_is_four_tiles_that_join(paper, dpi):
     document = build_board_pdf(DEFAULT_BOARD, parse_paper(paper))
@@ -168,6 +171,7 @@ def test_default_board_is_four_tiles_that_join(paper, dpi):
     assert np.abs(corners / per_mm - expected).max() < 2 * TOLERANCE_MM  # each raster is laid down on whole pixels
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("paper", "dpi"), [("a4", 600), ("letter", 300)])
 def test_ring_on_one_page(paper, dpi):
     ring = choose_ring(130)
@@ -196,6 +200,7 @@ def test_tiled_ring_joins():
         assert np.abs(corners / per_mm - DEFAULT_RING.sheet_corners([number])[0]).max() < 2 * TOLERANCE_MM
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spec", "paper"), [(DEFAULT_BOARD, "a4"), (DEFAULT_BOARD, "letter"), (DEFAULT_RING, "a4"), (ONE_PAGE, "135x300mm")]
 )

@@ -12,6 +12,7 @@ from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("azimuth_deg", [0, 100, 250])
 def test_a_picture_of_it_gives_the_camera_back(tmp_path, make_crate_space, azimuth_deg):
     """A board that was laid turned, mirrored, off the middle or at another scale would give another camera."""

@@ -39,6 +39,7 @@ def same(one, other) -> bool:
     return parts and one.subject == other.subject and np.array_equal(one.bare, other.bare)
 
 
+@pytest.mark.slow
 def test_workers_render_what_the_process_itself_renders(subject):
     with ViewStream([subject], SETTINGS, 5, 3, workers=2) as stream:
         ahead = [stream.group(0), stream.group(1)]
@@ -66,6 +67,7 @@ def test_successive_blocks_show_successive_objects(subject):
         assert [view.subject for view in stream.group(1)] == [2, 2, 0, 0]
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_is_one_clear_line(subject):
     with ViewStream([subject], SETTINGS, 5, 50, workers=1) as stream:
         stream.group(0)
@@ -96,6 +98,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for the process in /proc")
 def test_workers_die_with_a_parent_that_is_killed(tmp_path, make_crate_space):
     spec = make_crate_space(tmp_path / "w").object_spec("crate")
