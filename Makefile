@@ -1,5 +1,5 @@
 # make demo    set up, then the whole road in ./demo: print files, 144 images, table and report
-# make test    set up, then all tests
+# make test    set up, then all tests, one process for each core; PYTEST_ARGS="-m 'not slow'" for the quick ones
 # make bench   speed against the peers, as ratios in one run
 # make lint    ruff, mypy, and import-linter: imports point down, no circles
 # make site    the documentation as a site in ./site; it opens from disk
@@ -17,7 +17,7 @@ demo: setup
 
 test: setup .venv/.test
 	@scripts/test-browser
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal $(PYTEST_ARGS)
 
 bench: setup .venv/.bench
 	$(BIN)/python -m benchmarks

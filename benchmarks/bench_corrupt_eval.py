@@ -21,11 +21,12 @@ MEMORY_COUNTS = (256, 512)
 LABEL = "racer"
 
 
-def make_request(folder: Path, count: int, corruptions):
+def make_grid(folder: Path, count: int, corruptions):
     """The grid over `count` photographs without and with a patch of 100 px."""
     import numpy as np
 
-    from toolkit.benchmark.grid import GridRequest
+    from toolkit.benchmark.config import CorruptEvalConfig
+    from toolkit.benchmark.grid import Grid
     from toolkit.benchmark.variants import open_variants
     from toolkit.core.workspace import make_workspace
     from toolkit.objects.records import write_patch
@@ -41,7 +42,7 @@ def make_request(folder: Path, count: int, corruptions):
     found = open_images(str(folder / "photographs"), classifier)
     variants, _ = open_variants(workspace, ["noise-100"], classifier, lambda name: None)
     images = type(found)(found.name, found.images[:count], (), found.read_pixels, found.hash_image)
-    return GridRequest(images, tuple(variants), corruptions)
+    return Grid(images, tuple(variants), CorruptEvalConfig(corruptions=corruptions))
 
 
 def measure_speed(folder: Path) -> dict[str, float]:
@@ -53,16 +54,16 @@ def measure_speed(folder: Path) -> dict[str, float]:
     from toolkit.corruptions import COMMON, corrupt
 
     corruptions = tuple((name, SEVERITY) for name in COMMON)
-    request = make_request(folder, IMAGES, corruptions)
+    grid = make_grid(folder, IMAGES, corruptions)
     bare = torchvision.models.resnet18()
     bare.load_state_dict(torch.load(folder / "resnet18-random.pth", weights_only=True))
-    device = request.variants[0].classifier.device
+    device = grid.variants[0].classifier.device
     bare.eval().to(device)
     batch = torch.rand(BATCH, 3, 224, 224, device=device)
 
     def run_ours() -> int:
         (folder / "cells.jsonl").unlink(missing_ok=True)
-        return run_grid(request, folder / "cells.jsonl", quiet=True).computed
+        return run_grid(grid, folder / "cells.jsonl").computed
 
     def run_corruptions() -> int:
         for name in COMMON:
@@ -94,7 +95,7 @@ def measure_memory(folder: Path, count: int) -> float:
 def _report_peak(folder: Path, count: int) -> None:
     from toolkit.benchmark.grid import run_grid
 
-    run_grid(make_request(folder, count, (("contrast", SEVERITY),)), folder / f"cells-{count}.jsonl", quiet=True)
+    run_grid(make_grid(folder, count, (("contrast", SEVERITY),)), folder / f"cells-{count}.jsonl")
     # not getrusage's ru_maxrss: a child process inherits its parent's peak there
     status = Path("/proc/self/status").read_text()
     print(json.dumps(int(status.split("VmHWM:")[1].split()[0]) / 1024))

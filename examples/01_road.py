@@ -14,8 +14,9 @@ lab = tk.make_workspace(Path(sys.argv[1] if len(sys.argv) > 1 else "example-out"
 network = tk.load_classifier("rig18")  # comes with the kit; resnet18, timm:NAME or weights of your own work as well
 
 # %% Train a patch on renders of the object with the paper on it
-seen = {"mounted_views": 24, "mounted_fill": (0.2, 0.45), "images": 10}
-trained = tk.train_patch(lab, NAME, network, steps=STEPS, batch=8, **seen)
+trained = tk.train_patch(
+    lab, NAME, network, steps=STEPS, batch=8, mounted_views=24, mounted_fill=(0.2, 0.45), images=10
+)
 
 # %% Print it, true to the millimetre
 page = tk.print_patch(trained.files.png, lab.print_dir / f"{NAME}.pdf")

@@ -25,5 +25,5 @@ own, textured = tk.render(item, poses, camera), tk.render(item, poses, camera, t
 sheet = lab.root / f"{NAME}-texture.png"
 Image.fromarray(np.vstack([np.hstack(list(own)), np.hstack(list(textured))])).save(sheet)
 
-print(f"made {trained.files.png}, {trained.files.glb(NAME)} for Blender or a simulator, and {sheet}")
+print(f"made {trained.files.png}, {trained.glbs[NAME]} for Blender or a simulator, and {sheet}")
 print("next: tk.shoot_plan(lab, plan, [NAME], ['unpatched', 'textured', 'grey-texture']) and tk.evaluate_captures")

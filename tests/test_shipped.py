@@ -134,7 +134,7 @@ def test_the_examples_previews_are_of_its_plan():
     from toolkit.rig.preview import draw_contact_sheet, draw_positions
 
     plan, item = read_plan(ROOT / "rig" / "plan.json"), load_object(open_workspace(ROOT).object_spec("racer"))
-    camera, poses = plan.camera.camera(), plan.objects["racer"]
+    camera, poses = plan.camera, plan.objects["racer"]
     drawn = {
         "racer-positions.png": draw_positions(item, camera, poses),
         "racer-sheet.jpg": draw_contact_sheet(item, camera, poses, studio_for(item, ShootSettings())),

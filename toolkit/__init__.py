@@ -8,7 +8,8 @@ nothing. Its docstring says shapes, units and errors. The packages behind it are
 TYPE_CHECKING = False  # as typing's own, without the time that importing it takes
 if TYPE_CHECKING:
     __version__: str
-    from toolkit.benchmark.run import benchmark_corruptions as benchmark_corruptions
+    from toolkit.benchmark.config import CorruptEvalConfig as CorruptEvalConfig
+    from toolkit.benchmark.evaluate import evaluate_benchmark as evaluate_benchmark
     from toolkit.boosters.apply import apply_patch as apply_patch
     from toolkit.boosters.parts.affine import AffineRanges as AffineRanges
     from toolkit.boosters.train import train_patch as train_patch
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from toolkit.rig.pattern import Pattern as Pattern
     from toolkit.rig.plan import plan_objects as plan_objects
     from toolkit.rig.plan import plan_poses as plan_poses
+    from toolkit.training.image_set import open_images as open_images
 else:
     _HOMES = {
         "Workspace": "toolkit.core.workspace",
@@ -72,7 +74,9 @@ else:
         "corrupt": "toolkit.corruptions.corrupt",
         "evaluate_captures": "toolkit.evaluation.evaluate",
         "EvalConfig": "toolkit.evaluation.config",
-        "benchmark_corruptions": "toolkit.benchmark.run",
+        "evaluate_benchmark": "toolkit.benchmark.evaluate",
+        "CorruptEvalConfig": "toolkit.benchmark.config",
+        "open_images": "toolkit.training.image_set",
         "predictions_table": "toolkit.evaluation.notebook",
         "load_captures": "toolkit.evaluation.notebook",
         "CaptureDataset": "toolkit.captures.dataset",

@@ -7,6 +7,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from toolkit.core.files import write_text
+from toolkit.core.tables import format_p, format_percent, format_points
 from toolkit.models.bundled import read_bundled
 
 SCRIPTS = Path(__file__).resolve().parent
@@ -88,17 +89,17 @@ def say_share(row: Row) -> str:
 
 def say_p(p: str) -> str:
     """`0.031`, or `< 0.0001`."""
-    return "< 0.0001" if float(p) < 1e-4 else f"{float(p):.2g}"
+    return format_p(float(p))
 
 
 def percent(share: str) -> str:
     """A share as whole per cent; a dash where there is none."""
-    return f"{100 * float(share):.0f}" if share else "–"
+    return format_percent(float(share) if share else None)
 
 
 def points(share: str) -> str:
     """A difference of shares in percentage points, with its sign."""
-    return f"{100 * float(share):+.0f}".replace("-", "−") if share else ""
+    return format_points(float(share)) if share else ""
 
 
 def write_page(folder: Path = DOCS / "results") -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from toolkit.benchmark.answers import CLEAN
+from toolkit.benchmark.config import CLEAN
 from toolkit.benchmark.summary import Summary, read_summary
 from toolkit.core.files import write_text
 from toolkit.core.workspace import Workspace
@@ -168,13 +168,13 @@ def _read_textures(folder: str) -> list[TextureRecord]:
 
 def list_variants(summary: Summary) -> Iterator[Row]:
     """Means over the corruptions, one row for each variant and who answered."""
-    changes = {(one.variant, one.answerer): one for one in summary.differences if one.against == "unpatched"}
+    changes = {(one.variant, one.recogniser): one for one in summary.differences if one.against == "unpatched"}
     for row in summary.variants:
-        change = changes.get((row.variant, row.answerer))
+        change = changes.get((row.variant, row.recogniser))
         low, high = row.top1_ci95
         change_low, change_high = change.ci95 if change else (None, None)
         yield {
-            "variant": row.variant, "answered_by": row.answerer, "clean_top1": row.clean_top1,
+            "variant": row.variant, "answered_by": row.recogniser, "clean_top1": row.clean_top1,
             "corrupted_top1": row.top1, "low": low, "high": high, "change": change.difference if change else None,
             "change_low": change_low, "change_high": change_high, "corrupted_top5": row.top5, "mce": row.mce_alexnet,
             "relative_ce": row.mce_unpatched, "wrong": row.wrong, "not_decoded": row.not_decoded,
@@ -186,7 +186,7 @@ def list_cells(summary: Summary) -> Iterator[Row]:
     for cell in summary.cells:
         if cell.corruption == CLEAN or cell.severity:
             yield {
-                "variant": cell.variant, "answered_by": cell.answerer, "corruption": cell.corruption,
+                "variant": cell.variant, "answered_by": cell.recogniser, "corruption": cell.corruption,
                 "severity": cell.severity, "n": cell.n, "correct": cell.right, "top1": cell.top1,
                 "gained": cell.gained, "lost": cell.lost, "mcnemar_p": cell.mcnemar_p,
             }  # fmt: skip

@@ -8,12 +8,15 @@ import pytest
 from made_answers import make_benchmark
 from scipy.stats import binomtest
 
-from toolkit.benchmark.answers import CLEAN, NETWORK, READER, Answers, Benchmark
+from toolkit.benchmark.config import CLEAN
+from toolkit.benchmark.grid import Benchmark, CellRanks
 from toolkit.benchmark.metrics import ALEXNET_ERRORS, summarise
+from toolkit.benchmark.recognisers import NETWORK, READER
 from toolkit.benchmark.summary import read_summary
-from toolkit.benchmark.text import say_benchmark, say_percent
+from toolkit.benchmark.verdict import judge_benchmark
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_json
+from toolkit.core.tables import format_percent
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS
 
 # AlexNet's errors by severity on ImageNet-C, as others list them: the published ones are their means
@@ -39,7 +42,7 @@ ALEXNET_BY_SEVERITY = {
 def by_hand(variants, **about):
     """Four images of two classes; variants: (variant, answerer, kind) -> {(corruption, severity): ranks}."""
     answers = tuple(
-        Answers(*row, *key, np.array(ranks, np.int32))
+        CellRanks(*row, *key, np.array(ranks, np.int32))
         for row, cells in variants.items()
         for key, ranks in cells.items()
     )
@@ -63,7 +66,7 @@ HAND = {
 
 def test_cells_and_means_by_hand():
     summary = summarise(by_hand(HAND))
-    assert [(row.variant, row.answerer) for row in summary.variants] == [key[:2] for key in HAND]
+    assert [(row.variant, row.recogniser) for row in summary.variants] == [key[:2] for key in HAND]
     plain, boosted, reader = summary.variants
     cell = summary.cells_of(boosted)["fog", 1]
     assert (cell.n, cell.right, cell.top1, cell.top5, cell.gained, cell.lost) == (4, 3, 0.75, 0.75, 2, 0)
@@ -102,14 +105,14 @@ def test_differences_by_hand():
     summary = summarise(by_hand(others))
     image = next(row for row in summary.variants if row.variant == "image")
     best = summary.differences_of(image)["best of its size"]
-    assert (best.other_variant, best.other_answerer, best.difference) == ("codes", "net", pytest.approx(-0.5))
+    assert (best.other_variant, best.other_recogniser, best.difference) == ("codes", "net", pytest.approx(-0.5))
     assert summary.differences_of(reader)["best of its size"].other_variant == "image"
 
 
 def test_means_over_severities_first():
     cells = [("fog", 1), ("fog", 2), ("fog", 3), ("snow", 5)]
     benchmark = make_benchmark(n=11, n_classes=3, cells=cells, variants=("unpatched",), fixed=False, readers=False)
-    shares = {(a.corruption, a.severity): float(np.mean(a.ranks == 1)) for a in benchmark.answers}
+    shares = {(a.corruption, a.severity): float(np.mean(a.ranks == 1)) for a in benchmark.cells}
     fog = (shares["fog", 1] + shares["fog", 2] + shares["fog", 3]) / 3
     summary = summarise(benchmark)
     assert summary.variants[0].top1 == pytest.approx((fog + shares["snow", 5]) / 2)
@@ -125,11 +128,11 @@ def whole():
 def test_whole_benchmark_against_loops(whole):
     summary = summarise(whole)
     assert summary.is_whole and set(summary.references) == {"alexnet", "unpatched"}
-    unpatched = {(a.answerer, a.corruption, a.severity): a.ranks for a in whole.answers if a.variant == "unpatched"}
+    unpatched = {(a.recogniser, a.corruption, a.severity): a.ranks for a in whole.cells if a.variant == "unpatched"}
     for row in summary.variants:
         ranks = {
             (a.corruption, a.severity): a.ranks
-            for a in whole.answers if (a.variant, a.answerer) == (row.variant, row.answerer)
+            for a in whole.cells if (a.variant, a.recogniser) == (row.variant, row.recogniser)
         }  # fmt: skip
         hits = errors = 0
         ces, relative = [], []
@@ -140,7 +143,7 @@ def test_whole_benchmark_against_loops(whole):
                 for i, rank in enumerate(ranks[name, level]):
                     hits, errors, own = hits + (rank == 1), errors + (rank != 1), own + (rank != 1)
                     if row.kind == NETWORK:
-                        before = unpatched[row.answerer, name, level]
+                        before = unpatched[row.recogniser, name, level]
                         of_reference += before[i] != 1
             ces.append(own / 200 / (sum(ALEXNET_BY_SEVERITY[name]) / 5))
             relative.append(own / of_reference if of_reference else None)
@@ -156,9 +159,9 @@ def test_whole_benchmark_against_loops(whole):
 def test_extra_corruptions_are_in_no_mean(whole):
     worse = tuple(
         replace(one, ranks=np.full_like(one.ranks, 2)) if one.corruption not in (CLEAN, *COMMON) else one
-        for one in whole.answers
+        for one in whole.cells
     )
-    before, after = summarise(whole), summarise(replace(whole, answers=worse))
+    before, after = summarise(whole), summarise(replace(whole, cells=worse))
     assert before.variants == after.variants and before.differences == after.differences
     assert before.means != after.means
     assert {one.corruption for one in after.means} == set(CORRUPTIONS)
@@ -189,12 +192,12 @@ def test_refuses_what_cannot_be_compared():
         summarise(by_hand({("unpatched", "net", NETWORK): {(CLEAN, 0): [1, 1]}}))
     twice = by_hand(HAND)
     with pytest.raises(ToolkitError, match="two networks called 'net'"):
-        summarise(replace(twice, answers=twice.answers + twice.answers[:1]))
+        summarise(replace(twice, cells=twice.cells + twice.cells[:1]))
 
 
 def test_summary_reads_back(tmp_path, whole):
     summary = summarise(replace(whole, failed=(("a.png", "no image"),), notes=("a note",)))
-    file = write_json(tmp_path / "summary.json", summary.model_dump(mode="json"))
+    file = write_json(tmp_path / "summary.json", summary.as_json())
     assert read_summary(file) == summary
     content = json.loads(file.read_text())
     content["cells"][3]["top1"] = "many"
@@ -217,15 +220,17 @@ def test_summary_reads_back(tmp_path, whole):
     ],
 )
 def test_percent_hides_no_exception(share, said):
-    assert say_percent(share) == said
+    assert format_percent(share) == said
 
 
 def test_sentences():
-    lines = say_benchmark(summarise(by_hand(HAND)))
+    lines = [sentence for _, sentence in judge_benchmark(summarise(by_hand(HAND)))]
     assert len(lines) == 2  # unpatched is said with what it is compared to
     assert lines[0].startswith("net recognises 62 % (") and "of corrupted images with codes, 12 % (" in lines[0]
     assert lines[0].endswith("without: +50 points.")
     assert lines[1].startswith("zbar reads the right code on 12 % (")
     assert lines[1].endswith("with codes, another on 12 %, none on 75 %.")
-    alone = say_benchmark(summarise(by_hand({key: HAND[key] for key in list(HAND)[:1]})))
+    alone = [
+        sentence for _, sentence in judge_benchmark(summarise(by_hand({key: HAND[key] for key in list(HAND)[:1]})))
+    ]
     assert len(alone) == 1 and alone[0].endswith("of corrupted images, without patches.")

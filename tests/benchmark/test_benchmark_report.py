@@ -12,7 +12,7 @@ from PIL import Image
 from toolkit.benchmark.metrics import summarise
 from toolkit.benchmark.report import write_benchmark
 from toolkit.benchmark.summary import read_summary
-from toolkit.benchmark.text import build_table, say_benchmark
+from toolkit.benchmark.verdict import build_summary_table, judge_benchmark
 from toolkit.core.errors import ToolkitError
 
 VOID = {"meta", "img", "br", "rect", "circle", "link", "input"}
@@ -81,7 +81,7 @@ def test_page_says_it_in_words_first(made):
     _, files = made
     summary = read_summary(files.summary)
     text = Page(files.report.read_text(encoding="utf-8")).text
-    for sentence in say_benchmark(summary):
+    for _, sentence in judge_benchmark(summary):
         assert sentence in text
         assert text.index(sentence) < text.index("Overview")
     assert summary.mean_of in text and "No mCE here" in text and "mCE %, of" not in text
@@ -100,23 +100,23 @@ def test_names_are_escaped(made):
 def test_hostile_names_of_variants(tmp_path):
     name, kept = "<script>alert(1)</script>/../x", {"variants": ("unpatched", "patches-60"), "fixed": False}
     benchmark = make_benchmark(n=4, n_classes=2, corruptions=("fog",), severities=(1,), readers=False, **kept)
-    answers = tuple(replace(one, variant=name) if one.variant != "unpatched" else one for one in benchmark.answers)
+    answers = tuple(replace(one, variant=name) if one.variant != "unpatched" else one for one in benchmark.cells)
     about = benchmark.about | {"variants": [{"name": name, "patch_px": 60}]}
-    files = write_benchmark(tmp_path / "run", replace(benchmark, answers=answers, about=about))
+    files = write_benchmark(tmp_path / "run", replace(benchmark, cells=answers, about=about))
     assert "<script" not in files.report.read_text(encoding="utf-8")
     assert all(file.parent == tmp_path / "run" / "figures" for file in files.figures)
     assert len({file.name.lower() for file in files.figures}) == 3
-    assert name in str(build_table(read_summary(files.summary)).columns[0]._cells)
+    assert name in str(build_summary_table(read_summary(files.summary)).columns[0]._cells)
 
 
 def test_cells_table_has_every_cell(made):
     benchmark, files = made
     with files.cells.open(newline="", encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == len(benchmark.answers)
+    assert len(rows) == len(benchmark.cells)
     by_key = {(r["variant"], r["answerer"], r["corruption"], int(r["severity"])): r for r in rows}
-    for one in benchmark.answers:
-        row = by_key[one.variant, one.answerer, one.corruption, one.severity]
+    for one in benchmark.cells:
+        row = by_key[one.variant, one.recogniser, one.corruption, one.severity]
         assert int(row["right"]) == (one.ranks == 1).sum() and int(row["n"]) == 24
         assert float(row["ci95_low"]) <= float(row["top1"]) <= float(row["ci95_high"])
         if one.kind == "reader":
@@ -130,7 +130,7 @@ def test_cells_table_has_every_cell(made):
 
 def test_same_answers_same_bytes(made, tmp_path):
     benchmark, _ = made
-    smaller = replace(benchmark, answers=tuple(one for one in benchmark.answers if one.variant == "unpatched"))
+    smaller = replace(benchmark, cells=tuple(one for one in benchmark.cells if one.variant == "unpatched"))
     first, second = write_benchmark(tmp_path / "a", smaller), write_benchmark(tmp_path / "b", smaller)
     for one, other in zip(first.figures, second.figures, strict=True):
         assert one.read_bytes() == other.read_bytes()
@@ -139,7 +139,7 @@ def test_same_answers_same_bytes(made, tmp_path):
 
 
 def test_table_for_the_terminal(made):
-    table = build_table(read_summary(made[1].summary))
+    table = build_summary_table(read_summary(made[1].summary))
     assert table.row_count == 5 and "mCE %" not in [column.header for column in table.columns]
 
 

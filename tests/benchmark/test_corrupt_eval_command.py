@@ -79,7 +79,7 @@ def test_a_partly_bad_folder_is_evaluated_and_the_bad_part_listed(type_command):
         (("--corruption", "fog:6"), "severity '6': expected one of 1 (slight) to 5 (severe)"),
         (("--patches", "none"), "no set of patches called 'none'"),
         (("--class", "mauve"), "no class called 'mauve'"),
-        (("--run", "../up"), "--run '../up'"),
+        (("--run", "../up"), "--run ../up: expected letters"),
         (("--rotation", "400"), "--rotation 400"),
     ],
 )

@@ -6,10 +6,10 @@ import numpy as np
 from hue_network import make_hue_classifier, write_photos, write_set
 from PIL import Image
 
-from toolkit.benchmark.cells import Cell
-from toolkit.benchmark.grid import RIGHT, WRONG, GridRequest, choose_cells, draw_examples, run_grid
+from toolkit.benchmark.config import CorruptEvalConfig
+from toolkit.benchmark.examples import RIGHT, WRONG, choose_conditions, draw_examples
+from toolkit.benchmark.grid import Grid, run_grid
 from toolkit.benchmark.variants import open_variants
-from toolkit.boosters.place_patches import Placement
 from toolkit.core.workspace import make_workspace
 from toolkit.corruptions import COMMON
 from toolkit.training.image_set import open_images
@@ -25,10 +25,10 @@ def test_frames_say_what_was_answered(tmp_path):
     write_set(workspace, shift=1)
     variants, _ = open_variants(workspace, ["paint-16"], network, lambda name: None)
     images = open_images(str(write_photos(tmp_path / "data")), network)
-    request = GridRequest(images, tuple(variants), (("fog", 2),), Placement())
-    benchmark = run_grid(request, tmp_path / "cells.jsonl", quiet=True).benchmark
-    picture = np.asarray(Image.open(BytesIO(draw_examples(request, benchmark))).convert("RGB"))
-    ranks = [one.ranks[len(benchmark.ids) // 2] for one in benchmark.answers]
+    grid = Grid(images, tuple(variants), CorruptEvalConfig(corruptions=[("fog", 2)]))
+    benchmark = run_grid(grid, tmp_path / "cells.jsonl")
+    picture = np.asarray(Image.open(BytesIO(draw_examples(grid, benchmark))).convert("RGB"))
+    ranks = [one.ranks[len(benchmark.ids) // 2] for one in benchmark.cells]
     right = sum(rank == 1 for rank in ranks)
     assert 0 < right < len(ranks) == 4
     frame = (count(picture, RIGHT) + count(picture, WRONG)) / 4
@@ -37,9 +37,8 @@ def test_frames_say_what_was_answered(tmp_path):
 
 
 def test_columns_are_spread_over_what_was_run_each_at_its_middle_severity():
-    request = GridRequest(None, (), tuple((name, severity) for name in COMMON for severity in (1, 2, 3, 4, 5)))
-    chosen = choose_cells(request)
-    assert chosen[0] == Cell("clean", 0) and len(chosen) == 6
-    assert {cell.severity for cell in chosen[1:]} == {3}
-    assert chosen[1].corruption == COMMON[0] and chosen[-1].corruption == COMMON[-1]
-    assert choose_cells(GridRequest(None, (), (("fog", 5),))) == [Cell("clean", 0), Cell("fog", 5)]
+    chosen = choose_conditions([(name, severity) for name in COMMON for severity in (1, 2, 3, 4, 5)])
+    assert chosen[0] == ("clean", 0) and len(chosen) == 6
+    assert {severity for _, severity in chosen[1:]} == {3}
+    assert chosen[1][0] == COMMON[0] and chosen[-1][0] == COMMON[-1]
+    assert choose_conditions([("fog", 5)]) == [("clean", 0), ("fog", 5)]

@@ -10,8 +10,9 @@ from hue_network import LABELS, make_hue_classifier, write_photos, write_set
 from PIL import Image
 
 from toolkit.benchmark import grid
-from toolkit.benchmark.cells import rank_classes
-from toolkit.benchmark.grid import GridRequest, run_grid
+from toolkit.benchmark.config import CorruptEvalConfig
+from toolkit.benchmark.grid import Grid, run_grid
+from toolkit.benchmark.recognisers import rank_classes
 from toolkit.benchmark.variants import open_variants, share_classes
 from toolkit.boosters.place_patches import Placement, boost_images
 from toolkit.core.errors import ToolkitError
@@ -36,15 +37,15 @@ def evaluate(place, sets=("paint-16",), seed=0, corruptions=CORRUPTIONS, classif
     variants, _ = open_variants(workspace, sets, classifier, lambda name: make_hue_classifier(name))
     images = open_images(str(data), classifier)
     images = images.only(share_classes(variants, images.classes))
-    result = run_grid(GridRequest(images, tuple(variants), corruptions, Placement(), seed), cells, quiet=True)
-    return result, classifier
+    grid = Grid(images, tuple(variants), CorruptEvalConfig(corruptions=corruptions, seed=seed))
+    return run_grid(grid, cells), classifier
 
 
 def test_answers_are_those_of_a_loop_over_single_images(place):
     result, classifier = evaluate(place, seed=5)
     images = open_images(str(place[1]), classifier)
     how = classifier.preprocessing
-    for answers in result.benchmark.answers:
+    for answers in result.cells:
         ranks = []
         for image in images.images:
             seed = image_seed(5, image.id)
@@ -59,13 +60,13 @@ def test_answers_are_those_of_a_loop_over_single_images(place):
             order = sorted(range(3), key=lambda k: (-logits[k], k))
             ranks.append(order.index(image.class_index) + 1)
         np.testing.assert_array_equal(answers.ranks, ranks, err_msg=f"{answers.variant} {answers.corruption}")
-    patched = [one for one in result.benchmark.answers if one.variant == "paint-16" and one.corruption == "clean"]
+    patched = [one for one in result.cells if one.variant == "paint-16" and one.corruption == "clean"]
     assert (patched[0].ranks == 1).all()
     assert result.computed == 2 * 4 * 9 and result.kept == 0
 
 
 def test_nothing_is_asked_twice_and_a_killed_run_goes_on(place, monkeypatch):
-    real, calls = grid.ask, []
+    real, calls = grid.rank_images, []
 
     def die_at_the_third(*args):
         calls.append(args)
@@ -73,7 +74,7 @@ def test_nothing_is_asked_twice_and_a_killed_run_goes_on(place, monkeypatch):
             raise KeyboardInterrupt
         return real(*args)
 
-    monkeypatch.setattr(grid, "ask", die_at_the_third)
+    monkeypatch.setattr(grid, "rank_images", die_at_the_third)
     with pytest.raises(KeyboardInterrupt):
         evaluate(place)
     monkeypatch.undo()
@@ -82,7 +83,7 @@ def test_nothing_is_asked_twice_and_a_killed_run_goes_on(place, monkeypatch):
     third, network = evaluate(place)
     assert (third.kept, third.computed, network.module.seen) == (8 * 9, 0, 0)
     fresh, _ = evaluate((*place[:2], place[2].with_name("other.jsonl")))
-    for one, other in zip(third.benchmark.answers, fresh.benchmark.answers, strict=True):
+    for one, other in zip(third.cells, fresh.cells, strict=True):
         np.testing.assert_array_equal(one.ranks, other.ranks)
 
 
@@ -114,7 +115,7 @@ def test_an_image_does_not_depend_on_the_shard_or_the_data_around_it(place, monk
     whole, _ = evaluate(place)
     monkeypatch.setattr(grid, "SHARD_IMAGES", 2)
     parts, _ = evaluate((*place[:2], place[2].with_name("b.jsonl")))
-    for one, other in zip(whole.benchmark.answers, parts.benchmark.answers, strict=True):
+    for one, other in zip(whole.cells, parts.cells, strict=True):
         np.testing.assert_array_equal(one.ranks, other.ranks)
 
 
@@ -124,8 +125,8 @@ def test_unreadable_images_are_listed_and_the_rest_is_evaluated_as_ever(place):
     for computed in (9 * 8, 0):
         result, _ = evaluate(place)
         assert result.computed == computed
-        assert len(result.benchmark.ids) == 7 and all(len(one.ranks) == 7 for one in result.benchmark.answers)
-        reasons = dict(result.benchmark.failed)
+        assert len(result.ids) == 7 and all(len(one.ranks) == 7 for one in result.cells)
+        reasons = dict(result.failed)
         assert "not an image" in reasons["red/1.png"] and "too small" in reasons["blue/0.png"]
 
 
@@ -138,14 +139,14 @@ def test_no_image_at_all_is_an_error(place):
 
 def test_another_network_answers_for_its_set_and_has_its_own_bare_images(place):
     result, _ = evaluate(place, ("paint-16", "paint-16@second"))
-    rows = {(one.variant, one.answerer) for one in result.benchmark.answers}
+    rows = {(one.variant, one.recogniser) for one in result.cells}
     assert rows == {("unpatched", "hue"), ("unpatched", "second"), ("paint-16", "hue"), ("paint-16", "second")}
 
 
 def test_classes_without_a_picture_are_left_out_for_all(place):
     write_set(place[0], "two-16", classes=(0, 2))
     result, _ = evaluate(place, ("paint-16", "two-16"))
-    assert set(result.benchmark.classes) == {0, 2} and result.benchmark.labels == {0: "red", 2: "blue"}
+    assert set(result.classes) == {0, 2} and result.labels == {0: "red", 2: "blue"}
     write_set(place[0], "one-16", classes=(1,))
     with pytest.raises(ToolkitError, match="'one-16' has no picture for any class"):
         evaluate(place, ("two-16", "one-16"))
@@ -167,7 +168,7 @@ def test_sets_that_cannot_be_used_are_one_line(place, make, words):
 
 
 def test_codes_are_read_and_counted_apart(place):
-    from toolkit.benchmark.answers import NOT_DECODED, RIGHT
+    from toolkit.benchmark.recognisers import NOT_DECODED, RIGHT
     from toolkit.objects.records import write_patch
 
     for index, label in enumerate(LABELS):
@@ -180,12 +181,12 @@ def test_codes_are_read_and_counted_apart(place):
         }  # fmt: skip
         write_patch(place[0].root / "print/patches/tag-32", pixels, record)
     result, _ = evaluate(place, ("tag-32",), corruptions=(("gaussian_noise", 5),))
-    read = {(one.answerer, one.corruption): one for one in result.benchmark.answers if one.kind == "reader"}
+    read = {(one.recogniser, one.corruption): one for one in result.cells if one.kind == "reader"}
     assert read.keys() == {("opencv", "clean"), ("opencv", "gaussian_noise")}
     assert set(read["opencv", "clean"].ranks) <= {RIGHT, NOT_DECODED}
-    about = next(one for one in result.benchmark.about["variants"] if one["name"] == "tag-32")
+    about = next(one for one in result.about["variants"] if one["name"] == "tag-32")
     assert about["readers"][0][0] == "opencv" and 0 <= about["share_whole"] <= 1
-    json.dumps(result.benchmark.about)
+    json.dumps(result.about)
 
 
 def test_ranks_of_ties_go_to_the_lower_index_and_bad_weights_are_named():

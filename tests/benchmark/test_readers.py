@@ -8,8 +8,7 @@ import pytest
 import segno
 import torch
 
-from toolkit.benchmark.answers import NOT_DECODED, RIGHT, WRONG
-from toolkit.benchmark.variants import Reader, find_readers, judge_texts, read_codes
+from toolkit.benchmark.recognisers import NOT_DECODED, RIGHT, WRONG, Reader, find_readers, judge_texts, read_codes
 from toolkit.boosters.baselines.codes import AprilTags, QrCodes
 from toolkit.core.errors import ToolkitError
 from toolkit.corruptions import corrupt

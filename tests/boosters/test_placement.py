@@ -12,7 +12,7 @@ SEEDS = list(range(400))
 
 
 def test_the_draws_span_the_ranges_and_no_more():
-    placed = Placement(30, (0.5, 1.5), 0.2).place_seeded(SEEDS, 10, 100)
+    placed = Placement(rotation_deg=30, scale=(0.5, 1.5), translate=0.2).place_seeded(SEEDS, 10, 100)
     angle = np.degrees(np.arctan2(placed[:, 1, 0], placed[:, 0, 0]))
     scale = np.sqrt(np.linalg.det(placed[:, :2, :2]))
     centre = (placed @ [5, 5, 1])[:, :2]
@@ -50,7 +50,7 @@ def test_boosted_images_are_those_that_opencv_warps():
     smooth = cv2.GaussianBlur(rng.random((40, 40, 3), np.float32), (0, 0), 3)
     picture = (smooth - smooth.min()) / np.ptp(smooth)
     image = np.full((96, 96, 3), 0.25, np.float32)
-    placement = Placement(45, (1.0, 1.1), 0.2)
+    placement = Placement(rotation_deg=45, scale=(1.0, 1.1), translate=0.2)
     T_image_patch = placement.place_seeded([3], 40, 96)
     ours = boost_images(_planes(image), _planes(picture), placement, [3])[0].permute(1, 2, 0).numpy()
     # OpenCV's pixel centres are at whole numbers
@@ -76,18 +76,22 @@ def test_an_image_does_not_depend_on_the_others_of_its_batch():
 
 def test_black_covers_what_is_below_it():
     image, black = torch.ones(1, 3, 32, 32), torch.zeros(1, 3, 12, 12)
-    boosted = boost_images(image, black, Placement(0, (1, 1), 0), [0])
+    boosted = boost_images(image, black, Placement(rotation_deg=0, scale=(1, 1), translate=0), [0])
     assert boosted[..., 12:20, 12:20].max() < 1e-5
     assert float(boosted.sum() / 3) == pytest.approx(32 * 32 - 12 * 12, rel=1e-3)
 
 
 @pytest.mark.parametrize(
     ("given", "words"),
-    [((200, (1, 1), 0.3), "--rotation 200"), ((0, (1.2, 1.1), 0.3), "--scale"), ((0, (1, 1), 0.7), "--translate 0.7")],
+    [
+        ({"rotation_deg": 200}, "rotation_deg 200: expected 0 to 180 degrees"),
+        ({"scale": (1.2, 1.1)}, "scale 1.2 1.1: expected two rising numbers from 0.1 to 2"),
+        ({"translate": 0.7}, "translate 0.7: expected 0 to 0.5 of the image's side"),
+    ],
 )
 def test_ranges_that_make_no_sense_are_refused(given, words):
     with pytest.raises(ToolkitError, match=words):
-        Placement(*given)
+        Placement(**given)
 
 
 def _planes(picture):

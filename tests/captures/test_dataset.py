@@ -67,7 +67,7 @@ def test_a_data_loader_joins_them_in_order(space, workers):
 def test_the_camera_of_a_shot_is_the_plans(tmp_path, make_crate_space):
     space = make_crate_space(tmp_path / "lab")
     plan = open_plan(space)
-    shoot_plan(space, plan, ["crate"], ["unpatched"], ShootSettings(image_format="png"), quiet=True)
+    shoot_plan(space, plan, ["crate"], ["unpatched"], ShootSettings(image_format="png"))
     classifier = tiny_classifier()
     classifier.labels[1] = "crate"
     found = {info["pose_id"]: info["T_world_camera"] for _, _, info in load_captures(space, classifier)}

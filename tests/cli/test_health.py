@@ -20,14 +20,14 @@ CHECKS = {
 def test_this_machine_runs_the_tests_so_it_has_what_is_needed():
     for name in ("Python", "packages", "Open3D"):
         check = CHECKS[name]()
-        assert (check.name, check.state, check.mend) == (name, "ok", ""), check.found
+        assert (check.name, check.state, check.fix) == (name, "ok", ""), check.found
 
 
 def test_another_python_is_missing(monkeypatch):
     for version in ((3, 9, 1), (3, 13, 0)):
         monkeypatch.setattr(sys, "version_info", version)
         check = health._python()
-        assert check.state == "missing" and "3.10, 3.11 or 3.12" in check.mend
+        assert check.state == "missing" and "3.10, 3.11 or 3.12" in check.fix
 
 
 def test_absent_packages_are_named_with_the_line_that_installs_them(monkeypatch):
@@ -41,7 +41,7 @@ def test_absent_packages_are_named_with_the_line_that_installs_them(monkeypatch)
     monkeypatch.setattr(health, "version", version)
     check = health._packages()
     assert check.state == "missing" and check.found == "2 not installed"
-    assert check.mend.startswith("pip install ") and "'open3d==0.19.0'" in check.mend and "'trimesh" in check.mend
+    assert check.fix.startswith("pip install ") and "'open3d==0.19.0'" in check.fix and "'trimesh" in check.fix
 
 
 def test_an_open3d_that_cannot_start_names_the_system_libraries(monkeypatch):
@@ -51,7 +51,7 @@ def test_an_open3d_that_cannot_start_names_the_system_libraries(monkeypatch):
     monkeypatch.setattr(subprocess, "run", run)
     check = health._open3d()
     assert check.state == "missing" and "libusb" in check.found
-    assert check.mend.startswith("sudo apt-get install") and "libusb-1.0-0" in check.mend
+    assert check.fix.startswith("sudo apt-get install") and "libusb-1.0-0" in check.fix
 
 
 def test_an_open3d_that_crashes_is_told_by_its_code(monkeypatch):
@@ -62,7 +62,7 @@ def test_an_open3d_that_crashes_is_told_by_its_code(monkeypatch):
 def test_without_egl_only_filament_is_lost(monkeypatch):
     monkeypatch.setattr("toolkit.rig.egl.egl_trouble", lambda: "libEGL.so.1 is missing")
     check = health._egl()
-    assert check.state == "note" and "libEGL.so.1 is missing" in check.found and "libegl1" in check.mend
+    assert check.state == "note" and "libEGL.so.1 is missing" in check.found and "libegl1" in check.fix
 
 
 @pytest.mark.parametrize(("free_mb", "state"), [(20_000, "ok"), (499, "missing")])
@@ -76,16 +76,24 @@ def test_free_disk(tmp_path, monkeypatch, free_mb, state):
     monkeypatch.setattr(shutil, "disk_usage", usage)
     check = health._disk(tmp_path / "not" / "yet")
     assert check.state == state and asked == [tmp_path]
-    assert bool(check.mend) == (state == "missing")
+    assert bool(check.fix) == (state == "missing")
 
 
 def test_weights_are_found_or_the_way_to_them_is_told(tmp_path, monkeypatch):
     monkeypatch.setenv("TORCH_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv("TOOLKIT_WEIGHTS", raising=False)
     check = health._weights()
-    assert check.state == "note" and "TOOLKIT_WEIGHTS" in check.mend
+    assert (check.state, check.found) == ("note", "not on this machine yet") and "TOOLKIT_WEIGHTS" in check.fix
+    monkeypatch.setenv("TOOLKIT_WEIGHTS", str(tmp_path))
+    assert health._weights() == check  # a folder without them
     monkeypatch.setenv("TOOLKIT_WEIGHTS", str(tmp_path / "nowhere"))
-    assert health._weights().state in ("missing", "note")
+    check = health._weights()
+    assert (check.state, check.fix) == ("missing", "fix or unset TOOLKIT_WEIGHTS")
+    assert check.found == f"TOOLKIT_WEIGHTS is {tmp_path / 'nowhere'}, which is no folder"
+    (tmp_path / "cache" / "hub" / "checkpoints").mkdir(parents=True)
+    (tmp_path / "cache" / "hub" / "checkpoints" / "resnet18-f37072fd.pth").write_bytes(b"x")
+    check = health._weights()  # downloaded before: found whatever the variable says
+    assert check.state == "ok" and "resnet18-f37072fd.pth" in check.found
     (tmp_path / "resnet18-abcd1234.pth").write_bytes(b"x")
     monkeypatch.setenv("TOOLKIT_WEIGHTS", str(tmp_path))
     check = health._weights()

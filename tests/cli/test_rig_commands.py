@@ -97,12 +97,12 @@ def test_capture_sim_shoots_resumes_and_notes_what_is_stale(space):
 
 
 @pytest.mark.parametrize(
-    ("state", "code", "words"), [("ok", 0, "ready"), ("note", 0, "ready"), ("missing", 1, "to mend")]
+    ("state", "code", "words"), [("ok", 0, "ready"), ("note", 0, "ready"), ("missing", 1, "to fix")]
 )
-def test_doctor_prints_the_line_that_mends(space, monkeypatch, state, code, words):
+def test_doctor_prints_the_line_that_fixes_it(space, monkeypatch, state, code, words):
     found = [Check("disk", "ok", "much"), Check("thing", state, "absent [bold]", "apt install thing")]
     monkeypatch.setattr("toolkit.cli.health.check_machine", lambda folder: found)
     result = call("doctor", code=code)
     assert words in result.stdout and "apt install thing" in result.stdout and "absent [bold]" in result.stdout
     listed = json.loads(call("doctor", "--json", code=code).stdout)
-    assert listed[1] == {"name": "thing", "state": state, "found": "absent [bold]", "mend": "apt install thing"}
+    assert listed[1] == {"name": "thing", "state": state, "found": "absent [bold]", "fix": "apt install thing"}

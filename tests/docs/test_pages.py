@@ -27,7 +27,7 @@ def find_broken_links(page: Path, text: str) -> list[str]:
         if re.match(r"[a-z]+:", place):
             continue
         file = (page.parent / place).resolve() if place else page
-        if not file.is_file() or (anchor and file.suffix == ".md" and anchor not in list_anchors(file)):
+        if not file.exists() or (anchor and file.suffix == ".md" and anchor not in list_anchors(file)):
             broken.append(link)
     return broken
 

@@ -17,8 +17,8 @@ from toolkit.captures.read import read_captures
 from toolkit.cli import main
 from toolkit.corruptions import corrupt_picture, image_seed
 from toolkit.evaluation.config import EvalConfig
-from toolkit.evaluation.dataset import add_corrupted
 from toolkit.evaluation.evaluate import evaluate_captures
+from toolkit.evaluation.ground_truth import add_corrupted
 from toolkit.evaluation.predict import decode_ahead, predict_captures
 from toolkit.imaging.preprocessing import resize_and_crop
 from toolkit.imaging.read import read_image

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from toolkit.benchmark.answers import CLEAN, NETWORK, READER, Answers, Benchmark
+from toolkit.benchmark.config import CLEAN
+from toolkit.benchmark.grid import Benchmark, CellRanks
+from toolkit.benchmark.recognisers import NETWORK, READER
 from toolkit.corruptions.catalogue import CORRUPTIONS
 
 VARIANTS = {
@@ -36,7 +38,7 @@ def make_benchmark(
                 ranks = np.where(score > 0, 1, 2 + (rng.exponential(6, n) - score).clip(0).astype(int))
             else:
                 ranks = np.where(score > 0, 1, np.where(rng.random(n) < 0.04, 2, 0))
-            answers.append(Answers(variant, answerer, kind, corruption, severity, ranks.astype(np.int32)))
+            answers.append(CellRanks(variant, answerer, kind, corruption, severity, ranks.astype(np.int32)))
 
     for variant in variants:
         add(variant, "resnet18", NETWORK, VARIANTS[variant])

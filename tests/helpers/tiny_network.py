@@ -6,9 +6,10 @@ import numpy as np
 import torch
 from PIL import Image
 
-from toolkit.boosters.data import DataRequest
-from toolkit.boosters.patch_config import PatchRequest
-from toolkit.boosters.patch_steps import Descent
+from toolkit.boosters.data import DataConfig
+from toolkit.boosters.patch import TrainedPatch, train_patch
+from toolkit.boosters.patch_config import PatchConfig
+from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier
 from toolkit.models.weights import WeightsFile
@@ -49,6 +50,14 @@ def write_photos(folder: Path, count: int, seed: int = 0, size: tuple[int, int] 
     return folder
 
 
-def tiny_request(folder: Path, steps: int = 12, **changes) -> PatchRequest:
-    descent = changes.pop("descent", Descent(steps=steps, batch=4, lr=0.1))
-    return PatchRequest("jet", DataRequest((str(folder),)), size_px=16, descent=descent, **changes)
+def tiny_config(steps: int = 12, **changes) -> PatchConfig:
+    return PatchConfig(**({"size_px": 16, "steps": steps, "batch": 4, "lr": 0.1} | changes))
+
+
+def train_tiny(
+    root: Path, photos: Path, config: PatchConfig | None = None, class_name: str = "jet", networks=None, **options
+) -> TrainedPatch:
+    """Train a patch for the tiny network in a workspace at `root`."""
+    data = DataConfig(sources=(str(photos),))
+    networks = networks or [tiny_classifier()]
+    return train_patch(config or tiny_config(), class_name, networks, data, Workspace(root), **options)

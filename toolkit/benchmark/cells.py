@@ -1,19 +1,19 @@
-"""The cells of the grid: images shown to those who answer, and answers on disk by the hash of all they depend on."""
+"""The cells of the grid: a shard's images in one variant, corrupted and ranked; ranks on disk by their inputs' hash."""
 
 import json
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from toolkit.benchmark.answers import CLEAN
-from toolkit.benchmark.variants import Answerer, Variant, read_codes
-from toolkit.boosters.place_patches import Placement, boost_images
-from toolkit.core.errors import ToolkitError
+from toolkit.benchmark.config import NOT_CORRUPTED, Condition, CorruptEvalConfig
+from toolkit.benchmark.recognisers import Recogniser
+from toolkit.benchmark.variants import Variant
+from toolkit.boosters.place_patches import boost_images
 from toolkit.core.files import sha256_bytes
 from toolkit.core.records import RecordLog
 from toolkit.corruptions import CORRUPTIONS, choose_parameters, corrupt, image_seed
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import torch
 
 METHOD_VERSION = 1
-"""Raised when the same inputs give other answers, as after a change to a corruption."""
+"""Raised when the same inputs give other ranks, as after a change to a corruption."""
 FAILED = -1
 """The rank of an image that could not be used."""
 
@@ -52,14 +52,6 @@ class Shard:
     hashes: tuple[str, ...]
 
 
-@dataclass(frozen=True)
-class Cell:
-    """A corruption at a severity; `clean` and 0 for none."""
-
-    corruption: str
-    severity: int
-
-
 def cut_shards(images: ImageSet, size: int) -> Iterable[Shard]:
     """The images in parts of `size`; files are read once for their hashes."""
     for start in range(0, len(images.images), size):
@@ -67,19 +59,23 @@ def cut_shards(images: ImageSet, size: int) -> Iterable[Shard]:
         yield Shard(part, tuple(images.hash_image(one.id) for one in part))
 
 
-def make_key(shard: Shard, variant: Variant, answerer: Answerer, cell: Cell, placement: Placement, seed: int) -> str:
-    """Hash of everything that the answers of a cell to a shard depend on."""
+def make_key(
+    shard: Shard, variant: Variant, recogniser: Recogniser, condition: Condition, config: CorruptEvalConfig
+) -> str:
+    """Hash of everything that the ranks of a shard's images in a cell depend on."""
     how = variant.classifier.preprocessing
     patches = variant.patches
     pictures = None if patches is None else [patches.patches[one.class_index].record.png_sha256 for one in shard.images]
     given = None
-    if cell.corruption != CLEAN:
+    if condition != NOT_CORRUPTED:
+        corruption, severity = condition
         chosen = choose_parameters(how.crop_px, how.crop_px)
-        given = [cell.corruption, cell.severity, CORRUPTIONS[cell.corruption].parameters[chosen][cell.severity - 1]]
+        given = [corruption, severity, CORRUPTIONS[corruption].parameters[chosen][severity - 1]]
     inputs = [
         METHOD_VERSION, [[one.id, one.class_index] for one in shard.images], shard.hashes, how.describe(), pictures,
-        None if patches is None else asdict(placement), None if patches is given is None else seed, given,
-        answerer.address,
+        None if patches is None else config.placement.model_dump(),
+        None if patches is given is None else config.seed, given,
+        recogniser.identity,
     ]  # fmt: skip
     return sha256_bytes(json.dumps(inputs).encode())
 
@@ -105,8 +101,8 @@ CPU_PART, CUDA_PART = 16, 128
 
 
 @dataclass(frozen=True)
-class Shown:
-    """Images of a shard as one variant shows them.
+class ShardImages:
+    """The images of a shard that can be used, in one variant.
 
     Attributes:
         pixels: (k, 3, m, m) uint8 sRGB, on the CPU.
@@ -128,7 +124,7 @@ def load_shard(images: ImageSet, shard: Shard, how: Preprocessing) -> tuple[np.n
         (k, m, m, 3) uint8 sRGB of the images that can be used, and (n,) bool, which these are.
     """
 
-    def load(image) -> np.ndarray | None:
+    def load(image: LabelledImage) -> np.ndarray | None:
         try:
             return images.load(image, how)
         except UnreadableImage:
@@ -141,62 +137,68 @@ def load_shard(images: ImageSet, shard: Shard, how: Preprocessing) -> tuple[np.n
     return (np.stack([one for one in loaded if one is not None]) if usable.any() else empty), usable
 
 
-def show_variant(
-    pixels: np.ndarray, shard: Shard, usable: np.ndarray, variant: Variant, placement: Placement, seed: int
-) -> Shown:
-    """Lay each image's picture on it; rounded to 8 bits, as a file of it would be."""
+def apply_variant(
+    pixels: np.ndarray, shard: Shard, usable: np.ndarray, variant: Variant, config: CorruptEvalConfig
+) -> ShardImages:
+    """Put each image's patch on it; rounded to 8 bits, as a file of it would be.
+
+    Args:
+        pixels, usable: from `load_shard`.
+        shard: of which they are.
+        variant: whose patches are put on.
+        config: placement and seed.
+    """
     import torch
 
     used = [one for one, is_usable in zip(shard.images, usable, strict=True) if is_usable]
-    seeds = [image_seed(seed, one.id) for one in used]
+    seeds = [image_seed(config.seed, one.id) for one in used]
     classes = np.array([one.class_index for one in used], np.int64)
     bare = torch.from_numpy(np.ascontiguousarray(pixels.transpose(0, 3, 1, 2)))
     patches = variant.patches
     if patches is None:
-        return Shown(bare, classes, seeds, [])
+        return ShardImages(bare, classes, seeds, [])
     boosted = torch.empty_like(bare)
     parts = _cut(len(used), CPU_PART)
 
-    def lay(index: int) -> None:
+    def place(index: int) -> None:
         part = parts[index]
         pictures = torch.from_numpy(patches.stack(classes[part]))
         with torch.inference_mode():
             images = bare[part].float().div_(255)
-            boosted[part] = _round(boost_images(images, pictures, placement, seeds[part])).byte()
+            boosted[part] = _round(boost_images(images, pictures, config.placement, seeds[part])).byte()
 
-    run_each(lay, len(parts))
+    run_each(place, len(parts))
     texts = [] if patches.code_kind is None else [patches.code_text(int(index)) for index in classes]
-    return Shown(boosted, classes, seeds, texts)
+    return ShardImages(boosted, classes, seeds, texts)
 
 
-def corrupt_shown(shown: Shown, part: slice, cell: Cell, device: str = "cpu") -> "torch.Tensor":
+def corrupt_images(images: ShardImages, part: slice, condition: Condition, device: str = "cpu") -> "torch.Tensor":
     """(k, 3, m, m) float sRGB-encoded in [0, 1] of some of the images, corrupted and rounded to 8 bits."""
-    batch = shown.pixels[part].to(device).float().div_(255)
-    if cell.corruption == CLEAN:
+    batch = images.pixels[part].to(device).float().div_(255)
+    if condition == NOT_CORRUPTED:
         return batch
-    return _round(corrupt(batch, cell.corruption, cell.severity, shown.seeds[part])).div_(255)
+    return _round(corrupt(batch, *condition, images.seeds[part])).div_(255)
 
 
-def ask(shown: Shown, cell: Cell, answerers: Sequence[Answerer], device: str) -> list[np.ndarray]:
-    """The ranks that each gives to all images, (k,) int32, see `toolkit.benchmark.answers`.
+def rank_images(
+    images: ShardImages, condition: Condition, recognisers: Sequence[Recogniser], device: str
+) -> list[np.ndarray]:
+    """The ranks of all images by each recogniser, (k,) int32, see `Recogniser`.
 
     Raises:
         ToolkitError: a network's output is not finite.
     """
     import torch
 
-    ranks = [np.zeros(len(shown.classes), np.int32) for _ in answerers]
-    parts = _cut(len(shown.classes), CPU_PART if device == "cpu" else CUDA_PART)
+    ranks = [np.zeros(len(images.classes), np.int32) for _ in recognisers]
+    parts = _cut(len(images.classes), CPU_PART if device == "cpu" else CUDA_PART)
 
     def work(index: int) -> None:
         part = parts[index]
         with torch.inference_mode():
-            batch = corrupt_shown(shown, part, cell, device)
-            for answerer, row in zip(answerers, ranks, strict=True):
-                if answerer.reader is None:
-                    row[part] = rank_classes(answerer.network, batch, shown.classes[part])
-                else:
-                    row[part] = read_codes(answerer.reader, batch, shown.texts[part])
+            batch = corrupt_images(images, part, condition, device)
+            for recogniser, row in zip(recognisers, ranks, strict=True):
+                row[part] = recogniser.rank(batch, images.classes[part], images.texts[part])
 
     if device == "cpu":
         run_each(work, len(parts))
@@ -204,24 +206,6 @@ def ask(shown: Shown, cell: Cell, answerers: Sequence[Answerer], device: str) ->
         for index in range(len(parts)):
             work(index)
     return ranks
-
-
-def rank_classes(network: Any, batch: "torch.Tensor", classes: np.ndarray) -> np.ndarray:
-    """(b,) int32, the place of each image's class among the network's guesses, from 1; ties go to the lower index.
-
-    Raises:
-        ToolkitError: the network's output is not finite.
-    """
-    import torch
-
-    logits = network.logits(batch).float()
-    if not torch.isfinite(logits).all():
-        raise ToolkitError(f"{network.weights.name}: the network's output is not a number: its weights are damaged")
-    true = torch.from_numpy(classes).to(logits.device)[:, None]
-    own = logits.gather(1, true)
-    earlier = torch.arange(logits.shape[1], device=logits.device) < true
-    ahead = (logits > own) | ((logits == own) & earlier)
-    return (ahead.sum(1) + 1).int().cpu().numpy()
 
 
 def _round(images: "torch.Tensor") -> "torch.Tensor":

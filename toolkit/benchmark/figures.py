@@ -3,12 +3,19 @@
 import textwrap
 from collections.abc import Iterable, Sequence
 from io import BytesIO
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from toolkit.benchmark.answers import READER, UNPATCHED
+from toolkit.benchmark.recognisers import READER
 from toolkit.benchmark.summary import CorruptionMean, Summary, VariantMean
-from toolkit.benchmark.text import name_row, say_corruption, say_levels, say_percent
+from toolkit.benchmark.verdict import label_row, name_corruption, name_levels
+from toolkit.captures.read import UNPATCHED
+from toolkit.core.tables import format_percent
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS
+
+if TYPE_CHECKING:
+    from matplotlib.artist import Artist
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # a palette that people who see fewer colours can tell apart (Okabe and Ito 2008)
 FAMILY_COLOURS = {
@@ -36,10 +43,12 @@ def place_corruptions(names: Iterable[str], has_mean: bool) -> dict[str, float]:
     return places
 
 
-def label_places(panel: Any, places: dict[str, float], is_coloured: bool) -> None:
+def label_places(panel: "Axes", places: dict[str, float], is_coloured: bool) -> None:
     """Names of the corruptions below a panel, tilted where they are many and in their family's colour if wanted."""
-    names = [MEAN if name == MEAN else say_corruption(name) for name in places]
-    tilt = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if len(places) > FEW_PLACES else {}
+    names = [MEAN if name == MEAN else name_corruption(name) for name in places]
+    tilt: dict[str, Any] = (
+        {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if len(places) > FEW_PLACES else {}
+    )
     panel.set_xticks(list(places.values()), names, **tilt)
     panel.tick_params(axis="x", length=0, labelsize=10)
     for tick, name in zip(panel.get_xticklabels(), places, strict=True):
@@ -64,7 +73,7 @@ def shade(colour: str, severity: int) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def style_panel(panel: Any, ylabel: str) -> None:
+def style_panel(panel: "Axes", ylabel: str) -> None:
     """Percent from 0 to 100 with room for a number above, a light grid, no frame."""
     panel.set_ylim(0, 108)
     panel.set_yticks(range(0, 101, 20))
@@ -75,7 +84,9 @@ def style_panel(panel: Any, ylabel: str) -> None:
     panel.spines["left"].set_bounds(0, 100)
 
 
-def stack_reader(panel: Any, x: Sequence[float], width: float, right: Sequence[float], wrong: Sequence[float]) -> None:
+def stack_reader(
+    panel: "Axes", x: Sequence[float], width: float, right: Sequence[float], wrong: Sequence[float]
+) -> None:
     """A reader's bars: right, then wrong, then not decoded, up to 100."""
     base = [0.0] * len(x)
     parts = (right, wrong, [1 - a - b for a, b in zip(right, wrong, strict=True)])
@@ -84,7 +95,7 @@ def stack_reader(panel: Any, x: Sequence[float], width: float, right: Sequence[f
         base = [low + 100 * share for low, share in zip(base, shares, strict=True)]
 
 
-def list_reader_colours() -> list[Any]:
+def list_reader_colours() -> "list[Artist]":
     """Legend entries of `stack_reader`."""
     from matplotlib.patches import Patch
 
@@ -95,12 +106,12 @@ def list_reader_colours() -> list[Any]:
     ]
 
 
-def is_reader(row: Any) -> bool:
+def is_reader(row: VariantMean) -> bool:
     """Whether a row is of a reader of codes."""
-    return bool(row.kind == READER)
+    return row.kind == READER
 
 
-def make_figure(width_in: float, height_in: float) -> Any:
+def make_figure(width_in: float, height_in: float) -> "Figure":
     """An empty figure with no window behind it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -110,7 +121,7 @@ def make_figure(width_in: float, height_in: float) -> Any:
     return figure
 
 
-def save_png(figure: Any) -> bytes:
+def save_png(figure: "Figure") -> bytes:
     """The figure as PNG, the same bytes for the same picture."""
     for panel in figure.axes:
         # inside the panel all the same; measuring hundreds of bars is most of the time of a layout
@@ -140,7 +151,7 @@ def draw_variant(summary: Summary, row: VariantMean) -> bytes:
     panels = list(figure.subplots(1 + several, 1, sharex=True, squeeze=False)[:, 0])
     before = summary.unpatched_of(row)
     _draw_averages(panels[0], summary, row, before, places)
-    levels = say_levels(summary.severities) if summary.has_same_severities else "the severities that each was run at"
+    levels = name_levels(summary.severities) if summary.has_same_severities else "the severities that each was run at"
     titles = ["average of " * several + levels]
     if several:
         _draw_severities(panels[1], summary, row, before, places)
@@ -152,7 +163,7 @@ def draw_variant(summary: Summary, row: VariantMean) -> bytes:
         panel.tick_params(axis="x", length=0)
     label_places(panels[-1], places, is_coloured=not is_reader(row))
     images = f"{summary.n} image{'s' if summary.n != 1 else ''}"
-    figure.suptitle(f"{row.variant}, {'read' if is_reader(row) else 'seen'} by {row.answerer}, {images}", fontsize=13)
+    figure.suptitle(f"{row.variant}, {'read' if is_reader(row) else 'seen'} by {row.recogniser}, {images}", fontsize=13)
     handles = _list_colours(summary, row, before)
     columns = len(handles) if width == MAX_WIDTH_IN else NARROW_COLUMNS
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
@@ -160,7 +171,7 @@ def draw_variant(summary: Summary, row: VariantMean) -> bytes:
 
 
 def _draw_averages(
-    panel: Any, summary: Summary, row: VariantMean, before: VariantMean | None, places: dict[str, float]
+    panel: "Axes", summary: Summary, row: VariantMean, before: VariantMean | None, places: dict[str, float]
 ) -> None:
     own: dict[str, VariantMean | CorruptionMean] = {**summary.means_of(row), MEAN: row}
     without: dict[str, VariantMean | CorruptionMean] = {**summary.means_of(before), MEAN: before} if before else {}
@@ -171,7 +182,8 @@ def _draw_averages(
         panel.bar(x, [100 * share for share in top1], width=BAR, color=[colour_of(name) for name in places], zorder=2)
     intervals = [(x, own[name].top1_ci95) for name, x in places.items()]
     known = [(x, 100 * interval[0], 100 * interval[1]) for x, interval in intervals if interval]
-    panel.vlines(*(zip(*known, strict=True) if known else ([], [], [])), color="#222222", lw=1.3, alpha=0.75, zorder=4)
+    places_x, low, high = zip(*known, strict=True) if known else ((), (), ())
+    panel.vlines(places_x, low, high, color="#222222", lw=1.3, alpha=0.75, zorder=4)
     marks = {name: without[name].top1 or 0.0 for name in places} if without else {}
     _draw_without(panel, x, BAR, list(marks.values()), "--")
     for name, at, share, (_, interval) in zip(places, x, top1, intervals, strict=True):
@@ -180,13 +192,13 @@ def _draw_averages(
             end = marks[name]
         behind = {"boxstyle": "square,pad=0.05", "fc": "white", "ec": "none", "alpha": 0.75 if is_reader(row) else 0}
         panel.annotate(
-            say_percent(share), (at, 100 * end), (0, 2), textcoords="offset points", ha="center", va="bottom",
+            format_percent(share), (at, 100 * end), (0, 2), textcoords="offset points", ha="center", va="bottom",
             fontsize=9, fontweight="bold" if name == MEAN else "normal", zorder=6, bbox=behind,
         )  # fmt: skip
 
 
 def _draw_severities(
-    panel: Any, summary: Summary, row: VariantMean, before: VariantMean | None, places: dict[str, float]
+    panel: "Axes", summary: Summary, row: VariantMean, before: VariantMean | None, places: dict[str, float]
 ) -> None:
     cells = summary.cells_of(row)
     without = summary.cells_of(before) if before else {}
@@ -211,7 +223,7 @@ def _draw_severities(
             _draw_without(panel, x, step, [sum(without[key].top1 for key in own) / len(own) for own in shown], "-")
 
 
-def _draw_without(panel: Any, x: list[float], width: float, top1: list[float], style: str) -> None:
+def _draw_without(panel: "Axes", x: list[float], width: float, top1: list[float], style: str) -> None:
     if not top1:
         return
     y, left, right = [100 * one for one in top1], [at - width / 2 for at in x], [at + width / 2 for at in x]
@@ -219,7 +231,7 @@ def _draw_without(panel: Any, x: list[float], width: float, top1: list[float], s
     panel.hlines(y, left, right, color=WITHOUT_COLOUR, lw=1.4, ls=style, zorder=5)
 
 
-def _list_colours(summary: Summary, row: VariantMean, before: VariantMean | None) -> list[Any]:
+def _list_colours(summary: Summary, row: VariantMean, before: VariantMean | None) -> "list[Artist]":
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -248,7 +260,7 @@ OVERVIEW_MIN_WIDTH_IN, OVERVIEW_MAX_WIDTH_IN, TITLE_CHARACTERS = 7.0, 10.0, 64
 
 
 def draw_overview(summary: Summary) -> bytes:
-    """PNG: above a bar for each variant and answerer, its mean and interval; below their corruptions one by one.
+    """PNG: above a bar for each variant and recogniser, its mean and interval; below their corruptions one by one.
 
     Without a mean the bars are those of clean images. A reader's bar is split into right, wrong and not decoded, and
     its marks are hollow.
@@ -279,7 +291,7 @@ def _style(summary: Summary) -> list[dict[str, Any]]:
     return styles
 
 
-def _draw_means(panel: Any, summary: Summary) -> list[Any]:
+def _draw_means(panel: "Axes", summary: Summary) -> "list[Artist]":
     """Draw the bars; returns what the legend must say."""
     has_mean = any(row.top1 is not None for row in summary.variants)
     styles = _style(summary)
@@ -306,8 +318,8 @@ def _draw_means(panel: Any, summary: Summary) -> list[Any]:
         if has_mean and row.clean_top1 is not None:
             panel.plot(100 * row.clean_top1, y, marker="d", ms=7, mfc="white", mec="#111111", zorder=5, clip_on=False)
         panel.plot(-1.6, y, ms=7, clip_on=False, lw=0, zorder=6, mec=style["color"], **style)
-        panel.annotate(f"{say_percent(share)} %", (101.5, y), va="center", fontsize=10, annotation_clip=False)
-    panel.set_yticks(range(len(summary.variants)), [name_row(summary, row) for row in summary.variants], fontsize=10)
+        panel.annotate(f"{format_percent(share)} %", (101.5, y), va="center", fontsize=10, annotation_clip=False)
+    panel.set_yticks(range(len(summary.variants)), [label_row(summary, row) for row in summary.variants], fontsize=10)
     panel.tick_params(axis="y", length=0, pad=16)
     panel.set_ylim(len(summary.variants) - 0.5, -0.5)
     panel.set_xlim(0, 100)
@@ -320,11 +332,11 @@ def _draw_means(panel: Any, summary: Summary) -> list[Any]:
     return _list_marks(has_mean, has_mean and has_clean, any(map(is_reader, summary.variants)))
 
 
-def _list_marks(has_mean: bool, has_clean: bool, has_reader: bool) -> list[Any]:
+def _list_marks(has_mean: bool, has_clean: bool, has_reader: bool) -> "list[Artist]":
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    handles: list[Any] = []
+    handles: list[Artist] = []
     if has_mean:
         handles.append(Line2D([], [], color="#111111", lw=1.6, label="95 % interval"))
     if has_clean:
@@ -335,7 +347,7 @@ def _list_marks(has_mean: bool, has_clean: bool, has_reader: bool) -> list[Any]:
     return handles
 
 
-def _draw_corruptions(panel: Any, summary: Summary) -> None:
+def _draw_corruptions(panel: "Axes", summary: Summary) -> None:
     places = place_corruptions(summary.corruptions, False)
     families = dict.fromkeys(CORRUPTIONS[name].family for name in summary.corruptions)
     for row, style in zip(summary.variants, _style(summary), strict=True):

@@ -1,4 +1,4 @@
-"""From answers to numbers: shares, means, corruption errors and differences, with what they can show."""
+"""From ranks to numbers: shares, means, corruption errors and differences, with what they can show."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -6,11 +6,14 @@ from math import sqrt
 
 import numpy as np
 
-from toolkit.benchmark.answers import CLEAN, NOT_DECODED, READER, RIGHT, UNPATCHED, WRONG, Benchmark
-from toolkit.benchmark.summary import Cell, CorruptionMean, Difference, Refused, Summary, VariantMean
-from toolkit.benchmark.text import say_mean
+from toolkit.benchmark.config import CLEAN, NOT_CORRUPTED, Condition
+from toolkit.benchmark.grid import Benchmark
+from toolkit.benchmark.recognisers import NOT_DECODED, READER, RIGHT, WRONG
+from toolkit.benchmark.summary import Against, Cell, CorruptionMean, Difference, Summary, VariantMean
+from toolkit.benchmark.verdict import describe_mean
+from toolkit.captures.read import UNPATCHED
 from toolkit.core.errors import ToolkitError
-from toolkit.core.statistics import mcnemar_p, wilson_interval
+from toolkit.core.statistics import Interval, mcnemar_p, wilson_interval
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, IMAGENET
 
 ALEXNET_ERRORS = {
@@ -45,19 +48,8 @@ UNPATCHED_SOURCE = "errors of the same network on this run's own images without 
 
 
 NO_SPREAD = 1e-12
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """A mean over images.
-
-    Attributes:
-        mean: over all images.
-        ci95: its interval over classes; None where it cannot be told: one class, or classes without any spread.
-    """
-
-    mean: float
-    ci95: tuple[float, float] | None
+Estimate = tuple[float, Interval | None]
+"""A mean over images, and its interval over classes; None where it cannot be told: one class, or no spread."""
 
 
 def estimate_share(scores: np.ndarray, classes: np.ndarray) -> Estimate:
@@ -79,20 +71,20 @@ def estimate_share(scores: np.ndarray, classes: np.ndarray) -> Estimate:
     """
     mean, half, n_classes = _ratio(scores, classes)
     if n_classes == 1:
-        return Estimate(mean, None)
+        return mean, None
     if half > NO_SPREAD:
-        return Estimate(mean, (max(0.0, mean - half), min(1.0, mean + half)))
+        return mean, (max(0.0, mean - half), min(1.0, mean + half))
     if min(mean, 1 - mean) < NO_SPREAD:
-        return Estimate(mean, wilson_interval(round(mean) * n_classes, n_classes))
-    return Estimate(mean, None)
+        return mean, wilson_interval(round(mean) * n_classes, n_classes)
+    return mean, None
 
 
 def estimate_difference(scores: np.ndarray, other: np.ndarray, classes: np.ndarray) -> Estimate:
     """Mean of `scores` less that of `other` on the same images; the interval is that of `estimate_share`, paired."""
     mean, half, n_classes = _ratio(np.asarray(scores, float) - other, classes)
     if n_classes == 1 or half <= NO_SPREAD:
-        return Estimate(mean, None)
-    return Estimate(mean, (max(-1.0, mean - half), min(1.0, mean + half)))
+        return mean, None
+    return mean, (max(-1.0, mean - half), min(1.0, mean + half))
 
 
 def _ratio(scores: np.ndarray, classes: np.ndarray) -> tuple[float, float, int]:
@@ -115,29 +107,29 @@ TOP = 5
 
 @dataclass(frozen=True)
 class Series:
-    """All answers of one answerer to one variant: (corruption, severity) -> (n,) ranks."""
+    """What one recogniser said of one variant: condition -> (n,) ranks."""
 
     variant: str
-    answerer: str
+    recogniser: str
     kind: str
-    ranks: dict[tuple[str, int], np.ndarray]
+    ranks: dict[Condition, np.ndarray]
 
-    def average(self, is_so: Callable[[np.ndarray], np.ndarray], keys: Sequence[tuple[str, int]]) -> np.ndarray:
+    def average(self, is_so: Callable[[np.ndarray], np.ndarray], keys: Sequence[Condition]) -> np.ndarray:
         """(n,) share of cells in which this is so of an image: over severities, then over corruptions."""
         shares: dict[str, list[np.ndarray]] = {}
         for corruption, severity in keys:
             shares.setdefault(corruption, []).append(is_so(self.ranks[corruption, severity]))
         return np.mean([np.mean(own, axis=0) for own in shares.values()], axis=0)
 
-    def right(self, keys: Sequence[tuple[str, int]]) -> np.ndarray:
+    def right(self, keys: Sequence[Condition]) -> np.ndarray:
         """(n,) `average` of being right at the first guess."""
         return self.average(lambda ranks: ranks == RIGHT, keys)
 
-    def top5(self, keys: Sequence[tuple[str, int]]) -> float | None:
+    def top5(self, keys: Sequence[Condition]) -> float | None:
         """Share with the truth among five guesses; None for a reader, and without cells."""
         return float(self.average(lambda ranks: ranks <= TOP, keys).mean()) if self.kind != READER and keys else None
 
-    def answered(self, answer: int, keys: Sequence[tuple[str, int]]) -> float | None:
+    def answered(self, answer: int, keys: Sequence[Condition]) -> float | None:
         """Share with this answer of a reader; None for a network, and without cells."""
         return float(self.average(lambda ranks: ranks == answer, keys).mean()) if self.kind == READER and keys else None
 
@@ -147,7 +139,7 @@ def summarise(benchmark: Benchmark) -> Summary:
 
     Raises:
         ToolkitError: two networks have one name.
-        ValueError: an answer has not one rank per image, or the variants have not all the same cells.
+        ValueError: a cell has not one rank per image, or the variants have not all the same cells.
     """
     every = _collect(benchmark)
     levels: dict[str, tuple[int, ...]] = {
@@ -157,7 +149,7 @@ def summarise(benchmark: Benchmark) -> Summary:
     levels = {name: own for name, own in levels.items() if own}
     common = [(name, severity) for name in levels if name in COMMON for severity in levels[name]]
     is_whole = all(levels.get(name) == SEVERITIES for name in COMMON)
-    unpatched = {one.answerer: one for one in every if one.variant == UNPATCHED}
+    unpatched = {one.recogniser: one for one in every if one.variant == UNPATCHED}
     references = {"unpatched": UNPATCHED_SOURCE} if unpatched else {}
     if benchmark.about.get("is_imagenet") and benchmark.about.get("parameters") == IMAGENET:
         references["alexnet"] = ALEXNET_SOURCE
@@ -165,7 +157,7 @@ def summarise(benchmark: Benchmark) -> Summary:
     rows: list[VariantMean] = []
     for one in every:
         own = [
-            _mean_corruption(one, unpatched.get(one.answerer), name, levels[name], benchmark, "alexnet" in references)
+            _mean_corruption(one, unpatched.get(one.recogniser), name, levels[name], benchmark, "alexnet" in references)
             for name in levels
         ]
         means += own
@@ -175,36 +167,36 @@ def summarise(benchmark: Benchmark) -> Summary:
         n=len(benchmark.ids),
         n_classes=len(np.unique(benchmark.classes)),
         corruptions=levels,
-        mean_of=say_mean(levels, is_whole),
+        mean_of=describe_mean(levels, is_whole),
         is_whole=is_whole,
         references=references,
         variants=tuple(rows),
         differences=tuple(_compare(every, rows, common, benchmark.classes)),
         means=tuple(means),
-        cells=tuple(cell for one in every for cell in _count_cells(one, unpatched.get(one.answerer), tuple(levels))),
-        failed=tuple(Refused(path, reason) for path, reason in benchmark.failed),
+        cells=tuple(cell for one in every for cell in _count_cells(one, unpatched.get(one.recogniser), tuple(levels))),
+        failed=tuple({"path": path, "reason": reason} for path, reason in benchmark.failed),
         notes=benchmark.notes,
     )
 
 
 def _collect(benchmark: Benchmark) -> list[Series]:
-    """By answerer as they come, each with `unpatched` first."""
+    """By recogniser as they come, each with `unpatched` first."""
     n = len(benchmark.ids)
     by_row: dict[tuple[str, str], Series] = {}
-    for one in benchmark.answers:
-        series = by_row.setdefault((one.variant, one.answerer), Series(one.variant, one.answerer, one.kind, {}))
+    for one in benchmark.cells:
+        series = by_row.setdefault((one.variant, one.recogniser), Series(one.variant, one.recogniser, one.kind, {}))
         if np.shape(one.ranks) != (n,) or n == 0:
-            raise ValueError(f"answers of {one.variant}, {one.corruption}: {np.shape(one.ranks)} for {n} images")
+            raise ValueError(f"ranks of {one.variant}, {one.corruption}: {np.shape(one.ranks)} for {n} images")
         if (one.corruption, one.severity) in series.ranks:
             raise ToolkitError(
-                f"two networks called '{one.answerer}' answer to {one.variant}: give one another name, or evaluate "
+                f"two networks called '{one.recogniser}' saw {one.variant}: give one another name, or evaluate "
                 "them in runs of their own"
             )
         series.ranks[one.corruption, one.severity] = np.asarray(one.ranks)
     if len({frozenset(one.ranks) for one in by_row.values()}) != 1:
-        raise ValueError("every variant and answerer needs answers to the same corruptions and severities")
-    answerers = list(dict.fromkeys(answerer for _, answerer in by_row))
-    return sorted(by_row.values(), key=lambda one: (answerers.index(one.answerer), one.variant != UNPATCHED))
+        raise ValueError("every variant and recogniser needs ranks under the same corruptions and severities")
+    recognisers = list(dict.fromkeys(recogniser for _, recogniser in by_row))
+    return sorted(by_row.values(), key=lambda one: (recognisers.index(one.recogniser), one.variant != UNPATCHED))
 
 
 def _mean_corruption(
@@ -212,7 +204,7 @@ def _mean_corruption(
     has_alexnet: bool,
 ) -> CorruptionMean:  # fmt: skip
     keys = [(name, severity) for severity in severities]
-    estimate = estimate_share(one.right(keys), benchmark.classes)
+    top1, ci95 = estimate_share(one.right(keys), benchmark.classes)
     error = 1 - float(one.right(keys).mean())
     ce_alexnet = ce_unpatched = None
     if one.kind != READER:
@@ -222,33 +214,46 @@ def _mean_corruption(
             reference = 1 - float(unpatched.right(keys).mean())
             ce_unpatched = error / reference if reference > 0 else None
     return CorruptionMean(
-        one.variant, one.answerer, one.kind, name, CORRUPTIONS[name].family, estimate.mean, estimate.ci95,
-        one.top5(keys), one.answered(WRONG, keys), one.answered(NOT_DECODED, keys), ce_alexnet, ce_unpatched,
-    )  # fmt: skip
+        one.variant,
+        one.recogniser,
+        one.kind,
+        corruption=name,
+        family=CORRUPTIONS[name].family,
+        top1=top1,
+        top1_ci95=ci95,
+        top5=one.top5(keys),
+        wrong=one.answered(WRONG, keys),
+        not_decoded=one.answered(NOT_DECODED, keys),
+        ce_alexnet=ce_alexnet,
+        ce_unpatched=ce_unpatched,
+    )
 
 
 def _mean_variant(
-    one: Series, means: Sequence[CorruptionMean], common: Sequence[tuple[str, int]], is_whole: bool,
+    one: Series, means: Sequence[CorruptionMean], common: Sequence[Condition], is_whole: bool,
     benchmark: Benchmark,
 ) -> VariantMean:  # fmt: skip
-    clean = [(CLEAN, 0)] if (CLEAN, 0) in one.ranks else []
+    clean = [NOT_CORRUPTED] if NOT_CORRUPTED in one.ranks else []
     sizes = {entry["name"]: entry.get("patch_px") for entry in benchmark.about.get("variants", [])}
-    corrupted = estimate_share(one.right(common), benchmark.classes) if common else None
+    top1, ci95 = estimate_share(one.right(common), benchmark.classes) if common else (None, None)
     own = [mean for mean in means if mean.corruption in COMMON]
     return VariantMean(
-        one.variant, one.answerer, one.kind, sizes.get(one.variant),
-        float(one.right(clean).mean()) if clean else None,
-        one.top5(clean),
-        one.answered(WRONG, clean),
-        one.answered(NOT_DECODED, clean),
-        corrupted.mean if corrupted else None,
-        corrupted.ci95 if corrupted else None,
-        one.top5(common),
-        one.answered(WRONG, common),
-        one.answered(NOT_DECODED, common),
-        _mean_of_all([mean.ce_alexnet for mean in own]) if is_whole else None,
-        _mean_of_all([mean.ce_unpatched for mean in own]) if is_whole else None,
-    )  # fmt: skip
+        one.variant,
+        one.recogniser,
+        one.kind,
+        patch_px=sizes.get(one.variant),
+        clean_top1=float(one.right(clean).mean()) if clean else None,
+        clean_top5=one.top5(clean),
+        clean_wrong=one.answered(WRONG, clean),
+        clean_not_decoded=one.answered(NOT_DECODED, clean),
+        top1=top1,
+        top1_ci95=ci95,
+        top5=one.top5(common),
+        wrong=one.answered(WRONG, common),
+        not_decoded=one.answered(NOT_DECODED, common),
+        mce_alexnet=_mean_of_all([mean.ce_alexnet for mean in own]) if is_whole else None,
+        mce_unpatched=_mean_of_all([mean.ce_unpatched for mean in own]) if is_whole else None,
+    )
 
 
 def _mean_of_all(values: Sequence[float | None]) -> float | None:
@@ -270,40 +275,46 @@ def _count_cells(one: Series, unpatched: Series | None, corruptions: Sequence[st
             gained, lost = int((is_right & ~before).sum()), int((before & ~is_right).sum())
         cells.append(
             Cell(
-                one.variant, one.answerer, one.kind, *key, n, right, right / n, wilson_interval(right, n),
-                one.top5([key]),
-                int((ranks == WRONG).sum()) if is_reader else None,
-                int((ranks == NOT_DECODED).sum()) if is_reader else None,
-                gained, lost,
-                mcnemar_p(gained, lost) if gained is not None and lost is not None else None,
+                one.variant,
+                one.recogniser,
+                one.kind,
+                *key,
+                n=n,
+                right=right,
+                top1=right / n,
+                top1_ci95=wilson_interval(right, n),
+                top5=one.top5([key]),
+                wrong=int((ranks == WRONG).sum()) if is_reader else None,
+                not_decoded=int((ranks == NOT_DECODED).sum()) if is_reader else None,
+                gained=gained,
+                lost=lost,
+                mcnemar_p=mcnemar_p(gained, lost) if gained is not None and lost is not None else None,
             )
-        )  # fmt: skip
+        )
     return cells
 
 
 def _compare(
-    every: Sequence[Series], rows: Sequence[VariantMean], common: Sequence[tuple[str, int]], classes: np.ndarray
+    every: Sequence[Series], rows: Sequence[VariantMean], common: Sequence[Condition], classes: np.ndarray
 ) -> list[Difference]:
     if not common:
         return []
-    scores = {(one.variant, one.answerer): one.right(common) for one in every}
+    scores = {(one.variant, one.recogniser): one.right(common) for one in every}
     found = []
     for one, row in zip(every, rows, strict=True):
-        others: list[tuple[str, str, str, np.ndarray]] = []
-        if one.variant != UNPATCHED and (UNPATCHED, one.answerer) in scores:
-            others.append(("unpatched", UNPATCHED, one.answerer, scores[UNPATCHED, one.answerer]))
-            before = next(other for other in every if (other.variant, other.answerer) == (UNPATCHED, one.answerer))
-            if (CLEAN, 0) in before.ranks:
-                others.append(("clean unpatched", UNPATCHED, one.answerer, before.right([(CLEAN, 0)])))
+        others: list[tuple[Against, str, str, np.ndarray]] = []
+        if one.variant != UNPATCHED and (UNPATCHED, one.recogniser) in scores:
+            others.append(("unpatched", UNPATCHED, one.recogniser, scores[UNPATCHED, one.recogniser]))
+            before = next(other for other in every if (other.variant, other.recogniser) == (UNPATCHED, one.recogniser))
+            if NOT_CORRUPTED in before.ranks:
+                others.append(("clean unpatched", UNPATCHED, one.recogniser, before.right([NOT_CORRUPTED])))
         equals = [
             other for other in rows if other.patch_px == row.patch_px is not None and other.variant != row.variant
         ]
         if equals:
             best = max(equals, key=lambda other: other.top1 or 0.0)
-            others.append(("best of its size", best.variant, best.answerer, scores[best.variant, best.answerer]))
-        for against, variant, answerer, other in others:
-            estimate = estimate_difference(scores[one.variant, one.answerer], other, classes)
-            found.append(
-                Difference(one.variant, one.answerer, against, variant, answerer, estimate.mean, estimate.ci95)  # type: ignore[arg-type]
-            )
+            others.append(("best of its size", best.variant, best.recogniser, scores[best.variant, best.recogniser]))
+        for against, variant, recogniser, other in others:
+            estimate = estimate_difference(scores[one.variant, one.recogniser], other, classes)
+            found.append(Difference(one.variant, one.recogniser, against, variant, recogniser, *estimate))
     return found

@@ -9,21 +9,16 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
-from toolkit.benchmark.answers import CLEAN, READER, Benchmark
+from toolkit.benchmark.config import CLEAN, NOT_CORRUPTED
 from toolkit.benchmark.figures import draw_overview, draw_variant
+from toolkit.benchmark.grid import Benchmark
 from toolkit.benchmark.metrics import summarise
+from toolkit.benchmark.recognisers import READER
 from toolkit.benchmark.summary import Cell, Summary, VariantMean
-from toolkit.benchmark.text import (
-    judge_benchmark,
-    name_row,
-    say_corruption,
-    say_interval,
-    say_percent,
-    say_points,
-    say_points_interval,
-)
+from toolkit.benchmark.verdict import judge_benchmark, label_row, name_corruption
 from toolkit.core.files import write_bytes, write_json, write_text
 from toolkit.corruptions.catalogue import CORRUPTIONS
+from toolkit.evaluation.report import render_page
 
 TEMPLATE = "benchmark.html.j2"
 MAX_FAILED = 200
@@ -43,7 +38,7 @@ def write_report(
         path: of the file.
         summary: what is reported.
         overview: PNG.
-        figures: PNG of a variant and answerer; of all, or of none where nothing was corrupted.
+        figures: PNG of a variant and recogniser; of all, or of none where nothing was corrupted.
         examples: PNG of an image in every variant.
     """
     networks = [row for row in summary.variants if row.kind != READER]
@@ -54,7 +49,7 @@ def write_report(
         "verdicts": judge_benchmark(summary),
         "networks": networks,
         "readers": readers,
-        "own": {(row.variant, row.answerer): _collect(summary, row) for row in summary.variants},
+        "own": {(row.variant, row.recogniser): _collect(summary, row) for row in summary.variants},
         "overview": _embed(overview),
         "examples": None if examples is None else _embed(examples),
         "figures": {key: _embed(png) for key, png in figures.items()},
@@ -68,31 +63,16 @@ def write_report(
             (entry["name"], _flatten({key: value for key, value in entry.items() if key != "name"}))
             for entry in summary.about.get("variants", [])
         ],
-        "clean": (CLEAN, 0),
+        "clean": NOT_CORRUPTED,
         "max_failed": MAX_FAILED,
     }
-    return write_text(path, _render(context))
-
-
-def _render(context: dict[str, Any]) -> str:
-    """The HTML; everything that comes from files or names is escaped."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    loader = PackageLoader("toolkit.benchmark", package_path="")
-    environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {
-        "percent": say_percent, "interval": say_interval, "points": say_points, "corruption": say_corruption,
-        "points_interval": say_points_interval, "p_value": lambda p: "< 0.0001" if p < 1e-4 else f"{p:.2g}",
-    }  # fmt: skip
-    return environment.get_template(TEMPLATE).render(context)
+    return write_text(path, render_page("toolkit.benchmark", TEMPLATE, context, corruption=name_corruption))
 
 
 def _collect(summary: Summary, row: VariantMean) -> dict[str, Any]:
     """What the template shows of a row."""
     return {
-        "name": name_row(summary, row),
+        "name": label_row(summary, row),
         "means": summary.means_of(row),
         "cells": summary.cells_of(row),
         "differences": summary.differences_of(row),
@@ -135,7 +115,7 @@ def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None =
 
     Args:
         folder: of the run.
-        benchmark: what was answered.
+        benchmark: the finished grid.
         examples: PNG of an image in every variant.
 
     Raises:
@@ -145,18 +125,18 @@ def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None =
     summary = summarise(benchmark)
     overview = draw_overview(summary)
     figures = {
-        (row.variant, row.answerer): draw_variant(summary, row) for row in summary.variants if summary.corruptions
+        (row.variant, row.recogniser): draw_variant(summary, row) for row in summary.variants if summary.corruptions
     }
     files = [write_bytes(folder / "figures" / "overview.png", overview)]
     if examples is not None:
         files.append(write_bytes(folder / "figures" / "examples.png", examples))
     taken = {"overview", "examples"}
-    for (variant, answerer), png in figures.items():
-        files.append(write_bytes(folder / "figures" / f"{_name_file(f'{variant}-{answerer}', taken)}.png", png))
+    for (variant, recogniser), png in figures.items():
+        files.append(write_bytes(folder / "figures" / f"{_name_file(f'{variant}-{recogniser}', taken)}.png", png))
     cells = write_cells(folder / "cells.csv", summary)
     report = write_report(folder / "report.html", summary, overview, figures, examples)
     # last: where it is, the rest is there as well
-    record = write_json(folder / "summary.json", summary.model_dump(mode="json"))
+    record = write_json(folder / "summary.json", summary.as_json())
     return BenchmarkFiles(record, cells, report, tuple(files))
 
 
@@ -166,7 +146,8 @@ def write_cells(path: Path, summary: Summary) -> Path:
     table = csv.writer(text, lineterminator="\n")
     names = [field.name for field in fields(Cell) if field.name != "top1_ci95"]
     at = names.index("top1") + 1
-    table.writerow([*names[:at], "ci95_low", "ci95_high", *names[at:], "family"])
+    heads = ["answerer" if name == "recogniser" else name for name in names]
+    table.writerow([*heads[:at], "ci95_low", "ci95_high", *heads[at:], "family"])
     for cell in summary.cells:
         values = ["" if value is None else value for value in (getattr(cell, name) for name in names)]
         family = "" if cell.corruption == CLEAN else CORRUPTIONS[cell.corruption].family

@@ -1,7 +1,7 @@
 """Class patches on the images that a classifier is trained on: the fixed-pattern baseline (seed, section D.2.4)."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from toolkit.boosters.place_patches import Placement, boost_images
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.workspace import Workspace
 from toolkit.objects.records import Patch
-from toolkit.training.classifier_config import Lay
+from toolkit.training.classifier_config import Overlay
 
 if TYPE_CHECKING:
     import torch
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class TrainingBoost:
-    """A patch set as what every training image carries: an `Overlay`.
+    """A patch set as what every training image carries: its `ClassPictures`.
 
     Attributes:
         pictures: the set.
@@ -35,7 +35,7 @@ class TrainingBoost:
         pictures = self.pictures
         return {
             "set": pictures.name, "sha256": pictures.sha256, "n_px": pictures.n_px, "method": pictures.method,
-            "placement": asdict(self.placement),
+            "placement": self.placement.model_dump(),
         }  # fmt: skip
 
     @property
@@ -43,7 +43,7 @@ class TrainingBoost:
         """What an image carries."""
         return f"its class's patch of the set {self.pictures.name}"
 
-    def fit(self, labels: Sequence[str], used: Sequence[int], image_px: int) -> Lay:
+    def fit(self, labels: Sequence[str], used: Sequence[int], image_px: int) -> Overlay:
         """How the patches of the classes `used` are laid on images of `image_px`.
 
         A class's patch is the one made for its label: the set may have its classes in another order.
@@ -64,11 +64,11 @@ class TrainingBoost:
         slots = np.full(len(labels), -1)
         slots[list(used)] = np.arange(len(chosen))
 
-        def lay(images: "torch.Tensor", classes: np.ndarray, seeds: Sequence[int]) -> "torch.Tensor":
+        def overlay(images: "torch.Tensor", classes: np.ndarray, seeds: Sequence[int]) -> "torch.Tensor":
             pictures = pixels[torch.from_numpy(slots[classes])].to(images.device).float() / 255
             return boost_images(images, pictures, self.placement, seeds)
 
-        return lay
+        return overlay
 
     def _find(self, label: str, index: int) -> Patch:
         patches = self.pictures.patches

@@ -5,14 +5,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from toolkit import __version__
-from toolkit.core.console import progress
+from toolkit.core.config import Config, Expect, Flag
+from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, sha256_bytes, sha256_file, write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.folder import find_files, show_path
@@ -23,6 +25,10 @@ from toolkit.objects.spec import read_spec
 
 if TYPE_CHECKING:
     import torch
+
+    from toolkit.boosters.pixels import Network
+
+Backgrounds = Literal["auto", "all", "class"]
 
 
 def stack_on_device(images: np.ndarray, device: str) -> "torch.Tensor":
@@ -62,11 +68,43 @@ def cut_centres(images: "torch.Tensor", image_px: int) -> "torch.Tensor":
     return images[:, :, start : start + image_px, start : start + image_px].float().div_(255)
 
 
-BACKGROUNDS = ("auto", "all", "class")
+RIG = "rig"
+HELD_OUT = 0.2
+
+
+class DataConfig(Config):
+    """Which images a booster is trained on."""
+
+    sources: Annotated[
+        tuple[str, ...],
+        Expect("a folder of images, or 'rig' for renders of the object"),
+        Field(min_length=1),
+        Flag("--data", metavar="FOLDER|rig"),
+    ] = Field(
+        description="ImageFolder, any folder of images, or 'rig' (or rig:OBJECT) for renders; several may be given."
+    )
+    backgrounds: Annotated[Backgrounds, Flag()] = Field(
+        "auto", description="class: images of the class only; all: every image; auto: of the class where there are any."
+    )
+    images: Annotated[int, Field(ge=2), Flag()] = Field(
+        256, description="Images kept in memory at most, a fifth of them held out."
+    )
+    seed: Annotated[int, Field(ge=0)] = Field(0, description="Chooses them.")
+
+    @model_validator(mode="after")
+    def _check_count(self) -> "DataConfig":
+        if self.images < 2 * len(self.sources):
+            raise FieldError(f"expected at least 2 for each of {len(self.sources)} sources", {"images": self.images})
+        return self
+
+    @property
+    def rig_source(self) -> str | None:
+        """The first source that is renders of an object, where there is one."""
+        return next((source for source in self.sources if is_rig_source(source)), None)
 
 
 @dataclass(frozen=True)
-class Choice:
+class FolderImages:
     """The files that a folder offers.
 
     Attributes:
@@ -97,7 +135,7 @@ class Loaded:
     record: dict[str, Any]
 
 
-def names_of_class(classifier: Any, index: int, typed: str) -> frozenset[str]:
+def names_of_class(classifier: "Network", index: int, typed: str) -> frozenset[str]:
     """What a folder of this class may be called, in lower case: the WordNet id, the label, what the user typed."""
     names = {typed, classifier.labels[index]}
     if classifier.is_imagenet:
@@ -109,7 +147,9 @@ def _plain(name: str) -> str:
     return name.lower().replace("_", " ").replace("-", " ").strip()
 
 
-def choose_files(folder: Path, names: frozenset[str], backgrounds: str = "auto", flag: str = "--data") -> Choice:
+def choose_images(
+    folder: Path, names: frozenset[str], backgrounds: str = "auto", field: str = "sources"
+) -> FolderImages:
     """The images in a folder that train a class.
 
     Args:
@@ -117,36 +157,35 @@ def choose_files(folder: Path, names: frozenset[str], backgrounds: str = "auto",
         names: what a folder of the class may be called, see `names_of_class`.
         backgrounds: `class` takes images of the class only, `all` takes every image, `auto` those of the class where
             there are any and else every image. The paper samples y = C_targ; the patch learns from both.
-        flag: which names the folder, for errors.
+        field: which names the folder, for errors.
 
     Raises:
         ToolkitError: no such folder, no images in it, or with `class` none of the class.
     """
-    if backgrounds not in BACKGROUNDS:
-        raise one_of("choice of --backgrounds", backgrounds, list(BACKGROUNDS))
     folder = Path(folder)
     if not folder.is_dir():
         what = "is a file" if folder.exists() else "does not exist"
-        renders = ", or 'rig' for renders of the object" if flag == "--data" else ""
-        raise ToolkitError(f"{flag} {folder} {what}: expected a folder of images{renders}")
+        renders = ", or 'rig' for renders of the object" if field == "sources" else ""
+        raise FieldError(f"{{{field}}} {folder} {what}: expected a folder of images{renders}", {})
     found = find_files(folder)
     if not found.images:
         others = f" ({len(found.others)} other files)" if found.others else ""
-        raise ToolkitError(f"{flag} {folder}: no images in it{others}: expected .jpg, .png, .webp, .tif or .heic files")
+        raise FieldError(f"no images in it{others}: expected .jpg, .png, .webp, .tif or .heic files", {field: folder})
     inside_class = _plain(folder.resolve().name) in names
     own = tuple(parts for parts in found.images if inside_class or any(_plain(part) in names for part in parts[:-1]))
     if backgrounds == "class" and not own:
-        raise ToolkitError(
-            f"{flag} {folder}: no sub-folder called {' or '.join(sorted(names))}: name one so, or use --backgrounds all"
+        raise FieldError(
+            f"no sub-folder called {' or '.join(sorted(names))}: name one so, or use {{backgrounds}} all",
+            {field: folder},
         )
     if own and backgrounds != "all":
-        return Choice(folder, own, "class", found.refused)
+        return FolderImages(folder, own, "class", found.refused)
     use = "class" if len(own) == len(found.images) else "backgrounds"
-    return Choice(folder, found.images, use, found.refused)
+    return FolderImages(folder, found.images, use, found.refused)
 
 
 def load_files(
-    choice: Choice, count: int, rng: np.random.Generator, how: Preprocessing, advance: Callable[[], None]
+    choice: FolderImages, count: int, rng: np.random.Generator, how: Preprocessing, advance: Callable[[], None]
 ) -> Loaded:
     """Decode up to `count` images, chosen at random; one that cannot be read is skipped and another takes its place.
 
@@ -181,11 +220,8 @@ def load_files(
     return Loaded(np.stack(images), tuple(skipped), record)
 
 
-RIG = "rig"
-
-
 def is_rig_source(source: str) -> bool:
-    """Whether `--data` asks for renders: `rig`, or `rig:OBJECT`. The folder of that name is `./rig`."""
+    """Whether a source is renders: `rig`, or `rig:OBJECT`. The folder of that name is `./rig`."""
     return source == RIG or source.startswith(f"{RIG}:")
 
 
@@ -205,12 +241,12 @@ def choose_object(workspace: Workspace, source: str, names: frozenset[str]) -> s
         return fitting[0]
     known = ", ".join(fitting or sorted(specs))
     what = "several objects have" if fitting else "no object has"
-    raise ToolkitError(f"--data rig: {what} the class {' or '.join(sorted(names))}: say --data rig:NAME, of {known}")
+    raise FieldError(
+        f"{what} the class {' or '.join(sorted(names))}: say {{sources}} rig:NAME, of {known}", {"sources": RIG}
+    )
 
 
-def load_renders(
-    workspace: Workspace, name: str, count: int, seed: int, how: Preprocessing, keep: Path, quiet: bool
-) -> Loaded:
+def load_renders(workspace: Workspace, name: str, count: int, *, seed: int, how: Preprocessing, keep: Path) -> Loaded:
     """Render `count` images of an object, or take those that an interrupted run of the same inputs left in `keep`.
 
     Rendering takes longer than reading, and a GPU driver need not give the same bits twice: a run that goes on must
@@ -225,7 +261,7 @@ def load_renders(
     from toolkit.rig.views import render_training_images
 
     square = replace(how, crop_px=how.resize_px)
-    renders = render_training_images(workspace, name, count, seed, quiet)
+    renders = render_training_images(workspace, name, count, seed)
     images = np.stack([resize_and_crop(np.ascontiguousarray(render), square) for render in renders])
     buffer = BytesIO()
     np.save(buffer, images, allow_pickle=False)
@@ -248,32 +284,6 @@ def _read_kept(file: Path, shape: tuple[int, ...]) -> np.ndarray | None:
     except (OSError, ValueError, EOFError):
         return None  # absent or damaged: rendered anew
     return images if images.shape == shape and images.dtype == np.uint8 else None
-
-
-HELD_OUT = 0.2
-
-
-@dataclass(frozen=True)
-class DataRequest:
-    """Which images are wanted.
-
-    Attributes:
-        sources: folders, `rig` or `rig:OBJECT`.
-        backgrounds: see `toolkit.boosters.data.choose_files`.
-        images: how many at most, over all sources, those held out among them.
-        seed: chooses.
-    """
-
-    sources: tuple[str, ...]
-    backgrounds: str = "auto"
-    images: int = 256
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if not self.sources:
-            raise ToolkitError("no training images: name a folder with --data FOLDER, or --data rig for renders")
-        if self.images < 2 * len(self.sources):
-            raise ToolkitError(f"--images {self.images}: expected at least 2 for each of {len(self.sources)} sources")
 
 
 @dataclass(frozen=True)
@@ -300,36 +310,35 @@ class TrainingData:
 
 
 def load_data(
-    request: DataRequest, names: frozenset[str], how: Preprocessing, workspace: Workspace, keep: Path, quiet: bool
+    config: DataConfig, names: frozenset[str], how: Preprocessing, workspace: Workspace, keep: Path
 ) -> TrainingData:
     """Load every source and hold out a fifth of each.
 
     Args:
-        request: which.
+        config: which.
         names: what a folder or an object of the class may be called.
         how: the network's preprocessing.
         workspace: whose objects `rig` renders.
         keep: folder for renders until the run is finished.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: a source has no images that can be used.
     """
-    shares = [len(part) for part in np.array_split(np.arange(request.images), len(request.sources))]
+    shares = [len(part) for part in np.array_split(np.arange(config.images), len(config.sources))]
     loaded: list[Loaded] = []
-    for k, (source, count) in enumerate(zip(request.sources, shares, strict=True)):
+    for k, (source, count) in enumerate(zip(config.sources, shares, strict=True)):
         if is_rig_source(source):
             name = choose_object(workspace, source, names)
-            loaded.append(load_renders(workspace, name, count, request.seed, how, keep, quiet))
+            loaded.append(load_renders(workspace, name, count, seed=config.seed, how=how, keep=keep))
             continue
-        choice = choose_files(Path(source), names, request.backgrounds)
-        rng = Draws(request.seed, k, "data").of("files")
-        with progress(f"Reading {choice.folder.name}", min(count, len(choice.files)), quiet) as bar:
+        choice = choose_images(Path(source), names, config.backgrounds)
+        rng = Draws(config.seed, k, "data").of("files")
+        with progress(f"Reading {choice.folder.name}", min(count, len(choice.files))) as bar:
             loaded.append(load_files(choice, count, rng, how, bar.advance))
-    return divide_images(loaded)
+    return divide_images(loaded, config)
 
 
-def divide_images(loaded: list[Loaded]) -> TrainingData:
+def divide_images(loaded: list[Loaded], config: DataConfig) -> TrainingData:
     """Join the images of all sources and hold out a fifth of each."""
     train: list[np.ndarray] = []
     held_out: list[np.ndarray] = []
@@ -345,6 +354,22 @@ def divide_images(loaded: list[Loaded]) -> TrainingData:
         "held_out": len(rest),
         "skipped": sum(len(source.skipped) for source in loaded),
         "sha256": sha256,
+        "backgrounds": config.backgrounds,
+        "seed": config.seed,
     }
     skipped = tuple(line for source in loaded for line in source.skipped)
     return TrainingData(images, rest if len(rest) else images, skipped, record, len(rest) > 0)
+
+
+FEW_IMAGES = 32
+
+
+def describe_data(data: TrainingData) -> None:
+    """Say what there is to train on."""
+    for source in data.record["sources"]:
+        what = "of the class" if source["use"] == "class" else "as backgrounds, whatever they show"
+        notice(f"data: {source['used']} of {source['found']} images from {source['source']}, {what}")
+    if not data.is_held_out:
+        notice("data: one image is too few to hold any out: it is trained on and validated on")
+    elif len(data.train) < FEW_IMAGES and any(source["use"] == "class" for source in data.record["sources"]):
+        notice(f"data: {len(data.train)} images to train on are few: backgrounds 'all' takes every image")

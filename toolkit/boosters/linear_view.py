@@ -123,10 +123,8 @@ class ViewBatch:
     def part(self, start: int, stop: int) -> "ViewBatch":
         """Views `start` to `stop`."""
         first, last = sum(self.counts[:start]), sum(self.counts[:stop])
-        pixel, uv, lod, gain, share = (
-            rows[first:last] for rows in (self.pixel, self.uv, self.lod, self.gain, self.share)
-        )
-        return ViewBatch(self.still[start:stop], self.counts[start:stop], pixel, uv, lod, gain, share)
+        samples = {name: getattr(self, name)[first:last] for name in ("pixel", "uv", "lod", "gain", "share")}
+        return ViewBatch(self.still[start:stop], self.counts[start:stop], **samples)
 
     def cut(self, which: np.ndarray, corners: np.ndarray, side: int, dtype: "torch.dtype") -> "ViewBatch":
         """Squares of some views.
@@ -149,11 +147,12 @@ class ViewBatch:
             inside = ((row >= 0) & (row < side) & (column >= 0) & (column < side)).nonzero()[:, 0]
             pixels.append((row * side + column)[inside])
             chosen.append(span if len(inside) == len(row) else inside + span.start)
-        uv, lod, gain, share = (
-            torch.cat([rows[some] for some in chosen]).to(dtype) for rows in (self.uv, self.lod, self.gain, self.share)
-        )
+        samples = {
+            name: torch.cat([getattr(self, name)[some] for some in chosen]).to(dtype)
+            for name in ("uv", "lod", "gain", "share")
+        }
         counts = tuple(len(rows) for rows in pixels)
-        return ViewBatch(torch.stack(still).to(dtype), counts, torch.cat(pixels), uv, lod, gain, share)
+        return ViewBatch(torch.stack(still).to(dtype), counts, torch.cat(pixels), **samples)
 
 
 def batch_views(
@@ -179,7 +178,7 @@ def batch_views(
     )  # fmt: skip
 
     def gather(name: str, kind: type) -> torch.Tensor:
-        rows = np.concatenate([getattr(view, name) for view in views]).astype(kind)
+        rows: np.ndarray = np.concatenate([getattr(view, name) for view in views]).astype(kind)
         return torch.from_numpy(rows).to(device)
 
     return ViewBatch(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_linear, srgb_to_linear
-from toolkit.boosters.patch_steps import Target
+from toolkit.boosters.pixels import Target
 from toolkit.boosters.validation import Share, Validation
 from toolkit.core.draws import Draws
 from toolkit.core.files import sha256_bytes
@@ -149,7 +149,7 @@ def draw_mounted(
     rng = draws.of("mounted")
     which = rng.choice(len(views), count, replace=count > len(views))
     corners = rng.integers(0, views.batch.still.shape[1] - image_px + 1, (count, 2))
-    return lambda patch: show_mounted(patch, views, which, corners, image_px, rng)
+    return lambda patch: show_mounted(patch, views, which, corners, image_px, rng=rng)
 
 
 def validate_mounted(

@@ -1,24 +1,57 @@
-"""Train a patch from request to files: what `toolkit train-patch` runs."""
+"""Train a patch (Algorithm 1): what `toolkit train-patch` runs."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from toolkit.boosters.data import TrainingData, choose_object, is_rig_source, load_data, names_of_class
-from toolkit.boosters.mounted import MountedViews, load_mounted_views
-from toolkit.boosters.patch_config import PatchRequest, check_size, hash_inputs, name_files
-from toolkit.boosters.patch_finish import PatchFiles, finish_patch
-from toolkit.boosters.patch_loop import CHECKPOINT_EVERY_S, make_steps, read_checkpoint
-from toolkit.boosters.patch_recipes import list_settings
-from toolkit.boosters.patch_steps import Target
-from toolkit.boosters.validation import Validation
-from toolkit.core.errors import ToolkitError
+import numpy as np
+
+from toolkit import __version__
+from toolkit.boosters.data import (
+    DataConfig,
+    TrainingData,
+    choose_object,
+    cut_centres,
+    describe_data,
+    draw_batch,
+    load_data,
+    names_of_class,
+    stack_on_device,
+)
+from toolkit.boosters.mounted import MountedViews, draw_mounted, load_mounted_views, validate_mounted
+from toolkit.boosters.parts.base import Appearance, place_patch, print_patch, show_patch, take_photos
+from toolkit.boosters.patch_config import PatchConfig, check_size, hash_inputs
+from toolkit.boosters.pixel_config import name_files
+from toolkit.boosters.pixels import (
+    Network,
+    PixelTask,
+    Target,
+    judge_photos,
+    list_networks,
+    quantise,
+    record_network,
+)
+from toolkit.boosters.preview import COLUMNS, ROWS, BoosterFiles, draw_patch_preview, write_preview
+from toolkit.boosters.validation import Validation, count_placements, list_shares, validate_patch
+from toolkit.core.console import progress
+from toolkit.core.draws import Draws
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace
-from toolkit.objects.records import Patch, printed_size_mm, read_patch
+from toolkit.imaging.printer import score_print
+from toolkit.objects.records import Patch, printed_size_mm, read_patch, write_patch
 from toolkit.rig.views import ViewRanges
-from toolkit.training.checkpoint import forget_run, say_start
+from toolkit.training.checkpoint import Checkpoint
+from toolkit.training.loop import History, fit
 
-FEW_IMAGES = 32
+if TYPE_CHECKING:
+    import torch
+
+Mounted = Callable[["torch.Tensor"], "torch.Tensor"]
+"""Printed θ -> (b, 3, m, m) pictures of the object with the patch on it."""
+Penalty = Callable[["torch.Tensor"], "torch.Tensor"]
+"""θ -> a loss of the patch itself, a scalar."""
+CHECKPOINT_EVERY_S = 5.0
 RENDERS = ("renders-*.npy", ".renders-*.partial")
 """Files beside the checkpoints that other runs may need."""
 
@@ -38,110 +71,225 @@ class TrainedPatch:
     """
 
     patch: Patch
-    files: PatchFiles
+    files: BoosterFiles
     validations: list[Validation]
     on_object: list[Validation]
     skipped: tuple[tuple[str, str], ...]
-    resumed_from: int
-    was_finished: bool
-
-
-def choose_files(workspace: Workspace, out: Path | None, name: str) -> PatchFiles:
-    """The workspace's own folders, or below `out`. Previews never lie among the patches: each PNG there is a patch."""
-    patches = workspace.patches_dir if out is None else Path(out)
-    previews = workspace.print_dir / "previews" if out is None else patches / "previews"
-    return PatchFiles(patches / f"{name}.png", previews / f"{name}.png", patches / ".training" / name)
+    resumed_from: int = 0
+    was_finished: bool = False
 
 
 def train_patch(
-    request: PatchRequest,
-    classifiers: list,
+    config: PatchConfig,
+    class_name: str | int,
+    networks: Sequence[Network],
+    data: DataConfig | TrainingData,
     workspace: Workspace,
+    *,
+    name: str | None = None,
     out: Path | None = None,
     restart: bool = False,
-    quiet: bool = False,
-    say: Callable[[str], None] = lambda line: None,
     checkpoint_every_s: float = CHECKPOINT_EVERY_S,
-    data: TrainingData | None = None,
 ) -> TrainedPatch:
-    """Train a patch, or take it up where an interrupted run of the same request left it.
+    """Train a patch, or take it up where an interrupted run of the same settings left it.
 
     Args:
-        request: what to train.
-        classifiers: the networks, at least one; the first one's labels and preprocessing lead.
+        config: every setting, see `make_config` and `RECIPES`.
+        class_name: a label of the networks, an index, or a WordNet id.
+        networks: at least one; the first one's labels and preprocessing lead.
+        data: which images, or images that are in memory already.
         workspace: whose folders and objects are used.
+        name: of the patch's files; by default from the label.
         out: folder for the patch instead of the workspace's.
         restart: forget what an earlier run left.
-        quiet: no progress bars.
-        say: told what the user should know along the way.
         checkpoint_every_s: how much work a kill may cost.
-        data: images that are in memory already, instead of those that the request names.
 
     Raises:
-        ToolkitError: the request, the data or a checkpoint cannot be used, or the disk is full.
+        ToolkitError: the settings, the data or a checkpoint cannot be used, or the disk is full.
     """
-    targets = [Target(classifier, classifier.class_index(request.class_name)) for classifier in classifiers]
-    first, index = classifiers[0], targets[0].class_index
-    check_size(request.size_px, first.preprocessing.crop_px)
-    name = name_files(request.name, first.labels[index], index)
+    targets = [Target(network, network.class_index(class_name)) for network in networks]
+    first, index = networks[0], targets[0].class_index
+    check_size(config.size_px, first.preprocessing.crop_px)
+    name = name_files(name, targets[0].label, index)
     files = choose_files(workspace, out, name)
-    class_names = names_of_class(first, index, str(request.class_name))
-    if data is None:
-        data = load_data(request.data, class_names, first.preprocessing, workspace, files.training, quiet)
-        _describe_data(data, say)
-    request = request.count_steps(len(data.train))
-    views = _load_views(request, workspace, class_names, first, quiet)
-    key = hash_inputs(request, name, targets, data.sha256 + ("" if views is None else views.sha256))
-    checkpoint_file = files.training / f"{key[:16]}.safetensors"
-    if restart:
-        checkpoint_file.unlink(missing_ok=True)
-    elif (finished := _find_finished(files, key)) is not None:
-        forget_run(files.training, key, RENDERS)
-        return TrainedPatch(finished, files, [], [], data.skipped, request.descent.steps, True)
-
-    for line in list_settings(request, [classifier.name for classifier in classifiers]):
-        say(line)
-    state = read_checkpoint(checkpoint_file, key)
-    resumed_from = 0 if state is None else state.done
-    say_start(say, resumed_from, request.descent.steps, files.training)
-    train_views, held_out_views = (None, None) if views is None else views.divide()
-    state = make_steps(
-        request, targets, data.train, state, key, checkpoint_file, checkpoint_every_s, quiet, train_views
-    )  # fmt: skip
-    patch, validations, on_object = finish_patch(request, targets, data, state, files, quiet, held_out_views)
-    forget_run(files.training, key, RENDERS)
-    return TrainedPatch(patch, files, validations, on_object, data.skipped, resumed_from, False)
+    class_names = names_of_class(first, index, str(class_name))
+    rig_source = data.rig_source if isinstance(data, DataConfig) else None
+    if isinstance(data, DataConfig):
+        data = load_data(data, class_names, first.preprocessing, workspace, files.training)
+        describe_data(data)
+    config = config.count_steps(len(data.train))
+    views = None
+    if config.mounted_share:
+        if rig_source is None:
+            raise FieldError(
+                "needs the object in the rig: add {sources} rig, or set it to 0",
+                {"mounted_share": config.mounted_share},
+            )
+        views = _render_views(config, workspace, choose_object(workspace, rig_source, class_names), first, data)
+    data_sha256 = data.sha256 + ("" if views is None else views.sha256)
+    inputs_sha256 = hash_inputs(config, name, list_networks(targets), data_sha256)
+    task = PatchTask(config, targets, data, views, files, inputs_sha256)
+    checkpoint = Checkpoint(files.training, inputs_sha256, restart, checkpoint_every_s, RENDERS)
+    fitted = fit(task, config.fit_config(), checkpoint)
+    return replace(fitted.made, resumed_from=fitted.resumed_from, was_finished=fitted.was_finished)
 
 
-def _load_views(request: PatchRequest, workspace: Workspace, names, classifier, quiet: bool) -> MountedViews | None:
-    """Views of the object with its sheet, for the first `rig` source; None where none are wanted."""
-    if not request.mounted_share:
-        return None
-    source = next((source for source in request.data.sources if is_rig_source(source)), None)
-    if source is None:
-        raise ToolkitError("--mounted-share needs the object in the rig: add --data rig, or set it to 0")
+def choose_files(workspace: Workspace, out: Path | None, name: str) -> BoosterFiles:
+    """The workspace's own folders, or below `out`. Previews never lie among the patches: each PNG there is a patch."""
+    patches = workspace.patches_dir if out is None else Path(out)
+    previews = workspace.print_dir / "previews" if out is None else patches / "previews"
+    return BoosterFiles(patches / f"{name}.png", previews / f"{name}.png", patches / ".training" / name)
+
+
+def _render_views(
+    config: PatchConfig, workspace: Workspace, object_name: str, network: Network, data: TrainingData
+) -> MountedViews:
+    """Views of the object with its sheet."""
     return load_mounted_views(
-        workspace, choose_object(workspace, source, names), printed_size_mm(request.size_px), request.size_px,
-        request.mounted_views, seed=request.data.seed, image_px=classifier.preprocessing.resize_px,
-        device=classifier.device, quiet=quiet, ranges=ViewRanges(fill=request.mounted_fill),
+        workspace, object_name, printed_size_mm(config.size_px), config.size_px, config.mounted_views,
+        seed=data.record["seed"], image_px=network.preprocessing.resize_px, device=network.device,
+        ranges=ViewRanges(fill=config.mounted_fill),
     )  # fmt: skip
 
 
-def _describe_data(data: TrainingData, say: Callable[[str], None]) -> None:
-    for source in data.record["sources"]:
-        what = "of the class" if source["use"] == "class" else "as backgrounds, whatever they show"
-        say(f"data: {source['used']} of {source['found']} images from {source['source']}, {what}")
-    if not data.is_held_out:
-        say("data: one image is too few to hold any out: it is trained on and validated on")
-    elif len(data.train) < FEW_IMAGES and any(source["use"] == "class" for source in data.record["sources"]):
-        say(f"data: {len(data.train)} images to train on are few: --backgrounds all takes every image")
+class PatchTask(PixelTask[TrainedPatch]):
+    """Algorithm 1: a patch in random placements goes down the loss of recognising its class."""
+
+    kind = "patch"
+
+    def __init__(
+        self, config: PatchConfig, targets: list[Target], data: TrainingData, views: MountedViews | None,
+        files: BoosterFiles, inputs_sha256: str = "",
+    ) -> None:  # fmt: skip
+        """Prepare the images.
+
+        Args:
+            config: with its steps counted.
+            targets: the networks and their classes.
+            data: images to train and to validate on.
+            views: of the object with its sheet mounted on it, a part of them held out; None where none are wanted.
+            files: where to write.
+            inputs_sha256: hash of all that decides the patch.
+        """
+        super().__init__(config, config.size_px, targets)
+        self.config, self.files, self.inputs_sha256, self._data = config, files, inputs_sha256, data
+        self.title = f"Training {targets[0].label}"
+        self._appearance, self._penalty = config.appearance(), config.penalty()
+        self._images = stack_on_device(data.train, self._device)
+        self._views: MountedViews | None = None
+        self._held_out_views: MountedViews | None = None
+        if views is not None:
+            self._views, self._held_out_views = views.divide()
+
+    @property
+    def _device(self) -> str:
+        return self.targets[0].classifier.device
+
+    def describe(self) -> list[str]:
+        """Every setting that acts."""
+        return self.config.lines([target.classifier.name for target in self.targets])
+
+    def find_finished(self) -> TrainedPatch | None:
+        """The patch, where its files are whole and of the same inputs."""
+        if not (self.files.png.is_file() and self.files.preview.is_file()):
+            return None
+        try:
+            patch = read_patch(self.files.png)
+        except ToolkitError:
+            return None  # a kill between picture and record leaves a pair that does not match; it is written again
+        is_same = patch.record.settings.get("inputs_sha256") == self.inputs_sha256
+        return TrainedPatch(patch, self.files, [], [], self._data.skipped) if is_same else None
+
+    def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
+        """Cross-entropy of photographs with the patch, and the patch's own losses."""
+        draws = Draws(self.config.seed, step)
+        count = 0 if self._views is None else round(self.config.batch * self.config.mounted_share)
+        batch = draw_batch(self._images, draws.of("images"), self.config.batch - count, self.image_px)
+        views = self._views if count else None
+        mounted = None if views is None else draw_mounted(views, draws, count, self.image_px)
+        loss, recognised = patch_loss(
+            self.pixels, batch, self.targets, self._appearance, draws, mounted=mounted, penalty=self._penalty
+        )
+        return loss, {"accuracy": recognised}
+
+    def finish(self, history: History) -> TrainedPatch:
+        """Validate the rounded patch, draw the preview, and last, as the mark that all is done, write patch and record.
+
+        What the networks say of held-out images under the corruptions that it was trained with stands in the record
+        alone.
+        """
+        import torch
+
+        config, pixels, data = self.config, quantise(self.pixels), self._data
+        printed = torch.from_numpy(pixels.transpose(2, 0, 1).copy()).float().div(255).to(self._device)
+        held_out = stack_on_device(data.held_out, self._device)
+        clear = config.model_copy(update={"corrupted": None}).appearance()
+        with progress("Validating", count_placements(len(held_out))) as bar:
+            validations = validate_patch(printed, held_out, self.targets, clear, config.seed, advance=bar.advance)
+        corrupted: list[Validation] = []
+        if config.corrupted is not None:
+            always = replace(config.corrupted, probability=1)
+            corrupted = validate_patch(printed, held_out, self.targets, clear, config.seed, corrupted=always)
+        views = self._held_out_views
+        on_object = [] if views is None else validate_mounted(printed, views, self.targets, self.image_px)
+        self._draw_preview(printed, pixels, validations)
+        patch = write_patch(self.files.png.parent, pixels, {
+            "name": self.files.png.stem,
+            "class_name": self.targets[0].label,
+            "class_index": self.targets[0].class_index,
+            "networks": [record_network(target.classifier) for target in self.targets],
+            "data": data.record | ({} if views is None else {"mounted_views_sha256": views.sha256}),
+            "seed": config.seed,
+            "settings": config.record() | {"image_px": self.image_px, "inputs_sha256": self.inputs_sha256},
+            "final": history.recent(self.recent)
+            | asdict(score_print(pixels))
+            | list_shares(validations, "held_out")
+            | list_shares(on_object, "mounted")
+            | list_shares(corrupted, "corrupted"),
+            "toolkit_version": __version__,
+        })  # fmt: skip
+        return TrainedPatch(patch, self.files, validations, on_object, data.skipped)
+
+    def _draw_preview(self, printed: "torch.Tensor", pixels: np.ndarray, validations: list[Validation]) -> None:
+        """Sixteen training images; they repeat, in other placements, where there are fewer."""
+        import torch
+
+        config, where = self.config, "held-out" if self._data.is_held_out else "training"
+        answers = [
+            f"{a.network}, {where} images: {a.patched.value:.0%} with patch, {a.bare.value:.0%} bare"
+            for a in validations
+        ]
+        size = f"{config.size_px} x {config.size_px} px, {config.steps} steps, seed {config.seed}"
+        lines = [size, *answers[:3], "Below: training images, new placements, the network's first answer"]
+        with torch.inference_mode():
+            images = self._images[: COLUMNS * ROWS]
+            which = torch.arange(COLUMNS * ROWS, device=images.device) % len(images)
+            centres = cut_centres(images, self.image_px)[which]
+            photos = show_patch(printed, centres, self._appearance, Draws(config.seed, 0, "preview"))
+        sheet = draw_patch_preview(pixels, photos, self.targets[0], self.targets[0].label, lines)
+        write_preview(self.files.preview, sheet)
 
 
-def _find_finished(files: PatchFiles, key: str) -> Patch | None:
-    if not (files.png.is_file() and files.preview.is_file()):
-        return None
-    try:
-        patch = read_patch(files.png)
-    except ToolkitError:
-        return None  # a kill between picture and record leaves a pair that does not match; it is written again
-    return patch if patch.record.settings.get("inputs_sha256") == key else None
+def patch_loss(
+    theta: "torch.Tensor", images: "torch.Tensor", targets: list[Target], appearance: Appearance, draws: Draws, *,
+    mounted: "Mounted | None" = None, penalty: "Penalty | None" = None,
+) -> "tuple[torch.Tensor, float]":  # fmt: skip
+    """The loss of a patch in a batch, a scalar, and the share recognised.
+
+    Args:
+        theta: θ, (3, n, n) sRGB-encoded in [0, 1].
+        images: (b, 3, m, m) sRGB-encoded in [0, 1], in which it is placed.
+        targets: the networks; their cross-entropies, mean over the batch, are summed.
+        appearance: what happens to the patch.
+        draws: of this step.
+        mounted: photographs of the object that wait for the patch on it; they join the batch.
+        penalty: a loss of the patch itself, added to the networks'.
+    """
+    import torch
+
+    printed = print_patch(theta, appearance, draws)
+    scenes = [place_patch(printed, images, appearance, draws)] if len(images) else []
+    if mounted is not None:
+        scenes.append(mounted(printed))
+    loss, recognised = judge_photos(take_photos(torch.cat(scenes), appearance, draws), targets)
+    return (loss if penalty is None else loss + penalty(theta)), recognised

@@ -1,31 +1,237 @@
-"""What `toolkit train-patch` is asked for, and the hash that says whether two requests are the same run."""
+"""What decides a patch's pixels: the one declaration of its settings, its recipes, and what makes a config of them."""
 
-import json
 import math
-import re
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
-from toolkit.boosters.data import DataRequest
-from toolkit.boosters.parts.affine import AffineRanges
-from toolkit.boosters.parts.base import Appearance, Placement, Range
-from toolkit.boosters.parts.blur import CameraBlur
+from pydantic import BeforeValidator, Field, field_serializer
+
+from toolkit.boosters.data import DataConfig
+from toolkit.boosters.parts.affine import WHERE, AffineRanges
+from toolkit.boosters.parts.base import Appearance, Placement
 from toolkit.boosters.parts.corruption import Corrupted
 from toolkit.boosters.parts.glare import TapeGlare
-from toolkit.boosters.parts.jpeg import JpegFile
 from toolkit.boosters.parts.light import LightRanges
 from toolkit.boosters.parts.pose import MixedPlacement, PoseRanges
-from toolkit.boosters.parts.print_process import PrintProcess, ProfiledPrint
-from toolkit.boosters.parts.sensor_noise import SensorNoise
-from toolkit.boosters.patch_steps import Descent, Target
-from toolkit.core.errors import ToolkitError
-from toolkit.core.files import sha256_bytes
-from toolkit.imaging.printer import nearest_printable
-from toolkit.rig.views import NEAR_VIEWS
+from toolkit.boosters.parts.print_process import PrintProcess, ProfiledPrint, use_profile
+from toolkit.boosters.pixel_config import MEETS, STEPS, CameraParts, PixelConfig, find_recipe, make_camera, record_parts
+from toolkit.core.config import Flag, Later, Range, Rising, align_rows, describe
+from toolkit.core.errors import FieldError
+from toolkit.imaging.printer import nearest_printable, read_print_profile
+from toolkit.objects.records import printed_size_mm
 
 if TYPE_CHECKING:
     import torch
+
+METHOD = "unadversarial patch, sign of the gradient"
+METHOD_VERSION = 4
+"""Raised when the same settings give other numbers: an older checkpoint is then another run's."""
+LOSSES, RIG = "Losses", "Mounted on the rig's object"
+SMALLEST_PX = 8
+
+
+def read_words(given: object) -> object:
+    """Corruptions from words such as `fog:3`; anything else as it is."""
+    if isinstance(given, list | tuple) and all(isinstance(word, str) for word in given):
+        from toolkit.corruptions.request import parse_corruptions
+
+        return Corrupted(parse_corruptions(given))
+    return given
+
+
+class PatchConfig(PixelConfig):
+    """Every setting of a patch's training. Parts that are None do not act."""
+
+    size_px: Annotated[int, Field(ge=SMALLEST_PX), Flag()] = Field(
+        100, exclude=True, description="Side of the patch, pixels."
+    )
+    epochs: Annotated[int | None, Field(ge=1), Flag(group=STEPS)] = Field(
+        None, description="Instead of --steps: how often each image is seen."
+    )
+    affine: AffineRanges | Placement = AffineRanges()
+    pose: Annotated[PoseRanges | None, Flag(group=WHERE)] = Field(
+        None, description="Place half of the patches as a camera sees them on an object."
+    )
+    light: Annotated[LightRanges | None, Flag(group=MEETS)] = Field(
+        LightRanges(), description="Vary exposure, contrast and tint of the patch."
+    )
+    print_process: Annotated[PrintProcess | ProfiledPrint | None, Flag(group=MEETS)] = Field(
+        None, description="Inks and paper of a desktop printer."
+    )
+    glare: Annotated[TapeGlare | None, Flag(group=MEETS)] = Field(None, description="Shine and strips of the tape.")
+    camera: Annotated[CameraParts | None, Flag(group=MEETS, make=make_camera)] = Field(
+        None, description="Blur, sensor noise and JPEG."
+    )
+    tv_weight: Annotated[float, Field(ge=0), Flag(group=LOSSES)] = Field(
+        0.0, description="Of the patch's total variation."
+    )
+    printability_weight: Annotated[float, Field(ge=0), Flag(group=LOSSES)] = Field(
+        0.0, description="Of its colours' distance to what inks can print."
+    )
+    mounted_share: Annotated[float, Field(ge=0, le=1), Flag(group=RIG)] = Field(
+        0.0, description="Share of each batch with the sheet mounted on it; 0 without --data rig."
+    )
+    mounted_views: Annotated[int, Field(ge=2), Flag(group=RIG)] = Field(
+        240, description="Such views, a fifth of them held out."
+    )
+    mounted_fill: Annotated[Range, Rising(0.05, 1), Flag(group=RIG)] = Field(
+        (0.6, 0.95), description="Share of the frame that the object fills in them: its distance."
+    )
+    without_effect: dict[str, float] = Field({}, description="Named by the recipe's source, and moves nothing.")
+    corrupted: Annotated[
+        Corrupted | None,
+        BeforeValidator(read_words),
+        Later,
+        Flag("--corrupt", metavar="NAME", group=MEETS, typed=tuple[str, ...]),
+    ] = Field(
+        None,
+        description="Corrupt half of the photographs as ImageNet-C does: fog:3, noise:1-3, weather, common, all; "
+        "of several each draws one.",
+    )
+
+    @field_serializer("camera")
+    def _name_parts(self, camera: CameraParts | None) -> dict[str, Any] | None:
+        return record_parts(camera or ())
+
+    @field_serializer("mounted_views", "mounted_fill")
+    def _only_mounted(self, value: object) -> object:
+        return value if self.mounted_share else None
+
+    def record(self) -> dict[str, Any]:
+        """Every hyper-parameter, as recorded beside the patch."""
+        return {"method": METHOD, "recipe": self.recipe, "epochs": self.epochs, **super().record()}
+
+    def count_steps(self, images: int) -> "PatchConfig":
+        """The same with the steps that its epochs make of so many training images."""
+        if self.epochs is None:
+            return self
+        return self.with_overrides(steps=self.epochs * math.ceil(images / self.batch))
+
+    def appearance(self) -> Appearance:
+        """The parts that act, in order."""
+        return Appearance(
+            self.affine if self.pose is None else MixedPlacement(self.pose, self.affine),
+            on_print=() if self.print_process is None else (self.print_process,),
+            on_paper=tuple(part for part in (self.light, self.glare) if part is not None),
+            on_photo=(*(self.camera or ()), *(() if self.corrupted is None else (self.corrupted,))),
+        )
+
+    def penalty(self) -> "Callable[[torch.Tensor], torch.Tensor] | None":
+        """Θ -> the weighted losses of the patch itself, a scalar; None where both weigh nothing."""
+        if not (self.tv_weight or self.printability_weight):
+            return None
+
+        def weigh(patch: "torch.Tensor") -> "torch.Tensor":
+            loss = patch.new_zeros(())
+            if self.tv_weight:
+                loss = loss + self.tv_weight * total_variation(patch)
+            if self.printability_weight:
+                loss = loss + self.printability_weight * non_printability(patch)
+            return loss
+
+        return weigh
+
+    def lines(self, networks: list[str]) -> list[str]:
+        """One line per setting or part that acts, `name  value`, and one for the parts that do not."""
+        epochs = "" if self.epochs is None else f" ({self.epochs} epochs)"
+        parts = {
+            "affine": self.affine,
+            "pose": self.pose,
+            "light": self.light,
+            "print": self.print_process,
+            "glare": self.glare,
+            **{f"camera: {type(part).__name__}": part for part in self.camera or ()},
+            **({} if self.corrupted is None else {"corrupted": self.corrupted}),
+        }
+        rows = self.step_rows(self.size_px, "sign of the gradient", epochs)
+        rows += [("networks", ", ".join(networks))]
+        rows += [(name, describe(part)) for name, part in parts.items() if part is not None]
+        idle = [name for name, part in parts.items() if part is None] + ([] if self.camera else ["camera"])
+        if self.mounted_share:
+            share = f"{self.mounted_share:.0%} of each batch, {self.mounted_views} views, a fifth held out, "
+            rows.append(("mounted", f"{share}the object filling {describe(self.mounted_fill)} of the frame"))
+        else:
+            idle.append("mounted views")
+        losses = [f"total variation × {self.tv_weight:g}"] if self.tv_weight else []
+        losses += [f"non-printability × {self.printability_weight:g}"] if self.printability_weight else []
+        rows.append(("losses", " + ".join(["cross-entropy", *losses])))
+        if idle:
+            rows.append(("off", ", ".join(idle)))
+        if self.without_effect:
+            named = ", ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in self.without_effect.items())
+            words = f"{named}: in the paper's release they move a dummy parameter, not the patch"
+            rows.append(("without effect", words))
+        return align_rows(rows)
+
+
+RECIPES: dict[str, PatchConfig] = {
+    "default": PatchConfig(
+        recipe="default", about="smoothed descent, and what the patch meets in the world",
+        steps=600, batch=16, lr=0.05, schedule="cosine", smoothing_px=2.0, start_contrast=0.2,
+        pose=PoseRanges(), light=LightRanges(), print_process=PrintProcess(), glare=TapeGlare(), camera=make_camera(),
+        mounted_share=0.875,
+    ),
+    "paper": PatchConfig(
+        recipe="paper", about="Algorithm 1 as published: random affine alone (paper C.2)",
+        steps=None, epochs=30, batch=512, lr=0.1, schedule="constant", smoothing_px=0.0, start_contrast=1.0, light=None,
+        without_effect={"momentum": 0.9, "weight_decay": 1e-4},
+    ),
+}  # fmt: skip
+"""Appendix C.2 names momentum and weight decay. In the paper's release the optimiser that has them holds a dummy
+parameter, while the patch itself moves by the plain sign of its gradient, as Algorithm 1 says: that acts here too."""
+
+
+def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> PatchConfig:
+    """A recipe with overrides, fitted to its data: without the rig nothing is mounted unless it is asked for.
+
+    Raises:
+        ToolkitError: an unknown recipe, or a setting that is out of its range.
+    """
+    base, fitted = find_recipe(RECIPES, recipe), dict(overrides)
+    lengths = {name: fitted[name] for name in ("steps", "epochs") if fitted.get(name) is not None}
+    if len(lengths) == 2:
+        raise FieldError("expected one of the two", lengths)
+    if lengths:
+        base = base.model_copy(update={"steps": None, "epochs": None})
+    if fitted.get("mounted_share") is None and data.rig_source is None:
+        fitted["mounted_share"] = 0.0
+    pose_acts = base.pose is not None if fitted.get("pose") is None else fitted["pose"]
+    if pose_acts:  # its sheet is as large as the patch is printed, and a large patch lies on a large object
+        size_mm = printed_size_mm(fitted.get("size_px", base.size_px))
+        length_mm = fitted.pop("pose.length_mm", None) or max((base.pose or PoseRanges()).length_mm, size_mm)
+        fitted |= {"pose.size_mm": size_mm, "pose.length_mm": length_mm}
+    return base.with_overrides(fitted)
+
+
+def use_printer(overrides: Mapping[str, Any], file: Path) -> dict[str, Any]:
+    """The overrides with the printer that a profile's file describes.
+
+    Raises:
+        FieldError: printing is switched off as well.
+    """
+    if overrides.get("print_process") is False:
+        raise FieldError("expected one of the two", {"print_process": False, "print_profile": file})
+    return {**overrides, "print_process": use_profile(read_print_profile(file))}
+
+
+def hash_inputs(config: PatchConfig, name: str, networks: list[list[object]], data_sha256: str) -> str:
+    """Hash of all that decides a patch's pixels, so that a checkpoint is never continued under other settings.
+
+    Args:
+        config: with its steps counted.
+        name: of the patch's files.
+        networks: see `toolkit.boosters.pixels.list_networks`.
+        data_sha256: of the images.
+    """
+    return config.sha256(METHOD_VERSION, name, networks, data_sha256, config.size_px)
+
+
+def check_size(size_px: int, image_px: int, field: str = "size_px") -> None:
+    """A patch has no more texels a side than the network's image has pixels; `field` is named where it has."""
+    if not SMALLEST_PX <= size_px <= image_px:
+        expected = f"expected {SMALLEST_PX} to {image_px}, the side of the network's image in pixels"
+        raise FieldError(expected, {field: size_px})
 
 
 def total_variation(patch: "torch.Tensor") -> "torch.Tensor":
@@ -48,160 +254,3 @@ def non_printability(patch: "torch.Tensor") -> "torch.Tensor":
     squared = apart.square().mean(dim=1)
     # inside, the root's infinite slope at 0 must not meet the gradient
     return torch.where(squared > 1e-12, squared.clamp_min(1e-12).sqrt(), torch.zeros_like(squared)).mean()
-
-
-CameraParts = tuple[CameraBlur, SensorNoise, JpegFile]
-SMALLEST_PX = 8
-METHOD = "unadversarial patch, sign of the gradient"
-METHOD_VERSION = 4
-"""Raised when the same request gives other numbers: an older checkpoint is then another run's."""
-
-
-@dataclass(frozen=True)
-class PatchRequest:
-    """One patch to train. Parts that are None do not act.
-
-    Attributes:
-        class_name: a label of the networks, an index, or a WordNet id.
-        data: which images.
-        size_px: n, side of the patch.
-        descent: steps, batch, learning rate, seed.
-        placement: where the patch lies in an image.
-        light: how it is lit.
-        name: of its files; by default from the label.
-        mounted_share: of each batch, that shows the rig's object with the sheet mounted on it.
-        mounted_views: how many such views are rendered, a fifth of them held out.
-        mounted_fill: share of the frame that the object reaches in them, lowest and highest.
-        pose: how a camera sees it on an object, for a share of the images.
-        print_process: what the printer makes of it: a range of printers, or one that was measured.
-        glare: what its tape does.
-        camera: what is done to the photograph, in this order.
-        corrupted: what spoils some photographs after the camera.
-        tv_weight, printability_weight: of the patch's own losses, see `toolkit.boosters.patch_config`.
-        epochs: how often each training image is seen; decides the steps once the images are known.
-        recipe: whose settings these are, flags apart.
-        without_effect: settings that the recipe's source names and that move nothing; recorded and said.
-    """
-
-    class_name: str
-    data: DataRequest
-    size_px: int = 100
-    descent: Descent = field(default_factory=Descent)
-    placement: Placement = field(default_factory=AffineRanges)
-    light: LightRanges | None = field(default_factory=LightRanges)
-    name: str | None = None
-    mounted_share: float = 0.0
-    mounted_views: int = 240
-    mounted_fill: Range = NEAR_VIEWS.fill
-    pose: PoseRanges | None = None
-    print_process: PrintProcess | ProfiledPrint | None = None
-    glare: TapeGlare | None = None
-    camera: CameraParts | None = None
-    tv_weight: float = 0.0
-    printability_weight: float = 0.0
-    epochs: int | None = None
-    recipe: str = "custom"
-    without_effect: dict[str, float] = field(default_factory=dict)
-    corrupted: Corrupted | None = None
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.mounted_share <= 1:
-            raise ToolkitError(f"--mounted-share {self.mounted_share:g}: expected 0 to 1")
-        if self.mounted_views < 2:
-            raise ToolkitError(f"--mounted-views {self.mounted_views}: expected at least 2")
-        low, high = self.mounted_fill
-        if not 0.05 <= low <= high <= 1:
-            raise ToolkitError(
-                f"--mounted-fill {low:g} {high:g}: expected two shares of the frame, 0.05 to 1, lowest first"
-            )
-        if self.epochs is not None and self.epochs < 1:
-            raise ToolkitError(f"--epochs {self.epochs}: expected at least 1")
-        for flag, weight in (("--tv-weight", self.tv_weight), ("--printability-weight", self.printability_weight)):
-            if not 0 <= weight < math.inf:
-                raise ToolkitError(f"{flag} {weight:g}: expected 0 or more")
-
-    def count_steps(self, images: int) -> "PatchRequest":
-        """The same request with the steps that its epochs make of so many training images."""
-        if self.epochs is None:
-            return self
-        steps = self.epochs * math.ceil(images / self.descent.batch)
-        return replace(self, descent=replace(self.descent, steps=steps))
-
-    def appearance(self) -> Appearance:
-        """The parts that act, in order."""
-        return Appearance(
-            self.placement if self.pose is None else MixedPlacement(self.pose, self.placement),
-            on_print=() if self.print_process is None else (self.print_process,),
-            on_paper=tuple(part for part in (self.light, self.glare) if part is not None),
-            on_photo=(*(self.camera or ()), *(() if self.corrupted is None else (self.corrupted,))),
-        )
-
-    def penalty(self) -> "Callable[[torch.Tensor], torch.Tensor] | None":
-        """Θ -> the weighted losses of the patch itself, a scalar; None where both weigh nothing."""
-        if not (self.tv_weight or self.printability_weight):
-            return None
-
-        def weigh(patch: "torch.Tensor") -> "torch.Tensor":
-            loss = patch.new_zeros(())
-            if self.tv_weight:
-                loss = loss + self.tv_weight * total_variation(patch)
-            if self.printability_weight:
-                loss = loss + self.printability_weight * non_printability(patch)
-            return loss
-
-        return weigh
-
-    def settings(self) -> dict[str, Any]:
-        """Every hyper-parameter, as recorded beside the patch."""
-        parts = {
-            "affine": self.placement,
-            "pose": self.pose,
-            "light": self.light,
-            "print_process": self.print_process,
-            "glare": self.glare,
-        }
-        camera = {type(part).__name__: asdict(part) for part in self.camera or ()}
-        return {
-            "method": METHOD,
-            "recipe": self.recipe,
-            "epochs": self.epochs,
-            **asdict(self.descent),
-            **{name: None if part is None else asdict(part) for name, part in parts.items()},  # type: ignore[arg-type]
-            "camera": camera or None,
-            "tv_weight": self.tv_weight,
-            "printability_weight": self.printability_weight,
-            "mounted_share": self.mounted_share,
-            "mounted_views": self.mounted_views if self.mounted_share else None,
-            "mounted_fill": self.mounted_fill if self.mounted_share else None,
-            "without_effect": self.without_effect,
-            # a request from before there was this part keeps its hash
-            **({} if self.corrupted is None else {"corrupted": asdict(self.corrupted)}),
-        }
-
-
-def name_files(name: str | None, label: str, index: int) -> str:
-    """A booster's file name without suffix: the one that was asked for, else from its class.
-
-    Raises:
-        ToolkitError: the name that was asked for cannot be a file's everywhere.
-    """
-    if name is not None:
-        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
-            raise ToolkitError(f"--name '{name}': expected letters, digits, '-' and '_', without a suffix")
-        return name
-    return re.sub(r"[^A-Za-z0-9]+", "_", label).strip("_") or f"class_{index}"
-
-
-def check_size(size_px: int, image_px: int, flag: str = "--size-px") -> None:
-    """A patch must have some texels, and no more than the network's image has pixels."""
-    if not SMALLEST_PX <= size_px <= image_px:
-        raise ToolkitError(
-            f"{flag} {size_px}: expected {SMALLEST_PX} to {image_px}, the side of the network's image in pixels"
-        )
-
-
-def hash_inputs(request: PatchRequest, name: str, targets: list[Target], data_sha256: str) -> str:
-    """Hash of all that decides the patch's pixels, so that a checkpoint is never continued under other settings."""
-    networks = [[t.classifier.arch, t.classifier.weights.sha256, t.class_index] for t in targets]
-    inputs = [METHOD_VERSION, name, networks, data_sha256, request.size_px, request.settings()]
-    return sha256_bytes(json.dumps(inputs, sort_keys=True).encode())

@@ -2,15 +2,26 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import AfterValidator
 
-from toolkit.boosters.patch_config import name_files
-from toolkit.core.errors import ToolkitError
+from toolkit.boosters.pixel_config import name_files
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_bytes
-from toolkit.core.workspace import Workspace
+from toolkit.core.workspace import PATCH_SET_NAME, Workspace
 from toolkit.objects.records import Patch, read_patch
+
+
+def check_set_name(name: str) -> str:
+    """A patch set's name is a folder's."""
+    if not PATCH_SET_NAME.fullmatch(name):
+        raise FieldError(f"{{set_name}} '{name}': expected letters, digits, '-' and '_'", {})
+    return name
+
+
+SetName = Annotated[str, AfterValidator(check_set_name)]
 
 
 def name_class(labels: Sequence[str], index: int) -> str:

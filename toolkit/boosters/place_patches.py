@@ -1,40 +1,34 @@
 """Images with a patch of their class in them, turned, scaled and moved at random by the image's own seed."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from pydantic import Field
 
 from toolkit.boosters.parts.affine import affine_matrices
-from toolkit.boosters.parts.base import check_range, warp_patch
-from toolkit.core.errors import ToolkitError
+from toolkit.boosters.parts.base import warp_patch
+from toolkit.core.config import Config, Expect, Flag, Range, Rising
 
 if TYPE_CHECKING:
     import torch
 
 
-@dataclass(frozen=True)
-class Placement:
+class Placement(Config):
     """Ranges of the random affine placement, drawn uniformly; the defaults are those of the paper's release.
 
-    Attributes:
-        rotation_deg: largest turn either way.
-        scale: smallest and largest side of the placed patch, in its own pixels.
-        translate: largest move of its centre along each axis, as a share of the image's side; what reaches over the
-            frame is cut off.
+    As for every part, the name of the class names its draws: renamed, it would draw other numbers.
     """
 
-    rotation_deg: float = 45.0
-    scale: tuple[float, float] = (0.9, 1.1)
-    translate: float = 0.3
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.rotation_deg <= 180:
-            raise ToolkitError(f"--rotation {self.rotation_deg:g}: expected 0 to 180 degrees")
-        check_range("--scale", self.scale, 0.1, 2)
-        if not 0 <= self.translate <= 0.5:
-            raise ToolkitError(f"--translate {self.translate:g}: expected 0 to 0.5 of the image's side")
+    rotation_deg: Annotated[float, Field(ge=0, le=180), Expect("0 to 180 degrees"), Flag("--rotation")] = Field(
+        45.0, description="Largest turn of a patch either way, degrees."
+    )
+    scale: Annotated[Range, Rising(0.1, 2), Flag()] = Field(
+        (0.9, 1.1), description="Smallest and largest side of the placed patch, of its own pixels."
+    )
+    translate: Annotated[float, Field(ge=0, le=0.5), Expect("0 to 0.5 of the image's side"), Flag()] = Field(
+        0.3, description="Largest move from the middle along each axis, of the image's side; it may be cut off."
+    )
 
     def place(self, rng: np.random.Generator, count: int, patch_px: int, image_px: int) -> np.ndarray:
         """Draw `count` placements; (count, 3, 3) float64 `T_image_patch`, see `toolkit.boosters.parts.affine`."""

@@ -1,45 +1,72 @@
-"""Train a texture from request to files: what `toolkit train-texture` runs."""
+"""Train a texture (Algorithm 2): what `toolkit train-texture` runs."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
-from time import monotonic
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolkit.boosters.data import choose_files as choose_photographs
-from toolkit.boosters.data import load_files
-from toolkit.boosters.patch_config import name_files
-from toolkit.boosters.patch_finish import quantise_patch, write_preview
-from toolkit.boosters.patch_steps import Target, draw_first_patch
-from toolkit.boosters.texture_config import Optimiser, TextureRequest, hash_inputs
-from toolkit.boosters.texture_finish import (
-    RECENT,
-    Checkpoint,
-    TextureFiles,
-    WeatherValidation,
-    draw_turntable,
-    plan_turntable,
-    read_checkpoint,
-    validate_texture,
-    write_checkpoint,
-    write_finished,
+from toolkit import __version__
+from toolkit.boosters.data import choose_images, load_files
+from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
+from toolkit.boosters.pixel_config import name_files
+from toolkit.boosters.pixels import (
+    Network,
+    PixelTask,
+    Target,
+    judge_photos,
+    list_networks,
+    quantise,
+    record_network,
 )
-from toolkit.boosters.texture_objects import Wearers, choose_class, dress_objects
-from toolkit.boosters.texture_recipes import list_settings
-from toolkit.boosters.texture_steps import Step, dilate, train_steps
+from toolkit.boosters.preview import BoosterFiles, draw_turntable, write_preview
+from toolkit.boosters.texture_config import METHOD_VERSION, TextureConfig
+from toolkit.boosters.texture_objects import (
+    TexturedObject,
+    choose_class,
+    find_source,
+    hash_objects,
+    load_objects,
+    read_keep_image,
+)
+from toolkit.boosters.validation import Share, Validation, list_shares
 from toolkit.core.console import progress
+from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.objects.records import Texture, read_texture
-from toolkit.rig.views import ViewStream
-from toolkit.training.checkpoint import forget_run, say_start
+from toolkit.corruptions.corrupt import corrupt
+from toolkit.imaging.colour import srgb_to_linear
+from toolkit.objects.atlas import wear
+from toolkit.objects.export import to_glb
+from toolkit.objects.records import Texture, glb_name, read_texture, write_texture
+from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
+from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.studio import make_studio
+from toolkit.rig.views import DETAIL, FOV_DEG, StreamedView, Subject, ViewStream
+from toolkit.training.checkpoint import Checkpoint
+from toolkit.training.loop import History, fit
+
+if TYPE_CHECKING:
+    import torch
 
 CHECKPOINT_EVERY_S = 10.0
 """How much work a kill may cost, and how often the turntable is drawn."""
 MAX_BACKGROUNDS = 256
+BATCH = 16
+FOG_SEVERITY = 3
+TURNTABLE_VIEWS, TURNTABLE_ELEVATION_DEG, TURNTABLE_FILL, TURNTABLE_BACKDROP = 8, 30.0, 0.9, "concrete"
+
+
+@dataclass(frozen=True)
+class WeatherValidation:
+    """What one network says of held-out views: the object in its own paint (`bare`) and in the texture (`patched`)."""
+
+    clear: Validation
+    fog: Validation
 
 
 @dataclass(frozen=True)
@@ -49,6 +76,7 @@ class TrainedTexture:
     Attributes:
         texture: pixels and record.
         files: where it lies.
+        glbs: the objects that wear it, by name.
         validations: per network, on held-out views; empty when the texture was finished before.
         skipped: (path, reason) of background photographs that could not be used.
         resumed_from: steps that an earlier run had made; all of them when the texture was finished before.
@@ -56,11 +84,12 @@ class TrainedTexture:
     """
 
     texture: Texture
-    files: TextureFiles
+    files: BoosterFiles
+    glbs: dict[str, Path]
     validations: list[WeatherValidation]
     skipped: tuple[tuple[str, str], ...]
-    resumed_from: int
-    was_finished: bool
+    resumed_from: int = 0
+    was_finished: bool = False
 
 
 @dataclass(frozen=True)
@@ -72,160 +101,279 @@ class Backgrounds:
     record: dict[str, Any] | None = None
 
 
-def choose_files(workspace: Workspace, out: Path | None, name: str) -> TextureFiles:
-    """The workspace's own folder, or below `out`."""
-    folder = workspace.textures_dir if out is None else Path(out)
-    return TextureFiles(folder / f"{name}.png", folder / "previews" / f"{name}.png", folder / ".training" / name)
-
-
 def train_texture(
-    request: TextureRequest,
-    classifiers: list,
+    config: TextureConfig,
+    networks: Sequence[Network],
     workspace: Workspace,
+    *,
+    class_name: str | int | None = None,
+    name: str | None = None,
     out: Path | None = None,
     restart: bool = False,
-    quiet: bool = False,
-    say: Callable[[str], None] = lambda line: None,
     workers: int | None = None,
     checkpoint_every_s: float = CHECKPOINT_EVERY_S,
 ) -> TrainedTexture:
-    """Train a texture, or take it up where an interrupted run of the same request left it.
+    """Train a texture, or take it up where an interrupted run of the same settings left it.
 
     Args:
-        request: what to train.
-        classifiers: the networks, at least one; the first one's labels and preprocessing lead.
+        config: every setting, see `make_config` and `RECIPES`.
+        networks: at least one; the first one's labels and preprocessing lead.
         workspace: whose folders and objects are used.
+        class_name: a label of the networks, an index, or a WordNet id; None: the class that the objects' specs name.
+        name: of the texture's files; by default the object's, for several objects the class's.
         out: folder for the texture instead of the workspace's.
         restart: forget what an earlier run left.
-        quiet: no progress bars.
-        say: told what the user should know along the way.
         workers: processes that render; None: one for each core but one; 0: none, this process renders.
         checkpoint_every_s: how much work a kill may cost.
 
     Raises:
-        ToolkitError: the request, an object, the photographs or a checkpoint cannot be used, or the disk is full.
+        ToolkitError: the settings, an object, the photographs or a checkpoint cannot be used, or the disk is full.
     """
-    wearers = dress_objects(workspace, request)
-    label = choose_class(request, wearers.items)
-    targets = [Target(classifier, classifier.class_index(label)) for classifier in classifiers]
-    name = _name_texture(request, classifiers[0].labels[targets[0].class_index], targets[0].class_index)
+    config.check_backgrounds()
+    keep_image = None if config.keep_image is None else read_keep_image(config.keep_image)
+    objects = load_objects(workspace, config, keep_image)
+    label = choose_class(class_name, objects)
+    targets = [Target(network, network.class_index(label)) for network in networks]
+    if name is None and len(objects) == 1:
+        name = objects[0].name
+    name = name_files(name, targets[0].label, targets[0].class_index)
     files = choose_files(workspace, out, name)
-    backgrounds = _load_backgrounds(request, classifiers[0], quiet)
-    key = hash_inputs(request, name, targets, wearers.sha256 + sha256_bytes(backgrounds.images.tobytes()))
-    checkpoint_file = files.training / f"{key[:16]}.safetensors"
-    if restart:
-        checkpoint_file.unlink(missing_ok=True)
-    elif (finished := _find_finished(files, wearers, key)) is not None:
-        forget_run(files.training, key)
-        return TrainedTexture(finished, files, [], backgrounds.skipped, request.descent.steps, True)
-
-    for line in list_settings(request, wearers, label, [one.name for one in classifiers]):
-        say(line)
-    state = read_checkpoint(checkpoint_file, key, request.optimiser)
-    resumed_from = 0 if state is None else state.done
-    say_start(say, resumed_from, request.descent.steps, files.training)
-    with ViewStream(wearers.subjects(), request.views, request.descent.seed, request.groups, workers) as stream:
-        run = _Run(request, wearers, targets, files, checkpoint_file, key, checkpoint_every_s, quiet)
-        state = run.make_steps(stream, state, backgrounds.images)
-        pixels = quantise_patch(state.texture.reshape(3, -1)[:, wearers.source].reshape(state.texture.shape))
-        with progress("Validating", 1, quiet) as bar:
-            validations = validate_texture(pixels, stream.held_out(request.held_out), targets, request.descent.seed)
-            bar.advance()
-    texture = write_finished(request, wearers, targets, state, pixels, files, validations, backgrounds.record)
-    forget_run(files.training, key)
-    return TrainedTexture(texture, files, validations, backgrounds.skipped, resumed_from, False)
+    backgrounds = _load_backgrounds(config, networks[0])
+    data_sha256 = hash_objects(objects) + sha256_bytes(backgrounds.images.tobytes())
+    inputs = [
+        METHOD_VERSION, name, list_networks(targets), data_sha256, config.size_px, config.objects,
+        config.settings(networks[0].preprocessing.crop_px),
+    ]  # fmt: skip
+    inputs_sha256 = sha256_bytes(json.dumps(inputs, sort_keys=True).encode())
+    task = TextureTask(config, targets, objects, backgrounds, files, inputs_sha256)
+    task.keep_image, task.workers = keep_image, workers
+    checkpoint = Checkpoint(files.training, inputs_sha256, restart, checkpoint_every_s)
+    fitted = fit(task, config.fit_config(config.optimiser), checkpoint)
+    return replace(fitted.made, resumed_from=fitted.resumed_from, was_finished=fitted.was_finished)
 
 
-class _Run:
-    """The training loop on disk: it shows how it goes and can be killed at any moment."""
-
-    def __init__(
-        self, request: TextureRequest, wearers: Wearers, targets: list[Target], files: TextureFiles,
-        checkpoint_file: Path, key: str, every_s: float, quiet: bool,
-    ) -> None:  # fmt: skip
-        import torch
-
-        self._request, self._targets, self._files = request, targets, files
-        self._file, self._key, self._every_s, self._quiet = checkpoint_file, key, every_s, quiet
-        device = targets[0].classifier.device
-        self._source = torch.from_numpy(wearers.source).to(device)
-        side = targets[0].classifier.preprocessing.crop_px
-        self._turntable = [plan_turntable(subject, side, device) for subject in wearers.subjects()]
-
-    def make_steps(self, stream: ViewStream, state: Checkpoint | None, backgrounds: np.ndarray) -> Checkpoint:
-        """Make the steps that are left; a checkpoint and a turntable every few seconds, on Ctrl-C, and at the end."""
-        import torch
-
-        request, device = self._request, self._source.device
-        if state is None:
-            start = draw_first_patch(request.size_px, request.descent.seed, request.descent.start_contrast).numpy()
-            state = Checkpoint(self._key, start, np.zeros(0), np.zeros(0))
-        texture = torch.from_numpy(np.array(state.texture)).to(device)
-        optimiser = Optimiser(request.optimiser, texture, state.done, state.optimiser)
-        losses, accuracies = list(state.losses), list(state.accuracies)
-        last = Step(state.done, state.texture, state.optimiser, 0.0, 0.0)
-
-        def snapshot() -> Checkpoint:
-            done = last.done
-            return Checkpoint(
-                self._key, last.texture, np.array(losses[:done]), np.array(accuracies[:done]), last.optimiser
-            )
-
-        written = monotonic()
-        steps = train_steps(texture, self._source, state.done, optimiser, self._targets, stream, request, backgrounds)
-        title = f"Training {self._files.png.stem}"
-        with progress(title, request.descent.steps, self._quiet, done=last.done) as bar:
-            bar.advance(0, note="rendering the first views")
-            try:
-                for step in steps:
-                    losses.append(step.loss)
-                    accuracies.append(step.accuracy)
-                    last = step
-                    bar.advance(
-                        note=f"loss {np.mean(losses[RECENT]):.3f}  recognised {np.mean(accuracies[RECENT]):.0%}"
-                    )
-                    if monotonic() - written >= self._every_s:
-                        write_checkpoint(self._file, snapshot())
-                        self._draw(last.texture)
-                        written = monotonic()
-            finally:
-                # also when stopped or failed: what is done is kept, and a step that was cut short is not counted
-                if last.done > state.done:
-                    write_checkpoint(self._file, snapshot())
-        self._draw(last.texture)
-        return snapshot()
-
-    def _draw(self, texture: np.ndarray) -> None:
-        import torch
-
-        shown = dilate(torch.from_numpy(texture).to(self._source.device), self._source)
-        write_preview(self._files.preview, draw_turntable(shown, self._turntable, self._targets[0]))
+def choose_files(workspace: Workspace, out: Path | None, name: str) -> BoosterFiles:
+    """The workspace's own folder, or below `out`."""
+    folder = workspace.textures_dir if out is None else Path(out)
+    return BoosterFiles(folder / f"{name}.png", folder / "previews" / f"{name}.png", folder / ".training" / name)
 
 
-def _name_texture(request: TextureRequest, label: str, index: int) -> str:
-    if request.name is None and len(request.objects) == 1:
-        return request.objects[0]
-    return name_files(request.name, label, index)
-
-
-def _load_backgrounds(request: TextureRequest, classifier, quiet: bool) -> Backgrounds:
-    side = classifier.preprocessing.resize_px
-    if not request.background_share or request.backgrounds is None:
+def _load_backgrounds(config: TextureConfig, network: Network) -> Backgrounds:
+    side = network.preprocessing.resize_px
+    if not config.background_share or config.backgrounds is None:
         return Backgrounds(np.zeros((0, side, side, 3), np.uint8))
-    choice = choose_photographs(request.backgrounds, frozenset(), "all", "--backgrounds")
-    count = min(MAX_BACKGROUNDS, len(choice.files))
-    with progress("Reading backgrounds", count, quiet) as bar:
-        rng = np.random.default_rng([request.descent.seed, 0xBAC])
-        loaded = load_files(choice, count, rng, classifier.preprocessing, bar.advance)
+    found = choose_images(config.backgrounds, frozenset(), "all", "backgrounds")
+    count = min(MAX_BACKGROUNDS, len(found.files))
+    with progress("Reading backgrounds", count) as bar:
+        rng = np.random.default_rng([config.seed, 0xBAC])
+        loaded = load_files(found, count, rng, network.preprocessing, bar.advance)
     return Backgrounds(loaded.images, loaded.skipped, loaded.record)
 
 
-def _find_finished(files: TextureFiles, wearers: Wearers, key: str) -> Texture | None:
-    needed = (files.png, files.preview, *(files.glb(item.name) for item in wearers.items))
-    if not all(file.is_file() for file in needed):
-        return None
-    try:
-        texture = read_texture(files.png)
-    except ToolkitError:
-        return None  # a kill between picture and record leaves a pair that does not match; it is written again
-    return texture if texture.record.settings.get("inputs_sha256") == key else None
+class TextureTask(PixelTask[TrainedTexture]):
+    """Algorithm 2: a texture goes down the loss of recognising its class in random views of what wears it.
+
+    Attributes:
+        keep_image: (h, w) bool mask of the only object, to be recorded.
+        workers: processes that render; None: one for each core but one; 0: none.
+    """
+
+    kind = "texture"
+
+    def __init__(
+        self, config: TextureConfig, targets: list[Target], objects: list[TexturedObject], backgrounds: Backgrounds,
+        files: BoosterFiles, inputs_sha256: str = "",
+    ) -> None:  # fmt: skip
+        """Prepare.
+
+        Args:
+            config: every setting.
+            targets: the networks and their classes.
+            objects: that wear the texture.
+            backgrounds: photographs; there may be none.
+            files: where to write.
+            inputs_sha256: hash of all that decides the texture.
+        """
+        import torch
+
+        super().__init__(config, config.size_px, targets, config.optimiser)
+        self.config, self.objects, self.files, self.inputs_sha256 = config, objects, files, inputs_sha256
+        self.keep_image: np.ndarray | None = None
+        self.workers: int | None = None
+        self.title = f"Training {files.png.stem}"
+        self._backgrounds = backgrounds
+        self._source = torch.from_numpy(find_source(objects)).to(self.pixels.device)
+        self._glbs = {one.name: files.png.parent / glb_name(files.png.stem, one.name) for one in objects}
+
+    def describe(self) -> list[str]:
+        """Every setting that acts."""
+        names = [target.classifier.name for target in self.targets]
+        return self.config.lines(self.targets[0].label, [one.describe() for one in self.objects], names)
+
+    def find_finished(self) -> TrainedTexture | None:
+        """The texture, where its files are whole and of the same inputs."""
+        if not all(file.is_file() for file in (self.files.png, self.files.preview, *self._glbs.values())):
+            return None
+        try:
+            texture = read_texture(self.files.png)
+        except ToolkitError:
+            return None  # a kill between picture and record leaves a pair that does not match; it is written again
+        is_same = texture.record.settings.get("inputs_sha256") == self.inputs_sha256
+        return TrainedTexture(texture, self.files, self._glbs, [], self._backgrounds.skipped) if is_same else None
+
+    @contextmanager
+    def open(self) -> Iterator[None]:
+        """Start the processes that render, and set the turntable up."""
+        subjects, device = [one.subject() for one in self.objects], str(self.pixels.device)
+        self._turntable = [plan_turntable(subject, self.image_px, device) for subject in subjects]
+        views = self.config.views(self.image_px)
+        with ViewStream(subjects, views, self.config.seed, self.config.groups, self.workers) as self._stream:
+            yield
+
+    def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
+        """Cross-entropy of photographs of random views; the first step of a group waits until it is rendered."""
+        config, draws = self.config, Draws(self.config.seed, step)
+        group, inside = divmod(step, config.steps_per_group)
+        views = choose_views(self._stream.group(group), config, group, inside)
+        behind = choose_backgrounds(
+            self._backgrounds.images, config, draws.of("backgrounds"), len(views), self.image_px
+        )
+        batch = batch_views([one.view for one in views], str(self.pixels.device), behind)
+        loss, recognised = judge_photos(take_photos(self.dilated(), batch, config, draws), self.targets)
+        return loss, {"accuracy": recognised}
+
+    def dilated(self) -> "torch.Tensor":
+        """(3, n, n) with the colour of the nearest seen texel on all that are not seen."""
+        return self.pixels.flatten(1)[:, self._source.reshape(-1)].view(self.pixels.shape)
+
+    def show(self) -> None:
+        """Draw the turntable."""
+        import torch
+
+        with torch.inference_mode():
+            photos = torch.cat([show_texture(self.dilated(), batch) for batch in self._turntable])
+        write_preview(self.files.preview, draw_turntable(photos, self.targets[0]))
+
+    def finish(self, history: History) -> TrainedTexture:
+        """Validate the rounded texture; write texture, record and the objects in it."""
+        config, objects = self.config, self.objects
+        pixels = quantise(self.dilated())
+        with progress("Validating", 1) as bar:
+            validations = validate_texture(pixels, self._stream.held_out(config.held_out), self.targets, config.seed)
+            bar.advance()
+        clear, fog = [one.clear for one in validations], [one.fog for one in validations]
+        views = {
+            "rendered": config.groups * config.studios * config.per_studio,
+            "used": config.step_count * config.batch,
+            "objects": [one.name for one in objects],
+        }
+        record = {
+            "name": self.files.png.stem,
+            "class_name": self.targets[0].label,
+            "class_index": self.targets[0].class_index,
+            "objects": [
+                {"name": one.name, "mesh_sha256": one.item.shape_sha256, "keep": list(config.keep)} for one in objects
+            ],
+            "networks": [record_network(target.classifier) for target in self.targets],
+            "data": {"views": views, "backgrounds": self._backgrounds.record},
+            "seed": config.seed,
+            "settings": config.settings(self.image_px) | {"inputs_sha256": self.inputs_sha256},
+            "final": history.recent(self.recent) | list_shares(clear, "held_out") | list_shares(fog, "held_out_fog"),
+            "toolkit_version": __version__,
+        }
+        texture = write_texture(
+            self.files.png.parent,
+            pixels,
+            record,
+            corner_uv={one.name: one.atlas.corner_uv for one in objects if one.atlas.unwrapped},
+            keep_images={} if self.keep_image is None else {objects[0].name: self.keep_image},
+            glbs={one.name: to_glb(wear(one.atlas, pixels), one.name) for one in objects},
+        )
+        return TrainedTexture(texture, self.files, self._glbs, validations, self._backgrounds.skipped)
+
+
+def take_photos(texture: "torch.Tensor", batch: ViewBatch, config: TextureConfig, draws: Draws) -> "torch.Tensor":
+    """Photographs (b, 3, s, s) of a dilated texture as the camera of `config` gives them, sRGB-encoded in [0, 1]."""
+    count = len(batch)
+    light = 1.0 if config.exposure is None else config.exposure.draw(draws.of("exposure"), count, texture)
+    photos = show_texture(texture, batch, config.gradient, light)
+    for part in config.photo_parts:
+        photos = part.change(photos, draws.of(type(part).__name__))
+    return photos
+
+
+def choose_views(group: list[StreamedView], config: TextureConfig, number: int, inside: int) -> list[StreamedView]:
+    """The views of the step `inside` a group: each comes `reuse` times before the group is left, in random order."""
+    rng = np.random.default_rng([config.seed, number, 0x0DE5])
+    order = np.concatenate([rng.permutation(len(group)) for _ in range(config.reuse)])
+    start = inside * config.batch
+    return [group[k] for k in np.resize(order, start + config.batch)[start:]]
+
+
+def choose_backgrounds(
+    photographs: np.ndarray, config: TextureConfig, rng: np.random.Generator, count: int, image_px: int
+) -> list[np.ndarray | None]:
+    """For each of `count` views a random cut of a photograph in linear light, or None where the studio stays."""
+    chosen: list[np.ndarray | None] = []
+    for acting in rng.random(count) < config.background_share:
+        if not (acting and len(photographs)):
+            chosen.append(None)
+            continue
+        photograph = photographs[rng.integers(len(photographs))]
+        top, left = rng.integers(0, np.array(photograph.shape[:2]) - image_px + 1)
+        cut = photograph[top : top + image_px, left : left + image_px]
+        chosen.append(srgb_to_linear((cut[:, ::-1] if rng.random() < 0.5 else cut) / np.float32(255)))
+    return chosen
+
+
+def validate_texture(
+    pixels: np.ndarray, views: list[StreamedView], targets: list[Target], seed: int
+) -> list[WeatherValidation]:
+    """Recognise held-out views in the studio, as they are and in ImageNet-C's fog of severity 3.
+
+    Args:
+        pixels: (n, n, 3) uint8 sRGB, dilated.
+        views: with the object in its own paint beside them.
+        targets: the networks.
+        seed: of the fog.
+    """
+    import torch
+
+    device = targets[0].classifier.device
+    texture = torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1))).to(device).float().div(255)
+    hits = np.zeros((2, 2, len(targets)), int)  # weather, paint, network
+    with torch.inference_mode():
+        for start in range(0, len(views), BATCH):
+            some = views[start : start + BATCH]
+            textured = show_texture(texture, batch_views([one.view for one in some], device))
+            bare = torch.from_numpy(np.stack([one.bare for one in some if one.bare is not None])).to(device)
+            seeds = [int(n) for n in Draws(seed, start, "validate").of("fog").integers(1 << 62, size=len(some))]
+            for paint, photos in enumerate((bare.permute(0, 3, 1, 2).float() / 255, textured)):
+                for weather, seen in enumerate((photos, corrupt(photos, "fog", FOG_SEVERITY, seeds))):
+                    for k, target in enumerate(targets):
+                        hits[weather, paint, k] += target.count_hits(seen)
+    count = len(views)
+    return [
+        WeatherValidation(
+            *(
+                Validation(target.classifier.name, Share(int(bare), count), Share(int(textured), count))
+                for bare, textured in hits[:, :, k]
+            )
+        )
+        for k, target in enumerate(targets)
+    ]
+
+
+def plan_turntable(subject: Subject, image_px: int, device: str) -> ViewBatch:
+    """Eight views around an object in studio light, of `image_px` a side."""
+    mesh = subject.mesh
+    studio = make_studio(0, float(mesh.size_mm.max()), TURNTABLE_BACKDROP)
+    renderer = RaycastRenderer(mesh, studio, DETAIL)
+    camera = Camera.from_fov(image_px, image_px, FOV_DEG)
+    target = np.array([0.0, 0.0, mesh.size_mm[2] / 2])
+    views = []
+    for azimuth in np.arange(TURNTABLE_VIEWS) * 360.0 / TURNTABLE_VIEWS:
+        distance = distance_to_fill(camera, mesh.vertices, target, azimuth, TURNTABLE_ELEVATION_DEG, TURNTABLE_FILL)
+        pose = orbit_pose(target, azimuth, TURNTABLE_ELEVATION_DEG, distance)
+        views.append(renderer.render_linear(camera, pose, mesh.materials[subject.material].texture))
+    return batch_views(views, device)

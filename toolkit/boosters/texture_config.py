@@ -1,194 +1,212 @@
-"""What `toolkit train-texture` is asked for, and the hash that says whether two requests are the same run."""
+"""What decides a texture's pixels: the one declaration of its settings, and its recipes."""
 
-import json
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-import numpy as np
+from pydantic import AfterValidator, Field, model_validator
 
-from toolkit.boosters.linear_view import GRADIENTS
 from toolkit.boosters.parts.base import ImagePart
+from toolkit.boosters.parts.fog import Fog
 from toolkit.boosters.parts.light import Exposure
-from toolkit.boosters.patch_steps import Descent, Target
-from toolkit.core.errors import ToolkitError, one_of
-from toolkit.core.files import sha256_bytes
-from toolkit.rig.views import ViewSettings
+from toolkit.boosters.pixel_config import MEETS, STEPS, CameraParts, PixelConfig, find_recipe, make_camera, record_parts
+from toolkit.core.config import Flag, Range, Rising, align_rows, describe
+from toolkit.core.errors import FieldError
 
 if TYPE_CHECKING:
-    import torch
-
-OPTIMISERS = ("sign", "sgd", "adam")
-MOMENTUM = 0.9
-
-
-class Optimiser:
-    """Moves θ in place; its state can be written down and taken up again.
-
-    - `sign`: θ ← θ - η sign(g), Algorithm 2.
-    - `sgd`: momentum 0.9 on g divided by its root mean square over the texels that are seen, so that η means the same.
-    - `adam`: Kingma and Ba 2015, with their defaults.
-    """
-
-    def __init__(self, name: str, texture: "torch.Tensor", done: int, state: dict[str, np.ndarray]) -> None:
-        """Begin, or go on.
-
-        Args:
-            name: one of `OPTIMISERS`.
-            texture: θ, moved in place.
-            done: steps made before.
-            state: from `arrays` after these.
-
-        Raises:
-            ToolkitError: an unknown name.
-        """
-        import torch
-
-        if name not in OPTIMISERS:
-            raise one_of("optimiser", name, list(OPTIMISERS))
-        self._texture = texture
-        self._rule: torch.optim.Optimizer | None = None
-        if name == "sgd":
-            self._rule = torch.optim.SGD([texture], lr=1.0, momentum=MOMENTUM)
-        if name == "adam":
-            self._rule = torch.optim.Adam([texture], lr=1.0)
-        if self._rule is not None and done:
-            kept = {key: torch.from_numpy(np.array(array)).to(texture.device) for key, array in state.items()}
-            if name == "adam":
-                kept["step"] = torch.tensor(float(done))
-            self._rule.state[texture] = kept
-
-    def step(self, gradient: "torch.Tensor", lr: float) -> None:
-        """Move by one step and stay in [0, 1]."""
-        import torch
-
-        with torch.no_grad():
-            if self._rule is None:
-                self._texture.sub_(lr * gradient.sign())
-            else:
-                seen = (gradient != 0).any(dim=0, keepdim=True).sum().clamp_min(1) * len(gradient)
-                size = (gradient.square().sum() / seen).sqrt().clamp_min(1e-12)
-                self._texture.grad = gradient / size
-                self._rule.param_groups[0]["lr"] = lr
-                self._rule.step()
-            self._texture.clamp_(0, 1)
-
-    def arrays(self) -> dict[str, np.ndarray]:
-        """What must be kept to go on, each of θ's shape."""
-        if self._rule is None:
-            return {}
-        state = self._rule.state[self._texture]
-        return {key: value.cpu().numpy().copy() for key, value in state.items() if key != "step" and value is not None}
-
-
-def state_names(optimiser: str) -> frozenset[str]:
-    """Names of what `Optimiser.arrays` holds once a step has been made."""
-    return frozenset({"sgd": ("momentum_buffer",), "adam": ("exp_avg", "exp_avg_sq")}.get(optimiser, ()))
-
+    from toolkit.rig.views import ViewSettings
 
 METHOD = "unadversarial texture, Algorithm 2"
 METHOD_VERSION = 1
-"""Raised when the same request gives other numbers: an older checkpoint is then another run's."""
+"""Raised when the same settings give other numbers: an older checkpoint is then another run's."""
 MIN_PX, MAX_PX = 8, 1024
+FOG_PROBABILITY = 0.5
+"""Fog hides most of what a texture says, and is seen as often as a clear view."""
+WEARS, SEEN = "What wears it", "Where it is seen from"
 
 
-@dataclass(frozen=True)
-class TextureRequest:
-    """One texture to train. Parts that are None or empty do not act.
+def check_objects(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Each object once, and at least one."""
+    if not names:
+        raise FieldError(
+            "{objects}: expected at least one object to wear the texture; 'toolkit objects' lists them", {}
+        )
+    if len(set(names)) < len(names):
+        raise FieldError("expected each object once", {"objects": names})
+    return names
 
-    Attributes:
-        objects: who wears it; several share one universal texture.
-        class_name: a label of the networks, an index, or a WordNet id; None: the class that the objects' specs name.
-        size_px: n, side of the texture.
-        keep: materials that keep their paint.
-        keep_image: picture in the object's own texture coordinates, white where it keeps its paint.
-        unwrap: make new texture coordinates; None: where the mesh has none of use.
-        descent: steps, batch, learning rate, seed.
-        optimiser: one of `OPTIMISERS`.
-        gradient: one of `GRADIENTS`.
-        views: where the camera and the light may stand.
-        reuse: how often each rendered view is used.
-        exposure: of the photographs.
-        camera: what is done to a photograph, in this order.
-        backgrounds: folder of photographs to stand behind the object.
-        background_share: of the views that they stand behind.
-        held_out: studios, of `views.per_studio` views each, that are not trained on.
-        name: of its files; by default the object's, for several objects the class's.
-        recipe: whose settings these are, flags apart.
-    """
 
-    objects: tuple[str, ...]
-    class_name: str | None = None
-    size_px: int = 200
-    keep: tuple[str, ...] = ()
-    keep_image: Path | None = None
-    unwrap: bool | None = None
-    descent: Descent = field(default_factory=Descent)
-    optimiser: str = "sign"
-    gradient: str = "shaded"
-    views: ViewSettings = field(default_factory=ViewSettings)
-    reuse: int = 3
-    exposure: Exposure | None = field(default_factory=Exposure)
-    camera: tuple[ImagePart, ...] = ()
-    backgrounds: Path | None = None
-    background_share: float = 0.0
-    held_out: int = 3
-    name: str | None = None
-    recipe: str = "custom"
+def make_fog() -> Fog:
+    """Fog over half of the views."""
+    return Fog(probability=FOG_PROBABILITY)
 
-    def __post_init__(self) -> None:
-        if not self.objects:
-            raise ToolkitError(
-                "--object: expected at least one object to wear the texture; 'toolkit objects' lists them"
-            )
-        if len(set(self.objects)) < len(self.objects):
-            raise ToolkitError(f"--object {' '.join(self.objects)}: expected each object once")
-        if not MIN_PX <= self.size_px <= MAX_PX:
-            raise ToolkitError(f"--size-px {self.size_px}: expected {MIN_PX} to {MAX_PX}, the side of the texture")
-        if self.optimiser not in OPTIMISERS:
-            raise one_of("optimiser", self.optimiser, list(OPTIMISERS))
-        if self.gradient not in GRADIENTS:
-            raise one_of("gradient", self.gradient, list(GRADIENTS))
-        if self.reuse < 1:
-            raise ToolkitError(f"--reuse {self.reuse}: expected at least 1, how often a rendered view is used")
-        if not 0 <= self.background_share <= 1:
-            raise ToolkitError(f"--background-share {self.background_share:g}: expected 0 to 1")
-        if self.background_share and self.backgrounds is None:
-            raise ToolkitError(
-                f"--background-share {self.background_share:g} needs photographs: add --backgrounds FOLDER, or say 0"
-            )
+
+class TextureConfig(PixelConfig):
+    """Every setting of a texture's training. Parts that are None do not act."""
+
+    objects: Annotated[
+        tuple[str, ...], AfterValidator(check_objects), Flag("--object", metavar="NAME", group=WEARS)
+    ] = Field(
+        (), validate_default=False, exclude=True,
+        description="Object to wear it; several of one class share a universal texture.",
+    )  # fmt: skip
+    size_px: Annotated[int, Field(ge=MIN_PX, le=MAX_PX), Flag(group=WEARS)] = Field(
+        200, exclude=True, description="Side of the texture, pixels."
+    )
+    keep: Annotated[tuple[str, ...], Flag(metavar="MATERIAL", group=WEARS)] = Field(
+        (), exclude=True, description="Material that keeps its paint, such as glass; repeat for more."
+    )
+    keep_image: Annotated[Path | None, Flag(metavar="FILE", group=WEARS)] = Field(
+        None, exclude=True, description="Picture in the object's texture coordinates: white keeps its paint."
+    )
+    unwrap: Annotated[bool | None, Flag("--unwrap/--own-uv", group=WEARS)] = Field(
+        None, exclude=True, description="Make new texture coordinates, or use the mesh's. Default: as needed."
+    )
+    optimiser: Annotated[Literal["sign", "sgd", "adam"], Flag(group=STEPS)] = Field(
+        "sign", description="How the texture is moved."
+    )
+    gradient: Annotated[Literal["shaded", "linear"], Flag(group=STEPS)] = Field(
+        "shaded", description="shaded: light in the gradient; linear: the paper's approximation."
+    )
+    elevation_deg: Annotated[Range, Rising(-90, 90), Flag("--elevation", group=SEEN)] = Field(
+        (20.0, 70.0), exclude=True, description="Degrees above the table."
+    )
+    roll_deg: Annotated[Range, Rising(-180, 180), Flag("--roll", group=SEEN)] = Field(
+        (-8.0, 8.0), exclude=True, description="Of the camera, degrees."
+    )
+    fill: Annotated[Range, Rising(0.05, 1), Flag(group=SEEN)] = Field(
+        (0.6, 0.95), exclude=True, description="Share of the frame that the object fills."
+    )
+    off_centre: float = Field(0.0, exclude=True, description="Shift of the object's middle, share of the half frame.")
+    evenly: bool = Field(False, exclude=True, description="Elevations are drawn evenly over the sphere's area.")
+    studios: Annotated[int, Field(ge=1)] = Field(
+        4, exclude=True, description="That are used together, see ViewSettings."
+    )
+    per_studio: Annotated[int, Field(ge=1)] = Field(24, exclude=True, description="Views of each studio.")
+    reuse: Annotated[int, Field(ge=1), Flag(group=STEPS)] = Field(3, description="How often a rendered view is used.")
+    exposure: Annotated[Exposure | None, Flag(group=MEETS)] = Field(
+        Exposure(), description="Vary strength and tint of the light."
+    )
+    fog: Annotated[Fog | None, Flag(group=MEETS, make=make_fog)] = Field(
+        None, exclude=True, description="Fog over some of the views."
+    )
+    camera: Annotated[CameraParts | None, Flag(group=MEETS, make=make_camera)] = Field(
+        None, exclude=True, description="Blur, sensor noise and JPEG."
+    )
+    backgrounds: Annotated[Path | None, Flag(metavar="FOLDER", group=SEEN)] = Field(
+        None, exclude=True, description="Photographs to stand behind the object; the paper recipe needs them."
+    )
+    background_share: Annotated[float, Field(ge=0, le=1), Flag(group=SEEN)] = Field(
+        0.0, description="Of the views that they stand behind; 0 without photographs."
+    )
+    held_out: Annotated[int, Field(ge=1)] = Field(
+        3, exclude=True, description="Studios, of `per_studio` views each, that are not trained on."
+    )
+
+    @model_validator(mode="after")
+    def _check_kept(self) -> "TextureConfig":
         if self.keep_image is not None and len(self.objects) > 1:
-            raise ToolkitError("--keep-image is of one object's texture coordinates: train one object, or use --keep")
+            expected = "{keep_image} is of one object's texture coordinates: train one object, or use {keep}"
+            raise FieldError(expected, {})
+        return self
+
+    def check_backgrounds(self) -> None:
+        """Photographs are named where they shall stand behind the object: a recipe alone names none."""
+        if self.background_share and self.backgrounds is None:
+            expected = "needs photographs: name a folder of them with {backgrounds}, or say 0"
+            raise FieldError(expected, {"background_share": self.background_share})
+
+    @property
+    def photo_parts(self) -> tuple[ImagePart, ...]:
+        """What is done to a photograph, in this order."""
+        return (*(() if self.fog is None else (self.fog,)), *(self.camera or ()))
 
     @property
     def steps_per_group(self) -> int:
         """How many steps a group of views serves."""
-        return max(1, self.views.studios * self.views.per_studio * self.reuse // self.descent.batch)
+        return max(1, self.studios * self.per_studio * self.reuse // self.batch)
 
     @property
     def groups(self) -> int:
         """How many groups of views the run needs."""
-        return -(-self.descent.steps // self.steps_per_group)
+        return -(-self.step_count // self.steps_per_group)
 
-    def settings(self) -> dict[str, Any]:
+    def views(self, image_px: int) -> "ViewSettings":
+        """How the rig draws views for a network that sees `image_px` a side."""
+        from toolkit.rig.views import ViewRanges, ViewSettings
+
+        ranges = ViewRanges(
+            elevation_deg=self.elevation_deg, roll_deg=self.roll_deg, fill=self.fill, off_centre=self.off_centre,
+            evenly=self.evenly,
+        )  # fmt: skip
+        return ViewSettings(ranges, image_px=image_px, studios=self.studios, per_studio=self.per_studio)
+
+    def settings(self, image_px: int) -> dict[str, Any]:
         """Every hyper-parameter, as recorded beside the texture."""
+        plain = super().record()
+        rest = {name: plain.pop(name) for name in ("reuse", "exposure", "background_share")}
         return {
             "method": METHOD,
-            "recipe": self.recipe,
-            **asdict(self.descent),
-            "optimiser": self.optimiser,
-            "gradient": self.gradient,
-            "views": asdict(self.views),
-            "reuse": self.reuse,
-            "exposure": None if self.exposure is None else asdict(self.exposure),
-            "camera": {type(part).__name__: asdict(part) for part in self.camera} or None,  # type: ignore[call-overload]
-            "background_share": self.background_share,
-            "held_out_views": self.held_out * self.views.per_studio,
+            **plain,
+            "views": asdict(self.views(image_px)),
+            "reuse": rest["reuse"],
+            "exposure": rest["exposure"],
+            "camera": record_parts(self.photo_parts),
+            "background_share": rest["background_share"],
+            "held_out_views": self.held_out * self.per_studio,
         }
 
+    def lines(self, label: str, objects: list[str], networks: list[str]) -> list[str]:
+        """One line per setting that acts, `name  value`; `objects` are described by whoever has loaded them."""
+        rendered = self.groups * self.studios * self.per_studio
+        evenly = ", evenly over the sphere" if self.evenly else ""
+        views = (
+            f"{rendered}, each used {self.reuse} times, {self.held_out * self.per_studio} more held out; "
+            f"elevation {describe(self.elevation_deg)}°{evenly}, roll {describe(self.roll_deg)}°, "
+            f"filling {describe(self.fill)} of the frame"
+        )
+        steps = self.step_rows(self.size_px, self.optimiser)
+        rows = [steps[0], ("class", label), steps[1], *(("object", line) for line in objects), *steps[2:]]
+        rows += [("gradient", self.gradient), ("views", views), ("networks", ", ".join(networks))]
+        if self.background_share:
+            rows.append(("backgrounds", f"photographs behind {self.background_share:.0%} of the views"))
+        parts = [part for part in (self.exposure, *self.photo_parts) if part is not None]
+        return align_rows([*rows, *((type(part).__name__, describe(part)) for part in parts)])
 
-def hash_inputs(request: TextureRequest, name: str, targets: list[Target], data_sha256: str) -> str:
-    """Hash of all that decides the texture's pixels; `data_sha256` is of the meshes and the backgrounds."""
-    networks = [[t.classifier.arch, t.classifier.weights.sha256, t.class_index] for t in targets]
-    inputs = [METHOD_VERSION, name, networks, data_sha256, request.size_px, request.objects, request.settings()]
-    return sha256_bytes(json.dumps(inputs, sort_keys=True).encode())
+
+RECIPES: dict[str, TextureConfig] = {
+    "default": TextureConfig(
+        recipe="default", about="views above the table, light in the gradient, and what a camera meets",
+        steps=300, batch=16, lr=0.05, schedule="cosine", smoothing_px=1.0, start_contrast=0.2,
+        fog=make_fog(), camera=make_camera(), background_share=0.5,
+    ),
+    "paper": TextureConfig(
+        recipe="paper",
+        about="Algorithm 2 as published: the whole sphere over photographs, plain sign steps, no light in the gradient",
+        steps=300, batch=16, lr=0.1, schedule="constant", smoothing_px=0.0, start_contrast=1.0, gradient="linear",
+        reuse=1, exposure=None, background_share=1.0,
+        elevation_deg=(-90.0, 90.0), roll_deg=(-180.0, 180.0), fill=(0.35, 0.95), off_centre=0.15, evenly=True,
+    ),
+}  # fmt: skip
+"""The paper gives no distance range, number of steps or batch for textures: they are ours."""
+
+
+def make_config(recipe: str, overrides: Mapping[str, Any]) -> TextureConfig:
+    """A recipe with overrides; without photographs, the default one stays in the studio.
+
+    Raises:
+        ToolkitError: an unknown recipe, or a setting that is out of its range.
+    """
+    base, fitted = find_recipe(RECIPES, recipe), dict(overrides)
+    if fitted.get("backgrounds") is None and fitted.get("background_share") is None:
+        if base.background_share == 1:
+            raise FieldError(
+                f"{{recipe}} {recipe} shows the object over photographs: name a folder of them with {{backgrounds}}, "
+                "or stay in the studio with {background_share} 0",
+                {},
+            )
+        fitted["background_share"] = 0.0
+    config = base.with_overrides(fitted)
+    config.check_backgrounds()
+    return config

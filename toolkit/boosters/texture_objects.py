@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.boosters.texture_config import TextureRequest
-from toolkit.core.errors import ToolkitError
+from toolkit.boosters.texture_config import TextureConfig
+from toolkit.core.errors import FieldError
 from toolkit.core.files import sha256_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import read_image
@@ -18,84 +18,73 @@ from toolkit.rig.views import Subject
 
 
 @dataclass(frozen=True)
-class Wearers:
-    """Objects, each with its atlas.
+class TexturedObject:
+    """An object with the atlas of its texture."""
 
-    Attributes:
-        items: as the rig photographs them.
-        atlases: of each, for one size of texture.
-        keep_image: (h, w) bool, of the only object; None without one.
-    """
-
-    items: tuple[TableObject, ...]
-    atlases: tuple[Atlas, ...]
-    keep_image: np.ndarray | None = None
+    item: TableObject
+    atlas: Atlas
 
     @property
-    def source(self) -> np.ndarray:
-        """(n, n) int64, which texel each takes its colour from: a texel that any object shows is its own."""
-        if len(self.atlases) == 1:
-            return self.atlases[0].source
-        return nearest_covered(np.logical_or.reduce([atlas.covered for atlas in self.atlases]))
+    def name(self) -> str:
+        """Of the object."""
+        return self.item.name
 
-    @property
-    def sha256(self) -> str:
-        """Hash of the shapes, their texture coordinates and what is kept."""
-        parts: list[Any] = []
-        for item, atlas in zip(self.items, self.atlases, strict=True):
-            uv = sha256_bytes(np.ascontiguousarray(atlas.corner_uv).tobytes())
-            parts.append([item.name, item.shape_sha256, uv, sha256_bytes(atlas.trained.tobytes()), atlas.covered.shape])
-        return sha256_bytes(json.dumps(parts).encode())
-
-    def subjects(self) -> list[Subject]:
+    def subject(self) -> Subject:
         """What the view stream renders."""
-        return [
-            Subject(atlas.mesh, int(atlas.mesh.face_material[atlas.trained][0]), item.mesh)
-            for item, atlas in zip(self.items, self.atlases, strict=True)
-        ]
+        material = int(self.atlas.mesh.face_material[self.atlas.trained][0])
+        return Subject(self.atlas.mesh, material, self.item.mesh)
 
-    def stored_uv(self) -> dict[str, np.ndarray]:
-        """(m, 3, 2) texture coordinates by object, of those that were unwrapped."""
-        pairs = zip(self.items, self.atlases, strict=True)
-        return {item.name: atlas.corner_uv for item, atlas in pairs if atlas.unwrapped}
-
-    def keep_images(self) -> dict[str, np.ndarray]:
-        """The mask by object."""
-        return {} if self.keep_image is None else {self.items[0].name: self.keep_image}
-
-    def views_of(self, request: TextureRequest) -> dict[str, Any]:
-        """How many views were rendered to train on, for the record."""
-        return {
-            "rendered": request.groups * request.views.studios * request.views.per_studio,
-            "used": request.descent.steps * request.descent.batch,
-            "objects": [item.name for item in self.items],
-        }
+    def describe(self) -> str:
+        """How large its mesh is, and what of it the texture covers."""
+        atlas = self.atlas
+        where = "new texture coordinates" if atlas.unwrapped else "its own texture coordinates"
+        kept = 1 - atlas.trained.mean()
+        paint = f", {kept:.0%} of its triangles keep their paint" if kept else ""
+        used = f"{atlas.covered.mean():.0%} of the texture used"
+        return f"{self.name}, {len(atlas.mesh.faces)} triangles, {where}, {used}{paint}"
 
 
-def dress_objects(workspace: Workspace, request: TextureRequest) -> Wearers:
+def load_objects(workspace: Workspace, config: TextureConfig, keep_image: np.ndarray | None) -> list[TexturedObject]:
     """Load the objects and make their atlases.
 
     Raises:
         ToolkitError: an unknown object, a mesh or mask that cannot be used, or nothing left to train.
     """
-    mask = None if request.keep_image is None else read_keep_image(request.keep_image)
-    items = tuple(load_object(workspace.object_spec(name)) for name in request.objects)
-    atlases = tuple(make_atlas(item.mesh, request.size_px, request.keep, mask, request.unwrap) for item in items)
-    return Wearers(items, atlases, mask)
+    items = [load_object(workspace.object_spec(name)) for name in config.objects]
+    atlases = [make_atlas(item.mesh, config.size_px, config.keep, keep_image, config.unwrap) for item in items]
+    return [TexturedObject(item, atlas) for item, atlas in zip(items, atlases, strict=True)]
 
 
-def choose_class(request: TextureRequest, items: tuple[TableObject, ...]) -> str:
+def find_source(objects: list[TexturedObject]) -> np.ndarray:
+    """(n, n) int64, which texel each takes its colour from: a texel that any object shows is its own."""
+    atlases = [one.atlas for one in objects]
+    if len(atlases) == 1:
+        return atlases[0].source
+    return nearest_covered(np.logical_or.reduce([atlas.covered for atlas in atlases]))
+
+
+def hash_objects(objects: list[TexturedObject]) -> str:
+    """Hash of the shapes, their texture coordinates and what is kept."""
+    parts: list[Any] = []
+    for one in objects:
+        uv = sha256_bytes(np.ascontiguousarray(one.atlas.corner_uv).tobytes())
+        trained = sha256_bytes(one.atlas.trained.tobytes())
+        parts.append([one.name, one.item.shape_sha256, uv, trained, one.atlas.covered.shape])
+    return sha256_bytes(json.dumps(parts).encode())
+
+
+def choose_class(class_name: str | int | None, objects: list[TexturedObject]) -> str | int:
     """The class to train for: the one asked for, else the one that all objects have.
 
     Raises:
-        ToolkitError: the objects have several.
+        FieldError: the objects have several.
     """
-    if request.class_name is not None:
-        return request.class_name
-    classes = {item.name: str(item.spec.class_name) for item in items}
+    if class_name is not None:
+        return class_name
+    classes = {one.name: str(one.item.spec.class_name) for one in objects}
     if len(set(classes.values())) > 1:
         found = ", ".join(f"{name}: {label}" for name, label in classes.items())
-        raise ToolkitError(f"the objects have several classes ({found}): say which is trained with --class")
+        raise FieldError(f"the objects have several classes ({found}): say which is trained with {{class_name}}", {})
     return next(iter(classes.values()))
 
 
@@ -106,5 +95,5 @@ def read_keep_image(file: Path) -> np.ndarray:
         ToolkitError: it cannot be read.
     """
     if not Path(file).is_file():
-        raise ToolkitError(f"--keep-image {file}: no such file: expected a picture, white where the paint is kept")
+        raise FieldError("no such file: expected a picture, white where the paint is kept", {"keep_image": file})
     return read_image(Path(file)).mean(axis=2) >= 128

@@ -1,20 +1,15 @@
 """Train a booster from Python: what a notebook has to say, and the recipe for everything else."""
 
 from collections.abc import Sequence
-from dataclasses import fields
-from difflib import get_close_matches
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
-from toolkit.boosters import patch, patch_recipes, texture, texture_recipes
-from toolkit.boosters.data import DataRequest
+from toolkit.boosters import patch, patch_config, texture, texture_config
+from toolkit.boosters.data import DataConfig
 from toolkit.boosters.patch import TrainedPatch
 from toolkit.boosters.texture import TrainedTexture
-from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.models.network import Classifier
-
-Choices = TypeVar("Choices", patch_recipes.Choices, texture_recipes.Choices)
 
 
 def train_patch(
@@ -50,7 +45,7 @@ def train_patch(
         out: folder for the patch instead of the workspace's.
         restart: forget what an earlier run left.
         settings: instead of the recipe's: steps, epochs, batch, lr, mounted_views and so on, by the names of
-            `toolkit.boosters.patch_recipes.Choices`.
+            `toolkit.boosters.patch_config.PatchConfig`.
 
     Returns:
         `patch` (its `pixels` are (n, n, 3) uint8 sRGB), `files`, and per network how often it answers right on held-out
@@ -60,10 +55,10 @@ def train_patch(
         ToolkitError: an unknown class, recipe or setting, one that is out of its range, data that cannot be used, or
             the disk is full.
     """
-    choices = _choose(patch_recipes.Choices, settings)
-    sources = DataRequest(tuple(map(str, data)), images=images, seed=seed)
-    request = patch_recipes.make_request(recipe, choices, str(class_name), sources, size_px, seed, name)
-    return patch.train_patch(request, _as_list(classifiers), workspace, out, restart)
+    sources = DataConfig(sources=tuple(map(str, data)), images=images, seed=seed)
+    config = patch_config.make_config(recipe, {**settings, "size_px": size_px, "seed": seed}, sources)
+    networks = _as_list(classifiers)
+    return patch.train_patch(config, class_name, networks, sources, workspace, name=name, out=out, restart=restart)
 
 
 def train_texture(
@@ -102,7 +97,7 @@ def train_texture(
         restart: forget what an earlier run left.
         workers: processes that render; 0: none; by default one for each core but one.
         settings: instead of the recipe's: steps, batch, lr, reuse and so on, by the names of
-            `toolkit.boosters.texture_recipes.Choices`.
+            `toolkit.boosters.texture_config.TextureConfig`.
 
     Returns:
         `texture` (its `pixels` are (n, n, 3) uint8 sRGB), `files`, and per network how often it answers right on
@@ -112,24 +107,15 @@ def train_texture(
         ToolkitError: an unknown object, recipe or setting, one that is out of its range, photographs that cannot be
             used, or the disk is full.
     """
-    networks = _as_list(classifiers)
-    request = texture_recipes.make_request(
-        recipe, _choose(texture_recipes.Choices, settings), (objects,) if isinstance(objects, str) else tuple(objects),
-        seed, networks[0].preprocessing.crop_px, backgrounds,
-        class_name=class_name, size_px=size_px, keep=tuple(keep), name=name,
+    config = texture_config.make_config(recipe, {
+        **settings, "objects": (objects,) if isinstance(objects, str) else tuple(objects), "size_px": size_px,
+        "keep": tuple(keep), "backgrounds": backgrounds, "seed": seed,
+    })  # fmt: skip
+    return texture.train_texture(
+        config, _as_list(classifiers), workspace, class_name=class_name, name=name, out=out, restart=restart,
+        workers=workers,
     )  # fmt: skip
-    return texture.train_texture(request, networks, workspace, out, restart, workers=workers)
 
 
 def _as_list(classifiers: Classifier | Sequence[Classifier]) -> list[Classifier]:
     return [classifiers] if isinstance(classifiers, Classifier) else list(classifiers)
-
-
-def _choose(kind: type[Choices], settings: dict[str, Any]) -> Choices:
-    known = [one.name for one in fields(kind)]
-    for name in settings:
-        if name not in known:
-            near = get_close_matches(name, known, n=1)
-            hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(known)}"
-            raise ToolkitError(f"no setting called '{name}': {hint}")
-    return kind(**settings)

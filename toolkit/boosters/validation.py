@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from toolkit.boosters.data import cut_centres
 from toolkit.boosters.parts.base import Appearance, show_patch
 from toolkit.boosters.parts.corruption import Corrupted
-from toolkit.boosters.patch_steps import Target
+from toolkit.boosters.pixels import Target
 from toolkit.core.draws import Draws
 from toolkit.core.statistics import wilson_interval
 
@@ -60,7 +60,7 @@ def validate_patch(
     targets: list[Target],
     appearance: Appearance,
     seed: int,
-    image_px: int,
+    *,
     draws: int = DRAWS,
     advance: Callable[[int], None] = lambda count: None,
     corrupted: Corrupted | None = None,
@@ -73,17 +73,16 @@ def validate_patch(
         targets: the networks.
         appearance: what happens to the patch; drawn anew, never as in training.
         seed: of the run.
-        image_px: side of what the networks see.
         draws: placements in all; each image comes equally often, so that fewer images than this come several times
             in the patched share, and once in the bare one.
         advance: called with how many placements were just answered.
-        corrupted: what spoils the photographs, with the patch and bare alike.
+        corrupted: how the photographs are corrupted, with the patch and bare alike.
     """
     import torch
 
     count = count_placements(len(images), draws)
     bare, patched = [0] * len(targets), [0] * len(targets)
-    centres = cut_centres(images, image_px)
+    centres = cut_centres(images, targets[0].classifier.preprocessing.crop_px)
     with torch.inference_mode():
         for start in range(0, count, BATCH):
             which = torch.arange(start, min(start + BATCH, count), device=images.device)
@@ -96,8 +95,8 @@ def validate_patch(
                     for what, seen in (("patched", photos), ("bare", batch))
                 )
             for k, target in enumerate(targets):
-                patched[k] += _count_hits(target, photos)
-                bare[k] += _count_hits(target, batch[fresh]) if fresh.any() else 0
+                patched[k] += target.count_hits(photos)
+                bare[k] += target.count_hits(batch[fresh]) if fresh.any() else 0
             advance(len(which))
     return [
         Validation(target.classifier.name, Share(bare[k], len(images)), Share(patched[k], count))
@@ -105,5 +104,14 @@ def validate_patch(
     ]
 
 
-def _count_hits(target: Target, photos: "torch.Tensor") -> int:
-    return int((target.classifier.logits(photos).argmax(1) == target.class_index).sum())
+def list_shares(validations: list[Validation], where: str) -> dict[str, float]:
+    """Each network's shares, intervals and counts, as a record's `final` holds them."""
+    final: dict[str, float] = {}
+    names = [answer.network for answer in validations]
+    for k, answer in enumerate(validations):
+        network = answer.network if names.index(answer.network) == k else f"{answer.network}_{k + 1}"
+        for what, share in (("patched", answer.patched), ("bare", answer.bare)):
+            low, high = share.ci95
+            numbers = {"top1": share.value, "low": low, "high": high, "n": float(share.n)}
+            final |= {f"{network}_{where}_{what}_{name}": value for name, value in numbers.items()}
+    return final

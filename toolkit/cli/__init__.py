@@ -1,5 +1,6 @@
 """The command line: parse, call one function, print."""
 
+import os
 import sys
 
 import typer
@@ -13,6 +14,7 @@ app = make_app()
 
 def main() -> None:
     """Run the command line; what cannot be used becomes one line and exit code 2, Ctrl-C exit code 130."""
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # it would look into every installed package for some
     try:
         code = app(standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):

@@ -44,8 +44,8 @@ class Entry(NamedTuple):
     old: Mapping[str, str] = MappingProxyType({})
 
 
-TURNED = {"--rotation": "--max-rotation", "--scale": "--patch-scale"}
-"""Elsewhere these mean a range of turns, and the size of a print."""
+OLD = {"--size": "--size-px", "--rotation": "--max-rotation", "--scale": "--patch-scale", "--corruption": "--corrupt"}
+"""Of the benchmark's commands; elsewhere these mean other things."""
 
 GROUPS: dict[str, dict[str, Entry]] = {
     "The road": {
@@ -69,9 +69,9 @@ GROUPS: dict[str, dict[str, Entry]] = {
             "corrupt:corrupt", "corrupt images as ImageNet-C does", {"--name": "--corrupt", "--size": "--image-px"}
         ),
         "train-classifier": Entry("train_classifier:train_classifier", "train a classifier of your own classes"),
-        "train-patches": Entry("train_patches:train_patches", "train a patch for each of many classes", TURNED),
-        "baseline": Entry("baseline:baseline", "make codes and other baselines"),
-        "corrupt-eval": Entry("corrupt_eval:corrupt_eval", "corrupt a data set with and without patches", TURNED),
+        "train-patches": Entry("train_patches:train_patches", "train a patch for each of many classes", OLD),
+        "baseline": Entry("baseline:baseline", "make codes and other baselines", OLD),
+        "corrupt-eval": Entry("corrupt_eval:corrupt_eval", "corrupt a data set with and without patches", OLD),
     },
     "Set-up": {
         "init": Entry("init:init", "make a workspace"),
@@ -172,8 +172,10 @@ class LazyCommand(TyperCommand):
 
     def make_context(self, info_name: Any, args: list[str], parent: Any = None, **extra: Any) -> Any:
         """Load the command, and go on with it."""
-        typed = [_respell(word, self.entry.old) for word in args]
-        return self.load().make_context(info_name, typed, parent, **extra)
+        command = self.load()
+        known = {name for parameter in command.params for name in parameter.opts}
+        old = {earlier: today for earlier, today in self.entry.old.items() if earlier not in known}
+        return command.make_context(info_name, [_respell(word, old) for word in args], parent, **extra)
 
 
 def _respell(word: str, old: Mapping[str, str]) -> str:

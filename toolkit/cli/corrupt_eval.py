@@ -1,53 +1,37 @@
 """`toolkit corrupt-eval`: does a patch help where the weather, the camera or the transmission is bad?"""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from toolkit.benchmark.config import CorruptEvalConfig
 from toolkit.cli import options
+from toolkit.cli.options import from_config
+from toolkit.cli.output import kept_before, remark, say, warn
 
 if TYPE_CHECKING:
-    from toolkit.models.network import Classifier
+    from toolkit.benchmark.evaluate import BenchmarkRun
 
 SHOWN_NAMES = 5
 
 
+@from_config(config=CorruptEvalConfig)
 def corrupt_eval(
+    *,
     data: Annotated[
         str,
         typer.Option(
-            help="Folder with one folder per class (its val/ or test/, where there is one), or cifar10:FOLDER."
+            metavar="FOLDER",
+            help="Folder with one folder per class (its val/ or test/, where there is one), or cifar10:FOLDER.",
         ),
     ],
-    patches: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--patches", help="Patch set below print/patches, repeatable; SET@MODEL is answered by another classifier."
-        ),
-    ] = None,
-    corruptions: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--corruption",
-            help="NAME[:SEVERITY], a family, common (15) or all (19); fog:3, noise:1-3. Repeatable. Default: common.",
-        ),
-    ] = None,
-    classes: Annotated[
-        list[str] | None,
-        typer.Option("--class", help="Label, index or WordNet id. Default: all with images and patches."),
-    ] = None,
-    per_class: Annotated[
-        int | None, typer.Option("--per-class", min=1, help="At most so many images of each class, drawn by the seed.")
-    ] = None,
-    model: Annotated[str | None, typer.Option("--model", help="The classifier. Default: resnet18.")] = None,
+    config: CorruptEvalConfig,
+    model: Annotated[str | None, typer.Option(metavar="NAME", help="The classifier. Default: resnet18.")] = None,
     weights: options.WeightsFile = None,
     rotation: options.Rotation = 45.0,
     scale: options.Scale = (0.9, 1.1),
     translate: options.Translate = 0.3,
-    run: Annotated[str | None, typer.Option(help="Of the results folder. Default: the data's and the model's.")] = None,
     download: options.Download = False,
-    seed: options.Seed = 0,
     device: options.Device = "auto",
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,
@@ -57,51 +41,46 @@ def corrupt_eval(
 
     Results go to eval/corruptions/RUN. An answer is computed once, whatever run asks for it.
     """
-    from toolkit.benchmark.run import benchmark_corruptions
+    from toolkit.benchmark.evaluate import evaluate_benchmark
     from toolkit.boosters.place_patches import Placement
-    from toolkit.core.console import quietly
     from toolkit.core.workspace import open_workspace
-    from toolkit.corruptions.request import parse_corruptions
     from toolkit.models.load import load_classifier
+    from toolkit.models.network import Classifier
+    from toolkit.training.image_set import open_images
 
-    chosen, placement = corruptions or ["common"], Placement(rotation, scale, translate)
-    parse_corruptions(chosen)  # refuses before weights are read
-    place = open_workspace(workspace)
+    config = config.with_overrides(placement=Placement(rotation_deg=rotation, scale=scale, translate=translate))
+    space = open_workspace(workspace)
 
-    def load(name: str | None, file: Path | None = None) -> "Classifier":
-        return load_classifier(name, file, device, quiet, place.classifiers_dir)
+    def load(name: str) -> Classifier:
+        return load_classifier(name, None, device, folder=space.classifiers_dir)
 
-    with quietly(quiet or as_json):
-        done = benchmark_corruptions(
-            place, load(model, weights), data, patches or (), chosen, classes=classes or (), per_class=per_class,
-            placement=placement, seed=seed, run=run, download=download, load=load,
-        )  # fmt: skip
-    failed = done.result.benchmark.failed
+    classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
+    images = open_images(data, classifier, "test", download)
+    done = evaluate_benchmark(space, images, classifier, config, load)
     if as_json:
         typer.echo(done.files.summary.read_text(encoding="utf-8"))
     else:
-        _report(done.result, done.files, done.without_images)
-    if failed or any(done.without_images.values()):
+        show_benchmark(done)
+    if done.benchmark.failed or done.without_images:
         raise typer.Exit(1)
 
 
-def _report(result, files, without_images: dict[str, list[str]]) -> None:
+def show_benchmark(done: "BenchmarkRun") -> None:
+    """Print what could not be used, the table, the result in words, and where the report is."""
     from toolkit.benchmark.summary import read_summary
-    from toolkit.benchmark.text import build_table, say_benchmark
-    from toolkit.core.console import console, errors, list_skipped
+    from toolkit.benchmark.verdict import build_summary_table, judge_benchmark
+    from toolkit.core.console import console, list_skipped
 
-    list_skipped(result.benchmark.failed)
-    for name, labels in without_images.items():
-        if labels:
-            more = f" and {len(labels) - SHOWN_NAMES} more" if len(labels) > SHOWN_NAMES else ""
-            line = f"skipped {len(labels)} patches of {name}: no images of {', '.join(labels[:SHOWN_NAMES])}{more}"
-            errors.print(f"{line}; --class names those that are meant", style="yellow", markup=False, soft_wrap=True)
-    for note in result.benchmark.notes:
-        errors.print(f"note: {note}", markup=False, soft_wrap=True)
-    summary = read_summary(files.summary)
-    console.print(build_table(summary))
-    lines = say_benchmark(summary)
-    kept = f", {result.kept} kept from before" if result.kept else ""
-    lines += [f"{result.computed} answers{kept}; table, figures and report: {files.report}"]
-    for line in lines:
-        console.print(line, markup=False, soft_wrap=True)
+    list_skipped(done.benchmark.failed)
+    for name, labels in done.without_images.items():
+        more = f" and {len(labels) - SHOWN_NAMES} more" if len(labels) > SHOWN_NAMES else ""
+        line = f"skipped {len(labels)} patches of {name}: no images of {', '.join(labels[:SHOWN_NAMES])}{more}"
+        warn(f"{line}; --class names those that are meant")
+    for note in done.benchmark.notes:
+        remark(note)
+    summary = read_summary(done.files.summary)
+    console.print(build_summary_table(summary))
+    for _, sentence in judge_benchmark(summary):
+        say(sentence)
+    kept = kept_before(done.benchmark.kept)
+    say(f"{done.benchmark.computed} answers{kept}; table, figures and report: {done.files.report}")

@@ -1,6 +1,6 @@
-"""`toolkit doctor`: what the kit needs from a machine, checked one by one, each with the line that mends it."""
+"""`toolkit doctor`: what the kit needs from a machine, checked one by one, each with the line that fixes it."""
 
-import json
+import os
 import platform
 import shutil
 import subprocess
@@ -12,6 +12,7 @@ from pathlib import Path
 import typer
 
 from toolkit.cli import options
+from toolkit.cli.output import say, show_json
 from toolkit.core.errors import ToolkitError
 from toolkit.rig.egl import PACKAGES
 
@@ -27,17 +28,17 @@ class Check:
         name: what was looked at.
         state: `ok`, `missing` (a command will fail) or `note` (optional).
         found: what is there.
-        mend: the line that mends it, empty where nothing is to do.
+        fix: the line that fixes it, empty where nothing is to do.
     """
 
     name: str
     state: str
     found: str
-    mend: str = ""
+    fix: str = ""
 
 
 def check_machine(folder: Path | None = None) -> list[Check]:
-    """What the kit needs from this machine, each with what was found and the line that mends it.
+    """What the kit needs from this machine, each with what was found and the line that fixes it.
 
     Args:
         folder: where a workspace is or would be, for its free disk space; by default the current one.
@@ -70,8 +71,8 @@ def _packages() -> Check:
         except PackageNotFoundError:
             missing.append(requirement)
     if missing:
-        mend = f"pip install {' '.join(map(repr, missing))}"
-        return Check("packages", "missing", f"{len(missing)} not installed", mend)
+        fix = f"pip install {' '.join(map(repr, missing))}"
+        return Check("packages", "missing", f"{len(missing)} not installed", fix)
     return Check("packages", "ok", f"torch {version('torch')}, torchvision {version('torchvision')}")
 
 
@@ -104,16 +105,20 @@ def _disk(folder: Path) -> Check:
 
 
 def _weights() -> Check:
-    from toolkit.models.weights import find_local
+    from toolkit.models.weights import FOLDER_VARIABLE, find_local
 
     try:
         found = find_local("resnet18")
     except ToolkitError as error:
-        return Check("ResNet-18 weights", "missing", str(error), "mend or unset TOOLKIT_WEIGHTS")
+        return Check("ResNet-18 weights", "missing", str(error), "fix or unset TOOLKIT_WEIGHTS")
     if found is not None:
         return Check("ResNet-18 weights", "ok", str(found))
-    mend = "export TOOLKIT_WEIGHTS=FOLDER, with resnet18-*.pth in it; or let 'toolkit eval' download them once"
-    return Check("ResNet-18 weights", "note", "not on this machine yet", mend)
+    folder = os.environ.get(FOLDER_VARIABLE, "")
+    if folder and not Path(folder).is_dir():
+        why = f"{FOLDER_VARIABLE} is {folder}, which is no folder"
+        return Check("ResNet-18 weights", "missing", why, f"fix or unset {FOLDER_VARIABLE}")
+    fix = "export TOOLKIT_WEIGHTS=FOLDER, with resnet18-*.pth in it; or let 'toolkit eval' download them once"
+    return Check("ResNet-18 weights", "note", "not on this machine yet", fix)
 
 
 def _bundled() -> Check:
@@ -125,8 +130,8 @@ def _bundled() -> Check:
     except ToolkitError as error:
         return Check("bundled classifier", "missing", str(error), "install the package again")
     if record is None:
-        mend = "install the package again; --model works with weights of one's own all the same"
-        return Check("bundled classifier", "note", "not in this installation", mend)
+        fix = "install the package again; --model works with weights of one's own all the same"
+        return Check("bundled classifier", "note", "not in this installation", fix)
     share = record.held_out.accuracy
     known = "" if share is None else f", {share:.0%} of {record.held_out.n} held-out images right"
     found = f"{record.name}, {record.arch} trained on {record.trained_on}, not ImageNet{known}"
@@ -142,21 +147,20 @@ def _gpu() -> Check:
 
 
 def doctor(workspace: options.Workspace = None, as_json: options.Json = False) -> None:
-    """Check what the kit needs from this machine; each thing missing comes with the line that mends it."""
+    """Check what the kit needs from this machine; each thing missing comes with the line that fixes it."""
     from toolkit.core.console import console
     from toolkit.core.workspace import open_workspace
 
     checks = check_machine(open_workspace(workspace).root)
     missing = [check for check in checks if check.state == "missing"]
     if as_json:
-        typer.echo(json.dumps([asdict(check) for check in checks], indent=2))
+        show_json([asdict(check) for check in checks])
     else:
         marks = {"ok": ("✓", "green"), "missing": ("✗", "red"), "note": ("•", "yellow")}
         for check in checks:
             mark, colour = marks[check.state]
             console.print(f"{mark} {check.name}: {check.found}", style=colour, markup=False, soft_wrap=True)
-            if check.mend:
-                console.print(f"    {check.mend}", markup=False, soft_wrap=True)
-        ready = "ready; next: toolkit demo" if not missing else f"{len(missing)} to mend, in the lines above"
-        console.print(ready)
+            if check.fix:
+                say(f"    {check.fix}")
+        say("ready; next: toolkit demo" if not missing else f"{len(missing)} to fix, as the lines above say")
     raise typer.Exit(1 if missing else 0)

@@ -5,21 +5,23 @@ from typing import Annotated
 
 import typer
 
+from toolkit.boosters.class_patches import ClassPatchesConfig, make_flat_config
+from toolkit.boosters.place_patches import Placement
 from toolkit.cli import options
+from toolkit.cli.options import from_config
 
 
+@from_config(config=ClassPatchesConfig, placement=Placement)
 def train_patches(
     data: Annotated[
         str,
         typer.Option(help="Folder with one folder per class (train/ in it, where there is one), or cifar10:FOLDER."),
     ],
+    config: ClassPatchesConfig,
+    placement: Placement,
     classes: Annotated[
         list[str] | None, typer.Option("--class", help="Label, index or WordNet id; default: all that have images.")
     ] = None,
-    sizes_px: Annotated[
-        list[int] | None, typer.Option("--size", help="Side in pixels, repeatable. Default: 100.")
-    ] = None,
-    set_name: Annotated[str, typer.Option("--set", help="The sets are print/patches/SET-SIZE.")] = "patches",
     model: Annotated[str | None, typer.Option("--model", help="The classifier. Default: resnet18.")] = None,
     weights: options.WeightsFile = None,
     recipe: Annotated[str, typer.Option(help="default, or paper: the sign of the gradient, unsmoothed.")] = "default",
@@ -29,20 +31,12 @@ def train_patches(
     ] = None,
     batch: Annotated[int | None, typer.Option(help="Images per step. Default: 16; paper: 512.")] = None,
     lr: Annotated[float | None, typer.Option(help="Change of every pixel in the first step. Default: 0.05.")] = None,
-    corrupt: Annotated[
+    corrupted: Annotated[
         list[str] | None,
         typer.Option(
-            "--corrupt", help="Spoil half of the photographs while training: fog:3, noise, extra, all; repeatable."
+            "--corrupt", help="Corrupt half of the photographs while training: fog:3, noise, extra, all; repeatable."
         ),
     ] = None,
-    backgrounds: Annotated[
-        str,
-        typer.Option(help="class: images of the class only; all: every image; auto: of the class where there are 32."),
-    ] = "auto",
-    images: Annotated[int, typer.Option(help="Images kept in memory at most, a fifth of them held out.")] = 256,
-    rotation: options.Rotation = 45.0,
-    scale: options.Scale = (0.9, 1.1),
-    translate: options.Translate = 0.3,
     download: options.Download = False,
     restart: Annotated[bool, typer.Option("--restart", help="Begin anew, forget what an earlier run made.")] = False,
     seed: options.Seed = 0,
@@ -52,32 +46,23 @@ def train_patches(
     as_json: options.Json = False,
 ) -> None:
     """Train a patch for each of many classes, to be laid on images; an interrupted run goes on where it stopped."""
-    from dataclasses import asdict, replace
+    from dataclasses import asdict
 
-    from toolkit.boosters.class_patches import FLAT, ClassPatchesRequest, train_class_patches
-    from toolkit.boosters.place_patches import Placement
-    from toolkit.core.console import console, errors, list_skipped
+    from toolkit.boosters.class_patches import train_class_patches
+    from toolkit.core.console import console, list_skipped, quietly
     from toolkit.core.workspace import open_workspace
     from toolkit.models.load import load_classifier
     from toolkit.training.image_set import choose_classes, open_images
 
     place = open_workspace(workspace)
-    placement = Placement(rotation, scale, translate)
     classifier = load_classifier(model, weights, device, quiet, place.classifiers_dir)
     found = open_images(data, classifier, "train", download)
     chosen = choose_classes(found, classes or [], classifier).classes
-    spoilt = tuple(corrupt) if corrupt else None
-    request = ClassPatchesRequest(
-        set_name, tuple(chosen), tuple(dict.fromkeys(sizes_px or [100])), recipe,
-        replace(FLAT, steps=steps, epochs=epochs, batch=batch, lr=lr, corrupt=spoilt), backgrounds, images, placement,
-        seed,
-    )  # fmt: skip
-
-    def say(line: str) -> None:
-        if not quiet and not as_json:
-            errors.print(line, markup=False, soft_wrap=True)
-
-    patches, skipped = train_class_patches(request, found, classifier, place, restart, quiet, say)
+    config = config.with_overrides(seed=seed)
+    overrides = {"steps": steps, "epochs": epochs, "batch": batch, "lr": lr, "corrupted": corrupted or None}
+    patch = make_flat_config(recipe, overrides, placement, config)
+    with quietly(as_json):
+        patches, skipped = train_class_patches(config, patch, found, chosen, classifier, place, restart=restart)
     list_skipped(skipped)
     sets = list(dict.fromkeys(one.set_name for one in patches))
     if as_json:

@@ -8,7 +8,7 @@ from typing import Any
 from toolkit.core.files import write_json
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.config import EvalConfig
-from toolkit.evaluation.dataset import read_dataset
+from toolkit.evaluation.ground_truth import read_labelled_captures
 from toolkit.evaluation.predict import predict_captures
 from toolkit.evaluation.report import write_report
 from toolkit.evaluation.results import Findings, compare_predictions, summarise, write_predictions
@@ -57,7 +57,7 @@ def evaluate_captures(
             or a folder that cannot be written.
     """
     run_dir = workspace.eval_dir / (config.run or classifier.name)
-    folder, classes = read_dataset(captures_dir, workspace, classifier, config)
+    folder, classes = read_labelled_captures(captures_dir, workspace, classifier, config)
     predictions = predict_captures(folder.captures, classes, classifier, config.batch_size)
     findings = compare_predictions(classifier.name, predictions, folder.refused_folders)
     return write_evaluation(run_dir, classifier, findings, folder.notes, config)

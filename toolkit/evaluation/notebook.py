@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.config import EvalConfig
-from toolkit.evaluation.dataset import read_dataset
+from toolkit.evaluation.ground_truth import read_labelled_captures
 from toolkit.models.network import Classifier
 
 if TYPE_CHECKING:
@@ -54,8 +54,9 @@ def load_captures(
     """
     from toolkit.captures.dataset import CaptureDataset
 
-    chosen = EvalConfig(sources=tuple(sources), objects=tuple(objects), variants=tuple(variants))
-    folder, targets = read_dataset(Path(captures_dir or workspace.captures_dir), workspace, classifier, chosen)
+    config = EvalConfig(sources=tuple(sources), objects=tuple(objects), variants=tuple(variants))
+    root = Path(captures_dir or workspace.captures_dir)
+    folder, targets = read_labelled_captures(root, workspace, classifier, config)
     return CaptureDataset(folder, targets, classifier.preprocessing, transform)
 
 

@@ -1,6 +1,6 @@
 """`report.html`: one file that opens from disk with no network."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import log
 from pathlib import Path
@@ -77,13 +77,14 @@ def write_report(
     return write_text(path, render_page("toolkit.evaluation", TEMPLATE, context))
 
 
-def render_page(package: str, template: str, context: Mapping[str, Any]) -> str:
+def render_page(package: str, template: str, context: Mapping[str, Any], **filters: Callable[[str], str]) -> str:
     """The HTML of a page; everything that comes from files or names is escaped.
 
     Args:
         package: in which the template lies.
         template: its name.
         context: what it is filled with.
+        filters: its own, beside those of numbers.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
@@ -94,7 +95,7 @@ def render_page(package: str, template: str, context: Mapping[str, Any]) -> str:
     environment.filters |= {
         "percent": tables.format_percent, "interval": tables.format_interval, "points": tables.format_points,
         "points_interval": tables.format_points_interval, "p_value": tables.format_p, "rank": tables.format_rank,
-        "kappa": tables.format_kappa,
+        "kappa": tables.format_kappa, **filters,
     }  # fmt: skip
     environment.globals["wilson"] = wilson_interval
     return environment.get_template(template).render(context)

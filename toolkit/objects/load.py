@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,6 +21,10 @@ from toolkit.objects.mesh import (
     place_on_table,
 )
 from toolkit.objects.spec import BUILTIN_PREFIX, ObjectSpec, read_spec
+
+if TYPE_CHECKING:
+    import trimesh
+    from trimesh.visual.material import PBRMaterial, SimpleMaterial
 
 BUILTIN = ("racer", "warplane", "coffeepot", "eggnog")
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
@@ -117,7 +122,7 @@ def _axis(name: str) -> np.ndarray:
     return axis
 
 
-def _from_trimesh(piece, source: str) -> Mesh:
+def _from_trimesh(piece: "trimesh.Trimesh", source: str) -> Mesh:
     vertices, faces = np.asarray(piece.vertices, np.float32), np.asarray(piece.faces, np.int64)
     if not np.isfinite(vertices).all():
         bad = int((~np.isfinite(vertices)).any(axis=1).sum())
@@ -125,15 +130,7 @@ def _from_trimesh(piece, source: str) -> Mesh:
     if faces.min() < 0 or faces.max() >= len(vertices):
         worst = faces.max() if faces.max() >= len(vertices) else faces.min()
         raise ToolkitError(f"{source}: a face names vertex {worst}, the mesh has {len(vertices)}: repair the mesh")
-    uv = getattr(piece.visual, "uv", None)
-    if uv is not None and len(uv) == len(vertices) and np.isfinite(uv).all():
-        corner_uv = np.asarray(uv, np.float32)[faces]
-        material = _material(piece.visual.material)
-    else:
-        corner_uv = np.zeros((len(faces), 3, 2), np.float32)
-        material = _plain_material(piece)
-        if piece.visual.kind in ("vertex", "face"):
-            corner_uv, material = _colours_as_texture(piece)
+    corner_uv, material = _paint_of(piece, vertices, faces)
     # one position per place, so that smoothing crosses the seams that texture coordinates cut
     scale = max(float(np.ptp(vertices, axis=0).max()), 1e-9)
     _, first, inverse = np.unique(
@@ -148,17 +145,25 @@ def _from_trimesh(piece, source: str) -> Mesh:
     )
 
 
+def _paint_of(piece: "trimesh.Trimesh", vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, Material]:
+    """(m, 3, 2) texture coordinates of the corners, and the material: a texture, colours, or plain."""
+    from trimesh.visual import ColorVisuals, TextureVisuals
+
+    visual, uv = piece.visual, getattr(piece.visual, "uv", None)
+    if isinstance(visual, TextureVisuals) and uv is not None and len(uv) == len(vertices) and np.isfinite(uv).all():
+        return np.asarray(uv, np.float32)[faces], _material(visual.material)
+    if isinstance(visual, ColorVisuals) and visual.kind in ("vertex", "face"):
+        return _colours_as_texture(np.asarray(visual.face_colors)[:, :3])
+    plain = Material("plain", _solid(PLAIN_COLOUR), roughness=0.45)
+    return np.zeros((len(faces), 3, 2), np.float32), plain
+
+
 def _solid(colour: tuple[int, int, int]) -> np.ndarray:
     return np.full((4, 4, 3), colour, np.uint8)
 
 
-def _plain_material(piece) -> Material:
-    return Material("plain", _solid(PLAIN_COLOUR), roughness=0.45)
-
-
-def _colours_as_texture(piece) -> tuple[np.ndarray, Material]:
-    """Vertex or face colours become one texel per distinct face colour."""
-    colours = np.asarray(piece.visual.face_colors)[:, :3]
+def _colours_as_texture(colours: np.ndarray) -> tuple[np.ndarray, Material]:
+    """Colours (m, 3) of the faces become one texel for each that differs."""
     palette, index = np.unique(colours, axis=0, return_inverse=True)
     side = int(np.ceil(np.sqrt(len(palette))))
     texture = np.zeros((side * side, 3), np.uint8)
@@ -169,11 +174,15 @@ def _colours_as_texture(piece) -> tuple[np.ndarray, Material]:
     return np.repeat(uv[:, None], 3, axis=1).astype(np.float32), Material("colours", texture)
 
 
-def _material(material) -> Material:
+def _material(material: "PBRMaterial | SimpleMaterial") -> Material:
     """Base colour, roughness and metalness of a trimesh material."""
+    from trimesh.visual.material import SimpleMaterial
+
     pbr = material.to_pbr() if hasattr(material, "to_pbr") else material
     image, factor = pbr.baseColorTexture, pbr.baseColorFactor
-    if pbr is not material and (image is not None or tuple(np.asarray(material.diffuse)[:3]) == (102, 102, 102)):
+    if isinstance(material, SimpleMaterial) and (
+        image is not None or tuple(np.asarray(material.diffuse)[:3]) == (102, 102, 102)
+    ):
         factor = None  # trimesh's own default grey, not the file's
     tint = np.ones(3) if factor is None else np.asarray(factor, float)[:3] / (255 if np.max(factor) > 1 else 1)
     texture = _solid((255, 255, 255)) if image is None else np.asarray(image.convert("RGB"))

@@ -3,10 +3,14 @@
 import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
+
+if TYPE_CHECKING:
+    from open3d.t.geometry import RaycastingScene
 
 
 @dataclass(frozen=True)
@@ -185,14 +189,14 @@ def hash_shape(mesh: Mesh) -> str:
     return digest.hexdigest()
 
 
-def _hash_arrays(arrays: Iterable[np.ndarray]):
+def _hash_arrays(arrays: Iterable[np.ndarray]) -> "hashlib._Hash":
     digest = hashlib.sha256()
     for array in arrays:
         digest.update(np.ascontiguousarray(array).tobytes())
     return digest
 
 
-def make_ray_scene(mesh: Mesh):
+def make_ray_scene(mesh: Mesh) -> "RaycastingScene":
     """Open3D's ray-casting scene (Embree) of a mesh."""
     import open3d as o3d
 

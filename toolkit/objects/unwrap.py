@@ -95,9 +95,9 @@ def cut_charts(vertices: np.ndarray, faces: np.ndarray, least_area: float) -> tu
     unit[area == 0] = 0
     pairs, length = _neighbours(vertices, faces)
     facing = _choose_directions(unit, pairs, length)
-    piece, facing = _join_small(_pieces(facing, pairs), facing, unit, area, pairs, length, least_area)
+    piece, facing = _join_small(facing, unit, area, pairs, length=length, least_area=least_area)
     piece = _cut_winding(piece, facing, corners, area, pairs)
-    return piece, _lay_flat(corners, unit, weighted, piece, facing)
+    return piece, _flatten(corners, unit, weighted, piece, facing)
 
 
 def _neighbours(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -139,8 +139,14 @@ def _pieces(facing: np.ndarray, pairs: np.ndarray) -> np.ndarray:
     return connected_components(graph, directed=False)[1]
 
 
-def _join_small(piece, facing, unit, area, pairs, length, least_area) -> tuple[np.ndarray, np.ndarray]:
-    """Give pieces under `least_area` to the neighbour they share the longest border with, if they lean its way."""
+def _join_small(
+    facing: np.ndarray, unit: np.ndarray, area: np.ndarray, pairs: np.ndarray, length: np.ndarray, least_area: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Connected pieces and where they face; those under `least_area` join a neighbour.
+
+    It is the one they share the longest border with, if they lean its way.
+    """
+    piece = _pieces(facing, pairs)
     for _ in range(6):
         count = int(piece.max()) + 1
         size = np.bincount(piece, area, count)
@@ -166,7 +172,9 @@ def _join_small(piece, facing, unit, area, pairs, length, least_area) -> tuple[n
     return piece, facing
 
 
-def _cut_winding(piece, facing, corners, area, pairs) -> np.ndarray:
+def _cut_winding(
+    piece: np.ndarray, facing: np.ndarray, corners: np.ndarray, area: np.ndarray, pairs: np.ndarray
+) -> np.ndarray:
     """Halve pieces that lie over themselves at the middle of their height, as often as it takes."""
     across = np.array([[1, 2], [1, 2], [0, 2], [0, 2], [0, 1], [0, 1]])[facing]
     flat = np.take_along_axis(corners, np.repeat(across[:, None], 3, axis=1), axis=2)
@@ -185,7 +193,9 @@ def _cut_winding(piece, facing, corners, area, pairs) -> np.ndarray:
     return piece
 
 
-def _lay_flat(corners, unit, weighted, piece, facing) -> np.ndarray:
+def _flatten(
+    corners: np.ndarray, unit: np.ndarray, weighted: np.ndarray, piece: np.ndarray, facing: np.ndarray
+) -> np.ndarray:
     """(m, 3, 2) each corner on its piece, seen along its mean normal or its direction: what suits the worst face."""
     count = int(piece.max()) + 1
     mean = np.stack([np.bincount(piece, weighted[:, axis], count) for axis in range(3)], axis=1)
@@ -214,7 +224,7 @@ SMALL_PX = 4
 
 
 def unwrap(vertices: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:
-    """Lay every triangle flat on a square texture, at one scale.
+    """Flatten every triangle onto a square texture, at one scale.
 
     The same input gives the same coordinates. Pieces lie 2 texels apart, less where there are so many of them that
     little else would be left of the texture.

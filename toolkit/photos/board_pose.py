@@ -46,7 +46,7 @@ def grow_corners(
         anchors_mm = np.concatenate([marker_mm, world[known]])
         anchors_px = np.concatenate([marker_px, np.array([corners[i] for i in known]).reshape(-1, 2)])
         tried = {
-            i: _see_corner(grey, board, i, world[i], anchors_mm, anchors_px) for i in range(len(world))
+            i: _see_corner(grey, board, i, anchors_mm, anchors_px) for i in range(len(world))
         }  # those known before too: they tell what contrast is usual
         seen = {i: one for i, one in tried.items() if one is not None}
         if not seen:
@@ -60,8 +60,11 @@ def grow_corners(
     return corners
 
 
-def _see_corner(grey, board: BoardSpec, number: int, at_mm, anchors_mm, anchors_px) -> tuple[np.ndarray, float] | None:
+def _see_corner(
+    grey: np.ndarray, board: BoardSpec, number: int, anchors_mm: np.ndarray, anchors_px: np.ndarray
+) -> tuple[np.ndarray, float] | None:
     """Where a corner is, and the contrast of its squares; None where it cannot be predicted or is no crossing."""
+    at_mm = board.object_points([number])[0, :2]
     away = np.linalg.norm(anchors_mm - at_mm, axis=1)
     near = np.argsort(away, kind="stable")[:ANCHORS]
     if len(near) < 4 or away[near[0]] > REACH_SQUARES * board.square_mm:
@@ -84,12 +87,12 @@ def _see_corner(grey, board: BoardSpec, number: int, at_mm, anchors_mm, anchors_
     place = cv2.cornerSubPix(grey, start, (window, window), (-1, -1), STOP).reshape(2)
     if np.linalg.norm(place - places[0]) > max(MOST_SHIFT * side, 1.0):
         return None
-    return place, _contrast(grey, board, number, at_mm, homography, place - places[0])
+    return place, _contrast(grey, board, number, homography, place - places[0])
 
 
-def _contrast(grey, board: BoardSpec, number: int, at_mm, homography, shift) -> float:
+def _contrast(grey: np.ndarray, board: BoardSpec, number: int, homography: np.ndarray, shift: np.ndarray) -> float:
     """Grey levels by which the light squares round a corner are lighter than the dark ones, the worst pair."""
-    gap = (board.square_mm - board.marker_mm) / 2
+    at_mm, gap = board.object_points([number])[0, :2], (board.square_mm - board.marker_mm) / 2
     steps = np.array([(s, t) for s in (0.35, 0.8) for t in (0.35, 0.8)]) * gap
     # by world axes: down the page is +x, to its right +y
     quadrants = np.array([(-1, -1), (1, 1), (-1, 1), (1, -1)])

@@ -122,7 +122,12 @@ def calibrate_lens(views: Sequence[BoardSighting]) -> Calibration:
             "board at a slant, from several sides"
         )
     return Calibration(
-        fit.lens, fit.rms_px, fit.focal_sigma_px, cover(pixels, size), tuple(used), tuple(sorted(refused.items()))
+        fit.lens,
+        fit.rms_px,
+        fit.focal_sigma_px,
+        cover(pixels, size),
+        used=tuple(used),
+        refused=tuple(sorted(refused.items())),
     )
 
 

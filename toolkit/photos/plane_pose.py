@@ -95,7 +95,12 @@ def fit_plane_pose(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> Ph
     best, rival = fits[0], next((fit for fit in fits[1:] if not fit.like(fits[0])), None)
     angle, position = _uncertainty(best, world_mm[kept], lens)
     return PhotoPose(
-        best.T_world_camera, best.rms_px, int(kept.sum()), angle, position, rival.rms_px if rival else None
+        best.T_world_camera,
+        best.rms_px,
+        int(kept.sum()),
+        angle_sigma_deg=angle,
+        position_sigma_mm=position,
+        rival_px=rival.rms_px if rival else None,
     )
 
 

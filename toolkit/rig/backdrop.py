@@ -1,5 +1,7 @@
 """What is behind the object: the lit table top and the room, found for every pixel in closed form."""
 
+from threading import Lock
+
 import cv2
 import numpy as np
 
@@ -18,12 +20,7 @@ class Backdrop:
         self._studio = studio
         self._lit = build_pyramid(_light_table(studio, lighting))
         self._size = np.array(studio.table_mm, np.float32)
-        w = studio.environment.shape[1]
-        tiled = np.concatenate([studio.environment] * 3, axis=1)
-        self._rooms = [
-            np.ascontiguousarray(cv2.GaussianBlur(tiled, (0, 0), w * (0.004 + 0.13 * r**1.5))[:, w : 2 * w])
-            for r in ROUGHNESS_LEVELS
-        ]
+        self._blurring = Lock()
 
     def render(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
         """(height, width, 3) float32 linear radiance without the object."""
@@ -67,9 +64,13 @@ class Backdrop:
         return radiance
 
     def _room(self, direction: np.ndarray, level: int) -> np.ndarray:
-        return sample_directions(self._rooms[level], direction)
+        rooms = self._studio.blurred_rooms
+        with self._blurring:  # parts of a picture are shaded side by side; few of the levels are met in it
+            if level not in rooms:
+                rooms[level] = _blur_room(self._studio.environment, ROUGHNESS_LEVELS[level])
+        return sample_directions(rooms[level], direction)
 
-    def _table_in_mirror(self, points, direction, level) -> np.ndarray:
+    def _table_in_mirror(self, points: np.ndarray, direction: np.ndarray, level: np.ndarray) -> np.ndarray:
         reach = points[:, 2] / -direction[:, 2]
         u = (points[:, 0] + reach * direction[:, 0]) / self._size[0] + 0.5
         v = (points[:, 1] + reach * direction[:, 1]) / self._size[1] + 0.5
@@ -97,7 +98,7 @@ class Backdrop:
                 np.minimum(nearest, distance, out=nearest)
         return nearest
 
-    def _table_picture(self, x, y, footprint) -> np.ndarray:
+    def _table_picture(self, x: np.ndarray, y: np.ndarray, footprint: np.ndarray) -> np.ndarray:
         """Bilinear in the two pyramid levels around each pixel's footprint."""
         lod = np.log2(np.maximum(footprint * np.float32(self._lit[0].shape[1] / self._size[0]), 1e-3))
         lod = np.clip(lod, 0, len(self._lit) - 1)
@@ -116,7 +117,7 @@ class Backdrop:
                 picture += (values - picture) * np.clip(lod - (level - 1), 0, 1)[..., None]
         return picture
 
-    def _table_gloss(self, direction, cosine) -> np.ndarray:
+    def _table_gloss(self, direction: list[np.ndarray], cosine: np.ndarray) -> np.ndarray:
         """The table's own sheen, smooth enough to be worked out at an eighth of the resolution."""
         h, w = cosine.shape
         step = 8
@@ -129,6 +130,14 @@ class Backdrop:
         sheen = self._room(mirrored, level) * fresnel[:, None] * (1 - 0.6 * roughness)
         sheen = sheen.reshape(*coarse[0].shape, 3).astype(np.float32)
         return cv2.resize(sheen, (sheen.shape[1] * step, sheen.shape[0] * step), interpolation=cv2.INTER_LINEAR)[:h, :w]
+
+
+def _blur_room(environment: np.ndarray, roughness: float) -> np.ndarray:
+    """The (h, w, 3) room as a surface of that roughness mirrors it."""
+    w = environment.shape[1]
+    tiled = np.concatenate([environment] * 3, axis=1)
+    blurred = cv2.GaussianBlur(tiled, (0, 0), w * (0.004 + 0.13 * roughness**1.5))
+    return np.ascontiguousarray(blurred[:, w : 2 * w])
 
 
 def _light_table(studio: Studio, lighting: Lighting) -> np.ndarray:

@@ -5,15 +5,18 @@ driver; the picture comes back in linear 8 bit, so that its dark parts are coars
 """
 
 import contextlib
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
-from toolkit.objects.mesh import Mesh
+from toolkit.objects.mesh import Material, Mesh
 from toolkit.rig.camera import Camera, orbit_direction
 from toolkit.rig.egl import PACKAGES, egl_trouble, go_surfaceless
 from toolkit.rig.studio import Studio
+
+if TYPE_CHECKING:
+    from open3d.visualization.rendering import OffscreenRenderer
 
 SUN_LUX, ROOM_LUX = 90_000, 34_000
 
@@ -33,22 +36,22 @@ class FilamentRenderer:
                 f"the filament renderer cannot start: {trouble}: install {PACKAGES}, or use --renderer raycast"
             )
         self._mesh, self._studio = mesh, studio
-        self._renderer: Any = None
+        self._renderer: OffscreenRenderer | None = None
         self._size = (0, 0)
 
     def render(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
         """(height, width, 3) float32 linear light, in steps of 1/255."""
-        if self._size != (camera.width, camera.height):
-            self._build(camera.width, camera.height)
+        if self._renderer is None or self._size != (camera.width, camera.height):
+            self._renderer = None  # Filament keeps one scene at a time
+            self._renderer, self._size = self._build(camera.width, camera.height), (camera.width, camera.height)
         T_camera_world = np.linalg.inv(T_world_camera)
         self._renderer.setup_camera(camera.matrix, T_camera_world, camera.width, camera.height)
         return np.asarray(self._renderer.render_to_image()).astype(np.float32) / 255
 
-    def _build(self, width: int, height: int) -> None:
+    def _build(self, width: int, height: int) -> "OffscreenRenderer":
         import open3d as o3d
 
         rendering = o3d.visualization.rendering
-        self._renderer = None  # Filament keeps one scene at a time
         renderer = rendering.OffscreenRenderer(width, height)
         mean_room = self._studio.environment.mean(axis=(0, 1))
         renderer.scene.set_background([*np.clip(mean_room, 0, 1).tolist(), 1.0])
@@ -67,10 +70,10 @@ class FilamentRenderer:
         lights.enable_sun_light(True)
         lights.enable_indirect_light(True)
         lights.set_indirect_light_intensity(ROOM_LUX)
-        self._renderer, self._size = renderer, (width, height)
+        return renderer
 
     @staticmethod
-    def _add(renderer, name: str, mesh: Mesh, faces: np.ndarray, material) -> None:
+    def _add(renderer: "OffscreenRenderer", name: str, mesh: Mesh, faces: np.ndarray, material: Material) -> None:
         import open3d as o3d
 
         used, inverse = np.unique(faces, return_inverse=True)
@@ -86,13 +89,14 @@ class FilamentRenderer:
         look.base_roughness, look.base_metallic = float(material.roughness), float(material.metallic)
         renderer.scene.add_geometry(name, shape, look)
 
-    def _add_table(self, renderer) -> None:
-        from toolkit.objects.mesh import Material
-
+    def _add_table(self, renderer: "OffscreenRenderer") -> None:
         x, y = (side / 2 for side in self._studio.table_mm)
         corners = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]], np.float32)
         uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
         material = Material("table", self._studio.table, self._studio.table_roughness)
         up = np.repeat(np.array([[0, 0, 1]], np.float32), 4, axis=0)
         faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
-        self._add(renderer, "table", Mesh(corners, up, uv, faces, np.zeros(2, np.int32), (material,)), faces, material)
+        table = Mesh(
+            vertices=corners, normals=up, uv=uv, faces=faces, face_material=np.zeros(2, np.int32), materials=(material,)
+        )
+        self._add(renderer, "table", table, faces, material)

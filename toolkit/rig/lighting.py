@@ -1,13 +1,19 @@
 """Light that does not change with the camera, worked out once per scene and stored on the mesh."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
 
+from toolkit.imaging.colour import srgb_to_linear
 from toolkit.rig.camera import orbit_direction
 from toolkit.rig.studio import Studio
 from toolkit.rig.textures import sample, sample_directions
+
+if TYPE_CHECKING:
+    from open3d.t.geometry import RaycastingScene
 
 MAX_STEPS = 48
 SHEET_MM = 0.1
@@ -124,8 +130,21 @@ class Lighting:
     open_irradiance: np.ndarray
 
 
+@dataclass(frozen=True)
+class _Directions:
+    """Where light comes from: (n, 3) unit directions spread evenly over the sphere, and over the key light's disc.
+
+    `room_radiance` (n, 3) arrives around each of the former, `key_irradiance` (3,) from each of the latter.
+    """
+
+    room: np.ndarray
+    room_radiance: np.ndarray
+    key: np.ndarray
+    key_irradiance: np.ndarray
+
+
 def bake_lighting(
-    scene,
+    scene: "RaycastingScene",
     corners: np.ndarray,
     corner_normals: np.ndarray,
     albedo: np.ndarray,
@@ -142,11 +161,12 @@ def bake_lighting(
         detail: how finely.
     """
     size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
-    room, room_light = _room_directions(studio, detail.room_rays)
-    key = _key_directions(studio, detail.key_rays)
-    key_light = np.array(studio.key.irradiance, np.float32) / detail.key_rays
+    lights = _Directions(
+        *_room_directions(studio, detail.room_rays), _key_directions(studio, detail.key_rays),
+        np.array(studio.key.irradiance, np.float32) / detail.key_rays,
+    )  # fmt: skip
     up = np.array([[0.0, 0.0, 1.0]], np.float32)
-    open_irradiance = _open_light(up, room, room_light, key, key_light)[0]
+    open_irradiance = _open_light(up, lights)[0]
     bounce = BOUNCE * albedo * open_irradiance / np.pi
 
     side = 2 * _shadow_reach(size, float(corners[..., 2].max()), studio)
@@ -154,7 +174,7 @@ def bake_lighting(
     steps = (np.arange(count) + 0.5) / count * side - side / 2
     x, y = np.meshgrid(steps, -steps)
     points = np.stack([x, y, np.full_like(x, OFFSET * size)], axis=-1).reshape(-1, 3).astype(np.float32)
-    shade = _gather(scene, points, np.repeat(up, len(points), 0), room, room_light, key, key_light, bounce)
+    shade = _gather(scene, points, np.repeat(up, len(points), 0), lights, bounce)
     table = cv2.GaussianBlur(shade[:, :3].reshape(count, count, 3), (0, 0), 0.8)
     fade = np.clip((side / 2 - np.maximum(np.abs(x), np.abs(y))) / (0.15 * side), 0, 1)[..., None].astype(np.float32)
     table = open_irradiance * (1 - fade) + table * fade
@@ -169,7 +189,7 @@ def bake_lighting(
         v = (origin[:, 1] + reach * direction[1]) / side + 0.5
         return sample(table, u.clip(0, 1), v.clip(0, 1), cv2.BORDER_REPLICATE) * (table_albedo / np.pi)
 
-    values = _gather(scene, origins, grid.normals, room, room_light, key, key_light, bounce, from_table)
+    values = _gather(scene, origins, grid.normals, lights, bounce, from_table=from_table)
     return Lighting(grid, values[grid.slot], table.astype(np.float32), side, open_irradiance)
 
 
@@ -179,12 +199,15 @@ def _shadow_reach(size: float, height: float, studio: Studio) -> float:
     return 0.75 * size + max(0.55 * size, height / float(np.tan(lowest)))
 
 
-def _gather(scene, points, normals, room, room_light, key, key_light, bounce, from_table=None) -> np.ndarray:
+def _gather(
+    scene: "RaycastingScene", points: np.ndarray, normals: np.ndarray, lights: _Directions, bounce: np.ndarray,
+    from_table: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+) -> np.ndarray:  # fmt: skip
     """(n, 5) irradiance, key share and room share at points."""
     values = np.zeros((len(points), 5), np.float32)
     facing_total = np.zeros(len(points), np.float32)
-    solid_angle = np.float32(4 * np.pi / len(room))
-    for direction, radiance in zip(room, room_light, strict=True):
+    solid_angle = np.float32(4 * np.pi / len(lights.room))
+    for direction, radiance in zip(lights.room, lights.room_radiance, strict=True):
         if from_table is None and direction[2] <= 0:
             continue
         cosine = normals @ direction
@@ -199,17 +222,17 @@ def _gather(scene, points, normals, room, room_light, key, key_light, bounce, fr
         values[facing, :3] += np.where(free[:, None], light, bounce) * weight[:, None]
         values[facing, 4] += free * weight
         facing_total[facing] += weight
-    for direction in key:
+    for direction in lights.key:
         cosine = normals @ direction
         facing = np.flatnonzero(cosine > 0)
         free = ~_blocked(scene, points[facing], direction)
-        values[facing, :3] += (cosine[facing] * free)[:, None] * key_light
-        values[facing, 3] += free / np.float32(len(key))
+        values[facing, :3] += (cosine[facing] * free)[:, None] * lights.key_irradiance
+        values[facing, 3] += free / np.float32(len(lights.key))
     values[:, 4] /= np.maximum(facing_total, 1e-6)
     return values
 
 
-def _blocked(scene, points: np.ndarray, direction: np.ndarray) -> np.ndarray:
+def _blocked(scene: "RaycastingScene", points: np.ndarray, direction: np.ndarray) -> np.ndarray:
     import open3d as o3d
 
     rays = np.empty((len(points), 6), np.float32)
@@ -217,10 +240,11 @@ def _blocked(scene, points: np.ndarray, direction: np.ndarray) -> np.ndarray:
     return scene.test_occlusions(o3d.core.Tensor(rays)).numpy()
 
 
-def _open_light(normals, room, room_light, key, key_light) -> np.ndarray:
-    above = room[:, 2] > 0
-    sky = np.maximum(normals @ room[above].T, 0) @ room_light[above] * (4 * np.pi / len(room))
-    return (sky + np.maximum(normals @ key.T, 0).sum(axis=1, keepdims=True) * key_light).astype(np.float32)
+def _open_light(normals: np.ndarray, lights: _Directions) -> np.ndarray:
+    above = lights.room[:, 2] > 0
+    sky = np.maximum(normals @ lights.room[above].T, 0) @ lights.room_radiance[above] * (4 * np.pi / len(lights.room))
+    key = np.maximum(normals @ lights.key.T, 0).sum(axis=1, keepdims=True) * lights.key_irradiance
+    return (sky + key).astype(np.float32)
 
 
 def _room_directions(studio: Studio, count: int) -> tuple[np.ndarray, np.ndarray]:
@@ -251,6 +275,4 @@ def _key_directions(studio: Studio, count: int) -> np.ndarray:
 
 
 def _mean_table_colour(studio: Studio) -> np.ndarray:
-    from toolkit.imaging.colour import srgb_to_linear
-
     return srgb_to_linear(studio.table[::8, ::8] / 255).reshape(-1, 3).mean(axis=0)

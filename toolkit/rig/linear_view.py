@@ -36,10 +36,11 @@ class LinearView:
     @classmethod
     def of_nothing(cls, behind: np.ndarray) -> "LinearView":
         """A view (h, w, 3) in which the object is not seen."""
-        none = np.zeros(0, np.float32)
-        cover = np.zeros(behind.shape[:2], np.float32)
-        uv, gain = none.reshape(0, 2), none.reshape(0, 3)
-        return cls(behind, np.zeros_like(behind), cover, none.astype(np.int32), uv, none, gain)
+        return cls(
+            behind=behind, dark=np.zeros_like(behind), coverage=np.zeros(behind.shape[:2], np.float32),
+            pixel=np.zeros(0, np.int32), uv=np.zeros((0, 2), np.float32), lod=np.zeros(0, np.float32),
+            gain=np.zeros((0, 3), np.float32),
+        )  # fmt: skip
 
     @property
     def share(self) -> np.ndarray:

@@ -1,6 +1,7 @@
 """Taping a printed sheet to an object: a developable surface over what lies below, true to size."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -8,6 +9,9 @@ from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import Material, Mesh, make_ray_scene, merge_meshes
 from toolkit.objects.records import TAPE_MARGIN_MM
 from toolkit.objects.spec import PatchMount
+
+if TYPE_CHECKING:
+    from open3d.t.geometry import RaycastingScene
 
 MAX_SLOPE_DEG = 38.0
 """A taped sheet does not hang down steeper than this; it bridges what falls away faster."""
@@ -43,7 +47,7 @@ class Sheet:
 
 
 def mount_patch(mesh: Mesh, pixels: np.ndarray, size_mm: float, mount: PatchMount, name: str = "object") -> Sheet:
-    """Lay a printed sheet on one side of an object.
+    """Stick a printed sheet on one side of an object.
 
     The sheet is first tilted with the surface below it, then bent about one axis (paper bends about one at a time) into
     the taut curve over the highest points below. Its lengths are kept: a millimetre on paper stays one on the object.
@@ -65,23 +69,17 @@ def mount_patch(mesh: Mesh, pixels: np.ndarray, size_mm: float, mount: PatchMoun
             f"print it smaller and say so in the spec, for example [patch] size_mm = {longest / 3:.0f}"
         )
     scene = make_ray_scene(mesh)
-    right, up = _turned_axes(mount)
-    normal = np.cross(right, up)
-    centre = _start(mesh, mount, normal)
     side = size_mm + 2 * TAPE_MARGIN_MM
-    heights = _heights(scene, centre, right, up, normal, side)
+    T_object_sheet = _start(mesh, mount)
+    heights = _heights(scene, T_object_sheet, side)
     if np.isfinite(heights).mean() < 0.05:
         raise ToolkitError(
             f"{name}: there is no surface below the patch at [patch] at = '{mount.at}', offset_mm = "
             f"{list(mount.offset_mm)}: move it onto the object"
         )
-    level, right, up, normal = _tilt(heights, right, up, normal, side)
-    centre = centre + level
-    heights = _heights(scene, centre, right, up, normal, side)
-    across, height, along_right = _bend(heights, side)
+    T_object_sheet = _tilt(heights, T_object_sheet, side)
+    across, height, along_right = _bend(_heights(scene, T_object_sheet, side), side)
     vertices = _unroll(across, height, along_right, side)
-    T_object_sheet = np.eye(4)
-    T_object_sheet[:3] = np.stack([right, up, normal, centre], axis=1)
     return Sheet(_sheet_mesh(vertices, along_right, T_object_sheet, pixels, size_mm), size_mm, T_object_sheet)
 
 
@@ -98,25 +96,31 @@ def attach(mesh: Mesh, sheet: Sheet) -> Mesh:
     return merge_meshes([mesh, sheet.mesh])
 
 
-def _turned_axes(mount: PatchMount) -> tuple[np.ndarray, np.ndarray]:
+def _frame(right: np.ndarray, up: np.ndarray, normal: np.ndarray, centre: np.ndarray) -> np.ndarray:
+    """(4, 4) `T_object_sheet` of a plane with these axes."""
+    T_object_sheet = np.eye(4)
+    T_object_sheet[:3] = np.stack([right, up, normal, centre], axis=1)
+    return T_object_sheet
+
+
+def _start(mesh: Mesh, mount: PatchMount) -> np.ndarray:
+    """(4, 4) the sheet on the plane that touches the bounding box on the mount's side."""
     right, up = (np.array(axis, float) for axis in SIDES[mount.at])
     cosine, sine = np.cos(np.radians(mount.rotation_deg)), np.sin(np.radians(mount.rotation_deg))
-    return cosine * right + sine * up, cosine * up - sine * right
-
-
-def _start(mesh: Mesh, mount: PatchMount, normal: np.ndarray) -> np.ndarray:
-    """The sheet's centre on the plane that touches the bounding box on the mount's side."""
-    right, up = (np.array(axis, float) for axis in SIDES[mount.at])
+    turned_right, turned_up = cosine * right + sine * up, cosine * up - sine * right
+    normal = np.cross(turned_right, turned_up)
     low, high = mesh.bounds
     middle = (low + high) / 2
     reach = np.abs(normal) @ (high - low) / 2
-    return middle + normal * reach + right * mount.offset_mm[0] + up * mount.offset_mm[1]
+    centre = middle + normal * reach + right * mount.offset_mm[0] + up * mount.offset_mm[1]
+    return _frame(turned_right, turned_up, normal, centre)
 
 
-def _heights(scene, centre, right, up, normal, side: float) -> np.ndarray:
+def _heights(scene: "RaycastingScene", T_object_sheet: np.ndarray, side: float) -> np.ndarray:
     """(rows along up, columns along right) height of the surface over the sheet's plane, -inf where there is none."""
     import open3d as o3d
 
+    right, up, normal, centre = T_object_sheet[:3].T
     steps = np.linspace(-side / 2, side / 2, SAMPLES)
     x, y = np.meshgrid(steps, steps)
     far = max(1000.0, 2 * side)  # outside the object, for the large ones too
@@ -126,12 +130,12 @@ def _heights(scene, centre, right, up, normal, side: float) -> np.ndarray:
     return np.where(np.isfinite(hit), far - hit, -np.inf)
 
 
-def _tilt(heights: np.ndarray, right, up, normal, side: float):
-    """Turn the sheet's plane with the surface: a plane through the upper half of the heights, by least squares.
+def _tilt(heights: np.ndarray, T_object_sheet: np.ndarray, side: float) -> np.ndarray:
+    """(4, 4) the sheet turned with the surface: on a plane through the upper half of the heights, by least squares.
 
-    Returns the way from the sheet's centre down to that plane (so that tilting does not carry the sheet sideways), and
-    right, up and normal.
+    Its centre goes straight down to that plane, so that tilting does not carry the sheet sideways.
     """
+    right, up, normal, centre = T_object_sheet[:3].T
     steps = np.linspace(-side / 2, side / 2, SAMPLES)
     x, y = np.meshgrid(steps, steps)
     known = np.isfinite(heights)
@@ -147,7 +151,7 @@ def _tilt(heights: np.ndarray, right, up, normal, side: float):
     tilted_right /= np.linalg.norm(tilted_right)
     tilted_normal = np.cross(tilted_right, up + slope_y * normal)
     tilted_normal /= np.linalg.norm(tilted_normal)
-    return level, tilted_right, np.cross(tilted_normal, tilted_right), tilted_normal
+    return _frame(tilted_right, np.cross(tilted_normal, tilted_right), tilted_normal, centre + level)
 
 
 def _bend(heights: np.ndarray, side: float) -> tuple[np.ndarray, np.ndarray, bool]:
@@ -220,12 +224,14 @@ def _sheet_mesh(
     faces = faces if along_right else faces[:, ::-1]
     place, normals, uv = (array.reshape(-1, array.shape[-1]).astype(np.float32) for array in (place, normals, uv))
     front = Mesh(
-        place, normals, uv, faces.astype(np.int32), np.zeros(len(faces), np.int32),
-        (Material(PAPER_MATERIAL, print_on_paper(pixels, size_mm), roughness=0.75),),
+        vertices=place, normals=normals, uv=uv, faces=faces.astype(np.int32),
+        face_material=np.zeros(len(faces), np.int32),
+        materials=(Material(PAPER_MATERIAL, print_on_paper(pixels, size_mm), roughness=0.75),),
     )  # fmt: skip
-    back = Mesh(
-        front.vertices - front.normals * np.float32(0.15), -front.normals, front.uv, front.faces[:, ::-1].copy(),
-        front.face_material, (Material(BACK_MATERIAL, np.full((4, 4, 3), PAPER, np.uint8), roughness=0.9),),
+    back = replace(
+        front, vertices=front.vertices - front.normals * np.float32(0.15), normals=-front.normals,
+        faces=front.faces[:, ::-1].copy(),
+        materials=(Material(BACK_MATERIAL, np.full((4, 4, 3), PAPER, np.uint8), roughness=0.9),),
     )  # fmt: skip
     return merge_meshes([front, back])
 

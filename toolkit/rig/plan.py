@@ -174,7 +174,7 @@ def plan_poses(item: TableObject, camera: Camera, pattern: Pattern) -> list[Pose
     poses = []
     angles = spread_poses(pattern)
     for i, (azimuth, elevation) in enumerate(np.round(angles, 3)):
-        distance = distance_to_fill(camera, item.mesh.vertices, target, azimuth, elevation, pattern.fill)
+        distance = distance_to_fill(camera, item.mesh.vertices, target, azimuth, elevation, fill=pattern.fill)
         if pattern.distance_mm is not None:
             share = i / max(len(angles) - 1, 1)
             distance = pattern.distance_mm[0] * (1 - share) + pattern.distance_mm[1] * share
@@ -204,8 +204,8 @@ def check_poses(item: TableObject, camera: Camera, poses: list[Pose]) -> None:
         if position[2] <= 0:
             raise ToolkitError(f"{where}: the camera is below the table top: expected an elevation that keeps it above")
         least = distance_to_fill(
-            camera, item.mesh.vertices, np.array(pose.target_mm), pose.azimuth_deg, pose.elevation_deg, 0.995,
-            pose.roll_deg,
+            camera, item.mesh.vertices, np.array(pose.target_mm), pose.azimuth_deg, pose.elevation_deg,
+            fill=0.995, roll_deg=pose.roll_deg,
         )  # fmt: skip
         if pose.distance_mm < least:
             raise ToolkitError(

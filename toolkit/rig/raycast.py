@@ -33,7 +33,7 @@ def _workers() -> ThreadPoolExecutor:
 
 
 @dataclass(frozen=True)
-class _Seen:
+class _RayHits:
     """What rays meet. Arrays of one row per ray; where nothing is hit, colour 0, material -1, normal 0, depth inf.
 
     `gain`, `uv` and `lod` are there when a texture was left out: by how much its colour counts (0 where a ray does not
@@ -50,13 +50,13 @@ class _Seen:
 
 
 @dataclass(frozen=True)
-class _Frame:
+class _Traced:
     """The part of a picture that can show the object: its pixels, and the samples of those that need four."""
 
     region: tuple[int, int, int, int]
-    seen: _Seen
+    seen: _RayHits
     refine: np.ndarray
-    fine: _Seen
+    fine: _RayHits
 
 
 class RaycastRenderer:
@@ -70,11 +70,13 @@ class RaycastRenderer:
         self._corner_uv = mesh.uv[mesh.faces]
         corners = mesh.vertices[mesh.faces]
         self._textures, self._texture_of_material = _distinct_textures(mesh)
-        self._texel_density = _texel_density(corners, self._corner_uv, mesh, self._textures, self._texture_of_material)
+        self._texel_density = _texel_density(mesh, self._textures, self._texture_of_material)
         self._roughness = np.array([m.roughness for m in mesh.materials], np.float32)
         self._metallic = np.array([m.metallic for m in mesh.materials], np.float32)
         self._is_paper = np.array([m.name == PAPER_MATERIAL for m in mesh.materials])
-        self._lighting = bake_lighting(self._scene, corners, self._corner_normals, self._mean_colour(), studio, detail)
+        self._lighting = bake_lighting(
+            self._scene, corners, self._corner_normals, self._mean_colour(), studio, detail=detail
+        )
         self._backdrop = Backdrop(studio, self._lighting)
 
     def render(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
@@ -108,7 +110,7 @@ class RaycastRenderer:
         behind = waiting.result() * exposure
         return LinearView.of_nothing(behind) if frame is None else _assemble(frame, behind, exposure)
 
-    def _look(self, camera: Camera, T_world_camera: np.ndarray, left_out: np.ndarray | None = None) -> _Frame | None:
+    def _look(self, camera: Camera, T_world_camera: np.ndarray, left_out: np.ndarray | None = None) -> _Traced | None:
         """Trace the pixels that can show the object; None where none can."""
         left, top, right, bottom = self._region(camera, T_world_camera)
         if right <= left or bottom <= top:
@@ -116,12 +118,10 @@ class RaycastRenderer:
         x, y = np.meshgrid(np.arange(left, right, dtype=np.float32), np.arange(top, bottom, dtype=np.float32))
         pixels = np.stack([x, y], axis=-1).reshape(-1, 2) + np.float32(0.5)
         seen = self._trace(camera, T_world_camera, pixels, left_out)
-        refine = np.flatnonzero(
-            self._needs_samples(seen.material, seen.normal, seen.depth, (bottom - top, right - left))
-        )
+        refine = np.flatnonzero(self._needs_samples(seen, (bottom - top, right - left)))
         samples = (pixels[refine] + SUBPIXELS[:, None]).reshape(-1, 2)
         fine = self._trace(camera, T_world_camera, samples, left_out)
-        return _Frame((left, top, right, bottom), seen, refine, fine)
+        return _Traced((left, top, right, bottom), seen, refine, fine)
 
     def buffers(self, camera: Camera, T_world_camera: np.ndarray) -> dict[str, np.ndarray]:
         """Exact float buffers at pixel centres: depth along the ray, mm (inf: none), material (-1: none), uv (NaN)."""
@@ -158,36 +158,42 @@ class RaycastRenderer:
         right, bottom = np.ceil(pixels[depth > 0].max(axis=0) + margin).astype(int)
         return max(left, 0), max(top, 0), min(right, camera.width), min(bottom, camera.height)
 
-    def _trace(self, camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray, left_out=None) -> _Seen:
+    def _trace(
+        self, camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray, left_out: np.ndarray | None
+    ) -> _RayHits:
         parts = list(
             _workers().map(
                 lambda part: self._trace_part(camera, T_world_camera, part, left_out), np.array_split(pixels, PARTS)
             )
         )
-        return _Seen(
-            *(np.concatenate([getattr(part, field) for part in parts]) for field in _Seen.__dataclass_fields__)
+        return _RayHits(
+            *(np.concatenate([getattr(part, field) for part in parts]) for field in _RayHits.__dataclass_fields__)
         )
 
-    def _trace_part(self, camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray, left_out) -> _Seen:
+    def _trace_part(
+        self, camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray, left_out: np.ndarray | None
+    ) -> _RayHits:
         rays = pixel_rays(camera, T_world_camera, pixels)
         hits = self._cast(rays)
-        depth = hits["t_hit"]
-        found = np.flatnonzero(np.isfinite(depth))
         count = 0 if left_out is None else len(pixels)
-        seen = _Seen(
-            np.zeros((len(pixels), 3), np.float32), np.full(len(pixels), -1, np.int32),
-            np.zeros((len(pixels), 3), np.float32), depth,
-            np.zeros((count, 3), np.float32), np.zeros((count, 2), np.float32), np.zeros(count, np.float32),
+        seen = _RayHits(
+            colour=np.zeros((len(pixels), 3), np.float32), material=np.full(len(pixels), -1, np.int32),
+            normal=np.zeros((len(pixels), 3), np.float32), depth=hits["t_hit"],
+            gain=np.zeros((count, 3), np.float32), uv=np.zeros((count, 2), np.float32),
+            lod=np.zeros(count, np.float32),
         )  # fmt: skip
-        if len(found):
-            triangle, uv = hits["primitive_ids"][found].astype(np.int64), hits["primitive_uvs"][found]
-            pixel_angle = np.float32(1 / camera.fx)
-            self._shade(seen, found, rays[found], depth[found], triangle, uv, pixel_angle, left_out)
+        if np.isfinite(seen.depth).any():
+            self._shade(seen, rays, hits, np.float32(1 / camera.fx), left_out)
         return seen
 
-    def _shade(self, seen: _Seen, found, rays, depth, triangle, uv, pixel_angle, left_out) -> None:
-        """Fill in the rows `found` of `seen`."""
-        direction = rays[:, 3:]
+    def _shade(
+        self, seen: _RayHits, rays: np.ndarray, hits: dict[str, np.ndarray], pixel_angle: np.float32,
+        left_out: np.ndarray | None,
+    ) -> None:  # fmt: skip
+        """Fill in the rows of `seen` whose rays hit something."""
+        found = np.flatnonzero(np.isfinite(seen.depth))
+        triangle, uv = hits["primitive_ids"][found].astype(np.int64), hits["primitive_uvs"][found]
+        origin, direction, depth = rays[found, :3], rays[found, 3:], seen.depth[found]
         normal = shading.interpolate(self._corner_normals[triangle], uv)
         normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
         cosine = -np.einsum("ij,ij->i", normal, direction)
@@ -206,12 +212,13 @@ class RaycastRenderer:
             chosen = left_out[material]
             albedo[chosen] = 0
             seen.gain[found], seen.uv[found], seen.lod[found] = gain * chosen[:, None], texture_uv, lod
-        colour = albedo * gain
-        points = rays[:, :3] + depth[:, None] * direction
-        colour += shading.gloss(
-            points, direction, normal, cosine, albedo, roughness, metallic, light[:, 3], light[:, 4], self._studio.key,
-            self._backdrop,
+        points = origin + depth[:, None] * direction
+        surface = shading.SurfacePoints(
+            points=points, direction=direction, normal=normal, cosine=cosine, albedo=albedo, roughness=roughness,
+            metallic=metallic,
         )  # fmt: skip
+        colour = albedo * gain
+        colour += shading.gloss(surface, light[:, 3], light[:, 4], self._studio.key, self._backdrop.reflect)
         seen.colour[found], seen.normal[found], seen.material[found] = colour, normal, material
 
     def _albedo(self, material: np.ndarray, uv: np.ndarray, lod: np.ndarray) -> np.ndarray:
@@ -225,9 +232,10 @@ class RaycastRenderer:
                 albedo[chosen] = sample_pyramid(levels, uv[chosen, 0], uv[chosen, 1], lod[chosen])
         return albedo
 
-    def _needs_samples(self, material, normal, depth, shape) -> np.ndarray:
+    def _needs_samples(self, seen: _RayHits, shape: tuple[int, int]) -> np.ndarray:
         """Pixels whose neighbours show another material, a jump in depth or a crease; and those on printed paper."""
-        material, normal, depth = material.reshape(shape), normal.reshape(*shape, 3), depth.reshape(shape)
+        material, normal = seen.material.reshape(shape), seen.normal.reshape(*shape, 3)
+        depth = seen.depth.reshape(shape)
         depth = np.where(np.isfinite(depth), depth, 0)
         edge = np.zeros(shape, bool)
         for a, b in (((slice(1, None), slice(None)), (slice(-1), slice(None))),
@@ -248,7 +256,7 @@ class RaycastRenderer:
         return (albedo * area[:, None]).sum(axis=0) / max(float(area.sum()), 1e-9)
 
 
-def _assemble(frame: _Frame, behind: np.ndarray, exposure: np.float32) -> LinearView:
+def _assemble(frame: _Traced, behind: np.ndarray, exposure: np.float32) -> LinearView:
     """The parts of a picture: interior pixels count one sample, refined ones the mean of theirs."""
     left, top, right, bottom = frame.region
     seen, fine, refine = frame.seen, frame.fine, frame.refine
@@ -296,10 +304,11 @@ def _distinct_textures(mesh: Mesh) -> tuple[list[list[np.ndarray]], np.ndarray]:
     return pyramids, np.array(index)
 
 
-def _texel_density(corners, corner_uv, mesh: Mesh, textures, texture_of_material) -> np.ndarray:
+def _texel_density(mesh: Mesh, textures: list[list[np.ndarray]], texture_of_material: np.ndarray) -> np.ndarray:
     """(m,) texels per millimetre of each triangle."""
+    corners, corner_uv = mesh.vertices[mesh.faces], mesh.uv[mesh.faces]
 
-    def doubled_area(a, b):
+    def doubled_area(a: np.ndarray, b: np.ndarray) -> np.ndarray:
         return np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
 
     surface = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)

@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from toolkit.core.errors import one_of
 from toolkit.imaging.colour import srgb_to_linear
@@ -14,11 +15,15 @@ PX_PER_MM = 1.0
 MAX_SIDE_PX = 2400
 
 
+Painter = Callable[[np.random.Generator, tuple[float, float]], np.ndarray]
+"""(rng, (width, height) mm) -> (h, w, 3) uint8 sRGB."""
+
+
 @dataclass(frozen=True)
 class TableTop:
-    """A surface: a painter (rng, (w, h) mm) -> (h, w, 3) uint8 sRGB, and its roughness."""
+    """A surface and its roughness."""
 
-    paint: Callable[[np.random.Generator, tuple[float, float]], np.ndarray]
+    paint: Painter
     roughness: float
 
 
@@ -43,7 +48,7 @@ def _tint(base: tuple[int, int, int], shade: np.ndarray) -> np.ndarray:
     return (np.array(base, np.float32) * (1 + shade[..., None])).clip(0, 255).astype(np.uint8)
 
 
-def _wood(light: tuple[int, int, int], dark: tuple[int, int, int], plank_mm: float):
+def _wood(light: tuple[int, int, int], dark: tuple[int, int, int], plank_mm: float) -> Painter:
     def paint(rng: np.random.Generator, size_mm: tuple[float, float]) -> np.ndarray:
         width, height = _size_px(size_mm)
         scale = width / size_mm[0]
@@ -65,7 +70,7 @@ def _wood(light: tuple[int, int, int], dark: tuple[int, int, int], plank_mm: flo
     return paint
 
 
-def _plain(base: tuple[int, int, int], mottle: float, grain: float):
+def _plain(base: tuple[int, int, int], mottle: float, grain: float) -> Painter:
     def paint(rng: np.random.Generator, size_mm: tuple[float, float]) -> np.ndarray:
         width, height = _size_px(size_mm)
         cloud = _noise(rng, (height, width), (260, 260), 4) * mottle
@@ -74,7 +79,7 @@ def _plain(base: tuple[int, int, int], mottle: float, grain: float):
     return paint
 
 
-def _linen(base: tuple[int, int, int], stripe: tuple[int, int, int]):
+def _linen(base: tuple[int, int, int], stripe: tuple[int, int, int]) -> Painter:
     def paint(rng: np.random.Generator, size_mm: tuple[float, float]) -> np.ndarray:
         width, height = _size_px(size_mm)
         scale = width / size_mm[0]
@@ -127,8 +132,9 @@ def paint_room(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
     return np.ascontiguousarray(blurred, np.float32)
 
 
-def _rectangle(room: np.ndarray, x: int, y: int, w: int, h: int, colour) -> None:
-    """Fill a rectangle that may cross the seam."""
+def _rectangle(room: np.ndarray, box: tuple[int, int, int, int], colour: ArrayLike) -> None:
+    """Fill a rectangle (left, top, width, height) that may cross the seam."""
+    x, y, w, h = box
     columns = np.arange(x, x + w) % room.shape[1]
     room[max(y, 0) : y + h, columns] = colour
 
@@ -136,28 +142,28 @@ def _rectangle(room: np.ndarray, x: int, y: int, w: int, h: int, colour) -> None
 def _window(room: np.ndarray, rng: np.random.Generator, x: int, horizon: int) -> None:
     w, h = int(rng.integers(40, 64)), int(rng.integers(36, 48))
     top = horizon - h - 4
-    _rectangle(room, x - 2, top - 2, w + 4, h + 4, [0.5, 0.49, 0.47])
+    _rectangle(room, (x - 2, top - 2, w + 4, h + 4), [0.5, 0.49, 0.47])
     pane = w // 2 - 2
     for left in (x, x + w - pane):
-        _rectangle(room, left, top, pane, h, np.array([2.5, 2.65, 2.9]) * rng.uniform(0.9, 1.3))
+        _rectangle(room, (left, top, pane, h), np.array([2.5, 2.65, 2.9]) * rng.uniform(0.9, 1.3))
 
 
 def _shelf(room: np.ndarray, rng: np.random.Generator, x: int, horizon: int) -> None:
-    _rectangle(room, x, horizon - 46, 54, 72, [0.13, 0.09, 0.06])
+    _rectangle(room, (x, horizon - 46, 54, 72), [0.13, 0.09, 0.06])
     for row in range(4):
         left = x + 2
         while left < x + 48:
             w, h = int(rng.integers(2, 6)), int(rng.integers(10, 15))
             colour = srgb_to_linear(np.array(BOOKS[rng.integers(len(BOOKS))]) / 255) * 0.5
-            _rectangle(room, left, horizon - 44 + 17 * row + (15 - h), w, h, colour)
+            _rectangle(room, (left, horizon - 44 + 17 * row + (15 - h), w, h), colour)
             left += w
 
 
 def _picture(room: np.ndarray, rng: np.random.Generator, x: int, horizon: int) -> None:
     w, h = int(rng.integers(18, 34)), int(rng.integers(18, 30))
-    _rectangle(room, x - 2, horizon - 40, w + 4, h + 4, [0.06, 0.05, 0.05])
+    _rectangle(room, (x - 2, horizon - 40, w + 4, h + 4), [0.06, 0.05, 0.05])
     for band in range(4):
-        _rectangle(room, x, horizon - 38 + band * h // 4, w, h // 4, srgb_to_linear(rng.uniform(0.2, 0.8, 3)) * 0.6)
+        _rectangle(room, (x, horizon - 38 + band * h // 4, w, h // 4), srgb_to_linear(rng.uniform(0.2, 0.8, 3)) * 0.6)
 
 
 ENVIRONMENT_SHAPE = (256, 512)
@@ -201,6 +207,11 @@ class Studio:
     table_mm: tuple[float, float]
     table_roughness: float
     exposure: float
+
+    @cached_property
+    def blurred_rooms(self) -> dict[int, np.ndarray]:
+        """`environment` as rough surfaces mirror it, by level of roughness; filled by who renders."""
+        return {}
 
 
 LIGHTS: dict[str, KeyLight] = {

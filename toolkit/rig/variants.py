@@ -78,8 +78,8 @@ def fit_texture(item: TableObject, texture: Texture) -> "Atlas":
 
     entry = check_fit(item, texture)
     return make_atlas(
-        item.mesh, texture.record.n_px, entry.keep, texture.keep_images.get(item.name), entry.unwrapped,
-        texture.corner_uv.get(item.name),
+        item.mesh, texture.record.n_px, entry.keep, texture.keep_images.get(item.name),
+        unwrap=entry.unwrapped, corner_uv=texture.corner_uv.get(item.name),
     )  # fmt: skip
 
 

@@ -183,7 +183,7 @@ def random_pose(rng: np.random.Generator, mesh: Mesh, camera: Camera, ranges: Vi
     azimuth, elevation, roll = rng.uniform(0, 360), ranges.draw_elevation(rng), rng.uniform(*ranges.roll_deg)
     target = np.array([0.0, 0.0, mesh.size_mm[2] / 2])
     fill = rng.uniform(*ranges.fill)
-    distance = distance_to_fill(camera, mesh.vertices, target, azimuth, elevation, fill, roll)
+    distance = distance_to_fill(camera, mesh.vertices, target, azimuth, elevation, fill=fill, roll_deg=roll)
     free = max((1 - fill) * 0.5, ranges.off_centre) * distance * camera.height / 2 / camera.fx
     return orbit_pose(target + rng.uniform(-free, free, 3) * [1, 1, 0], azimuth, elevation, distance, roll)
 

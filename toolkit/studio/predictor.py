@@ -9,7 +9,7 @@ from typing import Any, Literal
 from toolkit.captures.read import Capture
 from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
-from toolkit.evaluation.dataset import class_of_spec
+from toolkit.evaluation.ground_truth import class_of_spec
 from toolkit.evaluation.predict import Prediction, predict_captures
 from toolkit.models.network import Classifier
 from toolkit.studio.session import Session

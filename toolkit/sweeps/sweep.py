@@ -11,8 +11,8 @@ from toolkit.core.console import progress, quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.config import EvalConfig
-from toolkit.evaluation.dataset import class_of_spec, find_true_classes
 from toolkit.evaluation.evaluate import Evaluation, write_evaluation
+from toolkit.evaluation.ground_truth import class_of_spec, find_true_classes
 from toolkit.evaluation.results import compare_predictions
 from toolkit.models.network import Classifier
 from toolkit.rig.plan import open_plan

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from pydantic import Field
 
-from toolkit.core.errors import ToolkitError
+from toolkit.core.config import Config, Expect, Flag
 
 if TYPE_CHECKING:
     import torch
@@ -50,13 +51,13 @@ SMALL_IMAGES = Augmentation(
 
 def augment_batch(
     images: "torch.Tensor", rng: np.random.Generator, image_px: int, how: Augmentation,
-    lay: Callable[["torch.Tensor"], "torch.Tensor"] = lambda batch: batch,
+    overlay: Callable[["torch.Tensor"], "torch.Tensor"] = lambda batch: batch,
 ) -> "torch.Tensor":  # fmt: skip
     """(b, 3, s, s) uint8 sRGB to (b, 3, image_px, image_px) float32, sRGB-encoded in [0, 1], varied at random.
 
-    What `lay` puts on the framed images is seen by the same camera: it has their colours, focus and noise.
+    What `overlay` puts on the framed images is seen by the same camera: it has their colours, focus and noise.
     """
-    batch = lay(_cut(images.float().div_(255), rng, image_px, how))
+    batch = overlay(_cut(images.float().div_(255), rng, image_px, how))
     batch = _colour(batch, rng, how)
     batch = _blur(batch, rng, how)
     return _add_noise(batch, rng, how).clamp_(0, 1)
@@ -118,21 +119,13 @@ def _add_noise(batch: "torch.Tensor", rng: np.random.Generator, how: Augmentatio
     return batch + noise * _draw(rng, how.noise_sigma, batch)
 
 
-@dataclass(frozen=True)
-class Corrupting:
-    """What is done to which share.
+class Corrupting(Config):
+    """What is done to which share; each image draws one of the corruptions, which are (name, severity)."""
 
-    Attributes:
-        corruptions: (name, severity), at least one; each image draws one.
-        share: of the images.
-    """
-
-    corruptions: tuple[tuple[str, int], ...]
-    share: float = 0.5
-
-    def __post_init__(self) -> None:
-        if not 0 < self.share <= 1:
-            raise ToolkitError(f"--corrupt-share {self.share:g}: expected a share above 0 and at most 1, such as 0.5")
+    corruptions: Annotated[tuple[tuple[str, int], ...], Field(min_length=1)]
+    share: Annotated[
+        float, Field(gt=0, le=1), Expect("a share above 0 and at most 1, such as 0.5"), Flag("--corrupt-share")
+    ] = Field(0.5, description="Which share of them.")
 
 
 def corrupt_some(batch: "torch.Tensor", rng: np.random.Generator, how: Corrupting) -> "torch.Tensor":

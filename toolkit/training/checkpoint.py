@@ -1,101 +1,114 @@
 """Half-finished training on disk: one safetensors file, so that it is whole or absent whenever the process dies."""
 
 import json
-from collections.abc import Callable, Iterable, Mapping
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from toolkit.core.errors import ToolkitError
+from toolkit.core.console import notice
+from toolkit.core.errors import FieldError
 from toolkit.core.files import sha256_bytes, write_bytes
 
+FORMAT = "toolkit training checkpoint 1"
 
-def write_arrays(file: Path, arrays: Mapping[str, np.ndarray], kind: str, inputs_sha256: str, steps_done: int) -> None:
-    """Write named arrays in one rename; the header says in JSON what they are, and holds a hash of the numbers.
 
-    Args:
-        file: to write.
-        arrays: by name.
-        kind: of the checkpoint, with its version.
-        inputs_sha256: hash of everything that the run depends on.
-        steps_done: how many steps have been made, for whoever looks into the file.
+@dataclass(frozen=True)
+class Checkpoint:
+    """Where an unfinished run is kept.
 
-    Raises:
-        ToolkitError: the disk is full or read-only.
+    Attributes:
+        folder: of the checkpoints of all runs of one name; a run's file is called by its hash.
+        inputs_sha256: hash of everything that the run depends on; a run with another hash is another run.
+        restart: forget what an earlier run left.
+        every_s: how much work a kill may cost, seconds.
+        shared: patterns of what lies in the folder for all runs; it goes with the last checkpoint.
     """
-    from safetensors.numpy import save
 
-    arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
-    about = {
-        "format": kind,
-        "inputs_sha256": inputs_sha256,
-        "steps_done": steps_done,
-        "content_sha256": _hash_arrays(arrays),
-    }
-    write_bytes(file, save(arrays, {"toolkit": json.dumps(about)}))
+    folder: Path
+    inputs_sha256: str
+    restart: bool = False
+    every_s: float = 5.0
+    shared: tuple[str, ...] = ()
 
+    @property
+    def file(self) -> Path:
+        """The run's own."""
+        return self.folder / f"{self.inputs_sha256[:16]}.safetensors"
 
-def read_arrays(file: Path, names: set[str], kind: str, inputs_sha256: str) -> dict[str, np.ndarray] | None:
-    """The arrays of a checkpoint, None where there is none; nothing in the file is executed.
+    def write(self, arrays: Mapping[str, np.ndarray], kind: str, steps_done: int) -> None:
+        """Write named arrays in one rename; the header says in JSON what they are, and holds a hash of the numbers.
 
-    Args:
-        file: to read.
-        names: arrays that must be there.
-        kind: as written.
-        inputs_sha256: of the run that wants to go on.
+        Raises:
+            ToolkitError: the disk is full or read-only.
+        """
+        from safetensors.numpy import save
 
-    Raises:
-        ToolkitError: it is damaged, or of other inputs.
-    """
-    from safetensors import SafetensorError, safe_open
+        arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+        about = {
+            "format": FORMAT,
+            "kind": kind,
+            "inputs_sha256": self.inputs_sha256,
+            "steps_done": steps_done,
+            "content_sha256": _hash_arrays(arrays),
+        }
+        write_bytes(self.file, save(arrays, {"toolkit": json.dumps(about)}))
 
-    if not file.is_file():
-        return None
-    mend = "delete it, or run the same command with --restart"
-    try:
-        with safe_open(file, "np") as stored:
-            about = json.loads((stored.metadata() or {})["toolkit"])
-            arrays = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118 (no mapping)
-        whole = about["format"] == kind and about["content_sha256"] == _hash_arrays(arrays) and names <= arrays.keys()
-        found = about["inputs_sha256"]
-    except (SafetensorError, OSError, KeyError, TypeError, ValueError) as error:
-        reason = str(error).splitlines()[0] if str(error) else error.__class__.__name__
-        raise ToolkitError(f"checkpoint {file} is damaged ({reason}): {mend}") from None
-    if not whole:
-        raise ToolkitError(f"checkpoint {file} is damaged (its numbers do not match its hash): {mend}")
-    if found != inputs_sha256:
-        raise ToolkitError(f"checkpoint {file} is of a run with other inputs: {mend}")
-    return arrays
+    def read(self, kind: str) -> dict[str, np.ndarray] | None:
+        """The arrays, None where there is no checkpoint; nothing in the file is executed.
+
+        Raises:
+            ToolkitError: it is damaged, of another version, or of other inputs.
+        """
+        from safetensors import SafetensorError, safe_open
+
+        if not self.file.is_file():
+            return None
+        way_out = "delete it, or run the same again with {restart}"
+        try:
+            with safe_open(self.file, "np") as stored:
+                about = json.loads((stored.metadata() or {})["toolkit"])
+                arrays = {name: stored.get_tensor(name) for name in stored.keys()}  # noqa: SIM118 (no mapping)
+            found, inputs = (about["format"], about.get("kind")), about["inputs_sha256"]
+            is_whole = about["content_sha256"] == _hash_arrays(arrays)
+        except (SafetensorError, OSError, KeyError, TypeError, ValueError, AttributeError) as error:
+            reason = str(error).splitlines()[0] if str(error) else error.__class__.__name__
+            raise FieldError(f"checkpoint {self.file} is damaged ({reason}): {way_out}", {}) from None
+        if found != (FORMAT, kind):
+            raise FieldError(f"checkpoint {self.file} is of another version or kind ({found[0]}): {way_out}", {})
+        if not is_whole:
+            raise FieldError(f"checkpoint {self.file} is damaged (its numbers do not match its hash): {way_out}", {})
+        if inputs != self.inputs_sha256:
+            raise FieldError(f"checkpoint {self.file} is of a run with other inputs: {way_out}", {})
+        return arrays
+
+    def announce(self, done: int, steps: int) -> None:
+        """Say whether a run goes on, or begins beside an unfinished one with other inputs."""
+        if done:
+            notice(f"going on after step {done} of {steps}; to begin anew, restart")
+        elif any(self.folder.glob("*.safetensors")):
+            notice(f"{self.folder} holds an unfinished run with other inputs: it is kept, this one begins anew")
+
+    def remove(self) -> None:
+        """Forget the run, finished or not; what is `shared` goes when no other run is left, and empty folders too."""
+        key = self.file.stem
+        for file in (self.file, *self.folder.glob(f".{key}.*.partial")):
+            file.unlink(missing_ok=True)
+        if not self.folder.is_dir() or any(self.folder.glob("*.safetensors")):
+            return
+        for pattern in self.shared:
+            for found in self.folder.glob(pattern):
+                if found.is_dir():
+                    shutil.rmtree(found, ignore_errors=True)
+                else:
+                    found.unlink(missing_ok=True)
+        for folder in (self.folder, self.folder.parent):
+            if not any(folder.iterdir()):
+                folder.rmdir()
 
 
 def _hash_arrays(arrays: Mapping[str, np.ndarray]) -> str:
     digests = (name + sha256_bytes(arrays[name].tobytes()) for name in sorted(arrays))
     return sha256_bytes("".join(digests).encode())
-
-
-def forget_run(training: Path, inputs_sha256: str, shared: Iterable[str] = ()) -> None:
-    """Remove the checkpoint of a finished run, and folders that are empty then.
-
-    Args:
-        training: folder of the checkpoints, one for each run: the hash's first 16 digits and `.safetensors`.
-        inputs_sha256: of the run.
-        shared: patterns of files that serve all runs; they go with the last checkpoint.
-    """
-    key = inputs_sha256[:16]
-    for file in (*training.glob(f"{key}.safetensors"), *training.glob(f".{key}.*.partial")):
-        file.unlink(missing_ok=True)
-    if training.is_dir() and not any(training.glob("*.safetensors")):
-        for pattern in shared:
-            for file in training.glob(pattern):
-                file.unlink(missing_ok=True)
-        for folder in (training, training.parent):
-            if not any(folder.iterdir()):
-                folder.rmdir()
-
-
-def say_start(say: Callable[[str], None], done: int, steps: int, training: Path) -> None:
-    """Say whether a run goes on, or begins beside an unfinished one with other inputs."""
-    if done:
-        say(f"going on after step {done} of {steps}; --restart begins anew")
-    elif any(training.glob("*.safetensors")):
-        say(f"{training} holds an unfinished run with other inputs: it is kept, this one begins anew")

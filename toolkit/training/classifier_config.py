@@ -1,87 +1,31 @@
-"""What `toolkit train-classifier` is asked for, and the hash that says whether two requests are the same run."""
+"""What decides a classifier's weights: the one declaration of the settings of its training."""
 
 import json
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, field
-from math import cos, pi
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.config import Config, Expect, Flag, Later
+from toolkit.core.errors import FieldError, one_of
 from toolkit.core.files import sha256_bytes
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import build_network, list_architectures, published_weights
-from toolkit.training.augment import PHOTOGRAPHS, Augmentation, Corrupting
+from toolkit.training.augment import PHOTOGRAPHS, SMALL_IMAGES, Augmentation, Corrupting
 
 if TYPE_CHECKING:
     import torch
 
-FIRST_SHARE, LAST_SHARE = 0.04, 1e-4
+    from toolkit.training.loop import FitConfig
+
+Overlay = Callable[["torch.Tensor", np.ndarray, Sequence[int]], "torch.Tensor"]
+"""(images (b, 3, m, m) float32 sRGB-encoded in [0, 1], classes (b,), a seed for each) -> images with their pictures."""
 
 
-@dataclass(frozen=True)
-class Recipe:
-    """Hyper-parameters.
-
-    Attributes:
-        epochs: passes over the training images.
-        batch: images per step.
-        lr: highest learning rate.
-        warm_up: share of the steps in which it rises to that.
-        momentum: Nesterov's.
-        weight_decay: of weights, not of biases and normalisation.
-        label_smoothing: share of each target that is spread over all classes.
-        seed: of every random draw.
-        augmentation: of the images.
-        corrupting: of some of them, after that.
-    """
-
-    epochs: int = 24
-    batch: int = 64
-    lr: float = 0.1
-    warm_up: float = 0.2
-    momentum: float = 0.9
-    weight_decay: float = 5e-4
-    label_smoothing: float = 0.1
-    seed: int = 0
-    augmentation: Augmentation = PHOTOGRAPHS
-    corrupting: Corrupting | None = None
-
-    def __post_init__(self) -> None:
-        if self.epochs < 1:
-            raise ToolkitError(f"--epochs {self.epochs}: expected at least 1")
-        if self.batch < 2:
-            raise ToolkitError(f"--batch {self.batch}: expected at least 2, batch normalisation needs company")
-        if not 0 < self.lr <= 10:
-            raise ToolkitError(f"--lr {self.lr:g}: expected a number above 0 and at most 10, such as 0.1")
-        if not 0 <= self.label_smoothing < 1:
-            raise ToolkitError(f"--label-smoothing {self.label_smoothing:g}: expected 0 to below 1")
-        if not 0 <= self.weight_decay < 1:
-            raise ToolkitError(f"--weight-decay {self.weight_decay:g}: expected 0 to below 1, such as 0.0005")
-
-    def count_steps(self, images: int) -> int:
-        """Steps of the whole training; what does not fill a batch is left to the next epoch's order."""
-        return self.epochs * max(images // self.batch, 1)
-
-    def lr_at(self, step: int, steps: int) -> float:
-        """Learning rate of a step, counted from 0: two half cosines, up and down (Smith and Topin 2017)."""
-        peak = max(self.warm_up * steps - 1, 1e-9)
-        last = max(steps - 1, 1)
-        if step <= peak:
-            low, high, done = FIRST_SHARE, 1.0, step / peak
-        else:
-            low, high, done = 1.0, FIRST_SHARE * LAST_SHARE, (step - peak) / max(last - peak, 1e-9)
-        return self.lr * (high + (low - high) * (1 + cos(pi * done)) / 2)
-
-
-Lay = Callable[["torch.Tensor", np.ndarray, Sequence[int]], "torch.Tensor"]
-"""(images (b, 3, m, m) float32 sRGB-encoded in [0, 1], classes (b,), a seed for each) -> images with their overlay."""
-
-
-class Overlay(Protocol):
+class ClassPictures(Protocol):
     """Pictures of classes, before it is known which classes there are."""
 
     @property
@@ -92,7 +36,7 @@ class Overlay(Protocol):
     def words(self) -> str:
         """What an image carries, in a few words, after `each with`."""
 
-    def fit(self, labels: Sequence[str], used: Sequence[int], image_px: int) -> Lay:
+    def fit(self, labels: Sequence[str], used: Sequence[int], image_px: int) -> Overlay:
         """For a network of these labels whose data has the classes `used`.
 
         Raises:
@@ -100,60 +44,120 @@ class Overlay(Protocol):
         """
 
 
+METHOD = "cross-entropy, SGD with Nesterov momentum, one cycle of the learning rate"
+METHOD_VERSION = 1
+"""Raised when the same settings give other numbers: an older checkpoint is then another run's."""
 SMALL_PX = 96
 """Networks that see less are shown whole images; larger ones the middle 7/8 of the shorter side, as usual."""
 LEAST_PX, MOST_PX = 16, 1024
 STORED_SHARE = 1.375
 """Side of the stored images against what the network sees: crops of them are enlarged little."""
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
-LATER_SETTINGS = ("corrupting", "keep_labels", "patches")
-METHOD_VERSION = 1
-"""Raised when the same request gives other numbers: an older checkpoint is then another run's."""
+DATA, STEPS = "Images", "Steps"
 
 
-@dataclass(frozen=True)
-class ClassifierRequest:
-    """One classifier to train.
+def check_name(name: str) -> str:
+    """A file's name, and no network's."""
+    if not NAME.fullmatch(name) or name.endswith(".safetensors"):
+        expected = "expected letters, digits, '.', '-' and '_', no folder and no suffix"
+        raise FieldError(f"{{name}} '{name}': {expected}", {})
+    if name in list_architectures():
+        raise FieldError("there is a network of that name ({arch}): choose another", {"name": name})
+    return name
 
-    Attributes:
-        name: of its files.
-        data: sources, see `open_source`.
-        arch: name of the network, see `list_architectures`.
-        init: weights to start from.
-        image_px: side of what the network sees.
-        per_class, views: of renders, see `RenderCounts`.
-        held_out: share of the images that is held out where the source does not say.
-        recipe: how it is trained.
-        keep_labels: the new network answers with all classes of `init`, not only with those of the data.
-        overlay: what every image carries by its class.
-    """
 
-    name: str
-    data: tuple[str, ...]
-    arch: str = "resnet18"
-    init: Path | None = None
-    image_px: int = 128
-    per_class: int = 480
-    views: int = 12
-    held_out: float = 0.1
-    recipe: Recipe = field(default_factory=Recipe)
-    keep_labels: bool = False
-    overlay: Overlay | None = None
+def check_arch(arch: str) -> str:
+    """A network that there is."""
+    if arch not in (known := list_architectures()):
+        raise one_of("network (arch)", arch, known)
+    return arch
 
-    def __post_init__(self) -> None:
-        if not NAME.fullmatch(self.name) or self.name.endswith(".safetensors"):
-            raise ToolkitError(
-                f"--name '{self.name}': expected letters, digits, '.', '-' and '_', no folder and no suffix"
-            )
-        known = list_architectures()
-        if self.arch not in known:
-            raise one_of("network (--arch)", self.arch, known)
-        if self.name in known:
-            raise ToolkitError(f"--name {self.name}: there is a network of that name (--arch): choose another")
-        if not LEAST_PX <= self.image_px <= MOST_PX:
-            raise ToolkitError(f"--image-px {self.image_px}: expected {LEAST_PX} to {MOST_PX}")
+
+def read_words(given: object) -> object:
+    """Corruptions from words such as `fog:3`; anything else as it is."""
+    if isinstance(given, list | tuple) and all(isinstance(word, str) for word in given):
+        from toolkit.corruptions.request import parse_corruptions
+
+        return Corrupting(corruptions=parse_corruptions(given))
+    return given
+
+
+class ClassifierConfig(Config):
+    """Every setting of a classifier's training."""
+
+    name: Annotated[str, AfterValidator(check_name), Flag(metavar="NAME")] = Field(
+        exclude=True, description="File name of the classifier, for --model NAME afterwards."
+    )
+    data: Annotated[tuple[str, ...], Flag(metavar="FOLDER|everyday|rig", group=DATA)] = Field(
+        (), exclude=True,
+        description="everyday: renders of procedural objects; rig: renders of the workspace's objects; cifar10:FOLDER; "
+        "or a folder with one folder per class, in train/ and val/ or test/ where there are such. May be repeated.",
+    )  # fmt: skip
+    arch: Annotated[str, AfterValidator(check_arch), Flag(metavar="NAME")] = Field(
+        "resnet18", exclude=True,
+        description="Any torchvision classification network; cifar_resnet18, cifar_resnet50 or cifar_resnet8 for small "
+        "images.",
+    )  # fmt: skip
+    init: Annotated[Path | None, Flag(metavar="FILE")] = Field(
+        None, exclude=True, description="Weights to start from: .pth or .safetensors of --arch."
+    )
+    image_px: Annotated[int, Field(ge=LEAST_PX, le=MOST_PX), Flag()] = Field(
+        128, description="Side of what the network sees; 32 for CIFAR."
+    )
+    per_class: Annotated[int, Field(ge=1), Flag(group=DATA)] = Field(
+        480, description="Renders of each class, or of each object of the rig."
+    )
+    views: Annotated[int, Field(ge=1), Flag(group=DATA)] = Field(
+        12, description="Renders of each object in its studio."
+    )
+    held_out: Annotated[
+        float, Field(ge=0, lt=1), Expect("a share from 0 to below 1, such as 0.1"), Flag(group=DATA)
+    ] = Field(0.1, description="Share of the images to test with; a val/ or test/ wins.")
+    epochs: Annotated[int, Field(ge=1), Flag(group=STEPS)] = Field(24, description="Passes over the images.")
+    batch: Annotated[int, Field(ge=2), Expect("at least 2, batch normalisation needs company"), Flag(group=STEPS)] = (
+        Field(64, description="Images per step.")
+    )
+    lr: Annotated[
+        float, Field(gt=0, le=10), Expect("a number above 0 and at most 10, such as 0.1"), Flag(group=STEPS)
+    ] = Field(0.1, description="Highest learning rate; 0.001 suits --init.")
+    warm_up: Annotated[float, Field(ge=0, le=1)] = Field(0.2, description="Share of the steps in which it rises.")
+    momentum: Annotated[float, Field(ge=0, lt=1)] = Field(0.9, description="Nesterov's.")
+    weight_decay: Annotated[float, Field(ge=0, lt=1), Expect("0 to below 1, such as 0.0005"), Flag(group=STEPS)] = (
+        Field(5e-4, description="Of the weights, not of biases and normalisation.")
+    )
+    label_smoothing: Annotated[float, Field(ge=0, lt=1), Expect("0 to below 1"), Flag(group=STEPS)] = Field(
+        0.1, description="Share of each target spread over all classes."
+    )
+    seed: Annotated[int, Field(ge=0)] = Field(0, description="Of every random draw.")
+    augmentation: Augmentation = Field(PHOTOGRAPHS, description="Of the images; by default as their size asks for.")
+    corrupting: Annotated[
+        Corrupting | None,
+        BeforeValidator(read_words),
+        Later,
+        Flag("--corrupt", metavar="NAME", group=DATA, typed=tuple[str, ...]),
+    ] = Field(
+        None,
+        description="Corrupt some training images: NAME, a family, common or all, with :SEVERITY or :FIRST-LAST. "
+        "Several may be given.",
+    )
+    keep_labels: Annotated[bool, Later, Flag("--keep-labels")] = Field(
+        False, description="Keep all classes of --init; the folders are called by WordNet id or label."
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _choose_augmentation(cls, values: Any) -> Any:
+        if isinstance(values, dict) and "augmentation" not in values:
+            side = values.get("image_px", 128)
+            small = isinstance(side, int) and side < SMALL_PX
+            return {**values, "augmentation": SMALL_IMAGES if small else PHOTOGRAPHS}
+        return values
+
+    @model_validator(mode="after")
+    def _check_labels(self) -> "ClassifierConfig":
         if self.keep_labels and self.init is None:
-            raise ToolkitError("--keep-labels keeps those of --init: name its weights, or leave it out")
+            raise FieldError("{keep_labels} keeps those of {init}: name its weights, or leave it out", {})
+        return self
 
     @property
     def is_small(self) -> bool:
@@ -171,22 +175,32 @@ class ClassifierRequest:
         resize_px = self.image_px if self.is_small else round(self.image_px * 8 / 7)
         return Preprocessing(resize_px, self.image_px, published.mean, published.std)
 
-    def settings(self) -> dict[str, Any]:
-        """Every hyper-parameter, as recorded."""
-        settings = {
-            "method": "cross-entropy, SGD with Nesterov momentum, one cycle of the learning rate",
-            "image_px": self.image_px, "per_class": self.per_class, "views": self.views,
-            "held_out": self.held_out, **asdict(self.recipe), "keep_labels": self.keep_labels,
-            "patches": None if self.overlay is None else self.overlay.record,
-        }  # fmt: skip
-        # left out where they are not used: what was trained before there were such settings keeps its hash
-        settings = {name: value for name, value in settings.items() if value or name not in LATER_SETTINGS}
-        return json.loads(json.dumps(settings))  # as it is read back, lists for pairs
+    def fit_config(self, images: int) -> "FitConfig":
+        """For the training loop; what does not fill a batch is left to the next epoch's order."""
+        from toolkit.training.loop import FitConfig
+
+        return FitConfig(
+            steps=self.epochs * max(images // self.batch, 1), lr=self.lr, schedule="one-cycle", optimiser="sgd",
+            seed=self.seed, warm_up=self.warm_up, momentum=self.momentum, nesterov=True,
+            weight_decay=self.weight_decay,
+        )  # fmt: skip
+
+    def settings(self, pictures: ClassPictures | None = None) -> dict[str, Any]:
+        """Every hyper-parameter, as recorded; `pictures` are on the images."""
+        patches = {} if pictures is None else {"patches": json.loads(json.dumps(pictures.record))}
+        return {"method": METHOD, **self.record(), **patches}
 
 
-def hash_inputs(request: ClassifierRequest, labels: tuple[str, ...], data_sha256: str, init_sha256: str) -> str:
+def hash_inputs(
+    config: ClassifierConfig,
+    pictures: ClassPictures | None,
+    labels: tuple[str, ...],
+    data_sha256: str,
+    init_sha256: str,
+) -> str:
     """Hash of all that decides the weights, so that a checkpoint is never continued under other settings."""
-    inputs = [METHOD_VERSION, request.name, request.arch, request.settings(), labels, data_sha256, init_sha256]
+    settings = config.settings(pictures)
+    inputs = [METHOD_VERSION, config.name, config.arch, settings, labels, data_sha256, init_sha256]
     return sha256_bytes(json.dumps(inputs, sort_keys=True).encode())
 
 
@@ -204,7 +218,8 @@ def check_fit(arch: str, classes: int, image_px: int) -> None:
     except (RuntimeError, ValueError, AssertionError) as error:
         usual = published_weights(arch).transforms().crop_size[0]
         reason = " ".join(str(error).split())[:160]
-        raise ToolkitError(
-            f"--arch {arch} cannot be trained with --image-px {image_px} ({reason}): try --image-px {usual}, its usual "
-            "size, or another network"
+        raise FieldError(
+            f"{{arch}} {arch} cannot be trained with {{image_px}} {image_px} ({reason}): try {{image_px}} {usual}, "
+            "its usual size, or another network",
+            {},
         ) from None

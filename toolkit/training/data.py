@@ -13,7 +13,7 @@ from zlib import crc32
 import numpy as np
 
 from toolkit.core.console import progress
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import explain_write_error, inside, sha256_bytes, sha256_file, write_json
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
@@ -47,9 +47,9 @@ class RenderCounts:
 
     def __post_init__(self) -> None:
         if self.per_class < 1 or self.views < 1:
-            raise ToolkitError(f"--per-class {self.per_class} --views {self.views}: expected at least 1 of each")
+            raise FieldError("expected at least 1 of each", {"per_class": self.per_class, "views": self.views})
         if not 0 <= self.held_out < 1:
-            raise ToolkitError(f"--held-out {self.held_out:g}: expected a share from 0 to below 1, such as 0.1")
+            raise FieldError("expected a share from 0 to below 1, such as 0.1", {"held_out": self.held_out})
 
     def units(self, source: str, label: str, name: str) -> tuple[tuple[RenderUnit, ...], tuple[RenderUnit, ...]]:
         """What to render of one object's kind, to train on and held out."""
@@ -184,7 +184,7 @@ def list_classes(sources: Sequence[Source]) -> TrainingClasses:
     labels = tuple(sorted({item.label for source in sources for item in source.train}))
     if len(labels) < 2:
         only = f"found only '{labels[0]}'" if labels else "found none"
-        raise ToolkitError(f"a classifier needs at least two classes: {only}: add another --data or class folder")
+        raise FieldError(f"a classifier needs at least two classes: {only}: add another {{data}} or class folder", {})
     return TrainingClasses(labels, {label: index for index, label in enumerate(labels)})
 
 
@@ -240,7 +240,7 @@ class TrainingSet:
 
 
 def load_training_set(
-    sources: Sequence[Source], classes: TrainingClasses, how: Preprocessing, keep: Path, workers: int, quiet: bool
+    sources: Sequence[Source], classes: TrainingClasses, how: Preprocessing, keep: Path, workers: int
 ) -> TrainingSet:
     """Render and decode what the sources offer, or take what an earlier run left in `keep`.
 
@@ -250,15 +250,14 @@ def load_training_set(
         how: how images are stored: square, `crop_px` a side.
         keep: folder for what is rendered and packed, until the training is finished.
         workers: processes that render.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: a class none of whose images can be read, or the disk is full.
     """
     place = keep / f"data-{_hash_sources(sources, classes, how)[:16]}"
     if not (place / "about.json").is_file():
-        _render(sources, place / "shards", workers, quiet)
-        _pack_all(sources, classes.index_of, how, place, quiet)
+        _render(sources, place / "shards", workers)
+        _pack_all(sources, classes.index_of, how, place)
         shutil.rmtree(place / "shards", ignore_errors=True)
     about = json.loads((place / "about.json").read_text(encoding="utf-8"))
     skipped = [one for source in sources for one in source.skipped] + [tuple(one) for one in about["skipped"]]
@@ -287,23 +286,21 @@ def _address(item: Item) -> str:
     return f"{item.path} {item.label} {status.st_size} {status.st_mtime_ns}"
 
 
-def _render(sources: Sequence[Source], folder: Path, workers: int, quiet: bool) -> None:
+def _render(sources: Sequence[Source], folder: Path, workers: int) -> None:
     units = [item for source in sources for item in (*source.train, *source.held_out) if isinstance(item, RenderUnit)]
     if not units:
         return
     total = sum(unit.views for unit in units)
     done = sum(unit.views for unit in units if (folder / unit.name).is_file())
-    with progress(f"Rendering {len(units)} objects", total, quiet, done) as bar:
+    with progress(f"Rendering {len(units)} objects", total, done=done) as bar:
         render_shards(units, folder, workers, bar.advance)
 
 
-def _pack_all(
-    sources: Sequence[Source], index_of: dict[str, int], how: Preprocessing, place: Path, quiet: bool
-) -> None:
+def _pack_all(sources: Sequence[Source], index_of: dict[str, int], how: Preprocessing, place: Path) -> None:
     parts = {name: [item for source in sources for item in getattr(source, name)] for name in PACKS}
     about: dict[str, Any] = {"skipped": []}
     files = sum(isinstance(item, LabelledFile) for items in parts.values() for item in items)
-    with progress("Reading images", files, quiet or not files) as bar:
+    with progress("Reading images", files, quiet=not files) as bar:
         for name, items in parts.items():
             about[name] = _write_pack(place, name, items, index_of, how, about["skipped"], bar.advance)
     write_json(place / "about.json", about)
@@ -360,7 +357,7 @@ def _open_pack(place: Path, name: str, about: dict[str, Any], px: int) -> Pack:
     file = place / f"{name}.raw"
     expected = int(np.prod(shape))
     if not file.is_file() or file.stat().st_size != expected:
-        raise ToolkitError(f"{file} is damaged: expected {expected} bytes: delete {place}, or train with --restart")
+        raise FieldError(f"{file} is damaged: expected {expected} bytes: delete {place}, or train with {{restart}}", {})
     images = np.memmap(file, np.uint8, "r", shape=shape) if len(classes) else np.zeros(shape, np.uint8)
     return Pack(images, classes, about["sha256"])
 

@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from toolkit.boosters.baselines.baseline import Advance, Baseline, Choice
-from toolkit.boosters.patch_finish import name_network
+from toolkit.boosters.pixels import record_network
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.read import UnreadableImage
@@ -81,7 +81,7 @@ class BestImages(_Photos):
 
     def __init__(self, images: ImageSet, classifier: Classifier) -> None:
         super().__init__(images, classifier)
-        self.networks = [name_network(classifier)]
+        self.networks = [record_network(classifier)]
 
     def count_work(self, index: int) -> int:
         """All images of the class are looked at."""

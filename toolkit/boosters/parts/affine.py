@@ -4,39 +4,35 @@ Convention: continuous coordinates, x right and y down, pixel (row i, column j) 
 centres are at half integers. `T_image_patch` maps patch texels, [0, n]², to image pixels, [0, m]².
 """
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
-from toolkit.boosters.parts.base import check_range
-from toolkit.core.errors import ToolkitError
+from toolkit.core.config import Config, Flag, Range, Rising
+
+WHERE = "Where the patch lies"
 
 
-@dataclass(frozen=True)
-class AffineRanges:
+class AffineRanges(Config):
     """What is drawn, uniformly, for each image.
 
     The defaults span what the rig shows of an 88 mm patch on a 270 mm object that fills 60 % of the frame, seen from
     20-65° above: 45-95 px in the 224 px crop before foreshortening.
-
-    Attributes:
-        rotation_deg: lowest and highest turn, clockwise on the screen.
-        share: side of the square as a share of the image's short side, before foreshortening.
-        foreshortening: length along a random direction after compression by an oblique view, 1 is square-on.
-        overhang: share of the placed square's bounding box that may reach over the image's edge.
     """
 
-    rotation_deg: tuple[float, float] = (-180.0, 180.0)
-    share: tuple[float, float] = (0.20, 0.42)
-    foreshortening: tuple[float, float] = (0.35, 1.0)
-    overhang: float = 0.1
-
-    def __post_init__(self) -> None:
-        check_range("rotation", self.rotation_deg, -360, 360)
-        check_range("share", self.share, 0.02, 2)
-        check_range("foreshortening", self.foreshortening, 0.05, 1)
-        if not 0 <= self.overhang < 0.5:
-            raise ToolkitError(f"overhang {self.overhang:g}: expected at least 0 and less than 0.5")
+    rotation_deg: Annotated[Range, Rising(-360, 360), Flag("--rotation", group=WHERE)] = Field(
+        (-180.0, 180.0), description="Its turn, degrees, clockwise."
+    )
+    share: Annotated[Range, Rising(0.02, 2), Flag(group=WHERE)] = Field(
+        (0.20, 0.42), description="Its side as a share of the image's, before foreshortening."
+    )
+    foreshortening: Annotated[Range, Rising(0.05, 1), Flag(group=WHERE)] = Field(
+        (0.35, 1.0), description="Compression by an oblique view, 1 is none."
+    )
+    overhang: Annotated[float, Field(ge=0, lt=0.5)] = Field(
+        0.1, description="Share of the placed square's bounding box that may reach over the image's edge."
+    )
 
     def place(self, rng: np.random.Generator, count: int, patch_px: int, image_px: int) -> np.ndarray:
         """Draw `count` placements; (count, 3, 3) float64 `T_image_patch`."""

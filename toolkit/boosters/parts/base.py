@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -237,6 +237,7 @@ def _sampling_grid(T_image_patch: np.ndarray, plan: WarpPlan, image_px: int, dty
     return (points[:, :2] / points[:, 2:]).permute(0, 2, 3, 1)
 
 
+@runtime_checkable
 class Placement(Protocol):
     """Where the patch lies: `toolkit.boosters.parts.affine.AffineRanges` and its like."""
 

@@ -1,4 +1,4 @@
-"""Photographs spoiled by the corruptions of ImageNet-C, with a gradient."""
+"""Photographs corrupted by the operations of ImageNet-C, with a gradient."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ class Corrupted:
 
         check_probability("corruption", self.probability)
         if not self.corruptions:
-            raise ToolkitError("--corrupt: expected at least one corruption, such as fog:3")
+            raise ToolkitError("expected at least one corruption, such as fog:3")
         for corruption in self.corruptions:
             find_corruption(*corruption)
 

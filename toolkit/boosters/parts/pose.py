@@ -6,13 +6,14 @@ right and y down, to image pixels, [0, m]², centres at half integers, as in `to
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-import cv2
 import numpy as np
+from pydantic import Field, model_validator
 
-from toolkit.boosters.parts.base import Range, check_probability, check_range
-from toolkit.core.errors import ToolkitError
+from toolkit.boosters.parts.affine import WHERE
+from toolkit.core.config import Config, Flag, Range, Rising
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.objects.records import printed_size_mm
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
 
@@ -25,56 +26,48 @@ GRAZING_DEG = 12.0
 TRIES = 200
 
 
-@dataclass(frozen=True)
-class PoseRanges:
+class PoseRanges(Config):
     """What is drawn, uniformly, for each image; the poses of a plan have no part in it.
 
     The object is a box whose longest side is `length_mm`. The camera stands where the box, sheet and all, reaches
     across `fill` of the image. A sheet on a wall is seen under the same angles, another way up.
-
-    Attributes:
-        size_mm: side of the printed patch.
-        length_mm: of the object.
-        width, height: of the object, as shares of its length.
-        offset: of the sheet from the middle of the object's top, along it and across, share of its length and width.
-        tilt_deg: slope of the place where the sheet is taped, in any direction.
-        azimuth_deg: around the object, 0 looks at its front.
-        elevation_deg: above the table.
-        roll_deg: of the camera.
-        fill: share of the image's side that the object reaches across.
-        fov_deg: angle of view across the image; wide ones foreshorten more.
-        probability: that an image's placement is drawn here, and not affine.
     """
 
-    size_mm: float = printed_size_mm(100)
-    length_mm: float = 270.0
-    width: Range = (0.4, 1.0)
-    height: Range = (0.15, 0.8)
-    offset: float = 0.15
-    tilt_deg: Range = (0.0, 10.0)
-    azimuth_deg: Range = (0.0, 360.0)
-    elevation_deg: Range = (20.0, 80.0)
-    roll_deg: Range = (-12.0, 12.0)
-    fill: Range = (0.5, 0.95)
-    fov_deg: Range = (20.0, 60.0)
-    probability: float = 0.5
+    size_mm: Annotated[float, Field(gt=0)] = Field(printed_size_mm(100), description="Side of the printed patch.")
+    length_mm: Annotated[float, Field(gt=0), Flag(group=WHERE)] = Field(
+        270.0, description="Longest side of that object: how large the patch looks on it."
+    )
+    width: Annotated[Range, Rising(0.02, 1)] = Field((0.4, 1.0), description="Of the object, share of its length.")
+    height: Annotated[Range, Rising(0, 1)] = Field((0.15, 0.8), description="Of the object, share of its length.")
+    offset: Annotated[float, Field(ge=0, le=0.5)] = Field(
+        0.15, description="Of the sheet from the middle of the top, along and across, share of its length and width."
+    )
+    tilt_deg: Annotated[Range, Rising(0, STEEPEST_TILT_DEG)] = Field(
+        (0.0, 10.0), description="Slope of the place where the sheet is taped, in any direction."
+    )
+    azimuth_deg: Annotated[Range, Rising(-360, 360)] = Field(
+        (0.0, 360.0), description="Around the object, 0 looks at its front."
+    )
+    elevation_deg: Annotated[Range, Rising(GRAZING_DEG, 90)] = Field((20.0, 80.0), description="Above the table.")
+    roll_deg: Annotated[Range, Rising(-180, 180)] = Field((-12.0, 12.0), description="Of the camera.")
+    fill: Annotated[Range, Rising(0.05, 0.95)] = Field(
+        (0.5, 0.95), description="Share of the image's side that the object reaches across."
+    )
+    fov_deg: Annotated[Range, Rising(1, 100)] = Field(
+        (20.0, 60.0), description="Angle of view across the image; wide ones foreshorten more."
+    )
+    probability: Annotated[float, Field(ge=0, le=1)] = Field(
+        0.5, description="That an image's placement is drawn here, and not affine."
+    )
 
-    def __post_init__(self) -> None:
-        if not 0 < self.size_mm <= self.length_mm:
-            raise ToolkitError(
-                f"a patch of {self.size_mm:g} mm on an object of {self.length_mm:g} mm: expected a patch no longer "
-                "than the object; see --length-mm and --size-px"
+    @model_validator(mode="after")
+    def _check_size(self) -> "PoseRanges":
+        if self.size_mm > self.length_mm:
+            raise FieldError(
+                f"expected no less than the patch on it, {self.size_mm:.1f} mm: see also {{size_px}}",
+                {"length_mm": self.length_mm},
             )
-        check_range("object width", self.width, 0.02, 1)
-        check_range("object height", self.height, 0, 1)
-        check_range("sheet offset", (0, self.offset), 0, 0.5)
-        check_range("tilt", self.tilt_deg, 0, STEEPEST_TILT_DEG)
-        check_range("azimuth", self.azimuth_deg, -360, 360)
-        check_range("elevation", self.elevation_deg, GRAZING_DEG, 90)
-        check_range("roll", self.roll_deg, -180, 180)
-        check_range("fill", self.fill, 0.05, 0.95)
-        check_range("angle of view", self.fov_deg, 1, 100)
-        check_probability("pose", self.probability)
+        return self
 
     def place(self, rng: np.random.Generator, count: int, patch_px: int, image_px: int) -> np.ndarray:
         """Draw `count` placements; (count, 3, 3) float64 projective `T_image_patch`."""
@@ -130,6 +123,8 @@ class Sheet:
 
 def draw_sheet(rng: np.random.Generator, box_mm: np.ndarray, size_mm: float, offset: float, tilt_deg: float) -> Sheet:
     """A sheet somewhere on top of a box, on a slope of `tilt_deg` in any direction."""
+    import cv2
+
     axis = rng.uniform(0, 2 * np.pi)
     tilt = cv2.Rodrigues(np.radians(tilt_deg) * np.array([np.cos(axis), np.sin(axis), 0.0]))[0]
     place = rng.uniform(-offset, offset, 2) * box_mm[:2]

@@ -5,6 +5,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw, ImageFont
 
 Colour = tuple[int, int, int]
@@ -39,7 +40,7 @@ class Canvas:
         """The picture."""
         return Image.fromarray(self.pixels.clip(0, 255).astype(np.uint8))
 
-    def fill(self, mask: np.ndarray, colour, alpha: float = 1.0) -> None:
+    def fill(self, mask: np.ndarray, colour: ArrayLike, alpha: float = 1.0) -> None:
         """Blend a colour, or an array of them, over the mask."""
         weight = (mask * alpha)[..., None]
         self.pixels += (np.asarray(colour, np.float32) - self.pixels) * weight

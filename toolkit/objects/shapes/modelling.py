@@ -289,7 +289,7 @@ def _flat_part(vertices: np.ndarray, faces: np.ndarray, normal: np.ndarray, pain
 
 
 def _clip_ears(polygon: np.ndarray) -> np.ndarray:
-    def cross(o, a, b):
+    def cross(o: np.ndarray, a: np.ndarray, b: np.ndarray) -> float:
         return (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0])
 
     left, triangles = list(range(len(polygon))), []

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from toolkit.objects.mesh import Mesh
-from toolkit.objects.shapes.modelling import Part, assemble, box, extrude, fan, revolve, surface, tube
+from toolkit.objects.shapes.modelling import Paint, Part, assemble, box, extrude, fan, revolve, surface, tube
 from toolkit.objects.shapes.projection import Side
 from toolkit.objects.shapes.warplane_body import TAIL_X, build_canopy, build_fuselage, build_intake, curve, one_side
 from toolkit.objects.shapes.warplane_markings import bands, draw_sides, petals, skin_paint
@@ -17,13 +17,13 @@ GROUND_Z = -38.0
 Outline = Sequence[tuple[float, float]]
 
 
-def blade(outline: Outline, thickness: float, paint=GREY) -> list[Part]:
+def blade(outline: Outline, thickness: float, paint: Paint = GREY) -> list[Part]:
     """An upright plate in the x-z plane, centred on y = 0, outline (x, z) counter-clockwise seen from the right."""
     plates = extrude(outline, thickness, thickness * 0.3, paint)
     return [part.moved(z=-thickness / 2).rotated("x", 90) for part in plates]
 
 
-def cross_of_fins(outline: Outline, thickness: float, paint=GREY, turn_deg: float = 45.0) -> list[Part]:
+def cross_of_fins(outline: Outline, thickness: float, paint: Paint = GREY, turn_deg: float = 45.0) -> list[Part]:
     """Four blades around the x axis."""
     return [part.rotated("x", turn_deg + 90 * i) for i in range(4) for part in blade(outline, thickness, paint)]
 
@@ -88,7 +88,7 @@ def wheel(radius: float, width: float) -> list[Part]:
 
 
 def rod(
-    start: Sequence[float], end: Sequence[float], radius: float, paint=WHITE, material: str = "paint"
+    start: Sequence[float], end: Sequence[float], radius: float, paint: Paint = WHITE, material: str = "paint"
 ) -> list[Part]:
     """A round bar between two points."""
     return tube(np.linspace(start, end, 3), radius, 16, paint, material)

@@ -51,7 +51,9 @@ NACELLE = curve(  # x, middle y, half width, top z, bottom z, power
 INTAKE_BACK_X, DUCT_BACK_X = -9.0, 15.0
 
 
-def ellipse_field(y, z, middle: tuple[float, float], half: tuple[float, float], power: float) -> np.ndarray:
+def ellipse_field(
+    y: np.ndarray, z: np.ndarray, middle: tuple[float, float], half: tuple[float, float], power: float
+) -> np.ndarray:
     """About the distance (mm) of points to a superellipse, negative inside."""
     scaled = (np.abs((y - middle[0]) / half[0]) ** power + np.abs((z - middle[1]) / half[1]) ** power) ** (1 / power)
     return (scaled - 1) * min(half)

@@ -43,7 +43,7 @@ def make_coffeepot(rng: np.random.Generator) -> Mesh:
 
 
 def _spout(
-    root: tuple[float, float], tip: tuple[float, float], radius: tuple[float, float], colour, material: str,
+    root: tuple[float, float], tip: tuple[float, float], radius: tuple[float, float], colour: Paint, material: str,
     curl: float = 0.3,
 ) -> list[Part]:  # fmt: skip
     """A tapering spout to +x with a dark mouth; `curl` bends it into an S."""
@@ -56,14 +56,16 @@ def _spout(
     return [*pipe, *rod(end, radius[1] * 0.75, (20, 18, 18), material)]
 
 
-def _knob(rng: np.random.Generator, z: float, radius: float, colour, material: str) -> list[Part]:
+def _knob(rng: np.random.Generator, z: float, radius: float, colour: Paint, material: str) -> list[Part]:
     return [
         *cylinder(radius * 0.5, z - radius * 0.4, z + radius * 0.6, colour, material, 12),
         ball(radius, colour, material, 16, 8, (1, 1, draw(rng, 0.6, 1.2))).moved(z=z + radius),
     ]
 
 
-def _loop(top: tuple[float, float], low: tuple[float, float], reach: float, radius: float, colour, material: str):
+def _loop(
+    top: tuple[float, float], low: tuple[float, float], reach: float, radius: float, colour: Paint, material: str
+) -> list[Part]:
     """A handle to -x from a high to a low place."""
     (x0, z0), (x1, z1) = top, low
     points = [(x0, 0, z0), (x0 - reach * 0.8, 0, z0 + 0.05 * (z0 - z1)),

@@ -15,7 +15,7 @@ from toolkit.models.network import Classifier
 from toolkit.objects.spec import read_spec
 
 
-def read_dataset(
+def read_labelled_captures(
     captures_dir: Path,
     workspace: Workspace,
     classifier: Classifier,

@@ -1,0 +1,77 @@
+"""The corruption benchmark, from a data set to a results folder: choose, compute, summarise, write."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from toolkit.benchmark.config import CorruptEvalConfig
+from toolkit.benchmark.examples import draw_examples
+from toolkit.benchmark.grid import Benchmark, Grid, run_grid
+from toolkit.benchmark.report import BenchmarkFiles, write_benchmark
+from toolkit.benchmark.summary import read_summary
+from toolkit.benchmark.variants import open_variants, share_classes
+from toolkit.benchmark.verdict import judge_benchmark
+from toolkit.core.workspace import Workspace
+from toolkit.evaluation.config import check_run_name
+from toolkit.models.load import load_classifier
+from toolkit.models.network import Classifier
+from toolkit.training.image_set import ImageSet, choose_classes
+
+
+@dataclass(frozen=True)
+class BenchmarkRun:
+    """What a run found, and where it is.
+
+    Attributes:
+        benchmark: the finished grid.
+        files: what was written.
+        without_images: by patch set, labels of its classes that have no images; empty where classes were named.
+    """
+
+    benchmark: Benchmark
+    files: BenchmarkFiles
+    without_images: dict[str, list[str]]
+
+    @property
+    def headlines(self) -> list[str]:
+        """The result in words, a sentence for each patch set and who answers."""
+        return [sentence for _, sentence in judge_benchmark(read_summary(self.files.summary))]
+
+
+def evaluate_benchmark(
+    workspace: Workspace,
+    images: ImageSet,
+    classifier: Classifier,
+    config: CorruptEvalConfig,
+    load: Callable[[str], Classifier] = load_classifier,
+) -> BenchmarkRun:
+    """Corrupt a data set with and without patches, and ask classifiers and readers what they see.
+
+    Results go to `eval/corruptions/RUN`. A cell is computed once, whatever run asks for it.
+
+    Args:
+        workspace: whose patches are meant, and whose `eval/` is written to.
+        images: from `open_images`.
+        classifier: who is asked where `config.patches` names no other.
+        config: patches, corruptions, classes.
+        load: the classifier of a name.
+
+    Raises:
+        ToolkitError: an unknown class, patch set or network, no image that can be used, a network's output that is not
+            finite, or a disk that is full or read-only.
+    """
+    images = choose_classes(images, list(config.classes), classifier)
+    if config.per_class is not None:
+        images = images.draw(config.per_class, config.seed)
+    variants, notes = open_variants(workspace, config.patches, classifier, load)
+    grid = Grid(images.only(share_classes(variants, images.classes)), tuple(variants), config)
+    folder = workspace.eval_dir / "corruptions"
+    run_dir = folder / check_run_name(grid.name)
+    benchmark = run_grid(grid, folder / "cells.jsonl", notes)
+    files = write_benchmark(run_dir, benchmark, draw_examples(grid, benchmark))
+    patches = {variant.name: variant.patches.patches for variant in variants if variant.patches is not None}
+    without_images = {
+        name: [classifier.labels[index] for index in own if index not in images.classes]
+        for name, own in patches.items()
+        if not config.classes
+    }
+    return BenchmarkRun(benchmark, files, {name: labels for name, labels in without_images.items() if labels})

@@ -1,0 +1,202 @@
+"""Who says what an image shows: a classifier, or a reader of codes; and what they said, as ranks."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib.metadata import version
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from toolkit.boosters.baselines.codes import APRILTAG, DICTIONARIES, QR, tag_dictionary
+from toolkit.core.errors import ToolkitError, one_of
+from toolkit.corruptions.digital import to_bytes
+from toolkit.models.network import Classifier
+
+if TYPE_CHECKING:
+    import torch
+
+NETWORK, READER = "network", "reader"
+RIGHT, WRONG, NOT_DECODED = 1, 2, 0
+"""What a reader said, as ranks."""
+Decode = Callable[[np.ndarray], Sequence[str]]
+RankImages = Callable[["torch.Tensor", np.ndarray, Sequence[str]], np.ndarray]
+PYZBAR = "pip install pyzbar, and the library zbar itself: on Debian apt install libzbar0"
+
+
+@dataclass(frozen=True)
+class Recogniser:
+    """A classifier, or a reader of codes.
+
+    Attributes:
+        name: of the network or the library.
+        kind: `network` or `reader`.
+        identity: all of it that decides what it says; JSON.
+        rank: (b, 3, m, m) float images in [0, 1], their (b,) classes, the texts of their codes -> (b,) int32, place of
+            the true class among the network's guesses, from 1; of a reader `RIGHT`, `WRONG` or `NOT_DECODED`.
+    """
+
+    name: str
+    kind: str
+    identity: tuple[str, ...]
+    rank: RankImages
+
+
+def recognise_by_network(network: Classifier) -> Recogniser:
+    """A classifier as who recognises."""
+    identity = (network.arch, network.weights.sha256)
+
+    def rank(images: "torch.Tensor", classes: np.ndarray, _: Sequence[str]) -> np.ndarray:
+        return rank_classes(network, images, classes)
+
+    return Recogniser(network.name, NETWORK, identity, rank)
+
+
+def recognise_by_reader(reader: "Reader") -> Recogniser:
+    """A reader of codes as who recognises."""
+    identity = (READER, reader.name, reader.version)
+
+    def rank(images: "torch.Tensor", _: np.ndarray, texts: Sequence[str]) -> np.ndarray:
+        return read_codes(reader, images, texts)
+
+    return Recogniser(reader.name, READER, identity, rank)
+
+
+def rank_classes(network: Classifier, images: "torch.Tensor", classes: np.ndarray) -> np.ndarray:
+    """(b,) int32, the place of each image's class among the network's guesses, from 1; ties go to the lower index.
+
+    Raises:
+        ToolkitError: the network's output is not finite.
+    """
+    import torch
+
+    logits = network.logits(images).float()
+    if not torch.isfinite(logits).all():
+        raise ToolkitError(f"{network.weights.name}: the network's output is not a number: its weights are damaged")
+    true = torch.from_numpy(classes).to(logits.device)[:, None]
+    own = logits.gather(1, true)
+    earlier = torch.arange(logits.shape[1], device=logits.device) < true
+    ahead = (logits > own) | ((logits == own) & earlier)
+    return (ahead.sum(1) + 1).int().cpu().numpy()
+
+
+@dataclass(frozen=True)
+class Reader:
+    """A library that reads codes.
+
+    Attributes:
+        name: of the library.
+        version: of the library.
+        decode: (h, w) uint8 grey -> the texts of all codes in it.
+    """
+
+    name: str
+    version: str
+    decode: Decode
+
+    def read(self, picture: np.ndarray) -> tuple[str, ...]:
+        """The texts of all codes in a picture, (h, w, 3) uint8 sRGB; none where it finds or understands none."""
+        if picture.size == 0:
+            return ()
+        # grey for all: pyzbar takes the first channel of an array for it, and zxing-cpp expects BGR
+        grey = cv2.cvtColor(np.ascontiguousarray(picture), cv2.COLOR_RGB2GRAY)
+        return tuple(text for text in self.decode(grey) if text)
+
+
+def find_readers(kind: str, dictionary: str = "36h11") -> tuple[list[Reader], list[tuple[str, str]]]:
+    """The readers of a kind of code that are installed, and (name, reason) of those that are not.
+
+    Args:
+        kind: `qr` or `apriltag`.
+        dictionary: family of the AprilTags, `36h11` or `36h10`; the code's record names it.
+
+    Raises:
+        ToolkitError: unknown kind or family.
+    """
+    if kind == APRILTAG:
+        if dictionary not in DICTIONARIES:
+            raise one_of("family of AprilTags", dictionary, list(DICTIONARIES))
+        return [Reader("opencv", cv2.__version__, partial(_read_tags, dictionary))], []
+    if kind != QR:
+        raise one_of("code", kind, [QR, APRILTAG])
+    readers, missing = [], []
+    try:
+        import zxingcpp  # noqa: F401
+
+        readers.append(Reader("zxing-cpp", version("zxing-cpp"), _read_zxing))
+    except ImportError:
+        missing.append(("zxing-cpp", "not installed: pip install zxing-cpp"))
+    try:
+        import pyzbar.pyzbar  # noqa: F401
+
+        readers.append(Reader("pyzbar", f"{version('pyzbar')}, zbar {_zbar_version()}", _read_zbar))
+    except ImportError:  # raised as well where only zbar's own library is missing
+        missing.append(("pyzbar", f"not installed: {PYZBAR}"))
+    readers.append(Reader("opencv", cv2.__version__, _read_opencv))
+    return readers, missing
+
+
+def judge_texts(texts: Sequence[str], truth: str) -> int:
+    """`RIGHT` where the true text is among those that were read, `NOT_DECODED` where none was, else `WRONG`."""
+    if truth in texts:
+        return RIGHT
+    return WRONG if texts else NOT_DECODED
+
+
+def read_codes(reader: Reader, images: "torch.Tensor", truths: Sequence[str]) -> np.ndarray:
+    """What a reader makes of images.
+
+    The images are rounded to 8 bits. The paper's release casts them as `255 * uint8(x)`, which blackens every pixel
+    below full white: under noise, fog, JPEG or a changed contrast its reader is shown nothing.
+
+    Args:
+        reader: reads.
+        images: (b, 3, h, w) float sRGB-encoded in [0, 1].
+        truths: text of the code in each.
+
+    Returns:
+        (b,) int32, `RIGHT`, `WRONG` or `NOT_DECODED`.
+    """
+    pictures = to_bytes(images)
+    ranks = [judge_texts(reader.read(one), truth) for one, truth in zip(pictures, truths, strict=True)]
+    return np.array(ranks, np.int32)
+
+
+def _read_zxing(grey: np.ndarray) -> list[str]:
+    import zxingcpp
+
+    return [code.text for code in zxingcpp.read_barcodes(grey, formats=zxingcpp.barcode_formats_from_str("QRCode"))]
+
+
+def _read_zbar(grey: np.ndarray) -> list[str]:
+    from pyzbar.pyzbar import ZBarSymbol, decode
+
+    # of this one kind alone: the decoders of bar codes write warnings to stderr
+    return [code.data.decode(errors="replace") for code in decode(grey, symbols=[ZBarSymbol.QRCODE])]
+
+
+def _zbar_version() -> str:
+    from ctypes import byref, c_uint
+
+    from pyzbar.wrapper import zbar_version
+
+    major, minor = c_uint(), c_uint()
+    zbar_version(byref(major), byref(minor))
+    return f"{major.value}.{minor.value}"
+
+
+def _read_opencv(grey: np.ndarray) -> list[str]:
+    try:
+        return [cv2.QRCodeDetector().detectAndDecode(grey)[0]]
+    except cv2.error:  # a shape that it takes for a code can fail its own checks
+        return []
+
+
+def _read_tags(dictionary: str, grey: np.ndarray) -> list[str]:
+    detector = cv2.aruco.ArucoDetector(tag_dictionary(dictionary), cv2.aruco.DetectorParameters())
+    try:
+        ids = detector.detectMarkers(grey)[1]
+    except cv2.error:
+        return []
+    return [] if ids is None else [str(index) for index in ids.ravel()]

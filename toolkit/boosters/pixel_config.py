@@ -1,0 +1,102 @@
+"""The settings that patch and texture share: how pixels are moved, and what their files are called."""
+
+import re
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
+
+from pydantic import Field
+
+from toolkit.boosters.parts.blur import CameraBlur
+from toolkit.boosters.parts.jpeg import JpegFile
+from toolkit.boosters.parts.sensor_noise import SensorNoise
+from toolkit.core.config import Config, Expect, Flag
+from toolkit.core.errors import FieldError, one_of
+
+if TYPE_CHECKING:
+    from toolkit.training.loop import FitConfig
+
+STEPS, MEETS = "Steps", "What it meets"
+CameraParts = tuple[CameraBlur, SensorNoise, JpegFile]
+
+
+class PixelConfig(Config):
+    """How the pixels of a booster are moved."""
+
+    about: str = Field("", exclude=True, description="What kind of recipe it is.")
+    recipe: str = "custom"
+    steps: Annotated[int | None, Field(ge=1), Flag(group=STEPS)] = Field(300, description="Gradient steps.")
+    batch: Annotated[int, Field(ge=1), Flag(group=STEPS)] = Field(16, description="Images per step.")
+    lr: Annotated[
+        float, Field(gt=0, le=1), Expect("a number above 0 and at most 1, the full range"), Flag(group=STEPS)
+    ] = Field(0.1, description="Change of every pixel in the first step, of the full range.")
+    schedule: Annotated[Literal["constant", "linear", "cosine"], Flag(group=STEPS)] = Field(
+        "cosine", description="How it falls over the steps."
+    )
+    seed: Annotated[int, Field(ge=0)] = 0
+    smoothing_px: Annotated[float, Field(ge=0, le=16), Expect("0 to 16 texels"), Flag("--smoothing", group=STEPS)] = (
+        # texels smaller than a pixel get gradients that are mostly noise, whose signs would step at random
+        Field(2.0, description="Gaussian smoothing of the first gradient, texels; it falls to 0.")
+    )
+    start_contrast: Annotated[float, Field(ge=0, le=1), Flag(group=STEPS)] = Field(
+        0.2, description="Of the random first pixels about grey, 1 is full."
+    )
+
+    @property
+    def step_count(self) -> int:
+        """How many steps, which must have been counted."""
+        if self.steps is None:
+            raise FieldError("expected {steps}, or {epochs} and the number of images", {})
+        return self.steps
+
+    def fit_config(self, optimiser: str = "sign") -> "FitConfig":
+        """For the training loop."""
+        from toolkit.training.loop import FitConfig
+
+        return FitConfig(self.step_count, self.lr, self.schedule, optimiser, self.seed)
+
+    def step_rows(self, size_px: int, optimiser: str, epochs: str = "") -> list[tuple[str, str]]:
+        """(name, value) of these settings, in words."""
+        smoothing = f"Gaussian {self.smoothing_px:g} px, falling to 0" if self.smoothing_px else "none"
+        return [
+            ("recipe", ": ".join(filter(None, [self.recipe, self.about]))),
+            ("size", f"{size_px} × {size_px} px, start contrast {self.start_contrast:g}"),
+            ("steps", f"{self.steps}{epochs} of {self.batch} images, seed {self.seed}"),
+            ("step", f"{optimiser}, lr {self.lr:g} ({self.schedule}), smoothing {smoothing}"),
+        ]
+
+
+Recipe = TypeVar("Recipe", bound=PixelConfig)
+
+
+def find_recipe(recipes: dict[str, Recipe], name: str) -> Recipe:
+    """A recipe by name.
+
+    Raises:
+        ToolkitError: there is none.
+    """
+    if name not in recipes:
+        raise one_of("recipe", name, list(recipes))
+    return recipes[name]
+
+
+def make_camera() -> CameraParts:
+    """Blur, sensor noise and JPEG as a camera adds them."""
+    return CameraBlur(), SensorNoise(), JpegFile()
+
+
+def record_parts(parts: tuple[Any, ...]) -> dict[str, Any] | None:
+    """The settings of parts under their names; None where there are none."""
+    return {type(part).__name__: asdict(part) for part in parts} or None
+
+
+def name_files(name: str | None, label: str, index: int) -> str:
+    """A booster's file name without suffix: the one that was asked for, else from its class.
+
+    Raises:
+        FieldError: the name that was asked for cannot be a file's everywhere.
+    """
+    if name is not None:
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
+            raise FieldError(f"{{name}} '{name}': expected letters, digits, '-' and '_', without a suffix", {})
+        return name
+    return re.sub(r"[^A-Za-z0-9]+", "_", label).strip("_") or f"class_{index}"

@@ -1,0 +1,172 @@
+"""What patch and texture share: pixels in [0, 1] that networks shall recognise as a class, and their way there."""
+
+from contextlib import nullcontext
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from toolkit.boosters.pixel_config import PixelConfig
+from toolkit.core.draws import Draws
+from toolkit.imaging.preprocessing import Preprocessing
+from toolkit.models.precision import mixed_precision
+from toolkit.models.weights import WeightsFile
+from toolkit.objects import records
+from toolkit.training.loop import Made, Task
+
+if TYPE_CHECKING:
+    import torch
+
+
+class Network(Protocol):
+    """What boosters ask of a classifier; `toolkit.models.network.Classifier` is one."""
+
+    @property
+    def name(self) -> str:
+        """What to call it in a result."""
+
+    @property
+    def arch(self) -> str:
+        """Name of its architecture."""
+
+    @property
+    def labels(self) -> list[str]:
+        """Name of each output."""
+
+    @property
+    def preprocessing(self) -> Preprocessing:
+        """How it wants its images."""
+
+    @property
+    def weights(self) -> WeightsFile:
+        """The file that its weights came from."""
+
+    @property
+    def device(self) -> str:
+        """Where it runs, `cpu` or `cuda`."""
+
+    @property
+    def is_imagenet(self) -> bool:
+        """Whether the labels are the 1000 of ImageNet."""
+
+    def logits(self, batch: "torch.Tensor") -> "torch.Tensor":
+        """(b, 3, h, w) sRGB-encoded in [0, 1] to (b, classes), differentiable."""
+
+    def class_index(self, name: str | int) -> int:
+        """Index of a class by label, index or WordNet id."""
+
+
+@dataclass(frozen=True)
+class Target:
+    """A network and the class that it shall see.
+
+    Attributes:
+        classifier: the network.
+        class_index: in that network's own labels.
+    """
+
+    classifier: Network
+    class_index: int
+
+    @property
+    def label(self) -> str:
+        """Of the class."""
+        return self.classifier.labels[self.class_index]
+
+    def count_hits(self, photos: "torch.Tensor") -> int:
+        """How many of (b, 3, m, m) sRGB-encoded photographs the network recognises as the class."""
+        return int((self.classifier.logits(photos).argmax(1) == self.class_index).sum())
+
+
+class PixelTask(Task[Made]):
+    """Training of θ, (3, n, n) in [0, 1]; a subclass says what the networks are shown.
+
+    The gradient is smoothed. For `sgd` and `adam` it is divided by its root mean square over the texels that are seen,
+    so that the learning rate means the same as for `sign`.
+    """
+
+    advice = "the network's weights do not fit its images; check {model} and {weights}"
+
+    def __init__(self, config: PixelConfig, size_px: int, targets: list[Target], optimiser: str = "sign") -> None:
+        """Begin with random pixels.
+
+        Args:
+            config: how θ is moved.
+            size_px: n.
+            targets: the networks, at least one; θ is trained where the first one runs.
+            optimiser: by which rule.
+        """
+        first = draw_first_pixels(size_px, config.seed, config.start_contrast)
+        self.targets, self.image_px = targets, targets[0].classifier.preprocessing.crop_px
+        self.pixels = first.to(targets[0].classifier.device).requires_grad_(True)
+        self._smoothing_px, self._steps, self._is_signed = config.smoothing_px, config.step_count, optimiser == "sign"
+
+    def parameters(self) -> "dict[str, torch.Tensor]":
+        """The pixels."""
+        return {"pixels": self.pixels}
+
+    def adjust_gradients(self, step: int) -> None:
+        """Smooth them, and divide by their size where the rule depends on it."""
+        assert self.pixels.grad is not None
+        gradient = smooth_gradient(self.pixels.grad, self._smoothing_px * (1 - step / self._steps))
+        if not self._is_signed:
+            seen = (gradient != 0).any(dim=0, keepdim=True).sum().clamp_min(1) * len(gradient)
+            gradient = gradient / (gradient.square().sum() / seen).sqrt().clamp_min(1e-12)
+        self.pixels.grad = gradient
+
+    def constrain(self) -> None:
+        """Colours are in [0, 1]."""
+        self.pixels.clamp_(0, 1)
+
+
+def draw_first_pixels(size_px: int, seed: int, contrast: float = 1.0) -> "torch.Tensor":
+    """θ before the first step: (3, n, n) float32, uniform over `contrast` of [0, 1] about its middle."""
+    import torch
+
+    rng = Draws(seed, 0).of("first patch")
+    return torch.from_numpy(rng.random((3, size_px, size_px), np.float32) - 0.5) * contrast + 0.5
+
+
+def smooth_gradient(gradient: "torch.Tensor", sigma_px: float) -> "torch.Tensor":
+    """Convolve (3, n, n) with a Gaussian, mirrored at the edges; below a third of a texel it is left as it is."""
+    if sigma_px < 1 / 3:
+        return gradient
+    from torchvision.transforms.functional import gaussian_blur
+
+    reach = min(int(3 * sigma_px) + 1, gradient.shape[-1] - 1)
+    return gaussian_blur(gradient, [2 * reach + 1, 2 * reach + 1], [sigma_px, sigma_px])
+
+
+def judge_photos(photos: "torch.Tensor", targets: list[Target]) -> tuple["torch.Tensor", float]:
+    """What the networks say of (b, 3, m, m) sRGB-encoded photographs.
+
+    Returns the cross-entropy towards the target class, mean over the batch and summed over the networks, and the share
+    recognised, mean over the networks.
+    """
+    import torch
+    from torch.nn.functional import cross_entropy
+
+    loss, recognised = photos.new_zeros(()), 0.0
+    for target in targets:
+        with mixed_precision(photos.device.type) if photos.dtype == torch.float32 else nullcontext():
+            logits = target.classifier.logits(photos)
+        wanted = torch.full((len(photos),), target.class_index, device=logits.device)
+        loss = loss + cross_entropy(logits.to(photos.dtype), wanted)
+        recognised += float((logits.argmax(1) == wanted).double().mean())
+    return loss, recognised / len(targets)
+
+
+def quantise(pixels: "torch.Tensor") -> np.ndarray:
+    """(3, n, n) in [0, 1] to (n, n, 3) uint8, rounded as it is written."""
+    return np.round(pixels.detach().cpu().numpy().transpose(1, 2, 0) * 255).astype(np.uint8)
+
+
+def record_network(classifier: Network) -> records.Network:
+    """A classifier as records name it."""
+    weights = classifier.weights
+    return records.Network(arch=classifier.arch, weights=weights.name, sha256=weights.sha256)
+
+
+def list_networks(targets: list[Target]) -> list[list[object]]:
+    """The networks and their classes, as hashes of inputs name them."""
+    return [[one.classifier.arch, one.classifier.weights.sha256, one.class_index] for one in targets]

@@ -1,0 +1,347 @@
+"""A classifier in training, as a task for the loop; its start, from random or from given weights; its test."""
+
+from collections import Counter, OrderedDict
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from toolkit import __version__
+from toolkit.core.console import notice, progress
+from toolkit.core.draws import Draws
+from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.files import read_json, sha256_bytes, sha256_file, write_bytes, write_json
+from toolkit.core.statistics import wilson_interval
+from toolkit.corruptions.draws import image_seed
+from toolkit.models.architectures import build_network
+from toolkit.models.find import ClassifierRecord, ClassShare, HeldOut
+from toolkit.models.network import Classifier
+from toolkit.models.precision import autocast, choose_precision
+from toolkit.models.weights import WeightsFile, read_state_dict
+from toolkit.training.augment import augment_batch, corrupt_some
+from toolkit.training.classifier_config import ClassifierConfig, ClassPictures
+from toolkit.training.data import Pack, TrainingSet
+from toolkit.training.loop import History, Task
+
+if TYPE_CHECKING:
+    import torch
+    from torch import nn
+
+AUXILIARY_WEIGHT = 0.3
+"""Of the side outputs that GoogLeNet and Inception have while they are trained."""
+UNFOLD_BATCHES = 8
+TEST_BATCH = 64
+MOST_CONFUSIONS = 12
+
+
+@dataclass(frozen=True)
+class ClassifierInputs:
+    """What a classifier is trained on.
+
+    Attributes:
+        data: its images.
+        used: classes that have images.
+        pictures: what every image carries by its class, if anything.
+        init: weights to start from, if any.
+        words: what the images are, in a few words, and how the held-out ones differ.
+    """
+
+    data: TrainingSet
+    used: list[int]
+    pictures: ClassPictures | None
+    init: WeightsFile | None
+    words: tuple[str, str]
+
+
+class ClassifierTask(Task[ClassifierRecord]):
+    """A network goes down the cross-entropy of augmented images of its classes."""
+
+    kind = "classifier"
+    recent = 50
+
+    def __init__(
+        self, config: ClassifierConfig, inputs: ClassifierInputs, file: Path, device: str, inputs_sha256: str = ""
+    ) -> None:
+        """Build the network at its start.
+
+        Args:
+            config: every setting.
+            inputs: what it is trained on.
+            file: of the weights; the record is written beside them.
+            device: where it runs, `cpu` or `cuda`.
+            inputs_sha256: hash of all that decides the weights.
+        """
+        import torch
+
+        labels, how = inputs.data.labels, config.preprocessing()
+        self.config, self.inputs, self.file, self.inputs_sha256 = config, inputs, file, inputs_sha256
+        self.title = f"Training {config.name}"
+        self.advice = f"train again with {{restart}} and a lower {{lr}} than {config.lr:g}"
+        self._how, self._device, self._precision = how, device, "float32"
+        self._mean, self._std = (torch.tensor(v, device=device).view(1, 3, 1, 1) for v in (how.mean, how.std))
+        pictures = inputs.pictures
+        self._overlay = None if pictures is None else pictures.fit(labels, inputs.used, config.image_px)
+        network = start_network(config, len(labels), inputs.init)
+        self.module = network.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def parameters(self) -> "dict[str, torch.Tensor]":
+        """Weights and biases."""
+        return dict(self.module.named_parameters())
+
+    def buffers(self) -> "dict[str, torch.Tensor]":
+        """Statistics of batch normalisation."""
+        return dict(self.module.named_buffers())
+
+    def find_finished(self) -> ClassifierRecord | None:
+        """The record, where the weights are whole and of the same inputs."""
+        return find_finished(self.file, self.inputs_sha256)
+
+    @contextmanager
+    def open(self) -> Iterator[None]:
+        """Choose the precision."""
+        self._precision = choose_precision(self.config.arch, self.config.image_px, self._device)
+        yield
+
+    def begin(self) -> None:
+        """Measure the statistics of batch normalisation where the given weights have lost them."""
+        init, pack = self.inputs.init, self.inputs.data.train
+        if init is not None and are_folded(self.module):
+            notice(f"the batch normalisation of {init.name} is folded for evaluation: measuring its statistics again")
+            unfold_norms(self.module, (self._draw_batch(pack, k, "unfold")[0] for k in range(UNFOLD_BATCHES)))
+
+    def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
+        """Cross-entropy, with that of side outputs where the network has them; and the share recognised."""
+        import torch
+        from torch.nn.functional import cross_entropy
+
+        self.module.train()
+        batch, classes = self._draw_batch(self.inputs.data.train, step, self.kind)
+        wanted = torch.from_numpy(classes).to(self._device)
+        with autocast(self._precision, self._device):
+            outputs = self.module(batch)
+        main, *sides = outputs if isinstance(outputs, tuple) else (outputs,)
+        smoothing = self.config.label_smoothing
+        loss = cross_entropy(main.float(), wanted, label_smoothing=smoothing)
+        for side in sides:
+            if side is not None:
+                loss = loss + AUXILIARY_WEIGHT * cross_entropy(side.float(), wanted, label_smoothing=smoothing)
+        return loss, {"accuracy": float((main.float().argmax(1) == wanted).float().mean())}
+
+    def _choose(self, step: int, count: int) -> np.ndarray:
+        """Numbers of the images of a step: every image once in each epoch's own order."""
+        size = self.config.batch
+        epoch, k = divmod(step, max(count // size, 1))
+        order = np.random.default_rng([self.config.seed, epoch, 0x0E]).permutation(count)
+        return np.sort(order[k * size : (k + 1) * size])
+
+    def _draw_batch(self, pack: Pack, step: int, phase: str) -> "tuple[torch.Tensor, np.ndarray]":
+        """What the network is shown, augmented, with its picture, some corrupted, normalised; and its classes."""
+        import torch
+
+        chosen, draws = self._choose(step, len(pack.images)), Draws(self.config.seed, step, phase)
+        images, classes = pack.images[chosen], pack.classes[chosen]
+        raw = torch.from_numpy(np.ascontiguousarray(images.transpose(0, 3, 1, 2))).to(self._device)
+
+        def overlay(batch: "torch.Tensor") -> "torch.Tensor":
+            if self._overlay is None:
+                return batch
+            return self._overlay(batch, classes, draws.of("overlay").integers(2**62, size=len(batch)).tolist())
+
+        how = self.config.augmentation
+        batch = augment_batch(raw, draws.of("augmentation"), self.config.image_px, how, overlay)
+        if self.config.corrupting is not None:
+            batch = corrupt_some(batch, draws.of("corruption"), self.config.corrupting)
+        return ((batch - self._mean) / self._std).contiguous(memory_format=torch.channels_last), classes
+
+    def finish(self, history: History) -> ClassifierRecord:
+        """Test the rounded weights on the held-out images and write `NAME.safetensors`, then `NAME.json`."""
+        from safetensors.torch import save
+
+        config, how, data = self.config, self._how, self.inputs.data
+        halved = halve_weights(self.module.state_dict())
+        content = save(halved)
+        load_tensors(self.module, halved)
+        self.module.eval()
+        weights, labels = WeightsFile(self.file, sha256_bytes(content), self.file.name), list(data.labels)
+        classifier = Classifier(config.arch, self.module, labels, how, weights, self._device, False, config.name)
+        own = {"precision": self._precision, "inputs_sha256": self.inputs_sha256}
+        record = ClassifierRecord(
+            name=config.name, arch=config.arch, trained_on=self.inputs.words[0], labels=labels, resize_px=how.resize_px,
+            crop_px=how.crop_px, mean=how.mean, std=how.std, filter_name=how.filter_name, data=data.record,
+            seed=config.seed, settings=config.settings(self.inputs.pictures) | own,
+            final=history.recent(self.recent), held_out=self._measure_held_out(classifier), sha256=weights.sha256,
+            toolkit_version=__version__,
+        )  # fmt: skip
+        write_bytes(self.file, content)
+        write_json(self.file.with_suffix(".json"), record.model_dump(mode="json"))
+        return record
+
+    def _measure_held_out(self, classifier: Classifier) -> HeldOut:
+        """Classify the held-out images through the classifier's own preprocessing, in single precision.
+
+        What they carry lies where their number and the seed say.
+        """
+        import torch
+
+        pack = self.inputs.data.held_out
+        answers = np.zeros(len(pack.images), np.int64)
+        with progress("Testing on held-out images", len(pack.images)) as bar, torch.no_grad():
+            for start in range(0, len(pack.images), TEST_BATCH):
+                part = slice(start, start + TEST_BATCH)
+                images = pack.images[part]
+                batch = torch.stack([classifier.preprocess(image) for image in images])
+                if self._overlay is not None:
+                    seeds = [image_seed(self.config.seed, f"held-out/{start + k}") for k in range(len(images))]
+                    batch = self._overlay(batch.to(classifier.device), pack.classes[part], seeds)
+                answers[part] = classifier.logits(batch).argmax(1).cpu().numpy()
+                bar.advance(len(images))
+        return summarise_answers(classifier.labels, pack.classes, answers, self.inputs.words[1])
+
+
+def find_finished(file: Path, inputs_sha256: str) -> ClassifierRecord | None:
+    """The record of a classifier that was trained with these inputs before and is whole; else None."""
+    if not (file.is_file() and file.with_suffix(".json").is_file()):
+        return None
+    try:
+        record = read_json(file.with_suffix(".json"), ClassifierRecord)
+    except ToolkitError:
+        return None  # another kind of labels file, or of another version: it is replaced
+    same = record.settings.get("inputs_sha256") == inputs_sha256 and record.sha256 == sha256_file(file)
+    return record if same else None
+
+
+def summarise_answers(labels: list[str], truth: np.ndarray, answers: np.ndarray, what: str) -> HeldOut:
+    """Accuracy overall and by class, and the commonest mistakes, of class numbers (n,) and (n,)."""
+    right = truth == answers
+    per_class = {
+        label: ClassShare(n=int((truth == k).sum()), correct=int(right[truth == k].sum()))
+        for k, label in enumerate(labels)
+    }
+    wrong = Counter(zip(truth[~right].tolist(), answers[~right].tolist(), strict=True))
+    commonest = sorted(wrong.items(), key=lambda one: (-one[1], one[0]))[:MOST_CONFUSIONS]
+    n, correct = len(truth), int(right.sum())
+    return HeldOut(
+        n=n,
+        correct=correct,
+        accuracy=correct / n if n else None,
+        ci95=wilson_interval(correct, n),
+        per_class=per_class,
+        confusions=[(labels[true], labels[answer], count) for (true, answer), count in commonest],
+        what=what,
+    )
+
+
+def halve_weights(state: dict[str, "torch.Tensor"]) -> dict[str, "torch.Tensor"]:
+    """Half precision, but for whole numbers and for tensors that would leave its range."""
+    halved = {}
+    for name, value in state.items():
+        half = value.detach().cpu().half() if value.is_floating_point() else value.detach().cpu()
+        fits = bool(half.isfinite().all()) if half.is_floating_point() else True
+        halved[name] = (half if fits else value.detach().cpu()).contiguous()
+    return halved
+
+
+def are_folded(module: "nn.Module") -> bool:
+    """Whether all batch normalisation of a network has mean 0 and variance 1."""
+    norms = _list_norms(module)
+    return bool(norms) and all(
+        bool((mean == 0).all() and ((variance - 1).abs() <= 2 * layer.eps).all())
+        for layer, (mean, variance) in zip(norms, map(_running, norms), strict=True)
+    )
+
+
+def unfold_norms(module: "nn.Module", batches: "Iterable[torch.Tensor]") -> None:
+    """Give batch normalisation the statistics of `batches` (b, 3, h, w); what the network says in eval mode stays."""
+    import torch
+
+    norms = _list_norms(module)
+    sums = {layer: torch.zeros(2, layer.num_features, dtype=torch.float64) for layer in norms}
+    counts = dict.fromkeys(norms, 0)
+
+    def measure(layer: "nn.BatchNorm2d", inputs: "tuple[torch.Tensor, ...]") -> None:
+        values = inputs[0].double()
+        counts[layer] += values.numel() // layer.num_features
+        sums[layer] += torch.stack([values.sum((0, 2, 3)), values.square().sum((0, 2, 3))]).cpu()
+
+    hooks = [layer.register_forward_pre_hook(measure) for layer in norms]
+    with torch.no_grad():
+        module.eval()
+        for batch in batches:
+            module(batch)
+        for hook in hooks:
+            hook.remove()
+        for layer in norms:
+            running_mean, running_var = _running(layer)
+            mean, square = (sums[layer] / counts[layer]).to(running_mean.device)
+            variance = (square - mean.square()).clamp(min=0)
+            slope = layer.weight.double() / (running_var.double() + layer.eps).sqrt()
+            layer.bias.add_(slope * (mean - running_mean.double()))
+            layer.weight.copy_(slope * (variance + layer.eps).sqrt())
+            running_mean.copy_(mean)
+            running_var.copy_(variance)
+
+
+def _running(layer: "nn.BatchNorm2d") -> "tuple[torch.Tensor, torch.Tensor]":
+    """Mean and variance of a layer that `_list_norms` found."""
+    assert layer.running_mean is not None and layer.running_var is not None
+    return layer.running_mean, layer.running_var
+
+
+def _list_norms(module: "nn.Module") -> "list[nn.BatchNorm2d]":
+    from torch.nn import BatchNorm2d
+
+    return [layer for layer in module.modules() if isinstance(layer, BatchNorm2d) and layer.track_running_stats]
+
+
+def start_network(config: ClassifierConfig, classes: int, init: WeightsFile | None) -> "nn.Module":
+    """A network of the config's architecture, its weights drawn by the seed; with `init`, all but the last layer's.
+
+    Raises:
+        ToolkitError: the file holds weights of another network.
+    """
+    import torch
+
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(config.seed)
+        module = build_network(config.arch, classes)
+        _initialise(module, config.arch)
+    if init is not None:
+        _take_weights(module, config.arch, init)
+    return module
+
+
+def load_tensors(module: "nn.Module", tensors: "Mapping[str, torch.Tensor]", strict: bool = True) -> None:
+    """`load_state_dict` for tensors that have lost torch's notes on the versions of layers, which some need."""
+    state = OrderedDict(tensors)
+    state._metadata = module.state_dict()._metadata  # type: ignore[attr-defined]
+    module.load_state_dict(state, strict=strict)
+
+
+def _initialise(module: "nn.Module", arch: str) -> None:
+    """GoogLeNet and Inception are built bare, as they are for loading; here they need a start."""
+    from torch import nn
+
+    if arch not in ("googlenet", "inception_v3"):
+        return
+    for layer in module.modules():
+        if isinstance(layer, nn.Conv2d | nn.Linear):
+            nn.init.trunc_normal_(layer.weight, std=0.05)
+
+
+def _take_weights(module: "nn.Module", arch: str, init: WeightsFile) -> None:
+    own, given = module.state_dict(), read_state_dict(init)
+    # side outputs for training only, and batch norm's step counter, may be absent
+    needed = [name for name in own if not name.endswith("num_batches_tracked") and not name.lower().startswith("aux")]
+    other = [name for name in needed if name not in given or given[name].shape != own[name].shape]
+    layers = {name.rpartition(".")[0] for name in other}
+    if len(layers) > 1:
+        raise FieldError(
+            f"holds no weights of {arch}: {len(layers)} layers differ (first: {sorted(layers)[0]}): "
+            "name its network with {arch}",
+            {"init": init.path},
+        )
+    fitting = {name: value for name, value in given.items() if name in own and value.shape == own[name].shape}
+    load_tensors(module, fitting, strict=False)

@@ -1,0 +1,374 @@
+"""The one training loop: steps, checkpoints at any moment, going on to the same bytes, and the finish.
+
+A `Task` says what is trained: its parameters, and the loss of step i, which depends on the parameters and on (seed, i)
+alone. `fit` does the rest.
+"""
+
+import signal
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
+from math import cos, isfinite, pi
+from time import monotonic
+from typing import TYPE_CHECKING, Generic, TypeVar
+
+import numpy as np
+
+from toolkit.core.console import notice, progress
+from toolkit.core.draws import Draws
+from toolkit.core.errors import FieldError, one_of
+from toolkit.training.checkpoint import Checkpoint
+
+if TYPE_CHECKING:
+    import torch
+
+OPTIMISERS = ("sign", "sgd", "adam")
+SCHEDULES = ("constant", "linear", "cosine", "one-cycle")
+LAST_LR_SHARE = 0.05
+"""Of the falling schedules: the learning rate stays above this share, for pixels half an 8-bit level."""
+CYCLE_FIRST_SHARE, CYCLE_LAST_SHARE = 0.04, 1e-4
+LOSS = "loss"
+SHOWN = {"accuracy": "recognised {:.0%}"}
+Made = TypeVar("Made")
+
+
+@dataclass(frozen=True)
+class FitConfig:
+    """How parameters go down the gradient of a loss.
+
+    Attributes:
+        steps: how many.
+        lr: the highest learning rate.
+        schedule: how it goes over the steps: `constant`; `linear` and `cosine` fall to a twentieth; `one-cycle` rises
+            and falls by two half cosines (Smith and Topin 2017).
+        optimiser: `sign` moves each number by lr against the sign of its gradient; `sgd` and `adam` are torch's.
+        seed: of every random draw.
+        warm_up: of `one-cycle`, the share of the steps in which the learning rate rises.
+        momentum, nesterov: of `sgd`.
+        weight_decay: of `sgd` and `adam`, for parameters of two dimensions or more, not for biases and normalisation.
+    """
+
+    steps: int
+    lr: float
+    schedule: str = "constant"
+    optimiser: str = "sgd"
+    seed: int = 0
+    warm_up: float = 0.2
+    momentum: float = 0.9
+    nesterov: bool = False
+    weight_decay: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.optimiser not in OPTIMISERS:
+            raise one_of("optimiser", self.optimiser, list(OPTIMISERS))
+        if self.schedule not in SCHEDULES:
+            raise one_of("schedule", self.schedule, list(SCHEDULES))
+        if self.steps < 1:
+            raise FieldError("expected at least 1", {"steps": self.steps})
+
+    def lr_at(self, step: int) -> float:
+        """Learning rate of a step, counted from 0."""
+        if self.schedule == "one-cycle":
+            return self.lr * self._cycle_at(step)
+        done = step / self.steps
+        fall = {"constant": 1.0, "linear": 1 - done, "cosine": (1 + cos(pi * done)) / 2}[self.schedule]
+        return self.lr * (LAST_LR_SHARE + (1 - LAST_LR_SHARE) * fall)
+
+    def _cycle_at(self, step: int) -> float:
+        peak = max(self.warm_up * self.steps - 1, 1e-9)
+        last = max(self.steps - 1, 1)
+        if step <= peak:
+            low, high, done = CYCLE_FIRST_SHARE, 1.0, step / peak
+        else:
+            low, high, done = 1.0, CYCLE_FIRST_SHARE * CYCLE_LAST_SHARE, (step - peak) / max(last - peak, 1e-9)
+        return high + (low - high) * (1 + cos(pi * done)) / 2
+
+
+class History:
+    """Figures of every step made, the loss among them."""
+
+    def __init__(self, figures: Mapping[str, list[float]] | None = None) -> None:
+        self.figures = {name: list(values) for name, values in (figures or {}).items()}
+
+    def __len__(self) -> int:
+        return len(self.figures.get(LOSS, ()))
+
+    def append(self, figures: Mapping[str, float]) -> None:
+        """Add those of one more step."""
+        for name, value in figures.items():
+            self.figures.setdefault(name, []).append(value)
+
+    def recent(self, count: int) -> dict[str, float]:
+        """Means over the last steps: one batch alone is noise."""
+        return {name: float(np.mean(values[-count:])) for name, values in self.figures.items()}
+
+
+class Task(ABC, Generic[Made]):
+    """What is trained.
+
+    Attributes:
+        kind: of the task, in one word; checkpoints of one kind are not read by another, and draws are its own.
+        title: above the progress bar.
+        advice: what to do where the loss is no number; fields in braces, see `FieldError`.
+        recent: steps whose mean is shown and recorded.
+    """
+
+    kind: str
+    title: str = "Training"
+    advice: str = "check the data, or take a lower {lr}"
+    recent: int = 10
+
+    @abstractmethod
+    def parameters(self) -> Mapping[str, "torch.Tensor"]:
+        """Leaf tensors by name, which the loop moves in place."""
+
+    @abstractmethod
+    def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
+        """The loss of a step, a scalar, and further figures for the history.
+
+        It depends on the parameters, the buffers and on (seed, step) alone; torch's own generator is seeded before.
+        """
+
+    @abstractmethod
+    def finish(self, history: History) -> Made:
+        """Make the result of the trained parameters, and write it."""
+
+    def buffers(self) -> "Mapping[str, torch.Tensor]":
+        """Tensors that the loss itself changes, such as the statistics of batch normalisation; kept as well."""
+        return {}
+
+    def find_finished(self) -> Made | None:
+        """The result, where an earlier run of the same inputs has finished it."""
+        return None
+
+    def describe(self) -> list[str]:
+        """What acts in this run, for the user."""
+        return []
+
+    def open(self) -> AbstractContextManager[object]:
+        """Entered before the first step and left after `finish`: for processes that serve the run."""
+        return nullcontext()
+
+    def begin(self) -> None:
+        """Called before the first step of all, not where a run goes on."""
+
+    def adjust_gradients(self, step: int) -> None:
+        """Change the parameters' `grad` before they are moved."""
+
+    def constrain(self) -> None:
+        """Put the moved parameters back to where they are allowed."""
+
+    def show(self) -> None:
+        """Draw how far it is; called at every checkpoint, and after the last step."""
+
+
+@dataclass(frozen=True)
+class Fitted(Generic[Made]):
+    """What `fit` made.
+
+    Attributes:
+        made: the task's result.
+        resumed_from: steps that an earlier run had made; all of them when it was finished before.
+        was_finished: whether there was nothing left to do.
+    """
+
+    made: Made
+    resumed_from: int
+    was_finished: bool
+
+
+def fit(task: Task[Made], config: FitConfig, checkpoint: Checkpoint | None = None) -> Fitted[Made]:
+    """Train, or take a run up where an earlier one of the same inputs was stopped: the result is the same to the byte.
+
+    Args:
+        task: what is trained.
+        config: how.
+        checkpoint: where the state is kept: every few seconds, on Ctrl-C and at the end; None keeps nothing.
+
+    Raises:
+        ToolkitError: the loss is not finite, the checkpoint cannot be used, the disk is full, or the task's own.
+    """
+    state = None
+    if checkpoint is not None and checkpoint.restart:
+        checkpoint.file.unlink(missing_ok=True)
+    elif (made := task.find_finished()) is not None:
+        if checkpoint is not None:
+            checkpoint.remove()
+        return Fitted(made, config.steps, True)
+    for line in task.describe():
+        notice(line)
+    if checkpoint is not None:
+        state = checkpoint.read(task.kind)
+    run = _Run(task, config)
+    if state is not None:
+        run.restore(state)
+    resumed_from = len(run.history)
+    if checkpoint is not None:
+        checkpoint.announce(resumed_from, config.steps)
+    with task.open():
+        if not resumed_from:
+            task.begin()
+        _make_steps(run, checkpoint)
+        made = task.finish(run.history)
+    if checkpoint is not None:
+        checkpoint.remove()
+    return Fitted(made, resumed_from, False)
+
+
+def _make_steps(run: "_Run", checkpoint: Checkpoint | None) -> None:
+    """Those that are left, with a progress bar and checkpoints."""
+    task, history = run.task, run.history
+    kept, kept_at = len(history), monotonic()
+
+    def keep() -> None:
+        if checkpoint is not None:
+            checkpoint.write(run.state(), task.kind, len(history))
+
+    with progress(task.title, run.config.steps, done=kept) as bar:
+        try:
+            for _ in run.steps():
+                bar.advance(note=_note(history.recent(task.recent)))
+                if checkpoint is not None and monotonic() - kept_at >= checkpoint.every_s:
+                    keep()
+                    kept = len(history)
+                    task.show()
+                    kept_at = monotonic()
+        finally:
+            # also when stopped or failed: what is done is kept
+            if len(history) > kept:
+                keep()
+    task.show()
+
+
+def _note(figures: Mapping[str, float]) -> str:
+    loss = f"{LOSS} {figures[LOSS]:.3f}"
+    others = {name: value for name, value in figures.items() if name != LOSS}
+    return "  ".join([loss, *(SHOWN.get(name, name + " {:.3g}").format(value) for name, value in others.items())])
+
+
+class _Run:
+    """A task, its optimiser and its history, which are always those of the same step."""
+
+    def __init__(self, task: Task, config: FitConfig) -> None:
+        self.task, self.config, self.history = task, config, History()
+        self._parameters = dict(task.parameters())
+        self._optimiser = _make_optimiser(list(self._parameters.values()), config)
+
+    def steps(self) -> Iterator[None]:
+        """Make the steps from the history's end to the last, one per turn; one that is cut short is not counted.
+
+        Ctrl-C comes before the parameters are moved or after, never in between.
+        """
+        import torch
+
+        before: dict[str, torch.Tensor] = {}
+        with torch.random.fork_rng(devices=[]):
+            try:
+                for step in range(len(self.history), self.config.steps):
+                    before = {name: value.clone() for name, value in self.task.buffers().items()}
+                    torch.manual_seed(int(Draws(self.config.seed, step, self.task.kind).of("dropout").integers(2**62)))
+                    figures = self._find_gradients(step)
+                    with _hold_interrupts():
+                        self._move(step)
+                        self.history.append(figures)
+                        before = {}
+                    yield
+            finally:
+                for name, value in before.items():
+                    self.task.buffers()[name].copy_(value)
+
+    def _find_gradients(self, step: int) -> dict[str, float]:
+        import torch
+
+        for parameter in self._parameters.values():
+            parameter.grad = None
+        loss, figures = self.task.loss(step)
+        loss.backward(inputs=list(self._parameters.values()))
+        found = [parameter.grad for parameter in self._parameters.values() if parameter.grad is not None]
+        largest = torch.stack([gradient.abs().max().double() for gradient in found]).max()
+        value = loss.item()
+        if not (isfinite(value) and isfinite(largest.item())):
+            raise FieldError(
+                f"the loss or its gradient at step {step + 1} is not a finite number (loss {value}): "
+                f"{self.task.advice}",
+                {},
+            )
+        return {LOSS: value, **figures}
+
+    def _move(self, step: int) -> None:
+        import torch
+
+        lr = self.config.lr_at(step)
+        with torch.no_grad():
+            self.task.adjust_gradients(step)
+            if self._optimiser is None:
+                for parameter in self._parameters.values():
+                    if parameter.grad is not None:
+                        parameter.sub_(lr * parameter.grad.sign())
+            else:
+                for group in self._optimiser.param_groups:
+                    group["lr"] = lr
+                self._optimiser.step()
+            self.task.constrain()
+
+    def state(self) -> dict[str, np.ndarray]:
+        """All that a later run needs to go on: parameters, buffers, the optimiser's state, the history."""
+        tensors = {f"parameter.{name}": value for name, value in self._parameters.items()}
+        tensors |= {f"buffer.{name}": value for name, value in self.task.buffers().items()}
+        if self._optimiser is not None:
+            for name, parameter in self._parameters.items():
+                own = {key: value for key, value in self._optimiser.state[parameter].items() if value is not None}
+                tensors |= {f"optimiser.{key}.{name}": value for key, value in own.items()}
+        arrays = {name: value.detach().cpu().contiguous().numpy() for name, value in tensors.items()}
+        return arrays | {f"history.{name}": np.array(values) for name, values in self.history.figures.items()}
+
+    def restore(self, arrays: Mapping[str, np.ndarray]) -> None:
+        """Take up what `state` gave."""
+        import torch
+
+        own: dict[str, torch.Tensor] = {f"parameter.{name}": value for name, value in self._parameters.items()}
+        own |= {f"buffer.{name}": value for name, value in self.task.buffers().items()}
+        with torch.no_grad():
+            for name, tensor in own.items():
+                tensor.copy_(torch.from_numpy(np.array(arrays[name])))
+        for path, array in arrays.items():
+            kind, _, name = path.partition(".")
+            if kind == "history":
+                self.history.figures[name] = array.tolist()
+            elif kind == "optimiser" and self._optimiser is not None:
+                key, _, name = name.partition(".")
+                parameter, value = self._parameters[name], torch.from_numpy(np.array(array))
+                # in the layout of its parameter: sums in another order would round otherwise
+                is_like = value.shape == parameter.shape and value.ndim > 0
+                self._optimiser.state[parameter][key] = torch.empty_like(parameter).copy_(value) if is_like else value
+
+
+def _make_optimiser(parameters: "list[torch.Tensor]", config: FitConfig) -> "torch.optim.Optimizer | None":
+    """None for `sign`, which has no state."""
+    import torch
+
+    decayed = [one for one in parameters if one.ndim > 1]
+    others = [one for one in parameters if one.ndim <= 1]
+    groups = [{"params": decayed, "weight_decay": config.weight_decay}, {"params": others, "weight_decay": 0.0}]
+    groups = [group for group in groups if group["params"]]
+    if config.optimiser == "sgd":
+        return torch.optim.SGD(groups, lr=config.lr, momentum=config.momentum, nesterov=config.nesterov)
+    return torch.optim.Adam(groups, lr=config.lr) if config.optimiser == "adam" else None
+
+
+@contextmanager
+def _hold_interrupts() -> Iterator[None]:
+    """Ctrl-C waits until it is left."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals go to the main thread
+        return
+    held: list[int] = []
+    before = signal.signal(signal.SIGINT, lambda number, frame: held.append(number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before or signal.SIG_DFL)
+        if held:
+            signal.raise_signal(signal.SIGINT)
