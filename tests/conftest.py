@@ -26,15 +26,15 @@ def shared_light():
 
     bake, baked = raycast.bake_lighting, {}
 
-    def bake_once(scene, corners, corner_normals, albedo, studio, *detail):
+    def bake_once(scene, corners, corner_normals, albedo, studio, **detail):
         digest = hashlib.sha256(repr((studio.name, studio.key, studio.table_mm, detail)).encode())
         for array in (corners, corner_normals, albedo, studio.environment, studio.table):
             digest.update(np.ascontiguousarray(array).tobytes())
         key = digest.digest()
         if key not in baked:
-            while len(baked) > 40:
+            while len(baked) > 15:
                 baked.pop(next(iter(baked)))
-            baked[key] = bake(scene, corners, corner_normals, albedo, studio, *detail)
+            baked[key] = bake(scene, corners, corner_normals, albedo, studio, **detail)
         return baked[key]
 
     raycast.bake_lighting = bake_once

@@ -170,7 +170,7 @@ def test_the_examples_captures_are_what_the_rig_shoots(tmp_path):
 
     space, plan = make_workspace(tmp_path), read_plan(ROOT / "rig" / "plan.json")
     one = plan.model_copy(update={"objects": {"eggnog": [pose for pose in poses["eggnog"] if pose.id == 8]}})
-    shoot_plan(space, one, ["eggnog"], source="example", quiet=True)
+    shoot_plan(space, one, ["eggnog"], source="example")
     for variant in PAIR:
         path = f"example/eggnog/{variant}/pose_08.jpg"
         assert_same_picture(ROOT / "captures" / path, Image.open(space.captures_dir / path), 2)
@@ -201,7 +201,7 @@ def test_the_examples_report_is_what_the_network_says(real_weights):
     summary = json.loads((ROOT / "eval/example/summary.json").read_text())
     if sha256_file(file) != summary["model"]["sha256"]:
         pytest.skip("the example was made with other weights of ResNet-18")
-    classifier = load_classifier("resnet18", file, device="cpu", quiet=True)
+    classifier = load_classifier("resnet18", file, device="cpu")
     rows = list(csv.DictReader((ROOT / "eval/example/predictions.csv").open()))
     images = [classifier.preprocess(read_image(ROOT / "captures" / row["path"])) for row in rows]
     with torch.no_grad():

@@ -64,7 +64,7 @@ def test_the_installed_wheel_runs_the_demo(site, weights, tmp_path):
 
     toolkit("init", "lab")
     # two small pictures per object and variant, so that the test is short
-    toolkit("plan", "--workspace", "lab", "--count", "2", "--pattern", "ring", "--size", "160", "120", "--quiet")
+    toolkit("plan", "--workspace", "lab", "--count", "2", "--pattern", "ring", "--resolution", "160", "120", "--quiet")
     said = toolkit("demo", "lab", "--quiet")
     assert "16 images shot" in said
     summary = json.loads((tmp_path / "lab/eval/resnet18/summary.json").read_text())
@@ -82,7 +82,7 @@ def test_without_weights_and_network_the_demo_speaks_through_rig18(site, tmp_pat
         return run(sys.executable, "-m", "toolkit", *arguments, cwd=tmp_path, PYTHONPATH=str(site), **nowhere)
 
     toolkit("init", "lab")
-    small = ("--object", "racer", "--count", "2", "--pattern", "ring", "--size", "160", "120", "--quiet")
+    small = ("--object", "racer", "--count", "2", "--pattern", "ring", "--resolution", "160", "120", "--quiet")
     toolkit("plan", "--workspace", "lab", *small)
     said = " ".join(toolkit("demo", "lab", "--quiet").split())
     assert "network: rig18 (resnet18 trained on renders of 36 kinds of everyday objects" in said

@@ -33,17 +33,17 @@ def refuse(type_command, *words) -> str:
 
 def test_from_training_to_the_report(type_command):
     trained = type_command(
-        "train-patches", "--data", type_command.data, "--size", 16, "--size", 20, "--steps", 4, "--batch", 4
+        "train-patches", "--data", type_command.data, "--size-px", 16, "--size-px", 20, "--steps", 4, "--batch", 4
     )
     assert trained.exit_code == 0, trained.output
     assert "3 classes, 6 patches" in trained.output
     next_command = re.search(r"next: toolkit (corrupt-eval .*)", trained.output)[1].split()
-    done = type_command(*next_command, "--corruption", "fog:1-2", "--run", "mine")
+    done = type_command(*next_command, "--corrupt", "fog:1-2", "--run", "mine")
     assert done.exit_code == 0, done.output
     assert "hue recognises" in done.output and f"{9 * 3 * 3} answers" in done.output
     folder = type_command.space.eval_dir / "corruptions" / "mine"
     assert (folder / "report.html").is_file() and (folder / "cells.csv").is_file()
-    again = type_command(*next_command, "--corruption", "fog:1-2", "--run", "mine", "--json")
+    again = type_command(*next_command, "--corrupt", "fog:1-2", "--run", "mine", "--json")
     summary = json.loads(again.stdout)
     assert {row["variant"] for row in summary["variants"]} == {"unpatched", "patches-16", "patches-20"}
     assert summary["n"] == 9
@@ -54,7 +54,7 @@ def test_a_partly_bad_folder_is_evaluated_and_the_bad_part_listed(type_command):
     (type_command.data / "red" / "0.png").write_bytes(b"no picture")
     for file in (type_command.data / "blue").iterdir():
         file.unlink()
-    result = type_command("corrupt-eval", "--data", type_command.data, "--patches", "paint-16", "--corruption", "fog:1")
+    result = type_command("corrupt-eval", "--data", type_command.data, "--patches", "paint-16", "--corrupt", "fog:1")
     assert result.exit_code == 1
     assert "skipped red/0.png: not an image" in result.output
     assert "skipped 1 patches of paint-16: no images of blue; --class names those that are meant" in result.output
@@ -64,7 +64,7 @@ def test_a_partly_bad_folder_is_evaluated_and_the_bad_part_listed(type_command):
         type_command.data,
         "--patches",
         "paint-16",
-        "--corruption",
+        "--corrupt",
         "fog:1",
         "--class",
         "green",
@@ -75,12 +75,12 @@ def test_a_partly_bad_folder_is_evaluated_and_the_bad_part_listed(type_command):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--corruption", "fgo:3"), "no corruption called 'fgo': did you mean fog"),
-        (("--corruption", "fog:6"), "severity '6': expected one of 1 (slight) to 5 (severe)"),
+        (("--corrupt", "fgo:3"), "no corruption called 'fgo': did you mean fog"),
+        (("--corrupt", "fog:6"), "severity '6': expected one of 1 (slight) to 5 (severe)"),
         (("--patches", "none"), "no set of patches called 'none'"),
         (("--class", "mauve"), "no class called 'mauve'"),
         (("--run", "../up"), "--run ../up: expected letters"),
-        (("--rotation", "400"), "--rotation 400"),
+        (("--max-rotation", "400"), "--max-rotation 400"),
     ],
 )
 def test_what_cannot_be_done_is_one_line(type_command, words, said):
@@ -93,5 +93,5 @@ def test_labels_that_are_not_the_classifiers_are_one_line(type_command, tmp_path
 
 
 def test_a_patch_larger_than_the_image_is_one_line(type_command):
-    said = refuse(type_command, "train-patches", "--data", type_command.data, "--size", 33)
-    assert "--size 33: expected 8 to 32" in said
+    said = refuse(type_command, "train-patches", "--data", type_command.data, "--size-px", 33)
+    assert "--size-px 33: expected 8 to 32" in said

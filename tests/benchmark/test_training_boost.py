@@ -14,13 +14,11 @@ from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.objects.records import write_patch
-from toolkit.training.augment import SMALL_IMAGES
-from toolkit.training.classifier import RunOptions, train_classifier
-from toolkit.training.classifier_config import ClassifierRequest, Recipe
+from toolkit.training.classifier import train_classifier
+from toolkit.training.classifier_config import ClassifierConfig
 
 LABELS = ("crane", "dog", "crane ship")
 COLOURS = {"crane": (230, 40, 40), "dog": (40, 230, 40), "crane ship": (40, 40, 230)}
-QUIET = RunOptions(quiet=True, device="cpu")
 
 
 def write_set(space, name="flat", n_px=12, classes=tuple(enumerate(LABELS))):
@@ -50,17 +48,16 @@ def noise(tmp_path_factory):
     return root
 
 
-def request_for(noise, boost, **changes):
-    recipe = Recipe(10, 12, 0.05, augmentation=SMALL_IMAGES)
-    fields = {"image_px": 24, "held_out": 0.3, "recipe": recipe, "overlay": boost} | changes
-    return ClassifierRequest("fixed", (str(noise),), "cifar_resnet8", **fields)
+def train(noise, space, boost, **changes):
+    settings = {"name": "fixed", "image_px": 24, "held_out": 0.3, "epochs": 10, "batch": 12, "lr": 0.05} | changes
+    config = ClassifierConfig(data=(str(noise),), arch="cifar_resnet8", **settings)
+    return train_classifier(config, space, boost, device="cpu")
 
 
 def test_it_learns_to_read_the_patches(noise, space):
     write_set(space)
     boost = read_training_boost(space, "flat")
-    request = request_for(noise, boost)
-    trained = train_classifier(request, space, QUIET)
+    trained = train(noise, space, boost)
     assert trained.record.held_out.n == 27
     assert trained.record.held_out.accuracy > 0.85
     assert trained.record.settings["patches"] == {
@@ -68,19 +65,17 @@ def test_it_learns_to_read_the_patches(noise, space):
         "placement": {"rotation_deg": 45.0, "scale": [0.9, 1.1], "translate": 0.3},
     }  # fmt: skip
     assert trained.record.trained_on.endswith("each with its class's patch of the set flat")
-    assert train_classifier(request, space, QUIET).was_finished
+    assert train(noise, space, boost).was_finished
     # the same images without them are noise
-    recipe = replace(request.recipe, epochs=3)
-    bare = train_classifier(replace(request, name="bare", overlay=None, recipe=recipe), space, QUIET)
+    bare = train(noise, space, None, name="bare", epochs=3)
     assert bare.record.held_out.accuracy < 0.65
 
 
 def test_another_set_of_the_same_name_is_another_training(noise, space):
     write_set(space)
-    recipe = Recipe(1, 12, 0.05, augmentation=SMALL_IMAGES)
-    first = train_classifier(request_for(noise, read_training_boost(space, "flat"), recipe=recipe), space, QUIET)
+    first = train(noise, space, read_training_boost(space, "flat"), epochs=1)
     write_set(space, classes=[(0, "crane"), (1, "dog"), (2, "crane ship")], n_px=14)
-    second = train_classifier(request_for(noise, read_training_boost(space, "flat"), recipe=recipe), space, QUIET)
+    second = train(noise, space, read_training_boost(space, "flat"), epochs=1)
     assert not second.was_finished and second.record.sha256 != first.record.sha256
 
 
@@ -100,10 +95,10 @@ def test_each_image_gets_its_class_where_its_seed_says(space):
 def test_sets_that_do_not_fit(noise, space):
     write_set(space, "few", classes=[(0, "crane"), (2, "crane ship")])
     with pytest.raises(ToolkitError, match="--patches few: the set has no patch of class 'dog' of the data"):
-        train_classifier(request_for(noise, read_training_boost(space, "few")), space, QUIET)
+        train(noise, space, read_training_boost(space, "few"))
     write_set(space, "large", n_px=30)
     with pytest.raises(ToolkitError, match="its patches are 30 px a side, and the network sees images of 24 px"):
-        train_classifier(request_for(noise, read_training_boost(space, "large")), space, QUIET)
+        train(noise, space, read_training_boost(space, "large"))
 
 
 def test_the_command(noise, space):

@@ -62,11 +62,11 @@ def test_a_square_larger_than_the_frame_is_centred():
 @pytest.mark.parametrize(
     ("ranges", "words"),
     [
-        ({"share": (0.5, 0.2)}, "share range 0.5 to 0.2"),
-        ({"foreshortening": (0.0, 1.0)}, "foreshortening range 0 to 1"),
-        ({"rotation_deg": (0, 900)}, "rotation range"),
-        ({"overhang": 0.5}, "overhang 0.5"),
-        ({"share": (float("nan"), 0.5)}, "share range nan"),
+        ({"share": (0.5, 0.2)}, "share 0.5 0.2: expected two rising numbers from 0.02 to 2"),
+        ({"foreshortening": (0.0, 1.0)}, "foreshortening 0 1: expected two rising numbers from 0.05 to 1"),
+        ({"rotation_deg": (0, 900)}, "rotation_deg 0 900: expected two rising numbers from -360 to 360"),
+        ({"overhang": 0.5}, "overhang 0.5: expected at least 0 and below 0.5"),
+        ({"share": (float("nan"), 0.5)}, "share nan 0.5: expected"),
     ],
 )
 def test_impossible_ranges_are_refused(ranges, words):

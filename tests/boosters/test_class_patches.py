@@ -5,13 +5,14 @@ import pytest
 from hue_network import LABELS, PX, make_hue_classifier, write_photos
 
 from toolkit.boosters import class_patches
-from toolkit.boosters.class_patches import FLAT, ClassPatchesRequest, train_class_patches
+from toolkit.boosters.class_patches import ClassPatchesConfig, make_flat_config, train_class_patches
 from toolkit.boosters.patch_sets import read_patch_set
+from toolkit.boosters.place_patches import Placement
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.training.image_set import open_images
 
-QUICK = {"choices": class_patches.replace(FLAT, steps=6, batch=4), "images": 20}
+QUICK = {"steps": 6, "batch": 4}
 
 
 @pytest.fixture
@@ -21,10 +22,11 @@ def place(tmp_path):
     return make_workspace(tmp_path / "space"), open_images(str(data), make_hue_classifier(), "train")
 
 
-def train(place, *args, **changes):
+def train(place, classes, sizes, corrupted=None, **changes):
     workspace, images = place
-    request = ClassPatchesRequest("hues", *args, **(QUICK | changes))
-    return train_class_patches(request, images, make_hue_classifier(), workspace, quiet=True)
+    config = ClassPatchesConfig(**({"set_name": "hues", "sizes_px": sizes, "images": 20} | changes))
+    patch = make_flat_config("default", QUICK | {"corrupted": corrupted}, Placement(), config)
+    return train_class_patches(config, patch, images, classes, make_hue_classifier(), workspace)
 
 
 def test_a_set_for_each_size_with_a_patch_for_each_class_that_helps(place):
@@ -56,7 +58,7 @@ def test_a_class_has_the_same_patch_whatever_else_is_trained_and_is_not_trained_
 def test_corruptions_in_the_loop_make_another_run_and_are_recorded(place):
     train(place, (1,), (16,))
     plain = read_patch_set(place[0], "hues-16", LABELS).patches[1]
-    train(place, (1,), (16,), choices=class_patches.replace(QUICK["choices"], corrupt=("contrast:5",)))
+    train(place, (1,), (16,), corrupted=("contrast:5",))
     spoilt = read_patch_set(place[0], "hues-16", LABELS).patches[1]
     assert "corrupted" not in plain.record.settings
     assert spoilt.record.settings["corrupted"]["corruptions"] == [["contrast", 5]]
@@ -67,11 +69,11 @@ def test_corruptions_in_the_loop_make_another_run_and_are_recorded(place):
 def test_a_killed_run_keeps_what_is_finished_and_goes_on(place, monkeypatch):
     real, calls = class_patches.train_patch, []
 
-    def die_at_the_second(request, *args, **kwargs):
-        calls.append(request.class_name)
+    def die_at_the_second(config, class_name, *args, **kwargs):
+        calls.append(class_name)
         if len(calls) == 2:
             raise KeyboardInterrupt
-        return real(request, *args, **kwargs)
+        return real(config, class_name, *args, **kwargs)
 
     monkeypatch.setattr(class_patches, "train_patch", die_at_the_second)
     with pytest.raises(KeyboardInterrupt):
@@ -91,9 +93,9 @@ def test_images_of_the_class_alone_where_there_are_enough_or_where_asked(place, 
 @pytest.mark.parametrize(
     ("sizes", "changes", "words"),
     [
-        ((PX + 1,), {}, "expected 8 to 32"),
-        ((16,), {"backgrounds": "some"}, "no choice of --backgrounds"),
-        ((16,), {"images": 1}, "--images 1"),
+        ((PX + 1,), {}, "sizes_px 33: expected 8 to 32"),
+        ((16,), {"backgrounds": "some"}, "backgrounds some: expected auto, all or class"),
+        ((16,), {"images": 1}, "images 1: expected at least 2"),
     ],
 )
 def test_bad_requests_are_one_line(place, sizes, changes, words):
@@ -102,5 +104,5 @@ def test_bad_requests_are_one_line(place, sizes, changes, words):
 
 
 def test_a_set_name_that_leaves_the_folder_is_refused():
-    with pytest.raises(ToolkitError, match="--set"):
-        ClassPatchesRequest("../out", (0,))
+    with pytest.raises(ToolkitError, match=r"set_name '\.\./out': expected letters"):
+        ClassPatchesConfig(set_name="../out")

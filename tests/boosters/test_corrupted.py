@@ -8,20 +8,18 @@ import numpy as np
 import pytest
 import torch
 from part_checks import count_changed, grey_noise
-from tiny_network import IMAGE_PX, tiny_classifier, wrap, write_photos
+from tiny_network import IMAGE_PX, tiny_config, train_tiny, wrap, write_photos
+from watched_patch import patch_gradient, train_watched
 
-from toolkit.boosters.data import DataRequest
+from toolkit.boosters.data import DataConfig
 from toolkit.boosters.parts.affine import AffineRanges
 from toolkit.boosters.parts.base import Appearance
 from toolkit.boosters.parts.corruption import DIFFERENTIABLE, Corrupted, corrupt_straight
-from toolkit.boosters.patch import train_patch
-from toolkit.boosters.patch_config import hash_inputs
-from toolkit.boosters.patch_recipes import Choices, list_settings, make_request
-from toolkit.boosters.patch_steps import Descent, Target, draw_first_patch, patch_gradient, train_steps
+from toolkit.boosters.patch_config import hash_inputs, make_config
+from toolkit.boosters.pixels import Target, draw_first_pixels, list_networks
 from toolkit.boosters.validation import validate_patch
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
-from toolkit.core.workspace import Workspace
 from toolkit.corruptions import CORRUPTIONS, corrupt
 
 STRAIGHT = sorted(set(CORRUPTIONS) - DIFFERENTIABLE)
@@ -78,7 +76,7 @@ def test_straight_through_training_has_the_clean_pictures_gradient_at_the_corrup
         def logits(self, photos):
             return torch.cat([linear(photos), -linear(photos)], 1) * 1e-4  # so flat that softmax is linear too
 
-    images, patch = torch.rand(3, 3, IMAGE_PX, IMAGE_PX), draw_first_patch(16, 0)
+    images, patch = torch.rand(3, 3, IMAGE_PX, IMAGE_PX), draw_first_pixels(16, 0)
     placement = AffineRanges()
     parts = [(), (Corrupted((("pixelate", 3),), 1),)]
     clean, through = (
@@ -127,33 +125,32 @@ class Named:
 
 
 def hash_of(recipe: str, **choices) -> str:
-    request = make_request(recipe, Choices(steps=3, **choices), "jet", DataRequest(("photos",)), 16)
-    return hash_inputs(request, "jet", [Target(Named, 3)], "0" * 64)
+    config = make_config(recipe, {"steps": 3, "size_px": 16, **choices}, DataConfig(sources=("photos",)))
+    return hash_inputs(config, "jet", list_networks([Target(Named, 3)]), "0" * 64)
 
 
 def test_a_request_without_it_keeps_its_hash():
     """As they were before there were corruptions in training: patches and checkpoints from then are still valid."""
     assert hash_of("default") == "ac58ed48d3c3fb0d04dcae0f2ea72012f26d52cea9a31f3f7adad427c60b493d"
     assert hash_of("paper") == "4ee8bd9ced923a9c4a0b2dfe83112af0fcbfc5dfb8a82c2a71359180b2d827ba"
-    others = {hash_of("default", corrupt=words) for words in (None, ("fog:3",), ("fog:2",), ("fog:3", "snow:1"))}
+    others = {hash_of("default", corrupted=words) for words in (None, ("fog:3",), ("fog:2",), ("fog:3", "snow:1"))}
     assert len(others) == 4
 
 
 def test_it_is_recorded_said_and_validated(tmp_path):
     photos = write_photos(tmp_path / "photos", 6)
-    choices = Choices(steps=2, batch=4, corrupt=("contrast:5", "jpeg_compression:2"))
-    request = make_request("default", choices, "jet", DataRequest((str(photos),)), 16)
-    table = "\n".join(list_settings(request, ["tiny"]))
+    choices = {"steps": 2, "batch": 4, "size_px": 16, "corrupted": ("contrast:5", "jpeg_compression:2")}
+    config = make_config("default", choices, DataConfig(sources=(str(photos),)))
+    table = "\n".join(config.lines(["tiny"]))
     assert "corrupted" in table and "contrast 5, jpeg_compression 2, probability 0.5" in table
-    made = train_patch(request, [tiny_classifier()], Workspace(tmp_path / "w"), quiet=True)
+    made = train_tiny(tmp_path / "w", photos, config)
     record = json.loads(Path(made.files.png).with_suffix(".json").read_text())
     assert record["settings"]["corrupted"] == {
         "corruptions": [["contrast", 5], ["jpeg_compression", 2]],
         "probability": 0.5,
     }
     assert record["final"]["tiny_corrupted_patched_n"] == 128 and "tiny_held_out_patched_top1" in record["final"]
-    again = train_patch(request, [tiny_classifier()], Workspace(tmp_path / "w"), quiet=True)
-    assert again.was_finished
+    assert train_tiny(tmp_path / "w", photos, config).was_finished
 
 
 class StripesOrRed(torch.nn.Module):
@@ -176,10 +173,9 @@ def test_a_patch_that_has_met_a_corruption_bears_it_better(name):
     found = {}
     for met in (False, True):
         seen = replace(clear, on_photo=(blur,)) if met else clear
-        descent = Descent(25, 4, 0.1, smoothing_px=0)
-        *_, last = train_steps(draw_first_patch(16, 0), 0, images, [target], seen, descent, IMAGE_PX)
+        task = train_watched(images, [target], seen, tiny_config(25, smoothing_px=0, start_contrast=1))
         for after in (None, blur):
-            (answer,) = validate_patch(last.patch, images, [target], clear, 0, IMAGE_PX, 16, corrupted=after)
+            (answer,) = validate_patch(task.seen[-1], images, [target], clear, 0, draws=16, corrupted=after)
             found[met, after is not None] = answer.patched.value
     assert found[False, False] == 1, "without the blur it does what it was trained for"
     assert found[True, True] > found[False, True] + 0.5

@@ -6,13 +6,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-from tiny_network import LABELS, tiny_classifier
+from tiny_network import LABELS, tiny_classifier, tiny_config
+from watched_patch import patch_gradient, train_watched
 
 from toolkit.boosters.linear_view import develop, srgb_to_linear
 from toolkit.boosters.mounted import draw_mounted, print_on_paper, show_mounted, stack_views, validate_mounted
 from toolkit.boosters.parts.affine import AffineRanges
 from toolkit.boosters.parts.base import Appearance
-from toolkit.boosters.patch_steps import Descent, Target, draw_first_patch, patch_gradient, train_steps
+from toolkit.boosters.pixels import Target, draw_first_pixels
 from toolkit.core.draws import Draws
 from toolkit.imaging import colour
 from toolkit.objects.load import load_object
@@ -89,12 +90,12 @@ def test_the_gradient_is_that_of_finite_differences(views):
     stacked = stack_views(views, SIZE_MM, "cpu")
     classifier = SimpleNamespace(logits=tiny_classifier().module.double().__call__)
     targets = [Target(classifier, 1)]
-    theta = draw_first_patch(10, 3).double() * 0.8 + 0.1
+    theta = draw_first_pixels(10, 3).double() * 0.8 + 0.1
     empty, draws = torch.empty(0, 3, 32, 32, dtype=torch.float64), Draws(0, 0)
 
     def loss_at(patch):
         waiting = draw_mounted(stacked, draws, 3, 32)
-        return patch_gradient(patch, empty, targets, Appearance(AffineRanges()), draws, waiting)
+        return patch_gradient(patch, empty, targets, Appearance(AffineRanges()), draws, mounted=waiting)
 
     gradient, _, _ = loss_at(theta)
     assert gradient.abs().max() > 0
@@ -111,13 +112,9 @@ def test_training_on_views_alone_raises_the_class(views):
     classifier = tiny_classifier(2)
     stacked = stack_views(views, SIZE_MM, "cpu")
     empty = torch.zeros(1, 3, 36, 36, dtype=torch.uint8)
-    steps = list(
-        train_steps(
-            draw_first_patch(16, 0), 0, empty, [Target(classifier, LABELS.index("jet"))], Appearance(AffineRanges()),
-            Descent(30, 4, 0.1), 32, lambda draws, count: draw_mounted(stacked, draws, count, 32), 1.0,
-        )
-    )  # fmt: skip
-    assert np.mean([s.loss for s in steps[-5:]]) < np.mean([s.loss for s in steps[:5]]) - 0.001
+    targets, config = [Target(classifier, LABELS.index("jet"))], tiny_config(30, mounted_share=1.0)
+    losses = train_watched(empty, targets, Appearance(AffineRanges()), config, stacked).history.figures["loss"]
+    assert np.mean(losses[-5:]) < np.mean(losses[:5]) - 0.001
 
 
 def test_held_out_views_are_not_trained_on(views):
@@ -146,7 +143,7 @@ def test_printer_and_camera_act_on_the_mounted_sheet_too(views):
     for on_print, on_photo in (((), ()), ((Darken(0.5),), ()), ((), (Darken(0.5),))):
         appearance = Appearance(AffineRanges(), on_print=on_print, on_photo=on_photo)
         waiting = draw_mounted(stacked, Draws(0, 0), 3, 32)
-        patch_gradient(theta, empty, [Target(classifier, 1)], appearance, Draws(0, 0), waiting)
+        patch_gradient(theta, empty, [Target(classifier, 1)], appearance, Draws(0, 0), mounted=waiting)
     plain, printed, photographed = seen
     changed = (plain - printed).abs().amax(dim=1) > 1e-6
     on_patch = draw_mounted(stacked, Draws(0, 0), 3, 32)(torch.zeros(3, 8, 8)) != plain

@@ -8,8 +8,8 @@ import pytest
 from tiny_network import tiny_classifier, write_photos
 
 from toolkit.boosters.data import (
-    DataRequest,
-    choose_files,
+    DataConfig,
+    choose_images,
     choose_object,
     cut_centres,
     draw_batch,
@@ -27,16 +27,16 @@ JET = frozenset({"jet"})
 
 
 def load(tmp_path, *sources, names=JET, **changes):
-    request = DataRequest(tuple(str(source) for source in sources), **changes)
-    return load_data(request, names, HOW, Workspace(tmp_path), tmp_path / "keep", quiet=True)
+    config = DataConfig(sources=tuple(str(source) for source in sources), **changes)
+    return load_data(config, names, HOW, Workspace(tmp_path), tmp_path / "keep")
 
 
 def test_images_of_the_class_are_taken_where_it_has_a_folder(tmp_path):
     write_photos(tmp_path / "d" / "train" / "Jet", 5)
     write_photos(tmp_path / "d" / "train" / "cat", 7)
-    choice = choose_files(tmp_path / "d", JET)
+    choice = choose_images(tmp_path / "d", JET)
     assert (choice.use, len(choice.files)) == ("class", 5)
-    assert (choose_files(tmp_path / "d", JET, "all").use, len(choose_files(tmp_path / "d", JET, "all").files)) == (
+    assert (choose_images(tmp_path / "d", JET, "all").use, len(choose_images(tmp_path / "d", JET, "all").files)) == (
         "backgrounds",
         12,
     )
@@ -49,11 +49,11 @@ def test_without_a_folder_of_the_class_every_image_is_a_background_and_recorded_
     assert record["sources"] == [{"source": "d", "use": "backgrounds", "found": 7, "used": 7}]
     assert record["train"] + record["held_out"] == 7
     with pytest.raises(ToolkitError, match="no sub-folder called jet"):
-        choose_files(tmp_path / "d", JET, "class")
+        choose_images(tmp_path / "d", JET, "class")
 
 
 def test_a_folder_that_is_itself_named_for_the_class_is_of_the_class(tmp_path):
-    assert choose_files(write_photos(tmp_path / "jet", 3), JET).use == "class"
+    assert choose_images(write_photos(tmp_path / "jet", 3), JET).use == "class"
 
 
 def test_wordnet_id_label_and_spelling_all_name_the_class():
@@ -122,12 +122,12 @@ def test_a_folder_that_cannot_be_used_is_one_clear_line(tmp_path, prepare, words
 
 
 def test_no_source_and_too_few_images_are_refused():
-    with pytest.raises(ToolkitError, match="--data FOLDER"):
-        DataRequest(())
-    with pytest.raises(ToolkitError, match="at least 2 for each"):
-        DataRequest(("a", "b"), images=3)
+    with pytest.raises(ToolkitError, match="sources : expected a folder of images, or 'rig' for renders"):
+        DataConfig(sources=())
+    with pytest.raises(ToolkitError, match="images 3: expected at least 2 for each of 2 sources"):
+        DataConfig(sources=("a", "b"), images=3)
     with pytest.raises(ToolkitError, match="did you mean all"):
-        choose_files("any", JET, "al")
+        DataConfig(sources=("a",), backgrounds="al")
 
 
 def test_sources_share_the_cap(tmp_path):
@@ -137,7 +137,7 @@ def test_sources_share_the_cap(tmp_path):
 
 
 def fake_rig(monkeypatch, calls):
-    def render_training_images(workspace, object_name, count, seed, quiet):
+    def render_training_images(workspace, object_name, count, seed):
         calls.append((object_name, count, seed))
         rng = np.random.default_rng(len(calls))  # never the same pixels twice, as with a moody driver
         for _ in range(count):
@@ -166,7 +166,7 @@ def test_the_rig_needs_an_object_of_the_class(tmp_path):
     assert is_rig_source("rig")
     assert is_rig_source("rig:racer")
     assert not is_rig_source("./rig")
-    with pytest.raises(ToolkitError, match="no object has the class jet: say --data rig:NAME"):
+    with pytest.raises(ToolkitError, match="no object has the class jet: say sources rig:NAME"):
         choose_object(Workspace(tmp_path), "rig", JET)
     assert choose_object(Workspace(tmp_path), "rig:racer", JET) == "racer"
     with pytest.raises(ToolkitError, match="no object called 'racr': did you mean racer"):

@@ -8,10 +8,9 @@ import pytest
 import torch
 from part_checks import check_gradient, count_changed, grey_noise
 
-from toolkit.boosters.data import DataRequest
+from toolkit.boosters.data import DataConfig
 from toolkit.boosters.parts.print_process import PrintProcess, ProfiledPrint, encode, use_profile
-from toolkit.boosters.patch_config import hash_inputs
-from toolkit.boosters.patch_recipes import Choices, list_settings, make_request
+from toolkit.boosters.patch_config import hash_inputs, make_config, use_printer
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import linear_to_srgb
 from toolkit.imaging.printer import (
@@ -47,11 +46,10 @@ def part(**changes) -> ProfiledPrint:
     return replace(use_profile(profile()), **{**NO_BLEED, **changes})
 
 
-def request(tmp_path: Path | None = None, **changes):
-    if tmp_path is None:
-        return make_request("default", Choices(**changes), "jet", DataRequest(("rig",)))
-    file = write_print_profile(tmp_path / "copier.json", profile())
-    return make_request("default", Choices(print_profile=file, **changes), "jet", DataRequest(("rig",)))
+def config(tmp_path: Path | None = None, **changes):
+    if tmp_path is not None:
+        changes = use_printer(changes, write_print_profile(tmp_path / "copier.json", profile()))
+    return make_config("default", changes, DataConfig(sources=("rig",)))
 
 
 def test_colours_are_those_that_the_profile_says():
@@ -107,28 +105,28 @@ def test_probability_is_kept():
 
 
 def test_the_flag_takes_the_place_of_the_generic_printer(tmp_path):
-    assert isinstance(request().print_process, PrintProcess)
-    asked = request(tmp_path)
+    assert isinstance(config().print_process, PrintProcess)
+    asked = config(tmp_path)
     assert asked.print_process == use_profile(profile())
     assert asked.appearance().on_print == (asked.print_process,)
     file = tmp_path / "copier.json"
-    paper = make_request("paper", Choices(print_profile=file), "jet", DataRequest(("photos",)))
+    paper = make_config("paper", use_printer({}, file), DataConfig(sources=("photos",)))
     assert isinstance(paper.print_process, ProfiledPrint)
-    with pytest.raises(ToolkitError, match="--no-print-process --print-profile"):
-        request(tmp_path, print_process=False)
+    with pytest.raises(ToolkitError, match=r"print_process off print_profile .*copier.json: expected one of the two"):
+        config(tmp_path, print_process=False)
 
 
 def test_the_profile_is_recorded_listed_and_makes_another_run(tmp_path):
-    generic, own = request(), request(tmp_path)
-    settings = json.loads(json.dumps(own.settings()))
+    generic, own = config(), config(tmp_path)
+    settings = json.loads(json.dumps(own.record()))
     assert settings["print_process"]["name"] == "copier" and len(settings["print_process"]["sha256"]) == 64
     assert settings["print_process"]["coefficients"] == [list(row) for row in profile().coefficients]
-    line = next(line for line in list_settings(own, ["net"]) if line.strip().startswith("print"))
+    line = next(line for line in own.lines(["net"]) if line.strip().startswith("print"))
     assert "as measured, profile copier" in line and "ΔE00 1.2" in line
     other = profile(coefficients=tuple((r + 0.001, g, b) for r, g, b in profile().coefficients))
     write_print_profile(tmp_path / "other.json", other)
-    third = make_request("default", Choices(print_profile=tmp_path / "other.json"), "jet", DataRequest(("rig",)))
-    hashes = {hash_inputs(one, "jet", [], "data") for one in (generic, own, third, request(tmp_path))}
+    third = make_config("default", use_printer({}, tmp_path / "other.json"), DataConfig(sources=("rig",)))
+    hashes = {hash_inputs(one, "jet", [], "data") for one in (generic, own, third, config(tmp_path))}
     assert len(hashes) == 3
 
 

@@ -1,12 +1,11 @@
 """Recipe and flags make settings; flags win; what acts is said."""
 
 import pytest
-from tiny_network import tiny_request
+from tiny_network import tiny_config
 
-from toolkit.boosters.data import DataRequest
+from toolkit.boosters.data import DataConfig
 from toolkit.boosters.parts.pose import MixedPlacement
-from toolkit.boosters.patch_config import hash_inputs
-from toolkit.boosters.patch_recipes import RECIPES, Choices, list_settings, make_request
+from toolkit.boosters.patch_config import RECIPES, hash_inputs, make_config
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.records import printed_size_mm
 
@@ -14,7 +13,7 @@ PARTS = ("pose", "light", "print_process", "glare", "camera")
 
 
 def make(recipe: str = "default", source: str = "photos", size_px: int = 100, **choices):
-    return make_request(recipe, Choices(**choices), "jet", DataRequest((source,)), size_px)
+    return make_config(recipe, {"size_px": size_px, **choices}, DataConfig(sources=(source,)))
 
 
 @pytest.mark.parametrize(
@@ -23,22 +22,22 @@ def make(recipe: str = "default", source: str = "photos", size_px: int = 100, **
         ("default", {}, {"steps": 600, "batch": 16, "lr": 0.05, "schedule": "cosine", "smoothing_px": 2.0}),
         ("default", {"epochs": 2}, {"steps": 26, "epochs": 2}),
         ("default", {"batch": 7, "lr": 0.01}, {"steps": 600, "batch": 7, "lr": 0.01}),
-        ("default", {"rotation": (0, 5)}, {"affine.rotation_deg": (0, 5), "affine.share": (0.20, 0.42)}),
+        ("default", {"affine.rotation_deg": (0, 5)}, {"affine.rotation_deg": [0, 5], "affine.share": [0.20, 0.42]}),
         ("default", {"tv_weight": 0.5}, {"tv_weight": 0.5, "printability_weight": 0.0}),
-        ("default", {"length_mm": 400.0}, {"pose.length_mm": 400.0}),
+        ("default", {"pose.length_mm": 400.0}, {"pose.length_mm": 400.0}),
         ("paper", {}, {"steps": 30, "epochs": 30, "batch": 512, "lr": 0.1, "schedule": "constant"}),
         ("paper", {}, {"smoothing_px": 0.0, "start_contrast": 1.0, "mounted_share": 0.0, "mounted_views": None}),
         ("paper", {}, {"pose": None, "light": None, "print_process": None, "glare": None, "camera": None}),
         ("paper", {}, {"without_effect": {"momentum": 0.9, "weight_decay": 1e-4}}),
         ("paper", {"batch": 16, "epochs": 2}, {"steps": 26, "epochs": 2, "batch": 16, "lr": 0.1}),
         ("paper", {"steps": 5}, {"steps": 5, "epochs": None, "batch": 512}),
-        ("paper", {"smoothing": 1.0, "schedule": "linear"}, {"smoothing_px": 1.0, "schedule": "linear"}),
+        ("paper", {"smoothing_px": 1.0, "schedule": "linear"}, {"smoothing_px": 1.0, "schedule": "linear"}),
         ("paper", {"light": True, "pose": True}, {"light.probability": 1.0, "pose.probability": 0.5, "camera": None}),
     ],
 )
 def test_recipe_and_flags_make_settings(recipe, choices, settings):
     """With 205 training images: 13 steps of 16, or 1 of 512, an epoch."""
-    found = make(recipe, **choices).count_steps(205).settings()
+    found = make(recipe, **choices).count_steps(205).record()
     for name, wanted in settings.items():
         value = found
         for key in name.split("."):
@@ -48,9 +47,9 @@ def test_recipe_and_flags_make_settings(recipe, choices, settings):
 
 @pytest.mark.parametrize("part", PARTS)
 def test_every_part_can_be_switched_alone(part):
-    without = make(**{part: False}).settings()
+    without = make(**{part: False}).record()
     assert [name for name in PARTS if without[name] is None] == [part]
-    alone = make("paper", **{part: True}).settings()
+    alone = make("paper", **{part: True}).record()
     assert [name for name in PARTS if alone[name] is not None] == [part]
 
 
@@ -59,7 +58,7 @@ def test_the_parts_reach_the_appearance():
     assert isinstance(full.placement, MixedPlacement)
     assert [len(full.on_print), len(full.on_paper), len(full.on_photo)] == [1, 2, 3]
     assert [len(bare.on_print), len(bare.on_paper), len(bare.on_photo)] == [0, 0, 0]
-    assert bare.placement == make("paper").placement
+    assert bare.placement == make("paper").affine
 
 
 def test_a_default_part_acts_in_a_quarter_to_a_half():
@@ -78,8 +77,8 @@ def test_mounted_share_follows_recipe_and_source():
 def test_the_pose_knows_the_printed_size_and_a_large_patch_a_large_object():
     assert make(size_px=60).pose.size_mm == printed_size_mm(60)
     assert make(size_px=400).pose.length_mm == printed_size_mm(400)
-    with pytest.raises(ToolkitError, match="--length-mm"):
-        make(size_px=100, length_mm=50.0)
+    with pytest.raises(ToolkitError, match=r"pose.length_mm 50: expected no less than the patch on it, 88.2 mm"):
+        make(size_px=100, **{"pose.length_mm": 50.0})
 
 
 def test_penalty_is_none_unless_weighed():
@@ -103,13 +102,13 @@ def test_settings_decide_the_hash():
     ("recipe", "choices", "words"),
     [
         ("papers", {}, "no recipe called 'papers': did you mean paper"),
-        ("paper", {"steps": 3, "epochs": 3}, "--steps 3 --epochs 3: expected one"),
-        ("paper", {"epochs": 0}, "--epochs 0: expected at least 1"),
-        ("default", {"tv_weight": -1.0}, "--tv-weight -1: expected 0 or more"),
-        ("default", {"printability_weight": float("nan")}, "--printability-weight nan"),
-        ("default", {"share": (0.5, 0.2)}, "share range 0.5 to 0.2"),
-        ("default", {"mounted_views": 0}, "--mounted-views 0"),
-        ("default", {"batch": 0}, "--batch 0"),
+        ("paper", {"steps": 3, "epochs": 3}, "steps 3 epochs 3: expected one of the two"),
+        ("paper", {"epochs": 0}, "epochs 0: expected at least 1"),
+        ("default", {"tv_weight": -1.0}, "tv_weight -1: expected at least 0"),
+        ("default", {"printability_weight": float("nan")}, "printability_weight nan: expected"),
+        ("default", {"affine.share": (0.5, 0.2)}, "affine.share 0.5 0.2: expected two rising numbers from 0.02 to 2"),
+        ("default", {"mounted_views": 0}, "mounted_views 0: expected at least 2"),
+        ("default", {"batch": 0}, "batch 0: expected at least 1"),
     ],
 )
 def test_what_cannot_be_is_one_clear_line(recipe, choices, words):
@@ -121,9 +120,9 @@ def test_what_cannot_be_is_one_clear_line(recipe, choices, words):
 @pytest.mark.parametrize("recipe", list(RECIPES))
 def test_every_setting_that_acts_is_said(recipe):
     request = make(recipe, printability_weight=0.25).count_steps(205)
-    lines = list_settings(request, ["resnet18", "mobilenet_v2"])
+    lines = request.lines(["resnet18", "mobilenet_v2"])
     text = "\n".join(lines)
-    assert f"{request.descent.steps}" in text
+    assert f"{request.steps}" in text
     assert "resnet18, mobilenet_v2" in text
     assert "cross-entropy + non-printability × 0.25" in text
     assert "rotation -180 to 180°" in text
@@ -134,7 +133,7 @@ def test_every_setting_that_acts_is_said(recipe):
         ("glare", "strip"),
         ("camera", "quality"),
     ):
-        acts = request.settings()[name] is not None
+        acts = request.record()[name] is not None
         assert (word in text) == acts
         assert (name in off) != acts
     starts = {len(line) - len(line[2:].partition("  ")[2].lstrip()) for line in lines}
@@ -142,12 +141,12 @@ def test_every_setting_that_acts_is_said(recipe):
     assert ("momentum 0.9" in text) == (recipe == "paper")
 
 
-def test_a_request_by_hand_needs_no_recipe(tmp_path):
-    assert "custom" in list_settings(tiny_request(tmp_path), ["tiny"])[0]
+def test_a_config_by_hand_needs_no_recipe():
+    assert "custom" in tiny_config().lines(["tiny"])[0]
 
 
 @pytest.mark.parametrize("fill", [(0.9, 0.5), (0.01, 0.5), (0.5, 1.5)])
 def test_a_distance_that_no_frame_holds_is_refused(fill):
-    with pytest.raises(ToolkitError, match=r"--mounted-fill .*: expected two shares of the frame"):
+    with pytest.raises(ToolkitError, match=r"mounted_fill .*: expected two rising numbers from 0.05 to 1"):
         make(source="rig", mounted_fill=fill)
-    assert make(source="rig", mounted_fill=(0.2, 0.5)).settings()["mounted_fill"] == (0.2, 0.5)
+    assert make(source="rig", mounted_fill=(0.2, 0.5)).record()["mounted_fill"] == [0.2, 0.5]

@@ -17,7 +17,7 @@ def type_command(tmp_path, monkeypatch, capsys):
     """Run `toolkit train-patch ARGUMENTS` in an empty folder; returns exit code, stdout and stderr."""
     loaded = []
 
-    def load_tiny(arch, weights, device, quiet, folder):
+    def load_tiny(arch, weights, device, folder):
         loaded.append((arch, weights))
         return tiny_classifier()
 
@@ -92,8 +92,14 @@ def test_bad_images_are_listed_and_the_exit_code_says_so(type_command, tmp_path)
         (["--class", "jett", "--data", "photos"], "no class called 'jett': did you mean jet"),
         (["--class", "jet", "--data", "nowhere", "--size-px", "16"], "--data nowhere does not exist"),
         (["--class", "jet", "--data", "photos", "--size-px", "400"], "--size-px 400: expected 8 to 32"),
-        (["--class", "jet", "--data", "photos", "--share", "0.5", "0.2"], "share range 0.5 to 0.2"),
-        (["--class", "jet", "--data", "photos", "--schedule", "cos"], "no schedule called 'cos'"),
+        (
+            ["--class", "jet", "--data", "photos", "--share", "0.5", "0.2"],
+            "--share 0.5 0.2: expected two rising numbers from 0.02 to 2",
+        ),
+        (
+            ["--class", "jet", "--data", "photos", "--schedule", "cos"],
+            "--schedule cos: expected constant, linear or cosine; did you mean cosine",
+        ),
         (
             ["--class", "jet", "--data", "photos", "--model", "resnet18", "--weights", "a.pth", "--weights", "b.pth"],
             "1 --model and 2 --weights",
@@ -175,8 +181,8 @@ def test_parts_are_switched_and_losses_weighed(type_command, tmp_path):
     [
         (["--recipe", "papre"], "no recipe called 'papre': did you mean paper"),
         (["--steps", "3", "--epochs", "2"], "--steps 3 --epochs 2: expected one"),
-        (["--printability-weight", "-1"], "--printability-weight -1: expected 0 or more"),
-        (["--length-mm", "5"], "a patch of 88.1944 mm on an object of 5 mm"),
+        (["--printability-weight", "-1"], "--printability-weight -1: expected at least 0"),
+        (["--length-mm", "5"], "--length-mm 5: expected no less than the patch on it, 88.2 mm"),
     ],
 )
 def test_recipes_that_cannot_be_are_one_line(type_command, arguments, words):

@@ -3,16 +3,14 @@
 import json
 import re
 import sys
-from functools import partial
 
 import numpy as np
 import pytest
 from PIL import Image
 from tiny_network import tiny_classifier
 
-from toolkit.boosters import texture_recipes as recipes
+from toolkit.boosters.texture_config import RECIPES
 from toolkit.cli import main
-from toolkit.rig.views import ViewSettings
 
 QUICK = ["--class", "jet", "--steps", "2", "--batch", "2", "--size-px", "16", "--workers", "0"]
 
@@ -23,7 +21,8 @@ def type_command(tmp_path, monkeypatch, capsys, make_crate_space):
     space = make_crate_space(tmp_path / "w")
     monkeypatch.chdir(space.root)
     monkeypatch.setattr("toolkit.models.load.load_classifier", lambda *arguments: tiny_classifier())
-    monkeypatch.setattr(recipes, "ViewSettings", partial(ViewSettings, studios=1, per_studio=2))
+    for name, recipe in list(RECIPES.items()):
+        monkeypatch.setitem(RECIPES, name, recipe.model_copy(update={"studios": 1, "per_studio": 2}))
 
     def run(*arguments: str) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["toolkit", "train-texture", *arguments])
@@ -71,8 +70,8 @@ def test_a_keep_image_needs_coordinates_of_the_mesh_itself(type_command):
     [
         (["--object", "cart"], "crate"),
         (["--object", "crate", "--size-px", "5000"], "8 to 1024"),
-        (["--object", "crate", "--optimiser", "lion"], "sign, sgd, adam"),
-        (["--object", "crate", "--gradient", "exact"], "shaded, linear"),
+        (["--object", "crate", "--optimiser", "lion"], "--optimiser lion: expected sign, sgd or adam"),
+        (["--object", "crate", "--gradient", "exact"], "--gradient exact: expected shaded or linear"),
         (["--object", "crate", "--recipe", "best"], "default, paper"),
         (["--object", "crate", "--recipe", "paper"], "--backgrounds"),
         (["--object", "crate", "--backgrounds", "nowhere"], "--backgrounds nowhere does not exist"),

@@ -2,10 +2,12 @@
 
 import numpy as np
 import torch
+from tiny_network import tiny_config
+from watched_patch import train_watched
 
 from toolkit.boosters.parts.affine import AffineRanges
 from toolkit.boosters.parts.base import Appearance
-from toolkit.boosters.patch_steps import Descent, Target, draw_first_patch, train_steps
+from toolkit.boosters.pixels import Target
 from toolkit.boosters.validation import validate_patch
 from toolkit.models.load import load_classifier
 
@@ -16,20 +18,12 @@ def test_a_real_resnet_learns_to_see_a_warplane(real_weights):
     targets = [Target(classifier, classifier.class_index("warplane"))]
     coarse = np.random.default_rng(0).integers(0, 256, (5, 3, 8, 8), np.uint8)
     images = torch.from_numpy(coarse.repeat(32, axis=2).repeat(32, axis=3))
-    appearance = Appearance(AffineRanges((0, 0), (0.7, 0.7), (1, 1)))
-    steps = list(
-        train_steps(
-            draw_first_patch(100, 0),
-            0,
-            images[:4],
-            targets,
-            appearance,
-            Descent(14, 2, 0.1, smoothing_px=0, start_contrast=1),
-            224,
-        )
-    )
-    assert steps[0].accuracy == 0
-    assert steps[-1].loss < steps[0].loss / 2
-    (answer,) = validate_patch(steps[-1].patch, images[4:], targets, appearance, 0, 224, draws=4)
+    appearance = Appearance(AffineRanges(rotation_deg=(0, 0), share=(0.7, 0.7), foreshortening=(1, 1)))
+    config = tiny_config(14, size_px=100, batch=2, smoothing_px=0, start_contrast=1)
+    task = train_watched(images[:4], targets, appearance, config)
+    losses = task.history.figures["loss"]
+    assert task.history.figures["accuracy"][0] == 0
+    assert losses[-1] < losses[0] / 2
+    (answer,) = validate_patch(task.seen[-1], images[4:], targets, appearance, 0, draws=4)
     assert (answer.bare.hits, answer.bare.n) == (0, 1)
     assert answer.patched.hits >= 3

@@ -33,7 +33,7 @@ FOG = ("fog", 3)
 def shot(tmp_path_factory, make_crate_space):
     """A workspace with four images; not to be changed."""
     space = make_crate_space(tmp_path_factory.mktemp("shot"))
-    shoot_plan(space, read_plan(space.plan_file), ["crate"], settings=ShootSettings(backdrop="white"), quiet=True)
+    shoot_plan(space, read_plan(space.plan_file), ["crate"], settings=ShootSettings(backdrop="white"))
     return space
 
 

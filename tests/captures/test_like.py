@@ -66,7 +66,7 @@ def shot(tmp_path_factory, make_crate_space):
         pixels = board_photos.photograph(crate, None, lens, T_world_camera, backdrop="white")
         board_photos.save_photo(real / path, pixels)
         append_record(real, record(path, pose_id, lens, T_world_camera, image_sha256=sha256_file(real / path)))
-    return space, shoot_like(space, real, SETTINGS, max_px=MAX_PX, quiet=True)
+    return space, shoot_like(space, real, SETTINGS, max_px=MAX_PX)
 
 
 def outline(picture) -> np.ndarray:
@@ -174,7 +174,7 @@ def space(shot, tmp_path):
 
 
 def again(space, **more):
-    return shoot_like(space, space.captures_dir / "real", SETTINGS, max_px=MAX_PX, quiet=True, **more)
+    return shoot_like(space, space.captures_dir / "real", SETTINGS, max_px=MAX_PX, **more)
 
 
 def test_only_a_photograph_with_a_new_pose_is_shot_again(space):

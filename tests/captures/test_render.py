@@ -20,7 +20,7 @@ def space(tmp_path, make_crate_space):
 
 def test_the_pixels_are_those_of_the_files(space):
     plan, settings = open_plan(space), ShootSettings(seed=3, image_format="png", backdrop="slate")
-    shot = shoot_plan(space, plan, ["crate"], settings=settings, quiet=True)
+    shot = shoot_plan(space, plan, ["crate"], settings=settings)
     item, poses, camera = load_object(space.object_spec("crate")), plan.objects["crate"], plan.camera
     for variant, booster in (("unpatched", None), ("patched", read_patch(space.patch("crate")))):
         files = [shot.source_dir / "crate" / variant / f"pose_{pose.id:02d}.png" for pose in poses]

@@ -27,7 +27,7 @@ PATHS = [f"crate/{variant}/pose_{i:02d}.jpg" for variant in ("patched", "unpatch
 
 
 def shoot(space, variants=("unpatched", "patched"), settings=SETTINGS, objects=("crate",), **more):
-    return shoot_plan(space, read_plan(space.plan_file), objects, variants, settings, quiet=True, **more)
+    return shoot_plan(space, read_plan(space.plan_file), objects, variants, settings, **more)
 
 
 @pytest.fixture(scope="module")
@@ -171,7 +171,7 @@ def killed(source_dir, record):
 shoot.append_record = killed
 space = Workspace(Path(sys.argv[1]))
 settings = shoot.ShootSettings(backdrop="white")
-shoot.shoot_plan(space, read_plan(space.plan_file), ["crate"], settings=settings, quiet=True)
+shoot.shoot_plan(space, read_plan(space.plan_file), ["crate"], settings=settings)
 """
 
 
@@ -298,4 +298,4 @@ def test_photographs_are_not_shot_over(tmp_path, make_crate_space):
     source.mkdir(parents=True)
     append_record(source, CaptureRecord(path="crate/patched/pose_01.jpg", object="crate", variant="patched"))
     with pytest.raises(ToolkitError, match=r"holds photographs \(crate/patched/pose_01.jpg\).*--source"):
-        shoot_plan(space, read_plan(space.plan_file), ["crate"], source="kitchen", quiet=True)
+        shoot_plan(space, read_plan(space.plan_file), ["crate"], source="kitchen")

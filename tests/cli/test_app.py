@@ -3,6 +3,7 @@
 from importlib import import_module
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from toolkit import __version__
@@ -23,6 +24,25 @@ def test_the_help_lists_every_command_once_under_its_group():
 def test_every_entry_names_a_function_with_a_docstring(name, entry):
     module, _, function = entry.place.partition(":")
     assert getattr(import_module(f"toolkit.cli.{module}"), function).__doc__, name
+
+
+@pytest.mark.parametrize("columns", [80, 120])
+@pytest.mark.parametrize("name", [name for name, _ in list_places()])
+def test_a_commands_help_reads_well(name, columns):
+    text = CliRunner().invoke(app, [name, "--help"], env={"COLUMNS": str(columns)}, prog_name="toolkit").output
+    assert text.startswith(f"Usage: toolkit {name} [OPTIONS]") and "\nEvery command:\n" in text
+    assert max(map(len, text.splitlines())) <= columns
+    lines = [line for line in text.splitlines() if line.startswith("  -")]
+    assert lines and not any(mark in line for line in lines for mark in ("<", "…", "..."))
+    assert "x>=" not in text and "<=x" not in text
+
+
+def test_an_earlier_spelling_works_where_it_is_no_options_name():
+    shown = CliRunner().invoke(app, ["plan", "--help"]).output
+    assert "--resolution" in shown and "--size" not in shown
+    for name, entry in list_places():
+        known = {opt for one in typer.main.get_command(app).commands[name].load().params for opt in one.opts}
+        assert {today for earlier, today in entry.old.items() if earlier not in known} <= known, name
 
 
 def test_a_mistyped_command_is_answered_by_the_nearest():

@@ -49,13 +49,13 @@ def photos(tmp_path):
 
 
 def test_it_says_what_it_made_and_what_comes_next(type_command, tmp_path):
-    ran = type_command("qr", "--size", "60", "--size", "50")
+    ran = type_command("qr", "--size-px", "60", "--size-px", "50")
     assert ran.code == 0, ran.told
     assert f"{tmp_path}/print/patches/qr-60: 2 pictures of 60 px" in ran.said
     assert f"{tmp_path}/print/patches/qr-50: 2 pictures of 50 px" in ran.said
     assert "next: toolkit corrupt-eval --data FOLDER --patches qr-60" in ran.said
     assert "Making qr: 2 to do" in ran.told
-    again = type_command("qr", "--size", "60", "--quiet")
+    again = type_command("qr", "--size-px", "60", "--quiet")
     assert again.code == 0
     assert "qr-60: its 2 pictures were made from these inputs before: nothing to do" in again.said
     assert again.told == ""
@@ -63,13 +63,13 @@ def test_it_says_what_it_made_and_what_comes_next(type_command, tmp_path):
 
 
 def test_fixed_patterns_are_trained_with_next(type_command):
-    ran = type_command("fixed-pattern", "--size", "20", "--set", "noise", "--class", "jet")
+    ran = type_command("fixed-pattern", "--size-px", "20", "--set", "noise", "--class", "jet")
     assert "noise-20: 1 picture of 20 px" in ran.said
     assert "next: toolkit train-classifier --data FOLDER --patches noise-20" in ran.said
 
 
 def test_json_is_the_result_and_nothing_else(type_command, photos):
-    ran = type_command("best-image", "--data", "photos", "--size", "32", "--json", "--quiet")
+    ran = type_command("best-image", "--data", "photos", "--size-px", "32", "--json", "--quiet")
     result = json.loads(ran.said)
     assert ran.code == 0
     assert result["skipped"] == []
@@ -82,7 +82,7 @@ def test_json_is_the_result_and_nothing_else(type_command, photos):
 def test_bad_images_are_listed_and_the_exit_code_says_so(type_command, photos):
     (photos / "jet/1.png").write_bytes((photos / "jet/1.png").read_bytes()[:80])
     for _ in range(2):
-        ran = type_command("best-image", "--data", "photos", "--size", "32")
+        ran = type_command("best-image", "--data", "photos", "--size-px", "32")
         assert ran.code == 1
         assert "skipped jet/1.png: truncated" in ran.told
         assert "best-image-32" in ran.said, "the good part is done"
@@ -94,7 +94,7 @@ def test_bad_images_are_listed_and_the_exit_code_says_so(type_command, photos):
     [
         (["best-image"], "best-image: expected training images"),
         (["best-img"], "no baseline called 'best-img': did you mean best-image"),
-        (["qr", "--size", "30"], "--size 30: expected 46"),
+        (["qr", "--size-px", "30"], "--size-px 30: expected 46"),
         (["qr", "--class", "horse"], "called 'horse'"),
     ],
 )

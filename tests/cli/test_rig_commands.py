@@ -31,7 +31,7 @@ def call(*arguments, code=0):
 
 def test_plan_writes_what_it_was_asked_for_and_prints_it(space):
     result = call(
-        "plan", "--pattern", "fibonacci", "--count", 7, "--elevation", 30, 60, "--size", 160, 120, "--fill", 0.5
+        "plan", "--pattern", "fibonacci", "--count", 7, "--elevation", 30, 60, "--resolution", 160, 120, "--fill", 0.5
     )
     plan = read_plan(space.plan_file)
     assert (plan.camera.width, plan.camera.height) == (160, 120)
@@ -39,7 +39,7 @@ def test_plan_writes_what_it_was_asked_for_and_prints_it(space):
     assert all(30 <= pose.elevation_deg <= 60 for pose in plan.objects["crate"])
     assert "crate" in result.stdout and "plan.json" in result.stdout and "toolkit capture-sim" in result.stdout
     first = space.plan_file.read_bytes()
-    call("plan", "--pattern", "fibonacci", "--count", 7, "--elevation", 30, 60, "--size", 160, 120, "--fill", 0.5)
+    call("plan", "--pattern", "fibonacci", "--count", 7, "--elevation", 30, 60, "--resolution", 160, 120, "--fill", 0.5)
     assert space.plan_file.read_bytes() == first
 
 
@@ -59,7 +59,7 @@ def test_plan_as_json_is_the_file(space):
 
 
 def test_the_preview_draws_positions_and_what_they_see(space):
-    call("plan", "--count", 2, "--size", 96, 72, "--preview", "--json")
+    call("plan", "--count", 2, "--resolution", 96, 72, "--preview", "--json")
     for kind, size in (("positions", (1320, 660)), ("sheet", (640, 240))):
         picture = Image.open(space.root / "rig" / "preview" / f"crate-{kind}.png")
         assert picture.size == size

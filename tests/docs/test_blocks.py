@@ -112,7 +112,7 @@ QUICK: dict[str, Command] = {
     "init": [],
     "objects": [],
     "print": [],
-    "plan": ["--object", "warplane", "--count", "2", "--size", "160", "120"],
+    "plan": ["--object", "warplane", "--count", "2", "--resolution", "160", "120"],
     "capture-sim": [],
     "corrupt": [],
     "add": [],
@@ -137,13 +137,16 @@ NEEDS = (
 """What a line needs that the small workspace has not, or what takes long: a board makes every picture large."""
 
 
-def put_light_warplane(folder: Path) -> None:
-    """A box in the shipped warplane's place: a workspace's own object wins."""
+def put_light_objects(folder: Path) -> None:
+    """Boxes in the place of the objects that come with the kit: a workspace's own objects win."""
     import trimesh
 
-    trimesh.creation.box((270, 200, 90)).export(folder / "rig/objects/warplane.obj")
-    spec = 'class = "warplane"\nmesh = "warplane.obj"\nlength_mm = 270\n[patch]\nsize_mm = 88\n'
-    (folder / "rig/objects/warplane.toml").write_text(spec, encoding="utf-8")
+    from toolkit.objects.load import BUILTIN
+
+    trimesh.creation.box((270, 200, 90)).export(folder / "rig/objects/box.obj")
+    for name in BUILTIN:
+        spec = f'class = "{name}"\nmesh = "box.obj"\nlength_mm = 270\n[patch]\nsize_mm = 88\n'
+        (folder / f"rig/objects/{name}.toml").write_text(spec, encoding="utf-8")
 
 
 def is_quick(words: Command) -> bool:
@@ -152,6 +155,8 @@ def is_quick(words: Command) -> bool:
         return False
     named = [value for flag, value in pairwise(words) if flag in ("--model", "--source", "--recipe")]
     is_here = all(value in ("rig18", "sim", "sim-mine") for value in named)
+    if words[1] == "train-patch" and not {"--out", "rig:mug"} & set(words):
+        return False  # some of them are enough
     if words[1] == "print":
         return not any(one in word for word in words for one in NEEDS[2:-1])
     return is_here and not any(one in word for word in words for one in NEEDS) and "racer" not in words
@@ -187,7 +192,7 @@ def shot_space(tmp_path_factory: pytest.TempPathFactory) -> Path:
     from toolkit.rig.plan import make_plan, write_plan
 
     space = make_workspace(tmp_path_factory.mktemp("docs") / "lab")
-    put_light_warplane(space.root)
+    put_light_objects(space.root)
     item = load_object(space.object_spec("warplane"))
     plan = make_plan([item], Camera.from_fov(160, 120, 40.0), Pattern(count=2))
     write_plan(space.plan_file, plan)
@@ -209,6 +214,7 @@ def lab(shot_space: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
 RUNNING = [page for page in PAGES if any(map(is_quick, list_commands(read_page(page))))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in RUNNING if page not in ("README.md", "docs/tutorial.md")])
 def test_quick_commands_run(page: str, lab: Path, run: Callable[[Command], None]) -> None:
     for words in list_commands(read_page(page)):
@@ -216,6 +222,7 @@ def test_quick_commands_run(page: str, lab: Path, run: Callable[[Command], None]
             run(words)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", ["README.md", "docs/tutorial.md"])
 def test_the_road_runs_from_an_empty_folder(
     page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, run: Callable[[Command], None]
@@ -225,7 +232,7 @@ def test_the_road_runs_from_an_empty_folder(
     for words in list_commands(read_page(page)):
         if words[0] == "cd":
             monkeypatch.chdir(words[1])
-            put_light_warplane(Path.cwd())
+            put_light_objects(Path.cwd())
         elif is_quick(words):
             run(words)
             ran.append(words[1])
@@ -246,6 +253,7 @@ SMALLER = {
 """In Python blocks, what is put in the place of settings that take minutes."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", [page for page in PAGES if list_blocks(read_page(page), "python")])
 def test_python_runs(page: str, lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(lab.parent)  # what a block calls `lab` is there already

@@ -242,10 +242,10 @@ def test_probabilities_are_placed_by_their_odds():
 
 def test_the_chart_marks_what_the_rig_got_wrong():
     (view,) = view_sim_real(compare_sim_real([*series("real", "+-+-"), *series("sim", "++--")]))
-    (chart,) = view.charts
-    assert [point.kind for point in chart.points] == ["both", "sim", "real", "neither"]
-    assert all(point.x == pytest.approx(SIDE - point.y) for point in chart.points)  # equal probabilities: the diagonal
-    assert "racer, pose 2: 2 % in the rig, 2 % in the photograph" in chart.points[1].words
+    (points,) = view.charts.values()
+    assert [point.kind for point in points] == ["both", "sim", "real", "neither"]
+    assert all(point.x == pytest.approx(SIDE - point.y) for point in points)  # equal probabilities: the diagonal
+    assert "racer, pose 2: 2 % in the rig, 2 % in the photograph" in points[1].words
     assert [card.title for card in view.cards] == ["racer · patched · pose 2", "racer · patched · pose 3"]
     many = [*series("real", "-" * 60), *[one("sim", i, True, prob=1 - 0.001 * i) for i in range(1, 61)]]
     (view,) = view_sim_real(compare_sim_real(many))

@@ -81,7 +81,7 @@ NO_BOARD = Board({})
 
 def run(space, paths, settings=PATCHED, board=NO_BOARD, **options):
     paths = paths if isinstance(paths, list) else [paths]
-    return import_photos(space, paths, settings, locate=board, quiet=True, **options)
+    return import_photos(space, paths, settings, locate=board, **options)
 
 
 def no_render(studied, group):

@@ -1,11 +1,8 @@
-"""A light object, its atlas and views, and a request for a tiny network."""
-
-from dataclasses import replace
+"""A light object, its atlas and views, and settings for a tiny network."""
 
 import numpy as np
 
-from toolkit.boosters.patch_steps import Descent
-from toolkit.boosters.texture_config import TextureRequest
+from toolkit.boosters.texture_config import TextureConfig
 from toolkit.objects.atlas import Atlas, make_atlas
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Mesh
@@ -39,9 +36,9 @@ def render_linear(atlas: Atlas, count: int = 2, side: int = SIDE):
     return [renderer.render_linear(camera, pose, texture) for pose in poses], studio, camera, poses
 
 
-def crate_request(steps: int = 6, **changes) -> TextureRequest:
-    request = TextureRequest(
-        ("crate",), "jet", TEXELS, descent=Descent(steps=steps, batch=2, lr=0.1), views=replace(VIEWS, image_px=32),
-        reuse=2, held_out=1,
-    )  # fmt: skip
-    return replace(request, **changes)
+def crate_config(steps: int = 6, **changes) -> TextureConfig:
+    settings = {
+        "objects": ("crate",), "size_px": TEXELS, "steps": steps, "batch": 2, "lr": 0.1, "studios": 1, "per_studio": 4,
+        "reuse": 2, "held_out": 1,
+    }  # fmt: skip
+    return TextureConfig(**(settings | changes))

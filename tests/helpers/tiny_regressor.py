@@ -12,7 +12,7 @@ STEPS = 14
 
 
 class Regressor(Task[dict[str, np.ndarray]]):
-    """Where a drone shall land, (x, y) in metres, from three numbers; it keeps a running mean, as normalisation does."""
+    """Where a drone shall land, (x, y) in metres, from three numbers; it keeps a running mean."""
 
     kind = "regressor"
     TRUE = torch.tensor([[1.0, -2.0, 0.5], [0.25, 3.0, -1.0]])

@@ -14,7 +14,7 @@ from toolkit.core.files import sha256_file
 from toolkit.models import bundled, find, load_classifier
 from toolkit.models.bundled import load_best, read_bundled
 from toolkit.models.find import find_classifier, list_own
-from toolkit.training.classifier import halve_weights, summarise_answers
+from toolkit.training.classifier_task import halve_weights, summarise_answers
 
 LABELS = ["racer", "warplane", "coffee mug"]
 
@@ -118,9 +118,9 @@ def test_the_workspaces_rig18_wins_over_the_bundled_one(tmp_path, nothing_bundle
 
 def test_the_demo_takes_imagenet_where_it_can_and_else_says_so(tmp_path, nothing_bundled, monkeypatch):
     with pytest.raises(ToolkitError, match=r"no weights for resnet18: .*Network is unreachable"):
-        load_best("cpu", quiet=True)
+        load_best("cpu")
     write_own(nothing_bundled, "rig18")
-    classifier, why = load_best("cpu", quiet=True)
+    classifier, why = load_best("cpu")
     assert classifier.name == "rig18" and not classifier.is_imagenet
     assert why == "no weights of resnet18 on this machine, and none could be downloaded"
     assert torch.randn(1).isfinite()
@@ -128,7 +128,7 @@ def test_the_demo_takes_imagenet_where_it_can_and_else_says_so(tmp_path, nothing
     folder.mkdir()
     torch.save(torchvision.models.resnet18().state_dict(), folder / "resnet18-random.pth")
     monkeypatch.setenv("TOOLKIT_WEIGHTS", str(folder))
-    classifier, why = load_best("cpu", quiet=True)
+    classifier, why = load_best("cpu")
     assert classifier.is_imagenet and classifier.name == "resnet18" and "on this machine" in why
     assert classifier.describe() == "resnet18 (ImageNet's 1000 classes, weights resnet18-random.pth)"
 

@@ -413,7 +413,7 @@ def test_a_folder_is_judged_once(bench, monkeypatch):
         T_world_camera=pose(1).tolist(), intrinsics=LENS.intrinsics, image_sha256=folder_check.sha256_file(path),
     )  # fmt: skip
     append_record(source, record)
-    report = folder_check.check_captures(bench.space, quiet=True)
+    report = folder_check.check_captures(bench.space)
     results = {photo.path: by_name(photo.results) for photo in report.photos}
     assert results["crate/patched/pose_01.jpg"]["object missing"].passed  # board and EXIF gave the pose
     assert results["crate/unpatched/pose_02.png"]["cut off"].passed
@@ -422,7 +422,7 @@ def test_a_folder_is_judged_once(bench, monkeypatch):
     assert (source / "retake.txt").read_text().count("\n") == 2
     assert json.loads(json.dumps(report.to_json()))["retakes"][1]["advice"][0].startswith("hold still")
     monkeypatch.setattr(folder_check, "inspect_photo", None)  # a second run judges nothing
-    assert folder_check.check_captures(bench.space, quiet=True).to_json() == report.to_json()
+    assert folder_check.check_captures(bench.space).to_json() == report.to_json()
     before = hash_setup(bench.space)
     (bench.space.root / "rig" / "lens.json").write_text("{}")
     assert hash_setup(bench.space) != before  # what was not known then may be known now

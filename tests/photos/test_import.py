@@ -296,7 +296,7 @@ def test_real_boards_are_found_and_measured(space, folder, make_box):
         pixels = photograph(make_box(), DEFAULT_BOARD, lens, T, px_per_mm=2.5)
         save_photo(folder / name, pixels, focal_35mm_mm=focal_35mm(lens), orientation=orientation)
         truth[pose.id] = T
-    result = import_photos(space, [folder], ImportSettings(object="crate", variant="unpatched"), quiet=True)
+    result = import_photos(space, [folder], ImportSettings(object="crate", variant="unpatched"))
     assert not result.refused and [record.pose_id for record in result.imported] == [3, 2, 1]
     for record in result.imported:
         T = np.array(record.T_world_camera)
@@ -316,10 +316,10 @@ def test_a_render_that_looks_the_same_from_two_sides_is_no_answer(space, folder,
     pose = read_plan(space.plan_file).objects["crate"][0]
     pixels = photograph(make_box(), None, Camera.from_fov(320, 240, 45.0), pose.matrix(), backdrop="concrete")
     save_photo(folder / "IMG_7.jpg", pixels)
-    result = import_photos(space, [folder], ImportSettings(object="crate", variant="unpatched"), quiet=True)
+    result = import_photos(space, [folder], ImportSettings(object="crate", variant="unpatched"))
     assert not result.imported
     assert re.search(r"no board is seen, and it looks .* pose [13] .* pose [13] ", reasons(result)["IMG_7.jpg"])
     sure = import_photos(
-        space, [folder], ImportSettings(object="crate", variant="unpatched", match="board"), quiet=True
+        space, [folder], ImportSettings(object="crate", variant="unpatched", match="board")
     )
     assert reasons(sure) == {"IMG_7.jpg": "no board is seen"}

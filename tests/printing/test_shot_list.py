@@ -67,7 +67,7 @@ def read_back(space, result) -> Listed:
 
 @pytest.fixture(scope="module")
 def listed(space):
-    result = write_shot_list(space, open_plan(space), ["crate"], parse_paper("a4"), seed=2, quiet=True)
+    result = write_shot_list(space, open_plan(space), ["crate"], parse_paper("a4"), seed=2)
     return read_back(space, result)
 
 
@@ -190,7 +190,7 @@ def test_the_same_seed_gives_the_same_bytes_and_letter_is_letter(tmp_path, make_
 
     def made():
         result = write_shot_list(
-            space, open_plan(space), ["crate"], parse_paper("letter"), ("unpatched",), 1, "blocks", quiet=True
+            space, open_plan(space), ["crate"], parse_paper("letter"), ("unpatched",), 1, "blocks"
         )
         return Path(result.pdf_file).read_bytes(), Path(result.shots_file).read_bytes()
 

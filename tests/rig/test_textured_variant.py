@@ -72,7 +72,7 @@ def save(space, pixels=RED, name="block", objects=("block",), keep=(), **more):
 
 
 def shoot(space, variants, objects=("block",)):
-    return shoot_plan(space, read_plan(space.plan_file), objects, variants, SETTINGS, quiet=True)
+    return shoot_plan(space, read_plan(space.plan_file), objects, variants, SETTINGS)
 
 
 def picture(space, variant, name="block"):

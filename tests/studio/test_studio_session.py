@@ -30,7 +30,7 @@ def test_a_kept_photograph_is_what_an_import_makes_of_it(desk, photo, tmp_path, 
     original.write_bytes(photo())
     name, variant, pose = poses_of(desk)[1]
     settings = ImportSettings(object=name, variant=variant, pose=pose)
-    import_photos(other, [original], settings, locate=lambda *_: "no board is seen", quiet=True)
+    import_photos(other, [original], settings, locate=lambda *_: "no board is seen")
     (mine,) = read_manifest(desk.session.source_dir).values()
     (theirs,) = read_manifest(other.captures_dir / "real").values()
     assert mine.made.pop("gates") == {"brightness": pytest.approx(128, abs=3)}
@@ -44,7 +44,7 @@ def test_the_import_knows_what_the_studio_kept(desk, photo, tmp_path):
     (tmp_path / "IMG_1.jpg").write_bytes(photo())
     name, variant, pose = poses_of(desk)[0]
     settings = ImportSettings(object=name, variant=variant, pose=pose)
-    result = import_photos(desk.space, [tmp_path / "IMG_1.jpg"], settings, locate=lambda *_: "none", quiet=True)
+    result = import_photos(desk.space, [tmp_path / "IMG_1.jpg"], settings, locate=lambda *_: "none")
     assert not result.imported and "imported before" in result.before[0][1]
 
 

@@ -140,7 +140,7 @@ def test_a_camera_that_crops_the_object_is_reported(space, redness):
 
 def test_images_shot_before_from_the_same_inputs_are_copied(space, redness):
     base = make_base(space)
-    shoot_plan(space, base.plan, ["crate"], ["unpatched"], base.settings, quiet=True)
+    shoot_plan(space, base.plan, ["crate"], ["unpatched"], base.settings)
     whole, damaged = (space.captures_dir / "sim" / f"crate/unpatched/pose_0{i}.jpg" for i in (1, 2))
     content = whole.read_bytes()
     damaged.write_bytes(damaged.read_bytes()[:300])

@@ -1,7 +1,6 @@
 """Training on corrupted images."""
 
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ BRIGHTER, FLATTER = ("brightness", 5), ("contrast", 5)
 
 def test_a_share_is_corrupted_by_the_draws():
     batch = torch.rand(200, 3, 16, 16, generator=torch.Generator().manual_seed(0)) * 0.5 + 0.1
-    how = Corrupting((BRIGHTER, FLATTER), 0.3)
+    how = Corrupting(corruptions=(BRIGHTER, FLATTER), share=0.3)
     one, same, other = (corrupt_some(batch.clone(), np.random.default_rng(seed), how) for seed in (1, 1, 2))
     assert torch.equal(one, same) and not torch.equal(one, other)
     changed = (one != batch).flatten(1).any(1)
@@ -34,20 +33,20 @@ def test_a_share_is_corrupted_by_the_draws():
 def test_every_image_by_itself():
     """Neither the other images nor how many are hit decide what is done to one."""
     batch = torch.rand(20, 3, 16, 16)
-    how = Corrupting((("gaussian_noise", 3),), 1.0)
+    how = Corrupting(corruptions=(("gaussian_noise", 3),), share=1.0)
     one = corrupt_some(batch.clone(), np.random.default_rng(1), how)
     changed = batch.clone()
     changed[:10] = 0
     assert torch.equal(corrupt_some(changed, np.random.default_rng(1), how)[10:], one[10:])
-    few = corrupt_some(batch.clone(), np.random.default_rng(1), replace(how, share=0.5))
+    few = corrupt_some(batch.clone(), np.random.default_rng(1), how.with_overrides(share=0.5))
     hit = (few != batch).flatten(1).any(1)
     assert 0 < hit.sum() < 20 and torch.equal(few[hit], one[hit])
 
 
 @pytest.mark.parametrize("share", [0, -1, 1.5])
 def test_shares_that_cannot_be(share):
-    with pytest.raises(ToolkitError, match="--corrupt-share"):
-        Corrupting((BRIGHTER,), share)
+    with pytest.raises(ToolkitError, match=r"share .*: expected a share above 0 and at most 1"):
+        Corrupting(corruptions=(BRIGHTER,), share=share)
 
 
 def test_the_command_trains_on_them_and_says_so(tmp_path):

@@ -14,13 +14,11 @@ from toolkit.models import load_classifier
 from toolkit.models.architectures import build_network, imagenet_labels
 from toolkit.models.bundled import read_bundled
 from toolkit.models.labels import imagenet_wnids
-from toolkit.training.augment import SMALL_IMAGES
-from toolkit.training.classifier import RunOptions, train_classifier
-from toolkit.training.classifier_config import ClassifierRequest, Recipe
-from toolkit.training.classifier_steps import are_folded, unfold_norms
+from toolkit.training.classifier import train_classifier
+from toolkit.training.classifier_config import ClassifierConfig
+from toolkit.training.classifier_task import are_folded, unfold_norms
 
 ARCH = "cifar_resnet8"
-QUIET = RunOptions(quiet=True, device="cpu")
 WNIDS = {"red": "n01440764", "green": "n02012849", "blue": "n03126707"}
 
 
@@ -43,9 +41,11 @@ def by_wnid(tmp_path_factory):
 
 
 def fine_tune(data, init, space, name="tuned", lr=0.02, epochs=4, **changes):
-    recipe = Recipe(epochs, 12, lr, augmentation=SMALL_IMAGES)
-    request = ClassifierRequest(name, (str(data),), ARCH, init, 16, held_out=0.25, recipe=recipe, **changes)
-    return train_classifier(request, space, QUIET)
+    config = ClassifierConfig(
+        name=name, data=(str(data),), arch=ARCH, init=init, image_px=16, held_out=0.25, epochs=epochs, batch=12, lr=lr,
+        **changes,
+    )  # fmt: skip
+    return train_classifier(config, space, device="cpu")
 
 
 def test_all_labels_are_kept_and_folders_found_among_them(init, by_wnid, tmp_path):
@@ -74,10 +74,10 @@ def test_without_it_the_classes_are_the_folders(init, by_wnid, tmp_path):
 
 def test_folders_that_are_no_class_of_the_weights(init, tmp_path):
     folder = write_colours(tmp_path / "set", 4)
-    with pytest.raises(ToolkitError, match=r"set/blue: 'blue' is no class of .* \(3 of 3 folders\): .* with --init"):
+    with pytest.raises(ToolkitError, match=r"set/blue: 'blue' is no class of .* \(3 of 3 folders\): .* with init"):
         fine_tune(folder, init, make_workspace(tmp_path / "space"), keep_labels=True)
-    with pytest.raises(ToolkitError, match="--keep-labels keeps those of --init"):
-        ClassifierRequest("x", ("rig",), keep_labels=True)
+    with pytest.raises(ToolkitError, match="keep_labels keeps those of init"):
+        ClassifierConfig(name="x", data=("rig",), keep_labels=True)
 
 
 def test_folded_normalisation_is_measured_again():
@@ -114,15 +114,13 @@ def test_folded_normalisation_is_measured_again():
     assert (folded.train()(images) - expected).abs().max() < 0.2 * expected.std()
 
 
-def test_training_goes_on_from_folded_weights(init, by_wnid, tmp_path):
-    said = []
-    recipe = Recipe(1, 12, 0.001, augmentation=SMALL_IMAGES)
-    request = ClassifierRequest("x", (str(by_wnid),), ARCH, init, 16, held_out=0.25, recipe=recipe)
-    train_classifier(request, make_workspace(tmp_path), QUIET, said.append)
+def test_training_goes_on_from_folded_weights(init, by_wnid, tmp_path, capsys):
+    fine_tune(by_wnid, init, make_workspace(tmp_path), "x", lr=0.001, epochs=1)
+    said = capsys.readouterr().err.splitlines()
     assert "the batch normalisation of start.pth is folded for evaluation: measuring its statistics again" in said
 
 
 def test_what_was_trained_before_keeps_its_hash():
     """The settings of a request without any of this are those that the bundled classifier was trained under."""
     before = set(read_bundled().settings) - {"precision", "inputs_sha256"}
-    assert set(ClassifierRequest("x", ("rig",)).settings()) == before
+    assert set(ClassifierConfig(name="x", data=("rig",)).settings()) == before

@@ -108,7 +108,7 @@ def test_a_checkpoint_of_another_kind_is_refused(tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         train_regressor(tmp_path / "run", Other())
-    with pytest.raises(ToolkitError, match="another version or kind .*restart"):
+    with pytest.raises(ToolkitError, match=r"another version or kind .*restart"):
         train_regressor(tmp_path / "run")
 
 

@@ -28,7 +28,7 @@ def space(tmp_path):
 
 def load(space, *data, keep=None):
     sources = [open_source(str(one), space, COUNTS) for one in data]
-    return load_training_set(sources, list_classes(sources), SQUARE, keep or space.root / "keep", 1, quiet=True)
+    return load_training_set(sources, list_classes(sources), SQUARE, keep or space.root / "keep", 1)
 
 
 def test_train_and_test_folders_are_used_as_they_are(tmp_path, space):
@@ -104,7 +104,7 @@ def test_what_is_packed_is_kept_until_the_files_change(tmp_path, space):
     assert len(list((space.root / "keep").iterdir())) == 2
     for damaged in (space.root / "keep").glob("*/train.raw"):
         damaged.write_bytes(b"")
-    with pytest.raises(ToolkitError, match=r"train\.raw is damaged: .*--restart"):
+    with pytest.raises(ToolkitError, match=r"train\.raw is damaged: .*train with restart"):
         load(space, folder)
 
 

@@ -22,7 +22,7 @@ class CorruptEvalConfig(Config):
         (), description="Patch set below print/patches, repeatable; SET@MODEL is answered by another classifier."
     )
     corruptions: Annotated[
-        Corruptions | None, Flag("--corruption", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])
+        Corruptions | None, Flag("--corrupt", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])
     ] = Field(
         None,
         description="A corruption, a family, common (15) or all (19); fog:3, noise:1-3. Repeatable. Default: common.",

@@ -1,7 +1,6 @@
 """The picture of what was shown: one image in every variant, clean and corrupted, framed by what was said of it."""
 
 from collections.abc import Sequence
-from io import BytesIO
 
 import numpy as np
 
@@ -9,6 +8,7 @@ from toolkit.benchmark.cells import Shard, apply_variant, corrupt_images, load_s
 from toolkit.benchmark.config import NOT_CORRUPTED, Condition
 from toolkit.benchmark.grid import Benchmark, Grid
 from toolkit.benchmark.variants import Variant
+from toolkit.core.figures import encode_figure, make_figure
 
 COLUMNS = 6
 TILE_IN, HEAD_IN = 1.55, 0.5
@@ -32,20 +32,17 @@ def draw_examples(grid: Grid, benchmark: Benchmark) -> bytes:
 
     A green frame says that the network's first guess is right, a red one that it is not.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     chosen, conditions = benchmark.ids[len(benchmark.ids) // 2], choose_conditions(grid.config.conditions[1:])
     number = benchmark.ids.index(chosen)
     image = next(one for one in grid.images.images if one.id == chosen)
     shard = Shard((image,), ("",))
     names = [_label_row(variant, grid.variants[0]) for variant in grid.variants]
     label_in = 0.3 + LETTER_IN * max(len(line) for name in names for line in name.split("\n"))
-    figure = Figure(figsize=(label_in + TILE_IN * len(conditions), HEAD_IN + TILE_IN * len(grid.variants)))
-    FigureCanvasAgg(figure)
+    figure = make_figure(label_in + TILE_IN * len(conditions), HEAD_IN + TILE_IN * len(grid.variants), layout=None)
     panels = figure.subplots(len(grid.variants), len(conditions), squeeze=False)
     left = label_in / figure.get_figwidth()
-    figure.subplots_adjust(left, 0.01, 0.995, 1 - 0.84 * HEAD_IN / figure.get_figheight(), 0.06, 0.06)
+    top = 1 - 0.84 * HEAD_IN / figure.get_figheight()
+    figure.subplots_adjust(left, bottom=0.01, right=0.995, top=top, wspace=0.06, hspace=0.06)
     ranks = {(one.variant, one.recogniser, (one.corruption, one.severity)): one.ranks for one in benchmark.cells}
     for row, variant, name in zip(panels, grid.variants, names, strict=True):
         pixels, usable = load_shard(grid.images, shard, variant.classifier.preprocessing)
@@ -61,9 +58,7 @@ def draw_examples(grid: Grid, benchmark: Benchmark) -> bytes:
     for panel, (corruption, severity) in zip(panels[0], conditions, strict=True):
         level = f"\nseverity {severity}" if severity else ""
         panel.set_title(corruption.replace("_", " ") + level, fontsize=9)
-    buffer = BytesIO()
-    figure.savefig(buffer, dpi=120, format="png", metadata={"Software": None})
-    return buffer.getvalue()
+    return encode_figure(figure)
 
 
 def _label_row(variant: Variant, first: Variant) -> str:

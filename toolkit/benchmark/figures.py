@@ -2,13 +2,13 @@
 
 import textwrap
 from collections.abc import Iterable, Sequence
-from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 from toolkit.benchmark.recognisers import READER
 from toolkit.benchmark.summary import CorruptionMean, Summary, VariantMean
 from toolkit.benchmark.verdict import label_row, name_corruption, name_levels
 from toolkit.captures.read import UNPATCHED
+from toolkit.core.figures import encode_figure, make_figure
 from toolkit.core.tables import format_percent
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS
 
@@ -25,7 +25,6 @@ MEAN_COLOUR, WITHOUT_COLOUR = "#4a4f57", "#111111"
 RIGHT_COLOUR, WRONG_COLOUR, NOT_DECODED_COLOUR = "#0072b2", "#d55e00", "#d9dce1"
 FAMILY_GAP, MEAN_GAP = 0.5, 1.0
 FEW_PLACES, MIN_PLACES = 4, 6
-DPI = 120
 MEAN = "mean"
 
 
@@ -111,25 +110,13 @@ def is_reader(row: VariantMean) -> bool:
     return row.kind == READER
 
 
-def make_figure(width_in: float, height_in: float) -> "Figure":
-    """An empty figure with no window behind it."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width_in, height_in), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
 def save_png(figure: "Figure") -> bytes:
     """The figure as PNG, the same bytes for the same picture."""
     for panel in figure.axes:
         # inside the panel all the same; measuring hundreds of bars is most of the time of a layout
         for artist in (*panel.patches, *panel.collections, *panel.lines):
             artist.set_in_layout(False)
-    buffer = BytesIO()
-    figure.savefig(buffer, dpi=DPI, format="png", metadata={"Software": None})
-    return buffer.getvalue()
+    return encode_figure(figure)
 
 
 BAR, GROUP, MIN_GROUP = 0.76, 0.84, 3

@@ -1,6 +1,6 @@
 """From ranks to numbers: shares, means, corruption errors and differences, with what they can show."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import sqrt
 
@@ -153,11 +153,14 @@ def summarise(benchmark: Benchmark) -> Summary:
     references = {"unpatched": UNPATCHED_SOURCE} if unpatched else {}
     if benchmark.about.get("is_imagenet") and benchmark.about.get("parameters") == IMAGENET:
         references["alexnet"] = ALEXNET_SOURCE
+    classes, alexnet = benchmark.classes, ALEXNET_ERRORS if "alexnet" in references else {}
     means: list[CorruptionMean] = []
     rows: list[VariantMean] = []
     for one in every:
         own = [
-            _mean_corruption(one, unpatched.get(one.recogniser), name, levels[name], benchmark, "alexnet" in references)
+            _mean_corruption(
+                one, unpatched.get(one.recogniser), [(name, each) for each in levels[name]], classes, alexnet
+            )
             for name in levels
         ]
         means += own
@@ -200,16 +203,20 @@ def _collect(benchmark: Benchmark) -> list[Series]:
 
 
 def _mean_corruption(
-    one: Series, unpatched: Series | None, name: str, severities: tuple[int, ...], benchmark: Benchmark,
-    has_alexnet: bool,
-) -> CorruptionMean:  # fmt: skip
-    keys = [(name, severity) for severity in severities]
-    top1, ci95 = estimate_share(one.right(keys), benchmark.classes)
+    one: Series,
+    unpatched: Series | None,
+    keys: Sequence[Condition],
+    classes: np.ndarray,
+    alexnet: Mapping[str, float],
+) -> CorruptionMean:
+    """Mean over the severities of one corruption, `keys`; `alexnet` has the errors that it may be divided by."""
+    name, severities = keys[0][0], tuple(severity for _, severity in keys)
+    top1, ci95 = estimate_share(one.right(keys), classes)
     error = 1 - float(one.right(keys).mean())
     ce_alexnet = ce_unpatched = None
     if one.kind != READER:
-        if has_alexnet and name in ALEXNET_ERRORS and severities == SEVERITIES:
-            ce_alexnet = error / ALEXNET_ERRORS[name]
+        if name in alexnet and severities == SEVERITIES:
+            ce_alexnet = error / alexnet[name]
         if unpatched is not None:
             reference = 1 - float(unpatched.right(keys).mean())
             ce_unpatched = error / reference if reference > 0 else None
@@ -316,5 +323,6 @@ def _compare(
             others.append(("best of its size", best.variant, best.recogniser, scores[best.variant, best.recogniser]))
         for against, variant, recogniser, other in others:
             estimate = estimate_difference(scores[one.variant, one.recogniser], other, classes)
-            found.append(Difference(one.variant, one.recogniser, against, variant, recogniser, *estimate))
+            who = (one.variant, one.recogniser)
+            found.append(Difference(*who, against, variant, recogniser, *estimate))
     return found

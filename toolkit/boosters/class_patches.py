@@ -36,7 +36,7 @@ class ClassPatchesConfig(Config):
     set_name: Annotated[SetName, Flag("--set", metavar="SET")] = Field(
         "patches", description="The sets are print/patches/SET-SIZE."
     )
-    sizes_px: Annotated[tuple[int, ...], Field(min_length=1), Flag("--size", metavar="N")] = Field(
+    sizes_px: Annotated[tuple[int, ...], Field(min_length=1), Flag("--size-px", metavar="N")] = Field(
         (100,), description="Side in pixels, repeatable."
     )
     backgrounds: Annotated[Backgrounds, Flag()] = Field(

@@ -20,10 +20,10 @@ class Placement(Config):
     As for every part, the name of the class names its draws: renamed, it would draw other numbers.
     """
 
-    rotation_deg: Annotated[float, Field(ge=0, le=180), Expect("0 to 180 degrees"), Flag("--rotation")] = Field(
-        45.0, description="Largest turn of a patch either way, degrees."
-    )
-    scale: Annotated[Range, Rising(0.1, 2), Flag()] = Field(
+    rotation_deg: Annotated[
+        float, Field(ge=0, le=180), Expect("0 to 180 degrees"), Flag("--max-rotation", metavar="DEGREES")
+    ] = Field(45.0, description="Largest turn of a patch either way, degrees.")
+    scale: Annotated[Range, Rising(0.1, 2), Flag("--patch-scale")] = Field(
         (0.9, 1.1), description="Smallest and largest side of the placed patch, of its own pixels."
     )
     translate: Annotated[float, Field(ge=0, le=0.5), Expect("0 to 0.5 of the image's side"), Flag()] = Field(

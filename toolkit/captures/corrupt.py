@@ -38,7 +38,7 @@ def name_source(source: str, corruption: Corruption) -> str:
     return f"{source}-{corruption[0]}-{corruption[1]}"
 
 
-def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption], quiet: bool = True) -> list[CorruptedSource]:
+def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption]) -> list[CorruptedSource]:
     """Corrupt the images of a source into folders beside it: `captures/sim` in fog of 3 is `captures/sim-fog-3`.
 
     Each is a capture folder with the same objects, variants and poses. What a run before has finished is kept, and an
@@ -47,7 +47,6 @@ def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption], quiet: b
     Args:
         source_dir: with images and a manifest.
         corruptions: (name, severity) of each.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: no images, a folder of that name that holds something else, or it cannot be written.
@@ -59,7 +58,7 @@ def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption], quiet: b
         out = source_dir.with_name(name_source(source_dir.name, corruption))
         _check_own(out, corruption)
         name, severity = corruption
-        done = corrupt_folder(source_dir, out, [(name, severity)], seed=SEED, size_px=CUT_PX, quiet=quiet)
+        done = corrupt_folder(source_dir, out, [(name, severity)], seed=SEED, size_px=CUT_PX)
         _write_records(source_dir, out, corruption)
         made.append(CorruptedSource(out, done.made, done.kept, tuple(done.failed)))
     return made

@@ -4,6 +4,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 import numpy as np
 
@@ -56,7 +57,7 @@ class MeasuredPhoto:
 
 def shoot_like(
     workspace: Workspace, photos_dir: Path, settings: ShootSettings | None = None, source: str | None = None,
-    objects: Iterable[str] = (), variants: Iterable[str] = (), max_px: int = MAX_PX, quiet: bool = False,
+    objects: Iterable[str] = (), variants: Iterable[str] = (), max_px: int = MAX_PX,
 ) -> LikeResult:  # fmt: skip
     """Shoot the object and variant of every photograph with the camera that was measured for it.
 
@@ -70,7 +71,6 @@ def shoot_like(
         source: folder below `captures/`, by default `sim-like-` and the name of `photos_dir`.
         objects, variants: only these; all by default.
         max_px: the longer side of what is rendered, in pixels; a smaller photograph keeps its size.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: no manifest, no photograph that can be shot, an unknown object, variant or setting, a source that
@@ -106,7 +106,7 @@ def shoot_like(
         raise ToolkitError(
             f"none of the {len(skipped)} photographs in {photos_dir} can be shot again; {path}: {reason}"
         )
-    result = shoot_scenes(workspace, scenes, settings, workspace.captures_dir / source, quiet)
+    result = shoot_scenes(workspace, scenes, settings, workspace.captures_dir / source)
     return LikeResult(result, tuple(sorted(skipped)))
 
 
@@ -186,7 +186,7 @@ def _why_not(photo: MeasuredPhoto, item: TableObject, booster_sha256: str | None
 
 
 def _plan_shot(
-    photo: MeasuredPhoto, item: TableObject, look: dict, photos_dir: Path, image_format: str, taken: set[str]
+    photo: MeasuredPhoto, item: TableObject, look: dict[str, Any], photos_dir: Path, image_format: str, taken: set[str]
 ) -> Shot:
     path = str(PurePosixPath(photo.path).with_suffix(f".{image_format}"))
     if path in taken:  # pose_01.jpg beside pose_01.heic

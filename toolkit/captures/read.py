@@ -2,6 +2,7 @@
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -205,8 +206,8 @@ def _note_files(found: FoundFiles, stray: list[str]) -> list[str]:
 
 
 def _note_doubles(captures: list[Capture]) -> list[str]:
-    seen: dict[tuple, list[Capture]] = {}
-    variants: dict[tuple, set[str]] = {}
+    seen: dict[tuple[str, str, str, int], list[Capture]] = {}
+    variants: dict[tuple[str, str], set[str]] = {}
     for capture in captures:
         variants.setdefault((capture.source, capture.object), set()).add(capture.variant)
         if capture.pose_id is not None:
@@ -219,6 +220,6 @@ def _note_doubles(captures: list[Capture]) -> list[str]:
     ]
 
 
-def _some(paths, limit: int = 5) -> str:
-    listed = ", ".join(list(paths)[:limit])
+def _some(paths: Sequence[str], limit: int = 5) -> str:
+    listed = ", ".join(paths[:limit])
     return listed if len(paths) <= limit else f"{listed} and {len(paths) - limit} more"

@@ -14,7 +14,7 @@ from PIL import Image
 
 from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest, write_transforms
-from toolkit.core.console import progress
+from toolkit.core.console import Ticker, progress
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import inside, sha256_bytes, write_bytes
 from toolkit.core.workspace import Workspace
@@ -128,7 +128,7 @@ class ShootResult:
 
 def shoot_plan(
     workspace: Workspace, plan: CapturePlan, objects: Iterable[str], variants: Iterable[str] = PAIR,
-    settings: ShootSettings | None = None, source: str = "sim", quiet: bool = False, *,
+    settings: ShootSettings | None = None, source: str = "sim", *,
     captures_dir: Path | None = None, patch_mm: float | None = None, stored: Mapping[str, StoredImage] | None = None,
 ) -> ShootResult:  # fmt: skip
     """Shoot what the plan asks for and is not there yet.
@@ -142,7 +142,6 @@ def shoot_plan(
         objects, variants: what is shot.
         settings: how.
         source: folder below `captures_dir`.
-        quiet: no progress bar.
         captures_dir: where to, by default the workspace's `captures/`.
         patch_mm: printed side of every patch, by default as the object's spec or the patch's record says.
         stored: images by the hash of their inputs (`index_images`) that are copied instead of shot again.
@@ -154,14 +153,13 @@ def shoot_plan(
     settings = settings or ShootSettings()
     check_settings(workspace, settings, source)
     variants = tuple(dict.fromkeys(variants))  # named twice is shot once
-    camera = plan.camera
     items = {name: _load_item(workspace, name, patch_mm) for name in objects}
     scenes = [
-        _plan_scene(workspace, plan, camera, item, variant, settings)
+        _plan_scene(workspace, plan, item, variant, settings)
         for item in items.values()
         for variant in variants
     ]  # fmt: skip
-    return shoot_scenes(workspace, scenes, settings, (captures_dir or workspace.captures_dir) / source, quiet, stored)
+    return shoot_scenes(workspace, scenes, settings, (captures_dir or workspace.captures_dir) / source, stored)
 
 
 def check_settings(workspace: Workspace, settings: ShootSettings, source: str) -> None:
@@ -194,7 +192,7 @@ def check_no_photographs(source_dir: Path, known: Mapping[str, CaptureRecord]) -
 
 def shoot_scenes(
     workspace: Workspace, scenes: Sequence[Sequence[Shot]], settings: ShootSettings, source_dir: Path,
-    quiet: bool = False, stored: Mapping[str, StoredImage] | None = None,
+    stored: Mapping[str, StoredImage] | None = None,
 ) -> ShootResult:  # fmt: skip
     """Take the shots that are not there yet; those of a scene share object and variant, and its light is baked once.
 
@@ -210,7 +208,7 @@ def shoot_scenes(
     if stored:
         waiting = [[shot for shot in shots if not _copy_stored(shot, stored, source_dir)] for shots in waiting]
     total, todo = sum(map(len, scenes)), sum(map(len, waiting))
-    with progress("shooting", total, quiet, done=total - todo) as bar:
+    with progress("shooting", total, done=total - todo) as bar:
         for shots in waiting:
             if shots:
                 _shoot_scene(workspace, shots, settings, source_dir, bar)
@@ -240,11 +238,14 @@ def studio_for(item: TableObject, settings: ShootSettings) -> Studio:
     return studio if settings.board is None else lay_board(studio, settings.board)
 
 
-def _plan_scene(workspace, plan, camera, item: TableObject, variant: str, settings) -> list[Shot]:
+def _plan_scene(
+    workspace: Workspace, plan: CapturePlan, item: TableObject, variant: str, settings: ShootSettings
+) -> list[Shot]:
     """The shots of one object in one variant."""
     name = item.name
     if name not in plan.objects:
         raise ToolkitError(f"object '{name}' is not in {workspace.plan_file}: run 'toolkit plan --object {name}'")
+    camera = plan.camera
     check_poses(item, camera, plan.objects[name])
     look = describe_look(workspace, item, variant, settings) | {"camera": camera.intrinsics}
     return [
@@ -277,7 +278,9 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
     return look
 
 
-def _shoot_scene(workspace, shots: Sequence[Shot], settings: ShootSettings, source_dir: Path, bar) -> None:
+def _shoot_scene(
+    workspace: Workspace, shots: Sequence[Shot], settings: ShootSettings, source_dir: Path, bar: Ticker
+) -> None:
     item, variant = shots[0].item, shots[0].variant
     booster = find_booster(workspace, item, variant)
     studio = studio_for(item, settings)

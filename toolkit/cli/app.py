@@ -25,9 +25,6 @@ PLAIN = {
 TYPE = re.compile(r"<[\w\[\], ]+>")
 METAVARS = {"str": "TEXT", "int": "N", "float": "X", "path": "PATH", "Path": "PATH"}
 """What stands for a value of a type in the help, where the option names nothing better."""
-RANGE = re.compile(r"; x>=[01](?=\])| *\[x>=[01]\]")
-"""A bound that goes without saying."""
-BOUNDS = re.compile(r"(\d+)<=x<=(\d+)")
 
 
 class Entry(NamedTuple):
@@ -44,8 +41,8 @@ class Entry(NamedTuple):
     old: Mapping[str, str] = MappingProxyType({})
 
 
-OLD = {"--size": "--size-px", "--rotation": "--max-rotation", "--scale": "--patch-scale", "--corruption": "--corrupt"}
-"""Of the benchmark's commands; elsewhere these mean other things."""
+TURNED = {"--rotation": "--max-rotation", "--scale": "--patch-scale"}
+"""Elsewhere these mean a range of turns, and the size of a print."""
 
 GROUPS: dict[str, dict[str, Entry]] = {
     "The road": {
@@ -69,9 +66,15 @@ GROUPS: dict[str, dict[str, Entry]] = {
             "corrupt:corrupt", "corrupt images as ImageNet-C does", {"--name": "--corrupt", "--size": "--image-px"}
         ),
         "train-classifier": Entry("train_classifier:train_classifier", "train a classifier of your own classes"),
-        "train-patches": Entry("train_patches:train_patches", "train a patch for each of many classes", OLD),
-        "baseline": Entry("baseline:baseline", "make codes and other baselines", OLD),
-        "corrupt-eval": Entry("corrupt_eval:corrupt_eval", "corrupt a data set with and without patches", OLD),
+        "train-patches": Entry(
+            "train_patches:train_patches", "train a patch for each of many classes", {**TURNED, "--size": "--size-px"}
+        ),
+        "baseline": Entry("baseline:baseline", "make codes and other baselines", {"--size": "--size-px"}),
+        "corrupt-eval": Entry(
+            "corrupt_eval:corrupt_eval",
+            "corrupt a data set with and without patches",
+            {**TURNED, "--corruption": "--corrupt"},
+        ),
     },
     "Set-up": {
         "init": Entry("init:init", "make a workspace"),
@@ -106,7 +109,7 @@ class GroupedCommand(TyperCommand):
                 heading, name = "Arguments", _name_parameter(parameter)
             elif parameter.name == "help":
                 heading = SHARED
-            sections.setdefault(heading, []).append((name, BOUNDS.sub(r"\1 to \2", RANGE.sub("", row[1]))))
+            sections.setdefault(heading, []).append((name, _write_bounds(row[1])))
         sections[SHARED] = sections.pop(SHARED)  # comes last
         for heading, rows in sections.items():
             if rows:
@@ -147,6 +150,11 @@ def show_typed(flag: str, value: object) -> str:
     if isinstance(value, bool) and flag.startswith("--"):
         return flag if value else f"--no-{flag.removeprefix('--')}"
     return f"{flag} {show_value(value)}"
+
+
+def _write_bounds(text: str) -> str:
+    text = re.sub(r"; x>=[01](?=\])| *\[x>=[01]\]", "", text)  # these go without saying
+    return re.sub(r"x>=(\d+)", r"at least \1", re.sub(r"(\d+)<=x<=(\d+)", r"\1 to \2", text))
 
 
 def _name_type(found: re.Match[str]) -> str:

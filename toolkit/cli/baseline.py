@@ -21,9 +21,9 @@ def baseline(
             help="A label, index or WordNet id; may be repeated. Default: the classes that --data has, without it all.",
         ),
     ] = None,
-    sizes: Annotated[
+    sizes_px: Annotated[
         list[int] | None,
-        typer.Option("--size", help="Side of the pictures, pixels; may be repeated. Default: 100.", show_default=False),
+        typer.Option("--size-px", metavar="N", help="Side of the pictures; may be repeated. Default: 100."),
     ] = None,
     data: Annotated[
         str | None,
@@ -59,10 +59,10 @@ def baseline(
     from toolkit.models.load import load_classifier
 
     request = BaselineRequest(
-        kind, tuple(class_names or ()), tuple(sizes or (100,)), data, set_name, border, seed
+        kind, tuple(class_names or ()), tuple(sizes_px or (100,)), data, set_name, border, seed
     )  # fmt: skip
     place = open_workspace(workspace)
-    classifier = load_classifier(model, weights, device, quiet, place.classifiers_dir)
+    classifier = load_classifier(model, weights, device, place.classifiers_dir)
     made = make_baseline(request, classifier, place, quiet)
     _report(made, kind, data, as_json)
     if made.skipped:

@@ -97,7 +97,7 @@ def capture_sim(
         settings = replace(bare, board=read_board(space)) if board else bare
         source = source or "-".join(["sim", *([patches] if patches else []), *(["board"] if board else [])])
         shot = shoot_plan(space, plan, objects or list(plan.objects), variants or PAIR, settings, source)
-    corrupted = corrupt_source(shot.source_dir, corruptions, quiet=False)
+    corrupted = corrupt_source(shot.source_dir, corruptions)
     _report(shot, corrupted, None if skipped is None else len(skipped), as_json)
     if skipped or any(one.failed for one in corrupted):
         raise typer.Exit(1)

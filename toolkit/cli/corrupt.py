@@ -60,7 +60,7 @@ def corrupt(
         result = corrupt_file(source, out, chosen, seed=seed, size_px=image_px, device=device)
     else:
         result = corrupt_folder(
-            source, out, chosen, seed=seed, size_px=image_px, image_format=image_format, device=device, quiet=False
+            source, out, chosen, seed=seed, size_px=image_px, image_format=image_format, device=device
         )
     if as_json:
         failed = [{"path": path, "reason": reason} for path, reason in result.failed]

@@ -26,11 +26,8 @@ def corrupt_eval(
         ),
     ],
     config: CorruptEvalConfig,
-    model: Annotated[str | None, typer.Option(metavar="NAME", help="The classifier. Default: resnet18.")] = None,
+    model: options.Model = None,
     weights: options.WeightsFile = None,
-    rotation: options.Rotation = 45.0,
-    scale: options.Scale = (0.9, 1.1),
-    translate: options.Translate = 0.3,
     download: options.Download = False,
     device: options.Device = "auto",
     workspace: options.Workspace = None,
@@ -42,13 +39,11 @@ def corrupt_eval(
     Results go to eval/corruptions/RUN. An answer is computed once, whatever run asks for it.
     """
     from toolkit.benchmark.evaluate import evaluate_benchmark
-    from toolkit.boosters.place_patches import Placement
     from toolkit.core.workspace import open_workspace
     from toolkit.models.load import load_classifier
     from toolkit.models.network import Classifier
     from toolkit.training.image_set import open_images
 
-    config = config.with_overrides(placement=Placement(rotation_deg=rotation, scale=scale, translate=translate))
     space = open_workspace(workspace)
 
     def load(name: str) -> Classifier:

@@ -76,7 +76,7 @@ def demo(
     from toolkit.rig.plan import open_plan
 
     space = make_workspace(folder)
-    classifier, why = load_best(device, quiet)
+    classifier, why = load_best(device)
     is_bundled = classifier.name == BUNDLED
     space = space.with_patches(BUNDLED if is_bundled else None)
     say(f"network: {classifier.describe()}: {why}")

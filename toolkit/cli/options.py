@@ -109,22 +109,6 @@ WeightFiles = Annotated[
 WeightsFile = Annotated[
     Path | None, typer.Option("--weights", metavar="FILE", help="State dict (.pth, .safetensors) of --model.")
 ]
-Rotation = Annotated[
-    float,
-    typer.Option("--max-rotation", metavar="DEGREES", help="Largest turn of a patch. The paper's release: 45."),
-]
-Scale = Annotated[
-    tuple[float, float],
-    typer.Option(
-        "--patch-scale", metavar="LOW HIGH", help="Smallest and largest, of its own pixels. Release: 0.9 1.1."
-    ),
-]
-Translate = Annotated[
-    float,
-    typer.Option(
-        metavar="SHARE", help="Largest move from the middle, of the image's side; it may be cut off. Release: 0.3."
-    ),
-]
 Download = Annotated[bool, typer.Option("--download", help="Fetch CIFAR-10 into the folder of cifar10:FOLDER.")]
 Corrupt = Annotated[
     list[str] | None,

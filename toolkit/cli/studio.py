@@ -56,9 +56,11 @@ def studio(
     session = open_session(space, source)
 
     def load() -> "Classifier":
+        from toolkit.core.console import quietly
         from toolkit.models.load import load_classifier
 
-        return load_classifier(model, weights, device, True, space.classifiers_dir)
+        with quietly():
+            return load_classifier(model, weights, device, space.classifiers_dir)
 
     door = listen(lan, port, address)
     predictor = Predictor(session, load)

@@ -56,7 +56,7 @@ def train_patch(
     data = data.with_overrides(seed=seed)
     config = make_config(recipe, {**overrides, "seed": seed}, data)
     place = open_workspace(workspace)
-    networks = load_classifiers(model, weights, device, quiet, place.classifiers_dir)
+    networks = load_classifiers(model, weights, device, place.classifiers_dir)
     trained = run(config, class_name, networks, data, place, name=name, out=out, restart=restart)
     _report(trained, as_json)
     if trained.skipped:

@@ -55,7 +55,7 @@ def train_patches(
     from toolkit.training.image_set import choose_classes, open_images
 
     place = open_workspace(workspace)
-    classifier = load_classifier(model, weights, device, quiet, place.classifiers_dir)
+    classifier = load_classifier(model, weights, device, place.classifiers_dir)
     found = open_images(data, classifier, "train", download)
     chosen = choose_classes(found, classes or [], classifier).classes
     config = config.with_overrides(seed=seed)

@@ -51,7 +51,7 @@ def train_texture(
 
     config = make_config(recipe, {**overrides, "seed": seed})
     place = open_workspace(workspace)
-    networks = load_classifiers(model, weights, device, quiet, place.classifiers_dir)
+    networks = load_classifiers(model, weights, device, place.classifiers_dir)
     trained = run(config, networks, place, class_name=class_name, name=name, out=out, restart=restart, workers=workers)
     _report(trained, as_json)
     if trained.skipped:

@@ -4,7 +4,16 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TaskID,
+    TextColumn,
+    TimeRemainingColumn,
+)
 from rich.text import Text
 
 console = Console(highlight=False)
@@ -24,6 +33,11 @@ def quietly(quiet: bool = True) -> Iterator[None]:
         yield
     finally:
         _is_quiet = before
+
+
+def is_quiet() -> bool:
+    """Whether this runs `quietly`."""
+    return _is_quiet
 
 
 def notice(line: str) -> None:
@@ -50,7 +64,7 @@ class RateColumn(ProgressColumn):
 class Ticker:
     """Handle on one running progress bar."""
 
-    def __init__(self, progress: Progress | None, task) -> None:
+    def __init__(self, progress: Progress | None, task: TaskID) -> None:
         self._progress, self._task = progress, task
 
     def advance(self, amount: int = 1, note: str | None = None) -> None:
@@ -68,7 +82,7 @@ def progress(title: str, total: int, quiet: bool = False, done: int = 0) -> Iter
     Where stderr is no terminal, one line at the start stands in for the bar.
     """
     if quiet or _is_quiet:
-        yield Ticker(None, None)
+        yield Ticker(None, TaskID(0))
         return
     if not errors.is_terminal:
         errors.print(f"{title}: {total - done} to do" + (f", {done} done before" if done else ""))

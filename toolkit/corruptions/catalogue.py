@@ -5,17 +5,24 @@ Perturbations", ICLR 2019, as in the scripts that made the published images (hen
 and make_cifar_c.py). Lengths are in pixels of an image of 224² and of 32².
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from toolkit.corruptions import blur, digital, noise, weather
 from toolkit.corruptions import digital as elastic
 from toolkit.corruptions import weather as spatter
 
+if TYPE_CHECKING:
+    import torch
+
+    from toolkit.corruptions.draws import RandomStreams
+
 IMAGENET, CIFAR = "imagenet", "cifar"
 MAX_CIFAR_SIDE_PX = 64
 FAMILIES = ("noise", "blur", "weather", "digital", "extra")
+Parameters = float | tuple[float, ...]
+"""What a corruption takes at one severity; each takes its own kind."""
 ELASTIC_PX = 244  # so published, for an image of 224
 
 
@@ -26,19 +33,22 @@ class Corruption:
     Attributes:
         name: as in the published folders.
         family: noise, blur, weather or digital for the fifteen that count, extra for the other four.
-        apply: (images (b, 3, h, w) float32 in [0, 1], parameters, draws) -> the same shape, not yet clipped.
+        apply: (images (b, 3, h, w) float32 in [0, 1], parameters, random streams) -> the same shape, not yet clipped.
         parameters: five, by severity, for `imagenet` and for `cifar`.
         note: where it cannot be what was published, empty where it is.
     """
 
     name: str
     family: str
-    apply: Callable[..., Any]
-    parameters: dict[str, tuple[Any, ...]]
+    apply: "Callable[[torch.Tensor, Any, RandomStreams], torch.Tensor]"
+    parameters: dict[str, tuple[Parameters, ...]]
     note: str = ""
 
 
-def _corruption(name, family, apply, imagenet, cifar, note="") -> Corruption:
+def _corruption(
+    name: str, family: str, apply: "Callable[[torch.Tensor, Any, RandomStreams], torch.Tensor]",
+    imagenet: Sequence[Parameters], cifar: Sequence[Parameters], note: str = "",
+) -> Corruption:  # fmt: skip
     return Corruption(name, family, apply, {IMAGENET: tuple(imagenet), CIFAR: tuple(cifar)}, note)
 
 

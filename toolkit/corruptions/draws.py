@@ -1,7 +1,7 @@
 """Randomness by address: what an image gets depends on its own seed, the corruption and the severity alone."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import torch
 
@@ -40,7 +40,7 @@ class RandomStreams:
         """(b, *shape) float32, uniform on [0, 1) in steps of 2⁻²⁴."""
         return self._fill(shape, lambda numbers, stream: numbers.uniform_(generator=stream))
 
-    def _fill(self, shape, fill) -> torch.Tensor:
+    def _fill(self, shape: tuple[int, ...], fill: Callable[[torch.Tensor, torch.Generator], object]) -> torch.Tensor:
         numbers = torch.empty(len(self._streams), *shape)
         for row, stream in zip(numbers, self._streams, strict=True):
             fill(row, stream)

@@ -3,7 +3,7 @@
 import hashlib
 import io
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
@@ -179,7 +179,7 @@ class CorruptResult:
     made: int = 0
     kept: int = 0
     failed: list[tuple[str, str]] = field(default_factory=list)
-    sizes: Counter = field(default_factory=Counter)
+    sizes: Counter[tuple[str, int, int]] = field(default_factory=Counter)
 
     def describe_scale(self) -> list[str]:
         """Which parameters the images took, and where these were made for another size: a line for each set."""
@@ -204,7 +204,6 @@ def corrupt_folder(
     size_px: int | None = None,
     image_format: str = "png",
     device: str = "cpu",
-    quiet: bool = True,
 ) -> CorruptResult:
     """Corrupt every image of a folder, or one image, into a folder of the same layout.
 
@@ -219,7 +218,6 @@ def corrupt_folder(
         size_px: resize to 8/7 of it and cut out the middle, as published (256, 224); None keeps the images' sizes.
         image_format: `png`, or `jpg` of quality 85, which is what ImageNet-C's files are.
         device: cpu or cuda.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: there are no images, `out` holds images of other settings, or a setting is wrong.
@@ -238,7 +236,7 @@ def corrupt_folder(
     result = CorruptResult(failed=refused)
     places = {item: "" if single else f"{item[0]}/{item[1]}/" for item in plan}
     known = read_finished(out)
-    with progress("corrupting", len(sources) * len(plan), quiet) as ticker:
+    with progress("corrupting", len(sources) * len(plan)) as ticker:
         for start in range(0, len(sources), CHUNK_FILES):
             chunk = sources[start : start + CHUNK_FILES]
             loaded = _load(chunk, out, places, known, size_px, result)
@@ -273,7 +271,10 @@ def _list_sources(source: Path, out: Path, image_format: str) -> tuple[list[Sour
     return list(found.sources), list(found.refused)
 
 
-def _load(chunk, out: Path, places, known: dict[str, CorruptedFile], size_px, result: CorruptResult) -> list[Loaded]:
+def _load(
+    chunk: Sequence[Source], out: Path, places: Mapping[tuple[str, int], str], known: Mapping[str, CorruptedFile],
+    size_px: int | None, result: CorruptResult,
+) -> list[Loaded]:  # fmt: skip
     """Read what is not finished yet; what cannot be read or must not be overwritten goes to the result's list."""
     slots: list[Loaded | None] = [None] * len(chunk)
     trouble: list[list[tuple[str, str]]] = [[] for _ in chunk]
@@ -316,7 +317,10 @@ def _look(file: Path, line: CorruptedFile | None, source_sha256: str) -> str:
     return "missing" if sha256_file(file) == line.sha256 else "changed"
 
 
-def _write(out: Path, targets, files: list[bytes], known: dict[str, CorruptedFile], result: CorruptResult) -> None:
+def _write(
+    out: Path, targets: Sequence[tuple[str, str]], files: list[bytes], known: dict[str, CorruptedFile],
+    result: CorruptResult,
+) -> None:  # fmt: skip
     lines = []
     for (target, source_sha256), content in zip(targets, files, strict=True):
         line = CorruptedFile(path=target, sha256=hashlib.sha256(content).hexdigest(), source_sha256=source_sha256)

@@ -86,11 +86,14 @@ def grow_feathers(pane: Pane, rng: np.random.Generator) -> np.ndarray:
         count = rng.integers(3, 8)
         angles = rng.uniform(0, 2 * np.pi) + rng.uniform(0.5, 2 * np.pi) * np.arange(count) / count
         lengths = rng.uniform(*pane.length_px) * rng.uniform(0.5, 1, count)
-        draw_crystal(canvas, root, angles, lengths, rng.uniform(60, 255), rng)
+        draw_crystal(canvas, root, angles, lengths, brightness=rng.uniform(60, 255), rng=rng)
     return _fold(canvas).astype(np.float32)
 
 
-def draw_crystal(canvas: np.ndarray, root: np.ndarray, angles, lengths_px, brightness: float, rng) -> None:
+def draw_crystal(
+    canvas: np.ndarray, root: np.ndarray, angles: np.ndarray, lengths_px: np.ndarray, *, brightness: float,
+    rng: np.random.Generator,
+) -> None:  # fmt: skip
     """Needles from one point, a little bent, and their branches, which grow shorter towards the tip."""
     along = np.linspace(0, 1, max(3, int(lengths_px.max() / BRANCH_STEP_PX)))
     steps = lengths_px[:, None] * along

@@ -153,7 +153,7 @@ def _dot(seen: Seen, rim_deg: float, dot_radius: float) -> PoseDot:
     r = _radius(elevation, rim_deg)
     # seen from above with the object's front towards the reader: azimuth 0 points down, 90 (its left) to the right
     x, y = r * sin(radians(azimuth)), r * cos(radians(azimuth))
-    return PoseDot(x, y, _wedge(x, y, dot_radius, n_right / n), azimuth, elevation, n, n_right)
+    return PoseDot(x, y, _wedge(x, y, dot_radius, n_right / n), azimuth, elevation, n=n, n_right=n_right)
 
 
 def _radius(elevation_deg: float, rim_deg: float) -> float:

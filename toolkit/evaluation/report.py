@@ -55,6 +55,8 @@ def write_report(
         "controlled": _name_controlled(findings.comparisons),
         "charts": chart_poses(predictions),
         "sim_real": views,
+        "side": SIDE,
+        "ticks": [(place_prob(prob), label) for prob, label in TICKS],
         "sources": sorted({one.capture.source for one in predictions}),
         "sheets": sheets,
         "n_hidden": n_hidden,
@@ -141,27 +143,20 @@ class PosePoint:
 
 
 @dataclass(frozen=True)
-class Scatter:
-    """The true class's probability in the rig and in photographs, one point per pose of one variant.
+class SimRealView:
+    """One pair of sources in the report.
 
     Attributes:
-        ticks: (place, label) along x; y has the same, upwards.
+        found: what was found.
+        rows, forecasts: those that are shown.
+        charts: by variant, the true class's probability in the rig and in photographs, one point per pose.
+        cards: of the wrongly predicted.
     """
-
-    variant: str
-    points: tuple[PosePoint, ...]
-    ticks: tuple[tuple[float, str], ...]
-    side: float = SIDE
-
-
-@dataclass(frozen=True)
-class SimRealView:
-    """One pair of sources in the report: the rows that are shown, charts, and cards of the wrongly predicted."""
 
     found: SimReal
     rows: list[SimRealRow]
     forecasts: list[GainForecast]
-    charts: list[Scatter]
+    charts: dict[str, list[PosePoint]]
     cards: list[Card]
 
 
@@ -170,7 +165,7 @@ def view_sim_real(comparisons: Sequence[SimReal]) -> list[SimRealView]:
     views = []
     for one in comparisons:
         variants = sorted({place_of(pair)[1] for pair in one.pairs}, key=rank_variant)
-        charts = [_scatter(name, [pair for pair in one.pairs if place_of(pair)[1] == name]) for name in variants]
+        charts = {name: [_make_point(pair) for pair in one.pairs if place_of(pair)[1] == name] for name in variants}
         cards = [_make_card(pair) for pair in _pick_furthest(one.wrong)]
         views.append(SimRealView(one, pick_rows(one.rows, MAX_ROWS), pick_rows(one.forecasts, MAX_ROWS), charts, cards))
     return views
@@ -181,11 +176,6 @@ def place_prob(prob: float) -> float:
     end = log((1 - LEAST_PROB) / LEAST_PROB)
     inside = min(1 - LEAST_PROB, max(LEAST_PROB, prob))
     return SIDE * (log(inside / (1 - inside)) + end) / (2 * end)
-
-
-def _scatter(variant: str, pairs: Sequence[Pair]) -> Scatter:
-    ticks = tuple((place_prob(prob), label) for prob, label in TICKS)
-    return Scatter(variant, tuple(map(_make_point, pairs)), ticks)
 
 
 def _make_point(pair: Pair) -> PosePoint:

@@ -93,14 +93,16 @@ def _judge_booster(network: str, groups: Groups, row: Comparison | None, variant
     after, before = groups[variant], groups.get(UNPATCHED)
     if variant == UNPATCHED or before is None:
         sentence = f"{network} is right on {_format_group(after)} of the {variant} images."
-        return Headline(after.source, variant, "open", "Accuracy alone, nothing to compare with", sentence, question)
+        return Headline(
+            after.source, variant, "open", "Accuracy alone, nothing to compare with", sentence, question=question
+        )
     name = name_booster(variant)
     shares = f"{network} is right on {_format_group(after)} with {name} and on {_format_group(before)} without."
     if row is None:
         verdict, why = "Nothing could be paired", "No pose was shot both ways, so no paired test is possible."
-        return Headline(after.source, variant, "open", verdict, f"{shares} {why}", question)
+        return Headline(after.source, variant, "open", verdict, f"{shares} {why}", question=question)
     tone, verdict, why = judge_change(name, row.outcomes)
-    return Headline(after.source, variant, tone, verdict, f"{shares} {why}", question)
+    return Headline(after.source, variant, tone, verdict, f"{shares} {why}", question=question)
 
 
 def judge_change(name: str, outcomes: PairedOutcomes) -> tuple[str, str, str]:
@@ -158,7 +160,7 @@ def _is_it_this(network: str, booster: str, rows: Comparisons, rivals: Sequence[
     wrong = rows.get((UNPATCHED, WRONG)) if booster == PATCHED else None
     if wrong is not None:
         sentence += f" {_describe_wrong(wrong)}"
-    return Headline(best.source, booster, tone, verdict, sentence, ask_this(booster))
+    return Headline(best.source, booster, tone, verdict, sentence, question=ask_this(booster))
 
 
 def _patch_or_texture(network: str, row: Comparison) -> Headline:
@@ -166,7 +168,8 @@ def _patch_or_texture(network: str, row: Comparison) -> Headline:
     if row.outcomes.first_is_better or row.outcomes.second_is_better:
         tone, verdict = "good", f"The {'patch' if row.outcomes.first_is_better else 'texture'} does better"
     names = ("the patch", "the texture")
-    return Headline(row.source, TEXTURED, tone, verdict, _compare_both(network, row.outcomes, names, names), EITHER)
+    sentence = _compare_both(network, row.outcomes, names, names)
+    return Headline(row.source, TEXTURED, tone, verdict, sentence, question=EITHER)
 
 
 def _compare_both(network: str, found: PairedOutcomes, names: tuple[str, str], short: tuple[str, str]) -> str:
@@ -214,7 +217,7 @@ def _object_or_sticker(network: str, alone: Group, row: Comparison | None) -> He
         tone, verdict = "open", "The sticker alone is mostly not enough, nor is the patched object shown to be better"
     else:
         tone, verdict = "open", "The object is not shown to add to the sticker"
-    return Headline(alone.source, ALONE, tone, verdict, sentence, STICKER)
+    return Headline(alone.source, ALONE, tone, verdict, sentence, question=STICKER)
 
 
 def _format_group(group: Group) -> str:

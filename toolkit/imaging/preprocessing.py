@@ -1,10 +1,13 @@
 """From a photograph to what a network sees: resize the short side, cut the middle, normalise."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
+
+if TYPE_CHECKING:
+    from torchvision.transforms._presets import ImageClassification
 
 LONGEST_WHOLE = 8
 
@@ -34,7 +37,7 @@ class Preprocessing:
         )
 
 
-def published_preprocessing(preset: Any) -> Preprocessing:
+def published_preprocessing(preset: "ImageClassification") -> Preprocessing:
     """From torchvision's `weights.transforms()`."""
     return Preprocessing(
         preset.resize_size[0],

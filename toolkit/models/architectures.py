@@ -2,21 +2,18 @@
 
 from collections import OrderedDict
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING
 
 from toolkit.core.errors import one_of
+
+if TYPE_CHECKING:
+    from torch import nn
+    from torchvision.models import WeightsEnum
+    from torchvision.transforms._presets import ImageClassification
 
 CIFAR10_LABELS = ("airplane", "automobile", "bird", "cat", "deer", "dog", "frog", "horse", "ship", "truck")
 """In the order of the networks' outputs, which is alphabetical."""
 CIFAR_NETWORKS = ("cifar_resnet18", "cifar_resnet50", "cifar_resnet8")
-
-
-def _transforms() -> Any:
-    from torchvision.transforms._presets import ImageClassification
-
-    # of all pixels of CIFAR-10's training images
-    mean, std = (0.4914, 0.4822, 0.4465), (0.2470, 0.2435, 0.2616)
-    return ImageClassification(crop_size=32, resize_size=32, mean=mean, std=std)
 
 
 @dataclass(frozen=True)
@@ -29,14 +26,18 @@ class CifarWeights:
     """
 
     url: None = None
-    meta: dict[str, Any] = field(default_factory=lambda: {"categories": list(CIFAR10_LABELS)})
+    meta: dict[str, list[str]] = field(default_factory=lambda: {"categories": list(CIFAR10_LABELS)})
 
-    def transforms(self) -> Any:
+    def transforms(self) -> "ImageClassification":
         """Preprocessing, as torchvision's entries give it."""
-        return _transforms()
+        from torchvision.transforms._presets import ImageClassification
+
+        # of all pixels of CIFAR-10's training images
+        mean, std = (0.4914, 0.4822, 0.4465), (0.2470, 0.2435, 0.2616)
+        return ImageClassification(crop_size=32, resize_size=32, mean=mean, std=std)
 
 
-def build_cifar_network(arch: str, num_classes: int) -> Any:
+def build_cifar_network(arch: str, num_classes: int) -> "nn.Module":
     """One of `CIFAR_NETWORKS` with random weights."""
     import torchvision
     from torch import nn
@@ -50,11 +51,11 @@ def build_cifar_network(arch: str, num_classes: int) -> Any:
     return module
 
 
-def _build_resnet8(num_classes: int) -> Any:
+def _build_resnet8(num_classes: int) -> "nn.Module":
     from torch import nn
     from torchvision.models.resnet import BasicBlock, conv1x1
 
-    def stage(inputs: int, outputs: int, stride: int) -> Any:
+    def stage(inputs: int, outputs: int, stride: int) -> BasicBlock:
         narrow = None if stride == 1 else nn.Sequential(conv1x1(inputs, outputs, stride), nn.BatchNorm2d(outputs))
         return BasicBlock(inputs, outputs, stride, narrow)
 
@@ -78,7 +79,7 @@ def list_architectures() -> list[str]:
     return [*torchvision.models.list_models(module=torchvision.models), *CIFAR_NETWORKS]
 
 
-def published_weights(arch: str):
+def published_weights(arch: str) -> "WeightsEnum | CifarWeights":
     """The torchvision weights entry (url, labels, preprocessing) of a network: IMAGENET1K_V1 where there is one.
 
     A network for small images has a `CifarWeights` instead, without url.
@@ -101,7 +102,7 @@ def imagenet_labels() -> list[str]:
     return published_weights("resnet18").meta["categories"]
 
 
-def build_network(arch: str, num_classes: int):
+def build_network(arch: str, num_classes: int) -> "nn.Module":
     """A network with random weights, as torchvision builds it."""
     import torchvision
 

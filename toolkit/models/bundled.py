@@ -35,7 +35,7 @@ def read_bundled() -> ClassifierRecord | None:
     return record
 
 
-def load_best(device: str, quiet: bool) -> tuple[Classifier, str]:
+def load_best(device: str) -> tuple[Classifier, str]:
     """ImageNet's ResNet-18 where it can be had, else the bundled classifier; and why, in a sentence.
 
     Local weights are looked for first, then torchvision's download is tried, shortly.
@@ -44,12 +44,12 @@ def load_best(device: str, quiet: bool) -> tuple[Classifier, str]:
         ToolkitError: the weights cannot be had and there is no bundled classifier, or a file is damaged.
     """
     if find_local(DEFAULT_ARCH) is not None:
-        return load_classifier(DEFAULT_ARCH, device=device, quiet=quiet), "its weights are on this machine"
+        return load_classifier(DEFAULT_ARCH, device=device), "its weights are on this machine"
     if bundled_file() is None:
-        return load_classifier(DEFAULT_ARCH, device=device, quiet=quiet), "its weights were downloaded"
+        return load_classifier(DEFAULT_ARCH, device=device), "its weights were downloaded"
     try:
-        download(DEFAULT_ARCH, published_weights(DEFAULT_ARCH).url, quiet, PATIENCE_S)
+        download(DEFAULT_ARCH, str(published_weights(DEFAULT_ARCH).url), PATIENCE_S)
     except ToolkitError:
         why = f"no weights of {DEFAULT_ARCH} on this machine, and none could be downloaded"
-        return load_classifier(BUNDLED, device=device, quiet=quiet), why
-    return load_classifier(DEFAULT_ARCH, device=device, quiet=quiet), "its weights were downloaded"
+        return load_classifier(BUNDLED, device=device), why
+    return load_classifier(DEFAULT_ARCH, device=device), "its weights were downloaded"

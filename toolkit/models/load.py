@@ -2,7 +2,7 @@
 
 from collections import OrderedDict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.preprocessing import published_preprocessing
@@ -12,12 +12,16 @@ from toolkit.models.labels import adapt_preprocessing, choose_labels, read_label
 from toolkit.models.network import Classifier, check_hash, choose_device
 from toolkit.models.weights import WeightsFile, find_weights, read_state_dict
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import torch
+
 
 def load_classifier(
     model: str | None = None,
     weights: Path | None = None,
     device: str = "auto",
-    quiet: bool = False,
     folder: Path | None = None,
 ) -> Classifier:
     """Load a classifier: a torchvision network, the bundled `rig18`, or one that `toolkit train-classifier` made.
@@ -30,7 +34,6 @@ def load_classifier(
         weights: state dict, `.pth` or `.safetensors`; by default see `find_weights`. The number of classes is read from
             it; a `WEIGHTS.json` beside it may name them. Half precision becomes single.
         device: `auto`, `cpu` or `cuda`.
-        quiet: no progress bar when downloading.
         folder: of the workspace's own classifiers.
 
     Raises:
@@ -43,9 +46,9 @@ def load_classifier(
     if found.arch.startswith(TIMM_PREFIX):
         from toolkit.models.timm_networks import load_timm_network
 
-        return load_timm_network(found.arch, found.weights, device, quiet)
+        return load_timm_network(found.arch, found.weights, device)
     arch, entry, place = found.arch, published_weights(found.arch), choose_device(device)
-    file = find_weights(arch, found.weights, quiet)
+    file = find_weights(arch, found.weights)
     own = read_labels_file(file.path)
     check_hash(file, own)
     state = read_state_dict(file)
@@ -55,17 +58,18 @@ def load_classifier(
     _fill(module, state, arch, file)
     for parameter in module.parameters():
         parameter.requires_grad_(False)
-    module = module.eval().to(device=place, memory_format=torch.channels_last)
+    module = module.eval().to(memory_format=torch.channels_last).to(place)
     labels = choose_labels(file.path, own.labels, published, num_classes)
     preprocessing = adapt_preprocessing(published_preprocessing(entry.transforms()), own)
     is_imagenet = labels == imagenet_labels()
     return Classifier(
-        arch, module, labels, preprocessing, file, place, is_imagenet, own.name or arch, own.trained_on or ""
-    )
+        arch=arch, module=module, labels=labels, preprocessing=preprocessing, weights=file, device=place,
+        is_imagenet=is_imagenet, name=own.name or arch, trained_on=own.trained_on or "",
+    )  # fmt: skip
 
 
 def load_classifiers(
-    models: list[str] | None, weights: list[Path] | None, device: str = "auto", quiet: bool = False,
+    models: list[str] | None, weights: list[Path] | None, device: str = "auto",
     folder: Path | None = None,
 ) -> list[Classifier]:  # fmt: skip
     """Several classifiers, at least one; see `load_classifier`.
@@ -77,10 +81,10 @@ def load_classifiers(
     files: list[Path | None] = list(weights) if weights else [None] * len(names)
     if len(files) != len(names):
         raise ToolkitError(f"{len(names)} --model and {len(files)} --weights: expected one --weights for each --model")
-    return [load_classifier(name, file, device, quiet, folder) for name, file in zip(names, files, strict=True)]
+    return [load_classifier(name, file, device, folder) for name, file in zip(names, files, strict=True)]
 
 
-def _count_classes(arch: str, state: dict[str, Any], published: int, file: WeightsFile) -> int:
+def _count_classes(arch: str, state: "Mapping[str, torch.Tensor]", published: int, file: WeightsFile) -> int:
     import torch
 
     with torch.device("meta"):
@@ -91,7 +95,7 @@ def _count_classes(arch: str, state: dict[str, Any], published: int, file: Weigh
     return int(state[last].shape[0])
 
 
-def _fill(module: Any, state: OrderedDict[str, Any], arch: str, file: WeightsFile) -> None:
+def _fill(module: "torch.nn.Module", state: "OrderedDict[str, torch.Tensor]", arch: str, file: WeightsFile) -> None:
     import torch
 
     expected = module.state_dict()

@@ -1,11 +1,13 @@
 """A classifier that is ready to use: network, weights, labels and preprocessing in one."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.models.labels import (
     LabelsFile,
@@ -14,6 +16,9 @@ from toolkit.models.labels import (
     index_of_wnid,
 )
 from toolkit.models.weights import WeightsFile
+
+if TYPE_CHECKING:
+    import torch
 
 
 @dataclass(frozen=True)
@@ -33,7 +38,7 @@ class Classifier:
     """
 
     arch: str
-    module: Any
+    module: "torch.nn.Module"
     labels: list[str]
     preprocessing: Preprocessing
     weights: WeightsFile
@@ -57,14 +62,14 @@ class Classifier:
             return f"{self.name} ({trained}; ImageNet's 1000 classes)"
         return f"{self.name} ({trained}; {len(self.labels)} classes of its own, not ImageNet's)"
 
-    def preprocess(self, image: np.ndarray):
+    def preprocess(self, image: np.ndarray) -> "torch.Tensor":
         """(h, w, 3) uint8 sRGB to a (3, crop, crop) float32 tensor, sRGB-encoded in [0, 1], not normalised."""
         import torch
 
         pixels = np.ascontiguousarray(resize_and_crop(image, self.preprocessing).transpose(2, 0, 1))
         return torch.from_numpy(pixels).float().div(255)
 
-    def logits(self, batch):
+    def logits(self, batch: "torch.Tensor") -> "torch.Tensor":
         """(b, 3, h, w) float tensor, sRGB-encoded in [0, 1], to (b, classes); normalises inside, differentiable.
 
         Raises:
@@ -109,7 +114,7 @@ def choose_device(device: str) -> str:
         return "cpu"
     available = torch.cuda.is_available()
     if device == "cuda" and not available:
-        raise ToolkitError("--device cuda: torch sees no CUDA device here: use the cpu, or repair the driver")
+        raise FieldError("torch sees no CUDA device here: use the cpu, or repair the driver", {"device": "cuda"})
     return "cuda" if available else "cpu"
 
 
@@ -121,3 +126,44 @@ def check_hash(file: WeightsFile, own: LabelsFile) -> None:
             f"{file.path.with_suffix('.json').name}: the weights were changed or damaged: "
             "restore the pair, or train again"
         )
+
+
+def match_classes(names: Sequence[str], classifier: Classifier, root: Path, field: str = "model") -> dict[str, int]:
+    """The class index of each folder's name: a WordNet id, or a label in any case, with `_` or `-` for spaces.
+
+    Raises:
+        ToolkitError: a name is none of the classifier's, or two folders are of one class.
+    """
+    by_name: dict[str, list[int]] = {}
+    for index, label in enumerate(classifier.labels):
+        by_name.setdefault(_plain(label), []).append(index)
+    if classifier.is_imagenet:
+        by_name |= {wnid: [index] for index, wnid in enumerate(imagenet_wnids())}
+    unknown = [name for name in names if _plain(name) not in by_name]
+    if unknown:
+        more = f" ({len(unknown)} of {len(names)} folders)" if len(unknown) > 1 else ""
+        raise FieldError(
+            f"{root / unknown[0]}: '{unknown[0]}' is no class of {classifier.describe()}{more}: name the classifier of "
+            f"this data with {{{field}}}, or rename the folder",
+            {},
+        )
+    index_of = {}
+    for name in names:
+        indices = by_name[_plain(name)]
+        exact = [index for index in indices if classifier.labels[index] == name]
+        indices = exact if len(exact) == 1 else indices  # ImageNet has a dog 'Cardigan' and a jacket 'cardigan'
+        if len(indices) > 1:
+            raise ToolkitError(
+                f"{root / name}: {len(indices)} classes are called '{name}' ({', '.join(map(str, indices))}): call the "
+                "folder by its WordNet id"
+            )
+        index_of[name] = indices[0]
+    for name in names:
+        same = [other for other in names if index_of[other] == index_of[name]]
+        if len(same) > 1:
+            raise ToolkitError(f"{root}: {' and '.join(same)} are one class: join the folders")
+    return index_of
+
+
+def _plain(name: str) -> str:
+    return name.lower().replace("_", " ").replace("-", " ").strip()

@@ -1,12 +1,15 @@
 """Half precision where the hardware computes in it, and where a network can be trained in it."""
 
 from contextlib import AbstractContextManager, nullcontext
-from typing import Any
+from typing import TYPE_CHECKING
 
 from toolkit.models.architectures import build_network
 
+if TYPE_CHECKING:
+    import torch
 
-def mixed_precision(device: str) -> AbstractContextManager:
+
+def mixed_precision(device: str) -> AbstractContextManager[object]:
     """Autocast to bfloat16 where `device` (`cpu` or `cuda`) multiplies in it, else nothing.
 
     bfloat16, not float16: its range keeps the small gradients that float16 turns to zero. Only for training: evaluation
@@ -40,7 +43,7 @@ def choose_precision(arch: str, image_px: int, device: str) -> str:
     return "float32" if device == "cpu" and has_unseen_taps(arch, image_px) else "bfloat16"
 
 
-def autocast(precision: str, device: str) -> AbstractContextManager:
+def autocast(precision: str, device: str) -> AbstractContextManager[object]:
     """The context of a forward pass in `choose_precision`'s precision."""
     return mixed_precision(device) if precision == "bfloat16" else nullcontext()
 
@@ -56,7 +59,7 @@ def has_unseen_taps(arch: str, image_px: int) -> bool:
 
     found = []
 
-    def look(layer: Any, inputs: tuple, _: Any) -> None:
+    def look(layer: "torch.nn.Conv2d", inputs: "tuple[torch.Tensor]", _: object) -> None:
         for side, kernel, stride in zip(inputs[0].shape[-2:], layer.kernel_size, layer.stride, strict=True):
             least = max(stride, kernel // 2 + 1 if kernel > SMALL_KERNEL else 1)
             found.append(side < least)

@@ -4,8 +4,10 @@ import math
 from difflib import get_close_matches
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
+from toolkit.core.console import is_quiet
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.architectures import imagenet_labels
@@ -22,18 +24,22 @@ from toolkit.models.weights import (
     read_state_dict,
 )
 
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import torch
+
 HUB_FILE = "model.safetensors"
 HUB_TIMEOUT_S = 10.0
 
 
-def find_timm_weights(name: str, config: dict[str, Any], weights: Path | None, quiet: bool) -> WeightsFile:
+def find_timm_weights(name: str, config: dict[str, Any], weights: Path | None) -> WeightsFile:
     """The weights of a network: `weights`, else TOOLKIT_WEIGHTS, else the hub's cache, else timm's download.
 
     Args:
         name: timm's, without prefix: the folder's file is `NAME-*.pth` or `.safetensors`.
         config: timm's record of the network's weights.
         weights: `--weights`.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: the named file is missing or of another kind, or none of the ways has weights.
@@ -44,19 +50,19 @@ def find_timm_weights(name: str, config: dict[str, Any], weights: Path | None, q
         return open_weights(local)
     if repo := config.get("hf_hub_id"):
         filename = config.get("hf_hub_filename") or HUB_FILE
-        return open_weights(_fetch_from_hub(name, repo, filename, quiet), f"{repo}/{filename}")
+        return open_weights(_fetch_from_hub(name, repo, filename), f"{repo}/{filename}")
     if url := config.get("url"):
-        return open_weights(download(name, url, quiet))
+        return open_weights(download(name, url))
     raise ToolkitError(f"no weights for timm:{name}, and timm publishes none: give a file with --weights")
 
 
-def _fetch_from_hub(name: str, repo: str, filename: str, quiet: bool) -> Path:
+def _fetch_from_hub(name: str, repo: str, filename: str) -> Path:
     from huggingface_hub import get_hf_file_metadata, hf_hub_download, hf_hub_url, try_to_load_from_cache
     from huggingface_hub.utils import disable_progress_bars
 
     if isinstance(cached := try_to_load_from_cache(repo, filename), str):
         return Path(cached)
-    if quiet:
+    if is_quiet():
         disable_progress_bars()
     try:
         # without a network the download itself would try again for half a minute; this asks once
@@ -67,7 +73,7 @@ def _fetch_from_hub(name: str, repo: str, filename: str, quiet: bool) -> Path:
     raise no_weights(f"timm:{name}", name, f"let it download {repo} from the Hugging Face hub (failed: {reason})")
 
 
-def load_timm_network(model: str, weights: Path | None = None, device: str = "auto", quiet: bool = False) -> Classifier:
+def load_timm_network(model: str, weights: Path | None = None, device: str = "auto") -> Classifier:
     """Load a network of timm, with the preprocessing that timm publishes for its weights.
 
     Args:
@@ -76,7 +82,6 @@ def load_timm_network(model: str, weights: Path | None = None, device: str = "au
             from it; a `WEIGHTS.json` beside it may name them. A file in the format of the network's authors is
             converted where timm knows how.
         device: `auto`, `cpu` or `cuda`.
-        quiet: no progress bar when downloading.
 
     Raises:
         ToolkitError: timm is not installed, it has no such network, the network is no classifier or wants images that
@@ -87,7 +92,7 @@ def load_timm_network(model: str, weights: Path | None = None, device: str = "au
     name, place = model.removeprefix(PREFIX), choose_device(device)
     config = published_config(name)
     preprocessing = published_preprocessing(name, config)
-    file = find_timm_weights(name, config, weights, quiet)
+    file = find_timm_weights(name, config, weights)
     own = read_labels_file(file.path)
     check_hash(file, own)
     state = read_state_dict(file)
@@ -95,20 +100,14 @@ def load_timm_network(model: str, weights: Path | None = None, device: str = "au
     if not all(torch.isfinite(value).all() for value in state.values()):
         raise ToolkitError(f"{file.path}: some weights are infinite or not a number: the file is damaged or diverged")
     module = _build(model, state, num_classes, file)
-    module = module.requires_grad_(False).eval().to(device=place, memory_format=torch.channels_last)
+    module = module.requires_grad_(False).eval().to(memory_format=torch.channels_last).to(place)
     published = imagenet_labels()  # timm's ImageNet-1k networks have them in the same order
     labels = choose_labels(file.path, own.labels, published, num_classes)
     return Classifier(
-        model,
-        module,
-        labels,
-        adapt_preprocessing(preprocessing, own),
-        file,
-        place,
-        labels == published,
-        own.name or model.replace(":", "-"),  # it names the run's folder
-        own.trained_on or "",
-    )
+        arch=model, module=module, labels=labels, preprocessing=adapt_preprocessing(preprocessing, own), weights=file,
+        device=place, is_imagenet=labels == published, trained_on=own.trained_on or "",
+        name=own.name or model.replace(":", "-"),  # it names the run's folder
+    )  # fmt: skip
 
 
 def published_config(name: str) -> dict[str, Any]:
@@ -128,7 +127,7 @@ def published_config(name: str) -> dict[str, Any]:
     return timm.get_pretrained_cfg(name).to_dict()
 
 
-def _import_timm(name: str) -> Any:
+def _import_timm(name: str) -> ModuleType:
     try:
         return import_module("timm")
     except ImportError as error:
@@ -156,7 +155,7 @@ def published_preprocessing(name: str, config: dict[str, Any]) -> Preprocessing:
     return Preprocessing(resize_px, height, wanted["mean"], wanted["std"], wanted["interpolation"].upper())
 
 
-def _count_classes(model: str, config: dict[str, Any], state: dict[str, Any]) -> int:
+def _count_classes(model: str, config: dict[str, Any], state: "Mapping[str, torch.Tensor]") -> int:
     """Outputs of the last layer; timm's published number where the file calls that layer otherwise."""
     last = config.get("classifier") or ""
     weight = state.get(f"{last if isinstance(last, str) else last[0]}.weight")
@@ -166,7 +165,7 @@ def _count_classes(model: str, config: dict[str, Any], state: dict[str, Any]) ->
     return count
 
 
-def _build(model: str, state: dict[str, Any], num_classes: int, file: WeightsFile) -> Any:
+def _build(model: str, state: "Mapping[str, torch.Tensor]", num_classes: int, file: WeightsFile) -> "torch.nn.Module":
     """Timm's own loading: it knows how to convert the formats of the networks' authors."""
     timm = import_module("timm")
     try:

@@ -9,11 +9,15 @@ from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
+from toolkit.core.console import is_quiet
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.models.architectures import published_weights
+
+if TYPE_CHECKING:
+    import torch
 
 FOLDER_VARIABLE = "TOOLKIT_WEIGHTS"
 SUFFIXES = (".pth", ".pt", ".safetensors")
@@ -35,7 +39,7 @@ class WeightsFile:
     name: str
 
 
-def find_weights(arch: str, weights: Path | None = None, quiet: bool = False) -> WeightsFile:
+def find_weights(arch: str, weights: Path | None = None) -> WeightsFile:
     """The weights of a network: `weights`, else TOOLKIT_WEIGHTS, else torch's cache, else torchvision's download.
 
     Raises:
@@ -46,7 +50,7 @@ def find_weights(arch: str, weights: Path | None = None, quiet: bool = False) ->
     found = named or find_local(arch)
     if found is None and entry.url is None:
         raise no_weights(arch, arch, f"train one with 'toolkit train-classifier --arch {arch}': none are published")
-    return open_weights(found or download(arch, entry.url, quiet))
+    return open_weights(found or download(arch, str(entry.url)))
 
 
 def open_weights(path: Path, name: str = "") -> WeightsFile:
@@ -88,7 +92,7 @@ def cache_dir() -> Path:
     return Path(torch.hub.get_dir()) / "checkpoints"
 
 
-def read_state_dict(file: WeightsFile) -> OrderedDict[str, Any]:
+def read_state_dict(file: WeightsFile) -> "OrderedDict[str, torch.Tensor]":
     """Parameters by name; nothing in the file is executed.
 
     Checkpoints that wrap the state dict as `{"state_dict": ...}` or `{"model": ...}`, and names with the `module.` that
@@ -115,7 +119,7 @@ def _modern_name(name: str) -> str:
     return (old[1] + old[2] if old else name).removeprefix("module.")
 
 
-def _load(path: Path) -> Any:
+def _load(path: Path) -> object:
     import pickle
 
     import torch
@@ -149,7 +153,7 @@ def _published_name(url: str) -> str:
     return url.rsplit("/", 1)[-1]
 
 
-def download(arch: str, url: str, quiet: bool, timeout_s: float = DOWNLOAD_TIMEOUT_S) -> Path:
+def download(arch: str, url: str, timeout_s: float = DOWNLOAD_TIMEOUT_S) -> Path:
     """A published file into torch's own cache, checked against the hash in its name; else a `ToolkitError`."""
     import torch
 
@@ -159,7 +163,7 @@ def download(arch: str, url: str, quiet: bool, timeout_s: float = DOWNLOAD_TIMEO
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         with socket_timeout(timeout_s):
-            torch.hub.download_url_to_file(url, str(target), digits[1] if digits else None, progress=not quiet)
+            torch.hub.download_url_to_file(url, str(target), digits[1] if digits else None, progress=not is_quiet())
     except (OSError, http.client.HTTPException, RuntimeError) as error:
         reason = str(getattr(error, "reason", "") or error).strip() or error.__class__.__name__
         others = f"put {name} into torch's cache {cache_dir()}, or let it download from {url} (failed: {reason})"

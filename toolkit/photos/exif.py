@@ -48,8 +48,8 @@ class ExifFacts:
 def read_exif(exif: Image.Exif) -> ExifFacts:
     """The facts in a photograph's EXIF; damaged EXIF says nothing and is no error."""
     try:
-        base: Mapping = dict(exif)
-        details: Mapping = dict(exif.get_ifd(EXIF_IFD))
+        base: Mapping[int, object] = dict(exif)
+        details: Mapping[int, object] = dict(exif.get_ifd(EXIF_IFD))
     # the block may hold anything, and Pillow's reader raises struct, key, type and value errors on it
     except Exception:
         return ExifFacts()
@@ -84,7 +84,7 @@ def write_exif(facts: ExifFacts) -> bytes:
     return exif.tobytes()
 
 
-def _find_time(base: Mapping, details: Mapping) -> datetime | None:
+def _find_time(base: Mapping[int, object], details: Mapping[int, object]) -> datetime | None:
     for tag, value in ((TAKEN, details.get(TAKEN)), (DIGITISED, details.get(DIGITISED)), (CHANGED, base.get(CHANGED))):
         if taken := _parse_time(_text(value), _text(details.get(SUBSECONDS[tag])), _text(details.get(OFFSETS[tag]))):
             return taken

@@ -1,6 +1,7 @@
 """The web application: addresses, and what each of them calls."""
 
 import io
+from collections.abc import Callable
 from functools import lru_cache
 from importlib.resources import files
 from pathlib import Path
@@ -103,7 +104,7 @@ def _answer_errors(app: FastAPI) -> None:
 
 
 def _add_page(app: FastAPI) -> None:
-    def serve(name: str, kind: str):
+    def serve(name: str, kind: str) -> Callable[[], Response]:
         content = (files("toolkit.studio") / name).read_bytes()
         return lambda: Response(content, media_type=kind)
 

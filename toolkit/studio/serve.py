@@ -12,6 +12,7 @@ from toolkit.studio.access import Access, make_token
 
 if TYPE_CHECKING:
     import uvicorn
+    from starlette.types import ASGIApp
 
 LOOPBACK = "127.0.0.1"
 USUAL_PORT = 8765
@@ -100,7 +101,7 @@ def require_extra() -> None:
         raise ToolkitError(f"toolkit studio needs {' and '.join(missing)}, which the extra 'studio' brings: {EXTRA}")
 
 
-def make_server(app) -> "uvicorn.Server":
+def make_server(app: "ASGIApp") -> "uvicorn.Server":
     """A server that ends when its `should_exit` is set; what is being answered then is finished, for some seconds."""
     import uvicorn
 

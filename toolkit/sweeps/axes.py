@@ -121,39 +121,37 @@ def _change_setting(name: str) -> Callable[[Setup, Value], Setup]:
     return change
 
 
-def _change_distance(setup: Setup, value: Value) -> Setup:
-    return replace(setup, plan=scale_distance(setup.plan, float(value)))
-
-
-def _change_resolution(setup: Setup, value: Value) -> Setup:
-    return replace(setup, plan=scale_resolution(setup.plan, int(value)))
-
-
-def _change_size(setup: Setup, value: Value) -> Setup:
-    return replace(setup, patch_mm=float(value))
-
-
 _AXES = (
-    Axis("light", "light", "", tuple(LIGHTS), _one_name("light", tuple(LIGHTS)), _change_setting("light")),
-    Axis("backdrop", "backdrop", "", BACKDROPS, _one_name("backdrop", BACKDROPS), _change_setting("backdrop")),
+    Axis(
+        "light", "light", "", tuple(LIGHTS), parse=_one_name("light", tuple(LIGHTS)), change=_change_setting("light"),
+    ),
+    Axis(
+        "backdrop", "backdrop", "", BACKDROPS, parse=_one_name("backdrop", BACKDROPS),
+        change=_change_setting("backdrop"),
+    ),
     Axis(
         "distance", "distance, as a multiple of the plan's", "x", (0.9, 1.0, 1.5, 2.0, 3.0),
-        _number("a factor of the plan's distance", "1.5", False, 0.1, 20), _change_distance,
+        parse=_number("a factor of the plan's distance", "1.5", False, 0.1, 20),
+        change=lambda setup, value: replace(setup, plan=scale_distance(setup.plan, float(value))),
         is_ordered=True, is_log=True,
     ),
     Axis(
         "resolution", "width of the picture (px)", "px", (64, 96, 160, 320, 640),
-        _number("the picture's width in pixels", "320", True, 16, 16384), _change_resolution,
+        parse=_number("the picture's width in pixels", "320", True, 16, 16384),
+        change=lambda setup, value: replace(setup, plan=scale_resolution(setup.plan, int(value))),
         is_ordered=True, is_log=True,
     ),
     Axis(
         "size", "printed side of the patch (mm, and its share of the object's longest side)", "mm",
         (22.0, 44.0, 60.0, PAPER_MM),
-        _number("the printed side of the patch in mm", "44", False, 1, 10000), _change_size, is_ordered=True,
+        parse=_number("the printed side of the patch in mm", "44", False, 1, 10000),
+        change=lambda setup, value: replace(setup, patch_mm=float(value)),
+        is_ordered=True,
     ),
     Axis(
         "seed", "seed of backdrop, room and noise", "", (0, 1, 2, 3, 4),
-        _number("a seed", "3", True, 0, 2**32 - 1), _change_setting("seed"),
+        parse=_number("a seed", "3", True, 0, 2**32 - 1),
+        change=_change_setting("seed"),
     ),
 )  # fmt: skip
 AXES: dict[str, Axis] = {axis.name: axis for axis in _AXES}
@@ -182,9 +180,14 @@ class Unit:
 
 
 def plan_units(
-    workspace: Workspace, axis: Axis, values: Sequence[Value], base: Setup, objects: Sequence[str],
+    workspace: Workspace,
+    axis: Axis,
+    values: Sequence[Value],
+    base: Setup,
+    *,
+    objects: Sequence[str],
     variants: Sequence[str],
-) -> list[Unit]:  # fmt: skip
+) -> list[Unit]:
     """Every unit of a sweep, value by value.
 
     An object that cannot be shot in one of the variants at a value (a patch too large for it, a camera inside it) is
@@ -230,4 +233,4 @@ def _plan_unit(
                 dress(sized, booster)
     except ToolkitError as error:
         refused = str(error)
-    return Unit(value, label, item.name, setup, patch_mm, longest_mm, refused)
+    return Unit(value, label, item.name, setup, patch_mm=patch_mm, longest_mm=longest_mm, refused=refused)

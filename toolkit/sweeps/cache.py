@@ -2,7 +2,8 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -55,7 +56,7 @@ def predict_once(
     todo = list({key: at for at, key in reversed(list(enumerate(keys))) if key not in cached}.values())[::-1]
     unread: dict[str, Prediction] = {}
     with progress("classifying", len(captures), done=len(captures) - len(todo)) as bar, quietly():
-        for chunk in _chunks(todo):
+        for chunk in (todo[start : start + CHUNK] for start in range(0, len(todo), CHUNK)):
             predictions = predict_captures([captures[at] for at in chunk], true_classes, classifier)
             new = [(keys[at], one) for at, one in zip(chunk, predictions, strict=True)]
             unread |= {key: one for key, one in new if not one.is_read}
@@ -66,7 +67,7 @@ def predict_once(
     results = [
         _recall(capture, true_classes[capture.object], classifier, cached[key])
         if key in cached
-        else _unread(capture, unread[key])
+        else replace(unread[key], capture=capture)
         for capture, key in zip(captures, keys, strict=True)
     ]
     return results, len(todo)
@@ -88,10 +89,6 @@ def open_cache(cache_file: Path) -> RecordLog[CachedPrediction]:
     return RecordLog(cache_file, CachedPrediction, required=False, compact=True)
 
 
-def _chunks(items: list[int]) -> Iterator[list[int]]:
-    return (items[start : start + CHUNK] for start in range(0, len(items), CHUNK))
-
-
 def _row(key: str, one: Prediction) -> CachedPrediction:
     fields = {name: getattr(one, name) for name in CachedPrediction.model_fields if name != "key"}
     # a sum of rounded shares may pass 1 by the last bit
@@ -101,11 +98,5 @@ def _row(key: str, one: Prediction) -> CachedPrediction:
 
 def _recall(capture: Capture, true_index: int, classifier: Classifier, row: CachedPrediction) -> Prediction:
     labels = classifier.labels
-    return Prediction(
-        capture, true_index, labels[true_index], row.top1_index, labels[row.top1_index], row.top1_prob, row.true_prob,
-        row.true_rank,
-    )  # fmt: skip
-
-
-def _unread(capture: Capture, one: Prediction) -> Prediction:
-    return Prediction(capture, one.true_index, one.true_label, status=one.status)
+    said = row.model_dump(exclude={"key"})
+    return Prediction(capture, true_index, labels[true_index], top1_label=labels[row.top1_index], **said)

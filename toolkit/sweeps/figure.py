@@ -1,10 +1,10 @@
 """The sweep as a picture: top-1 with its interval over the axis, a panel per object and one for all."""
 
-from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolkit.captures.read import POOLED
+from toolkit.core.figures import encode_figure, make_figure
 from toolkit.core.files import write_bytes
 from toolkit.sweeps.axes import Axis
 from toolkit.sweeps.result import Sweep
@@ -23,14 +23,10 @@ LONG_NAME, MANY_TICKS = 6, 4
 
 def draw_sweep(path: Path, sweep: Sweep) -> Path:
     """Write the figure as PNG; an axis with a scale is drawn as lines and bands, one without as dots and bars."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     names = [*sweep.objects] if len(sweep.objects) == 1 else [POOLED, *sweep.objects]
     columns = min(MAX_COLUMNS, len(names))
     rows = -(-len(names) // columns)
-    figure = Figure(figsize=(2 + 3.4 * columns, 1.4 + 2.8 * rows), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = make_figure(2 + 3.4 * columns, 1.4 + 2.8 * rows)
     panels = figure.subplots(rows, columns, sharey=True, squeeze=False).reshape(-1)
     for panel, name in zip(panels, names, strict=False):
         _draw_panel(panel, sweep, name)
@@ -45,9 +41,7 @@ def draw_sweep(path: Path, sweep: Sweep) -> Path:
     )
     missing = "; *: fewer, without an object that cannot be shot there" if sweep.skipped and len(names) > 1 else ""
     figure.supxlabel(sweep.axis.title + missing, fontsize=11)
-    buffer = BytesIO()
-    figure.savefig(buffer, dpi=120, format="png", metadata={"Software": None})
-    return write_bytes(path, buffer.getvalue())
+    return write_bytes(path, encode_figure(figure))
 
 
 def _draw_panel(panel: "Axes", sweep: Sweep, name: str) -> None:

@@ -16,7 +16,8 @@ from toolkit.evaluation.metrics import Comparison, Group
 from toolkit.evaluation.results import Findings
 from toolkit.models.network import Classifier
 from toolkit.rig.variants import ON_PAPER
-from toolkit.sweeps.axes import Axis, Unit, Value
+from toolkit.sweeps.axes import Axis, Unit, Value, find_axis
+from toolkit.sweeps.config import SweepConfig
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -92,24 +93,19 @@ class Sweep:
 
 
 def collect_rows(
-    axis: Axis,
-    units: Sequence[Unit],
-    variants: Sequence[str],
-    settings: ShootSettings,
-    classifier: Classifier,
-    findings: Findings,
+    config: SweepConfig, settings: ShootSettings, units: Sequence[Unit], classifier: Classifier, findings: Findings
 ) -> Sweep:
     """What was found, where the sources are the values, as a sweep."""
     weights = classifier.weights
     values = {unit.label: unit.value for unit in units}
     rank = {label: i for i, label in enumerate(values)}
     return Sweep(
-        axis,
+        find_axis(config.axis),
         settings,
         model={"name": classifier.name, "arch": classifier.arch, "weights": weights.name, "sha256": weights.sha256},
         values=values,
         objects={unit.object: unit.longest_mm for unit in units},
-        variants=tuple(variants),
+        variants=tuple(dict.fromkeys(config.variants)),
         groups=tuple(sorted(findings.groups, key=lambda group: rank[group.source])),
         pairs=tuple(sorted(findings.pairs, key=lambda pair: rank[pair.source])),
         sizes=_size_patches(units),

@@ -69,7 +69,7 @@ def run_sweep(
     specs = {name: workspace.object_spec(name) for name in config.objects or base.plan.objects}
     _check_classes(list(specs.values()), classifier)
     variants = tuple(dict.fromkeys(config.variants))
-    units = plan_units(workspace, axis, values, base, list(specs), variants)
+    units = plan_units(workspace, axis, values, base, objects=list(specs), variants=variants)
     possible = [unit for unit in units if unit.refused is None]
     if not possible:
         raise ToolkitError(f"no value of the sweep can be shot: {units[0].label}: {units[0].refused}")
@@ -84,10 +84,10 @@ def run_sweep(
     predictions, classified = predict_once(captures.captures, classes, classifier, cache_file)
     findings = compare_predictions(classifier.name, predictions, captures.refused_folders)
     evaluation = write_evaluation(folder / name, classifier, findings, captures.notes, EvalConfig(saliency=False))
-    sweep = collect_rows(axis, units, variants, base.settings, classifier, findings)
+    sweep = collect_rows(config, base.settings, units, classifier, findings)
     json_file, csv_file = write_sweep(folder, name, sweep)
     figure_file = draw_sweep(folder / f"sweep-{name}.png", sweep)
-    return SweepResult(sweep, json_file, csv_file, figure_file, evaluation, shot, kept, classified)
+    return SweepResult(sweep, json_file, csv_file, figure_file, evaluation, shot=shot, kept=kept, classified=classified)
 
 
 def _check_classes(spec_files: Sequence[Path], classifier: Classifier) -> None:
@@ -116,7 +116,7 @@ def _shoot_units(
         for unit in units:
             bar.advance(0, note=f"{unit.label}: {unit.object}")
             result = shoot_plan(
-                workspace, unit.setup.plan, [unit.object], variants, unit.setup.settings, unit.label,
+                workspace, unit.setup.plan, [unit.object], variants, unit.setup.settings, source=unit.label,
                 captures_dir=captures_dir, patch_mm=unit.setup.patch_mm, stored=stored,
             )  # fmt: skip
             shot, kept = shot + result.shot, kept + result.kept

@@ -46,7 +46,7 @@ class Checkpoint:
         """
         from safetensors.numpy import save
 
-        arrays = {name: np.ascontiguousarray(array) for name, array in arrays.items()}
+        arrays = {name: np.asarray(array, order="C") for name, array in arrays.items()}
         about = {
             "format": FORMAT,
             "kind": kind,
@@ -87,7 +87,7 @@ class Checkpoint:
     def announce(self, done: int, steps: int) -> None:
         """Say whether a run goes on, or begins beside an unfinished one with other inputs."""
         if done:
-            notice(f"going on after step {done} of {steps}; to begin anew, restart")
+            notice(f"going on after step {done} of {steps}; restart begins anew")
         elif any(self.folder.glob("*.safetensors")):
             notice(f"{self.folder} holds an unfinished run with other inputs: it is kept, this one begins anew")
 

@@ -18,8 +18,7 @@ from toolkit.core.files import explain_write_error, inside, sha256_bytes, sha256
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage
-from toolkit.models.labels import match_classes
-from toolkit.models.network import Classifier
+from toolkit.models.network import Classifier, match_classes
 from toolkit.objects.spec import read_spec
 from toolkit.training.folder import CIFAR_PREFIX, LabelledFile, StoredImage, find_classes, list_cifar, load_square
 from toolkit.training.renders import EVERYDAY, RIG, RenderUnit, render_shards
@@ -197,7 +196,7 @@ def keep_classes(sources: Sequence[Source], classifier: Classifier) -> TrainingC
     index_of: dict[str, int] = {}
     for source in sources:
         names = sorted({item.label for item in source.train})
-        index_of |= match_classes(names, classifier, Path(source.record["source"]), "--init")
+        index_of |= match_classes(names, classifier, Path(source.record["source"]), "init")
     return TrainingClasses(tuple(classifier.labels), index_of)
 
 

@@ -13,7 +13,7 @@ from toolkit.corruptions import image_seed
 from toolkit.imaging.folder import find_files, show_path
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import read_image
-from toolkit.models.labels import match_classes
+from toolkit.models.network import match_classes
 from toolkit.training.folder import CIFAR_PREFIX, HELD_OUT_NAMES, TRAIN_NAME, cut_square, open_cifar
 
 SPLITS = {"train": (TRAIN_NAME,), "test": HELD_OUT_NAMES}

@@ -11,7 +11,7 @@ from toolkit.boosters.baselines.codes import APRILTAG, PAPER_BORDER, QR, AprilTa
 from toolkit.boosters.baselines.photos import BestImages, RandomImages
 from toolkit.boosters.patch_sets import name_class
 from toolkit.core.console import Ticker, progress
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import read_json, sha256_bytes
 from toolkit.core.workspace import PATCH_SET_NAME, Workspace
 from toolkit.models.network import Classifier
@@ -184,8 +184,8 @@ def _choose_place(
     if least > most:
         raise ToolkitError(f"images of {most} px, which {classifier.name} sees, are too small: at least {least}{why}")
     if not least <= size_px <= most:
-        raise ToolkitError(
-            f"--size {size_px}: expected {least}{why} to {most} px, the side of the network's image in pixels"
+        raise FieldError(
+            f"expected {least}{why} to {most} px, the side of the network's image in pixels", {"sizes_px": size_px}
         )
     name = request.name_set(size_px)
     return _Place(size_px, replace(workspace, patch_set=name).patches_dir, name)

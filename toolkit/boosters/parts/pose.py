@@ -64,7 +64,7 @@ class PoseRanges(Config):
     def _check_size(self) -> "PoseRanges":
         if self.size_mm > self.length_mm:
             raise FieldError(
-                f"expected no less than the patch on it, {self.size_mm:.1f} mm: see also {{size_px}}",
+                f"expected no less than the patch on it, {self.size_mm:.1f} mm",
                 {"length_mm": self.length_mm},
             )
         return self

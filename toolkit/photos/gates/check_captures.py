@@ -20,7 +20,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
 from toolkit.photos.gates.check_photo import Expectation, PhotoCheck, inspect_photo
-from toolkit.photos.gates.check_set import CheckedPhoto, SetFinding, check_set, lines_from_json
+from toolkit.photos.gates.check_set import CheckedPhoto, LinesRecord, SetFinding, check_set
 from toolkit.photos.gates.expect import ExpectationBuilder
 from toolkit.photos.gates.result import GateResult
 from toolkit.photos.photo import Photo, load_pixels, read_photo
@@ -56,7 +56,7 @@ class CheckLine(BaseModel):
         path: of the image below captures/SOURCE.
         image_sha256: of the image that was judged.
         results: of its gates.
-        lines: where its patch was seen, see `PatchLines.to_json`; None where it was not.
+        lines: where its patch was seen; None where it was not.
     """
 
     model_config = ConfigDict(frozen=True)
@@ -64,7 +64,7 @@ class CheckLine(BaseModel):
     path: str
     image_sha256: str
     results: tuple[GateResult, ...]
-    lines: dict[str, list] | None
+    lines: LinesRecord | None
 
 
 def open_gates_log(source_dir: Path) -> RecordLog[CheckLine]:
@@ -74,7 +74,7 @@ def open_gates_log(source_dir: Path) -> RecordLog[CheckLine]:
 
 def append_check(source_dir: Path, path: str, image_sha256: str, check: PhotoCheck, setup: str) -> None:
     """Append one photograph's results, see `CheckLine`; raises as `RecordLog.append`."""
-    lines = check.lines.to_json() if check.lines is not None else None
+    lines = LinesRecord.from_lines(check.lines) if check.lines is not None else None
     line = CheckLine(setup=setup, path=path, image_sha256=image_sha256, results=check.results, lines=lines)
     open_gates_log(source_dir).append(line)
 
@@ -82,7 +82,7 @@ def append_check(source_dir: Path, path: str, image_sha256: str, check: PhotoChe
 def read_checks(source_dir: Path, setup: str) -> dict[tuple[str, str], PhotoCheck]:
     """Results by (path, image's hash), the last of each, of those that were judged with the same setup."""
     return {
-        (line.path, line.image_sha256): PhotoCheck(line.results, lines_from_json(line.lines) if line.lines else None)
+        (line.path, line.image_sha256): PhotoCheck(line.results, line.lines.to_lines() if line.lines else None)
         for line in open_gates_log(source_dir).read()
         if line.setup == setup
     }
@@ -239,7 +239,7 @@ def make_check(workspace: Workspace, source: str = "real") -> "Check":
     return check
 
 
-def check_captures(workspace: Workspace, source: str = "real", quiet: bool = False) -> CheckReport:
+def check_captures(workspace: Workspace, source: str = "real") -> CheckReport:
     """Judge every photograph of a source that was not judged before, then all together, and write `retake.txt`.
 
     Photographs that somebody sorted into the folders by hand are judged too: their cameras are found from the board. A
@@ -248,7 +248,6 @@ def check_captures(workspace: Workspace, source: str = "real", quiet: bool = Fal
     Args:
         workspace: whose captures are meant.
         source: folder below captures/.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: there are no captures, or a manifest, board or lens file is broken.
@@ -262,7 +261,7 @@ def check_captures(workspace: Workspace, source: str = "real", quiet: bool = Fal
     judge = _Judge(workspace)
     photos: list[CheckedPhoto] = []
     unreadable: list[tuple[str, str]] = []
-    with progress("checking photographs", len(captures), quiet) as bar:
+    with progress("checking photographs", len(captures)) as bar:
         for capture in captures:
             path = capture.path.partition("/")[2]
             try:

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict
 
 from toolkit.photos.gates.patch import cell_middles
 from toolkit.photos.gates.result import Gate, GateResult
@@ -47,19 +48,24 @@ class PatchLines:
     directions: np.ndarray
     shows: np.ndarray
 
-    def to_json(self) -> dict[str, list]:
-        """The same for a file; directions to a hundred-thousandth, which is 0.01 mm at a metre."""
-        return {
-            "origin_mm": np.round(self.origin_mm, 3).tolist(), "directions": np.round(self.directions, 6).tolist(),
-            "shows": self.shows.tolist(),
-        }  # fmt: skip
 
+class LinesRecord(BaseModel):
+    """`PatchLines` as a file holds them; directions to a hundred-thousandth, which is 0.01 mm at a metre."""
 
-def lines_from_json(content: dict[str, list]) -> PatchLines:
-    """Undo `PatchLines.to_json`."""
-    return PatchLines(
-        np.array(content["origin_mm"], float), np.array(content["directions"], float), np.array(content["shows"], bool)
-    )
+    model_config = ConfigDict(frozen=True)
+    origin_mm: list[float]
+    directions: list[list[float]]
+    shows: list[bool]
+
+    @classmethod
+    def from_lines(cls, lines: PatchLines) -> "LinesRecord":
+        """Rounded for a file."""
+        origin, directions = np.round(lines.origin_mm, 3).tolist(), np.round(lines.directions, 6).tolist()
+        return cls(origin_mm=origin, directions=directions, shows=lines.shows.tolist())
+
+    def to_lines(self) -> PatchLines:
+        """Undo `from_lines`."""
+        return PatchLines(np.array(self.origin_mm), np.array(self.directions), np.array(self.shows))
 
 
 def trace_patch(sighting: PatchSighting, view: PosedCamera) -> PatchLines:

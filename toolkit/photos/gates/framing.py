@@ -219,7 +219,7 @@ def measure_board_blur(grey: np.ndarray, sighting: BoardSighting, board: BoardSp
     worst = None
     for step in ((0, 1), (1, 0)):
         edges = sorted(_list_edges(found, step), key=lambda edge: -_width_over(edge))[:MOST_EDGES]
-        widths = [width for edge in edges if (width := _fit_edge(light, board, *edge)) is not None]
+        widths = [width for edge in edges if (width := _fit_edge(light, board, edge)) is not None]
         if len(widths) >= LEAST_EDGES:
             worst = max(worst or 0.0, float(np.median(widths)))
     return worst
@@ -259,9 +259,10 @@ def _width_over(edge: Edge) -> float:
     return float(_normal_of(*edge) @ edge[2])
 
 
-def _fit_edge(light: np.ndarray, board: BoardSpec, start, end, over_white) -> float | None:
+def _fit_edge(light: np.ndarray, board: BoardSpec, edge: Edge) -> float | None:
     """Standard deviation in pixels of the blur across one edge; None where it is too slanted, cut or faint."""
-    normal = _normal_of(start, end, over_white)
+    start, end, over_white = edge
+    normal = _normal_of(*edge)
     margin = (board.square_mm - board.marker_mm) / 2 / board.square_mm * float(normal @ over_white)
     if margin < LEAST_MARGIN_PX:
         return None

@@ -5,11 +5,15 @@ Convention: pixel (0, 0)'s centre lies at (0.5, 0.5); world millimetres; `T_worl
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit.objects.mesh import Mesh, make_ray_scene
 from toolkit.photos.posed_camera import PosedCamera
+
+if TYPE_CHECKING:
+    from open3d.t.geometry import RaycastingScene
 
 MASK_SIDE_PX = 256
 """Longer side of the silhouettes: a pixel is then about a pixel of what a classifier sees."""
@@ -29,7 +33,7 @@ class Solid:
     mesh: Mesh = field(repr=False)
 
     @cached_property
-    def _scene(self):
+    def _scene(self) -> "RaycastingScene":
         return make_ray_scene(self.mesh)
 
     def hit_mm(self, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:

@@ -58,7 +58,7 @@ class Evidence:
 
 def collect_evidence(
     candidates: Sequence[Candidate], plan: CapturePlan, steps: Sequence[ShotStep], index: SourceIndex,
-    settings: ImportSettings, locate: Locate, quiet: bool = False,
+    settings: ImportSettings, locate: Locate,
 ) -> list[Evidence]:  # fmt: skip
     """Everything but the decision, for the photographs that were not imported before.
 
@@ -71,7 +71,6 @@ def collect_evidence(
         index: what was imported before.
         settings: what was asked for.
         locate: finds the camera by the board.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: nothing says which object and variant the photographs show.
@@ -89,7 +88,7 @@ def collect_evidence(
     groups = _list_members(every)
     _match_orders(every, groups, ungrouped, plan, steps, settings)
     waiting = [i for i in new if every[i].unusable is None]
-    with progress("finding the board", len(waiting), quiet) as bar:
+    with progress("finding the board", len(waiting)) as bar:
         for i in waiting:
             photo = candidates[i].photo
             try:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from datetime import timezone
+from datetime import datetime, timezone
 from pathlib import Path
 
 from toolkit.core.console import progress
@@ -11,6 +11,7 @@ from toolkit.imaging.read import UnreadableImage
 from toolkit.photos.photo import Photo, check_file, is_photo_name, list_photos, natural_key, read_photo, show_name
 from toolkit.photos.video import VIDEO_SUFFIXES, pick_frames, read_video
 
+SortKey = list[tuple[int, int, str]]
 LIVE_PHOTO_S = 5.0
 """A video no longer than this beside a photograph of the same name is what a phone records around it."""
 COMPANION_RANK = {"heif": 0, "jpeg": 1, "tiff": 2, "png": 3, "webp": 4, "avif": 5, "bmp": 6, "gif": 7, "dng": 8}
@@ -50,13 +51,12 @@ class Gathered:
     others: tuple[str, ...]
 
 
-def gather_photos(paths: Sequence[Path], every_s: float | None = None, quiet: bool = False) -> Gathered:
+def gather_photos(paths: Sequence[Path], every_s: float | None = None) -> Gathered:
     """Read what the photographs in folders and single files say of themselves; videos become frames.
 
     Args:
         paths: folders, photographs, videos.
         every_s: as in `pick_frames`.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: a path does not exist, or none of them holds a photograph.
@@ -68,7 +68,7 @@ def gather_photos(paths: Sequence[Path], every_s: float | None = None, quiet: bo
     found: list[Candidate] = []
     duplicates: list[tuple[str, str]] = []
     first: dict[str, str] = {}
-    with progress("reading photographs", len(listed), quiet) as bar:
+    with progress("reading photographs", len(listed)) as bar:
         for file, label, folders in listed:
             try:
                 photo = read_photo(file)
@@ -84,7 +84,7 @@ def gather_photos(paths: Sequence[Path], every_s: float | None = None, quiet: bo
     candidates: list[Candidate] = []
     for candidate in kept:
         try:
-            candidates += _take_frames(candidate, every_s, quiet)
+            candidates += _take_frames(candidate, every_s)
         except UnreadableImage as error:
             unreadable.append((candidate.label, error.reason))
     ordered, by_time = sort_by_time(candidates)
@@ -127,7 +127,7 @@ def sort_by_time(candidates: Sequence[Candidate]) -> tuple[list[Candidate], bool
         return sorted(candidates, key=_name_key), False
     zoned = all(taken is not None and taken.tzinfo is not None for taken in times)
 
-    def moment(one: Candidate):
+    def moment(one: Candidate) -> tuple[datetime, SortKey]:
         taken = one.photo.taken
         assert taken is not None
         # one camera's wall clock orders its photographs; zones only help where all have one
@@ -167,11 +167,11 @@ def _list_all(
     return listed, unreadable, others
 
 
-def _take_frames(candidate: Candidate, every_s: float | None, quiet: bool) -> Iterable[Candidate]:
+def _take_frames(candidate: Candidate, every_s: float | None) -> Iterable[Candidate]:
     photo = candidate.photo
     if photo.kind != "video":
         return [candidate]
-    with progress(f"looking through {candidate.label}", 1, quiet) as bar:
+    with progress(f"looking through {candidate.label}", 1) as bar:
         frames = pick_frames(photo.path, every_s)
         facts = read_video(photo.path)
         bar.advance()
@@ -191,5 +191,5 @@ def _is_live(photo: Photo) -> bool:
     return facts.n_frames / facts.fps <= LIVE_PHOTO_S
 
 
-def _name_key(candidate: Candidate):
+def _name_key(candidate: Candidate) -> SortKey:
     return natural_key(candidate.label)

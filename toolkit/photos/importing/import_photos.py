@@ -176,7 +176,7 @@ class ImportResult:
 def import_photos(
     workspace: Workspace, paths: Sequence[Path], settings: ImportSettings | None = None, *,
     locate: Locate | None = None, check: Check | None = None, ask: Ask | None = None,
-    by_render: MatchRender | None = None, quiet: bool = False,
+    by_render: MatchRender | None = None,
 ) -> ImportResult:  # fmt: skip
     """Import photographs into captures/SOURCE; what was imported before stays, what is in doubt is not guessed.
 
@@ -192,7 +192,6 @@ def import_photos(
         ask: puts questions to a person; None where nobody is there.
         by_render: what the nearest render says of a photograph that nothing else speaks for; by default, by rendering
             the object at every pose.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: nothing to import, an unknown object, a broken plan, shot list or manifest, settings that
@@ -204,13 +203,13 @@ def import_photos(
     refuse_captures(workspace, paths)
     plan = open_plan(workspace, [settings.object] if settings.object else None)
     steps = _read_steps(workspace, plan, settings, notes)
-    gathered = gather_photos(paths, settings.every_s, quiet)
+    gathered = gather_photos(paths, settings.every_s)
     index = index_source(workspace.captures_dir / settings.source)
     _check_pose(plan, settings, gathered)
     locate, by_render = locate or locate_by_board(workspace), by_render or make_render_matcher(workspace, plan)
-    evidence = collect_evidence(gathered.candidates, plan, steps, index, settings, locate, quiet)
+    evidence = collect_evidence(gathered.candidates, plan, steps, index, settings, locate)
     resolved, refused = resolve_photos(evidence, plan, index, settings, ask, by_render)
-    imported, broken = _store_all(workspace, index, resolved, settings, check, quiet, notes)
+    imported, broken = _store_all(workspace, index, resolved, settings, check, notes)
     before = [(one.label, where) for one in gathered.candidates if (where := describe_imported(index, one.photo))]
     if any(decision.matched_by == "order" for _, decision in resolved) and not gathered.by_time:
         notes.append("the photographs carry no time: their order is that of their names")
@@ -253,14 +252,14 @@ def _check_pose(plan: CapturePlan, settings: ImportSettings, gathered: Gathered)
 
 def _store_all(
     workspace: Workspace, index: SourceIndex, resolved: Sequence[Resolved], settings: ImportSettings,
-    check: Check | None, quiet: bool, notes: list[str],
+    check: Check | None, notes: list[str],
 ) -> tuple[list[CaptureRecord], list[tuple[str, str]]]:  # fmt: skip
     """Store photographs one by one; returns their records, and (label, reason) of those that broke meanwhile."""
     boosters: dict[tuple[str, str], str | None] = {}
     records: dict[str, CaptureRecord] = {}
     broken: list[tuple[str, str]] = []
     copied = False
-    with progress("importing", len(resolved), quiet) as bar:
+    with progress("importing", len(resolved)) as bar:
         for evidence, decision in resolved:
             candidate, key = evidence.candidate, decision.key
             group = (key.object, key.variant)

@@ -116,7 +116,8 @@ def fit_warp(uv: np.ndarray, pixels: np.ndarray, start: PatchWarp, stiffness: fl
         raised = np.c_[uv, np.ones(len(uv))] @ np.append(h, 1.0).reshape(3, 3).T
         miss = pixels - raised[:, :2] / raised[:, 2:] - terms @ bend
         weight = 1 / (1 + (miss**2).sum(axis=1) / near_px**2)
-        step = _solve_step(uv, raised, terms, miss, weight, bend, None if flat else stiffness)
+        jacobian = _jacobian(uv, raised, None if flat else terms)
+        step = _solve_step(jacobian, miss, weight, None if flat else (stiffness, bend))
         if not np.isfinite(step).all():
             return start
         h = h + step[:8]
@@ -124,22 +125,37 @@ def fit_warp(uv: np.ndarray, pixels: np.ndarray, start: PatchWarp, stiffness: fl
     return PatchWarp(np.append(h, 1.0).reshape(3, 3), bend)
 
 
-def _solve_step(uv, raised, terms, miss, weight, bend, stiffness: float | None) -> np.ndarray:
-    """One step of Gauss and Newton: change of the eight numbers of the homography and the fourteen of the bend."""
-    n, count = len(uv), 8 if stiffness is None else 8 + 2 * BEND_TERMS
+def _jacobian(uv: np.ndarray, raised: np.ndarray, terms: np.ndarray | None) -> np.ndarray:
+    """(2, n, 8 or 22) how each pixel moves with the homography's numbers, and with the bend's where there are terms."""
+    jacobian = np.zeros((2, len(uv), 8 if terms is None else 8 + 2 * BEND_TERMS))
     depth = raised[:, 2]
-    jacobian = np.zeros((2, n, count))
     for axis in (0, 1):
         jacobian[axis, :, 3 * axis : 3 * axis + 2] = uv / depth[:, None]
         jacobian[axis, :, 3 * axis + 2] = 1 / depth
         jacobian[axis, :, 6:8] = -uv * (raised[:, axis] / depth**2)[:, None]
-        if stiffness is not None:
+        if terms is not None:
             jacobian[axis, :, 8 + BEND_TERMS * axis : 8 + BEND_TERMS * (axis + 1)] = terms
-    rows = jacobian.reshape(2 * n, count)
+    return jacobian
+
+
+def _solve_step(
+    jacobian: np.ndarray, miss: np.ndarray, weight: np.ndarray, bending: tuple[float, np.ndarray] | None
+) -> np.ndarray:
+    """One step of Gauss and Newton: change of the eight numbers of the homography and the fourteen of the bend.
+
+    Args:
+        jacobian: from `_jacobian`.
+        miss: (n, 2) pixels.
+        weight: (n,) of each pair.
+        bending: stiffness and (7, 2) bend so far; None keeps the patch flat.
+    """
+    count = jacobian.shape[2]
+    rows = jacobian.reshape(-1, count)
     both = np.tile(weight, 2)
     normal = rows.T @ (rows * both[:, None])
     right = rows.T @ (miss.T.ravel() * both)
-    if stiffness is not None:
+    if bending is not None:
+        stiffness, bend = bending
         cost = stiffness * weight.sum() / 10
         normal[8:, 8:] += cost * np.eye(2 * BEND_TERMS)
         right[8:] -= cost * bend.T.ravel()

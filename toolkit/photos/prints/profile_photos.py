@@ -68,7 +68,6 @@ def profile_photos(
     size_mm: float | None = None,
     name: str | None = None,
     by: str | None = None,
-    quiet: bool = False,
 ) -> ProfileRun:
     """Fit a print profile to photographs of one printed patch.
 
@@ -79,7 +78,6 @@ def profile_photos(
         size_mm: side of the printed patch; by default as its record says.
         name: of the profile; by default the patch's.
         by: who measured.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: a folder cannot be read, or no photo could be used; the message says why of the first.
@@ -92,7 +90,7 @@ def profile_photos(
     strips: list[StripReading] = []
     photos: list[ProfiledPhoto] = []
     skipped: list[tuple[str, str]] = []
-    with progress("reading prints", len(files), quiet) as bar:
+    with progress("reading prints", len(files)) as bar:
         for file in files:
             try:
                 photo, part, strip = _read_print(file, patch, paper, expected_mm)

@@ -31,6 +31,8 @@ from toolkit.printing.shot_list.session import ObjectSession, Surroundings, draw
 if TYPE_CHECKING:
     from reportlab.pdfgen.canvas import Canvas
 
+Views = Mapping[tuple[str, int], bytes]
+"""JPEGs by (variant, pose id)."""
 NUMBER_MM = 14.0
 ABOVE_MM = 35.0
 NOTES_MM = 5.5
@@ -39,7 +41,7 @@ CAPTION_MM = 5.2
 
 
 def draw_card(
-    canvas: "Canvas", area: Rect, stop: Stop, views: Mapping[tuple[str, int], bytes], aspect: float,
+    canvas: "Canvas", area: Rect, stop: Stop, views: Views, aspect: float,
     around: Surroundings, rounds: bool, last: bool,
 ) -> None:  # fmt: skip
     """Draw one place into its area.
@@ -82,7 +84,7 @@ def _draw_number(canvas: "Canvas", inside: Rect, stop: Stop) -> None:
         write(canvas, words, middle, inside.top - 20.6, 2.5, NUMBER_MM - 2, align="centre", colour=CAMERA)
 
 
-def _draw_pictures(canvas: "Canvas", room: Rect, stop: Stop, views, aspect: float, rounds: bool) -> None:
+def _draw_pictures(canvas: "Canvas", room: Rect, stop: Stop, views: Views, aspect: float, rounds: bool) -> None:
     """A picture per variant, always in the same places; under each its tick box and the number of its shot."""
     shots = {shot.variant: (turn, shot) for turn, shot in enumerate(stop.shots, 1)}
     order = sorted(shots, key=lambda variant: (variant != "unpatched", variant))
@@ -99,8 +101,8 @@ def _draw_pictures(canvas: "Canvas", room: Rect, stop: Stop, views, aspect: floa
         text = picture.x + TICK_MM + 1.2
         colour = INK if variant == "unpatched" else SHEET
         words = f"shot {shot.number}" + (f", round {turn}" if rounds and 1 < len(stop.shots) < 3 else "")
-        told = write(canvas, words, picture.right, row + 0.8, 2.4, 0.6 * picture.width, align="right")
-        write(canvas, variant, text, row + 0.8, 2.7, picture.right - text - told - 1, BOLD, colour=colour)
+        taken = write(canvas, words, picture.right, row + 0.8, 2.4, 0.6 * picture.width, align="right")
+        write(canvas, variant, text, row + 0.8, 2.7, picture.right - text - taken - 1, BOLD, colour=colour)
 
 
 def _draw_cross(canvas: "Canvas", picture: Rect) -> None:
@@ -206,9 +208,9 @@ def name_bands(stops: Sequence[Stop]) -> list[str]:
             onward = f"go on with place {after.stops[0]}"
         if after is None:
             onward = "done"
-        told = ", ".join(part for part in (change, onward) if part)
-        if told:
-            words[before.stops[1] - 1].append(f"after shot {before.shots[1]}: {told}")
+        next_steps = ", ".join(part for part in (change, onward) if part)
+        if next_steps:
+            words[before.stops[1] - 1].append(f"after shot {before.shots[1]}: {next_steps}")
     return ["   ·   ".join(parts) for parts in words]
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from toolkit.core.console import progress
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
@@ -55,7 +55,7 @@ class WrittenShotList:
 
 def write_shot_list(
     workspace: Workspace, plan: CapturePlan, objects: Sequence[str], paper: Paper, variants: Sequence[str] = PAIR,
-    seed: int = 0, order: Order = "aba", quiet: bool = False,
+    seed: int = 0, order: Order = "aba",
 ) -> WrittenShotList:  # fmt: skip
     """Order the shots of some objects, draw them, and write both files, the PDF first.
 
@@ -67,7 +67,6 @@ def write_shot_list(
         variants: what is shot; those that need a patch are left out of an object that has none.
         seed: of the order.
         order: as `order_shots` says.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: an object or variant is unknown, a patch's files do not match, a pose cannot be shot, nothing is
@@ -78,7 +77,7 @@ def write_shot_list(
             raise one_of("variant", variant, list(VARIANTS))
     _check_paper(paper)
     items: dict[str, TableObject] = {}
-    with progress("reading the objects", len(set(objects)), quiet) as bar:
+    with progress("reading the objects", len(set(objects))) as bar:
         for name in dict.fromkeys(objects):
             items[name] = load_object(workspace.object_spec(name))
             bar.advance(note=name)
@@ -89,7 +88,7 @@ def write_shot_list(
     steps = order_shots(plan, list(items), {name: tuple(boosters[name]) for name in items}, seed, order)
     for name, item in items.items():
         check_poses(item, plan.camera, plan.objects[name])
-    content, pages = _draw(workspace, plan, items, boosters, steps, missing, paper, seed, order, quiet)
+    content, pages = _draw(workspace, plan, items, boosters, steps, missing, paper, seed, order)
     pdf_file = write_bytes(workspace.print_dir / "shot_list.pdf", content)
     shots_file = workspace.root / "rig" / "shots.json"
     shots = list_shots(plan, steps, seed, order)
@@ -102,11 +101,11 @@ def write_shot_list(
 def _draw(
     workspace: Workspace, plan: CapturePlan, items: dict[str, TableObject],
     boosters: dict[str, dict[str, Print | Paint | None]], steps: list[ShotStep], missing: dict[str, str], paper: Paper,
-    seed: int, order: Order, quiet: bool,
+    seed: int, order: Order,
 ) -> tuple[bytes, int]:  # fmt: skip
     """The PDF and its number of pages."""
     board, sessions = read_board(workspace), []
-    with progress("drawing the shot list", len(steps) + 2 * len(items), quiet) as bar:
+    with progress("drawing the shot list", len(steps) + 2 * len(items)) as bar:
         for name, item in items.items():
             own = [step for step in steps if step.object == name]
             sessions.append(
@@ -153,9 +152,9 @@ def _name_pdf(workspace: Workspace, boosters: dict[str, Print | Paint | None]) -
 def _check_paper(paper: Paper) -> None:
     upright = paper.turn("portrait")
     if upright.width_mm < NARROWEST_MM or upright.height_mm < LOWEST_MM:
-        raise ToolkitError(
-            f"--paper {paper.name}: expected at least {NARROWEST_MM:.0f} × {LOWEST_MM:.0f} mm for a shot list: "
-            "choose a4 or letter"
+        raise FieldError(
+            f"expected at least {NARROWEST_MM:.0f} × {LOWEST_MM:.0f} mm for a shot list: choose a4 or letter",
+            {"paper": paper.name},
         )
 
 

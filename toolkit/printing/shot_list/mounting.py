@@ -1,6 +1,6 @@
 """Where the sheet is stuck, as a picture and a drawing with millimetres, and what the camera should see."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
 from typing import TYPE_CHECKING
@@ -29,6 +29,7 @@ from toolkit.rig.board import Sheet, lay_board
 from toolkit.rig.camera import Camera, look_at, project
 from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.mount import SIDES, attach, mount_patch
+from toolkit.rig.mount import Sheet as MountedSheet
 from toolkit.rig.plan import Pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.shading import develop
@@ -180,7 +181,9 @@ def _inset(points: np.ndarray, uv: np.ndarray, inner: float) -> np.ndarray:
     return np.concatenate([low, high[::-1]])
 
 
-def _photograph(item: TableObject, sheet, right, up, points: np.ndarray):
+def _photograph(
+    item: TableObject, sheet: MountedSheet, right: np.ndarray, up: np.ndarray, points: np.ndarray
+) -> tuple[bytes, tuple[float, float, float, float]]:
     """The picture from far away, cut out on white, and its frame in millimetres."""
     normal = np.cross(right, up)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -203,13 +206,12 @@ def _photograph(item: TableObject, sheet, right, up, points: np.ndarray):
     places = np.array([target, target + right, target + up])
     corners, _ = project(Camera.from_fov(width, height, fov), T_world_camera, places)
     scale = float(np.hypot(*(corners[1] - corners[0])))
-    frame = (
-        centre[0] - width / 2 / scale, centre[1] - height / 2 / scale,
-        centre[0] + width / 2 / scale, centre[1] + height / 2 / scale,
-    )  # fmt: skip
-    return encode_jpeg(small, 90), tuple(float(side) for side in frame)
+    x, y, half_width, half_height = float(centre[0]), float(centre[1]), width / 2 / scale, height / 2 / scale
+    return encode_jpeg(small, 90), (x - half_width, y - half_height, x + half_width, y + half_height)
 
 
+ToPage = Callable[[Sequence[float] | np.ndarray], tuple[float, float]]
+"""Millimetres on the object's side -> millimetres on the page."""
 CHAINS_MM = 18.0
 """Room beside and below the picture for its dimensions, and above it for the title."""
 
@@ -224,7 +226,7 @@ def draw_mounting_plan(canvas: "Canvas", area: Rect, drawing: MountDrawing, side
     picture = room.centre((right - left) * scale, (top - bottom) * scale)
     place_picture(canvas, drawing.jpeg, picture, None)
 
-    def at(point) -> tuple[float, float]:
+    def at(point: Sequence[float] | np.ndarray) -> tuple[float, float]:
         return picture.x + (float(point[0]) - left) * scale, picture.y + (float(point[1]) - bottom) * scale
 
     for colour, line in ((WHITE, 0.9), (SHEET, 0.45)):
@@ -240,13 +242,13 @@ def draw_mounting_plan(canvas: "Canvas", area: Rect, drawing: MountDrawing, side
         write(canvas, "front", picture.right + 0.6, picture.y + picture.height / 2 - 1, 2.8, 9, BOLD, colour=SOFT)
 
 
-def _draw_sheet_arrow(canvas: "Canvas", at, drawing: MountDrawing) -> None:
+def _draw_sheet_arrow(canvas: "Canvas", at: ToPage, drawing: MountDrawing) -> None:
     """Across the sheet's middle to where the page's arrow, or its upper edge, must point."""
     reach = 0.34 * drawing.size_mm * drawing.arrow_mm
     draw_block_arrow(canvas, at(drawing.centre_mm - reach), at(drawing.centre_mm + reach), 2.6, SHEET)
 
 
-def _draw_chains(canvas: "Canvas", at, picture: Rect, drawing: MountDrawing) -> None:
+def _draw_chains(canvas: "Canvas", at: ToPage, picture: Rect, drawing: MountDrawing) -> None:
     """Chains of dimensions below and on the left: edge of the object, sheet, other edge."""
     b, gaps = drawing.sheet_mm, drawing.gaps_mm
     left, low, right, high = drawing.extremes_mm
