@@ -40,7 +40,7 @@ save_image(torch.cat(rows), sheet, nrow=len(files))
 severe = (("fog", 3), ("gaussian_noise", 3), ("contrast", 3))
 config = tk.CorruptEvalConfig(patches=("rig18",), corruptions=severe)
 config = config.with_overrides({"placement.scale": (0.35, 0.45)})  # they have 100 px, and the network sees 128
-done = tk.evaluate_benchmark(lab, tk.open_images(str(data), network), network, config)
+done = tk.evaluate_benchmark(lab, data, network, config)
 for headline in done.headlines:
     print(headline)
 print(f"made {sheet}, {done.files.cells} and {done.files.report}")

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from toolkit.boosters.parts.affine import AffineRanges as AffineRanges
     from toolkit.boosters.train import train_patch as train_patch
     from toolkit.boosters.train import train_texture as train_texture
-    from toolkit.captures.dataset import CaptureDataset as CaptureDataset
     from toolkit.captures.render import render as render
     from toolkit.captures.shoot import ShootSettings as ShootSettings
     from toolkit.captures.shoot import shoot_plan as shoot_plan
@@ -44,7 +43,6 @@ if TYPE_CHECKING:
     from toolkit.rig.pattern import Pattern as Pattern
     from toolkit.rig.plan import plan_objects as plan_objects
     from toolkit.rig.plan import plan_poses as plan_poses
-    from toolkit.training.image_set import open_images as open_images
 else:
     _HOMES = {
         "Workspace": "toolkit.core.workspace",
@@ -76,10 +74,8 @@ else:
         "EvalConfig": "toolkit.evaluation.config",
         "evaluate_benchmark": "toolkit.benchmark.evaluate",
         "CorruptEvalConfig": "toolkit.benchmark.config",
-        "open_images": "toolkit.training.image_set",
         "predictions_table": "toolkit.evaluation.notebook",
         "load_captures": "toolkit.evaluation.notebook",
-        "CaptureDataset": "toolkit.captures.dataset",
         "image_seed": "toolkit.corruptions.draws",
         "check_machine": "toolkit.cli.health",
         "quietly": "toolkit.core.console",

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from toolkit.benchmark.config import CorruptEvalConfig
 from toolkit.benchmark.examples import draw_examples
@@ -14,7 +15,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.evaluation.config import check_run_name
 from toolkit.models.load import load_classifier
 from toolkit.models.network import Classifier
-from toolkit.training.image_set import ImageSet, choose_classes
+from toolkit.training.image_set import ImageSet, choose_classes, open_images
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class BenchmarkRun:
 
 def evaluate_benchmark(
     workspace: Workspace,
-    images: ImageSet,
+    data: ImageSet | Path | str,
     classifier: Classifier,
     config: CorruptEvalConfig,
     load: Callable[[str], Classifier] = load_classifier,
@@ -50,7 +51,7 @@ def evaluate_benchmark(
 
     Args:
         workspace: whose patches are meant, and whose `eval/` is written to.
-        images: from `open_images`.
+        data: from `open_images`, or a folder with a folder of images for each class.
         classifier: who is asked where `config.patches` names no other.
         config: patches, corruptions, classes.
         load: the classifier of a name.
@@ -59,7 +60,8 @@ def evaluate_benchmark(
         ToolkitError: an unknown class, patch set or network, no image that can be used, a network's output that is not
             finite, or a disk that is full or read-only.
     """
-    images = choose_classes(images, list(config.classes), classifier)
+    found = data if isinstance(data, ImageSet) else open_images(str(data), classifier)
+    images = choose_classes(found, list(config.classes), classifier)
     if config.per_class is not None:
         images = images.draw(config.per_class, config.seed)
     variants, notes = open_variants(workspace, config.patches, classifier, load)
