@@ -15,7 +15,7 @@ network = tk.load_classifier("rig18")  # comes with the kit; resnet18, timm:NAME
 
 # %% Train a patch on renders of the object with the paper on it
 trained = tk.train_patch(
-    lab, NAME, network, steps=STEPS, batch=8, images=10, mounted_views=24, mounted_fill=(0.2, 0.45)
+    lab, NAME, network, steps=STEPS, batch=8, mounted_views=24, mounted_fill=(0.2, 0.45), images=10
 )
 
 # %% Print it, true to the millimetre

@@ -76,7 +76,6 @@ ARRAYS = {
     "train_patch": "(n, n, 3) uint8 sRGB",
     "train_texture": "(n, n, 3) uint8 sRGB",
     "load_captures": "(3, s, s) float32",
-    "CaptureDataset": "(3, s, s) float32",
     "Camera": "pixels",
     "Pattern": "degrees",
     "plan_objects": "millimetres",

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from toolkit.boosters.parts.affine import AffineRanges as AffineRanges
     from toolkit.boosters.train import train_patch as train_patch
     from toolkit.boosters.train import train_texture as train_texture
-    from toolkit.captures.dataset import CaptureDataset as CaptureDataset
     from toolkit.captures.render import render as render
     from toolkit.captures.shoot import ShootSettings as ShootSettings
     from toolkit.captures.shoot import shoot_plan as shoot_plan
@@ -77,7 +76,6 @@ else:
         "CorruptEvalConfig": "toolkit.benchmark.config",
         "predictions_table": "toolkit.evaluation.notebook",
         "load_captures": "toolkit.evaluation.notebook",
-        "CaptureDataset": "toolkit.captures.dataset",
         "image_seed": "toolkit.corruptions.draws",
         "check_machine": "toolkit.cli.health",
         "quietly": "toolkit.core.console",

@@ -35,7 +35,7 @@ Image.fromarray(trained.patch.pixels).resize((300, 300), Image.Resampling.NEARES
 import numpy as np
 
 
-def read_row(variant):
+def read_row(variant: str) -> np.ndarray:
     files = [shots.source_dir / NAME / variant / f"pose_{pose:02d}.jpg" for pose in (1, 4, 8, 12)]
     return np.hstack([np.asarray(Image.open(file)) for file in files])
 
@@ -54,7 +54,7 @@ def read_cells(example: Path) -> list[nbformat.NotebookNode]:
     docstring, code = re.match(r'"""(.+?)"""\n+(.*)', first, re.DOTALL).groups()
     cells = [
         new_markdown_cell(f"# The road\n\n{docstring}\n\nMade from `{example.name}` by `docs/scripts/notebook.py`."),
-        new_code_cell(code.replace("import sys\n", "").strip()),
+        new_code_cell(code.replace("import sys\nfrom pathlib import Path\n\n", "").strip()),
     ]
     for title, code in zip(rest[::2], rest[1::2], strict=True):
         cells += [new_markdown_cell(f"## {title}"), new_code_cell(code.replace(FOLDER, '"example-out"').strip())]
