@@ -319,7 +319,5 @@ def test_a_render_that_looks_the_same_from_two_sides_is_no_answer(space, folder,
     result = import_photos(space, [folder], ImportSettings(object="crate", variant="unpatched"))
     assert not result.imported
     assert re.search(r"no board is seen, and it looks .* pose [13] .* pose [13] ", reasons(result)["IMG_7.jpg"])
-    sure = import_photos(
-        space, [folder], ImportSettings(object="crate", variant="unpatched", match="board")
-    )
+    sure = import_photos(space, [folder], ImportSettings(object="crate", variant="unpatched", match="board"))
     assert reasons(sure) == {"IMG_7.jpg": "no board is seen"}

@@ -189,9 +189,7 @@ def test_the_same_seed_gives_the_same_bytes_and_letter_is_letter(tmp_path, make_
     space = make_crate_space(tmp_path / "letter")
 
     def made():
-        result = write_shot_list(
-            space, open_plan(space), ["crate"], parse_paper("letter"), ("unpatched",), 1, "blocks"
-        )
+        result = write_shot_list(space, open_plan(space), ["crate"], parse_paper("letter"), ("unpatched",), 1, "blocks")
         return Path(result.pdf_file).read_bytes(), Path(result.shots_file).read_bytes()
 
     first = made()
