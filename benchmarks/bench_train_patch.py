@@ -12,13 +12,13 @@ from unittest.mock import patch
 
 import numpy as np
 import torch
+from toolkit.boosters.patch_steps import Descent, Target, draw_first_patch, train_steps
 from torchvision.models import resnet18
 
 from toolkit.boosters.data import stack_on_device
 from toolkit.boosters.parts.affine import AffineRanges
 from toolkit.boosters.parts.base import Appearance
 from toolkit.boosters.parts.light import LightRanges
-from toolkit.boosters.patch_steps import Descent, Target, draw_first_patch, train_steps
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier, choose_device
 from toolkit.models.weights import WeightsFile

@@ -16,12 +16,12 @@ from time import perf_counter
 
 import numpy as np
 import torch
-from torchvision.models import resnet18
-
 from toolkit.boosters.patch_steps import Target, draw_first_patch, judge_photos
-from toolkit.boosters.texture_config import Optimiser, TextureRequest
 from toolkit.boosters.texture_recipes import Choices, make_request
 from toolkit.boosters.texture_steps import train_steps
+from torchvision.models import resnet18
+
+from toolkit.boosters.texture_config import Optimiser, TextureRequest
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier, choose_device
 from toolkit.models.weights import WeightsFile
@@ -31,7 +31,7 @@ from toolkit.objects.mesh import Material, Mesh, place_on_table
 from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
-from toolkit.rig.views import DETAIL, FOV_DEG, Subject, ViewStream, count_workers, random_pose
+from toolkit.rig.views import DETAIL, FOV_DEG, PaintableObject, ViewStream, count_workers, random_pose
 
 TEXELS, LENGTH_MM = 200, 270.0
 TRIANGLES = (1_000, 10_000, 100_000, 300_000)
@@ -116,7 +116,7 @@ def step_through(atlas: Atlas, target: Target, request: TextureRequest, groups: 
     request = replace(request, descent=replace(request.descent, steps=steps))
     texture = draw_first_patch(TEXELS, 0).to(device)
     source = torch.from_numpy(atlas.source).to(device)
-    subject = Subject(atlas.mesh, int(atlas.mesh.face_material[0]), atlas.mesh)
+    subject = PaintableObject(atlas.mesh, int(atlas.mesh.face_material[0]), atlas.mesh)
     with ViewStream([subject], request.views, 0, request.groups) as stream:
         none = np.zeros((0, 256, 256, 3), np.uint8)
         for _ in train_steps(texture, source, 0, Optimiser("sign", texture, 0, {}), [target], stream, request, none):

@@ -9,11 +9,10 @@ from board_photos import photograph
 from toolkit.core.errors import ToolkitError
 from toolkit.photos.board_pose import find_board, solve_pose
 from toolkit.photos.lens import lens_from_focal
-from toolkit.rig.board import DEFAULT_BOARD, BoardSpec, RingSpec
+from toolkit.rig.board import DEFAULT_BOARD, CharucoBoard, MarkerRing, choose_ring
 from toolkit.rig.camera import Camera, look_at, orbit_pose
-from toolkit.rig.markers import choose_ring
 
-PAGE = BoardSpec(7, 10, 26.0, 19.5)
+PAGE = CharucoBoard(7, 10, 26.0, 19.5)
 SMALL = Camera.from_fov(960, 540, 40)
 T_PAGE = orbit_pose(np.array([0.0, 0, 20]), 25, 45, 480)
 
@@ -139,7 +138,7 @@ def test_a_whole_millimetre_of_focal_length_costs_what_it_must(page_photo):
 
 def test_the_ring_of_a_turntable(crate):
     ring = choose_ring(170)
-    assert isinstance(ring, RingSpec)
+    assert isinstance(ring, MarkerRing)
     for azimuth, elevation in ((10, 30), (190, 60)):
         T_world_camera = orbit_pose(np.array([0.0, 0, 20]), azimuth, elevation, 480)
         pixels = photograph(crate, ring, SMALL, T_world_camera)

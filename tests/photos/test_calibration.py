@@ -33,10 +33,10 @@ from toolkit.photos.lens import (
     write_lenses,
 )
 from toolkit.photos.photo import Photo, read_photo
-from toolkit.rig.board import BoardSpec, write_board
+from toolkit.rig.board import CharucoBoard, write_board
 from toolkit.rig.camera import Camera, look_at, orbit_direction, orbit_pose, project
 
-BOARD = BoardSpec(7, 10, 26.0, 19.5)
+BOARD = CharucoBoard(7, 10, 26.0, 19.5)
 LENS = Camera(640, 480, fx=560, fy=563, cx=328, cy=234, distortion=(-0.16, 0.05, 0.001, -0.0015, 0.0))
 
 

@@ -19,7 +19,7 @@ from toolkit.photos.prints.find import find_patch, rectify_patch, search_photo, 
 from toolkit.rig.camera import Camera, orbit_pose, project
 from toolkit.rig.mount import attach, mount_patch
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.shading import develop
+from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import make_studio
 
 CAMERA = Camera.from_fov(640, 480, 40.0)
@@ -32,7 +32,7 @@ POSES = {"racer": ((20, 30), (140, 62), (80, 45)), "eggnog": ((10, 28), (325, 45
 def shoot(name: str, azimuth: float, elevation: float, renderer: RaycastRenderer) -> tuple[np.ndarray, np.ndarray]:
     """A photo and its `T_world_camera`."""
     pose = orbit_pose(np.array([0, 0, 60.0 if name == "racer" else 130.0]), azimuth, elevation, 620.0)
-    return develop(renderer.render(CAMERA, pose), (0, int(azimuth))), pose
+    return tone_map(renderer.render(CAMERA, pose), (0, int(azimuth))), pose
 
 
 def dress(name: str, size_mm: float | None):

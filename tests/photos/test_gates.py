@@ -42,11 +42,11 @@ from toolkit.photos.gates.framing import (
 from toolkit.photos.gates.result import Gate
 from toolkit.photos.gates.solid import Solid, draw_silhouette, silhouette_px
 from toolkit.photos.posed_camera import PosedCamera
-from toolkit.rig.board import BoardSpec, write_board
+from toolkit.rig.board import CharucoBoard, write_board
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.mount import attach, mount_patch
 
-BOARD = BoardSpec(9, 9, 25.0, 18.75)
+BOARD = CharucoBoard(9, 9, 25.0, 18.75)
 CAMERA = Camera.from_fov(640, 480, 40.0)
 LENS = CAMERA
 PATCH_MM = 60.0

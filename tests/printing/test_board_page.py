@@ -24,12 +24,12 @@ from toolkit.printing.board_page import (
 )
 from toolkit.printing.layout import TilePage
 from toolkit.printing.page import parse_paper
-from toolkit.rig.board import DEFAULT_BOARD, BoardSpec, read_board
-from toolkit.rig.markers import RingSpec, choose_ring, get_dictionary
+from toolkit.rig.board import DEFAULT_BOARD, DEFAULT_RING, CharucoBoard, choose_ring, read_board
+from toolkit.rig.markers import get_dictionary
 
 TOLERANCE_MM = 0.1
 PAGES_MM = {"a4": (210, 297), "letter": (215.9, 279.4)}
-ONE_PAGE = BoardSpec(7, 10, 20.0, 15.0)
+ONE_PAGE = CharucoBoard(7, 10, 20.0, 15.0)
 
 
 def detect_board(grey, spec):
@@ -187,17 +187,17 @@ def test_ring_on_one_page(paper, dpi):
 
 
 def test_tiled_ring_joins():
-    document = build_board_pdf(RingSpec(), parse_paper("a3"))
+    document = build_board_pdf(DEFAULT_RING, parse_paper("a3"))
     assert len(document.plan.pages) == 1 + document.plan.tiles[0] * document.plan.tiles[1]
     sheet, per_mm = join_tiles(document, dpi=150)
-    markers = detect_markers(sheet, RingSpec())
-    assert set(markers) == set(RingSpec().marker_ids)
+    markers = detect_markers(sheet, DEFAULT_RING)
+    assert set(markers) == set(DEFAULT_RING.marker_ids)
     for number, corners in markers.items():
-        assert np.abs(corners / per_mm - RingSpec().sheet_corners([number])[0]).max() < 2 * TOLERANCE_MM
+        assert np.abs(corners / per_mm - DEFAULT_RING.sheet_corners([number])[0]).max() < 2 * TOLERANCE_MM
 
 
 @pytest.mark.parametrize(
-    ("spec", "paper"), [(DEFAULT_BOARD, "a4"), (DEFAULT_BOARD, "letter"), (RingSpec(), "a4"), (ONE_PAGE, "135x300mm")]
+    ("spec", "paper"), [(DEFAULT_BOARD, "a4"), (DEFAULT_BOARD, "letter"), (DEFAULT_RING, "a4"), (ONE_PAGE, "135x300mm")]
 )
 def test_nothing_is_printed_in_the_outer_10_mm(spec, paper):
     document = build_board_pdf(spec, parse_paper(paper))
@@ -216,7 +216,7 @@ def test_same_spec_same_bytes():
 def test_squares_are_chosen_to_fit_one_page(paper):
     board = choose_board(parse_paper(paper), squares=(7, 10))
     assert len(plan_board_pages(board, parse_paper(paper)).pages) == 1
-    larger = BoardSpec(7, 10, board.square_mm + 1, board.marker_mm)
+    larger = CharucoBoard(7, 10, board.square_mm + 1, board.marker_mm)
     assert board.square_mm == 26 or len(plan_board_pages(larger, parse_paper(paper)).pages) > 1
     assert choose_board(parse_paper(paper), squares=(30, 40)).square_mm == 26  # no page holds these: they are tiled
 
@@ -255,9 +255,9 @@ def test_command_prints_the_board_and_writes_its_spec(space):
 
 def test_command_takes_squares_and_sizes(space):
     assert call("--board", "--board-squares", "5x7", "--square-mm", 30, "--marker-mm", 20).exit_code == 0
-    assert read_board(Workspace(space)) == BoardSpec(5, 7, 30.0, 20.0, ink_percent=10)
+    assert read_board(Workspace(space)) == CharucoBoard(5, 7, 30.0, 20.0, ink_percent=10)
     assert call("--board", "--ink", 100).exit_code == 0
-    assert read_board(Workspace(space)) == BoardSpec(ink_percent=100)
+    assert read_board(Workspace(space)) == replace(DEFAULT_BOARD, ink_percent=100)
 
 
 def test_command_prints_the_strip_alone(space):
@@ -300,7 +300,7 @@ def test_what_cannot_be_printed_is_one_line(space, arguments, says):
 @pytest.mark.parametrize("ink_percent", [10, 40, 100])
 def test_the_page_is_as_dark_as_asked(ink_percent):
     """The darkest square of the rasterised page has the grey of the ink, its writing stays black."""
-    spec = BoardSpec(7, 10, 20.0, 15.0, ink_percent=ink_percent)
+    spec = CharucoBoard(7, 10, 20.0, 15.0, ink_percent=ink_percent)
     page = pypdfium2.PdfDocument(build_board_pdf(spec, parse_paper("a4")).content)[0]
     grey = page.render(scale=100 / 72).to_numpy()[..., 0].astype(int)
     wanted = round(255 * (1 - ink_percent / 100))
@@ -312,4 +312,4 @@ def test_the_page_is_as_dark_as_asked(ink_percent):
 @pytest.mark.parametrize("ink_percent", [0, 4, 101, float("nan")])
 def test_ink_that_no_camera_finds_is_refused(ink_percent):
     with pytest.raises(ToolkitError, match="ink_percent"):
-        BoardSpec(ink_percent=ink_percent)
+        replace(DEFAULT_BOARD, ink_percent=ink_percent)

@@ -253,12 +253,12 @@ def test_the_picture_shows_the_board_where_opencv_looks_for_it(space):
     """Corners that OpenCV finds in a render from above lie where the camera projects the board's own corners."""
     from toolkit.rig.camera import orbit_pose, project
     from toolkit.rig.raycast import RaycastRenderer
-    from toolkit.rig.shading import develop
+    from toolkit.rig.shading import tone_map
 
     item = load_object(space.object_spec("crate"))
     camera, pose = Camera.from_fov(1000, 750, 40.0), orbit_pose(np.array([0, 0, 20.0]), 30, 60, 700)
     picture = RaycastRenderer(item.mesh, make_light_studio(item, DEFAULT_BOARD)).render(camera, pose)
-    grey = cv2.cvtColor(develop(picture, (0,), noise=0), cv2.COLOR_RGB2GRAY)
+    grey = cv2.cvtColor(tone_map(picture, (0,), noise=0), cv2.COLOR_RGB2GRAY)
     corners, ids, _, _ = cv2.aruco.CharucoDetector(DEFAULT_BOARD.to_cv()).detectBoard(grey)
     assert ids is not None and len(ids) > 60
     wanted, _ = project(camera, pose, DEFAULT_BOARD.object_points(ids))

@@ -17,7 +17,7 @@ from toolkit.rig.views import (
     HELD_OUT,
     TRAIN,
     WHOLE_SPHERE,
-    Subject,
+    PaintableObject,
     ViewSettings,
     ViewStream,
     random_pose,
@@ -31,7 +31,7 @@ SETTINGS = ViewSettings(image_px=32, studios=2, per_studio=2)
 def subject(tmp_path_factory, make_crate_space):
     mesh = load_object(make_crate_space(tmp_path_factory.mktemp("stream")).object_spec("crate")).mesh
     atlas = make_atlas(mesh, 16)
-    return Subject(atlas.mesh, int(atlas.mesh.face_material[0]), mesh)
+    return PaintableObject(atlas.mesh, int(atlas.mesh.face_material[0]), mesh)
 
 
 def same(one, other) -> bool:
@@ -80,13 +80,13 @@ PARENT = """
 import sys, time
 from toolkit.objects.atlas import make_atlas
 from toolkit.objects.load import load_object
-from toolkit.rig.views import Subject, ViewSettings, ViewStream
+from toolkit.rig.views import PaintableObject, ViewSettings, ViewStream
 
 def main():
     mesh = load_object(sys.argv[1]).mesh
     atlas = make_atlas(mesh, 16)
     settings = ViewSettings(image_px=256, studios=2, per_studio=8)  # more than a pipe holds
-    with ViewStream([Subject(atlas.mesh, 0, mesh)], settings, 5, 50, workers=1) as stream:
+    with ViewStream([PaintableObject(atlas.mesh, 0, mesh)], settings, 5, 50, workers=1) as stream:
         stream.group(0)
         print(*stream._pool._processes, flush=True)
         time.sleep(60)

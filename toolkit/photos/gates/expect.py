@@ -14,7 +14,7 @@ from toolkit.photos.gates.patch import ExpectedPatch, place_cells
 from toolkit.photos.gates.solid import Solid
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.prints.features import describe_patch
-from toolkit.rig.board import Sheet, read_board
+from toolkit.rig.board import Board, read_board
 from toolkit.rig.mount import attach, mount_patch
 from toolkit.rig.variants import VARIANTS, Print, dress, find_booster
 
@@ -34,7 +34,7 @@ class ExpectationBuilder:
         self._kept: dict[tuple[str, str], Built] = {}
 
     @cached_property
-    def board(self) -> Sheet:
+    def board(self) -> Board:
         """The board of the workspace; a broken `rig/board.json` is a `ToolkitError`."""
         return read_board(self._workspace)
 

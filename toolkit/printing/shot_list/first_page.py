@@ -29,7 +29,7 @@ from toolkit.printing.shot_list.drawings import (
 from toolkit.printing.shot_list.mounting import CHAINS_MM, MountDrawing, draw_mounting_plan, encode_jpeg
 from toolkit.printing.shot_list.places import CameraPlace, Stretch, find_stretches, goes_round, name_change
 from toolkit.printing.shot_list.session import draw_walk
-from toolkit.rig.board import BoardSpec, Sheet
+from toolkit.rig.board import Board, CharucoBoard
 from toolkit.rig.camera import Camera
 from toolkit.rig.variants import Print
 
@@ -67,11 +67,11 @@ def advise_camera(camera: Camera, places: Sequence[CameraPlace]) -> list[str]:
     ]
 
 
-def advise_stage(board: Sheet | None, item: TableObject) -> list[str]:
+def advise_stage(board: Board | None, item: TableObject) -> list[str]:
     """The board, the object on it, and the light."""
     lines = []
     if board is not None:
-        kind = "board" if isinstance(board, BoardSpec) else "ring"
+        kind = "board" if isinstance(board, CharucoBoard) else "ring"
         width, height = board.size_mm
         lines.append(
             f"Print the {kind} with 'toolkit print --{kind}' at 100 % ({width:.0f} × {height:.0f} mm, "

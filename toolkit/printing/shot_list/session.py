@@ -34,7 +34,7 @@ from toolkit.printing.shot_list.drawings import (
 )
 from toolkit.printing.shot_list.mounting import MountDrawing, draw_mounting, draw_views
 from toolkit.printing.shot_list.places import CameraPlace, Stop, find_stops
-from toolkit.rig.board import Sheet
+from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera, orbit_direction
 from toolkit.rig.plan import Pose
 from toolkit.rig.shot_order import ShotStep
@@ -280,7 +280,7 @@ class ObjectSession:
     mounting: MountDrawing | None
     note: str | None
     patch_pdf: str | None
-    board: Sheet | None
+    board: Board | None
     around: Surroundings
     views: dict[tuple[str, int], bytes]
     poses_sha256: str
@@ -293,7 +293,7 @@ class ObjectSession:
 
 def prepare_session(
     item: TableObject, camera: Camera, poses: list[Pose], steps: list[ShotStep],
-    boosters: dict[str, Print | Paint | None], poses_sha256: str, bar: Ticker, board: Sheet | None = None,
+    boosters: dict[str, Print | Paint | None], poses_sha256: str, bar: Ticker, board: Board | None = None,
     patch_pdf: str | None = None, note: str | None = None,
 ) -> ObjectSession:  # fmt: skip
     """Render and measure one object's part of the list.
