@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -22,12 +22,9 @@ from toolkit.objects.load import load_object
 from toolkit.photos.gates.check_photo import Expectation, PhotoCheck, inspect_photo
 from toolkit.photos.gates.check_set import CheckedPhoto, LinesRecord, SetFinding, check_set
 from toolkit.photos.gates.expect import ExpectationBuilder
-from toolkit.photos.gates.result import GateResult
+from toolkit.photos.gates.result import Check, GateResult
 from toolkit.photos.photo import Photo, load_pixels, read_photo
 from toolkit.rig.variants import Print, find_booster
-
-if TYPE_CHECKING:
-    from toolkit.photos.importing.store import Check
 
 GATES_FILE = "gates.jsonl"
 VERSION = 1
@@ -221,7 +218,7 @@ class CheckReport:
         }  # fmt: skip
 
 
-def make_check(workspace: Workspace, source: str = "real") -> "Check":
+def make_check(workspace: Workspace, source: str = "real") -> Check:
     """The gates as `import_photos` takes them: each photograph is judged, and the result kept in `gates.jsonl`.
 
     Args:
@@ -306,7 +303,7 @@ class _Judge:
     """Judges images of a capture folder, with what its manifest says, or with what the board says."""
 
     def __init__(self, workspace: Workspace) -> None:
-        from toolkit.photos.importing.locate import locate_by_board
+        from toolkit.photos.locate import locate_by_board
 
         self._expecter = ExpectationBuilder(workspace)
         self._locate = locate_by_board(workspace)

@@ -1,7 +1,13 @@
 """What a gate says: a number, its threshold, and what to do when it is on the wrong side."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
+
+import numpy as np
+
+from toolkit.captures.manifest import CaptureRecord
+from toolkit.photos.photo import Photo
 
 Status = Literal["passed", "failed", "not checked"]
 
@@ -49,6 +55,10 @@ class GateResult:
     def to_json(self) -> dict[str, Any]:
         """The same for scripts and for `gates.jsonl`."""
         return asdict(self)
+
+
+Check = Callable[[Photo, np.ndarray, CaptureRecord], Sequence[GateResult]]
+"""(photo, its pixels (h, w, 3) uint8, its record) -> what the gates say."""
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from toolkit.core.errors import FieldError
 from toolkit.imaging.read import UnreadableImage
 from toolkit.photos.importing.gather import Candidate
 from toolkit.photos.importing.index import CaptureKey, SourceIndex, describe_imported
-from toolkit.photos.importing.locate import Locate
 from toolkit.photos.importing.settings import ImportSettings
+from toolkit.photos.locate import Locate
 from toolkit.photos.match_pose import PoseMatch, match_pose
 from toolkit.photos.photo import load_pixels
 from toolkit.photos.posed_camera import PosedCamera

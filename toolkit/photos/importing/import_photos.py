@@ -12,14 +12,15 @@ from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
+from toolkit.photos.gates.result import Check
 from toolkit.photos.importing.evidence import collect_evidence
 from toolkit.photos.importing.gather import Gathered, gather_photos
 from toolkit.photos.importing.index import SourceIndex, describe_imported, index_source, is_whole, list_poses
-from toolkit.photos.importing.locate import Locate, locate_by_board
 from toolkit.photos.importing.match import MatchRender, make_render_matcher
 from toolkit.photos.importing.resolve import Ask, Resolved, resolve_photos
 from toolkit.photos.importing.settings import FOLDER_NAME, ImportSettings
-from toolkit.photos.importing.store import Check, store_photo
+from toolkit.photos.importing.store import store_photo
+from toolkit.photos.locate import Locate, locate_by_board
 from toolkit.rig.plan import CapturePlan, open_plan
 from toolkit.rig.shot_order import ShotStep, read_shots
 from toolkit.rig.variants import PAIR, VARIANTS, find_booster

@@ -3,7 +3,6 @@
 import contextlib
 import io
 import os
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from toolkit.captures.manifest import CaptureRecord, append_record, read_manifes
 from toolkit.core.files import explain_write_error, sha256_bytes, sha256_file, write_bytes
 from toolkit.imaging.folder import show_path
 from toolkit.photos.exif import ExifFacts, read_preview, write_exif
-from toolkit.photos.gates.result import GateResult
+from toolkit.photos.gates.result import Check
 from toolkit.photos.importing.evidence import Evidence
 from toolkit.photos.importing.index import REPLACED, CaptureKey, SourceIndex, drop_records, find_images
 from toolkit.photos.importing.match import Decision
@@ -23,10 +22,6 @@ from toolkit.photos.photo import SUFFIXES, Photo, load_pixels
 
 JPEG_QUALITY = 95
 HOW = {"dng": "preview of a raw photograph", "video": "frame of a video"}
-
-
-Check = Callable[[Photo, np.ndarray, CaptureRecord], Sequence[GateResult]]
-"""(photo, its pixels (h, w, 3) uint8, its record) -> what the gates say."""
 
 
 def store_photo(
