@@ -112,7 +112,7 @@ def _subject(space):
 
 def _probability(pixels: np.ndarray, views) -> float:
     """Mean probability of the class in photographs of a texture, as the networks see them."""
-    from toolkit.boosters.texture_picture import batch_views, show_texture
+    from toolkit.boosters.linear_view import batch_views, show_texture
 
     texture = torch.from_numpy(pixels.transpose(2, 0, 1).copy()).float() / 255
     photos = show_texture(texture, batch_views([one.view for one in views], "cpu"))
