@@ -26,6 +26,13 @@ def find_typed_names() -> dict[str, str]:
 NAMES = sorted(find_typed_names())
 
 
+def read_words(name: str) -> str:
+    """The docstring of a name, and what the fields of a config say of themselves."""
+    thing = getattr(tk, name)
+    fields = getattr(thing, "model_fields", {}).values()
+    return " ".join([inspect.getdoc(thing) or "", *(str(one.description or "") for one in fields)])
+
+
 def run(*command: str) -> str:
     environment = {**os.environ, "PYTHONPATH": str(SOURCE.parents[1])}
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
@@ -54,8 +61,7 @@ def test_people_and_type_checkers_see_the_same_names():
 def test_a_name_is_what_its_home_calls_so_and_explains_itself(name):
     thing = getattr(tk, name)
     assert thing.__name__ == name and thing.__module__ == find_typed_names()[name]
-    text = inspect.getdoc(thing) or ""
-    assert len(text) > 60
+    assert inspect.getdoc(thing) and len(read_words(name)) > 60
     if inspect.isfunction(thing):
         signature = inspect.signature(thing)
         unsaid = [one for one in signature.parameters.values() if one.annotation is inspect.Parameter.empty]
@@ -72,7 +78,7 @@ ARRAYS = {
     "load_captures": "(3, s, s) float32",
     "CaptureDataset": "(3, s, s) float32",
     "Camera": "pixels",
-    "Pattern": "deg",
+    "Pattern": "degrees",
     "plan_objects": "millimetres",
     "print_patch": "millimetres",
 }
@@ -80,7 +86,7 @@ ARRAYS = {
 
 @pytest.mark.parametrize(("name", "words"), ARRAYS.items())
 def test_shapes_and_units_are_said(name, words):
-    assert words in inspect.getdoc(getattr(tk, name))
+    assert words in read_words(name)
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if inspect.isfunction(getattr(tk, name))])

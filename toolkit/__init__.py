@@ -8,6 +8,8 @@ nothing. Its docstring says shapes, units and errors. The packages behind it are
 TYPE_CHECKING = False  # as typing's own, without the time that importing it takes
 if TYPE_CHECKING:
     __version__: str
+    from toolkit.benchmark.config import CorruptEvalConfig as CorruptEvalConfig
+    from toolkit.benchmark.evaluate import evaluate_benchmark as evaluate_benchmark
     from toolkit.boosters.apply import apply_patch as apply_patch
     from toolkit.boosters.parts.affine import AffineRanges as AffineRanges
     from toolkit.boosters.train import train_patch as train_patch
@@ -24,6 +26,7 @@ if TYPE_CHECKING:
     from toolkit.core.workspace import open_workspace as open_workspace
     from toolkit.corruptions.corrupt import corrupt as corrupt
     from toolkit.corruptions.draws import image_seed as image_seed
+    from toolkit.evaluation.config import EvalConfig as EvalConfig
     from toolkit.evaluation.evaluate import evaluate_captures as evaluate_captures
     from toolkit.evaluation.notebook import load_captures as load_captures
     from toolkit.evaluation.notebook import predictions_table as predictions_table
@@ -69,6 +72,9 @@ else:
         "ShootSettings": "toolkit.captures.shoot",
         "corrupt": "toolkit.corruptions.corrupt",
         "evaluate_captures": "toolkit.evaluation.evaluate",
+        "EvalConfig": "toolkit.evaluation.config",
+        "evaluate_benchmark": "toolkit.benchmark.evaluate",
+        "CorruptEvalConfig": "toolkit.benchmark.config",
         "predictions_table": "toolkit.evaluation.notebook",
         "load_captures": "toolkit.evaluation.notebook",
         "CaptureDataset": "toolkit.captures.dataset",

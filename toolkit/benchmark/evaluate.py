@@ -2,16 +2,21 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
 from toolkit.benchmark.config import CorruptEvalConfig
 from toolkit.benchmark.examples import draw_examples
 from toolkit.benchmark.grid import Benchmark, Grid, run_grid
 from toolkit.benchmark.report import BenchmarkFiles, write_benchmark
+from toolkit.benchmark.summary import read_summary
 from toolkit.benchmark.variants import open_variants, share_classes
+from toolkit.benchmark.verdict import judge_benchmark
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.config import check_run_name
+from toolkit.models.load import load_classifier
 from toolkit.models.network import Classifier
-from toolkit.training.image_set import ImageSet, choose_classes
+from toolkit.training.image_set import ImageSet, choose_classes, open_images
 
 
 @dataclass(frozen=True)
@@ -28,13 +33,18 @@ class BenchmarkRun:
     files: BenchmarkFiles
     without_images: dict[str, list[str]]
 
+    @property
+    def headlines(self) -> list[str]:
+        """The result in words, a sentence for each patch set and who answers."""
+        return [sentence for _, sentence in judge_benchmark(read_summary(self.files.summary))]
+
 
 def evaluate_benchmark(
     workspace: Workspace,
-    images: ImageSet,
+    images: ImageSet | Path | str,
     classifier: Classifier,
     config: CorruptEvalConfig,
-    load: Callable[[str], Classifier],
+    load: Callable[[str], Classifier] | None = None,
 ) -> BenchmarkRun:
     """Corrupt a data set with and without patches, and ask classifiers and readers what they see.
 
@@ -42,19 +52,20 @@ def evaluate_benchmark(
 
     Args:
         workspace: whose patches are meant, and whose `eval/` is written to.
-        images: from `open_images`.
+        images: from `open_images`, or what it opens: a folder with a folder of images per class, or `cifar10:FOLDER`.
         classifier: who is asked where `config.patches` names no other.
         config: patches, corruptions, classes.
-        load: the classifier of a name.
+        load: the classifier of a name; by default of the workspace's and the published ones.
 
     Raises:
         ToolkitError: an unknown class, patch set or network, no image that can be used, a network's output that is not
             finite, or a disk that is full or read-only.
     """
-    images = choose_classes(images, list(config.classes), classifier)
+    opened = images if isinstance(images, ImageSet) else open_images(str(images), classifier, "test")
+    images = choose_classes(opened, list(config.classes), classifier)
     if config.per_class is not None:
         images = images.draw(config.per_class, config.seed)
-    variants, notes = open_variants(workspace, config.patches, classifier, load)
+    variants, notes = open_variants(workspace, config.patches, classifier, load or partial(_load, workspace))
     grid = Grid(images.only(share_classes(variants, images.classes)), tuple(variants), config)
     folder = workspace.eval_dir / "corruptions"
     run_dir = folder / check_run_name(grid.name)
@@ -67,3 +78,7 @@ def evaluate_benchmark(
         if not config.classes
     }
     return BenchmarkRun(benchmark, files, {name: labels for name, labels in without_images.items() if labels})
+
+
+def _load(workspace: Workspace, name: str) -> Classifier:
+    return load_classifier(name, folder=workspace.classifiers_dir)

@@ -12,6 +12,9 @@ from toolkit.cli.output import kept_before, remark, say, warn
 if TYPE_CHECKING:
     from toolkit.benchmark.evaluate import BenchmarkRun
 
+if TYPE_CHECKING:
+    pass
+
 SHOWN_NAMES = 5
 
 
