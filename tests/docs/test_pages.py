@@ -97,3 +97,10 @@ def test_a_field_of_a_file_is_explained() -> None:
     rows = write_part("fields", "toolkit.objects.spec.ObjectSpec").splitlines()
     assert any(row.startswith("| `class` | text or whole number | required | the category") for row in rows)
     assert any(row.startswith("| `length_mm` | number | required | longest side") for row in rows)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_files_that_are_named_exist(page: str) -> None:
+    """`NAME` and the like stand for anything; the changelog names what was."""
+    named = re.findall(r"`((?:toolkit|docs|tests|examples)/[\w/.-]+)`", read_page(page))
+    assert [one for one in named if not re.search(r"[A-Z]{3}", one) and not (ROOT / one).exists()] == []

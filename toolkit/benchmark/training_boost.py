@@ -1,4 +1,4 @@
-"""Class patches on the images that a classifier is trained on: the fixed-pattern baseline (seed, section D.2.4)."""
+"""Class patches on the images that a classifier is trained on: the fixed-pattern baseline (the paper, D.2.4)."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -55,7 +55,7 @@ def is_whole(T_image_patch: np.ndarray, patch_px: int, image_px: int) -> np.ndar
 def boost_images(
     images: "torch.Tensor", pictures: "torch.Tensor", placement: Placement, seeds: Sequence[int]
 ) -> "torch.Tensor":
-    """Lay pictures on images: x (1 - T(mask)) + T(θ) T(mask), seed Algorithm 1.
+    """Lay pictures on images: x (1 - T(mask)) + T(θ) T(mask), the paper's Algorithm 1.
 
     An image does not depend on the others of its batch.
 

@@ -1,4 +1,4 @@
-"""A training image of each class as its patch: the one the classifier knows best, or any (seed, D.2.2 and D.2.3)."""
+"""A training image of each class as its patch: the one the classifier knows best, or any (the paper, D.2.2, D.2.3)."""
 
 import os
 from collections import defaultdict

@@ -1,4 +1,4 @@
-"""Random affine placements: how a flat square may lie in a photograph (seed, Algorithm 1: RandomAffineTransform).
+"""Random affine placements: how a flat square may lie in a photograph (Algorithm 1's RandomAffineTransform).
 
 Convention: continuous coordinates, x right and y down, pixel (row i, column j) covers [j, j+1] × [i, i+1], so that
 centres are at half integers. `T_image_patch` maps patch texels, [0, n]², to image pixels, [0, m]².

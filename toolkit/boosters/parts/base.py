@@ -302,7 +302,7 @@ def print_patch(patch: "torch.Tensor", appearance: Appearance, draws: Draws) -> 
 
 
 def place_patch(patch: "torch.Tensor", images: "torch.Tensor", appearance: Appearance, draws: Draws) -> "torch.Tensor":
-    """Scenes with the print in them: x (1 - T(mask)) + T(θ) T(mask), seed Algorithm 1.
+    """Scenes with the print in them: x (1 - T(mask)) + T(θ) T(mask), the paper's Algorithm 1.
 
     At the patch's edge T(θ) T(mask) is read as the average of θ·mask over the pixel: transforming the two apart and
     multiplying after would fade the rim twice. Shapes as in `show_patch`.
