@@ -52,11 +52,11 @@ def _table(studio):
 
 def rig(width: int, height: int, name: str = "raycast"):
     from toolkit.rig.renderer import make_renderer
-    from toolkit.rig.shading import develop
+    from toolkit.rig.shading import tone_map
 
     mesh, camera, poses, studio = _scene(width, height)
     renderer = make_renderer(name, mesh, studio)
-    return poses, lambda pose: develop(renderer.render(camera, pose), (0,))
+    return poses, lambda pose: tone_map(renderer.render(camera, pose), (0,))
 
 
 def rig_filament(width: int, height: int):

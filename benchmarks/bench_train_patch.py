@@ -14,14 +14,16 @@ import numpy as np
 import torch
 from torchvision.models import resnet18
 
-from toolkit.boosters.data import stack_on_device
+from toolkit.boosters.data import TrainingData
 from toolkit.boosters.parts.affine import AffineRanges
-from toolkit.boosters.parts.base import Appearance
-from toolkit.boosters.parts.light import LightRanges
-from toolkit.boosters.patch_steps import Descent, Target, draw_first_patch, train_steps
+from toolkit.boosters.patch import PatchTask
+from toolkit.boosters.patch_config import PatchConfig
+from toolkit.boosters.pixels import Target
+from toolkit.boosters.preview import BoosterFiles
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier, choose_device
 from toolkit.models.weights import WeightsFile
+from toolkit.training.loop import make_steps
 
 BATCH, IMAGE_PX, PATCH_PX, PHOTOS = 16, 224, 100, 64
 REPEATS, FEWEST, BUDGET_S = 9, 3, 50.0
@@ -55,16 +57,12 @@ def toolkit_step(module: torch.nn.Module, device: str) -> Callable[[], None]:
     weights = WeightsFile(Path("random"), "0" * 64, "random")
     classifier = Classifier("resnet18", module, ["class"] * 1000, how, weights, device, False)
     photos = np.random.default_rng(0).integers(0, 256, (PHOTOS, 256, 256, 3), np.uint8)
-    steps = train_steps(
-        draw_first_patch(PATCH_PX, 0),
-        0,
-        stack_on_device(photos, device),
-        [Target(classifier, 0)],
-        Appearance(AffineRanges(), on_paper=(LightRanges(),)),
-        Descent(steps=10_000, batch=BATCH),
-        IMAGE_PX,
-    )
-    return lambda: next(steps) and None
+    data = TrainingData(photos, photos, (), {"sha256": ""}, True)
+    files = BoosterFiles(Path("patch.png"), Path("preview.png"), Path("training"))
+    config = PatchConfig(size_px=PATCH_PX, steps=10_000, batch=BATCH, start_contrast=1)
+    task = PatchTask(config, [Target(classifier, 0)], data, None, files)
+    steps = make_steps(task, config.fit_config())
+    return lambda: next(steps)
 
 
 def art_step(module: torch.nn.Module, device: str) -> Callable[[], None]:
@@ -95,7 +93,7 @@ def art_step(module: torch.nn.Module, device: str) -> Callable[[], None]:
         rotation_max=ranges.rotation_deg[1],
         scale_min=ranges.share[0],
         scale_max=ranges.share[1],
-        learning_rate=Descent().lr,
+        learning_rate=PatchConfig().lr,
         max_iter=1,
         batch_size=BATCH,
         patch_shape=(3, PATCH_PX, PATCH_PX),

@@ -9,29 +9,32 @@ import os
 import resource
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from time import perf_counter
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import torch
 from torchvision.models import resnet18
 
-from toolkit.boosters.patch_steps import Target, draw_first_patch, judge_photos
-from toolkit.boosters.texture_config import Optimiser, TextureRequest
-from toolkit.boosters.texture_recipes import Choices, make_request
-from toolkit.boosters.texture_steps import train_steps
+from toolkit.boosters.pixels import Target, judge_photos
+from toolkit.boosters.preview import BoosterFiles
+from toolkit.boosters.texture import Backgrounds, TextureTask
+from toolkit.boosters.texture_config import TextureConfig, make_config
+from toolkit.boosters.texture_objects import TexturedObject
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier, choose_device
 from toolkit.models.weights import WeightsFile
 from toolkit.objects.atlas import Atlas, make_atlas
-from toolkit.objects.load import build_mesh
+from toolkit.objects.load import TableObject, build_mesh
 from toolkit.objects.mesh import Material, Mesh, place_on_table
 from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
-from toolkit.rig.views import DETAIL, FOV_DEG, Subject, ViewStream, count_workers, random_pose
+from toolkit.rig.views import DETAIL, FOV_DEG, count_workers, random_pose
+from toolkit.training.loop import make_steps
 
 TEXELS, LENGTH_MM = 200, 270.0
 TRIANGLES = (1_000, 10_000, 100_000, 300_000)
@@ -109,28 +112,24 @@ def time_network(target: Target, batch: int, device: str, repeats: int = 9) -> f
     return median(seconds[1:])
 
 
-def step_through(atlas: Atlas, target: Target, request: TextureRequest, groups: int) -> Iterator[None]:
+def step_through(atlas: Atlas, target: Target, config: TextureConfig, groups: int) -> Iterator[None]:
     """Training steps, one per turn, of so many groups of views."""
-    device = target.classifier.device
-    steps = groups * request.steps_per_group
-    request = replace(request, descent=replace(request.descent, steps=steps))
-    texture = draw_first_patch(TEXELS, 0).to(device)
-    source = torch.from_numpy(atlas.source).to(device)
-    subject = Subject(atlas.mesh, int(atlas.mesh.face_material[0]), atlas.mesh)
-    with ViewStream([subject], request.views, 0, request.groups) as stream:
-        none = np.zeros((0, 256, 256, 3), np.uint8)
-        for _ in train_steps(texture, source, 0, Optimiser("sign", texture, 0, {}), [target], stream, request, none):
-            yield
+    config = config.with_overrides(steps=groups * config.steps_per_group)
+    item = cast(TableObject, SimpleNamespace(mesh=atlas.mesh, name="ball"))
+    none = Backgrounds(np.zeros((0, 256, 256, 3), np.uint8))
+    files = BoosterFiles(Path("texture.png"), Path("preview.png"), Path("training"))
+    task = TextureTask(config, [target], [TexturedObject(item, atlas)], none, files)
+    yield from make_steps(task, config.fit_config(config.optimiser))
 
 
-def time_training(atlas: Atlas, target: Target, request: TextureRequest, timed: int = TIMED_GROUPS) -> float:
+def time_training(atlas: Atlas, target: Target, config: TextureConfig, timed: int = TIMED_GROUPS) -> float:
     """Seconds per image, once the first group of views is used up."""
-    warm = WARM_GROUPS * request.steps_per_group
+    warm = WARM_GROUPS * config.steps_per_group
     began, count = 0.0, 0
-    for count, _ in enumerate(step_through(atlas, target, request, WARM_GROUPS + timed), 1):
+    for count, _ in enumerate(step_through(atlas, target, config, WARM_GROUPS + timed), 1):
         if count == warm:
             began = perf_counter()
-    return (perf_counter() - began) / ((count - warm) * request.descent.batch)
+    return (perf_counter() - began) / ((count - warm) * config.batch)
 
 
 def measure_memory() -> float:
@@ -140,9 +139,9 @@ def measure_memory() -> float:
 
 
 def _train_and_weigh() -> float:
-    request = make_request("default", Choices(), ("warplane",))
+    config = make_config("default", {"objects": ("warplane",), "size_px": TEXELS})
     atlas = make_atlas(place_on_table(build_mesh("warplane"), LENGTH_MM), TEXELS)
-    for _ in step_through(atlas, make_target("cpu"), request, 2):
+    for _ in step_through(atlas, make_target("cpu"), config, 2):
         pass
     own, workers = (resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return (own + workers * count_workers()) * 1024 / 1e9
@@ -152,10 +151,10 @@ def run(device: str = "auto") -> dict[str, float | str]:
     """Images per second against the limits, the time of a step as the mesh grows, and peak memory."""
     device = choose_device(device)
     target = make_target(device)
-    plain = make_request("default", Choices(reuse=1, fog=False, camera=False), ("warplane",))
-    default = make_request("default", Choices(), ("warplane",))
+    default = make_config("default", {"objects": ("warplane",), "size_px": TEXELS})
+    plain = default.with_overrides(reuse=1, fog=False, camera=False)
     atlas = make_atlas(place_on_table(build_mesh("warplane"), LENGTH_MM), TEXELS)
-    cores, views, batch = count_workers() + 1, plain.views.per_studio, plain.descent.batch
+    cores, views, batch = count_workers() + 1, plain.per_studio, plain.batch
     render, render_one = time_rendering(atlas, views), time_rendering_on_one_core(atlas, views)
     network = time_network(target, batch, device)
     serial = 1 / (render + network)

@@ -26,15 +26,15 @@ def shared_light():
 
     bake, baked = raycast.bake_lighting, {}
 
-    def bake_once(scene, corners, corner_normals, albedo, studio, **detail):
-        digest = hashlib.sha256(repr((studio.name, studio.key, studio.table_mm, detail)).encode())
+    def bake_once(scene, corners, corner_normals, albedo, studio, *detail, **named):
+        digest = hashlib.sha256(repr((studio.name, studio.key, studio.table_mm, detail, named)).encode())
         for array in (corners, corner_normals, albedo, studio.environment, studio.table):
             digest.update(np.ascontiguousarray(array).tobytes())
         key = digest.digest()
         if key not in baked:
-            while len(baked) > 15:
+            while len(baked) > 40:
                 baked.pop(next(iter(baked)))
-            baked[key] = bake(scene, corners, corner_normals, albedo, studio, **detail)
+            baked[key] = bake(scene, corners, corner_normals, albedo, studio, *detail, **named)
         return baked[key]
 
     raycast.bake_lighting = bake_once

@@ -126,6 +126,7 @@ def test_the_examples_plan_and_guide_are_what_the_kit_makes(tmp_path):
     assert (ROOT / "toolkit.toml").read_text() == (space.root / "toolkit.toml").read_text()
 
 
+@pytest.mark.slow
 def test_the_examples_previews_are_of_its_plan():
     """Within what another font or another processor changes."""
     from toolkit.captures.shoot import ShootSettings, studio_for
@@ -150,6 +151,7 @@ def assert_same_picture(file, again, tolerance):
     assert np.abs(small[0] - small[1]).mean() < tolerance
 
 
+@pytest.mark.slow
 def test_the_examples_captures_are_what_the_rig_shoots(tmp_path):
     from toolkit.captures.manifest import read_manifest
     from toolkit.captures.shoot import shoot_plan

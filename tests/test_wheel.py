@@ -47,6 +47,7 @@ def weights(tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_installed_wheel_runs_the_demo(site, weights, tmp_path):
     where = run(sys.executable, "-c", "import toolkit; print(toolkit.__file__)", cwd=tmp_path, PYTHONPATH=str(site))
     assert Path(where.strip()).is_relative_to(site)
@@ -76,6 +77,7 @@ def test_the_installed_wheel_runs_the_demo(site, weights, tmp_path):
         assert (tmp_path / f"lab/print/{name}.pdf").read_bytes().startswith(b"%PDF")
 
 
+@pytest.mark.slow
 def test_without_weights_and_network_the_demo_speaks_through_rig18(site, tmp_path):
     def toolkit(*arguments: str) -> str:
         nowhere = {"HTTPS_PROXY": "http://127.0.0.1:9", "TORCH_HOME": str(tmp_path / "cache"), "TOOLKIT_WEIGHTS": ""}

@@ -35,6 +35,7 @@ def whole():
     return summarise(make_benchmark(n=20, n_classes=5, variants=("unpatched", "patches-100", "qr-100"), fixed=False))
 
 
+@pytest.mark.slow
 def test_sizes_of_the_whole(whole):
     for content in (draw_overview(whole), draw_variant(whole, whole.variants[1])):
         assert open_png(content).width == 1200

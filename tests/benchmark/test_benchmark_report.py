@@ -54,6 +54,7 @@ def made(tmp_path_factory):
     return benchmark, write_benchmark(tmp_path_factory.mktemp("runs") / "one", benchmark)
 
 
+@pytest.mark.slow
 def test_all_files_and_none_besides(made):
     benchmark, files = made
     folder = files.summary.parent
@@ -128,6 +129,7 @@ def test_cells_table_has_every_cell(made):
     assert by_key["unpatched", "resnet18", "spatter", 1]["family"] == "extra"
 
 
+@pytest.mark.slow
 def test_same_answers_same_bytes(made, tmp_path):
     benchmark, _ = made
     smaller = replace(benchmark, cells=tuple(one for one in benchmark.cells if one.variant == "unpatched"))

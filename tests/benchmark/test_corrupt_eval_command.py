@@ -31,6 +31,7 @@ def refuse(type_command, *words) -> str:
     return str(result.exception)
 
 
+@pytest.mark.slow
 def test_from_training_to_the_report(type_command):
     trained = type_command(
         "train-patches", "--data", type_command.data, "--size-px", 16, "--size-px", 20, "--steps", 4, "--batch", 4
@@ -49,6 +50,7 @@ def test_from_training_to_the_report(type_command):
     assert summary["n"] == 9
 
 
+@pytest.mark.slow
 def test_a_partly_bad_folder_is_evaluated_and_the_bad_part_listed(type_command):
     write_set(type_command.space)
     (type_command.data / "red" / "0.png").write_bytes(b"no picture")

@@ -64,6 +64,7 @@ def test_tags_are_read_in_their_own_family(dictionary):
     assert reader.read(put(255 - np.zeros((60, 60, 3), np.uint8))) == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reader", ALL_READERS)
 def test_no_picture_is_too_odd(reader, capfd):
     rng = np.random.default_rng(0)
@@ -91,6 +92,7 @@ def test_texts_are_judged():
     assert ranks.dtype == np.int32
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("corruption", ["gaussian_noise", "contrast", "jpeg_compression", "fog"])
 def test_the_cast_to_8_bits_rounds_where_the_release_blackens(corruption):
     """`255 * uint8(x)` leaves of a corrupted picture only what is exactly 1: the release's reader had no chance."""

@@ -54,6 +54,7 @@ def train(noise, space, boost, **changes):
     return train_classifier(config, space, boost, device="cpu")
 
 
+@pytest.mark.slow
 def test_it_learns_to_read_the_patches(noise, space):
     write_set(space)
     boost = read_training_boost(space, "flat")
@@ -94,7 +95,7 @@ def test_each_image_gets_its_class_where_its_seed_says(space):
 
 def test_sets_that_do_not_fit(noise, space):
     write_set(space, "few", classes=[(0, "crane"), (2, "crane ship")])
-    with pytest.raises(ToolkitError, match="--patches few: the set has no patch of class 'dog' of the data"):
+    with pytest.raises(ToolkitError, match="patches few: the set has no patch of class 'dog' of the data"):
         train(noise, space, read_training_boost(space, "few"))
     write_set(space, "large", n_px=30)
     with pytest.raises(ToolkitError, match="its patches are 30 px a side, and the network sees images of 24 px"):

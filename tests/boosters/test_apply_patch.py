@@ -99,6 +99,7 @@ def test_black_texels_are_opaque():
     assert found[:, :, 5:17, 9:21].abs().max() < 2e-5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("masked", [False, True])
 def test_the_gradients_are_those_of_finite_differences(masked):
     images = make_images(2, 9, 8, torch.float64) * 0.5 + 0.2

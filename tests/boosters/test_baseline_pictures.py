@@ -9,7 +9,7 @@ import pytest
 import torch
 from PIL import Image
 
-from toolkit.boosters.baselines.make import BaselineRequest, make_baseline
+from toolkit.boosters.baselines.make import BaselineConfig, make_baseline
 from toolkit.boosters.patch_sets import read_patch_set
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
@@ -55,7 +55,7 @@ def data(tmp_path):
 
 
 def make(kind, classifier, space, data=None, **more):
-    return make_baseline(BaselineRequest(kind, data=data and str(data), **more), classifier, space, quiet=True)
+    return make_baseline(BaselineConfig(kind=kind, data=data and str(data), **more), classifier, space)
 
 
 def loss_by_torch(classifier, file, index):
@@ -222,7 +222,7 @@ def test_a_set_made_another_way_is_neither_overwritten_nor_mixed(classifier, spa
     make("fixed-pattern", classifier, space, sizes_px=(16,), class_names=("cat",))
     make("fixed-pattern", classifier, space, sizes_px=(16,), class_names=("dog",))
     assert sorted(read_patch_set(space, "fixed-pattern-16", LABELS).patches) == [0, 1]
-    with pytest.raises(ToolkitError, match=r"fixed-pattern-16 holds pictures made with seed 0, not 7: .*--set"):
+    with pytest.raises(ToolkitError, match=r"fixed-pattern-16 holds pictures made with seed 0, not 7: .*with set_name"):
         make("fixed-pattern", classifier, space, sizes_px=(16,), seed=7)
     with pytest.raises(ToolkitError, match=r"with method 'fixed pattern of Gaussian noise', not 'random training"):
         make("random-image", classifier, space, data, sizes_px=(16,), set_name="fixed-pattern")
@@ -235,8 +235,8 @@ def test_a_set_made_another_way_is_neither_overwritten_nor_mixed(classifier, spa
 @pytest.mark.parametrize(
     ("request_", "message"),
     [
-        ({"kind": "bar-code"}, "no baseline called 'bar-code'"),
-        ({"kind": "best-image"}, "best-image: expected training images.*--data"),
+        ({"kind": "bar-code"}, "kind bar-code: expected qr, apriltag, best-image, random-image or fixed-pattern"),
+        ({"kind": "best-image"}, "best-image: expected training images.*name them with data"),
         ({"kind": "random-image", "data": "nowhere"}, "nowhere does not exist"),
         ({"kind": "qr", "class_names": ("horse",)}, "no .* called 'horse'"),
         ({"kind": "best-image", "data": "data", "class_names": ("jet",)}, "class 'jet' has no images in data/train"),
@@ -247,14 +247,14 @@ def test_a_set_made_another_way_is_neither_overwritten_nor_mixed(classifier, spa
         ({"kind": "apriltag", "sizes_px": (19,)}, r"sizes_px 19: expected 20 \(8 modules"),
         ({"kind": "fixed-pattern", "sizes_px": (16, 7)}, "sizes_px 7: expected 8 to 32 px"),
         ({"kind": "fixed-pattern", "sizes_px": (33,)}, "sizes_px 33: expected 8 to 32 px"),
-        ({"kind": "apriltag", "border": 0}, "--border 0: expected 1 or more"),
-        ({"kind": "fixed-pattern", "border": 2}, "--border 2: fixed-pattern is no code"),
-        ({"kind": "qr", "set_name": "../away"}, "--set '../away': expected letters"),
+        ({"kind": "apriltag", "border": 0}, "border 0: expected 1 or more white modules"),
+        ({"kind": "fixed-pattern", "border": 2}, "border 2: fixed-pattern is no code"),
+        ({"kind": "qr", "set_name": "../away"}, "set_name '../away': expected letters"),
     ],
 )
 def test_bad_input_is_one_clear_line(request_, message, classifier, space, data, monkeypatch):
     monkeypatch.chdir(data.parent)
     with pytest.raises(ToolkitError, match=message) as told:
-        make_baseline(BaselineRequest(**request_), classifier, space, quiet=True)
+        make_baseline(BaselineConfig(**request_), classifier, space)
     assert "\n" not in str(told.value)
     assert not list((space.root / "print" / "patches").iterdir()), "nothing is begun"

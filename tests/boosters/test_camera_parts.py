@@ -52,6 +52,7 @@ def test_gradients_are_those_of_finite_differences(part):
     check_gradient(lambda images: part.change(images, np.random.default_rng(2)), grey_noise(3, 3, 6, 7))
 
 
+@pytest.mark.slow
 def test_gradient_of_jpeg_is_that_of_the_file_without_its_rounding():
     """The rounding's own slope is zero; straight through, it counts as one."""
     images, quality = grey_noise(2, 3, 10, 18), np.array([30, 80])

@@ -29,6 +29,7 @@ def train(place, classes, sizes, corrupted=None, **changes):
     return train_class_patches(config, patch, images, classes, make_hue_classifier(), workspace)
 
 
+@pytest.mark.slow
 def test_a_set_for_each_size_with_a_patch_for_each_class_that_helps(place):
     patches, skipped = train(place, (0, 2), (16, 24))
     assert [(one.set_name, one.label) for one in patches] == [
@@ -45,6 +46,7 @@ def test_a_set_for_each_size_with_a_patch_for_each_class_that_helps(place):
     assert record.settings["light"] is None and record.data["sources"][0]["use"] == "backgrounds"
 
 
+@pytest.mark.slow
 def test_a_class_has_the_same_patch_whatever_else_is_trained_and_is_not_trained_twice(place, tmp_path):
     train(place, (0, 1, 2), (16,))
     other = make_workspace(tmp_path / "other")
@@ -55,6 +57,7 @@ def test_a_class_has_the_same_patch_whatever_else_is_trained_and_is_not_trained_
     assert [one.patched for one in again] == [None, None, None]
 
 
+@pytest.mark.slow
 def test_corruptions_in_the_loop_make_another_run_and_are_recorded(place):
     train(place, (1,), (16,))
     plain = read_patch_set(place[0], "hues-16", LABELS).patches[1]
@@ -66,6 +69,7 @@ def test_corruptions_in_the_loop_make_another_run_and_are_recorded(place):
     assert "hue_corrupted_patched_top1" in spoilt.record.final
 
 
+@pytest.mark.slow
 def test_a_killed_run_keeps_what_is_finished_and_goes_on(place, monkeypatch):
     real, calls = class_patches.train_patch, []
 
@@ -83,6 +87,7 @@ def test_a_killed_run_keeps_what_is_finished_and_goes_on(place, monkeypatch):
     assert [one.patched is None for one in rest] == [True, False]
 
 
+@pytest.mark.slow
 def test_images_of_the_class_alone_where_there_are_enough_or_where_asked(place, monkeypatch):
     monkeypatch.setattr(class_patches, "FEW_IMAGES", 4)
     train(place, (1,), (16,))

@@ -34,6 +34,7 @@ def smooth_images(count: int = 2, side: int = 96) -> torch.Tensor:
     return images
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("severity", [1, 3, 5])
 @pytest.mark.parametrize("name", CORRUPTIONS)
 def test_forward_it_is_the_benchmarks_corruption(name, severity):
@@ -137,6 +138,7 @@ def test_a_request_without_it_keeps_its_hash():
     assert len(others) == 4
 
 
+@pytest.mark.slow
 def test_it_is_recorded_said_and_validated(tmp_path):
     photos = write_photos(tmp_path / "photos", 6)
     choices = {"steps": 2, "batch": 4, "size_px": 16, "corrupted": ("contrast:5", "jpeg_compression:2")}
@@ -163,6 +165,7 @@ class StripesOrRed(torch.nn.Module):
         return torch.stack([torch.full_like(jet, 0.8), jet * 0, jet * 0, jet], 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["defocus_blur", "gaussian_blur"])
 def test_a_patch_that_has_met_a_corruption_bears_it_better(name):
     """By the true gradient and straight through; without it the patch learns the stripes, which are easier."""

@@ -9,7 +9,7 @@ import torch
 from tiny_network import LABELS, tiny_classifier, tiny_config
 from watched_patch import patch_gradient, train_watched
 
-from toolkit.boosters.linear_view import develop, srgb_to_linear
+from toolkit.boosters.linear_view import srgb_to_linear, tone_map
 from toolkit.boosters.mounted import draw_mounted, print_on_paper, show_mounted, stack_views, validate_mounted
 from toolkit.boosters.parts.affine import AffineRanges
 from toolkit.boosters.parts.base import Appearance
@@ -39,6 +39,7 @@ def views(space):
     return list(render_mounted_views(item, SIZE_MM, TEXELS, 3, seed=7, image_px=SIDE, quiet=True))
 
 
+@pytest.mark.slow
 def test_the_buffers_put_together_are_a_render_of_the_patch(space, views):
     """The same camera, studio and mount, but rendered with the patch itself."""
     pixels = np.random.default_rng(1).integers(0, 256, (8, 8, 3), dtype=np.uint8)
@@ -51,7 +52,7 @@ def test_the_buffers_put_together_are_a_render_of_the_patch(space, views):
     stacked = stack_views(views, SIZE_MM, "cpu")
     for i in range(3):
         pose = random_pose(np.random.default_rng([7, i, 2]), item.mesh, camera)
-        rendered = finish.develop(renderer.render(camera, pose), (0,), noise=0, falloff=0) / 255
+        rendered = finish.tone_map(renderer.render(camera, pose), (0,), noise=0, falloff=0) / 255
         shown = show_mounted(theta, stacked, np.array([i]), np.zeros((1, 2), int), SIDE)[0].permute(1, 2, 0).numpy()
         assert len(np.unique(views[i].pixel)) > 40
         # half a level of rounding, half precision, and light that bounces with the colour of a grey patch
@@ -79,10 +80,10 @@ def test_the_paper_is_that_of_the_rig(n):
     np.testing.assert_allclose(found.transpose(1, 2, 0), wanted, atol=1e-6)
 
 
-def test_develop_is_the_rigs(views):
+def test_tone_map_is_the_rigs(views):
     light = np.random.default_rng(0).uniform(0, 2, (9, 9, 3)).astype(np.float32)
-    wanted = finish.develop(light, (0,), noise=0, falloff=0) / 255
-    found = develop(torch.from_numpy(light)).numpy()
+    wanted = finish.tone_map(light, (0,), noise=0, falloff=0) / 255
+    found = tone_map(torch.from_numpy(light)).numpy()
     assert np.abs(found - wanted).max() <= 0.5 / 255 + 1e-6
 
 

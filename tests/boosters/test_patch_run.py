@@ -95,6 +95,7 @@ def test_the_same_seed_gives_the_same_bytes_and_another_does_not(tmp_path, photo
     assert not np.array_equal(first.patch.pixels, other.patch.pixels)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when", ["checkpoint", "record"])
 def test_kill_9_then_the_same_command_ends_as_if_never_killed(tmp_path, photos, when, capsys):
     environment = os.environ | {"PYTHONPATH": str(HELPERS)}
@@ -160,6 +161,7 @@ def stop_half_way(folder: Path, photos: Path, monkeypatch, **changes) -> None:
             run(folder, photos, **changes)
 
 
+@pytest.mark.slow
 def test_another_request_does_not_mix_with_an_old_checkpoint(tmp_path, photos, monkeypatch, capsys):
     stop_half_way(tmp_path / "w", photos, monkeypatch)
     other = train_tiny(tmp_path / "w", photos, tiny_config(lr=0.05))

@@ -72,6 +72,7 @@ def files_below(folder: Path) -> list[str]:
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
 
 
+@pytest.mark.slow
 def test_texture_record_glb_and_turntable_are_written_and_nothing_else_is_left(space):
     made = run(space)
     assert files_below(space.textures_dir) == [
@@ -87,6 +88,7 @@ def test_texture_record_glb_and_turntable_are_written_and_nothing_else_is_left(s
     assert made.validations[0].clear.patched.n == 4
 
 
+@pytest.mark.slow
 def test_the_class_is_seen_more_surely_in_views_that_were_not_trained_on(space):
     """A network of random weights: the class's mean probability in held-out views, before the first step and after."""
     config = crate_config(40, batch=4)
@@ -117,6 +119,7 @@ def _probability(pixels: np.ndarray, views) -> float:
     return float(tiny_classifier().logits(photos).softmax(1)[:, 3].mean())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("optimiser", ["sign", "sgd", "adam"])
 def test_a_killed_and_resumed_run_ends_where_an_uninterrupted_one_does(
     tmp_path, space, make_crate_space, optimiser, capsys
@@ -142,6 +145,7 @@ def test_a_killed_and_resumed_run_ends_where_an_uninterrupted_one_does(
         torch.set_num_threads(threads)
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_is_done(space, monkeypatch):
     whole = run(space, name="whole")
     loss = TextureTask.loss
@@ -159,6 +163,7 @@ def test_ctrl_c_keeps_what_is_done(space, monkeypatch):
     assert np.array_equal(made.texture.pixels, whole.texture.pixels)
 
 
+@pytest.mark.slow
 def test_a_finished_texture_is_not_trained_again_unless_asked(space):
     made = run(space)
     assert run(space).was_finished
@@ -168,12 +173,14 @@ def test_a_finished_texture_is_not_trained_again_unless_asked(space):
     assert not run(space, crate_config(gradient="linear")).was_finished
 
 
+@pytest.mark.slow
 def test_other_settings_give_other_textures(space):
     first = run(space).texture.pixels
     for change in ({"gradient": "linear"}, {"optimiser": "adam"}, {"exposure": None}):
         assert not np.array_equal(first, run(space, crate_config(**change), name="other").texture.pixels)
 
 
+@pytest.mark.slow
 def test_several_objects_share_one_texture(space):
     spec = (space.objects_dir / "crate.toml").read_text()
     (space.objects_dir / "box.toml").write_text(spec.replace('name = "crate"', 'name = "box"').replace("100", "80"))
@@ -183,6 +190,7 @@ def test_several_objects_share_one_texture(space):
     assert made.glbs["box"].name == "jet-box.glb" and made.glbs["box"].is_file()
 
 
+@pytest.mark.slow
 def test_photographs_stand_behind_the_object(space, tmp_path):
     photos = write_photos(tmp_path / "photos", 3)
     made = run(space, crate_config(backgrounds=photos, background_share=1.0))

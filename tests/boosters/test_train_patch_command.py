@@ -34,6 +34,7 @@ def type_command(tmp_path, monkeypatch, capsys):
     return run
 
 
+@pytest.mark.slow
 def test_it_says_what_it_made_and_what_comes_next(type_command, tmp_path):
     write_photos(tmp_path / "photos", 6)
     code, said, told = type_command("--class", "jet", "--data", "photos", *QUICK[:-1])
@@ -54,6 +55,7 @@ def test_it_says_what_it_made_and_what_comes_next(type_command, tmp_path):
     assert "nothing to do; --restart trains it again" in said
 
 
+@pytest.mark.slow
 def test_corrupted_photographs_are_answered_apart(type_command, tmp_path):
     write_photos(tmp_path / "photos", 6)
     code, said, told = type_command("--class", "jet", "--data", "photos", "--corrupt", "blur:5", *QUICK)
@@ -63,6 +65,7 @@ def test_corrupted_photographs_are_answered_apart(type_command, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_json_is_the_result_and_nothing_else(type_command, tmp_path):
     write_photos(tmp_path / "photos", 6)
     code, said, _ = type_command("--class", "3", "--data", "photos", "--json", *QUICK, "--lr", "0.5")
@@ -77,6 +80,7 @@ def test_json_is_the_result_and_nothing_else(type_command, tmp_path):
     assert (tmp_path / "print/previews/jet.png").samefile(result["preview"])
 
 
+@pytest.mark.slow
 def test_bad_images_are_listed_and_the_exit_code_says_so(type_command, tmp_path):
     folder = write_photos(tmp_path / "photos", 6)
     (folder / "photo_03.png").write_bytes((folder / "photo_03.png").read_bytes()[:80])
@@ -117,6 +121,7 @@ def test_bad_input_is_one_line_and_exit_code_2(type_command, tmp_path, arguments
     assert said == ""
 
 
+@pytest.mark.slow
 def test_models_and_weights_go_together(type_command, tmp_path):
     write_photos(tmp_path / "photos", 4)
     networks = ["--model", "resnet18", "--weights", "a.pth", "--model", "mobilenet_v2", "--weights", "b.pth"]
@@ -144,6 +149,7 @@ def test_mounted_views_that_cannot_be_had(type_command, tmp_path, arguments, tol
     assert len(said.strip().splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_recipe_paper_is_scaled_down_by_flags_and_says_what_acts(type_command, tmp_path):
     """Of 10 photographs 8 are trained on: 2 epochs of batches of 3 are 6 steps."""
     write_photos(tmp_path / "photos", 10)

@@ -34,6 +34,7 @@ def type_command(tmp_path, monkeypatch, capsys, make_crate_space):
     return run
 
 
+@pytest.mark.slow
 def test_it_says_what_it_made_and_what_comes_next(type_command):
     code, said, told = type_command("--object", "crate", *QUICK)
     assert code == 0, told

@@ -1,6 +1,7 @@
 """The descent on a real ImageNet network."""
 
 import numpy as np
+import pytest
 import torch
 from tiny_network import tiny_config
 from watched_patch import train_watched
@@ -12,6 +13,7 @@ from toolkit.boosters.validation import validate_patch
 from toolkit.models.load import load_classifier
 
 
+@pytest.mark.slow
 def test_a_real_resnet_learns_to_see_a_warplane(real_weights):
     """Fourteen steps, the placement held easy: on an image that it never saw, the class comes first."""
     classifier = load_classifier("resnet18", next(real_weights.glob("resnet18-*.pth")), "cpu")

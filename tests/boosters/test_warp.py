@@ -27,6 +27,7 @@ def draw(patch: np.ndarray, T_image_patch: np.ndarray, image_px: int) -> np.ndar
     return torch.cat([paper, mask], 1).numpy()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("n", "m", "share", "foreshortening"),
     [(100, 224, (0.2, 0.42), (0.35, 1.0)), (100, 96, (0.2, 0.3), (0.35, 1.0)), (30, 96, (0.5, 0.9), (0.35, 1.0))],

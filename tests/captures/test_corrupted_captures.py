@@ -68,6 +68,7 @@ def classifier():
     return Classifier("tiny", module.eval(), ["crate", "dog"], how, weights, "cpu", False)
 
 
+@pytest.mark.slow
 def test_copies_are_captures_and_say_what_eval_says(space, type_command, classifier):
     said = type_command("--corrupt", "fog:3", "--corrupt", "defocus_blur:5", "--backdrop", "white", "--quiet").out
     assert "shot 0 images, 4 kept" in said and "corrupted 4 of them" in said

@@ -79,6 +79,7 @@ def overlap(one: np.ndarray, other: np.ndarray) -> float:
     return (one & other).sum() / (one | other).sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", VIEWS)
 def test_the_silhouette_is_the_photographs(shot, name):
     space, _ = shot
@@ -130,6 +131,7 @@ def test_known_points_project_within_a_tenth_of_a_pixel(lens, max_px):
     assert (depth > 0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lens", [LANDSCAPE, PORTRAIT])
 def test_the_table_is_seen_where_the_lens_puts_it(lens, make_box):
     """The middle of a small disc painted on the table, in the picture: the backdrop has formulas of its own."""
@@ -237,7 +239,7 @@ def test_bad_calls_are_refused_before_anything_is_written(space):
         with pytest.raises(ToolkitError, match=words):
             again(space, **call)
     assert sha256_file(real / MANIFEST) == before
-    with pytest.raises(ToolkitError, match=r"has no manifest\.jsonl .*--like expects one source"):
+    with pytest.raises(ToolkitError, match=r"like .*: has no manifest\.jsonl .*expected one source"):
         read_measured(space.captures_dir)
 
 

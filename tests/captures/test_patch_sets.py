@@ -50,6 +50,7 @@ def test_unknown_sets_are_refused(space):
             space.with_patches(name)
 
 
+@pytest.mark.slow
 def test_the_commands_shoot_and_print_the_set(space):
     from toolkit.cli import app
 

@@ -107,6 +107,7 @@ def test_variants_and_objects_named_twice_are_shot_once(space):
     assert (result.shot, result.kept) == (1, 1)
 
 
+@pytest.mark.slow
 def test_another_patch_means_other_patched_images_only(space, patch_record):
     before = contents(space)
     pixels = np.full((12, 12, 3), 30, np.uint8)
@@ -119,6 +120,7 @@ def test_another_patch_means_other_patched_images_only(space, patch_record):
     assert read_manifest(space.captures_dir / "sim")[PATHS[0]].booster_sha256 == sha256_file(space.patch("crate"))
 
 
+@pytest.mark.slow
 def test_another_place_for_the_patch_means_other_patched_images_only(space):
     spec = space.objects_dir / "crate.toml"
     spec.write_text(spec.read_text() + "offset_mm = [8, 0]\n")
@@ -175,6 +177,7 @@ shoot.shoot_plan(space, read_plan(space.plan_file), ["crate"], settings=settings
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moment", ["image without its line", "half a line"])
 def test_after_a_kill_the_same_command_ends_with_the_same_bytes(shot, tmp_path, moment):
     shutil.copytree(shot.root, tmp_path / "space")
@@ -261,6 +264,7 @@ def test_png_and_seed_are_honoured(space):
     assert (np.asarray(Image.open(folder / "crate/unpatched/pose_01.png"), float) != exact).any()
 
 
+@pytest.mark.slow
 def test_controls_differ_from_the_patch_in_what_they_say(space, patch_record):
     """The same place and size with another, a random or a grey print; and the patch without the object."""
     pixels = np.zeros((12, 12, 3), np.uint8)
@@ -297,5 +301,5 @@ def test_photographs_are_not_shot_over(tmp_path, make_crate_space):
     source = space.captures_dir / "kitchen"
     source.mkdir(parents=True)
     append_record(source, CaptureRecord(path="crate/patched/pose_01.jpg", object="crate", variant="patched"))
-    with pytest.raises(ToolkitError, match=r"holds photographs \(crate/patched/pose_01.jpg\).*--source"):
+    with pytest.raises(ToolkitError, match=r"holds photographs \(crate/patched/pose_01.jpg\).*name another source"):
         shoot_plan(space, read_plan(space.plan_file), ["crate"], source="kitchen")

@@ -36,6 +36,7 @@ def refused(*arguments):
     return str(result.exception)
 
 
+@pytest.mark.slow
 def test_it_says_what_it_made_and_what_is_next(space):
     said = call("../brick.ply", "--class", "Coffee mug", "--print-side", "front", "--quiet").stdout
     for words in ("added brick, coffee mug", "brick.toml", "brick-sheet.png", "next: toolkit plan --object brick"):
@@ -45,6 +46,7 @@ def test_it_says_what_it_made_and_what_is_next(space):
     assert item.spec.patch.at == "front" and item.mesh.size_mm.max() == pytest.approx(200)
 
 
+@pytest.mark.slow
 def test_the_preview_shows_the_object_and_the_place_of_its_patch(space):
     """Red where the brick is, blue checks where the patch goes: on the side that was asked for, and no other."""
     given = ("../brick.ply", "--class", "crate", "--length-mm", 90, "--print-side", "front", "--json")
@@ -59,6 +61,7 @@ def test_the_preview_shows_the_object_and_the_place_of_its_patch(space):
     assert blue[0] > 0.01 and (blue[1:] < 0.002).all()
 
 
+@pytest.mark.slow
 def test_a_patch_without_a_place_costs_a_note_and_not_the_object(space, tmp_path):
     bars = [trimesh.creation.box((2, 2, 100)).apply_translation((x, 0, 0)) for x in (0, 100)]
     trimesh.util.concatenate(bars).export(tmp_path / "bars.stl")
@@ -67,6 +70,7 @@ def test_a_patch_without_a_place_costs_a_note_and_not_the_object(space, tmp_path
     assert "bars" in open_workspace().object_specs()
 
 
+@pytest.mark.slow
 def test_a_label_of_a_classifier_of_ones_own_counts(space):
     (space.classifiers_dir).mkdir(parents=True)
     (space.classifiers_dir / "parts.safetensors").write_bytes(b"")
@@ -75,6 +79,7 @@ def test_a_label_of_a_classifier_of_ones_own_counts(space):
     assert load_object(space.object_spec("brick")).spec.class_name == "hinge"
 
 
+@pytest.mark.slow
 def test_an_index_means_its_label_and_a_name_in_two_spellings_is_asked_after(space):
     call("../brick.ply", "--class", "134", "--quiet")
     assert load_object(space.object_spec("brick")).spec.class_name == "crane bird"
@@ -102,6 +107,7 @@ def test_a_side_that_is_none_is_refused(space, option):
     assert "expected" in call("../brick.ply", "--class", "crate", option, "bottom", code=2).stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("mesh", "length_axis"), [("carton_lowpoly/carton_kenney.obj", 2), ("racer_lowpoly/racer_kenney.obj", 0)]
 )

@@ -37,6 +37,7 @@ def test_help_needs_nothing_heavy():
     assert done.stdout.strip() == "[]", done.stderr
 
 
+@pytest.mark.slow
 def test_planning_needs_neither_torch_nor_open3d(tmp_path, make_crate_space):
     space = make_crate_space(tmp_path)
     code = f"""
@@ -63,6 +64,7 @@ def test_help_lists_the_road(run):
     assert "Usage" in out + err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

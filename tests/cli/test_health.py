@@ -17,6 +17,7 @@ CHECKS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_this_machine_runs_the_tests_so_it_has_what_is_needed():
     for name in ("Python", "packages", "Open3D"):
         check = CHECKS[name]()

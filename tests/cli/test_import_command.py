@@ -37,6 +37,7 @@ def call(*arguments, code=0, typed=None):
     return result
 
 
+@pytest.mark.slow
 def test_an_import_prints_what_came_what_is_missing_and_what_is_next(space, tmp_path):
     photos = tmp_path / "photos [bold]"
     take(photos / "pose_1.jpg", 1)
@@ -62,6 +63,7 @@ def test_a_partly_bad_folder_is_exit_code_1_and_json_lists_everything(space, tmp
     assert missing == {"unpatched": [2], "patched": [1, 2]}
 
 
+@pytest.mark.slow
 def test_bad_input_is_one_line_and_exit_code_2(space, tmp_path):
     script = "import sys; sys.argv[0] = 'toolkit'; from toolkit.cli import main; main()"
     for arguments, words in (
@@ -74,6 +76,7 @@ def test_bad_input_is_one_line_and_exit_code_2(space, tmp_path):
         assert len(result.stderr.strip().splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_a_doubt_is_asked_only_where_asking_was_wanted(space, tmp_path, monkeypatch):
     take(tmp_path / "photos" / "a_pose_1.jpg", 1), take(tmp_path / "photos" / "b_pose_1.jpg", 2)
     options = ("--object", "crate", "--variant", "patched")
@@ -96,6 +99,7 @@ def test_poses_are_shortened():
     assert _shorten([7, 1, 2, 3]) == "1-3 7" and _shorten([]) == "" and _shorten([4]) == "4"
 
 
+@pytest.mark.slow
 def test_a_kill_in_the_middle_is_gone_on_from(space, tmp_path):
     """A real SIGKILL while photographs are copied: what is there is whole, and the same command ends the work."""
     plan = json.loads(space.plan_file.read_text())

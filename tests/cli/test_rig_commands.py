@@ -58,6 +58,7 @@ def test_plan_as_json_is_the_file(space):
     assert read_plan(space.plan_file).model_dump(mode="json") == printed
 
 
+@pytest.mark.slow
 def test_the_preview_draws_positions_and_what_they_see(space):
     call("plan", "--count", 2, "--resolution", 96, 72, "--preview", "--json")
     for kind, size in (("positions", (1320, 660)), ("sheet", (640, 240))):

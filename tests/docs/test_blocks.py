@@ -246,9 +246,9 @@ def test_a_command_that_is_refused_is_found(lab: Path, run: Callable[[Command], 
 
 
 SMALLER = {
-    "steps=400": "steps=1, batch=2, images=4, mounted_views=10",
-    "count=18": "count=2",
-    "640, 480": "160, 120",
+    '"steps": 30, "batch": 8, "images": 10, "mounted_views": 24': '"steps": 1, "batch": 2, "images": 4',
+    "tk.Pattern(fill=0.32)": "tk.Pattern(fill=0.32, count=2)",
+    "320, 240": "160, 120",
 }
 """In Python blocks, what is put in the place of settings that take minutes."""
 

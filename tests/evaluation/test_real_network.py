@@ -34,6 +34,7 @@ def result(classifier, photographs, tmp_path_factory):
     return evaluate_captures(photographs, Workspace(tmp_path_factory.mktemp("space")), classifier)
 
 
+@pytest.mark.slow
 def test_accuracy_is_the_networks(result):
     pooled = next(group for group in result.groups if group.object == "all")
     assert (pooled.n, pooled.failed) == (125, 0)

@@ -23,7 +23,7 @@ from toolkit.photos.lens import FULL_FRAME_DIAGONAL_MM
 from toolkit.rig.camera import Camera
 from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.shading import develop
+from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import Studio, make_studio
 
 QUICK = BakeDetail(key_rays=8, room_rays=32, surface_spacing=0.04, table_spacing=0.04)
@@ -42,13 +42,13 @@ def photograph(
 
     Args:
         subject: name of a built-in object, a mesh in world millimetres, or None for the bare board.
-        board: a `BoardSpec` or `RingSpec`; None for no board.
+        board: a `CharucoBoard` or `MarkerRing`; None for no board.
         camera: whose distortion and principal point the picture gets.
         T_world_camera: (4, 4).
         seed: of the table top and the sensor's noise.
         backdrop, light: as `make_studio` names them; the backdrop is what lies under the board.
         px_per_mm: of the painted table; at least the picture's own px per mm gives a crisp board.
-        noise: as in `develop`.
+        noise: as in `tone_map`.
     """
     renderer = _scene(subject, board, seed, backdrop, light, px_per_mm)
     if camera == Camera.from_focal_px(camera.width, camera.height, camera.fx):
@@ -56,7 +56,7 @@ def photograph(
     else:
         wide = _camera_around(camera)
         picture = _through_lens(renderer.render(wide, T_world_camera), wide, camera)
-    return develop(picture, (seed, int(np.abs(T_world_camera[:3, 3]).sum())), noise)
+    return tone_map(picture, (seed, int(np.abs(T_world_camera[:3, 3]).sum())), noise)
 
 
 def object_mesh(name: str) -> Mesh:

@@ -9,7 +9,7 @@ from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import Studio, make_studio
-from toolkit.rig.views import FOV_DEG, NEAR_VIEWS, Subject, ViewSettings, random_pose
+from toolkit.rig.views import FOV_DEG, NEAR_VIEWS, PaintableObject, ViewSettings, random_pose
 
 SIDE, TEXELS = 48, 32
 VIEWS = ViewSettings(image_px=SIDE, studios=1, per_studio=4)
@@ -21,9 +21,9 @@ def make_crate(space) -> tuple[Mesh, Atlas]:
     return mesh, make_atlas(mesh, TEXELS)
 
 
-def make_subject(space) -> Subject:
+def make_subject(space) -> PaintableObject:
     mesh, atlas = make_crate(space)
-    return Subject(atlas.mesh, int(atlas.mesh.face_material[atlas.trained][0]), mesh)
+    return PaintableObject(atlas.mesh, int(atlas.mesh.face_material[atlas.trained][0]), mesh)
 
 
 def render_linear(atlas: Atlas, count: int = 2, side: int = SIDE):

@@ -223,6 +223,7 @@ def test_damaged_bytes_never_escape(tmp_path):
                 assert error.reason
 
 
+@pytest.mark.slow
 def test_reduced_decoding_changes_almost_nothing(tmp_path):
     """A phone's 12 megapixel JPEG at a quarter of its size, then shrunk, against shrinking it whole."""
     draw = np.random.default_rng(2)

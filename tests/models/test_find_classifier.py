@@ -94,7 +94,7 @@ def test_names_and_files_that_do_not_go_together(tmp_path, nothing_bundled):
         load_classifier("mine", file, "cpu", folder=folder)
     with pytest.raises(ToolkitError, match=r"no model called 'mime': did you mean mine\?"):
         load_classifier("mime", device="cpu", folder=folder)
-    with pytest.raises(ToolkitError, match=r"--model rig18: .*rig18\.safetensors is missing from this installation"):
+    with pytest.raises(ToolkitError, match=r"model rig18: .*rig18\.safetensors is missing from this installation"):
         load_classifier("rig18", device="cpu", folder=folder)
     file.with_suffix(".json").unlink()
     with pytest.raises(ToolkitError, match=r"no record mine\.json with the field 'arch' beside it"):

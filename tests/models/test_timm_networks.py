@@ -156,7 +156,7 @@ def test_without_weights_and_network_every_way_is_named(timm, monkeypatch):
 
     monkeypatch.setattr(huggingface_hub, "get_hf_file_metadata", refuse)
     message = error_of(lambda: load_classifier(MODEL, device="cpu"))
-    for way in ("--weights", "TOOLKIT_WEIGHTS", f"{NAME}-*.pth", "Hugging Face", "no network in this test"):
+    for way in ("with weights", "TOOLKIT_WEIGHTS", f"{NAME}-*.pth", "Hugging Face", "no network in this test"):
         assert way in message
     ((url, timeout),) = asked
     assert NAME in url and url.endswith("model.safetensors") and timeout <= 15

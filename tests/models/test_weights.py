@@ -74,7 +74,7 @@ def test_order_is_named_file_then_folder_then_cache_then_download(tmp_path, stat
 
 def test_where_nothing_answers_the_error_names_every_way():
     message = error_of(lambda: weights.find_weights(ARCH))
-    for way in ("--weights", "TOOLKIT_WEIGHTS", f"{ARCH}-*.pth", "cache", "download", "no network in this test"):
+    for way in ("with weights", "TOOLKIT_WEIGHTS", f"{ARCH}-*.pth", "cache", "download", "no network in this test"):
         assert way in message
 
 
@@ -128,8 +128,8 @@ def test_truncated_file(tmp_path, state):
 
 def test_weights_of_another_network(tmp_path, state):
     torch.save(state, tmp_path / "squeeze.pth")
-    assert "--model" in error_of(lambda: load_classifier("resnet18", tmp_path / "squeeze.pth", "cpu"))
-    assert "--model" in error_of(lambda: load_classifier("squeezenet1_0", tmp_path / "squeeze.pth", "cpu"))
+    assert "with model" in error_of(lambda: load_classifier("resnet18", tmp_path / "squeeze.pth", "cpu"))
+    assert "with model" in error_of(lambda: load_classifier("squeezenet1_0", tmp_path / "squeeze.pth", "cpu"))
 
 
 def test_weights_that_are_not_numbers(tmp_path, state):

@@ -91,6 +91,7 @@ def test_texture_and_materials_are_those_of_a_household_object(mesh: Mesh):
         assert 0.1 <= material.roughness <= 0.6 and material.metallic == 0
 
 
+@pytest.mark.slow
 def test_building_twice_gives_the_same_bytes():
     from toolkit.objects.shapes import coffeepot, eggnog
 
@@ -137,6 +138,7 @@ def test_eggnog_stands_open_and_full_with_nutmeg_on_the_foam():
     assert (np.ptp(glass, axis=1) < 20).all() and glass.min() > 200
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bearing_deg", [0, 90, 180, 270])
 def test_eggnog_shows_through_the_glass_above_a_label_on_every_side(bearing_deg: float):
     mesh = build_mesh("eggnog")

@@ -26,6 +26,7 @@ def _bytes(mesh):
     return b"".join([*(a.tobytes() for a in arrays), *(m.texture.tobytes() for m in mesh.materials)])
 
 
+@pytest.mark.slow
 @kinds
 def test_seed_decides(label, made):
     again = [make_everyday(label, (7, seed)) for seed in SEEDS[:2]]
@@ -89,6 +90,7 @@ def test_instances_differ_in_shape_and_colour(label, made):
     assert np.ptp(shapes, axis=0).max() > 0.02 or label == "soccer ball"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BUILTIN)
 def test_shipped_objects_never_come_as_they_are(name):
     shipped = place_on_table(build_mesh(name), 270)

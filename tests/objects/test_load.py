@@ -157,6 +157,7 @@ def test_an_unknown_built_in_is_named_with_its_neighbour(tmp_path):
         load_object(write_spec(tmp_path, "builtin:racr"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "axes", "longest", "textured"),
     [

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from toolkit.objects.shapes.projection import Sheet, chart_points, finish
+from toolkit.objects.shapes.projection import Drawing, chart_points, finish
 
 RED = (255, 0, 0, 255)
 
@@ -18,7 +18,7 @@ def test_a_chart_knows_where_its_texels_lie_on_a_cylinder():
 
 
 def test_a_mark_is_found_at_its_millimetres_and_nowhere_else():
-    sheet = Sheet((-1, 0, 0), (0, 0, 1), (-20, -10), (20, 10))  # seen from the left: the front is on the left
+    sheet = Drawing((-1, 0, 0), (0, 0, 1), (-20, -10), (20, 10))  # seen from the left: the front is on the left
     sheet.disc((-8, 3), 2, RED)
     side = finish(sheet)
     np.testing.assert_allclose(side.towards, [0, 1, 0])
@@ -29,7 +29,7 @@ def test_a_mark_is_found_at_its_millimetres_and_nowhere_else():
 
 
 def test_a_half_covered_texel_is_half_as_strong():
-    sheet = Sheet((1, 0, 0), (0, 1, 0), (0, 0), (10, 10))
+    sheet = Drawing((1, 0, 0), (0, 1, 0), (0, 0), (10, 10))
     sheet.fill([(0, 0), (5, 0), (5, 10), (0, 10)], RED)
     edge = finish(sheet).sample(np.array([[[5, 5, 0]]], np.float32))[0, 0]
     assert 60 < edge[3] < 195

@@ -33,6 +33,7 @@ def rays(racer):
     return cast
 
 
+@pytest.mark.slow
 def test_numbers_are_finite_and_in_range(racer):
     for values in (racer.vertices, racer.normals, racer.uv):
         assert np.isfinite(values).all()

@@ -230,6 +230,7 @@ textures.write_texture(Path(sys.argv[1]), 255 - PIXELS, fields(), {"plane": 1 - 
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("call", [1, 2, 3, 4])
 def test_a_kill_leaves_the_old_texture_or_says_what_does_not_match(png, call):
     """Before its first file, between its files, and before its record."""

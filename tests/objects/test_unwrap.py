@@ -81,6 +81,7 @@ def test_corners_that_meet_on_the_mesh_meet_on_the_texture_but_at_seams():
     assert len(split) < 1.35 * len(shape.vertices)  # 3 · m / n = 6 if nothing held together
 
 
+@pytest.mark.slow
 def test_a_finely_tessellated_sphere_is_no_plane():
     """Of these 80 000 faces xatlas' own segmentation makes one chart, and the process dies."""
     shape = trimesh.creation.icosphere(6)

@@ -24,6 +24,7 @@ def on_table() -> TableObject:
     return load_object(SPEC)
 
 
+@pytest.mark.slow
 def test_it_is_finite_and_of_moderate_size(plane):
     assert 10_000 <= len(plane.faces) <= 60_000
     for values in (plane.vertices, plane.normals, plane.uv):

@@ -9,11 +9,10 @@ from board_photos import photograph
 from toolkit.core.errors import ToolkitError
 from toolkit.photos.board_pose import find_board, solve_pose
 from toolkit.photos.lens import lens_from_focal
-from toolkit.rig.board import DEFAULT_BOARD, BoardSpec, RingSpec
+from toolkit.rig.board import DEFAULT_BOARD, CharucoBoard, MarkerRing, choose_ring
 from toolkit.rig.camera import Camera, look_at, orbit_pose
-from toolkit.rig.markers import choose_ring
 
-PAGE = BoardSpec(7, 10, 26.0, 19.5)
+PAGE = CharucoBoard(7, 10, 26.0, 19.5)
 SMALL = Camera.from_fov(960, 540, 40)
 T_PAGE = orbit_pose(np.array([0.0, 0, 20]), 25, 45, 480)
 
@@ -42,6 +41,7 @@ def page_photo(crate):
     return photograph(crate, PAGE, SMALL, T_PAGE)
 
 
+@pytest.mark.slow
 def test_aim_at_full_hd_with_a_built_in_object_on_the_board():
     camera = Camera.from_fov(1920, 1080, 40)
     angles, shares = [], []
@@ -83,6 +83,7 @@ SPOILS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spoil", SPOILS)
 def test_a_poor_photograph_still_gives_the_pose(page_photo, spoil):
     angle, share = errors_of(solve(SPOILS[spoil](page_photo), PAGE, SMALL), T_PAGE)
@@ -94,6 +95,7 @@ def test_the_same_pixels_give_the_same_pose(page_photo):
     assert np.array_equal(one.T_world_camera, other.T_world_camera)
 
 
+@pytest.mark.slow
 def test_half_a_board_out_of_the_frame():
     T_world_camera = look_at(np.array([300.0, -150, 320]), np.array([110.0, -20, 0]), 12)
     pixels = photograph(None, PAGE, SMALL, T_world_camera)
@@ -114,6 +116,7 @@ def test_a_large_photograph_is_searched_small_and_refined_in_full(page_photo):
     assert angle < 0.2 and share < 0.004
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [0, 90, 180, -90])
 def test_any_way_up(turn):
     T_world_camera = orbit_pose(np.array([0.0, 0, 0]), 200, 55, 520, turn)
@@ -139,7 +142,7 @@ def test_a_whole_millimetre_of_focal_length_costs_what_it_must(page_photo):
 
 def test_the_ring_of_a_turntable(crate):
     ring = choose_ring(170)
-    assert isinstance(ring, RingSpec)
+    assert isinstance(ring, MarkerRing)
     for azimuth, elevation in ((10, 30), (190, 60)):
         T_world_camera = orbit_pose(np.array([0.0, 0, 20]), azimuth, elevation, 480)
         pixels = photograph(crate, ring, SMALL, T_world_camera)

@@ -33,10 +33,10 @@ from toolkit.photos.lens import (
     write_lenses,
 )
 from toolkit.photos.photo import Photo, read_photo
-from toolkit.rig.board import BoardSpec, write_board
+from toolkit.rig.board import CharucoBoard, write_board
 from toolkit.rig.camera import Camera, look_at, orbit_direction, orbit_pose, project
 
-BOARD = BoardSpec(7, 10, 26.0, 19.5)
+BOARD = CharucoBoard(7, 10, 26.0, 19.5)
 LENS = Camera(640, 480, fx=560, fy=563, cx=328, cy=234, distortion=(-0.16, 0.05, 0.001, -0.0015, 0.0))
 
 
@@ -75,6 +75,7 @@ def measured(photos):
     return calibrate_lens([find_board(pixels, BOARD) for pixels in photos])
 
 
+@pytest.mark.slow
 def test_the_lens_that_took_the_photos_is_found(measured):
     lens = measured.lens
     assert lens.fx == pytest.approx(LENS.fx, rel=0.003) and lens.fy == pytest.approx(LENS.fy, rel=0.003)
@@ -85,6 +86,7 @@ def test_the_lens_that_took_the_photos_is_found(measured):
     assert measured.reprojection_px < 0.25 and len(measured.used) == 8 and measured.refused == ()
 
 
+@pytest.mark.slow
 def test_a_pose_with_the_measured_lens_is_as_good_as_with_the_true_one(photos, measured):
     for pixels, T_world_camera in zip(photos[:4], viewpoints(8), strict=False):
         pose = solve_pose(find_board(pixels, BOARD), measured.lens)
@@ -93,6 +95,7 @@ def test_a_pose_with_the_measured_lens_is_as_good_as_with_the_true_one(photos, m
         assert off < 0.005 * 350 and np.degrees(turn) < 0.3
 
 
+@pytest.mark.slow
 def test_the_stated_focal_uncertainty_is_the_scatter():
     found = []
     for seed in range(30):
@@ -202,6 +205,7 @@ def space(tmp_path):
     return made
 
 
+@pytest.mark.slow
 def test_the_command_calibrates_photos_of_several_kinds_and_the_lens_serves_portraits(space, photos, tmp_path):
     folder = tmp_path / "photos"
     facts = {"focal_35mm_mm": 30.0, "taken": datetime(2024, 5, 6), "model": "Pinhole Two"}

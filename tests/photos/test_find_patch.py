@@ -19,7 +19,7 @@ from toolkit.photos.prints.find import find_patch, rectify_patch, search_photo, 
 from toolkit.rig.camera import Camera, orbit_pose, project
 from toolkit.rig.mount import attach, mount_patch
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.shading import develop
+from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import make_studio
 
 CAMERA = Camera.from_fov(640, 480, 40.0)
@@ -32,7 +32,7 @@ POSES = {"racer": ((20, 30), (140, 62), (80, 45)), "eggnog": ((10, 28), (325, 45
 def shoot(name: str, azimuth: float, elevation: float, renderer: RaycastRenderer) -> tuple[np.ndarray, np.ndarray]:
     """A photo and its `T_world_camera`."""
     pose = orbit_pose(np.array([0, 0, 60.0 if name == "racer" else 130.0]), azimuth, elevation, 620.0)
-    return develop(renderer.render(CAMERA, pose), (0, int(azimuth))), pose
+    return tone_map(renderer.render(CAMERA, pose), (0, int(azimuth))), pose
 
 
 def dress(name: str, size_mm: float | None):
@@ -87,6 +87,7 @@ def slanted(side: float, slant_deg: float, turn_deg: float) -> np.ndarray:
     return square * [1, np.cos(np.radians(slant_deg))] / depth + [331.3, 242.7]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "side", "slant_deg", "turn_deg", "limit_px"),
     [
@@ -109,6 +110,7 @@ def name_patch(photo, patches: dict[str, np.ndarray]) -> str | None:
     return look_for_patches(photo, ExpectedPatch(None, patches), None).other
 
 
+@pytest.mark.slow
 def test_the_other_patches_are_not_found_and_the_right_one_is_named():
     known = {name: shipped_patch(name) for name in PATCHES}
     for name, turn in (("racer", 15), ("coffeepot", 140)):
@@ -149,6 +151,7 @@ def test_the_straightened_patch_is_the_file():
     assert turned < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(POSES))
 def test_a_mounted_patch_is_found_where_the_rig_mounted_it(photos, name):
     item, shots = photos[name]
@@ -184,6 +187,7 @@ def test_a_mounted_patch_is_measured_to_a_percent(photos, name):
     assert measure_side([trace(photo, name, pose) for photo, pose in shots]) == pytest.approx(PATCH_MM, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_patch_that_the_print_dialog_shrank_is_noticed():
     _, renderer = dress("racer", 0.94 * PATCH_MM)
     shots = [shoot("racer", *pose, renderer) for pose in POSES["racer"]]

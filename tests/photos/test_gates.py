@@ -42,11 +42,11 @@ from toolkit.photos.gates.framing import (
 from toolkit.photos.gates.result import Gate
 from toolkit.photos.gates.solid import Solid, draw_silhouette, silhouette_px
 from toolkit.photos.posed_camera import PosedCamera
-from toolkit.rig.board import BoardSpec, write_board
+from toolkit.rig.board import CharucoBoard, write_board
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.mount import attach, mount_patch
 
-BOARD = BoardSpec(9, 9, 25.0, 18.75)
+BOARD = CharucoBoard(9, 9, 25.0, 18.75)
 CAMERA = Camera.from_fov(640, 480, 40.0)
 LENS = CAMERA
 PATCH_MM = 60.0
@@ -109,6 +109,7 @@ def failing(results) -> list[str]:
 # --- photographs ----------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_dozen_good_photographs_pass(bench):
     """Four sides in three lights, half of them with the patch; one as a webcam has it."""
     alarms, seen = [], 0
@@ -197,6 +198,7 @@ SPOILT = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", SPOILT)
 def test_a_spoilt_photograph_fails_its_own_gate_alone(bench, how):
     spoil, gate = SPOILT[how]
@@ -230,6 +232,7 @@ def test_without_a_board_light_and_sharpness_are_still_judged(bench):
         assert failing(check_photo(spoilt, expectation)) == [gate]
 
 
+@pytest.mark.slow
 def test_twelve_megapixels_are_judged_in_two_seconds(bench):
     """Of processor time; twice that is allowed here, as other work may share the core."""
     image = cv2.resize(bench.shoot("unpatched", 1), (4032, 3024), interpolation=cv2.INTER_CUBIC)
@@ -251,6 +254,7 @@ def blur_light(pixels: np.ndarray, sigma: float) -> np.ndarray:
     return (linear_to_srgb(light) * 255).round().astype(np.uint8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma", [1.0, 2.0, 3.0])
 def test_a_boards_edges_tell_the_blur(sigma):
     """A painted page, turned and in perspective, blurred by a Gaussian of known width, as light is."""
@@ -341,6 +345,7 @@ def test_a_moved_patch_is_measured_in_mm():
     assert measure_moves(same_side) == [None] * 4
 
 
+@pytest.mark.slow
 def test_a_patch_that_was_taped_on_again_is_found_in_photographs(bench):
     photos = []
     for side in range(5):
@@ -401,6 +406,7 @@ def test_results_are_kept_and_a_broken_line_costs_one_photograph(bench, tmp_path
     np.testing.assert_allclose(again[("a.jpg", "1")].lines.directions, found.lines.directions, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_folder_is_judged_once(bench, monkeypatch):
     """Photographs with a manifest's pose, sorted by hand with a board, and one that no gate likes."""
     source = bench.space.captures_dir / "real"

@@ -279,6 +279,7 @@ def test_another_boosters_name_is_taken_with_a_note(space, folder):
     assert list(imported(result)) == ["crate/my-sticker/pose_01.jpg"] and "my-sticker" in result.notes[0]
 
 
+@pytest.mark.slow
 def test_real_boards_are_found_and_measured(space, folder, make_box):
     """The rig's photographs of the crate on the printed board, as a phone stores them; its cameras are known."""
     from board_photos import focal_35mm, photograph, save_photo
@@ -309,6 +310,7 @@ def test_real_boards_are_found_and_measured(space, folder, make_box):
         assert record.intrinsics["width"] == 960 and record.intrinsics["height"] == 720
 
 
+@pytest.mark.slow
 def test_a_render_that_looks_the_same_from_two_sides_is_no_answer(space, folder, make_box):
     """The crate is the same after half a turn, so poses 1 and 3 cannot be told apart, and 2 and 4 are not meant."""
     from board_photos import photograph, save_photo

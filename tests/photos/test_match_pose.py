@@ -125,6 +125,7 @@ def racer():
     return mesh, poses, make_templates(mesh, Camera.from_fov(640, 480, 40), poses)
 
 
+@pytest.mark.slow
 def test_without_a_board_the_likest_render_is_the_pose(racer):
     """Another light, table, lens and framing than the templates', and a camera that stands a little beside its pose."""
     mesh, poses, templates = racer
@@ -144,6 +145,7 @@ def test_without_a_board_the_likest_render_is_the_pose(racer):
     assert right >= 5 and sure_and_wrong == 0
 
 
+@pytest.mark.slow
 def test_a_picture_without_the_object_is_ambiguous(racer):
     *_, templates = racer
     pose = orbit_pose(np.array([0.0, 0, 30]), 10, 40, 500)

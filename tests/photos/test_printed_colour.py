@@ -79,6 +79,7 @@ def page():
     return photo, find_patch(photo, shipped_patch(PATCH)), read_strip(photo)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1.0, 0.97, 0.94])
 def test_the_scale_of_the_page_is_measured_by_its_edges(scale):
     photo = photograph_page(paint_page(shipped_patch(PATCH), scale), page_corners(0.15, -7), blur_px=0.9)
@@ -87,6 +88,7 @@ def test_the_scale_of_the_page_is_measured_by_its_edges(scale):
     assert np.abs(measure.page_px - page_corners(0.15, -7)).max() < 1.0
 
 
+@pytest.mark.slow
 def test_another_sheet_or_none_gives_no_size(page):
     photo, sighting, _ = page
     assert measure_on_page(photo, sighting, parse_paper("140x297mm")) is None
@@ -129,6 +131,7 @@ def test_the_printed_colour_error_is_the_printers(page):
     assert np.abs(same.bias).max() < 0.02 and same.error.median < 0.45 * found.error.median
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("with_strip", [False, True])
 def test_fitting_recovers_the_printer(page, with_strip):
     photo, sighting, strip = page
@@ -143,6 +146,7 @@ def test_fitting_recovers_the_printer(page, with_strip):
     assert fitted.strip_cells == (len(STRIP.swatches) if with_strip else 0)
 
 
+@pytest.mark.slow
 def test_a_plain_matrix_is_kept_where_it_is_enough():
     matrix = np.array([[0.8, 0.1, 0.05], [0.05, 0.75, 0.1], [0.05, 0.05, 0.7]])
     offset = np.array([0.05, 0.06, 0.08])
@@ -192,6 +196,7 @@ def test_a_straightened_print_looks_like_its_file(page):
     assert np.corrcoef(straight.ravel().astype(float), shipped_patch(PATCH).ravel())[0, 1] > 0.8
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_profile_and_says_what_is_wrong(page, tmp_path):
     lab = tmp_path / "lab"
     (lab / "rig").mkdir(parents=True)

@@ -24,12 +24,12 @@ from toolkit.printing.board_page import (
 )
 from toolkit.printing.layout import TilePage
 from toolkit.printing.page import parse_paper
-from toolkit.rig.board import DEFAULT_BOARD, BoardSpec, read_board
-from toolkit.rig.markers import RingSpec, choose_ring, get_dictionary
+from toolkit.rig.board import DEFAULT_BOARD, DEFAULT_RING, CharucoBoard, choose_ring, read_board
+from toolkit.rig.markers import get_dictionary
 
 TOLERANCE_MM = 0.1
 PAGES_MM = {"a4": (210, 297), "letter": (215.9, 279.4)}
-ONE_PAGE = BoardSpec(7, 10, 20.0, 15.0)
+ONE_PAGE = CharucoBoard(7, 10, 20.0, 15.0)
 
 
 def detect_board(grey, spec):
@@ -60,6 +60,7 @@ def one_page(request):
     return request.param, document, render(document.content)
 
 
+@pytest.mark.slow
 def test_page_and_check_bars_measure_right(one_page):
     paper, _, page = one_page
     height, width = (side / page.per_mm for side in page.pixels.shape[:2])
@@ -107,6 +108,7 @@ def test_crop_marks_stand_at_the_sheets_corners(one_page):
     assert (cut.width, cut.height) == pytest.approx((140 + 2 * EDGE_MM, 200 + EDGE_MM + FRONT_EDGE_MM))
 
 
+@pytest.mark.slow
 def test_opencv_finds_every_corner_in_its_place(one_page):
     _, document, page = one_page
     ids, corners = detect_board(page.pixels[..., 0], ONE_PAGE)
@@ -156,6 +158,7 @@ def join_tiles(document, dpi):
     return sheet, per_mm
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("paper", "dpi"), [("a4", 200), ("letter", 150)])
 def test_default_board_is_four_tiles_that_join(paper, dpi):
     document = build_board_pdf(DEFAULT_BOARD, parse_paper(paper))
@@ -168,6 +171,7 @@ def test_default_board_is_four_tiles_that_join(paper, dpi):
     assert np.abs(corners / per_mm - expected).max() < 2 * TOLERANCE_MM  # each raster is laid down on whole pixels
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("paper", "dpi"), [("a4", 600), ("letter", 300)])
 def test_ring_on_one_page(paper, dpi):
     ring = choose_ring(130)
@@ -187,17 +191,18 @@ def test_ring_on_one_page(paper, dpi):
 
 
 def test_tiled_ring_joins():
-    document = build_board_pdf(RingSpec(), parse_paper("a3"))
+    document = build_board_pdf(DEFAULT_RING, parse_paper("a3"))
     assert len(document.plan.pages) == 1 + document.plan.tiles[0] * document.plan.tiles[1]
     sheet, per_mm = join_tiles(document, dpi=150)
-    markers = detect_markers(sheet, RingSpec())
-    assert set(markers) == set(RingSpec().marker_ids)
+    markers = detect_markers(sheet, DEFAULT_RING)
+    assert set(markers) == set(DEFAULT_RING.marker_ids)
     for number, corners in markers.items():
-        assert np.abs(corners / per_mm - RingSpec().sheet_corners([number])[0]).max() < 2 * TOLERANCE_MM
+        assert np.abs(corners / per_mm - DEFAULT_RING.sheet_corners([number])[0]).max() < 2 * TOLERANCE_MM
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("spec", "paper"), [(DEFAULT_BOARD, "a4"), (DEFAULT_BOARD, "letter"), (RingSpec(), "a4"), (ONE_PAGE, "135x300mm")]
+    ("spec", "paper"), [(DEFAULT_BOARD, "a4"), (DEFAULT_BOARD, "letter"), (DEFAULT_RING, "a4"), (ONE_PAGE, "135x300mm")]
 )
 def test_nothing_is_printed_in_the_outer_10_mm(spec, paper):
     document = build_board_pdf(spec, parse_paper(paper))
@@ -216,7 +221,7 @@ def test_same_spec_same_bytes():
 def test_squares_are_chosen_to_fit_one_page(paper):
     board = choose_board(parse_paper(paper), squares=(7, 10))
     assert len(plan_board_pages(board, parse_paper(paper)).pages) == 1
-    larger = BoardSpec(7, 10, board.square_mm + 1, board.marker_mm)
+    larger = CharucoBoard(7, 10, board.square_mm + 1, board.marker_mm)
     assert board.square_mm == 26 or len(plan_board_pages(larger, parse_paper(paper)).pages) > 1
     assert choose_board(parse_paper(paper), squares=(30, 40)).square_mm == 26  # no page holds these: they are tiled
 
@@ -255,9 +260,9 @@ def test_command_prints_the_board_and_writes_its_spec(space):
 
 def test_command_takes_squares_and_sizes(space):
     assert call("--board", "--board-squares", "5x7", "--square-mm", 30, "--marker-mm", 20).exit_code == 0
-    assert read_board(Workspace(space)) == BoardSpec(5, 7, 30.0, 20.0, ink_percent=10)
+    assert read_board(Workspace(space)) == CharucoBoard(5, 7, 30.0, 20.0, ink_percent=10)
     assert call("--board", "--ink", 100).exit_code == 0
-    assert read_board(Workspace(space)) == BoardSpec(ink_percent=100)
+    assert read_board(Workspace(space)) == replace(DEFAULT_BOARD, ink_percent=100)
 
 
 def test_command_prints_the_strip_alone(space):
@@ -300,7 +305,7 @@ def test_what_cannot_be_printed_is_one_line(space, arguments, says):
 @pytest.mark.parametrize("ink_percent", [10, 40, 100])
 def test_the_page_is_as_dark_as_asked(ink_percent):
     """The darkest square of the rasterised page has the grey of the ink, its writing stays black."""
-    spec = BoardSpec(7, 10, 20.0, 15.0, ink_percent=ink_percent)
+    spec = CharucoBoard(7, 10, 20.0, 15.0, ink_percent=ink_percent)
     page = pypdfium2.PdfDocument(build_board_pdf(spec, parse_paper("a4")).content)[0]
     grey = page.render(scale=100 / 72).to_numpy()[..., 0].astype(int)
     wanted = round(255 * (1 - ink_percent / 100))
@@ -312,4 +317,4 @@ def test_the_page_is_as_dark_as_asked(ink_percent):
 @pytest.mark.parametrize("ink_percent", [0, 4, 101, float("nan")])
 def test_ink_that_no_camera_finds_is_refused(ink_percent):
     with pytest.raises(ToolkitError, match="ink_percent"):
-        BoardSpec(ink_percent=ink_percent)
+        replace(DEFAULT_BOARD, ink_percent=ink_percent)

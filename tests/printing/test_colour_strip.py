@@ -68,6 +68,7 @@ def test_painted_strip_is_read_where_it_says():
     assert place(homography, [(0, 0), STRIP.size_mm]) == pytest.approx(np.array([(12, 12), (624, 102)]), abs=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("paper", ["a4", "letter", "a5", "135x135mm"])
 @pytest.mark.parametrize("percent", [100, 250, 400])
 def test_strip_on_the_patchs_page(patch, paper, percent):
@@ -84,6 +85,7 @@ def test_strip_on_the_patchs_page(patch, paper, percent):
     assert np.abs(read_cells(page.pixels, homography) - STRIP.srgb).max() <= 1
 
 
+@pytest.mark.slow
 def test_cells_measure_right_at_600_dpi(patch):
     document = build_pdf(patch, PrintSettings())
     page, strip = render(document.content), document.plan.pages[0].strip
@@ -101,6 +103,7 @@ def test_cells_measure_right_at_600_dpi(patch):
         assert row[2].sum() / page.per_mm == pytest.approx(STRIP.marker_mm, abs=0.1), number
 
 
+@pytest.mark.slow
 def test_strip_goes_up_the_side_where_two_copies_leave_no_room_below(patch):
     document = build_pdf(patch, PrintSettings(size_mm=88.2, copies=2))
     strip = document.plan.pages[0].strip
@@ -138,6 +141,7 @@ def test_no_page_is_added_for_the_strip(patch):
     assert len(tiled.pages) == 1 + 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("paper", ["a5", "a4", "letter", "tabloid", "135x135mm", "135x300mm"])
 def test_strip_has_a_page_of_its_own_on_every_paper(paper):
     content, frame = build_strip_pdf(parse_paper(paper))

@@ -171,6 +171,7 @@ def test_read_only_folder_leaves_the_old_file(space, monkeypatch):
     assert not list((space / "print").glob(".*partial"))
 
 
+@pytest.mark.slow
 def test_printing_needs_neither_torch_nor_open3d(space):
     code = (
         "import sys; from toolkit.cli.print_ import print_patches; print_patches(classes=['warplane']);"

@@ -73,6 +73,7 @@ def test_label(patch):
         assert part in words
 
 
+@pytest.mark.slow
 def test_tiles_are_named_and_mapped(patch):
     document = build_pdf(patch, PrintSettings(size_mm=300, copies=2))
     reader = PdfReader(BytesIO(document.content))

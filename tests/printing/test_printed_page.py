@@ -20,6 +20,7 @@ def patch(tmp_path_factory):
     return make_patch(tmp_path_factory.mktemp("patch"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("paper", ["a4", "letter"])
 @pytest.mark.parametrize("percent", [100, 250, 400])
 def test_page_measures_right(patch, paper, percent):
@@ -63,6 +64,7 @@ def interiors(page, pixels, left, top, side_mm):
             yield pixels[row, column], page.pixels[int(y) : int(y1), int(x) : int(x1)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("percent", [250, 173.3])
 def test_pixels_have_exactly_their_colour(tmp_path, percent):
     patch = make_patch(tmp_path, n_px=40)
@@ -121,6 +123,7 @@ def test_patch_is_the_right_way_up_and_round(tmp_path):
         assert (page.cut_out(x - 0.1, y - 0.1, x + 0.1, y + 0.1) == patch.pixels[row, column]).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("side_mm", [10, 47.3])
 def test_size_mm_is_the_side_of_the_patch_alone(patch, side_mm):
     page = render(build_pdf(patch, PrintSettings(size_mm=side_mm, scale_percent=33, dpi=300, margin_mm=12)).content)
@@ -130,6 +133,7 @@ def test_size_mm_is_the_side_of_the_patch_alone(patch, side_mm):
     assert marks == pytest.approx([left - 12, right + 12], abs=TOLERANCE_MM)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("paper", "settings"),
     [("a4", {}), ("a5", {"copies": 9, "size_mm": 10}), ("135x135mm", {"size_mm": 300}), ("letter", {"size_mm": 600})],

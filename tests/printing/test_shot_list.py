@@ -81,6 +81,7 @@ def cards(listed):
             yield int(re.search(r"pose (\d+)", text)[1]), text
 
 
+@pytest.mark.slow
 def test_every_card_states_the_trigonometry_of_its_matrix(listed):
     poses = {pose["id"]: pose for pose in listed.plan["objects"]["crate"]}
     seen = []
@@ -147,6 +148,7 @@ def test_the_first_page_measures_the_sheet_on_the_object(listed):
     assert "toolkit print --board" in text and f"{2 * COUNT} shots at {COUNT} places" in text
 
 
+@pytest.mark.slow
 def test_the_outline_lies_on_the_picture_where_the_patch_is(space):
     """The patch is the only colour: its pixels' extent, in the picture's millimetres, is its 40 mm about the middle."""
     from toolkit.rig.variants import find_booster
@@ -185,13 +187,12 @@ def test_nothing_is_drawn_outside_the_margins(listed):
             assert word["top"] > 9 * POINTS_PER_MM and word["bottom"] < page.height - 8 * POINTS_PER_MM
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_and_letter_is_letter(tmp_path, make_crate_space):
     space = make_crate_space(tmp_path / "letter")
 
     def made():
-        result = write_shot_list(
-            space, open_plan(space), ["crate"], parse_paper("letter"), ("unpatched",), 1, "blocks"
-        )
+        result = write_shot_list(space, open_plan(space), ["crate"], parse_paper("letter"), ("unpatched",), 1, "blocks")
         return Path(result.pdf_file).read_bytes(), Path(result.shots_file).read_bytes()
 
     first = made()
@@ -219,6 +220,7 @@ def test_an_object_without_a_patch_is_shot_unpatched_and_told_so(tmp_path, make_
     assert again.exit_code != 0 and "no patch for object 'crate'" in str(again.exception)
 
 
+@pytest.mark.slow
 def test_the_command_keeps_the_plan_unless_poses_are_asked_for(tmp_path, make_crate_space, monkeypatch):
     monkeypatch.setattr("toolkit.core.workspace.PACKAGE_DATA", tmp_path / "none")
     space = make_crate_space(tmp_path / "kept")
@@ -251,16 +253,17 @@ def test_what_cannot_be_listed_is_one_line(space, arguments, words):
     assert result.exit_code != 0 and words in str(result.exception) and "\n" not in str(result.exception)
 
 
+@pytest.mark.slow
 def test_the_picture_shows_the_board_where_opencv_looks_for_it(space):
     """Corners that OpenCV finds in a render from above lie where the camera projects the board's own corners."""
     from toolkit.rig.camera import orbit_pose, project
     from toolkit.rig.raycast import RaycastRenderer
-    from toolkit.rig.shading import develop
+    from toolkit.rig.shading import tone_map
 
     item = load_object(space.object_spec("crate"))
     camera, pose = Camera.from_fov(1000, 750, 40.0), orbit_pose(np.array([0, 0, 20.0]), 30, 60, 700)
     picture = RaycastRenderer(item.mesh, make_light_studio(item, DEFAULT_BOARD)).render(camera, pose)
-    grey = cv2.cvtColor(develop(picture, (0,), noise=0), cv2.COLOR_RGB2GRAY)
+    grey = cv2.cvtColor(tone_map(picture, (0,), noise=0), cv2.COLOR_RGB2GRAY)
     corners, ids, _, _ = cv2.aruco.CharucoDetector(DEFAULT_BOARD.to_cv()).detectBoard(grey)
     assert ids is not None and len(ids) > 60
     wanted, _ = project(camera, pose, DEFAULT_BOARD.object_points(ids))

@@ -25,6 +25,7 @@ def tiled(request, tmp_path_factory):
     return patch, document, pages
 
 
+@pytest.mark.slow
 def test_tiles_measure_right_and_overlap_by_10_mm(tiled):
     _, document, _ = tiled
     widths, heights = [], []

@@ -24,6 +24,7 @@ def renderer(make_box):
     return RaycastRenderer(make_box((4, 4, 2)), lit)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("view", [(0, 2, 700), (90, 8, 500), (30, 15, 900), (200, 0.5, 400), (70, 50, 900)])
 def test_the_table_ends_at_its_edge_and_the_room_is_all_above_it(renderer, view):
     T_world_camera = orbit_pose(np.array([0, 0, 40.0]), *view)

@@ -7,11 +7,21 @@ import pytest
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.rig import markers
-from toolkit.rig.board import DEFAULT_BOARD, BoardSpec, board_file, read_board, write_board
+from toolkit.rig.board import (
+    DEFAULT_BOARD,
+    DEFAULT_RING,
+    CharucoBoard,
+    MarkerRing,
+    board_file,
+    choose_ring,
+    count_that_fit,
+    read_board,
+    write_board,
+)
 from toolkit.rig.camera import Camera, orbit_pose
-from toolkit.rig.markers import DICTIONARIES, RING_FIRST_ID, STRIP_FIRST_ID, RingSpec, choose_ring, count_that_fit
+from toolkit.rig.markers import DICTIONARIES, RING_FIRST_ID, STRIP_FIRST_ID
 
-SMALL = BoardSpec(7, 10, 20.0, 15.0)
+SMALL = CharucoBoard(7, 10, 20.0, 15.0)
 BORDER_MM = 10
 
 
@@ -47,7 +57,7 @@ def measure_pose_error(points_mm, corners_px, camera, T_world_camera):
 
 
 @pytest.mark.parametrize(
-    "spec", [BoardSpec(7, 10, 20.0, 14.0), BoardSpec(6, 5, 20.0, 14.0), BoardSpec(5, 8, 21.0, 14.0)]
+    "spec", [CharucoBoard(7, 10, 20.0, 14.0), CharucoBoard(6, 5, 20.0, 14.0), CharucoBoard(5, 8, 21.0, 14.0)]
 )
 def test_pattern_is_opencvs_current_one(spec):
     board = spec.to_cv()
@@ -65,7 +75,7 @@ def test_painted_share_of_black_is_the_true_one():
     """At a scale that no edge meets a whole pixel, the mean of linear light is the area of white."""
     from toolkit.imaging.colour import srgb_to_linear
 
-    spec = BoardSpec(5, 8, 21.0, 14.0)
+    spec = CharucoBoard(5, 8, 21.0, 14.0)
     true = (spec.paint(2.0) < 128).mean()  # every edge is on a whole pixel
     assert 1 - srgb_to_linear(spec.paint(1.37) / 255).mean() == pytest.approx(true, abs=2e-3)
 
@@ -83,7 +93,7 @@ def test_camera_is_found_in_the_worlds_frame_with_the_middle_covered(azimuth, el
 
 
 def test_ring_tells_the_camera_and_its_first_marker_is_the_front():
-    ring = RingSpec()
+    ring = DEFAULT_RING
     image, camera, T_world_camera = photograph(ring, 30, 45, cover_mm=(200, 200))
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
@@ -117,7 +127,7 @@ def test_ring_markers_lie_apart_and_outside_the_free_disc(inner_mm):
 
 
 def test_default_ring_is_the_one_chosen_for_its_size():
-    assert choose_ring(300) == RingSpec()
+    assert choose_ring(300) == DEFAULT_RING
 
 
 def test_dictionaries_are_opencvs():
@@ -130,24 +140,24 @@ def test_no_two_sheets_share_a_marker():
     assert len(set(DEFAULT_BOARD.marker_ids)) == len(DEFAULT_BOARD.to_cv().getIds())
     largest = choose_ring(4000)
     assert RING_FIRST_ID <= min(largest.marker_ids) <= max(largest.marker_ids) < STRIP_FIRST_ID
-    assert BoardSpec(40, 40, 26, 19.5).marker_ids[-1] == RING_FIRST_ID - 1
+    assert CharucoBoard(40, 40, 26, 19.5).marker_ids[-1] == RING_FIRST_ID - 1
     with pytest.raises(ToolkitError, match="has 800"):
-        BoardSpec(40, 41, 26, 19.5)
+        CharucoBoard(40, 41, 26, 19.5)
 
 
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: BoardSpec(7, 10, 20.0, 20.0), "marker of 20 mm in a square of 20 mm"),
-        (lambda: BoardSpec(7, 10, 20.0, 18.5), "15 mm is good"),
-        (lambda: BoardSpec(2, 10, 20.0, 15.0), "columns"),
-        (lambda: BoardSpec(7, 10, float("nan"), 15.0), "square_mm"),
-        (lambda: BoardSpec(7, 10, 20.0, -1.0), "marker_mm"),
-        (lambda: BoardSpec(7, 10, 20.0, 15.0, "DICT_5X5_999"), "did you mean"),
-        (lambda: BoardSpec(20, 20, 20.0, 15.0, "DICT_4X4_50"), "has 50"),
-        (lambda: RingSpec(300, 24, 40), "at most"),
-        (lambda: RingSpec(300, 24, 5), "at least 8"),
-        (lambda: RingSpec(300, 24, 28, "DICT_4X4_50"), "0 to 49"),
+        (lambda: CharucoBoard(7, 10, 20.0, 20.0), "marker of 20 mm in a square of 20 mm"),
+        (lambda: CharucoBoard(7, 10, 20.0, 18.5), "15 mm is good"),
+        (lambda: CharucoBoard(2, 10, 20.0, 15.0), "columns"),
+        (lambda: CharucoBoard(7, 10, float("nan"), 15.0), "square_mm"),
+        (lambda: CharucoBoard(7, 10, 20.0, -1.0), "marker_mm"),
+        (lambda: CharucoBoard(7, 10, 20.0, 15.0, "DICT_5X5_999"), "did you mean"),
+        (lambda: CharucoBoard(20, 20, 20.0, 15.0, "DICT_4X4_50"), "has 50"),
+        (lambda: MarkerRing(300, 24, 40), "at most"),
+        (lambda: MarkerRing(300, 24, 5), "at least 8"),
+        (lambda: MarkerRing(300, 24, 28, "DICT_4X4_50"), "0 to 49"),
         (lambda: choose_ring(20), "at least 30 mm"),
         (lambda: choose_ring(-3), "inner_mm"),
     ],
@@ -162,7 +172,7 @@ def test_the_least_ring_that_an_error_names_is_one():
     assert choose_ring(30).count >= 8
 
 
-@pytest.mark.parametrize("spec", [SMALL, RingSpec(130, 12, 20)])
+@pytest.mark.parametrize("spec", [SMALL, MarkerRing(130, 12, 20)])
 def test_spec_file_round_trip(tmp_path, spec):
     space = make_workspace(tmp_path)
     assert read_board(space) == DEFAULT_BOARD

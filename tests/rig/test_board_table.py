@@ -5,21 +5,22 @@ import pytest
 
 from toolkit.objects.load import load_object
 from toolkit.photos.board_pose import find_board, solve_pose
-from toolkit.rig.board import DEFAULT_BOARD, BoardSpec, lay_board
+from toolkit.rig.board import DEFAULT_BOARD, CharucoBoard
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.shading import develop
-from toolkit.rig.studio import make_studio
+from toolkit.rig.shading import tone_map
+from toolkit.rig.studio import add_board, make_studio
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("azimuth_deg", [0, 100, 250])
 def test_a_picture_of_it_gives_the_camera_back(tmp_path, make_crate_space, azimuth_deg):
     """A board that was laid turned, mirrored, off the middle or at another scale would give another camera."""
     mesh = load_object(make_crate_space(tmp_path / "w").object_spec("crate")).mesh
-    board = BoardSpec(columns=9, rows=11, square_mm=26.0, marker_mm=19.5)
-    studio = lay_board(make_studio(1, 100.0, "oak"), board)
+    board = CharucoBoard(columns=9, rows=11, square_mm=26.0, marker_mm=19.5)
+    studio = add_board(make_studio(1, 100.0, "oak"), board)
     camera, pose = Camera.from_fov(800, 600, 40.0), orbit_pose(np.array([0, 0, 20.0]), azimuth_deg, 45, 420)
-    picture = develop(RaycastRenderer(mesh, studio).render(camera, pose), (1,))
+    picture = tone_map(RaycastRenderer(mesh, studio).render(camera, pose), (1,))
     sighting = find_board(picture, board)
     assert sighting is not None
     found = solve_pose(sighting, camera).T_world_camera
@@ -30,7 +31,7 @@ def test_a_picture_of_it_gives_the_camera_back(tmp_path, make_crate_space, azimu
 
 def test_the_middle_stays_the_middle_and_the_rest_stays_the_table():
     plain = make_studio(1, 270.0, "oak")
-    laid = lay_board(plain, DEFAULT_BOARD, px_per_mm=1.0)
+    laid = add_board(plain, DEFAULT_BOARD, px_per_mm=1.0)
     assert np.abs(np.array(laid.table_mm) - plain.table_mm).max() < 2
     high, wide = laid.table.shape[:2]
     assert (wide, high) == tuple(round(mm) for mm in laid.table_mm)

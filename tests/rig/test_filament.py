@@ -51,6 +51,7 @@ def knotted():
     return painted
 
 
+@pytest.mark.slow
 def test_silhouettes_are_those_of_an_independent_rasteriser(needs_egl, studio):
     """Pixels that change when the object is painted white instead of black are the object, whatever the light."""
     painted, camera = knotted(), Camera.from_fov(480, 360, 40)
@@ -82,6 +83,7 @@ print("sum", torchvision.models.resnet18().eval()(torch.zeros(1, 3, 32, 32)).sha
 """
 
 
+@pytest.mark.slow
 def test_a_network_still_runs_in_the_process_that_has_rendered(needs_egl):
     """Mesa's and torch's compilers are both LLVM: in the wrong order the second one ends the process."""
     done = subprocess.run([sys.executable, "-c", AFTERWARDS], capture_output=True, text=True, check=False)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from toolkit.imaging.colour import srgb_to_linear
-from toolkit.rig.shading import develop
+from toolkit.rig.shading import tone_map
 
 
 def flat(value, shape=(120, 160)):
@@ -14,7 +14,7 @@ def flat(value, shape=(120, 160)):
 def test_the_same_seed_gives_the_same_bytes_and_leaves_the_light_alone():
     light = np.random.default_rng(0).uniform(0, 1.2, (40, 50, 3)).astype(np.float32)
     before = light.copy()
-    first, again, other = develop(light, (3, 1)), develop(light, (3, 1)), develop(light, (3, 2))
+    first, again, other = tone_map(light, (3, 1)), tone_map(light, (3, 1)), tone_map(light, (3, 2))
     np.testing.assert_array_equal(light, before)
     assert first.tobytes() == again.tobytes()
     assert (first != other).any()
@@ -23,26 +23,26 @@ def test_the_same_seed_gives_the_same_bytes_and_leaves_the_light_alone():
 
 def test_more_light_is_never_darker():
     ramp = np.tile(np.linspace(0, 4, 2000, dtype=np.float32)[None, :, None], (1, 1, 3))
-    codes = develop(ramp, (0,), noise=0, falloff=0).astype(int)[0, :, 0]
+    codes = tone_map(ramp, (0,), noise=0, falloff=0).astype(int)[0, :, 0]
     assert (np.diff(codes) >= 0).all()
     assert codes[0] == 0 and codes[-1] == 255
-    assert develop(flat(1.0), (0,), noise=0, falloff=0).max() < 255  # white keeps its detail
+    assert tone_map(flat(1.0), (0,), noise=0, falloff=0).max() < 255  # white keeps its detail
 
 
 @pytest.mark.parametrize("code", [60, 118, 180])
 def test_middle_greys_keep_their_code(code):
-    picture = develop(flat(float(srgb_to_linear(np.array(code / 255)))), (1,), falloff=0)
+    picture = tone_map(flat(float(srgb_to_linear(np.array(code / 255)))), (1,), falloff=0)
     assert picture.mean() == pytest.approx(code, abs=1)
-    centre = develop(flat(float(srgb_to_linear(np.array(code / 255)))), (1,))[50:70, 70:90]
+    centre = tone_map(flat(float(srgb_to_linear(np.array(code / 255)))), (1,))[50:70, 70:90]
     assert centre.mean() == pytest.approx(code, abs=2)
 
 
 def test_grain_is_there_and_small():
-    grey = develop(flat(0.18), (5,), falloff=0).astype(float)
+    grey = tone_map(flat(0.18), (5,), falloff=0).astype(float)
     assert 0.3 < grey.std() < 3
 
 
 def test_corners_lose_the_share_of_light_that_is_said():
-    picture = develop(flat(0.4), (0,), noise=0, falloff=0.2)
+    picture = tone_map(flat(0.4), (0,), noise=0, falloff=0.2)
     corner, centre = (float(srgb_to_linear(picture[y, x, 0] / 255)) for y, x in ((0, 0), (60, 80)))
     assert corner / centre == pytest.approx(0.8, abs=0.01)

@@ -48,6 +48,7 @@ def face_light(corners, light, axis, sign):
     return read_samples(light.grid, light.stored, faces.repeat(3), uv).mean(axis=0)
 
 
+@pytest.mark.slow
 def test_an_open_table_in_an_even_room_receives_pi_times_its_radiance(bake):
     """96 directions: exact for surfaces that look up (their heights are evenly spaced), 4 % for upright ones."""
     corners, light = bake(room=0.7)
@@ -61,6 +62,7 @@ def test_an_open_table_in_an_even_room_receives_pi_times_its_radiance(bake):
         np.testing.assert_allclose(face_light(corners, light, axis, sign)[:3], np.pi / 2 * 0.7, rtol=0.04)
 
 
+@pytest.mark.slow
 def test_the_key_light_follows_lamberts_law(bake):
     key = KeyLight(azimuth_deg=30, elevation_deg=50, radius_deg=3, irradiance=(2.0, 1.0, 0.5))
     corners, light = bake(key=key)
@@ -72,6 +74,7 @@ def test_the_key_light_follows_lamberts_law(bake):
     np.testing.assert_allclose(light.open_irradiance, np.sin(e) * np.array([2.0, 1.0, 0.5]), rtol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("azimuth", [0, 40, 130, 250])
 def test_the_shadow_falls_away_from_the_key_light(bake, azimuth):
     _, light = bake(key=KeyLight(azimuth_deg=azimuth, elevation_deg=40, radius_deg=5, irradiance=(1, 1, 1)))
@@ -85,6 +88,7 @@ def test_the_shadow_falls_away_from_the_key_light(bake, azimuth):
     assert abs((direction - azimuth - 180 + 180) % 360 - 180) < 6
 
 
+@pytest.mark.slow
 def test_the_shadow_ends_where_the_ray_over_the_edge_lands(bake):
     """A box 20 mm high, light from +x at 45°: the shadow reaches 20 mm beyond its far side at x = -30."""
     _, light = bake((60, 60, 20), key=KeyLight(azimuth_deg=0, elevation_deg=45, radius_deg=0.5, irradiance=(1, 1, 1)))
@@ -97,6 +101,7 @@ def test_the_shadow_ends_where_the_ray_over_the_edge_lands(bake):
     assert edge == pytest.approx(-50, abs=1.0)  # a sample of the table is 0.9 mm
 
 
+@pytest.mark.slow
 def test_a_larger_light_makes_a_softer_shadow(bake):
     def width(radius):
         key = KeyLight(azimuth_deg=0, elevation_deg=45, radius_deg=radius, irradiance=(1, 1, 1))
@@ -108,6 +113,7 @@ def test_a_larger_light_makes_a_softer_shadow(bake):
     assert width(9) > 2 * width(3) > 0
 
 
+@pytest.mark.slow
 def test_the_table_is_darker_the_nearer_to_the_object(bake):
     _, light = bake(room=1.0)
     near_to_far = table_at(light, [32, 36, 42, 52, 76], [0] * 5)[:, 0]
@@ -116,6 +122,7 @@ def test_the_table_is_darker_the_nearer_to_the_object(bake):
     assert table_at(light, [0], [0]).max() < 0.1  # underneath
 
 
+@pytest.mark.slow
 def test_what_blocks_the_room_throws_its_own_colour_back(bake):
     black, white = bake(room=1.0)[1], bake(room=1.0, albedo=0.8)[1]
     near = [32], [0]
@@ -123,6 +130,7 @@ def test_what_blocks_the_room_throws_its_own_colour_back(bake):
     assert table_at(white, *near)[0, 0] < np.pi  # never more than the open room
 
 
+@pytest.mark.slow
 def test_a_symmetric_scene_has_symmetric_light(bake):
     """Up to the set of directions, which is not symmetric itself."""
     _, light = bake(room=1.0, key=KeyLight(azimuth_deg=0, elevation_deg=50, irradiance=(2, 2, 2)))

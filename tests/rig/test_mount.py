@@ -233,6 +233,7 @@ def colours_at(picture, pixels):
     return (seen @ inks.T).argmax(axis=1).tolist()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", VIEWS)
 def test_each_side_shows_the_print_upright_and_unmirrored(papered, at):
     camera = Camera.from_fov(96, 72, 40)

@@ -30,6 +30,7 @@ def test_gain_is_where_samples_see_the_sheet(views):
         np.testing.assert_allclose(shared[view.pixel], view.coverage.reshape(-1)[view.pixel], rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_view_depends_on_seed_and_number_alone(crate, views):
     (first,) = render_mounted_views(crate, 40.0, 64, 1, seed=3, image_px=40, quiet=True)
     np.testing.assert_array_equal(first.dark, views[0].dark)

@@ -8,7 +8,7 @@ import pytest
 from toolkit.objects.mesh import Material, Mesh, merge_meshes
 from toolkit.rig.camera import Camera, look_at, orbit_pose, pixel_rays
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.shading import develop
+from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import KeyLight, make_studio
 from toolkit.rig.textures import sample
 
@@ -101,7 +101,7 @@ def test_the_same_inputs_give_the_same_bytes(make_box, studio, boxed):
     first = boxed.render(CAMERA, T_world_camera)
     again = RaycastRenderer(make_box(), studio).render(CAMERA, T_world_camera)
     assert first.tobytes() == again.tobytes()
-    assert develop(first, (0,)).tobytes() == develop(again, (0,)).tobytes()
+    assert tone_map(first, (0,)).tobytes() == tone_map(again, (0,)).tobytes()
     assert first.dtype == np.float32 and first.shape == (72, 96, 3) and np.isfinite(first).all()
 
 

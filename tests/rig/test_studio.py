@@ -16,6 +16,7 @@ def test_equal_seeds_make_equal_studios_and_others_do_not():
     assert (first.environment != other.environment).any()
 
 
+@pytest.mark.slow
 def test_seeds_reach_every_backdrop():
     drawn = {make_studio(seed, 10).name.split("/")[0] for seed in range(60)}
     assert drawn == set(BACKDROPS)

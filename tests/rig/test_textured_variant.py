@@ -91,6 +91,7 @@ def is_red(colour):
     return colour[0] > 1.8 * colour[1:].max()
 
 
+@pytest.mark.slow
 def test_the_object_is_painted_and_the_table_is_not(space):
     save(space)
     shoot(space, ["unpatched", "textured"])
@@ -116,6 +117,7 @@ def test_texels_are_where_their_coordinates_say(space, block):
         np.testing.assert_allclose(texture[row, column], [256 * u, 256 * v, 128], atol=4)
 
 
+@pytest.mark.slow
 def test_materials_and_images_keep_their_paint(space, block):
     save(space, keep=["glass"])
     shoot(space, ["unpatched", "textured"])
@@ -135,6 +137,7 @@ def test_materials_and_images_keep_their_paint(space, block):
     assert is_red(seen_at(space, "textured", SLAB)) and not is_red(seen_at(space, "textured", ROOF))
 
 
+@pytest.mark.slow
 def test_controls_take_the_textures_place(space, block):
     save(space, keep=["glass"])
     boosters = {variant: find_booster(space, block, variant) for variant in PAINTED}
@@ -157,6 +160,7 @@ def test_controls_take_the_textures_place(space, block):
     assert (made["booster"], made["booster_px"], "booster_mm" in made) == ("block", N, False)
 
 
+@pytest.mark.slow
 def test_stored_coordinates_are_used(space, block):
     """An object that was unwrapped: each triangle is given a corner of the texture, half of them red."""
     m = len(block.mesh.faces)

@@ -1,6 +1,7 @@
 """Small renders to train a classifier on."""
 
 import numpy as np
+import pytest
 
 from toolkit.objects.load import load_object
 from toolkit.rig.camera import Camera, project
@@ -11,6 +12,7 @@ from toolkit.rig.views import THUMBNAIL_DETAIL, WIDE_VIEWS, random_pose, render_
 CAMERA = Camera.from_fov(48, 48, 30.5)
 
 
+@pytest.mark.slow
 def test_all_depends_on_the_seed(make_box):
     mesh = make_box()
     one, again, other = (render_thumbnails(mesh, 3, (seed, 7), CAMERA) for seed in (1, 1, 2))
@@ -46,6 +48,7 @@ def test_a_mesh_is_turned_about_the_vertical_axis(make_box):
     np.testing.assert_allclose(turned.normals[:, 1], mesh.normals[:, 0], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_coarse_light_is_close_to_the_full_one(tmp_path, make_crate_space):
     mesh = load_object(make_crate_space(tmp_path).object_spec("crate")).mesh
     studio = make_studio(3, 100.0)

@@ -17,7 +17,7 @@ from toolkit.rig.views import (
     HELD_OUT,
     TRAIN,
     WHOLE_SPHERE,
-    Subject,
+    PaintableObject,
     ViewSettings,
     ViewStream,
     random_pose,
@@ -31,7 +31,7 @@ SETTINGS = ViewSettings(image_px=32, studios=2, per_studio=2)
 def subject(tmp_path_factory, make_crate_space):
     mesh = load_object(make_crate_space(tmp_path_factory.mktemp("stream")).object_spec("crate")).mesh
     atlas = make_atlas(mesh, 16)
-    return Subject(atlas.mesh, int(atlas.mesh.face_material[0]), mesh)
+    return PaintableObject(atlas.mesh, int(atlas.mesh.face_material[0]), mesh)
 
 
 def same(one, other) -> bool:
@@ -39,6 +39,7 @@ def same(one, other) -> bool:
     return parts and one.subject == other.subject and np.array_equal(one.bare, other.bare)
 
 
+@pytest.mark.slow
 def test_workers_render_what_the_process_itself_renders(subject):
     with ViewStream([subject], SETTINGS, 5, 3, workers=2) as stream:
         ahead = [stream.group(0), stream.group(1)]
@@ -66,6 +67,7 @@ def test_successive_blocks_show_successive_objects(subject):
         assert [view.subject for view in stream.group(1)] == [2, 2, 0, 0]
 
 
+@pytest.mark.slow
 def test_a_worker_that_is_killed_is_one_clear_line(subject):
     with ViewStream([subject], SETTINGS, 5, 50, workers=1) as stream:
         stream.group(0)
@@ -80,13 +82,13 @@ PARENT = """
 import sys, time
 from toolkit.objects.atlas import make_atlas
 from toolkit.objects.load import load_object
-from toolkit.rig.views import Subject, ViewSettings, ViewStream
+from toolkit.rig.views import PaintableObject, ViewSettings, ViewStream
 
 def main():
     mesh = load_object(sys.argv[1]).mesh
     atlas = make_atlas(mesh, 16)
     settings = ViewSettings(image_px=256, studios=2, per_studio=8)  # more than a pipe holds
-    with ViewStream([Subject(atlas.mesh, 0, mesh)], settings, 5, 50, workers=1) as stream:
+    with ViewStream([PaintableObject(atlas.mesh, 0, mesh)], settings, 5, 50, workers=1) as stream:
         stream.group(0)
         print(*stream._pool._processes, flush=True)
         time.sleep(60)
@@ -96,6 +98,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="looks for the process in /proc")
 def test_workers_die_with_a_parent_that_is_killed(tmp_path, make_crate_space):
     spec = make_crate_space(tmp_path / "w").object_spec("crate")

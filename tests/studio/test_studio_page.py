@@ -66,6 +66,7 @@ def wait_until(browser, script):
     raise AssertionError(f"never: {script}\n{browser.execute_script('return document.body.innerText')}")
 
 
+@pytest.mark.slow
 def test_a_photograph_goes_from_the_file_picker_to_the_captures(server, browser, photo, tmp_path, shot_space):
     url, interrupt = server
     picture = tmp_path / "IMG_1.jpg"
@@ -94,6 +95,7 @@ def test_a_photograph_goes_from_the_file_picker_to_the_captures(server, browser,
     assert code == 0 and "1 of 4 shots are in" in said and "next: toolkit eval" in said
 
 
+@pytest.mark.slow
 def test_ctrl_c_right_away_ends_cleanly_and_says_where_to_go_on(server):
     said, code = server[1]()
     assert code == 0, said

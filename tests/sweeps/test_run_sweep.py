@@ -49,6 +49,7 @@ def measure_red(picture) -> float:
     return float((pixels[..., 0] - pixels[..., 1]).sum())
 
 
+@pytest.mark.slow
 def test_rows_pairs_and_files_say_what_the_pictures_hold(swept):
     space, result = swept
     assert (result.shot, result.kept, result.classified) == (8, 0, 8)

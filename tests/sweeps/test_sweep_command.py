@@ -24,6 +24,7 @@ def run(space, redness, monkeypatch, capsys):
     return call
 
 
+@pytest.mark.slow
 def test_table_and_files_are_named(run):
     code, out, err = run("size", "--object", "crate", "--values", "40", "--quiet")
     assert code == 0, err

@@ -16,6 +16,7 @@ def sweep(space, redness, variants):
     return run_sweep(space, config, redness, make_base(space))
 
 
+@pytest.mark.slow
 def test_a_texture_beside_a_patch_of_several_sizes(space, redness):
     item = load_object(space.object_spec("crate"))
     corner = np.array([[0.1, 0.1], [0.9, 0.1], [0.1, 0.9]], np.float32)

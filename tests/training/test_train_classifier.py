@@ -46,6 +46,7 @@ def tiny_config(colours, **changes):
     return ClassifierConfig(data=(str(colours),), **(settings | changes))
 
 
+@pytest.mark.slow
 def test_it_learns_colours_and_nothing_from_shuffled_ones(trained, tmp_path):
     assert trained.record.held_out.accuracy > 0.8
     folder = write_colours(tmp_path / "shuffled", 36, shuffled=True)
@@ -163,6 +164,7 @@ def test_ctrl_c_in_the_middle_of_a_step_keeps_the_steps_before_it(colours, tmp_p
     assert resumed.file.read_bytes() == whole.file.read_bytes()
 
 
+@pytest.mark.slow
 def test_the_seed_decides(colours, tmp_path):
     files = []
     for seed in (1, 2):
@@ -183,6 +185,7 @@ def test_init_takes_all_but_the_last_layer(trained, colours, tmp_path):
         start_network(config.with_overrides(arch="resnet34"), 7, find_weights("resnet34", trained.file))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arch", ["mnasnet0_5", "squeezenet1_1"])
 def test_other_networks_are_written_and_read_back(arch, colours, tmp_path):
     space = make_workspace(tmp_path)

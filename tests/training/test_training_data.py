@@ -126,6 +126,7 @@ def test_renders_of_the_rig(tmp_path, make_crate_space):
     assert first.std() > 5
 
 
+@pytest.mark.slow
 def test_renders_are_made_by_processes_and_kept(tmp_path, make_crate_space):
     from toolkit.training.renders import render_shards
 

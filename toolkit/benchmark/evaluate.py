@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from toolkit.benchmark.config import CorruptEvalConfig
@@ -40,10 +41,10 @@ class BenchmarkRun:
 
 def evaluate_benchmark(
     workspace: Workspace,
-    data: ImageSet | Path | str,
+    images: ImageSet | Path | str,
     classifier: Classifier,
     config: CorruptEvalConfig,
-    load: Callable[[str], Classifier] = load_classifier,
+    load: Callable[[str], Classifier] | None = None,
 ) -> BenchmarkRun:
     """Corrupt a data set with and without patches, and ask classifiers and readers what they see.
 
@@ -51,20 +52,20 @@ def evaluate_benchmark(
 
     Args:
         workspace: whose patches are meant, and whose `eval/` is written to.
-        data: from `open_images`, or a folder with a folder of images for each class.
+        images: from `open_images`, or what it opens: a folder with a folder of images per class, or `cifar10:FOLDER`.
         classifier: who is asked where `config.patches` names no other.
         config: patches, corruptions, classes.
-        load: the classifier of a name.
+        load: the classifier of a name; by default of the workspace's and the published ones.
 
     Raises:
         ToolkitError: an unknown class, patch set or network, no image that can be used, a network's output that is not
             finite, or a disk that is full or read-only.
     """
-    found = data if isinstance(data, ImageSet) else open_images(str(data), classifier)
-    images = choose_classes(found, list(config.classes), classifier)
+    opened = images if isinstance(images, ImageSet) else open_images(str(images), classifier, "test")
+    images = choose_classes(opened, list(config.classes), classifier)
     if config.per_class is not None:
         images = images.draw(config.per_class, config.seed)
-    variants, notes = open_variants(workspace, config.patches, classifier, load)
+    variants, notes = open_variants(workspace, config.patches, classifier, load or partial(_load, workspace))
     grid = Grid(images.only(share_classes(variants, images.classes)), tuple(variants), config)
     folder = workspace.eval_dir / "corruptions"
     run_dir = folder / check_run_name(grid.name)
@@ -77,3 +78,7 @@ def evaluate_benchmark(
         if not config.classes
     }
     return BenchmarkRun(benchmark, files, {name: labels for name, labels in without_images.items() if labels})
+
+
+def _load(workspace: Workspace, name: str) -> Classifier:
+    return load_classifier(name, folder=workspace.classifiers_dir)

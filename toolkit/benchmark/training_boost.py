@@ -8,7 +8,7 @@ import numpy as np
 
 from toolkit.boosters.patch_sets import PatchSet, read_patch_set
 from toolkit.boosters.place_patches import Placement, boost_images
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import FieldError, one_of
 from toolkit.core.workspace import Workspace
 from toolkit.objects.records import Patch
 from toolkit.training.classifier_config import Overlay
@@ -55,9 +55,10 @@ class TrainingBoost:
 
         name, n_px = self.pictures.name, self.pictures.n_px
         if n_px > image_px:
-            raise ToolkitError(
-                f"--patches {name}: its patches are {n_px} px a side, and the network sees images of {image_px} px: "
-                "make smaller ones, or raise --image-px"
+            raise FieldError(
+                f"its patches are {n_px} px a side, and the network sees images of {image_px} px: make smaller ones, "
+                "or raise {image_px}",
+                {"patches": name},
             )
         chosen = [self._find(labels[index], index) for index in used]
         pixels = torch.from_numpy(np.stack([patch.pixels for patch in chosen]).transpose(0, 3, 1, 2).copy())
@@ -77,9 +78,8 @@ class TrainingBoost:
             return patches[index if index in same else same[0]]
         known = [patch.record.class_name for patch in patches.values()]
         hint = str(one_of("class", label, known)).partition(": ")[2]
-        raise ToolkitError(
-            f"--patches {self.pictures.name}: the set has no patch of class '{label}' of the data: {hint}"
-        )
+        expected = f"the set has no patch of class '{label}' of the data: {hint}"
+        raise FieldError(expected, {"patches": self.pictures.name})
 
 
 def read_training_boost(workspace: Workspace, name: str) -> TrainingBoost:

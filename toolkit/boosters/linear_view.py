@@ -84,8 +84,8 @@ def srgb_to_linear(encoded: "torch.Tensor") -> "torch.Tensor":
     return torch.where(encoded <= 0.04045, encoded / 12.92, ((encoded.clamp_min(0.04045) + 0.055) / 1.055) ** 2.4)
 
 
-def develop(light: "torch.Tensor") -> "torch.Tensor":
-    """`toolkit.rig.shading.develop` without falloff and noise, differentiable; sRGB-encoded in [0, 1]."""
+def tone_map(light: "torch.Tensor") -> "torch.Tensor":
+    """`toolkit.rig.shading.tone_map` without falloff and noise, differentiable; sRGB-encoded in [0, 1]."""
     import torch
 
     over = (light - SHOULDER).clamp_min(0)
@@ -228,13 +228,13 @@ def show_linear(linear: "torch.Tensor", batch: ViewBatch, light: "torch.Tensor |
 
     count, height, width, _ = batch.still.shape
     factor = torch.as_tensor(light, dtype=linear.dtype, device=linear.device).expand(count, 3, 1, 1).flatten(1)
-    photos = torch.stack([develop(still * one) for still, one in zip(batch.still, factor, strict=True)]).view(-1, 3)
+    photos = torch.stack([tone_map(still * one) for still, one in zip(batch.still, factor, strict=True)]).view(-1, 3)
     # only pixels that show the material carry a gradient, and they may be few
     slot, shown = _find_shown(batch)
     colour = look_up(build_levels(linear), batch.uv, batch.lod) * batch.gain
     lit = batch.still.view(-1, 3)[shown].index_add(0, slot, colour) * factor[shown // (height * width)]
     whole = pad(lit, (0, 0, 0, -len(lit) % 256))  # an array's last odd values would be rounded otherwise
-    return photos.index_put((shown,), develop(whole)[: len(lit)]).view(count, height, width, 3).permute(0, 3, 1, 2)
+    return photos.index_put((shown,), tone_map(whole)[: len(lit)]).view(count, height, width, 3).permute(0, 3, 1, 2)
 
 
 def _find_shown(batch: ViewBatch) -> tuple["torch.Tensor", "torch.Tensor"]:

@@ -83,7 +83,7 @@ class PatchConfig(PixelConfig):
         Corrupted | None,
         BeforeValidator(read_words),
         Later,
-        Flag("--corrupt", metavar="NAME", group=MEETS, typed=tuple[str, ...]),
+        Flag("--corrupt", metavar="NAME[:SEVERITY]", group=MEETS, typed=tuple[str, ...]),
     ] = Field(
         None,
         description="Corrupt half of the photographs as ImageNet-C does: fog:3, noise:1-3, weather, common, all; "

@@ -46,7 +46,7 @@ from toolkit.objects.records import Texture, glb_name, read_texture, write_textu
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
-from toolkit.rig.views import DETAIL, FOV_DEG, StreamedView, Subject, ViewStream
+from toolkit.rig.views import DETAIL, FOV_DEG, PaintableObject, RenderedView, ViewStream
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import History, fit
 
@@ -302,7 +302,7 @@ def take_photos(texture: "torch.Tensor", batch: ViewBatch, config: TextureConfig
     return photos
 
 
-def choose_views(group: list[StreamedView], config: TextureConfig, number: int, inside: int) -> list[StreamedView]:
+def choose_views(group: list[RenderedView], config: TextureConfig, number: int, inside: int) -> list[RenderedView]:
     """The views of the step `inside` a group: each comes `reuse` times before the group is left, in random order."""
     rng = np.random.default_rng([config.seed, number, 0x0DE5])
     order = np.concatenate([rng.permutation(len(group)) for _ in range(config.reuse)])
@@ -327,7 +327,7 @@ def choose_backgrounds(
 
 
 def validate_texture(
-    pixels: np.ndarray, views: list[StreamedView], targets: list[Target], seed: int
+    pixels: np.ndarray, views: list[RenderedView], targets: list[Target], seed: int
 ) -> list[WeatherValidation]:
     """Recognise held-out views in the studio, as they are and in ImageNet-C's fog of severity 3.
 
@@ -364,7 +364,7 @@ def validate_texture(
     ]
 
 
-def plan_turntable(subject: Subject, image_px: int, device: str) -> ViewBatch:
+def plan_turntable(subject: PaintableObject, image_px: int, device: str) -> ViewBatch:
     """Eight views around an object in studio light, of `image_px` a side."""
     mesh = subject.mesh
     studio = make_studio(0, float(mesh.size_mm.max()), TURNTABLE_BACKDROP)

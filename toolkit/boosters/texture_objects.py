@@ -14,7 +14,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import read_image
 from toolkit.objects.atlas import Atlas, make_atlas, nearest_covered
 from toolkit.objects.load import TableObject, load_object
-from toolkit.rig.views import Subject
+from toolkit.rig.views import PaintableObject
 
 
 @dataclass(frozen=True)
@@ -29,10 +29,10 @@ class TexturedObject:
         """Of the object."""
         return self.item.name
 
-    def subject(self) -> Subject:
+    def subject(self) -> PaintableObject:
         """What the view stream renders."""
         material = int(self.atlas.mesh.face_material[self.atlas.trained][0])
-        return Subject(self.atlas.mesh, material, self.item.mesh)
+        return PaintableObject(self.atlas.mesh, material, self.item.mesh)
 
     def describe(self) -> str:
         """How large its mesh is, and what of it the texture covers."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest, write_transforms
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError
 from toolkit.rig.camera import Camera
 
 SEED = 0
@@ -67,8 +67,8 @@ def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption]) -> list[
 def _check_own(out: Path, corruption: Corruption) -> None:
     for path, record in read_manifest(out).items():
         if (record.made.get("corruption"), record.made.get("severity")) != corruption:
-            raise ToolkitError(
-                f"{out} holds images that are not from 'capture-sim --corrupt' ({path}): name another --source"
+            raise FieldError(
+                f"{out} holds images that are no corrupted copies of shots ({path}): name another {{source}}", {}
             )
 
 

@@ -19,7 +19,7 @@ from toolkit.captures.shoot import (
     sha256_json,
     shoot_scenes,
 )
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.camera import Camera
@@ -80,7 +80,7 @@ def shoot_like(
     source = source or f"sim-like-{photos_dir.resolve().name}"
     check_settings(workspace, settings, source)
     if (workspace.captures_dir / source).resolve() == photos_dir.resolve():
-        raise ToolkitError(f"--source {source} would overwrite the photographs in {photos_dir}: name another")
+        raise FieldError(f"would overwrite the photographs in {photos_dir}: name another", {"source": source})
     chosen = Selection(objects=tuple(objects), variants=tuple(variants))
     photos, skipped = read_measured(photos_dir, chosen, max_px)
     scenes = []
@@ -100,7 +100,7 @@ def shoot_like(
         reasons = [_why_not(photo, item, sha256) for photo in own]
         skipped += [(photo.path, why) for photo, why in zip(own, reasons, strict=True) if why]
         fit = [photo for photo, why in zip(own, reasons, strict=True) if not why]
-        scenes.append([_plan_shot(photo, item, look, photos_dir, settings.image_format, taken) for photo in fit])
+        scenes.append([_plan_shot(photo, item, look, photos_dir, settings.image_format, taken=taken) for photo in fit])
     if not any(scenes):
         path, reason = skipped[0]
         raise ToolkitError(
@@ -125,9 +125,10 @@ def read_measured(
     """
     records = read_manifest(photos_dir)
     if not records:
-        raise ToolkitError(
-            f"{photos_dir} has no {MANIFEST} with measured cameras: --like expects one source, such as captures/real, "
-            "of photographs that were imported with 'toolkit import'"
+        raise FieldError(
+            f"has no {MANIFEST} with measured cameras: expected one source, such as captures/real, of photographs that "
+            "were imported with 'toolkit import'",
+            {"like": photos_dir},
         )
     photos, skipped = [], []
     for capture in read_captures(photos_dir, chosen).captures:
@@ -176,7 +177,7 @@ def _why_not(photo: MeasuredPhoto, item: TableObject, booster_sha256: str | None
     if shown and booster_sha256 and shown != booster_sha256:
         return (
             f"it shows another patch (SHA-256 {shown[:12]}…) than the one that is here ({booster_sha256[:12]}…): name "
-            "that patch's folder with --patches"
+            "that patch's folder (patches)"
         )
     position = photo.T_world_camera[:3, 3]
     low, high = item.mesh.bounds
@@ -195,4 +196,6 @@ def _plan_shot(
     camera, pose = photo.camera, np.round(photo.T_world_camera, 6)
     inputs = sha256_json(look | {"camera": camera.intrinsics, "T_world_camera": pose.tolist()})
     made = {"like": f"{photos_dir.resolve().name}/{photo.path}", "like_sha256": photo.record.image_sha256 or ""}
-    return Shot(item, photo.record.variant, photo.record.pose_id, camera, pose, path, inputs, made)
+    return Shot(
+        item, photo.record.variant, photo.record.pose_id, camera, pose, path=path, inputs_sha256=inputs, made=made
+    )

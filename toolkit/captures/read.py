@@ -162,7 +162,7 @@ def _read_layout(root: Path, found: FoundFiles) -> tuple[tuple[str, ...], int, t
 
 def _capture(file: Path, full: tuple[str, ...], record: CaptureRecord | None, refused: str | None) -> Capture:
     source, name, variant = (show_path((part,)) for part in full[:3])
-    capture = Capture(source, name, variant, read_pose_id(full[-1]), file, show_path(full), refused)
+    capture = Capture(source, name, variant, read_pose_id(full[-1]), file, path=show_path(full), refused=refused)
     if record is None:
         return capture
     rows = record.T_world_camera

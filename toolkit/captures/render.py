@@ -10,7 +10,7 @@ from toolkit.objects.records import Patch, Texture
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import Pose
 from toolkit.rig.renderer import make_renderer
-from toolkit.rig.shading import develop
+from toolkit.rig.shading import tone_map
 from toolkit.rig.variants import Paint, Print, dress
 
 
@@ -42,7 +42,7 @@ def render(
     settings, camera = settings or ShootSettings(), camera or Camera.from_fov()
     mesh = dress(item, _put_on(item, booster))
     renderer = make_renderer(settings.renderer, mesh, studio_for(item, settings))
-    pictures = [develop(renderer.render(camera, pose.matrix()), (settings.seed, pose.id)) for pose in poses]
+    pictures = [tone_map(renderer.render(camera, pose.matrix()), (settings.seed, pose.id)) for pose in poses]
     return np.stack(pictures) if pictures else np.zeros((0, camera.height, camera.width, 3), np.uint8)
 
 

@@ -15,16 +15,16 @@ from PIL import Image
 from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest, write_transforms
 from toolkit.core.console import Ticker, progress
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import inside, sha256_bytes, write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
-from toolkit.rig.board import Sheet, lay_board
+from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan, check_poses
 from toolkit.rig.renderer import RENDERERS, make_renderer
-from toolkit.rig.shading import develop
-from toolkit.rig.studio import Studio, make_studio
+from toolkit.rig.shading import tone_map
+from toolkit.rig.studio import Studio, add_board, make_studio
 from toolkit.rig.variants import PAIR, describe_booster, dress, find_booster, note_booster
 
 
@@ -90,7 +90,7 @@ class ShootSettings:
     light: str = "studio"
     renderer: str = "raycast"
     image_format: str = "jpg"
-    board: Sheet | None = None
+    board: Board | None = None
 
 
 @dataclass(frozen=True)
@@ -184,9 +184,8 @@ def check_no_photographs(source_dir: Path, known: Mapping[str, CaptureRecord]) -
     """
     photograph = next((path for path, record in known.items() if "renderer" not in record.made), None)
     if photograph is not None:
-        raise ToolkitError(
-            f"{source_dir} holds photographs ({photograph}), which the rig would overwrite: name another folder with "
-            "--source"
+        raise FieldError(
+            f"{source_dir} holds photographs ({photograph}), which the rig would overwrite: name another {{source}}", {}
         )
 
 
@@ -235,7 +234,7 @@ def studio_for(item: TableObject, settings: ShootSettings) -> Studio:
     name_seed = int.from_bytes(hashlib.sha256(item.name.encode()).digest()[:4], "big")
     size = float(item.mesh.size_mm.max())
     studio = make_studio((settings.seed, name_seed), size, settings.backdrop, settings.light)
-    return studio if settings.board is None else lay_board(studio, settings.board)
+    return studio if settings.board is None else add_board(studio, settings.board)
 
 
 def _plan_scene(
@@ -251,8 +250,8 @@ def _plan_scene(
     return [
         Shot(
             item, variant, pose.id, camera, pose.matrix(),
-            f"{name}/{variant}/pose_{pose.id:02d}.{settings.image_format}",
-            sha256_json(look | {"pose": pose.model_dump()}),
+            path=f"{name}/{variant}/pose_{pose.id:02d}.{settings.image_format}",
+            inputs_sha256=sha256_json(look | {"pose": pose.model_dump()}),
         )
         for pose in plan.objects[name]
     ]  # fmt: skip
@@ -288,7 +287,7 @@ def _shoot_scene(
     renderer = make_renderer(settings.renderer, dress(item, booster), studio)
     for shot in shots:
         picture = renderer.render(shot.camera, shot.T_world_camera)
-        content = _encode(develop(picture, (settings.seed, shot.pose_id or 0)), settings.image_format)
+        content = _encode(tone_map(picture, (settings.seed, shot.pose_id or 0)), settings.image_format)
         write_bytes(source_dir / shot.path, content)
         append_record(
             source_dir,

@@ -107,7 +107,7 @@ class GroupedCommand(TyperCommand):
             heading, name = getattr(parameter, "rich_help_panel", None) or "Options", TYPE.sub(_name_type, row[0])
             if parameter.param_type_name == "argument":
                 heading, name = "Arguments", _name_parameter(parameter)
-            elif parameter.name == "help":
+            elif parameter.name in ("help", "seed"):
                 heading = SHARED
             sections.setdefault(heading, []).append((name, _write_bounds(row[1])))
         sections[SHARED] = sections.pop(SHARED)  # comes last

@@ -6,46 +6,23 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from toolkit.boosters.baselines.make import BaselineConfig
 from toolkit.cli import options
+from toolkit.cli.options import from_config
 
 if TYPE_CHECKING:
     from toolkit.boosters.baselines.make import MadeBaseline
 
 
+@from_config(config=BaselineConfig)
 def baseline(
-    kind: Annotated[str, typer.Argument(help="qr, apriltag, best-image, random-image or fixed-pattern.")],
-    class_names: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--class",
-            help="A label, index or WordNet id; may be repeated. Default: the classes that --data has, without it all.",
-        ),
-    ] = None,
-    sizes_px: Annotated[
-        list[int] | None,
-        typer.Option("--size-px", metavar="N", help="Side of the pictures; may be repeated. Default: 100."),
-    ] = None,
-    data: Annotated[
-        str | None,
-        typer.Option(
-            help="Training images, one folder per class, or cifar10:FOLDER. best-image and random-image need them."
-        ),
-    ] = None,
+    config: BaselineConfig,
     model: Annotated[
         str | None,
         typer.Option(help="Classifier whose classes they are; best-image compares its losses. Default: resnet18."),
     ] = None,
     weights: Annotated[
         Path | None, typer.Option("--weights", help="State dict, .pth or .safetensors; FILE.json may hold its labels.")
-    ] = None,
-    set_name: Annotated[
-        str | None, typer.Option("--set", help="The sets are print/patches/SET-SIZE. Default: the kind.")
-    ] = None,
-    border: Annotated[
-        int | None,
-        typer.Option(
-            help="White modules around a code. Default: 1, as the paper; the standard of QR codes asks for 4."
-        ),
     ] = None,
     seed: options.Seed = 0,
     device: options.Device = "auto",
@@ -54,17 +31,14 @@ def baseline(
     as_json: options.Json = False,
 ) -> None:
     """Make what patches are compared with: codes, training images or noise as pictures, one for each class."""
-    from toolkit.boosters.baselines.make import BaselineRequest, make_baseline
+    from toolkit.boosters.baselines.make import make_baseline
     from toolkit.core.workspace import open_workspace
     from toolkit.models.load import load_classifier
 
-    request = BaselineRequest(
-        kind, tuple(class_names or ()), tuple(sizes_px or (100,)), data, set_name, border, seed
-    )  # fmt: skip
     place = open_workspace(workspace)
     classifier = load_classifier(model, weights, device, place.classifiers_dir)
-    made = make_baseline(request, classifier, place, quiet)
-    _report(made, kind, data, as_json)
+    made = make_baseline(config.with_overrides(seed=seed), classifier, place)
+    _report(made, config.kind, config.data, as_json)
     if made.skipped:
         raise typer.Exit(1)
 

@@ -18,7 +18,7 @@ def corrupt(
         list[str],
         typer.Option(
             "--corrupt",
-            metavar="NAME",
+            metavar="NAME[:SEVERITY]",
             help="Corruption, or noise, blur, weather, digital, extra, common (15), all (19); fog:3 or noise:1-3 for "
             "some severities; may be repeated.",
         ),

@@ -114,7 +114,7 @@ Corrupt = Annotated[
     list[str] | None,
     typer.Option(
         "--corrupt",
-        metavar="NAME",
+        metavar="NAME[:SEVERITY]",
         help="Under this corruption of ImageNet-C: fog:3, noise:1-3, weather, common (15), all (19); without a "
         "severity under all five; may be repeated.",
     ),

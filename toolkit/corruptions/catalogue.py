@@ -113,7 +113,7 @@ ALL = (
         "frost", "weather", weather.add_frost,
         ((1, 0.4, 1), (0.8, 0.6, 1), (0.7, 0.7, 1), (0.65, 0.7, 1), (0.6, 0.75, 1)),
         ((1, 0.2, 0.2), (1, 0.3, 0.2), (0.9, 0.4, 0.2), (0.85, 0.4, 0.2), (0.75, 0.45, 0.2)),
-        "own texture: drawn frost instead of the published photographs",
+        note="own texture: drawn frost instead of the published photographs",
     ),
     _corruption(
         "fog", "weather", weather.add_fog,

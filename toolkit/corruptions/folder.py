@@ -239,12 +239,12 @@ def corrupt_folder(
     with progress("corrupting", len(sources) * len(plan)) as ticker:
         for start in range(0, len(sources), CHUNK_FILES):
             chunk = sources[start : start + CHUNK_FILES]
-            loaded = _load(chunk, out, places, known, size_px, result)
+            loaded = _load(chunk, out, places, known, size_px, result=result)
             ticker.advance(len(chunk) * len(plan) - sum(len(one.wanted) for one in loaded))
             for name, severity in plan:
                 ready = [one for one in loaded if (name, severity) in one.wanted]
                 for batch in split_batches(ready):
-                    files = render(batch, name, severity, seed, image_format, device)
+                    files = render(batch, name, severity, seed, image_format, device=device)
                     _write(out, [(one.wanted[name, severity], one.sha256) for one in batch], files, known, result)
                     ticker.advance(len(batch))
     return result
@@ -359,7 +359,7 @@ def corrupt_file(
     result = CorruptResult()
     pixels = read_picture(source, size_px)
     loaded = Loaded(Source(source, source.name, out.name), pixels, "", {})
-    content = render([loaded], name, severity, seed, image_format, device)[0]
+    content = render([loaded], name, severity, seed, image_format, device=device)[0]
     result.sizes.update([(choose_parameters(*pixels.shape[:2]), *pixels.shape[:2])])
     if not out.exists():
         write_bytes(out, content)

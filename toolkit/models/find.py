@@ -1,4 +1,4 @@
-"""Which network `--model NAME` means: one of the workspace, the bundled one, or a published one."""
+"""Which network a name means: one of the workspace, the bundled one, or a published one."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import FieldError, one_of
 from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.models.architectures import list_architectures
 from toolkit.models.labels import read_labels_file
@@ -101,14 +101,14 @@ class Found:
 
 
 def find_classifier(model: str | None = None, weights: Path | None = None, folder: Path | None = None) -> Found:
-    """The network that `--model` and `--weights` mean.
+    """The network that a name and a file of weights mean.
 
     A name is looked for in `folder`, among the bundled classifiers, and in `list_architectures`. Without one, the
     record beside the weights says which network they are of, and else it is a ResNet-18.
 
     Args:
-        model: `--model`.
-        weights: `--weights`.
+        model: a name, see below; None: as the weights say.
+        weights: a file; None: the network's own, or the published ones.
         folder: the workspace's `rig/classifiers`.
 
     Raises:
@@ -122,12 +122,13 @@ def find_classifier(model: str | None = None, weights: Path | None = None, folde
     own = list_own(folder)
     if model in own:
         if weights is not None:
-            raise ToolkitError(f"--model {model} --weights {weights}: {model} has its own weights: leave one out")
+            raise FieldError(f"{model} has its own weights: leave one out", {"model": model, "weights": weights})
         return Found(_arch_of(own[model]), own[model])
     if model == BUNDLED:
-        raise ToolkitError(
-            f"--model {BUNDLED}: {BUNDLED_DIR / BUNDLED}{SUFFIX} is missing from this installation: "
-            f"install the package again, or train one with 'toolkit train-classifier --data everyday --name NAME'"
+        raise FieldError(
+            f"{BUNDLED_DIR / BUNDLED}{SUFFIX} is missing from this installation: install the package again, or train "
+            "one with 'toolkit train-classifier --data everyday --name NAME'",
+            {"model": BUNDLED},
         )
     known = list_architectures()
     if model not in known:
@@ -144,8 +145,9 @@ def list_own(folder: Path | None = None) -> dict[str, Path]:
 def _arch_of(weights: Path) -> str:
     arch = read_labels_file(weights).arch
     if arch is None:
-        raise ToolkitError(
-            f"{weights}: no record {weights.stem}.json with the field 'arch' beside it: name its network with "
-            f"--model ARCH --weights {weights}"
+        raise FieldError(
+            f"{weights}: no record {weights.stem}.json with the field 'arch' beside it: name its network "
+            "with {model}, and the file with {weights}",
+            {},
         )
     return arch

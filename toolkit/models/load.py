@@ -4,7 +4,7 @@ from collections import OrderedDict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.imaging.preprocessing import published_preprocessing
 from toolkit.models.architectures import build_network, imagenet_labels, published_weights
 from toolkit.models.find import TIMM_PREFIX, find_classifier
@@ -80,7 +80,9 @@ def load_classifiers(
     names: list[str | None] = list(models) if models else [None] * len(weights or [None])
     files: list[Path | None] = list(weights) if weights else [None] * len(names)
     if len(files) != len(names):
-        raise ToolkitError(f"{len(names)} --model and {len(files)} --weights: expected one --weights for each --model")
+        raise FieldError(
+            f"{len(names)} of {{model}} and {len(files)} of {{weights}}: expected one file for each network", {}
+        )
     return [load_classifier(name, file, device, folder) for name, file in zip(names, files, strict=True)]
 
 
@@ -117,4 +119,4 @@ def _fill(module: "torch.nn.Module", state: "OrderedDict[str, torch.Tensor]", ar
 
 
 def _misfit(arch: str, file: WeightsFile, why: str) -> ToolkitError:
-    return ToolkitError(f"{file.path} holds no weights of {arch}: {why}: name its network with --model")
+    return FieldError(f"{file.path} holds no weights of {arch}: {why}: name its network with {{model}}", {})

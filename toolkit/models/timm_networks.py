@@ -1,4 +1,4 @@
-"""Networks of timm, `--model timm:NAME`: for asking whether a patch transfers to one that torchvision has not."""
+"""Networks of timm, called `timm:NAME`: for asking whether a patch transfers to one that torchvision has not."""
 
 import math
 from difflib import get_close_matches
@@ -8,7 +8,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 from toolkit.core.console import is_quiet
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.architectures import imagenet_labels
 from toolkit.models.find import TIMM_PREFIX as PREFIX
@@ -39,7 +39,7 @@ def find_timm_weights(name: str, config: dict[str, Any], weights: Path | None) -
     Args:
         name: timm's, without prefix: the folder's file is `NAME-*.pth` or `.safetensors`.
         config: timm's record of the network's weights.
-        weights: `--weights`.
+        weights: a file, in place of all others.
 
     Raises:
         ToolkitError: the named file is missing or of another kind, or none of the ways has weights.
@@ -53,7 +53,7 @@ def find_timm_weights(name: str, config: dict[str, Any], weights: Path | None) -
         return open_weights(_fetch_from_hub(name, repo, filename), f"{repo}/{filename}")
     if url := config.get("url"):
         return open_weights(download(name, url))
-    raise ToolkitError(f"no weights for timm:{name}, and timm publishes none: give a file with --weights")
+    raise FieldError(f"no weights for timm:{name}, and timm publishes none: give a file with {{weights}}", {})
 
 
 def _fetch_from_hub(name: str, repo: str, filename: str) -> Path:
@@ -131,8 +131,8 @@ def _import_timm(name: str) -> ModuleType:
     try:
         return import_module("timm")
     except ImportError as error:
-        raise ToolkitError(
-            f"--model {PREFIX}{name}: timm is not installed ({error}): pip install 'toolkit-boost[timm]'"
+        raise FieldError(
+            f"timm is not installed ({error}): pip install 'toolkit-boost[timm]'", {"model": f"{PREFIX}{name}"}
         ) from None
 
 
@@ -147,9 +147,10 @@ def published_preprocessing(name: str, config: dict[str, Any]) -> Preprocessing:
     wanted = resolve_data_config(pretrained_cfg=config)
     channels, height, width = wanted["input_size"]
     if channels != 3 or height != width or wanted["crop_mode"] != "center":
-        raise ToolkitError(
-            f"--model {PREFIX}{name} wants images of {channels}×{height}×{width} with crop mode "
-            f"'{wanted['crop_mode']}': only the central square of a colour image is supported: choose another network"
+        raise FieldError(
+            f"wants images of {channels}×{height}×{width} with crop mode '{wanted['crop_mode']}': only the central "
+            "square of a colour image is supported: choose another network",
+            {"model": f"{PREFIX}{name}"},
         )
     resize_px = math.floor(height / wanted["crop_pct"])
     return Preprocessing(resize_px, height, wanted["mean"], wanted["std"], wanted["interpolation"].upper())
@@ -161,7 +162,7 @@ def _count_classes(model: str, config: dict[str, Any], state: "Mapping[str, torc
     weight = state.get(f"{last if isinstance(last, str) else last[0]}.weight")
     count = int(config.get("num_classes") or 0) if weight is None else int(weight.shape[0])
     if count < 1:
-        raise ToolkitError(f"--model {model} is no classifier: its weights end in features: choose another network")
+        raise FieldError("is no classifier: its weights end in features: choose another network", {"model": model})
     return count
 
 
@@ -178,4 +179,6 @@ def _build(model: str, state: "Mapping[str, torch.Tensor]", num_classes: int, fi
     # each network converts in its own way, and trips over a foreign file in its own way
     except (RuntimeError, LookupError, ValueError, TypeError, AttributeError) as error:
         why = " ".join(str(error).split())[:200]
-        raise ToolkitError(f"{file.path} holds no weights of {model}: {why}: name its network with --model") from None
+        raise FieldError(
+            f"{file.path} holds no weights of {model}: {why}: name its network with {{model}}", {}
+        ) from None

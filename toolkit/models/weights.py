@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from toolkit.core.console import is_quiet
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.models.architectures import published_weights
 
@@ -141,11 +141,11 @@ def _load(path: Path) -> object:
 
 
 def check_named(path: Path) -> Path:
-    """`--weights`, if it is a file of a kind that can be read; else a `ToolkitError`."""
+    """The weights that were named, if they are a file of a kind that can be read; else a `ToolkitError`."""
     if not path.is_file():
-        raise ToolkitError(f"--weights {path}: no such file")
+        raise FieldError("no such file", {"weights": path})
     if path.suffix not in SUFFIXES:
-        raise ToolkitError(f"--weights {path}: expected a state dict that ends in {', '.join(SUFFIXES)}")
+        raise FieldError(f"expected a state dict that ends in {', '.join(SUFFIXES)}", {"weights": path})
     return path
 
 
@@ -175,9 +175,10 @@ def no_weights(model: str, file_stem: str, others: str) -> ToolkitError:
     """The error of a network whose weights cannot be had: the ways that every network has, then its `others`."""
     folder = os.environ.get(FOLDER_VARIABLE)
     looked = f"{folder} has none" if folder else "not set"
-    return ToolkitError(
-        f"no weights for {model}: give a file with --weights, or set {FOLDER_VARIABLE} to a folder that holds "
-        f"{file_stem}-*.pth or .safetensors ({looked}), or {others}"
+    return FieldError(
+        f"no weights for {model}: give a file with {{weights}}, or set {FOLDER_VARIABLE} to a folder that holds "
+        f"{file_stem}-*.pth or .safetensors ({looked}), or {others}",
+        {},
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from toolkit.photos.lens import scale_lens
 from toolkit.photos.plane_pose import PhotoPose, fit_plane_pose
-from toolkit.rig.board import BoardSpec, RingSpec
+from toolkit.rig.board import Board, CharucoBoard
 from toolkit.rig.camera import Camera
 from toolkit.rig.markers import get_dictionary
 
@@ -27,7 +27,7 @@ STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 30, 0.01)
 
 
 def grow_corners(
-    grey: np.ndarray, board: BoardSpec, found: dict[int, np.ndarray], markers: dict[int, np.ndarray]
+    grey: np.ndarray, board: CharucoBoard, found: dict[int, np.ndarray], markers: dict[int, np.ndarray]
 ) -> dict[int, np.ndarray]:
     """Corners (2,) by number: those `found`, and all others of the board that can be seen near them.
 
@@ -61,7 +61,7 @@ def grow_corners(
 
 
 def _see_corner(
-    grey: np.ndarray, board: BoardSpec, number: int, anchors_mm: np.ndarray, anchors_px: np.ndarray
+    grey: np.ndarray, board: CharucoBoard, number: int, anchors_mm: np.ndarray, anchors_px: np.ndarray
 ) -> tuple[np.ndarray, float] | None:
     """Where a corner is, and the contrast of its squares; None where it cannot be predicted or is no crossing."""
     at_mm = board.object_points([number])[0, :2]
@@ -90,7 +90,7 @@ def _see_corner(
     return place, _contrast(grey, board, number, homography, place - places[0])
 
 
-def _contrast(grey: np.ndarray, board: BoardSpec, number: int, homography: np.ndarray, shift: np.ndarray) -> float:
+def _contrast(grey: np.ndarray, board: CharucoBoard, number: int, homography: np.ndarray, shift: np.ndarray) -> float:
     """Grey levels by which the light squares round a corner are lighter than the dark ones, the worst pair."""
     at_mm, gap = board.object_points([number])[0, :2], (board.square_mm - board.marker_mm) / 2
     steps = np.array([(s, t) for s in (0.35, 0.8) for t in (0.35, 0.8)]) * gap
@@ -139,7 +139,7 @@ class BoardSighting:
     height: int
 
 
-def find_board(image: np.ndarray, board: BoardSpec | RingSpec) -> BoardSighting | None:
+def find_board(image: np.ndarray, board: Board) -> BoardSighting | None:
     """Find a board's corners, to a fraction of a pixel, however much of it the object covers.
 
     Large photographs are searched at a reduced size first. Where little is found, the full size, a coarser one (blur)
@@ -153,7 +153,7 @@ def find_board(image: np.ndarray, board: BoardSpec | RingSpec) -> BoardSighting 
         What was found, or None with fewer than `LEAST_CORNERS` corners.
     """
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    finder = _CharucoFinder(board) if isinstance(board, BoardSpec) else _RingFinder(board)
+    finder = _CharucoFinder(board) if isinstance(board, CharucoBoard) else _RingFinder(board)
     enough = min(ENOUGH_CORNERS, ENOUGH_SHARE * len(finder.world_mm))
     best: tuple[np.ndarray, np.ndarray] | None = None
     for searched in _versions(grey):
@@ -203,7 +203,7 @@ def _shrink(grey: np.ndarray, side_px: int) -> np.ndarray:
 class _CharucoFinder:
     """Inner corners of a chessboard, each between two white squares whose markers name it."""
 
-    def __init__(self, board: BoardSpec) -> None:
+    def __init__(self, board: CharucoBoard) -> None:
         self._board = board
         self.world_mm = board.object_points()
         self._known = frozenset(board.marker_ids)
@@ -230,7 +230,7 @@ class _CharucoFinder:
 class _RingFinder:
     """Outer corners of markers that lie apart."""
 
-    def __init__(self, ring: RingSpec) -> None:
+    def __init__(self, ring: Board) -> None:
         self.world_mm = ring.object_points()
         self._places = {marker_id: place for place, marker_id in enumerate(ring.marker_ids)}
         self._markers = cv2.aruco.ArucoDetector(get_dictionary(ring.dictionary), _detector_parameters())

@@ -14,7 +14,7 @@ from toolkit.photos.board_pose import BoardSighting, find_board
 from toolkit.photos.lens import LensRecord, turns_upright
 from toolkit.photos.photo import Photo, list_photos, load_pixels, read_photo
 from toolkit.photos.video import pick_frames
-from toolkit.rig.board import Sheet
+from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera
 
 LEAST_VIEWS = 6
@@ -261,7 +261,7 @@ class _Sorting:
     unreadable: list[tuple[str, str]] = field(default_factory=list)
 
 
-def calibrate_folder(folder: Path, board: Sheet, quiet: bool = False) -> CalibrationRun:
+def calibrate_folder(folder: Path, board: Board, quiet: bool = False) -> CalibrationRun:
     """Find the board in every photograph of a folder and calibrate each lens that took enough of them.
 
     Frames of a video are taken a second apart. The same photograph twice counts once.
@@ -314,7 +314,7 @@ def _photos_of(path: Path) -> Iterator[Photo]:
         yield replace(photo, frame=frames[i])
 
 
-def _sort_photo(photo: Photo, name: str, board: Sheet, sorting: _Sorting) -> None:
+def _sort_photo(photo: Photo, name: str, board: Board, sorting: _Sorting) -> None:
     shown = name if photo.frame is None else f"{name} frame {photo.frame}"
     sighting = find_board(load_pixels(photo), board)
     if sighting is None:

@@ -23,7 +23,7 @@ from toolkit.rig.camera import Camera
 from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.plan import Pose
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.shading import develop
+from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import make_studio
 
 CELL_PX = 8
@@ -114,7 +114,7 @@ def make_templates(mesh: Mesh, camera: Camera, poses: Sequence[Pose]) -> PoseTem
     renderer = RaycastRenderer(mesh, make_studio(0, float(mesh.size_mm.max()), "concrete"), ROUGH)
     edges, edge_masks, colours, colour_masks, spread = [], [], [], [], []
     for pose in poses:
-        picture = develop(renderer.render(small, pose.matrix()), (0, pose.id), noise=0)
+        picture = tone_map(renderer.render(small, pose.matrix()), (0, pose.id), noise=0)
         covered = renderer.buffers(small, pose.matrix())["material"] >= 0
         crop, inside = _crop_window(picture, covered)
         edge_map, colour_map = _edge_cells(crop), _colour_cells(crop)

@@ -133,14 +133,14 @@ def read_photo(path: Path, frame: int | None = None) -> Photo:
     if video.is_video(path):
         facts = video.read_video(path)
         taken = None if frame is None else facts.taken_at(frame)
-        return Photo(path, sha256_file(path), "video", facts.width, facts.height, taken, frame=frame)
+        return Photo(path, sha256_file(path), "video", facts.width, facts.height, taken=taken, frame=frame)
     if path.stat().st_size > MOST_BYTES:
         raise UnreadableImage(path, f"more than {MOST_BYTES >> 20} MB: no photograph, or scale it down")
     raw = is_dng(path)
     width, height, kind, facts_ = _open_header(path, read_preview(path) if raw else None)
     return Photo(
         path, sha256_file(path), "dng" if raw else kind, width, height,
-        facts_.taken, facts_.camera, facts_.focal_mm, facts_.focal_35mm_mm,
+        taken=facts_.taken, camera=facts_.camera, focal_mm=facts_.focal_mm, focal_35mm_mm=facts_.focal_35mm_mm,
     )  # fmt: skip
 
 

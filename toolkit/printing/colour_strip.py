@@ -211,5 +211,5 @@ def draw_strip(canvas: "Canvas", place: StripPlace) -> None:
     for left, top, right, bottom in STRIP.marker_rects_mm().tolist():
         path.rect(left, height - bottom, right - left, bottom - top)
     canvas.drawPath(path, stroke=0, fill=1, fillMode=1)
-    draw_text(canvas, CAPTION, 0, -CAPTION_HEIGHT_MM + 0.6, 2.2, width)
+    draw_text(canvas, CAPTION, 0, -CAPTION_HEIGHT_MM + 0.6, 2.2, room_mm=width)
     canvas.restoreState()

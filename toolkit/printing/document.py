@@ -103,7 +103,9 @@ def draw_map(canvas: "Canvas", area: Rect, page: MapPage, draw_sheet: DrawSheet)
         box = Rect(picture.x + here.x * small, picture.y + here.y * small, here.width * small, here.height * small)
         _draw_tile(canvas, box, tile.name)
     for line, words in enumerate(STEPS):
-        draw_text(canvas, words, area.x + 4, area.y + steps_mm - LINE_HEIGHT_MM * (line + 1), 2.6, area.width - 4)
+        draw_text(
+            canvas, words, area.x + 4, area.y + steps_mm - LINE_HEIGHT_MM * (line + 1), 2.6, room_mm=area.width - 4
+        )
     return picture
 
 
@@ -118,7 +120,16 @@ def _draw_tile(canvas: "Canvas", box: Rect, name: str) -> None:
     canvas.setFillGray(1)
     canvas.roundRect(plate.x, plate.y, plate.width, plate.height, size * 0.3, stroke=0, fill=1)
     canvas.setFillGray(0)
-    draw_text(canvas, name, plate.x + plate.width / 2, plate.y + size * 0.39, size, plate.width * 0.9, BOLD, "centre")
+    draw_text(
+        canvas,
+        name,
+        plate.x + plate.width / 2,
+        plate.y + size * 0.39,
+        size,
+        room_mm=plate.width * 0.9,
+        font=BOLD,
+        align="centre",
+    )
 
 
 @dataclass(frozen=True)
@@ -154,7 +165,7 @@ def build_pdf(patch: Patch, settings: PrintSettings) -> PrintedDocument:
     describe_document(canvas, title, f"{label.title}: {label.size}", keywords)
     define_patch(canvas, patch.pixels)
     for number, page in enumerate(plan.pages, start=1):
-        _draw_page(canvas, plan, page, patch, label, number)
+        _draw_page(canvas, plan, page, patch, label, number=number)
         canvas.showPage()
     canvas.save()
     return PrintedDocument(buffer.getvalue(), plan)

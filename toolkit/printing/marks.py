@@ -56,12 +56,12 @@ def compose_label(record: PatchRecord, side_mm: float, settings: PrintSettings) 
 
 def draw_header(canvas: "Canvas", area: Rect, label: PatchLabel, page: str, advice: str) -> None:
     """Draw the label into the page's header; `page` (which page, which tile) stands on the right, `advice` below."""
-    taken = draw_text(canvas, page, area.right, area.top - 4.2, 3.0, area.width * 0.45, align="right")
-    draw_text(canvas, label.title, area.x, area.top - 4.2, 5.0, area.width - taken - 4, BOLD)
-    draw_text(canvas, label.size, area.x, area.top - 9.4, 3.2, area.width)
-    draw_text(canvas, label.origin, area.x, area.top - 13.4, 2.4, area.width)
+    taken = draw_text(canvas, page, area.right, area.top - 4.2, 3.0, room_mm=area.width * 0.45, align="right")
+    draw_text(canvas, label.title, area.x, area.top - 4.2, 5.0, room_mm=area.width - taken - 4, font=BOLD)
+    draw_text(canvas, label.size, area.x, area.top - 9.4, 3.2, room_mm=area.width)
+    draw_text(canvas, label.origin, area.x, area.top - 13.4, 2.4, room_mm=area.width)
     for line, words in enumerate((PRINT_IT, advice)):
-        draw_text(canvas, words, area.x, area.top - 17.0 - 3.3 * line, 2.4, area.width)
+        draw_text(canvas, words, area.x, area.top - 17.0 - 3.3 * line, 2.4, room_mm=area.width)
 
 
 LINE_MM = 0.15
@@ -91,7 +91,7 @@ def draw_check_bar(canvas: "Canvas", x: float, y: float, upright: bool) -> None:
         canvas.rect(left, min(0, outwards * 2.4), 2 * LINE_MM, 2.4, stroke=0, fill=1)
         baseline = 3.0 if upright else -4.7
         label = "100 mm" if tick == 100 else str(tick)
-        draw_text(canvas, label, tick, baseline, 2.2, 10, align="centre")
+        draw_text(canvas, label, tick, baseline, 2.2, room_mm=10, align="centre")
     canvas.restoreState()
 
 
@@ -134,12 +134,12 @@ def draw_overlap_marks(canvas: "Canvas", tile: Tile, window: Rect) -> None:
     for side, edge, inwards in (("left", window.x, 1), ("right", window.right, -1)):
         if joins[side]:
             for y, outwards in ((window.y, -1), (window.top, 1)):
-                _tick(canvas, edge + inwards * OVERLAP_MM, y, 0, outwards, SHORT_MARK_MM)
+                _tick(canvas, edge + inwards * OVERLAP_MM, y, 0, outwards, length=SHORT_MARK_MM)
                 _draw_ring(canvas, edge + inwards * half, y + outwards * away)
     for side, edge, inwards in (("bottom", window.y, 1), ("top", window.top, -1)):
         if joins[side]:
             for x, outwards in ((window.x, -1), (window.right, 1)):
-                _tick(canvas, x, edge + inwards * OVERLAP_MM, outwards, 0, SHORT_MARK_MM)
+                _tick(canvas, x, edge + inwards * OVERLAP_MM, outwards, 0, length=SHORT_MARK_MM)
                 _draw_ring(canvas, x + outwards * away, edge + inwards * half)
 
 
@@ -149,7 +149,7 @@ def draw_front_arrow(canvas: "Canvas", area: Rect, note: str = "") -> None:
     word = f"{note}   front" if note else "front"
     width = measure_text_mm(word, PLAIN, size) + 1 + shaft
     x, y = area.x + (area.width - width) / 2, area.y - MARK_MM - 2.6
-    end = x + draw_text(canvas, word, x, y, size, width) + 1
+    end = x + draw_text(canvas, word, x, y, size, room_mm=width) + 1
     middle = y + 0.85
     canvas.setLineWidth(2 * LINE_MM)
     canvas.line(end, middle, end + shaft - 1.5, middle)

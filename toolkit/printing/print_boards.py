@@ -16,8 +16,8 @@ from toolkit.printing.marks import PatchLabel, draw_check_bars, draw_crop_marks,
 from toolkit.printing.page import MARK_MM, PageFrame, Paper
 from toolkit.printing.print_patches import shorten
 from toolkit.printing.settings import PrintSettings, SheetSettings
-from toolkit.rig.board import Sheet, board_file, read_board, write_board
-from toolkit.rig.markers import PALE_PERCENT, RingSpec, choose_ring
+from toolkit.rig.board import DEFAULT_RING, Board, board_file, choose_ring, read_board, write_board
+from toolkit.rig.markers import PALE_PERCENT
 
 USE_IT = "Print it on the paper and with the settings of the patches; photograph it beside the object."
 
@@ -127,21 +127,21 @@ def print_board(
     )
 
 
-def choose_sheet(wanted: SheetSettings, page: PrintSettings) -> Sheet:
+def choose_sheet(wanted: SheetSettings, page: PrintSettings) -> Board:
     """The board or ring that is asked for; what is left open is chosen.
 
     Raises:
         ToolkitError: there can be no such sheet.
     """
-    spec: Sheet
+    spec: Board
     if wanted.ring:
-        spec = choose_ring(RingSpec.inner_mm if wanted.ring_mm is None else wanted.ring_mm, wanted.marker_mm)
+        spec = choose_ring(DEFAULT_RING.inner_mm if wanted.ring_mm is None else wanted.ring_mm, wanted.marker_mm)
     else:
         spec = choose_board(page.paper, page.orientation, wanted.squares, wanted.square_mm, wanted.marker_mm)
     return replace(spec, ink_percent=PALE_PERCENT if wanted.ink_percent is None else wanted.ink_percent)
 
 
-def _compare(workspace: Workspace, spec: Sheet) -> str | None:
+def _compare(workspace: Workspace, spec: Board) -> str | None:
     """What to know where another sheet's spec, or a broken one, is about to be replaced."""
     if not board_file(workspace).is_file():
         return None

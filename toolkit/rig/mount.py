@@ -32,7 +32,7 @@ SIDES = {
 
 
 @dataclass(frozen=True)
-class Sheet:
+class MountedSheet:
     """A mounted sheet.
 
     Attributes:
@@ -46,7 +46,9 @@ class Sheet:
     T_object_sheet: np.ndarray
 
 
-def mount_patch(mesh: Mesh, pixels: np.ndarray, size_mm: float, mount: PatchMount, name: str = "object") -> Sheet:
+def mount_patch(
+    mesh: Mesh, pixels: np.ndarray, size_mm: float, mount: PatchMount, name: str = "object"
+) -> MountedSheet:
     """Stick a printed sheet on one side of an object.
 
     The sheet is first tilted with the surface below it, then bent about one axis (paper bends about one at a time) into
@@ -80,10 +82,10 @@ def mount_patch(mesh: Mesh, pixels: np.ndarray, size_mm: float, mount: PatchMoun
     T_object_sheet = _tilt(heights, T_object_sheet, side)
     across, height, along_right = _bend(_heights(scene, T_object_sheet, side), side)
     vertices = _unroll(across, height, along_right, side)
-    return Sheet(_sheet_mesh(vertices, along_right, T_object_sheet, pixels, size_mm), size_mm, T_object_sheet)
+    return MountedSheet(_sheet_mesh(vertices, along_right, T_object_sheet, pixels, size_mm), size_mm, T_object_sheet)
 
 
-def lay_flat(pixels: np.ndarray, size_mm: float) -> Mesh:
+def make_flat_sheet(pixels: np.ndarray, size_mm: float) -> Mesh:
     """A printed sheet alone on the table, its middle at the origin, right towards +x."""
     side = size_mm + 2 * TAPE_MARGIN_MM
     steps = np.linspace(-side / 2, side / 2, SAMPLES)
@@ -91,7 +93,7 @@ def lay_flat(pixels: np.ndarray, size_mm: float) -> Mesh:
     return _sheet_mesh(points, True, np.eye(4), pixels, size_mm)
 
 
-def attach(mesh: Mesh, sheet: Sheet) -> Mesh:
+def attach(mesh: Mesh, sheet: MountedSheet) -> Mesh:
     """The object with the sheet on it."""
     return merge_meshes([mesh, sheet.mesh])
 

@@ -9,7 +9,7 @@ from toolkit.objects.load import TableObject
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import Pose
 from toolkit.rig.renderer import make_renderer
-from toolkit.rig.shading import develop
+from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import Studio
 
 
@@ -62,7 +62,7 @@ def draw_contact_sheet(
     sheet = Image.new("RGB", (columns * small.width, rows * small.height), "white")
     draw, font = ImageDraw.Draw(sheet), ImageFont.load_default(size=14)
     for i, pose in enumerate(poses):
-        tile = develop(renderer.render(small, pose.matrix()), (0, pose.id))
+        tile = tone_map(renderer.render(small, pose.matrix()), (0, pose.id))
         left, top = i % columns * small.width, i // columns * small.height
         sheet.paste(Image.fromarray(tile), (left, top))
         label = f"{pose.id}: azimuth {pose.azimuth_deg:.0f}°, elevation {pose.elevation_deg:.0f}°"

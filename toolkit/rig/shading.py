@@ -93,7 +93,7 @@ SHOULDER = 0.72
 """Linear value above which highlights are compressed."""
 
 
-def develop(picture: np.ndarray, seed: tuple[int, ...], noise: float = 0.006, falloff: float = 0.12) -> np.ndarray:
+def tone_map(picture: np.ndarray, seed: tuple[int, ...], noise: float = 0.006, falloff: float = 0.12) -> np.ndarray:
     """(h, w, 3) uint8 sRGB of linear light in exposure units.
 
     Args:

@@ -20,7 +20,7 @@ from toolkit.objects.records import (
     read_patch,
     read_texture,
 )
-from toolkit.rig.mount import attach, lay_flat, mount_patch
+from toolkit.rig.mount import attach, make_flat_sheet, mount_patch
 
 if TYPE_CHECKING:
     from toolkit.objects.atlas import Atlas
@@ -202,7 +202,7 @@ def dress(item: TableObject, booster: Print | Paint | None) -> Mesh:
     if isinstance(booster, Paint):
         return paint_object(item, booster.texture, booster.pixels)
     if booster.alone:
-        return lay_flat(booster.pixels, booster.size_mm)
+        return make_flat_sheet(booster.pixels, booster.size_mm)
     sheet = mount_patch(item.mesh, booster.pixels, booster.size_mm, item.spec.patch, item.name)
     return attach(item.mesh, sheet)
 

@@ -24,7 +24,7 @@ from toolkit.rig.linear_view import LinearView
 from toolkit.rig.mount import attach, mount_patch
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.renderer import make_renderer
-from toolkit.rig.shading import develop
+from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import LIGHTS, Studio, make_studio
 
 PER_STUDIO = 24
@@ -86,7 +86,7 @@ def render_training_images(
             renderer = make_renderer("raycast", item.mesh, random_studio(seed, start, size))
             for i in range(start, min(start + PER_STUDIO, count)):
                 T_world_camera = random_pose(np.random.default_rng([seed, i, 2]), item.mesh, CAMERA)
-                yield develop(renderer.render(CAMERA, T_world_camera), (seed, i))
+                yield tone_map(renderer.render(CAMERA, T_world_camera), (seed, i))
                 bar.advance()
 
 
@@ -151,7 +151,7 @@ def render_thumbnails(mesh: Mesh, count: int, seed: tuple[int, ...], camera: Cam
     pictures = np.empty((count, camera.height, camera.width, 3), np.uint8)
     for i in range(count):
         pose = random_pose(np.random.default_rng([*seed, 2, i]), turned, camera, WIDE_VIEWS)
-        pictures[i] = develop(renderer.render(camera, pose), (*seed, 2, i))
+        pictures[i] = tone_map(renderer.render(camera, pose), (*seed, 2, i))
     return pictures
 
 
@@ -195,7 +195,7 @@ TRAIN, HELD_OUT = 0, 1
 
 
 @dataclass(frozen=True)
-class Subject:
+class PaintableObject:
     """An object whose texture is left out.
 
     Attributes:
@@ -227,7 +227,7 @@ class ViewSettings:
 
 
 @dataclass(frozen=True)
-class StreamedView:
+class RenderedView:
     """A view, and the same picture of the object in its own paint where that was asked for, (s, s, 3) uint8 sRGB."""
 
     subject: int
@@ -236,8 +236,8 @@ class StreamedView:
 
 
 def render_block(
-    subjects: tuple[Subject, ...], settings: ViewSettings, seed: int, kind: int, block: int
-) -> list[StreamedView]:
+    subjects: tuple[PaintableObject, ...], settings: ViewSettings, seed: int, kind: int, block: int
+) -> list[RenderedView]:
     """The views of one block; those held out with the object's own paint beside them."""
     draws = np.random.SeedSequence(seed, spawn_key=(kind, block))
     of_studio, *of_views = draws.spawn(1 + settings.per_studio)
@@ -254,8 +254,8 @@ def render_block(
     views = []
     for i, of_view in enumerate(of_views):
         pose = random_pose(np.random.default_rng(of_view), mesh, camera, settings.ranges)
-        bare = None if own_paint is None else develop(own_paint.render(camera, pose), (seed, kind, block, i))
-        views.append(StreamedView(block % len(subjects), renderer.render_linear(camera, pose, texture).packed(), bare))
+        bare = None if own_paint is None else tone_map(own_paint.render(camera, pose), (seed, kind, block, i))
+        views.append(RenderedView(block % len(subjects), renderer.render_linear(camera, pose, texture).packed(), bare))
     return views
 
 
@@ -266,7 +266,12 @@ class ViewStream:
     """
 
     def __init__(
-        self, subjects: list[Subject], settings: ViewSettings, seed: int, groups: int, workers: int | None = None
+        self,
+        subjects: list[PaintableObject],
+        settings: ViewSettings,
+        seed: int,
+        groups: int,
+        workers: int | None = None,
     ) -> None:
         """Prepare `groups` groups of training views.
 
@@ -281,7 +286,7 @@ class ViewStream:
         self._workers = count_workers() if workers is None else workers
         self._pool: ProcessPoolExecutor | None = None
         self._waiting: dict[int, list[Future]] = {}
-        self._current: tuple[int, list[StreamedView]] | None = None
+        self._current: tuple[int, list[RenderedView]] | None = None
 
     def __enter__(self) -> "ViewStream":
         if self._workers:
@@ -303,7 +308,7 @@ class ViewStream:
         """How many views a group has."""
         return self.settings.studios * self.settings.per_studio
 
-    def group(self, number: int) -> list[StreamedView]:
+    def group(self, number: int) -> list[RenderedView]:
         """The views of a group, and a beginning made with those after it."""
         if self._current is None or self._current[0] != number:
             self._current = None  # frees the group before
@@ -313,7 +318,7 @@ class ViewStream:
             self._current = number, views
         return self._current[1]
 
-    def held_out(self, blocks: int) -> list[StreamedView]:
+    def held_out(self, blocks: int) -> list[RenderedView]:
         """Views that no group holds, each beside the object in its own paint."""
         numbers = range(blocks)
         if self._pool is None:
@@ -322,7 +327,7 @@ class ViewStream:
             found = self._collect([self._pool.submit(_render_in_worker, self._seed, HELD_OUT, b) for b in numbers])
         return [view for block in found for view in block]
 
-    def _render(self, number: int, kind: int) -> list[list[StreamedView]]:
+    def _render(self, number: int, kind: int) -> list[list[RenderedView]]:
         count = self.settings.studios
         if self._pool is None:
             numbers = range(number * count, (number + 1) * count)
@@ -334,7 +339,7 @@ class ViewStream:
                 self._waiting[n] = [self._pool.submit(_render_in_worker, self._seed, kind, b) for b in blocks]
         return self._collect(self._waiting.pop(number))
 
-    def _collect(self, futures: list[Future]) -> list[list[StreamedView]]:
+    def _collect(self, futures: list[Future]) -> list[list[RenderedView]]:
         try:
             return [future.result() for future in futures]
         except BrokenProcessPool:
@@ -350,11 +355,11 @@ def count_workers() -> int:
     return max(1, cores - 1)
 
 
-_worker: tuple[tuple[Subject, ...], ViewSettings] | None = None
+_worker: tuple[tuple[PaintableObject, ...], ViewSettings] | None = None
 """What this process renders, where it is a worker."""
 
 
-def _start_worker(subjects: tuple[Subject, ...], settings: ViewSettings) -> None:
+def _start_worker(subjects: tuple[PaintableObject, ...], settings: ViewSettings) -> None:
     global _worker
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to answer
     threading.Thread(target=_die_with_parent, daemon=True).start()
@@ -369,7 +374,7 @@ def _die_with_parent() -> None:
         os._exit(1)
 
 
-def _render_in_worker(seed: int, kind: int, block: int) -> list[StreamedView]:
+def _render_in_worker(seed: int, kind: int, block: int) -> list[RenderedView]:
     if _worker is None:
         raise RuntimeError("the process was not started by ViewStream")
     subjects, settings = _worker

@@ -123,7 +123,7 @@ class Inspector:
             scale = _compare_size(located.camera, match, pose, self._plan.camera)
         expectation = self._expecter.expect(step.object, step.variant, step.pose_id, located, why)
         results = check_photo(pixels, expectation, sighting)
-        return Inspection(photo.sha256, tuple(results), located, why, match, nearest, scale)
+        return Inspection(photo.sha256, tuple(results), located, why, match, nearest=nearest, ghost_scale=scale)
 
 
 def _compare_size(lens: Camera, match: PoseMatch, pose: Pose, camera: Camera) -> float:

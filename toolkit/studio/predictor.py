@@ -111,7 +111,7 @@ class Predictor:
                 continue
             file = self._session.source_dir / shot.path
             source = self._session.source
-            capture = Capture(source, name, shot.step.variant, shot.step.pose_id, file, f"{source}/{shot.path}")
+            capture = Capture(source, name, shot.step.variant, shot.step.pose_id, file, path=f"{source}/{shot.path}")
             with quietly():
                 (found,) = predict_captures([capture], {name: true}, classifier)
             with self._lock:

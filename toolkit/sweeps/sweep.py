@@ -96,7 +96,7 @@ def _check_classes(spec_files: Sequence[Path], classifier: Classifier) -> None:
         try:
             class_of_spec(spec_file, classifier)
         except ToolkitError as error:
-            others = "; or sweep the other objects, each named with --object" if len(spec_files) > 1 else ""
+            others = "; or sweep the other objects, each by its name" if len(spec_files) > 1 else ""
             raise ToolkitError(f"{error}{others}") from None
 
 

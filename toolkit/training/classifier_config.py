@@ -134,7 +134,7 @@ class ClassifierConfig(Config):
         Corrupting | None,
         BeforeValidator(read_words),
         Later,
-        Flag("--corrupt", metavar="NAME", group=DATA, typed=tuple[str, ...]),
+        Flag("--corrupt", metavar="NAME[:SEVERITY]", group=DATA, typed=tuple[str, ...]),
     ] = Field(
         None,
         description="Corrupt some training images: NAME, a family, common or all, with :SEVERITY or :FIRST-LAST. "

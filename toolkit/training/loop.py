@@ -101,8 +101,9 @@ class History:
             self.figures.setdefault(name, []).append(value)
 
     def recent(self, count: int) -> dict[str, float]:
-        """Means over the last steps: one batch alone is noise."""
-        return {name: float(np.mean(values[-count:])) for name, values in self.figures.items()}
+        """Means over the last steps, the loss first: one batch alone is noise."""
+        names = sorted(self.figures, key=lambda name: (name != LOSS, name))  # the same whether or not it was resumed
+        return {name: float(np.mean(self.figures[name][-count:])) for name in names}
 
 
 class Task(ABC, Generic[Made]):
@@ -210,14 +211,21 @@ def fit(task: Task[Made], config: FitConfig, checkpoint: Checkpoint | None = Non
     with task.open():
         if not resumed_from:
             task.begin()
-        _make_steps(run, checkpoint)
+        _make_and_keep_steps(run, checkpoint)
         made = task.finish(run.history)
     if checkpoint is not None:
         checkpoint.remove()
     return Fitted(made, resumed_from, False)
 
 
-def _make_steps(run: "_Run", checkpoint: Checkpoint | None) -> None:
+def make_steps(task: Task[Made], config: FitConfig) -> Iterator[None]:
+    """The bare steps, one per turn of the caller's loop, without progress, checkpoints and finish; for measurements."""
+    with task.open():
+        task.begin()
+        yield from _Run(task, config).steps()
+
+
+def _make_and_keep_steps(run: "_Run", checkpoint: Checkpoint | None) -> None:
     """Those that are left, with a progress bar and checkpoints."""
     task, history = run.task, run.history
     kept, kept_at = len(history), monotonic()

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from toolkit.boosters.baselines.baseline import Advance, Baseline, Choice
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError
 
 LEAST_MODULE_PX = 2
 """A camera, or a resampling, cannot keep modules of one pixel apart."""
@@ -65,7 +65,7 @@ def choose_dictionary(classes: int) -> str:
 class _Codes(Baseline):
     def __init__(self, modules: int, border: int) -> None:
         if border < 1:
-            raise ToolkitError(f"--border {border}: expected 1 or more white modules, without which no reader finds it")
+            raise FieldError("expected 1 or more white modules, without which no reader finds it", {"border": border})
         self.modules, self.border = modules, border
         self.networks = []
         self.least_px = smallest_side(modules, border)

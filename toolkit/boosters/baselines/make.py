@@ -3,57 +3,65 @@
 import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
 
 from toolkit import __version__
 from toolkit.boosters.baselines.baseline import Baseline, Choice, FixedPatterns
 from toolkit.boosters.baselines.codes import APRILTAG, PAPER_BORDER, QR, AprilTags, QrCodes
 from toolkit.boosters.baselines.photos import BestImages, RandomImages
-from toolkit.boosters.patch_sets import name_class
+from toolkit.boosters.patch_sets import SetName, name_class
+from toolkit.core.config import Config, Expect, Flag
 from toolkit.core.console import Ticker, progress
-from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_bytes
-from toolkit.core.workspace import PATCH_SET_NAME, Workspace
+from toolkit.core.workspace import Workspace
 from toolkit.models.network import Classifier
 from toolkit.objects.records import Network, PatchRecord, read_patch, write_patch
 from toolkit.training.image_set import ImageSet, choose_classes, open_images
 
 BEST_IMAGE, RANDOM_IMAGE, FIXED_PATTERN = "best-image", "random-image", "fixed-pattern"
-KINDS = (QR, APRILTAG, BEST_IMAGE, RANDOM_IMAGE, FIXED_PATTERN)
 NEED_DATA = (BEST_IMAGE, RANDOM_IMAGE)
 
 
-@dataclass(frozen=True)
-class BaselineRequest:
-    """Patch sets of one kind to make.
+class BaselineConfig(Config):
+    """Patch sets of one kind to make."""
 
-    Attributes:
-        kind: one of `KINDS`.
-        class_names: labels, indices or WordNet ids; all that there are where none is named.
-        sizes_px: sides of the pictures, a set for each.
-        data: images, see `toolkit.training.image_set.open_images`.
-        set_name: of the sets, without the size; by default the kind.
-        border: white modules around a code; None for one.
-        seed: of every random draw.
-    """
+    kind: Annotated[
+        Literal["qr", "apriltag", "best-image", "random-image", "fixed-pattern"], Flag(positional=True, metavar="KIND")
+    ] = Field(description="Of the pictures.")
+    class_names: Annotated[tuple[str, ...], Flag("--class", metavar="NAME")] = Field(
+        (),
+        description="A label, index or WordNet id; may be repeated. Default: the classes that --data has, without it "
+        "all.",
+    )
+    sizes_px: Annotated[tuple[int, ...], Field(min_length=1), Flag("--size-px", metavar="N")] = Field(
+        (100,), description="Side of the pictures; may be repeated."
+    )
+    data: Annotated[str | None, Flag(metavar="FOLDER")] = Field(
+        None,
+        description="Training images, one folder per class, or cifar10:FOLDER. best-image and random-image need them.",
+    )
+    set_name: Annotated[SetName | None, Flag("--set", metavar="SET")] = Field(
+        None, description="The sets are print/patches/SET-SIZE. Default: the kind."
+    )
+    border: Annotated[
+        int | None, Field(ge=1), Expect("1 or more white modules, without which no reader finds it"), Flag()
+    ] = Field(
+        None, description="White modules around a code. Default: 1, as the paper; the standard of QR codes asks for 4."
+    )
+    seed: Annotated[int, Field(ge=0)] = Field(0, description="Of every random draw.")
 
-    kind: str
-    class_names: tuple[str, ...] = ()
-    sizes_px: tuple[int, ...] = (100,)
-    data: str | None = None
-    set_name: str | None = None
-    border: int | None = None
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if self.kind not in KINDS:
-            raise one_of("baseline", self.kind, list(KINDS))
+    @model_validator(mode="after")
+    def _check_kind(self) -> "BaselineConfig":
         if self.kind in NEED_DATA and self.data is None:
-            raise ToolkitError(f"{self.kind}: expected training images, one folder per class: name them with --data")
+            raise FieldError(
+                f"{self.kind}: expected training images, one folder per class: name them with {{data}}", {}
+            )
         if self.border is not None and self.kind not in (QR, APRILTAG):
-            raise ToolkitError(f"--border {self.border}: {self.kind} is no code and has none: leave it out")
-        if self.set_name is not None and not PATCH_SET_NAME.fullmatch(self.set_name):
-            raise ToolkitError(f"--set '{self.set_name}': expected letters, digits, '-' and '_'")
+            raise FieldError(f"{self.kind} is no code and has none: leave it out", {"border": self.border})
+        return self
 
     def name_set(self, size_px: int) -> str:
         """Folder of the pictures of one size."""
@@ -112,35 +120,32 @@ class _Place:
     name: str
 
 
-def make_baseline(
-    request: BaselineRequest, classifier: Classifier, workspace: Workspace, quiet: bool = False
-) -> MadeBaseline:
+def make_baseline(config: BaselineConfig, classifier: Classifier, workspace: Workspace) -> MadeBaseline:
     """Write `print/patches/NAME-SIZE/` for each size; a class's pictures are whole or absent.
 
     Args:
-        request: what to make.
+        config: what to make.
         classifier: whose classes they are, and whose losses `best-image` compares.
         workspace: where the sets go.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: an unknown class or one without images, a size that does not suit, a set that is there and was
             made another way, or the disk is full.
     """
-    images = None if request.data is None else open_images(request.data, classifier, split="train")
+    images = None if config.data is None else open_images(config.data, classifier, split="train")
     if images is None:
-        named = request.class_names or range(len(classifier.labels))
+        named = config.class_names or range(len(classifier.labels))
         classes = sorted({classifier.class_index(name) for name in named})
     else:
-        images = choose_classes(images, request.class_names, classifier)
+        images = choose_classes(images, config.class_names, classifier)
         classes = images.classes
-    baseline = request.prepare(images, classifier)
-    places = [_choose_place(request, baseline, classifier, workspace, size) for size in dict.fromkeys(request.sizes_px)]
+    baseline = config.prepare(images, classifier)
+    places = [_choose_place(config, baseline, classifier, workspace, size) for size in dict.fromkeys(config.sizes_px)]
     for place in places:
         _check_same_way(place, baseline)
 
-    title = f"Making {request.set_name or request.kind}"
-    with progress(title, sum(map(baseline.count_work, classes)), quiet) as bar:
+    title = f"Making {config.set_name or config.kind}"
+    with progress(title, sum(map(baseline.count_work, classes))) as bar:
         made, skipped = _make_pictures(baseline, classifier.labels, classes, places, bar)
     sets = (
         MadeSet(place.name, place.folder, place.size_px, made.count((place, True)), made.count((place, False)))
@@ -177,7 +182,7 @@ def _make_pictures(
 
 
 def _choose_place(
-    request: BaselineRequest, baseline: Baseline, classifier: Classifier, workspace: Workspace, size_px: int
+    config: BaselineConfig, baseline: Baseline, classifier: Classifier, workspace: Workspace, size_px: int
 ) -> _Place:
     least, most = baseline.least_px, classifier.preprocessing.crop_px
     why = f" ({baseline.least_because})" if baseline.least_because else ""
@@ -187,7 +192,7 @@ def _choose_place(
         raise FieldError(
             f"expected {least}{why} to {most} px, the side of the network's image in pixels", {"sizes_px": size_px}
         )
-    name = request.name_set(size_px)
+    name = config.name_set(size_px)
     return _Place(size_px, replace(workspace, patch_set=name).patches_dir, name)
 
 
@@ -203,9 +208,10 @@ def _check_same_way(place: _Place, baseline: Baseline) -> None:
         wanted = _describe_way(baseline)
         for key in sorted(there | wanted, key=lambda key: key != "method"):
             if there.get(key) != wanted.get(key):
-                raise ToolkitError(
+                raise FieldError(
                     f"{place.folder} holds pictures made with {key} {there.get(key)!r}, not {wanted.get(key)!r}: name "
-                    "another set with --set, or remove that folder"
+                    "another set with {set_name}, or remove that folder",
+                    {},
                 )
 
 

@@ -18,7 +18,7 @@ RGBA = tuple[int, int, int, int]
 INK: RGBA = (52, 57, 63, 210)
 
 
-class Sheet:
+class Drawing:
     """A flat drawing in millimetres, seen along one world axis.
 
     Args:
@@ -98,7 +98,7 @@ class Side:
         return cv2.remap(self.pixels, x.astype(np.float32), y.astype(np.float32), cv2.INTER_LINEAR)
 
 
-def finish(sheet: Sheet) -> Side:
+def finish(sheet: Drawing) -> Side:
     """Fix a drawing for sampling."""
     return Side(sheet.kept(), sheet.axes, sheet.low, sheet.high)
 

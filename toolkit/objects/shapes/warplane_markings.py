@@ -7,7 +7,7 @@ import numpy as np
 from PIL import Image
 
 from toolkit.objects.shapes.modelling import Paint
-from toolkit.objects.shapes.projection import INK, Point, Sheet, Side, chart_points, finish
+from toolkit.objects.shapes.projection import INK, Drawing, Point, Side, chart_points, finish
 
 LIGHT, DARK, BELLY, RADOME = (139, 147, 155), (88, 97, 107), (172, 177, 181), (112, 119, 127)
 BLACK, WHITE = (34, 36, 39, 255), (236, 238, 240, 255)
@@ -92,20 +92,20 @@ def draw_sides() -> dict[str, Side]:
     """All drawings of the aeroplane: top, bottom, left, right, and fin_left, fin_right for the tail fins."""
     plan, elevation = ((-140.0, -106.0), (140.0, 106.0)), ((-140.0, -24.0), (140.0, 34.0))
     ahead, astern, fins = (1, 0, 0), (-1, 0, 0), ((-140.0, 5.0), (-60.0, 60.0))
-    draw: dict[str, tuple[Sheet, Callable[[Sheet], None]]] = {
-        "top": (Sheet(ahead, (0, 1, 0), *plan), draw_top),
-        "bottom": (Sheet(ahead, (0, -1, 0), *plan), draw_bottom),
-        "left": (Sheet(astern, (0, 0, 1), *elevation), partial(draw_flank, ahead=-1)),
-        "right": (Sheet(ahead, (0, 0, 1), *elevation), partial(draw_flank, ahead=1)),
-        "fin_left": (Sheet(astern, (0, 0, 1), (60.0, 5.0), (140.0, 60.0)), partial(draw_fin, ahead=-1)),
-        "fin_right": (Sheet(ahead, (0, 0, 1), *fins), partial(draw_fin, ahead=1)),
+    draw: dict[str, tuple[Drawing, Callable[[Drawing], None]]] = {
+        "top": (Drawing(ahead, (0, 1, 0), *plan), draw_top),
+        "bottom": (Drawing(ahead, (0, -1, 0), *plan), draw_bottom),
+        "left": (Drawing(astern, (0, 0, 1), *elevation), partial(draw_flank, ahead=-1)),
+        "right": (Drawing(ahead, (0, 0, 1), *elevation), partial(draw_flank, ahead=1)),
+        "fin_left": (Drawing(astern, (0, 0, 1), (60.0, 5.0), (140.0, 60.0)), partial(draw_fin, ahead=-1)),
+        "fin_right": (Drawing(ahead, (0, 0, 1), *fins), partial(draw_fin, ahead=1)),
     }
     for sheet, pencil in draw.values():
         pencil(sheet)
     return {name: finish(sheet) for name, (sheet, _) in draw.items()}
 
 
-def draw_star(sheet: Sheet, centre: Point, radius_mm: float, turn_deg: float = 0.0) -> None:
+def draw_star(sheet: Drawing, centre: Point, radius_mm: float, turn_deg: float = 0.0) -> None:
     """The national insignia: a white star on a blue disc between white bars with a red stripe."""
     turn = np.radians(turn_deg)
     rotation = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
@@ -125,7 +125,7 @@ def draw_star(sheet: Sheet, centre: Point, radius_mm: float, turn_deg: float = 0
     sheet.fill(place(np.stack([reach * np.cos(angle), reach * np.sin(angle)], 1).tolist()), WHITE)
 
 
-def draw_wing_lines(sheet: Sheet, side: int) -> None:
+def draw_wing_lines(sheet: Drawing, side: int) -> None:
     """Flaps, ailerons, spars and ribs of one wing and its stabilator; `side` +1 for the upper half of the drawing."""
 
     def at(*points: Point) -> list[Point]:
@@ -146,7 +146,7 @@ def draw_wing_lines(sheet: Sheet, side: int) -> None:
     sheet.line(at((-100, 48), (-131, 48)), 0.3)
 
 
-def draw_top(sheet: Sheet) -> None:
+def draw_top(sheet: Drawing) -> None:
     """What is seen from above."""
     for side in (1, -1):
         draw_wing_lines(sheet, side)
@@ -170,7 +170,7 @@ def draw_top(sheet: Sheet) -> None:
     sheet.text((-44, -70), "AF 895", 8.5, turn_deg=-90)
 
 
-def draw_bottom(sheet: Sheet) -> None:
+def draw_bottom(sheet: Drawing) -> None:
     """What is seen from below."""
     for side in (1, -1):
         draw_wing_lines(sheet, side)
@@ -184,7 +184,7 @@ def draw_bottom(sheet: Sheet) -> None:
     sheet.text((-44, -70), "AF 895", 8.5, turn_deg=-90)
 
 
-def draw_flank(sheet: Sheet, ahead: int) -> None:
+def draw_flank(sheet: Drawing, ahead: int) -> None:
     """What is seen from one side; `ahead` is +1 where the nose points right on the drawing, else -1."""
 
     def at(*points: Point) -> list[Point]:
@@ -202,7 +202,7 @@ def draw_flank(sheet: Sheet, ahead: int) -> None:
     sheet.text((ahead * 15, -3.6), "INTAKE", 3.0, RED)
 
 
-def draw_fin(sheet: Sheet, ahead: int) -> None:
+def draw_fin(sheet: Drawing, ahead: int) -> None:
     """Both faces of a tail fin; `ahead` as for `draw_flank`."""
 
     def at(*points: Point) -> list[Point]:

@@ -145,7 +145,7 @@ def retake_list(photos: Sequence[CheckedPhoto], findings: Sequence[SetFinding] |
     return [
         Retake(
             name, variant, pose_id, tuple(_measured(result) for result in bad), tuple(result.advice for result in bad),
-            path,
+            path=path,
         )
         for (name, variant, pose_id, path), bad in ordered
     ]  # fmt: skip
@@ -327,4 +327,4 @@ class _Judge:
 
 
 def _as_checked(capture: Capture, found: PhotoCheck, path: str) -> CheckedPhoto:
-    return CheckedPhoto(capture.object, capture.variant, capture.pose_id, found.results, found.lines, path)
+    return CheckedPhoto(capture.object, capture.variant, capture.pose_id, found.results, found.lines, path=path)

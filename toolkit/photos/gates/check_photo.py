@@ -39,7 +39,7 @@ from toolkit.photos.gates.result import GateResult
 from toolkit.photos.gates.solid import Solid, draw_silhouette, silhouette_px
 from toolkit.photos.lens import scale_lens
 from toolkit.photos.posed_camera import PosedCamera
-from toolkit.rig.board import BoardSpec, RingSpec
+from toolkit.rig.board import Board, CharucoBoard
 
 WORK_SIDE_PX = 1440
 """Longer side of the picture that is judged; larger ones are shrunk. What the gates ask is still seen at that size, a
@@ -67,7 +67,7 @@ class Expectation:
     pose_id: int | None = None
     view: PosedCamera | None = field(default=None, repr=False)
     no_pose: str = "no pose"
-    board: BoardSpec | RingSpec | None = None
+    board: Board | None = None
     solid: Solid | None = field(default=None, repr=False)
     patch: ExpectedPatch | None = field(default=None, repr=False)
     no_patch: str = "nothing is known of patches"
@@ -150,7 +150,7 @@ def _measure_blur(
     image: np.ndarray, region: np.ndarray, expectation: Expectation, sighting: BoardSighting | None
 ) -> float | None:  # fmt: skip
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    if sighting is not None and isinstance(expectation.board, BoardSpec):
+    if sighting is not None and isinstance(expectation.board, CharucoBoard):
         width_px = measure_board_blur(grey, sighting, expectation.board)
         if width_px is not None:
             return width_px

@@ -14,7 +14,7 @@ from toolkit.photos.gates.patch import ExpectedPatch, place_cells
 from toolkit.photos.gates.solid import Solid
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.prints.features import describe_patch
-from toolkit.rig.board import Sheet, read_board
+from toolkit.rig.board import Board, read_board
 from toolkit.rig.mount import attach, mount_patch
 from toolkit.rig.variants import VARIANTS, Print, dress, find_booster
 
@@ -34,7 +34,7 @@ class ExpectationBuilder:
         self._kept: dict[tuple[str, str], Built] = {}
 
     @cached_property
-    def board(self) -> Sheet:
+    def board(self) -> Board:
         """The board of the workspace; a broken `rig/board.json` is a `ToolkitError`."""
         return read_board(self._workspace)
 
@@ -55,7 +55,9 @@ class ExpectationBuilder:
         if key not in self._kept:
             self._kept[key] = self._build(object_name, variant)
         solid, patch, no_patch = self._kept[key]
-        return Expectation(object_name, variant, pose_id, view, no_pose, self.board, solid, patch, no_patch)
+        return Expectation(
+            object_name, variant, pose_id, view, no_pose, board=self.board, solid=solid, patch=patch, no_patch=no_patch
+        )
 
     def prepare(self, object_name: str, variant: str) -> None:
         """Build now what the first photograph would wait for: the object, and the local features of all patches."""

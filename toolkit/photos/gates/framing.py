@@ -10,7 +10,7 @@ from toolkit.photos.board_pose import BoardSighting
 from toolkit.photos.gates.result import Gate, GateResult
 from toolkit.photos.gates.solid import Solid
 from toolkit.photos.posed_camera import PosedCamera
-from toolkit.rig.board import BoardSpec, RingSpec
+from toolkit.rig.board import Board, CharucoBoard
 
 CUT_OFF = Gate(
     "cut off", 2.0, "% of the object", "the object reaches over the picture's edge: step back, or aim at its middle"
@@ -63,7 +63,7 @@ def check_centred(silhouette: np.ndarray, size: tuple[int, int]) -> GateResult:
 
 
 def check_there(
-    solid: Solid, view: PosedCamera, board: BoardSpec | RingSpec, sighting: BoardSighting
+    solid: Solid, view: PosedCamera, board: Board, sighting: BoardSighting
 ) -> GateResult:  # fmt: skip
     """Share of the board's corners behind the object that are seen all the same.
 
@@ -80,7 +80,7 @@ def check_there(
     return MISSING.judge(100.0 * float(seen.mean()))
 
 
-def find_hidden_corners(solid: Solid, view: PosedCamera, board: BoardSpec | RingSpec) -> np.ndarray:
+def find_hidden_corners(solid: Solid, view: PosedCamera, board: Board) -> np.ndarray:
     """(k,) numbers of the board's corners that are in the frame and behind the object, safely so."""
     points = board.object_points()
     hidden = view.sees(points)
@@ -202,7 +202,7 @@ def check_blur(width_px: float | None, size: tuple[int, int]) -> GateResult:
     return BLUR.judge(width_px * NETWORK_SIDE_PX / min(size))
 
 
-def measure_board_blur(grey: np.ndarray, sighting: BoardSighting, board: BoardSpec) -> float | None:
+def measure_board_blur(grey: np.ndarray, sighting: BoardSighting, board: CharucoBoard) -> float | None:
     """Standard deviation of the blur in pixels, from the edges of a ChArUco board's squares.
 
     Args:
@@ -259,7 +259,7 @@ def _width_over(edge: Edge) -> float:
     return float(_normal_of(*edge) @ edge[2])
 
 
-def _fit_edge(light: np.ndarray, board: BoardSpec, edge: Edge) -> float | None:
+def _fit_edge(light: np.ndarray, board: CharucoBoard, edge: Edge) -> float | None:
     """Standard deviation in pixels of the blur across one edge; None where it is too slanted, cut or faint."""
     start, end, over_white = edge
     normal = _normal_of(*edge)

@@ -12,7 +12,7 @@ from toolkit.photos.gates.solid import Solid
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.prints.features import Features, describe_patch, guess_places
 from toolkit.photos.prints.find import CELL_SHOWS, LEAD, PatchSighting, SearchedPhoto, find_patch, search_photo
-from toolkit.rig.mount import Sheet
+from toolkit.rig.mount import MountedSheet
 
 CELLS = 5
 """`find_patch` tells of so many cells each way whether they show."""
@@ -166,7 +166,7 @@ def expect_cells(patch: ExpectedPatch, solid: Solid | None, view: PosedCamera | 
     return facing & view.sees(patch.cells_mm) & ~solid.hides(view, patch.cells_mm)
 
 
-def place_cells(sheet: Sheet) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def place_cells(sheet: MountedSheet) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Where a mounted patch's cells lie: `ExpectedPatch`'s cells_mm, outward and corners_mm, in the object's frame.
 
     The sheet's printed face is a grid of points along its bend and across it; places between are linear.

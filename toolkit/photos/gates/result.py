@@ -71,9 +71,11 @@ class Gate:
         good = value <= self.threshold if self.at_most else value >= self.threshold
         status: Status = "passed" if good else "failed"
         words = "" if good else advice or self.advice
-        return GateResult(self.name, float(value), self.threshold, self.unit, status, words, self.at_most)
+        return GateResult(
+            self.name, float(value), self.threshold, self.unit, status, advice=words, at_most=self.at_most
+        )
 
     def skip(self, why: str) -> GateResult:
         """The gate could not be checked; `why` in a few words, such as "no pose"."""
         words = f"not checked: {why}"
-        return GateResult(self.name, None, self.threshold, self.unit, "not checked", words, self.at_most)
+        return GateResult(self.name, None, self.threshold, self.unit, "not checked", advice=words, at_most=self.at_most)

@@ -86,7 +86,7 @@ def collect_evidence(
             {},
         )
     groups = _list_members(every)
-    _match_orders(every, groups, ungrouped, plan, steps, settings)
+    _match_orders(every, groups, ungrouped, plan, steps, settings=settings)
     waiting = [i for i in new if every[i].unusable is None]
     with progress("finding the board", len(waiting)) as bar:
         for i in waiting:

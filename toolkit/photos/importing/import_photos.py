@@ -110,7 +110,7 @@ def measure_coverage(
             rows.append(
                 Coverage(
                     object_name, variant, len(now), len(there), tuple(pose for pose in ids if pose not in there),
-                    _mean(own, "pose_error_deg"), _mean(own, "pose_error_mm"),
+                    mean_error_deg=_mean(own, "pose_error_deg"), mean_error_mm=_mean(own, "pose_error_mm"),
                 )
             )  # fmt: skip
     return tuple(rows)
@@ -207,9 +207,9 @@ def import_photos(
     index = index_source(workspace.captures_dir / settings.source)
     _check_pose(plan, settings, gathered)
     locate, by_render = locate or locate_by_board(workspace), by_render or make_render_matcher(workspace, plan)
-    evidence = collect_evidence(gathered.candidates, plan, steps, index, settings, locate)
-    resolved, refused = resolve_photos(evidence, plan, index, settings, ask, by_render)
-    imported, broken = _store_all(workspace, index, resolved, settings, check, notes)
+    evidence = collect_evidence(gathered.candidates, plan, steps, index, settings, locate=locate)
+    resolved, refused = resolve_photos(evidence, plan, index, settings, ask, by_render=by_render)
+    imported, broken = _store_all(workspace, index, resolved, settings, check, notes=notes)
     before = [(one.label, where) for one in gathered.candidates if (where := describe_imported(index, one.photo))]
     if any(decision.matched_by == "order" for _, decision in resolved) and not gathered.by_time:
         notes.append("the photographs carry no time: their order is that of their names")
@@ -221,9 +221,9 @@ def import_photos(
     if whole:
         write_transforms(index.source_dir, whole)
     return ImportResult(
-        index.source_dir, tuple(imported), tuple(before), gathered.duplicates,
-        (*gathered.unreadable, *refused, *broken), measure_coverage(after, whole, plan, imported, settings.object),
-        tuple(dict.fromkeys(notes)),
+        index.source_dir, imported=tuple(imported), before=tuple(before), duplicates=gathered.duplicates,
+        refused=(*gathered.unreadable, *refused, *broken),
+        coverage=measure_coverage(after, whole, plan, imported, settings.object), notes=tuple(dict.fromkeys(notes)),
     )  # fmt: skip
 
 

@@ -113,7 +113,13 @@ def read_colours(
             )
         white, white_from = np.vstack([np.zeros((2, 3)), strip_white]), "strip"
     return PrintedColours(
-        warp, small.shape[:2], rows + drawn.top, columns + drawn.left, uv, light / (_slope(uv) @ white), white_from
+        warp,
+        small.shape[:2],
+        rows + drawn.top,
+        columns + drawn.left,
+        uv,
+        seen=light / (_slope(uv) @ white),
+        white_from=white_from,
     )
 
 

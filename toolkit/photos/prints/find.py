@@ -151,7 +151,7 @@ def _look(image: np.ndarray, patch_pixels: np.ndarray, starts: list[PatchWarp]) 
     warp, inliers = align(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), grey, start)
     scores = agreement(small, colour, warp)
     warp = warp.scaled(1 / scale)
-    return PatchSighting(warp.corners, warp.homography, inliers, _confidence(scores), warp, scores)
+    return PatchSighting(warp.corners, warp.homography, inliers, _confidence(scores), warp, agreement=scores)
 
 
 def _confidence(scores: np.ndarray) -> float:

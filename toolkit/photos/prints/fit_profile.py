@@ -191,7 +191,7 @@ def fit_colours(
     coefficients = _solve(_columns(samples, power, exponents), samples.seen, samples.weight)
     return FittedColours(
         name, power, exponents, coefficients, measure_error(samples.seen[of_patch], samples.meant[of_patch]),
-        answers[name, power], len(of_patch), int((~of_patch).sum()), tried,
+        held_out=answers[name, power], n_samples=len(of_patch), strip_cells=int((~of_patch).sum()), tried=tried,
     )  # fmt: skip
 
 

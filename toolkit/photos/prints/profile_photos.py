@@ -125,7 +125,7 @@ def _read_print(
     page = measure_on_page(image, sighting, paper)
     photo = ProfiledPhoto(
         file.name, about.sha256, sighting.warp.side_px, compare_colours(part, patch.pixels), strip is not None,
-        None if page is None else page.size_mm,
+        size_mm=None if page is None else page.size_mm,
     )  # fmt: skip
     return photo, part, strip
 

@@ -65,23 +65,33 @@ def draw_card(
     pictures = Rect(
         inside.x + NUMBER_MM, inside.y, inside.width - NUMBER_MM - ABOVE_MM - side_mm - 2, inside.height
     )  # fmt: skip
-    _draw_pictures(canvas, pictures, stop, views, aspect, rounds)
+    _draw_pictures(canvas, pictures, stop, views, aspect, rounds=rounds)
     drawn = inside.height - NOTES_MM
     draw_from_above(canvas, Rect(pictures.right + 2, inside.top - drawn, ABOVE_MM, drawn), around, stop.place)
     draw_from_side(canvas, Rect(area.right - side_mm, inside.top - drawn, side_mm, drawn), around, stop.place)
-    taken = write(canvas, "notes", pictures.right + 3, inside.y + 1.0, 2.3, 12, colour=SOFT)
+    taken = write(canvas, "notes", pictures.right + 3, inside.y + 1.0, 2.3, room_mm=12, colour=SOFT)
     set_ink(canvas, FAINT, 0.2)
     canvas.line(pictures.right + 4.5 + taken, inside.y + 0.6, area.right, inside.y + 0.6)
 
 
 def _draw_number(canvas: "Canvas", inside: Rect, stop: Stop) -> None:
     middle = inside.x + NUMBER_MM / 2 - 1.0
-    write(canvas, "place", middle, inside.top - 3.2, 2.3, NUMBER_MM, align="centre", colour=SOFT)
-    write(canvas, str(stop.number), middle, inside.top - 12.0, 9.5, NUMBER_MM - 2.5, BOLD, "centre", INK)
-    write(canvas, f"pose {stop.pose.id}", middle, inside.top - 16.6, 2.7, NUMBER_MM - 2, align="centre")
+    write(canvas, "place", middle, inside.top - 3.2, 2.3, room_mm=NUMBER_MM, align="centre", colour=SOFT)
+    write(
+        canvas,
+        str(stop.number),
+        middle,
+        inside.top - 12.0,
+        9.5,
+        room_mm=NUMBER_MM - 2.5,
+        font=BOLD,
+        align="centre",
+        colour=INK,
+    )
+    write(canvas, f"pose {stop.pose.id}", middle, inside.top - 16.6, 2.7, room_mm=NUMBER_MM - 2, align="centre")
     if abs(stop.place.roll_deg) > 0.05:
         words = f"roll {stop.place.roll_deg:+.0f}°"
-        write(canvas, words, middle, inside.top - 20.6, 2.5, NUMBER_MM - 2, align="centre", colour=CAMERA)
+        write(canvas, words, middle, inside.top - 20.6, 2.5, room_mm=NUMBER_MM - 2, align="centre", colour=CAMERA)
 
 
 def _draw_pictures(canvas: "Canvas", room: Rect, stop: Stop, views: Views, aspect: float, rounds: bool) -> None:
@@ -101,8 +111,8 @@ def _draw_pictures(canvas: "Canvas", room: Rect, stop: Stop, views: Views, aspec
         text = picture.x + TICK_MM + 1.2
         colour = INK if variant == "unpatched" else SHEET
         words = f"shot {shot.number}" + (f", round {turn}" if rounds and 1 < len(stop.shots) < 3 else "")
-        taken = write(canvas, words, picture.right, row + 0.8, 2.4, 0.6 * picture.width, align="right")
-        write(canvas, variant, text, row + 0.8, 2.7, picture.right - text - taken - 1, BOLD, colour=colour)
+        taken = write(canvas, words, picture.right, row + 0.8, 2.4, room_mm=0.6 * picture.width, align="right")
+        write(canvas, variant, text, row + 0.8, 2.7, room_mm=picture.right - text - taken - 1, font=BOLD, colour=colour)
 
 
 def _draw_cross(canvas: "Canvas", picture: Rect) -> None:
@@ -117,8 +127,8 @@ def _draw_cross(canvas: "Canvas", picture: Rect) -> None:
 def draw_band(canvas: "Canvas", area: Rect, words: str) -> None:
     """A line between two cards that says what changes there, and in which round."""
     draw_panel(canvas, Rect(area.x, area.y + 0.6, area.width, area.height - 1.2), (0.985, 0.925, 0.895))
-    write(canvas, words, area.x + area.width / 2, area.y + area.height / 2 - 1.0, 2.8, area.width - 6, BOLD, "centre",
-          SHEET)  # fmt: skip
+    x, y = area.x + area.width / 2, area.y + area.height / 2 - 1.0
+    write(canvas, words, x, y, 2.8, room_mm=area.width - 6, font=BOLD, align="centre", colour=SHEET)
 
 
 MARGIN_MM = 10.0
@@ -168,7 +178,9 @@ def build_shot_list(
             number += 1
             canvas.scale(POINTS_PER_MM, POINTS_PER_MM)
             _draw_header(canvas, area, session, page)
-            _draw_footer(canvas, area, session, f"page {index} of {1 + len(pages)}", f"{number}/{total}", seed, order)
+            _draw_footer(
+                canvas, area, session, f"page {index} of {1 + len(pages)}", f"{number}/{total}", seed=seed, order=order
+            )
             if page is None:
                 canvas.bookmarkPage(session.item.name)
                 canvas.addOutlineEntry(session.item.name, session.item.name)
@@ -223,7 +235,14 @@ def _draw_cards(canvas: "Canvas", area: Rect, session: ObjectSession, page: Card
     for stop, band in zip(page.stops, page.bands, strict=True):
         card = Rect(area.x, top - height, area.width, height)
         draw_card(
-            canvas, card, stop, session.views, aspect, session.around, rounds, stop is page.stops[-1] or bool(band)
+            canvas,
+            card,
+            stop,
+            session.views,
+            aspect,
+            around=session.around,
+            rounds=rounds,
+            last=stop is page.stops[-1] or bool(band),
         )
         top -= height
         if band:
@@ -234,7 +253,7 @@ def _draw_cards(canvas: "Canvas", area: Rect, session: ObjectSession, page: Card
 def _draw_header(canvas: "Canvas", area: Rect, session: ObjectSession, page: CardsPage | None) -> None:
     top = area.top + HEADER_MM
     name = session.item.name
-    taken = write(canvas, name, area.x, top - 6.2, 7.0, 0.55 * area.width, BOLD)
+    taken = write(canvas, name, area.x, top - 6.2, 7.0, room_mm=0.55 * area.width, font=BOLD)
     label = str(session.item.spec.class_name)
     if page is None:
         words = f"class {label}" if label != name else ""
@@ -243,8 +262,8 @@ def _draw_header(canvas: "Canvas", area: Rect, session: ObjectSession, page: Car
         first, last = page.stops[0].number, page.stops[-1].number
         words = ""
         right = f"places {first}-{last} of {len(session.stops)}" if first != last else f"place {first}"
-    write(canvas, words, area.x + taken + 3, top - 6.2, 3.2, 0.3 * area.width, colour=SOFT)
-    write(canvas, right, area.right, top - 6.2, 4.2, 0.4 * area.width, BOLD, "right")
+    write(canvas, words, area.x + taken + 3, top - 6.2, 3.2, room_mm=0.3 * area.width, colour=SOFT)
+    write(canvas, right, area.right, top - 6.2, 4.2, room_mm=0.4 * area.width, font=BOLD, align="right")
     set_ink(canvas, INK, 0.5)
     canvas.line(area.x, top - 9.2, area.right, top - 9.2)
 
@@ -257,5 +276,5 @@ def _draw_footer(
     canvas.line(area.x, y + 3.6, area.right, y + 3.6)
     left = f"{session.item.name}, {page}   ·   plan {session.poses_sha256[:HASH_DIGITS]}"
     right = f"order {order}, seed {seed}   ·   toolkit {__version__}   ·   {whole}"
-    write(canvas, left, area.x, y, 2.4, 0.55 * area.width, colour=SOFT)
-    write(canvas, right, area.right, y, 2.4, 0.44 * area.width, align="right", colour=SOFT)
+    write(canvas, left, area.x, y, 2.4, room_mm=0.55 * area.width, colour=SOFT)
+    write(canvas, right, area.right, y, 2.4, room_mm=0.44 * area.width, align="right", colour=SOFT)

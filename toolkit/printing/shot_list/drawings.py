@@ -39,7 +39,7 @@ def write(
 ) -> float:  # fmt: skip
     """`draw_text` in a colour; returns the line's width."""
     set_ink(canvas, colour)
-    return draw_text(canvas, text, x, y, size_mm, room_mm, font, align)
+    return draw_text(canvas, text, x, y, size_mm, room_mm=room_mm, font=font, align=align)
 
 
 def write_lines(
@@ -52,7 +52,7 @@ def write_lines(
         line = f"{line} {word}".strip()
         following = f"{line} {words[i + 1]}" if i + 1 < len(words) else None
         if following is None or measure_text_mm(following, PLAIN, size_mm) > room_mm:
-            write(canvas, line, x, y, size_mm, room_mm, colour=colour)
+            write(canvas, line, x, y, size_mm, room_mm=room_mm, colour=colour)
             y -= 1.38 * size_mm
             line = ""
     return y
@@ -66,7 +66,7 @@ def write_on_white(
     width = measure_text_mm(text, font, size_mm)
     set_ink(canvas, plate)
     canvas.rect(x - width / 2 - 0.4, y - 0.55 * size_mm, width + 0.8, 1.1 * size_mm, stroke=0, fill=1)
-    write(canvas, text, x, y - 0.36 * size_mm, size_mm, width + 1, font, "centre", colour)
+    write(canvas, text, x, y - 0.36 * size_mm, size_mm, room_mm=width + 1, font=font, align="centre", colour=colour)
 
 
 def draw_shape(canvas: "Canvas", points: Iterable[Point], fill: bool = True, close: bool = True) -> None:
@@ -209,5 +209,5 @@ def fit_grid(count: int, room: tuple[float, float], aspect: float, gap: float, b
 
 def draw_title(canvas: "Canvas", area: Rect, words: str, colour: Colour = INK) -> float:
     """A part's heading; returns the baseline of the line below."""
-    write(canvas, words, area.x, area.top - 3.2, 3.7, area.width, BOLD, colour=colour)
+    write(canvas, words, area.x, area.top - 3.2, 3.7, room_mm=area.width, font=BOLD, colour=colour)
     return area.top - 9.2

@@ -29,7 +29,7 @@ from toolkit.printing.shot_list.drawings import (
 from toolkit.printing.shot_list.mounting import CHAINS_MM, MountDrawing, draw_mounting_plan, encode_jpeg
 from toolkit.printing.shot_list.places import CameraPlace, Stretch, find_stretches, goes_round, name_change
 from toolkit.printing.shot_list.session import draw_walk
-from toolkit.rig.board import BoardSpec, Sheet
+from toolkit.rig.board import Board, CharucoBoard
 from toolkit.rig.camera import Camera
 from toolkit.rig.variants import Print
 
@@ -67,11 +67,11 @@ def advise_camera(camera: Camera, places: Sequence[CameraPlace]) -> list[str]:
     ]
 
 
-def advise_stage(board: Sheet | None, item: TableObject) -> list[str]:
+def advise_stage(board: Board | None, item: TableObject) -> list[str]:
     """The board, the object on it, and the light."""
     lines = []
     if board is not None:
-        kind = "board" if isinstance(board, BoardSpec) else "ring"
+        kind = "board" if isinstance(board, CharucoBoard) else "ring"
         width, height = board.size_mm
         lines.append(
             f"Print the {kind} with 'toolkit print --{kind}' at 100 % ({width:.0f} × {height:.0f} mm, "
@@ -195,25 +195,25 @@ def _draw_sticking(
     repeat = max(1, 400 // len(booster.pixels))
     place_picture(canvas, encode_jpeg(booster.pixels.repeat(repeat, 0).repeat(repeat, 1), 88), inner, None)
     beside = Rect(sheet.right + 3, sheet.y, inside.right - sheet.right - 3, side)
-    write(canvas, booster.name, beside.x, beside.top - 3.0, 3.2, beside.width, BOLD, colour=SHEET)
+    write(canvas, booster.name, beside.x, beside.top - 3.0, 3.2, room_mm=beside.width, font=BOLD, colour=SHEET)
     y = beside.top - 7.4
     for words in (
         f"sheet {drawing.cut_mm:.1f} mm", f"patch {drawing.size_mm:.1f} mm", f"sha256 {booster.sha256[:12]}",
     ):  # fmt: skip
-        write(canvas, words, beside.x, y, 2.5, beside.width)
+        write(canvas, words, beside.x, y, 2.5, room_mm=beside.width)
         y -= 3.7
     _draw_page_arrow(canvas, sheet, session.item.spec.patch.at)
     y = sheet.y - 9.0
     for number, words in enumerate(advise_sticking(session.item, booster, session.patch_pdf, drawing), 1):
-        write(canvas, str(number), inside.x, y, TEXT_MM, 4, BOLD, colour=SHEET)
-        y = write_lines(canvas, words, inside.x + 4.4, y, TEXT_MM - 0.1, inside.width - 4.4) - 1.0
+        write(canvas, str(number), inside.x, y, TEXT_MM, room_mm=4, font=BOLD, colour=SHEET)
+        y = write_lines(canvas, words, inside.x + 4.4, y, TEXT_MM - 0.1, room_mm=inside.width - 4.4) - 1.0
 
 
 def _draw_page_arrow(canvas: "Canvas", sheet: Rect, side: str) -> None:
     """The way that the sheet's right (on top of an object) or upper edge must point, as on its printed page."""
     word = "front" if side == "top" else "up"
     y = sheet.y - 3.6
-    end = sheet.x + write(canvas, word, sheet.x, y, 2.6, 20, BOLD, colour=SHEET) + 1.2
+    end = sheet.x + write(canvas, word, sheet.x, y, 2.6, room_mm=20, font=BOLD, colour=SHEET) + 1.2
     set_ink(canvas, SHEET, 0.4)
     if side == "top":
         draw_arrow(canvas, (end, y + 0.9), (end + 7.5, y + 0.9), 2.2)
@@ -225,7 +225,9 @@ def _draw_missing(canvas: "Canvas", area: Rect, session: "ObjectSession") -> Non
     draw_panel(canvas, area)
     inside = Rect(area.x + 5, area.y + 5, area.width - 10, area.height - 10)
     y = draw_title(canvas, inside, "Unpatched only: there is no sheet to stick on", SHEET)
-    write_lines(canvas, session.note or "No variant with a sheet was asked for.", inside.x, y, 3.0, inside.width)
+    write_lines(
+        canvas, session.note or "No variant with a sheet was asked for.", inside.x, y, 3.0, room_mm=inside.width
+    )
 
 
 def _draw_rounds(canvas: "Canvas", area: Rect, session: "ObjectSession") -> None:
@@ -240,22 +242,22 @@ def _draw_rounds(canvas: "Canvas", area: Rect, session: "ObjectSession") -> None
             "in the order of their numbers, without moving the camera: the sheet goes on and off each time, to the "
             "same place to the millimetre."
         )
-        write_lines(canvas, words, area.x, y, TEXT_MM, area.width)
+        write_lines(canvas, words, area.x, y, TEXT_MM, room_mm=area.width)
         return
     turns = {1: "once", 2: "twice"}.get(len(session.stops[0].shots), f"{len(session.stops[0].shots)} times")
     words = f"{shots} shots at {len(session.stops)} places, {turns} round. {explain_order(stretches)}".strip()
-    y = write_lines(canvas, words, area.x, y, TEXT_MM, area.width) - 2.6
+    y = write_lines(canvas, words, area.x, y, TEXT_MM, room_mm=area.width) - 2.6
     step = min(7.6, (y - area.y) / max(_count_rows(stretches), 1))
     before: str | None = None
     for stretch in stretches:
         if change := name_change(before, stretch.variant):
-            y = _draw_row(canvas, area, y, step, change, "", SHEET)
+            y = _draw_row(canvas, area, y, step, change, right="", colour=SHEET)
         a, b = stretch.stops
         where = f"places {a}-{b}" if a != b else f"place {a}"
-        y = _draw_row(canvas, area, y, step, f"{stretch.variant}, {where}", _name_shots(stretch), INK)
+        y = _draw_row(canvas, area, y, step, f"{stretch.variant}, {where}", right=_name_shots(stretch), colour=INK)
         before = stretch.variant
     if before not in (None, "unpatched"):
-        _draw_row(canvas, area, y, step, name_change(before, "unpatched"), "", SHEET)
+        _draw_row(canvas, area, y, step, name_change(before, "unpatched"), right="", colour=SHEET)
 
 
 def _count_rows(stretches: Sequence[Stretch]) -> int:
@@ -277,8 +279,12 @@ def _draw_row(
 ) -> float:  # fmt: skip
     draw_tick_box(canvas, area.x, y - 0.8)
     text = area.x + TICK_MM + 2
-    taken = write(canvas, right, area.right, y, TEXT_MM, 0.4 * area.width, align="right", colour=SOFT) if right else 0.0
-    write(canvas, words, text, y, 3.0, area.right - text - taken - 2, BOLD, colour=colour)
+    taken = (
+        write(canvas, right, area.right, y, TEXT_MM, room_mm=0.4 * area.width, align="right", colour=SOFT)
+        if right
+        else 0.0
+    )
+    write(canvas, words, text, y, 3.0, room_mm=area.right - text - taken - 2, font=BOLD, colour=colour)
     return y - step
 
 
@@ -287,4 +293,4 @@ def _draw_advice(canvas: "Canvas", area: Rect, title: str, lines: Sequence[str])
     for words in lines:
         set_ink(canvas, CAMERA)
         canvas.circle(area.x + 0.8, y + 0.9, 0.55, stroke=0, fill=1)
-        y = write_lines(canvas, words, area.x + 3.2, y, TEXT_MM - 0.1, area.width - 3.2) - 0.9
+        y = write_lines(canvas, words, area.x + 3.2, y, TEXT_MM - 0.1, room_mm=area.width - 3.2) - 0.9

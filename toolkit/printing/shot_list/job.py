@@ -88,14 +88,25 @@ def write_shot_list(
     steps = order_shots(plan, list(items), {name: tuple(boosters[name]) for name in items}, seed, order)
     for name, item in items.items():
         check_poses(item, plan.camera, plan.objects[name])
-    content, pages = _draw(workspace, plan, items, boosters, steps, missing, paper, seed, order)
+    content, pages = _draw(
+        workspace, plan, items, boosters, steps, missing=missing, paper=paper, seed=seed, order=order
+    )
     pdf_file = write_bytes(workspace.print_dir / "shot_list.pdf", content)
     shots_file = workspace.root / "rig" / "shots.json"
     shots = list_shots(plan, steps, seed, order)
     replaced = _is_other(shots_file, shots)
     write_shots(shots_file, shots)
     travel_m = round(measure_travel_mm(plan, steps) / 1000, 2)
-    return WrittenShotList(str(pdf_file), str(shots_file), pages, len(steps), list(items), travel_m, missing, replaced)
+    return WrittenShotList(
+        str(pdf_file),
+        str(shots_file),
+        pages,
+        len(steps),
+        list(items),
+        travel_m=travel_m,
+        without_patch=missing,
+        replaced=replaced,
+    )
 
 
 def _draw(
@@ -115,11 +126,11 @@ def _draw(
                     plan.objects[name],
                     own,
                     boosters[name],
-                    hash_poses(plan, name),
-                    bar,
-                    board,
-                    _name_pdf(workspace, boosters[name]),
-                    missing.get(name),
+                    poses_sha256=hash_poses(plan, name),
+                    bar=bar,
+                    board=board,
+                    patch_pdf=_name_pdf(workspace, boosters[name]),
+                    note=missing.get(name),
                 )
             )
         content, pages = build_shot_list(sessions, paper, seed, order, bar)

@@ -25,15 +25,15 @@ from toolkit.printing.shot_list.drawings import (
     set_ink,
     write,
 )
-from toolkit.rig.board import Sheet, lay_board
+from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera, look_at, project
 from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.mount import SIDES, attach, mount_patch
-from toolkit.rig.mount import Sheet as MountedSheet
+from toolkit.rig.mount import MountedSheet as MountedSheet
 from toolkit.rig.plan import Pose
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.shading import develop
-from toolkit.rig.studio import Studio, make_studio
+from toolkit.rig.shading import tone_map
+from toolkit.rig.studio import Studio, add_board, make_studio
 from toolkit.rig.variants import Paint, Print, dress
 
 if TYPE_CHECKING:
@@ -49,16 +49,16 @@ BRIGHTER = 1.25
 DETAIL = BakeDetail(key_rays=16, room_rays=48, surface_spacing=0.026, table_spacing=0.022)
 
 
-def make_light_studio(item: TableObject, board: Sheet | None) -> Studio:
+def make_light_studio(item: TableObject, board: Board | None) -> Studio:
     """A white table, which costs little ink, with the board painted on in true size."""
     studio = make_studio(0, TABLE_SCALE * float(item.mesh.size_mm.max()), backdrop="white")
     studio = replace(studio, exposure=BRIGHTER * studio.exposure)
-    return studio if board is None else lay_board(studio, board, px_per_mm=studio.table.shape[1] / studio.table_mm[0])
+    return studio if board is None else add_board(studio, board, px_per_mm=studio.table.shape[1] / studio.table_mm[0])
 
 
 def draw_views(
     item: TableObject, camera: Camera, poses: list[Pose], boosters: Mapping[str, Print | Paint | None],
-    board: Sheet | None, bar: Ticker,
+    board: Board | None, bar: Ticker,
 ) -> dict[tuple[str, int], bytes]:  # fmt: skip
     """JPEGs by (variant, pose id), as wide as `WIDTH_PX` and of the camera's aspect.
 
@@ -80,7 +80,7 @@ def draw_views(
         bar.advance(0, note=f"{item.name} {variant}: light")
         renderer = RaycastRenderer(dress(item, booster), studio, DETAIL)
         for pose in poses:
-            picture = develop(renderer.render(small, pose.matrix()), (0, pose.id), noise=0, falloff=0)
+            picture = tone_map(renderer.render(small, pose.matrix()), (0, pose.id), noise=0, falloff=0)
             views[variant, pose.id] = encode_jpeg(picture)
             bar.advance(note=f"{item.name} {variant}")
     return views
@@ -157,8 +157,8 @@ def draw_mounting(item: TableObject, booster: Print) -> MountDrawing:
     extremes = body[[body[:, 0].argmin(), body[:, 1].argmin(), body[:, 0].argmax(), body[:, 1].argmax()]]
     jpeg, frame = _photograph(item, sheet, right, up, np.concatenate([body, edge]))
     return MountDrawing(
-        jpeg, frame, _box(body), extremes, _box(edge), edge, patch, middle,
-        axis / max(float(np.linalg.norm(axis)), 1e-9), booster.size_mm, cut_mm,
+        jpeg, frame, _box(body), extremes, _box(edge), outline_mm=edge, patch_mm=patch, centre_mm=middle,
+        arrow_mm=axis / max(float(np.linalg.norm(axis)), 1e-9), size_mm=booster.size_mm, cut_mm=cut_mm,
     )  # fmt: skip
 
 
@@ -199,7 +199,7 @@ def _photograph(
     T_world_camera[:3, :3] = np.stack([right, -up, -normal], axis=1)
     fine = Camera.from_fov(width * FINER, height * FINER, fov)
     renderer = RaycastRenderer(attach(item.mesh, sheet), make_light_studio(item, None), DETAIL)
-    picture = develop(renderer.render(fine, T_world_camera), (0,), noise=0, falloff=0)
+    picture = tone_map(renderer.render(fine, T_world_camera), (0,), noise=0, falloff=0)
     outside = ~np.isfinite(renderer.buffers(fine, T_world_camera)["depth"])
     picture[outside] = 255
     small = np.asarray(Image.fromarray(picture).resize((width, height), Image.Resampling.BOX))
@@ -239,7 +239,16 @@ def draw_mounting_plan(canvas: "Canvas", area: Rect, drawing: MountDrawing, side
     _draw_sheet_arrow(canvas, at, drawing)
     _draw_chains(canvas, at, picture, drawing)
     if side == "top":
-        write(canvas, "front", picture.right + 0.6, picture.y + picture.height / 2 - 1, 2.8, 9, BOLD, colour=SOFT)
+        write(
+            canvas,
+            "front",
+            picture.right + 0.6,
+            picture.y + picture.height / 2 - 1,
+            2.8,
+            room_mm=9,
+            font=BOLD,
+            colour=SOFT,
+        )
 
 
 def _draw_sheet_arrow(canvas: "Canvas", at: ToPage, drawing: MountDrawing) -> None:

@@ -34,7 +34,7 @@ from toolkit.printing.shot_list.drawings import (
 )
 from toolkit.printing.shot_list.mounting import MountDrawing, draw_mounting, draw_views
 from toolkit.printing.shot_list.places import CameraPlace, Stop, find_stops
-from toolkit.rig.board import Sheet
+from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera, orbit_direction
 from toolkit.rig.plan import Pose
 from toolkit.rig.shot_order import ShotStep
@@ -182,7 +182,7 @@ def draw_from_side(canvas: "Canvas", area: Rect, around: Surroundings, place: Ca
     upright = at[0] + 2.0
     draw_dimension(canvas, (upright, y), (upright, at[1]), "", colour=INK)
     label = f"{place.height_mm / 10:.1f} cm"
-    write(canvas, label, upright + 0.9, (y + at[1]) / 2 - 1.0, 2.9, 12, BOLD)
+    write(canvas, label, upright + 0.9, (y + at[1]) / 2 - 1.0, 2.9, room_mm=12, font=BOLD)
     draw_dimension(canvas, (x, y - 2.6), (at[0], y - 2.6), f"{place.out_mm / 10:.1f} cm", 2.9)
     middle = (target[0] + 0.66 * (at[0] - target[0]), target[1] + 0.66 * (at[1] - target[1]))
     write_on_white(canvas, f"{place.distance_mm / 10:.1f} cm", *middle, 2.9, colour=CAMERA)
@@ -235,9 +235,9 @@ def draw_walk(canvas: "Canvas", area: Rect, around: Surroundings, stops: Sequenc
         canvas.setStrokeColorRGB(*CAMERA)
         canvas.setLineWidth(0.35)
         canvas.circle(x, y, size, stroke=1, fill=1)
-        write(canvas, str(stop.number), x, y - 0.38 * size, 1.05 * size, 1.75 * size, BOLD, "centre",
-              WHITE if first else CAMERA)  # fmt: skip
-    write(canvas, "front", centre[0], area.y - 0.6, 2.6, 20, BOLD, "centre", SOFT)
+        write(canvas, str(stop.number), x, y - 0.38 * size, 1.05 * size, room_mm=1.75 * size, font=BOLD, align="centre",
+              colour=WHITE if first else CAMERA)  # fmt: skip
+    write(canvas, "front", centre[0], area.y - 0.6, 2.6, room_mm=20, font=BOLD, align="centre", colour=SOFT)
 
 
 def _name_rings(
@@ -280,7 +280,7 @@ class ObjectSession:
     mounting: MountDrawing | None
     note: str | None
     patch_pdf: str | None
-    board: Sheet | None
+    board: Board | None
     around: Surroundings
     views: dict[tuple[str, int], bytes]
     poses_sha256: str
@@ -293,7 +293,7 @@ class ObjectSession:
 
 def prepare_session(
     item: TableObject, camera: Camera, poses: list[Pose], steps: list[ShotStep],
-    boosters: dict[str, Print | Paint | None], poses_sha256: str, bar: Ticker, board: Sheet | None = None,
+    boosters: dict[str, Print | Paint | None], poses_sha256: str, bar: Ticker, board: Board | None = None,
     patch_pdf: str | None = None, note: str | None = None,
 ) -> ObjectSession:  # fmt: skip
     """Render and measure one object's part of the list.
@@ -312,12 +312,12 @@ def prepare_session(
         ToolkitError: the sheet cannot be mounted on the object.
     """
     stops = find_stops(poses, steps)
-    views = draw_views(item, camera, poses, boosters, board, bar)
+    views = draw_views(item, camera, poses, boosters, board, bar=bar)
     stuck = [b for b in (boosters.get("patched"), *boosters.values()) if isinstance(b, Print) and not b.alone]
     mounting = draw_mounting(item, stuck[0]) if stuck else None
     bar.advance(note=f"{item.name}: where the patch goes")
     around = survey(item.mesh, [stop.place for stop in stops])
     return ObjectSession(
-        item, camera, tuple(stops), stuck[0] if stuck else None, mounting, note, patch_pdf, board, around, views,
-        poses_sha256,
+        item, camera, tuple(stops), stuck[0] if stuck else None, mounting, note=note, patch_pdf=patch_pdf,
+        board=board, around=around, views=views, poses_sha256=poses_sha256,
     )  # fmt: skip
