@@ -93,5 +93,5 @@ def test_a_network_still_runs_in_the_process_that_has_rendered(needs_egl):
 
 def test_without_egl_it_says_what_to_install_instead_of_ending_the_process(monkeypatch, make_box, studio):
     monkeypatch.setattr("toolkit.rig.filament.egl_trouble", lambda: "libEGL.so.1 is missing")
-    with pytest.raises(ToolkitError, match=r"libEGL.so.1 is missing: install libegl1 .*, or use --renderer raycast"):
+    with pytest.raises(ToolkitError, match=r"libEGL.so.1 is missing: install libegl1 .*, or use the renderer raycast"):
         FilamentRenderer(make_box(), studio)

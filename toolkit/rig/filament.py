@@ -33,7 +33,7 @@ class FilamentRenderer:
         go_surfaceless()
         if (trouble := egl_trouble()) is not None:
             raise ToolkitError(
-                f"the filament renderer cannot start: {trouble}: install {PACKAGES}, or use --renderer raycast"
+                f"the filament renderer cannot start: {trouble}: install {PACKAGES}, or use the renderer raycast"
             )
         self._mesh, self._studio = mesh, studio
         self._renderer: OffscreenRenderer | None = None

@@ -345,7 +345,7 @@ class ViewStream:
         except BrokenProcessPool:
             raise ToolkitError(
                 "a process that renders views was ended from outside, most likely for want of memory: the same command "
-                "goes on from the last checkpoint; --workers 1 or a smaller --batch needs less"
+                "goes on from the last checkpoint; one worker or a smaller batch needs less"
             ) from None
 
 

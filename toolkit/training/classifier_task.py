@@ -166,7 +166,9 @@ class ClassifierTask(Task[ClassifierRecord]):
         load_tensors(self.module, halved)
         self.module.eval()
         weights, labels = WeightsFile(self.file, sha256_bytes(content), self.file.name), list(data.labels)
-        classifier = Classifier(config.arch, self.module, labels, how, weights, self._device, False, config.name)
+        classifier = Classifier(
+            config.arch, self.module, labels, how, weights, self._device, is_imagenet=False, name=config.name
+        )
         own = {"precision": self._precision, "inputs_sha256": self.inputs_sha256}
         record = ClassifierRecord(
             name=config.name, arch=config.arch, trained_on=self.inputs.words[0], labels=labels, resize_px=how.resize_px,

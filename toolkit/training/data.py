@@ -2,7 +2,7 @@
 
 import json
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
@@ -305,7 +305,10 @@ def _pack_all(sources: Sequence[Source], index_of: dict[str, int], how: Preproce
     write_json(place / "about.json", about)
 
 
-def _write_pack(place: Path, name: str, items, index_of, how: Preprocessing, skipped: list, advance) -> dict[str, Any]:
+def _write_pack(
+    place: Path, name: str, items: Sequence[Item], index_of: Mapping[str, int], how: Preprocessing,
+    skipped: list[tuple[str, str]], advance: Callable[[int], None],
+) -> dict[str, Any]:  # fmt: skip
     """Pixels one after the other in a raw file, its length told by `about.json`, which is written last."""
     classes: list[int] = []
     digest = sha256()
@@ -324,7 +327,11 @@ def _write_pack(place: Path, name: str, items, index_of, how: Preprocessing, ski
 
 
 def _read_items(
-    items: Sequence[Item], shards: Path, how: Preprocessing, skipped: list, advance: Callable[[int], None]
+    items: Sequence[Item],
+    shards: Path,
+    how: Preprocessing,
+    skipped: list[tuple[str, str]],
+    advance: Callable[[int], None],
 ) -> Iterator[tuple[str, np.ndarray]]:
     """(label, (k, s, s, 3) uint8) of each item in order; a file that cannot be read goes to `skipped`."""
     with ThreadPoolExecutor() as pool:

@@ -1,6 +1,7 @@
 """Images of classes to train on: from a folder with a sub-folder for each class, or CIFAR-10."""
 
 import http.client
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ from zlib import crc32
 
 import numpy as np
 
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import sha256_bytes
 from toolkit.imaging.folder import find_files, show_path
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
@@ -61,13 +62,13 @@ def open_cifar(folder: Path, split: str, download: bool = False) -> Cifar10:
         reason = str(getattr(error, "reason", "") or error).strip() or error.__class__.__name__
         if download:
             raise ToolkitError(
-                f"--download: cannot fetch CIFAR-10 from {CIFAR10.url} ({reason}): put {CIFAR10.filename} into {root} "
-                "and try again"
+                f"cannot fetch CIFAR-10 from {CIFAR10.url} ({reason}): put {CIFAR10.filename} into {root} and try again"
             ) from None
         if isinstance(error, RuntimeError):
             reason = _find_wrong_file(CIFAR10, root / CIFAR10.base_folder)
-        raise ToolkitError(
-            f"--data {CIFAR_PREFIX}{root}: {reason}: unpack {CIFAR10.filename} there, or fetch it with --download"
+        raise FieldError(
+            f"{reason}: unpack {CIFAR10.filename} there, or fetch it with {{download}}",
+            {"data": f"{CIFAR_PREFIX}{root}"},
         ) from None
     return Cifar10(tuple(found.classes), found.data, np.array(found.targets, np.int64))
 
@@ -128,8 +129,9 @@ def find_classes(folder: Path, held_out_share: float, seed: int) -> FolderClasse
     folder = Path(folder)
     if not folder.is_dir():
         what = "is a file" if folder.exists() else "does not exist"
-        raise ToolkitError(
-            f"--data {folder} {what}: expected 'everyday', 'rig', cifar10:FOLDER, or a folder with one folder per class"
+        raise FieldError(
+            f"{what}: expected 'everyday', 'rig', cifar10:FOLDER, or a folder with one folder per class",
+            {"data": folder},
         )
     root = folder / TRAIN_NAME if (folder / TRAIN_NAME).is_dir() else folder
     train, skipped = _list_classes(root)
@@ -164,13 +166,13 @@ def _list_classes(root: Path) -> tuple[list[LabelledFile], list[tuple[str, str]]
         if path.is_dir() and path.name[0] != "." and path.name not in filled
     ]
     if not files:
-        raise ToolkitError(f"--data {root}: no images in it: expected CLASS/IMAGE.jpg, one folder per class")
+        raise FieldError("no images in it: expected CLASS/IMAGE.jpg, one folder per class", {"data": root})
     if empty:
         raise ToolkitError(f"{root / empty[0]}: a class without images: put some in, or remove the folder")
     return files, skipped
 
 
-def _split(files: list[LabelledFile], skipped, share: float, seed: int) -> FolderClasses:
+def _split(files: list[LabelledFile], skipped: Sequence[tuple[str, str]], share: float, seed: int) -> FolderClasses:
     """Hold out a share of each class, at least one image, but never the last one."""
     train: list[LabelledFile] = []
     held_out: list[LabelledFile] = []

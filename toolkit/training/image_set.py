@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import sha256_bytes, sha256_file
 from toolkit.corruptions import image_seed
 from toolkit.imaging.folder import find_files, show_path
@@ -103,7 +103,7 @@ def open_images(data: str, classifier: Any, split: str = "test", download: bool 
     folder = Path(data)
     if not folder.is_dir():
         what = "is a file" if folder.exists() else "does not exist"
-        raise ToolkitError(f"--data {folder} {what}: expected a folder with one folder per class, or cifar10:FOLDER")
+        raise FieldError(f"{what}: expected a folder with one folder per class, or cifar10:FOLDER", {"data": folder})
     root = next((folder / name for name in SPLITS[split] if (folder / name).is_dir()), folder)
     found = find_files(root)
     refused = [(show_path((root.name, path)), reason) for path, reason in found.refused]
@@ -111,7 +111,7 @@ def open_images(data: str, classifier: Any, split: str = "test", download: bool 
     refused += [(show_path((root.name, *parts)), "in no class folder: move it into one") for parts in loose]
     names = sorted({parts[0] for parts in found.images if len(parts) > 1})
     if not names:
-        raise ToolkitError(f"--data {root}: no images in it: expected CLASS/IMAGE.jpg, one folder per class")
+        raise FieldError("no images in it: expected CLASS/IMAGE.jpg, one folder per class", {"data": root})
     index_of = match_classes(names, classifier, root)
     images = [LabelledImage("/".join(parts), index_of[parts[0]]) for parts in found.images if len(parts) > 1]
     return ImageSet(

@@ -11,11 +11,15 @@ from io import BytesIO
 from multiprocessing import get_context
 from pathlib import Path
 from time import sleep
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes, write_bytes
+
+if TYPE_CHECKING:
+    from toolkit.objects.mesh import Mesh
 
 EVERYDAY, RIG = "everyday", "rig"
 FOV_DEG = 30.5
@@ -55,7 +59,7 @@ def render_unit(unit: RenderUnit) -> np.ndarray:
     return render_thumbnails(_make_mesh(unit), unit.views, unit.seed, Camera.from_fov(unit.px, unit.px, FOV_DEG))
 
 
-def _make_mesh(unit: RenderUnit):
+def _make_mesh(unit: RenderUnit) -> "Mesh":
     if unit.source != EVERYDAY:
         return _load_mesh(unit.source)
     from toolkit.objects.mesh import check_mesh, place_on_table
@@ -66,7 +70,7 @@ def _make_mesh(unit: RenderUnit):
 
 
 @lru_cache(maxsize=8)
-def _load_mesh(spec_file: str):
+def _load_mesh(spec_file: str) -> "Mesh":
     from toolkit.objects.load import load_object
 
     return load_object(Path(spec_file)).mesh
@@ -105,7 +109,7 @@ def render_shards(units: Sequence[RenderUnit], folder: Path, workers: int, advan
     except BrokenProcessPool:
         raise ToolkitError(
             "a process that renders was killed (out of memory?): run the same command again, it goes on where it "
-            "stopped; fewer --workers need less memory"
+            "stopped; fewer workers need less memory"
         ) from None
     finally:
         pool.shutdown(wait=True, cancel_futures=True)

@@ -203,7 +203,7 @@ def warp_patch(
     window = torch.as_tensor(_filter_windows(plan), dtype=patch.dtype, device=patch.device)
     spectrum = torch.fft.rfft2(padded) * window[:, None]
     filtered = torch.fft.irfft2(spectrum, s=(plan.side, plan.side))
-    grid = _sampling_grid(T_image_patch, plan, image_px, patch.dtype, patch.device)
+    grid = _sampling_grid(T_image_patch, plan, image_px, patch)
     drawn = grid_sample(filtered, grid, mode="bilinear", padding_mode="zeros", align_corners=False)
     return drawn[:, :3], drawn[:, 3:].detach().clamp(0, 1)
 
@@ -220,16 +220,16 @@ def _filter_windows(plan: WarpPlan) -> np.ndarray:
     return window / (np.sinc(right) * np.sinc(down))
 
 
-def _sampling_grid(T_image_patch: np.ndarray, plan: WarpPlan, image_px: int, dtype, device) -> "torch.Tensor":
-    """(b, m, m, 2) look-up positions for every pixel centre, in `grid_sample`'s [-1, 1]."""
+def _sampling_grid(T_image_patch: np.ndarray, plan: WarpPlan, image_px: int, like: "torch.Tensor") -> "torch.Tensor":
+    """(b, m, m, 2) look-up positions of pixel centres, in `grid_sample`'s [-1, 1], of `like`'s type and device."""
     import torch
 
     to_unit = np.array(
         [[2 * plan.repeat, 0, 2 * plan.start - plan.side], [0, 2 * plan.repeat, 2 * plan.start - plan.side]]
     )
     to_unit = np.vstack([to_unit / plan.side, [0, 0, 1]])
-    T_unit_image = torch.as_tensor(to_unit @ np.linalg.inv(T_image_patch), dtype=dtype, device=device)
-    centres = torch.arange(image_px, dtype=dtype, device=device) + 0.5
+    T_unit_image = torch.as_tensor(to_unit @ np.linalg.inv(T_image_patch), dtype=like.dtype, device=like.device)
+    centres = torch.arange(image_px, dtype=like.dtype, device=like.device) + 0.5
     x, y, one = (T_unit_image[:, :, k, None, None] for k in range(3))
     points = x * centres[None, None, None, :] + y * centres[None, None, :, None] + one
     if np.allclose(T_image_patch[:, 2], [0, 0, 1]):
