@@ -67,7 +67,7 @@ def test_a_foreign_file_is_never_opened(name, download, cifar, tmp_path):
     sprung = tmp_path / "sprung"
     file = cifar / CIFAR10.base_folder / name
     file.write_bytes(pickle.dumps(Trap(sprung)))
-    message = "--download: cannot fetch CIFAR-10 from http" if download else f"{name} is damaged or not CIFAR-10's"
+    message = "cannot fetch CIFAR-10 from http" if download else f"{name} is damaged or not CIFAR-10's"
     for split in ("train", "test"):
         with pytest.raises(ToolkitError, match=message if name != "batches.meta" else name):
             open_cifar(cifar, split, download and name != "batches.meta")
@@ -78,11 +78,11 @@ def test_a_foreign_file_is_never_opened(name, download, cifar, tmp_path):
 
 def test_what_is_not_there(cifar, tmp_path):
     (cifar / CIFAR10.base_folder / "data_batch_1").unlink()
-    with pytest.raises(ToolkitError, match=r"data_batch_1 is missing: unpack .* or fetch it with --download"):
+    with pytest.raises(ToolkitError, match=r"data_batch_1 is missing: unpack .* or fetch it with download"):
         open_cifar(cifar, "test")
     with pytest.raises(ToolkitError, match="no folder cifar-10-batches-py in it"):
         open_cifar(tmp_path / "nowhere", "test")
-    with pytest.raises(ToolkitError, match=r"--download: cannot fetch .* put cifar-10-python.tar.gz into") as caught:
+    with pytest.raises(ToolkitError, match=r"cannot fetch .* put cifar-10-python.tar.gz into") as caught:
         open_cifar(tmp_path / "nowhere", "test", download=True)
     assert "\n" not in str(caught.value)
 
