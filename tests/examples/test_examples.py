@@ -1,8 +1,7 @@
 """Each example runs as a reader would run it, writes what it says, and is short."""
 
-import os
 import re
-import subprocess
+import runpy
 import sys
 from pathlib import Path
 
@@ -12,13 +11,14 @@ ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = sorted((ROOT / "examples").glob("0*.py"))
 
 
-def run_example(file: Path, folder: Path) -> list[str]:
-    environment = {**os.environ, "PYTHONPATH": str(ROOT), "TOOLKIT_WEIGHTS": "", "HTTPS_PROXY": "http://127.0.0.1:9"}
-    done = subprocess.run(
-        [sys.executable, str(file), "out"], capture_output=True, text=True, check=False, cwd=folder, env=environment
-    )
-    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-3000:]
-    return done.stdout.splitlines()
+def run_example(file: Path, folder: Path, monkeypatch, capsys) -> list[str]:
+    """In this process, which has loaded the libraries and baked the objects' light before."""
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(sys, "argv", [str(file), "out"])
+    monkeypatch.delenv("TOOLKIT_WEIGHTS", raising=False)
+    monkeypatch.setenv("HTTPS_PROXY", "http://127.0.0.1:9")
+    runpy.run_path(str(file), run_name="__main__")
+    return capsys.readouterr().out.splitlines()
 
 
 HELPS = {
@@ -44,8 +44,8 @@ def test_it_is_short_and_goes_through_the_front_door(file):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
-def test_it_runs_and_makes_what_it_says(file, tmp_path):
-    said = run_example(file, tmp_path)
+def test_it_runs_and_makes_what_it_says(file, tmp_path, monkeypatch, capsys):
+    said = run_example(file, tmp_path, monkeypatch, capsys)
     assert said[-1].startswith("next: ") or "; next: " in said[-1]
     made = next(line for line in reversed(said) if line.startswith("made ")).split("; next: ")[0]
     paths = re.findall(r"\S+\.(?:png|pdf|glb|csv|html|json)\b", made)
