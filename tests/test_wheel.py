@@ -98,6 +98,7 @@ SMALLER = {"steps=400": "steps=1, batch=2, images=4, mounted_views=10", "count=1
 """Training and pictures of seconds; the examples' tests say that a patch helps."""
 
 
+@pytest.mark.slow
 def test_the_readmes_python_runs_from_the_wheel(site, tmp_path):
     """At most twenty lines, in an empty folder, without weights and network."""
     (block,) = re.findall(r"^```python\n(.*?)^```$", (ROOT / "README.md").read_text(), re.MULTILINE | re.DOTALL)

@@ -121,6 +121,7 @@ train_classifier(config, make_workspace(Path(sys.argv[1])), device="cpu", checkp
 """
 
 
+@pytest.mark.slow
 def test_kill_9_then_the_same_again_ends_with_the_same_bytes(colours, tmp_path, capsys):
     command = [sys.executable, "-c", KILLED, str(tmp_path / "resumed"), str(colours)]
     died = subprocess.run(command, capture_output=True, timeout=300)
