@@ -36,7 +36,7 @@ def space(tmp_path_factory, make_crate_space):
 @pytest.fixture(scope="module")
 def views(space):
     item = load_object(space.object_spec("crate"))
-    return list(render_mounted_views(item, SIZE_MM, TEXELS, 3, seed=7, image_px=SIDE, quiet=True))
+    return list(render_mounted_views(item, SIZE_MM, TEXELS, 3, seed=7, image_px=SIDE))
 
 
 @pytest.mark.slow

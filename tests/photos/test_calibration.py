@@ -241,7 +241,7 @@ def test_the_command_says_what_is_missing(space, photos, tmp_path):
         CliRunner().invoke(app, ["calibrate", str(folder), "--workspace", str(space.root)], catch_exceptions=False)
     assert not lens_file(space).exists()
     with pytest.raises(ToolkitError, match="no photographs in it"):
-        calibrate_folder(space.captures_dir, BOARD, quiet=True)
+        calibrate_folder(space.captures_dir, BOARD)
     save_photo(tmp_path / "none" / "a.jpg", np.full((48, 64, 3), 90, np.uint8))
     with pytest.raises(ToolkitError, match="was found in none of the photos"):
         CliRunner().invoke(

@@ -25,7 +25,7 @@ def drawn(tmp_path, make_crate_space, monkeypatch):
                 return np.full((camera.height, camera.width, 3), 0.2, np.float32)
 
         monkeypatch.setattr(training, "make_renderer", lambda name, mesh, studio: Still(mesh, studio))
-        images = list(training.render_training_images(space, "crate", count, seed, quiet=True))
+        images = list(training.render_training_images(space, "crate", count, seed))
         return images, cameras, studios
 
     return draw

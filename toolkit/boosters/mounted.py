@@ -64,7 +64,6 @@ def load_mounted_views(
     seed: int,
     image_px: int,
     device: str,
-    quiet: bool = False,
     ranges: ViewRanges = NEAR_VIEWS,
 ) -> MountedViews:
     """Render views as `toolkit.rig.views.render_mounted_views` and put them on `device`.
@@ -73,7 +72,7 @@ def load_mounted_views(
         workspace: whose object it is.
         object_name: as in its spec.
         size_mm: side of the printed patch, unless the object's spec states one.
-        patch_px, count, seed, image_px, quiet, ranges: as there.
+        patch_px, count, seed, image_px, ranges: as there.
         device: of the tensors.
 
     Raises:
@@ -81,9 +80,7 @@ def load_mounted_views(
     """
     item = load_object(workspace.object_spec(object_name))
     side_mm = item.spec.patch.size_mm or size_mm
-    views = render_mounted_views(
-        item, side_mm, patch_px, count, seed=seed, image_px=image_px, quiet=quiet, ranges=ranges
-    )
+    views = render_mounted_views(item, side_mm, patch_px, count, seed=seed, image_px=image_px, ranges=ranges)
     return stack_views(list(views), side_mm, device)
 
 

@@ -261,7 +261,7 @@ class _Sorting:
     unreadable: list[tuple[str, str]] = field(default_factory=list)
 
 
-def calibrate_folder(folder: Path, board: Board, quiet: bool = False) -> CalibrationRun:
+def calibrate_folder(folder: Path, board: Board) -> CalibrationRun:
     """Find the board in every photograph of a folder and calibrate each lens that took enough of them.
 
     Frames of a video are taken a second apart. The same photograph twice counts once.
@@ -269,7 +269,6 @@ def calibrate_folder(folder: Path, board: Board, quiet: bool = False) -> Calibra
     Args:
         folder: photographs of the board, with or without an object on it.
         board: the sheet that was printed.
-        quiet: no progress bar.
 
     Raises:
         ToolkitError: the folder cannot be read, or holds no photograph.
@@ -279,7 +278,7 @@ def calibrate_folder(folder: Path, board: Board, quiet: bool = False) -> Calibra
         raise ToolkitError(f"{folder}: no photographs in it: expected JPEG, HEIC, PNG, DNG or video files of the board")
     sorting = _Sorting(unreadable=list(found.refused))
     seen: set[tuple[str, int | None]] = set()
-    with progress("finding the board", len(found.photos), quiet) as bar:
+    with progress("finding the board", len(found.photos)) as bar:
         for path in found.photos:
             name = str(path.relative_to(folder))
             try:

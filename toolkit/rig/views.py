@@ -67,9 +67,7 @@ THUMBNAIL_TABLE_PX = 640
 THUMBNAIL_ROOM_PX = 256
 
 
-def render_training_images(
-    workspace: Workspace, object_name: str, count: int, seed: int, quiet: bool = False
-) -> Iterator[np.ndarray]:
+def render_training_images(workspace: Workspace, object_name: str, count: int, seed: int) -> Iterator[np.ndarray]:
     """Yield `count` renders of the bare object, (288, 320, 3) uint8 sRGB.
 
     Azimuth is anywhere, elevation 20-70°, the object fills 60-95 % of the shorter side, roll within ±8°, and the camera
@@ -81,7 +79,7 @@ def render_training_images(
     """
     item = load_object(workspace.object_spec(object_name))
     size = float(item.mesh.size_mm.max())
-    with progress(f"rendering {object_name} to train on", count, quiet) as bar:
+    with progress(f"rendering {object_name} to train on", count) as bar:
         for start in range(0, count, PER_STUDIO):
             renderer = make_renderer("raycast", item.mesh, random_studio(seed, start, size))
             for i in range(start, min(start + PER_STUDIO, count)):
@@ -98,7 +96,6 @@ def render_mounted_views(
     *,
     seed: int,
     image_px: int,
-    quiet: bool = False,
     ranges: ViewRanges = NEAR_VIEWS,
 ) -> Iterator[LinearView]:
     """Yield `count` views of an object with a printed sheet on it, linear in the colours of the sheet's paper.
@@ -113,7 +110,6 @@ def render_mounted_views(
         count: how many.
         seed: of all draws.
         image_px: side of the square pictures.
-        quiet: no progress bar.
         ranges: where the camera may stand.
 
     Raises:
@@ -123,7 +119,7 @@ def render_mounted_views(
     grey = np.full((patch_px, patch_px, 3), 128, np.uint8)
     sheet = mount_patch(item.mesh, grey, size_mm, item.spec.patch, item.name)
     mesh, paper = attach(item.mesh, sheet), sheet.mesh.materials[0].texture
-    with progress(f"rendering {item.name} with its sheet", count, quiet) as bar:
+    with progress(f"rendering {item.name} with its sheet", count) as bar:
         for start in range(0, count, PER_STUDIO):
             renderer = RaycastRenderer(mesh, random_studio(seed, start, float(item.mesh.size_mm.max())))
             for i in range(start, min(start + PER_STUDIO, count)):
