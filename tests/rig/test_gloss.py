@@ -175,7 +175,7 @@ def test_a_mirror_that_leans_over_shows_the_table_where_its_ray_lands(black):
     side, key = 256, KeyLight(azimuth_deg=180, elevation_deg=60, radius_deg=1, irradiance=(2.0, 2.0, 2.0))
     row, column = np.mgrid[:side, :side]
     table = np.stack([column, 255 - row, 0 * row + 40], axis=-1).astype(np.uint8)  # right +x, up +y
-    studio = replace(black, key=key, table=table)
+    studio = replace(black, key=key, table=table, table_mm=(700.0, 700.0))
     normal = orbit_direction(0, -20)
     renderer = RaycastRenderer(make_plate(paint(0.0, 1.0), normal), studio)
     landed = []
@@ -183,7 +183,7 @@ def test_a_mirror_that_leans_over_shows_the_table_where_its_ray_lands(black):
         to_camera = orbit_direction(azimuth, elevation)
         reflected = mirror(-to_camera, normal)
         land = np.array([0, 0, 200.0]) + 200 / -reflected[2] * reflected
-        code = np.array([(land[0] / 2000 + 0.5) * side - 0.5, (land[1] / 2000 + 0.5) * side - 0.5, 40]) / 255
+        code = np.array([(land[0] / 700 + 0.5) * side - 0.5, (land[1] / 700 + 0.5) * side - 0.5, 40]) / 255
         linear = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
         expected = linear * 2.0 * np.sin(np.radians(60)) / np.pi
         np.testing.assert_allclose(look_at_spot(renderer, to_camera), expected, rtol=0.04, atol=0.004)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
+from toolkit.objects.grouping import group_rows
 from toolkit.objects.mesh import Material, Mesh
 from toolkit.objects.unwrap import unwrap as make_corner_uv
 
@@ -355,8 +356,8 @@ def _visible(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
 def _split_vertices(mesh: Mesh, corner_uv: np.ndarray) -> Mesh:
     """The mesh with other texture coordinates; vertices are doubled where those of their faces differ."""
     index = mesh.faces.reshape(-1).astype(np.int64)
-    bits = np.ascontiguousarray(corner_uv, np.float32).reshape(-1, 2).view(np.int32).astype(np.int64)
-    _, first, inverse = np.unique(np.column_stack([index, bits]), axis=0, return_index=True, return_inverse=True)
+    bits = np.ascontiguousarray(corner_uv, np.float32).reshape(-1, 2).view(np.int32)
+    first, inverse = group_rows([index, *bits.T])
     origin = index[first]
     return replace(
         mesh,

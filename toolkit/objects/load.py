@@ -10,6 +10,7 @@ import numpy as np
 
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import inside
+from toolkit.objects.grouping import group_places
 from toolkit.objects.mesh import (
     Material,
     Mesh,
@@ -132,11 +133,8 @@ def _from_trimesh(piece: "trimesh.Trimesh", source: str) -> Mesh:
         raise ToolkitError(f"{source}: a face names vertex {worst}, the mesh has {len(vertices)}: repair the mesh")
     corner_uv, material = _paint_of(piece, vertices, faces)
     # one position per place, so that smoothing crosses the seams that texture coordinates cut
-    scale = max(float(np.ptp(vertices, axis=0).max()), 1e-9)
-    _, first, inverse = np.unique(
-        np.round(vertices / (scale * 1e-6)).astype(np.int64), axis=0, return_index=True, return_inverse=True
-    )
-    welded = inverse.reshape(-1)[faces]
+    first, place = group_places(vertices)
+    welded = place[faces]
     real = (welded[:, 0] != welded[:, 1]) & (welded[:, 1] != welded[:, 2]) & (welded[:, 0] != welded[:, 2])
     if not real.any():
         raise ToolkitError(f"{source}: every face has zero area: expected an object with an extent")
