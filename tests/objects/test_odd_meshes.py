@@ -77,7 +77,7 @@ def test_any_unit_will_do(tmp_path, scale):
 
 def test_a_mesh_far_from_the_origin_keeps_its_shape(tmp_path):
     """Surveyed in metres from an equator: float32 has steps of half a metre there."""
-    mesh = shoot(write_ply(tmp_path, VERTICES + [500_000, 5_600_000, 300], FACES))
+    mesh = shoot(write_ply(tmp_path, VERTICES + np.array([500_000, 5_600_000, 300]), FACES))
     np.testing.assert_allclose(
         np.linalg.norm(mesh.vertices - mesh.bounds.mean(axis=0), axis=1), 60, atol=0.01
     )  # still a ball
