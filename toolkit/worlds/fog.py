@@ -94,7 +94,7 @@ class Fog(Config):
 WAVELENGTHS_NM = np.array([610.0, 550.0, 465.0])
 """Of red, green and blue, where the eye's and a camera's primaries lie."""
 ANGSTROM = 0.5
-"""Assumed: Ångström's exponent of the extinction, β ~ λ^-0.5. Desert dust has 0 to 0.6 (Dubovik et al. 2002), a fresh storm
+"""Assumed: Ångström's exponent of the extinction, β ~ λ^-0.5. Desert dust has 0 to 0.6 (Dubovik et al. 2002), a storm
 near 0. Blue is lost 9 % faster than green."""
 TAN = np.array([1.0, 0.68, 0.38])
 """Assumed: colour of the airlight in linear RGB: quartz and clay with iron oxide swallow blue."""
