@@ -26,6 +26,15 @@ class DepthView:
     ground: np.ndarray | None = None
     normals: np.ndarray | None = None
 
+    @classmethod
+    def of_model(
+        cls, depth_mm: np.ndarray, camera: Camera, T_world_camera: np.ndarray, metres_per_mm: float
+    ) -> "DepthView":
+        """A view of a model on a table, in millimetres, as if the model had its real size."""
+        pose = T_world_camera.copy()
+        pose[:3, 3] *= metres_per_mm
+        return cls((depth_mm * metres_per_mm).astype(np.float32), camera, pose)
+
     @cached_property
     def directions(self) -> np.ndarray:
         """(h, w, 3) float32 unit rays through the pixels' centres, in the world."""
