@@ -6,6 +6,7 @@ import pytest
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import XYZ_OF_LINEAR_SRGB
 from toolkit.rig.camera import orbit_direction
+from toolkit.rig.studio import KeyLight
 from toolkit.rig.textures import sample_directions
 from toolkit.worlds.daylight import (
     LUMINANCE,
@@ -17,7 +18,7 @@ from toolkit.worlds.daylight import (
     sunlight,
     twilight_klx,
 )
-from toolkit.worlds.sky import TIMES, TimeOfDay, find_directions, illuminate, make_sky
+from toolkit.worlds.sky import TIMES, Sky, TimeOfDay, find_directions, illuminate, make_sky
 
 HEIGHT = 96
 CLEAR_NOON = TimeOfDay(60.0, 50.0, cloud_cover=0.0)
@@ -102,7 +103,7 @@ def test_every_time_of_day_is_a_sky_that_a_camera_can_show(name):
     assert sky.lamps_on == (name == "dusk") and (sum(sky.sun.irradiance) == 0) == (name in ("dusk", "overcast"))
     ground = 0.18 / np.pi * (illuminate(sky.panorama, sky.sun) @ LUMINANCE) * sky.exposure
     assert (0.005 if name == "dusk" else 0.06) < ground < 0.4
-    assert 0.15 < sky.airlight @ LUMINANCE < 1.3
+    assert 0.1 < sky.airlight @ LUMINANCE < 1
     assert sky.sun.radius_deg == 0.27
 
 
@@ -140,6 +141,16 @@ def test_more_cover_less_blue():
 
     shares = [blue_share(cover) for cover in (0.0, 0.2, 0.5, 0.8, 1.0)]
     assert (np.diff(shares) <= 0.01).all() and shares[0] > 0.8 and shares[4] < 0.05
+
+
+def test_air_scatters_the_mean_of_all_around_and_white_ground_the_irradiance():
+    even = Sky("even", np.ones((HEIGHT, 2 * HEIGHT, 3), np.float32), KeyLight(irradiance=(0, 0, 0)), 0.5)
+    np.testing.assert_allclose(even.airlight, 0.5, rtol=1e-5)
+    np.testing.assert_allclose(even.white, 0.5, rtol=1e-3)
+    sun = KeyLight(elevation_deg=30, irradiance=(4 * np.pi, 0, 0))
+    lit = Sky("lit", even.panorama, sun, 0.5)
+    np.testing.assert_allclose(lit.airlight, [1, 0.5, 0.5], rtol=1e-5)
+    np.testing.assert_allclose(lit.white, [1.5, 0.5, 0.5], rtol=1e-3)
 
 
 def test_no_such_time_of_day():

@@ -126,6 +126,10 @@ def test_snow_lies_on_what_faces_up_and_stays_where_it_is():
         np.testing.assert_array_equal(lying.factor[:24], 1)
         shares.append(1 - lying.factor[24:].mean())
     assert shares[0] == 0 and shares[4] == 1
+    lit = Snow(rate_mm_h=0, cover=1).change_light(
+        view_at(12.0, normals=normals, white=np.array([1.0, 0.9, 0.8])), AIRLIGHT, np.random.default_rng(0)
+    )
+    np.testing.assert_allclose(lit.offset[40, 30], 0.85 * np.array([1.0, 0.9, 0.8]), rtol=1e-5)
     many = []  # one picture sees a few patches: the share is that of many places
     for x in np.arange(12) * 7.0:
         pose = POSE.copy()

@@ -18,6 +18,7 @@ class DepthView:
         T_world_camera: (4, 4) camera's pose, metres.
         ground: (h, w) bool, or share of the pixel in [0, 1], where the ground is seen, which rain wets and snow covers.
         normals: (h, w, 3) unit, in the world, 0 for the sky; snow lies where they point up.
+        white: (3,) linear light of a white surface that lies in the open, which snow has; by default the airlight.
     """
 
     depth_m: np.ndarray
@@ -25,6 +26,7 @@ class DepthView:
     T_world_camera: np.ndarray
     ground: np.ndarray | None = None
     normals: np.ndarray | None = None
+    white: np.ndarray | None = None
 
     @classmethod
     def of_model(

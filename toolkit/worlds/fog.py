@@ -66,7 +66,7 @@ def stretch_path(view: DepthView, patchiness: float, farthest_m: float, rng: np.
 
 
 class Fog(Config):
-    """Water droplets: every colour is lost alike, and the sky's light at the horizon comes in its place."""
+    """Water droplets: every colour is lost alike, and light from all around comes in its place."""
 
     visibility_m: Annotated[float, Field(gt=0)] = Field(40.0, description="At 5 % contrast, metres.")
     patchiness: Annotated[float, Field(ge=0, le=1)] = Field(
@@ -99,7 +99,7 @@ near 0. Blue is lost 9 % faster than green."""
 TAN = np.array([1.0, 0.68, 0.38])
 """Assumed: colour of the airlight in linear RGB: quartz and clay with iron oxide swallow blue."""
 DUST_LIGHT = 0.65
-"""Assumed: luminance of the dust's airlight over the sky's at the horizon."""
+"""Assumed: luminance of the dust's airlight over fog's."""
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 GRAIN_SHARE = 0.05
 """Assumed: share of the dust's mass in grains large enough to be seen one by one."""
@@ -108,7 +108,7 @@ GRAIN_MM, GRAIN_KG_PER_M3, GRAIN_FALL_M_S, GRAIN_LIGHT = np.linspace(0.3, 1.5, 1
 
 
 def tan_airlight(airlight: np.ndarray) -> np.ndarray:
-    """(3,) linear airlight of dust below a sky that sends (3,) `airlight` at the horizon."""
+    """(3,) linear airlight of dust where fog would have (3,) `airlight`."""
     return TAN / (TAN @ LUMINANCE) * (airlight @ LUMINANCE) * DUST_LIGHT
 
 

@@ -4,7 +4,7 @@ Luminances are in kcd/m², illuminances in klx, both as linear sRGB; the exposur
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -36,8 +36,6 @@ from toolkit.worlds.daylight import (
 SUN_RADIUS_DEG = 0.27
 GROUND_ALBEDO = np.array([0.19, 0.18, 0.16])
 """Of the panorama's lower half: asphalt, concrete, earth and leaves, from afar."""
-HORIZON_DEG = 6.0
-"""Up to this elevation the sky's mean is the airlight."""
 
 
 @dataclass(frozen=True)
@@ -87,12 +85,22 @@ class Sky:
     exposure: float
     lamps_on: bool = False
 
-    @property
+    @cached_property
     def airlight(self) -> np.ndarray:
-        """(3,) linear light of the sky at the horizon, in the picture's values: what fog sends."""
+        """(3,) linear light that fog sends, in the picture's values.
+
+        The mean of what comes from all directions, ground and sun included: droplets that scatter evenly send that.
+        """
         height = self.panorama.shape[0]
-        rows = slice(round(height / 2 * (1 - HORIZON_DEG / 90)), height // 2)
-        return self.panorama[rows].mean(axis=(0, 1)) * self.exposure
+        elevation = np.pi / 2 - (np.arange(height) + 0.5) * np.pi / height
+        weight = np.cos(elevation) / np.cos(elevation).sum()
+        around = (self.panorama.mean(axis=1) * weight[:, None]).sum(axis=0)
+        return (around + np.array(self.sun.irradiance) / (4 * np.pi)) * self.exposure
+
+    @cached_property
+    def white(self) -> np.ndarray:
+        """(3,) linear light of a white surface that lies in the open, in the picture's values."""
+        return illuminate(self.panorama, self.sun) / np.pi * self.exposure
 
     def render(self, directions: np.ndarray) -> np.ndarray:
         """(n, 3) linear light in the picture's values along unit directions (n, 3); without the sun's disc."""

@@ -28,7 +28,7 @@ class Weather(Protocol):
 
         Args:
             view: depth, camera, and where ground and surfaces that face up are.
-            airlight: (3,) linear light of the sky at the horizon, in the picture's unit: `Sky.airlight`.
+            airlight: (3,) linear light that an endless depth of fog sends, in the picture's unit: `Sky.airlight`.
             rng: draws drops, flakes, grains and patches.
         """
         ...

@@ -32,12 +32,12 @@ class Weathered:
     Attributes:
         weathers: (name, severity), at least one, of `toolkit.worlds.weather`; each is as likely.
         probability: that a view has weather.
-        airlight: linear light of the air, in the picture's values; skies of `toolkit.worlds.sky` have 0.4 to 1.
+        airlight: linear light of the air, in the picture's values; skies of `toolkit.worlds.sky` have 0.2 to 0.7.
     """
 
     weathers: tuple[tuple[str, int], ...]
     probability: float = 0.5
-    airlight: Range = (0.35, 0.95)
+    airlight: Range = (0.3, 0.8)
 
     def __post_init__(self) -> None:
         check_probability("weather", self.probability)
