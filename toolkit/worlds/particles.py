@@ -14,12 +14,12 @@ from toolkit.core.config import Config
 from toolkit.rig.camera import Camera, orbit_direction
 from toolkit.worlds.depth_view import AffineLight, DepthView
 
-FAINTEST = 0.01
+FAINTEST = 0.015
 """Share of a pixel's light below which a particle is not drawn."""
 APERTURE_MM = 2.0
 """Of the lens, focused far away: a phone's of 4 mm at f/2. It blurs what is near into discs of f · 2 mm / z."""
 NEAREST_M = 0.25
-MOST = 60_000
+MOST = 30_000
 """Particles in a picture; the farthest are left out where there would be more."""
 
 
