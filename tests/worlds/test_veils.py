@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from toolkit.core.errors import FieldError
-from toolkit.rig.camera import Camera, look_at
+from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.rig.camera import Camera, look_at, orbit_direction
 from toolkit.worlds.depth_view import DepthView
 from toolkit.worlds.fog import DENSEST, LUMINANCE, THINNEST, Dust, Fog, stretch_path, tan_airlight
 from toolkit.worlds.rain import Rain, find_rain_extinction
@@ -37,13 +37,29 @@ def test_mean_radiance_is_koschmieders(depth_m):
     np.testing.assert_allclose(seen, light * passed + AIRLIGHT * (1 - passed), atol=1e-6)
 
 
-@pytest.mark.parametrize("weather", [Fog(visibility_m=10), Fog(visibility_m=10, patchiness=1), Dust(), Rain(), Snow()])
-def test_the_sky_becomes_airlight_and_nothing_is_not_a_number(weather):
-    seen = weather.change_light(view_at(np.inf), AIRLIGHT, np.random.default_rng(0))
-    assert (seen.factor == 0).all() and np.isfinite(seen.offset).all()
-    target = tan_airlight(AIRLIGHT) if isinstance(weather, Dust) else AIRLIGHT
-    share_of_bare_air = (np.abs(seen.offset - target) < 1e-5).all(axis=2).mean()
-    assert share_of_bare_air > (0.3 if isinstance(weather, Snow) else 0.8)
+@pytest.mark.parametrize(
+    ("weather", "layer_m", "beta"),
+    [
+        (Fog(visibility_m=10), 200, 0.2996),
+        (Fog(visibility_m=1000, patchiness=1), 200, 0.002996),
+        (Dust(visibility_m=500), 1000, Dust(visibility_m=500).extinction[0]),
+        (Rain(rate_mm_h=5), 1500, find_rain_extinction(5)),
+        (Snow(rate_mm_h=1), 1500, find_snow_extinction(1)),
+        (Rain(rate_mm_h=0), 1500, 0.0),
+    ],
+)
+def test_the_sky_is_seen_through_the_layer(weather, layer_m, beta):
+    """Straight up it is the layer's height, at an elevation of 30° twice that; a black sky shows the airlight alone."""
+    red = (tan_airlight(AIRLIGHT) if isinstance(weather, Dust) else AIRLIGHT)[0]
+    for elevation_deg in (30.0, 89.9):
+        up = look_at(np.zeros(3), orbit_direction(0, elevation_deg))
+        view = DepthView(np.full((48, 64), np.inf, np.float32), CAMERA, up)
+        seen = weather.change_light(view, AIRLIGHT, np.random.default_rng(0))
+        assert np.isfinite(seen.factor).all() and np.isfinite(seen.offset).all()
+        passed = np.exp(-beta * layer_m / view.directions[..., 2])
+        bare = np.abs(seen.factor[..., 0] - passed) < 1e-4
+        bare &= np.abs(seen.offset[..., 0] - (1 - passed) * red) < 1e-4
+        assert bare.mean() > (0.3 if isinstance(weather, Snow) else 0.8)  # the rest is drops and flakes
 
 
 @pytest.mark.parametrize("weather", [Fog(visibility_m=30), Rain(rate_mm_h=0, wetness=1), Fog(visibility_m=3)])
@@ -154,3 +170,10 @@ def test_snow_lies_on_what_faces_up_and_stays_where_it_is():
 def test_settings_that_cannot_be_are_refused(make, message):
     with pytest.raises(FieldError, match=message):
         make()
+
+
+def test_a_depth_of_another_size_is_refused():
+    with pytest.raises(ToolkitError, match="depth_m of 30 × 20 pixels: expected the camera's 64 × 48"):
+        DepthView(np.ones((20, 30), np.float32), CAMERA, POSE)
+    with pytest.raises(ToolkitError, match="ground of 64 × 20 pixels"):
+        view_at(3.0, ground=np.zeros((20, 64), bool))

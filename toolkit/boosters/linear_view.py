@@ -130,8 +130,9 @@ class ViewBatch:
         """The same views seen through weather, which makes `factor · light + offset` of light; both (b, h, w, 3)."""
         import torch
 
-        counts = torch.tensor(self.counts, device=self.pixel.device)
-        view = torch.arange(len(counts), device=self.pixel.device).repeat_interleave(counts)
+        device = self.pixel.device
+        factor, offset, counts = factor.to(device), offset.to(device), torch.tensor(self.counts, device=device)
+        view = torch.arange(len(counts), device=device).repeat_interleave(counts)
         passed = factor.flatten(1, 2)[view, self.pixel].to(self.gain.dtype)
         still = (self.still * factor + offset).to(self.still.dtype)
         return replace(self, still=still, gain=self.gain * passed, share=self.share * passed.mean(1))

@@ -5,7 +5,11 @@ from functools import cached_property
 
 import numpy as np
 
+from toolkit.core.errors import ToolkitError
 from toolkit.rig.camera import Camera, pixel_rays
+
+LOWEST_RISE = 1e-3
+"""Of a ray along the horizon: its path through a layer is a thousand times the height, for the earth is round."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +32,14 @@ class DepthView:
     normals: np.ndarray | None = None
     white: np.ndarray | None = None
 
+    def __post_init__(self) -> None:
+        shape = (self.camera.height, self.camera.width)
+        for name in ("depth_m", "ground", "normals"):
+            found = getattr(self, name)
+            if found is not None and found.shape[:2] != shape:
+                expected = f"expected the camera's {shape[1]} × {shape[0]}"
+                raise ToolkitError(f"{name} of {found.shape[1]} × {found.shape[0]} pixels: {expected}")
+
     @classmethod
     def of_model(
         cls, depth_mm: np.ndarray, camera: Camera, T_world_camera: np.ndarray, metres_per_mm: float
@@ -44,6 +56,19 @@ class DepthView:
         x, y = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
         pixels = np.stack([x, y], axis=-1).reshape(-1, 2) + np.float32(0.5)
         return pixel_rays(self.camera, self.T_world_camera, pixels)[:, 3:].reshape(height, width, 3)
+
+    def path_m(self, layer_m: float) -> np.ndarray:
+        """(h, w) float32 metres of air that light comes through, in a layer of even height above the camera.
+
+        Up to the surface, or where there is only sky up to the layer's top.
+        """
+        sky = np.isinf(self.depth_m)
+        if not sky.any():
+            return self.depth_m
+        rise = np.maximum(self.directions[sky][:, 2], LOWEST_RISE)
+        path = self.depth_m.copy()
+        path[sky] = layer_m / rise
+        return path
 
     @property
     def position_m(self) -> np.ndarray:

@@ -14,6 +14,8 @@ CONTRAST_LOG = 2.996
 LADDER_M = (100.0, 70.0, 40.0, 20.0, 10.0)
 """Visibilities by severity, for objects that are seen from 20 to 60 m. WMO calls it fog below 1000 m; British
 forecasters thick fog below 200 m, dense below 50 m."""
+FOG_LAYER_M, DUST_LAYER_M = 200.0, 1000.0
+"""Assumed heights above the camera; the sky is seen through them."""
 THINNEST, DENSEST = 0.65, 1.45
 """Bounds of the extinction's factor in patchy fog."""
 PATCHES_M = (60.0, 37.0, 22.0, 13.0)
@@ -29,7 +31,7 @@ def hang_veil(path: np.ndarray, extinction: np.ndarray, airlight: np.ndarray) ->
     """Koschmieder's veil: `t · light + (1 - t) · airlight`, with t = exp(-β path).
 
     Args:
-        path: (h, w) float32 metres of air, inf for the sky.
+        path: (h, w) float32 metres of air.
         extinction: (1,) or (3,) β, 1/m; one number, or red, green and blue.
         airlight: (3,) linear light that an endless path sends.
     """
@@ -62,7 +64,7 @@ def stretch_path(view: DepthView, patchiness: float, farthest_m: float, rng: np.
         slope = np.where(np.abs(half) < 1e-3, np.float32(1), np.sin(half) / np.where(half == 0, 1, half))
         factor += np.sin(half + np.float32(start)) * slope * np.float32(amplitude)
     stretched = depth * (1 + np.float32(patchiness) * (factor - 1))
-    return np.where(np.isinf(view.depth_m), view.depth_m, stretched)
+    return np.where(np.isinf(view.depth_m), view.path_m(FOG_LAYER_M), stretched)
 
 
 class Fog(Config):
@@ -87,7 +89,8 @@ class Fog(Config):
     def change_light(self, view: DepthView, airlight: np.ndarray, rng: np.random.Generator) -> AffineLight:
         """What this weather makes of a picture; see `toolkit.worlds.weather.Weather`."""
         beta = find_extinction(self.visibility_m)
-        path = stretch_path(view, self.patchiness, 20 / beta, rng) if self.patchiness else view.depth_m
+        patchy = self.patchiness > 0
+        path = stretch_path(view, self.patchiness, 20 / beta, rng) if patchy else view.path_m(FOG_LAYER_M)
         return hang_veil(path, np.array([beta]), airlight)
 
 
@@ -148,4 +151,6 @@ class Dust(InWind):
         per_m3 = GRAIN_SHARE * self.mass_mg_per_m3 / len(GRAIN_MM) / grain_mg
         grains = Population(GRAIN_MM, per_m3, np.full(len(GRAIN_MM), GRAIN_FALL_M_S))
         coverage = draw_coverage(view, grains, self.wind, self.exposure_s, rng)
-        return hang_veil(view.depth_m, self.extinction, tan).then(lay_particles(coverage, GRAIN_LIGHT * tan))
+        return hang_veil(view.path_m(DUST_LAYER_M), self.extinction, tan).then(
+            lay_particles(coverage, GRAIN_LIGHT * tan)
+        )

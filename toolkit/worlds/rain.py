@@ -11,6 +11,8 @@ from toolkit.worlds.particles import InWind, Population, draw_coverage, lay_part
 
 LADDER_MM_H = (5.0, 10.0, 25.0, 50.0, 100.0)
 """Rates by severity. The WMO calls it moderate from 2.5, heavy from 10, violent from 50 mm/h."""
+CLOUD_BASE_M = 1500.0
+"""Assumed height that the rain falls from; the sky is seen through it."""
 BIN_MM = 0.1
 DIAMETERS_MM = np.arange(0.5, 6.0, BIN_MM) + BIN_MM / 2
 """Larger drops break up."""
@@ -64,7 +66,7 @@ class Rain(InWind):
 
     def change_light(self, view: DepthView, airlight: np.ndarray, rng: np.random.Generator) -> AffineLight:
         """What this weather makes of a picture; see `toolkit.worlds.weather.Weather`."""
-        veil = hang_veil(view.depth_m, np.array([find_rain_extinction(self.rate_mm_h)]), airlight)
+        veil = hang_veil(view.path_m(CLOUD_BASE_M), np.array([find_rain_extinction(self.rate_mm_h)]), airlight)
         coverage = draw_coverage(view, make_drops(self.rate_mm_h), self.wind, self.exposure_s, rng)
         seen = veil.then(lay_particles(coverage, DROP_LIGHT * airlight))
         if view.ground is None:

@@ -10,6 +10,7 @@ from pydantic import Field
 from toolkit.worlds.depth_view import AffineLight, DepthView
 from toolkit.worlds.fog import CONTRAST_LOG, hang_veil
 from toolkit.worlds.particles import InWind, Population, draw_coverage, lay_particles
+from toolkit.worlds.rain import CLOUD_BASE_M
 
 LADDER_MM_H = (1.0, 2.0, 4.0, 6.0, 10.0)
 """Rates by severity, as melted water: visibilities of 2350, 905, 348, 199 and 98 m. The US weather service calls it
@@ -81,7 +82,7 @@ class Snow(InWind):
 
     def change_light(self, view: DepthView, airlight: np.ndarray, rng: np.random.Generator) -> AffineLight:
         """What this weather makes of a picture; see `toolkit.worlds.weather.Weather`."""
-        veil = hang_veil(view.depth_m, np.array([find_snow_extinction(self.rate_mm_h)]), airlight)
+        veil = hang_veil(view.path_m(CLOUD_BASE_M), np.array([find_snow_extinction(self.rate_mm_h)]), airlight)
         coverage = draw_coverage(view, make_flakes(self.rate_mm_h), self.wind, self.exposure_s, rng)
         falling = veil.then(lay_particles(coverage, FLAKE_LIGHT * airlight))
         lying = self._cover(view)
