@@ -23,7 +23,8 @@ MELTED_MM = np.arange(0.3, 5.0, BIN_MM) + BIN_MM / 2
 FLAKE_DENSITY = 0.1
 """Of water's."""
 FLAKE_LIGHT, COVER_LIGHT = 0.9, 0.85
-"""Assumed: light of flakes over the air's, and the albedo of lying snow; fresh snow has 0.8 to 0.9."""
+"""Assumed: light of flakes over the mean of the air's and white ground's, for they are lit from above and below; and the
+albedo of lying snow, where fresh snow has 0.8 to 0.9."""
 FLAT, STEEP = 0.8, 0.4
 """Assumed: snow lies on all of a surface whose normal's z is above 0.8 (37°) and on none below 0.4 (66°)."""
 TILE_M, TILE_PX, COARSEST = 40.0, 512, 10
@@ -84,12 +85,10 @@ class Snow(InWind):
         """What this weather makes of a picture; see `toolkit.worlds.weather.Weather`."""
         veil = hang_veil(view.path_m(CLOUD_BASE_M), np.array([find_snow_extinction(self.rate_mm_h)]), airlight)
         coverage = draw_coverage(view, make_flakes(self.rate_mm_h), self.wind, self.exposure_s, rng)
-        falling = veil.then(lay_particles(coverage, FLAKE_LIGHT * airlight))
-        lying = self._cover(view)
-        if lying is None:
-            return falling
         white = airlight if view.white is None else view.white
-        return lay_particles(lying, COVER_LIGHT * white).then(falling)
+        falling = veil.then(lay_particles(coverage, FLAKE_LIGHT * (airlight + white) / 2))
+        lying = self._cover(view)
+        return falling if lying is None else lay_particles(lying, COVER_LIGHT * white).then(falling)
 
     def _cover(self, view: DepthView) -> np.ndarray | None:
         """(h, w) share of each pixel that is white; the same from everywhere, for it lies in the world."""
