@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.imaging.colour import XYZ_OF_LINEAR_SRGB
 from toolkit.rig.camera import orbit_direction
 from toolkit.rig.studio import KeyLight
@@ -151,6 +151,20 @@ def test_air_scatters_the_mean_of_all_around_and_white_ground_the_irradiance():
     lit = Sky("lit", even.panorama, sun, 0.5)
     np.testing.assert_allclose(lit.airlight, [1, 0.5, 0.5], rtol=1e-5)
     np.testing.assert_allclose(lit.white, [1.5, 0.5, 0.5], rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: TimeOfDay(95.0), "sun_elevation_deg 95: expected -12 to 90"),
+        (lambda: TimeOfDay(40.0, cloud_cover=1.2), r"cloud_cover 1\.2: expected 0 to 1"),
+        (lambda: TimeOfDay(40.0, turbidity=1.0), r"turbidity 1: expected 1\.8 to 10"),
+        (lambda: make_sky("noon", 0, 33), "height_px 33: expected an even number"),
+    ],
+)
+def test_settings_that_cannot_be_are_refused(make, message):
+    with pytest.raises(FieldError, match=message):
+        make()
 
 
 def test_no_such_time_of_day():

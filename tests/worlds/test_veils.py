@@ -5,8 +5,9 @@ import pytest
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.rig.camera import Camera, look_at, orbit_direction
+from toolkit.worlds.daylight import LUMINANCE
 from toolkit.worlds.depth_view import DepthView
-from toolkit.worlds.fog import DENSEST, LUMINANCE, THINNEST, Dust, Fog, stretch_path, tan_airlight
+from toolkit.worlds.fog import DENSEST, THINNEST, Dust, Fog, stretch_path, tan_airlight
 from toolkit.worlds.rain import Rain, find_rain_extinction
 from toolkit.worlds.snow import Snow, find_snow_extinction
 from toolkit.worlds.weather import add_weather, make_weather, weather_rng

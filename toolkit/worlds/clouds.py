@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toolkit.rig.textures import build_pyramid, sample_pyramid
+from toolkit.worlds.noise import paint_noise
 
 EARTH_M = 6.371e6
 BASE_M, TOP_M, VEIL_M = 1500.0, 2300.0, 8000.0
@@ -40,18 +41,9 @@ class CloudLayer:
     distance_m: np.ndarray
 
 
-def paint_noise(rng: np.random.Generator, slope: float, coarsest: float) -> list[np.ndarray]:
-    """Levels of (n, n, 1) float32 periodic noise, every value in [0, 1] as frequent in the first.
-
-    Amplitudes fall as frequency^-slope; waves longer than a `coarsest` part of the pattern are no stronger.
-    """
-    waves = np.hypot(np.fft.fftfreq(TILE_PX)[:, None], np.fft.rfftfreq(TILE_PX)[None]) * TILE_PX
-    spectrum = np.fft.rfft2(rng.standard_normal((TILE_PX, TILE_PX))) / np.maximum(waves, coarsest) ** slope
-    spectrum[0, 0] = 0
-    smooth = np.fft.irfft2(spectrum, s=(TILE_PX, TILE_PX))
-    rank = np.empty(TILE_PX**2, np.float32)
-    rank[np.argsort(smooth, axis=None)] = (np.arange(TILE_PX**2) + 0.5) / TILE_PX**2
-    return [level[..., None] for level in build_pyramid(rank.reshape(TILE_PX, TILE_PX))]
+def paint_levels(rng: np.random.Generator, slope: float, coarsest: float) -> list[np.ndarray]:
+    """A pattern of `paint_noise` and its averages, each (n, n, 1)."""
+    return [level[..., None] for level in build_pyramid(paint_noise(rng, TILE_PX, slope, coarsest))]
 
 
 def sample_noise(levels: list[np.ndarray], u: np.ndarray, v: np.ndarray, lod: np.ndarray) -> np.ndarray:
@@ -78,7 +70,7 @@ def march_clouds(
         pixel_rad: angle between neighbouring rays; finer detail is averaged.
         rng: draws the clouds.
     """
-    heaps, tops = (paint_noise(rng, slope, 4) for slope in (2.0, 1.75))
+    heaps, tops = (paint_levels(rng, slope, 4) for slope in (2.0, 1.75))
     flat = directions[:, :2] / np.maximum(np.linalg.norm(directions[:, :2], axis=1, keepdims=True), 1e-6)
     sine, cosine = directions[:, 2], np.sqrt(1 - np.minimum(directions[:, 2], 1) ** 2)
     gap = np.degrees(np.arccos(np.clip(directions @ sun, -1, 1)))
@@ -124,7 +116,7 @@ def march_clouds(
 
 def lay_veils(directions: np.ndarray, amount: float, pixel_rad: float, rng: np.random.Generator) -> np.ndarray:
     """(n,) share of the sky that thin streaks of ice hide, at most 0.45."""
-    levels = paint_noise(rng, 1.5, 3)
+    levels = paint_levels(rng, 1.5, 3)
     distance = reach_height(directions[:, 2], VEIL_M)
     lod = np.log2(distance * pixel_rad * TILE_PX / VEIL_TILE_M)
     angle = rng.uniform(0, np.pi)

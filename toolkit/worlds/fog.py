@@ -6,6 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from toolkit.core.config import Config
+from toolkit.worlds.daylight import LUMINANCE, WAVELENGTHS_UM
 from toolkit.worlds.depth_view import AffineLight, DepthView
 from toolkit.worlds.particles import InWind, Population, draw_coverage, lay_particles
 
@@ -94,8 +95,6 @@ class Fog(Config):
         return hang_veil(path, np.array([beta]), airlight)
 
 
-WAVELENGTHS_NM = np.array([610.0, 550.0, 465.0])
-"""Of red, green and blue, where the eye's and a camera's primaries lie."""
 ANGSTROM = 0.5
 """Assumed: Ångström's exponent of the extinction, β ~ λ^-0.5. Desert dust has 0 to 0.6 (Dubovik et al. 2002), a storm
 near 0. Blue is lost 9 % faster than green."""
@@ -103,7 +102,6 @@ TAN = np.array([1.0, 0.68, 0.38])
 """Assumed: colour of the airlight in linear RGB: quartz and clay with iron oxide swallow blue."""
 DUST_LIGHT = 0.65
 """Assumed: luminance of the dust's airlight over fog's."""
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 GRAIN_SHARE = 0.05
 """Assumed: share of the dust's mass in grains large enough to be seen one by one."""
 GRAIN_MM, GRAIN_KG_PER_M3, GRAIN_FALL_M_S, GRAIN_LIGHT = np.linspace(0.3, 1.5, 13), 2650.0, 4.0, 0.5
@@ -129,7 +127,7 @@ class Dust(InWind):
     @property
     def extinction(self) -> np.ndarray:
         """(3,) β of red, green and blue, 1/m."""
-        return find_extinction(self.visibility_m) * (WAVELENGTHS_NM / 550.0) ** -ANGSTROM
+        return find_extinction(self.visibility_m) * (WAVELENGTHS_UM / 0.55) ** -ANGSTROM
 
     @property
     def mass_mg_per_m3(self) -> float:

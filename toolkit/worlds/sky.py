@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from toolkit.core.errors import one_of
+from toolkit.core.errors import FieldError, one_of
 from toolkit.rig.camera import orbit_direction
 from toolkit.rig.studio import KeyLight
 from toolkit.rig.textures import sample_directions
@@ -19,7 +19,7 @@ from toolkit.worlds.clouds import (
     TILE_PX,
     lay_veils,
     march_clouds,
-    paint_noise,
+    paint_levels,
     reach_height,
     sample_noise,
 )
@@ -38,12 +38,15 @@ GROUND_ALBEDO = np.array([0.19, 0.18, 0.16])
 """Of the panorama's lower half: asphalt, concrete, earth and leaves, from afar."""
 
 
+BOUNDS = {"sun_elevation_deg": (-12.0, 90.0), "turbidity": (1.8, 10.0), "cloud_cover": (0.0, 1.0)}
+
+
 @dataclass(frozen=True)
 class TimeOfDay:
     """Where the sun stands and what hangs before it.
 
     Attributes:
-        sun_elevation_deg: of the sun's middle; 60 to -6.
+        sun_elevation_deg: of the sun's middle; below -6 it is nearly night.
         sun_azimuth_deg: counter-clockwise from +x, seen from above.
         turbidity: of the air: 2 very clear, 3 clear, 6 hazy.
         cloud_cover: share of the sky; from 0.85 up the sun is hidden little by little.
@@ -55,6 +58,11 @@ class TimeOfDay:
     turbidity: float = 2.6
     cloud_cover: float = 0.3
     lamps_on: bool = False
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in BOUNDS.items():
+            if not low <= getattr(self, name) <= high:
+                raise FieldError(f"expected {low:g} to {high:g}", {name: getattr(self, name)})
 
 
 TIMES: dict[str, TimeOfDay] = {
@@ -144,7 +152,7 @@ def meter_exposure(panorama: np.ndarray, sun: KeyLight) -> float:
     height = panorama.shape[0]
     low_sky = panorama[round(height / 2 * (1 - METERED_SKY_DEG / 90)) : height // 2].mean(axis=(0, 1)) @ LUMINANCE
     metered = (METERED_ALBEDO * irradiance / np.pi + SKY_SHARE * float(low_sky)) / 2
-    return METERED_VALUE / metered * min(1.0, irradiance / DIM_KLX) ** DIM_POWER
+    return METERED_VALUE / metered
 
 
 @lru_cache(maxsize=4)
@@ -158,7 +166,10 @@ def make_sky(time: str | TimeOfDay = "noon", seed: int = 0, height_px: int = 512
 
     Raises:
         ToolkitError: there is no such time of day.
+        FieldError: the height is odd or too small.
     """
+    if height_px < 16 or height_px % 2:
+        raise FieldError("expected an even number from 16 up", {"height_px": height_px})
     if isinstance(time, str) and time not in TIMES:
         raise one_of("time of day", time, list(TIMES))
     name, when = (time, TIMES[time]) if isinstance(time, str) else (f"sun {time.sun_elevation_deg:g}°", time)
@@ -167,16 +178,19 @@ def make_sky(time: str | TimeOfDay = "noon", seed: int = 0, height_px: int = 512
     direct = sunlight(when.sun_elevation_deg, when.turbidity)
     grey = np.clip((when.cloud_cover - 0.85) / 0.15, 0, 1)
     rng = np.random.default_rng([seed, 0x5C1])
-    upper = _light_sky(above, when, direct, np.pi / height_px, rng)
+    upper = np.zeros_like(above)
+    if grey < 1:
+        upper = _light_sky(above, when, direct, np.pi / height_px, rng) * (1 - grey)
     if grey > 0:
-        upper += (_overcast(above, when, np.pi / height_px, rng) - upper) * grey
+        upper = upper + _overcast(above, when, np.pi / height_px, rng) * grey
     panorama = np.zeros_like(directions)
     panorama[: height_px // 2] = upper.reshape(height_px // 2, -1, 3)
     sun = _make_sun(when.sun_azimuth_deg, when.sun_elevation_deg, direct * (1 - grey))
     if when.sun_elevation_deg >= 0:  # twilight's blue is left as it is
         panorama, sun = _balance(panorama, sun)
     _lay_ground(panorama, directions, illuminate(panorama, sun))
-    return Sky(f"{name}/{seed}", panorama, sun, meter_exposure(panorama, sun), when.lamps_on)
+    dim = min(1.0, float(illuminate(panorama, sun) @ LUMINANCE) / DIM_KLX) ** DIM_POWER
+    return Sky(f"{name}/{seed}", panorama, sun, meter_exposure(panorama, sun) * dim, when.lamps_on)
 
 
 def _make_sun(azimuth_deg: float, elevation_deg: float, irradiance: np.ndarray) -> KeyLight:
@@ -251,7 +265,7 @@ def _overcast(directions: np.ndarray, when: TimeOfDay, pixel_rad: float, rng: np
     distance = reach_height(directions[:, 2], BASE_M)
     lod = np.log2(distance * pixel_rad * TILE_PX / TILE_M)
     u, v = (directions[:, :2] * (0.5 * distance / TILE_M)[:, None]).T
-    uneven = sample_noise(paint_noise(rng, 1.9, 4), u, v, lod - 1) - 0.5
+    uneven = sample_noise(paint_levels(rng, 1.9, 4), u, v, lod - 1) - 0.5
     fade = np.exp(-distance / 15_000)
     zenith = 9 / (7 * np.pi) * overcast_klx(when.sun_elevation_deg)
     grey = zenith * overcast_shape(directions[:, 2]) * (1 + 0.35 * uneven * fade)

@@ -9,6 +9,7 @@ from pydantic import Field
 
 from toolkit.worlds.depth_view import AffineLight, DepthView
 from toolkit.worlds.fog import CONTRAST_LOG, hang_veil
+from toolkit.worlds.noise import paint_noise
 from toolkit.worlds.particles import InWind, Population, draw_coverage, lay_particles
 from toolkit.worlds.rain import CLOUD_BASE_M
 
@@ -23,8 +24,8 @@ MELTED_MM = np.arange(0.3, 5.0, BIN_MM) + BIN_MM / 2
 FLAKE_DENSITY = 0.1
 """Of water's."""
 FLAKE_LIGHT, COVER_LIGHT = 0.9, 0.85
-"""Assumed: light of flakes over the mean of the air's and white ground's, for they are lit from above and below; and the
-albedo of lying snow, where fresh snow has 0.8 to 0.9."""
+"""Assumed: light of flakes over the mean of the air's and white ground's, and the albedo of lying snow; fresh snow has
+0.8 to 0.9."""
 FLAT, STEEP = 0.8, 0.4
 """Assumed: snow lies on all of a surface whose normal's z is above 0.8 (37°) and on none below 0.4 (66°)."""
 TILE_M, TILE_PX, COARSEST = 40.0, 512, 10
@@ -53,14 +54,8 @@ def make_flakes(rate_mm_h: float) -> Population:
 
 @lru_cache(maxsize=1)
 def _cover_pattern() -> np.ndarray:
-    """(n, n) float32, periodic and smooth, every value in [0, 1] as frequent: the order in which places turn white."""
-    rng = np.random.default_rng(0x5E0)
-    waves = np.hypot(np.fft.fftfreq(TILE_PX)[:, None], np.fft.rfftfreq(TILE_PX)[None]) * TILE_PX
-    spectrum = np.fft.rfft2(rng.standard_normal((TILE_PX, TILE_PX))) / np.maximum(waves, COARSEST) ** 1.6
-    smooth = np.fft.irfft2(spectrum, s=(TILE_PX, TILE_PX))
-    rank = np.empty(TILE_PX**2, np.float32)
-    rank[np.argsort(smooth, axis=None)] = (np.arange(TILE_PX**2) + 0.5) / TILE_PX**2
-    return rank.reshape(TILE_PX, TILE_PX)
+    """(n, n) float32: the order in which places turn white."""
+    return paint_noise(np.random.default_rng(0x5E0), TILE_PX, 1.6, COARSEST)
 
 
 class Snow(InWind):
