@@ -77,6 +77,13 @@ def test_the_table_says_each_one_its_numbers():
     assert "25 mm/h" in lines[13] and "2.7 /km" in lines[13]
 
 
+def test_every_weather_knows_its_visibility():
+    far = [make_weather(name, severity).visibility_m for name, severity in ALL]
+    assert far[0] == np.inf and far[1:6] == [100, 70, 40, 20, 10] == far[6:11]
+    assert far[13] == pytest.approx(1111, abs=1) and far[20] == pytest.approx(98, abs=1)
+    assert from_airsim("Roadwetness", 1).visibility_m == np.inf
+
+
 @pytest.mark.parametrize(("name", "severity"), ALL)
 def test_same_seed_same_bytes_and_an_item_alone(name, severity):
     view, weather = make_view(), make_weather(name, severity)

@@ -28,6 +28,11 @@ def find_extinction(visibility_m: float) -> float:
     return CONTRAST_LOG / visibility_m
 
 
+def find_visibility(extinction_per_m: float) -> float:
+    """Metres at which a black target keeps 5 % of its contrast; inf in clear air."""
+    return CONTRAST_LOG / extinction_per_m if extinction_per_m else float("inf")
+
+
 def hang_veil(path: np.ndarray, extinction: np.ndarray, airlight: np.ndarray) -> AffineLight:
     """Koschmieder's veil: `t · light + (1 - t) · airlight`, with t = exp(-β path).
 

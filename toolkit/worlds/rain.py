@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import Field
 
 from toolkit.worlds.depth_view import AffineLight, DepthView
-from toolkit.worlds.fog import CONTRAST_LOG, hang_veil
+from toolkit.worlds.fog import find_visibility, hang_veil
 from toolkit.worlds.particles import InWind, Population, draw_coverage, lay_particles
 
 LADDER_MM_H = (5.0, 10.0, 25.0, 50.0, 100.0)
@@ -58,11 +58,16 @@ class Rain(InWind):
         by_rate = 1 - float(np.exp(-self.rate_mm_h / WETTING_MM_H))
         return 1 - DARKENING * (by_rate if self.wetness is None else self.wetness)
 
+    @property
+    def visibility_m(self) -> float:
+        """At 5 % contrast; inf without rain."""
+        return find_visibility(find_rain_extinction(self.rate_mm_h))
+
     def describe(self) -> str:
         """`25 mm/h, extinction 2.7 /km (visibility 1111 m), wind 3 m/s, ground × 0.63`."""
-        beta = find_rain_extinction(self.rate_mm_h)
-        veil = f"extinction {1e3 * beta:.3g} /km (visibility {CONTRAST_LOG / beta:.0f} m), " if beta else ""
-        return f"{self.rate_mm_h:g} mm/h, {veil}wind {self.wind_m_s:g} m/s, ground × {self.ground_factor:.2f}"
+        per_km = 1e3 * find_rain_extinction(self.rate_mm_h)
+        veil = f"extinction {per_km:.3g} /km (visibility {self.visibility_m:.0f} m)"
+        return f"{self.rate_mm_h:g} mm/h, {veil}, wind {self.wind_m_s:g} m/s, ground × {self.ground_factor:.2f}"
 
     def change_light(self, view: DepthView, airlight: np.ndarray, rng: np.random.Generator) -> AffineLight:
         """What this weather makes of a picture; see `toolkit.worlds.weather.Weather`."""

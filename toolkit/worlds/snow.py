@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from toolkit.worlds.depth_view import AffineLight, DepthView
-from toolkit.worlds.fog import CONTRAST_LOG, hang_veil
+from toolkit.worlds.fog import find_visibility, hang_veil
 from toolkit.worlds.noise import paint_noise
 from toolkit.worlds.particles import InWind, Population, draw_coverage, lay_particles
 from toolkit.worlds.rain import CLOUD_BASE_M
@@ -70,11 +70,16 @@ class Snow(InWind):
         """1 (1 mm/h) to 5 (10 mm/h)."""
         return cls(rate_mm_h=LADDER_MM_H[severity - 1], cover=LADDER_COVER[severity - 1])
 
+    @property
+    def visibility_m(self) -> float:
+        """At 5 % contrast; inf without snow in the air."""
+        return find_visibility(find_snow_extinction(self.rate_mm_h))
+
     def describe(self) -> str:
-        """`4 mm/h of water, extinction 8.6 /km (visibility 348 m), cover 60 %`."""
-        beta = find_snow_extinction(self.rate_mm_h)
-        veil = f"extinction {1e3 * beta:.3g} /km (visibility {CONTRAST_LOG / beta:.0f} m), " if beta else ""
-        return f"{self.rate_mm_h:g} mm/h of water, {veil}wind {self.wind_m_s:g} m/s, cover {100 * self.cover:g} %"
+        """`4 mm/h of water, extinction 8.62 /km (visibility 348 m), wind 3 m/s, cover 60 %`."""
+        per_km = 1e3 * find_snow_extinction(self.rate_mm_h)
+        veil = f"extinction {per_km:.3g} /km (visibility {self.visibility_m:.0f} m)"
+        return f"{self.rate_mm_h:g} mm/h of water, {veil}, wind {self.wind_m_s:g} m/s, cover {100 * self.cover:g} %"
 
     def change_light(self, view: DepthView, airlight: np.ndarray, rng: np.random.Generator) -> AffineLight:
         """What this weather makes of a picture; see `toolkit.worlds.weather.Weather`."""

@@ -19,6 +19,11 @@ from toolkit.worlds.snow import Snow
 class Weather(Protocol):
     """`Fog`, `Dust`, `Rain`, `Snow` and `Clear`: frozen settings that know what they do to light."""
 
+    @property
+    def visibility_m(self) -> float:
+        """Metres at which a black target keeps 5 % of its contrast; inf in clear air."""
+        ...
+
     def describe(self) -> str:
         """The numbers behind it, in words."""
         ...
@@ -36,6 +41,8 @@ class Weather(Protocol):
 
 class Clear:
     """Air that hides nothing."""
+
+    visibility_m = float("inf")
 
     def describe(self) -> str:
         """`clear`."""
