@@ -1,1 +1,1 @@
-"""Places outdoors: what stands there, the sky above it, and the weather between it and the camera."""
+"""Places outdoors: a city, a field, an airfield, a harbour, or the user's own; what stands there and where."""
