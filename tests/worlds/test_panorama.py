@@ -8,6 +8,7 @@ import pytest
 
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import linear_to_srgb
+from toolkit.imaging.read import MAX_MEGAPIXELS
 from toolkit.rig.camera import orbit_direction
 from toolkit.worlds.panorama import load_sky, split_sun
 from toolkit.worlds.sky import find_directions, illuminate
@@ -73,7 +74,7 @@ def test_what_is_no_panorama(tmp_path):
     (tmp_path / "text.hdr").write_text("no picture")
     refuse("text.hdr", "not a Radiance picture")
     (tmp_path / "bomb.hdr").write_bytes(b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 40000 +X 80000\n" + b"\2\2")
-    refuse("bomb.hdr", "3200 megapixels, more than 120: scale it down")
+    refuse("bomb.hdr", f"3200 megapixels, more than {MAX_MEGAPIXELS}: scale it down")
     (tmp_path / "cut.hdr").write_bytes((tmp_path / "square.hdr").read_bytes()[:90])
     refuse("cut.hdr", "not a Radiance picture, or damaged|holds values|is black")
     (tmp_path / "text.png").write_text("no picture")

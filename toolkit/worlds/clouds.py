@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from toolkit.rig.textures import build_pyramid, sample_pyramid
-from toolkit.worlds.noise import paint_noise
+from toolkit.worlds.noise import paint_levels, sample_noise
 
 EARTH_M = 6.371e6
 BASE_M, TOP_M, VEIL_M = 1500.0, 2300.0, 8000.0
@@ -41,17 +40,6 @@ class CloudLayer:
     distance_m: np.ndarray
 
 
-def paint_levels(rng: np.random.Generator, slope: float, coarsest: float) -> list[np.ndarray]:
-    """A pattern of `paint_noise` and its averages, each (n, n, 1)."""
-    return [level[..., None] for level in build_pyramid(paint_noise(rng, TILE_PX, slope, coarsest))]
-
-
-def sample_noise(levels: list[np.ndarray], u: np.ndarray, v: np.ndarray, lod: np.ndarray) -> np.ndarray:
-    """(n,) values of a pattern, averaged over 2^lod of its texels; it repeats outside [0, 1]."""
-    u, v = (np.mod(one, 1).astype(np.float32) for one in (u, v))
-    return sample_pyramid(levels, u, v, np.maximum(lod, 0).astype(np.float32))[:, 0]
-
-
 def reach_height(sine: np.ndarray, height_m: float | np.ndarray) -> np.ndarray:
     """Distance along rays from the ground, with the sine of their elevation, to a height above the round earth."""
     down = EARTH_M * sine
@@ -70,7 +58,7 @@ def march_clouds(
         pixel_rad: angle between neighbouring rays; finer detail is averaged.
         rng: draws the clouds.
     """
-    heaps, tops = (paint_levels(rng, slope, 4) for slope in (2.0, 1.75))
+    heaps, tops = (paint_levels(rng, TILE_PX, slope, 4) for slope in (2.0, 1.75))
     flat = directions[:, :2] / np.maximum(np.linalg.norm(directions[:, :2], axis=1, keepdims=True), 1e-6)
     sine, cosine = directions[:, 2], np.sqrt(1 - np.minimum(directions[:, 2], 1) ** 2)
     gap = np.degrees(np.arccos(np.clip(directions @ sun, -1, 1)))
@@ -116,7 +104,7 @@ def march_clouds(
 
 def lay_veils(directions: np.ndarray, amount: float, pixel_rad: float, rng: np.random.Generator) -> np.ndarray:
     """(n,) share of the sky that thin streaks of ice hide, at most 0.45."""
-    levels = paint_levels(rng, 1.5, 3)
+    levels = paint_levels(rng, TILE_PX, 1.5, 3)
     distance = reach_height(directions[:, 2], VEIL_M)
     lod = np.log2(distance * pixel_rad * TILE_PX / VEIL_TILE_M)
     angle = rng.uniform(0, np.pi)

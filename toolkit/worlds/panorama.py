@@ -10,7 +10,7 @@ import numpy as np
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import srgb_to_linear
 from toolkit.imaging.read import MAX_MEGAPIXELS, read_image
-from toolkit.rig.studio import KeyLight
+from toolkit.rig.scene import KeyLight
 from toolkit.worlds.daylight import LUMINANCE
 from toolkit.worlds.sky import SUN_RADIUS_DEG, Sky, find_directions, meter_exposure
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from toolkit.core.errors import FieldError, one_of
 from toolkit.rig.camera import orbit_direction
-from toolkit.rig.studio import KeyLight
+from toolkit.rig.scene import KeyLight
 from toolkit.rig.textures import sample_directions
 from toolkit.worlds.clouds import (
     BASE_M,
@@ -19,9 +19,7 @@ from toolkit.worlds.clouds import (
     TILE_PX,
     lay_veils,
     march_clouds,
-    paint_levels,
     reach_height,
-    sample_noise,
 )
 from toolkit.worlds.daylight import (
     LOWEST_SUN_DEG,
@@ -32,6 +30,7 @@ from toolkit.worlds.daylight import (
     overcast_shape,
     sunlight,
 )
+from toolkit.worlds.noise import paint_levels, sample_noise
 
 SUN_RADIUS_DEG = 0.27
 GROUND_ALBEDO = np.array([0.19, 0.18, 0.16])
@@ -265,7 +264,7 @@ def _overcast(directions: np.ndarray, when: TimeOfDay, pixel_rad: float, rng: np
     distance = reach_height(directions[:, 2], BASE_M)
     lod = np.log2(distance * pixel_rad * TILE_PX / TILE_M)
     u, v = (directions[:, :2] * (0.5 * distance / TILE_M)[:, None]).T
-    uneven = sample_noise(paint_levels(rng, 1.9, 4), u, v, lod - 1) - 0.5
+    uneven = sample_noise(paint_levels(rng, TILE_PX, 1.9, 4), u, v, lod - 1) - 0.5
     fade = np.exp(-distance / 15_000)
     zenith = 9 / (7 * np.pi) * overcast_klx(when.sun_elevation_deg)
     grey = zenith * overcast_shape(directions[:, 2]) * (1 + 0.35 * uneven * fade)
