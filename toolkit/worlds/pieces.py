@@ -283,3 +283,22 @@ def bars(start: np.ndarray, end: np.ndarray, thick_m: float | np.ndarray, skin: 
         np.stack([start + ring[k], start + ring[k - 3], end + ring[k - 3], end + ring[k]], 1)[:, ::-1] for k in range(4)
     ]
     return quads(np.concatenate(faces), skin, label)
+
+
+def polygon(outline: np.ndarray, y: float, skin: Skin, label: int, fit: bool = False) -> Piece:
+    """A flat convex outline (k, 2) of x and z, counter-clockwise, that faces -y; the texture anchored or fitted."""
+    outline = np.asarray(outline, np.float64)
+    k = len(outline)
+    low, high = outline.min(0), outline.max(0)
+    uv = (outline - low) / (high - low) if fit else outline / np.array(skin.tile_m)
+    if skin.at is not None:
+        uv = np.broadcast_to(np.array(skin.at), (k, 2))
+    fan = np.stack([np.zeros(k - 2, int), np.arange(1, k - 1), np.arange(2, k)], 1)
+    return Piece(
+        np.column_stack([outline[:, 0], np.full(k, y), outline[:, 1]]).astype(np.float32),
+        np.tile(np.float32([0, -1, 0]), (k, 1)),
+        uv.astype(np.float32),
+        fan.astype(np.int32),
+        np.full(k - 2, skin.material, np.int32),
+        np.full(k - 2, label, np.uint8),
+    )
