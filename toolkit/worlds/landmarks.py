@@ -278,9 +278,9 @@ def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], r
         boxes(np.array([(width * 0.6, depth * 0.4, 0)]), np.array([(width * 0.75, depth * 0.6, z[-1] + 2.8)]), concrete, B),
     ]  # fmt: skip
     bays = np.arange(3.0, width - 3.0, 2.7)
-    for level in [0.02, *z]:
+    for level in (0.02, z[0], z[-1]):
         for y, yaw in ((3.2, 90.0), (depth - 3.2, 270.0)):
-            for x in bays[rng.random(len(bays)) < (0.55 if level < z[-1] else 0.4)]:
+            for x in bays[rng.random(len(bays)) < 0.36]:
                 pieces.append(place(cars[int(rng.integers(len(cars)))], np.array([(x, y, level)]), yaw))
     return House(merge(pieces), np.array([[0, 0, 0, width, depth, z[-1]]]))
 

@@ -22,6 +22,39 @@ FONTS = {
 
 def noise(rng: np.random.Generator, shape: tuple[int, int], cells: tuple[int, int]) -> np.ndarray:
     """(h, w) float32 smooth noise of mean 0 and about ±1 with `cells` bumps down and across; repeats without a seam."""
+    return _roll(_noise(shape, cells, int(rng.integers(POOL))), rng)
+
+
+def fractal(
+    rng: np.random.Generator, shape: tuple[int, int], coarsest: int = 4, octaves: int = 5, fall: float = 0.6
+) -> np.ndarray:
+    """(h, w) float32 noise of several scales, about ±1, which repeats without a seam."""
+    return _roll(_fractal(shape, coarsest, octaves, fall, int(rng.integers(POOL))), rng)
+
+
+def grain(rng: np.random.Generator, shape: tuple[int, int], amount: float) -> np.ndarray:
+    """(h, w, 1) float32 speckle of each texel."""
+    side = max(512, *shape)
+    return (_roll(_speckle(side), rng)[: shape[0], : shape[1]] * np.float32(amount))[..., None]
+
+
+POOL = 2
+"""How many noises of a kind are made; a texture takes one of them, moved at random: painting is mostly noise."""
+
+
+def _roll(field: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    down, across = rng.integers(field.shape[0]), rng.integers(field.shape[1])
+    return np.roll(field, (int(down), int(across)), (0, 1))
+
+
+@lru_cache(maxsize=8)
+def _speckle(side: int) -> np.ndarray:
+    return np.random.default_rng([side, 3]).standard_normal((side, side), dtype=np.float32)
+
+
+@lru_cache(maxsize=96)
+def _noise(shape: tuple[int, int], cells: tuple[int, int], variant: int) -> np.ndarray:
+    rng = np.random.default_rng([*shape, *cells, variant, 1])
     lattice = rng.uniform(-1, 1, cells).astype(np.float32)
     pad = 2
     wrapped = np.pad(lattice, pad, mode="wrap")
@@ -32,21 +65,14 @@ def noise(rng: np.random.Generator, shape: tuple[int, int], cells: tuple[int, in
     return big[top : top + shape[0], left : left + shape[1]]
 
 
-def fractal(
-    rng: np.random.Generator, shape: tuple[int, int], coarsest: int = 4, octaves: int = 5, fall: float = 0.6
-) -> np.ndarray:
-    """(h, w) float32 noise of several scales, about ±1, which repeats without a seam."""
+@lru_cache(maxsize=48)
+def _fractal(shape: tuple[int, int], coarsest: int, octaves: int, fall: float, variant: int) -> np.ndarray:
     total, weight = np.zeros(shape, np.float32), 0.0
     for k in range(octaves):
         cells = min(coarsest * 2**k, shape[0] // 2), min(coarsest * 2**k, shape[1] // 2)
-        total += fall**k * noise(rng, shape, cells)
+        total += fall**k * _noise(shape, cells, variant)
         weight += (fall**k) ** 2
     return total / np.float32(np.sqrt(weight))
-
-
-def grain(rng: np.random.Generator, shape: tuple[int, int], amount: float) -> np.ndarray:
-    """(h, w, 1) float32 speckle of each texel."""
-    return (rng.standard_normal(shape).astype(np.float32) * np.float32(amount))[..., None]
 
 
 def flat(shape: tuple[int, int], colour: Colour) -> np.ndarray:
@@ -138,6 +164,8 @@ class Canvas:
         """The kept picture, uint8, with a little grain if asked."""
         kept = np.asarray(self.image.reduce(self.FINER), np.float32)
         if rng is not None and speckle:
-            shape = kept.shape[:2]
-            kept = kept * (1 + speckle * fractal(rng, shape, 4, 3)[..., None]) + grain(rng, shape, 60 * speckle)
+            h, w = kept.shape[:2]
+            wide = (1024, 1024) if max(h, w) > 512 else (512, 512)
+            cloud = fractal(rng, wide, 8, 3)[:h, :w, None]
+            kept = kept * (1 + speckle * cloud) + grain(rng, (h, w), 60 * speckle)
         return finish(kept)

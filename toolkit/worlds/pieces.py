@@ -128,14 +128,20 @@ def merge(pieces: Sequence[Piece]) -> Piece:
     )
 
 
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(n, 3) cross products of (n, 3); several times as fast as NumPy's on few vectors."""
+    ax, ay, az, bx, by, bz = *a.T, *b.T
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+
+
 def quads(corners: np.ndarray, skin: Skin, label: int, uv: np.ndarray | None = None) -> Piece:
     """Flat four-cornered faces (n, 4, 3), counter-clockwise from outside; empty ones are left out.
 
     Without `uv` (n, 4, 2), in turns of the texture, it lies with u along the first edge, true to scale.
     """
     corners = np.asarray(corners, np.float64).reshape(-1, 4, 3)
-    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
-    size = np.linalg.norm(normal, axis=1)
+    normal = cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    size = np.sqrt((normal**2).sum(axis=1))
     real = size > 1e-7
     corners, normal = corners[real], normal[real] / size[real, None]
     n = len(corners)
@@ -146,7 +152,7 @@ def quads(corners: np.ndarray, skin: Skin, label: int, uv: np.ndarray | None = N
     else:
         along = corners[:, 1] - corners[:, 0]
         along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
-        up = np.cross(normal, along)
+        up = cross(normal, along)
         texture = np.stack([np.einsum("nkx,nx->nk", corners, along), np.einsum("nkx,nx->nk", corners, up)], 2)
         texture = texture / np.array(skin.tile_m)
         texture = texture - np.floor(texture[:, :1])
@@ -274,9 +280,9 @@ def bars(start: np.ndarray, end: np.ndarray, thick_m: float | np.ndarray, skin: 
     along = end - start
     along = along / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
     hint = np.where(np.abs(along[:, 2:]) > 0.9, [[0.0, 1.0, 0.0]], [[0.0, 0.0, 1.0]])
-    side = np.cross(hint, along)
+    side = cross(np.broadcast_to(hint, along.shape), along)
     side /= np.linalg.norm(side, axis=1, keepdims=True)
-    up = np.cross(along, side)
+    up = cross(along, side)
     half = np.broadcast_to(np.asarray(thick_m, np.float64) / 2, (len(start),))[:, None]
     ring = [(-side - up) * half, (side - up) * half, (side + up) * half, (up - side) * half]
     faces = [

@@ -46,11 +46,11 @@ def traffic_head(looks: Looks, lit: int, housing: Colour = (232, 178, 20)) -> Pi
         box((-0.19, 0.19), (0.0, 0.2), (-0.58, 0.58), body, FURNITURE),
         box((-0.32, 0.32), (0.2, 0.23), (-0.72, 0.72), dark, FURNITURE),
     ]
-    visor = solid([revolve([(0.16, 0), (0.16, 0.2)], 14)], dark, FURNITURE)
+    visor = solid([revolve([(0.16, 0), (0.16, 0.2)], 10)], dark, FURNITURE)
     for k in range(3):
         z = 0.38 - 0.38 * k
         lamp = looks.plain(on[k], "lamp") if k == lit else looks.plain(off[k], "gloss")
-        disc = solid([revolve([(0.15, 0.0), (0.08, 0.04), (0.005, 0.05)], 14)], lamp, FURNITURE)
+        disc = solid([revolve([(0.15, 0.0), (0.08, 0.04), (0.005, 0.05)], 10)], lamp, FURNITURE)
         for piece, depth in ((disc, 0.0), (visor, 0.0)):
             pieces.append(_tipped(piece).moved(0, depth, z))
     return merge(pieces)
@@ -67,7 +67,7 @@ def _tipped(piece: Piece) -> Piece:
 def traffic_light(looks: Looks, lit: int, street: str, arm_m: float = 5.0) -> Piece:
     """A mast at the kerb with an arm out over the road to -x, two heads facing -y, and the street's name."""
     steel = looks.plain((74, 78, 80))
-    mast = solid([revolve([(0.16, 0), (0.13, 0.9), (0.11, 0.92), (0.085, 5.9), (0.01, 5.95)], 12)], steel, FURNITURE)
+    mast = solid([revolve([(0.16, 0), (0.13, 0.9), (0.11, 0.92), (0.085, 5.9), (0.01, 5.95)], 8)], steel, FURNITURE)
     head = traffic_head(looks, lit)
     at = np.array([(-arm_m + 0.4, -0.2, 5.35), (-arm_m / 2, -0.2, 5.45), (0.0, -0.32, 3.1)])
     name = street_name(street, looks)

@@ -20,11 +20,11 @@ F = SceneClass.FURNITURE
 def street_lamp(looks: Looks) -> Piece:
     """A tapered mast with an arm out over the road to -y and a lit lantern, 8.4 m."""
     steel = looks.plain((86, 92, 92))
-    arm = smooth_curve([(0, 0, 7.4), (0, -0.3, 8.1), (0, -1.2, 8.4), (0, -2.2, 8.4)], 7)
+    arm = smooth_curve([(0, 0, 7.4), (0, -0.3, 8.1), (0, -1.2, 8.4), (0, -2.2, 8.4)], 5)
     return merge(
         [
-            solid([revolve([(0.17, 0), (0.15, 1.0), (0.1, 1.05), (0.065, 7.5)], 10)], steel, F),
-            solid(tube(arm, 0.05, 6), steel, F),
+            solid([revolve([(0.17, 0), (0.15, 1.0), (0.1, 1.05), (0.065, 7.5)], 7)], steel, F),
+            solid(tube(arm, 0.05, 4), steel, F),
             solid([p.moved(0, -2.4, 8.4) for p in bevelled_box((0.34, 0.8, 0.2), 0.05)], steel, F),
             box((-0.13, 0.13), (-2.72, -2.1), (8.27, 8.305), looks.plain((255, 232, 180), "lamp"), F),
         ]
@@ -36,13 +36,13 @@ def old_lamp(looks: Looks) -> Piece:
     iron = looks.plain((28, 40, 36))
     profile = [(0.24, 0), (0.24, 0.25), (0.14, 0.35), (0.11, 1.0), (0.14, 1.05), (0.07, 1.15), (0.055, 3.2), (0.13, 3.3), (0.06, 3.38)]
     globe = [(0.06, 3.38), (0.2, 3.48), (0.27, 3.66), (0.2, 3.86), (0.04, 3.95)]
-    return merge([solid([revolve(profile, 10)], iron, F), solid([revolve(globe, 12)], looks.plain((255, 240, 206), "lamp"), F)])
+    return merge([solid([revolve(profile, 8)], iron, F), solid([revolve(globe, 8)], looks.plain((255, 240, 206), "lamp"), F)])
 
 
 def hydrant(looks: Looks) -> Piece:
     """A fire hydrant with its caps."""
     red = looks.plain((196, 36, 30))
-    barrel = revolve([(0.19, 0), (0.19, 0.06), (0.12, 0.08), (0.12, 0.5), (0.16, 0.52), (0.16, 0.56), (0.12, 0.6), (0.09, 0.7), (0.03, 0.76), (0.005, 0.78)], 14)
+    barrel = revolve([(0.19, 0), (0.19, 0.06), (0.12, 0.08), (0.12, 0.5), (0.16, 0.52), (0.16, 0.56), (0.12, 0.6), (0.09, 0.7), (0.03, 0.76), (0.005, 0.78)], 9)
     cap = [revolve([(0.07, 0.0), (0.07, 0.2), (0.05, 0.21), (0.005, 0.23)], 8).rotated("x", a).moved(z=0.4) for a in (90, -90)]
     front = revolve([(0.085, 0.0), (0.085, 0.19), (0.005, 0.2)], 8).rotated("y", 90).moved(z=0.34)
     return solid([barrel, *cap, front], red, F).turned(-90)
@@ -51,13 +51,13 @@ def hydrant(looks: Looks) -> Piece:
 def litter_bin(looks: Looks) -> Piece:
     """A ribbed waste bin with a domed lid."""
     green = looks.plain((36, 66, 50))
-    ribs = np.linspace(0, 2 * np.pi, 18, endpoint=False)
-    foot = np.column_stack([0.3 * np.cos(ribs), 0.3 * np.sin(ribs), np.full(18, 0.08)])
+    ribs = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    foot = np.column_stack([0.3 * np.cos(ribs), 0.3 * np.sin(ribs), np.full(12, 0.08)])
     return merge(
         [
-            solid([revolve([(0.26, 0.02), (0.28, 0.9)], 14)], looks.plain((30, 34, 32)), F),
+            solid([revolve([(0.26, 0.02), (0.28, 0.9)], 10)], looks.plain((30, 34, 32)), F),
             bars(foot, foot * [1.08, 1.08, 1] + [0, 0, 0.82], 0.045, green, F),
-            solid([revolve([(0.34, 0.9), (0.35, 0.97), (0.26, 1.1), (0.12, 1.14), (0.12, 1.1)], 14)], green, F),
+            solid([revolve([(0.34, 0.9), (0.35, 0.97), (0.26, 1.1), (0.12, 1.14), (0.12, 1.1)], 10)], green, F),
         ]
     )
 
@@ -65,8 +65,8 @@ def litter_bin(looks: Looks) -> Piece:
 def dustbins(looks: Looks) -> Piece:
     """Two galvanised dustbins and black bags."""
     zinc = looks.plain((140, 144, 146), "metal")
-    can = solid([revolve([(0.22, 0), (0.26, 0.68), (0.28, 0.7), (0.27, 0.74), (0.12, 0.82), (0.03, 0.84), (0.005, 0.86)], 14)], zinc, F)
-    bag = solid([revolve([(0.2, 0), (0.34, 0.12), (0.3, 0.34), (0.1, 0.5), (0.06, 0.56), (0.12, 0.62)], 9)], looks.plain((22, 22, 26), "gloss"), F)
+    can = solid([revolve([(0.22, 0), (0.26, 0.68), (0.28, 0.7), (0.27, 0.74), (0.12, 0.82), (0.03, 0.84), (0.005, 0.86)], 9)], zinc, F)
+    bag = solid([revolve([(0.2, 0), (0.34, 0.12), (0.3, 0.34), (0.1, 0.5), (0.06, 0.56), (0.12, 0.62)], 7)], looks.plain((22, 22, 26), "gloss"), F)
     return merge([place(can, np.array([(-0.35, 0, 0), (0.3, 0.05, 0)])), place(bag, np.array([(0.9, -0.1, 0), (1.3, 0.15, 0)]), np.array([0.0, 40.0]), np.array([1.0, 0.8]))])
 
 
@@ -112,10 +112,10 @@ def mailbox(looks: Looks) -> Piece:
 def parking_meter(looks: Looks) -> Piece:
     """A twin-dial meter on a post."""
     grey, steel = looks.plain((96, 102, 106)), looks.plain((150, 154, 156), "metal")
-    dome = revolve([(0.1, 1.12), (0.115, 1.2), (0.115, 1.34), (0.1, 1.44), (0.05, 1.5), (0.005, 1.515)], 14)
-    dial = solid([revolve([(0.075, 0), (0.06, 0.012), (0.004, 0.014)], 12).rotated("x", 90).moved(0, -0.09, 1.39)], looks.plain((224, 226, 216), "gloss"), F)
+    dome = revolve([(0.1, 1.12), (0.115, 1.2), (0.115, 1.34), (0.1, 1.44), (0.05, 1.5), (0.005, 1.515)], 9)
+    dial = solid([revolve([(0.075, 0), (0.06, 0.012), (0.004, 0.014)], 8).rotated("x", 90).moved(0, -0.09, 1.39)], looks.plain((224, 226, 216), "gloss"), F)
     return merge([
-        solid([revolve([(0.045, 0), (0.035, 1.05), (0.07, 1.12), (0.1, 1.12)], 10)], steel, F), solid([dome.scaled(1, 0.75, 1)], grey, F), dial,
+        solid([revolve([(0.045, 0), (0.035, 1.05), (0.07, 1.12), (0.1, 1.12)], 7)], steel, F), solid([dome.scaled(1, 0.75, 1)], grey, F), dial,
         box((-0.035, 0.035), (-0.1, -0.07), (1.19, 1.28), looks.plain((30, 32, 34)), F),
         box((-0.06, 0.06), (-0.095, -0.085), (1.385, 1.395), looks.plain((200, 30, 30)), F),
     ])  # fmt: skip
@@ -145,13 +145,13 @@ def bicycle(looks: Looks) -> Piece:
     """A bicycle leaning on its stand, along x."""
     paint = looks.plain((176, 28, 34), "gloss")
     dark, steel = looks.plain((22, 22, 24), "matte"), looks.plain((170, 172, 174), "metal")
-    angle = np.linspace(0, 2 * np.pi, 21)
+    angle = np.linspace(0, 2 * np.pi, 12)
     pieces = []
     for x in (-0.52, 0.52):
-        ring = np.column_stack([x + 0.33 * np.cos(angle), np.zeros(21), 0.34 + 0.33 * np.sin(angle)])
+        ring = np.column_stack([x + 0.33 * np.cos(angle), np.zeros(12), 0.34 + 0.33 * np.sin(angle)])
         pieces.append(bars(ring[:-1], ring[1:], 0.04, dark, F))
         spoke = angle[:-1:2]
-        rim = np.column_stack([x + 0.32 * np.cos(spoke), np.zeros(10), 0.34 + 0.32 * np.sin(spoke)])
+        rim = np.column_stack([x + 0.32 * np.cos(spoke), np.zeros(6), 0.34 + 0.32 * np.sin(spoke)])
         pieces.append(bars(np.array([(x, 0, 0.34)]), rim, 0.008, steel, F))
     a, b, c, d, e = (-0.52, 0, 0.34), (-0.1, 0, 0.3), (-0.24, 0, 0.82), (0.36, 0, 0.78), (0.52, 0, 0.34)
     tubes = [(a, b), (a, c), (b, c), (c, d), (b, d), (d, e)]
@@ -223,7 +223,7 @@ def cafe_table(looks: Looks) -> Piece:
 
 def planter(looks: Looks) -> Piece:
     """A concrete tub; a shrub is planted in it by `toolkit.worlds.trees`."""
-    return solid([revolve([(0.5, 0), (0.62, 0.55), (0.62, 0.62), (0.52, 0.62), (0.5, 0.5), (0.005, 0.5)], 16)], looks.plain((168, 164, 156), "matte"), F)
+    return solid([revolve([(0.5, 0), (0.62, 0.55), (0.62, 0.62), (0.52, 0.62), (0.5, 0.5), (0.005, 0.5)], 12)], looks.plain((168, 164, 156), "matte"), F)
 
 
 def traffic_cone(looks: Looks) -> Piece:

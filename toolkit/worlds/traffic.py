@@ -17,9 +17,9 @@ from toolkit.worlds.vehicles import Vehicle
 Standing = dict[str, list[tuple[float, float, float, float]]]
 """Positions x, y, z and yaw of things by name."""
 
-PARKED_SHARE = 0.42
-KERB_SIDE = {"meter": 0.3, "hydrant": 0.06, "mailbox": 0.07, "bin": 0.1, "newspapers": 0.07, "phone": 0.05, "bicycle": 0.12, "bench": 0.06}
-WALL_SIDE = {"cafe": 0.2, "bench": 0.15, "planter": 0.2, "dustbins": 0.16, "bicycle": 0.14, "newspapers": 0.08, "bin": 0.07}
+PARKED_SHARE = 0.27
+KERB_SIDE = {"meter": 0.3, "hydrant": 0.06, "mailbox": 0.07, "bin": 0.1, "newspapers": 0.07, "phone": 0.05, "bicycle": 0.08, "bench": 0.06}
+WALL_SIDE = {"cafe": 0.1, "bench": 0.15, "planter": 0.2, "dustbins": 0.16, "bicycle": 0.08, "newspapers": 0.08, "bin": 0.07}
 TREE_VARIANTS = 4
 
 
@@ -56,7 +56,7 @@ def place_vehicles(plan: Plan, fleet: Fleet, rng: np.random.Generator) -> Piece:
             if along - vehicle.length < CROSSING_M:
                 break
             put(vehicle, stretch, along - vehicle.length / 2, lane + rng.uniform(-0.15, 0.15))
-            along -= vehicle.length + rng.choice([1.8, 9.0, 22.0, 40.0])
+            along -= vehicle.length + rng.choice([1.8, 12.0, 28.0, 50.0])
         if stretch.street.avenue and rng.random() < 0.22 and stretch.length > 36:
             tram = fleet.trams[int(rng.integers(len(fleet.trams)))]
             put(tram, stretch, stretch.length / 2 + rng.uniform(-4, 4), 1.68)
@@ -117,17 +117,17 @@ def _line_kerb(plan: Plan, stretch: Stretch, standing: Standing, rng: np.random.
         if k % 4 == 0 and plan.is_free(stretch.point(along, right - 2.4), 0.5) and plan.is_free(point, 0.3):
             name = "lamp" if stretch.street.avenue or rng.random() < 0.8 else "old-lamp"
             standing[name].append((*point, KERB_M, stretch.yaw_deg - 180))
-        elif k % 2 == 0 and stretch.street.trees and plan.is_free(point, 3.2):
+        elif k % 4 == 2 and stretch.street.trees and rng.random() < 0.75 and plan.is_free(point, 3.2):
             standing[f"tree:{rng.integers(TREE_VARIANTS)}"].append((*point, KERB_M, rng.uniform(0, 360)))
         elif rng.random() < 0.75:
             kind = kinds[int(rng.choice(len(kinds), p=shares))]
             if plan.is_free(point, FURNITURE[kind][1]):
                 turn = 90.0 if kind in ("bicycle",) else 0.0
-                standing[kind].append((*point, KERB_M, stretch.yaw_deg + turn + (0 if kind == "meter" else 0)))
-        if rng.random() < 0.16 and plan.is_free(point, 1.0):
+                standing[kind].append((*point, KERB_M, stretch.yaw_deg + turn))
+        if rng.random() < 0.12 and plan.is_free(point, 1.0):
             kind = SIGN_KINDS[1:][int(rng.integers(len(SIGN_KINDS) - 1))]
             standing[f"sign:{kind}"].append((*stretch.point(along + 1.6, right - 0.1), KERB_M, stretch.yaw_deg - 90))
-        along += rng.uniform(3.4, 5.2)
+        along += rng.uniform(3.8, 5.6)
         k += 1
     if rng.random() < 0.25 and stretch.length > 40:
         point = stretch.point(stretch.length * 0.5, stretch.street.half + 1.6)

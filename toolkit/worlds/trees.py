@@ -61,13 +61,13 @@ def leaves(at: np.ndarray, size_m: float, outward: np.ndarray, skin: Skin, rng: 
     return Piece(piece.vertices, soft.astype(np.float32), piece.uv, piece.faces, piece.material, piece.label)
 
 
-def street_tree(looks: Looks, variant: int, height: float = 8.0, count: int = 900) -> Piece:
+def street_tree(looks: Looks, variant: int, height: float = 8.0, count: int = 500) -> Piece:
     """A broad-leaved tree: trunk, limbs, and clumps of leaves about the limbs' ends."""
     rng = looks.rng(f"tree-{variant}")
     fork = height * 0.33
     lean = rng.normal(0, 0.15, 2)
     trunk = np.array([(0, 0, 0), (*(lean * 0.4), fork * 0.5), (*lean, fork), (*(lean * 1.5), height * 0.6), (*(lean * 1.6), height * 0.8)])
-    parts = tube(trunk, [0.2, 0.16, 0.14, 0.08, 0.03], 8)
+    parts = tube(trunk, [0.2, 0.16, 0.14, 0.08, 0.03], 6)
     tips = [np.array([*(lean * 1.6), height * 0.84])]
     for k in range(8):
         turn = 2.4 * k + rng.uniform(-0.3, 0.3)
@@ -75,7 +75,7 @@ def street_tree(looks: Looks, variant: int, height: float = 8.0, count: int = 90
         reach = height * rng.uniform(0.2, 0.32) * (1 - 0.05 * k)
         way = np.array([np.cos(turn), np.sin(turn), 0])
         tip = start + way * reach + [0, 0, height * rng.uniform(0.12, 0.26)]
-        parts += tube(np.array([start, start + way * reach * 0.5 + [0, 0, height * 0.06], tip]), [0.075, 0.05, 0.02], 5, cap=False)
+        parts += tube(np.array([start, start + way * reach * 0.5 + [0, 0, height * 0.06], tip]), [0.075, 0.05, 0.02], 4, cap=False)
         tips.append(tip)
     pieces = [solid(parts, bark(looks), TREE, 60)]
     skin = leaf_sheet(looks, variant)
@@ -90,11 +90,11 @@ def street_tree(looks: Looks, variant: int, height: float = 8.0, count: int = 90
         at.append(tip + ball * spread * [1, 1, 0.8])
         out = at[-1] - centre
         away.append(0.6 * ball + 0.5 * out / np.linalg.norm(out, axis=1, keepdims=True))
-    pieces.append(leaves(np.concatenate(at), 0.042 * height, np.concatenate(away), skin, rng))
+    pieces.append(leaves(np.concatenate(at), 0.055 * height, np.concatenate(away), skin, rng))
     return merge(pieces)
 
 
-def conifer(looks: Looks, variant: int, height: float = 10.0, count: int = 700) -> Piece:
+def conifer(looks: Looks, variant: int, height: float = 10.0, count: int = 500) -> Piece:
     """A spruce: tiers of drooping boughs."""
     rng = looks.rng(f"conifer-{variant}")
     trunk = tube(np.array([(0, 0, 0), (0, 0, height * 0.5), (0, 0, height)]), [0.18, 0.1, 0.02], 7)
@@ -104,14 +104,14 @@ def conifer(looks: Looks, variant: int, height: float = 10.0, count: int = 700) 
     way = np.column_stack([np.cos(turn), np.sin(turn), np.full(count, -0.25)])
     at = np.column_stack([np.zeros((count, 2)), z]) + way * (reach * rng.uniform(0.35, 1.0, count))[:, None]
     skin = leaf_sheet(looks, 2)
-    return merge([solid(trunk, bark(looks), TREE, 60), leaves(at, 0.06 * height, way, skin, rng)])
+    return merge([solid(trunk, bark(looks), TREE, 60), leaves(at, 0.07 * height, way, skin, rng)])
 
 
-def shrub(looks: Looks, variant: int, radius: float = 0.6, count: int = 160) -> Piece:
+def shrub(looks: Looks, variant: int, radius: float = 0.6, count: int = 90) -> Piece:
     """A round bush."""
     rng = looks.rng(f"shrub-{variant}")
     ball = rng.normal(size=(count, 3))
     ball /= np.linalg.norm(ball, axis=1, keepdims=True)
     ball[:, 2] = np.abs(ball[:, 2])
     at = ball * radius * rng.uniform(0.6, 1.0, (count, 1)) + [0, 0, 0.15 * radius]
-    return leaves(at, 0.32 * radius, ball, leaf_sheet(looks, variant), rng)
+    return leaves(at, 0.42 * radius, ball, leaf_sheet(looks, variant), rng)

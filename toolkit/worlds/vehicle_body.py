@@ -169,13 +169,13 @@ class Sheet:
         return result
 
 
-def bodywork(body: Body, sheet: Sheet, looks: Looks, stations: int = 40) -> Piece:
+def bodywork(body: Body, sheet: Sheet, looks: Looks, stations: int = 20) -> Piece:
     """The lofted skin with its open wheel arches, underside dark."""
     half = body.length / 2
     x = np.linspace(-half, half, stations)
     arch = body.wheel_m * 1.13
     for axle in body.axles:
-        x = np.r_[x, axle + arch * np.array([-1.0, -0.97, -0.7, -0.35, 0, 0.35, 0.7, 0.97, 1.0])]
+        x = np.r_[x, axle + arch * np.array([-1.0, -0.96, -0.6, 0, 0.6, 0.96, 1.0])]
     x = np.unique(np.round(x[np.abs(x) <= half], 3))
     net = np.stack([_section(body, float(at), arch) for at in x])
     ring = net.shape[1]
@@ -219,10 +219,10 @@ def _section(body: Body, x: float, arch: float) -> np.ndarray:
     cabin = np.clip((top - body.belt) / (0.3 * (body.height - body.belt) + 0.05), 0, 1)
     roof_w = w * (body.roof_share * cabin + 0.93 * (1 - cabin))
     low = min(low, belt - 0.06)
-    middle = low + (belt - low) * np.array([0.1, 0.45, 0.75])
+    middle = low + (belt - low) * np.array([0.12, 0.6])
     edge = top - min(0.07, (top - belt) * 0.5)
     half = [
-        (w * 0.94, low), (w * 0.985, middle[0]), (w, middle[1]), (w * 0.995, middle[2]), (w * 0.965, belt),
+        (w * 0.94, low), (w * 0.985, middle[0]), (w, middle[1]), (w * 0.965, belt),
         (roof_w, edge), (roof_w * 0.9, top - 0.015), (roof_w * 0.55, top + 0.008),
     ]  # fmt: skip
     left = np.array(half)
@@ -235,16 +235,16 @@ def wheels(body: Body, looks: Looks, hub: Colour = (176, 178, 180), spokes: int 
     rim = _rim(looks, hub, spokes)
     r, wide = body.wheel_m, min(0.24, body.wheel_m * 0.62)
     tyre = solid(
-        [revolve([(0.62 * r, 0), (0.7 * r, wide / 2), (0.93 * r, wide / 2), (r, wide / 2 - 0.04), (r, 0)][::-1], 18)],
+        [revolve([(r, -wide / 2), (r, wide / 2 - 0.03), (0.93 * r, wide / 2), (0.68 * r, wide / 2 - 0.01)], 14)],
         looks.plain((28, 28, 30), "matte"), VEHICLE, 50,
     )  # fmt: skip
-    angle = np.linspace(0, 2 * np.pi, 18, endpoint=False)
+    angle = np.linspace(0, 2 * np.pi, 14, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle)], 1)
-    disc = np.column_stack([ring * 0.7 * r, np.full(18, wide / 2 - 0.02)])
-    faces = np.stack([np.zeros(16, int), np.arange(1, 17), np.arange(2, 18)], 1)
+    disc = np.column_stack([ring * 0.7 * r, np.full(14, wide / 2 - 0.02)])
+    faces = np.stack([np.zeros(12, int), np.arange(1, 13), np.arange(2, 14)], 1)
     face = Piece(
-        disc.astype(np.float32), np.tile(np.float32([0, 0, 1]), (18, 1)), (0.5 + 0.5 * ring).astype(np.float32),
-        faces.astype(np.int32), np.full(16, rim.material, np.int32), np.full(16, VEHICLE, np.uint8),
+        disc.astype(np.float32), np.tile(np.float32([0, 0, 1]), (14, 1)), (0.5 + 0.5 * ring).astype(np.float32),
+        faces.astype(np.int32), np.full(12, rim.material, np.int32), np.full(12, VEHICLE, np.uint8),
     )  # fmt: skip
     one = merge([tyre, face])
     # its axis from z to y

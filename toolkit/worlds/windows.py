@@ -113,7 +113,7 @@ def _glass(style: PaneStyle, rng: np.random.Generator, w: int, h: int) -> np.nda
     sky = np.array(style.glass, np.float32) * rng.uniform(0.75, 1.15)
     tilt = rng.uniform(-0.3, 0.3) * np.linspace(-1, 1, w, dtype=np.float32)[None, :, None]
     share = np.clip((up - rng.uniform(0.15, 0.6) + tilt) * rng.uniform(1.2, 4) + 0.35, 0.05, 1) * rng.uniform(0.45, 0.95)
-    wavy = 1 + 0.1 * fractal(rng, (h, w), 2, 3)[..., None]
+    wavy = 1 + 0.1 * fractal(rng, (256, 256), 4, 3)[:h, :w, None]
     return (dark * (1 - share) + sky * share) * wavy
 
 
