@@ -3,7 +3,7 @@
 Frame: metres, z up. A wall is built with its outside towards -y and x to the right of somebody who looks at it.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from zlib import crc32
 
@@ -41,6 +41,7 @@ class Looks:
         self._skins: dict[str, Skin] = {}
         self._plain: dict[tuple[Colour, str], Skin] = {}
         self._sheets: dict[str, np.ndarray] = {}
+        self._pieces: dict[str, Piece] = {}
 
     @property
     def materials(self) -> tuple[Material, ...]:
@@ -50,6 +51,12 @@ class Looks:
     def rng(self, name: str) -> np.random.Generator:
         """The generator that paints `name`."""
         return np.random.default_rng([self.seed, crc32(name.encode())])
+
+    def once(self, name: str, make: Callable[[np.random.Generator], "Piece"]) -> "Piece":
+        """A piece that is modelled once, from (seed, name), and copied from then on."""
+        if name not in self._pieces:
+            self._pieces[name] = make(self.rng(name))
+        return self._pieces[name]
 
     def known(self, name: str) -> Skin | None:
         """The skin of a material that was added before."""
@@ -131,7 +138,9 @@ def merge(pieces: Sequence[Piece]) -> Piece:
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(n, 3) cross products of (n, 3); several times as fast as NumPy's on few vectors."""
     ax, ay, az, bx, by, bz = *a.T, *b.T
-    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+    result = np.empty((len(a), 3))
+    result[:, 0], result[:, 1], result[:, 2] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    return result
 
 
 def quads(corners: np.ndarray, skin: Skin, label: int, uv: np.ndarray | None = None) -> Piece:

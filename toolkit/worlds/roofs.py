@@ -1,6 +1,7 @@
 """What stands on flat roofs: parapets, air-conditioning, stair houses, water tanks, aerials, skylights, landing pads."""
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from toolkit.worlds.walls import wall
 
 ROOF = SceneClass.ROOF
 PARAPET_M = 0.9
+VARIANTS = 3
+"""Of each thing that stands on roofs."""
 
 
 @dataclass
@@ -69,8 +72,9 @@ def flat_roof(
     ]  # fmt: skip
     for make, radius, chance in plant:
         if rng.random() < chance and (at := roof.find(radius, rng)):
-            made = make(looks, rng).turned(90.0 * float(rng.integers(4)))
-            pieces.append(made.moved(at[0], at[1], z))
+            variant = f"{make.__name__}-{rng.integers(VARIANTS)}"
+            made = looks.once(variant, partial(make, looks))
+            pieces.append(place(made, np.array([(*at, z)]), 90.0 * rng.integers(4)))
     return merge(pieces)
 
 

@@ -3,7 +3,9 @@
 Frame of a vehicle: metres, x forward, y left, z up, standing on z = 0 with its middle at the origin.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -55,10 +57,14 @@ class Body:
 
     def top(self, x: np.ndarray | float) -> np.ndarray:
         """Height of the upper outline at x."""
-        from scipy.interpolate import PchipInterpolator
+        return _outline(self.roof)(np.clip(x, self.roof[0][0], self.roof[-1][0]))
 
-        knots = np.array(self.roof)
-        return PchipInterpolator(knots[:, 0], knots[:, 1])(np.clip(x, knots[0, 0], knots[-1, 0]))
+
+@lru_cache(maxsize=32)
+def _outline(knots: tuple[Point, ...]) -> Callable[[np.ndarray | float], np.ndarray]:
+    from scipy.interpolate import PchipInterpolator
+
+    return PchipInterpolator(*np.array(knots).T)
 
 
 class Livery:
