@@ -78,11 +78,12 @@ def build_mesh(name: str) -> Mesh:
     return import_module(f"toolkit.objects.shapes.{name}").build()
 
 
-def read_mesh(path: Path) -> Mesh:
+def read_mesh(path: Path, max_parts: int | None = None) -> Mesh:
     """Read a user's mesh: geometry, texture coordinates and base colours; a file without them is plain grey.
 
     Raises:
-        ToolkitError: no such file, an unknown kind, unreadable, without faces, or with vertices that are not finite.
+        ToolkitError: no such file, an unknown kind, unreadable, without faces, with vertices that are not finite, or in
+            more parts than `max_parts`.
     """
     import trimesh
 
@@ -95,7 +96,12 @@ def read_mesh(path: Path) -> Mesh:
         raise ToolkitError(f"{path}: no such mesh file: put it beside its spec, or mend 'mesh' in the spec")
     try:
         scene = trimesh.load_scene(path, process=False)
+        parts = len(scene.graph.nodes_geometry)
+        if max_parts is not None and parts > max_parts:
+            raise ToolkitError(f"{path}: {parts} parts, expected at most {max_parts}: join them before the export")
         pieces = [piece for piece in scene.dump() if isinstance(piece, trimesh.Trimesh) and len(piece.faces)]
+    except ToolkitError:
+        raise
     except Exception as error:  # trimesh's readers raise whatever their format makes them
         raise ToolkitError(f"{path}: not a readable {path.suffix} mesh: {type(error).__name__}: {error}") from None
     if not pieces:

@@ -42,14 +42,23 @@ def build_grass(seed: int = 0) -> World:
     ]  # fmt: skip
     at = rng.uniform(-58, 58, (420, 2))
     at = at[(np.hypot(*at.T) > 13) & (at[:, 1] > -43)]
-    pieces.append(place(_tuft(looks), np.column_stack([at, np.zeros(len(at))]), rng.uniform(0, 360, len(at)), rng.uniform(0.5, 1.4, len(at))))
+    pieces.append(
+        place(
+            _tuft(looks),
+            np.column_stack([at, np.zeros(len(at))]),
+            rng.uniform(0, 360, len(at)),
+            rng.uniform(0.5, 1.4, len(at)),
+        )
+    )
     spots = (
         Spot("pad", "grass", (0.0, 0.0, 0.25), 5.6, 0.0, "ground"),
         Spot("meadow-1", "grass", (0.0, -28.0, 0.0), 9.0, 90.0, "ground"),
     )
     pieces = [_outside(piece, spots[1]) for piece in pieces]
     mesh, face_class = mesh_of(merge(pieces), looks)
-    return World("grass", seed, mesh, face_class, spots, np.array([[-107.0, 66.0, 0, -89.0, 80.0, 5.0]]), inner, spots[:1])
+    return World(
+        "grass", seed, mesh, face_class, spots, np.array([[-107.0, 66.0, 0, -89.0, 80.0, 5.0]]), inner, spots[:1]
+    )
 
 
 def _outside(piece: Piece, spot: Spot) -> Piece:
@@ -83,7 +92,9 @@ def _hills(looks: Looks, rng: np.random.Generator) -> Piece:
     count = 120
     angle = np.linspace(0, 2 * np.pi, count + 1)
     phase = rng.uniform(0, 6, 3)
-    height = 16 + 9 * np.sin(3 * angle + phase[0]) + 6 * np.sin(7 * angle + phase[1]) + 3 * np.sin(17 * angle + phase[2])
+    height = (
+        16 + 9 * np.sin(3 * angle + phase[0]) + 6 * np.sin(7 * angle + phase[1]) + 3 * np.sin(17 * angle + phase[2])
+    )
     height = np.round(np.maximum(height, 3), 3)
 
     def ring(radius: float, z: np.ndarray | float) -> np.ndarray:
@@ -101,7 +112,10 @@ def _fence(looks: Looks) -> Piece:
     x = np.arange(-58.0, 58.1, 2.9)
     post = np.column_stack([x, np.full(len(x), 40.0), np.zeros(len(x))])
     posts = np.concatenate([post, post[:, [1, 0, 2]]])
-    rails = np.array([((-58, 40, z), (58, 40, z)) for z in (0.45, 0.85, 1.2)] + [((40, -44, z), (40, 58, z)) for z in (0.45, 0.85, 1.2)])
+    rails = np.array(
+        [((-58, 40, z), (58, 40, z)) for z in (0.45, 0.85, 1.2)]
+        + [((40, -44, z), (40, 58, z)) for z in (0.45, 0.85, 1.2)]
+    )
     posts = posts[(posts[:, 1] > -44.5)]
     return merge([bars(posts, posts + [0, 0, 1.4], 0.13, wood, F), bars(rails[:, 0], rails[:, 1], 0.09, wood, F)])
 
@@ -114,14 +128,27 @@ def _tuft(looks: Looks) -> Piece:
     lean = np.column_stack([rng.normal(0, 0.14, (n, 2)), rng.uniform(0.25, 0.6, n)])
     side = np.column_stack([rng.normal(0, 1, (n, 2)), np.zeros(n)])
     side *= 0.012 / np.linalg.norm(side, axis=1, keepdims=True)
-    return quads(np.stack([foot - side, foot + side, foot + lean, foot + lean], 1), looks.plain((122, 132, 62), "matte"), SceneClass.TREE)
+    return quads(
+        np.stack([foot - side, foot + side, foot + lean, foot + lean], 1),
+        looks.plain((122, 132, 62), "matte"),
+        SceneClass.TREE,
+    )
 
 
 def _barn(looks: Looks) -> Piece:
     """A red barn 18 m by 14 m, its gable to -y."""
-    red, tin, white = wall(looks, "cladding", (142, 42, 36)), wall(looks, "cladding", (150, 152, 154)), looks.plain((232, 230, 222))
+    red, tin, white = (
+        wall(looks, "cladding", (142, 42, 36)),
+        wall(looks, "cladding", (150, 152, 154)),
+        looks.plain((232, 230, 222)),
+    )
     gable = np.array([(-7, 0), (7, 0), (7, 5), (0, 9.5), (-7, 5)])
-    slope = np.array([[(7.4, -0.4, 4.75), (7.4, 18.4, 4.75), (0, 18.4, 9.6), (0, -0.4, 9.6)], [(-7.4, 18.4, 4.75), (-7.4, -0.4, 4.75), (0, -0.4, 9.6), (0, 18.4, 9.6)]])
+    slope = np.array(
+        [
+            [(7.4, -0.4, 4.75), (7.4, 18.4, 4.75), (0, 18.4, 9.6), (0, -0.4, 9.6)],
+            [(-7.4, 18.4, 4.75), (-7.4, -0.4, 4.75), (0, -0.4, 9.6), (0, 18.4, 9.6)],
+        ]
+    )
     body = merge([
         polygon(gable, 0.0, red, B), place(polygon(gable, 0.0, red, B), np.array([(0, 18.0, 0)]), 180.0),
         quads(np.array([[(7, 0, 0), (7, 18, 0), (7, 18, 5), (7, 0, 5)], [(-7, 18, 0), (-7, 0, 0), (-7, 0, 5), (-7, 18, 5)]], float), red, B),
@@ -212,7 +239,9 @@ def _marks(looks: Looks, stands: np.ndarray) -> Piece:
         pieces.append(_stripe(looks, [(x - 1.6, 24), (x + 1.6, 24)], 0.5, YELLOW_PAINT))
     for y in (36.0, -72.0):
         pieces.append(_stripe(looks, [(-128, y), (128, y)], 0.25, (188, 40, 36)))
-    pieces.append(_stripe(looks, [(-128, -73.5), (128, -73.5), (128, 73.5), (-128, 73.5), (-128, -73.5)], 0.3, YELLOW_PAINT))
+    pieces.append(
+        _stripe(looks, [(-128, -73.5), (128, -73.5), (128, 73.5), (-128, 73.5), (-128, -73.5)], 0.3, YELLOW_PAINT)
+    )
     return merge(pieces)
 
 
@@ -233,7 +262,9 @@ def _stand_numbers(looks: Looks, stands: np.ndarray) -> Piece:
         canvas = Canvas(3, 3, 64, (30, 30, 32))
         canvas.text(1.5, 1.5, f"A{k + 1}", 2.3, YELLOW_PAINT, fit_m=2.6)
         skin = looks.known(f"stand-{k}") or sheet(f"stand-{k}", looks, canvas)
-        pieces.append(floor_quads(np.array([(x + 1.2, -30.0, x + 4.2, -27.0)]), MARK_M, skin, SceneClass.GROUND, fit=True))
+        pieces.append(
+            floor_quads(np.array([(x + 1.2, -30.0, x + 4.2, -27.0)]), MARK_M, skin, SceneClass.GROUND, fit=True)
+        )
     return merge(pieces)
 
 
@@ -243,7 +274,14 @@ def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Col
     eaves, half = 8.0, width / 2
     angle = np.linspace(0, np.pi, 15)
     arch = np.column_stack([half * np.cos(angle), eaves + (height - eaves) * np.sin(angle)])
-    front = np.concatenate([[(half, eaves), ], arch[1:]])
+    front = np.concatenate(
+        [
+            [
+                (half, eaves),
+            ],
+            arch[1:],
+        ]
+    )
     ridge = np.column_stack([arch[:, 0], np.zeros(15), arch[:, 1]])
     bow = np.stack([ridge[:-1], ridge[:-1] + [0, depth, 0], ridge[1:] + [0, depth, 0], ridge[1:]], 1)
     canvas = Canvas(6, 3, 48, colour)
@@ -251,12 +289,20 @@ def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Col
     name = looks.known(f"hangar-{number}") or sheet(f"hangar-{number}", looks, canvas)
     leaves = np.linspace(-half + 1.0, half - 1.0, 9)
     open_from, open_to = 3, 5
-    panels = [(a, b) for k, (a, b) in enumerate(zip(leaves[:-1], leaves[1:], strict=True)) if not open_from <= k < open_to]
+    panels = [
+        (a, b) for k, (a, b) in enumerate(zip(leaves[:-1], leaves[1:], strict=True)) if not open_from <= k < open_to
+    ]
     low = np.array([(a + 0.05, -0.25 - 0.2 * (k % 2), 0) for k, (a, _) in enumerate(panels)])
     high = np.array([(b - 0.05, -0.05 - 0.2 * (k % 2), 7.2) for k, (_, b) in enumerate(panels)])
     glass = looks.plain((96, 116, 128), "gloss")
     dark = looks.plain((36, 38, 40), "matte")
-    back = place(merge([boxes(np.array([(-half, -0.02, 0)]), np.array([(half, 0, eaves)]), skin, B), polygon(front, 0.0, skin, B)]), np.array([(0, depth, 0.0)]), 180.0)
+    back = place(
+        merge(
+            [boxes(np.array([(-half, -0.02, 0)]), np.array([(half, 0, eaves)]), skin, B), polygon(front, 0.0, skin, B)]
+        ),
+        np.array([(0, depth, 0.0)]),
+        180.0,
+    )
     return merge([
         boxes(low, high, skin, B), boxes(low * [1, 1, 0] + [0.4, -0.03, 4.6], high * [1, 0, 0] + low * [0, 1, 0] + [-0.4, 0, 5.9], glass, B),
         box((-half, half), (-0.4, 0.0), (7.2, 8.0), looks.plain((210, 208, 200)), B), polygon(front, 0.0, skin, B), back,
@@ -272,7 +318,9 @@ def _control_tower(looks: Looks) -> Piece:
     white, green = wall(looks, "render", (226, 222, 210)), looks.plain((96, 140, 136), "gloss")
     frame, glass = looks.plain((60, 64, 66)), pane_sheet(looks, "curtain-green")
     angle = np.radians(22.5) + np.linspace(0, 2 * np.pi, 9)
-    low, high = ([np.column_stack([r * np.cos(angle), r * np.sin(angle), np.full(9, z)])] for r, z in ((3.6, 20.0), (4.4, 23.4)))
+    low, high = (
+        [np.column_stack([r * np.cos(angle), r * np.sin(angle), np.full(9, z)])] for r, z in ((3.6, 20.0), (4.4, 23.4))
+    )
     cab = np.stack([low[0][:-1], low[0][1:], high[0][1:], high[0][:-1]], 1)
     cells = np.array([(-12 + 2 * k, -12 + 2 * k + 1.9) for k in range(12)])
     face = np.stack([np.column_stack([cells[:, 0], np.full(12, -8.02), np.full(12, 2.6)]), np.column_stack([cells[:, 1], np.full(12, -8.02), np.full(12, 2.6)]),
@@ -294,7 +342,10 @@ def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) ->
     """Vehicles, cones, floodlights, steps, baggage carts and a fence along the back."""
     fuel = lorry(looks, "fuel", (226, 226, 222), (206, 206, 204), "JET A-1 FUEL")
     follow = car(SEDAN, (248, 200, 20), looks, "follow")
-    crew, fire = van((236, 236, 232), "GROUND CREW", looks, "crew"), lorry(looks, "fire", (196, 24, 26), (196, 24, 26), "FIRE RESCUE")
+    crew, fire = (
+        van((236, 236, 232), "GROUND CREW", looks, "crew"),
+        lorry(looks, "fire", (196, 24, 26), (196, 24, 26), "FIRE RESCUE"),
+    )
     parked = car(SEDAN, CAR_COLOURS[5], looks, "staff")
     placed = [
         (fuel.piece, (-56, 20), 80.0), (follow.piece, (-6, -42), 10.0), (crew.piece, (57, 22), 95.0), (fire.piece, (62, 46), 270.0),
@@ -312,7 +363,16 @@ def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) ->
             boxes(heads - [0.3, 0.17, 0.25], heads + [0.3, -0.15, 0.25], lamp, F, ()),
         ]  # fmt: skip
     tread = np.array([(-60.0, 30.0 - 0.3 * k, 0.4 + 0.22 * k) for k in range(14)])
-    pieces += [boxes(tread, tread + [1.6, 0.32, 0.06], steel, F, ()), bars(tread[[0, 0]] + [[0, 0, 0], [1.6, 0, 0]], tread[[-1, -1]] + [[0, 0, 1], [1.6, 0, 1]], 0.08, looks.plain((40, 90, 160)), F)]
+    pieces += [
+        boxes(tread, tread + [1.6, 0.32, 0.06], steel, F, ()),
+        bars(
+            tread[[0, 0]] + [[0, 0, 0], [1.6, 0, 0]],
+            tread[[-1, -1]] + [[0, 0, 1], [1.6, 0, 1]],
+            0.08,
+            looks.plain((40, 90, 160)),
+            F,
+        ),
+    ]
     carts = np.array([(40.0 + 3.2 * k, 28.0, 0.0) for k in range(4)])
     pieces += [
         boxes(carts + [0, 0, 0.4], carts + [2.6, 1.5, 0.5], steel, F, ()), boxes(carts + [0.2, 0.1, 0.5], carts + [2.4, 1.4, 1.5], looks.plain((70, 90, 130)), F),
@@ -321,4 +381,10 @@ def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) ->
     posts = np.array([(x, -76.0, 0) for x in np.arange(-100.0, 131.0, 5.0)])
     pieces.append(bars(posts, posts + [0, 0, 0.5], 0.25, looks.plain((226, 120, 30)), F))
     pieces += [place(flag(looks, k), np.array([(80.0 + 4 * k, 58.0, 0)])) for k in range(3)]
-    return merge([*pieces, place(shrub(looks, 0), np.array([(84.0 + 3 * k, 60.5, 0) for k in range(7)])), windsock(looks).moved(-120, -90, 0)])
+    return merge(
+        [
+            *pieces,
+            place(shrub(looks, 0), np.array([(84.0 + 3 * k, 60.5, 0) for k in range(7)])),
+            windsock(looks).moved(-120, -90, 0),
+        ]
+    )

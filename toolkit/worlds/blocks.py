@@ -44,7 +44,9 @@ class Filling:
         self.pieces.append(place(house.piece, np.array([(x, y, KERB_M)]), yaw))
         sign = -1 if yaw == 180 else 1
         boxes = house.solids * np.tile([sign, sign, 1], 2) + np.tile([x, y, KERB_M], 2)
-        self.solids.append(np.concatenate([np.minimum(boxes[:, :3], boxes[:, 3:]), np.maximum(boxes[:, :3], boxes[:, 3:])], 1))
+        self.solids.append(
+            np.concatenate([np.minimum(boxes[:, :3], boxes[:, 3:]), np.maximum(boxes[:, :3], boxes[:, 3:])], 1)
+        )
         if house.pad:
             px, py, pz, radius = house.pad
             self.pads.append((x + sign * px, y + sign * py, pz + KERB_M, radius))
@@ -53,7 +55,9 @@ class Filling:
 def choose_landmarks(blocks: list[Block], rng: np.random.Generator) -> dict[tuple[int, int], str]:
     """Which block bears which landmark; square and park lie towards the middle."""
     middle = np.mean([(b.column, b.row) for b in blocks], axis=0)
-    order = sorted(blocks, key=lambda b: (np.hypot(b.column - middle[0], b.row - middle[1]) + rng.uniform(0, 1.6), b.row, b.column))
+    order = sorted(
+        blocks, key=lambda b: (np.hypot(b.column - middle[0], b.row - middle[1]) + rng.uniform(0, 1.6), b.row, b.column)
+    )
     count = min(len(LANDMARKS), max(1, len(blocks) - 1))
     step = max(1, len(blocks) // count)
     chosen = [order[min(k * step // (2 if k < 2 else 1), len(order) - 1)] for k in range(count)]
@@ -64,7 +68,13 @@ def choose_landmarks(blocks: list[Block], rng: np.random.Generator) -> dict[tupl
 
 
 def fill_block(
-    block: Block, landmark: str | None, filling: Filling, plan: Plan, fleet: Fleet, looks: Looks, rng: np.random.Generator
+    block: Block,
+    landmark: str | None,
+    filling: Filling,
+    plan: Plan,
+    fleet: Fleet,
+    looks: Looks,
+    rng: np.random.Generator,
 ) -> None:
     """Build a block and everything on it."""
     width, depth = block.size
@@ -154,7 +164,9 @@ def _row(
             sign = 1 if yaw == 0.0 else -1
             bx = x + at + w / 2 if yaw == 0.0 else x + width - at - w / 2
             by = y + 1.2 if yaw == 0.0 else y + block_depth - 1.2
-            filling.pieces.append(place(billboard(int(rng.integers(6)), looks), np.array([(bx, by, top)]), 0.0 if sign > 0 else 180.0))
+            filling.pieces.append(
+                place(billboard(int(rng.integers(6)), looks), np.array([(bx, by, top)]), 0.0 if sign > 0 else 180.0)
+            )
         at += w
 
 
@@ -181,7 +193,9 @@ def _scatter_trees(
     filling.pieces.append(build_standing(standing, looks))
 
 
-def _square(x: float, y: float, width: float, depth: float, filling: Filling, looks: Looks, rng: np.random.Generator) -> None:
+def _square(
+    x: float, y: float, width: float, depth: float, filling: Filling, looks: Looks, rng: np.random.Generator
+) -> None:
     """A paved square: a free middle, a fountain and a monument, benches, trees along its edge, flags, stalls."""
     cx, cy = x + width / 2, y + depth / 2
     radius = min(width, depth) / 2 - 8.5
@@ -201,7 +215,9 @@ def _square(x: float, y: float, width: float, depth: float, filling: Filling, lo
     filling.pieces.append(build_standing(standing, looks))
 
 
-def _park(x: float, y: float, width: float, depth: float, filling: Filling, looks: Looks, rng: np.random.Generator) -> None:
+def _park(
+    x: float, y: float, width: float, depth: float, filling: Filling, looks: Looks, rng: np.random.Generator
+) -> None:
     """A lawn with trees, shrubs, benches and lamps about a clearing."""
     cx, cy = x + width / 2, y + depth / 2
     radius = min(width, depth) / 2 - 11.0
@@ -211,5 +227,7 @@ def _park(x: float, y: float, width: float, depth: float, filling: Filling, look
     for k in range(10):
         angle = 2 * np.pi * k / 10
         px, py = cx + (radius + 1.8) * np.cos(angle), cy + (radius + 1.8) * np.sin(angle)
-        standing.setdefault(("bench", "old-lamp", "shrub:1", "bin")[k % 4], []).append((px, py, KERB_M, np.degrees(angle) - 90))
+        standing.setdefault(("bench", "old-lamp", "shrub:1", "bin")[k % 4], []).append(
+            (px, py, KERB_M, np.degrees(angle) - 90)
+        )
     filling.pieces.append(build_standing(standing, looks))

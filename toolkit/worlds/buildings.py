@@ -61,7 +61,9 @@ def _pick(options: tuple, rng: np.random.Generator):  # type: ignore[no-untyped-
     return options[int(rng.integers(len(options)))]
 
 
-def _finish(lot: Lot, walls: Piece, height: float, skins: tuple[Skin, Skin], looks: Looks, rng: np.random.Generator) -> House:
+def _finish(
+    lot: Lot, walls: Piece, height: float, skins: tuple[Skin, Skin], looks: Looks, rng: np.random.Generator
+) -> House:
     """Put the roof on."""
     pad_radius = min(8.0, min(lot.width, lot.depth) / 2 - 1.2) if lot.pad else 0.0
     roof = flat_roof(Roof(lot.width, lot.depth, height), *skins, looks, rng, pad_radius)
@@ -150,7 +152,9 @@ def warehouse(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     return _apartments(lot, style, looks, rng, rng.random() < 0.3)
 
 
-def _apartments(lot: Lot, style: Facade, looks: Looks, rng: np.random.Generator, shops: bool, crown: bool = True) -> House:
+def _apartments(
+    lot: Lot, style: Facade, looks: Looks, rng: np.random.Generator, shops: bool, crown: bool = True
+) -> House:
     """A house of floors alike over a ground floor of shops or with an entrance."""
     ground = SHOP_FLOOR_M if shops else 0.6
     floors = lot.floors + (0 if shops else 1)
@@ -196,7 +200,9 @@ def glass_office(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
         count = max(2, round(width / bay_m))
         edges = np.linspace(0, width, count + 1)
         base = lobby + floor_m * np.arange(lot.floors + 1)
-        cells = np.array([(a, z + 0.9, b, z + floor_m) for z in base for a, b in zip(edges[:-1], edges[1:], strict=True)])
+        cells = np.array(
+            [(a, z + 0.9, b, z + floor_m) for z in base for a, b in zip(edges[:-1], edges[1:], strict=True)]
+        )
         bands = np.array([(0, z, width, z + 0.9) for z in base] + [(0, height - 0.4, width, height)])
         rect = np.stack([cells[:, [0, 1]], cells[:, [2, 1]], cells[:, [2, 3]], cells[:, [0, 3]]], 1)
         face = np.stack([rect[..., 0], np.zeros(rect.shape[:2]), rect[..., 1]], 2)
@@ -207,7 +213,11 @@ def glass_office(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
         low = np.stack([np.zeros(len(z)), np.full(len(z), -0.06), z - 0.04], 1)
         pieces.append(boxes(low, low + [width, 0.06, 0.08], metal, BUILDING, without=("back", "left", "right")))
         if open_side and side in lot.streets:
-            pieces.append(shop_row(width, looks, rng, stone) if rng.random() < 0.35 else _lobby(width, lobby, panes, metal, stone, rng))
+            pieces.append(
+                shop_row(width, looks, rng, stone)
+                if rng.random() < 0.35
+                else _lobby(width, lobby, panes, metal, stone, rng)
+            )
             pieces.append(wall_quads(np.array([(0, SHOP_FLOOR_M, width, lobby)]), -0.02, metal, BUILDING))
         else:
             pieces.append(wall_quads(np.array([(0, 0, width, lobby)]), 0.0, stone, BUILDING))

@@ -50,9 +50,7 @@ def build_city(seed: int = 0, blocks: tuple[int, int] = BLOCKS) -> World:
         _outskirts(plan, looks, np.random.default_rng([seed, 24])),
     ]
     mesh, face_class = mesh_of(merge(pieces), looks)
-    return World(
-        "city", seed, mesh, face_class, tuple(spots + pads), np.concatenate(filling.solids), core, tuple(pads)
-    )
+    return World("city", seed, mesh, face_class, tuple(spots + pads), np.concatenate(filling.solids), core, tuple(pads))
 
 
 def _street_spots(plan: Plan, rng: np.random.Generator) -> list[Spot]:
@@ -81,8 +79,12 @@ def _outskirts(plan: Plan, looks: Looks, rng: np.random.Generator) -> Piece:
     low = np.array([plan.north[0].at - plan.north[0].half, plan.east[0].at - plan.east[0].half])
     high = np.array([plan.north[-1].at + plan.north[-1].half, plan.east[-1].at + plan.east[-1].half])
     pieces = [surround(np.stack([low, high]), HORIZON_M, junction(looks), SceneClass.ROAD)]
-    columns = _carry_on([(a.at + a.half, b.at - b.half) for a, b in zip(plan.north[:-1], plan.north[1:], strict=True)], low[0], high[0])
-    rows = _carry_on([(a.at + a.half, b.at - b.half) for a, b in zip(plan.east[:-1], plan.east[1:], strict=True)], low[1], high[1])
+    columns = _carry_on(
+        [(a.at + a.half, b.at - b.half) for a, b in zip(plan.north[:-1], plan.north[1:], strict=True)], low[0], high[0]
+    )
+    rows = _carry_on(
+        [(a.at + a.half, b.at - b.half) for a, b in zip(plan.east[:-1], plan.east[1:], strict=True)], low[1], high[1]
+    )
     bases, lows, highs = [], [], []
     for x0, x1 in columns:
         for y0, y1 in rows:
@@ -100,7 +102,10 @@ def _outskirts(plan: Plan, looks: Looks, rng: np.random.Generator) -> Piece:
                     highs.append((x + w, max(y, y + d), height))
                 x += w
     base = np.array(bases)
-    flat_low, flat_high = np.column_stack([base[:, :2], np.zeros(len(base))]), np.column_stack([base[:, 2:], np.full(len(base), KERB_M)])
+    flat_low, flat_high = (
+        np.column_stack([base[:, :2], np.zeros(len(base))]),
+        np.column_stack([base[:, 2:], np.full(len(base), KERB_M)]),
+    )
     pieces.append(boxes(flat_low, flat_high, wall(looks, "ashlar", STONES[3]), SceneClass.PAVEMENT))
     pieces.append(towers(np.array(lows), np.array(highs), looks, rng))
     return merge(pieces)

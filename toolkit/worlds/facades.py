@@ -94,16 +94,12 @@ def windowed_wall(
     return merge(pieces)
 
 
-def _around_openings(
-    skin: Skin, width: float, z: tuple[float, float], across: np.ndarray, up: np.ndarray
-) -> Piece:
+def _around_openings(skin: Skin, width: float, z: tuple[float, float], across: np.ndarray, up: np.ndarray) -> Piece:
     """The wall with a grid of holes: strips below and above each row, and piers between."""
     rows = np.concatenate([[z[0]], up.reshape(-1), [z[1]]])
     strips = [(0.0, rows[2 * k], width, rows[2 * k + 1]) for k in range(len(up) + 1)]
     columns = np.concatenate([[0.0], across.reshape(-1), [width]])
-    piers = [
-        (columns[2 * i], low, columns[2 * i + 1], high) for low, high in up for i in range(len(across) + 1)
-    ]
+    piers = [(columns[2 * i], low, columns[2 * i + 1], high) for low, high in up for i in range(len(across) + 1)]
     return wall_quads(np.array(strips + piers), 0.0, skin, BUILDING)
 
 
@@ -123,9 +119,7 @@ def _at(x: np.ndarray, y: float, z: np.ndarray) -> np.ndarray:
     return np.stack([x, np.full(len(x), float(y)), z], 1)
 
 
-def _blocks(
-    span: np.ndarray, z0: np.ndarray, z1: np.ndarray, out_m: float, skin: Skin, label: int = BUILDING
-) -> Piece:
+def _blocks(span: np.ndarray, z0: np.ndarray, z1: np.ndarray, out_m: float, skin: Skin, label: int = BUILDING) -> Piece:
     """Blocks on the wall that stand out by `out_m`, from spans (n, 2) along it."""
     return boxes(_at(span[:, 0], -out_m, z0), _at(span[:, 1], 0.0, z1), skin, label, without=("back",))
 
@@ -207,6 +201,8 @@ def fire_escape(x: float, base: np.ndarray, looks: Looks) -> Piece:
         for y in (-out + 0.15, -out + 0.7):
             pieces.append(bars(np.array([[ends[0], y, low]]), np.array([[ends[1], y, high]]), 0.07, iron, BUILDING))
         steps = np.linspace(0.06, 0.94, 11)
-        tread = np.stack([ends[0] + (ends[1] - ends[0]) * steps, np.full(11, -out + 0.15), low + (high - low) * steps], 1)
+        tread = np.stack(
+            [ends[0] + (ends[1] - ends[0]) * steps, np.full(11, -out + 0.15), low + (high - low) * steps], 1
+        )
         pieces.append(bars(tread, tread + [0, 0.55, 0], 0.06, iron, BUILDING))
     return merge(pieces)

@@ -74,7 +74,9 @@ def road(looks: Looks, avenue: bool) -> Skin:
                 x = middle + side * at / width
                 dashes = ((0, 1),) if at < 4 else ((0.02, 0.22), (0.36, 0.56), (0.7, 0.9))
                 for y0, y1 in dashes:
-                    _mark(base, x - 0.06 / width, x + 0.06 / width, y0, y1, YELLOW_PAINT if at < 4 else WHITE_PAINT, worn)
+                    _mark(
+                        base, x - 0.06 / width, x + 0.06 / width, y0, y1, YELLOW_PAINT if at < 4 else WHITE_PAINT, worn
+                    )
     else:
         for x in (middle - 0.16 / width, middle + 0.16 / width):
             _mark(base, x - 0.055 / width, x + 0.055 / width, 0, 1, YELLOW_PAINT, worn)
@@ -95,7 +97,11 @@ def _tram_tracks(base: np.ndarray, px: float) -> None:
     n = base.shape[0]
     for at in TRACKS_M:
         x = n / 2 + at * px
-        for offset, wide, tone in ((0.0, 0.16, (70, 70, 72)), (-0.02, 0.05, (150, 150, 152)), (0.03, 0.035, (24, 24, 26))):
+        for offset, wide, tone in (
+            (0.0, 0.16, (70, 70, 72)),
+            (-0.02, 0.05, (150, 150, 152)),
+            (0.03, 0.035, (24, 24, 26)),
+        ):
             left = round(x + (offset - wide / 2) * px)
             base[:, left : left + max(1, round(wide * px))] = tone
 
@@ -140,7 +146,10 @@ def _slabs(rng: np.random.Generator, colour: Colour, rows: int, columns: int, jo
     y, x = np.mgrid[0:n, 0:n]
     row, column = y * rows // n, x * columns // n
     base = np.array(colour, np.float32) * shade[row, column][..., None].astype(np.float32)
-    inset = np.minimum(np.minimum(y % (n / rows), n / rows - y % (n / rows)), np.minimum(x % (n / columns), n / columns - x % (n / columns)))
+    inset = np.minimum(
+        np.minimum(y % (n / rows), n / rows - y % (n / rows)),
+        np.minimum(x % (n / columns), n / columns - x % (n / columns)),
+    )
     base *= np.where(inset < joint, 0.68, 1.0)[..., None]
     base *= stains(rng, (n, n), 0.1)
     return base + grain(rng, (n, n), 5)

@@ -10,7 +10,20 @@ from toolkit.worlds.fleet import BLUE, RED
 from toolkit.worlds.grounds import concrete_apron, water
 from toolkit.worlds.landmarks import tower_crane
 from toolkit.worlds.paint import Canvas
-from toolkit.worlds.pieces import Looks, Piece, Skin, bars, box, boxes, floor_quads, merge, place, quads, solid, wall_quads
+from toolkit.worlds.pieces import (
+    Looks,
+    Piece,
+    Skin,
+    bars,
+    box,
+    boxes,
+    floor_quads,
+    merge,
+    place,
+    quads,
+    solid,
+    wall_quads,
+)
 from toolkit.worlds.signs import board, sheet
 from toolkit.worlds.skyline import towers
 from toolkit.worlds.street_furniture import street_lamp, traffic_cone
@@ -57,10 +70,20 @@ def _quay(looks: Looks) -> Piece:
     """The quay's deck, its wall down to the water with fenders and ladders, and the land behind."""
     x, back = QUAY_X, QUAY_BACK_Y
     concrete, stone = concrete_apron(looks), wall(looks, "ashlar", STONES[3])
-    tyre = solid([revolve([(0.3, -0.15), (0.55, -0.15), (0.6, 0), (0.55, 0.15), (0.3, 0.15), (0.3, -0.15)], 14).rotated("x", 90)], looks.plain((28, 28, 30), "matte"), F)
+    tyre = solid(
+        [
+            revolve([(0.3, -0.15), (0.55, -0.15), (0.6, 0), (0.55, 0.15), (0.3, 0.15), (0.3, -0.15)], 14).rotated(
+                "x", 90
+            )
+        ],
+        looks.plain((28, 28, 30), "matte"),
+        F,
+    )
     tyres = np.array([(px, -0.2, -0.9) for px in np.arange(-x + 5, x, 10.0)])
     rungs = np.array([(px, -0.12, z) for px in np.arange(-x + 20, x, 40.0) for z in np.arange(-2.2, 0, 0.3)])
-    bollard = solid([revolve([(0.22, 0), (0.2, 0.35), (0.34, 0.42), (0.34, 0.52), (0.01, 0.6)], 12)], looks.plain((226, 176, 30)), F)
+    bollard = solid(
+        [revolve([(0.22, 0), (0.2, 0.35), (0.34, 0.42), (0.34, 0.52), (0.01, 0.6)], 12)], looks.plain((226, 176, 30)), F
+    )
     edge = looks.plain((226, 190, 40), "matte")
     land = [(-HORIZON_M, back, HORIZON_M, back + HORIZON_M), (-HORIZON_M, 0, -x, back), (x, 0, HORIZON_M, back)]
     return merge([
@@ -72,7 +95,12 @@ def _quay(looks: Looks) -> Piece:
 
 
 def _sea(looks: Looks) -> Piece:
-    rings = [(-HORIZON_M, -HORIZON_M, HORIZON_M, -260.0), (-HORIZON_M, -260.0, -260.0, 0.0), (260.0, -260.0, HORIZON_M, 0.0), (-260.0, -260.0, 260.0, 0.0)]
+    rings = [
+        (-HORIZON_M, -HORIZON_M, HORIZON_M, -260.0),
+        (-HORIZON_M, -260.0, -260.0, 0.0),
+        (260.0, -260.0, HORIZON_M, 0.0),
+        (-260.0, -260.0, 260.0, 0.0),
+    ]
     return floor_quads(np.array(rings), WATER_Z, water(looks), SceneClass.WATER)
 
 
@@ -81,7 +109,12 @@ def _quay_marks(looks: Looks) -> Piece:
     x, steel, yellow = QUAY_X, looks.plain((96, 92, 88)), looks.plain((214, 170, 50), "matte")
     rails = [(-x, y - 0.07, x, y + 0.07) for y in (4.0, 20.0)]
     lines = [(-x, y - 0.1, x, y + 0.1) for y in (2.6, 31.0, 58.0)]
-    return merge([floor_quads(np.array(rails), 0.02, steel, SceneClass.GROUND), floor_quads(np.array(lines), MARK_M, yellow, SceneClass.GROUND)])
+    return merge(
+        [
+            floor_quads(np.array(rails), 0.02, steel, SceneClass.GROUND),
+            floor_quads(np.array(lines), MARK_M, yellow, SceneClass.GROUND),
+        ]
+    )
 
 
 def container_skin(looks: Looks, line: int) -> Skin:
@@ -135,7 +168,9 @@ def _gantry(looks: Looks) -> Piece:
     red, grey = looks.plain((186, 44, 36)), looks.plain((170, 172, 172))
     legs = np.array([(x, y, 0.9) for x in (-8, 8) for y in (-8, 8)], float)
     top = legs + [0, 0, 30]
-    cross = [((x, -8, z), (x, 8, z)) for x in (-8, 8) for z in (12.0, 31.0)] + [((-8, y, z), (8, y, z)) for y in (-8, 8) for z in (12.0, 31.0)]
+    cross = [((x, -8, z), (x, 8, z)) for x in (-8, 8) for z in (12.0, 31.0)] + [
+        ((-8, y, z), (8, y, z)) for y in (-8, 8) for z in (12.0, 31.0)
+    ]
     cross += [((x, -8, 12), (x, 8, 31)) for x in (-8, 8)]
     braces = np.array(cross, float)
     beam = np.array([((x, -46, 32.5), (x, 22, 32.5)) for x in (-2, 2)], float)
@@ -152,14 +187,25 @@ def _gantry(looks: Looks) -> Piece:
     ])  # fmt: skip
 
 
-def hull(length: float, beam: float, side: float, draught: float, looks: Looks, colours: tuple[Colour, Colour], bow: float = 0.24) -> Piece:
+def hull(
+    length: float,
+    beam: float,
+    side: float,
+    draught: float,
+    looks: Looks,
+    colours: tuple[Colour, Colour],
+    bow: float = 0.24,
+) -> Piece:
     """A hull along x, bow to +x, its waterline at z = 0: topsides, boot top, deck."""
     share = np.linspace(0, 1, 15)
     x = -length / 2 + length * share
     half = beam / 2 * np.clip((1 - share) / bow, 0, 1) ** 0.6 * np.minimum(1, 0.82 + share * 1.5)
     sheer = side * (1 + 0.35 * np.clip((share - 0.65) / 0.35, 0, 1) ** 2)
     rake = length * 0.03 * np.clip((share - 0.7) / 0.3, 0, 1)
-    low, waterline = np.column_stack([x - rake, half * 0.86, np.full(15, -draught)]), np.column_stack([x, half * 0.96, np.full(15, 0.4)])
+    low, waterline = (
+        np.column_stack([x - rake, half * 0.86, np.full(15, -draught)]),
+        np.column_stack([x, half * 0.96, np.full(15, 0.4)]),
+    )
     rail = np.column_stack([x + rake, half, sheer])
     flip = np.array([1, -1, 1])
     pieces = []
@@ -169,7 +215,13 @@ def hull(length: float, beam: float, side: float, draught: float, looks: Looks, 
         stern = np.array([[a[0], a[0] * flip, b[0] * flip, b[0]]])
         pieces.append(quads(np.concatenate([starboard, port, stern]), looks.plain(colour, "gloss"), V))
     deck = rail - [0, 0, 0.5 if side > 2 else 0.12]
-    pieces.append(quads(np.stack([deck[:-1] * flip, deck[1:] * flip, deck[1:], deck[:-1]], 1), looks.plain((150, 110, 76), "matte"), V))
+    pieces.append(
+        quads(
+            np.stack([deck[:-1] * flip, deck[1:] * flip, deck[1:], deck[:-1]], 1),
+            looks.plain((150, 110, 76), "matte"),
+            V,
+        )
+    )
     inner = np.stack([rail[1:] * flip, rail[:-1] * flip, deck[:-1] * flip, deck[1:] * flip], 1)
     pieces.append(quads(np.concatenate([inner, (inner * flip)[:, ::-1]]), looks.plain((214, 210, 200)), V))
     return merge(pieces)
@@ -184,10 +236,24 @@ def _house(x: tuple[float, float], width: float, z: float, decks: int, looks: Lo
         a, b, w, z0 = x[0] + 0.2 * k, x[1] - shrink, width / 2 - 0.2 * k, z + 2.6 * k
         pieces.append(box((a, b), (-w, w), (z0, z0 + 2.6), white, V))
         cells = np.arange(-w + 0.4, w - 0.7, 1.1)
-        pieces.append(boxes(np.column_stack([np.full(len(cells), b - 0.02), cells, np.full(len(cells), z0 + 1.3)]), np.column_stack([np.full(len(cells), b + 0.02), cells + 0.7, np.full(len(cells), z0 + 2.1)]), glass, V))
+        pieces.append(
+            boxes(
+                np.column_stack([np.full(len(cells), b - 0.02), cells, np.full(len(cells), z0 + 1.3)]),
+                np.column_stack([np.full(len(cells), b + 0.02), cells + 0.7, np.full(len(cells), z0 + 2.1)]),
+                glass,
+                V,
+            )
+        )
         cells = np.arange(a + 0.4, b - 0.8, 1.2)
         for y in (-w, w):
-            pieces.append(boxes(np.column_stack([cells, np.full(len(cells), y - 0.02), np.full(len(cells), z0 + 1.3)]), np.column_stack([cells + 0.7, np.full(len(cells), y + 0.02), np.full(len(cells), z0 + 2.1)]), glass, V))
+            pieces.append(
+                boxes(
+                    np.column_stack([cells, np.full(len(cells), y - 0.02), np.full(len(cells), z0 + 1.3)]),
+                    np.column_stack([cells + 0.7, np.full(len(cells), y + 0.02), np.full(len(cells), z0 + 2.1)]),
+                    glass,
+                    V,
+                )
+            )
     return merge(pieces)
 
 
@@ -215,8 +281,19 @@ def _boats(looks: Looks, rng: np.random.Generator) -> Piece:
         hull(15.0, 4.6, 2.0, 1.4, looks, ((36, 96, 150), (150, 44, 36))), _house((-5.5, -1.5), 3.2, 1.6, 2, looks),
         bars(np.array([(1, 0, 1.5), (1, 0, 7), (-6.5, -1.5, 2), (-6.5, 1.5, 2)]), np.array([(1, 0, 8.5), (6, 0, 3.5), (-6.5, -0.8, 5.5), (-6.5, 0.8, 5.5)]), 0.14, spar, V), box((-6.6, -6.4), (-1.0, 1.0), (5.3, 5.6), spar, V),
     ])  # fmt: skip
-    tug = merge([hull(24.0, 8.5, 3.0, 3.0, looks, ((30, 32, 36), (150, 40, 34))), _house((-5, 5), 5.6, 2.5, 2, looks), solid([revolve([(1.0, 7.6), (0.9, 11.0), (0.6, 11.0)], 12)], looks.plain((226, 150, 30)), V)])
-    jib = np.array([[(4.6, 0, 1.4), (0.4, 0.02, 1.8), (0.3, 0.02, 11.0), (0.3, 0.02, 11.0)], [(0.0, 0, 1.9), (-4.4, 0.1, 1.9), (0.0, 0, 12.6), (0.0, 0, 12.6)]])
+    tug = merge(
+        [
+            hull(24.0, 8.5, 3.0, 3.0, looks, ((30, 32, 36), (150, 40, 34))),
+            _house((-5, 5), 5.6, 2.5, 2, looks),
+            solid([revolve([(1.0, 7.6), (0.9, 11.0), (0.6, 11.0)], 12)], looks.plain((226, 150, 30)), V),
+        ]
+    )
+    jib = np.array(
+        [
+            [(4.6, 0, 1.4), (0.4, 0.02, 1.8), (0.3, 0.02, 11.0), (0.3, 0.02, 11.0)],
+            [(0.0, 0, 1.9), (-4.4, 0.1, 1.9), (0.0, 0, 12.6), (0.0, 0, 12.6)],
+        ]
+    )
     yacht = merge([
         hull(10.5, 3.2, 1.1, 0.8, looks, ((238, 238, 234), (30, 52, 110)), 0.45), box((-2.0, 1.6), (-0.9, 0.9), (0.9, 1.5), looks.plain((236, 236, 232)), V),
         bars(np.array([(0.2, 0, 0.9), (0.2, 0, 1.8)]), np.array([(0.2, 0, 13.2), (-4.5, 0, 1.8)]), 0.12, spar, V),
@@ -249,7 +326,14 @@ def _pier(looks: Looks) -> Piece:
 def lighthouse(looks: Looks) -> Piece:
     """A banded tower 22 m high on a mole of stone."""
     stone = wall(looks, "ashlar", STONES[3])
-    bands = [solid([revolve([(2.6 - 0.055 * z, 2.6 + z), (2.6 - 0.055 * (z + 4), 6.6 + z)], 20)], looks.plain(((236, 236, 230), (190, 34, 34))[k % 2]), B) for k, z in enumerate((0, 4, 8, 12))]
+    bands = [
+        solid(
+            [revolve([(2.6 - 0.055 * z, 2.6 + z), (2.6 - 0.055 * (z + 4), 6.6 + z)], 20)],
+            looks.plain(((236, 236, 230), (190, 34, 34))[k % 2]),
+            B,
+        )
+        for k, z in enumerate((0, 4, 8, 12))
+    ]
     return merge([
         solid([revolve([(9.0, -4.0), (6.5, 2.6), (0.01, 2.6)], 20)], stone, SceneClass.GROUND, 20), *bands, solid([revolve([(1.7, 18.6), (2.4, 18.8), (2.4, 19.1), (1.3, 19.1)], 20)], looks.plain((40, 42, 44)), B),
         solid([revolve([(1.2, 19.1), (1.2, 21.2)], 14)], looks.plain((255, 236, 170), "lamp"), B), solid([revolve([(1.5, 21.2), (0.9, 22.2), (0.01, 22.8)], 14)], looks.plain((190, 34, 34)), B),
@@ -264,14 +348,34 @@ def _shed(looks: Looks, width: float, depth: float, number: int) -> Piece:
     middle = (bays[1:] + bays[:-1]) / 2
     rng = looks.rng(f"shed-{number}")
     cells = np.array([(x - 2.4, 5.0, x + 2.4, 7.2) for x in middle])
-    face = np.stack([np.column_stack([cells[:, i], np.full(4, -0.05), cells[:, j]]) for i, j in ((0, 1), (2, 1), (2, 3), (0, 3))], 1)
+    face = np.stack(
+        [np.column_stack([cells[:, i], np.full(4, -0.05), cells[:, j]]) for i, j in ((0, 1), (2, 1), (2, 3), (0, 3))], 1
+    )
     canvas = Canvas(9, 1.2, 48, (236, 232, 220))
     canvas.text(4.5, 0.6, f"SHED {number + 4} · CITY DOCKS", 0.9, (40, 44, 60), fit_m=8.4)
     words = looks.known(f"shed-{number}") or sheet(f"shed-{number}", looks, canvas)
-    low, high = np.column_stack([middle - 2.0, np.full(4, -0.1), np.zeros(4)]), np.column_stack([middle + 2.0, np.zeros(4), np.full(4, 4.2)])
-    ridge = np.array([[(a, -0.3, 9), (m, -0.3, 11.6), (m, depth + 0.3, 11.6), (a, depth + 0.3, 9)] for a, m in zip(bays[:-1], middle, strict=True)])
-    fall = np.array([[(m, -0.3, 11.6), (b, -0.3, 9), (b, depth + 0.3, 9), (m, depth + 0.3, 11.6)] for m, b in zip(middle, bays[1:], strict=True)])
-    gables = np.array([[(a, 0, 9), (b, 0, 9), (m, 0, 11.5), (m, 0, 11.5)] for a, m, b in zip(bays[:-1], middle, bays[1:], strict=True)])
+    low, high = (
+        np.column_stack([middle - 2.0, np.full(4, -0.1), np.zeros(4)]),
+        np.column_stack([middle + 2.0, np.zeros(4), np.full(4, 4.2)]),
+    )
+    ridge = np.array(
+        [
+            [(a, -0.3, 9), (m, -0.3, 11.6), (m, depth + 0.3, 11.6), (a, depth + 0.3, 9)]
+            for a, m in zip(bays[:-1], middle, strict=True)
+        ]
+    )
+    fall = np.array(
+        [
+            [(m, -0.3, 11.6), (b, -0.3, 9), (b, depth + 0.3, 9), (m, depth + 0.3, 11.6)]
+            for m, b in zip(middle, bays[1:], strict=True)
+        ]
+    )
+    gables = np.array(
+        [
+            [(a, 0, 9), (b, 0, 9), (m, 0, 11.5), (m, 0, 11.5)]
+            for a, m, b in zip(bays[:-1], middle, bays[1:], strict=True)
+        ]
+    )
     return merge([
         boxes(np.array([(0, 0, 0)]), np.array([(width, depth, 9.0)]), brick, B, ("bottom", "top")), quads(np.concatenate([ridge, fall]), tin, SceneClass.ROOF),
         quads(gables, brick, B), quads(gables[:, ::-1] + [0, depth, 0], brick, B), boxes(low, high, door, B, ("back",)), quads(face, panes, B, pane_uv(rng, 4)),
@@ -281,7 +385,10 @@ def _shed(looks: Looks, width: float, depth: float, number: int) -> Piece:
 
 def _quay_things(looks: Looks) -> Piece:
     """Lorries, a van, lamps, cones, pallets and nets."""
-    red, blue = lorry(looks, "lorry-red", RED, (238, 236, 228), "MOVERS"), lorry(looks, "lorry-blue", BLUE, (40, 90, 160), "FRESH FISH")
+    red, blue = (
+        lorry(looks, "lorry-red", RED, (238, 236, 228), "MOVERS"),
+        lorry(looks, "lorry-blue", BLUE, (40, 90, 160), "FRESH FISH"),
+    )
     white, crate = van((236, 236, 232), "PORT AUTHORITY", looks, "van-port"), looks.plain((176, 134, 84), "matte")
     lamps = np.array([(x, 60.0, 0.0) for x in np.arange(-140.0, 150.0, 40.0)])
     pallets = np.array([(130.0 + 1.6 * (k % 4), 44.0 + 1.6 * (k // 4), 0.0) for k in range(12)])

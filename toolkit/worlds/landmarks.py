@@ -89,11 +89,26 @@ def church(looks: Looks) -> House:
     gable = np.array([(x0, 0), (x1, 0), (x1, eaves), (middle, ridge), (x0, eaves)])
     over = 0.5
     slopes = [
-        [(x0 - over, y0 - 0.3, eaves - 0.5), (middle, y0 - 0.3, ridge + 0.15), (middle, y1 + 0.3, ridge + 0.15), (x0 - over, y1 + 0.3, eaves - 0.5)][::-1],
-        [(x1 + over, y0 - 0.3, eaves - 0.5), (middle, y0 - 0.3, ridge + 0.15), (middle, y1 + 0.3, ridge + 0.15), (x1 + over, y1 + 0.3, eaves - 0.5)],
+        [
+            (x0 - over, y0 - 0.3, eaves - 0.5),
+            (middle, y0 - 0.3, ridge + 0.15),
+            (middle, y1 + 0.3, ridge + 0.15),
+            (x0 - over, y1 + 0.3, eaves - 0.5),
+        ][::-1],
+        [
+            (x1 + over, y0 - 0.3, eaves - 0.5),
+            (middle, y0 - 0.3, ridge + 0.15),
+            (middle, y1 + 0.3, ridge + 0.15),
+            (x1 + over, y1 + 0.3, eaves - 0.5),
+        ],
     ]
-    slopes = [slope[::-1] if np.cross(np.subtract(slope[1], slope[0]), np.subtract(slope[2], slope[0]))[2] < 0 else slope for slope in slopes]
-    east = merge([polygon(gable[::1] - [middle, 0], 0.0, stone, B), _lancets(np.array([-3.4, 0, 3.4]), 3, 8.5, 1.8, trim, looks)])
+    slopes = [
+        slope[::-1] if np.cross(np.subtract(slope[1], slope[0]), np.subtract(slope[2], slope[0]))[2] < 0 else slope
+        for slope in slopes
+    ]
+    east = merge(
+        [polygon(gable[::1] - [middle, 0], 0.0, stone, B), _lancets(np.array([-3.4, 0, 3.4]), 3, 8.5, 1.8, trim, looks)]
+    )
     pieces = [
         place(side, np.array([(x0, y1, 0.0), (x1, y0, 0.0)]), np.array([270.0, 90.0])),
         polygon(gable, y0, stone, B),
@@ -134,7 +149,11 @@ def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
         c.line([(0, 0), (-0.1, 0.74)], 0.055, (16, 16, 20))
         clock = sheet("clock", looks, c, 0.8)
     bell = [polygon(pointed_arch(x, 17.6, 20.8, 1.1), -0.05, dark, B) for x in (-1.1, 1.1)]
-    louvre = [bars(np.array([(x - 0.5, -0.06, z)]), np.array([(x + 0.5, -0.06, z)]), 0.09, trim, B) for x in (-1.1, 1.1) for z in np.arange(17.8, 20.2, 0.35)]
+    louvre = [
+        bars(np.array([(x - 0.5, -0.06, z)]), np.array([(x + 0.5, -0.06, z)]), 0.09, trim, B)
+        for x in (-1.1, 1.1)
+        for z in np.arange(17.8, 20.2, 0.35)
+    ]
     face = merge([
         wall_quads(np.array([(-half, 0, half, top)]), 0.0, stone, B), *bell, *louvre,
         polygon(circle * 1.15 + [0, 15.6], -0.06, trim, B), polygon(circle * 0.98 + [0, 15.6], -0.08, clock, SIGN, fit=True),
@@ -153,7 +172,13 @@ def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     slate = wall(looks, "tiles", (84, 88, 98))
     spire = solid([revolve([(half * 1.08, top), (0.06, top + 15.0)], 8, start_deg=22.5)], slate, R, 20)
     pinnacle = solid([revolve([(0.5, top), (0.5, top + 1.4), (0.62, top + 1.5), (0.02, top + 3.8)], 8)], trim, R, 20)
-    cross = bars(np.array([(0, 0, top + 14.8), (-0.7, 0, top + 16.4)]), np.array([(0, 0, top + 17.2), (0.7, 0, top + 16.4)]), 0.16, looks.plain((196, 160, 70), "metal"), R)
+    cross = bars(
+        np.array([(0, 0, top + 14.8), (-0.7, 0, top + 16.4)]),
+        np.array([(0, 0, top + 17.2), (0.7, 0, top + 16.4)]),
+        0.16,
+        looks.plain((196, 160, 70), "metal"),
+        R,
+    )
     corners = np.column_stack([ring * 0.92, np.zeros(4)])
     deck = floor_quads(np.array([(-half, -half, half, half)]), top, trim, R)
     return merge([place(face, at, yaws), place(front, at[:1]), spire, place(pinnacle, corners), cross, deck])
@@ -191,17 +216,40 @@ def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -
         boxes(low, low + np.array([0.44, 0.5, height + 0.6 - 5.6]), trim, B, ("bottom", "back")),
         box((middle - 4.5, middle + 4.5), (-3.0, 0.0), (3.55, 5.45), looks.plain((150, 18, 28)), B),
         board(7.0, 1.5, marquee, SIGN, 0.0, both=False).moved(middle, -3.02, 4.5),
-        place(board(2.7, 1.3, marquee, SIGN, 0.0, both=False), np.array([(middle + 4.52, -1.5, 4.5), (middle - 4.52, -1.5, 4.5)]), np.array([90.0, 270.0])),
+        place(
+            board(2.7, 1.3, marquee, SIGN, 0.0, both=False),
+            np.array([(middle + 4.52, -1.5, 4.5), (middle - 4.52, -1.5, 4.5)]),
+            np.array([90.0, 270.0]),
+        ),
         boxes(bulbs - 0.06, bulbs + 0.06, lit, SIGN, ()),
         wall_quads(door_cells, -0.05, looks.plain((60, 46, 36), "gloss"), B),
-        wall_quads(door_cells * [1, 1, 1, 1] + np.array([0.15, 0.9, -0.15, -0.3]), -0.07, looks.plain((230, 200, 140), "lamp"), B),
-        wall_quads(np.array([(middle - 9.5, 0.7, middle - 3.8, 2.6), (middle + 3.8, 0.7, middle + 9.5, 2.6)]).clip([0.3, 0, 0.3, 0], [width - 0.3, 9, width - 0.3, 9]), -0.06, bills, SIGN, fit=True),
+        wall_quads(
+            door_cells * [1, 1, 1, 1] + np.array([0.15, 0.9, -0.15, -0.3]),
+            -0.07,
+            looks.plain((230, 200, 140), "lamp"),
+            B,
+        ),
+        wall_quads(
+            np.array([(middle - 9.5, 0.7, middle - 3.8, 2.6), (middle + 3.8, 0.7, middle + 9.5, 2.6)]).clip(
+                [0.3, 0, 0.3, 0], [width - 0.3, 9, width - 0.3, 9]
+            ),
+            -0.06,
+            bills,
+            SIGN,
+            fit=True,
+        ),
         place(board(1.4, 7.5, upright, SIGN, 0.3), np.array([(middle + 5.6, -1.0, 9.6)]), 90.0),
         box((middle + 5.44, middle + 5.76), (-0.3, 0.0), (6.5, 12.8), trim, B),
         cornice(width, height, trim, 0.4, dentils=False, ends=False),
     ]
-    pieces.append(wall_quads(np.array([(0.6, 6.5 + 2.6 * k, middle - 5.2, 8.2 + 2.6 * k) for k in range(3)]), -0.04, trim, B))
-    pieces.append(wall_quads(np.array([(middle + 6.6, 6.5 + 2.6 * k, width - 0.6, 8.2 + 2.6 * k) for k in range(3)]), -0.04, trim, B))
+    pieces.append(
+        wall_quads(np.array([(0.6, 6.5 + 2.6 * k, middle - 5.2, 8.2 + 2.6 * k) for k in range(3)]), -0.04, trim, B)
+    )
+    pieces.append(
+        wall_quads(
+            np.array([(middle + 6.6, 6.5 + 2.6 * k, width - 0.6, 8.2 + 2.6 * k) for k in range(3)]), -0.04, trim, B
+        )
+    )
     plain = [(width, 0, depth, 90.0), (width, depth, width, 180.0), (0, depth, depth, 270.0)]
     for x, y, span, yaw in plain:
         pieces.append(place(wall_quads(np.array([(0, 0, span, height)]), 0.0, brick, B), np.array([(x, y, 0.0)]), yaw))
@@ -213,9 +261,39 @@ def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) 
     """A classical front: steps, columns, a pediment with PUBLIC LIBRARY, stone wings."""
     stone, trim = wall(looks, "ashlar", STONES[5]), wall(looks, "render", (222, 208, 182))
     middle, span, base, order = width / 2, 18.0, 1.6, 9.0
-    style = Facade(stone, trim, "arched", window_m=(1.4, 2.8, 0.9), floor_m=4.6, bay_m=3.4, recess_m=0.35, pilasters=True, string_course=True)
+    style = Facade(
+        stone,
+        trim,
+        "arched",
+        window_m=(1.4, 2.8, 0.9),
+        floor_m=4.6,
+        bay_m=3.4,
+        recess_m=0.35,
+        pilasters=True,
+        string_course=True,
+    )
     height = base + order + 2.6
-    column = solid([revolve([(0.75, 0), (0.75, 0.25), (0.6, 0.4), (0.52, 0.6), (0.5, 3.0), (0.43, order - 0.7), (0.55, order - 0.5), (0.7, order - 0.35), (0.7, order)], 18)], trim, B, 50)
+    column = solid(
+        [
+            revolve(
+                [
+                    (0.75, 0),
+                    (0.75, 0.25),
+                    (0.6, 0.4),
+                    (0.52, 0.6),
+                    (0.5, 3.0),
+                    (0.43, order - 0.7),
+                    (0.55, order - 0.5),
+                    (0.7, order - 0.35),
+                    (0.7, order),
+                ],
+                18,
+            )
+        ],
+        trim,
+        B,
+        50,
+    )
     xs = np.linspace(middle - span / 2 + 1.1, middle + span / 2 - 1.1, 6)
     steps = np.array([(middle - span / 2 - 0.4 * (7 - k), -6.6 + 0.4 * k, 0.2 * k) for k in range(8)])
     tops = np.array([(middle + span / 2 + 0.4 * (7 - k), 0.0, 0.2 * (k + 1)) for k in range(8)])
@@ -224,7 +302,9 @@ def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) 
     words = looks.known("library-name") or sheet("library-name", looks, c)
     roof_z = base + order + 1.6
     gable = np.array([(middle - span / 2 - 0.5, roof_z), (middle + span / 2 + 0.5, roof_z), (middle, roof_z + 3.6)])
-    inner = np.array([(middle - span / 2 + 1.2, roof_z + 0.3), (middle + span / 2 - 1.2, roof_z + 0.3), (middle, roof_z + 2.9)])
+    inner = np.array(
+        [(middle - span / 2 + 1.2, roof_z + 0.3), (middle + span / 2 - 1.2, roof_z + 0.3), (middle, roof_z + 2.9)]
+    )
     slopes = np.array([
         [(gable[1, 0], -4.4, roof_z), (gable[1, 0], 2, roof_z), (middle, 2, roof_z + 3.6), (middle, -4.4, roof_z + 3.6)],
         [(gable[0, 0], 2, roof_z), (gable[0, 0], -4.4, roof_z), (middle, -4.4, roof_z + 3.6), (middle, 2, roof_z + 3.6)],
@@ -246,7 +326,12 @@ def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) 
             face.append(cornice(side, height, trim, 0.5, ends=False))
         pieces.append(place(merge(face), np.array([(x, y, 0.0)]), yaw))
     pieces.append(flat_roof(Roof(width, depth, height), stone, trim, looks, rng))
-    return House(merge(pieces), np.array([[0, 0, 0, width, depth, height], [middle - span / 2, -4, base + order, middle + span / 2, 0, roof_z]]))
+    return House(
+        merge(pieces),
+        np.array(
+            [[0, 0, 0, width, depth, height], [middle - span / 2, -4, base + order, middle + span / 2, 0, roof_z]]
+        ),
+    )
 
 
 def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], rng: np.random.Generator) -> House:
@@ -259,7 +344,12 @@ def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], r
     high = np.column_stack([np.full(decks, width), np.full(decks, depth), z])
     rim = []
     for level in z:
-        for a, b in (((0, 0), (width, 0.2)), ((0, depth - 0.2), (width, depth)), ((0, 0.2), (0.2, depth - 0.2)), ((width - 0.2, 0.2), (width, depth - 0.2))):
+        for a, b in (
+            ((0, 0), (width, 0.2)),
+            ((0, depth - 0.2), (width, depth)),
+            ((0, 0.2), (0.2, depth - 0.2)),
+            ((width - 0.2, 0.2), (width, depth - 0.2)),
+        ):
             rim.append([*a, level, *b, level + 1.0])
     edge = np.array(rim)
     xs, ys = np.linspace(0.5, width - 1.0, 6), np.linspace(0.4, depth - 0.9, 5)
@@ -311,7 +401,9 @@ def building_site(width: float, depth: float, looks: Looks, rng: np.random.Gener
         pieces.append(bars(edge + [0, 0, rail], edge + [x1 - x0, 0, rail], 0.06, looks.plain((236, 150, 30)), B))
     piles = np.array([(rng.uniform(x0, x1), 3.0, 0) for _ in range(5)])
     pieces.append(boxes(piles, piles + [2.4, 1.2, 0.7], timber, F))
-    frame = np.array([[x0, y0, level - 0.3, x1 if k < floors - 1 else (x0 + x1) / 2, y1, level] for k, level in enumerate(z)])
+    frame = np.array(
+        [[x0, y0, level - 0.3, x1 if k < floors - 1 else (x0 + x1) / 2, y1, level] for k, level in enumerate(z)]
+    )
     return House(merge(pieces), frame)
 
 
@@ -323,16 +415,32 @@ def _hoarding(width: float, depth: float, looks: Looks) -> Piece:
     for k in range(5):
         x, tone = 0.4 + 1.9 * k, rng.integers(60, 240, 3)
         c.rect(x, 0.7, x + 0.9, 1.95, tuple(int(v) for v in tone))
-        c.text(x + 0.45, 1.6, str(rng.choice(["CIRCUS", "ROCK!", "VOTE", "EXPO", "SALE"])), 0.24, (250, 250, 244), fit_m=0.8)
+        c.text(
+            x + 0.45,
+            1.6,
+            str(rng.choice(["CIRCUS", "ROCK!", "VOTE", "EXPO", "SALE"])),
+            0.24,
+            (250, 250, 244),
+            fit_m=0.8,
+        )
         c.rect(x + 0.15, 0.85, x + 0.75, 1.35, tuple(int(255 - v) for v in tone))
     c.text(7.6, 2.2, "DANGER · KEEP OUT", 0.2, (250, 210, 40))
     skin = looks.known("hoarding")
     if skin is None:
         skin = looks.add(Material("hoarding", c.texture(0.06, rng), 0.8), (9.6, 2.4))
     pieces = []
-    for x, y, span, yaw in ((0, 0, width, 0.0), (width, 0, depth, 90.0), (width, depth, width, 180.0), (0, depth, depth, 270.0)):
+    for x, y, span, yaw in (
+        (0, 0, width, 0.0),
+        (width, 0, depth, 90.0),
+        (width, depth, width, 180.0),
+        (0, depth, depth, 270.0),
+    ):
         face = wall_quads(np.array([(0.0, 0.0, span, 2.4)]), 0.0, skin, B)
-        back = wall_quads(np.array([(-span, 0.0, 0.0, 2.4)]), 0.0, looks.plain((150, 120, 84)), B).turned(180).moved(0, 0.06, 0)
+        back = (
+            wall_quads(np.array([(-span, 0.0, 0.0, 2.4)]), 0.0, looks.plain((150, 120, 84)), B)
+            .turned(180)
+            .moved(0, 0.06, 0)
+        )
         pieces.append(place(merge([face, back]), np.array([(x, y, 0.0)]), yaw))
     return merge(pieces)
 
@@ -352,7 +460,10 @@ def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
     lattice = np.array(rungs + rods)
     top = height + 0.6
     x = np.arange(0, jib + 0.1, 1.8)
-    ridge, left, right = (np.column_stack([x, np.full(len(x), y), np.full(len(x), level)]) for y, level in ((0, top + 1.5), (-0.7, top), (0.7, top)))
+    ridge, left, right = (
+        np.column_stack([x, np.full(len(x), y), np.full(len(x), level)])
+        for y, level in ((0, top + 1.5), (-0.7, top), (0.7, top))
+    )
     web = [(a[k], b[k + d]) for a, b in ((ridge, left), (ridge, right)) for k in range(len(x) - 1) for d in (0, 1)]
     web += [(left[k], right[k]) for k in range(len(x))]
     truss = np.array(web)
@@ -390,7 +501,14 @@ def filling_station(width: float, looks: Looks) -> House:
     pump_face = looks.known("pump") or sheet("pump", looks, p, 0.5)
     face = board(0.8, 1.7, pump_face, F, 0.5)
     hose = np.array([(0.42, 0, 1.3), (0.56, 0, 0.7), (0.5, 0, 0.35), (0.42, -0.1, 0.8)])
-    pump = merge([face.moved(0, 0, 1.0), box((-0.4, 0.4), (-0.24, 0.24), (0.15, 1.88), red, F), bars(hose[:-1], hose[1:], 0.05, dark, F), box((-0.8, 0.8), (-0.6, 0.6), (0, 0.15), looks.plain((170, 168, 160)), F)])
+    pump = merge(
+        [
+            face.moved(0, 0, 1.0),
+            box((-0.4, 0.4), (-0.24, 0.24), (0.15, 1.88), red, F),
+            bars(hose[:-1], hose[1:], 0.05, dark, F),
+            box((-0.8, 0.8), (-0.6, 0.6), (0, 0.15), looks.plain((170, 168, 160)), F),
+        ]
+    )
     middle = width / 2
     at = np.array([(middle + dx, dy, 0.0) for dx in (-3.5, 3.5) for dy in (5.0, 9.0)])
     posts = np.array([(middle + dx, 7.0, 0.0) for dx in (-3.5, 3.5)])
@@ -400,16 +518,40 @@ def filling_station(width: float, looks: Looks) -> House:
         board(8, 0.8, words, SIGN, 0.0, both=False).moved(middle, 1.98, 5.35), board(8, 0.8, words, SIGN, 0.0, both=False).turned(180).moved(middle, 12.02, 5.35),
         boxes(np.array([(middle + dx - 0.5, dy - 0.3, 4.87) for dx in (-5, 0, 5) for dy in (4, 7, 10)]), np.array([(middle + dx + 0.5, dy + 0.3, 4.9) for dx in (-5, 0, 5) for dy in (4, 7, 10)]), looks.plain((255, 250, 230), "lamp"), F, ("top",)),
     ]  # fmt: skip
-    kiosk = merge([shop_row(11.0, looks, looks.rng("kiosk"), white), boxes(np.array([(0, 0.5, 0)]), np.array([(11, 6, SHOP_FLOOR_M)]), white, B)])
+    kiosk = merge(
+        [
+            shop_row(11.0, looks, looks.rng("kiosk"), white),
+            boxes(np.array([(0, 0.5, 0)]), np.array([(11, 6, SHOP_FLOOR_M)]), white, B),
+        ]
+    )
     pieces.append(kiosk.moved(middle - 5.5, 15.0, 0))
-    return House(merge(pieces), np.array([[middle - 5.5, 15.0, 0, middle + 5.5, 21.0, SHOP_FLOOR_M], [middle - 8, 2, 4.9, middle + 8, 12, 5.8]]))
+    return House(
+        merge(pieces),
+        np.array(
+            [[middle - 5.5, 15.0, 0, middle + 5.5, 21.0, SHOP_FLOOR_M], [middle - 8, 2, 4.9, middle + 8, 12, 5.8]]
+        ),
+    )
 
 
 def fountain(looks: Looks) -> Piece:
     """A round basin 8 m across with two bowls and water."""
     stone = wall(looks, "ashlar", STONES[2])
     basin = [(4.0, 0), (4.0, 0.55), (4.15, 0.6), (4.15, 0.7), (3.7, 0.7), (3.7, 0.4)]
-    bowls = [(0.5, 0.3), (0.45, 1.3), (1.7, 1.7), (1.85, 1.85), (1.6, 1.8), (0.3, 1.75), (0.28, 2.7), (0.9, 2.95), (0.95, 3.05), (0.7, 3.0), (0.12, 2.98), (0.1, 3.4), (0.005, 3.5)]
+    bowls = [
+        (0.5, 0.3),
+        (0.45, 1.3),
+        (1.7, 1.7),
+        (1.85, 1.85),
+        (1.6, 1.8),
+        (0.3, 1.75),
+        (0.28, 2.7),
+        (0.9, 2.95),
+        (0.95, 3.05),
+        (0.7, 3.0),
+        (0.12, 2.98),
+        (0.1, 3.4),
+        (0.005, 3.5),
+    ]
     water = looks.plain((120, 160, 172), "gloss")
     turn = np.linspace(0, 2 * np.pi, 28, endpoint=False)
     jet = np.column_stack([np.cos(turn), np.sin(turn)])
@@ -425,15 +567,27 @@ def monument(looks: Looks) -> Piece:
     stone = wall(looks, "ashlar", STONES[3])
     steps = np.array([(-2.4 + 0.4 * k, -2.4 + 0.4 * k, 0.35 * k) for k in range(3)])
     shaft = solid([revolve([(0.95, 2.6), (0.62, 10.0), (0.02, 11.0)], 4, start_deg=45)], stone, F, 20)
-    return merge([boxes(steps, -steps * [1, 1, 0] + [0, 0, 0.35] + steps * [0, 0, 1], stone, F), box((-1.1, 1.1), (-1.1, 1.1), (1.05, 2.6), stone, F), shaft])
+    return merge(
+        [
+            boxes(steps, -steps * [1, 1, 0] + [0, 0, 0.35] + steps * [0, 0, 1], stone, F),
+            box((-1.1, 1.1), (-1.1, 1.1), (1.05, 2.6), stone, F),
+            shaft,
+        ]
+    )
 
 
 def flag(looks: Looks, tone: int) -> Piece:
     """A flag of three bands waving from a pole of 9 m."""
-    bands = (((20, 60, 140), (240, 240, 240), (200, 30, 40)), ((24, 110, 60), (246, 210, 60), (200, 30, 40)), ((30, 30, 34), (206, 30, 40), (246, 200, 40)))[tone % 3]
+    bands = (
+        ((20, 60, 140), (240, 240, 240), (200, 30, 40)),
+        ((24, 110, 60), (246, 210, 60), (200, 30, 40)),
+        ((30, 30, 34), (206, 30, 40), (246, 200, 40)),
+    )[tone % 3]
     x = np.linspace(0.05, 2.2, 12)
     wave = 0.16 * np.sin(x * 4.0) * x / 2
-    pieces = [solid([revolve([(0.08, 0), (0.045, 9.0), (0.09, 9.05), (0.005, 9.15)], 8)], looks.plain((210, 210, 206)), F)]
+    pieces = [
+        solid([revolve([(0.08, 0), (0.045, 9.0), (0.09, 9.05), (0.005, 9.15)], 8)], looks.plain((210, 210, 206)), F)
+    ]
     for k, colour in enumerate(bands):
         z0, z1 = 8.8 - 0.5 * (k + 1), 8.8 - 0.5 * k
         low, high = np.column_stack([x, wave, np.full(12, z0)]), np.column_stack([x, wave, np.full(12, z1)])

@@ -252,9 +252,7 @@ def from_mesh(mesh: Mesh, material: int, label: int) -> Piece:
     )
 
 
-def place(
-    piece: Piece, at: np.ndarray, yaw_deg: np.ndarray | float = 0.0, scale: np.ndarray | float = 1.0
-) -> Piece:
+def place(piece: Piece, at: np.ndarray, yaw_deg: np.ndarray | float = 0.0, scale: np.ndarray | float = 1.0) -> Piece:
     """Copies at positions (k, 3), turned about z and scaled by (k,) or (k, 3), none of it negative."""
     at = np.asarray(at, np.float64).reshape(-1, 3)
     k, n = len(at), len(piece.vertices)

@@ -9,7 +9,20 @@ from toolkit.objects.mesh import Material
 from toolkit.objects.shapes.modelling import revolve
 from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.paint import Canvas, fractal, finish
-from toolkit.worlds.pieces import Looks, Piece, Skin, bars, box, boxes, floor_quads, merge, place, quads, solid, wall_quads
+from toolkit.worlds.pieces import (
+    Looks,
+    Piece,
+    Skin,
+    bars,
+    box,
+    boxes,
+    floor_quads,
+    merge,
+    place,
+    quads,
+    solid,
+    wall_quads,
+)
 from toolkit.worlds.walls import wall
 
 ROOF = SceneClass.ROOF
@@ -100,7 +113,14 @@ def landing_pad(radius: float, looks: Looks) -> Piece:
     uv = np.array([[(0, 0), (1, 0), (1, 1), (0, 1)]], float)
     edge = looks.plain((150, 150, 146))
     side = np.linspace(-r, r, 5)[:-1] + r / 4
-    at = np.array([(s * sign if k else r * sign, r * sign if k else s * sign, 0.25) for s in side for sign in (1, -1) for k in (0, 1)])
+    at = np.array(
+        [
+            (s * sign if k else r * sign, r * sign if k else s * sign, 0.25)
+            for s in side
+            for sign in (1, -1)
+            for k in (0, 1)
+        ]
+    )
     return merge(
         [
             quads(top, skin, SceneClass.PAD, uv),
@@ -130,13 +150,22 @@ def air_conditioner(looks: Looks, rng: np.random.Generator) -> Piece:
         canvas.disc(0.5, 0.5, 0.44, (40, 42, 44))
         for k in range(6):
             a = 2 * np.pi * k / 6
-            canvas.fill([(0.5, 0.5), (0.5 + 0.4 * np.cos(a), 0.5 + 0.4 * np.sin(a)), (0.5 + 0.4 * np.cos(a + 0.5), 0.5 + 0.4 * np.sin(a + 0.5))], (96, 98, 98))
+            canvas.fill(
+                [
+                    (0.5, 0.5),
+                    (0.5 + 0.4 * np.cos(a), 0.5 + 0.4 * np.sin(a)),
+                    (0.5 + 0.4 * np.cos(a + 0.5), 0.5 + 0.4 * np.sin(a + 0.5)),
+                ],
+                (96, 98, 98),
+            )
         for r in (0.15, 0.3, 0.43):
             canvas.disc(0.5, 0.5, r, (180, 180, 178), ring_m=0.015)
         fan = looks.add(Material("fan", canvas.texture(), 0.5))
     low, high = np.array([[-w / 2, -d / 2, 0.3]]), np.array([[w / 2, d / 2, 0.3 + h]])
     fans = np.linspace(-w / 2, w / 2, 3)
-    tops = np.array([(a + 0.03, -d / 2 + 0.05, b - 0.03, d / 2 - 0.05) for a, b in zip(fans[:-1], fans[1:], strict=True)])
+    tops = np.array(
+        [(a + 0.03, -d / 2 + 0.05, b - 0.03, d / 2 - 0.05) for a, b in zip(fans[:-1], fans[1:], strict=True)]
+    )
     feet = np.array([[-w / 2 + 0.1, -d / 2, 0.0], [w / 2 - 0.3, -d / 2, 0.0]])
     return merge(
         [
@@ -178,7 +207,9 @@ def water_tank(looks: Looks, rng: np.random.Generator) -> Piece:
     foot = np.array([(1.1, 1.1, 0), (-1.1, 1.1, 0), (-1.1, -1.1, 0), (1.1, -1.1, 0)], float)
     head = foot + [0, 0, 2.6]
     legs = bars(foot, head, 0.16, iron, ROOF)
-    braces = bars(np.concatenate([foot, foot]), np.concatenate([np.roll(head, 1, 0), np.roll(head, -1, 0)]), 0.06, iron, ROOF)
+    braces = bars(
+        np.concatenate([foot, foot]), np.concatenate([np.roll(head, 1, 0), np.roll(head, -1, 0)]), 0.06, iron, ROOF
+    )
     return merge([tank, lid, floor, legs, braces])
 
 
@@ -200,7 +231,11 @@ def skylight(looks: Looks, rng: np.random.Generator) -> Piece:
 
 def vents(looks: Looks, rng: np.random.Generator) -> Piece:
     """Pipes with cowls."""
-    pipe = solid([revolve([(0.12, 0), (0.12, 0.9), (0.26, 0.9), (0.26, 1.15), (0.01, 1.3)], 10)], looks.plain((176, 178, 178), "metal"), ROOF)
+    pipe = solid(
+        [revolve([(0.12, 0), (0.12, 0.9), (0.26, 0.9), (0.26, 1.15), (0.01, 1.3)], 10)],
+        looks.plain((176, 178, 178), "metal"),
+        ROOF,
+    )
     count = int(rng.integers(2, 5))
     at = np.c_[rng.uniform(-0.8, 0.8, (count, 2)), np.zeros(count)]
     return place(pipe, at, 0.0, rng.uniform(0.7, 1.2, count))
@@ -240,6 +275,8 @@ def duct(looks: Looks, rng: np.random.Generator) -> Piece:
         [
             box((-1.6, 1.2), (-0.3, 0.3), (0.35, 0.95), metal, ROOF),
             box((0.6, 1.2), (0.3, 1.2), (0.35, 0.95), metal, ROOF),
-            bars(np.array([(-1.4, 0, 0), (0.9, 1.0, 0)]), np.array([(-1.4, 0, 0.35), (0.9, 1.0, 0.35)]), 0.1, metal, ROOF),
+            bars(
+                np.array([(-1.4, 0, 0), (0.9, 1.0, 0)]), np.array([(-1.4, 0, 0.35), (0.9, 1.0, 0.35)]), 0.1, metal, ROOF
+            ),
         ]
     )

@@ -88,14 +88,18 @@ def shop(trade: Trade, x0: float, x1: float, looks: Looks, rng: np.random.Genera
     back, low = 0.45, 0.0
     uv = np.array([[(0, 0), (1, 0), (1, 1), (0, 1)]], float)
     z = 3.05
-    board = boxes(np.array([[x0, -0.16, z + 0.02]]), np.array([[x1, 0.4, z + 0.98]]), looks.plain(trade.board), BUILDING, ("back",))
+    board = boxes(
+        np.array([[x0, -0.16, z + 0.02]]),
+        np.array([[x1, 0.4, z + 0.98]]),
+        looks.plain(trade.board),
+        BUILDING,
+        ("back",),
+    )
     share = min(1.0, (x1 - x0) / SIGN_W)
     fascia = wall_quads(np.array([(x0 + 0.05, z + 0.1, x1 - 0.05, z + 0.9)]), -0.165, sign, SceneClass.SIGN, fit=True)
     crop = np.array([[(0.5 - share / 2, 0), (0.5 + share / 2, 0), (0.5 + share / 2, 1), (0.5 - share / 2, 1)]])
     fascia = quads(fascia.vertices.reshape(-1, 4, 3), sign, SceneClass.SIGN, crop)
-    glass = quads(
-        np.array([[(x0, back, low), (x1, back, low), (x1, back, z), (x0, back, z)]]), front, BUILDING, uv
-    )
+    glass = quads(np.array([[(x0, back, low), (x1, back, low), (x1, back, z), (x0, back, z)]]), front, BUILDING, uv)
     frame = looks.plain(trade.frame)
     ceiling = quads(np.array([[(x0, 0, z), (x0, back, z), (x1, back, z), (x1, 0, z)]])[:, ::-1], frame, BUILDING)
     above = wall_quads(np.array([(x0, z + 0.98, x1, SHOP_FLOOR_M)]), 0.0, frame, BUILDING)
@@ -152,7 +156,12 @@ def _blade(trade: Trade, x: float, looks: Looks) -> Piece:
     return merge(
         [
             quads(np.array([right, left], float), skin, SceneClass.SIGN, uv),
-            boxes(np.array([[x + 0.01, y0 - 0.02, low - 0.02]]), np.array([[x + thick - 0.01, 0, low + height + 0.02]]), rim, BUILDING),
+            boxes(
+                np.array([[x + 0.01, y0 - 0.02, low - 0.02]]),
+                np.array([[x + thick - 0.01, 0, low + height + 0.02]]),
+                rim,
+                BUILDING,
+            ),
         ]
     )
 
@@ -193,7 +202,14 @@ def _paint_front(trade: Trade, rng: np.random.Generator) -> tuple[np.ndarray, np
             px, py = x0 + rng.uniform(0.15, 1.4), rng.uniform(1.3, 1.9)
             paper = tuple(int(c) for c in rng.choice([(244, 236, 60), (240, 240, 240), (220, 40, 40), (60, 120, 200)]))
             canvas.rect(px, py, px + 0.55, py + 0.5, paper)
-            canvas.text(px + 0.27, py + 0.32, str(rng.choice(["SALE", "NEW", "50%", "OPEN", "SPECIAL"])), 0.16, BLACK if sum(paper) > 400 else WHITE, fit_m=0.5)
+            canvas.text(
+                px + 0.27,
+                py + 0.32,
+                str(rng.choice(["SALE", "NEW", "50%", "OPEN", "SPECIAL"])),
+                0.16,
+                BLACK if sum(paper) > 400 else WHITE,
+                fit_m=0.5,
+            )
             canvas.line([(px + 0.06, py + 0.12), (px + 0.49, py + 0.12)], 0.03, (90, 90, 90))
     canvas.rect(2.5, 0.0, 3.5, 2.75, (30, 28, 28))
     canvas.rect(2.62, 0.3, 3.38, 2.1, tuple(min(255, c + 10) for c in room))
@@ -222,6 +238,7 @@ BRIGHT = (*FRUIT, (50, 110, 200), (240, 240, 240), (230, 90, 150), (40, 170, 160
 
 def _goods(canvas: Canvas, kind: str, x0: float, x1: float, floor: float, rng: np.random.Generator) -> None:
     """What is laid out in a window."""
+
     def pick(colours: tuple[Colour, ...]) -> Colour:
         return colours[int(rng.integers(len(colours)))]
 
@@ -256,10 +273,30 @@ def _goods(canvas: Canvas, kind: str, x0: float, x1: float, floor: float, rng: n
             if kind == "shoes":
                 for z in np.arange(floor, 2.0, 0.36):
                     canvas.rect(x - 0.28, z, x + 0.28, z + 0.03, (226, 222, 214))
-                    canvas.fill([(x - 0.2, z + 0.03), (x + 0.2, z + 0.03), (x + 0.18, z + 0.1), (x, z + 0.13), (x - 0.08, z + 0.2), (x - 0.2, z + 0.2)], pick(BRIGHT[:4] + ((40, 34, 30), (96, 58, 34))))
+                    canvas.fill(
+                        [
+                            (x - 0.2, z + 0.03),
+                            (x + 0.2, z + 0.03),
+                            (x + 0.18, z + 0.1),
+                            (x, z + 0.13),
+                            (x - 0.08, z + 0.2),
+                            (x - 0.2, z + 0.2),
+                        ],
+                        pick(BRIGHT[:4] + ((40, 34, 30), (96, 58, 34))),
+                    )
             else:
                 canvas.disc(x, floor + 1.55, 0.1, (206, 170, 140))
-                canvas.fill([(x - 0.2, floor + 1.4), (x + 0.2, floor + 1.4), (x + 0.13, floor + 0.9), (x + 0.24, floor + 0.3), (x - 0.24, floor + 0.3), (x - 0.13, floor + 0.9)], tone)
+                canvas.fill(
+                    [
+                        (x - 0.2, floor + 1.4),
+                        (x + 0.2, floor + 1.4),
+                        (x + 0.13, floor + 0.9),
+                        (x + 0.24, floor + 0.3),
+                        (x - 0.24, floor + 0.3),
+                        (x - 0.13, floor + 0.9),
+                    ],
+                    tone,
+                )
     else:
         for x in np.arange(x0 + 0.05, x1 - 0.5, 0.72):
             for z in (floor + 0.1, floor + 0.95):
@@ -287,7 +324,9 @@ def _item(canvas, kind, x, z, shelf_m, rng, pick) -> float:  # type: ignore[no-u
     if kind == "bread":
         tone = tuple(int(c * rng.uniform(0.8, 1.15)) for c in (196, 138, 70))
         w = float(rng.uniform(0.14, 0.34))
-        canvas.fill([(x, z), (x + w, z), (x + w * 0.9, z + 0.13), (x + w * 0.5, z + 0.17), (x + w * 0.1, z + 0.13)], tone)
+        canvas.fill(
+            [(x, z), (x + w, z), (x + w * 0.9, z + 0.13), (x + w * 0.5, z + 0.17), (x + w * 0.1, z + 0.13)], tone
+        )
         return w + 0.03
     canvas.rect(x, z, x + 0.13, z + 0.2, (226, 232, 236))
     for fx, fz in rng.uniform((x + 0.02, z + 0.02), (x + 0.11, z + 0.16), (7, 2)):

@@ -176,13 +176,28 @@ def _traffic_sign(kind: str, looks: Looks) -> tuple[float, float, Skin]:
     elif kind == "crossing":
         c.rect(-1, -1, 1, 1, (250, 196, 20))
         c.disc(0.0, 0.42, 0.13, black)
-        c.fill([(-0.1, 0.25), (0.14, 0.25), (0.1, -0.1), (0.36, -0.55), (0.22, -0.6), (0, -0.2), (-0.24, -0.6), (-0.36, -0.54), (-0.08, 0)], black)
+        c.fill(
+            [
+                (-0.1, 0.25),
+                (0.14, 0.25),
+                (0.1, -0.1),
+                (0.36, -0.55),
+                (0.22, -0.6),
+                (0, -0.2),
+                (-0.24, -0.6),
+                (-0.36, -0.54),
+                (-0.08, 0),
+            ],
+            black,
+        )
     elif kind == "yield":
         c.rect(-1, -1, 1, 1, red)
         c.fill([(-0.48, 0.3), (0.48, 0.3), (0, -0.55)], WHITE)
     elif kind == "one-way":
         c.rect(-1, -0.5, 1, 0.5, black)
-        c.fill([(-0.85, -0.32), (0.35, -0.32), (0.35, -0.45), (0.9, 0), (0.35, 0.45), (0.35, 0.32), (-0.85, 0.32)], WHITE)
+        c.fill(
+            [(-0.85, -0.32), (0.35, -0.32), (0.35, -0.45), (0.9, 0), (0.35, 0.45), (0.35, 0.32), (-0.85, 0.32)], WHITE
+        )
         c.text(-0.2, 0, "ONE WAY", 0.36, black, fit_m=1.2)
         c.rect(-1, 0.5, 1, 1, (140, 142, 142))
         c.rect(-1, -1, 1, -0.5, (140, 142, 142))
@@ -211,7 +226,9 @@ def billboard(index: int, looks: Looks) -> Piece:
     if skin is None:
         canvas, rng = Canvas(8, 4, 64, ground), looks.rng(name)
         for _ in range(5):
-            canvas.disc(rng.uniform(0, 8), rng.uniform(0, 4), rng.uniform(0.3, 1.2), tuple(int(c * 0.85 + 20) for c in ground))
+            canvas.disc(
+                rng.uniform(0, 8), rng.uniform(0, 4), rng.uniform(0.3, 1.2), tuple(int(c * 0.85 + 20) for c in ground)
+            )
         canvas.disc(6.4, 2.5, 1.0, ink)
         canvas.disc(6.4, 2.5, 0.7, ground)
         canvas.text(3.4, 2.5, words, 1.3, ink, fit_m=5.4)

@@ -67,7 +67,9 @@ def towers(low: np.ndarray, high: np.ndarray, looks: Looks, rng: np.random.Gener
             corner = {
                 0: ((0, 1), (1, 1)), 1: ((1, 1), (1, 0)), 2: ((1, 0), (0, 0)), 3: ((0, 0), (0, 1)),
             }[side]  # fmt: skip
-            points = [np.column_stack([np.where(px, b[:, 0], a[:, 0]), np.where(py, a[:, 1], b[:, 1])]) for px, py in corner]
+            points = [
+                np.column_stack([np.where(px, b[:, 0], a[:, 0]), np.where(py, a[:, 1], b[:, 1])]) for px, py in corner
+            ]
             rows = [
                 np.column_stack([points[0], a[:, 2]]), np.column_stack([points[1], a[:, 2]]),
                 np.column_stack([points[1], b[:, 2]]), np.column_stack([points[0], b[:, 2]]),

@@ -34,16 +34,45 @@ def street_lamp(looks: Looks) -> Piece:
 def old_lamp(looks: Looks) -> Piece:
     """A cast-iron post with a glass globe, 3.9 m."""
     iron = looks.plain((28, 40, 36))
-    profile = [(0.24, 0), (0.24, 0.25), (0.14, 0.35), (0.11, 1.0), (0.14, 1.05), (0.07, 1.15), (0.055, 3.2), (0.13, 3.3), (0.06, 3.38)]
+    profile = [
+        (0.24, 0),
+        (0.24, 0.25),
+        (0.14, 0.35),
+        (0.11, 1.0),
+        (0.14, 1.05),
+        (0.07, 1.15),
+        (0.055, 3.2),
+        (0.13, 3.3),
+        (0.06, 3.38),
+    ]
     globe = [(0.06, 3.38), (0.2, 3.48), (0.27, 3.66), (0.2, 3.86), (0.04, 3.95)]
-    return merge([solid([revolve(profile, 8)], iron, F), solid([revolve(globe, 8)], looks.plain((255, 240, 206), "lamp"), F)])
+    return merge(
+        [solid([revolve(profile, 8)], iron, F), solid([revolve(globe, 8)], looks.plain((255, 240, 206), "lamp"), F)]
+    )
 
 
 def hydrant(looks: Looks) -> Piece:
     """A fire hydrant with its caps."""
     red = looks.plain((196, 36, 30))
-    barrel = revolve([(0.19, 0), (0.19, 0.06), (0.12, 0.08), (0.12, 0.5), (0.16, 0.52), (0.16, 0.56), (0.12, 0.6), (0.09, 0.7), (0.03, 0.76), (0.005, 0.78)], 9)
-    cap = [revolve([(0.07, 0.0), (0.07, 0.2), (0.05, 0.21), (0.005, 0.23)], 8).rotated("x", a).moved(z=0.4) for a in (90, -90)]
+    barrel = revolve(
+        [
+            (0.19, 0),
+            (0.19, 0.06),
+            (0.12, 0.08),
+            (0.12, 0.5),
+            (0.16, 0.52),
+            (0.16, 0.56),
+            (0.12, 0.6),
+            (0.09, 0.7),
+            (0.03, 0.76),
+            (0.005, 0.78),
+        ],
+        9,
+    )
+    cap = [
+        revolve([(0.07, 0.0), (0.07, 0.2), (0.05, 0.21), (0.005, 0.23)], 8).rotated("x", a).moved(z=0.4)
+        for a in (90, -90)
+    ]
     front = revolve([(0.085, 0.0), (0.085, 0.19), (0.005, 0.2)], 8).rotated("y", 90).moved(z=0.34)
     return solid([barrel, *cap, front], red, F).turned(-90)
 
@@ -65,9 +94,22 @@ def litter_bin(looks: Looks) -> Piece:
 def dustbins(looks: Looks) -> Piece:
     """Two galvanised dustbins and black bags."""
     zinc = looks.plain((140, 144, 146), "metal")
-    can = solid([revolve([(0.22, 0), (0.26, 0.68), (0.28, 0.7), (0.27, 0.74), (0.12, 0.82), (0.03, 0.84), (0.005, 0.86)], 9)], zinc, F)
-    bag = solid([revolve([(0.2, 0), (0.34, 0.12), (0.3, 0.34), (0.1, 0.5), (0.06, 0.56), (0.12, 0.62)], 7)], looks.plain((22, 22, 26), "gloss"), F)
-    return merge([place(can, np.array([(-0.35, 0, 0), (0.3, 0.05, 0)])), place(bag, np.array([(0.9, -0.1, 0), (1.3, 0.15, 0)]), np.array([0.0, 40.0]), np.array([1.0, 0.8]))])
+    can = solid(
+        [revolve([(0.22, 0), (0.26, 0.68), (0.28, 0.7), (0.27, 0.74), (0.12, 0.82), (0.03, 0.84), (0.005, 0.86)], 9)],
+        zinc,
+        F,
+    )
+    bag = solid(
+        [revolve([(0.2, 0), (0.34, 0.12), (0.3, 0.34), (0.1, 0.5), (0.06, 0.56), (0.12, 0.62)], 7)],
+        looks.plain((22, 22, 26), "gloss"),
+        F,
+    )
+    return merge(
+        [
+            place(can, np.array([(-0.35, 0, 0), (0.3, 0.05, 0)])),
+            place(bag, np.array([(0.9, -0.1, 0), (1.3, 0.15, 0)]), np.array([0.0, 40.0]), np.array([1.0, 0.8])),
+        ]
+    )
 
 
 def bench(looks: Looks) -> Piece:
@@ -113,7 +155,11 @@ def parking_meter(looks: Looks) -> Piece:
     """A twin-dial meter on a post."""
     grey, steel = looks.plain((96, 102, 106)), looks.plain((150, 154, 156), "metal")
     dome = revolve([(0.1, 1.12), (0.115, 1.2), (0.115, 1.34), (0.1, 1.44), (0.05, 1.5), (0.005, 1.515)], 9)
-    dial = solid([revolve([(0.075, 0), (0.06, 0.012), (0.004, 0.014)], 8).rotated("x", 90).moved(0, -0.09, 1.39)], looks.plain((224, 226, 216), "gloss"), F)
+    dial = solid(
+        [revolve([(0.075, 0), (0.06, 0.012), (0.004, 0.014)], 8).rotated("x", 90).moved(0, -0.09, 1.39)],
+        looks.plain((224, 226, 216), "gloss"),
+        F,
+    )
     return merge([
         solid([revolve([(0.045, 0), (0.035, 1.05), (0.07, 1.12), (0.1, 1.12)], 7)], steel, F), solid([dome.scaled(1, 0.75, 1)], grey, F), dial,
         box((-0.035, 0.035), (-0.1, -0.07), (1.19, 1.28), looks.plain((30, 32, 34)), F),
@@ -157,7 +203,9 @@ def bicycle(looks: Looks) -> Piece:
     tubes = [(a, b), (a, c), (b, c), (c, d), (b, d), (d, e)]
     pieces.append(bars(np.array([p for p, _ in tubes]), np.array([q for _, q in tubes]), 0.045, paint, F))
     pieces += [
-        bars(np.array([(-0.24, 0, 0.82), (0.36, 0, 0.78)]), np.array([(-0.27, 0, 0.94), (0.33, 0, 1.0)]), 0.03, steel, F),
+        bars(
+            np.array([(-0.24, 0, 0.82), (0.36, 0, 0.78)]), np.array([(-0.27, 0, 0.94), (0.33, 0, 1.0)]), 0.03, steel, F
+        ),
         bars(np.array([(0.33, -0.28, 1.02)]), np.array([(0.33, 0.28, 1.02)]), 0.03, dark, F),
         box((-0.42, -0.15), (-0.08, 0.08), (0.93, 0.99), dark, F),
     ]
@@ -223,7 +271,11 @@ def cafe_table(looks: Looks) -> Piece:
 
 def planter(looks: Looks) -> Piece:
     """A concrete tub; a shrub is planted in it by `toolkit.worlds.trees`."""
-    return solid([revolve([(0.5, 0), (0.62, 0.55), (0.62, 0.62), (0.52, 0.62), (0.5, 0.5), (0.005, 0.5)], 12)], looks.plain((168, 164, 156), "matte"), F)
+    return solid(
+        [revolve([(0.5, 0), (0.62, 0.55), (0.62, 0.62), (0.52, 0.62), (0.5, 0.5), (0.005, 0.5)], 12)],
+        looks.plain((168, 164, 156), "matte"),
+        F,
+    )
 
 
 def traffic_cone(looks: Looks) -> Piece:

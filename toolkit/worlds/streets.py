@@ -16,9 +16,7 @@ CORNER_STEPS = 6
 def build_streets(plan: Plan, looks: Looks) -> Piece:
     """All that lies between the blocks."""
     pieces = [_carriageway(stretch, looks) for stretch in plan.stretches()]
-    cells = [
-        (n.at - n.half, e.at - e.half, n.at + n.half, e.at + e.half) for n in plan.north for e in plan.east
-    ]
+    cells = [(n.at - n.half, e.at - e.half, n.at + n.half, e.at + e.half) for n in plan.north for e in plan.east]
     pieces.append(floor_quads(np.array(cells), 0.0, junction(looks), ROAD))
     return merge(pieces)
 

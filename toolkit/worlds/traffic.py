@@ -18,8 +18,25 @@ Standing = dict[str, list[tuple[float, float, float, float]]]
 """Positions x, y, z and yaw of things by name."""
 
 PARKED_SHARE = 0.27
-KERB_SIDE = {"meter": 0.3, "hydrant": 0.06, "mailbox": 0.07, "bin": 0.1, "newspapers": 0.07, "phone": 0.05, "bicycle": 0.08, "bench": 0.06}
-WALL_SIDE = {"cafe": 0.1, "bench": 0.15, "planter": 0.2, "dustbins": 0.16, "bicycle": 0.08, "newspapers": 0.08, "bin": 0.07}
+KERB_SIDE = {
+    "meter": 0.3,
+    "hydrant": 0.06,
+    "mailbox": 0.07,
+    "bin": 0.1,
+    "newspapers": 0.07,
+    "phone": 0.05,
+    "bicycle": 0.08,
+    "bench": 0.06,
+}
+WALL_SIDE = {
+    "cafe": 0.1,
+    "bench": 0.15,
+    "planter": 0.2,
+    "dustbins": 0.16,
+    "bicycle": 0.08,
+    "newspapers": 0.08,
+    "bin": 0.07,
+}
 TREE_VARIANTS = 4
 
 
@@ -45,7 +62,13 @@ def place_vehicles(plan: Plan, fleet: Fleet, rng: np.random.Generator) -> Piece:
         while along < end:
             vehicle = pick(fleet.parked())
             if rng.random() < PARKED_SHARE and along + vehicle.length < end:
-                put(vehicle, stretch, along + vehicle.length / 2, half - PARKING_M / 2 - rng.uniform(-0.1, 0.15), rng.normal(0, 0.8))
+                put(
+                    vehicle,
+                    stretch,
+                    along + vehicle.length / 2,
+                    half - PARKING_M / 2 - rng.uniform(-0.1, 0.15),
+                    rng.normal(0, 0.8),
+                )
                 along += vehicle.length + rng.uniform(0.7, 1.6)
             else:
                 along += 6.0
@@ -165,11 +188,15 @@ def _signal(plan: Plan, stretch: Stretch, standing: Standing, rng: np.random.Gen
         if plan.is_free(beyond, 0.3):
             standing[f"signal:{lit}|{stretch.across.name}|{arm}"].append((*beyond, KERB_M, stretch.yaw_deg - 90))
     elif plan.is_free(stretch.point(stretch.length - 1, stretch.street.half + 0.8), 0.5):
-        standing["sign:stop"].append((*stretch.point(stretch.length - CROSSING_M - 1, stretch.street.half + 0.8), KERB_M, stretch.yaw_deg - 90))
+        standing["sign:stop"].append(
+            (*stretch.point(stretch.length - CROSSING_M - 1, stretch.street.half + 0.8), KERB_M, stretch.yaw_deg - 90)
+        )
     if rng.random() < 0.5:
         point = stretch.point(stretch.length - 0.9, stretch.street.half + 1.2)
         if plan.is_free(point, 0.8):
-            standing[f"names:{stretch.across.name}|{stretch.street.name}"].append((*point, KERB_M, stretch.yaw_deg - 90))
+            standing[f"names:{stretch.across.name}|{stretch.street.name}"].append(
+                (*point, KERB_M, stretch.yaw_deg - 90)
+            )
 
 
 def hang_wires(plan: Plan, looks: Looks) -> Piece:

@@ -49,7 +49,9 @@ def leaves(at: np.ndarray, size_m: float, outward: np.ndarray, skin: Skin, rng: 
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-6)
     across = np.cross(normal, along)
     size = size_m * rng.uniform(0.7, 1.35, (n, 1))
-    corners = np.stack([at - 0.6 * size * along, at + 0.4 * size * across, at + 0.7 * size * along, at - 0.4 * size * across], 1)
+    corners = np.stack(
+        [at - 0.6 * size * along, at + 0.4 * size * across, at + 0.7 * size * along, at - 0.4 * size * across], 1
+    )
     cell = rng.integers(0, CELLS, (n, 2)) / CELLS
     uv = cell[:, None] + np.array([(0.2, 0.2), (0.8, 0.2), (0.8, 0.8), (0.2, 0.8)]) / CELLS
     piece = quads(corners, skin, TREE, uv)
@@ -66,7 +68,15 @@ def street_tree(looks: Looks, variant: int, height: float = 8.0, count: int = 50
     rng = looks.rng(f"tree-{variant}")
     fork = height * 0.33
     lean = rng.normal(0, 0.15, 2)
-    trunk = np.array([(0, 0, 0), (*(lean * 0.4), fork * 0.5), (*lean, fork), (*(lean * 1.5), height * 0.6), (*(lean * 1.6), height * 0.8)])
+    trunk = np.array(
+        [
+            (0, 0, 0),
+            (*(lean * 0.4), fork * 0.5),
+            (*lean, fork),
+            (*(lean * 1.5), height * 0.6),
+            (*(lean * 1.6), height * 0.8),
+        ]
+    )
     parts = tube(trunk, [0.2, 0.16, 0.14, 0.08, 0.03], 6)
     tips = [np.array([*(lean * 1.6), height * 0.84])]
     for k in range(8):
@@ -75,7 +85,9 @@ def street_tree(looks: Looks, variant: int, height: float = 8.0, count: int = 50
         reach = height * rng.uniform(0.2, 0.32) * (1 - 0.05 * k)
         way = np.array([np.cos(turn), np.sin(turn), 0])
         tip = start + way * reach + [0, 0, height * rng.uniform(0.12, 0.26)]
-        parts += tube(np.array([start, start + way * reach * 0.5 + [0, 0, height * 0.06], tip]), [0.075, 0.05, 0.02], 4, cap=False)
+        parts += tube(
+            np.array([start, start + way * reach * 0.5 + [0, 0, height * 0.06], tip]), [0.075, 0.05, 0.02], 4, cap=False
+        )
         tips.append(tip)
     pieces = [solid(parts, bark(looks), TREE, 60)]
     skin = leaf_sheet(looks, variant)

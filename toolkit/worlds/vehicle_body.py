@@ -72,9 +72,17 @@ class Livery:
 
     def __init__(self, body: Body, colour: Colour) -> None:
         self.body, self.colour = body, colour
-        sides = {"left": (body.length, body.height), "top": (body.length, body.width), "front": (body.width, body.height)}
+        sides = {
+            "left": (body.length, body.height),
+            "top": (body.length, body.width),
+            "front": (body.width, body.height),
+        }
         sides |= {"right": sides["left"], "rear": sides["front"]}
-        low = {"left": (-body.length / 2, 0.0), "top": (-body.length / 2, -body.width / 2), "front": (-body.width / 2, 0.0)}
+        low = {
+            "left": (-body.length / 2, 0.0),
+            "top": (-body.length / 2, -body.width / 2),
+            "front": (-body.width / 2, 0.0),
+        }
         low |= {"right": low["left"], "rear": low["front"]}
         self.day = {view: Canvas(*sides[view], body.px_per_m, colour, low[view]) for view in VIEWS}
         self.glow = {view: Canvas(*sides[view], body.px_per_m / GLOW_SHARE, (0, 0, 0), low[view]) for view in VIEWS}
@@ -167,7 +175,7 @@ class Sheet:
             # the front is looked at from before it: the vehicle's left is to the right
             a = -a if view in ("front", "rear") else a
             x, y, w, h = self.views[view]
-            extent = (self.body.length if view in ("left", "right", "top") else self.body.width)
+            extent = self.body.length if view in ("left", "right", "top") else self.body.width
             rise = self.body.width if view == "top" else self.body.height
             u = x + np.clip((a - self.low[view][0]) / extent, 0.001, 0.999) * w
             v = y + (1 - np.clip((b - self.low[view][1]) / rise, 0.001, 0.999)) * h

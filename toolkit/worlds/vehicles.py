@@ -114,24 +114,38 @@ def _car_glass(paint: Livery, pillars: tuple[float, ...]) -> None:
     upper = np.maximum(body.top(x) - 0.1, body.belt + 0.05)
     outline = [(float(a), float(z)) for a, z in zip(x, upper, strict=True)]
     glass = [(foot + 0.2, body.belt + 0.04), *outline, (foot_front - 0.18, body.belt + 0.04)]
-    grown = [(foot + 0.1, body.belt + 0.01), *((a, z + 0.035) for a, z in outline), (foot_front - 0.08, body.belt + 0.01)]
+    grown = [
+        (foot + 0.1, body.belt + 0.01),
+        *((a, z + 0.035) for a, z in outline),
+        (foot_front - 0.08, body.belt + 0.01),
+    ]
     paint.fill("left right", grown, (16, 17, 18))
     paint.fill("left right", glass, GLASS)
     shine = [(a, z) for a, z in glass if z > body.belt + 0.25]
     if len(shine) > 2:
-        paint.fill("left right", [(shine[0][0], body.belt + 0.3), *shine, (shine[-1][0], body.belt + 0.3)], (74, 88, 102))
+        paint.fill(
+            "left right", [(shine[0][0], body.belt + 0.3), *shine, (shine[-1][0], body.belt + 0.3)], (74, 88, 102)
+        )
     for pillar in pillars:
         z = float(body.top(pillar))
-        paint.fill("left right", [(pillar - 0.05, body.belt), (pillar + 0.05, body.belt), (pillar + 0.02, z), (pillar - 0.06, z)], (18, 18, 20))
+        paint.fill(
+            "left right",
+            [(pillar - 0.05, body.belt), (pillar + 0.05, body.belt), (pillar + 0.02, z), (pillar - 0.06, z)],
+            (18, 18, 20),
+        )
     w = body.width / 2
     for a, b in ((head_front, foot_front), (head, foot)):
         at_foot, at_head = w * 0.86, w * body.roof_share * 0.9
         paint.fill("top", [(a, -at_head), (b, -at_foot), (b, at_foot), (a, at_head)], GLASS)
-        paint.fill("top", [(a, -at_head * 0.9), (b, -at_foot * 0.2), (b, at_foot * 0.3), (a, at_head * 0.1)], (66, 80, 94))
+        paint.fill(
+            "top", [(a, -at_head * 0.9), (b, -at_foot * 0.2), (b, at_foot * 0.3), (a, at_head * 0.1)], (66, 80, 94)
+        )
         za, zb = float(body.top(a)) - 0.02, float(body.top(b)) + 0.01
         end = "front" if b > a else "rear"
         paint.fill(end, [(-at_head, za), (-at_foot, zb), (at_foot, zb), (at_head, za)], GLASS)
-        paint.fill(end, [(-at_head * 0.8, za), (-at_foot * 0.2, zb), (at_foot * 0.4, zb), (at_head * 0.2, za)], (66, 80, 94))
+        paint.fill(
+            end, [(-at_head * 0.8, za), (-at_foot * 0.2, zb), (at_foot * 0.4, zb), (at_head * 0.2, za)], (66, 80, 94)
+        )
 
 
 def _car_ends(paint: Livery, rng: np.random.Generator) -> None:
@@ -146,10 +160,20 @@ def _car_ends(paint: Livery, rng: np.random.Generator) -> None:
     paint.rect("front", (-w * 0.62, 0.3), (w * 0.62, 0.44), (24, 24, 26))
     tail = min(float(body.top(-half + 0.1)), body.belt) - 0.02
     for side in (1, -1):
-        lamp = [(side * w * 0.52, z0 + 0.02), (side * w * 0.97, z0 + 0.05), (side * w * 0.95, z1), (side * w * 0.52, z1 - 0.01)]
+        lamp = [
+            (side * w * 0.52, z0 + 0.02),
+            (side * w * 0.97, z0 + 0.05),
+            (side * w * 0.95, z1),
+            (side * w * 0.52, z1 - 0.01),
+        ]
         paint.fill("front", lamp, HEAD, HEAD_GLOW)
         paint.line("front", [*lamp, lamp[0]], 0.02, (60, 62, 64))
-        rear = [(side * w * 0.55, tail - 0.24), (side * w * 0.98, tail - 0.26), (side * w * 0.96, tail), (side * w * 0.62, tail)]
+        rear = [
+            (side * w * 0.55, tail - 0.24),
+            (side * w * 0.98, tail - 0.26),
+            (side * w * 0.96, tail),
+            (side * w * 0.62, tail),
+        ]
         paint.fill("rear", rear, TAIL, TAIL_GLOW)
         paint.rect("rear", (side * w * 0.66, tail - 0.17), (side * w * 0.9, tail - 0.11), (236, 214, 204))
         paint.rect("front", (side * w * 0.72, 0.34), (side * w * 0.86, 0.42), (232, 170, 60))
@@ -167,7 +191,12 @@ def _doors(paint: Livery, seams: tuple[float, ...]) -> None:
     for seam in seams:
         paint.line("left right", [(seam, low), (seam, body.belt)], 0.018, _shade(paint.colour, 0.42))
     for handle in seams[:-1]:
-        paint.rect("left right", (handle + 0.08, body.belt - 0.16), (handle + 0.26, body.belt - 0.115), _shade(paint.colour, 0.35))
+        paint.rect(
+            "left right",
+            (handle + 0.08, body.belt - 0.16),
+            (handle + 0.26, body.belt - 0.115),
+            _shade(paint.colour, 0.35),
+        )
         paint.rect("left right", (handle + 0.09, body.belt - 0.13), (handle + 0.25, body.belt - 0.115), (206, 208, 208))
     if seams:
         paint.line("left right", [(seams[0], low), (seams[-1], low)], 0.018, _shade(paint.colour, 0.42))
@@ -209,7 +238,11 @@ def car(body: Body, colour: Colour, looks: Looks, name: str, kind: str = "car") 
         if abs(x) < body.length / 2 - 0.3:
             paint.line("top", [(x, -w), (x, w)], 0.02, _shade(colour, 0.4))
     sheet = paint.sheet(name, looks)
-    pieces = [bodywork(body, sheet, looks), wheels(body, looks, spokes=5 + int(rng.integers(4))), _mirrors(body, colour, looks)]
+    pieces = [
+        bodywork(body, sheet, looks),
+        wheels(body, looks, spokes=5 + int(rng.integers(4))),
+        _mirrors(body, colour, looks),
+    ]
     roof = float(body.top(-0.2))
     if kind == "cab":
         lit = looks.plain((255, 236, 170), "lamp")
@@ -220,7 +253,9 @@ def car(body: Body, colour: Colour, looks: Looks, name: str, kind: str = "car") 
             pieces.append(place(board, np.array([[x, 0, roof]]), yaw))
     if kind == "police":
         for y, tone in ((0.28, (220, 20, 24)), (-0.28, (24, 60, 220))):
-            pieces.append(box((-0.4, -0.1), (y - 0.27, y + 0.27), (roof + 0.02, roof + 0.16), looks.plain(tone, "lamp"), VEHICLE))
+            pieces.append(
+                box((-0.4, -0.1), (y - 0.27, y + 0.27), (roof + 0.02, roof + 0.16), looks.plain(tone, "lamp"), VEHICLE)
+            )
     return Vehicle(merge(pieces), body.length, body.width)
 
 
@@ -259,10 +294,16 @@ def van(colour: Colour, words: str, looks: Looks, name: str) -> Vehicle:
     paint.line("rear", [(0, 0.4), (0, 2.3)], 0.03, _shade(colour, 0.4))
     paint.text("rear", (0, 1.1), words, 0.22, ink, fit_m=1.7)
     sheet = paint.sheet(name, looks)
-    return Vehicle(merge([bodywork(body, sheet, looks), wheels(body, looks, (120, 122, 124), 6), _mirrors(body, RUBBER, looks)]), body.length, body.width)
+    return Vehicle(
+        merge([bodywork(body, sheet, looks), wheels(body, looks, (120, 122, 124), 6), _mirrors(body, RUBBER, looks)]),
+        body.length,
+        body.width,
+    )
 
 
-def _rows_of_windows(paint: Livery, x0: float, x1: float, count: int, z: tuple[float, float], doors: tuple[int, ...] = ()) -> None:
+def _rows_of_windows(
+    paint: Livery, x0: float, x1: float, count: int, z: tuple[float, float], doors: tuple[int, ...] = ()
+) -> None:
     """Panes along both flanks of a bus or tram; doors on its right side."""
     edges = np.linspace(x0, x1, count + 1)
     lit = (250, 226, 176)
@@ -270,7 +311,9 @@ def _rows_of_windows(paint: Livery, x0: float, x1: float, count: int, z: tuple[f
     for k in range(count):
         a, b = float(edges[k]) + 0.04, float(edges[k + 1]) - 0.04
         paint.rect("left right", (a, z[0]), (b, z[1]), (50, 60, 68), lit)
-        paint.fill("left right", [(a, z[1]), (a + 0.5 * (b - a), z[1]), (a + 0.2 * (b - a), z[0]), (a, z[0])], (92, 108, 120))
+        paint.fill(
+            "left right", [(a, z[1]), (a + 0.5 * (b - a), z[1]), (a + 0.2 * (b - a), z[0]), (a, z[0])], (92, 108, 120)
+        )
         for seat in np.arange(a + 0.15, b - 0.1, 0.42):
             paint.rect("left right", (seat, z[0]), (seat + 0.2, z[0] + 0.22), (44, 60, 108))
         if k in doors:
@@ -396,7 +439,13 @@ def lorry(looks: Looks, name: str, colour: Colour, box_colour: Colour, words: st
         box((-3.9, 1.7), (-1.22, 1.22), (1.0, 3.5), plain, VEHICLE),
         place(flanks, np.array([(-1.1, -1.225, 0), (-1.1, 1.225, 0)]), np.array([0.0, 180.0])),
         box((-3.8, 3.2), (-0.5, 0.5), (0.5, 0.95), dark, VEHICLE),
-        boxes(np.array([(-3.92, -1.1, 0.7), (-3.92, 0.8, 0.7)]), np.array([(-3.85, -0.8, 0.9), (-3.85, 1.1, 0.9)]), looks.plain(TAIL, "lamp"), VEHICLE, ()),
+        boxes(
+            np.array([(-3.92, -1.1, 0.7), (-3.92, 0.8, 0.7)]),
+            np.array([(-3.85, -0.8, 0.9), (-3.85, 1.1, 0.9)]),
+            looks.plain(TAIL, "lamp"),
+            VEHICLE,
+            (),
+        ),
     ]
     axles = replace(LORRY_CAB, length=8.0, axles=(-2.4, -1.3, 3.0))
     pieces.append(wheels(axles, looks, (150, 152, 154), 8))

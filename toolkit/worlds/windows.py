@@ -91,7 +91,11 @@ def _paint_pane(style: PaneStyle, rng: np.random.Generator) -> tuple[np.ndarray,
     w, h = canvas.size
     day = _glass(style, rng, w, h)
     lit = rng.random() < 0.45
-    room = np.array(WARM, np.float32) * rng.uniform(0.55, 1.0) * np.array([1, rng.uniform(0.9, 1.1), rng.uniform(0.7, 1.3)])
+    room = (
+        np.array(WARM, np.float32)
+        * rng.uniform(0.55, 1.0)
+        * np.array([1, rng.uniform(0.9, 1.1), rng.uniform(0.7, 1.3)])
+    )
     glow = np.broadcast_to(room.astype(np.float32) if lit else np.zeros(3, np.float32), (h, w, 3)).copy()
     glow *= np.linspace(1.0, 0.6, h, dtype=np.float32)[:, None, None]
     if rng.random() < style.curtains:
@@ -112,7 +116,9 @@ def _glass(style: PaneStyle, rng: np.random.Generator, w: int, h: int) -> np.nda
     dark = np.array((38, 42, 46), np.float32) * rng.uniform(0.7, 1.3)
     sky = np.array(style.glass, np.float32) * rng.uniform(0.75, 1.15)
     tilt = rng.uniform(-0.3, 0.3) * np.linspace(-1, 1, w, dtype=np.float32)[None, :, None]
-    share = np.clip((up - rng.uniform(0.15, 0.6) + tilt) * rng.uniform(1.2, 4) + 0.35, 0.05, 1) * rng.uniform(0.45, 0.95)
+    share = np.clip((up - rng.uniform(0.15, 0.6) + tilt) * rng.uniform(1.2, 4) + 0.35, 0.05, 1) * rng.uniform(
+        0.45, 0.95
+    )
     wavy = 1 + 0.1 * fractal(rng, (256, 256), 4, 3)[:h, :w, None]
     return (dark * (1 - share) + sky * share) * wavy
 
