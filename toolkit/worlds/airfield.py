@@ -1,183 +1,33 @@
-"""Two open places: a field of grass with one pad (paper, Figure 10d), and an airfield's apron with its hangars."""
+"""An airfield's apron with its hangars, tower and ground vehicles."""
+
+from itertools import pairwise
 
 import numpy as np
 
 from toolkit.objects.mesh import Material
 from toolkit.objects.shapes.modelling import Colour, revolve
 from toolkit.worlds.classes import SceneClass
-from toolkit.worlds.grounds import WHITE_PAINT, YELLOW_PAINT, concrete_apron, grass, junction
-from toolkit.worlds.landmarks import flag
-from toolkit.worlds.paint import Canvas, fractal
+from toolkit.worlds.grassland import HORIZON_M, hills, tree_line, windsock
+from toolkit.worlds.grounds import MARK_M, WHITE_PAINT, YELLOW_PAINT, concrete_apron, grass, junction
+from toolkit.worlds.large_vehicles import lorry, van
+from toolkit.worlds.monuments import flag
+from toolkit.worlds.paint import Canvas, fractal, hex_name
 from toolkit.worlds.pieces import Looks, Piece, Skin, bars, box, boxes, floor_quads, merge, place, polygon, quads, solid
 from toolkit.worlds.roofs import landing_pad
 from toolkit.worlds.signs import board, sheet
 from toolkit.worlds.skyline import surround
 from toolkit.worlds.street_furniture import barrier, traffic_cone
-from toolkit.worlds.trees import GREENS, conifer, shrub, street_tree
-from toolkit.worlds.vehicles import CAR_COLOURS, SEDAN, car, lorry, van
+from toolkit.worlds.trees import shrub
+from toolkit.worlds.vehicles import CAR_COLOURS, SEDAN, car
 from toolkit.worlds.walls import wall
 from toolkit.worlds.windows import pane_sheet, pane_uv
 from toolkit.worlds.world import Spot, World, mesh_of
 
-HORIZON_M = 900.0
-MARK_M = 0.004
-"""Height of painted marks over the concrete."""
 F, B = SceneClass.FURNITURE, SceneClass.BUILDING
 
 
-def build_grass(seed: int = 0) -> World:
-    """A meadow with one landing pad in its middle, a fence, a track, and trees on the horizon."""
-    looks, rng = Looks(seed), np.random.default_rng([seed, 30])
-    meadow = grass(looks, meadow=True)
-    inner = np.array([(-60.0, -60.0), (60.0, 60.0)])
-    pad = landing_pad(6.0, looks).moved(0, 0, 0)
-    pieces = [
-        floor_quads(np.array([(-60, -60, 60, 60)]), 0.0, meadow, SceneClass.GRASS),
-        surround(inner, HORIZON_M, meadow, SceneClass.GRASS, (0.0, 60.0, 300.0)),
-        pad,
-        floor_quads(np.array([(-300, -49.0, 300, -45.5)]), 0.01, wall(looks, "render", (176, 158, 124)), SceneClass.GROUND),
-        _fence(looks), tree_line(looks, rng, 95.0, 260.0, 260), _hills(looks, rng),
-        windsock(looks).moved(16, 14, 0),
-        place(_barn(looks), np.array([(-95.0, 70.0, 0.0)]), 20.0),
-    ]  # fmt: skip
-    at = rng.uniform(-58, 58, (420, 2))
-    at = at[(np.hypot(*at.T) > 13) & (at[:, 1] > -43)]
-    pieces.append(
-        place(
-            _tuft(looks),
-            np.column_stack([at, np.zeros(len(at))]),
-            rng.uniform(0, 360, len(at)),
-            rng.uniform(0.5, 1.4, len(at)),
-        )
-    )
-    spots = (
-        Spot("pad", "grass", (0.0, 0.0, 0.25), 5.6, 0.0, "ground"),
-        Spot("meadow-1", "grass", (0.0, -28.0, 0.0), 9.0, 90.0, "ground"),
-    )
-    pieces = [_outside(piece, spots[1]) for piece in pieces]
-    mesh, face_class = mesh_of(merge(pieces), looks)
-    return World(
-        "grass", seed, mesh, face_class, spots, np.array([[-107.0, 66.0, 0, -89.0, 80.0, 5.0]]), inner, spots[:1]
-    )
-
-
-def _outside(piece: Piece, spot: Spot) -> Piece:
-    """A piece without its faces that stand up from the ground near a spot."""
-    centre = piece.vertices[piece.faces].mean(axis=1)
-    near = np.hypot(centre[:, 0] - spot.position[0], centre[:, 1] - spot.position[1]) < spot.free_radius_m + 0.5
-    keep = ~(near & (centre[:, 2] > spot.position[2] + 0.03))
-    return Piece(piece.vertices, piece.normals, piece.uv, piece.faces[keep], piece.material[keep], piece.label[keep])
-
-
-def tree_line(looks: Looks, rng: np.random.Generator, near: float, far: float, count: int) -> Piece:
-    """Broad-leaved trees and spruces in a ring, in clumps."""
-    clump = rng.uniform(0, 2 * np.pi, max(1, count // 9))
-    angle = clump[rng.integers(0, len(clump), count)] + rng.normal(0, 0.07, count)
-    distance = rng.uniform(near, far, count)
-    at = np.column_stack([distance * np.cos(angle), distance * np.sin(angle), np.zeros(count)])
-    kind, yaw = rng.integers(0, 5, count), rng.uniform(0, 360, count)
-    made = [street_tree(looks, k, 10.0) for k in range(3)] + [conifer(looks, k, 13.0) for k in range(2)]
-    scale = rng.uniform(0.7, 1.5, count)
-    return merge([place(made[k], at[kind == k], yaw[kind == k], scale[kind == k]) for k in range(5)])
-
-
-def _hills(looks: Looks, rng: np.random.Generator) -> Piece:
-    """A wooded rise all round, far off."""
-    name = "woods"
-    skin = looks.known(name)
-    if skin is None:
-        gen, shape = looks.rng(name), (256, 256)
-        tone = np.array(GREENS[2], np.float32) * (0.8 + 0.35 * fractal(gen, shape, 24, 4))[..., None]
-        skin = looks.add(Material(name, tone.clip(0, 255).astype(np.uint8), 1.0), (60.0, 60.0))
-    count = 120
-    angle = np.linspace(0, 2 * np.pi, count + 1)
-    phase = rng.uniform(0, 6, 3)
-    height = (
-        16 + 9 * np.sin(3 * angle + phase[0]) + 6 * np.sin(7 * angle + phase[1]) + 3 * np.sin(17 * angle + phase[2])
-    )
-    height = np.round(np.maximum(height, 3), 3)
-
-    def ring(radius: float, z: np.ndarray | float) -> np.ndarray:
-        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.broadcast_to(z, angle.shape)])
-
-    rows = [ring(520, 0.0), ring(600, height * 0.7), ring(700, height), ring(840, height * 1.5)]
-    faces = [np.stack([b[1:], b[:-1], a[:-1], a[1:]], 1) for a, b in zip(rows[:-1], rows[1:], strict=True)]
-    faces = [np.stack([f[:, 0], f[:, 1], f[:, 2], f[:, 3]], 1)[:, ::-1] for f in faces]
-    return quads(np.concatenate(faces), skin, SceneClass.SKYLINE)
-
-
-def _fence(looks: Looks) -> Piece:
-    """Posts and rails along two sides."""
-    wood = looks.plain((150, 132, 108), "matte")
-    x = np.arange(-58.0, 58.1, 2.9)
-    post = np.column_stack([x, np.full(len(x), 40.0), np.zeros(len(x))])
-    posts = np.concatenate([post, post[:, [1, 0, 2]]])
-    rails = np.array(
-        [((-58, 40, z), (58, 40, z)) for z in (0.45, 0.85, 1.2)]
-        + [((40, -44, z), (40, 58, z)) for z in (0.45, 0.85, 1.2)]
-    )
-    posts = posts[(posts[:, 1] > -44.5)]
-    return merge([bars(posts, posts + [0, 0, 1.4], 0.13, wood, F), bars(rails[:, 0], rails[:, 1], 0.09, wood, F)])
-
-
-def _tuft(looks: Looks) -> Piece:
-    """Long grass: a sheaf of blades."""
-    rng = looks.rng("tuft")
-    n = 26
-    foot = np.column_stack([rng.normal(0, 0.16, (n, 2)), np.zeros(n)])
-    lean = np.column_stack([rng.normal(0, 0.14, (n, 2)), rng.uniform(0.25, 0.6, n)])
-    side = np.column_stack([rng.normal(0, 1, (n, 2)), np.zeros(n)])
-    side *= 0.012 / np.linalg.norm(side, axis=1, keepdims=True)
-    return quads(
-        np.stack([foot - side, foot + side, foot + lean, foot + lean], 1),
-        looks.plain((122, 132, 62), "matte"),
-        SceneClass.TREE,
-    )
-
-
-def _barn(looks: Looks) -> Piece:
-    """A red barn 18 m by 14 m, its gable to -y."""
-    red, tin, white = (
-        wall(looks, "cladding", (142, 42, 36)),
-        wall(looks, "cladding", (150, 152, 154)),
-        looks.plain((232, 230, 222)),
-    )
-    gable = np.array([(-7, 0), (7, 0), (7, 5), (0, 9.5), (-7, 5)])
-    slope = np.array(
-        [
-            [(7.4, -0.4, 4.75), (7.4, 18.4, 4.75), (0, 18.4, 9.6), (0, -0.4, 9.6)],
-            [(-7.4, 18.4, 4.75), (-7.4, -0.4, 4.75), (0, -0.4, 9.6), (0, 18.4, 9.6)],
-        ]
-    )
-    body = merge([
-        polygon(gable, 0.0, red, B), place(polygon(gable, 0.0, red, B), np.array([(0, 18.0, 0)]), 180.0),
-        quads(np.array([[(7, 0, 0), (7, 18, 0), (7, 18, 5), (7, 0, 5)], [(-7, 18, 0), (-7, 0, 0), (-7, 0, 5), (-7, 18, 5)]], float), red, B),
-        quads(slope, tin, SceneClass.ROOF), quads(slope[:, ::-1] - [0, 0, 0.05], tin, SceneClass.ROOF),
-        box((-2.2, 2.2), (-0.06, 0), (0, 3.8), white, B), box((-2.0, -0.05), (-0.1, -0.05), (0.1, 3.6), looks.plain((120, 34, 30)), B),
-        box((0.05, 2.0), (-0.1, -0.05), (0.1, 3.6), looks.plain((120, 34, 30)), B),
-    ])  # fmt: skip
-    return place(body, np.array([(0.0, 0.0, 0.0)]), 90.0)
-
-
-def windsock(looks: Looks) -> Piece:
-    """An orange and white sock on a mast."""
-    mast = solid([revolve([(0.09, 0), (0.05, 6.0), (0.004, 6.05)], 8)], looks.plain((214, 214, 210)), F)
-    angle = np.linspace(0, 2 * np.pi, 11)
-    pieces = [mast]
-    for k in range(5):
-        rows = []
-        for x in (0.1 + 0.6 * k, 0.1 + 0.6 * (k + 1)):
-            r = 0.42 - 0.07 * x
-            rows.append(np.column_stack([np.full(11, x), r * np.cos(angle), 5.6 - 0.09 * x * x + r * np.sin(angle)]))
-        a, b = rows
-        cloth = np.stack([a[:-1], b[:-1], b[1:], a[1:]], 1)
-        skin = looks.plain(((240, 96, 20), (244, 244, 240))[k % 2], "matte")
-        pieces += [quads(cloth[:, ::-1], skin, F), quads(cloth + (b - a).mean(0) * 0 + [0, 0, 0.004], skin, F)]
-    return merge(pieces)
-
-
 def build_apron(seed: int = 0) -> World:
-    """An airfield's apron 260 m by 150 m: slabs, taxi lines and stands, hangars, a tower, vehicles, grass and a runway."""
+    """An airfield's apron 260 m by 150 m: slabs, taxi lines, stands, hangars, a tower, vehicles, a runway."""
     looks, rng = Looks(seed), np.random.default_rng([seed, 31])
     concrete = concrete_apron(looks)
     core = np.array([(-130.0, -75.0), (130.0, 75.0)])
@@ -185,9 +35,13 @@ def build_apron(seed: int = 0) -> World:
     pieces = [
         floor_quads(np.array([(-130, -75, 130, 75)]), 0.0, concrete, SceneClass.GROUND),
         surround(core, HORIZON_M, grass(looks), SceneClass.GRASS, (0.0, 60.0, 300.0)),
-        floor_quads(np.array([(-600, -190, 600, -145), (-130, -145, -105, -75.0)]), 0.01, junction(looks), SceneClass.ROAD),
-        _marks(looks, stands), _runway_marks(looks), _stand_numbers(looks, stands),
-    ]  # fmt: skip
+        floor_quads(
+            np.array([(-600, -190, 600, -145), (-130, -145, -105, -75.0)]), 0.01, junction(looks), SceneClass.ROAD
+        ),
+        _marks(looks, stands),
+        _runway_marks(looks),
+        _stand_numbers(looks, stands),
+    ]
     solids = []
     for k, x in enumerate((-92.0, -36.0, 30.0)):
         hangar = _hangar(looks, 46.0, 34.0, 13.0 + k, ((126, 142, 156), (188, 190, 186), (92, 116, 104))[k], k + 1)
@@ -196,7 +50,7 @@ def build_apron(seed: int = 0) -> World:
     pieces.append(_control_tower(looks).moved(92, 70, 0))
     solids += [[89.0, 67.0, 0, 95.0, 73.0, 22.0], [80.0, 62.0, 0, 104.0, 78.0, 7.0]]
     pieces.append(_apron_things(looks, rng, stands))
-    pieces += [tree_line(looks, rng, 330.0, 480.0, 120), _hills(looks, rng)]
+    pieces += [tree_line(looks, rng, 330.0, 480.0, 120), hills(looks, rng)]
     spots = [Spot(f"stand-{k + 1}", "apron", (float(x), 8.0, 0.0), 15.0, 90.0, "ground") for k, x in enumerate(stands)]
     spots.append(Spot("taxiway", "apron", (0.0, -55.0, 0.0), 14.0, 0.0, "ground"))
     spots.append(Spot("verge", "grass", (0.0, -110.0, 0.0), 20.0, 0.0, "ground"))
@@ -218,7 +72,7 @@ def _stripe(looks: Looks, points: list[tuple[float, float]], width: float, colou
 
 
 def _worn_paint(looks: Looks, colour: Colour) -> Skin:
-    name = "paint-%02x%02x%02x" % colour
+    name = f"paint-{hex_name(colour)}"
     found = looks.known(name)
     if found:
         return found
@@ -248,10 +102,12 @@ def _marks(looks: Looks, stands: np.ndarray) -> Piece:
 def _runway_marks(looks: Looks) -> Piece:
     """Dashes down its middle and piano keys."""
     x = np.arange(-580.0, 580.0, 50.0)
-    rects = np.concatenate([
-        np.column_stack([x, np.full(len(x), -168.0), x + 30, np.full(len(x), -167.0)]),
-        np.array([(-560.0, y, -530.0, y + 1.8) for y in np.arange(-187.0, -149.0, 3.6)]),
-    ])  # fmt: skip
+    rects = np.concatenate(
+        [
+            np.column_stack([x, np.full(len(x), -168.0), x + 30, np.full(len(x), -167.0)]),
+            np.array([(-560.0, y, -530.0, y + 1.8) for y in np.arange(-187.0, -149.0, 3.6)]),
+        ]
+    )
     return floor_quads(rects, 0.016, _worn_paint(looks, WHITE_PAINT), SceneClass.ROAD)
 
 
@@ -289,9 +145,7 @@ def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Col
     name = looks.known(f"hangar-{number}") or sheet(f"hangar-{number}", looks, canvas)
     leaves = np.linspace(-half + 1.0, half - 1.0, 9)
     open_from, open_to = 3, 5
-    panels = [
-        (a, b) for k, (a, b) in enumerate(zip(leaves[:-1], leaves[1:], strict=True)) if not open_from <= k < open_to
-    ]
+    panels = [(a, b) for k, (a, b) in enumerate(pairwise(leaves)) if not open_from <= k < open_to]
     low = np.array([(a + 0.05, -0.25 - 0.2 * (k % 2), 0) for k, (a, _) in enumerate(panels)])
     high = np.array([(b - 0.05, -0.05 - 0.2 * (k % 2), 7.2) for k, (_, b) in enumerate(panels)])
     glass = looks.plain((96, 116, 128), "gloss")
@@ -303,14 +157,26 @@ def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Col
         np.array([(0, depth, 0.0)]),
         180.0,
     )
-    return merge([
-        boxes(low, high, skin, B), boxes(low * [1, 1, 0] + [0.4, -0.03, 4.6], high * [1, 0, 0] + low * [0, 1, 0] + [-0.4, 0, 5.9], glass, B),
-        box((-half, half), (-0.4, 0.0), (7.2, 8.0), looks.plain((210, 208, 200)), B), polygon(front, 0.0, skin, B), back,
-        boxes(np.array([(-half, 0, 0), (half - 0.3, 0, 0)]), np.array([(-half + 0.3, depth, eaves), (half, depth, eaves)]), skin, B),
-        quads(bow, roof, SceneClass.ROOF), quads(bow[:, ::-1] - [0, 0, 0.1], dark, SceneClass.ROOF),
-        floor_quads(np.array([(-half, 0, half, depth)]), 0.02, dark, SceneClass.GROUND),
-        box((-half + 1.0, half - 1.0), (0.5, 0.6), (0, 7.2), dark, B), board(6, 3, name, SceneClass.SIGN, 0.0, both=False).moved(0, -0.05, eaves + 2.2),
-    ])  # fmt: skip
+    return merge(
+        [
+            boxes(low, high, skin, B),
+            boxes(low * [1, 1, 0] + [0.4, -0.03, 4.6], high * [1, 0, 0] + low * [0, 1, 0] + [-0.4, 0, 5.9], glass, B),
+            box((-half, half), (-0.4, 0.0), (7.2, 8.0), looks.plain((210, 208, 200)), B),
+            polygon(front, 0.0, skin, B),
+            back,
+            boxes(
+                np.array([(-half, 0, 0), (half - 0.3, 0, 0)]),
+                np.array([(-half + 0.3, depth, eaves), (half, depth, eaves)]),
+                skin,
+                B,
+            ),
+            quads(bow, roof, SceneClass.ROOF),
+            quads(bow[:, ::-1] - [0, 0, 0.1], dark, SceneClass.ROOF),
+            floor_quads(np.array([(-half, 0, half, depth)]), 0.02, dark, SceneClass.GROUND),
+            box((-half + 1.0, half - 1.0), (0.5, 0.6), (0, 7.2), dark, B),
+            board(6, 3, name, SceneClass.SIGN, 0.0, both=False).moved(0, -0.05, eaves + 2.2),
+        ]
+    )
 
 
 def _control_tower(looks: Looks) -> Piece:
@@ -323,19 +189,33 @@ def _control_tower(looks: Looks) -> Piece:
     )
     cab = np.stack([low[0][:-1], low[0][1:], high[0][1:], high[0][:-1]], 1)
     cells = np.array([(-12 + 2 * k, -12 + 2 * k + 1.9) for k in range(12)])
-    face = np.stack([np.column_stack([cells[:, 0], np.full(12, -8.02), np.full(12, 2.6)]), np.column_stack([cells[:, 1], np.full(12, -8.02), np.full(12, 2.6)]),
-                     np.column_stack([cells[:, 1], np.full(12, -8.02), np.full(12, 5.6)]), np.column_stack([cells[:, 0], np.full(12, -8.02), np.full(12, 5.6)])], 1)  # fmt: skip
+    face = np.stack(
+        [
+            np.column_stack([cells[:, 0], np.full(12, -8.02), np.full(12, 2.6)]),
+            np.column_stack([cells[:, 1], np.full(12, -8.02), np.full(12, 2.6)]),
+            np.column_stack([cells[:, 1], np.full(12, -8.02), np.full(12, 5.6)]),
+            np.column_stack([cells[:, 0], np.full(12, -8.02), np.full(12, 5.6)]),
+        ],
+        1,
+    )
     canvas = Canvas(10, 1.4, 48, (30, 74, 120))
     canvas.text(5, 0.7, "CITY AIRFIELD", 1.1, (244, 244, 240), fit_m=9)
     words = looks.known("airfield") or sheet("airfield", looks, canvas, 0.8)
     rng = looks.rng("tower")
-    return merge([
-        boxes(np.array([(-3, -3, 0)]), np.array([(3, 3, 19.0)]), white, B), solid([revolve([(3.0, 18.6), (4.2, 19.2), (4.2, 20.0), (3.6, 20.0)], 16)], looks.plain((206, 204, 198)), B),
-        quads(cab, glass, B, pane_uv(rng, 8)), bars(low[0], high[0], 0.16, frame, B), solid([revolve([(4.4, 23.4), (4.9, 23.5), (4.9, 24.0), (0.01, 24.6)], 16)], looks.plain((210, 60, 44)), B),
-        bars(np.array([(0, 0, 24.4), (1, 1, 24.3)]), np.array([(0, 0, 30.0), (1, 1, 27.0)]), 0.1, frame, F),
-        boxes(np.array([(-12, -8, 0)]), np.array([(12, 8, 7)]), white, B), quads(face, glass, B, pane_uv(rng, 12)),
-        box((-12.3, 12.3), (-8.5, 8.3), (7.0, 7.4), green, B), board(10, 1.4, words, SceneClass.SIGN, 0.0, both=False).moved(0, -8.56, 6.5),
-    ])  # fmt: skip
+    return merge(
+        [
+            boxes(np.array([(-3, -3, 0)]), np.array([(3, 3, 19.0)]), white, B),
+            solid([revolve([(3.0, 18.6), (4.2, 19.2), (4.2, 20.0), (3.6, 20.0)], 16)], looks.plain((206, 204, 198)), B),
+            quads(cab, glass, B, pane_uv(rng, 8)),
+            bars(low[0], high[0], 0.16, frame, B),
+            solid([revolve([(4.4, 23.4), (4.9, 23.5), (4.9, 24.0), (0.01, 24.6)], 16)], looks.plain((210, 60, 44)), B),
+            bars(np.array([(0, 0, 24.4), (1, 1, 24.3)]), np.array([(0, 0, 30.0), (1, 1, 27.0)]), 0.1, frame, F),
+            boxes(np.array([(-12, -8, 0)]), np.array([(12, 8, 7)]), white, B),
+            quads(face, glass, B, pane_uv(rng, 12)),
+            box((-12.3, 12.3), (-8.5, 8.3), (7.0, 7.4), green, B),
+            board(10, 1.4, words, SceneClass.SIGN, 0.0, both=False).moved(0, -8.56, 6.5),
+        ]
+    )
 
 
 def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) -> Piece:
@@ -348,9 +228,16 @@ def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) ->
     )
     parked = car(SEDAN, CAR_COLOURS[5], looks, "staff")
     placed = [
-        (fuel.piece, (-56, 20), 80.0), (follow.piece, (-6, -42), 10.0), (crew.piece, (57, 22), 95.0), (fire.piece, (62, 46), 270.0),
-        (fire.piece, (68, 46), 270.0), (crew.piece, (2, 40), 0.0), (parked.piece, (78, 52), 90.0), (parked.piece, (82, 52), 90.0), (fuel.piece, (118, -30), 0.0),
-    ]  # fmt: skip
+        (fuel.piece, (-56, 20), 80.0),
+        (follow.piece, (-6, -42), 10.0),
+        (crew.piece, (57, 22), 95.0),
+        (fire.piece, (62, 46), 270.0),
+        (fire.piece, (68, 46), 270.0),
+        (crew.piece, (2, 40), 0.0),
+        (parked.piece, (78, 52), 90.0),
+        (parked.piece, (82, 52), 90.0),
+        (fuel.piece, (118, -30), 0.0),
+    ]
     pieces = [place(piece, np.array([(*at, 0.0)]), yaw) for piece, at, yaw in placed]
     cones = np.array([(x + dx, dy, 0.0) for x in stands for dx, dy in ((-17, -9), (17, -9), (-17, 25), (17, 25))])
     pieces.append(place(traffic_cone(looks), cones))
@@ -359,9 +246,10 @@ def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) ->
     for x in (-112.0, -56.0, 0.0, 56.0, 112.0):
         heads = np.array([(x + dx, 44.0, 17.6) for dx in (-1.5, -0.5, 0.5, 1.5)])
         pieces += [
-            bars(np.array([(x, 44.6, 0)]), np.array([(x, 44.6, 18.0)]), 0.3, steel, F), boxes(heads - [0.35, 0.15, 0.3], heads + [0.35, 0.3, 0.3], steel, F, ()),
+            bars(np.array([(x, 44.6, 0)]), np.array([(x, 44.6, 18.0)]), 0.3, steel, F),
+            boxes(heads - [0.35, 0.15, 0.3], heads + [0.35, 0.3, 0.3], steel, F, ()),
             boxes(heads - [0.3, 0.17, 0.25], heads + [0.3, -0.15, 0.25], lamp, F, ()),
-        ]  # fmt: skip
+        ]
     tread = np.array([(-60.0, 30.0 - 0.3 * k, 0.4 + 0.22 * k) for k in range(14)])
     pieces += [
         boxes(tread, tread + [1.6, 0.32, 0.06], steel, F, ()),
@@ -375,9 +263,11 @@ def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) ->
     ]
     carts = np.array([(40.0 + 3.2 * k, 28.0, 0.0) for k in range(4)])
     pieces += [
-        boxes(carts + [0, 0, 0.4], carts + [2.6, 1.5, 0.5], steel, F, ()), boxes(carts + [0.2, 0.1, 0.5], carts + [2.4, 1.4, 1.5], looks.plain((70, 90, 130)), F),
-        boxes(carts + [0.2, 0.1, 0.0], carts + [0.5, 1.4, 0.4], looks.plain((24, 24, 26)), F), boxes(carts + [2.0, 0.1, 0.0], carts + [2.3, 1.4, 0.4], looks.plain((24, 24, 26)), F),
-    ]  # fmt: skip
+        boxes(carts + [0, 0, 0.4], carts + [2.6, 1.5, 0.5], steel, F, ()),
+        boxes(carts + [0.2, 0.1, 0.5], carts + [2.4, 1.4, 1.5], looks.plain((70, 90, 130)), F),
+        boxes(carts + [0.2, 0.1, 0.0], carts + [0.5, 1.4, 0.4], looks.plain((24, 24, 26)), F),
+        boxes(carts + [2.0, 0.1, 0.0], carts + [2.3, 1.4, 0.4], looks.plain((24, 24, 26)), F),
+    ]
     posts = np.array([(x, -76.0, 0) for x in np.arange(-100.0, 131.0, 5.0)])
     pieces.append(bars(posts, posts + [0, 0, 0.5], 0.25, looks.plain((226, 120, 30)), F))
     pieces += [place(flag(looks, k), np.array([(80.0 + 4 * k, 58.0, 0)])) for k in range(3)]

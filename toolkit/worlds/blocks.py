@@ -4,22 +4,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from toolkit.worlds.building_site import building_site
 from toolkit.worlds.buildings import KINDS, House, Lot
+from toolkit.worlds.church import church
 from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.fleet import Fleet
 from toolkit.worlds.grounds import grass, plaza
-from toolkit.worlds.landmarks import (
-    building_site,
-    church,
-    cinema,
-    filling_station,
-    flag,
-    fountain,
-    library,
-    monument,
-    parking_house,
-)
-from toolkit.worlds.pieces import Looks, Piece, Skin, merge, place
+from toolkit.worlds.landmarks import cinema, filling_station, library, parking_house
+from toolkit.worlds.monuments import flag, fountain, monument
+from toolkit.worlds.pieces import Looks, Piece, Skin, floor_quads, place
 from toolkit.worlds.plan import KERB_M, Block, Plan
 from toolkit.worlds.signs import billboard
 from toolkit.worlds.streets import build_pavement
@@ -118,6 +111,27 @@ def fill_block(
         else:
             _row(x, y, width, front, density, filling, looks, rng, 0.0)
         _row(x, y, width, back, density, filling, looks, rng, 180.0, depth)
+        _yard((x, y + front, width, depth - front - back), filling, fleet, looks, rng)
+
+
+def _yard(
+    area: tuple[float, float, float, float], filling: Filling, fleet: Fleet, looks: Looks, rng: np.random.Generator
+) -> None:
+    """Parked cars, a few trees and dustbins between the backs of the houses."""
+    x, y, width, depth = area
+    standing: Standing = {}
+    if depth < 8:
+        return
+    for px in np.arange(x + 6, x + width - 6, 5.5):
+        kind, py = rng.random(), y + depth / 2 + rng.uniform(-0.5, 0.5) * (depth - 7)
+        if kind < 0.3:
+            vehicle = fleet.private[int(rng.integers(len(fleet.private)))]
+            filling.pieces.append(place(vehicle.piece, np.array([(px, py, KERB_M)]), 90.0))
+        elif kind < 0.6:
+            standing.setdefault(f"tree:{rng.integers(4)}", []).append((px, py, KERB_M, rng.uniform(0, 360)))
+        elif kind < 0.75:
+            standing.setdefault("dustbins", []).append((px, py, KERB_M, rng.uniform(0, 360)))
+    filling.pieces.append(build_standing(standing, looks))
 
 
 def _density(block: Block, plan: Plan) -> float:
@@ -128,9 +142,17 @@ def _density(block: Block, plan: Plan) -> float:
 
 
 def _row(
-    x: float, y: float, width: float, depth: float, density: float, filling: Filling, looks: Looks,
-    rng: np.random.Generator, yaw: float, block_depth: float = 0.0,
-) -> None:  # fmt: skip
+    x: float,
+    y: float,
+    width: float,
+    depth: float,
+    density: float,
+    filling: Filling,
+    looks: Looks,
+    rng: np.random.Generator,
+    yaw: float,
+    block_depth: float = 0.0,
+) -> None:
     """A row of houses side by side along a street, to the south (yaw 0) or to the north (yaw 180) of a block."""
     widths = []
     left = width
@@ -172,17 +194,26 @@ def _row(
 
 def _choose_kind(density: float, width: float, depth: float, rng: np.random.Generator) -> str:
     shares = {
-        "brick": 0.36, "render": 0.2, "stone": 0.16, "slab": 0.08, "warehouse": 0.12 * (1 - density),
+        "brick": 0.36,
+        "render": 0.2,
+        "stone": 0.16,
+        "slab": 0.08,
+        "warehouse": 0.12 * (1 - density),
         "glass": (0.06 + 0.3 * density) if width > 12 else 0.0,
-    }  # fmt: skip
+    }
     total = np.array(list(shares.values()))
     return list(shares)[int(rng.choice(len(total), p=total / total.sum()))]
 
 
 def _scatter_trees(
-    filling: Filling, looks: Looks, rng: np.random.Generator, area: tuple[float, float, float, float], count: int,
-    keep: tuple[float, float, float], dense: float = 0.0,
-) -> None:  # fmt: skip
+    filling: Filling,
+    looks: Looks,
+    rng: np.random.Generator,
+    area: tuple[float, float, float, float],
+    count: int,
+    keep: tuple[float, float, float],
+    dense: float = 0.0,
+) -> None:
     """Trees over an area (x, y, width, depth) outside a circle; `dense` also keeps a column about it free."""
     x, y, width, depth = area
     standing: Standing = {}
@@ -223,6 +254,14 @@ def _park(
     radius = min(width, depth) / 2 - 11.0
     filling.spots.append(Spot("park", "grass", (cx, cy, KERB_M), round(radius, 2), 90.0, "ground"))
     _scatter_trees(filling, looks, rng, (x, y, width, depth), 46, keep=(cx, cy, radius))
+    gravel = wall(looks, "render", (196, 176, 140))
+    paths = [(x, cy - radius - 3.2, x + width, cy - radius - 1.2), (x, cy + radius + 1.2, x + width, cy + radius + 3.2)]
+    paths += [
+        (cx - radius - 3.2, y, cx - radius - 1.2, y + depth),
+        (cx + radius + 1.2, y, cx + radius + 3.2, y + depth),
+    ]
+    for k, rect in enumerate(paths):
+        filling.pieces.append(floor_quads(np.array([rect]), KERB_M + 0.008 + 0.004 * k, gravel, SceneClass.PAVEMENT))
     standing: Standing = {}
     for k in range(10):
         angle = 2 * np.pi * k / 10

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from toolkit.worlds.facades import Facade, bay_edges, cornice, windowed_wall
 from toolkit.worlds.pieces import Looks, Piece, Skin, boxes, merge, place, quads, wall_quads
 from toolkit.worlds.roofs import PARAPET_M, Roof, flat_roof
 from toolkit.worlds.shopfronts import SHOP_FLOOR_M, shop_row
+from toolkit.worlds.signs import billboard_skin
 from toolkit.worlds.walls import BRICKS, RENDERS, STONES, wall
 from toolkit.worlds.windows import pane_sheet, pane_uv
 
@@ -37,7 +39,7 @@ class Lot:
 
 @dataclass(frozen=True)
 class House:
-    """A built house: its triangles, the boxes (k, 6) of low and high corners that it fills, its pad (x, y, z, radius)."""
+    """A built house: triangles, boxes (k, 6) of low and high corners that it fills, its pad (x, y, z, radius)."""
 
     piece: Piece
     solids: np.ndarray
@@ -72,8 +74,24 @@ def _finish(
     return House(merge([walls, roof]), solid, pad)
 
 
-def _party_wall(width: float, height: float, skin: Skin) -> Piece:
-    return wall_quads(np.array([(0, 0, width, height)]), 0.0, skin, BUILDING)
+def _party_wall(width: float, height: float, skin: Skin, looks: Looks, rng: np.random.Generator) -> Piece:
+    """A blank wall to the neighbour, sometimes with an advertisement painted high up on it."""
+    bare = wall_quads(np.array([(0, 0, width, height)]), 0.0, skin, BUILDING)
+    if width < 11 or height < 11 or rng.random() > 0.45:
+        return bare
+    picture, middle = billboard_skin(int(rng.integers(6)), looks), width / 2
+    return merge(
+        [
+            bare,
+            wall_quads(
+                np.array([(middle - 4.6, height - 6.0, middle + 4.6, height - 1.2)]),
+                -0.02,
+                picture,
+                SceneClass.SIGN,
+                fit=True,
+            ),
+        ]
+    )
 
 
 def _entrance(x: float, looks: Looks, trim: Skin, rng: np.random.Generator) -> Piece:
@@ -84,14 +102,32 @@ def _entrance(x: float, looks: Looks, trim: Skin, rng: np.random.Generator) -> P
     return merge(
         [
             boxes(steps, tops, trim, BUILDING, without=("bottom", "back")),
-            boxes(np.array([(x - 0.85, -0.2, 0.5), (x + 0.6, -0.2, 0.5), (x - 0.95, -0.3, 2.9)]),
-                  np.array([(x - 0.6, 0, 2.9), (x + 0.85, 0, 2.9), (x + 0.95, 0, 3.2)]), trim, BUILDING, ("back",)),
+            boxes(
+                np.array([(x - 0.85, -0.2, 0.5), (x + 0.6, -0.2, 0.5), (x - 0.95, -0.3, 2.9)]),
+                np.array([(x - 0.6, 0, 2.9), (x + 0.85, 0, 2.9), (x + 0.95, 0, 3.2)]),
+                trim,
+                BUILDING,
+                ("back",),
+            ),
             wall_quads(np.array([(x - 0.6, 0.5, x + 0.6, 2.5)]), -0.03, wood, BUILDING),
-            wall_quads(np.array([(x - 0.6, 2.5, x + 0.6, 2.9)]), -0.03, looks.plain((150, 168, 176), "gloss"), BUILDING),
-            wall_quads(np.array([(x - 0.45, 0.65, x - 0.08, 1.4), (x + 0.08, 0.65, x + 0.45, 1.4), (x - 0.45, 1.55, x - 0.08, 2.35), (x + 0.08, 1.55, x + 0.45, 2.35)]),
-                       -0.04, looks.plain((60, 44, 34), "gloss"), BUILDING),
+            wall_quads(
+                np.array([(x - 0.6, 2.5, x + 0.6, 2.9)]), -0.03, looks.plain((150, 168, 176), "gloss"), BUILDING
+            ),
+            wall_quads(
+                np.array(
+                    [
+                        (x - 0.45, 0.65, x - 0.08, 1.4),
+                        (x + 0.08, 0.65, x + 0.45, 1.4),
+                        (x - 0.45, 1.55, x - 0.08, 2.35),
+                        (x + 0.08, 1.55, x + 0.45, 2.35),
+                    ]
+                ),
+                -0.04,
+                looks.plain((60, 44, 34), "gloss"),
+                BUILDING,
+            ),
         ]
-    )  # fmt: skip
+    )
 
 
 def brick_apartments(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
@@ -100,11 +136,16 @@ def brick_apartments(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     trim = looks.plain(_pick(((206, 198, 182), (176, 166, 150), (112, 66, 50), (226, 222, 212)), rng), "matte")
     shops = rng.random() < 0.6
     style = Facade(
-        brick, trim, _pick(("sash-white", "sash-grid", "sash-green", "casement"), rng),
-        window_m=(rng.uniform(0.95, 1.25), rng.uniform(1.6, 1.9), 0.8), floor_m=rng.uniform(3.0, 3.4),
-        bay_m=rng.uniform(2.0, 2.8), string_course=rng.random() < 0.4, fire_escape=rng.random() < 0.55,
+        brick,
+        trim,
+        _pick(("sash-white", "sash-grid", "sash-green", "casement"), rng),
+        window_m=(rng.uniform(0.95, 1.25), rng.uniform(1.6, 1.9), 0.8),
+        floor_m=rng.uniform(3.0, 3.4),
+        bay_m=rng.uniform(2.0, 2.8),
+        string_course=rng.random() < 0.4,
+        fire_escape=rng.random() < 0.55,
         air_conditioners=_pick((0.0, 0.1, 0.2), rng),
-    )  # fmt: skip
+    )
     return _apartments(lot, style, looks, rng, shops)
 
 
@@ -113,10 +154,17 @@ def rendered_apartments(lot: Lot, looks: Looks, rng: np.random.Generator) -> Hou
     render = wall(looks, "render", _pick(RENDERS, rng))
     trim = looks.plain(_pick(((232, 230, 222), (200, 194, 182), (150, 140, 128)), rng), "matte")
     style = Facade(
-        render, trim, _pick(("sash-grid", "casement", "modern", "tall"), rng), window_m=(1.3, 2.25, 0.12), floor_m=3.1,
-        bay_m=rng.uniform(2.8, 3.4), lintels=rng.random() < 0.5, sills=False, balconies=rng.uniform(0.3, 0.8),
+        render,
+        trim,
+        _pick(("sash-grid", "casement", "modern", "tall"), rng),
+        window_m=(1.3, 2.25, 0.12),
+        floor_m=3.1,
+        bay_m=rng.uniform(2.8, 3.4),
+        lintels=rng.random() < 0.5,
+        sills=False,
+        balconies=rng.uniform(0.3, 0.8),
         string_course=rng.random() < 0.5,
-    )  # fmt: skip
+    )
     return _apartments(lot, style, looks, rng, rng.random() < 0.7)
 
 
@@ -125,9 +173,16 @@ def stone_palazzo(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     stone = wall(looks, "ashlar", _pick(STONES, rng))
     trim = wall(looks, "render", _pick(((206, 196, 176), (190, 182, 168)), rng))
     style = Facade(
-        stone, trim, _pick(("tall", "arched"), rng), window_m=(1.25, 2.4, 0.7), floor_m=3.8, bay_m=3.0, recess_m=0.32,
-        pilasters=True, string_course=True,
-    )  # fmt: skip
+        stone,
+        trim,
+        _pick(("tall", "arched"), rng),
+        window_m=(1.25, 2.4, 0.7),
+        floor_m=3.8,
+        bay_m=3.0,
+        recess_m=0.32,
+        pilasters=True,
+        string_course=True,
+    )
     return _apartments(lot, style, looks, rng, rng.random() < 0.5)
 
 
@@ -136,9 +191,16 @@ def concrete_slab(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     concrete = wall(looks, "concrete", _pick(((168, 164, 156), (146, 144, 140), (186, 180, 168)), rng))
     panel = looks.plain(_pick(((60, 92, 120), (150, 76, 52), (176, 150, 60), (84, 104, 92), (120, 120, 118)), rng))
     style = Facade(
-        concrete, panel, "band", window_m=(2.75, 1.6, 0.95), floor_m=3.3, bay_m=3.1, recess_m=0.16, lintels=False,
+        concrete,
+        panel,
+        "band",
+        window_m=(2.75, 1.6, 0.95),
+        floor_m=3.3,
+        bay_m=3.1,
+        recess_m=0.16,
+        lintels=False,
         air_conditioners=0.05,
-    )  # fmt: skip
+    )
     return _apartments(lot, style, looks, rng, rng.random() < 0.5, crown=False)
 
 
@@ -165,7 +227,7 @@ def _apartments(
 
     def make(side: str, width: float) -> Piece:
         if side not in lot.streets and side != "back":
-            return _party_wall(width, height, back)
+            return _party_wall(width, height, back, looks, rng)
         plain = side not in lot.streets
         skin = style.wall
         pieces = [windowed_wall(style, width, ground, floors, looks, rng, plain)]
@@ -200,9 +262,7 @@ def glass_office(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
         count = max(2, round(width / bay_m))
         edges = np.linspace(0, width, count + 1)
         base = lobby + floor_m * np.arange(lot.floors + 1)
-        cells = np.array(
-            [(a, z + 0.9, b, z + floor_m) for z in base for a, b in zip(edges[:-1], edges[1:], strict=True)]
-        )
+        cells = np.array([(a, z + 0.9, b, z + floor_m) for z in base for a, b in pairwise(edges)])
         bands = np.array([(0, z, width, z + 0.9) for z in base] + [(0, height - 0.4, width, height)])
         rect = np.stack([cells[:, [0, 1]], cells[:, [2, 1]], cells[:, [2, 3]], cells[:, [0, 3]]], 1)
         face = np.stack([rect[..., 0], np.zeros(rect.shape[:2]), rect[..., 1]], 2)
@@ -231,7 +291,7 @@ def _lobby(width: float, height: float, panes: Skin, metal: Skin, stone: Skin, r
     count = max(2, round(width / 3.2))
     edges = np.linspace(0, width, count + 1)
     back = 0.5
-    rect = np.array([(a, 0.0, b, height) for a, b in zip(edges[:-1], edges[1:], strict=True)])
+    rect = np.array([(a, 0.0, b, height) for a, b in pairwise(edges)])
     corners = np.stack([rect[:, [0, 1]], rect[:, [2, 1]], rect[:, [2, 3]], rect[:, [0, 3]]], 1)
     face = np.stack([corners[..., 0], np.full(corners.shape[:2], back), corners[..., 1]], 2)
     low = np.stack([np.clip(edges - 0.3, 0, width - 0.6), np.zeros(count + 1), np.zeros(count + 1)], 1)

@@ -5,8 +5,9 @@ from functools import lru_cache
 from pathlib import Path
 
 from toolkit.core.errors import ToolkitError, one_of
-from toolkit.worlds.airfield import build_apron, build_grass
+from toolkit.worlds.airfield import build_apron
 from toolkit.worlds.city import build_city
+from toolkit.worlds.grassland import build_grass
 from toolkit.worlds.harbour import build_harbour
 from toolkit.worlds.kit import load_kit
 from toolkit.worlds.own import load_mesh_world

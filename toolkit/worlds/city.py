@@ -5,18 +5,17 @@ import numpy as np
 from toolkit.worlds.blocks import Filling, choose_landmarks, fill_block
 from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.fleet import build_fleet
-from toolkit.worlds.grounds import junction
+from toolkit.worlds.grounds import junction, pavement
 from toolkit.worlds.pieces import Looks, Piece, boxes, merge
-from toolkit.worlds.plan import KERB_M, PAVEMENT_M, Plan, plan_city
+from toolkit.worlds.plan import KERB_M, PAVEMENT_M, Plan, Stretch, plan_city
 from toolkit.worlds.signs import STREET_NAMES
 from toolkit.worlds.skyline import surround, towers
-from toolkit.worlds.streets import build_streets
+from toolkit.worlds.streets import build_streets, carry_on
 from toolkit.worlds.traffic import furnish_streets, hang_wires, place_vehicles
-from toolkit.worlds.walls import STONES, wall
 from toolkit.worlds.world import Spot, World, mesh_of
 
 BLOCKS = (5, 6)
-HORIZON_M = 900.0
+HORIZON_M, FAR_STREET_M = 900.0, 250.0
 STREET_SPOTS, CROSSING_SPOTS = 6, 3
 MIN_STRETCH_M = 40.0
 
@@ -38,8 +37,10 @@ def build_city(seed: int = 0, blocks: tuple[int, int] = BLOCKS) -> World:
         place_rng = np.random.default_rng([seed, 21, block.column, block.row])
         fill_block(block, landmarks.get((block.column, block.row)), filling, plan, fleet, looks, place_rng)
     spots = [*filling.spots, *_street_spots(plan, rng)]
-    pads = [Spot(f"pad-{k + 1}", "roof", (round(x, 3), round(y, 3), round(z, 3)), round(r - 0.2, 2), 0.0, "roof")
-            for k, (x, y, z, r) in enumerate(filling.pads)]  # fmt: skip
+    pads = [
+        Spot(f"pad-{k + 1}", "roof", (round(x, 3), round(y, 3), round(z, 3)), round(r - 0.2, 2), 0.0, "roof")
+        for k, (x, y, z, r) in enumerate(filling.pads)
+    ]
     core = np.array([(plan.north[0].at, plan.east[0].at), (plan.north[-1].at, plan.east[-1].at)])
     pieces = [
         *filling.pieces,
@@ -85,6 +86,11 @@ def _outskirts(plan: Plan, looks: Looks, rng: np.random.Generator) -> Piece:
     rows = _carry_on(
         [(a.at + a.half, b.at - b.half) for a, b in zip(plan.east[:-1], plan.east[1:], strict=True)], low[1], high[1]
     )
+    for streets, k in ((plan.north, 1), (plan.east, 0)):
+        for street in streets:
+            for start, end in ((high[k], high[k] + FAR_STREET_M), (low[k], low[k] - FAR_STREET_M)):
+                a, b = np.array([(street.at, start), (street.at, end)])[:, :: 1 if k else -1]
+                pieces.append(carry_on(Stretch(a, b, street, street), looks))
     bases, lows, highs = [], [], []
     for x0, x1 in columns:
         for y0, y1 in rows:
@@ -106,7 +112,7 @@ def _outskirts(plan: Plan, looks: Looks, rng: np.random.Generator) -> Piece:
         np.column_stack([base[:, :2], np.zeros(len(base))]),
         np.column_stack([base[:, 2:], np.full(len(base), KERB_M)]),
     )
-    pieces.append(boxes(flat_low, flat_high, wall(looks, "ashlar", STONES[3]), SceneClass.PAVEMENT))
+    pieces.append(boxes(flat_low, flat_high, pavement(looks), SceneClass.PAVEMENT))
     pieces.append(towers(np.array(lows), np.array(highs), looks, rng))
     return merge(pieces)
 

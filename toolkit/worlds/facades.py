@@ -134,8 +134,10 @@ def cornice(width: float, z: float, skin: Skin, out_m: float = 0.45, dentils: bo
         block = boxes(
             _at(span[:, 0], -out_m * share, np.array([low])),
             _at(span[:, 1], 0.1, np.array([high])),
-            skin, BUILDING, without=("back",),
-        )  # fmt: skip
+            skin,
+            BUILDING,
+            without=("back",),
+        )
         pieces.append(block)
     if dentils:
         at = np.arange(0.3, width - 0.2, 0.55)

@@ -1,4 +1,4 @@
-"""What is walked and driven on, painted: asphalt with its marks, crossings, pavements, paving, grass, water, concrete."""
+"""What is walked and driven on, painted: asphalt and its marks, crossings, pavements, grass, water, concrete."""
 
 import cv2
 import numpy as np
@@ -12,6 +12,8 @@ STREET_M, AVENUE_M = 13.0, 20.0
 """Widths of the carriageways."""
 CROSSING_M = 4.5
 JUNCTION_TILE_M = 14.0
+MARK_M = 0.004
+"""Height of marks that are laid on the ground as faces of their own."""
 WHITE_PAINT, YELLOW_PAINT = (214, 214, 208), (214, 164, 44)
 PARKING_M = 2.3
 TRACKS_M = (-2.4, -0.96, 0.96, 2.4)

@@ -3,17 +3,16 @@
 import numpy as np
 
 from toolkit.objects.mesh import Material
-from toolkit.objects.shapes.modelling import Colour, revolve
-from toolkit.worlds.airfield import MARK_M
+from toolkit.objects.shapes.modelling import revolve
+from toolkit.worlds.building_site import tower_crane
 from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.fleet import BLUE, RED
-from toolkit.worlds.grounds import concrete_apron, water
-from toolkit.worlds.landmarks import tower_crane
+from toolkit.worlds.grounds import MARK_M, concrete_apron, water
+from toolkit.worlds.large_vehicles import lorry, van
 from toolkit.worlds.paint import Canvas
 from toolkit.worlds.pieces import (
     Looks,
     Piece,
-    Skin,
     bars,
     box,
     boxes,
@@ -24,23 +23,17 @@ from toolkit.worlds.pieces import (
     solid,
     wall_quads,
 )
+from toolkit.worlds.ships import BOX_M, LINES, WATER_Z, boats, container, feeder_ship
 from toolkit.worlds.signs import board, sheet
 from toolkit.worlds.skyline import towers
 from toolkit.worlds.street_furniture import street_lamp, traffic_cone
-from toolkit.worlds.vehicles import lorry, van
 from toolkit.worlds.walls import BRICKS, STONES, wall
 from toolkit.worlds.windows import pane_sheet, pane_uv
 from toolkit.worlds.world import Spot, World, mesh_of
 
-WATER_Z = -2.2
 HORIZON_M = 1000.0
 QUAY_X, QUAY_BACK_Y = 160.0, 90.0
 F, B, V = SceneClass.FURNITURE, SceneClass.BUILDING, SceneClass.VEHICLE
-BOX_M = (12.19, 2.44, 2.6)
-LINES: tuple[tuple[Colour, str], ...] = (
-    ((160, 50, 36), "NORDLINE"), ((30, 78, 140), "BLUE STAR"), ((40, 110, 84), "EVERSEA"), ((206, 130, 30), "HAPAX"),
-    ((186, 186, 182), "POLAR"), ((110, 40, 60), "MAGENTA"),
-)  # fmt: skip
 
 
 def build_harbour(seed: int = 0) -> World:
@@ -52,16 +45,27 @@ def build_harbour(seed: int = 0) -> World:
     solids = [[x, 62.0, 0, x + 44.0, 86.0, 9.0] for x in shed_x]
     stacks, stack_solids = _container_yard(looks, rng)
     pieces = [
-        _quay(looks), _sea(looks), _quay_marks(looks), *(shed.moved(x, 62.0, 0) for shed, x in zip(sheds, shed_x, strict=True)), stacks,
-        place(_gantry(looks), np.array([(-92.0, 12.0, 0.0), (-20.0, 12.0, 0.0)])), tower_crane(looks, 30.0, 28.0).moved(132, 30, 0),
-        _ship(looks, rng).moved(-58.0, -19.0, WATER_Z), _boats(looks, rng), _pier(looks), lighthouse(looks).moved(150.0, -104.0, WATER_Z),
-        _quay_things(looks), _town(looks, rng),
-    ]  # fmt: skip
+        _quay(looks),
+        _sea(looks),
+        _quay_marks(looks),
+        *(shed.moved(x, 62.0, 0) for shed, x in zip(sheds, shed_x, strict=True)),
+        stacks,
+        place(_gantry(looks), np.array([(-92.0, 12.0, 0.0), (-20.0, 12.0, 0.0)])),
+        tower_crane(looks, 30.0, 28.0).moved(132, 30, 0),
+        feeder_ship(looks, rng).moved(-58.0, -19.0, WATER_Z),
+        boats(looks, rng),
+        _pier(looks),
+        lighthouse(looks).moved(150.0, -104.0, WATER_Z),
+        _quay_things(looks),
+        _town(looks, rng),
+    ]
     spots = (
-        Spot("quay-1", "quay", (62.0, 22.0, 0.0), 13.0, 0.0, "ground"), Spot("quay-2", "quay", (100.0, 22.0, 0.0), 12.0, 90.0, "ground"),
-        Spot("apron", "quay", (30.0, 48.0, 0.0), 9.5, 0.0, "ground"), Spot("basin-1", "water", (40.0, -45.0, WATER_Z), 16.0, 0.0, "water"),
+        Spot("quay-1", "quay", (62.0, 22.0, 0.0), 13.0, 0.0, "ground"),
+        Spot("quay-2", "quay", (100.0, 22.0, 0.0), 12.0, 90.0, "ground"),
+        Spot("apron", "quay", (30.0, 48.0, 0.0), 9.5, 0.0, "ground"),
+        Spot("basin-1", "water", (40.0, -45.0, WATER_Z), 16.0, 0.0, "water"),
         Spot("basin-2", "water", (-20.0, -80.0, WATER_Z), 18.0, 30.0, "water"),
-    )  # fmt: skip
+    )
     mesh, face_class = mesh_of(merge(pieces), looks)
     return World("harbour", seed, mesh, face_class, spots, np.array([*solids, *stack_solids]), core)
 
@@ -86,12 +90,17 @@ def _quay(looks: Looks) -> Piece:
     )
     edge = looks.plain((226, 190, 40), "matte")
     land = [(-HORIZON_M, back, HORIZON_M, back + HORIZON_M), (-HORIZON_M, 0, -x, back), (x, 0, HORIZON_M, back)]
-    return merge([
-        floor_quads(np.array([(-x, 0.5, x, back)]), 0.0, concrete, SceneClass.GROUND), floor_quads(np.array(land), 0.0, wall(looks, "render", (186, 178, 160)), SceneClass.GROUND),
-        wall_quads(np.array([(-HORIZON_M, -6.0, HORIZON_M, 0.0)]), 0.0, stone, SceneClass.GROUND), boxes(np.array([(-x, 0.0, 0.0)]), np.array([(x, 0.5, 0.18)]), edge, SceneClass.GROUND),
-        place(tyre, tyres), bars(rungs - [0.25, 0, 0], rungs + [0.25, 0, 0], 0.05, looks.plain((90, 70, 60)), F),
-        place(bollard, np.array([(px, 1.4, 0.0) for px in np.arange(-x + 10, x, 20.0)])),
-    ])  # fmt: skip
+    return merge(
+        [
+            floor_quads(np.array([(-x, 0.5, x, back)]), 0.0, concrete, SceneClass.GROUND),
+            floor_quads(np.array(land), 0.0, wall(looks, "render", (186, 178, 160)), SceneClass.GROUND),
+            wall_quads(np.array([(-HORIZON_M, -6.0, HORIZON_M, 0.0)]), 0.0, stone, SceneClass.GROUND),
+            boxes(np.array([(-x, 0.0, 0.0)]), np.array([(x, 0.5, 0.18)]), edge, SceneClass.GROUND),
+            place(tyre, tyres),
+            bars(rungs - [0.25, 0, 0], rungs + [0.25, 0, 0], 0.05, looks.plain((90, 70, 60)), F),
+            place(bollard, np.array([(px, 1.4, 0.0) for px in np.arange(-x + 10, x, 20.0)])),
+        ]
+    )
 
 
 def _sea(looks: Looks) -> Piece:
@@ -115,35 +124,6 @@ def _quay_marks(looks: Looks) -> Piece:
             floor_quads(np.array(lines), MARK_M, yellow, SceneClass.GROUND),
         ]
     )
-
-
-def container_skin(looks: Looks, line: int) -> Skin:
-    """Corrugated steel with the line's name, a long side of a container."""
-    colour, name = LINES[line]
-    found = looks.known(f"container-{name}")
-    if found:
-        return found
-    canvas = Canvas(BOX_M[0], BOX_M[2], 40, colour)
-    for k in range(44):
-        canvas.rect(0.1 + 0.275 * k, 0.15, 0.22 + 0.275 * k, BOX_M[2] - 0.12, tuple(int(c * 0.78) for c in colour))
-    canvas.text(BOX_M[0] / 2, 1.45, name, 1.3, (238, 238, 232), fit_m=8)
-    canvas.text(11.2, 2.2, "22G1", 0.24, (238, 238, 232))
-    return looks.add(Material(f"container-{name}", canvas.texture(0.08, looks.rng(name)), 0.6), BOX_M[:1] + BOX_M[2:])
-
-
-def container(looks: Looks, line: int, label: int = F) -> Piece:
-    """A 40-foot box about the middle of its base."""
-    length, width, height = BOX_M
-    colour = LINES[line][0]
-    skin, frame = container_skin(looks, line), looks.plain(tuple(int(c * 0.85) for c in colour))
-    side = wall_quads(np.array([(-length / 2, 0.0, length / 2, height)]), 0.0, skin, label, fit=True)
-    posts = np.array([(sx * (length / 2) - 0.08, sy * (width / 2) - 0.08, 0) for sx in (-1, 1) for sy in (-1, 1)])
-    rods = np.array([(length / 2 + 0.03, y, 0.15) for y in (-0.7, -0.25, 0.25, 0.7)])
-    return merge([
-        boxes(np.array([(-length / 2, -width / 2 + 0.02, 0.0)]), np.array([(length / 2, width / 2 - 0.02, height)]), frame, label),
-        place(side, np.array([(0, -width / 2, 0), (0, width / 2, 0)]), np.array([0.0, 180.0])), boxes(posts, posts + [0.16, 0.16, height + 0.02], frame, label),
-        bars(rods, rods + [0, 0, 2.3], 0.05, looks.plain((170, 170, 166)), label),
-    ])  # fmt: skip
 
 
 def _container_yard(looks: Looks, rng: np.random.Generator) -> tuple[Piece, list[list[float]]]:
@@ -179,131 +159,21 @@ def _gantry(looks: Looks) -> Piece:
     rungs = np.array([((-2, y, 32.5), (2, y, 32.5)) for y in range(-46, 23, 4)], float)
     wires = np.array([((x, y, 32), (x, y, 16.4)) for x in (-2, 2) for y in (-24, -22)], float)
     bogies = np.array([(x, y, 0.0) for x in (-8, 8) for y in (-8, 8)], float)
-    return merge([
-        bars(legs, top, 1.1, red, F), bars(braces[:, 0], braces[:, 1], 0.8, red, F), bars(beam[:, 0], beam[:, 1], 1.2, red, F), bars(ties[:, 0], ties[:, 1], 0.25, grey, F),
-        bars(mast[:, 0], mast[:, 1], 0.7, red, F), bars(rungs[:, 0], rungs[:, 1], 0.3, red, F), bars(wires[:, 0], wires[:, 1], 0.08, looks.plain((40, 40, 42)), F),
-        boxes(bogies - [1.6, 0.5, 0], bogies + [1.6, 0.5, 0.9], grey, F), box((-3, 3), (10, 18), (33.1, 36.5), grey, F), box((2.2, 4.2), (-25, -22), (29, 31.6), looks.plain((70, 96, 112), "gloss"), F),
-        box((-6.1, 6.1), (-24, -22), (16.0, 16.4), looks.plain((236, 176, 30)), F),
-    ])  # fmt: skip
-
-
-def hull(
-    length: float,
-    beam: float,
-    side: float,
-    draught: float,
-    looks: Looks,
-    colours: tuple[Colour, Colour],
-    bow: float = 0.24,
-) -> Piece:
-    """A hull along x, bow to +x, its waterline at z = 0: topsides, boot top, deck."""
-    share = np.linspace(0, 1, 15)
-    x = -length / 2 + length * share
-    half = beam / 2 * np.clip((1 - share) / bow, 0, 1) ** 0.6 * np.minimum(1, 0.82 + share * 1.5)
-    sheer = side * (1 + 0.35 * np.clip((share - 0.65) / 0.35, 0, 1) ** 2)
-    rake = length * 0.03 * np.clip((share - 0.7) / 0.3, 0, 1)
-    low, waterline = (
-        np.column_stack([x - rake, half * 0.86, np.full(15, -draught)]),
-        np.column_stack([x, half * 0.96, np.full(15, 0.4)]),
-    )
-    rail = np.column_stack([x + rake, half, sheer])
-    flip = np.array([1, -1, 1])
-    pieces = []
-    for a, b, colour in ((low, waterline, colours[1]), (waterline, rail, colours[0])):
-        starboard = np.stack([a[:-1] * flip, a[1:] * flip, b[1:] * flip, b[:-1] * flip], 1)
-        port = np.stack([a[1:], a[:-1], b[:-1], b[1:]], 1)
-        stern = np.array([[a[0], a[0] * flip, b[0] * flip, b[0]]])
-        pieces.append(quads(np.concatenate([starboard, port, stern]), looks.plain(colour, "gloss"), V))
-    deck = rail - [0, 0, 0.5 if side > 2 else 0.12]
-    pieces.append(
-        quads(
-            np.stack([deck[:-1] * flip, deck[1:] * flip, deck[1:], deck[:-1]], 1),
-            looks.plain((150, 110, 76), "matte"),
-            V,
-        )
-    )
-    inner = np.stack([rail[1:] * flip, rail[:-1] * flip, deck[:-1] * flip, deck[1:] * flip], 1)
-    pieces.append(quads(np.concatenate([inner, (inner * flip)[:, ::-1]]), looks.plain((214, 210, 200)), V))
-    return merge(pieces)
-
-
-def _house(x: tuple[float, float], width: float, z: float, decks: int, looks: Looks) -> Piece:
-    """A white deckhouse with rows of windows."""
-    white, glass = looks.plain((236, 236, 230)), looks.plain((40, 58, 70), "gloss")
-    pieces = []
-    for k in range(decks):
-        shrink = 0.5 * k
-        a, b, w, z0 = x[0] + 0.2 * k, x[1] - shrink, width / 2 - 0.2 * k, z + 2.6 * k
-        pieces.append(box((a, b), (-w, w), (z0, z0 + 2.6), white, V))
-        cells = np.arange(-w + 0.4, w - 0.7, 1.1)
-        pieces.append(
-            boxes(
-                np.column_stack([np.full(len(cells), b - 0.02), cells, np.full(len(cells), z0 + 1.3)]),
-                np.column_stack([np.full(len(cells), b + 0.02), cells + 0.7, np.full(len(cells), z0 + 2.1)]),
-                glass,
-                V,
-            )
-        )
-        cells = np.arange(a + 0.4, b - 0.8, 1.2)
-        for y in (-w, w):
-            pieces.append(
-                boxes(
-                    np.column_stack([cells, np.full(len(cells), y - 0.02), np.full(len(cells), z0 + 1.3)]),
-                    np.column_stack([cells + 0.7, np.full(len(cells), y + 0.02), np.full(len(cells), z0 + 2.1)]),
-                    glass,
-                    V,
-                )
-            )
-    return merge(pieces)
-
-
-def _ship(looks: Looks, rng: np.random.Generator) -> Piece:
-    """A feeder container ship 110 m long at the quay."""
-    boxes_at, kinds = [], []
-    for bay in range(5):
-        for row in range(6):
-            for level in range(int(rng.integers(1, 4))):
-                boxes_at.append((-22 + bay * 13.2, -6.3 + row * 2.5, 6.6 + level * 2.62))
-                kinds.append(int(rng.integers(len(LINES))))
-    at, kind = np.array(boxes_at), np.array(kinds)
-    cargo = [place(container(looks, k, V), at[kind == k]) for k in range(len(LINES))]
-    funnel = solid([revolve([(2.2, 0), (1.9, 7), (1.5, 7.2), (1.5, 7.0)], 14)], looks.plain((24, 60, 130)), V)
-    return merge([
-        hull(112.0, 18.0, 7.0, 5.0, looks, ((28, 44, 82), (140, 36, 32))), *cargo, _house((-50, -36), 16.0, 6.6, 5, looks), funnel.moved(-46, 0, 19.0),
-        bars(np.array([(-40, 0, 19), (48, 0, 8)]), np.array([(-40, 0, 30), (48, 0, 18)]), 0.4, looks.plain((210, 208, 200)), V),
-    ])  # fmt: skip
-
-
-def _boats(looks: Looks, rng: np.random.Generator) -> Piece:
-    """Fishing boats, a tug, yachts at moorings."""
-    spar, sail = looks.plain((222, 218, 206)), looks.plain((240, 236, 224), "matte")
-    fisher = merge([
-        hull(15.0, 4.6, 2.0, 1.4, looks, ((36, 96, 150), (150, 44, 36))), _house((-5.5, -1.5), 3.2, 1.6, 2, looks),
-        bars(np.array([(1, 0, 1.5), (1, 0, 7), (-6.5, -1.5, 2), (-6.5, 1.5, 2)]), np.array([(1, 0, 8.5), (6, 0, 3.5), (-6.5, -0.8, 5.5), (-6.5, 0.8, 5.5)]), 0.14, spar, V), box((-6.6, -6.4), (-1.0, 1.0), (5.3, 5.6), spar, V),
-    ])  # fmt: skip
-    tug = merge(
+    return merge(
         [
-            hull(24.0, 8.5, 3.0, 3.0, looks, ((30, 32, 36), (150, 40, 34))),
-            _house((-5, 5), 5.6, 2.5, 2, looks),
-            solid([revolve([(1.0, 7.6), (0.9, 11.0), (0.6, 11.0)], 12)], looks.plain((226, 150, 30)), V),
+            bars(legs, top, 1.1, red, F),
+            bars(braces[:, 0], braces[:, 1], 0.8, red, F),
+            bars(beam[:, 0], beam[:, 1], 1.2, red, F),
+            bars(ties[:, 0], ties[:, 1], 0.25, grey, F),
+            bars(mast[:, 0], mast[:, 1], 0.7, red, F),
+            bars(rungs[:, 0], rungs[:, 1], 0.3, red, F),
+            bars(wires[:, 0], wires[:, 1], 0.08, looks.plain((40, 40, 42)), F),
+            boxes(bogies - [1.6, 0.5, 0], bogies + [1.6, 0.5, 0.9], grey, F),
+            box((-3, 3), (10, 18), (33.1, 36.5), grey, F),
+            box((2.2, 4.2), (-25, -22), (29, 31.6), looks.plain((70, 96, 112), "gloss"), F),
+            box((-6.1, 6.1), (-24, -22), (16.0, 16.4), looks.plain((236, 176, 30)), F),
         ]
     )
-    jib = np.array(
-        [
-            [(4.6, 0, 1.4), (0.4, 0.02, 1.8), (0.3, 0.02, 11.0), (0.3, 0.02, 11.0)],
-            [(0.0, 0, 1.9), (-4.4, 0.1, 1.9), (0.0, 0, 12.6), (0.0, 0, 12.6)],
-        ]
-    )
-    yacht = merge([
-        hull(10.5, 3.2, 1.1, 0.8, looks, ((238, 238, 234), (30, 52, 110)), 0.45), box((-2.0, 1.6), (-0.9, 0.9), (0.9, 1.5), looks.plain((236, 236, 232)), V),
-        bars(np.array([(0.2, 0, 0.9), (0.2, 0, 1.8)]), np.array([(0.2, 0, 13.2), (-4.5, 0, 1.8)]), 0.12, spar, V),
-    ])  # fmt: skip
-    sailing = merge([yacht, quads(np.concatenate([jib, jib[:, [0, 2, 1, 1]] + [0, 0.01, 0]]), sail, V)])
-    moored = np.array([(108.0 + 6.5 * k, -36.0 - 9.0 * (k % 2), WATER_Z) for k in range(6)])
-    return merge([
-        place(fisher, np.array([(18.0, -5.0, WATER_Z), (95.0, -6.0, WATER_Z)]), np.array([0.0, 180.0])), place(tug, np.array([(-90.0, -62.0, WATER_Z)]), 18.0),
-        place(yacht, moored, np.array([88.0, 92.0] * 3)), place(sailing, np.array([(10.0, -150.0, WATER_Z), (-130.0, -210.0, WATER_Z), (80.0, -240.0, WATER_Z)]), np.array([30.0, 150.0, 200.0])),
-    ])  # fmt: skip
 
 
 def _pier(looks: Looks) -> Piece:
@@ -317,10 +187,14 @@ def _pier(looks: Looks) -> Piece:
     piles = np.array([(x, y, -7.0) for x in (101.0, 104.6) for y in np.arange(-58.0, 0.0, 6.0)])
     rail = np.array([((105.0, -60.0, z), (105.0, 0.0, z)) for z in (0.5, 1.0)])
     posts = np.array([(105.0, y, -0.3) for y in np.arange(-60.0, 0.1, 3.0)])
-    return merge([
-        boxes(np.array([(100.6, -60.0, -0.45)]), np.array([(105.0, 0.0, -0.2)]), wood, SceneClass.PAVEMENT), bars(piles, piles + [0, 0, 6.7], 0.4, looks.plain((84, 70, 58)), F),
-        bars(rail[:, 0], rail[:, 1], 0.07, looks.plain((230, 228, 220)), F), bars(posts, posts + [0, 0, 1.35], 0.09, looks.plain((230, 228, 220)), F),
-    ])  # fmt: skip
+    return merge(
+        [
+            boxes(np.array([(100.6, -60.0, -0.45)]), np.array([(105.0, 0.0, -0.2)]), wood, SceneClass.PAVEMENT),
+            bars(piles, piles + [0, 0, 6.7], 0.4, looks.plain((84, 70, 58)), F),
+            bars(rail[:, 0], rail[:, 1], 0.07, looks.plain((230, 228, 220)), F),
+            bars(posts, posts + [0, 0, 1.35], 0.09, looks.plain((230, 228, 220)), F),
+        ]
+    )
 
 
 def lighthouse(looks: Looks) -> Piece:
@@ -334,10 +208,15 @@ def lighthouse(looks: Looks) -> Piece:
         )
         for k, z in enumerate((0, 4, 8, 12))
     ]
-    return merge([
-        solid([revolve([(9.0, -4.0), (6.5, 2.6), (0.01, 2.6)], 20)], stone, SceneClass.GROUND, 20), *bands, solid([revolve([(1.7, 18.6), (2.4, 18.8), (2.4, 19.1), (1.3, 19.1)], 20)], looks.plain((40, 42, 44)), B),
-        solid([revolve([(1.2, 19.1), (1.2, 21.2)], 14)], looks.plain((255, 236, 170), "lamp"), B), solid([revolve([(1.5, 21.2), (0.9, 22.2), (0.01, 22.8)], 14)], looks.plain((190, 34, 34)), B),
-    ])  # fmt: skip
+    return merge(
+        [
+            solid([revolve([(9.0, -4.0), (6.5, 2.6), (0.01, 2.6)], 20)], stone, SceneClass.GROUND, 20),
+            *bands,
+            solid([revolve([(1.7, 18.6), (2.4, 18.8), (2.4, 19.1), (1.3, 19.1)], 20)], looks.plain((40, 42, 44)), B),
+            solid([revolve([(1.2, 19.1), (1.2, 21.2)], 14)], looks.plain((255, 236, 170), "lamp"), B),
+            solid([revolve([(1.5, 21.2), (0.9, 22.2), (0.01, 22.8)], 14)], looks.plain((190, 34, 34)), B),
+        ]
+    )
 
 
 def _shed(looks: Looks, width: float, depth: float, number: int) -> Piece:
@@ -376,11 +255,17 @@ def _shed(looks: Looks, width: float, depth: float, number: int) -> Piece:
             for a, m, b in zip(bays[:-1], middle, bays[1:], strict=True)
         ]
     )
-    return merge([
-        boxes(np.array([(0, 0, 0)]), np.array([(width, depth, 9.0)]), brick, B, ("bottom", "top")), quads(np.concatenate([ridge, fall]), tin, SceneClass.ROOF),
-        quads(gables, brick, B), quads(gables[:, ::-1] + [0, depth, 0], brick, B), boxes(low, high, door, B, ("back",)), quads(face, panes, B, pane_uv(rng, 4)),
-        board(9, 1.2, words, SceneClass.SIGN, 0.0, both=False).moved(width / 2, -0.06, 8.2),
-    ])  # fmt: skip
+    return merge(
+        [
+            boxes(np.array([(0, 0, 0)]), np.array([(width, depth, 9.0)]), brick, B, ("bottom", "top")),
+            quads(np.concatenate([ridge, fall]), tin, SceneClass.ROOF),
+            quads(gables, brick, B),
+            quads(gables[:, ::-1] + [0, depth, 0], brick, B),
+            boxes(low, high, door, B, ("back",)),
+            quads(face, panes, B, pane_uv(rng, 4)),
+            board(9, 1.2, words, SceneClass.SIGN, 0.0, both=False).moved(width / 2, -0.06, 8.2),
+        ]
+    )
 
 
 def _quay_things(looks: Looks) -> Piece:
@@ -393,11 +278,16 @@ def _quay_things(looks: Looks) -> Piece:
     lamps = np.array([(x, 60.0, 0.0) for x in np.arange(-140.0, 150.0, 40.0)])
     pallets = np.array([(130.0 + 1.6 * (k % 4), 44.0 + 1.6 * (k // 4), 0.0) for k in range(12)])
     heights = np.array([[0.0, 0.0, 0.4 + 0.3 * (k % 4)] for k in range(12)])
-    return merge([
-        place(red.piece, np.array([(-70.0, 26.0, 0), (10.0, 54.0, 0)]), np.array([0.0, 90.0])), place(blue.piece, np.array([(-10.0, 26.0, 0), (84.0, 55.0, 0)]), np.array([180.0, 90.0])),
-        place(white.piece, np.array([(118.0, 42.0, 0)]), 30.0), place(street_lamp(looks), lamps), boxes(pallets, pallets + [1.2, 1.2, 0.1] + heights, crate, F),
-        place(traffic_cone(looks), np.array([(44.0 + 2 * k, 5.0, 0.0) for k in range(5)])),
-    ])  # fmt: skip
+    return merge(
+        [
+            place(red.piece, np.array([(-70.0, 26.0, 0), (10.0, 54.0, 0)]), np.array([0.0, 90.0])),
+            place(blue.piece, np.array([(-10.0, 26.0, 0), (84.0, 55.0, 0)]), np.array([180.0, 90.0])),
+            place(white.piece, np.array([(118.0, 42.0, 0)]), 30.0),
+            place(street_lamp(looks), lamps),
+            boxes(pallets, pallets + [1.2, 1.2, 0.1] + heights, crate, F),
+            place(traffic_cone(looks), np.array([(44.0 + 2 * k, 5.0, 0.0) for k in range(5)])),
+        ]
+    )
 
 
 def _town(looks: Looks, rng: np.random.Generator) -> Piece:

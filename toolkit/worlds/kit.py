@@ -33,9 +33,13 @@ ClassName = Literal[
     "other", "ground", "road", "pavement", "grass", "water", "building", "vehicle", "tree", "furniture", "sign"
 ]
 NAMED = {
-    "road": SceneClass.ROAD, "base": SceneClass.PAVEMENT, "building": SceneClass.BUILDING, "car": SceneClass.VEHICLE,
-    "bush": SceneClass.TREE, "tree": SceneClass.TREE,
-}  # fmt: skip
+    "road": SceneClass.ROAD,
+    "base": SceneClass.PAVEMENT,
+    "building": SceneClass.BUILDING,
+    "car": SceneClass.VEHICLE,
+    "bush": SceneClass.TREE,
+    "tree": SceneClass.TREE,
+}
 """What a piece is by how its name begins; anything else is street furniture."""
 
 
@@ -111,7 +115,8 @@ def _lay(layout: KitLayout, path: Path) -> list[tuple[Tile, float, float, float]
                 continue
             if letter not in layout.legend:
                 raise ToolkitError(
-                    f"{path}: field 'rows': row {j + 1} has '{letter}', the legend has {', '.join(sorted(layout.legend))}"
+                    f"{path}: field 'rows': row {j + 1} has '{letter}', the legend has "
+                    f"{', '.join(sorted(layout.legend))}"
                 )
             x, y = (i - (width - 1) / 2) * side, ((depth - 1) / 2 - j) * side
             for tile in layout.legend[letter]:

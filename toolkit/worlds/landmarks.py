@@ -1,4 +1,4 @@
-"""Buildings of which a town has one: church, cinema, library, parking house, building site with a crane, filling station.
+"""Buildings of which a town has one: cinema, library, parking house, filling station.
 
 Each in its own frame, its front along y = 0 and facing -y, x from 0 to its width.
 """
@@ -7,16 +7,14 @@ from itertools import pairwise
 
 import numpy as np
 
-from toolkit.objects.mesh import Material
 from toolkit.objects.shapes.modelling import revolve
 from toolkit.worlds.buildings import House
 from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.facades import Facade, cornice, windowed_wall
-from toolkit.worlds.paint import Canvas, fractal
+from toolkit.worlds.paint import Canvas
 from toolkit.worlds.pieces import (
     Looks,
     Piece,
-    Skin,
     bars,
     box,
     boxes,
@@ -34,154 +32,6 @@ from toolkit.worlds.signs import board, sheet
 from toolkit.worlds.walls import BRICKS, STONES, wall
 
 B, R, SIGN, F = SceneClass.BUILDING, SceneClass.ROOF, SceneClass.SIGN, SceneClass.FURNITURE
-
-
-def pointed_arch(x: float, z0: float, z1: float, width: float) -> np.ndarray:
-    """(k, 2) outline of a lancet window about x, counter-clockwise."""
-    w = width / 2
-    rise = 1.6 * w
-    t = np.linspace(0, 1, 7)
-    right = np.column_stack([x + w * np.cos(t * np.pi / 2) ** 0.9, z1 - rise + rise * np.sin(t * np.pi / 2)])
-    left = right[::-1][1:] * [-1, 1] + [2 * x, 0]
-    return np.concatenate([[(x - w, z0), (x + w, z0)], right, left])
-
-
-def stained_glass(looks: Looks) -> Skin:
-    """Leaded panes of many colours."""
-    found = looks.known("stained")
-    if found:
-        return found
-    rng = looks.rng("stained")
-    canvas = Canvas(1, 3, 96, (20, 20, 24))
-    tones = ((38, 60, 130), (130, 34, 40), (46, 104, 70), (176, 140, 50), (70, 50, 110), (50, 92, 130))
-    for row in range(18):
-        for column in range(6):
-            tone = tones[int(rng.integers(len(tones)))]
-            x, z = column / 6, row / 6
-            canvas.rect(x + 0.012, z + 0.012, x + 0.155, z + 0.155, tuple(int(c * rng.uniform(0.5, 1.1)) for c in tone))
-    picture = canvas.texture()
-    return looks.add(Material("stained", picture, 0.2, 0.0, picture[::2, ::2].copy()))
-
-
-def _lancets(at: np.ndarray, z0: float, z1: float, width: float, trim: Skin, looks: Looks) -> Piece:
-    """Pointed windows in stone frames at positions along a wall."""
-    pieces = []
-    for x in at:
-        pieces.append(polygon(pointed_arch(x, z0 - 0.25, z1 + 0.35, width + 0.5), -0.05, trim, B))
-        pieces.append(polygon(pointed_arch(x, z0, z1, width), -0.07, stained_glass(looks), B, fit=True))
-    return merge(pieces)
-
-
-def church(looks: Looks) -> House:
-    """A stone church 16 m wide and 40 m deep: west tower with a spire, nave with a tiled roof, buttresses."""
-    stone, trim = wall(looks, "ashlar", STONES[1]), wall(looks, "ashlar", STONES[5])
-    slate = wall(looks, "tiles", (84, 88, 98))
-    x0, x1, y0, y1, eaves, ridge = 1.5, 14.5, 5.0, 38.0, 9.5, 17.5
-    length = y1 - y0
-    side = merge(
-        [
-            wall_quads(np.array([(0, 0, length, eaves)]), 0.0, stone, B),
-            _lancets(np.arange(3.0, length - 2, 5.2), 2.6, 7.2, 1.5, trim, looks),
-            *(_buttress(x, trim, eaves) for x in np.arange(0.5, length, 5.2)),
-        ]
-    )
-    middle = (x0 + x1) / 2
-    gable = np.array([(x0, 0), (x1, 0), (x1, eaves), (middle, ridge), (x0, eaves)])
-    over = 0.5
-    slopes = [
-        [
-            (x0 - over, y0 - 0.3, eaves - 0.5),
-            (middle, y0 - 0.3, ridge + 0.15),
-            (middle, y1 + 0.3, ridge + 0.15),
-            (x0 - over, y1 + 0.3, eaves - 0.5),
-        ][::-1],
-        [
-            (x1 + over, y0 - 0.3, eaves - 0.5),
-            (middle, y0 - 0.3, ridge + 0.15),
-            (middle, y1 + 0.3, ridge + 0.15),
-            (x1 + over, y1 + 0.3, eaves - 0.5),
-        ],
-    ]
-    slopes = [
-        slope[::-1] if np.cross(np.subtract(slope[1], slope[0]), np.subtract(slope[2], slope[0]))[2] < 0 else slope
-        for slope in slopes
-    ]
-    east = merge(
-        [polygon(gable[::1] - [middle, 0], 0.0, stone, B), _lancets(np.array([-3.4, 0, 3.4]), 3, 8.5, 1.8, trim, looks)]
-    )
-    pieces = [
-        place(side, np.array([(x0, y1, 0.0), (x1, y0, 0.0)]), np.array([270.0, 90.0])),
-        polygon(gable, y0, stone, B),
-        place(east, np.array([(middle, y1, 0.0)]), 180.0),
-        quads(np.array(slopes, float), slate, R),
-        quads(np.array(slopes, float)[:, ::-1] - [0, 0, 0.06], trim, R),
-        _tower(looks, stone, trim).moved(middle, 3.2, 0),
-    ]
-    solids = [[x0, y0, 0, x1, y1, eaves]]
-    for k in range(4):  # the attic in steps
-        share = (k + 1) / 5
-        inset = (x1 - x0) / 2 * share
-        solids.append([x0 + inset, y0, eaves, x1 - inset, y1, eaves + (ridge - eaves) * share])
-    solids.append([middle - 3.2, 0, 0, middle + 3.2, 6.4, 22.0])
-    return House(merge(pieces), np.array(solids, float))
-
-
-def _buttress(x: float, skin: Skin, eaves: float) -> Piece:
-    low = np.array([(x - 0.35, -0.9, 0), (x - 0.35, -0.5, eaves * 0.5)])
-    high = np.array([(x + 0.35, 0, eaves * 0.5), (x + 0.35, 0, eaves * 0.82)])
-    return boxes(low, high, skin, B, without=("back", "bottom"))
-
-
-def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
-    """A square tower about the origin with a door, a rose window, a clock, louvres, and a spire with a cross."""
-    half, top = 3.2, 22.0
-    rose = np.linspace(0, 2 * np.pi, 25)[:-1]
-    circle = np.column_stack([np.cos(rose), np.sin(rose)])
-    dark = looks.plain((34, 34, 36), "matte")
-    clock = looks.known("clock")
-    if clock is None:
-        c = Canvas(2, 2, 96, (22, 26, 40), low=(-1, -1))
-        c.disc(0, 0, 0.94, (240, 234, 214))
-        for k in range(12):
-            a = np.pi * k / 6
-            c.line([(0.72 * np.sin(a), 0.72 * np.cos(a)), (0.88 * np.sin(a), 0.88 * np.cos(a))], 0.07, (22, 26, 40))
-        c.line([(0, 0), (0.42, 0.3)], 0.08, (16, 16, 20))
-        c.line([(0, 0), (-0.1, 0.74)], 0.055, (16, 16, 20))
-        clock = sheet("clock", looks, c, 0.8)
-    bell = [polygon(pointed_arch(x, 17.6, 20.8, 1.1), -0.05, dark, B) for x in (-1.1, 1.1)]
-    louvre = [
-        bars(np.array([(x - 0.5, -0.06, z)]), np.array([(x + 0.5, -0.06, z)]), 0.09, trim, B)
-        for x in (-1.1, 1.1)
-        for z in np.arange(17.8, 20.2, 0.35)
-    ]
-    face = merge([
-        wall_quads(np.array([(-half, 0, half, top)]), 0.0, stone, B), *bell, *louvre,
-        polygon(circle * 1.15 + [0, 15.6], -0.06, trim, B), polygon(circle * 0.98 + [0, 15.6], -0.08, clock, SIGN, fit=True),
-        boxes(np.array([(-half, -0.2, z) for z in (6.6, 13.6, 16.8)]), np.array([(half, 0, z + 0.3) for z in (6.6, 13.6, 16.8)]), trim, B, ("back",)),
-        boxes(np.array([(-half - 0.4, -0.4, 0), (half - 0.6, -0.4, 0)]), np.array([(-half + 0.6, 0, 15), (half + 0.4, 0, 15)]), trim, B, ("back", "bottom")),
-    ])  # fmt: skip
-    front = merge([
-        polygon(pointed_arch(0, 0.0, 5.4, 3.4), -0.06, trim, B), polygon(pointed_arch(0, 0.0, 4.8, 2.5), -0.1, looks.plain((74, 44, 26)), B),
-        bars(np.array([(0, -0.11, 0)]), np.array([(0, -0.11, 4.6)]), 0.06, dark, B),
-        polygon(circle * 1.9 + [0, 10.2], -0.06, trim, B), polygon(circle * 1.6 + [0, 10.2], -0.09, stained_glass(looks), B, fit=True),
-        bars(np.array([(0, -0.12, 10.2)] * 8), np.column_stack([circle[::3, 0] * 1.6, np.full(8, -0.12), circle[::3, 1] * 1.6 + 10.2]), 0.1, trim, B),
-    ])  # fmt: skip
-    ring = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
-    yaws = np.array([0.0, 90.0, 180.0, 270.0])
-    at = np.array([(0, -half, 0), (half, 0, 0), (0, half, 0), (-half, 0, 0)], float)
-    slate = wall(looks, "tiles", (84, 88, 98))
-    spire = solid([revolve([(half * 1.08, top), (0.06, top + 15.0)], 8, start_deg=22.5)], slate, R, 20)
-    pinnacle = solid([revolve([(0.5, top), (0.5, top + 1.4), (0.62, top + 1.5), (0.02, top + 3.8)], 8)], trim, R, 20)
-    cross = bars(
-        np.array([(0, 0, top + 14.8), (-0.7, 0, top + 16.4)]),
-        np.array([(0, 0, top + 17.2), (0.7, 0, top + 16.4)]),
-        0.16,
-        looks.plain((196, 160, 70), "metal"),
-        R,
-    )
-    corners = np.column_stack([ring * 0.92, np.zeros(4)])
-    deck = floor_quads(np.array([(-half, -half, half, half)]), top, trim, R)
-    return merge([place(face, at, yaws), place(front, at[:1]), spire, place(pinnacle, corners), cross, deck])
 
 
 def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
@@ -305,19 +155,54 @@ def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) 
     inner = np.array(
         [(middle - span / 2 + 1.2, roof_z + 0.3), (middle + span / 2 - 1.2, roof_z + 0.3), (middle, roof_z + 2.9)]
     )
-    slopes = np.array([
-        [(gable[1, 0], -4.4, roof_z), (gable[1, 0], 2, roof_z), (middle, 2, roof_z + 3.6), (middle, -4.4, roof_z + 3.6)],
-        [(gable[0, 0], 2, roof_z), (gable[0, 0], -4.4, roof_z), (middle, -4.4, roof_z + 3.6), (middle, 2, roof_z + 3.6)],
-        [(gable[1, 0], 2, roof_z), (gable[0, 0], 2, roof_z), (middle, 2, roof_z + 3.6), (middle, 2, roof_z + 3.6)],
-    ])  # fmt: skip
+    slopes = np.array(
+        [
+            [
+                (gable[1, 0], -4.4, roof_z),
+                (gable[1, 0], 2, roof_z),
+                (middle, 2, roof_z + 3.6),
+                (middle, -4.4, roof_z + 3.6),
+            ],
+            [
+                (gable[0, 0], 2, roof_z),
+                (gable[0, 0], -4.4, roof_z),
+                (middle, -4.4, roof_z + 3.6),
+                (middle, 2, roof_z + 3.6),
+            ],
+            [(gable[1, 0], 2, roof_z), (gable[0, 0], 2, roof_z), (middle, 2, roof_z + 3.6), (middle, 2, roof_z + 3.6)],
+        ]
+    )
     pieces = [
-        boxes(steps, tops, trim, B, ("bottom", "back")), place(column, np.column_stack([xs, np.full(6, -3.2), np.full(6, base)])),
-        boxes(np.array([(middle - span / 2, -4.0, base + order)]), np.array([(middle + span / 2, 0.0, roof_z)]), trim, B, ()),
-        wall_quads(np.array([(middle - 6, base + order + 0.25, middle + 6, base + order + 1.35)]), -4.02, words, SIGN, fit=True),
-        polygon(gable, -4.4, trim, B), polygon(inner, -4.42, stone, B), quads(slopes, wall(looks, "tiles", (96, 104, 100)), R),
-        boxes(np.array([(middle - 1.3, -0.12, base)]), np.array([(middle + 1.3, 0.0, base + 4.2)]), looks.plain((70, 44, 28)), B, ("back",)),
-        boxes(np.array([(middle - 5.2, -0.1, base + 0.8), (middle + 3.4, -0.1, base + 0.8)]), np.array([(middle - 3.4, 0, base + 4.4), (middle + 5.2, 0, base + 4.4)]), looks.plain((60, 74, 84), "gloss"), B, ("back",)),
-    ]  # fmt: skip
+        boxes(steps, tops, trim, B, ("bottom", "back")),
+        place(column, np.column_stack([xs, np.full(6, -3.2), np.full(6, base)])),
+        boxes(
+            np.array([(middle - span / 2, -4.0, base + order)]),
+            np.array([(middle + span / 2, 0.0, roof_z)]),
+            trim,
+            B,
+            (),
+        ),
+        wall_quads(
+            np.array([(middle - 6, base + order + 0.25, middle + 6, base + order + 1.35)]), -4.02, words, SIGN, fit=True
+        ),
+        polygon(gable, -4.4, trim, B),
+        polygon(inner, -4.42, stone, B),
+        quads(slopes, wall(looks, "tiles", (96, 104, 100)), R),
+        boxes(
+            np.array([(middle - 1.3, -0.12, base)]),
+            np.array([(middle + 1.3, 0.0, base + 4.2)]),
+            looks.plain((70, 44, 28)),
+            B,
+            ("back",),
+        ),
+        boxes(
+            np.array([(middle - 5.2, -0.1, base + 0.8), (middle + 3.4, -0.1, base + 0.8)]),
+            np.array([(middle - 3.4, 0, base + 4.4), (middle + 5.2, 0, base + 4.4)]),
+            looks.plain((60, 74, 84), "gloss"),
+            B,
+            ("back",),
+        ),
+    ]
     around = [(0, 0, width, 0.0), (width, 0, depth, 90.0), (width, depth, width, 180.0), (0, depth, depth, 270.0)]
     for k, (x, y, side, yaw) in enumerate(around):
         face = [wall_quads(np.array([(0, 0, side, base), (0, base + 9.2, side, height)]), 0.0, stone, B)]
@@ -361,127 +246,23 @@ def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], r
     n.text(4, 0.5, "CITY PARKING · 24 H", 0.75, (244, 244, 244), fit_m=7.4)
     words = looks.known("parking-name") or sheet("parking-name", looks, n, 0.9)
     pieces = [
-        boxes(low, high, concrete, B, ()), boxes(edge[:, :3], edge[:, 3:], dark, B), boxes(posts, posts + [0.5, 0.5, z[-1]], concrete, B),
-        floor_quads(full, 0.02, dark, R), board(2.4, 2.4, big, SIGN, 0.3).moved(3.0, -0.35, z[-1] - 1.4),
+        boxes(low, high, concrete, B, ()),
+        boxes(edge[:, :3], edge[:, 3:], dark, B),
+        boxes(posts, posts + [0.5, 0.5, z[-1]], concrete, B),
+        floor_quads(full, 0.02, dark, R),
+        board(2.4, 2.4, big, SIGN, 0.3).moved(3.0, -0.35, z[-1] - 1.4),
         box((1.8, 4.2), (-0.5, -0.2), (z[-1] - 2.6, z[-1] - 0.2), looks.plain((30, 30, 32)), SIGN),
         wall_quads(np.array([(width / 2 - 4, 2.72, width / 2 + 4, 3.72)]), -0.06, words, SIGN, fit=True),
-        boxes(np.array([(width * 0.6, depth * 0.4, 0)]), np.array([(width * 0.75, depth * 0.6, z[-1] + 2.8)]), concrete, B),
-    ]  # fmt: skip
+        boxes(
+            np.array([(width * 0.6, depth * 0.4, 0)]), np.array([(width * 0.75, depth * 0.6, z[-1] + 2.8)]), concrete, B
+        ),
+    ]
     bays = np.arange(3.0, width - 3.0, 2.7)
     for level in (0.02, z[0], z[-1]):
         for y, yaw in ((3.2, 90.0), (depth - 3.2, 270.0)):
             for x in bays[rng.random(len(bays)) < 0.36]:
                 pieces.append(place(cars[int(rng.integers(len(cars)))], np.array([(x, y, level)]), yaw))
     return House(merge(pieces), np.array([[0, 0, 0, width, depth, z[-1]]]))
-
-
-def building_site(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
-    """A concrete frame under way behind a hoarding, with a tower crane."""
-    concrete = wall(looks, "concrete", (186, 180, 168))
-    steel, timber = looks.plain((150, 84, 52)), looks.plain((186, 146, 96))
-    x0, x1, y0, y1 = 8.0, width - 5.0, 7.0, depth - 6.0
-    floors, floor_m = 5, 3.6
-    z = floor_m * np.arange(1, floors + 1)
-    low = np.column_stack([np.full(floors, x0), np.full(floors, y0), z - 0.3])
-    high = np.column_stack([np.full(floors, x1), np.full(floors, y1), z])
-    high[-1, 0] = (x0 + x1) / 2
-    xs, ys = np.linspace(x0 + 0.3, x1 - 0.8, 6), np.linspace(y0 + 0.3, y1 - 0.8, 4)
-    posts = np.array([(x, y, 0) for x in xs for y in ys])
-    tops = np.where(posts[:, 0] < (x0 + x1) / 2, z[-1] + 1.2, z[-2] + 2.0)
-    rods = (posts[:, None] + np.array([(dx, dy, 0) for dx in (0.1, 0.4) for dy in (0.1, 0.4)])).reshape(-1, 3)
-    rods[:, 2] = np.repeat(tops, 4)
-    props = np.column_stack([rng.uniform(x0, x1, 60), rng.uniform(y0, y1, 60), np.tile(z[:-1], 15)])
-    pieces = [
-        boxes(low, high, concrete, B, ()), boxes(posts, posts + np.column_stack([np.full((len(posts), 2), 0.5), tops]), concrete, B),
-        bars(rods, rods + [0, 0, 0.9], 0.03, steel, B), bars(props, props + [0, 0, floor_m - 0.3], 0.07, steel, B),
-        _hoarding(width, depth, looks), tower_crane(looks).moved(4.0, depth - 4.2, 0),
-    ]  # fmt: skip
-    edge = np.array([(x0, y, level) for level in z for y in (y0, y1)], float)
-    for rail in (0.55, 1.05):
-        pieces.append(bars(edge + [0, 0, rail], edge + [x1 - x0, 0, rail], 0.06, looks.plain((236, 150, 30)), B))
-    piles = np.array([(rng.uniform(x0, x1), 3.0, 0) for _ in range(5)])
-    pieces.append(boxes(piles, piles + [2.4, 1.2, 0.7], timber, F))
-    frame = np.array(
-        [[x0, y0, level - 0.3, x1 if k < floors - 1 else (x0 + x1) / 2, y1, level] for k, level in enumerate(z)]
-    )
-    return House(merge(pieces), frame)
-
-
-def _hoarding(width: float, depth: float, looks: Looks) -> Piece:
-    """A painted board fence with bills, all round."""
-    c, rng = Canvas(9.6, 2.4, 56, (28, 92, 74)), looks.rng("hoarding")
-    for k in range(8):
-        c.line([(1.2 * k, 0), (1.2 * k, 2.4)], 0.03, (18, 64, 52))
-    for k in range(5):
-        x, tone = 0.4 + 1.9 * k, rng.integers(60, 240, 3)
-        c.rect(x, 0.7, x + 0.9, 1.95, tuple(int(v) for v in tone))
-        c.text(
-            x + 0.45,
-            1.6,
-            str(rng.choice(["CIRCUS", "ROCK!", "VOTE", "EXPO", "SALE"])),
-            0.24,
-            (250, 250, 244),
-            fit_m=0.8,
-        )
-        c.rect(x + 0.15, 0.85, x + 0.75, 1.35, tuple(int(255 - v) for v in tone))
-    c.text(7.6, 2.2, "DANGER · KEEP OUT", 0.2, (250, 210, 40))
-    skin = looks.known("hoarding")
-    if skin is None:
-        skin = looks.add(Material("hoarding", c.texture(0.06, rng), 0.8), (9.6, 2.4))
-    pieces = []
-    for x, y, span, yaw in (
-        (0, 0, width, 0.0),
-        (width, 0, depth, 90.0),
-        (width, depth, width, 180.0),
-        (0, depth, depth, 270.0),
-    ):
-        face = wall_quads(np.array([(0.0, 0.0, span, 2.4)]), 0.0, skin, B)
-        back = (
-            wall_quads(np.array([(-span, 0.0, 0.0, 2.4)]), 0.0, looks.plain((150, 120, 84)), B)
-            .turned(180)
-            .moved(0, 0.06, 0)
-        )
-        pieces.append(place(merge([face, back]), np.array([(x, y, 0.0)]), yaw))
-    return merge(pieces)
-
-
-def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
-    """A yellow lattice tower crane: mast, slewing cab, jib towards +x, counter-jib with its ballast, hook."""
-    yellow, grey = looks.plain((244, 178, 22)), looks.plain((150, 150, 148), "matte")
-    half, step = 0.85, 2.0
-    foot = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
-    legs = np.column_stack([foot, np.zeros(4)])
-    z = np.arange(0, height, step)
-    rungs, rods = [], []
-    for k in range(4):
-        a, b = foot[k], foot[(k + 1) % 4]
-        rungs += [((*a, level), (*b, level)) for level in z]
-        rods += [((*(a if i % 2 else b), level), (*(b if i % 2 else a), level + step)) for i, level in enumerate(z)]
-    lattice = np.array(rungs + rods)
-    top = height + 0.6
-    x = np.arange(0, jib + 0.1, 1.8)
-    ridge, left, right = (
-        np.column_stack([x, np.full(len(x), y), np.full(len(x), level)])
-        for y, level in ((0, top + 1.5), (-0.7, top), (0.7, top))
-    )
-    web = [(a[k], b[k + d]) for a, b in ((ridge, left), (ridge, right)) for k in range(len(x) - 1) for d in (0, 1)]
-    web += [(left[k], right[k]) for k in range(len(x))]
-    truss = np.array(web)
-    apex = np.array([0.0, 0.0, top + 7.0])
-    ties = np.array([(apex, (jib * 0.62, 0, top + 1.5)), (apex, (-11.0, 0, top)), (apex, (jib * 0.3, 0, top + 1.5))])
-    hook = np.array([jib * 0.7, 0, top])
-    return merge([
-        bars(legs, legs + [0, 0, height], 0.2, yellow, F), bars(lattice[:, 0], lattice[:, 1], 0.09, yellow, F),
-        bars(np.stack([line[0] for line in (ridge, left, right)]), np.stack([line[-1] for line in (ridge, left, right)]), 0.16, yellow, F),
-        bars(truss[:, 0], truss[:, 1], 0.08, yellow, F), bars(ties[:, 0], ties[:, 1], 0.08, grey, F),
-        bars(np.array([(-half, 0, top), (half, 0, top)]), np.array([apex, apex]), 0.22, yellow, F),
-        bars(np.array([(-12.0, -0.7, top), (-12.0, 0.7, top)]), np.array([(0, -0.7, top), (0, 0.7, top)]), 0.22, yellow, F),
-        box((-12.0, -9.0), (-0.9, 0.9), (top - 1.6, top + 0.8), grey, F), box((-1.1, 1.1), (-1.1, 1.1), (height - 0.2, top), grey, F),
-        box((0.9, 2.5), (0.9, 2.2), (top - 1.9, top + 0.3), looks.plain((236, 236, 232)), F),
-        box((2.5, 2.53), (1.0, 2.1), (top - 1.2, top + 0.1), looks.plain((60, 84, 100), "gloss"), F),
-        bars(hook[None], hook[None] - [0, 0, 14], 0.05, looks.plain((30, 30, 32)), F), box((hook[0] - 0.3, hook[0] + 0.3), (-0.2, 0.2), (top - 15, top - 14), yellow, F),
-        box((-1.6, 1.6), (-1.6, 1.6), (0, 0.5), grey, F),
-    ])  # fmt: skip
 
 
 def filling_station(width: float, looks: Looks) -> House:
@@ -513,11 +294,19 @@ def filling_station(width: float, looks: Looks) -> House:
     at = np.array([(middle + dx, dy, 0.0) for dx in (-3.5, 3.5) for dy in (5.0, 9.0)])
     posts = np.array([(middle + dx, 7.0, 0.0) for dx in (-3.5, 3.5)])
     pieces = [
-        place(pump, at), boxes(posts - [0.2, 0.2, 0], posts + [0.2, 0.2, 4.9], white, F),
+        place(pump, at),
+        boxes(posts - [0.2, 0.2, 0], posts + [0.2, 0.2, 4.9], white, F),
         boxes(np.array([(middle - 8, 2.0, 4.9)]), np.array([(middle + 8, 12.0, 5.8)]), red, B, ()),
-        board(8, 0.8, words, SIGN, 0.0, both=False).moved(middle, 1.98, 5.35), board(8, 0.8, words, SIGN, 0.0, both=False).turned(180).moved(middle, 12.02, 5.35),
-        boxes(np.array([(middle + dx - 0.5, dy - 0.3, 4.87) for dx in (-5, 0, 5) for dy in (4, 7, 10)]), np.array([(middle + dx + 0.5, dy + 0.3, 4.9) for dx in (-5, 0, 5) for dy in (4, 7, 10)]), looks.plain((255, 250, 230), "lamp"), F, ("top",)),
-    ]  # fmt: skip
+        board(8, 0.8, words, SIGN, 0.0, both=False).moved(middle, 1.98, 5.35),
+        board(8, 0.8, words, SIGN, 0.0, both=False).turned(180).moved(middle, 12.02, 5.35),
+        boxes(
+            np.array([(middle + dx - 0.5, dy - 0.3, 4.87) for dx in (-5, 0, 5) for dy in (4, 7, 10)]),
+            np.array([(middle + dx + 0.5, dy + 0.3, 4.9) for dx in (-5, 0, 5) for dy in (4, 7, 10)]),
+            looks.plain((255, 250, 230), "lamp"),
+            F,
+            ("top",),
+        ),
+    ]
     kiosk = merge(
         [
             shop_row(11.0, looks, looks.rng("kiosk"), white),
@@ -531,72 +320,3 @@ def filling_station(width: float, looks: Looks) -> House:
             [[middle - 5.5, 15.0, 0, middle + 5.5, 21.0, SHOP_FLOOR_M], [middle - 8, 2, 4.9, middle + 8, 12, 5.8]]
         ),
     )
-
-
-def fountain(looks: Looks) -> Piece:
-    """A round basin 8 m across with two bowls and water."""
-    stone = wall(looks, "ashlar", STONES[2])
-    basin = [(4.0, 0), (4.0, 0.55), (4.15, 0.6), (4.15, 0.7), (3.7, 0.7), (3.7, 0.4)]
-    bowls = [
-        (0.5, 0.3),
-        (0.45, 1.3),
-        (1.7, 1.7),
-        (1.85, 1.85),
-        (1.6, 1.8),
-        (0.3, 1.75),
-        (0.28, 2.7),
-        (0.9, 2.95),
-        (0.95, 3.05),
-        (0.7, 3.0),
-        (0.12, 2.98),
-        (0.1, 3.4),
-        (0.005, 3.5),
-    ]
-    water = looks.plain((120, 160, 172), "gloss")
-    turn = np.linspace(0, 2 * np.pi, 28, endpoint=False)
-    jet = np.column_stack([np.cos(turn), np.sin(turn)])
-    start, end = np.column_stack([jet * 1.7, np.full(28, 1.85)]), np.column_stack([jet * 2.6, np.full(28, 0.5)])
-    return merge([
-        solid([revolve(basin, 32)], stone, F), solid([revolve(bowls, 24)], stone, F),
-        solid([revolve([(3.75, 0.5), (0.005, 0.5)], 32)], water, F), bars(start, end, 0.05, looks.plain((214, 226, 232), "gloss"), F),
-    ])  # fmt: skip
-
-
-def monument(looks: Looks) -> Piece:
-    """An obelisk on a stepped pedestal, 11 m."""
-    stone = wall(looks, "ashlar", STONES[3])
-    steps = np.array([(-2.4 + 0.4 * k, -2.4 + 0.4 * k, 0.35 * k) for k in range(3)])
-    shaft = solid([revolve([(0.95, 2.6), (0.62, 10.0), (0.02, 11.0)], 4, start_deg=45)], stone, F, 20)
-    return merge(
-        [
-            boxes(steps, -steps * [1, 1, 0] + [0, 0, 0.35] + steps * [0, 0, 1], stone, F),
-            box((-1.1, 1.1), (-1.1, 1.1), (1.05, 2.6), stone, F),
-            shaft,
-        ]
-    )
-
-
-def flag(looks: Looks, tone: int) -> Piece:
-    """A flag of three bands waving from a pole of 9 m."""
-    bands = (
-        ((20, 60, 140), (240, 240, 240), (200, 30, 40)),
-        ((24, 110, 60), (246, 210, 60), (200, 30, 40)),
-        ((30, 30, 34), (206, 30, 40), (246, 200, 40)),
-    )[tone % 3]
-    x = np.linspace(0.05, 2.2, 12)
-    wave = 0.16 * np.sin(x * 4.0) * x / 2
-    pieces = [
-        solid([revolve([(0.08, 0), (0.045, 9.0), (0.09, 9.05), (0.005, 9.15)], 8)], looks.plain((210, 210, 206)), F)
-    ]
-    for k, colour in enumerate(bands):
-        z0, z1 = 8.8 - 0.5 * (k + 1), 8.8 - 0.5 * k
-        low, high = np.column_stack([x, wave, np.full(12, z0)]), np.column_stack([x, wave, np.full(12, z1)])
-        corners = np.stack([low[:-1], low[1:], high[1:], high[:-1]], 1)
-        skin = looks.plain(colour, "matte")
-        pieces += [quads(corners, skin, F), quads(corners[:, ::-1] + [0, 0.012, 0], skin, F)]
-    return merge(pieces)
-
-
-def weathered(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
-    """(h, w, 1) factor of patchy wear about 1."""
-    return (1 + 0.12 * fractal(rng, shape, 5, 5))[..., None]

@@ -1,6 +1,6 @@
 """A user's own world: any mesh that the kit reads, checked for what a place needs, its ground and free spots found.
 
-Frame: as in `toolkit.worlds.world`; the middle of the file's ground plan is moved to the origin, its lowest ground to 0.
+Frame: as in `toolkit.worlds.world`; the middle of the file's ground plan is moved to the origin, its ground to 0.
 """
 
 from dataclasses import replace
@@ -11,7 +11,7 @@ import numpy as np
 
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import read_mesh, turn_upright
-from toolkit.objects.mesh import Mesh, make_ray_scene
+from toolkit.objects.mesh import Material, Mesh, make_ray_scene
 from toolkit.objects.spec import axes_of_format
 from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.world import Spot, World
@@ -85,7 +85,8 @@ def _check_extent(mesh: Mesh, source: str) -> None:
 def share_materials(mesh: Mesh) -> Mesh:
     """The same mesh with one material for all that look alike; exporters repeat them for every part."""
     seen: dict[tuple[str, float, float], int] = {}
-    kept, index = [], []
+    kept: list[Material] = []
+    index = []
     hashes: dict[int, str] = {}
     for material in mesh.materials:
         sheet = hashes.setdefault(

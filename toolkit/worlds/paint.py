@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from toolkit.objects.shapes.modelling import Colour
-
 Point = tuple[float, float]
+Ink = tuple[int, ...]
+"""A colour, sRGB; of three numbers."""
 FONTS = {
     "sans": "DejaVuSans-Bold.ttf",
     "serif": "DejaVuSerif-Bold.ttf",
@@ -75,7 +75,7 @@ def _fractal(shape: tuple[int, int], coarsest: int, octaves: int, fall: float, v
     return total / np.float32(np.sqrt(weight))
 
 
-def flat(shape: tuple[int, int], colour: Colour) -> np.ndarray:
+def flat(shape: tuple[int, int], colour: Ink) -> np.ndarray:
     """(h, w, 3) float32 of one colour, 0 to 255."""
     return np.broadcast_to(np.array(colour, np.float32), (*shape, 3)).copy()
 
@@ -101,6 +101,16 @@ def read_font(face: str, size_px: int) -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(str(folder / FONTS[face]), max(5, size_px))
 
 
+def hex_name(colour: Ink) -> str:
+    """A colour as six hex digits, for names."""
+    return "".join(f"{c:02x}" for c in colour)
+
+
+def _rgb(colour: Ink) -> tuple[int, int, int]:
+    red, green, blue = (int(c) for c in colour)
+    return red, green, blue
+
+
 class Canvas:
     """A drawing in metres on a plain ground, y up, drawn twice as fine as it is kept.
 
@@ -113,9 +123,7 @@ class Canvas:
 
     FINER = 2
 
-    def __init__(
-        self, width_m: float, height_m: float, px_per_m: float, ground: Colour, low: Point = (0.0, 0.0)
-    ) -> None:
+    def __init__(self, width_m: float, height_m: float, px_per_m: float, ground: Ink, low: Point = (0.0, 0.0)) -> None:
         self.size = max(1, round(width_m * px_per_m)), max(1, round(height_m * px_per_m))
         self.scale = self.FINER * self.size[0] / width_m, self.FINER * self.size[1] / height_m
         self.low, self.top = low, low[1] + height_m
@@ -126,31 +134,31 @@ class Canvas:
         """Pixels of points in metres."""
         return [((x - self.low[0]) * self.scale[0], (self.top - y) * self.scale[1]) for x, y in points]
 
-    def rect(self, x0: float, y0: float, x1: float, y1: float, colour: Colour) -> None:
+    def rect(self, x0: float, y0: float, x1: float, y1: float, colour: Ink) -> None:
         """A filled rectangle."""
         (left, bottom), (right, top) = self.px([(x0, y0), (x1, y1)])
-        self.draw.rectangle((left, top, max(right - 1, left), max(bottom - 1, top)), fill=tuple(map(int, colour)))
+        self.draw.rectangle((left, top, max(right - 1, left), max(bottom - 1, top)), fill=_rgb(colour))
 
-    def fill(self, points: Sequence[Point], colour: Colour) -> None:
+    def fill(self, points: Sequence[Point], colour: Ink) -> None:
         """A filled polygon."""
-        self.draw.polygon(self.px(points), fill=tuple(map(int, colour)))
+        self.draw.polygon(self.px(points), fill=_rgb(colour))
 
-    def line(self, points: Sequence[Point], width_m: float, colour: Colour) -> None:
+    def line(self, points: Sequence[Point], width_m: float, colour: Ink) -> None:
         """A line through points."""
         width = max(1, round(width_m * self.scale[0]))
-        self.draw.line(self.px(points), tuple(map(int, colour)), width, joint="curve")
+        self.draw.line(self.px(points), _rgb(colour), width, joint="curve")
 
-    def disc(self, x: float, y: float, radius_m: float, colour: Colour, ring_m: float = 0.0) -> None:
+    def disc(self, x: float, y: float, radius_m: float, colour: Ink, ring_m: float = 0.0) -> None:
         """A filled circle, or a ring of that width."""
         (cx, cy), rx, ry = self.px([(x, y)])[0], radius_m * self.scale[0], radius_m * self.scale[1]
         edge = (cx - rx, cy - ry, cx + rx, cy + ry)
         if ring_m:
-            self.draw.ellipse(edge, outline=tuple(map(int, colour)), width=max(1, round(ring_m * self.scale[0])))
+            self.draw.ellipse(edge, outline=_rgb(colour), width=max(1, round(ring_m * self.scale[0])))
         else:
-            self.draw.ellipse(edge, fill=tuple(map(int, colour)))
+            self.draw.ellipse(edge, fill=_rgb(colour))
 
     def text(
-        self, x: float, y: float, words: str, height_m: float, colour: Colour, face: str = "sans", fit_m: float = 0.0
+        self, x: float, y: float, words: str, height_m: float, colour: Ink, face: str = "sans", fit_m: float = 0.0
     ) -> None:
         """Lettering centred on a point; narrower than `fit_m` if that is given."""
         size = round(height_m * self.scale[1])
@@ -158,7 +166,7 @@ class Canvas:
         if fit_m and font.getlength(words) > fit_m * self.scale[0]:
             size = int(size * fit_m * self.scale[0] / font.getlength(words))
             font = read_font(face, size)
-        self.draw.text(self.px([(x, y)])[0], words, tuple(map(int, colour)), font, anchor="mm")
+        self.draw.text(self.px([(x, y)])[0], words, _rgb(colour), font, anchor="mm")
 
     def texture(self, speckle: float = 0.0, rng: np.random.Generator | None = None) -> np.ndarray:
         """The kept picture, uint8, with a little grain if asked."""

@@ -10,7 +10,8 @@ from zlib import crc32
 import numpy as np
 
 from toolkit.objects.mesh import Material, Mesh, mesh_from_corners
-from toolkit.objects.shapes.modelling import Colour, Part
+from toolkit.objects.shapes.modelling import Part
+from toolkit.worlds.paint import Ink
 
 CELL_PX, CELLS = 8, 32
 FINISHES = {"matte": (0.85, 0.0), "paint": (0.45, 0.0), "gloss": (0.15, 0.0), "metal": (0.4, 1.0), "lamp": (0.5, 0.0)}
@@ -39,7 +40,7 @@ class Looks:
         self.seed = seed
         self._materials: list[Material] = []
         self._skins: dict[str, Skin] = {}
-        self._plain: dict[tuple[Colour, str], Skin] = {}
+        self._plain: dict[tuple[Ink, str], Skin] = {}
         self._sheets: dict[str, np.ndarray] = {}
         self._pieces: dict[str, Piece] = {}
 
@@ -68,9 +69,9 @@ class Looks:
         self._skins[material.name] = Skin(len(self._materials) - 1, tile_m)
         return self._skins[material.name]
 
-    def plain(self, colour: Colour, finish: str = "paint") -> Skin:
+    def plain(self, colour: Ink, finish: str = "paint") -> Skin:
         """An sRGB colour; all plain colours of a finish share one texture."""
-        key = (tuple(int(c) for c in colour), finish)
+        key = tuple(int(c) for c in colour), finish
         if key not in self._plain:
             used = sum(1 for _, other in self._plain if other == finish)
             page, used = divmod(used, CELLS * CELLS)
@@ -114,9 +115,13 @@ class Piece:
 
 
 EMPTY = Piece(
-    np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 2), np.float32),
-    np.zeros((0, 3), np.int32), np.zeros(0, np.int32), np.zeros(0, np.uint8),
-)  # fmt: skip
+    np.zeros((0, 3), np.float32),
+    np.zeros((0, 3), np.float32),
+    np.zeros((0, 2), np.float32),
+    np.zeros((0, 3), np.int32),
+    np.zeros(0, np.int32),
+    np.zeros(0, np.uint8),
+)
 
 
 def merge(pieces: Sequence[Piece]) -> Piece:
@@ -137,7 +142,7 @@ def merge(pieces: Sequence[Piece]) -> Piece:
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """(n, 3) cross products of (n, 3); several times as fast as NumPy's on few vectors."""
-    ax, ay, az, bx, by, bz = *a.T, *b.T
+    (ax, ay, az), (bx, by, bz) = a.T, b.T
     result = np.empty((len(a), 3))
     result[:, 0], result[:, 1], result[:, 2] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
     return result
@@ -181,11 +186,11 @@ def wall_quads(rect: np.ndarray, y: float | np.ndarray, skin: Skin, label: int, 
     """Rectangles (n, 4) of x0, z0, x1, z1 that face -y; the texture is anchored at the wall's origin, or fitted."""
     rect = np.asarray(rect, np.float64).reshape(-1, 4)
     x0, z0, x1, z1 = rect.T
-    y = np.broadcast_to(np.asarray(y, np.float64), x0.shape)
+    depth = np.broadcast_to(np.asarray(y, np.float64), x0.shape)
     keep = (x1 - x0 > 1e-4) & (z1 - z0 > 1e-4)
-    x0, z0, x1, z1, y = x0[keep], z0[keep], x1[keep], z1[keep], y[keep]
+    x0, z0, x1, z1, depth = x0[keep], z0[keep], x1[keep], z1[keep], depth[keep]
     xs, zs = np.stack([x0, x1, x1, x0], 1), np.stack([z0, z0, z1, z1], 1)
-    corners = np.stack([xs, np.broadcast_to(y[:, None], xs.shape), zs], 2)
+    corners = np.stack([xs, np.broadcast_to(depth[:, None], xs.shape), zs], 2)
     if fit:
         uv = np.broadcast_to(np.array([(0, 0), (1, 0), (1, 1), (0, 1)], float), (len(xs), 4, 2))
     else:
@@ -236,10 +241,7 @@ def solid(parts: Sequence[Part], skin: Skin, label: int, crease_deg: float = 40.
     vertices = np.concatenate([part.vertices for part in parts])
     faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
     uv = np.concatenate([part.corner_uv for part in parts])
-    if skin.at is not None:
-        uv = np.broadcast_to(np.array(skin.at), uv.shape)
-    else:
-        uv = uv / np.array(skin.tile_m)
+    uv = uv / np.array(skin.tile_m) if skin.at is None else np.broadcast_to(np.array(skin.at), uv.shape)
     mesh = mesh_from_corners(vertices, faces, uv, np.zeros(len(faces)), (), crease_deg)
     return from_mesh(mesh, skin.material, label)
 
@@ -309,7 +311,7 @@ def polygon(outline: np.ndarray, y: float, skin: Skin, label: int, fit: bool = F
     fan = np.stack([np.zeros(k - 2, int), np.arange(1, k - 1), np.arange(2, k)], 1)
     return Piece(
         np.column_stack([outline[:, 0], np.full(k, y), outline[:, 1]]).astype(np.float32),
-        np.tile(np.float32([0, -1, 0]), (k, 1)),
+        np.tile(np.array([[0, -1, 0]], np.float32), (k, 1)),
         uv.astype(np.float32),
         fan.astype(np.int32),
         np.full(k - 2, skin.material, np.int32),

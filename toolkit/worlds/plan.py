@@ -114,12 +114,10 @@ class Plan:
     def blocks(self) -> list[Block]:
         """All, row by row from the south west."""
         return [
-            Block(
-                (a.at + a.half, c.at + c.half), (b.at - b.half, d.at - d.half), i, j
-            )
+            Block((a.at + a.half, c.at + c.half), (b.at - b.half, d.at - d.half), i, j)
             for j, (c, d) in enumerate(zip(self.east[:-1], self.east[1:], strict=True))
             for i, (a, b) in enumerate(zip(self.north[:-1], self.north[1:], strict=True))
-        ]  # fmt: skip
+        ]
 
     def stretches(self) -> list[Stretch]:
         """All, northwards and eastwards."""

@@ -1,14 +1,15 @@
-"""What stands on flat roofs: parapets, air-conditioning, stair houses, water tanks, aerials, skylights, landing pads."""
+"""What stands on flat roofs: parapets, air-conditioning, water tanks, aerials, skylights, landing pads."""
 
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
 from toolkit.objects.mesh import Material
 from toolkit.objects.shapes.modelling import revolve
 from toolkit.worlds.classes import SceneClass
-from toolkit.worlds.paint import Canvas, fractal, finish
+from toolkit.worlds.paint import Canvas, finish, fractal
 from toolkit.worlds.pieces import (
     Looks,
     Piece,
@@ -79,10 +80,19 @@ def flat_roof(
         roof.taken.append((w / 2, d / 2, pad_radius + 0.6))
         pieces.append(landing_pad(pad_radius, looks).moved(w / 2, d / 2, z))
     plant = [
-        (stair_house, 2.4, 0.9), (air_conditioner, 1.5, 0.9), (air_conditioner, 1.5, 0.7), (air_conditioner, 1.5, 0.5),
-        (water_tank, 2.0, 0.35), (skylight, 1.7, 0.5), (vents, 0.9, 0.8), (vents, 0.9, 0.6), (aerial, 0.6, 0.8),
-        (dish, 0.8, 0.4), (duct, 1.9, 0.4), (air_conditioner, 1.5, 0.4),
-    ]  # fmt: skip
+        (stair_house, 2.4, 0.9),
+        (air_conditioner, 1.5, 0.9),
+        (air_conditioner, 1.5, 0.7),
+        (air_conditioner, 1.5, 0.5),
+        (water_tank, 2.0, 0.35),
+        (skylight, 1.7, 0.5),
+        (vents, 0.9, 0.8),
+        (vents, 0.9, 0.6),
+        (aerial, 0.6, 0.8),
+        (dish, 0.8, 0.4),
+        (duct, 1.9, 0.4),
+        (air_conditioner, 1.5, 0.4),
+    ]
     for make, radius, chance in plant:
         if rng.random() < chance and (at := roof.find(radius, rng)):
             variant = f"{make.__name__}-{rng.integers(VARIANTS)}"
@@ -163,9 +173,7 @@ def air_conditioner(looks: Looks, rng: np.random.Generator) -> Piece:
         fan = looks.add(Material("fan", canvas.texture(), 0.5))
     low, high = np.array([[-w / 2, -d / 2, 0.3]]), np.array([[w / 2, d / 2, 0.3 + h]])
     fans = np.linspace(-w / 2, w / 2, 3)
-    tops = np.array(
-        [(a + 0.03, -d / 2 + 0.05, b - 0.03, d / 2 - 0.05) for a, b in zip(fans[:-1], fans[1:], strict=True)]
-    )
+    tops = np.array([(a + 0.03, -d / 2 + 0.05, b - 0.03, d / 2 - 0.05) for a, b in pairwise(fans)])
     feet = np.array([[-w / 2 + 0.1, -d / 2, 0.0], [w / 2 - 0.3, -d / 2, 0.0]])
     return merge(
         [

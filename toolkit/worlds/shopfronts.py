@@ -7,7 +7,7 @@ import numpy as np
 from toolkit.objects.mesh import Material
 from toolkit.objects.shapes.modelling import Colour
 from toolkit.worlds.classes import SceneClass
-from toolkit.worlds.paint import Canvas, finish, fractal
+from toolkit.worlds.paint import Canvas, finish, fractal, hex_name
 from toolkit.worlds.pieces import Looks, Piece, Skin, boxes, merge, quads, wall_quads
 
 BUILDING = SceneClass.BUILDING
@@ -39,8 +39,14 @@ class Trade:
 
 
 WHITE, CREAM, RED, GREEN, NAVY, BLACK, GOLD = (
-    (240, 240, 236), (238, 226, 196), (182, 26, 30), (22, 82, 52), (24, 38, 92), (26, 26, 28), (222, 178, 74),
-)  # fmt: skip
+    (240, 240, 236),
+    (238, 226, 196),
+    (182, 26, 30),
+    (22, 82, 52),
+    (24, 38, 92),
+    (26, 26, 28),
+    (222, 178, 74),
+)
 TRADES = (
     Trade("BAKERY", (112, 62, 34), CREAM, (96, 54, 32), "bread", ((196, 140, 80), CREAM), "serif"),
     Trade("RESTAURANT", (110, 20, 28), GOLD, (60, 24, 22), "dining", (RED, CREAM), "serif"),
@@ -113,13 +119,13 @@ def shop(trade: Trade, x0: float, x1: float, looks: Looks, rng: np.random.Genera
 
 def _awning(stripes: tuple[Colour, Colour], x0: float, x1: float, looks: Looks) -> Piece:
     """Cloth that slopes out over the pavement, with a valance; seen from both sides."""
-    name = "awning-%02x%02x%02x-%02x%02x%02x" % (*stripes[0], *stripes[1])
+    name = f"awning-{hex_name(stripes[0])}-{hex_name(stripes[1])}"
     skin = looks.known(name)
     if skin is None:
         rng = looks.rng(name)
         cloth = np.repeat(np.array(stripes, np.float32), 32, axis=0)[None].repeat(64, axis=0)
-        cloth = cloth * (1 + 0.06 * fractal(rng, (64, 64), 2, 4)[..., None])
-        skin = looks.add(Material(name, finish(cloth), 0.9), (0.6, 0.6))
+        worn = 1 + 0.06 * fractal(rng, (64, 64), 2, 4)[..., None]
+        skin = looks.add(Material(name, finish(cloth * worn), 0.9), (0.6, 0.6))
     top, low, out = 3.08, 2.42, 1.45
     slope = [(x0, -out, low), (x1, -out, low), (x1, -0.17, top), (x0, -0.17, top)]
     valance = [(x0, -out, low - 0.25), (x1, -out, low - 0.25), (x1, -out, low), (x0, -out, low)]
@@ -225,7 +231,7 @@ def _paint_front(trade: Trade, rng: np.random.Generator) -> tuple[np.ndarray, np
     band = np.clip(np.sin((x + 0.7 * y) * 2.2 + rng.uniform(0, 6)) * 1.5 - 0.6, 0, 1) * 0.22 + 0.06
     mirrored = np.array((176, 190, 204)) * np.clip(0.5 + 0.4 * (y - 0.5), 0, 1)[..., None]
     share = (glass * band)[..., None]
-    day = day * (1 - share) + mirrored * share
+    day += (mirrored - day) * share
     day[: round(0.06 * h)] *= 0.6
     light = lamps.texture().astype(np.float32)
     bright = np.asarray(day[::4, ::4][: light.shape[0], : light.shape[1]]) / 160

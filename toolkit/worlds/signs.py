@@ -10,14 +10,31 @@ from toolkit.worlds.pieces import Looks, Piece, Skin, bars, box, boxes, merge, p
 
 FURNITURE, SIGN = SceneClass.FURNITURE, SceneClass.SIGN
 STREET_NAMES = (
-    "MAIN ST", "PARK AVE", "MARKET ST", "CHURCH ST", "KING ST", "RIVER RD", "STATION RD", "OAK AVE", "MILL LANE",
-    "QUEEN ST", "HARBOR ST", "BROADWAY", "COLLEGE ST", "BRIDGE ST", "HIGH ST", "CANAL ST",
-)  # fmt: skip
+    "MAIN ST",
+    "PARK AVE",
+    "MARKET ST",
+    "CHURCH ST",
+    "KING ST",
+    "RIVER RD",
+    "STATION RD",
+    "OAK AVE",
+    "MILL LANE",
+    "QUEEN ST",
+    "HARBOR ST",
+    "BROADWAY",
+    "COLLEGE ST",
+    "BRIDGE ST",
+    "HIGH ST",
+    "CANAL ST",
+)
 BOARD_TEXTS = (
-    ("DRINK KOLA", (196, 20, 28), (244, 240, 232)), ("FLY NORDAIR", (24, 88, 170), (244, 244, 244)),
-    ("GRAND HOTEL", (30, 30, 34), (226, 186, 92)), ("NEW! FRESH MILK", (250, 250, 246), (20, 90, 170)),
-    ("JAZZ FESTIVAL", (240, 160, 20), (60, 20, 80)), ("CITY BANK", (12, 92, 70), (240, 240, 232)),
-)  # fmt: skip
+    ("DRINK KOLA", (196, 20, 28), (244, 240, 232)),
+    ("FLY NORDAIR", (24, 88, 170), (244, 244, 244)),
+    ("GRAND HOTEL", (30, 30, 34), (226, 186, 92)),
+    ("NEW! FRESH MILK", (250, 250, 246), (20, 90, 170)),
+    ("JAZZ FESTIVAL", (240, 160, 20), (60, 20, 80)),
+    ("CITY BANK", (12, 92, 70), (240, 240, 232)),
+)
 WHITE: Colour = (242, 242, 238)
 
 
@@ -58,10 +75,15 @@ def traffic_head(looks: Looks, lit: int, housing: Colour = (232, 178, 20)) -> Pi
 
 def _tipped(piece: Piece) -> Piece:
     """Its z axis turned to -y."""
-    order, sign = [0, 2, 1], np.float32([1, -1, 1])
+    order, sign = [0, 2, 1], np.array([1, -1, 1], np.float32)
     return Piece(
-        piece.vertices[:, order] * sign, piece.normals[:, order] * sign, piece.uv, piece.faces, piece.material, piece.label
-    )  # fmt: skip
+        piece.vertices[:, order] * sign,
+        piece.normals[:, order] * sign,
+        piece.uv,
+        piece.faces,
+        piece.material,
+        piece.label,
+    )
 
 
 def traffic_light(looks: Looks, lit: int, street: str, arm_m: float = 5.0) -> Piece:
@@ -145,14 +167,21 @@ def _plate(outline: np.ndarray, skin: Skin, back: Skin) -> Piece:
     half = max(abs(low).max(), abs(high).max())
     uv = (outline / half + 1) / 2
     front = Piece(
-        points, np.tile(np.float32([0, -1, 0]), (k, 1)), uv.astype(np.float32), fan.astype(np.int32),
-        np.full(k - 2, skin.material, np.int32), np.full(k - 2, SIGN, np.uint8),
-    )  # fmt: skip
+        points,
+        np.tile(np.array([0, -1, 0], np.float32), (k, 1)),
+        uv.astype(np.float32),
+        fan.astype(np.int32),
+        np.full(k - 2, skin.material, np.int32),
+        np.full(k - 2, SIGN, np.uint8),
+    )
     behind = Piece(
-        points + np.float32([0, 0.015, 0]), np.tile(np.float32([0, 1, 0]), (k, 1)),
-        np.broadcast_to(np.float32(back.at), (k, 2)).copy(), fan[:, ::-1].astype(np.int32),
-        np.full(k - 2, back.material, np.int32), np.full(k - 2, SIGN, np.uint8),
-    )  # fmt: skip
+        points + np.array([0, 0.015, 0], np.float32),
+        np.tile(np.array([0, 1, 0], np.float32), (k, 1)),
+        np.broadcast_to(np.array(back.at, np.float32), (k, 2)).copy(),
+        fan[:, ::-1].astype(np.int32),
+        np.full(k - 2, back.material, np.int32),
+        np.full(k - 2, SIGN, np.uint8),
+    )
     return merge([front, behind])
 
 
@@ -218,8 +247,8 @@ def _traffic_sign(kind: str, looks: Looks) -> tuple[float, float, Skin]:
     return *size, sheet(f"sign-{kind}", looks, c)
 
 
-def billboard(index: int, looks: Looks) -> Piece:
-    """A lit hoarding 8 m by 4 m on a steel frame, facing -y, its foot at z = 0."""
+def billboard_skin(index: int, looks: Looks) -> Skin:
+    """An advertisement, twice as wide as high."""
     words, ground, ink = BOARD_TEXTS[index % len(BOARD_TEXTS)]
     name = f"billboard-{words}"
     skin = looks.known(name)
@@ -236,7 +265,12 @@ def billboard(index: int, looks: Looks) -> Piece:
         canvas.rect(0, 0, 8, 0.12, (40, 40, 42))
         canvas.rect(0, 3.88, 8, 4, (40, 40, 42))
         skin = sheet(name, looks, canvas, 0.8)
-    steel = looks.plain((60, 62, 64))
+    return skin
+
+
+def billboard(index: int, looks: Looks) -> Piece:
+    """A lit hoarding 8 m by 4 m on a steel frame, facing -y, its foot at z = 0."""
+    skin, steel = billboard_skin(index, looks), looks.plain((60, 62, 64))
     foot = np.array([(x, 0.6, 0) for x in (-3, -1, 1, 3)], float)
     return merge(
         [

@@ -1,4 +1,6 @@
-"""What is seen of a town from afar: blocks with painted facades round the part that is built in relief, and its ground."""
+"""What is seen of a town from afar: ground, and blocks with painted facades round what is built in relief."""
+
+from itertools import pairwise
 
 import numpy as np
 
@@ -13,10 +15,15 @@ FAR = SceneClass.SKYLINE
 BAYS, FLOORS = 5, 4
 BAY_M, FLOOR_M = 2.8, 3.3
 STYLES: tuple[tuple[Colour, Colour, tuple[float, float]], ...] = (
-    (BRICKS[0], (206, 198, 182), (0.42, 0.55)), (BRICKS[3], (176, 166, 150), (0.42, 0.52)), (STONES[0], (226, 222, 212), (0.46, 0.6)),
-    (RENDERS[0], (232, 230, 222), (0.44, 0.56)), (BRICKS[5], (150, 140, 130), (0.4, 0.5)), ((110, 122, 136), (70, 78, 88), (0.94, 0.72)),
-    ((74, 92, 104), (186, 190, 194), (0.94, 0.8)), (STONES[3], (120, 118, 114), (0.9, 0.5)),
-)  # fmt: skip
+    (BRICKS[0], (206, 198, 182), (0.42, 0.55)),
+    (BRICKS[3], (176, 166, 150), (0.42, 0.52)),
+    (STONES[0], (226, 222, 212), (0.46, 0.6)),
+    (RENDERS[0], (232, 230, 222), (0.44, 0.56)),
+    (BRICKS[5], (150, 140, 130), (0.4, 0.5)),
+    ((110, 122, 136), (70, 78, 88), (0.94, 0.72)),
+    ((74, 92, 104), (186, 190, 194), (0.94, 0.8)),
+    (STONES[3], (120, 118, 114), (0.9, 0.5)),
+)
 
 
 def painted_facade(looks: Looks, style: int) -> Skin:
@@ -65,18 +72,30 @@ def towers(low: np.ndarray, high: np.ndarray, looks: Looks, rng: np.random.Gener
             bays = np.maximum(np.round((x1 - x0) / BAY_M), 1) / BAYS
             start = rng.integers(0, BAYS, len(a)) / BAYS
             corner = {
-                0: ((0, 1), (1, 1)), 1: ((1, 1), (1, 0)), 2: ((1, 0), (0, 0)), 3: ((0, 0), (0, 1)),
-            }[side]  # fmt: skip
+                0: ((0, 1), (1, 1)),
+                1: ((1, 1), (1, 0)),
+                2: ((1, 0), (0, 0)),
+                3: ((0, 0), (0, 1)),
+            }[side]
             points = [
                 np.column_stack([np.where(px, b[:, 0], a[:, 0]), np.where(py, a[:, 1], b[:, 1])]) for px, py in corner
             ]
             rows = [
-                np.column_stack([points[0], a[:, 2]]), np.column_stack([points[1], a[:, 2]]),
-                np.column_stack([points[1], b[:, 2]]), np.column_stack([points[0], b[:, 2]]),
-            ]  # fmt: skip
+                np.column_stack([points[0], a[:, 2]]),
+                np.column_stack([points[1], a[:, 2]]),
+                np.column_stack([points[1], b[:, 2]]),
+                np.column_stack([points[0], b[:, 2]]),
+            ]
             zero = np.zeros(len(a))
-            uv = np.stack([np.column_stack([start, zero]), np.column_stack([start + bays, zero]),
-                           np.column_stack([start + bays, floors]), np.column_stack([start, floors])], 1)  # fmt: skip
+            uv = np.stack(
+                [
+                    np.column_stack([start, zero]),
+                    np.column_stack([start + bays, zero]),
+                    np.column_stack([start + bays, floors]),
+                    np.column_stack([start, floors]),
+                ],
+                1,
+            )
             pieces.append(quads(np.stack(rows, 1), skin, FAR, uv))
         rect = np.column_stack([a[:, :2], b[:, :2]])
         pieces.append(floor_quads(rect, b[:, 2], felt, FAR))
@@ -86,13 +105,15 @@ def towers(low: np.ndarray, high: np.ndarray, looks: Looks, rng: np.random.Gener
 def surround(
     inner: np.ndarray, reach_m: float, ground: Skin, label: int, steps: tuple[float, ...] = (0.0, 200.0)
 ) -> Piece:
-    """Flat ground at z = 0 in a frame round a rectangle (2, 2) out to `reach_m` from it, in rings so that quads stay small."""
+    """Flat ground at z = 0 round a rectangle (2, 2) out to `reach_m` from it, in rings so that quads stay small."""
     (x0, y0), (x1, y1) = inner
     edges = [*(step for step in steps if step < reach_m), reach_m]
     rects = []
-    for near, far in zip(edges[:-1], edges[1:], strict=True):
+    for near, far in pairwise(edges):
         rects += [
-            (x0 - far, y0 - far, x1 + far, y0 - near), (x0 - far, y1 + near, x1 + far, y1 + far),
-            (x0 - far, y0 - near, x0 - near, y1 + near), (x1 + near, y0 - near, x1 + far, y1 + near),
-        ]  # fmt: skip
+            (x0 - far, y0 - far, x1 + far, y0 - near),
+            (x0 - far, y1 + near, x1 + far, y1 + far),
+            (x0 - far, y0 - near, x0 - near, y1 + near),
+            (x1 + near, y0 - near, x1 + far, y1 + near),
+        ]
     return floor_quads(np.array(rects), 0.0, ground, label)

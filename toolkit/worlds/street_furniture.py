@@ -121,8 +121,15 @@ def bench(looks: Looks) -> Piece:
     size = np.concatenate([np.tile([1.7, 0.11, 0.04], (4, 1)), np.tile([1.7, 0.035, 0.1], (4, 1))])
     legs = []
     for x in (-0.72, 0.72):
-        legs.append(bars(np.array([(x, -0.36, 0), (x, 0.12, 0), (x, -0.4, 0.44), (x, 0.1, 0.44), (x, -0.36, 0.66)]),
-                         np.array([(x, -0.36, 0.66), (x, 0.12, 0.44), (x, 0.14, 0.42), (x, 0.34, 1.06), (x, 0.16, 0.66)]), 0.06, iron, F))  # fmt: skip
+        legs.append(
+            bars(
+                np.array([(x, -0.36, 0), (x, 0.12, 0), (x, -0.4, 0.44), (x, 0.1, 0.44), (x, -0.36, 0.66)]),
+                np.array([(x, -0.36, 0.66), (x, 0.12, 0.44), (x, 0.14, 0.42), (x, 0.34, 1.06), (x, 0.16, 0.66)]),
+                0.06,
+                iron,
+                F,
+            )
+        )
     return merge([boxes(low, low + size, wood, F, ()), *legs])
 
 
@@ -144,11 +151,14 @@ def mailbox(looks: Looks) -> Piece:
         c.rect(0.05, 0.02, 0.45, 0.12, (16, 36, 90))
         skin = sheet(name, looks, c)
     feet = np.array([(x, y, 0) for x in (-0.24, 0.18) for y in (-0.26, 0.2)], float)
-    return merge([
-        solid(shell, blue, F, 30), boxes(feet, feet + [0.06, 0.06, 0.2], blue, F),
-        board(0.5, 0.3, skin, F, 0.0, both=False).moved(0, -0.305, 0.72),
-        box((-0.2, 0.2), (-0.32, -0.3), (1.0, 1.04), looks.plain((14, 30, 80)), F),
-    ])  # fmt: skip
+    return merge(
+        [
+            solid(shell, blue, F, 30),
+            boxes(feet, feet + [0.06, 0.06, 0.2], blue, F),
+            board(0.5, 0.3, skin, F, 0.0, both=False).moved(0, -0.305, 0.72),
+            box((-0.2, 0.2), (-0.32, -0.3), (1.0, 1.04), looks.plain((14, 30, 80)), F),
+        ]
+    )
 
 
 def parking_meter(looks: Looks) -> Piece:
@@ -160,11 +170,15 @@ def parking_meter(looks: Looks) -> Piece:
         looks.plain((224, 226, 216), "gloss"),
         F,
     )
-    return merge([
-        solid([revolve([(0.045, 0), (0.035, 1.05), (0.07, 1.12), (0.1, 1.12)], 7)], steel, F), solid([dome.scaled(1, 0.75, 1)], grey, F), dial,
-        box((-0.035, 0.035), (-0.1, -0.07), (1.19, 1.28), looks.plain((30, 32, 34)), F),
-        box((-0.06, 0.06), (-0.095, -0.085), (1.385, 1.395), looks.plain((200, 30, 30)), F),
-    ])  # fmt: skip
+    return merge(
+        [
+            solid([revolve([(0.045, 0), (0.035, 1.05), (0.07, 1.12), (0.1, 1.12)], 7)], steel, F),
+            solid([dome.scaled(1, 0.75, 1)], grey, F),
+            dial,
+            box((-0.035, 0.035), (-0.1, -0.07), (1.19, 1.28), looks.plain((30, 32, 34)), F),
+            box((-0.06, 0.06), (-0.095, -0.085), (1.385, 1.395), looks.plain((200, 30, 30)), F),
+        ]
+    )
 
 
 def phone_booth(looks: Looks) -> Piece:
@@ -177,14 +191,23 @@ def phone_booth(looks: Looks) -> Piece:
         c.text(0.4, 0.11, "PHONE", 0.18, (240, 240, 240))
         skin = sheet(name, looks, c, 0.9)
     keys = np.array([(-0.06 + 0.05 * (k % 3), 0.03, 1.14 + 0.05 * (k // 3)) for k in range(12)])
-    return merge([
-        box((-0.05, 0.05), (0.0, 0.1), (0.0, 1.0), steel, F), box((-0.42, 0.42), (0.1, 0.16), (0.9, 2.1), blue, F),
-        box((-0.42, -0.38), (-0.35, 0.1), (0.9, 2.1), blue, F), box((0.38, 0.42), (-0.35, 0.1), (0.9, 2.1), blue, F),
-        box((-0.44, 0.44), (-0.38, 0.16), (2.1, 2.34), blue, F), board(0.8, 0.22, skin, F, 0.0, both=False).moved(0, -0.385, 2.22),
-        box((-0.17, 0.17), (0.04, 0.1), (1.05, 1.65), looks.plain((40, 42, 44), "metal"), F),
-        boxes(keys, keys + [0.035, 0.01, 0.035], looks.plain((220, 220, 216)), F, ()),
-        solid(tube(smooth_curve([(-0.26, 0.02, 1.3), (-0.25, -0.06, 1.45), (-0.26, 0.02, 1.6)], 6), 0.03, 8), looks.plain((20, 20, 22), "gloss"), F),
-    ])  # fmt: skip
+    return merge(
+        [
+            box((-0.05, 0.05), (0.0, 0.1), (0.0, 1.0), steel, F),
+            box((-0.42, 0.42), (0.1, 0.16), (0.9, 2.1), blue, F),
+            box((-0.42, -0.38), (-0.35, 0.1), (0.9, 2.1), blue, F),
+            box((0.38, 0.42), (-0.35, 0.1), (0.9, 2.1), blue, F),
+            box((-0.44, 0.44), (-0.38, 0.16), (2.1, 2.34), blue, F),
+            board(0.8, 0.22, skin, F, 0.0, both=False).moved(0, -0.385, 2.22),
+            box((-0.17, 0.17), (0.04, 0.1), (1.05, 1.65), looks.plain((40, 42, 44), "metal"), F),
+            boxes(keys, keys + [0.035, 0.01, 0.035], looks.plain((220, 220, 216)), F, ()),
+            solid(
+                tube(smooth_curve([(-0.26, 0.02, 1.3), (-0.25, -0.06, 1.45), (-0.26, 0.02, 1.6)], 6), 0.03, 8),
+                looks.plain((20, 20, 22), "gloss"),
+                F,
+            ),
+        ]
+    )
 
 
 def bicycle(looks: Looks) -> Piece:
@@ -240,12 +263,22 @@ def bus_shelter(looks: Looks) -> Piece:
     posts = np.array([(x, y, 0) for x in (-2.0, 2.0) for y in (-0.6, 0.7)], float)
     pane = [[(2.0, 0.7, 0.3), (-2.0, 0.7, 0.3), (-2.0, 0.7, 2.2), (2.0, 0.7, 2.2)]]
     both = np.array(pane + [pane[0][::-1]])
-    return merge([
-        boxes(posts - [0.04, 0.04, 0], posts + [0.04, 0.04, 2.45], frame, F), quads(both, glass, F),
-        box((-2.2, 2.2), (-0.8, 0.85), (2.45, 2.56), frame, F), box((-1.5, 1.0), (0.3, 0.62), (0.45, 0.5), looks.plain((138, 88, 48)), F),
-        bars(np.array([(-1.2, 0.46, 0), (0.7, 0.46, 0)]), np.array([(-1.2, 0.46, 0.45), (0.7, 0.46, 0.45)]), 0.06, frame, F),
-        board(1.2, 1.75, skin, F, 0.1).turned(90).moved(2.0, 0.05, 1.3),
-    ])  # fmt: skip
+    return merge(
+        [
+            boxes(posts - [0.04, 0.04, 0], posts + [0.04, 0.04, 2.45], frame, F),
+            quads(both, glass, F),
+            box((-2.2, 2.2), (-0.8, 0.85), (2.45, 2.56), frame, F),
+            box((-1.5, 1.0), (0.3, 0.62), (0.45, 0.5), looks.plain((138, 88, 48)), F),
+            bars(
+                np.array([(-1.2, 0.46, 0), (0.7, 0.46, 0)]),
+                np.array([(-1.2, 0.46, 0.45), (0.7, 0.46, 0.45)]),
+                0.06,
+                frame,
+                F,
+            ),
+            board(1.2, 1.75, skin, F, 0.1).turned(90).moved(2.0, 0.05, 1.3),
+        ]
+    )
 
 
 def cafe_table(looks: Looks) -> Piece:
@@ -262,11 +295,19 @@ def cafe_table(looks: Looks) -> Piece:
     wood = looks.plain((70, 48, 34))
     seat = np.array([(-0.95, -0.2, 0.43), (0.55, -0.2, 0.43)])
     legs = np.concatenate([seat + [dx, dy, -0.43] for dx in (0.03, 0.37) for dy in (0.03, 0.37)])
-    return merge([
-        *pieces, bars(np.array([(0, 0, 0)]), np.array([(0, 0, 2.7)]), 0.05, wood, F), solid([revolve([(0.4, 0.7), (0.42, 0.72), (0.42, 0.75), (0.005, 0.75)], 16)], looks.plain((230, 228, 222)), F),
-        boxes(seat, seat + [0.4, 0.4, 0.04], wood, F, ()), bars(legs, legs + [0, 0, 0.43], 0.035, wood, F),
-        box((-0.97, -0.93), (-0.2, 0.2), (0.47, 0.9), wood, F), box((0.93, 0.97), (-0.2, 0.2), (0.47, 0.9), wood, F),
-    ])  # fmt: skip
+    return merge(
+        [
+            *pieces,
+            bars(np.array([(0, 0, 0)]), np.array([(0, 0, 2.7)]), 0.05, wood, F),
+            solid(
+                [revolve([(0.4, 0.7), (0.42, 0.72), (0.42, 0.75), (0.005, 0.75)], 16)], looks.plain((230, 228, 222)), F
+            ),
+            boxes(seat, seat + [0.4, 0.4, 0.04], wood, F, ()),
+            bars(legs, legs + [0, 0, 0.43], 0.035, wood, F),
+            box((-0.97, -0.93), (-0.2, 0.2), (0.47, 0.9), wood, F),
+            box((0.93, 0.97), (-0.2, 0.2), (0.47, 0.9), wood, F),
+        ]
+    )
 
 
 def planter(looks: Looks) -> Piece:
@@ -281,10 +322,14 @@ def planter(looks: Looks) -> Piece:
 def traffic_cone(looks: Looks) -> Piece:
     """An orange cone with a white band."""
     orange = looks.plain((240, 92, 22))
-    return merge([
-        solid([revolve([(0.15, 0.03), (0.115, 0.22)], 12)], orange, F), solid([revolve([(0.115, 0.22), (0.075, 0.42)], 12)], looks.plain((244, 244, 240)), F),
-        solid([revolve([(0.075, 0.42), (0.03, 0.68), (0.005, 0.69)], 12)], orange, F), box((-0.2, 0.2), (-0.2, 0.2), (0, 0.03), looks.plain((30, 30, 32)), F),
-    ])  # fmt: skip
+    return merge(
+        [
+            solid([revolve([(0.15, 0.03), (0.115, 0.22)], 12)], orange, F),
+            solid([revolve([(0.115, 0.22), (0.075, 0.42)], 12)], looks.plain((244, 244, 240)), F),
+            solid([revolve([(0.075, 0.42), (0.03, 0.68), (0.005, 0.69)], 12)], orange, F),
+            box((-0.2, 0.2), (-0.2, 0.2), (0, 0.03), looks.plain((30, 30, 32)), F),
+        ]
+    )
 
 
 def barrier(looks: Looks) -> Piece:
@@ -298,9 +343,15 @@ def barrier(looks: Looks) -> Piece:
         skin = sheet(name, looks, c)
     leg = looks.plain((60, 62, 64))
     at = np.array([(x, 0, 0) for x in (-0.75, 0.75)], float)
-    return merge([board(1.8, 0.3, skin, F, 0.05).moved(0, 0, 0.85), board(1.8, 0.2, skin, F, 0.05).moved(0, 0, 0.45),
-                  bars(at + [0, -0.3, 0], at + [0, 0, 1.0], 0.05, leg, F), bars(at + [0, 0.3, 0], at + [0, 0, 1.0], 0.05, leg, F),
-                  box((-0.08, 0.08), (-0.06, 0.06), (1.0, 1.2), looks.plain((255, 170, 30), "lamp"), F)])  # fmt: skip
+    return merge(
+        [
+            board(1.8, 0.3, skin, F, 0.05).moved(0, 0, 0.85),
+            board(1.8, 0.2, skin, F, 0.05).moved(0, 0, 0.45),
+            bars(at + [0, -0.3, 0], at + [0, 0, 1.0], 0.05, leg, F),
+            bars(at + [0, 0.3, 0], at + [0, 0, 1.0], 0.05, leg, F),
+            box((-0.08, 0.08), (-0.06, 0.06), (1.0, 1.2), looks.plain((255, 170, 30), "lamp"), F),
+        ]
+    )
 
 
 FURNITURE: dict[str, tuple[Callable[[Looks], Piece], float]] = {

@@ -41,6 +41,14 @@ def _carriageway(stretch: Stretch, looks: Looks) -> Piece:
     )
 
 
+def carry_on(stretch: Stretch, looks: Looks) -> Piece:
+    """A carriageway without crossings, a little above the ground that it is laid on."""
+    skin = road(looks, stretch.street.avenue)
+    turns = stretch.length / skin.tile_m[1]
+    uv = np.array([(0, 0), (1, 0), (1, turns), (0, turns)])
+    return quads(_strip(stretch, 0.0, stretch.length, stretch.street.half), skin, ROAD, uv).moved(0, 0, 0.006)
+
+
 def _strip(stretch: Stretch, start: float, end: float, half: float) -> np.ndarray:
     """(1, 4, 3) corners of a piece of road: left and right of its start, right and left of its end."""
     corners = [(start, -half), (start, half), (end, half), (end, -half)]
@@ -53,11 +61,15 @@ def build_pavement(block: Block, inside: Skin, label: int, looks: Looks) -> Piec
     r, w, z, p = CORNER_M, KERB_WIDTH_M, KERB_M, PAVEMENT_M
     slabs, stone = pavement(looks), kerb(looks)
     strips = [
-        (x0 + r, y0 + w, x1 - r, y0 + p), (x0 + r, y1 - p, x1 - r, y1 - w),
-        (x0 + w, y0 + p, x0 + p, y1 - p), (x1 - p, y0 + p, x1 - w, y1 - p),
-        (x0 + w, y0 + r, x0 + r, y0 + p), (x1 - r, y0 + r, x1 - w, y0 + p),
-        (x0 + w, y1 - p, x0 + r, y1 - r), (x1 - r, y1 - p, x1 - w, y1 - r),
-    ]  # fmt: skip
+        (x0 + r, y0 + w, x1 - r, y0 + p),
+        (x0 + r, y1 - p, x1 - r, y1 - w),
+        (x0 + w, y0 + p, x0 + p, y1 - p),
+        (x1 - p, y0 + p, x1 - w, y1 - p),
+        (x0 + w, y0 + r, x0 + r, y0 + p),
+        (x1 - r, y0 + r, x1 - w, y0 + p),
+        (x0 + w, y1 - p, x0 + r, y1 - r),
+        (x1 - r, y1 - p, x1 - w, y1 - r),
+    ]
     pieces = [
         floor_quads(np.array(strips), z, slabs, PAVED),
         floor_quads(np.array([(x0 + p, y0 + p, x1 - p, y1 - p)]), z, inside, label),

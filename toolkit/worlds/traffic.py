@@ -106,7 +106,7 @@ def build_standing(standing: Standing, looks: Looks) -> Piece:
     for name, places in standing.items():
         spots = np.array(places)
         kind, _, rest = name.partition(":")
-        scale = 1.0
+        scale: float | np.ndarray = 1.0
         if kind == "lamp":
             made = street_lamp(looks)
         elif kind == "old-lamp":

@@ -12,7 +12,7 @@ import numpy as np
 from toolkit.objects.mesh import Material, mesh_from_corners
 from toolkit.objects.shapes.modelling import Colour, revolve
 from toolkit.worlds.classes import SceneClass
-from toolkit.worlds.paint import Canvas, Point
+from toolkit.worlds.paint import Canvas, Point, hex_name
 from toolkit.worlds.pieces import Looks, Piece, Skin, from_mesh, merge, place, solid
 
 VEHICLE = SceneClass.VEHICLE
@@ -165,9 +165,12 @@ class Sheet:
         result = np.empty((*points.shape[:2], 2))
         ends, sides = normals[:, 0] > 0, normals[:, 1] > 0
         pick = {
-            "front": (axis == 0) & ends, "rear": (axis == 0) & ~ends, "left": (axis == 1) & sides,
-            "right": (axis == 1) & ~sides, "top": axis == 2,
-        }  # fmt: skip
+            "front": (axis == 0) & ends,
+            "rear": (axis == 0) & ~ends,
+            "left": (axis == 1) & sides,
+            "right": (axis == 1) & ~sides,
+            "top": axis == 2,
+        }
         for view, chosen in pick.items():
             p = points[chosen]
             a = {"left": -p[..., 0], "right": p[..., 0], "top": p[..., 0], "front": -p[..., 1], "rear": p[..., 1]}[view]
@@ -214,9 +217,13 @@ def bodywork(body: Body, sheet: Sheet, looks: Looks, stations: int = 20) -> Piec
     mesh = mesh_from_corners(vertices, faces, uv, below.astype(int), (), 38.0)
     skin = from_mesh(mesh, sheet.skin.material, VEHICLE)
     return Piece(
-        skin.vertices, skin.normals, skin.uv, skin.faces,
-        np.where(mesh.face_material == 1, dark.material, sheet.skin.material).astype(np.int32), skin.label,
-    )  # fmt: skip
+        skin.vertices,
+        skin.normals,
+        skin.uv,
+        skin.faces,
+        np.where(mesh.face_material == 1, dark.material, sheet.skin.material).astype(np.int32),
+        skin.label,
+    )
 
 
 def _section(body: Body, x: float, arch: float) -> np.ndarray:
@@ -236,9 +243,14 @@ def _section(body: Body, x: float, arch: float) -> np.ndarray:
     middle = low + (belt - low) * np.array([0.12, 0.6])
     edge = top - min(0.07, (top - belt) * 0.5)
     half = [
-        (w * 0.94, low), (w * 0.985, middle[0]), (w, middle[1]), (w * 0.965, belt),
-        (roof_w, edge), (roof_w * 0.9, top - 0.015), (roof_w * 0.55, top + 0.008),
-    ]  # fmt: skip
+        (w * 0.94, low),
+        (w * 0.985, middle[0]),
+        (w, middle[1]),
+        (w * 0.965, belt),
+        (roof_w, edge),
+        (roof_w * 0.9, top - 0.015),
+        (roof_w * 0.55, top + 0.008),
+    ]
     left = np.array(half)
     ring = np.concatenate([left, [(0.0, top + 0.015)], left[::-1] * [-1, 1]])
     return np.column_stack([np.full(len(ring), x), ring])
@@ -250,29 +262,39 @@ def wheels(body: Body, looks: Looks, hub: Colour = (176, 178, 180), spokes: int 
     r, wide = body.wheel_m, min(0.24, body.wheel_m * 0.62)
     tyre = solid(
         [revolve([(r, -wide / 2), (r, wide / 2 - 0.03), (0.93 * r, wide / 2), (0.68 * r, wide / 2 - 0.01)], 14)],
-        looks.plain((28, 28, 30), "matte"), VEHICLE, 50,
-    )  # fmt: skip
+        looks.plain((28, 28, 30), "matte"),
+        VEHICLE,
+        50,
+    )
     angle = np.linspace(0, 2 * np.pi, 14, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle)], 1)
     disc = np.column_stack([ring * 0.7 * r, np.full(14, wide / 2 - 0.02)])
     faces = np.stack([np.zeros(12, int), np.arange(1, 13), np.arange(2, 14)], 1)
     face = Piece(
-        disc.astype(np.float32), np.tile(np.float32([0, 0, 1]), (14, 1)), (0.5 + 0.5 * ring).astype(np.float32),
-        faces.astype(np.int32), np.full(12, rim.material, np.int32), np.full(12, VEHICLE, np.uint8),
-    )  # fmt: skip
+        disc.astype(np.float32),
+        np.tile(np.array([0, 0, 1], np.float32), (14, 1)),
+        (0.5 + 0.5 * ring).astype(np.float32),
+        faces.astype(np.int32),
+        np.full(12, rim.material, np.int32),
+        np.full(12, VEHICLE, np.uint8),
+    )
     one = merge([tyre, face])
     # its axis from z to y
     tipped = Piece(
-        one.vertices[:, [0, 2, 1]] * np.float32([1, 1, -1]), one.normals[:, [0, 2, 1]] * np.float32([1, 1, -1]),
-        one.uv, one.faces, one.material, one.label,
-    )  # fmt: skip
+        one.vertices[:, [0, 2, 1]] * np.array([1, 1, -1], np.float32),
+        one.normals[:, [0, 2, 1]] * np.array([1, 1, -1], np.float32),
+        one.uv,
+        one.faces,
+        one.material,
+        one.label,
+    )
     y = body.width / 2 - wide / 2 - 0.02
     at = [(axle, side * y, r) for axle in body.axles for side in (1, -1)]
     return place(tipped, np.array(at), np.array([0.0, 180.0] * len(body.axles)))
 
 
 def _rim(looks: Looks, hub: Colour, spokes: int) -> Skin:
-    name = "rim-%02x%02x%02x-%d" % (*hub, spokes)
+    name = f"rim-{hex_name(hub)}-{spokes}"
     found = looks.known(name)
     if found:
         return found

@@ -1,14 +1,16 @@
-"""The vehicles of a street, each in its colours: cars, yellow cabs, vans, buses, trams, lorries.
+"""Cars: private ones, yellow cabs, police cars, each in its colours.
 
 Frame: as in `toolkit.worlds.vehicle_body`.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
+from toolkit.objects.mesh import Material
 from toolkit.objects.shapes.modelling import Colour
-from toolkit.worlds.pieces import Looks, Piece, bars, box, boxes, merge, wall_quads, place, quads
+from toolkit.worlds.paint import Canvas
+from toolkit.worlds.pieces import Looks, Piece, Skin, box, boxes, merge, place, wall_quads
 from toolkit.worlds.vehicle_body import VEHICLE, Body, Livery, bodywork, wheels
 
 GLASS: Colour = (38, 46, 54)
@@ -19,62 +21,120 @@ HEAD_GLOW: Colour = (255, 244, 214)
 TAIL_GLOW: Colour = (190, 16, 12)
 
 SEDAN = Body(
-    4.75, 1.84,
-    ((-2.375, 0.62), (-2.33, 0.96), (-1.75, 1.05), (-0.95, 1.4), (-0.1, 1.45), (0.4, 1.41), (1.2, 1.0), (2.05, 0.84),
-     (2.32, 0.68), (2.375, 0.5)),
-    0.93, (-1.72, -0.95, 0.42, 1.2), (-1.38, 1.42),
-)  # fmt: skip
+    4.75,
+    1.84,
+    (
+        (-2.375, 0.62),
+        (-2.33, 0.96),
+        (-1.75, 1.05),
+        (-0.95, 1.4),
+        (-0.1, 1.45),
+        (0.4, 1.41),
+        (1.2, 1.0),
+        (2.05, 0.84),
+        (2.32, 0.68),
+        (2.375, 0.5),
+    ),
+    0.93,
+    (-1.72, -0.95, 0.42, 1.2),
+    (-1.38, 1.42),
+)
 HATCH = Body(
-    4.0, 1.74,
-    ((-2.0, 0.62), (-1.96, 0.98), (-1.82, 1.12), (-1.3, 1.46), (-0.3, 1.5), (0.3, 1.45), (1.0, 1.02), (1.7, 0.86),
-     (1.95, 0.68), (2.0, 0.5)),
-    0.95, (-1.86, -1.3, 0.3, 1.0), (-1.22, 1.26), wheel_m=0.31,
-)  # fmt: skip
+    4.0,
+    1.74,
+    (
+        (-2.0, 0.62),
+        (-1.96, 0.98),
+        (-1.82, 1.12),
+        (-1.3, 1.46),
+        (-0.3, 1.5),
+        (0.3, 1.45),
+        (1.0, 1.02),
+        (1.7, 0.86),
+        (1.95, 0.68),
+        (2.0, 0.5),
+    ),
+    0.95,
+    (-1.86, -1.3, 0.3, 1.0),
+    (-1.22, 1.26),
+    wheel_m=0.31,
+)
 WAGON = Body(
-    4.8, 1.82,
-    ((-2.4, 0.62), (-2.36, 1.0), (-2.2, 1.18), (-1.8, 1.46), (-0.2, 1.5), (0.4, 1.46), (1.2, 1.02), (2.05, 0.86),
-     (2.35, 0.68), (2.4, 0.5)),
-    0.95, (-2.26, -1.8, 0.42, 1.2), (-1.4, 1.44),
-)  # fmt: skip
+    4.8,
+    1.82,
+    (
+        (-2.4, 0.62),
+        (-2.36, 1.0),
+        (-2.2, 1.18),
+        (-1.8, 1.46),
+        (-0.2, 1.5),
+        (0.4, 1.46),
+        (1.2, 1.02),
+        (2.05, 0.86),
+        (2.35, 0.68),
+        (2.4, 0.5),
+    ),
+    0.95,
+    (-2.26, -1.8, 0.42, 1.2),
+    (-1.4, 1.44),
+)
 SUV = Body(
-    4.7, 1.92,
-    ((-2.35, 0.7), (-2.31, 1.1), (-2.18, 1.3), (-1.8, 1.7), (-0.2, 1.76), (0.5, 1.71), (1.15, 1.24), (2.0, 1.12),
-     (2.28, 0.95), (2.35, 0.66)),
-    1.12, (-2.24, -1.8, 0.5, 1.15), (-1.4, 1.42), wheel_m=0.38, sill=0.28, roof_share=0.8,
-)  # fmt: skip
+    4.7,
+    1.92,
+    (
+        (-2.35, 0.7),
+        (-2.31, 1.1),
+        (-2.18, 1.3),
+        (-1.8, 1.7),
+        (-0.2, 1.76),
+        (0.5, 1.71),
+        (1.15, 1.24),
+        (2.0, 1.12),
+        (2.28, 0.95),
+        (2.35, 0.66),
+    ),
+    1.12,
+    (-2.24, -1.8, 0.5, 1.15),
+    (-1.4, 1.42),
+    wheel_m=0.38,
+    sill=0.28,
+    roof_share=0.8,
+)
 MINIVAN = Body(
-    4.9, 1.95,
-    ((-2.45, 0.66), (-2.42, 1.1), (-2.34, 1.3), (-2.1, 1.7), (-0.4, 1.76), (0.6, 1.7), (1.55, 1.12), (2.1, 0.96),
-     (2.4, 0.76), (2.45, 0.55)),
-    1.02, (-2.36, -2.1, 0.62, 1.55), (-1.5, 1.52), wheel_m=0.34, roof_share=0.82,
-)  # fmt: skip
-VAN = Body(
-    5.6, 2.02,
-    ((-2.8, 0.6), (-2.79, 2.2), (-2.7, 2.42), (0.6, 2.46), (1.2, 2.3), (1.95, 1.34), (2.55, 1.12), (2.76, 0.86),
-     (2.8, 0.55)),
-    1.28, (-2.79, -2.78, 1.2, 1.95), (-1.75, 1.8), wheel_m=0.36, sill=0.28, roof_share=0.9, taper=0.93,
-)  # fmt: skip
-BUS = Body(
-    11.8, 2.55,
-    ((-5.9, 0.5), (-5.89, 2.6), (-5.75, 3.0), (-5.2, 3.08), (5.4, 3.08), (5.78, 2.98), (5.88, 2.5), (5.9, 0.5)),
-    1.1, (-5.9, -5.88, 5.8, 5.88), (-2.9, 3.1), wheel_m=0.48, sill=0.3, roof_share=0.94, taper=0.96, px_per_m=56,
-)  # fmt: skip
-TRAM = Body(
-    15.0, 2.5,
-    ((-7.5, 0.5), (-7.44, 1.3), (-7.1, 2.9), (-6.7, 3.2), (-6.0, 3.26), (6.0, 3.26), (6.7, 3.2), (7.1, 2.9), (7.44, 1.3),
-     (7.5, 0.5)),
-    1.2, (-7.42, -7.0, 7.0, 7.42), (-4.2, 4.2), wheel_m=0.36, sill=0.26, roof_share=0.93, taper=0.86, px_per_m=48,
-)  # fmt: skip
-LORRY_CAB = Body(
-    2.1, 2.4,
-    ((-1.05, 0.6), (-1.04, 2.4), (-0.9, 2.7), (0.5, 2.74), (0.85, 2.5), (1.02, 1.5), (1.05, 0.55)),
-    1.45, (-1.04, -1.03, 0.75, 1.0), (0.1,), wheel_m=0.5, sill=0.5, roof_share=0.92, taper=0.95,
-)  # fmt: skip
-
+    4.9,
+    1.95,
+    (
+        (-2.45, 0.66),
+        (-2.42, 1.1),
+        (-2.34, 1.3),
+        (-2.1, 1.7),
+        (-0.4, 1.76),
+        (0.6, 1.7),
+        (1.55, 1.12),
+        (2.1, 0.96),
+        (2.4, 0.76),
+        (2.45, 0.55),
+    ),
+    1.02,
+    (-2.36, -2.1, 0.62, 1.55),
+    (-1.5, 1.52),
+    wheel_m=0.34,
+    roof_share=0.82,
+)
 CAR_COLOURS: tuple[Colour, ...] = (
-    (216, 216, 214), (28, 29, 32), (120, 124, 128), (168, 172, 176), (150, 22, 26), (28, 52, 110), (70, 92, 74),
-    (186, 172, 146), (48, 60, 66), (196, 84, 28), (92, 30, 40), (240, 238, 230),
-)  # fmt: skip
+    (216, 216, 214),
+    (28, 29, 32),
+    (120, 124, 128),
+    (168, 172, 176),
+    (150, 22, 26),
+    (28, 52, 110),
+    (70, 92, 74),
+    (186, 172, 146),
+    (48, 60, 66),
+    (196, 84, 28),
+    (92, 30, 40),
+    (240, 238, 230),
+)
 CAB_YELLOW: Colour = (248, 182, 8)
 
 
@@ -87,19 +147,20 @@ class Vehicle:
     width: float
 
 
-def _shade(colour: Colour, factor: float) -> Colour:
+def shade(colour: Colour, factor: float) -> Colour:
+    """A darker or lighter colour."""
     r, g, b = (int(min(255, c * factor)) for c in colour)
     return r, g, b
 
 
-def _ground_coat(paint: Livery) -> None:
+def ground_coat(paint: Livery) -> None:
     """Flanks lighter above and darker below, as they mirror sky and street; dark arches and sills."""
     body, half = paint.body, paint.body.length / 2
     bands = ((0.0, 0.3, 0.45), (0.3, 0.52, 0.72), (0.52, 0.7, 0.88), (0.86, 1.0, 1.12))
     for low, high, factor in bands:
-        paint.rect("left right", (-half, low * body.belt), (half, high * body.belt), _shade(paint.colour, factor))
+        paint.rect("left right", (-half, low * body.belt), (half, high * body.belt), shade(paint.colour, factor))
     paint.rect("front rear", (-body.width / 2, 0), (body.width / 2, 0.33), (34, 35, 37))
-    paint.line("left right", [(-half, 0.72 * body.belt), (half, 0.76 * body.belt)], 0.02, _shade(paint.colour, 0.6))
+    paint.line("left right", [(-half, 0.72 * body.belt), (half, 0.76 * body.belt)], 0.02, shade(paint.colour, 0.6))
     for axle in body.axles:
         angle = np.linspace(0, 2 * np.pi, 33)
         r = body.wheel_m * 1.2
@@ -148,7 +209,7 @@ def _car_glass(paint: Livery, pillars: tuple[float, ...]) -> None:
         )
 
 
-def _car_ends(paint: Livery, rng: np.random.Generator) -> None:
+def car_ends(paint: Livery, rng: np.random.Generator) -> None:
     """Lamps, grille, bumpers, number plates, and what of them shows from the side."""
     body, w, half = paint.body, paint.body.width / 2, paint.body.length / 2
     nose = float(body.top(half - 0.12))
@@ -177,7 +238,7 @@ def _car_ends(paint: Livery, rng: np.random.Generator) -> None:
         paint.fill("rear", rear, TAIL, TAIL_GLOW)
         paint.rect("rear", (side * w * 0.66, tail - 0.17), (side * w * 0.9, tail - 0.11), (236, 214, 204))
         paint.rect("front", (side * w * 0.72, 0.34), (side * w * 0.86, 0.42), (232, 170, 60))
-    paint.rect("left right", (half - 0.36, z0 + 0.04), (half, z1), HEAD, _shade(HEAD_GLOW, 0.6))
+    paint.rect("left right", (half - 0.36, z0 + 0.04), (half, z1), HEAD, shade(HEAD_GLOW, 0.6))
     paint.rect("left right", (-half, tail - 0.24), (-half + 0.26, tail - 0.02), TAIL, TAIL_GLOW)
     number = "".join(str(rng.choice(list("ABCDEFGHKLMNPRSTUVWXYZ"))) for _ in range(3)) + f" {rng.integers(100, 1000)}"
     for end, z in (("front", 0.38), ("rear", min(tail - 0.32, 0.72))):
@@ -189,36 +250,40 @@ def _car_ends(paint: Livery, rng: np.random.Generator) -> None:
 def _doors(paint: Livery, seams: tuple[float, ...]) -> None:
     body, low = paint.body, paint.body.sill + 0.06
     for seam in seams:
-        paint.line("left right", [(seam, low), (seam, body.belt)], 0.018, _shade(paint.colour, 0.42))
+        paint.line("left right", [(seam, low), (seam, body.belt)], 0.018, shade(paint.colour, 0.42))
     for handle in seams[:-1]:
         paint.rect(
             "left right",
             (handle + 0.08, body.belt - 0.16),
             (handle + 0.26, body.belt - 0.115),
-            _shade(paint.colour, 0.35),
+            shade(paint.colour, 0.35),
         )
         paint.rect("left right", (handle + 0.09, body.belt - 0.13), (handle + 0.25, body.belt - 0.115), (206, 208, 208))
     if seams:
-        paint.line("left right", [(seams[0], low), (seams[-1], low)], 0.018, _shade(paint.colour, 0.42))
+        paint.line("left right", [(seams[0], low), (seams[-1], low)], 0.018, shade(paint.colour, 0.42))
 
 
-def _mirrors(body: Body, colour: Colour, looks: Looks) -> Piece:
+def mirrors(body: Body, colour: Colour, looks: Looks) -> Piece:
+    """Both door mirrors."""
     x, w = body.glass[3] - 0.32, body.width / 2
     low = np.array([(x - 0.06, w - 0.04, body.belt + 0.02), (x - 0.06, -w - 0.17, body.belt + 0.02)])
     return boxes(low, low + [0.14, 0.21, 0.15], looks.plain(colour, "gloss"), VEHICLE, without=())
 
 
 SEAMS = {
-    id(SEDAN): (-0.95, 0.06, 1.12), id(HATCH): (-0.55, 0.55, 0.95)[::2], id(WAGON): (-1.0, 0.06, 1.12),
-    id(SUV): (-1.0, 0.08, 1.08), id(MINIVAN): (-1.0, 0.25, 1.35),
-}  # fmt: skip
+    id(SEDAN): (-0.95, 0.06, 1.12),
+    id(HATCH): (-0.55, 0.55, 0.95)[::2],
+    id(WAGON): (-1.0, 0.06, 1.12),
+    id(SUV): (-1.0, 0.08, 1.08),
+    id(MINIVAN): (-1.0, 0.25, 1.35),
+}
 
 
 def car(body: Body, colour: Colour, looks: Looks, name: str, kind: str = "car") -> Vehicle:
     """A private car, a cab, or a police car."""
     rng = looks.rng(name)
     paint = Livery(body, colour)
-    _ground_coat(paint)
+    ground_coat(paint)
     seams = SEAMS[id(body)]
     if kind == "cab":
         for k in range(2 * int(body.length / 0.24)):
@@ -231,23 +296,23 @@ def car(body: Body, colour: Colour, looks: Looks, name: str, kind: str = "car") 
         paint.rect("left right", (-0.98, 0.25), (1.1, body.belt), (238, 238, 236))
         paint.text("left right", (0.06, body.belt - 0.3), "POLICE", 0.34, (20, 36, 96))
     _car_glass(paint, tuple(seams[:-1]) + ((seams[0] - 0.75,) if body is not SEDAN and body is not HATCH else ()))
-    _car_ends(paint, rng)
+    car_ends(paint, rng)
     _doors(paint, seams)
     for x in (body.glass[3] + 0.05, body.glass[0]):
         w = body.width * 0.43
         if abs(x) < body.length / 2 - 0.3:
-            paint.line("top", [(x, -w), (x, w)], 0.02, _shade(colour, 0.4))
+            paint.line("top", [(x, -w), (x, w)], 0.02, shade(colour, 0.4))
     sheet = paint.sheet(name, looks)
     pieces = [
         bodywork(body, sheet, looks),
         wheels(body, looks, spokes=5 + int(rng.integers(4))),
-        _mirrors(body, colour, looks),
+        mirrors(body, colour, looks),
     ]
     roof = float(body.top(-0.2))
     if kind == "cab":
         lit = looks.plain((255, 236, 170), "lamp")
         pieces.append(box((-0.36, -0.12), (-0.42, 0.42), (roof + 0.02, roof + 0.24), lit, VEHICLE))
-        words = _word_skin("TAXI", (255, 226, 120), (24, 24, 24), looks)
+        words = word_skin("TAXI", (255, 226, 120), (24, 24, 24), looks)
         for x, yaw in ((-0.1, 90.0), (-0.38, 270.0)):
             board = wall_quads(np.array([(-0.4, 0.03, 0.4, 0.22)]), 0.0, words, VEHICLE, fit=True)
             pieces.append(place(board, np.array([[x, 0, roof]]), yaw))
@@ -259,10 +324,8 @@ def car(body: Body, colour: Colour, looks: Looks, name: str, kind: str = "car") 
     return Vehicle(merge(pieces), body.length, body.width)
 
 
-def _word_skin(words: str, ground: Colour, ink: Colour, looks: Looks):  # type: ignore[no-untyped-def]
-    from toolkit.objects.mesh import Material
-    from toolkit.worlds.paint import Canvas
-
+def word_skin(words: str, ground: Colour, ink: Colour, looks: Looks) -> Skin:
+    """A lit word on a small board."""
     name = f"word-{words}"
     found = looks.known(name)
     if found:
@@ -271,182 +334,3 @@ def _word_skin(words: str, ground: Colour, ink: Colour, looks: Looks):  # type: 
     canvas.text(0.8, 0.2, words, 0.36, ink, fit_m=1.4)
     sheet = canvas.texture()
     return looks.add(Material(name, sheet, 0.4, 0.0, sheet))
-
-
-def van(colour: Colour, words: str, looks: Looks, name: str) -> Vehicle:
-    """A delivery van with a firm's name on its flanks."""
-    body, paint = VAN, Livery(VAN, colour)
-    _ground_coat(paint)
-    _car_ends(paint, looks.rng(name))
-    w = body.width / 2
-    paint.fill("left right", [(0.75, 1.32), (0.8, 2.1), (1.3, 2.1), (1.85, 1.36)], GLASS)
-    paint.line("left right", [(0.7, 0.4), (0.7, 2.2)], 0.02, _shade(colour, 0.5))
-    paint.line("left right", [(-0.6, 0.4), (-0.6, 2.2)], 0.02, _shade(colour, 0.5))
-    paint.rect("left right", (0.78, 1.14), (0.98, 1.19), (30, 30, 32))
-    ink = (236, 236, 232) if sum(colour) < 380 else (30, 52, 120)
-    paint.rect("left right", (-2.75, 1.02), (0.6, 1.1), ink)
-    paint.text("left right", (-1.05, 1.65), words, 0.5, ink, fit_m=2.9)
-    paint.text("left right", (-1.05, 1.25), "EXPRESS DELIVERY", 0.18, ink)
-    paint.fill("top", [(1.2, -w * 0.82), (1.95, -w * 0.88), (1.95, w * 0.88), (1.2, w * 0.82)], GLASS)
-    paint.fill("front", [(-w * 0.82, 2.28), (-w * 0.9, 1.36), (w * 0.9, 1.36), (w * 0.82, 2.28)], GLASS)
-    for y in (-0.48, 0.48):
-        paint.rect("rear", (y - 0.4, 1.35), (y + 0.4, 2.1), GLASS)
-    paint.line("rear", [(0, 0.4), (0, 2.3)], 0.03, _shade(colour, 0.4))
-    paint.text("rear", (0, 1.1), words, 0.22, ink, fit_m=1.7)
-    sheet = paint.sheet(name, looks)
-    return Vehicle(
-        merge([bodywork(body, sheet, looks), wheels(body, looks, (120, 122, 124), 6), _mirrors(body, RUBBER, looks)]),
-        body.length,
-        body.width,
-    )
-
-
-def _rows_of_windows(
-    paint: Livery, x0: float, x1: float, count: int, z: tuple[float, float], doors: tuple[int, ...] = ()
-) -> None:
-    """Panes along both flanks of a bus or tram; doors on its right side."""
-    edges = np.linspace(x0, x1, count + 1)
-    lit = (250, 226, 176)
-    paint.rect("left right", (x0 - 0.1, z[0] - 0.06), (x1 + 0.1, z[1] + 0.06), (22, 23, 25))
-    for k in range(count):
-        a, b = float(edges[k]) + 0.04, float(edges[k + 1]) - 0.04
-        paint.rect("left right", (a, z[0]), (b, z[1]), (50, 60, 68), lit)
-        paint.fill(
-            "left right", [(a, z[1]), (a + 0.5 * (b - a), z[1]), (a + 0.2 * (b - a), z[0]), (a, z[0])], (92, 108, 120)
-        )
-        for seat in np.arange(a + 0.15, b - 0.1, 0.42):
-            paint.rect("left right", (seat, z[0]), (seat + 0.2, z[0] + 0.22), (44, 60, 108))
-        if k in doors:
-            paint.rect("right", (a, 0.36), (b, z[1] + 0.1), (28, 30, 32), _shade(lit, 0.8))
-            for u, v in ((a + 0.06, (a + b) / 2 - 0.03), ((a + b) / 2 + 0.03, b - 0.06)):
-                paint.rect("right", (u, 0.5), (v, z[1] + 0.02), (72, 86, 96))
-
-
-def bus(looks: Looks, name: str, colour: Colour, route: str, trolley: bool = False) -> Vehicle:
-    """A city bus with a lit destination; a trolleybus carries poles on its roof."""
-    body, paint = BUS, Livery(BUS, colour)
-    half, w = body.length / 2, body.width / 2
-    white = (236, 236, 232)
-    paint.rect("left right", (-half, 0.0), (half, 0.45), (40, 42, 44))
-    paint.rect("left right", (-half, 2.62), (half, 3.1), white if sum(colour) < 400 else _shade(colour, 0.8))
-    paint.rect("left right", (-half, 0.98), (half, 1.04), white)
-    paint.rect("top", (-half, -w), (half, w), (222, 222, 218))
-    for axle in body.axles:
-        angle, r = np.linspace(0, 2 * np.pi, 33), body.wheel_m * 1.2
-        paint.fill("left right", [(axle + r * np.cos(a), body.wheel_m + r * np.sin(a)) for a in angle], RUBBER)
-    _rows_of_windows(paint, -half + 0.35, half - 0.4, 8, (1.15, 2.5), doors=(4, 7))
-    paint.text("left", (-1.0, 0.76), "METRO TRANSIT", 0.3, white)
-    paint.text("right", (-3.6, 0.76), "METRO TRANSIT", 0.3, white)
-    paint.rect("left", (-2.6, 0.5), (2.4, 0.97), (250, 210, 30))
-    paint.text("left", (-0.1, 0.74), "CITY THEATRE · NOW OPEN", 0.34, (180, 20, 30), fit_m=4.6)
-    paint.rect("front", (-w * 0.93, 1.05), (w * 0.93, 2.6), GLASS, (90, 80, 60))
-    paint.fill("front", [(-w * 0.8, 2.55), (-w * 0.3, 2.55), (w * 0.2, 1.1), (-w * 0.5, 1.1)], (76, 90, 102))
-    paint.rect("front", (-0.02, 1.05), (0.02, 2.6), (20, 20, 20))
-    paint.rect("front rear", (-w * 0.8, 2.64), (w * 0.8, 2.95), (14, 14, 15))
-    paint.text("front", (0, 2.8), route, 0.26, (255, 170, 30), fit_m=1.9, lit=True)
-    paint.rect("right", (half - 2.4, 2.64), (half - 0.6, 2.92), (14, 14, 15))
-    paint.text("right", (half - 1.5, 2.78), route, 0.22, (255, 170, 30), fit_m=1.7, lit=True)
-    paint.rect("rear", (-w * 0.8, 1.5), (w * 0.8, 2.5), GLASS)
-    paint.rect("rear", (-w * 0.7, 0.55), (w * 0.7, 1.3), _shade(colour, 0.6))
-    for k in range(6):
-        paint.line("rear", [(-w * 0.66, 0.62 + 0.11 * k), (w * 0.66, 0.62 + 0.11 * k)], 0.03, (30, 30, 32))
-    for side in (1, -1):
-        paint.rect("front", (side * w * 0.55, 0.55), (side * w * 0.92, 0.75), HEAD, HEAD_GLOW)
-        paint.rect("rear", (side * w * 0.78, 0.6), (side * w * 0.95, 1.4), TAIL, TAIL_GLOW)
-    paint.rect("front", (-0.3, 0.42), (0.3, 0.54), (240, 238, 226))
-    sheet = paint.sheet(name, looks)
-    units = looks.plain((196, 198, 196))
-    low = np.array([(-4.6, -0.9, 3.08), (1.6, -0.8, 3.08)])
-    pieces = [
-        bodywork(body, sheet, looks, 14), wheels(body, looks, (150, 152, 154), 8),
-        boxes(low, low + [2.2, 1.7, 0.22], units, VEHICLE),
-        box((half - 0.1, half + 0.3), (w, w + 0.22), (1.9, 2.4), looks.plain(RUBBER), VEHICLE),
-        box((half - 0.1, half + 0.3), (-w - 0.22, -w), (1.9, 2.4), looks.plain(RUBBER), VEHICLE),
-    ]  # fmt: skip
-    if trolley:
-        foot = np.array([(-1.0, 0.3, 3.25), (-1.0, -0.3, 3.25)])
-        pieces += [
-            boxes(np.array([[-1.6, -0.5, 3.08]]), np.array([[-0.4, 0.5, 3.3]]), looks.plain((60, 62, 64)), VEHICLE),
-            bars(foot, foot + [-5.4, 0.0, 2.2], 0.07, looks.plain((40, 42, 44)), VEHICLE),
-        ]
-    return Vehicle(merge(pieces), body.length, body.width)
-
-
-def tram(looks: Looks, name: str, colour: Colour, route: str) -> Vehicle:
-    """A tramcar in two colours with its pantograph up."""
-    body, paint = TRAM, Livery(TRAM, colour)
-    half, w = body.length / 2, body.width / 2
-    cream = (236, 226, 200)
-    paint.rect("left right front rear", (-half, 2.72), (half, 3.3), cream)
-    paint.rect("left right front rear", (-half, 1.0), (half, 1.14), cream)
-    paint.rect("left right front rear", (-half, 0.0), (half, 0.5), (44, 46, 48))
-    paint.rect("top", (-half, -w), (half, w), (150, 152, 150))
-    _rows_of_windows(paint, -half + 1.0, half - 1.0, 9, (1.3, 2.6), doors=(0, 4, 8))
-    paint.text("left right", (-1.6, 0.8), "CITY TRAMWAYS", 0.28, cream)
-    for end in ("front", "rear"):
-        paint.fill(end, [(-w * 0.78, 1.35), (w * 0.78, 1.35), (w * 0.72, 2.7), (-w * 0.72, 2.7)], GLASS, (80, 70, 52))
-        paint.fill(end, [(-w * 0.6, 2.6), (-w * 0.1, 2.6), (w * 0.2, 1.4), (-w * 0.4, 1.4)], (80, 94, 106))
-        paint.rect(end, (-w * 0.6, 2.78), (w * 0.6, 3.06), (14, 14, 15))
-        paint.text(end, (0, 2.92), route, 0.24, (255, 200, 60), fit_m=1.3, lit=True)
-    for side in (1, -1):
-        paint.rect("front", (side * w * 0.45, 0.62), (side * w * 0.72, 0.86), HEAD, HEAD_GLOW)
-        paint.rect("rear", (side * w * 0.45, 0.62), (side * w * 0.72, 0.86), TAIL, TAIL_GLOW)
-    sheet = paint.sheet(name, looks)
-    iron = looks.plain((56, 58, 60))
-    arm = np.array([(0.3, -0.5, 3.3), (0.3, 0.5, 3.3), (1.5, -0.5, 4.3), (1.5, 0.5, 4.3)])
-    tip = np.array([(1.5, -0.5, 4.3), (1.5, 0.5, 4.3), (0.6, -0.3, 5.45), (0.6, 0.3, 5.45)])
-    low = np.array([(-5.0, -0.8, 3.25), (2.6, -0.8, 3.25)])
-    return Vehicle(
-        merge(
-            [
-                bodywork(body, sheet, looks, 16), wheels(body, looks, (90, 92, 94), 8), bars(arm, tip, 0.07, iron, VEHICLE),
-                bars(np.array([[0.6, -0.8, 5.48]]), np.array([[0.6, 0.8, 5.48]]), 0.08, iron, VEHICLE),
-                boxes(low, low + [2.2, 1.6, 0.32], looks.plain((176, 178, 176)), VEHICLE),
-            ]
-        ),
-        body.length, body.width,
-    )  # fmt: skip
-
-
-def lorry(looks: Looks, name: str, colour: Colour, box_colour: Colour, words: str) -> Vehicle:
-    """A lorry with a box body and lettering."""
-    from toolkit.objects.mesh import Material
-    from toolkit.worlds.paint import Canvas
-
-    paint = Livery(LORRY_CAB, colour)
-    w = LORRY_CAB.width / 2
-    paint.rect("front left right", (-1.2, 0.0), (1.2, 0.75), (36, 37, 39))
-    paint.rect("front", (-w * 0.9, 1.5), (w * 0.9, 2.4), GLASS)
-    paint.fill("left right", [(-0.6, 1.5), (-0.6, 2.35), (0.5, 2.35), (0.85, 1.5)], GLASS)
-    paint.line("left right", [(-0.65, 0.7), (-0.65, 2.4)], 0.02, _shade(colour, 0.5))
-    paint.rect("front", (-w * 0.6, 0.85), (w * 0.6, 1.35), (26, 26, 28))
-    for k in range(5):
-        paint.line("front", [(-w * 0.58, 0.9 + 0.1 * k), (w * 0.58, 0.9 + 0.1 * k)], 0.03, (140, 142, 144))
-    for side in (1, -1):
-        paint.rect("front", (side * w * 0.66, 0.55), (side * w * 0.95, 0.78), HEAD, HEAD_GLOW)
-    sheet = paint.sheet(name, looks)
-    cab = merge([bodywork(LORRY_CAB, sheet, looks, 10)]).moved(2.9)
-    canvas = Canvas(5.6, 2.5, 56, box_colour)
-    canvas.rect(0, 0, 5.6, 0.35, _shade(colour, 0.9))
-    ink = colour if sum(box_colour) > 400 else (240, 240, 236)
-    canvas.text(2.8, 1.5, words, 0.85, ink, fit_m=5.0)
-    canvas.text(2.8, 0.75, "REMOVALS · STORAGE · 24 HOURS", 0.24, ink, fit_m=4.8)
-    side = looks.add(Material(f"{name}-box", canvas.texture(0.05, looks.rng(name)), 0.5), (5.6, 2.5))
-    plain, dark = looks.plain(box_colour), looks.plain((34, 35, 37), "matte")
-    flanks = wall_quads(np.array([(-2.8, 1.0, 2.8, 3.5)]), 0.0, side, VEHICLE, fit=True)
-    pieces = [
-        cab,
-        box((-3.9, 1.7), (-1.22, 1.22), (1.0, 3.5), plain, VEHICLE),
-        place(flanks, np.array([(-1.1, -1.225, 0), (-1.1, 1.225, 0)]), np.array([0.0, 180.0])),
-        box((-3.8, 3.2), (-0.5, 0.5), (0.5, 0.95), dark, VEHICLE),
-        boxes(
-            np.array([(-3.92, -1.1, 0.7), (-3.92, 0.8, 0.7)]),
-            np.array([(-3.85, -0.8, 0.9), (-3.85, 1.1, 0.9)]),
-            looks.plain(TAIL, "lamp"),
-            VEHICLE,
-            (),
-        ),
-    ]
-    axles = replace(LORRY_CAB, length=8.0, axles=(-2.4, -1.3, 3.0))
-    pieces.append(wheels(axles, looks, (150, 152, 154), 8))
-    return Vehicle(merge(pieces), 7.9, 2.45)

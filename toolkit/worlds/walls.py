@@ -7,21 +7,42 @@ import numpy as np
 
 from toolkit.objects.mesh import Material
 from toolkit.objects.shapes.modelling import Colour
-from toolkit.worlds.paint import finish, flat, fractal, grain, noise, stains
+from toolkit.worlds.paint import finish, flat, fractal, grain, hex_name, noise, stains
 from toolkit.worlds.pieces import Looks, Skin
 
 SIDE_PX = 512
 BRICKS: tuple[Colour, ...] = (
-    (138, 66, 50), (112, 54, 44), (158, 92, 66), (176, 134, 98), (122, 84, 66), (96, 60, 52), (148, 74, 62),
-    (188, 160, 128), (110, 104, 98), (164, 104, 84),
-)  # fmt: skip
+    (138, 66, 50),
+    (112, 54, 44),
+    (158, 92, 66),
+    (176, 134, 98),
+    (122, 84, 66),
+    (96, 60, 52),
+    (148, 74, 62),
+    (188, 160, 128),
+    (110, 104, 98),
+    (164, 104, 84),
+)
 STONES: tuple[Colour, ...] = (
-    (196, 184, 160), (176, 170, 158), (206, 192, 164), (158, 152, 144), (186, 164, 136), (208, 204, 194),
-)  # fmt: skip
+    (196, 184, 160),
+    (176, 170, 158),
+    (206, 192, 164),
+    (158, 152, 144),
+    (186, 164, 136),
+    (208, 204, 194),
+)
 RENDERS: tuple[Colour, ...] = (
-    (214, 190, 140), (208, 168, 128), (196, 200, 188), (222, 208, 182), (186, 198, 204), (206, 150, 124),
-    (226, 222, 210), (172, 186, 164), (216, 196, 196), (190, 124, 96),
-)  # fmt: skip
+    (214, 190, 140),
+    (208, 168, 128),
+    (196, 200, 188),
+    (222, 208, 182),
+    (186, 198, 204),
+    (206, 150, 124),
+    (226, 222, 210),
+    (172, 186, 164),
+    (216, 196, 196),
+    (190, 124, 96),
+)
 
 
 def _masonry(
@@ -126,7 +147,7 @@ PAINTERS: dict[str, tuple[Callable[[np.random.Generator, Colour], np.ndarray], f
 
 def wall(looks: Looks, kind: str, colour: Colour) -> Skin:
     """The skin of a wall or roof of a kind and colour."""
-    name = f"{kind}-{'%02x%02x%02x' % colour}"
+    name = f"{kind}-{hex_name(colour)}"
     found = looks.known(name)
     if found:
         return found

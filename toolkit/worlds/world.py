@@ -108,7 +108,8 @@ class World:
         found = np.zeros(len(points), bool)
         for start in range(0, len(points), CHUNK):
             chunk = points[start : start + CHUNK, None]
-            found[start : start + CHUNK] = ((chunk > low) & (chunk < high)).all(axis=2).any(axis=1)
+            within = np.all((chunk > low) & (chunk < high), axis=2)
+            found[start : start + CHUNK] = np.any(within, axis=1)
         return found
 
     def _inside_by_rays(self, points: np.ndarray) -> np.ndarray:
