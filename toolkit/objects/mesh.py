@@ -25,12 +25,14 @@ class Material:
         texture: base colour, HWC uint8, sRGB-encoded; row 0 is v = 1.
         roughness: 0 mirror … 1 matte.
         metallic: 0 dielectric … 1 metal.
+        emission: light given off where lamps are on, on the same coordinates: HWC uint8, sRGB-encoded; None is none.
     """
 
     name: str
     texture: np.ndarray
     roughness: float = 0.6
     metallic: float = 0.0
+    emission: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -146,6 +148,8 @@ def hash_mesh(mesh: Mesh) -> str:
     for material in mesh.materials:
         digest.update(f"{material.name} {material.roughness} {material.metallic}".encode())
         digest.update(np.ascontiguousarray(material.texture).tobytes())
+        if material.emission is not None:
+            digest.update(np.ascontiguousarray(material.emission).tobytes())
     return digest.hexdigest()
 
 
