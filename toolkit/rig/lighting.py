@@ -5,6 +5,7 @@ What stands in the way of light depends on the shape alone and is kept with it: 
 
 from collections import OrderedDict
 from dataclasses import dataclass, replace
+from functools import cached_property
 from threading import Lock
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
@@ -45,8 +46,16 @@ class SampleGrid:
     slot: np.ndarray
 
 
-def place_samples(corners: np.ndarray, corner_normals: np.ndarray, spacing_mm: float) -> SampleGrid:
-    """Spread samples about `spacing_mm` apart over triangles (m, 3, 3) with corner normals (m, 3, 3)."""
+SHARED = 0.2
+
+
+def place_samples(
+    corners: np.ndarray, corner_normals: np.ndarray, spacing_mm: float, shared: float = SHARED
+) -> SampleGrid:
+    """Spread samples about `spacing_mm` apart over triangles (m, 3, 3) with corner normals (m, 3, 3).
+
+    Those closer than `shared` of that, on surfaces that face alike, share one value.
+    """
     edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
     steps = np.clip(np.ceil(edges / spacing_mm), 1, MAX_STEPS).astype(np.int64)
     counts = (steps + 1) * (steps + 2) // 2
@@ -60,7 +69,7 @@ def place_samples(corners: np.ndarray, corner_normals: np.ndarray, spacing_mm: f
         positions[index] = np.einsum("kc,fcx->fkx", weights, corners[faces]).reshape(-1, 3)
         normals[index] = np.einsum("kc,fcx->fkx", weights, corner_normals[faces]).reshape(-1, 3)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
-    cell = 0.2 * spacing_mm  # samples closer than this, on surfaces that face alike, share one value
+    cell = shared * spacing_mm
     depth = np.einsum("nx,nx->n", positions, normals)[:, None]  # a sheet on a wall keeps light of its own
     key = np.concatenate([positions / cell, normals * 8, depth / SHEET_MM], axis=1).round().astype(np.int64)
     packed = (key.view(np.uint64) * _MIX).sum(axis=1, dtype=np.uint64)  # wraps: a hash of 64 bits
@@ -117,10 +126,10 @@ class Shape:
     """A mesh's triangles as rays and light see them, whatever is painted on them; `of` keeps the last few.
 
     Attributes:
-        corners, corner_normals: (m, 3, 3).
+        mesh: the triangles.
         bounds: (2, 3) lowest and highest coordinates.
+        size: its longest side.
         rays: Open3D's scene of the triangles.
-        outline: (k, 3) vertices that bound every picture of it.
     """
 
     MOST_KEPT = 6
@@ -128,11 +137,9 @@ class Shape:
     _keeping: ClassVar[Lock] = Lock()
 
     def __init__(self, mesh: Mesh) -> None:
-        self.corners, self.corner_normals = mesh.vertices[mesh.faces], mesh.normals[mesh.faces]
-        self.bounds = mesh.bounds
+        self.mesh, self.bounds = mesh, mesh.bounds
         self.size = float(np.ptp(self.bounds, axis=0).max())
         self.rays: RaycastingScene = make_ray_scene(mesh)
-        self.outline = _hull_vertices(mesh.vertices)
         self._lock = Lock()
         self._grids: dict[float, SampleGrid] = {}
         self._free: OrderedDict[tuple[int, bytes], np.ndarray] = OrderedDict()
@@ -148,11 +155,23 @@ class Shape:
                 cls._known.popitem(last=False)
         return shape
 
-    def grid(self, spacing: float) -> SampleGrid:
-        """Samples about `spacing` apart."""
+    @cached_property
+    def outline(self) -> np.ndarray:
+        """(k, 3) vertices that bound every picture of it: its convex hull's, or all where it is flat."""
+        from scipy.spatial import ConvexHull, QhullError
+
+        try:
+            return self.mesh.vertices[ConvexHull(self.mesh.vertices).vertices]
+        except QhullError:
+            return self.mesh.vertices
+
+    def grid(self, spacing: float, shared: float = SHARED) -> SampleGrid:
+        """Samples about `spacing` apart; see `place_samples`."""
         with self._lock:
             if spacing not in self._grids:
-                self._grids = {spacing: place_samples(self.corners, self.corner_normals, spacing)}
+                faces = self.mesh.faces
+                grid = place_samples(self.mesh.vertices[faces], self.mesh.normals[faces], spacing, shared)
+                self._grids = {spacing: grid}
             return self._grids[spacing]
 
     def free(self, points: np.ndarray, normals: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -189,16 +208,6 @@ def find_free(
         if count:
             of_direction[which[:count]] += rays.test_occlusions(o3d.core.Tensor(shadow_rays[:count])).numpy()
     return free
-
-
-def _hull_vertices(vertices: np.ndarray) -> np.ndarray:
-    """(k, 3) the vertices of the convex hull, which bound every picture of the mesh; all of them where it is flat."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        return vertices[ConvexHull(vertices).vertices]
-    except QhullError:
-        return vertices
 
 
 @dataclass(frozen=True)
@@ -284,7 +293,7 @@ def bake_lighting(
 
 SURROUNDING_SAMPLES = 250_000
 """About so many places of the surroundings have light of their own."""
-SURROUNDING_RAYS = 48
+SURROUNDING_RAYS, SURROUNDING_SHARED = 48, 0.7
 
 
 def bake_surroundings(shape: Shape, albedo: np.ndarray, scene: Scene) -> Lighting:
@@ -295,13 +304,13 @@ def bake_surroundings(shape: Shape, albedo: np.ndarray, scene: Scene) -> Lightin
         albedo: (3,) their mean linear colour, for bounce.
         scene: whose sky and sun it is.
     """
-    a, b = shape.corners[:, 1] - shape.corners[:, 0], shape.corners[:, 2] - shape.corners[:, 0]
-    area = float(np.linalg.norm(np.cross(a, b), axis=1).sum()) / 2
+    first, second, third = (shape.mesh.vertices[shape.mesh.faces[:, k]] for k in range(3))
+    area = float(np.linalg.norm(np.cross(second - first, third - first), axis=1).sum()) / 2
     spacing = max(float(np.sqrt(area / SURROUNDING_SAMPLES)), 1e-6 * shape.size)
     lights = _find_lights(scene, BakeDetail(key_rays=1, room_rays=SURROUNDING_RAYS), AT_ORIGIN)
     up = np.array([[0.0, 0.0, 1.0]], np.float32)
     bounce = (BOUNCE * albedo * _open_light(up, lights)[0] / np.pi).astype(np.float32)
-    grid = shape.grid(spacing)
+    grid = shape.grid(spacing, SURROUNDING_SHARED)
     origins = grid.positions + grid.normals * np.float32(0.02 * spacing)
     without_key = replace(lights, key=lights.key[:0])
     values = _gather(shape, origins, grid.normals, without_key, bounce, NO_GROUND)
