@@ -35,7 +35,7 @@ def check_picture(picture: np.ndarray) -> None:
 
 PLACES = {
     "inside the object": look_at(MIDDLE, np.array([50.0, 10, 20])),
-    "inside the object, upwards": look_at(MIDDLE, MIDDLE + [0, 0, 1.0]),
+    "inside the object, upwards": look_at(MIDDLE, np.array([0, 0, 21.0])),
     "on its surface": look_at(np.array([50.0, 0, 20]), np.array([100.0, 0, 20])),
     "on its surface, inwards": look_at(np.array([50.0, 0, 20]), MIDDLE),
     "on the table, level": look_at(np.array([300.0, 0, 0]), np.array([0, 0, 0.0])),
