@@ -159,6 +159,11 @@ def hash_shape(mesh: Mesh) -> str:
     return digest.hexdigest()
 
 
+def hash_triangles(mesh: Mesh) -> str:
+    """SHA-256 of where the triangles are and how they are shaded, whatever is painted on them."""
+    return _hash_arrays((mesh.vertices, mesh.normals, mesh.faces)).hexdigest()
+
+
 def _hash_arrays(arrays: Iterable[np.ndarray]) -> "hashlib._Hash":
     digest = hashlib.sha256()
     for array in arrays:
