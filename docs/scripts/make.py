@@ -1,4 +1,4 @@
-"""Tables, the pages made from them, and the figures of a finished workspace: python docs/scripts/make.py [WORKSPACE]."""
+"""Tables, pages made from them, and the figures of a finished workspace: python docs/scripts/make.py [WORKSPACE]."""
 
 import sys
 from pathlib import Path
