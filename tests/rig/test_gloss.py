@@ -12,7 +12,8 @@ import pytest
 from toolkit.objects.mesh import Material, Mesh, merge_meshes
 from toolkit.rig.camera import Camera, look_at, orbit_direction, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.studio import KeyLight, Studio, make_studio
+from toolkit.rig.scene import KeyLight, Scene, Table
+from toolkit.rig.studio import make_studio
 
 DARK = KeyLight(irradiance=(0, 0, 0))
 SPOT = Camera.from_fov(9, 9, 0.5)
@@ -21,12 +22,12 @@ BALL_MM, BALL_Z_MM = 40.0, 60.0
 
 
 @pytest.fixture(scope="module")
-def black() -> Studio:
+def black() -> Scene:
     """No light at all, over a black matte table."""
     studio = make_studio(0, 100, "white")
     return replace(
-        studio, environment=np.zeros_like(studio.environment), key=DARK, exposure=1.0, table_roughness=1.0,
-        table=np.zeros_like(studio.table), table_mm=(2000.0, 2000.0),
+        studio, environment=np.zeros_like(studio.environment), key=DARK, exposure=1.0,
+        table=Table(np.zeros_like(studio.table.picture), (2000.0, 2000.0), 1.0),
     )  # fmt: skip
 
 
@@ -175,7 +176,7 @@ def test_a_mirror_that_leans_over_shows_the_table_where_its_ray_lands(black):
     side, key = 256, KeyLight(azimuth_deg=180, elevation_deg=60, radius_deg=1, irradiance=(2.0, 2.0, 2.0))
     row, column = np.mgrid[:side, :side]
     table = np.stack([column, 255 - row, 0 * row + 40], axis=-1).astype(np.uint8)  # right +x, up +y
-    studio = replace(black, key=key, table=table, table_mm=(700.0, 700.0))
+    studio = replace(black, key=key, table=Table(table, (700.0, 700.0), 1.0))
     normal = orbit_direction(0, -20)
     renderer = RaycastRenderer(make_plate(paint(0.0, 1.0), normal), studio)
     landed = []

@@ -35,7 +35,7 @@ def check_picture(picture: np.ndarray) -> None:
 
 PLACES = {
     "inside the object": look_at(MIDDLE, np.array([50.0, 10, 20])),
-    "inside the object, upwards": look_at(MIDDLE, np.array([0, 0, 21.0])),
+    "inside the object, upwards": look_at(MIDDLE, MIDDLE + np.array([0, 0, 1.0])),
     "on its surface": look_at(np.array([50.0, 0, 20]), np.array([100.0, 0, 20])),
     "on its surface, inwards": look_at(np.array([50.0, 0, 20]), MIDDLE),
     "on the table, level": look_at(np.array([300.0, 0, 0]), np.array([0, 0, 0.0])),
@@ -83,7 +83,6 @@ def test_an_object_over_the_whole_frame_hides_what_is_behind(boxed, make_box):
     assert dark.max() < 0.35 * picture.min()  # black paint everywhere: no pixel shows the white table
 
 
-@pytest.mark.xfail(strict=False, reason="the ray-cast renderer overflows in float32 without a word")
 @pytest.mark.parametrize("distance_mm", [1e9, 1e20, 1e37, 1e300])
 @pytest.mark.parametrize("looks", ["at it", "away"])
 def test_a_camera_far_out_of_the_world_shows_something_finite_or_says_no(boxed, distance_mm, looks):
@@ -100,7 +99,6 @@ def test_a_camera_far_out_of_the_world_shows_something_finite_or_says_no(boxed, 
     assert time.monotonic() - start < 20
 
 
-@pytest.mark.xfail(strict=False, reason="the ray-cast renderer does not look at its pose: NumPy's words, or warnings")
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("place", [(0, 3), (1, 1), (2, 2)])
 def test_a_pose_that_is_no_number_is_one_clear_line(boxed, bad, place):
