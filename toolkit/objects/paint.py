@@ -19,7 +19,7 @@ PLAIN_COLOUR = (168, 170, 173)
 """sRGB of a mesh that comes without texture or colours."""
 COLOURS = "colours"
 """Name of the material whose texture was made from colours: its texture coordinates are no sheet to train."""
-BLENDED = 20_000
+BLENDED = 40_000
 """Up to so many faces, colours of vertices are blended over each; smaller faces have one colour each, their mean."""
 MOST_COLOURS = 2_000_000
 """With more, the last bit of each channel is left out."""
