@@ -99,3 +99,31 @@ def test_weights_are_found_or_the_way_to_them_is_told(tmp_path, monkeypatch):
     monkeypatch.setenv("TOOLKIT_WEIGHTS", str(tmp_path))
     check = health._weights()
     assert check.state == "ok" and "resnet18-abcd1234.pth" in check.found
+
+
+def test_where_the_compiled_renderer_lies_or_will(tmp_path, monkeypatch):
+    def check(cache: Path) -> health.Check:
+        monkeypatch.setenv("TOOLKIT_CACHE", str(cache))
+        cache_folder.cache_clear()
+        return health._renderer()
+
+    from toolkit.rig.kernel.compiled import cache_folder
+
+    try:
+        found = check(tmp_path)
+        assert (found.state, found.fix) == ("note", "") and "not compiled yet" in found.found
+        (cache_folder() / "complete").touch()
+        found = check(tmp_path)
+        assert found.state == "ok" and found.found == f"compiled, in {cache_folder()}"
+        (tmp_path / "file").write_text("no folder")
+        found = check(tmp_path / "file")
+        assert found.state == "note" and "each start" in found.found and "TOOLKIT_CACHE" in found.fix
+    finally:
+        monkeypatch.undo()
+        cache_folder.cache_clear()
+
+
+def test_a_numba_that_cannot_be_loaded_is_told(monkeypatch):
+    monkeypatch.setitem(sys.modules, "toolkit.rig.kernel.compiled", None)
+    check = health._renderer()
+    assert check.state == "missing" and "numba" in check.fix

@@ -44,7 +44,7 @@ def check_machine(folder: Path | None = None) -> list[Check]:
         folder: where a workspace is or would be, for its free disk space; by default the current one.
     """
     where = Path.cwd() if folder is None else folder
-    return [_python(), _packages(), _open3d(), _egl(), _disk(where), _weights(), _bundled(), _gpu()]
+    return [_python(), _packages(), _open3d(), _renderer(), _egl(), _disk(where), _weights(), _bundled(), _gpu()]
 
 
 def _python() -> Check:
@@ -84,6 +84,21 @@ def _open3d() -> Check:
         return Check("Open3D", "ok", done.stdout.split()[-1])
     reason = (done.stderr.strip().splitlines() or [f"ended with code {done.returncode}"])[-1]
     return Check("Open3D", "missing", reason[:120], f"{APT} {PACKAGES}")
+
+
+def _renderer() -> Check:
+    """Whether the renderer's machine code is kept, and where."""
+    try:
+        from toolkit.rig.kernel.compiled import cache_folder, is_compiled
+    except ImportError as error:
+        return Check("renderer", "missing", str(error).splitlines()[0][:120], "pip install 'numba>=0.61,<0.70'")
+    folder = cache_folder()
+    if folder is None:
+        fix = "export TOOLKIT_CACHE=FOLDER, one that can be written to"
+        return Check("renderer", "note", "compiled at each start, some seconds: no folder to keep it in", fix)
+    if is_compiled():
+        return Check("renderer", "ok", f"compiled, in {folder}")
+    return Check("renderer", "note", f"not compiled yet; the first picture does it, some seconds, into {folder}")
 
 
 def _egl() -> Check:

@@ -287,7 +287,7 @@ def bake_lighting(
         values = _gather(shape, origins, grid.normals, lights, bounce, _Ground(table, side, _mean_colour(scene.table)))
         return Lighting(grid, values[grid.slot], table, side, open_irradiance)
     values = _gather(shape, origins, grid.normals, lights, bounce, NO_GROUND, (around, stand))
-    share = (table / np.maximum(open_ground, 1e-9)).astype(np.float32)
+    share = np.divide(table, open_ground, out=np.ones_like(table), where=open_ground > 1e-6 * open_irradiance.max())
     return Lighting(grid, values[grid.slot], share, side, open_irradiance)
 
 

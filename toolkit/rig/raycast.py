@@ -8,6 +8,7 @@ import os
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from threading import RLock
 from typing import Any, NamedTuple, TypeVar
 
@@ -39,6 +40,7 @@ from toolkit.rig.lighting import FULL_DETAIL, BakeDetail, Lighting, Shape, bake_
 from toolkit.rig.linear_view import LinearView
 from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table
+from toolkit.rig.shading import tone_map
 from toolkit.rig.textures import blur_directions, pack_textures
 
 LIGHT_MAP_ZOOM = 2
@@ -92,11 +94,11 @@ class _Body:
 def _surroundings_of(scene: Scene) -> _Body:
     """What stands around the object and never moves; kept for the next renderer in the same sky."""
 
-    def make(mesh: Mesh, _: np.ndarray) -> _Body:
+    def make(mesh: Mesh, *_: object) -> _Body:
         shape, paint = Shape.of(mesh), _paint_of(mesh)
         return _Body(mesh, shape, paint, bake_surroundings(shape, paint.mean_colour, scene), AT_ORIGIN, number=1)
 
-    return _kept(make, scene.surroundings, scene.environment)
+    return _kept(make, scene.surroundings, scene.environment, scene.key)
 
 
 class RaycastRenderer:
@@ -413,7 +415,8 @@ def _compile_all() -> None:
     texture = np.full((8, 8, 3), 128, np.uint8)
     mesh = Mesh(corners, up, corners[:, :2] / 9, faces, np.zeros(1, np.int32), (Material("", texture),))
     room = np.ones((32, 64, 3), np.float32)
-    renderer = RaycastRenderer(mesh, Scene("", KeyLight(), room, 1.0, Table(texture, (40.0, 30.0), 0.5)))
-    pose = orbit_pose(np.zeros(3), 0, 60, 30)
-    renderer.render(Camera.from_fov(16, 16), pose)
-    renderer.render_linear(Camera.from_fov(16, 16), pose, texture)
+    studio = Scene("", KeyLight(), room, 1.0, Table(texture, (40.0, 30.0), 0.5))
+    camera, pose = Camera.from_fov(16, 16), orbit_pose(np.zeros(3), 0, 60, 30)
+    RaycastRenderer(mesh, studio).render_linear(camera, pose, texture)
+    world = replace(studio, table=None, surroundings=mesh)
+    tone_map(RaycastRenderer(mesh, world, stand=Stand((0.0, 0.0, 2.0))).render(camera, pose), (0,))

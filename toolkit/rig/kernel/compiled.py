@@ -27,6 +27,7 @@ def cache_folder() -> Path | None:
     """Where this version's machine code is kept; None where no folder of the user's own can be written to."""
     digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]}".encode())
     for source in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(f"{source} {source.stat().st_mtime_ns}".encode())  # numba compiles anew where either differs
         digest.update(source.read_bytes())
     home = os.environ.get("XDG_CACHE_HOME") or str(Path("~/.cache").expanduser())
     root = Path(os.environ.get("TOOLKIT_CACHE") or Path(home) / "toolkit")

@@ -37,7 +37,7 @@ def develop(
                 if value > shoulder:
                     value = shoulder + room * (1 - math.exp((shoulder - value) / room))
                 value += grain[row, column, c] * noise * math.sqrt(max(value, 0.01) / 0.18)
-                value = min(max(value, 0.0), 1.0)
+                value = min(value, 1.0) if value > 0 else 0.0  # NaN is black
                 code = lower[int(value * bands)]
                 while value >= starts[code]:
                     code += 1

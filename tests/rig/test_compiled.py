@@ -1,0 +1,181 @@
+"""The compiled renderer's cache: said when it is cold, silent when it is warm, never beside the code."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+import toolkit
+from toolkit.core.console import quietly
+from toolkit.rig.kernel import compiled
+
+PACKAGE = Path(toolkit.__file__).parent
+
+
+@pytest.fixture
+def start(monkeypatch):
+    """A function (cache) -> None: as if Python had just been started, with this cache."""
+
+    def run(cache: Path) -> None:
+        monkeypatch.setenv("TOOLKIT_CACHE", str(cache))
+        monkeypatch.setattr(compiled, "_prepared", False)
+        compiled.cache_folder.cache_clear()
+
+    yield run
+    monkeypatch.undo()
+    compiled.cache_folder.cache_clear()
+
+
+def test_a_cold_cache_is_compiled_and_said_once(start, tmp_path, capsys):
+    done = []
+    for _ in range(2):  # two starts
+        start(tmp_path)
+        for _ in range(3):  # three renderers
+            compiled.prepare(lambda: done.append(compiled.is_compiled()))
+    assert done == [False] and compiled.is_compiled()
+    said = capsys.readouterr()
+    assert said.out == "" and said.err.splitlines() == ["compiling the renderer for this machine: some seconds, once"]
+
+
+def test_it_is_not_said_quietly(start, tmp_path, capsys):
+    start(tmp_path)
+    with quietly():
+        compiled.prepare(lambda: None)
+    assert capsys.readouterr().err == "" and compiled.is_compiled()
+
+
+def test_a_start_that_was_interrupted_while_compiling_is_made_up_for(start, tmp_path):
+    def interrupt() -> None:
+        raise KeyboardInterrupt
+
+    start(tmp_path)
+    with pytest.raises(KeyboardInterrupt):
+        compiled.prepare(interrupt)
+    assert not compiled.is_compiled()
+    start(tmp_path)
+    compiled.prepare(lambda: None)
+    assert compiled.is_compiled()
+
+
+def test_without_a_folder_to_write_to_each_start_compiles_and_says_so(start, tmp_path, capsys):
+    (tmp_path / "file").write_text("no folder")
+    for _ in range(2):
+        start(tmp_path / "file")
+        assert compiled.cache_folder() is None and not compiled.is_compiled()
+        compiled.prepare(lambda: pytest.fail("numba compiles what is used, when it is used"))
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 2 and said[0] == said[1] and "each start" in said[0]
+
+
+@pytest.fixture
+def sources(monkeypatch, tmp_path):
+    """A copy of the kernel's sources, which stands for the installed ones."""
+    copy = Path(shutil.copytree(Path(compiled.__file__).parent, tmp_path / "install" / "kernel"))
+    monkeypatch.setattr(compiled, "__file__", str(copy / "compiled.py"))
+    return copy
+
+
+def test_each_version_of_the_sources_has_a_folder_of_its_own(start, sources, tmp_path):
+    def folder() -> Path:
+        start(tmp_path / "cache")
+        found = compiled.cache_folder()
+        assert found is not None and found.parent == tmp_path / "cache" and found.is_dir()
+        return found
+
+    first = folder()
+    assert folder() == first
+    text = (sources / "gloss.py").read_text()
+    (sources / "gloss.py").write_text(text.replace("0.0425", "0.0426"))
+    assert folder() != first
+
+
+def test_sources_that_were_installed_again_are_compiled_again_as_numba_does(start, sources, tmp_path):
+    """It goes by a file's place and time: what it would not load is not said to be compiled."""
+    start(tmp_path / "cache")
+    compiled.prepare(lambda: None)
+    os.utime(sources / "gloss.py", ns=(0, 10**18))
+    start(tmp_path / "cache")
+    assert not compiled.is_compiled()
+
+
+def test_folders_of_versions_that_nobody_uses_are_cleared_away(start, sources, tmp_path):
+    now = (sources / "compiled.py").stat().st_mtime
+    for name, days in (("kernel-old", 31), ("kernel-other", 2), ("pictures", 400)):
+        (tmp_path / "cache" / name).mkdir(parents=True)
+        (tmp_path / "cache" / name / "complete").touch()
+        os.utime(tmp_path / "cache" / name / "complete", (now - 86400 * days,) * 2)
+    start(tmp_path / "cache")
+    compiled.prepare(lambda: None)
+    left = sorted(path.name for path in (tmp_path / "cache").iterdir())
+    assert left == sorted([compiled.cache_folder().name, "kernel-other", "pictures"])
+
+
+PROGRAM = """
+import gc, json
+from dataclasses import replace
+import numpy as np
+from numba.core.dispatcher import Dispatcher
+from toolkit.objects.mesh import place_on_table
+from toolkit.objects.shapes.modelling import assemble, box
+from toolkit.rig import raycast
+from toolkit.rig.camera import Camera, orbit_pose
+from toolkit.rig.kernel import compiled
+from toolkit.rig.lighting import BakeDetail
+from toolkit.rig.scene import KeyLight, Scene, Stand, Table
+from toolkit.rig.shading import tone_map
+
+def count():
+    kernels = [one for one in gc.get_objects() if isinstance(one, Dispatcher) and one.py_func.__module__.startswith("toolkit.")]
+    return {k.py_func.__name__: sum(k.stats.cache_misses.values()) for k in kernels}, {k._cache.cache_path for k in kernels}
+
+def solid(size):
+    return place_on_table(assemble(box(size, paint=(150, 150, 150)), {"paint": (0.8, 0.0)}, 32))
+
+compiled.prepare(raycast._compile_all)
+prepared = count()[0]
+mesh, quick, camera = solid((100.0, 60.0, 40.0)), BakeDetail(4, 8, 0.2, 0.2), Camera.from_fov(24, 16, 40)
+pose = orbit_pose(np.zeros(3), 20, 40, 250)
+studio = Scene("", KeyLight(), np.ones((64, 128, 3), np.float32), 1.0, Table(np.full((8, 8, 3), 99, np.uint8), (400.0, 300.0), 0.5))
+world = replace(studio, table=None, surroundings=solid((900.0, 900.0, 2.0)))
+pictures = []
+for scene in (studio, world):
+    renderer = raycast.RaycastRenderer(mesh, scene, quick, Stand((9.0, 5.0, 2.0), 30.0))
+    pictures += [tone_map(light, (1,)) for light in renderer.render_many([(camera, pose)] * 2)]
+    renderer.render_linear(camera, pose, mesh.materials[0].texture)
+    renderer.buffers(camera, pose)
+after, places = count()
+print(json.dumps({"prepared": prepared, "after": after, "places": sorted(map(str, places)), "mean": float(np.mean(pictures))}))
+"""  # noqa: E501
+
+
+def run_program(cache: Path) -> SimpleNamespace:
+    command = [sys.executable, "-c", PROGRAM]
+    environment = {**os.environ, "TOOLKIT_CACHE": str(cache)}
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    return SimpleNamespace(said=done.stderr.count("compiling"), stderr=done.stderr, **json.loads(done.stdout))
+
+
+@pytest.mark.slow
+def test_all_is_compiled_under_the_one_notice_and_loaded_by_the_next_start(tmp_path):
+    cold, warm = run_program(tmp_path), run_program(tmp_path)
+    assert (cold.said, warm.said) == (1, 0)
+    assert cold.prepared == cold.after and sum(cold.prepared.values()) > 10  # nothing waits for the first picture
+    assert set(warm.after.values()) == {0}
+    assert cold.mean == warm.mean
+    assert all(Path(place).is_relative_to(tmp_path) for place in cold.places)
+    assert not [path for path in PACKAGE.rglob("*.nb[ic]")]  # the code may lie where nothing can be written
+
+
+@pytest.mark.slow
+def test_it_renders_where_nothing_can_be_kept(tmp_path):
+    (tmp_path / "file").write_text("no folder")
+    without = run_program(tmp_path / "file")
+    assert without.said == 1 and "each start" in without.stderr
+    assert without.places == ["None"] and without.mean > 10
+    assert not [path for path in PACKAGE.rglob("*.nb[ic]")]
