@@ -1,7 +1,7 @@
 """Scenes out of doors against closed forms: sun and shadow, the share of the sky, depth, what is nearer.
 
-Walls and ground are matte and of one paint; what is asked of them is their colour's part, the picture of a world painted
-white less the same in black, as gloss is no part of it (see test_gloss.py). Baked light has 48 directions.
+Walls and ground are matte and of one paint. What is asked of them is their colour's part: the picture of a world in
+white paint less that in black, as gloss is no part of it (see test_gloss.py). Baked light has 48 directions.
 """
 
 from dataclasses import replace
@@ -49,10 +49,11 @@ def slab(low, high, code: int = GREY, cells: int = 1) -> Mesh:
                 quads = quads[:, ::-1]
             faces = np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]).astype(np.int32)
             points = places.reshape(-1, 3).astype(np.float32)
-            parts.append(Mesh(
-                points, np.tile(normal.astype(np.float32), (len(points), 1)), np.full((len(points), 2), 0.5, np.float32),
-                faces, np.zeros(len(faces), np.int32), (paint(code),),
-            ))  # fmt: skip
+            normals, uv = (
+                np.tile(normal.astype(np.float32), (len(points), 1)),
+                np.full((len(points), 2), 0.5, np.float32),
+            )
+            parts.append(Mesh(points, normals, uv, faces, np.zeros(len(faces), np.int32), (paint(code),)))
     return merge_meshes(parts)
 
 
