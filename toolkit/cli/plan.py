@@ -119,6 +119,8 @@ def _report_list(made: "WrittenShotList", as_json: bool) -> None:
         return
     if made.replaced:
         say("note: rig/shots.json held other shots, or another order, before")
+    for note in made.notes:
+        warn(f"note: {note}")
     say(f"{made.shots} shots of {', '.join(made.objects)}; the camera moves {made.travel_m:.1f} m in all")
     wrote = f"wrote {made.pdf_file} ({made.pages} pages) and {made.shots_file}"
     say(f"{wrote}; next: print it, shoot in its order, then toolkit import PHOTOS/")
