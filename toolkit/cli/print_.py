@@ -70,6 +70,7 @@ def print_patches(
         more, failed = of_patches.print_patches(chosen, folder, settings, go_on=everything, workspace=place)
         printed += more
     notes = [] if objects else [note for one in printed for note in of_patches.compare_with_rig(place, one)]
+    notes += of_patches.check_fits(place, printed)
     for failure in failed:
         warn(f"not printed: {failure['reason']}", style="red")
     if as_json:

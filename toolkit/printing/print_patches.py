@@ -9,6 +9,7 @@ from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import read_json, write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.printer import PrintScores, score_print
+from toolkit.objects.load import load_object
 from toolkit.objects.printed_size import BASE_DPI
 from toolkit.objects.records import PatchRecord, read_patch
 from toolkit.objects.spec import read_spec
@@ -16,6 +17,7 @@ from toolkit.printing.document import build_pdf
 from toolkit.printing.layout import effective_percent
 from toolkit.printing.settings import PrintSettings
 from toolkit.printing.wearers import SAME_MM, Wearer, as_wearer, choose_wearer, find_wearers
+from toolkit.rig.fit import describe_misfit, is_own
 from toolkit.rig.variants import find_patch_file
 
 
@@ -294,3 +296,14 @@ def compare_with_rig(workspace: Workspace, printed: PrintedPatch, png_file: Path
             f"rig/objects/{one.object}.toml"
         )
     return notes + broken
+
+
+def check_fits(workspace: Workspace, printed: Sequence[PrintedPatch]) -> list[str]:
+    """Which sheets will not lie on their objects at the size that was printed, and where they would."""
+    notes = []
+    for one in printed:
+        if one.object is None or (not is_own(workspace, one.object) and one.size_mm <= one.recorded_mm):
+            continue
+        item = load_object(workspace.object_spec(one.object))
+        notes += [line for line in [describe_misfit(item, one.size_mm)] if line]
+    return notes
