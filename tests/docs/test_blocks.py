@@ -267,8 +267,12 @@ def test_python_runs(page: str, lab: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_reports_and_pages_are_where_the_docs_say(lab: Path, run: Callable[[Command], None]) -> None:
     run(["toolkit", "eval", "captures/"])
-    assert {file.name for file in (lab / "eval/rig18").iterdir()} >= {"report.html", "predictions.csv", "summary.json"}
-    heads = (lab / "eval/rig18/predictions.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
+    assert {file.name for file in (lab / "eval/rig18-sim").iterdir()} >= {
+        "report.html",
+        "predictions.csv",
+        "summary.json",
+    }
+    heads = (lab / "eval/rig18-sim/predictions.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
     page = (DOCS / "reference/files.md").read_text(encoding="utf-8")
     shown = page.split("### `eval/RUN/predictions.csv`")[1].split(".\n")[0]
     assert re.findall(r"`(\w+)`", shown) == heads
