@@ -95,3 +95,21 @@ def test_the_commands_say_so(tmp_path, make_crate_space, monkeypatch):
     assert expected in captured and "the sheet leaves the frame in" in captured
     assert "'toolkit plan --object crate' frames object and sheet together" in captured
     assert expected not in said(capture_sim, "--object", "crate", "--variant", "unpatched", "--quiet")
+
+
+def test_heights_are_those_that_rays_find(tmp_path, make_box):
+    """Against Open3D's rays, over the racer's cockpit and wings, tilted; and what a box hides below is not seen."""
+    from toolkit.objects.mesh import make_ray_scene
+    from toolkit.rig.fit import survey_heights
+    from toolkit.rig.mount import _heights
+
+    racer = load_object(Workspace(tmp_path).object_spec("racer"))
+    for mesh in (racer.mesh, make_box()):
+        tilt = np.radians(20)
+        T = np.eye(4)
+        T[:3, :3] = [[np.cos(tilt), 0, np.sin(tilt)], [0, 1, 0], [-np.sin(tilt), 0, np.cos(tilt)]]
+        T[:3, 3] = [10, 5, 50]
+        found, cast = survey_heights(mesh, T, 90.0), _heights(make_ray_scene(mesh), T, 90.0)
+        both = np.isfinite(found) & np.isfinite(cast)
+        assert (np.isfinite(found) == np.isfinite(cast)).mean() > 0.99 and both.any()
+        assert np.quantile(np.abs(found - cast)[both], 0.99) < 0.01

@@ -78,7 +78,7 @@ def add(
         say(f"note: no place for the patch yet: {trouble}")
     if made.length_is_guessed:
         say(f"note: the mesh states no length; measure the longest side and set length_mm in {made.spec_file.name}")
-    say(f"next: toolkit plan --object {item.name}, then toolkit train-patch --class '{item.spec.class_name}'")
+    say(f"next: toolkit plan --object {item.name}, then toolkit train-patch --object {item.name}")
 
 
 def _find_class(space: "Workspace", given: str) -> str:

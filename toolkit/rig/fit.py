@@ -12,11 +12,11 @@ import numpy as np
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import PACKAGE_DATA, Workspace
 from toolkit.objects.load import TableObject
-from toolkit.objects.mesh import Mesh, make_ray_scene
+from toolkit.objects.mesh import Mesh
 from toolkit.objects.printed_size import printed_size_mm
 from toolkit.objects.records import TAPE_MARGIN_MM, read_patch
 from toolkit.objects.spec import PatchMount, Side
-from toolkit.rig.mount import mount_patch
+from toolkit.rig.mount import SAMPLES, LaidSheet, lay_sheet
 from toolkit.rig.variants import find_patch_file
 
 FLOATING_OFF = 0.1
@@ -31,6 +31,8 @@ SMALLEST_TRIED_MM = 12.0
 NEW_PATCH_MM = printed_size_mm(100)
 """Of a patch of 100 px, which training makes unless it is told otherwise."""
 ACROSS = 41
+MOST_PLACES = 4_000_000
+"""Places of the grid that are looked at together."""
 
 
 @dataclass(frozen=True)
@@ -67,37 +69,68 @@ def measure_fit(item: TableObject, size_mm: float, mount: PatchMount | None = No
     """Measure how a patch of that side, with its white margin, lies where `mount` (by default the spec) says.
 
     Raises:
-        ToolkitError: it cannot be mounted there at all, as `mount_patch` says.
+        ToolkitError: it cannot be mounted there at all, as `lay_sheet` says.
     """
-    import open3d as o3d
-
     mount = mount or item.spec.patch
-    sheet = mount_patch(item.mesh, np.zeros((8, 8, 3), np.uint8), size_mm, mount, item.name).mesh
-    points, normals = _spread(sheet, sheet.vertices), _spread(sheet, sheet.normals)
-    rays = np.ascontiguousarray(np.concatenate([points + normals, -normals], axis=1), np.float32)  # from 1 mm above
-    below = make_ray_scene(item.mesh).cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy() - 1
+    laid = lay_sheet(item.mesh, size_mm, mount, item.name, lambda T, side: survey_heights(item.mesh, T, side))
+    points, slope = _spread(laid)
+    steps = (points[:, :2] / (size_mm + 2 * TAPE_MARGIN_MM) + 0.5) * (SAMPLES - 1)
+    column, row = np.rint(steps).astype(int).clip(0, SAMPLES - 1).T
+    below = (points[:, 2] - laid.heights[row, column]) * np.cos(slope)
     hit = np.isfinite(below)
     relief = float(np.ptp(np.percentile(below[hit], [5, 95]))) if hit.any() else 0.0
-    bend = float(np.degrees(np.arccos(np.clip((normals[::ACROSS] @ normals[::ACROSS].T).min(), -1, 1))))
+    rotation, place = laid.T_object_sheet[:3, :3], laid.T_object_sheet[:3, 3]
     return SheetFit(
         mount.at, size_mm, floating=float((below > FLOATING_OFF * size_mm).mean()),
-        loose=float((below[_is_margin(len(below) // ACROSS, size_mm)] > LOOSE_MM).mean()),
-        overhang=1 - float(hit.mean()), bend_deg=bend, relief_mm=relief, points_mm=points,
+        loose=float((below[_is_margin(size_mm)] > LOOSE_MM).mean()),
+        overhang=1 - float(hit.mean()), bend_deg=float(np.degrees(np.ptp(slope))), relief_mm=relief,
+        points_mm=points @ rotation.T + place,
     )  # fmt: skip
 
 
-def _is_margin(along: int, size_mm: float) -> np.ndarray:
+def survey_heights(mesh: Mesh, T_object_sheet: np.ndarray, side: float) -> np.ndarray:
+    """(SAMPLES, SAMPLES) height of the surface over a sheet's plane, as `LaidSheet` has it, without casting rays.
+
+    Every triangle is spread over the places of the grid within its bounds; of all that cover one the highest counts.
+    """
+    local = (mesh.vertices - T_object_sheet[:3, 3]) @ T_object_sheet[:3, :3]
+    corners = local[mesh.faces].astype(float)  # (m, 3, 3)
+    grid = (corners[..., :2] / side + 0.5) * (SAMPLES - 1)
+    low = np.ceil(grid.min(axis=1) - 1e-6).clip(0, SAMPLES).astype(int)
+    high = np.floor(grid.max(axis=1) + 1e-6).clip(-1, SAMPLES - 1).astype(int)
+    size = (high - low + 1).clip(0)
+    heights = np.full(SAMPLES * SAMPLES, -np.inf)
+    counts = size.prod(axis=1)
+    for part in np.array_split(np.flatnonzero(counts), max(1, int(counts.sum() // MOST_PLACES))):
+        which = np.repeat(part, counts[part])
+        inside = np.arange(len(which)) - np.repeat(np.cumsum(counts[part]) - counts[part], counts[part])
+        x, y = low[which, 0] + inside % size[which, 0], low[which, 1] + inside // size[which, 0]
+        a, b, c = (grid[which, k] for k in range(3))
+        area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            second = ((x - a[:, 0]) * (c[:, 1] - a[:, 1]) - (y - a[:, 1]) * (c[:, 0] - a[:, 0])) / area
+            third = ((b[:, 0] - a[:, 0]) * (y - a[:, 1]) - (b[:, 1] - a[:, 1]) * (x - a[:, 0])) / area
+            covered = (second >= -1e-6) & (third >= -1e-6) & (second + third <= 1 + 1e-6)
+        z = corners[which, :, 2]
+        height = z[:, 0] + second * (z[:, 1] - z[:, 0]) + third * (z[:, 2] - z[:, 0])
+        np.maximum.at(heights, (y * SAMPLES + x)[covered], height[covered])
+    return heights.reshape(SAMPLES, SAMPLES)
+
+
+def _spread(laid: LaidSheet) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 3) points all over the sheet in its own frame, and (n,) how steep it is there, radians."""
+    share = np.linspace(0, 1, ACROSS)[None, :, None]
+    points = laid.points[:, :1] * (1 - share) + laid.points[:, 1:] * share
+    run, lift = laid.points[:, 0, 0 if laid.along_right else 1], laid.points[:, 0, 2]
+    slope = np.arctan2(np.gradient(lift), np.gradient(run))
+    return points.reshape(-1, 3), np.repeat(slope, ACROSS)
+
+
+def _is_margin(size_mm: float) -> np.ndarray:
     """(n,) bool: which of the points of `_spread` are on the white paper round the patch."""
     inner = TAPE_MARGIN_MM / (size_mm + 2 * TAPE_MARGIN_MM)
-    away = [np.abs(np.linspace(-0.5, 0.5, count)) > 0.5 - inner for count in (along, ACROSS)]
+    away = [np.abs(np.linspace(-0.5, 0.5, count)) > 0.5 - inner for count in (SAMPLES, ACROSS)]
     return (away[0][:, None] | away[1][None, :]).reshape(-1)
-
-
-def _spread(sheet: Mesh, values: np.ndarray) -> np.ndarray:
-    """(n, 3) values of the sheet's printed face, between the two straight edges that it is a mesh of."""
-    face = values[: len(sheet.vertices) // 2].reshape(-1, 2, 3)
-    share = np.linspace(0, 1, ACROSS)[None, :, None]
-    return (face[:, :1] * (1 - share) + face[:, 1:] * share).reshape(-1, 3)
 
 
 def suggest_place(item: TableObject, size_mm: float) -> SheetFit | None:

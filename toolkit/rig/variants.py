@@ -222,7 +222,7 @@ def find_patch(workspace: Workspace, item: TableObject) -> Patch:
     where = f" --model {chosen} --out {workspace.patches_dir}" if chosen else ""
     raise ToolkitError(
         f"no patch for object '{item.name}' (class '{item.spec.class_name}'){f' in {chosen}' if chosen else ''}: train "
-        f"one with 'toolkit train-patch --class \"{item.spec.class_name}\" --data rig:{item.name}{where}', or shoot "
+        f"one with 'toolkit train-patch --object {item.name}{where}', or shoot "
         "--variant unpatched"
     )
 
