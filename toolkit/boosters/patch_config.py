@@ -51,10 +51,10 @@ class PatchConfig(PixelConfig):
         None, description="Instead of --steps: how often each image is seen."
     )
     affine: AffineRanges | Placement = AffineRanges()
-    pose: Annotated[PoseRanges | None, Flag(group=WHERE)] = Field(
+    pose: Annotated[PoseRanges | None, Flag("--vary-pose/--no-vary-pose", group=WHERE)] = Field(
         None, description="Place half of the patches as a camera sees them on an object."
     )
-    light: Annotated[LightRanges | None, Flag(group=MEETS)] = Field(
+    light: Annotated[LightRanges | None, Flag("--vary-light/--no-vary-light", group=MEETS)] = Field(
         LightRanges(), description="Vary exposure, contrast and tint of the patch."
     )
     print_process: Annotated[PrintProcess | ProfiledPrint | None, Flag(group=MEETS)] = Field(

@@ -19,15 +19,26 @@ def add(
     mesh: Annotated[Path, typer.Argument(help="glb, gltf, obj, ply, stl or off; the files that it names come along.")],
     class_name: Annotated[
         str,
-        typer.Option("--class", help="What it should be recognised as: an ImageNet category, or your classifier's."),
+        typer.Option(
+            "--class",
+            metavar="NAME",
+            help="What it should be recognised as: an ImageNet category, or your classifier's.",
+        ),
     ],
-    name: Annotated[str | None, typer.Option(help="Of the object; default: the file's.")] = None,
+    name: Annotated[str | None, typer.Option(metavar="NAME", help="Of the object; default: the file's.")] = None,
     length_mm: Annotated[
-        float | None, typer.Option(help="Longest side of the real object; default: as a glTF says, else 200.")
+        float | None,
+        typer.Option(metavar="X", help="Longest side of the real object; default: as a glTF says, else 200."),
     ] = None,
-    print_side: Annotated[str, typer.Option(help="Where its patch goes: top, front, back, left or right.")] = "top",
-    up: Annotated[str | None, typer.Option(help=f"The mesh's axis that points up: {AXES}; default: by format.")] = None,
-    front: Annotated[str | None, typer.Option(help="The mesh's axis that points to the front; likewise.")] = None,
+    print_side: Annotated[
+        str, typer.Option(metavar="SIDE", help="Where its patch goes: top, front, back, left or right.")
+    ] = "top",
+    up: Annotated[
+        str | None, typer.Option(metavar="AXIS", help=f"The mesh's axis that points up: {AXES}; default: by format.")
+    ] = None,
+    front: Annotated[
+        str | None, typer.Option(metavar="AXIS", help="The mesh's axis that points to the front; likewise.")
+    ] = None,
     replace: Annotated[bool, typer.Option("--replace", help="Replace the object of that name.")] = False,
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,

@@ -103,7 +103,8 @@ def print_profile(
         ),
     ] = "a4",
     size_mm: Annotated[
-        float | None, typer.Option(help="Side of the printed patch. Default: as 'toolkit print' makes it.", min=1)
+        float | None,
+        typer.Option(metavar="X", help="Side of the printed patch. Default: as 'toolkit print' makes it.", min=1),
     ] = None,
     name: Annotated[
         str | None, typer.Option(metavar="NAME", help="Of the profile: printer and paper. Default: the patch's.")
