@@ -44,7 +44,7 @@ def _parts(mesh):
 
 
 def _table(studio):
-    x, y = (side / 2 for side in studio.table_mm)
+    x, y = (side / 2 for side in studio.table.size_mm)
     vertices = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]], np.float32)
     uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
     return vertices, np.repeat([[0, 0, 1.0]], 4, 0), uv, np.array([[0, 1, 2], [0, 2, 3]])
@@ -87,7 +87,7 @@ def open3d_defaults(width: int, height: int):
 
     for i, (vertices, normals, uv, faces, material) in enumerate(_parts(mesh)):
         add(f"part{i}", vertices, normals, uv, faces, material.texture)
-    add("table", *_table(studio), studio.table)
+    add("table", *_table(studio), studio.table.picture)
     renderer.scene.scene.set_sun_light([-0.4, -0.3, -0.8], [1, 1, 1], 60000)
     renderer.scene.scene.enable_sun_light(True)
 
@@ -116,7 +116,7 @@ def pyrender_shadows(width: int, height: int):
 
     for vertices, normals, uv, faces, material in _parts(mesh):
         add(vertices, normals, uv, faces, material.texture)
-    add(*_table(studio), studio.table)
+    add(*_table(studio), studio.table.picture)
     light = np.eye(4)
     light[:3, :3] = trimesh.geometry.align_vectors([0, 0, 1], [0.4, 0.3, 0.8])[:3, :3]
     light[:3, 3] = np.array([0.4, 0.3, 0.8]) * 600

@@ -5,6 +5,7 @@ driver; the picture comes back in linear 8 bit, so that its dark parts are coars
 """
 
 import contextlib
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import Material, Mesh
 from toolkit.rig.camera import Camera, orbit_direction
 from toolkit.rig.egl import PACKAGES, egl_trouble, go_surfaceless
-from toolkit.rig.studio import Studio
+from toolkit.rig.scene import Scene
 
 if TYPE_CHECKING:
     from open3d.visualization.rendering import OffscreenRenderer
@@ -27,7 +28,7 @@ class FilamentRenderer:
     Filament antialiases in its post-processing alone, which is off here.
     """
 
-    def __init__(self, mesh: Mesh, studio: Studio) -> None:
+    def __init__(self, mesh: Mesh, studio: Scene) -> None:
         with contextlib.suppress(ImportError):  # torch's compiler, loaded after Mesa's, would end the process
             import triton  # noqa: F401
         go_surfaceless()
@@ -47,6 +48,10 @@ class FilamentRenderer:
         T_camera_world = np.linalg.inv(T_world_camera)
         self._renderer.setup_camera(camera.matrix, T_camera_world, camera.width, camera.height)
         return np.asarray(self._renderer.render_to_image()).astype(np.float32) / 255
+
+    def render_many(self, views: Iterable[tuple[Camera, np.ndarray]]) -> Iterator[np.ndarray]:
+        """`render` of each (camera, `T_world_camera`), in order; Filament spreads each frame over the cores itself."""
+        return (self.render(*view) for view in views)
 
     def _build(self, width: int, height: int) -> "OffscreenRenderer":
         import open3d as o3d
@@ -90,10 +95,11 @@ class FilamentRenderer:
         renderer.scene.add_geometry(name, shape, look)
 
     def _add_table(self, renderer: "OffscreenRenderer") -> None:
-        x, y = (side / 2 for side in self._studio.table_mm)
+        top = self._studio.need_table()
+        x, y = (side / 2 for side in top.size_mm)
         corners = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]], np.float32)
         uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
-        material = Material("table", self._studio.table, self._studio.table_roughness)
+        material = Material("table", top.picture, top.roughness)
         up = np.repeat(np.array([[0, 0, 1]], np.float32), 4, axis=0)
         faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
         table = Mesh(
