@@ -78,10 +78,11 @@ def train_patch(
 
     if print_profile is not None:
         overrides = use_printer(overrides, print_profile)
-    place = open_workspace(workspace)
+    place = None
     sources = data.sources
     wanted: str | int | None = class_name
     if object_name is not None:
+        place = open_workspace(workspace)
         spec = read_spec(place.object_spec(object_name))
         wanted, name = (spec.class_name if class_name is None else class_name), name or object_name
         sources = sources if data.rig_source else (*sources, f"rig:{object_name}")
@@ -96,6 +97,7 @@ def train_patch(
         fewer_views, fewer_images = limit_renders(config, images)
         config = config if _is_typed(context, "mounted_views") else fewer_views
         images = images if _is_typed(context, "images") else fewer_images
+    place = place or open_workspace(workspace)
     networks = load_classifiers(model, weights, device, place.classifiers_dir)
     trained = run(config, wanted, networks, images, place, name=name, out=out, restart=restart)
     _report(trained, object_name, as_json)

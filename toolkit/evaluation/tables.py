@@ -112,13 +112,24 @@ def _format_change(pair: Comparison | None) -> list[str]:
 def print_sim_real(console: "Console", comparisons: Sequence[SimReal]) -> None:
     """Print, for each pair of sources, the gap, the ranks, the gains, and the poses that were predicted wrongly."""
     for one in comparisons:
-        title = f"{one.sim} and {one.real}: {len(one.pairs)} pairs of images of the same pose"
+        title = (
+            f"{one.sim} and {one.real}: {len(one.pairs)} pairs of images of the same pose, rendered and photographed"
+        )
         gaps = [_format_gap(row) for row in pick_rows(one.rows)]
-        numbers = ("n", "sim %", "real %", "gap (95 %)", "p", "rank correlation")
+        numbers = ("n", "rend. %", "phot. %", "gap (95 %)", "p", "rank correlation")
         console.print(build_table(title, WHO, numbers, gaps, bold=POOLED))
         gains = [_format_gains(forecast) for forecast in pick_rows(one.forecasts)]
         if gains:
-            heads = ("n", "both", "sim only", "real only", "neither", "kappa", "adds sim", "adds real")
+            heads = (
+                "n",
+                "both",
+                "rend. only",
+                "phot. only",
+                "neither",
+                "kappa",
+                "rend. adds",
+                "phot. adds",
+            )
             title = "poses gained over unpatched, foreseen by the rig or not"
             console.print(build_table(title, WHO, heads, gains, bold=POOLED))
         for line in _list_rest(one):
