@@ -127,8 +127,8 @@ def print_sim_real(console: "Console", comparisons: Sequence[SimReal]) -> None:
                 "phot. only",
                 "neither",
                 "kappa",
-                "rend. adds",
-                "phot. adds",
+                "+ rend.",
+                "+ phot.",
             )
             title = "poses gained over unpatched, foreseen by the rig or not"
             console.print(build_table(title, WHO, heads, gains, bold=POOLED))
