@@ -111,9 +111,9 @@ def survey_heights(mesh: Mesh, T_object_sheet: np.ndarray, side: float) -> np.nd
             second = ((x - a[:, 0]) * (c[:, 1] - a[:, 1]) - (y - a[:, 1]) * (c[:, 0] - a[:, 0])) / area
             third = ((b[:, 0] - a[:, 0]) * (y - a[:, 1]) - (b[:, 1] - a[:, 1]) * (x - a[:, 0])) / area
             covered = (second >= -1e-6) & (third >= -1e-6) & (second + third <= 1 + 1e-6)
-        z = corners[which, :, 2]
+        z, second, third = corners[which[covered], :, 2], second[covered], third[covered]
         height = z[:, 0] + second * (z[:, 1] - z[:, 0]) + third * (z[:, 2] - z[:, 0])
-        np.maximum.at(heights, (y * SAMPLES + x)[covered], height[covered])
+        np.maximum.at(heights, (y * SAMPLES + x)[covered], height)
     return heights.reshape(SAMPLES, SAMPLES)
 
 
