@@ -10,7 +10,8 @@ from toolkit.objects.mesh import Mesh
 MOST_TRIANGLES = 400_000
 """Of a page that a phone opens."""
 LIGHTS = (
-    "scene.background=new THREE.Color(0xe9ebee);scene.add(new THREE.HemisphereLight(0xffffff,0x9a948c,0.55));tracklight.intensity*=0.25;"
+    "scene.background=new THREE.Color(0xe9ebee);scene.add(new THREE.HemisphereLight(0xffffff,0x9a948c,0.55));"
+    "tracklight.intensity*=0.25;"
     "renderer.outputEncoding=THREE.sRGBEncoding;addEventListener('pointerdown',()=>{turning=false});"
 )
 CAPTION = """<p style="position:fixed;left:0;right:0;bottom:0;margin:0;padding:10px 14px;
