@@ -219,8 +219,8 @@ function render() {
   }
   document.querySelector(".shoot").hidden = false;
   $("finished")?.remove();
-  $("title").textContent = `Shot ${shot.number}: ${shot.object}`;
-  $("number").replaceChildren(variantTag(shot.variant), `of ${now.session.shots.length}`);
+  $("title").textContent = shot.object;
+  $("number").replaceChildren(variantTag(shot.variant), `shot ${shot.number} of ${now.session.shots.length}`);
   $("number").title = `pose ${shot.pose_id} of the plan`;
   $("change").textContent = shot.change ? `Before this shot: ${shot.change}.` : "";
   $("change").hidden = !shot.change || view !== "aim";

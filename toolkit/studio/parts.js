@@ -26,10 +26,10 @@ const round = (value) => (Math.abs(value) >= 100 ? Math.round(value) : Number(va
 // Where the camera stands: from above with FRONT below, and from the side.
 export function drawPlace(place, lens) {
   const turn = place.azimuth_deg <= 180 ? place.azimuth_deg : place.azimuth_deg - 360;
-  const side = turn > 0 ? "to the right" : "to the left";
-  const round = Math.abs(turn) < 0.5 ? "at its FRONT" : Math.abs(turn) > 179.5 ? "behind it" : `${Math.abs(turn).toFixed(0)}° ${side}`;
+  const side = turn > 0 ? "right" : "left";
+  const round = Math.abs(turn) < 0.5 ? "to FRONT" : Math.abs(turn) > 179.5 ? "behind it" : `${Math.abs(turn).toFixed(0)}° ${side}`;
   const facts = [
-    ["stand", round], ["looks down", `${place.tilt_deg.toFixed(0)}°`], ["distance", `${place.distance_cm.toFixed(0)} cm`],
+    ["walk", round], ["look down", `${place.tilt_deg.toFixed(0)}°`], ["distance", `${place.distance_cm.toFixed(0)} cm`],
     ["height", `${place.height_cm.toFixed(0)} cm`],
   ];
   if (Math.abs(place.roll_deg) >= 1) facts.push(["tilted", `${place.roll_deg.toFixed(0)}°`]);
@@ -63,7 +63,7 @@ function drawWay(azimuth) {
   const x = 52 + r * Math.sin(stop), y = 48 + r * Math.cos(stop), sweep = turn > 0 ? 0 : 1;
   const head = (turn > 0 ? -turn : -turn + 180) + (turn > 0 ? 13 : -13);
   return [
-    draw("path", { class: "way", d: `M${at(0)}A${r} ${r} 0 ${Math.abs(turn) > 180 ? 1 : 0} ${sweep} ${at(stop)}` }),
+    draw("path", { class: "way", d: `M${at(Math.sign(turn) * 0.3)}A${r} ${r} 0 ${Math.abs(turn) > 180 ? 1 : 0} ${sweep} ${at(stop)}` }),
     draw("path", { class: "way-head", d: "M5 0-3-4-3 4Z", transform: `translate(${x.toFixed(1)} ${y.toFixed(1)}) rotate(${head.toFixed(1)})` }),
   ];
 }
@@ -129,10 +129,10 @@ export function drawGrid(shots, current, go) {
       make("h3", {}, object, make("span", {}, `${done} of ${own.length}`)),
       ...rows.flatMap(([variant, steps]) => [
         make("p", { class: "row-name" }, variant),
-        make("div", { class: "dots" }, ...steps.sort((a, b) => a.pose_id - b.pose_id).map((shot) => make("button", {
+        make("div", { class: "dots" }, ...steps.sort((a, b) => a.number - b.number).map((shot) => make("button", {
           type: "button", class: shot.status === "done" && shot.retake ? "retake" : shot.status, "aria-current": shot.number === current ? "true" : null,
-          "aria-label": `${object} ${variant} pose ${shot.pose_id}: ${shot.status}`, onclick: () => go(shot.number),
-        }, String(shot.pose_id)))),
+          title: `pose ${shot.pose_id} of the plan`, "aria-label": `shot ${shot.number}, ${object} ${variant}: ${shot.status}`, onclick: () => go(shot.number),
+        }, String(shot.number)))),
       ]));
   });
 }
