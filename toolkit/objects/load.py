@@ -83,11 +83,12 @@ def build_mesh(name: str) -> Mesh:
     return import_module(f"toolkit.objects.shapes.{name}").build()
 
 
-def read_mesh(path: Path) -> Mesh:
+def read_mesh(path: Path, max_parts: int | None = None) -> Mesh:
     """Read a user's mesh: geometry, texture coordinates and base colours; a file without them is plain grey.
 
     Raises:
-        ToolkitError: no such file, an unknown kind, unreadable, without faces, or with vertices that are not finite.
+        ToolkitError: no such file, an unknown kind, unreadable, without faces, with vertices that are not finite, or in
+            more parts than `max_parts`.
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
@@ -96,7 +97,7 @@ def read_mesh(path: Path) -> Mesh:
         )
     if not path.is_file():
         raise ToolkitError(f"{path}: no such mesh file: put it beside its spec, or mend 'mesh' in the spec")
-    pieces = _read_pieces(path)
+    pieces = _read_pieces(path, max_parts)
     count = sum(len(piece.faces) for piece in pieces)
     if not count:
         raise ToolkitError(f"{path}: the mesh has no faces (a point cloud?): export it with triangles")
@@ -118,13 +119,16 @@ class _Piece:
     visual: "Visuals | None"
 
 
-def _read_pieces(path: Path) -> list[_Piece]:
+def _read_pieces(path: Path, max_parts: int | None) -> list[_Piece]:
     import trimesh
 
     pieces = []
     try:
         with allow_large_images():  # else one that is too large is left out without a word
             scene = trimesh.load_scene(path, process=False)
+        parts = len(scene.graph.nodes_geometry)
+        if max_parts is not None and parts > max_parts:
+            raise ToolkitError(f"{path}: {parts:,} parts, more than {max_parts:,}: join them before the export")
         for node in scene.graph.nodes_geometry:
             T_scene_piece, name = scene.graph[node]
             piece = scene.geometry[name]
@@ -135,6 +139,8 @@ def _read_pieces(path: Path) -> list[_Piece]:
                 vertices = trimesh.transform_points(vertices, T_scene_piece)
                 faces = faces[:, ::-1] if np.linalg.det(T_scene_piece[:3, :3]) < 0 else faces
             pieces.append(_Piece(vertices, faces, piece.visual))
+    except ToolkitError:
+        raise
     except Exception as error:  # trimesh's readers raise whatever their format makes them
         raise ToolkitError(f"{path}: not a readable {path.suffix} mesh: {type(error).__name__}: {error}") from None
     return pieces

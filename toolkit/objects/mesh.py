@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,12 +25,14 @@ class Material:
         texture: base colour, HWC uint8, sRGB-encoded; row 0 is v = 1.
         roughness: 0 mirror … 1 matte.
         metallic: 0 dielectric … 1 metal.
+        emission: light given off where lamps are on, on the same coordinates: HWC uint8, sRGB-encoded; None is none.
     """
 
     name: str
     texture: np.ndarray
     roughness: float = 0.6
     metallic: float = 0.0
+    emission: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,7 @@ class Mesh:
     face_material: np.ndarray
     materials: tuple[Material, ...]
 
-    @property
+    @cached_property
     def bounds(self) -> np.ndarray:
         """(2, 3) lowest and highest coordinates, millimetres."""
         return np.stack([self.vertices.min(0), self.vertices.max(0)])
@@ -145,6 +148,8 @@ def hash_mesh(mesh: Mesh) -> str:
     for material in mesh.materials:
         digest.update(f"{material.name} {material.roughness} {material.metallic}".encode())
         digest.update(np.ascontiguousarray(material.texture).tobytes())
+        if material.emission is not None:
+            digest.update(np.ascontiguousarray(material.emission).tobytes())
     return digest.hexdigest()
 
 
