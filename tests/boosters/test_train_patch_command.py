@@ -240,6 +240,7 @@ def test_the_sheet_met_in_training_is_as_large_as_the_specs():
     data = DataConfig(sources=("rig:moka",))
     config = make_config("default", size_by_spec({}, spec), data)
     assert (config.pose.size_mm, config.pose.length_mm) == (45, 184)
+    assert config.print_process.texel_mm == pytest.approx(0.45)
     assert limit_renders(config, data) == (config, data)  # 600 steps use all of them
     short, fewer = limit_renders(config.with_overrides(steps=20), data)
     assert (short.mounted_views, fewer.images) == (240, 50)

@@ -204,7 +204,10 @@ def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> 
         length_mm = fitted.pop("pose.length_mm", None) or spec_length_mm
         length_mm = length_mm or max((base.pose or PoseRanges()).length_mm, size_mm)
         fitted |= {"pose.size_mm": size_mm, "pose.length_mm": length_mm}
-    return base.with_overrides(fitted)
+    made = base.with_overrides(fitted)
+    if spec_mm is None or not isinstance(made.print_process, PrintProcess):
+        return made
+    return made.with_overrides({"print_process.texel_mm": spec_mm / made.size_px})  # ink bleeds by millimetres
 
 
 LEAST_RENDERS = 32
