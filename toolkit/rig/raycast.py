@@ -33,7 +33,15 @@ from toolkit.rig.kernel.frame import (
     take_nearer,
 )
 from toolkit.rig.kernel.light import LightMap
-from toolkit.rig.kernel.scene import ROUGHNESS_LEVELS, LitMesh, Surround, View, find_table_edges
+from toolkit.rig.kernel.scene import (
+    ROUGHNESS_LEVELS,
+    SHEEN_STEP,
+    LitMesh,
+    Surround,
+    View,
+    fill_sheen,
+    find_table_edges,
+)
 from toolkit.rig.kernel.textures import Texels, fill_colours
 from toolkit.rig.lighting import FULL_DETAIL, BakeDetail, Lighting, Shape, bake_lighting, bake_surroundings
 from toolkit.rig.linear_view import LinearView
@@ -213,8 +221,11 @@ class RaycastRenderer:
         self, camera: Camera, T_world_camera: np.ndarray, coverage: np.ndarray, picture: np.ndarray, apart: bool
     ) -> None:
         view, edges = _view(camera, T_world_camera), np.empty((4, 3))
+        sheen = np.zeros((camera.height // SHEEN_STEP + 2, camera.width // SHEEN_STEP + 2, 3), np.float32)
         find_table_edges(self._around, view, edges)
-        paint_background(self._around, view, edges, coverage, picture, apart)
+        if self._around.has_table:
+            fill_sheen(self._around, view, sheen)
+        paint_background(self._around, view, edges, sheen, coverage, picture, apart)
 
     def _trace(self, camera: Camera, view: View, T_world_camera: np.ndarray) -> Part:
         """Trace the pixels that can show a mesh: those of the object, or all where it has surroundings."""

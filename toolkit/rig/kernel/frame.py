@@ -196,13 +196,14 @@ class Part(NamedTuple):
 
 @kernel
 def paint_background(
-    around: Surround, view: View, edges: np.ndarray, coverage: np.ndarray, picture: np.ndarray, apart: bool
-) -> None:
+    around: Surround, view: View, edges: np.ndarray, sheen: np.ndarray, coverage: np.ndarray, picture: np.ndarray,
+    apart: bool,
+) -> None:  # fmt: skip
     """Add table and room to a picture (h, w, 3) float32, in exposure units, where the object leaves some to be seen.
 
     Args:
         around, view: what stands there, and the camera.
-        edges: of `find_table_edges`.
+        edges, sheen: of `find_table_edges` and `fill_sheen`.
         coverage: (h, w) share of each pixel that the object covers.
         picture: it is added to.
         apart: what is seen of table and room is added as if no object covered a part of the pixel.
@@ -211,7 +212,7 @@ def paint_background(
         for column in range(view.width):
             if coverage[row, column] == 1:
                 continue
-            red, green, blue = background(around, view, edges, column + 0.5, row + 0.5)
+            red, green, blue = background(around, view, edges, sheen, (row, column))
             scale = around.exposure if apart else around.exposure * (1 - coverage[row, column])
             picture[row, column, 0] += red * scale
             picture[row, column, 1] += green * scale

@@ -130,9 +130,32 @@ def _table_radiance(around: Surround, x: float, y: float, lod: float) -> Colour:
     return colour[0] * light[0] / math.pi, colour[1] * light[1] / math.pi, colour[2] * light[2] / math.pi
 
 
+SHEEN_STEP = 8
+"""Pixels between the places at which the table's own sheen is worked out: it changes slowly."""
+
+
+@kernel
+def fill_sheen(around: Surround, view: View, sheen: np.ndarray) -> None:
+    """Fill (h, w, 3) float32 with what the table mirrors of the room, every `SHEEN_STEP` pixels from the first."""
+    roughness = around.table_roughness
+    mirrored = around.mirrored[_rough_level(roughness)]
+    for i in range(sheen.shape[0]):
+        for j in range(sheen.shape[1]):
+            dx, dy, dz = ray_through(view, j * SHEEN_STEP + 0.5, i * SHEEN_STEP + 0.5)
+            grazing = 1 - abs(dz) / math.sqrt(dx * dx + dy * dy + dz * dz)
+            square = grazing * grazing
+            strength = (0.04 + (1 - roughness) * 0.5 * square * square * grazing) * (1 - 0.6 * roughness)
+            red, green, blue = sample_direction(mirrored, dx, dy, abs(dz))
+            sheen[i, j, 0], sheen[i, j, 1], sheen[i, j, 2] = red * strength, green * strength, blue * strength
+
+
 @inlined
-def background(around: Surround, view: View, edges: np.ndarray, x: float, y: float) -> Colour:
-    """Radiance of table and room in a pixel; the table's edge, of `find_table_edges`, covers a part of it."""
+def background(around: Surround, view: View, edges: np.ndarray, sheen: np.ndarray, pixel: tuple[int, int]) -> Colour:
+    """Radiance of table and room in a pixel (row, column).
+
+    The table's edge, of `find_table_edges`, covers a part of it, and its sheen is that of `fill_sheen`.
+    """
+    x, y = pixel[1] + 0.5, pixel[0] + 0.5
     dx, dy, dz = ray_through(view, x, y)
     nearest = 1.0
     for k in range(4):
@@ -146,11 +169,13 @@ def background(around: Surround, view: View, edges: np.ndarray, x: float, y: flo
         width = int(around.table.width[0])
         lod = math.log2(max(footprint * width / around.table_size[0], 1e-3))
         red, green, blue = _table_radiance(around, view.origin[0] + reach * dx, view.origin[1] + reach * dy, lod)
-        roughness = around.table_roughness
-        sheen = sample_direction(around.mirrored[_rough_level(roughness)], dx, dy, abs(dz))
-        graze = (1 - cosine) * (1 - cosine)
-        strength = (0.04 + (1 - roughness) * 0.5 * graze * graze * (1 - cosine)) * (1 - 0.6 * roughness)
-        red, green, blue = red + sheen[0] * strength, green + sheen[1] * strength, blue + sheen[2] * strength
+        i, j = pixel[0] // SHEEN_STEP, pixel[1] // SHEEN_STEP
+        fy, fx = (pixel[0] - i * SHEEN_STEP) / SHEEN_STEP, (pixel[1] - j * SHEEN_STEP) / SHEEN_STEP
+        wa, wb, wc, wd = (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy
+        a, b, c, d = sheen[i, j], sheen[i, j + 1], sheen[i + 1, j], sheen[i + 1, j + 1]
+        red += a[0] * wa + b[0] * wb + c[0] * wc + d[0] * wd
+        green += a[1] * wa + b[1] * wb + c[1] * wc + d[1] * wd
+        blue += a[2] * wa + b[2] * wb + c[2] * wc + d[2] * wd
     if cover < 1:
         room = sample_direction(around.backdrop, dx, dy, dz)
         red, green, blue = (
