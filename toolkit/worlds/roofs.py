@@ -84,7 +84,7 @@ def flat_roof(
         (air_conditioner, 1.5, 0.9),
         (air_conditioner, 1.5, 0.7),
         (air_conditioner, 1.5, 0.5),
-        (water_tank, 2.0, 0.35),
+        (water_tank, 2.0, 0.6),
         (skylight, 1.7, 0.5),
         (vents, 0.9, 0.8),
         (vents, 0.9, 0.6),
