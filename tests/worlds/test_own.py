@@ -101,7 +101,7 @@ def test_a_model_is_too_small(tmp_path: Path) -> None:
 
 def test_no_ground(tmp_path: Path) -> None:
     houses = [painted(block((6, 6, 9), x, y)) for x in (-25, 0, 25) for y in (-20, 20)]
-    with pytest.raises(ToolkitError, match="no ground: only .*%"):
+    with pytest.raises(ToolkitError, match=r"no ground: only .*%"):
         load_world(write(tmp_path / "houses.glb", houses))
 
 
@@ -189,7 +189,10 @@ def test_a_published_kit(tmp_path: Path) -> None:
     (tmp_path / "kit").symlink_to(KIT)
     rows = '["ARB", "XJX", "CRD"]'
     legend = "\n".join(f'{letter} = [{{ piece = "building_{letter}" }}]' for letter in "ABCD")
-    roads = 'R = [{ piece = "road_straight" }]\nX = [{ piece = "road_straight", yaw = 90 }]\nJ = [{ piece = "road_junction" }]'
+    roads = (
+        'R = [{ piece = "road_straight" }]\nX = [{ piece = "road_straight", yaw = 90 }]\n'
+        'J = [{ piece = "road_junction" }]'
+    )
     layout = f'pieces = "kit"\nscale = 4.5\ntile = 2.0\nrows = {rows}\n[legend]\n{legend}\n{roads}\n'
     (tmp_path / "town.toml").write_text(layout)
     with pytest.raises(ToolkitError, match="leaves its folder"):  # a link out of the folder is no way in
