@@ -9,7 +9,7 @@ import numpy as np
 from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.facades import Facade, bay_edges, cornice, windowed_wall
 from toolkit.worlds.pieces import Looks, Piece, Skin, boxes, merge, place, quads, wall_quads
-from toolkit.worlds.roofs import PARAPET_M, Roof, flat_roof
+from toolkit.worlds.roofs import Roof, flat_roof
 from toolkit.worlds.shopfronts import SHOP_FLOOR_M, shop_row
 from toolkit.worlds.signs import billboard_skin
 from toolkit.worlds.walls import BRICKS, RENDERS, STONES, wall
@@ -316,4 +316,3 @@ KINDS: dict[str, Builder] = {
     "warehouse": warehouse,
     "glass": glass_office,
 }
-TOP_OF_PARAPET_M = PARAPET_M + 0.12

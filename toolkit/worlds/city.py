@@ -31,11 +31,11 @@ def build_city(seed: int = 0, blocks: tuple[int, int] = BLOCKS) -> World:
     looks = Looks(seed)
     plan = plan_city(rng, *blocks, STREET_NAMES)
     fleet = build_fleet(looks)
-    filling = Filling()
+    filling = Filling(plan, fleet, looks)
     landmarks = choose_landmarks(plan.blocks(), rng)
     for block in plan.blocks():
         place_rng = np.random.default_rng([seed, 21, block.column, block.row])
-        fill_block(block, landmarks.get((block.column, block.row)), filling, plan, fleet, looks, place_rng)
+        fill_block(block, landmarks.get((block.column, block.row)), filling, place_rng)
     spots = [*filling.spots, *_street_spots(plan, rng)]
     pads = [
         Spot(f"pad-{k + 1}", "roof", (round(x, 3), round(y, 3), round(z, 3)), round(r - 0.2, 2), 0.0, "roof")
