@@ -54,12 +54,12 @@ def stained_glass(looks: Looks) -> Skin:
     return looks.add(Material("stained", picture, 0.2, 0.0, picture[::2, ::2].copy()))
 
 
-def _lancets(at: np.ndarray, z0: float, z1: float, width: float, trim: Skin, looks: Looks) -> Piece:
+def _lancets(at: np.ndarray, z: tuple[float, float], width: float, trim: Skin, looks: Looks) -> Piece:
     """Pointed windows in stone frames at positions along a wall."""
     pieces = []
     for x in at:
-        pieces.append(polygon(pointed_arch(x, z0 - 0.25, z1 + 0.35, width + 0.5), -0.05, trim, B))
-        pieces.append(polygon(pointed_arch(x, z0, z1, width), -0.07, stained_glass(looks), B, fit=True))
+        pieces.append(polygon(pointed_arch(x, z[0] - 0.25, z[1] + 0.35, width + 0.5), -0.05, trim, B))
+        pieces.append(polygon(pointed_arch(x, *z, width), -0.07, stained_glass(looks), B, fit=True))
     return merge(pieces)
 
 
@@ -72,7 +72,7 @@ def church(looks: Looks) -> House:
     side = merge(
         [
             wall_quads(np.array([(0, 0, length, eaves)]), 0.0, stone, B),
-            _lancets(np.arange(3.0, length - 2, 5.2), 2.6, 7.2, 1.5, trim, looks),
+            _lancets(np.arange(3.0, length - 2, 5.2), (2.6, 7.2), 1.5, trim, looks),
             *(_buttress(x, trim, eaves) for x in np.arange(0.5, length, 5.2)),
         ]
     )
@@ -98,7 +98,10 @@ def church(looks: Looks) -> House:
         for slope in slopes
     ]
     east = merge(
-        [polygon(gable[::1] - [middle, 0], 0.0, stone, B), _lancets(np.array([-3.4, 0, 3.4]), 3, 8.5, 1.8, trim, looks)]
+        [
+            polygon(gable[::1] - [middle, 0], 0.0, stone, B),
+            _lancets(np.array([-3.4, 0, 3.4]), (3, 8.5), 1.8, trim, looks),
+        ]
     )
     pieces = [
         place(side, np.array([(x0, y1, 0.0), (x1, y0, 0.0)]), np.array([270.0, 90.0])),

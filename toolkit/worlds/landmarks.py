@@ -137,7 +137,7 @@ def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) 
     around = [(0, 0, width, 0.0), (width, 0, depth, 90.0), (width, depth, width, 180.0), (0, depth, depth, 270.0)]
     for k, (x, y, side, yaw) in enumerate(around):
         low = [(0, 0, side, PODIUM_M), (0, PODIUM_M + 9.2, side, height)]
-        face = [wall_quads(np.array(low), 0.0, stone, B), windowed_wall(style, side, PODIUM_M, 2, looks, rng)]
+        face = [wall_quads(np.array(low), 0.0, stone, B), windowed_wall(style, side, looks, rng, z0=PODIUM_M, floors=2)]
         if k < 3:
             face.append(cornice(side, height, trim, 0.5, ends=False))
         pieces.append(place(merge(face), np.array([(x, y, 0.0)]), yaw))
@@ -157,7 +157,7 @@ def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     steps = np.array([(-half - 0.4 * (7 - k), -6.6 + 0.4 * k, 0.2 * k) for k in range(8)])
     tops = np.array([(half + 0.4 * (7 - k), 0.0, 0.2 * (k + 1)) for k in range(8)])
     c = Canvas(12, 1.1, 64, (200, 188, 164))
-    c.text(6, 0.55, "PUBLIC  LIBRARY", 0.85, (70, 62, 50), "serif", fit_m=11)
+    c.text(6, 0.55, "PUBLIC  LIBRARY", 0.85, (70, 62, 50), face="serif", fit_m=11)
     words = looks.known("library-name") or sheet("library-name", looks, c)
     eaves, ridge, edge = top + 1.6, top + 5.2, half + 0.5
     gable = np.array([(-edge, eaves), (edge, eaves), (0, ridge)])

@@ -61,7 +61,7 @@ class Roof:
 
 
 def flat_roof(
-    roof: Roof, wall_skin: Skin, trim: Skin, looks: Looks, rng: np.random.Generator, pad_radius: float = 0.0
+    roof: Roof, wall_skin: Skin, trim: Skin, looks: Looks, rng: np.random.Generator, *, pad_radius: float = 0.0
 ) -> Piece:
     """Roofing inside a parapet, furnished by chance; with a landing pad in its middle if a radius is given."""
     w, d, z = roof.width, roof.depth, roof.z

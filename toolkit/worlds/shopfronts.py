@@ -150,7 +150,7 @@ def _blade(trade: Trade, x: float, looks: Looks) -> Piece:
         canvas.rect(0.04, 0.04, 0.76, height - 0.04, trade.letters)
         canvas.rect(0.07, 0.07, 0.73, height - 0.07, trade.board)
         for k, letter in enumerate(word):
-            canvas.text(0.4, height - 0.33 - 0.3 * k, letter, 0.3, trade.letters, trade.face)
+            canvas.text(0.4, height - 0.33 - 0.3 * k, letter, 0.3, trade.letters, face=trade.face)
         sheet = canvas.texture(0.03, looks.rng(name))
         skin = looks.add(Material(name, sheet, 0.4, 0.0, sheet[::2, ::2].copy()), (0.8, height))
     height = skin.tile_m[1]
@@ -184,7 +184,7 @@ def shop_skins(trade: Trade, looks: Looks) -> tuple[Skin, Skin]:
         canvas = Canvas(SIGN_W, SIGN_H, 96, trade.board)
         canvas.line([(0.5, 0.09), (SIGN_W - 0.5, 0.09)], 0.03, trade.letters)
         canvas.line([(0.5, SIGN_H - 0.09), (SIGN_W - 0.5, SIGN_H - 0.09)], 0.03, trade.letters)
-        canvas.text(SIGN_W / 2, SIGN_H / 2, trade.name, 0.58, trade.letters, trade.face, fit_m=4.4)
+        canvas.text(SIGN_W / 2, SIGN_H / 2, trade.name, 0.58, trade.letters, face=trade.face, fit_m=4.4)
         sign = canvas.texture(0.03, rng)
         looks.add(Material(f"sign-{trade.name}", sign, 0.45, 0.0, (sign[::2, ::2] * 0.8).astype(np.uint8)))
     sign_skin = looks.known(f"sign-{trade.name}")

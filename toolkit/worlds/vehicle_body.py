@@ -109,7 +109,15 @@ class Livery:
             self.day[view].line([(self.right_of(view, a), b) for a, b in points], width_m, colour)
 
     def text(
-        self, views: str, at: Point, words: str, height_m: float, colour: Colour, fit_m: float = 0.0, lit: bool = False
+        self,
+        views: str,
+        at: Point,
+        words: str,
+        height_m: float,
+        colour: Colour,
+        *,
+        fit_m: float = 0.0,
+        lit: bool = False,
     ) -> None:
         """Lettering, readable on each view."""
         for view in views.split():
