@@ -33,7 +33,7 @@ def render_linear(atlas: Atlas, count: int = 2, side: int = SIDE):
     camera = Camera.from_fov(side, side, FOV_DEG)
     texture = atlas.mesh.materials[atlas.mesh.face_material[atlas.trained][0]].texture
     renderer = RaycastRenderer(atlas.mesh, studio)
-    poses = [random_pose(np.random.default_rng([4, i]), atlas.mesh, camera, NEAR_VIEWS) for i in range(count)]
+    poses = [random_pose(np.random.default_rng([4, i]), atlas.mesh.vertices, camera, NEAR_VIEWS) for i in range(count)]
     return [renderer.render_linear(camera, pose, texture) for pose in poses], studio, camera, poses
 
 

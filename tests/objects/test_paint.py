@@ -14,6 +14,7 @@ from trimesh.visual.texture import TextureVisuals
 
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging import read
+from toolkit.objects import paint
 from toolkit.objects.atlas import make_atlas
 from toolkit.objects.load import read_mesh
 from toolkit.objects.mesh import Mesh
@@ -58,7 +59,7 @@ def test_colours_of_vertices_are_blended_over_each_face(tmp_path, name):
 
 def test_neighbours_lie_near_each_other_on_the_texture_so_that_it_can_be_shrunk(tmp_path):
     """A few levels up, where a texel holds many faces, colours are still those of the place."""
-    ball = trimesh.creation.icosphere(5, 10.0)
+    ball = trimesh.creation.icosphere(4, 10.0)
     colours = np.clip(np.asarray(ball.vertices) * 6 + 128, 0, 255).astype(np.uint8)
     ball.visual.vertex_colors = np.column_stack([colours, np.full(len(colours), 255, np.uint8)])
     ball.export(tmp_path / "ball.ply")
@@ -67,6 +68,25 @@ def test_neighbours_lie_near_each_other_on_the_texture_so_that_it_can_be_shrunk(
     blocks = texture.reshape(texture.shape[0] // 8, 8, texture.shape[1] // 8, 8, 3)  # 16 faces each
     spread = blocks.std(axis=(1, 3)).mean()
     assert spread < 0.25 * texture.reshape(-1, 3)[texture.reshape(-1, 3).any(axis=1)].std()
+
+
+def test_faces_too_small_to_be_blended_have_their_mean_colour(tmp_path, monkeypatch):
+    """One place on the texture each, so that no look-up mixes faces that lie apart."""
+    monkeypatch.setattr(paint, "BLENDED", 300)
+    mesh = read_mesh(a_coloured_ball(tmp_path, "ball.ply"))
+    corners = mesh.vertices[mesh.faces].astype(float)
+    assert np.ptp(mesh.uv[mesh.faces], axis=1).max() == 0
+    for face in range(0, 320, 7):
+        expected = to_linear(np.clip(corners[face] * 6 + 128, 0, 255)).mean(axis=0)
+        np.testing.assert_allclose(colour_at(mesh, face, (1, 0, 0)), expected, atol=0.01)
+
+
+def test_more_colours_than_a_texture_holds_lose_their_last_bit(monkeypatch):
+    monkeypatch.setattr(paint, "MOST_COLOURS", 200)
+    colours = np.column_stack([np.arange(256), np.full(256, 7), np.full(256, 8)]).astype(np.uint8)
+    uv, texture = paint._spread_palette(colours)
+    assert len(np.unique(uv, axis=0)) == 128 and texture.shape == (48, 48, 3)
+    assert texture[..., 1].max() == 6 and set(np.unique(texture[..., 0])) == set(range(0, 256, 2))
 
 
 def test_a_texture_that_was_made_from_colours_is_no_sheet_to_train(tmp_path):

@@ -63,7 +63,7 @@ def test_the_whole_sphere_is_covered_evenly(subject):
     """Elevations of points that are even over a sphere have uniform sines."""
     camera_z = []
     for i in range(600):
-        pose = random_pose(np.random.default_rng([9, i]), subject.bare, _camera(), WHOLE_SPHERE)
+        pose = random_pose(np.random.default_rng([9, i]), subject.bare.vertices, _camera(), WHOLE_SPHERE)
         camera_z.append(-pose[2, 2])  # the sine of the elevation that it looks down from
     share = np.histogram(camera_z, 5, (-1, 1))[0] / len(camera_z)
     assert np.abs(share - 0.2).max() < 0.06

@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -54,7 +55,7 @@ class Mesh:
     face_material: np.ndarray
     materials: tuple[Material, ...]
 
-    @property
+    @cached_property
     def bounds(self) -> np.ndarray:
         """(2, 3) lowest and highest coordinates, millimetres."""
         return np.stack([self.vertices.min(0), self.vertices.max(0)])

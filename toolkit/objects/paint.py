@@ -19,6 +19,10 @@ PLAIN_COLOUR = (168, 170, 173)
 """sRGB of a mesh that comes without texture or colours."""
 COLOURS = "colours"
 """Name of the material whose texture was made from colours: its texture coordinates are no sheet to train."""
+BLENDED = 40_000
+"""Up to so many faces, colours of vertices are blended over each; smaller faces have one colour each, their mean."""
+MOST_COLOURS = 2_000_000
+"""With more, the last bit of each channel is left out."""
 LIKE = 4
 """Texels a side for each colour of a palette, so that look-ups between texels stay inside."""
 
@@ -47,6 +51,8 @@ def paint_faces(
         return np.zeros((len(faces), 3, 2), np.float32), plain
     if pbr is not None and (tint := _tint(pbr)) is not None:
         colours = (colours * tint).astype(np.uint8)
+    if len(faces) > BLENDED:
+        colours = _mean_colours(colours)
     even = bool((colours == colours[:, :1]).all())
     corner_uv, texture = _spread_palette(colours[:, 0]) if even else _blend_corners(colours, vertices, faces)
     roughness = 0.6 if pbr is None else plain.roughness
@@ -69,6 +75,13 @@ def _corner_colours(visual: "Visuals | None", vertices: np.ndarray, faces: np.nd
     return to_rgba(np.asarray(found))[:, :3][faces]
 
 
+def _mean_colours(colours: np.ndarray) -> np.ndarray:
+    """(m, 1, 3) uint8 mean light of the corners (m, 3, 3)."""
+    light = srgb_to_linear(np.arange(256) / 255)
+    mean = sum(light[colours[:, corner]] for corner in range(3)) / 3
+    return np.round(linear_to_srgb(mean) * 255).astype(np.uint8)[:, None]
+
+
 def _solid(colour: tuple[int, int, int]) -> np.ndarray:
     return np.full((4, 4, 3), colour, np.uint8)
 
@@ -77,6 +90,8 @@ def _spread_palette(colours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Colours (m, 3) of the faces become one block of texels for each that differs."""
     code = colours.astype(np.int64) @ [1 << 16, 1 << 8, 1]
     _, first, index = np.unique(code, return_index=True, return_inverse=True)
+    if len(first) > MOST_COLOURS:
+        return _spread_palette(colours & 0xFE)
     side = int(np.ceil(np.sqrt(len(first))))
     texture = np.zeros((side * side, 3), np.uint8)
     texture[: len(first)] = colours[first]

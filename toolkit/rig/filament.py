@@ -5,6 +5,9 @@ driver; the picture comes back in linear 8 bit, so that its dark parts are coars
 """
 
 import contextlib
+import ctypes
+import os
+import sys
 from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
@@ -44,7 +47,9 @@ class FilamentRenderer:
         """(height, width, 3) float32 linear light, in steps of 1/255."""
         if self._renderer is None or self._size != (camera.width, camera.height):
             self._renderer = None  # Filament keeps one scene at a time
-            self._renderer, self._size = self._build(camera.width, camera.height), (camera.width, camera.height)
+            with _on_stderr():
+                self._renderer = self._build(camera.width, camera.height)
+            self._size = (camera.width, camera.height)
         T_camera_world = np.linalg.inv(T_world_camera)
         self._renderer.setup_camera(camera.matrix, T_camera_world, camera.width, camera.height)
         return np.asarray(self._renderer.render_to_image()).astype(np.float32) / 255
@@ -106,3 +111,21 @@ class FilamentRenderer:
             vertices=corners, normals=up, uv=uv, faces=faces, face_material=np.zeros(2, np.int32), materials=(material,)
         )
         self._add(renderer, "table", table, faces, material)
+
+
+@contextlib.contextmanager
+def _on_stderr() -> Iterator[None]:
+    """Within, what libraries write to standard output goes to standard error.
+
+    Open3D says hello there through Python, Filament through C.
+    """
+    sys.stdout.flush()
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    finally:
+        ctypes.CDLL(None).fflush(None)  # what C's streams still hold
+        os.dup2(kept, 1)
+        os.close(kept)

@@ -4,7 +4,8 @@ What stands in the way of light depends on the shape alone and is kept with it: 
 """
 
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from threading import Lock
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
@@ -15,7 +16,7 @@ from toolkit.imaging.colour import srgb_to_linear
 from toolkit.objects.mesh import Mesh, hash_triangles, make_ray_scene
 from toolkit.rig.camera import orbit_direction
 from toolkit.rig.kernel.light import gather_key, gather_light, make_shadow_rays, read_stored
-from toolkit.rig.scene import KeyLight, Scene, Table
+from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table
 from toolkit.rig.textures import blur_directions, sample_directions
 
 if TYPE_CHECKING:
@@ -45,8 +46,16 @@ class SampleGrid:
     slot: np.ndarray
 
 
-def place_samples(corners: np.ndarray, corner_normals: np.ndarray, spacing_mm: float) -> SampleGrid:
-    """Spread samples about `spacing_mm` apart over triangles (m, 3, 3) with corner normals (m, 3, 3)."""
+SHARED = 0.2
+
+
+def place_samples(
+    corners: np.ndarray, corner_normals: np.ndarray, spacing_mm: float, shared: float = SHARED
+) -> SampleGrid:
+    """Spread samples about `spacing_mm` apart over triangles (m, 3, 3) with corner normals (m, 3, 3).
+
+    Those closer than `shared` of that, on surfaces that face alike, share one value.
+    """
     edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
     steps = np.clip(np.ceil(edges / spacing_mm), 1, MAX_STEPS).astype(np.int64)
     counts = (steps + 1) * (steps + 2) // 2
@@ -60,7 +69,7 @@ def place_samples(corners: np.ndarray, corner_normals: np.ndarray, spacing_mm: f
         positions[index] = np.einsum("kc,fcx->fkx", weights, corners[faces]).reshape(-1, 3)
         normals[index] = np.einsum("kc,fcx->fkx", weights, corner_normals[faces]).reshape(-1, 3)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
-    cell = 0.2 * spacing_mm  # samples closer than this, on surfaces that face alike, share one value
+    cell = shared * spacing_mm
     depth = np.einsum("nx,nx->n", positions, normals)[:, None]  # a sheet on a wall keeps light of its own
     key = np.concatenate([positions / cell, normals * 8, depth / SHEET_MM], axis=1).round().astype(np.int64)
     packed = (key.view(np.uint64) * _MIX).sum(axis=1, dtype=np.uint64)  # wraps: a hash of 64 bits
@@ -117,10 +126,10 @@ class Shape:
     """A mesh's triangles as rays and light see them, whatever is painted on them; `of` keeps the last few.
 
     Attributes:
-        corners, corner_normals: (m, 3, 3).
+        mesh: the triangles.
         bounds: (2, 3) lowest and highest coordinates.
+        size: its longest side.
         rays: Open3D's scene of the triangles.
-        outline: (k, 3) vertices that bound every picture of it.
     """
 
     MOST_KEPT = 6
@@ -128,11 +137,9 @@ class Shape:
     _keeping: ClassVar[Lock] = Lock()
 
     def __init__(self, mesh: Mesh) -> None:
-        self.corners, self.corner_normals = mesh.vertices[mesh.faces], mesh.normals[mesh.faces]
-        self.bounds = mesh.bounds
+        self.mesh, self.bounds = mesh, mesh.bounds
         self.size = float(np.ptp(self.bounds, axis=0).max())
         self.rays: RaycastingScene = make_ray_scene(mesh)
-        self.outline = _hull_vertices(mesh.vertices)
         self._lock = Lock()
         self._grids: dict[float, SampleGrid] = {}
         self._free: OrderedDict[tuple[int, bytes], np.ndarray] = OrderedDict()
@@ -148,11 +155,23 @@ class Shape:
                 cls._known.popitem(last=False)
         return shape
 
-    def grid(self, spacing: float) -> SampleGrid:
-        """Samples about `spacing` apart."""
+    @cached_property
+    def outline(self) -> np.ndarray:
+        """(k, 3) vertices that bound every picture of it: its convex hull's, or all where it is flat."""
+        from scipy.spatial import ConvexHull, QhullError
+
+        try:
+            return self.mesh.vertices[ConvexHull(self.mesh.vertices).vertices]
+        except QhullError:
+            return self.mesh.vertices
+
+    def grid(self, spacing: float, shared: float = SHARED) -> SampleGrid:
+        """Samples about `spacing` apart; see `place_samples`."""
         with self._lock:
             if spacing not in self._grids:
-                self._grids = {spacing: place_samples(self.corners, self.corner_normals, spacing)}
+                faces = self.mesh.faces
+                grid = place_samples(self.mesh.vertices[faces], self.mesh.normals[faces], spacing, shared)
+                self._grids = {spacing: grid}
             return self._grids[spacing]
 
     def free(self, points: np.ndarray, normals: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -191,16 +210,6 @@ def find_free(
     return free
 
 
-def _hull_vertices(vertices: np.ndarray) -> np.ndarray:
-    """(k, 3) the vertices of the convex hull, which bound every picture of the mesh; all of them where it is flat."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        return vertices[ConvexHull(vertices).vertices]
-    except QhullError:
-        return vertices
-
-
 @dataclass(frozen=True)
 class Lighting:
     """Baked light.
@@ -208,7 +217,8 @@ class Lighting:
     Attributes:
         grid: where the object's samples lie.
         stored: (k, 5) irradiance RGB, share of the key light seen, share of the room seen.
-        table: (h, w, 3) irradiance of the table over a square around the origin, image right +x, up +y.
+        table: (h, w, 3) irradiance of the table over a square around the origin, image right +x, up +y; out of doors
+            the share of the sky's light that the object leaves the ground.
         table_side_mm: side of that square.
         open_irradiance: (3,) of the table far from the object.
     """
@@ -234,43 +244,86 @@ class _Directions:
 
 
 def bake_lighting(
-    shape: Shape, albedo: np.ndarray, scene: Scene, detail: BakeDetail = FULL_DETAIL, turn_deg: float = 0.0
+    shape: Shape,
+    albedo: np.ndarray,
+    scene: Scene,
+    detail: BakeDetail = FULL_DETAIL,
+    stand: Stand = AT_ORIGIN,
+    around: Shape | None = None,
 ) -> Lighting:
-    """Work out all light that reaches an object and its table, in the object's own frame.
+    """Work out all light that reaches an object and the ground near it, in the object's own frame.
 
     Args:
         shape: of the object.
-        albedo: (3,) mean linear colour of the object, for bounce.
+        albedo: (3,) mean linear colour of the object, and of what stands around it, for bounce.
         scene: light, room and table.
         detail: how finely.
-        turn_deg: by how much the object stands turned, counter-clockwise from above.
+        stand: where the object stands.
+        around: the scene's surroundings. The map of the ground then holds by how much the object dims the sky's light.
     """
-    size = shape.size
-    lights = _Directions(
-        *_room_directions(scene.environment, detail.room_rays, turn_deg),
-        _key_directions(scene.key, detail.key_rays, turn_deg),
-        np.array(scene.key.irradiance, np.float32) / detail.key_rays,
-    )  # fmt: skip
+    size, is_indoors = shape.size, around is None
+    lights = _find_lights(scene, detail, stand)
     up = np.array([[0.0, 0.0, 1.0]], np.float32)
     open_irradiance = _open_light(up, lights)[0]
     bounce = (BOUNCE * albedo * open_irradiance / np.pi).astype(np.float32)
 
-    side = 2 * _shadow_reach(size, float(shape.bounds[1, 2]), scene.key)
+    side = 2 * _shadow_reach(size, float(shape.bounds[1, 2]) if is_indoors else 0.0, scene.key)
     count = min(round(side / size / detail.table_spacing), MAX_TABLE_SIDE)
     steps = (np.arange(count) + 0.5) / count * side - side / 2
     x, y = np.meshgrid(steps, -steps)
     points = np.stack([x, y, np.full_like(x, OFFSET * size)], axis=-1).reshape(-1, 3).astype(np.float32)
-    ground = _Ground(np.zeros((2, 2, 3), np.float32), 0.0, np.zeros(3, np.float32))
-    shade = _gather(shape, points, np.repeat(up, len(points), 0), lights, bounce, ground)
+    open_ground, of_ground = open_irradiance, lights
+    if not is_indoors:
+        of_ground = replace(lights, key_irradiance=np.zeros(3, np.float32))  # its shadow is cast for each picture
+        open_ground = _open_light(up, of_ground)[0]
+    shade = _gather(shape, points, np.repeat(up, len(points), 0), of_ground, bounce, NO_GROUND)
     table = cv2.GaussianBlur(shade[:, :3].reshape(count, count, 3), (0, 0), 0.8)
     fade = np.clip((side / 2 - np.maximum(np.abs(x), np.abs(y))) / (0.15 * side), 0, 1)[..., None].astype(np.float32)
-    table = (open_irradiance * (1 - fade) + table * fade).astype(np.float32)
+    table = (open_ground * (1 - fade) + table * fade).astype(np.float32)
 
     grid = shape.grid(detail.surface_spacing * size)
     origins = grid.positions + grid.normals * np.float32(OFFSET * size)
-    ground = _Ground(table, side, _mean_colour(scene.table))
-    values = _gather(shape, origins, grid.normals, lights, bounce, ground)
-    return Lighting(grid, values[grid.slot], table, side, open_irradiance)
+    if around is None:
+        values = _gather(shape, origins, grid.normals, lights, bounce, _Ground(table, side, _mean_colour(scene.table)))
+        return Lighting(grid, values[grid.slot], table, side, open_irradiance)
+    values = _gather(shape, origins, grid.normals, lights, bounce, NO_GROUND, (around, stand))
+    share = (table / np.maximum(open_ground, 1e-9)).astype(np.float32)
+    return Lighting(grid, values[grid.slot], share, side, open_irradiance)
+
+
+SURROUNDING_SAMPLES = 250_000
+"""About so many places of the surroundings have light of their own."""
+SURROUNDING_RAYS, SURROUNDING_SHARED = 48, 0.7
+
+
+def bake_surroundings(shape: Shape, albedo: np.ndarray, scene: Scene) -> Lighting:
+    """Work out the sky's light on what stands around an object; the key light's is found for each picture.
+
+    Args:
+        shape: of the surroundings.
+        albedo: (3,) their mean linear colour, for bounce.
+        scene: whose sky and sun it is.
+    """
+    first, second, third = (shape.mesh.vertices[shape.mesh.faces[:, k]] for k in range(3))
+    area = float(np.linalg.norm(np.cross(second - first, third - first), axis=1).sum()) / 2
+    spacing = max(float(np.sqrt(area / SURROUNDING_SAMPLES)), 1e-6 * shape.size)
+    lights = _find_lights(scene, BakeDetail(key_rays=1, room_rays=SURROUNDING_RAYS), AT_ORIGIN)
+    up = np.array([[0.0, 0.0, 1.0]], np.float32)
+    bounce = (BOUNCE * albedo * _open_light(up, lights)[0] / np.pi).astype(np.float32)
+    grid = shape.grid(spacing, SURROUNDING_SHARED)
+    origins = grid.positions + grid.normals * np.float32(0.02 * spacing)
+    without_key = replace(lights, key=lights.key[:0])
+    values = _gather(shape, origins, grid.normals, without_key, bounce, NO_GROUND)
+    return Lighting(grid, values[grid.slot], np.ones((2, 2, 3), np.float32), 1.0, np.zeros(3, np.float32))
+
+
+def _find_lights(scene: Scene, detail: BakeDetail, stand: Stand) -> _Directions:
+    """Directions in the frame of an object that stands there, and what comes from each."""
+    return _Directions(
+        *_room_directions(scene.environment, detail.room_rays, stand.turn),
+        _key_directions(scene.key, detail.key_rays, stand.turn_deg),
+        np.array(scene.key.irradiance, np.float32) / detail.key_rays,
+    )
 
 
 class _Ground(NamedTuple):
@@ -287,15 +340,30 @@ def _shadow_reach(size: float, height: float, key: KeyLight) -> float:
     return 0.75 * size + max(0.55 * size, height / float(np.tan(lowest)))
 
 
+NO_GROUND = _Ground(np.zeros((2, 2, 3), np.float32), 0.0, np.zeros(3, np.float32))
+
+
 def _gather(
-    shape: Shape, points: np.ndarray, normals: np.ndarray, lights: _Directions, bounce: np.ndarray, ground: _Ground
-) -> np.ndarray:
-    """(n, 5) float32 irradiance RGB, key share and room share at points."""
+    shape: Shape, points: np.ndarray, normals: np.ndarray, lights: _Directions, bounce: np.ndarray, ground: _Ground,
+    around: tuple[Shape, Stand] | None = None,
+) -> np.ndarray:  # fmt: skip
+    """(n, 5) float32 irradiance RGB, key share and room share at points; `around` blocks as the shape itself does."""
+
+    def find(directions: np.ndarray) -> np.ndarray:
+        free = shape.free(points, normals, directions)
+        if around is None or not len(directions):
+            return free
+        other, stand = around
+        turn = stand.turn.astype(np.float32)
+        in_world = stand.to_world(points).astype(np.float32)
+        beyond = find_free(other.rays, other.bounds, in_world, normals @ turn.T, directions @ turn.T)
+        return np.where(beyond == 2, np.minimum(free * 2, 2), free).astype(np.uint8)
+
     room, key = np.zeros((2, len(points), 4), np.float32)
     total = np.zeros(len(points), np.float32)
-    free = shape.free(points, normals, lights.room)
+    free = find(lights.room)
     gather_light(normals, points, free, lights.room, lights.room_radiance, bounce, *ground, room, total)
-    gather_key(normals, shape.free(points, normals, lights.key), lights.key, lights.key_irradiance, key)
+    gather_key(normals, find(lights.key), lights.key, lights.key_irradiance, key)
     return np.column_stack([room[:, :3] + key[:, :3], key[:, 3], room[:, 3]])
 
 
@@ -306,17 +374,14 @@ def _open_light(normals: np.ndarray, lights: _Directions) -> np.ndarray:
     return (sky + key).astype(np.float32)
 
 
-def _room_directions(environment: np.ndarray, count: int, turn_deg: float) -> tuple[np.ndarray, np.ndarray]:
+def _room_directions(environment: np.ndarray, count: int, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(n, 3) directions spread evenly over the sphere around an object, and the room's mean radiance around each."""
     i = np.arange(count)
     z = 1 - (2 * i + 1) / count
     azimuth = i * np.pi * (3 - np.sqrt(5))
     ring = np.sqrt(1 - z**2)
     directions = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), z], axis=1).astype(np.float32)
-    turn = np.radians(turn_deg)
-    in_world = directions @ np.array(
-        [[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]], np.float32
-    )
+    in_world = directions @ turn.T.astype(np.float32)
     return directions, sample_directions(blur_directions(environment, environment.shape[1] / 40), in_world)
 
 

@@ -8,7 +8,7 @@ import os
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from threading import Lock
+from threading import RLock
 from typing import Any, NamedTuple, TypeVar
 
 import cv2
@@ -23,60 +23,122 @@ from toolkit.rig.kernel.frame import (
     Hits,
     Linear,
     Part,
+    fill_key_rays,
     fill_pixel_rays,
     fill_sample_rays,
     mark_edges,
+    move_rays,
     paint_background,
-    paint_object,
+    paint_meshes,
+    take_nearer,
 )
 from toolkit.rig.kernel.light import LightMap
-from toolkit.rig.kernel.scene import ROUGHNESS_LEVELS, LitMesh, Surround, View, find_table_edges
+from toolkit.rig.kernel.scene import (
+    ROUGHNESS_LEVELS,
+    SHEEN_STEP,
+    LitMesh,
+    Surround,
+    View,
+    fill_sheen,
+    find_table_edges,
+)
 from toolkit.rig.kernel.textures import Texels, fill_colours
-from toolkit.rig.lighting import FULL_DETAIL, BakeDetail, Lighting, Shape, bake_lighting
+from toolkit.rig.lighting import FULL_DETAIL, BakeDetail, Lighting, Shape, bake_lighting, bake_surroundings
 from toolkit.rig.linear_view import LinearView
 from toolkit.rig.mount import PAPER_MATERIAL
-from toolkit.rig.scene import KeyLight, Scene, Table
+from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table
 from toolkit.rig.textures import blur_directions, pack_textures
 
 LIGHT_MAP_ZOOM = 2
 """The table's light is kept so many times as fine as it was baked, smoothly filled in."""
+GROUND_REACH = 0.02
+"""Height differences within which ground has the object's shade, as a share of the side of the map of it."""
 FARTHEST = 1e9
 """Coordinates of a camera at most; float32 holds them to some tens of units."""
 
 
 class _Paint(NamedTuple):
-    """What is painted on a mesh, ready for the kernel; the mesh itself keeps its arrays alive."""
+    """What is painted on a mesh, ready for the kernel."""
 
-    mesh: Mesh
     texels: Texels
     texture: np.ndarray
     density: np.ndarray
     mean_colour: np.ndarray
 
 
+class _Body:
+    """A mesh in its place: its rays, its light, and its paint."""
+
+    def __init__(
+        self, mesh: Mesh, shape: Shape, paint: _Paint, lighting: Lighting, stand: Stand, number: int = 0
+    ) -> None:
+        self.shape, self.lit = shape, _light_mesh(mesh, paint, lighting, stand)
+        self._number, self._moved = np.uint8(number), stand != AT_ORIGIN
+
+    def cast(self, rays: np.ndarray) -> Hits:
+        """First hits of rays (n, 6) in the world; frames are what is spread over the cores."""
+        import open3d as o3d
+
+        found = self.shape.rays.cast_rays(o3d.core.Tensor(self._localise(rays)), nthreads=1)
+        distance, face, uv = (found[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_uvs"))
+        return Hits(distance, face, uv, np.full(len(face), self._number), np.full(len(face), -1, np.float32))
+
+    def blocks(self, rays: np.ndarray) -> np.ndarray:
+        """(n,) bool whether rays (n, 6) in the world meet it."""
+        import open3d as o3d
+
+        return self.shape.rays.test_occlusions(o3d.core.Tensor(self._localise(rays)), nthreads=1).numpy()
+
+    def _localise(self, rays: np.ndarray) -> np.ndarray:
+        if not self._moved:
+            return rays
+        moved = np.empty_like(rays)
+        move_rays(self.lit, rays, moved)
+        return moved
+
+
+def _surroundings_of(scene: Scene) -> _Body:
+    """What stands around the object and never moves; kept for the next renderer in the same sky."""
+
+    def make(mesh: Mesh, _: np.ndarray) -> _Body:
+        shape, paint = Shape.of(mesh), _paint_of(mesh)
+        return _Body(mesh, shape, paint, bake_surroundings(shape, paint.mean_colour, scene), AT_ORIGIN, number=1)
+
+    return _kept(make, scene.surroundings, scene.environment)
+
+
 class RaycastRenderer:
     """Renders one object in one scene from any camera.
 
-    What is worked out of a shape or a texture is kept for the next renderer that has the same.
+    What is worked out of a shape or a texture is kept for the next renderer that has the same, so that another place,
+    light or paint costs little.
     """
 
-    def __init__(self, mesh: Mesh, scene: Scene, detail: BakeDetail = FULL_DETAIL, turn_deg: float = 0.0) -> None:
+    def __init__(self, mesh: Mesh, scene: Scene, detail: BakeDetail = FULL_DETAIL, stand: Stand = AT_ORIGIN) -> None:
         """Bake the light.
 
         Args:
             mesh: on the table.
             scene: what it stands in.
             detail: how finely light is worked out.
-            turn_deg: by how much the object stands turned about the vertical, counter-clockwise from above.
+            stand: where in it.
         """
         compiled.prepare(_compile_all)
-        self._mesh, self._scene = mesh, scene
-        self._shape, self._paint = Shape.of(mesh), _paint_of(mesh)
-        lighting = bake_lighting(self._shape, self._paint.mean_colour, scene, detail, turn_deg)
-        angle = np.radians(turn_deg)
-        self._turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-        self._lit = _light_mesh(self._paint, lighting, self._turn)
-        self._around = _surround(scene, lighting, self._turn)
+        self._mesh, self._scene, self._stand = mesh, scene, stand
+        shape, paint = Shape.of(mesh), _paint_of(mesh)
+        self._others, around, albedo = None, None, paint.mean_colour
+        if scene.surroundings is not None:
+            self._others = _surroundings_of(scene)
+            around = self._others.shape
+            albedo = (albedo + _paint_of(scene.surroundings).mean_colour) / 2
+        lighting = bake_lighting(shape, albedo, scene, detail, stand, around)
+        self._object = _Body(mesh, shape, paint, lighting, stand)
+        self._around = _surround(scene, lighting, stand)
+
+    @property
+    def outline(self) -> np.ndarray:
+        """(k, 3) points in the world that bound every picture of the object."""
+        return self._stand.to_world(self._object.shape.outline)
 
     def render(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
         """(height, width, 3) float32 linear light times the scene's exposure; not clipped.
@@ -84,11 +146,8 @@ class RaycastRenderer:
         Raises:
             ToolkitError: a camera that is nowhere.
         """
-        view = _view(camera, T_world_camera)
-        picture = self._paint_background(view)
-        part = self._trace(camera, view, T_world_camera)
-        if part is not None:
-            paint_object(self._around, self._lit, view, part, picture, _make_linear(view, 0))
+        picture, out = self._paint_meshes(camera, T_world_camera, self._object.lit, linear=False)
+        self._paint_background(camera, T_world_camera, out.coverage, picture, apart=False)
         return picture
 
     def render_many(self, views: Iterable[tuple[Camera, np.ndarray]]) -> Iterator[np.ndarray]:
@@ -110,23 +169,25 @@ class RaycastRenderer:
                 metallic, for their gloss has their colour. What bounces off the table has the texture's mean colour.
         """
         left_out = np.array([m.texture is texture for m in self._mesh.materials])
-        view = _view(camera, T_world_camera)
-        behind, dark = self._paint_background(view), np.zeros((camera.height, camera.width, 3), np.float32)
-        part = self._trace(camera, view, T_world_camera)
-        if part is None:
-            return LinearView.of_nothing(behind)
-        out = _make_linear(view, len(part.hits.face) + 4 * len(part.refine))
-        count = paint_object(self._around, self._lit._replace(left_out=left_out), view, part, dark, out)
-        samples = {name: getattr(out, name)[:count].copy() for name in ("pixel", "uv", "lod", "gain")}
-        return LinearView(behind=behind, dark=dark, coverage=out.coverage, **samples)
+        lit = self._object.lit._replace(left_out=left_out)
+        dark, out = self._paint_meshes(camera, T_world_camera, lit, linear=True)
+        behind = np.zeros_like(dark)
+        self._paint_background(camera, T_world_camera, out.coverage, behind, apart=True)
+        return LinearView(behind=behind, dark=dark, **out._asdict())
 
     def buffers(self, camera: Camera, T_world_camera: np.ndarray) -> dict[str, np.ndarray]:
-        """Exact float buffers at pixel centres: depth along the ray, mm (inf: none), material (-1: none), uv (NaN)."""
+        """Exact buffers (h, w) at pixel centres.
+
+        Returns:
+            `depth` along the ray, in the mesh's units (inf: nothing is met); `material` of the object (-1: it is not
+            seen) and `uv` (h, w, 2) on it (NaN); `mesh`: 0 the object, 1 its surroundings, 255 neither; `face` of
+            that mesh.
+        """
         shape = camera.height, camera.width
         rays = np.empty((camera.height * camera.width, 6), np.float32)
         fill_pixel_rays(_view(camera, T_world_camera), 0, 0, camera.width, camera.height, rays)
-        hits = self._cast(rays)
-        seen = hits.face != NOTHING
+        hits = self._cast(rays, np.arange(len(rays), dtype=np.int32))
+        seen = (hits.face != NOTHING) & (hits.mesh == 0)
         face, weights = hits.face[seen].astype(np.int64), hits.uv[seen]
         material = np.full(seen.shape, -1, np.int32)
         material[seen] = self._mesh.face_material[face]
@@ -134,55 +195,95 @@ class RaycastRenderer:
         texture_uv = np.full((*seen.shape, 2), np.nan, np.float32)
         u, v = weights[:, :1], weights[:, 1:]
         texture_uv[seen] = corner_uv[:, 0] * (1 - u - v) + corner_uv[:, 1] * u + corner_uv[:, 2] * v
+        met = np.where(hits.face == NOTHING, np.uint8(255), hits.mesh)
         return {
             "depth": hits.distance.reshape(shape), "material": material.reshape(shape),
-            "uv": texture_uv.reshape(*shape, 2),
+            "uv": texture_uv.reshape(*shape, 2), "mesh": met.reshape(shape), "face": hits.face.reshape(shape),
         }  # fmt: skip
 
-    def _paint_background(self, view: View) -> np.ndarray:
-        picture, edges = np.empty((view.height, view.width, 3), np.float32), np.empty((4, 3))
-        find_table_edges(self._around, view, edges)
-        paint_background(self._around, view, edges, picture)
-        return picture
+    def _paint_meshes(
+        self, camera: Camera, T_world_camera: np.ndarray, lit: LitMesh, linear: bool
+    ) -> tuple[np.ndarray, Linear]:
+        """(h, w, 3) float32 what rays met before black, and the samples of a linear view where one is asked for."""
+        view = _view(camera, T_world_camera)
+        part = self._trace(camera, view, T_world_camera)
+        most = len(part.hits.face) + 4 * len(part.refine) if linear else 0
+        picture = np.zeros((camera.height, camera.width, 3), np.float32)
+        out = Linear(
+            coverage=np.zeros((camera.height, camera.width), np.float32), pixel=np.empty(most, np.int32),
+            uv=np.empty((most, 2), np.float32), lod=np.empty(most, np.float32), gain=np.empty((most, 3), np.float32),
+        )  # fmt: skip
+        others = self._object.lit if self._others is None else self._others.lit
+        count = paint_meshes(self._around, lit, others, view, part, picture, out)
+        return picture, Linear(out.coverage, *(array[:count].copy() for array in out[1:]))
 
-    def _trace(self, camera: Camera, view: View, T_world_camera: np.ndarray) -> Part | None:
-        """Trace the pixels that can show the object; None where none can."""
-        left, top, right, bottom = self._region(camera, T_world_camera)
-        if right <= left or bottom <= top:
-            return None
-        count = (right - left) * (bottom - top)
+    def _paint_background(
+        self, camera: Camera, T_world_camera: np.ndarray, coverage: np.ndarray, picture: np.ndarray, apart: bool
+    ) -> None:
+        view, edges = _view(camera, T_world_camera), np.empty((4, 3))
+        sheen = np.zeros((camera.height // SHEEN_STEP + 2, camera.width // SHEEN_STEP + 2, 3), np.float32)
+        find_table_edges(self._around, view, edges)
+        if self._around.has_table:
+            fill_sheen(self._around, view, sheen)
+        paint_background(self._around, view, edges, sheen, coverage, picture, apart)
+
+    def _trace(self, camera: Camera, view: View, T_world_camera: np.ndarray) -> Part:
+        """Trace the pixels that can show a mesh: those of the object, or all where it has surroundings."""
+        region = self._region(camera, T_world_camera)
+        left, top, right, bottom = region if self._others is None else (0, 0, camera.width, camera.height)
+        width, count = right - left, (right - left) * (bottom - top)
         rays, normal = np.empty((count, 6), np.float32), np.empty((count, 3), np.float32)
         material, needed = np.empty(count, np.int32), np.empty(count, bool)
         fill_pixel_rays(view, left, top, right, bottom, rays)
-        hits = self._cast(rays)
-        mark_edges(self._lit, hits, rays, right - left, material, normal, needed)
+        near = _pixels_in(region, left, top, width, count)
+        hits = self._cast(rays, np.flatnonzero(near).astype(np.int32))
+        others = self._object.lit if self._others is None else self._others.lit
+        mark_edges(self._object.lit, others, hits, rays, width, material, normal, needed)
         refine = np.flatnonzero(needed).astype(np.int32)
         rays = np.empty((4 * len(refine), 6), np.float32)
-        fill_sample_rays(view, left, top, right - left, refine, rays)
-        fine = self._cast(rays)
+        fill_sample_rays(view, left, top, width, refine, rays)
+        fine = self._cast(rays, np.flatnonzero(np.repeat(near[refine], 4)).astype(np.int32))
         return Part(left, top, right, bottom, hits, refine, fine)
 
-    def _cast(self, rays: np.ndarray) -> Hits:
-        """First hits of rays (n, 6) in the world; frames are what is spread over the cores."""
-        import open3d as o3d
-
-        local = rays
-        if self._turn[1, 0]:
-            local = np.concatenate([rays[:, :3] @ self._turn, rays[:, 3:] @ self._turn], axis=1).astype(np.float32)
-        found = self._shape.rays.cast_rays(o3d.core.Tensor(local), nthreads=1)
-        return Hits(*(found[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_uvs")))
+    def _cast(self, rays: np.ndarray, near: np.ndarray) -> Hits:
+        """First hits of rays (n, 6) in the world, of which those `near` (k,) may meet the object."""
+        if self._others is None:
+            return self._object.cast(rays)
+        hits = self._others.cast(rays)
+        if len(near):
+            take_nearer(hits, self._object.cast(rays[near]), near)
+        which, to_key = np.empty(len(rays), np.int32), np.empty_like(rays)
+        lift = 2e-4 * self._object.shape.size
+        count = fill_key_rays(self._others.lit, hits, rays, self._around.key, lift, which, to_key)
+        which, to_key = which[:count], to_key[:count]
+        free = ~self._others.blocks(to_key)
+        free[free] = ~self._object.blocks(to_key[free])
+        hits.key_share[which] = free
+        return hits
 
     def _region(self, camera: Camera, T_world_camera: np.ndarray) -> tuple[int, int, int, int]:
         """Left, top, right, bottom of the pixels that can show the object."""
-        low, high = self._shape.bounds
+        shape = self._object.shape
+        low, high = shape.bounds
         box = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-        pixels, depth = project(camera, T_world_camera, self._shape.outline @ self._turn.T)
-        if (project(camera, T_world_camera, box @ self._turn.T)[1] <= 1e-3 * self._shape.size).any():
+        pixels, depth = project(camera, T_world_camera, self.outline)
+        depths = project(camera, T_world_camera, self._stand.to_world(box))[1]
+        if (depths <= 0).all():
+            return 0, 0, 0, 0
+        if (depths <= 1e-3 * shape.size).any():
             return 0, 0, camera.width, camera.height
         margin = 6 + 0.01 * camera.width
         left, top = np.floor(pixels[depth > 0].min(axis=0) - margin).clip(-1, 1e6).astype(int)
         right, bottom = np.ceil(pixels[depth > 0].max(axis=0) + margin).clip(-1, 1e6).astype(int)
-        return max(left, 0), max(top, 0), min(right, camera.width), min(bottom, camera.height)
+        left, top = max(left, 0), max(top, 0)
+        return left, top, max(min(right, camera.width), left), max(min(bottom, camera.height), top)
+
+
+def _pixels_in(region: tuple[int, int, int, int], left: int, top: int, width: int, count: int) -> np.ndarray:
+    """(n,) bool which pixels of a part, row by row, lie in a region (left, top, right, bottom) of the picture."""
+    near = np.zeros((count // max(width, 1), width), bool)
+    near[region[1] - top : region[3] - top, region[0] - left : region[2] - left] = True
+    return near.reshape(-1)
 
 
 def count_cores() -> int:
@@ -224,29 +325,9 @@ def _view(camera: Camera, T_world_camera: np.ndarray) -> View:
     )  # fmt: skip
 
 
-def _make_linear(view: View, samples: int) -> Linear:
-    """Room for so many samples of a linear view."""
-    return Linear(
-        coverage=np.zeros((view.height, view.width), np.float32), pixel=np.empty(samples, np.int32),
-        uv=np.empty((samples, 2), np.float32), lod=np.empty(samples, np.float32),
-        gain=np.empty((samples, 3), np.float32),
-    )  # fmt: skip
-
-
-_painted: OrderedDict[int, _Paint] = OrderedDict()
-MOST_KEPT = 3
-"""Meshes whose textures are kept."""
-_keeping = Lock()
-
-
 def _paint_of(mesh: Mesh) -> _Paint:
-    """Pyramids and densities of a mesh, kept for the next renderer of the same mesh."""
-    with _keeping:
-        found = _painted.pop(id(mesh), None) or _prepare_paint(mesh)
-        _painted[id(mesh)] = found
-        while len(_painted) > MOST_KEPT:
-            _painted.popitem(last=False)
-        return found
+    """Pyramids and densities of a mesh."""
+    return _kept(_prepare_paint, mesh)
 
 
 def _prepare_paint(mesh: Mesh) -> _Paint:
@@ -264,11 +345,11 @@ def _prepare_paint(mesh: Mesh) -> _Paint:
     colour = np.empty((len(of_face), 3), np.float32)
     fill_colours(texels, of_face, corner_uv.mean(axis=1), np.zeros(len(of_face), np.float32), colour)
     mean = (colour * surface[:, None]).sum(axis=0) / max(float(surface.sum()), 1e-9)
-    return _Paint(mesh, texels, texture, density, mean)
+    return _Paint(texels, texture, density, mean)
 
 
-def _light_mesh(paint: _Paint, lighting: Lighting, turn: np.ndarray) -> LitMesh:
-    mesh, materials = paint.mesh, paint.mesh.materials
+def _light_mesh(mesh: Mesh, paint: _Paint, lighting: Lighting, stand: Stand) -> LitMesh:
+    materials = mesh.materials
     return LitMesh(
         faces=np.ascontiguousarray(mesh.faces, np.int32), normals=np.ascontiguousarray(mesh.normals, np.float32),
         uv=np.ascontiguousarray(mesh.uv, np.float32), material=np.ascontiguousarray(mesh.face_material, np.int32),
@@ -277,16 +358,17 @@ def _light_mesh(paint: _Paint, lighting: Lighting, turn: np.ndarray) -> LitMesh:
         metallic=np.array([m.metallic for m in materials], np.float32),
         finely=np.array([m.name == PAPER_MATERIAL for m in materials]),
         left_out=np.zeros(len(materials), bool), texels=paint.texels,
-        steps=lighting.grid.steps, first=lighting.grid.first, stored=lighting.stored, turn=turn,
+        steps=lighting.grid.steps, first=lighting.grid.first, stored=lighting.stored, turn=stand.turn,
+        place=np.array(stand.place, float),
     )  # fmt: skip
 
 
-def _surround(scene: Scene, lighting: Lighting, turn: np.ndarray) -> Surround:
+def _surround(scene: Scene, lighting: Lighting, stand: Stand) -> Surround:
     side = lighting.table.shape[0] * LIGHT_MAP_ZOOM
     light = cv2.resize(lighting.table, (side, side), interpolation=cv2.INTER_CUBIC)
     table = scene.table
-    mirrored = _kept(scene.environment, _blur_environment)
-    texels = _kept(table.picture if table else NO_PICTURE, _pack_one)
+    mirrored = _kept(_blur_environment, scene.environment)
+    texels = _kept(_pack_one, table.picture if table else NO_PICTURE)
     return Surround(
         # a room is out of focus behind a table top; the sky is as sharp as it was given
         backdrop=mirrored[0] if table is not None else np.ascontiguousarray(scene.environment, np.float32),
@@ -296,20 +378,28 @@ def _surround(scene: Scene, lighting: Lighting, turn: np.ndarray) -> Surround:
         has_table=table is not None,
         table=texels, table_size=np.array(table.size_mm if table else (1.0, 1.0), float),
         table_roughness=float(table.roughness if table else 1.0),
-        table_light=LightMap(light, float(lighting.table_side_mm), 0.0, 0.0, float(turn[0, 0]), float(turn[1, 0])),
+        ground_light=LightMap(
+            light, float(lighting.table_side_mm), float(stand.place[0]), float(stand.place[1]),
+            float(stand.turn[0, 0]), float(stand.turn[1, 0]),
+        ),
+        ground_z=float(stand.place[2]),
+        ground_reach=0.0 if scene.surroundings is None else GROUND_REACH * lighting.table_side_mm,
     )  # fmt: skip
 
 
-_around: OrderedDict[int, tuple[np.ndarray, Any]] = OrderedDict()
+_in_use: OrderedDict[tuple[object, ...], tuple[tuple[object, ...], Any]] = OrderedDict()
+_keeping = RLock()
+MOST_KEPT = 10
 
 
-def _kept(picture: np.ndarray, make: Callable[[np.ndarray], F]) -> F:
-    """`make` of a picture, worked out once for those that are in use."""
+def _kept(make: Callable[..., F], *sources: object) -> F:
+    """`make` of meshes or pictures, worked out once for those that were used last."""
+    key = make.__qualname__, *map(id, sources)
     with _keeping:
-        found = _around.pop(id(picture), None) or (picture, make(picture))
-        _around[id(picture)] = found
-        while len(_around) > 2 * MOST_KEPT:
-            _around.popitem(last=False)
+        found = _in_use.pop(key, None) or (sources, make(*sources))
+        _in_use[key] = found
+        while len(_in_use) > MOST_KEPT:
+            _in_use.popitem(last=False)
     return found[1]
 
 

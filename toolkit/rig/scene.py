@@ -45,6 +45,27 @@ class Table:
 
 
 @dataclass(frozen=True)
+class Stand:
+    """Where an object stands: its base's centre in the world, and its turn, counter-clockwise from above."""
+
+    place: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turn_deg: float = 0.0
+
+    @property
+    def turn(self) -> np.ndarray:
+        """(3, 3) rotation from the object's frame to the world's."""
+        cosine, sine = np.cos(np.radians(self.turn_deg)), np.sin(np.radians(self.turn_deg))
+        return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])
+
+    def to_world(self, points: np.ndarray) -> np.ndarray:
+        """(n, 3) points of the object's frame in the world."""
+        return points @ self.turn.T + self.place
+
+
+AT_ORIGIN = Stand()
+
+
+@dataclass(frozen=True)
 class Scene:
     """What an object is put into: the table-top studio, or a world out of doors.
 

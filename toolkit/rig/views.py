@@ -18,7 +18,7 @@ from toolkit.rig.linear_view import LinearView
 from toolkit.rig.mount import attach, mount_patch
 from toolkit.rig.raycast import RaycastRenderer, count_cores
 from toolkit.rig.renderer import make_renderer
-from toolkit.rig.scene import Scene
+from toolkit.rig.scene import Scene, Stand
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import LIGHTS, make_studio
 
@@ -78,7 +78,7 @@ def render_training_images(workspace: Workspace, object_name: str, count: int, s
         for start in range(0, count, PER_STUDIO):
             renderer = make_renderer("raycast", item.mesh, random_studio(seed, start, size))
             some = range(start, min(start + PER_STUDIO, count))
-            poses = (random_pose(np.random.default_rng([seed, i, 2]), item.mesh, CAMERA) for i in some)
+            poses = (random_pose(np.random.default_rng([seed, i, 2]), item.mesh.vertices, CAMERA) for i in some)
             for i, light in zip(some, renderer.render_many((CAMERA, pose) for pose in poses), strict=True):
                 yield tone_map(light, (seed, i))
                 bar.advance()
@@ -119,7 +119,7 @@ def render_mounted_views(
         for start in range(0, count, PER_STUDIO):
             renderer = RaycastRenderer(mesh, random_studio(seed, start, float(item.mesh.size_mm.max())))
             draws = (np.random.default_rng([seed, i, 2]) for i in range(start, min(start + PER_STUDIO, count)))
-            poses = (random_pose(rng, item.mesh, camera, ranges) for rng in draws)
+            poses = (random_pose(rng, item.mesh.vertices, camera, ranges) for rng in draws)
             for view in renderer.render_linear_many(camera, poses, paper):
                 yield view.packed()
                 bar.advance()
@@ -143,7 +143,7 @@ def render_thumbnails(mesh: Mesh, count: int, seed: tuple[int, ...], camera: Cam
     renderer = RaycastRenderer(turned, _coarsen_studio(studio), THUMBNAIL_DETAIL)
     pictures = np.empty((count, camera.height, camera.width, 3), np.uint8)
     for i in range(count):
-        pose = random_pose(np.random.default_rng([*seed, 2, i]), turned, camera, WIDE_VIEWS)
+        pose = random_pose(np.random.default_rng([*seed, 2, i]), turned.vertices, camera, WIDE_VIEWS)
         pictures[i] = tone_map(renderer.render(camera, pose), (*seed, 2, i))
     return pictures
 
@@ -172,12 +172,17 @@ def random_studio(seed: int, start: int, size_mm: float) -> Scene:
     return make_studio((seed, start), size_mm, light=light)
 
 
-def random_pose(rng: np.random.Generator, mesh: Mesh, camera: Camera, ranges: ViewRanges = NEAR_VIEWS) -> np.ndarray:
-    """(4, 4) `T_world_camera` somewhere around an object, within `ranges`: by default `render_training_images`'s."""
+def random_pose(
+    rng: np.random.Generator, points: np.ndarray, camera: Camera, ranges: ViewRanges = NEAR_VIEWS
+) -> np.ndarray:
+    """(4, 4) `T_world_camera` somewhere around an object of these points (n, 3) that stands on the table.
+
+    Within `ranges`: by default `render_training_images`'s.
+    """
     azimuth, elevation, roll = rng.uniform(0, 360), ranges.draw_elevation(rng), rng.uniform(*ranges.roll_deg)
-    target = np.array([0.0, 0.0, mesh.size_mm[2] / 2])
+    target = np.array([0.0, 0.0, np.ptp(points[:, 2]) / 2])
     fill = rng.uniform(*ranges.fill)
-    distance = distance_to_fill(camera, mesh.vertices, target, azimuth, elevation, fill=fill, roll_deg=roll)
+    distance = distance_to_fill(camera, points, target, azimuth, elevation, fill=fill, roll_deg=roll)
     free = max((1 - fill) * 0.5, ranges.off_centre) * distance * camera.height / 2 / camera.fx
     return orbit_pose(target + rng.uniform(-free, free, 3) * [1, 1, 0], azimuth, elevation, distance, roll)
 
@@ -237,17 +242,16 @@ def render_block(
     of_studio, *of_views = draws.spawn(1 + settings.per_studio)
     rng = np.random.default_rng(of_studio)
     subject = subjects[block % len(subjects)]
-    light, turn = str(rng.choice(list(LIGHTS))), float(rng.uniform(0, 360))
+    light, stand = str(rng.choice(list(LIGHTS))), Stand(turn_deg=float(rng.uniform(0, 360)))
     studio_seed = tuple(int(n) for n in of_studio.generate_state(2))
     studio = make_studio(studio_seed, float(subject.mesh.size_mm.max()), light=light)
     camera = Camera.from_fov(settings.image_px, settings.image_px, FOV_DEG)
-    turned = turn_mesh(subject.mesh, turn)
-    renderer = RaycastRenderer(subject.mesh, studio, DETAIL, turn)
-    own_paint = RaycastRenderer(subject.bare, studio, DETAIL, turn) if kind == HELD_OUT else None
+    renderer = RaycastRenderer(subject.mesh, studio, DETAIL, stand)
+    own_paint = RaycastRenderer(subject.bare, studio, DETAIL, stand) if kind == HELD_OUT else None
     texture = subject.mesh.materials[subject.material].texture
     views = []
     for i, of_view in enumerate(of_views):
-        pose = random_pose(np.random.default_rng(of_view), turned, camera, settings.ranges)
+        pose = random_pose(np.random.default_rng(of_view), renderer.outline, camera, settings.ranges)
         bare = None if own_paint is None else tone_map(own_paint.render(camera, pose), (seed, kind, block, i))
         views.append(RenderedView(block % len(subjects), renderer.render_linear(camera, pose, texture).packed(), bare))
     return views

@@ -29,11 +29,61 @@ class Hits(NamedTuple):
         distance: (n,) float32; inf where nothing is met.
         face: (n,) uint32.
         uv: (n, 2) float32 barycentric weights of corners 1 and 2.
+        mesh: (n,) uint8: 0 the object, 1 its surroundings.
+        key_share: (n,) float32 of the key light that is seen there; -1 where stored light says it.
     """
 
     distance: np.ndarray
     face: np.ndarray
     uv: np.ndarray
+    mesh: np.ndarray
+    key_share: np.ndarray
+
+
+@kernel
+def take_nearer(hits: Hits, others: Hits, where: np.ndarray) -> None:
+    """Put hits of other rays in place of those that lie further away; the i-th of them belongs to ray `where[i]`."""
+    for i in range(len(where)):
+        n = where[i]
+        if others.distance[i] < hits.distance[n]:
+            hits.distance[n], hits.face[n], hits.mesh[n] = others.distance[i], others.face[i], others.mesh[i]
+            hits.uv[n, 0], hits.uv[n, 1] = others.uv[i, 0], others.uv[i, 1]
+            hits.key_share[n] = others.key_share[i]
+
+
+@kernel
+def fill_key_rays(
+    mesh: LitMesh, hits: Hits, seen: np.ndarray, key: np.ndarray, lift: float, which: np.ndarray, rays: np.ndarray
+) -> int:
+    """Rays to the key light from all hits on the surroundings that face it; returns how many there are.
+
+    Args:
+        mesh: the surroundings.
+        hits: their `key_share` becomes 0.
+        seen: (n, 6) float32 the rays that hit.
+        key: (3,) unit direction to the light.
+        lift: the rays start so far above the surface, and one ten-thousandth of the distance.
+        which, rays: (n,) int32 and (n, 6) float32, are filled from the front with hits and their rays.
+    """
+    count = 0
+    for n in range(len(hits.face)):
+        if hits.face[n] == NOTHING or hits.mesh[n] == 0:
+            continue
+        hits.key_share[n] = 0
+        x, y, z = surface_normal(mesh, int(hits.face[n]), float(hits.uv[n, 0]), float(hits.uv[n, 1]))
+        if x * seen[n, 3] + y * seen[n, 4] + z * seen[n, 5] > 0:
+            x, y, z = -x, -y, -z
+        if x * key[0] + y * key[1] + z * key[2] <= 0:
+            continue
+        distance = hits.distance[n]
+        up = lift + 1e-4 * distance
+        which[count] = n
+        rays[count, 0] = seen[n, 0] + distance * seen[n, 3] + up * x
+        rays[count, 1] = seen[n, 1] + distance * seen[n, 4] + up * y
+        rays[count, 2] = seen[n, 2] + distance * seen[n, 5] + up * z
+        rays[count, 3], rays[count, 4], rays[count, 5] = key[0], key[1], key[2]
+        count += 1
+    return count
 
 
 @inlined
@@ -64,14 +114,28 @@ def fill_sample_rays(view: View, left: int, top: int, width: int, refine: np.nda
 
 
 @kernel
+def move_rays(mesh: LitMesh, rays: np.ndarray, moved: np.ndarray) -> None:
+    """Fill `moved` (n, 6) float32 with rays (n, 6) of the world in the mesh's own frame."""
+    t, p = mesh.turn, mesh.place
+    for n in range(len(rays)):
+        x, y, z = rays[n, 0] - p[0], rays[n, 1] - p[1], rays[n, 2] - p[2]
+        dx, dy, dz = rays[n, 3], rays[n, 4], rays[n, 5]
+        for c in range(3):
+            moved[n, c] = t[0, c] * x + t[1, c] * y + t[2, c] * z
+            moved[n, 3 + c] = t[0, c] * dx + t[1, c] * dy + t[2, c] * dz
+
+
+@kernel
 def mark_edges(
-    mesh: LitMesh, hits: Hits, rays: np.ndarray, width: int, material: np.ndarray, normal: np.ndarray,
-    needed: np.ndarray,
+    mesh: LitMesh, surroundings: LitMesh, hits: Hits, rays: np.ndarray, width: int, material: np.ndarray,
+    normal: np.ndarray, needed: np.ndarray,
 ) -> None:  # fmt: skip
-    """Mark pixels whose neighbours show another material, a jump in depth or a crease; and all on fine materials.
+    """Mark pixels whose neighbours show another material, a jump in depth, a crease or the edge of a shadow.
+
+    Those on materials that are seen finely are all marked.
 
     Args:
-        mesh: what is seen.
+        mesh, surroundings: what is seen.
         hits, rays: of the pixels, row by row, `width` to a row.
         width: of the part, pixels.
         material, normal: (n,) int32 and (n, 3) float32 to work with.
@@ -83,27 +147,29 @@ def mark_edges(
         needed[n] = False
         if hits.face[n] == NOTHING:
             continue
-        face = hits.face[n]
-        material[n] = mesh.material[face]
-        needed[n] = mesh.finely[material[n]]
-        x, y, z = surface_normal(mesh, int(face), float(hits.uv[n, 0]), float(hits.uv[n, 1]))
+        seen = mesh if hits.mesh[n] == 0 else surroundings
+        face = int(hits.face[n])
+        needed[n] = seen.finely[seen.material[face]]
+        material[n] = 2 * seen.material[face] + hits.mesh[n]
+        x, y, z = surface_normal(seen, face, float(hits.uv[n, 0]), float(hits.uv[n, 1]))
         sign = -1.0 if x * rays[n, 3] + y * rays[n, 4] + z * rays[n, 5] > 0 else 1.0
         normal[n, 0], normal[n, 1], normal[n, 2] = sign * x, sign * y, sign * z
     for n in range(count):
         if n % width:
-            _compare(n, n - 1, material, normal, hits.distance, needed)
+            _compare(n, n - 1, material, normal, hits, needed)
         if n >= width:
-            _compare(n, n - width, material, normal, hits.distance, needed)
+            _compare(n, n - width, material, normal, hits, needed)
 
 
 @inlined
-def _compare(a: int, b: int, material: np.ndarray, normal: np.ndarray, depth: np.ndarray, needed: np.ndarray) -> None:
+def _compare(a: int, b: int, material: np.ndarray, normal: np.ndarray, hits: Hits, needed: np.ndarray) -> None:
     """Mark two neighbours where an edge lies between them."""
     if material[a] == material[b]:
         if material[a] < 0 or (needed[a] and needed[b]):
             return
         same = normal[a, 0] * normal[b, 0] + normal[a, 1] * normal[b, 1] + normal[a, 2] * normal[b, 2]
-        if abs(depth[a] - depth[b]) <= 0.02 * depth[a] and same >= 0.75:
+        depth, other = hits.distance[a], hits.distance[b]
+        if abs(depth - other) <= 0.02 * depth and same >= 0.75 and hits.key_share[a] == hits.key_share[b]:
             return
     needed[a] = True
     needed[b] = True
@@ -129,14 +195,28 @@ class Part(NamedTuple):
 
 
 @kernel
-def paint_background(around: Surround, view: View, edges: np.ndarray, picture: np.ndarray) -> None:
-    """Fill a picture (h, w, 3) float32 with table and room, in exposure units; `edges` of `find_table_edges`."""
+def paint_background(
+    around: Surround, view: View, edges: np.ndarray, sheen: np.ndarray, coverage: np.ndarray, picture: np.ndarray,
+    apart: bool,
+) -> None:  # fmt: skip
+    """Add table and room to a picture (h, w, 3) float32, in exposure units, where the object leaves some to be seen.
+
+    Args:
+        around, view: what stands there, and the camera.
+        edges, sheen: of `find_table_edges` and `fill_sheen`.
+        coverage: (h, w) share of each pixel that the object covers.
+        picture: it is added to.
+        apart: what is seen of table and room is added as if no object covered a part of the pixel.
+    """
     for row in range(view.height):
         for column in range(view.width):
-            red, green, blue = background(around, view, edges, column + 0.5, row + 0.5)
-            picture[row, column, 0] = red * around.exposure
-            picture[row, column, 1] = green * around.exposure
-            picture[row, column, 2] = blue * around.exposure
+            if coverage[row, column] == 1:
+                continue
+            red, green, blue = background(around, view, edges, sheen, (row, column))
+            scale = around.exposure if apart else around.exposure * (1 - coverage[row, column])
+            picture[row, column, 0] += red * scale
+            picture[row, column, 1] += green * scale
+            picture[row, column, 2] += blue * scale
 
 
 class Linear(NamedTuple):
@@ -156,8 +236,14 @@ class Linear(NamedTuple):
 
 
 @kernel
-def paint_object(around: Surround, mesh: LitMesh, view: View, part: Part, picture: np.ndarray, out: Linear) -> int:
-    """Put the object over a picture (h, w, 3) float32, in exposure units; returns how many samples `out` has."""
+def paint_meshes(
+    around: Surround, mesh: LitMesh, surroundings: LitMesh, view: View, part: Part, picture: np.ndarray, out: Linear
+) -> int:
+    """Draw what rays met into a black picture (h, w, 3) float32, in exposure units.
+
+    Returns:
+        How many samples `out` has.
+    """
     width, next_fine, count = part.right - part.left, 0, 0
     for n in range(len(part.hits.face)):
         row, column = part.top + n // width, part.left + n % width
@@ -176,7 +262,9 @@ def paint_object(around: Surround, mesh: LitMesh, view: View, part: Part, pictur
             if finely:
                 x, y = x + SUBPIXELS[k, 0], y + SUBPIXELS[k, 1]
             u, v, distance = hits.uv[first + k, 0], hits.uv[first + k, 1], hits.distance[first + k]
-            seen = shade(around, mesh, view, (x, y), (int(face), float(u), float(v), float(distance)))
+            hit = (int(face), float(u), float(v), float(distance), float(hits.key_share[first + k]))
+            met = mesh if hits.mesh[first + k] == 0 else surroundings
+            seen = shade(around, met, view, (x, y), hit)
             red, green, blue = red + seen.colour[0], green + seen.colour[1], blue + seen.colour[2]
             if len(out.pixel) and (seen.gain[0] > 0 or seen.gain[1] > 0 or seen.gain[2] > 0):
                 out.pixel[count] = row * view.width + column
@@ -185,9 +273,8 @@ def paint_object(around: Surround, mesh: LitMesh, view: View, part: Part, pictur
                     out.gain[count, c] = seen.gain[c] * scale
                 count += 1
         if missed < shots:
-            share = missed / shots
-            out.coverage[row, column] = 1 - share
-            picture[row, column, 0] = picture[row, column, 0] * share + red * scale
-            picture[row, column, 1] = picture[row, column, 1] * share + green * scale
-            picture[row, column, 2] = picture[row, column, 2] * share + blue * scale
+            out.coverage[row, column] = (shots - missed) / shots
+            picture[row, column, 0] = red * scale
+            picture[row, column, 1] = green * scale
+            picture[row, column, 2] = blue * scale
     return count

@@ -64,6 +64,9 @@ def read_light_map(light: LightMap, x: float, y: float) -> Colour:
     """Irradiance at a place of the world's ground; beyond the square that of its border."""
     dx, dy = x - light.x, y - light.y
     along, across = light.cosine * dx + light.sine * dy, light.cosine * dy - light.sine * dx
+    if max(abs(along), abs(across)) > light.side / 2:  # the map's border is the same all round
+        border = light.values[0, 0]
+        return border[0], border[1], border[2]
     return read_square(light.values, light.side, along, across)
 
 

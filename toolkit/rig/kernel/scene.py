@@ -30,6 +30,7 @@ class LitMesh(NamedTuple):
         steps, first: (m,) where each face's stored light begins and how fine it is.
         stored: (s, 5) float32 irradiance RGB, share of the key light seen, share of the room seen.
         turn: (3, 3) float64 from the mesh's frame to the world's.
+        place: (3,) float64 of the mesh's origin in the world.
     """
 
     faces: np.ndarray
@@ -47,6 +48,7 @@ class LitMesh(NamedTuple):
     first: np.ndarray
     stored: np.ndarray
     turn: np.ndarray
+    place: np.ndarray
 
 
 class Surround(NamedTuple):
@@ -63,7 +65,9 @@ class Surround(NamedTuple):
         table: its one texture.
         table_size: (2,) float64 along x and y.
         table_roughness: of the table.
-        table_light: its irradiance.
+        ground_light: irradiance of the table; out of doors by how much the object dims the sky's on the ground.
+        ground_z: out of doors, the height of that ground.
+        ground_reach: and how far above or below it that still holds; 0 on a table.
     """
 
     backdrop: np.ndarray
@@ -76,7 +80,9 @@ class Surround(NamedTuple):
     table: Texels
     table_size: np.ndarray
     table_roughness: float
-    table_light: LightMap
+    ground_light: LightMap
+    ground_z: float
+    ground_reach: float
 
 
 class View(NamedTuple):
@@ -120,13 +126,36 @@ def _table_radiance(around: Surround, x: float, y: float, lod: float) -> Colour:
     """What the lit table sends out at (x, y)."""
     u, v = x / around.table_size[0] + 0.5, y / around.table_size[1] + 0.5
     colour = sample_texture(around.table, 0, u, v, lod, False)
-    light = read_light_map(around.table_light, x, y)
+    light = read_light_map(around.ground_light, x, y)
     return colour[0] * light[0] / math.pi, colour[1] * light[1] / math.pi, colour[2] * light[2] / math.pi
 
 
+SHEEN_STEP = 8
+"""Pixels between the places at which the table's own sheen is worked out: it changes slowly."""
+
+
+@kernel
+def fill_sheen(around: Surround, view: View, sheen: np.ndarray) -> None:
+    """Fill (h, w, 3) float32 with what the table mirrors of the room, every `SHEEN_STEP` pixels from the first."""
+    roughness = around.table_roughness
+    mirrored = around.mirrored[_rough_level(roughness)]
+    for i in range(sheen.shape[0]):
+        for j in range(sheen.shape[1]):
+            dx, dy, dz = ray_through(view, j * SHEEN_STEP + 0.5, i * SHEEN_STEP + 0.5)
+            grazing = 1 - abs(dz) / math.sqrt(dx * dx + dy * dy + dz * dz)
+            square = grazing * grazing
+            strength = (0.04 + (1 - roughness) * 0.5 * square * square * grazing) * (1 - 0.6 * roughness)
+            red, green, blue = sample_direction(mirrored, dx, dy, abs(dz))
+            sheen[i, j, 0], sheen[i, j, 1], sheen[i, j, 2] = red * strength, green * strength, blue * strength
+
+
 @inlined
-def background(around: Surround, view: View, edges: np.ndarray, x: float, y: float) -> Colour:
-    """Radiance of table and room in a pixel; the table's edge, of `find_table_edges`, covers a part of it."""
+def background(around: Surround, view: View, edges: np.ndarray, sheen: np.ndarray, pixel: tuple[int, int]) -> Colour:
+    """Radiance of table and room in a pixel (row, column).
+
+    The table's edge, of `find_table_edges`, covers a part of it, and its sheen is that of `fill_sheen`.
+    """
+    x, y = pixel[1] + 0.5, pixel[0] + 0.5
     dx, dy, dz = ray_through(view, x, y)
     nearest = 1.0
     for k in range(4):
@@ -140,11 +169,13 @@ def background(around: Surround, view: View, edges: np.ndarray, x: float, y: flo
         width = int(around.table.width[0])
         lod = math.log2(max(footprint * width / around.table_size[0], 1e-3))
         red, green, blue = _table_radiance(around, view.origin[0] + reach * dx, view.origin[1] + reach * dy, lod)
-        roughness = around.table_roughness
-        sheen = sample_direction(around.mirrored[_rough_level(roughness)], dx, dy, abs(dz))
-        graze = (1 - cosine) * (1 - cosine)
-        strength = (0.04 + (1 - roughness) * 0.5 * graze * graze * (1 - cosine)) * (1 - 0.6 * roughness)
-        red, green, blue = red + sheen[0] * strength, green + sheen[1] * strength, blue + sheen[2] * strength
+        i, j = pixel[0] // SHEEN_STEP, pixel[1] // SHEEN_STEP
+        fy, fx = (pixel[0] - i * SHEEN_STEP) / SHEEN_STEP, (pixel[1] - j * SHEEN_STEP) / SHEEN_STEP
+        wa, wb, wc, wd = (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy
+        a, b, c, d = sheen[i, j], sheen[i, j + 1], sheen[i + 1, j], sheen[i + 1, j + 1]
+        red += a[0] * wa + b[0] * wb + c[0] * wc + d[0] * wd
+        green += a[1] * wa + b[1] * wb + c[1] * wc + d[1] * wd
+        blue += a[2] * wa + b[2] * wb + c[2] * wc + d[2] * wd
     if cover < 1:
         room = sample_direction(around.backdrop, dx, dy, dz)
         red, green, blue = (
@@ -218,8 +249,9 @@ class Seen(NamedTuple):
 
 @inlined
 def shade(
-    around: Surround, mesh: LitMesh, view: View, pixel: tuple[float, float], hit: tuple[int, float, float, float]
-) -> Seen:
+    around: Surround, mesh: LitMesh, view: View, pixel: tuple[float, float],
+    hit: tuple[int, float, float, float, float],
+) -> Seen:  # fmt: skip
     """The light that a point of a mesh sends to the camera.
 
     Args:
@@ -227,9 +259,10 @@ def shade(
         mesh: its mesh.
         view: camera.
         pixel: (x, y).
-        hit: face, barycentric weights of corners 1 and 2, distance.
+        hit: face, barycentric weights of corners 1 and 2, distance, share of the key light that is seen; where that is
+            below 0 the mesh's stored light says it, and holds the key light's part.
     """
-    face, u, v, distance = hit
+    face, u, v, distance, key_share = hit
     dx, dy, dz = ray_through(view, pixel[0], pixel[1])
     scale = 1 / math.sqrt(dx * dx + dy * dy + dz * dz)
     dx, dy, dz = dx * scale, dy * scale, dz * scale
@@ -246,18 +279,28 @@ def shade(
     albedo = (0.0, 0.0, 0.0)
     if not left_out:
         albedo = sample_texture(mesh.texels, int(mesh.texture[material]), float(tu), float(tv), lod, True)
-    light = _stored(mesh, face, u, v)
+    red, green, blue, stored_share, room_share = _stored(mesh, face, u, v)
+    point = (view.origin[0] + distance * dx, view.origin[1] + distance * dy, view.origin[2] + distance * dz)
+    if key_share < 0:
+        key_share = stored_share
+    else:
+        if abs(point[2] - around.ground_z) < around.ground_reach:
+            left = read_light_map(around.ground_light, point[0], point[1])
+            red, green, blue = red * left[0], green * left[1], blue * left[2]
+        facing = max(nx * around.key[0] + ny * around.key[1] + nz * around.key[2], 0.0) * key_share
+        red += around.key_irradiance[0] * facing
+        green += around.key_irradiance[1] * facing
+        blue += around.key_irradiance[2] * facing
     roughness, metallic = float(mesh.roughness[material]), float(mesh.metallic[material])
     diffuse = (1 - metallic) / math.pi
-    gain = (light[0] * diffuse, light[1] * diffuse, light[2] * diffuse)
+    gain = (red * diffuse, green * diffuse, blue * diffuse)
     f0 = (
         0.04 * (1 - metallic) + albedo[0] * metallic,
         0.04 * (1 - metallic) + albedo[1] * metallic,
         0.04 * (1 - metallic) + albedo[2] * metallic,
     )
-    point = (view.origin[0] + distance * dx, view.origin[1] + distance * dy, view.origin[2] + distance * dz)
     normal, direction = (nx, ny, nz), (dx, dy, dz)
-    shine = _gloss(around, point, normal, direction, cosine, f0, roughness, light[3], light[4])
+    shine = _gloss(around, point, normal, direction, cosine, f0, roughness, key_share, room_share)
     colour = (
         albedo[0] * gain[0] + shine[0], albedo[1] * gain[1] + shine[1], albedo[2] * gain[2] + shine[2],
     )  # fmt: skip
