@@ -68,11 +68,11 @@ def test_the_installed_wheel_runs_the_demo(site, weights, tmp_path):
     toolkit("plan", "--workspace", "lab", "--count", "2", "--pattern", "ring", "--resolution", "160", "120", "--quiet")
     said = toolkit("demo", "lab", "--quiet")
     assert "16 images shot" in said
-    summary = json.loads((tmp_path / "lab/eval/resnet18/summary.json").read_text())
+    summary = json.loads((tmp_path / "lab/eval/resnet18-imagenet-sim/summary.json").read_text())
     assert {(g["object"], g["variant"], g["n"]) for g in summary["groups"]} >= {
         ("racer", "patched", 2), ("all", "unpatched", 8),
     }  # fmt: skip
-    assert (tmp_path / "lab/eval/resnet18/report.html").stat().st_size > 20_000
+    assert (tmp_path / "lab/eval/resnet18-imagenet-sim/report.html").stat().st_size > 20_000
     for name in ("racer", "warplane", "coffeepot", "eggnog"):
         assert (tmp_path / f"lab/print/{name}.pdf").read_bytes().startswith(b"%PDF")
 
@@ -89,7 +89,7 @@ def test_without_weights_and_network_the_demo_speaks_through_rig18(site, tmp_pat
     said = " ".join(toolkit("demo", "lab", "--quiet").split())
     assert "network: rig18 (resnet18 trained on renders of 36 kinds of everyday objects" in said
     assert "not ImageNet" in said and "none could be downloaded" in said
-    summary = json.loads((tmp_path / "lab/eval/rig18/summary.json").read_text())
+    summary = json.loads((tmp_path / "lab/eval/rig18-sim/summary.json").read_text())
     assert summary["model"]["name"] == "rig18"
     assert (tmp_path / "lab/print/rig18/racer.pdf").read_bytes().startswith(b"%PDF")
 
@@ -108,8 +108,8 @@ def test_the_readmes_python_runs_from_the_wheel(site, tmp_path):
         block = block.replace(setting, smaller)
     nowhere = {"HTTPS_PROXY": "http://127.0.0.1:9", "TORCH_HOME": str(tmp_path / "cache"), "TOOLKIT_WEIGHTS": ""}
     said = run(sys.executable, "-c", block, cwd=tmp_path, PYTHONPATH=str(site), **nowhere)
-    assert "rig18 is right on" in said and "lab/eval/rig18/report.html" in said.replace("\n", "")
-    assert (tmp_path / "lab/eval/rig18/report.html").stat().st_size > 20_000
+    assert "rig18 is right on" in said and "lab/eval/rig18-sim/report.html" in said.replace("\n", "")
+    assert (tmp_path / "lab/eval/rig18-sim/report.html").stat().st_size > 20_000
     assert (tmp_path / "lab/print/warplane.pdf").read_bytes().startswith(b"%PDF")
 
 

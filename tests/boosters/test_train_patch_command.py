@@ -40,7 +40,7 @@ def test_it_says_what_it_made_and_what_comes_next(type_command, tmp_path):
     code, said, told = type_command("--class", "jet", "--data", "photos", *QUICK[:-1])
     assert code == 0, told
     assert type_command.loaded == [(None, None)], "the default network is the loader's choice"
-    assert "print/patches/jet.png: 16 px, 14 mm on paper at 250 %" in said
+    assert "print/patches/jet.png: 16 px, 14 mm on paper" in said
     assert "tiny on held-out images:" in said
     assert "jet: total variation 0." in said
     assert "non-printability 0." in said
@@ -196,3 +196,53 @@ def test_recipes_that_cannot_be_are_one_line(type_command, arguments, words):
     assert code == 2
     assert words in told
     assert told.count("\n") == 1
+
+
+@pytest.mark.slow
+def test_for_an_object_class_name_and_sizes_come_from_its_spec(type_command, tmp_path, make_crate_space):
+    space = make_crate_space(tmp_path)
+    spec = space.objects_dir / "crate.toml"
+    spec.write_text(
+        spec.read_text().replace('class = "crate"', 'class = "jet"').replace("size_mm = 40", "size_mm = 30")
+    )
+    quick = ("--steps", "2", "--batch", "2", "--size-px", "16", "--no-pose")
+    code, said, told = type_command("--object", "crate", *quick)
+    assert code == 0, told
+    assert "print/patches/crate.png: 16 px, 30 mm on paper" in said
+    assert "next: toolkit print --object crate, toolkit capture-sim --object crate" in said
+    record = json.loads((tmp_path / "print/patches/crate.json").read_text())
+    assert (record["class_name"], record["size_mm"]) == ("jet", 30)
+    # two steps of two pictures: not 240 views and 256 renders
+    assert record["settings"]["mounted_views"] == 32 and record["data"]["train"] + record["data"]["held_out"] == 32
+    assert record["data"]["sources"][0]["source"] == "rig:crate"
+    code, _, told = type_command("--object", "crate", *quick, "--images", "40", "--mounted-views", "10", "--restart")
+    record = json.loads((tmp_path / "print/patches/crate.json").read_text())
+    assert record["settings"]["mounted_views"] == 10 and record["data"]["train"] + record["data"]["held_out"] == 40
+
+
+def test_without_an_object_class_and_data_are_asked_for(type_command):
+    code, _, told = type_command("--data", "rig")
+    assert code == 2 and "--class is missing: name it, or the object with --object" in told
+    code, _, told = type_command("--class", "jet", "--steps", "1")
+    assert code == 2 and "--data is missing: expected a folder of images, or 'rig'" in told
+    code, _, told = type_command("--object", "nothing")
+    assert code == 2 and "no object called 'nothing'" in told
+
+
+def test_the_sheet_met_in_training_is_as_large_as_the_specs():
+    from toolkit.boosters.data import DataConfig
+    from toolkit.boosters.patch_config import limit_renders, make_config, size_by_spec
+    from toolkit.objects.spec import ObjectSpec
+
+    spec = ObjectSpec.model_validate(
+        {"name": "moka", "class": "coffeepot", "mesh": "moka.glb", "length_mm": 184, "patch": {"size_mm": 45}}
+    )
+    data = DataConfig(sources=("rig:moka",))
+    config = make_config("default", size_by_spec({}, spec), data)
+    assert (config.pose.size_mm, config.pose.length_mm) == (45, 184)
+    assert config.print_process.texel_mm == pytest.approx(0.45)
+    assert limit_renders(config, data) == (config, data)  # 600 steps use all of them
+    short, fewer = limit_renders(config.with_overrides(steps=20), data)
+    assert (short.mounted_views, fewer.images) == (240, 50)
+    paper = make_config("paper", size_by_spec({}, spec), data)
+    assert paper.pose is None and limit_renders(paper, data) == (paper, data)

@@ -41,7 +41,8 @@ def test_an_earlier_spelling_works_where_it_is_no_options_name():
     shown = CliRunner().invoke(app, ["plan", "--help"]).output
     assert "--resolution" in shown and "--size" not in shown
     for name, entry in list_places():
-        known = {opt for one in typer.main.get_command(app).commands[name].load().params for opt in one.opts}
+        parameters = typer.main.get_command(app).commands[name].load().params
+        known = {opt for one in parameters for opt in (*one.opts, *one.secondary_opts)}
         assert {today for earlier, today in entry.old.items() if earlier not in known} <= known, name
 
 
@@ -59,3 +60,39 @@ def test_the_version_is_printed():
 def test_the_shell_completes_commands_and_options(typed, offered):
     asked = {"_TOOLKIT_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(len(typed.split()) - 1)}
     assert offered in CliRunner().invoke(app, [], env=asked, prog_name="toolkit").output
+
+
+RANGES = {"--fill": "one share for a plan, a range to draw from in training"}
+KINDS_OF_FOLDER = {"--out": "a file or a folder, as the command makes one or many", "--data": "what a command can use"}
+SETS = {"--patches": "a set; corrupt-eval may name its model too", "--format": "the same two"}
+
+
+def test_an_option_means_one_thing_in_all_commands():
+    """The same spelling takes the same kind of value everywhere, and is a switch everywhere or nowhere."""
+    kinds: dict[str, dict[tuple, list[str]]] = {}
+    for name, _ in list_places():
+        for one in typer.main.get_command(app).commands[name].load().params:
+            for option in one.opts if one.param_type_name == "option" else ():
+                if option.startswith("--"):
+                    kinds.setdefault(option, {}).setdefault((one.metavar, one.nargs, one.is_flag), []).append(name)
+    several = {option: found for option, found in kinds.items() if len(found) > 1}
+    assert set(several) <= RANGES.keys() | KINDS_OF_FOLDER.keys() | SETS.keys(), several
+
+
+def test_the_earlier_switches_of_a_patch_go_on_working():
+    from toolkit.cli.app import LazyCommand
+
+    (entry,) = (entry for name, entry in list_places() if name == "train-patch")
+    for typed, expected in (
+        (["--no-pose", "--light"], (False, True)),
+        (["--no-vary-pose", "--no-light"], (False, False)),
+    ):
+        context = LazyCommand("train-patch", entry, "").make_context("train-patch", ["--class", "x", *typed])
+        assert (context.params["pose"], context.params["light"]) == expected
+
+
+def test_a_part_of_a_name_is_answered_by_all_commands_that_have_it():
+    outcome = CliRunner().invoke(app, ["train"])
+    assert str(outcome.exception) == (
+        "no command called 'train': did you mean train-patch or train-texture or train-classifier or train-patches?"
+    )

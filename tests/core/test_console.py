@@ -27,6 +27,21 @@ def test_notices_and_progress_are_on_stderr_unless_quiet(capsys):
     assert "a notice" in capsys.readouterr().err
 
 
+def test_where_stderr_is_no_terminal_a_line_comes_every_ten_seconds(capsys, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("toolkit.core.console.monotonic", lambda: now[0])
+    with progress("Training", 50, done=10) as bar:
+        for _ in range(40):
+            now[0] += 0.8
+            bar.advance()
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "Training: 40 to do, 10 done before"
+    assert lines[1:] == [
+        "Training: 23 of 50, 1.25/s, 22 s left", "Training: 36 of 50, 1.25/s, 11 s left",
+        "Training: 49 of 50, 1.25/s, 1 s left",
+    ]  # fmt: skip
+
+
 def test_quiet_ends_with_an_error(capsys):
     with pytest.raises(ValueError), quietly():
         raise ValueError

@@ -67,7 +67,7 @@ def test_commands_in_the_prose_are_known(page: str) -> None:
     "line",
     [
         "toolkit nosuch", "toolkit print --al", "toolkit plan --count many", "toolkit eval captures/ --modl resnet18",
-        "toolkit train-patch --data rig", "toolkit plan --fov 400", "make nosuch", "tolkit plan",
+        "toolkit train-classifier --data rig", "toolkit plan --fov 400", "make nosuch", "tolkit plan",
     ],
 )  # fmt: skip
 def test_a_wrong_command_is_found(line: str) -> None:
@@ -155,7 +155,7 @@ def is_quick(words: Command) -> bool:
         return False
     named = [value for flag, value in pairwise(words) if flag in ("--model", "--source", "--recipe")]
     is_here = all(value in ("rig18", "sim", "sim-mine") for value in named)
-    if words[1] == "train-patch" and not {"--out", "rig:mug"} & set(words):
+    if words[1] == "train-patch" and not {"--out", "mug"} & set(words):
         return False  # some of them are enough
     if words[1] == "print":
         return not any(one in word for word in words for one in NEEDS[2:-1])
@@ -267,8 +267,12 @@ def test_python_runs(page: str, lab: Path, monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_reports_and_pages_are_where_the_docs_say(lab: Path, run: Callable[[Command], None]) -> None:
     run(["toolkit", "eval", "captures/"])
-    assert {file.name for file in (lab / "eval/rig18").iterdir()} >= {"report.html", "predictions.csv", "summary.json"}
-    heads = (lab / "eval/rig18/predictions.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
+    assert {file.name for file in (lab / "eval/rig18-sim").iterdir()} >= {
+        "report.html",
+        "predictions.csv",
+        "summary.json",
+    }
+    heads = (lab / "eval/rig18-sim/predictions.csv").read_text(encoding="utf-8").splitlines()[0].split(",")
     page = (DOCS / "reference/files.md").read_text(encoding="utf-8")
     shown = page.split("### `eval/RUN/predictions.csv`")[1].split(".\n")[0]
     assert re.findall(r"`(\w+)`", shown) == heads

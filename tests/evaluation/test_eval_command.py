@@ -39,7 +39,7 @@ def test_table_files_and_exit_codes(call, put, workspace):
     done = call("--quiet")
     assert done.exit_code == 0, done.output
     assert "racer" in done.stdout and "report.html" in done.stdout
-    assert (workspace.eval_dir / "squeezenet1_1" / "summary.json").is_file()
+    assert (workspace.eval_dir / "squeezenet1_1-random-sim" / "summary.json").is_file()
     put("sim/racer/patched/3.png", "racer").write_bytes(b"")
     partly = call("--run", "again", "--quiet")
     assert partly.exit_code == 1

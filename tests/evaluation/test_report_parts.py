@@ -19,6 +19,7 @@ from toolkit.evaluation.contact_sheet import (
     make_thumbnails,
     read_direction,
 )
+from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.metrics import MAX_FLIPS, compare_unpatched, group_predictions, index_poses, list_flips
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.tables import build_tables
@@ -151,3 +152,55 @@ def test_console_table_fits_eighty_columns():
 def test_console_table_of_many_objects_is_the_pooled_row():
     text = printed([one(1, name=f"o{index}") for index in range(100)])
     assert "100 objects" in text and "o42" not in text and "all" in text
+
+
+@pytest.fixture
+def browser():
+    """A headless Chromium at a phone's width."""
+    import shutil
+
+    if not (shutil.which("chromium") and shutil.which("chromedriver")):
+        pytest.skip("needs chromium and chromedriver: scripts/test-browser installs them")
+    from selenium import webdriver
+    from selenium.webdriver.chrome.options import Options
+    from selenium.webdriver.chrome.service import Service
+
+    options = Options()
+    options.binary_location = shutil.which("chromium")
+    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"):
+        options.add_argument(argument)
+    driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
+    phone = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
+    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", phone)
+    yield driver
+    driver.quit()
+
+
+@pytest.mark.slow
+def test_on_a_phone_all_numbers_are_on_the_screen_and_pictures_open_large(browser, put, workspace, colour_classifier):
+    for pose in range(1, 5):
+        put(f"sim/racer/unpatched/{pose}.png", "warplane" if pose > 2 else "racer")
+        put(f"sim/racer/patched/{pose}.png", "racer")
+    page = evaluate_captures(workspace.captures_dir, workspace, colour_classifier).report_file
+    browser.get(page.as_uri())
+    assert browser.execute_script("return document.documentElement.scrollWidth") <= 390
+    cells = browser.execute_script(
+        "return [...document.querySelectorAll('td[data-label]')].map(one => "
+        "[getComputedStyle(one, '::before').content, one.getBoundingClientRect().right])"
+    )
+    named = {words.strip('"') for words, _ in cells}
+    assert {"gained", "lost", "p", "95 % interval"} <= named and max(right for _, right in cells) <= 390
+    captions = browser.execute_script(
+        "return [...document.querySelectorAll('table')].map(one => one.caption?.textContent)"
+    )
+    assert captions and all(captions)
+    assert browser.execute_script("return [...document.querySelectorAll('th')].every(one => one.scope)")
+    folded = browser.execute_script("return document.querySelector('#sheet').closest('details').open")
+    assert folded is False  # the contact sheet is long, and waits
+    large = browser.execute_script(
+        "const box = document.querySelector('.zoom input'); box.click();"
+        "return box.nextElementSibling.getBoundingClientRect().width"
+    )
+    assert large == 390
+    browser.execute_script("document.querySelector('.zoom input').click()")
+    assert browser.execute_script("return document.querySelector('.zoom img').getBoundingClientRect().width") < 200

@@ -1,6 +1,9 @@
 """Meshes that become objects: what comes along, how they stand, what the spec says, and what is refused."""
 
+import base64
+import io
 import json
+import re
 import struct
 
 import numpy as np
@@ -237,3 +240,45 @@ def test_one_axis_is_not_two(space, elsewhere):
     with pytest.raises(ToolkitError, match="must be different axes"):
         add_object(space, write_card(elsewhere), ObjectRequest("coffee mug", up="y", front="-y"))
     assert files_below(space.objects_dir) == ["README.txt"]
+
+
+@pytest.mark.parametrize(
+    ("suffix", "sides", "words"),
+    [
+        ("glb", (0.12, 0.184, 0.09), None),
+        ("glb", (3.1, 12.0, 2.0), "the glTF says 12 m: is the real object 1.2e+04 mm long?"),
+        (
+            "glb",
+            (92, 184, 90),
+            "the mesh is 184 m long, as it says (1840 mm, if centimetres or 184 mm, if millimetres?); 200",
+        ),
+        ("stl", (0.1, 0.23, 0.1), "the mesh is 0.23 long and states no unit (230 mm, if metres?); 200 mm are taken"),
+        ("stl", (92, 184, 90), "(1840 mm, if centimetres or 184 mm, if millimetres?); 200 mm are taken"),
+    ],
+)
+def test_an_unusual_or_unknown_length_is_asked_after(space, elsewhere, suffix, sides, words):
+    trimesh.creation.box(sides).export(elsewhere / f"thing.{suffix}")
+    asked = add_object(space, elsewhere / f"thing.{suffix}", ObjectRequest("crate")).ask_scale()
+    assert asked is None if words is None else words in asked
+    said = ObjectRequest("crate", name="measured", length_mm=5000)
+    assert add_object(space, elsewhere / f"thing.{suffix}", said).ask_scale() is None
+
+
+def test_the_page_to_turn_it_holds_the_mesh_and_needs_no_network(make_box):
+    from toolkit.objects.turntable import make_turntable
+
+    page = make_turntable(make_box(), "crate <1>", "100 mm & more")
+    assert "<title>crate &lt;1&gt;</title>" in page and "100 mm &amp; more" in page
+    assert not re.search(r"""(?:src|href)\s*=\s*["']?https?:""", page)
+    for injected in (
+        "HemisphereLight(0xffffff,0x9a948c",
+        "turned=gltf.scene",
+        "turned.rotation.y+=",
+        "var turning=true",
+    ):
+        assert page.count(injected) == 1, (
+            injected
+        )  # the viewer that trimesh brings is the one that this was written for
+    content = base64.b64decode(re.search(r'base64_data="([^"]+)"', page)[1])
+    box = trimesh.load_scene(io.BytesIO(content), file_type="glb")
+    np.testing.assert_allclose(np.sort(box.extents), [0.04, 0.06, 0.1], rtol=1e-4)

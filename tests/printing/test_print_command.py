@@ -104,8 +104,11 @@ def test_the_rigs_size_is_compared(space):
     spec.write_text(
         'name="warplane"\nclass="warplane"\nmesh="builtin:warplane"\nlength_mm=270\n[patch]\nsize_mm=40.0\n'
     )
-    assert "print with size_mm 40.0" in call("--class", "warplane").output
-    assert "the rig mounts" not in call("--class", "warplane", "--size-mm", "40").output
+    said = call("--class", "warplane").output
+    assert "40.0 × 40.0 mm" in said and "the rig mounts" not in said
+    said = call("--class", "warplane", "--size-mm", "60").output
+    assert "60.0 × 60.0 mm" in said and "the rig mounts warplane on warplane at 40.0 mm" in said
+    assert "88" not in call("--class", "warplane", "--scale", "250").output.split("the rig mounts")[0].split("px")[0]
     spec.write_text("name = 3")
     assert "not compared with the rig" in call("--class", "warplane").output
 
@@ -115,7 +118,7 @@ def test_unknown_class_names_the_nearest(space):
 
 
 def test_nothing_named_and_nothing_there(space):
-    assert refuse().startswith("no patch named: give --class, --all or --patch-file (known: racer,")
+    assert refuse().startswith("no patch named: give --object, --class, --all or --patch-file (known: racer,")
     for path in (space / "print" / "patches").iterdir():
         path.unlink()
     assert "toolkit train-patch" in refuse("--all")

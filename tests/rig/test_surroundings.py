@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 from kernel_samples import sample_by_numpy
 
+from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import Material, Mesh, merge_meshes
 from toolkit.rig.camera import Camera, look_at, orbit_direction, orbit_pose
 from toolkit.rig.lighting import BOUNCE, BakeDetail
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.scene import KeyLight, Scene, Stand
+from toolkit.rig.scene import KeyLight, Scene, Stand, Table
 from toolkit.rig.textures import build_pyramid, texture_pyramid
 
 QUICK = BakeDetail(key_rays=6, room_rays=48, surface_spacing=0.06, table_spacing=0.05)
@@ -439,3 +440,8 @@ def test_the_sky_is_as_sharp_as_it_was_given():
             for j in (0, 1)
         )
         np.testing.assert_allclose(renderer.render(VIEW, pose).reshape(-1, 3), expected, atol=1e-3)
+
+
+def test_a_scene_has_a_table_or_surroundings_and_not_both():
+    with pytest.raises(ToolkitError, match="a table and surroundings"):
+        replace(make_world(GROUND), table=Table(np.zeros((4, 4, 3), np.uint8), (50.0, 50.0), 0.5))

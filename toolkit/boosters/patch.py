@@ -247,6 +247,7 @@ class PatchTask(PixelTask[TrainedPatch]):
             | list_shares(on_object, "mounted")
             | list_shares(corrupted, "corrupted"),
             "toolkit_version": __version__,
+            **({} if views is None else {"size_mm": round(views.size_mm, 3)}),
         })  # fmt: skip
         return TrainedPatch(patch, self.files, validations, on_object, data.skipped)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BeforeValidator, Field, field_serializer
 
-from toolkit.boosters.data import DataConfig
+from toolkit.boosters.data import HELD_OUT, DataConfig
 from toolkit.boosters.parts.affine import WHERE, AffineRanges
 from toolkit.boosters.parts.base import Appearance, Placement
 from toolkit.boosters.parts.corruption import Corrupted
@@ -20,6 +20,7 @@ from toolkit.core.config import Flag, Later, Range, Rising, align_rows, describe
 from toolkit.core.errors import FieldError
 from toolkit.imaging.printer import nearest_printable, read_print_profile
 from toolkit.objects.records import printed_size_mm
+from toolkit.objects.spec import ObjectSpec
 
 if TYPE_CHECKING:
     import torch
@@ -50,10 +51,10 @@ class PatchConfig(PixelConfig):
         None, description="Instead of --steps: how often each image is seen."
     )
     affine: AffineRanges | Placement = AffineRanges()
-    pose: Annotated[PoseRanges | None, Flag(group=WHERE)] = Field(
+    pose: Annotated[PoseRanges | None, Flag("--vary-pose/--no-vary-pose", group=WHERE)] = Field(
         None, description="Place half of the patches as a camera sees them on an object."
     )
-    light: Annotated[LightRanges | None, Flag(group=MEETS)] = Field(
+    light: Annotated[LightRanges | None, Flag("--vary-light/--no-vary-light", group=MEETS)] = Field(
         LightRanges(), description="Vary exposure, contrast and tint of the patch."
     )
     print_process: Annotated[PrintProcess | ProfiledPrint | None, Flag(group=MEETS)] = Field(
@@ -197,11 +198,44 @@ def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> 
     if fitted.get("mounted_share") is None and data.rig_source is None:
         fitted["mounted_share"] = 0.0
     pose_acts = base.pose is not None if fitted.get("pose") is None else fitted["pose"]
+    spec_mm, spec_length_mm = fitted.pop("spec.size_mm", None), fitted.pop("spec.length_mm", None)
+    size_mm = spec_mm or printed_size_mm(fitted.get("size_px", base.size_px))
     if pose_acts:  # its sheet is as large as the patch is printed, and a large patch lies on a large object
-        size_mm = printed_size_mm(fitted.get("size_px", base.size_px))
-        length_mm = fitted.pop("pose.length_mm", None) or max((base.pose or PoseRanges()).length_mm, size_mm)
+        length_mm = fitted.pop("pose.length_mm", None) or spec_length_mm
+        length_mm = length_mm or max((base.pose or PoseRanges()).length_mm, size_mm)
         fitted |= {"pose.size_mm": size_mm, "pose.length_mm": length_mm}
-    return base.with_overrides(fitted)
+    made = base.with_overrides(fitted)
+    if spec_mm is None or not isinstance(made.print_process, PrintProcess):
+        return made
+    return made.with_overrides({"print_process.texel_mm": spec_mm / made.size_px})  # ink bleeds by millimetres
+
+
+LEAST_RENDERS = 32
+SPARE = 1 / (1 - HELD_OUT)
+
+
+def limit_renders(config: PatchConfig, data: DataConfig) -> tuple[PatchConfig, DataConfig]:
+    """No more images and views of the object than the steps can use, and a fifth to hold out.
+
+    Runs that are counted in epochs use every image, and stay as they are.
+    """
+    if config.steps is None:
+        return config, data
+    shown = config.steps * config.batch
+    views = max(LEAST_RENDERS, math.ceil(SPARE * shown * config.mounted_share))
+    images = max(LEAST_RENDERS, math.ceil(SPARE * shown * (1 - config.mounted_share)))
+    return (
+        config.with_overrides(mounted_views=min(config.mounted_views, views)),
+        data.with_overrides(images=min(data.images, max(images, 2 * len(data.sources)))),
+    )
+
+
+def size_by_spec(overrides: Mapping[str, Any], spec: ObjectSpec) -> dict[str, Any]:
+    """The overrides with the sizes of the object that the patch is for, where its spec states the patch's."""
+    if spec.patch.size_mm is None:
+        return dict(overrides)
+    size_mm = spec.patch.size_mm
+    return {**overrides, "spec.size_mm": size_mm, "spec.length_mm": max(spec.length_mm, size_mm)}
 
 
 def use_printer(overrides: Mapping[str, Any], file: Path) -> dict[str, Any]:

@@ -94,7 +94,7 @@ class TextureConfig(PixelConfig):
     camera: Annotated[CameraParts | None, Flag(group=MEETS, make=make_camera)] = Field(
         None, exclude=True, description="Blur, sensor noise and JPEG."
     )
-    backgrounds: Annotated[Path | None, Flag(metavar="FOLDER", group=SEEN)] = Field(
+    backgrounds: Annotated[Path | None, Flag("--background-folder", metavar="FOLDER", group=SEEN)] = Field(
         None, exclude=True, description="Photographs to stand behind the object; the paper recipe needs them."
     )
     background_share: Annotated[float, Field(ge=0, le=1), Flag(group=SEEN)] = Field(

@@ -35,6 +35,7 @@ class Capture:
         corruption: (name, severity) that it has, or gets where `cut_px` is None; None for an image as it was taken.
         cut_px: side of the square that the file was cut to before it was corrupted, by the manifest; None for an image
             that is corrupted when it is read, after it was resized and cut for the network.
+        failed_gates: what its photograph failed when it was judged, such as `over-exposure 64 % of the object clipped`.
     """
 
     source: str
@@ -49,6 +50,7 @@ class Capture:
     is_rendered: bool = False
     corruption: tuple[str, int] | None = None
     cut_px: int | None = None
+    failed_gates: tuple[str, ...] = ()
 
     @property
     def path_in_source(self) -> str:

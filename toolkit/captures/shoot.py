@@ -69,7 +69,7 @@ def copy_image(stored: StoredImage, source_dir: Path, path: str) -> bool:
 
 FORMATS = ("jpg", "png")
 SOURCE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
-LOOK_VERSION = 1
+LOOK_VERSION = 2
 """Raised when a change to the rig makes other pictures from the same inputs, so that old ones are shot again."""
 
 

@@ -19,15 +19,26 @@ def add(
     mesh: Annotated[Path, typer.Argument(help="glb, gltf, obj, ply, stl or off; the files that it names come along.")],
     class_name: Annotated[
         str,
-        typer.Option("--class", help="What it should be recognised as: an ImageNet category, or your classifier's."),
+        typer.Option(
+            "--class",
+            metavar="NAME",
+            help="What it should be recognised as: an ImageNet category, or your classifier's.",
+        ),
     ],
-    name: Annotated[str | None, typer.Option(help="Of the object; default: the file's.")] = None,
+    name: Annotated[str | None, typer.Option(metavar="NAME", help="Of the object; default: the file's.")] = None,
     length_mm: Annotated[
-        float | None, typer.Option(help="Longest side of the real object; default: as a glTF says, else 200.")
+        float | None,
+        typer.Option(metavar="X", help="Longest side of the real object; default: as a glTF says, else 200."),
     ] = None,
-    print_side: Annotated[str, typer.Option(help="Where its patch goes: top, front, back, left or right.")] = "top",
-    up: Annotated[str | None, typer.Option(help=f"The mesh's axis that points up: {AXES}; default: by format.")] = None,
-    front: Annotated[str | None, typer.Option(help="The mesh's axis that points to the front; likewise.")] = None,
+    print_side: Annotated[
+        str, typer.Option(metavar="SIDE", help="Where its patch goes: top, front, back, left or right.")
+    ] = "top",
+    up: Annotated[
+        str | None, typer.Option(metavar="AXIS", help=f"The mesh's axis that points up: {AXES}; default: by format.")
+    ] = None,
+    front: Annotated[
+        str | None, typer.Option(metavar="AXIS", help="The mesh's axis that points to the front; likewise.")
+    ] = None,
     replace: Annotated[bool, typer.Option("--replace", help="Replace the object of that name.")] = False,
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,
@@ -51,13 +62,14 @@ def add(
         cast(Axis | None, front), replace,
     )  # fmt: skip
     made = add_object(space, mesh, request)
-    preview, trouble = _draw(space, made.item, quiet or as_json)
+    preview, page, trouble = _draw(space, made.item, quiet or as_json)
     if as_json:
         files = [str(file) for file in made.mesh_files]
         size = [round(float(side), 1) for side in made.item.mesh.size_mm]
         result = {
             "name": made.item.name, "class": made.item.spec.class_name, "spec": str(made.spec_file), "files": files,
-            "preview": str(preview), "size_mm": size, "length_is_guessed": made.length_is_guessed,
+            "preview": str(preview), "page": str(page) if page else None, "scale": made.ask_scale(),
+            "size_mm": size, "length_is_guessed": made.length_is_guessed,
         }  # fmt: skip
         typer.echo(json.dumps(result, indent=2, ensure_ascii=False))
         return
@@ -74,11 +86,13 @@ def add(
         f"drew {preview}: its front must show at azimuth 0°, upright (else give --up and --front, with --replace); "
         f"the checks are where the patch goes"
     )
+    if page is not None:
+        say(f"{page}: open it in a browser to turn the object, patch and all")
     if trouble:
-        say(f"note: no place for the patch yet: {trouble}")
-    if made.length_is_guessed:
-        say(f"note: the mesh states no length; measure the longest side and set length_mm in {made.spec_file.name}")
-    say(f"next: toolkit plan --object {item.name}, then toolkit train-patch --class '{item.spec.class_name}'")
+        say(f"note: {trouble}")
+    if (asked := made.ask_scale()) is not None:
+        say(f"note: {asked}: measure the longest side and set length_mm in {made.spec_file.name}")
+    say(f"next: toolkit plan --object {item.name}, then toolkit train-patch --object {item.name}")
 
 
 def _find_class(space: "Workspace", given: str) -> str:
@@ -101,8 +115,12 @@ def _find_class(space: "Workspace", given: str) -> str:
         ) from None
 
 
-def _draw(space: "Workspace", item: "TableObject", quiet: bool) -> tuple[Path, str]:
-    """Draw the object from eight sides with a chequered sheet for its patch; the picture, and why it has no sheet."""
+def _draw(space: "Workspace", item: "TableObject", quiet: bool) -> tuple[Path, Path | None, str]:
+    """Draw the object with a chequered sheet for its patch: from eight sides, and as a page to turn it.
+
+    Returns:
+        The picture, the page, None for a mesh too large for one, and what is wrong with the sheet's place.
+    """
     from dataclasses import replace
 
     import numpy as np
@@ -110,9 +128,11 @@ def _draw(space: "Workspace", item: "TableObject", quiet: bool) -> tuple[Path, s
     from toolkit.captures.shoot import ShootSettings, studio_for
     from toolkit.core.console import progress
     from toolkit.core.errors import ToolkitError
-    from toolkit.core.files import write_bytes
+    from toolkit.core.files import write_bytes, write_text
     from toolkit.objects.add import DEFAULT_PATCH_MM
+    from toolkit.objects.turntable import make_turntable
     from toolkit.rig.camera import Camera
+    from toolkit.rig.fit import describe_misfit
     from toolkit.rig.mount import attach, mount_patch
     from toolkit.rig.pattern import Pattern
     from toolkit.rig.plan import plan_poses
@@ -122,15 +142,20 @@ def _draw(space: "Workspace", item: "TableObject", quiet: bool) -> tuple[Path, s
     shown, trouble = item, ""
     try:
         size_mm = item.spec.patch.size_mm or DEFAULT_PATCH_MM
+        trouble = describe_misfit(item, size_mm) or ""
         shown = replace(
             item, mesh=attach(item.mesh, mount_patch(item.mesh, checks, size_mm, item.spec.patch, item.name))
         )
     except ToolkitError as error:
-        trouble = str(error)
+        trouble = f"no place for the patch yet: {error}"
     camera = Camera.from_fov()
     poses = plan_poses(item, camera, Pattern(name="grid", count=8, elevation_deg=(20.0, 60.0)))
     file = space.root / "rig" / "preview" / f"{item.name}-sheet.png"
     with progress("drawing the preview", 1, quiet) as bar:
         write_bytes(file, draw_contact_sheet(shown, camera, poses, studio_for(item, ShootSettings()), columns=4))
         bar.advance()
-    return file, trouble
+    long = max(float(side) for side in item.mesh.size_mm)
+    words = f"{item.name}, {item.spec.class_name}: {long:.0f} mm long; the patch goes where the checks are. Drag it."
+    html = make_turntable(shown.mesh, item.name, words)
+    page = None if html is None else write_text(file.with_name(f"{item.name}.html"), html)
+    return file, page, trouble

@@ -44,10 +44,17 @@ class Entry(NamedTuple):
 TURNED = {"--rotation": "--max-rotation", "--scale": "--patch-scale"}
 """Elsewhere these mean a range of turns, and the size of a print."""
 
+SWITCHED = {
+    "--pose": "--vary-pose", "--no-pose": "--no-vary-pose", "--light": "--vary-light", "--no-light": "--no-vary-light",
+}  # fmt: skip
+"""Elsewhere these name a pose of the plan, and the light of the rig."""
+
 GROUPS: dict[str, dict[str, Entry]] = {
     "The road": {
-        "train-patch": Entry("train_patch:train_patch", "train a patch for a class"),
-        "train-texture": Entry("train_texture:train_texture", "train a texture for an object"),
+        "train-patch": Entry("train_patch:train_patch", "train a patch for an object or a class", SWITCHED),
+        "train-texture": Entry(
+            "train_texture:train_texture", "train a texture for an object", {"--backgrounds": "--background-folder"}
+        ),
         "print": Entry("print_:print_patches", "print patches at true size, or the board"),
         "plan": Entry("plan:plan", "plan the camera poses", {"--size": "--resolution"}),
         "capture-sim": Entry("capture_sim:capture_sim", "shoot every object at every pose"),
@@ -181,7 +188,7 @@ class LazyCommand(TyperCommand):
     def make_context(self, info_name: Any, args: list[str], parent: Any = None, **extra: Any) -> Any:
         """Load the command, and go on with it."""
         command = self.load()
-        known = {name for parameter in command.params for name in parameter.opts}
+        known = {name for one in command.params for name in (*one.opts, *one.secondary_opts)}
         old = {earlier: today for earlier, today in self.entry.old.items() if earlier not in known}
         return command.make_context(info_name, [_respell(word, old) for word in args], parent, **extra)
 
@@ -239,6 +246,9 @@ class RoadGroup(TyperGroup):
             ToolkitError: there is none of this name.
         """
         if args and args[0] not in self.commands and not args[0].startswith("-") and not ctx.resilient_parsing:
+            parts = [name for name in self.commands if name.startswith(args[0]) or args[0] in name.split("-")]
+            if parts:
+                raise ToolkitError(f"no command called '{args[0]}': did you mean {' or '.join(parts)}?")
             raise one_of("command", args[0], list(self.commands))
         return super().resolve_command(ctx, args)
 

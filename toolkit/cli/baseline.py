@@ -19,10 +19,15 @@ def baseline(
     config: BaselineConfig,
     model: Annotated[
         str | None,
-        typer.Option(help="Classifier whose classes they are; best-image compares its losses. Default: resnet18."),
+        typer.Option(
+            metavar="NAME", help="Classifier whose classes they are; best-image compares its losses. Default: resnet18."
+        ),
     ] = None,
     weights: Annotated[
-        Path | None, typer.Option("--weights", help="State dict, .pth or .safetensors; FILE.json may hold its labels.")
+        Path | None,
+        typer.Option(
+            "--weights", metavar="FILE", help="State dict, .pth or .safetensors; FILE.json may hold its labels."
+        ),
     ] = None,
     seed: options.Seed = 0,
     device: options.Device = "auto",

@@ -71,8 +71,9 @@ def capture_sim(
     from toolkit.core.workspace import open_workspace
     from toolkit.corruptions.request import parse_corruptions
     from toolkit.rig.board import read_board
+    from toolkit.rig.misfits import list_misfits
     from toolkit.rig.plan import open_plan
-    from toolkit.rig.variants import PAIR
+    from toolkit.rig.variants import ON_PAPER, PAIR
 
     corruptions = parse_corruptions(corrupt or ())
     space = open_workspace(workspace).with_patches(patches)
@@ -95,6 +96,9 @@ def capture_sim(
         if source == "real":
             raise FieldError("captures/real is for photographs: name another folder, such as sim-2", {"source": source})
         settings = replace(bare, board=read_board(space)) if board else bare
+        if set(variants or PAIR) & set(ON_PAPER):
+            for line in list_misfits(space, objects or list(plan.objects), plan):
+                remark(line)
         source = source or "-".join(["sim", *([patches] if patches else []), *(["board"] if board else [])])
         shot = shoot_plan(space, plan, objects or list(plan.objects), variants or PAIR, settings, source)
     corrupted = corrupt_source(shot.source_dir, corruptions)

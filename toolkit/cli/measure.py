@@ -103,7 +103,8 @@ def print_profile(
         ),
     ] = "a4",
     size_mm: Annotated[
-        float | None, typer.Option(help="Side of the printed patch. Default: as its record says.", min=1)
+        float | None,
+        typer.Option(metavar="X", help="Side of the printed patch. Default: as 'toolkit print' makes it.", min=1),
     ] = None,
     name: Annotated[
         str | None, typer.Option(metavar="NAME", help="Of the profile: printer and paper. Default: the patch's.")
@@ -125,6 +126,7 @@ def print_profile(
     from toolkit.photos.prints.profile_photos import profile_photos
     from toolkit.printing.page import parse_paper
     from toolkit.printing.print_patches import select_patches
+    from toolkit.printing.wearers import choose_wearer
 
     if name is not None and not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
         raise FieldError("expected letters, digits, '-' and '_', without a suffix", {"name": name})
@@ -136,13 +138,16 @@ def print_profile(
             f"means {len(chosen)} patches: name one of them by its file: {names}", {"class_name": class_name}
         )
     patch = read_patch(chosen[0])
+    if size_mm is None:
+        wearer = choose_wearer(space, chosen[0])
+        size_mm = wearer.size_mm if wearer else patch.size_mm
     run = profile_photos(photos, patch, parse_paper(paper), size_mm, name, by)
     list_skipped(run.skipped)
     file = write_print_profile(out or space.root / "print" / "profiles" / f"{run.profile.name}.json", run.profile)
     if as_json:
         show_json(_profile_json(run, file))
     else:
-        _report_profile(run, file, size_mm or patch.size_mm)
+        _report_profile(run, file, size_mm)
     if run.skipped:
         raise typer.Exit(1)
 

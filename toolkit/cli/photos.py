@@ -83,8 +83,12 @@ def _report_import(result: "ImportResult", report: "CheckReport | None") -> None
         warn(f"not again {name}: {reason}", style="")
     if len(again) > SHOWN_AGAIN:
         warn(f"not again {len(again) - SHOWN_AGAIN} more: --json lists them all", style="")
+    causes: dict[str, list[str]] = {}
     for name, reason in result.refused:
-        warn(f"skipped {name}: {reason}")
+        causes.setdefault(reason, []).append(name)
+    for reason, names in causes.items():
+        more = f" and {len(names) - SHOWN_AGAIN} more" if len(names) > SHOWN_AGAIN else ""
+        warn(f"skipped {', '.join(names[:SHOWN_AGAIN])}{more}: {reason}")
     for note in result.notes:
         remark(note)
     before = f", {len(result.before)} imported before" if result.before else ""

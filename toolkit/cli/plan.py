@@ -77,6 +77,7 @@ def plan(
     from toolkit.objects.load import load_object
     from toolkit.printing.page import parse_paper
     from toolkit.rig.camera import Camera
+    from toolkit.rig.misfits import list_misfits
     from toolkit.rig.plan import keep_others, make_plan, open_plan, read_plan, write_plan
 
     space = open_workspace(workspace).with_patches(patches)
@@ -88,7 +89,7 @@ def plan(
     else:
         names = objects or sorted(space.object_specs())
         items = [load_object(space.object_spec(name)) for name in names]
-        new = make_plan(items, Camera.from_fov(*resolution, fov), pattern.with_overrides(seed=seed))
+        new = make_plan(items, Camera.from_fov(*resolution, fov), pattern.with_overrides(seed=seed), space)
         old = read_plan(space.plan_file) if objects and space.plan_file.is_file() else None
         made = keep_others(old, new)
         file = write_plan(space.plan_file, made)
@@ -102,6 +103,8 @@ def plan(
                 say(f"drew the positions and contact sheets into {drawn}")
             say(what_pairs_can_show(pattern.count))
             say(f"wrote {file}{'' if shot_list else '; next: toolkit capture-sim'}")
+    for line in list_misfits(space, names, made):
+        warn(f"note: {line}")
     if shot_list:
         from toolkit.printing.shot_list.job import write_shot_list
         from toolkit.rig.shot_order import parse_order
@@ -119,6 +122,8 @@ def _report_list(made: "WrittenShotList", as_json: bool) -> None:
         return
     if made.replaced:
         say("note: rig/shots.json held other shots, or another order, before")
+    for note in made.notes:
+        warn(f"note: {note}")
     say(f"{made.shots} shots of {', '.join(made.objects)}; the camera moves {made.travel_m:.1f} m in all")
     wrote = f"wrote {made.pdf_file} ({made.pages} pages) and {made.shots_file}"
     say(f"{wrote}; next: print it, shoot in its order, then toolkit import PHOTOS/")

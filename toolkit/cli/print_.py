@@ -27,6 +27,12 @@ def print_patches(
         list[str] | None,
         typer.Option("--class", metavar="NAME", help="Patch by file name or by class; may be given several times."),
     ] = None,
+    objects: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--object", metavar="NAME", help="The patch of this object, as large as its spec says; repeat for more."
+        ),
+    ] = None,
     everything: Annotated[bool, typer.Option("--all", help="Every known patch.")] = False,
     files: Annotated[
         list[Path] | None, typer.Option("--patch-file", metavar="PNG", help="A patch anywhere, its record beside it.")
@@ -50,15 +56,21 @@ def print_patches(
     if sheet.kind is not None:
         from toolkit.printing.print_boards import print_board
 
-        if classes or everything or files:
+        if objects or classes or everything or files:
             raise FieldError(
                 "printed alone: print patches by a call of their own", {sheet.kind.replace("-", "_"): True}
             )
         _report_sheet(print_board(place, sheet, settings, out), as_json)
         return
-    chosen = of_patches.select_patches(place, classes or [], everything, files or [])
-    printed, failed = of_patches.print_patches(chosen, out or place.print_dir, settings, go_on=everything)
-    notes = [note for one in printed if (note := of_patches.compare_with_rig(place, one))]
+    folder = out or place.print_dir
+    printed = of_patches.print_for_objects(place, objects or [], folder, settings)
+    failed: list[dict[str, str]] = []
+    if classes or everything or files or not objects:
+        chosen = of_patches.select_patches(place, classes or [], everything, files or [])
+        more, failed = of_patches.print_patches(chosen, folder, settings, go_on=everything, workspace=place)
+        printed += more
+    notes = [] if objects else [note for one in printed for note in of_patches.compare_with_rig(place, one)]
+    notes += of_patches.check_fits(place, printed)
     for failure in failed:
         warn(f"not printed: {failure['reason']}", style="red")
     if as_json:
@@ -79,7 +91,7 @@ def _report_patches(printed: list["PrintedPatch"], notes: list[str]) -> None:
         say("note: no room for the colour strip beside the patch: 'toolkit print --colour-strip' prints it on its own")
     if printed:
         tiled = any(one.pages > 1 and one.tiles != (1, 1) for one in printed)
-        cut = "cut at the corner marks and tape the patch on with its arrow to the object's front"
+        cut = "cut at the corner marks and tape the patch on as its arrow says"
         say(f"next: {', '.join([AT_TRUE_SIZE, *([JOIN] if tiled else []), cut])}")
 
 

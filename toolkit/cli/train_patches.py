@@ -15,26 +15,39 @@ from toolkit.cli.options import from_config
 def train_patches(
     data: Annotated[
         str,
-        typer.Option(help="Folder with one folder per class (train/ in it, where there is one), or cifar10:FOLDER."),
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder with one folder per class (train/ in it, where there is one), or cifar10:FOLDER.",
+        ),
     ],
     config: ClassPatchesConfig,
     placement: Placement,
     classes: Annotated[
-        list[str] | None, typer.Option("--class", help="Label, index or WordNet id; default: all that have images.")
+        list[str] | None,
+        typer.Option("--class", metavar="NAME", help="Label, index or WordNet id; default: all that have images."),
     ] = None,
-    model: Annotated[str | None, typer.Option("--model", help="The classifier. Default: resnet18.")] = None,
+    model: Annotated[
+        str | None, typer.Option("--model", metavar="NAME", help="The classifier. Default: resnet18.")
+    ] = None,
     weights: options.WeightsFile = None,
-    recipe: Annotated[str, typer.Option(help="default, or paper: the sign of the gradient, unsmoothed.")] = "default",
-    steps: Annotated[int | None, typer.Option(help="Gradient steps for each patch. Default: 600.")] = None,
+    recipe: Annotated[
+        str, typer.Option(metavar="NAME", help="default, or paper: the sign of the gradient, unsmoothed.")
+    ] = "default",
+    steps: Annotated[int | None, typer.Option(metavar="N", help="Gradient steps for each patch. Default: 600.")] = None,
     epochs: Annotated[
-        int | None, typer.Option(help="Instead of --steps: how often each image is seen. Recipe paper: 30.")
+        int | None,
+        typer.Option(metavar="N", help="Instead of --steps: how often each image is seen. Recipe paper: 30."),
     ] = None,
-    batch: Annotated[int | None, typer.Option(help="Images per step. Default: 16; paper: 512.")] = None,
-    lr: Annotated[float | None, typer.Option(help="Change of every pixel in the first step. Default: 0.05.")] = None,
+    batch: Annotated[int | None, typer.Option(metavar="N", help="Images per step. Default: 16; paper: 512.")] = None,
+    lr: Annotated[
+        float | None, typer.Option(metavar="X", help="Change of every pixel in the first step. Default: 0.05.")
+    ] = None,
     corrupted: Annotated[
         list[str] | None,
         typer.Option(
-            "--corrupt", help="Corrupt half of the photographs while training: fog:3, noise, extra, all; repeatable."
+            "--corrupt",
+            metavar="NAME[:SEVERITY]",
+            help="Corrupt half of the photographs while training: fog:3, noise, extra, all; repeatable.",
         ),
     ] = None,
     download: options.Download = False,

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from time import monotonic
 
 from rich.console import Console
 from rich.progress import (
@@ -61,31 +62,47 @@ class RateColumn(ProgressColumn):
         return Text(f"{speed:.1f}/s" if speed else "", style="cyan")
 
 
-class Ticker:
-    """Handle on one running progress bar."""
+LINE_EVERY_S = 10.0
+"""Where stderr is no terminal, a line tells how far the work is."""
 
-    def __init__(self, progress: Progress | None, task: TaskID) -> None:
+
+class Ticker:
+    """Handle on one running progress bar, or on the lines that stand in for it."""
+
+    def __init__(
+        self, progress: Progress | None, task: TaskID, title: str = "", total: int = 0, done: int = 0
+    ) -> None:  # fmt: skip
         self._progress, self._task = progress, task
+        self._title, self._total, self._before, self._done = title, total, done, done
+        self._start = self._told = monotonic()
 
     def advance(self, amount: int = 1, note: str | None = None) -> None:
         """Count `amount` more units; `note` replaces the text at the bar's end."""
+        self._done += amount
         if self._progress is not None:
             self._progress.update(self._task, advance=amount)
             if note is not None:
                 self._progress.update(self._task, note=note)
+        elif self._title and monotonic() - self._told >= LINE_EVERY_S:
+            self._told = monotonic()
+            rate = (self._done - self._before) / (self._told - self._start)
+            left = f", {rate:.3g}/s, {(self._total - self._done) / rate:.0f} s left" if rate > 0 else ""
+            errors.print(f"{self._title}: {self._done} of {self._total}{left}", markup=False, soft_wrap=True)
 
 
 @contextmanager
 def progress(title: str, total: int, quiet: bool = False, done: int = 0) -> Iterator[Ticker]:
     """A progress bar on stderr over `total` units, `done` of them finished by an earlier run; none `quietly`.
 
-    Where stderr is no terminal, one line at the start stands in for the bar.
+    Where stderr is no terminal, lines stand in for the bar: one at the start, and one every ten seconds.
     """
     if quiet or _is_quiet:
         yield Ticker(None, TaskID(0))
         return
     if not errors.is_terminal:
         errors.print(f"{title}: {total - done} to do" + (f", {done} done before" if done else ""))
+        yield Ticker(None, TaskID(0), title, total, done)
+        return
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -94,5 +111,5 @@ def progress(title: str, total: int, quiet: bool = False, done: int = 0) -> Iter
         TimeRemainingColumn(),
         TextColumn("{task.fields[note]}"),
     )
-    with Progress(*columns, console=errors, disable=not errors.is_terminal) as bar:
+    with Progress(*columns, console=errors) as bar:
         yield Ticker(bar, bar.add_task(title, total=total, completed=done, note=""))

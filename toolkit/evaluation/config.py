@@ -47,7 +47,10 @@ class EvalConfig(Config):
     """What of a capture folder is evaluated, and how; see `evaluate_captures`."""
 
     run: Annotated[RunName | None, Flag(metavar="NAME")] = Field(
-        None, description="Name of the folder under eval/; default: the network's."
+        None, description="Name of the folder under eval/; default: network, weights and sources."
+    )
+    replace: Annotated[bool, Flag("--replace")] = Field(
+        False, exclude=True, description="Overwrite another result of that name, instead of writing beside it."
     )
     sources: Annotated[tuple[str, ...], Flag("--source", metavar="NAME")] = Field(
         (), description="Only this source; may be repeated."

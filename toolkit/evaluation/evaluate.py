@@ -1,7 +1,8 @@
 """From a capture folder to a run folder: read the images, predict, compare, write."""
 
+import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,18 @@ from toolkit.evaluation.config import EvalConfig
 from toolkit.evaluation.ground_truth import read_labelled_captures
 from toolkit.evaluation.predict import predict_captures
 from toolkit.evaluation.report import write_report
-from toolkit.evaluation.results import Findings, compare_predictions, summarise, write_predictions
+from toolkit.evaluation.results import (
+    Findings,
+    compare_predictions,
+    encode_predictions,
+    summarise,
+    write_predictions,
+)
 from toolkit.evaluation.saliency import draw_saliency
 from toolkit.models.network import Classifier
 
 DEFAULT = EvalConfig()
+MOST_SOURCES, LONGEST_PART = 3, 40
 
 
 @dataclass(frozen=True)
@@ -43,24 +51,52 @@ def evaluate_captures(
 ) -> Evaluation:
     """Classify every image of a capture folder and write `eval/RUN`: predictions.csv, summary.json, report.html.
 
-    An image that cannot be read is listed with its reason, and the others are evaluated. A run of the same name is
-    replaced, file by file. An object whose spec names a class that the network does not have is left out with a note.
+    An image that cannot be read is listed with its reason, and the others are evaluated. Where a folder of that name
+    holds another result, this one goes beside it as RUN-2, unless it shall be replaced. An object whose spec names a
+    class that the network does not have is left out with a note.
 
     Args:
         captures_dir: `captures/`, one of its sources, one object's folder, or an ImageFolder.
         workspace: whose object specs say what each object is, and whose `eval/` is written to.
         classifier: from `load_classifier`.
-        config: the name of the run, and what is evaluated; everything by default.
+        config: the name of the run, by default after network, weights and sources, and what is evaluated.
 
     Raises:
         ToolkitError: no images, no object whose class the network knows, a folder that is no object, a broken manifest,
             or a folder that cannot be written.
     """
-    run_dir = workspace.eval_dir / (config.run or classifier.name)
     folder, classes = read_labelled_captures(captures_dir, workspace, classifier, config)
     predictions = predict_captures(folder.captures, classes, classifier, config.batch_size)
     findings = compare_predictions(classifier.name, predictions, folder.refused_folders)
-    return write_evaluation(run_dir, classifier, findings, folder.notes, config)
+    name = config.run or name_run(classifier, [one.source for one in folder.captures if one.corruption is None])
+    run_dir = choose_run_dir(workspace.eval_dir / name, findings, config.replace)
+    done = write_evaluation(run_dir, classifier, findings, folder.notes, config)
+    if run_dir.name == name:
+        return done
+    return replace(done, notes=(*done.notes, f"{run_dir.with_name(name)} holds another result, and stays as it is"))
+
+
+def name_run(classifier: Classifier, sources: Sequence[str]) -> str:
+    """Network, weights and sources, such as `resnet18-imagenet-sim`; more than three sources are counted."""
+    weights = Path(classifier.weights.name).stem.removeprefix(classifier.arch).removeprefix(classifier.name)
+    names = list(dict.fromkeys(sources))
+    parts = [classifier.name, weights, "+".join(names) if len(names) <= MOST_SOURCES else f"{len(names)}-sources"]
+    slugs = [re.sub(r"[^A-Za-z0-9._+-]+", "-", part).strip("-._+")[:LONGEST_PART].replace("+", "-") for part in parts]
+    return "-".join(slug for slug in slugs if slug)
+
+
+def choose_run_dir(wanted: Path, findings: Findings, overwrite: bool = False) -> Path:
+    """`wanted`, or the first of RUN-2, RUN-3 … that is free or holds these very predictions."""
+    content = encode_predictions(findings.predictions).encode()
+    number, folder = 1, wanted
+    while not overwrite and _holds_other(folder / "predictions.csv", content):
+        number += 1
+        folder = wanted.with_name(f"{wanted.name}-{number}")
+    return folder
+
+
+def _holds_other(file: Path, content: bytes) -> bool:
+    return file.is_file() and file.read_bytes() != content
 
 
 def write_evaluation(

@@ -11,6 +11,7 @@ from toolkit.captures.read import Capture, CaptureFolder, read_captures
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.config import EvalConfig
+from toolkit.evaluation.gates import mark_failed_gates
 from toolkit.models.network import Classifier
 from toolkit.objects.spec import read_spec
 
@@ -36,7 +37,7 @@ def read_labelled_captures(
             manifest.
     """
     folder = leave_out_unknown(read_captures(captures_dir, config.selection), workspace, classifier)
-    folder = add_corrupted(folder, config.corruptions)
+    folder = add_corrupted(mark_failed_gates(folder), config.corruptions)
     return folder, find_true_classes(folder, workspace, classifier)
 
 

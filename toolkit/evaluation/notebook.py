@@ -65,7 +65,7 @@ def predictions_table(run: "Evaluation | Path | str") -> "pandas.DataFrame":
 
     Columns: source, object, variant, pose_id, path, true_index, true_label, top1_index, top1_label, top1_prob,
     true_prob (both in [0, 1]), true_rank (from 1), correct_top1, correct_top5, status (`ok`, or why the image was not
-    read). What is not known of an image is `NA`.
+    read), failed_gates (empty for none). What is not known of an image is `NA`.
 
     `predictions_table(result).groupby(["object", "variant"]).correct_top1.mean()` is the accuracy of each variant.
 
@@ -90,6 +90,8 @@ def predictions_table(run: "Evaluation | Path | str") -> "pandas.DataFrame":
     missing = [name for name in TYPES if name not in table.columns]
     if missing:
         raise ToolkitError(f"{file}: no column '{missing[0]}': evaluate the captures again")
+    if "failed_gates" in table.columns:
+        table["failed_gates"] = table["failed_gates"].fillna("")
     for name in ("correct_top1", "correct_top5"):
         table[name] = table[name].map({"1": True, "0": False})
     return table.astype(TYPES)

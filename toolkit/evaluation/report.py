@@ -24,7 +24,7 @@ from toolkit.evaluation.metrics import MAX_FLIPS, NOUNS, OWNERS, Comparison, Pai
 from toolkit.evaluation.results import Findings, list_corrupted
 from toolkit.evaluation.saliency import HEAT_COLOURS, HEAT_LEVELS, Saliency
 from toolkit.evaluation.sim_real import GainForecast, SimReal, SimRealRow, place_of
-from toolkit.evaluation.tables import pick_rows
+from toolkit.evaluation.tables import count_gated, pick_rows
 from toolkit.models.network import Classifier
 
 TEMPLATE = "report.html.j2"
@@ -73,6 +73,9 @@ def write_report(
         "corrupted": list_corrupted(one.capture for one in predictions),
         "failed": findings.failed,
         "unpaired": findings.unpaired,
+        "gated": findings.gated,
+        "gate_lines": findings.gate_lines,
+        "gated_counts": count_gated(findings),
         "notes": notes,
         "version": __version__,
     }

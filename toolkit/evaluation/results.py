@@ -2,6 +2,7 @@
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 from toolkit import __version__
 from toolkit.captures.read import Capture
 from toolkit.core.files import write_text
+from toolkit.evaluation.gates import describe_both
 from toolkit.evaluation.metrics import (
     Comparison,
     FlipList,
@@ -41,6 +43,7 @@ class Findings:
         failed: (path, reason) of what could not be read.
         unpaired: (path, reason) of images without a partner.
         sim_real: rendered sources against photographs of the same poses.
+        passed: the same without the photographs that failed a gate; None where none did.
     """
 
     predictions: tuple[Prediction, ...]
@@ -52,6 +55,18 @@ class Findings:
     failed: tuple[tuple[str, str], ...]
     unpaired: tuple[tuple[str, str], ...]
     sim_real: tuple[SimReal, ...]
+    passed: "Findings | None"
+
+    @property
+    def gated(self) -> list[Prediction]:
+        """Of the photographs that failed a gate."""
+        return [one for one in self.predictions if one.capture.failed_gates]
+
+    @property
+    def gate_lines(self) -> list[str]:
+        """What the failed photographs change, in words, for each source and variant."""
+        counts = Counter(one.capture.source for one in self.gated)
+        return describe_both(self.pairs, self.passed.pairs if self.passed else (), counts)
 
 
 def compare_predictions(
@@ -63,6 +78,7 @@ def compare_predictions(
     pairs, comparisons = compare_unpatched(poses), compare_controls(poses)
     sim_real = compare_sim_real(predictions)
     headlines = write_headlines(network, groups, [*pairs, *comparisons]) + write_sim_real(network, sim_real)
+    good = [one for one in predictions if not one.capture.failed_gates]
     unread = [(one.capture.path, one.status) for one in predictions if not one.is_read]
     return Findings(
         tuple(predictions),
@@ -74,33 +90,50 @@ def compare_predictions(
         failed=(*unread, *refused_folders),
         unpaired=tuple(explain_unpaired(predictions, poses)),
         sim_real=tuple(sim_real),
+        passed=compare_predictions(network, good, refused_folders) if 0 < len(good) < len(predictions) else None,
     )
 
 
 SCHEMA_VERSION = 1
 COLUMNS = (
     *("source", "object", "variant", "pose_id", "path", "true_index", "true_label"),
-    *("top1_index", "top1_label", "top1_prob", "true_prob", "true_rank", "correct_top1", "correct_top5", "status"),
+    *(
+        "top1_index",
+        "top1_label",
+        "top1_prob",
+        "true_prob",
+        "true_rank",
+        "correct_top1",
+        "correct_top5",
+        "status",
+        "failed_gates",
+    ),
 )
 
 
 def write_predictions(path: Path, predictions: Sequence[Prediction]) -> Path:
     """One row per image; right or wrong as 1 or 0, fields that are unknown left empty."""
+    return write_text(path, encode_predictions(predictions))
+
+
+def encode_predictions(predictions: Sequence[Prediction]) -> str:
+    """The text of `predictions.csv`."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(COLUMNS)
     for one in predictions:
         table.writerow("" if value is None else value for value in _row(one))
-    return write_text(path, text.getvalue())
+    return text.getvalue()
 
 
 def _row(one: Prediction) -> list[object]:
     capture = one.capture
+    gates = "; ".join(capture.failed_gates)
     head = [capture.source, capture.object, capture.variant, capture.pose_id, capture.path, one.true_index]
     if not one.is_read:
-        return [*head, one.true_label, *[None] * 7, one.status]
+        return [*head, one.true_label, *[None] * 7, one.status, gates]
     guess = [one.top1_index, one.top1_label, f"{one.top1_prob:.6f}", f"{one.true_prob:.6g}", one.true_rank]
-    return [*head, one.true_label, *guess, int(one.correct_top1), int(one.correct_top5), one.status]
+    return [*head, one.true_label, *guess, int(one.correct_top1), int(one.correct_top5), one.status, gates]
 
 
 def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str]) -> dict[str, Any]:
@@ -109,6 +142,8 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str]) 
     `controls` has `comparisons` (the fields of `Comparison` and both intervals: each booster against those of its
     controls that were shot, and patch against texture, on the same poses, by object and pooled) and `answers` {source,
     question, tone, verdict, sentence}. Both are empty without controls and with one booster.
+
+    `gates` lists the photographs that failed one, and has `groups` and `pairs` once more without them.
 
     `corrupted` names the sources whose images are corrupted {source, corruption, severity}.
 
@@ -134,6 +169,11 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str]) 
         },
         "corrupted": list_corrupted(one.capture for one in findings.predictions),
         "sim_real": [one.as_json() for one in findings.sim_real],
+        "gates": {
+            "failed": [{"path": one.capture.path, "gates": list(one.capture.failed_gates)} for one in findings.gated],
+            "groups_without": [group.as_json() for group in findings.passed.groups] if findings.passed else [],
+            "pairs_without": [pair.as_pair() for pair in findings.passed.pairs] if findings.passed else [],
+        },
         "failed": [{"path": path, "reason": reason} for path, reason in findings.failed],
         "unpaired": [{"path": path, "reason": reason} for path, reason in findings.unpaired],
         "notes": list(notes),

@@ -1,6 +1,7 @@
 """The result on the console: a table for each source, the rig against photographs, and each result in words."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from toolkit.captures.read import POOLED
@@ -40,7 +41,7 @@ Row = TypeVar("Row", bound=HasObject)
 
 def print_tables(console: "Console", findings: Findings) -> None:
     """Print the tables of an evaluation, then each result in words."""
-    for table in build_tables(findings.groups, findings.pairs):
+    for table in build_tables(findings.groups, findings.pairs, count_gated(findings)):
         console.print(table)
         console.print()
     print_sim_real(console, findings.sim_real)
@@ -48,6 +49,14 @@ def print_tables(console: "Console", findings: Findings) -> None:
         asked = f"{headline.question} " if headline.question else ""
         words = f"{headline.source}: {asked}{headline.verdict}. {headline.sentence}"
         console.print(words, markup=False, soft_wrap=True)
+    for line in findings.gate_lines:
+        console.print(line, markup=False, soft_wrap=True)
+
+
+def count_gated(findings: Findings) -> Counter[tuple[str, str, str]]:
+    """How many photographs failed a gate, by source, object and variant, and pooled."""
+    captures = [one.capture for one in findings.gated]
+    return Counter((one.source, name, one.variant) for one in captures for name in (one.object, POOLED))
 
 
 def pick_rows(rows: Sequence[Row], max_rows: int = MAX_ROWS) -> list[Row]:
@@ -58,11 +67,15 @@ def pick_rows(rows: Sequence[Row], max_rows: int = MAX_ROWS) -> list[Row]:
     return list(rows) if len(single) <= max_rows else [row for row in rows if row.object == POOLED]
 
 
-def build_tables(groups: Sequence[Group], pairs: Sequence[Comparison]) -> "list[Table]":
+def build_tables(
+    groups: Sequence[Group], pairs: Sequence[Comparison], gated: Mapping[tuple[str, str, str], int] | None = None
+) -> "list[Table]":
     """One table per source: object × variant, then the pooled rows where there are several objects.
 
-    A source with more than 60 rows shows the pooled ones alone.
+    A source with more than 60 rows shows the pooled ones alone. `gated` counts photographs that failed a gate, by
+    source, object and variant.
     """
+    gated = gated or {}
     paired = {(pair.source, pair.object, pair.second): pair for pair in pairs}
     tables = []
     for source in dict.fromkeys(group.source for group in groups):
@@ -70,11 +83,13 @@ def build_tables(groups: Sequence[Group], pairs: Sequence[Comparison]) -> "list[
         n_objects = len({group.object for group in own} - {POOLED})
         rows = pick_rows(own)
         failed = ["failed"] if any(group.failed for group in rows) else []
-        numbers = ("n", *failed, "top-1 %", "95 %", "top-5 %", "prob", "gained", "lost", "p")
+        gates = ["failed a gate"] if any(key[0] == source for key in gated) else []
+        numbers = ("n", *failed, *gates, "top-1 %", "95 %", "top-5 %", "prob", "gained", "lost", "p")
         cells = []
         for group in rows:
             pair = paired.get((source, group.object, group.variant))
             head = [group.object, group.variant, str(group.n), *(str(group.failed or "") for _ in failed)]
+            head += [str(gated.get((source, group.object, group.variant), "")) for _ in gates]
             cells.append([*head, *_format_group(group), *_format_change(pair)])
         title = f"{source}: {n_objects} object{'s' if n_objects != 1 else ''}"
         tables.append(build_table(title, WHO, numbers, cells, bold=POOLED))
@@ -97,13 +112,24 @@ def _format_change(pair: Comparison | None) -> list[str]:
 def print_sim_real(console: "Console", comparisons: Sequence[SimReal]) -> None:
     """Print, for each pair of sources, the gap, the ranks, the gains, and the poses that were predicted wrongly."""
     for one in comparisons:
-        title = f"{one.sim} and {one.real}: {len(one.pairs)} pairs of images of the same pose"
+        title = (
+            f"{one.sim} and {one.real}: {len(one.pairs)} pairs of images of the same pose, rendered and photographed"
+        )
         gaps = [_format_gap(row) for row in pick_rows(one.rows)]
-        numbers = ("n", "sim %", "real %", "gap (95 %)", "p", "rank correlation")
+        numbers = ("n", "rend. %", "phot. %", "gap (95 %)", "p", "rank correlation")
         console.print(build_table(title, WHO, numbers, gaps, bold=POOLED))
         gains = [_format_gains(forecast) for forecast in pick_rows(one.forecasts)]
         if gains:
-            heads = ("n", "both", "sim only", "real only", "neither", "kappa", "adds sim", "adds real")
+            heads = (
+                "n",
+                "both",
+                "rend. only",
+                "phot. only",
+                "neither",
+                "kappa",
+                "+ rend.",
+                "+ phot.",
+            )
             title = "poses gained over unpatched, foreseen by the rig or not"
             console.print(build_table(title, WHO, heads, gains, bold=POOLED))
         for line in _list_rest(one):

@@ -39,6 +39,7 @@ class Headline:
         verdict: a few words.
         sentence: the numbers behind it.
         question: that it answers, where the variants were shot to ask it.
+        brief: the numbers in a few words, for those who read no sentence; empty where the verdict says them.
     """
 
     source: str
@@ -47,6 +48,7 @@ class Headline:
     verdict: str
     sentence: str
     question: str = ""
+    brief: str = ""
 
     def as_json(self) -> dict[str, str]:
         """The fields of `summary.json`."""
@@ -102,7 +104,8 @@ def _judge_booster(network: str, groups: Groups, row: Comparison | None, variant
         verdict, why = "Nothing could be paired", "No pose was shot both ways, so no paired test is possible."
         return Headline(after.source, variant, "open", verdict, f"{shares} {why}", question=question)
     tone, verdict, why = judge_change(name, row.outcomes)
-    return Headline(after.source, variant, tone, verdict, f"{shares} {why}", question=question)
+    brief = f"{row.outcomes.n_first} → {row.outcomes.n_second} of {row.outcomes.n} right"
+    return Headline(after.source, variant, tone, verdict, f"{shares} {why}", question=question, brief=brief)
 
 
 def judge_change(name: str, outcomes: PairedOutcomes) -> tuple[str, str, str]:
@@ -117,7 +120,22 @@ def judge_change(name: str, outcomes: PairedOutcomes) -> tuple[str, str, str]:
     if outcomes.first_is_better:
         return "bad", f"{start} harms", sentence
     few = f"It takes at least {ONE_WAY_FLIPS} pairs that change, all one way, for p < {SIGNIFICANT}."
-    return "open", "No difference shown", f"{sentence} {few}"
+    return "open", _say_unsure(outcomes), f"{sentence} {few}"
+
+
+def _say_unsure(outcomes: PairedOutcomes) -> str:
+    """Which way it points where no test is passed; never that it does nothing."""
+    gained, lost = outcomes.only_second, outcomes.only_first
+    if not gained and not lost:
+        return "No pair changed"
+    if gained and lost:
+        ways = (
+            f"{gained} pairs became right and {lost} wrong" if gained > 1 else f"1 pair became right and {lost} wrong"
+        )
+        return f"{ways}: not enough to tell"
+    count = f"{gained or lost} pair is" if gained + lost == 1 else f"{gained or lost} pairs are"
+    way = "Better" if gained else "Worse"
+    return f"{way} in every pair that changed; {count} too few to be sure: {ONE_WAY_FLIPS} needed"
 
 
 def _answer_controls(network: str, groups: Groups, rows: Comparisons) -> list[Headline]:

@@ -8,7 +8,9 @@ from pathlib import Path
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.read import is_image_name
 
-BY_DESIGN = frozenset(("manifest.jsonl", "transforms.json", "retake.txt", "corruption.json", "corrupted.jsonl"))
+BY_DESIGN = frozenset(
+    ("manifest.jsonl", "transforms.json", "retake.txt", "gates.jsonl", "corruption.json", "corrupted.jsonl")
+)
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,12 @@
 """What the outputs of a network are called, and which class a folder of images is of."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, TypeGuard
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import read_json
@@ -14,12 +15,12 @@ from toolkit.imaging.preprocessing import Preprocessing
 
 
 class LabelsFile(BaseModel):
-    """`WEIGHTS.json` beside `WEIGHTS.pth`: what a user's own classifier sees and says.
+    """`WEIGHTS.json` beside `WEIGHTS.pth`: what a user's own classifier sees and says; or its labels alone.
 
     `toolkit train-classifier` writes all of it, and more (`ClassifierRecord`); one written by hand may hold any part.
 
     Attributes:
-        labels: one name per output, in order.
+        labels: one name per output, in order; for the other forms that are read see `find_labels`.
         resize_px, crop_px, mean, std, filter_name: preprocessing, where it differs from the architecture's published
             one.
         arch: name of the network, see `list_architectures`.
@@ -40,6 +41,62 @@ class LabelsFile(BaseModel):
     trained_on: str | None = None
     sha256: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")
 
+    @model_validator(mode="before")
+    @classmethod
+    def _find_labels(cls, content: object) -> object:
+        found = find_labels(content)
+        if found is None:
+            return content
+        kept = {key: value for key, value in content.items() if not key.isdecimal()} if _is_named(content) else {}
+        return kept | {"labels": found}
+
+
+LABEL_KEYS = (
+    "labels", "classes", "class_names", "categories", "names", "id2label", "idx_to_class", "class_to_idx", "label2id",
+)  # fmt: skip
+"""What training scripts call the list, in their checkpoints and beside them; `categories` is torchvision's."""
+
+
+def find_labels(content: object) -> list[str] | None:
+    """The names of a network's outputs in what a file holds, in their order; None where it holds none.
+
+    A list of names; a mapping of indices to names, or of names to indices; or either under one of `LABEL_KEYS`, which
+    may itself lie under `meta`. Of Keras's `[id, name]` the name counts.
+    """
+    named = _as_names(content)
+    if named is not None or not isinstance(content, Mapping):
+        return named
+    for holder in (content, content.get("meta")):
+        if not isinstance(holder, Mapping):
+            continue
+        for key in LABEL_KEYS:
+            named = _as_names(holder.get(key))
+            if named is not None:
+                return named
+    return None
+
+
+def _as_names(content: object) -> list[str] | None:
+    if isinstance(content, Mapping) and content:
+        if all(str(key).isdecimal() for key in content):
+            keys = _in_order(content, {key: int(key) for key in content})
+            content = None if keys is None else [content[key] for key in keys]
+        elif all(isinstance(value, int) and not isinstance(value, bool) for value in content.values()):
+            content = _in_order(content, content)
+    if not isinstance(content, list | tuple) or not content:
+        return None
+    names = [one[-1] if isinstance(one, list | tuple) and one else one for one in content]
+    return [str(name) for name in names] if all(isinstance(name, str) for name in names) else None
+
+
+def _in_order(content: Mapping[Any, object], index: Mapping[Any, Any]) -> list[Any] | None:
+    keys = sorted(content, key=lambda key: index[key])
+    return keys if [index[key] for key in keys] == list(range(len(keys))) else None
+
+
+def _is_named(content: object) -> TypeGuard[dict[str, Any]]:
+    return isinstance(content, dict) and not all(str(key).isdecimal() for key in content)
+
 
 def adapt_preprocessing(published: Preprocessing, own: LabelsFile) -> Preprocessing:
     """The published preprocessing with what the user's labels file says otherwise.
@@ -55,9 +112,21 @@ def adapt_preprocessing(published: Preprocessing, own: LabelsFile) -> Preprocess
 
 
 def read_labels_file(weights: Path) -> LabelsFile:
-    """The JSON file beside the weights, all fields empty where there is none; a wrong field is a `ToolkitError`."""
-    file = weights.with_suffix(".json")
-    return read_json(file, LabelsFile) if file.is_file() else LabelsFile()
+    """`WEIGHTS.json`, or the names in `WEIGHTS.txt`, one a line; all fields empty where there is neither.
+
+    Raises:
+        ToolkitError: a field is wrong, or the text is none.
+    """
+    file, text = weights.with_suffix(".json"), weights.with_suffix(".txt")
+    if file.is_file():
+        return read_json(file, LabelsFile)
+    if not text.is_file():
+        return LabelsFile()
+    try:
+        names = [line.strip() for line in text.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    except (OSError, UnicodeDecodeError) as error:
+        raise ToolkitError(f"cannot read {text}: {error}") from None
+    return LabelsFile(labels=names or None)
 
 
 def choose_labels(weights: Path, own: list[str] | None, published: list[str], num_classes: int) -> list[str]:
@@ -69,13 +138,19 @@ def choose_labels(weights: Path, own: list[str] | None, published: list[str], nu
     if own is not None:
         if len(own) != num_classes:
             raise ToolkitError(
-                f"{weights.with_suffix('.json')}: field 'labels': expected {num_classes} names, one for each output of "
+                f"{_file_of_labels(weights)}: field 'labels': expected {num_classes} names, one for each output of "
                 f"{weights.name}, found {len(own)}"
             )
         return list(own)
     if num_classes == len(published):
         return list(published)
     return [f"class {index}" for index in range(num_classes)]
+
+
+def _file_of_labels(weights: Path) -> Path:
+    """Where the user's labels came from: beside the weights, else inside them."""
+    beside = (weights.with_suffix(suffix) for suffix in (".json", ".txt"))
+    return next((file for file in beside if file.is_file()), weights)
 
 
 @lru_cache(maxsize=1)

@@ -10,7 +10,7 @@ from toolkit.models.architectures import build_network, imagenet_labels, publish
 from toolkit.models.find import TIMM_PREFIX, find_classifier
 from toolkit.models.labels import adapt_preprocessing, choose_labels, read_labels_file
 from toolkit.models.network import Classifier, check_hash, choose_device
-from toolkit.models.weights import WeightsFile, find_weights, read_state_dict
+from toolkit.models.weights import WeightsFile, find_weights, read_checkpoint
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -51,7 +51,7 @@ def load_classifier(
     file = find_weights(arch, found.weights)
     own = read_labels_file(file.path)
     check_hash(file, own)
-    state = read_state_dict(file)
+    state, inside = read_checkpoint(file)
     published = entry.meta["categories"]
     num_classes = _count_classes(arch, state, len(published), file)
     module = build_network(arch, num_classes)
@@ -59,7 +59,7 @@ def load_classifier(
     for parameter in module.parameters():
         parameter.requires_grad_(False)
     module = module.eval().to(memory_format=torch.channels_last).to(place)
-    labels = choose_labels(file.path, own.labels, published, num_classes)
+    labels = choose_labels(file.path, own.labels or inside, published, num_classes)
     preprocessing = adapt_preprocessing(published_preprocessing(entry.transforms()), own)
     is_imagenet = labels == imagenet_labels()
     return Classifier(

@@ -21,7 +21,7 @@ from toolkit.models.weights import (
     find_in_folder,
     no_weights,
     open_weights,
-    read_state_dict,
+    read_checkpoint,
 )
 
 if TYPE_CHECKING:
@@ -95,14 +95,14 @@ def load_timm_network(model: str, weights: Path | None = None, device: str = "au
     file = find_timm_weights(name, config, weights)
     own = read_labels_file(file.path)
     check_hash(file, own)
-    state = read_state_dict(file)
+    state, inside = read_checkpoint(file)
     num_classes = _count_classes(model, config, state)
     if not all(torch.isfinite(value).all() for value in state.values()):
         raise ToolkitError(f"{file.path}: some weights are infinite or not a number: the file is damaged or diverged")
     module = _build(model, state, num_classes, file)
     module = module.requires_grad_(False).eval().to(memory_format=torch.channels_last).to(place)
     published = imagenet_labels()  # timm's ImageNet-1k networks have them in the same order
-    labels = choose_labels(file.path, own.labels, published, num_classes)
+    labels = choose_labels(file.path, own.labels or inside, published, num_classes)
     return Classifier(
         arch=model, module=module, labels=labels, preprocessing=adapt_preprocessing(preprocessing, own), weights=file,
         device=place, is_imagenet=labels == published, trained_on=own.trained_on or "",

@@ -10,11 +10,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
+from zipfile import BadZipFile, ZipFile
 
 from toolkit.core.console import is_quiet
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.models.architectures import published_weights
+from toolkit.models.labels import find_labels
 
 if TYPE_CHECKING:
     import torch
@@ -93,7 +95,12 @@ def cache_dir() -> Path:
 
 
 def read_state_dict(file: WeightsFile) -> "OrderedDict[str, torch.Tensor]":
-    """Parameters by name; nothing in the file is executed.
+    """Parameters by name; see `read_checkpoint`."""
+    return read_checkpoint(file)[0]
+
+
+def read_checkpoint(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor], list[str] | None]":
+    """Parameters by name, and the labels that a checkpoint holds beside them; nothing in the file is executed.
 
     Checkpoints that wrap the state dict as `{"state_dict": ...}` or `{"model": ...}`, and names with the `module.` that
     DataParallel adds, are unwrapped.
@@ -102,6 +109,7 @@ def read_state_dict(file: WeightsFile) -> "OrderedDict[str, torch.Tensor]":
         ToolkitError: the file is broken, holds code, or holds no state dict.
     """
     state = _load(file.path)
+    labels = find_labels(state)
     for key in ("state_dict", "model"):
         if isinstance(state, dict) and isinstance(state.get(key), dict):
             state = state[key]
@@ -110,7 +118,7 @@ def read_state_dict(file: WeightsFile) -> "OrderedDict[str, torch.Tensor]":
     renamed = OrderedDict((_modern_name(name), value) for name, value in state.items())
     # torch keeps its modules' versions here, and some networks load older files another way
     renamed._metadata = getattr(state, "_metadata", None)  # type: ignore[attr-defined]
-    return renamed
+    return renamed, labels
 
 
 def _modern_name(name: str) -> str:
@@ -126,24 +134,60 @@ def _load(path: Path) -> object:
     from safetensors import SafetensorError
     from safetensors.torch import load_file
 
+    program = find_program(path)
+    if program:
+        raise FieldError(f"{path} is {program}: expected a network's weights: where you made it, {SAVE_STATE}", {})
     try:
         if path.suffix == ".safetensors":
             return load_file(path)
         return torch.load(path, map_location="cpu", weights_only=True)
-    except pickle.UnpicklingError:
-        raise ToolkitError(
-            f"{path} is damaged, or holds more than numbers and is not loaded for safety: "
-            "save a plain state dict with torch.save(model.state_dict(), FILE)"
+    except pickle.UnpicklingError as error:
+        named = re.search(r"GLOBAL ([\w.]+)", str(error))
+        holds = f"a pickled module or other objects ({named[1]})" if named else "more than numbers, or is damaged,"
+        raise FieldError(
+            f"{path} holds {holds} and is not loaded for safety, as loading would run its code: where you "
+            f"made it, {SAVE_STATE}",
+            {},
         ) from None
     except (SafetensorError, RuntimeError, EOFError, OSError, ValueError, KeyError) as error:
         reason = str(error).strip().splitlines()[0] if str(error).strip() else error.__class__.__name__
         raise ToolkitError(f"cannot read weights {path}: the file is damaged ({reason}): copy it again") from None
 
 
+SAVE_STATE = "save its state dict with torch.save(model.state_dict(), 'NEW.pth'), and name its network with {model}"
+PROGRAMS = {
+    ".onnx": "an ONNX graph", ".pt2": "a program of torch.export", ".ptl": "a program for PyTorch Mobile",
+    ".h5": "a Keras model", ".keras": "a Keras model", ".tflite": "a TensorFlow Lite model",
+    ".engine": "a TensorRT plan",
+}  # fmt: skip
+
+
+def find_program(path: Path) -> str | None:
+    """What a file is, where it is a whole program and no state dict, such as `a TorchScript archive`; else None."""
+    if path.suffix.lower() in PROGRAMS:
+        return PROGRAMS[path.suffix.lower()]
+    try:
+        with ZipFile(path) as archive:
+            names = {name.partition("/")[2] for name in archive.namelist()}
+    except (BadZipFile, OSError):
+        return None
+    if "constants.pkl" in names or any(name.startswith("code/") for name in names):
+        return "a TorchScript archive"
+    return (
+        PROGRAMS[".pt2"] if any(name.startswith(("models/", "serialized_exported_program")) for name in names) else None
+    )
+
+
 def check_named(path: Path) -> Path:
     """The weights that were named, if they are a file of a kind that can be read; else a `ToolkitError`."""
     if not path.is_file():
         raise FieldError("no such file", {"weights": path})
+    program = find_program(path) if path.suffix not in SUFFIXES else None
+    if program:
+        raise FieldError(
+            f"is {program}: expected a network's weights ({', '.join(SUFFIXES)}): where you made it, {SAVE_STATE}",
+            {"weights": path},
+        )
     if path.suffix not in SUFFIXES:
         raise FieldError(f"expected a state dict that ends in {', '.join(SUFFIXES)}", {"weights": path})
     return path

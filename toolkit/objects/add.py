@@ -18,6 +18,8 @@ from toolkit.objects.spec import OBJECT_NAME, Axis, Side, axes_of_format
 
 MM_PER_M = 1000.0
 GUESSED_LENGTH_MM = 200.0
+USUAL_MM = (20.0, 3000.0)
+"""Of things that stand on a table or a floor before a camera: other lengths are asked after."""
 DEFAULT_PATCH_MM = printed_size_mm(100)
 """Of a patch of 100 px, which training makes unless it is told otherwise."""
 
@@ -53,12 +55,31 @@ class AddedObject:
         spec_file: its spec.
         mesh_files: the mesh and what it names, in the workspace.
         length_is_guessed: the format states no unit and no length was given.
+        file_length: longest side as the file has it, in metres for a glTF.
     """
 
     item: TableObject
     spec_file: Path
     mesh_files: tuple[Path, ...]
     length_is_guessed: bool
+    file_length: float
+
+    def ask_scale(self) -> str | None:
+        """What to make sure of where the length is the file's and unusual, or is a guess; else None."""
+        length_mm, raw = self.item.spec.length_mm, self.file_length
+        is_gltf = self.mesh_files[0].suffix.lower() in (".glb", ".gltf")
+        if not self.length_is_guessed:
+            if not is_gltf or USUAL_MM[0] <= length_mm <= USUAL_MM[1] or abs(length_mm / MM_PER_M / raw - 1) > 1e-6:
+                return None
+            return f"the glTF says {raw:.4g} m: is the real object {length_mm:.4g} mm long?"
+        fitting = [
+            f"{raw * factor:.4g} mm, if {unit}"
+            for unit, factor in (("metres", MM_PER_M), ("centimetres", 10.0), ("millimetres", 1.0))
+            if USUAL_MM[0] <= raw * factor <= USUAL_MM[1] and not (is_gltf and unit == "metres")
+        ]
+        meant = f" ({' or '.join(fitting)}?)" if fitting else ""
+        stated = f"{raw:.4g} m long, as it says" if is_gltf else f"{raw:.4g} long and states no unit"
+        return f"the mesh is {stated}{meant}; {length_mm:.4g} mm are taken"
 
 
 def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) -> AddedObject:
@@ -94,7 +115,7 @@ def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) ->
     text = _write_spec(request, files[0].relative_to(place).as_posix(), length_mm, (up, front))
     spec_file = write_text(place / f"{name}.toml", f"# {name}: every field may be changed.\n{text}")
     guessed = request.length_mm is None and length_mm != stated_mm
-    return AddedObject(load_object(spec_file), spec_file, tuple(files), guessed)
+    return AddedObject(load_object(spec_file), spec_file, tuple(files), guessed, float(mesh.size_mm.max()))
 
 
 def _check_name(workspace: Workspace, name: str, replace: bool) -> None:

@@ -142,13 +142,16 @@ class Patch:
 
 
 def write_patch(folder: Path, pixels: np.ndarray, record: dict[str, Any]) -> Patch:
-    """Write PNG and record; `record` holds the fields of `PatchRecord` except n_px, size_mm and png_sha256.
+    """Write PNG and record; `record` holds the fields of `PatchRecord` except n_px and png_sha256.
+
+    `size_mm` may be left out: it is the default size on paper then.
 
     The PNG is renamed into place first: a crash between the two leaves a mismatch that `read_patch` reports.
     """
     png = encode_png(pixels)
     n_px = pixels.shape[0]
-    full = PatchRecord(n_px=n_px, size_mm=round(printed_size_mm(n_px), 3), png_sha256=sha256_bytes(png), **record)
+    sized = {"size_mm": round(printed_size_mm(n_px), 3), **record}
+    full = PatchRecord(n_px=n_px, png_sha256=sha256_bytes(png), **sized)
     write_bytes(folder / f"{full.name}.png", png)
     write_json(folder / f"{full.name}.json", full.model_dump())
     return Patch(pixels, full)

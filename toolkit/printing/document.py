@@ -6,6 +6,7 @@ from io import BytesIO
 from typing import TYPE_CHECKING
 
 from toolkit.objects.records import Patch
+from toolkit.objects.spec import Side
 from toolkit.printing.canvas import (
     BOLD,
     POINTS_PER_MM,
@@ -18,7 +19,6 @@ from toolkit.printing.canvas import (
 )
 from toolkit.printing.colour_strip import draw_strip
 from toolkit.printing.layout import (
-    CopiesPage,
     MapPage,
     Page,
     PrintPlan,
@@ -35,10 +35,12 @@ from toolkit.printing.marks import (
     draw_crop_marks,
     draw_front_arrow,
     draw_header,
+    draw_margin_words,
     draw_overlap_marks,
 )
 from toolkit.printing.page import OVERLAP_MM, Rect
 from toolkit.printing.settings import PrintSettings
+from toolkit.printing.wearers import Wearer
 
 if TYPE_CHECKING:
     from reportlab.pdfgen.canvas import Canvas
@@ -140,15 +142,22 @@ class PrintedDocument:
     plan: PrintPlan
 
 
-def build_pdf(patch: Patch, settings: PrintSettings) -> PrintedDocument:
+def build_pdf(patch: Patch, settings: PrintSettings, wearer: Wearer | None = None) -> PrintedDocument:
     """Lay out a patch on pages at true physical size.
 
-    The same patch, settings and toolkit version give the same bytes: the file holds no time and no random id.
+    The same arguments and toolkit version give the same bytes: the file holds no time and no random id.
+
+    Args:
+        patch: the patch.
+        settings: paper and size; where they state no size, the wearer's counts.
+        wearer: the object that it is printed for: its name stands in the margin.
 
     Raises:
         ToolkitError: the patch would be under 1 mm or over 5 m wide.
     """
     record = patch.record
+    if wearer is not None and not settings.states_size:
+        settings = settings.with_overrides(size_mm=wearer.size_mm)
     side_mm = measure_side_mm(record.n_px, settings)
     plan = plan_pages(side_mm, settings)
     label = compose_label(record, side_mm, settings)
@@ -165,17 +174,22 @@ def build_pdf(patch: Patch, settings: PrintSettings) -> PrintedDocument:
     describe_document(canvas, title, f"{label.title}: {label.size}", keywords)
     define_patch(canvas, patch.pixels)
     for number, page in enumerate(plan.pages, start=1):
-        _draw_page(canvas, plan, page, patch, label, number=number)
+        _draw_page(canvas, plan, page, patch, label, wearer, number=number)
         canvas.showPage()
     canvas.save()
     return PrintedDocument(buffer.getvalue(), plan)
 
 
-def _draw_page(canvas: "Canvas", plan: PrintPlan, page: Page, patch: Patch, label: PatchLabel, number: int) -> None:
+def _draw_page(
+    canvas: "Canvas", plan: PrintPlan, page: Page, patch: Patch, label: PatchLabel, wearer: Wearer | None, number: int
+) -> None:
     frame, n_px = plan.frame, patch.record.n_px
+    at: Side = wearer.at if wearer else "top"
 
-    def draw_sheet(canvas: "Canvas") -> None:
-        place_patch(canvas, plan.margin_mm, plan.margin_mm, plan.side_mm, n_px)
+    def draw_sheet(canvas: "Canvas", x: float = 0.0, y: float = 0.0) -> None:
+        place_patch(canvas, x + plan.margin_mm, y + plan.margin_mm, plan.side_mm, n_px)
+        cut, name = Rect(x, y, plan.cut_mm, plan.cut_mm), wearer.object if wearer else patch.record.name
+        draw_margin_words(canvas, cut, plan.margin_mm, name, at)
 
     canvas.scale(POINTS_PER_MM, POINTS_PER_MM)
     which = f"{frame.paper.name} {frame.paper.orientation}, page {number} of {len(plan.pages)}"
@@ -183,23 +197,17 @@ def _draw_page(canvas: "Canvas", plan: PrintPlan, page: Page, patch: Patch, labe
         rows, columns = plan.tiles
         which = f"{count_things(rows, 'row')} × {count_things(columns, 'column')}, {which}"
         picture = draw_map(canvas, frame.content, page, draw_sheet)
-        draw_front_arrow(canvas, Rect(picture.x, picture.y + 4, picture.width, picture.height))
+        draw_front_arrow(canvas, Rect(picture.x, picture.y + 4, picture.width, picture.height), at=at)
     elif isinstance(page, TilePage):
         copies = max(other.copy for other in plan.pages if isinstance(other, TilePage))
         which = f"tile {page.tile.name}" + (f" of copy {page.copy}" if copies > 1 else "") + f", {which}"
         draw_tile(canvas, page, draw_sheet)
-        draw_front_arrow(canvas, page.window, page.tile.name)
+        draw_front_arrow(canvas, page.window, page.tile.name, at)
     else:
-        _draw_copies(canvas, plan, page, n_px)
+        for cut in page.cuts:
+            draw_sheet(canvas, cut.x, cut.y)
+            draw_crop_marks(canvas, cut)
+        if page.strip is not None:
+            draw_strip(canvas, page.strip)
     draw_header(canvas, frame.header, label, which, CUT_IT if plan.tiles == (1, 1) else JOIN_IT)
     draw_check_bars(canvas, frame)
-
-
-def _draw_copies(canvas: "Canvas", plan: PrintPlan, page: CopiesPage, n_px: int) -> None:
-    """Whole copies with their marks, and the colour strip."""
-    for cut in page.cuts:
-        place_patch(canvas, cut.x + plan.margin_mm, cut.y + plan.margin_mm, plan.side_mm, n_px)
-        draw_crop_marks(canvas, cut)
-        draw_front_arrow(canvas, cut)
-    if page.strip is not None:
-        draw_strip(canvas, page.strip)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from typing import get_args
 
 from toolkit.core.errors import FieldError, one_of
-from toolkit.objects.printed_size import MM_PER_INCH, printed_size_mm
+from toolkit.objects.printed_size import BASE_DPI, MM_PER_INCH, SCALE, printed_size_mm
 from toolkit.printing.colour_strip import StripPlace, reserve_strip
 from toolkit.printing.page import CAPTION_MM, MARK_MM, PageFrame, Paper, Rect, Tile, tile_sheet
 from toolkit.printing.settings import PrintSettings
@@ -20,7 +20,8 @@ def measure_side_mm(n_px: int, settings: PrintSettings) -> float:
     Raises:
         ToolkitError: the side is under 1 mm or over 5 m.
     """
-    side_mm = settings.size_mm or printed_size_mm(n_px, settings.dpi, settings.scale_percent / 100)
+    scale = SCALE if settings.scale_percent is None else settings.scale_percent / 100
+    side_mm = settings.size_mm or printed_size_mm(n_px, settings.dpi or BASE_DPI, scale)
     if not SMALLEST_SIDE_MM <= side_mm <= LARGEST_SIDE_MM:
         raise FieldError(
             f"the patch of {n_px} px would be {side_mm:.4g} mm wide: expected {SMALLEST_SIDE_MM:g} to "

@@ -3,7 +3,9 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from toolkit.objects.printed_size import BASE_DPI
 from toolkit.objects.records import PatchRecord
+from toolkit.objects.spec import Side
 from toolkit.printing.canvas import BOLD, PLAIN, draw_text, measure_text_mm
 from toolkit.printing.layout import effective_percent
 from toolkit.printing.page import BAR_MM, MARK_MM, OVERLAP_MM, PageFrame, Rect, Tile
@@ -42,13 +44,13 @@ JOIN_IT = (
 
 def compose_label(record: PatchRecord, side_mm: float, settings: PrintSettings) -> PatchLabel:
     """The label of a patch printed at that side."""
-    percent = effective_percent(record.n_px, side_mm, settings.dpi)
-    n_px = record.n_px
+    n_px, dpi = record.n_px, settings.dpi or BASE_DPI
+    percent = effective_percent(n_px, side_mm, dpi)
     title = record.class_name if record.name == record.class_name else f"{record.class_name} ({record.name})"
     trained_on = ", ".join(network.arch for network in record.networks) or "no network"
     return PatchLabel(
         title,
-        f"{side_mm:.1f} × {side_mm:.1f} mm   ({percent:.4g} % of {n_px} × {n_px} px at {settings.dpi:g} dpi)",
+        f"{side_mm:.1f} × {side_mm:.1f} mm   ({percent:.4g} % of {n_px} × {n_px} px at {dpi:g} dpi)",
         f"patch sha256 {record.png_sha256[:HASH_DIGITS]}   ·   trained on {trained_on}   ·   "
         f"toolkit {record.toolkit_version}",
     )
@@ -71,6 +73,7 @@ MARK_LENGTH_MM = 4.0
 SHORT_MARK_MM = 2.0
 RING_MM = 1.5
 BAR_THICKNESS_MM = 0.8
+SMALLEST_WORDS_MM = 1.3
 
 
 def draw_check_bar(canvas: "Canvas", x: float, y: float, upright: bool) -> None:
@@ -143,19 +146,49 @@ def draw_overlap_marks(canvas: "Canvas", tile: Tile, window: Rect) -> None:
                 _draw_ring(canvas, x + outwards * away, edge + inwards * half)
 
 
-def draw_front_arrow(canvas: "Canvas", area: Rect, note: str = "") -> None:
-    """Below a cut line's marks: `note`, then `front` and an arrow to the right, where the object's front is."""
-    size, shaft = 2.4, 7.0
-    word = f"{note}   front" if note else "front"
-    width = measure_text_mm(word, PLAIN, size) + 1 + shaft
-    x, y = area.x + (area.width - width) / 2, area.y - MARK_MM - 2.6
-    end = x + draw_text(canvas, word, x, y, size, room_mm=width) + 1
-    middle = y + 0.85
+def draw_front_arrow(canvas: "Canvas", area: Rect, note: str = "", at: Side = "top") -> None:
+    """Below a cut line's marks: `note`, then which way the sheet goes, see `_draw_way`."""
+    _draw_way(canvas, note, area.x + area.width / 2, area.y - MARK_MM - 2.6, 2.4, area.width + 2 * MARK_MM, at)
+
+
+def draw_margin_words(canvas: "Canvas", cut: Rect, margin_mm: float, name: str, at: Side) -> None:
+    """In the white margin below the patch, which is cut out with it: the object's name, and which way the sheet goes.
+
+    A margin under 3 mm has no room for them: then they stand below the cut line.
+    """
+    size = min(2.2, 0.44 * margin_mm)
+    if size < SMALLEST_WORDS_MM:
+        draw_front_arrow(canvas, cut, name, at)
+        return
+    canvas.setFillGray(0.25)  # what is taped on is seen by a camera: no blacker than it must be
+    canvas.setStrokeGray(0.25)
+    y = cut.y + (margin_mm - 0.7 * size) / 2
+    _draw_way(canvas, name, cut.x + cut.width / 2, y, size, cut.width - 2 * size, at)
+    canvas.setFillGray(0)
+    canvas.setStrokeGray(0)
+
+
+def _draw_way(
+    canvas: "Canvas", note: str, middle_x: float, y: float, size: float, room_mm: float, at: Side
+) -> None:  # fmt: skip
+    """Words and an arrow: on top of an object `front` to the right, on its sides `up`, as the rig mounts the sheet."""
+    shaft = 7.0 / 2.4 * size if at == "top" else 0.9 * size
+    word = "   ".join(filter(None, [note, "front" if at == "top" else "up"]))
+    width = min(measure_text_mm(word, PLAIN, size), room_mm - 1 - shaft) + 1 + shaft
+    x = middle_x - width / 2
+    end = x + draw_text(canvas, word, x, y, size, room_mm=width - 1 - shaft) + 1
+    canvas.saveState()
     canvas.setLineWidth(2 * LINE_MM)
-    canvas.line(end, middle, end + shaft - 1.5, middle)
+    if at == "top":
+        canvas.translate(end, y + 0.35 * size)
+    else:
+        canvas.translate(end + 0.4 * size, y - 0.1 * size)
+        canvas.rotate(90)
+    canvas.line(0, 0, shaft - 0.6 * size, 0)
     head = canvas.beginPath()
-    head.moveTo(end + shaft, middle)
-    head.lineTo(end + shaft - 2.2, middle + 0.9)
-    head.lineTo(end + shaft - 2.2, middle - 0.9)
+    head.moveTo(shaft, 0)
+    head.lineTo(shaft - 0.9 * size, 0.38 * size)
+    head.lineTo(shaft - 0.9 * size, -0.38 * size)
     head.close()
     canvas.drawPath(head, stroke=0, fill=1)
+    canvas.restoreState()

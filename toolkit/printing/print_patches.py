@@ -9,11 +9,16 @@ from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import read_json, write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.printer import PrintScores, score_print
+from toolkit.objects.load import load_object
+from toolkit.objects.printed_size import BASE_DPI
 from toolkit.objects.records import PatchRecord, read_patch
 from toolkit.objects.spec import read_spec
 from toolkit.printing.document import build_pdf
 from toolkit.printing.layout import effective_percent
 from toolkit.printing.settings import PrintSettings
+from toolkit.printing.wearers import SAME_MM, Wearer, as_wearer, choose_wearer, find_wearers
+from toolkit.rig.fit import describe_misfit, is_own
+from toolkit.rig.variants import find_patch_file
 
 
 def select_patches(
@@ -33,7 +38,9 @@ def select_patches(
     known = workspace.patches()
     if not (classes or everything or files):
         names = ", ".join(sorted(known)) or "none"
-        raise FieldError(f"no patch named: give {{classes}}, {{everything}} or {{files}} (known: {names})", {})
+        raise FieldError(
+            f"no patch named: give {{objects}}, {{classes}}, {{everything}} or {{files}} (known: {names})", {}
+        )
     if (classes or everything) and not known:
         raise ToolkitError(f"no patches in {workspace.patches_dir}: make one with 'toolkit train-patch --class NAME'")
     chosen = [path for name in classes for path in _find_class(known, name)]
@@ -82,6 +89,7 @@ class PrintedPatch:
         copies, pages: how many.
         tiles: rows and columns of pages that one copy takes, [1, 1] where it fits on a page.
         recorded_mm: the side that the patch's record states.
+        object: that it was printed for, whose spec states the size where the settings do not; None where none wears it.
         colour_strip: whether the strip of known colours is beside the patch.
         total_variation, non_printability: see `toolkit.imaging.printer.PrintScores`.
     """
@@ -104,6 +112,7 @@ class PrintedPatch:
     colour_strip: bool
     total_variation: float
     non_printability: float
+    object: str | None = None
 
     def describe(self) -> str:
         """One line: what was made, how large, on how many pages."""
@@ -111,7 +120,8 @@ class PrintedPatch:
         copies = "" if self.copies == 1 else f", {self.copies} copies"
         rows, columns = self.tiles
         tiles = "" if rows * columns == 1 else f" (a map and {rows} × {columns} tiles a copy)"
-        return f"{shorten(self.file)}: {self.size_mm:.1f} × {self.size_mm:.1f} mm{copies}, {pages}{tiles}"
+        target = f" for {self.object}" if self.object not in (None, self.name) else ""
+        return f"{shorten(self.file)}{target}: {self.size_mm:.1f} × {self.size_mm:.1f} mm{copies}, {pages}{tiles}"
 
     def describe_scores(self) -> str:
         """One line: how the patch will come out of the printer."""
@@ -125,19 +135,23 @@ def shorten(file: str) -> str:
     return str(path.relative_to(here)) if path.is_relative_to(here) else file
 
 
-def print_patch(png_file: Path, pdf_file: Path, settings: PrintSettings | None = None) -> PrintedPatch:
+def print_patch(
+    png_file: Path, pdf_file: Path, settings: PrintSettings | None = None, wearer: Wearer | None = None
+) -> PrintedPatch:
     """Read a patch, lay it out true to size and write its PDF, whole or not at all.
 
     Args:
         png_file: the patch, its record beside it.
         pdf_file: the page or pages.
-        settings: paper, scale and the rest, in millimetres; by default A4 at 250 % of 72 dpi.
+        settings: paper, scale and the rest, in millimetres; by default A4.
+        wearer: the object that it is for, from `choose_wearer`: it decides the size where `settings` do not; without
+            one the default is 250 % of 72 dpi.
 
     Raises:
         ToolkitError: the patch has no record or not its own, its size makes no sense, or the PDF cannot be written.
     """
     patch, settings = read_patch(png_file), settings or PrintSettings()
-    document = build_pdf(patch, settings)
+    document = build_pdf(patch, settings, wearer)
     write_bytes(pdf_file, document.content)
     record, plan = patch.record, document.plan
     return PrintedPatch(
@@ -148,8 +162,8 @@ def print_patch(png_file: Path, pdf_file: Path, settings: PrintSettings | None =
         n_px=record.n_px,
         size_mm=round(plan.side_mm, 3),
         cut_mm=round(plan.cut_mm, 3),
-        scale_percent=round(effective_percent(record.n_px, plan.side_mm, settings.dpi), 3),
-        dpi=settings.dpi,
+        scale_percent=round(effective_percent(record.n_px, plan.side_mm, settings.dpi or BASE_DPI), 3),
+        dpi=settings.dpi or BASE_DPI,
         paper=plan.frame.paper.name,
         orientation=plan.frame.paper.orientation,
         copies=settings.copies,
@@ -157,26 +171,33 @@ def print_patch(png_file: Path, pdf_file: Path, settings: PrintSettings | None =
         tiles=plan.tiles,
         recorded_mm=record.size_mm,
         colour_strip=plan.has_strip,
+        object=wearer.object if wearer else None,
         **{key: round(score, 4) for key, score in asdict(score_print(patch.pixels)).items()},
     )
 
 
 def print_patches(
-    files: Sequence[Path], out: Path, settings: PrintSettings | None = None, go_on: bool = False
+    files: Sequence[Path],
+    out: Path,
+    settings: PrintSettings | None = None,
+    go_on: bool = False,
+    workspace: Workspace | None = None,
 ) -> tuple[list[PrintedPatch], list[dict[str, str]]]:
-    """Print each patch, by default on A4 at 250 %.
+    """Print each patch, by default on A4 in the size of the object that wears it.
 
     Args:
         files: PNG files, each with its record beside it.
         out: folder for the PDFs; for one patch it may be a PDF.
         settings: of every page.
         go_on: list a patch that cannot be printed and print the others, instead of ending with its error.
+        workspace: whose objects wear them; None: all are printed at 250 % of 72 dpi unless `settings` say otherwise.
 
     Returns:
         What was printed, and `patch` and `reason` of each that could not be.
 
     Raises:
-        ToolkitError: two patches would share a PDF, or a patch cannot be printed.
+        ToolkitError: two patches would share a PDF, a patch cannot be printed, or the objects that wear it do not agree
+            on its size.
     """
     settings = settings or PrintSettings()
     printed: list[PrintedPatch] = []
@@ -185,13 +206,53 @@ def print_patches(
     with progress("Printing", len(targets), quiet=len(targets) == 1) as ticker:
         for png_file, pdf_file in targets:
             try:
-                printed.append(print_patch(png_file, pdf_file, settings))
+                wearer = None if workspace is None else _choose(workspace, png_file, settings)
+                printed.append(print_patch(png_file, pdf_file, settings, wearer))
             except ToolkitError as error:
                 if not go_on or len(targets) == 1:
                     raise
                 failed.append({"patch": str(png_file), "reason": str(error)})
             ticker.advance(note=pdf_file.name)
     return printed, failed
+
+
+def _choose(workspace: Workspace, png_file: Path, settings: PrintSettings) -> Wearer | None:
+    try:
+        return choose_wearer(workspace, png_file)
+    except FieldError:
+        if settings.states_size:
+            return None  # of no use to the size, and none of them is meant more than another
+        raise
+
+
+def print_for_objects(
+    workspace: Workspace, objects: Sequence[str], out: Path, settings: PrintSettings | None = None
+) -> list[PrintedPatch]:
+    """Print the patch of each object in the size that its spec states, into `OBJECT.pdf`.
+
+    Args:
+        workspace: whose objects and patches are meant.
+        objects: names.
+        out: folder for the PDFs; for one object it may be a PDF.
+        settings: of every page; a size in them counts before the specs'.
+
+    Raises:
+        ToolkitError: an object is unknown, has no patch, or its patch cannot be printed.
+    """
+    names = list(dict.fromkeys(objects))
+    if out.suffix.lower() == ".pdf" and len(names) > 1:
+        raise FieldError(f"one file for {len(names)} objects: name a folder", {"out": out})
+    printed = []
+    for name in names:
+        spec = read_spec(workspace.object_spec(name))
+        png_file = find_patch_file(workspace, spec)
+        if png_file is None:
+            raise ToolkitError(
+                f"no patch for object '{name}': train one with 'toolkit train-patch --object {name}', or name a patch"
+            )
+        pdf_file = out if out.suffix.lower() == ".pdf" else out / f"{name}.pdf"
+        printed.append(print_patch(png_file, pdf_file, settings, as_wearer(spec, png_file)))
+    return printed
 
 
 def _name_targets(files: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
@@ -210,29 +271,39 @@ def _name_targets(files: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
 
 
 def print_all(workspace: Workspace, settings: PrintSettings | None = None) -> list[PrintedPatch]:
-    """Print every known patch into the workspace's `print/`; by default on A4 at 250 %.
+    """Print every known patch into the workspace's `print/`, each in the size of the object that wears it.
 
     Raises:
         ToolkitError: there is no patch, or one of them cannot be printed.
     """
-    return print_patches(select_patches(workspace, everything=True), workspace.print_dir, settings)[0]
+    files = select_patches(workspace, everything=True)
+    return print_patches(files, workspace.print_dir, settings, workspace=workspace)[0]
 
 
-def compare_with_rig(workspace: Workspace, printed: PrintedPatch) -> str | None:
-    """What to do where the rig mounts the patch at another size than was printed; None where both agree.
+def compare_with_rig(workspace: Workspace, printed: PrintedPatch, png_file: Path | None = None) -> list[str]:
+    """What to do for each object that wears the patch in another size than was printed, and specs that are broken."""
+    png_file = png_file or workspace.patches().get(printed.name)
+    if png_file is None:
+        return []
+    wearers, broken = find_wearers(workspace, png_file)
+    notes = []
+    for one in wearers:
+        if abs(one.size_mm - printed.size_mm) < SAME_MM:
+            continue
+        notes.append(
+            f"the rig mounts {printed.name} on {one.object} at {one.size_mm:.1f} mm, and photographs are judged by "
+            f"that: print the sheet of {one.object}, or set size_mm = {printed.size_mm:.1f} under [patch] in "
+            f"rig/objects/{one.object}.toml"
+        )
+    return notes + broken
 
-    Only the object that bears the patch's name is looked at; one whose spec is broken is said to be.
-    """
-    specs = workspace.object_specs()
-    if printed.name not in specs:
-        return None
-    try:
-        mounted_mm = read_spec(specs[printed.name]).patch.size_mm or printed.recorded_mm
-    except ToolkitError as error:
-        return f"not compared with the rig: {error}"
-    if abs(mounted_mm - printed.size_mm) < 0.05:
-        return None
-    return (
-        f"the rig mounts {printed.name} at {mounted_mm:.1f} mm: print with size_mm {mounted_mm:.1f}, or set "
-        f"size_mm = {printed.size_mm:.1f} under [patch] in rig/objects/{printed.name}.toml"
-    )
+
+def check_fits(workspace: Workspace, printed: Sequence[PrintedPatch]) -> list[str]:
+    """Which sheets will not lie on their objects at the size that was printed, and where they would."""
+    notes = []
+    for one in printed:
+        if one.object is None or (not is_own(workspace, one.object) and one.size_mm <= one.recorded_mm):
+            continue
+        item = load_object(workspace.object_spec(one.object))
+        notes += [line for line in [describe_misfit(item, one.size_mm)] if line]
+    return notes

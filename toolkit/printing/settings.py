@@ -41,10 +41,17 @@ class PrintSettings(Config):
     """How a patch is printed."""
 
     scale_percent: Annotated[
-        float, Field(gt=0), BeforeValidator(_read_percent), Flag("--scale", metavar="PERCENT", group=PAGE, typed=str)
-    ] = Field(100 * SCALE, description="Side = pixels / dpi × scale.")
-    dpi: Annotated[float, Field(gt=0), Flag(group=PAGE)] = Field(
-        BASE_DPI, description="Patch pixels per inch at 100 %."
+        float | None,
+        Field(gt=0),
+        BeforeValidator(_read_percent),
+        Flag("--scale", metavar="PERCENT", group=PAGE, typed=str),
+    ] = Field(
+        None,
+        description="Side = pixels / dpi × scale.  [default: the size that the object's spec states, else "
+        f"{100 * SCALE:g}]",
+    )
+    dpi: Annotated[float | None, Field(gt=0), Flag(group=PAGE)] = Field(
+        None, description=f"Patch pixels per inch at 100 %.  [default: {BASE_DPI:g}]"
     )
     size_mm: Annotated[float | None, Field(gt=0), Flag(group=PAGE)] = Field(
         None, description="Side of the printed patch, without its white margin, in place of {scale_percent} and {dpi}."
@@ -61,6 +68,11 @@ class PrintSettings(Config):
     orientation: Annotated[Literal["auto", "portrait", "landscape"], Flag(group=PAGE)] = Field(
         "auto", description="auto: the one with fewer pages."
     )
+
+    @property
+    def states_size(self) -> bool:
+        """Whether one of them was asked for: else the object that the patch goes on decides."""
+        return (self.size_mm, self.scale_percent, self.dpi) != (None, None, None)
 
 
 class SheetSettings(Config):

@@ -1,5 +1,6 @@
 """Taping a printed sheet to an object: a developable surface over what lies below, true to size."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -21,6 +22,8 @@ SAMPLES = 81
 PAPER = (243, 243, 240)
 PAPER_MATERIAL, BACK_MATERIAL = "paper", "paper-back"
 
+FindHeights = Callable[[np.ndarray, float], np.ndarray]
+"""(T_object_sheet, side of the sheet) -> heights, as `LaidSheet` has them."""
 SIDES = {
     "top": ((1, 0, 0), (0, 1, 0)),
     "front": ((0, 1, 0), (0, 0, 1)),
@@ -64,25 +67,53 @@ def mount_patch(
     Raises:
         ToolkitError: the patch is over half of the object's longest side, or there is no surface below it.
     """
+    scene = make_ray_scene(mesh)
+    laid = lay_sheet(mesh, size_mm, mount, name, lambda T_object_sheet, side: _heights(scene, T_object_sheet, side))
+    sheet = _sheet_mesh(laid.points, laid.along_right, laid.T_object_sheet, pixels, size_mm)
+    return MountedSheet(sheet, size_mm, laid.T_object_sheet)
+
+
+@dataclass(frozen=True)
+class LaidSheet:
+    """Where a sheet comes to lie, in its own frame: x right, y up, z off the surface.
+
+    Attributes:
+        points: (SAMPLES, 2, 3) along the bend, and at both straight edges.
+        along_right: whether it is bent along right, and else along up.
+        T_object_sheet: (4, 4) of that frame.
+        heights: (SAMPLES, SAMPLES) of the surface below, rows along up; -inf where there is none.
+    """
+
+    points: np.ndarray
+    along_right: bool
+    T_object_sheet: np.ndarray
+    heights: np.ndarray
+
+
+def lay_sheet(mesh: Mesh, size_mm: float, mount: PatchMount, name: str, find_heights: FindHeights) -> LaidSheet:
+    """The shape that `mount_patch` gives a sheet, from the heights of the surface below its plane.
+
+    Raises:
+        ToolkitError: as `mount_patch`.
+    """
     longest = float(mesh.size_mm.max())
     if size_mm > longest / 2:
         raise ToolkitError(
             f"{name}: a patch of {size_mm:.0f} mm is over half of the object's longest side ({longest:.0f} mm): "
             f"print it smaller and say so in the spec, for example [patch] size_mm = {longest / 3:.0f}"
         )
-    scene = make_ray_scene(mesh)
     side = size_mm + 2 * TAPE_MARGIN_MM
     T_object_sheet = _start(mesh, mount)
-    heights = _heights(scene, T_object_sheet, side)
+    heights = find_heights(T_object_sheet, side)
     if np.isfinite(heights).mean() < 0.05:
         raise ToolkitError(
             f"{name}: there is no surface below the patch at [patch] at = '{mount.at}', offset_mm = "
             f"{list(mount.offset_mm)}: move it onto the object"
         )
     T_object_sheet = _tilt(heights, T_object_sheet, side)
-    across, height, along_right = _bend(_heights(scene, T_object_sheet, side), side)
-    vertices = _unroll(across, height, along_right, side)
-    return MountedSheet(_sheet_mesh(vertices, along_right, T_object_sheet, pixels, size_mm), size_mm, T_object_sheet)
+    heights = find_heights(T_object_sheet, side)
+    across, height, along_right = _bend(heights, side)
+    return LaidSheet(_unroll(across, height, along_right, side), along_right, T_object_sheet, heights)
 
 
 def make_flat_sheet(pixels: np.ndarray, size_mm: float) -> Mesh:

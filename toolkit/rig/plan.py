@@ -13,6 +13,7 @@ from toolkit.core.files import read_json, write_json
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
+from toolkit.rig.fit import sheet_points
 from toolkit.rig.pattern import Pattern
 
 
@@ -164,8 +165,20 @@ class CapturePlan(BaseModel):
         return self
 
 
-def plan_poses(item: TableObject, camera: Camera, pattern: Pattern) -> list[Pose]:
+WHOLE = 0.98
+"""Of the frame: where a sheet reaches further out than its object, it is still in the picture."""
+
+
+def plan_poses(
+    item: TableObject, camera: Camera, pattern: Pattern, sheet_mm: np.ndarray | None = None
+) -> list[Pose]:  # fmt: skip
     """The poses of one object: the camera looks at the middle of its bounding box, which is never cropped.
+
+    Args:
+        item: the object.
+        camera: of the plan.
+        pattern: how the poses are spread.
+        sheet_mm: (n, 3) points of the sheet that is stuck on it, which is never cropped either.
 
     Raises:
         ToolkitError: a distance asked for puts the camera inside the object or crops it.
@@ -175,6 +188,8 @@ def plan_poses(item: TableObject, camera: Camera, pattern: Pattern) -> list[Pose
     angles = spread_poses(pattern)
     for i, (azimuth, elevation) in enumerate(np.round(angles, 3)):
         distance = distance_to_fill(camera, item.mesh.vertices, target, azimuth, elevation, fill=pattern.fill)
+        if sheet_mm is not None:
+            distance = max(distance, distance_to_fill(camera, sheet_mm, target, azimuth, elevation, fill=WHOLE))
         if pattern.distance_mm is not None:
             share = i / max(len(angles) - 1, 1)
             distance = pattern.distance_mm[0] * (1 - share) + pattern.distance_mm[1] * share
@@ -213,8 +228,15 @@ def check_poses(item: TableObject, camera: Camera, poses: list[Pose]) -> None:
             )
 
 
-def make_plan(items: list[TableObject], camera: Camera, pattern: Pattern) -> CapturePlan:
+def make_plan(
+    items: list[TableObject], camera: Camera, pattern: Pattern, workspace: Workspace | None = None
+) -> CapturePlan:
     """One plan for several objects.
+
+    Args:
+        items: the objects.
+        camera, pattern: of the plan.
+        workspace: whose patches are on them: its own objects are framed together with their sheets.
 
     Raises:
         ToolkitError: the camera cannot be, or as `plan_poses` and `spread_poses` say.
@@ -227,7 +249,10 @@ def make_plan(items: list[TableObject], camera: Camera, pattern: Pattern) -> Cap
     return CapturePlan(
         camera=camera,
         pattern=pattern.record(),
-        objects={item.name: plan_poses(item, camera, pattern) for item in items},
+        objects={
+            item.name: plan_poses(item, camera, pattern, None if workspace is None else sheet_points(workspace, item))
+            for item in items
+        },
     )
 
 
@@ -255,7 +280,7 @@ def open_plan(workspace: Workspace, names: list[str] | None = None, pattern: Pat
     if old is not None and not missing:
         return old
     items = [load_object(workspace.object_spec(name)) for name in missing]
-    plan = keep_others(old, make_plan(items, old.camera if old else Camera.from_fov(), pattern or Pattern()))
+    plan = keep_others(old, make_plan(items, old.camera if old else Camera.from_fov(), pattern or Pattern(), workspace))
     write_plan(workspace.plan_file, plan)
     return plan
 
@@ -324,7 +349,7 @@ def plan_objects(
         ToolkitError: an unknown object, or as `make_plan` says.
     """
     items = [load_object(workspace.object_spec(name)) for name in objects or sorted(workspace.object_specs())]
-    made = make_plan(items, camera or Camera.from_fov(), pattern or Pattern())
+    made = make_plan(items, camera or Camera.from_fov(), pattern or Pattern(), workspace)
     old = read_plan(workspace.plan_file) if objects and workspace.plan_file.is_file() else None
     plan = keep_others(old, made)
     write_plan(workspace.plan_file, plan)

@@ -77,6 +77,9 @@ class Scene:
         exposure: factor from radiance to the picture's linear values.
         table: what the object stands on in a studio.
         surroundings: what stands around it out of doors, in the units of the object's mesh.
+
+    Raises:
+        ToolkitError: both a table and surroundings.
     """
 
     name: str
@@ -85,6 +88,12 @@ class Scene:
     exposure: float
     table: Table | None = None
     surroundings: Mesh | None = None
+
+    def __post_init__(self) -> None:
+        if self.table is not None and self.surroundings is not None:
+            raise ToolkitError(
+                f"the scene {self.name} has a table and surroundings: expected one of them, leave one out"
+            )
 
     def need_table(self) -> Table:
         """The table.

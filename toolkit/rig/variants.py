@@ -1,6 +1,7 @@
 """What is put on an object in each variant: nothing, its patch, its texture, or a control that says what these do."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from toolkit.objects.records import (
     read_patch,
     read_texture,
 )
+from toolkit.objects.spec import ObjectSpec
 from toolkit.rig.mount import attach, make_flat_sheet, mount_patch
 
 if TYPE_CHECKING:
@@ -213,21 +215,33 @@ def find_patch(workspace: Workspace, item: TableObject) -> Patch:
     Raises:
         ToolkitError: there is none, or its files do not match.
     """
-    patches = workspace.patches()
-    for name in (item.name, str(item.spec.class_name).replace(" ", "_")):
-        if name in patches:
-            return read_patch(patches[name])
-    for file in patches.values():
-        patch = read_patch(file)
-        if item.spec.class_name in (patch.record.class_name, patch.record.class_index):
-            return patch
+    file = find_patch_file(workspace, item.spec)
+    if file is not None:
+        return read_patch(file)
     chosen = workspace.patch_set
     where = f" --model {chosen} --out {workspace.patches_dir}" if chosen else ""
     raise ToolkitError(
         f"no patch for object '{item.name}' (class '{item.spec.class_name}'){f' in {chosen}' if chosen else ''}: train "
-        f"one with 'toolkit train-patch --class \"{item.spec.class_name}\" --data rig:{item.name}{where}', or shoot "
+        f"one with 'toolkit train-patch --object {item.name}{where}', or shoot "
         "--variant unpatched"
     )
+
+
+def find_patch_file(workspace: Workspace, spec: ObjectSpec) -> Path | None:
+    """The PNG that `find_patch` reads; None where the object has no patch.
+
+    Raises:
+        ToolkitError: the files of a patch that is asked for its class do not match.
+    """
+    patches = workspace.patches()
+    for name in (spec.name, str(spec.class_name).replace(" ", "_")):
+        if name in patches:
+            return patches[name]
+    for file in patches.values():
+        record = read_patch(file).record
+        if spec.class_name in (record.class_name, record.class_index):
+            return file
+    return None
 
 
 def _next_patch(workspace: Workspace, own: Patch) -> Patch:

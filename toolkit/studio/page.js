@@ -219,8 +219,9 @@ function render() {
   }
   document.querySelector(".shoot").hidden = false;
   $("finished")?.remove();
-  $("title").textContent = `${shot.object}, pose ${shot.pose_id}`;
-  $("number").replaceChildren(variantTag(shot.variant), `shot ${shot.number}`);
+  $("title").textContent = shot.object;
+  $("number").replaceChildren(variantTag(shot.variant), `shot ${shot.number} of ${now.session.shots.length}`);
+  $("number").title = `pose ${shot.pose_id} of the plan`;
   $("change").textContent = shot.change ? `Before this shot: ${shot.change}.` : "";
   $("change").hidden = !shot.change || view !== "aim";
   renderStage();

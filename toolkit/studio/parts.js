@@ -26,14 +26,15 @@ const round = (value) => (Math.abs(value) >= 100 ? Math.round(value) : Number(va
 // Where the camera stands: from above with FRONT below, and from the side.
 export function drawPlace(place, lens) {
   const turn = place.azimuth_deg <= 180 ? place.azimuth_deg : place.azimuth_deg - 360;
-  const round = Math.abs(turn) < 0.5 ? "at FRONT" : `${Math.abs(turn).toFixed(0)}° ${turn > 0 ? "right" : "left"}`;
+  const side = turn > 0 ? "right" : "left";
+  const round = Math.abs(turn) < 0.5 ? "to FRONT" : Math.abs(turn) > 179.5 ? "behind it" : `${Math.abs(turn).toFixed(0)}° ${side}`;
   const facts = [
-    ["round", round], ["down", `${place.tilt_deg.toFixed(0)}°`], ["distance", `${place.distance_cm.toFixed(0)} cm`],
+    ["walk", round], ["look down", `${place.tilt_deg.toFixed(0)}°`], ["distance", `${place.distance_cm.toFixed(0)} cm`],
     ["height", `${place.height_cm.toFixed(0)} cm`],
   ];
   if (Math.abs(place.roll_deg) >= 1) facts.push(["tilted", `${place.roll_deg.toFixed(0)}°`]);
   facts.push(["zoom", `${lens.zoom}×`]);
-  const title = `round the object from its front; the zoom is a phone's, for ${lens.focal_mm} mm (35 mm equivalent)`;
+  const title = `as you walk round the object from its front, and look at it; the zoom is a phone's, for ${lens.focal_mm} mm (35 mm equivalent)`;
   const list = make("dl", { title }, ...facts.flatMap(([name, value]) => [make("dt", {}, name), make("dd", {}, value)]));
   return [drawAbove(place), drawSide(place), list];
 }
@@ -50,7 +51,21 @@ function drawAbove(place) {
     draw("path", { class: "body", d: "M43 32h18v26l-9 8-9-8Z" }),
     Object.assign(draw("text", { class: "soft", x: 52, y: 102 }), { textContent: "FRONT" }),
     draw("line", { class: "sight", x1: x, y1: y, x2: 52, y2: 48 }),
+    ...drawWay(place.azimuth_deg),
     drawCamera(x, y, 90 - place.azimuth_deg + 180));
+}
+
+// The way to walk there from the front, the shorter way round, with a head at its end.
+function drawWay(azimuth) {
+  const turn = azimuth <= 180 ? azimuth : azimuth - 360, end = (turn * Math.PI) / 180, r = 46;
+  if (Math.abs(turn) < 15) return [];
+  const stop = end - Math.sign(turn) * 0.22, at = (angle) => `${(52 + r * Math.sin(angle)).toFixed(1)} ${(48 + r * Math.cos(angle)).toFixed(1)}`;
+  const x = 52 + r * Math.sin(stop), y = 48 + r * Math.cos(stop), sweep = turn > 0 ? 0 : 1;
+  const head = (turn > 0 ? -turn : -turn + 180) + (turn > 0 ? 13 : -13);
+  return [
+    draw("path", { class: "way", d: `M${at(Math.sign(turn) * 0.3)}A${r} ${r} 0 ${Math.abs(turn) > 180 ? 1 : 0} ${sweep} ${at(stop)}` }),
+    draw("path", { class: "way-head", d: "M5 0-3-4-3 4Z", transform: `translate(${x.toFixed(1)} ${y.toFixed(1)}) rotate(${head.toFixed(1)})` }),
+  ];
 }
 
 function drawSide(place) {
@@ -114,10 +129,10 @@ export function drawGrid(shots, current, go) {
       make("h3", {}, object, make("span", {}, `${done} of ${own.length}`)),
       ...rows.flatMap(([variant, steps]) => [
         make("p", { class: "row-name" }, variant),
-        make("div", { class: "dots" }, ...steps.sort((a, b) => a.pose_id - b.pose_id).map((shot) => make("button", {
+        make("div", { class: "dots" }, ...steps.sort((a, b) => a.number - b.number).map((shot) => make("button", {
           type: "button", class: shot.status === "done" && shot.retake ? "retake" : shot.status, "aria-current": shot.number === current ? "true" : null,
-          "aria-label": `${object} ${variant} pose ${shot.pose_id}: ${shot.status}`, onclick: () => go(shot.number),
-        }, String(shot.pose_id)))),
+          title: `pose ${shot.pose_id} of the plan`, "aria-label": `shot ${shot.number}, ${object} ${variant}: ${shot.status}`, onclick: () => go(shot.number),
+        }, String(shot.number)))),
       ]));
   });
 }

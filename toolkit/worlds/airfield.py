@@ -52,7 +52,7 @@ def build_apron(seed: int = 0) -> World:
     pieces.append(_apron_things(looks, rng, stands))
     pieces += [tree_line(looks, rng, 330.0, 480.0, 120), hills(looks, rng)]
     spots = [Spot(f"stand-{k + 1}", "apron", (float(x), 8.0, 0.0), 15.0, 90.0, "ground") for k, x in enumerate(stands)]
-    spots.append(Spot("taxiway", "apron", (0.0, -55.0, 0.0), 14.0, 0.0, "ground"))
+    spots.append(Spot("taxiway", "apron", (14.0, -55.0, 0.0), 14.0, 0.0, "ground"))
     spots.append(Spot("verge", "grass", (0.0, -110.0, 0.0), 20.0, 0.0, "ground"))
     pad = Spot("pad", "apron", (112.0, 20.0, 0.25), 6.8, 0.0, "ground")
     pieces.append(landing_pad(7.0, looks).moved(112, 20, 0))

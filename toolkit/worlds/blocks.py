@@ -25,8 +25,16 @@ LANDMARKS = ("square", "church", "parking", "site", "library", "park", "cinema",
 
 @dataclass
 class Filling:
-    """What the blocks were filled with so far."""
+    """A city's blocks while they are filled.
 
+    Attributes:
+        plan, fleet, looks: of the city.
+        pieces, solids, pads, spots: what was built so far; pads are x, y, z, radius.
+    """
+
+    plan: Plan
+    fleet: Fleet
+    looks: Looks
     pieces: list[Piece] = field(default_factory=list)
     solids: list[np.ndarray] = field(default_factory=list)
     pads: list[tuple[float, float, float, float]] = field(default_factory=list)
@@ -60,38 +68,45 @@ def choose_landmarks(blocks: list[Block], rng: np.random.Generator) -> dict[tupl
     return result
 
 
-def fill_block(
-    block: Block,
-    landmark: str | None,
-    filling: Filling,
-    plan: Plan,
-    fleet: Fleet,
-    looks: Looks,
-    rng: np.random.Generator,
-) -> None:
+@dataclass(frozen=True)
+class Row:
+    """A row of houses: its lower left corner, its extent, and whether it looks south (yaw 0) or north (180)."""
+
+    x: float
+    y: float
+    width: float
+    depth: float
+    density: float
+    yaw: float = 0.0
+
+
+Area = tuple[float, float, float, float]
+"""Lower left corner, width, depth."""
+
+
+def fill_block(block: Block, landmark: str | None, filling: Filling, rng: np.random.Generator) -> None:
     """Build a block and everything on it."""
-    width, depth = block.size
-    x, y = block.corner
+    looks, (width, depth), (x, y) = filling.looks, block.size, block.corner
+    area, density = (x, y, width, depth), _density(block, filling.plan)
     yard: tuple[Skin, int] = (wall(looks, "roofing", (104, 104, 102)), SceneClass.GROUND)
     if landmark in ("square", "library"):
         yard = (plaza(looks), SceneClass.PAVEMENT)
     elif landmark in ("park", "church"):
         yard = (grass(looks), SceneClass.GRASS)
     filling.pieces.append(build_pavement(block, *yard, looks))
-    density = _density(block, plan)
     if landmark == "square":
-        _square(x, y, width, depth, filling, looks, rng)
+        _square(area, filling)
     elif landmark == "park":
-        _park(x, y, width, depth, filling, looks, rng)
+        _park(area, filling, rng)
     elif landmark == "church":
         filling.add(church(looks), x + width / 2 - 8, y + 1.0)
-        _scatter_trees(filling, looks, rng, (x, y, width, depth), 14, keep=(x + width / 2, y + 20, 13.0), dense=22.0)
+        _scatter_trees(filling, area, 14, rng, keep=(x + width / 2, y + 20, 13.0), beside_m=13.5)
     elif landmark == "parking":
-        cars = [vehicle.piece for vehicle in fleet.private]
+        cars = [vehicle.piece for vehicle in filling.fleet.private]
         w = min(width, 48.0)
         filling.add(parking_house(w, min(depth, 34.0), looks, cars, rng), x, y)
         if width - w > 8:
-            _row(x + w, y, width - w, min(16.0, depth), density, filling, looks, rng, 0.0)
+            _build_row(Row(x + w, y, width - w, min(16.0, depth), density), filling, rng)
     elif landmark == "site":
         filling.add(building_site(width, depth, looks, rng), x, y)
     elif landmark == "library":
@@ -99,24 +114,28 @@ def fill_block(
         filling.add(library(w, min(depth - 16, 26.0), looks, rng), x + (width - w) / 2, y + 12.0)
         flags = np.array([(x + width / 2 + dx, y + 3.0, KERB_M) for dx in (-16, 16)])
         filling.pieces += [place(flag(looks, k), flags[k : k + 1]) for k in range(2)]
-    elif landmark == "station":
-        filling.add(filling_station(24.0, looks), x + 2, y + 1)
-        _row(x + 28, y, width - 28, 15.0, density, filling, looks, rng, 0.0)
-        _row(x, y, width, 15.0, density, filling, looks, rng, 180.0, depth)
     else:
-        front, back = (float(v) for v in rng.uniform(13.5, 17.5, 2))
-        if landmark == "cinema":
-            filling.add(cinema(24.0, front, looks, rng), x, y)
-            _row(x + 24, y, width - 24, front, density, filling, looks, rng, 0.0)
-        else:
-            _row(x, y, width, front, density, filling, looks, rng, 0.0)
-        _row(x, y, width, back, density, filling, looks, rng, 180.0, depth)
-        _yard((x, y + front, width, depth - front - back), filling, fleet, looks, rng)
+        _build_rows(area, landmark, density, filling, rng)
 
 
-def _yard(
-    area: tuple[float, float, float, float], filling: Filling, fleet: Fleet, looks: Looks, rng: np.random.Generator
-) -> None:
+def _build_rows(area: Area, landmark: str | None, density: float, filling: Filling, rng: np.random.Generator) -> None:
+    """Houses along both streets, among them the filling station or the cinema."""
+    x, y, width, depth = area
+    if landmark == "station":
+        filling.add(filling_station(24.0, filling.looks), x + 2, y + 1)
+        _build_row(Row(x + 28, y, width - 28, 15.0, density), filling, rng)
+        _build_row(Row(x, y + depth, width, 15.0, density, 180.0), filling, rng)
+        return
+    front, back = (float(v) for v in rng.uniform(13.5, 17.5, 2))
+    taken = 24.0 if landmark == "cinema" else 0.0
+    if taken:
+        filling.add(cinema(taken, front, filling.looks, rng), x, y)
+    _build_row(Row(x + taken, y, width - taken, front, density), filling, rng)
+    _build_row(Row(x, y + depth, width, back, density, 180.0), filling, rng)
+    _fill_yard((x, y + front, width, depth - front - back), filling, rng)
+
+
+def _fill_yard(area: Area, filling: Filling, rng: np.random.Generator) -> None:
     """Parked cars, a few trees and dustbins between the backs of the houses."""
     x, y, width, depth = area
     standing: Standing = {}
@@ -125,13 +144,13 @@ def _yard(
     for px in np.arange(x + 6, x + width - 6, 5.5):
         kind, py = rng.random(), y + depth / 2 + rng.uniform(-0.5, 0.5) * (depth - 7)
         if kind < 0.3:
-            vehicle = fleet.private[int(rng.integers(len(fleet.private)))]
+            vehicle = filling.fleet.private[int(rng.integers(len(filling.fleet.private)))]
             filling.pieces.append(place(vehicle.piece, np.array([(px, py, KERB_M)]), 90.0))
         elif kind < 0.6:
             standing.setdefault(f"tree:{rng.integers(4)}", []).append((px, py, KERB_M, rng.uniform(0, 360)))
         elif kind < 0.75:
             standing.setdefault("dustbins", []).append((px, py, KERB_M, rng.uniform(0, 360)))
-    filling.pieces.append(build_standing(standing, looks))
+    filling.pieces.append(build_standing(standing, filling.looks))
 
 
 def _density(block: Block, plan: Plan) -> float:
@@ -141,58 +160,34 @@ def _density(block: Block, plan: Plan) -> float:
     return float(np.clip(1.15 - np.abs(centre / reach).max() * 1.25, 0, 1))
 
 
-def _row(
-    x: float,
-    y: float,
-    width: float,
-    depth: float,
-    density: float,
-    filling: Filling,
-    looks: Looks,
-    rng: np.random.Generator,
-    yaw: float,
-    block_depth: float = 0.0,
-) -> None:
-    """A row of houses side by side along a street, to the south (yaw 0) or to the north (yaw 180) of a block."""
+def _build_row(row: Row, filling: Filling, rng: np.random.Generator) -> None:
+    """Houses side by side along a street."""
     widths = []
-    left = width
-    while left > 0:
+    left = row.width
+    while left >= 0.5:
         w = float(np.round(rng.uniform(10.0, 21.0), 1))
         w = left if left - w < 9.0 else w
         widths.append(w)
         left = round(left - w, 3)
-        if left < 0.5:
-            break
     at = 0.0
     for k, w in enumerate(widths):
-        streets = ["front"]
-        first, last = k == 0, k == len(widths) - 1
-        if first:
-            streets.append("left")
-        if last:
-            streets.append("right")
-        floors = int(np.clip(rng.normal(3.4 + 3.0 * density, 1.2), 2, 9))
-        kind = _choose_kind(density, w, depth, rng)
+        ends = [side for side, here in (("left", k == 0), ("right", k == len(widths) - 1)) if here]
+        floors = int(np.clip(rng.normal(3.4 + 3.0 * row.density, 1.2), 2, 9))
+        kind = _choose_kind(row.density, w, rng)
         if kind == "glass":
-            floors = int(np.clip(rng.normal(7 + 6 * density, 2.5), 5, 16))
-        pad = kind in ("glass", "slab") and min(w, depth) >= 13 and rng.random() < 0.8
-        house = KINDS[kind](Lot(w, depth, floors, tuple(streets), pad), looks, rng)
-        if yaw == 0.0:
-            filling.add(house, x + at, y)
-        else:
-            filling.add(house, x + width - at, y + block_depth, 180.0)
+            floors = int(np.clip(rng.normal(7 + 6 * row.density, 2.5), 5, 16))
+        pad = kind in ("glass", "slab") and min(w, row.depth) >= 13 and rng.random() < 0.8
+        house = KINDS[kind](Lot(w, row.depth, floors, ("front", *ends), pad), filling.looks, rng)
+        sign, start = (1, row.x) if row.yaw == 0.0 else (-1, row.x + row.width)
+        filling.add(house, start + sign * at, row.y, row.yaw)
         if not pad and rng.random() < 0.1 and w > 10:
             top = float(house.solids[:, 5].max()) + KERB_M
-            sign = 1 if yaw == 0.0 else -1
-            bx = x + at + w / 2 if yaw == 0.0 else x + width - at - w / 2
-            by = y + 1.2 if yaw == 0.0 else y + block_depth - 1.2
-            filling.pieces.append(
-                place(billboard(int(rng.integers(6)), looks), np.array([(bx, by, top)]), 0.0 if sign > 0 else 180.0)
-            )
+            middle = np.array([(start + sign * (at + w / 2), row.y + sign * 1.2, top)])
+            filling.pieces.append(place(billboard(int(rng.integers(6)), filling.looks), middle, row.yaw))
         at += w
 
 
-def _choose_kind(density: float, width: float, depth: float, rng: np.random.Generator) -> str:
+def _choose_kind(density: float, width: float, rng: np.random.Generator) -> str:
     shares = {
         "brick": 0.36,
         "render": 0.2,
@@ -207,27 +202,26 @@ def _choose_kind(density: float, width: float, depth: float, rng: np.random.Gene
 
 def _scatter_trees(
     filling: Filling,
-    looks: Looks,
-    rng: np.random.Generator,
-    area: tuple[float, float, float, float],
+    area: Area,
     count: int,
+    rng: np.random.Generator,
+    *,
     keep: tuple[float, float, float],
-    dense: float = 0.0,
+    beside_m: float = 0.0,
 ) -> None:
-    """Trees over an area (x, y, width, depth) outside a circle; `dense` also keeps a column about it free."""
+    """Trees over an area outside a circle (x, y, radius), and further than `beside_m` to its sides."""
     x, y, width, depth = area
     standing: Standing = {}
     for _ in range(count):
         px, py = x + rng.uniform(2.5, width - 2.5), y + rng.uniform(2.5, depth - 2.5)
-        if np.hypot(px - keep[0], py - keep[1]) > keep[2] + 4 and (not dense or abs(px - keep[0]) > 13.5):
+        if np.hypot(px - keep[0], py - keep[1]) > keep[2] + 4 and abs(px - keep[0]) > beside_m:
             standing.setdefault(f"tree:{rng.integers(4)}", []).append((px, py, KERB_M, rng.uniform(0, 360)))
-    filling.pieces.append(build_standing(standing, looks))
+    filling.pieces.append(build_standing(standing, filling.looks))
 
 
-def _square(
-    x: float, y: float, width: float, depth: float, filling: Filling, looks: Looks, rng: np.random.Generator
-) -> None:
+def _square(area: Area, filling: Filling) -> None:
     """A paved square: a free middle, a fountain and a monument, benches, trees along its edge, flags, stalls."""
+    (x, y, width, depth), looks = area, filling.looks
     cx, cy = x + width / 2, y + depth / 2
     radius = min(width, depth) / 2 - 8.5
     filling.spots.append(Spot("square", "square", (cx, cy, KERB_M), round(radius, 2), 0.0, "ground"))
@@ -243,17 +237,16 @@ def _square(
     for k, py in enumerate(np.arange(y + 8, y + depth - 8, 5.0)):
         for px in (x + 2.4, x + width - 2.4):
             standing.setdefault(("planter", "bin", "cafe", "newspapers")[k % 4], []).append((px, py, KERB_M, 90.0))
-    filling.pieces.append(build_standing(standing, looks))
+    filling.pieces.append(build_standing(standing, filling.looks))
 
 
-def _park(
-    x: float, y: float, width: float, depth: float, filling: Filling, looks: Looks, rng: np.random.Generator
-) -> None:
+def _park(area: Area, filling: Filling, rng: np.random.Generator) -> None:
     """A lawn with trees, shrubs, benches and lamps about a clearing."""
+    (x, y, width, depth), looks = area, filling.looks
     cx, cy = x + width / 2, y + depth / 2
     radius = min(width, depth) / 2 - 11.0
     filling.spots.append(Spot("park", "grass", (cx, cy, KERB_M), round(radius, 2), 90.0, "ground"))
-    _scatter_trees(filling, looks, rng, (x, y, width, depth), 46, keep=(cx, cy, radius))
+    _scatter_trees(filling, area, 46, rng, keep=(cx, cy, radius))
     gravel = wall(looks, "render", (196, 176, 140))
     paths = [(x, cy - radius - 3.2, x + width, cy - radius - 1.2), (x, cy + radius + 1.2, x + width, cy + radius + 3.2)]
     paths += [
@@ -269,4 +262,4 @@ def _park(
         standing.setdefault(("bench", "old-lamp", "shrub:1", "bin")[k % 4], []).append(
             (px, py, KERB_M, np.degrees(angle) - 90)
         )
-    filling.pieces.append(build_standing(standing, looks))
+    filling.pieces.append(build_standing(standing, filling.looks))

@@ -9,7 +9,7 @@ import numpy as np
 from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.facades import Facade, bay_edges, cornice, windowed_wall
 from toolkit.worlds.pieces import Looks, Piece, Skin, boxes, merge, place, quads, wall_quads
-from toolkit.worlds.roofs import PARAPET_M, Roof, flat_roof
+from toolkit.worlds.roofs import Roof, flat_roof
 from toolkit.worlds.shopfronts import SHOP_FLOOR_M, shop_row
 from toolkit.worlds.signs import billboard_skin
 from toolkit.worlds.walls import BRICKS, RENDERS, STONES, wall
@@ -68,7 +68,7 @@ def _finish(
 ) -> House:
     """Put the roof on."""
     pad_radius = min(8.0, min(lot.width, lot.depth) / 2 - 1.2) if lot.pad else 0.0
-    roof = flat_roof(Roof(lot.width, lot.depth, height), *skins, looks, rng, pad_radius)
+    roof = flat_roof(Roof(lot.width, lot.depth, height), *skins, looks, rng, pad_radius=pad_radius)
     solid = np.array([[0, 0, 0, lot.width, lot.depth, height]], float)
     pad = (lot.width / 2, lot.depth / 2, height + 0.25, pad_radius) if lot.pad else None
     return House(merge([walls, roof]), solid, pad)
@@ -146,7 +146,7 @@ def brick_apartments(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
         fire_escape=rng.random() < 0.55,
         air_conditioners=_pick((0.0, 0.1, 0.2), rng),
     )
-    return _apartments(lot, style, looks, rng, shops)
+    return _apartments(lot, style, looks, rng, shops=shops)
 
 
 def rendered_apartments(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
@@ -165,7 +165,7 @@ def rendered_apartments(lot: Lot, looks: Looks, rng: np.random.Generator) -> Hou
         balconies=rng.uniform(0.3, 0.8),
         string_course=rng.random() < 0.5,
     )
-    return _apartments(lot, style, looks, rng, rng.random() < 0.7)
+    return _apartments(lot, style, looks, rng, shops=rng.random() < 0.7)
 
 
 def stone_palazzo(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
@@ -183,7 +183,7 @@ def stone_palazzo(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
         pilasters=True,
         string_course=True,
     )
-    return _apartments(lot, style, looks, rng, rng.random() < 0.5)
+    return _apartments(lot, style, looks, rng, shops=rng.random() < 0.5)
 
 
 def concrete_slab(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
@@ -201,7 +201,7 @@ def concrete_slab(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
         lintels=False,
         air_conditioners=0.05,
     )
-    return _apartments(lot, style, looks, rng, rng.random() < 0.5, crown=False)
+    return _apartments(lot, style, looks, rng, shops=rng.random() < 0.5, crown=False)
 
 
 def warehouse(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
@@ -211,11 +211,11 @@ def warehouse(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     style = Facade(
         brick, trim, "factory", window_m=(2.6, 2.5, 0.8), floor_m=4.0, bay_m=3.4, recess_m=0.28, pilasters=True
     )
-    return _apartments(lot, style, looks, rng, rng.random() < 0.3)
+    return _apartments(lot, style, looks, rng, shops=rng.random() < 0.3)
 
 
 def _apartments(
-    lot: Lot, style: Facade, looks: Looks, rng: np.random.Generator, shops: bool, crown: bool = True
+    lot: Lot, style: Facade, looks: Looks, rng: np.random.Generator, *, shops: bool, crown: bool = True
 ) -> House:
     """A house of floors alike over a ground floor of shops or with an entrance."""
     ground = SHOP_FLOOR_M if shops else 0.6
@@ -230,7 +230,7 @@ def _apartments(
             return _party_wall(width, height, back, looks, rng)
         plain = side not in lot.streets
         skin = style.wall
-        pieces = [windowed_wall(style, width, ground, floors, looks, rng, plain)]
+        pieces = [windowed_wall(style, width, looks, rng, z0=ground, floors=floors, plain=plain)]
         pieces.append(wall_quads(np.array([(0, height - 0.35, width, height)]), 0.0, skin, BUILDING))
         if shops and not plain:
             pieces.append(shop_row(width, looks, rng, style.wall))
@@ -316,4 +316,3 @@ KINDS: dict[str, Builder] = {
     "warehouse": warehouse,
     "glass": glass_office,
 }
-TOP_OF_PARAPET_M = PARAPET_M + 0.12

@@ -54,12 +54,12 @@ def stained_glass(looks: Looks) -> Skin:
     return looks.add(Material("stained", picture, 0.2, 0.0, picture[::2, ::2].copy()))
 
 
-def _lancets(at: np.ndarray, z0: float, z1: float, width: float, trim: Skin, looks: Looks) -> Piece:
+def _lancets(at: np.ndarray, z: tuple[float, float], width: float, trim: Skin, looks: Looks) -> Piece:
     """Pointed windows in stone frames at positions along a wall."""
     pieces = []
     for x in at:
-        pieces.append(polygon(pointed_arch(x, z0 - 0.25, z1 + 0.35, width + 0.5), -0.05, trim, B))
-        pieces.append(polygon(pointed_arch(x, z0, z1, width), -0.07, stained_glass(looks), B, fit=True))
+        pieces.append(polygon(pointed_arch(x, z[0] - 0.25, z[1] + 0.35, width + 0.5), -0.05, trim, B))
+        pieces.append(polygon(pointed_arch(x, *z, width), -0.07, stained_glass(looks), B, fit=True))
     return merge(pieces)
 
 
@@ -72,7 +72,7 @@ def church(looks: Looks) -> House:
     side = merge(
         [
             wall_quads(np.array([(0, 0, length, eaves)]), 0.0, stone, B),
-            _lancets(np.arange(3.0, length - 2, 5.2), 2.6, 7.2, 1.5, trim, looks),
+            _lancets(np.arange(3.0, length - 2, 5.2), (2.6, 7.2), 1.5, trim, looks),
             *(_buttress(x, trim, eaves) for x in np.arange(0.5, length, 5.2)),
         ]
     )
@@ -98,7 +98,10 @@ def church(looks: Looks) -> House:
         for slope in slopes
     ]
     east = merge(
-        [polygon(gable[::1] - [middle, 0], 0.0, stone, B), _lancets(np.array([-3.4, 0, 3.4]), 3, 8.5, 1.8, trim, looks)]
+        [
+            polygon(gable[::1] - [middle, 0], 0.0, stone, B),
+            _lancets(np.array([-3.4, 0, 3.4]), (3, 8.5), 1.8, trim, looks),
+        ]
     )
     pieces = [
         place(side, np.array([(x0, y1, 0.0), (x1, y0, 0.0)]), np.array([270.0, 90.0])),
@@ -126,19 +129,9 @@ def _buttress(x: float, skin: Skin, eaves: float) -> Piece:
 def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     """A square tower about the origin with a door, a rose window, a clock, louvres, and a spire with a cross."""
     half, top = 3.2, 22.0
-    rose = np.linspace(0, 2 * np.pi, 25)[:-1]
-    circle = np.column_stack([np.cos(rose), np.sin(rose)])
+    circle = _circle()
     dark = looks.plain((34, 34, 36), "matte")
-    clock = looks.known("clock")
-    if clock is None:
-        c = Canvas(2, 2, 96, (22, 26, 40), low=(-1, -1))
-        c.disc(0, 0, 0.94, (240, 234, 214))
-        for k in range(12):
-            a = np.pi * k / 6
-            c.line([(0.72 * np.sin(a), 0.72 * np.cos(a)), (0.88 * np.sin(a), 0.88 * np.cos(a))], 0.07, (22, 26, 40))
-        c.line([(0, 0), (0.42, 0.3)], 0.08, (16, 16, 20))
-        c.line([(0, 0), (-0.1, 0.74)], 0.055, (16, 16, 20))
-        clock = sheet("clock", looks, c, 0.8)
+    clock = _clock(looks)
     bell = [polygon(pointed_arch(x, 17.6, 20.8, 1.1), -0.05, dark, B) for x in (-1.1, 1.1)]
     louvre = [
         bars(np.array([(x - 0.5, -0.06, z)]), np.array([(x + 0.5, -0.06, z)]), 0.09, trim, B)
@@ -168,22 +161,7 @@ def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
             ),
         ]
     )
-    front = merge(
-        [
-            polygon(pointed_arch(0, 0.0, 5.4, 3.4), -0.06, trim, B),
-            polygon(pointed_arch(0, 0.0, 4.8, 2.5), -0.1, looks.plain((74, 44, 26)), B),
-            bars(np.array([(0, -0.11, 0)]), np.array([(0, -0.11, 4.6)]), 0.06, dark, B),
-            polygon(circle * 1.9 + [0, 10.2], -0.06, trim, B),
-            polygon(circle * 1.6 + [0, 10.2], -0.09, stained_glass(looks), B, fit=True),
-            bars(
-                np.array([(0, -0.12, 10.2)] * 8),
-                np.column_stack([circle[::3, 0] * 1.6, np.full(8, -0.12), circle[::3, 1] * 1.6 + 10.2]),
-                0.1,
-                trim,
-                B,
-            ),
-        ]
-    )
+    front = _west_front(looks, trim)
     ring = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
     yaws = np.array([0.0, 90.0, 180.0, 270.0])
     at = np.array([(0, -half, 0), (half, 0, 0), (0, half, 0), (-half, 0, 0)], float)
@@ -200,3 +178,45 @@ def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     corners = np.column_stack([ring * 0.92, np.zeros(4)])
     deck = floor_quads(np.array([(-half, -half, half, half)]), top, trim, R)
     return merge([place(face, at, yaws), place(front, at[:1]), spire, place(pinnacle, corners), cross, deck])
+
+
+def _circle() -> np.ndarray:
+    """(24, 2) points of the unit circle."""
+    angle = np.linspace(0, 2 * np.pi, 25)[:-1]
+    return np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def _clock(looks: Looks) -> Skin:
+    """A white dial with gilt-edged night-blue rim, lit in the evening."""
+    clock = looks.known("clock")
+    if clock is None:
+        c = Canvas(2, 2, 96, (22, 26, 40), low=(-1, -1))
+        c.disc(0, 0, 0.94, (240, 234, 214))
+        for k in range(12):
+            a = np.pi * k / 6
+            c.line([(0.72 * np.sin(a), 0.72 * np.cos(a)), (0.88 * np.sin(a), 0.88 * np.cos(a))], 0.07, (22, 26, 40))
+        c.line([(0, 0), (0.42, 0.3)], 0.08, (16, 16, 20))
+        c.line([(0, 0), (-0.1, 0.74)], 0.055, (16, 16, 20))
+        clock = sheet("clock", looks, c, 0.8)
+    return clock
+
+
+def _west_front(looks: Looks, trim: Skin) -> Piece:
+    """Door and rose window."""
+    circle, dark = _circle(), looks.plain((34, 34, 36), "matte")
+    return merge(
+        [
+            polygon(pointed_arch(0, 0.0, 5.4, 3.4), -0.06, trim, B),
+            polygon(pointed_arch(0, 0.0, 4.8, 2.5), -0.1, looks.plain((74, 44, 26)), B),
+            bars(np.array([(0, -0.11, 0)]), np.array([(0, -0.11, 4.6)]), 0.06, dark, B),
+            polygon(circle * 1.9 + [0, 10.2], -0.06, trim, B),
+            polygon(circle * 1.6 + [0, 10.2], -0.09, stained_glass(looks), B, fit=True),
+            bars(
+                np.array([(0, -0.12, 10.2)] * 8),
+                np.column_stack([circle[::3, 0] * 1.6, np.full(8, -0.12), circle[::3, 1] * 1.6 + 10.2]),
+                0.1,
+                trim,
+                B,
+            ),
+        ]
+    )

@@ -31,11 +31,11 @@ def build_city(seed: int = 0, blocks: tuple[int, int] = BLOCKS) -> World:
     looks = Looks(seed)
     plan = plan_city(rng, *blocks, STREET_NAMES)
     fleet = build_fleet(looks)
-    filling = Filling()
+    filling = Filling(plan, fleet, looks)
     landmarks = choose_landmarks(plan.blocks(), rng)
     for block in plan.blocks():
         place_rng = np.random.default_rng([seed, 21, block.column, block.row])
-        fill_block(block, landmarks.get((block.column, block.row)), filling, plan, fleet, looks, place_rng)
+        fill_block(block, landmarks.get((block.column, block.row)), filling, place_rng)
     spots = [*filling.spots, *_street_spots(plan, rng)]
     pads = [
         Spot(f"pad-{k + 1}", "roof", (round(x, 3), round(y, 3), round(z, 3)), round(r - 0.2, 2), 0.0, "roof")
@@ -51,7 +51,16 @@ def build_city(seed: int = 0, blocks: tuple[int, int] = BLOCKS) -> World:
         _outskirts(plan, looks, np.random.default_rng([seed, 24])),
     ]
     mesh, face_class = mesh_of(merge(pieces), looks)
-    return World("city", seed, mesh, face_class, tuple(spots + pads), np.concatenate(filling.solids), core, tuple(pads))
+    return World(
+        "city",
+        seed,
+        mesh,
+        face_class,
+        tuple(spots + pads),
+        np.concatenate([np.zeros((0, 6)), *filling.solids]),
+        core,
+        tuple(pads),
+    )
 
 
 def _street_spots(plan: Plan, rng: np.random.Generator) -> list[Spot]:
@@ -64,7 +73,7 @@ def _street_spots(plan: Plan, rng: np.random.Generator) -> list[Spot]:
     for k, index in enumerate(order[:STREET_SPOTS]):
         stretch = stretches[index]
         x, y = (float(v) for v in np.round((stretch.start + stretch.end) / 2, 3))
-        radius = stretch.street.half + PAVEMENT_M - 1.1
+        radius = stretch.street.half + PAVEMENT_M - 1.7
         spots.append(Spot(f"street-{k + 1}", "street", (x, y, 0.0), round(radius, 2), stretch.yaw_deg, "ground"))
     cells = [(n, e) for n in plan.north[1:-1] or plan.north for e in plan.east[1:-1] or plan.east]
     cells.sort(key=lambda cell: (-min(cell[0].half, cell[1].half), abs(cell[0].at) + abs(cell[1].at)))

@@ -58,7 +58,7 @@ def bay_edges(width: float, bay_m: float) -> np.ndarray:
 
 
 def windowed_wall(
-    style: Facade, width: float, z0: float, floors: int, looks: Looks, rng: np.random.Generator, plain: bool = False
+    style: Facade, width: float, looks: Looks, rng: np.random.Generator, *, z0: float, floors: int, plain: bool = False
 ) -> Piece:
     """A wall from z0 up with `floors` rows of windows; `plain` leaves out all that decorates a street's side."""
     edges = bay_edges(width, style.bay_m)
@@ -119,12 +119,14 @@ def _at(x: np.ndarray, y: float, z: np.ndarray) -> np.ndarray:
     return np.stack([x, np.full(len(x), float(y)), z], 1)
 
 
-def _blocks(span: np.ndarray, z0: np.ndarray, z1: np.ndarray, out_m: float, skin: Skin, label: int = BUILDING) -> Piece:
+def _blocks(span: np.ndarray, z0: np.ndarray, z1: np.ndarray, out_m: float, skin: Skin) -> Piece:
     """Blocks on the wall that stand out by `out_m`, from spans (n, 2) along it."""
-    return boxes(_at(span[:, 0], -out_m, z0), _at(span[:, 1], 0.0, z1), skin, label, without=("back",))
+    return boxes(_at(span[:, 0], -out_m, z0), _at(span[:, 1], 0.0, z1), skin, BUILDING, without=("back",))
 
 
-def cornice(width: float, z: float, skin: Skin, out_m: float = 0.45, dentils: bool = True, ends: bool = True) -> Piece:
+def cornice(
+    width: float, z: float, skin: Skin, out_m: float = 0.45, *, dentils: bool = True, ends: bool = True
+) -> Piece:
     """Mouldings that step out below z; they run on round corners with `ends`."""
     steps = [(z - 0.75, z - 0.5, 0.25), (z - 0.5, z - 0.22, 0.6), (z - 0.22, z, 1.0)]
     reach = out_m if ends else 0.0

@@ -26,13 +26,13 @@ class Fleet:
 
     def parked(self) -> list[tuple[tuple[Vehicle, ...], float]]:
         """What stands along a kerb, with its share."""
-        return [(self.private, 0.82), (self.cabs, 0.06), (self.vans, 0.08), (self.lorries, 0.04)]
+        return [(self.private, 0.76), (self.cabs, 0.12), (self.vans, 0.08), (self.lorries, 0.04)]
 
     def moving(self) -> list[tuple[tuple[Vehicle, ...], float]]:
         """What drives, with its share."""
         return [
-            (self.private, 0.46),
-            (self.cabs, 0.32),
+            (self.private, 0.4),
+            (self.cabs, 0.38),
             (self.vans, 0.07),
             (self.buses, 0.11),
             (self.lorries, 0.04),

@@ -8,6 +8,7 @@ from toolkit.objects.shapes.modelling import Colour
 from toolkit.worlds.paint import finish, flat, fractal, grain, noise, stains
 from toolkit.worlds.pieces import Looks, Skin
 
+Span = tuple[float, float]
 STREET_M, AVENUE_M = 13.0, 20.0
 """Widths of the carriageways."""
 CROSSING_M = 4.5
@@ -34,10 +35,10 @@ def _asphalt(rng: np.random.Generator, shape: tuple[int, int], px_per_m: float) 
     return base * (1 - 0.35 * oil) + grain(rng, shape, 5)
 
 
-def _mark(road: np.ndarray, x0: float, x1: float, y0: float, y1: float, colour: Colour, worn: np.ndarray) -> None:
+def _mark(road: np.ndarray, x: Span, y: Span, colour: Colour, worn: np.ndarray) -> None:
     """A painted mark over part of a texture, in shares of its width and height; worn away in places."""
     h, w = road.shape[:2]
-    area = slice(max(0, round(y0 * h)), round(y1 * h)), slice(max(0, round(x0 * w)), round(x1 * w))
+    area = slice(max(0, round(y[0] * h)), round(y[1] * h)), slice(max(0, round(x[0] * w)), round(x[1] * w))
     share = worn[area][..., None]
     road[area] = road[area] * (1 - share) + np.array(colour, np.float32) * share
 
@@ -77,16 +78,20 @@ def road(looks: Looks, avenue: bool) -> Skin:
                 dashes = ((0, 1),) if at < 4 else ((0.02, 0.22), (0.36, 0.56), (0.7, 0.9))
                 for y0, y1 in dashes:
                     _mark(
-                        base, x - 0.06 / width, x + 0.06 / width, y0, y1, YELLOW_PAINT if at < 4 else WHITE_PAINT, worn
+                        base,
+                        (x - 0.06 / width, x + 0.06 / width),
+                        (y0, y1),
+                        YELLOW_PAINT if at < 4 else WHITE_PAINT,
+                        worn,
                     )
     else:
         for x in (middle - 0.16 / width, middle + 0.16 / width):
-            _mark(base, x - 0.055 / width, x + 0.055 / width, 0, 1, YELLOW_PAINT, worn)
+            _mark(base, (x - 0.055 / width, x + 0.055 / width), (0, 1), YELLOW_PAINT, worn)
     for x, far in ((edge, 0.0), (1 - edge, 1.0)):
         for y in (0.02, 0.5):
-            _mark(base, min(x, far), max(x, far), y, y + 0.1 / width, WHITE_PAINT, worn)
+            _mark(base, (min(x, far), max(x, far)), (y, y + 0.1 / width), WHITE_PAINT, worn)
         for y in np.linspace(0.0, 0.9, 7):
-            _mark(base, x - 0.05 / width, x + 0.05 / width, y, y + 0.07, WHITE_PAINT, worn)
+            _mark(base, (x - 0.05 / width, x + 0.05 / width), (y, y + 0.07), WHITE_PAINT, worn)
     _manhole(base, n * (0.3 if avenue else 0.36), n * 0.72, 0.36 * px)
     _manhole(base, n * 0.7, n * 0.2, 0.3 * px)
     gutter = np.clip(1 - np.minimum(np.arange(n), np.arange(n)[::-1]) / (0.35 * px), 0, 1)
@@ -122,8 +127,8 @@ def crossing(looks: Looks, avenue: bool) -> Skin:
     bars = int(width / 1.1)
     for k in range(bars):
         x = (k + 0.25) / bars
-        _mark(base, x, x + 0.5 / bars, 0.1, 0.72, WHITE_PAINT, worn)
-    _mark(base, 0.5, 1 - PARKING_M / width, 0.86, 0.95, WHITE_PAINT, worn)
+        _mark(base, (x, x + 0.5 / bars), (0.1, 0.72), WHITE_PAINT, worn)
+    _mark(base, (0.5, 1 - PARKING_M / width), (0.86, 0.95), WHITE_PAINT, worn)
     if avenue:
         _tram_tracks(base, px)
     return looks.add(Material(name, finish(base), 0.85))
@@ -141,7 +146,9 @@ def junction(looks: Looks) -> Skin:
     return looks.add(Material("junction", finish(base), 0.85), (JUNCTION_TILE_M, JUNCTION_TILE_M))
 
 
-def _slabs(rng: np.random.Generator, colour: Colour, rows: int, columns: int, joint: int, spread: float) -> np.ndarray:
+def _slabs(
+    rng: np.random.Generator, colour: Colour, rows: int, columns: int, *, joint: int, spread: float
+) -> np.ndarray:
     """(512, 512, 3) of slabs with dark joints."""
     n = 512
     shade = rng.normal(1, spread, (rows, columns))
@@ -163,7 +170,7 @@ def pavement(looks: Looks) -> Skin:
     if found:
         return found
     rng = looks.rng("pavement")
-    base = _slabs(rng, (164, 160, 152), 4, 4, 2, 0.05)
+    base = _slabs(rng, (164, 160, 152), 4, 4, joint=2, spread=0.05)
     for x, y in rng.integers(0, 512, (60, 2)):
         cv2.circle(base, (int(x), int(y)), int(rng.integers(1, 4)), (104.0, 102.0, 98.0), -1, cv2.LINE_AA)
     return looks.add(Material("pavement", finish(base), 0.9), (3.6, 3.6))
@@ -175,7 +182,7 @@ def plaza(looks: Looks) -> Skin:
     if found:
         return found
     rng = looks.rng("plaza")
-    base = _slabs(rng, (176, 158, 138), 8, 8, 2, 0.06)
+    base = _slabs(rng, (176, 158, 138), 8, 8, joint=2, spread=0.06)
     base[:64] *= 0.74
     base[:, :64] *= 0.74
     return looks.add(Material("plaza", finish(base), 0.85), (4.0, 4.0))

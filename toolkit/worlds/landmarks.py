@@ -15,6 +15,7 @@ from toolkit.worlds.paint import Canvas
 from toolkit.worlds.pieces import (
     Looks,
     Piece,
+    Skin,
     bars,
     box,
     boxes,
@@ -34,12 +35,12 @@ from toolkit.worlds.walls import BRICKS, STONES, wall
 B, R, SIGN, F = SceneClass.BUILDING, SceneClass.ROOF, SceneClass.SIGN, SceneClass.FURNITURE
 
 
-def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
-    """A picture palace: rendered front with fins, a lit marquee over the doors, and an upright sign."""
-    render, brick = wall(looks, "render", (206, 150, 124)), wall(looks, "brick", BRICKS[1])
-    trim = looks.plain((232, 224, 200), "matte")
-    height, middle = 15.0, width / 2
-    lit = looks.plain((255, 232, 170), "lamp")
+PODIUM_M, COLUMN_M, PORTICO_M = 1.6, 9.0, 18.0
+"""Of the library: height of its podium and of its columns, width of its portico."""
+
+
+def _cinema_sheets(looks: Looks) -> tuple[Skin, Skin, Skin]:
+    """The marquee's programme, the upright name, the posters."""
     c = Canvas(7, 1.5, 80, (250, 246, 232))
     c.text(3.5, 1.05, "NOW SHOWING: THE LAST TRAM", 0.42, (30, 30, 32), fit_m=6.6)
     c.text(3.5, 0.42, "7:15  9:30  LATE SHOW FRIDAY", 0.4, (176, 24, 30), fit_m=6.6)
@@ -56,6 +57,16 @@ def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -
         posters.disc(0.75 + 1.5 * k, 1.1, 0.4, tuple(min(255, v + 70) for v in tone))
         posters.text(0.75 + 1.5 * k, 0.42, ("STAR", "OCEAN", "GOLD", "FOREST")[k], 0.3, (250, 250, 244), fit_m=1.1)
     bills = looks.known("posters") or sheet("posters", looks, posters, 0.7)
+    return marquee, upright, bills
+
+
+def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
+    """A picture palace: rendered front with fins, a lit marquee over the doors, and an upright sign."""
+    render, brick = wall(looks, "render", (206, 150, 124)), wall(looks, "brick", BRICKS[1])
+    trim = looks.plain((232, 224, 200), "matte")
+    height, middle = 15.0, width / 2
+    lit = looks.plain((255, 232, 170), "lamp")
+    marquee, upright, bills = _cinema_sheets(looks)
     fins = np.linspace(middle - 4.5, middle + 4.5, 7)
     low = np.column_stack([fins - 0.22, np.full(7, -0.5), np.full(7, 5.6)])
     doors = np.linspace(middle - 3, middle + 3, 5)
@@ -110,7 +121,6 @@ def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -
 def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
     """A classical front: steps, columns, a pediment with PUBLIC LIBRARY, stone wings."""
     stone, trim = wall(looks, "ashlar", STONES[5]), wall(looks, "render", (222, 208, 182))
-    middle, span, base, order = width / 2, 18.0, 1.6, 9.0
     style = Facade(
         stone,
         trim,
@@ -122,100 +132,56 @@ def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) 
         pilasters=True,
         string_course=True,
     )
-    height = base + order + 2.6
-    column = solid(
-        [
-            revolve(
-                [
-                    (0.75, 0),
-                    (0.75, 0.25),
-                    (0.6, 0.4),
-                    (0.52, 0.6),
-                    (0.5, 3.0),
-                    (0.43, order - 0.7),
-                    (0.55, order - 0.5),
-                    (0.7, order - 0.35),
-                    (0.7, order),
-                ],
-                18,
-            )
-        ],
-        trim,
-        B,
-        50,
-    )
-    xs = np.linspace(middle - span / 2 + 1.1, middle + span / 2 - 1.1, 6)
-    steps = np.array([(middle - span / 2 - 0.4 * (7 - k), -6.6 + 0.4 * k, 0.2 * k) for k in range(8)])
-    tops = np.array([(middle + span / 2 + 0.4 * (7 - k), 0.0, 0.2 * (k + 1)) for k in range(8)])
-    c = Canvas(12, 1.1, 64, (200, 188, 164))
-    c.text(6, 0.55, "PUBLIC  LIBRARY", 0.85, (70, 62, 50), "serif", fit_m=11)
-    words = looks.known("library-name") or sheet("library-name", looks, c)
-    roof_z = base + order + 1.6
-    gable = np.array([(middle - span / 2 - 0.5, roof_z), (middle + span / 2 + 0.5, roof_z), (middle, roof_z + 3.6)])
-    inner = np.array(
-        [(middle - span / 2 + 1.2, roof_z + 0.3), (middle + span / 2 - 1.2, roof_z + 0.3), (middle, roof_z + 2.9)]
-    )
-    slopes = np.array(
-        [
-            [
-                (gable[1, 0], -4.4, roof_z),
-                (gable[1, 0], 2, roof_z),
-                (middle, 2, roof_z + 3.6),
-                (middle, -4.4, roof_z + 3.6),
-            ],
-            [
-                (gable[0, 0], 2, roof_z),
-                (gable[0, 0], -4.4, roof_z),
-                (middle, -4.4, roof_z + 3.6),
-                (middle, 2, roof_z + 3.6),
-            ],
-            [(gable[1, 0], 2, roof_z), (gable[0, 0], 2, roof_z), (middle, 2, roof_z + 3.6), (middle, 2, roof_z + 3.6)],
-        ]
-    )
-    pieces = [
-        boxes(steps, tops, trim, B, ("bottom", "back")),
-        place(column, np.column_stack([xs, np.full(6, -3.2), np.full(6, base)])),
-        boxes(
-            np.array([(middle - span / 2, -4.0, base + order)]),
-            np.array([(middle + span / 2, 0.0, roof_z)]),
-            trim,
-            B,
-            (),
-        ),
-        wall_quads(
-            np.array([(middle - 6, base + order + 0.25, middle + 6, base + order + 1.35)]), -4.02, words, SIGN, fit=True
-        ),
-        polygon(gable, -4.4, trim, B),
-        polygon(inner, -4.42, stone, B),
-        quads(slopes, wall(looks, "tiles", (96, 104, 100)), R),
-        boxes(
-            np.array([(middle - 1.3, -0.12, base)]),
-            np.array([(middle + 1.3, 0.0, base + 4.2)]),
-            looks.plain((70, 44, 28)),
-            B,
-            ("back",),
-        ),
-        boxes(
-            np.array([(middle - 5.2, -0.1, base + 0.8), (middle + 3.4, -0.1, base + 0.8)]),
-            np.array([(middle - 3.4, 0, base + 4.4), (middle + 5.2, 0, base + 4.4)]),
-            looks.plain((60, 74, 84), "gloss"),
-            B,
-            ("back",),
-        ),
-    ]
+    height, middle = PODIUM_M + COLUMN_M + 2.6, width / 2
+    pieces = [_portico(looks, stone, trim).moved(middle)]
     around = [(0, 0, width, 0.0), (width, 0, depth, 90.0), (width, depth, width, 180.0), (0, depth, depth, 270.0)]
     for k, (x, y, side, yaw) in enumerate(around):
-        face = [wall_quads(np.array([(0, 0, side, base), (0, base + 9.2, side, height)]), 0.0, stone, B)]
-        face.append(windowed_wall(style, side, base, 2, looks, rng))
+        low = [(0, 0, side, PODIUM_M), (0, PODIUM_M + 9.2, side, height)]
+        face = [wall_quads(np.array(low), 0.0, stone, B), windowed_wall(style, side, looks, rng, z0=PODIUM_M, floors=2)]
         if k < 3:
             face.append(cornice(side, height, trim, 0.5, ends=False))
         pieces.append(place(merge(face), np.array([(x, y, 0.0)]), yaw))
     pieces.append(flat_roof(Roof(width, depth, height), stone, trim, looks, rng))
-    return House(
-        merge(pieces),
-        np.array(
-            [[0, 0, 0, width, depth, height], [middle - span / 2, -4, base + order, middle + span / 2, 0, roof_z]]
-        ),
+    top = PODIUM_M + COLUMN_M
+    porch = [middle - PORTICO_M / 2, -4, top, middle + PORTICO_M / 2, 0, top + 1.6]
+    return House(merge(pieces), np.array([[0, 0, 0, width, depth, height], porch]))
+
+
+def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
+    """Steps, six columns, an architrave with the name, a pediment; about x = 0, before y = 0."""
+    half, top = PORTICO_M / 2, PODIUM_M + COLUMN_M
+    profile = [(0.75, 0), (0.75, 0.25), (0.6, 0.4), (0.52, 0.6), (0.5, 3.0)]
+    profile += [(r, COLUMN_M - drop) for r, drop in ((0.43, 0.7), (0.55, 0.5), (0.7, 0.35), (0.7, 0.0))]
+    column = solid([revolve(profile, 18)], trim, B, 50)
+    xs = np.linspace(-half + 1.1, half - 1.1, 6)
+    steps = np.array([(-half - 0.4 * (7 - k), -6.6 + 0.4 * k, 0.2 * k) for k in range(8)])
+    tops = np.array([(half + 0.4 * (7 - k), 0.0, 0.2 * (k + 1)) for k in range(8)])
+    c = Canvas(12, 1.1, 64, (200, 188, 164))
+    c.text(6, 0.55, "PUBLIC  LIBRARY", 0.85, (70, 62, 50), face="serif", fit_m=11)
+    words = looks.known("library-name") or sheet("library-name", looks, c)
+    eaves, ridge, edge = top + 1.6, top + 5.2, half + 0.5
+    gable = np.array([(-edge, eaves), (edge, eaves), (0, ridge)])
+    inner = np.array([(-half + 1.2, eaves + 0.3), (half - 1.2, eaves + 0.3), (0, eaves + 2.9)])
+    slopes = [
+        [(edge, -4.4, eaves), (edge, 2, eaves), (0, 2, ridge), (0, -4.4, ridge)],
+        [(-edge, 2, eaves), (-edge, -4.4, eaves), (0, -4.4, ridge), (0, 2, ridge)],
+        [(edge, 2, eaves), (-edge, 2, eaves), (0, 2, ridge), (0, 2, ridge)],
+    ]
+    windows = np.array([(-5.2, -0.1, PODIUM_M + 0.8), (3.4, -0.1, PODIUM_M + 0.8)])
+    door = np.array([(-1.3, -0.12, PODIUM_M)])
+    name = np.array([(-6, top + 0.25, 6, top + 1.35)])
+    return merge(
+        [
+            boxes(steps, tops, trim, B, ("bottom", "back")),
+            place(column, np.column_stack([xs, np.full(6, -3.2), np.full(6, PODIUM_M)])),
+            boxes(np.array([(-half, -4.0, top)]), np.array([(half, 0.0, eaves)]), trim, B, ()),
+            wall_quads(name, -4.02, words, SIGN, fit=True),
+            polygon(gable, -4.4, trim, B),
+            polygon(inner, -4.42, stone, B),
+            quads(np.array(slopes), wall(looks, "tiles", (96, 104, 100)), R),
+            boxes(door, door + [2.6, 0.12, 4.2], looks.plain((70, 44, 28)), B, ("back",)),
+            boxes(windows, windows + [1.8, 0.1, 3.6], looks.plain((60, 74, 84), "gloss"), B, ("back",)),
+        ]
     )
 
 

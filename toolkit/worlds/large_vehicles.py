@@ -184,7 +184,7 @@ def bus(looks: Looks, name: str, colour: Colour, route: str, trolley: bool = Fal
     units = looks.plain((196, 198, 196))
     low = np.array([(-4.6, -0.9, 3.08), (1.6, -0.8, 3.08)])
     pieces = [
-        bodywork(body, sheet, looks, 14),
+        bodywork(body, sheet, looks, 10),
         wheels(body, looks, (150, 152, 154), 8),
         boxes(low, low + [2.2, 1.7, 0.22], units, VEHICLE),
         box((half - 0.1, half + 0.3), (w, w + 0.22), (1.9, 2.4), looks.plain(RUBBER), VEHICLE),
@@ -226,7 +226,7 @@ def tram(looks: Looks, name: str, colour: Colour, route: str) -> Vehicle:
     return Vehicle(
         merge(
             [
-                bodywork(body, sheet, looks, 16),
+                bodywork(body, sheet, looks, 12),
                 wheels(body, looks, (90, 92, 94), 8),
                 bars(arm, tip, 0.07, iron, VEHICLE),
                 bars(np.array([[0.6, -0.8, 5.48]]), np.array([[0.6, 0.8, 5.48]]), 0.08, iron, VEHICLE),
@@ -252,7 +252,7 @@ def lorry(looks: Looks, name: str, colour: Colour, box_colour: Colour, words: st
     for side in (1, -1):
         paint.rect("front", (side * w * 0.66, 0.55), (side * w * 0.95, 0.78), HEAD, HEAD_GLOW)
     sheet = paint.sheet(name, looks)
-    cab = merge([bodywork(LORRY_CAB, sheet, looks, 10)]).moved(2.9)
+    cab = merge([bodywork(LORRY_CAB, sheet, looks, 8)]).moved(2.9)
     canvas = Canvas(5.6, 2.5, 56, box_colour)
     canvas.rect(0, 0, 5.6, 0.35, shade(colour, 0.9))
     ink = colour if sum(box_colour) > 400 else (240, 240, 236)

@@ -75,10 +75,11 @@ def _check_extent(mesh: Mesh, source: str) -> None:
     across = float(max(mesh.size_mm[:2]))  # its unit is the metre here
     if MIN_ACROSS_M <= across <= MAX_ACROSS_M:
         return
+    size = f"{across:,.0f}" if across > 100 else f"{across:.3g}"
     unit = "in millimetres? try scale 0.001" if across > 300_000 else "in centimetres? try scale 0.01"
     why = unit if across > MAX_ACROSS_M else "a model, or in another unit? give the scale that makes it metres"
     raise ToolkitError(
-        f"{source}: the world is {across:,.4g} m across, expected {MIN_ACROSS_M:g} to {MAX_ACROSS_M:g}: is it {why}"
+        f"{source}: the world is {size} m across, expected {MIN_ACROSS_M:g} to {MAX_ACROSS_M:g}: is it {why}"
     )
 
 

@@ -158,7 +158,7 @@ class Canvas:
             self.draw.ellipse(edge, fill=_rgb(colour))
 
     def text(
-        self, x: float, y: float, words: str, height_m: float, colour: Ink, face: str = "sans", fit_m: float = 0.0
+        self, x: float, y: float, words: str, height_m: float, colour: Ink, *, face: str = "sans", fit_m: float = 0.0
     ) -> None:
         """Lettering centred on a point; narrower than `fit_m` if that is given."""
         size = round(height_m * self.scale[1])

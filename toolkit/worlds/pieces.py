@@ -294,9 +294,7 @@ def bars(start: np.ndarray, end: np.ndarray, thick_m: float | np.ndarray, skin: 
     up = cross(along, side)
     half = np.broadcast_to(np.asarray(thick_m, np.float64) / 2, (len(start),))[:, None]
     ring = [(-side - up) * half, (side - up) * half, (side + up) * half, (up - side) * half]
-    faces = [
-        np.stack([start + ring[k], start + ring[k - 3], end + ring[k - 3], end + ring[k]], 1)[:, ::-1] for k in range(4)
-    ]
+    faces = [np.stack([start + ring[k], start + ring[k - 3], end + ring[k - 3], end + ring[k]], 1) for k in range(4)]
     return quads(np.concatenate(faces), skin, label)
 
 

@@ -61,7 +61,7 @@ class Roof:
 
 
 def flat_roof(
-    roof: Roof, wall_skin: Skin, trim: Skin, looks: Looks, rng: np.random.Generator, pad_radius: float = 0.0
+    roof: Roof, wall_skin: Skin, trim: Skin, looks: Looks, rng: np.random.Generator, *, pad_radius: float = 0.0
 ) -> Piece:
     """Roofing inside a parapet, furnished by chance; with a landing pad in its middle if a radius is given."""
     w, d, z = roof.width, roof.depth, roof.z
@@ -84,7 +84,7 @@ def flat_roof(
         (air_conditioner, 1.5, 0.9),
         (air_conditioner, 1.5, 0.7),
         (air_conditioner, 1.5, 0.5),
-        (water_tank, 2.0, 0.35),
+        (water_tank, 2.0, 0.6),
         (skylight, 1.7, 0.5),
         (vents, 0.9, 0.8),
         (vents, 0.9, 0.6),

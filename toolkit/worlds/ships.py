@@ -73,9 +73,10 @@ def container(looks: Looks, line: int, label: int = F) -> Piece:
 def hull(
     length: float,
     beam: float,
+    looks: Looks,
+    *,
     side: float,
     draught: float,
-    looks: Looks,
     colours: tuple[Colour, Colour],
     bow: float = 0.24,
 ) -> Piece:
@@ -153,7 +154,7 @@ def feeder_ship(looks: Looks, rng: np.random.Generator) -> Piece:
     funnel = solid([revolve([(2.2, 0), (1.9, 7), (1.5, 7.2), (1.5, 7.0)], 14)], looks.plain((24, 60, 130)), V)
     return merge(
         [
-            hull(112.0, 18.0, 7.0, 5.0, looks, ((28, 44, 82), (140, 36, 32))),
+            hull(112.0, 18.0, looks, side=7.0, draught=5.0, colours=((28, 44, 82), (140, 36, 32))),
             *cargo,
             _house((-50, -36), 16.0, 6.6, 5, looks),
             funnel.moved(-46, 0, 19.0),
@@ -173,7 +174,7 @@ def boats(looks: Looks, rng: np.random.Generator) -> Piece:
     spar, sail = looks.plain((222, 218, 206)), looks.plain((240, 236, 224), "matte")
     fisher = merge(
         [
-            hull(15.0, 4.6, 2.0, 1.4, looks, ((36, 96, 150), (150, 44, 36))),
+            hull(15.0, 4.6, looks, side=2.0, draught=1.4, colours=((36, 96, 150), (150, 44, 36))),
             _house((-5.5, -1.5), 3.2, 1.6, 2, looks),
             bars(
                 np.array([(1, 0, 1.5), (1, 0, 7), (-6.5, -1.5, 2), (-6.5, 1.5, 2)]),
@@ -187,7 +188,7 @@ def boats(looks: Looks, rng: np.random.Generator) -> Piece:
     )
     tug = merge(
         [
-            hull(24.0, 8.5, 3.0, 3.0, looks, ((30, 32, 36), (150, 40, 34))),
+            hull(24.0, 8.5, looks, side=3.0, draught=3.0, colours=((30, 32, 36), (150, 40, 34))),
             _house((-5, 5), 5.6, 2.5, 2, looks),
             solid([revolve([(1.0, 7.6), (0.9, 11.0), (0.6, 11.0)], 12)], looks.plain((226, 150, 30)), V),
         ]
@@ -200,7 +201,7 @@ def boats(looks: Looks, rng: np.random.Generator) -> Piece:
     )
     yacht = merge(
         [
-            hull(10.5, 3.2, 1.1, 0.8, looks, ((238, 238, 234), (30, 52, 110)), 0.45),
+            hull(10.5, 3.2, looks, side=1.1, draught=0.8, colours=((238, 238, 234), (30, 52, 110)), bow=0.45),
             box((-2.0, 1.6), (-0.9, 0.9), (0.9, 1.5), looks.plain((236, 236, 232)), V),
             bars(np.array([(0.2, 0, 0.9), (0.2, 0, 1.8)]), np.array([(0.2, 0, 13.2), (-4.5, 0, 1.8)]), 0.12, spar, V),
         ]

@@ -7,6 +7,7 @@ import numpy as np
 from toolkit.objects.mesh import Material
 from toolkit.objects.shapes.modelling import Colour
 from toolkit.worlds.classes import SceneClass
+from toolkit.worlds.goods import lay_out_goods
 from toolkit.worlds.paint import Canvas, finish, fractal, hex_name
 from toolkit.worlds.pieces import Looks, Piece, Skin, boxes, merge, quads, wall_quads
 
@@ -149,7 +150,7 @@ def _blade(trade: Trade, x: float, looks: Looks) -> Piece:
         canvas.rect(0.04, 0.04, 0.76, height - 0.04, trade.letters)
         canvas.rect(0.07, 0.07, 0.73, height - 0.07, trade.board)
         for k, letter in enumerate(word):
-            canvas.text(0.4, height - 0.33 - 0.3 * k, letter, 0.3, trade.letters, trade.face)
+            canvas.text(0.4, height - 0.33 - 0.3 * k, letter, 0.3, trade.letters, face=trade.face)
         sheet = canvas.texture(0.03, looks.rng(name))
         skin = looks.add(Material(name, sheet, 0.4, 0.0, sheet[::2, ::2].copy()), (0.8, height))
     height = skin.tile_m[1]
@@ -183,7 +184,7 @@ def shop_skins(trade: Trade, looks: Looks) -> tuple[Skin, Skin]:
         canvas = Canvas(SIGN_W, SIGN_H, 96, trade.board)
         canvas.line([(0.5, 0.09), (SIGN_W - 0.5, 0.09)], 0.03, trade.letters)
         canvas.line([(0.5, SIGN_H - 0.09), (SIGN_W - 0.5, SIGN_H - 0.09)], 0.03, trade.letters)
-        canvas.text(SIGN_W / 2, SIGN_H / 2, trade.name, 0.58, trade.letters, trade.face, fit_m=4.4)
+        canvas.text(SIGN_W / 2, SIGN_H / 2, trade.name, 0.58, trade.letters, face=trade.face, fit_m=4.4)
         sign = canvas.texture(0.03, rng)
         looks.add(Material(f"sign-{trade.name}", sign, 0.45, 0.0, (sign[::2, ::2] * 0.8).astype(np.uint8)))
     sign_skin = looks.known(f"sign-{trade.name}")
@@ -199,7 +200,7 @@ def _paint_front(trade: Trade, rng: np.random.Generator) -> tuple[np.ndarray, np
     for x0, x1 in ((0.15, 2.35), (3.65, 5.85)):
         canvas.rect(x0, 0.55, x1, 2.75, room)
         canvas.rect(x0, 2.2, x1, 2.75, tuple(min(255, c + 26) for c in room))
-        _goods(canvas, trade.goods, x0 + 0.08, x1 - 0.08, 0.6, rng)
+        lay_out_goods(canvas, trade.goods, (x0 + 0.08, x1 - 0.08), 0.6, rng)
         lamps.rect(x0, 0.55, x1, 2.75, (255, 226, 170))
         panel = tuple(int(c * 0.7) for c in trade.frame)
         canvas.rect(x0 + 0.1, 0.12, x1 - 0.1, 0.45, panel)
@@ -236,106 +237,3 @@ def _paint_front(trade: Trade, rng: np.random.Generator) -> tuple[np.ndarray, np
     light = lamps.texture().astype(np.float32)
     bright = np.asarray(day[::4, ::4][: light.shape[0], : light.shape[1]]) / 160
     return finish(day), finish(light[: bright.shape[0], : bright.shape[1]] * np.clip(bright, 0.25, 1.1))
-
-
-FRUIT = ((214, 40, 36), (240, 150, 30), (246, 214, 60), (96, 164, 50), (150, 60, 120), (236, 110, 60))
-BRIGHT = (*FRUIT, (50, 110, 200), (240, 240, 240), (230, 90, 150), (40, 170, 160))
-
-
-def _goods(canvas: Canvas, kind: str, x0: float, x1: float, floor: float, rng: np.random.Generator) -> None:
-    """What is laid out in a window."""
-
-    def pick(colours: tuple[Colour, ...]) -> Colour:
-        return colours[int(rng.integers(len(colours)))]
-
-    if kind in ("books", "boxes", "papers", "bottles", "sweets", "bread"):
-        shelf = (110, 78, 50) if kind != "boxes" else (206, 206, 204)
-        heights = {"bread": 0.42, "bottles": 0.5, "sweets": 0.36}.get(kind, 0.46)
-        z = floor
-        while z < 2.2:
-            canvas.rect(x0, z, x1, z + 0.04, shelf)
-            x = x0 + 0.02
-            while x < x1 - 0.05:
-                x += _item(canvas, kind, x, z + 0.04, heights, rng, pick)
-            z += heights
-    elif kind in ("fruit", "meat"):
-        palette = FRUIT if kind == "fruit" else ((186, 50, 46), (206, 90, 80), (168, 40, 44), (226, 170, 150))
-        for z in (floor, floor + 0.45, floor + 0.9):
-            for x in np.arange(x0, x1 - 0.3, 0.44):
-                canvas.rect(x, z, x + 0.4, z + 0.16, (146, 106, 64))
-                tone = pick(palette)
-                for fx, fz in rng.uniform((x + 0.05, z + 0.14), (x + 0.36, z + 0.32), (14, 2)):
-                    canvas.disc(fx, fz, 0.055, tuple(int(c * rng.uniform(0.75, 1.1)) for c in tone))
-    elif kind == "dining":
-        for x in np.arange(x0 + 0.35, x1 - 0.2, 0.75):
-            canvas.rect(x - 0.28, floor + 0.5, x + 0.28, floor + 0.56, (236, 230, 220))
-            canvas.rect(x - 0.03, floor, x + 0.03, floor + 0.5, (60, 44, 34))
-            canvas.disc(x, floor + 1.45, 0.16, (250, 214, 140))
-            canvas.line([(x, floor + 1.6), (x, 2.75)], 0.015, (40, 40, 40))
-            canvas.rect(x - 0.05, floor + 0.56, x + 0.03, floor + 0.76, (60, 110, 70))
-    elif kind in ("clothes", "barber", "shoes"):
-        for x in np.arange(x0 + 0.3, x1 - 0.2, 0.62):
-            tone = pick(BRIGHT)
-            if kind == "shoes":
-                for z in np.arange(floor, 2.0, 0.36):
-                    canvas.rect(x - 0.28, z, x + 0.28, z + 0.03, (226, 222, 214))
-                    canvas.fill(
-                        [
-                            (x - 0.2, z + 0.03),
-                            (x + 0.2, z + 0.03),
-                            (x + 0.18, z + 0.1),
-                            (x, z + 0.13),
-                            (x - 0.08, z + 0.2),
-                            (x - 0.2, z + 0.2),
-                        ],
-                        pick(BRIGHT[:4] + ((40, 34, 30), (96, 58, 34))),
-                    )
-            else:
-                canvas.disc(x, floor + 1.55, 0.1, (206, 170, 140))
-                canvas.fill(
-                    [
-                        (x - 0.2, floor + 1.4),
-                        (x + 0.2, floor + 1.4),
-                        (x + 0.13, floor + 0.9),
-                        (x + 0.24, floor + 0.3),
-                        (x - 0.24, floor + 0.3),
-                        (x - 0.13, floor + 0.9),
-                    ],
-                    tone,
-                )
-    else:
-        for x in np.arange(x0 + 0.05, x1 - 0.5, 0.72):
-            for z in (floor + 0.1, floor + 0.95):
-                canvas.rect(x, z, x + 0.62, z + 0.78, pick(BRIGHT))
-                canvas.disc(x + 0.31, z + 0.48, 0.18, pick(BRIGHT))
-                canvas.line([(x + 0.08, z + 0.14), (x + 0.54, z + 0.14)], 0.05, (250, 250, 250))
-
-
-def _item(canvas, kind, x, z, shelf_m, rng, pick) -> float:  # type: ignore[no-untyped-def]
-    """One thing on a shelf; returns the width it takes."""
-    if kind in ("books", "boxes", "papers"):
-        w = float(rng.uniform(0.03, 0.07) if kind == "books" else rng.uniform(0.1, 0.24))
-        h = float(rng.uniform(0.6, 0.92)) * (shelf_m - 0.06)
-        tone = tuple(int(c * rng.uniform(0.5, 1.0)) for c in pick(BRIGHT))
-        canvas.rect(x, z, x + w, z + h, tone)
-        if kind != "books":
-            canvas.rect(x + 0.02, z + h * 0.5, x + w - 0.02, z + h * 0.75, WHITE)
-        return w + 0.012
-    if kind == "bottles":
-        tone = pick(((30, 70, 40), (90, 50, 20), (150, 30, 30), (220, 200, 140), (40, 60, 90)))
-        canvas.rect(x, z, x + 0.08, z + 0.24, tone)
-        canvas.rect(x + 0.025, z + 0.24, x + 0.055, z + 0.36, tone)
-        canvas.rect(x, z + 0.06, x + 0.08, z + 0.16, CREAM)
-        return 0.105
-    if kind == "bread":
-        tone = tuple(int(c * rng.uniform(0.8, 1.15)) for c in (196, 138, 70))
-        w = float(rng.uniform(0.14, 0.34))
-        canvas.fill(
-            [(x, z), (x + w, z), (x + w * 0.9, z + 0.13), (x + w * 0.5, z + 0.17), (x + w * 0.1, z + 0.13)], tone
-        )
-        return w + 0.03
-    canvas.rect(x, z, x + 0.13, z + 0.2, (226, 232, 236))
-    for fx, fz in rng.uniform((x + 0.02, z + 0.02), (x + 0.11, z + 0.16), (7, 2)):
-        canvas.disc(fx, fz, 0.026, pick(BRIGHT))
-    canvas.rect(x + 0.01, z + 0.2, x + 0.12, z + 0.24, pick(BRIGHT))
-    return 0.16

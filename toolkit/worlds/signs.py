@@ -45,7 +45,9 @@ def sheet(name: str, looks: Looks, canvas: Canvas, glow: float = 0.0) -> Skin:
     return looks.add(Material(name, picture, 0.5, 0.0, emission))
 
 
-def board(width: float, height: float, skin: Skin, label: int = SIGN, thick: float = 0.03, both: bool = True) -> Piece:
+def board(
+    width: float, height: float, skin: Skin, label: int = SIGN, thick: float = 0.03, *, both: bool = True
+) -> Piece:
     """An upright board centred on the origin, its picture to -y and, turned, to +y."""
     w, h = width / 2, height / 2
     front = [(-w, -thick / 2, -h), (w, -thick / 2, -h), (w, -thick / 2, h), (-w, -thick / 2, h)]

@@ -17,7 +17,7 @@ from toolkit.worlds.vehicles import Vehicle
 Standing = dict[str, list[tuple[float, float, float, float]]]
 """Positions x, y, z and yaw of things by name."""
 
-PARKED_SHARE = 0.27
+PARKED_SHARE = 0.42
 KERB_SIDE = {
     "meter": 0.3,
     "hydrant": 0.06,
@@ -79,8 +79,8 @@ def place_vehicles(plan: Plan, fleet: Fleet, rng: np.random.Generator) -> Piece:
             if along - vehicle.length < CROSSING_M:
                 break
             put(vehicle, stretch, along - vehicle.length / 2, lane + rng.uniform(-0.15, 0.15))
-            along -= vehicle.length + rng.choice([1.8, 12.0, 28.0, 50.0])
-        if stretch.street.avenue and rng.random() < 0.22 and stretch.length > 36:
+            along -= vehicle.length + rng.choice([1.8, 8.0, 18.0, 36.0])
+        if stretch.street.avenue and rng.random() < 0.3 and stretch.length > 36:
             tram = fleet.trams[int(rng.integers(len(fleet.trams)))]
             put(tram, stretch, stretch.length / 2 + rng.uniform(-4, 4), 1.68)
     pieces = []
@@ -140,7 +140,7 @@ def _line_kerb(plan: Plan, stretch: Stretch, standing: Standing, rng: np.random.
         if k % 4 == 0 and plan.is_free(stretch.point(along, right - 2.4), 0.5) and plan.is_free(point, 0.3):
             name = "lamp" if stretch.street.avenue or rng.random() < 0.8 else "old-lamp"
             standing[name].append((*point, KERB_M, stretch.yaw_deg - 180))
-        elif k % 4 == 2 and stretch.street.trees and rng.random() < 0.75 and plan.is_free(point, 3.2):
+        elif k % 4 == 2 and stretch.street.trees and plan.is_free(point, 3.2):
             standing[f"tree:{rng.integers(TREE_VARIANTS)}"].append((*point, KERB_M, rng.uniform(0, 360)))
         elif rng.random() < 0.75:
             kind = kinds[int(rng.choice(len(kinds), p=shares))]

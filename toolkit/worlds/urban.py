@@ -87,11 +87,8 @@ BUILDINGS = (
 URBAN_CLASSES = STREET + VEHICLES + BUILDINGS
 """73 of torchvision's ImageNet category names."""
 
-CRANE_INDEX = 517
-"""The machine; the bird of the same name is 134."""
-
 
 def urban_indices(labels: list[str]) -> frozenset[int]:
-    """Indices of the urban classes among a network's labels; a label that occurs twice is taken at its last place."""
+    """Indices of the urban classes among a network's labels; of the two cranes the later is the machine."""
     last = {label: index for index, label in enumerate(labels)}
     return frozenset(last[name] for name in URBAN_CLASSES)

@@ -109,7 +109,15 @@ class Livery:
             self.day[view].line([(self.right_of(view, a), b) for a, b in points], width_m, colour)
 
     def text(
-        self, views: str, at: Point, words: str, height_m: float, colour: Colour, fit_m: float = 0.0, lit: bool = False
+        self,
+        views: str,
+        at: Point,
+        words: str,
+        height_m: float,
+        colour: Colour,
+        *,
+        fit_m: float = 0.0,
+        lit: bool = False,
     ) -> None:
         """Lettering, readable on each view."""
         for view in views.split():
@@ -186,7 +194,7 @@ class Sheet:
         return result
 
 
-def bodywork(body: Body, sheet: Sheet, looks: Looks, stations: int = 20) -> Piece:
+def bodywork(body: Body, sheet: Sheet, looks: Looks, stations: int = 12) -> Piece:
     """The lofted skin with its open wheel arches, underside dark."""
     half = body.length / 2
     x = np.linspace(-half, half, stations)
@@ -261,22 +269,22 @@ def wheels(body: Body, looks: Looks, hub: Colour = (176, 178, 180), spokes: int 
     rim = _rim(looks, hub, spokes)
     r, wide = body.wheel_m, min(0.24, body.wheel_m * 0.62)
     tyre = solid(
-        [revolve([(r, -wide / 2), (r, wide / 2 - 0.03), (0.93 * r, wide / 2), (0.68 * r, wide / 2 - 0.01)], 14)],
+        [revolve([(r, -wide / 2), (r, wide / 2 - 0.03), (0.93 * r, wide / 2), (0.68 * r, wide / 2 - 0.01)], 10)],
         looks.plain((28, 28, 30), "matte"),
         VEHICLE,
         50,
     )
-    angle = np.linspace(0, 2 * np.pi, 14, endpoint=False)
+    angle = np.linspace(0, 2 * np.pi, 10, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle)], 1)
-    disc = np.column_stack([ring * 0.7 * r, np.full(14, wide / 2 - 0.02)])
-    faces = np.stack([np.zeros(12, int), np.arange(1, 13), np.arange(2, 14)], 1)
+    disc = np.column_stack([ring * 0.7 * r, np.full(10, wide / 2 - 0.02)])
+    faces = np.stack([np.zeros(8, int), np.arange(1, 9), np.arange(2, 10)], 1)
     face = Piece(
         disc.astype(np.float32),
-        np.tile(np.array([0, 0, 1], np.float32), (14, 1)),
+        np.tile(np.array([0, 0, 1], np.float32), (10, 1)),
         (0.5 + 0.5 * ring).astype(np.float32),
         faces.astype(np.int32),
-        np.full(12, rim.material, np.int32),
-        np.full(12, VEHICLE, np.uint8),
+        np.full(8, rim.material, np.int32),
+        np.full(8, VEHICLE, np.uint8),
     )
     one = merge([tyre, face])
     # its axis from z to y

@@ -46,7 +46,7 @@ RENDERS: tuple[Colour, ...] = (
 
 
 def _masonry(
-    rng: np.random.Generator, colour: Colour, rows: int, columns: int, joint_px: float, spread: float
+    rng: np.random.Generator, colour: Colour, rows: int, columns: int, *, joint_px: float, spread: float
 ) -> np.ndarray:
     """(n, n, 3) courses of blocks, every second one set off by half, each block of its own shade."""
     n = SIDE_PX
@@ -68,14 +68,14 @@ def _masonry(
 
 def paint_brick(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Brickwork, 2.88 m square."""
-    bricks = _masonry(rng, colour, 38, 12, 2.2, 0.11)
+    bricks = _masonry(rng, colour, 38, 12, joint_px=2.2, spread=0.11)
     shape = bricks.shape[:2]
     return finish(bricks * stains(rng, shape, 0.1) + grain(rng, shape, 5))
 
 
 def paint_ashlar(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Dressed stone in courses of 45 cm, 3.6 m square."""
-    stone = _masonry(rng, colour, 8, 5, 3.0, 0.045)
+    stone = _masonry(rng, colour, 8, 5, joint_px=3.0, spread=0.045)
     shape = stone.shape[:2]
     weathered = stone * stains(rng, shape, 0.13) * (1 + 0.05 * fractal(rng, shape, 24, 4))[..., None]
     return finish(weathered + grain(rng, shape, 4))
@@ -128,7 +128,7 @@ def paint_roofing(rng: np.random.Generator, colour: Colour) -> np.ndarray:
 
 def paint_tiles(rng: np.random.Generator, colour: Colour) -> np.ndarray:
     """Roof tiles in courses of 30 cm, 3 m square."""
-    tiles = _masonry(rng, colour, 10, 14, 1.2, 0.1)
+    tiles = _masonry(rng, colour, 10, 14, joint_px=1.2, spread=0.1)
     y = (np.arange(SIDE_PX) * 10 / SIDE_PX) % 1
     shape = tiles.shape[:2]
     return finish(tiles * (1.12 - 0.36 * y**3)[:, None, None] * stains(rng, shape, 0.14) + grain(rng, shape, 4))

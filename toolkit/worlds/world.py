@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from toolkit.objects.mesh import Mesh, hash_mesh
-from toolkit.worlds.classes import STANDING, SceneClass
+from toolkit.worlds.classes import STANDING
 from toolkit.worlds.pieces import Looks, Piece
 
 if TYPE_CHECKING:
@@ -155,8 +155,3 @@ def mesh_of(piece: Piece, looks: Looks) -> tuple[Mesh, np.ndarray]:
         looks.materials,
     )
     return mesh, piece.label[real]
-
-
-def is_ground(face_class: np.ndarray) -> np.ndarray:
-    """Whether faces belong to what an object may stand on: ground, roofs and pads."""
-    return np.isin(face_class, [*(int(one) for one in STANDING), int(SceneClass.ROOF), int(SceneClass.PAD)])

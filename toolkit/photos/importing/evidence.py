@@ -37,6 +37,7 @@ class Evidence:
         named: the pose in the file's name, if names are to be believed here.
         ordered: what its place in the order of shooting says.
         located: where the board says the camera stood.
+        between: shots that it may be, where the order has gaps and does not say which.
         no_board: why there is no `located`.
         no_order: why there is no `ordered`; empty where there is one.
         unusable: why it cannot be imported at all.
@@ -47,6 +48,7 @@ class Evidence:
     named: int | None = None
     ordered: CaptureKey | None = None
     located: PosedCamera | None = None
+    between: tuple[CaptureKey, ...] = ()
     no_board: str = "no board is seen"
     no_order: str = ""
     unusable: str | None = None

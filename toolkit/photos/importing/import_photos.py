@@ -13,10 +13,11 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
 from toolkit.photos.gates.result import Check
+from toolkit.photos.importing.align import Clues, place_with_gaps
 from toolkit.photos.importing.evidence import collect_evidence
 from toolkit.photos.importing.gather import Gathered, gather_photos
 from toolkit.photos.importing.index import SourceIndex, describe_imported, index_source, is_whole, list_poses
-from toolkit.photos.importing.match import MatchRender, make_render_matcher
+from toolkit.photos.importing.match import MatchRender, RenderMatcher
 from toolkit.photos.importing.resolve import Ask, Resolved, resolve_photos
 from toolkit.photos.importing.settings import FOLDER_NAME, ImportSettings
 from toolkit.photos.importing.store import store_photo
@@ -207,8 +208,12 @@ def import_photos(
     gathered = gather_photos(paths, settings.every_s)
     index = index_source(workspace.captures_dir / settings.source)
     _check_pose(plan, settings, gathered)
-    locate, by_render = locate or locate_by_board(workspace), by_render or make_render_matcher(workspace, plan)
+    locate, matcher = locate or locate_by_board(workspace), RenderMatcher(workspace, plan)
+    by_render = by_render or matcher
     evidence = collect_evidence(gathered.candidates, plan, steps, index, settings, locate=locate)
+    if settings.match == "auto" and settings.first_shot is None and settings.pose is None:
+        clues = Clues(workspace, plan, matcher)
+        evidence = place_with_gaps(evidence, plan, steps, index, clues, again=settings.replace)
     resolved, refused = resolve_photos(evidence, plan, index, settings, ask, by_render=by_render)
     imported, broken = _store_all(workspace, index, resolved, settings, check, notes=notes)
     before = [(one.label, where) for one in gathered.candidates if (where := describe_imported(index, one.photo))]

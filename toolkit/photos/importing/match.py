@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
@@ -14,6 +15,10 @@ from toolkit.photos.photo import load_pixels
 from toolkit.rig.plan import CapturePlan
 from toolkit.rig.variants import VARIANTS, dress, find_booster
 
+if TYPE_CHECKING:
+    from toolkit.photos.match_render import PoseTemplates, RenderMatch
+
+MOST_NAMED = 2
 FAR_AND_NAMED_DEG = 30.0
 """A camera so far from the pose that order or name say was not meant to stand there."""
 
@@ -62,6 +67,11 @@ def decide_pose(
     """
     group = evidence.find_group()
     if group is None:
+        if evidence.between:
+            reason = evidence.no_order
+            if len(evidence.between) <= MOST_NAMED:
+                reason = f"it may be {' or '.join(map(str, evidence.between))}: {reason}"
+            return Doubt(reason, evidence.between)
         missing = "nothing says which object and variant it shows"
         return Doubt(f"{missing}: {evidence.no_order}" if evidence.no_order else missing)
     claims = _collect_claims(evidence, how)
@@ -126,28 +136,49 @@ def _decide_by_board(group: Group, claims: dict[str, int], match: PoseMatch) -> 
     return Decision(CaptureKey(*group, chosen), "board", match)
 
 
-def make_render_matcher(workspace: Workspace, plan: CapturePlan) -> MatchRender:
-    """A function that compares a photograph with renders of its object, which are made once per object and variant."""
-    from toolkit.photos.match_render import PoseTemplates, make_templates, match_by_render
+class RenderMatcher:
+    """Compares photographs with renders of their objects, which are made once per object and variant.
 
-    made: dict[Group, PoseTemplates | str] = {}
+    Args:
+        workspace: whose objects and boosters are meant.
+        plan: holds the poses.
+    """
 
-    def match(evidence: Evidence, group: Group) -> Decision | Doubt:
-        if group not in made:
+    def __init__(self, workspace: Workspace, plan: CapturePlan) -> None:
+        self._workspace, self._plan = workspace, plan
+        self._made: dict[Group, PoseTemplates | str] = {}
+
+    def rank(self, evidence: Evidence, group: Group) -> "RenderMatch | str":
+        """How much a photograph looks like each pose of an object's variant, or why no render can be made.
+
+        Raises:
+            UnreadableImage: the photograph does not decode.
+        """
+        from toolkit.photos.match_render import make_templates, match_by_render
+
+        if group not in self._made:
             try:
-                item = load_object(workspace.object_spec(group[0]))
-                booster = find_booster(workspace, item, group[1]) if group[1] in VARIANTS else None
-                made[group] = make_templates(dress(item, booster), plan.camera, plan.objects[group[0]])
+                item = load_object(self._workspace.object_spec(group[0]))
+                booster = find_booster(self._workspace, item, group[1]) if group[1] in VARIANTS else None
+                self._made[group] = make_templates(
+                    dress(item, booster), self._plan.camera, self._plan.objects[group[0]]
+                )
             except ToolkitError as error:
-                made[group] = str(error)
-        templates = made[group]
-        why = evidence.no_board
+                self._made[group] = str(error)
+        templates = self._made[group]
         if isinstance(templates, str):
-            return Doubt(f"{why}, and no render can be made: {templates}")
+            return templates
+        return match_by_render(load_pixels(evidence.candidate.photo), templates)
+
+    def __call__(self, evidence: Evidence, group: Group) -> Decision | Doubt:
+        """What the nearest render says, as a `MatchRender`."""
+        why = evidence.no_board
         try:
-            found = match_by_render(load_pixels(evidence.candidate.photo), templates)
+            found = self.rank(evidence, group)
         except UnreadableImage as error:
             return Doubt(error.reason)
+        if isinstance(found, str):
+            return Doubt(f"{why}, and no render can be made: {found}")
         best = CaptureKey(*group, found.pose_id)
         if not found.ambiguous:
             return Decision(best, "render")
@@ -158,5 +189,3 @@ def make_render_matcher(workspace: Workspace, plan: CapturePlan) -> MatchRender:
             f"pose {found.runner_up} ({found.ranking[1][1]:.2f})"
         )
         return Doubt(reason, (best, CaptureKey(*group, found.runner_up)))
-
-    return match

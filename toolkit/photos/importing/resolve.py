@@ -64,6 +64,14 @@ def _decide_one(
 
 def _ask_pose(one: Evidence, doubt: Doubt, plan: CapturePlan, ask: Ask) -> Decision | Doubt:
     group = one.find_group()
+    if group is None and doubt.choices:
+        listed = ", ".join(f"{number} {choice}" for number, choice in enumerate(doubt.choices, 1))
+        numbers = [str(number) for number in range(1, len(doubt.choices) + 1)]
+        answer = ask(f"{one.candidate.label}: {doubt.reason}. Which is it: {listed}?", numbers)
+        if answer is None:
+            return doubt
+        key = doubt.choices[int(answer) - 1]
+        return Decision(key, "user", measure_match(one, key, plan))
     if group is None:
         return doubt
     poses = [str(pose.id) for pose in plan.objects[group[0]]]

@@ -90,9 +90,9 @@ def advise_sticking(item: TableObject, booster: Print, patch_pdf: str | None, dr
     """From the printer to the object, in order."""
     at = item.spec.patch.at
     turned = abs(item.spec.patch.rotation_deg) > 0.5
-    page = f"Print {patch_pdf}" if patch_pdf else f"Print it at {booster.size_mm:.1f} mm"
+    page = f"Print {patch_pdf}" if patch_pdf else f"Make the page with 'toolkit print --object {item.name}', print it"
     where = {"top": "on top of the object", "back": "on the object's back"}.get(at, f"on the object's {at}")
-    way = "the arrow printed below it towards the object's front" if at == "top" else "the page's upper edge up"
+    way = "the arrow in its margin towards the object's front" if at == "top" else "the page's upper edge up"
     if turned:
         way += f", turned {abs(item.spec.patch.rotation_deg):.0f}° {_hand(item.spec.patch.rotation_deg)}"
     return [

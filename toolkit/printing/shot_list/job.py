@@ -12,6 +12,7 @@ from toolkit.objects.load import TableObject, load_object
 from toolkit.printing.page import Paper
 from toolkit.printing.shot_list.document import build_shot_list
 from toolkit.printing.shot_list.session import prepare_session
+from toolkit.printing.wearers import SAME_MM, read_page
 from toolkit.rig.board import read_board
 from toolkit.rig.plan import CapturePlan, check_poses
 from toolkit.rig.shot_order import (
@@ -41,6 +42,7 @@ class WrittenShotList:
         travel_m: how far the camera moves, in metres.
         without_patch: objects with nothing to stick on, and why.
         replaced: there was a list of other shots, or in another order, before.
+        notes: pages that are of another size or another patch than the object's spec asks for.
     """
 
     pdf_file: str
@@ -51,6 +53,7 @@ class WrittenShotList:
     travel_m: float
     without_patch: dict[str, str]
     replaced: bool
+    notes: tuple[str, ...] = ()
 
 
 def write_shot_list(
@@ -106,6 +109,7 @@ def write_shot_list(
         travel_m=travel_m,
         without_patch=missing,
         replaced=replaced,
+        notes=tuple(note for name in items if (note := _find_page(workspace, name, boosters[name])[1])),
     )
 
 
@@ -129,7 +133,7 @@ def _draw(
                     poses_sha256=hash_poses(plan, name),
                     bar=bar,
                     board=board,
-                    patch_pdf=_name_pdf(workspace, boosters[name]),
+                    patch_pdf=_find_page(workspace, name, boosters[name])[0],
                     note=missing.get(name),
                 )
             )
@@ -153,11 +157,27 @@ def _find_boosters(
     return found
 
 
-def _name_pdf(workspace: Workspace, boosters: dict[str, Print | Paint | None]) -> str | None:
-    """The printed page of the patch, relative to the workspace, where it is there."""
+def _find_page(
+    workspace: Workspace, name: str, boosters: dict[str, Print | Paint | None]
+) -> tuple[str | None, str | None]:
+    """The page of an object's patch, relative to the workspace; else what is wrong with the one that is there."""
     patch = boosters.get("patched")
-    file = workspace.print_dir / f"{patch.name}.pdf" if patch else None
-    return str(file.relative_to(workspace.root)) if file is not None and file.is_file() else None
+    wrong: str | None = None
+    if not isinstance(patch, Print):
+        return None, None
+    for file in (workspace.print_dir / f"{name}.pdf", workspace.print_dir / f"{patch.name}.pdf"):
+        stated, shown = read_page(file), str(file.relative_to(workspace.root))
+        if stated is None:
+            continue
+        size_mm, sha256 = stated
+        if sha256 == patch.sha256 and abs(size_mm - patch.size_mm) < SAME_MM:
+            return shown, None
+        what = f"{size_mm:.1f} mm" if sha256 == patch.sha256 else "of another patch"
+        wrong = wrong or (
+            f"{shown} is {what}, the rig mounts {patch.name} on {name} at {patch.size_mm:.1f} mm: print it anew with "
+            f"'toolkit print --object {name}'"
+        )
+    return None, wrong
 
 
 def _check_paper(paper: Paper) -> None:

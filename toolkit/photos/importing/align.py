@@ -1,0 +1,241 @@
+"""Photographs of a shot list with gaps: each is laid on a shot so that the order is kept, by what the pictures show.
+
+A photograph that is missing, or one too many, shifts all that come after it. So every photograph is compared with the
+shots that it may be: by the board, the name, the patch that is seen on the object, and the likeness to renders. The
+cheapest way to lay them on the list is found by dynamic programming (Needleman and Wunsch, 1970), and a photograph
+counts as placed only where every way that is about as cheap puts it on the same shot.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from toolkit.core.console import progress
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
+from toolkit.imaging.read import UnreadableImage
+from toolkit.objects.load import load_object
+from toolkit.photos.gates.patch import place_cells
+from toolkit.photos.importing.evidence import NOT_FOLLOWED, Evidence, Group
+from toolkit.photos.importing.index import CaptureKey, SourceIndex
+from toolkit.photos.importing.match import RenderMatcher
+from toolkit.photos.match_pose import match_pose
+from toolkit.photos.match_render import LEAST_MARGIN, LEAST_SCORE
+from toolkit.photos.photo import load_pixels
+from toolkit.photos.prints.find import SearchedPhoto, find_patch, search_photo
+from toolkit.rig.camera import project
+from toolkit.rig.mount import mount_patch
+from toolkit.rig.plan import CapturePlan
+from toolkit.rig.shot_order import ShotStep
+from toolkit.rig.variants import VARIANTS, Print, find_booster
+
+WRONG = 6.0
+"""Cost of what speaks against a shot plainly: another name, a patch that does not belong there, a board far off."""
+LIKE = SURE = 4.0
+"""Cost of a render that is `LEAST_MARGIN` less like the photograph than the likeliest, which alone decides a pose; and
+how much dearer every other place in the order must be."""
+DEG = 0.4
+"""Cost of a degree between the camera that the board shows and the pose: 15° are `WRONG`."""
+TURN = 0.1
+"""Cost of a degree by which the patch is turned in the picture against how it lies from the pose."""
+SHAPE = 40.0
+"""Cost of its corners' shape: from 25° and from 45° above, a flat square differs by 0.25 of a corner's distance."""
+UNSEEN = 2.0
+"""Cost of a patch that should be there and is not seen: it may be turned away."""
+EXTRA = 7.0
+"""Cost of a photograph that is no shot of the list."""
+GAP = 0.25
+"""Cost of a shot without a photograph."""
+DRIFT = 1
+"""Photographs too many or too few beyond the difference of the counts that are thought of."""
+NO_SHOT = -1
+MOST_SHOTS = 60
+"""Of one photograph: where it may be one of more, renders are not compared, which would take minutes."""
+
+
+def align_shots(costs: np.ndarray) -> list[tuple[int, ...]]:
+    """For each of n photographs, in order, the shots that it may be, `NO_SHOT` among them; one where that is sure.
+
+    Args:
+        costs: (n, m) of photograph i being shot j, m shots in order; infinite where it cannot be.
+    """
+    n, m = costs.shape
+    before, behind = _accumulate(costs), _accumulate(costs[::-1, ::-1])[::-1, ::-1]
+    through = before[:n, :m] + costs + behind[1:, 1:]
+    without = np.array([float((before[i] + EXTRA + behind[i + 1]).min()) for i in range(n)])
+    limit = before[n, m] + SURE
+    return [
+        tuple(np.flatnonzero(through[i] <= limit).tolist()) + ((NO_SHOT,) if without[i] <= limit else ())
+        for i in range(n)
+    ]
+
+
+def _accumulate(costs: np.ndarray) -> np.ndarray:
+    """(n + 1, m + 1) least cost of laying the first i photographs on the first j shots."""
+    n, m = costs.shape
+    least = np.full((n + 1, m + 1), np.inf)
+    least[0] = GAP * np.arange(m + 1)
+    for i in range(1, n + 1):
+        least[i, 0] = i * EXTRA
+        for j in range(1, m + 1):
+            least[i, j] = min(least[i - 1, j - 1] + costs[i - 1, j - 1], least[i - 1, j] + EXTRA, least[i, j - 1] + GAP)
+    return least
+
+
+class Clues:
+    """What the pictures say of the shots that they may be; renders and patches are made ready once.
+
+    Args:
+        workspace: whose objects and patches are meant.
+        plan: holds the poses.
+        matcher: compares photographs with renders.
+    """
+
+    def __init__(self, workspace: Workspace, plan: CapturePlan, matcher: RenderMatcher) -> None:
+        self._workspace, self._plan, self._matcher = workspace, plan, matcher
+        self._patches: dict[Group, tuple[np.ndarray, np.ndarray] | None] = {}
+
+    def weigh(self, one: Evidence, shots: Sequence[CaptureKey]) -> np.ndarray:
+        """(m,) cost of a photograph being each of the shots; 0 for all where nothing speaks."""
+        costs = np.zeros(len(shots))
+        if one.unusable is not None:
+            return costs
+        groups = list(dict.fromkeys((shot.object, shot.variant) for shot in shots))
+        if one.named is not None:
+            costs += [0.0 if shot.pose_id == one.named else WRONG for shot in shots]
+        if one.located is not None:
+            costs += [self._off(one, shot) for shot in shots]
+        try:
+            costs += self._weigh_patches(one, shots, groups)
+            if one.located is None and len(shots) <= MOST_SHOTS:
+                costs += self._weigh_likeness(one, shots, groups)
+        except UnreadableImage:
+            pass  # storing it says so
+        return costs
+
+    def _off(self, one: Evidence, shot: CaptureKey) -> float:
+        assert one.located is not None
+        poses = [pose for pose in self._plan.objects[shot.object] if pose.id == shot.pose_id]
+        return min(DEG * match_pose(one.located.T_world_camera, poses).error_deg, WRONG)
+
+    def _weigh_likeness(self, one: Evidence, shots: Sequence[CaptureKey], groups: Sequence[Group]) -> np.ndarray:
+        scores: dict[CaptureKey, float] = {}
+        for group in groups:
+            ranked = self._matcher.rank(one, group)
+            if not isinstance(ranked, str):
+                scores |= {CaptureKey(*group, pose): score for pose, score in ranked.ranking}
+        found = np.array([scores.get(shot, np.nan) for shot in shots])
+        if np.isnan(found).all() or np.nanmax(found) < LEAST_SCORE:
+            return np.zeros(len(shots))
+        return np.minimum(LIKE * (np.nanmax(found) - np.nan_to_num(found, nan=-1)) / LEAST_MARGIN, WRONG)
+
+    def _weigh_patches(self, one: Evidence, shots: Sequence[CaptureKey], groups: Sequence[Group]) -> np.ndarray:
+        """A patch that is seen is no other variant's, and lies as from its pose; one that is not may be turned away."""
+        photo: SearchedPhoto | None = None
+        seen: dict[Group, np.ndarray | None] = {}
+        for group in groups:
+            mounted = self._find_patch(group)
+            if mounted is not None:
+                photo = photo or search_photo(load_pixels(one.candidate.photo))
+                sighting = find_patch(photo, mounted[0])
+                seen[group] = None if sighting is None else sighting.corners_px
+        if not seen:
+            return np.zeros(len(shots))
+        if all(corners is None for corners in seen.values()):
+            return np.array([UNSEEN if (shot.object, shot.variant) in seen else 0.0 for shot in shots])
+        return np.array([self._compare_corners(shot, seen.get((shot.object, shot.variant))) for shot in shots])
+
+    def _compare_corners(self, shot: CaptureKey, seen_px: np.ndarray | None) -> float:
+        mounted = self._find_patch((shot.object, shot.variant))
+        if seen_px is None or mounted is None:
+            return WRONG
+        (pose,) = [pose for pose in self._plan.objects[shot.object] if pose.id == shot.pose_id]
+        expected_px, depth = project(self._plan.camera, pose.matrix(), mounted[1])
+        if (depth <= 0).any():
+            return WRONG
+        turn_deg, off = _compare_shapes(seen_px, expected_px)
+        return min(TURN * turn_deg + SHAPE * off, WRONG)
+
+    def _find_patch(self, group: Group) -> tuple[np.ndarray, np.ndarray] | None:
+        """Pixels, and corners (4, 3) in the world, of the patch of an object's variant; None where there is none."""
+        if group not in self._patches:
+            self._patches[group] = None
+            try:
+                item = load_object(self._workspace.object_spec(group[0]))
+                booster = find_booster(self._workspace, item, group[1]) if group[1] in VARIANTS else None
+                if isinstance(booster, Print) and group[1] != "grey-patch" and not booster.alone:
+                    sheet = mount_patch(item.mesh, booster.pixels, booster.size_mm, item.spec.patch, item.name)
+                    self._patches[group] = booster.pixels, place_cells(sheet)[2]
+            except ToolkitError:
+                pass  # an object without its patch: nothing to look for
+        return self._patches[group]
+
+
+def _compare_shapes(one_px: np.ndarray, other_px: np.ndarray) -> tuple[float, float]:
+    """Degrees by which corners (4, 2) are turned against others, and what then is left, in mean distances of a corner.
+
+    Place and size are taken out: least squares over similarities (Umeyama, 1991).
+    """
+    one, other = (corners[:, 0] + 1j * corners[:, 1] for corners in (one_px, other_px))
+    one, other = one - one.mean(), other - other.mean()
+    one, other = one / max(np.abs(one).mean(), 1e-9), other / max(np.abs(other).mean(), 1e-9)
+    turn = np.angle((one * other.conj()).sum())
+    return abs(float(np.degrees(turn))), float(np.sqrt((np.abs(one - other * np.exp(1j * turn)) ** 2).mean()))
+
+
+def place_with_gaps(
+    evidence: Sequence[Evidence], plan: CapturePlan, steps: Sequence[ShotStep], index: SourceIndex, clues: Clues,
+    again: bool = False,
+) -> list[Evidence]:  # fmt: skip
+    """The evidence, those placed whose order says nothing only because photographs are missing or too many.
+
+    Args:
+        evidence: of the new photographs, in the order in which they were taken.
+        plan: holds the poses.
+        steps: the shot list, empty where there is none.
+        index: shots that it has an image of are no gaps.
+        clues: what the pictures say.
+        again: whether shots that have an image may be meant.
+    """
+    every = list(evidence)
+    taken = set() if again else {(one.object, one.variant, one.pose_id) for one in index.current.values()}
+    parts: dict[Group | None, list[int]] = {}
+    for i, one in enumerate(every):
+        if one.ordered is None and one.no_order and (one.no_order != NOT_FOLLOWED or taken):
+            parts.setdefault(one.group, []).append(i)
+    for group, members in parts.items():
+        shots = _list_shots(group, plan, steps)
+        shots = [shot for shot in shots if (shot.object, shot.variant, shot.pose_id) not in taken]
+        if not shots or not members:
+            continue
+        costs = _weigh_all(every, members, shots, clues)
+        for i, own, places in zip(members, costs, align_shots(costs), strict=True):
+            found = tuple(shots[place] for place in places if place != NO_SHOT and own[place] < WRONG)
+            if len(found) == len(places) == 1:
+                every[i] = replace(every[i], ordered=found[0], no_order="")
+            elif group is None:
+                every[i] = replace(every[i], between=found)
+    return every
+
+
+def _list_shots(group: Group | None, plan: CapturePlan, steps: Sequence[ShotStep]) -> list[CaptureKey]:
+    shots = [CaptureKey(step.object, step.variant, step.pose_id) for step in steps]
+    if group is None:
+        return shots
+    return [shot for shot in shots if (shot.object, shot.variant) == group] or [
+        CaptureKey(*group, pose.id) for pose in plan.objects[group[0]]
+    ]
+
+
+def _weigh_all(every: Sequence[Evidence], members: Sequence[int], shots: list[CaptureKey], clues: Clues) -> np.ndarray:
+    """(n, m) costs, infinite for shots that are further on, or back, than so many gaps allow."""
+    n, m = len(members), len(shots)
+    costs = np.full((n, m), np.inf)
+    with progress("comparing with the shot list", n) as bar:
+        for row, i in enumerate(members):
+            first, last = max(0, row - max(n - m, 0) - DRIFT), min(m, row + max(m - n, 0) + DRIFT + 1)
+            if first < last:
+                costs[row, first:last] = clues.weigh(every[i], shots[first:last])
+            bar.advance(note=every[i].candidate.label)
+    return costs

@@ -1,0 +1,202 @@
+"""Does the printed sheet lie on the place that the object's spec names?
+
+A sheet that is larger than its place becomes a tent: it floats over what is below, and hangs over the edge.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import get_args
+
+import numpy as np
+
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import PACKAGE_DATA, Workspace
+from toolkit.objects.load import TableObject
+from toolkit.objects.mesh import Mesh
+from toolkit.objects.printed_size import printed_size_mm
+from toolkit.objects.records import TAPE_MARGIN_MM, read_patch
+from toolkit.objects.spec import PatchMount, Side
+from toolkit.rig.mount import SAMPLES, LaidSheet, lay_sheet
+from toolkit.rig.variants import find_patch_file
+
+FLOATING_OFF = 0.1
+"""A point of the sheet floats where the surface is further below it than this share of the patch's side."""
+MOST_FLOATING = 0.25
+"""Of the sheet's area. On the four shipped objects 0 to 21 % floats; over the open lid of a moka pot 75 % and more."""
+LOOSE_MM = 6.0
+MOST_LOOSE = 0.3
+"""Of the white margin, by which the sheet is taped: further off the surface than `LOOSE_MM` no tape holds it."""
+SIZES_TRIED = (1.0, 0.85, 0.7, 0.55, 0.4)
+SMALLEST_TRIED_MM = 12.0
+NEW_PATCH_MM = printed_size_mm(100)
+"""Of a patch of 100 px, which training makes unless it is told otherwise."""
+ACROSS = 41
+MOST_PLACES = 4_000_000
+"""Places of the grid that are looked at together."""
+
+
+@dataclass(frozen=True)
+class SheetFit:
+    """How a sheet lies on an object.
+
+    Attributes:
+        at: the side of the object.
+        size_mm: side of the patch.
+        floating: share of the sheet that the surface is too far below, see `FLOATING_OFF`.
+        loose: share of its white margin that no tape can hold, see `LOOSE_MM`.
+        overhang: share of it with no surface below at all.
+        bend_deg: greatest angle between two places of the sheet.
+        relief_mm: how far the surface below rises and falls against the sheet, 5th to 95th percentile.
+        points_mm: (n, 3) all over the sheet, in the world.
+    """
+
+    at: Side
+    size_mm: float
+    floating: float
+    loose: float
+    overhang: float
+    bend_deg: float
+    relief_mm: float
+    points_mm: np.ndarray
+
+    @property
+    def lies(self) -> bool:
+        """Whether enough of it is on the object, and enough of its margin."""
+        return self.floating <= MOST_FLOATING and self.loose <= MOST_LOOSE
+
+
+def measure_fit(item: TableObject, size_mm: float, mount: PatchMount | None = None) -> SheetFit:
+    """Measure how a patch of that side, with its white margin, lies where `mount` (by default the spec) says.
+
+    Raises:
+        ToolkitError: it cannot be mounted there at all, as `lay_sheet` says.
+    """
+    mount = mount or item.spec.patch
+    laid = lay_sheet(item.mesh, size_mm, mount, item.name, lambda T, side: survey_heights(item.mesh, T, side))
+    points, slope = _spread(laid)
+    steps = (points[:, :2] / (size_mm + 2 * TAPE_MARGIN_MM) + 0.5) * (SAMPLES - 1)
+    column, row = np.rint(steps).astype(int).clip(0, SAMPLES - 1).T
+    below = (points[:, 2] - laid.heights[row, column]) * np.cos(slope)
+    hit = np.isfinite(below)
+    relief = float(np.ptp(np.percentile(below[hit], [5, 95]))) if hit.any() else 0.0
+    rotation, place = laid.T_object_sheet[:3, :3], laid.T_object_sheet[:3, 3]
+    return SheetFit(
+        mount.at, size_mm, floating=float((below > FLOATING_OFF * size_mm).mean()),
+        loose=float((below[_is_margin(size_mm)] > LOOSE_MM).mean()),
+        overhang=1 - float(hit.mean()), bend_deg=float(np.degrees(np.ptp(slope))), relief_mm=relief,
+        points_mm=points @ rotation.T + place,
+    )  # fmt: skip
+
+
+def survey_heights(mesh: Mesh, T_object_sheet: np.ndarray, side: float) -> np.ndarray:
+    """(SAMPLES, SAMPLES) height of the surface over a sheet's plane, as `LaidSheet` has it, without casting rays.
+
+    Every triangle is spread over the places of the grid within its bounds; of all that cover one the highest counts.
+    """
+    local = (mesh.vertices - T_object_sheet[:3, 3]) @ T_object_sheet[:3, :3]
+    corners = local[mesh.faces].astype(float)  # (m, 3, 3)
+    grid = (corners[..., :2] / side + 0.5) * (SAMPLES - 1)
+    low = np.ceil(grid.min(axis=1) - 1e-6).clip(0, SAMPLES).astype(int)
+    high = np.floor(grid.max(axis=1) + 1e-6).clip(-1, SAMPLES - 1).astype(int)
+    size = (high - low + 1).clip(0)
+    heights = np.full(SAMPLES * SAMPLES, -np.inf)
+    counts = size.prod(axis=1)
+    for part in np.array_split(np.flatnonzero(counts), max(1, int(counts.sum() // MOST_PLACES))):
+        which = np.repeat(part, counts[part])
+        inside = np.arange(len(which)) - np.repeat(np.cumsum(counts[part]) - counts[part], counts[part])
+        x, y = low[which, 0] + inside % size[which, 0], low[which, 1] + inside // size[which, 0]
+        a, b, c = (grid[which, k] for k in range(3))
+        area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            second = ((x - a[:, 0]) * (c[:, 1] - a[:, 1]) - (y - a[:, 1]) * (c[:, 0] - a[:, 0])) / area
+            third = ((b[:, 0] - a[:, 0]) * (y - a[:, 1]) - (b[:, 1] - a[:, 1]) * (x - a[:, 0])) / area
+            covered = (second >= -1e-6) & (third >= -1e-6) & (second + third <= 1 + 1e-6)
+        z, second, third = corners[which[covered], :, 2], second[covered], third[covered]
+        height = z[:, 0] + second * (z[:, 1] - z[:, 0]) + third * (z[:, 2] - z[:, 0])
+        np.maximum.at(heights, (y * SAMPLES + x)[covered], height)
+    return heights.reshape(SAMPLES, SAMPLES)
+
+
+def _spread(laid: LaidSheet) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 3) points all over the sheet in its own frame, and (n,) how steep it is there, radians."""
+    share = np.linspace(0, 1, ACROSS)[None, :, None]
+    points = laid.points[:, :1] * (1 - share) + laid.points[:, 1:] * share
+    run, lift = laid.points[:, 0, 0 if laid.along_right else 1], laid.points[:, 0, 2]
+    slope = np.arctan2(np.gradient(lift), np.gradient(run))
+    return points.reshape(-1, 3), np.repeat(slope, ACROSS)
+
+
+def _is_margin(size_mm: float) -> np.ndarray:
+    """(n,) bool: which of the points of `_spread` are on the white paper round the patch."""
+    inner = TAPE_MARGIN_MM / (size_mm + 2 * TAPE_MARGIN_MM)
+    away = [np.abs(np.linspace(-0.5, 0.5, count)) > 0.5 - inner for count in (SAMPLES, ACROSS)]
+    return (away[0][:, None] | away[1][None, :]).reshape(-1)
+
+
+def suggest_place(item: TableObject, size_mm: float) -> SheetFit | None:
+    """A place where a patch lies: in the side that the spec names at 70 % of the size or more, else the largest of all.
+
+    None where it lies nowhere.
+    """
+    found: list[SheetFit] = []
+    sides: Sequence[Side] = (item.spec.patch.at, *(one for one in get_args(Side) if one != item.spec.patch.at))
+    for at in sides:
+        mount = item.spec.patch if at == item.spec.patch.at else PatchMount(at=at)
+        for share in SIZES_TRIED:
+            tried_mm = share * size_mm
+            if tried_mm < SMALLEST_TRIED_MM:
+                break
+            try:
+                fit = measure_fit(item, tried_mm, mount)
+            except ToolkitError:
+                continue
+            if fit.lies:
+                found.append(fit)
+                break
+        if found and found[0].at == item.spec.patch.at and found[0].size_mm >= 0.7 * size_mm:
+            break
+    return max(found, key=lambda fit: (fit.size_mm, -fit.floating), default=None)
+
+
+def describe_misfit(item: TableObject, size_mm: float) -> str | None:
+    """One line on a sheet that does not lie on its place, with a place where it would; None where it lies."""
+    try:
+        fit = measure_fit(item, size_mm)
+    except ToolkitError as error:
+        trouble = str(error).partition(": ")[2].partition(": ")[0]
+    else:
+        if fit.lies:
+            return None
+        trouble = (
+            f"{fit.floating:.0%} of the sheet is more than {FLOATING_OFF * size_mm:.0f} mm off the surface and "
+            f"{fit.loose:.0%} of its margin cannot be taped ({fit.overhang:.0%} has nothing below, it bends by "
+            f"{fit.bend_deg:.0f}°, what is below rises and falls by {fit.relief_mm:.0f} mm)"
+        )
+    said = f"{item.name}: a patch of {size_mm:.0f} mm does not lie on its {item.spec.patch.at}: {trouble}"
+    better = suggest_place(item, size_mm)
+    if better is None:
+        return f"{said}; it lies on no side, smaller ones neither: move it with offset_mm, or print it smaller"
+    return f'{said}; this would lie: at = "{better.at}", size_mm = {better.size_mm:.0f} under [patch]'
+
+
+def mounted_size_mm(workspace: Workspace, item: TableObject) -> float:
+    """Side of an object's patch: as the spec says, else as its patch's record, else of a patch as training makes it."""
+    if item.spec.patch.size_mm is not None:
+        return item.spec.patch.size_mm
+    file = find_patch_file(workspace, item.spec)
+    return NEW_PATCH_MM if file is None else read_patch(file).size_mm
+
+
+def is_own(workspace: Workspace, name: str) -> bool:
+    """Whether an object is the user's: the built-in ones, as they are shipped, are known to wear their sheets."""
+    return not workspace.object_spec(name).is_relative_to(PACKAGE_DATA)
+
+
+def sheet_points(workspace: Workspace, item: TableObject) -> np.ndarray | None:
+    """(n, 3) points all over the sheet of a user's own object, mm; None where none can be mounted."""
+    if not is_own(workspace, item.name):
+        return None
+    try:
+        return measure_fit(item, mounted_size_mm(workspace, item)).points_mm
+    except ToolkitError:
+        return None

@@ -1,0 +1,50 @@
+"""What to know of the sheets of one's own objects before they are printed or shot."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from toolkit.core.workspace import Workspace
+from toolkit.objects.load import load_object
+from toolkit.rig.camera import Camera, project
+from toolkit.rig.fit import describe_misfit, is_own, mounted_size_mm, sheet_points
+from toolkit.rig.plan import CapturePlan, Pose
+
+
+def seen_share(points_mm: np.ndarray, camera: Camera, pose: Pose) -> float:
+    """Share of points that fall into the frame."""
+    pixels, depth = project(camera, pose.matrix(), points_mm)
+    inside = (pixels >= 0).all(axis=1) & (pixels[:, 0] <= camera.width) & (pixels[:, 1] <= camera.height)
+    return float((inside & (depth > 0)).mean())
+
+
+def list_misfits(workspace: Workspace, names: Sequence[str], plan: CapturePlan | None = None) -> list[str]:
+    """What to know of the sheets of one's own objects before they are printed or shot, one line each.
+
+    Args:
+        workspace: whose objects and patches are meant.
+        names: of objects; built-in ones are passed over.
+        plan: its cameras must have the whole sheet in the frame.
+
+    Raises:
+        ToolkitError: an object or a patch cannot be read.
+    """
+    lines = []
+    for name in names:
+        if not is_own(workspace, name):
+            continue
+        item = load_object(workspace.object_spec(name))
+        misfit = describe_misfit(item, mounted_size_mm(workspace, item))
+        lines += [misfit] if misfit else []
+        points = sheet_points(workspace, item) if plan is not None and name in plan.objects else None
+        if points is None or plan is None:
+            continue
+        seen = {pose.id: seen_share(points, plan.camera, pose) for pose in plan.objects[name]}
+        cut = {pose: share for pose, share in seen.items() if share < 0.999}
+        if cut:
+            worst = min(cut, key=lambda pose: cut[pose])
+            lines.append(
+                f"{name}: the sheet leaves the frame in {len(cut)} of {len(seen)} poses ({1 - cut[worst]:.0%} of it in "
+                f"pose {worst}): 'toolkit plan --object {name}' frames object and sheet together"
+            )
+    return lines
