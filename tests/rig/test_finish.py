@@ -46,3 +46,11 @@ def test_corners_lose_the_share_of_light_that_is_said():
     picture = tone_map(flat(0.4), (0,), noise=0, falloff=0.2)
     corner, centre = (float(srgb_to_linear(picture[y, x, 0] / 255)) for y, x in ((0, 0), (60, 80)))
     assert corner / centre == pytest.approx(0.8, abs=0.01)
+
+
+def test_light_that_is_no_number_is_black_and_endless_light_white():
+    light = flat(0.2, (2, 3))
+    light[0, 0], light[0, 1], light[0, 2], light[1, 0] = np.nan, np.inf, -np.inf, 1e30
+    picture = tone_map(light, (0,), noise=0, falloff=0)
+    assert picture[:, :, 0].tolist()[0] == [0, 255, 0] and picture[1, 0, 0] == 255
+    assert picture[1, 1, 0] == tone_map(flat(0.2, (2, 3)), (0,), noise=0, falloff=0)[1, 1, 0]
