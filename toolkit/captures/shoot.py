@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from io import BytesIO
@@ -61,13 +60,12 @@ def copy_image(stored: StoredImage, source_dir: Path, path: str) -> bool:
         return False
     if sha256_bytes(content) != stored.record.image_sha256:
         return False
-    write_bytes(Path(source_dir) / path, content)
+    write_bytes(Path(source_dir) / path, content, Path(source_dir))
     append_record(source_dir, stored.record.model_copy(update={"path": path}))
     return True
 
 
 FORMATS = ("jpg", "png")
-SOURCE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 LOOK_VERSION = 1
 """Raised when a change to the rig makes other pictures from the same inputs, so that old ones are shot again."""
 
@@ -172,8 +170,7 @@ def check_settings(workspace: Workspace, settings: ShootSettings, source: str) -
         raise one_of("renderer", settings.renderer, list(RENDERERS))
     if settings.image_format not in FORMATS:
         raise one_of("image format", settings.image_format, list(FORMATS))
-    if not SOURCE_NAME.fullmatch(source):
-        raise ToolkitError(f"source '{source}': expected the name of one folder below {workspace.captures_dir}")
+    workspace.source_dir(source)
 
 
 def check_no_photographs(source_dir: Path, known: Mapping[str, CaptureRecord]) -> None:
@@ -288,7 +285,7 @@ def _shoot_scene(
     for shot in shots:
         picture = renderer.render(shot.camera, shot.T_world_camera)
         content = _encode(tone_map(picture, (settings.seed, shot.pose_id or 0)), settings.image_format)
-        write_bytes(source_dir / shot.path, content)
+        write_bytes(source_dir / shot.path, content, source_dir)
         append_record(
             source_dir,
             CaptureRecord(

@@ -11,7 +11,7 @@ import stat
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO, NoReturn, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -228,9 +228,23 @@ def load_json(path: Path) -> Any:
     Raises:
         ToolkitError: it cannot be read, is not JSON, or is larger or deeper than any that is meant.
     """
+    content, constants = _load_json(path)
+    if constants:
+        raise ToolkitError(f"{path}: not JSON: {constants[0]} is no number there")
+    return content
+
+
+def _load_json(path: Path) -> tuple[Any, list[str]]:
+    """The content, and NaN and infinities by name, which JSON has not: a field that forbids them says it better."""
     text = _read_text(path, MOST_JSON_BYTES)
+    constants: list[str] = []
+
+    def note(name: str) -> float:
+        constants.append(name)
+        return float(name)
+
     try:
-        content = json.loads(text, parse_constant=_refuse_constant)
+        content = json.loads(text, parse_constant=note)
         if _is_deep(content):
             raise RecursionError
         if "\\u" in text:
@@ -243,7 +257,7 @@ def load_json(path: Path) -> Any:
         raise ToolkitError(f"{path}: not JSON: half a pair of surrogates stands for no letter") from None
     except ValueError as error:
         raise ToolkitError(f"{path}: not JSON: {_say_digits(error)}") from None
-    return content
+    return content, constants
 
 
 def read_json(path: Path, model: type[Model]) -> Model:
@@ -252,7 +266,11 @@ def read_json(path: Path, model: type[Model]) -> Model:
     Raises:
         ToolkitError: the file is missing, is not JSON, or a field is wrong; the message names file and field.
     """
-    return _validate(path, load_json(path), model)
+    content, constants = _load_json(path)
+    made = _validate(path, content, model)
+    if constants:
+        raise ToolkitError(f"{path}: not JSON: {constants[0]} is no number there")
+    return made
 
 
 def read_toml(path: Path, model: type[Model]) -> Model:
@@ -279,10 +297,6 @@ def _read_text(path: Path, most_bytes: int) -> str:
         return read_bytes(path, most_bytes).decode("utf-8")
     except UnicodeDecodeError as error:
         raise ToolkitError(f"cannot read {path}: no UTF-8 text at byte {error.start}: save it as UTF-8") from None
-
-
-def _refuse_constant(name: str) -> NoReturn:
-    raise ValueError(f"{name} is no number there")
 
 
 def _say_digits(error: ValueError) -> str:

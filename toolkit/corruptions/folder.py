@@ -329,7 +329,7 @@ def _write(
             # the same bytes: a run before was stopped after the file and before its line
             result.failed.append((target, "exists and was not made by this command: left as it is"))
             continue
-        write_bytes(file, content)
+        write_bytes(file, content, out)
         lines.append(line)
     open_log(out).append(*lines)
     known.update({line.path: line for line in lines})

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, field_validator, model_valida
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, read_json, sha256_bytes, write_bytes, write_json
+from toolkit.core.names import FileName
 from toolkit.objects.printed_size import printed_size_mm
 
 SHA256 = r"^[0-9a-f]{64}$"
@@ -149,8 +150,8 @@ def write_patch(folder: Path, pixels: np.ndarray, record: dict[str, Any]) -> Pat
     png = encode_png(pixels)
     n_px = pixels.shape[0]
     full = PatchRecord(n_px=n_px, size_mm=round(printed_size_mm(n_px), 3), png_sha256=sha256_bytes(png), **record)
-    write_bytes(folder / f"{full.name}.png", png)
-    write_json(folder / f"{full.name}.json", full.model_dump())
+    write_bytes(folder / f"{full.name}.png", png, folder)
+    write_json(folder / f"{full.name}.json", full.model_dump(), folder)
     return Patch(pixels, full)
 
 
@@ -164,7 +165,6 @@ def read_patch(png_file: Path) -> Patch:
 
 
 COMMAND = "toolkit train-texture"
-NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
 UV_MEMBER = "corner_uv.npy"
 MAX_UV_BYTES = 1 << 29
 """More than 20 million triangles: what unpacks to more is no table of texture coordinates."""
@@ -186,7 +186,7 @@ class TexturedObject(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-    name: str = Field(pattern=NAME)
+    name: FileName
     mesh_sha256: str = Field(pattern=SHA256)
     unwrapped: bool = False
     keep: list[str] = []
@@ -204,7 +204,7 @@ class TexturedObject(BaseModel):
 class TextureRecord(BoosterRecord):
     """How a texture came to be, and on which objects it goes."""
 
-    name: str = Field(pattern=NAME)
+    name: FileName
     objects: list[TexturedObject] = Field(min_length=1)
 
     @field_validator("objects")

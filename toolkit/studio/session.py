@@ -78,7 +78,7 @@ class Session:
     @property
     def source_dir(self) -> Path:
         """captures/SOURCE."""
-        return self.workspace.captures_dir / self.source
+        return self.workspace.source_dir(self.source)
 
     @property
     def folders(self) -> UploadFolders:

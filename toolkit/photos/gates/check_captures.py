@@ -226,7 +226,7 @@ def make_check(workspace: Workspace, source: str = "real") -> Check:
         source: folder below captures/.
     """
     expecter = ExpectationBuilder(workspace)
-    source_dir, setup = workspace.captures_dir / source, hash_setup(workspace)
+    source_dir, setup = workspace.source_dir(source), hash_setup(workspace)
 
     def check(photo: Photo, pixels: np.ndarray, record: CaptureRecord) -> tuple[GateResult, ...]:
         found = inspect_photo(pixels, expecter.expect_record(record))
@@ -249,7 +249,7 @@ def check_captures(workspace: Workspace, source: str = "real") -> CheckReport:
     Raises:
         ToolkitError: there are no captures, or a manifest, board or lens file is broken.
     """
-    source_dir = workspace.captures_dir / source
+    source_dir = workspace.source_dir(source)
     if not source_dir.is_dir():
         raise ToolkitError(f"{source_dir} does not exist: import photographs first, with 'toolkit import PHOTOS/'")
     captures = read_captures(source_dir).captures

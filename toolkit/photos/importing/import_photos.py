@@ -9,6 +9,7 @@ from typing import Any
 from toolkit.captures.manifest import CaptureRecord, write_transforms
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.names import is_folder_name
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
@@ -18,7 +19,7 @@ from toolkit.photos.importing.gather import Gathered, gather_photos
 from toolkit.photos.importing.index import SourceIndex, describe_imported, index_source, is_whole, list_poses
 from toolkit.photos.importing.match import MatchRender, make_render_matcher
 from toolkit.photos.importing.resolve import Ask, Resolved, resolve_photos
-from toolkit.photos.importing.settings import FOLDER_NAME, ImportSettings
+from toolkit.photos.importing.settings import ImportSettings
 from toolkit.photos.importing.store import store_photo
 from toolkit.photos.locate import Locate, locate_by_board
 from toolkit.rig.plan import CapturePlan, open_plan
@@ -37,7 +38,7 @@ def check_settings(workspace: Workspace, settings: ImportSettings) -> list[str]:
     variant = settings.variant
     if variant is None or variant in VARIANTS:
         return []
-    if not FOLDER_NAME.fullmatch(variant):
+    if not is_folder_name(variant):
         raise FieldError("expected a name of letters, digits, '-', '_' and '.'", {"variant": variant})
     known = [*VARIANTS, *workspace.patches(), *workspace.textures()]
     if variant not in known and get_close_matches(variant, known, n=1, cutoff=0.8):
@@ -205,7 +206,7 @@ def import_photos(
     plan = open_plan(workspace, [settings.object] if settings.object else None)
     steps = _read_steps(workspace, plan, settings, notes)
     gathered = gather_photos(paths, settings.every_s)
-    index = index_source(workspace.captures_dir / settings.source)
+    index = index_source(workspace.source_dir(settings.source))
     _check_pose(plan, settings, gathered)
     locate, by_render = locate or locate_by_board(workspace), by_render or make_render_matcher(workspace, plan)
     evidence = collect_evidence(gathered.candidates, plan, steps, index, settings, locate=locate)
