@@ -13,6 +13,8 @@ from typer.core import TyperCommand, TyperGroup
 from toolkit.core.errors import FieldError, ToolkitError, one_of, show_value
 
 SHARED = "Every command"
+DEBUG = "--debug"
+"""Taken out of what is typed before anything reads it, so that it may stand anywhere."""
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]
 """Of what was typed; Click's own, or of the copy of Click that newer typers carry."""
 
@@ -276,6 +278,7 @@ def make_app() -> typer.Typer:
         version: bool = typer.Option(
             False, "--version", help="Print the version.", callback=show_version, is_eager=True
         ),
+        debug: bool = typer.Option(False, DEBUG, help="Show where an error comes from; so does TOOLKIT_DEBUG=1."),
     ) -> None:
         pass
 

@@ -73,14 +73,14 @@ def studio(
 
 def show_door(door: "Listener", code: bool) -> None:
     """Say where the page is; with `code`, also as a QR code."""
-    from toolkit.core.console import console
     from toolkit.studio.serve import show_code
 
     if code:
-        show_code(door.url, lambda text: console.print(text, markup=False, soft_wrap=True, end=""))
+        show_code(door.url, say)
     lan = door.access.token is not None
     hint = "phone and computer must be in one network" if lan else "for a phone: toolkit studio --lan"
-    say(f"{door.url}\nCtrl-C ends it; {hint}")
+    say(door.url)
+    say(f"Ctrl-C ends it; {hint}")
 
 
 def warm_up(session: "Session") -> None:

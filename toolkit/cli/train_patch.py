@@ -1,6 +1,5 @@
 """`toolkit train-patch`."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,6 +10,7 @@ from toolkit.boosters.patch_config import RECIPES, make_config, use_printer
 from toolkit.boosters.pixel_config import MEETS
 from toolkit.cli import options
 from toolkit.cli.options import Overrides, from_config
+from toolkit.cli.output import show_json
 
 if TYPE_CHECKING:
     from toolkit.boosters.patch import TrainedPatch
@@ -78,7 +78,7 @@ def _report(trained: "TrainedPatch", as_json: bool) -> None:
             "skipped": [{"path": path, "reason": reason} for path, reason in trained.skipped],
             "record": record.model_dump(),
         }
-        typer.echo(json.dumps(result, indent=2, ensure_ascii=False))
+        show_json(result)
         return
 
     def tell(line: str) -> None:

@@ -14,6 +14,7 @@ from PIL import Image
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
+from toolkit.core.text import escape
 from toolkit.imaging.folder import find_files, show_path
 from toolkit.imaging.read import UnreadableImage, decode_image, explain_damage, is_image_name, read_image, register_heif
 from toolkit.photos import video
@@ -116,8 +117,7 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
 
 def show_name(name: str) -> str:
     """A file name on one line: what cannot be printed, such as a line's end, is written as an escape."""
-    text = show_path((name,))
-    return "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode() for sign in text)
+    return escape(show_path((name,)))
 
 
 def read_photo(path: Path, frame: int | None = None) -> Photo:

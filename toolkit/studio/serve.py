@@ -81,15 +81,16 @@ def find_lan_address() -> str:
     return found
 
 
-def show_code(url: str, write: Callable[[str], object]) -> None:
-    """Write a QR code of half blocks; nothing where the terminal cannot show them."""
+def show_code(url: str, say: Callable[[str], object]) -> None:
+    """Say a QR code of half blocks, line by line."""
     import io
 
     import segno
 
     buffer = io.StringIO()
     segno.make(url, error="l", micro=False).terminal(buffer, compact=True, border=2)
-    write(buffer.getvalue())
+    for line in buffer.getvalue().splitlines():
+        say(line)
 
 
 def require_extra() -> None:
