@@ -1,16 +1,21 @@
 """What is known of each image of a source: `manifest.jsonl`, and `transforms.json` for the field's own viewers."""
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from toolkit.core.files import inside, sha256_file, write_json
 from toolkit.core.records import RecordLog
 from toolkit.rig.camera import Camera
 
 MANIFEST = "manifest.jsonl"
+Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
+Row = Annotated[list[Number], Field(min_length=4, max_length=4)]
+INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
+MOST_COEFFICIENTS = 14
+"""Of OpenCV's longest model of a lens."""
 
 
 class CaptureRecord(BaseModel):
@@ -31,13 +36,30 @@ class CaptureRecord(BaseModel):
     path: str
     object: str
     variant: str
-    pose_id: int | None = None
-    T_world_camera: list[list[float]] | None = None
-    intrinsics: dict[str, float] | None = None
+    pose_id: Annotated[int, Field(ge=0, le=99_999)] | None = None
+    T_world_camera: Annotated[list[Row], Field(min_length=4, max_length=4)] | None = None
+    intrinsics: dict[str, Number] | None = None
     booster_sha256: str | None = None
     image_sha256: str | None = None
     made: dict[str, Any] = {}
     inputs_sha256: str | None = None
+
+    @field_validator("intrinsics")
+    @classmethod
+    def _is_camera(cls, found: dict[str, float] | None) -> dict[str, float] | None:
+        if found and not (set(INTRINSICS) <= found.keys() and all(found[name] > 0 for name in INTRINSICS[:4])):
+            raise ValueError(f"expected {', '.join(INTRINSICS)} in pixels, the first four above 0")
+        return found
+
+    @field_validator("made")
+    @classmethod
+    def _is_lens(cls, made: dict[str, Any]) -> dict[str, Any]:
+        found = made.get("distortion")
+        if isinstance(found, list) and not (
+            len(found) <= MOST_COEFFICIENTS and all(isinstance(k, int | float) and abs(k) < 1e9 for k in found)
+        ):
+            raise ValueError("expected distortion as up to 14 numbers: OpenCV's k1, k2, p1, p2, k3, ...")
+        return made
 
     @property
     def camera(self) -> Camera | None:

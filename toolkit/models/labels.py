@@ -3,7 +3,7 @@
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -11,6 +11,11 @@ from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import read_json
 from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.imaging.preprocessing import Preprocessing
+
+Pixels = Annotated[int, Field(ge=16, le=4096)]
+"""A network sees no less; of more, one image fills hundreds of megabytes."""
+Mean = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]
+Deviation = Annotated[float, Field(ge=1e-6, le=1000, allow_inf_nan=False)]
 
 
 class LabelsFile(BaseModel):
@@ -30,10 +35,10 @@ class LabelsFile(BaseModel):
 
     model_config = ConfigDict(extra="allow", frozen=True)
     labels: list[str] | None = Field(default=None, min_length=1)
-    resize_px: int | None = Field(default=None, gt=0)
-    crop_px: int | None = Field(default=None, gt=0)
-    mean: tuple[float, float, float] | None = None
-    std: tuple[float, float, float] | None = None
+    resize_px: Pixels | None = None
+    crop_px: Pixels | None = None
+    mean: tuple[Mean, Mean, Mean] | None = None
+    std: tuple[Deviation, Deviation, Deviation] | None = None
     filter_name: Literal["NEAREST", "BILINEAR", "BICUBIC", "LANCZOS", "BOX", "HAMMING"] | None = None
     arch: str | None = None
     name: str | None = None

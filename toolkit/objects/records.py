@@ -13,11 +13,13 @@ from PIL import Image
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import inside, read_json, sha256_bytes, write_bytes, write_json
+from toolkit.core.files import inside, read_bytes, read_json, sha256_bytes, write_bytes, write_json
 from toolkit.core.names import FileName
+from toolkit.imaging.read import UnreadableImage, explain_damage, open_image
 from toolkit.objects.printed_size import printed_size_mm
 
 SHA256 = r"^[0-9a-f]{64}$"
+MOST_RECORDED_BYTES = 1 << 30
 
 
 class Network(BaseModel):
@@ -73,9 +75,11 @@ def encode_png(pixels: np.ndarray) -> bytes:
 def decode_png(content: bytes, file: Path, mode: str = "RGB") -> np.ndarray:
     """Pixels of a PNG, (h, w, 3) uint8, or (h, w) with mode `L`; `file` is named where it cannot be decoded."""
     try:
-        return np.asarray(Image.open(BytesIO(content)).convert(mode))
-    except (OSError, SyntaxError, Image.DecompressionBombError) as error:  # Pillow's word for a broken chunk is syntax
-        raise ToolkitError(f"{file}: not a readable PNG: {error}") from None
+        with open_image(file, content) as image:
+            return np.asarray(image.convert(mode))
+    except Exception as error:  # decoders raise nearly every built-in exception on hostile bytes
+        why = error.reason if isinstance(error, UnreadableImage) else explain_damage(error)
+        raise ToolkitError(f"{file}: not a readable PNG: {why}") from None
 
 
 def read_recorded(file: Path, sha256: str, what: str = "picture") -> bytes:
@@ -84,10 +88,7 @@ def read_recorded(file: Path, sha256: str, what: str = "picture") -> bytes:
     Raises:
         ToolkitError: it cannot be read, or is not the one that was recorded.
     """
-    try:
-        content = file.read_bytes()
-    except OSError as error:
-        raise ToolkitError(f"cannot read {file}: {error}") from None
+    content = read_bytes(file, MOST_RECORDED_BYTES)
     found = sha256_bytes(content)
     if found != sha256:
         raise ToolkitError(
