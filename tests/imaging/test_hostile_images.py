@@ -1,4 +1,4 @@
-"""Pictures made to fill the memory, or to be waited for: refused before their pixels are decoded, wherever they come."""
+"""Pictures made to fill the memory, or to be waited for: refused before their pixels are decoded."""
 
 import io
 import os

@@ -16,6 +16,7 @@ from toolkit.captures.manifest import CaptureRecord, append_record, is_finished,
 from toolkit.core.console import Ticker, progress
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import inside, sha256_bytes, write_bytes
+from toolkit.core.locks import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.board import Board
@@ -196,6 +197,14 @@ def shoot_scenes(
         ToolkitError: a patch is missing, a backdrop or light is unknown, the folder holds photographs, or the disk is
             full or read-only.
     """
+    with hold_folder(source_dir):
+        return _shoot_missing(workspace, scenes, settings, source_dir, stored or {})
+
+
+def _shoot_missing(
+    workspace: Workspace, scenes: Sequence[Sequence[Shot]], settings: ShootSettings, source_dir: Path,
+    stored: Mapping[str, StoredImage],
+) -> ShootResult:  # fmt: skip
     known = read_manifest(source_dir)
     check_no_photographs(source_dir, known)
     waiting = [

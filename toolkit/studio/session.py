@@ -10,6 +10,7 @@ from typing import Literal
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest, write_transforms
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
+from toolkit.core.locks import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.folder import show_path
 from toolkit.objects.load import load_object
@@ -148,7 +149,7 @@ class Session:
             Refused: another photograph waits there by now, or none (409).
             ToolkitError: the disk is full or not to be written; the photograph goes on waiting.
         """
-        with self._lock:
+        with self._lock, hold_folder(self.source_dir):
             step = self.find_step(number)
             if self._is_kept(step, sha256):
                 self.folders.drop_waiting(step)
@@ -277,7 +278,7 @@ def undo_keep(session: Session, number: int) -> Shot:
         Refused: nothing is there, or it was put there by hand (409).
         ToolkitError: the disk is full or not to be written.
     """
-    with session.exclusive():
+    with session.exclusive(), hold_folder(session.source_dir):
         step = session.find_step(number)
         root = session.source_dir
         index = index_source(root)

@@ -15,6 +15,7 @@ from toolkit.captures.read import Capture, read_captures
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file, write_text
+from toolkit.core.locks import hold_folder
 from toolkit.core.records import RecordLog
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
@@ -252,6 +253,11 @@ def check_captures(workspace: Workspace, source: str = "real") -> CheckReport:
     source_dir = workspace.source_dir(source)
     if not source_dir.is_dir():
         raise ToolkitError(f"{source_dir} does not exist: import photographs first, with 'toolkit import PHOTOS/'")
+    with hold_folder(source_dir):
+        return _check_captures(workspace, source_dir)
+
+
+def _check_captures(workspace: Workspace, source_dir: Path) -> CheckReport:
     captures = read_captures(source_dir).captures
     setup = hash_setup(workspace)
     records, known = read_manifest(source_dir), read_checks(source_dir, setup)

@@ -9,6 +9,7 @@ from typing import Any
 from toolkit.captures.manifest import CaptureRecord, write_transforms
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.locks import hold_folder
 from toolkit.core.names import is_folder_name
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
@@ -46,7 +47,7 @@ def check_settings(workspace: Workspace, settings: ImportSettings) -> list[str]:
     return [f"variant '{variant}' is none that the kit knows: nothing is recorded of what is on the object"]
 
 
-def refuse_captures(workspace: Workspace, paths: list[Path]) -> None:
+def refuse_captures(workspace: Workspace, paths: Sequence[Path]) -> None:
     """Check that no photograph would be imported from the captures themselves.
 
     Raises:
@@ -200,7 +201,22 @@ def import_photos(
             contradict each other, or a disk that is full or read-only.
     """
     settings = settings or ImportSettings()
-    paths = [Path(path) for path in paths]
+    with hold_folder(workspace.source_dir(settings.source)):
+        return _import_photos(
+            workspace,
+            [Path(path) for path in paths],
+            settings,
+            locate=locate,
+            check=check,
+            ask=ask,
+            by_render=by_render,
+        )
+
+
+def _import_photos(
+    workspace: Workspace, paths: Sequence[Path], settings: ImportSettings, *, locate: Locate | None,
+    check: Check | None, ask: Ask | None, by_render: MatchRender | None,
+) -> ImportResult:  # fmt: skip
     notes = check_settings(workspace, settings)
     refuse_captures(workspace, paths)
     plan = open_plan(workspace, [settings.object] if settings.object else None)
