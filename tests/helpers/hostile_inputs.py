@@ -1,4 +1,4 @@
-"""Bad input of every kind, drawn by hypothesis: values, names, documents with one thing wrong, files that were damaged."""
+"""Bad input of every kind, drawn by hypothesis: values, names, documents, and files that were damaged."""
 
 import copy
 import json
@@ -17,12 +17,12 @@ NUMBERS = (
     float("nan"), float("inf"), float("-inf"), True, 100_000, 16_384, 99_999, 100_000_000,
 )  # fmt: skip
 NAMES = (
-    "", " ", ".", "..", "../../../X", "/", "/etc/passwd", "/dev/zero", "/dev/full", "a/b", "a\\b", "C:\\x", "~", "-rf", "--help", "-",
-    "x" * 256, "ü" * 200, "con", "all", "a\nb", "a\rb", "a\0b", "\x1b]0;owned\x07", "\x9b31m", "\u202egpj.exe", "\u2028", "\ufeff",
-    "\ud800", "\udcff", "[bold]", "[/]", "{}", "{0.__class__}", "%s", "$(id)", "`id`", "<script>", "nan", "inf", "1e999", "NaN",
-    "١٢", "²", "00", "0x10", "1_000", "9" * 400, "None", "null", "true", "unpatched", "patched", "crate", "racer",
+    "", " ", ".", "..", "../../../X", "/", "/etc/passwd", "/dev/zero", "/dev/full", "a/b", "a\\b", "C:\\x", "~",
+    "-rf", "--help", "-", "x" * 256, "ü" * 200, "con", "all", "a\nb", "a\rb", "a\0b", "\x1b]0;owned\x07", "\x9b31m",
+    "\u202egpj.exe", "\u2028", "\ufeff", "\ud800", "\udcff", "[bold]", "[/]", "{}", "{0.__class__}", "%s", "$(id)",
+    "`id`", "<script>", "nan", "inf", "1e999", "NaN", "١٢", "²", "00", "0x10", "1_000", "9" * 400, "None", "null",
+    "true", "unpatched", "patched", "crate", "racer",
 )  # fmt: skip
-DEEP = 2000
 
 
 def _nest(levels: int, of: Any = 0) -> Any:
@@ -34,7 +34,8 @@ def _nest(levels: int, of: Any = 0) -> Any:
 numbers = st.sampled_from(NUMBERS) | st.integers() | st.floats()
 names = st.sampled_from(NAMES) | st.text(max_size=40)
 values = (
-    numbers | names | st.none() | st.sampled_from([[], {}, [[]], {"": {}}, _nest(200), [0] * 5000, {"a": _nest(60)}]).map(copy.deepcopy)
+    numbers | names | st.none()
+    | st.sampled_from([[], {}, [[]], {"": {}}, _nest(200), [0] * 5000, {"a": _nest(60)}]).map(copy.deepcopy)
     | st.lists(numbers, max_size=6) | st.dictionaries(names, numbers, max_size=3)
 )  # fmt: skip
 
