@@ -1,7 +1,7 @@
 """A session at the table: which shots there are, which are taken, and what happens to a photograph."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from threading import RLock
@@ -13,6 +13,7 @@ from toolkit.core.files import write_bytes
 from toolkit.core.locks import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.folder import show_path
+from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
 from toolkit.photos.gates.check_captures import write_retake_lines
 from toolkit.photos.importing.evidence import Evidence
@@ -128,7 +129,12 @@ class Session:
                 if self._is_kept(step, photo.sha256):
                     return None
                 file = self.folders.put_waiting(step, upload, photo)
-            return self.inspector.inspect(read_photo(file), step, pixels)
+            try:
+                return self.inspector.inspect(replace(photo, path=file), step, pixels)
+            except (OSError, UnreadableImage):
+                if file.exists():
+                    raise
+                raise Refused(CONFLICT, "a later photograph of this shot has taken its place: look at that") from None
         finally:
             upload.unlink(missing_ok=True)
 

@@ -1,5 +1,6 @@
 """Take a photograph in from the network, checked by content, and keep it until somebody has said yes to it."""
 
+import asyncio
 import secrets
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass
@@ -18,7 +19,8 @@ from toolkit.rig.shot_order import ShotStep
 class Refused(ToolkitError):
     """A request that is answered with one clear line; `status` is HTTP's.
 
-    404: no such shot. 409: the state is another one than the page thought. 413: too large. 415: no photograph.
+    404: no such shot. 408: it stopped coming. 409: the state is another one than the page
+    thought. 413: too large. 415: no photograph.
     """
 
     def __init__(self, status: int, message: str) -> None:
@@ -121,7 +123,10 @@ def check_writable(folders: UploadFolders) -> None:
 MOST_BYTES = 40 << 20
 """A phone's largest JPEG or HEIC is half of it."""
 KINDS = ("jpeg", "heif", "avif", "png", "webp", "tiff")
-HTTP_FULL, HTTP_TOO_LARGE, HTTP_NO_PHOTO = 507, 413, 415
+HTTP_LATE, HTTP_TOO_LARGE, HTTP_NO_PHOTO = 408, 413, 415
+BLOCK_S = 30.0
+LEAST_SIDE_PX, MOST_ASPECT = 32, 20
+"""What is smaller or longer shows nothing that could be measured."""
 
 
 async def receive_file(blocks: AsyncIterator[bytes], folders: UploadFolders, announced: int | None, limit: int) -> Path:
@@ -141,7 +146,7 @@ async def receive_file(blocks: AsyncIterator[bytes], folders: UploadFolders, ann
     file = folders.new_incoming()
     size = 0
     with open_whole(file, folders.root) as stream:  # gone when a phone goes away, or the server is stopped
-        async for block in blocks:
+        async for block in _in_time(blocks):
             size += len(block)
             if size > limit:
                 raise _too_large(limit)
@@ -149,6 +154,19 @@ async def receive_file(blocks: AsyncIterator[bytes], folders: UploadFolders, ann
         if size == 0:
             raise Refused(HTTP_NO_PHOTO, "nothing arrived: the file is empty")
     return file
+
+
+async def _in_time(blocks: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
+    """The blocks, each of which must come within `BLOCK_S`."""
+    while True:
+        try:
+            yield await asyncio.wait_for(anext(blocks), BLOCK_S)
+        except StopAsyncIteration:
+            return
+        except asyncio.TimeoutError:
+            raise Refused(
+                HTTP_LATE, f"nothing more of the photograph came for {BLOCK_S:.0f} s: send it again"
+            ) from None
 
 
 def open_upload(file: Path) -> tuple[Photo, np.ndarray]:
@@ -164,6 +182,10 @@ def open_upload(file: Path) -> tuple[Photo, np.ndarray]:
         photo = read_photo(file)
         if photo.kind not in KINDS:
             raise Refused(HTTP_NO_PHOTO, _explain_kind(photo.kind))
+        short, long = sorted((photo.width, photo.height))
+        if short < LEAST_SIDE_PX or long > MOST_ASPECT * short:
+            size = f"{photo.width}×{photo.height} px"
+            raise Refused(HTTP_NO_PHOTO, f"a picture of {size} shows nothing that could be measured: take another")
         return photo, load_pixels(photo)
     except UnreadableImage as error:
         raise Refused(HTTP_NO_PHOTO, f"this is no photograph that can be read: {error.reason}") from None
