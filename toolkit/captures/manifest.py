@@ -111,7 +111,10 @@ def to_opengl(T_world_camera: np.ndarray) -> np.ndarray:
 
 
 def describe_transforms(records: list[CaptureRecord]) -> dict[str, Any]:
-    """The content of `transforms.json` for the records that know their camera; all must share its intrinsics."""
+    """The content of the `transforms.json` of a folder, for its records that know their camera.
+
+    A frame has a lens of its own where it is not the first one's.
+    """
     known = [(record, record.camera) for record in records if record.T_world_camera]
     cameras = [(record, camera) for record, camera in known if camera is not None]
     if not cameras:
@@ -120,7 +123,8 @@ def describe_transforms(records: list[CaptureRecord]) -> dict[str, Any]:
     frames = []
     for record, camera in cameras:
         frame: dict[str, Any] = {
-            "file_path": record.path, "transform_matrix": to_opengl(np.array(record.T_world_camera)).tolist(),
+            "file_path": Path(record.path).name,
+            "transform_matrix": to_opengl(np.array(record.T_world_camera)).tolist(),
             "object": record.object, "variant": record.variant,
         }  # fmt: skip
         if camera.intrinsics != first.intrinsics:
@@ -130,9 +134,24 @@ def describe_transforms(records: list[CaptureRecord]) -> dict[str, Any]:
     return {"camera_model": "OPENCV", **_describe_camera(first), **distortion, "frames": frames}
 
 
-def write_transforms(source_dir: Path, records: list[CaptureRecord]) -> Path:
-    """Write `captures/SOURCE/transforms.json`."""
-    return write_json(Path(source_dir) / "transforms.json", describe_transforms(records))
+TRANSFORMS = "transforms.json"
+
+
+def write_transforms(source_dir: Path, records: list[CaptureRecord]) -> list[Path]:
+    """Write `captures/SOURCE/OBJECT/VARIANT/transforms.json`, one for each folder of images.
+
+    All objects stand at one origin: of a file with several a radiance field would make one ghost. Such a file of an
+    earlier version, `captures/SOURCE/transforms.json`, is taken away.
+    """
+    source_dir = Path(source_dir)
+    groups: dict[Path, list[CaptureRecord]] = {}
+    for record in records:
+        groups.setdefault(Path(record.path).parent, []).append(record)
+    (source_dir / TRANSFORMS).unlink(missing_ok=True)
+    return [
+        write_json(source_dir / folder / TRANSFORMS, describe_transforms(own), source_dir)
+        for folder, own in groups.items()
+    ]
 
 
 def _describe_camera(camera: Camera) -> dict[str, float]:
