@@ -11,6 +11,7 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of, show_value
+from toolkit.core.text import shorten
 
 SHARED = "Every command"
 DEBUG = "--debug"
@@ -210,6 +211,9 @@ def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
     if hasattr(error, "param_type"):
         return ToolkitError(f"{name} is missing: see '{help_call}'")
     at = next((typed.index(flag) + 1 for flag in parameter.opts if flag in typed), len(typed))
+    given = typed[at : at + parameter.nargs]
+    if any(word.lower().lstrip("+-") == "nan" for word in given):
+        return ToolkitError(f"{' '.join([name, *given])}: expected a number")
     expected = error.message.rstrip(".").partition(", unable")[0].replace("Input should be", "expected")
     for long, short in (
         ("greater than or equal to", "at least"),
@@ -218,7 +222,7 @@ def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
         ("a valid number", "a number"),
     ):
         expected = expected.replace(long, short)
-    return ToolkitError(f"{' '.join([name, *typed[at : at + parameter.nargs]])}: {expected}")
+    return ToolkitError(f"{' '.join([name, *(shorten(word, 80) for word in given)])}: {expected}")
 
 
 class RoadGroup(TyperGroup):
