@@ -1,7 +1,8 @@
 """Frames per second of the rig against pyrender and a plain Open3D loop: same mesh, table, poses and shadows.
 
-Each renderer runs in a process of its own; the rounds alternate, so that drift of the machine hits all alike.
-Building the scene is left out for all and told apart.
+Each renderer runs in a process of its own; the rounds alternate, so that drift of the machine hits all alike. Building
+the scene is left out for all and told apart. Also: what each part of a frame costs, how the cost grows with the mesh,
+and how long a scene takes to set up.
 """
 
 import json
@@ -9,8 +10,11 @@ import os
 import subprocess
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
+
+from toolkit.objects.mesh import Mesh
 
 SIZES = ((224, 224), (640, 480))
 ROUNDS, FRAMES = 3, 12
@@ -44,23 +48,32 @@ def _parts(mesh):
 
 
 def _table(studio):
-    x, y = (side / 2 for side in studio.table_mm)
+    x, y = (side / 2 for side in studio.table.size_mm)
     vertices = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]], np.float32)
     uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
     return vertices, np.repeat([[0, 0, 1.0]], 4, 0), uv, np.array([[0, 1, 2], [0, 2, 3]])
 
 
-def rig(width: int, height: int, name: str = "raycast"):
-    from toolkit.rig.renderer import make_renderer
+def rig(width: int, height: int):
+    from toolkit.rig.raycast import RaycastRenderer
     from toolkit.rig.shading import tone_map
 
     mesh, camera, poses, studio = _scene(width, height)
-    renderer = make_renderer(name, mesh, studio)
-    return poses, lambda pose: tone_map(renderer.render(camera, pose), (0,))
+    renderer = RaycastRenderer(mesh, studio)
+
+    def frames(some):
+        return [tone_map(light, (0,)) for light in renderer.render_many((camera, pose) for pose in some)]
+
+    return poses, frames
 
 
 def rig_filament(width: int, height: int):
-    return rig(width, height, "filament")
+    from toolkit.rig.filament import FilamentRenderer
+    from toolkit.rig.shading import tone_map
+
+    mesh, camera, poses, studio = _scene(width, height)
+    renderer = FilamentRenderer(mesh, studio)
+    return poses, lambda some: [tone_map(renderer.render(camera, pose), (0,)) for pose in some]
 
 
 def open3d_defaults(width: int, height: int):
@@ -87,7 +100,7 @@ def open3d_defaults(width: int, height: int):
 
     for i, (vertices, normals, uv, faces, material) in enumerate(_parts(mesh)):
         add(f"part{i}", vertices, normals, uv, faces, material.texture)
-    add("table", *_table(studio), studio.table)
+    add("table", *_table(studio), studio.table.picture)
     renderer.scene.scene.set_sun_light([-0.4, -0.3, -0.8], [1, 1, 1], 60000)
     renderer.scene.scene.enable_sun_light(True)
 
@@ -95,7 +108,7 @@ def open3d_defaults(width: int, height: int):
         renderer.setup_camera(camera.matrix, np.linalg.inv(pose), width, height)
         return np.asarray(renderer.render_to_image())
 
-    return poses, frame
+    return poses, lambda some: [frame(pose) for pose in some]
 
 
 def pyrender_shadows(width: int, height: int):
@@ -116,7 +129,7 @@ def pyrender_shadows(width: int, height: int):
 
     for vertices, normals, uv, faces, material in _parts(mesh):
         add(vertices, normals, uv, faces, material.texture)
-    add(*_table(studio), studio.table)
+    add(*_table(studio), studio.table.picture)
     light = np.eye(4)
     light[:3, :3] = trimesh.geometry.align_vectors([0, 0, 1], [0.4, 0.3, 0.8])[:3, :3]
     light[:3, 3] = np.array([0.4, 0.3, 0.8]) * 600
@@ -129,7 +142,7 @@ def pyrender_shadows(width: int, height: int):
         scene.set_pose(node, pose @ np.diag([1.0, -1, -1, 1]))
         return renderer.render(scene, flags=pyrender.RenderFlags.SHADOWS_DIRECTIONAL)[0]
 
-    return poses, frame
+    return poses, lambda some: [frame(pose) for pose in some]
 
 
 RENDERERS = {"rig": rig, "rig filament": rig_filament, "open3d": open3d_defaults, "pyrender": pyrender_shadows}
@@ -138,17 +151,107 @@ RENDERERS = {"rig": rig, "rig filament": rig_filament, "open3d": open3d_defaults
 def measure(name: str, width: int, height: int, picture: str | None = None) -> dict[str, float]:
     """Seconds to build and frames per second, in this process."""
     start = time.perf_counter()
-    poses, frame = RENDERERS[name](width, height)
-    frame(poses[0])
+    poses, frames = RENDERERS[name](width, height)
+    frames(poses[:1])
     built = time.perf_counter() - start
     start = time.perf_counter()
-    images = [frame(pose) for pose in poses]
+    images = frames(poses)
     rate = len(poses) / (time.perf_counter() - start)
     if picture:
         from PIL import Image
 
         Image.fromarray(np.ascontiguousarray(images[1])).save(picture)
     return {"build_s": built, "fps": rate}
+
+
+def measure_parts(width: int, height: int) -> dict[str, float]:
+    """Share of each part of a frame, on one core."""
+    from toolkit.rig import raycast
+    from toolkit.rig.shading import tone_map
+
+    mesh, camera, poses, studio = _scene(width, height)
+    renderer = raycast.RaycastRenderer(mesh, studio)
+    spent = dict.fromkeys(("first hits", "edges", "object", "table and room", "development"), 0.0)
+
+    def timed(part, function):
+        def run(*arguments, **named):
+            start = time.thread_time()
+            try:
+                return function(*arguments, **named)
+            finally:
+                spent[part] += time.thread_time() - start
+
+        return run
+
+    kept = raycast.mark_edges, raycast.paint_meshes, raycast.paint_background, raycast._Body.cast
+    raycast.mark_edges, raycast.paint_meshes = timed("edges", kept[0]), timed("object", kept[1])
+    raycast.paint_background, raycast._Body.cast = timed("table and room", kept[2]), timed("first hits", kept[3])
+    develop, start = timed("development", tone_map), time.thread_time()
+    try:
+        for pose in poses:
+            develop(renderer.render(camera, pose), (0,))
+    finally:
+        raycast.mark_edges, raycast.paint_meshes, raycast.paint_background, raycast._Body.cast = kept
+    whole = time.thread_time() - start
+    shares = {part: seconds / whole for part, seconds in spent.items()}
+    return shares | {"the rest": 1 - sum(shares.values()), "ms": 1000 * whole / len(poses)}
+
+
+def subdivide(mesh: Mesh) -> Mesh:
+    """Each triangle as four."""
+    edges = np.sort(np.concatenate([mesh.faces[:, [0, 1]], mesh.faces[:, [1, 2]], mesh.faces[:, [2, 0]]]), axis=1)
+    pairs, index = np.unique(edges[:, 0] * np.int64(len(mesh.vertices)) + edges[:, 1], return_inverse=True)
+    first, second = np.divmod(pairs, len(mesh.vertices))
+    (a, b, c), n = index.reshape(3, -1), len(mesh.vertices)
+    middle = [np.concatenate([one, (one[first] + one[second]) / 2]) for one in (mesh.vertices, mesh.normals, mesh.uv)]
+    i, j, k = mesh.faces.T
+    faces = np.stack([[i, a + n, c + n], [a + n, j, b + n], [c + n, b + n, k], [a + n, b + n, c + n]])
+    return replace(
+        mesh, vertices=middle[0], normals=middle[1], uv=middle[2],
+        faces=faces.transpose(0, 2, 1).reshape(-1, 3).astype(np.int32), face_material=np.tile(mesh.face_material, 4),
+    )  # fmt: skip
+
+
+def measure_growth() -> dict[str, float]:
+    """Cost of a frame of 2 M triangles (the racer's, each cut in 64) against the racer's own, by size."""
+    from toolkit.rig.lighting import BakeDetail
+    from toolkit.rig.raycast import RaycastRenderer
+
+    rough = BakeDetail(4, 16, 0.05, 0.05)  # how finely light was baked is nothing to a frame
+    ratios = {}
+    for width, height in SIZES:
+        mesh, camera, poses, studio = _scene(width, height)
+        large = subdivide(subdivide(subdivide(mesh)))
+        renderers = [RaycastRenderer(one, studio, rough) for one in (mesh, large)]
+        spent = [0.0, 0.0]
+        for pose in (*poses[:1], *poses):
+            for k, renderer in enumerate(renderers):
+                start = time.thread_time()
+                renderer.render(camera, pose)
+                spent[k] += time.thread_time() - start
+        ratios[f"rig {width}x{height}: {len(large.faces) / 1e6:.1f} M to {len(mesh.faces) / 1e3:.0f} k triangles"] = (
+            spent[1] / spent[0]
+        )
+    return ratios
+
+
+def measure_set_up() -> dict[str, float]:
+    """Seconds until the first frame can begin: for a shape that is new, and for one that was met in another paint."""
+    from toolkit.core.workspace import PACKAGE_DATA
+    from toolkit.objects.load import load_object
+    from toolkit.rig.raycast import RaycastRenderer
+    from toolkit.rig.studio import make_studio
+
+    seconds = {}
+    studio = make_studio(0, 270.0, "oak")
+    for name in ("eggnog", "racer", "warplane", "coffeepot"):
+        mesh = load_object(PACKAGE_DATA / "objects" / f"{name}.toml").mesh
+        painted = replace(mesh, materials=tuple(replace(m, texture=255 - m.texture) for m in mesh.materials))
+        for what, one in (("new", mesh), ("in another paint", painted)):
+            start = time.perf_counter()
+            RaycastRenderer(one, studio)
+            seconds[f"rig set-up, seconds: {name}, {what}"] = time.perf_counter() - start
+    return seconds
 
 
 def run(quiet: bool = False) -> dict[str, float]:
@@ -172,7 +275,9 @@ def run(quiet: bool = False) -> dict[str, float]:
         for peer in ("pyrender", "open3d"):
             if peer in middle:
                 results[f"rig {width}x{height}: ratio to {peer}"] = middle["rig"] / middle[peer]
-    return results
+        for part, share in measure_parts(width, height).items():
+            results[f"rig {width}x{height}: {'one core, ms' if part == 'ms' else 'share of ' + part}"] = share
+    return results | measure_growth() | measure_set_up()
 
 
 if __name__ == "__main__":

@@ -33,7 +33,7 @@ from toolkit.objects.mesh import Material, Mesh, place_on_table
 from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
-from toolkit.rig.views import DETAIL, FOV_DEG, count_workers, random_pose
+from toolkit.rig.views import DETAIL, FOV_DEG, count_cores, random_pose
 from toolkit.training.loop import make_steps
 
 TEXELS, LENGTH_MM = 200, 270.0
@@ -77,7 +77,7 @@ def render_block(atlas: Atlas, views: int, seed: int) -> float:
     renderer = RaycastRenderer(atlas.mesh, make_studio((seed, 1), LENGTH_MM), DETAIL)
     camera = Camera.from_fov(224, 224, FOV_DEG)
     for i in range(views):
-        renderer.render(camera, random_pose(np.random.default_rng([seed, i]), atlas.mesh, camera))
+        renderer.render(camera, random_pose(np.random.default_rng([seed, i]), atlas.mesh.vertices, camera))
     return (perf_counter() - began) / views
 
 
@@ -144,7 +144,7 @@ def _train_and_weigh() -> float:
     for _ in step_through(atlas, make_target("cpu"), config, 2):
         pass
     own, workers = (resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return (own + workers * count_workers()) * 1024 / 1e9
+    return (own + workers * count_cores()) * 1024 / 1e9
 
 
 def run(device: str = "auto") -> dict[str, float | str]:
@@ -154,7 +154,7 @@ def run(device: str = "auto") -> dict[str, float | str]:
     default = make_config("default", {"objects": ("warplane",), "size_px": TEXELS})
     plain = default.with_overrides(reuse=1, fog=False, camera=False)
     atlas = make_atlas(place_on_table(build_mesh("warplane"), LENGTH_MM), TEXELS)
-    cores, views, batch = count_workers() + 1, plain.per_studio, plain.batch
+    cores, views, batch = count_cores() + 1, plain.per_studio, plain.batch
     render, render_one = time_rendering(atlas, views), time_rendering_on_one_core(atlas, views)
     network = time_network(target, batch, device)
     serial = 1 / (render + network)

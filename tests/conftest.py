@@ -1,6 +1,5 @@
 """What tests share: the data beside the checkout, where there is any."""
 
-import hashlib
 import os
 from pathlib import Path
 
@@ -12,34 +11,6 @@ if (WORKERS := int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))) > 1:
 import pytest
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
-
-
-@pytest.fixture(scope="session", autouse=True)
-def shared_light():
-    """Light that was baked once for a mesh in a studio is not baked again by this process: most tests use few of them.
-
-    Baking is a function of these alone. Its own tests call it directly; those of interruption start other processes.
-    """
-    import numpy as np
-
-    from toolkit.rig import raycast
-
-    bake, baked = raycast.bake_lighting, {}
-
-    def bake_once(scene, corners, corner_normals, albedo, studio, *detail, **named):
-        digest = hashlib.sha256(repr((studio.name, studio.key, studio.table_mm, detail, named)).encode())
-        for array in (corners, corner_normals, albedo, studio.environment, studio.table):
-            digest.update(np.ascontiguousarray(array).tobytes())
-        key = digest.digest()
-        if key not in baked:
-            while len(baked) > 40:
-                baked.pop(next(iter(baked)))
-            baked[key] = bake(scene, corners, corner_normals, albedo, studio, *detail, **named)
-        return baked[key]
-
-    raycast.bake_lighting = bake_once
-    yield
-    raycast.bake_lighting = bake
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""Figures that need no workspace: what a patch meets in training, and the kinds that rig18 was trained on."""
+"""Figures that need no workspace: what a patch meets in training, the kinds that rig18 was trained on, skies."""
 
 from dataclasses import dataclass, replace
 
@@ -16,8 +16,10 @@ from toolkit.boosters.parts.print_process import PrintProcess
 from toolkit.boosters.parts.sensor_noise import SensorNoise
 from toolkit.core.draws import Draws
 from toolkit.objects.shapes.everyday import MAKERS, make_everyday
-from toolkit.rig.camera import Camera
+from toolkit.rig.camera import Camera, look_at, orbit_direction, pixel_rays
+from toolkit.rig.shading import tone_map
 from toolkit.rig.views import render_thumbnails
+from toolkit.worlds.sky import TIMES, make_sky
 
 CELL_PX, CAPTION_PX, GAP_PX, DRAWS = 224, 30, 8, 2
 STILL = AffineRanges(rotation_deg=(12, 12), share=(0.6, 0.6), foreshortening=(0.9, 0.9), overhang=0)
@@ -89,4 +91,29 @@ def draw_everyday(font: ImageFont.FreeTypeFont) -> Image.Image:
         picture = render_thumbnails(make_everyday(label, (SEED, i)), 1, (SEED, i), camera)[0]
         sheet.paste(Image.fromarray(picture), (left, top))
         draw.text((left + 4, top + KIND_PX + 2), label, fill=(28, 30, 34), font=font)
+    return sheet
+
+
+SKY_PX, SKY_FOV_DEG, SKY_ELEVATION_DEG = (288, 216), 60.0, 12.0
+"""Each sky is seen towards its sun and, below, away from it."""
+
+
+def draw_skies(font: ImageFont.FreeTypeFont) -> Image.Image:
+    """A column for each time of day."""
+    width, height = SKY_PX
+    camera = Camera.from_fov(width, height, SKY_FOV_DEG)
+    x, y = np.meshgrid(np.arange(width), np.arange(height))
+    pixels = np.stack([x, y], axis=-1).reshape(-1, 2).astype(np.float32) + 0.5
+    step = height + GAP_PX
+    sheet = Image.new("RGB", (len(TIMES) * (width + GAP_PX) - GAP_PX, CAPTION_PX + 2 * step - GAP_PX), "white")
+    draw = ImageDraw.Draw(sheet)
+    for column, name in enumerate(TIMES):
+        left = column * (width + GAP_PX)
+        draw.text((left + 4, 3), name, fill=(28, 30, 34), font=font)
+        sky = make_sky(name, 0, 768)
+        for row, turn in enumerate((0, 180)):
+            towards = orbit_direction(sky.sun.azimuth_deg + turn, SKY_ELEVATION_DEG)
+            rays = pixel_rays(camera, look_at(np.zeros(3), towards), pixels)[:, 3:]
+            shown = tone_map(sky.render(rays).reshape(height, width, 3), (0,))
+            sheet.paste(Image.fromarray(shown), (left, CAPTION_PX + row * step))
     return sheet

@@ -1,4 +1,4 @@
-"""docs/results.md from the tables in docs/results: python docs/scripts/findings.py. No number is typed by hand."""
+"""Pages from the tables in docs/results: python docs/scripts/findings.py. No number in them is typed by hand."""
 
 import csv
 from collections import defaultdict
@@ -102,16 +102,26 @@ def points(share: str) -> str:
     return format_points(float(share)) if share else ""
 
 
-def write_page(folder: Path = DOCS / "results") -> str:
-    """The page as Markdown."""
+PAGES = {"results.md": "results.md.j2", "how/renderers.md": "renderers.md.j2"}
+"""The templates of pages below docs."""
+
+
+def write_page(folder: Path = DOCS / "results", page: str = "results.md") -> str:
+    """A page as Markdown."""
     environment = Environment(
         loader=FileSystemLoader(SCRIPTS), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         keep_trailing_newline=True, autoescape=False,
     )  # fmt: skip
     environment.filters |= {"percent": percent, "points": points, "share": say_share, "p": say_p}
-    template = environment.get_template("results.md.j2")
+    template = environment.get_template(PAGES[page])
     return template.render(of=Findings(folder), names=NAMES, rig18=read_bundled())
 
 
+def write_pages() -> None:
+    """All pages that are made from the tables."""
+    for page in PAGES:
+        write_text(DOCS / page, write_page(page=page))
+
+
 if __name__ == "__main__":
-    write_text(DOCS / "results.md", write_page())
+    write_pages()

@@ -1,18 +1,17 @@
-"""Tables and the results page, and the figures of a finished workspace: python docs/scripts/make.py [WORKSPACE]."""
+"""Tables, pages made from them, and the figures of a finished workspace: python docs/scripts/make.py [WORKSPACE]."""
 
 import sys
 from pathlib import Path
 
 from figures import draw_figures
-from findings import write_page
+from findings import write_pages
 from tables import DOCS, write_evaluation_tables, write_record_tables
 
-from toolkit.core.files import write_text
 from toolkit.core.workspace import open_workspace
 
 
 def main(folder: str | None = None, run: str = "resnet18") -> None:
-    """Write docs/results/*.csv, and docs/results.md from them.
+    """Write docs/results/*.csv, and the pages with numbers from them.
 
     Args:
         folder: a workspace in which `run-results` has run, for figures and evaluations; without it, both stay as they
@@ -24,7 +23,7 @@ def main(folder: str | None = None, run: str = "resnet18") -> None:
         draw_figures(space, DOCS / "figures", run)
         write_evaluation_tables(space)
     write_record_tables(space)
-    write_text(DOCS / "results.md", write_page())
+    write_pages()
 
 
 if __name__ == "__main__":

@@ -90,3 +90,77 @@ def test_impossible_ranges_are_one_clear_line(ranges, words):
     with pytest.raises(ToolkitError, match=words) as caught:
         TapeGlare(**ranges)
     assert "\n" not in str(caught.value)
+
+
+def places(mask: torch.Tensor) -> tuple[np.ndarray, np.ndarray, float]:
+    """Columns and rows of all pixels, and the patch's side in pixels: the root of its area."""
+    row, column = np.mgrid[: mask.shape[-2], : mask.shape[-1]] + 0.5
+    return column, row, float(mask[0].sum()) ** 0.5
+
+
+@pytest.mark.parametrize(("width", "length"), [(0.12, 0.12), (0.15, 0.5), (0.25, 0.9)])
+def test_shine_is_a_gaussian_of_the_width_length_and_strength_asked_for(width, length):
+    """Its logarithm is a paraboloid: the curvatures are 1 / width² and 1 / length², its top the strength."""
+    covered, mask = cover(20, width=(width, width), length=(length, length), strength=(0.8, 0.8), **SHINE)
+    x, y, side = places(mask)
+    for one, inside in zip(covered.numpy(), mask[:, 0].numpy() == 1, strict=True):
+        bright = inside & (one[0] > 1e-4)
+        u, v = x[bright] / side, y[bright] / side
+        terms = np.stack([np.ones_like(u), u, v, u * u / 2, u * v, v * v / 2], axis=1)
+        found, left, *_ = np.linalg.lstsq(terms, np.log(one[:, bright]).T, rcond=None)
+        assert left.max() < 1e-12
+        for height, *slope, uu, uv, vv in found.T:
+            curvature = np.array([[uu, uv], [uv, vv]])
+            np.testing.assert_allclose(np.linalg.eigvalsh(-curvature), [1 / length**2, 1 / width**2], rtol=1e-6)
+            middle = -np.linalg.solve(curvature, slope)
+            assert 0.94 * 0.8 - 1e-9 < np.exp(height + middle @ slope / 2) < 0.8 + 1e-9
+            assert np.hypot(*(middle - 20 / side)) < 0.5 * 2**0.5 + 0.02  # on the patch, whatever way it points
+
+
+def test_a_strip_has_the_width_asked_for_and_an_edge_of_one_pixel():
+    """Its cover is a ramp on either side; the ramps rise by one a pixel, and their middles lie its width apart."""
+    covered, mask = cover(60, strip_width=(0.3, 0.3), **STRIP)
+    x, y, side = places(mask)
+    measured = 0
+    for one, inside in zip(covered.numpy(), mask[:, 0].numpy() == 1, strict=True):
+        alpha = one[0] / one[0][inside].max()
+        ramp = inside & (alpha > 0.01) & (alpha < 0.99)
+        full = inside & (alpha > 1 - 1e-9)
+        if full.sum() < 100 or ramp.sum() < 20:
+            continue
+        points = np.stack([x[ramp], y[ramp]], axis=1)
+        normal = np.linalg.eigh(np.cov(np.stack([x[full], y[full]])))[1][:, 0]  # to tell the two sides apart, roughly
+        middle = np.array([x[full].mean(), y[full].mean()])
+        offsets = []
+        for sign in (1, -1):
+            beside = sign * ((points - middle) @ normal) > 0
+            if beside.sum() < 8:
+                break
+            terms = np.column_stack([points[beside], np.ones(beside.sum())])
+            plane, left, rank, _ = np.linalg.lstsq(terms, alpha[ramp][beside], rcond=None)
+            if rank < 3 or left.size == 0 or left[0] > 1e-9:
+                break
+            assert np.hypot(plane[0], plane[1]) == pytest.approx(1, rel=1e-6)
+            offsets.append((plane[2] - 0.5, plane[:2]))
+        if len(offsets) == 2:
+            (one_side, direction), (other_side, opposite) = offsets
+            np.testing.assert_allclose(direction, -opposite, atol=1e-6)
+            assert one_side + other_side == pytest.approx(0.3 * side, rel=1e-6)
+            measured += 1
+    assert measured >= 5
+
+
+def test_cover_mixes_in_proportion():
+    """Where shine is half as strong, half of the paper is seen through it: out = paper + alpha (colour - paper)."""
+    mask = square_mask(30)
+    part = TapeGlare(strength=(0.6, 0.6), **SHINE)
+    dark, mid, light = (
+        part.light(torch.full((30, 3, 40, 40), value, dtype=torch.float64) * mask, mask, np.random.default_rng(2))
+        for value in (0.0, 0.5, 1.0)
+    )
+    inside = (mask == 1).expand_as(dark)
+    torch.testing.assert_close((dark + light)[inside], 2 * mid[inside])
+    alpha = 1 - (light - dark)[inside]
+    assert 0.55 < alpha.max() <= 0.6 + 1e-9 and alpha.min() >= 0
+    colour = (dark[inside] / alpha.clamp_min(1e-9))[alpha > 1e-6]
+    assert colour.min() > 0.94 - 1e-6 and colour.max() < 1 + 1e-6

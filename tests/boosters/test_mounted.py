@@ -51,7 +51,7 @@ def test_the_buffers_put_together_are_a_render_of_the_patch(space, views):
     theta = torch.from_numpy(pixels.transpose(2, 0, 1) / 255.0).float()
     stacked = stack_views(views, SIZE_MM, "cpu")
     for i in range(3):
-        pose = random_pose(np.random.default_rng([7, i, 2]), item.mesh, camera)
+        pose = random_pose(np.random.default_rng([7, i, 2]), item.mesh.vertices, camera)
         rendered = finish.tone_map(renderer.render(camera, pose), (0,), noise=0, falloff=0) / 255
         shown = show_mounted(theta, stacked, np.array([i]), np.zeros((1, 2), int), SIDE)[0].permute(1, 2, 0).numpy()
         assert len(np.unique(views[i].pixel)) > 40

@@ -22,6 +22,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
 from toolkit.rig.camera import Camera, orbit_pose, pixel_rays, project
 from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.scene import Table
 from toolkit.rig.studio import make_studio
 
 SETTINGS = ShootSettings(backdrop="white")
@@ -138,7 +139,7 @@ def test_the_table_is_seen_where_the_lens_puts_it(lens, make_box):
     table = np.zeros((1200, 1600, 3), np.uint8)
     place = np.array([[36.0, -22.0, 0.0]])
     cv2.circle(table, ((800 + 36 * 4) * 16 - 8, (600 + 22 * 4) * 16 - 8), 3 * 4 * 16, (255, 255, 255), -1, shift=4)
-    studio = replace(make_studio(0, 100.0, "white"), table=table, table_mm=(400.0, 300.0), table_roughness=1.0)
+    studio = replace(make_studio(0, 100.0, "white"), table=Table(table, (400.0, 300.0), 1.0))
     renderer = RaycastRenderer(make_box((4, 4, 4)), studio, QUICK)
     T_world_camera = VIEWS["pose_01"][2]
     camera = scale_camera(lens, 1280)

@@ -23,8 +23,9 @@ from toolkit.photos.lens import FULL_FRAME_DIAGONAL_MM
 from toolkit.rig.camera import Camera
 from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.scene import Scene, Table
 from toolkit.rig.shading import tone_map
-from toolkit.rig.studio import Studio, make_studio
+from toolkit.rig.studio import make_studio
 
 QUICK = BakeDetail(key_rays=8, room_rays=32, surface_spacing=0.04, table_spacing=0.04)
 INK, PAPER = 28, 236
@@ -68,14 +69,14 @@ def paint_table(board, seed: int, backdrop: str | None, px_per_mm: float, margin
     """(picture, table_mm) of a table top with the board in its middle: FRONT of the page to +x, its right to +y."""
     studio = make_studio(seed, 100.0, backdrop)
     if board is None:
-        return studio.table, studio.table_mm
+        return studio.table.picture, studio.table.size_mm
     page = board.paint(px_per_mm)  # rows run down the page, which is +x; columns to its right, +y
     page = np.pad(page, round(PAPER_EDGE_MM * px_per_mm), constant_values=255)
     sheet = np.rot90(page)  # in the table's picture x runs right and y up
     high, wide = sheet.shape
     margin = round(margin_mm * px_per_mm)
     # the margins are even on both sides, so that the sheet's middle is the picture's
-    table = cv2.resize(studio.table, (wide + 2 * margin, high + 2 * margin), interpolation=cv2.INTER_CUBIC)
+    table = cv2.resize(studio.table.picture, (wide + 2 * margin, high + 2 * margin), interpolation=cv2.INTER_CUBIC)
     ink, paper = srgb_to_linear(np.array([INK, PAPER]) / 255)
     shades = linear_to_srgb(ink + srgb_to_linear(np.arange(256) / 255) * (paper - ink))
     table[margin : margin + high, margin : margin + wide] = (shades * 255).round().astype(np.uint8)[sheet][..., None]
@@ -94,9 +95,10 @@ def _scene(subject, board, seed, backdrop, light, px_per_mm) -> RaycastRenderer:
     return _scenes[key]
 
 
-def _studio(seed: int, light: str, table: np.ndarray, table_mm) -> Studio:
+def _studio(seed: int, light: str, table: np.ndarray, table_mm) -> Scene:
     # metered for paper, as a camera that looks at the board does
-    return replace(make_studio(seed, 100.0, "white", light), table=table, table_mm=table_mm)
+    studio = make_studio(seed, 100.0, "white", light)
+    return replace(studio, table=Table(table, table_mm, studio.table.roughness))
 
 
 def _crumb(table_mm: tuple[float, float]) -> Mesh:

@@ -8,7 +8,8 @@ from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.studio import Studio, make_studio
+from toolkit.rig.scene import Scene
+from toolkit.rig.studio import make_studio
 from toolkit.rig.views import FOV_DEG, NEAR_VIEWS, PaintableObject, ViewSettings, random_pose
 
 SIDE, TEXELS = 48, 32
@@ -28,11 +29,11 @@ def make_subject(space) -> PaintableObject:
 
 def render_linear(atlas: Atlas, count: int = 2, side: int = SIDE):
     """Views of an atlas' mesh with the studio, camera and poses they were taken in."""
-    studio: Studio = make_studio(3, 100.0, "oak")
+    studio: Scene = make_studio(3, 100.0, "oak")
     camera = Camera.from_fov(side, side, FOV_DEG)
     texture = atlas.mesh.materials[atlas.mesh.face_material[atlas.trained][0]].texture
     renderer = RaycastRenderer(atlas.mesh, studio)
-    poses = [random_pose(np.random.default_rng([4, i]), atlas.mesh, camera, NEAR_VIEWS) for i in range(count)]
+    poses = [random_pose(np.random.default_rng([4, i]), atlas.mesh.vertices, camera, NEAR_VIEWS) for i in range(count)]
     return [renderer.render_linear(camera, pose, texture) for pose in poses], studio, camera, poses
 
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import trimesh
+from kernel_samples import sample
 
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.atlas import dilate, make_atlas, wear
 from toolkit.objects.load import build_mesh, read_mesh
 from toolkit.objects.mesh import Material, Mesh, make_ray_scene, mesh_from_corners, place_on_table
 from toolkit.rig.camera import Camera, orbit_pose, pixel_rays
-from toolkit.rig.textures import sample, texture_pyramid
 
 
 @pytest.fixture(scope="module")
@@ -110,14 +110,12 @@ def test_every_visible_texel_of_a_built_in_object_is_covered(name):
 
 
 def test_a_built_in_object_keeps_its_coordinates_and_gets_one_sheet():
-    from toolkit.rig.raycast import _distinct_textures
-
     mesh = build_mesh("racer")
     atlas = make_atlas(mesh, 200)
     np.testing.assert_array_equal(atlas.mesh.uv, mesh.uv)
     np.testing.assert_array_equal(atlas.mesh.faces, mesh.faces)
     worn = wear(atlas, colours(200))
-    assert len(_distinct_textures(worn)[0]) == 1
+    assert len({id(m.texture) for m in worn.materials}) == 1
     assert [m.name for m in worn.materials] == [m.name for m in mesh.materials]
     assert [m.roughness for m in worn.materials] == [m.roughness for m in mesh.materials]
     assert {m.metallic for m in worn.materials} == {0.0}
@@ -240,7 +238,7 @@ def test_seams_do_not_bleed(bare):
     wanted = np.repeat(palette[side], 400, axis=0) / 255
 
     def errors(pixels: np.ndarray, level: int) -> np.ndarray:
-        return np.abs(sample(texture_pyramid(pixels)[level], *uv.T) - wanted).max(axis=1)
+        return np.abs(sample(pixels, *uv.T, level) - wanted).max(axis=1)
 
     spread = wear(atlas, texture).materials[0].texture
     assert errors(spread, 0).max() < 1e-3
@@ -259,8 +257,8 @@ def test_a_chart_of_ones_own_does_not_take_in_the_ground():
     worn = wear(atlas, texture).materials[0].texture
     assert texture.shape == (n, n, 3)
     for level in range(3):
-        np.testing.assert_allclose(sample(texture_pyramid(worn)[level], *edge.T), 1, atol=1e-5)
-    assert sample(texture_pyramid(texture)[0], *edge.T).max() < 0.51
+        np.testing.assert_allclose(sample(worn, *edge.T, level), 1, atol=1e-5)
+    assert sample(texture, *edge.T).max() < 0.51
 
 
 @pytest.mark.parametrize(

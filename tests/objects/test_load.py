@@ -5,7 +5,8 @@ import pytest
 import trimesh
 
 from toolkit.core.errors import ToolkitError
-from toolkit.objects.load import PLAIN_COLOUR, load_object, read_mesh, turn_upright
+from toolkit.objects.load import load_object, read_mesh, turn_upright
+from toolkit.objects.paint import PLAIN_COLOUR
 
 PLY = """ply
 format ascii 1.0

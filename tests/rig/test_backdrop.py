@@ -7,7 +7,8 @@ import pytest
 
 from toolkit.rig.camera import Camera, orbit_pose, pixel_rays, project
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.studio import KeyLight, make_studio
+from toolkit.rig.scene import KeyLight
+from toolkit.rig.studio import make_studio
 
 CAMERA = Camera.from_fov(160, 120, 50)
 
@@ -19,7 +20,7 @@ def renderer(make_box):
     lit = replace(
         studio, environment=np.zeros_like(studio.environment), exposure=1.0,
         key=KeyLight(azimuth_deg=0, elevation_deg=80, irradiance=(3, 3, 3)),
-        table=np.full_like(studio.table, 255),
+        table=replace(studio.table, picture=np.full_like(studio.table.picture, 255)),
     )  # fmt: skip
     return RaycastRenderer(make_box((4, 4, 2)), lit)
 

@@ -32,12 +32,12 @@ def test_a_picture_of_it_gives_the_camera_back(tmp_path, make_crate_space, azimu
 def test_the_middle_stays_the_middle_and_the_rest_stays_the_table():
     plain = make_studio(1, 270.0, "oak")
     laid = add_board(plain, DEFAULT_BOARD, px_per_mm=1.0)
-    assert np.abs(np.array(laid.table_mm) - plain.table_mm).max() < 2
-    high, wide = laid.table.shape[:2]
-    assert (wide, high) == tuple(round(mm) for mm in laid.table_mm)
+    assert np.abs(np.array(laid.table.size_mm) - plain.table.size_mm).max() < 2
+    high, wide = laid.table.picture.shape[:2]
+    assert (wide, high) == tuple(round(mm) for mm in laid.table.size_mm)
     board_h, board_w = (DEFAULT_BOARD.size_mm[0] + 18, DEFAULT_BOARD.size_mm[1] + 18)
-    inside = laid.table[round(high / 2 - board_h / 2) + 3 : round(high / 2 + board_h / 2) - 3,
+    inside = laid.table.picture[round(high / 2 - board_h / 2) + 3 : round(high / 2 + board_h / 2) - 3,
                         round(wide / 2 - board_w / 2) + 3 : round(wide / 2 + board_w / 2) - 3]  # fmt: skip
     assert set(np.unique(inside[..., 0])) <= set(range(28, 237))
     assert (np.ptp(inside.astype(int), axis=2) == 0).all(), "paper and ink are grey"
-    assert np.ptp(laid.table[:50, :50].astype(int), axis=2).max() > 5, "oak is not"
+    assert np.ptp(laid.table.picture[:50, :50].astype(int), axis=2).max() > 5, "oak is not"

@@ -69,6 +69,20 @@ def test_silhouettes_are_those_of_an_independent_rasteriser(needs_egl, studio):
         assert (ours & theirs).sum() / (ours | theirs).sum() > 0.99
 
 
+@pytest.mark.slow
+def test_the_scene_is_built_once_for_all_its_poses(needs_egl, studio, make_box, monkeypatch, capfd):
+    """And what Filament says while it is built does not mix with what a command prints."""
+    built = []
+    build = FilamentRenderer._build
+    monkeypatch.setattr(FilamentRenderer, "_build", lambda self, *size: built.append(size) or build(self, *size))
+    renderer, camera = FilamentRenderer(make_box(), studio), Camera.from_fov(64, 48, 40)
+    first, *others = (renderer.render(camera, orbit_pose((0, 0, 20), turn, 35, 300)) for turn in (0, 90, 200, 360))
+    assert built == [(64, 48)]
+    assert all(np.abs(other - first).mean() > 0.01 for other in others[:2])
+    np.testing.assert_allclose(others[-1], first, atol=1 / 255 + 1e-6)
+    assert capfd.readouterr().out == ""
+
+
 AFTERWARDS = """
 from toolkit.objects.mesh import place_on_table
 from toolkit.objects.shapes.modelling import assemble, box

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from toolkit.rig.lighting import bake_lighting, read_samples
-from toolkit.rig.studio import KeyLight, make_studio
+from toolkit.rig.lighting import Shape, bake_lighting, read_samples
+from toolkit.rig.scene import KeyLight
+from toolkit.rig.studio import make_studio
 
 DARK = (0.0, 0.0, 0.0)
 
@@ -14,20 +15,14 @@ DARK = (0.0, 0.0, 0.0)
 @pytest.fixture(scope="module")
 def bake(make_box):
     """A function (size, room's radiance, key) -> mesh corners and baked light over a black table."""
-    import open3d as o3d
-
     studio = make_studio(0, 100, "white")
 
     def run(size=(60.0, 60.0, 40.0), room=0.0, key=KeyLight(irradiance=DARK), albedo=0.0):
         mesh = make_box(size)
-        scene = o3d.t.geometry.RaycastingScene()
-        scene.add_triangles(o3d.core.Tensor(mesh.vertices), o3d.core.Tensor(mesh.faces.astype(np.uint32)))
-        plain = replace(
-            studio, key=key, environment=np.full_like(studio.environment, room), table=np.zeros_like(studio.table)
-        )
-        corners = mesh.vertices[mesh.faces]
-        light = bake_lighting(scene, corners, mesh.normals[mesh.faces], np.full(3, albedo, np.float32), plain)
-        return corners, light
+        black = replace(studio.table, picture=np.zeros_like(studio.table.picture))
+        plain = replace(studio, key=key, environment=np.full_like(studio.environment, room), table=black)
+        light = bake_lighting(Shape(mesh), np.full(3, albedo, np.float32), plain)
+        return mesh.vertices[mesh.faces], light
 
     return run
 

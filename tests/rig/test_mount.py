@@ -210,7 +210,8 @@ def papered(cube):
     from dataclasses import replace
 
     from toolkit.rig.raycast import RaycastRenderer
-    from toolkit.rig.studio import KeyLight, make_studio
+    from toolkit.rig.scene import KeyLight
+    from toolkit.rig.studio import make_studio
 
     mesh = cube
     for at in VIEWS:

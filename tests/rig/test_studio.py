@@ -10,7 +10,7 @@ from toolkit.rig.studio import BACKDROPS, LIGHTS, make_studio
 def test_equal_seeds_make_equal_studios_and_others_do_not():
     first, again, other = make_studio((1, 2), 40), make_studio((1, 2), 40), make_studio((1, 3), 40)
     assert first.name == again.name and first.exposure == again.exposure
-    np.testing.assert_array_equal(first.table, again.table)
+    np.testing.assert_array_equal(first.table.picture, again.table.picture)
     np.testing.assert_array_equal(first.environment, again.environment)
     assert first.environment.shape == other.environment.shape
     assert (first.environment != other.environment).any()
@@ -30,7 +30,7 @@ def test_every_backdrop_in_every_light_is_well_exposed(backdrop, light):
 
     studio = make_studio(4, 60, backdrop, light)
     assert studio.name == f"{backdrop}/{light}/4"
-    albedo = srgb_to_linear(studio.table / 255).reshape(-1, 3).mean(axis=0)
+    albedo = srgb_to_linear(studio.table.picture / 255).reshape(-1, 3).mean(axis=0)
     elevation = np.pi / 2 - (np.arange(128) + 0.5) * np.pi / 256
     ring = studio.environment[:128].mean(axis=1) * (np.sin(elevation) * np.cos(elevation))[:, None]
     room = 2 * np.pi * ring.sum(axis=0) * np.pi / 256  # the integral of L cos over the upper half

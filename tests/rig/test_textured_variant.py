@@ -55,6 +55,9 @@ def blank(monkeypatch):
     """Pictures are black: for tests that ask which are taken, and not what they show."""
 
     class Blank:
+        def render_many(self, views):
+            return (self.render(*view) for view in views)
+
         def render(self, camera, _):
             return np.zeros((camera.height, camera.width, 3), np.float32)
 

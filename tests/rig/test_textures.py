@@ -2,19 +2,18 @@
 
 import numpy as np
 import pytest
+from kernel_samples import sample, sample_by_numpy
 
 from toolkit.imaging.colour import srgb_to_linear
+from toolkit.rig.kernel.textures import fill_colours, fill_radiance
 from toolkit.rig.studio import make_studio
-from toolkit.rig.textures import (
-    build_pyramid,
-    equirectangular,
-    sample,
-    sample_directions,
-    sample_pyramid,
-    texture_pyramid,
-)
+from toolkit.rig.textures import build_pyramid, equirectangular, pack_textures, sample_directions, texture_pyramid
 
 RNG = np.random.default_rng(11)
+
+
+def random_texture(height, width):
+    return RNG.integers(0, 256, (height, width, 3), dtype=np.uint8)
 
 
 @pytest.mark.parametrize("shape", [(64, 64), (37, 53), (4, 4), (128, 16), (1, 1)])
@@ -30,45 +29,55 @@ def test_every_level_has_the_mean_of_the_first(shape):
 def test_averages_are_of_light_and_not_of_codes():
     stripes = np.zeros((16, 16, 3), np.uint8)
     stripes[::2] = 255
-    assert texture_pyramid(stripes)[1].mean() == pytest.approx(0.5, abs=1e-6)
-    assert texture_pyramid(stripes)[0].max() == pytest.approx(1)
-    grey = texture_pyramid(np.full((8, 8, 3), 119, np.uint8))[0]
-    np.testing.assert_allclose(grey, srgb_to_linear(np.array(119 / 255)), atol=1e-6)
+    assert texture_pyramid(stripes)[1].mean() / 65535 == pytest.approx(0.5, abs=1e-5)
+    assert texture_pyramid(stripes)[0].max() == 65535
+    grey = texture_pyramid(np.full((8, 8, 3), 119, np.uint8))[0] / 65535
+    np.testing.assert_allclose(grey, srgb_to_linear(np.array(119 / 255)), atol=1e-5)
 
 
 def test_texel_centres_are_exact_and_row_0_is_v_1():
-    picture = RNG.uniform(0, 1, (5, 9, 3)).astype(np.float32)
+    picture = random_texture(5, 9)
     row, column = (index.reshape(-1) for index in np.mgrid[:5, :9])
     found = sample(picture, (column + 0.5) / 9, 1 - (row + 0.5) / 5)
-    np.testing.assert_allclose(found, picture[row, column], atol=1e-6)
+    np.testing.assert_allclose(found, srgb_to_linear(picture[row, column] / 255), atol=1e-5)
 
 
 def test_between_texels_it_is_linear():
-    """To 1/32 of a texel, which is OpenCV's fixed-point weight."""
-    ramp = np.tile(np.arange(32, dtype=np.float32)[None, :, None], (8, 1, 3))
-    x = RNG.uniform(0.5, 31.5, 3000)
-    np.testing.assert_allclose(sample(ramp, x / 32, np.full(3000, 0.5))[:, 0], x - 0.5, atol=1 / 32)
+    steps = np.zeros((8, 32, 3), np.uint8)
+    steps[:, 16:] = 255  # between the middles of columns 15 and 16 the light rises from 0 to 1
+    x = RNG.uniform(15.5, 16.5, 3000)
+    np.testing.assert_allclose(sample(steps, x / 32, np.full(3000, 0.5))[:, 0], x - 15.5, atol=1e-4)
 
 
 def test_coordinates_outside_repeat():
-    picture = RNG.uniform(0, 1, (8, 8, 3)).astype(np.float32)
-    u, v = RNG.integers(0, 8, 50) / 8 + 1 / 16, RNG.integers(0, 8, 50) / 8 + 1 / 16
-    np.testing.assert_allclose(sample(picture, u + 1, v - 2), sample(picture, u, v), atol=1e-5)
+    picture = random_texture(8, 8)
+    u, v = RNG.uniform(0, 1, (2, 200))
+    wanted = sample(picture, u, v)
+    for du, dv in ((1, -2), (-3, 0), (40, 17)):
+        np.testing.assert_allclose(sample(picture, u + du, v + dv), wanted, atol=1e-4)
 
 
 def test_level_of_detail_picks_and_mixes_levels():
-    picture = RNG.uniform(0, 1, (64, 64, 3)).astype(np.float32)
-    levels = build_pyramid(picture)
-    u, v = RNG.uniform(0, 1, 200).astype(np.float32), RNG.uniform(0, 1, 200).astype(np.float32)
+    picture = random_texture(64, 64)
+    levels = texture_pyramid(picture)
+    u, v = RNG.uniform(0, 1, (2, 200)).astype(np.float32)
+    for lod in (0, 1, 1.7, 2, 3.3, len(levels) - 1):
+        wanted = sample_by_numpy([level / 65535 for level in levels], u, v, np.full(200, lod))
+        np.testing.assert_allclose(sample(picture, u, v, lod), wanted, atol=1e-5)
+    at = {lod: sample(picture, u, v, lod) for lod in (0, 1, 1.25, 2, -3, 99, len(levels) - 1)}
+    np.testing.assert_allclose(at[1.25], 0.75 * at[1] + 0.25 * at[2], atol=1e-5)
+    np.testing.assert_array_equal(at[-3], at[0])
+    np.testing.assert_array_equal(at[99], at[len(levels) - 1])
 
-    def at(lod):
-        return sample_pyramid(levels, u, v, np.full(200, lod, np.float32))
 
-    for level in range(len(levels)):
-        np.testing.assert_allclose(at(level), sample(levels[level], u, v), atol=1e-6)
-    np.testing.assert_allclose(at(1.25), 0.75 * at(1) + 0.25 * at(2), atol=1e-5)
-    np.testing.assert_allclose(at(-3), at(0), atol=1e-6)
-    np.testing.assert_allclose(at(99), at(len(levels) - 1), atol=1e-6)
+def test_textures_of_one_pack_are_told_apart():
+    pictures = [random_texture(*shape) for shape in ((8, 8), (16, 4), (5, 7))]
+    texels, found = pack_textures(pictures), np.empty((1, 3), np.float32)
+    for index, picture in enumerate(pictures):
+        h, w = picture.shape[:2]
+        uv = np.array([[(w - 0.5) / w, 1 - 0.5 / h]], np.float32)
+        fill_colours(texels, np.array([index], np.int32), uv, np.zeros(1, np.float32), found)
+        np.testing.assert_allclose(found[0], srgb_to_linear(picture[0, w - 1] / 255), atol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -96,3 +105,14 @@ def test_a_studios_ceiling_is_above_its_floor():
     up, down = sample_directions(environment, np.array([[0, 0, 1], [0, 0, -1]], np.float32))
     np.testing.assert_allclose(up, environment[0].mean(axis=0), rtol=0.05)  # and nothing of the floor beyond the pole
     assert up.mean() > down.mean()
+
+
+def test_the_kernel_looks_where_numpy_does():
+    """Its own arc tangent and bilinear weights, against `arctan2`, `arcsin`; up to a hundredth of a pixel."""
+    picture = RNG.uniform(0, 1, (32, 64, 3)).astype(np.float32)
+    directions = RNG.normal(size=(5000, 3))
+    directions[:6] = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
+    found = np.empty((5000, 3), np.float32)
+    fill_radiance(picture, directions, found)
+    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    np.testing.assert_allclose(found, sample_directions(picture, unit), atol=1e-3)

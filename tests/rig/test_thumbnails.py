@@ -26,7 +26,7 @@ def test_all_depends_on_the_seed(make_box):
 def test_poses_fill_the_wide_ranges(make_box):
     mesh = make_box()
     rng = np.random.default_rng(0)
-    poses = [random_pose(rng, mesh, CAMERA, WIDE_VIEWS) for _ in range(400)]
+    poses = [random_pose(rng, mesh.vertices, CAMERA, WIDE_VIEWS) for _ in range(400)]
     positions = np.array([pose[:3, 3] for pose in poses]) - [0, 0, mesh.size_mm[2] / 2]
     elevation = np.degrees(np.arcsin(positions[:, 2] / np.linalg.norm(positions, axis=1)))
     assert elevation.min() < 12 and 72 < elevation.max() < 88
@@ -52,7 +52,7 @@ def test_a_mesh_is_turned_about_the_vertical_axis(make_box):
 def test_coarse_light_is_close_to_the_full_one(tmp_path, make_crate_space):
     mesh = load_object(make_crate_space(tmp_path).object_spec("crate")).mesh
     studio = make_studio(3, 100.0)
-    pose = random_pose(np.random.default_rng(1), mesh, CAMERA)
+    pose = random_pose(np.random.default_rng(1), mesh.vertices, CAMERA)
     full, coarse = (RaycastRenderer(mesh, studio, *detail).render(CAMERA, pose) for detail in ((), (THUMBNAIL_DETAIL,)))
     assert np.abs(full - coarse).mean() < 0.02 < full.mean()
     assert np.abs(full - coarse).max() > 0

@@ -19,6 +19,9 @@ def drawn(tmp_path, make_crate_space, monkeypatch):
             def __init__(self, mesh, studio):
                 self.mesh, self.studio = mesh, studio
 
+            def render_many(self, views):
+                return (self.render(*view) for view in views)
+
             def render(self, camera, T_world_camera):
                 cameras.append((camera, T_world_camera, self.mesh))
                 studios.append(self.studio.name)

@@ -3,7 +3,7 @@
 The material may be the object's own, or the sheet that is stuck on it: both are `toolkit.rig.linear_view.LinearView`s.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING
 
@@ -125,6 +125,17 @@ class ViewBatch:
         first, last = sum(self.counts[:start]), sum(self.counts[:stop])
         samples = {name: getattr(self, name)[first:last] for name in ("pixel", "uv", "lod", "gain", "share")}
         return ViewBatch(self.still[start:stop], self.counts[start:stop], **samples)
+
+    def through(self, factor: "torch.Tensor", offset: "torch.Tensor") -> "ViewBatch":
+        """The same views seen through weather, which makes `factor · light + offset` of light; both (b, h, w, 3)."""
+        import torch
+
+        device = self.pixel.device
+        factor, offset, counts = factor.to(device), offset.to(device), torch.tensor(self.counts, device=device)
+        view = torch.arange(len(counts), device=device).repeat_interleave(counts)
+        passed = factor.flatten(1, 2)[view, self.pixel].to(self.gain.dtype)
+        still = (self.still * factor + offset).to(self.still.dtype)
+        return replace(self, still=still, gain=self.gain * passed, share=self.share * passed.mean(1))
 
     def cut(self, which: np.ndarray, corners: np.ndarray, side: int, dtype: "torch.dtype") -> "ViewBatch":
         """Squares of some views.

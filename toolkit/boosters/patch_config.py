@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     import torch
 
 METHOD = "unadversarial patch, sign of the gradient"
-METHOD_VERSION = 4
+METHOD_VERSION = 5
 """Raised when the same settings give other numbers: an older checkpoint is then another run's."""
 LOSSES, RIG = "Losses", "Mounted on the rig's object"
 SMALLEST_PX = 8

@@ -123,7 +123,7 @@ def train_texture(
         name: of the texture's files; by default the object's, for several objects the class's.
         out: folder for the texture instead of the workspace's.
         restart: forget what an earlier run left.
-        workers: processes that render; None: one for each core but one; 0: none, this process renders.
+        workers: threads that render ahead; None: one for each core; 0: none.
         checkpoint_every_s: how much work a kill may cost.
 
     Raises:
@@ -175,7 +175,7 @@ class TextureTask(PixelTask[TrainedTexture]):
 
     Attributes:
         keep_image: (h, w) bool mask of the only object, to be recorded.
-        workers: processes that render; None: one for each core but one; 0: none.
+        workers: threads that render ahead; None: one for each core; 0: none.
     """
 
     kind = "texture"
@@ -223,7 +223,7 @@ class TextureTask(PixelTask[TrainedTexture]):
 
     @contextmanager
     def open(self) -> Iterator[None]:
-        """Start the processes that render, and set the turntable up."""
+        """Start the threads that render, and set the turntable up."""
         subjects, device = [one.subject() for one in self.objects], str(self.pixels.device)
         self._turntable = [plan_turntable(subject, self.image_px, device) for subject in subjects]
         views = self.config.views(self.image_px)
@@ -371,9 +371,9 @@ def plan_turntable(subject: PaintableObject, image_px: int, device: str) -> View
     renderer = RaycastRenderer(mesh, studio, DETAIL)
     camera = Camera.from_fov(image_px, image_px, FOV_DEG)
     target = np.array([0.0, 0.0, mesh.size_mm[2] / 2])
-    views = []
+    poses = []
     for azimuth in np.arange(TURNTABLE_VIEWS) * 360.0 / TURNTABLE_VIEWS:
         distance = distance_to_fill(camera, mesh.vertices, target, azimuth, TURNTABLE_ELEVATION_DEG, TURNTABLE_FILL)
-        pose = orbit_pose(target, azimuth, TURNTABLE_ELEVATION_DEG, distance)
-        views.append(renderer.render_linear(camera, pose, mesh.materials[subject.material].texture))
-    return batch_views(views, device)
+        poses.append(orbit_pose(target, azimuth, TURNTABLE_ELEVATION_DEG, distance))
+    texture = mesh.materials[subject.material].texture
+    return batch_views(list(renderer.render_linear_many(camera, poses, texture)), device)

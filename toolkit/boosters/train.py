@@ -95,7 +95,7 @@ def train_texture(
         name: of the files; by default the object's.
         out: folder for the texture instead of the workspace's.
         restart: forget what an earlier run left.
-        workers: processes that render; 0: none; by default one for each core but one.
+        workers: threads that render ahead; 0: none; by default one for each core.
         settings: instead of the recipe's: steps, batch, lr, reuse and so on, by the names of
             `toolkit.boosters.texture_config.TextureConfig`.
 

@@ -42,7 +42,8 @@ def render(
     settings, camera = settings or ShootSettings(), camera or Camera.from_fov()
     mesh = dress(item, _put_on(item, booster))
     renderer = make_renderer(settings.renderer, mesh, studio_for(item, settings))
-    pictures = [tone_map(renderer.render(camera, pose.matrix()), (settings.seed, pose.id)) for pose in poses]
+    lights = renderer.render_many((camera, pose.matrix()) for pose in poses)
+    pictures = [tone_map(light, (settings.seed, pose.id)) for light, pose in zip(lights, poses, strict=True)]
     return np.stack(pictures) if pictures else np.zeros((0, camera.height, camera.width, 3), np.uint8)
 
 

@@ -23,8 +23,9 @@ from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan, check_poses
 from toolkit.rig.renderer import RENDERERS, make_renderer
+from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
-from toolkit.rig.studio import Studio, add_board, make_studio
+from toolkit.rig.studio import add_board, make_studio
 from toolkit.rig.variants import PAIR, describe_booster, dress, find_booster, note_booster
 
 
@@ -235,7 +236,7 @@ def _copy_stored(shot: Shot, stored: Mapping[str, StoredImage], source_dir: Path
     return image is not None and copy_image(image, source_dir, shot.path)
 
 
-def studio_for(item: TableObject, settings: ShootSettings) -> Studio:
+def studio_for(item: TableObject, settings: ShootSettings) -> Scene:
     """The studio of an object: its backdrop and details follow from (seed, name) alone, and the board lies in it."""
     name_seed = int.from_bytes(hashlib.sha256(item.name.encode()).digest()[:4], "big")
     size = float(item.mesh.size_mm.max())
@@ -291,8 +292,8 @@ def _shoot_scene(
     studio = studio_for(item, settings)
     bar.advance(0, note=f"{item.name} {variant}: light")
     renderer = make_renderer(settings.renderer, dress(item, booster), studio)
-    for shot in shots:
-        picture = renderer.render(shot.camera, shot.T_world_camera)
+    pictures = renderer.render_many((shot.camera, shot.T_world_camera) for shot in shots)
+    for shot, picture in zip(shots, pictures, strict=True):
         content = _encode(tone_map(picture, (settings.seed, shot.pose_id or 0)), settings.image_format)
         write_bytes(source_dir / shot.path, content, source_dir)
         append_record(

@@ -49,7 +49,7 @@ def corrupt(
 
     One corruption at one severity mirrors IN in OUT; several lie in OUT/NAME/SEVERITY.
     """
-    from toolkit.corruptions.corrupt import SEVERITIES
+    from toolkit.core.severities import SEVERITIES
     from toolkit.corruptions.folder import corrupt_file, corrupt_folder
     from toolkit.corruptions.request import find_note, parse_corruptions
     from toolkit.models.network import choose_device

@@ -35,7 +35,7 @@ def train_texture(
     out: Annotated[Path | None, typer.Option(metavar="FOLDER", help="For the texture. Default: rig/textures.")] = None,
     workers: Annotated[
         int | None,
-        typer.Option(metavar="N", min=0, help="Processes that render; 0: none. Default: one for each core but one."),
+        typer.Option(metavar="N", min=0, help="Threads that render ahead; 0: none. Default: one for each core."),
     ] = None,
     restart: Annotated[bool, typer.Option("--restart", help="Begin anew, forget an unfinished run.")] = False,
     seed: options.Seed = 0,

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.severities import SEVERITIES
 from toolkit.corruptions.catalogue import CIFAR, CORRUPTIONS, IMAGENET, MAX_CIFAR_SIDE_PX, Corruption
 from toolkit.corruptions.digital import from_bytes, to_bytes
 from toolkit.corruptions.draws import RandomStreams
@@ -50,7 +51,6 @@ def run_each(work: Callable[[int], object], count: int) -> None:
         list(_pool(workers, os.getpid()).map(work, range(count)))
 
 
-SEVERITIES = (1, 2, 3, 4, 5)
 MIN_SIDE_PX = 16
 PART_PIXELS = 512**2
 """What is computed at once on one thread: more would not stay in its cache."""

@@ -1,6 +1,5 @@
 """Corruptions as they are asked for: which, at which severities, of which images, and for which share of a batch."""
 
-import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -8,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.core.errors import ToolkitError
+from toolkit.core.severities import SEVERITIES, parse_severities
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, FAMILIES
-from toolkit.corruptions.corrupt import SEVERITIES, find_corruption
+from toolkit.corruptions.corrupt import find_corruption
 from toolkit.imaging.folder import find_files
 
 
@@ -106,9 +105,6 @@ def find_note(names: list[str]) -> str | None:
     return "; ".join(notes) or None
 
 
-SEVERITY_WORDS = re.compile(r"([1-5])(?:-([1-5]))?")
-
-
 def parse_corruptions(words: Sequence[str], severities: Sequence[int] = SEVERITIES) -> tuple[tuple[str, int], ...]:
     """Names with severities from words such as `fog:3`, `noise:1-3` and `common`, in their order, each once.
 
@@ -127,19 +123,6 @@ def parse_corruptions(words: Sequence[str], severities: Sequence[int] = SEVERITI
         (name, severity)
         for word in words
         for name in choose_names([word.partition(":")[0]])
-        for severity in _parse_severities(word, severities)
+        for severity in parse_severities("corruption", word, severities)
     ]
     return tuple(dict.fromkeys(pairs))
-
-
-def _parse_severities(word: str, default: Sequence[int]) -> Sequence[int]:
-    _, colon, after = word.partition(":")
-    if not colon:
-        return default
-    match = SEVERITY_WORDS.fullmatch(after)
-    first, last = (int(match[1]), int(match[2] or match[1])) if match else (1, 0)
-    if first > last:
-        raise ToolkitError(
-            f"corruption '{word}': severity '{after}': expected one of 1 (slight) to 5 (severe) or a range such as 1-3"
-        )
-    return range(first, last + 1)

@@ -9,14 +9,17 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageCms, ImageOps
 
+from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import open_plain
 
 IMAGE_SUFFIXES = frozenset(
     (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".heic", ".heif", ".avif", ".bmp", ".gif")
 )
-MAX_MEGAPIXELS = 120
-"""Limit on what is decoded: above the largest photographs, below what would fill the memory."""
+MAX_MEGAPIXELS = 175
+"""Limit on what is decoded, photographs and textures: what takes 0.7 GB, and just below Pillow's own limit."""
+MAX_TEXTURE_PX = 8192
+"""Longest side of a texture: a larger one is shrunk, as no picture shows its texels."""
 MAX_SIDE_PX = 65_535
 """JPEG knows no longer one; a line of a million pixels is no photograph."""
 MID_GREY = 128
@@ -98,6 +101,45 @@ def _decode(path: Path, content: bytes | None, short_side_px: int | None) -> np.
     # the bytes may come from anywhere, and decoders raise nearly every built-in exception on hostile ones
     except Exception as error:
         raise UnreadableImage(path, explain_damage(error)) from None
+
+
+def decode_texture(image: Image.Image, name: str) -> np.ndarray:
+    """The pixels of an opened picture as they lie, (h, w, 3) uint8, sRGB-encoded; transparency is left out.
+
+    One with a side over `MAX_TEXTURE_PX` is shrunk by a whole factor, and a notice says so.
+
+    Args:
+        image: opened, best not decoded yet.
+        name: of what it belongs to, for messages.
+
+    Raises:
+        UnreadableImage: it is damaged, or far too large.
+    """
+    size = f"a texture of {image.width} × {image.height} pixels"
+    if image.width * image.height / 1e6 > MAX_MEGAPIXELS:
+        raise UnreadableImage(Path(name), f"{size}, more than {MAX_MEGAPIXELS} megapixels: scale it down")
+    factor = -(-max(image.size) // MAX_TEXTURE_PX)
+    try:
+        if factor > 1:
+            image.draft(image.mode, (image.width // factor, image.height // factor))
+            full, image = image, image.reduce(-(-max(image.size) // MAX_TEXTURE_PX))
+            full.close()  # frees what was decoded
+            notice(f"{name}: {size} is shrunk to {image.width} × {image.height}")
+        return np.asarray(_to_eight_bits(image).convert("RGB"))
+    # decoders raise nearly every built-in exception on hostile bytes
+    except Exception as error:
+        raise UnreadableImage(Path(name), f"{size}: {explain_damage(error)}") from None
+
+
+@contextlib.contextmanager
+def allow_large_images() -> Iterator[None]:
+    """Within, Pillow opens pictures of any size; who decodes them keeps to `MAX_MEGAPIXELS`."""
+    limit = Image.MAX_IMAGE_PIXELS
+    Image.MAX_IMAGE_PIXELS = None
+    try:
+        yield
+    finally:
+        Image.MAX_IMAGE_PIXELS = limit
 
 
 def explain_damage(error: Exception) -> str:

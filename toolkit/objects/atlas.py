@@ -6,7 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
+from toolkit.objects.grouping import group_rows
 from toolkit.objects.mesh import Material, Mesh
+from toolkit.objects.paint import COLOURS
 from toolkit.objects.unwrap import unwrap as make_corner_uv
 
 ROUNDING_PX = 1e-4
@@ -298,10 +300,10 @@ def dilate(texture: np.ndarray, atlas: Atlas) -> np.ndarray:
 
 def _own_uv_serve(mesh: Mesh, trained: np.ndarray) -> bool:
     """Whether the mesh's own texture coordinates can carry one texture on the trained faces."""
-    sheets = {
-        (mesh.materials[i].texture.shape, mesh.materials[i].texture.tobytes())
-        for i in np.unique(mesh.face_material[trained])
-    }
+    worn = [mesh.materials[i] for i in np.unique(mesh.face_material[trained])]
+    if any(material.name == COLOURS for material in worn):
+        return False
+    sheets = {(material.texture.shape, material.texture.tobytes()) for material in worn}
     uv = mesh.uv[mesh.faces[trained]]
     if len(sheets) > 1 or not np.isfinite(uv).all() or uv.min() < -UV_ROUNDING or uv.max() > 1 + UV_ROUNDING:
         return False
@@ -355,8 +357,8 @@ def _visible(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
 def _split_vertices(mesh: Mesh, corner_uv: np.ndarray) -> Mesh:
     """The mesh with other texture coordinates; vertices are doubled where those of their faces differ."""
     index = mesh.faces.reshape(-1).astype(np.int64)
-    bits = np.ascontiguousarray(corner_uv, np.float32).reshape(-1, 2).view(np.int32).astype(np.int64)
-    _, first, inverse = np.unique(np.column_stack([index, bits]), axis=0, return_index=True, return_inverse=True)
+    bits = np.ascontiguousarray(corner_uv, np.float32).reshape(-1, 2).view(np.int32)
+    first, inverse = group_rows([index, *bits.T])
     origin = index[first]
     return replace(
         mesh,

@@ -10,8 +10,9 @@ import numpy as np
 
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import inside
+from toolkit.imaging.read import allow_large_images
+from toolkit.objects.grouping import group_places
 from toolkit.objects.mesh import (
-    Material,
     Mesh,
     check_mesh,
     hash_mesh,
@@ -20,16 +21,20 @@ from toolkit.objects.mesh import (
     mesh_from_corners,
     place_on_table,
 )
+from toolkit.objects.paint import paint_faces
 from toolkit.objects.spec import BUILTIN_PREFIX, ObjectSpec, read_spec
 
 if TYPE_CHECKING:
-    import trimesh
-    from trimesh.visual.material import PBRMaterial, SimpleMaterial
+    from toolkit.objects.paint import Visuals
 
 BUILTIN = ("racer", "warplane", "coffeepot", "eggnog")
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
-PLAIN_COLOUR = (168, 170, 173)
-"""sRGB of a mesh that comes without texture or colours."""
+MAX_FACES = 10_000_000
+"""More take over 5 GB to load, for detail that no picture shows."""
+EXTENTS = (1e-9, 1e12)
+"""Longest side of a mesh in its file's unit, least and greatest."""
+OFF_CENTRE = 8
+"""Further from the origin than so many times its extent, a mesh is moved there before it is rounded to float32."""
 
 
 @dataclass(frozen=True)
@@ -78,14 +83,13 @@ def build_mesh(name: str) -> Mesh:
     return import_module(f"toolkit.objects.shapes.{name}").build()
 
 
-def read_mesh(path: Path) -> Mesh:
+def read_mesh(path: Path, max_parts: int | None = None) -> Mesh:
     """Read a user's mesh: geometry, texture coordinates and base colours; a file without them is plain grey.
 
     Raises:
-        ToolkitError: no such file, an unknown kind, unreadable, without faces, or with vertices that are not finite.
+        ToolkitError: no such file, an unknown kind, unreadable, without faces, with vertices that are not finite, or in
+            more parts than `max_parts`.
     """
-    import trimesh
-
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise ToolkitError(
@@ -93,14 +97,78 @@ def read_mesh(path: Path) -> Mesh:
         )
     if not path.is_file():
         raise ToolkitError(f"{path}: no such mesh file: put it beside its spec, or mend 'mesh' in the spec")
+    pieces = _read_pieces(path, max_parts)
+    count = sum(len(piece.faces) for piece in pieces)
+    if not count:
+        raise ToolkitError(f"{path}: the mesh has no faces (a point cloud?): export it with triangles")
+    if count > MAX_FACES:
+        raise ToolkitError(
+            f"{path}: {count:,} faces, more than {MAX_FACES:,}: simplify it (Blender: Decimate; MeshLab: Quadric Edge "
+            "Collapse Decimation)"
+        )
+    pieces = _move_home(pieces, str(path))
+    return check_mesh(merge_meshes([_weld(piece, str(path)) for piece in pieces]), str(path))
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """A part of a file in the scene's axes: vertices (n, 3) float64, faces (m, 3), and trimesh's visuals."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    visual: "Visuals | None"
+
+
+def _read_pieces(path: Path, max_parts: int | None) -> list[_Piece]:
+    import trimesh
+
+    pieces = []
     try:
-        scene = trimesh.load_scene(path, process=False)
-        pieces = [piece for piece in scene.dump() if isinstance(piece, trimesh.Trimesh) and len(piece.faces)]
+        with allow_large_images():  # else one that is too large is left out without a word
+            scene = trimesh.load_scene(path, process=False)
+        parts = len(scene.graph.nodes_geometry)
+        if max_parts is not None and parts > max_parts:
+            raise ToolkitError(f"{path}: {parts:,} parts, more than {max_parts:,}: join them before the export")
+        for node in scene.graph.nodes_geometry:
+            T_scene_piece, name = scene.graph[node]
+            piece = scene.geometry[name]
+            if not isinstance(piece, trimesh.Trimesh) or not len(piece.faces):
+                continue
+            vertices, faces = np.asarray(piece.vertices, np.float64), np.asarray(piece.faces, np.int64)
+            if not np.allclose(T_scene_piece, np.eye(4), rtol=0, atol=1e-8):
+                vertices = trimesh.transform_points(vertices, T_scene_piece)
+                faces = faces[:, ::-1] if np.linalg.det(T_scene_piece[:3, :3]) < 0 else faces
+            pieces.append(_Piece(vertices, faces, piece.visual))
+    except ToolkitError:
+        raise
     except Exception as error:  # trimesh's readers raise whatever their format makes them
         raise ToolkitError(f"{path}: not a readable {path.suffix} mesh: {type(error).__name__}: {error}") from None
-    if not pieces:
-        raise ToolkitError(f"{path}: the mesh has no faces (a point cloud?): export it with triangles")
-    return check_mesh(merge_meshes([_from_trimesh(piece, str(path)) for piece in pieces]), str(path))
+    return pieces
+
+
+def _move_home(pieces: list[_Piece], source: str) -> list[_Piece]:
+    """Check coordinates and indices; a mesh far from the origin is moved there, for float32 would round it."""
+    count, low, high = 0, np.full(3, np.inf), np.full(3, -np.inf)
+    for piece in pieces:
+        bad = int((~np.isfinite(piece.vertices)).any(axis=1).sum())
+        if bad:
+            raise ToolkitError(
+                f"{source}: {bad} of {len(piece.vertices)} vertices are NaN or infinite: repair the mesh"
+            )
+        count = len(piece.vertices)
+        if piece.faces.min() < 0 or piece.faces.max() >= count:
+            worst = piece.faces.max() if piece.faces.max() >= count else piece.faces.min()
+            raise ToolkitError(f"{source}: a face names vertex {worst}, the mesh has {count}: repair the mesh")
+        low, high = np.minimum(low, piece.vertices.min(axis=0)), np.maximum(high, piece.vertices.max(axis=0))
+    extent = float((high / 2 - low / 2).max()) * 2
+    if extent > 0 and not EXTENTS[0] <= extent <= EXTENTS[1]:
+        raise ToolkitError(
+            f"{source}: the mesh is {extent:.3g} long, expected {EXTENTS[0]:g} to {EXTENTS[1]:g} in its file's unit: "
+            "scale it where it was made"
+        )
+    if max(np.abs(low).max(), np.abs(high).max()) <= OFF_CENTRE * extent:
+        return pieces
+    return [replace(piece, vertices=piece.vertices - (low + high) / 2) for piece in pieces]
 
 
 def turn_upright(mesh: Mesh, up: str, front: str) -> Mesh:
@@ -122,75 +190,15 @@ def _axis(name: str) -> np.ndarray:
     return axis
 
 
-def _from_trimesh(piece: "trimesh.Trimesh", source: str) -> Mesh:
-    vertices, faces = np.asarray(piece.vertices, np.float32), np.asarray(piece.faces, np.int64)
-    if not np.isfinite(vertices).all():
-        bad = int((~np.isfinite(vertices)).any(axis=1).sum())
-        raise ToolkitError(f"{source}: {bad} of {len(vertices)} vertices are NaN or infinite: repair the mesh")
-    if faces.min() < 0 or faces.max() >= len(vertices):
-        worst = faces.max() if faces.max() >= len(vertices) else faces.min()
-        raise ToolkitError(f"{source}: a face names vertex {worst}, the mesh has {len(vertices)}: repair the mesh")
-    corner_uv, material = _paint_of(piece, vertices, faces)
+def _weld(piece: _Piece, source: str) -> Mesh:
+    vertices, faces = piece.vertices.astype(np.float32), piece.faces
+    corner_uv, material = paint_faces(piece.visual, vertices, faces, source)
     # one position per place, so that smoothing crosses the seams that texture coordinates cut
-    scale = max(float(np.ptp(vertices, axis=0).max()), 1e-9)
-    _, first, inverse = np.unique(
-        np.round(vertices / (scale * 1e-6)).astype(np.int64), axis=0, return_index=True, return_inverse=True
-    )
-    welded = inverse.reshape(-1)[faces]
+    first, place = group_places(vertices)
+    welded = place[faces]
     real = (welded[:, 0] != welded[:, 1]) & (welded[:, 1] != welded[:, 2]) & (welded[:, 0] != welded[:, 2])
     if not real.any():
         raise ToolkitError(f"{source}: every face has zero area: expected an object with an extent")
     return mesh_from_corners(
         vertices[first], welded[real], corner_uv[real], np.zeros(int(real.sum()), np.int32), (material,)
-    )
-
-
-def _paint_of(piece: "trimesh.Trimesh", vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, Material]:
-    """(m, 3, 2) texture coordinates of the corners, and the material: a texture, colours, or plain."""
-    from trimesh.visual import ColorVisuals, TextureVisuals
-
-    visual, uv = piece.visual, getattr(piece.visual, "uv", None)
-    if isinstance(visual, TextureVisuals) and uv is not None and len(uv) == len(vertices) and np.isfinite(uv).all():
-        return np.asarray(uv, np.float32)[faces], _material(visual.material)
-    if isinstance(visual, ColorVisuals) and visual.kind in ("vertex", "face"):
-        return _colours_as_texture(np.asarray(visual.face_colors)[:, :3])
-    plain = Material("plain", _solid(PLAIN_COLOUR), roughness=0.45)
-    return np.zeros((len(faces), 3, 2), np.float32), plain
-
-
-def _solid(colour: tuple[int, int, int]) -> np.ndarray:
-    return np.full((4, 4, 3), colour, np.uint8)
-
-
-def _colours_as_texture(colours: np.ndarray) -> tuple[np.ndarray, Material]:
-    """Colours (m, 3) of the faces become one texel for each that differs."""
-    palette, index = np.unique(colours, axis=0, return_inverse=True)
-    side = int(np.ceil(np.sqrt(len(palette))))
-    texture = np.zeros((side * side, 3), np.uint8)
-    texture[: len(palette)] = palette
-    row, column = np.divmod(index.reshape(-1), side)
-    texture = texture.reshape(side, side, 3).repeat(4, axis=0).repeat(4, axis=1)  # bilinear look-ups stay inside
-    uv = np.stack([(column + 0.5) / side, 1 - (row + 0.5) / side], axis=1)
-    return np.repeat(uv[:, None], 3, axis=1).astype(np.float32), Material("colours", texture)
-
-
-def _material(material: "PBRMaterial | SimpleMaterial") -> Material:
-    """Base colour, roughness and metalness of a trimesh material."""
-    from trimesh.visual.material import SimpleMaterial
-
-    pbr = material.to_pbr() if hasattr(material, "to_pbr") else material
-    image, factor = pbr.baseColorTexture, pbr.baseColorFactor
-    if isinstance(material, SimpleMaterial) and (
-        image is not None or tuple(np.asarray(material.diffuse)[:3]) == (102, 102, 102)
-    ):
-        factor = None  # trimesh's own default grey, not the file's
-    tint = np.ones(3) if factor is None else np.asarray(factor, float)[:3] / (255 if np.max(factor) > 1 else 1)
-    texture = _solid((255, 255, 255)) if image is None else np.asarray(image.convert("RGB"))
-    if image is None and factor is None:
-        texture = _solid(PLAIN_COLOUR)
-    return Material(
-        pbr.name or "material",
-        (texture * tint).clip(0, 255).astype(np.uint8),
-        roughness=0.6 if pbr.roughnessFactor is None else float(pbr.roughnessFactor),
-        metallic=0.0 if pbr.metallicFactor is None else float(pbr.metallicFactor),
     )

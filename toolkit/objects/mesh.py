@@ -3,11 +3,14 @@
 import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
+from toolkit.objects.grouping import group_rows
+from toolkit.objects.normals import corner_normals
 
 if TYPE_CHECKING:
     from open3d.t.geometry import RaycastingScene
@@ -22,12 +25,14 @@ class Material:
         texture: base colour, HWC uint8, sRGB-encoded; row 0 is v = 1.
         roughness: 0 mirror … 1 matte.
         metallic: 0 dielectric … 1 metal.
+        emission: light given off where lamps are on, on the same coordinates: HWC uint8, sRGB-encoded; None is none.
     """
 
     name: str
     texture: np.ndarray
     roughness: float = 0.6
     metallic: float = 0.0
+    emission: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -50,7 +55,7 @@ class Mesh:
     face_material: np.ndarray
     materials: tuple[Material, ...]
 
-    @property
+    @cached_property
     def bounds(self) -> np.ndarray:
         """(2, 3) lowest and highest coordinates, millimetres."""
         return np.stack([self.vertices.min(0), self.vertices.max(0)])
@@ -87,35 +92,6 @@ def merge_meshes(meshes: list[Mesh]) -> Mesh:
     )
 
 
-def corner_normals(vertices: np.ndarray, faces: np.ndarray, crease_deg: float = 40.0) -> np.ndarray:
-    """(m, 3, 3) unit normals per triangle corner: smooth across edges flatter than `crease_deg`, sharp across the rest.
-
-    Each corner averages the area-weighted normals of the triangles that share its position and lie within the crease
-    angle of its own triangle.
-    """
-    triangles = vertices[faces].astype(np.float64)
-    weighted = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    unit = weighted / np.maximum(np.linalg.norm(weighted, axis=1, keepdims=True), 1e-20)
-    extent = max(float(np.ptp(vertices, axis=0).max()), 1e-9)
-    _, position = np.unique(np.round(vertices / (extent * 1e-6)).astype(np.int64), axis=0, return_inverse=True)
-
-    corner_position = position.reshape(-1)[faces.reshape(-1)]
-    order = np.argsort(corner_position, kind="stable")
-    starts = np.flatnonzero(np.r_[True, np.diff(corner_position[order]) > 0])
-    counts = np.diff(np.r_[starts, len(order)])
-
-    total = np.zeros((len(order), 3))
-    group_start, group_count = np.repeat(starts, counts), np.repeat(counts, counts)
-    cosine = np.cos(np.radians(crease_deg))
-    for step in range(int(counts.max())):  # compare each corner with the step-th of those at its position
-        has = step < group_count
-        mine, other = order[has] // 3, order[group_start[has] + step] // 3
-        smooth = np.einsum("ij,ij->i", unit[mine], unit[other]) >= cosine
-        total[order[has][smooth]] += weighted[other[smooth]]
-    total /= np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-20)
-    return total.reshape(-1, 3, 3)
-
-
 def mesh_from_corners(
     vertices: np.ndarray,
     faces: np.ndarray,
@@ -134,17 +110,14 @@ def mesh_from_corners(
         materials: as in `Mesh`.
         crease_deg: edges sharper than this are shaded flat.
     """
-    normals = corner_normals(vertices, faces, crease_deg)
-    corners = np.concatenate(
-        [vertices[faces].reshape(-1, 3), normals.reshape(-1, 3), corner_uv.reshape(-1, 2)], axis=1
-    ).astype(np.float32)
-    key = np.concatenate([faces.reshape(-1, 1), np.round(corners[:, 3:] * 1e5)], axis=1).astype(np.int64)
-    _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    unique = corners[first]
+    normals = corner_normals(vertices, faces, crease_deg).reshape(-1, 3).astype(np.float32)
+    index, uv = faces.reshape(-1), corner_uv.reshape(-1, 2).astype(np.float32)
+    split = [np.round(axis * 1e5).astype(np.int64) for axis in (*normals.T, *uv.T)]
+    first, inverse = group_rows([index, *split])
     return Mesh(
-        vertices=unique[:, :3].copy(),
-        normals=unique[:, 3:6].copy(),
-        uv=unique[:, 6:].copy(),
+        vertices=vertices[index[first]].astype(np.float32),
+        normals=normals[first],
+        uv=uv[first],
         faces=inverse.reshape(-1, 3).astype(np.int32),
         face_material=face_material.astype(np.int32),
         materials=materials,
@@ -175,6 +148,8 @@ def hash_mesh(mesh: Mesh) -> str:
     for material in mesh.materials:
         digest.update(f"{material.name} {material.roughness} {material.metallic}".encode())
         digest.update(np.ascontiguousarray(material.texture).tobytes())
+        if material.emission is not None:
+            digest.update(np.ascontiguousarray(material.emission).tobytes())
     return digest.hexdigest()
 
 
@@ -187,6 +162,11 @@ def hash_shape(mesh: Mesh) -> str:
     for material in mesh.materials:
         digest.update(f"{material.name}\n".encode())
     return digest.hexdigest()
+
+
+def hash_triangles(mesh: Mesh) -> str:
+    """SHA-256 of where the triangles are and how they are shaded, whatever is painted on them."""
+    return _hash_arrays((mesh.vertices, mesh.normals, mesh.faces)).hexdigest()
 
 
 def _hash_arrays(arrays: Iterable[np.ndarray]) -> "hashlib._Hash":

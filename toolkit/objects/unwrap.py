@@ -3,6 +3,7 @@
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
+from toolkit.objects.grouping import group_places
 
 FINE = 32
 """A piece is looked at on a grid of about so many cells a side."""
@@ -240,10 +241,8 @@ def unwrap(vertices: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:
     Raises:
         ToolkitError: xatlas is not installed.
     """
-    extent = max(float(np.ptp(vertices, axis=0).max()), 1e-9)
-    grid = np.round(vertices / (extent * 1e-6)).astype(np.int64)
-    _, first, inverse = np.unique(grid, axis=0, return_index=True, return_inverse=True)
-    places, welded = vertices[first].astype(np.float64), inverse.reshape(-1)[faces]
+    first, place = group_places(vertices)
+    places, welded = vertices[first].astype(np.float64), place[faces]
     corners = places[welded]
     surface = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
     texel = np.sqrt(surface / (0.6 * n * n))

@@ -113,8 +113,9 @@ def make_templates(mesh: Mesh, camera: Camera, poses: Sequence[Pose]) -> PoseTem
     small = Camera.from_fov(round(camera.width * share), round(camera.height * share), camera.fov_deg)
     renderer = RaycastRenderer(mesh, make_studio(0, float(mesh.size_mm.max()), "concrete"), ROUGH)
     edges, edge_masks, colours, colour_masks, spread = [], [], [], [], []
-    for pose in poses:
-        picture = tone_map(renderer.render(small, pose.matrix()), (0, pose.id), noise=0)
+    lights = renderer.render_many((small, pose.matrix()) for pose in poses)
+    for pose, light in zip(poses, lights, strict=True):
+        picture = tone_map(light, (0, pose.id), noise=0)
         covered = renderer.buffers(small, pose.matrix())["material"] >= 0
         crop, inside = _crop_window(picture, covered)
         edge_map, colour_map = _edge_cells(crop), _colour_cells(crop)

@@ -5,6 +5,10 @@ driver; the picture comes back in linear 8 bit, so that its dark parts are coars
 """
 
 import contextlib
+import ctypes
+import os
+import sys
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +17,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import Material, Mesh
 from toolkit.rig.camera import Camera, orbit_direction
 from toolkit.rig.egl import PACKAGES, egl_trouble, go_surfaceless
-from toolkit.rig.studio import Studio
+from toolkit.rig.scene import Scene
 
 if TYPE_CHECKING:
     from open3d.visualization.rendering import OffscreenRenderer
@@ -27,7 +31,7 @@ class FilamentRenderer:
     Filament antialiases in its post-processing alone, which is off here.
     """
 
-    def __init__(self, mesh: Mesh, studio: Studio) -> None:
+    def __init__(self, mesh: Mesh, studio: Scene) -> None:
         with contextlib.suppress(ImportError):  # torch's compiler, loaded after Mesa's, would end the process
             import triton  # noqa: F401
         go_surfaceless()
@@ -43,10 +47,16 @@ class FilamentRenderer:
         """(height, width, 3) float32 linear light, in steps of 1/255."""
         if self._renderer is None or self._size != (camera.width, camera.height):
             self._renderer = None  # Filament keeps one scene at a time
-            self._renderer, self._size = self._build(camera.width, camera.height), (camera.width, camera.height)
+            with _on_stderr():
+                self._renderer = self._build(camera.width, camera.height)
+            self._size = (camera.width, camera.height)
         T_camera_world = np.linalg.inv(T_world_camera)
         self._renderer.setup_camera(camera.matrix, T_camera_world, camera.width, camera.height)
         return np.asarray(self._renderer.render_to_image()).astype(np.float32) / 255
+
+    def render_many(self, views: Iterable[tuple[Camera, np.ndarray]]) -> Iterator[np.ndarray]:
+        """`render` of each (camera, `T_world_camera`), in order; Filament spreads each frame over the cores itself."""
+        return (self.render(*view) for view in views)
 
     def _build(self, width: int, height: int) -> "OffscreenRenderer":
         import open3d as o3d
@@ -90,13 +100,32 @@ class FilamentRenderer:
         renderer.scene.add_geometry(name, shape, look)
 
     def _add_table(self, renderer: "OffscreenRenderer") -> None:
-        x, y = (side / 2 for side in self._studio.table_mm)
+        top = self._studio.need_table()
+        x, y = (side / 2 for side in top.size_mm)
         corners = np.array([[-x, -y, 0], [x, -y, 0], [x, y, 0], [-x, y, 0]], np.float32)
         uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
-        material = Material("table", self._studio.table, self._studio.table_roughness)
+        material = Material("table", top.picture, top.roughness)
         up = np.repeat(np.array([[0, 0, 1]], np.float32), 4, axis=0)
         faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
         table = Mesh(
             vertices=corners, normals=up, uv=uv, faces=faces, face_material=np.zeros(2, np.int32), materials=(material,)
         )
         self._add(renderer, "table", table, faces, material)
+
+
+@contextlib.contextmanager
+def _on_stderr() -> Iterator[None]:
+    """Within, what libraries write to standard output goes to standard error.
+
+    Open3D says hello there through Python, Filament through C.
+    """
+    sys.stdout.flush()
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            yield
+    finally:
+        ctypes.CDLL(None).fflush(None)  # what C's streams still hold
+        os.dup2(kept, 1)
+        os.close(kept)

@@ -1,16 +1,23 @@
-"""Light that does not change with the camera, worked out once per scene and stored on the mesh."""
+"""Light that does not change with the camera, worked out once per scene and stored on the mesh.
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+What stands in the way of light depends on the shape alone and is kept with it: another room or paint costs a sum.
+"""
+
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+from functools import cached_property
+from threading import Lock
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import cv2
 import numpy as np
 
 from toolkit.imaging.colour import srgb_to_linear
+from toolkit.objects.mesh import Mesh, hash_triangles, make_ray_scene
 from toolkit.rig.camera import orbit_direction
-from toolkit.rig.studio import Studio
-from toolkit.rig.textures import sample, sample_directions
+from toolkit.rig.kernel.light import gather_key, gather_light, make_shadow_rays, read_stored
+from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table
+from toolkit.rig.textures import blur_directions, sample_directions
 
 if TYPE_CHECKING:
     from open3d.t.geometry import RaycastingScene
@@ -39,8 +46,16 @@ class SampleGrid:
     slot: np.ndarray
 
 
-def place_samples(corners: np.ndarray, corner_normals: np.ndarray, spacing_mm: float) -> SampleGrid:
-    """Spread samples about `spacing_mm` apart over triangles (m, 3, 3) with corner normals (m, 3, 3)."""
+SHARED = 0.2
+
+
+def place_samples(
+    corners: np.ndarray, corner_normals: np.ndarray, spacing_mm: float, shared: float = SHARED
+) -> SampleGrid:
+    """Spread samples about `spacing_mm` apart over triangles (m, 3, 3) with corner normals (m, 3, 3).
+
+    Those closer than `shared` of that, on surfaces that face alike, share one value.
+    """
     edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
     steps = np.clip(np.ceil(edges / spacing_mm), 1, MAX_STEPS).astype(np.int64)
     counts = (steps + 1) * (steps + 2) // 2
@@ -54,30 +69,26 @@ def place_samples(corners: np.ndarray, corner_normals: np.ndarray, spacing_mm: f
         positions[index] = np.einsum("kc,fcx->fkx", weights, corners[faces]).reshape(-1, 3)
         normals[index] = np.einsum("kc,fcx->fkx", weights, corner_normals[faces]).reshape(-1, 3)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
-    cell = 0.2 * spacing_mm  # samples closer than this, on surfaces that face alike, share one value
+    cell = shared * spacing_mm
     depth = np.einsum("nx,nx->n", positions, normals)[:, None]  # a sheet on a wall keeps light of its own
-    key = np.concatenate([positions / cell, normals * 8, depth / SHEET_MM], axis=1).round().astype(np.int32)
-    packed = np.ascontiguousarray(key).view(np.dtype((np.void, key.dtype.itemsize * 7))).reshape(-1)
+    key = np.concatenate([positions / cell, normals * 8, depth / SHEET_MM], axis=1).round().astype(np.int64)
+    packed = (key.view(np.uint64) * _MIX).sum(axis=1, dtype=np.uint64)  # wraps: a hash of 64 bits
     _, kept, slot = np.unique(packed, return_index=True, return_inverse=True)
-    return SampleGrid(steps, first, positions[kept], normals[kept], slot.reshape(-1))
+    order = np.argsort(kept)  # neighbours stay side by side, which rays are fastest at
+    rank = np.empty_like(order)
+    rank[order] = np.arange(len(order))
+    kept, slot = kept[order], rank[slot.reshape(-1)]
+    return SampleGrid(steps, first, positions[kept], normals[kept], slot)
+
+
+_MIX = np.random.default_rng(0).integers(1, 2**63, 7, dtype=np.uint64) | np.uint64(1)
 
 
 def read_samples(grid: SampleGrid, stored: np.ndarray, triangle: np.ndarray, uv: np.ndarray) -> np.ndarray:
     """Interpolate stored values (k, c) at points: triangle (n,), barycentric weights (n, 2) of corners 1 and 2."""
-    r = grid.steps[triangle]
-    x, y = uv[:, 0] * r, uv[:, 1] * r
-    i = np.clip(x.astype(np.int64), 0, r - 1)
-    j = np.clip(y.astype(np.int64), 0, r - 1 - i)
-    fx, fy = (x - i).astype(np.float32), (y - j).astype(np.float32)
-    upper = (fx + fy > 1) & (i + j < r - 1)
-    start = grid.first[triangle]
-    row, row_above = j * (r + 1) - j * (j - 1) // 2, (j + 1) * (r + 1) - (j + 1) * j // 2
-    corner = start + np.where(upper, row_above + i + 1, row + i)
-    weight_x, weight_y = np.where(upper, 1 - fy, fx), np.where(upper, 1 - fx, fy)
-    value = stored[corner] * (1 - weight_x - weight_y)[:, None]
-    value += stored[start + row + i + 1] * weight_x[:, None]
-    value += stored[start + row_above + i] * weight_y[:, None]
-    return value
+    found = np.empty((len(triangle), stored.shape[1]), np.float32)
+    read_stored(grid.steps, grid.first, stored, triangle, uv, found)
+    return found
 
 
 def _barycentric_grid(r: int) -> np.ndarray:
@@ -111,6 +122,94 @@ class BakeDetail:
 FULL_DETAIL = BakeDetail()
 
 
+class Shape:
+    """A mesh's triangles as rays and light see them, whatever is painted on them; `of` keeps the last few.
+
+    Attributes:
+        mesh: the triangles.
+        bounds: (2, 3) lowest and highest coordinates.
+        size: its longest side.
+        rays: Open3D's scene of the triangles.
+    """
+
+    MOST_KEPT = 6
+    _known: ClassVar["OrderedDict[str, Shape]"] = OrderedDict()
+    _keeping: ClassVar[Lock] = Lock()
+
+    def __init__(self, mesh: Mesh) -> None:
+        self.mesh, self.bounds = mesh, mesh.bounds
+        self.size = float(np.ptp(self.bounds, axis=0).max())
+        self.rays: RaycastingScene = make_ray_scene(mesh)
+        self._lock = Lock()
+        self._grids: dict[float, SampleGrid] = {}
+        self._free: OrderedDict[tuple[int, bytes], np.ndarray] = OrderedDict()
+
+    @classmethod
+    def of(cls, mesh: Mesh) -> "Shape":
+        """The shape of a mesh, the one of before where it was met already."""
+        key = hash_triangles(mesh)
+        with cls._keeping:
+            shape = cls._known.pop(key, None) or cls(mesh)
+            cls._known[key] = shape
+            while len(cls._known) > cls.MOST_KEPT:
+                cls._known.popitem(last=False)
+        return shape
+
+    @cached_property
+    def outline(self) -> np.ndarray:
+        """(k, 3) vertices that bound every picture of it: its convex hull's, or all where it is flat."""
+        from scipy.spatial import ConvexHull, QhullError
+
+        try:
+            return self.mesh.vertices[ConvexHull(self.mesh.vertices).vertices]
+        except QhullError:
+            return self.mesh.vertices
+
+    def grid(self, spacing: float, shared: float = SHARED) -> SampleGrid:
+        """Samples about `spacing` apart; see `place_samples`."""
+        with self._lock:
+            if spacing not in self._grids:
+                faces = self.mesh.faces
+                grid = place_samples(self.mesh.vertices[faces], self.mesh.normals[faces], spacing, shared)
+                self._grids = {spacing: grid}
+            return self._grids[spacing]
+
+    def free(self, points: np.ndarray, normals: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """`find_free` at points (n, 3), kept for the next light."""
+        key = (hash(points.tobytes()), directions.tobytes())
+        with self._lock:
+            found = self._free.pop(key, None)
+            if found is None:
+                found = find_free(self.rays, self.bounds, points, normals, directions)
+            self._free[key] = found
+            while len(self._free) > 4:
+                self._free.popitem(last=False)
+        return found
+
+
+def find_free(
+    rays: "RaycastingScene", bounds: np.ndarray, points: np.ndarray, normals: np.ndarray, directions: np.ndarray
+) -> np.ndarray:
+    """(d, n) uint8 at points: 0 where they look away from a direction, 1 where it is free, 2 where it is blocked.
+
+    Args:
+        rays: what can block.
+        bounds: (2, 3) of the same.
+        points, normals: (n, 3) float32.
+        directions: (d, 3) float32 unit.
+    """
+    import open3d as o3d
+
+    free = np.empty((len(directions), len(points)), np.uint8)
+    box = np.asarray(bounds, np.float32)
+    which, shadow_rays = np.empty(len(points), np.int32), np.empty((len(points), 6), np.float32)
+    for of_direction, direction in zip(free, directions, strict=True):
+        count = make_shadow_rays(points, normals, direction, box, of_direction, which, shadow_rays)
+        if count:
+            of_direction[which[:count]] += rays.test_occlusions(o3d.core.Tensor(shadow_rays[:count])).numpy()
+    return free
+
+
 @dataclass(frozen=True)
 class Lighting:
     """Baked light.
@@ -118,7 +217,8 @@ class Lighting:
     Attributes:
         grid: where the object's samples lie.
         stored: (k, 5) irradiance RGB, share of the key light seen, share of the room seen.
-        table: (h, w, 3) irradiance of the table over a square around the origin, image right +x, up +y.
+        table: (h, w, 3) irradiance of the table over a square around the origin, image right +x, up +y; out of doors
+            the share of the sky's light that the object leaves the ground.
         table_side_mm: side of that square.
         open_irradiance: (3,) of the table far from the object.
     """
@@ -144,100 +244,127 @@ class _Directions:
 
 
 def bake_lighting(
-    scene: "RaycastingScene",
-    corners: np.ndarray,
-    corner_normals: np.ndarray,
+    shape: Shape,
     albedo: np.ndarray,
-    studio: Studio,
+    scene: Scene,
     detail: BakeDetail = FULL_DETAIL,
+    stand: Stand = AT_ORIGIN,
+    around: Shape | None = None,
 ) -> Lighting:
-    """Work out all light that reaches an object and its table.
+    """Work out all light that reaches an object and the ground near it, in the object's own frame.
 
     Args:
-        scene: Open3D ray-casting scene of the object.
-        corners, corner_normals: (m, 3, 3) triangles and normals, mm.
-        albedo: (3,) mean linear colour of the object, for bounce.
-        studio: light, room and table.
+        shape: of the object.
+        albedo: (3,) mean linear colour of the object, and of what stands around it, for bounce.
+        scene: light, room and table.
         detail: how finely.
+        stand: where the object stands.
+        around: the scene's surroundings. The map of the ground then holds by how much the object dims the sky's light.
     """
-    size = float(np.ptp(corners.reshape(-1, 3), axis=0).max())
-    lights = _Directions(
-        *_room_directions(studio, detail.room_rays), _key_directions(studio, detail.key_rays),
-        np.array(studio.key.irradiance, np.float32) / detail.key_rays,
-    )  # fmt: skip
+    size, is_indoors = shape.size, around is None
+    lights = _find_lights(scene, detail, stand)
     up = np.array([[0.0, 0.0, 1.0]], np.float32)
     open_irradiance = _open_light(up, lights)[0]
-    bounce = BOUNCE * albedo * open_irradiance / np.pi
+    bounce = (BOUNCE * albedo * open_irradiance / np.pi).astype(np.float32)
 
-    side = 2 * _shadow_reach(size, float(corners[..., 2].max()), studio)
+    side = 2 * _shadow_reach(size, float(shape.bounds[1, 2]) if is_indoors else 0.0, scene.key)
     count = min(round(side / size / detail.table_spacing), MAX_TABLE_SIDE)
     steps = (np.arange(count) + 0.5) / count * side - side / 2
     x, y = np.meshgrid(steps, -steps)
     points = np.stack([x, y, np.full_like(x, OFFSET * size)], axis=-1).reshape(-1, 3).astype(np.float32)
-    shade = _gather(scene, points, np.repeat(up, len(points), 0), lights, bounce)
+    open_ground, of_ground = open_irradiance, lights
+    if not is_indoors:
+        of_ground = replace(lights, key_irradiance=np.zeros(3, np.float32))  # its shadow is cast for each picture
+        open_ground = _open_light(up, of_ground)[0]
+    shade = _gather(shape, points, np.repeat(up, len(points), 0), of_ground, bounce, NO_GROUND)
     table = cv2.GaussianBlur(shade[:, :3].reshape(count, count, 3), (0, 0), 0.8)
     fade = np.clip((side / 2 - np.maximum(np.abs(x), np.abs(y))) / (0.15 * side), 0, 1)[..., None].astype(np.float32)
-    table = open_irradiance * (1 - fade) + table * fade
+    table = (open_ground * (1 - fade) + table * fade).astype(np.float32)
 
-    grid = place_samples(corners, corner_normals, detail.surface_spacing * size)
+    grid = shape.grid(detail.surface_spacing * size)
     origins = grid.positions + grid.normals * np.float32(OFFSET * size)
-    table_albedo = _mean_table_colour(studio)
-
-    def from_table(origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        reach = origin[:, 2] / -direction[2]
-        u = (origin[:, 0] + reach * direction[0]) / side + 0.5
-        v = (origin[:, 1] + reach * direction[1]) / side + 0.5
-        return sample(table, u.clip(0, 1), v.clip(0, 1), cv2.BORDER_REPLICATE) * (table_albedo / np.pi)
-
-    values = _gather(scene, origins, grid.normals, lights, bounce, from_table=from_table)
-    return Lighting(grid, values[grid.slot], table.astype(np.float32), side, open_irradiance)
+    if around is None:
+        values = _gather(shape, origins, grid.normals, lights, bounce, _Ground(table, side, _mean_colour(scene.table)))
+        return Lighting(grid, values[grid.slot], table, side, open_irradiance)
+    values = _gather(shape, origins, grid.normals, lights, bounce, NO_GROUND, (around, stand))
+    share = (table / np.maximum(open_ground, 1e-9)).astype(np.float32)
+    return Lighting(grid, values[grid.slot], share, side, open_irradiance)
 
 
-def _shadow_reach(size: float, height: float, studio: Studio) -> float:
+SURROUNDING_SAMPLES = 250_000
+"""About so many places of the surroundings have light of their own."""
+SURROUNDING_RAYS, SURROUNDING_SHARED = 48, 0.7
+
+
+def bake_surroundings(shape: Shape, albedo: np.ndarray, scene: Scene) -> Lighting:
+    """Work out the sky's light on what stands around an object; the key light's is found for each picture.
+
+    Args:
+        shape: of the surroundings.
+        albedo: (3,) their mean linear colour, for bounce.
+        scene: whose sky and sun it is.
+    """
+    first, second, third = (shape.mesh.vertices[shape.mesh.faces[:, k]] for k in range(3))
+    area = float(np.linalg.norm(np.cross(second - first, third - first), axis=1).sum()) / 2
+    spacing = max(float(np.sqrt(area / SURROUNDING_SAMPLES)), 1e-6 * shape.size)
+    lights = _find_lights(scene, BakeDetail(key_rays=1, room_rays=SURROUNDING_RAYS), AT_ORIGIN)
+    up = np.array([[0.0, 0.0, 1.0]], np.float32)
+    bounce = (BOUNCE * albedo * _open_light(up, lights)[0] / np.pi).astype(np.float32)
+    grid = shape.grid(spacing, SURROUNDING_SHARED)
+    origins = grid.positions + grid.normals * np.float32(0.02 * spacing)
+    without_key = replace(lights, key=lights.key[:0])
+    values = _gather(shape, origins, grid.normals, without_key, bounce, NO_GROUND)
+    return Lighting(grid, values[grid.slot], np.ones((2, 2, 3), np.float32), 1.0, np.zeros(3, np.float32))
+
+
+def _find_lights(scene: Scene, detail: BakeDetail, stand: Stand) -> _Directions:
+    """Directions in the frame of an object that stands there, and what comes from each."""
+    return _Directions(
+        *_room_directions(scene.environment, detail.room_rays, stand.turn),
+        _key_directions(scene.key, detail.key_rays, stand.turn_deg),
+        np.array(scene.key.irradiance, np.float32) / detail.key_rays,
+    )
+
+
+class _Ground(NamedTuple):
+    """What shines from below: (t, t, 3) irradiance over a square of this side, and (3,) albedo; nothing where 0."""
+
+    irradiance: np.ndarray
+    side: float
+    albedo: np.ndarray
+
+
+def _shadow_reach(size: float, height: float, key: KeyLight) -> float:
     """Distance from the origin within which the table's light can differ from the open table's, mm."""
-    lowest = np.radians(max(studio.key.elevation_deg - studio.key.radius_deg, 5))
+    lowest = np.radians(max(key.elevation_deg - key.radius_deg, 5))
     return 0.75 * size + max(0.55 * size, height / float(np.tan(lowest)))
 
 
+NO_GROUND = _Ground(np.zeros((2, 2, 3), np.float32), 0.0, np.zeros(3, np.float32))
+
+
 def _gather(
-    scene: "RaycastingScene", points: np.ndarray, normals: np.ndarray, lights: _Directions, bounce: np.ndarray,
-    from_table: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+    shape: Shape, points: np.ndarray, normals: np.ndarray, lights: _Directions, bounce: np.ndarray, ground: _Ground,
+    around: tuple[Shape, Stand] | None = None,
 ) -> np.ndarray:  # fmt: skip
-    """(n, 5) irradiance, key share and room share at points."""
-    values = np.zeros((len(points), 5), np.float32)
-    facing_total = np.zeros(len(points), np.float32)
-    solid_angle = np.float32(4 * np.pi / len(lights.room))
-    for direction, radiance in zip(lights.room, lights.room_radiance, strict=True):
-        if from_table is None and direction[2] <= 0:
-            continue
-        cosine = normals @ direction
-        facing = np.flatnonzero(cosine > 0)
-        if not len(facing):
-            continue
-        free = ~_blocked(scene, points[facing], direction)
-        weight = cosine[facing] * solid_angle
-        light = np.broadcast_to(radiance, (len(facing), 3))
-        if direction[2] < -1e-3 and from_table is not None:
-            light = from_table(points[facing], direction)
-        values[facing, :3] += np.where(free[:, None], light, bounce) * weight[:, None]
-        values[facing, 4] += free * weight
-        facing_total[facing] += weight
-    for direction in lights.key:
-        cosine = normals @ direction
-        facing = np.flatnonzero(cosine > 0)
-        free = ~_blocked(scene, points[facing], direction)
-        values[facing, :3] += (cosine[facing] * free)[:, None] * lights.key_irradiance
-        values[facing, 3] += free / np.float32(len(lights.key))
-    values[:, 4] /= np.maximum(facing_total, 1e-6)
-    return values
+    """(n, 5) float32 irradiance RGB, key share and room share at points; `around` blocks as the shape itself does."""
 
+    def find(directions: np.ndarray) -> np.ndarray:
+        free = shape.free(points, normals, directions)
+        if around is None or not len(directions):
+            return free
+        other, stand = around
+        turn = stand.turn.astype(np.float32)
+        in_world = stand.to_world(points).astype(np.float32)
+        beyond = find_free(other.rays, other.bounds, in_world, normals @ turn.T, directions @ turn.T)
+        return np.where(beyond == 2, np.minimum(free * 2, 2), free).astype(np.uint8)
 
-def _blocked(scene: "RaycastingScene", points: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    import open3d as o3d
-
-    rays = np.empty((len(points), 6), np.float32)
-    rays[:, :3], rays[:, 3:] = points, direction
-    return scene.test_occlusions(o3d.core.Tensor(rays)).numpy()
+    room, key = np.zeros((2, len(points), 4), np.float32)
+    total = np.zeros(len(points), np.float32)
+    free = find(lights.room)
+    gather_light(normals, points, free, lights.room, lights.room_radiance, bounce, *ground, room, total)
+    gather_key(normals, find(lights.key), lights.key, lights.key_irradiance, key)
+    return np.column_stack([room[:, :3] + key[:, :3], key[:, 3], room[:, 3]])
 
 
 def _open_light(normals: np.ndarray, lights: _Directions) -> np.ndarray:
@@ -247,26 +374,24 @@ def _open_light(normals: np.ndarray, lights: _Directions) -> np.ndarray:
     return (sky + key).astype(np.float32)
 
 
-def _room_directions(studio: Studio, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """(n, 3) directions spread evenly over the sphere and the room's mean radiance around each."""
+def _room_directions(environment: np.ndarray, count: int, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(n, 3) directions spread evenly over the sphere around an object, and the room's mean radiance around each."""
     i = np.arange(count)
     z = 1 - (2 * i + 1) / count
     azimuth = i * np.pi * (3 - np.sqrt(5))
     ring = np.sqrt(1 - z**2)
     directions = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), z], axis=1).astype(np.float32)
-    w = studio.environment.shape[1]
-    tiled = np.concatenate([studio.environment] * 3, axis=1)
-    blurred = cv2.GaussianBlur(tiled, (0, 0), w / 40)[:, w : 2 * w]
-    return directions, sample_directions(np.ascontiguousarray(blurred), directions)
+    in_world = directions @ turn.T.astype(np.float32)
+    return directions, sample_directions(blur_directions(environment, environment.shape[1] / 40), in_world)
 
 
-def _key_directions(studio: Studio, count: int) -> np.ndarray:
+def _key_directions(key: KeyLight, count: int, turn_deg: float) -> np.ndarray:
     """(n, 3) unit directions spread evenly over the key light's disc."""
-    axis = orbit_direction(studio.key.azimuth_deg, studio.key.elevation_deg)
+    axis = orbit_direction(key.azimuth_deg - turn_deg, key.elevation_deg)
     side = np.cross([0, 0, 1.0], axis)
     side /= np.linalg.norm(side)
     i = np.arange(count)
-    radius = np.tan(np.radians(studio.key.radius_deg)) * np.sqrt((i + 0.5) / count)
+    radius = np.tan(np.radians(key.radius_deg)) * np.sqrt((i + 0.5) / count)
     angle = i * np.pi * (3 - np.sqrt(5))
     directions = axis + radius[:, None] * (
         np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * np.cross(axis, side)
@@ -274,5 +399,8 @@ def _key_directions(studio: Studio, count: int) -> np.ndarray:
     return (directions / np.linalg.norm(directions, axis=1, keepdims=True)).astype(np.float32)
 
 
-def _mean_table_colour(studio: Studio) -> np.ndarray:
-    return srgb_to_linear(studio.table[::8, ::8] / 255).reshape(-1, 3).mean(axis=0)
+def _mean_colour(table: Table | None) -> np.ndarray:
+    """(3,) linear."""
+    if table is None:
+        return np.zeros(3, np.float32)
+    return srgb_to_linear(table.picture[::8, ::8] / 255).reshape(-1, 3).mean(axis=0).astype(np.float32)

@@ -16,7 +16,7 @@ class LinearView:
     """One view of h × w pixels; light is linear, in exposure units.
 
     Attributes:
-        behind: (h, w, 3) float32 table and room without the object, its shadow included.
+        behind: (h, w, 3) float32 table and room without the object, its shadow included; 0 where it covers the pixel.
         dark: (h, w, 3) float32 the object with a black material: gloss, and parts that keep their paint.
         coverage: (h, w) float32 share of each pixel that shows the object.
         pixel: (k,) int32 which pixel a sample of the material counts for, row · w + column.

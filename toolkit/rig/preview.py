@@ -9,8 +9,8 @@ from toolkit.objects.load import TableObject
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import Pose
 from toolkit.rig.renderer import make_renderer
+from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
-from toolkit.rig.studio import Studio
 
 
 def draw_positions(item: TableObject, camera: Camera, poses: list[Pose]) -> bytes:
@@ -52,7 +52,7 @@ def draw_positions(item: TableObject, camera: Camera, poses: list[Pose]) -> byte
 
 
 def draw_contact_sheet(
-    item: TableObject, camera: Camera, poses: list[Pose], studio: Studio, columns: int = 6, tile_px: int = 320
+    item: TableObject, camera: Camera, poses: list[Pose], studio: Scene, columns: int = 6, tile_px: int = 320
 ) -> bytes:
     """PNG of what every pose sees, with its number and angles."""
     small = Camera.from_fov(tile_px, round(tile_px * camera.height / camera.width), camera.fov_deg)

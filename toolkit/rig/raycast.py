@@ -1,99 +1,164 @@
-"""The rig's renderer: exact ray-cast buffers (Open3D's Embree scene), light baked once, shading per frame in float.
+"""The rig's renderer: Embree finds what each ray meets (Open3D's ray scene), one compiled kernel makes light of it.
 
-Per frame only what the camera changes is worked out: which surface each pixel sees, its texture at the right level of
-detail, and the gloss. Silhouettes and the printed sheet get four samples a pixel.
+Light that does not change with the camera is baked once; what is left per frame is which surface each pixel sees, its
+texture at the right level of detail, and the gloss. Silhouettes, creases and printed sheets get four samples a pixel.
 """
 
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from functools import lru_cache
+import os
+from collections import OrderedDict, deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from threading import RLock
+from typing import Any, NamedTuple, TypeVar
 
+import cv2
 import numpy as np
 
-from toolkit.objects.mesh import Mesh, make_ray_scene
-from toolkit.rig import shading
-from toolkit.rig.backdrop import Backdrop
-from toolkit.rig.camera import Camera, pixel_rays, project
-from toolkit.rig.lighting import FULL_DETAIL, BakeDetail, bake_lighting, read_samples
+from toolkit.core.errors import ToolkitError
+from toolkit.objects.mesh import Material, Mesh
+from toolkit.rig.camera import Camera, orbit_direction, orbit_pose, project
+from toolkit.rig.kernel import compiled
+from toolkit.rig.kernel.frame import (
+    NOTHING,
+    Hits,
+    Linear,
+    Part,
+    fill_key_rays,
+    fill_pixel_rays,
+    fill_sample_rays,
+    mark_edges,
+    move_rays,
+    paint_background,
+    paint_meshes,
+    take_nearer,
+)
+from toolkit.rig.kernel.light import LightMap
+from toolkit.rig.kernel.scene import (
+    ROUGHNESS_LEVELS,
+    SHEEN_STEP,
+    LitMesh,
+    Surround,
+    View,
+    fill_sheen,
+    find_table_edges,
+)
+from toolkit.rig.kernel.textures import Texels, fill_colours
+from toolkit.rig.lighting import FULL_DETAIL, BakeDetail, Lighting, Shape, bake_lighting, bake_surroundings
 from toolkit.rig.linear_view import LinearView
 from toolkit.rig.mount import PAPER_MATERIAL
-from toolkit.rig.studio import Studio
-from toolkit.rig.textures import sample_pyramid, texture_pyramid
+from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table
+from toolkit.rig.textures import blur_directions, pack_textures
 
-SUBPIXELS = np.array([[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]], np.float32)
-"""Offsets of the four samples: a rotated grid, which resolves near-horizontal and near-vertical edges best."""
-
-PARTS = 4
-"""Pixels are worked on in so many parts at once; NumPy leaves the other cores free while it works on one."""
-
-
-@lru_cache(maxsize=1)
-def _workers() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(PARTS, "rig")
+LIGHT_MAP_ZOOM = 2
+"""The table's light is kept so many times as fine as it was baked, smoothly filled in."""
+GROUND_REACH = 0.02
+"""Height differences within which ground has the object's shade, as a share of the side of the map of it."""
+FARTHEST = 1e9
+"""Coordinates of a camera at most; float32 holds them to some tens of units."""
 
 
-@dataclass(frozen=True)
-class _RayHits:
-    """What rays meet. Arrays of one row per ray; where nothing is hit, colour 0, material -1, normal 0, depth inf.
+class _Paint(NamedTuple):
+    """What is painted on a mesh, ready for the kernel."""
 
-    `gain`, `uv` and `lod` are there when a texture was left out: by how much its colour counts (0 where a ray does not
-    meet it), where on it, and the base-2 logarithm of its texels per pixel.
-    """
-
-    colour: np.ndarray
-    material: np.ndarray
-    normal: np.ndarray
-    depth: np.ndarray
-    gain: np.ndarray
-    uv: np.ndarray
-    lod: np.ndarray
+    texels: Texels
+    texture: np.ndarray
+    density: np.ndarray
+    mean_colour: np.ndarray
 
 
-@dataclass(frozen=True)
-class _Traced:
-    """The part of a picture that can show the object: its pixels, and the samples of those that need four."""
+class _Body:
+    """A mesh in its place: its rays, its light, and its paint."""
 
-    region: tuple[int, int, int, int]
-    seen: _RayHits
-    refine: np.ndarray
-    fine: _RayHits
+    def __init__(
+        self, mesh: Mesh, shape: Shape, paint: _Paint, lighting: Lighting, stand: Stand, number: int = 0
+    ) -> None:
+        self.shape, self.lit = shape, _light_mesh(mesh, paint, lighting, stand)
+        self._number, self._moved = np.uint8(number), stand != AT_ORIGIN
+
+    def cast(self, rays: np.ndarray) -> Hits:
+        """First hits of rays (n, 6) in the world; frames are what is spread over the cores."""
+        import open3d as o3d
+
+        found = self.shape.rays.cast_rays(o3d.core.Tensor(self._localise(rays)), nthreads=1)
+        distance, face, uv = (found[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_uvs"))
+        return Hits(distance, face, uv, np.full(len(face), self._number), np.full(len(face), -1, np.float32))
+
+    def blocks(self, rays: np.ndarray) -> np.ndarray:
+        """(n,) bool whether rays (n, 6) in the world meet it."""
+        import open3d as o3d
+
+        return self.shape.rays.test_occlusions(o3d.core.Tensor(self._localise(rays)), nthreads=1).numpy()
+
+    def _localise(self, rays: np.ndarray) -> np.ndarray:
+        if not self._moved:
+            return rays
+        moved = np.empty_like(rays)
+        move_rays(self.lit, rays, moved)
+        return moved
+
+
+def _surroundings_of(scene: Scene) -> _Body:
+    """What stands around the object and never moves; kept for the next renderer in the same sky."""
+
+    def make(mesh: Mesh, _: np.ndarray) -> _Body:
+        shape, paint = Shape.of(mesh), _paint_of(mesh)
+        return _Body(mesh, shape, paint, bake_surroundings(shape, paint.mean_colour, scene), AT_ORIGIN, number=1)
+
+    return _kept(make, scene.surroundings, scene.environment)
 
 
 class RaycastRenderer:
-    """Renders one object in one studio from any camera."""
+    """Renders one object in one scene from any camera.
 
-    def __init__(self, mesh: Mesh, studio: Studio, detail: BakeDetail = FULL_DETAIL) -> None:
-        self._mesh, self._studio = mesh, studio
-        self._scene = make_ray_scene(mesh)
-        self._outline = _hull_vertices(mesh.vertices)
-        self._corner_normals = mesh.normals[mesh.faces]
-        self._corner_uv = mesh.uv[mesh.faces]
-        corners = mesh.vertices[mesh.faces]
-        self._textures, self._texture_of_material = _distinct_textures(mesh)
-        self._texel_density = _texel_density(mesh, self._textures, self._texture_of_material)
-        self._roughness = np.array([m.roughness for m in mesh.materials], np.float32)
-        self._metallic = np.array([m.metallic for m in mesh.materials], np.float32)
-        self._is_paper = np.array([m.name == PAPER_MATERIAL for m in mesh.materials])
-        self._lighting = bake_lighting(
-            self._scene, corners, self._corner_normals, self._mean_colour(), studio, detail=detail
-        )
-        self._backdrop = Backdrop(studio, self._lighting)
+    What is worked out of a shape or a texture is kept for the next renderer that has the same, so that another place,
+    light or paint costs little.
+    """
+
+    def __init__(self, mesh: Mesh, scene: Scene, detail: BakeDetail = FULL_DETAIL, stand: Stand = AT_ORIGIN) -> None:
+        """Bake the light.
+
+        Args:
+            mesh: on the table.
+            scene: what it stands in.
+            detail: how finely light is worked out.
+            stand: where in it.
+        """
+        compiled.prepare(_compile_all)
+        self._mesh, self._scene, self._stand = mesh, scene, stand
+        shape, paint = Shape.of(mesh), _paint_of(mesh)
+        self._others, around, albedo = None, None, paint.mean_colour
+        if scene.surroundings is not None:
+            self._others = _surroundings_of(scene)
+            around = self._others.shape
+            albedo = (albedo + _paint_of(scene.surroundings).mean_colour) / 2
+        lighting = bake_lighting(shape, albedo, scene, detail, stand, around)
+        self._object = _Body(mesh, shape, paint, lighting, stand)
+        self._around = _surround(scene, lighting, stand)
+
+    @property
+    def outline(self) -> np.ndarray:
+        """(k, 3) points in the world that bound every picture of the object."""
+        return self._stand.to_world(self._object.shape.outline)
 
     def render(self, camera: Camera, T_world_camera: np.ndarray) -> np.ndarray:
-        """(height, width, 3) float32 linear light times the studio's exposure; not clipped."""
-        waiting = _workers().submit(self._backdrop.render, camera, T_world_camera)
-        frame = self._look(camera, T_world_camera)
-        picture = waiting.result()
-        if frame is not None:
-            left, top, right, bottom = frame.region
-            behind = picture[top:bottom, left:right].reshape(-1, 3)
-            seen, fine = frame.seen, frame.fine
-            colour = np.where(seen.material[:, None] < 0, behind, seen.colour)
-            missed = (fine.material < 0).reshape(len(SUBPIXELS), -1).mean(axis=0, dtype=np.float32)
-            mean = fine.colour.reshape(len(SUBPIXELS), -1, 3).mean(axis=0)
-            colour[frame.refine] = mean + behind[frame.refine] * missed[:, None]
-            picture[top:bottom, left:right] = colour.reshape(bottom - top, right - left, 3)
-        return picture * np.float32(self._studio.exposure)
+        """(height, width, 3) float32 linear light times the scene's exposure; not clipped.
+
+        Raises:
+            ToolkitError: a camera that is nowhere.
+        """
+        picture, out = self._paint_meshes(camera, T_world_camera, self._object.lit, linear=False)
+        self._paint_background(camera, T_world_camera, out.coverage, picture, apart=False)
+        return picture
+
+    def render_many(self, views: Iterable[tuple[Camera, np.ndarray]]) -> Iterator[np.ndarray]:
+        """`render` of each (camera, `T_world_camera`), in order, on all cores; the same pictures."""
+        return map_frames(lambda view: self.render(*view), views)
+
+    def render_linear_many(
+        self, camera: Camera, poses: Iterable[np.ndarray], texture: np.ndarray
+    ) -> Iterator[LinearView]:
+        """`render_linear` from each pose, in order, on all cores; the same views."""
+        return map_frames(lambda pose: self.render_linear(camera, pose, texture), poses)
 
     def render_linear(self, camera: Camera, T_world_camera: np.ndarray, texture: np.ndarray) -> LinearView:
         """What `render` shows, linear in the colours of those of the mesh's materials that share a texture.
@@ -104,214 +169,262 @@ class RaycastRenderer:
                 metallic, for their gloss has their colour. What bounces off the table has the texture's mean colour.
         """
         left_out = np.array([m.texture is texture for m in self._mesh.materials])
-        waiting = _workers().submit(self._backdrop.render, camera, T_world_camera)
-        frame = self._look(camera, T_world_camera, left_out)
-        exposure = np.float32(self._studio.exposure)
-        behind = waiting.result() * exposure
-        return LinearView.of_nothing(behind) if frame is None else _assemble(frame, behind, exposure)
-
-    def _look(self, camera: Camera, T_world_camera: np.ndarray, left_out: np.ndarray | None = None) -> _Traced | None:
-        """Trace the pixels that can show the object; None where none can."""
-        left, top, right, bottom = self._region(camera, T_world_camera)
-        if right <= left or bottom <= top:
-            return None
-        x, y = np.meshgrid(np.arange(left, right, dtype=np.float32), np.arange(top, bottom, dtype=np.float32))
-        pixels = np.stack([x, y], axis=-1).reshape(-1, 2) + np.float32(0.5)
-        seen = self._trace(camera, T_world_camera, pixels, left_out)
-        refine = np.flatnonzero(self._needs_samples(seen, (bottom - top, right - left)))
-        samples = (pixels[refine] + SUBPIXELS[:, None]).reshape(-1, 2)
-        fine = self._trace(camera, T_world_camera, samples, left_out)
-        return _Traced((left, top, right, bottom), seen, refine, fine)
+        lit = self._object.lit._replace(left_out=left_out)
+        dark, out = self._paint_meshes(camera, T_world_camera, lit, linear=True)
+        behind = np.zeros_like(dark)
+        self._paint_background(camera, T_world_camera, out.coverage, behind, apart=True)
+        return LinearView(behind=behind, dark=dark, **out._asdict())
 
     def buffers(self, camera: Camera, T_world_camera: np.ndarray) -> dict[str, np.ndarray]:
-        """Exact float buffers at pixel centres: depth along the ray, mm (inf: none), material (-1: none), uv (NaN)."""
-        y, x = np.mgrid[: camera.height, : camera.width].astype(np.float32) + np.float32(0.5)
-        pixels = np.stack([x, y], axis=-1).reshape(-1, 2)
-        hits = self._cast(pixel_rays(camera, T_world_camera, pixels))
-        shape = (camera.height, camera.width)
-        seen = np.isfinite(hits["t_hit"])
-        triangle, uv = hits["primitive_ids"][seen].astype(np.int64), hits["primitive_uvs"][seen]
+        """Exact buffers (h, w) at pixel centres.
+
+        Returns:
+            `depth` along the ray, in the mesh's units (inf: nothing is met); `material` of the object (-1: it is not
+            seen) and `uv` (h, w, 2) on it (NaN); `mesh`: 0 the object, 1 its surroundings, 255 neither; `face` of
+            that mesh.
+        """
+        shape = camera.height, camera.width
+        rays = np.empty((camera.height * camera.width, 6), np.float32)
+        fill_pixel_rays(_view(camera, T_world_camera), 0, 0, camera.width, camera.height, rays)
+        hits = self._cast(rays, np.arange(len(rays), dtype=np.int32))
+        seen = (hits.face != NOTHING) & (hits.mesh == 0)
+        face, weights = hits.face[seen].astype(np.int64), hits.uv[seen]
         material = np.full(seen.shape, -1, np.int32)
-        material[seen] = self._mesh.face_material[triangle]
+        material[seen] = self._mesh.face_material[face]
+        corner_uv = self._mesh.uv[self._mesh.faces[face]]
         texture_uv = np.full((*seen.shape, 2), np.nan, np.float32)
-        texture_uv[seen] = shading.interpolate(self._corner_uv[triangle], uv)
+        u, v = weights[:, :1], weights[:, 1:]
+        texture_uv[seen] = corner_uv[:, 0] * (1 - u - v) + corner_uv[:, 1] * u + corner_uv[:, 2] * v
+        met = np.where(hits.face == NOTHING, np.uint8(255), hits.mesh)
         return {
-            "depth": hits["t_hit"].reshape(shape), "material": material.reshape(shape),
-            "uv": texture_uv.reshape(*shape, 2),
+            "depth": hits.distance.reshape(shape), "material": material.reshape(shape),
+            "uv": texture_uv.reshape(*shape, 2), "mesh": met.reshape(shape), "face": hits.face.reshape(shape),
         }  # fmt: skip
 
-    def _cast(self, rays: np.ndarray) -> dict[str, np.ndarray]:
-        import open3d as o3d
+    def _paint_meshes(
+        self, camera: Camera, T_world_camera: np.ndarray, lit: LitMesh, linear: bool
+    ) -> tuple[np.ndarray, Linear]:
+        """(h, w, 3) float32 what rays met before black, and the samples of a linear view where one is asked for."""
+        view = _view(camera, T_world_camera)
+        part = self._trace(camera, view, T_world_camera)
+        most = len(part.hits.face) + 4 * len(part.refine) if linear else 0
+        picture = np.zeros((camera.height, camera.width, 3), np.float32)
+        out = Linear(
+            coverage=np.zeros((camera.height, camera.width), np.float32), pixel=np.empty(most, np.int32),
+            uv=np.empty((most, 2), np.float32), lod=np.empty(most, np.float32), gain=np.empty((most, 3), np.float32),
+        )  # fmt: skip
+        others = self._object.lit if self._others is None else self._others.lit
+        count = paint_meshes(self._around, lit, others, view, part, picture, out)
+        return picture, Linear(out.coverage, *(array[:count].copy() for array in out[1:]))
 
-        found = self._scene.cast_rays(o3d.core.Tensor(rays))
-        return {key: found[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_uvs")}
+    def _paint_background(
+        self, camera: Camera, T_world_camera: np.ndarray, coverage: np.ndarray, picture: np.ndarray, apart: bool
+    ) -> None:
+        view, edges = _view(camera, T_world_camera), np.empty((4, 3))
+        sheen = np.zeros((camera.height // SHEEN_STEP + 2, camera.width // SHEEN_STEP + 2, 3), np.float32)
+        find_table_edges(self._around, view, edges)
+        if self._around.has_table:
+            fill_sheen(self._around, view, sheen)
+        paint_background(self._around, view, edges, sheen, coverage, picture, apart)
+
+    def _trace(self, camera: Camera, view: View, T_world_camera: np.ndarray) -> Part:
+        """Trace the pixels that can show a mesh: those of the object, or all where it has surroundings."""
+        region = self._region(camera, T_world_camera)
+        left, top, right, bottom = region if self._others is None else (0, 0, camera.width, camera.height)
+        width, count = right - left, (right - left) * (bottom - top)
+        rays, normal = np.empty((count, 6), np.float32), np.empty((count, 3), np.float32)
+        material, needed = np.empty(count, np.int32), np.empty(count, bool)
+        fill_pixel_rays(view, left, top, right, bottom, rays)
+        near = _pixels_in(region, left, top, width, count)
+        hits = self._cast(rays, np.flatnonzero(near).astype(np.int32))
+        others = self._object.lit if self._others is None else self._others.lit
+        mark_edges(self._object.lit, others, hits, rays, width, material, normal, needed)
+        refine = np.flatnonzero(needed).astype(np.int32)
+        rays = np.empty((4 * len(refine), 6), np.float32)
+        fill_sample_rays(view, left, top, width, refine, rays)
+        fine = self._cast(rays, np.flatnonzero(np.repeat(near[refine], 4)).astype(np.int32))
+        return Part(left, top, right, bottom, hits, refine, fine)
+
+    def _cast(self, rays: np.ndarray, near: np.ndarray) -> Hits:
+        """First hits of rays (n, 6) in the world, of which those `near` (k,) may meet the object."""
+        if self._others is None:
+            return self._object.cast(rays)
+        hits = self._others.cast(rays)
+        if len(near):
+            take_nearer(hits, self._object.cast(rays[near]), near)
+        which, to_key = np.empty(len(rays), np.int32), np.empty_like(rays)
+        lift = 2e-4 * self._object.shape.size
+        count = fill_key_rays(self._others.lit, hits, rays, self._around.key, lift, which, to_key)
+        which, to_key = which[:count], to_key[:count]
+        free = ~self._others.blocks(to_key)
+        free[free] = ~self._object.blocks(to_key[free])
+        hits.key_share[which] = free
+        return hits
 
     def _region(self, camera: Camera, T_world_camera: np.ndarray) -> tuple[int, int, int, int]:
         """Left, top, right, bottom of the pixels that can show the object."""
-        low, high = self._mesh.bounds
+        shape = self._object.shape
+        low, high = shape.bounds
         box = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-        pixels, depth = project(camera, T_world_camera, self._outline)
-        if (project(camera, T_world_camera, box)[1] <= 1).any():
+        pixels, depth = project(camera, T_world_camera, self.outline)
+        depths = project(camera, T_world_camera, self._stand.to_world(box))[1]
+        if (depths <= 0).all():
+            return 0, 0, 0, 0
+        if (depths <= 1e-3 * shape.size).any():
             return 0, 0, camera.width, camera.height
         margin = 6 + 0.01 * camera.width
-        left, top = np.floor(pixels[depth > 0].min(axis=0) - margin).astype(int)
-        right, bottom = np.ceil(pixels[depth > 0].max(axis=0) + margin).astype(int)
-        return max(left, 0), max(top, 0), min(right, camera.width), min(bottom, camera.height)
+        left, top = np.floor(pixels[depth > 0].min(axis=0) - margin).clip(-1, 1e6).astype(int)
+        right, bottom = np.ceil(pixels[depth > 0].max(axis=0) + margin).clip(-1, 1e6).astype(int)
+        left, top = max(left, 0), max(top, 0)
+        return left, top, max(min(right, camera.width), left), max(min(bottom, camera.height), top)
 
-    def _trace(
-        self, camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray, left_out: np.ndarray | None
-    ) -> _RayHits:
-        parts = list(
-            _workers().map(
-                lambda part: self._trace_part(camera, T_world_camera, part, left_out), np.array_split(pixels, PARTS)
-            )
+
+def _pixels_in(region: tuple[int, int, int, int], left: int, top: int, width: int, count: int) -> np.ndarray:
+    """(n,) bool which pixels of a part, row by row, lie in a region (left, top, right, bottom) of the picture."""
+    near = np.zeros((count // max(width, 1), width), bool)
+    near[region[1] - top : region[3] - top, region[0] - left : region[2] - left] = True
+    return near.reshape(-1)
+
+
+def count_cores() -> int:
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+V = TypeVar("V")
+F = TypeVar("F")
+
+
+def map_frames(make: Callable[[V], F], views: Iterable[V], threads: int | None = None) -> Iterator[F]:
+    """`make` of each view, in order, on `threads` threads (by default one for each core); a few are made ahead."""
+    threads = threads or count_cores()
+    waiting: deque[Future[F]] = deque()
+    with ThreadPoolExecutor(threads, "frames") as pool:
+        try:
+            for view in views:
+                waiting.append(pool.submit(make, view))
+                if len(waiting) > 2 * threads:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+def _view(camera: Camera, T_world_camera: np.ndarray) -> View:
+    """A camera in its place, for the kernel."""
+    pose = np.asarray(T_world_camera, np.float64)
+    if not np.isfinite(pose).all() or np.abs(pose[:3, 3]).max() > FARTHEST:
+        raise ToolkitError(
+            f"the camera stands at {pose[:3, 3].tolist()}: expected numbers within {FARTHEST:g}: check the pose"
         )
-        return _RayHits(
-            *(np.concatenate([getattr(part, field) for part in parts]) for field in _RayHits.__dataclass_fields__)
-        )
-
-    def _trace_part(
-        self, camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray, left_out: np.ndarray | None
-    ) -> _RayHits:
-        rays = pixel_rays(camera, T_world_camera, pixels)
-        hits = self._cast(rays)
-        count = 0 if left_out is None else len(pixels)
-        seen = _RayHits(
-            colour=np.zeros((len(pixels), 3), np.float32), material=np.full(len(pixels), -1, np.int32),
-            normal=np.zeros((len(pixels), 3), np.float32), depth=hits["t_hit"],
-            gain=np.zeros((count, 3), np.float32), uv=np.zeros((count, 2), np.float32),
-            lod=np.zeros(count, np.float32),
-        )  # fmt: skip
-        if np.isfinite(seen.depth).any():
-            self._shade(seen, rays, hits, np.float32(1 / camera.fx), left_out)
-        return seen
-
-    def _shade(
-        self, seen: _RayHits, rays: np.ndarray, hits: dict[str, np.ndarray], pixel_angle: np.float32,
-        left_out: np.ndarray | None,
-    ) -> None:  # fmt: skip
-        """Fill in the rows of `seen` whose rays hit something."""
-        found = np.flatnonzero(np.isfinite(seen.depth))
-        triangle, uv = hits["primitive_ids"][found].astype(np.int64), hits["primitive_uvs"][found]
-        origin, direction, depth = rays[found, :3], rays[found, 3:], seen.depth[found]
-        normal = shading.interpolate(self._corner_normals[triangle], uv)
-        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
-        cosine = -np.einsum("ij,ij->i", normal, direction)
-        away = cosine < 0
-        normal[away] *= -1
-        cosine = np.abs(cosine)
-        material = self._mesh.face_material[triangle]
-        texture_uv = shading.interpolate(self._corner_uv[triangle], uv)
-        footprint_mm = depth * pixel_angle / np.sqrt(np.maximum(cosine, 0.1))
-        lod = np.log2(np.maximum(footprint_mm * self._texel_density[triangle], 1e-6))
-        albedo = self._albedo(material, texture_uv, lod)
-        light = read_samples(self._lighting.grid, self._lighting.stored, triangle, uv)
-        roughness, metallic = self._roughness[material], self._metallic[material]
-        gain = light[:, :3] * ((1 - metallic) / np.float32(np.pi))[:, None]
-        if left_out is not None:
-            chosen = left_out[material]
-            albedo[chosen] = 0
-            seen.gain[found], seen.uv[found], seen.lod[found] = gain * chosen[:, None], texture_uv, lod
-        points = origin + depth[:, None] * direction
-        surface = shading.SurfacePoints(
-            points=points, direction=direction, normal=normal, cosine=cosine, albedo=albedo, roughness=roughness,
-            metallic=metallic,
-        )  # fmt: skip
-        colour = albedo * gain
-        colour += shading.gloss(surface, light[:, 3], light[:, 4], self._studio.key, self._backdrop.reflect)
-        seen.colour[found], seen.normal[found], seen.material[found] = colour, normal, material
-
-    def _albedo(self, material: np.ndarray, uv: np.ndarray, lod: np.ndarray) -> np.ndarray:
-        texture = self._texture_of_material[material]
-        if len(self._textures) == 1:
-            return sample_pyramid(self._textures[0], uv[:, 0], uv[:, 1], lod)
-        albedo = np.empty((len(material), 3), np.float32)
-        for index, levels in enumerate(self._textures):
-            chosen = np.flatnonzero(texture == index)
-            if len(chosen):
-                albedo[chosen] = sample_pyramid(levels, uv[chosen, 0], uv[chosen, 1], lod[chosen])
-        return albedo
-
-    def _needs_samples(self, seen: _RayHits, shape: tuple[int, int]) -> np.ndarray:
-        """Pixels whose neighbours show another material, a jump in depth or a crease; and those on printed paper."""
-        material, normal = seen.material.reshape(shape), seen.normal.reshape(*shape, 3)
-        depth = seen.depth.reshape(shape)
-        depth = np.where(np.isfinite(depth), depth, 0)
-        edge = np.zeros(shape, bool)
-        for a, b in (((slice(1, None), slice(None)), (slice(-1), slice(None))),
-                     ((slice(None), slice(1, None)), (slice(None), slice(-1)))):  # fmt: skip
-            differ = material[a] != material[b]
-            differ |= np.abs(depth[a] - depth[b]) > 0.02 * depth[a]
-            differ |= np.einsum("ijk,ijk->ij", normal[a], normal[b]) < 0.75 * (material[a] >= 0)
-            edge[a] |= differ
-            edge[b] |= differ
-        return (edge | (self._is_paper[material] & (material >= 0))).reshape(-1)
-
-    def _mean_colour(self) -> np.ndarray:
-        """(3,) linear colour of the object, averaged over its triangles by area."""
-        corners = self._mesh.vertices[self._mesh.faces]
-        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-        middle = self._corner_uv.mean(axis=1)
-        albedo = self._albedo(self._mesh.face_material, middle, np.zeros(len(middle), np.float32))
-        return (albedo * area[:, None]).sum(axis=0) / max(float(area.sum()), 1e-9)
-
-
-def _assemble(frame: _Traced, behind: np.ndarray, exposure: np.float32) -> LinearView:
-    """The parts of a picture: interior pixels count one sample, refined ones the mean of theirs."""
-    left, top, right, bottom = frame.region
-    seen, fine, refine = frame.seen, frame.fine, frame.refine
-    once = np.ones(len(seen.material), bool)
-    once[refine] = False
-    dark, hit = seen.colour, (seen.material >= 0).astype(np.float32)
-    dark[refine] = fine.colour.reshape(len(SUBPIXELS), -1, 3).mean(axis=0)
-    hit[refine] = (fine.material >= 0).reshape(len(SUBPIXELS), -1).mean(axis=0)
-    coarse = np.flatnonzero(once & (seen.gain > 0).any(axis=1))
-    split = np.flatnonzero((fine.gain > 0).any(axis=1))
-    row, column = np.divmod(np.concatenate([coarse, np.tile(refine, len(SUBPIXELS))[split]]), right - left)
-    full, cover = np.zeros_like(behind), np.zeros(behind.shape[:2], np.float32)
-    full[top:bottom, left:right] = dark.reshape(bottom - top, right - left, 3) * exposure
-    cover[top:bottom, left:right] = hit.reshape(bottom - top, right - left)
-    share = np.float32(1 / len(SUBPIXELS))
-    return LinearView(
-        behind=behind, dark=full, coverage=cover,
-        pixel=((row + top) * behind.shape[1] + column + left).astype(np.int32),
-        uv=np.concatenate([seen.uv[coarse], fine.uv[split]]),
-        lod=np.concatenate([seen.lod[coarse], fine.lod[split]]),
-        gain=np.concatenate([seen.gain[coarse], fine.gain[split] * share]) * exposure,
+    return View(
+        np.ascontiguousarray(pose[:3, :3]), np.ascontiguousarray(pose[:3, 3]), float(camera.fx), float(camera.fy),
+        float(camera.cx), float(camera.cy), camera.width, camera.height,
     )  # fmt: skip
 
 
-def _hull_vertices(vertices: np.ndarray) -> np.ndarray:
-    """(k, 3) the vertices of the convex hull, which bound every picture of the mesh; all of them where it is flat."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        return vertices[ConvexHull(vertices).vertices]
-    except QhullError:
-        return vertices
+def _paint_of(mesh: Mesh) -> _Paint:
+    """Pyramids and densities of a mesh."""
+    return _kept(_prepare_paint, mesh)
 
 
-def _distinct_textures(mesh: Mesh) -> tuple[list[list[np.ndarray]], np.ndarray]:
-    """One pyramid per distinct texture array, and which one each material uses."""
-    known: dict[int, int] = {}
-    pyramids: list[list[np.ndarray]] = []
-    index: list[int] = []
-    for material in mesh.materials:
-        if id(material.texture) not in known:
-            known[id(material.texture)] = len(pyramids)
-            pyramids.append(texture_pyramid(material.texture))
-        index.append(known[id(material.texture)])
-    return pyramids, np.array(index)
-
-
-def _texel_density(mesh: Mesh, textures: list[list[np.ndarray]], texture_of_material: np.ndarray) -> np.ndarray:
-    """(m,) texels per millimetre of each triangle."""
+def _prepare_paint(mesh: Mesh) -> _Paint:
+    distinct = list({id(m.texture): m.texture for m in mesh.materials}.values())
+    number = {id(texture): index for index, texture in enumerate(distinct)}
+    texture = np.array([number[id(m.texture)] for m in mesh.materials], np.int32)
+    texels = pack_textures(distinct)
     corners, corner_uv = mesh.vertices[mesh.faces], mesh.uv[mesh.faces]
-
-    def doubled_area(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-        return np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-
     surface = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    chart = doubled_area(corner_uv[:, 1] - corner_uv[:, 0], corner_uv[:, 2] - corner_uv[:, 0])
-    texels = np.array([levels[0].shape[0] * levels[0].shape[1] for levels in textures])[texture_of_material]
-    return np.sqrt(chart * texels[mesh.face_material] / np.maximum(surface, 1e-12)).astype(np.float32)
+    a, b = corner_uv[:, 1] - corner_uv[:, 0], corner_uv[:, 2] - corner_uv[:, 0]
+    chart = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    counts = np.array([picture.shape[0] * picture.shape[1] for picture in distinct])
+    of_face = texture[mesh.face_material]
+    density = np.sqrt(chart * counts[of_face] / np.maximum(surface, 1e-12)).astype(np.float32)
+    colour = np.empty((len(of_face), 3), np.float32)
+    fill_colours(texels, of_face, corner_uv.mean(axis=1), np.zeros(len(of_face), np.float32), colour)
+    mean = (colour * surface[:, None]).sum(axis=0) / max(float(surface.sum()), 1e-9)
+    return _Paint(texels, texture, density, mean)
+
+
+def _light_mesh(mesh: Mesh, paint: _Paint, lighting: Lighting, stand: Stand) -> LitMesh:
+    materials = mesh.materials
+    return LitMesh(
+        faces=np.ascontiguousarray(mesh.faces, np.int32), normals=np.ascontiguousarray(mesh.normals, np.float32),
+        uv=np.ascontiguousarray(mesh.uv, np.float32), material=np.ascontiguousarray(mesh.face_material, np.int32),
+        density=paint.density, texture=paint.texture,
+        roughness=np.array([m.roughness for m in materials], np.float32),
+        metallic=np.array([m.metallic for m in materials], np.float32),
+        finely=np.array([m.name == PAPER_MATERIAL for m in materials]),
+        left_out=np.zeros(len(materials), bool), texels=paint.texels,
+        steps=lighting.grid.steps, first=lighting.grid.first, stored=lighting.stored, turn=stand.turn,
+        place=np.array(stand.place, float),
+    )  # fmt: skip
+
+
+def _surround(scene: Scene, lighting: Lighting, stand: Stand) -> Surround:
+    side = lighting.table.shape[0] * LIGHT_MAP_ZOOM
+    light = cv2.resize(lighting.table, (side, side), interpolation=cv2.INTER_CUBIC)
+    table = scene.table
+    mirrored = _kept(_blur_environment, scene.environment)
+    texels = _kept(_pack_one, table.picture if table else NO_PICTURE)
+    return Surround(
+        # a room is out of focus behind a table top; the sky is as sharp as it was given
+        backdrop=mirrored[0] if table is not None else np.ascontiguousarray(scene.environment, np.float32),
+        mirrored=mirrored, key=orbit_direction(scene.key.azimuth_deg, scene.key.elevation_deg),
+        key_spread=float(np.tan(np.radians(scene.key.radius_deg)) / 2),
+        key_irradiance=np.array(scene.key.irradiance, float), exposure=float(scene.exposure),
+        has_table=table is not None,
+        table=texels, table_size=np.array(table.size_mm if table else (1.0, 1.0), float),
+        table_roughness=float(table.roughness if table else 1.0),
+        ground_light=LightMap(
+            light, float(lighting.table_side_mm), float(stand.place[0]), float(stand.place[1]),
+            float(stand.turn[0, 0]), float(stand.turn[1, 0]),
+        ),
+        ground_z=float(stand.place[2]),
+        ground_reach=0.0 if scene.surroundings is None else GROUND_REACH * lighting.table_side_mm,
+    )  # fmt: skip
+
+
+_in_use: OrderedDict[tuple[object, ...], tuple[tuple[object, ...], Any]] = OrderedDict()
+_keeping = RLock()
+MOST_KEPT = 10
+
+
+def _kept(make: Callable[..., F], *sources: object) -> F:
+    """`make` of meshes or pictures, worked out once for those that were used last."""
+    key = make.__qualname__, *map(id, sources)
+    with _keeping:
+        found = _in_use.pop(key, None) or (sources, make(*sources))
+        _in_use[key] = found
+        while len(_in_use) > MOST_KEPT:
+            _in_use.popitem(last=False)
+    return found[1]
+
+
+NO_PICTURE = np.zeros((1, 1, 3), np.uint8)
+
+
+def _pack_one(picture: np.ndarray) -> Texels:
+    return pack_textures([picture])
+
+
+def _blur_environment(environment: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """A picture of all directions as surfaces of each of `ROUGHNESS_LEVELS` mirror it."""
+    width = environment.shape[1]
+    a, b, c, d = (blur_directions(environment, width * (0.004 + 0.13 * r**1.5)) for r in ROUGHNESS_LEVELS)
+    return a, b, c, d
+
+
+def _compile_all() -> None:
+    """Render a triangle in every way."""
+    corners = np.array([[0, 0, 0], [9, 0, 0], [0, 9, 1]], np.float32)
+    up, faces = np.repeat(np.array([[0, 0, 1]], np.float32), 3, axis=0), np.array([[0, 1, 2]], np.int32)
+    texture = np.full((8, 8, 3), 128, np.uint8)
+    mesh = Mesh(corners, up, corners[:, :2] / 9, faces, np.zeros(1, np.int32), (Material("", texture),))
+    room = np.ones((32, 64, 3), np.float32)
+    renderer = RaycastRenderer(mesh, Scene("", KeyLight(), room, 1.0, Table(texture, (40.0, 30.0), 0.5)))
+    pose = orbit_pose(np.zeros(3), 0, 60, 30)
+    renderer.render(Camera.from_fov(16, 16), pose)
+    renderer.render_linear(Camera.from_fov(16, 16), pose, texture)

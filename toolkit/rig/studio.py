@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from toolkit.core.errors import one_of
 from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
 from toolkit.rig.board import Board
+from toolkit.rig.scene import KeyLight, Scene, Table
 
 PX_PER_MM = 1.0
 MAX_SIDE_PX = 2400
@@ -170,51 +171,6 @@ def _picture(room: np.ndarray, rng: np.random.Generator, x: int, horizon: int) -
 ENVIRONMENT_SHAPE = (256, 512)
 
 
-@dataclass(frozen=True)
-class KeyLight:
-    """A soft box, far enough away to shine evenly.
-
-    Attributes:
-        azimuth_deg, elevation_deg: where it stands.
-        radius_deg: half of its apparent size; larger is softer.
-        irradiance: (3,) linear RGB on a surface that faces it.
-    """
-
-    azimuth_deg: float = 40.0
-    elevation_deg: float = 52.0
-    radius_deg: float = 7.0
-    irradiance: tuple[float, float, float] = (2.2, 2.15, 2.05)
-
-
-@dataclass(frozen=True)
-class Studio:
-    """Everything in the picture but the object.
-
-    Attributes:
-        name: for the manifest.
-        key: the main light.
-        environment: (h, w, 3) linear radiance of the room in all directions, equirectangular: row 0 is straight up,
-            the middle column azimuth 0, azimuth grows to the left.
-        table: (h, w, 3) uint8 sRGB picture of the table top; its middle is the origin, image right +x, image up +y.
-        table_mm: (width along x, height along y) of the table top.
-        table_roughness: 0 mirror … 1 matte.
-        exposure: factor from radiance to the picture's linear values.
-    """
-
-    name: str
-    key: KeyLight
-    environment: np.ndarray
-    table: np.ndarray
-    table_mm: tuple[float, float]
-    table_roughness: float
-    exposure: float
-
-    @cached_property
-    def blurred_rooms(self) -> dict[int, np.ndarray]:
-        """`environment` as rough surfaces mirror it, by level of roughness; filled by who renders."""
-        return {}
-
-
 LIGHTS: dict[str, KeyLight] = {
     "studio": KeyLight(),
     "side": KeyLight(azimuth_deg=95, elevation_deg=24, radius_deg=5, irradiance=(2.9, 2.8, 2.7)),
@@ -228,7 +184,7 @@ BACKDROPS = tuple(TABLES)
 @lru_cache(maxsize=4)
 def make_studio(
     seed: int | tuple[int, ...] = 0, scale_mm: float = 270.0, backdrop: str | None = None, light: str = "studio"
-) -> Studio:
+) -> Scene:
     """A studio whose backdrop, unless named, and details follow from the seed.
 
     Args:
@@ -254,9 +210,9 @@ def make_studio(
     warmth = np.array([key.irradiance[0], key.irradiance[1], key.irradiance[2]]) / max(key.irradiance)
     environment = paint_room(rng, ENVIRONMENT_SHAPE) * np.float32(ROOM_LIGHT[light]) * warmth.astype(np.float32)
     name = f"{backdrop or drawn}/{light}/{'-'.join(map(str, seeds))}"
-    return Studio(
-        name=name, key=key, environment=environment, table=table, table_mm=table_mm,
-        table_roughness=table_kind.roughness, exposure=_expose(key, environment, table),
+    return Scene(
+        name=name, key=key, environment=environment, table=Table(table, table_mm, table_kind.roughness),
+        exposure=_expose(key, environment, table),
     )  # fmt: skip
 
 
@@ -283,7 +239,7 @@ MOST_PX = 4200
 """Longer side of the table's picture at most: it is kept in float while a scene is shot."""
 
 
-def add_board(studio: Studio, board: Board, px_per_mm: float | None = None) -> Studio:
+def add_board(studio: Scene, board: Board, px_per_mm: float | None = None) -> Scene:
     """The same studio with a board in the middle of its table, its edge marked FRONT to +x, its right to +y.
 
     Args:
@@ -291,18 +247,20 @@ def add_board(studio: Studio, board: Board, px_per_mm: float | None = None) -> S
         board: as it was printed.
         px_per_mm: of the table's picture; by default as fine as the markers need and the memory allows.
     """
-    wide_mm, high_mm = studio.table_mm
+    bare = studio.need_table()
+    wide_mm, high_mm = bare.size_mm
     fine = px_per_mm or min(FINE_PX_PER_MM, MOST_PX / max(wide_mm, high_mm))
     page = np.pad(board.paint(fine), round(PAPER_EDGE_MM * fine), constant_values=255)
     sheet = np.rot90(page)  # rows run down the page, which is +x; in the table's picture x runs right and y up
     # an even margin on both sides keeps the sheet's middle in the picture's
     wide, high = (
         side + 2 * max(0, round((mm * fine - side) / 2))
-        for mm, side in zip(studio.table_mm, sheet.shape[::-1], strict=True)
+        for mm, side in zip(bare.size_mm, sheet.shape[::-1], strict=True)
     )
-    table = cv2.resize(studio.table, (wide, high), interpolation=cv2.INTER_CUBIC)
+    table = cv2.resize(bare.picture, (wide, high), interpolation=cv2.INTER_CUBIC)
     ink, paper = srgb_to_linear(np.array([INK, PAPER]) / 255)
     shades = np.round(linear_to_srgb(ink + srgb_to_linear(np.arange(256) / 255) * (paper - ink)) * 255).astype(np.uint8)
     top, left = (high - sheet.shape[0]) // 2, (wide - sheet.shape[1]) // 2
     table[top : top + sheet.shape[0], left : left + sheet.shape[1]] = shades[sheet][..., None]
-    return replace(studio, name=f"{studio.name}/board", table=table, table_mm=(wide / fine, high / fine))
+    laid = Table(table, (wide / fine, high / fine), bare.roughness)
+    return replace(studio, name=f"{studio.name}/board", table=laid)

@@ -1,12 +1,7 @@
-"""Renders to train on: random camera, light and backdrop, never the poses of a plan; in worker processes."""
+"""Renders to train on: random camera, light and backdrop, never the poses of a plan; ahead of who uses them."""
 
-import multiprocessing
-import os
-import signal
-import threading
 from collections.abc import Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from types import TracebackType
 
@@ -14,7 +9,6 @@ import cv2
 import numpy as np
 
 from toolkit.core.console import progress
-from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import Mesh
@@ -22,10 +16,11 @@ from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
 from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.linear_view import LinearView
 from toolkit.rig.mount import attach, mount_patch
-from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.raycast import RaycastRenderer, count_cores
 from toolkit.rig.renderer import make_renderer
+from toolkit.rig.scene import Scene, Stand
 from toolkit.rig.shading import tone_map
-from toolkit.rig.studio import LIGHTS, Studio, make_studio
+from toolkit.rig.studio import LIGHTS, make_studio
 
 PER_STUDIO = 24
 CAMERA = Camera.from_fov(width=320, height=288, fov_deg=40.0)
@@ -82,9 +77,10 @@ def render_training_images(workspace: Workspace, object_name: str, count: int, s
     with progress(f"rendering {object_name} to train on", count) as bar:
         for start in range(0, count, PER_STUDIO):
             renderer = make_renderer("raycast", item.mesh, random_studio(seed, start, size))
-            for i in range(start, min(start + PER_STUDIO, count)):
-                T_world_camera = random_pose(np.random.default_rng([seed, i, 2]), item.mesh, CAMERA)
-                yield tone_map(renderer.render(CAMERA, T_world_camera), (seed, i))
+            some = range(start, min(start + PER_STUDIO, count))
+            poses = (random_pose(np.random.default_rng([seed, i, 2]), item.mesh.vertices, CAMERA) for i in some)
+            for i, light in zip(some, renderer.render_many((CAMERA, pose) for pose in poses), strict=True):
+                yield tone_map(light, (seed, i))
                 bar.advance()
 
 
@@ -122,9 +118,10 @@ def render_mounted_views(
     with progress(f"rendering {item.name} with its sheet", count) as bar:
         for start in range(0, count, PER_STUDIO):
             renderer = RaycastRenderer(mesh, random_studio(seed, start, float(item.mesh.size_mm.max())))
-            for i in range(start, min(start + PER_STUDIO, count)):
-                T_world_camera = random_pose(np.random.default_rng([seed, i, 2]), item.mesh, camera, ranges)
-                yield renderer.render_linear(camera, T_world_camera, paper).packed()
+            draws = (np.random.default_rng([seed, i, 2]) for i in range(start, min(start + PER_STUDIO, count)))
+            poses = (random_pose(rng, item.mesh.vertices, camera, ranges) for rng in draws)
+            for view in renderer.render_linear_many(camera, poses, paper):
+                yield view.packed()
                 bar.advance()
 
 
@@ -146,7 +143,7 @@ def render_thumbnails(mesh: Mesh, count: int, seed: tuple[int, ...], camera: Cam
     renderer = RaycastRenderer(turned, _coarsen_studio(studio), THUMBNAIL_DETAIL)
     pictures = np.empty((count, camera.height, camera.width, 3), np.uint8)
     for i in range(count):
-        pose = random_pose(np.random.default_rng([*seed, 2, i]), turned, camera, WIDE_VIEWS)
+        pose = random_pose(np.random.default_rng([*seed, 2, i]), turned.vertices, camera, WIDE_VIEWS)
         pictures[i] = tone_map(renderer.render(camera, pose), (*seed, 2, i))
     return pictures
 
@@ -158,28 +155,34 @@ def turn_mesh(mesh: Mesh, degrees: float) -> Mesh:
     return replace(mesh, vertices=mesh.vertices @ rotation.T, normals=mesh.normals @ rotation.T)
 
 
-def _coarsen_studio(studio: Studio) -> Studio:
+def _coarsen_studio(studio: Scene) -> Scene:
     """The studio with pictures of table and room no finer than a thumbnail shows."""
-    h, w = studio.table.shape[:2]
+    top = studio.need_table()
+    h, w = top.picture.shape[:2]
     scale = min(1.0, THUMBNAIL_TABLE_PX / w)
-    table = cv2.resize(studio.table, (round(w * scale), round(h * scale)), interpolation=cv2.INTER_AREA)
+    table = cv2.resize(top.picture, (round(w * scale), round(h * scale)), interpolation=cv2.INTER_AREA)
     room_size = (THUMBNAIL_ROOM_PX, THUMBNAIL_ROOM_PX // 2)
     room = cv2.resize(studio.environment, room_size, interpolation=cv2.INTER_AREA)
-    return replace(studio, table=np.asarray(table), environment=np.asarray(room))
+    return replace(studio, table=replace(top, picture=np.asarray(table)), environment=np.asarray(room))
 
 
-def random_studio(seed: int, start: int, size_mm: float) -> Studio:
+def random_studio(seed: int, start: int, size_mm: float) -> Scene:
     """The studio of the images from number `start` on: any backdrop, any light."""
     light = str(np.random.default_rng([seed, start, 1]).choice(list(LIGHTS)))
     return make_studio((seed, start), size_mm, light=light)
 
 
-def random_pose(rng: np.random.Generator, mesh: Mesh, camera: Camera, ranges: ViewRanges = NEAR_VIEWS) -> np.ndarray:
-    """(4, 4) `T_world_camera` somewhere around an object, within `ranges`: by default `render_training_images`'s."""
+def random_pose(
+    rng: np.random.Generator, points: np.ndarray, camera: Camera, ranges: ViewRanges = NEAR_VIEWS
+) -> np.ndarray:
+    """(4, 4) `T_world_camera` somewhere around an object of these points (n, 3) that stands on the table.
+
+    Within `ranges`: by default `render_training_images`'s.
+    """
     azimuth, elevation, roll = rng.uniform(0, 360), ranges.draw_elevation(rng), rng.uniform(*ranges.roll_deg)
-    target = np.array([0.0, 0.0, mesh.size_mm[2] / 2])
+    target = np.array([0.0, 0.0, np.ptp(points[:, 2]) / 2])
     fill = rng.uniform(*ranges.fill)
-    distance = distance_to_fill(camera, mesh.vertices, target, azimuth, elevation, fill=fill, roll_deg=roll)
+    distance = distance_to_fill(camera, points, target, azimuth, elevation, fill=fill, roll_deg=roll)
     free = max((1 - fill) * 0.5, ranges.off_centre) * distance * camera.height / 2 / camera.fx
     return orbit_pose(target + rng.uniform(-free, free, 3) * [1, 1, 0], azimuth, elevation, distance, roll)
 
@@ -239,17 +242,16 @@ def render_block(
     of_studio, *of_views = draws.spawn(1 + settings.per_studio)
     rng = np.random.default_rng(of_studio)
     subject = subjects[block % len(subjects)]
-    light, turn = str(rng.choice(list(LIGHTS))), float(rng.uniform(0, 360))
+    light, stand = str(rng.choice(list(LIGHTS))), Stand(turn_deg=float(rng.uniform(0, 360)))
     studio_seed = tuple(int(n) for n in of_studio.generate_state(2))
     studio = make_studio(studio_seed, float(subject.mesh.size_mm.max()), light=light)
     camera = Camera.from_fov(settings.image_px, settings.image_px, FOV_DEG)
-    mesh = turn_mesh(subject.mesh, turn)
-    renderer = RaycastRenderer(mesh, studio, DETAIL)
-    own_paint = RaycastRenderer(turn_mesh(subject.bare, turn), studio, DETAIL) if kind == HELD_OUT else None
-    texture = mesh.materials[subject.material].texture
+    renderer = RaycastRenderer(subject.mesh, studio, DETAIL, stand)
+    own_paint = RaycastRenderer(subject.bare, studio, DETAIL, stand) if kind == HELD_OUT else None
+    texture = subject.mesh.materials[subject.material].texture
     views = []
     for i, of_view in enumerate(of_views):
-        pose = random_pose(np.random.default_rng(of_view), mesh, camera, settings.ranges)
+        pose = random_pose(np.random.default_rng(of_view), renderer.outline, camera, settings.ranges)
         bare = None if own_paint is None else tone_map(own_paint.render(camera, pose), (seed, kind, block, i))
         views.append(RenderedView(block % len(subjects), renderer.render_linear(camera, pose, texture).packed(), bare))
     return views
@@ -258,7 +260,7 @@ def render_block(
 class ViewStream:
     """Groups of `settings.studios` blocks, in order, each rendered while the one before it is used.
 
-    A context manager: leaving it ends the workers. Without workers the blocks are rendered when they are asked for.
+    A context manager: leaving it ends the threads. Outside it the blocks are rendered when they are asked for.
     """
 
     def __init__(
@@ -276,19 +278,17 @@ class ViewStream:
             settings: how views are drawn.
             seed: of all draws.
             groups: how many there are; none is rendered beyond.
-            workers: processes; None: one for each core but one, at least one.
+            workers: threads that render ahead, by default one for each core; 0: whoever asks for a group renders it.
         """
         self._subjects, self.settings, self._seed, self._groups = tuple(subjects), settings, seed, groups
-        self._workers = count_workers() if workers is None else workers
-        self._pool: ProcessPoolExecutor | None = None
-        self._waiting: dict[int, list[Future]] = {}
+        self._workers = count_cores() if workers is None else workers
+        self._pool: ThreadPoolExecutor | None = None
+        self._waiting: dict[int, list[Future[list[RenderedView]]]] = {}
         self._current: tuple[int, list[RenderedView]] | None = None
 
     def __enter__(self) -> "ViewStream":
         if self._workers:
-            self._pool = ProcessPoolExecutor(
-                self._workers, multiprocessing.get_context("spawn"), _start_worker, (self._subjects, self.settings)
-            )
+            self._pool = ThreadPoolExecutor(self._workers, "views")
         return self
 
     def __exit__(
@@ -305,73 +305,34 @@ class ViewStream:
         return self.settings.studios * self.settings.per_studio
 
     def group(self, number: int) -> list[RenderedView]:
-        """The views of a group, and a beginning made with those after it."""
+        """The views of a group, and a beginning made with the next."""
         if self._current is None or self._current[0] != number:
             self._current = None  # frees the group before
             for stale in [n for n in self._waiting if n < number]:
-                del self._waiting[stale]
-            views = [view for block in self._render(number, TRAIN) for view in block]
+                for future in self._waiting.pop(stale):
+                    future.cancel()
+            for n in range(number, min(number + 2, self._groups) if self._pool is not None else number + 1):
+                if n not in self._waiting:
+                    count = self.settings.studios
+                    self._waiting[n] = self._start(TRAIN, range(n * count, (n + 1) * count))
+            views = [view for future in self._waiting.pop(number) for view in future.result()]
             self._current = number, views
         return self._current[1]
 
     def held_out(self, blocks: int) -> list[RenderedView]:
         """Views that no group holds, each beside the object in its own paint."""
-        numbers = range(blocks)
-        if self._pool is None:
-            found = [render_block(self._subjects, self.settings, self._seed, HELD_OUT, b) for b in numbers]
-        else:
-            found = self._collect([self._pool.submit(_render_in_worker, self._seed, HELD_OUT, b) for b in numbers])
-        return [view for block in found for view in block]
+        return [view for future in self._start(HELD_OUT, range(blocks)) for view in future.result()]
 
-    def _render(self, number: int, kind: int) -> list[list[RenderedView]]:
-        count = self.settings.studios
-        if self._pool is None:
-            numbers = range(number * count, (number + 1) * count)
-            return [render_block(self._subjects, self.settings, self._seed, kind, b) for b in numbers]
-        ahead = 1 + -(-self._workers // count)
-        for n in range(number, min(number + 1 + ahead, self._groups)):
-            if n not in self._waiting:
-                blocks = range(n * count, (n + 1) * count)
-                self._waiting[n] = [self._pool.submit(_render_in_worker, self._seed, kind, b) for b in blocks]
-        return self._collect(self._waiting.pop(number))
-
-    def _collect(self, futures: list[Future]) -> list[list[RenderedView]]:
-        try:
-            return [future.result() for future in futures]
-        except BrokenProcessPool:
-            raise ToolkitError(
-                "a process that renders views was ended from outside, most likely for want of memory: the same command "
-                "goes on from the last checkpoint; one worker or a smaller batch needs less"
-            ) from None
-
-
-def count_workers() -> int:
-    """One process for each core that this one may use, but one; at least one."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return max(1, cores - 1)
-
-
-_worker: tuple[tuple[PaintableObject, ...], ViewSettings] | None = None
-"""What this process renders, where it is a worker."""
-
-
-def _start_worker(subjects: tuple[PaintableObject, ...], settings: ViewSettings) -> None:
-    global _worker
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's to answer
-    threading.Thread(target=_die_with_parent, daemon=True).start()
-    _worker = subjects, settings
-
-
-def _die_with_parent() -> None:
-    """A worker whose parent was killed would wait for ever to hand over its views."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
-
-
-def _render_in_worker(seed: int, kind: int, block: int) -> list[RenderedView]:
-    if _worker is None:
-        raise RuntimeError("the process was not started by ViewStream")
-    subjects, settings = _worker
-    return render_block(subjects, settings, seed, kind, block)
+    def _start(self, kind: int, blocks: range) -> "list[Future[list[RenderedView]]]":
+        """The views of blocks, as they will be rendered; they are at once where there are no threads."""
+        if self._pool is not None:
+            return [
+                self._pool.submit(render_block, self._subjects, self.settings, self._seed, kind, block)
+                for block in blocks
+            ]
+        futures = []
+        for block in blocks:
+            future: Future[list[RenderedView]] = Future()
+            future.set_result(render_block(self._subjects, self.settings, self._seed, kind, block))
+            futures.append(future)
+        return futures

@@ -125,11 +125,8 @@ def _start_worker(parent: int) -> None:
     """One thread each: the processes share the cores among them. A process ends when its parent is gone."""
     import cv2
 
-    from toolkit.rig import raycast
-
     os.environ["OMP_NUM_THREADS"] = "1"
     cv2.setNumThreads(1)
-    raycast.PARTS = 1
 
     def watch() -> None:
         while os.getppid() == parent:

@@ -32,8 +32,9 @@ from toolkit.rig.mount import SIDES, attach, mount_patch
 from toolkit.rig.mount import MountedSheet as MountedSheet
 from toolkit.rig.plan import Pose
 from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
-from toolkit.rig.studio import Studio, add_board, make_studio
+from toolkit.rig.studio import add_board, make_studio
 from toolkit.rig.variants import Paint, Print, dress
 
 if TYPE_CHECKING:
@@ -49,11 +50,11 @@ BRIGHTER = 1.25
 DETAIL = BakeDetail(key_rays=16, room_rays=48, surface_spacing=0.026, table_spacing=0.022)
 
 
-def make_light_studio(item: TableObject, board: Board | None) -> Studio:
+def make_light_studio(item: TableObject, board: Board | None) -> Scene:
     """A white table, which costs little ink, with the board painted on in true size."""
     studio = make_studio(0, TABLE_SCALE * float(item.mesh.size_mm.max()), backdrop="white")
     studio = replace(studio, exposure=BRIGHTER * studio.exposure)
-    return studio if board is None else add_board(studio, board, px_per_mm=studio.table.shape[1] / studio.table_mm[0])
+    return studio if board is None else add_board(studio, board, px_per_mm=studio.need_table().px_per_mm)
 
 
 def draw_views(
@@ -79,8 +80,9 @@ def draw_views(
     for variant, booster in boosters.items():
         bar.advance(0, note=f"{item.name} {variant}: light")
         renderer = RaycastRenderer(dress(item, booster), studio, DETAIL)
-        for pose in poses:
-            picture = tone_map(renderer.render(small, pose.matrix()), (0, pose.id), noise=0, falloff=0)
+        lights = renderer.render_many((small, pose.matrix()) for pose in poses)
+        for pose, light in zip(poses, lights, strict=True):
+            picture = tone_map(light, (0, pose.id), noise=0, falloff=0)
             views[variant, pose.id] = encode_jpeg(picture)
             bar.advance(note=f"{item.name} {variant}")
     return views

@@ -1,0 +1,104 @@
+"""What compiles the functions of this folder: numba, whose machine code is kept on disk between runs.
+
+The cache lies with the user, never beside the code, so that an install that cannot be written to is as fast as any. Its
+folder is named after the sources: numba itself would not notice a change in a function that another file calls.
+"""
+
+import hashlib
+import os
+import shutil
+import sys
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import numba
+import numba.core.config as config
+
+from toolkit.core.console import notice
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+@lru_cache(maxsize=1)
+def cache_folder() -> Path | None:
+    """Where this version's machine code is kept; None where no folder of the user's own can be written to."""
+    digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]}".encode())
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(source.read_bytes())
+    home = os.environ.get("XDG_CACHE_HOME") or str(Path("~/.cache").expanduser())
+    root = Path(os.environ.get("TOOLKIT_CACHE") or Path(home) / "toolkit")
+    folder = root / f"kernel-{digest.hexdigest()[:16]}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    except OSError:
+        return None
+    return folder if os.access(folder, os.W_OK) else None
+
+
+def is_compiled() -> bool:
+    """Whether the machine code of this version is on disk."""
+    folder = cache_folder()
+    return folder is not None and (folder / "complete").is_file()
+
+
+_prepared = False
+
+
+def prepare(compile_all: Callable[[], None]) -> None:
+    """Compile all, once per machine, with a line that says so.
+
+    Args:
+        compile_all: uses every function, in the types it is used with.
+    """
+    global _prepared
+    if _prepared:
+        return
+    _prepared = True
+    folder = cache_folder()
+    if folder is None:
+        notice("compiling the renderer, some seconds: no cache folder can be written to, so that each start does")
+    elif not is_compiled():
+        notice("compiling the renderer for this machine: some seconds, once")
+        compile_all()
+        (folder / "complete").touch()
+        for old in folder.parent.glob("kernel-*"):
+            if old != folder and _is_stale(old):
+                shutil.rmtree(old, ignore_errors=True)
+
+
+def _is_stale(folder: Path) -> bool:
+    """Whether a folder was last used more than 30 days before this one was made."""
+    try:
+        newest = max(file.stat().st_atime for file in folder.iterdir())
+    except (OSError, ValueError):
+        return False
+    return Path(__file__).stat().st_mtime - newest > 30 * 86400
+
+
+def kernel(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a function that fills arrays, when it is first called; it runs without the interpreter's lock.
+
+    It makes no arrays, and counts no references to those it reads: numba would count each array of a scene for each
+    sample, which takes several times as long as all the rest.
+    """
+    return _compile(function, {"_nrt": False})
+
+
+def inlined(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a part of kernels, which becomes one with those that call it; Python itself cannot."""
+    alone = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    return _compile(function, {"_nrt": False} | alone)
+
+
+def _compile(function: Callable[P, R], options: dict[str, bool]) -> Callable[P, R]:
+    folder = cache_folder()
+    before = config.CACHE_DIR  # type: ignore[attr-defined]
+    config.CACHE_DIR = "" if folder is None else str(folder)  # type: ignore[attr-defined]  # read at declaration
+    compiler: Callable[..., Any] = numba.njit
+    try:
+        return compiler(nogil=True, cache=folder is not None, error_model="numpy", **options)(function)
+    finally:
+        config.CACHE_DIR = before  # type: ignore[attr-defined]

@@ -1,0 +1,280 @@
+"""A frame from first hits to colour: rays, edges that need more samples, and the picture."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.rig.kernel.compiled import inlined, kernel
+from toolkit.rig.kernel.scene import (
+    LitMesh,
+    Surround,
+    View,
+    background,
+    ray_through,
+    shade,
+    surface_normal,
+)
+
+SUBPIXELS = np.array([[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]])
+"""Offsets of the four samples: a rotated grid, which resolves near-horizontal and near-vertical edges best."""
+NOTHING = 0xFFFFFFFF
+"""The face of a ray that meets nothing."""
+
+
+class Hits(NamedTuple):
+    """First hits of rays.
+
+    Attributes:
+        distance: (n,) float32; inf where nothing is met.
+        face: (n,) uint32.
+        uv: (n, 2) float32 barycentric weights of corners 1 and 2.
+        mesh: (n,) uint8: 0 the object, 1 its surroundings.
+        key_share: (n,) float32 of the key light that is seen there; -1 where stored light says it.
+    """
+
+    distance: np.ndarray
+    face: np.ndarray
+    uv: np.ndarray
+    mesh: np.ndarray
+    key_share: np.ndarray
+
+
+@kernel
+def take_nearer(hits: Hits, others: Hits, where: np.ndarray) -> None:
+    """Put hits of other rays in place of those that lie further away; the i-th of them belongs to ray `where[i]`."""
+    for i in range(len(where)):
+        n = where[i]
+        if others.distance[i] < hits.distance[n]:
+            hits.distance[n], hits.face[n], hits.mesh[n] = others.distance[i], others.face[i], others.mesh[i]
+            hits.uv[n, 0], hits.uv[n, 1] = others.uv[i, 0], others.uv[i, 1]
+            hits.key_share[n] = others.key_share[i]
+
+
+@kernel
+def fill_key_rays(
+    mesh: LitMesh, hits: Hits, seen: np.ndarray, key: np.ndarray, lift: float, which: np.ndarray, rays: np.ndarray
+) -> int:
+    """Rays to the key light from all hits on the surroundings that face it; returns how many there are.
+
+    Args:
+        mesh: the surroundings.
+        hits: their `key_share` becomes 0.
+        seen: (n, 6) float32 the rays that hit.
+        key: (3,) unit direction to the light.
+        lift: the rays start so far above the surface, and one ten-thousandth of the distance.
+        which, rays: (n,) int32 and (n, 6) float32, are filled from the front with hits and their rays.
+    """
+    count = 0
+    for n in range(len(hits.face)):
+        if hits.face[n] == NOTHING or hits.mesh[n] == 0:
+            continue
+        hits.key_share[n] = 0
+        x, y, z = surface_normal(mesh, int(hits.face[n]), float(hits.uv[n, 0]), float(hits.uv[n, 1]))
+        if x * seen[n, 3] + y * seen[n, 4] + z * seen[n, 5] > 0:
+            x, y, z = -x, -y, -z
+        if x * key[0] + y * key[1] + z * key[2] <= 0:
+            continue
+        distance = hits.distance[n]
+        up = lift + 1e-4 * distance
+        which[count] = n
+        rays[count, 0] = seen[n, 0] + distance * seen[n, 3] + up * x
+        rays[count, 1] = seen[n, 1] + distance * seen[n, 4] + up * y
+        rays[count, 2] = seen[n, 2] + distance * seen[n, 5] + up * z
+        rays[count, 3], rays[count, 4], rays[count, 5] = key[0], key[1], key[2]
+        count += 1
+    return count
+
+
+@inlined
+def _set_ray(rays: np.ndarray, n: int, view: View, x: float, y: float) -> None:
+    dx, dy, dz = ray_through(view, x, y)
+    scale = 1 / math.sqrt(dx * dx + dy * dy + dz * dz)
+    rays[n, 0], rays[n, 1], rays[n, 2] = view.origin[0], view.origin[1], view.origin[2]
+    rays[n, 3], rays[n, 4], rays[n, 5] = dx * scale, dy * scale, dz * scale
+
+
+@kernel
+def fill_pixel_rays(view: View, left: int, top: int, right: int, bottom: int, rays: np.ndarray) -> None:
+    """Fill (n, 6) float32 with rays through the pixels' centres of a part, row by row: origin, unit direction."""
+    n = 0
+    for row in range(top, bottom):
+        for column in range(left, right):
+            _set_ray(rays, n, view, column + 0.5, row + 0.5)
+            n += 1
+
+
+@kernel
+def fill_sample_rays(view: View, left: int, top: int, width: int, refine: np.ndarray, rays: np.ndarray) -> None:
+    """Fill (4 n, 6) float32 with rays through four samples of each of the pixels `refine` of a part of this width."""
+    for i in range(len(refine)):
+        row, column = refine[i] // width, refine[i] % width
+        for k in range(4):
+            _set_ray(rays, 4 * i + k, view, left + column + 0.5 + SUBPIXELS[k, 0], top + row + 0.5 + SUBPIXELS[k, 1])
+
+
+@kernel
+def move_rays(mesh: LitMesh, rays: np.ndarray, moved: np.ndarray) -> None:
+    """Fill `moved` (n, 6) float32 with rays (n, 6) of the world in the mesh's own frame."""
+    t, p = mesh.turn, mesh.place
+    for n in range(len(rays)):
+        x, y, z = rays[n, 0] - p[0], rays[n, 1] - p[1], rays[n, 2] - p[2]
+        dx, dy, dz = rays[n, 3], rays[n, 4], rays[n, 5]
+        for c in range(3):
+            moved[n, c] = t[0, c] * x + t[1, c] * y + t[2, c] * z
+            moved[n, 3 + c] = t[0, c] * dx + t[1, c] * dy + t[2, c] * dz
+
+
+@kernel
+def mark_edges(
+    mesh: LitMesh, surroundings: LitMesh, hits: Hits, rays: np.ndarray, width: int, material: np.ndarray,
+    normal: np.ndarray, needed: np.ndarray,
+) -> None:  # fmt: skip
+    """Mark pixels whose neighbours show another material, a jump in depth, a crease or the edge of a shadow.
+
+    Those on materials that are seen finely are all marked.
+
+    Args:
+        mesh, surroundings: what is seen.
+        hits, rays: of the pixels, row by row, `width` to a row.
+        width: of the part, pixels.
+        material, normal: (n,) int32 and (n, 3) float32 to work with.
+        needed: (n,) bool, the marks.
+    """
+    count = len(hits.face)
+    for n in range(count):
+        material[n] = -1
+        needed[n] = False
+        if hits.face[n] == NOTHING:
+            continue
+        seen = mesh if hits.mesh[n] == 0 else surroundings
+        face = int(hits.face[n])
+        needed[n] = seen.finely[seen.material[face]]
+        material[n] = 2 * seen.material[face] + hits.mesh[n]
+        x, y, z = surface_normal(seen, face, float(hits.uv[n, 0]), float(hits.uv[n, 1]))
+        sign = -1.0 if x * rays[n, 3] + y * rays[n, 4] + z * rays[n, 5] > 0 else 1.0
+        normal[n, 0], normal[n, 1], normal[n, 2] = sign * x, sign * y, sign * z
+    for n in range(count):
+        if n % width:
+            _compare(n, n - 1, material, normal, hits, needed)
+        if n >= width:
+            _compare(n, n - width, material, normal, hits, needed)
+
+
+@inlined
+def _compare(a: int, b: int, material: np.ndarray, normal: np.ndarray, hits: Hits, needed: np.ndarray) -> None:
+    """Mark two neighbours where an edge lies between them."""
+    if material[a] == material[b]:
+        if material[a] < 0 or (needed[a] and needed[b]):
+            return
+        same = normal[a, 0] * normal[b, 0] + normal[a, 1] * normal[b, 1] + normal[a, 2] * normal[b, 2]
+        depth, other = hits.distance[a], hits.distance[b]
+        if abs(depth - other) <= 0.02 * depth and same >= 0.75 and hits.key_share[a] == hits.key_share[b]:
+            return
+    needed[a] = True
+    needed[b] = True
+
+
+class Part(NamedTuple):
+    """The part of a picture that can show the object, and what its rays met.
+
+    Attributes:
+        left, top, right, bottom: pixels.
+        hits: of the pixels' centres, row by row.
+        refine: (k,) int32 pixels of the part that have four samples.
+        fine: hits of these.
+    """
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+    hits: Hits
+    refine: np.ndarray
+    fine: Hits
+
+
+@kernel
+def paint_background(
+    around: Surround, view: View, edges: np.ndarray, sheen: np.ndarray, coverage: np.ndarray, picture: np.ndarray,
+    apart: bool,
+) -> None:  # fmt: skip
+    """Add table and room to a picture (h, w, 3) float32, in exposure units, where the object leaves some to be seen.
+
+    Args:
+        around, view: what stands there, and the camera.
+        edges, sheen: of `find_table_edges` and `fill_sheen`.
+        coverage: (h, w) share of each pixel that the object covers.
+        picture: it is added to.
+        apart: what is seen of table and room is added as if no object covered a part of the pixel.
+    """
+    for row in range(view.height):
+        for column in range(view.width):
+            if coverage[row, column] == 1:
+                continue
+            red, green, blue = background(around, view, edges, sheen, (row, column))
+            scale = around.exposure if apart else around.exposure * (1 - coverage[row, column])
+            picture[row, column, 0] += red * scale
+            picture[row, column, 1] += green * scale
+            picture[row, column, 2] += blue * scale
+
+
+class Linear(NamedTuple):
+    """Where the object's part of a linear view is written; see `toolkit.rig.linear_view.LinearView`.
+
+    Attributes:
+        coverage: (h, w) float32.
+        pixel, uv, lod, gain: of samples, filled from the front: (k,) int32, (k, 2), (k,), (k, 3) float32; k is 0 where
+            no texture is left out.
+    """
+
+    coverage: np.ndarray
+    pixel: np.ndarray
+    uv: np.ndarray
+    lod: np.ndarray
+    gain: np.ndarray
+
+
+@kernel
+def paint_meshes(
+    around: Surround, mesh: LitMesh, surroundings: LitMesh, view: View, part: Part, picture: np.ndarray, out: Linear
+) -> int:
+    """Draw what rays met into a black picture (h, w, 3) float32, in exposure units.
+
+    Returns:
+        How many samples `out` has.
+    """
+    width, next_fine, count = part.right - part.left, 0, 0
+    for n in range(len(part.hits.face)):
+        row, column = part.top + n // width, part.left + n % width
+        finely = next_fine < len(part.refine) and part.refine[next_fine] == n
+        first = 4 * next_fine if finely else n
+        shots, hits = (4, part.fine) if finely else (1, part.hits)
+        next_fine += finely
+        scale = around.exposure / shots
+        red, green, blue, missed = 0.0, 0.0, 0.0, 0
+        for k in range(shots):
+            face = hits.face[first + k]
+            if face == NOTHING:
+                missed += 1
+                continue
+            x, y = column + 0.5, row + 0.5
+            if finely:
+                x, y = x + SUBPIXELS[k, 0], y + SUBPIXELS[k, 1]
+            u, v, distance = hits.uv[first + k, 0], hits.uv[first + k, 1], hits.distance[first + k]
+            hit = (int(face), float(u), float(v), float(distance), float(hits.key_share[first + k]))
+            met = mesh if hits.mesh[first + k] == 0 else surroundings
+            seen = shade(around, met, view, (x, y), hit)
+            red, green, blue = red + seen.colour[0], green + seen.colour[1], blue + seen.colour[2]
+            if len(out.pixel) and (seen.gain[0] > 0 or seen.gain[1] > 0 or seen.gain[2] > 0):
+                out.pixel[count] = row * view.width + column
+                out.uv[count, 0], out.uv[count, 1], out.lod[count] = seen.u, seen.v, seen.lod
+                for c in range(3):
+                    out.gain[count, c] = seen.gain[c] * scale
+                count += 1
+        if missed < shots:
+            out.coverage[row, column] = (shots - missed) / shots
+            picture[row, column, 0] = red * scale
+            picture[row, column, 1] = green * scale
+            picture[row, column, 2] = blue * scale
+    return count

@@ -1,0 +1,38 @@
+"""How surfaces mirror light: GGX for the key light, the split-sum approximation for what is all around."""
+
+import math
+
+from toolkit.rig.kernel.compiled import inlined
+
+
+@inlined
+def key_lobe(
+    normal_light: float, normal_view: float, normal_half: float, view_half: float, alpha: float
+) -> tuple[float, float]:
+    """A key light's mirrored radiance per irradiance, but for Fresnel's term: that is f0 + (1 - f0) · the second value.
+
+    GGX with Smith's masking (Walter et al. 2007; Schlick's form of the masking, k = alpha / 2), times the cosine
+    towards the light.
+
+    Args:
+        normal_light, normal_view, normal_half, view_half: cosines between the normal, the light, the way back to the
+            camera and the half vector.
+        alpha: roughness squared, widened by the light's size.
+    """
+    alpha2 = alpha * alpha
+    d = normal_half * normal_half * (alpha2 - 1) + 1
+    distribution = alpha2 / (math.pi * d * d)
+    k = alpha / 2
+    masking = 1 / ((normal_view * (1 - k) + k) * (normal_light * (1 - k) + k))
+    grazing = 1 - view_half
+    square = grazing * grazing
+    return distribution * masking / 4 * normal_light, square * square * grazing
+
+
+@inlined
+def environment_brdf(roughness: float, cosine: float) -> tuple[float, float]:
+    """(scale, bias) of f0 for even light from all around: Karis' fit (Physically Based Shading on Mobile, 2014)."""
+    a, b = 1 - roughness, 0.0425 - 0.0275 * roughness
+    c, d = 1.04 - 0.572 * roughness, 0.022 * roughness - 0.04
+    a004 = min(a * a, math.exp(-9.28 * math.log(2.0) * cosine)) * a + b
+    return c - 1.04 * a004, d + 1.04 * a004

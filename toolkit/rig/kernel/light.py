@@ -1,0 +1,188 @@
+"""Light that was worked out beforehand: values on a triangular grid over each face, and on a map of the table."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.rig.kernel.compiled import inlined, kernel
+from toolkit.rig.kernel.textures import Colour
+
+
+@inlined
+def find_samples(steps: int, u: float, v: float) -> tuple[int, int, int, float, float]:
+    """Which stored samples of a face of `steps` rows lie around a point: three of them, and the last two's weights.
+
+    Args:
+        steps: R; row j of the face holds R + 1 - j samples, counted from its first.
+        u, v: barycentric weights of corners 1 and 2.
+    """
+    x, y = u * steps, v * steps
+    i = min(max(int(x), 0), steps - 1)
+    j = min(max(int(y), 0), steps - 1 - i)
+    fx, fy = x - i, y - j
+    row = j * (steps + 1) - j * (j - 1) // 2
+    above = (j + 1) * (steps + 1) - (j + 1) * j // 2
+    if fx + fy > 1 and i + j < steps - 1:
+        return above + i + 1, row + i + 1, above + i, 1 - fy, 1 - fx
+    return row + i, row + i + 1, above + i, fx, fy
+
+
+@kernel
+def read_stored(
+    steps: np.ndarray, first: np.ndarray, stored: np.ndarray, triangle: np.ndarray, uv: np.ndarray, out: np.ndarray
+) -> None:
+    """Fill `out` (n, c) with stored values (k, c) at points: triangle (n,), weights (n, 2) of corners 1 and 2."""
+    for n in range(len(triangle)):
+        face = triangle[n]
+        a, b, c, wb, wc = find_samples(int(steps[face]), float(uv[n, 0]), float(uv[n, 1]))
+        start = first[face]
+        for k in range(stored.shape[1]):
+            value = stored[start + a, k] * (1 - wb - wc) + stored[start + b, k] * wb + stored[start + c, k] * wc
+            out[n, k] = value
+
+
+class LightMap(NamedTuple):
+    """Irradiance of the ground over a square round the object, which may stand turned and moved.
+
+    Attributes:
+        values: (n, n, 3) float32; row 0 is the object's +y, columns run along its +x.
+        side: of the square.
+        x, y: its centre in the world.
+        cosine, sine: of the object's turn about the vertical.
+    """
+
+    values: np.ndarray
+    side: float
+    x: float
+    y: float
+    cosine: float
+    sine: float
+
+
+@inlined
+def read_light_map(light: LightMap, x: float, y: float) -> Colour:
+    """Irradiance at a place of the world's ground; beyond the square that of its border."""
+    dx, dy = x - light.x, y - light.y
+    along, across = light.cosine * dx + light.sine * dy, light.cosine * dy - light.sine * dx
+    if max(abs(along), abs(across)) > light.side / 2:  # the map's border is the same all round
+        border = light.values[0, 0]
+        return border[0], border[1], border[2]
+    return read_square(light.values, light.side, along, across)
+
+
+@inlined
+def read_square(values: np.ndarray, side: float, x: float, y: float) -> Colour:
+    """Bilinear value of a square picture (n, n, 3) around the origin, x right and y up; its border beyond it."""
+    size = values.shape[0]
+    column = min(max((x / side + 0.5) * size - 0.5, 0.0), size - 1.0)
+    row = min(max((0.5 - y / side) * size - 0.5, 0.0), size - 1.0)
+    left, top = min(int(column), size - 2), min(int(row), size - 2)
+    fx, fy = column - left, row - top
+    wa, wb, wc, wd = (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy
+    a, b, c, d = values[top, left], values[top, left + 1], values[top + 1, left], values[top + 1, left + 1]
+    return (
+        a[0] * wa + b[0] * wb + c[0] * wc + d[0] * wd,
+        a[1] * wa + b[1] * wb + c[1] * wc + d[1] * wd,
+        a[2] * wa + b[2] * wb + c[2] * wc + d[2] * wd,
+    )
+
+
+@kernel
+def make_shadow_rays(
+    points: np.ndarray, normals: np.ndarray, direction: np.ndarray, box: np.ndarray, free: np.ndarray,
+    which: np.ndarray, rays: np.ndarray,
+) -> int:  # fmt: skip
+    """Rays from points that face a direction and may meet what lies in a box; returns how many there are.
+
+    Args:
+        points, normals: (n, 3) float32.
+        direction: (3,) float32.
+        box: (2, 3) float32 lowest and highest coordinates.
+        free: (n,) uint8 becomes 0 where a point looks away and 1 elsewhere.
+        which, rays: (n,) int32 and (n, 6) float32, are filled from the front with points and their rays.
+    """
+    count = 0
+    for n in range(len(points)):
+        cosine = normals[n, 0] * direction[0] + normals[n, 1] * direction[1] + normals[n, 2] * direction[2]
+        free[n] = 1 if cosine > 0 else 0
+        if cosine <= 0:
+            continue
+        near, far = np.float32(0), np.float32(np.inf)
+        for axis in range(3):
+            step = direction[axis] if abs(direction[axis]) > 1e-12 else np.float32(1e-12)
+            a, b = (box[0, axis] - points[n, axis]) / step, (box[1, axis] - points[n, axis]) / step
+            near, far = max(near, min(a, b)), min(far, max(a, b))
+        if near > far:
+            continue
+        which[count] = n
+        for axis in range(3):
+            rays[count, axis], rays[count, 3 + axis] = points[n, axis], direction[axis]
+        count += 1
+    return count
+
+
+@kernel
+def gather_light(
+    normals: np.ndarray, points: np.ndarray, free: np.ndarray, directions: np.ndarray, radiance: np.ndarray,
+    bounce: np.ndarray, table: np.ndarray, side: float, albedo: np.ndarray, found: np.ndarray, total: np.ndarray,
+) -> None:  # fmt: skip
+    """Add up irradiance RGB and the share of the room seen at points, in `found` (n, 4) float32 zeros.
+
+    Args:
+        normals, points: (n, 3).
+        free: (d, n) uint8: 1 where a point faces a direction and nothing stands in the way, 2 where something does.
+        directions, radiance: (d, 3), each standing for an equal part of the sphere.
+        bounce: (3,) radiance of what stands in the way.
+        table: (t, t, 3) irradiance of the ground, which shines from below; not asked where `side` is 0.
+        side: of that square.
+        albedo: (3,) of the ground.
+        found: the sums.
+        total: (n,) float32 zeros, to work with.
+    """
+    solid_angle = 4 * np.pi / len(directions)
+    for d in range(len(directions)):
+        x, y, z = directions[d]
+        for n in range(len(points)):
+            if free[d, n] == 0:
+                continue
+            weight = (normals[n, 0] * x + normals[n, 1] * y + normals[n, 2] * z) * solid_angle
+            total[n] += weight
+            if free[d, n] == 2:
+                for c in range(3):
+                    found[n, c] += bounce[c] * weight
+                continue
+            found[n, 3] += weight
+            if z < -1e-3 and side > 0:
+                reach = points[n, 2] / -z
+                light = read_square(table, side, points[n, 0] + reach * x, points[n, 1] + reach * y)
+                found[n, 0] += light[0] * albedo[0] / np.pi * weight
+                found[n, 1] += light[1] * albedo[1] / np.pi * weight
+                found[n, 2] += light[2] * albedo[2] / np.pi * weight
+            else:
+                for c in range(3):
+                    found[n, c] += radiance[d, c] * weight
+    for n in range(len(points)):
+        found[n, 3] /= max(total[n], np.float32(1e-6))
+
+
+@kernel
+def gather_key(
+    normals: np.ndarray, free: np.ndarray, directions: np.ndarray, irradiance: np.ndarray, found: np.ndarray
+) -> None:
+    """Add up irradiance RGB and the share of a key light seen, in `found` (n, 4) float32 zeros.
+
+    Args:
+        normals: (n, 3) of the points.
+        free: as for `gather_light`.
+        directions: (d, 3) to parts of the light.
+        irradiance: (3,) of one part on what faces it.
+        found: the sums.
+    """
+    for d in range(len(directions)):
+        x, y, z = directions[d]
+        for n in range(len(normals)):
+            if free[d, n] == 1:
+                cosine = normals[n, 0] * x + normals[n, 1] * y + normals[n, 2] * z
+                for c in range(3):
+                    found[n, c] += cosine * irradiance[c]
+                found[n, 3] += 1 / len(directions)

@@ -1,0 +1,353 @@
+"""A scene as the kernel reads it, and the colour of what a ray meets in it."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.rig.kernel.compiled import inlined, kernel
+from toolkit.rig.kernel.gloss import environment_brdf, key_lobe
+from toolkit.rig.kernel.light import LightMap, find_samples, read_light_map
+from toolkit.rig.kernel.textures import Colour, Texels, sample_direction, sample_texture
+
+ROUGHNESS_LEVELS = (0.12, 0.3, 0.55, 0.9)
+"""Roughnesses for which the surroundings are blurred beforehand."""
+
+
+class LitMesh(NamedTuple):
+    """Triangles and the light on them.
+
+    Attributes:
+        faces: (m, 3) int32.
+        normals: (n, 3) float32 unit, of vertices, in the mesh's own frame.
+        uv: (n, 2) float32.
+        material: (m,) int32.
+        density: (m,) float32 texels per unit of length.
+        texture, roughness, metallic: (k,) of each material; `texture` indexes `texels`.
+        finely: (k,) bool whether all its pixels need several samples.
+        left_out: (k,) bool whether the texture's colour is left out, for linear views.
+        texels: the textures.
+        steps, first: (m,) where each face's stored light begins and how fine it is.
+        stored: (s, 5) float32 irradiance RGB, share of the key light seen, share of the room seen.
+        turn: (3, 3) float64 from the mesh's frame to the world's.
+        place: (3,) float64 of the mesh's origin in the world.
+    """
+
+    faces: np.ndarray
+    normals: np.ndarray
+    uv: np.ndarray
+    material: np.ndarray
+    density: np.ndarray
+    texture: np.ndarray
+    roughness: np.ndarray
+    metallic: np.ndarray
+    finely: np.ndarray
+    left_out: np.ndarray
+    texels: Texels
+    steps: np.ndarray
+    first: np.ndarray
+    stored: np.ndarray
+    turn: np.ndarray
+    place: np.ndarray
+
+
+class Surround(NamedTuple):
+    """What stands around the object, and the light.
+
+    Attributes:
+        backdrop: (h, w, 3) float32 radiance of all directions as a camera sees it.
+        mirrored: four such pictures, blurred as surfaces of `ROUGHNESS_LEVELS` mirror it.
+        key: (3,) float64 unit direction to the key light.
+        key_spread: by how much the light's size widens its highlight's alpha.
+        key_irradiance: (3,) float64.
+        exposure: factor of the picture.
+        has_table: whether there is a table at z = 0.
+        table: its one texture.
+        table_size: (2,) float64 along x and y.
+        table_roughness: of the table.
+        ground_light: irradiance of the table; out of doors by how much the object dims the sky's on the ground.
+        ground_z: out of doors, the height of that ground.
+        ground_reach: and how far above or below it that still holds; 0 on a table.
+    """
+
+    backdrop: np.ndarray
+    mirrored: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+    key: np.ndarray
+    key_spread: float
+    key_irradiance: np.ndarray
+    exposure: float
+    has_table: bool
+    table: Texels
+    table_size: np.ndarray
+    table_roughness: float
+    ground_light: LightMap
+    ground_z: float
+    ground_reach: float
+
+
+class View(NamedTuple):
+    """A camera in its place.
+
+    Attributes:
+        rotation: (3, 3) float64 from camera to world.
+        origin: (3,) float64.
+        fx, fy, cx, cy: pixels.
+        width, height: pixels.
+    """
+
+    rotation: np.ndarray
+    origin: np.ndarray
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    width: int
+    height: int
+
+
+@inlined
+def ray_through(view: View, x: float, y: float) -> Colour:
+    """The direction through a pixel, in the world; its part along the camera's axis is 1."""
+    a, b, r = (x - view.cx) / view.fx, (y - view.cy) / view.fy, view.rotation
+    return (
+        r[0, 0] * a + r[0, 1] * b + r[0, 2],
+        r[1, 0] * a + r[1, 1] * b + r[1, 2],
+        r[2, 0] * a + r[2, 1] * b + r[2, 2],
+    )
+
+
+@inlined
+def _rough_level(roughness: float) -> int:
+    return 0 if roughness <= 0.21 else 1 if roughness <= 0.42 else 2 if roughness <= 0.72 else 3
+
+
+@inlined
+def _table_radiance(around: Surround, x: float, y: float, lod: float) -> Colour:
+    """What the lit table sends out at (x, y)."""
+    u, v = x / around.table_size[0] + 0.5, y / around.table_size[1] + 0.5
+    colour = sample_texture(around.table, 0, u, v, lod, False)
+    light = read_light_map(around.ground_light, x, y)
+    return colour[0] * light[0] / math.pi, colour[1] * light[1] / math.pi, colour[2] * light[2] / math.pi
+
+
+SHEEN_STEP = 8
+"""Pixels between the places at which the table's own sheen is worked out: it changes slowly."""
+
+
+@kernel
+def fill_sheen(around: Surround, view: View, sheen: np.ndarray) -> None:
+    """Fill (h, w, 3) float32 with what the table mirrors of the room, every `SHEEN_STEP` pixels from the first."""
+    roughness = around.table_roughness
+    mirrored = around.mirrored[_rough_level(roughness)]
+    for i in range(sheen.shape[0]):
+        for j in range(sheen.shape[1]):
+            dx, dy, dz = ray_through(view, j * SHEEN_STEP + 0.5, i * SHEEN_STEP + 0.5)
+            grazing = 1 - abs(dz) / math.sqrt(dx * dx + dy * dy + dz * dz)
+            square = grazing * grazing
+            strength = (0.04 + (1 - roughness) * 0.5 * square * square * grazing) * (1 - 0.6 * roughness)
+            red, green, blue = sample_direction(mirrored, dx, dy, abs(dz))
+            sheen[i, j, 0], sheen[i, j, 1], sheen[i, j, 2] = red * strength, green * strength, blue * strength
+
+
+@inlined
+def background(around: Surround, view: View, edges: np.ndarray, sheen: np.ndarray, pixel: tuple[int, int]) -> Colour:
+    """Radiance of table and room in a pixel (row, column).
+
+    The table's edge, of `find_table_edges`, covers a part of it, and its sheen is that of `fill_sheen`.
+    """
+    x, y = pixel[1] + 0.5, pixel[0] + 0.5
+    dx, dy, dz = ray_through(view, x, y)
+    nearest = 1.0
+    for k in range(4):
+        nearest = min(nearest, edges[k, 0] * x + edges[k, 1] * y + edges[k, 2])
+    cover = max(nearest + 0.5, 0.0) if nearest < 0.5 else 1.0
+    red, green, blue = 0.0, 0.0, 0.0
+    if cover > 0:
+        falling = min(dz, -1e-4)
+        reach, cosine = -view.origin[2] / falling, -falling / math.sqrt(dx * dx + dy * dy + dz * dz)
+        footprint = reach / view.fx / math.sqrt(max(cosine, 0.05))
+        width = int(around.table.width[0])
+        lod = math.log2(max(footprint * width / around.table_size[0], 1e-3))
+        red, green, blue = _table_radiance(around, view.origin[0] + reach * dx, view.origin[1] + reach * dy, lod)
+        i, j = pixel[0] // SHEEN_STEP, pixel[1] // SHEEN_STEP
+        fy, fx = (pixel[0] - i * SHEEN_STEP) / SHEEN_STEP, (pixel[1] - j * SHEEN_STEP) / SHEEN_STEP
+        wa, wb, wc, wd = (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy
+        a, b, c, d = sheen[i, j], sheen[i, j + 1], sheen[i + 1, j], sheen[i + 1, j + 1]
+        red += a[0] * wa + b[0] * wb + c[0] * wc + d[0] * wd
+        green += a[1] * wa + b[1] * wb + c[1] * wc + d[1] * wd
+        blue += a[2] * wa + b[2] * wb + c[2] * wc + d[2] * wd
+    if cover < 1:
+        room = sample_direction(around.backdrop, dx, dy, dz)
+        red, green, blue = (
+            red * cover + room[0] * (1 - cover),
+            green * cover + room[1] * (1 - cover),
+            blue * cover + room[2] * (1 - cover),
+        )
+    return red, green, blue
+
+
+@kernel
+def find_table_edges(around: Surround, view: View, edges: np.ndarray) -> None:
+    """Fill (4, 3): a pixel (x, y) lies a · x + b · y + c pixels on the inner side of each of the table's edges.
+
+    Each edge is a straight line in the picture: a ray d from p meets the table on the inner side of x = half where
+    (half - p_x)·(-d_z) - p_z·d_x > 0, and likewise for the others. None is inside where there is no table.
+    """
+    r = view.rotation
+    for k in range(4):
+        if not around.has_table:
+            edges[k, 0], edges[k, 1], edges[k, 2] = 0.0, 0.0, -1e9
+            continue
+        axis, sign = k // 2, 1.0 - 2.0 * (k % 2)
+        along, down = -sign * view.origin[2], sign * view.origin[axis] - around.table_size[axis] / 2
+        a = (along * r[axis, 0] + down * r[2, 0]) / view.fx
+        b = (along * r[axis, 1] + down * r[2, 1]) / view.fy
+        slope = max(math.sqrt(a * a + b * b), 1e-9)
+        c = along * r[axis, 2] + down * r[2, 2] - a * view.cx - b * view.cy
+        edges[k, 0], edges[k, 1], edges[k, 2] = a / slope, b / slope, c / slope
+
+
+@inlined
+def _mirrored(around: Surround, point: Colour, direction: Colour, roughness: float) -> Colour:
+    """Radiance that arrives at a point from a unit direction, blurred by a surface's roughness."""
+    level = _rough_level(roughness)
+    x, y, z = direction
+    if around.has_table and z < -0.02:
+        reach = -point[2] / z
+        u = (point[0] + reach * x) / around.table_size[0] + 0.5
+        v = (point[1] + reach * y) / around.table_size[1] + 0.5
+        if abs(u - 0.5) < 0.5 and abs(v - 0.5) < 0.5:
+            return _table_radiance(around, point[0] + reach * x, point[1] + reach * y, 2.0 + level)
+    return sample_direction(around.mirrored[level], x, y, z)
+
+
+@inlined
+def surface_normal(mesh: LitMesh, face: int, u: float, v: float) -> Colour:
+    """Unit shading normal in the world."""
+    a, b, c = mesh.faces[face, 0], mesh.faces[face, 1], mesh.faces[face, 2]
+    n, w, t = mesh.normals, 1 - u - v, mesh.turn
+    x = n[a, 0] * w + n[b, 0] * u + n[c, 0] * v
+    y = n[a, 1] * w + n[b, 1] * u + n[c, 1] * v
+    z = n[a, 2] * w + n[b, 2] * u + n[c, 2] * v
+    scale = 1 / max(math.sqrt(x * x + y * y + z * z), 1e-9)
+    return (
+        (t[0, 0] * x + t[0, 1] * y + t[0, 2] * z) * scale,
+        (t[1, 0] * x + t[1, 1] * y + t[1, 2] * z) * scale,
+        (t[2, 0] * x + t[2, 1] * y + t[2, 2] * z) * scale,
+    )
+
+
+class Seen(NamedTuple):
+    """What a sample shows: radiance, and where a texture is left out, by how much it counts and where it is read."""
+
+    colour: Colour
+    gain: Colour
+    u: float
+    v: float
+    lod: float
+
+
+@inlined
+def shade(
+    around: Surround, mesh: LitMesh, view: View, pixel: tuple[float, float],
+    hit: tuple[int, float, float, float, float],
+) -> Seen:  # fmt: skip
+    """The light that a point of a mesh sends to the camera.
+
+    Args:
+        around: scene.
+        mesh: its mesh.
+        view: camera.
+        pixel: (x, y).
+        hit: face, barycentric weights of corners 1 and 2, distance, share of the key light that is seen; where that is
+            below 0 the mesh's stored light says it, and holds the key light's part.
+    """
+    face, u, v, distance, key_share = hit
+    dx, dy, dz = ray_through(view, pixel[0], pixel[1])
+    scale = 1 / math.sqrt(dx * dx + dy * dy + dz * dz)
+    dx, dy, dz = dx * scale, dy * scale, dz * scale
+    nx, ny, nz = surface_normal(mesh, face, u, v)
+    cosine = -(nx * dx + ny * dy + nz * dz)
+    if cosine < 0:
+        nx, ny, nz, cosine = -nx, -ny, -nz, -cosine
+    a, b, c, w = mesh.faces[face, 0], mesh.faces[face, 1], mesh.faces[face, 2], 1 - u - v
+    tu = mesh.uv[a, 0] * w + mesh.uv[b, 0] * u + mesh.uv[c, 0] * v
+    tv = mesh.uv[a, 1] * w + mesh.uv[b, 1] * u + mesh.uv[c, 1] * v
+    lod = math.log2(max(distance / view.fx / math.sqrt(max(cosine, 0.1)) * mesh.density[face], 1e-6))
+    material = mesh.material[face]
+    left_out = mesh.left_out[material]
+    albedo = (0.0, 0.0, 0.0)
+    if not left_out:
+        albedo = sample_texture(mesh.texels, int(mesh.texture[material]), float(tu), float(tv), lod, True)
+    red, green, blue, stored_share, room_share = _stored(mesh, face, u, v)
+    point = (view.origin[0] + distance * dx, view.origin[1] + distance * dy, view.origin[2] + distance * dz)
+    if key_share < 0:
+        key_share = stored_share
+    else:
+        if abs(point[2] - around.ground_z) < around.ground_reach:
+            left = read_light_map(around.ground_light, point[0], point[1])
+            red, green, blue = red * left[0], green * left[1], blue * left[2]
+        facing = max(nx * around.key[0] + ny * around.key[1] + nz * around.key[2], 0.0) * key_share
+        red += around.key_irradiance[0] * facing
+        green += around.key_irradiance[1] * facing
+        blue += around.key_irradiance[2] * facing
+    roughness, metallic = float(mesh.roughness[material]), float(mesh.metallic[material])
+    diffuse = (1 - metallic) / math.pi
+    gain = (red * diffuse, green * diffuse, blue * diffuse)
+    f0 = (
+        0.04 * (1 - metallic) + albedo[0] * metallic,
+        0.04 * (1 - metallic) + albedo[1] * metallic,
+        0.04 * (1 - metallic) + albedo[2] * metallic,
+    )
+    normal, direction = (nx, ny, nz), (dx, dy, dz)
+    shine = _gloss(around, point, normal, direction, cosine, f0, roughness, key_share, room_share)
+    colour = (
+        albedo[0] * gain[0] + shine[0], albedo[1] * gain[1] + shine[1], albedo[2] * gain[2] + shine[2],
+    )  # fmt: skip
+    if not left_out:
+        gain = (0.0, 0.0, 0.0)
+    return Seen(colour, gain, tu, tv, lod)
+
+
+@inlined
+def _stored(mesh: LitMesh, face: int, u: float, v: float) -> tuple[float, float, float, float, float]:
+    """Stored light: irradiance RGB, share of the key light, share of the room."""
+    a, b, c, wb, wc = find_samples(int(mesh.steps[face]), u, v)
+    start, wa, s = mesh.first[face], 1 - wb - wc, mesh.stored
+    a, b, c = start + a, start + b, start + c
+    return (
+        s[a, 0] * wa + s[b, 0] * wb + s[c, 0] * wc, s[a, 1] * wa + s[b, 1] * wb + s[c, 1] * wc,
+        s[a, 2] * wa + s[b, 2] * wb + s[c, 2] * wc, s[a, 3] * wa + s[b, 3] * wb + s[c, 3] * wc,
+        s[a, 4] * wa + s[b, 4] * wb + s[c, 4] * wc,
+    )  # fmt: skip
+
+
+@inlined
+def _gloss(
+    around: Surround, point: Colour, normal: Colour, direction: Colour, cosine: float, f0: Colour, roughness: float,
+    key_share: float, room_share: float,
+) -> Colour:  # fmt: skip
+    """Mirrored radiance towards the camera, where shares of the key light and of the room are seen."""
+    nx, ny, nz = normal
+    dx, dy, dz = direction
+    scale, bias = environment_brdf(roughness, cosine)
+    mirror = (dx + 2 * cosine * nx, dy + 2 * cosine * ny, dz + 2 * cosine * nz)
+    arriving = _mirrored(around, point, mirror, roughness)
+    visible = min(max(1.4 * room_share - 0.1, 0.0), 1.0)
+    red = (f0[0] * scale + bias) * arriving[0] * visible
+    green = (f0[1] * scale + bias) * arriving[1] * visible
+    blue = (f0[2] * scale + bias) * arriving[2] * visible
+    lx, ly, lz = around.key[0], around.key[1], around.key[2]
+    facing = nx * lx + ny * ly + nz * lz
+    if facing > 0 and key_share > 0:
+        hx, hy, hz = lx - dx, ly - dy, lz - dz
+        length = max(math.sqrt(hx * hx + hy * hy + hz * hz), 1e-6)
+        normal_half = (nx * hx + ny * hy + nz * hz) / length
+        view_half = max(-(dx * hx + dy * hy + dz * hz) / length, 0.0)
+        alpha = min(max(roughness * roughness + around.key_spread, 0.02), 1.0)
+        lobe, graze = key_lobe(facing, cosine, normal_half, view_half, alpha)
+        lobe *= key_share
+        red += (f0[0] + (1 - f0[0]) * graze) * lobe * around.key_irradiance[0]
+        green += (f0[1] + (1 - f0[1]) * graze) * lobe * around.key_irradiance[1]
+        blue += (f0[2] + (1 - f0[2]) * graze) * lobe * around.key_irradiance[2]
+    return red, green, blue

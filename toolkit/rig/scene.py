@@ -1,0 +1,97 @@
+"""Everything in the picture but the object: light, what stands around, and the table or ground it stands on."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toolkit.core.errors import ToolkitError
+from toolkit.objects.mesh import Mesh
+
+
+@dataclass(frozen=True)
+class KeyLight:
+    """The main light, a soft box or the sun; far enough away to shine evenly.
+
+    Attributes:
+        azimuth_deg, elevation_deg: where it stands.
+        radius_deg: half of its apparent size; larger is softer.
+        irradiance: (3,) linear RGB on a surface that faces it.
+    """
+
+    azimuth_deg: float = 40.0
+    elevation_deg: float = 52.0
+    radius_deg: float = 7.0
+    irradiance: tuple[float, float, float] = (2.2, 2.15, 2.05)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table top at z = 0.
+
+    Attributes:
+        picture: (h, w, 3) uint8 sRGB; its middle is the origin, image right +x, image up +y.
+        size_mm: (width along x, height along y).
+        roughness: 0 mirror … 1 matte.
+    """
+
+    picture: np.ndarray
+    size_mm: tuple[float, float]
+    roughness: float
+
+    @property
+    def px_per_mm(self) -> float:
+        """Of the picture."""
+        return self.picture.shape[1] / self.size_mm[0]
+
+
+@dataclass(frozen=True)
+class Stand:
+    """Where an object stands: its base's centre in the world, and its turn, counter-clockwise from above."""
+
+    place: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    turn_deg: float = 0.0
+
+    @property
+    def turn(self) -> np.ndarray:
+        """(3, 3) rotation from the object's frame to the world's."""
+        cosine, sine = np.cos(np.radians(self.turn_deg)), np.sin(np.radians(self.turn_deg))
+        return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1.0]])
+
+    def to_world(self, points: np.ndarray) -> np.ndarray:
+        """(n, 3) points of the object's frame in the world."""
+        return points @ self.turn.T + self.place
+
+
+AT_ORIGIN = Stand()
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What an object is put into: the table-top studio, or a world out of doors.
+
+    Attributes:
+        name: for the manifest.
+        key: the main light.
+        environment: (h, w, 3) float32 linear radiance of room or sky in all directions, equirectangular: row 0 is
+            straight up, the middle column azimuth 0, azimuth grows to the left.
+        exposure: factor from radiance to the picture's linear values.
+        table: what the object stands on in a studio.
+        surroundings: what stands around it out of doors, in the units of the object's mesh.
+    """
+
+    name: str
+    key: KeyLight
+    environment: np.ndarray
+    exposure: float
+    table: Table | None = None
+    surroundings: Mesh | None = None
+
+    def need_table(self) -> Table:
+        """The table.
+
+        Raises:
+            ToolkitError: there is none.
+        """
+        if self.table is None:
+            raise ToolkitError(f"the scene {self.name} has no table: take a studio's")
+        return self.table

@@ -1,0 +1,52 @@
+"""Worlds by name: the built-in ones, or a user's file."""
+
+from collections.abc import Callable
+from functools import lru_cache
+from pathlib import Path
+
+from toolkit.core.errors import ToolkitError, one_of
+from toolkit.worlds.airfield import build_apron
+from toolkit.worlds.city import build_city
+from toolkit.worlds.grassland import build_grass
+from toolkit.worlds.harbour import build_harbour
+from toolkit.worlds.kit import load_kit
+from toolkit.worlds.own import load_mesh_world
+from toolkit.worlds.world import World
+
+WORLDS: dict[str, Callable[[int], World]] = {
+    "city": build_city,
+    "grass": build_grass,
+    "apron": build_apron,
+    "harbour": build_harbour,
+}
+
+
+@lru_cache(maxsize=2)
+def build_world(name: str, seed: int = 0) -> World:
+    """One of `WORLDS`; the last ones are kept.
+
+    Raises:
+        ToolkitError: there is no such world.
+    """
+    if name not in WORLDS:
+        raise one_of("world", name, list(WORLDS))
+    return WORLDS[name](seed)
+
+
+def load_world(path: Path, scale: float = 1.0, seed: int = 0) -> World:
+    """A user's own world: a mesh file, or a TOML that lays out the pieces of a kit.
+
+    Args:
+        path: GLB, glTF, OBJ, PLY, STL or OFF; or a TOML, see `toolkit.worlds.kit`.
+        scale: from the mesh's units to metres; a TOML states its own.
+        seed: of the spots that are looked for.
+
+    Raises:
+        ToolkitError: the file cannot be used as a world; the message says why and what to do.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".toml":
+        return load_mesh_world(path, scale, seed)
+    if scale != 1.0:
+        raise ToolkitError(f"{path}: a kit's scale stands in its file, found another one: mend 'scale' there")
+    return load_kit(path, seed)

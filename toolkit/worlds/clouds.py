@@ -1,0 +1,115 @@
+"""Clouds: a layer of heaps with flat bases and round tops, marched through ray by ray, and thin veils high above."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toolkit.worlds.noise import paint_levels, sample_noise
+
+EARTH_M = 6.371e6
+BASE_M, TOP_M, VEIL_M = 1500.0, 2300.0, 8000.0
+"""Heights of the heaps' bases, of the highest tops, and of the veils."""
+SLICES = 32
+TILE_PX = 512
+TILE_M, VEIL_TILE_M = 21_000.0, 90_000.0
+"""Sides of the patterns, which repeat."""
+EXTINCTION = 0.02
+"""1/m inside a heap; droplets of 10 µm, thinned for the few slices."""
+EDGE_M = 60.0
+"""How far a heap's surface is soft."""
+HAZE_M = 28_000.0
+"""Distance over which the air's own light covers what is far away."""
+SUN_GAP_DEG = (5.0, 16.0)
+"""Clouds stay this far from the sun, unless they cover all: a scene in sunlight keeps it whatever the seed."""
+
+
+@dataclass(frozen=True)
+class CloudLayer:
+    """What clouds do to rays, a row of (n,) for each.
+
+    Attributes:
+        passed: (n,) share of the sky's light behind them that passes.
+        sunlit: (n,) share of a white surface's light that they send from the sun.
+        skylit: (n,) the same from the sky around.
+        distance_m: (n,) how far away they are.
+    """
+
+    passed: np.ndarray
+    sunlit: np.ndarray
+    skylit: np.ndarray
+    distance_m: np.ndarray
+
+
+def reach_height(sine: np.ndarray, height_m: float | np.ndarray) -> np.ndarray:
+    """Distance along rays from the ground, with the sine of their elevation, to a height above the round earth."""
+    down = EARTH_M * sine
+    return np.sqrt(down**2 + 2 * EARTH_M * height_m + height_m**2) - down
+
+
+def march_clouds(
+    directions: np.ndarray, sun: np.ndarray, cover: float, pixel_rad: float, rng: np.random.Generator
+) -> CloudLayer:
+    """March rays from the ground through a layer of clouds.
+
+    Args:
+        directions: (n, 3) unit, above the horizon.
+        sun: (3,) unit vector to the sun or to where its light comes from.
+        cover: share of the sky that is covered, 0 to 1.
+        pixel_rad: angle between neighbouring rays; finer detail is averaged.
+        rng: draws the clouds.
+    """
+    heaps, tops = (paint_levels(rng, TILE_PX, slope, 4) for slope in (2.0, 1.75))
+    flat = directions[:, :2] / np.maximum(np.linalg.norm(directions[:, :2], axis=1, keepdims=True), 1e-6)
+    sine, cosine = directions[:, 2], np.sqrt(1 - np.minimum(directions[:, 2], 1) ** 2)
+    gap = np.degrees(np.arccos(np.clip(directions @ sun, -1, 1)))
+    open_sky = np.clip((gap - SUN_GAP_DEG[0]) / (SUN_GAP_DEG[1] - SUN_GAP_DEG[0]), 0, 1)
+    threshold = (1 - cover) + cover * (1 - open_sky)
+    lean = np.clip(sun[:2] / max(float(sun[2]), 0.25), -2, 2)  # metres aside per metre up, towards the light
+
+    def find_top(rays: np.ndarray, distance_m: np.ndarray, step_m: np.ndarray, aside_m: float) -> np.ndarray:
+        """(k,) height of the heap above its base where some rays are, moved towards the light."""
+        place = (distance_m * cosine[rays])[:, None] * flat[rays] + lean * aside_m
+        u, v = (place / TILE_M).T
+        # what is finer than the next step would stand in stairs
+        lod = np.log2(np.maximum(distance_m * pixel_rad, 0.6 * step_m) * TILE_PX / TILE_M)
+        swelling = sample_noise(heaps, u, v, lod)
+        detail = sample_noise(tops, 5.7 * u, 5.7 * v, lod + 2.5) - 0.5
+        excess = np.clip((swelling + 0.1 * detail - threshold[rays]) / max(cover, 0.35), 0, 1)
+        return (TOP_M - BASE_M) * excess**0.55 * (0.8 + 0.5 * detail) - EDGE_M / 2
+
+    passed, sunlit, skylit = np.ones_like(sine), np.zeros_like(sine), np.zeros_like(sine)
+    slice_m = (TOP_M - BASE_M) / SLICES
+    early = rng.random(len(sine))  # every ray begins elsewhere in its first slice, or the slices would show
+    nearest = before = reach_height(sine, BASE_M + 0 * sine)
+    for k in range(SLICES):
+        above = (k + early) * slice_m
+        after = reach_height(sine, BASE_M + above + slice_m / 2)
+        length, before = after - before, after
+        rays = np.flatnonzero(passed > 0.01)
+        step = length[rays] * cosine[rays]
+        top = find_top(rays, after[rays], step, 0.0)
+        inside = top > above[rays] - EDGE_M / 2
+        rays, top, step = rays[inside], top[inside], step[inside]
+        height = above[rays]
+        towards = find_top(rays, after[rays], step, 220.0) - 220 * max(float(sun[2]), 0.2)
+        shaded = 0.35 * np.maximum(top - height, 0) + np.maximum(towards - height, 0)
+        lit = 0.15 + 0.85 * np.exp(-shaded / 300)
+        filled = np.clip((top - height) / EDGE_M + 0.5, 0, 1)
+        lost = passed[rays] * (1 - np.exp(-EXTINCTION * filled * np.minimum(length[rays], 400)))
+        sunlit[rays] += lost * lit
+        skylit[rays] += lost * (0.35 + 0.65 * height / (TOP_M - BASE_M))
+        passed[rays] -= lost
+    return CloudLayer(passed, sunlit, skylit, nearest)
+
+
+def lay_veils(directions: np.ndarray, amount: float, pixel_rad: float, rng: np.random.Generator) -> np.ndarray:
+    """(n,) share of the sky that thin streaks of ice hide, at most 0.45."""
+    levels = paint_levels(rng, TILE_PX, 1.5, 3)
+    distance = reach_height(directions[:, 2], VEIL_M)
+    lod = np.log2(distance * pixel_rad * TILE_PX / VEIL_TILE_M)
+    angle = rng.uniform(0, np.pi)
+    x, y = directions[:, 0] * distance / VEIL_TILE_M, directions[:, 1] * distance / VEIL_TILE_M
+    along, across = np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x
+    streaks = sample_noise(levels, 0.35 * along, 1.6 * across, lod)
+    wisps = sample_noise(levels, 1.1 * x, 1.1 * y, lod)
+    return 0.45 * np.clip(2.2 * (streaks * wisps - 0.75 + 0.6 * amount), 0, 1)

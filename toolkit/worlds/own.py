@@ -1,0 +1,200 @@
+"""A user's own world: any mesh that the kit reads, checked for what a place needs, its ground and free spots found.
+
+Frame: as in `toolkit.worlds.world`; the middle of the file's ground plan is moved to the origin, its ground to 0.
+"""
+
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+
+from toolkit.core.errors import ToolkitError
+from toolkit.objects.load import read_mesh, turn_upright
+from toolkit.objects.mesh import Material, Mesh, make_ray_scene
+from toolkit.objects.spec import axes_of_format
+from toolkit.worlds.classes import SceneClass
+from toolkit.worlds.world import Spot, World
+
+MIN_ACROSS_M, MAX_ACROSS_M = 15.0, 6000.0
+MAX_PARTS = 20_000
+MIN_GROUND_SHARE = 0.6
+PROBES = 48
+"""Rays along each side of the ground plan that look for its ground."""
+KERB_M = 0.4
+SPOT_HEIGHTS_M = (0.5, 1.5, 3.0)
+SPOT_DIRECTIONS = 24
+MIN_SPOT_M, MAX_SPOT_M = 2.0, 30.0
+MAX_SPOTS = 12
+
+
+def load_mesh_world(path: Path, scale: float = 1.0, seed: int = 0) -> World:
+    """A world from one mesh file (GLB, glTF, OBJ, PLY, STL or OFF), in metres once multiplied by `scale`.
+
+    Raises:
+        ToolkitError: what `read_mesh` raises; more than `MAX_PARTS` parts; no texture and no colours; an extent that no
+            place in metres has, with the factor that would mend it; no ground under most of it; no free spot.
+    """
+    path = Path(path)
+    mesh = read_mesh(path, max_parts=MAX_PARTS)
+    mesh = turn_upright(mesh, *axes_of_format(path.name))
+    return world_from_mesh(
+        replace(mesh, vertices=(mesh.vertices * scale).astype(np.float32)), str(path), path.stem, seed
+    )
+
+
+def world_from_mesh(mesh: Mesh, source: str, name: str, seed: int, face_class: np.ndarray | None = None) -> World:
+    """Check a mesh in metres, z up, and make a world of it; classes of faces that are no ground may be given."""
+    _check_paint(mesh, source)
+    _check_extent(mesh, source)
+    mesh = share_materials(mesh)
+    mesh, ground_z = _centre(mesh, source)
+    found = classify_ground(mesh, ground_z)
+    if face_class is not None:
+        known = face_class != SceneClass.OTHER
+        found = np.where(known & ((found != SceneClass.GROUND) | (face_class == SceneClass.ROAD)), face_class, found)
+    core = mesh.bounds[:, :2].copy()
+    world = World(name, seed, mesh, found.astype(np.uint8), (), None, core)
+    spots = find_spots(world, seed)
+    if not spots:
+        raise ToolkitError(
+            f"{source}: no place on its ground is free for {MIN_SPOT_M:g} m around: clear one, or check the scale"
+        )
+    return replace(world, spots=spots)
+
+
+def _check_paint(mesh: Mesh, source: str) -> None:
+    if all(material.name == "plain" and material.texture.size <= 48 for material in mesh.materials):
+        raise ToolkitError(
+            f"{source}: a world needs textures or colours, this one has none: export it with its materials "
+            "(an OBJ needs its .mtl and pictures beside it)"
+        )
+
+
+def _check_extent(mesh: Mesh, source: str) -> None:
+    across = float(max(mesh.size_mm[:2]))  # its unit is the metre here
+    if MIN_ACROSS_M <= across <= MAX_ACROSS_M:
+        return
+    unit = "in millimetres? try scale 0.001" if across > 300_000 else "in centimetres? try scale 0.01"
+    why = unit if across > MAX_ACROSS_M else "a model, or in another unit? give the scale that makes it metres"
+    raise ToolkitError(
+        f"{source}: the world is {across:,.4g} m across, expected {MIN_ACROSS_M:g} to {MAX_ACROSS_M:g}: is it {why}"
+    )
+
+
+def share_materials(mesh: Mesh) -> Mesh:
+    """The same mesh with one material for all that look alike; exporters repeat them for every part."""
+    seen: dict[tuple[str, float, float], int] = {}
+    kept: list[Material] = []
+    index = []
+    hashes: dict[int, str] = {}
+    for material in mesh.materials:
+        sheet = hashes.setdefault(
+            id(material.texture), sha256(np.ascontiguousarray(material.texture).tobytes()).hexdigest()
+        )
+        key = f"{sheet}{material.texture.shape}", material.roughness, material.metallic
+        if key not in seen:
+            seen[key] = len(kept)
+            kept.append(material)
+        index.append(seen[key])
+    return replace(mesh, materials=tuple(kept), face_material=np.array(index, np.int32)[mesh.face_material])
+
+
+def _probe(mesh: Mesh, upwards: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Heights (p, p) that a grid of vertical rays meets first, NaN where none, and their (x, y)."""
+    import open3d as o3d
+
+    low, high = mesh.bounds
+    x, y = (np.linspace(low[k], high[k], PROBES + 2)[1:-1] for k in (0, 1))
+    grid = np.stack(np.meshgrid(x, y, indexing="ij"), -1)
+    rays = np.zeros((*grid.shape[:2], 6), np.float32)
+    rays[..., :2] = grid
+    rays[..., 2] = low[2] - 1 if upwards else high[2] + 1
+    rays[..., 5] = 1 if upwards else -1
+    way = make_ray_scene(mesh).cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
+    z = rays[..., 2] + way * rays[..., 5]
+    return np.where(np.isfinite(way), z, np.nan), grid
+
+
+def _centre(mesh: Mesh, source: str) -> tuple[Mesh, np.ndarray]:
+    """Middle to the origin, median ground to 0; with the lowest surface (p, p) on a grid over its plan."""
+    lowest, _ = _probe(mesh, upwards=True)
+    share = float(np.isfinite(lowest).mean())
+    if share < MIN_GROUND_SHARE:
+        raise ToolkitError(
+            f"{source}: no ground: only {share:.0%} of its plan has anything under it, expected at least "
+            f"{MIN_GROUND_SHARE:.0%}: add a plane to stand on"
+        )
+    low, high = mesh.bounds
+    upper = _upper_ground(mesh, lowest)
+    shift = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, float(np.nanmedian(upper))])
+    return replace(mesh, vertices=(mesh.vertices - shift).astype(np.float32)), upper - shift[2]
+
+
+def _upper_ground(mesh: Mesh, lowest: np.ndarray) -> np.ndarray:
+    """(p, p) height of the lowest surface that faces up: what stands on a slab stands on its upper side."""
+    corners = mesh.vertices[mesh.faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    up = normal[:, 2] > 0.6 * np.linalg.norm(normal, axis=1)
+    if not up.any():
+        return lowest
+    shell = replace(mesh, faces=mesh.faces[up], face_material=mesh.face_material[up])
+    low, high = mesh.bounds
+    outline = np.array([[low[0], low[1], low[2]], [high[0], high[1], high[2]]], np.float32)
+    used = np.concatenate([shell.vertices, outline])  # the grid of probes stays where it was
+    heights, _ = _probe(replace(shell, vertices=used), upwards=True)
+    return np.where(np.isfinite(heights), heights, lowest)
+
+
+def classify_ground(mesh: Mesh, ground_z: np.ndarray) -> np.ndarray:
+    """(m,) ground for what faces up about as low as anything near it, roofs above it, buildings else."""
+    corners = mesh.vertices[mesh.faces].astype(np.float64)
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    up = normal[:, 2] > 0.6 * np.linalg.norm(normal, axis=1)
+    centre = corners.mean(axis=1)
+    low, high = mesh.bounds
+    cell = (centre[:, :2] - low[:2]) / np.maximum(high[:2] - low[:2], 1e-6) * (PROBES + 1) - 1
+    index = np.clip(np.round(cell).astype(int), 0, PROBES - 1)
+    padded = np.pad(np.where(np.isnan(ground_z), np.inf, ground_z), 1, constant_values=np.inf)
+    near = np.min([padded[i : i + PROBES, j : j + PROBES] for i in range(3) for j in range(3)], axis=0)
+    height = centre[:, 2] - near[index[:, 0], index[:, 1]]
+    ground = up & (height < KERB_M)
+    return np.where(ground, SceneClass.GROUND, np.where(up, SceneClass.ROOF, SceneClass.BUILDING))
+
+
+def find_spots(world: World, seed: int) -> tuple[Spot, ...]:
+    """Up to `MAX_SPOTS` free places on the ground, the widest first, none in another's circle."""
+    import open3d as o3d
+
+    rng = np.random.default_rng([seed, 40])
+    low, high = world.core
+    candidates = rng.uniform(low, high, (600, 2))
+    z = world.ground_height(candidates)
+    candidates, z = candidates[np.isfinite(z)], z[np.isfinite(z)]
+    if not len(candidates):
+        return ()
+    angle = np.linspace(0, 2 * np.pi, SPOT_DIRECTIONS, endpoint=False)
+    ways = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(SPOT_DIRECTIONS)])
+    scene = make_ray_scene(world.mesh)
+    origin = np.column_stack([candidates, z])
+    free = np.full(len(origin), MAX_SPOT_M)
+    for height in SPOT_HEIGHTS_M:
+        rays = np.zeros((len(origin), SPOT_DIRECTIONS, 6), np.float32)
+        rays[..., :3] = (origin + [0, 0, height])[:, None]
+        rays[..., 3:] = ways
+        free = np.minimum(free, scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy().min(axis=1))
+    above = np.column_stack([origin + [0, 0, SPOT_HEIGHTS_M[0]], np.tile([0.0, 0.0, 1.0], (len(origin), 1))])
+    covered = np.isfinite(scene.cast_rays(o3d.core.Tensor(above.astype(np.float32)))["t_hit"].numpy())
+    edge = np.minimum(candidates - low, high - candidates).min(axis=1)
+    free = np.where(covered, 0.0, np.minimum(free, edge))
+    spots: list[Spot] = []
+    for k in np.argsort(-free, kind="stable"):
+        if free[k] < MIN_SPOT_M or len(spots) == MAX_SPOTS:
+            break
+        x, y = (float(v) for v in np.round(candidates[k], 3))
+        if all(np.hypot(x - s.position[0], y - s.position[1]) > s.free_radius_m for s in spots):
+            radius = float(np.floor(free[k] * 90) / 100)
+            spots.append(
+                Spot(f"ground-{len(spots) + 1}", "ground", (x, y, round(float(z[k]), 3)), radius, 0.0, "ground")
+            )
+    return tuple(spots)

@@ -1,0 +1,167 @@
+"""What falls or flies before the camera, drop by drop: rain, flakes, grains of sand.
+
+A particle of diameter D at distance z, in focus or not, moving while the shutter is open, shades π/4 (fD/z)² pixels in
+full. That is spread over the streak it draws. Those too faint to be told from the veil of all the others are not drawn.
+"""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from toolkit.core.config import Config
+from toolkit.rig.camera import Camera, orbit_direction
+from toolkit.worlds.depth_view import AffineLight, DepthView
+
+FAINTEST = 0.015
+"""Share of a pixel's light below which a particle is not drawn."""
+APERTURE_MM = 2.0
+"""Of the lens, focused far away: a phone's of 4 mm at f/2. It blurs what is near into discs of f · 2 mm / z."""
+NEAREST_M = 0.25
+MOST = 30_000
+"""Particles in a picture; the farthest are left out where there would be more."""
+
+
+class InWind(Config):
+    """Settings of whatever is carried by the wind past a camera."""
+
+    wind_m_s: Annotated[float, Field(ge=0, le=60)] = Field(3.0, description="Wind, metres a second.")
+    wind_from_deg: float = Field(0.0, description="Azimuth in the world that the wind comes from.")
+    exposure_s: Annotated[float, Field(gt=0, le=1)] = Field(1 / 500, description="How long the shutter is open.")
+
+    @property
+    def wind(self) -> np.ndarray:
+        """(3,) m/s in the world."""
+        return -self.wind_m_s * orbit_direction(self.wind_from_deg, 0)
+
+
+@dataclass(frozen=True)
+class Population:
+    """Particles by size, an entry of (k,) for each.
+
+    Attributes:
+        diameter_mm: size.
+        per_m3: how many there are in a cubic metre.
+        fall_m_s: how fast they fall in still air.
+    """
+
+    diameter_mm: np.ndarray
+    per_m3: np.ndarray
+    fall_m_s: np.ndarray
+
+    def reach_m(self, focal_px: float, wind_m_s: float, exposure_s: float) -> np.ndarray:
+        """(k,) distance at which a particle gets too faint to be drawn; 0 for those that always are."""
+        size, blurred = self.diameter_mm / 1e3, (self.diameter_mm + APERTURE_MM) / 1e3
+        trail = blurred + np.hypot(self.fall_m_s, wind_m_s) * exposure_s
+        area = np.pi / 4 * size**2 / FAINTEST
+        reach = np.minimum(focal_px * np.sqrt(area), focal_px * area / trail)
+        return np.where(area < blurred * trail, np.minimum(reach, focal_px * blurred), reach)
+
+    def count_seen(self, camera: Camera, reach_m: np.ndarray) -> np.ndarray:
+        """(k,) mean number between `NEAREST_M` and `reach_m` in the picture's pyramid."""
+        opening = camera.width * camera.height / (camera.fx * camera.fy)
+        return self.per_m3 * opening / 3 * np.maximum(reach_m**3 - NEAREST_M**3, 0)
+
+
+@dataclass(frozen=True)
+class _Streaks:
+    """Particles as the picture shows them, a row of (n,) for each; lengths in pixels."""
+
+    x: np.ndarray
+    y: np.ndarray
+    along_x: np.ndarray
+    along_y: np.ndarray
+    length: np.ndarray
+    width: np.ndarray
+    area: np.ndarray
+    range_m: np.ndarray
+
+
+def draw_coverage(
+    view: DepthView, particles: Population, wind: np.ndarray, exposure_s: float, rng: np.random.Generator
+) -> np.ndarray:
+    """(h, w) float32 share of each pixel's light that particles in front of the surface take, in [0, 1].
+
+    Args:
+        view: camera and depth.
+        particles: how many of which size.
+        wind: (3,) m/s in the world.
+        exposure_s: how long they move.
+        rng: draws number, size and place.
+    """
+    streaks = _scatter(view, particles, wind, exposure_s, rng)
+    height, width = view.depth_m.shape
+    x, y, share, owner = _dot(streaks)
+    column, row = np.floor(x).astype(np.int32), np.floor(y).astype(np.int32)
+    inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    x, y, share, owner, column, row = (one[inside] for one in (x, y, share, owner, column, row))
+    free = view.depth_m[row, column] > streaks.range_m[owner]
+    x, y, share = x[free] + np.float32(0.5), y[free] + np.float32(0.5), share[free]
+    # an empty rim takes what would fall outside
+    left, top = x.astype(np.int32), y.astype(np.int32)
+    right_share, low_share = x - left, y - top
+    cell = top * (width + 2) + left
+    total = np.zeros((height + 2) * (width + 2))
+    for step, weight in (
+        (0, (1 - right_share) * (1 - low_share)), (1, right_share * (1 - low_share)),
+        (width + 2, (1 - right_share) * low_share), (width + 3, right_share * low_share),
+    ):  # fmt: skip
+        total += np.bincount(cell + step, weight * share, minlength=len(total))
+    return np.minimum(total.reshape(height + 2, width + 2)[1:-1, 1:-1], 1).astype(np.float32)
+
+
+def lay_particles(coverage: np.ndarray, radiance: np.ndarray) -> AffineLight:
+    """Particles that cover (h, w) shares and send (3,) linear light."""
+    cover = coverage[..., None]
+    return AffineLight(1 - cover, cover * radiance.astype(np.float32))
+
+
+def _scatter(
+    view: DepthView, particles: Population, wind: np.ndarray, exposure_s: float, rng: np.random.Generator
+) -> _Streaks:
+    """Particles at random places of the picture's pyramid, evenly by volume."""
+    camera = view.camera
+    reach = particles.reach_m(camera.fx, float(np.linalg.norm(wind)), exposure_s)
+    mean = particles.count_seen(camera, reach)
+    if mean.sum() > MOST:
+        reach *= (MOST / mean.sum()) ** (1 / 3)
+        mean = particles.count_seen(camera, reach)
+    kind = np.repeat(np.arange(len(mean)), rng.poisson(mean))
+    u, x, y = rng.random((3, len(kind)))
+    z = np.cbrt(NEAREST_M**3 + u * (reach[kind] ** 3 - NEAREST_M**3))
+    x, y = x * camera.width, y * camera.height
+    across, down = (x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy
+    velocity = np.tile(wind, (len(mean), 1))
+    velocity[:, 2] -= particles.fall_m_s
+    right, below, ahead = (velocity @ view.T_world_camera[:3, :3])[kind].T
+    along_x = camera.fx * (right - across * ahead) * exposure_s / z
+    along_y = camera.fy * (below - down * ahead) * exposure_s / z
+    length = np.hypot(along_x, along_y)
+    size = particles.diameter_mm[kind] / 1e3
+    values = (
+        x, y, along_x / np.maximum(length, 1e-6), along_y / np.maximum(length, 1e-6), length,
+        camera.fx * (size + APERTURE_MM / 1e3) / z, np.pi / 4 * (camera.fx * size / z) ** 2,
+        z * np.sqrt(1 + across**2 + down**2),
+    )  # fmt: skip
+    return _Streaks(*(one.astype(np.float32) for one in values))
+
+
+def _dot(streaks: _Streaks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Streaks as dots no more than a pixel apart: x, y, share of a pixel, and whose each is."""
+    whole = streaks.length + streaks.width
+    steps = np.ceil(np.maximum(whole, 1)).astype(np.int64)
+    rows = np.ceil(np.maximum(streaks.width, 1)).astype(np.int64)
+    counts = steps * rows
+    owner = np.repeat(np.arange(len(counts)), counts)
+    number = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)
+    step, row = np.divmod(number, rows[owner])
+    along = (((step + 0.5) / steps[owner] - 0.5) * whole[owner]).astype(np.float32)
+    aside = (((row + 0.5) / rows[owner] - 0.5) * streaks.width[owner]).astype(np.float32)
+    end = np.maximum(np.abs(along) - streaks.length[owner] / 2, 0)
+    away = (end**2 + aside**2) / (streaks.width[owner] / 2) ** 2
+    weight = np.where(rows[owner] > 2, np.maximum(1 - away, 0), 1)  # a disc that is soft at its edge
+    weight *= (streaks.area / np.bincount(owner, weight, minlength=len(counts)))[owner]
+    x = streaks.x[owner] + streaks.along_x[owner] * along - streaks.along_y[owner] * aside
+    y = streaks.y[owner] + streaks.along_y[owner] * along + streaks.along_x[owner] * aside
+    return x, y, weight, owner

@@ -1,0 +1,280 @@
+"""A sky for a world: a panorama, the sun as a light of its own, and the exposure of a camera below them.
+
+Luminances are in kcd/m², illuminances in klx, both as linear sRGB; the exposure brings them to picture values.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from toolkit.core.errors import FieldError, one_of
+from toolkit.rig.camera import orbit_direction
+from toolkit.rig.scene import KeyLight
+from toolkit.rig.textures import sample_directions
+from toolkit.worlds.clouds import (
+    BASE_M,
+    HAZE_M,
+    TILE_M,
+    TILE_PX,
+    lay_veils,
+    march_clouds,
+    reach_height,
+)
+from toolkit.worlds.daylight import (
+    LOWEST_SUN_DEG,
+    LUMINANCE,
+    clear_sky,
+    diffuse_klx,
+    overcast_klx,
+    overcast_shape,
+    sunlight,
+)
+from toolkit.worlds.noise import paint_levels, sample_noise
+
+SUN_RADIUS_DEG = 0.27
+GROUND_ALBEDO = np.array([0.19, 0.18, 0.16])
+"""Of the panorama's lower half: asphalt, concrete, earth and leaves, from afar."""
+
+
+BOUNDS = {"sun_elevation_deg": (-12.0, 90.0), "turbidity": (1.8, 10.0), "cloud_cover": (0.0, 1.0)}
+
+
+@dataclass(frozen=True)
+class TimeOfDay:
+    """Where the sun stands and what hangs before it.
+
+    Attributes:
+        sun_elevation_deg: of the sun's middle; below -6 it is nearly night.
+        sun_azimuth_deg: counter-clockwise from +x, seen from above.
+        turbidity: of the air: 2 very clear, 3 clear, 6 hazy.
+        cloud_cover: share of the sky; from 0.85 up the sun is hidden little by little.
+        lamps_on: whether street lamps are lit.
+    """
+
+    sun_elevation_deg: float
+    sun_azimuth_deg: float = 50.0
+    turbidity: float = 2.6
+    cloud_cover: float = 0.3
+    lamps_on: bool = False
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in BOUNDS.items():
+            if not low <= getattr(self, name) <= high:
+                raise FieldError(f"expected {low:g} to {high:g}", {name: getattr(self, name)})
+
+
+TIMES: dict[str, TimeOfDay] = {
+    "noon": TimeOfDay(60.0, cloud_cover=0.25),
+    "afternoon": TimeOfDay(35.0, 120.0, cloud_cover=0.35),
+    "golden": TimeOfDay(6.0, 160.0, turbidity=3.0, cloud_cover=0.35),
+    "dusk": TimeOfDay(-4.0, 175.0, turbidity=3.0, cloud_cover=0.3, lamps_on=True),
+    "overcast": TimeOfDay(40.0, 90.0, cloud_cover=1.0),
+}
+
+
+@dataclass(frozen=True)
+class Sky:
+    """All light that comes from far away.
+
+    Attributes:
+        name: for records.
+        panorama: (h, w, 3) float32 linear radiance, kcd/m², as `Studio.environment`: row 0 is straight up, the middle
+            column azimuth 0, azimuth grows to the left. The sun's glow is in it, its disc is not.
+        sun: the sun; its irradiance in klx is (0, 0, 0) where it is hidden or has set.
+        exposure: factor from radiance to the picture's linear values.
+        lamps_on: whether street lamps are lit.
+    """
+
+    name: str
+    panorama: np.ndarray
+    sun: KeyLight
+    exposure: float
+    lamps_on: bool = False
+
+    @cached_property
+    def airlight(self) -> np.ndarray:
+        """(3,) linear light that fog sends, in the picture's values.
+
+        The mean of what comes from all directions, ground and sun included: droplets that scatter evenly send that.
+        """
+        height = self.panorama.shape[0]
+        elevation = np.pi / 2 - (np.arange(height) + 0.5) * np.pi / height
+        weight = np.cos(elevation) / np.cos(elevation).sum()
+        around = (self.panorama.mean(axis=1) * weight[:, None]).sum(axis=0)
+        return (around + np.array(self.sun.irradiance) / (4 * np.pi)) * self.exposure
+
+    @cached_property
+    def white(self) -> np.ndarray:
+        """(3,) linear light of a white surface that lies in the open, in the picture's values."""
+        return illuminate(self.panorama, self.sun) / np.pi * self.exposure
+
+    def render(self, directions: np.ndarray) -> np.ndarray:
+        """(n, 3) linear light in the picture's values along unit directions (n, 3); without the sun's disc."""
+        return sample_directions(self.panorama, directions) * np.float32(self.exposure)
+
+
+def find_directions(height: int) -> np.ndarray:
+    """(height, 2 · height, 3) float32 unit vectors of an equirectangular panorama's pixels."""
+    elevation = np.pi / 2 - (np.arange(height) + 0.5) * np.pi / height
+    azimuth = np.pi - (np.arange(2 * height) + 0.5) * np.pi / height
+    ring = np.cos(elevation)[:, None]
+    return np.stack(
+        [ring * np.cos(azimuth), ring * np.sin(azimuth), np.repeat(np.sin(elevation)[:, None], 2 * height, axis=1)], -1
+    ).astype(np.float32)
+
+
+def illuminate(panorama: np.ndarray, sun: KeyLight) -> np.ndarray:
+    """(3,) irradiance of open level ground by a panorama's upper half and a sun."""
+    height = panorama.shape[0]
+    elevation = np.pi / 2 - (np.arange(height // 2) + 0.5) * np.pi / height
+    weight = np.sin(elevation) * np.cos(elevation)
+    sky = np.pi * (panorama[: height // 2].mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum()
+    return sky + max(float(np.sin(np.radians(sun.elevation_deg))), 0.0) * np.array(sun.irradiance)
+
+
+BALANCE = 0.5
+"""Share of the light's colour that white balance takes out: evenings stay warm."""
+METERED_ALBEDO, METERED_VALUE = 0.18, 0.22
+"""A grey card on open ground, and the linear value it gets in daylight."""
+SKY_SHARE, METERED_SKY_DEG = 0.45, 40.0
+"""A camera's meter sees as much of the sky below 40° as of the ground, and takes it for less than half as bright."""
+DIM_KLX, DIM_POWER = 2.0, 0.18
+"""Below it pictures get a bit darker, as photographs of the evening are."""
+
+
+def meter_exposure(panorama: np.ndarray, sun: KeyLight) -> float:
+    """Factor from radiance to linear picture values: the mean of a grey card on open ground and of the low sky."""
+    irradiance = float(illuminate(panorama, sun) @ LUMINANCE)
+    if irradiance <= 0:
+        return 1.0
+    height = panorama.shape[0]
+    low_sky = panorama[round(height / 2 * (1 - METERED_SKY_DEG / 90)) : height // 2].mean(axis=(0, 1)) @ LUMINANCE
+    metered = (METERED_ALBEDO * irradiance / np.pi + SKY_SHARE * float(low_sky)) / 2
+    return METERED_VALUE / metered
+
+
+@lru_cache(maxsize=4)
+def make_sky(time: str | TimeOfDay = "noon", seed: int = 0, height_px: int = 512) -> Sky:
+    """A sky of a time of day; equal arguments give equal bytes.
+
+    Args:
+        time: one of `TIMES`, or one's own.
+        seed: of the clouds.
+        height_px: of the panorama, which is twice as wide; 512 is 3 pixels a degree.
+
+    Raises:
+        ToolkitError: there is no such time of day.
+        FieldError: the height is odd or too small.
+    """
+    if height_px < 16 or height_px % 2:
+        raise FieldError("expected an even number from 16 up", {"height_px": height_px})
+    if isinstance(time, str) and time not in TIMES:
+        raise one_of("time of day", time, list(TIMES))
+    name, when = (time, TIMES[time]) if isinstance(time, str) else (f"sun {time.sun_elevation_deg:g}°", time)
+    directions = find_directions(height_px)
+    above = directions[: height_px // 2].reshape(-1, 3)
+    direct = sunlight(when.sun_elevation_deg, when.turbidity)
+    grey = np.clip((when.cloud_cover - 0.85) / 0.15, 0, 1)
+    rng = np.random.default_rng([seed, 0x5C1])
+    upper = np.zeros_like(above)
+    if grey < 1:
+        upper = _light_sky(above, when, direct, np.pi / height_px, rng) * (1 - grey)
+    if grey > 0:
+        upper = upper + _overcast(above, when, np.pi / height_px, rng) * grey
+    panorama = np.zeros_like(directions)
+    panorama[: height_px // 2] = upper.reshape(height_px // 2, -1, 3)
+    sun = _make_sun(when.sun_azimuth_deg, when.sun_elevation_deg, direct * (1 - grey))
+    if when.sun_elevation_deg >= 0:  # twilight's blue is left as it is
+        panorama, sun = _balance(panorama, sun)
+    _lay_ground(panorama, directions, illuminate(panorama, sun))
+    dim = min(1.0, float(illuminate(panorama, sun) @ LUMINANCE) / DIM_KLX) ** DIM_POWER
+    return Sky(f"{name}/{seed}", panorama, sun, meter_exposure(panorama, sun) * dim, when.lamps_on)
+
+
+def _make_sun(azimuth_deg: float, elevation_deg: float, irradiance: np.ndarray) -> KeyLight:
+    red, green, blue = irradiance.tolist()
+    return KeyLight(azimuth_deg, elevation_deg, SUN_RADIUS_DEG, (red, green, blue))
+
+
+def _balance(panorama: np.ndarray, sun: KeyLight) -> tuple[np.ndarray, KeyLight]:
+    """Both as a camera's white balance leaves them: without half of the light's colour on open ground."""
+    irradiance = illuminate(panorama, sun)
+    gain = (irradiance / (irradiance @ LUMINANCE)) ** -BALANCE
+    gain *= (irradiance @ LUMINANCE) / (irradiance * gain @ LUMINANCE)
+    return panorama * gain.astype(np.float32), _make_sun(sun.azimuth_deg, sun.elevation_deg, sun.irradiance * gain)
+
+
+def _light_source(when: TimeOfDay) -> np.ndarray:
+    """(3,) where the sky's light comes from: the sun, or just above where it has set."""
+    return orbit_direction(when.sun_azimuth_deg, max(when.sun_elevation_deg, LOWEST_SUN_DEG))
+
+
+GLOW, NIGHT_BLUE, AFTERGLOW = np.array([1.4, 0.85, 0.6]), np.array([0.6, 0.75, 1.2]), np.array([3.2, 1.3, 0.7])
+"""Assumed colours of twilight over those of the sky with the sun at 2°: dust's scatter low in the west, ozone's blue
+above, and on clouds that still see the sun."""
+PALE = 0.5
+"""Assumed: share of its colour that the sky at the horizon loses by then; the model's is a pure yellow."""
+
+
+def _clear(directions: np.ndarray, when: TimeOfDay) -> np.ndarray:
+    """(n, 3) clear sky of the measured brightness; at twilight bluer above, and a glow where the sun went."""
+    light = _light_source(when)
+    sky = clear_sky(directions, light, when.turbidity)
+    set_by = np.clip((LOWEST_SUN_DEG - when.sun_elevation_deg) / 6, 0, 1)
+    if set_by > 0:
+        elevation = np.degrees(np.arcsin(np.clip(directions[:, 2], 0, 1)))
+        facing = (1 + directions[:, :2] @ light[:2] / np.linalg.norm(light[:2])) / 2
+        glow = (np.exp(-elevation / 9) * facing**2)[:, None]
+        tint = GLOW * glow + NIGHT_BLUE * (1 - glow)
+        pale = PALE * set_by * np.exp(-elevation / 15)[:, None]
+        sky = (sky + pale * (sky @ LUMINANCE[:, None] - sky)) * (1 + set_by * (tint - 1))
+    weight = directions[:, 2] * np.sqrt(1 - directions[:, 2] ** 2)  # rows of a panorama shrink towards the zenith
+    found = np.pi * (sky @ LUMINANCE * weight).sum() / weight.sum()
+    return sky * (diffuse_klx(when.sun_elevation_deg) / found)
+
+
+def _light_sky(
+    directions: np.ndarray, when: TimeOfDay, direct: np.ndarray, pixel_rad: float, rng: np.random.Generator
+) -> np.ndarray:
+    """(n, 3) clear sky with clouds before it."""
+    clear = _clear(directions, when)
+    light = _light_source(when)
+    if when.cloud_cover <= 0:
+        return clear
+    weight = directions[:, 2] * np.sqrt(1 - directions[:, 2] ** 2)
+    around = (clear * weight[:, None]).sum(axis=0) / weight.sum()
+    on_cloud = np.tile(direct, (len(directions), 1))
+    if not direct.any():
+        facing = (1 + directions[:, :2] @ light[:2] / np.linalg.norm(light[:2])) / 2
+        on_cloud += np.pi * around * (0.35 + AFTERGLOW * (facing**3 * (1 - directions[:, 2]))[:, None])
+    gamma = np.degrees(np.arccos(np.clip(directions @ light, -1, 1)))[:, None]
+    silver = 1 + 1.2 * np.exp(-gamma / 14)
+    veils = lay_veils(directions, when.cloud_cover, pixel_rad, rng)[:, None]
+    sky = clear + veils * (on_cloud * 0.16 * silver + around - clear)
+    layer = march_clouds(directions, light, min(when.cloud_cover, 0.9), pixel_rad, rng)
+    lit = on_cloud * (0.27 * silver * layer.sunlit[:, None]) + around * (0.95 * layer.skylit[:, None])
+    near = np.exp(-layer.distance_m / HAZE_M)[:, None]
+    hidden = (1 - layer.passed)[:, None]
+    return sky * (1 - hidden) + lit * near + clear * hidden * (1 - near)
+
+
+def _overcast(directions: np.ndarray, when: TimeOfDay, pixel_rad: float, rng: np.random.Generator) -> np.ndarray:
+    """(n, 3) the CIE's overcast sky, a little uneven."""
+    distance = reach_height(directions[:, 2], BASE_M)
+    lod = np.log2(distance * pixel_rad * TILE_PX / TILE_M)
+    u, v = (directions[:, :2] * (0.5 * distance / TILE_M)[:, None]).T
+    uneven = sample_noise(paint_levels(rng, TILE_PX, 1.9, 4), u, v, lod - 1) - 0.5
+    fade = np.exp(-distance / 15_000)
+    zenith = 9 / (7 * np.pi) * overcast_klx(when.sun_elevation_deg)
+    grey = zenith * overcast_shape(directions[:, 2]) * (1 + 0.35 * uneven * fade)
+    return grey[:, None] * np.array([0.98, 1.0, 1.03])
+
+
+def _lay_ground(panorama: np.ndarray, directions: np.ndarray, irradiance: np.ndarray) -> None:
+    """Fill the lower half: ground in the light that falls on it, hazy towards the horizon."""
+    half = panorama.shape[0] // 2
+    horizon = panorama[half - 1].mean(axis=0)
+    far = 2.0 / np.maximum(-directions[half:, :, 2:], 1e-3)  # metres, for eyes 2 m up
+    haze = 1 - np.exp(-far / 900)
+    panorama[half:] = GROUND_ALBEDO * irradiance / np.pi * (1 - haze) + horizon * haze

@@ -1,0 +1,162 @@
+"""A place outdoors: its geometry, what each face is, where an object may stand, what is inside a wall.
+
+Frame: right-handed, z up, metres; the origin is near the middle, on the ground.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from toolkit.objects.mesh import Mesh, hash_mesh
+from toolkit.worlds.classes import STANDING, SceneClass
+from toolkit.worlds.pieces import Looks, Piece
+
+if TYPE_CHECKING:
+    from open3d.t.geometry import RaycastingScene
+
+GRID_PER_M = 4096
+"""Vertices lie on a grid of 1/4096 m: the last bits of a sine differ between machines, a world does not."""
+CHUNK = 4096
+RAYS = np.array([(0.31, 0.17, 0.94), (-0.83, 0.29, 0.48), (0.23, -0.88, 0.41)])
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A place where an object may stand, free of everything else.
+
+    Attributes:
+        name: of the place, unique in its world.
+        place: what it is: street, crossing, square, grass, roof, apron, quay, water.
+        position: (x, y, z) of the ground there, metres.
+        free_radius_m: nothing taller than a kerb stands within this, from the ground up to the sky.
+        yaw_deg: how an object is turned there, counter-clockwise from +x: along the street.
+        kind: what the object stands on.
+    """
+
+    name: str
+    place: str
+    position: tuple[float, float, float]
+    free_radius_m: float
+    yaw_deg: float
+    kind: Literal["ground", "roof", "water"]
+
+
+@dataclass(frozen=True)
+class World:
+    """Geometry of a place and what is known of it.
+
+    Attributes:
+        name: `city`, `grass`, `apron`, `harbour`, or that of a user's file.
+        seed: it was made from.
+        mesh: in metres; a `Mesh` in all else.
+        face_class: (m,) uint8 `SceneClass` of each face.
+        spots: where an object may stand; `pads` are those of them with a landing pad.
+        solids: (k, 6) low and high corners of the boxes that buildings fill, metres; None where only the triangles are
+            known, as of a user's file.
+        core: (2, 2) low and high (x, y) of the part that is made to be looked at from within.
+    """
+
+    name: str
+    seed: int
+    mesh: Mesh
+    face_class: np.ndarray
+    spots: tuple[Spot, ...]
+    solids: np.ndarray | None
+    core: np.ndarray
+    pads: tuple[Spot, ...] = ()
+
+    @property
+    def bounds(self) -> np.ndarray:
+        """(2, 3) lowest and highest coordinates, metres."""
+        return self.mesh.bounds
+
+    @cached_property
+    def sha256(self) -> str:
+        """`hash_mesh` of its mesh."""
+        return hash_mesh(self.mesh)
+
+    @cached_property
+    def _ground(self) -> "RaycastingScene":
+        standing = np.isin(self.face_class, [int(one) for one in STANDING])
+        return _scene_of(self.mesh, standing)
+
+    @cached_property
+    def _buildings(self) -> "RaycastingScene":
+        standing = np.isin(self.face_class, [int(one) for one in STANDING])
+        return _scene_of(self.mesh, ~standing)
+
+    def ground_height(self, points: np.ndarray) -> np.ndarray:
+        """(n,) float32 height of ground or water under points (n, 2) or (n, 3), metres; NaN where there is none."""
+        points = np.asarray(points, np.float64)
+        high = float(self.bounds[1, 2]) + 1.0
+        rays = np.zeros((len(points), 6), np.float32)
+        rays[:, :2], rays[:, 2], rays[:, 5] = points[:, :2], high, -1.0
+        fall = _cast(self._ground, rays)
+        return np.where(np.isfinite(fall), high - fall, np.nan).astype(np.float32)
+
+    def inside_building(self, points: np.ndarray) -> np.ndarray:
+        """(n,) bool: whether points (n, 3) in metres lie within a building.
+
+        Where no solids are known, a point is inside if most of three rays meet the back of a face first.
+        """
+        points = np.asarray(points, np.float64).reshape(-1, 3)
+        if self.solids is None:
+            return self._inside_by_rays(points)
+        low, high = self.solids[:, :3], self.solids[:, 3:]
+        found = np.zeros(len(points), bool)
+        for start in range(0, len(points), CHUNK):
+            chunk = points[start : start + CHUNK, None]
+            within = np.all((chunk > low) & (chunk < high), axis=2)
+            found[start : start + CHUNK] = np.any(within, axis=1)
+        return found
+
+    def _inside_by_rays(self, points: np.ndarray) -> np.ndarray:
+        import open3d as o3d
+
+        votes = np.zeros(len(points), int)
+        for direction in RAYS:
+            rays = np.concatenate([points, np.broadcast_to(direction, points.shape)], axis=1).astype(np.float32)
+            hit = self._buildings.cast_rays(o3d.core.Tensor(rays))
+            normals = hit["primitive_normals"].numpy()
+            votes += np.isfinite(hit["t_hit"].numpy()) & (normals @ direction > 0)
+        return votes >= 2
+
+
+def _scene_of(mesh: Mesh, chosen: np.ndarray) -> "RaycastingScene":
+    import open3d as o3d
+
+    scene = o3d.t.geometry.RaycastingScene()
+    if chosen.any():
+        faces = np.ascontiguousarray(mesh.faces[chosen].astype(np.uint32))
+        scene.add_triangles(o3d.core.Tensor(np.ascontiguousarray(mesh.vertices)), o3d.core.Tensor(faces))
+    return scene
+
+
+def _cast(scene: "RaycastingScene", rays: np.ndarray) -> np.ndarray:
+    import open3d as o3d
+
+    return scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
+
+
+def mesh_of(piece: Piece, looks: Looks) -> tuple[Mesh, np.ndarray]:
+    """The mesh of a finished piece, its vertices on the grid, and (m,) the class of each face."""
+    snapped = np.round(piece.vertices.astype(np.float64) * GRID_PER_M) / GRID_PER_M
+    corners = snapped[piece.faces]
+    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    real = area > 1e-7
+    mesh = Mesh(
+        snapped.astype(np.float32),
+        np.round(piece.normals, 5).astype(np.float32),
+        np.round(piece.uv, 6).astype(np.float32),
+        piece.faces[real],
+        piece.material[real],
+        looks.materials,
+    )
+    return mesh, piece.label[real]
+
+
+def is_ground(face_class: np.ndarray) -> np.ndarray:
+    """Whether faces belong to what an object may stand on: ground, roofs and pads."""
+    return np.isin(face_class, [*(int(one) for one in STANDING), int(SceneClass.ROOF), int(SceneClass.PAD)])
