@@ -2,6 +2,7 @@
 
 import io
 import json
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +32,7 @@ def furnish(space: Workspace) -> None:
     from safetensors.numpy import save_file
 
     from toolkit.captures.manifest import CaptureRecord, append_record
+    from toolkit.captures.shoot import shoot_plan
     from toolkit.core.files import sha256_bytes
     from toolkit.corruptions.folder import corrupt_folder
     from toolkit.photos.gates.check_captures import append_check
@@ -41,6 +43,8 @@ def furnish(space: Workspace) -> None:
     from toolkit.rig.shot_order import list_shots, order_shots, write_shots
 
     plan = read_plan(space.plan_file)
+    # the renderer is compiled once on each machine: not within the time that an input has
+    shutil.rmtree(shoot_plan(space, plan, ["crate"], ["unpatched"], source="first").source_dir)
     write_shots(space.root / "rig" / "shots.json", list_shots(plan, order_shots(plan, ["crate"])))
     write_board(space, DEFAULT_BOARD)
     lens = LENS | {
