@@ -1,5 +1,7 @@
 # make demo    set up, then the whole road in ./demo: print files, 144 images, table and report
 # make test    set up, then all tests, one process for each core; PYTEST_ARGS="-m 'not slow'" for the quick ones
+# make fuzz    attack every reader and command with bad input, others each time: some minutes; FUZZ=1000 for hours
+# make validate  pages, meshes, PDFs and the package before validators that others wrote
 # make bench   speed against the peers, as ratios in one run
 # make lint    ruff, mypy, and import-linter: imports point down, no circles
 # make site    the documentation as a site in ./site; it opens from disk
@@ -10,7 +12,7 @@ BIN := .venv/bin
 # Weights that lie beside the checkout are used where there are any.
 export TOOLKIT_WEIGHTS ?= $(abspath $(wildcard ../shared/weights))
 
-.PHONY: demo test bench lint docs docs-benchmark site setup clean
+.PHONY: demo test fuzz validate bench lint docs docs-benchmark site setup clean
 
 demo: setup
 	$(BIN)/toolkit demo demo
@@ -18,6 +20,13 @@ demo: setup
 test: setup .venv/.test
 	@scripts/test-browser
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal $(PYTEST_ARGS)
+
+FUZZ ?= 200
+fuzz: setup .venv/.test
+	FUZZ=$(FUZZ) $(BIN)/python -m pytest tests/hostile -n logical --maxprocesses 8 --dist worksteal $(PYTEST_ARGS)
+
+validate: setup .venv/.test .venv/.validate
+	scripts/validate $(BIN)
 
 bench: setup .venv/.bench
 	$(BIN)/python -m benchmarks
@@ -48,7 +57,7 @@ setup: .venv/.installed
 	$(BIN)/python -m pip install --quiet --progress-bar off -e .
 	touch $@
 
-.venv/.test .venv/.lint .venv/.bench .venv/.site: .venv/.%: .venv/.installed pyproject.toml
+.venv/.test .venv/.lint .venv/.bench .venv/.site .venv/.validate: .venv/.%: .venv/.installed pyproject.toml
 	$(BIN)/python -m pip install --quiet -e ".[$*]"
 	touch $@
 

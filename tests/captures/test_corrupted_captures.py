@@ -84,7 +84,8 @@ def test_copies_are_captures_and_say_what_eval_says(space, type_command, classif
             assert all(getattr(record, name) == getattr(shot, name) for name in same)
             assert record.made["of"] == f"sim/{shot.path}" and record.inputs_sha256 is None
             assert Image.open(folder / path).size == (224, 224)
-        assert len(json.loads((folder / "transforms.json").read_text())["frames"]) == 4
+        for variant in ("patched", "unpatched"):
+            assert len(json.loads((folder / "crate" / variant / "transforms.json").read_text())["frames"]) == 2
     both = [FOG, ("defocus_blur", 5)]
     files = evaluate_captures(space.captures_dir, space, classifier, EvalConfig(run="files"))
     assert files.notes == () and len(files.pairs) == 6
@@ -134,7 +135,7 @@ def test_a_shot_taken_anew_is_corrupted_anew(space):
 def test_what_bends_the_picture_has_no_cameras(space):
     corrupt_source(space.captures_dir / "sim", [("elastic_transform", 1)])
     assert len(read_manifest(space.captures_dir / "sim-elastic_transform-1")) == 4
-    assert not (space.captures_dir / "sim-elastic_transform-1" / "transforms.json").exists()
+    assert not list((space.captures_dir / "sim-elastic_transform-1").rglob("transforms.json"))
 
 
 def test_other_images_are_not_touched(space):

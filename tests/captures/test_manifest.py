@@ -106,3 +106,34 @@ def test_a_full_disk_is_one_line(tmp_path, monkeypatch):
     monkeypatch.setattr("toolkit.core.records.os.fsync", full)
     with pytest.raises(ToolkitError, match=r"cannot write .*manifest\.jsonl: the disk is full"):
         append_record(tmp_path, record())
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("T_world_camera", [[1, 0, 0, 0]] * 3),
+        ("T_world_camera", [[1, 0, 0, 0], [0, 1, 0], [0, 0, 1, 0], [0, 0, 0, 1]]),
+        ("T_world_camera", [[float("nan")] * 4] * 4),
+        ("T_world_camera", [[float("inf")] * 4] * 4),
+        ("T_world_camera", [[1e300] * 4] * 4),
+        ("intrinsics", {"width": 640}),
+        ("intrinsics", {"width": 0, "height": 1, "fx": 1, "fy": 1, "cx": 0, "cy": 0}),
+        ("intrinsics", {"width": float("inf"), "height": 1, "fx": 1, "fy": 1, "cx": 0, "cy": 0}),
+        ("pose_id", 10**30),
+        ("pose_id", -1),
+        ("made", {"distortion": ["a"]}),
+        ("made", {"distortion": [float("nan")]}),
+        ("made", {"distortion": [0] * 15}),
+    ],
+)
+def test_numbers_that_describe_no_camera_are_named(tmp_path, field, value):
+    line = {"path": "a.jpg", "object": "a", "variant": "b", field: value}
+    (tmp_path / MANIFEST).write_text(json.dumps(line) + "\n")
+    with pytest.raises(ToolkitError, match=f"line 1 is broken .*{field}"):
+        read_manifest(tmp_path)
+
+
+def test_a_manifest_that_is_a_folder_is_no_empty_manifest(tmp_path):
+    (tmp_path / MANIFEST).mkdir()
+    with pytest.raises(ToolkitError, match="it is a folder, expected a file"):
+        read_manifest(tmp_path)

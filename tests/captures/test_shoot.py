@@ -86,8 +86,13 @@ def test_pairs_differ_on_the_patch_and_hardly_elsewhere(shot):
 
 
 def test_transforms_place_the_cameras(shot):
-    content = json.loads((shot.captures_dir / "sim" / "transforms.json").read_text())
-    assert [frame["file_path"] for frame in content["frames"]] == PATHS
+    for variant in ("patched", "unpatched"):
+        folder = shot.captures_dir / "sim" / "crate" / variant
+        content = json.loads((folder / "transforms.json").read_text())
+        paths = [f"crate/{variant}/{frame['file_path']}" for frame in content["frames"]]
+        assert paths == [path for path in PATHS if f"/{variant}/" in path]
+        assert all((folder / frame["file_path"]).is_file() for frame in content["frames"])
+    assert not (shot.captures_dir / "sim" / "transforms.json").exists()
     pose = read_plan(shot.plan_file).objects["crate"][1]
     matrix = np.array(content["frames"][1]["transform_matrix"])
     np.testing.assert_allclose(matrix[:3, 3] * 1000, pose.matrix()[:3, 3], atol=1e-3)

@@ -32,7 +32,7 @@ def test_axes_are_opengls_and_lengths_metres():
 def test_a_viewer_projects_as_the_rig_does(tmp_path):
     """OpenGL's own way: into the camera, y up and -z ahead, then u = cx + fl x / -z, v = cy - fl y / -z."""
     T_world_camera = orbit_pose(np.zeros(3), 200, 20, 300, 15)
-    file = write_transforms(tmp_path, [record("a", T_world_camera)])
+    (file,) = write_transforms(tmp_path, [record("a", T_world_camera)])
     content = json.loads(file.read_text())
     (frame,) = content["frames"]
     points = np.random.default_rng(0).uniform(-40, 40, (20, 3))
@@ -42,7 +42,7 @@ def test_a_viewer_projects_as_the_rig_does(tmp_path):
     expected, _ = project(CAMERA, T_world_camera, points)
     np.testing.assert_allclose(np.stack([u, v], axis=1), expected, atol=1e-6)
     assert (content["w"], content["h"], content["camera_model"]) == (160, 120, "OPENCV")
-    assert frame["file_path"] == "crate/patched/a.jpg"
+    assert frame["file_path"] == "a.jpg" and file == tmp_path / "crate/patched/transforms.json"
 
 
 def test_other_lenses_are_written_per_frame_and_unknown_cameras_left_out():
@@ -54,3 +54,16 @@ def test_other_lenses_are_written_per_frame_and_unknown_cameras_left_out():
     assert content["frames"][1]["fl_x"] == pytest.approx(160 / np.tan(np.radians(30)))
     assert content["frames"][1]["w"] == 320
     assert describe_transforms([record("c", None)])["frames"] == []
+
+
+def test_objects_and_variants_that_stand_at_one_origin_are_kept_apart(tmp_path):
+    """A radiance field of several at once would be one ghost; the joined file of an earlier version goes."""
+    (tmp_path / "transforms.json").write_text("{}")
+    pose = orbit_pose(np.zeros(3), 0, 30, 300)
+    paths = ("crate/patched/a.jpg", "crate/unpatched/a.jpg", "mug/patched/a.jpg", "mug/patched/b.jpg")
+    records = [record("x", pose).model_copy(update={"path": path, "object": path.split("/")[0]}) for path in paths]
+    files = write_transforms(tmp_path, records)
+    assert sorted(file.relative_to(tmp_path).as_posix() for file in tmp_path.rglob("transforms.json")) == [
+        f"{folder}/transforms.json" for folder in ("crate/patched", "crate/unpatched", "mug/patched")
+    ]
+    assert [len(json.loads(file.read_text())["frames"]) for file in files] == [1, 1, 2]

@@ -200,7 +200,7 @@ def bomb_png(side: int) -> bytes:
 
 
 @pytest.mark.filterwarnings("ignore::PIL.Image.DecompressionBombWarning")
-@pytest.mark.parametrize("side", [11_500, 30_000])
+@pytest.mark.parametrize("side", [13_300, 30_000])
 def test_decompression_bomb(tmp_path, side):
     (tmp_path / "bomb.png").write_bytes(bomb_png(side))
     assert "bomb" in reason_of(tmp_path / "bomb.png")

@@ -136,3 +136,28 @@ def test_weights_that_are_not_numbers(tmp_path, state):
     broken = {**state, "classifier.1.bias": torch.full((1000,), float("nan"))}
     torch.save(broken, tmp_path / "nan.pth")
     assert "not a number" in error_of(lambda: load_classifier(ARCH, tmp_path / "nan.pth", "cpu"))
+
+
+def make_odd(kind, value):
+    """A tensor that is none of real, dense numbers that are there."""
+    if kind == "quantised":
+        return torch.quantize_per_tensor(value, 1.0, 0, torch.qint8)
+    return {"complex": value.to(torch.complex64), "sparse": value.to_sparse(), "absent": value.to("meta")}[kind]
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("kind", ["complex", "sparse", "absent", "quantised"])
+def test_values_that_no_network_takes_are_one_line(tmp_path, state, kind):
+    torch.save({**state, "classifier.1.bias": make_odd(kind, state["classifier.1.bias"])}, tmp_path / "odd.pth")
+    assert "no state dict of plain real numbers" in error_of(lambda: load_classifier(ARCH, tmp_path / "odd.pth", "cpu"))
+
+
+@pytest.mark.parametrize("name", [1, ("a",), 2.5, None])
+def test_names_that_are_no_text_are_one_line(tmp_path, state, name):
+    torch.save({**state, name: torch.zeros(2)}, tmp_path / "odd.pth")
+    assert "no state dict of plain real numbers" in error_of(lambda: load_classifier(ARCH, tmp_path / "odd.pth", "cpu"))
+
+
+def test_a_single_number_for_a_layer_is_one_line(tmp_path, state):
+    torch.save({**state, "classifier.1.weight": torch.tensor(3.0)}, tmp_path / "odd.pth")
+    assert "is a single number" in error_of(lambda: load_classifier(ARCH, tmp_path / "odd.pth", "cpu"))

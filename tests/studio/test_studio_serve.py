@@ -66,7 +66,7 @@ def test_the_code_in_the_terminal_is_read_by_another_library():
     pytest.importorskip("segno", reason="needs the extra 'studio' (segno)")
     url = "http://192.168.1.23:8765/?token=" + "x" * 32
     text = io.StringIO()
-    show_code(url, text.write)
+    show_code(url, lambda line: text.write(f"{line}\n"))
     rows = [row for row in text.getvalue().split("\n") if row.strip("\x1b[0m ")]
     halves = {"█": (1, 1), "▀": (1, 0), "▄": (0, 1), " ": (0, 0)}
     cells = [[halves[sign] for sign in row if sign in halves] for row in rows]

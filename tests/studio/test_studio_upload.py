@@ -4,7 +4,7 @@ import re
 import pytest
 
 from toolkit.core.files import explain_write_error
-from toolkit.studio.upload import PART, UploadFolders
+from toolkit.studio.upload import UploadFolders
 
 NAME = re.compile(r"\d{8}-\d{6}-\d{6}-[0-9a-f]{32}\.(jpg|png)")
 
@@ -98,21 +98,11 @@ def test_a_shot_is_a_number_and_never_a_path(desk, photo, number):
     assert everything_in(desk.space) == []
 
 
-def test_a_full_disk_is_said_in_one_line_and_leaves_nothing(desk, photo, monkeypatch, tmp_path):
-    class Full:
-        def __enter__(self):
-            return self
+def test_a_full_disk_is_said_in_one_line_and_leaves_nothing(desk, photo, monkeypatch):
+    def fill(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
 
-        def __exit__(self, *_):
-            return None
-
-        def write(self, block):
-            raise OSError(errno.ENOSPC, "No space left on device")
-
-    real = type(tmp_path).open
-    monkeypatch.setattr(
-        type(tmp_path), "open", lambda self, *a, **k: Full() if self.name.endswith(PART) else real(self, *a, **k)
-    )
+    monkeypatch.setattr("toolkit.core.files.os.fsync", fill)
     answer = desk.send(1, photo())
     assert answer.status_code == 507 and "disk is full" in answer.json()["error"]
     assert everything_in(desk.space) == []
@@ -121,7 +111,7 @@ def test_a_full_disk_is_said_in_one_line_and_leaves_nothing(desk, photo, monkeyp
 def test_a_disk_that_fills_while_a_photograph_is_kept_loses_nothing(desk, photo, monkeypatch):
     sha256 = desk.send(1, photo()).json()["sha256"]
 
-    def fail(path, content):
+    def fail(path, content, root=None):
         raise explain_write_error(path, OSError(errno.ENOSPC, "full"))
 
     with monkeypatch.context() as patch:

@@ -25,6 +25,7 @@ from toolkit.benchmark.variants import Variant
 from toolkit.boosters.place_patches import is_whole
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
+from toolkit.core.locks import hold_folder
 from toolkit.corruptions import choose_parameters, image_seed
 from toolkit.corruptions.request import find_note
 from toolkit.imaging.preprocessing import Preprocessing
@@ -119,6 +120,11 @@ def run_grid(grid: Grid, cells_file: Path, notes: Sequence[str] = ()) -> Benchma
     Raises:
         ToolkitError: no image can be used, a network's output is not finite, or the disk is full.
     """
+    with hold_folder(cells_file.parent):
+        return _run_grid(grid, cells_file, notes)
+
+
+def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str]) -> Benchmark:
     shards = _hash_shards(grid)
     keys = [
         {

@@ -10,13 +10,14 @@ from pydantic import AfterValidator
 from toolkit.boosters.pixel_config import name_files
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_bytes
-from toolkit.core.workspace import PATCH_SET_NAME, Workspace
+from toolkit.core.names import is_file_name
+from toolkit.core.workspace import Workspace
 from toolkit.objects.records import Patch, read_patch
 
 
 def check_set_name(name: str) -> str:
     """A patch set's name is a folder's."""
-    if not PATCH_SET_NAME.fullmatch(name):
+    if not is_file_name(name):
         raise FieldError(f"{{set_name}} '{name}': expected letters, digits, '-' and '_'", {})
     return name
 

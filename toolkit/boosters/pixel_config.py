@@ -11,6 +11,7 @@ from toolkit.boosters.parts.jpeg import JpegFile
 from toolkit.boosters.parts.sensor_noise import SensorNoise
 from toolkit.core.config import Config, Expect, Flag
 from toolkit.core.errors import FieldError, one_of
+from toolkit.core.names import is_file_name
 
 if TYPE_CHECKING:
     from toolkit.training.loop import FitConfig
@@ -96,7 +97,7 @@ def name_files(name: str | None, label: str, index: int) -> str:
         FieldError: the name that was asked for cannot be a file's everywhere.
     """
     if name is not None:
-        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
+        if not is_file_name(name):
             raise FieldError(f"{{name}} '{name}': expected letters, digits, '-' and '_', without a suffix", {})
         return name
     return re.sub(r"[^A-Za-z0-9]+", "_", label).strip("_") or f"class_{index}"

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest, write_transforms
 from toolkit.core.errors import FieldError
+from toolkit.core.locks import hold_folder
 from toolkit.rig.camera import Camera
 
 SEED = 0
@@ -56,10 +57,10 @@ def corrupt_source(source_dir: Path, corruptions: Sequence[Corruption]) -> list[
     made = []
     for corruption in corruptions:
         out = source_dir.with_name(name_source(source_dir.name, corruption))
-        _check_own(out, corruption)
-        name, severity = corruption
-        done = corrupt_folder(source_dir, out, [(name, severity)], seed=SEED, size_px=CUT_PX)
-        _write_records(source_dir, out, corruption)
+        with hold_folder(out):
+            _check_own(out, corruption)
+            done = corrupt_folder(source_dir, out, [corruption], seed=SEED, size_px=CUT_PX)
+            _write_records(source_dir, out, corruption)
         made.append(CorruptedSource(out, done.made, done.kept, tuple(done.failed)))
     return made
 

@@ -79,7 +79,7 @@ def shoot_like(
     settings, photos_dir = settings or ShootSettings(), Path(photos_dir)
     source = source or f"sim-like-{photos_dir.resolve().name}"
     check_settings(workspace, settings, source)
-    if (workspace.captures_dir / source).resolve() == photos_dir.resolve():
+    if (workspace.source_dir(source)).resolve() == photos_dir.resolve():
         raise FieldError(f"would overwrite the photographs in {photos_dir}: name another", {"source": source})
     chosen = Selection(objects=tuple(objects), variants=tuple(variants))
     photos, skipped = read_measured(photos_dir, chosen, max_px)
@@ -106,7 +106,7 @@ def shoot_like(
         raise ToolkitError(
             f"none of the {len(skipped)} photographs in {photos_dir} can be shot again; {path}: {reason}"
         )
-    result = shoot_scenes(workspace, scenes, settings, workspace.captures_dir / source)
+    result = shoot_scenes(workspace, scenes, settings, workspace.source_dir(source))
     return LikeResult(result, tuple(sorted(skipped)))
 
 

@@ -1,16 +1,21 @@
 """What is known of each image of a source: `manifest.jsonl`, and `transforms.json` for the field's own viewers."""
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 from toolkit.core.files import inside, sha256_file, write_json
 from toolkit.core.records import RecordLog
 from toolkit.rig.camera import Camera
 
 MANIFEST = "manifest.jsonl"
+Number = Annotated[float, Field(ge=-1e9, le=1e9, allow_inf_nan=False)]
+Row = Annotated[list[Number], Field(min_length=4, max_length=4)]
+INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
+MOST_COEFFICIENTS = 14
+"""Of OpenCV's longest model of a lens."""
 
 
 class CaptureRecord(BaseModel):
@@ -31,13 +36,30 @@ class CaptureRecord(BaseModel):
     path: str
     object: str
     variant: str
-    pose_id: int | None = None
-    T_world_camera: list[list[float]] | None = None
-    intrinsics: dict[str, float] | None = None
+    pose_id: Annotated[int, Field(ge=0, le=99_999)] | None = None
+    T_world_camera: Annotated[list[Row], Field(min_length=4, max_length=4)] | None = None
+    intrinsics: dict[str, Number] | None = None
     booster_sha256: str | None = None
     image_sha256: str | None = None
     made: dict[str, Any] = {}
     inputs_sha256: str | None = None
+
+    @field_validator("intrinsics")
+    @classmethod
+    def _is_camera(cls, found: dict[str, float] | None) -> dict[str, float] | None:
+        if found and not (set(INTRINSICS) <= found.keys() and all(found[name] > 0 for name in INTRINSICS[:4])):
+            raise ValueError(f"expected {', '.join(INTRINSICS)} in pixels, the first four above 0")
+        return found
+
+    @field_validator("made")
+    @classmethod
+    def _is_lens(cls, made: dict[str, Any]) -> dict[str, Any]:
+        found = made.get("distortion")
+        if isinstance(found, list) and not (
+            len(found) <= MOST_COEFFICIENTS and all(isinstance(k, int | float) and abs(k) < 1e9 for k in found)
+        ):
+            raise ValueError("expected distortion as up to 14 numbers: OpenCV's k1, k2, p1, p2, k3, ...")
+        return made
 
     @property
     def camera(self) -> Camera | None:
@@ -89,7 +111,10 @@ def to_opengl(T_world_camera: np.ndarray) -> np.ndarray:
 
 
 def describe_transforms(records: list[CaptureRecord]) -> dict[str, Any]:
-    """The content of `transforms.json` for the records that know their camera; all must share its intrinsics."""
+    """The content of the `transforms.json` of a folder, for its records that know their camera.
+
+    A frame has a lens of its own where it is not the first one's.
+    """
     known = [(record, record.camera) for record in records if record.T_world_camera]
     cameras = [(record, camera) for record, camera in known if camera is not None]
     if not cameras:
@@ -98,7 +123,8 @@ def describe_transforms(records: list[CaptureRecord]) -> dict[str, Any]:
     frames = []
     for record, camera in cameras:
         frame: dict[str, Any] = {
-            "file_path": record.path, "transform_matrix": to_opengl(np.array(record.T_world_camera)).tolist(),
+            "file_path": Path(record.path).name,
+            "transform_matrix": to_opengl(np.array(record.T_world_camera)).tolist(),
             "object": record.object, "variant": record.variant,
         }  # fmt: skip
         if camera.intrinsics != first.intrinsics:
@@ -108,9 +134,24 @@ def describe_transforms(records: list[CaptureRecord]) -> dict[str, Any]:
     return {"camera_model": "OPENCV", **_describe_camera(first), **distortion, "frames": frames}
 
 
-def write_transforms(source_dir: Path, records: list[CaptureRecord]) -> Path:
-    """Write `captures/SOURCE/transforms.json`."""
-    return write_json(Path(source_dir) / "transforms.json", describe_transforms(records))
+TRANSFORMS = "transforms.json"
+
+
+def write_transforms(source_dir: Path, records: list[CaptureRecord]) -> list[Path]:
+    """Write `captures/SOURCE/OBJECT/VARIANT/transforms.json`, one for each folder of images.
+
+    All objects stand at one origin: of a file with several a radiance field would make one ghost. Such a file of an
+    earlier version, `captures/SOURCE/transforms.json`, is taken away.
+    """
+    source_dir = Path(source_dir)
+    groups: dict[Path, list[CaptureRecord]] = {}
+    for record in records:
+        groups.setdefault(Path(record.path).parent, []).append(record)
+    (source_dir / TRANSFORMS).unlink(missing_ok=True)
+    return [
+        write_json(source_dir / folder / TRANSFORMS, describe_transforms(own), source_dir)
+        for folder, own in groups.items()
+    ]
 
 
 def _describe_camera(camera: Camera) -> dict[str, float]:

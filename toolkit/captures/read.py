@@ -168,11 +168,10 @@ def _capture(file: Path, full: tuple[str, ...], record: CaptureRecord | None, re
     if record is None:
         return capture
     rows = record.T_world_camera
-    is_matrix = rows is not None and len(rows) == 4 and all(len(row) == 4 for row in rows)
     return replace(
         capture,
         pose_id=record.pose_id if record.pose_id is not None else capture.pose_id,
-        T_world_camera=tuple(tuple(row) for row in rows) if rows is not None and is_matrix else None,
+        T_world_camera=tuple(tuple(row) for row in rows) if rows is not None else None,
         booster_sha256=record.booster_sha256,
         is_rendered="renderer" in record.made,
         **_read_corruption(record.made),

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from io import BytesIO
@@ -17,6 +16,7 @@ from toolkit.captures.manifest import CaptureRecord, append_record, is_finished,
 from toolkit.core.console import Ticker, progress
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import inside, sha256_bytes, write_bytes
+from toolkit.core.locks import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.board import Board
@@ -62,13 +62,12 @@ def copy_image(stored: StoredImage, source_dir: Path, path: str) -> bool:
         return False
     if sha256_bytes(content) != stored.record.image_sha256:
         return False
-    write_bytes(Path(source_dir) / path, content)
+    write_bytes(Path(source_dir) / path, content, Path(source_dir))
     append_record(source_dir, stored.record.model_copy(update={"path": path}))
     return True
 
 
 FORMATS = ("jpg", "png")
-SOURCE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 LOOK_VERSION = 2
 """Raised when a change to the rig makes other pictures from the same inputs, so that old ones are shot again."""
 
@@ -173,8 +172,7 @@ def check_settings(workspace: Workspace, settings: ShootSettings, source: str) -
         raise one_of("renderer", settings.renderer, list(RENDERERS))
     if settings.image_format not in FORMATS:
         raise one_of("image format", settings.image_format, list(FORMATS))
-    if not SOURCE_NAME.fullmatch(source):
-        raise ToolkitError(f"source '{source}': expected the name of one folder below {workspace.captures_dir}")
+    workspace.source_dir(source)
 
 
 def check_no_photographs(source_dir: Path, known: Mapping[str, CaptureRecord]) -> None:
@@ -200,6 +198,14 @@ def shoot_scenes(
         ToolkitError: a patch is missing, a backdrop or light is unknown, the folder holds photographs, or the disk is
             full or read-only.
     """
+    with hold_folder(source_dir):
+        return _shoot_missing(workspace, scenes, settings, source_dir, stored or {})
+
+
+def _shoot_missing(
+    workspace: Workspace, scenes: Sequence[Sequence[Shot]], settings: ShootSettings, source_dir: Path,
+    stored: Mapping[str, StoredImage],
+) -> ShootResult:  # fmt: skip
     known = read_manifest(source_dir)
     check_no_photographs(source_dir, known)
     waiting = [
@@ -289,7 +295,7 @@ def _shoot_scene(
     pictures = renderer.render_many((shot.camera, shot.T_world_camera) for shot in shots)
     for shot, picture in zip(shots, pictures, strict=True):
         content = _encode(tone_map(picture, (settings.seed, shot.pose_id or 0)), settings.image_format)
-        write_bytes(source_dir / shot.path, content)
+        write_bytes(source_dir / shot.path, content, source_dir)
         append_record(
             source_dir,
             CaptureRecord(

@@ -2,32 +2,94 @@
 
 import os
 import sys
+import traceback
+from contextlib import suppress
+from pathlib import Path
 
 import typer
 
-from toolkit.cli.app import UsageError, explain_usage, make_app
+from toolkit.cli.app import DEBUG, UsageError, explain_usage, make_app
 from toolkit.core.errors import ToolkitError
+from toolkit.core.text import shorten
 
-INTERRUPTED = 130
+INTERRUPTED, BAD_INPUT, DEFECT = 130, 2, 1
 app = make_app()
 
 
 def main() -> None:
-    """Run the command line; what cannot be used becomes one line and exit code 2, Ctrl-C exit code 130."""
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # it would look into every installed package for some
-    try:
-        code = app(standalone_mode=False)
-    except (KeyboardInterrupt, typer.Abort):
-        code = INTERRUPTED
-    except (ToolkitError, UsageError) as error:
-        from toolkit.core.console import errors
+    """Run the command line; whatever goes wrong becomes a line on stderr, never a traceback that nobody asked for.
 
-        if type(error).__name__ == "NoArgsIsHelpError":  # its message is the help
-            typer.echo(error, err=True)
-        else:
-            line = error if isinstance(error, ToolkitError) else explain_usage(error, sys.argv[1:])
-            errors.print(f"error: {line}", style="red", markup=False, soft_wrap=True)
-        code = 2
+    What cannot be used ends with exit code 2, a defect of the kit with 1, Ctrl-C with 130.
+    """
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # it would look into every installed package for some
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")  # a terminal that knows no umlaut
+    typed = [word for word in sys.argv[1:] if word != DEBUG]
+    try:
+        code = app(typed, standalone_mode=False) or 0
+        sys.stdout.flush()
+    except BaseException as error:
+        code = _end(error, typed)
     if code == INTERRUPTED:
         typer.echo("stopped: what is finished is kept; the same command goes on from here", err=True)
     sys.exit(code)
+
+
+def _end(error: BaseException, typed: list[str]) -> int:
+    """Say in a line what ended a command; returns its exit code."""
+    if isinstance(error, KeyboardInterrupt | typer.Abort):
+        return INTERRUPTED
+    if isinstance(error, SystemExit):
+        return error.code if isinstance(error.code, int) else DEFECT
+    if isinstance(error, BrokenPipeError):  # the reader, such as `head`, has enough
+        _close_output()
+        return DEFECT
+    if type(error).__name__ == "NoArgsIsHelpError":  # its message is the help
+        typer.echo(error, err=True)
+        return BAD_INPUT
+    is_asked = DEBUG in sys.argv[1:] or bool(os.environ.get("TOOLKIT_DEBUG"))
+    lines, code = explain_end(error, typed)
+    with suppress(OSError):
+        if is_asked:
+            traceback.print_exception(error)
+        from toolkit.core.console import errors
+
+        for line in lines:
+            errors.print(shorten(line), style="red", markup=False, soft_wrap=True)
+    if isinstance(error, OSError):
+        _close_output()
+    return code
+
+
+def explain_end(error: BaseException, typed: list[str]) -> tuple[list[str], int]:
+    """What to say of an error that ended a command, a line each, and its exit code."""
+    match error:
+        case ToolkitError():
+            return [f"error: {error}"], BAD_INPUT
+        case UsageError():
+            return [f"error: {explain_usage(error, typed)}"], BAD_INPUT
+        case OSError(filename=str() | bytes() as name):
+            from toolkit.core.files import explain_read_error
+
+            return [f"error: {explain_read_error(Path(os.fsdecode(name)), error)}"], BAD_INPUT
+        case OSError():
+            return [f"error: {error.strerror or error}"], BAD_INPUT
+        case MemoryError():
+            return ["error: the memory is full: ask for fewer or smaller pictures, or a smaller batch"], BAD_INPUT
+        case UnicodeEncodeError():
+            found = error.object[error.start : error.end]
+            return [f"error: {found!a} stands for no letter and cannot be written: rename what holds it"], BAD_INPUT
+    last = traceback.extract_tb(error.__traceback__)[-1:]
+    where = f" in {Path(last[0].filename).name}, line {last[0].lineno}" if last else ""
+    said = " ".join(str(error).split())
+    return [
+        f"error: {type(error).__name__}{where}: {shorten(said, 300)}",
+        f"this is a defect of toolkit: please report it, with what the same command prints under {DEBUG}",
+    ], DEFECT
+
+
+def _close_output() -> None:
+    """Leave nothing for Python to write at its end, which would fail again."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

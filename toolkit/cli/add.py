@@ -1,12 +1,12 @@
 """`toolkit add`."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast, get_args
 
 import typer
 
 from toolkit.cli import options
+from toolkit.cli.output import show_json
 
 if TYPE_CHECKING:
     from toolkit.core.workspace import Workspace
@@ -71,7 +71,7 @@ def add(
             "preview": str(preview), "page": str(page) if page else None, "scale": made.ask_scale(),
             "size_mm": size, "length_is_guessed": made.length_is_guessed,
         }  # fmt: skip
-        typer.echo(json.dumps(result, indent=2, ensure_ascii=False))
+        show_json(result)
         return
 
     def say(line: str) -> None:

@@ -11,8 +11,11 @@ import typer
 from typer.core import TyperCommand, TyperGroup
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of, show_value
+from toolkit.core.text import shorten
 
 SHARED = "Every command"
+DEBUG = "--debug"
+"""Taken out of what is typed before anything reads it, so that it may stand anywhere."""
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]
 """Of what was typed; Click's own, or of the copy of Click that newer typers carry."""
 
@@ -215,6 +218,9 @@ def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
     if hasattr(error, "param_type"):
         return ToolkitError(f"{name} is missing: see '{help_call}'")
     at = next((typed.index(flag) + 1 for flag in parameter.opts if flag in typed), len(typed))
+    given = typed[at : at + parameter.nargs]
+    if any(word.lower().lstrip("+-") == "nan" for word in given):
+        return ToolkitError(f"{' '.join([name, *given])}: expected a number")
     expected = error.message.rstrip(".").partition(", unable")[0].replace("Input should be", "expected")
     for long, short in (
         ("greater than or equal to", "at least"),
@@ -223,7 +229,7 @@ def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
         ("a valid number", "a number"),
     ):
         expected = expected.replace(long, short)
-    return ToolkitError(f"{' '.join([name, *typed[at : at + parameter.nargs]])}: {expected}")
+    return ToolkitError(f"{' '.join([name, *(shorten(word, 80) for word in given)])}: {expected}")
 
 
 class RoadGroup(TyperGroup):
@@ -286,6 +292,7 @@ def make_app() -> typer.Typer:
         version: bool = typer.Option(
             False, "--version", help="Print the version.", callback=show_version, is_eager=True
         ),
+        debug: bool = typer.Option(False, DEBUG, help="Show where an error comes from; so does TOOLKIT_DEBUG=1."),
     ) -> None:
         pass
 

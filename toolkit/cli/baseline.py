@@ -1,6 +1,5 @@
 """`toolkit baseline`."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,6 +8,7 @@ import typer
 from toolkit.boosters.baselines.make import BaselineConfig
 from toolkit.cli import options
 from toolkit.cli.options import from_config
+from toolkit.cli.output import show_json
 
 if TYPE_CHECKING:
     from toolkit.boosters.baselines.make import MadeBaseline
@@ -58,7 +58,7 @@ def _report(made: "MadeBaseline", kind: str, data: str | None, as_json: bool) ->
     if as_json:
         sets = [asdict(one) | {"folder": str(one.folder)} for one in made.sets]
         skipped = [{"path": path, "reason": reason} for path, reason in made.skipped]
-        typer.echo(json.dumps({"sets": sets, "skipped": skipped}, indent=2, ensure_ascii=False))
+        show_json({"sets": sets, "skipped": skipped})
         return
 
     def tell(line: str) -> None:

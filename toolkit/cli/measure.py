@@ -1,6 +1,5 @@
 """`toolkit calibrate` and `toolkit print-profile`: a camera's lens and a printer's colours, from photographs."""
 
-import re
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,6 +9,7 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.output import say, show_json, show_table, warn
 from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.names import is_file_name
 
 if TYPE_CHECKING:
     from toolkit.photos.calibrate import CalibrationRun, LensResult
@@ -128,7 +128,7 @@ def print_profile(
     from toolkit.printing.print_patches import select_patches
     from toolkit.printing.wearers import choose_wearer
 
-    if name is not None and not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
+    if name is not None and not is_file_name(name):
         raise FieldError("expected letters, digits, '-' and '_', without a suffix", {"name": name})
     space = open_workspace(workspace).with_patches(patches)
     chosen = select_patches(space, [class_name])

@@ -1,10 +1,11 @@
 """What a command prints: lines and tables on stdout, notes and failures on stderr, or JSON on stdout."""
 
-import json
 from collections.abc import Sequence
 from typing import Any
 
 import typer
+
+from toolkit.core.text import escape, to_json
 
 
 def say(line: str) -> None:
@@ -28,7 +29,7 @@ def remark(line: str) -> None:
 
 def show_json(content: Any) -> None:
     """The result for a script."""
-    typer.echo(json.dumps(content, indent=2, ensure_ascii=False))
+    typer.echo(to_json(content))
 
 
 def show_table(titles: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
@@ -40,7 +41,7 @@ def show_table(titles: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
 
     table = Table(*titles)
     for row in rows:
-        table.add_row(*(Text(str(cell)) for cell in row))
+        table.add_row(*(Text(escape(str(cell))) for cell in row))
     console.print(table)
 
 

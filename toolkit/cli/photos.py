@@ -130,7 +130,7 @@ def check(
     if as_json:
         show_json(report.to_json())
     else:
-        _report_check(report, space.captures_dir / source)
+        _report_check(report, space.source_dir(source))
         say(f"next: toolkit eval {space.captures_dir}")
     if report.unreadable:
         raise typer.Exit(1)

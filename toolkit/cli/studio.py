@@ -39,14 +39,11 @@ def studio(
     Each photograph that is kept lies in captures/real at once; stop with Ctrl-C and start again at any time.
     """
     from toolkit.core.workspace import open_workspace
-    from toolkit.photos.importing.settings import FOLDER_NAME
     from toolkit.studio.serve import listen, require_extra
 
     require_extra()
     if address is not None and not lan:
         raise FieldError("this machine's address in the local network: say {lan} with it", {"address": address})
-    if not FOLDER_NAME.fullmatch(source):
-        raise FieldError("expected the name of one folder below captures/", {"source": source})
     from toolkit.studio.app import make_app
     from toolkit.studio.predictor import Predictor
     from toolkit.studio.serve import end_on_signal, make_server
@@ -76,14 +73,14 @@ def studio(
 
 def show_door(door: "Listener", code: bool) -> None:
     """Say where the page is; with `code`, also as a QR code."""
-    from toolkit.core.console import console
     from toolkit.studio.serve import show_code
 
     if code:
-        show_code(door.url, lambda text: console.print(text, markup=False, soft_wrap=True, end=""))
+        show_code(door.url, say)
     lan = door.access.token is not None
     hint = "phone and computer must be in one network" if lan else "for a phone: toolkit studio --lan"
-    say(f"{door.url}\nCtrl-C ends it; {hint}")
+    say(door.url)
+    say(f"Ctrl-C ends it; {hint}")
 
 
 def warm_up(session: "Session") -> None:

@@ -1,6 +1,5 @@
 """`toolkit train-classifier`."""
 
-import json
 import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -9,6 +8,7 @@ import typer
 
 from toolkit.cli import options
 from toolkit.cli.options import from_config
+from toolkit.cli.output import show_json
 from toolkit.training.classifier_config import ClassifierConfig
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ def _report(trained: "TrainedClassifier", out: Path | None, as_json: bool) -> No
             "skipped": [{"path": path, "reason": reason} for path, reason in trained.skipped],
             "record": record.model_dump(mode="json"),
         }
-        typer.echo(json.dumps(result, indent=2, ensure_ascii=False))
+        show_json(result)
         return
 
     def tell(line: str) -> None:

@@ -1,6 +1,5 @@
 """`toolkit train-patch`."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,6 +11,7 @@ from toolkit.boosters.patch_config import RECIPES, limit_renders, make_config, s
 from toolkit.boosters.pixel_config import MEETS
 from toolkit.cli import options
 from toolkit.cli.options import Overrides, from_config
+from toolkit.cli.output import show_json
 from toolkit.core.config import Flag
 from toolkit.core.errors import FieldError
 
@@ -125,7 +125,7 @@ def _report(trained: "TrainedPatch", object_name: str | None, as_json: bool) -> 
             "skipped": [{"path": path, "reason": reason} for path, reason in trained.skipped],
             "record": record.model_dump(),
         }
-        typer.echo(json.dumps(result, indent=2, ensure_ascii=False))
+        show_json(result)
         return
 
     def tell(line: str) -> None:

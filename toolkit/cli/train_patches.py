@@ -1,6 +1,5 @@
 """`toolkit train-patches`."""
 
-import json
 from typing import Annotated
 
 import typer
@@ -9,6 +8,7 @@ from toolkit.boosters.class_patches import ClassPatchesConfig, make_flat_config
 from toolkit.boosters.place_patches import Placement
 from toolkit.cli import options
 from toolkit.cli.options import from_config
+from toolkit.cli.output import show_json
 
 
 @from_config(config=ClassPatchesConfig, placement=Placement)
@@ -81,7 +81,7 @@ def train_patches(
     if as_json:
         lost = [{"path": path, "reason": reason} for path, reason in skipped]
         result = {"sets": sets, "patches": [asdict(one) for one in patches], "skipped": lost}
-        typer.echo(json.dumps(result, indent=2, ensure_ascii=False))
+        show_json(result)
     else:
         folders = ", ".join(str(place.root / "print" / "patches" / name) for name in sets)
         console.print(f"{len(chosen)} classes, {len(patches)} patches in {folders}", markup=False, soft_wrap=True)

@@ -1,6 +1,5 @@
 """`toolkit train-texture`."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,6 +8,7 @@ import typer
 from toolkit.boosters.texture_config import RECIPES, make_config
 from toolkit.cli import options
 from toolkit.cli.options import Overrides, from_config
+from toolkit.cli.output import show_json
 
 if TYPE_CHECKING:
     from toolkit.boosters.texture import TrainedTexture
@@ -71,7 +71,7 @@ def _report(trained: "TrainedTexture", as_json: bool) -> None:
             "skipped": [{"path": path, "reason": reason} for path, reason in trained.skipped],
             "record": record.model_dump(),
         }  # fmt: skip
-        typer.echo(json.dumps(result, indent=2, ensure_ascii=False))
+        show_json(result)
         return
 
     def tell(line: str) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from time import monotonic
+from typing import Any
 
 from rich.console import Console
 from rich.progress import (
@@ -17,8 +18,19 @@ from rich.progress import (
 )
 from rich.text import Text
 
-console = Console(highlight=False)
-errors = Console(stderr=True, highlight=False)
+from toolkit.core.text import escape
+
+
+class LineConsole(Console):
+    """A console that shows each string it is given as one line, whatever names from elsewhere stand in it."""
+
+    def print(self, *objects: Any, **options: Any) -> None:
+        """As rich does; a string loses its power over the terminal."""
+        super().print(*(escape(one) if isinstance(one, str) else one for one in objects), **options)
+
+
+console = LineConsole(highlight=False)
+errors = LineConsole(stderr=True, highlight=False)
 
 
 _is_quiet = False
@@ -82,7 +94,7 @@ class Ticker:
         if self._progress is not None:
             self._progress.update(self._task, advance=amount)
             if note is not None:
-                self._progress.update(self._task, note=note)
+                self._progress.update(self._task, note=escape(note))
         elif self._title and monotonic() - self._told >= LINE_EVERY_S:
             self._told = monotonic()
             rate = (self._done - self._before) / (self._told - self._start)
@@ -100,16 +112,16 @@ def progress(title: str, total: int, quiet: bool = False, done: int = 0) -> Iter
         yield Ticker(None, TaskID(0))
         return
     if not errors.is_terminal:
-        errors.print(f"{title}: {total - done} to do" + (f", {done} done before" if done else ""))
+        errors.print(f"{title}: {total - done} to do" + (f", {done} done before" if done else ""), markup=False)
         yield Ticker(None, TaskID(0), title, total, done)
         return
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         RateColumn(),
         TimeRemainingColumn(),
-        TextColumn("{task.fields[note]}"),
+        TextColumn("{task.fields[note]}", markup=False),
     )
     with Progress(*columns, console=errors) as bar:
-        yield Ticker(bar, bar.add_task(title, total=total, completed=done, note=""))
+        yield Ticker(bar, bar.add_task(escape(title), total=total, completed=done, note=""))

@@ -3,6 +3,9 @@
 import re
 from collections.abc import Callable, Mapping
 
+from toolkit.core.text import shorten
+
+LONGEST_SHOWN = 120
 FIELD_PATH = re.compile(r"\{([a-z_][a-z0-9_.]*)\}")
 
 
@@ -17,6 +20,7 @@ def one_of(kind: str, found: str, expected: list[str]) -> ToolkitError:
     """The error for a name that is not in a list: says what was found and names the nearest known ones."""
     from difflib import get_close_matches
 
+    found = shorten(found, LONGEST_SHOWN)
     near = get_close_matches(found, expected, n=3)
     hint = f"did you mean {' or '.join(near)}?" if near else f"known: {', '.join(expected)}"
     return ToolkitError(f"no {kind} called '{found}': {hint}")
@@ -60,4 +64,4 @@ def show_value(value: object) -> str:
         return f"{value:g}"
     if isinstance(value, tuple | list):
         return " ".join(show_value(item) for item in value)
-    return str(value)
+    return shorten(str(value), LONGEST_SHOWN)

@@ -1,13 +1,17 @@
-"""Files that are whole or absent: written under a temporary name, then renamed."""
+"""Files: read within bounds, and written whole or not at all, never outside the folder that was meant."""
 
 import contextlib
 import errno
 import hashlib
 import json
 import os
+import re
+import secrets
+import stat
 import sys
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, BinaryIO, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -20,50 +24,188 @@ else:
 
 Model = TypeVar("Model", bound=BaseModel)
 
+MOST_JSON_BYTES = 64 << 20
+"""A plan of 10 000 poses of each of ten objects takes 40 MB."""
+MOST_TOML_BYTES = 1 << 20
+MOST_NAME_BYTES = 255
+MOST_LEVELS = 50
+"""Of what lies within one another; ours have seven."""
+BETWEEN_KEYS, KEY_DOT = re.compile(r"[=\[\]{},#\n]"), re.compile(r"[\w\"'-][ \t]*\.")
+NO_WAITING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+NO_FOLLOWING = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+
 WRITE_TROUBLE = {
     errno.ENOSPC: "the disk is full: free some space and run the same command again, it goes on where it stopped",
     errno.EDQUOT: "the disk quota is used up: free some space and run the same command again",
     errno.EROFS: "the file system is read-only: choose a folder that you can write to",
     errno.EACCES: "permission denied: choose a folder that you can write to",
+    errno.EISDIR: "a folder of that name is there: choose another name",
+    errno.ENAMETOOLONG: "the name is too long for the file system: choose one under 200 bytes",
+    errno.ELOOP: "it is a link, which is not followed: write to the file that it leads to, or delete the link",
+}
+READ_TROUBLE = {
+    errno.ENOENT: "no such file",
+    errno.ENOTDIR: "no such file: a part of its path is a file, not a folder",
+    errno.EISDIR: "it is a folder, expected a file",
+    errno.EACCES: "permission denied",
+    errno.ELOOP: "its links lead in a circle",
+    errno.ENAMETOOLONG: "no such file: the name is longer than any file's",
 }
 
 
 def explain_write_error(path: Path, error: OSError) -> ToolkitError:
     """One line for an `OSError` met while writing `path`."""
+    if error.errno in (errno.ENOTDIR, errno.EEXIST):
+        file = next((one for one in (Path(path), *Path(path).parents) if one.is_file()), None)
+        if file is not None:
+            return ToolkitError(f"cannot write {path}: {file} is a file, expected a folder: choose another place")
     why = WRITE_TROUBLE.get(error.errno or 0, str(error.strerror or error))
     return ToolkitError(f"cannot write {path}: {why}")
 
 
-def write_bytes(path: Path, content: bytes) -> Path:
-    """Write `content` to `path` so that an interruption leaves the old file or the new one, never half of one.
+def explain_read_error(path: Path, error: OSError | ValueError) -> ToolkitError:
+    """One line for what was met while reading `path`; a `ValueError` comes of a path that none can be."""
+    code = getattr(error, "errno", None)
+    return ToolkitError(f"cannot read {path}: {READ_TROUBLE.get(code or 0, getattr(error, 'strerror', None) or error)}")
+
+
+def open_plain(path: Path) -> BinaryIO:
+    """Open a file to read; a pipe or a device, which may wait or go on for ever, is refused before it is read.
 
     Raises:
-        ToolkitError: the disk is full or read-only, or the folder may not be written.
+        OSError: it is not there, not a plain file, or may not be read.
+    """
+    number = os.open(path, os.O_RDONLY | NO_WAITING)
+    kind = os.fstat(number).st_mode
+    if stat.S_ISREG(kind):
+        return os.fdopen(number, "rb")
+    os.close(number)
+    if stat.S_ISDIR(kind):
+        raise IsADirectoryError(errno.EISDIR, "it is a folder, expected a file", str(path))
+    raise OSError(errno.EINVAL, "it is a pipe or a device, expected a plain file", str(path))
+
+
+def read_bytes(path: Path, most_bytes: int) -> bytes:
+    """The content of a plain file.
+
+    Raises:
+        ToolkitError: it is not there, not plain, may not be read, or is larger than `most_bytes`.
+    """
+    try:
+        with open_plain(path) as file:
+            content = file.read(most_bytes + 1)
+    except (OSError, ValueError) as error:
+        raise explain_read_error(path, error) from None
+    if len(content) > most_bytes:
+        raise ToolkitError(f"cannot read {path}: it is larger than {most_bytes >> 20} MB, which no such file is")
+    return content
+
+
+@contextlib.contextmanager
+def open_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
+    """A file to write that takes the place of `path` when the block has ended, and is gone when it fails.
+
+    Every file of the kit is written here. A link at `path` is replaced, not followed, and the temporary name can not
+    be foreseen.
+
+    Args:
+        path: where to.
+        root: folder that the file must lie in, for a path with parts that came from a file; links count for what they
+            lead to.
+
+    Raises:
+        ToolkitError: the path leaves `root`, the disk is full or read-only, or the folder may not be written.
     """
     path = Path(path)
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with partial.open("wb") as file:
-            file.write(content)
+        make_folder(path.parent, root)
+        number = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_FOLLOWING, 0o666)
+        with os.fdopen(number, "wb") as file:
+            yield file
             file.flush()
             os.fsync(file.fileno())
         partial.replace(path)
-    except OSError as error:
-        with contextlib.suppress(OSError):
+    except BaseException as error:
+        with contextlib.suppress(OSError, ValueError):
             partial.unlink(missing_ok=True)
-        raise explain_write_error(path, error) from error
-    return path
+        if isinstance(error, OSError):
+            raise explain_write_error(path, error) from error
+        raise
 
 
-def write_text(path: Path, content: str) -> Path:
+def make_folder(folder: Path, root: Path | None = None) -> Path:
+    """Make a folder with those above it; raises as `open_whole`."""
+    if root is not None:
+        _check_within(folder, root)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise explain_write_error(folder, error) from error
+    return folder
+
+
+def _check_within(folder: Path, root: Path) -> None:
+    """A `ToolkitError` where `folder` is not in `root`, whatever links and dots say."""
+    home = Path(root).resolve()
+    try:
+        place = Path(folder).resolve()
+    except (ValueError, OSError, RuntimeError) as error:  # a null byte; a loop of links
+        raise ToolkitError(f"cannot write to {str(folder)!r}: {error}") from None
+    if not place.is_relative_to(home):
+        raise ToolkitError(f"'{folder}' leads out of its folder {home}, to {place}: nothing is written there")
+
+
+def write_bytes(path: Path, content: bytes, root: Path | None = None) -> Path:
+    """Write `content` to `path` so that an interruption leaves the old file or the new one, never half of one.
+
+    Raises:
+        ToolkitError: as `open_whole`.
+    """
+    with open_whole(path, root) as file:
+        file.write(content)
+    return Path(path)
+
+
+def write_text(path: Path, content: str, root: Path | None = None) -> Path:
     """`write_bytes` for UTF-8 text."""
-    return write_bytes(path, content.encode())
+    return write_bytes(path, content.encode(), root)
 
 
-def write_json(path: Path, content: Any) -> Path:
+def write_json(path: Path, content: Any, root: Path | None = None) -> Path:
     """`write_bytes` for JSON, indented so that a person can read and edit it."""
-    return write_text(path, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    return write_text(path, json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n", root)
+
+
+def move_file(file: Path, path: Path, root: Path) -> Path:
+    """Rename a file of the same disk to `path`; raises as `open_whole`."""
+    make_folder(path.parent, root)
+    try:
+        return file.replace(path)
+    except OSError as error:
+        raise explain_write_error(path, error) from error
+
+
+def link_file(original: Path, path: Path, root: Path) -> bool:
+    """Put a hard link to a file at `path`; False where it is on another disk, or on one without links.
+
+    Raises:
+        ToolkitError: as `open_whole`.
+    """
+    make_folder(path.parent, root)
+    partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
+    try:
+        partial.hardlink_to(original.resolve())
+    except OSError:
+        return False
+    try:
+        partial.replace(path)
+    except OSError as error:
+        raise explain_write_error(path, error) from error
+    finally:
+        with contextlib.suppress(OSError):  # renaming one link over another of the same file leaves both
+            partial.unlink(missing_ok=True)
+    return True
 
 
 def sha256_bytes(content: bytes) -> str:
@@ -72,24 +214,50 @@ def sha256_bytes(content: bytes) -> str:
 
 
 def sha256_file(path: Path) -> str:
-    """SHA-256 of a file, 64 hex digits, read in blocks."""
+    """SHA-256 of a plain file, 64 hex digits, read in blocks; raises as `open_plain`."""
     digest = hashlib.sha256()
-    with Path(path).open("rb") as file:
+    with open_plain(path) as file:
         for block in iter(lambda: file.read(1 << 20), b""):
             digest.update(block)
     return digest.hexdigest()
 
 
-def _validate(path: Path, content: Any, model: type[Model]) -> Model:
+def load_json(path: Path) -> Any:
+    """The content of a JSON file.
+
+    Raises:
+        ToolkitError: it cannot be read, is not JSON, or is larger or deeper than any that is meant.
+    """
+    content, constants = _load_json(path)
+    if constants:
+        raise ToolkitError(f"{path}: not JSON: {constants[0]} is no number there")
+    return content
+
+
+def _load_json(path: Path) -> tuple[Any, list[str]]:
+    """The content, and NaN and infinities by name, which JSON has not: a field that forbids them says it better."""
+    text = _read_text(path, MOST_JSON_BYTES)
+    constants: list[str] = []
+
+    def note(name: str) -> float:
+        constants.append(name)
+        return float(name)
+
     try:
-        return model.model_validate(content)
-    except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(str(part) for part in first["loc"]) or "(whole file)"
-        found = "" if first["type"] == "missing" else f", found {json.dumps(first['input'], default=str)[:80]}"
-        raise ToolkitError(
-            f"{path}: field '{field}': {first['msg']}{found}: correct the file, or delete it to get the default back"
-        ) from None
+        content = json.loads(text, parse_constant=note)
+        if _is_deep(content):
+            raise RecursionError
+        if "\\u" in text:
+            json.dumps(content, ensure_ascii=False).encode()  # half a pair of surrogates can never be written again
+    except json.JSONDecodeError as error:
+        raise ToolkitError(f"{path}: not JSON at line {error.lineno}: {error.msg}") from None
+    except RecursionError:
+        raise ToolkitError(f"{path}: not read: more than {MOST_LEVELS} levels within one another") from None
+    except UnicodeEncodeError:
+        raise ToolkitError(f"{path}: not JSON: half a pair of surrogates stands for no letter") from None
+    except ValueError as error:
+        raise ToolkitError(f"{path}: not JSON: {_say_digits(error)}") from None
+    return content, constants
 
 
 def read_json(path: Path, model: type[Model]) -> Model:
@@ -98,22 +266,76 @@ def read_json(path: Path, model: type[Model]) -> Model:
     Raises:
         ToolkitError: the file is missing, is not JSON, or a field is wrong; the message names file and field.
     """
-    try:
-        return _validate(path, json.loads(Path(path).read_text(encoding="utf-8")), model)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ToolkitError(f"cannot read {path}: {error}") from None
-    except json.JSONDecodeError as error:
-        raise ToolkitError(f"{path}: not JSON at line {error.lineno}: {error.msg}") from None
+    content, constants = _load_json(path)
+    made = _validate(path, content, model)
+    if constants:
+        raise ToolkitError(f"{path}: not JSON: {constants[0]} is no number there")
+    return made
 
 
 def read_toml(path: Path, model: type[Model]) -> Model:
     """Read and validate a TOML file; raises as `read_json` does."""
+    text = _read_text(path, MOST_TOML_BYTES)
     try:
-        return _validate(path, tomllib.loads(Path(path).read_text(encoding="utf-8")), model)
-    except (OSError, UnicodeDecodeError) as error:
-        raise ToolkitError(f"cannot read {path}: {error}") from None
+        # its reader takes memory with the square of a dotted key's length
+        if any(len(KEY_DOT.findall(part)) >= MOST_LEVELS for part in BETWEEN_KEYS.split(text)):
+            raise RecursionError
+        content = tomllib.loads(text)
+        if _is_deep(content):
+            raise RecursionError
     except tomllib.TOMLDecodeError as error:
         raise ToolkitError(f"{path}: not TOML: {error}") from None
+    except RecursionError:
+        raise ToolkitError(f"{path}: not read: more than {MOST_LEVELS} levels within one another") from None
+    except ValueError as error:
+        raise ToolkitError(f"{path}: not TOML: {_say_digits(error)}") from None
+    return _validate(path, content, model)
+
+
+def _read_text(path: Path, most_bytes: int) -> str:
+    try:
+        return read_bytes(path, most_bytes).decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ToolkitError(f"cannot read {path}: no UTF-8 text at byte {error.start}: save it as UTF-8") from None
+
+
+def _say_digits(error: ValueError) -> str:
+    return "a number of thousands of digits" if "digits" in str(error) else str(error)
+
+
+def _is_deep(content: Any) -> bool:
+    level = [content]
+    for _ in range(MOST_LEVELS):
+        level = [
+            child
+            for node in level
+            if isinstance(node, dict | list)
+            for child in (node.values() if isinstance(node, dict) else node)
+        ]
+        if not level:
+            return False
+    return True
+
+
+def _validate(path: Path, content: Any, model: type[Model]) -> Model:
+    try:
+        return model.model_validate(content)
+    except ValidationError as error:
+        raise ToolkitError(
+            f"{path}: {explain_validation(error)}: correct the file, or delete it to get the default back"
+        ) from None
+
+
+def explain_validation(error: ValidationError) -> str:
+    """The first thing that is wrong, its field in front: `field 'camera.width': Input should be …, found 3`."""
+    first = error.errors()[0]
+    field = ".".join(str(part)[:40] for part in first["loc"])
+    is_model = first["type"] in ("model_type", "model_attributes_type", "dataclass_type")
+    words = "expected named fields" if is_model else first["msg"].removeprefix("Value error, ")
+    if first["type"] != "missing" and (field or first["type"] != "value_error"):
+        found = json.dumps(first["input"], default=str)
+        words += f", found {found if len(found) <= 80 else f'{found[:77]}...'}"
+    return f"field '{field}': {words}" if field else words
 
 
 def inside(root: Path, relative: str) -> Path:
@@ -125,8 +347,13 @@ def inside(root: Path, relative: str) -> Path:
     root = Path(root).resolve()
     try:
         path = (root / relative).resolve()
+        is_usable = all(len(os.fsencode(part)) <= MOST_NAME_BYTES for part in path.parts)
     except (ValueError, OSError, RuntimeError) as error:  # a null byte; a loop of links
         raise ToolkitError(f"path {relative!r} in {root} cannot be used: {error}") from None
+    if not is_usable:
+        raise ToolkitError(
+            f"path '{relative[:60]}...' in {root} cannot be used: a name of over {MOST_NAME_BYTES} bytes"
+        )
     if not path.is_relative_to(root):
         raise ToolkitError(f"path '{relative}' leaves its folder {root}: expected a path inside it")
     return path

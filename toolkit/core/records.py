@@ -9,9 +9,18 @@ from typing import BinaryIO, Generic, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import explain_write_error
+from toolkit.core.files import (
+    NO_FOLLOWING,
+    explain_read_error,
+    explain_validation,
+    explain_write_error,
+    make_folder,
+    open_plain,
+)
 
 Record = TypeVar("Record", bound=BaseModel)
+MOST_LINE_BYTES = 16 << 20
+"""Of one record; ours take a few thousand. A file without line ends is not read into memory whole."""
 
 
 class RecordLog(Generic[Record]):
@@ -36,20 +45,26 @@ class RecordLog(Generic[Record]):
             is_wanted: looks at a line's text before it is parsed; None wants every line.
 
         Raises:
-            ToolkitError: a record is `required` and its line is broken; the message names the line and the field.
+            ToolkitError: the file cannot be read, or a record is `required` and its line is broken; the message names
+                the line and the field.
         """
-        if not self.file.is_file():
+        try:
+            stream = open_plain(self.file)
+        except (FileNotFoundError, NotADirectoryError):
             return
-        with self.file.open("rb") as stream:
-            for number, line in enumerate(stream, 1):  # ended by b"\n" alone: names may hold what Unicode calls an end
+        except (OSError, ValueError) as error:
+            raise explain_read_error(self.file, error) from None
+        with stream:
+            # ended by b"\n" alone: names may hold what Unicode calls an end
+            for number, line in enumerate(iter(lambda: stream.readline(MOST_LINE_BYTES), b""), 1):
                 text = line.decode("utf-8", errors="replace")
                 if not text.strip() or (is_wanted is not None and not is_wanted(text)):
                     continue
                 try:
                     record = self.model.model_validate_json(text)
                 except ValidationError as error:
-                    if self.required and line.endswith(b"\n"):
-                        why = _explain(error)
+                    if self.required and (line.endswith(b"\n") or len(line) == MOST_LINE_BYTES):
+                        why = explain_validation(error)
                         raise ToolkitError(f"{self.file}: line {number} is broken ({why}): delete that line") from None
                     continue
                 yield record
@@ -59,15 +74,16 @@ class RecordLog(Generic[Record]):
         return {key(record): record for record in self.read()}
 
     def append(self, *records: Record) -> None:
-        """Append records in one write and flush them to disk.
+        """Append records in one write and flush them to disk; a link in the log's place is not followed.
 
         Raises:
             ToolkitError: the disk is full or read-only, or the folder may not be written.
         """
         content = "".join(f"{self._write_line(record)}\n" for record in records).encode()
         try:
-            self.file.parent.mkdir(parents=True, exist_ok=True)
-            with self.file.open("a+b") as stream:
+            make_folder(self.file.parent)
+            number = os.open(self.file, os.O_RDWR | os.O_CREAT | os.O_APPEND | NO_FOLLOWING, 0o666)
+            with os.fdopen(number, "a+b") as stream:
                 _end_last_line(stream)
                 stream.write(content)
                 stream.flush()
@@ -94,9 +110,3 @@ def _end_last_line(stream: BinaryIO) -> None:
         stream.write(b"\n")
     except ValueError:
         stream.truncate(size - len(last))
-
-
-def _explain(error: ValidationError) -> str:
-    first = error.errors()[0]
-    field = ".".join(str(part) for part in first["loc"])
-    return f"field '{field}': {first['msg']}" if field else first["msg"]

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
 from toolkit.core.statistics import Interval, RankCorrelation, wilson_interval
+from toolkit.core.text import escape
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -90,7 +91,7 @@ def build_table(
     from rich.text import Text
 
     table = Table(title=Text(title), title_justify="left", box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    cells = [list(row) for row in rows]
+    cells = [[escape(cell) for cell in row] for row in rows]
     for i, name in enumerate(texts):
         longest = max(len(name), *(len(row[i]) for row in cells), 0)
         table.add_column(name, overflow="fold", min_width=min(longest, TEXT_WIDTH if i else FIRST_WIDTH))

@@ -1,18 +1,17 @@
 """The folder that a user works in, and the package's own data behind it."""
 
-import re
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import explain_write_error, read_toml, write_text
+from toolkit.core.names import is_file_name, is_folder_name
 
 MARKER = "toolkit.toml"
 PACKAGE_DATA = Path(__file__).parents[1] / "data"
-PATCH_SET_NAME = TEXTURE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
 
 @dataclass(frozen=True)
@@ -63,6 +62,12 @@ class Workspace:
         """Images, by source."""
         return self.root / "captures"
 
+    def source_dir(self, source: str) -> Path:
+        """`captures/SOURCE`; a `FieldError` where no folder may be called that."""
+        if not is_folder_name(source):
+            raise FieldError(f"{{source}} '{source}': expected the name of one folder below captures/", {})
+        return self.captures_dir / source
+
     @property
     def eval_dir(self) -> Path:
         """Results, by run."""
@@ -79,7 +84,7 @@ class Workspace:
     def textures(self) -> dict[str, Path]:
         """PNG of every known texture by name; a file of the workspace wins over the package's."""
         found = _named_files("textures", "*.png", self.textures_dir)
-        return {name: file for name, file in found.items() if TEXTURE_NAME.fullmatch(name)}  # others mask their paint
+        return {name: file for name, file in found.items() if is_file_name(name)}  # others mask their paint
 
     def with_patches(self, patch_set: str | None) -> "Workspace":
         """The same workspace with the patches in a sub-folder of `print/patches`; None for those in the folder itself.
@@ -104,7 +109,7 @@ class Workspace:
         """Names of the sub-folders of `print/patches` that hold patches, the package's own among them."""
         places = (PACKAGE_DATA / "patches", self.root / "print" / "patches")
         found = {file.parent.name for place in places for file in place.glob("*/*.png")}
-        return sorted(name for name in found if PATCH_SET_NAME.fullmatch(name) and name != "previews")
+        return sorted(name for name in found if is_file_name(name) and name != "previews")
 
     def object_spec(self, name: str) -> Path:
         """The spec of one object; an unknown name is a `ToolkitError`."""

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, read_json, sha256_file, write_bytes, write_json
+from toolkit.core.locks import hold_folder
 from toolkit.core.records import RecordLog
 from toolkit.corruptions.catalogue import IMAGENET
 from toolkit.corruptions.corrupt import MIN_SIDE_PX, choose_parameters, corrupt, find_corruption, run_each
@@ -164,6 +165,7 @@ def encode_picture(pixels: np.ndarray, image_format: str) -> bytes:
 
 
 CHUNK_FILES = 8
+CHANGED = "was changed since it was made, and so left as it is: delete it to have it made again"
 
 
 @dataclass
@@ -232,11 +234,11 @@ def corrupt_folder(
     settings = FolderSettings(
         corruption=alone[0], severity=alone[1], seed=seed, size_px=size_px, image_format=image_format
     )
-    claim_folder(out, settings)
     result = CorruptResult(failed=refused)
     places = {item: "" if single else f"{item[0]}/{item[1]}/" for item in plan}
-    known = read_finished(out)
-    with progress("corrupting", len(sources) * len(plan)) as ticker:
+    with hold_folder(out), progress("corrupting", len(sources) * len(plan)) as ticker:
+        claim_folder(out, settings)
+        known = read_finished(out)
         for start in range(0, len(sources), CHUNK_FILES):
             chunk = sources[start : start + CHUNK_FILES]
             loaded = _load(chunk, out, places, known, size_px, result=result)
@@ -291,7 +293,7 @@ def _load(
                 if state == "finished":
                     kept[index] += 1
                 elif state == "changed":
-                    trouble[index].append((target, "was changed since it was made, and so left as it is"))
+                    trouble[index].append((target, CHANGED))
                 else:
                     wanted[item] = target
             if wanted:
@@ -312,9 +314,9 @@ def _load(
 def _look(file: Path, line: CorruptedFile | None, source_sha256: str) -> str:
     if line is None or not file.is_file():
         return "missing"
-    if line.source_sha256 == source_sha256:
-        return "finished"
-    return "missing" if sha256_file(file) == line.sha256 else "changed"
+    if sha256_file(file) != line.sha256:
+        return "changed"
+    return "finished" if line.source_sha256 == source_sha256 else "missing"
 
 
 def _write(
@@ -329,7 +331,7 @@ def _write(
             # the same bytes: a run before was stopped after the file and before its line
             result.failed.append((target, "exists and was not made by this command: left as it is"))
             continue
-        write_bytes(file, content)
+        write_bytes(file, content, out)
         lines.append(line)
     open_log(out).append(*lines)
     known.update({line.path: line for line in lines})

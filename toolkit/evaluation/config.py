@@ -1,6 +1,5 @@
 """What is evaluated, and how: declared once, for the command line and for Python."""
 
-import re
 from typing import Annotated
 
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -8,8 +7,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from toolkit.captures.read import Selection
 from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError
-
-RUN_NAME = re.compile(r"^[A-Za-z0-9][A-Za-z0-9._-]*$")
+from toolkit.core.names import is_folder_name
 
 
 def check_run_name(name: str) -> str:
@@ -18,7 +16,7 @@ def check_run_name(name: str) -> str:
     Raises:
         FieldError: it cannot.
     """
-    if not RUN_NAME.match(name):
+    if not is_folder_name(name):
         raise FieldError("expected letters, digits, '.', '_' and '-', such as 'resnet18-tuesday'", {"run": name})
     return name
 

@@ -11,6 +11,7 @@ from PIL import Image, ImageCms, ImageOps
 
 from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
+from toolkit.core.files import open_plain
 
 IMAGE_SUFFIXES = frozenset(
     (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".heic", ".heif", ".avif", ".bmp", ".gif")
@@ -19,6 +20,8 @@ MAX_MEGAPIXELS = 175
 """Limit on what is decoded, photographs and textures: what takes 0.7 GB, and just below Pillow's own limit."""
 MAX_TEXTURE_PX = 8192
 """Longest side of a texture: a larger one is shrunk, as no picture shows its texels."""
+MAX_SIDE_PX = 65_535
+"""JPEG knows no longer one; a line of a million pixels is no photograph."""
 MID_GREY = 128
 DRAFT_MARGIN = 2
 
@@ -59,20 +62,38 @@ def decode_image(content: bytes, name: Path, short_side_px: int | None = None) -
     return _decode(Path(name), content, short_side_px)
 
 
-def _decode(path: Path, content: bytes | None, short_side_px: int | None) -> np.ndarray:
+@contextlib.contextmanager
+def open_image(path: Path, content: bytes | None = None) -> Iterator[Image.Image]:
+    """An image before its pixels are decoded: of a plain file, or of `content`, and no larger than a photograph.
+
+    Whatever is decoded is opened here: photographs, uploads, patches, textures.
+
+    Raises:
+        UnreadableImage: the file is empty, a pipe or a device, or far too large.
+    """
     register_heif()
-    try:
-        if (path.stat().st_size if content is None else len(content)) == 0:
+    with open_plain(path) if content is None else io.BytesIO(content) as stream:
+        if not stream.read(1):
             raise UnreadableImage(path, "the file is empty")
-        with Image.open(path if content is None else io.BytesIO(content)) as image:
-            if short_side_px is not None:
-                image.draft(image.mode, (DRAFT_MARGIN * short_side_px, DRAFT_MARGIN * short_side_px))
+        stream.seek(0)
+        with Image.open(stream) as image:
             megapixels = image.width * image.height / 1e6
             if megapixels > MAX_MEGAPIXELS:
                 raise UnreadableImage(
                     path,
                     f"{megapixels:.0f} megapixels, more than {MAX_MEGAPIXELS}: a decompression bomb, or scale it down",
                 )
+            if max(image.size) > MAX_SIDE_PX:
+                size = f"{image.width}×{image.height} px"
+                raise UnreadableImage(path, f"{size}: a side of more than {MAX_SIDE_PX} px is no photograph's")
+            yield image
+
+
+def _decode(path: Path, content: bytes | None, short_side_px: int | None) -> np.ndarray:
+    try:
+        with open_image(path, content) as image:
+            if short_side_px is not None:
+                image.draft(image.mode, (DRAFT_MARGIN * short_side_px, DRAFT_MARGIN * short_side_px))
             image.load()
             return np.asarray(_to_rgb(_turn_upright(image)))
     except UnreadableImage:

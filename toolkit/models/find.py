@@ -10,6 +10,7 @@ from toolkit.core.errors import FieldError, one_of
 from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.models.architectures import list_architectures
 from toolkit.models.labels import read_labels_file
+from toolkit.models.weights import check_named
 
 
 class ClassShare(BaseModel):
@@ -117,7 +118,7 @@ def find_classifier(model: str | None = None, weights: Path | None = None, folde
     if model is not None and model.startswith(TIMM_PREFIX):
         return Found(model, weights)
     if model is None:
-        arch = None if weights is None else read_labels_file(Path(weights)).arch
+        arch = None if weights is None else read_labels_file(check_named(Path(weights))).arch
         return Found(arch or DEFAULT_ARCH, weights)
     own = list_own(folder)
     if model in own:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal, TypeGuard
+from typing import Annotated, Any, Literal, TypeGuard
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -12,6 +12,11 @@ from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import read_json
 from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.imaging.preprocessing import Preprocessing
+
+Pixels = Annotated[int, Field(ge=16, le=4096)]
+"""A network sees no less; of more, one image fills hundreds of megabytes."""
+Mean = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]
+Deviation = Annotated[float, Field(ge=1e-6, le=1000, allow_inf_nan=False)]
 
 
 class LabelsFile(BaseModel):
@@ -31,10 +36,10 @@ class LabelsFile(BaseModel):
 
     model_config = ConfigDict(extra="allow", frozen=True)
     labels: list[str] | None = Field(default=None, min_length=1)
-    resize_px: int | None = Field(default=None, gt=0)
-    crop_px: int | None = Field(default=None, gt=0)
-    mean: tuple[float, float, float] | None = None
-    std: tuple[float, float, float] | None = None
+    resize_px: Pixels | None = None
+    crop_px: Pixels | None = None
+    mean: tuple[Mean, Mean, Mean] | None = None
+    std: tuple[Deviation, Deviation, Deviation] | None = None
     filter_name: Literal["NEAREST", "BILINEAR", "BICUBIC", "LANCZOS", "BOX", "HAMMING"] | None = None
     arch: str | None = None
     name: str | None = None

@@ -94,6 +94,8 @@ def _count_classes(arch: str, state: "Mapping[str, torch.Tensor]", published: in
     last = [name for name, value in expected.items() if name.endswith(".weight") and value.shape[0] == published][-1]
     if last not in state:
         raise _misfit(arch, file, f"it has no '{last}'")
+    if state[last].ndim == 0:
+        raise _misfit(arch, file, f"'{last}' is a single number")
     return int(state[last].shape[0])
 
 

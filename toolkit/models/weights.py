@@ -113,12 +113,25 @@ def read_checkpoint(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor],
     for key in ("state_dict", "model"):
         if isinstance(state, dict) and isinstance(state.get(key), dict):
             state = state[key]
-    if not isinstance(state, dict) or not state or not all(hasattr(value, "shape") for value in state.values()):
-        raise ToolkitError(f"{file.path} holds no state dict: save one with torch.save(model.state_dict(), FILE)")
+    if not isinstance(state, dict) or not state or not all(_is_parameter(*item) for item in state.items()):
+        raise ToolkitError(
+            f"{file.path} holds no state dict of plain real numbers by name: save one with "
+            "torch.save(model.state_dict(), FILE)"
+        )
     renamed = OrderedDict((_modern_name(name), value) for name, value in state.items())
     # torch keeps its modules' versions here, and some networks load older files another way
     renamed._metadata = getattr(state, "_metadata", None)  # type: ignore[attr-defined]
     return renamed, labels
+
+
+def _is_parameter(name: object, value: object) -> bool:
+    """Whether this is a name with numbers that a network can take: real, dense, not quantised, and there."""
+    import torch
+
+    if not (isinstance(name, str) and isinstance(value, torch.Tensor)):
+        return False
+    is_plain = value.layout == torch.strided and not value.is_quantized and value.device.type == "cpu"
+    return is_plain and not value.is_complex()
 
 
 def _modern_name(name: str) -> str:

@@ -11,10 +11,11 @@ from urllib.parse import unquote
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, write_bytes, write_text
+from toolkit.core.names import is_file_name
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object, read_mesh, turn_upright
 from toolkit.objects.records import printed_size_mm
-from toolkit.objects.spec import OBJECT_NAME, Axis, Side, axes_of_format
+from toolkit.objects.spec import Axis, Side, axes_of_format
 
 MM_PER_M = 1000.0
 GUESSED_LENGTH_MM = 200.0
@@ -111,7 +112,7 @@ def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) ->
     files = [mesh_file, *named]
     if not mesh_file.is_relative_to(place):
         target = place / name
-        files = [write_bytes(target / file.relative_to(mesh_file.parent), file.read_bytes()) for file in files]
+        files = [write_bytes(target / file.relative_to(mesh_file.parent), file.read_bytes(), target) for file in files]
     text = _write_spec(request, files[0].relative_to(place).as_posix(), length_mm, (up, front))
     spec_file = write_text(place / f"{name}.toml", f"# {name}: every field may be changed.\n{text}")
     guessed = request.length_mm is None and length_mm != stated_mm
@@ -119,7 +120,7 @@ def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) ->
 
 
 def _check_name(workspace: Workspace, name: str, replace: bool) -> None:
-    if not re.match(OBJECT_NAME, name):
+    if not is_file_name(name):
         raise ToolkitError(f"name: expected letters, digits, - and _, found '{name}': give the object another name")
     known = workspace.object_specs().get(name)
     if known is None or replace:

@@ -2,7 +2,6 @@
 
 from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 
 from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
@@ -149,6 +148,8 @@ def _near_order(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 def _material(pbr: "PBRMaterial", picture: np.ndarray | None) -> Material:
     """A picture, or else one colour, tinted by the base colour, with roughness and metalness."""
+    import cv2
+
     tint = _tint(pbr)
     if picture is None:
         picture = _solid(PLAIN_COLOUR if tint is None else (255, 255, 255))

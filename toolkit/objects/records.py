@@ -13,10 +13,13 @@ from PIL import Image
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import inside, read_json, sha256_bytes, write_bytes, write_json
+from toolkit.core.files import inside, read_bytes, read_json, sha256_bytes, write_bytes, write_json
+from toolkit.core.names import FileName
+from toolkit.imaging.read import UnreadableImage, explain_damage, open_image
 from toolkit.objects.printed_size import printed_size_mm
 
 SHA256 = r"^[0-9a-f]{64}$"
+MOST_RECORDED_BYTES = 1 << 30
 
 
 class Network(BaseModel):
@@ -72,9 +75,11 @@ def encode_png(pixels: np.ndarray) -> bytes:
 def decode_png(content: bytes, file: Path, mode: str = "RGB") -> np.ndarray:
     """Pixels of a PNG, (h, w, 3) uint8, or (h, w) with mode `L`; `file` is named where it cannot be decoded."""
     try:
-        return np.asarray(Image.open(BytesIO(content)).convert(mode))
-    except (OSError, SyntaxError, Image.DecompressionBombError) as error:  # Pillow's word for a broken chunk is syntax
-        raise ToolkitError(f"{file}: not a readable PNG: {error}") from None
+        with open_image(file, content) as image:
+            return np.asarray(image.convert(mode))
+    except Exception as error:  # decoders raise nearly every built-in exception on hostile bytes
+        why = error.reason if isinstance(error, UnreadableImage) else explain_damage(error)
+        raise ToolkitError(f"{file}: not a readable PNG: {why}") from None
 
 
 def read_recorded(file: Path, sha256: str, what: str = "picture") -> bytes:
@@ -83,10 +88,7 @@ def read_recorded(file: Path, sha256: str, what: str = "picture") -> bytes:
     Raises:
         ToolkitError: it cannot be read, or is not the one that was recorded.
     """
-    try:
-        content = file.read_bytes()
-    except OSError as error:
-        raise ToolkitError(f"cannot read {file}: {error}") from None
+    content = read_bytes(file, MOST_RECORDED_BYTES)
     found = sha256_bytes(content)
     if found != sha256:
         raise ToolkitError(
@@ -152,8 +154,8 @@ def write_patch(folder: Path, pixels: np.ndarray, record: dict[str, Any]) -> Pat
     n_px = pixels.shape[0]
     sized = {"size_mm": round(printed_size_mm(n_px), 3), **record}
     full = PatchRecord(n_px=n_px, png_sha256=sha256_bytes(png), **sized)
-    write_bytes(folder / f"{full.name}.png", png)
-    write_json(folder / f"{full.name}.json", full.model_dump())
+    write_bytes(folder / f"{full.name}.png", png, folder)
+    write_json(folder / f"{full.name}.json", full.model_dump(), folder)
     return Patch(pixels, full)
 
 
@@ -167,7 +169,6 @@ def read_patch(png_file: Path) -> Patch:
 
 
 COMMAND = "toolkit train-texture"
-NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
 UV_MEMBER = "corner_uv.npy"
 MAX_UV_BYTES = 1 << 29
 """More than 20 million triangles: what unpacks to more is no table of texture coordinates."""
@@ -189,7 +190,7 @@ class TexturedObject(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-    name: str = Field(pattern=NAME)
+    name: FileName
     mesh_sha256: str = Field(pattern=SHA256)
     unwrapped: bool = False
     keep: list[str] = []
@@ -207,7 +208,7 @@ class TexturedObject(BaseModel):
 class TextureRecord(BoosterRecord):
     """How a texture came to be, and on which objects it goes."""
 
-    name: str = Field(pattern=NAME)
+    name: FileName
     objects: list[TexturedObject] = Field(min_length=1)
 
     @field_validator("objects")

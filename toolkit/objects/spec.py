@@ -1,17 +1,17 @@
 """`rig/objects/NAME.toml`: what an object is and where its patch goes."""
 
-import re
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_toml
+from toolkit.core.names import FileName, is_file_name
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 Side = Literal["top", "front", "back", "left", "right"]
-OBJECT_NAME = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
+Shift = Annotated[float, Field(ge=-100_000, le=100_000)]
 BUILTIN_PREFIX = "builtin:"
 
 
@@ -36,8 +36,8 @@ class PatchMount(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     at: Side = "top"
-    size_mm: float | None = Field(None, gt=0)
-    offset_mm: tuple[float, float] = (0.0, 0.0)
+    size_mm: float | None = Field(None, ge=1, le=10_000)
+    offset_mm: tuple[Shift, Shift] = (0.0, 0.0)
     rotation_deg: float = 0.0
 
 
@@ -56,11 +56,11 @@ class ObjectSpec(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
-    name: str = Field("", pattern=OBJECT_NAME)
+    name: FileName = ""
     class_name: str | int = Field(alias="class")
     mesh: str
-    length_mm: float = Field(gt=0, lt=100_000)
-    world_length_m: float | None = Field(None, gt=0, lt=10_000)
+    length_mm: float = Field(ge=1, lt=100_000)
+    world_length_m: float | None = Field(None, ge=0.001, lt=10_000)
     up: Axis = "z"
     front: Axis = "x"
     patch: PatchMount = PatchMount()
@@ -90,6 +90,6 @@ def read_spec(path: Path) -> ObjectSpec:
             f"{path}: field 'name': expected '{name}' as the file's, found '{spec.name}': leave the field out, or "
             "rename the file"
         )
-    if not re.match(OBJECT_NAME, name):
+    if not is_file_name(name):
         raise ToolkitError(f"{path}: expected a file name of letters, digits, - and _, found '{name}': rename the file")
     return spec.model_copy(update={"name": name})

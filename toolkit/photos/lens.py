@@ -202,13 +202,10 @@ def choose_lens(photo: Photo, records: list[LensRecord], sensor_width_mm: float 
 
 def turns_upright(path: Path) -> int:
     """Quarter turns clockwise that EXIF asks for to bring stored pixels upright; 0 where it is silent."""
-    from PIL import Image
+    from toolkit.imaging.read import open_image
 
-    from toolkit.imaging.read import register_heif
-
-    register_heif()
     try:
-        with Image.open(path) as image:
+        with open_image(path) as image:
             # pillow-heif obeys the orientation itself and keeps here what it was
             orientation = image.info.get("original_orientation") or image.getexif().get(0x0112, 1)
     # a video, a raw photograph, damaged EXIF: nothing is known then, and the pixels are read elsewhere

@@ -1,7 +1,6 @@
 """Photographs as a camera leaves them: found in a folder, described without decoding, decoded upright."""
 
 import contextlib
-import io
 import re
 import warnings
 from collections.abc import Callable
@@ -10,12 +9,12 @@ from datetime import datetime
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
+from toolkit.core.text import escape
 from toolkit.imaging.folder import find_files, show_path
-from toolkit.imaging.read import UnreadableImage, decode_image, explain_damage, is_image_name, read_image, register_heif
+from toolkit.imaging.read import UnreadableImage, decode_image, explain_damage, is_image_name, open_image, read_image
 from toolkit.photos import video
 from toolkit.photos.exif import ExifFacts, is_dng, read_exif, read_preview
 
@@ -116,8 +115,7 @@ def natural_key(name: str) -> list[tuple[int, int, str]]:
 
 def show_name(name: str) -> str:
     """A file name on one line: what cannot be printed, such as a line's end, is written as an escape."""
-    text = show_path((name,))
-    return "".join(sign if sign.isprintable() else sign.encode("unicode_escape").decode() for sign in text)
+    return escape(show_path((name,)))
 
 
 def read_photo(path: Path, frame: int | None = None) -> Photo:
@@ -174,17 +172,18 @@ def check_file(path: Path) -> None:
 
 def _open_header(path: Path, content: bytes | None) -> tuple[int, int, str, ExifFacts]:
     """Upright width and height, kind and EXIF."""
-    register_heif()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow's on damaged EXIF, which is no news to the photographer
-            with Image.open(path if content is None else io.BytesIO(content)) as image:
+            with open_image(path, content) as image:
                 facts = read_exif(image.getexif())
                 kind, size = KINDS.get(image.format or ""), image.size
                 if kind == "tiff":
                     # some versions of Pillow turn a TIFF's size, some do not: the tags do not change
                     with contextlib.suppress(AttributeError, KeyError):
                         size = (image.tag_v2[TIFF_WIDTH], image.tag_v2[TIFF_HEIGHT])  # type: ignore[attr-defined]
+    except UnreadableImage:
+        raise
     except Exception as error:  # decoders raise nearly every built-in exception on hostile files
         raise UnreadableImage(path, explain_damage(error)) from None
     if kind is None:

@@ -6,6 +6,8 @@ from pydantic import AfterValidator, Field
 
 from toolkit.core.config import Config, Expect, Flag, Range, Rising
 
+MOST_POSES = 10_000
+"""Of one object: beyond, a plan is no day's work for a camera, and its file none that an editor opens."""
 DISTANCES = "distances over 0 and under 1000000 mm"
 
 
@@ -21,7 +23,7 @@ class Pattern(Config):
     name: Annotated[Literal["grid", "ring", "hemisphere", "fibonacci"], Flag("--pattern")] = Field(
         "grid", description="How the positions are spread."
     )
-    count: Annotated[int, Field(ge=1), Flag()] = Field(18, description="Poses per object.")
+    count: Annotated[int, Field(ge=1, le=MOST_POSES), Flag()] = Field(18, description="Poses per object.")
     elevation_deg: Annotated[Range, Rising(0, 90), Flag("--elevation")] = Field(
         (25.0, 65.0), description="Lowest and highest elevation, degrees."
     )

@@ -10,11 +10,12 @@ from pydantic_core import CoreSchema, core_schema
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_json, write_json
+from toolkit.core.names import FileName
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
 from toolkit.rig.fit import sheet_points
-from toolkit.rig.pattern import Pattern
+from toolkit.rig.pattern import MOST_POSES, Pattern
 
 
 def spread_poses(pattern: Pattern) -> np.ndarray:
@@ -68,6 +69,10 @@ PATTERNS: dict[str, Callable[[int, float, float], np.ndarray]] = {
 
 
 Row = tuple[float, float, float, float]
+PoseId = Annotated[int, Field(ge=1, le=99_999)]
+"""Five digits are what is read from a photograph's name."""
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
+"""Millimetres: a kilometre from the object."""
 
 
 class _CameraFields(BaseModel):
@@ -77,8 +82,8 @@ class _CameraFields(BaseModel):
     width: int = Field(640, ge=16, le=16384)
     height: int = Field(480, ge=16, le=16384)
     fov_deg: float | None = Field(None, gt=1, lt=170)
-    focal_mm: float | None = Field(None, gt=0)
-    sensor_width_mm: float | None = Field(None, gt=0)
+    focal_mm: float | None = Field(None, ge=0.1, le=1e4)
+    sensor_width_mm: float | None = Field(None, ge=0.1, le=1e3)
     convention: Literal["opencv"] = "opencv"
 
     @classmethod
@@ -117,12 +122,12 @@ class Pose(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-    id: int = Field(ge=1)
+    id: PoseId
     azimuth_deg: float
     elevation_deg: float = Field(ge=-90, le=90)
     roll_deg: float = 0.0
-    distance_mm: float = Field(gt=0)
-    target_mm: tuple[float, float, float]
+    distance_mm: float = Field(gt=0, le=1e6)
+    target_mm: tuple[Coordinate, Coordinate, Coordinate]
     T_world_camera: tuple[Row, Row, Row, Row] | None = None
 
     @model_validator(mode="after")
@@ -154,7 +159,7 @@ class CapturePlan(BaseModel):
     schema_version: Literal[1] = 1
     camera: Annotated[Camera, _InFile]
     pattern: dict[str, object] = {}
-    objects: dict[str, list[Pose]]
+    objects: dict[FileName, Annotated[list[Pose], Field(max_length=MOST_POSES)]]
 
     @model_validator(mode="after")
     def _distinct(self) -> "CapturePlan":

@@ -13,11 +13,13 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import read_json, write_json
-from toolkit.rig.plan import CapturePlan
+from toolkit.core.names import FileName, FolderName
+from toolkit.rig.plan import CapturePlan, PoseId
 from toolkit.rig.variants import PAIR
 
 STARTS = 8
 LONGEST_RUN = 3
+MOST_SHOTS = 10_000
 MOST_POLISHED = 200
 """Above so many points or-opt is left out: 2-opt alone stays within seconds."""
 
@@ -110,9 +112,9 @@ class ShotStep:
 
     __pydantic_config__ = ConfigDict(extra="forbid")
     number: Annotated[int, Field(ge=1)]
-    object: str
-    variant: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")]
-    pose_id: Annotated[int, Field(ge=1)]
+    object: FileName
+    variant: FolderName
+    pose_id: PoseId
 
 
 class ShotList(BaseModel):
@@ -128,8 +130,8 @@ class ShotList(BaseModel):
     schema_version: Literal[1] = 1
     seed: int = Field(0, ge=0)
     order: Order = "aba"
-    plan_sha256: dict[str, Sha256]
-    steps: list[ShotStep] = Field(min_length=1)
+    plan_sha256: dict[FileName, Sha256]
+    steps: list[ShotStep] = Field(min_length=1, max_length=MOST_SHOTS)
 
     @model_validator(mode="after")
     def _whole(self) -> "ShotList":

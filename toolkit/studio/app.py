@@ -11,6 +11,7 @@ from typing import Any
 import cv2
 from fastapi import FastAPI, Request
 from fastapi.concurrency import run_in_threadpool
+from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
 from PIL import Image
 from starlette.exceptions import HTTPException
@@ -66,7 +67,7 @@ PAGE_FILES = {
 }
 UPLOAD_TYPE = "application/octet-stream"
 """Bare bytes: no name comes along, and no form of another site can send it."""
-CLOSED, WRONG_TYPE, TROUBLE = 499, 415, 507
+CLOSED, WRONG_TYPE, NO_SENSE, DEFECT, TROUBLE = 499, 415, 422, 500, 507
 KEEP_PICTURE = {"cache-control": "private, max-age=3600"}
 
 
@@ -97,6 +98,16 @@ def _answer_errors(app: FastAPI) -> None:
     @app.exception_handler(OSError)
     async def blame_disk(_: Request, error: OSError) -> Response:
         return JSONResponse({"error": str(explain_write_error(Path(error.filename or "?"), error))}, TROUBLE)
+
+    @app.exception_handler(RequestValidationError)
+    async def name_field(_: Request, error: RequestValidationError) -> Response:
+        first = error.errors()[0]
+        field = ".".join(str(part) for part in first["loc"][1:])
+        return JSONResponse({"error": f"{field}: {first['msg']}"}, NO_SENSE)
+
+    @app.exception_handler(Exception)
+    async def admit(_: Request, error: Exception) -> Response:
+        return JSONResponse({"error": f"a defect of the studio: {type(error).__name__}; its window says more"}, DEFECT)
 
     @app.exception_handler(HTTPException)
     async def refuse(_: Request, error: HTTPException) -> Response:

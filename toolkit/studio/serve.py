@@ -11,6 +11,8 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.studio.access import Access, make_token
 
 if TYPE_CHECKING:
+    import asyncio
+
     import uvicorn
     from starlette.types import ASGIApp
 
@@ -19,6 +21,8 @@ USUAL_PORT = 8765
 """Tried first, so that a page that is open finds a restarted server again."""
 UNROUTED = ("192.0.2.1", 9)
 """An address that is nobody's (RFC 5737); asking for the way there sends nothing."""
+PATIENCE_S = 20.0
+"""For the first line of a request to its last header; a phone takes milliseconds."""
 EXTRA = "pip install 'toolkit-boost[studio]'"
 
 
@@ -81,15 +85,16 @@ def find_lan_address() -> str:
     return found
 
 
-def show_code(url: str, write: Callable[[str], object]) -> None:
-    """Write a QR code of half blocks; nothing where the terminal cannot show them."""
+def show_code(url: str, say: Callable[[str], object]) -> None:
+    """Say a QR code of half blocks, line by line."""
     import io
 
     import segno
 
     buffer = io.StringIO()
     segno.make(url, error="l", micro=False).terminal(buffer, compact=True, border=2)
-    write(buffer.getvalue())
+    for line in buffer.getvalue().splitlines():
+        say(line)
 
 
 def require_extra() -> None:
@@ -108,8 +113,44 @@ def make_server(app: "ASGIApp") -> "uvicorn.Server":
     return uvicorn.Server(
         uvicorn.Config(
             app, log_level="warning", access_log=False, server_header=False, timeout_graceful_shutdown=3, ws="none",
+            http=_make_protocol(),
         )
     )  # fmt: skip
+
+
+def _make_protocol() -> "type[asyncio.Protocol]":
+    from uvicorn.protocols.http.h11_impl import H11Protocol
+
+    class Impatient(H11Protocol):
+        """Closes a connection on which no whole request has come for a while: it would be kept open for ever."""
+
+        _patience: "asyncio.TimerHandle | None" = None
+
+        def connection_made(self, transport: "asyncio.Transport") -> None:  # type: ignore[override]
+            super().connection_made(transport)
+            self._wait()
+
+        def data_received(self, data: bytes) -> None:
+            super().data_received(data)
+            if self._patience is None:
+                self._wait()
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            if self._patience is not None:
+                self._patience.cancel()
+            super().connection_lost(exc)
+
+        def _wait(self) -> None:
+            self._patience = self.loop.call_later(PATIENCE_S, self._judge)
+
+        def _judge(self) -> None:
+            self._patience = None
+            if self.cycle is None or self.cycle.response_complete:
+                self.transport.close()
+            else:  # a request is being answered; who reads its body has a limit of its own
+                self._wait()
+
+    return Impatient
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """A session at the table: which shots there are, which are taken, and what happens to a photograph."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from threading import RLock
@@ -10,8 +10,10 @@ from typing import Literal
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest, write_transforms
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
+from toolkit.core.locks import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.folder import show_path
+from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
 from toolkit.photos.gates.check_captures import write_retake_lines
 from toolkit.photos.importing.evidence import Evidence
@@ -78,7 +80,7 @@ class Session:
     @property
     def source_dir(self) -> Path:
         """captures/SOURCE."""
-        return self.workspace.captures_dir / self.source
+        return self.workspace.source_dir(self.source)
 
     @property
     def folders(self) -> UploadFolders:
@@ -127,7 +129,12 @@ class Session:
                 if self._is_kept(step, photo.sha256):
                     return None
                 file = self.folders.put_waiting(step, upload, photo)
-            return self.inspector.inspect(read_photo(file), step, pixels)
+            try:
+                return self.inspector.inspect(replace(photo, path=file), step, pixels)
+            except (OSError, UnreadableImage):
+                if file.exists():
+                    raise
+                raise Refused(CONFLICT, "a later photograph of this shot has taken its place: look at that") from None
         finally:
             upload.unlink(missing_ok=True)
 
@@ -148,7 +155,7 @@ class Session:
             Refused: another photograph waits there by now, or none (409).
             ToolkitError: the disk is full or not to be written; the photograph goes on waiting.
         """
-        with self._lock:
+        with self._lock, hold_folder(self.source_dir):
             step = self.find_step(number)
             if self._is_kept(step, sha256):
                 self.folders.drop_waiting(step)
@@ -277,7 +284,7 @@ def undo_keep(session: Session, number: int) -> Shot:
         Refused: nothing is there, or it was put there by hand (409).
         ToolkitError: the disk is full or not to be written.
     """
-    with session.exclusive():
+    with session.exclusive(), hold_folder(session.source_dir):
         step = session.find_step(number)
         root = session.source_dir
         index = index_source(root)

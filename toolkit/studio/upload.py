@@ -1,5 +1,6 @@
 """Take a photograph in from the network, checked by content, and keep it until somebody has said yes to it."""
 
+import asyncio
 import secrets
 from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import explain_write_error
+from toolkit.core.files import explain_write_error, inside, make_folder, move_file, open_whole, write_bytes
 from toolkit.imaging.read import UnreadableImage
 from toolkit.photos.photo import SUFFIXES, Photo, load_pixels, read_photo
 from toolkit.rig.shot_order import ShotStep
@@ -18,7 +19,8 @@ from toolkit.rig.shot_order import ShotStep
 class Refused(ToolkitError):
     """A request that is answered with one clear line; `status` is HTTP's.
 
-    404: no such shot. 409: the state is another one than the page thought. 413: too large. 415: no photograph.
+    404: no such shot. 408: it stopped coming. 409: the state is another one than the page
+    thought. 413: too large. 415: no photograph.
     """
 
     def __init__(self, status: int, message: str) -> None:
@@ -41,15 +43,18 @@ class UploadFolders:
     @property
     def incoming_dir(self) -> Path:
         """Uploads that are not whole yet."""
-        return self.root / FOLDER / "incoming"
+        return inside(self.root, f"{FOLDER}/incoming")
 
     def waiting_dir(self, step: ShotStep) -> Path:
         """Holds at most one photograph of a shot, while its verdict is read."""
-        return self.root / FOLDER / "waiting" / step.object / step.variant / f"pose_{step.pose_id:02d}"
+        return self._place("waiting", step)
 
     def skip_mark(self, step: ShotStep) -> Path:
         """An empty file that says the shot was put off."""
-        return self.root / FOLDER / "skipped" / step.object / step.variant / f"pose_{step.pose_id:02d}"
+        return self._place("skipped", step)
+
+    def _place(self, what: str, step: ShotStep) -> Path:
+        return inside(self.root, f"{FOLDER}/{what}/{step.object}/{step.variant}/pose_{step.pose_id:02d}")
 
     def new_incoming(self) -> Path:
         """A name for the next upload.
@@ -57,11 +62,7 @@ class UploadFolders:
         Raises:
             ToolkitError: the folder cannot be made.
         """
-        try:
-            self.incoming_dir.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise explain_write_error(self.incoming_dir, error) from error
-        return self.incoming_dir / f"{secrets.token_hex(16)}{PART}"
+        return make_folder(self.incoming_dir, self.root) / f"{secrets.token_hex(16)}{PART}"
 
     def find_waiting(self, step: ShotStep) -> Path | None:
         """The photograph of a shot that waits for a yes or no; None where there is none."""
@@ -76,11 +77,7 @@ class UploadFolders:
         stamp = datetime.now().strftime("%Y%m%d-%H%M%S-%f")
         file = self.waiting_dir(step) / f"{stamp}-{photo.sha256[:HASH_DIGITS]}{SUFFIXES[photo.kind]}"
         old = list(self._list_waiting(step))
-        try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            upload.replace(file)
-        except OSError as error:
-            raise explain_write_error(file, error) from error
+        move_file(upload, file, self.root)
         for one in old:
             one.unlink(missing_ok=True)
         return file
@@ -93,19 +90,18 @@ class UploadFolders:
     def set_skipped(self, step: ShotStep, skipped: bool) -> None:
         """Put a shot off, or call it back."""
         mark = self.skip_mark(step)
+        if skipped:
+            write_bytes(mark, b"", self.root)
+            return
         try:
-            if skipped:
-                mark.parent.mkdir(parents=True, exist_ok=True)
-                mark.touch()
-            else:
-                mark.unlink(missing_ok=True)
+            mark.unlink(missing_ok=True)
         except OSError as error:
             raise explain_write_error(mark, error) from error
 
     def sweep(self) -> None:
         """Remove what uploads left that a stopped server never finished."""
         if self.incoming_dir.is_dir():
-            for one in self.incoming_dir.glob(f"*{PART}"):
+            for one in self.incoming_dir.iterdir():
                 one.unlink(missing_ok=True)
 
     def _list_waiting(self, step: ShotStep) -> Iterator[Path]:
@@ -121,18 +117,16 @@ def hash_in_name(file: Path) -> str:
 
 def check_writable(folders: UploadFolders) -> None:
     """A `ToolkitError` where no upload could be written, before anybody takes a photograph."""
-    probe = folders.new_incoming()
-    try:
-        probe.touch()
-        probe.unlink()
-    except OSError as error:
-        raise ToolkitError(str(explain_write_error(folders.incoming_dir, error))) from error
+    write_bytes(folders.new_incoming(), b"", folders.root).unlink()
 
 
 MOST_BYTES = 40 << 20
 """A phone's largest JPEG or HEIC is half of it."""
 KINDS = ("jpeg", "heif", "avif", "png", "webp", "tiff")
-HTTP_FULL, HTTP_TOO_LARGE, HTTP_NO_PHOTO = 507, 413, 415
+HTTP_LATE, HTTP_TOO_LARGE, HTTP_NO_PHOTO = 408, 413, 415
+BLOCK_S = 30.0
+LEAST_SIDE_PX, MOST_ASPECT = 32, 20
+"""What is smaller or longer shows nothing that could be measured."""
 
 
 async def receive_file(blocks: AsyncIterator[bytes], folders: UploadFolders, announced: int | None, limit: int) -> Path:
@@ -151,22 +145,28 @@ async def receive_file(blocks: AsyncIterator[bytes], folders: UploadFolders, ann
         raise _too_large(limit)
     file = folders.new_incoming()
     size = 0
-    try:
-        with file.open("xb") as stream:
-            async for block in blocks:
-                size += len(block)
-                if size > limit:
-                    raise _too_large(limit)
-                stream.write(block)
-    except BaseException as error:  # also a phone that went away, and a server that is stopped
-        file.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise Refused(HTTP_FULL, str(explain_write_error(file.parent, error))) from error
-        raise
-    if size == 0:
-        file.unlink(missing_ok=True)
-        raise Refused(HTTP_NO_PHOTO, "nothing arrived: the file is empty")
+    with open_whole(file, folders.root) as stream:  # gone when a phone goes away, or the server is stopped
+        async for block in _in_time(blocks):
+            size += len(block)
+            if size > limit:
+                raise _too_large(limit)
+            stream.write(block)
+        if size == 0:
+            raise Refused(HTTP_NO_PHOTO, "nothing arrived: the file is empty")
     return file
+
+
+async def _in_time(blocks: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
+    """The blocks, each of which must come within `BLOCK_S`."""
+    while True:
+        try:
+            yield await asyncio.wait_for(anext(blocks), BLOCK_S)
+        except StopAsyncIteration:
+            return
+        except asyncio.TimeoutError:
+            raise Refused(
+                HTTP_LATE, f"nothing more of the photograph came for {BLOCK_S:.0f} s: send it again"
+            ) from None
 
 
 def open_upload(file: Path) -> tuple[Photo, np.ndarray]:
@@ -182,6 +182,10 @@ def open_upload(file: Path) -> tuple[Photo, np.ndarray]:
         photo = read_photo(file)
         if photo.kind not in KINDS:
             raise Refused(HTTP_NO_PHOTO, _explain_kind(photo.kind))
+        short, long = sorted((photo.width, photo.height))
+        if short < LEAST_SIDE_PX or long > MOST_ASPECT * short:
+            size = f"{photo.width}×{photo.height} px"
+            raise Refused(HTTP_NO_PHOTO, f"a picture of {size} shows nothing that could be measured: take another")
         return photo, load_pixels(photo)
     except UnreadableImage as error:
         raise Refused(HTTP_NO_PHOTO, f"this is no photograph that can be read: {error.reason}") from None

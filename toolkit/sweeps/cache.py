@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from toolkit.captures.read import Capture
 from toolkit.core.console import progress, quietly
 from toolkit.core.files import sha256_file
+from toolkit.core.locks import hold_folder
 from toolkit.core.records import RecordLog
 from toolkit.evaluation.predict import Prediction, predict_captures
 from toolkit.models.network import Classifier
@@ -49,7 +50,14 @@ def predict_once(
     Raises:
         ToolkitError: as `predict_captures`, or the file cannot be written.
     """
-    cache = open_cache(cache_file)
+    with hold_folder(cache_file.parent):
+        return _predict_missing(captures, true_classes, classifier, open_cache(cache_file))
+
+
+def _predict_missing(
+    captures: Sequence[Capture], true_classes: dict[str, int], classifier: Classifier,
+    cache: RecordLog[CachedPrediction],
+) -> tuple[list[Prediction], int]:  # fmt: skip
     cached = cache.read_last(lambda row: row.key)
     keys = [make_key(capture, true_classes[capture.object], classifier) for capture in captures]
     # the same image may stand for several values: the first to come is asked about

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError
+from toolkit.core.locks import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.models.find import ClassifierRecord
 from toolkit.models.load import load_classifier
@@ -91,7 +92,8 @@ def train_classifier(
     classes = _choose_classes(config, sources)
     check_fit(config.arch, len(classes.labels), config.image_px)
     stored = store_preprocessing(config.preprocessing(), config.stored_px)
-    data = load_training_set(sources, classes, stored, training, workers)
+    with hold_folder(folder, f".{config.name}.lock"):
+        data = load_training_set(sources, classes, stored, training, workers)
     _describe_data(data, sources)
     inputs = ClassifierInputs(data, classes.used, pictures, init, _name_data(config, sources, pictures, init))
     inputs_sha256 = hash_inputs(

@@ -1,7 +1,6 @@
 """What decides a classifier's weights: the one declaration of the settings of its training."""
 
 import json
-import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Protocol
@@ -12,6 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 from toolkit.core.config import Config, Expect, Flag, Later
 from toolkit.core.errors import FieldError, one_of
 from toolkit.core.files import sha256_bytes
+from toolkit.core.names import is_folder_name
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import build_network, list_architectures, published_weights
 from toolkit.training.augment import PHOTOGRAPHS, SMALL_IMAGES, Augmentation, Corrupting
@@ -52,13 +52,12 @@ SMALL_PX = 96
 LEAST_PX, MOST_PX = 16, 1024
 STORED_SHARE = 1.375
 """Side of the stored images against what the network sees: crops of them are enlarged little."""
-NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
 DATA, STEPS = "Images", "Steps"
 
 
 def check_name(name: str) -> str:
     """A file's name, and no network's."""
-    if not NAME.fullmatch(name) or name.endswith(".safetensors"):
+    if not is_folder_name(name) or name.endswith(".safetensors"):
         expected = "expected letters, digits, '.', '-' and '_', no folder and no suffix"
         raise FieldError(f"{{name}} '{name}': {expected}", {})
     if name in list_architectures():

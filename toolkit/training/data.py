@@ -14,7 +14,7 @@ import numpy as np
 
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.core.files import explain_write_error, inside, sha256_bytes, sha256_file, write_json
+from toolkit.core.files import inside, load_json, open_whole, sha256_bytes, sha256_file, write_json
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage
@@ -258,7 +258,7 @@ def load_training_set(
         _render(sources, place / "shards", workers)
         _pack_all(sources, classes.index_of, how, place)
         shutil.rmtree(place / "shards", ignore_errors=True)
-    about = json.loads((place / "about.json").read_text(encoding="utf-8"))
+    about = load_json(place / "about.json")
     skipped = [one for source in sources for one in source.skipped] + [tuple(one) for one in about["skipped"]]
     train, held_out = (_open_pack(place, name, about[name], how.crop_px) for name in PACKS)
     _check_classes(classes, train, skipped)
@@ -312,16 +312,12 @@ def _write_pack(
     """Pixels one after the other in a raw file, its length told by `about.json`, which is written last."""
     classes: list[int] = []
     digest = sha256()
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-        with (place / f"{name}.raw").open("wb") as file:
-            for label, pictures in _read_items(items, place / "shards", how, skipped, advance):
-                content = np.ascontiguousarray(pictures).tobytes()
-                file.write(content)
-                digest.update(content)
-                classes += [index_of[label]] * len(pictures)
-    except OSError as error:
-        raise explain_write_error(place / f"{name}.raw", error) from error
+    with open_whole(place / f"{name}.raw") as file:
+        for label, pictures in _read_items(items, place / "shards", how, skipped, advance):
+            content = np.ascontiguousarray(pictures).tobytes()
+            file.write(content)
+            digest.update(content)
+            classes += [index_of[label]] * len(pictures)
     digest.update(np.array(classes, "<i8").tobytes())
     return {"classes": classes, "sha256": digest.hexdigest()}
 

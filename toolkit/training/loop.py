@@ -19,6 +19,7 @@ import numpy as np
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, one_of
+from toolkit.core.locks import hold_folder
 from toolkit.training.checkpoint import Checkpoint
 
 if TYPE_CHECKING:
@@ -191,6 +192,14 @@ def fit(task: Task[Made], config: FitConfig, checkpoint: Checkpoint | None = Non
     Raises:
         ToolkitError: the loss is not finite, the checkpoint cannot be used, the disk is full, or the task's own.
     """
+    if checkpoint is None:
+        return _fit(task, config, None)
+    # beside the folder of all runs, which the last one removes
+    with hold_folder(checkpoint.folder.parent.parent, f".{checkpoint.file.stem}.lock"):
+        return _fit(task, config, checkpoint)
+
+
+def _fit(task: Task[Made], config: FitConfig, checkpoint: Checkpoint | None) -> Fitted[Made]:
     state = None
     if checkpoint is not None and checkpoint.restart:
         checkpoint.file.unlink(missing_ok=True)

@@ -141,14 +141,15 @@ def _fill_yard(area: Area, filling: Filling, rng: np.random.Generator) -> None:
     standing: Standing = {}
     if depth < 8:
         return
-    for px in np.arange(x + 6, x + width - 6, 5.5):
-        kind, py = rng.random(), y + depth / 2 + rng.uniform(-0.5, 0.5) * (depth - 7)
+    rows = (y + 3.6, y + depth - 3.6) if depth > 13 else (y + depth / 2,)
+    for px, py in ((px, py) for px in np.arange(x + 4.5, x + width - 4.5, 3.4) for py in rows):
+        kind = rng.random()
         if kind < 0.3:
             vehicle = filling.fleet.private[int(rng.integers(len(filling.fleet.private)))]
             filling.pieces.append(place(vehicle.piece, np.array([(px, py, KERB_M)]), 90.0))
-        elif kind < 0.6:
+        elif kind < 0.42:
             standing.setdefault(f"tree:{rng.integers(4)}", []).append((px, py, KERB_M, rng.uniform(0, 360)))
-        elif kind < 0.75:
+        elif kind < 0.5:
             standing.setdefault("dustbins", []).append((px, py, KERB_M, rng.uniform(0, 360)))
     filling.pieces.append(build_standing(standing, filling.looks))
 

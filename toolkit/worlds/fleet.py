@@ -26,7 +26,7 @@ class Fleet:
 
     def parked(self) -> list[tuple[tuple[Vehicle, ...], float]]:
         """What stands along a kerb, with its share."""
-        return [(self.private, 0.76), (self.cabs, 0.12), (self.vans, 0.08), (self.lorries, 0.04)]
+        return [(self.private, 0.72), (self.cabs, 0.16), (self.vans, 0.08), (self.lorries, 0.04)]
 
     def moving(self) -> list[tuple[tuple[Vehicle, ...], float]]:
         """What drives, with its share."""

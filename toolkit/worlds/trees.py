@@ -63,7 +63,7 @@ def leaves(at: np.ndarray, size_m: float, outward: np.ndarray, skin: Skin, rng: 
     return Piece(piece.vertices, soft.astype(np.float32), piece.uv, piece.faces, piece.material, piece.label)
 
 
-def street_tree(looks: Looks, variant: int, height: float = 8.0, count: int = 500) -> Piece:
+def street_tree(looks: Looks, variant: int, height: float = 8.0, count: int = 430) -> Piece:
     """A broad-leaved tree: trunk, limbs, and clumps of leaves about the limbs' ends."""
     rng = looks.rng(f"tree-{variant}")
     fork = height * 0.33
@@ -102,7 +102,7 @@ def street_tree(looks: Looks, variant: int, height: float = 8.0, count: int = 50
         at.append(tip + ball * spread * [1, 1, 0.8])
         out = at[-1] - centre
         away.append(0.6 * ball + 0.5 * out / np.linalg.norm(out, axis=1, keepdims=True))
-    pieces.append(leaves(np.concatenate(at), 0.055 * height, np.concatenate(away), skin, rng))
+    pieces.append(leaves(np.concatenate(at), 0.06 * height, np.concatenate(away), skin, rng))
     return merge(pieces)
 
 

@@ -15,6 +15,7 @@ from toolkit.captures.read import Capture, read_captures
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file, write_text
+from toolkit.core.locks import hold_folder
 from toolkit.core.records import RecordLog
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
@@ -226,7 +227,7 @@ def make_check(workspace: Workspace, source: str = "real") -> Check:
         source: folder below captures/.
     """
     expecter = ExpectationBuilder(workspace)
-    source_dir, setup = workspace.captures_dir / source, hash_setup(workspace)
+    source_dir, setup = workspace.source_dir(source), hash_setup(workspace)
 
     def check(photo: Photo, pixels: np.ndarray, record: CaptureRecord) -> tuple[GateResult, ...]:
         found = inspect_photo(pixels, expecter.expect_record(record))
@@ -249,9 +250,14 @@ def check_captures(workspace: Workspace, source: str = "real") -> CheckReport:
     Raises:
         ToolkitError: there are no captures, or a manifest, board or lens file is broken.
     """
-    source_dir = workspace.captures_dir / source
+    source_dir = workspace.source_dir(source)
     if not source_dir.is_dir():
         raise ToolkitError(f"{source_dir} does not exist: import photographs first, with 'toolkit import PHOTOS/'")
+    with hold_folder(source_dir):
+        return _check_captures(workspace, source_dir)
+
+
+def _check_captures(workspace: Workspace, source_dir: Path) -> CheckReport:
     captures = read_captures(source_dir).captures
     setup = hash_setup(workspace)
     records, known = read_manifest(source_dir), read_checks(source_dir, setup)

@@ -9,6 +9,8 @@ from typing import Any
 from toolkit.captures.manifest import CaptureRecord, write_transforms
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.locks import hold_folder
+from toolkit.core.names import is_folder_name
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
@@ -19,7 +21,7 @@ from toolkit.photos.importing.gather import Gathered, gather_photos
 from toolkit.photos.importing.index import SourceIndex, describe_imported, index_source, is_whole, list_poses
 from toolkit.photos.importing.match import MatchRender, RenderMatcher
 from toolkit.photos.importing.resolve import Ask, Resolved, resolve_photos
-from toolkit.photos.importing.settings import FOLDER_NAME, ImportSettings
+from toolkit.photos.importing.settings import ImportSettings
 from toolkit.photos.importing.store import store_photo
 from toolkit.photos.locate import Locate, locate_by_board
 from toolkit.rig.plan import CapturePlan, open_plan
@@ -38,7 +40,7 @@ def check_settings(workspace: Workspace, settings: ImportSettings) -> list[str]:
     variant = settings.variant
     if variant is None or variant in VARIANTS:
         return []
-    if not FOLDER_NAME.fullmatch(variant):
+    if not is_folder_name(variant):
         raise FieldError("expected a name of letters, digits, '-', '_' and '.'", {"variant": variant})
     known = [*VARIANTS, *workspace.patches(), *workspace.textures()]
     if variant not in known and get_close_matches(variant, known, n=1, cutoff=0.8):
@@ -46,7 +48,7 @@ def check_settings(workspace: Workspace, settings: ImportSettings) -> list[str]:
     return [f"variant '{variant}' is none that the kit knows: nothing is recorded of what is on the object"]
 
 
-def refuse_captures(workspace: Workspace, paths: list[Path]) -> None:
+def refuse_captures(workspace: Workspace, paths: Sequence[Path]) -> None:
     """Check that no photograph would be imported from the captures themselves.
 
     Raises:
@@ -200,13 +202,28 @@ def import_photos(
             contradict each other, or a disk that is full or read-only.
     """
     settings = settings or ImportSettings()
-    paths = [Path(path) for path in paths]
+    with hold_folder(workspace.source_dir(settings.source)):
+        return _import_photos(
+            workspace,
+            [Path(path) for path in paths],
+            settings,
+            locate=locate,
+            check=check,
+            ask=ask,
+            by_render=by_render,
+        )
+
+
+def _import_photos(
+    workspace: Workspace, paths: Sequence[Path], settings: ImportSettings, *, locate: Locate | None,
+    check: Check | None, ask: Ask | None, by_render: MatchRender | None,
+) -> ImportResult:  # fmt: skip
     notes = check_settings(workspace, settings)
     refuse_captures(workspace, paths)
     plan = open_plan(workspace, [settings.object] if settings.object else None)
     steps = _read_steps(workspace, plan, settings, notes)
     gathered = gather_photos(paths, settings.every_s)
-    index = index_source(workspace.captures_dir / settings.source)
+    index = index_source(workspace.source_dir(settings.source))
     _check_pose(plan, settings, gathered)
     locate, matcher = locate or locate_by_board(workspace), RenderMatcher(workspace, plan)
     by_render = by_render or matcher

@@ -1,18 +1,16 @@
 """What `toolkit import` is asked to do."""
 
-import re
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
 from toolkit.core.config import Config, Expect, Flag
 from toolkit.core.errors import FieldError
-
-FOLDER_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+from toolkit.core.names import FOLDER
 
 Source = Annotated[
     str,
-    Field(pattern=f"^{FOLDER_NAME.pattern}$"),
+    Field(pattern=f"^{FOLDER.pattern}$"),
     Expect("the name of one folder below captures/"),
     Flag(metavar="NAME"),
 ]

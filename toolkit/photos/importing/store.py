@@ -1,8 +1,6 @@
 """Put a photograph into a capture folder."""
 
-import contextlib
 import io
-import os
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +9,7 @@ from PIL import Image
 
 from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest
-from toolkit.core.files import explain_write_error, sha256_bytes, sha256_file, write_bytes
+from toolkit.core.files import link_file, sha256_bytes, sha256_file, write_bytes
 from toolkit.imaging.folder import show_path
 from toolkit.photos.exif import ExifFacts, read_preview, write_exif
 from toolkit.photos.gates.result import Check
@@ -62,9 +60,9 @@ def store_photo(
     old = [one for one in find_images(index, key) if not (one == file and sha256_file(one) == record.image_sha256)]
     for one in old:
         _keep_aside(index, one, key)
-    linked = link and content_is_file(photo) and _link(photo.path, file)
+    linked = link and content_is_file(photo) and link_file(photo.path, file, root)
     if not linked:
-        write_bytes(file, content)
+        write_bytes(file, content, root)
     for one in old:
         if one != file:
             one.unlink(missing_ok=True)
@@ -123,26 +121,7 @@ def _keep_aside(index: SourceIndex, file: Path, key: CaptureKey) -> None:
     aside = index.source_dir / REPLACED
     path = f"{key.object}/{key.variant}/{file.stem}-{sha256[:8]}{file.suffix}"
     if not ((aside / path).is_file() and sha256_file(aside / path) == sha256):
-        write_bytes(aside / path, content)
+        write_bytes(aside / path, content, index.source_dir)
     record = index.records.get(show_path((key.object, key.variant, file.name)))
     if record is not None and record.image_sha256 == sha256 and show_path((path,)) not in read_manifest(aside):
         append_record(aside, record.model_copy(update={"path": show_path((path,))}))
-
-
-def _link(original: Path, file: Path) -> bool:
-    """Make a hard link under a temporary name and rename it; False where the file system has none."""
-    partial = file.with_name(f".{file.name}.{os.getpid()}.partial")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        partial.unlink(missing_ok=True)
-        partial.hardlink_to(original.resolve())
-    except OSError:
-        return False  # another disk, or one without links: the caller copies
-    try:
-        partial.replace(file)
-    except OSError as error:
-        raise explain_write_error(file, error) from error
-    finally:
-        with contextlib.suppress(OSError):  # renaming one link over another of the same file leaves both
-            partial.unlink(missing_ok=True)
-    return True

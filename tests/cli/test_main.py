@@ -1,0 +1,100 @@
+"""However a command ends: a line, an exit code, and a traceback for those who ask."""
+
+import errno
+import os
+import subprocess
+import sys
+
+import pytest
+
+from toolkit.cli import main
+from toolkit.core.errors import ToolkitError
+
+TOOLKIT = [sys.executable, "-m", "toolkit"]
+
+
+@pytest.fixture
+def end(monkeypatch, capsys, tmp_path):
+    """A function (error, *words) -> exit code and stderr of `toolkit init here`, which ends in that error."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("TOOLKIT_DEBUG", raising=False)
+
+    def call(error, *words):
+        def fail(*_, **__):
+            raise error
+
+        monkeypatch.setattr("toolkit.core.workspace.make_workspace", fail)
+        monkeypatch.setattr(sys, "argv", ["toolkit", "init", "here", *words])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        return ended.value.code, capsys.readouterr().err
+
+    return call
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "words"),
+    [
+        (ToolkitError("no such thing"), 2, "error: no such thing"),
+        (OSError(errno.EACCES, "Permission denied", "a/b"), 2, "error: cannot read a/b: permission denied"),
+        (OSError(errno.ENOSPC, "No space left on device"), 2, "error: No space left on device"),
+        (MemoryError(), 2, "error: the memory is full"),
+        (UnicodeEncodeError("utf-8", "a\ud800", 1, 2, "no"), 2, "error: '\\ud800' stands for no letter"),
+        (RecursionError("too deep"), 1, "error: RecursionError in test_main.py, line"),
+        (ValueError("one\ntwo" + "x" * 5000), 1, "error: ValueError in test_main.py, line"),
+        (ZeroDivisionError(), 1, "error: ZeroDivisionError"),
+    ],
+)
+def test_whatever_goes_wrong_is_a_line_and_an_exit_code(end, error, code, words):
+    found, err = end(error)
+    assert found == code and err.startswith(words), err
+    lines = err.splitlines()
+    assert len(lines) == (2 if code == 1 else 1) and max(map(len, lines)) < 500
+    assert "Traceback" not in err
+    if code == 1:
+        assert lines[1].startswith("this is a defect of toolkit: please report it") and "--debug" in lines[1]
+
+
+@pytest.mark.parametrize("words", [("--debug",), ()])
+def test_a_traceback_is_shown_to_those_who_ask(end, monkeypatch, words):
+    if not words:
+        monkeypatch.setenv("TOOLKIT_DEBUG", "1")
+    for error in (ToolkitError("no such thing"), ValueError("odd")):
+        _, err = end(error, *words)
+        assert err.startswith("Traceback") and str(error) in err.splitlines()[-2 if error.args == ("odd",) else -1]
+
+
+def test_a_message_cannot_command_the_terminal(end):
+    _, err = end(ToolkitError("file \x1b]0;owned\x07\x9b31m\n\u202egpj.exe is odd"))
+    assert err == "error: file \\x1b]0;owned\\x07\\x9b31m\\n\\u202egpj.exe is odd\n"
+
+
+def run(*arguments, stdout=subprocess.PIPE, **environment):
+    return subprocess.run(
+        [*TOOLKIT, *arguments], stdout=stdout, stderr=subprocess.PIPE, text=True, check=False,
+        env={**os.environ, **environment}, timeout=60,
+    )  # fmt: skip
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")  # noqa: PTH110
+def test_a_full_output_is_one_line():
+    with open("/dev/full", "w") as full:  # noqa: PTH123
+        done = run("--version", stdout=full)
+    assert (done.returncode, done.stderr) == (2, "error: No space left on device\n")
+
+
+def test_a_reader_that_has_enough_hears_no_more():
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, "w") as pipe:
+        done = run("--help", stdout=pipe)
+    assert (done.returncode, done.stderr) == (1, "")
+
+
+def test_an_ascii_terminal_gets_escapes():
+    done = run(
+        "plan", "--help", PYTHONUTF8="0", PYTHONCOERCECLOCALE="0", LC_ALL="C", PYTHONIOENCODING="ascii:strict"
+    )  # fmt: skip
+    assert done.returncode == 0 and not done.stderr and done.stdout.isascii()
+    done = run("plan", "--object", "größe\udcff", PYTHONIOENCODING="ascii:strict")
+    assert done.returncode == 2 and done.stderr.startswith("error: no object called 'gr\\xf6\\xdfe\\udcff'")

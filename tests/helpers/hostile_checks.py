@@ -1,0 +1,105 @@
+"""What must hold whatever comes: an end in time, a line that says what is wrong, nothing changed outside."""
+
+import io
+import os
+import resource
+import shutil
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from pathlib import Path
+
+LONGEST_S = 20
+MOST_BYTES = 12 << 30
+LONGEST_LINE = 2500
+TRIED: dict[str, int] = {}
+
+
+class Hang(BaseException):
+    """What was asked did not end in time."""
+
+
+@contextmanager
+def limited(seconds: int = LONGEST_S) -> Iterator[None]:
+    """Within, what takes longer is a `Hang`, and what takes too much memory a `MemoryError`."""
+
+    def ring(*_):
+        raise Hang(f"longer than {seconds} s")
+
+    before = signal.signal(signal.SIGALRM, ring)
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    signal.alarm(seconds)
+    resource.setrlimit(resource.RLIMIT_AS, (MOST_BYTES, hard))
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+        signal.signal(signal.SIGALRM, before)
+
+
+def count(what: str) -> None:
+    """One more input tried."""
+    TRIED[what] = TRIED.get(what, 0) + 1
+
+
+def look_at(folder: Path) -> dict[str, tuple[int, int]]:
+    """What lies outside the workspace, with sizes and times."""
+    found = {}
+    for place, folders, names in os.walk(folder):
+        folders[:] = [name for name in folders if name != "space"]
+        for name in names:
+            status = os.lstat(os.path.join(place, name))  # noqa: PTH118
+            found[os.path.join(place, name)] = (status.st_size, status.st_mtime_ns)  # noqa: PTH118
+    return found
+
+
+class Sandbox:
+    """A small workspace, made anew from a template for each input, deep in a folder that must not change."""
+
+    def __init__(self, root: Path, template: Path) -> None:
+        self.root, self.template = root, template
+        self.space_dir = root / "a" / "b" / "space"
+        self.out = self.err = ""
+
+    def renew(self) -> Path:
+        """The workspace as it was."""
+        if self.space_dir.exists():
+            shutil.rmtree(self.space_dir)
+        shutil.copytree(self.template, self.space_dir)
+        return self.space_dir
+
+    def run(self, *words: str) -> int:
+        """Run a command in the workspace, in this process; returns its exit code.
+
+        It must end in time with 0, 1 or 2 (130 where a question finds nobody), say what is wrong in lines, and change
+        nothing outside.
+        """
+        from toolkit.cli import main
+
+        before, here, argv, stdin = look_at(self.root), Path.cwd(), sys.argv, sys.stdin
+        out, err = io.TextIOWrapper(io.BytesIO(), "utf-8"), io.TextIOWrapper(io.BytesIO(), "utf-8")
+        sys.argv, sys.stdin = ["toolkit", *words], io.StringIO()
+        os.chdir(self.space_dir)
+        code: object = "none"
+        try:
+            with limited(), redirect_stdout(out), redirect_stderr(err):
+                main()
+        except SystemExit as ended:
+            code = ended.code or 0
+        finally:
+            os.chdir(here)
+            sys.argv, sys.stdin = argv, stdin
+        out.flush(), err.flush()
+        self.out = out.buffer.getvalue().decode("utf-8", "backslashreplace")
+        self.err = err.buffer.getvalue().decode("utf-8", "backslashreplace")
+        said = f"toolkit {words!a}\ncode {code}\n{self.out[-3000:]}\n{self.err[-3000:]}"
+        assert code in (0, 1, 2, 130), said
+        assert "Traceback" not in self.err and "this is a defect of toolkit" not in self.err, said
+        assert "the memory is full" not in self.err, said
+        assert all(sign == "\n" or sign.isprintable() for sign in self.err), said
+        assert max(map(len, self.err.splitlines()), default=0) < LONGEST_LINE, said
+        assert code != 2 or sum(line.startswith("error: ") for line in self.err.splitlines()) == 1, said
+        assert look_at(self.root) == before, f"wrote outside\n{said}"
+        return int(code)

@@ -1,0 +1,47 @@
+"""Settings of the attack, and the workspace that it is made on.
+
+A plain run tries some hundreds of inputs, the same each time; `make fuzz` tries many more, others each time.
+"""
+
+import os
+
+import pytest
+
+try:
+    from hypothesis import HealthCheck, settings
+except ImportError:
+    collect_ignore_glob = ["test_*.py"]  # needs the extra 'test'
+else:
+    QUIET = {"deadline": None, "suppress_health_check": list(HealthCheck), "database": None}
+    settings.register_profile("plain", max_examples=15, derandomize=True, **QUIET)
+    settings.register_profile("fuzz", max_examples=int(os.environ.get("FUZZ", "200")), print_blob=True, **QUIET)
+    settings.load_profile("fuzz" if "FUZZ" in os.environ else "plain")
+
+
+def pytest_terminal_summary(terminalreporter):
+    """How much was tried."""
+    from hostile_checks import TRIED
+
+    if TRIED:
+        terminalreporter.write_line(f"{sum(TRIED.values())} bad inputs: {TRIED}")
+
+
+@pytest.fixture(scope="session")
+def template(make_crate_space, tmp_path_factory):
+    """A workspace with a bit of everything: object, patch, plan, list, lens, board, captures, results of `corrupt`."""
+    import hostile_space
+
+    folder = tmp_path_factory.mktemp("template") / "space"
+    hostile_space.furnish(make_crate_space(folder))
+    return folder
+
+
+@pytest.fixture(scope="session")
+def sandbox(template, tmp_path_factory):
+    """See `Sandbox`."""
+    from hostile_checks import Sandbox
+
+    root = tmp_path_factory.mktemp("sandbox")
+    (root / "a" / "b").mkdir(parents=True)
+    (root / "a" / "precious.txt").write_text("mine")
+    return Sandbox(root, template)
