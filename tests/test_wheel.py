@@ -68,11 +68,11 @@ def test_the_installed_wheel_runs_the_demo(site, weights, tmp_path):
     toolkit("plan", "--workspace", "lab", "--count", "2", "--pattern", "ring", "--resolution", "160", "120", "--quiet")
     said = toolkit("demo", "lab", "--quiet")
     assert "16 images shot" in said
-    summary = json.loads((tmp_path / "lab/eval/resnet18-imagenet-sim/summary.json").read_text())
+    summary = json.loads((tmp_path / "lab/eval/resnet18-random-sim/summary.json").read_text())
     assert {(g["object"], g["variant"], g["n"]) for g in summary["groups"]} >= {
         ("racer", "patched", 2), ("all", "unpatched", 8),
     }  # fmt: skip
-    assert (tmp_path / "lab/eval/resnet18-imagenet-sim/report.html").stat().st_size > 20_000
+    assert (tmp_path / "lab/eval/resnet18-random-sim/report.html").stat().st_size > 20_000
     for name in ("racer", "warplane", "coffeepot", "eggnog"):
         assert (tmp_path / f"lab/print/{name}.pdf").read_bytes().startswith(b"%PDF")
 

@@ -250,7 +250,7 @@ def test_a_patch_is_found_by_name_by_class_or_not_at_all(space, patch_record):
     assert find_patch(space, item).record.name == "crate"
     for file in space.patches_dir.glob("crate.*"):
         file.unlink()
-    with pytest.raises(ToolkitError, match=r"no patch for object 'crate' .*toolkit train-patch --class \"crate\""):
+    with pytest.raises(ToolkitError, match=r"no patch for object 'crate' .*toolkit train-patch --object crate"):
         find_patch(space, item)
     write_patch(space.patches_dir, np.zeros((4, 4, 3), np.uint8), patch_record("x") | {"class_name": "crate"})
     assert find_patch(space, item).record.name == "x"

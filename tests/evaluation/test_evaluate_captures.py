@@ -171,16 +171,16 @@ def test_bad_run_names():
 
 
 def test_read_only_workspace(shot, colour_classifier, monkeypatch):
-    from pathlib import Path
+    import os
 
-    real_open = Path.open
+    real_open = os.open
 
-    def refuse(self, mode="r", *args, **kwargs):
-        if "w" in mode:
+    def refuse(path, flags, *args, **kwargs):
+        if flags & os.O_WRONLY:
             raise OSError(30, "Read-only file system")
-        return real_open(self, mode, *args, **kwargs)
+        return real_open(path, flags, *args, **kwargs)
 
-    monkeypatch.setattr(Path, "open", refuse)
+    monkeypatch.setattr(os, "open", refuse)
     with pytest.raises(ToolkitError, match="read-only"):
         evaluate_captures(shot.captures_dir, shot, colour_classifier)
 

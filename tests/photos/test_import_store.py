@@ -69,7 +69,7 @@ def test_a_retake_waits_for_the_word_and_the_old_one_is_kept(space, folder):
     assert not result.imported and "crate/patched/pose_01.jpg (from pose_1.jpg)" in reasons(result)["pose_1.png"]
     result = run(space, again, ImportSettings(object="crate", variant="patched", replace=True))
     place = result.source_dir / "crate" / "patched"
-    assert [file.name for file in place.iterdir()] == ["pose_01.png"]
+    assert [file.name for file in place.glob("pose_*")] == ["pose_01.png"]
     assert list(read_manifest(result.source_dir)) == ["crate/patched/pose_01.png"]
     (kept,) = (result.source_dir / REPLACED).rglob("*.jpg")
     assert kept.read_bytes() == old
@@ -101,7 +101,7 @@ def test_an_image_that_was_put_there_by_hand_is_not_overwritten(space, folder):
     result = run(space, folder)
     assert not result.imported and "pose 1 has crate/patched/1.jpg" in reasons(result)["pose_1.jpg"]
     result = run(space, folder, ImportSettings(object="crate", variant="patched", replace=True))
-    assert [file.name for file in hand.parent.iterdir()] == ["pose_01.jpg"]
+    assert [file.name for file in hand.parent.iterdir() if file.suffix != ".json"] == ["pose_01.jpg"]
     (kept,) = (result.source_dir / REPLACED).rglob("*.jpg")
     assert kept.read_bytes() == content
 
@@ -160,7 +160,7 @@ def test_a_kill_at_any_write_loses_nothing(space, folder, monkeypatch, replace):
             "pose_1.jpg",
             "pose_2.png",
         }
-        there = {file.name for file in (source / "crate/patched").iterdir()}
+        there = {file.name for file in (source / "crate/patched").iterdir()} - {"transforms.json"}
         assert there == {"pose_01.jpg", "pose_02.png"}
         files = [file for file in source.rglob("*") if file.suffix in (".jpg", ".png")]
         assert {sha256_file(file) for file in files} == originals
@@ -179,7 +179,7 @@ def test_links_share_the_file_and_leave_it_whole(space, folder):
     (result.source_dir / MANIFEST).unlink()  # again over links that are there already
     again = run(space, folder, ImportSettings(object="crate", variant="patched", link=True))
     assert len(again.imported) == 2
-    assert len(list((result.source_dir / "crate/patched").iterdir())) == 2
+    assert len(list((result.source_dir / "crate/patched").glob("*.jpg"))) == 2
     assert len(read_captures(space.captures_dir).captures) == 2
 
 

@@ -65,7 +65,7 @@ def test_jitter_of_a_pose_depends_on_seed_and_number_alone(name):
     ("wrong", "words"),
     [
         ({"name": "gird"}, "name gird: expected grid, .*did you mean grid"),
-        ({"count": 0}, "count 0: expected at least 1"),
+        ({"count": 0}, "count 0: expected 1 to 10000"),
         ({"elevation_deg": (60, 20)}, "elevation_deg 60 20: expected two rising numbers from 0 to 90"),
         ({"elevation_deg": (-5, 20)}, "rising numbers from 0 to 90"),
         ({"elevation_deg": (20, 95)}, "rising numbers from 0 to 90"),

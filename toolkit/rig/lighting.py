@@ -274,7 +274,7 @@ def bake_lighting(
     points = np.stack([x, y, np.full_like(x, OFFSET * size)], axis=-1).reshape(-1, 3).astype(np.float32)
     open_ground, of_ground = open_irradiance, lights
     if not is_indoors:
-        of_ground = replace(lights, key_irradiance=np.zeros(3, np.float32))  # its shadow is cast for each picture
+        of_ground = replace(lights, key=lights.key[:0])  # its shadow is cast for each picture
         open_ground = _open_light(up, of_ground)[0]
     shade = _gather(shape, points, np.repeat(up, len(points), 0), of_ground, bounce, NO_GROUND)
     table = cv2.GaussianBlur(shade[:, :3].reshape(count, count, 3), (0, 0), 0.8)
