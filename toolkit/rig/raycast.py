@@ -353,7 +353,8 @@ def _prepare_paint(mesh: Mesh) -> _Paint:
 def _light_mesh(mesh: Mesh, paint: _Paint, lighting: Lighting, stand: Stand) -> LitMesh:
     materials = mesh.materials
     return LitMesh(
-        faces=np.ascontiguousarray(mesh.faces, np.int32), normals=np.ascontiguousarray(np.nan_to_num(mesh.normals), np.float32),
+        faces=np.ascontiguousarray(mesh.faces, np.int32),
+        normals=np.ascontiguousarray(np.nan_to_num(mesh.normals), np.float32),
         uv=np.ascontiguousarray(np.nan_to_num(mesh.uv).clip(-1e6, 1e6), np.float32),
         material=np.ascontiguousarray(mesh.face_material, np.int32),
         density=paint.density, texture=paint.texture,
