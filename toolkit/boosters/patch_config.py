@@ -144,6 +144,7 @@ class PatchConfig(PixelConfig):
             "glare": self.glare,
             **{f"camera: {type(part).__name__}": part for part in self.camera or ()},
             **({} if self.corrupted is None else {"corrupted": self.corrupted}),
+            **({} if self.weather is None else {"weather": self.weather}),
         }
         rows = self.step_rows(self.size_px, "sign of the gradient", epochs)
         rows += [("networks", ", ".join(networks))]
@@ -163,7 +164,7 @@ class PatchConfig(PixelConfig):
             named = ", ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in self.without_effect.items())
             words = f"{named}: in the paper's release they move a dummy parameter, not the patch"
             rows.append(("without effect", words))
-        return align_rows(rows)
+        return [*align_rows(rows), *self.weather_lines]
 
 
 RECIPES: dict[str, PatchConfig] = {

@@ -4,12 +4,13 @@ import re
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from toolkit.boosters.parts.blur import CameraBlur
 from toolkit.boosters.parts.jpeg import JpegFile
 from toolkit.boosters.parts.sensor_noise import SensorNoise
-from toolkit.core.config import Config, Expect, Flag
+from toolkit.boosters.parts.weather import Weathered, read_words
+from toolkit.core.config import Config, Expect, Flag, Later
 from toolkit.core.errors import FieldError, one_of
 from toolkit.core.names import is_file_name
 
@@ -41,6 +42,16 @@ class PixelConfig(Config):
     start_contrast: Annotated[float, Field(ge=0, le=1), Flag(group=STEPS)] = Field(
         0.2, description="Of the random first pixels about grey, 1 is full."
     )
+    weather: Annotated[
+        Weathered | None,
+        BeforeValidator(read_words),
+        Later,
+        Flag("--weather", metavar="NAME[:SEVERITY]", group=MEETS, typed=tuple[str, ...]),
+    ] = Field(
+        None,
+        description="Weather over half of the views of the object, as far away as at its real size: fog:1-5, dust:3, "
+        "rain, snow; of several each draws one.",
+    )
 
     @property
     def step_count(self) -> int:
@@ -54,6 +65,11 @@ class PixelConfig(Config):
         from toolkit.training.loop import FitConfig
 
         return FitConfig(self.step_count, self.lr, self.schedule, optimiser, self.seed)
+
+    @property
+    def weather_lines(self) -> list[str]:
+        """The numbers behind its weathers, a line each."""
+        return [] if self.weather is None else self.weather.rows()
 
     def step_rows(self, size_px: int, optimiser: str, epochs: str = "") -> list[tuple[str, str]]:
         """(name, value) of these settings, in words."""

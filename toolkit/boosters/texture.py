@@ -32,13 +32,18 @@ from toolkit.boosters.texture_objects import (
     load_objects,
     read_keep_image,
 )
-from toolkit.boosters.validation import Share, Validation, list_shares
+from toolkit.boosters.texture_validation import (
+    WeatherValidation,
+    draw_weather,
+    validate_in_weather,
+    validate_texture,
+)
+from toolkit.boosters.validation import list_shares
 from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.corruptions.corrupt import corrupt
 from toolkit.imaging.colour import srgb_to_linear
 from toolkit.objects.atlas import wear
 from toolkit.objects.export import to_glb
@@ -56,17 +61,7 @@ if TYPE_CHECKING:
 CHECKPOINT_EVERY_S = 10.0
 """How much work a kill may cost, and how often the turntable is drawn."""
 MAX_BACKGROUNDS = 256
-BATCH = 16
-FOG_SEVERITY = 3
 TURNTABLE_VIEWS, TURNTABLE_ELEVATION_DEG, TURNTABLE_FILL, TURNTABLE_BACKDROP = 8, 30.0, 0.9, "concrete"
-
-
-@dataclass(frozen=True)
-class WeatherValidation:
-    """What one network says of held-out views: the object in its own paint (`bare`) and in the texture (`patched`)."""
-
-    clear: Validation
-    fog: Validation
 
 
 @dataclass(frozen=True)
@@ -140,6 +135,8 @@ def train_texture(
     files = choose_files(workspace, out, name)
     backgrounds = _load_backgrounds(config, networks[0])
     data_sha256 = hash_objects(objects) + sha256_bytes(backgrounds.images.tobytes())
+    if config.weather is not None:
+        data_sha256 += "".join(f" {one.metres_per_mm!r}" for one in objects)
     inputs = [
         METHOD_VERSION, name, list_networks(targets), data_sha256, config.size_px, config.objects,
         config.settings(networks[0].preprocessing.crop_px),
@@ -203,6 +200,7 @@ class TextureTask(PixelTask[TrainedTexture]):
         self.title = f"Training {files.png.stem}"
         self._backgrounds = backgrounds
         self._source = torch.from_numpy(find_source(objects)).to(self.pixels.device)
+        self._metres = [1.0 if config.weather is None else one.metres_per_mm for one in objects]
         self._glbs = {one.name: files.png.parent / glb_name(files.png.stem, one.name) for one in objects}
 
     def describe(self) -> list[str]:
@@ -227,7 +225,11 @@ class TextureTask(PixelTask[TrainedTexture]):
         subjects, device = [one.subject() for one in self.objects], str(self.pixels.device)
         self._turntable = [plan_turntable(subject, self.image_px, device) for subject in subjects]
         views = self.config.views(self.image_px)
-        with ViewStream(subjects, views, self.config.seed, self.config.groups, self.workers) as self._stream:
+        self._stream = ViewStream(
+            subjects, views, self.config.seed, self.config.groups, self.workers,
+            with_depth=self.config.weather is not None,
+        )  # fmt: skip
+        with self._stream:
             yield
 
     def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
@@ -238,7 +240,10 @@ class TextureTask(PixelTask[TrainedTexture]):
         behind = choose_backgrounds(
             self._backgrounds.images, config, draws.of("backgrounds"), len(views), self.image_px
         )
-        batch = batch_views([one.view for one in views], str(self.pixels.device), behind)
+        batch = batch_views([one.view for one in views], str(self.pixels.device), behind).to(self.pixels.dtype)
+        if config.weather is not None:
+            rng = draws.of(type(config.weather).__name__)
+            batch = batch.through(*draw_weather(views, self._metres, config.weather, rng))
         loss, recognised = judge_photos(take_photos(self.dilated(), batch, config, draws), self.targets)
         return loss, {"accuracy": recognised}
 
@@ -259,9 +264,16 @@ class TextureTask(PixelTask[TrainedTexture]):
         config, objects = self.config, self.objects
         pixels = quantise(self.dilated())
         with progress("Validating", 1) as bar:
-            validations = validate_texture(pixels, self._stream.held_out(config.held_out), self.targets, config.seed)
+            held_out = self._stream.held_out(config.held_out)
+            validations = validate_texture(pixels, held_out, self.targets, config.seed)
+            if config.weather is not None:
+                seen = validate_in_weather(
+                    pixels, held_out, self.targets, config.seed, weather=config.weather, metres_per_unit=self._metres
+                )
+                validations = [replace(one, weather=other) for one, other in zip(validations, seen, strict=True)]
             bar.advance()
         clear, fog = [one.clear for one in validations], [one.fog for one in validations]
+        weather = [one.weather for one in validations if one.weather is not None]
         views = {
             "rendered": config.groups * config.studios * config.per_studio,
             "used": config.step_count * config.batch,
@@ -278,7 +290,10 @@ class TextureTask(PixelTask[TrainedTexture]):
             "data": {"views": views, "backgrounds": self._backgrounds.record},
             "seed": config.seed,
             "settings": config.settings(self.image_px) | {"inputs_sha256": self.inputs_sha256},
-            "final": history.recent(self.recent) | list_shares(clear, "held_out") | list_shares(fog, "held_out_fog"),
+            "final": history.recent(self.recent)
+            | list_shares(clear, "held_out")
+            | list_shares(fog, "held_out_fog")
+            | list_shares(weather, "held_out_weather"),
             "toolkit_version": __version__,
         }
         texture = write_texture(
@@ -324,44 +339,6 @@ def choose_backgrounds(
         cut = photograph[top : top + image_px, left : left + image_px]
         chosen.append(srgb_to_linear((cut[:, ::-1] if rng.random() < 0.5 else cut) / np.float32(255)))
     return chosen
-
-
-def validate_texture(
-    pixels: np.ndarray, views: list[RenderedView], targets: list[Target], seed: int
-) -> list[WeatherValidation]:
-    """Recognise held-out views in the studio, as they are and in ImageNet-C's fog of severity 3.
-
-    Args:
-        pixels: (n, n, 3) uint8 sRGB, dilated.
-        views: with the object in its own paint beside them.
-        targets: the networks.
-        seed: of the fog.
-    """
-    import torch
-
-    device = targets[0].classifier.device
-    texture = torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1))).to(device).float().div(255)
-    hits = np.zeros((2, 2, len(targets)), int)  # weather, paint, network
-    with torch.inference_mode():
-        for start in range(0, len(views), BATCH):
-            some = views[start : start + BATCH]
-            textured = show_texture(texture, batch_views([one.view for one in some], device))
-            bare = torch.from_numpy(np.stack([one.bare for one in some if one.bare is not None])).to(device)
-            seeds = [int(n) for n in Draws(seed, start, "validate").of("fog").integers(1 << 62, size=len(some))]
-            for paint, photos in enumerate((bare.permute(0, 3, 1, 2).float() / 255, textured)):
-                for weather, seen in enumerate((photos, corrupt(photos, "fog", FOG_SEVERITY, seeds))):
-                    for k, target in enumerate(targets):
-                        hits[weather, paint, k] += target.count_hits(seen)
-    count = len(views)
-    return [
-        WeatherValidation(
-            *(
-                Validation(target.classifier.name, Share(int(bare), count), Share(int(textured), count))
-                for bare, textured in hits[:, :, k]
-            )
-        )
-        for k, target in enumerate(targets)
-    ]
 
 
 def plan_turntable(subject: PaintableObject, image_px: int, device: str) -> ViewBatch:

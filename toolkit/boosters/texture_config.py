@@ -171,8 +171,10 @@ class TextureConfig(PixelConfig):
         rows += [("gradient", self.gradient), ("views", views), ("networks", ", ".join(networks))]
         if self.background_share:
             rows.append(("backgrounds", f"photographs behind {self.background_share:.0%} of the views"))
-        parts = [part for part in (self.exposure, *self.photo_parts) if part is not None]
-        return align_rows([*rows, *((type(part).__name__, describe(part)) for part in parts)])
+        parts: list[object] = [part for part in (self.exposure, *self.photo_parts) if part is not None]
+        parts += [] if self.weather is None else [self.weather]
+        rows += [(type(part).__name__, describe(part)) for part in parts]
+        return [*align_rows(rows), *self.weather_lines]
 
 
 RECIPES: dict[str, TextureConfig] = {

@@ -34,6 +34,11 @@ class TexturedObject:
         material = int(self.atlas.mesh.face_material[self.atlas.trained][0])
         return PaintableObject(self.atlas.mesh, material, self.item.mesh)
 
+    @property
+    def metres_per_mm(self) -> float:
+        """Scale to its real size; raises a `ToolkitError` where its spec does not state it."""
+        return self.item.spec.metres_per_mm
+
     def describe(self) -> str:
         """How large its mesh is, and what of it the texture covers."""
         atlas = self.atlas
