@@ -162,7 +162,8 @@ def test_rotorpy_agrees() -> None:
         "mass": free.mass_kg, "Ixx": free.inertia[0], "Iyy": free.inertia[1], "Izz": free.inertia[2], "Ixy": 0.0,
         "Iyz": 0.0, "Ixz": 0.0, "num_rotors": 4, "rotor_pos": {k: np.array([*v, 0.0]) for k, v in places.items()},
         "rotor_directions": np.array([1, 1, -1, -1]), "rI": np.zeros(3), "c_Dx": 0.0, "c_Dy": 0.0, "c_Dz": 0.0,
-        "k_eta": 1e-6, "k_m": 1e-6 * free.torque_nm / free.thrust_n, "k_d": 0.0, "k_z": 0.0, "k_h": 0.0, "k_flap": 0.0, "tau_m": 1e-4,
+        "k_eta": 1e-6, "k_m": 1e-6 * free.torque_nm / free.thrust_n, "k_d": 0.0, "k_z": 0.0, "k_h": 0.0,
+        "k_flap": 0.0, "tau_m": 1e-4,
         "rotor_speed_min": 0.0, "rotor_speed_max": 1e5, "motor_noise_std": 0.0, "k_w": 1.0, "k_v": 1.0,
         "kp_att": 1.0, "kd_att": 1.0,
     }  # fmt: skip

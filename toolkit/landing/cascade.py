@@ -49,6 +49,10 @@ class VelocityControl:
         made._climb = self._climb[chosen]
         return made
 
+    def put(self, chosen: np.ndarray, part: "VelocityControl") -> None:
+        """Take back that of some of the vehicles."""
+        self._climb[chosen] = part._climb
+
     def signals(self, state: MultirotorState, velocity: np.ndarray, yaw_rad: np.ndarray, step_s: float) -> np.ndarray:
         """(4, n) what each rotor is told.
 

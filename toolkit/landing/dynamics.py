@@ -56,7 +56,7 @@ class Multirotor:
     def drag(self) -> np.ndarray:
         """(3,) force along each body axis per square of the speed along it, N s²/m².
 
-        AirSim's faces: the box's, and of each rotor π d² from above, which is four times its disc, and π d h from aside.
+        AirSim's faces: the box's, and of each rotor π d² from above, four times its disc, and π d h from aside.
         """
         x, y, z = self.body_m
         above, aside = np.pi * self.rotor_diameter_m**2, np.pi * self.rotor_diameter_m * self.rotor_thickness_m
