@@ -11,7 +11,6 @@ import numpy as np
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.objects.mesh import Mesh
 from toolkit.objects.spec import ObjectSpec
-from toolkit.rig.lighting import Shape
 from toolkit.rig.scene import Scene, Stand
 from toolkit.worlds.sky import Sky
 from toolkit.worlds.world import Spot, World
@@ -216,4 +215,4 @@ def _cast(world: World, rays: np.ndarray) -> np.ndarray:
     """(n,) way of rays (n, 6) to what they meet first; inf where nothing."""
     import open3d as o3d
 
-    return Shape.of(world.mesh).rays.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
+    return world.shape.rays.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
