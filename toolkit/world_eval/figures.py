@@ -53,7 +53,7 @@ def draw_weathers(results: WorldResults, summary: Summary) -> bytes | None:
         x = 1e3 * list_extinctions(ladder)
         for variant in results.variants:
             colour = colour_of(results.variants, variant)
-            own = [rows[(variant, *step)] for step in ladder]
+            own = [rows[variant, name, severity] for name, severity in ladder]
             _draw_line(panel, x.tolist(), own, colour, variant)
             half = halves[variant, kind]["visibility_m"]
             if half is not None:

@@ -119,7 +119,7 @@ def _compare(name: str, own: np.ndarray, reference: np.ndarray, densest: float) 
         times = own / reference
     is_bound = bool(np.isinf(own[0]))
     value = densest / reference[0] if is_bound else times[0]
-    interval = percentile_interval(times[1:])
+    interval = percentile_interval(times[1:]) if len(times) > 1 else None
     key = "times" if name == "times" else "same_times"
     return {
         key: None if np.isnan(value) else float(value),
@@ -134,7 +134,7 @@ def _as_visibility(extinctions: np.ndarray) -> np.ndarray:
 
 
 def _visible_interval(visible: np.ndarray) -> tuple[float | None, float | None] | None:
-    interval: Interval | None = percentile_interval(visible)
+    interval: Interval | None = percentile_interval(visible) if len(visible) else None
     return None if interval is None else (_finite(interval[0]), _finite(interval[1]))
 
 

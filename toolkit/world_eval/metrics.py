@@ -44,8 +44,9 @@ class Sampler:
 
     @classmethod
     def of(cls, results: WorldResults) -> "Sampler":
-        """For the places of a run; the samples are the same for every run of as many places."""
-        return cls(results.place_of, resample_clusters(len(results.places)))
+        """For the places of a run, the same samples for every run of as many; none for one place."""
+        count = len(results.places)
+        return cls(results.place_of, resample_clusters(count) if count > 1 else np.zeros((0, 1)))
 
     def shares(self, values: np.ndarray, among: np.ndarray | None = None) -> np.ndarray:
         """(1 + b,) mean of values (n,) of the cameras in `among` (n,) bool: seen, then of each bootstrap sample."""
@@ -62,7 +63,7 @@ class Sampler:
         found = self.shares(values, among)
         if np.isnan(found[0]):
             return None, None
-        return float(found[0]), percentile_interval(found[1:]) if self.weights.shape[1] > 1 else None
+        return float(found[0]), percentile_interval(found[1:]) if len(self.weights) else None
 
 
 def summarise(results: WorldResults) -> dict[str, Any]:

@@ -31,7 +31,7 @@ def judge_world(summary: Summary) -> list[tuple[str, str]]:
     pairs = {row["variant"]: row for row in summary["pairs"] if (row["weather"], row["place"]) == (CLEAR[0], POOLED)}
     lines = []
     for variant in variants:
-        row = groups[(variant, *CLEAR)]
+        row = groups[variant, CLEAR[0], CLEAR[1]]
         who = f"{summary['model']['name']} has the {summary['about']['class']} among its first five guesses"
         sentence = f"In clear air {who} on {_share(row)} of {row['n']} pictures {_name(variant)}."
         tone, why = _judge_pair(pairs.get(variant))
@@ -137,6 +137,7 @@ def build_world_table(summary: Summary) -> "Table":
             format_interval(row["top5_ci95"]), f"{row['mean_true_prob']:.2f}", *change,
         ])  # fmt: skip
     about = summary["about"]
-    title = f"{about['object']} in {about['world']}, {about['sky']}: {len(about['places'])} places"
+    count = len(about["places"])
+    title = f"{about['object']} in {about['world']}, {about['sky']}: {count} place{'s' if count > 1 else ''}"
     heads = ("visibility m", "n", "top-1 %", "top-5 %", "95 %", "prob", "gained", "lost", "p")
     return build_table(title, ("variant", "weather"), heads, cells)
