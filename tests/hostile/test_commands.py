@@ -29,6 +29,9 @@ COMMANDS = {
     "capture-sim": ("capture-sim", "--object", "crate", "--variant", "unpatched"),
     "eval": ("eval", "captures/sim", "--model", "mine"),
     "baseline": ("baseline", "qr", "--class", "crate"),
+    "world list": ("world", "list"),
+    "world preview": ("world", "preview", "nowhere.glb"),
+    "world export": ("world", "export", "nowhere.glb"),
     # with these nothing is trained: a name is wrong whatever else is
     "sweep": ("sweep", "distance", "--object", "nobody"),
     "train-patch": ("train-patch", "--class", "crate", "--model", "nobody"),
