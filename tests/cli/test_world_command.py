@@ -4,6 +4,8 @@ import json
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,10 +25,10 @@ QUICK = ("--resolution", "64", "64", "--film-s", "0")
 
 
 @pytest.fixture
-def space(tmp_path, monkeypatch) -> Workspace:
+def space(tmp_path, monkeypatch) -> Iterator[Workspace]:
     """A workspace in which `grass` is a field with a wall, and there is no other built-in world."""
     catalogue.build_world.cache_clear()
-    monkeypatch.setattr(catalogue, "WORLDS", {"grass": lambda seed: make_field()})
+    monkeypatch.setattr(catalogue, "WORLDS", {"grass": lambda seed: replace(make_field(), name="grass")})
     yield make_workspace(tmp_path / "lab")
     catalogue.build_world.cache_clear()
 
@@ -76,8 +78,8 @@ def test_a_preview_says_what_was_made_and_does_nothing_twice(space) -> None:
     words = ("preview", "grass", "--time", "overcast", "--weather", "rain:5", *QUICK)
     result = call(space, *words)
     assert result.exit_code == 0, result.exception
-    folder = space.worlds_dir / "field"
-    assert f"made 7 files of field: {folder}" in result.output and "next: toolkit world export grass" in result.output
+    folder = space.worlds_dir / "grass"
+    assert f"made 7 files of grass: {folder}" in result.output and "next: toolkit world export grass" in result.output
     assert {"overcast-street.jpg", "overcast-rain-5-street.jpg", "map.png"} <= {one.name for one in folder.iterdir()}
     again = json.loads(call(space, *words, "--json").stdout)
     assert not again["made"] and len(again["kept"]) == 7
@@ -114,11 +116,11 @@ def test_an_object_is_exported_where_it_stands(space, tmp_path) -> None:
         (("preview", "grass", "--variant", "textured"), "--variant textured: of which object? Say --object with it"),
         (("preview", "grass", "--place", "west"), "--place west: of which object?"),
         (("preview", "grass", "--object", "racre"), "no object called 'racre': did you mean racer?"),
-        (("preview", "grass", "--object", "racer", "--place", "wets"), "no place in the world field called 'wets'"),
+        (("preview", "grass", "--object", "racer", "--place", "wets"), "no place in the world grass called 'wets'"),
         (("preview", "grass", "--object", "racer", "--variant", "patch-alone"), "lies on a table without its object"),
         (
             ("preview", "grass", "--object", "racer", "--length-m", "99"),
-            "field has no place for an object that reaches",
+            "grass has no place for an object that reaches",
         ),
         (("preview", "grass", "--resolution", "9", "9"), "expected 64 to 7680 pixels"),
         (("preview", "grass", "--film-s", "-1"), "--film-s -1: expected 0 to 300 seconds"),
@@ -131,7 +133,7 @@ def test_what_cannot_be_meant_is_one_line(space, words, said) -> None:
     result = call(space, *words)
     assert isinstance(result.exception, ToolkitError), result.exception
     assert said in str(result.exception) and "\n" not in str(result.exception)
-    assert not list(space.worlds_dir.glob("field/*"))
+    assert not list(space.worlds_dir.glob("grass/*"))
 
 
 @pytest.mark.parametrize(
@@ -164,7 +166,7 @@ def test_a_mesh_in_centimetres_is_told_its_scale_and_taken_with_it(space, tmp_pa
 def test_the_city_is_a_city_to_the_list() -> None:
     from toolkit.cli.world import describe_world
 
-    row = describe_world(build_city(0, blocks=(1, 1)), None)
+    row = describe_world(build_city(0, blocks=(1, 2)), None)
     assert {"road", "building", "vehicle", "tree", "furniture", "sign", "skyline"} <= set(row["classes"])
 
 
