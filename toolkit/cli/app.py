@@ -85,6 +85,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
             "corrupt a data set with and without patches",
             {**TURNED, "--corruption": "--corrupt"},
         ),
+        "world-eval": Entry("world_eval:world_eval", "see an object in a city, through fog and dust"),
     },
     "Worlds": {
         "world list": Entry("world:list_worlds", "list the worlds, built in and your own"),
