@@ -15,7 +15,16 @@ from toolkit.boosters.parts.glare import TapeGlare
 from toolkit.boosters.parts.light import LightRanges
 from toolkit.boosters.parts.pose import MixedPlacement, PoseRanges
 from toolkit.boosters.parts.print_process import PrintProcess, ProfiledPrint, use_profile
-from toolkit.boosters.pixel_config import MEETS, STEPS, CameraParts, PixelConfig, find_recipe, make_camera, record_parts
+from toolkit.boosters.pixel_config import (
+    MEETS,
+    STEPS,
+    WORLD_FILL,
+    CameraParts,
+    PixelConfig,
+    find_recipe,
+    make_camera,
+    record_parts,
+)
 from toolkit.core.config import Flag, Later, Range, Rising, align_rows, describe
 from toolkit.core.errors import FieldError
 from toolkit.imaging.printer import nearest_printable, read_print_profile
@@ -196,6 +205,8 @@ def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> 
         raise FieldError("expected one of the two", lengths)
     if lengths:
         base = base.model_copy(update={"steps": None, "epochs": None})
+    if fitted.get("world") is not None:
+        base = base.model_copy(update={"mounted_fill": WORLD_FILL})
     if fitted.get("mounted_share") is None and data.rig_source is None:
         fitted["mounted_share"] = 0.0
     pose_acts = base.pose is not None if fitted.get("pose") is None else fitted["pose"]

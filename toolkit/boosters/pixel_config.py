@@ -4,7 +4,7 @@ import re
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
-from pydantic import BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from toolkit.boosters.parts.blur import CameraBlur
 from toolkit.boosters.parts.jpeg import JpegFile
@@ -17,8 +17,21 @@ from toolkit.core.names import is_file_name
 if TYPE_CHECKING:
     from toolkit.training.loop import FitConfig
 
-STEPS, MEETS = "Steps", "What it meets"
+STEPS, MEETS, WORLD = "Steps", "What it meets", "In a world"
+WORLD_ELEVATION_DEG, WORLD_FILL = (2.0, 75.0), (0.25, 1.0)
+"""Where cameras stand in a world, unless it is said: from a man's height up, from near to three lengths away."""
 CameraParts = tuple[CameraBlur, SensorNoise, JpegFile]
+
+
+def check_times(times: tuple[str, ...]) -> tuple[str, ...]:
+    """Times of day that a sky can have; an unknown one is a `ToolkitError`."""
+    if times != ("noon",):
+        from toolkit.worlds.sky import TIMES
+
+        for time in times:
+            if time not in TIMES:
+                raise one_of("time of day", time, list(TIMES))
+    return times
 
 
 class PixelConfig(Config):
@@ -52,6 +65,23 @@ class PixelConfig(Config):
         description="Weather over half of the views of the object, as far away as at its real size: fog:1-5, dust:3, "
         "rain, snow; of several each draws one.",
     )
+    world: Annotated[str | None, Later, Flag(metavar="NAME|FILE", group=WORLD)] = Field(
+        None,
+        description="Views in this world, not in the studio: city, grass, apron, harbour, a mesh file of your own or "
+        "the TOML of a kit.",
+    )
+    world_seed: Annotated[int, Field(ge=0), Later, Flag(group=WORLD)] = Field(
+        1, description="Number of the world; world-eval takes 0 unless told otherwise."
+    )
+    world_scale: Annotated[float, Field(gt=0), Later, Flag(group=WORLD)] = Field(
+        1.0, description="From the units of a mesh of your own to metres."
+    )
+    times: Annotated[
+        tuple[str, ...], Field(min_length=1), AfterValidator(check_times), Later,
+        Flag("--time", metavar="NAME", group=WORLD),
+    ] = Field(
+        ("noon",), description="Time of day: noon, afternoon, golden, dusk, overcast; of several each place draws one."
+    )  # fmt: skip
 
     @property
     def step_count(self) -> int:

@@ -270,9 +270,9 @@ class Setting(Protocol):
         ...
 
     def aim(
-        self, renderer: RaycastRenderer, draws: np.random.SeedSequence, settings: ViewSettings
+        self, renderer: RaycastRenderer, stand: Stand, draws: np.random.SeedSequence, settings: ViewSettings
     ) -> tuple[Camera, np.ndarray]:
-        """A camera of `settings.image_px` a side and its `T_world_camera`."""
+        """A camera of `settings.image_px` a side that sees the object on its stand, and its `T_world_camera`."""
         ...
 
 
@@ -287,7 +287,7 @@ class StudioSetting:
         return make_studio(seed, float(mesh.size_mm.max()), light=light), stand
 
     def aim(
-        self, renderer: RaycastRenderer, draws: np.random.SeedSequence, settings: ViewSettings
+        self, renderer: RaycastRenderer, stand: Stand, draws: np.random.SeedSequence, settings: ViewSettings
     ) -> tuple[Camera, np.ndarray]:
         """See `random_pose`."""
         camera = Camera.from_fov(settings.image_px, settings.image_px, FOV_DEG)
@@ -311,7 +311,7 @@ def render_block(
     texture = subject.mesh.materials[subject.material].texture
     views = []
     for i, of_view in enumerate(of_views):
-        camera, pose = setting.aim(renderer, of_view, settings)
+        camera, pose = setting.aim(renderer, stand, of_view, settings)
         bare = light = None
         if own_paint is not None:
             light = own_paint.render(camera, pose)
