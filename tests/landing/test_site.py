@@ -29,6 +29,7 @@ def test_the_pad_is_seen_where_the_truth_says(site: PadSite) -> None:
         assert z == pytest.approx(offset[2])
         assert column == pytest.approx(site.camera.cx + site.camera.fx * x / z, abs=0.6)
         assert row == pytest.approx(site.camera.cy + site.camera.fy * y / z, abs=0.6)
+        assert (mask == site.segment(pose)).all()
         side = (site.camera.fx * site.pad.size_m / z) ** 2
         assert mask.sum() == pytest.approx(side, rel=0.12)
         assert view.depth_m[mask].min() == pytest.approx(z, rel=0.05)
@@ -38,19 +39,19 @@ def test_the_picture_shows_the_pads_own_picture(site: PadSite) -> None:
     """Seen straight from above along its own axes, the render is the drawing up to light."""
     turn = np.radians(site.place.turn_deg) + np.pi / 2
     height = site.camera.fx * site.pad.size_m / site.camera.width  # it fills the frame
-    seen, _ = site.photograph(View(above(site, (0, 0, height), turn), 0, 0))
+    seen = site.photograph(View(above(site, (0, 0, height), turn), 0, 0))
     drawn = cv2.resize(site.pad.picture, seen.shape[:2][::-1], interpolation=cv2.INTER_AREA)
     assert np.corrcoef(seen[..., 1].ravel(), drawn[..., 1].ravel())[0, 1] > 0.95
 
 
 def test_fog_fades_it_and_the_same_view_has_the_same_bytes(site: PadSite) -> None:
     pose = above(site, (0, 0, 6.0))
-    clear, fog = (site.photograph(View(pose, 3, 7, weather))[0] for weather in (("clear", 0), ("fog", 5)))
+    clear, fog = (site.photograph(View(pose, 3, 7, weather)) for weather in (("clear", 0), ("fog", 5)))
     assert fog.std() < 0.5 * clear.std()
     again = list(site.photograph_many([View(pose, 3, 7, ("fog", 5)), View(pose, 3, 7)]))
     assert again[0].tobytes() == fog.tobytes()
     assert again[1].tobytes() == clear.tobytes()
-    assert site.photograph(View(pose, 3, 8))[0].tobytes() != clear.tobytes()
+    assert site.photograph(View(pose, 3, 8)).tobytes() != clear.tobytes()
 
 
 def test_places_are_of_seed_and_number_and_off_the_middle(grass: World) -> None:

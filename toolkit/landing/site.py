@@ -16,7 +16,7 @@ from toolkit.core.config import Config, Flag
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.landing.pads import Pad
-from toolkit.rig.camera import Camera
+from toolkit.rig.camera import Camera, project
 from toolkit.rig.lighting import BakeDetail, Shape
 from toolkit.rig.raycast import RaycastRenderer, map_frames
 from toolkit.rig.scene import Stand
@@ -245,19 +245,31 @@ class PadSite:
         view = DepthView(found["depth"], self.camera, T_world_camera, ground, normals, self.sky.white)
         return view, pad
 
-    def photograph(self, view: View) -> tuple[np.ndarray, np.ndarray | None]:
-        """(h, w, 3) uint8 sRGB through weather and sensor; and (h, w) bool the pad, None in clear air."""
+    def segment(self, T_world_camera: np.ndarray) -> np.ndarray:
+        """(h, w) bool where the pad is seen, asked of the pixels around it alone."""
+        mask = np.zeros((self.camera.height, self.camera.width), bool)
+        pixels, depth = project(self.camera, T_world_camera, self.stand.to_world(self.mesh.vertices))
+        if (depth <= 0).any():
+            return self.look(T_world_camera)[1]
+        left, top = np.floor(pixels.min(axis=0) - 1).clip(0, mask.shape[0]).astype(int)
+        right, bottom = np.ceil(pixels.max(axis=0) + 1).clip(0, mask.shape[0]).astype(int)
+        if left < right and top < bottom:
+            part = self.camera.cropped(left, top, int(right - left), int(bottom - top))
+            mask[top:bottom, left:right] = self.renderer.buffers(part, T_world_camera)["mesh"] == 0
+        return mask
+
+    def photograph(self, view: View) -> np.ndarray:
+        """(h, w, 3) uint8 sRGB through weather and sensor."""
         light = self.renderer.render(self.camera, view.T_world_camera)
-        mask = None
         if view.weather != CLEAR:
-            depth, mask = self.look(view.T_world_camera)
+            depth, _ = self.look(view.T_world_camera)
             rng = weather_rng(view.seed, view.item, *view.weather)
             light = make_weather(*view.weather).change_light(depth, self.sky.airlight, rng).apply(light)
-        return tone_map(light.astype(np.float32), (view.seed, view.item), self.optics.noise), mask
+        return tone_map(light.astype(np.float32), (view.seed, view.item), self.optics.noise)
 
     def photograph_many(self, views: Iterable[View]) -> Iterator[np.ndarray]:
         """`photograph` of each view, in order, on all cores."""
-        return map_frames(lambda view: self.photograph(view)[0], views)
+        return map_frames(self.photograph, views)
 
     def wear(self, pad: Pad) -> "PadSite":
         """Another pad in the same place and light."""
