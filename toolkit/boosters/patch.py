@@ -27,6 +27,7 @@ from toolkit.boosters.pixels import (
     Network,
     PixelTask,
     Target,
+    aim,
     judge_photos,
     list_networks,
     quantise,
@@ -107,7 +108,7 @@ def train_patch(
     Raises:
         ToolkitError: the settings, the data or a checkpoint cannot be used, or the disk is full.
     """
-    targets = [Target(network, network.class_index(class_name)) for network in networks]
+    targets = aim(networks, class_name)
     first, index = networks[0], targets[0].class_index
     check_size(config.size_px, first.preprocessing.crop_px)
     name = name_files(name, targets[0].label, index)

@@ -17,6 +17,7 @@ from toolkit.boosters.pixels import (
     Network,
     PixelTask,
     Target,
+    aim,
     judge_photos,
     list_networks,
     quantise,
@@ -129,7 +130,7 @@ def train_texture(
     keep_image = None if config.keep_image is None else read_keep_image(config.keep_image)
     objects = load_objects(workspace, config, keep_image)
     label = choose_class(class_name, objects)
-    targets = [Target(network, network.class_index(label)) for network in networks]
+    targets = aim(networks, label)
     if name is None and len(objects) == 1:
         name = objects[0].name
     name = name_files(name, targets[0].label, targets[0].class_index)
