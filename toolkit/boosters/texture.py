@@ -11,6 +11,7 @@ import numpy as np
 
 from toolkit import __version__
 from toolkit.boosters.data import choose_images, load_files
+from toolkit.boosters.ensemble import judge_ensemble
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.boosters.pixel_config import name_files
 from toolkit.boosters.pixels import (
@@ -18,7 +19,6 @@ from toolkit.boosters.pixels import (
     PixelTask,
     Target,
     aim,
-    judge_photos,
     list_networks,
     quantise,
     record_network,
@@ -131,6 +131,7 @@ def train_texture(
     objects = load_objects(workspace, config, keep_image)
     label = choose_class(class_name, objects)
     targets = aim(networks, label)
+    config = config.for_networks(len(targets))
     if name is None and len(objects) == 1:
         name = objects[0].name
     name = name_files(name, targets[0].label, targets[0].class_index)
@@ -259,7 +260,8 @@ class TextureTask(PixelTask[TrainedTexture]):
         if config.weather is not None:
             rng = draws.of(type(config.weather).__name__)
             batch = batch.through(*draw_weather(views, self._metres, config.weather, rng))
-        loss, recognised = judge_photos(take_photos(self.dilated(), batch, config, draws), self.targets)
+        photos = take_photos(self.dilated(), batch, config, draws)
+        loss, recognised = judge_ensemble(photos, self.targets, config, draws)
         return loss, {"accuracy": recognised}
 
     def dilated(self) -> "torch.Tensor":
