@@ -4,9 +4,10 @@ import re
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from toolkit.boosters.parts.blur import CameraBlur
+from toolkit.boosters.parts.corruption import Corrupted
 from toolkit.boosters.parts.jitter import Jitter
 from toolkit.boosters.parts.jpeg import JpegFile
 from toolkit.boosters.parts.sensor_noise import SensorNoise
@@ -20,6 +21,27 @@ if TYPE_CHECKING:
 STEPS, MEETS = "Steps", "What it meets"
 TRANSFER = "What carries over to other networks"
 CameraParts = tuple[CameraBlur, SensorNoise, JpegFile]
+
+
+def read_corruptions(given: object) -> object:
+    """Corruptions from words such as `fog:3`; anything else as it is."""
+    if isinstance(given, list | tuple) and all(isinstance(word, str) for word in given):
+        from toolkit.corruptions.request import parse_corruptions
+
+        return Corrupted(parse_corruptions(given))
+    return given
+
+
+MeetsCorruptions = Annotated[
+    Corrupted | None,
+    BeforeValidator(read_corruptions),
+    Later,
+    Flag("--corrupt", metavar="NAME[:SEVERITY]", group=MEETS, typed=tuple[str, ...]),
+]
+CORRUPTED_HELP = (
+    "Corrupt half of the photographs as ImageNet-C does: fog:3, noise:1-3, weather, common, all; of several each draws "
+    "one."
+)
 
 
 DEFAULT_ENSEMBLE: Literal["sum", "normalised", "turns"] = "normalised"

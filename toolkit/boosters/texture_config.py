@@ -10,7 +10,17 @@ from pydantic import AfterValidator, Field, model_validator
 from toolkit.boosters.parts.base import ImagePart
 from toolkit.boosters.parts.fog import Fog
 from toolkit.boosters.parts.light import Exposure
-from toolkit.boosters.pixel_config import MEETS, STEPS, CameraParts, PixelConfig, find_recipe, make_camera, record_parts
+from toolkit.boosters.pixel_config import (
+    CORRUPTED_HELP,
+    MEETS,
+    STEPS,
+    CameraParts,
+    MeetsCorruptions,
+    PixelConfig,
+    find_recipe,
+    make_camera,
+    record_parts,
+)
 from toolkit.core.config import Flag, Range, Rising, align_rows, describe
 from toolkit.core.errors import FieldError
 
@@ -94,6 +104,7 @@ class TextureConfig(PixelConfig):
     camera: Annotated[CameraParts | None, Flag(group=MEETS, make=make_camera)] = Field(
         None, exclude=True, description="Blur, sensor noise and JPEG."
     )
+    corrupted: MeetsCorruptions = Field(None, exclude=True, description=CORRUPTED_HELP)
     backgrounds: Annotated[Path | None, Flag("--background-folder", metavar="FOLDER", group=SEEN)] = Field(
         None, exclude=True, description="Photographs to stand behind the object; the paper recipe needs them."
     )
@@ -120,7 +131,8 @@ class TextureConfig(PixelConfig):
     @property
     def photo_parts(self) -> tuple[ImagePart, ...]:
         """What is done to a photograph, in this order."""
-        return (*(() if self.fog is None else (self.fog,)), *(self.camera or ()))
+        corrupted = () if self.corrupted is None else (self.corrupted,)
+        return (*(() if self.fog is None else (self.fog,)), *(self.camera or ()), *corrupted)
 
     @property
     def steps_per_group(self) -> int:
