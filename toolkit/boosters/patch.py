@@ -29,6 +29,7 @@ from toolkit.boosters.pixels import (
     Network,
     PixelTask,
     Target,
+    aim,
     judge_photos,
     list_networks,
     quantise,
@@ -111,7 +112,7 @@ def train_patch(
     Raises:
         ToolkitError: the settings, the data or a checkpoint cannot be used, or the disk is full.
     """
-    targets = [Target(network, network.class_index(class_name)) for network in networks]
+    targets = aim(networks, class_name)
     first, index = networks[0], targets[0].class_index
     check_size(config.size_px, first.preprocessing.crop_px)
     name = name_files(name, targets[0].label, index)
@@ -130,6 +131,10 @@ def train_patch(
                 {"mounted_share": config.mounted_share},
             )
         views = _render_views(config, workspace, choose_object(workspace, rig_source, class_names), first, data)
+    elif config.weather is not None:
+        raise FieldError(
+            "{weather} lies between the camera and the object: add {sources} rig, {mounted_share} above 0", {}
+        )
     data_sha256 = data.sha256 + ("" if views is None else views.sha256)
     inputs_sha256 = hash_inputs(config, name, list_networks(targets), data_sha256)
     task = PatchTask(config, targets, data, views, files, inputs_sha256)
@@ -152,7 +157,7 @@ def _render_views(
     return load_mounted_views(
         workspace, object_name, printed_size_mm(config.size_px), config.size_px, config.mounted_views,
         seed=data.record["seed"], image_px=network.preprocessing.resize_px, device=network.device,
-        ranges=ViewRanges(fill=config.mounted_fill),
+        ranges=ViewRanges(fill=config.mounted_fill), with_depth=config.weather is not None,
     )  # fmt: skip
 
 
@@ -210,7 +215,7 @@ class PatchTask(PixelTask[TrainedPatch]):
         count = 0 if self._views is None else round(self.config.batch * self.config.mounted_share)
         batch = draw_batch(self._images, draws.of("images"), self.config.batch - count, self.image_px)
         views = self._views if count else None
-        mounted = None if views is None else draw_mounted(views, draws, count, self.image_px)
+        mounted = None if views is None else draw_mounted(views, draws, count, self.image_px, self.config.weather)
         loss, recognised = patch_loss(
             self.pixels, batch, self.targets, self._appearance, draws, mounted=mounted, penalty=self._penalty,
             judge=partial(judge_ensemble, config=self.config, draws=draws),
@@ -237,6 +242,11 @@ class PatchTask(PixelTask[TrainedPatch]):
             corrupted = validate_patch(printed, held_out, self.targets, clear, config.seed, corrupted=always)
         views = self._held_out_views
         on_object = [] if views is None else validate_mounted(printed, views, self.targets, self.image_px)
+        weathered: list[Validation] = []
+        if views is not None and config.weather is not None:
+            weathered = validate_mounted(
+                printed, views, self.targets, self.image_px, weather=config.weather, seed=config.seed
+            )
         self._draw_preview(printed, pixels, validations)
         patch = write_patch(self.files.png.parent, pixels, {
             "name": self.files.png.stem,
@@ -250,7 +260,8 @@ class PatchTask(PixelTask[TrainedPatch]):
             | asdict(score_print(pixels))
             | list_shares(validations, "held_out")
             | list_shares(on_object, "mounted")
-            | list_shares(corrupted, "corrupted"),
+            | list_shares(corrupted, "corrupted")
+            | list_shares(weathered, "mounted_weather"),
             "toolkit_version": __version__,
             **({} if views is None else {"size_mm": round(views.size_mm, 3)}),
         })  # fmt: skip

@@ -18,6 +18,7 @@ from toolkit.boosters.pixel_config import (
     CORRUPTED_HELP,
     MEETS,
     STEPS,
+    WORLD_FILL,
     CameraParts,
     MeetsCorruptions,
     PixelConfig,
@@ -135,6 +136,7 @@ class PatchConfig(PixelConfig):
             "glare": self.glare,
             **{f"camera: {type(part).__name__}": part for part in self.camera or ()},
             **({} if self.corrupted is None else {"corrupted": self.corrupted}),
+            **({} if self.weather is None else {"weather": self.weather}),
         }
         rows = self.step_rows(self.size_px, "sign of the gradient", epochs)
         rows += [("networks", ", ".join(networks))]
@@ -154,7 +156,7 @@ class PatchConfig(PixelConfig):
             named = ", ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in self.without_effect.items())
             words = f"{named}: in the paper's release they move a dummy parameter, not the patch"
             rows.append(("without effect", words))
-        return align_rows(rows)
+        return [*align_rows(rows), *self.weather_lines]
 
 
 RECIPES: dict[str, PatchConfig] = {
@@ -186,6 +188,8 @@ def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> 
         raise FieldError("expected one of the two", lengths)
     if lengths:
         base = base.model_copy(update={"steps": None, "epochs": None})
+    if fitted.get("world") is not None:
+        base = base.model_copy(update={"mounted_fill": WORLD_FILL})
     if fitted.get("mounted_share") is None and data.rig_source is None:
         fitted["mounted_share"] = 0.0
     pose_acts = base.pose is not None if fitted.get("pose") is None else fitted["pose"]

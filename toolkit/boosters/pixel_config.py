@@ -4,13 +4,14 @@ import re
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
-from pydantic import BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from toolkit.boosters.parts.blur import CameraBlur
 from toolkit.boosters.parts.corruption import Corrupted
 from toolkit.boosters.parts.jitter import Jitter
 from toolkit.boosters.parts.jpeg import JpegFile
 from toolkit.boosters.parts.sensor_noise import SensorNoise
+from toolkit.boosters.parts.weather import Weathered, read_words
 from toolkit.core.config import Config, Expect, Flag, Later, describe
 from toolkit.core.errors import FieldError, one_of
 from toolkit.core.names import is_file_name
@@ -18,8 +19,10 @@ from toolkit.core.names import is_file_name
 if TYPE_CHECKING:
     from toolkit.training.loop import FitConfig
 
-STEPS, MEETS = "Steps", "What it meets"
+STEPS, MEETS, WORLD = "Steps", "What it meets", "In a world"
 TRANSFER = "What carries over to other networks"
+WORLD_ELEVATION_DEG, WORLD_FILL = (2.0, 75.0), (0.25, 1.0)
+"""Where cameras stand in a world, unless it is said: from a man's height up, from near to three lengths away."""
 CameraParts = tuple[CameraBlur, SensorNoise, JpegFile]
 
 
@@ -42,6 +45,17 @@ CORRUPTED_HELP = (
     "Corrupt half of the photographs as ImageNet-C does: fog:3, noise:1-3, weather, common, all; of several each draws "
     "one."
 )
+
+
+def check_times(times: tuple[str, ...]) -> tuple[str, ...]:
+    """Times of day that a sky can have; an unknown one is a `ToolkitError`."""
+    if times != ("noon",):
+        from toolkit.worlds.sky import TIMES
+
+        for time in times:
+            if time not in TIMES:
+                raise one_of("time of day", time, list(TIMES))
+    return times
 
 
 DEFAULT_ENSEMBLE: Literal["sum", "normalised", "turns"] = "normalised"
@@ -85,6 +99,33 @@ class PixelConfig(Config):
     start_contrast: Annotated[float, Field(ge=0, le=1), Flag(group=STEPS)] = Field(
         0.2, description="Of the random first pixels about grey, 1 is full."
     )
+    weather: Annotated[
+        Weathered | None,
+        BeforeValidator(read_words),
+        Later,
+        Flag("--weather", metavar="NAME[:SEVERITY]", group=MEETS, typed=tuple[str, ...]),
+    ] = Field(
+        None,
+        description="Weather over half of the views of the object, as far away as at its real size: fog:1-5, dust:3, "
+        "rain, snow; of several each draws one.",
+    )
+    world: Annotated[str | None, Later, Flag(metavar="NAME|FILE", group=WORLD)] = Field(
+        None,
+        description="Views in this world, not in the studio: city, grass, apron, harbour, a mesh file of your own or "
+        "the TOML of a kit.",
+    )
+    world_seed: Annotated[int, Field(ge=0), Later, Flag(group=WORLD)] = Field(
+        1, description="Number of the world; world-eval takes 0 unless told otherwise."
+    )
+    world_scale: Annotated[float, Field(gt=0), Later, Flag(group=WORLD)] = Field(
+        1.0, description="From the units of a mesh of your own to metres."
+    )
+    times: Annotated[
+        tuple[str, ...], Field(min_length=1), AfterValidator(check_times), Later,
+        Flag("--time", metavar="NAME", group=WORLD),
+    ] = Field(
+        ("noon",), description="Time of day: noon, afternoon, golden, dusk, overcast; of several each place draws one."
+    )  # fmt: skip
 
     @property
     def step_count(self) -> int:
@@ -103,6 +144,11 @@ class PixelConfig(Config):
         from toolkit.training.loop import FitConfig
 
         return FitConfig(self.step_count, self.lr, self.schedule, optimiser, self.seed)
+
+    @property
+    def weather_lines(self) -> list[str]:
+        """The numbers behind its weathers, a line each."""
+        return [] if self.weather is None else self.weather.rows()
 
     def step_rows(self, size_px: int, optimiser: str, epochs: str = "") -> list[tuple[str, str]]:
         """(name, value) of these settings, in words."""

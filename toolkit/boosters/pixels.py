@@ -1,5 +1,6 @@
 """What patch and texture share: pixels in [0, 1] that networks shall recognise as a class, and their way there."""
 
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
@@ -8,6 +9,7 @@ import numpy as np
 
 from toolkit.boosters.pixel_config import PixelConfig
 from toolkit.core.draws import Draws
+from toolkit.core.errors import FieldError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.precision import mixed_precision
 from toolkit.models.weights import WeightsFile
@@ -48,6 +50,10 @@ class Network(Protocol):
     @property
     def is_imagenet(self) -> bool:
         """Whether the labels are the 1000 of ImageNet."""
+
+    @property
+    def untrainable(self) -> str:
+        """Why no gradient leads back to the image; empty where one does."""
 
     def logits(self, batch: "torch.Tensor") -> "torch.Tensor":
         """(b, 3, h, w) sRGB-encoded in [0, 1] to (b, classes), differentiable."""
@@ -181,6 +187,20 @@ def judge_photos(
         )
         recognised += float((logits.argmax(1) == wanted).double().mean())
     return loss, recognised / len(targets)
+
+
+def aim(networks: Sequence[Network], class_name: str | int) -> list[Target]:
+    """The class in each network's own labels.
+
+    Raises:
+        ToolkitError: a network does not know it, or cannot be trained against.
+    """
+    for one in networks:
+        if one.untrainable:
+            raise FieldError(
+                f"it judges, but nothing can be trained against it: {one.untrainable}", {"model": one.arch}
+            )
+    return [Target(network, network.class_index(class_name)) for network in networks]
 
 
 def quantise(pixels: "torch.Tensor") -> np.ndarray:

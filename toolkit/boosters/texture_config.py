@@ -14,6 +14,8 @@ from toolkit.boosters.pixel_config import (
     CORRUPTED_HELP,
     MEETS,
     STEPS,
+    WORLD_ELEVATION_DEG,
+    WORLD_FILL,
     CameraParts,
     MeetsCorruptions,
     PixelConfig,
@@ -123,7 +125,12 @@ class TextureConfig(PixelConfig):
         return self
 
     def check_backgrounds(self) -> None:
-        """Photographs are named where they shall stand behind the object: a recipe alone names none."""
+        """Photographs are named where they shall stand behind the object: a recipe alone names none.
+
+        In a world there is no room for them.
+        """
+        if self.world is not None and (self.background_share or self.backgrounds is not None):
+            raise FieldError("stands behind the object already: leave {backgrounds} out", {"world": self.world})
         if self.background_share and self.backgrounds is None:
             expected = "needs photographs: name a folder of them with {backgrounds}, or say 0"
             raise FieldError(expected, {"background_share": self.background_share})
@@ -183,8 +190,10 @@ class TextureConfig(PixelConfig):
         rows += [("gradient", self.gradient), ("views", views), ("networks", ", ".join(networks))]
         if self.background_share:
             rows.append(("backgrounds", f"photographs behind {self.background_share:.0%} of the views"))
-        parts = [part for part in (self.exposure, *self.photo_parts) if part is not None]
-        return align_rows([*rows, *((type(part).__name__, describe(part)) for part in parts)])
+        parts: list[object] = [part for part in (self.exposure, *self.photo_parts) if part is not None]
+        parts += [] if self.weather is None else [self.weather]
+        rows += [(type(part).__name__, describe(part)) for part in parts]
+        return [*align_rows(rows), *self.weather_lines]
 
 
 RECIPES: dict[str, TextureConfig] = {
@@ -205,12 +214,15 @@ RECIPES: dict[str, TextureConfig] = {
 
 
 def make_config(recipe: str, overrides: Mapping[str, Any]) -> TextureConfig:
-    """A recipe with overrides; without photographs, the default one stays in the studio.
+    """A recipe with overrides; without photographs, the default one stays in the studio, and a world has its ranges.
 
     Raises:
         ToolkitError: an unknown recipe, or a setting that is out of its range.
     """
     base, fitted = find_recipe(RECIPES, recipe), dict(overrides)
+    if fitted.get("world") is not None:
+        outdoors = {"background_share": 0.0, "elevation_deg": WORLD_ELEVATION_DEG, "fill": WORLD_FILL}
+        base = base.model_copy(update=outdoors)
     if fitted.get("backgrounds") is None and fitted.get("background_share") is None:
         if base.background_share == 1:
             raise FieldError(
