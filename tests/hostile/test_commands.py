@@ -40,7 +40,8 @@ COMMANDS = {
 LEFT_OUT = {"studio": "serves until it is stopped", "demo": "walks the whole road", "doctor": "reads nothing"}
 READING = (("plan", "--object", "crate"), ("objects",), ("print", "--class", "crate"), ("check",), IMPORT,
            ("corrupt", "photos", "corrupted", "--corrupt", "fog:1"), ("eval", "captures/real", "--model", "mine"),
-           ("capture-sim", "--object", "crate", "--variant", "unpatched"), ("plan", "--shot-list"))  # fmt: skip
+           ("capture-sim", "--object", "crate", "--variant", "unpatched"),
+           ("plan", "--shot-list", "--object", "crate"))  # fmt: skip
 
 
 def can_be_typed(word: str) -> bool:

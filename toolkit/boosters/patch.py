@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from toolkit.boosters.data import (
     names_of_class,
     stack_on_device,
 )
+from toolkit.boosters.ensemble import judge_ensemble
 from toolkit.boosters.mounted import MountedViews, draw_mounted, load_mounted_views, validate_mounted
 from toolkit.boosters.parts.base import Appearance, place_patch, print_patch, show_patch, take_photos
 from toolkit.boosters.patch_config import PatchConfig, check_size, hash_inputs
@@ -27,6 +29,7 @@ from toolkit.boosters.pixels import (
     Network,
     PixelTask,
     Target,
+    aim,
     judge_photos,
     list_networks,
     quantise,
@@ -51,6 +54,8 @@ Mounted = Callable[["torch.Tensor"], "torch.Tensor"]
 """Printed θ -> (b, 3, m, m) pictures of the object with the patch on it."""
 Penalty = Callable[["torch.Tensor"], "torch.Tensor"]
 """θ -> a loss of the patch itself, a scalar."""
+Judge = Callable[["torch.Tensor", list[Target]], tuple["torch.Tensor", float]]
+"""(b, 3, m, m) photographs, networks -> the loss, a scalar, and the share recognised."""
 CHECKPOINT_EVERY_S = 5.0
 RENDERS = ("renders-*.npy", ".renders-*.partial")
 """Files beside the checkpoints that other runs may need."""
@@ -107,7 +112,7 @@ def train_patch(
     Raises:
         ToolkitError: the settings, the data or a checkpoint cannot be used, or the disk is full.
     """
-    targets = [Target(network, network.class_index(class_name)) for network in networks]
+    targets = aim(networks, class_name)
     first, index = networks[0], targets[0].class_index
     check_size(config.size_px, first.preprocessing.crop_px)
     name = name_files(name, targets[0].label, index)
@@ -117,7 +122,7 @@ def train_patch(
     if isinstance(data, DataConfig):
         data = load_data(data, class_names, first.preprocessing, workspace, files.training)
         describe_data(data)
-    config = config.count_steps(len(data.train))
+    config = config.count_steps(len(data.train)).for_networks(len(targets))
     views = None
     if config.mounted_share:
         if rig_source is None:
@@ -126,6 +131,10 @@ def train_patch(
                 {"mounted_share": config.mounted_share},
             )
         views = _render_views(config, workspace, choose_object(workspace, rig_source, class_names), first, data)
+    elif config.weather is not None:
+        raise FieldError(
+            "{weather} lies between the camera and the object: add {sources} rig, {mounted_share} above 0", {}
+        )
     data_sha256 = data.sha256 + ("" if views is None else views.sha256)
     inputs_sha256 = hash_inputs(config, name, list_networks(targets), data_sha256)
     task = PatchTask(config, targets, data, views, files, inputs_sha256)
@@ -148,7 +157,7 @@ def _render_views(
     return load_mounted_views(
         workspace, object_name, printed_size_mm(config.size_px), config.size_px, config.mounted_views,
         seed=data.record["seed"], image_px=network.preprocessing.resize_px, device=network.device,
-        ranges=ViewRanges(fill=config.mounted_fill),
+        ranges=ViewRanges(fill=config.mounted_fill), with_depth=config.weather is not None,
     )  # fmt: skip
 
 
@@ -206,10 +215,11 @@ class PatchTask(PixelTask[TrainedPatch]):
         count = 0 if self._views is None else round(self.config.batch * self.config.mounted_share)
         batch = draw_batch(self._images, draws.of("images"), self.config.batch - count, self.image_px)
         views = self._views if count else None
-        mounted = None if views is None else draw_mounted(views, draws, count, self.image_px)
+        mounted = None if views is None else draw_mounted(views, draws, count, self.image_px, self.config.weather)
         loss, recognised = patch_loss(
-            self.pixels, batch, self.targets, self._appearance, draws, mounted=mounted, penalty=self._penalty
-        )
+            self.pixels, batch, self.targets, self._appearance, draws, mounted=mounted, penalty=self._penalty,
+            judge=partial(judge_ensemble, config=self.config, draws=draws),
+        )  # fmt: skip
         return loss, {"accuracy": recognised}
 
     def finish(self, history: History) -> TrainedPatch:
@@ -232,6 +242,11 @@ class PatchTask(PixelTask[TrainedPatch]):
             corrupted = validate_patch(printed, held_out, self.targets, clear, config.seed, corrupted=always)
         views = self._held_out_views
         on_object = [] if views is None else validate_mounted(printed, views, self.targets, self.image_px)
+        weathered: list[Validation] = []
+        if views is not None and config.weather is not None:
+            weathered = validate_mounted(
+                printed, views, self.targets, self.image_px, weather=config.weather, seed=config.seed
+            )
         self._draw_preview(printed, pixels, validations)
         patch = write_patch(self.files.png.parent, pixels, {
             "name": self.files.png.stem,
@@ -245,7 +260,8 @@ class PatchTask(PixelTask[TrainedPatch]):
             | asdict(score_print(pixels))
             | list_shares(validations, "held_out")
             | list_shares(on_object, "mounted")
-            | list_shares(corrupted, "corrupted"),
+            | list_shares(corrupted, "corrupted")
+            | list_shares(weathered, "mounted_weather"),
             "toolkit_version": __version__,
             **({} if views is None else {"size_mm": round(views.size_mm, 3)}),
         })  # fmt: skip
@@ -273,18 +289,19 @@ class PatchTask(PixelTask[TrainedPatch]):
 
 def patch_loss(
     theta: "torch.Tensor", images: "torch.Tensor", targets: list[Target], appearance: Appearance, draws: Draws, *,
-    mounted: "Mounted | None" = None, penalty: "Penalty | None" = None,
+    mounted: "Mounted | None" = None, penalty: "Penalty | None" = None, judge: "Judge" = judge_photos,
 ) -> "tuple[torch.Tensor, float]":  # fmt: skip
     """The loss of a patch in a batch, a scalar, and the share recognised.
 
     Args:
         theta: θ, (3, n, n) sRGB-encoded in [0, 1].
         images: (b, 3, m, m) sRGB-encoded in [0, 1], in which it is placed.
-        targets: the networks; their cross-entropies, mean over the batch, are summed.
+        targets: the networks.
         appearance: what happens to the patch.
         draws: of this step.
         mounted: photographs of the object that wait for the patch on it; they join the batch.
         penalty: a loss of the patch itself, added to the networks'.
+        judge: what the networks say; by default their cross-entropies, mean over the batch, are summed.
     """
     import torch
 
@@ -292,5 +309,5 @@ def patch_loss(
     scenes = [place_patch(printed, images, appearance, draws)] if len(images) else []
     if mounted is not None:
         scenes.append(mounted(printed))
-    loss, recognised = judge_photos(take_photos(torch.cat(scenes), appearance, draws), targets)
+    loss, recognised = judge(take_photos(torch.cat(scenes), appearance, draws), targets)
     return (loss if penalty is None else loss + penalty(theta)), recognised

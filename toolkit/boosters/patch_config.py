@@ -15,7 +15,16 @@ from toolkit.boosters.parts.glare import TapeGlare
 from toolkit.boosters.parts.light import LightRanges
 from toolkit.boosters.parts.pose import MixedPlacement, PoseRanges
 from toolkit.boosters.parts.print_process import PrintProcess, ProfiledPrint, use_profile
-from toolkit.boosters.pixel_config import MEETS, STEPS, CameraParts, PixelConfig, find_recipe, make_camera, record_parts
+from toolkit.boosters.pixel_config import (
+    MEETS,
+    STEPS,
+    WORLD_FILL,
+    CameraParts,
+    PixelConfig,
+    find_recipe,
+    make_camera,
+    record_parts,
+)
 from toolkit.core.config import Flag, Later, Range, Rising, align_rows, describe
 from toolkit.core.errors import FieldError
 from toolkit.imaging.printer import nearest_printable, read_print_profile
@@ -144,6 +153,7 @@ class PatchConfig(PixelConfig):
             "glare": self.glare,
             **{f"camera: {type(part).__name__}": part for part in self.camera or ()},
             **({} if self.corrupted is None else {"corrupted": self.corrupted}),
+            **({} if self.weather is None else {"weather": self.weather}),
         }
         rows = self.step_rows(self.size_px, "sign of the gradient", epochs)
         rows += [("networks", ", ".join(networks))]
@@ -163,7 +173,7 @@ class PatchConfig(PixelConfig):
             named = ", ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in self.without_effect.items())
             words = f"{named}: in the paper's release they move a dummy parameter, not the patch"
             rows.append(("without effect", words))
-        return align_rows(rows)
+        return [*align_rows(rows), *self.weather_lines]
 
 
 RECIPES: dict[str, PatchConfig] = {
@@ -195,6 +205,8 @@ def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> 
         raise FieldError("expected one of the two", lengths)
     if lengths:
         base = base.model_copy(update={"steps": None, "epochs": None})
+    if fitted.get("world") is not None:
+        base = base.model_copy(update={"mounted_fill": WORLD_FILL})
     if fitted.get("mounted_share") is None and data.rig_source is None:
         fitted["mounted_share"] = 0.0
     pose_acts = base.pose is not None if fitted.get("pose") is None else fitted["pose"]

@@ -8,6 +8,7 @@ import os
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from copy import copy
 from dataclasses import replace
 from threading import RLock
 from typing import Any, NamedTuple, TypeVar
@@ -68,6 +69,14 @@ class _Paint(NamedTuple):
     mean_colour: np.ndarray
 
 
+class _Glow(NamedTuple):
+    """What a mesh's materials give off; the fields of `LitMesh`."""
+
+    glow: np.ndarray
+    glow_lod: np.ndarray
+    glow_texels: Texels
+
+
 class _Body:
     """A mesh in its place: its rays, its light, and its paint."""
 
@@ -76,6 +85,12 @@ class _Body:
     ) -> None:
         self.shape, self.lit = shape, _light_mesh(mesh, paint, lighting, stand)
         self._number, self._moved = np.uint8(number), stand != AT_ORIGIN
+
+    def with_lamps(self, mesh: Mesh) -> "_Body":
+        """The same with what its materials give off; the light on it is not baked anew."""
+        body = copy(self)
+        body.lit = self.lit._replace(**_kept(_prepare_glow, mesh)._asdict())
+        return body
 
     def cast(self, rays: np.ndarray) -> Hits:
         """First hits of rays (n, 6) in the world; frames are what is spread over the cores."""
@@ -135,6 +150,10 @@ class RaycastRenderer:
             albedo = (albedo + _paint_of(scene.surroundings).mean_colour) / 2
         lighting = bake_lighting(shape, albedo, scene, detail, stand, around)
         self._object = _Body(mesh, shape, paint, lighting, stand)
+        if scene.lamps:
+            self._object = self._object.with_lamps(mesh)
+            if self._others is not None and scene.surroundings is not None:
+                self._others = self._others.with_lamps(scene.surroundings)
         self._around = _surround(scene, lighting, stand)
 
     @property
@@ -361,6 +380,16 @@ def _prepare_paint(mesh: Mesh) -> _Paint:
     return _Paint(texels, texture, density, mean)
 
 
+def _prepare_glow(mesh: Mesh) -> _Glow:
+    """Pyramids of what the materials of a mesh give off."""
+    lit = [material.emission for material in mesh.materials if material.emission is not None]
+    distinct = list({id(emission): emission for emission in lit}.values())
+    number = {id(emission): index for index, emission in enumerate(distinct)}
+    glow = np.array([-1 if m.emission is None else number[id(m.emission)] for m in mesh.materials], np.int32)
+    finer = [1.0 if m.emission is None else m.emission.shape[1] / m.texture.shape[1] for m in mesh.materials]
+    return _Glow(glow, np.log2(finer).astype(np.float32), pack_textures(distinct or [NO_PICTURE]))
+
+
 def _light_mesh(mesh: Mesh, paint: _Paint, lighting: Lighting, stand: Stand) -> LitMesh:
     materials = mesh.materials
     return LitMesh(
@@ -373,6 +402,8 @@ def _light_mesh(mesh: Mesh, paint: _Paint, lighting: Lighting, stand: Stand) -> 
         metallic=np.array([m.metallic for m in materials], np.float32),
         finely=np.array([m.name == PAPER_MATERIAL for m in materials]),
         left_out=np.zeros(len(materials), bool), texels=paint.texels,
+        glow=np.full(len(materials), -1, np.int32), glow_lod=np.zeros(len(materials), np.float32),
+        glow_texels=_kept(_pack_one, NO_PICTURE),
         steps=lighting.grid.steps, first=lighting.grid.first, stored=lighting.stored, turn=stand.turn,
         place=np.array(stand.place, float),
     )  # fmt: skip
@@ -390,7 +421,7 @@ def _surround(scene: Scene, lighting: Lighting, stand: Stand) -> Surround:
         mirrored=mirrored, key=orbit_direction(scene.key.azimuth_deg, scene.key.elevation_deg),
         key_spread=float(np.tan(np.radians(scene.key.radius_deg)) / 2),
         key_irradiance=np.array(scene.key.irradiance, float), exposure=float(scene.exposure),
-        has_table=table is not None,
+        lamps=float(scene.lamps), has_table=table is not None,
         table=texels, table_size=np.array(table.size_mm if table else (1.0, 1.0), float),
         table_roughness=float(table.roughness if table else 1.0),
         ground_light=LightMap(

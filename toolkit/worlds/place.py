@@ -85,7 +85,9 @@ def find_radius(mesh: Mesh) -> float:
 
 def make_scene(world: World, sky: Sky) -> Scene:
     """World and sky, as renderers take them; what stands there is lit once for all objects in it."""
-    return Scene(f"{world.name} {sky.name}", sky.sun, sky.panorama, sky.exposure, surroundings=world.mesh)
+    return Scene(
+        f"{world.name} {sky.name}", sky.sun, sky.panorama, sky.exposure, surroundings=world.mesh, lamps=sky.lamps
+    )
 
 
 def find_spot(world: World, name: str) -> Spot:
