@@ -42,7 +42,7 @@ def make_field() -> World:
     )  # fmt: skip
     spots = (
         Spot("west", "square", (-4.0, 0.0, 0.0), 9.5, 90.0, "ground"),
-        Spot("east", "street", (15.0, 0.0, 0.0), 7.5, 0.0, "ground"),
+        Spot("east", "street", (14.5, 0.0, 0.0), 7.2, 0.0, "ground"),
         Spot("gap", "street", (3.5, 0.0, 0.0), 2.0, 0.0, "ground"),
     )
     core = np.array([(-40.0, -40.0), (40.0, 40.0)])

@@ -243,7 +243,7 @@ def test_an_object_larger_than_every_place_is_refused(in_field, make_crate_space
     with pytest.raises(ToolkitError, match=r"field has no place for an object that reaches .*'west', is free for 9.5"):
         evaluate_world(space, make_onlooker(), make_config(length_m=40.0))
     with pytest.raises(ToolkitError, match=r"has 2 places for an object .* 3 are asked for"):
-        evaluate_world(space, make_onlooker(), make_config(length_m=12.0, places=3))
+        evaluate_world(space, make_onlooker(), make_config(length_m=10.0, places=3))
 
 
 def test_rain_and_snow_run_too(in_field, make_crate_space, tmp_path) -> None:
