@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from part_checks import count_changed, grey_noise
-from tiny_network import IMAGE_PX, tiny_config, train_tiny, wrap, write_photos
+from tiny_network import IMAGE_PX, tiny_classifier, tiny_config, train_tiny, wrap, write_photos
 from watched_patch import patch_gradient, train_watched
 
 from toolkit.boosters import patch_config
@@ -75,6 +75,8 @@ def test_straight_through_training_has_the_clean_pictures_gradient_at_the_corrup
     linear = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * IMAGE_PX**2, 1, bias=False))
 
     class Sum:
+        preprocessing = tiny_classifier().preprocessing
+
         def logits(self, photos):
             return torch.cat([linear(photos), -linear(photos)], 1) * 1e-4  # so flat that softmax is linear too
 
