@@ -142,7 +142,7 @@ def test_printer_and_camera_act_on_the_mounted_sheet_too(views):
     stacked = stack_views(views, SIZE_MM, "cpu")
     seen = []
     classifier = SimpleNamespace(
-        preprocessing=SimpleNamespace(crop_px=SIDE),
+        preprocessing=SimpleNamespace(crop_px=32),
         logits=lambda photos: seen.append(photos.detach()) or photos.mean((2, 3)),
     )
     empty, theta = torch.empty(0, 3, 32, 32), torch.full((3, 8, 8), 0.8)
