@@ -104,6 +104,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "add": Entry("add:add", "add an object of your own from its mesh"),
         "demo": Entry("objects:demo", "walk the whole road in a new workspace"),
         "objects": Entry("objects:list_objects", "list the objects that can be photographed"),
+        "models": Entry("models:list_models", "list the networks that are at hand"),
         "doctor": Entry("health:doctor", "check what the kit needs from this machine"),
     },
 }
