@@ -240,7 +240,7 @@ def validate_mounted(
             for row, printed in enumerate((grey, patch)):
                 photos = show_mounted(printed, views, which, corners, image_px, through=through)
                 for k, target in enumerate(targets):
-                    hits[row, k] += int((target.classifier.logits(photos).argmax(1) == target.class_index).sum())
+                    hits[row, k] += target.count_hits(photos)
     count = len(views)
     return [
         Validation(target.classifier.name, Share(int(hits[0, k]), count), Share(int(hits[1, k]), count))

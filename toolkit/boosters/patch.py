@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ from toolkit.boosters.data import (
     names_of_class,
     stack_on_device,
 )
+from toolkit.boosters.ensemble import judge_ensemble
 from toolkit.boosters.mounted import (
     MountedViews,
     draw_mounted,
@@ -33,6 +35,7 @@ from toolkit.boosters.pixels import (
     Network,
     PixelTask,
     Target,
+    aim,
     judge_photos,
     list_networks,
     quantise,
@@ -59,6 +62,8 @@ Mounted = Callable[["torch.Tensor"], "torch.Tensor"]
 """Printed θ -> (b, 3, m, m) pictures of the object with the patch on it."""
 Penalty = Callable[["torch.Tensor"], "torch.Tensor"]
 """θ -> a loss of the patch itself, a scalar."""
+Judge = Callable[["torch.Tensor", list[Target]], tuple["torch.Tensor", float]]
+"""(b, 3, m, m) photographs, networks -> the loss, a scalar, and the share recognised."""
 CHECKPOINT_EVERY_S = 5.0
 RENDERS = ("renders-*.npy", ".renders-*.partial")
 """Files beside the checkpoints that other runs may need."""
@@ -115,7 +120,7 @@ def train_patch(
     Raises:
         ToolkitError: the settings, the data or a checkpoint cannot be used, or the disk is full.
     """
-    targets = [Target(network, network.class_index(class_name)) for network in networks]
+    targets = aim(networks, class_name)
     first, index = networks[0], targets[0].class_index
     check_size(config.size_px, first.preprocessing.crop_px)
     name = name_files(name, targets[0].label, index)
@@ -125,7 +130,7 @@ def train_patch(
     if isinstance(data, DataConfig):
         data = load_data(data, class_names, first.preprocessing, workspace, files.training)
         describe_data(data)
-    config = config.count_steps(len(data.train))
+    config = config.count_steps(len(data.train)).for_networks(len(targets))
     views, seen_world = None, None
     if config.mounted_share:
         if rig_source is None:
@@ -236,8 +241,9 @@ class PatchTask(PixelTask[TrainedPatch]):
         views = self._views if count else None
         mounted = None if views is None else draw_mounted(views, draws, count, self.image_px, self.config.weather)
         loss, recognised = patch_loss(
-            self.pixels, batch, self.targets, self._appearance, draws, mounted=mounted, penalty=self._penalty
-        )
+            self.pixels, batch, self.targets, self._appearance, draws, mounted=mounted, penalty=self._penalty,
+            judge=partial(judge_ensemble, config=self.config, draws=draws),
+        )  # fmt: skip
         return loss, {"accuracy": recognised}
 
     def finish(self, history: History) -> TrainedPatch:
@@ -309,18 +315,19 @@ class PatchTask(PixelTask[TrainedPatch]):
 
 def patch_loss(
     theta: "torch.Tensor", images: "torch.Tensor", targets: list[Target], appearance: Appearance, draws: Draws, *,
-    mounted: "Mounted | None" = None, penalty: "Penalty | None" = None,
+    mounted: "Mounted | None" = None, penalty: "Penalty | None" = None, judge: "Judge" = judge_photos,
 ) -> "tuple[torch.Tensor, float]":  # fmt: skip
     """The loss of a patch in a batch, a scalar, and the share recognised.
 
     Args:
         theta: θ, (3, n, n) sRGB-encoded in [0, 1].
         images: (b, 3, m, m) sRGB-encoded in [0, 1], in which it is placed.
-        targets: the networks; their cross-entropies, mean over the batch, are summed.
+        targets: the networks.
         appearance: what happens to the patch.
         draws: of this step.
         mounted: photographs of the object that wait for the patch on it; they join the batch.
         penalty: a loss of the patch itself, added to the networks'.
+        judge: what the networks say; by default their cross-entropies, mean over the batch, are summed.
     """
     import torch
 
@@ -328,5 +335,5 @@ def patch_loss(
     scenes = [place_patch(printed, images, appearance, draws)] if len(images) else []
     if mounted is not None:
         scenes.append(mounted(printed))
-    loss, recognised = judge_photos(take_photos(torch.cat(scenes), appearance, draws), targets)
+    loss, recognised = judge(take_photos(torch.cat(scenes), appearance, draws), targets)
     return (loss if penalty is None else loss + penalty(theta)), recognised

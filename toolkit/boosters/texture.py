@@ -11,13 +11,14 @@ import numpy as np
 
 from toolkit import __version__
 from toolkit.boosters.data import choose_images, load_files
+from toolkit.boosters.ensemble import judge_ensemble
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.boosters.pixel_config import name_files
 from toolkit.boosters.pixels import (
     Network,
     PixelTask,
     Target,
-    judge_photos,
+    aim,
     list_networks,
     quantise,
     record_network,
@@ -129,7 +130,8 @@ def train_texture(
     keep_image = None if config.keep_image is None else read_keep_image(config.keep_image)
     objects = load_objects(workspace, config, keep_image)
     label = choose_class(class_name, objects)
-    targets = [Target(network, network.class_index(label)) for network in networks]
+    targets = aim(networks, label)
+    config = config.for_networks(len(targets))
     if name is None and len(objects) == 1:
         name = objects[0].name
     name = name_files(name, targets[0].label, targets[0].class_index)
@@ -259,7 +261,8 @@ class TextureTask(PixelTask[TrainedTexture]):
         if config.weather is not None:
             rng = draws.of(type(config.weather).__name__)
             batch = batch.through(*draw_weather(views, self._metres, config.weather, rng))
-        loss, recognised = judge_photos(take_photos(self.dilated(), batch, config, draws), self.targets)
+        photos = take_photos(self.dilated(), batch, config, draws)
+        loss, recognised = judge_ensemble(photos, self.targets, config, draws)
         return loss, {"accuracy": recognised}
 
     def dilated(self) -> "torch.Tensor":

@@ -85,11 +85,19 @@ GROUPS: dict[str, dict[str, Entry]] = {
             "corrupt a data set with and without patches",
             {**TURNED, "--corruption": "--corrupt"},
         ),
+        "world-eval": Entry("world_eval:world_eval", "see an object in a city, through fog and dust"),
     },
     "Worlds": {
         "world list": Entry("world:list_worlds", "list the worlds, built in and your own"),
         "world preview": Entry("world:preview", "see a world by day, at dusk, in fog: pictures, map, film"),
         "world export": Entry("world:export", "write a world as GLB for Blender, Unreal, three.js"),
+    },
+    "Landing": {
+        "landing collect": Entry("landing:collect", "shoot a pad from a cone of places: pictures with the truth"),
+        "landing train": Entry("landing:train", "train a network to say where the pad is"),
+        "landing boost": Entry("landing:boost", "train the pad's picture for that network, and print it at true size"),
+        "landing fly": Entry("landing:fly", "land a drone by it, in worse and worse weather: success rates, report"),
+        "landing demo": Entry("landing:demo", "walk from an empty folder to the report, small"),
     },
     "Set-up": {
         "init": Entry("init:init", "make a workspace"),

@@ -25,8 +25,8 @@ def evaluate(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Any torchvision classifier, timm:NAME, rig18, or your own; default: resnet18, or what the record of "
-            "--weights says.",
+            help="Any torchvision classifier, timm:NAME, onnx:FILE, a .pt2, python:MODULE:FUNCTION, rig18, your own; "
+            "default: resnet18, or what the record of --weights says.",
         ),
     ] = None,
     weights: Annotated[

@@ -86,14 +86,14 @@ def render_page(package: str, template: str, context: Mapping[str, Any], **filte
     """The HTML of a page; everything that comes from files or names is escaped.
 
     Args:
-        package: in which the template lies.
+        package: in which the template lies; what it includes may lie in `toolkit.evaluation`.
         template: its name.
         context: what it is filled with.
         filters: its own, beside those of numbers.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
-    loader = PackageLoader(package, package_path="")
+    loader = ChoiceLoader([PackageLoader(name, package_path="") for name in (package, "toolkit.evaluation")])
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
