@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError
 from toolkit.core.files import read_bytes, sha256_file, write_bytes, write_json
-from toolkit.rig.camera import Camera, orbit_pose
+from toolkit.rig.camera import Camera, orbit_direction, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.shading import tone_map
 from toolkit.worlds.film import FPS, write_film
@@ -33,8 +33,9 @@ RECORD, MAP, FILM, FRAMES = "preview.json", "map.png", "flythrough.mp4", ".frame
 MADE_AS = 1
 """Changes with what the same request would look like: older files are made anew."""
 QUALITY = 90
-OBJECT_VIEWS = {"object": (35.0, 12.0, 2.2), "object-far": (-50.0, 24.0, 5.0)}
-"""Azimuth, elevation and distance of pictures of an object; the distance in its lengths."""
+OBJECT_VIEWS = {"object": (35.0, 12.0, 1.4), "object-far": (-50.0, 24.0, 3.5)}
+"""Azimuth from its front, elevation and distance of pictures of an object; the distance in its lengths."""
+TURNS_DEG = sorted(range(-180, 180, 15), key=abs)
 
 
 @dataclass(frozen=True)
@@ -127,7 +128,7 @@ class _Show:
         if self.placed is not None:
             length = float(np.ptp(self.placed.mesh.bounds, axis=0).max())
             around = [
-                Viewpoint(name, orbit_pose(self.placed.centre, self.placed.stand.turn_deg + turn, up, far * length))
+                Viewpoint(name, find_clear_orbit(self.world, self.placed, turn, up, far * length))
                 for name, (turn, up, far) in OBJECT_VIEWS.items()
             ]
         return (*around, *choose_viewpoints(self.world, self.settings.seed))
@@ -165,6 +166,20 @@ class _Show:
         else:
             parts += [settings.seed, settings.film_size, settings.film_s]
         return sha256(repr(parts).encode()).hexdigest()
+
+
+def find_clear_orbit(world: World, placed: Placed, turn_deg: float, up_deg: float, distance_m: float) -> np.ndarray:
+    """(4, 4) camera that looks at an object from about there, where nothing of the world stands between."""
+    import open3d as o3d
+
+    azimuths = placed.stand.turn_deg + turn_deg + np.array(TURNS_DEG)
+    ways = np.array([orbit_direction(azimuth, up_deg) for azimuth in azimuths])
+    rays = np.column_stack([np.tile(placed.centre, (len(ways), 1)), ways]).astype(np.float32)
+    free = world.shape.rays.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
+    clear = np.flatnonzero(free > distance_m + 1.0)
+    best = int(clear[0]) if len(clear) else int(free.argmax())
+    reach = min(distance_m, 0.9 * float(free[best]))
+    return orbit_pose(placed.centre, float(azimuths[best]), up_deg, reach)
 
 
 def name_sky(sky: Sky) -> str:
