@@ -185,7 +185,7 @@ from walled_field import make_config, make_onlooker, make_field
 from toolkit.core.workspace import Workspace
 from toolkit.world_eval import evaluate
 from toolkit.worlds.sky import make_sky
-evaluate.open_world = lambda config: make_field()
+evaluate.open_world = lambda *given: make_field()
 evaluate.make_sky = lambda when, seed: make_sky(when, seed, 32)
 network = make_onlooker()
 network.module.register_forward_hook(lambda *given: time.sleep(0.3))
@@ -243,7 +243,7 @@ def test_an_object_larger_than_every_place_is_refused(in_field, make_crate_space
     with pytest.raises(ToolkitError, match=r"field has no place for an object that reaches .*'west', is free for 9.5"):
         evaluate_world(space, make_onlooker(), make_config(length_m=40.0))
     with pytest.raises(ToolkitError, match=r"has 2 places for an object .* 3 are asked for"):
-        evaluate_world(space, make_onlooker(), make_config(length_m=12.0, places=3))
+        evaluate_world(space, make_onlooker(), make_config(length_m=10.0, places=3))
 
 
 def test_rain_and_snow_run_too(in_field, make_crate_space, tmp_path) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 from pydantic import AfterValidator, BeforeValidator, Field
 
 from toolkit.boosters.parts.blur import CameraBlur
+from toolkit.boosters.parts.corruption import Corrupted
 from toolkit.boosters.parts.jitter import Jitter
 from toolkit.boosters.parts.jpeg import JpegFile
 from toolkit.boosters.parts.sensor_noise import SensorNoise
@@ -24,6 +25,27 @@ WORLD_ELEVATION_DEG, WORLD_FILL = (2.0, 75.0), (0.25, 1.0)
 """Where cameras stand in a world, unless it is said: from a man's height up, from near to three lengths away."""
 DEFAULT_ENSEMBLE: Literal["sum", "normalised", "turns"] = "normalised"
 CameraParts = tuple[CameraBlur, SensorNoise, JpegFile]
+
+
+def read_corruptions(given: object) -> object:
+    """Corruptions from words such as `fog:3`; anything else as it is."""
+    if isinstance(given, list | tuple) and all(isinstance(word, str) for word in given):
+        from toolkit.corruptions.request import parse_corruptions
+
+        return Corrupted(parse_corruptions(given))
+    return given
+
+
+MeetsCorruptions = Annotated[
+    Corrupted | None,
+    BeforeValidator(read_corruptions),
+    Later,
+    Flag("--corrupt", metavar="NAME[:SEVERITY]", group=MEETS, typed=tuple[str, ...]),
+]
+CORRUPTED_HELP = (
+    "Corrupt half of the photographs as ImageNet-C does: fog:3, noise:1-3, weather, common, all; of several each draws "
+    "one."
+)
 
 
 def check_times(times: tuple[str, ...]) -> tuple[str, ...]:

@@ -11,11 +11,13 @@ from toolkit.boosters.parts.base import ImagePart
 from toolkit.boosters.parts.fog import Fog
 from toolkit.boosters.parts.light import Exposure
 from toolkit.boosters.pixel_config import (
+    CORRUPTED_HELP,
     MEETS,
     STEPS,
     WORLD_ELEVATION_DEG,
     WORLD_FILL,
     CameraParts,
+    MeetsCorruptions,
     PixelConfig,
     find_recipe,
     make_camera,
@@ -104,6 +106,7 @@ class TextureConfig(PixelConfig):
     camera: Annotated[CameraParts | None, Flag(group=MEETS, make=make_camera)] = Field(
         None, exclude=True, description="Blur, sensor noise and JPEG."
     )
+    corrupted: MeetsCorruptions = Field(None, exclude=True, description=CORRUPTED_HELP)
     backgrounds: Annotated[Path | None, Flag("--background-folder", metavar="FOLDER", group=SEEN)] = Field(
         None, exclude=True, description="Photographs to stand behind the object; the paper recipe needs them."
     )
@@ -135,7 +138,8 @@ class TextureConfig(PixelConfig):
     @property
     def photo_parts(self) -> tuple[ImagePart, ...]:
         """What is done to a photograph, in this order."""
-        return (*(() if self.fog is None else (self.fog,)), *(self.camera or ()))
+        corrupted = () if self.corrupted is None else (self.corrupted,)
+        return (*(() if self.fog is None else (self.fog,)), *(self.camera or ()), *corrupted)
 
     @property
     def steps_per_group(self) -> int:

@@ -34,6 +34,7 @@ class LabelsFile(BaseModel):
         arch: name of the network, see `list_architectures`; may be written `architecture`.
         name: what to call the classifier.
         trained_on: in a few words.
+        licence: of its weights, for `toolkit models`.
         sha256: of the weights' file.
     """
 
@@ -49,6 +50,7 @@ class LabelsFile(BaseModel):
     arch: str | None = Field(default=None, validation_alias=AliasChoices("arch", "architecture"))
     name: str | None = None
     trained_on: str | None = None
+    licence: str | None = None
     sha256: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")
 
     @model_validator(mode="before")
