@@ -146,6 +146,16 @@ def find_classifier(model: str | None = None, weights: Path | None = None, folde
     return Found(name, weights)
 
 
+def may_be_detector(model: str | None) -> bool:
+    """Whether it is worth looking closer: the name of no classifier, or an ONNX file."""
+    if model is None or model.startswith((TIMM_PREFIX, PYTHON_PREFIX)):
+        return False
+    if model.startswith(ONNX_PREFIX) or model.endswith(".onnx"):
+        return True
+    name = model.removeprefix(TORCHVISION_PREFIX)
+    return name.startswith(("fasterrcnn", "retinanet", "fcos", "ssd"))
+
+
 def _find_file(model: str) -> Path | None:
     """The file that `onnx:FILE` or a path means; None for the name of a network.
 
