@@ -91,7 +91,7 @@ def _detect(
             )
             for one in done.groups
         ]  # fmt: skip
-        show_table(("source", "object", "variant", "n", "found", "95 %", "recall", "AP50", "AP50:95"), rows)
+        show_table(("source", "object", "variant", "n", "found, %", "95 %", "recall, %", "AP50", "AP50:95"), rows)
         for line in describe_pairs(done):
             say(line)
         for line in list_lines("left out", done.left_out):

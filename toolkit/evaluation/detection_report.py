@@ -10,6 +10,7 @@ from PIL import Image, ImageDraw
 from toolkit import __version__
 from toolkit.core.files import write_text
 from toolkit.evaluation.contact_sheet import encode_jpeg
+from toolkit.evaluation.metrics import rank_variant
 from toolkit.evaluation.report import render_page
 from toolkit.imaging.read import UnreadableImage, read_image
 from toolkit.models.detector import Detector
@@ -25,7 +26,13 @@ LEAST_SHOWN = 0.25
 def write_detection_report(path: Path, run: "DetectionRun", detector: Detector) -> Path:
     """One self-contained page; of many images the pairs that flipped come first, and some are left out."""
     flipped = _find_flipped(run.images)
-    order = sorted(run.images, key=lambda one: one.capture.path not in flipped)
+
+    def place(one: "DetectedImage") -> tuple[object, ...]:
+        shot = one.capture
+        number = -1 if shot.pose_id is None else shot.pose_id
+        return shot.path not in flipped, shot.source, shot.object, number, rank_variant(shot.variant)
+
+    order = sorted(run.images, key=place)
     pairs = {(one.source, one.object, one.second): one for one in run.pairs if one.first == "unpatched"}
     cards = [
         {"image": one, "picture": picture, "is_flipped": one.capture.path in flipped}

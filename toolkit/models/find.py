@@ -141,6 +141,8 @@ def find_classifier(model: str | None = None, weights: Path | None = None, folde
             {"model": BUNDLED},
         )
     known, name = list_architectures(), model.removeprefix(TORCHVISION_PREFIX)
+    if name not in known and may_be_detector(name):
+        raise FieldError("is a detector: 'toolkit eval' takes it, here a classifier is expected", {"model": model})
     if name not in known:
         raise one_of("model", name, known if name != model else [*own, *known])
     return Found(name, weights)

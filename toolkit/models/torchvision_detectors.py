@@ -40,6 +40,9 @@ class TorchvisionDetector:
         """(b,) the network's own training loss for the object as the only truth."""
         terms = []
         self.module.train()
+        for layer in self.module.modules():
+            if isinstance(layer, nn.BatchNorm2d | nn.Dropout):
+                layer.eval()  # the network stays as it is
         try:
             for k in range(len(batch)):
                 target = {
