@@ -54,7 +54,7 @@ def test_a_file_that_no_reader_should_swallow_is_refused_in_one_line(tmp_path, n
     began = time.monotonic()
     with pytest.raises(ToolkitError, match=words) as caught:
         (read_json if name.endswith("json") else read_toml)(file, Anything)
-    assert time.monotonic() - began < 2
+    assert time.monotonic() - began < 20
     assert "\n" not in str(caught.value) and len(str(caught.value)) < 400 + len(str(file))
 
 

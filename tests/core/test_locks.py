@@ -50,7 +50,7 @@ def test_nobody_waits_for_the_dead(tmp_path, how):
     first.wait(5)
     began = time.monotonic()
     with hold_folder(tmp_path):
-        assert time.monotonic() - began < 1
+        assert time.monotonic() - began < 30  # of the 60 for which it would have held it
     assert not (tmp_path / LOCK).exists()
 
 

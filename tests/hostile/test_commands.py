@@ -29,6 +29,10 @@ COMMANDS = {
     "capture-sim": ("capture-sim", "--object", "crate", "--variant", "unpatched"),
     "eval": ("eval", "captures/sim", "--model", "mine"),
     "baseline": ("baseline", "qr", "--class", "crate"),
+    "runs": ("runs", "--all"),
+    "compare": ("compare", "one", "other"),
+    "report": ("report", "--all"),
+    "export": ("export",),
     # with these nothing is trained: a name is wrong whatever else is
     "sweep": ("sweep", "distance", "--object", "nobody"),
     "train-patch": ("train-patch", "--class", "crate", "--model", "nobody"),
@@ -40,7 +44,8 @@ COMMANDS = {
 LEFT_OUT = {"studio": "serves until it is stopped", "demo": "walks the whole road", "doctor": "reads nothing"}
 READING = (("plan", "--object", "crate"), ("objects",), ("print", "--class", "crate"), ("check",), IMPORT,
            ("corrupt", "photos", "corrupted", "--corrupt", "fog:1"), ("eval", "captures/real", "--model", "mine"),
-           ("capture-sim", "--object", "crate", "--variant", "unpatched"), ("plan", "--shot-list"))  # fmt: skip
+           ("capture-sim", "--object", "crate", "--variant", "unpatched"),
+           ("plan", "--shot-list", "--object", "crate"))  # fmt: skip
 
 
 def can_be_typed(word: str) -> bool:

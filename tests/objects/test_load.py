@@ -125,6 +125,7 @@ def test_turning_is_a_rotation_that_brings_the_named_axes_home(make_box, up, fro
         ("a.ply", PLY.format(faces=FACES, x="inf", row="3 0 1 2\n"), "1 of 3 vertices are NaN or infinite"),
         ("a.ply", PLY.format(faces=FACES, x=1, row="3 0 1 99999999\n"), "names vertex 99999999, the mesh has 3"),
         ("a.ply", PLY.format(faces=FACES, x=1, row="3 0 1 -7\n"), "names vertex -7, the mesh has 3"),
+        ("a.obj", "v 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "vertices of 2 numbers, expected 3"),
         ("a.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 99999999\n", "not a readable .obj mesh"),
         ("a.obj", "v 0 0 0\nv 0 0 0\nv 0 0 0\nf 1 2 3\n", "zero area|no extent|one point"),
         ("a.ply", "hello", "not a readable .ply mesh"),

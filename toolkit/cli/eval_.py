@@ -109,7 +109,7 @@ def show_evaluation(done: "Evaluation") -> None:
     from toolkit.evaluation.tables import list_lines, print_tables
 
     say(f"network: {done.summary['model']['description']}")
-    print_tables(console, done)
+    print_tables(console, done, done.summary["model"]["name"])
     for line in (*list_lines("could not be read", done.failed), *list_lines("without a partner", done.unpaired)):
         warn(line)
     for note in done.notes:

@@ -150,6 +150,8 @@ def _move_home(pieces: list[_Piece], source: str) -> list[_Piece]:
     """Check coordinates and indices; a mesh far from the origin is moved there, for float32 would round it."""
     count, low, high = 0, np.full(3, np.inf), np.full(3, -np.inf)
     for piece in pieces:
+        if piece.vertices.shape[1:] != (3,):
+            raise ToolkitError(f"{source}: vertices of {piece.vertices[0].size} numbers, expected 3: repair the mesh")
         bad = int((~np.isfinite(piece.vertices)).any(axis=1).sum())
         if bad:
             raise ToolkitError(
