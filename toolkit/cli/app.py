@@ -62,6 +62,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "plan": Entry("plan:plan", "plan the camera poses", {"--size": "--resolution"}),
         "capture-sim": Entry("capture_sim:capture_sim", "shoot every object at every pose"),
         "eval": Entry("eval_:evaluate", "classify a capture folder: table, statistics, report"),
+        "coco": Entry("coco:write_boxes", "write the objects' boxes and masks as COCO"),
         "sweep": Entry("sweep:sweep", "vary one thing: distance, light, size and more"),
     },
     "Your photographs": {
