@@ -10,10 +10,12 @@ from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json
 from toolkit.landing.collect import CollectConfig
+from toolkit.landing.fly import FlyConfig
 from toolkit.landing.train import RECIPES as TRAINING
 
 if TYPE_CHECKING:
     from toolkit.landing.regressor import ErrorRow
+    from toolkit.landing.results import CellResult, PairResult
 
 Restart = Annotated[bool, typer.Option("--restart", help="Begin anew, forget an unfinished run.")]
 
@@ -106,3 +108,71 @@ def show_errors(rows: "Mapping[str, Sequence[ErrorRow]]") -> None:
     ]  # fmt: skip
     heads = ("n", "found", "median cm", "rms cm", "of height")
     console.print(build_table("Held-out error", ("regressor", "by", "frames"), heads, cells))
+
+
+@from_config(config=FlyConfig)
+def fly(
+    config: FlyConfig,
+    film: Annotated[bool, typer.Option("--film", help="Film the first episode of the first and last cells.")] = False,
+    restart: Restart = False,
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Land a drone by a regressor, on every pad in every weather; write rates, tests, report to eval/landing/NAME."""
+    from toolkit.core.workspace import open_workspace
+    from toolkit.landing.fly import fly_all
+    from toolkit.landing.report import film_episode, write_report
+    from toolkit.landing.results import describe_success, write_summary
+    from toolkit.models.network import choose_device
+    from toolkit.worlds.weather import describe_weathers
+
+    space = open_workspace(workspace)
+    flown = fly_all(space, config, seed=seed, device=choose_device(device), restart=restart)
+    results, pairs = write_summary(flown.folder, config, flown, seed)
+    files = write_report(config, flown, results, pairs, space)
+    films = []
+    if film:
+        for one in dict.fromkeys((results[0].records[0], results[-1].records[0])):
+            path = flown.folder / f"episode-{one.pad}-{one.weather}-{one.severity}.mp4"
+            films.append(film_episode(space, config, flown, one, seed, path))
+    if as_json:
+        rows = {"cells": [one.as_json() for one in results], "pairs": [one.as_json() for one in pairs]}
+        show_json(rows | {"folder": str(flown.folder), "made": flown.made, "seconds": flown.seconds})
+        return
+    show_flights(results, pairs)
+    say(describe_success(config.episode))
+    for line in describe_weathers(config.weathers):
+        say(line)
+    if flown.made:
+        seconds = flown.seconds
+        share = seconds["physics_s"] / max(seconds["whole_s"], 1e-9)
+        say(f"{flown.made} episodes flown now in {seconds['whole_s']:.0f} s, {share:.1%} of it physics and control")
+    for path in films:
+        say(f"film: {path}")
+    say(f"report: {files.report}")
+
+
+def show_flights(results: "Sequence[CellResult]", pairs: "Sequence[PairResult]") -> None:
+    """Print success rates, and what changed episode by episode."""
+    from toolkit.core.console import console
+    from toolkit.core.tables import build_table, format_interval, format_p, format_percent
+    from toolkit.landing.episodes import OUTCOMES
+
+    rows = []
+    for one in results:
+        *_, air, gains = one.cell.key.split("/")
+        row = one.as_json()
+        error = "-" if row["median_error_m"] is None else f"{row['median_error_m']:.2f}"
+        rows.append(
+            (one.cell.pad, one.cell.regressor, f"{air} {gains}", str(one.n), format_percent(one.success),
+             format_interval(one.success_ci95), *(str(one.count(name)) for name in OUTCOMES[1:]), error)
+        )  # fmt: skip
+    ends = [name.replace("_", " ") for name in OUTCOMES[1:]]
+    heads = ("n", "success", "95 %", *ends, "error m")
+    console.print(build_table("Landings", ("pad", "regressor", "air, gains"), heads, rows))
+    if pairs:
+        cells = [(one.cell.key, one.against.key, str(one.gained), str(one.lost), format_p(one.p)) for one in pairs]
+        console.print(build_table("Episode by episode", ("cell", "against"), ("gained", "lost", "exact p"), cells))
