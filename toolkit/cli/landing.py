@@ -9,6 +9,7 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json
+from toolkit.landing.boost import BoostConfig, PadPrintConfig
 from toolkit.landing.collect import CollectConfig
 from toolkit.landing.fly import FlyConfig
 from toolkit.landing.train import RECIPES as TRAINING
@@ -176,3 +177,39 @@ def show_flights(results: "Sequence[CellResult]", pairs: "Sequence[PairResult]")
     if pairs:
         cells = [(one.cell.key, one.against.key, str(one.gained), str(one.lost), format_p(one.p)) for one in pairs]
         console.print(build_table("Episode by episode", ("cell", "against"), ("gained", "lost", "exact p"), cells))
+
+
+@from_config(config=BoostConfig, printing=PadPrintConfig)
+def boost(
+    regressor: Annotated[str, typer.Argument(metavar="REGRESSOR", help="Trained by 'toolkit landing train'.")],
+    config: BoostConfig,
+    printing: PadPrintConfig,
+    restart: Restart = False,
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Train the pad's picture for a regressor, and print it at true size; an interrupted run goes on."""
+    from toolkit.core.tables import build_table, format_percent
+    from toolkit.core.workspace import open_workspace
+    from toolkit.landing.boost import boost_pad, describe_boosted
+    from toolkit.models.network import choose_device
+
+    space = open_workspace(workspace)
+    made = boost_pad(space, regressor, config, printing, seed=seed, device=choose_device(device), restart=restart)
+    if as_json:
+        show_json(describe_boosted(made))
+        return
+    from toolkit.core.console import console
+
+    done = "was trained with these inputs before" if made.was_finished else "trained"
+    say(f"{made.file}: {done}")
+    heads = list(next(iter(made.errors.values())))
+    rows = [(name, *map(format_percent, some.values())) for name, some in made.errors.items()]
+    console.print(build_table("Error as a share of the height, on new views", ("pad",), heads, rows))
+    say(f"{made.pdf}: {made.pages} pages at true size, with a map of them")
+    name = made.file.stem
+    say(f"next: toolkit landing fly {regressor} --pad plain --pad {name} --weather clear --weather fog:1-5")
+    say(f"or train again on it: toolkit landing collect {name} --pad {name}, then toolkit landing train {name}")
