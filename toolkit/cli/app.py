@@ -85,17 +85,32 @@ GROUPS: dict[str, dict[str, Entry]] = {
             "corrupt a data set with and without patches",
             {**TURNED, "--corruption": "--corrupt"},
         ),
+        "world-eval": Entry("world_eval:world_eval", "see an object in a city, through fog and dust"),
     },
     "Worlds": {
         "world list": Entry("world:list_worlds", "list the worlds, built in and your own"),
         "world preview": Entry("world:preview", "see a world by day, at dusk, in fog: pictures, map, film"),
         "world export": Entry("world:export", "write a world as GLB for Blender, Unreal, three.js"),
     },
+    "Landing": {
+        "landing collect": Entry("landing:collect", "shoot a pad from a cone of places: pictures with the truth"),
+        "landing train": Entry("landing:train", "train a network to say where the pad is"),
+        "landing boost": Entry("landing:boost", "train the pad's picture for that network, and print it at true size"),
+        "landing fly": Entry("landing:fly", "land a drone by it, in worse and worse weather: success rates, report"),
+        "landing demo": Entry("landing:demo", "walk from an empty folder to the report, small"),
+    },
+    "Results": {
+        "runs": Entry("runs:list_runs", "list what every run found, as one table"),
+        "compare": Entry("runs:compare", "compare two runs image by image: test, flips"),
+        "report": Entry("runs:report", "one page of many runs: filters, flips"),
+        "export": Entry("runs:export", "predictions as Parquet, or for FiftyOne"),
+    },
     "Set-up": {
         "init": Entry("init:init", "make a workspace"),
         "add": Entry("add:add", "add an object of your own from its mesh"),
         "demo": Entry("objects:demo", "walk the whole road in a new workspace"),
         "objects": Entry("objects:list_objects", "list the objects that can be photographed"),
+        "models": Entry("models:list_models", "list the networks that are at hand"),
         "doctor": Entry("health:doctor", "check what the kit needs from this machine"),
     },
 }

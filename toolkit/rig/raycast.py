@@ -167,9 +167,20 @@ class RaycastRenderer:
         Raises:
             ToolkitError: a camera that is nowhere.
         """
-        picture, out = self._paint_meshes(camera, T_world_camera, self._object.lit, linear=False)
+        return self._render(camera, T_world_camera)[0]
+
+    def render_with_depth(self, camera: Camera, T_world_camera: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """`render`, and `depth`, `mesh` and `face` of `buffers` from the same rays; for scenes with surroundings."""
+        picture, hits = self._render(camera, T_world_camera)
+        shape = camera.height, camera.width
+        met = np.where(hits.face == NOTHING, np.uint8(255), hits.mesh)
+        found = {"depth": hits.distance, "mesh": met, "face": hits.face}
+        return picture, {name: values.reshape(shape) for name, values in found.items()}
+
+    def _render(self, camera: Camera, T_world_camera: np.ndarray) -> tuple[np.ndarray, Hits]:
+        picture, out, hits = self._paint_meshes(camera, T_world_camera, self._object.lit, linear=False)
         self._paint_background(camera, T_world_camera, out.coverage, picture, apart=False)
-        return picture
+        return picture, hits
 
     def render_many(self, views: Iterable[tuple[Camera, np.ndarray]]) -> Iterator[np.ndarray]:
         """`render` of each (camera, `T_world_camera`), in order, on all cores; the same pictures."""
@@ -191,7 +202,7 @@ class RaycastRenderer:
         """
         left_out = np.array([m.texture is texture for m in self._mesh.materials])
         lit = self._object.lit._replace(left_out=left_out)
-        dark, out = self._paint_meshes(camera, T_world_camera, lit, linear=True)
+        dark, out, _ = self._paint_meshes(camera, T_world_camera, lit, linear=True)
         behind = np.zeros_like(dark)
         self._paint_background(camera, T_world_camera, out.coverage, behind, apart=True)
         return LinearView(behind=behind, dark=dark, **out._asdict())
@@ -224,8 +235,8 @@ class RaycastRenderer:
 
     def _paint_meshes(
         self, camera: Camera, T_world_camera: np.ndarray, lit: LitMesh, linear: bool
-    ) -> tuple[np.ndarray, Linear]:
-        """(h, w, 3) float32 what rays met before black, and the samples of a linear view where one is asked for."""
+    ) -> tuple[np.ndarray, Linear, Hits]:
+        """(h, w, 3) float32 what rays met before black, samples of a linear view where one is asked for, first hits."""
         view = _view(camera, T_world_camera)
         part = self._trace(camera, view, T_world_camera)
         most = len(part.hits.face) + 4 * len(part.refine) if linear else 0
@@ -236,7 +247,7 @@ class RaycastRenderer:
         )  # fmt: skip
         others = self._object.lit if self._others is None else self._others.lit
         count = paint_meshes(self._around, lit, others, view, part, picture, out)
-        return picture, Linear(out.coverage, *(array[:count].copy() for array in out[1:]))
+        return picture, Linear(out.coverage, *(array[:count].copy() for array in out[1:])), part.hits
 
     def _paint_background(
         self, camera: Camera, T_world_camera: np.ndarray, coverage: np.ndarray, picture: np.ndarray, apart: bool

@@ -11,7 +11,6 @@ import numpy as np
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.objects.mesh import Mesh
 from toolkit.objects.spec import ObjectSpec
-from toolkit.rig.lighting import Shape
 from toolkit.rig.scene import Scene, Stand
 from toolkit.worlds.sky import Sky
 from toolkit.worlds.world import Spot, World
@@ -53,6 +52,13 @@ class Placed:
         corners = [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
         return self.stand.to_world(np.array(corners))
 
+    @property
+    def in_world(self) -> Mesh:
+        """The mesh in the world's frame."""
+        turn = self.stand.turn.T.astype(np.float32)
+        vertices = self.stand.to_world(self.mesh.vertices).astype(np.float32)
+        return replace(self.mesh, vertices=vertices, normals=self.mesh.normals @ turn)
+
     def wear(self, mesh: Mesh) -> "Placed":
         """Another variant of the object, at its real size, in the same place: pairs share place and light."""
         return replace(self, mesh=mesh)
@@ -86,7 +92,9 @@ def find_radius(mesh: Mesh) -> float:
 
 def make_scene(world: World, sky: Sky) -> Scene:
     """World and sky, as renderers take them; what stands there is lit once for all objects in it."""
-    return Scene(f"{world.name} {sky.name}", sky.sun, sky.panorama, sky.exposure, surroundings=world.mesh)
+    return Scene(
+        f"{world.name} {sky.name}", sky.sun, sky.panorama, sky.exposure, surroundings=world.mesh, lamps=sky.lamps
+    )
 
 
 def find_spot(world: World, name: str) -> Spot:
@@ -216,4 +224,4 @@ def _cast(world: World, rays: np.ndarray) -> np.ndarray:
     """(n,) way of rays (n, 6) to what they meet first; inf where nothing."""
     import open3d as o3d
 
-    return Shape.of(world.mesh).rays.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
+    return world.shape.rays.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
