@@ -21,11 +21,13 @@ def shared_views(rendered_views, monkeypatch):
 
     render = views.render_block
 
-    def render_once(subjects, settings, seed, kind, block):
+    def render_once(subjects, settings, seed, kind, block, **where):
+        if where["with_depth"] or where["setting"] is not views.IN_STUDIO:
+            return render(subjects, settings, seed, kind, block, **where)
         parts = [(hash_mesh(one.mesh), one.material, hash_mesh(one.bare)) for one in subjects]
         key = hashlib.sha256(repr((parts, settings, seed, kind, block)).encode()).digest()
         if key not in rendered_views:
-            rendered_views[key] = render(subjects, settings, seed, kind, block)
+            rendered_views[key] = render(subjects, settings, seed, kind, block, **where)
         return rendered_views[key]
 
     monkeypatch.setattr(views, "render_block", render_once)

@@ -209,7 +209,7 @@ def test_few_images_are_decoded_ahead(put, workspace, colour_classifier, monkeyp
     for pose in range(80):
         put(f"real/racer/unpatched/{pose}.png", "racer")
     alive, most, lock = 0, 0, threading.Lock()
-    real_crop, real_classify = predict.resize_and_crop, predict._classify
+    real_crop, real_classify = predict.resize_and_crop, predict.classify_images
 
     def crop(*args):
         nonlocal alive, most
@@ -225,7 +225,7 @@ def test_few_images_are_decoded_ahead(put, workspace, colour_classifier, monkeyp
         return real_classify(images, classifier)
 
     monkeypatch.setattr(predict, "resize_and_crop", crop)
-    monkeypatch.setattr(predict, "_classify", classify)
+    monkeypatch.setattr(predict, "classify_images", classify)
     captures = add_corrupted(read_captures(workspace.captures_dir), [("contrast", 1)]).captures
     found = predict_captures(captures, {"racer": 0}, colour_classifier, batch_size=4)
     assert len(found) == 160 and all(one.correct_top1 for one in found)

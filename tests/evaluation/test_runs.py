@@ -177,7 +177,7 @@ def test_an_unknown_run_is_named(evaluated):
     with pytest.raises(ToolkitError, match="no run called 'nihgt': did you mean night"):
         open_run(evaluated, "nihgt")
     (evaluated.eval_dir / "empty").mkdir()
-    with pytest.raises(ToolkitError, match="empty is no finished run: it holds no summary.json"):
+    with pytest.raises(ToolkitError, match=r"empty is no finished run: it holds no summary\.json"):
         open_run(evaluated, "empty")
 
 

@@ -126,6 +126,11 @@ class ViewBatch:
         samples = {name: getattr(self, name)[first:last] for name in ("pixel", "uv", "lod", "gain", "share")}
         return ViewBatch(self.still[start:stop], self.counts[start:stop], **samples)
 
+    def to(self, dtype: "torch.dtype") -> "ViewBatch":
+        """The same views in another precision."""
+        floats = {name: getattr(self, name).to(dtype) for name in ("still", "uv", "lod", "gain", "share")}
+        return replace(self, **floats)
+
     def through(self, factor: "torch.Tensor", offset: "torch.Tensor") -> "ViewBatch":
         """The same views seen through weather, which makes `factor · light + offset` of light; both (b, h, w, 3)."""
         import torch

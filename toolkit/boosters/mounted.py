@@ -10,15 +10,29 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_linear, srgb_to_linear
+from toolkit.boosters.parts.weather import Weathered, find_depths
 from toolkit.boosters.pixels import Target
 from toolkit.boosters.validation import Share, Validation
+from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.files import sha256_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.objects.load import load_object
+from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.linear_view import LinearView
 from toolkit.rig.mount import PAPER, size_on_paper
-from toolkit.rig.views import NEAR_VIEWS, ViewRanges, render_mounted_views
+from toolkit.rig.views import (
+    NEAR_VIEWS,
+    PER_STUDIO,
+    PaintableObject,
+    Setting,
+    ViewRanges,
+    ViewSettings,
+    ViewStream,
+    mount_grey,
+    render_mounted_views,
+)
+from toolkit.worlds.depth_view import DepthView
+from toolkit.worlds.place import scale_to_world
 
 if TYPE_CHECKING:
     import torch
@@ -28,6 +42,8 @@ EXPOSURE, TINT, NOISE = (0.75, 1.3), 0.05, 0.012
 HELD_OUT = 0.2
 PAPER_GREY = 0.5
 BATCH = 24
+Through = tuple["torch.Tensor", "torch.Tensor"]
+"""Factor and offset of linear light, see `ViewBatch.through`."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +54,13 @@ class MountedViews:
         batch: all of them, in half precision.
         size_mm: side of the patch on the sheet.
         sha256: of the views.
+        depths: how far away everything in them is at real size; none where there is no weather.
     """
 
     batch: ViewBatch
     size_mm: float
     sha256: str
+    depths: tuple[DepthView, ...] = ()
 
     def __len__(self) -> int:
         return len(self.batch)
@@ -50,8 +68,20 @@ class MountedViews:
     def divide(self) -> tuple["MountedViews", "MountedViews"]:
         """Those to train on, and the last fifth, which is held out."""
         kept = len(self) - max(1, round(len(self) * HELD_OUT))
-        train, held_out = (self.batch.part(*span) for span in ((0, kept), (kept, len(self))))
-        return replace(self, batch=train), replace(self, batch=held_out)
+        train, held_out = (
+            replace(self, batch=self.batch.part(start, stop), depths=self.depths[start:stop])
+            for start, stop in ((0, kept), (kept, len(self)))
+        )
+        return train, held_out
+
+    def draw_weather(
+        self, weather: Weathered, which: np.ndarray, corners: np.ndarray, side: int, rng: np.random.Generator
+    ) -> "Through":
+        """Weather over squares of some views, see `ViewBatch.cut` and `Weathered.draw`."""
+        cuts = [
+            self.depths[k].cropped(int(left), int(top), side) for k, (top, left) in zip(which, corners, strict=True)
+        ]
+        return weather.draw(cuts, rng)
 
 
 def load_mounted_views(
@@ -65,6 +95,8 @@ def load_mounted_views(
     image_px: int,
     device: str,
     ranges: ViewRanges = NEAR_VIEWS,
+    with_depth: bool = False,
+    setting: Setting | None = None,
 ) -> MountedViews:
     """Render views as `toolkit.rig.views.render_mounted_views` and put them on `device`.
 
@@ -72,22 +104,51 @@ def load_mounted_views(
         workspace: whose object it is.
         object_name: as in its spec.
         size_mm: side of the printed patch, unless the object's spec states one.
-        patch_px, count, seed, image_px, ranges: as there.
+        patch_px, count, seed, image_px, ranges, with_depth: as there.
         device: of the tensors.
+        setting: the world that they are taken in, where the object has its real size; None: studios.
 
     Raises:
-        ToolkitError: an unknown object, or a sheet that cannot be mounted.
+        ToolkitError: an unknown object, a sheet that cannot be mounted, or no real size where one is needed.
     """
     item = load_object(workspace.object_spec(object_name))
     side_mm = item.spec.patch.size_mm or size_mm
-    views = render_mounted_views(item, side_mm, patch_px, count, seed=seed, image_px=image_px, ranges=ranges)
-    return stack_views(list(views), side_mm, device)
+    if setting is not None:
+        subject = make_sheet_subject(item, side_mm, patch_px)
+        blocks = -(-count // PER_STUDIO)
+        settings = ViewSettings(ranges, image_px, studios=1, per_studio=PER_STUDIO)
+        views: list[LinearView] = []
+        with (
+            ViewStream([subject], settings, seed, blocks, setting=setting, with_depth=with_depth) as stream,
+            progress(f"rendering {item.name} with its sheet", blocks * PER_STUDIO) as bar,
+        ):
+            for number in range(blocks):
+                views += [one.view for one in stream.group(number)]
+                bar.advance(PER_STUDIO)
+        return stack_views(views[:count], side_mm, device)
+    metres = item.spec.metres_per_mm if with_depth else 1.0
+    in_studio = render_mounted_views(
+        item, side_mm, patch_px, count, seed=seed, image_px=image_px, ranges=ranges, with_depth=with_depth
+    )
+    return stack_views(list(in_studio), side_mm, device, metres)
 
 
-def stack_views(views: list[LinearView], size_mm: float, device: str) -> MountedViews:
-    """Views of a sheet whose patch has a side of `size_mm`, as tensors on `device`."""
+def make_sheet_subject(item: TableObject, size_mm: float, patch_px: int) -> PaintableObject:
+    """An object at its real size, metres, with a sheet that grew with it and whose paper is what is painted."""
+    mesh, paper = mount_grey(item, size_mm, patch_px)
+    material = next(k for k, one in enumerate(mesh.materials) if one.texture is paper)
+    grown = scale_to_world(mesh, item.spec)
+    return PaintableObject(grown, material, grown)
+
+
+def stack_views(views: list[LinearView], size_mm: float, device: str, metres_per_unit: float = 1.0) -> MountedViews:
+    """Views of a sheet whose patch has a side of `size_mm`, as tensors on `device`.
+
+    Their depths, where they have any, are in units that are `metres_per_unit` long at real size.
+    """
     digest = sha256_bytes("".join(view.sha256 for view in views).encode())
-    return MountedViews(batch_views(views, device, half=True), size_mm, digest)
+    depths = find_depths(views, [metres_per_unit] * len(views))
+    return MountedViews(batch_views(views, device, half=True), size_mm, digest, tuple(depths))
 
 
 def print_on_paper(linear: "torch.Tensor", size_mm: float) -> "torch.Tensor":
@@ -111,6 +172,8 @@ def show_mounted(
     corners: np.ndarray,
     image_px: int,
     rng: np.random.Generator | None = None,
+    *,
+    through: Through | None = None,
 ) -> "torch.Tensor":
     """Photographs of the object with a patch on its sheet.
 
@@ -121,6 +184,7 @@ def show_mounted(
         corners: (b, 2) top and left of the cut.
         image_px: side of the cut.
         rng: draws exposure, tint and noise; None shows the views as they are.
+        through: weather over these cuts, see `MountedViews.draw_weather`.
 
     Returns:
         (b, 3, image_px, image_px) sRGB-encoded in [0, 1], differentiable in `patch`.
@@ -128,6 +192,8 @@ def show_mounted(
     import torch
 
     batch = views.batch.cut(which, corners, image_px, patch.dtype)
+    if through is not None:
+        batch = batch.through(*through)
     paper = print_on_paper(srgb_to_linear(patch), views.size_mm)
     if rng is None:
         return show_linear(paper, batch)
@@ -140,32 +206,41 @@ def show_mounted(
 
 
 def draw_mounted(
-    views: MountedViews, draws: Draws, count: int, image_px: int
+    views: MountedViews, draws: Draws, count: int, image_px: int, weather: Weathered | None = None
 ) -> Callable[["torch.Tensor"], "torch.Tensor"]:
-    """A batch of random views at random cuts, waiting for its patch."""
+    """A batch of random views at random cuts in the weather that is drawn for them, waiting for its patch."""
     rng = draws.of("mounted")
     which = rng.choice(len(views), count, replace=count > len(views))
     corners = rng.integers(0, views.batch.still.shape[1] - image_px + 1, (count, 2))
-    return lambda patch: show_mounted(patch, views, which, corners, image_px, rng=rng)
+    through = None
+    if weather is not None:
+        through = views.draw_weather(weather, which, corners, image_px, draws.of(type(weather).__name__))
+    return lambda patch: show_mounted(patch, views, which, corners, image_px, rng, through=through)
 
 
 def validate_mounted(
-    patch: "torch.Tensor", views: MountedViews, targets: list[Target], image_px: int
-) -> list[Validation]:
-    """Recognise held-out views with the patch, and with plain grey paper in its place."""
+    patch: "torch.Tensor", views: MountedViews, targets: list[Target], image_px: int, *,
+    weather: Weathered | None = None, seed: int = 0,
+) -> list[Validation]:  # fmt: skip
+    """Recognise held-out views with the patch, and with plain grey paper in its place; both in the same weather."""
     import torch
 
     grey = torch.full_like(patch, PAPER_GREY)
+    weather = None if weather is None else replace(weather, probability=1)
     start = (views.batch.still.shape[1] - image_px) // 2
     hits = np.zeros((2, len(targets)), int)
     with torch.inference_mode():
         for first in range(0, len(views), BATCH):
             which = np.arange(first, min(first + BATCH, len(views)))
             corners = np.full((len(which), 2), start)
+            through = None
+            if weather is not None:
+                rng = Draws(seed, first, "validate").of(type(weather).__name__)
+                through = views.draw_weather(weather, which, corners, image_px, rng)
             for row, printed in enumerate((grey, patch)):
-                photos = show_mounted(printed, views, which, corners, image_px)
+                photos = show_mounted(printed, views, which, corners, image_px, through=through)
                 for k, target in enumerate(targets):
-                    hits[row, k] += int((target.classifier.logits(photos).argmax(1) == target.class_index).sum())
+                    hits[row, k] += target.count_hits(photos)
     count = len(views)
     return [
         Validation(target.classifier.name, Share(int(hits[0, k]), count), Share(int(hits[1, k]), count))

@@ -5,18 +5,28 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BeforeValidator, Field, field_serializer
+from pydantic import Field, field_serializer
 
 from toolkit.boosters.data import HELD_OUT, DataConfig
 from toolkit.boosters.parts.affine import WHERE, AffineRanges
 from toolkit.boosters.parts.base import Appearance, Placement
-from toolkit.boosters.parts.corruption import Corrupted
 from toolkit.boosters.parts.glare import TapeGlare
 from toolkit.boosters.parts.light import LightRanges
 from toolkit.boosters.parts.pose import MixedPlacement, PoseRanges
 from toolkit.boosters.parts.print_process import PrintProcess, ProfiledPrint, use_profile
-from toolkit.boosters.pixel_config import MEETS, STEPS, CameraParts, PixelConfig, find_recipe, make_camera, record_parts
-from toolkit.core.config import Flag, Later, Range, Rising, align_rows, describe
+from toolkit.boosters.pixel_config import (
+    CORRUPTED_HELP,
+    MEETS,
+    STEPS,
+    WORLD_FILL,
+    CameraParts,
+    MeetsCorruptions,
+    PixelConfig,
+    find_recipe,
+    make_camera,
+    record_parts,
+)
+from toolkit.core.config import Flag, Range, Rising, align_rows, describe
 from toolkit.core.errors import FieldError
 from toolkit.imaging.printer import nearest_printable, read_print_profile
 from toolkit.objects.records import printed_size_mm
@@ -30,15 +40,6 @@ METHOD_VERSION = 5
 """Raised when the same settings give other numbers: an older checkpoint is then another run's."""
 LOSSES, RIG = "Losses", "Mounted on the rig's object"
 SMALLEST_PX = 8
-
-
-def read_words(given: object) -> object:
-    """Corruptions from words such as `fog:3`; anything else as it is."""
-    if isinstance(given, list | tuple) and all(isinstance(word, str) for word in given):
-        from toolkit.corruptions.request import parse_corruptions
-
-        return Corrupted(parse_corruptions(given))
-    return given
 
 
 class PatchConfig(PixelConfig):
@@ -80,16 +81,7 @@ class PatchConfig(PixelConfig):
         (0.6, 0.95), description="Share of the frame that the object fills in them: its distance."
     )
     without_effect: dict[str, float] = Field({}, description="Named by the recipe's source, and moves nothing.")
-    corrupted: Annotated[
-        Corrupted | None,
-        BeforeValidator(read_words),
-        Later,
-        Flag("--corrupt", metavar="NAME[:SEVERITY]", group=MEETS, typed=tuple[str, ...]),
-    ] = Field(
-        None,
-        description="Corrupt half of the photographs as ImageNet-C does: fog:3, noise:1-3, weather, common, all; "
-        "of several each draws one.",
-    )
+    corrupted: MeetsCorruptions = Field(None, description=CORRUPTED_HELP)
 
     @field_serializer("camera")
     def _name_parts(self, camera: CameraParts | None) -> dict[str, Any] | None:
@@ -144,6 +136,7 @@ class PatchConfig(PixelConfig):
             "glare": self.glare,
             **{f"camera: {type(part).__name__}": part for part in self.camera or ()},
             **({} if self.corrupted is None else {"corrupted": self.corrupted}),
+            **({} if self.weather is None else {"weather": self.weather}),
         }
         rows = self.step_rows(self.size_px, "sign of the gradient", epochs)
         rows += [("networks", ", ".join(networks))]
@@ -163,7 +156,7 @@ class PatchConfig(PixelConfig):
             named = ", ".join(f"{name.replace('_', ' ')} {value:g}" for name, value in self.without_effect.items())
             words = f"{named}: in the paper's release they move a dummy parameter, not the patch"
             rows.append(("without effect", words))
-        return align_rows(rows)
+        return [*align_rows(rows), *self.weather_lines]
 
 
 RECIPES: dict[str, PatchConfig] = {
@@ -195,6 +188,8 @@ def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> 
         raise FieldError("expected one of the two", lengths)
     if lengths:
         base = base.model_copy(update={"steps": None, "epochs": None})
+    if fitted.get("world") is not None:
+        base = base.model_copy(update={"mounted_fill": WORLD_FILL})
     if fitted.get("mounted_share") is None and data.rig_source is None:
         fitted["mounted_share"] = 0.0
     pose_acts = base.pose is not None if fitted.get("pose") is None else fitted["pose"]

@@ -11,13 +11,14 @@ import numpy as np
 
 from toolkit import __version__
 from toolkit.boosters.data import choose_images, load_files
+from toolkit.boosters.ensemble import judge_ensemble
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.boosters.pixel_config import name_files
 from toolkit.boosters.pixels import (
     Network,
     PixelTask,
     Target,
-    judge_photos,
+    aim,
     list_networks,
     quantise,
     record_network,
@@ -32,13 +33,18 @@ from toolkit.boosters.texture_objects import (
     load_objects,
     read_keep_image,
 )
-from toolkit.boosters.validation import Share, Validation, list_shares
+from toolkit.boosters.texture_validation import (
+    WeatherValidation,
+    draw_weather,
+    validate_in_weather,
+    validate_texture,
+)
+from toolkit.boosters.validation import list_shares
 from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.corruptions.corrupt import corrupt
 from toolkit.imaging.colour import srgb_to_linear
 from toolkit.objects.atlas import wear
 from toolkit.objects.export import to_glb
@@ -46,9 +52,10 @@ from toolkit.objects.records import Texture, glb_name, read_texture, write_textu
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
-from toolkit.rig.views import DETAIL, FOV_DEG, PaintableObject, RenderedView, ViewStream
+from toolkit.rig.views import DETAIL, FOV_DEG, IN_STUDIO, PaintableObject, RenderedView, ViewStream
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import History, fit
+from toolkit.worlds.views import WorldSetting, open_setting
 
 if TYPE_CHECKING:
     import torch
@@ -56,17 +63,7 @@ if TYPE_CHECKING:
 CHECKPOINT_EVERY_S = 10.0
 """How much work a kill may cost, and how often the turntable is drawn."""
 MAX_BACKGROUNDS = 256
-BATCH = 16
-FOG_SEVERITY = 3
 TURNTABLE_VIEWS, TURNTABLE_ELEVATION_DEG, TURNTABLE_FILL, TURNTABLE_BACKDROP = 8, 30.0, 0.9, "concrete"
-
-
-@dataclass(frozen=True)
-class WeatherValidation:
-    """What one network says of held-out views: the object in its own paint (`bare`) and in the texture (`patched`)."""
-
-    clear: Validation
-    fog: Validation
 
 
 @dataclass(frozen=True)
@@ -133,20 +130,28 @@ def train_texture(
     keep_image = None if config.keep_image is None else read_keep_image(config.keep_image)
     objects = load_objects(workspace, config, keep_image)
     label = choose_class(class_name, objects)
-    targets = [Target(network, network.class_index(label)) for network in networks]
+    targets = aim(networks, label)
+    config = config.for_networks(len(targets))
     if name is None and len(objects) == 1:
         name = objects[0].name
     name = name_files(name, targets[0].label, targets[0].class_index)
     files = choose_files(workspace, out, name)
     backgrounds = _load_backgrounds(config, networks[0])
     data_sha256 = hash_objects(objects) + sha256_bytes(backgrounds.images.tobytes())
+    if config.weather is not None or config.world is not None:
+        data_sha256 += "".join(f" {one.metres_per_mm!r}" for one in objects)
+    setting = None
+    if config.world is not None:
+        seed, scale = config.world_seed, config.world_scale
+        setting = open_setting(workspace, config.world, config.times, seed=seed, scale=scale)
+        data_sha256 += json.dumps(setting.record([one.subject(True).mesh for one in objects]))
     inputs = [
         METHOD_VERSION, name, list_networks(targets), data_sha256, config.size_px, config.objects,
         config.settings(networks[0].preprocessing.crop_px),
     ]  # fmt: skip
     inputs_sha256 = sha256_bytes(json.dumps(inputs, sort_keys=True).encode())
     task = TextureTask(config, targets, objects, backgrounds, files, inputs_sha256)
-    task.keep_image, task.workers = keep_image, workers
+    task.keep_image, task.workers, task.setting = keep_image, workers, setting
     checkpoint = Checkpoint(files.training, inputs_sha256, restart, checkpoint_every_s)
     fitted = fit(task, config.fit_config(config.optimiser), checkpoint)
     return replace(fitted.made, resumed_from=fitted.resumed_from, was_finished=fitted.was_finished)
@@ -176,6 +181,7 @@ class TextureTask(PixelTask[TrainedTexture]):
     Attributes:
         keep_image: (h, w) bool mask of the only object, to be recorded.
         workers: threads that render ahead; None: one for each core; 0: none.
+        setting: the world that it is trained in; None: studios.
     """
 
     kind = "texture"
@@ -200,15 +206,24 @@ class TextureTask(PixelTask[TrainedTexture]):
         self.config, self.objects, self.files, self.inputs_sha256 = config, objects, files, inputs_sha256
         self.keep_image: np.ndarray | None = None
         self.workers: int | None = None
+        self.setting: WorldSetting | None = None
         self.title = f"Training {files.png.stem}"
         self._backgrounds = backgrounds
         self._source = torch.from_numpy(find_source(objects)).to(self.pixels.device)
+        is_model = config.weather is not None and config.world is None
+        self._metres = [one.metres_per_mm if is_model else 1.0 for one in objects]
         self._glbs = {one.name: files.png.parent / glb_name(files.png.stem, one.name) for one in objects}
 
     def describe(self) -> list[str]:
         """Every setting that acts."""
         names = [target.classifier.name for target in self.targets]
-        return self.config.lines(self.targets[0].label, [one.describe() for one in self.objects], names)
+        lines = self.config.lines(self.targets[0].label, [one.describe() for one in self.objects], names)
+        if self.setting is None:
+            return lines
+        return [*lines, f"  world: {self.setting.describe([one.mesh for one in self._subjects()])}"]
+
+    def _subjects(self) -> list[PaintableObject]:
+        return [one.subject(at_real_size=self.setting is not None) for one in self.objects]
 
     def find_finished(self) -> TrainedTexture | None:
         """The texture, where its files are whole and of the same inputs."""
@@ -227,7 +242,11 @@ class TextureTask(PixelTask[TrainedTexture]):
         subjects, device = [one.subject() for one in self.objects], str(self.pixels.device)
         self._turntable = [plan_turntable(subject, self.image_px, device) for subject in subjects]
         views = self.config.views(self.image_px)
-        with ViewStream(subjects, views, self.config.seed, self.config.groups, self.workers) as self._stream:
+        self._stream = ViewStream(
+            self._subjects(), views, self.config.seed, self.config.groups, self.workers,
+            setting=self.setting or IN_STUDIO, with_depth=self.config.weather is not None,
+        )  # fmt: skip
+        with self._stream:
             yield
 
     def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
@@ -238,8 +257,12 @@ class TextureTask(PixelTask[TrainedTexture]):
         behind = choose_backgrounds(
             self._backgrounds.images, config, draws.of("backgrounds"), len(views), self.image_px
         )
-        batch = batch_views([one.view for one in views], str(self.pixels.device), behind)
-        loss, recognised = judge_photos(take_photos(self.dilated(), batch, config, draws), self.targets)
+        batch = batch_views([one.view for one in views], str(self.pixels.device), behind).to(self.pixels.dtype)
+        if config.weather is not None:
+            rng = draws.of(type(config.weather).__name__)
+            batch = batch.through(*draw_weather(views, self._metres, config.weather, rng))
+        photos = take_photos(self.dilated(), batch, config, draws)
+        loss, recognised = judge_ensemble(photos, self.targets, config, draws)
         return loss, {"accuracy": recognised}
 
     def dilated(self) -> "torch.Tensor":
@@ -259,14 +282,23 @@ class TextureTask(PixelTask[TrainedTexture]):
         config, objects = self.config, self.objects
         pixels = quantise(self.dilated())
         with progress("Validating", 1) as bar:
-            validations = validate_texture(pixels, self._stream.held_out(config.held_out), self.targets, config.seed)
+            held_out = self._stream.held_out(config.held_out)
+            validations = validate_texture(pixels, held_out, self.targets, config.seed)
+            if config.weather is not None:
+                seen = validate_in_weather(
+                    pixels, held_out, self.targets, config.seed, weather=config.weather, metres_per_unit=self._metres
+                )
+                validations = [replace(one, weather=other) for one, other in zip(validations, seen, strict=True)]
             bar.advance()
         clear, fog = [one.clear for one in validations], [one.fog for one in validations]
+        weather = [one.weather for one in validations if one.weather is not None]
         views = {
             "rendered": config.groups * config.studios * config.per_studio,
             "used": config.step_count * config.batch,
             "objects": [one.name for one in objects],
         }
+        if self.setting is not None:
+            views["world"] = self.setting.record([one.mesh for one in self._subjects()])
         record = {
             "name": self.files.png.stem,
             "class_name": self.targets[0].label,
@@ -278,7 +310,10 @@ class TextureTask(PixelTask[TrainedTexture]):
             "data": {"views": views, "backgrounds": self._backgrounds.record},
             "seed": config.seed,
             "settings": config.settings(self.image_px) | {"inputs_sha256": self.inputs_sha256},
-            "final": history.recent(self.recent) | list_shares(clear, "held_out") | list_shares(fog, "held_out_fog"),
+            "final": history.recent(self.recent)
+            | list_shares(clear, "held_out")
+            | list_shares(fog, "held_out_fog")
+            | list_shares(weather, "held_out_weather"),
             "toolkit_version": __version__,
         }
         texture = write_texture(
@@ -324,44 +359,6 @@ def choose_backgrounds(
         cut = photograph[top : top + image_px, left : left + image_px]
         chosen.append(srgb_to_linear((cut[:, ::-1] if rng.random() < 0.5 else cut) / np.float32(255)))
     return chosen
-
-
-def validate_texture(
-    pixels: np.ndarray, views: list[RenderedView], targets: list[Target], seed: int
-) -> list[WeatherValidation]:
-    """Recognise held-out views in the studio, as they are and in ImageNet-C's fog of severity 3.
-
-    Args:
-        pixels: (n, n, 3) uint8 sRGB, dilated.
-        views: with the object in its own paint beside them.
-        targets: the networks.
-        seed: of the fog.
-    """
-    import torch
-
-    device = targets[0].classifier.device
-    texture = torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1))).to(device).float().div(255)
-    hits = np.zeros((2, 2, len(targets)), int)  # weather, paint, network
-    with torch.inference_mode():
-        for start in range(0, len(views), BATCH):
-            some = views[start : start + BATCH]
-            textured = show_texture(texture, batch_views([one.view for one in some], device))
-            bare = torch.from_numpy(np.stack([one.bare for one in some if one.bare is not None])).to(device)
-            seeds = [int(n) for n in Draws(seed, start, "validate").of("fog").integers(1 << 62, size=len(some))]
-            for paint, photos in enumerate((bare.permute(0, 3, 1, 2).float() / 255, textured)):
-                for weather, seen in enumerate((photos, corrupt(photos, "fog", FOG_SEVERITY, seeds))):
-                    for k, target in enumerate(targets):
-                        hits[weather, paint, k] += target.count_hits(seen)
-    count = len(views)
-    return [
-        WeatherValidation(
-            *(
-                Validation(target.classifier.name, Share(int(bare), count), Share(int(textured), count))
-                for bare, textured in hits[:, :, k]
-            )
-        )
-        for k, target in enumerate(targets)
-    ]
 
 
 def plan_turntable(subject: PaintableObject, image_px: int, device: str) -> ViewBatch:

@@ -15,6 +15,7 @@ from toolkit.imaging.read import read_image
 from toolkit.objects.atlas import Atlas, make_atlas, nearest_covered
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.views import PaintableObject
+from toolkit.worlds.place import scale_to_world
 
 
 @dataclass(frozen=True)
@@ -29,10 +30,18 @@ class TexturedObject:
         """Of the object."""
         return self.item.name
 
-    def subject(self) -> PaintableObject:
-        """What the view stream renders."""
+    def subject(self, at_real_size: bool = False) -> PaintableObject:
+        """What the view stream renders: the model, millimetres, or what it is a model of, metres."""
         material = int(self.atlas.mesh.face_material[self.atlas.trained][0])
-        return PaintableObject(self.atlas.mesh, material, self.item.mesh)
+        if not at_real_size:
+            return PaintableObject(self.atlas.mesh, material, self.item.mesh)
+        meshes = [scale_to_world(mesh, self.item.spec) for mesh in (self.atlas.mesh, self.item.mesh)]
+        return PaintableObject(meshes[0], material, meshes[1])
+
+    @property
+    def metres_per_mm(self) -> float:
+        """Scale to its real size; raises a `ToolkitError` where its spec does not state it."""
+        return self.item.spec.metres_per_mm
 
     def describe(self) -> str:
         """How large its mesh is, and what of it the texture covers."""

@@ -85,6 +85,19 @@ GROUPS: dict[str, dict[str, Entry]] = {
             "corrupt a data set with and without patches",
             {**TURNED, "--corruption": "--corrupt"},
         ),
+        "world-eval": Entry("world_eval:world_eval", "see an object in a city, through fog and dust"),
+    },
+    "Worlds": {
+        "world list": Entry("world:list_worlds", "list the worlds, built in and your own"),
+        "world preview": Entry("world:preview", "see a world by day, at dusk, in fog: pictures, map, film"),
+        "world export": Entry("world:export", "write a world as GLB for Blender, Unreal, three.js"),
+    },
+    "Landing": {
+        "landing collect": Entry("landing:collect", "shoot a pad from a cone of places: pictures with the truth"),
+        "landing train": Entry("landing:train", "train a network to say where the pad is"),
+        "landing boost": Entry("landing:boost", "train the pad's picture for that network, and print it at true size"),
+        "landing fly": Entry("landing:fly", "land a drone by it, in worse and worse weather: success rates, report"),
+        "landing demo": Entry("landing:demo", "walk from an empty folder to the report, small"),
     },
     "Results": {
         "runs": Entry("runs:list_runs", "list what every run found, as one table"),
@@ -97,6 +110,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "add": Entry("add:add", "add an object of your own from its mesh"),
         "demo": Entry("objects:demo", "walk the whole road in a new workspace"),
         "objects": Entry("objects:list_objects", "list the objects that can be photographed"),
+        "models": Entry("models:list_models", "list the networks that are at hand"),
         "doctor": Entry("health:doctor", "check what the kit needs from this machine"),
     },
 }
@@ -209,7 +223,8 @@ def _respell(word: str, old: Mapping[str, str]) -> str:
 
 def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
     """A `UsageError` in one line that names the option and what was typed, or the nearest to a mistyped one."""
-    command = next((word for word in typed if any(word == name for name, _ in list_places())), "")
+    line = f"{' '.join(typed)} "
+    command = next((name for name, _ in list_places() if line.startswith(f"{name} ")), "")
     help_call = " ".join(filter(None, ["toolkit", command, "--help"]))
     if hasattr(error, "possibilities"):  # no such option
         known = [name for one in error.ctx.command.get_params(error.ctx) for name in one.opts]
@@ -257,7 +272,12 @@ class RoadGroup(TyperGroup):
         Raises:
             ToolkitError: there is none of this name.
         """
+        if " ".join(args[:2]) in self.commands:
+            return super().resolve_command(ctx, [" ".join(args[:2]), *args[2:]])
         if args and args[0] not in self.commands and not args[0].startswith("-") and not ctx.resilient_parsing:
+            parts = [name for name in self.commands if name.startswith(f"{args[0]} ")]
+            if parts and len(args) > 1 and not args[1].startswith("-"):
+                raise one_of("command", " ".join(args[:2]), parts)
             parts = [name for name in self.commands if name.startswith(args[0]) or args[0] in name.split("-")]
             if parts:
                 raise ToolkitError(f"no command called '{args[0]}': did you mean {' or '.join(parts)}?")

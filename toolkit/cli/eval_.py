@@ -25,8 +25,8 @@ def evaluate(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Any torchvision classifier, timm:NAME, rig18, or your own; default: resnet18, or what the record of "
-            "--weights says.",
+            help="Any torchvision classifier, timm:NAME, onnx:FILE, a .pt2, python:MODULE:FUNCTION, rig18, your own; "
+            "default: resnet18, or what the record of --weights says.",
         ),
     ] = None,
     weights: Annotated[
@@ -64,7 +64,7 @@ def show_evaluation(done: "Evaluation") -> None:
     from toolkit.evaluation.tables import list_lines, print_tables
 
     say(f"network: {done.summary['model']['description']}")
-    print_tables(console, done)
+    print_tables(console, done, done.summary["model"]["name"])
     for line in (*list_lines("could not be read", done.failed), *list_lines("without a partner", done.unpaired)):
         warn(line)
     for note in done.notes:

@@ -65,7 +65,7 @@ def studio(
     with end_on_signal(server), door.listener:
         show_door(door, lan and not quiet)
         predictor.start()
-        Thread(target=warm_up, args=(session,), daemon=True).start()
+        Thread(target=warm_up, args=(session,)).start()  # a renderer that is cut off ends the process badly
         server.run(sockets=[door.listener])
         predictor.stop()
         show_summary(session)

@@ -147,6 +147,10 @@ def _report(trained: "TrainedPatch", object_name: str | None, as_json: bool) -> 
         for answer in trained.on_object:
             where = f"{answer.network} on the object, held-out views"
             tell(f"{where}: {answer.patched} with it, {answer.bare} with grey paper")
+            share = record.final.get(f"{answer.network}_mounted_weather_patched_top1")
+            if share is not None:
+                grey = record.final[f"{answer.network}_mounted_weather_bare_top1"]
+                tell(f"{where} in its weather: {share:.0%} with it, {grey:.0%} with grey paper")
     if object_name is not None:
         tell(f"next: toolkit print --object {object_name}, toolkit capture-sim --object {object_name}")
     else:

@@ -85,7 +85,9 @@ def _report(trained: "TrainedTexture", as_json: bool) -> None:
             tell(f"{glb}: the object in it, for Blender, Unreal, three.js")
         tell(f"{files.preview}: the object turning, with the network's first guess")
         for answer in trained.validations:
-            for where, found in (("held-out views", answer.clear), ("the same in fog", answer.fog)):
+            held_out = [("held-out views", answer.clear), ("the same in fog", answer.fog)]
+            held_out += [] if answer.weather is None else [("the same in its weather", answer.weather)]
+            for where, found in held_out:
                 tell(f"{found.network} on {where}: {found.patched} with the texture, {found.bare} in its own paint")
     shown = " ".join(f"--object {one.name}" for one in record.objects)
     tell(f"next: toolkit capture-sim {shown} --variant unpatched --variant textured, toolkit eval captures/")

@@ -3,6 +3,10 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import atanh, sqrt, tanh
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
 
 Z_95 = 1.959963984540054
 SIGNIFICANT = 0.05
@@ -144,6 +148,53 @@ def cohen_kappa(both: int, first_only: int, second_only: int, neither: int) -> f
     if by_chance == n * n:
         return None
     return ((both + neither) * n - by_chance) / (n * n - by_chance)
+
+
+BOOTSTRAP_DRAWS = 4000
+
+
+def resample_clusters(count: int, draws: int = BOOTSTRAP_DRAWS, seed: int = 0) -> "np.ndarray":
+    """(draws, count) float: how often each of `count` clusters is in each bootstrap sample of as many clusters.
+
+    Trials that share a cluster, as pictures of one place do, are drawn together (Field and Welsh 2007). With a handful
+    of clusters the percentile intervals are too narrow: five have 126 different samples.
+    """
+    import numpy as np
+
+    rng = np.random.default_rng([seed, count])
+    return rng.multinomial(count, np.full(count, 1 / count), draws).astype(float)
+
+
+def percentile_interval(values: "np.ndarray") -> Interval | None:
+    """2.5 to 97.5 % of bootstrapped values, which may be infinite; those that are NaN are left out.
+
+    None where fewer than half are numbers.
+    """
+    import numpy as np
+
+    known = values[~np.isnan(values)]
+    if 2 * len(known) < len(values) or not len(known):
+        return None
+    low, high = np.quantile(known, [0.025, 0.975], method="inverted_cdf")
+    return float(low), float(high)
+
+
+def sign_flip_p(differences: Sequence[float]) -> float:
+    """Two-sided exact p of the mean of paired differences of clusters: each could as well have the other sign.
+
+    The smallest that k clusters can give is 2 / 2^k. Of more than 16, 65,536 drawn patterns of signs stand for all.
+    """
+    import numpy as np
+
+    found = np.asarray(differences, float)
+    count = len(found)
+    if count <= 16:
+        signs = 1 - 2 * ((np.arange(2**count)[:, None] >> np.arange(count)) & 1)
+    else:
+        signs = np.random.default_rng(count).choice([-1, 1], (2**16, count))
+        signs[0] = 1
+    means = np.abs(signs @ found)
+    return float((means >= abs(found.sum()) - 1e-12).mean())
 
 
 FEWEST_RANKS, FEWEST_FOR_INTERVAL = 3, 5

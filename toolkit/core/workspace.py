@@ -43,6 +43,11 @@ class Workspace:
         return self.root / "rig" / "classifiers"
 
     @property
+    def worlds_dir(self) -> Path:
+        """Worlds of the user's own, and the previews of all."""
+        return self.root / "rig" / "worlds"
+
+    @property
     def print_dir(self) -> Path:
         """Printed pages; those of a patch set have a folder of their own."""
         return self.root / "print" / (self.patch_set or "")

@@ -20,6 +20,7 @@ from toolkit.evaluation.results import (
     write_predictions,
 )
 from toolkit.evaluation.saliency import draw_saliency
+from toolkit.evaluation.seen import find_training
 from toolkit.models.network import Classifier
 
 DEFAULT = EvalConfig()
@@ -68,6 +69,8 @@ def evaluate_captures(
     folder, classes = read_labelled_captures(captures_dir, workspace, classifier, config)
     predictions = predict_captures(folder.captures, classes, classifier, config.batch_size)
     findings = compare_predictions(classifier.name, predictions, folder.refused_folders)
+    training = find_training(folder.captures, workspace, classifier.weights.sha256)
+    findings = replace(findings, training=training)
     name = config.run or name_run(classifier, [one.source for one in folder.captures if one.corruption is None])
     run_dir = choose_run_dir(workspace.eval_dir / name, findings, config.replace)
     done = write_evaluation(run_dir, classifier, findings, folder.notes, config)

@@ -3,10 +3,11 @@
 import os
 import warnings
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
+from typing import TypeVar
 
 import numpy as np
 from PIL import Image
@@ -22,6 +23,10 @@ from toolkit.models.network import Classifier
 OK = "ok"
 CPU_BATCH, CUDA_BATCH = 32, 128
 MAX_DECODERS = 8
+CPU_PART = 8
+"""Images that one thread classifies at once. Passes of one shape on one thread give the same numbers whatever else is
+classified, however many threads there are."""
+Tag = TypeVar("Tag")
 
 
 @dataclass(frozen=True)
@@ -80,7 +85,7 @@ def predict_captures(
     with progress("classifying", len(captures)) as ticker:
         for batch in batch_pixels(captures, classifier, choose_batch_size(classifier, batch_size)):
             read = [pixels for _, pixels in batch if not isinstance(pixels, str)]
-            outputs = iter(_classify(read, classifier) if read else ())
+            outputs = iter(classify_images(read, classifier) if read else ())
             for capture, pixels in batch:
                 true = true_classes[capture.object]
                 if isinstance(pixels, str):
@@ -96,7 +101,7 @@ def choose_batch_size(classifier: Classifier, batch_size: int | None = None) -> 
     return batch_size or (CUDA_BATCH if classifier.device == "cuda" else CPU_BATCH)
 
 
-def _classify(images: list[np.ndarray], classifier: Classifier) -> list[tuple[np.ndarray, np.ndarray]]:
+def classify_images(images: list[np.ndarray], classifier: Classifier) -> list[tuple[np.ndarray, np.ndarray]]:
     """(classes by falling probability, probability of each class) of each (crop, crop, 3) uint8 image."""
     import torch
 
@@ -111,6 +116,48 @@ def _classify(images: list[np.ndarray], classifier: Classifier) -> list[tuple[np
     # stable, so that ties go to the lower index everywhere and rank 1 always is the first guess
     order = torch.sort(logits, dim=1, descending=True, stable=True).indices.numpy()
     return list(zip(order, logits.softmax(dim=1).numpy(), strict=True))
+
+
+def classify_stream(
+    images: Iterable[tuple[Tag, np.ndarray]], classifier: Classifier, batch_size: int | None = None
+) -> Iterator[tuple[Tag, np.ndarray, np.ndarray]]:
+    """Each image's tag, its classes by falling probability, and the probability of each class, in order.
+
+    At most one batch is held, so memory does not grow with the number of images. On a CPU the numbers depend neither on
+    the batch nor on the threads; on a GPU their last digits may depend on the batch.
+
+    Args:
+        images: each with whatever shall come back with its answer, (crop, crop, 3) uint8 sRGB.
+        classifier: answers.
+        batch_size: images that are gathered before the network is asked.
+
+    Raises:
+        ToolkitError: as `predict_captures`.
+    """
+    size, rest = choose_batch_size(classifier, batch_size), iter(images)
+    if classifier.device == "cpu":
+        size = -(-size // CPU_PART) * CPU_PART
+    while batch := list(islice(rest, size)):
+        found = _classify_parts([pixels for _, pixels in batch], classifier)
+        for (tag, _), (order, probabilities) in zip(batch, found, strict=True):
+            yield tag, order, probabilities
+
+
+def _classify_parts(images: list[np.ndarray], classifier: Classifier) -> list[tuple[np.ndarray, np.ndarray]]:
+    if classifier.device != "cpu":
+        return classify_images(images, classifier)
+    from toolkit.corruptions.corrupt import run_each
+
+    parts = [images[start : start + CPU_PART] for start in range(0, len(images), CPU_PART)]
+    found: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in parts]
+
+    def work(index: int) -> None:
+        own = parts[index]
+        whole = [*own, *[own[-1]] * (CPU_PART - len(own))]
+        found[index] = classify_images(whole, classifier)[: len(own)]
+
+    run_each(work, len(parts))
+    return [one for part in found for one in part]
 
 
 def _rank(

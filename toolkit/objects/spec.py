@@ -73,6 +73,20 @@ class ObjectSpec(BaseModel):
         up, front = axes_of_format(fields["mesh"])
         return {"up": up, "front": front} | fields
 
+    @property
+    def metres_per_mm(self) -> float:
+        """Scale from the model to what it is a model of.
+
+        Raises:
+            ToolkitError: the spec does not say how long that is.
+        """
+        if self.world_length_m is None:
+            raise ToolkitError(
+                f"object '{self.name}' has no real size, which weather and worlds need: add world_length_m, the length "
+                "in metres of what it is a model of, to its spec"
+            )
+        return self.world_length_m / self.length_mm
+
     def with_patch_size(self, size_mm: float) -> "ObjectSpec":
         """The same object with a patch printed at another size, millimetres."""
         return self.model_copy(update={"patch": self.patch.model_copy(update={"size_mm": size_mm})})

@@ -9,6 +9,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toolkit.core.files import sha256_bytes
+from toolkit.rig.camera import Camera
+
+
+@dataclass(frozen=True)
+class DepthBuffer:
+    """How far away everything in a view is, for weather that is laid over it.
+
+    Attributes:
+        depth: (h, w) float32 distance along the ray through each pixel's centre, in the mesh's unit; inf for the sky.
+        camera: of h × w pixels.
+        T_world_camera: (4, 4) its pose, in the same unit.
+    """
+
+    depth: np.ndarray
+    camera: Camera
+    T_world_camera: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -23,6 +39,7 @@ class LinearView:
         uv: (k, 2) float32 where it lies on the material's texture, u right and v up; outside [0, 1] that repeats.
         lod: (k,) float32 base-2 logarithm of the texture's texels per pixel there.
         gain: (k, 3) float32 light that white texels bring to the pixel.
+        depth: of what is seen, where it was asked for.
     """
 
     behind: np.ndarray
@@ -32,6 +49,7 @@ class LinearView:
     uv: np.ndarray
     lod: np.ndarray
     gain: np.ndarray
+    depth: DepthBuffer | None = None
 
     @classmethod
     def of_nothing(cls, behind: np.ndarray) -> "LinearView":
@@ -50,8 +68,9 @@ class LinearView:
 
     @property
     def sha256(self) -> str:
-        """Hash of all buffers."""
-        return sha256_bytes("".join(sha256_bytes(array.tobytes()) for array in vars(self).values()).encode())
+        """Hash of all buffers of light."""
+        arrays = (array for name, array in vars(self).items() if name != "depth")
+        return sha256_bytes("".join(sha256_bytes(array.tobytes()) for array in arrays).encode())
 
     def packed(self) -> "LinearView":
         """The same with light and shares in half precision, for views that are kept in memory."""

@@ -8,6 +8,7 @@ import os
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from copy import copy
 from dataclasses import replace
 from threading import RLock
 from typing import Any, NamedTuple, TypeVar
@@ -68,6 +69,14 @@ class _Paint(NamedTuple):
     mean_colour: np.ndarray
 
 
+class _Glow(NamedTuple):
+    """What a mesh's materials give off; the fields of `LitMesh`."""
+
+    glow: np.ndarray
+    glow_lod: np.ndarray
+    glow_texels: Texels
+
+
 class _Body:
     """A mesh in its place: its rays, its light, and its paint."""
 
@@ -76,6 +85,12 @@ class _Body:
     ) -> None:
         self.shape, self.lit = shape, _light_mesh(mesh, paint, lighting, stand)
         self._number, self._moved = np.uint8(number), stand != AT_ORIGIN
+
+    def with_lamps(self, mesh: Mesh) -> "_Body":
+        """The same with what its materials give off; the light on it is not baked anew."""
+        body = copy(self)
+        body.lit = self.lit._replace(**_kept(_prepare_glow, mesh)._asdict())
+        return body
 
     def cast(self, rays: np.ndarray) -> Hits:
         """First hits of rays (n, 6) in the world; frames are what is spread over the cores."""
@@ -135,6 +150,10 @@ class RaycastRenderer:
             albedo = (albedo + _paint_of(scene.surroundings).mean_colour) / 2
         lighting = bake_lighting(shape, albedo, scene, detail, stand, around)
         self._object = _Body(mesh, shape, paint, lighting, stand)
+        if scene.lamps:
+            self._object = self._object.with_lamps(mesh)
+            if self._others is not None and scene.surroundings is not None:
+                self._others = self._others.with_lamps(scene.surroundings)
         self._around = _surround(scene, lighting, stand)
 
     @property
@@ -148,9 +167,20 @@ class RaycastRenderer:
         Raises:
             ToolkitError: a camera that is nowhere.
         """
-        picture, out = self._paint_meshes(camera, T_world_camera, self._object.lit, linear=False)
+        return self._render(camera, T_world_camera)[0]
+
+    def render_with_depth(self, camera: Camera, T_world_camera: np.ndarray) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """`render`, and `depth`, `mesh` and `face` of `buffers` from the same rays; for scenes with surroundings."""
+        picture, hits = self._render(camera, T_world_camera)
+        shape = camera.height, camera.width
+        met = np.where(hits.face == NOTHING, np.uint8(255), hits.mesh)
+        found = {"depth": hits.distance, "mesh": met, "face": hits.face}
+        return picture, {name: values.reshape(shape) for name, values in found.items()}
+
+    def _render(self, camera: Camera, T_world_camera: np.ndarray) -> tuple[np.ndarray, Hits]:
+        picture, out, hits = self._paint_meshes(camera, T_world_camera, self._object.lit, linear=False)
         self._paint_background(camera, T_world_camera, out.coverage, picture, apart=False)
-        return picture
+        return picture, hits
 
     def render_many(self, views: Iterable[tuple[Camera, np.ndarray]]) -> Iterator[np.ndarray]:
         """`render` of each (camera, `T_world_camera`), in order, on all cores; the same pictures."""
@@ -172,7 +202,7 @@ class RaycastRenderer:
         """
         left_out = np.array([m.texture is texture for m in self._mesh.materials])
         lit = self._object.lit._replace(left_out=left_out)
-        dark, out = self._paint_meshes(camera, T_world_camera, lit, linear=True)
+        dark, out, _ = self._paint_meshes(camera, T_world_camera, lit, linear=True)
         behind = np.zeros_like(dark)
         self._paint_background(camera, T_world_camera, out.coverage, behind, apart=True)
         return LinearView(behind=behind, dark=dark, **out._asdict())
@@ -205,8 +235,8 @@ class RaycastRenderer:
 
     def _paint_meshes(
         self, camera: Camera, T_world_camera: np.ndarray, lit: LitMesh, linear: bool
-    ) -> tuple[np.ndarray, Linear]:
-        """(h, w, 3) float32 what rays met before black, and the samples of a linear view where one is asked for."""
+    ) -> tuple[np.ndarray, Linear, Hits]:
+        """(h, w, 3) float32 what rays met before black, samples of a linear view where one is asked for, first hits."""
         view = _view(camera, T_world_camera)
         part = self._trace(camera, view, T_world_camera)
         most = len(part.hits.face) + 4 * len(part.refine) if linear else 0
@@ -217,7 +247,7 @@ class RaycastRenderer:
         )  # fmt: skip
         others = self._object.lit if self._others is None else self._others.lit
         count = paint_meshes(self._around, lit, others, view, part, picture, out)
-        return picture, Linear(out.coverage, *(array[:count].copy() for array in out[1:]))
+        return picture, Linear(out.coverage, *(array[:count].copy() for array in out[1:])), part.hits
 
     def _paint_background(
         self, camera: Camera, T_world_camera: np.ndarray, coverage: np.ndarray, picture: np.ndarray, apart: bool
@@ -350,6 +380,16 @@ def _prepare_paint(mesh: Mesh) -> _Paint:
     return _Paint(texels, texture, density, mean)
 
 
+def _prepare_glow(mesh: Mesh) -> _Glow:
+    """Pyramids of what the materials of a mesh give off."""
+    lit = [material.emission for material in mesh.materials if material.emission is not None]
+    distinct = list({id(emission): emission for emission in lit}.values())
+    number = {id(emission): index for index, emission in enumerate(distinct)}
+    glow = np.array([-1 if m.emission is None else number[id(m.emission)] for m in mesh.materials], np.int32)
+    finer = [1.0 if m.emission is None else m.emission.shape[1] / m.texture.shape[1] for m in mesh.materials]
+    return _Glow(glow, np.log2(finer).astype(np.float32), pack_textures(distinct or [NO_PICTURE]))
+
+
 def _light_mesh(mesh: Mesh, paint: _Paint, lighting: Lighting, stand: Stand) -> LitMesh:
     materials = mesh.materials
     return LitMesh(
@@ -362,6 +402,8 @@ def _light_mesh(mesh: Mesh, paint: _Paint, lighting: Lighting, stand: Stand) -> 
         metallic=np.array([m.metallic for m in materials], np.float32),
         finely=np.array([m.name == PAPER_MATERIAL for m in materials]),
         left_out=np.zeros(len(materials), bool), texels=paint.texels,
+        glow=np.full(len(materials), -1, np.int32), glow_lod=np.zeros(len(materials), np.float32),
+        glow_texels=_kept(_pack_one, NO_PICTURE),
         steps=lighting.grid.steps, first=lighting.grid.first, stored=lighting.stored, turn=stand.turn,
         place=np.array(stand.place, float),
     )  # fmt: skip
@@ -379,7 +421,7 @@ def _surround(scene: Scene, lighting: Lighting, stand: Stand) -> Surround:
         mirrored=mirrored, key=orbit_direction(scene.key.azimuth_deg, scene.key.elevation_deg),
         key_spread=float(np.tan(np.radians(scene.key.radius_deg)) / 2),
         key_irradiance=np.array(scene.key.irradiance, float), exposure=float(scene.exposure),
-        has_table=table is not None,
+        lamps=float(scene.lamps), has_table=table is not None,
         table=texels, table_size=np.array(table.size_mm if table else (1.0, 1.0), float),
         table_roughness=float(table.roughness if table else 1.0),
         ground_light=LightMap(

@@ -77,6 +77,7 @@ class Scene:
         exposure: factor from radiance to the picture's linear values.
         table: what the object stands on in a studio.
         surroundings: what stands around it out of doors, in the units of the object's mesh.
+        lamps: radiance of a surface whose `Material.emission` is 1; 0 where lamps are off.
 
     Raises:
         ToolkitError: both a table and surroundings.
@@ -88,6 +89,7 @@ class Scene:
     exposure: float
     table: Table | None = None
     surroundings: Mesh | None = None
+    lamps: float = 0.0
 
     def __post_init__(self) -> None:
         if self.table is not None and self.surroundings is not None:

@@ -3,7 +3,9 @@
 from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from types import TracebackType
+from typing import Protocol
 
 import cv2
 import numpy as np
@@ -12,9 +14,9 @@ from toolkit.core.console import progress
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import Mesh
-from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
+from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose, pixel_rays
 from toolkit.rig.lighting import BakeDetail
-from toolkit.rig.linear_view import LinearView
+from toolkit.rig.linear_view import DepthBuffer, LinearView
 from toolkit.rig.mount import attach, mount_patch
 from toolkit.rig.raycast import RaycastRenderer, count_cores
 from toolkit.rig.renderer import make_renderer
@@ -93,6 +95,7 @@ def render_mounted_views(
     seed: int,
     image_px: int,
     ranges: ViewRanges = NEAR_VIEWS,
+    with_depth: bool = False,
 ) -> Iterator[LinearView]:
     """Yield `count` views of an object with a printed sheet on it, linear in the colours of the sheet's paper.
 
@@ -107,22 +110,48 @@ def render_mounted_views(
         seed: of all draws.
         image_px: side of the square pictures.
         ranges: where the camera may stand.
+        with_depth: whether views shall have their depth, for weather.
 
     Raises:
         ToolkitError: a sheet that cannot be mounted.
     """
     camera = Camera.from_fov(image_px, image_px, FOV_DEG)
-    grey = np.full((patch_px, patch_px, 3), 128, np.uint8)
-    sheet = mount_patch(item.mesh, grey, size_mm, item.spec.patch, item.name)
-    mesh, paper = attach(item.mesh, sheet), sheet.mesh.materials[0].texture
+    mesh, paper = mount_grey(item, size_mm, patch_px)
     with progress(f"rendering {item.name} with its sheet", count) as bar:
         for start in range(0, count, PER_STUDIO):
-            renderer = RaycastRenderer(mesh, random_studio(seed, start, float(item.mesh.size_mm.max())))
+            studio = random_studio(seed, start, float(item.mesh.size_mm.max()))
+            renderer = RaycastRenderer(mesh, studio)
             draws = (np.random.default_rng([seed, i, 2]) for i in range(start, min(start + PER_STUDIO, count)))
-            poses = (random_pose(rng, item.mesh.vertices, camera, ranges) for rng in draws)
-            for view in renderer.render_linear_many(camera, poses, paper):
-                yield view.packed()
+            poses = [random_pose(rng, item.mesh.vertices, camera, ranges) for rng in draws]
+            for pose, view in zip(poses, renderer.render_linear_many(camera, poses, paper), strict=True):
+                depth = find_depth(renderer, studio, camera, pose) if with_depth else None
+                yield replace(view.packed(), depth=depth)
                 bar.advance()
+
+
+def mount_grey(item: TableObject, size_mm: float, patch_px: int) -> tuple[Mesh, np.ndarray]:
+    """An object with a grey patch on its sheet, and the texture of the sheet's paper.
+
+    Raises:
+        ToolkitError: a sheet that cannot be mounted.
+    """
+    grey = np.full((patch_px, patch_px, 3), 128, np.uint8)
+    sheet = mount_patch(item.mesh, grey, size_mm, item.spec.patch, item.name)
+    return attach(item.mesh, sheet), sheet.mesh.materials[0].texture
+
+
+def find_depth(renderer: RaycastRenderer, scene: Scene, camera: Camera, T_world_camera: np.ndarray) -> DepthBuffer:
+    """How far away everything in a view is: the object, what stands around it, the table; a room is endlessly far."""
+    depth = renderer.buffers(camera, T_world_camera)["depth"]
+    if scene.table is not None:
+        x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
+        rays = pixel_rays(camera, T_world_camera, np.stack([x, y], axis=-1).reshape(-1, 2).astype(np.float32))
+        fall = np.minimum(rays[:, 5], -1e-6)
+        reach = -rays[:, 2] / fall
+        on_table = np.abs(rays[:, :2] + reach[:, None] * rays[:, 3:5]) <= np.array(scene.table.size_mm) / 2
+        to_table = np.where(on_table.all(axis=1) & (reach > 0), reach, np.inf).reshape(depth.shape)
+        depth = np.minimum(depth, to_table.astype(np.float32))
+    return DepthBuffer(depth, camera, T_world_camera)
 
 
 def render_thumbnails(mesh: Mesh, count: int, seed: tuple[int, ...], camera: Camera) -> np.ndarray:
@@ -227,33 +256,78 @@ class ViewSettings:
 
 @dataclass(frozen=True)
 class RenderedView:
-    """A view, and the same picture of the object in its own paint where that was asked for, (s, s, 3) uint8 sRGB."""
+    """One view of a block.
+
+    Attributes:
+        subject: number of the object that it shows.
+        view: what is seen, linear in the colours of the object's texture.
+        bare: (s, s, 3) uint8 sRGB, the object in its own paint, where that was asked for.
+        bare_light: (s, s, 3) float16 the same in linear light, where depth was asked for as well.
+    """
 
     subject: int
     view: LinearView
     bare: np.ndarray | None
+    bare_light: np.ndarray | None = None
+
+
+class Setting(Protocol):
+    """Where views are taken: in studios, or in a world."""
+
+    def set_up(self, mesh: Mesh, draws: np.random.SeedSequence, kind: int) -> tuple[Scene, Stand]:
+        """What a block of views of a mesh stands in, and where; `kind` is `TRAIN` or `HELD_OUT`."""
+        ...
+
+    def aim(
+        self, renderer: RaycastRenderer, stand: Stand, draws: np.random.SeedSequence, settings: ViewSettings
+    ) -> tuple[Camera, np.ndarray]:
+        """A camera of `settings.image_px` a side that sees the object on its stand, and its `T_world_camera`."""
+        ...
+
+
+class StudioSetting:
+    """Any backdrop, any light, the object turned at will, the camera anywhere in its ranges."""
+
+    def set_up(self, mesh: Mesh, draws: np.random.SeedSequence, kind: int) -> tuple[Scene, Stand]:
+        """A studio of its own for each block."""
+        rng = np.random.default_rng(draws)
+        light, stand = str(rng.choice(list(LIGHTS))), Stand(turn_deg=float(rng.uniform(0, 360)))
+        seed = tuple(int(n) for n in draws.generate_state(2))
+        return make_studio(seed, float(mesh.size_mm.max()), light=light), stand
+
+    def aim(
+        self, renderer: RaycastRenderer, stand: Stand, draws: np.random.SeedSequence, settings: ViewSettings
+    ) -> tuple[Camera, np.ndarray]:
+        """See `random_pose`."""
+        camera = Camera.from_fov(settings.image_px, settings.image_px, FOV_DEG)
+        return camera, random_pose(np.random.default_rng(draws), renderer.outline, camera, settings.ranges)
+
+
+IN_STUDIO = StudioSetting()
 
 
 def render_block(
-    subjects: tuple[PaintableObject, ...], settings: ViewSettings, seed: int, kind: int, block: int
-) -> list[RenderedView]:
+    subjects: tuple[PaintableObject, ...], settings: ViewSettings, seed: int, kind: int, block: int, *,
+    setting: Setting = IN_STUDIO, with_depth: bool = False,
+) -> list[RenderedView]:  # fmt: skip
     """The views of one block; those held out with the object's own paint beside them."""
     draws = np.random.SeedSequence(seed, spawn_key=(kind, block))
-    of_studio, *of_views = draws.spawn(1 + settings.per_studio)
-    rng = np.random.default_rng(of_studio)
+    of_setting, *of_views = draws.spawn(1 + settings.per_studio)
     subject = subjects[block % len(subjects)]
-    light, stand = str(rng.choice(list(LIGHTS))), Stand(turn_deg=float(rng.uniform(0, 360)))
-    studio_seed = tuple(int(n) for n in of_studio.generate_state(2))
-    studio = make_studio(studio_seed, float(subject.mesh.size_mm.max()), light=light)
-    camera = Camera.from_fov(settings.image_px, settings.image_px, FOV_DEG)
-    renderer = RaycastRenderer(subject.mesh, studio, DETAIL, stand)
-    own_paint = RaycastRenderer(subject.bare, studio, DETAIL, stand) if kind == HELD_OUT else None
+    scene, stand = setting.set_up(subject.mesh, of_setting, kind)
+    renderer = RaycastRenderer(subject.mesh, scene, DETAIL, stand)
+    own_paint = RaycastRenderer(subject.bare, scene, DETAIL, stand) if kind == HELD_OUT else None
     texture = subject.mesh.materials[subject.material].texture
     views = []
     for i, of_view in enumerate(of_views):
-        pose = random_pose(np.random.default_rng(of_view), renderer.outline, camera, settings.ranges)
-        bare = None if own_paint is None else tone_map(own_paint.render(camera, pose), (seed, kind, block, i))
-        views.append(RenderedView(block % len(subjects), renderer.render_linear(camera, pose, texture).packed(), bare))
+        camera, pose = setting.aim(renderer, stand, of_view, settings)
+        bare = light = None
+        if own_paint is not None:
+            light = own_paint.render(camera, pose)
+            bare, light = tone_map(light, (seed, kind, block, i)), light.astype(np.float16) if with_depth else None
+        view = renderer.render_linear(camera, pose, texture).packed()
+        depth = find_depth(renderer, scene, camera, pose) if with_depth else None
+        views.append(RenderedView(block % len(subjects), replace(view, depth=depth), bare, light))
     return views
 
 
@@ -270,6 +344,9 @@ class ViewStream:
         seed: int,
         groups: int,
         workers: int | None = None,
+        *,
+        setting: Setting = IN_STUDIO,
+        with_depth: bool = False,
     ) -> None:
         """Prepare `groups` groups of training views.
 
@@ -279,7 +356,10 @@ class ViewStream:
             seed: of all draws.
             groups: how many there are; none is rendered beyond.
             workers: threads that render ahead, by default one for each core; 0: whoever asks for a group renders it.
+            setting: where views are taken; one that cannot be used raises when its views are asked for.
+            with_depth: whether views shall have their depth, for weather.
         """
+        self._setting, self._with_depth = setting, with_depth
         self._subjects, self.settings, self._seed, self._groups = tuple(subjects), settings, seed, groups
         self._workers = count_cores() if workers is None else workers
         self._pool: ThreadPoolExecutor | None = None
@@ -325,14 +405,15 @@ class ViewStream:
 
     def _start(self, kind: int, blocks: range) -> "list[Future[list[RenderedView]]]":
         """The views of blocks, as they will be rendered; they are at once where there are no threads."""
+        render = partial(
+            render_block, self._subjects, self.settings, self._seed, kind,
+            setting=self._setting, with_depth=self._with_depth,
+        )  # fmt: skip
         if self._pool is not None:
-            return [
-                self._pool.submit(render_block, self._subjects, self.settings, self._seed, kind, block)
-                for block in blocks
-            ]
+            return [self._pool.submit(render, block) for block in blocks]
         futures = []
         for block in blocks:
             future: Future[list[RenderedView]] = Future()
-            future.set_result(render_block(self._subjects, self.settings, self._seed, kind, block))
+            future.set_result(render(block))
             futures.append(future)
         return futures

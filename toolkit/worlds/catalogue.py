@@ -4,7 +4,9 @@ from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.workspace import Workspace
+from toolkit.objects.load import SUFFIXES
 from toolkit.worlds.airfield import build_apron
 from toolkit.worlds.city import build_city
 from toolkit.worlds.grassland import build_grass
@@ -50,3 +52,32 @@ def load_world(path: Path, scale: float = 1.0, seed: int = 0) -> World:
     if scale != 1.0:
         raise ToolkitError(f"{path}: a kit's scale stands in its file, found another one: mend 'scale' there")
     return load_kit(path, seed)
+
+
+def list_own_worlds(space: Workspace) -> dict[str, Path]:
+    """A workspace's own worlds by name: `rig/worlds/NAME.toml`, or a mesh; of two files with one name the TOML."""
+    files = [file for suffix in (*SUFFIXES, ".toml") for file in sorted(space.worlds_dir.glob(f"*{suffix}"))]
+    return {file.stem: file for file in files if file.is_file()}
+
+
+def open_world(space: Workspace, world: str, seed: int = 0, scale: float = 1.0) -> World:
+    """A world by its name, built in or the workspace's own, or by the path of a file.
+
+    Args:
+        space: whose worlds are known; its own win.
+        world: name or path.
+        seed: of a built-in world, or of the free spots of another.
+        scale: from a mesh file's units to metres.
+
+    Raises:
+        ToolkitError: there is no such world, or its file cannot be used as one.
+    """
+    own = list_own_worlds(space)
+    file = own.get(world) or Path(world)
+    if world in own or file.suffix.lower() in (*SUFFIXES, ".toml"):
+        return load_world(file if file.is_file() else space.root / file, scale, seed)
+    if scale != 1.0:
+        raise FieldError(f"the world {world} is in metres: a scale is for a mesh of your own", {"scale": scale})
+    if world not in WORLDS:
+        raise one_of("world", world, [*WORLDS, *own])
+    return build_world(world, seed)

@@ -1,6 +1,6 @@
 """What weather needs to know of a picture, and what it does to it: a factor and an offset for every pixel."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -48,6 +48,15 @@ class DepthView:
         pose = T_world_camera.copy()
         pose[:3, 3] *= metres_per_mm
         return cls((depth_mm * metres_per_mm).astype(np.float32), camera, pose)
+
+    def cropped(self, left: int, top: int, side: int) -> "DepthView":
+        """A square of the same view."""
+        parts = {
+            name: whole[top : top + side, left : left + side]
+            for name in ("depth_m", "ground", "normals")
+            if (whole := getattr(self, name)) is not None
+        }
+        return replace(self, camera=self.camera.cropped(left, top, side, side), **parts)
 
     @cached_property
     def directions(self) -> np.ndarray:

@@ -37,6 +37,8 @@ GROUND_ALBEDO = np.array([0.19, 0.18, 0.16])
 """Of the panorama's lower half: asphalt, concrete, earth and leaves, from afar."""
 
 
+LAMPS = 0.06
+"""Luminance of the brightest lit windows, kcd/m² (assumed); lamps, which are far brighter, are white anyway."""
 BOUNDS = {"sun_elevation_deg": (-12.0, 90.0), "turbidity": (1.8, 10.0), "cloud_cover": (0.0, 1.0)}
 
 
@@ -91,6 +93,11 @@ class Sky:
     sun: KeyLight
     exposure: float
     lamps_on: bool = False
+
+    @property
+    def lamps(self) -> float:
+        """Radiance of a surface whose `Material.emission` is 1, kcd/m²; 0 where lamps are off: see `Scene.lamps`."""
+        return LAMPS if self.lamps_on else 0.0
 
     @cached_property
     def airlight(self) -> np.ndarray:

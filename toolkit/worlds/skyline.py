@@ -51,7 +51,9 @@ def painted_facade(looks: Looks, style: int) -> Skin:
                 day.rect(x0, z0 + h * rng.uniform(0.3, 0.8), x0 + w, z0 + h, (200, 194, 180))
             day.rect(x0 + w / 2 - 0.04, z0, x0 + w / 2 + 0.04, z0 + h, trim)
             if rng.random() < 0.4:
-                night.rect(x0, z0, x0 + w, z0 + h, tuple(int(c * rng.uniform(0.5, 1)) for c in (255, 206, 130)))
+                bright, _, cool = rng.uniform(0.5, 1, 3)
+                lit = np.array((255, 206, 130)) * bright * (1, 1, 0.5 + cool)
+                night.rect(x0, z0, x0 + w, z0 + h, tuple(int(c) for c in lit))
     return looks.add(Material(name, day.texture(0.06, rng), 0.7, 0.0, night.texture()), (width, height))
 
 

@@ -16,6 +16,8 @@ from toolkit.worlds.pieces import Looks, Piece
 if TYPE_CHECKING:
     from open3d.t.geometry import RaycastingScene
 
+    from toolkit.rig.lighting import Shape
+
 GRID_PER_M = 4096
 """Vertices lie on a grid of 1/4096 m: the last bits of a sine differ between machines, a world does not."""
 CHUNK = 4096
@@ -76,6 +78,13 @@ class World:
     def sha256(self) -> str:
         """`hash_mesh` of its mesh."""
         return hash_mesh(self.mesh)
+
+    @cached_property
+    def shape(self) -> "Shape":
+        """Its triangles as rays meet them; renderers in this world share it."""
+        from toolkit.rig.lighting import Shape
+
+        return Shape.of(self.mesh)
 
     @cached_property
     def _ground(self) -> "RaycastingScene":

@@ -8,8 +8,8 @@ import numpy as np
 
 from toolkit.boosters.parts.base import Range, check_probability, check_range
 from toolkit.core.errors import ToolkitError
+from toolkit.rig.linear_view import LinearView
 from toolkit.worlds.depth_view import DepthView
-from toolkit.worlds.weather import describe_weathers, make_weather, parse_weathers
 
 if TYPE_CHECKING:
     import torch
@@ -21,8 +21,20 @@ TINT = 0.12
 def read_words(given: object) -> object:
     """The part from words such as `fog:1-5`; anything else as it is."""
     if isinstance(given, list | tuple) and all(isinstance(word, str) for word in given):
+        from toolkit.worlds.weather import parse_weathers
+
         return Weathered(parse_weathers(given))
     return given
+
+
+def find_depths(views: Sequence[LinearView], metres_per_unit: Sequence[float]) -> list[DepthView]:
+    """How far away everything is at real size in views that have their depth, whose meshes' units are so long."""
+    buffers = [view.depth for view in views]
+    return [
+        DepthView.of_model(one.depth, one.camera, one.T_world_camera, metres)
+        for one, metres in zip(buffers, metres_per_unit, strict=True)
+        if one is not None
+    ]
 
 
 @dataclass(frozen=True)
@@ -40,6 +52,8 @@ class Weathered:
     airlight: Range = (0.3, 0.8)
 
     def __post_init__(self) -> None:
+        from toolkit.worlds.weather import make_weather
+
         check_probability("weather", self.probability)
         check_range("airlight", self.airlight, 0, 10)
         if not self.weathers:
@@ -54,6 +68,8 @@ class Weathered:
 
     def rows(self) -> list[str]:
         """A line for each weather with the numbers behind it."""
+        from toolkit.worlds.weather import describe_weathers
+
         return describe_weathers(self.weathers)
 
     def draw(self, views: Sequence[DepthView], rng: np.random.Generator) -> "tuple[torch.Tensor, torch.Tensor]":
@@ -68,6 +84,7 @@ class Weathered:
         import torch
 
         from toolkit.corruptions.request import draw_corrupted
+        from toolkit.worlds.weather import make_weather
 
         height, width = views[0].depth_m.shape
         factor = np.ones((len(views), height, width, 3), np.float32)

@@ -27,6 +27,9 @@ class LitMesh(NamedTuple):
         finely: (k,) bool whether all its pixels need several samples.
         left_out: (k,) bool whether the texture's colour is left out, for linear views.
         texels: the textures.
+        glow: (k,) int32 index into `glow_texels` of what each material gives off; -1 where nothing is lit.
+        glow_lod: (k,) float32 to be added to the level of detail of its texture.
+        glow_texels: what is given off.
         steps, first: (m,) where each face's stored light begins and how fine it is.
         stored: (s, 5) float32 irradiance RGB, share of the key light seen, share of the room seen.
         turn: (3, 3) float64 from the mesh's frame to the world's.
@@ -44,6 +47,9 @@ class LitMesh(NamedTuple):
     finely: np.ndarray
     left_out: np.ndarray
     texels: Texels
+    glow: np.ndarray
+    glow_lod: np.ndarray
+    glow_texels: Texels
     steps: np.ndarray
     first: np.ndarray
     stored: np.ndarray
@@ -61,6 +67,7 @@ class Surround(NamedTuple):
         key_spread: by how much the light's size widens its highlight's alpha.
         key_irradiance: (3,) float64.
         exposure: factor of the picture.
+        lamps: radiance of a surface whose emission is 1.
         has_table: whether there is a table at z = 0.
         table: its one texture.
         table_size: (2,) float64 along x and y.
@@ -76,6 +83,7 @@ class Surround(NamedTuple):
     key_spread: float
     key_irradiance: np.ndarray
     exposure: float
+    lamps: float
     has_table: bool
     table: Texels
     table_size: np.ndarray
@@ -304,6 +312,13 @@ def shade(
     colour = (
         albedo[0] * gain[0] + shine[0], albedo[1] * gain[1] + shine[1], albedo[2] * gain[2] + shine[2],
     )  # fmt: skip
+    glow = mesh.glow[material]
+    if glow >= 0:
+        given = sample_texture(mesh.glow_texels, int(glow), float(tu), float(tv), lod + mesh.glow_lod[material], True)
+        colour = (
+            colour[0] + given[0] * around.lamps, colour[1] + given[1] * around.lamps,
+            colour[2] + given[2] * around.lamps,
+        )  # fmt: skip
     if not left_out:
         gain = (0.0, 0.0, 0.0)
     return Seen(colour, gain, tu, tv, lod)

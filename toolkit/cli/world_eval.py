@@ -1,0 +1,66 @@
+"""`toolkit world-eval`: is the object recognised in a city, through fog and dust?"""
+
+from typing import TYPE_CHECKING
+
+import typer
+
+from toolkit.cli import options
+from toolkit.cli.options import from_config
+from toolkit.cli.output import kept_before, remark, say
+from toolkit.world_eval.config import WorldEvalConfig
+
+if TYPE_CHECKING:
+    from toolkit.world_eval.evaluate import WorldRun
+
+
+@from_config(config=WorldEvalConfig)
+def world_eval(
+    *,
+    config: WorldEvalConfig,
+    model: options.Model = None,
+    weights: options.WeightsFile = None,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Put an object into a world, look at it from a grid of cameras through weather, and ask a classifier.
+
+    Results go to eval/RUN. An answer is computed once, whatever run asks for it.
+    """
+    from toolkit.core.workspace import open_workspace
+    from toolkit.models.load import load_classifier
+    from toolkit.world_eval.evaluate import evaluate_world
+
+    space = open_workspace(workspace)
+    classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
+    done = evaluate_world(space, classifier, config)
+    if as_json:
+        typer.echo(done.files.summary.read_text(encoding="utf-8"))
+    else:
+        show_world(done)
+
+
+def show_world(done: "WorldRun") -> None:
+    """Print the weathers in numbers, the cameras, the table, the result in words, and where the report is."""
+    from toolkit.core.console import console
+    from toolkit.core.files import load_json
+    from toolkit.world_eval.verdict import build_world_table, judge_world
+    from toolkit.worlds.weather import describe_weathers
+
+    summary = load_json(done.files.summary)
+    for line in describe_weathers(done.results.weathers):
+        say(line)
+    cameras = summary["cameras"][-1]
+    left_out = ", ".join(f"{count} {key.partition(': ')[2]}" for key, count in cameras.items() if "left out" in key)
+    say(
+        f"{cameras['points']} points of the grid: {cameras['standing']} can hold a camera"
+        f"{f' (left out: {left_out})' if left_out else ''}; {cameras['shot']} shot, {cameras['in_view']} with the "
+        f"object in view, {cameras['hidden']} with it hidden"
+    )
+    console.print(build_world_table(summary))
+    for _, sentence in judge_world(summary):
+        say(sentence)
+    for note in summary["notes"]:
+        remark(note)
+    say(f"{done.computed} answers{kept_before(done.kept)}; table, figures and report: {done.files.report}")

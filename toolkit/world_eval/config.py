@@ -1,0 +1,126 @@
+"""What an evaluation in a world runs: declared once, for the command line, for Python and for the record."""
+
+import re
+from typing import Annotated
+
+from pydantic import AfterValidator, BeforeValidator, Field
+
+from toolkit.core.config import Config, Flag
+from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.evaluation.config import RunName
+from toolkit.rig.variants import VARIANTS
+from toolkit.worlds.sky import TIMES
+from toolkit.worlds.weather import CLEAR, parse_weathers
+
+GridShape = tuple[int, int, int]
+GRID_WORDS = re.compile(r"(\d{1,3})[x×](\d{1,3})[x×](\d{1,3})")
+ON_THE_TABLE = "patch-alone"
+WORLD, VIEW = "World", "Cameras"
+
+
+def read_grid(given: object) -> object:
+    """(along, across, up) from words such as `10x10x10`; anything else as it is.
+
+    Raises:
+        ToolkitError: they say no grid.
+    """
+    if not isinstance(given, str):
+        return given
+    found = GRID_WORDS.fullmatch(given.strip())
+    if not found or min(map(int, found.groups())) < 1:
+        raise FieldError("expected cameras along, across and up, each 1 to 999, such as 10x10x10", {"grid": given})
+    return tuple(map(int, found.groups()))
+
+
+def read_weathers(given: object) -> object:
+    """(name, severity) of each from words such as `fog:1-5` and `dust`, clear air first; pairs stay as they are.
+
+    Raises:
+        ToolkitError: there is no such weather or severity.
+    """
+    each = [given] if isinstance(given, str) else given
+    if not isinstance(each, list | tuple):
+        return given
+    read = [parse_weathers([one]) if isinstance(one, str) else (one,) for one in each]
+    return tuple(dict.fromkeys((CLEAR, *(tuple(pair) for pairs in read for pair in pairs))))
+
+
+def check_time(time: str) -> str:
+    """The name of a time of day; an unknown one is a `ToolkitError`."""
+    if time not in TIMES:
+        raise one_of("time of day", time, list(TIMES))
+    return time
+
+
+def check_variants(variants: tuple[str, ...]) -> tuple[str, ...]:
+    """Variants that can stand in a world, each once.
+
+    Raises:
+        ToolkitError: there is no such variant, or it lies on a table without the object.
+    """
+    for variant in variants:
+        if variant not in VARIANTS:
+            raise one_of("variant", variant, list(VARIANTS))
+        if variant == ON_THE_TABLE:
+            raise ToolkitError(f"variant '{variant}' lies on a table without its object: leave it out in a world")
+    return tuple(dict.fromkeys(variants))
+
+
+Weathers = Annotated[tuple[tuple[str, int], ...], BeforeValidator(read_weathers)]
+"""(name, severity) of each, clear air first."""
+
+
+class WorldEvalConfig(Config):
+    """One evaluation in a world; see `evaluate_world`."""
+
+    object: Annotated[str, Flag(metavar="NAME")] = Field("warplane", description="What stands in the world.")
+    variants: Annotated[tuple[str, ...], AfterValidator(check_variants), Flag("--variant", metavar="NAME")] = Field(
+        ("unpatched", "textured"),
+        min_length=1,
+        description="unpatched, patched, textured, or a control such as grey-texture; may be repeated.",
+    )
+    weathers: Annotated[Weathers, Flag("--weather", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = Field(
+        (CLEAR,),
+        description="fog, dust, rain or snow: fog:3, fog:1-5; without a severity all five; may be repeated. Clear air "
+        "is always among them.",
+    )
+    world: Annotated[str, Flag(metavar="NAME|FILE", group=WORLD)] = Field(
+        "city", description="city, grass, apron, harbour, a mesh file of your own or the TOML of a kit."
+    )
+    world_seed: Annotated[int, Field(ge=0), Flag(group=WORLD)] = Field(0, description="Number of the world.")
+    world_scale: Annotated[float, Field(gt=0), Flag(group=WORLD)] = Field(
+        1.0, description="From the units of a mesh of your own to metres."
+    )
+    time: Annotated[str, AfterValidator(check_time), Flag(metavar="NAME", group=WORLD)] = Field(
+        "noon", description="Time of day: noon, afternoon, golden, dusk, overcast."
+    )
+    places: Annotated[int, Field(ge=1, le=1000), Flag(group=WORLD)] = Field(
+        5, description="Places where the object stands, drawn by the seed, free of walls."
+    )
+    length_m: Annotated[float | None, Field(ge=0.001, lt=10_000), Flag(group=WORLD)] = Field(
+        None, description="Longest side of the object in the world. Default: its spec's world_length_m, else its own."
+    )
+    grid: Annotated[GridShape, BeforeValidator(read_grid), Flag(metavar="AxBxC", group=VIEW, typed=str)] = Field(
+        (10, 10, 10), description="Camera positions along the object, across it, and up."
+    )
+    extent: Annotated[float, Field(ge=0.8, le=100), Flag(metavar="LENGTHS", group=VIEW)] = Field(
+        2.0,
+        description="How far the grid reaches from the object's middle along and across, and above its ground, in "
+        "object lengths.",
+    )
+    fov_deg: Annotated[float, Field(ge=5, le=120), Flag(group=VIEW)] = Field(
+        50.0, description="Field of view of the camera; its picture is as large as the network's crop."
+    )
+    sample: Annotated[int | None, Field(ge=1), Flag(metavar="N", group=VIEW)] = Field(
+        None, description="Cameras at each place, drawn by the seed from those of the grid. Default: all."
+    )
+    seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Same seed, same bytes on the same machine.")
+    batch_size: Annotated[int | None, Field(ge=1), Flag("--batch")] = Field(
+        None, exclude=True, description="Images per pass of the network; default: 32, on a GPU 128."
+    )
+    keep: Annotated[bool, Flag("--keep")] = Field(
+        False, exclude=True, description="Keep every picture with its depth, segmentation and truth."
+    )
+    run: Annotated[RunName | None, Flag(metavar="NAME")] = Field(
+        None, exclude=True, description="Name of the folder under eval/. Default: world, object and network."
+    )

@@ -1,0 +1,173 @@
+"""Pictures of an object in its place from the grid's cameras: one render for all weathers, developed as in the rig."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.objects.mesh import Mesh
+from toolkit.rig.camera import Camera
+from toolkit.rig.raycast import RaycastRenderer, map_frames
+from toolkit.rig.shading import tone_map
+from toolkit.world_eval.answers import WeatherKey
+from toolkit.world_eval.cameras import GridCamera
+from toolkit.worlds.classes import STANDING
+from toolkit.worlds.depth_view import DepthView
+from toolkit.worlds.place import Placed
+from toolkit.worlds.sky import Sky
+from toolkit.worlds.weather import CLEAR, add_weather, make_weather, weather_rng
+from toolkit.worlds.world import World
+
+OBJECT_ID, BOOSTER_ID, SKY_ID = 100, 101, 255
+"""In segmentations, beside the numbers of `SceneClass`: the object, what boosts it, and the sky."""
+
+
+class Task(NamedTuple):
+    """A frame to render.
+
+    Attributes:
+        frame: hash of its inputs.
+        place, variant: number of the place, name of the variant.
+        item: number of the camera in the whole run, of which its random draws depend.
+        camera: from where.
+        weathers: that it is wanted in.
+        is_kept: whether depth and classes are wanted too.
+    """
+
+    frame: str
+    place: int
+    variant: str
+    item: int
+    camera: GridCamera
+    weathers: tuple[WeatherKey, ...]
+    is_kept: bool
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A finished frame.
+
+    Attributes:
+        task: what was asked for.
+        pictures: (h, w, 3) uint8 sRGB for each of the task's weathers.
+        depth_m: (h, w) float32 along each ray, inf for the sky; None unless kept.
+        classes: (h, w) uint8 `SceneClass`, or one of the numbers above; None unless kept.
+    """
+
+    task: Task
+    pictures: tuple[np.ndarray, ...]
+    depth_m: np.ndarray | None = None
+    classes: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Variant:
+    """The object in one variant, at its real size.
+
+    Attributes:
+        mesh: metres, in the object's frame.
+        boosted: (m,) bool, faces that a patch, a texture or a control covers.
+    """
+
+    mesh: Mesh
+    boosted: np.ndarray
+
+    @classmethod
+    def of(cls, mesh: Mesh, bare: Mesh) -> "Variant":
+        """A variant of a bare mesh: faces with a picture that the bare one lacks are boosted."""
+        own = {id(material.texture) for material in bare.materials}
+        new = np.array([id(material.texture) not in own for material in mesh.materials])
+        return cls(mesh, new[mesh.face_material])
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What all frames of a run share.
+
+    Attributes:
+        world, sky: around the object.
+        camera: of all pictures.
+        seed: of grain and weather.
+        places: the bare object in its places.
+        variants: by name.
+    """
+
+    world: World
+    sky: Sky
+    camera: Camera
+    seed: int
+    places: tuple[Placed, ...]
+    variants: dict[str, Variant]
+
+    @cached_property
+    def face_normals(self) -> np.ndarray:
+        """(m, 3) float32 unit normals of the world's faces."""
+        return _normals_of(self.world.mesh)
+
+
+def _normals_of(mesh: Mesh) -> np.ndarray:
+    corners = mesh.vertices[mesh.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+
+
+def render_frames(stage: Stage, tasks: Sequence[Task], threads: int | None = None) -> Iterator[Frame]:
+    """The frames of tasks, in order, on all cores; a few are made ahead, whatever their number.
+
+    Tasks of one place and variant should follow each other: their light is worked out once.
+    """
+
+    def prepare() -> Iterator[tuple[Task, RaycastRenderer]]:
+        at, renderer = None, None
+        for task in tasks:
+            if renderer is None or at != (task.place, task.variant):
+                at, placed = (task.place, task.variant), stage.places[task.place]
+                mesh = stage.variants[task.variant].mesh
+                renderer = RaycastRenderer(mesh, placed.scene, stand=placed.stand)
+            yield task, renderer
+
+    return map_frames(lambda pair: render_frame(stage, *pair), prepare(), threads)
+
+
+def render_frame(stage: Stage, task: Task, renderer: RaycastRenderer) -> Frame:
+    """Render, and lay every weather over the linear light before it is developed."""
+    light, found = renderer.render_with_depth(stage.camera, task.camera.T_world_camera)
+    view = _make_view(stage, task, found)
+    pictures = []
+    for weather in task.weathers:
+        seen = light
+        if weather != CLEAR:
+            draws = weather_rng(stage.seed, task.item, *weather)
+            seen = add_weather(light, view, make_weather(*weather), stage.sky.airlight, draws)
+        pictures.append(tone_map(seen, (stage.seed, task.item)))
+    if not task.is_kept:
+        return Frame(task, tuple(pictures))
+    return Frame(task, tuple(pictures), found["depth"], classify_pixels(stage, task.variant, found))
+
+
+def _make_view(stage: Stage, task: Task, found: dict[str, np.ndarray]) -> DepthView:
+    """Depth, and where there is rain or snow also the ground and which way surfaces face."""
+    names = {name for name, _ in task.weathers}
+    ground = normals = None
+    if names & {"rain", "snow"}:
+        ground = np.isin(classify_pixels(stage, task.variant, found), [int(one) for one in STANDING])
+    if "snow" in names:
+        normals = np.zeros((*found["mesh"].shape, 3), np.float32)
+        around, own = found["mesh"] == 1, found["mesh"] == 0
+        normals[around] = stage.face_normals[found["face"][around]]
+        turned = _normals_of(stage.variants[task.variant].mesh) @ stage.places[task.place].stand.turn.T
+        normals[own] = turned[found["face"][own]]
+    pose = task.camera.T_world_camera
+    return DepthView(found["depth"], stage.camera, pose, ground, normals, stage.sky.white)
+
+
+def classify_pixels(stage: Stage, variant: str, found: dict[str, np.ndarray]) -> np.ndarray:
+    """(h, w) uint8 what each pixel's middle shows: a `SceneClass`, `OBJECT_ID`, `BOOSTER_ID` or `SKY_ID`."""
+    classes = np.full(found["mesh"].shape, SKY_ID, np.uint8)
+    around, own = found["mesh"] == 1, found["mesh"] == 0
+    classes[around] = stage.world.face_class[found["face"][around]]
+    boosted = stage.variants[variant].boosted[found["face"][own]]
+    classes[own] = np.where(boosted, BOOSTER_ID, OBJECT_ID)
+    return classes

@@ -1,0 +1,171 @@
+"""Pictures that stay on disk: a sample of them, or all, each with its depth, its segmentation and the truth."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from pydantic import BaseModel, ConfigDict
+
+from toolkit.core.files import write_bytes
+from toolkit.core.records import RecordLog
+from toolkit.objects.spec import ObjectSpec
+from toolkit.rig.scene import Stand
+from toolkit.world_eval.answers import WeatherKey
+from toolkit.world_eval.cameras import GridCamera, PlaceCameras
+from toolkit.world_eval.frames import Frame, Stage, Task
+
+CM_PER_M, FARTHEST_CM = 100.0, 65_534
+SHOWN_AT = (30.0, 15.0, 1.6)
+"""Of each place the camera is shown whose azimuth, elevation and distance in lengths are nearest to these, among those
+that see the object whole."""
+
+
+class KeptFrame(BaseModel):
+    """One line of `frames/manifest.jsonl`.
+
+    Attributes:
+        path: folder of the frame, below `frames/`: `PLACE/VARIANT/CAMERA`.
+        frame: hash of all that it was made of.
+        object, class_name: what stands there, and what it should be recognised as.
+        variant, world, place, sky, camera: where it was taken.
+        weathers: the pictures that lie there, such as `clear` and `fog-3`, each a `.png`.
+        T_world_camera, T_world_object: (4, 4), OpenCV axes, metres.
+        intrinsics: width, height, fx, fy, cx, cy in pixels.
+        box: (8, 3) corners of the object's bounding box in the world, metres.
+        azimuth_deg, elevation_deg, distance_m, visible_share, picture_share: as in `GridCamera`.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    path: str
+    frame: str
+    object: str
+    class_name: str | int
+    variant: str
+    world: str
+    place: str
+    sky: str
+    camera: int
+    weathers: list[str]
+    T_world_camera: list[list[float]]
+    T_world_object: list[list[float]]
+    intrinsics: dict[str, float]
+    box: list[list[float]]
+    azimuth_deg: float
+    elevation_deg: float
+    distance_m: float
+    visible_share: float
+    picture_share: float
+
+
+def name_picture(weather: WeatherKey) -> str:
+    """`clear`, `fog-3`: the picture's file without its suffix."""
+    name, severity = weather
+    return f"{name}-{severity}" if severity else name
+
+
+class KeptFrames:
+    """The folder `frames/` of a run, and which frames belong into it."""
+
+    def __init__(
+        self, folder: Path, stage: Stage, places: tuple[PlaceCameras, ...], spec: ObjectSpec, everything: bool
+    ) -> None:
+        """Read what is there.
+
+        Args:
+            folder: it need not exist.
+            stage, places: of the run.
+            spec: of the object.
+            everything: keep all frames; otherwise one camera of each place.
+        """
+        self.folder, self._stage, self._places, self._spec = folder, stage, places, spec
+        self.shown = tuple(choose_shown(place) for place in places)
+        self._everything = everything
+        self._log = RecordLog(folder / "manifest.jsonl", KeptFrame, required=False)
+        self._known = self._log.read_last(lambda record: record.path)
+
+    def wants(self, task: Task) -> bool:
+        """Whether a frame is kept."""
+        return self._everything or task.camera.number == self.shown[task.place].number
+
+    def lacks(self, task: Task) -> bool:
+        """Whether a frame is kept, and is not there in all of its weathers."""
+        if not self.wants(task):
+            return False
+        record = self._known.get(self.path_of(task.place, task.variant, task.camera))
+        if record is None or record.frame != task.frame:
+            return True
+        names = [name_picture(weather) for weather in task.weathers]
+        folder = self.folder / record.path
+        return any(name not in record.weathers or not (folder / f"{name}.png").is_file() for name in names)
+
+    def path_of(self, place: int, variant: str, camera: GridCamera) -> str:
+        """Folder of a frame below `frames/`."""
+        return f"{self._places[place].placed.spot.name}/{variant}/{camera.number:04d}"
+
+    def write(self, frame: Frame) -> None:
+        """Put a frame's files into the folder, then its line into the manifest.
+
+        Raises:
+            ToolkitError: the disk is full or may not be written.
+        """
+        task = frame.task
+        path = self.path_of(task.place, task.variant, task.camera)
+        folder, names = self.folder / path, [name_picture(weather) for weather in task.weathers]
+        for name, picture in zip(names, frame.pictures, strict=True):
+            write_bytes(folder / f"{name}.png", _encode(picture[..., ::-1]))
+        if frame.depth_m is not None and frame.classes is not None:
+            write_bytes(folder / "depth.png", _encode(encode_depth(frame.depth_m)))
+            write_bytes(folder / "classes.png", _encode(frame.classes))
+        before = self._known.get(path)
+        if before is not None and before.frame == task.frame:
+            names = list(dict.fromkeys([*before.weathers, *names]))
+        record = self._describe(path, task, names)
+        self._log.append(record)
+        self._known[path] = record
+
+    def _describe(self, path: str, task: Task, names: list[str]) -> KeptFrame:
+        stage, camera = self._stage, task.camera
+        placed = stage.places[task.place]
+        return KeptFrame(
+            path=path, frame=task.frame, object=self._spec.name, class_name=self._spec.class_name,
+            variant=task.variant, world=f"{stage.world.name}/{stage.world.seed}", place=placed.spot.name,
+            sky=stage.sky.name, camera=camera.number, weathers=names, T_world_camera=camera.T_world_camera.tolist(),
+            T_world_object=pose_of(placed.stand).tolist(), intrinsics=stage.camera.intrinsics,
+            box=np.round(placed.box, 6).tolist(), azimuth_deg=camera.azimuth_deg, elevation_deg=camera.elevation_deg,
+            distance_m=camera.distance_m, visible_share=camera.visible_share, picture_share=camera.picture_share,
+        )  # fmt: skip
+
+
+def choose_shown(place: PlaceCameras) -> GridCamera:
+    """The camera of a place whose pictures are shown: the object whole, from a little above, three quarters ahead."""
+    best = max(camera.visible_share for camera in place.cameras)
+    seeing = [camera for camera in place.cameras if camera.visible_share >= min(0.9, best)]
+    length = float(np.ptp(place.placed.mesh.bounds, axis=0).max())
+    azimuth, elevation, lengths = SHOWN_AT
+
+    def miss(camera: GridCamera) -> float:
+        turn = abs((abs((camera.azimuth_deg + 180) % 360 - 180)) - azimuth) / 90
+        rise = abs(camera.elevation_deg - elevation) / 30
+        return turn + rise + abs(camera.distance_m / length - lengths)
+
+    return min(seeing, key=miss)
+
+
+def pose_of(stand: Stand) -> np.ndarray:
+    """(4, 4) `T_world_object`."""
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = stand.turn, stand.place
+    return pose
+
+
+def encode_depth(depth_m: np.ndarray) -> np.ndarray:
+    """(h, w) uint16 centimetres; 0 is the sky, and what is further than 655 m is at 655.34 m."""
+    centimetres = np.minimum(np.nan_to_num(depth_m, posinf=0.0) * CM_PER_M, FARTHEST_CM).round()
+    return np.where(np.isinf(depth_m), 0, np.maximum(centimetres, 1)).astype(np.uint16)
+
+
+def _encode(pixels: np.ndarray) -> bytes:
+    done, content = cv2.imencode(".png", np.ascontiguousarray(pixels))
+    if not done:
+        raise ValueError("OpenCV made no PNG")
+    return content.tobytes()

@@ -1,0 +1,80 @@
+"""Pictures of a world with or without an object in it: rendered once, seen in clear air and through weather."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from toolkit.objects.mesh import Material, Mesh
+from toolkit.rig.camera import Camera
+from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.scene import Stand
+from toolkit.rig.shading import tone_map
+from toolkit.worlds.classes import STANDING
+from toolkit.worlds.depth_view import DepthView
+from toolkit.worlds.place import Placed, make_scene
+from toolkit.worlds.sky import Sky
+from toolkit.worlds.weather import CLEAR, add_weather, make_weather, weather_rng
+from toolkit.worlds.world import Spot, World
+
+BURIED_M = 50.0
+SPECK_M = 0.01
+
+
+def leave_empty(world: World, sky: Sky) -> Placed:
+    """A world without an object: a speck of one lies far below its ground, where no camera sees it."""
+    corners = np.array([[0, 0, 0], [SPECK_M, 0, 0], [0, SPECK_M, 0]], np.float32)
+    up, grey = np.tile(np.array([[0, 0, 1]], np.float32), (3, 1)), np.full((4, 4, 3), 128, np.uint8)
+    speck = Mesh(corners, up, np.zeros((3, 2), np.float32), np.array([[0, 1, 2]], np.int32), np.zeros(1, np.int32),
+                 (Material("speck", grey),))  # fmt: skip
+    place = (0.0, 0.0, float(world.bounds[0, 2]) - BURIED_M)
+    return Placed(speck, Stand(place), make_scene(world, sky), Spot("nowhere", "nowhere", place, 0.0, 0.0, "ground"))
+
+
+def make_renderer(placed: Placed) -> RaycastRenderer:
+    """The renderer of an object in its place."""
+    return RaycastRenderer(placed.mesh, placed.scene, stand=placed.stand)
+
+
+def see_through(
+    renderer: RaycastRenderer,
+    world: World,
+    sky: Sky,
+    view: tuple[Camera, np.ndarray],
+    weathers: Sequence[tuple[str, int]],
+    seed: tuple[int, int] = (0, 0),
+) -> list[np.ndarray]:
+    """(h, w, 3) uint8 sRGB pictures of one view, one for each weather, from one render.
+
+    Args:
+        renderer: of the world, with an object or none.
+        world, sky: that it renders.
+        view: camera and `T_world_camera`.
+        weathers: names with severities, see `parse_weathers`.
+        seed: of grain and weather: that of the run, and number of the view.
+    """
+    camera, pose = view
+    light = renderer.render(camera, pose)
+    through = look_at_depth(renderer, world, sky, view) if any(one != CLEAR for one in weathers) else None
+    pictures = []
+    for weather in weathers:
+        seen = light
+        if through is not None and weather != CLEAR:
+            seen = add_weather(light, through, make_weather(*weather), sky.airlight, weather_rng(*seed, *weather))
+        pictures.append(tone_map(seen, seed))
+    return pictures
+
+
+def look_at_depth(
+    renderer: RaycastRenderer, world: World, sky: Sky, view: tuple[Camera, np.ndarray]
+) -> DepthView:  # fmt: skip
+    """How far away everything in a view is, where the ground lies and which way the world's surfaces face."""
+    found = renderer.buffers(*view)
+    around = found["mesh"] == 1
+    faces = found["face"][around]
+    ground = np.zeros(around.shape, bool)
+    ground[around] = np.isin(world.face_class[faces], [int(one) for one in STANDING])
+    corners = world.mesh.vertices[world.mesh.faces[faces]]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros((*around.shape, 3), np.float32)
+    normals[around] = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    return DepthView(found["depth"], *view, ground=ground, normals=normals, white=sky.white)
