@@ -149,3 +149,48 @@ def test_names_are_escaped_and_images_may_be_gone(two_runs, tmp_path):
     shutil.rmtree(two_runs.captures_dir)
     text = write_comparison(tmp_path / "page.html", compare(two_runs, "before", "<b>x")).read_text()
     assert "<b>x" not in text and "&lt;b&gt;x" in text and "the image is gone" in text
+
+
+WORLD_COLUMNS = (
+    "source,object,variant,pose_id,path,true_index,true_label,top1_index,top1_label,top1_prob,true_prob,true_rank,"
+    "correct_top1,correct_top5,status,world,place,weather,severity"
+)
+
+
+def write_world_run(space, name, sky, right):
+    """A run of a world: one camera at each of two places, clear and in fog; `right` says of which it is right."""
+    share = {"n": 2, "failed": 0, "top1": 0.5, "top1_ci95": [0.1, 0.9]}
+    group = {"source": "sim", "object": "racer", "variant": "unpatched", "world": "city/0", "place": "all"}
+    content = {"schema_version": 1, "model": {"name": "net"}, "groups": [group | share | {"weather": "clear"}]}
+    folder = space.eval_dir / name
+    folder.mkdir(parents=True)
+    about = {"world_sha256": "ab", "sky": sky, "camera": {"width": 224}}
+    (folder / "summary.json").write_text(json.dumps(content | {"pairs": [], "about": about}))
+    (folder / "cameras.csv").write_text("place,pose_id\nkerb,1\nlane,1\n")
+    lines = []
+    for variant in ("unpatched", "patched"):
+        for place in ("kerb", "lane"):
+            for weather, severity in (("clear", 0), ("fog", 3)):
+                rank = 1 if (variant, place, weather) in right else 2
+                path = f"{place}/{variant}/0001/{weather}-{severity}.png"
+                head = f"sim,racer,{variant},1,{path},0,racer,{rank - 1},says,0.6,0.5,{rank},{int(rank == 1)},1,ok"
+                lines.append(f"{head},city/0,{place},{weather},{severity}")
+    (folder / "predictions.csv").write_text("\n".join([WORLD_COLUMNS, *lines]) + "\n")
+
+
+def test_worlds_are_paired_by_camera_place_and_weather(workspace):
+    fog = {("patched", "kerb", "fog"), ("patched", "lane", "clear")}
+    write_world_run(workspace, "one", "noon", fog)
+    write_world_run(workspace, "other", "noon", fog | {("unpatched", "lane", "fog")})
+    write_world_run(workspace, "dusk", "dusk", fog)
+    found = compare(workspace, "one", "other")
+    assert found.pooled.n == 8 and [pair.second.capture.path for pair in found.flips] == [
+        "lane/unpatched/0001/fog-3.png"
+    ]
+    with pytest.raises(ToolkitError, match="share no image"):
+        compare(workspace, "one", "dusk")
+    done = CliRunner().invoke(app, ["report", "--all", "--workspace", str(workspace.root)])
+    assert done.exit_code == 0
+    text = (workspace.eval_dir / "index.html").read_text()
+    # bare and boosted from one camera, at one place, in one weather: two gained in each run, and one lost in `other`
+    assert text.count('data-condition="fog"') == 4 and text.count("<article") == 7

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from toolkit import __version__
 from toolkit.captures.read import POOLED
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import write_text
+from toolkit.core.files import load_json, write_text
 from toolkit.core.statistics import PairedOutcomes
 from toolkit.core.tables import (
     build_table,
@@ -24,7 +24,7 @@ from toolkit.evaluation.contact_sheet import Card, describe_place, make_thumbnai
 from toolkit.evaluation.metrics import Pair, count_outcomes, rank_variant
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.report import render_page
-from toolkit.evaluation.runs import Run
+from toolkit.evaluation.runs import SUMMARY, Run
 from toolkit.evaluation.stored import find_captures_dir, has_own_file, hash_images, read_predictions
 from toolkit.evaluation.verdict import describe_unsure
 
@@ -132,7 +132,8 @@ def compare_runs(workspace: Workspace, first: Run, second: Run, captures_dir: Pa
     """
     folders = [captures_dir or find_captures_dir(workspace, run) for run in (first, second)]
     said = [read_predictions(run, folder) for run, folder in zip((first, second), folders, strict=True)]
-    pairs = _pair_images(said[0], said[1], folders)
+    is_one = folders[0].resolve() == folders[1].resolve() or _have_one_world(first, second)
+    pairs = _pair_images(said[0], said[1], folders, is_one)
     if not pairs:
         raise ToolkitError(
             f"{first.name} and {second.name} share no image that both could read: compare runs over the same captures"
@@ -141,9 +142,25 @@ def compare_runs(workspace: Workspace, first: Run, second: Run, captures_dir: Pa
     return RunComparison(first, second, tuple(pairs), tuple(_count_rows(pairs)), (left[0], left[1]))
 
 
-def _pair_images(first: list[Prediction], second: list[Prediction], folders: Sequence[Path]) -> list[Pair]:
+def _have_one_world(first: Run, second: Run) -> bool:
+    """Whether two runs saw one world under one sky from the same cameras, so that a path means the same picture."""
+    if first.kind != "world-eval" or second.kind != "world-eval":
+        return False
+    return _describe_cameras(first) == _describe_cameras(second)
+
+
+def _describe_cameras(run: Run) -> tuple[object, ...]:
+    about, cameras = load_json(run.folder / SUMMARY).get("about", {}), run.folder / "cameras.csv"
+    where = cameras.read_bytes() if cameras.is_file() else run.name
+    return where, *(about.get(key) for key in ("world_sha256", "sky", "camera"))
+
+
+def _pair_images(
+    first: list[Prediction], second: list[Prediction], folders: Sequence[Path], is_one: bool
+) -> list[Pair]:
+    """The images that both read; `is_one`: a path means the same image in both."""
     pairs: dict[str, Pair] = {}
-    if folders[0].resolve() == folders[1].resolve():
+    if is_one:
         by_path = {one.capture.path: one for one in second}
         pairs = {one.capture.path: Pair(one, by_path[one.capture.path]) for one in first if one.capture.path in by_path}
     taken = {pair.second.capture.path for pair in pairs.values()}

@@ -94,10 +94,14 @@ def _import_arrow() -> "pyarrow":  # type: ignore[valid-type]
 
 
 def _list_rows(workspace: Workspace, run: Run, captures_dir: Path | None) -> list[Row]:
-    conditions = {row.source: (row.network, row.condition, row.severity) for row in run.rows}
+    conditions: dict[str, tuple[str, str | None, int | None]] = {
+        row.source: (row.network, row.condition, row.severity) for row in run.rows
+    }
     rows: list[Row] = []
     for one in read_predictions(run, captures_dir or find_captures_dir(workspace, run)):
-        network, condition, severity = conditions[one.capture.source]
+        network, condition, severity = conditions.get(one.capture.source, (run.rows[0].network, None, None))
+        if one.capture.corruption is not None:
+            condition, severity = one.capture.corruption
         row: Row = {"run": run.name, "network": network, "condition": condition, "severity": severity}
         row |= {name: getattr(one.capture, name) for name in ("source", "object", "variant", "pose_id", "path")}
         names = (

@@ -103,11 +103,12 @@ def _gather_flips(workspace: Workspace, runs: Sequence[Run]) -> tuple[list[tuple
 
 def _describe_flip(run: Run, pair: Pair, numbers: dict[str, int]) -> IndexFlip:
     capture = pair.second.capture
-    row = next(row for row in run.rows if (row.source, row.variant) == (capture.source, capture.variant))
+    row = next((row for row in run.rows if (row.source, row.variant) == (capture.source, capture.variant)), run.rows[0])
+    condition = capture.corruption[0] if capture.corruption else row.condition
     cells = (pair.first, pair.second)
     pictures = tuple(numbers.get(str(one.capture.file)) for one in cells)
     kind = "gained" if pair.is_gained else "lost"
-    return IndexFlip(run.name, row.network, row.condition, kind, cells, (pictures[0], pictures[1]))
+    return IndexFlip(run.name, row.network, condition, kind, cells, (pictures[0], pictures[1]))
 
 
 def _find_report(path: Path, run: Run) -> str | None:

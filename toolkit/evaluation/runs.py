@@ -257,7 +257,7 @@ def _read_rows(file: Path, run: str) -> tuple[Kind, list[ResultRow]]:
             "update toolkit"
         )
     try:
-        if "about" in content:
+        if "cells" in content and "variants" in content:
             return "benchmark", list(_list_cells(run, _Benchmark.model_validate(content)))
         if "groups" in content:
             found = _Evaluation.model_validate(content)

@@ -20,7 +20,9 @@ NEEDED = [name for name in COLUMNS if name != "failed_gates"]
 
 
 def find_captures_dir(workspace: Workspace, run: Run) -> Path:
-    """The folder that the images of a run lie in: a sweep has its own, others are of the workspace's `captures/`."""
+    """The folder that the images of a run lie in: sweeps and worlds have their own, others the workspace's captures."""
+    if run.kind == "world-eval":
+        return run.folder / "frames"
     if run.kind != "sweep":
         return workspace.captures_dir
     axis = run.folder.resolve().parent
@@ -62,15 +64,20 @@ def _find_uncorrupted(source: str, condition: str, severity: int | None) -> str:
 
 
 def _read_line(line: Mapping[str, str], captures_dir: Path, sources: Mapping[str, str]) -> Prediction:
-    path = line["path"]
+    path, source = line["path"], line["source"]
     file = inside(captures_dir, path)
     if not file.is_file():
         head, _, rest = path.partition("/")
         file = inside(captures_dir, f"{sources.get(head, head)}/{rest}")
     gates = tuple(filter(None, (line.get("failed_gates") or "").split("; ")))
     pose_id = int(line["pose_id"]) if line["pose_id"] else None
+    corruption = None
+    if line.get("weather"):  # of a world: a camera has one number at each place, and many weathers
+        corruption = (line["weather"], int(line["severity"]))
+        source = " ".join([line["world"], line["place"], *map(str, corruption)])
     capture = Capture(
-        line["source"], line["object"], line["variant"], pose_id, file, path, failed_gates=gates
+        source, line["object"], line["variant"], pose_id, file, path, corruption=corruption,
+        cut_px=corruption and 0, failed_gates=gates,
     )  # fmt: skip
     if line["status"] != OK:
         return Prediction(capture, int(line["true_index"]), line["true_label"], status=line["status"])
