@@ -13,14 +13,26 @@ from toolkit.boosters.linear_view import ViewBatch, batch_views, show_linear, sr
 from toolkit.boosters.parts.weather import Weathered, find_depths
 from toolkit.boosters.pixels import Target
 from toolkit.boosters.validation import Share, Validation
+from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.files import sha256_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.objects.load import load_object
+from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.linear_view import LinearView
 from toolkit.rig.mount import PAPER, size_on_paper
-from toolkit.rig.views import NEAR_VIEWS, ViewRanges, render_mounted_views
+from toolkit.rig.views import (
+    NEAR_VIEWS,
+    PER_STUDIO,
+    PaintableObject,
+    Setting,
+    ViewRanges,
+    ViewSettings,
+    ViewStream,
+    mount_grey,
+    render_mounted_views,
+)
 from toolkit.worlds.depth_view import DepthView
+from toolkit.worlds.place import scale_to_world
 
 if TYPE_CHECKING:
     import torch
@@ -84,25 +96,48 @@ def load_mounted_views(
     device: str,
     ranges: ViewRanges = NEAR_VIEWS,
     with_depth: bool = False,
+    setting: Setting | None = None,
 ) -> MountedViews:
     """Render views as `toolkit.rig.views.render_mounted_views` and put them on `device`.
 
     Args:
         workspace: whose object it is.
         object_name: as in its spec.
-        size_mm: side of the printed patch, unless the object's spec states one.
+        size_mm: side of the printed patch.
         patch_px, count, seed, image_px, ranges, with_depth: as there.
         device: of the tensors.
+        setting: the world that they are taken in, where the object has its real size; None: studios.
 
     Raises:
-        ToolkitError: an unknown object, a sheet that cannot be mounted, or no real size where depth is asked for.
+        ToolkitError: an unknown object, a sheet that cannot be mounted, or no real size where one is needed.
     """
     item = load_object(workspace.object_spec(object_name))
-    side_mm, metres = item.spec.patch.size_mm or size_mm, item.spec.metres_per_mm if with_depth else 1.0
-    views = render_mounted_views(
-        item, side_mm, patch_px, count, seed=seed, image_px=image_px, ranges=ranges, with_depth=with_depth
+    if setting is not None:
+        subject = make_sheet_subject(item, size_mm, patch_px)
+        blocks = -(-count // PER_STUDIO)
+        settings = ViewSettings(ranges, image_px, studios=1, per_studio=PER_STUDIO)
+        views: list[LinearView] = []
+        with (
+            ViewStream([subject], settings, seed, blocks, setting=setting, with_depth=with_depth) as stream,
+            progress(f"rendering {item.name} with its sheet", blocks * PER_STUDIO) as bar,
+        ):
+            for number in range(blocks):
+                views += [one.view for one in stream.group(number)]
+                bar.advance(PER_STUDIO)
+        return stack_views(views[:count], size_mm, device)
+    metres = item.spec.metres_per_mm if with_depth else 1.0
+    in_studio = render_mounted_views(
+        item, size_mm, patch_px, count, seed=seed, image_px=image_px, ranges=ranges, with_depth=with_depth
     )
-    return stack_views(list(views), side_mm, device, metres)
+    return stack_views(list(in_studio), size_mm, device, metres)
+
+
+def make_sheet_subject(item: TableObject, size_mm: float, patch_px: int) -> PaintableObject:
+    """An object at its real size, metres, with a sheet that grew with it and whose paper is what is painted."""
+    mesh, paper = mount_grey(item, size_mm, patch_px)
+    material = next(k for k, one in enumerate(mesh.materials) if one.texture is paper)
+    grown = scale_to_world(mesh, item.spec)
+    return PaintableObject(grown, material, grown)
 
 
 def stack_views(views: list[LinearView], size_mm: float, device: str, metres_per_unit: float = 1.0) -> MountedViews:

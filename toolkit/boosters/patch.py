@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,10 +21,16 @@ from toolkit.boosters.data import (
     stack_on_device,
 )
 from toolkit.boosters.ensemble import judge_ensemble
-from toolkit.boosters.mounted import MountedViews, draw_mounted, load_mounted_views, validate_mounted
+from toolkit.boosters.mounted import (
+    MountedViews,
+    draw_mounted,
+    load_mounted_views,
+    make_sheet_subject,
+    validate_mounted,
+)
 from toolkit.boosters.parts.base import Appearance, place_patch, print_patch, show_patch, take_photos
 from toolkit.boosters.patch_config import PatchConfig, check_size, hash_inputs
-from toolkit.boosters.pixel_config import name_files
+from toolkit.boosters.pixel_config import WORLD_ELEVATION_DEG, name_files
 from toolkit.boosters.pixels import (
     Network,
     PixelTask,
@@ -37,15 +43,18 @@ from toolkit.boosters.pixels import (
 )
 from toolkit.boosters.preview import COLUMNS, ROWS, BoosterFiles, draw_patch_preview, write_preview
 from toolkit.boosters.validation import Validation, count_placements, list_shares, validate_patch
-from toolkit.core.console import progress
+from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.printer import score_print
+from toolkit.objects.load import load_object
 from toolkit.objects.records import Patch, printed_size_mm, read_patch, write_patch
+from toolkit.objects.spec import read_spec
 from toolkit.rig.views import ViewRanges
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import History, fit
+from toolkit.worlds.views import open_setting
 
 if TYPE_CHECKING:
     import torch
@@ -123,21 +132,22 @@ def train_patch(
         data = load_data(data, class_names, first.preprocessing, workspace, files.training)
         describe_data(data)
     config = config.count_steps(len(data.train)).for_networks(len(targets))
-    views = None
+    views, seen_world = None, None
     if config.mounted_share:
         if rig_source is None:
             raise FieldError(
                 "needs the object in the rig: add {sources} rig, or set it to 0",
                 {"mounted_share": config.mounted_share},
             )
-        views = _render_views(config, workspace, choose_object(workspace, rig_source, class_names), first, data)
-    elif config.weather is not None:
-        raise FieldError(
-            "{weather} lies between the camera and the object: add {sources} rig, {mounted_share} above 0", {}
+        views, seen_world = _render_views(
+            config, workspace, choose_object(workspace, rig_source, class_names), first, data
         )
+    elif config.weather is not None or config.world is not None:
+        raise FieldError("{weather} and {world} need the object itself: add {sources} rig, {mounted_share} above 0", {})
     data_sha256 = data.sha256 + ("" if views is None else views.sha256)
     inputs_sha256 = hash_inputs(config, name, list_networks(targets), data_sha256)
     task = PatchTask(config, targets, data, views, files, inputs_sha256)
+    task.seen_world = seen_world
     checkpoint = Checkpoint(files.training, inputs_sha256, restart, checkpoint_every_s, RENDERS)
     fitted = fit(task, config.fit_config(), checkpoint)
     return replace(fitted.made, resumed_from=fitted.resumed_from, was_finished=fitted.was_finished)
@@ -152,17 +162,32 @@ def choose_files(workspace: Workspace, out: Path | None, name: str) -> BoosterFi
 
 def _render_views(
     config: PatchConfig, workspace: Workspace, object_name: str, network: Network, data: TrainingData
-) -> MountedViews:
-    """Views of the object with its sheet."""
-    return load_mounted_views(
-        workspace, object_name, printed_size_mm(config.size_px), config.size_px, config.mounted_views,
+) -> tuple[MountedViews, dict[str, Any] | None]:
+    """Views of the object with its sheet, and where in a world they were taken."""
+    ranges, setting, seen = ViewRanges(fill=config.mounted_fill), None, None
+    stated_mm = read_spec(workspace.object_spec(object_name)).patch.size_mm
+    size_mm = config.size_mm or stated_mm or printed_size_mm(config.size_px)
+    if config.world is not None:
+        setting = open_setting(workspace, config.world, config.times, seed=config.world_seed, scale=config.world_scale)
+        item = load_object(workspace.object_spec(object_name))
+        meshes = [make_sheet_subject(item, size_mm, config.size_px).mesh]
+        seen = setting.record(meshes)
+        notice(f"world: {setting.describe(meshes)}")
+        ranges = replace(ranges, elevation_deg=WORLD_ELEVATION_DEG)
+    views = load_mounted_views(
+        workspace, object_name, size_mm, config.size_px, config.mounted_views,
         seed=data.record["seed"], image_px=network.preprocessing.resize_px, device=network.device,
-        ranges=ViewRanges(fill=config.mounted_fill), with_depth=config.weather is not None,
+        ranges=ranges, with_depth=config.weather is not None, setting=setting,
     )  # fmt: skip
+    return views, seen
 
 
 class PatchTask(PixelTask[TrainedPatch]):
-    """Algorithm 1: a patch in random placements goes down the loss of recognising its class."""
+    """Algorithm 1: a patch in random placements goes down the loss of recognising its class.
+
+    Attributes:
+        seen_world: for the record, where in a world the views of the object were taken.
+    """
 
     kind = "patch"
 
@@ -185,6 +210,7 @@ class PatchTask(PixelTask[TrainedPatch]):
         self.title = f"Training {targets[0].label}"
         self._appearance, self._penalty = config.appearance(), config.penalty()
         self._images = stack_on_device(data.train, self._device)
+        self.seen_world: dict[str, Any] | None = None
         self._views: MountedViews | None = None
         self._held_out_views: MountedViews | None = None
         if views is not None:
@@ -248,12 +274,15 @@ class PatchTask(PixelTask[TrainedPatch]):
                 printed, views, self.targets, self.image_px, weather=config.weather, seed=config.seed
             )
         self._draw_preview(printed, pixels, validations)
+        size_mm = config.size_mm if views is None else views.size_mm
         patch = write_patch(self.files.png.parent, pixels, {
             "name": self.files.png.stem,
             "class_name": self.targets[0].label,
             "class_index": self.targets[0].class_index,
             "networks": [record_network(target.classifier) for target in self.targets],
-            "data": data.record | ({} if views is None else {"mounted_views_sha256": views.sha256}),
+            "data": data.record
+            | ({} if views is None else {"mounted_views_sha256": views.sha256})
+            | ({} if self.seen_world is None else {"world": self.seen_world}),
             "seed": config.seed,
             "settings": config.record() | {"image_px": self.image_px, "inputs_sha256": self.inputs_sha256},
             "final": history.recent(self.recent)
@@ -263,7 +292,7 @@ class PatchTask(PixelTask[TrainedPatch]):
             | list_shares(corrupted, "corrupted")
             | list_shares(weathered, "mounted_weather"),
             "toolkit_version": __version__,
-            **({} if views is None else {"size_mm": round(views.size_mm, 3)}),
+            **({} if size_mm is None else {"size_mm": round(size_mm, 3)}),
         })  # fmt: skip
         return TrainedPatch(patch, self.files, validations, on_object, data.skipped)
 

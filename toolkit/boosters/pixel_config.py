@@ -23,6 +23,7 @@ STEPS, MEETS, WORLD = "Steps", "What it meets", "In a world"
 TRANSFER = "What carries over to other networks"
 WORLD_ELEVATION_DEG, WORLD_FILL = (2.0, 75.0), (0.25, 1.0)
 """Where cameras stand in a world, unless it is said: from a man's height up, from near to three lengths away."""
+DEFAULT_ENSEMBLE: Literal["sum", "normalised", "turns"] = "normalised"
 CameraParts = tuple[CameraBlur, SensorNoise, JpegFile]
 
 
@@ -56,9 +57,6 @@ def check_times(times: tuple[str, ...]) -> tuple[str, ...]:
             if time not in TIMES:
                 raise one_of("time of day", time, list(TIMES))
     return times
-
-
-DEFAULT_ENSEMBLE: Literal["sum", "normalised", "turns"] = "normalised"
 
 
 class PixelConfig(Config):

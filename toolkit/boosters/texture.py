@@ -143,7 +143,8 @@ def train_texture(
         data_sha256 += "".join(f" {one.metres_per_mm!r}" for one in objects)
     setting = None
     if config.world is not None:
-        setting = open_setting(config.world, config.world_seed, config.world_scale, config.times)
+        seed, scale = config.world_seed, config.world_scale
+        setting = open_setting(workspace, config.world, config.times, seed=seed, scale=scale)
         data_sha256 += json.dumps(setting.record([one.subject(True).mesh for one in objects]))
     inputs = [
         METHOD_VERSION, name, list_networks(targets), data_sha256, config.size_px, config.objects,

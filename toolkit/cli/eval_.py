@@ -25,7 +25,7 @@ def evaluate(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Any torchvision classifier, timm:NAME, onnx:FILE, a .pt2, python:MODULE:FUNCTION, rig18, or your own; "
+            help="Any torchvision classifier, timm:NAME, onnx:FILE, a .pt2, python:MODULE:FUNCTION, rig18, your own; "
             "default: resnet18, or what the record of --weights says.",
         ),
     ] = None,

@@ -93,7 +93,7 @@ Models = Annotated[
     typer.Option(
         "--model",
         metavar="NAME",
-        help="Torchvision classifier, timm:NAME, onnx:FILE, a .pt2, python:MODULE:FUNCTION, rig18, or your own; several "
+        help="Torchvision classifier, timm:NAME, onnx:FILE, a .pt2, python:MODULE:FUNCTION, rig18, your own; several "
         "add their losses. Default: resnet18.",
     ),
 ]

@@ -116,9 +116,7 @@ def render_mounted_views(
         ToolkitError: a sheet that cannot be mounted.
     """
     camera = Camera.from_fov(image_px, image_px, FOV_DEG)
-    grey = np.full((patch_px, patch_px, 3), 128, np.uint8)
-    sheet = mount_patch(item.mesh, grey, size_mm, item.spec.patch, item.name)
-    mesh, paper = attach(item.mesh, sheet), sheet.mesh.materials[0].texture
+    mesh, paper = mount_grey(item, size_mm, patch_px)
     with progress(f"rendering {item.name} with its sheet", count) as bar:
         for start in range(0, count, PER_STUDIO):
             studio = random_studio(seed, start, float(item.mesh.size_mm.max()))
@@ -129,6 +127,17 @@ def render_mounted_views(
                 depth = find_depth(renderer, studio, camera, pose) if with_depth else None
                 yield replace(view.packed(), depth=depth)
                 bar.advance()
+
+
+def mount_grey(item: TableObject, size_mm: float, patch_px: int) -> tuple[Mesh, np.ndarray]:
+    """An object with a grey patch on its sheet, and the texture of the sheet's paper.
+
+    Raises:
+        ToolkitError: a sheet that cannot be mounted.
+    """
+    grey = np.full((patch_px, patch_px, 3), 128, np.uint8)
+    sheet = mount_patch(item.mesh, grey, size_mm, item.spec.patch, item.name)
+    return attach(item.mesh, sheet), sheet.mesh.materials[0].texture
 
 
 def find_depth(renderer: RaycastRenderer, scene: Scene, camera: Camera, T_world_camera: np.ndarray) -> DepthBuffer:

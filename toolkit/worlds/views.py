@@ -8,18 +8,18 @@ left out while there are others.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera, project
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.scene import Scene, Stand
 from toolkit.rig.views import HELD_OUT, ViewSettings, random_pose
-from toolkit.worlds.catalogue import WORLDS, build_world, load_world
+from toolkit.worlds.catalogue import open_world
 from toolkit.worlds.place import choose_places, find_radius, is_clear, place_object
 from toolkit.worlds.sky import Sky, make_sky
 from toolkit.worlds.world import Spot, World
@@ -149,13 +149,11 @@ def _is_seen(renderer: RaycastRenderer, camera: Camera, T_world_camera: np.ndarr
     return seen_px >= LEAST_SEEN * outline_px
 
 
-def open_setting(world: str, seed: int, scale: float, times: Sequence[str]) -> WorldSetting:
-    """A world, by name or as a file, at some times of day.
+def open_setting(space: Workspace, world: str, times: Sequence[str], *, seed: int, scale: float) -> WorldSetting:
+    """A world at some times of day; see `toolkit.worlds.catalogue.open_world`.
 
     Raises:
-        ToolkitError: there is no such world or time, or the file cannot be used.
+        ToolkitError: there is no such world or time, or a file cannot be used.
     """
     skies = tuple(make_sky(time, seed) for time in times)
-    if world in WORLDS or not ("/" in world or Path(world).suffix):
-        return WorldSetting(build_world(world, seed), skies)
-    return WorldSetting(load_world(Path(world), scale, seed), skies)
+    return WorldSetting(open_world(space, world, seed, scale), skies)
