@@ -103,7 +103,7 @@ def load_mounted_views(
     Args:
         workspace: whose object it is.
         object_name: as in its spec.
-        size_mm: side of the printed patch, unless the object's spec states one.
+        size_mm: side of the printed patch.
         patch_px, count, seed, image_px, ranges, with_depth: as there.
         device: of the tensors.
         setting: the world that they are taken in, where the object has its real size; None: studios.
@@ -112,9 +112,8 @@ def load_mounted_views(
         ToolkitError: an unknown object, a sheet that cannot be mounted, or no real size where one is needed.
     """
     item = load_object(workspace.object_spec(object_name))
-    side_mm = item.spec.patch.size_mm or size_mm
     if setting is not None:
-        subject = make_sheet_subject(item, side_mm, patch_px)
+        subject = make_sheet_subject(item, size_mm, patch_px)
         blocks = -(-count // PER_STUDIO)
         settings = ViewSettings(ranges, image_px, studios=1, per_studio=PER_STUDIO)
         views: list[LinearView] = []
@@ -125,12 +124,12 @@ def load_mounted_views(
             for number in range(blocks):
                 views += [one.view for one in stream.group(number)]
                 bar.advance(PER_STUDIO)
-        return stack_views(views[:count], side_mm, device)
+        return stack_views(views[:count], size_mm, device)
     metres = item.spec.metres_per_mm if with_depth else 1.0
     in_studio = render_mounted_views(
-        item, side_mm, patch_px, count, seed=seed, image_px=image_px, ranges=ranges, with_depth=with_depth
+        item, size_mm, patch_px, count, seed=seed, image_px=image_px, ranges=ranges, with_depth=with_depth
     )
-    return stack_views(list(in_studio), side_mm, device, metres)
+    return stack_views(list(in_studio), size_mm, device, metres)
 
 
 def make_sheet_subject(item: TableObject, size_mm: float, patch_px: int) -> PaintableObject:

@@ -50,6 +50,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.printer import score_print
 from toolkit.objects.load import load_object
 from toolkit.objects.records import Patch, printed_size_mm, read_patch, write_patch
+from toolkit.objects.spec import read_spec
 from toolkit.rig.views import ViewRanges
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import History, fit
@@ -164,16 +165,17 @@ def _render_views(
 ) -> tuple[MountedViews, dict[str, Any] | None]:
     """Views of the object with its sheet, and where in a world they were taken."""
     ranges, setting, seen = ViewRanges(fill=config.mounted_fill), None, None
+    stated_mm = read_spec(workspace.object_spec(object_name)).patch.size_mm
+    size_mm = config.size_mm or stated_mm or printed_size_mm(config.size_px)
     if config.world is not None:
         setting = open_setting(workspace, config.world, config.times, seed=config.world_seed, scale=config.world_scale)
         item = load_object(workspace.object_spec(object_name))
-        side_mm = item.spec.patch.size_mm or printed_size_mm(config.size_px)
-        meshes = [make_sheet_subject(item, side_mm, config.size_px).mesh]
+        meshes = [make_sheet_subject(item, size_mm, config.size_px).mesh]
         seen = setting.record(meshes)
         notice(f"world: {setting.describe(meshes)}")
         ranges = replace(ranges, elevation_deg=WORLD_ELEVATION_DEG)
     views = load_mounted_views(
-        workspace, object_name, printed_size_mm(config.size_px), config.size_px, config.mounted_views,
+        workspace, object_name, size_mm, config.size_px, config.mounted_views,
         seed=data.record["seed"], image_px=network.preprocessing.resize_px, device=network.device,
         ranges=ranges, with_depth=config.weather is not None, setting=setting,
     )  # fmt: skip
@@ -272,6 +274,7 @@ class PatchTask(PixelTask[TrainedPatch]):
                 printed, views, self.targets, self.image_px, weather=config.weather, seed=config.seed
             )
         self._draw_preview(printed, pixels, validations)
+        size_mm = config.size_mm if views is None else views.size_mm
         patch = write_patch(self.files.png.parent, pixels, {
             "name": self.files.png.stem,
             "class_name": self.targets[0].label,
@@ -289,7 +292,7 @@ class PatchTask(PixelTask[TrainedPatch]):
             | list_shares(corrupted, "corrupted")
             | list_shares(weathered, "mounted_weather"),
             "toolkit_version": __version__,
-            **({} if views is None else {"size_mm": round(views.size_mm, 3)}),
+            **({} if size_mm is None else {"size_mm": round(size_mm, 3)}),
         })  # fmt: skip
         return TrainedPatch(patch, self.files, validations, on_object, data.skipped)
 

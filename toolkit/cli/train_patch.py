@@ -11,7 +11,7 @@ from toolkit.boosters.patch_config import RECIPES, limit_renders, make_config, s
 from toolkit.boosters.pixel_config import MEETS
 from toolkit.cli import options
 from toolkit.cli.options import Overrides, from_config
-from toolkit.cli.output import show_json
+from toolkit.cli.output import show_json, warn
 from toolkit.core.config import Flag
 from toolkit.core.errors import FieldError
 
@@ -87,6 +87,11 @@ def train_patch(
         wanted, name = (spec.class_name if class_name is None else class_name), name or object_name
         sources = sources if data.rig_source else (*sources, f"rig:{object_name}")
         overrides = size_by_spec(overrides, spec)
+        if spec.patch.size_mm not in (None, overrides["spec.size_mm"]):
+            warn(
+                f"{object_name}: trained for {overrides['spec.size_mm']:g} mm, but the rig mounts its patch at "
+                f"{spec.patch.size_mm:g} mm: set size_mm under [patch] in its spec"
+            )
     if wanted is None:
         raise FieldError("{class_name} is missing: name it, or the object with {object_name}", {})
     if not sources:
