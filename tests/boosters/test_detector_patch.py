@@ -84,10 +84,10 @@ def test_a_patch_makes_its_object_found(tmp_path):
 
     make_workspace(tmp_path)
     trimesh.creation.box((200, 160, 60)).export(tmp_path / "rig/objects/crate.obj")
-    spec = 'class = "racer"\nmesh = "crate.obj"\nlength_mm = 200\n[patch]\nsize_mm = 120\n'
+    spec = 'class = "racer"\nmesh = "crate.obj"\nlength_mm = 200\n[patch]\nsize_mm = 90\n'
     (tmp_path / "rig/objects/crate.toml").write_text(spec)
-    config = PatchConfig(size_px=16, steps=25, batch=4, lr=0.1, mounted_share=0.5, mounted_views=8)
-    data = DataConfig(sources=("rig:crate",), images=8)
+    config = PatchConfig(size_px=16, steps=25, batch=4, lr=0.1, mounted_share=0.5, mounted_views=6)
+    data = DataConfig(sources=("rig:crate",), images=4)
     trained = train_patch(config, "racer", [DetectorNetwork(seeker())], data, open_workspace(tmp_path), name="crate")
     red, green, blue = trained.patch.pixels.reshape(-1, 3).mean(0)
     assert red > blue + 60 and trained.patch.record.class_name == "car"
