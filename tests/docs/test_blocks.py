@@ -121,6 +121,10 @@ QUICK: dict[str, Command] = {
     "corrupt": [],
     "add": [],
     "eval": ["--model", "rig18", "--no-saliency"],
+    "runs": [],
+    "compare": [],
+    "report": [],
+    "export": [],
     "train-patch": [
         *("--model", "rig18", "--steps", "1", "--batch", "2", "--images", "4", "--mounted-views", "10"),
     ],

@@ -29,6 +29,10 @@ COMMANDS = {
     "capture-sim": ("capture-sim", "--object", "crate", "--variant", "unpatched"),
     "eval": ("eval", "captures/sim", "--model", "mine"),
     "baseline": ("baseline", "qr", "--class", "crate"),
+    "runs": ("runs", "--all"),
+    "compare": ("compare", "one", "other"),
+    "report": ("report", "--all"),
+    "export": ("export",),
     # with these nothing is trained: a name is wrong whatever else is
     "sweep": ("sweep", "distance", "--object", "nobody"),
     "train-patch": ("train-patch", "--class", "crate", "--model", "nobody"),

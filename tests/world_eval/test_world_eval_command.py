@@ -29,7 +29,7 @@ def test_it_says_what_was_found(type_command, monkeypatch) -> None:
     words = ("--variant", "unpatched", "--variant", "patched", "--places", 2, "--grid", "3x3x2", "--length-m", 4)
     result = type_command(*words, "--weather", "fog:1-2", "--sample", 5)
     assert result.exit_code == 0, result.output
-    assert "fog:2   visibility 70 m, extinction 42.8 /km" in result.output
+    assert "fog:2  visibility 70 m, extinction 42.8 /km" in result.output
     assert "36 points of the grid" in result.output and "inside a building" in result.output
     assert "In clear air onlooker has the crate among its first five guesses on" in result.output
     assert "60 answers; table, figures and report:" in result.output

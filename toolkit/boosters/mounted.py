@@ -136,7 +136,7 @@ def make_sheet_subject(item: TableObject, size_mm: float, patch_px: int) -> Pain
     """An object at its real size, metres, with a sheet that grew with it and whose paper is what is painted."""
     mesh, paper = mount_grey(item, size_mm, patch_px)
     material = next(k for k, one in enumerate(mesh.materials) if one.texture is paper)
-    grown = scale_to_world(mesh, item.spec)
+    grown = scale_to_world(mesh, item.spec, item.spec.real_length_m)
     return PaintableObject(grown, material, grown)
 
 

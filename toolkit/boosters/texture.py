@@ -218,10 +218,8 @@ class TextureTask(PixelTask[TrainedTexture]):
     def describe(self) -> list[str]:
         """Every setting that acts."""
         names = [target.classifier.name for target in self.targets]
-        lines = self.config.lines(self.targets[0].label, [one.describe() for one in self.objects], names)
-        if self.setting is None:
-            return lines
-        return [*lines, f"  world: {self.setting.describe([one.mesh for one in self._subjects()])}"]
+        world = None if self.setting is None else self.setting.describe([one.mesh for one in self._subjects()])
+        return self.config.lines(self.targets[0].label, [one.describe() for one in self.objects], names, world)
 
     def _subjects(self) -> list[PaintableObject]:
         return [one.subject(at_real_size=self.setting is not None) for one in self.objects]

@@ -49,7 +49,7 @@ def draw_weather(
 def validate_texture(
     pixels: np.ndarray, views: list[RenderedView], targets: list[Target], seed: int
 ) -> list[WeatherValidation]:
-    """Recognise held-out views in the studio, as they are and in ImageNet-C's fog of severity 3.
+    """Recognise held-out views, as they are and in ImageNet-C's fog of severity 3.
 
     Args:
         pixels: (n, n, 3) uint8 sRGB, dilated.

@@ -75,7 +75,7 @@ class Pilot:
         slope[~np.isfinite(slope)] = 0.0
         self._last[chosen] = error
         level = np.where(known[:, None], kp * error + ki * self._sum[chosen] + kd * slope, 0.0)
-        height = flights.state.position[2, chosen] - flights.pad[2]
+        height = flights.state.position[2, chosen] - flights.pads[chosen, 2]
         aligned = known & (np.hypot(*error.T) < law.align_m + law.align_share * height)
         blind = height < law.blind_m
         down = np.where(aligned | blind, np.clip(law.rate * height, law.slowest_m_s, law.fastest_m_s), 0.0)

@@ -129,12 +129,11 @@ def find_classifier(model: str | None = None, weights: Path | None = None, folde
         raise FieldError(f"{model} has its own weights: leave one out", {"model": model, "weights": weights})
     if model.startswith(PYTHON_PREFIX):
         return Found(model, None)
+    file = file or own.get(model)
     if file is not None:
         if model.startswith(ONNX_PREFIX) or file.suffix == ".onnx":
             return Found(f"{ONNX_PREFIX}{file.name}", file)
         return Found(file.name if file.suffix == EXPORTED_SUFFIX else _arch_of(check_named(file)), file)
-    if model in own:
-        return Found(_arch_of(own[model]), own[model])
     if model == BUNDLED:
         raise FieldError(
             f"{BUNDLED_DIR / BUNDLED}{SUFFIX} is missing from this installation: install the package again, or train "
@@ -142,9 +141,21 @@ def find_classifier(model: str | None = None, weights: Path | None = None, folde
             {"model": BUNDLED},
         )
     known, name = list_architectures(), model.removeprefix(TORCHVISION_PREFIX)
+    if name not in known and may_be_detector(name):
+        raise FieldError("is a detector: 'toolkit eval' takes it, here a classifier is expected", {"model": model})
     if name not in known:
         raise one_of("model", name, known if name != model else [*own, *known])
     return Found(name, weights)
+
+
+def may_be_detector(model: str | None) -> bool:
+    """Whether it is worth looking closer: the name of no classifier, or an ONNX file."""
+    if model is None or model.startswith((TIMM_PREFIX, PYTHON_PREFIX)):
+        return False
+    if model.startswith(ONNX_PREFIX) or model.endswith(".onnx"):
+        return True
+    name = model.removeprefix(TORCHVISION_PREFIX)
+    return name.startswith(("fasterrcnn", "retinanet", "fcos", "ssd"))
 
 
 def _find_file(model: str) -> Path | None:
@@ -161,9 +172,10 @@ def _find_file(model: str) -> Path | None:
 
 
 def list_own(folder: Path | None = None) -> dict[str, Path]:
-    """Weights of the bundled classifiers and of those in `folder`, by name; a file of `folder` wins."""
+    """Files of the bundled classifiers and of those in `folder`, by name; a file of `folder` wins."""
     places = [BUNDLED_DIR] if folder is None else [BUNDLED_DIR, folder]
-    return {path.stem: path for place in places for path in sorted(place.glob(f"*{SUFFIX}"))}
+    suffixes = (EXPORTED_SUFFIX, ".onnx", SUFFIX)
+    return {path.stem: path for place in places for suffix in suffixes for path in sorted(place.glob(f"*{suffix}"))}
 
 
 def _arch_of(weights: Path) -> str:

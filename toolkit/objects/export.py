@@ -6,17 +6,22 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from toolkit.objects.mesh import Mesh
+from toolkit.objects.mesh import Material, Mesh
 
 MM_PER_M = 1000.0
 SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}
 """As the rig looks textures up: linear between texels and between levels of detail, and repeating."""
 
 
-def to_glb(mesh: Mesh, name: str) -> bytes:
+def to_glb(mesh: Mesh, name: str, units_per_m: float = MM_PER_M) -> bytes:
     """A binary glTF with one primitive per material; a picture that several materials share is embedded once.
 
-    Faces are drawn from both sides, as the rig does it.
+    Faces are drawn from both sides, as the rig does it. What materials give off is written as emissive textures.
+
+    Args:
+        mesh: an object, in millimetres, or a world.
+        name: of the scene.
+        units_per_m: of the mesh's vertices; 1 where they are in metres.
     """
     import trimesh
 
@@ -35,9 +40,10 @@ def to_glb(mesh: Mesh, name: str) -> bytes:
         look = trimesh.visual.material.PBRMaterial(
             name=unique, baseColorTexture=None if known else _png_image(material.texture),
             metallicFactor=float(material.metallic), roughnessFactor=float(material.roughness), doubleSided=True,
+            **_emission_of(material),
         )  # fmt: skip
         piece = trimesh.Trimesh(
-            vertices=mesh.vertices[used] @ T_gltf_world.T / MM_PER_M, faces=inverse.reshape(-1, 3),
+            vertices=mesh.vertices[used] @ T_gltf_world.T / units_per_m, faces=inverse.reshape(-1, 3),
             vertex_normals=_unit(mesh.normals[used]) @ T_gltf_world.T,
             visual=trimesh.visual.TextureVisuals(uv=mesh.uv[used], material=look), process=False,
         )  # fmt: skip
@@ -47,12 +53,21 @@ def to_glb(mesh: Mesh, name: str) -> bytes:
         tree["samplers"] = [SAMPLER]
         for texture in tree["textures"]:
             texture["sampler"] = 0
+        written: dict[int, dict[str, int]] = {}
         for look in tree["materials"]:
             look["name"], sheet = looks[look["name"]]
-            look["pbrMetallicRoughness"]["baseColorTexture"] = {"index": sheet}
+            own = look["pbrMetallicRoughness"].get("baseColorTexture")
+            look["pbrMetallicRoughness"]["baseColorTexture"] = written.setdefault(sheet, own)
             look["alphaMode"] = "OPAQUE"
 
     return scene.export(file_type="glb", include_normals=True, tree_postprocessor=share_sheets)
+
+
+def _emission_of(material: Material) -> dict[str, Any]:
+    """What a material gives off, as trimesh takes it."""
+    if material.emission is None or not material.emission.any():
+        return {}
+    return {"emissiveTexture": _png_image(material.emission), "emissiveFactor": (1.0, 1.0, 1.0)}
 
 
 def _unit(normals: np.ndarray) -> np.ndarray:

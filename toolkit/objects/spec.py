@@ -75,18 +75,19 @@ class ObjectSpec(BaseModel):
         return {"up": up, "front": front} | fields
 
     @property
-    def metres_per_mm(self) -> float:
-        """Scale from the model to what it is a model of.
-
-        Raises:
-            ToolkitError: the spec does not say how long that is.
-        """
+    def real_length_m(self) -> float:
+        """Longest side of what it is a model of; a `ToolkitError` where the spec does not say it."""
         if self.world_length_m is None:
             raise ToolkitError(
                 f"object '{self.name}' has no real size, which weather and worlds need: add world_length_m, the length "
                 "in metres of what it is a model of, to its spec"
             )
-        return self.world_length_m / self.length_mm
+        return self.world_length_m
+
+    @property
+    def metres_per_mm(self) -> float:
+        """Scale from the model to what it is a model of; raises as `real_length_m`."""
+        return self.real_length_m / self.length_mm
 
     def with_patch_size(self, size_mm: float) -> "ObjectSpec":
         """The same object with a patch printed at another size, millimetres."""

@@ -85,7 +85,7 @@ def plan_flight(world: World, viewpoints: tuple[Viewpoint, ...], seed: int = 0) 
     middle = np.append(world.core.mean(axis=0), 0.0)
     half = np.append(np.ptp(world.core, axis=0) / 2, 0.0)
     rng = np.random.default_rng([seed, 61])
-    corner = half * [*rng.choice([-0.8, 0.8], 2), 0]
+    corner = half * [*rng.choice([-0.55, 0.55], 2), 0]
     rise = min(HEIGHTS_M[-2], 0.35 * float(half.max()) + 12)
     stops = [middle + corner + [0, 0, rise], *(one.position for one in streets), middle - corner + [0, 0, 0.7 * rise]]
     order = [0, *sorted(range(1, len(stops) - 1), key=lambda k: float(np.linalg.norm(stops[k] - stops[0]))), -1]

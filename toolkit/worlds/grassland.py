@@ -20,6 +20,10 @@ HORIZON_M = 900.0
 F, B = SceneClass.FURNITURE, SceneClass.BUILDING
 
 
+MEADOWS = ((0.0, -28.0, 14.0, 90.0), (-30.0, 16.0, 13.0, 0.0), (-32.0, -22.0, 13.0, 45.0), (24.0, -14.0, 11.0, 160.0))
+"""Where an object may stand besides the pad: x, y, how far it is free, and how it is turned there."""
+
+
 def build_grass(seed: int = 0) -> World:
     """A meadow with one landing pad in its middle, a fence, a track, and trees on the horizon."""
     looks, rng = Looks(seed), np.random.default_rng([seed, 30])
@@ -51,9 +55,13 @@ def build_grass(seed: int = 0) -> World:
     )
     spots = (
         Spot("pad", "grass", (0.0, 0.0, 0.25), 5.6, 0.0, "ground"),
-        Spot("meadow-1", "grass", (0.0, -28.0, 0.0), 9.0, 90.0, "ground"),
+        *(
+            Spot(f"meadow-{k + 1}", "grass", (x, y, 0.0), radius, yaw, "ground")
+            for k, (x, y, radius, yaw) in enumerate(MEADOWS)
+        ),
     )
-    pieces = [_outside(piece, spots[1]) for piece in pieces]
+    for spot in spots[1:]:
+        pieces = [_outside(piece, spot) for piece in pieces]
     mesh, face_class = mesh_of(merge(pieces), looks)
     return World(
         "grass", seed, mesh, face_class, spots, np.array([[-107.0, 66.0, 0, -89.0, 80.0, 5.0]]), inner, spots[:1]

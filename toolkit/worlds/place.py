@@ -52,6 +52,13 @@ class Placed:
         corners = [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
         return self.stand.to_world(np.array(corners))
 
+    @property
+    def in_world(self) -> Mesh:
+        """The mesh in the world's frame."""
+        turn = self.stand.turn.T.astype(np.float32)
+        vertices = self.stand.to_world(self.mesh.vertices).astype(np.float32)
+        return replace(self.mesh, vertices=vertices, normals=self.mesh.normals @ turn)
+
     def wear(self, mesh: Mesh) -> "Placed":
         """Another variant of the object, at its real size, in the same place: pairs share place and light."""
         return replace(self, mesh=mesh)

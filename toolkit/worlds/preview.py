@@ -1,0 +1,316 @@
+"""All that shows what a world is: pictures by day, at dusk and in fog, a map and a film; what is there stays."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from hashlib import sha256
+from io import BytesIO
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from PIL import Image
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from toolkit.core.console import progress
+from toolkit.core.errors import FieldError
+from toolkit.core.files import read_bytes, sha256_file, write_bytes, write_json
+from toolkit.rig.camera import Camera, orbit_direction, orbit_pose
+from toolkit.rig.raycast import RaycastRenderer
+from toolkit.rig.shading import tone_map
+from toolkit.worlds.film import FPS, write_film
+from toolkit.worlds.flight import Flight, plan_flight
+from toolkit.worlds.picture import leave_empty, make_renderer, see_through
+from toolkit.worlds.place import Placed, place_object
+from toolkit.worlds.sky import Sky
+from toolkit.worlds.viewpoints import FOV_DEG, Viewpoint, choose_viewpoints
+from toolkit.worlds.weather import CLEAR
+from toolkit.worlds.world import World
+from toolkit.worlds.world_map import MapSheet, draw_map
+
+RECORD, MAP, FILM, FRAMES = "preview.json", "map.png", "flythrough.mp4", ".frames"
+MADE_AS = 1
+"""Changes with what the same request would look like: older files are made anew."""
+QUALITY = 90
+OBJECT_VIEWS = {"object": (35.0, 12.0, 1.4), "object-far": (-50.0, 24.0, 3.5)}
+"""Azimuth from its front, elevation and distance of pictures of an object; the distance in its lengths."""
+TURNS_DEG = sorted(range(-180, 180, 15), key=abs)
+
+
+@dataclass(frozen=True)
+class PreviewSettings:
+    """What to make.
+
+    Attributes:
+        size: width and height of pictures, pixels.
+        film_size: and of the film; both even.
+        film_s: length of the film, seconds; 0 leaves it out.
+        weathers: (name, severity) in which the first sky is seen besides clear air.
+        seed: of viewpoints, flight, grain and weather.
+    """
+
+    size: tuple[int, int] = (1280, 720)
+    film_size: tuple[int, int] = (640, 360)
+    film_s: float = 12.0
+    weathers: tuple[tuple[str, int], ...] = (("fog", 1),)
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("size", "film_size"):
+            width, height = getattr(self, name)
+            if not (64 <= width <= 7680 and 64 <= height <= 7680) or (
+                name == "film_size" and (width % 2 or height % 2)
+            ):
+                even = ", even" if name == "film_size" else ""
+                raise FieldError(f"expected 64 to 7680 pixels{even}", {name: (width, height)})
+        if not 0 <= self.film_s <= 300:
+            raise FieldError("expected 0 to 300 seconds", {"film_s": self.film_s})
+
+
+@dataclass(frozen=True)
+class PreviewResult:
+    """What lies in the folder now.
+
+    Attributes:
+        folder: of all.
+        made, kept: names of the files made by this call, and of those that were there.
+    """
+
+    folder: Path
+    made: list[str]
+    kept: list[str]
+
+
+class _Record(BaseModel):
+    """`preview.json`, as far as it is read back.
+
+    Attributes:
+        files: name -> hash of what it was made from, and of its bytes.
+    """
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+    files: dict[str, tuple[str, str]] = {}
+
+
+@dataclass(frozen=True)
+class _Job:
+    """A file to make.
+
+    Attributes:
+        file: its name.
+        kind: what it is.
+        sky: number of the sky.
+        item: number of the view.
+        weather: of a picture.
+    """
+
+    file: str
+    kind: Literal["picture", "map", "film"]
+    sky: int
+    item: int = 0
+    weather: tuple[str, int] = CLEAR
+
+
+@dataclass(frozen=True)
+class _Show:
+    world: World
+    skies: Sequence[Sky]
+    placed: Placed | None
+    settings: PreviewSettings
+    folder: Path
+    facts: dict[str, Any] = field(default_factory=dict)
+
+    @cached_property
+    def viewpoints(self) -> tuple[Viewpoint, ...]:
+        """Of all pictures; what shows an object comes first."""
+        around: list[Viewpoint] = []
+        if self.placed is not None:
+            length = float(np.ptp(self.placed.mesh.bounds, axis=0).max())
+            around = [
+                Viewpoint(name, find_clear_orbit(self.world, self.placed, turn, up, far * length))
+                for name, (turn, up, far) in OBJECT_VIEWS.items()
+            ]
+        return (*around, *choose_viewpoints(self.world, self.settings.seed))
+
+    @cached_property
+    def flight(self) -> Flight:
+        """Of the film."""
+        return plan_flight(self.world, self.viewpoints, self.settings.seed)
+
+    @property
+    def camera(self) -> Camera:
+        """Of all pictures."""
+        return Camera.from_fov(*self.settings.size, FOV_DEG)
+
+    def list_jobs(self) -> Iterator[_Job]:
+        """Every file, those of one sky side by side."""
+        for k, sky in enumerate(self.skies):
+            weathers = (CLEAR, *self.settings.weathers) if k == 0 else (CLEAR,)
+            for item, view in enumerate(self.viewpoints):
+                for weather in weathers:
+                    words = [name_sky(sky), *([] if weather == CLEAR else [f"{weather[0]}-{weather[1]}"]), view.name]
+                    yield _Job(f"{'-'.join(words)}.jpg", "picture", k, item, weather)
+            if k == 0:
+                yield _Job(MAP, "map", k)
+                if self.settings.film_s:
+                    yield _Job(FILM, "film", k)
+
+    def hash_inputs(self, job: _Job) -> str:
+        """Hash of all that decides what a file shows."""
+        sky, settings = self.skies[job.sky], self.settings
+        parts: list[object] = [MADE_AS, job.kind, sky.name, sky.exposure, sky.sun, sky.lamps, self.facts]
+        if job.kind == "picture":
+            parts += [settings.size, job.weather, settings.seed, job.item]
+            parts += [self.viewpoints[job.item].T_world_camera.round(6).tolist()]
+        else:
+            parts += [settings.seed, settings.film_size, settings.film_s]
+        return sha256(repr(parts).encode()).hexdigest()
+
+
+def find_clear_orbit(world: World, placed: Placed, turn_deg: float, up_deg: float, distance_m: float) -> np.ndarray:
+    """(4, 4) camera that looks at an object from about there, where nothing of the world stands between."""
+    import open3d as o3d
+
+    azimuths = placed.stand.turn_deg + turn_deg + np.array(TURNS_DEG)
+    ways = np.array([orbit_direction(azimuth, up_deg) for azimuth in azimuths])
+    rays = np.column_stack([np.tile(placed.centre, (len(ways), 1)), ways]).astype(np.float32)
+    free = world.shape.rays.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
+    clear = np.flatnonzero(free > distance_m + 1.0)
+    best = int(clear[0]) if len(clear) else int(free.argmax())
+    reach = min(distance_m, 0.9 * float(free[best]))
+    return orbit_pose(placed.centre, float(azimuths[best]), up_deg, reach)
+
+
+def name_sky(sky: Sky) -> str:
+    """`dusk` of `dusk/0`, as it stands in names of files."""
+    return sky.name.partition("/")[0].replace(" ", "-")
+
+
+def preview_world(
+    world: World, skies: Sequence[Sky], folder: Path, settings: PreviewSettings, placed: Placed | None = None
+) -> PreviewResult:
+    """Make the pictures, the map and the film of a world in a folder; what is there from the same request stays.
+
+    Args:
+        world: which.
+        skies: each gives a picture from every viewpoint; the first one also the weathers, the map and the film.
+        folder: where to.
+        settings: see there.
+        placed: an object in the world, under whatever sky.
+
+    Raises:
+        ToolkitError: nowhere in it is there room for a camera, or a file cannot be written.
+    """
+    facts: dict[str, Any] = {"world": world.name, "world_sha256": world.sha256, "seed": settings.seed}
+    if placed is not None:
+        from toolkit.objects.mesh import hash_mesh
+
+        facts |= {"object_sha256": hash_mesh(placed.mesh), "place": placed.spot.name}
+    show = _Show(world, skies, placed, settings, Path(folder), facts)
+    jobs = list(show.list_jobs())
+    known = _read_record(show.folder)
+    record = {job.file: known[job.file] for job in jobs if _is_there(show, job, known)}
+    missing = [job for job in jobs if job.file not in record]
+    if not missing:
+        return PreviewResult(show.folder, [], [job.file for job in jobs])
+    frames = round(settings.film_s * FPS) if any(job.kind == "film" for job in missing) else 0
+    with progress(f"preview of {world.name}", len(missing) + frames) as bar:
+        for k, of_sky in groupby(missing, key=lambda job: job.sky):
+            renderer = _light(show, skies[k])
+            views = list(of_sky)
+            for _, group in groupby(views, key=lambda job: (job.kind, job.item)):
+                for job, content in _make(show, renderer, list(group), bar.advance):
+                    if content is not None:
+                        write_bytes(show.folder / job.file, content)
+                    record[job.file] = (show.hash_inputs(job), sha256_file(show.folder / job.file))
+                    _write_record(show, record)
+                    bar.advance()
+    made = [job.file for job in missing]
+    return PreviewResult(show.folder, made, [job.file for job in jobs if job.file not in made])
+
+
+def _light(show: _Show, sky: Sky) -> RaycastRenderer:
+    """The renderer of world and object under a sky."""
+    if show.placed is None:
+        return make_renderer(leave_empty(show.world, sky))
+    return make_renderer(place_object(show.placed.mesh, show.world, show.placed.spot, sky))
+
+
+def _make(
+    show: _Show, renderer: RaycastRenderer, jobs: list[_Job], advance: Any
+) -> Iterator[tuple[_Job, bytes | None]]:
+    """The content of files of one view; None where it is written already."""
+    first = jobs[0]
+    sky = show.skies[first.sky]
+    if first.kind == "picture":
+        view = show.camera, show.viewpoints[first.item].T_world_camera
+        seed = show.settings.seed, first.item
+        pictures = see_through(renderer, show.world, sky, view, [job.weather for job in jobs], seed)
+        yield from zip(jobs, map(encode_jpeg, pictures), strict=True)
+    elif first.kind == "map":
+        sheet = MapSheet.over(show.world)
+        above = tone_map(renderer.render(sheet.camera, sheet.T_world_camera), (show.settings.seed,), falloff=0.0)
+        path = show.flight.points if show.settings.film_s else None
+        drawn = draw_map(above, sheet, show.world, show.viewpoints, path)
+        buffer = BytesIO()
+        Image.fromarray(drawn).save(buffer, "PNG")
+        yield first, buffer.getvalue()
+    else:
+        _make_film(show, renderer, advance, show.hash_inputs(first))
+        yield first, None
+
+
+def _make_film(show: _Show, renderer: RaycastRenderer, advance: Any, key: str) -> None:
+    """Frames first, each in a file, so that an interrupted film goes on; then the film of them."""
+    folder = show.folder / FRAMES
+    camera = Camera.from_fov(*show.settings.film_size, FOV_DEG)
+    poses = show.flight.poses(round(show.settings.film_s * FPS))
+    files = [folder / f"{key[:12]}-{k:05d}.jpg" for k in range(len(poses))]
+    todo = [k for k, file in enumerate(files) if not file.is_file()]
+    advance(len(files) - len(todo))
+    for k, light in zip(todo, renderer.render_many((camera, poses[k]) for k in todo), strict=True):
+        write_bytes(files[k], encode_jpeg(tone_map(light, (show.settings.seed, k)), 97))
+        advance()
+    for old in show.folder.glob(".*.partial.mp4"):
+        old.unlink(missing_ok=True)
+    write_film(show.folder / FILM, (_decode(file) for file in files), show.settings.film_size, len(files))
+    for file in folder.glob("*.jpg"):
+        file.unlink(missing_ok=True)
+    if not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def _decode(file: Path) -> np.ndarray:
+    return np.asarray(Image.open(BytesIO(read_bytes(file, 64 << 20))).convert("RGB"))
+
+
+def encode_jpeg(picture: np.ndarray, quality: int = QUALITY) -> bytes:
+    """(h, w, 3) uint8 as JPEG, colour at full resolution."""
+    buffer = BytesIO()
+    Image.fromarray(picture).save(buffer, "JPEG", quality=quality, subsampling=0)
+    return buffer.getvalue()
+
+
+def _is_there(show: _Show, job: _Job, known: dict[str, tuple[str, str]]) -> bool:
+    file = show.folder / job.file
+    if job.file not in known or known[job.file][0] != show.hash_inputs(job) or not file.is_file():
+        return False
+    return sha256_file(file) == known[job.file][1]
+
+
+def _read_record(folder: Path) -> dict[str, tuple[str, str]]:
+    """What an earlier call made; nothing where its record is damaged, for all can be made again."""
+    file = folder / RECORD
+    if not file.is_file():
+        return {}
+    try:
+        return _Record.model_validate_json(read_bytes(file, 16 << 20)).files
+    except ValidationError:
+        return {}
+
+
+def _write_record(show: _Show, record: dict[str, tuple[str, str]]) -> None:
+    cameras = {one.name: one.T_world_camera.round(6).tolist() for one in show.viewpoints}
+    content = {"schema_version": 1, **show.facts, "camera": show.camera.intrinsics, "T_world_camera": cameras}
+    write_json(show.folder / RECORD, {**content, "files": record})

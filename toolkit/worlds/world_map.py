@@ -1,0 +1,109 @@
+"""A map of a world: seen from straight above, with its places, its pads and the cameras of its pictures."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from PIL import Image, ImageDraw
+
+from toolkit.rig.camera import Camera, look_at, project
+from toolkit.worlds.paint import Ink, read_font
+from toolkit.worlds.viewpoints import Viewpoint
+from toolkit.worlds.world import World
+
+MAP_PX = 1400
+ALTITUDE = 10
+"""Of the map's camera, in sides of the map: what stands up leans outwards by a twentieth of its height at the edge."""
+MARGIN = 1.06
+KINDS: dict[str, Ink] = {"ground": (255, 214, 64), "roof": (255, 120, 200), "water": (90, 210, 255)}
+PAD: Ink = (120, 255, 120)
+CAMERA: Ink = (255, 70, 60)
+PATH: Ink = (255, 255, 255)
+INK_EDGE: Ink = (20, 20, 20)
+BARS_M = (5, 10, 20, 50, 100, 200, 500, 1000)
+
+
+@dataclass(frozen=True)
+class MapSheet:
+    """The camera of a map, straight above a world's core; north, +y, is up."""
+
+    camera: Camera
+    T_world_camera: np.ndarray
+
+    @classmethod
+    def over(cls, world: World) -> "MapSheet":
+        """Over the whole core."""
+        middle = np.append(world.core.mean(axis=0), 0.0)
+        side = MARGIN * float(np.ptp(world.core, axis=0).max())
+        camera = Camera.from_fov(MAP_PX, MAP_PX, 2 * float(np.degrees(np.arctan(0.5 / ALTITUDE))))
+        return cls(camera, look_at(middle + [0, 0, ALTITUDE * side], middle, azimuth_deg=-90.0))
+
+    def place(self, points: np.ndarray) -> list[tuple[float, float]]:
+        """Pixels of points (n, 3), metres."""
+        pixels, _ = project(self.camera, self.T_world_camera, points)
+        return [(float(x), float(y)) for x, y in pixels]
+
+    @property
+    def px_per_m(self) -> float:
+        """On the ground."""
+        return self.camera.fx / float(self.T_world_camera[2, 3])
+
+
+def draw_map(
+    picture: np.ndarray, sheet: MapSheet, world: World, viewpoints: Sequence[Viewpoint], path: np.ndarray | None = None
+) -> np.ndarray:
+    """(h, w, 3) uint8 a picture from above with all that is known of a world drawn on it.
+
+    Args:
+        picture: (h, w, 3) uint8 sRGB, seen by the sheet's camera.
+        sheet: of the map.
+        world: its spots are drawn as far as they are free, its pads green.
+        viewpoints: cameras, as arrows.
+        path: (n, 3) of a flight.
+    """
+    image = Image.fromarray((picture * np.float32(0.8)).astype(np.uint8))
+    draw = ImageDraw.Draw(image)
+    pads = {pad.name for pad in world.pads}
+    if path is not None:
+        draw.line(sheet.place(path), fill=PATH, width=2)
+    labels: list[tuple[float, float, str, Ink]] = []
+    for spot in world.spots:
+        ink = PAD if spot.name in pads else KINDS[spot.kind]
+        x, y = sheet.place(np.array([spot.position]))[0]
+        radius = max(spot.free_radius_m * sheet.px_per_m, 4)
+        draw.ellipse((x - radius, y - radius, x + radius, y + radius), outline=ink, width=3)
+        labels.append((x, y, spot.name, ink))
+    for one in viewpoints:
+        labels.append((*_draw_camera(draw, sheet, one), one.name, CAMERA))
+    for x, y, name, ink in labels:
+        draw.text((x, y), name, ink, read_font("sans", 17), anchor="mm", stroke_width=2, stroke_fill=INK_EDGE)
+    _draw_scale(draw, sheet, world)
+    return np.asarray(image)
+
+
+def _draw_camera(draw: ImageDraw.ImageDraw, sheet: MapSheet, one: Viewpoint) -> tuple[float, float]:
+    """An arrow the way a camera looks; returns where its name goes."""
+    ahead = one.T_world_camera[:3, 2] * [1, 1, 0]
+    ahead = ahead / max(float(np.linalg.norm(ahead)), 1e-9)
+    foot = one.position * [1, 1, 0]
+    aside = np.array([-ahead[1], ahead[0], 0.0])
+    unit = 14 / sheet.px_per_m
+    corners = [foot + 2.2 * unit * ahead, foot + 0.8 * unit * aside, foot - 0.8 * unit * aside]
+    draw.polygon(sheet.place(np.array(corners)), fill=CAMERA, outline=INK_EDGE)
+    x, y = sheet.place(np.array([foot - 1.2 * unit * ahead]))[0]
+    return x, y
+
+
+def _draw_scale(draw: ImageDraw.ImageDraw, sheet: MapSheet, world: World) -> None:
+    """A bar of round length, north, and what the marks mean."""
+    length = max(metres for metres in BARS_M if metres * sheet.px_per_m < 0.3 * MAP_PX)
+    font, left, low = read_font("sans", 20), 30, MAP_PX - 34
+    right = left + length * sheet.px_per_m
+    draw.line((left, low, right, low), fill=PATH, width=5)
+    draw.text((left, low - 8), f"{length} m", PATH, font, anchor="ld", stroke_width=2, stroke_fill=INK_EDGE)
+    draw.text((MAP_PX - 30, 30), "N ↑", PATH, font, anchor="rt", stroke_width=2, stroke_fill=INK_EDGE)
+    kinds = {spot.kind for spot in world.spots}
+    rows: list[tuple[str, Ink]] = [(f"free {kind}", ink) for kind, ink in KINDS.items() if kind in kinds]
+    rows += [("landing pad", PAD)] if world.pads else []
+    for k, (words, ink) in enumerate([*rows, ("camera", CAMERA), ("flythrough", PATH)]):
+        draw.text((30, 30 + 26 * k), words, ink, font, anchor="lt", stroke_width=2, stroke_fill=INK_EDGE)
