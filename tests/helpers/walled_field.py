@@ -86,5 +86,5 @@ def stand_in(monkeypatch) -> None:
     from toolkit.world_eval import evaluate
     from toolkit.worlds.sky import make_sky
 
-    monkeypatch.setattr(evaluate, "open_world", lambda config: make_field())
+    monkeypatch.setattr(evaluate, "open_world", lambda *given: make_field())
     monkeypatch.setattr(evaluate, "make_sky", lambda time, seed: make_sky(time, seed, 32))

@@ -185,7 +185,7 @@ from walled_field import make_config, make_onlooker, make_field
 from toolkit.core.workspace import Workspace
 from toolkit.world_eval import evaluate
 from toolkit.worlds.sky import make_sky
-evaluate.open_world = lambda config: make_field()
+evaluate.open_world = lambda *given: make_field()
 evaluate.make_sky = lambda when, seed: make_sky(when, seed, 32)
 network = make_onlooker()
 network.module.register_forward_hook(lambda *given: time.sleep(0.3))

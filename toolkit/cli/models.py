@@ -1,12 +1,15 @@
 """`toolkit models`: which networks are at hand."""
 
 from dataclasses import asdict
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from toolkit.cli import options
 from toolkit.cli.output import remark, say, show_json, show_table
+
+if TYPE_CHECKING:
+    from toolkit.evaluation.survey import SurveyedModel
 
 
 def list_models(
@@ -34,7 +37,13 @@ def list_models(
     rows = survey.survey_models(model or survey.list_models(folder), device, folder, data)
     if as_json:
         show_json([asdict(one) for one in rows])
-        return
+    else:
+        _show(rows, data is not None)
+    if any(one.classes is None for one in rows):
+        raise typer.Exit(1)
+
+
+def _show(rows: "list[SurveyedModel]", with_data: bool) -> None:
     titles = ["--model", "classes", "px", "images/s", "trained/s", "licence", "trains"]
     cells = []
     for one in rows:
@@ -43,17 +52,15 @@ def list_models(
             *(f"{rate:.0f}" if rate else "" for rate in (one.images_per_s, one.trained_images_per_s)),
             one.licence or "not said", "yes" if one.can_train else "no",
         ]  # fmt: skip
-        if data is not None:
+        if with_data:
             low, high = one.ci95 or (0.0, 0.0)
             row.insert(3, f"{100 * one.accuracy:.1f} % ({100 * low:.0f}–{100 * high:.0f}) of {one.n}"
                        if one.accuracy is not None else "")  # fmt: skip
         cells.append(row)
-    if data is not None:
+    if with_data:
         titles.insert(3, "right")
     show_table(titles, cells)
     for one in rows:
         if one.why_not:
             remark(f"{one.model}: {one.why_not}")
     say("others: torchvision's by name, timm:NAME, onnx:FILE, FILE.pt2, python:MODULE:FUNCTION")
-    if any(one.classes is None for one in rows):
-        raise typer.Exit(1)

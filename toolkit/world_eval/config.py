@@ -85,7 +85,7 @@ class WorldEvalConfig(Config):
         "is always among them.",
     )
     world: Annotated[str, Flag(metavar="NAME|FILE", group=WORLD)] = Field(
-        "city", description="city, grass, apron, harbour, a mesh file of your own or the TOML of a kit."
+        "city", description="city, grass, apron, harbour, a world of your own by name, or its file."
     )
     world_seed: Annotated[int, Field(ge=0), Flag(group=WORLD)] = Field(0, description="Number of the world.")
     world_scale: Annotated[float, Field(gt=0), Flag(group=WORLD)] = Field(

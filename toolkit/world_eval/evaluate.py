@@ -35,10 +35,9 @@ from toolkit.world_eval.frames import Stage, Task, Variant, render_frames
 from toolkit.world_eval.keep import KeptFrames
 from toolkit.world_eval.report import WorldFiles, write_results
 from toolkit.world_eval.results import WorldResults
-from toolkit.worlds.catalogue import WORLDS, build_world, load_world
+from toolkit.worlds.catalogue import open_world
 from toolkit.worlds.place import choose_places, find_radius, place_object, scale_to_world
 from toolkit.worlds.sky import Sky, make_sky
-from toolkit.worlds.world import World
 
 BATCH_FRAMES = 4
 """Frames whose answers are written together: what a kill may cost."""
@@ -77,7 +76,7 @@ def evaluate_world(workspace: Workspace, classifier: Classifier, config: WorldEv
     item = load_object(workspace.object_spec(config.object))
     true_index = classifier.class_index(item.spec.class_name)
     variants = dress_variants(workspace, item, config)
-    world = open_world(config)
+    world = open_world(workspace, config.world, config.world_seed, config.world_scale)
     sky = make_sky(config.time, config.seed)
     bare = scale_to_world(item.mesh, item.spec, config.length_m)
     radius = max(find_radius(one.mesh) for one in variants.values())
@@ -96,17 +95,6 @@ def evaluate_world(workspace: Workspace, classifier: Classifier, config: WorldEv
     results = WorldResults(config, classifier, item, true_index, stage, places, answers)
     total = sum(len(one.true_rank) for one in answers.values())
     return WorldRun(results, write_results(run_dir, results, kept), computed, total - computed)
-
-
-def open_world(config: WorldEvalConfig) -> World:
-    """The built-in world of that name, or a user's file.
-
-    Raises:
-        ToolkitError: there is none, or the file cannot be used.
-    """
-    if config.world in WORLDS or not ("/" in config.world or Path(config.world).suffix):
-        return build_world(config.world, config.world_seed)
-    return load_world(Path(config.world), config.world_scale, config.world_seed)
 
 
 def name_run(config: WorldEvalConfig, classifier: Classifier) -> str:
@@ -168,7 +156,7 @@ class Asked:
 
 
 def _hash_sky(sky: Sky) -> str:
-    light = np.array([sky.sun.azimuth_deg, sky.sun.elevation_deg, *sky.sun.irradiance, sky.exposure])
+    light = np.array([sky.sun.azimuth_deg, sky.sun.elevation_deg, *sky.sun.irradiance, sky.exposure, sky.lamps])
     return sha256_bytes(np.ascontiguousarray(sky.panorama).tobytes() + light.tobytes())
 
 
