@@ -89,7 +89,7 @@ def test_a_patch_makes_its_object_found(tmp_path):
     config = PatchConfig(size_px=16, steps=25, batch=4, lr=0.1, mounted_share=0.5, mounted_views=6)
     data = DataConfig(sources=("rig:crate",), images=4)
     trained = train_patch(config, "racer", [DetectorNetwork(seeker())], data, open_workspace(tmp_path), name="crate")
-    red, green, blue = trained.patch.pixels.reshape(-1, 3).mean(0)
+    red, _, blue = trained.patch.pixels.reshape(-1, 3).mean(0)
     assert red > blue + 60 and trained.patch.record.class_name == "car"
     assert trained.patch.record.networks[0].arch == "onnx:red.onnx"
     (on_object,) = trained.on_object
