@@ -1,4 +1,4 @@
-"""How often the empty city is taken for a street: python docs/scripts/empty_city.py [--views 500] [--out FILE].
+"""Does the empty city distract as a street does? Called as empty_city.py [--views 500] [--out FILE].
 
 View i is drawn from (seed, i) alone: a place anywhere in the city's core with over a metre of room, a height of 1.5 to
 30 m above the ground (even in its logarithm), any direction, a pitch from 15° down to 5° up. The network answers, and

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 from part_checks import count_changed, grey_noise
-from tiny_network import IMAGE_PX, tiny_config, train_tiny, wrap, write_photos
+from tiny_network import IMAGE_PX, tiny_classifier, tiny_config, train_tiny, wrap, write_photos
 from watched_patch import patch_gradient, train_watched
 
 from toolkit.boosters import patch_config
@@ -22,6 +22,12 @@ from toolkit.boosters.validation import validate_patch
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.corruptions import CORRUPTIONS, corrupt
+
+
+@pytest.fixture
+def space(tmp_path, make_crate_space):
+    return make_crate_space(tmp_path)
+
 
 STRAIGHT = sorted(set(CORRUPTIONS) - DIFFERENTIABLE)
 
@@ -75,6 +81,8 @@ def test_straight_through_training_has_the_clean_pictures_gradient_at_the_corrup
     linear = torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * IMAGE_PX**2, 1, bias=False))
 
     class Sum:
+        preprocessing = tiny_classifier().preprocessing
+
         def logits(self, photos):
             return torch.cat([linear(photos), -linear(photos)], 1) * 1e-4  # so flat that softmax is linear too
 
@@ -184,3 +192,63 @@ def test_a_patch_that_has_met_a_corruption_bears_it_better(name):
             found[met, after is not None] = answer.patched.value
     assert found[False, False] == 1, "without the blur it does what it was trained for"
     assert found[True, True] > found[False, True] + 0.5
+
+
+def test_a_texture_meets_corruptions_and_its_gradient_is_that_of_differences():
+    """After the camera, by the same part as a patch; a config without them records what it recorded before."""
+    from texture_parts import crate_config
+
+    from toolkit.boosters.texture_config import RECIPES
+    from toolkit.boosters.texture_config import make_config as make_texture_config
+
+    plain, met = crate_config(), crate_config(corrupted=("gaussian_blur:4", "gaussian_noise:5"))
+    assert plain.photo_parts == () and met.photo_parts == (met.corrupted,)
+    settings = met.settings(48)
+    assert settings["camera"] == {
+        "Corrupted": {"corruptions": (("gaussian_blur", 4), ("gaussian_noise", 5)), "probability": 0.5}
+    }
+    assert settings | {"camera": None} == plain.settings(48), "nothing else changed"
+    default = make_texture_config("default", {"objects": ("crate",), "corrupted": ("defocus_blur:5",)})
+    kinds = [type(part).__name__ for part in default.photo_parts]
+    assert kinds == [*(type(part).__name__ for part in RECIPES["default"].photo_parts), "Corrupted"]
+    assert "defocus_blur 5, probability 0.5" in "\n".join(default.lines("jet", [], ["tiny"]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["gaussian_noise", "defocus_blur"])
+def test_the_true_gradient_reaches_the_texture(space, name):
+    """Through light, tone curve and corruption, in smooth directions as above."""
+    from texture_parts import TEXELS, crate_config, make_crate, render_linear
+
+    from toolkit.boosters.linear_view import batch_views
+    from toolkit.boosters.texture import take_photos
+
+    _, atlas = make_crate(space)
+    views, *_ = render_linear(atlas)
+    batch = batch_views(views, "cpu")
+    config = crate_config(corrupted=Corrupted(((name, 2),), 1), exposure=None)
+    weights = torch.from_numpy(np.random.default_rng(1).normal(size=(len(views), 3, 48, 48))).float()
+
+    def weigh(texture: torch.Tensor) -> torch.Tensor:
+        return (take_photos(texture, batch, config, Draws(0, 4)) * weights).double().sum()
+
+    texture = grey_noise(3, TEXELS, TEXELS).float().requires_grad_(True)
+    (gradient,) = torch.autograd.grad(weigh(texture), texture)
+    assert gradient.abs().max() > 1e-3
+    for k in range(4):
+        direction = (grey_noise(3, TEXELS, TEXELS, seed=k + 5).float() - 0.5) * 4e-3
+        difference = float(weigh(texture.detach() + direction) - weigh(texture.detach() - direction)) / 2
+        assert float((gradient * direction).sum()) == pytest.approx(difference, rel=0.05, abs=2e-3)
+
+
+@pytest.mark.slow
+def test_a_textures_record_says_how_it_bears_what_it_met(space):
+    from texture_parts import crate_config
+
+    from toolkit.boosters.texture import train_texture
+
+    config = crate_config(steps=2, corrupted=("contrast:5",))
+    made = train_texture(config, [tiny_classifier()], space, class_name="jet", workers=0)
+    record = made.texture.record
+    assert record.final["tiny_held_out_corrupted_patched_n"] == 4 == made.validations[0].corrupted.patched.n
+    assert record.settings["camera"]["Corrupted"]["probability"] == 0.5

@@ -89,7 +89,9 @@ def test_tone_map_is_the_rigs(views):
 
 def test_the_gradient_is_that_of_finite_differences(views):
     stacked = stack_views(views, SIZE_MM, "cpu")
-    classifier = SimpleNamespace(logits=tiny_classifier().module.double().__call__)
+    classifier = SimpleNamespace(
+        preprocessing=SimpleNamespace(crop_px=SIDE), logits=tiny_classifier().module.double().__call__
+    )
     targets = [Target(classifier, 1)]
     theta = draw_first_pixels(10, 3).double() * 0.8 + 0.1
     empty, draws = torch.empty(0, 3, 32, 32, dtype=torch.float64), Draws(0, 0)
@@ -139,7 +141,10 @@ def test_printer_and_camera_act_on_the_mounted_sheet_too(views):
     """On the print they change the patch alone, on the photograph everything."""
     stacked = stack_views(views, SIZE_MM, "cpu")
     seen = []
-    classifier = SimpleNamespace(logits=lambda photos: seen.append(photos.detach()) or photos.mean((2, 3)))
+    classifier = SimpleNamespace(
+        preprocessing=SimpleNamespace(crop_px=32),
+        logits=lambda photos: seen.append(photos.detach()) or photos.mean((2, 3)),
+    )
     empty, theta = torch.empty(0, 3, 32, 32), torch.full((3, 8, 8), 0.8)
     for on_print, on_photo in (((), ()), ((Darken(0.5),), ()), ((), (Darken(0.5),))):
         appearance = Appearance(AffineRanges(), on_print=on_print, on_photo=on_photo)

@@ -154,28 +154,6 @@ def test_console_table_of_many_objects_is_the_pooled_row():
     assert "100 objects" in text and "o42" not in text and "all" in text
 
 
-@pytest.fixture
-def browser():
-    """A headless Chromium at a phone's width."""
-    import shutil
-
-    if not (shutil.which("chromium") and shutil.which("chromedriver")):
-        pytest.skip("needs chromium and chromedriver: scripts/test-browser installs them")
-    from selenium import webdriver
-    from selenium.webdriver.chrome.options import Options
-    from selenium.webdriver.chrome.service import Service
-
-    options = Options()
-    options.binary_location = shutil.which("chromium")
-    for argument in ("--headless=new", "--no-sandbox", "--disable-gpu", "--hide-scrollbars"):
-        options.add_argument(argument)
-    driver = webdriver.Chrome(options=options, service=Service(shutil.which("chromedriver")))
-    phone = {"width": 390, "height": 844, "deviceScaleFactor": 1, "mobile": True}
-    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", phone)
-    yield driver
-    driver.quit()
-
-
 @pytest.mark.slow
 def test_on_a_phone_all_numbers_are_on_the_screen_and_pictures_open_large(browser, put, workspace, colour_classifier):
     for pose in range(1, 5):

@@ -42,7 +42,7 @@ def make_field() -> World:
     )  # fmt: skip
     spots = (
         Spot("west", "square", (-4.0, 0.0, 0.0), 9.5, 90.0, "ground"),
-        Spot("east", "street", (15.0, 0.0, 0.0), 7.5, 0.0, "ground"),
+        Spot("east", "street", (14.5, 0.0, 0.0), 7.2, 0.0, "ground"),
         Spot("gap", "street", (3.5, 0.0, 0.0), 2.0, 0.0, "ground"),
     )
     core = np.array([(-40.0, -40.0), (40.0, 40.0)])
@@ -81,10 +81,13 @@ def make_config(**changes: object) -> WorldEvalConfig:
     return WorldEvalConfig(**{**settings, **changes})
 
 
-def stand_in(monkeypatch) -> None:
-    """Evaluate in the field, below a small sky."""
-    from toolkit.world_eval import evaluate
+def stand_in(monkeypatch, is_drawn: bool = True) -> None:
+    """Evaluate in the field, below a small sky; figures, which take most of the time of so little, only if wanted."""
+    from toolkit.world_eval import evaluate, report
     from toolkit.worlds.sky import make_sky
 
-    monkeypatch.setattr(evaluate, "open_world", lambda config: make_field())
+    monkeypatch.setattr(evaluate, "open_world", lambda *given: make_field())
     monkeypatch.setattr(evaluate, "make_sky", lambda time, seed: make_sky(time, seed, 32))
+    for name in ("draw_sample", "draw_weathers", "draw_curves", "draw_cameras"):
+        if not is_drawn:
+            monkeypatch.setattr(report, name, lambda *given: b"drawn")

@@ -32,6 +32,10 @@ COMMANDS = {
     "world list": ("world", "list"),
     "world preview": ("world", "preview", "nowhere.glb"),
     "world export": ("world", "export", "nowhere.glb"),
+    "runs": ("runs", "--all"),
+    "compare": ("compare", "one", "other"),
+    "report": ("report", "--all"),
+    "export": ("export",),
     # with these nothing is trained: a name is wrong whatever else is
     "sweep": ("sweep", "distance", "--object", "nobody"),
     "train-patch": ("train-patch", "--class", "crate", "--model", "nobody"),

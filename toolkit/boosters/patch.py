@@ -2,8 +2,9 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -19,14 +20,25 @@ from toolkit.boosters.data import (
     names_of_class,
     stack_on_device,
 )
-from toolkit.boosters.mounted import MountedViews, draw_mounted, load_mounted_views, validate_mounted
+from toolkit.boosters.detectors import DetectorNetwork, find_detectors, resize_photos
+from toolkit.boosters.ensemble import judge_ensemble
+from toolkit.boosters.mounted import (
+    MountedViews,
+    draw_cuts,
+    draw_mounted,
+    load_mounted_views,
+    make_sheet_subject,
+    show_mounted,
+    validate_mounted,
+)
 from toolkit.boosters.parts.base import Appearance, place_patch, print_patch, show_patch, take_photos
 from toolkit.boosters.patch_config import PatchConfig, check_size, hash_inputs
-from toolkit.boosters.pixel_config import name_files
+from toolkit.boosters.pixel_config import WORLD_ELEVATION_DEG, name_files
 from toolkit.boosters.pixels import (
     Network,
     PixelTask,
     Target,
+    aim,
     judge_photos,
     list_networks,
     quantise,
@@ -34,15 +46,18 @@ from toolkit.boosters.pixels import (
 )
 from toolkit.boosters.preview import COLUMNS, ROWS, BoosterFiles, draw_patch_preview, write_preview
 from toolkit.boosters.validation import Validation, count_placements, list_shares, validate_patch
-from toolkit.core.console import progress
+from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.printer import score_print
+from toolkit.objects.load import load_object
 from toolkit.objects.records import Patch, printed_size_mm, read_patch, write_patch
+from toolkit.objects.spec import read_spec
 from toolkit.rig.views import ViewRanges
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import History, fit
+from toolkit.worlds.views import open_setting
 
 if TYPE_CHECKING:
     import torch
@@ -51,6 +66,8 @@ Mounted = Callable[["torch.Tensor"], "torch.Tensor"]
 """Printed θ -> (b, 3, m, m) pictures of the object with the patch on it."""
 Penalty = Callable[["torch.Tensor"], "torch.Tensor"]
 """θ -> a loss of the patch itself, a scalar."""
+Judge = Callable[["torch.Tensor", list[Target]], tuple["torch.Tensor", float]]
+"""(b, 3, m, m) photographs, networks -> the loss, a scalar, and the share recognised."""
 CHECKPOINT_EVERY_S = 5.0
 RENDERS = ("renders-*.npy", ".renders-*.partial")
 """Files beside the checkpoints that other runs may need."""
@@ -107,7 +124,9 @@ def train_patch(
     Raises:
         ToolkitError: the settings, the data or a checkpoint cannot be used, or the disk is full.
     """
-    targets = [Target(network, network.class_index(class_name)) for network in networks]
+    targets, detectors = aim(networks, class_name), find_detectors(networks)
+    if detectors is not None:
+        config = config.model_copy(update={"mounted_share": 1.0})
     first, index = networks[0], targets[0].class_index
     check_size(config.size_px, first.preprocessing.crop_px)
     name = name_files(name, targets[0].label, index)
@@ -117,22 +136,24 @@ def train_patch(
     if isinstance(data, DataConfig):
         data = load_data(data, class_names, first.preprocessing, workspace, files.training)
         describe_data(data)
-    config = config.count_steps(len(data.train))
-    views = None
+    config = config.count_steps(len(data.train)).for_networks(len(targets))
+    views, seen_world = None, None
     if config.mounted_share:
         if rig_source is None:
             raise FieldError(
                 "needs the object in the rig: add {sources} rig, or set it to 0",
                 {"mounted_share": config.mounted_share},
             )
-        views = _render_views(config, workspace, choose_object(workspace, rig_source, class_names), first, data)
-    elif config.weather is not None:
-        raise FieldError(
-            "{weather} lies between the camera and the object: add {sources} rig, {mounted_share} above 0", {}
+        views, seen_world = _render_views(
+            config, workspace, choose_object(workspace, rig_source, class_names), first, data
         )
+    elif config.weather is not None or config.world is not None:
+        raise FieldError("{weather} and {world} need the object itself: add {sources} rig, {mounted_share} above 0", {})
     data_sha256 = data.sha256 + ("" if views is None else views.sha256)
     inputs_sha256 = hash_inputs(config, name, list_networks(targets), data_sha256)
-    task = PatchTask(config, targets, data, views, files, inputs_sha256)
+    kind = PatchTask if detectors is None else DetectorPatchTask
+    task = kind(config, targets, data, views, files, inputs_sha256)
+    task.seen_world = seen_world
     checkpoint = Checkpoint(files.training, inputs_sha256, restart, checkpoint_every_s, RENDERS)
     fitted = fit(task, config.fit_config(), checkpoint)
     return replace(fitted.made, resumed_from=fitted.resumed_from, was_finished=fitted.was_finished)
@@ -147,17 +168,32 @@ def choose_files(workspace: Workspace, out: Path | None, name: str) -> BoosterFi
 
 def _render_views(
     config: PatchConfig, workspace: Workspace, object_name: str, network: Network, data: TrainingData
-) -> MountedViews:
-    """Views of the object with its sheet."""
-    return load_mounted_views(
-        workspace, object_name, printed_size_mm(config.size_px), config.size_px, config.mounted_views,
+) -> tuple[MountedViews, dict[str, Any] | None]:
+    """Views of the object with its sheet, and where in a world they were taken."""
+    ranges, setting, seen = ViewRanges(fill=config.mounted_fill), None, None
+    stated_mm = read_spec(workspace.object_spec(object_name)).patch.size_mm
+    size_mm = config.size_mm or stated_mm or printed_size_mm(config.size_px)
+    if config.world is not None:
+        setting = open_setting(workspace, config.world, config.times, seed=config.world_seed, scale=config.world_scale)
+        item = load_object(workspace.object_spec(object_name))
+        meshes = [make_sheet_subject(item, size_mm, config.size_px).mesh]
+        seen = setting.record(meshes)
+        notice(f"world: {setting.describe(meshes)}")
+        ranges = replace(ranges, elevation_deg=WORLD_ELEVATION_DEG)
+    views = load_mounted_views(
+        workspace, object_name, size_mm, config.size_px, config.mounted_views,
         seed=data.record["seed"], image_px=network.preprocessing.resize_px, device=network.device,
-        ranges=ViewRanges(fill=config.mounted_fill), with_depth=config.weather is not None,
+        ranges=ranges, with_depth=config.weather is not None, setting=setting,
     )  # fmt: skip
+    return views, seen
 
 
 class PatchTask(PixelTask[TrainedPatch]):
-    """Algorithm 1: a patch in random placements goes down the loss of recognising its class."""
+    """Algorithm 1: a patch in random placements goes down the loss of recognising its class.
+
+    Attributes:
+        seen_world: for the record, where in a world the views of the object were taken.
+    """
 
     kind = "patch"
 
@@ -180,6 +216,7 @@ class PatchTask(PixelTask[TrainedPatch]):
         self.title = f"Training {targets[0].label}"
         self._appearance, self._penalty = config.appearance(), config.penalty()
         self._images = stack_on_device(data.train, self._device)
+        self.seen_world: dict[str, Any] | None = None
         self._views: MountedViews | None = None
         self._held_out_views: MountedViews | None = None
         if views is not None:
@@ -212,8 +249,9 @@ class PatchTask(PixelTask[TrainedPatch]):
         views = self._views if count else None
         mounted = None if views is None else draw_mounted(views, draws, count, self.image_px, self.config.weather)
         loss, recognised = patch_loss(
-            self.pixels, batch, self.targets, self._appearance, draws, mounted=mounted, penalty=self._penalty
-        )
+            self.pixels, batch, self.targets, self._appearance, draws, mounted=mounted, penalty=self._penalty,
+            judge=partial(judge_ensemble, config=self.config, draws=draws),
+        )  # fmt: skip
         return loss, {"accuracy": recognised}
 
     def finish(self, history: History) -> TrainedPatch:
@@ -242,12 +280,15 @@ class PatchTask(PixelTask[TrainedPatch]):
                 printed, views, self.targets, self.image_px, weather=config.weather, seed=config.seed
             )
         self._draw_preview(printed, pixels, validations)
+        size_mm = config.size_mm if views is None else views.size_mm
         patch = write_patch(self.files.png.parent, pixels, {
             "name": self.files.png.stem,
             "class_name": self.targets[0].label,
             "class_index": self.targets[0].class_index,
             "networks": [record_network(target.classifier) for target in self.targets],
-            "data": data.record | ({} if views is None else {"mounted_views_sha256": views.sha256}),
+            "data": data.record
+            | ({} if views is None else {"mounted_views_sha256": views.sha256})
+            | ({} if self.seen_world is None else {"world": self.seen_world}),
             "seed": config.seed,
             "settings": config.record() | {"image_px": self.image_px, "inputs_sha256": self.inputs_sha256},
             "final": history.recent(self.recent)
@@ -257,7 +298,7 @@ class PatchTask(PixelTask[TrainedPatch]):
             | list_shares(corrupted, "corrupted")
             | list_shares(weathered, "mounted_weather"),
             "toolkit_version": __version__,
-            **({} if views is None else {"size_mm": round(views.size_mm, 3)}),
+            **({} if size_mm is None else {"size_mm": round(size_mm, 3)}),
         })  # fmt: skip
         return TrainedPatch(patch, self.files, validations, on_object, data.skipped)
 
@@ -281,20 +322,55 @@ class PatchTask(PixelTask[TrainedPatch]):
         write_preview(self.files.preview, sheet)
 
 
+class DetectorPatchTask(PatchTask):
+    """A patch that makes detectors find its object: the loss is theirs, at the object's place (Angelic Patches, 2023).
+
+    Every image is a view of the object with its sheet, whose box is known. `accuracy` counts views in which the class
+    is the one that the network is surest of, wherever it sees it.
+    """
+
+    def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
+        """The detectors' losses of photographs of the object with the patch, and the patch's own losses."""
+        import torch
+
+        views, config, draws = self._views, self.config, Draws(self.config.seed, step)
+        assert views is not None and views.boxes is not None
+        which, corners = draw_cuts(views, draws.of("mounted"), config.batch, self.image_px)
+        weather = config.weather
+        through = None if weather is None else views.draw_weather(
+            weather, which, corners, self.image_px, draws.of(type(weather).__name__)
+        )  # fmt: skip
+        printed = print_patch(self.pixels, self._appearance, draws)
+        shown = show_mounted(printed, views, which, corners, self.image_px, draws.of("mounted light"), through=through)
+        photos = take_photos(shown, self._appearance, draws)
+        # the cut's own pixels: x and y of a box, corners are top and left
+        boxes = torch.from_numpy(views.boxes[which] - corners[:, [1, 0, 1, 0]]).clamp(0, self.image_px)
+        loss, right = photos.new_zeros(()), 0.0
+        for target in self.targets:
+            assert isinstance(target.classifier, DetectorNetwork)
+            detector, side = target.classifier.detector, target.classifier.preprocessing.crop_px
+            scaled = resize_photos(photos, side)
+            loss = loss + detector.losses(scaled, boxes * (side / self.image_px), target.class_index).mean()
+            right += target.count_hits(photos.detach()) / len(photos)
+        penalty = self._penalty
+        return (loss if penalty is None else loss + penalty(self.pixels)), {"accuracy": right / len(self.targets)}
+
+
 def patch_loss(
     theta: "torch.Tensor", images: "torch.Tensor", targets: list[Target], appearance: Appearance, draws: Draws, *,
-    mounted: "Mounted | None" = None, penalty: "Penalty | None" = None,
+    mounted: "Mounted | None" = None, penalty: "Penalty | None" = None, judge: "Judge" = judge_photos,
 ) -> "tuple[torch.Tensor, float]":  # fmt: skip
     """The loss of a patch in a batch, a scalar, and the share recognised.
 
     Args:
         theta: θ, (3, n, n) sRGB-encoded in [0, 1].
         images: (b, 3, m, m) sRGB-encoded in [0, 1], in which it is placed.
-        targets: the networks; their cross-entropies, mean over the batch, are summed.
+        targets: the networks.
         appearance: what happens to the patch.
         draws: of this step.
         mounted: photographs of the object that wait for the patch on it; they join the batch.
         penalty: a loss of the patch itself, added to the networks'.
+        judge: what the networks say; by default their cross-entropies, mean over the batch, are summed.
     """
     import torch
 
@@ -302,5 +378,5 @@ def patch_loss(
     scenes = [place_patch(printed, images, appearance, draws)] if len(images) else []
     if mounted is not None:
         scenes.append(mounted(printed))
-    loss, recognised = judge_photos(take_photos(torch.cat(scenes), appearance, draws), targets)
+    loss, recognised = judge(take_photos(torch.cat(scenes), appearance, draws), targets)
     return (loss if penalty is None else loss + penalty(theta)), recognised

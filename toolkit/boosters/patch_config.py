@@ -5,17 +5,27 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from pydantic import BeforeValidator, Field, field_serializer
+from pydantic import Field, field_serializer
 
 from toolkit.boosters.data import HELD_OUT, DataConfig
 from toolkit.boosters.parts.affine import WHERE, AffineRanges
 from toolkit.boosters.parts.base import Appearance, Placement
-from toolkit.boosters.parts.corruption import Corrupted
 from toolkit.boosters.parts.glare import TapeGlare
 from toolkit.boosters.parts.light import LightRanges
 from toolkit.boosters.parts.pose import MixedPlacement, PoseRanges
 from toolkit.boosters.parts.print_process import PrintProcess, ProfiledPrint, use_profile
-from toolkit.boosters.pixel_config import MEETS, STEPS, CameraParts, PixelConfig, find_recipe, make_camera, record_parts
+from toolkit.boosters.pixel_config import (
+    CORRUPTED_HELP,
+    MEETS,
+    STEPS,
+    WORLD_FILL,
+    CameraParts,
+    MeetsCorruptions,
+    PixelConfig,
+    find_recipe,
+    make_camera,
+    record_parts,
+)
 from toolkit.core.config import Flag, Later, Range, Rising, align_rows, describe
 from toolkit.core.errors import FieldError
 from toolkit.imaging.printer import nearest_printable, read_print_profile
@@ -32,20 +42,15 @@ LOSSES, RIG = "Losses", "Mounted on the rig's object"
 SMALLEST_PX = 8
 
 
-def read_words(given: object) -> object:
-    """Corruptions from words such as `fog:3`; anything else as it is."""
-    if isinstance(given, list | tuple) and all(isinstance(word, str) for word in given):
-        from toolkit.corruptions.request import parse_corruptions
-
-        return Corrupted(parse_corruptions(given))
-    return given
-
-
 class PatchConfig(PixelConfig):
     """Every setting of a patch's training. Parts that are None do not act."""
 
     size_px: Annotated[int, Field(ge=SMALLEST_PX), Flag()] = Field(
         100, exclude=True, description="Side of the patch, pixels."
+    )
+    size_mm: Annotated[float | None, Later, Field(ge=1, le=10_000), Flag(metavar="MM")] = Field(
+        None,
+        description="Its side on paper, for which it is trained. Default: the object's spec, else 0.88 mm a pixel.",
     )
     epochs: Annotated[int | None, Field(ge=1), Flag(group=STEPS)] = Field(
         None, description="Instead of --steps: how often each image is seen."
@@ -80,16 +85,7 @@ class PatchConfig(PixelConfig):
         (0.6, 0.95), description="Share of the frame that the object fills in them: its distance."
     )
     without_effect: dict[str, float] = Field({}, description="Named by the recipe's source, and moves nothing.")
-    corrupted: Annotated[
-        Corrupted | None,
-        BeforeValidator(read_words),
-        Later,
-        Flag("--corrupt", metavar="NAME[:SEVERITY]", group=MEETS, typed=tuple[str, ...]),
-    ] = Field(
-        None,
-        description="Corrupt half of the photographs as ImageNet-C does: fog:3, noise:1-3, weather, common, all; "
-        "of several each draws one.",
-    )
+    corrupted: MeetsCorruptions = Field(None, description=CORRUPTED_HELP)
 
     @field_serializer("camera")
     def _name_parts(self, camera: CameraParts | None) -> dict[str, Any] | None:
@@ -196,19 +192,22 @@ def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> 
         raise FieldError("expected one of the two", lengths)
     if lengths:
         base = base.model_copy(update={"steps": None, "epochs": None})
+    if fitted.get("world") is not None:
+        base = base.model_copy(update={"mounted_fill": WORLD_FILL})
     if fitted.get("mounted_share") is None and data.rig_source is None:
         fitted["mounted_share"] = 0.0
     pose_acts = base.pose is not None if fitted.get("pose") is None else fitted["pose"]
     spec_mm, spec_length_mm = fitted.pop("spec.size_mm", None), fitted.pop("spec.length_mm", None)
-    size_mm = spec_mm or printed_size_mm(fitted.get("size_px", base.size_px))
+    stated_mm = fitted.get("size_mm") or spec_mm
+    size_mm = stated_mm or printed_size_mm(fitted.get("size_px", base.size_px))
     if pose_acts:  # its sheet is as large as the patch is printed, and a large patch lies on a large object
-        length_mm = fitted.pop("pose.length_mm", None) or spec_length_mm
+        length_mm = fitted.pop("pose.length_mm", None) or (spec_length_mm and max(spec_length_mm, size_mm))
         length_mm = length_mm or max((base.pose or PoseRanges()).length_mm, size_mm)
         fitted |= {"pose.size_mm": size_mm, "pose.length_mm": length_mm}
     made = base.with_overrides(fitted)
-    if spec_mm is None or not isinstance(made.print_process, PrintProcess):
+    if stated_mm is None or not isinstance(made.print_process, PrintProcess):
         return made
-    return made.with_overrides({"print_process.texel_mm": spec_mm / made.size_px})  # ink bleeds by millimetres
+    return made.with_overrides({"print_process.texel_mm": stated_mm / made.size_px})  # ink bleeds by millimetres
 
 
 LEAST_RENDERS = 32
@@ -232,10 +231,10 @@ def limit_renders(config: PatchConfig, data: DataConfig) -> tuple[PatchConfig, D
 
 
 def size_by_spec(overrides: Mapping[str, Any], spec: ObjectSpec) -> dict[str, Any]:
-    """The overrides with the sizes of the object that the patch is for, where its spec states the patch's."""
-    if spec.patch.size_mm is None:
+    """The overrides with the sizes of the object that the patch is for, where they or its spec state the patch's."""
+    size_mm = overrides.get("size_mm") or spec.patch.size_mm
+    if size_mm is None:
         return dict(overrides)
-    size_mm = spec.patch.size_mm
     return {**overrides, "spec.size_mm": size_mm, "spec.length_mm": max(spec.length_mm, size_mm)}
 
 

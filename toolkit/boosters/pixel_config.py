@@ -4,21 +4,59 @@ import re
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
-from pydantic import BeforeValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 
 from toolkit.boosters.parts.blur import CameraBlur
+from toolkit.boosters.parts.corruption import Corrupted
+from toolkit.boosters.parts.jitter import Jitter
 from toolkit.boosters.parts.jpeg import JpegFile
 from toolkit.boosters.parts.sensor_noise import SensorNoise
 from toolkit.boosters.parts.weather import Weathered, read_words
-from toolkit.core.config import Config, Expect, Flag, Later
+from toolkit.core.config import Config, Expect, Flag, Later, describe
 from toolkit.core.errors import FieldError, one_of
 from toolkit.core.names import is_file_name
 
 if TYPE_CHECKING:
     from toolkit.training.loop import FitConfig
 
-STEPS, MEETS = "Steps", "What it meets"
+STEPS, MEETS, WORLD = "Steps", "What it meets", "In a world"
+TRANSFER = "What carries over to other networks"
+WORLD_ELEVATION_DEG, WORLD_FILL = (2.0, 75.0), (0.25, 1.0)
+"""Where cameras stand in a world, unless it is said: from a man's height up, from near to three lengths away."""
+DEFAULT_ENSEMBLE: Literal["sum", "normalised", "turns"] = "normalised"
 CameraParts = tuple[CameraBlur, SensorNoise, JpegFile]
+
+
+def read_corruptions(given: object) -> object:
+    """Corruptions from words such as `fog:3`; anything else as it is."""
+    if isinstance(given, list | tuple) and all(isinstance(word, str) for word in given):
+        from toolkit.corruptions.request import parse_corruptions
+
+        return Corrupted(parse_corruptions(given))
+    return given
+
+
+MeetsCorruptions = Annotated[
+    Corrupted | None,
+    BeforeValidator(read_corruptions),
+    Later,
+    Flag("--corrupt", metavar="NAME[:SEVERITY]", group=MEETS, typed=tuple[str, ...]),
+]
+CORRUPTED_HELP = (
+    "Corrupt half of the photographs as ImageNet-C does: fog:3, noise:1-3, weather, common, all; of several each draws "
+    "one."
+)
+
+
+def check_times(times: tuple[str, ...]) -> tuple[str, ...]:
+    """Times of day that a sky can have; an unknown one is a `ToolkitError`."""
+    if times != ("noon",):
+        from toolkit.worlds.sky import TIMES
+
+        for time in times:
+            if time not in TIMES:
+                raise one_of("time of day", time, list(TIMES))
+    return times
 
 
 class PixelConfig(Config):
@@ -35,6 +73,23 @@ class PixelConfig(Config):
         "cosine", description="How it falls over the steps."
     )
     seed: Annotated[int, Field(ge=0)] = 0
+    ensemble: Annotated[Literal["sum", "normalised", "turns"] | None, Later, Flag(group=TRANSFER)] = Field(
+        None,
+        description="Of several networks: their losses added; their gradients, none larger than another; or one "
+        "network a step.",
+    )
+    objective: Annotated[Literal["cross-entropy", "logit"], Later, Flag(group=TRANSFER)] = Field(
+        "cross-entropy", description="What is raised: the class' probability, or its logit."
+    )
+    jitter: Annotated[Jitter | None, Later, Flag(group=TRANSFER)] = Field(
+        None, description="Show each network the photographs a little larger or smaller, and moved."
+    )
+    momentum: Annotated[float, Later, Field(ge=0, lt=1), Flag(group=TRANSFER)] = Field(
+        0.0, description="Share of the steps before that each step keeps."
+    )
+    last_smoothing_px: Annotated[
+        float, Later, Field(ge=0, le=16), Expect("0 to 16 texels"), Flag("--last-smoothing", group=TRANSFER)
+    ] = Field(0.0, description="Gaussian smoothing of the last gradient, texels.")
     smoothing_px: Annotated[float, Field(ge=0, le=16), Expect("0 to 16 texels"), Flag("--smoothing", group=STEPS)] = (
         # texels smaller than a pixel get gradients that are mostly noise, whose signs would step at random
         Field(2.0, description="Gaussian smoothing of the first gradient, texels; it falls to 0.")
@@ -52,6 +107,23 @@ class PixelConfig(Config):
         description="Weather over half of the views of the object, as far away as at its real size: fog:1-5, dust:3, "
         "rain, snow; of several each draws one.",
     )
+    world: Annotated[str | None, Later, Flag(metavar="NAME|FILE", group=WORLD)] = Field(
+        None,
+        description="Views in this world, not in the studio: city, grass, apron, harbour, a mesh file of your own or "
+        "the TOML of a kit.",
+    )
+    world_seed: Annotated[int, Field(ge=0), Later, Flag(group=WORLD)] = Field(
+        1, description="Number of the world; world-eval takes 0 unless told otherwise."
+    )
+    world_scale: Annotated[float, Field(gt=0), Later, Flag(group=WORLD)] = Field(
+        1.0, description="From the units of a mesh of your own to metres."
+    )
+    times: Annotated[
+        tuple[str, ...], Field(min_length=1), AfterValidator(check_times), Later,
+        Flag("--time", metavar="NAME", group=WORLD),
+    ] = Field(
+        ("noon",), description="Time of day: noon, afternoon, golden, dusk, overcast; of several each place draws one."
+    )  # fmt: skip
 
     @property
     def step_count(self) -> int:
@@ -59,6 +131,11 @@ class PixelConfig(Config):
         if self.steps is None:
             raise FieldError("expected {steps}, or {epochs} and the number of images", {})
         return self.steps
+
+    def for_networks(self: "Settings", count: int) -> "Settings":
+        """The same for so many networks: of one there is no ensemble, and of several one of the ways acts."""
+        wanted = None if count == 1 else self.ensemble or DEFAULT_ENSEMBLE
+        return self.model_copy(update={"ensemble": wanted})
 
     def fit_config(self, optimiser: str = "sign") -> "FitConfig":
         """For the training loop."""
@@ -73,16 +150,24 @@ class PixelConfig(Config):
 
     def step_rows(self, size_px: int, optimiser: str, epochs: str = "") -> list[tuple[str, str]]:
         """(name, value) of these settings, in words."""
-        smoothing = f"Gaussian {self.smoothing_px:g} px, falling to 0" if self.smoothing_px else "none"
+        sigma, last = self.smoothing_px, self.last_smoothing_px
+        smoothing = f"Gaussian {sigma:g} px, {'falling' if last <= sigma else 'rising'} to {last:g}"
+        if not (sigma or last):
+            smoothing = "none"
+        objective = None if self.objective == "cross-entropy" else self.objective
+        transfer: dict[str, object] = {"ensemble": self.ensemble, "objective": objective, "jitter": self.jitter}
+        transfer["momentum"] = self.momentum or None
         return [
             ("recipe", ": ".join(filter(None, [self.recipe, self.about]))),
             ("size", f"{size_px} × {size_px} px, start contrast {self.start_contrast:g}"),
             ("steps", f"{self.steps}{epochs} of {self.batch} images, seed {self.seed}"),
             ("step", f"{optimiser}, lr {self.lr:g} ({self.schedule}), smoothing {smoothing}"),
+            *((name, describe(value)) for name, value in transfer.items() if value is not None),
         ]
 
 
 Recipe = TypeVar("Recipe", bound=PixelConfig)
+Settings = TypeVar("Settings", bound=PixelConfig)
 
 
 def find_recipe(recipes: dict[str, Recipe], name: str) -> Recipe:

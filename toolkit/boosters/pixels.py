@@ -1,5 +1,6 @@
 """What patch and texture share: pixels in [0, 1] that networks shall recognise as a class, and their way there."""
 
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
@@ -8,6 +9,7 @@ import numpy as np
 
 from toolkit.boosters.pixel_config import PixelConfig
 from toolkit.core.draws import Draws
+from toolkit.core.errors import FieldError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.precision import mixed_precision
 from toolkit.models.weights import WeightsFile
@@ -49,6 +51,10 @@ class Network(Protocol):
     def is_imagenet(self) -> bool:
         """Whether the labels are the 1000 of ImageNet."""
 
+    @property
+    def untrainable(self) -> str:
+        """Why no gradient leads back to the image; empty where one does."""
+
     def logits(self, batch: "torch.Tensor") -> "torch.Tensor":
         """(b, 3, h, w) sRGB-encoded in [0, 1] to (b, classes), differentiable."""
 
@@ -73,9 +79,18 @@ class Target:
         """Of the class."""
         return self.classifier.labels[self.class_index]
 
+    def logits(self, photos: "torch.Tensor") -> "torch.Tensor":
+        """(b, classes) of (b, 3, m, m) sRGB-encoded photographs, resized to the network's side; differentiable."""
+        from torch.nn.functional import interpolate
+
+        side = self.classifier.preprocessing.crop_px
+        if photos.shape[-1] != side:  # made for another network of the ensemble
+            photos = interpolate(photos, (side, side), mode="bilinear", antialias=True, align_corners=False)
+        return self.classifier.logits(photos)
+
     def count_hits(self, photos: "torch.Tensor") -> int:
         """How many of (b, 3, m, m) sRGB-encoded photographs the network recognises as the class."""
-        return int((self.classifier.logits(photos).argmax(1) == self.class_index).sum())
+        return int((self.logits(photos).argmax(1) == self.class_index).sum())
 
 
 class PixelTask(Task[Made]):
@@ -96,19 +111,31 @@ class PixelTask(Task[Made]):
             targets: the networks, at least one; θ is trained where the first one runs.
             optimiser: by which rule.
         """
+        import torch
+
         first = draw_first_pixels(size_px, config.seed, config.start_contrast)
         self.targets, self.image_px = targets, targets[0].classifier.preprocessing.crop_px
         self.pixels = first.to(targets[0].classifier.device).requires_grad_(True)
         self._smoothing_px, self._steps, self._is_signed = config.smoothing_px, config.step_count, optimiser == "sign"
+        self._last_smoothing_px, self._momentum = config.last_smoothing_px, config.momentum
+        self._velocity = None if not config.momentum else torch.zeros_like(self.pixels, requires_grad=False)
 
     def parameters(self) -> "dict[str, torch.Tensor]":
         """The pixels."""
         return {"pixels": self.pixels}
 
+    def buffers(self) -> "dict[str, torch.Tensor]":
+        """What momentum has gathered."""
+        return {} if self._velocity is None else {"velocity": self._velocity}
+
     def adjust_gradients(self, step: int) -> None:
-        """Smooth them, and divide by their size where the rule depends on it."""
+        """Smooth them, add what was before, and divide by their size where the rule depends on it."""
         assert self.pixels.grad is not None
-        gradient = smooth_gradient(self.pixels.grad, self._smoothing_px * (1 - step / self._steps))
+        left = 1 - step / self._steps
+        sigma_px = self._smoothing_px * left + self._last_smoothing_px * (1 - left)
+        gradient = smooth_gradient(self.pixels.grad, sigma_px)
+        if self._velocity is not None:  # Dong et al. 2018, equation 6
+            gradient = self._velocity.mul_(self._momentum).add_(gradient / gradient.abs().mean().clamp_min(1e-30))
         if not self._is_signed:
             seen = (gradient != 0).any(dim=0, keepdim=True).sum().clamp_min(1) * len(gradient)
             gradient = gradient / (gradient.square().sum() / seen).sqrt().clamp_min(1e-12)
@@ -137,11 +164,14 @@ def smooth_gradient(gradient: "torch.Tensor", sigma_px: float) -> "torch.Tensor"
     return gaussian_blur(gradient, [2 * reach + 1, 2 * reach + 1], [sigma_px, sigma_px])
 
 
-def judge_photos(photos: "torch.Tensor", targets: list[Target]) -> tuple["torch.Tensor", float]:
+def judge_photos(
+    photos: "torch.Tensor", targets: list[Target], objective: str = "cross-entropy"
+) -> tuple["torch.Tensor", float]:
     """What the networks say of (b, 3, m, m) sRGB-encoded photographs.
 
     Returns the cross-entropy towards the target class, mean over the batch and summed over the networks, and the share
-    recognised, mean over the networks.
+    recognised, mean over the networks. By the objective `logit` the loss is the class' logit, its sign turned, whose
+    gradient does not vanish where a network is sure (Zhao et al. 2021).
     """
     import torch
     from torch.nn.functional import cross_entropy
@@ -149,11 +179,28 @@ def judge_photos(photos: "torch.Tensor", targets: list[Target]) -> tuple["torch.
     loss, recognised = photos.new_zeros(()), 0.0
     for target in targets:
         with mixed_precision(photos.device.type) if photos.dtype == torch.float32 else nullcontext():
-            logits = target.classifier.logits(photos)
+            logits = target.logits(photos)
         wanted = torch.full((len(photos),), target.class_index, device=logits.device)
-        loss = loss + cross_entropy(logits.to(photos.dtype), wanted)
+        precise = logits.to(photos.dtype)
+        loss = loss + (
+            cross_entropy(precise, wanted) if objective == "cross-entropy" else -precise[:, target.class_index].mean()
+        )
         recognised += float((logits.argmax(1) == wanted).double().mean())
     return loss, recognised / len(targets)
+
+
+def aim(networks: Sequence[Network], class_name: str | int) -> list[Target]:
+    """The class in each network's own labels.
+
+    Raises:
+        ToolkitError: a network does not know it, or cannot be trained against.
+    """
+    for one in networks:
+        if one.untrainable:
+            raise FieldError(
+                f"it judges, but nothing can be trained against it: {one.untrainable}", {"model": one.arch}
+            )
+    return [Target(network, network.class_index(class_name)) for network in networks]
 
 
 def quantise(pixels: "torch.Tensor") -> np.ndarray:

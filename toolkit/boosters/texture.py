@@ -11,13 +11,14 @@ import numpy as np
 
 from toolkit import __version__
 from toolkit.boosters.data import choose_images, load_files
+from toolkit.boosters.ensemble import judge_ensemble
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.boosters.pixel_config import name_files
 from toolkit.boosters.pixels import (
     Network,
     PixelTask,
     Target,
-    judge_photos,
+    aim,
     list_networks,
     quantise,
     record_network,
@@ -35,6 +36,7 @@ from toolkit.boosters.texture_objects import (
 from toolkit.boosters.texture_validation import (
     WeatherValidation,
     draw_weather,
+    validate_corrupted,
     validate_in_weather,
     validate_texture,
 )
@@ -51,9 +53,10 @@ from toolkit.objects.records import Texture, glb_name, read_texture, write_textu
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
-from toolkit.rig.views import DETAIL, FOV_DEG, PaintableObject, RenderedView, ViewStream
+from toolkit.rig.views import DETAIL, FOV_DEG, IN_STUDIO, PaintableObject, RenderedView, ViewStream
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import History, fit
+from toolkit.worlds.views import WorldSetting, open_setting
 
 if TYPE_CHECKING:
     import torch
@@ -128,22 +131,28 @@ def train_texture(
     keep_image = None if config.keep_image is None else read_keep_image(config.keep_image)
     objects = load_objects(workspace, config, keep_image)
     label = choose_class(class_name, objects)
-    targets = [Target(network, network.class_index(label)) for network in networks]
+    targets = aim(networks, label)
+    config = config.for_networks(len(targets))
     if name is None and len(objects) == 1:
         name = objects[0].name
     name = name_files(name, targets[0].label, targets[0].class_index)
     files = choose_files(workspace, out, name)
     backgrounds = _load_backgrounds(config, networks[0])
     data_sha256 = hash_objects(objects) + sha256_bytes(backgrounds.images.tobytes())
-    if config.weather is not None:
+    if config.weather is not None or config.world is not None:
         data_sha256 += "".join(f" {one.metres_per_mm!r}" for one in objects)
+    setting = None
+    if config.world is not None:
+        seed, scale = config.world_seed, config.world_scale
+        setting = open_setting(workspace, config.world, config.times, seed=seed, scale=scale)
+        data_sha256 += json.dumps(setting.record([one.subject(True).mesh for one in objects]))
     inputs = [
         METHOD_VERSION, name, list_networks(targets), data_sha256, config.size_px, config.objects,
         config.settings(networks[0].preprocessing.crop_px),
     ]  # fmt: skip
     inputs_sha256 = sha256_bytes(json.dumps(inputs, sort_keys=True).encode())
     task = TextureTask(config, targets, objects, backgrounds, files, inputs_sha256)
-    task.keep_image, task.workers = keep_image, workers
+    task.keep_image, task.workers, task.setting = keep_image, workers, setting
     checkpoint = Checkpoint(files.training, inputs_sha256, restart, checkpoint_every_s)
     fitted = fit(task, config.fit_config(config.optimiser), checkpoint)
     return replace(fitted.made, resumed_from=fitted.resumed_from, was_finished=fitted.was_finished)
@@ -173,6 +182,7 @@ class TextureTask(PixelTask[TrainedTexture]):
     Attributes:
         keep_image: (h, w) bool mask of the only object, to be recorded.
         workers: threads that render ahead; None: one for each core; 0: none.
+        setting: the world that it is trained in; None: studios.
     """
 
     kind = "texture"
@@ -197,16 +207,22 @@ class TextureTask(PixelTask[TrainedTexture]):
         self.config, self.objects, self.files, self.inputs_sha256 = config, objects, files, inputs_sha256
         self.keep_image: np.ndarray | None = None
         self.workers: int | None = None
+        self.setting: WorldSetting | None = None
         self.title = f"Training {files.png.stem}"
         self._backgrounds = backgrounds
         self._source = torch.from_numpy(find_source(objects)).to(self.pixels.device)
-        self._metres = [1.0 if config.weather is None else one.metres_per_mm for one in objects]
+        is_model = config.weather is not None and config.world is None
+        self._metres = [one.metres_per_mm if is_model else 1.0 for one in objects]
         self._glbs = {one.name: files.png.parent / glb_name(files.png.stem, one.name) for one in objects}
 
     def describe(self) -> list[str]:
         """Every setting that acts."""
         names = [target.classifier.name for target in self.targets]
-        return self.config.lines(self.targets[0].label, [one.describe() for one in self.objects], names)
+        world = None if self.setting is None else self.setting.describe([one.mesh for one in self._subjects()])
+        return self.config.lines(self.targets[0].label, [one.describe() for one in self.objects], names, world)
+
+    def _subjects(self) -> list[PaintableObject]:
+        return [one.subject(at_real_size=self.setting is not None) for one in self.objects]
 
     def find_finished(self) -> TrainedTexture | None:
         """The texture, where its files are whole and of the same inputs."""
@@ -226,8 +242,8 @@ class TextureTask(PixelTask[TrainedTexture]):
         self._turntable = [plan_turntable(subject, self.image_px, device) for subject in subjects]
         views = self.config.views(self.image_px)
         self._stream = ViewStream(
-            subjects, views, self.config.seed, self.config.groups, self.workers,
-            with_depth=self.config.weather is not None,
+            self._subjects(), views, self.config.seed, self.config.groups, self.workers,
+            setting=self.setting or IN_STUDIO, with_depth=self.config.weather is not None,
         )  # fmt: skip
         with self._stream:
             yield
@@ -244,7 +260,8 @@ class TextureTask(PixelTask[TrainedTexture]):
         if config.weather is not None:
             rng = draws.of(type(config.weather).__name__)
             batch = batch.through(*draw_weather(views, self._metres, config.weather, rng))
-        loss, recognised = judge_photos(take_photos(self.dilated(), batch, config, draws), self.targets)
+        photos = take_photos(self.dilated(), batch, config, draws)
+        loss, recognised = judge_ensemble(photos, self.targets, config, draws)
         return loss, {"accuracy": recognised}
 
     def dilated(self) -> "torch.Tensor":
@@ -271,14 +288,20 @@ class TextureTask(PixelTask[TrainedTexture]):
                     pixels, held_out, self.targets, config.seed, weather=config.weather, metres_per_unit=self._metres
                 )
                 validations = [replace(one, weather=other) for one, other in zip(validations, seen, strict=True)]
+            if config.corrupted is not None:
+                hard = validate_corrupted(pixels, held_out, self.targets, config.seed, config.corrupted)
+                validations = [replace(one, corrupted=other) for one, other in zip(validations, hard, strict=True)]
             bar.advance()
         clear, fog = [one.clear for one in validations], [one.fog for one in validations]
         weather = [one.weather for one in validations if one.weather is not None]
+        corrupted = [one.corrupted for one in validations if one.corrupted is not None]
         views = {
             "rendered": config.groups * config.studios * config.per_studio,
             "used": config.step_count * config.batch,
             "objects": [one.name for one in objects],
         }
+        if self.setting is not None:
+            views["world"] = self.setting.record([one.mesh for one in self._subjects()])
         record = {
             "name": self.files.png.stem,
             "class_name": self.targets[0].label,
@@ -293,6 +316,7 @@ class TextureTask(PixelTask[TrainedTexture]):
             "final": history.recent(self.recent)
             | list_shares(clear, "held_out")
             | list_shares(fog, "held_out_fog")
+            | list_shares(corrupted, "held_out_corrupted")
             | list_shares(weather, "held_out_weather"),
             "toolkit_version": __version__,
         }

@@ -10,7 +10,19 @@ from pydantic import AfterValidator, Field, model_validator
 from toolkit.boosters.parts.base import ImagePart
 from toolkit.boosters.parts.fog import Fog
 from toolkit.boosters.parts.light import Exposure
-from toolkit.boosters.pixel_config import MEETS, STEPS, CameraParts, PixelConfig, find_recipe, make_camera, record_parts
+from toolkit.boosters.pixel_config import (
+    CORRUPTED_HELP,
+    MEETS,
+    STEPS,
+    WORLD_ELEVATION_DEG,
+    WORLD_FILL,
+    CameraParts,
+    MeetsCorruptions,
+    PixelConfig,
+    find_recipe,
+    make_camera,
+    record_parts,
+)
 from toolkit.core.config import Flag, Range, Rising, align_rows, describe
 from toolkit.core.errors import FieldError
 
@@ -94,6 +106,7 @@ class TextureConfig(PixelConfig):
     camera: Annotated[CameraParts | None, Flag(group=MEETS, make=make_camera)] = Field(
         None, exclude=True, description="Blur, sensor noise and JPEG."
     )
+    corrupted: MeetsCorruptions = Field(None, exclude=True, description=CORRUPTED_HELP)
     backgrounds: Annotated[Path | None, Flag("--background-folder", metavar="FOLDER", group=SEEN)] = Field(
         None, exclude=True, description="Photographs to stand behind the object; the paper recipe needs them."
     )
@@ -112,7 +125,12 @@ class TextureConfig(PixelConfig):
         return self
 
     def check_backgrounds(self) -> None:
-        """Photographs are named where they shall stand behind the object: a recipe alone names none."""
+        """Photographs are named where they shall stand behind the object: a recipe alone names none.
+
+        In a world there is no room for them.
+        """
+        if self.world is not None and (self.background_share or self.backgrounds is not None):
+            raise FieldError("stands behind the object already: leave {backgrounds} out", {"world": self.world})
         if self.background_share and self.backgrounds is None:
             expected = "needs photographs: name a folder of them with {backgrounds}, or say 0"
             raise FieldError(expected, {"background_share": self.background_share})
@@ -120,7 +138,8 @@ class TextureConfig(PixelConfig):
     @property
     def photo_parts(self) -> tuple[ImagePart, ...]:
         """What is done to a photograph, in this order."""
-        return (*(() if self.fog is None else (self.fog,)), *(self.camera or ()))
+        corrupted = () if self.corrupted is None else (self.corrupted,)
+        return (*(() if self.fog is None else (self.fog,)), *(self.camera or ()), *corrupted)
 
     @property
     def steps_per_group(self) -> int:
@@ -157,8 +176,8 @@ class TextureConfig(PixelConfig):
             "held_out_views": self.held_out * self.per_studio,
         }
 
-    def lines(self, label: str, objects: list[str], networks: list[str]) -> list[str]:
-        """One line per setting that acts, `name  value`; `objects` are described by whoever has loaded them."""
+    def lines(self, label: str, objects: list[str], networks: list[str], world: str | None = None) -> list[str]:
+        """One line per setting that acts, `name  value`; objects and world are described by whoever has loaded them."""
         rendered = self.groups * self.studios * self.per_studio
         evenly = ", evenly over the sphere" if self.evenly else ""
         views = (
@@ -169,6 +188,7 @@ class TextureConfig(PixelConfig):
         steps = self.step_rows(self.size_px, self.optimiser)
         rows = [steps[0], ("class", label), steps[1], *(("object", line) for line in objects), *steps[2:]]
         rows += [("gradient", self.gradient), ("views", views), ("networks", ", ".join(networks))]
+        rows += [] if world is None else [("world", world)]
         if self.background_share:
             rows.append(("backgrounds", f"photographs behind {self.background_share:.0%} of the views"))
         parts: list[object] = [part for part in (self.exposure, *self.photo_parts) if part is not None]
@@ -195,12 +215,15 @@ RECIPES: dict[str, TextureConfig] = {
 
 
 def make_config(recipe: str, overrides: Mapping[str, Any]) -> TextureConfig:
-    """A recipe with overrides; without photographs, the default one stays in the studio.
+    """A recipe with overrides; without photographs, the default one stays in the studio, and a world has its ranges.
 
     Raises:
         ToolkitError: an unknown recipe, or a setting that is out of its range.
     """
     base, fitted = find_recipe(RECIPES, recipe), dict(overrides)
+    if fitted.get("world") is not None:
+        outdoors = {"background_share": 0.0, "elevation_deg": WORLD_ELEVATION_DEG, "fill": WORLD_FILL}
+        base = base.model_copy(update=outdoors)
     if fitted.get("backgrounds") is None and fitted.get("background_share") is None:
         if base.background_share == 1:
             raise FieldError(

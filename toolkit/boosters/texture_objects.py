@@ -15,6 +15,7 @@ from toolkit.imaging.read import read_image
 from toolkit.objects.atlas import Atlas, make_atlas, nearest_covered
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.views import PaintableObject
+from toolkit.worlds.place import scale_to_world
 
 
 @dataclass(frozen=True)
@@ -29,10 +30,14 @@ class TexturedObject:
         """Of the object."""
         return self.item.name
 
-    def subject(self) -> PaintableObject:
-        """What the view stream renders."""
+    def subject(self, at_real_size: bool = False) -> PaintableObject:
+        """What the view stream renders: the model, millimetres, or what it is a model of, metres."""
         material = int(self.atlas.mesh.face_material[self.atlas.trained][0])
-        return PaintableObject(self.atlas.mesh, material, self.item.mesh)
+        if not at_real_size:
+            return PaintableObject(self.atlas.mesh, material, self.item.mesh)
+        spec = self.item.spec
+        painted, bare = (scale_to_world(mesh, spec, spec.real_length_m) for mesh in (self.atlas.mesh, self.item.mesh))
+        return PaintableObject(painted, material, bare)
 
     @property
     def metres_per_mm(self) -> float:

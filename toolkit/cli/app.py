@@ -59,9 +59,11 @@ GROUPS: dict[str, dict[str, Entry]] = {
             "train_texture:train_texture", "train a texture for an object", {"--backgrounds": "--background-folder"}
         ),
         "print": Entry("print_:print_patches", "print patches at true size, or the board"),
+        "place": Entry("place:place", "find where on an object a patch is best stuck"),
         "plan": Entry("plan:plan", "plan the camera poses", {"--size": "--resolution"}),
         "capture-sim": Entry("capture_sim:capture_sim", "shoot every object at every pose"),
         "eval": Entry("eval_:evaluate", "classify a capture folder: table, statistics, report"),
+        "coco": Entry("coco:write_boxes", "write the objects' boxes and masks as COCO"),
         "sweep": Entry("sweep:sweep", "vary one thing: distance, light, size and more"),
     },
     "Your photographs": {
@@ -92,11 +94,25 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "world preview": Entry("world:preview", "see a world by day, at dusk, in fog: pictures, map, film"),
         "world export": Entry("world:export", "write a world as GLB for Blender, Unreal, three.js"),
     },
+    "Landing": {
+        "landing collect": Entry("landing:collect", "shoot a pad from a cone of places: pictures with the truth"),
+        "landing train": Entry("landing:train", "train a network to say where the pad is"),
+        "landing boost": Entry("landing:boost", "train the pad's picture for that network, and print it at true size"),
+        "landing fly": Entry("landing:fly", "land a drone by it, in worse and worse weather: success rates, report"),
+        "landing demo": Entry("landing:demo", "walk from an empty folder to the report, small"),
+    },
+    "Results": {
+        "runs": Entry("runs:list_runs", "list what every run found, as one table"),
+        "compare": Entry("runs:compare", "compare two runs image by image: test, flips"),
+        "report": Entry("runs:report", "one page of many runs: filters, flips"),
+        "export": Entry("runs:export", "predictions as Parquet, or for FiftyOne"),
+    },
     "Set-up": {
         "init": Entry("init:init", "make a workspace"),
         "add": Entry("add:add", "add an object of your own from its mesh"),
         "demo": Entry("objects:demo", "walk the whole road in a new workspace"),
         "objects": Entry("objects:list_objects", "list the objects that can be photographed"),
+        "models": Entry("models:list_models", "list the networks that are at hand"),
         "doctor": Entry("health:doctor", "check what the kit needs from this machine"),
     },
 }

@@ -93,13 +93,17 @@ Models = Annotated[
     typer.Option(
         "--model",
         metavar="NAME",
-        help="Torchvision classifier, timm:NAME, rig18, or your own; several add their losses. Default: resnet18.",
+        help="Torchvision classifier, timm:NAME, onnx:FILE, a .pt2, python:MODULE:FUNCTION, rig18, your own; several "
+        "add their losses. Default: resnet18.",
     ),
 ]
 Model = Annotated[
     str | None,
     typer.Option(
-        "--model", metavar="NAME", help="Torchvision classifier, timm:NAME, rig18, or your own. Default: resnet18."
+        "--model",
+        metavar="NAME",
+        help="Torchvision classifier, timm:NAME, onnx:FILE, a .pt2, python:MODULE:FUNCTION, rig18, or your own. "
+        "Default: resnet18.",
     ),
 ]
 WeightFiles = Annotated[

@@ -23,34 +23,38 @@ MAX_BYTES = 12_000
 QUALITIES = (80, 65, 50, 35, 20)
 
 
-def make_thumbnails(captures: Iterable[Capture], classifier: Classifier) -> dict[str, str]:
+def make_thumbnails(
+    captures: Iterable[Capture], classifier: Classifier | None, side_px: int = SIDE_PX
+) -> dict[str, str]:
     """JPEG `data:` URIs of at most 12 kB by the image's path; an image that does not decode any more is left out.
 
-    An image that is corrupted when it is read is shown as the network sees it, resized and cut.
+    An image that is corrupted when it is read is shown as the network sees it, resized and cut; without a network it is
+    left out.
     """
     wanted = list({capture.path: capture for capture in captures}.values())
     corrupted = [capture for capture in wanted if find_pending(capture) is not None]
     plain = [capture for capture in wanted if find_pending(capture) is None]
     with ThreadPoolExecutor(max(1, min(8, os.cpu_count() or 1))) as pool:
-        made = pool.map(_make, plain)
+        made = pool.map(lambda one: _make(one, side_px), plain)
         uris = {capture.path: uri for capture, uri in zip(plain, made, strict=True) if uri}
-    for capture, pixels in zip(corrupted, decode_ahead(corrupted, classifier, CPU_BATCH), strict=True):
+    shown = decode_ahead(corrupted, classifier, CPU_BATCH) if classifier else ()
+    for capture, pixels in zip(corrupted, shown, strict=classifier is not None):
         if not isinstance(pixels, str):
-            uris[capture.path] = encode_jpeg(Image.fromarray(pixels))
+            uris[capture.path] = encode_jpeg(Image.fromarray(pixels), side_px)
     return uris
 
 
-def _make(capture: Capture) -> str | None:
+def _make(capture: Capture, side_px: int) -> str | None:
     try:
-        image = Image.fromarray(read_image(capture.file, SIDE_PX))
+        image = Image.fromarray(read_image(capture.file, side_px))
     except UnreadableImage:
         return None
-    return encode_jpeg(image)
+    return encode_jpeg(image, side_px)
 
 
-def encode_jpeg(image: Image.Image) -> str:
-    """A picture as a JPEG `data:` URI of at most 240 px and, by its quality, 12 kB."""
-    image.thumbnail((SIDE_PX, SIDE_PX), Image.Resampling.LANCZOS)
+def encode_jpeg(image: Image.Image, side_px: int = SIDE_PX) -> str:
+    """A picture as a JPEG `data:` URI of at most `side_px` and, by its quality, 12 kB."""
+    image.thumbnail((side_px, side_px), Image.Resampling.LANCZOS)
     content = b""
     for quality in QUALITIES:
         buffer = io.BytesIO()

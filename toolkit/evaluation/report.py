@@ -23,6 +23,7 @@ from toolkit.evaluation.contact_sheet import (
 from toolkit.evaluation.metrics import MAX_FLIPS, NOUNS, OWNERS, Comparison, Pair, rank_variant
 from toolkit.evaluation.results import Findings, list_corrupted
 from toolkit.evaluation.saliency import HEAT_COLOURS, HEAT_LEVELS, Saliency
+from toolkit.evaluation.seen import describe_unseen, mark_seen
 from toolkit.evaluation.sim_real import GainForecast, SimReal, SimRealRow, place_of
 from toolkit.evaluation.tables import count_gated, pick_rows
 from toolkit.models.network import Classifier
@@ -70,6 +71,7 @@ def write_report(
         "has_pairs": bool(findings.pairs),
         "n_images": len(predictions),
         "thumbnails": make_thumbnails((one.capture for one in shown if one.is_read), classifier),
+        "unseen": describe_unseen(classifier.name, findings.training),
         "corrupted": list_corrupted(one.capture for one in predictions),
         "failed": findings.failed,
         "unpaired": findings.unpaired,
@@ -111,9 +113,15 @@ def _build_tables(findings: Findings) -> list[dict[str, Any]]:
     found = []
     for source in dict.fromkeys(group.source for group in findings.groups):
         own = [group for group in findings.groups if group.source == source]
-        rows = [(group, paired.get((source, group.object, group.variant))) for group in pick_rows(own, MAX_ROWS)]
+        rows = [
+            (
+                group, paired.get((source, group.object, group.variant)),
+                mark_seen(findings.training, source, group.object, group.variant),
+            )
+            for group in pick_rows(own, MAX_ROWS)
+        ]  # fmt: skip
         n_objects = len({group.object for group in own} - {POOLED})
-        is_cut = n_objects > len({group.object for group, _ in rows})
+        is_cut = n_objects > len({group.object for group, *_ in rows})
         found.append({"source": source, "rows": rows, "n_objects": n_objects, "is_cut": is_cut})
     return found
 

@@ -4,7 +4,7 @@ import csv
 import io
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +24,7 @@ from toolkit.evaluation.metrics import (
     list_flips,
 )
 from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.seen import Training
 from toolkit.evaluation.sim_real import SimReal, compare_sim_real, write_sim_real
 from toolkit.evaluation.verdict import Headline, write_headlines
 from toolkit.models.network import Classifier
@@ -44,6 +45,7 @@ class Findings:
         unpaired: (path, reason) of images without a partner.
         sim_real: rendered sources against photographs of the same poses.
         passed: the same without the photographs that failed a gate; None where none did.
+        training: of the boosters, where their records are known.
     """
 
     predictions: tuple[Prediction, ...]
@@ -56,6 +58,7 @@ class Findings:
     unpaired: tuple[tuple[str, str], ...]
     sim_real: tuple[SimReal, ...]
     passed: "Findings | None"
+    training: tuple[Training, ...] = field(default=(), kw_only=True)
 
     @property
     def gated(self) -> list[Prediction]:
@@ -145,6 +148,9 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str]) 
 
     `gates` lists the photographs that failed one, and has `groups` and `pairs` once more without them.
 
+    `boosters` lists what is known of the training of each patch and texture that the manifests name {source, object,
+    variant, booster, booster_sha256, networks, seen}: whether it was trained on the network that judges.
+
     `corrupted` names the sources whose images are corrupted {source, corruption, severity}.
 
     `sim_real` has an entry for each rendered source and source of photographs of the same poses: `rows` by object and
@@ -167,6 +173,7 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str]) 
             "comparisons": [row.as_json() for row in findings.comparisons],
             "answers": [headline.as_json() for headline in findings.headlines if headline.question],
         },
+        "boosters": [one.as_json() for one in findings.training],
         "corrupted": list_corrupted(one.capture for one in findings.predictions),
         "sim_real": [one.as_json() for one in findings.sim_real],
         "gates": {

@@ -33,6 +33,8 @@ def find_feature_map(classifier: Classifier) -> "torch.nn.Module":
     """
     import torch
 
+    if classifier.untrainable:
+        raise NoSaliency(f"{classifier.arch}: {classifier.untrainable}")
     last: torch.nn.Module | None = None
     tokens_after = False
 
@@ -48,7 +50,7 @@ def find_feature_map(classifier: Classifier) -> "torch.nn.Module":
     hooks = [module.register_forward_hook(note) for module in classifier.module.modules()]
     side = classifier.preprocessing.crop_px
     try:
-        with torch.no_grad():
+        with torch.enable_grad():  # a network that has a quicker way without gradients shows no layers there
             classifier.logits(torch.full((1, 3, side, side), 0.5))
     finally:
         for hook in hooks:

@@ -18,6 +18,7 @@ from toolkit.core.tables import (
 )
 from toolkit.evaluation.metrics import Comparison, Group, Pair
 from toolkit.evaluation.results import Findings
+from toolkit.evaluation.seen import Training, describe_unseen, mark_seen
 from toolkit.evaluation.sim_real import GainForecast, SimReal, SimRealRow, place_of
 
 if TYPE_CHECKING:
@@ -39,9 +40,9 @@ class HasObject(Protocol):
 Row = TypeVar("Row", bound=HasObject)
 
 
-def print_tables(console: "Console", findings: Findings) -> None:
+def print_tables(console: "Console", findings: Findings, network: str = "the network") -> None:
     """Print the tables of an evaluation, then each result in words."""
-    for table in build_tables(findings.groups, findings.pairs, count_gated(findings)):
+    for table in build_tables(findings.groups, findings.pairs, count_gated(findings), findings.training):
         console.print(table)
         console.print()
     print_sim_real(console, findings.sim_real)
@@ -49,7 +50,7 @@ def print_tables(console: "Console", findings: Findings) -> None:
         asked = f"{headline.question} " if headline.question else ""
         words = f"{headline.source}: {asked}{headline.verdict}. {headline.sentence}"
         console.print(words, markup=False, soft_wrap=True)
-    for line in findings.gate_lines:
+    for line in (*describe_unseen(network, findings.training), *findings.gate_lines):
         console.print(line, markup=False, soft_wrap=True)
 
 
@@ -68,12 +69,13 @@ def pick_rows(rows: Sequence[Row], max_rows: int = MAX_ROWS) -> list[Row]:
 
 
 def build_tables(
-    groups: Sequence[Group], pairs: Sequence[Comparison], gated: Mapping[tuple[str, str, str], int] | None = None
-) -> "list[Table]":
+    groups: Sequence[Group], pairs: Sequence[Comparison], gated: Mapping[tuple[str, str, str], int] | None = None,
+    training: Sequence[Training] = (),
+) -> "list[Table]":  # fmt: skip
     """One table per source: object × variant, then the pooled rows where there are several objects.
 
     A source with more than 60 rows shows the pooled ones alone. `gated` counts photographs that failed a gate, by
-    source, object and variant.
+    source, object and variant. Of a source with boosters that never saw the network, by `training`, a column says so.
     """
     gated = gated or {}
     paired = {(pair.source, pair.object, pair.second): pair for pair in pairs}
@@ -84,12 +86,14 @@ def build_tables(
         rows = pick_rows(own)
         failed = ["failed"] if any(group.failed for group in rows) else []
         gates = ["failed a gate"] if any(key[0] == source for key in gated) else []
-        numbers = ("n", *failed, *gates, "top-1 %", "95 %", "top-5 %", "prob", "gained", "lost", "p")
+        unseen = ["seen"] if any(one.source == source and not one.seen for one in training) else []
+        numbers = ("n", *failed, *gates, *unseen, "top-1 %", "95 %", "top-5 %", "prob", "gained", "lost", "p")
         cells = []
         for group in rows:
             pair = paired.get((source, group.object, group.variant))
             head = [group.object, group.variant, str(group.n), *(str(group.failed or "") for _ in failed)]
             head += [str(gated.get((source, group.object, group.variant), "")) for _ in gates]
+            head += [mark_seen(training, source, group.object, group.variant) for _ in unseen]
             cells.append([*head, *_format_group(group), *_format_change(pair)])
         title = f"{source}: {n_objects} object{'s' if n_objects != 1 else ''}"
         tables.append(build_table(title, WHO, numbers, cells, bold=POOLED))

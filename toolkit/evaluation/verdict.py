@@ -120,10 +120,10 @@ def judge_change(name: str, outcomes: PairedOutcomes) -> tuple[str, str, str]:
     if outcomes.first_is_better:
         return "bad", f"{start} harms", sentence
     few = f"It takes at least {ONE_WAY_FLIPS} pairs that change, all one way, for p < {SIGNIFICANT}."
-    return "open", _say_unsure(outcomes), f"{sentence} {few}"
+    return "open", describe_unsure(outcomes), f"{sentence} {few}"
 
 
-def _say_unsure(outcomes: PairedOutcomes) -> str:
+def describe_unsure(outcomes: PairedOutcomes) -> str:
     """Which way it points where no test is passed; never that it does nothing."""
     gained, lost = outcomes.only_second, outcomes.only_first
     if not gained and not lost:

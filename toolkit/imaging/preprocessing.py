@@ -19,8 +19,9 @@ class Preprocessing:
     Attributes:
         resize_px: length of the short side after resizing.
         crop_px: side of the central square that is kept.
-        mean, std: of sRGB-encoded values in [0, 1], per channel.
+        mean, std: of sRGB-encoded values in [0, 1], per channel, in the order of `channels`.
         filter_name: Pillow's name of the resampling filter, always antialiased.
+        channels: order in which the network wants the colours, `RGB` or `BGR`.
     """
 
     resize_px: int
@@ -28,12 +29,15 @@ class Preprocessing:
     mean: tuple[float, float, float]
     std: tuple[float, float, float]
     filter_name: str = "BILINEAR"
+    channels: str = "RGB"
 
     def describe(self) -> str:
         """One line for a report."""
+        order = "" if self.channels == "RGB" else f", channels {self.channels}"
         return (
             f"short side resized to {self.resize_px} px ({self.filter_name.lower()}, antialiased), central "
             f"{self.crop_px}×{self.crop_px} px, normalised with mean {self.mean} and standard deviation {self.std}"
+            f"{order}"
         )
 
 

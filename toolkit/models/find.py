@@ -10,7 +10,7 @@ from toolkit.core.errors import FieldError, one_of
 from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.models.architectures import list_architectures
 from toolkit.models.labels import read_labels_file
-from toolkit.models.weights import check_named
+from toolkit.models.weights import SUFFIXES, check_named
 
 
 class ClassShare(BaseModel):
@@ -85,7 +85,8 @@ BUNDLED = "rig18"
 BUNDLED_DIR = PACKAGE_DATA / "classifiers"
 DEFAULT_ARCH = "resnet18"
 SUFFIX = ".safetensors"
-TIMM_PREFIX = "timm:"
+TIMM_PREFIX, TORCHVISION_PREFIX, ONNX_PREFIX, PYTHON_PREFIX = "timm:", "torchvision:", "onnx:", "python:"
+EXPORTED_SUFFIX = ".pt2"
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,8 @@ class Found:
     """A network to load.
 
     Attributes:
-        arch: name of it, see `list_architectures`, or `timm:` with timm's.
+        arch: name of it, see `list_architectures`; `timm:` with timm's; `onnx:`, `.pt2` for a whole program;
+            `python:MODULE:FUNCTION`.
         weights: its file; None for the published weights.
     """
 
@@ -104,51 +106,84 @@ class Found:
 def find_classifier(model: str | None = None, weights: Path | None = None, folder: Path | None = None) -> Found:
     """The network that a name and a file of weights mean.
 
-    A name is looked for in `folder`, among the bundled classifiers, and in `list_architectures`. Without one, the
+    A name is looked for in `folder`, among the bundled classifiers, and in `list_architectures`. `torchvision:NAME`
+    means the last alone, `timm:NAME` timm's, `onnx:FILE` and `FILE.pt2` a whole program, `python:MODULE:FUNCTION` what
+    code of the user's makes, and a state dict's file the network that the file beside it says. Without a name, the
     record beside the weights says which network they are of, and else it is a ResNet-18.
 
     Args:
-        model: a name, see below; None: as the weights say.
+        model: a name, see above; None: as the weights say.
         weights: a file; None: the network's own, or the published ones.
         folder: the workspace's `rig/classifiers`.
 
     Raises:
         ToolkitError: the name is unknown, or a classifier with its own weights was given others.
     """
-    if model is not None and model.startswith(TIMM_PREFIX):
-        return Found(model, weights)
     if model is None:
         arch = None if weights is None else read_labels_file(check_named(Path(weights))).arch
-        return Found(arch or DEFAULT_ARCH, weights)
-    own = list_own(folder)
-    if model in own:
-        if weights is not None:
-            raise FieldError(f"{model} has its own weights: leave one out", {"model": model, "weights": weights})
-        return Found(_arch_of(own[model]), own[model])
+        return Found((arch or DEFAULT_ARCH).removeprefix(TORCHVISION_PREFIX), weights)
+    if model.startswith(TIMM_PREFIX):
+        return Found(model, weights)
+    own, file = list_own(folder), _find_file(model)
+    if weights is not None and (model in own or file is not None or model.startswith(PYTHON_PREFIX)):
+        raise FieldError(f"{model} has its own weights: leave one out", {"model": model, "weights": weights})
+    if model.startswith(PYTHON_PREFIX):
+        return Found(model, None)
+    file = file or own.get(model)
+    if file is not None:
+        if model.startswith(ONNX_PREFIX) or file.suffix == ".onnx":
+            return Found(f"{ONNX_PREFIX}{file.name}", file)
+        return Found(file.name if file.suffix == EXPORTED_SUFFIX else _arch_of(check_named(file)), file)
     if model == BUNDLED:
         raise FieldError(
             f"{BUNDLED_DIR / BUNDLED}{SUFFIX} is missing from this installation: install the package again, or train "
             "one with 'toolkit train-classifier --data everyday --name NAME'",
             {"model": BUNDLED},
         )
-    known = list_architectures()
-    if model not in known:
-        raise one_of("model", model, [*own, *known])
-    return Found(model, weights)
+    known, name = list_architectures(), model.removeprefix(TORCHVISION_PREFIX)
+    if name not in known and may_be_detector(name):
+        raise FieldError("is a detector: 'toolkit eval' takes it, here a classifier is expected", {"model": model})
+    if name not in known:
+        raise one_of("model", name, known if name != model else [*own, *known])
+    return Found(name, weights)
+
+
+def may_be_detector(model: str | None) -> bool:
+    """Whether it is worth looking closer: the name of no classifier, or an ONNX file."""
+    if model is None or model.startswith((TIMM_PREFIX, PYTHON_PREFIX)):
+        return False
+    if model.startswith(ONNX_PREFIX) or model.endswith(".onnx"):
+        return True
+    name = model.removeprefix(TORCHVISION_PREFIX)
+    return name.startswith(("fasterrcnn", "retinanet", "fcos", "ssd"))
+
+
+def _find_file(model: str) -> Path | None:
+    """The file that `onnx:FILE` or a path means; None for the name of a network.
+
+    Raises:
+        ToolkitError: there is no such file.
+    """
+    path = Path(model.removeprefix(ONNX_PREFIX))
+    is_file = model.startswith(ONNX_PREFIX) or path.suffix in (".onnx", EXPORTED_SUFFIX, *SUFFIXES)
+    if is_file and not path.is_file():
+        raise FieldError("no such file", {"model": model})
+    return path if is_file else None
 
 
 def list_own(folder: Path | None = None) -> dict[str, Path]:
-    """Weights of the bundled classifiers and of those in `folder`, by name; a file of `folder` wins."""
+    """Files of the bundled classifiers and of those in `folder`, by name; a file of `folder` wins."""
     places = [BUNDLED_DIR] if folder is None else [BUNDLED_DIR, folder]
-    return {path.stem: path for place in places for path in sorted(place.glob(f"*{SUFFIX}"))}
+    suffixes = (EXPORTED_SUFFIX, ".onnx", SUFFIX)
+    return {path.stem: path for place in places for suffix in suffixes for path in sorted(place.glob(f"*{suffix}"))}
 
 
 def _arch_of(weights: Path) -> str:
     arch = read_labels_file(weights).arch
     if arch is None:
         raise FieldError(
-            f"{weights}: no record {weights.stem}.json with the field 'arch' beside it: name its network "
-            "with {model}, and the file with {weights}",
+            f"{weights}: no record {weights.stem}.json with the field 'arch' beside it, or {weights.stem}.toml with "
+            "'architecture': name its network with {model}, and the file with {weights}",
             {},
         )
-    return arch
+    return arch.removeprefix(TORCHVISION_PREFIX)

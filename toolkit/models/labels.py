@@ -6,10 +6,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeGuard
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field, model_validator
 
 from toolkit.core.errors import ToolkitError, one_of
-from toolkit.core.files import read_json
+from toolkit.core.files import read_json, read_toml
 from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.imaging.preprocessing import Preprocessing
 
@@ -20,30 +20,39 @@ Deviation = Annotated[float, Field(ge=1e-6, le=1000, allow_inf_nan=False)]
 
 
 class LabelsFile(BaseModel):
-    """`WEIGHTS.json` beside `WEIGHTS.pth`: what a user's own classifier sees and says; or its labels alone.
+    """`NET.toml` or `NET.json` beside `NET.pth` or `NET.onnx`: what a user's own network sees and says.
 
     `toolkit train-classifier` writes all of it, and more (`ClassifierRecord`); one written by hand may hold any part.
 
     Attributes:
         labels: one name per output, in order; for the other forms that are read see `find_labels`.
+        size: side of the square that the network sees, where an image's whole central square becomes it: short for
+            `resize_px` and `crop_px` of this size.
         resize_px, crop_px, mean, std, filter_name: preprocessing, where it differs from the architecture's published
-            one.
-        arch: name of the network, see `list_architectures`.
+            one. Mean and standard deviation are of values in 0 to 1, in the order of `channels`.
+        channels: the order of the colours.
+        decoder: of a detector, the family whose outputs it has.
+        arch: name of the network, see `list_architectures`; may be written `architecture`.
         name: what to call the classifier.
         trained_on: in a few words.
+        licence: of its weights, for `toolkit models`.
         sha256: of the weights' file.
     """
 
-    model_config = ConfigDict(extra="allow", frozen=True)
+    model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True)
     labels: list[str] | None = Field(default=None, min_length=1)
+    size: Pixels | None = None
     resize_px: Pixels | None = None
     crop_px: Pixels | None = None
     mean: tuple[Mean, Mean, Mean] | None = None
     std: tuple[Deviation, Deviation, Deviation] | None = None
     filter_name: Literal["NEAREST", "BILINEAR", "BICUBIC", "LANCZOS", "BOX", "HAMMING"] | None = None
-    arch: str | None = None
+    channels: Literal["RGB", "BGR"] | None = None
+    decoder: Literal["yolox", "fastestdet"] | None = None
+    arch: str | None = Field(default=None, validation_alias=AliasChoices("arch", "architecture"))
     name: str | None = None
     trained_on: str | None = None
+    licence: str | None = None
     sha256: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")
 
     @model_validator(mode="before")
@@ -104,25 +113,36 @@ def _is_named(content: object) -> TypeGuard[dict[str, Any]]:
 
 
 def adapt_preprocessing(published: Preprocessing, own: LabelsFile) -> Preprocessing:
-    """The published preprocessing with what the user's labels file says otherwise.
+    """The published preprocessing with what the user's file says otherwise.
 
     Raises:
         ToolkitError: the crop is larger than the resized image.
     """
-    fields = {key: getattr(own, key) for key in ("resize_px", "crop_px", "mean", "std", "filter_name")}
+    keys = ("resize_px", "crop_px", "mean", "std", "filter_name", "channels")
+    fields = {key: getattr(own, key) for key in keys}
+    if own.size is not None:
+        published = replace(published, resize_px=own.size, crop_px=own.size)
     adapted = replace(published, **{key: value for key, value in fields.items() if value is not None})
     if adapted.crop_px > adapted.resize_px:
         raise ToolkitError(f"crop_px {adapted.crop_px} is larger than resize_px {adapted.resize_px}: make it smaller")
     return adapted
 
 
+DESCRIPTIONS = (".toml", ".json", ".txt")
+"""What may lie beside a network's file, under its name."""
+
+
 def read_labels_file(weights: Path) -> LabelsFile:
-    """`WEIGHTS.json`, or the names in `WEIGHTS.txt`, one a line; all fields empty where there is neither.
+    """`WEIGHTS.toml`, `WEIGHTS.json`, or the names in `WEIGHTS.txt`, one a line; all fields empty where there is none.
 
     Raises:
-        ToolkitError: a field is wrong, or the text is none.
+        ToolkitError: a field is wrong, the text is none, or there are both TOML and JSON.
     """
-    file, text = weights.with_suffix(".json"), weights.with_suffix(".txt")
+    file, toml, text = (weights.with_suffix(suffix) for suffix in (".json", ".toml", ".txt"))
+    if file.is_file() and toml.is_file():
+        raise ToolkitError(f"{toml} and {file} both describe {weights.name}: delete one of them")
+    if toml.is_file():
+        return read_toml(toml, LabelsFile)
     if file.is_file():
         return read_json(file, LabelsFile)
     if not text.is_file():
@@ -137,6 +157,8 @@ def read_labels_file(weights: Path) -> LabelsFile:
 def choose_labels(weights: Path, own: list[str] | None, published: list[str], num_classes: int) -> list[str]:
     """Labels of a network's outputs: the user's file, else ImageNet's for 1000 outputs, else plain numbers.
 
+    Of 1001 outputs the first is a background, as in TensorFlow's networks for ImageNet.
+
     Raises:
         ToolkitError: the user's file has another number of labels than the network has outputs.
     """
@@ -149,12 +171,14 @@ def choose_labels(weights: Path, own: list[str] | None, published: list[str], nu
         return list(own)
     if num_classes == len(published):
         return list(published)
+    if len(published) == 1000 and num_classes == 1001:
+        return ["background", *published]
     return [f"class {index}" for index in range(num_classes)]
 
 
 def _file_of_labels(weights: Path) -> Path:
     """Where the user's labels came from: beside the weights, else inside them."""
-    beside = (weights.with_suffix(suffix) for suffix in (".json", ".txt"))
+    beside = (weights.with_suffix(suffix) for suffix in DESCRIPTIONS)
     return next((file for file in beside if file.is_file()), weights)
 
 

@@ -1,4 +1,4 @@
-"""Load a classifier by name: a torchvision or timm network, the bundled `rig18`, or one of the user's own."""
+"""Load a classifier by name: of torchvision or timm, the bundled `rig18`, the user's own, a program or a function."""
 
 from collections import OrderedDict
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.imaging.preprocessing import published_preprocessing
 from toolkit.models.architectures import build_network, imagenet_labels, published_weights
-from toolkit.models.find import TIMM_PREFIX, find_classifier
+from toolkit.models.find import EXPORTED_SUFFIX, ONNX_PREFIX, PYTHON_PREFIX, TIMM_PREFIX, Found, find_classifier
 from toolkit.models.labels import adapt_preprocessing, choose_labels, read_labels_file
 from toolkit.models.network import Classifier, check_hash, choose_device
 from toolkit.models.weights import WeightsFile, find_weights, read_checkpoint
@@ -24,13 +24,14 @@ def load_classifier(
     device: str = "auto",
     folder: Path | None = None,
 ) -> Classifier:
-    """Load a classifier: a torchvision network, the bundled `rig18`, or one that `toolkit train-classifier` made.
+    """Load a classifier: a network by name, one that `toolkit train-classifier` made, a program, a function's.
 
     The module is stored channels-last: the same numbers to 1e-5, about 1.5 times faster on a CPU.
 
     Args:
-        model: any of `list_architectures`, `timm:NAME` for one of timm's, or the name of a classifier of the
-            kit; see `find_classifier`.
+        model: any of `list_architectures`, also as `torchvision:NAME`; `timm:NAME`; the name of a classifier of the
+            kit; `onnx:FILE`; a `.pt2` of torch.export; `python:MODULE:FUNCTION`; the file of a state dict; see
+            `find_classifier`.
         weights: state dict, `.pth` or `.safetensors`; by default see `find_weights`. The number of classes is read from
             it; a `WEIGHTS.json` beside it may name them. Half precision becomes single.
         device: `auto`, `cpu` or `cuda`.
@@ -43,10 +44,8 @@ def load_classifier(
     import torch
 
     found = find_classifier(model, weights, folder)
-    if found.arch.startswith(TIMM_PREFIX):
-        from toolkit.models.timm_networks import load_timm_network
-
-        return load_timm_network(found.arch, found.weights, device)
+    if (elsewhere := _load_elsewhere(found, device)) is not None:
+        return elsewhere
     arch, entry, place = found.arch, published_weights(found.arch), choose_device(device)
     file = find_weights(arch, found.weights)
     own = read_labels_file(file.path)
@@ -66,6 +65,27 @@ def load_classifier(
         arch=arch, module=module, labels=labels, preprocessing=preprocessing, weights=file, device=place,
         is_imagenet=is_imagenet, name=own.name or arch, trained_on=own.trained_on or "",
     )  # fmt: skip
+
+
+def _load_elsewhere(found: Found, device: str) -> Classifier | None:
+    """A network that is none of torchvision's."""
+    if found.arch.startswith(TIMM_PREFIX):
+        from toolkit.models.timm_networks import load_timm_network
+
+        return load_timm_network(found.arch, found.weights, device)
+    if found.arch.startswith(PYTHON_PREFIX):
+        from toolkit.models.programs import load_python_classifier
+
+        return load_python_classifier(found.arch, device)
+    if found.weights is not None and found.arch.startswith(ONNX_PREFIX):
+        from toolkit.models.programs import load_onnx_classifier
+
+        return load_onnx_classifier(found.weights, device)
+    if found.weights is not None and found.arch.endswith(EXPORTED_SUFFIX):
+        from toolkit.models.programs import load_exported_classifier
+
+        return load_exported_classifier(found.weights, device)
+    return None
 
 
 def load_classifiers(

@@ -35,6 +35,7 @@ class Classifier:
         is_imagenet: whether the labels are the 1000 of ImageNet.
         name: what to call it in a result: of a classifier of one's own its file's, else the network's.
         trained_on: in a few words, where its record says.
+        untrainable: why no gradient leads back to the image, so that nothing can be trained against it; else empty.
     """
 
     arch: str
@@ -46,6 +47,7 @@ class Classifier:
     is_imagenet: bool
     name: str = ""
     trained_on: str = ""
+    untrainable: str = ""
 
     def __post_init__(self) -> None:
         if not self.name:
@@ -80,6 +82,8 @@ class Classifier:
         if batch.ndim != 4 or batch.shape[1] != 3:
             raise ValueError(f"batch must be Bx3xHxW, got {tuple(batch.shape)}")
         batch = batch.to(self.device)
+        if self.preprocessing.channels == "BGR":
+            batch = batch.flip(1)
         mean, std = (
             torch.tensor(values, dtype=batch.dtype, device=batch.device).view(1, 3, 1, 1)
             for values in (self.preprocessing.mean, self.preprocessing.std)

@@ -167,6 +167,8 @@ def _load(path: Path) -> object:
         raise ToolkitError(f"cannot read weights {path}: the file is damaged ({reason}): copy it again") from None
 
 
+WHOLE = (".onnx", ".pt2")
+"""Programs that can be named as networks themselves."""
 SAVE_STATE = "save its state dict with torch.save(model.state_dict(), 'NEW.pth'), and name its network with {model}"
 PROGRAMS = {
     ".onnx": "an ONNX graph", ".pt2": "a program of torch.export", ".ptl": "a program for PyTorch Mobile",
@@ -196,6 +198,13 @@ def check_named(path: Path) -> Path:
     if not path.is_file():
         raise FieldError("no such file", {"weights": path})
     program = find_program(path) if path.suffix not in SUFFIXES else None
+    if program and path.suffix.lower() in WHOLE:
+        named = f"onnx:{path.name}" if path.suffix.lower() == ".onnx" else path.name
+        raise FieldError(
+            f"is {program}: expected a network's weights ({', '.join(SUFFIXES)}): name it whole with {{model}} "
+            f"{named}; or {SAVE_STATE}",
+            {"weights": path},
+        )
     if program:
         raise FieldError(
             f"is {program}: expected a network's weights ({', '.join(SUFFIXES)}): where you made it, {SAVE_STATE}",

@@ -116,9 +116,7 @@ def render_mounted_views(
         ToolkitError: a sheet that cannot be mounted.
     """
     camera = Camera.from_fov(image_px, image_px, FOV_DEG)
-    grey = np.full((patch_px, patch_px, 3), 128, np.uint8)
-    sheet = mount_patch(item.mesh, grey, size_mm, item.spec.patch, item.name)
-    mesh, paper = attach(item.mesh, sheet), sheet.mesh.materials[0].texture
+    mesh, paper = mount_grey(item, size_mm, patch_px)
     with progress(f"rendering {item.name} with its sheet", count) as bar:
         for start in range(0, count, PER_STUDIO):
             studio = random_studio(seed, start, float(item.mesh.size_mm.max()))
@@ -129,6 +127,17 @@ def render_mounted_views(
                 depth = find_depth(renderer, studio, camera, pose) if with_depth else None
                 yield replace(view.packed(), depth=depth)
                 bar.advance()
+
+
+def mount_grey(item: TableObject, size_mm: float, patch_px: int) -> tuple[Mesh, np.ndarray]:
+    """An object with a grey patch on its sheet, and the texture of the sheet's paper.
+
+    Raises:
+        ToolkitError: a sheet that cannot be mounted.
+    """
+    grey = np.full((patch_px, patch_px, 3), 128, np.uint8)
+    sheet = mount_patch(item.mesh, grey, size_mm, item.spec.patch, item.name)
+    return attach(item.mesh, sheet), sheet.mesh.materials[0].texture
 
 
 def find_depth(renderer: RaycastRenderer, scene: Scene, camera: Camera, T_world_camera: np.ndarray) -> DepthBuffer:
@@ -270,9 +279,9 @@ class Setting(Protocol):
         ...
 
     def aim(
-        self, renderer: RaycastRenderer, draws: np.random.SeedSequence, settings: ViewSettings
+        self, renderer: RaycastRenderer, stand: Stand, draws: np.random.SeedSequence, settings: ViewSettings
     ) -> tuple[Camera, np.ndarray]:
-        """A camera of `settings.image_px` a side and its `T_world_camera`."""
+        """A camera of `settings.image_px` a side that sees the object on its stand, and its `T_world_camera`."""
         ...
 
 
@@ -287,7 +296,7 @@ class StudioSetting:
         return make_studio(seed, float(mesh.size_mm.max()), light=light), stand
 
     def aim(
-        self, renderer: RaycastRenderer, draws: np.random.SeedSequence, settings: ViewSettings
+        self, renderer: RaycastRenderer, stand: Stand, draws: np.random.SeedSequence, settings: ViewSettings
     ) -> tuple[Camera, np.ndarray]:
         """See `random_pose`."""
         camera = Camera.from_fov(settings.image_px, settings.image_px, FOV_DEG)
@@ -311,7 +320,7 @@ def render_block(
     texture = subject.mesh.materials[subject.material].texture
     views = []
     for i, of_view in enumerate(of_views):
-        camera, pose = setting.aim(renderer, of_view, settings)
+        camera, pose = setting.aim(renderer, stand, of_view, settings)
         bare = light = None
         if own_paint is not None:
             light = own_paint.render(camera, pose)

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -10,14 +9,11 @@ import numpy as np
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import RaycastRenderer, map_frames
-from toolkit.rig.shading import tone_map
 from toolkit.world_eval.answers import WeatherKey
 from toolkit.world_eval.cameras import GridCamera
-from toolkit.worlds.classes import STANDING
-from toolkit.worlds.depth_view import DepthView
+from toolkit.worlds.picture import develop_through, find_depths, make_renderer
 from toolkit.worlds.place import Placed
 from toolkit.worlds.sky import Sky
-from toolkit.worlds.weather import CLEAR, add_weather, make_weather, weather_rng
 from toolkit.worlds.world import World
 
 OBJECT_ID, BOOSTER_ID, SKY_ID = 100, 101, 255
@@ -101,17 +97,6 @@ class Stage:
     places: tuple[Placed, ...]
     variants: dict[str, Variant]
 
-    @cached_property
-    def face_normals(self) -> np.ndarray:
-        """(m, 3) float32 unit normals of the world's faces."""
-        return _normals_of(self.world.mesh)
-
-
-def _normals_of(mesh: Mesh) -> np.ndarray:
-    corners = mesh.vertices[mesh.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-
 
 def render_frames(stage: Stage, tasks: Sequence[Task], threads: int | None = None) -> Iterator[Frame]:
     """The frames of tasks, in order, on all cores; a few are made ahead, whatever their number.
@@ -124,8 +109,7 @@ def render_frames(stage: Stage, tasks: Sequence[Task], threads: int | None = Non
         for task in tasks:
             if renderer is None or at != (task.place, task.variant):
                 at, placed = (task.place, task.variant), stage.places[task.place]
-                mesh = stage.variants[task.variant].mesh
-                renderer = RaycastRenderer(mesh, placed.scene, stand=placed.stand)
+                renderer = make_renderer(placed.wear(stage.variants[task.variant].mesh))
             yield task, renderer
 
     return map_frames(lambda pair: render_frame(stage, *pair), prepare(), threads)
@@ -133,34 +117,13 @@ def render_frames(stage: Stage, tasks: Sequence[Task], threads: int | None = Non
 
 def render_frame(stage: Stage, task: Task, renderer: RaycastRenderer) -> Frame:
     """Render, and lay every weather over the linear light before it is developed."""
-    light, found = renderer.render_with_depth(stage.camera, task.camera.T_world_camera)
-    view = _make_view(stage, task, found)
-    pictures = []
-    for weather in task.weathers:
-        seen = light
-        if weather != CLEAR:
-            draws = weather_rng(stage.seed, task.item, *weather)
-            seen = add_weather(light, view, make_weather(*weather), stage.sky.airlight, draws)
-        pictures.append(tone_map(seen, (stage.seed, task.item)))
+    view = stage.camera, task.camera.T_world_camera
+    light, found = renderer.render_with_depth(*view)
+    through = find_depths(stage.world, stage.sky, view, found, task.weathers)
+    pictures = tuple(develop_through(light, through, stage.sky, task.weathers, (stage.seed, task.item)))
     if not task.is_kept:
-        return Frame(task, tuple(pictures))
-    return Frame(task, tuple(pictures), found["depth"], classify_pixels(stage, task.variant, found))
-
-
-def _make_view(stage: Stage, task: Task, found: dict[str, np.ndarray]) -> DepthView:
-    """Depth, and where there is rain or snow also the ground and which way surfaces face."""
-    names = {name for name, _ in task.weathers}
-    ground = normals = None
-    if names & {"rain", "snow"}:
-        ground = np.isin(classify_pixels(stage, task.variant, found), [int(one) for one in STANDING])
-    if "snow" in names:
-        normals = np.zeros((*found["mesh"].shape, 3), np.float32)
-        around, own = found["mesh"] == 1, found["mesh"] == 0
-        normals[around] = stage.face_normals[found["face"][around]]
-        turned = _normals_of(stage.variants[task.variant].mesh) @ stage.places[task.place].stand.turn.T
-        normals[own] = turned[found["face"][own]]
-    pose = task.camera.T_world_camera
-    return DepthView(found["depth"], stage.camera, pose, ground, normals, stage.sky.white)
+        return Frame(task, pictures)
+    return Frame(task, pictures, found["depth"], classify_pixels(stage, task.variant, found))
 
 
 def classify_pixels(stage: Stage, variant: str, found: dict[str, np.ndarray]) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Pictures of a world with or without an object in it: rendered once, seen in clear air and through weather."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from toolkit.objects.mesh import Material, Mesh
 from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.scene import Stand
-from toolkit.rig.shading import tone_map
+from toolkit.rig.shading import develop_light, draw_grain
 from toolkit.worlds.classes import STANDING
 from toolkit.worlds.depth_view import DepthView
 from toolkit.worlds.place import Placed, make_scene
@@ -52,29 +52,52 @@ def see_through(
         weathers: names with severities, see `parse_weathers`.
         seed: of grain and weather: that of the run, and number of the view.
     """
-    camera, pose = view
-    light = renderer.render(camera, pose)
-    through = look_at_depth(renderer, world, sky, view) if any(one != CLEAR for one in weathers) else None
-    pictures = []
+    light, found = renderer.render_with_depth(*view)
+    return develop_through(light, find_depths(world, sky, view, found, weathers), sky, weathers, seed)
+
+
+def develop_through(
+    light: np.ndarray, through: DepthView, sky: Sky, weathers: Sequence[tuple[str, int]], seed: tuple[int, int] = (0, 0)
+) -> list[np.ndarray]:
+    """(h, w, 3) uint8 sRGB pictures of linear light (h, w, 3), one through each weather; grain and lens are the same.
+
+    Args:
+        light: of a render in clear air.
+        through: how far away everything in it is, see `find_depths`.
+        sky: gives the air's light.
+        weathers, seed: as in `see_through`.
+    """
+    pictures, grain = [], draw_grain(light.shape, seed)
     for weather in weathers:
         seen = light
-        if through is not None and weather != CLEAR:
+        if weather != CLEAR:
             seen = add_weather(light, through, make_weather(*weather), sky.airlight, weather_rng(*seed, *weather))
-        pictures.append(tone_map(seen, seed))
+        pictures.append(develop_light(seen, grain))
     return pictures
 
 
-def look_at_depth(
-    renderer: RaycastRenderer, world: World, sky: Sky, view: tuple[Camera, np.ndarray]
+def find_depths(
+    world: World, sky: Sky, view: tuple[Camera, np.ndarray], found: Mapping[str, np.ndarray],
+    weathers: Sequence[tuple[str, int]],
 ) -> DepthView:  # fmt: skip
-    """How far away everything in a view is, where the ground lies and which way the world's surfaces face."""
-    found = renderer.buffers(*view)
+    """What weathers need to know of a view: depth, for rain and snow the ground, for snow which way surfaces face.
+
+    Args:
+        world, sky: that were rendered.
+        view: camera and `T_world_camera`.
+        found: buffers of the same view, see `RaycastRenderer.render_with_depth`.
+        weathers: which.
+    """
+    names = {name for name, _ in weathers}
+    ground = normals = None
     around = found["mesh"] == 1
     faces = found["face"][around]
-    ground = np.zeros(around.shape, bool)
-    ground[around] = np.isin(world.face_class[faces], [int(one) for one in STANDING])
-    corners = world.mesh.vertices[world.mesh.faces[faces]]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals = np.zeros((*around.shape, 3), np.float32)
-    normals[around] = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    if names & {"rain", "snow"}:
+        ground = np.zeros(around.shape, bool)
+        ground[around] = np.isin(world.face_class[faces], [int(one) for one in STANDING])
+    if "snow" in names:
+        corners = world.mesh.vertices[world.mesh.faces[faces]]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals = np.zeros((*around.shape, 3), np.float32)
+        normals[around] = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     return DepthView(found["depth"], *view, ground=ground, normals=normals, white=sky.white)

@@ -1,0 +1,64 @@
+"""`toolkit models`: the networks at hand, with accuracy, speed and whether they can train."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from toolkit.cli import app
+from toolkit.core.workspace import make_workspace
+
+SOURCE = """
+import torch
+
+class Mean(torch.nn.Module):
+    def forward(self, x):
+        return x.mean((2, 3))
+
+def colours():
+    return Mean(), {"size": 32, "mean": [0.5, 0.5, 0.5], "std": [0.2, 0.2, 0.2], "labels": ["red", "green", "blue"]}
+"""
+
+
+@pytest.fixture
+def space(tmp_path, monkeypatch):
+    make_workspace(tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TOOLKIT_WEIGHTS", str(tmp_path / "none"))
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr("toolkit.evaluation.survey.SPEED_S", 0.01)
+    (tmp_path / "hues.py").write_text(SOURCE)
+    return tmp_path
+
+
+def run(*words):
+    return CliRunner().invoke(app, ["models", *words])
+
+
+def test_a_function_counted_on_a_folder(space):
+    for k, label in enumerate(("red", "green", "blue", "blue")):
+        pixels = np.zeros((40, 40, 3), np.uint8)
+        pixels[..., min(k, 2) if k < 3 else 0] = 200  # the last is red, and lies with the blue ones
+        (space / "images" / label).mkdir(parents=True, exist_ok=True)
+        Image.fromarray(pixels).save(space / "images" / label / f"{k}.png")
+    done = run("--model", "python:hues:colours", "--data", "images", "--json")
+    assert done.exit_code == 0, done.output
+    (row,) = json.loads(done.stdout)
+    assert (row["n"], row["correct"], row["accuracy"], row["classes"]) == (4, 3, 0.75, 3)
+    assert row["can_train"] and row["images_per_s"] > 0 and row["trained_images_per_s"] > 0
+    assert row["ci95"][0] < 0.75 < row["ci95"][1]
+    shown = run("--model", "python:hues:colours", "--data", "images")
+    assert "75.0 %" in shown.stdout and "not said" in shown.stdout
+
+
+def test_the_bundled_one_is_at_hand_and_a_broken_one_is_a_row(space):
+    (space / "rig" / "classifiers").mkdir(parents=True, exist_ok=True)
+    (space / "rig" / "classifiers" / "broken.pt2").write_bytes(b"noise")
+    done = run("--json")
+    rows = {row["model"]: row for row in json.loads(done.stdout)}
+    assert set(rows) == {"rig18", "broken"} and done.exit_code == 1
+    assert rows["rig18"]["licence"] == "MIT" and rows["rig18"]["can_train"] and rows["rig18"]["classes"] == 36
+    assert "no program of torch.export" in rows["broken"]["why_not"]

@@ -1,0 +1,103 @@
+"""Pads on their places, seen from above."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from PIL import Image
+
+from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.workspace import make_workspace
+from toolkit.landing.episodes import place_cameras
+from toolkit.landing.pads import KINDS, Pad, draw_pad, find_pad
+from toolkit.landing.site import PadSite, View, place_at, plan_places
+from toolkit.worlds.world import World
+
+
+def above(site: PadSite, offset: tuple[float, float, float], yaw: float = 0.4) -> np.ndarray:
+    return place_cameras(site.centre[None] + [offset], np.cos([yaw]), np.sin([yaw]), np.zeros((1, 2)))[0]
+
+
+def test_the_pad_is_seen_where_the_truth_says(site: PadSite) -> None:
+    """The middle of the pad's pixels, against the truth through the camera's matrix."""
+    for offset in ((0, 0, 4.0), (1.2, -0.7, 6.0), (-1.5, 1.0, 8.0)):
+        pose = above(site, offset)
+        view, mask = site.look(pose)
+        x, y, z = site.truth(pose)
+        row, column = np.argwhere(mask).mean(axis=0) + 0.5
+        assert z == pytest.approx(offset[2])
+        assert column == pytest.approx(site.camera.cx + site.camera.fx * x / z, abs=0.6)
+        assert row == pytest.approx(site.camera.cy + site.camera.fy * y / z, abs=0.6)
+        assert (mask == site.segment(pose)).all()
+        side = (site.camera.fx * site.pad.size_m / z) ** 2
+        assert mask.sum() == pytest.approx(side, rel=0.12)
+        assert view.depth_m[mask].min() == pytest.approx(z, rel=0.05)
+
+
+def test_the_picture_shows_the_pads_own_picture(site: PadSite) -> None:
+    """Seen straight from above along its own axes, the render is the drawing up to light."""
+    turn = np.radians(site.place.turn_deg) + np.pi / 2
+    height = site.camera.fx * site.pad.size_m / site.camera.width  # it fills the frame
+    seen = site.photograph(View(above(site, (0, 0, height), turn), 0, 0))
+    drawn = cv2.resize(site.pad.picture, seen.shape[:2][::-1], interpolation=cv2.INTER_AREA)
+    assert np.corrcoef(seen[..., 1].ravel(), drawn[..., 1].ravel())[0, 1] > 0.95
+
+
+def test_fog_fades_it_and_the_same_view_has_the_same_bytes(site: PadSite) -> None:
+    pose = above(site, (0, 0, 6.0))
+    clear, fog = (site.photograph(View(pose, 3, 7, weather)) for weather in (("clear", 0), ("fog", 5)))
+    assert fog.std() < 0.5 * clear.std()
+    again = list(site.photograph_many([View(pose, 3, 7, ("fog", 5)), View(pose, 3, 7)]))
+    assert again[0].tobytes() == fog.tobytes()
+    assert again[1].tobytes() == clear.tobytes()
+    assert site.photograph(View(pose, 3, 8)).tobytes() != clear.tobytes()
+
+
+def test_places_are_of_seed_and_number_and_off_the_middle(grass: World) -> None:
+    few, many = plan_places(grass, 2.0, 2, seed=4), plan_places(grass, 2.0, 5, seed=4)
+    assert many[:2] == few
+    assert len({place.centre for place in many}) == 5
+    decks, bare = plan_places(grass, 2.0, 3, ground="pads"), plan_places(grass, 2.0, 3, ground="bare")
+    assert all(abs(place.centre[2] - 0.26) < 0.02 for place in decks)
+    assert all(abs(place.centre[2] - 0.01) < 0.02 for place in bare)
+
+
+def test_the_ground_is_what_a_drone_can_touch(site: PadSite) -> None:
+    above_pad = site.centre[None] + [[0, 0, 5.0]]
+    assert site.ground.height_below(above_pad)[0] == pytest.approx(site.centre[2] - 0.01, abs=0.01)
+    assert site.ground.is_hit(above_pad, above_pad - [[0, 0, 6.0]])[0]
+    assert not site.ground.is_hit(above_pad, above_pad - [[0, 0, 4.0]])[0]
+
+
+def test_pads_of_every_kind(tmp_path: Path) -> None:
+    space = make_workspace(tmp_path / "work")
+    for kind in KINDS:
+        pad = find_pad(space, kind, 1.0)
+        assert pad.picture.shape[0] == pad.picture.shape[1]
+        assert pad.picture.dtype == np.uint8
+    family = cv2.aruco.ArucoDetector(cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11))
+    _, ids, _ = family.detectMarkers(np.pad(draw_pad("apriltag").picture[..., 0], 40, constant_values=128))
+    assert ids.ravel().tolist() == [7]
+    own = space.print_dir / "pads" / "mine.png"
+    own.parent.mkdir(parents=True)
+    Image.fromarray(draw_pad("noise").picture).save(own)
+    assert find_pad(space, "mine").picture.tobytes() == draw_pad("noise").picture.tobytes()
+
+
+def test_bad_pads_are_one_line(grass: World, tmp_path: Path) -> None:
+    space = make_workspace(tmp_path / "work")
+    with pytest.raises(ToolkitError, match="no pad called 'plane': did you mean plain"):
+        find_pad(space, "plane")
+    with pytest.raises(FieldError, match=r"size_m 9: expected 0\.2 to 5 m"):
+        Pad("plain", draw_pad("grey").picture, 9.0)
+    Image.new("RGB", (30, 20)).save(tmp_path / "flat.png")
+    with pytest.raises(ToolkitError, match="30 × 20 pixels, expected a square"):
+        find_pad(space, str(tmp_path / "flat.png"))
+    with pytest.raises(FieldError, match="outside grass, which goes from"):
+        place_at(grass, 1e5, 0.0, 2.0)
+    with pytest.raises(FieldError, match="larger than the roof or ground"):
+        place_at(grass, 6.0, 0.0, 2.0)  # half on the deck
+    with pytest.raises(FieldError, match="size_m 30: larger than every place of grass: the widest, 'meadow-1'"):
+        plan_places(grass, 30.0, 1)
+    assert place_at(grass, 1.0, 2.0, 2.0).centre[2] == pytest.approx(0.26, abs=0.01)

@@ -1,0 +1,253 @@
+"""Exported programs and functions of the user's as classifiers; nothing in a file runs as code."""
+
+import io
+import json
+import pickle
+import sys
+import zipfile
+
+import numpy as np
+import pytest
+import torch
+import torchvision
+
+from toolkit.core.errors import ToolkitError
+from toolkit.imaging.preprocessing import Preprocessing
+from toolkit.models import load_classifier
+
+PX = 64
+
+
+def error_of(call) -> str:
+    with pytest.raises(ToolkitError) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.fixture(scope="module")
+def network():
+    torch.manual_seed(0)
+    return torchvision.models.squeezenet1_1(num_classes=3).eval()
+
+
+@pytest.fixture(scope="module")
+def exported(network, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("exported")
+    for name, count, free in (("free", 2, ({0: torch.export.Dim("b")},)), ("two", 2, None)):
+        program = torch.export.export(network, (torch.rand(count, 3, PX, PX),), dynamic_shapes=free)
+        torch.export.save(program, folder / f"{name}.pt2")
+    return folder
+
+
+@pytest.mark.parametrize("name", ["free", "two"])
+def test_an_exported_program_answers_and_trains(network, exported, name):
+    classifier = load_classifier(str(exported / f"{name}.pt2"), device="cpu")
+    batch = torch.rand(5, 3, PX, PX, requires_grad=True)
+    how = classifier.preprocessing
+    mean, std = (torch.tensor(values).view(3, 1, 1) for values in (how.mean, how.std))
+    expected = network((batch - mean) / std)
+    found = classifier.logits(batch)
+    assert torch.allclose(found, expected, atol=1e-5) and (how.crop_px, classifier.name) == (PX, name)
+    gradients = [torch.autograd.grad(one[:, 1].sum(), batch)[0] for one in (found, expected)]
+    assert torch.allclose(*gradients, atol=1e-6) and gradients[0].abs().max() > 1e-4
+
+
+def rewrite(file, target, change):
+    """The archive with `change(name, content)` instead of each file."""
+    with zipfile.ZipFile(file) as source, zipfile.ZipFile(target, "w") as out:
+        for name in source.namelist():
+            out.writestr(name, change(name, source.read(name)))
+    return target
+
+
+class Payload:
+    def __reduce__(self):
+        return (exec, ("import builtins; builtins.ran = True",))
+
+
+def in_program(change):
+    def apply(name, content):
+        if not name.endswith("models/model.json"):
+            return content
+        program = json.loads(content)
+        change(program)
+        return json.dumps(program).encode()
+
+    return apply
+
+
+def set_target(program):
+    program["graph_module"]["graph"]["nodes"][0]["target"] = "torch.os.system"
+
+
+def set_file_target(program):
+    program["graph_module"]["graph"]["nodes"][0]["target"] = "torch.ops.aten.from_file.default"
+
+
+def set_size(program):
+    values = program["graph_module"]["graph"]["sym_int_values"]
+    values["evil"] = {"as_expr": {"expr_str": "exec(chr(49))", "hint": None}}
+
+
+def set_name(program):
+    program["graph_module"]["graph"]["nodes"][0]["name"] = "x = __import__('os')"
+
+
+def pickle_weights(name, content):
+    if name.endswith("weights/model_weights_config.json"):
+        payload = json.loads(content)
+        next(iter(payload["config"].values()))["use_pickle"] = True
+        return json.dumps(payload).encode()
+    return pickle.dumps(Payload()) if name.endswith("weights/weight_0") else content
+
+
+def pickle_samples(name, content):
+    if name.endswith("sample_inputs/model.pt"):
+        buffer = io.BytesIO()
+        torch.save(Payload(), buffer)
+        return buffer.getvalue()
+    return content
+
+
+EVIL = {
+    "operator": (in_program(set_target), "the operator 'torch.os.system'"),
+    "operator on files": (in_program(set_file_target), "the operator 'torch.ops.aten.from_file.default'"),
+    "size": (in_program(set_size), "the text 'exec(chr(49))'"),
+    "name": (in_program(set_name), "the text 'x = __import__"),
+    "pickled weights": (pickle_weights, "as a pickled object"),
+}
+
+
+@pytest.mark.parametrize("case", EVIL)
+def test_code_in_an_exported_program_does_not_run(exported, tmp_path, case):
+    change, expected = EVIL[case]
+    file = rewrite(exported / "free.pt2", tmp_path / "evil.pt2", change)
+    line = error_of(lambda: load_classifier(str(file), device="cpu"))
+    assert expected in line and "not loaded for safety" in line
+    import builtins
+
+    assert not hasattr(builtins, "ran")
+
+
+def test_guards_and_samples_that_are_code_are_left_out(exported, tmp_path):
+    import builtins
+
+    def add_guard(program):
+        program["guards_code"] = ["exec('import builtins; builtins.ran = True') or True"]
+
+    for change in (in_program(add_guard), pickle_samples):
+        file = rewrite(exported / "free.pt2", tmp_path / "evil.pt2", change)
+        assert len(load_classifier(str(file), device="cpu").labels) == 3
+        assert not hasattr(builtins, "ran")
+
+
+def test_files_that_are_no_exported_programs(tmp_path):
+    (tmp_path / "noise.pt2").write_bytes(b"\x00noise" * 40)
+    assert "no program of torch.export" in error_of(lambda: load_classifier(str(tmp_path / "noise.pt2")))
+    with zipfile.ZipFile(tmp_path / "old.pt2", "w") as archive:
+        archive.writestr("serialized_exported_program.json", "{}")
+    assert "torch.export 2.8 or later" in error_of(lambda: load_classifier(str(tmp_path / "old.pt2")))
+    assert "no such file" in error_of(lambda: load_classifier(str(tmp_path / "none.pt2")))
+
+
+SOURCE = """
+import torch
+from toolkit.imaging.preprocessing import Preprocessing
+from torchvision.transforms._presets import ImageClassification
+
+class Net(torch.nn.Module):
+    def __init__(self, change=lambda x: x):
+        super().__init__()
+        torch.manual_seed(1)
+        self.linear = torch.nn.Linear(3, 4)
+        torch.nn.init.normal_(self.linear.weight)
+        self.change = change
+
+    def forward(self, x):
+        return self.change(self.linear(x.mean((2, 3))))
+
+HOW = {"size": 32, "mean": [0.5, 0.5, 0.5], "std": [0.2, 0.2, 0.2], "labels": ["a", "b", "c", "d"]}
+def good(): return Net(), HOW
+def kit(): return Net(), Preprocessing(40, 32, (0.5, 0.5, 0.5), (0.2, 0.2, 0.2))
+def torchvisions(): return Net(), ImageClassification(crop_size=32, resize_size=40)
+def softmaxed(): return Net(lambda y: y.softmax(1)), HOW
+def bare(): return Net()
+def swapped(): return HOW, Net()
+def no_size(): return Net(), {"mean": [0.5, 0.5, 0.5]}
+def wrong_field(): return Net(), {"size": "big"}
+def number(): return Net(), 3
+def fails(): raise RuntimeError("no weights here")
+def nan(): return Net(lambda y: y * float("nan")), HOW
+def listed(): return Net(lambda y: [y, y]), HOW
+def mapped(): return Net(lambda y: {"logits": y}), HOW
+def detector(): return Net(lambda y: [{"boxes": y, "scores": y, "labels": y}]), HOW
+def flat(): return Net(lambda y: y.flatten()), HOW
+def dense(): return Net(lambda y: y[:, :, None, None].expand(-1, -1, 5, 5)), HOW
+def few(): return Net(lambda y: y[:, :3]), HOW
+def stuck(): return Net(lambda y: y @ y), HOW
+"""
+
+
+@pytest.fixture
+def code(tmp_path, monkeypatch):
+    (tmp_path / "my_networks.py").write_text(SOURCE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_networks", raising=False)
+    yield
+    sys.modules.pop("my_networks", None)
+
+
+def load(function):
+    return load_classifier(f"python:my_networks:{function}", device="cpu")
+
+
+def test_a_function_of_ones_own(code):
+    classifier = load("good")
+    batch = torch.rand(3, 3, 32, 32, requires_grad=True)
+    expected = classifier.module.linear((batch.mean((2, 3)) - 0.5) / 0.2)
+    assert torch.allclose(classifier.logits(batch), expected, atol=1e-5)
+    assert classifier.logits(batch).requires_grad and classifier.labels == list("abcd")
+    assert (classifier.name, classifier.arch) == ("good", "python:my_networks:good")
+    assert load("kit").preprocessing == Preprocessing(40, 32, (0.5, 0.5, 0.5), (0.2, 0.2, 0.2))
+    assert load("torchvisions").preprocessing.resize_px == 40
+    assert np.allclose(load("softmaxed").logits(batch).detach(), expected.log_softmax(1).detach(), atol=1e-5)
+
+
+def test_its_hash_is_of_weights_and_code(code, tmp_path):
+    before = load("good").weights.sha256
+    assert load("good").weights.sha256 == before
+    for old, new in (("manual_seed(1)", "manual_seed(2)"), ("x.mean", "0.9 * x.mean")):
+        (tmp_path / "my_networks.py").write_text(SOURCE.replace(old, new))
+        sys.modules.pop("my_networks")
+        assert load("good").weights.sha256 != before
+
+
+@pytest.mark.parametrize(
+    ("function", "expected"),
+    [
+        ("bare", "expected a torch.nn.Module and its preprocessing, in a tuple; found Net"),
+        ("swapped", "found tuple of 2: dict, Net"),
+        ("no_size", "or a dict with 'size'; found mean"),
+        ("wrong_field", "field 'size'"),
+        ("number", "found int"),
+        ("fails", "RuntimeError: no weights here"),
+        ("missing", "AttributeError"),
+        ("nan", "not a number"),
+        ("listed", "gives a list of 2: expected one tensor, images × classes"),
+        ("mapped", "gives a dict: expected one tensor"),
+        ("detector", "a detector?"),
+        ("flat", "gives 8 for 2 images: expected 2×classes"),
+        ("dense", "gives 2×4×5×5 for 2 images: expected 2×classes"),
+        ("few", "expected 3 names"),
+        ("stuck", "it fails at two images of 32 px: RuntimeError"),
+    ],
+)
+def test_what_a_function_may_not_return(code, function, expected):
+    line = error_of(lambda: load(function))
+    assert expected in line and "my_networks" in line
+
+
+def test_functions_that_are_not_there(code):
+    assert "python:MODULE:FUNCTION" in error_of(lambda: load_classifier("python:my_networks"))
+    assert "ModuleNotFoundError" in error_of(lambda: load_classifier("python:no_such_module:f"))

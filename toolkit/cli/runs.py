@@ -1,0 +1,153 @@
+"""`toolkit runs`, `compare`, `report` and `export`: what all the runs of a workspace found."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from toolkit.cli import options
+from toolkit.cli.output import say, show_json, warn
+from toolkit.core.errors import FieldError, ToolkitError
+
+RunNames = Annotated[list[str] | None, typer.Argument(help="Name of a run below eval/, or its folder; several.")]
+Captures = Annotated[
+    Path | None,
+    typer.Option(metavar="FOLDER", help="Where the images lie; default: captures/, a sweep's in its own folder."),
+]
+
+
+def list_runs(
+    where: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FIELD=VALUE",
+            help="Only these rows: object=racer, weather=fog, run=resnet*, p<0.05, top1>=0.5; may be repeated.",
+        ),
+    ] = None,
+    everything: Annotated[
+        bool, typer.Option("--all", help="Also every object, place and corruption by itself.")
+    ] = False,
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """List what every run found: evaluations, worlds, sweeps, corruption benchmarks and landings, as one table."""
+    from toolkit.core.console import console, list_skipped
+    from toolkit.core.workspace import open_workspace
+    from toolkit.evaluation.run_rows import build_runs_table, parse_where, pick_rows
+    from toolkit.evaluation.runs import find_runs
+
+    wanted = [parse_where(one) for one in where or ()]
+    runs, refused = find_runs(open_workspace(workspace))
+    rows = pick_rows([row for run in runs for row in run.rows], wanted, everything)
+    list_skipped(refused)
+    if as_json:
+        show_json([row.as_json() for row in rows])
+    elif rows:
+        console.print(build_runs_table(rows))
+    else:
+        say("no row of any run is so" if runs else "no runs yet: make one with 'toolkit eval'")
+    if refused:
+        raise typer.Exit(1)
+
+
+def compare(
+    first: Annotated[str, typer.Argument(help="Name of a run below eval/, or its folder.")],
+    second: Annotated[str, typer.Argument(help="The run that is compared with it.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The page. Default: eval/comparisons/FIRST-vs-SECOND.html.")
+    ] = None,
+    captures: Captures = None,
+    workspace: options.Workspace = None,
+    as_json: options.Json = False,
+) -> None:
+    """Compare two runs image by image: the exact test, what flipped, and a page with the pictures."""
+    from toolkit.core.console import console
+    from toolkit.core.workspace import open_workspace
+    from toolkit.evaluation.compare import build_comparison_table, compare_runs, write_comparison
+    from toolkit.evaluation.runs import open_run
+
+    space = open_workspace(workspace)
+    runs = open_run(space, first), open_run(space, second)
+    found = compare_runs(space, *runs, captures)
+    name = "-vs-".join(run.name.strip("/").replace("/", "-") for run in runs)
+    page = write_comparison(out or space.eval_dir / "comparisons" / f"{name}.html", found)
+    if as_json:
+        show_json(found.as_json() | {"page": str(page)})
+        return
+    console.print(build_comparison_table(found))
+    say(f"{found.verdict}. {found.sentence}")
+    for words, count in zip(("first", "second"), found.unshared, strict=True):
+        if count:
+            warn(f"{count} images that only the {words} run read are left out")
+    say(f"page: {page}")
+
+
+def report(
+    names: RunNames = None,
+    everything: Annotated[bool, typer.Option("--all", help="Every run of the workspace.")] = False,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="The page. Default: eval/index.html.")] = None,
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+) -> None:
+    """Write one page of many runs, which opens without a network: filters, sorting, flips side by side."""
+    from toolkit.core.console import list_skipped
+    from toolkit.core.workspace import open_workspace
+    from toolkit.evaluation.index_page import write_index
+    from toolkit.evaluation.runs import Run, find_runs, open_run
+
+    if bool(names) == everything:
+        raise FieldError("name runs, or say {everything}", {})
+    space = open_workspace(workspace)
+    refused: Sequence[tuple[str, str]] = ()
+    runs: list[Run] = [open_run(space, name) for name in names or ()]
+    if everything:
+        runs, refused = find_runs(space)
+    page = out or space.eval_dir / "index.html"
+    skipped = [*refused, *write_index(page, space, runs)]
+    list_skipped(skipped)
+    say(f"{len(runs)} runs: {page}")
+    if skipped:
+        raise typer.Exit(1)
+
+
+def export(
+    names: RunNames = None,
+    to: Annotated[
+        str, typer.Option(metavar="parquet|fiftyone", help="One table, or a folder that FiftyOne imports.")
+    ] = "parquet",
+    out: Annotated[
+        Path | None, typer.Option(metavar="PATH", help="Default: eval/predictions.parquet, or eval/fiftyone.")
+    ] = None,
+    captures: Captures = None,
+    workspace: options.Workspace = None,
+) -> None:
+    """Write the predictions of runs, by default of all that have any, for other programs."""
+    from toolkit.core.console import list_skipped
+    from toolkit.core.workspace import open_workspace
+    from toolkit.evaluation.export import write_fiftyone, write_parquet
+    from toolkit.evaluation.runs import find_runs, open_run
+
+    if to not in ("parquet", "fiftyone"):
+        raise FieldError("expected parquet or fiftyone", {"to": to})
+    space = open_workspace(workspace)
+    refused: Sequence[tuple[str, str]] = ()
+    if names:
+        runs = [open_run(space, name) for name in names]
+    else:
+        found, refused = find_runs(space)
+        runs = [run for run in found if run.has_predictions]
+    list_skipped(refused)
+    if not runs:
+        raise ToolkitError(f"{space.eval_dir} holds no run with predictions: make one with 'toolkit eval'")
+    if to == "parquet":
+        place = out or space.eval_dir / "predictions.parquet"
+        say(f"{write_parquet(place, space, runs, captures)} predictions of {len(runs)} runs: {place}")
+    else:
+        place = out or space.eval_dir / "fiftyone"
+        count, left_out = write_fiftyone(place, space, runs, captures)
+        if left_out:
+            warn(f"left out {left_out} answers to images that have no file of their own, or could not be read")
+        say(f"{count} images, {len(runs)} runs; with FiftyOne: python {place / 'load.py'}")
+    if refused:
+        raise typer.Exit(1)

@@ -1,0 +1,239 @@
+"""Two runs on the same images: what each got right, the exact test, and what flipped."""
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from toolkit import __version__
+from toolkit.captures.read import POOLED
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import load_json, write_text
+from toolkit.core.statistics import PairedOutcomes
+from toolkit.core.tables import (
+    build_table,
+    format_p,
+    format_percent,
+    format_points,
+    format_points_interval,
+    format_test,
+)
+from toolkit.core.workspace import Workspace
+from toolkit.evaluation.contact_sheet import Card, describe_place, make_thumbnails
+from toolkit.evaluation.metrics import Pair, count_outcomes, rank_variant
+from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.report import render_page
+from toolkit.evaluation.runs import SUMMARY, Run
+from toolkit.evaluation.stored import find_captures_dir, has_own_file, hash_images, read_predictions
+from toolkit.evaluation.verdict import describe_unsure
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+MAX_FLIPS = 60
+
+
+@dataclass(frozen=True)
+class ComparedRow:
+    """One object and variant, either of them `all`, of the images that both runs judged."""
+
+    object: str
+    variant: str
+    outcomes: PairedOutcomes
+
+    def as_json(self) -> dict[str, Any]:
+        """The fields, as `toolkit compare --json` has them."""
+        found = self.outcomes
+        return {
+            "object": self.object, "variant": self.variant, "n": found.n, "both": found.both,
+            "only_first": found.only_first, "only_second": found.only_second, "neither": found.neither,
+            "gain": found.gain, "gain_ci95": list(found.gain_ci95), "mcnemar_p": found.mcnemar_p,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RunComparison:
+    """Two runs on the images that both of them read.
+
+    Attributes:
+        first, second: the runs.
+        pairs: each image as both saw it, in the order of the first.
+        rows: by variant and object, pooled rows last.
+        unshared: how many images only the first read, and only the second.
+    """
+
+    first: Run
+    second: Run
+    pairs: tuple[Pair, ...]
+    rows: tuple[ComparedRow, ...]
+    unshared: tuple[int, int]
+
+    @property
+    def pooled(self) -> PairedOutcomes:
+        """Of all images."""
+        return self.rows[-1].outcomes
+
+    @property
+    def flips(self) -> list[Pair]:
+        """Images that one got right and the other wrong: gained before lost, the surest first."""
+        found = [pair for pair in self.pairs if pair.is_gained or pair.is_lost]
+        return sorted(found, key=lambda pair: (pair.is_lost, -abs(pair.change)))
+
+    @property
+    def verdict(self) -> str:
+        """The result in words."""
+        found = self.pooled
+        better = self.second if found.second_is_better else self.first if found.first_is_better else None
+        if better is None:
+            words = describe_unsure(found)
+            return f"{self.second.name}: {words[0].lower()}{words[1:]}"
+        return f"{better.name} is right more often"
+
+    @property
+    def sentence(self) -> str:
+        """The numbers behind the verdict."""
+        found = self.pooled
+        shares = [f"{count} of {found.n}" for count in (found.n_first, found.n_second)]
+        return (
+            f"On the same images {self.first.name} is right on {shares[0]} and {self.second.name} on {shares[1]}: "
+            f"{found.only_second} became right and {found.only_first} became wrong ({format_test(found.mcnemar_p)})."
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """The result, as `toolkit compare --json` prints it."""
+        return {
+            "schema_version": 1, "first": self.first.name, "second": self.second.name, "verdict": self.verdict,
+            "only_in_first": self.unshared[0], "only_in_second": self.unshared[1],
+            "rows": [row.as_json() for row in self.rows],
+            "flips": [_describe_flip(pair) for pair in self.flips], "toolkit_version": __version__,
+        }  # fmt: skip
+
+
+def _describe_flip(pair: Pair) -> dict[str, Any]:
+    kind = "gained" if pair.is_gained else "lost"
+    said = {"first_says": pair.first.top1_label, "second_says": pair.second.top1_label}
+    return {"kind": kind, "path": pair.first.capture.path, "path_in_second": pair.second.capture.path, **said}
+
+
+def compare_runs(workspace: Workspace, first: Run, second: Run, captures_dir: Path | None = None) -> RunComparison:
+    """Pair the images of two runs, and count.
+
+    An image is the same where both runs name the same file of one capture folder, else where the files hold the same
+    bytes, as for copies in another source or in a sweep's folder.
+
+    Args:
+        workspace: that the runs are of.
+        first, second: from `open_run`, with predictions.
+        captures_dir: where the images of both lie; by default of each run's own.
+
+    Raises:
+        ToolkitError: a run has no predictions or damaged ones, or they share no image that both read.
+    """
+    folders = [captures_dir or find_captures_dir(workspace, run) for run in (first, second)]
+    said = [read_predictions(run, folder) for run, folder in zip((first, second), folders, strict=True)]
+    is_one = folders[0].resolve() == folders[1].resolve() or _have_one_world(first, second)
+    pairs = _pair_images(said[0], said[1], folders, is_one)
+    if not pairs:
+        raise ToolkitError(
+            f"{first.name} and {second.name} share no image that both could read: compare runs over the same captures"
+        )
+    left = [sum(one.is_read for one in own) - len(pairs) for own in said]
+    return RunComparison(first, second, tuple(pairs), tuple(_count_rows(pairs)), (left[0], left[1]))
+
+
+def _have_one_world(first: Run, second: Run) -> bool:
+    """Whether two runs saw one world under one sky from the same cameras, so that a path means the same picture."""
+    if first.kind != "world-eval" or second.kind != "world-eval":
+        return False
+    return _describe_cameras(first) == _describe_cameras(second)
+
+
+def _describe_cameras(run: Run) -> tuple[object, ...]:
+    about, cameras = load_json(run.folder / SUMMARY).get("about", {}), run.folder / "cameras.csv"
+    where = cameras.read_bytes() if cameras.is_file() else run.name
+    return where, *(about.get(key) for key in ("world_sha256", "sky", "camera"))
+
+
+def _pair_images(
+    first: list[Prediction], second: list[Prediction], folders: Sequence[Path], is_one: bool
+) -> list[Pair]:
+    """The images that both read; `is_one`: a path means the same image in both."""
+    pairs: dict[str, Pair] = {}
+    if is_one:
+        by_path = {one.capture.path: one for one in second}
+        pairs = {one.capture.path: Pair(one, by_path[one.capture.path]) for one in first if one.capture.path in by_path}
+    taken = {pair.second.capture.path for pair in pairs.values()}
+    left = [[one for one in first if one.capture.path not in pairs]]
+    left.append([one for one in second if one.capture.path not in taken])
+    if all(left):
+        keyed = [_key_by_bytes(own, folder) for own, folder in zip(left, folders, strict=True)]
+        same = [Pair(one, keyed[1][key]) for key, one in keyed[0].items() if key in keyed[1]]
+        pairs |= {pair.first.capture.path: pair for pair in same}
+    found = [pairs[one.capture.path] for one in first if one.capture.path in pairs]
+    return [pair for pair in found if pair.first.is_read and pair.second.is_read]
+
+
+def _key_by_bytes(predictions: list[Prediction], folder: Path) -> dict[tuple[str, str, int], Prediction]:
+    """By object, hash of the file, and its number among these; an image that is gone has no key."""
+    seen: Counter[tuple[str, str]] = Counter()
+    keyed = {}
+    for one, sha256 in zip(predictions, hash_images(predictions, folder), strict=True):
+        # what is corrupted when it is read shares its file's bytes with the source that it is made of
+        if sha256 is not None and has_own_file(one, folder):
+            key = (one.capture.object, sha256)
+            seen[key] += 1
+            keyed[one.capture.object, sha256, seen[key]] = one
+    return keyed
+
+
+def _count_rows(pairs: Iterable[Pair]) -> list[ComparedRow]:
+    members: dict[tuple[str, str], list[Pair]] = defaultdict(list)
+    for pair in pairs:
+        capture = pair.first.capture
+        for variant in (capture.variant, POOLED):
+            for name in (capture.object, POOLED):
+                members[name, variant].append(pair)
+
+    def order(key: tuple[str, str]) -> tuple[bool, tuple[int, str], bool, str]:
+        return key[1] == POOLED, rank_variant(key[1]), key[0] == POOLED, key[0]
+
+    return [ComparedRow(*key, count_outcomes(members[key])) for key in sorted(members, key=order)]
+
+
+HEADS = ("images", "A %", "B %", "B − A (95 %)", "both", "A only", "B only", "p")
+
+
+def build_comparison_table(found: RunComparison) -> "Table":
+    """A line for each variant and object; A is the first run, B the second."""
+    rows = []
+    for row in found.rows:
+        one = row.outcomes
+        shares = [format_percent(count / one.n) for count in (one.n_first, one.n_second)]
+        gain = f"{format_points(one.gain)} ({format_points_interval(one.gain_ci95)})"
+        counts = [str(count) for count in (one.both, one.only_first, one.only_second)]
+        rows.append([row.variant, row.object, str(one.n), *shares, gain, *counts, format_p(one.mcnemar_p)])
+    title = f"A: {found.first.name}, B: {found.second.name}"
+    return build_table(title, ("variant", "object"), HEADS, rows, bold=POOLED)
+
+
+def write_comparison(path: Path, found: RunComparison) -> Path:
+    """Write the comparison as one HTML page that opens from disk; at most 60 flips are shown with their pictures."""
+    flips = found.flips[:MAX_FLIPS]
+    context = {
+        "title": f"{found.first.name} and {found.second.name}",
+        "found": found,
+        "flips": [
+            (kind, [_make_card(pair) for pair in flips if pair.is_gained == (kind == "gained")])
+            for kind in ("gained", "lost")
+        ],
+        "n_flips": len(found.flips),
+        "max_flips": MAX_FLIPS,
+        "thumbnails": make_thumbnails((pair.first.capture for pair in flips), None),
+        "version": __version__,
+    }
+    return write_text(path, render_page("toolkit.evaluation", "compare.html.j2", context))
+
+
+def _make_card(pair: Pair) -> Card:
+    return Card(pair.first.capture.path, describe_place(pair.first), (pair.first, pair.second))

@@ -1,0 +1,168 @@
+"""Which classifiers are at hand: what each can do, how good it is on a folder, and how fast here."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+from toolkit.core.console import progress
+from toolkit.core.errors import ToolkitError
+from toolkit.core.statistics import wilson_interval
+from toolkit.models.architectures import list_architectures
+from toolkit.models.bundled import bundled_file
+from toolkit.models.find import BUNDLED_DIR, list_own
+from toolkit.models.labels import read_labels_file
+from toolkit.models.load import load_classifier
+from toolkit.models.network import Classifier
+from toolkit.models.weights import cache_dir, find_local
+from toolkit.training.image_set import open_images
+
+if TYPE_CHECKING:
+    import torch
+
+SPEED_S = 1.0
+BATCH = 8
+OWN_LICENCE = "MIT"
+TORCHVISION_LICENCE = "BSD-3-Clause (torchvision)"
+
+
+@dataclass(frozen=True)
+class SurveyedModel:
+    """One row of the survey.
+
+    Attributes:
+        model: how it is named to every command.
+        weights: name of its file.
+        classes: how many.
+        image_px: side of what it sees.
+        parameters: how many numbers it has; None where its file does not show them.
+        licence: as far as it is said; else empty.
+        can_train: whether boosters can be trained against it.
+        why_not: why it cannot, or could not be loaded; else empty.
+        images_per_s: forward, in batches of 8.
+        trained_images_per_s: forward and back to the image.
+        n, correct: images of the folder; None without one, or where its classes are others.
+        accuracy, ci95: their ratio, with Wilson's interval.
+    """
+
+    model: str
+    weights: str = ""
+    classes: int | None = None
+    image_px: int | None = None
+    parameters: int | None = None
+    licence: str = ""
+    can_train: bool = False
+    why_not: str = ""
+    images_per_s: float | None = None
+    trained_images_per_s: float | None = None
+    n: int | None = None
+    correct: int | None = None
+    accuracy: float | None = None
+    ci95: tuple[float, float] | None = None
+
+
+def list_models(folder: Path | None = None) -> list[str]:
+    """Names of the classifiers whose weights are on this machine: the user's own, the bundled one, torchvision's.
+
+    Args:
+        folder: the workspace's `rig/classifiers`.
+    """
+    published = [name for name in list_architectures() if find_local(name) is not None]
+    return [*list_own(folder), *published]
+
+
+def survey_models(
+    models: Sequence[str], device: str = "auto", folder: Path | None = None, data: str | None = None
+) -> list[SurveyedModel]:
+    """Load each classifier, time it, and count what it gets right.
+
+    One that cannot be loaded is a row that says why.
+
+    Args:
+        models: names, see `load_classifier`.
+        device: `auto`, `cpu` or `cuda`.
+        folder: the workspace's `rig/classifiers`.
+        data: folder with one folder per class (its val/ or test/, where there is one); None: no accuracy.
+    """
+    rows = []
+    for model in models:
+        try:
+            classifier = load_classifier(model, None, device, folder)
+        except ToolkitError as error:
+            rows.append(SurveyedModel(model, why_not=str(error)))
+            continue
+        rows.append(_survey(model, classifier, data))
+    return rows
+
+
+def _survey(model: str, classifier: Classifier, data: str | None) -> SurveyedModel:
+    module = classifier.module
+    numbers = sum(one.numel() for one in (*module.parameters(), *module.buffers()))
+    n, correct, why = None, None, classifier.untrainable
+    if data is not None:
+        try:
+            n, correct = _count_correct(classifier, data)
+        except ToolkitError as error:
+            why = why or str(error)
+    return SurveyedModel(
+        model, classifier.weights.name, len(classifier.labels), classifier.preprocessing.crop_px, numbers or None,
+        licence=_find_licence(classifier), can_train=not classifier.untrainable, why_not=why,
+        images_per_s=measure_speed(classifier),
+        trained_images_per_s=None if classifier.untrainable else measure_speed(classifier, backward=True),
+        n=n, correct=correct, accuracy=None if not n else (correct or 0) / n,
+        ci95=None if not n else wilson_interval(correct or 0, n),
+    )  # fmt: skip
+
+
+def _find_licence(classifier: Classifier) -> str:
+    path = classifier.weights.path
+    if (said := read_labels_file(path).licence) is not None:
+        return said
+    if path == bundled_file() or path.parent == BUNDLED_DIR:
+        return OWN_LICENCE
+    return TORCHVISION_LICENCE if path.parent == cache_dir() and classifier.arch in list_architectures() else ""
+
+
+def measure_speed(classifier: Classifier, backward: bool = False, seconds: float = SPEED_S) -> float:
+    """Images per second on this machine, preprocessing left out; with `backward` also the gradient by the image."""
+    import torch
+
+    side = classifier.preprocessing.crop_px
+    batch = torch.rand(BATCH, 3, side, side, device=classifier.device, requires_grad=backward)
+
+    def run() -> None:
+        with torch.set_grad_enabled(backward):
+            logits = classifier.logits(batch)
+            if backward:
+                torch.autograd.grad(logits.sum(), batch)
+        if classifier.device == "cuda":
+            torch.cuda.synchronize()
+
+    run()
+    count, start = 0, perf_counter()
+    while count == 0 or perf_counter() - start < seconds:
+        run()
+        count += BATCH
+    return count / (perf_counter() - start)
+
+
+def _count_correct(classifier: Classifier, data: str) -> tuple[int, int]:
+    """Images of the folder, and how many of them the classifier gets right."""
+    import torch
+
+    images = open_images(data, classifier)
+    correct = 0
+    with progress(f"asking {classifier.name}", len(images.images)) as ticker:
+        for start in range(0, len(images.images), BATCH):
+            part = images.images[start : start + BATCH]
+            pixels = [classifier.preprocess(images.read(one)) for one in part]
+            with torch.inference_mode():
+                answers = classifier.logits(torch.stack(pixels)).argmax(1).cpu()
+            correct += _count_equal(answers, (one.class_index for one in part))
+            ticker.advance(len(part))
+    return len(images.images), correct
+
+
+def _count_equal(answers: "torch.Tensor", classes: Iterable[int]) -> int:
+    return sum(int(answer) == wanted for answer, wanted in zip(answers, classes, strict=True))

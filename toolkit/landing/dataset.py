@@ -1,0 +1,256 @@
+"""A landing data set on disk: tar shards as WebDataset streams them, and `dataset.json` beside them.
+
+A sample is three files of one key: `KEY.png` the picture, `KEY.seg.png` the pad (255) in it, `KEY.json` its `Truth`.
+"""
+
+import io
+import json
+import tarfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import cv2
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from toolkit.core.console import progress
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import explain_validation, inside, open_whole, read_json, sha256_file
+
+DATASET = "dataset.json"
+SPLITS = ("train", "held_out")
+Split = Literal["train", "held_out"]
+
+
+class Truth(BaseModel):
+    """What is known of one picture.
+
+    Attributes:
+        index: of it.
+        seed: of its draws.
+        x_m, y_m, z_m: the pad's centre in the camera's frame: right, down in the picture, ahead.
+        yaw_deg: how the pad is turned in the picture, clockwise from its top being up.
+        place, time: where, and under which sky.
+        weather, severity: through which air.
+        seen_px: pixels that show the pad.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    index: int = Field(ge=0)
+    seed: int
+    x_m: float
+    y_m: float
+    z_m: float = Field(gt=0)
+    yaw_deg: float
+    place: str
+    time: str
+    weather: str
+    severity: int
+    seen_px: int
+
+
+class Shard(BaseModel):
+    """One tar file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    file: str
+    split: Split
+    n: int
+    sha256: str
+
+
+class DatasetFile(BaseModel):
+    """`dataset.json`.
+
+    Attributes:
+        inputs_sha256: hash of all that decides the bytes.
+        seed: of the draws.
+        world, world_seed, pad, pad_sha256, size_m: what was photographed.
+        camera: width, height, fx, fy, cx, cy.
+        places: by split.
+        settings: all others.
+        complete: whether all shards are there.
+        shards: in order.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    schema_version: int = 1
+    inputs_sha256: str
+    seed: int
+    world: str
+    world_seed: int
+    pad: str
+    pad_sha256: str
+    size_m: float
+    camera: dict[str, float]
+    places: dict[str, list[str]]
+    settings: dict[str, Any]
+    complete: bool
+    shards: list[Shard]
+    toolkit_version: str
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One picture with what is known of it.
+
+    Attributes:
+        image: (h, w, 3) uint8 sRGB.
+        mask: (h, w) bool the pad.
+        truth: where it is.
+    """
+
+    image: np.ndarray
+    mask: np.ndarray
+    truth: Truth
+
+
+@dataclass(frozen=True)
+class SampleSet:
+    """The samples of one split in memory.
+
+    Attributes:
+        images: (n, h, w, 3) uint8 sRGB.
+        truths: in the same order.
+    """
+
+    images: np.ndarray
+    truths: tuple[Truth, ...]
+
+    @property
+    def offsets(self) -> np.ndarray:
+        """(n, 2) float32 x and y, metres."""
+        return np.array([(one.x_m, one.y_m) for one in self.truths], np.float32).reshape(-1, 2)
+
+    @property
+    def heights(self) -> np.ndarray:
+        """(n,) z, metres."""
+        return np.array([one.z_m for one in self.truths])
+
+
+def write_shard(path: Path, samples: Sequence[Sample]) -> None:
+    """Write samples as a tar whose bytes depend on them alone."""
+    with open_whole(path) as file, tarfile.open(fileobj=file, mode="w", format=tarfile.USTAR_FORMAT) as tar:
+        for sample in samples:
+            key = f"{sample.truth.index:08d}"
+            _add(tar, f"{key}.json", json.dumps(sample.truth.model_dump(), sort_keys=True).encode())
+            _add(tar, f"{key}.png", _encode(sample.image[..., ::-1]))
+            _add(tar, f"{key}.seg.png", _encode(sample.mask.astype(np.uint8) * 255))
+
+
+def _add(tar: tarfile.TarFile, name: str, content: bytes) -> None:
+    entry = tarfile.TarInfo(name)
+    entry.size, entry.mode = len(content), 0o644
+    tar.addfile(entry, io.BytesIO(content))
+
+
+def _encode(picture: np.ndarray) -> bytes:
+    return cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 3])[1].tobytes()
+
+
+def read_shard(path: Path) -> Iterator[Sample]:
+    """The samples of a shard, in order.
+
+    Raises:
+        ToolkitError: it is cut or damaged, or a truth in it is none; the message names shard and sample.
+    """
+    parts: dict[str, bytes] = {}
+    try:
+        with tarfile.open(path) as tar:
+            for entry in tar:
+                found = tar.extractfile(entry)
+                key, _, kind = entry.name.partition(".")
+                parts[kind] = found.read() if found is not None else b""
+                if len(parts) == 3:
+                    yield _decode(path, key, parts)
+                    parts = {}
+    except (tarfile.TarError, EOFError, OSError) as error:
+        raise ToolkitError(f"{path}: the shard is missing, cut or damaged ({error}): collect it again") from None
+    if parts:
+        raise ToolkitError(f"{path}: the shard ends in the middle of a sample: collect it again")
+
+
+def _decode(path: Path, key: str, parts: dict[str, bytes]) -> Sample:
+    where = f"{path}, sample {key}"
+    try:
+        truth = Truth.model_validate(json.loads(parts["json"]))
+        image, mask = (cv2.imdecode(np.frombuffer(parts[kind], np.uint8), flag) for kind, flag in _PICTURES)
+    except ValidationError as error:
+        raise ToolkitError(f"{where}: the truth cannot be used: {explain_validation(error)}") from None
+    except (KeyError, ValueError, cv2.error):
+        raise ToolkitError(f"{where}: expected a picture, a segmentation and a truth: collect it again") from None
+    if image is None or mask is None:
+        raise ToolkitError(f"{where}: a picture in it is damaged: collect it again")
+    return Sample(np.ascontiguousarray(image[..., ::-1]), mask > 127, truth)
+
+
+_PICTURES = (("png", cv2.IMREAD_COLOR), ("seg.png", cv2.IMREAD_GRAYSCALE))
+
+
+def open_dataset(folder: Path) -> DatasetFile:
+    """`dataset.json` of a folder.
+
+    Raises:
+        ToolkitError: there is none, or the set is not complete.
+    """
+    file = folder / DATASET
+    if not file.is_file():
+        raise ToolkitError(
+            f"{folder} holds no {DATASET}: name a landing data set, or make one: toolkit landing collect"
+        )
+    about = read_json(file, DatasetFile)
+    if not about.complete:
+        raise ToolkitError(f"{folder}: the data set is not complete: run 'toolkit landing collect' again, it goes on")
+    return about
+
+
+def read_split(folder: Path, split: Split, most: int | None = None) -> SampleSet:
+    """All samples of a split, or the first `most`, each shard checked against its hash.
+
+    Raises:
+        ToolkitError: a shard is missing, cut or changed, a truth is no number, or a sample is of another seed.
+    """
+    about = open_dataset(folder)
+    shards = [shard for shard in about.shards if shard.split == split]
+    total = sum(shard.n for shard in shards)
+    images: list[np.ndarray] = []
+    truths: list[Truth] = []
+    with progress(f"Reading {split.replace('_', '-')} frames", min(total, most or total)) as bar:
+        for shard in shards:
+            if most is not None and len(truths) >= most:
+                break
+            path = inside(folder, shard.file)
+            if not path.is_file():
+                raise ToolkitError(f"{path}: the shard is missing: collect the data set again, or copy it whole")
+            if sha256_file(path) != shard.sha256:
+                _explain_change(path, about, shard)
+            for sample in read_shard(path):
+                if sample.truth.seed != about.seed:
+                    _refuse_seed(path, sample, about)
+                images.append(sample.image)
+                truths.append(sample.truth)
+                bar.advance()
+    if not truths:
+        raise ToolkitError(f"{folder} has no {split.replace('_', '-')} frames: collect more, or split it otherwise")
+    return SampleSet(np.stack(images[:most]), tuple(truths[:most]))
+
+
+def _explain_change(path: Path, about: DatasetFile, shard: Shard) -> None:
+    count = 0
+    for sample in read_shard(path):
+        count += 1
+        if sample.truth.seed != about.seed:
+            _refuse_seed(path, sample, about)
+    raise ToolkitError(
+        f"{path}: the shard is not the one of {DATASET} ({count} samples, {shard.n} expected): restore it, or collect "
+        "again"
+    )
+
+
+def _refuse_seed(path: Path, sample: Sample, about: DatasetFile) -> None:
+    raise ToolkitError(
+        f"{path}, sample {sample.truth.index:08d}: of seed {sample.truth.seed}, the data set is of seed {about.seed}: "
+        "shards of different sets were mixed: restore the right ones"
+    )

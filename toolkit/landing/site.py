@@ -1,0 +1,312 @@
+"""A pad on its place in a world: where pads may lie, what a downward camera sees there, what a drone can touch.
+
+Frame: as in `toolkit.worlds.world`, metres. The pad's own: its middle is the origin, x and y lie in its plane.
+"""
+
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from toolkit.core.config import Config, Flag
+from toolkit.core.draws import Draws
+from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.landing.pads import Pad
+from toolkit.rig.camera import Camera, project
+from toolkit.rig.lighting import BakeDetail, Shape
+from toolkit.rig.raycast import RaycastRenderer, map_frames
+from toolkit.rig.scene import Stand
+from toolkit.rig.shading import tone_map
+from toolkit.worlds.catalogue import WORLDS, build_world, load_world
+from toolkit.worlds.classes import STANDING
+from toolkit.worlds.depth_view import DepthView
+from toolkit.worlds.place import make_scene
+from toolkit.worlds.sky import Sky, make_sky
+from toolkit.worlds.weather import CLEAR, make_weather, weather_rng
+from toolkit.worlds.world import Spot, World
+
+SHEET_M = 0.01
+"""The sheet lies so far above what is under it."""
+FLAT_M = 0.03
+"""What is under a pad may differ by so much in height."""
+LEAST_ROOM_M = 0.2
+SKY_PX = 256
+DETAIL = BakeDetail(key_rays=16, room_rays=64, surface_spacing=0.1, table_spacing=0.1)
+Ground = Literal["pads", "bare", "both"]
+
+
+class CameraConfig(Config):
+    """The downward camera.
+
+    Attributes:
+        image_px: side of its square pictures.
+        fov_deg: its angle of view.
+        noise: standard deviation of the sensor's noise at middle grey, see `toolkit.rig.shading.tone_map`.
+    """
+
+    image_px: Annotated[int, Field(ge=32, le=1024), Flag("--image-px")] = Field(96, description="Side of a picture.")
+    fov_deg: Annotated[float, Field(ge=20, le=120), Flag("--fov")] = Field(70.0, description="Angle of view.")
+    noise: Annotated[float, Field(ge=0, le=0.2)] = 0.006
+
+    @property
+    def camera(self) -> Camera:
+        """Intrinsics."""
+        return Camera.from_fov(self.image_px, self.image_px, self.fov_deg)
+
+    @property
+    def view_tan(self) -> float:
+        """Tangent of half the angle of view."""
+        return float(np.tan(np.radians(self.fov_deg) / 2))
+
+
+@dataclass(frozen=True)
+class PadPlace:
+    """Where a pad lies.
+
+    Attributes:
+        name: the spot's with a number.
+        centre: (x, y, z) of the sheet's middle, metres.
+        turn_deg: of the pad, counter-clockwise from above.
+    """
+
+    name: str
+    centre: tuple[float, float, float]
+    turn_deg: float
+
+
+def find_world(word: str, seed: int = 0, scale: float = 1.0) -> World:
+    """A built-in world by its name, or a user's file; raises as `build_world` and `load_world`."""
+    path = Path(word)
+    if word not in WORLDS and path.suffix and path.is_file():
+        return load_world(path, scale, seed)
+    return build_world(word, seed)
+
+
+@lru_cache(maxsize=6)
+def find_sky(time: str, seed: int = 0) -> Sky:
+    """The sky over landings; the same object for the same arguments, so that a world is lit once under it."""
+    return make_sky(time, seed, SKY_PX)
+
+
+def plan_places(
+    world: World, size_m: float, count: int, seed: int = 0, ground: Ground = "both", without: Collection[str] = ()
+) -> tuple[PadPlace, ...]:
+    """Places for a pad, its spots in turn, each somewhere on its spot and turned by the seed.
+
+    A pad does not lie in the middle of a deck, so that a deck's own picture does not tell where it is.
+
+    Args:
+        world: in which.
+        size_m: side of the pad.
+        count: how many.
+        seed: of the draws; place k depends on (seed, k) alone.
+        ground: on decks (`pads`), on grass (`bare`), or both in turn.
+        without: names of spots that are not meant, such as those that were trained on.
+
+    Raises:
+        ToolkitError: the world has no such spot, or the pad is larger than all of them.
+    """
+    bare = [spot for spot in world.spots if spot.place == "grass" and spot not in world.pads]
+    spots = {"pads": list(world.pads), "bare": bare, "both": [*world.pads, *bare]}[ground]
+    spots = [spot for spot in spots if spot.name not in without]
+    if not spots:
+        words = {"pads": "landing pad", "bare": "grass", "both": "landing pad or grass"}[ground]
+        raise ToolkitError(f"{world.name} has no {words} that a pad could lie on: take another world")
+    reach = size_m / 2**0.5
+    wide = [spot for spot in spots if spot.free_radius_m >= reach + LEAST_ROOM_M]
+    if not wide:
+        widest = max(spots, key=lambda spot: spot.free_radius_m)
+        raise FieldError(
+            f"larger than every place of {world.name}: the widest, '{widest.name}', is free for "
+            f"{widest.free_radius_m:.3g} m around its middle",
+            {"size_m": size_m},
+        )
+    return tuple(_draw_place(world, wide[k % len(wide)], size_m, Draws(seed, k, "landing"), k) for k in range(count))
+
+
+def _draw_place(world: World, spot: Spot, size_m: float, draws: Draws, number: int) -> PadPlace:
+    rng, room = draws.of("place"), spot.free_radius_m - size_m / 2**0.5
+    for _ in range(30):
+        distance, around, turn = room * rng.uniform() ** 0.5, rng.uniform(0, 2 * np.pi), rng.uniform(0, 360)
+        x, y = spot.position[0] + distance * np.cos(around), spot.position[1] + distance * np.sin(around)
+        height = _flat_height(world, (x, y, spot.position[2]), size_m, turn)
+        if height is not None:
+            centre = (round(float(x), 4), round(float(y), 4), round(height + SHEET_M, 4))
+            return PadPlace(f"{spot.name}-{number + 1}", centre, round(turn, 2))
+    raise FieldError(
+        f"'{spot.name}' of {world.name} is nowhere level for a pad of this side: take a smaller pad, or another world",
+        {"size_m": size_m},
+    )
+
+
+def place_at(world: World, x: float, y: float, size_m: float, turn_deg: float = 0.0) -> PadPlace:
+    """A place of the user's own: the highest surface there.
+
+    Raises:
+        ToolkitError: it is outside the world, or the pad is larger than what it would lie on.
+    """
+    low, high = world.bounds
+    if not (low[0] < x < high[0] and low[1] < y < high[1]):
+        raise FieldError(
+            f"outside {world.name}, which goes from {low[0]:.0f} {low[1]:.0f} to {high[0]:.0f} {high[1]:.0f} m",
+            {"at": (x, y)},
+        )
+    fall = _cast_down(world, np.array([[x, y, high[2] + 1.0]]))[0]
+    height = _flat_height(world, (x, y, high[2] + 1.0 - fall), size_m, turn_deg) if np.isfinite(fall) else None
+    if height is None:
+        raise FieldError(
+            f"a pad of {size_m:g} m is larger than the roof or ground at this place, or that is not level: make it "
+            "smaller, or move it",
+            {"at": (x, y)},
+        )
+    return PadPlace("own", (x, y, round(height + SHEET_M, 4)), turn_deg)
+
+
+def _flat_height(world: World, middle: tuple[float, float, float], size_m: float, turn_deg: float) -> float | None:
+    """Height of what lies under a pad, None where that is not level or something stands on it."""
+    across = np.linspace(-size_m / 2, size_m / 2, 7)
+    x, y = (grid.reshape(-1) for grid in np.meshgrid(across, across))
+    local = np.stack([x, y, np.zeros(len(x))], axis=1)
+    points = Stand(middle, turn_deg).to_world(local) + np.array([0, 0, 2.0])
+    heights = points[:, 2] - _cast_down(world, points)
+    if not np.isfinite(heights).all() or np.ptp(heights) > FLAT_M:
+        return None
+    return float(heights.max())
+
+
+def _cast_down(world: World, points: np.ndarray) -> np.ndarray:
+    """(n,) way down from points (n, 3) to the first surface; inf where there is none."""
+    import open3d as o3d
+
+    rays = np.zeros((len(points), 6), np.float32)
+    rays[:, :3], rays[:, 5] = points, -1.0
+    return Shape.of(world.mesh).rays.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
+
+
+@dataclass(frozen=True)
+class View:
+    """What a photograph is taken with.
+
+    Attributes:
+        T_world_camera: (4, 4) pose, metres.
+        seed: of noise and weather, with `item`.
+        item: number of the photograph among those of the seed.
+        weather: (name, severity).
+    """
+
+    T_world_camera: np.ndarray
+    seed: int
+    item: int
+    weather: tuple[str, int] = CLEAR
+
+
+class PadSite:
+    """A pad on a place under a sky, ready to be photographed from above.
+
+    Attributes:
+        world, place, sky, pad: what it is made of.
+        stand: the sheet's place for the renderer.
+        renderer: of the pad with the world around it.
+    """
+
+    def __init__(self, world: World, place: PadPlace, sky: Sky, pad: Pad, optics: CameraConfig | None = None) -> None:
+        """Light the pad."""
+        self.world, self.place, self.sky, self.pad = world, place, sky, pad
+        self.optics = optics or CameraConfig()
+        self.camera = self.optics.camera
+        self.stand = Stand(place.centre, place.turn_deg)
+        self.mesh = pad.mesh()
+        self.renderer = RaycastRenderer(self.mesh, make_scene(world, sky), DETAIL, self.stand)
+
+    @property
+    def centre(self) -> np.ndarray:
+        """(3,) of the pad, metres."""
+        return np.array(self.place.centre)
+
+    @cached_property
+    def ground(self) -> "WorldGround":
+        """What a drone can touch here; the drone stands on the sheet."""
+        return WorldGround(self.world)
+
+    def truth(self, T_world_camera: np.ndarray) -> np.ndarray:
+        """(3,) the pad's centre in the camera's frame, metres: x right, y down in the picture, z ahead."""
+        return (self.centre - T_world_camera[:3, 3]) @ T_world_camera[:3, :3]
+
+    def look(self, T_world_camera: np.ndarray) -> tuple[DepthView, np.ndarray]:
+        """Depth for weather, and (h, w) bool where the pad is seen."""
+        found = self.renderer.buffers(self.camera, T_world_camera)
+        around, pad = found["mesh"] == 1, found["mesh"] == 0
+        face = np.where(around, found["face"], 0).astype(np.int64)
+        ground = around & np.isin(self.world.face_class[face], [int(one) for one in STANDING])
+        normals = np.where(around[..., None], _face_normals(self.world)[face], np.float32(0))
+        normals[pad] = (0, 0, 1)
+        view = DepthView(found["depth"], self.camera, T_world_camera, ground, normals, self.sky.white)
+        return view, pad
+
+    def segment(self, T_world_camera: np.ndarray) -> np.ndarray:
+        """(h, w) bool where the pad is seen, asked of the pixels around it alone."""
+        mask = np.zeros((self.camera.height, self.camera.width), bool)
+        pixels, depth = project(self.camera, T_world_camera, self.stand.to_world(self.mesh.vertices))
+        if (depth <= 0).any():
+            return self.look(T_world_camera)[1]
+        left, top = np.floor(pixels.min(axis=0) - 1).clip(0, mask.shape[0]).astype(int)
+        right, bottom = np.ceil(pixels.max(axis=0) + 1).clip(0, mask.shape[0]).astype(int)
+        if left < right and top < bottom:
+            part = self.camera.cropped(left, top, int(right - left), int(bottom - top))
+            mask[top:bottom, left:right] = self.renderer.buffers(part, T_world_camera)["mesh"] == 0
+        return mask
+
+    def photograph(self, view: View) -> np.ndarray:
+        """(h, w, 3) uint8 sRGB through weather and sensor."""
+        light = self.renderer.render(self.camera, view.T_world_camera)
+        if view.weather != CLEAR:
+            depth, _ = self.look(view.T_world_camera)
+            rng = weather_rng(view.seed, view.item, *view.weather)
+            light = make_weather(*view.weather).change_light(depth, self.sky.airlight, rng).apply(light)
+        return tone_map(light.astype(np.float32), (view.seed, view.item), self.optics.noise)
+
+    def photograph_many(self, views: Iterable[View]) -> Iterator[np.ndarray]:
+        """`photograph` of each view, in order, on all cores."""
+        return map_frames(self.photograph, views)
+
+    def wear(self, pad: Pad) -> "PadSite":
+        """Another pad in the same place and light."""
+        return PadSite(self.world, self.place, self.sky, pad, self.optics)
+
+
+class WorldGround:
+    """A world's surfaces, for `toolkit.landing.episodes`."""
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+
+    def height_below(self, points: np.ndarray) -> np.ndarray:
+        """(n,) height of the first surface under points (n, 3); -inf where there is none."""
+        fall = _cast_down(self._world, points)
+        return np.where(np.isfinite(fall), points[:, 2] - fall, -np.inf)
+
+    def is_hit(self, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
+        """(n,) bool whether a surface lies between points."""
+        import open3d as o3d
+
+        rays = np.concatenate([start, stop - start], axis=1).astype(np.float32)
+        found = Shape.of(self._world.mesh).rays.cast_rays(o3d.core.Tensor(rays))
+        return found["t_hit"].numpy() <= 1.0
+
+
+_normals: dict[str, np.ndarray] = {}
+
+
+def _face_normals(world: World) -> np.ndarray:
+    """(m, 3) float32 unit normals of a world's faces, kept for the last world."""
+    if world.sha256 not in _normals:
+        corners = world.mesh.vertices[world.mesh.faces]
+        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
+        _normals.clear()
+        _normals[world.sha256] = (across / length).astype(np.float32)
+    return _normals[world.sha256]

@@ -1,0 +1,152 @@
+"""Read a program of torch.export (`.pt2`), of which torch's own reader would unpickle parts and run others as code.
+
+Torch unpickles payloads that are marked so, evaluates symbolic sizes as Python, compiles guards and names into source,
+and looks up operators anywhere in `torch`. So the archive is first read here, refused where it holds anything but plain
+tensors and standard operators, stripped of what only debugging needs, and handed to torch as a fresh one.
+"""
+
+import json
+import re
+from io import BytesIO
+from pathlib import Path
+from zipfile import BadZipFile, ZipFile
+
+import torch
+from torch import nn
+
+from toolkit.core.errors import ToolkitError
+
+KNOWN_FILES = re.compile(
+    r"archive_format|archive_version|byteorder|\.data/[\w.]+|\.format_version|\.storage_alignment|models/model\.json"
+    r"|data/(weights/(weight_\d+|model_weights_config\.json)|constants/(tensor_\d+|model_constants_config\.json)"
+    r"|sample_inputs/model\.pt)|extra/.*"
+)
+OPERATOR = re.compile(r"torch\.ops\.aten\.(?!from_file|save|load|open|write|print|format)\w+\.\w+|_operator\.\w+"
+                      r"|torch\.sym_\w+|torch\.ops\.higher_order\.wrap_with_set_grad_enabled")  # fmt: skip
+WORD = re.compile(r"[\w.+:\[\]-]*")
+SIZE_WORDS = re.compile(
+    r"[a-z]{1,3}\d+|Symbol|positive|integer|nonnegative|True|False|Max|Min|Mod|Add|Mul|Pow|Integer|Rational|FloorDiv"
+    r"|CeilDiv|PythonMod|CleanDiv|Eq|Ne|Lt|Le|Gt|Ge"
+)
+"""In a symbolic size: the names that torch gives to sizes, and its functions of them."""
+TREE_TYPES = ("builtins.tuple", "builtins.list", "builtins.dict")
+
+
+def read_exported(path: Path) -> tuple[nn.Module, int | None]:
+    """The program as a module for (b, 3, h, w) normalised images, and their side; None: any.
+
+    Raises:
+        ToolkitError: the file is damaged, of an older format, compiled for one machine, or holds more than tensors and
+            standard operators.
+    """
+    try:
+        archive = _rebuild(path)
+        with torch.no_grad():
+            program = torch.export.load(archive)
+        module = program.module(check_guards=False)
+    except ToolkitError:
+        raise
+    except Exception as error:  # torch's reader trips over a strange file in many ways
+        why = " ".join(str(error).split())[:160]
+        raise ToolkitError(f"cannot read {path}: torch.export: {error.__class__.__name__}: {why}") from None
+    inputs = [node for node in program.graph.nodes if node.name in program.graph_signature.user_inputs]
+    shape = tuple(inputs[0].meta["val"].shape) if len(inputs) == 1 else ()
+    if len(shape) != 4 or shape[1] != 3:
+        found = "×".join(map(str, shape)) if len(inputs) == 1 else f"{len(inputs)} inputs"
+        raise ToolkitError(f"{path}: takes {found}: expected one batch of colour images, b×3×h×w")
+    batch, _, side, width = shape
+    if isinstance(side, int) and isinstance(width, int) and side != width:
+        raise ToolkitError(f"{path}: takes images of {side}×{width}: only squares are supported: export it for one")
+    for one in module.parameters():
+        one.requires_grad_(False)
+    fixed = batch if isinstance(batch, int) else None
+    return FixedBatch(module, fixed), side if isinstance(side, int) else None
+
+
+class FixedBatch(nn.Module):
+    """A program that was exported for `count` images, as one that takes any number; None: it does already."""
+
+    def __init__(self, program: nn.Module, count: int | None) -> None:
+        super().__init__()
+        self.program, self.count = program, count
+
+    def forward(self, batch: torch.Tensor) -> torch.Tensor:
+        """Image for image in groups of `count`, the last filled up."""
+        if self.count is None:
+            return self.program(batch)
+        parts = []
+        for part in batch.split(self.count):
+            missing = self.count - len(part)
+            whole = torch.cat([part, part[:1].expand(missing, -1, -1, -1)]) if missing else part
+            parts.append(self.program(whole)[: len(part)])
+        return torch.cat(parts)
+
+
+def _rebuild(path: Path) -> BytesIO:
+    try:
+        with ZipFile(path) as archive:
+            names = archive.namelist()
+            content = {name.partition("/")[2]: archive.read(name) for name in names}
+    except (BadZipFile, OSError, NotImplementedError, RuntimeError) as error:
+        raise ToolkitError(f"cannot read {path}: no program of torch.export, or a damaged one: {error}") from None
+    if len(content) != len(names) or "models/model.json" not in content:
+        raise ToolkitError(f"{path}: no program of torch.export 2.8 or later: save it with torch.export.save")
+    strange = next((name for name in content if not KNOWN_FILES.fullmatch(name)), None)
+    if strange is not None:
+        raise _refuse(path, f"the file '{strange[:80]}'")
+    samples = content.get("data/sample_inputs/model.pt", b"")
+    if samples:
+        content["data/sample_inputs/model.pt"] = b""
+    for name in ("data/weights/model_weights_config.json", "data/constants/model_constants_config.json"):
+        _check_payload(path, json.loads(content.get(name, b'{"config": {}}')))
+    program = json.loads(content["models/model.json"])
+    program["guards_code"] = []
+    content["models/model.json"] = json.dumps(_clean(path, program)).encode()
+    fresh = BytesIO()
+    with ZipFile(fresh, "w") as archive:
+        for name, data in content.items():
+            if not name.startswith("extra/"):
+                archive.writestr(f"model/{name}", data)
+    fresh.seek(0)
+    return fresh
+
+
+def _refuse(path: Path, what: str) -> ToolkitError:
+    return ToolkitError(
+        f"{path} holds {what}, and is not loaded for safety: expected standard operators on plain tensors: "
+        "name the code that makes it with python:MODULE:FUNCTION instead"
+    )
+
+
+def _check_payload(path: Path, payload: object) -> None:
+    entries = payload["config"] if isinstance(payload, dict) else {}
+    for name, entry in entries.items():
+        if entry.get("use_pickle") is not False or not re.fullmatch(r"(weight|tensor)_\d+", entry["path_name"]):
+            raise _refuse(path, f"'{name[:80]}' as a pickled object")
+
+
+def _clean(path: Path, value: object, key: str = "") -> object:
+    """The same JSON without debugging notes, if every text in it is harmless."""
+    if isinstance(value, dict):
+        for name in value:
+            if not WORD.fullmatch(name):
+                raise _refuse(path, f"the name '{name[:80]}'")
+        return {name: {} if name == "metadata" else _clean(path, one, name) for name, one in value.items()}
+    if isinstance(value, list):
+        return [_clean(path, one, key) for one in value]
+    if isinstance(value, str) and not _is_harmless(key, value):
+        what = "the operator" if key in ("target", "as_operator") else "the text"
+        raise _refuse(path, f"{what} '{' '.join(value.split())[:80]}'")
+    return value
+
+
+def _is_harmless(key: str, text: str) -> bool:
+    if key in ("target", "as_operator"):
+        return OPERATOR.fullmatch(text) is not None
+    if key == "expr_str":
+        words = re.findall(r"[A-Za-z_]\w*", text)
+        return all(map(SIZE_WORDS.fullmatch, words)) and re.fullmatch(r"[\w\s'+*/(),<>=-]*", text) is not None
+    if key in ("in_spec", "out_spec"):
+        types = re.findall(r'"type":\s*"([^"]*)"', text)
+        return set(types) <= set(TREE_TYPES) and re.fullmatch(r'[\w\s"\[\]{}:,.\\]*', text) is not None
+    return WORD.fullmatch(text) is not None
