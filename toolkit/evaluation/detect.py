@@ -4,6 +4,7 @@ import csv
 import io
 from collections import defaultdict
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -243,10 +244,18 @@ def detect_captures(
         detector: who looks.
     """
     found: list[DetectedImage] = []
-    with progress("detecting", len(captures)) as ticker:
-        for start in range(0, len(captures), BATCH):
-            part = captures[start : start + BATCH]
-            read = [_read(one, detector.device) for one in part]
+    parts = [captures[start : start + BATCH] for start in range(0, len(captures), BATCH)]
+
+    def read_part(part: Sequence[Capture]) -> list[np.ndarray | str]:
+        return [_read(one, detector.device) for one in part]
+
+    # the next images are read while the network looks at these: both release the interpreter's lock
+    with progress("detecting", len(captures)) as ticker, ThreadPoolExecutor(1, thread_name_prefix="read") as pool:
+        ahead = pool.submit(read_part, parts[0]) if parts else None
+        for number, part in enumerate(parts):
+            assert ahead is not None
+            read = ahead.result()
+            ahead = pool.submit(read_part, parts[number + 1]) if number + 1 < len(parts) else None
             pixels = [one for one in read if not isinstance(one, str)]
             seen = iter(detector.detect(pixels) if pixels else [])
             for capture, one in zip(part, read, strict=True):
