@@ -25,6 +25,7 @@ from toolkit.evaluation.ground_truth import add_corrupted
 from toolkit.evaluation.metrics import Comparison, compare_controls, compare_unpatched, index_poses, rank_variant
 from toolkit.evaluation.predict import Prediction, corrupt_images, find_pending
 from toolkit.evaluation.results import list_corrupted
+from toolkit.evaluation.seen import describe_unseen, find_training
 from toolkit.imaging.read import UnreadableImage, read_image
 from toolkit.models.detector import Detections, Detector, box_iou, detector_class
 from toolkit.objects.spec import read_spec
@@ -192,7 +193,8 @@ def evaluate_detector(
     table = encode_detections(images, detector)
     name = config.run or name_run(detector, [one.source for one in wanted if one.corruption is None])
     run_dir = find_run_dir(workspace.eval_dir / name, "detections.csv", table.encode(), config.replace)
-    notes = (*folder.notes, *notes)
+    training = find_training(wanted, workspace, detector.weights.sha256)
+    notes = (*folder.notes, *notes, *describe_unseen(detector.name, training))
     if run_dir.name != name:
         notes = (*notes, f"{run_dir.with_name(name)} holds another result, and stays as it is")
     summary = {
@@ -201,6 +203,7 @@ def evaluate_detector(
                   "sha256": detector.weights.sha256},
         "found": {"iou": FOUND_IOU, "score": FOUND_SCORE},
         "groups": [one.as_json() for one in groups], "pairs": [one.as_pair() for one in compare_unpatched(poses)],
+        "boosters": [one.as_json() for one in training],
         "corrupted": list_corrupted(one.capture for one in images), "notes": list(notes),
     }  # fmt: skip
     run = DetectionRun(
