@@ -246,3 +246,42 @@ def test_the_sheet_met_in_training_is_as_large_as_the_specs():
     assert (short.mounted_views, fewer.images) == (240, 50)
     paper = make_config("paper", size_by_spec({}, spec), data)
     assert paper.pose is None and limit_renders(paper, data) == (paper, data)
+
+
+def test_a_patch_is_trained_for_its_size_on_paper():
+    """Pose, ink and object know it; without it record and hash are as they were."""
+    from toolkit.boosters.data import DataConfig
+    from toolkit.boosters.patch_config import make_config, size_by_spec
+    from toolkit.objects.spec import ObjectSpec
+
+    data = DataConfig(sources=("rig:moka",))
+    spec = ObjectSpec.model_validate({"name": "moka", "class": "coffeepot", "mesh": "moka.glb", "length_mm": 184})
+    config = make_config("default", size_by_spec({"size_mm": 60.0}, spec), data)
+    assert (config.size_mm, config.pose.size_mm, config.pose.length_mm) == (60, 60, 184)
+    assert config.print_process.texel_mm == pytest.approx(0.6)
+    assert config.record()["size_mm"] == 60 and "size_mm" not in make_config("default", {}, data).record()
+    assert size_by_spec({}, spec) == {}
+    stated = spec.with_patch_size(45)
+    assert make_config("default", size_by_spec({"size_mm": 60.0}, stated), data).pose.size_mm == 60, (
+        "what is typed wins"
+    )
+
+
+@pytest.mark.slow
+def test_the_size_that_is_typed_is_mounted_recorded_and_printed(type_command, tmp_path, make_crate_space):
+    """Over the spec's, of which the user is told; and the rig's squares are as large as the record says."""
+    from toolkit.objects.records import read_patch
+    from toolkit.printing.document import build_pdf
+    from toolkit.printing.settings import PrintSettings
+
+    space = make_crate_space(tmp_path / "w")
+    spec = space.objects_dir / "crate.toml"
+    spec.write_text(spec.read_text().replace('class = "crate"', 'class = "jet"'))
+    quick = ("--steps", "2", "--batch", "2", "--size-px", "16", "--no-pose", "--size-mm", "25")
+    code, _, told = type_command("--object", "crate", *quick, "--workspace", str(space.root))
+    assert code == 0, told
+    assert "trained for 25 mm, but the rig mounts its patch at 40 mm" in told
+    patch = read_patch(space.patches_dir / "crate.png")
+    assert patch.size_mm == 25 == patch.record.settings["size_mm"]
+    assert patch.record.settings["print_process"]["texel_mm"] == 25 / 16
+    assert build_pdf(patch, PrintSettings()).plan.side_mm == 25

@@ -82,7 +82,7 @@ def test_without_pyarrow_the_error_names_the_extra(evaluated, tmp_path, monkeypa
 
 
 def test_fiftyone_finds_every_image_and_label(evaluated, tmp_path):
-    """The form of FiftyOneImageClassificationDataset with a `data.json`: ids without dots, absolute files."""
+    """As FiftyOneImageClassificationDataset is documented, with a `data.json`: ids without dots, absolute files."""
     out = tmp_path / "out"
     call = ["export", "--to", "fiftyone", "--out", str(out), "--workspace", str(evaluated.root)]
     done = CliRunner().invoke(app, call)

@@ -10,13 +10,13 @@ from toolkit.sweeps.axes import Setup
 RED = (220, 10, 10)
 
 
-def paint_patch(space, colour=RED):
+def paint_patch(space, colour=RED, patch_set=""):
     """Put a patch of one colour on the crate."""
     record = {
         "name": "crate", "class_name": "crate", "class_index": 1, "networks": [], "data": {}, "seed": 0,
         "settings": {}, "final": {}, "toolkit_version": "0",
     }  # fmt: skip
-    write_patch(space.patches_dir, np.full((12, 12, 3), colour, np.uint8), record)
+    write_patch(space.patches_dir / patch_set, np.full((12, 12, 3), colour, np.uint8), record)
 
 
 def make_base(space) -> Setup:

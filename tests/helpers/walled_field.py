@@ -81,10 +81,13 @@ def make_config(**changes: object) -> WorldEvalConfig:
     return WorldEvalConfig(**{**settings, **changes})
 
 
-def stand_in(monkeypatch) -> None:
-    """Evaluate in the field, below a small sky."""
-    from toolkit.world_eval import evaluate
+def stand_in(monkeypatch, is_drawn: bool = True) -> None:
+    """Evaluate in the field, below a small sky; figures, which take most of the time of so little, only if wanted."""
+    from toolkit.world_eval import evaluate, report
     from toolkit.worlds.sky import make_sky
 
     monkeypatch.setattr(evaluate, "open_world", lambda *given: make_field())
     monkeypatch.setattr(evaluate, "make_sky", lambda time, seed: make_sky(time, seed, 32))
+    for name in ("draw_sample", "draw_weathers", "draw_curves", "draw_cameras"):
+        if not is_drawn:
+            monkeypatch.setattr(report, name, lambda *given: b"drawn")

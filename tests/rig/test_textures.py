@@ -7,7 +7,14 @@ from kernel_samples import sample, sample_by_numpy
 from toolkit.imaging.colour import srgb_to_linear
 from toolkit.rig.kernel.textures import fill_colours, fill_radiance
 from toolkit.rig.studio import make_studio
-from toolkit.rig.textures import build_pyramid, equirectangular, pack_textures, sample_directions, texture_pyramid
+from toolkit.rig.textures import (
+    build_pyramid,
+    equirectangular,
+    pack_textures,
+    pad_channels,
+    sample_directions,
+    texture_pyramid,
+)
 
 RNG = np.random.default_rng(11)
 
@@ -113,6 +120,6 @@ def test_the_kernel_looks_where_numpy_does():
     directions = RNG.normal(size=(5000, 3))
     directions[:6] = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
     found = np.empty((5000, 3), np.float32)
-    fill_radiance(picture, directions, found)
+    fill_radiance(pad_channels(picture), directions, found)
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     np.testing.assert_allclose(found, sample_directions(picture, unit), atol=1e-3)

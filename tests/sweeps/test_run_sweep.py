@@ -186,3 +186,17 @@ def test_an_object_that_is_no_class_is_refused_before_any_work(space, redness):
     with pytest.raises(ToolkitError, match=r"crate\.toml: .*crayfish"):
         sweep(space, redness, "light", ["dim"])
     assert not (space.eval_dir / "sweeps").exists()
+
+
+def test_at_each_size_the_patches_that_were_trained_for_it(space, redness):
+    """A red patch for 40 mm, a grey one for 20 mm, and none for 30 mm."""
+    for folder, colour in (("40mm", (220, 20, 20)), ("20mm", (90, 90, 90))):
+        paint_patch(space, colour, folder)
+    result = sweep(space, redness, "size", ["20,30,40"], trained=True)
+    right = {(row["value"], row["object"], row["variant"]): row["top1"] for row in result.sweep.rows}
+    assert right[40.0, "crate", "patched"] == 1 and right[20.0, "crate", "patched"] == 0
+    assert [label for label, _, reason in result.sweep.skipped] == ["30mm"]
+    assert "no set of patches called '30mm'" in result.sweep.skipped[0][2]
+    assert result.json_file.name == "sweep-redness-trained.json"
+    with pytest.raises(ToolkitError, match="expected the axis size"):
+        SweepConfig(axis="light", trained=True)

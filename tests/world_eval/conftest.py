@@ -14,7 +14,7 @@ def field() -> World:
 
 @pytest.fixture
 def in_field(monkeypatch) -> None:
-    stand_in(monkeypatch)
+    stand_in(monkeypatch, is_drawn=False)
 
 
 @pytest.fixture(scope="session")

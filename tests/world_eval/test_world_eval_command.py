@@ -29,7 +29,7 @@ def test_it_says_what_was_found(type_command, monkeypatch) -> None:
     words = ("--variant", "unpatched", "--variant", "patched", "--places", 2, "--grid", "3x3x2", "--length-m", 4)
     result = type_command(*words, "--weather", "fog:1-2", "--sample", 5)
     assert result.exit_code == 0, result.output
-    assert "fog:2   visibility 70 m, extinction 42.8 /km" in result.output
+    assert "fog:2  visibility 70 m, extinction 42.8 /km" in result.output
     assert "36 points of the grid" in result.output and "inside a building" in result.output
     assert "In clear air onlooker has the crate among its first five guesses on" in result.output
     assert "60 answers; table, figures and report:" in result.output
@@ -43,10 +43,12 @@ def test_it_says_what_was_found(type_command, monkeypatch) -> None:
     [
         (("--world", "ctiy"), "no world called 'ctiy': did you mean city"),
         (("--world", "nowhere.glb"), "nowhere.glb"),
+        (("--world", "grass", "--world-scale", "2"), "--world-scale 2: the world grass is in metres"),
         (("--weather", "fgo:1"), "no weather called 'fgo': did you mean fog"),
         (("--weather", "fog:6"), "severity '6': expected one of 1 (slight) to 5 (severe)"),
         (("--grid", "10x10"), "--grid 10x10: expected cameras along, across and up"),
         (("--grid", "0x1x1"), "--grid 0x1x1: expected cameras"),
+        (("--grid", "999x999x2"), "--grid 999x999x2: expected at most 1,000,000 cameras"),
         (("--variant", "patch-alone"), "lies on a table without its object"),
         (("--variant", "textred"), "no variant called 'textred'"),
         (("--time", "night"), "no time of day called 'night'"),

@@ -55,12 +55,14 @@ class MountedViews:
         size_mm: side of the patch on the sheet.
         sha256: of the views.
         depths: how far away everything in them is at real size; none where there is no weather.
+        boxes: (n, 4) x1, y1, x2, y2 round the object with its sheet, in pixels of a view.
     """
 
     batch: ViewBatch
     size_mm: float
     sha256: str
     depths: tuple[DepthView, ...] = ()
+    boxes: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.batch)
@@ -69,7 +71,12 @@ class MountedViews:
         """Those to train on, and the last fifth, which is held out."""
         kept = len(self) - max(1, round(len(self) * HELD_OUT))
         train, held_out = (
-            replace(self, batch=self.batch.part(start, stop), depths=self.depths[start:stop])
+            replace(
+                self,
+                batch=self.batch.part(start, stop),
+                depths=self.depths[start:stop],
+                boxes=None if self.boxes is None else self.boxes[start:stop],
+            )
             for start, stop in ((0, kept), (kept, len(self)))
         )
         return train, held_out
@@ -103,7 +110,7 @@ def load_mounted_views(
     Args:
         workspace: whose object it is.
         object_name: as in its spec.
-        size_mm: side of the printed patch, unless the object's spec states one.
+        size_mm: side of the printed patch.
         patch_px, count, seed, image_px, ranges, with_depth: as there.
         device: of the tensors.
         setting: the world that they are taken in, where the object has its real size; None: studios.
@@ -112,9 +119,8 @@ def load_mounted_views(
         ToolkitError: an unknown object, a sheet that cannot be mounted, or no real size where one is needed.
     """
     item = load_object(workspace.object_spec(object_name))
-    side_mm = item.spec.patch.size_mm or size_mm
     if setting is not None:
-        subject = make_sheet_subject(item, side_mm, patch_px)
+        subject = make_sheet_subject(item, size_mm, patch_px)
         blocks = -(-count // PER_STUDIO)
         settings = ViewSettings(ranges, image_px, studios=1, per_studio=PER_STUDIO)
         views: list[LinearView] = []
@@ -125,19 +131,19 @@ def load_mounted_views(
             for number in range(blocks):
                 views += [one.view for one in stream.group(number)]
                 bar.advance(PER_STUDIO)
-        return stack_views(views[:count], side_mm, device)
+        return stack_views(views[:count], size_mm, device)
     metres = item.spec.metres_per_mm if with_depth else 1.0
     in_studio = render_mounted_views(
-        item, side_mm, patch_px, count, seed=seed, image_px=image_px, ranges=ranges, with_depth=with_depth
+        item, size_mm, patch_px, count, seed=seed, image_px=image_px, ranges=ranges, with_depth=with_depth
     )
-    return stack_views(list(in_studio), side_mm, device, metres)
+    return stack_views(list(in_studio), size_mm, device, metres)
 
 
 def make_sheet_subject(item: TableObject, size_mm: float, patch_px: int) -> PaintableObject:
     """An object at its real size, metres, with a sheet that grew with it and whose paper is what is painted."""
     mesh, paper = mount_grey(item, size_mm, patch_px)
     material = next(k for k, one in enumerate(mesh.materials) if one.texture is paper)
-    grown = scale_to_world(mesh, item.spec)
+    grown = scale_to_world(mesh, item.spec, item.spec.real_length_m)
     return PaintableObject(grown, material, grown)
 
 
@@ -148,7 +154,16 @@ def stack_views(views: list[LinearView], size_mm: float, device: str, metres_per
     """
     digest = sha256_bytes("".join(view.sha256 for view in views).encode())
     depths = find_depths(views, [metres_per_unit] * len(views))
-    return MountedViews(batch_views(views, device, half=True), size_mm, digest, tuple(depths))
+    boxes = np.array([box_of_coverage(view.coverage) for view in views], np.float32)
+    return MountedViews(batch_views(views, device, half=True), size_mm, digest, tuple(depths), boxes)
+
+
+def box_of_coverage(coverage: np.ndarray) -> tuple[int, int, int, int]:
+    """x1, y1, x2, y2 round the pixels of (h, w) that an object covers by half; all 0 where there are none."""
+    rows, columns = (np.flatnonzero((coverage > 0.5).any(axis)) for axis in (1, 0))
+    if not len(rows):
+        return 0, 0, 0, 0
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
 
 
 def print_on_paper(linear: "torch.Tensor", size_mm: float) -> "torch.Tensor":
@@ -205,13 +220,20 @@ def show_mounted(
     return (photos + NOISE * grain).clamp(0, 1)
 
 
+def draw_cuts(
+    views: MountedViews, rng: np.random.Generator, count: int, image_px: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """(count,) random views, and (count, 2) top and left of a random square of each."""
+    which = rng.choice(len(views), count, replace=count > len(views))
+    return which, rng.integers(0, views.batch.still.shape[1] - image_px + 1, (count, 2))
+
+
 def draw_mounted(
     views: MountedViews, draws: Draws, count: int, image_px: int, weather: Weathered | None = None
 ) -> Callable[["torch.Tensor"], "torch.Tensor"]:
     """A batch of random views at random cuts in the weather that is drawn for them, waiting for its patch."""
     rng = draws.of("mounted")
-    which = rng.choice(len(views), count, replace=count > len(views))
-    corners = rng.integers(0, views.batch.still.shape[1] - image_px + 1, (count, 2))
+    which, corners = draw_cuts(views, rng, count, image_px)
     through = None
     if weather is not None:
         through = views.draw_weather(weather, which, corners, image_px, draws.of(type(weather).__name__))

@@ -26,7 +26,7 @@ from toolkit.boosters.pixel_config import (
     make_camera,
     record_parts,
 )
-from toolkit.core.config import Flag, Range, Rising, align_rows, describe
+from toolkit.core.config import Flag, Later, Range, Rising, align_rows, describe
 from toolkit.core.errors import FieldError
 from toolkit.imaging.printer import nearest_printable, read_print_profile
 from toolkit.objects.records import printed_size_mm
@@ -47,6 +47,10 @@ class PatchConfig(PixelConfig):
 
     size_px: Annotated[int, Field(ge=SMALLEST_PX), Flag()] = Field(
         100, exclude=True, description="Side of the patch, pixels."
+    )
+    size_mm: Annotated[float | None, Later, Field(ge=1, le=10_000), Flag(metavar="MM")] = Field(
+        None,
+        description="Its side on paper, for which it is trained. Default: the object's spec, else 0.88 mm a pixel.",
     )
     epochs: Annotated[int | None, Field(ge=1), Flag(group=STEPS)] = Field(
         None, description="Instead of --steps: how often each image is seen."
@@ -194,15 +198,16 @@ def make_config(recipe: str, overrides: Mapping[str, Any], data: DataConfig) -> 
         fitted["mounted_share"] = 0.0
     pose_acts = base.pose is not None if fitted.get("pose") is None else fitted["pose"]
     spec_mm, spec_length_mm = fitted.pop("spec.size_mm", None), fitted.pop("spec.length_mm", None)
-    size_mm = spec_mm or printed_size_mm(fitted.get("size_px", base.size_px))
+    stated_mm = fitted.get("size_mm") or spec_mm
+    size_mm = stated_mm or printed_size_mm(fitted.get("size_px", base.size_px))
     if pose_acts:  # its sheet is as large as the patch is printed, and a large patch lies on a large object
-        length_mm = fitted.pop("pose.length_mm", None) or spec_length_mm
+        length_mm = fitted.pop("pose.length_mm", None) or (spec_length_mm and max(spec_length_mm, size_mm))
         length_mm = length_mm or max((base.pose or PoseRanges()).length_mm, size_mm)
         fitted |= {"pose.size_mm": size_mm, "pose.length_mm": length_mm}
     made = base.with_overrides(fitted)
-    if spec_mm is None or not isinstance(made.print_process, PrintProcess):
+    if stated_mm is None or not isinstance(made.print_process, PrintProcess):
         return made
-    return made.with_overrides({"print_process.texel_mm": spec_mm / made.size_px})  # ink bleeds by millimetres
+    return made.with_overrides({"print_process.texel_mm": stated_mm / made.size_px})  # ink bleeds by millimetres
 
 
 LEAST_RENDERS = 32
@@ -226,10 +231,10 @@ def limit_renders(config: PatchConfig, data: DataConfig) -> tuple[PatchConfig, D
 
 
 def size_by_spec(overrides: Mapping[str, Any], spec: ObjectSpec) -> dict[str, Any]:
-    """The overrides with the sizes of the object that the patch is for, where its spec states the patch's."""
-    if spec.patch.size_mm is None:
+    """The overrides with the sizes of the object that the patch is for, where they or its spec state the patch's."""
+    size_mm = overrides.get("size_mm") or spec.patch.size_mm
+    if size_mm is None:
         return dict(overrides)
-    size_mm = spec.patch.size_mm
     return {**overrides, "spec.size_mm": size_mm, "spec.length_mm": max(spec.length_mm, size_mm)}
 
 

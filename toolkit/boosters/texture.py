@@ -36,6 +36,7 @@ from toolkit.boosters.texture_objects import (
 from toolkit.boosters.texture_validation import (
     WeatherValidation,
     draw_weather,
+    validate_corrupted,
     validate_in_weather,
     validate_texture,
 )
@@ -217,10 +218,8 @@ class TextureTask(PixelTask[TrainedTexture]):
     def describe(self) -> list[str]:
         """Every setting that acts."""
         names = [target.classifier.name for target in self.targets]
-        lines = self.config.lines(self.targets[0].label, [one.describe() for one in self.objects], names)
-        if self.setting is None:
-            return lines
-        return [*lines, f"  world: {self.setting.describe([one.mesh for one in self._subjects()])}"]
+        world = None if self.setting is None else self.setting.describe([one.mesh for one in self._subjects()])
+        return self.config.lines(self.targets[0].label, [one.describe() for one in self.objects], names, world)
 
     def _subjects(self) -> list[PaintableObject]:
         return [one.subject(at_real_size=self.setting is not None) for one in self.objects]
@@ -289,9 +288,13 @@ class TextureTask(PixelTask[TrainedTexture]):
                     pixels, held_out, self.targets, config.seed, weather=config.weather, metres_per_unit=self._metres
                 )
                 validations = [replace(one, weather=other) for one, other in zip(validations, seen, strict=True)]
+            if config.corrupted is not None:
+                hard = validate_corrupted(pixels, held_out, self.targets, config.seed, config.corrupted)
+                validations = [replace(one, corrupted=other) for one, other in zip(validations, hard, strict=True)]
             bar.advance()
         clear, fog = [one.clear for one in validations], [one.fog for one in validations]
         weather = [one.weather for one in validations if one.weather is not None]
+        corrupted = [one.corrupted for one in validations if one.corrupted is not None]
         views = {
             "rendered": config.groups * config.studios * config.per_studio,
             "used": config.step_count * config.batch,
@@ -313,6 +316,7 @@ class TextureTask(PixelTask[TrainedTexture]):
             "final": history.recent(self.recent)
             | list_shares(clear, "held_out")
             | list_shares(fog, "held_out_fog")
+            | list_shares(corrupted, "held_out_corrupted")
             | list_shares(weather, "held_out_weather"),
             "toolkit_version": __version__,
         }

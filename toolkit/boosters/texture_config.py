@@ -176,8 +176,8 @@ class TextureConfig(PixelConfig):
             "held_out_views": self.held_out * self.per_studio,
         }
 
-    def lines(self, label: str, objects: list[str], networks: list[str]) -> list[str]:
-        """One line per setting that acts, `name  value`; `objects` are described by whoever has loaded them."""
+    def lines(self, label: str, objects: list[str], networks: list[str], world: str | None = None) -> list[str]:
+        """One line per setting that acts, `name  value`; objects and world are described by whoever has loaded them."""
         rendered = self.groups * self.studios * self.per_studio
         evenly = ", evenly over the sphere" if self.evenly else ""
         views = (
@@ -188,6 +188,7 @@ class TextureConfig(PixelConfig):
         steps = self.step_rows(self.size_px, self.optimiser)
         rows = [steps[0], ("class", label), steps[1], *(("object", line) for line in objects), *steps[2:]]
         rows += [("gradient", self.gradient), ("views", views), ("networks", ", ".join(networks))]
+        rows += [] if world is None else [("world", world)]
         if self.background_share:
             rows.append(("backgrounds", f"photographs behind {self.background_share:.0%} of the views"))
         parts: list[object] = [part for part in (self.exposure, *self.photo_parts) if part is not None]

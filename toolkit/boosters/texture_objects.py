@@ -35,8 +35,9 @@ class TexturedObject:
         material = int(self.atlas.mesh.face_material[self.atlas.trained][0])
         if not at_real_size:
             return PaintableObject(self.atlas.mesh, material, self.item.mesh)
-        meshes = [scale_to_world(mesh, self.item.spec) for mesh in (self.atlas.mesh, self.item.mesh)]
-        return PaintableObject(meshes[0], material, meshes[1])
+        spec = self.item.spec
+        painted, bare = (scale_to_world(mesh, spec, spec.real_length_m) for mesh in (self.atlas.mesh, self.item.mesh))
+        return PaintableObject(painted, material, bare)
 
     @property
     def metres_per_mm(self) -> float:

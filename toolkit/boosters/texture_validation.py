@@ -1,11 +1,13 @@
 """Does the texture help in views that it was not trained on: clear, in fog, and in the weather that it met?"""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit.boosters.linear_view import batch_views, show_texture, tone_map
+from toolkit.boosters.parts.corruption import Corrupted
 from toolkit.boosters.parts.weather import Weathered, find_depths
 from toolkit.boosters.pixels import Target
 from toolkit.boosters.validation import Share, Validation
@@ -28,11 +30,13 @@ class WeatherValidation:
         clear: as they are.
         fog: in ImageNet-C's fog.
         weather: through the weather that it was trained in, where it was.
+        corrupted: by the corruptions that it was trained in, where it was.
     """
 
     clear: Validation
     fog: Validation
     weather: Validation | None = None
+    corrupted: Validation | None = None
 
 
 def draw_weather(
@@ -45,7 +49,7 @@ def draw_weather(
 def validate_texture(
     pixels: np.ndarray, views: list[RenderedView], targets: list[Target], seed: int
 ) -> list[WeatherValidation]:
-    """Recognise held-out views in the studio, as they are and in ImageNet-C's fog of severity 3.
+    """Recognise held-out views, as they are and in ImageNet-C's fog of severity 3.
 
     Args:
         pixels: (n, n, 3) uint8 sRGB, dilated.
@@ -55,16 +59,11 @@ def validate_texture(
     """
     import torch
 
-    device = targets[0].classifier.device
-    texture = torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1))).to(device).float().div(255)
     hits = np.zeros((2, 2, len(targets)), int)  # weather, paint, network
     with torch.inference_mode():
-        for start in range(0, len(views), BATCH):
-            some = views[start : start + BATCH]
-            textured = show_texture(texture, batch_views([one.view for one in some], device))
-            bare = torch.from_numpy(np.stack([one.bare for one in some if one.bare is not None])).to(device)
-            seeds = [int(n) for n in Draws(seed, start, "validate").of("fog").integers(1 << 62, size=len(some))]
-            for paint, photos in enumerate((bare.permute(0, 3, 1, 2).float() / 255, textured)):
+        for start, pair in _show_both(pixels, views, targets[0].classifier.device):
+            seeds = [int(n) for n in Draws(seed, start, "validate").of("fog").integers(1 << 62, size=len(pair[0]))]
+            for paint, photos in enumerate(pair):
                 for weather, seen in enumerate((photos, corrupt(photos, "fog", FOG_SEVERITY, seeds))):
                     for k, target in enumerate(targets):
                         hits[weather, paint, k] += target.count_hits(seen)
@@ -76,6 +75,44 @@ def validate_texture(
                 for bare, textured in hits[:, :, k]
             )
         )
+        for k, target in enumerate(targets)
+    ]
+
+
+def _show_both(
+    pixels: np.ndarray, views: list[RenderedView], device: str
+) -> "Iterator[tuple[int, tuple[torch.Tensor, torch.Tensor]]]":
+    """Batch by batch the number of its first view, and its photographs in the object's own paint and in the texture."""
+    import torch
+
+    texture = torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1))).to(device).float().div(255)
+    for start in range(0, len(views), BATCH):
+        some = views[start : start + BATCH]
+        textured = show_texture(texture, batch_views([one.view for one in some], device))
+        bare = torch.from_numpy(np.stack([one.bare for one in some if one.bare is not None])).to(device)
+        yield start, (bare.permute(0, 3, 1, 2).float() / 255, textured)
+
+
+def validate_corrupted(
+    pixels: np.ndarray, views: list[RenderedView], targets: list[Target], seed: int, corrupted: Corrupted
+) -> list[Validation]:
+    """Recognise held-out views as `validate_texture`, each photograph corrupted."""
+    import torch
+
+    hits, always = np.zeros((2, len(targets)), int), replace(corrupted, probability=1)
+    with torch.inference_mode():
+        for start, pair in _show_both(pixels, views, targets[0].classifier.device):
+            for paint, photos in enumerate(pair):
+                seen = always.change(photos, Draws(seed, start, "validate").of("corrupted"))
+                for k, target in enumerate(targets):
+                    hits[paint, k] += target.count_hits(seen)
+    return _as_validations(hits, targets, len(views))
+
+
+def _as_validations(hits: np.ndarray, targets: list[Target], count: int) -> list[Validation]:
+    """From (paint, network) hits."""
+    return [
+        Validation(target.classifier.name, Share(int(hits[0, k]), count), Share(int(hits[1, k]), count))
         for k, target in enumerate(targets)
     ]
 
@@ -110,8 +147,4 @@ def validate_in_weather(
             for paint, seen in enumerate((bare, textured)):
                 for k, target in enumerate(targets):
                     hits[paint, k] += target.count_hits(seen)
-    count = len(views)
-    return [
-        Validation(target.classifier.name, Share(int(hits[0, k]), count), Share(int(hits[1, k]), count))
-        for k, target in enumerate(targets)
-    ]
+    return _as_validations(hits, targets, len(views))

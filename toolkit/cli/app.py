@@ -59,9 +59,11 @@ GROUPS: dict[str, dict[str, Entry]] = {
             "train_texture:train_texture", "train a texture for an object", {"--backgrounds": "--background-folder"}
         ),
         "print": Entry("print_:print_patches", "print patches at true size, or the board"),
+        "place": Entry("place:place", "find where on an object a patch is best stuck"),
         "plan": Entry("plan:plan", "plan the camera poses", {"--size": "--resolution"}),
         "capture-sim": Entry("capture_sim:capture_sim", "shoot every object at every pose"),
         "eval": Entry("eval_:evaluate", "classify a capture folder: table, statistics, report"),
+        "coco": Entry("coco:write_boxes", "write the objects' boxes and masks as COCO"),
         "sweep": Entry("sweep:sweep", "vary one thing: distance, light, size and more"),
     },
     "Your photographs": {

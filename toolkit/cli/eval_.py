@@ -7,10 +7,11 @@ import typer
 
 from toolkit.cli import options
 from toolkit.cli.options import from_config
-from toolkit.cli.output import remark, say, show_json, warn
+from toolkit.cli.output import remark, say, show_json, show_table, warn
 from toolkit.evaluation.config import EvalConfig
 
 if TYPE_CHECKING:
+    from toolkit.core.workspace import Workspace
     from toolkit.evaluation.evaluate import Evaluation
 
 
@@ -41,6 +42,8 @@ def evaluate(
 ) -> None:
     """Classify every image of a capture folder; write predictions.csv, summary.json and report.html to eval/RUN.
 
+    With a detector (torchvision:NAME, onnx:FILE) look for the object instead: detections.csv.
+
     With --corrupt, each image also as fog, blur, noise ... of ImageNet-C leave it: in sources SOURCE-fog-3.
     """
     from toolkit.core.workspace import open_workspace
@@ -48,6 +51,14 @@ def evaluate(
     from toolkit.models.load import load_classifier
 
     space = open_workspace(workspace)
+    from toolkit.models.find import may_be_detector
+
+    if may_be_detector(model):
+        from toolkit.models.load_detector import is_detector
+
+        if is_detector(model):
+            _detect(captures or space.captures_dir, space, (str(model), weights, device), config, as_json)
+            return
     classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
     done = evaluate_captures(captures or space.captures_dir, space, classifier, config)
     if as_json:
@@ -55,6 +66,40 @@ def evaluate(
     else:
         show_evaluation(done)
     if done.failed:
+        raise typer.Exit(1)
+
+
+def _detect(
+    captures: Path, space: "Workspace", named: tuple[str, Path | None, str], config: EvalConfig, as_json: bool
+) -> None:
+    """The same with a detector."""
+    from toolkit.evaluation.detect import evaluate_detector
+    from toolkit.evaluation.detection_report import describe_pairs
+    from toolkit.evaluation.tables import format_interval, format_percent, list_lines
+    from toolkit.models.load_detector import load_detector
+
+    detector = load_detector(*named)
+    done = evaluate_detector(captures, space, detector, config)
+    if as_json:
+        show_json(done.summary)
+    else:
+        say(f"detector: {detector.name} ({detector.arch}, weights {detector.weights.name})")
+        rows = [
+            (
+                one.source, one.object, one.variant, one.n, format_percent(one.found), format_interval(one.found_ci95),
+                format_percent(one.recall50), *("" if ap is None else f"{ap:.2f}" for ap in (one.ap50, one.ap50_95)),
+            )
+            for one in done.groups
+        ]  # fmt: skip
+        show_table(("source", "object", "variant", "n", "found, %", "95 %", "recall, %", "AP50", "AP50:95"), rows)
+        for line in describe_pairs(done):
+            say(line)
+        for line in list_lines("left out", done.left_out):
+            warn(line)
+        for note in done.notes:
+            remark(note)
+        say(f"report: {done.run_dir / 'report.html'}")
+    if done.left_out:
         raise typer.Exit(1)
 
 

@@ -1,13 +1,23 @@
 """`toolkit landing collect`, `train`, `boost`, `fly` and `demo`: a drone, a pad, and the network between them."""
 
-from typing import Annotated
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json
+from toolkit.landing.boost import BoostConfig, PadPrintConfig
 from toolkit.landing.collect import CollectConfig
+from toolkit.landing.demo import DemoConfig
+from toolkit.landing.fly import FlyConfig
+from toolkit.landing.train import RECIPES as TRAINING
+
+if TYPE_CHECKING:
+    from toolkit.landing.regressor import ErrorRow
+    from toolkit.landing.results import CellResult, PairResult
 
 Restart = Annotated[bool, typer.Option("--restart", help="Begin anew, forget an unfinished run.")]
 
@@ -37,3 +47,195 @@ def collect(
     )
     say(f"places: {len(about.places['train'])} to train on, {len(about.places['held_out'])} held out")
     say(f"next: toolkit landing train {collected.folder.name}")
+
+
+@from_config(overrides=TRAINING)
+def train(
+    overrides: options.Overrides,
+    dataset: Annotated[str, typer.Argument(metavar="DATASET", help="Name below captures/landing, or its folder.")],
+    recipe: str,
+    baselines: Annotated[
+        bool, typer.Option("--baselines", help="Measure features + homography and an AprilTag on held-out frames too.")
+    ] = False,
+    onnx: Annotated[Path | None, typer.Option(metavar="FILE", help="Export the network as ONNX.")] = None,
+    restart: Restart = False,
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Train a network to say where the pad is; an interrupted run goes on where it stopped."""
+    from toolkit.core.errors import one_of
+    from toolkit.core.workspace import open_workspace
+    from toolkit.landing.train import describe_trained, export_onnx, find_dataset, train_regressor
+
+    if recipe not in TRAINING:
+        raise one_of("recipe", recipe, list(TRAINING))
+    space = open_workspace(workspace)
+    config = TRAINING[recipe].with_overrides(overrides)
+    trained = train_regressor(space, dataset, config, seed=seed, device=device, restart=restart)
+    rows = {trained.regressor.name: trained.regressor.record.held_out}
+    if baselines:
+        from toolkit.landing.compare import measure_baselines
+
+        rows |= measure_baselines(space, find_dataset(space, dataset))
+    if onnx is not None:
+        export_onnx(trained.regressor, onnx)
+    if as_json:
+        errors = {name: [row.model_dump() for row in some] for name, some in rows.items()}
+        show_json(describe_trained(trained) | {"errors": errors})
+        return
+    done = "was trained with these inputs before" if trained.was_finished else "trained"
+    say(f"{trained.file}: {done}, from {trained.regressor.record.started_from}")
+    show_errors(rows)
+    if onnx is not None:
+        say(f"{onnx}: the network as ONNX")
+    say(f"next: toolkit landing fly {trained.regressor.name}, or toolkit landing boost {trained.regressor.name}")
+
+
+def show_errors(rows: "Mapping[str, Sequence[ErrorRow]]") -> None:
+    """Print the errors on held-out frames, by what they have in common."""
+    from toolkit.core.console import console
+    from toolkit.core.tables import build_table, format_percent
+
+    cells = [
+        (
+            name, row.by, row.group, str(row.n), f"{row.found / row.n:.0%}",
+            "-" if row.median_cm is None else f"{row.median_cm:.1f}",
+            "-" if row.rmse_cm is None else f"{row.rmse_cm:.1f}", format_percent(row.share),
+        )
+        for name, some in rows.items()
+        for row in some
+    ]  # fmt: skip
+    heads = ("n", "found", "median cm", "rms cm", "of height")
+    console.print(build_table("Held-out error", ("regressor", "by", "frames"), heads, cells))
+
+
+@from_config(config=FlyConfig)
+def fly(
+    config: FlyConfig,
+    film: Annotated[bool, typer.Option("--film", help="Film the first episode of the first and last cells.")] = False,
+    restart: Restart = False,
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Land a drone by a regressor, on every pad in every weather; write rates, tests, report to eval/landing/NAME."""
+    from toolkit.core.workspace import open_workspace
+    from toolkit.landing.fly import fly_all
+    from toolkit.landing.report import film_episode, write_report
+    from toolkit.landing.results import describe_success, write_summary
+    from toolkit.models.network import choose_device
+    from toolkit.worlds.weather import describe_weathers
+
+    space = open_workspace(workspace)
+    flown = fly_all(space, config, seed=seed, device=choose_device(device), restart=restart)
+    results, pairs = write_summary(flown.folder, config, flown, seed)
+    files = write_report(config, flown, results, pairs, space)
+    films = []
+    if film:
+        for one in [results[0].records[0], *(last.records[0] for last in results[1:][-1:])]:
+            path = flown.folder / f"episode-{one.pad}-{one.weather}-{one.severity}.mp4"
+            films.append(film_episode(space, config, flown, one, seed, path))
+    if as_json:
+        rows = {"cells": [one.as_json() for one in results], "pairs": [one.as_json() for one in pairs]}
+        show_json(rows | {"folder": str(flown.folder), "made": flown.made, "seconds": flown.seconds})
+        return
+    show_flights(results, pairs)
+    say(describe_success(config.episode))
+    for line in describe_weathers(config.weathers):
+        say(line)
+    if flown.made:
+        seconds = flown.seconds
+        share = seconds["physics_s"] / max(seconds["whole_s"], 1e-9)
+        say(f"{flown.made} episodes flown now in {seconds['whole_s']:.0f} s, {share:.1%} of it physics and control")
+    for path in films:
+        say(f"film: {path}")
+    say(f"report: {files.report}")
+
+
+def show_flights(results: "Sequence[CellResult]", pairs: "Sequence[PairResult]") -> None:
+    """Print success rates, and what changed episode by episode."""
+    from toolkit.core.console import console
+    from toolkit.core.tables import build_table, format_interval, format_p, format_percent
+    from toolkit.landing.episodes import OUTCOMES
+
+    rows = []
+    for one in results:
+        *_, air, gains = one.cell.key.split("/")
+        row = one.as_json()
+        error = "-" if row["median_error_m"] is None else f"{row['median_error_m']:.2f}"
+        rows.append(
+            (one.cell.pad, one.cell.regressor, f"{air} {gains}", str(one.n), format_percent(one.success),
+             format_interval(one.success_ci95), *(str(one.count(name)) for name in OUTCOMES[1:]), error)
+        )  # fmt: skip
+    ends = [name.replace("_", " ") for name in OUTCOMES[1:]]
+    heads = ("n", "success", "95 %", *ends, "error m")
+    console.print(build_table("Landings", ("pad", "regressor", "air, gains"), heads, rows))
+    if pairs:
+        cells = [(one.cell.key, one.against.key, str(one.gained), str(one.lost), format_p(one.p)) for one in pairs]
+        console.print(build_table("Episode by episode", ("cell", "against"), ("gained", "lost", "exact p"), cells))
+
+
+@from_config(config=BoostConfig, printing=PadPrintConfig)
+def boost(
+    regressor: Annotated[str, typer.Argument(metavar="REGRESSOR", help="Trained by 'toolkit landing train'.")],
+    config: BoostConfig,
+    printing: PadPrintConfig,
+    restart: Restart = False,
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Train the pad's picture for a regressor, and print it at true size; an interrupted run goes on."""
+    from toolkit.core.tables import build_table, format_percent
+    from toolkit.core.workspace import open_workspace
+    from toolkit.landing.boost import boost_pad, describe_boosted
+    from toolkit.models.network import choose_device
+
+    space = open_workspace(workspace)
+    made = boost_pad(space, regressor, config, printing, seed=seed, device=choose_device(device), restart=restart)
+    if as_json:
+        show_json(describe_boosted(made))
+        return
+    from toolkit.core.console import console
+
+    done = "was trained with these inputs before" if made.was_finished else "trained"
+    say(f"{made.file}: {done}")
+    heads = list(next(iter(made.errors.values())))
+    rows = [(name, *map(format_percent, some.values())) for name, some in made.errors.items()]
+    console.print(build_table("Error as a share of the height, on new views", ("pad",), heads, rows))
+    say(f"{made.pdf}: {made.pages} pages at true size, with a map of them")
+    name = made.file.stem
+    say(f"next: toolkit landing fly {regressor} --pad plain --pad {name} --weather clear --weather fog:1-5")
+    say(f"or train again on it: toolkit landing collect {name} --pad {name}, then toolkit landing train {name}")
+
+
+@from_config(config=DemoConfig)
+def demo(
+    config: DemoConfig,
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="New workspace, or one to go on in.")] = Path(
+        "landing"
+    ),
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    quiet: options.Quiet = False,
+) -> None:
+    """From an empty folder to the report: collect, train, boost, fly plain and boosted pads in clear air and fog."""
+    from toolkit.core.workspace import is_workspace, make_workspace, open_workspace
+    from toolkit.landing.demo import run_demo
+    from toolkit.models.network import choose_device
+
+    space = open_workspace(folder) if is_workspace(folder) else make_workspace(folder)
+    made = run_demo(space, config, seed, choose_device(device))
+    say(f"started from {made.trained.regressor.record.started_from}")
+    show_errors({made.trained.regressor.name: made.trained.regressor.record.held_out})
+    show_flights(made.results, made.pairs)
+    say(f"pad: {made.boosted.file}; pages at true size: {made.boosted.pdf}")
+    say(f"film: {made.film}")
+    say(f"report: {made.report}")

@@ -87,6 +87,7 @@ def _report(trained: "TrainedTexture", as_json: bool) -> None:
         for answer in trained.validations:
             held_out = [("held-out views", answer.clear), ("the same in fog", answer.fog)]
             held_out += [] if answer.weather is None else [("the same in its weather", answer.weather)]
+            held_out += [] if answer.corrupted is None else [("the same corrupted", answer.corrupted)]
             for where, found in held_out:
                 tell(f"{found.network} on {where}: {found.patched} with the texture, {found.bare} in its own paint")
     shown = " ".join(f"--object {one.name}" for one in record.objects)

@@ -21,6 +21,7 @@ from toolkit.evaluation.results import (
 )
 from toolkit.evaluation.saliency import draw_saliency
 from toolkit.evaluation.seen import find_training
+from toolkit.models.detector import Detector
 from toolkit.models.network import Classifier
 
 DEFAULT = EvalConfig()
@@ -79,7 +80,7 @@ def evaluate_captures(
     return replace(done, notes=(*done.notes, f"{run_dir.with_name(name)} holds another result, and stays as it is"))
 
 
-def name_run(classifier: Classifier, sources: Sequence[str]) -> str:
+def name_run(classifier: Classifier | Detector, sources: Sequence[str]) -> str:
     """Network, weights and sources, such as `resnet18-imagenet-sim`; more than three sources are counted."""
     weights = Path(classifier.weights.name).stem.removeprefix(classifier.arch).removeprefix(classifier.name)
     names = list(dict.fromkeys(sources))
@@ -90,9 +91,13 @@ def name_run(classifier: Classifier, sources: Sequence[str]) -> str:
 
 def choose_run_dir(wanted: Path, findings: Findings, overwrite: bool = False) -> Path:
     """`wanted`, or the first of RUN-2, RUN-3 … that is free or holds these very predictions."""
-    content = encode_predictions(findings.predictions).encode()
+    return find_run_dir(wanted, "predictions.csv", encode_predictions(findings.predictions).encode(), overwrite)
+
+
+def find_run_dir(wanted: Path, name: str, content: bytes, overwrite: bool = False) -> Path:
+    """`wanted`, or the first of RUN-2, RUN-3 … that has no file `name`, or one of this very content."""
     number, folder = 1, wanted
-    while not overwrite and _holds_other(folder / "predictions.csv", content):
+    while not overwrite and _holds_other(folder / name, content):
         number += 1
         folder = wanted.with_name(f"{wanted.name}-{number}")
     return folder

@@ -242,19 +242,19 @@ def find_pending(capture: Capture) -> Corruption | None:
 
 def _corrupt_batch(batch: Sequence[tuple[Capture, np.ndarray | str]], device: str) -> list[np.ndarray | str]:
     read = [(capture, pixels) for capture, pixels in batch if not isinstance(pixels, str)]
-    corrupted = iter(_corrupt_crops([capture for capture, _ in read], [pixels for _, pixels in read], device))
+    corrupted = iter(corrupt_images([capture for capture, _ in read], [pixels for _, pixels in read], device))
     return [pixels if isinstance(pixels, str) else next(corrupted) for _, pixels in batch]
 
 
-def _corrupt_crops(captures: Sequence[Capture], crops: Sequence[np.ndarray], device: str) -> list[np.ndarray]:
-    """What a network sees of images, corrupted: after they were resized and cut, before they are normalised.
+def corrupt_images(captures: Sequence[Capture], crops: Sequence[np.ndarray], device: str) -> list[np.ndarray]:
+    """Images under the corruption that their captures have pending; of a classifier what it sees, resized and cut.
 
     As ImageNet-C's own images, the result is rounded to 8 bits. An image's seed is its path below the source, so that
     neither its place nor its batch matters, and `sim` and `real` get the same fog at the same path.
 
     Args:
         captures: all with the same corruption pending.
-        crops: (s, s, 3) uint8 sRGB of each.
+        crops: (h, w, 3) uint8 sRGB of each, all of one size.
         device: cpu or cuda; the same but for float rounding.
     """
     from toolkit.corruptions import corrupt, image_seed

@@ -185,26 +185,27 @@ class Flights:
     """Episodes in lockstep, from picture to picture: poses of their cameras out, velocities in."""
 
     def __init__(
-        self, config: EpisodeConfig, pad: np.ndarray, ground: Ground, *, seed: int, indices: "list[int]",
+        self, config: EpisodeConfig, pads: np.ndarray, ground: Ground, *, seed: int, indices: "list[int]",
         view_tan: float = 1.0, vehicle: Multirotor = SIMPLE_FLIGHT, gains: CascadeGains = CascadeGains(),
     ) -> None:  # fmt: skip
         """Put them at their starts.
 
         Args:
             config: of all.
-            pad: (3,) its centre in the world, metres.
+            pads: (3,) the pad's centre in the world, metres, or (n, 3) of each episode's own.
             ground: what they can touch.
             seed, indices: of the draws.
             view_tan: tangent of half the camera's angle of view, for `lost`.
             vehicle, gains: what flies.
         """
-        self.config, self.pad, self.ground, self._vehicle = config, np.asarray(pad, float), ground, vehicle
+        self.config, self.ground, self._vehicle = config, ground, vehicle
+        self.pads = np.broadcast_to(np.asarray(pads, float), (len(indices), 3))
         draws = [EpisodeDraws.of(config, seed, index) for index in indices]
         self.episodes = [Episode(index) for index in indices]
         self.yaw = np.array([one.yaw_rad for one in draws])
         self._wind = np.array([one.wind for one in draws])
         self._gusts, self._gimbal = np.array([one.gusts for one in draws]), np.array([one.gimbal for one in draws])
-        start = self.pad + np.array([one.offset for one in draws])
+        start = self.pads + np.array([one.offset for one in draws])
         self.state = MultirotorState.at(start.T, self.yaw, vehicle.hover_signal)
         self._control = VelocityControl(len(indices), gains)
         self._command, self._waiting = np.zeros((3, len(indices))), []  # type: ignore[var-annotated]
@@ -287,7 +288,7 @@ class Flights:
         """End what has touched down, and what is out of control."""
         config, state = self.config, self.state.part(chosen)
         tilt, speed = np.degrees(state.tilt), np.sqrt((state.velocity**2).sum(axis=0))
-        away = state.position - self.pad[:, None]
+        away = state.position - self.pads[chosen].T
         level = np.hypot(away[0], away[1])
         fine = np.isfinite(state.position).all(axis=0) & np.isfinite(speed) & np.isfinite(tilt)
         wild = ~(fine & (tilt <= STEEPEST_DEG) & (level <= FARTHEST_M) & (away[2] <= FARTHEST_M))
@@ -307,7 +308,7 @@ class Flights:
         places = self.state.position.T[chosen]
         hit = self.ground.is_hit(before[chosen], places)
         offset = self.level_frame(places, chosen)
-        height = np.maximum(places[:, 2] - self.pad[2], 1e-6)
+        height = np.maximum(places[:, 2] - self.pads[chosen, 2], 1e-6)
         out = (np.abs(offset) > self._view_tan * height[:, None]).any(axis=1) & (height > self.config.radius_m)
         self._unseen[chosen] = np.where(out, self._unseen[chosen] + 1 / self.config.camera_hz, 0.0)
         for j, k in enumerate(chosen):
@@ -320,7 +321,7 @@ class Flights:
 
     def level_frame(self, places: np.ndarray, chosen: np.ndarray) -> np.ndarray:
         """(m, 2) the pad's (x, y) in the frame of level cameras at places (m, 3): right and back."""
-        east, north = (self.pad[:2] - places[:, :2]).T
+        east, north = (self.pads[chosen, :2] - places[:, :2]).T
         cosine, sine = np.cos(self.yaw[chosen]), np.sin(self.yaw[chosen])
         return np.array([east * sine - north * cosine, -east * cosine - north * sine]).T
 

@@ -3,7 +3,7 @@
 Frame: as in `toolkit.worlds.world`, metres. The pad's own: its middle is the origin, x and y lie in its plane.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -93,7 +93,7 @@ def find_sky(time: str, seed: int = 0) -> Sky:
 
 
 def plan_places(
-    world: World, size_m: float, count: int, seed: int = 0, ground: Ground = "both"
+    world: World, size_m: float, count: int, seed: int = 0, ground: Ground = "both", without: Collection[str] = ()
 ) -> tuple[PadPlace, ...]:
     """Places for a pad, its spots in turn, each somewhere on its spot and turned by the seed.
 
@@ -105,12 +105,14 @@ def plan_places(
         count: how many.
         seed: of the draws; place k depends on (seed, k) alone.
         ground: on decks (`pads`), on grass (`bare`), or both in turn.
+        without: names of spots that are not meant, such as those that were trained on.
 
     Raises:
         ToolkitError: the world has no such spot, or the pad is larger than all of them.
     """
     bare = [spot for spot in world.spots if spot.place == "grass" and spot not in world.pads]
     spots = {"pads": list(world.pads), "bare": bare, "both": [*world.pads, *bare]}[ground]
+    spots = [spot for spot in spots if spot.name not in without]
     if not spots:
         words = {"pads": "landing pad", "bare": "grass", "both": "landing pad or grass"}[ground]
         raise ToolkitError(f"{world.name} has no {words} that a pad could lie on: take another world")

@@ -141,9 +141,21 @@ def find_classifier(model: str | None = None, weights: Path | None = None, folde
             {"model": BUNDLED},
         )
     known, name = list_architectures(), model.removeprefix(TORCHVISION_PREFIX)
+    if name not in known and may_be_detector(name):
+        raise FieldError("is a detector: 'toolkit eval' takes it, here a classifier is expected", {"model": model})
     if name not in known:
         raise one_of("model", name, known if name != model else [*own, *known])
     return Found(name, weights)
+
+
+def may_be_detector(model: str | None) -> bool:
+    """Whether it is worth looking closer: the name of no classifier, or an ONNX file."""
+    if model is None or model.startswith((TIMM_PREFIX, PYTHON_PREFIX)):
+        return False
+    if model.startswith(ONNX_PREFIX) or model.endswith(".onnx"):
+        return True
+    name = model.removeprefix(TORCHVISION_PREFIX)
+    return name.startswith(("fasterrcnn", "retinanet", "fcos", "ssd"))
 
 
 def _find_file(model: str) -> Path | None:

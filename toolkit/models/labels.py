@@ -31,6 +31,7 @@ class LabelsFile(BaseModel):
         resize_px, crop_px, mean, std, filter_name: preprocessing, where it differs from the architecture's published
             one. Mean and standard deviation are of values in 0 to 1, in the order of `channels`.
         channels: the order of the colours.
+        decoder: of a detector, the family whose outputs it has.
         arch: name of the network, see `list_architectures`; may be written `architecture`.
         name: what to call the classifier.
         trained_on: in a few words.
@@ -47,6 +48,7 @@ class LabelsFile(BaseModel):
     std: tuple[Deviation, Deviation, Deviation] | None = None
     filter_name: Literal["NEAREST", "BILINEAR", "BICUBIC", "LANCZOS", "BOX", "HAMMING"] | None = None
     channels: Literal["RGB", "BGR"] | None = None
+    decoder: Literal["yolox", "fastestdet"] | None = None
     arch: str | None = Field(default=None, validation_alias=AliasChoices("arch", "architecture"))
     name: str | None = None
     trained_on: str | None = None

@@ -100,6 +100,11 @@ def read_onnx(path: Path) -> OnnxGraph:
     )  # fmt: skip
 
 
+def read_output_shape(graph: OnnxGraph) -> tuple[int | None, ...]:
+    """What the first output declares, None for an open axis; empty where it declares nothing."""
+    return tuple(one.dim_value or None for one in graph.model.graph.output[0].type.tensor_type.shape.dim)
+
+
 def _first_line(error: Exception) -> str:
     lines = str(error).strip().splitlines()
     return lines[0][:160] if lines else error.__class__.__name__

@@ -179,14 +179,14 @@ def _try(network: nn.Module, arch: str, how: Preprocessing, device: str) -> torc
         found = f"a {answers.__class__.__name__}"
         if isinstance(answers, tuple | list):
             found += f" of {len(answers)}"
-        hint = " (a detector? they are evaluated by 'toolkit eval --model detector:…')" if _has_boxes(answers) else ""
+        hint = " (a detector? here a classifier is expected)" if _has_boxes(answers) else ""
         raise FieldError(f"gives {found}: expected one tensor, images × classes{hint}", {"model": arch})
     answers = answers.float().cpu()
     if answers.ndim == 4 and answers.shape[2:] == (1, 1):
         expected = "images × classes: flatten the two last axes"
         raise FieldError(f"gives {_shape(answers)}: expected {expected}", {"model": arch})
     if answers.ndim != 2 or len(answers) != 2 or answers.shape[1] < 2:
-        hint = " (a detector, or a network that ends in features?)" if answers.ndim > 2 else ""
+        hint = " (a detector, or one that ends in features? expected a classifier)" if answers.ndim > 2 else ""
         raise FieldError(f"gives {_shape(answers)} for 2 images: expected 2×classes{hint}", {"model": arch})
     if not torch.isfinite(answers).all():
         raise FieldError("gives values that are not a number: its weights are damaged, or it needs other images",

@@ -6,13 +6,14 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import read_toml
+from toolkit.core.files import read_bytes, read_toml, write_text
 from toolkit.core.names import FileName, is_file_name
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 Side = Literal["top", "front", "back", "left", "right"]
 Shift = Annotated[float, Field(ge=-100_000, le=100_000)]
 BUILTIN_PREFIX = "builtin:"
+MOST_SPEC_BYTES = 1 << 20
 
 
 def axes_of_format(mesh: str) -> tuple[Axis, Axis]:
@@ -74,18 +75,19 @@ class ObjectSpec(BaseModel):
         return {"up": up, "front": front} | fields
 
     @property
-    def metres_per_mm(self) -> float:
-        """Scale from the model to what it is a model of.
-
-        Raises:
-            ToolkitError: the spec does not say how long that is.
-        """
+    def real_length_m(self) -> float:
+        """Longest side of what it is a model of; a `ToolkitError` where the spec does not say it."""
         if self.world_length_m is None:
             raise ToolkitError(
                 f"object '{self.name}' has no real size, which weather and worlds need: add world_length_m, the length "
                 "in metres of what it is a model of, to its spec"
             )
-        return self.world_length_m / self.length_mm
+        return self.world_length_m
+
+    @property
+    def metres_per_mm(self) -> float:
+        """Scale from the model to what it is a model of; raises as `real_length_m`."""
+        return self.real_length_m / self.length_mm
 
     def with_patch_size(self, size_mm: float) -> "ObjectSpec":
         """The same object with a patch printed at another size, millimetres."""
@@ -107,3 +109,28 @@ def read_spec(path: Path) -> ObjectSpec:
     if not is_file_name(name):
         raise ToolkitError(f"{path}: expected a file name of letters, digits, - and _, found '{name}': rename the file")
     return spec.model_copy(update={"name": name})
+
+
+def write_mount(spec_file: Path, written: Path, mount: PatchMount) -> Path:
+    """Write a spec with another place for its patch; all else stays as it is, comments outside `[patch]` too.
+
+    Args:
+        spec_file: the spec as it is.
+        written: where to; another file for an object of the package.
+        mount: the place.
+
+    Raises:
+        ToolkitError: the spec is broken, or the disk is full or read-only.
+    """
+    read_spec(spec_file)
+    lines, is_patch = [], False
+    for line in read_bytes(spec_file, MOST_SPEC_BYTES).decode().splitlines():
+        if line.strip().startswith("["):
+            is_patch = line.strip().split("#")[0].strip() == "[patch]"
+        lines += [] if is_patch else [line]
+    table = [
+        "[patch]", f'at = "{mount.at}"', *([] if mount.size_mm is None else [f"size_mm = {mount.size_mm:g}"]),
+        f"offset_mm = [{mount.offset_mm[0]:g}, {mount.offset_mm[1]:g}]",
+        *([f"rotation_deg = {mount.rotation_deg:g}"] if mount.rotation_deg else []),
+    ]  # fmt: skip
+    return write_text(written, "\n".join([*lines, "", *table]).replace("\n\n\n", "\n\n") + "\n")

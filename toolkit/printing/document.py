@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from io import BytesIO
 from typing import TYPE_CHECKING
 
-from toolkit.objects.records import Patch
+from toolkit.objects.records import Patch, printed_size_mm
 from toolkit.objects.spec import Side
 from toolkit.printing.canvas import (
     BOLD,
@@ -40,7 +40,7 @@ from toolkit.printing.marks import (
 )
 from toolkit.printing.page import OVERLAP_MM, Rect
 from toolkit.printing.settings import PrintSettings
-from toolkit.printing.wearers import Wearer
+from toolkit.printing.wearers import SAME_MM, Wearer
 
 if TYPE_CHECKING:
     from reportlab.pdfgen.canvas import Canvas
@@ -149,7 +149,7 @@ def build_pdf(patch: Patch, settings: PrintSettings, wearer: Wearer | None = Non
 
     Args:
         patch: the patch.
-        settings: paper and size; where they state no size, the wearer's counts.
+        settings: paper and size; where they state no size, the wearer's counts, else the record's.
         wearer: the object that it is printed for: its name stands in the margin.
 
     Raises:
@@ -158,6 +158,8 @@ def build_pdf(patch: Patch, settings: PrintSettings, wearer: Wearer | None = Non
     record = patch.record
     if wearer is not None and not settings.states_size:
         settings = settings.with_overrides(size_mm=wearer.size_mm)
+    elif not settings.states_size and abs(record.size_mm - printed_size_mm(record.n_px)) > SAME_MM:
+        settings = settings.with_overrides(size_mm=record.size_mm)  # that it was trained for
     side_mm = measure_side_mm(record.n_px, settings)
     plan = plan_pages(side_mm, settings)
     label = compose_label(record, side_mm, settings)

@@ -17,7 +17,7 @@ from toolkit.objects.mesh import Mesh, hash_triangles, make_ray_scene
 from toolkit.rig.camera import orbit_direction
 from toolkit.rig.kernel.light import gather_key, gather_light, make_shadow_rays, read_stored
 from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table
-from toolkit.rig.textures import blur_directions, sample_directions
+from toolkit.rig.textures import blur_directions, pad_channels, sample_directions
 
 if TYPE_CHECKING:
     from open3d.t.geometry import RaycastingScene
@@ -284,7 +284,9 @@ def bake_lighting(
     grid = shape.grid(detail.surface_spacing * size)
     origins = grid.positions + grid.normals * np.float32(OFFSET * size)
     if around is None:
-        values = _gather(shape, origins, grid.normals, lights, bounce, _Ground(table, side, _mean_colour(scene.table)))
+        values = _gather(
+            shape, origins, grid.normals, lights, bounce, _Ground(pad_channels(table), side, _mean_colour(scene.table))
+        )
         return Lighting(grid, values[grid.slot], table, side, open_irradiance)
     values = _gather(shape, origins, grid.normals, lights, bounce, NO_GROUND, (around, stand))
     share = np.divide(table, open_ground, out=np.ones_like(table), where=open_ground > 1e-6 * open_irradiance.max())
@@ -327,7 +329,7 @@ def _find_lights(scene: Scene, detail: BakeDetail, stand: Stand) -> _Directions:
 
 
 class _Ground(NamedTuple):
-    """What shines from below: (t, t, 3) irradiance over a square of this side, and (3,) albedo; nothing where 0."""
+    """What shines from below: (t, t, 4) irradiance over a square of this side, and (3,) albedo; nothing where 0."""
 
     irradiance: np.ndarray
     side: float
@@ -340,7 +342,7 @@ def _shadow_reach(size: float, height: float, key: KeyLight) -> float:
     return 0.75 * size + max(0.55 * size, height / float(np.tan(lowest)))
 
 
-NO_GROUND = _Ground(np.zeros((2, 2, 3), np.float32), 0.0, np.zeros(3, np.float32))
+NO_GROUND = _Ground(np.zeros((2, 2, 4), np.float32), 0.0, np.zeros(3, np.float32))
 
 
 def _gather(

@@ -37,7 +37,7 @@ from toolkit.rig.kernel.frame import (
 from toolkit.rig.kernel.light import LightMap
 from toolkit.rig.kernel.scene import (
     ROUGHNESS_LEVELS,
-    SHEEN_STEP,
+    TILE,
     LitMesh,
     Surround,
     View,
@@ -50,7 +50,7 @@ from toolkit.rig.linear_view import LinearView
 from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table
 from toolkit.rig.shading import tone_map
-from toolkit.rig.textures import blur_directions, pack_textures
+from toolkit.rig.textures import blur_directions, pack_textures, pad_channels
 
 LIGHT_MAP_ZOOM = 2
 """The table's light is kept so many times as fine as it was baked, smoothly filled in."""
@@ -253,7 +253,7 @@ class RaycastRenderer:
         self, camera: Camera, T_world_camera: np.ndarray, coverage: np.ndarray, picture: np.ndarray, apart: bool
     ) -> None:
         view, edges = _view(camera, T_world_camera), np.empty((4, 3))
-        sheen = np.zeros((camera.height // SHEEN_STEP + 2, camera.width // SHEEN_STEP + 2, 3), np.float32)
+        sheen = np.zeros((camera.height // TILE + 2, camera.width // TILE + 2, 4), np.float32)
         find_table_edges(self._around, view, edges)
         if self._around.has_table:
             fill_sheen(self._around, view, sheen)
@@ -412,7 +412,7 @@ def _surround(scene: Scene, lighting: Lighting, stand: Stand) -> Surround:
     texels = _kept(_pack_one, table.picture if table else NO_PICTURE)
     return Surround(
         # a room is out of focus behind a table top; the sky is as sharp as it was given
-        backdrop=mirrored[0] if table is not None else np.ascontiguousarray(scene.environment, np.float32),
+        backdrop=mirrored[0] if table is not None else _kept(pad_channels, scene.environment),
         mirrored=mirrored, key=orbit_direction(scene.key.azimuth_deg, scene.key.elevation_deg),
         key_spread=float(np.tan(np.radians(scene.key.radius_deg)) / 2),
         key_irradiance=np.array(scene.key.irradiance, float), exposure=float(scene.exposure),
@@ -420,7 +420,7 @@ def _surround(scene: Scene, lighting: Lighting, stand: Stand) -> Surround:
         table=texels, table_size=np.array(table.size_mm if table else (1.0, 1.0), float),
         table_roughness=float(table.roughness if table else 1.0),
         ground_light=LightMap(
-            light, float(lighting.table_side_mm), float(stand.place[0]), float(stand.place[1]),
+            pad_channels(light), float(lighting.table_side_mm), float(stand.place[0]), float(stand.place[1]),
             float(stand.turn[0, 0]), float(stand.turn[1, 0]),
         ),
         ground_z=float(stand.place[2]),
@@ -454,7 +454,7 @@ def _pack_one(picture: np.ndarray) -> Texels:
 def _blur_environment(environment: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """A picture of all directions as surfaces of each of `ROUGHNESS_LEVELS` mirror it."""
     width = environment.shape[1]
-    a, b, c, d = (blur_directions(environment, width * (0.004 + 0.13 * r**1.5)) for r in ROUGHNESS_LEVELS)
+    a, b, c, d = (pad_channels(blur_directions(environment, width * (0.004 + 0.13 * r**1.5))) for r in ROUGHNESS_LEVELS)
     return a, b, c, d
 
 

@@ -7,9 +7,11 @@ from toolkit.rig.kernel.develop import develop
 
 SHOULDER = 0.72
 """Linear value above which highlights are compressed."""
+NOISE, FALLOFF = 0.006, 0.12
+"""Of the camera, see `tone_map`."""
 
 
-def tone_map(picture: np.ndarray, seed: tuple[int, ...], noise: float = 0.006, falloff: float = 0.12) -> np.ndarray:
+def tone_map(picture: np.ndarray, seed: tuple[int, ...], noise: float = NOISE, falloff: float = FALLOFF) -> np.ndarray:
     """(h, w, 3) uint8 sRGB of linear light in exposure units.
 
     Args:
@@ -18,7 +20,16 @@ def tone_map(picture: np.ndarray, seed: tuple[int, ...], noise: float = 0.006, f
         noise: standard deviation at middle grey, growing with the root of the light as photons' does.
         falloff: share of the light that the corners lose.
     """
-    grain = np.random.default_rng(seed).standard_normal(picture.shape, dtype=np.float32)
+    return develop_light(picture, draw_grain(picture.shape, seed), noise, falloff)
+
+
+def draw_grain(shape: tuple[int, ...], seed: tuple[int, ...]) -> np.ndarray:
+    """(h, w, 3) float32 standard normal; pictures that share their grain need it drawn once."""
+    return np.random.default_rng(seed).standard_normal(shape, dtype=np.float32)
+
+
+def develop_light(picture: np.ndarray, grain: np.ndarray, noise: float = NOISE, falloff: float = FALLOFF) -> np.ndarray:
+    """`tone_map` with a grain that was drawn before."""
     coded = np.empty(picture.shape, np.uint8)
     light = np.ascontiguousarray(picture, np.float32)
     develop(light, grain, noise * 0.18 / 0.4, falloff, SHOULDER, *_CODES, coded)

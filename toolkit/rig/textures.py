@@ -33,10 +33,17 @@ def pack_textures(textures: list[np.ndarray]) -> Texels:
     counts = np.array([len(pyramid) for pyramid in pyramids], np.int32)
     texels = sizes.astype(np.int64).prod(axis=1)
     return Texels(
-        values=np.concatenate([level.reshape(-1, 3) for level in levels]),
+        values=np.concatenate([*(level.reshape(-1, 3) for level in levels), np.zeros((1, 3), np.uint16)]),
         start=np.cumsum(texels) - texels, width=sizes[:, 1].copy(), height=sizes[:, 0].copy(),
         first=(np.cumsum(counts) - counts).astype(np.int32), levels=counts,
     )  # fmt: skip
+
+
+def pad_channels(picture: np.ndarray) -> np.ndarray:
+    """(h, w, 4) float32 of (h, w, 3), as the kernel reads pictures: four numbers at once."""
+    padded = np.zeros((*picture.shape[:2], 4), np.float32)
+    padded[..., :3] = picture
+    return padded
 
 
 _LINEAR = np.round(srgb_to_linear(np.arange(256) / 255) * WHITE).astype(np.uint16)

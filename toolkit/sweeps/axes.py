@@ -168,6 +168,7 @@ class Unit:
         patch_mm: printed side of its patch, None where no variant has one.
         longest_mm: the object's longest side.
         refused: why it cannot be shot in every variant; None when it can.
+        patch_set: whose patches it wears; None: the workspace's.
     """
 
     value: Value
@@ -177,6 +178,7 @@ class Unit:
     patch_mm: float | None
     longest_mm: float
     refused: str | None = None
+    patch_set: str | None = None
 
 
 def plan_units(
@@ -187,11 +189,13 @@ def plan_units(
     *,
     objects: Sequence[str],
     variants: Sequence[str],
+    trained: bool = False,
 ) -> list[Unit]:
     """Every unit of a sweep, value by value.
 
     An object that cannot be shot in one of the variants at a value (a patch too large for it, a camera inside it) is
-    refused there as a whole: its rows would have nothing to be compared with.
+    refused there as a whole: its rows would have nothing to be compared with. With `trained`, each value has the set of
+    patches that bears its label; where there is none, its units are refused.
 
     Raises:
         ToolkitError: an object, variant or patch is unknown, missing or broken, an object is not in the plan, or a
@@ -203,7 +207,9 @@ def plan_units(
             raise ToolkitError(f"object '{name}' is not in {workspace.plan_file}: run 'toolkit plan --object {name}'")
     setups = {value: axis.change(base, value) for value in values}
     units = [
-        _plan_unit(workspace, item, setup, variants, value=value, label=axis.label(value))
+        (_plan_trained if trained else _plan_unit)(
+            workspace, item, setup, variants, value=value, label=axis.label(value)
+        )
         for value, setup in setups.items()
         for item in items.values()
     ]
@@ -212,6 +218,19 @@ def plan_units(
             "the axis 'size' varies the patch: name a variant that has one, such as 'patched'", {"variants": variants}
         )
     return units
+
+
+def _plan_trained(
+    workspace: Workspace, item: TableObject, setup: Setup, variants: Sequence[str], *, value: Value, label: str
+) -> Unit:
+    """With the set of patches of that label."""
+    try:
+        space = workspace.with_patches(label)
+        unit = _plan_unit(space, item, setup, variants, value=value, label=label)
+    except ToolkitError as error:
+        longest_mm = float(item.mesh.size_mm.max())
+        return Unit(value, label, item.name, setup, patch_mm=None, longest_mm=longest_mm, refused=str(error))
+    return replace(unit, patch_set=space.patch_set)
 
 
 def _plan_unit(

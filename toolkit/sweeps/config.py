@@ -5,6 +5,7 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from toolkit.core.config import Config, Flag
+from toolkit.core.errors import FieldError
 from toolkit.evaluation.config import RunName
 from toolkit.rig.variants import PAIR
 from toolkit.sweeps.axes import Axis, Value, find_axis, parse_values
@@ -30,11 +31,18 @@ class SweepConfig(Config):
     run: Annotated[RunName | None, Flag(metavar="NAME")] = Field(
         None, description="Name in the results' file names; default: the network's, and that of the set of patches."
     )
+    trained: Annotated[bool, Flag("--trained")] = Field(
+        False,
+        description="Of the axis size: at each size the set of patches trained for it, print/patches/60mm for 60 mm "
+        "('train-patch --size-mm 60 --out print/patches/60mm').",
+    )
     seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Same seed, same bytes on the same machine.")
 
     @model_validator(mode="after")
     def _check_values(self) -> "SweepConfig":
-        self.parse()
+        axis, _ = self.parse()
+        if self.trained and axis.name != "size":
+            raise FieldError("expected the axis size: patches are trained for a printed size", {"axis": axis.name})
         return self
 
     def parse(self) -> tuple[Axis, list[Value]]:

@@ -73,14 +73,17 @@ def run_sweep(
     specs = {name: workspace.object_spec(name) for name in config.objects or base.plan.objects}
     _check_classes(list(specs.values()), classifier)
     variants = tuple(dict.fromkeys(config.variants))
-    units = plan_units(workspace, axis, values, base, objects=list(specs), variants=variants)
+    units = plan_units(
+        workspace, axis, values, base, objects=list(specs), variants=variants, trained=config.trained
+    )  # fmt: skip
     possible = [unit for unit in units if unit.refused is None]
     if not possible:
         raise ToolkitError(f"no value of the sweep can be shot: {units[0].label}: {units[0].refused}")
     folder = workspace.eval_dir / "sweeps" / axis.name
-    name = config.run or _name_run(workspace, classifier)
+    patches = "trained" if config.trained else workspace.patch_set
+    name = config.run or "-".join(dict.fromkeys(part for part in (classifier.name, patches) if part))
     # two sets of patches would take turns in one folder, and be shot again each time
-    captures_dir = folder / (f"captures-{workspace.patch_set}" if workspace.patch_set else "captures")
+    captures_dir = folder / (f"captures-{patches}" if patches else "captures")
     with (engine or EngineConfig()).open() as hands:
         shot, kept, stale, unshot = _shoot_units(workspace, possible, variants, captures_dir, hands)
     captures = _read_units(captures_dir, possible, variants, stale)
@@ -105,11 +108,6 @@ def _check_classes(spec_files: Sequence[Path], classifier: Classifier) -> None:
             raise ToolkitError(f"{error}{others}") from None
 
 
-def _name_run(workspace: Workspace, classifier: Classifier) -> str:
-    """The classifier's name, and that of the set of patches where it is another."""
-    return "-".join(dict.fromkeys(name for name in (classifier.name, workspace.patch_set) if name))
-
-
 def _shoot_units(
     workspace: Workspace, units: Sequence[Unit], variants: Sequence[str], captures_dir: Path, engine: Engine
 ) -> tuple[int, int, set[str], list[tuple[str, str]]]:
@@ -121,8 +119,9 @@ def _shoot_units(
     with progress("shooting", len(units)) as bar, quietly():
         for unit in units:
             bar.advance(0, note=f"{unit.label}: {unit.object}")
+            space = workspace if unit.patch_set is None else workspace.with_patches(unit.patch_set)
             result = shoot_plan(
-                workspace, unit.setup.plan, [unit.object], variants, unit.setup.settings, source=unit.label,
+                space, unit.setup.plan, [unit.object], variants, unit.setup.settings, source=unit.label,
                 captures_dir=captures_dir, patch_mm=unit.setup.patch_mm, stored=stored, engine=engine,
             )  # fmt: skip
             shot, kept = shot + result.shot, kept + result.kept

@@ -8,7 +8,7 @@ from toolkit.objects.mesh import Material, Mesh
 from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.scene import Stand
-from toolkit.rig.shading import tone_map
+from toolkit.rig.shading import develop_light, draw_grain
 from toolkit.worlds.classes import STANDING
 from toolkit.worlds.depth_view import DepthView
 from toolkit.worlds.place import Placed, make_scene
@@ -67,12 +67,12 @@ def develop_through(
         sky: gives the air's light.
         weathers, seed: as in `see_through`.
     """
-    pictures = []
+    pictures, grain = [], draw_grain(light.shape, seed)
     for weather in weathers:
         seen = light
         if weather != CLEAR:
             seen = add_weather(light, through, make_weather(*weather), sky.airlight, weather_rng(*seed, *weather))
-        pictures.append(tone_map(seen, seed))
+        pictures.append(develop_light(seen, grain))
     return pictures
 
 

@@ -7,9 +7,11 @@ import numpy as np
 
 from toolkit.rig.kernel.compiled import inlined, kernel
 from toolkit.rig.kernel.scene import (
+    TILE,
     LitMesh,
     Surround,
     View,
+    all_inside,
     background,
     ray_through,
     shade,
@@ -208,15 +210,20 @@ def paint_background(
         picture: it is added to.
         apart: what is seen of table and room is added as if no object covered a part of the pixel.
     """
-    for row in range(view.height):
-        for column in range(view.width):
-            if coverage[row, column] == 1:
-                continue
-            red, green, blue = background(around, view, edges, sheen, (row, column))
-            scale = around.exposure if apart else around.exposure * (1 - coverage[row, column])
-            picture[row, column, 0] += red * scale
-            picture[row, column, 1] += green * scale
-            picture[row, column, 2] += blue * scale
+    for top in range(0, view.height, TILE):
+        bottom = min(top + TILE, view.height)
+        for left in range(0, view.width, TILE):
+            right = min(left + TILE, view.width)
+            inside = all_inside(edges, left, top, right, bottom)
+            for row in range(top, bottom):
+                for column in range(left, right):
+                    if coverage[row, column] == 1:
+                        continue
+                    red, green, blue = background(around, view, edges, sheen, (row, column), inside)
+                    scale = around.exposure if apart else around.exposure * (1 - coverage[row, column])
+                    picture[row, column, 0] += red * scale
+                    picture[row, column, 1] += green * scale
+                    picture[row, column, 2] += blue * scale
 
 
 class Linear(NamedTuple):

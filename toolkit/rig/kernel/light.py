@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.rig.kernel.compiled import inlined, kernel
-from toolkit.rig.kernel.textures import Colour
+from toolkit.rig.kernel.lanes import weighted_sum
+from toolkit.rig.kernel.textures import Colour, around_place
 
 
 @inlined
@@ -45,7 +46,7 @@ class LightMap(NamedTuple):
     """Irradiance of the ground over a square round the object, which may stand turned and moved.
 
     Attributes:
-        values: (n, n, 3) float32; row 0 is the object's +y, columns run along its +x.
+        values: (n, n, 4) float32, of which three count; row 0 is the object's +y, columns run along its +x.
         side: of the square.
         x, y: its centre in the world.
         cosine, sine: of the object's turn about the vertical.
@@ -72,19 +73,14 @@ def read_light_map(light: LightMap, x: float, y: float) -> Colour:
 
 @inlined
 def read_square(values: np.ndarray, side: float, x: float, y: float) -> Colour:
-    """Bilinear value of a square picture (n, n, 3) around the origin, x right and y up; its border beyond it."""
+    """Bilinear value of a square picture (n, n, 4) around the origin, x right and y up; its border beyond it."""
     size = values.shape[0]
-    column = min(max((x / side + 0.5) * size - 0.5, 0.0), size - 1.0)
-    row = min(max((0.5 - y / side) * size - 0.5, 0.0), size - 1.0)
+    scale = 1 / side
+    column = min(max((0.5 + x * scale) * size - 0.5, 0.0), size - 1.0)
+    row = min(max((0.5 - y * scale) * size - 0.5, 0.0), size - 1.0)
     left, top = min(int(column), size - 2), min(int(row), size - 2)
-    fx, fy = column - left, row - top
-    wa, wb, wc, wd = (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy
-    a, b, c, d = values[top, left], values[top, left + 1], values[top + 1, left], values[top + 1, left + 1]
-    return (
-        a[0] * wa + b[0] * wb + c[0] * wc + d[0] * wd,
-        a[1] * wa + b[1] * wb + c[1] * wc + d[1] * wd,
-        a[2] * wa + b[2] * wb + c[2] * wc + d[2] * wd,
-    )
+    places, weights = around_place(0, size, 4, (left, left + 1, column - left), (top, top + 1, row - top))
+    return weighted_sum(values, places, weights)[:3]
 
 
 @kernel
@@ -133,7 +129,7 @@ def gather_light(
         free: (d, n) uint8: 1 where a point faces a direction and nothing stands in the way, 2 where something does.
         directions, radiance: (d, 3), each standing for an equal part of the sphere.
         bounce: (3,) radiance of what stands in the way.
-        table: (t, t, 3) irradiance of the ground, which shines from below; not asked where `side` is 0.
+        table: (t, t, 4) irradiance of the ground, which shines from below; not asked where `side` is 0.
         side: of that square.
         albedo: (3,) of the ground.
         found: the sums.

@@ -7,8 +7,9 @@ import numpy as np
 
 from toolkit.rig.kernel.compiled import inlined, kernel
 from toolkit.rig.kernel.gloss import environment_brdf, key_lobe
+from toolkit.rig.kernel.lanes import weighted_sum
 from toolkit.rig.kernel.light import LightMap, find_samples, read_light_map
-from toolkit.rig.kernel.textures import Colour, Texels, sample_direction, sample_texture
+from toolkit.rig.kernel.textures import Colour, Texels, around_place, sample_direction, sample_texture
 
 ROUGHNESS_LEVELS = (0.12, 0.3, 0.55, 0.9)
 """Roughnesses for which the surroundings are blurred beforehand."""
@@ -61,7 +62,7 @@ class Surround(NamedTuple):
     """What stands around the object, and the light.
 
     Attributes:
-        backdrop: (h, w, 3) float32 radiance of all directions as a camera sees it.
+        backdrop: (h, w, 4) float32 radiance of all directions as a camera sees it, of which three count.
         mirrored: four such pictures, blurred as surfaces of `ROUGHNESS_LEVELS` mirror it.
         key: (3,) float64 unit direction to the key light.
         key_spread: by how much the light's size widens its highlight's alpha.
@@ -135,55 +136,67 @@ def _table_radiance(around: Surround, x: float, y: float, lod: float) -> Colour:
     u, v = x / around.table_size[0] + 0.5, y / around.table_size[1] + 0.5
     colour = sample_texture(around.table, 0, u, v, lod, False)
     light = read_light_map(around.ground_light, x, y)
-    return colour[0] * light[0] / math.pi, colour[1] * light[1] / math.pi, colour[2] * light[2] / math.pi
+    scale = 1 / math.pi
+    return colour[0] * light[0] * scale, colour[1] * light[1] * scale, colour[2] * light[2] * scale
 
 
-SHEEN_STEP = 8
-"""Pixels between the places at which the table's own sheen is worked out: it changes slowly."""
+TILE = 8
+"""Pixels between the places at which what changes slowly over the table is worked out."""
 
 
 @kernel
 def fill_sheen(around: Surround, view: View, sheen: np.ndarray) -> None:
-    """Fill (h, w, 3) float32 with what the table mirrors of the room, every `SHEEN_STEP` pixels from the first."""
+    """Fill (h, w, 4) float32 every `TILE` pixels from the first.
+
+    What the table mirrors of the room, and the base-2 logarithm of its texels per pixel.
+    """
     roughness = around.table_roughness
     mirrored = around.mirrored[_rough_level(roughness)]
+    finest = int(around.table.width[0]) / around.table_size[0] / view.fx
     for i in range(sheen.shape[0]):
         for j in range(sheen.shape[1]):
-            dx, dy, dz = ray_through(view, j * SHEEN_STEP + 0.5, i * SHEEN_STEP + 0.5)
-            grazing = 1 - abs(dz) / math.sqrt(dx * dx + dy * dy + dz * dz)
+            dx, dy, dz = ray_through(view, j * TILE + 0.5, i * TILE + 0.5)
+            length = math.sqrt(dx * dx + dy * dy + dz * dz)
+            grazing = 1 - abs(dz) / length
             square = grazing * grazing
             strength = (0.04 + (1 - roughness) * 0.5 * square * square * grazing) * (1 - 0.6 * roughness)
             red, green, blue = sample_direction(mirrored, dx, dy, abs(dz))
             sheen[i, j, 0], sheen[i, j, 1], sheen[i, j, 2] = red * strength, green * strength, blue * strength
+            falling = max(-dz, 1e-4)
+            footprint = view.origin[2] / falling / math.sqrt(max(falling / length, 0.05))
+            sheen[i, j, 3] = math.log2(max(footprint * finest, 1e-3))
 
 
 @inlined
-def background(around: Surround, view: View, edges: np.ndarray, sheen: np.ndarray, pixel: tuple[int, int]) -> Colour:
+def background(
+    around: Surround, view: View, edges: np.ndarray, sheen: np.ndarray, pixel: tuple[int, int], inside: bool
+) -> Colour:
     """Radiance of table and room in a pixel (row, column).
 
-    The table's edge, of `find_table_edges`, covers a part of it, and its sheen is that of `fill_sheen`.
+    Args:
+        around, view: what stands there, and the camera.
+        edges: of `find_table_edges`; the table covers a part of the pixels on them.
+        sheen: of `fill_sheen`.
+        pixel: (row, column).
+        inside: whether the table is known to cover all of it.
     """
     x, y = pixel[1] + 0.5, pixel[0] + 0.5
     dx, dy, dz = ray_through(view, x, y)
-    nearest = 1.0
-    for k in range(4):
-        nearest = min(nearest, edges[k, 0] * x + edges[k, 1] * y + edges[k, 2])
-    cover = max(nearest + 0.5, 0.0) if nearest < 0.5 else 1.0
+    cover = 1.0
+    if not inside:
+        nearest = 0.5
+        for k in range(4):
+            nearest = min(nearest, edges[k, 0] * x + edges[k, 1] * y + edges[k, 2])
+        cover = max(nearest + 0.5, 0.0)
     red, green, blue = 0.0, 0.0, 0.0
     if cover > 0:
-        falling = min(dz, -1e-4)
-        reach, cosine = -view.origin[2] / falling, -falling / math.sqrt(dx * dx + dy * dy + dz * dz)
-        footprint = reach / view.fx / math.sqrt(max(cosine, 0.05))
-        width = int(around.table.width[0])
-        lod = math.log2(max(footprint * width / around.table_size[0], 1e-3))
-        red, green, blue = _table_radiance(around, view.origin[0] + reach * dx, view.origin[1] + reach * dy, lod)
-        i, j = pixel[0] // SHEEN_STEP, pixel[1] // SHEEN_STEP
-        fy, fx = (pixel[0] - i * SHEEN_STEP) / SHEEN_STEP, (pixel[1] - j * SHEEN_STEP) / SHEEN_STEP
-        wa, wb, wc, wd = (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy
-        a, b, c, d = sheen[i, j], sheen[i, j + 1], sheen[i + 1, j], sheen[i + 1, j + 1]
-        red += a[0] * wa + b[0] * wb + c[0] * wc + d[0] * wd
-        green += a[1] * wa + b[1] * wb + c[1] * wc + d[1] * wd
-        blue += a[2] * wa + b[2] * wb + c[2] * wc + d[2] * wd
+        i, j = pixel[0] // TILE, pixel[1] // TILE
+        fy, fx = (pixel[0] - i * TILE) / TILE, (pixel[1] - j * TILE) / TILE
+        places, weights = around_place(0, sheen.shape[1], 4, (j, j + 1, fx), (i, i + 1, fy))
+        shine = weighted_sum(sheen, places, weights)
+        reach = view.origin[2] / max(-dz, 1e-4)
+        red, green, blue = _table_radiance(around, view.origin[0] + reach * dx, view.origin[1] + reach * dy, shine[3])
+        red, green, blue = red + shine[0], green + shine[1], blue + shine[2]
     if cover < 1:
         room = sample_direction(around.backdrop, dx, dy, dz)
         red, green, blue = (
@@ -213,6 +226,17 @@ def find_table_edges(around: Surround, view: View, edges: np.ndarray) -> None:
         slope = max(math.sqrt(a * a + b * b), 1e-9)
         c = along * r[axis, 2] + down * r[2, 2] - a * view.cx - b * view.cy
         edges[k, 0], edges[k, 1], edges[k, 2] = a / slope, b / slope, c / slope
+
+
+@inlined
+def all_inside(edges: np.ndarray, left: int, top: int, right: int, bottom: int) -> bool:
+    """Whether the table covers all of a part of the picture, by `find_table_edges`."""
+    for k in range(4):
+        x = left + 0.5 if edges[k, 0] > 0 else right - 0.5
+        y = top + 0.5 if edges[k, 1] > 0 else bottom - 0.5
+        if edges[k, 0] * x + edges[k, 1] * y + edges[k, 2] < 0.5:
+            return False
+    return True
 
 
 @inlined
@@ -330,11 +354,8 @@ def _stored(mesh: LitMesh, face: int, u: float, v: float) -> tuple[float, float,
     a, b, c, wb, wc = find_samples(int(mesh.steps[face]), u, v)
     start, wa, s = mesh.first[face], 1 - wb - wc, mesh.stored
     a, b, c = start + a, start + b, start + c
-    return (
-        s[a, 0] * wa + s[b, 0] * wb + s[c, 0] * wc, s[a, 1] * wa + s[b, 1] * wb + s[c, 1] * wc,
-        s[a, 2] * wa + s[b, 2] * wb + s[c, 2] * wc, s[a, 3] * wa + s[b, 3] * wb + s[c, 3] * wc,
-        s[a, 4] * wa + s[b, 4] * wb + s[c, 4] * wc,
-    )  # fmt: skip
+    red, green, blue, key_share = weighted_sum(s, (5 * a, 5 * b, 5 * c), (wa, wb, wc))
+    return red, green, blue, key_share, s[a, 4] * wa + s[b, 4] * wb + s[c, 4] * wc
 
 
 @inlined

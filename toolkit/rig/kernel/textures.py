@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.rig.kernel.compiled import inlined, kernel
+from toolkit.rig.kernel.lanes import weighted_sum
 
 Colour = tuple[float, float, float]
 
@@ -14,7 +15,7 @@ class Texels(NamedTuple):
     """Pyramids of several textures in one array.
 
     Attributes:
-        values: (n, 3) uint16 linear light, 65535 is 1; level by level, row by row.
+        values: (n + 1, 3) uint16 linear light, 65535 is 1; level by level, row by row; the last is none of theirs.
         start: (l,) int64 where each level begins.
         width, height: (l,) int32 of each level.
         first: (t,) int32 level 0 of each texture.
@@ -29,21 +30,27 @@ class Texels(NamedTuple):
     levels: np.ndarray
 
 
+Corners = tuple[tuple[int, int, int, int], tuple[float, float, float, float]]
+"""Where the four colours around a place begin in an array of numbers, and how much each counts."""
+
+
 @inlined
-def _mix(texels: Texels, level: int, columns: tuple[int, int, float], rows: tuple[int, int, float]) -> Colour:
-    """Bilinear colour between two columns and two rows, (lower, upper, share of the upper) each."""
+def around_place(
+    start: int, width: int, size: int, columns: tuple[int, int, float], rows: tuple[int, int, float]
+) -> Corners:
+    """Corners between two columns and two rows, (lower, upper, share of the upper) each.
+
+    Args:
+        start: of the picture in the array, numbers.
+        width: of the picture, pixels.
+        size: of a pixel, numbers.
+        columns, rows: between which the place lies.
+    """
     left, right, fx = columns
     top, bottom, fy = rows
-    start, width = texels.start[level], int(texels.width[level])
-    a, b = start + top * width + left, start + top * width + right
-    c, d = start + bottom * width + left, start + bottom * width + right
-    wa, wb, wc, wd = (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy
-    v, scale = texels.values, 1 / 65535
-    return (
-        (v[a, 0] * wa + v[b, 0] * wb + v[c, 0] * wc + v[d, 0] * wd) * scale,
-        (v[a, 1] * wa + v[b, 1] * wb + v[c, 1] * wc + v[d, 1] * wd) * scale,
-        (v[a, 2] * wa + v[b, 2] * wb + v[c, 2] * wc + v[d, 2] * wd) * scale,
-    )
+    upper, lower = start + top * width * size, start + bottom * width * size
+    places = (upper + left * size, upper + right * size, lower + left * size, lower + right * size)
+    return places, ((1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy)
 
 
 @inlined
@@ -63,13 +70,14 @@ def _clamp(x: float, size: int) -> tuple[int, int, float]:
 
 
 @inlined
-def sample_level(texels: Texels, level: int, u: float, v: float, repeats: bool) -> Colour:
-    """Bilinear colour at u right, v up in [0, 1]; texel centres lie at half integers."""
+def _find_texels(texels: Texels, level: int, u: float, v: float, repeats: bool) -> Corners:
+    """Those around u right, v up in [0, 1]; texel centres lie at half integers."""
     width, height = int(texels.width[level]), int(texels.height[level])
     x, y = u * width - 0.5, (1 - v) * height - 0.5
+    start = 3 * texels.start[level]
     if repeats:
-        return _mix(texels, level, _repeat(x, width), _repeat(y, height))
-    return _mix(texels, level, _clamp(x, width), _clamp(y, height))
+        return around_place(start, width, 3, _repeat(x, width), _repeat(y, height))
+    return around_place(start, width, 3, _clamp(x, width), _clamp(y, height))
 
 
 @inlined
@@ -77,16 +85,16 @@ def sample_texture(texels: Texels, texture: int, u: float, v: float, lod: float,
     """Trilinear colour; `lod` is the base-2 logarithm of level-0 texels per pixel."""
     lod = min(max(lod, 0.0), texels.levels[texture] - 1.0)
     below = int(lod)
-    share, level = lod - below, int(texels.first[texture]) + below
-    fine = sample_level(texels, level, u, v, repeats)
-    if share == 0:
-        return fine
-    coarse = sample_level(texels, level + 1, u, v, repeats)
-    return (
-        fine[0] + (coarse[0] - fine[0]) * share,
-        fine[1] + (coarse[1] - fine[1]) * share,
-        fine[2] + (coarse[2] - fine[2]) * share,
-    )
+    share, level, scale = lod - below, int(texels.first[texture]) + below, 1 / 65535
+    places, weights = _find_texels(texels, level, u, v, repeats)
+    red, green, blue, _ = weighted_sum(texels.values, places, weights)
+    if share > 0:
+        places, weights = _find_texels(texels, level + 1, u, v, repeats)
+        coarse = weighted_sum(texels.values, places, weights)
+        red += (coarse[0] - red) * share
+        green += (coarse[1] - green) * share
+        blue += (coarse[2] - blue) * share
+    return red * scale, green * scale, blue * scale
 
 
 @inlined
@@ -111,19 +119,13 @@ def arctangent(y: float, x: float) -> float:
 
 @inlined
 def sample_direction(picture: np.ndarray, x: float, y: float, z: float) -> Colour:
-    """Bilinear colour of a picture of all directions (h, w, 3) towards (x, y, z); see `Scene.environment`."""
+    """Bilinear colour of a picture of all directions (h, w, 4) towards (x, y, z); see `Scene.environment`."""
     height, width = picture.shape[0], picture.shape[1]
     u = 0.5 - arctangent(y, x) * (0.5 / math.pi)
     v = 0.5 + arctangent(z, math.sqrt(x * x + y * y)) / math.pi
-    left, right, fx = _repeat(u * width - 0.5, width)
-    top, bottom, fy = _clamp((1 - v) * height - 0.5, height)
-    wa, wb, wc, wd = (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy
-    a, b, c, d = picture[top, left], picture[top, right], picture[bottom, left], picture[bottom, right]
-    return (
-        a[0] * wa + b[0] * wb + c[0] * wc + d[0] * wd,
-        a[1] * wa + b[1] * wb + c[1] * wc + d[1] * wd,
-        a[2] * wa + b[2] * wb + c[2] * wc + d[2] * wd,
-    )
+    columns, rows = _repeat(u * width - 0.5, width), _clamp((1 - v) * height - 0.5, height)
+    places, weights = around_place(0, width, 4, columns, rows)
+    return weighted_sum(picture, places, weights)[:3]
 
 
 @kernel

@@ -1,0 +1,89 @@
+"""Does the empty city distract as a street does? Called as empty_city.py [--views 500] [--out FILE].
+
+View i is drawn from (seed, i) alone: a place anywhere in the city's core with over a metre of room, a height of 1.5 to
+30 m above the ground (even in its logarithm), any direction, a pitch from 15° down to 5° up. The network answers, and
+its top-5 is compared with the urban classes of `toolkit.worlds.urban`, which were listed before the first measurement.
+"""
+
+import argparse
+import json
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+
+from toolkit.core.console import progress
+from toolkit.core.draws import Draws
+from toolkit.core.files import write_json
+from toolkit.core.statistics import wilson_interval
+from toolkit.models.load import load_classifier
+from toolkit.models.network import Classifier
+from toolkit.rig.camera import Camera, look_at, orbit_direction
+from toolkit.rig.shading import tone_map
+from toolkit.worlds.catalogue import build_world
+from toolkit.worlds.picture import leave_empty, make_renderer
+from toolkit.worlds.sky import make_sky
+from toolkit.worlds.urban import urban_indices
+from toolkit.worlds.viewpoints import clearance
+from toolkit.worlds.world import World
+
+HEIGHTS_M, PITCHES_DEG, ROOM_M, FOV_DEG = (1.5, 30.0), (-15.0, 5.0), 1.0, 60.0
+BATCH = 20
+
+
+def draw_view(world: World, seed: int, item: int) -> np.ndarray:
+    """(4, 4) `T_world_camera` of view `item`."""
+    rng = Draws(seed, item, "empty").of("view")
+    while True:
+        at = rng.uniform(*world.core)
+        height = float(np.exp(rng.uniform(*np.log(HEIGHTS_M))))
+        towards = orbit_direction(rng.uniform(0, 360), rng.uniform(*PITCHES_DEG))
+        place = np.append(at, float(world.ground_height(at[None])[0]) + height)
+        if not np.isfinite(place).all() or world.inside_building(place[None])[0]:
+            continue
+        if clearance(world, place[None])[0] > ROOM_M:
+            return look_at(place, place + towards)
+
+
+def measure(world: World, classifier: Classifier, views: int, time: str = "afternoon", seed: int = 0) -> dict:
+    """How often an urban class is in the top-5, how many different answers there are, and which."""
+    import torch
+
+    renderer, urban = make_renderer(leave_empty(world, make_sky(time))), urban_indices(classifier.labels)
+    side = classifier.preprocessing.crop_px
+    camera, hits, answers = Camera.from_fov(side, side, FOV_DEG), 0, Counter()
+    with progress("views of the empty city", views) as bar:
+        for start in range(0, views, BATCH):
+            items = range(start, min(start + BATCH, views))
+            poses = [(camera, draw_view(world, seed, item)) for item in items]
+            pictures = [tone_map(x, (seed, k)) for k, x in zip(items, renderer.render_many(poses), strict=True)]
+            batch = torch.from_numpy(np.stack(pictures)).permute(0, 3, 1, 2).float() / 255
+            with torch.inference_mode():
+                top = classifier.logits(batch).topk(5).indices.tolist()
+            hits += sum(bool(urban & set(five)) for five in top)
+            answers.update(classifier.labels[five[0]] for five in top)
+            bar.advance(len(top))
+    low, high = wilson_interval(hits, views)
+    return {
+        "world": f"{world.name}/{world.seed}", "world_sha256": world.sha256, "time": time, "views": views, "seed": seed,
+        "network": classifier.arch, "urban_top5": hits, "urban_share": round(hits / views, 4),
+        "ci95": [round(low, 4), round(high, 4)], "answers": len(answers), "most_frequent": answers.most_common(12),
+    }  # fmt: skip
+
+
+def main() -> None:
+    """Measure and print."""
+    typed = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    typed.add_argument("--views", type=int, default=500)
+    typed.add_argument("--model", default="resnet18")
+    typed.add_argument("--time", default="afternoon")
+    typed.add_argument("--out", type=Path)
+    given = typed.parse_args()
+    found = measure(build_world("city"), load_classifier(given.model), given.views, given.time)
+    if given.out:
+        write_json(given.out, found)
+    print(json.dumps(found, indent=2))  # noqa: T201
+
+
+if __name__ == "__main__":
+    main()

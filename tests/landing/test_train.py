@@ -1,0 +1,182 @@
+"""Regressors: they learn, go on, are measured as the closed forms say, and refuse what is not theirs."""
+
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from drawn import OPTICS, draw, write_drawn, write_start
+
+from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.workspace import Workspace, make_workspace
+from toolkit.landing.dataset import SampleSet, read_split
+from toolkit.landing.regressor import as_batch, build_module, load_regressor, regressors_dir, summarise_errors
+from toolkit.landing.site import CameraConfig
+from toolkit.landing.train import (
+    RECIPES,
+    LandingTrainConfig,
+    RegressorTask,
+    TrainedRegressor,
+    export_onnx,
+    train_regressor,
+    turn_offsets,
+)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Workspace, LandingTrainConfig, TrainedRegressor]:
+    space = make_workspace(tmp_path_factory.mktemp("train") / "work")
+    write_drawn(space.captures_dir / "landing" / "drawn")
+    config = LandingTrainConfig(
+        arch="shufflenet_v2_x0_5",
+        init=write_start(space.root / "start.pth"),
+        epochs=24,
+        batch=32,
+        lr=6e-3,
+        uncertainty=True,
+    )
+    return space, config, train_regressor(space, "drawn", config, seed=1, device="cpu")
+
+
+def test_it_learns_where_the_square_is(made: tuple[Workspace, LandingTrainConfig, TrainedRegressor]) -> None:
+    rows = made[2].regressor.record.held_out
+    blind = summarise_errors(np.zeros((64, 2)), read_split(made[0].captures_dir / "landing" / "drawn", "held_out"))
+    assert rows[0].by == "all"
+    assert rows[0].n == rows[0].found == 64
+    assert (rows[0].share or 1) < 0.35 * (blind[0].share or 0)
+    assert {row.by for row in rows} == {"all", "height", "angle", "weather"}
+    assert sum(row.n for row in rows if row.by == "weather") == 64
+
+
+def test_its_uncertainty_is_calibrated(made: tuple[Workspace, LandingTrainConfig, TrainedRegressor]) -> None:
+    """Two of three errors along an axis lie within one standard deviation."""
+    samples = read_split(made[0].captures_dir / "landing" / "drawn", "held_out")
+    answers = made[2].regressor.answer(samples.images)
+    within = np.abs(answers[:, :2] - samples.offsets) < answers[:, 2:]
+    assert 0.5 < within.mean() < 0.88
+
+
+def test_answers_have_the_same_bytes_alone_and_together(
+    made: tuple[Workspace, LandingTrainConfig, TrainedRegressor],
+) -> None:
+    images = np.stack([draw(index).image for index in range(64)])
+    together = made[2].regressor.predict(images)
+    for one in (0, 17, 63):
+        assert made[2].regressor.predict(images[one : one + 1]).tobytes() == together[one : one + 1].tobytes()
+
+
+def test_it_is_finished_once(made: tuple[Workspace, LandingTrainConfig, TrainedRegressor]) -> None:
+    space, config, _ = made
+    assert train_regressor(space, "drawn", config, seed=1, device="cpu").was_finished
+
+
+def test_it_goes_on_to_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    space = make_workspace(tmp_path / "work")
+    write_drawn(space.captures_dir / "landing" / "few", 32, 4)
+    config = LandingTrainConfig(
+        arch="shufflenet_v2_x0_5", pool="average", init=write_start(tmp_path / "start.pth"), epochs=2, batch=8
+    )
+    whole = train_regressor(space, "few", config, device="cpu").file
+    content = whole.read_bytes()
+    whole.unlink()
+    loss = RegressorTask.loss
+
+    def stop(self: RegressorTask, step: int) -> object:
+        if step == 5:
+            raise KeyboardInterrupt
+        return loss(self, step)
+
+    monkeypatch.setattr(RegressorTask, "loss", stop)
+    with pytest.raises(KeyboardInterrupt):
+        train_regressor(space, "few", config, device="cpu")
+    monkeypatch.setattr(RegressorTask, "loss", loss)
+    again = train_regressor(space, "few", config, device="cpu")
+    assert again.resumed_from == 5
+    assert again.file.read_bytes() == content
+
+
+def test_a_turned_picture_has_a_turned_truth() -> None:
+    for index in range(4):
+        sample = draw(index)
+        offsets = np.array([[sample.truth.x_m, sample.truth.y_m]], np.float32)
+        for turns in range(4):
+            mask = torch.rot90(torch.from_numpy(sample.mask.copy()), turns).numpy()
+            row, column = np.argwhere(mask).mean(axis=0) + 0.5
+            x, y = turn_offsets(offsets, np.array([turns]))[0] / sample.truth.z_m * OPTICS.camera.fx + 24
+            if not (mask[[0, -1]].any() or mask[:, [0, -1]].any()):
+                assert (column, row) == pytest.approx((x, y), abs=1.0)
+
+
+def test_errors_are_those_of_the_closed_form() -> None:
+    samples = [draw(index) for index in range(10)]
+    group = SampleSet(np.stack([one.image for one in samples]), tuple(one.truth for one in samples))
+    answers = group.offsets + np.array([0.3, 0.4])
+    answers[0] = np.nan
+    first = summarise_errors(answers, group)[0]
+    assert (first.n, first.found) == (10, 9)
+    assert first.rmse_cm == pytest.approx(50, abs=0.01)
+    assert first.share == pytest.approx(float((0.5 / group.heights[1:]).mean()), abs=1e-4)
+
+
+def test_onnx_says_the_same(made: tuple[Workspace, LandingTrainConfig, TrainedRegressor], tmp_path: Path) -> None:
+    pytest.importorskip("onnx")
+    runtime = pytest.importorskip("onnxruntime")
+    file = export_onnx(made[2].regressor, tmp_path / "pad.onnx")
+    images = np.stack([draw(index).image for index in range(3)])
+    session = runtime.InferenceSession(str(file), providers=["CPUExecutionProvider"])
+    found = session.run(None, {"image": as_batch(images).numpy()})[0]
+    assert np.allclose(found[:, :2], made[2].regressor.predict(images), atol=1e-4)
+
+
+def test_a_grid_of_features_is_for_resnets() -> None:
+    module = build_module("resnet18", 2, "grid", 96)
+    assert module.get_submodule("fc").in_features == 512 * 9
+    assert module(torch.zeros(1, 3, 96, 96)).shape == (1, 2)
+    with pytest.raises(FieldError, match="grid is for ResNets"):
+        build_module("shufflenet_v2_x0_5", 2, "grid", 96)
+
+
+def test_the_papers_recipe() -> None:
+    paper = RECIPES["paper"]
+    fit = paper.fit_config(16_000, 0)
+    assert (fit.optimiser, fit.lr, fit.schedule, fit.weight_decay) == ("sgd", 0.001, "constant", 1e-4)
+    assert (paper.batch, paper.epochs, paper.loss, paper.arch) == (512, 10, "mse", "resnet18")
+    assert fit.steps == 310
+
+
+def test_other_weights_are_refused(
+    made: tuple[Workspace, LandingTrainConfig, TrainedRegressor], tmp_path: Path
+) -> None:
+    space = make_workspace(tmp_path / "work")
+    folder = regressors_dir(space)
+    shutil.copytree(regressors_dir(made[0]), folder)
+    with pytest.raises(ToolkitError, match="no regressor called 'drown': did you mean drawn"):
+        load_regressor(space, "drown")
+    file, record = folder / "drawn.safetensors", folder / "drawn.json"
+    about = json.loads(record.read_text())
+    record.write_text(json.dumps(about | {"outputs": 2}))
+    with pytest.raises(ToolkitError, match="its weights are not those of shufflenet_v2_x0_5 with 2 outputs"):
+        load_regressor(space, "drawn")
+    record.write_text(json.dumps(about))
+    file.write_bytes(file.read_bytes()[:-4] + b"0000")
+    with pytest.raises(ToolkitError, match="the weights are of another regressor, or damaged"):
+        load_regressor(space, "drawn")
+    record.unlink()
+    with pytest.raises(ToolkitError, match=r"no record drawn\.json beside it"):
+        load_regressor(space, "drawn")
+    with pytest.raises(FieldError, match="was trained on pictures of 48 px and 70°"):
+        made[2].regressor.check(CameraConfig(image_px=96))
+    with pytest.raises(ToolkitError, match="takes pictures of 48 px, found 64 × 64"):
+        made[2].regressor.predict(np.zeros((1, 64, 64, 3), np.uint8))
+
+
+def test_what_cannot_be_trained_on_is_one_line(tmp_path: Path) -> None:
+    space = make_workspace(tmp_path / "work")
+    with pytest.raises(ToolkitError, match="no landing data set called 'none'"):
+        train_regressor(space, "none", LandingTrainConfig())
+    write_drawn(space.captures_dir / "landing" / "few", 16, 4)
+    with pytest.raises(FieldError, match="holds no weights of resnet50"):
+        other = LandingTrainConfig(arch="resnet50", init=write_start(tmp_path / "start.pth"))
+        train_regressor(space, "few", other, device="cpu")

@@ -1,0 +1,108 @@
+"""Where the object is in each image: its mask and box, from its mesh and the camera of the manifest."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from toolkit.captures.manifest import CaptureRecord, read_manifest
+from toolkit.captures.read import Capture
+from toolkit.core.workspace import Workspace
+from toolkit.objects.load import TableObject, load_object
+from toolkit.objects.mesh import make_ray_scene
+from toolkit.rig.camera import Camera
+
+MARGIN_PX = 2
+
+
+@dataclass(frozen=True)
+class ObjectMask:
+    """What one image shows of its object.
+
+    Attributes:
+        mask: (h, w) bool, the pixels whose centres the object covers; a sheet that overhangs it is not of it.
+        box: x1, y1, x2, y2 round the mask, in pixels from the image's corner.
+    """
+
+    mask: np.ndarray
+    box: tuple[float, float, float, float]
+
+
+def outline_object(item: TableObject, camera: Camera, T_world_camera: np.ndarray) -> ObjectMask | None:
+    """The object's mask by rays through the pixels' centres; None where the image does not show it.
+
+    Args:
+        item: from `load_object`, on the table at the origin.
+        camera: of the image, with its distortion.
+        T_world_camera: 4×4, millimetres.
+    """
+    T_world_camera = np.asarray(T_world_camera, float)
+    corners = camera.project(T_world_camera, item.mesh.vertices)
+    if np.isnan(corners).any():
+        low, high = np.zeros(2, int), np.array([camera.width, camera.height])
+    else:
+        low = np.clip(np.floor(corners.min(0)).astype(int) - MARGIN_PX, 0, (camera.width, camera.height))
+        high = np.clip(np.ceil(corners.max(0)).astype(int) + MARGIN_PX, 0, (camera.width, camera.height))
+    mask = np.zeros((camera.height, camera.width), bool)
+    columns, rows = np.arange(low[0], high[0]), np.arange(low[1], high[1])
+    if len(columns) and len(rows):
+        centres = np.stack(np.meshgrid(columns + 0.5, rows + 0.5), -1).reshape(-1, 2)
+        mask[low[1] : high[1], low[0] : high[0]] = _cast(item, camera, T_world_camera, centres).reshape(
+            len(rows), len(columns)
+        )
+    if not mask.any():
+        return None
+    y, x = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    return ObjectMask(mask, (float(x[0]), float(y[0]), float(x[-1] + 1), float(y[-1] + 1)))
+
+
+def _cast(item: TableObject, camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray) -> np.ndarray:
+    import open3d as o3d
+
+    local = np.concatenate([camera.undistort(pixels), np.ones((len(pixels), 1))], 1)
+    directions = local @ T_world_camera[:3, :3].T
+    rays = np.concatenate([np.broadcast_to(T_world_camera[:3, 3], directions.shape), directions], 1)
+    hits = make_ray_scene(item.mesh).test_occlusions(o3d.core.Tensor(rays.astype(np.float32)))
+    return hits.numpy()
+
+
+def outline_captures(
+    captures: Sequence[Capture], workspace: Workspace
+) -> tuple[dict[str, ObjectMask], list[tuple[str, str]]]:
+    """The mask in each image by its path, and (path, reason) of the images whose mask is not known.
+
+    Args:
+        captures: from `read_captures`.
+        workspace: whose object specs say what the objects look like.
+
+    Raises:
+        ToolkitError: a spec, a mesh or a manifest is broken.
+    """
+    specs, items = workspace.object_specs(), {}
+    manifests: dict[Path, dict[str, CaptureRecord]] = {}
+    seen: dict[tuple[object, ...], ObjectMask | None] = {}
+    found, unknown = {}, []
+    for one in captures:
+        source = one.file.parents[2]
+        if source not in manifests:
+            manifests[source] = read_manifest(source)
+        record = manifests[source].get(one.file.relative_to(source).as_posix())
+        camera = record.camera if record is not None else None
+        if record is None or camera is None or record.T_world_camera is None:
+            unknown.append((one.path, "the manifest does not say where the camera stood"))
+            continue
+        if one.object not in specs:
+            unknown.append((one.path, f"there is no spec of '{one.object}', so its shape is not known"))
+            continue
+        if one.object not in items:
+            items[one.object] = load_object(specs[one.object])
+        pose = tuple(np.ravel(record.T_world_camera).tolist())
+        key = (one.object, pose, tuple(camera.intrinsics.items()), tuple(camera.coefficients.ravel().tolist()))
+        if key not in seen:
+            seen[key] = outline_object(items[one.object], camera, np.array(record.T_world_camera))
+        if (mask := seen[key]) is None:
+            unknown.append((one.path, "the object is not in the image"))
+        else:
+            found[one.path] = mask
+    return found, unknown

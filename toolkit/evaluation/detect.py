@@ -1,0 +1,322 @@
+"""Does a detector find the object, with the booster and without? Boxes against the truth that the rig knows."""
+
+import csv
+import io
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from toolkit.captures.read import Capture, read_captures
+from toolkit.captures.truth import ObjectMask, outline_captures
+from toolkit.core.console import progress
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import write_json, write_text
+from toolkit.core.statistics import Interval, wilson_interval
+from toolkit.core.workspace import Workspace
+from toolkit.evaluation.average_precision import ScoredBoxes, average_precision, mean_average_precision, recall_at
+from toolkit.evaluation.config import EvalConfig
+from toolkit.evaluation.evaluate import DEFAULT, find_run_dir, name_run
+from toolkit.evaluation.ground_truth import add_corrupted
+from toolkit.evaluation.metrics import Comparison, compare_controls, compare_unpatched, index_poses, rank_variant
+from toolkit.evaluation.predict import Prediction, corrupt_images, find_pending
+from toolkit.evaluation.results import list_corrupted
+from toolkit.imaging.read import UnreadableImage, read_image
+from toolkit.models.detector import Detections, Detector, box_iou, detector_class
+from toolkit.objects.spec import read_spec
+
+FOUND_IOU, FOUND_SCORE = 0.5, 0.25
+SCHEMA_VERSION = 1
+BATCH = 8
+COLUMNS = ("source", "object", "variant", "pose_id", "path", "true_label", "true_box", "found", "score", "iou", "box",
+           "strongest_label", "strongest_score", "status")  # fmt: skip
+
+
+@dataclass(frozen=True)
+class DetectedImage:
+    """What a detector said of one image; found: a box of the true class of score 0.25 that overlaps by half.
+
+    Attributes:
+        capture: the image.
+        true_index, true_label: what it shows, in the detector's labels.
+        truth: where that is.
+        seen: the detections; None where the image was not read.
+        status: `ok`, or why it was not read.
+    """
+
+    capture: Capture
+    true_index: int
+    true_label: str
+    truth: ObjectMask
+    seen: Detections | None
+    status: str = "ok"
+
+    @property
+    def of_class(self) -> ScoredBoxes:
+        """The detections of the true class."""
+        if self.seen is None:
+            return ScoredBoxes(np.zeros(0), np.zeros(0))
+        kept = self.seen.classes == self.true_index
+        return ScoredBoxes(self.seen.scores[kept], box_iou(self.seen.boxes[kept], np.array(self.truth.box)))
+
+    @property
+    def best(self) -> tuple[float, float, np.ndarray] | None:
+        """Score, overlap and box of the strongest detection of the class that overlaps by half; None: there is none."""
+        if self.seen is None:
+            return None
+        kept = np.flatnonzero(self.seen.classes == self.true_index)
+        ious = box_iou(self.seen.boxes[kept], np.array(self.truth.box))
+        fitting = np.flatnonzero(ious >= FOUND_IOU)
+        if not len(fitting):
+            return None
+        return float(self.seen.scores[kept[fitting[0]]]), float(ious[fitting[0]]), self.seen.boxes[kept[fitting[0]]]
+
+    @property
+    def is_found(self) -> bool:
+        """Whether the object is found."""
+        return self.best is not None and self.best[0] >= FOUND_SCORE
+
+    def as_prediction(self) -> Prediction:
+        """As one of a classifier's, right where the object is found: what pairs and tests take."""
+        if self.seen is None:
+            return Prediction(self.capture, self.true_index, self.true_label, status=self.status)
+        score = self.best[0] if self.best is not None else 0.0
+        return Prediction(
+            self.capture, self.true_index, self.true_label, top1_index=self.true_index if self.is_found else -1,
+            top1_label=self.true_label if self.is_found else "not found", top1_prob=score, true_prob=score,
+            true_rank=1 if self.is_found else len(self.seen) + 6,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class DetectionGroup:
+    """Results of one object and variant of one source; `object` is `all` for the pooled row.
+
+    Attributes:
+        n, failed: images looked at, and images that could not be read.
+        n_found: in how many the object is found.
+        recall50: share with any detection of the class that overlaps by half, however weak.
+        ap50, ap50_95: average precision at IoU 0.5, and its mean over 0.5 to 0.95; pooled: mean over the classes.
+        mean_score: of the detection that fits, 0 where none does.
+    """
+
+    source: str
+    object: str
+    variant: str
+    n: int
+    failed: int
+    n_found: int
+    recall50: float | None
+    ap50: float | None
+    ap50_95: float | None
+    mean_score: float | None
+
+    @property
+    def found(self) -> float | None:
+        """Share of images in which the object is found."""
+        return self.n_found / self.n if self.n else None
+
+    @property
+    def found_ci95(self) -> Interval:
+        """Wilson interval of `found`."""
+        return wilson_interval(self.n_found, self.n)
+
+    def as_json(self) -> dict[str, Any]:
+        """The fields of `summary.json`."""
+        keys = ("source", "object", "variant", "n", "failed", "found", "recall50", "ap50", "ap50_95", "mean_score")
+        return {key: getattr(self, key) for key in keys} | {"found_ci95": list(self.found_ci95)}
+
+
+@dataclass(frozen=True)
+class DetectionRun:
+    """What a detector's evaluation found, and where it is written.
+
+    Attributes:
+        images: one for each capture.
+        groups: by source, object and variant.
+        pairs: each variant against `unpatched`, and boosters against their controls: found or not found.
+        left_out: (path, reason) of images without a known box, or that could not be read.
+        notes: what else the reader should know.
+        run_dir: the folder `eval/RUN`.
+        summary: what `summary.json` holds.
+    """
+
+    images: tuple[DetectedImage, ...]
+    groups: tuple[DetectionGroup, ...]
+    pairs: tuple[Comparison, ...]
+    left_out: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...]
+    run_dir: Path
+    summary: dict[str, Any]
+
+
+def evaluate_detector(
+    captures_dir: Path, workspace: Workspace, detector: Detector, config: EvalConfig = DEFAULT
+) -> DetectionRun:
+    """Look for the object in every image and write `eval/RUN`: detections.csv, summary.json, report.html.
+
+    The truth is the box round the object, by its mesh and the camera of the manifest; an image without one is left out
+    and listed. With corruptions the whole image is corrupted, before it is fitted to the network.
+
+    Args:
+        captures_dir: `captures/`, one of its sources, or one object's folder.
+        workspace: whose object specs say what each object is and looks like.
+        detector: from `load_detector`.
+        config: the name of the run, and what is evaluated.
+
+    Raises:
+        ToolkitError: no image with a known box, no object whose class the detector knows, or `eval/` cannot be
+            written.
+    """
+    from toolkit.evaluation.detection_report import write_detection_report
+
+    folder = add_corrupted(read_captures(captures_dir, config.selection), config.corruptions)
+    classes, notes = _find_classes(folder.objects, workspace, detector)
+    wanted = [one for one in folder.captures if one.object in classes]
+    clean = {one.file: one for one in wanted if one.corruption is None or one.cut_px is not None}
+    masks, unknown = outline_captures(list(clean.values()), workspace)
+    truths = {file: masks[one.path] for file, one in clean.items() if one.path in masks}
+    if not truths:
+        why = f"{unknown[0][0]}: {unknown[0][1]}" if unknown else "no images"
+        raise ToolkitError(f"{captures_dir}: no image with a known box: {why}: shoot with 'toolkit capture-sim'")
+    images = detect_captures([one for one in wanted if one.file in truths], truths, classes, detector)
+    predictions = [one.as_prediction() for one in images]
+    poses = index_poses(predictions)
+    pairs = (*compare_unpatched(poses), *compare_controls(poses))
+    groups = tuple(group_detections(images))
+    failed = [(one.capture.path, one.status) for one in images if one.seen is None]
+    table = encode_detections(images, detector)
+    name = config.run or name_run(detector, [one.source for one in wanted if one.corruption is None])
+    run_dir = find_run_dir(workspace.eval_dir / name, "detections.csv", table.encode(), config.replace)
+    notes = (*folder.notes, *notes)
+    if run_dir.name != name:
+        notes = (*notes, f"{run_dir.with_name(name)} holds another result, and stays as it is")
+    summary = {
+        "schema_version": SCHEMA_VERSION, "kind": "detections",
+        "model": {"name": detector.name, "arch": detector.arch, "weights": detector.weights.name,
+                  "sha256": detector.weights.sha256},
+        "found": {"iou": FOUND_IOU, "score": FOUND_SCORE},
+        "groups": [one.as_json() for one in groups], "pairs": [one.as_pair() for one in compare_unpatched(poses)],
+        "corrupted": list_corrupted(one.capture for one in images), "notes": list(notes),
+    }  # fmt: skip
+    run = DetectionRun(
+        tuple(images), groups, pairs, (*failed, *unknown, *folder.refused_folders), notes, run_dir, summary
+    )
+    write_text(run_dir / "detections.csv", table)
+    write_json(run_dir / "summary.json", summary)
+    write_detection_report(run_dir / "report.html", run, detector)
+    return run
+
+
+def _find_classes(
+    objects: Sequence[str], workspace: Workspace, detector: Detector
+) -> tuple[dict[str, int], tuple[str, ...]]:
+    """Class index of each object by its spec, and a note on each whose class the detector does not have.
+
+    Raises:
+        ToolkitError: it has the class of none.
+    """
+    specs, classes, reasons = workspace.object_specs(), {}, []
+    for name in objects:
+        try:
+            spelling = read_spec(specs[name]).class_name if name in specs else name
+            classes[name] = detector_class(detector, spelling)
+        except ToolkitError as error:
+            reasons.append(f"'{name}' left out, {detector.name} does not know its class: {error}")
+    if not classes:
+        raise ToolkitError(f"{detector.name} knows none of the objects: {reasons[0] if reasons else 'there are none'}")
+    return classes, tuple(reasons)
+
+
+def detect_captures(
+    captures: Sequence[Capture], truths: dict[Path, ObjectMask], classes: dict[str, int], detector: Detector
+) -> list[DetectedImage]:
+    """Look for the object in each image, in the order of `captures`.
+
+    Args:
+        captures: whose files all have a truth.
+        truths: by file.
+        classes: index of each object, in the detector's labels.
+        detector: who looks.
+    """
+    found: list[DetectedImage] = []
+    with progress("detecting", len(captures)) as ticker:
+        for start in range(0, len(captures), BATCH):
+            part = captures[start : start + BATCH]
+            read = [_read(one, detector.device) for one in part]
+            pixels = [one for one in read if not isinstance(one, str)]
+            seen = iter(detector.detect(pixels) if pixels else [])
+            for capture, one in zip(part, read, strict=True):
+                index, truth = classes[capture.object], truths[capture.file]
+                image = DetectedImage(capture, index, detector.labels[index], truth, None)
+                if isinstance(one, str):
+                    found.append(replace(image, status=one))
+                elif one.shape[:2] != truth.mask.shape:
+                    sides = "×".join(map(str, reversed(one.shape[:2])))
+                    found.append(replace(image, status=f"is {sides}, which is not its camera's size"))
+                    next(seen)
+                else:
+                    found.append(replace(image, seen=next(seen)))
+            ticker.advance(len(part))
+    return found
+
+
+def _read(capture: Capture, device: str) -> np.ndarray | str:
+    if capture.refused is not None:
+        return capture.refused
+    try:
+        pixels = read_image(capture.file)
+    except UnreadableImage as error:
+        return error.reason
+    return pixels if find_pending(capture) is None else corrupt_images([capture], [pixels], device)[0]
+
+
+def group_detections(images: Sequence[DetectedImage]) -> list[DetectionGroup]:
+    """Results by source, object and variant, and pooled over the objects of a source where there are several."""
+    members: dict[tuple[str, str, str], list[DetectedImage]] = defaultdict(list)
+    for one in images:
+        for name in (one.capture.object, "all"):
+            members[one.capture.source, name, one.capture.variant].append(one)
+    objects = {source: {one.capture.object for one in images if one.capture.source == source} for source, *_ in members}
+    kept = {key: some for key, some in members.items() if key[1] != "all" or len(objects[key[0]]) > 1}
+    order = sorted(kept, key=lambda key: (key[0], key[1] == "all", key[1], rank_variant(key[2])))
+    return [_count(key, kept[key]) for key in order]
+
+
+def _count(key: tuple[str, str, str], members: Sequence[DetectedImage]) -> DetectionGroup:
+    read = [one for one in members if one.seen is not None]
+    by_class: dict[int, list[ScoredBoxes]] = defaultdict(list)
+    for one in read:
+        by_class[one.true_index].append(one.of_class)
+    ap50 = [average_precision(some, 0.5) or 0.0 for some in by_class.values()]
+    ap = [mean_average_precision(some) or 0.0 for some in by_class.values()]
+    scores = [one.best[0] if one.best else 0.0 for one in read]
+    return DetectionGroup(
+        *key, n=len(read), failed=len(members) - len(read), n_found=sum(one.is_found for one in read),
+        recall50=recall_at([one.of_class for one in read]), ap50=float(np.mean(ap50)) if ap50 else None,
+        ap50_95=float(np.mean(ap)) if ap else None, mean_score=float(np.mean(scores)) if scores else None,
+    )  # fmt: skip
+
+
+def encode_detections(images: Sequence[DetectedImage], detector: Detector) -> str:
+    """The text of `detections.csv`: one row per image; what is unknown is empty."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(COLUMNS)
+    for one in images:
+        capture, best, seen = one.capture, one.best, one.seen
+        strongest = ("", "") if not seen else (detector.labels[seen.classes[0]], f"{seen.scores[0]:.4f}")
+        table.writerow([
+            capture.source, capture.object, capture.variant, "" if capture.pose_id is None else capture.pose_id,
+            capture.path, one.true_label, _words(one.truth.box), int(one.is_found) if seen is not None else "",
+            *(("", "", "") if best is None else (f"{best[0]:.4f}", f"{best[1]:.4f}", _words(best[2]))),
+            *strongest, one.status,
+        ])  # fmt: skip
+    return text.getvalue()
+
+
+def _words(box: Sequence[float] | np.ndarray) -> str:
+    return " ".join(f"{float(side):.1f}" for side in box)

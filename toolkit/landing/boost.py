@@ -1,0 +1,356 @@
+"""`toolkit landing boost`: the pad's picture goes down a regressor's error, through rendered views, air and camera.
+
+Light that comes from the pad is linear in its colours, so that the gradient through the render is exact (Algorithm 1 of
+Salman et al. 2021 with the squared error of appendix B.3).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import cv2
+import numpy as np
+from pydantic import Field, field_validator
+
+from toolkit import __version__
+from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
+from toolkit.boosters.parts.weather import Weathered
+from toolkit.core.config import Config, Flag, Range, Rising
+from toolkit.core.console import progress
+from toolkit.core.draws import Draws
+from toolkit.core.errors import FieldError
+from toolkit.core.files import write_bytes
+from toolkit.core.names import is_file_name
+from toolkit.core.workspace import Workspace
+from toolkit.landing.collect import Weathers, find_time, read_weathers
+from toolkit.landing.episodes import place_cameras
+from toolkit.landing.pads import Pad, draw_pad
+from toolkit.landing.regressor import Regressor, load_regressor
+from toolkit.landing.site import CameraConfig, Ground, PadSite, View, find_sky, find_world, plan_places
+from toolkit.landing.train import LEAST_HEIGHT_M
+from toolkit.objects.records import Network, Patch, read_patch, write_patch
+from toolkit.printing.document import build_pdf
+from toolkit.printing.page import parse_paper
+from toolkit.printing.settings import AnyPaper, PrintSettings
+from toolkit.rig.raycast import map_frames
+from toolkit.training.checkpoint import Checkpoint
+from toolkit.training.loop import FitConfig, History, Task, fit
+from toolkit.worlds.depth_view import DepthView
+from toolkit.worlds.weather import parse_weathers
+
+if TYPE_CHECKING:
+    import torch
+
+CLASS_NAME = "landing pad"
+FALLOFF = 0.12
+CHECKPOINT_EVERY_S = 15.0
+
+
+class BoostConfig(Config):
+    """How a pad's picture is trained.
+
+    Attributes:
+        name: of the pad; by default the regressor's with `-boosted`.
+        size_px: side of the picture.
+        start: what it starts from.
+        world, world_seed, places, ground, time: where its views are.
+        views: how many are rendered; none of them is one of a data set's or a flight's.
+        height_m, half_angle_deg: of the cameras.
+        weathers, weather_probability: drawn for each view of each step.
+        steps, batch, lr: of the training, by the sign of the gradient.
+        light: factor on all light, drawn for each view.
+        noise: standard deviation of the camera's noise, encoded.
+    """
+
+    name: Annotated[str, Flag()] = Field("", description="Of the pad. Default: REGRESSOR-boosted.")
+    size_px: Annotated[int, Field(ge=8, le=512), Flag()] = Field(64, description="Side of the picture, pixels.")
+    start: Annotated[Literal["plain", "grey", "noise"], Flag()] = Field("plain", description="What it starts from.")
+    world: Annotated[str, Flag(metavar="NAME|FILE")] = Field(
+        "grass", description="Built-in world, or a mesh or kit file."
+    )
+    world_seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Of the world.")
+    places: Annotated[int, Field(ge=1, le=200), Flag()] = Field(8, description="Places that the pad lies on.")
+    ground: Annotated[Ground, Flag("--on")] = Field("both", description="What it lies on: decks, bare grass, or both.")
+    time: Annotated[str, Flag(metavar="NAME")] = Field("noon", description="Time of day.")
+    views: Annotated[int, Field(ge=8, le=20_000), Flag()] = Field(320, description="Rendered views.")
+    height_m: Annotated[Range, Rising(0.3, 200), Flag()] = Field((0.8, 10.0), description="Heights of the camera.")
+    half_angle_deg: Annotated[float, Field(gt=0, le=50), Flag("--half-angle")] = Field(
+        25.0, description="Of the cone of cameras."
+    )
+    weathers: Annotated[Weathers, Flag("--weather", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = Field(
+        parse_weathers(["fog", "dust"]), description="Weather between pad and camera; repeat for more."
+    )
+    weather_probability: Annotated[float, Field(ge=0, le=1), Flag()] = Field(
+        0.7, description="That a view has weather."
+    )
+    steps: Annotated[int, Field(ge=1, le=1_000_000), Flag()] = Field(240, description="Of the training.")
+    batch: Annotated[int, Field(ge=1, le=1024), Flag()] = Field(24, description="Views of a step.")
+    lr: Annotated[float, Field(gt=0, le=1), Flag()] = Field(0.02, description="Of each pixel's step.")
+    light: Annotated[Range, Rising(0.2, 3)] = (0.75, 1.25)
+    noise: Annotated[float, Field(ge=0, le=0.5)] = 0.01
+
+    @field_validator("weathers", mode="before")
+    @classmethod
+    def _read_weathers(cls, given: object) -> object:
+        return read_weathers(given)
+
+    def __init__(self, **values: object) -> None:
+        super().__init__(**values)
+        if self.name and not is_file_name(self.name):
+            raise FieldError("expected a name of letters, digits, - and _", {"name": self.name})
+        find_time(self.time)
+
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+
+class PadPrintConfig(Config):
+    """The pad on paper.
+
+    Attributes:
+        print_size_m: its side; by default as trained.
+        paper: of the pages.
+    """
+
+    print_size_m: Annotated[float | None, Field(ge=0.5, le=2.0), Flag(typed=float)] = Field(
+        None, description="Side of the printed pad, metres. Default: as trained."
+    )
+    paper: Annotated[AnyPaper, Flag(metavar="SIZE", typed=str)] = Field(
+        parse_paper("a3"), description="a0 to a5, letter, or one's own: 200x300mm."
+    )
+
+
+@dataclass(frozen=True)
+class PadView:
+    """One rendered view of the pad.
+
+    Attributes:
+        site, pose: from where.
+        offset, height: truth, metres.
+    """
+
+    site: PadSite
+    pose: np.ndarray
+    offset: np.ndarray
+    height: float
+
+
+class PadTask(Task[Patch]):
+    """The pixels of a pad go down the squared error of a frozen regressor, as a share of the height."""
+
+    kind = "landing-pad"
+    recent = 20
+
+    def __init__(
+        self, config: BoostConfig, regressor: Regressor, views: Sequence[PadView], *, seed: int, folder: Path,
+        name: str, inputs: str,
+    ) -> None:  # fmt: skip
+        """Start the picture.
+
+        Args:
+            config: every setting.
+            regressor: frozen.
+            views: on sites whose pad is `start_picture` of the config.
+            seed: of the draws.
+            folder, name: where the pad is written.
+            inputs: hash of all that decides it.
+        """
+        import torch
+
+        self.config, self.regressor, self.views, self.seed = config, regressor, tuple(views), seed
+        self.folder, self.name, self.inputs = folder, name, inputs
+        self.title = f"Boosting {name}"
+        picture = start_picture(config, seed)
+        self.theta = torch.from_numpy(picture.transpose(2, 0, 1).copy()).float().div(255).requires_grad_(True)
+
+    @cached_property
+    def _rendered(self) -> list[tuple[Any, DepthView]]:
+        """Linear view and depth of each view."""
+        made = []
+
+        def render(view: PadView) -> tuple[Any, DepthView]:
+            texture = view.site.mesh.materials[0].texture
+            return view.site.renderer.render_linear(view.site.camera, view.pose, texture), view.site.look(view.pose)[0]
+
+        with progress("Rendering views", len(self.views)) as bar:
+            for one in map_frames(render, self.views):
+                made.append(one)
+                bar.advance()
+        return made
+
+    def parameters(self) -> "dict[str, torch.Tensor]":
+        """The pixels, (3, n, n) sRGB-encoded in [0, 1]."""
+        return {"pad": self.theta}
+
+    def constrain(self) -> None:
+        """Pixels stay colours."""
+        self.theta.clamp_(0, 1)
+
+    def find_finished(self) -> Patch | None:
+        """The pad, where it is whole and of the same inputs."""
+        file = self.folder / f"{self.name}.png"
+        if not (file.is_file() and file.with_suffix(".json").is_file()):
+            return None
+        patch = read_patch(file)
+        return patch if patch.record.settings.get("inputs_sha256") == self.inputs else None
+
+    def describe(self) -> list[str]:
+        """The weather in the loop."""
+        return Weathered(self.config.weathers).rows() if self.config.weathers else []
+
+    def photograph(self, chosen: np.ndarray, draws: Draws) -> "torch.Tensor":
+        """(b, 3, h, w) views of the pad through drawn weather, light and noise; differentiable."""
+        import torch
+
+        some = [self._rendered[int(k)] for k in chosen]
+        views = batch_views([view for view, _ in some], "cpu")
+        batch = through_air(views, [depth for _, depth in some], self.config, draws)
+        light = torch.from_numpy(draws.of("light").uniform(*self.config.light, (len(some), 1, 1, 1))).float()
+        photos = show_texture(self.theta, batch, light=light)
+        generator = torch.Generator().manual_seed(int(draws.of("noise").integers(1 << 62)))
+        return (photos + self.config.noise * torch.randn(photos.shape, generator=generator)).clamp(0, 1)
+
+    def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
+        """Mean square error as a share of the height, and its mean in cm."""
+        import torch
+
+        draws = Draws(self.seed, step, self.kind)
+        chosen = draws.of("views").choice(len(self.views), min(self.config.batch, len(self.views)), replace=False)
+        out = self.regressor.outputs(self.photograph(chosen, draws))[:, :2].cpu()
+        wanted = torch.from_numpy(np.stack([self.views[int(k)].offset for k in chosen])).float()
+        height = torch.tensor([max(self.views[int(k)].height, LEAST_HEIGHT_M) for k in chosen]).float()
+        error = out - wanted
+        loss = (error / height[:, None]).square().mean()
+        return loss, {"error_cm": 100 * float(error.detach().norm(dim=1).mean())}
+
+    def finish(self, history: History) -> Patch:
+        """Write `NAME.png` and its record."""
+        pixels = (self.theta.detach().numpy().transpose(1, 2, 0) * 255).round().astype(np.uint8)
+        made = self.regressor.record
+        record = {
+            "name": self.name, "class_name": CLASS_NAME, "class_index": 0, "size_mm": round(made.size_m * 1000, 3),
+            "networks": [Network(arch=made.arch, weights=f"{made.name}.safetensors", sha256=made.sha256)],
+            "data": {"world": self.config.world, "views": len(self.views)}, "seed": self.seed,
+            "settings": self.config.record() | {"inputs_sha256": self.inputs}, "final": history.recent(self.recent),
+            "toolkit_version": __version__,
+        }  # fmt: skip
+        return write_patch(self.folder, pixels, record)
+
+
+def start_picture(config: BoostConfig, seed: int) -> np.ndarray:
+    """(n, n, 3) uint8 that a training starts from."""
+    picture = draw_pad(config.start, seed=seed).picture
+    return cv2.resize(picture, (config.size_px, config.size_px), interpolation=cv2.INTER_AREA)
+
+
+def through_air(batch: ViewBatch, depths: Sequence[DepthView], config: BoostConfig, draws: Draws) -> ViewBatch:
+    """Views through drawn weather and the lens's falloff."""
+    import torch
+
+    height, width = depths[0].depth_m.shape
+    factor, offset = torch.ones(len(depths), height, width, 3), torch.zeros(len(depths), height, width, 3)
+    if config.weathers and config.weather_probability:
+        weathered = Weathered(config.weathers, config.weather_probability)
+        factor, offset = weathered.draw(list(depths), draws.of("weather"))
+    y, x = torch.meshgrid(torch.linspace(-1, 1, height), torch.linspace(-1, 1, width), indexing="ij")
+    kept = (1 - FALLOFF * (x * x + y * y) / 2)[None, :, :, None]
+    return batch.through(factor * kept, offset * kept)
+
+
+def plan_views(config: BoostConfig, regressor: Regressor, pad: Pad, seed: int, own: int = 2_000_003) -> list[PadView]:
+    """Cameras in the cone over places of the config's world, drawn by (seed, number)."""
+    optics = CameraConfig(image_px=regressor.record.image_px, fov_deg=regressor.record.fov_deg)
+    world, sky = find_world(config.world, config.world_seed), find_sky(config.time)
+    places = plan_places(world, pad.size_m, config.places, seed + own, config.ground)
+    sites = [PadSite(world, place, sky, pad, optics) for place in places]
+    views = []
+    for number in range(config.views):
+        site, rng = sites[number % len(sites)], Draws(seed + own, number, "landing").of("camera")
+        height = np.exp(rng.uniform(*np.log(config.height_m)))
+        yaw, around = rng.uniform(0, 2 * np.pi, 2)
+        aside = height * np.tan(np.radians(config.half_angle_deg)) * rng.uniform() ** 0.5
+        place = site.centre + np.array([aside * np.cos(around), aside * np.sin(around), height])
+        pose = place_cameras(place[None], np.cos([yaw]), np.sin([yaw]), np.zeros((1, 2)))[0]
+        x, y, z = site.truth(pose)
+        views.append(PadView(site, pose, np.array([x, y]), float(z)))
+    return views
+
+
+@dataclass(frozen=True)
+class Boosted:
+    """What `boost_pad` made.
+
+    Attributes:
+        file: the picture; its record lies beside it.
+        patch: both, read.
+        pdf: pages at true size.
+        pages: of the PDF, the map among them.
+        was_finished: whether there was nothing left to do.
+        errors: mean error as a share of height, by pad and weather, on views that were not trained on.
+    """
+
+    file: Path
+    patch: Patch
+    pdf: Path
+    pages: int
+    was_finished: bool
+    errors: dict[str, dict[str, float]]
+
+
+def boost_pad(
+    space: Workspace, regressor_name: str, config: BoostConfig, printing: PadPrintConfig | None = None, *,
+    seed: int = 0, device: str = "cpu", restart: bool = False,
+) -> Boosted:  # fmt: skip
+    """Train a pad for a regressor into `print/pads`, print it at true size, and measure it against where it started.
+
+    Raises:
+        ToolkitError: the regressor, the world or a checkpoint cannot be used.
+    """
+    regressor = load_regressor(space, regressor_name, device)
+    name = config.name or f"{regressor.name}-boosted"
+    size_m, folder = regressor.record.size_m, space.print_dir / "pads"
+    pad = Pad(name, start_picture(config, seed), size_m)
+    world = find_world(config.world, config.world_seed)
+    inputs = config.sha256(regressor.record.sha256, world.sha256, seed, 1)
+    views = plan_views(config, regressor, pad, seed)
+    task = PadTask(config, regressor, views, seed=seed, folder=folder, name=name, inputs=inputs)
+    fit_config = FitConfig(config.steps, config.lr, "linear", "sign", seed)
+    fitted = fit(task, fit_config, Checkpoint(folder / ".training" / name, inputs, restart, CHECKPOINT_EVERY_S))
+    patch, printing = fitted.made, printing or PadPrintConfig()
+    side_mm = 1000 * (printing.print_size_m or min(max(size_m, 0.5), 2.0))
+    document = build_pdf(patch, PrintSettings(size_mm=side_mm, paper=printing.paper))
+    pdf = write_bytes(space.print_dir / f"pad-{name}.pdf", document.content)
+    errors = compare_pads(config, regressor, [draw_pad("plain", size_m), Pad(name, patch.pixels, size_m)], seed)
+    return Boosted(folder / f"{name}.png", patch, pdf, len(document.plan.pages), fitted.was_finished, errors)
+
+
+def compare_pads(
+    config: BoostConfig, regressor: Regressor, pads: Sequence[Pad], seed: int, count: int = 48
+) -> dict[str, dict[str, float]]:
+    """Mean error as a share of the height, by pad and weather, on `count` photographs of new cameras and places."""
+    plan = plan_views(config.with_overrides(views=count), regressor, pads[0], seed, own=3_000_017)
+    weathers = [("clear", 0), *((name, severity) for name, severity in config.weathers if severity in (1, 3, 5))]
+    found: dict[str, dict[str, float]] = {}
+    with progress("Comparing pads", len(pads) * len(weathers)) as bar:
+        for pad in pads:
+            worn = {id(view.site): view.site.wear(pad) for view in plan}
+            found[pad.name] = {}
+            for weather in weathers:
+                views = [
+                    (worn[id(view.site)], View(view.pose, seed, 500_000 + k, weather)) for k, view in enumerate(plan)
+                ]
+                images = np.stack(list(map_frames(lambda one: one[0].photograph(one[1]), views)))
+                errors = np.linalg.norm(regressor.predict(images) - np.stack([view.offset for view in plan]), axis=1)
+                share = float((errors / [view.height for view in plan]).mean())
+                found[pad.name]["clear" if weather[0] == "clear" else f"{weather[0]}:{weather[1]}"] = round(share, 5)
+                bar.advance()
+    return found
+
+
+def describe_boosted(boosted: Boosted) -> dict[str, Any]:
+    """What a script is told."""
+    return {
+        "pad": str(boosted.file), "pdf": str(boosted.pdf), "pages": boosted.pages, "was_finished": boosted.was_finished,
+        "errors": boosted.errors, "final": boosted.patch.record.final,
+    }  # fmt: skip

@@ -1,0 +1,162 @@
+"""Flights as pictures: success over severity, tracks from above and aside, a film of one episode."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+
+from toolkit.core.errors import ToolkitError
+from toolkit.core.figures import encode_figure, make_figure
+from toolkit.core.files import write_bytes
+from toolkit.landing.fly import Cell, EpisodeRecord
+from toolkit.landing.results import CellResult
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLOURS = ("#6b6f76", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442")
+OUTCOME_COLOURS = {
+    "success": "#009e73", "missed": "#e69f00", "crashed": "#d55e00", "lost": "#cc79a7", "timed_out": "#6b6f76",
+    "diverged": "#000000",
+}  # fmt: skip
+FILM_PX = 480
+
+
+def draw_success(results: Sequence[CellResult]) -> bytes:
+    """PNG: success with its interval over severity, a panel for each weather, clear air at 0 in all."""
+    weathers = list(dict.fromkeys(one.cell.weather for one in results if one.cell.weather != "clear")) or ["clear"]
+    lines = list(dict.fromkeys((one.cell.pad, one.cell.regressor, one.cell.gains) for one in results))
+    figure = make_figure(2 + 3.6 * len(weathers), 4.4)
+    panels = figure.subplots(1, len(weathers), sharey=True, squeeze=False)[0]
+    for panel, weather in zip(panels, weathers, strict=True):
+        for number, line in enumerate(lines):
+            own = sorted(
+                (one for one in results if _line(one.cell) == line and one.cell.weather in (weather, "clear")),
+                key=lambda one: one.cell.severity,
+            )
+            if not own:
+                continue
+            x = [one.cell.severity + 0.05 * (number - (len(lines) - 1) / 2) for one in own]
+            low, high = ([100 * one.success_ci95[end] for one in own] for end in (0, 1))
+            colour = COLOURS[number % len(COLOURS)]
+            panel.vlines(x, low, high, color=colour, lw=1.4, alpha=0.6)
+            panel.plot(x, [100 * one.success for one in own], "o-", color=colour, lw=1.6, ms=5, label=" · ".join(line))
+        panel.set_title(weather, fontsize=11)
+        panel.set_xlabel("severity")
+        panel.set_ylim(-2, 102)
+        panel.set_xticks(sorted({one.cell.severity for one in results if one.cell.weather in (weather, "clear")}))
+        panel.grid(axis="y", alpha=0.3)
+        panel.spines[["top", "right"]].set_visible(False)
+    panels[0].set_ylabel("success (%)")
+    handles, labels = panels[0].get_legend_handles_labels()
+    title = f"landings that succeed, 95 % Wilson intervals (n = {results[0].n} a point)"
+    figure.legend(handles, labels, title=title, loc="outside upper center", ncols=min(len(labels), 3), frameon=False)
+    return encode_figure(figure)
+
+
+def _line(cell: Cell) -> tuple[str, str, str]:
+    return cell.pad, cell.regressor, cell.gains
+
+
+def draw_tracks(results: Sequence[CellResult], most: int = 6) -> bytes:
+    """PNG: the first episodes of some cells from above and from aside, coloured by their end."""
+    some = _pick(results, most)
+    figure = make_figure(1 + 2.9 * len(some), 6.4)
+    rows = figure.subplots(2, len(some), squeeze=False)
+    for column, one in enumerate(some):
+        for record in one.records:
+            if record.track:
+                track, colour = np.array(record.track), OUTCOME_COLOURS[record.outcome]
+                rows[0][column].plot(track[:, 0], track[:, 1], color=colour, lw=0.9)
+                rows[1][column].plot(np.hypot(track[:, 0], track[:, 1]), track[:, 2], color=colour, lw=0.9)
+        air = one.cell.weather if one.cell.weather == "clear" else f"{one.cell.weather} {one.cell.severity}"
+        _frame(rows[0][column], f"{one.cell.pad}, {one.cell.regressor}\n{air}, {one.cell.gains}: {one.success:.0%}")
+        rows[1][column].set_xlabel("aside (m)")
+        rows[1][column].set_ylim(bottom=-0.3)
+        rows[1][column].grid(alpha=0.3)
+    rows[0][0].set_ylabel("north of the pad (m)")
+    rows[1][0].set_ylabel("height (m)")
+    return encode_figure(figure)
+
+
+def _pick(results: Sequence[CellResult], most: int) -> list[CellResult]:
+    step = max(1, -(-len(results) // most))
+    return list(results[::step])[:most]
+
+
+def _frame(panel: "Axes", title: str) -> None:
+    from matplotlib.patches import Circle
+
+    panel.add_patch(Circle((0, 0), 0.5, fill=False, color="#1b1f24", lw=1.2))
+    panel.set_aspect("equal", adjustable="datalim")
+    panel.set_title(title, fontsize=9)
+    panel.set_xlabel("east (m)", fontsize=9)
+    panel.grid(alpha=0.3)
+
+
+def draw_map(record: EpisodeRecord, upto: int, size_px: int = FILM_PX) -> np.ndarray:
+    """(size, size, 3) uint8: the way from above up to a picture, what was said of the pad, height at the side."""
+    canvas = np.full((size_px, size_px, 3), 246, np.uint8)
+    track = np.array(record.track)
+    reach = max(1.5, float(np.abs(track[:, :2]).max()) * 1.15)
+    scale, middle = size_px * 0.44 / reach, np.array([size_px * 0.45, size_px * 0.5])
+
+    def at(point: np.ndarray) -> tuple[int, int]:
+        return round(float(middle[0] + scale * point[0])), round(float(middle[1] - scale * point[1]))
+
+    for metres in range(-int(reach), int(reach) + 1):
+        cv2.line(canvas, at(np.array([metres, -reach])), at(np.array([metres, reach])), (226, 228, 232), 1)
+        cv2.line(canvas, at(np.array([-reach, metres])), at(np.array([reach, metres])), (226, 228, 232), 1)
+    cv2.circle(canvas, at(np.zeros(2)), round(0.5 * scale), (0, 122, 90), 2, cv2.LINE_AA)
+    for k in range(min(upto, len(track) - 1)):
+        cv2.line(canvas, at(track[k]), at(track[k + 1]), (36, 87, 166), 2, cv2.LINE_AA)
+    now = track[min(upto, len(track) - 1)]
+    said = record.seen[min(upto, len(record.seen) - 1)] if record.seen else None
+    if said is not None:
+        cv2.drawMarker(canvas, at(now[:2] + np.array(said)), (194, 65, 12), cv2.MARKER_TILTED_CROSS, 14, 2)
+    cv2.circle(canvas, at(now), 6, (20, 24, 28), -1, cv2.LINE_AA)
+    top = max(float(track[:, 2].max()), 1.0)
+    left, high = round(size_px * 0.93), round(size_px * (0.92 - 0.84 * max(now[2], 0) / top))
+    cv2.line(canvas, (left, round(size_px * 0.08)), (left, round(size_px * 0.92)), (160, 166, 174), 2)
+    cv2.circle(canvas, (left, high), 7, (20, 24, 28), -1, cv2.LINE_AA)
+    cv2.putText(
+        canvas, f"{now[2]:.1f} m", (left - 66, high + 5), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (60, 66, 74), 1, cv2.LINE_AA
+    )
+    return canvas
+
+
+def write_film(path: Path, pictures: Sequence[np.ndarray], record: EpisodeRecord, title: str, hz: float) -> Path:
+    """MP4: the drone's view beside the map, at the pace of the flight.
+
+    Args:
+        path: where to.
+        pictures: (h, w, 3) uint8 what the camera saw, one for each place of the track but the last.
+        record: the episode with its track.
+        title: above it.
+        hz: pictures a second.
+
+    Raises:
+        ToolkitError: this build of OpenCV writes no MP4.
+    """
+    size = (2 * FILM_PX, FILM_PX + 40)
+    with TemporaryDirectory() as folder:
+        made = Path(folder) / "film.mp4"
+        film = cv2.VideoWriter(str(made), cv2.VideoWriter.fourcc(*"mp4v"), hz, size)
+        if not film.isOpened():
+            raise ToolkitError(f"cannot write {path}: this build of OpenCV writes no MP4: leave the film out")
+        for k in range(len(record.track) + round(hz)):
+            film.write(_compose(pictures, record, min(k, len(record.track) - 1), title)[..., ::-1])
+        film.release()
+        return write_bytes(path, made.read_bytes())
+
+
+def _compose(pictures: Sequence[np.ndarray], record: EpisodeRecord, k: int, title: str) -> np.ndarray:
+    view = cv2.resize(pictures[min(k, len(pictures) - 1)], (FILM_PX, FILM_PX), interpolation=cv2.INTER_CUBIC)
+    both = np.hstack([view, draw_map(record, k)])
+    bar = np.full((40, both.shape[1], 3), 255, np.uint8)
+    end = f": {record.outcome.replace('_', ' ')}" if k == len(record.track) - 1 else ""
+    cv2.putText(bar, title + end, (12, 26), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (27, 31, 36), 1, cv2.LINE_AA)
+    return np.vstack([bar, both])

@@ -1,0 +1,401 @@
+"""`toolkit landing fly`: episodes in closed loop for every pad, regressor, weather and set of gains."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Annotated, Protocol
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, field_validator
+
+from toolkit.core.config import Config, Flag
+from toolkit.core.console import notice, progress
+from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.files import sha256_bytes
+from toolkit.core.locks import hold_folder
+from toolkit.core.names import is_file_name
+from toolkit.core.records import RecordLog
+from toolkit.core.workspace import Workspace
+from toolkit.landing.baselines import make_apriltag, make_features
+from toolkit.landing.collect import Weathers, find_time, read_weathers
+from toolkit.landing.episodes import Episode, EpisodeConfig, Flights, Look
+from toolkit.landing.pads import Pad, find_pad
+from toolkit.landing.pilot import DescentConfig, fly, parse_gains
+from toolkit.landing.regressor import Regressor, load_regressor
+from toolkit.landing.site import (
+    CameraConfig,
+    Ground,
+    PadPlace,
+    PadSite,
+    View,
+    WorldGround,
+    find_sky,
+    find_world,
+    plan_places,
+)
+from toolkit.rig.raycast import map_frames
+from toolkit.worlds.weather import CLEAR
+from toolkit.worlds.world import World
+
+FINDERS = ("features", "apriltag")
+"""Classical ones, which stand where a regressor's name does."""
+TICKS = 100_000
+"""Pictures of an episode at most; its noise and weather are drawn by index · TICKS + tick."""
+KEPT_TRACKS = 16
+
+
+class FlyConfig(Config):
+    """What is flown.
+
+    Attributes:
+        regressors: names; `features` and `apriltag` are the classical finders.
+        name: of the folder below eval/landing; by default the first regressor's.
+        pads: names of pads or files; the first is what the others are compared with.
+        world, world_seed, places, ground, time: where, and under which sky.
+        weathers: (name, severity).
+        gains: `paper`, `gentle` or Kp,Ki,Kd.
+        episodes: of each cell; `batch` of them fly in lockstep.
+        size_m: side of the pads; by default as the first regressor was trained.
+        episode, descent: of the flights.
+    """
+
+    regressors: Annotated[tuple[str, ...], Flag(positional=True, metavar="REGRESSOR...")] = Field(
+        min_length=1, description="Trained regressors; features and apriltag are classical ones."
+    )
+    name: Annotated[str, Flag()] = Field("", description="Folder below eval/landing. Default: the first regressor's.")
+    pads: Annotated[tuple[str, ...], Flag("--pad", metavar="NAME|FILE")] = Field(
+        ("plain",), description="Pad; repeat for more. The others are compared with the first."
+    )
+    world: Annotated[str, Flag(metavar="NAME|FILE")] = Field(
+        "grass", description="Built-in world, or a mesh or kit file."
+    )
+    world_seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Of the world.")
+    places: Annotated[int, Field(ge=1, le=200), Flag()] = Field(8, description="Places that episodes have in turn.")
+    ground: Annotated[Ground, Flag("--on")] = Field("both", description="What pads lie on: decks, bare grass, or both.")
+    time: Annotated[str, Flag(metavar="NAME")] = Field("noon", description="Time of day.")
+    weathers: Annotated[Weathers, Flag("--weather", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = Field(
+        (CLEAR,), description="Weather; repeat for more: clear, fog:1-5, dust:3, rain."
+    )
+    gains: Annotated[tuple[str, ...], Flag(metavar="NAME|KP,KI,KD")] = Field(
+        ("gentle",), description="paper (5,0,5), gentle (1,0,0), or your own; repeat for more."
+    )
+    episodes: Annotated[int, Field(ge=1, le=100_000), Flag()] = Field(64, description="Of each cell.")
+    batch: Annotated[int, Field(ge=1, le=1024), Flag()] = Field(64, description="Episodes that fly in lockstep.")
+    size_m: Annotated[float | None, Flag("--size-m", typed=float)] = Field(
+        None, description="Side of the pads, metres. Default: as trained."
+    )
+    episode: EpisodeConfig = EpisodeConfig()
+    descent: DescentConfig = DescentConfig()
+
+    @field_validator("weathers", mode="before")
+    @classmethod
+    def _read_weathers(cls, given: object) -> object:
+        return read_weathers(given)
+
+    def __init__(self, **values: object) -> None:
+        super().__init__(**values)
+        if self.name and not is_file_name(self.name):
+            raise FieldError("expected a name of letters, digits, - and _", {"name": self.name})
+        find_time(self.time)
+        for word in self.gains:
+            parse_gains(word)
+
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+
+@dataclass(frozen=True, order=True)
+class Cell:
+    """One combination that is flown."""
+
+    pad: str
+    regressor: str
+    world: str
+    weather: str
+    severity: int
+    gains: str
+
+    @property
+    def key(self) -> str:
+        """`plain/pad-net/grass/fog:3/gentle`."""
+        air = self.weather if self.weather == "clear" else f"{self.weather}:{self.severity}"
+        return "/".join((self.pad, self.regressor, self.world, air, self.gains))
+
+
+class EpisodeRecord(BaseModel):
+    """One episode that has ended, a line of `episodes.jsonl`.
+
+    Attributes:
+        inputs: hash of all that decides it but cell and index.
+        pad, regressor, world, weather, severity, gains: of its cell.
+        index, place: of it.
+        outcome, error_m, time_s, path_m, speed_m_s, tilt_deg: see `Episode`.
+        track: (x, y, z) over the pad at each picture, metres; of the first episodes only.
+        seen: (x, y) that the regressor said of each picture, as an offset in the world.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    inputs: str
+    pad: str
+    regressor: str
+    world: str
+    weather: str
+    severity: int
+    gains: str
+    index: int
+    place: str
+    outcome: str
+    error_m: float | None
+    time_s: float
+    path_m: float
+    speed_m_s: float | None
+    tilt_deg: float | None
+    track: list[tuple[float, float, float]] = []
+    seen: list[tuple[float, float] | None] = []
+
+    @property
+    def cell(self) -> Cell:
+        """It belongs to."""
+        return Cell(self.pad, self.regressor, self.world, self.weather, self.severity, self.gains)
+
+
+class Predictor(Protocol):
+    """A regressor or a classical finder."""
+
+    def predict(self, images: np.ndarray) -> np.ndarray:
+        """(n, 2) metres of (n, h, w, 3) uint8; NaN where the pad is not found."""
+        ...
+
+
+@dataclass(frozen=True)
+class Flown:
+    """What `fly_all` made.
+
+    Attributes:
+        folder: eval/landing/NAME.
+        records: of all episodes that were asked for.
+        cells: in order.
+        made: episodes of this run.
+        places: where.
+        seconds: what rendering, network and physics of this run took.
+    """
+
+    folder: Path
+    records: tuple[EpisodeRecord, ...]
+    cells: tuple[Cell, ...]
+    made: int
+    places: tuple[PadPlace, ...]
+    seconds: dict[str, float]
+
+
+class Sites:
+    """Every pad on every place, lit when it is first asked for."""
+
+    def __init__(self, world: World, places: Sequence[PadPlace], time: str, optics: CameraConfig) -> None:
+        self.world, self.places, self.optics = world, tuple(places), optics
+        self._sky, self._lit = find_sky(time), dict[tuple[str, int], PadSite]()
+
+    def site(self, pad: Pad, number: int) -> PadSite:
+        """A pad on one of the places."""
+        key = pad.sha256, number
+        if key not in self._lit:
+            self._lit[key] = PadSite(self.world, self.places[number], self._sky, pad, self.optics)
+        return self._lit[key]
+
+
+@dataclass
+class Clock:
+    """What the time of a run went to, seconds."""
+
+    rendering: float = 0.0
+    network: float = 0.0
+    whole: float = 0.0
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Of rendering, network, and the rest: physics and control."""
+        rest = self.whole - self.rendering - self.network
+        return {"rendering_s": self.rendering, "network_s": self.network, "physics_s": rest, "whole_s": self.whole}
+
+
+def fly_all(space: Workspace, config: FlyConfig, *, seed: int = 0, device: str = "cpu", restart: bool = False) -> Flown:
+    """Fly every cell, or what an interrupted run of the same settings left of them.
+
+    Episodes are added to `eval/landing/NAME/episodes.jsonl` as they end. Episode i starts at the same place, in the
+    same wind and noise, in every cell.
+
+    Args:
+        space: the workspace.
+        config: what.
+        seed: of all draws.
+        device: where the networks run.
+        restart: forget what an earlier run left.
+
+    Raises:
+        ToolkitError: a regressor, pad, world or weather cannot be used.
+    """
+    predictors, optics, size_m, used = _load_predictors(space, config, device)
+    pads = {word: find_pad(space, word, size_m, seed) for word in config.pads}
+    world = find_world(config.world, config.world_seed)
+    places = _choose_places(world, config, size_m, seed, used)
+    folder = space.eval_dir / "landing" / (config.name or Path(config.regressors[0]).stem)
+    cells = list_cells(config, pads, world)
+    inputs = config.episode.sha256(
+        config.descent.record(), world.sha256, [(place.centre, place.turn_deg) for place in places], config.time, seed,
+        optics.record(),
+    )[:16]  # fmt: skip
+    sites, clock = Sites(world, places, config.time, optics), Clock()
+    with hold_folder(folder):
+        log = RecordLog(folder / "episodes.jsonl", EpisodeRecord, required=False, compact=True)
+        if restart:
+            log.file.unlink(missing_ok=True)
+        digests = {cell: f"{inputs}-{_digest(cell, pads, predictors)}" for cell in cells}
+        known = {(one.inputs, one.cell.key, one.index): one for one in log.read() if one.index < config.episodes}
+        made = 0
+        there = [key for cell in cells for key in _keys(cell, digests[cell], config) if key in known]
+        with progress("Flying episodes", len(cells) * config.episodes, done=len(there)) as bar:
+            for cell in cells:
+                missing = [key[2] for key in _keys(cell, digests[cell], config) if key not in known]
+                for start in range(0, len(missing), config.batch):
+                    some = missing[start : start + config.batch]
+                    begun = perf_counter()
+                    flown = fly_cell(
+                        config, cell, sites, _named_pad(pads, cell), _finder(predictors, pads, cell, optics), seed,
+                        some, clock,
+                    )  # fmt: skip
+                    clock.whole += perf_counter() - begun
+                    records = [_record(cell, digests[cell], places, one, config) for one in flown]
+                    log.append(*records)
+                    known |= {(one.inputs, one.cell.key, one.index): one for one in records}
+                    made += len(records)
+                    bar.advance(len(records), note=cell.key)
+    wanted = [known[key] for cell in cells for key in _keys(cell, digests[cell], config)]
+    return Flown(folder, tuple(wanted), tuple(cells), made, places, clock.shares)
+
+
+def _keys(cell: Cell, digest: str, config: FlyConfig) -> Iterator[tuple[str, str, int]]:
+    return ((digest, cell.key, index) for index in range(config.episodes))
+
+
+def _named_pad(pads: dict[str, Pad], cell: Cell) -> Pad:
+    return next(pad for pad in pads.values() if pad.name == cell.pad)
+
+
+def _digest(cell: Cell, pads: dict[str, Pad], predictors: dict[str, Regressor | None]) -> str:
+    predictor = predictors[cell.regressor]
+    weights = cell.regressor if predictor is None else predictor.record.sha256
+    return sha256_bytes((_named_pad(pads, cell).sha256 + weights).encode())[:16]
+
+
+def _load_predictors(
+    space: Workspace, config: FlyConfig, device: str
+) -> tuple[dict[str, Regressor | None], CameraConfig, float, frozenset[str]]:
+    """Regressors by name, None for classical finders; their camera, their pad's side, and spots that they have seen."""
+    predictors: dict[str, Regressor | None] = {}
+    for word in config.regressors:
+        loaded = None if word in FINDERS else load_regressor(space, word, device)
+        predictors[word if loaded is None else loaded.name] = loaded
+    trained = [one for one in predictors.values() if one is not None]
+    optics = CameraConfig()
+    if trained:
+        optics = CameraConfig(image_px=trained[0].record.image_px, fov_deg=trained[0].record.fov_deg)
+        for one in trained:
+            one.check(optics)
+    size_m = config.size_m or (trained[0].record.size_m if trained else 2.0)
+    used = {name.rpartition("-")[0] for one in trained for name in one.record.data["places"]["train"]}
+    return predictors, optics, size_m, frozenset(used)
+
+
+def _choose_places(
+    world: World, config: FlyConfig, size_m: float, seed: int, used: frozenset[str]
+) -> tuple[PadPlace, ...]:
+    """Places drawn apart from those of data sets, on spots that were not trained on where there are any."""
+    own = seed + 1_000_003
+    try:
+        return plan_places(world, size_m, config.places, own, config.ground, used)
+    except FieldError:
+        raise
+    except ToolkitError:
+        places = plan_places(world, size_m, config.places, own, config.ground)
+        notice(f"every spot of {world.name} was trained on: pads lie on other points of the same spots")
+        return places
+
+
+def list_cells(config: FlyConfig, pads: dict[str, Pad], world: World) -> list[Cell]:
+    """All combinations; an AprilTag is looked for on no other pad."""
+    names = [word if word in FINDERS else Path(word).stem for word in config.regressors]
+    return [
+        Cell(pad.name, name, world.name, weather, severity, gains)
+        for gains in config.gains
+        for weather, severity in config.weathers
+        for name in names
+        for pad in pads.values()
+        if name != "apriltag" or pad.name == "apriltag"
+    ]
+
+
+def _finder(
+    predictors: dict[str, Regressor | None], pads: dict[str, Pad], cell: Cell, optics: CameraConfig
+) -> Predictor:
+    found = predictors[cell.regressor]
+    if found is not None:
+        return found
+    make = make_features if cell.regressor == "features" else make_apriltag
+    return make(_named_pad(pads, cell), optics.camera)
+
+
+def fly_cell(
+    config: FlyConfig, cell: Cell, sites: Sites, pad: Pad, finder: Predictor, seed: int, indices: list[int],
+    clock: Clock,
+) -> list[Episode]:  # fmt: skip
+    """Some episodes of a cell in lockstep: one batched call of the finder for each picture of all that still fly."""
+    count = len(sites.places)
+    own = {index: sites.site(pad, index % count) for index in indices}
+    centres = np.array([own[index].centre for index in indices])
+    flights = Flights(
+        config.episode, centres, WorldGround(sites.world), seed=seed, indices=indices, view_tan=sites.optics.view_tan
+    )
+    fly(
+        flights,
+        make_look(own, seed, (cell.weather, cell.severity), finder, clock),
+        parse_gains(cell.gains),
+        config.descent,
+    )
+    return flights.episodes
+
+
+def make_look(sites: dict[int, PadSite], seed: int, weather: tuple[str, int], finder: Predictor, clock: Clock) -> Look:
+    """What a drone's camera sees, and what a finder says of it."""
+
+    def look(indices: np.ndarray, poses: np.ndarray, tick: int) -> np.ndarray:
+        begun = perf_counter()
+        views = [
+            (sites[int(index)], View(pose, seed, int(index) * TICKS + tick, weather))
+            for index, pose in zip(indices, poses, strict=True)
+        ]
+        images = np.stack(list(map_frames(lambda one: one[0].photograph(one[1]), views)))
+        seen = perf_counter()
+        answers = finder.predict(images)
+        clock.rendering += seen - begun
+        clock.network += perf_counter() - seen
+        return answers
+
+    return look
+
+
+def _record(cell: Cell, inputs: str, places: Sequence[PadPlace], episode: Episode, config: FlyConfig) -> EpisodeRecord:
+    place = places[episode.index % len(places)]
+    keep = episode.index < KEPT_TRACKS
+    track = (np.array(episode.track) - place.centre).round(3).tolist() if keep else []
+    seen = [None if np.isnan(one).any() else tuple(one.round(3).tolist()) for one in episode.seen] if keep else []
+    return EpisodeRecord(
+        inputs=inputs, pad=cell.pad, regressor=cell.regressor, world=cell.world, weather=cell.weather,
+        severity=cell.severity, gains=cell.gains, index=episode.index, place=place.name, outcome=episode.outcome,
+        error_m=_rounded(episode.error_m), time_s=round(episode.time_s, 3), path_m=round(episode.path_m, 3),
+        speed_m_s=_rounded(episode.speed_m_s), tilt_deg=_rounded(episode.tilt_deg),
+        track=[tuple(one) for one in track], seen=seen,
+    )  # fmt: skip
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 4)

@@ -1,0 +1,392 @@
+"""`toolkit landing train`: a network learns where the pad is, by the one training loop."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from toolkit import __version__
+from toolkit.core.config import Config, Flag
+from toolkit.core.console import notice, progress
+from toolkit.core.draws import Draws
+from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.files import read_json, sha256_bytes, sha256_file, write_bytes, write_json
+from toolkit.core.names import is_file_name
+from toolkit.core.workspace import Workspace
+from toolkit.landing.dataset import DatasetFile, SampleSet, open_dataset, read_split
+from toolkit.landing.regressor import (
+    SUFFIX,
+    ErrorRow,
+    Pool,
+    Regressor,
+    RegressorRecord,
+    as_batch,
+    build_module,
+    freeze,
+    regressors_dir,
+    run_network,
+    summarise_errors,
+)
+from toolkit.models.bundled import bundled_file, read_bundled
+from toolkit.models.network import choose_device
+from toolkit.models.weights import WeightsFile, find_local, find_weights, open_weights, read_state_dict
+from toolkit.training.checkpoint import Checkpoint
+from toolkit.training.classifier_task import load_tensors
+from toolkit.training.loop import FitConfig, History, Task, fit
+
+if TYPE_CHECKING:
+    import torch
+    from torch import nn
+
+IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+CHECKPOINT_EVERY_S = 20.0
+CALIBRATION_SHARE = 0.1
+LEAST_HEIGHT_M = 0.5
+
+
+class LandingTrainConfig(Config):
+    """How a regressor is trained.
+
+    Attributes:
+        name: of its file; by default the data set's.
+        arch: of the network, one of torchvision's.
+        init: weights to start from; by default ImageNet's of that network.
+        pool: what the last layer sees, see `build_module`.
+        frames: of the training split at most.
+        epochs, batch, lr, optimiser, schedule, momentum, weight_decay: of the training.
+        loss: `mse` of metres, or `relative`: of shares of the height.
+        augment: quarter turns of picture and truth, and changes of light.
+        uncertainty: a third output, the logarithm of the standard deviation, by the likelihood of a normal error.
+    """
+
+    name: Annotated[str, Flag()] = Field("", description="Of its file. Default: the data set's.")
+    arch: Annotated[str, Flag(metavar="NAME")] = Field("resnet18", description="Torchvision network.")
+    init: Annotated[Path | None, Flag(metavar="FILE", typed=Path)] = Field(
+        None, description="Weights to start from. Default: ImageNet's, else the bundled network."
+    )
+    pool: Annotated[Pool, Flag()] = Field("grid", description="What the last layer sees of the features.")
+    frames: Annotated[int | None, Field(ge=8), Flag(typed=int)] = Field(None, description="To train on, at most.")
+    epochs: Annotated[int, Field(ge=1, le=1000), Flag()] = Field(8, description="Times through the frames.")
+    batch: Annotated[int, Field(ge=2, le=4096), Flag()] = Field(64, description="Frames of a step.")
+    lr: Annotated[float, Field(gt=0, le=10), Flag()] = Field(1e-3, description="Highest learning rate.")
+    optimiser: Annotated[Literal["sgd", "adam"], Flag()] = Field("adam", description="Of the weights.")
+    schedule: Annotated[Literal["constant", "linear", "cosine", "one-cycle"], Flag()] = Field(
+        "one-cycle", description="Of the learning rate."
+    )
+    momentum: Annotated[float, Field(ge=0, lt=1)] = 0.9
+    weight_decay: Annotated[float, Field(ge=0, le=1), Flag()] = Field(1e-4, description="Of the weights.")
+    loss: Annotated[Literal["mse", "relative"], Flag()] = Field(
+        "relative", description="Mean square of metres, or of shares of the height."
+    )
+    augment: Annotated[bool, Flag()] = Field(True, description="Quarter turns, and changes of light.")
+    uncertainty: Annotated[bool, Flag()] = Field(False, description="Say how sure it is as well, calibrated.")
+
+    def __init__(self, **values: object) -> None:
+        super().__init__(**values)
+        if self.name and not is_file_name(self.name):
+            raise FieldError("expected a name of letters, digits, - and _", {"name": self.name})
+
+    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    def fit_config(self, frames: int, seed: int) -> FitConfig:
+        """Of the loop."""
+        steps = max(frames // self.batch, 1) * self.epochs
+        return FitConfig(
+            steps=steps, lr=self.lr, schedule=self.schedule, optimiser=self.optimiser, seed=seed,
+            momentum=self.momentum, weight_decay=self.weight_decay,
+        )  # fmt: skip
+
+
+RECIPES = {
+    "quick": LandingTrainConfig(),
+    "paper": LandingTrainConfig(
+        epochs=10,
+        batch=512,
+        lr=1e-3,
+        optimiser="sgd",
+        schedule="constant",
+        weight_decay=1e-4,
+        loss="mse",
+        augment=False,
+    ),
+}
+"""`paper`: appendix B.3 of Salman et al. 2021; it names no momentum: 0.9, as for their patches."""
+
+
+@dataclass(frozen=True)
+class TrainedRegressor:
+    """What a run made.
+
+    Attributes:
+        file, regressor: the weights, and them loaded.
+        resumed_from: steps that an earlier run had made.
+        was_finished: whether there was nothing left to do.
+    """
+
+    file: Path
+    regressor: Regressor
+    resumed_from: int
+    was_finished: bool
+
+
+def train_regressor(
+    space: Workspace, dataset: str, config: LandingTrainConfig, *, seed: int = 0, device: str = "auto",
+    restart: bool = False,
+) -> TrainedRegressor:  # fmt: skip
+    """Train a regressor on a landing data set, or take it up where an interrupted run of the same inputs left it.
+
+    Args:
+        space: the workspace; `rig/regressors` is written.
+        dataset: name of the set below captures/landing, or its folder.
+        config: how.
+        seed: of all draws.
+        device: `auto`, `cpu` or `cuda`.
+        restart: forget what an earlier run left.
+
+    Raises:
+        ToolkitError: data, weights or checkpoint cannot be used.
+    """
+    device, folder = choose_device(device), find_dataset(space, dataset)
+    about = open_dataset(folder)
+    train, held_out = read_split(folder, "train", config.frames), read_split(folder, "held_out")
+    init = find_start(config)
+    name = config.name or folder.name
+    digests = [shard.sha256 for shard in about.shards]
+    inputs = config.sha256(digests, init.sha256, seed, name, 1)
+    file = regressors_dir(space) / f"{name}{SUFFIX}"
+    task = RegressorTask(config, train, held_out, about, init, seed=seed, file=file, device=device, inputs=inputs)
+    checkpoint = Checkpoint(file.parent / ".training" / name, inputs, restart, CHECKPOINT_EVERY_S)
+    fitted = fit(task, config.fit_config(len(task.chosen), seed), checkpoint)
+    return TrainedRegressor(file, fitted.made, fitted.resumed_from, fitted.was_finished)
+
+
+def find_dataset(space: Workspace, word: str) -> Path:
+    """The folder of a landing data set."""
+    own = space.captures_dir / "landing" / word
+    folder = own if own.is_dir() or not Path(word).is_dir() else Path(word)
+    if not folder.is_dir():
+        raise ToolkitError(
+            f"no landing data set called '{word}' in {own.parent}: make one with 'toolkit landing collect'"
+        )
+    return folder
+
+
+def find_start(config: LandingTrainConfig) -> WeightsFile:
+    """The weights to start from: those that are named, ImageNet's, or where there are none the bundled network's."""
+    if config.init is not None:
+        return find_weights(config.arch, config.init)
+    bundled, record = bundled_file(), read_bundled()
+    if find_local(config.arch) is None and bundled is not None and record is not None and record.arch == config.arch:
+        notice(f"no weights of {config.arch} on this machine: starting from the bundled network {record.name}")
+        return open_weights(bundled, record.name)
+    return find_weights(config.arch)
+
+
+def start_module(config: LandingTrainConfig, image_px: int, init: WeightsFile, seed: int) -> "nn.Module":
+    """A network with weights, all but the last layer's, which is drawn by the seed.
+
+    Raises:
+        ToolkitError: the weights are of another network.
+    """
+    import torch
+
+    arch, outputs = config.arch, 3 if config.uncertainty else 2
+
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        module = build_module(arch, outputs, config.pool, image_px)
+    own, given = module.state_dict(), read_state_dict(init)
+    fitting = {name: value for name, value in given.items() if name in own and value.shape == own[name].shape}
+    missing = {name.rpartition(".")[0] for name in own if name not in fitting and not name.endswith("tracked")}
+    if len(missing) > 1:
+        raise FieldError(f"holds no weights of {arch}: {len(missing)} layers differ", {"init": init.path})
+    load_tensors(
+        module, {name: value.float() if value.is_floating_point() else value for name, value in fitting.items()}, False
+    )
+    return module
+
+
+class RegressorTask(Task[Regressor]):
+    """A network goes down the squared error of the pad's (x, y)."""
+
+    kind = "landing-regressor"
+    recent = 20
+
+    def __init__(
+        self, config: LandingTrainConfig, train: SampleSet, held_out: SampleSet, about: DatasetFile, init: WeightsFile,
+        *, seed: int, file: Path, device: str, inputs: str,
+    ) -> None:  # fmt: skip
+        import torch
+
+        self.config, self.train, self.held_out, self.about, self.init = config, train, held_out, about, init
+        self.seed, self.file, self.device, self.inputs = seed, file, device, inputs
+        self.title = f"Training {file.stem}"
+        numbers = np.random.default_rng([seed, 63]).permutation(len(train.truths))
+        aside = round(CALIBRATION_SHARE * len(numbers)) if config.uncertainty else 0
+        self.calibration, self.chosen = np.sort(numbers[:aside]), np.sort(numbers[aside:])
+        if len(self.chosen) < 2:
+            raise ToolkitError("too few frames to train on: collect more")
+        module = start_module(config, train.images.shape[1], init, seed)
+        self.module = module.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+
+    def parameters(self) -> "dict[str, torch.Tensor]":
+        """Weights and biases."""
+        return dict(self.module.named_parameters())
+
+    def buffers(self) -> "dict[str, torch.Tensor]":
+        """Statistics of batch normalisation."""
+        return dict(self.module.named_buffers())
+
+    def find_finished(self) -> Regressor | None:
+        """The regressor, where its file is whole and of the same inputs."""
+        record_file = self.file.with_suffix(".json")
+        if not (self.file.is_file() and record_file.is_file()):
+            return None
+        try:
+            record = read_json(record_file, RegressorRecord)
+        except ToolkitError:
+            return None
+        if record.inputs_sha256 != self.inputs or record.sha256 != sha256_file(self.file):
+            return None
+        load_tensors(self.module, read_state_dict(WeightsFile(self.file, record.sha256, self.file.name)))
+        return Regressor(record, freeze(self.module, self.device), self.device)
+
+    @contextmanager
+    def open(self) -> Iterator[None]:
+        """Train mode within."""
+        self.module.train()
+        yield
+
+    def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
+        """Mean square error of a batch, or its likelihood; and the mean error in cm."""
+        import torch
+
+        batch, wanted, heights = self._draw_batch(step)
+        self.module.train()
+        out = run_network(self.module, batch, IMAGENET_MEAN, IMAGENET_STD)
+        error = out[:, :2] - wanted
+        scale = heights.clamp_min(LEAST_HEIGHT_M)[:, None] if self.config.loss == "relative" else 1.0
+        squares = (error / scale).square().mean(dim=1)
+        if self.config.uncertainty:
+            spread = out[:, 2]
+            loss = (error.square().mean(dim=1) * torch.exp(-2 * spread) / 2 + spread).mean()
+        else:
+            loss = squares.mean()
+        return loss, {"error_cm": 100 * float(error.detach().norm(dim=1).mean())}
+
+    def _draw_batch(self, step: int) -> "tuple[torch.Tensor, torch.Tensor, torch.Tensor]":
+        import torch
+
+        per_epoch = max(len(self.chosen) // self.config.batch, 1)
+        epoch, k = divmod(step, per_epoch)
+        order = np.random.default_rng([self.seed, epoch, 64]).permutation(self.chosen)
+        some = order[k * self.config.batch : (k + 1) * self.config.batch]
+        batch, wanted = as_batch(self.train.images[some]), self.train.offsets[some].copy()
+        if self.config.augment:
+            rng = Draws(self.seed, step, self.kind).of("augmentation")
+            turns = rng.integers(0, 4, len(some))
+            gain = rng.uniform(0.75, 1.3, (len(some), 1, 1, 1)) * rng.uniform(0.93, 1.07, (len(some), 3, 1, 1))
+            lift = rng.uniform(-0.05, 0.05, (len(some), 1, 1, 1))
+            batch = torch.stack([torch.rot90(one, int(turn), (1, 2)) for one, turn in zip(batch, turns, strict=True)])
+            batch = (batch * torch.from_numpy(gain).float() + torch.from_numpy(lift).float()).clamp(0, 1)
+            wanted = turn_offsets(wanted, turns)
+        heights = torch.from_numpy(self.train.heights[some]).float()
+        return batch.to(self.device), torch.from_numpy(wanted).to(self.device), heights.to(self.device)
+
+    def finish(self, history: History) -> Regressor:
+        """Measure the weights on the held-out frames and write them, then their record."""
+        from safetensors.torch import save
+
+        state = {name: value.detach().cpu().contiguous() for name, value in self.module.state_dict().items()}
+        content, settings = save(state), self.config.record()
+        camera = self.about.camera
+        fov = round(float(2 * np.degrees(np.arctan(camera["width"] / 2 / camera["fx"]))), 6)
+        record = RegressorRecord(
+            name=self.file.stem, arch=self.config.arch, outputs=3 if self.config.uncertainty else 2,
+            pool=self.config.pool,
+            image_px=int(camera["width"]), fov_deg=fov, mean=IMAGENET_MEAN, std=IMAGENET_STD,
+            pad=self.about.pad, pad_sha256=self.about.pad_sha256, size_m=self.about.size_m,
+            started_from=f"{self.init.name} {self.init.sha256[:16]}",
+            data={"inputs_sha256": self.about.inputs_sha256, "seed": self.about.seed, "world": self.about.world,
+                  "places": self.about.places, "n": len(self.chosen)},
+            settings=settings | {"seed": self.seed}, final=history.recent(self.recent), held_out=[],
+            inputs_sha256=self.inputs, sha256=sha256_bytes(content), toolkit_version=__version__,
+        )  # fmt: skip
+        regressor = Regressor(record, freeze(self.module, self.device), self.device)
+        if self.config.uncertainty:
+            scale = calibrate(regressor, self.train, self.calibration)
+            record = record.model_copy(update={"sigma_scale": scale})
+        rows = measure_errors(regressor, self.held_out)
+        record = record.model_copy(update={"held_out": rows})
+        write_bytes(self.file, content)
+        write_json(self.file.with_suffix(".json"), record.model_dump(mode="json"))
+        return Regressor(record, regressor.module, self.device)
+
+
+def turn_offsets(offsets: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """(n, 2) x right and y down after (n,) quarter turns of the picture, counter-clockwise as `rot90` makes them."""
+    x, y = offsets.T
+    turned = np.array([(x, y), (y, -x), (-x, -y), (-y, x)])
+    return turned[turns % 4, :, np.arange(len(offsets))].astype(np.float32)
+
+
+def measure_errors(regressor: Regressor, samples: SampleSet) -> list[ErrorRow]:
+    """Errors of a regressor on held-out frames."""
+    parts = []
+    with progress("Testing on held-out frames", len(samples.truths)) as bar:
+        for start in range(0, len(samples.truths), 64):
+            some = samples.images[start : start + 64]
+            parts.append(regressor.predict(some))
+            bar.advance(len(some))
+    return summarise_errors(np.concatenate(parts), samples)
+
+
+def calibrate(regressor: Regressor, samples: SampleSet, chosen: np.ndarray) -> float:
+    """Factor on the standard deviation under which errors have the spread that is said, on frames not trained on."""
+    plain = Regressor(regressor.record.model_copy(update={"sigma_scale": 1.0}), regressor.module, regressor.device)
+    answers = plain.answer(samples.images[chosen])
+    scaled = (answers[:, :2] - samples.offsets[chosen]) / answers[:, 2:]
+    return float(np.sqrt((scaled**2).mean()))
+
+
+def export_onnx(regressor: Regressor, file: Path) -> Path:
+    """Write the network, normalisation within, as ONNX: `image` (n, 3, h, w) in [0, 1] to `offset` (n, outputs).
+
+    Raises:
+        ToolkitError: onnx is not installed.
+    """
+    from tempfile import TemporaryDirectory
+
+    import torch
+
+    class Whole(torch.nn.Module):
+        def __init__(self) -> None:
+            super().__init__()
+            self.network = regressor.module
+
+        def forward(self, image: torch.Tensor) -> torch.Tensor:
+            return run_network(self.network, image, regressor.record.mean, regressor.record.std)
+
+    side = regressor.record.image_px
+    with TemporaryDirectory() as folder:
+        made = Path(folder) / "network.onnx"
+        try:
+            torch.onnx.export(
+                Whole().eval(), (torch.rand(1, 3, side, side),), str(made), input_names=["image"],
+                output_names=["offset"], dynamic_axes={"image": {0: "n"}, "offset": {0: "n"}}, dynamo=False,
+            )  # fmt: skip
+        except ImportError as error:
+            raise ToolkitError(f"ONNX export needs {error.name}: pip install onnx") from None
+        return write_bytes(file, made.read_bytes())
+
+
+def describe_trained(trained: TrainedRegressor) -> dict[str, Any]:
+    """What a script is told."""
+    return {
+        "regressor": str(trained.file), "was_finished": trained.was_finished, "resumed_from": trained.resumed_from,
+        "record": trained.regressor.record.model_dump(mode="json"),
+    }  # fmt: skip

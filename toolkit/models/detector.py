@@ -1,0 +1,105 @@
+"""Networks that say where things are: boxes, classes and scores, in pixels of the image that was given."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from toolkit.core.errors import ToolkitError
+from toolkit.models.coco import coco_names
+from toolkit.models.labels import index_of_label
+from toolkit.models.weights import WeightsFile
+
+if TYPE_CHECKING:
+    import torch
+
+LEAST_SCORE = 0.01
+"""Below it an answer is dropped: average precision counts weak answers too."""
+MOST_BOXES = 100
+"""For each image, as COCO's evaluation counts them."""
+
+
+@dataclass(frozen=True)
+class Detections:
+    """What a detector sees in one image, by falling score.
+
+    Attributes:
+        boxes: (n, 4) float32, x1, y1, x2, y2 in pixels of the image; pixel centres lie at half integers.
+        classes: (n,) int64, indices of the detector's labels.
+        scores: (n,) float32 in [0, 1].
+    """
+
+    boxes: np.ndarray
+    classes: np.ndarray
+    scores: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.scores)
+
+
+class Detector(Protocol):
+    """A frozen network that finds things; the counterpart of `Classifier`."""
+
+    @property
+    def name(self) -> str:
+        """What to call it in a result."""
+
+    @property
+    def arch(self) -> str:
+        """Name of its architecture."""
+
+    @property
+    def labels(self) -> list[str]:
+        """Name of each class."""
+
+    @property
+    def weights(self) -> WeightsFile:
+        """The file that its weights came from."""
+
+    @property
+    def device(self) -> str:
+        """Where it runs, `cpu` or `cuda`."""
+
+    @property
+    def untrainable(self) -> str:
+        """Why no gradient leads back to the image; empty where one does."""
+
+    @property
+    def image_px(self) -> int:
+        """Side of the squares that `losses` takes; 0: any."""
+
+    def detect(self, images: Sequence[np.ndarray]) -> list[Detections]:
+        """What it sees in (h, w, 3) uint8 sRGB images of any sizes."""
+
+    def losses(self, batch: "torch.Tensor", boxes: "torch.Tensor", class_index: int) -> "torch.Tensor":
+        """(b,) how badly it finds the class at the place: small where score and box fit; differentiable.
+
+        Args:
+            batch: (b, 3, h, w) sRGB-encoded in [0, 1], square, of `image_px`.
+            boxes: (b, 4) x1, y1, x2, y2 of the object, in pixels of the batch.
+            class_index: of the object.
+        """
+
+
+def detector_class(detector: Detector, name: str | int) -> int:
+    """Index of a class by its label, its index, or the name of an ImageNet class that is a kind of it.
+
+    Raises:
+        ToolkitError: there is no such class; the nearest names are listed.
+    """
+    if isinstance(name, int):
+        raise ToolkitError(f"class index {name} is of ImageNet: a detector's class is given by its name")
+    known = [one.lower() for one in detector.labels]
+    for spelling in coco_names(name):
+        if spelling.lower() in known:
+            return known.index(spelling.lower())
+    return index_of_label(detector.labels, name)
+
+
+def box_iou(boxes: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """(n,) intersection over union of (n, 4) boxes with one (4,) box, x1, y1, x2, y2."""
+    corners = np.maximum(boxes[:, :2], other[:2]), np.minimum(boxes[:, 2:], other[2:])
+    inside = np.prod(np.clip(corners[1] - corners[0], 0, None), axis=1)
+    areas = np.prod(boxes[:, 2:] - boxes[:, :2], axis=1) + np.prod(other[2:] - other[:2])
+    return inside / np.maximum(areas - inside, 1e-9)

@@ -1,0 +1,51 @@
+"""Four neighbouring numbers at a time, a colour and one more, as a processor's vector instructions add them up."""
+
+from collections.abc import Callable
+from typing import Any, cast
+
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+FOUR = ir.VectorType(ir.DoubleType(), 4)
+INDEX = ir.IntType(32)
+UNDEFINED = ir.Constant(FOUR, ir.Undefined)
+FIRST = ir.Constant(ir.VectorType(INDEX, 4), [0, 0, 0, 0])
+
+
+def _weighted_sum(_: Any, values: types.Array, places: types.UniTuple, weights: types.UniTuple) -> Any:
+    def generate(context: Any, builder: ir.IRBuilder, signature: Any, arguments: tuple[ir.Value, ...]) -> ir.Value:
+        kind, chosen, _ = signature.args
+        data = context.make_array(kind)(context, builder, arguments[0]).data
+        four = ir.VectorType(context.get_data_type(kind.dtype), 4).as_pointer()
+        convert = builder.uitofp if isinstance(kind.dtype, types.Integer) else builder.fpext
+        total = None
+        for k in range(len(chosen)):
+            place, weight = (builder.extract_value(argument, k) for argument in arguments[1:])
+            pointer = builder.bitcast(builder.gep(data, [place]), four)
+            lanes = convert(builder.load(pointer, align=kind.dtype.bitwidth // 8), FOUR)
+            none = ir.Constant(FOUR, ir.Undefined)
+            first = builder.insert_element(none, weight, INDEX(0))
+            product = builder.fmul(
+                lanes, builder.shuffle_vector(first, none, ir.Constant(ir.VectorType(INDEX, 4), [0] * 4))
+            )
+            total = product if total is None else builder.fadd(total, product)
+        return context.make_tuple(
+            builder, signature.return_type, [builder.extract_element(total, INDEX(c)) for c in range(4)]
+        )
+
+    count = len(weights)
+    return types.UniTuple(types.float64, 4)(values, places, types.UniTuple(types.float64, count)), generate
+
+
+Sums = tuple[float, float, float, float]
+weighted_sum = cast(Callable[[np.ndarray, tuple[int, ...], tuple[float, ...]], Sums], intrinsic(_weighted_sum))
+"""Four sums of weights times the numbers at places, and of those 1, 2 and 3 behind them; for kernels alone.
+
+Args:
+    values: contiguous float32 or uint16 of any shape. There must be three more numbers behind each place, even where
+        their sum is not used.
+    places: counted in numbers.
+    weights: as many.
+"""

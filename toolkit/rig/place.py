@@ -1,0 +1,202 @@
+"""Where on an object a patch is best stuck: places and sizes scored by what the plan's cameras see of the sheet."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import TYPE_CHECKING, Annotated, Any, get_args
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+from pydantic import Field
+
+from toolkit.core.config import Config, Flag
+from toolkit.core.console import progress
+from toolkit.core.errors import ToolkitError
+from toolkit.objects.load import TableObject
+from toolkit.objects.mesh import make_ray_scene
+from toolkit.objects.records import TAPE_MARGIN_MM
+from toolkit.objects.spec import PatchMount, Side
+from toolkit.rig.camera import Camera, project
+from toolkit.rig.fit import ACROSS, SheetFit, measure_fit
+from toolkit.rig.mount import SAMPLES, SIDES, attach, mount_patch
+from toolkit.rig.plan import Pose
+from toolkit.rig.preview import draw_contact_sheet
+from toolkit.rig.scene import Scene
+
+if TYPE_CHECKING:
+    from open3d.t.geometry import RaycastingScene
+
+CELLS = 10
+"""Across the sheet: what a camera sees is asked at the corners of so many squares each way."""
+LIFT_MM = 1.0
+MOST_OVERHANG = 0.15
+"""Share of the sheet with nothing below it; more is a tent, over an open lid for instance."""
+MOST_BEND_DEG = 100.0
+SEEN = 0.5
+COLOURS = ((214, 40, 40), (36, 98, 196), (28, 140, 60), (220, 140, 0), (130, 50, 160), (0, 140, 150))
+
+
+class PlaceConfig(Config):
+    """Which places are tried."""
+
+    sizes_mm: Annotated[tuple[float, ...], Flag("--size-mm", metavar="MM")] = Field(
+        (), description="Printed side to try; repeat for more. Default: as the patch is now, and a third of the object."
+    )
+    sides: Annotated[tuple[Side, ...], Flag("--side", metavar="SIDE", typed=tuple[str, ...])] = Field(
+        get_args(Side), description="top, front, back, left or right; repeat for more. Default: all."
+    )
+    steps: Annotated[int, Field(ge=2, le=100), Flag()] = Field(12, description="Places along the object's length.")
+    best: Annotated[int, Field(ge=1, le=len(COLOURS)), Flag()] = Field(3, description="Places shown for each size.")
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place for a sheet, and what the cameras see of it.
+
+    Attributes:
+        mount: side, size and offset.
+        fit: how the sheet lies there.
+        visible: share of the sheet that is seen, mean over the poses.
+        area_px: what it covers of the picture, square pixels, mean over the poses.
+        poses_seen: poses in which half of it is seen or more.
+        score: mean over the poses of the side, in pixels, of a square as large as what is seen, times the share of the
+            sheet that lies on the surface. One large view does not outweigh many in which nothing is seen.
+    """
+
+    mount: PatchMount
+    fit: SheetFit
+    visible: float
+    area_px: float
+    poses_seen: int
+    score: float
+
+    @property
+    def lies(self) -> bool:
+        """Whether it is on the object, and is no tent over an edge or an opening, nor wrapped round it."""
+        return self.fit.lies and self.fit.overhang <= MOST_OVERHANG and self.fit.bend_deg <= MOST_BEND_DEG
+
+    def as_json(self) -> dict[str, Any]:
+        """Mount, fit and score, rounded."""
+        numbers = {name: round(getattr(self.fit, name), 3) for name in ("floating", "loose", "overhang", "relief_mm")}
+        seen = {"visible": round(self.visible, 4), "area_px": round(self.area_px, 1), "poses_seen": self.poses_seen}
+        mount = self.mount.model_dump(include={"at", "size_mm", "offset_mm"})
+        return {
+            **mount,
+            "lies": self.lies,
+            "score": round(self.score, 2),
+            **seen,
+            "bend_deg": round(self.fit.bend_deg, 1),
+            **numbers,
+        }
+
+
+def find_places(
+    item: TableObject, camera: Camera, poses: Sequence[Pose], config: PlaceConfig, sizes_mm: Sequence[float]
+) -> list[Place]:
+    """The best places for each size, best first; of two that overlap only the better one.
+
+    Where a sheet does not lie, see `Place.lies`, is no place.
+
+    Args:
+        item: the object.
+        camera, poses: of the plan.
+        config: which places are tried.
+        sizes_mm: printed sides of the patch.
+    """
+    scene = make_ray_scene(item.mesh)
+    step_mm = float(item.mesh.size_mm.max()) / config.steps
+    tried = [mount for size, at in product(sizes_mm, config.sides) for mount in _spread(item, at, size, step_mm)]
+    found: list[Place] = []
+    with progress(f"trying places on {item.name}", len(tried)) as bar:
+        for mount in tried:
+            place = judge_place(item, scene, camera, poses, mount)
+            found += [place] if place is not None and place.lies else []
+            bar.advance()
+    found.sort(key=lambda place: -place.score)
+    return [place for size in sizes_mm for place in _pick(found, size, config.best)]
+
+
+def judge_place(
+    item: TableObject, scene: "RaycastingScene", camera: Camera, poses: Sequence[Pose], mount: PatchMount
+) -> Place | None:
+    """What the poses see of a sheet there; None where it cannot be mounted at all."""
+    assert mount.size_mm is not None
+    try:
+        fit = measure_fit(item, mount.size_mm, mount)
+    except ToolkitError:
+        return None
+    points, normals = _grid(fit, mount.at)
+    seen = [_see(scene, camera, pose.matrix(), points, normals) for pose in poses]
+    visible, area = np.array(seen).T
+    score = float(np.sqrt(area).mean() * (1 - fit.floating))
+    return Place(mount, fit, float(visible.mean()), float(area.mean()), int((visible >= SEEN).sum()), score)
+
+
+def draw_places(
+    item: TableObject, places: Sequence[Place], camera: Camera, poses: Sequence[Pose], studio: Scene
+) -> bytes:
+    """PNG of the object with numbered sheets on the places, from poses all round."""
+    mesh = item.mesh
+    for number, place in enumerate(places, 1):
+        assert place.mount.size_mm is not None
+        sheet = mount_patch(item.mesh, _number(number), place.mount.size_mm, place.mount, item.name)
+        mesh = attach(mesh, sheet)
+    chosen = [poses[k] for k in np.unique(np.linspace(0, len(poses) - 1, min(8, len(poses))).round().astype(int))]
+    return draw_contact_sheet(replace(item, mesh=mesh), camera, chosen, studio, columns=4)
+
+
+def _number(number: int, side: int = 96) -> np.ndarray:
+    """(side, side, 3) uint8: a white number on a colour of its own."""
+    image = Image.new("RGB", (side, side), COLOURS[(number - 1) % len(COLOURS)])
+    font = ImageFont.load_default(size=side * 3 // 4)
+    ImageDraw.Draw(image).text((side / 2, side / 2), str(number), fill="white", font=font, anchor="mm")
+    return np.asarray(image)
+
+
+def _spread(item: TableObject, at: Side, size_mm: float, step_mm: float) -> Iterator[PatchMount]:
+    """Mounts on a grid over one side, as far as the patch's middle stays on the object's outline."""
+    low, high = item.mesh.bounds
+    reach = [float(np.abs(np.array(axis)) @ (high - low)) / 2 for axis in SIDES[at]]
+    counts = [int(max(0.0, half - size_mm / 4) // step_mm) for half in reach]
+    for right, up in product(*(range(-count, count + 1) for count in counts)):
+        yield PatchMount(at=at, size_mm=size_mm, offset_mm=(round(right * step_mm, 1), round(up * step_mm, 1)))
+
+
+def _grid(fit: SheetFit, at: Side) -> tuple[np.ndarray, np.ndarray]:
+    """(c, c, 3) points of the sheet, lifted off it, and the unit normals there, outward."""
+    along, across = (np.linspace(0, count - 1, CELLS + 1).round().astype(int) for count in (SAMPLES, ACROSS))
+    points = fit.points_mm.reshape(SAMPLES, ACROSS, 3)[np.ix_(along, across)]
+    normals = np.cross(np.gradient(points, axis=0), np.gradient(points, axis=1))
+    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+    right, up = (np.array(axis, float) for axis in SIDES[at])
+    normals *= np.sign((normals @ np.cross(right, up)).mean()) or 1.0
+    return points + LIFT_MM * normals, normals
+
+
+def _see(
+    scene: "RaycastingScene", camera: Camera, T_world_camera: np.ndarray, points: np.ndarray, normals: np.ndarray
+) -> tuple[float, float]:
+    """Share of the sheet that a camera sees, and the square pixels that this covers."""
+    towards = T_world_camera[:3, 3] - points
+    distance = np.linalg.norm(towards, axis=2, keepdims=True)
+    rays = np.concatenate([points, towards / distance], axis=2).astype(np.float32)
+    is_free = scene.cast_rays(rays)["t_hit"].numpy() >= distance[..., 0]
+    pixels, depth = project(camera, T_world_camera, points.reshape(-1, 3))
+    inside = ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(axis=1) & (depth > 0)
+    seen = is_free & ((normals * towards).sum(axis=2) > 0) & inside.reshape(is_free.shape)
+    x, y = pixels.reshape(*is_free.shape, 2).transpose(2, 0, 1)
+    one, other = (x[1:, 1:] - x[:-1, :-1], y[1:, 1:] - y[:-1, :-1]), (x[1:, :-1] - x[:-1, 1:], y[1:, :-1] - y[:-1, 1:])
+    cells = np.abs(one[0] * other[1] - one[1] * other[0]) / 2  # a quadrilateral, by its diagonals
+    corners = np.stack([seen[:-1, :-1], seen[1:, :-1], seen[:-1, 1:], seen[1:, 1:]]).mean(axis=0)
+    return float(seen.mean()), float((cells * corners).sum())
+
+
+def _pick(places: Sequence[Place], size_mm: float, count: int) -> list[Place]:
+    """The best of one size whose sheets do not lie on each other."""
+    chosen: list[Place] = []
+    for place in (one for one in places if one.mount.size_mm == size_mm):
+        middle = place.fit.points_mm.mean(axis=0)
+        apart = [np.linalg.norm(middle - one.fit.points_mm.mean(axis=0)) for one in chosen]
+        if len(chosen) < count and all(distance >= size_mm + 2 * TAPE_MARGIN_MM for distance in apart):
+            chosen.append(place)
+    return chosen
