@@ -103,7 +103,7 @@ def test_no_tent_over_an_open_lid(make_box):
 @pytest.fixture
 def typed(tmp_path, make_crate_space):
     space = make_crate_space(tmp_path / "w")
-    command = make_single("place", place)
+    command = make_single(place)
 
     def run(*arguments: str):
         return CliRunner().invoke(command, [*arguments, "--workspace", str(space.root), "--steps", "4", "--quiet"])
