@@ -43,8 +43,6 @@ if TYPE_CHECKING:
     from toolkit.rig.pattern import Pattern as Pattern
     from toolkit.rig.plan import plan_objects as plan_objects
     from toolkit.rig.plan import plan_poses as plan_poses
-    from toolkit.world_eval.config import WorldEvalConfig as WorldEvalConfig
-    from toolkit.world_eval.evaluate import evaluate_world as evaluate_world
 else:
     _HOMES = {
         "Workspace": "toolkit.core.workspace",
@@ -76,8 +74,6 @@ else:
         "EvalConfig": "toolkit.evaluation.config",
         "evaluate_benchmark": "toolkit.benchmark.evaluate",
         "CorruptEvalConfig": "toolkit.benchmark.config",
-        "evaluate_world": "toolkit.world_eval.evaluate",
-        "WorldEvalConfig": "toolkit.world_eval.config",
         "predictions_table": "toolkit.evaluation.notebook",
         "load_captures": "toolkit.evaluation.notebook",
         "image_seed": "toolkit.corruptions.draws",

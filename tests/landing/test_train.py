@@ -12,7 +12,7 @@ from drawn import OPTICS, draw, write_drawn, write_start
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.landing.dataset import SampleSet, read_split
-from toolkit.landing.regressor import as_batch, load_regressor, regressors_dir, summarise_errors
+from toolkit.landing.regressor import as_batch, build_module, load_regressor, regressors_dir, summarise_errors
 from toolkit.landing.site import CameraConfig
 from toolkit.landing.train import (
     RECIPES,
@@ -75,7 +75,9 @@ def test_it_is_finished_once(made: tuple[Workspace, LandingTrainConfig, TrainedR
 def test_it_goes_on_to_the_same_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     space = make_workspace(tmp_path / "work")
     write_drawn(space.captures_dir / "landing" / "few", 32, 4)
-    config = LandingTrainConfig(arch="shufflenet_v2_x0_5", init=write_start(tmp_path / "start.pth"), epochs=2, batch=8)
+    config = LandingTrainConfig(
+        arch="shufflenet_v2_x0_5", pool="average", init=write_start(tmp_path / "start.pth"), epochs=2, batch=8
+    )
     whole = train_regressor(space, "few", config, device="cpu").file
     content = whole.read_bytes()
     whole.unlink()
@@ -126,6 +128,14 @@ def test_onnx_says_the_same(made: tuple[Workspace, LandingTrainConfig, TrainedRe
     session = runtime.InferenceSession(str(file), providers=["CPUExecutionProvider"])
     found = session.run(None, {"image": as_batch(images).numpy()})[0]
     assert np.allclose(found[:, :2], made[2].regressor.predict(images), atol=1e-4)
+
+
+def test_a_grid_of_features_is_for_resnets() -> None:
+    module = build_module("resnet18", 2, "grid", 96)
+    assert module.get_submodule("fc").in_features == 512 * 9
+    assert module(torch.zeros(1, 3, 96, 96)).shape == (1, 2)
+    with pytest.raises(FieldError, match="grid is for ResNets"):
+        build_module("shufflenet_v2_x0_5", 2, "grid", 96)
 
 
 def test_the_papers_recipe() -> None:

@@ -12,6 +12,7 @@ from toolkit.benchmark.summary import read_summary
 from toolkit.benchmark.variants import open_variants, share_classes
 from toolkit.benchmark.verdict import judge_benchmark
 from toolkit.core.workspace import Workspace
+from toolkit.engine.config import EngineConfig
 from toolkit.evaluation.config import check_run_name
 from toolkit.models.load import load_classifier
 from toolkit.models.network import Classifier
@@ -44,6 +45,7 @@ def evaluate_benchmark(
     classifier: Classifier,
     config: CorruptEvalConfig,
     load: Callable[[str], Classifier] = load_classifier,
+    engine: EngineConfig | None = None,
 ) -> BenchmarkRun:
     """Corrupt a data set with and without patches, and ask classifiers and readers what they see.
 
@@ -55,6 +57,7 @@ def evaluate_benchmark(
         classifier: who is asked where `config.patches` names no other.
         config: patches, corruptions, classes.
         load: the classifier of a name; by default of the bundled and the published ones.
+        engine: where cells are computed; by default in this process.
 
     Raises:
         ToolkitError: an unknown class, patch set or network, no image that can be used, a network's output that is not
@@ -68,7 +71,8 @@ def evaluate_benchmark(
     grid = Grid(images.only(share_classes(variants, images.classes)), tuple(variants), config)
     folder = workspace.eval_dir / "corruptions"
     run_dir = folder / check_run_name(grid.name)
-    benchmark = run_grid(grid, folder / "cells.jsonl", notes)
+    with (engine or EngineConfig()).open(gpus=int(classifier.device != "cpu")) as hands:
+        benchmark = run_grid(grid, folder / "cells.jsonl", notes, hands)
     files = write_benchmark(run_dir, benchmark, draw_examples(grid, benchmark))
     patches = {variant.name: variant.patches.patches for variant in variants if variant.patches is not None}
     without_images = {

@@ -2,7 +2,7 @@
 
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence, Sized
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +12,7 @@ from toolkit import __version__
 from toolkit.benchmark.cells import (
     FAILED,
     Shard,
+    ShardImages,
     append_cells,
     apply_variant,
     cut_shards,
@@ -20,7 +21,8 @@ from toolkit.benchmark.cells import (
     rank_images,
     read_cells,
 )
-from toolkit.benchmark.config import Condition, CorruptEvalConfig
+from toolkit.benchmark.config import CLEAN, Condition, CorruptEvalConfig
+from toolkit.benchmark.recognisers import Recogniser
 from toolkit.benchmark.variants import Variant
 from toolkit.boosters.place_patches import is_whole
 from toolkit.core.console import progress
@@ -28,6 +30,8 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.locks import hold_folder
 from toolkit.corruptions import choose_parameters, image_seed
 from toolkit.corruptions.request import find_note
+from toolkit.engine.local import InProcess
+from toolkit.engine.units import Engine, Outcome, Shared, Unit, check_hope, list_failures
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import Classifier
@@ -107,24 +111,26 @@ Address = tuple[int, Condition, int]
 """Number of the variant, condition, number of the recogniser."""
 
 
-def run_grid(grid: Grid, cells_file: Path, notes: Sequence[str] = ()) -> Benchmark:
+def run_grid(grid: Grid, cells_file: Path, notes: Sequence[str] = (), engine: Engine | None = None) -> Benchmark:
     """Compute every cell that is not in `cells_file` yet, and add it there.
 
-    Memory holds one shard's images, whatever the size of the data set. A killed run goes on with the next cell.
+    Memory holds a few shards' images, whatever the size of the data set. A killed run goes on with the next cell. Where
+    a cell fails, its condition is left out of the result, and is tried again by the next run.
 
     Args:
         grid: what is evaluated.
         cells_file: where ranks are kept, for this run and for others.
         notes: what a reader of the tables must know besides.
+        engine: where cells are computed; by default in this process.
 
     Raises:
-        ToolkitError: no image can be used, a network's output is not finite, or the disk is full.
+        ToolkitError: no image can be used, every cell failed, or the disk is full.
     """
     with hold_folder(cells_file.parent):
-        return _run_grid(grid, cells_file, notes)
+        return _run_grid(grid, cells_file, notes, engine or InProcess())
 
 
-def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str]) -> Benchmark:
+def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str], engine: Engine) -> Benchmark:
     shards = _hash_shards(grid)
     keys = [
         {
@@ -138,15 +144,36 @@ def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str]) -> Benchmark:
     found = read_cells(cells_file, {key for own in keys for key in own.values()})
     missing = [[address for address, key in own.items() if key not in found] for own in keys]
     total, todo = _count_ranks(shards, keys), _count_ranks(shards, missing)
+    failures: list[Outcome[Task, list[np.ndarray]]] = []
+    n_done = 0
     with progress("Evaluating (answers to images)", total, done=total - todo) as bar:
-        for shard, own, wanted in zip(shards, keys, missing, strict=True):
-            for variant, (corruption, severity), rows in _rank_shard(grid, shard, wanted):
-                append_cells(cells_file, [(own[address], ranks) for address, ranks in rows])
-                found |= {own[address]: ranks for address, ranks in rows}
-                bar.advance(len(shard.images) * len(rows), f"{variant.name} {corruption} {severity or ''}")
-    joined = {address: np.concatenate([found[own[address]] for own in keys]) for address in keys[0]}
+        units = (
+            unit
+            for shard, own, wanted in zip(shards, keys, missing, strict=True)
+            for unit in _list_units(grid, shard, own, wanted, engine)
+        )
+        for outcome in engine.run(units):
+            task = outcome.unit.tag
+            if outcome.result is None:
+                failures.append(outcome)
+                check_hope(failures, n_done)
+                continue
+            n_done += 1
+            rows = list(zip(task.keys, map(task.spread, outcome.result), strict=True))
+            append_cells(cells_file, rows)
+            found |= dict(rows)
+            bar.advance(len(task.usable) * len(rows), outcome.unit.name)
+    lost = {outcome.unit.tag.condition for outcome in failures}
+    left = [condition for condition in grid.config.conditions if condition not in lost]
+    if not left:
+        raise ToolkitError(failures[0].reason)
+    joined = {
+        address: np.concatenate([found[own[address]] for own in keys]) for address in keys[0] if address[1] in left
+    }
     images = [one for shard in shards for one in shard.images]
-    return _collect(grid, images, joined, notes, computed=todo, kept=total - todo)
+    computed = todo - sum(len(one.unit.tag.usable) * len(one.unit.tag.keys) for one in failures)
+    done = _collect(grid, images, joined, notes, conditions=left, computed=computed, kept=total - todo)
+    return replace(done, failed=(*done.failed, *list_failures(failures)))
 
 
 def _count_ranks(shards: list[Shard], addresses: Sequence[Sized]) -> int:
@@ -164,10 +191,31 @@ def _hash_shards(grid: Grid) -> list[Shard]:
     return shards
 
 
-def _rank_shard(
-    grid: Grid, shard: Shard, wanted: Sequence[Address]
-) -> Iterator[tuple[Variant, Condition, list[tuple[Address, np.ndarray]]]]:
-    """(variant, condition, [(address, (n,) ranks)]) of what is wanted; images are decoded once per preprocessing."""
+@dataclass(frozen=True)
+class Task:
+    """What the driver knows of a unit: a variant of a shard's images in one condition.
+
+    Attributes:
+        condition: that the images are in.
+        keys: of the cell of each recogniser that is asked.
+        usable: (n,) bool, which of the shard's images are there.
+    """
+
+    condition: Condition
+    keys: list[str]
+    usable: np.ndarray
+
+    def spread(self, given: np.ndarray) -> np.ndarray:
+        """(n,) int32 ranks of all images of the shard, from those of the usable ones."""
+        ranks = np.full(len(self.usable), FAILED, np.int32)
+        ranks[self.usable] = given
+        return ranks
+
+
+def _list_units(
+    grid: Grid, shard: Shard, keys: Mapping[Address, str], wanted: Sequence[Address], engine: Engine
+) -> Iterator[Unit[Task, list[np.ndarray]]]:
+    """A unit for each variant and condition that is wanted; images are decoded once per preprocessing."""
     by_variant: dict[int, dict[Condition, list[int]]] = defaultdict(lambda: defaultdict(list))
     for v, condition, r in wanted:
         by_variant[v][condition].append(r)
@@ -178,16 +226,22 @@ def _rank_shard(
         pixels, usable = load_shard(grid.images, shard, how)
         for v in numbers:
             variant = grid.variants[v]
-            images = apply_variant(pixels, shard, usable, variant, grid.config)
+            images = engine.share(apply_variant(pixels, shard, usable, variant, grid.config))
+            asked: dict[tuple[int, ...], Shared[list[Recogniser]]] = {}
             for condition, chosen in by_variant[v].items():
-                recognisers = [variant.recognisers[r] for r in chosen]
-                rows: list[tuple[Address, np.ndarray]] = []
-                found = rank_images(images, condition, recognisers, variant.classifier.device)
-                for r, given in zip(chosen, found, strict=True):
-                    ranks = np.full(len(shard.images), FAILED, np.int32)
-                    ranks[usable] = given
-                    rows.append(((v, condition, r), ranks))
-                yield variant, condition, rows
+                if tuple(chosen) not in asked:
+                    asked[tuple(chosen)] = engine.share([variant.recognisers[r] for r in chosen])
+                cells = [keys[v, condition, r] for r in chosen]
+                name = f"{variant.name} {condition[0]} {condition[1] or ''}".rstrip()
+                inputs = (images, condition, asked[tuple(chosen)], variant.classifier.device)
+                yield Unit("+".join(cells), rank_cell, inputs, name, Task(condition, cells, usable))
+
+
+def rank_cell(
+    images: Shared[ShardImages], condition: Condition, recognisers: Shared[list[Recogniser]], device: str
+) -> Iterator[list[np.ndarray]]:
+    """The work of a unit: `rank_images`."""
+    yield rank_images(images.get(), condition, recognisers.get(), device)
 
 
 def _collect(
@@ -196,6 +250,7 @@ def _collect(
     joined: Mapping[Address, np.ndarray],
     notes: Sequence[str],
     *,
+    conditions: Sequence[Condition],
     computed: int,
     kept: int,
 ) -> Benchmark:
@@ -210,11 +265,11 @@ def _collect(
         CellRanks(variant.name, recogniser.name, recogniser.kind, *condition, ranks=joined[v, condition, r][usable])
         for v, variant in enumerate(grid.variants)
         for r, recogniser in enumerate(variant.recognisers)
-        for condition in grid.config.conditions
+        for condition in conditions
     ]
     classes = np.array([one.class_index for one in images])[usable]
     ids = tuple(one.id for one, ok in zip(images, usable, strict=True) if ok)
-    note = find_note(list(dict.fromkeys(name for name, _ in grid.config.conditions[1:])))
+    note = find_note(list(dict.fromkeys(name for name, _ in conditions if name != CLEAN)))
     return Benchmark(
         about=describe(grid, ids),
         ids=ids,

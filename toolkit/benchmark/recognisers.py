@@ -46,24 +46,20 @@ class Recogniser:
 def recognise_by_network(network: Classifier) -> Recogniser:
     """A classifier as who recognises."""
     identity = (network.arch, network.weights.sha256)
-
-    def rank(images: "torch.Tensor", classes: np.ndarray, _: Sequence[str]) -> np.ndarray:
-        return rank_classes(network, images, classes)
-
-    return Recogniser(network.name, NETWORK, identity, rank)
+    return Recogniser(network.name, NETWORK, identity, partial(rank_classes, network))
 
 
 def recognise_by_reader(reader: "Reader") -> Recogniser:
     """A reader of codes as who recognises."""
     identity = (READER, reader.name, reader.version)
-
-    def rank(images: "torch.Tensor", _: np.ndarray, texts: Sequence[str]) -> np.ndarray:
-        return read_codes(reader, images, texts)
-
-    return Recogniser(reader.name, READER, identity, rank)
+    return Recogniser(reader.name, READER, identity, partial(_rank_codes, reader))
 
 
-def rank_classes(network: Classifier, images: "torch.Tensor", classes: np.ndarray) -> np.ndarray:
+def _rank_codes(reader: "Reader", images: "torch.Tensor", _: np.ndarray, texts: Sequence[str]) -> np.ndarray:
+    return read_codes(reader, images, texts)
+
+
+def rank_classes(network: Classifier, images: "torch.Tensor", classes: np.ndarray, _: Sequence[str] = ()) -> np.ndarray:
     """(b,) int32, the place of each image's class among the network's guesses, from 1; ties go to the lower index.
 
     Raises:

@@ -55,12 +55,14 @@ class MountedViews:
         size_mm: side of the patch on the sheet.
         sha256: of the views.
         depths: how far away everything in them is at real size; none where there is no weather.
+        boxes: (n, 4) x1, y1, x2, y2 round the object with its sheet, in pixels of a view.
     """
 
     batch: ViewBatch
     size_mm: float
     sha256: str
     depths: tuple[DepthView, ...] = ()
+    boxes: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.batch)
@@ -69,7 +71,12 @@ class MountedViews:
         """Those to train on, and the last fifth, which is held out."""
         kept = len(self) - max(1, round(len(self) * HELD_OUT))
         train, held_out = (
-            replace(self, batch=self.batch.part(start, stop), depths=self.depths[start:stop])
+            replace(
+                self,
+                batch=self.batch.part(start, stop),
+                depths=self.depths[start:stop],
+                boxes=None if self.boxes is None else self.boxes[start:stop],
+            )
             for start, stop in ((0, kept), (kept, len(self)))
         )
         return train, held_out
@@ -147,7 +154,16 @@ def stack_views(views: list[LinearView], size_mm: float, device: str, metres_per
     """
     digest = sha256_bytes("".join(view.sha256 for view in views).encode())
     depths = find_depths(views, [metres_per_unit] * len(views))
-    return MountedViews(batch_views(views, device, half=True), size_mm, digest, tuple(depths))
+    boxes = np.array([box_of_coverage(view.coverage) for view in views], np.float32)
+    return MountedViews(batch_views(views, device, half=True), size_mm, digest, tuple(depths), boxes)
+
+
+def box_of_coverage(coverage: np.ndarray) -> tuple[int, int, int, int]:
+    """x1, y1, x2, y2 round the pixels of (h, w) that an object covers by half; all 0 where there are none."""
+    rows, columns = (np.flatnonzero((coverage > 0.5).any(axis)) for axis in (1, 0))
+    if not len(rows):
+        return 0, 0, 0, 0
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
 
 
 def print_on_paper(linear: "torch.Tensor", size_mm: float) -> "torch.Tensor":
@@ -204,13 +220,20 @@ def show_mounted(
     return (photos + NOISE * grain).clamp(0, 1)
 
 
+def draw_cuts(
+    views: MountedViews, rng: np.random.Generator, count: int, image_px: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """(count,) random views, and (count, 2) top and left of a random square of each."""
+    which = rng.choice(len(views), count, replace=count > len(views))
+    return which, rng.integers(0, views.batch.still.shape[1] - image_px + 1, (count, 2))
+
+
 def draw_mounted(
     views: MountedViews, draws: Draws, count: int, image_px: int, weather: Weathered | None = None
 ) -> Callable[["torch.Tensor"], "torch.Tensor"]:
     """A batch of random views at random cuts in the weather that is drawn for them, waiting for its patch."""
     rng = draws.of("mounted")
-    which = rng.choice(len(views), count, replace=count > len(views))
-    corners = rng.integers(0, views.batch.still.shape[1] - image_px + 1, (count, 2))
+    which, corners = draw_cuts(views, rng, count, image_px)
     through = None
     if weather is not None:
         through = views.draw_weather(weather, which, corners, image_px, draws.of(type(weather).__name__))

@@ -20,12 +20,15 @@ from toolkit.boosters.data import (
     names_of_class,
     stack_on_device,
 )
+from toolkit.boosters.detectors import DetectorNetwork, find_detectors, resize_photos
 from toolkit.boosters.ensemble import judge_ensemble
 from toolkit.boosters.mounted import (
     MountedViews,
+    draw_cuts,
     draw_mounted,
     load_mounted_views,
     make_sheet_subject,
+    show_mounted,
     validate_mounted,
 )
 from toolkit.boosters.parts.base import Appearance, place_patch, print_patch, show_patch, take_photos
@@ -121,7 +124,9 @@ def train_patch(
     Raises:
         ToolkitError: the settings, the data or a checkpoint cannot be used, or the disk is full.
     """
-    targets = aim(networks, class_name)
+    targets, detectors = aim(networks, class_name), find_detectors(networks)
+    if detectors is not None:
+        config = config.model_copy(update={"mounted_share": 1.0})
     first, index = networks[0], targets[0].class_index
     check_size(config.size_px, first.preprocessing.crop_px)
     name = name_files(name, targets[0].label, index)
@@ -146,7 +151,8 @@ def train_patch(
         raise FieldError("{weather} and {world} need the object itself: add {sources} rig, {mounted_share} above 0", {})
     data_sha256 = data.sha256 + ("" if views is None else views.sha256)
     inputs_sha256 = hash_inputs(config, name, list_networks(targets), data_sha256)
-    task = PatchTask(config, targets, data, views, files, inputs_sha256)
+    kind = PatchTask if detectors is None else DetectorPatchTask
+    task = kind(config, targets, data, views, files, inputs_sha256)
     task.seen_world = seen_world
     checkpoint = Checkpoint(files.training, inputs_sha256, restart, checkpoint_every_s, RENDERS)
     fitted = fit(task, config.fit_config(), checkpoint)
@@ -314,6 +320,40 @@ class PatchTask(PixelTask[TrainedPatch]):
             photos = show_patch(printed, centres, self._appearance, Draws(config.seed, 0, "preview"))
         sheet = draw_patch_preview(pixels, photos, self.targets[0], self.targets[0].label, lines)
         write_preview(self.files.preview, sheet)
+
+
+class DetectorPatchTask(PatchTask):
+    """A patch that makes detectors find its object: the loss is theirs, at the object's place (Angelic Patches, 2023).
+
+    Every image is a view of the object with its sheet, whose box is known. `accuracy` counts views in which the class
+    is the one that the network is surest of, wherever it sees it.
+    """
+
+    def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
+        """The detectors' losses of photographs of the object with the patch, and the patch's own losses."""
+        import torch
+
+        views, config, draws = self._views, self.config, Draws(self.config.seed, step)
+        assert views is not None and views.boxes is not None
+        which, corners = draw_cuts(views, draws.of("mounted"), config.batch, self.image_px)
+        weather = config.weather
+        through = None if weather is None else views.draw_weather(
+            weather, which, corners, self.image_px, draws.of(type(weather).__name__)
+        )  # fmt: skip
+        printed = print_patch(self.pixels, self._appearance, draws)
+        shown = show_mounted(printed, views, which, corners, self.image_px, draws.of("mounted light"), through=through)
+        photos = take_photos(shown, self._appearance, draws)
+        # the cut's own pixels: x and y of a box, corners are top and left
+        boxes = torch.from_numpy(views.boxes[which] - corners[:, [1, 0, 1, 0]]).clamp(0, self.image_px)
+        loss, right = photos.new_zeros(()), 0.0
+        for target in self.targets:
+            assert isinstance(target.classifier, DetectorNetwork)
+            detector, side = target.classifier.detector, target.classifier.preprocessing.crop_px
+            scaled = resize_photos(photos, side)
+            loss = loss + detector.losses(scaled, boxes * (side / self.image_px), target.class_index).mean()
+            right += target.count_hits(photos.detach()) / len(photos)
+        penalty = self._penalty
+        return (loss if penalty is None else loss + penalty(self.pixels)), {"accuracy": right / len(self.targets)}
 
 
 def patch_loss(

@@ -21,6 +21,7 @@ from toolkit.captures.shoot import (
 )
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace
+from toolkit.engine.config import EngineConfig
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.camera import Camera
 from toolkit.rig.variants import find_booster
@@ -58,6 +59,7 @@ class MeasuredPhoto:
 def shoot_like(
     workspace: Workspace, photos_dir: Path, settings: ShootSettings | None = None, source: str | None = None,
     objects: Iterable[str] = (), variants: Iterable[str] = (), max_px: int = MAX_PX,
+    engine: EngineConfig | None = None,
 ) -> LikeResult:  # fmt: skip
     """Shoot the object and variant of every photograph with the camera that was measured for it.
 
@@ -71,6 +73,7 @@ def shoot_like(
         source: folder below `captures/`, by default `sim-like-` and the name of `photos_dir`.
         objects, variants: only these; all by default.
         max_px: the longer side of what is rendered, in pixels; a smaller photograph keeps its size.
+        engine: where they are shot; by default in this process.
 
     Raises:
         ToolkitError: no manifest, no photograph that can be shot, an unknown object, variant or setting, a source that
@@ -106,7 +109,8 @@ def shoot_like(
         raise ToolkitError(
             f"none of the {len(skipped)} photographs in {photos_dir} can be shot again; {path}: {reason}"
         )
-    result = shoot_scenes(workspace, scenes, settings, workspace.source_dir(source))
+    with (engine or EngineConfig()).open() as hands:
+        result = shoot_scenes(workspace, scenes, settings, workspace.source_dir(source), engine=hands)
     return LikeResult(result, tuple(sorted(skipped)))
 
 

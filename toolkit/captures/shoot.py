@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from io import BytesIO
 from pathlib import Path
@@ -18,6 +18,8 @@ from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import inside, sha256_bytes, write_bytes
 from toolkit.core.locks import hold_folder
 from toolkit.core.workspace import Workspace
+from toolkit.engine.local import InProcess
+from toolkit.engine.units import Engine, Outcome, Unit, check_hope, list_failures
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera
@@ -26,7 +28,7 @@ from toolkit.rig.renderer import RENDERERS, make_renderer
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
-from toolkit.rig.variants import PAIR, describe_booster, dress, find_booster, note_booster
+from toolkit.rig.variants import PAIR, Paint, Print, describe_booster, dress, find_booster, note_booster
 
 
 @dataclass(frozen=True)
@@ -68,6 +70,8 @@ def copy_image(stored: StoredImage, source_dir: Path, path: str) -> bool:
 
 
 FORMATS = ("jpg", "png")
+UNIT_SHOTS = 64
+"""Shots of one scene that are made together."""
 LOOK_VERSION = 2
 """Raised when a change to the rig makes other pictures from the same inputs, so that old ones are shot again."""
 
@@ -118,18 +122,27 @@ class Shot:
 
 @dataclass(frozen=True)
 class ShootResult:
-    """What a run made: images shot now, images kept from before, and images of another plan that are still there."""
+    """What a run made.
+
+    Attributes:
+        source_dir: where the images are.
+        shot, kept: images shot now, and kept from before.
+        stale: images of another plan that are still there.
+        failed: (what, reason) of shots that could not be made; the next run tries them again.
+    """
 
     source_dir: Path
     shot: int
     kept: int
     stale: list[str]
+    failed: tuple[tuple[str, str], ...] = ()
 
 
 def shoot_plan(
     workspace: Workspace, plan: CapturePlan, objects: Iterable[str], variants: Iterable[str] = PAIR,
     settings: ShootSettings | None = None, source: str = "sim", *,
     captures_dir: Path | None = None, patch_mm: float | None = None, stored: Mapping[str, StoredImage] | None = None,
+    engine: Engine | None = None,
 ) -> ShootResult:  # fmt: skip
     """Shoot what the plan asks for and is not there yet.
 
@@ -145,6 +158,7 @@ def shoot_plan(
         captures_dir: where to, by default the workspace's `captures/`.
         patch_mm: printed side of every patch, by default as the object's spec or the patch's record says.
         stored: images by the hash of their inputs (`index_images`) that are copied instead of shot again.
+        engine: where images are shot; by default in this process.
 
     Raises:
         ToolkitError: an object, variant, backdrop, light, renderer or source is unknown, an object is not in the plan,
@@ -159,7 +173,8 @@ def shoot_plan(
         for item in items.values()
         for variant in variants
     ]  # fmt: skip
-    return shoot_scenes(workspace, scenes, settings, (captures_dir or workspace.captures_dir) / source, stored)
+    source_dir = (captures_dir or workspace.captures_dir) / source
+    return shoot_scenes(workspace, scenes, settings, source_dir, stored, engine=engine)
 
 
 def check_settings(workspace: Workspace, settings: ShootSettings, source: str) -> None:
@@ -190,21 +205,23 @@ def check_no_photographs(source_dir: Path, known: Mapping[str, CaptureRecord]) -
 
 def shoot_scenes(
     workspace: Workspace, scenes: Sequence[Sequence[Shot]], settings: ShootSettings, source_dir: Path,
-    stored: Mapping[str, StoredImage] | None = None,
+    stored: Mapping[str, StoredImage] | None = None, *, engine: Engine | None = None,
 ) -> ShootResult:  # fmt: skip
     """Take the shots that are not there yet; those of a scene share object and variant, and its light is baked once.
+
+    A scene of over 64 shots is cut into several units, and its light is baked for each.
 
     Raises:
         ToolkitError: a patch is missing, a backdrop or light is unknown, the folder holds photographs, or the disk is
             full or read-only.
     """
     with hold_folder(source_dir):
-        return _shoot_missing(workspace, scenes, settings, source_dir, stored or {})
+        return _shoot_missing(workspace, scenes, settings, source_dir, stored or {}, engine or InProcess())
 
 
 def _shoot_missing(
     workspace: Workspace, scenes: Sequence[Sequence[Shot]], settings: ShootSettings, source_dir: Path,
-    stored: Mapping[str, StoredImage],
+    stored: Mapping[str, StoredImage], engine: Engine,
 ) -> ShootResult:  # fmt: skip
     known = read_manifest(source_dir)
     check_no_photographs(source_dir, known)
@@ -215,15 +232,27 @@ def _shoot_missing(
         waiting = [[shot for shot in shots if not _copy_stored(shot, stored, source_dir)] for shots in waiting]
     total, todo = sum(map(len, scenes)), sum(map(len, waiting))
     with progress("shooting", total, done=total - todo) as bar:
-        for shots in waiting:
-            if shots:
-                _shoot_scene(workspace, shots, settings, source_dir, bar)
+        failures: list[Outcome[list[CaptureRecord], Picture]] = []
+        made = 0
+        for outcome in engine.run(_list_units(workspace, waiting, settings, bar)):
+            if outcome.result is None:
+                failures.append(outcome)
+                check_hope(failures, made)
+                continue
+            made += 1
+            content, at = outcome.result
+            record = outcome.unit.tag[at].model_copy(update={"image_sha256": sha256_bytes(content)})
+            write_bytes(source_dir / record.path, content, source_dir)
+            append_record(source_dir, record)
+            bar.advance(note=outcome.unit.name)
+    if failures and not made and total == todo:
+        raise ToolkitError(failures[0].reason)
     records = read_manifest(source_dir)
     wanted = {shot.path for shots in scenes for shot in shots}
     folders = {Path(path).parent for path in wanted}
     stale = [p for p in records if p not in wanted and Path(p).parent in folders and (source_dir / p).is_file()]
     write_transforms(source_dir, [record for path, record in sorted(records.items()) if (source_dir / path).is_file()])
-    return ShootResult(source_dir, todo, total - todo, sorted(stale))
+    return ShootResult(source_dir, made, total - todo, sorted(stale), tuple(list_failures(failures)))
 
 
 def _load_item(workspace: Workspace, name: str, patch_mm: float | None) -> TableObject:
@@ -284,32 +313,55 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
     return look
 
 
-def _shoot_scene(
-    workspace: Workspace, shots: Sequence[Shot], settings: ShootSettings, source_dir: Path, bar: Ticker
-) -> None:
-    item, variant = shots[0].item, shots[0].variant
-    booster = find_booster(workspace, item, variant)
-    studio = studio_for(item, settings)
-    bar.advance(0, note=f"{item.name} {variant}: light")
-    renderer = make_renderer(settings.renderer, dress(item, booster), studio)
-    pictures = renderer.render_many((shot.camera, shot.T_world_camera) for shot in shots)
-    for shot, picture in zip(shots, pictures, strict=True):
-        content = _encode(tone_map(picture, (settings.seed, shot.pose_id or 0)), settings.image_format)
-        write_bytes(source_dir / shot.path, content, source_dir)
-        append_record(
-            source_dir,
-            CaptureRecord(
-                path=shot.path, object=item.name, variant=variant, pose_id=shot.pose_id,
-                T_world_camera=np.round(shot.T_world_camera, 6).tolist(), intrinsics=shot.camera.intrinsics,
-                booster_sha256=booster.sha256 if booster else None, image_sha256=sha256_bytes(content),
-                made={
-                    "with": f"toolkit {__version__}", "renderer": settings.renderer, "studio": studio.name,
-                    "seed": settings.seed, **note_booster(booster), **shot.made,
-                },
-                inputs_sha256=shot.inputs_sha256,
-            ),
-        )  # fmt: skip
-        bar.advance(note=f"{item.name} {variant}")
+Picture = tuple[bytes, int]
+"""An image file, and which of its unit's shots it is."""
+
+
+def _list_units(
+    workspace: Workspace, scenes: Sequence[Sequence[Shot]], settings: ShootSettings, bar: Ticker
+) -> Iterator[Unit[list[CaptureRecord], Picture]]:
+    """Units whose tags are the records of their shots, but for the hash of the image."""
+    for scene in scenes:
+        for start in range(0, len(scene), UNIT_SHOTS):
+            shots = scene[start : start + UNIT_SHOTS]
+            item, variant = shots[0].item, shots[0].variant
+            name = f"{item.name} {variant}"
+            bar.advance(0, note=f"{name}: light")
+            booster = find_booster(workspace, item, variant)
+            made = {
+                "with": f"toolkit {__version__}", "renderer": settings.renderer,
+                "studio": studio_for(item, settings).name, "seed": settings.seed, **note_booster(booster),
+            }  # fmt: skip
+            records = [_describe_shot(shot, booster, made) for shot in shots]
+            places = [(shot.camera, shot.T_world_camera, shot.pose_id or 0) for shot in shots]
+            key = "+".join(shot.inputs_sha256 for shot in shots)
+            yield Unit(key, shoot_unit, (item, booster, settings, places), name, records)
+
+
+def _describe_shot(shot: Shot, booster: Print | Paint | None, made: Mapping[str, Any]) -> CaptureRecord:
+    return CaptureRecord(
+        path=shot.path, object=shot.item.name, variant=shot.variant, pose_id=shot.pose_id,
+        T_world_camera=np.round(shot.T_world_camera, 6).tolist(), intrinsics=shot.camera.intrinsics,
+        booster_sha256=booster.sha256 if booster else None, made={**made, **shot.made},
+        inputs_sha256=shot.inputs_sha256,
+    )  # fmt: skip
+
+
+def shoot_unit(
+    item: TableObject, booster: Print | Paint | None, settings: ShootSettings,
+    places: Sequence[tuple[Camera, np.ndarray, int]],
+) -> Iterator[Picture]:  # fmt: skip
+    """The work of a unit: the picture files of one object in one variant.
+
+    Args:
+        item, booster: what is shot.
+        settings: how.
+        places: camera, `T_world_camera` and number of the sensor's noise of each shot.
+    """
+    renderer = make_renderer(settings.renderer, dress(item, booster), studio_for(item, settings))
+    pictures = renderer.render_many((camera, pose) for camera, pose, _ in places)
+    for at, ((_, _, number), picture) in enumerate(zip(places, pictures, strict=True)):
+        yield _encode(tone_map(picture, (settings.seed, number)), settings.image_format), at
 
 
 def _encode(pixels: np.ndarray, image_format: str) -> bytes:

@@ -8,15 +8,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from toolkit.cli import options
+from toolkit.cli.options import from_config
 from toolkit.cli.output import kept_before, remark, say, show_json
 from toolkit.core.errors import FieldError
+from toolkit.engine.config import EngineConfig
 
 if TYPE_CHECKING:
     from toolkit.captures.corrupt import CorruptedSource
     from toolkit.captures.shoot import ShootResult
 
 
+@from_config(engine=EngineConfig)
 def capture_sim(
+    *,
+    engine: EngineConfig,
     objects: options.Objects = None,
     variants: options.Variants = None,
     backdrop: Annotated[
@@ -83,7 +88,7 @@ def capture_sim(
         folder = like if like.is_dir() else space.root / like
         with_board = shows_board(folder) if board is None else board
         settings = replace(bare, board=read_board(space)) if with_board else bare
-        found = shoot_like(space, folder, settings, source, objects or (), variants or (), max_px or MAX_PX)
+        found = shoot_like(space, folder, settings, source, objects or (), variants or (), max_px or MAX_PX, engine)
         shot, skipped = found.shoot, found.skipped
         list_skipped(skipped)
     else:
@@ -100,10 +105,13 @@ def capture_sim(
             for line in list_misfits(space, objects or list(plan.objects), plan):
                 remark(line)
         source = source or "-".join(["sim", *([patches] if patches else []), *(["board"] if board else [])])
-        shot = shoot_plan(space, plan, objects or list(plan.objects), variants or PAIR, settings, source)
+        with engine.open() as hands:
+            names = objects or list(plan.objects)
+            shot = shoot_plan(space, plan, names, variants or PAIR, settings, source, engine=hands)
+    list_skipped(shot.failed)
     corrupted = corrupt_source(shot.source_dir, corruptions)
     _report(shot, corrupted, None if skipped is None else len(skipped), as_json)
-    if skipped or any(one.failed for one in corrupted):
+    if skipped or shot.failed or any(one.failed for one in corrupted):
         raise typer.Exit(1)
 
 

@@ -8,6 +8,7 @@ from toolkit.benchmark.config import CorruptEvalConfig
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import kept_before, remark, say, warn
+from toolkit.engine.config import EngineConfig
 
 if TYPE_CHECKING:
     from toolkit.benchmark.evaluate import BenchmarkRun
@@ -15,7 +16,7 @@ if TYPE_CHECKING:
 SHOWN_NAMES = 5
 
 
-@from_config(config=CorruptEvalConfig)
+@from_config(config=CorruptEvalConfig, engine=EngineConfig)
 def corrupt_eval(
     *,
     data: Annotated[
@@ -26,6 +27,7 @@ def corrupt_eval(
         ),
     ],
     config: CorruptEvalConfig,
+    engine: EngineConfig,
     model: options.Model = None,
     weights: options.WeightsFile = None,
     download: options.Download = False,
@@ -51,7 +53,7 @@ def corrupt_eval(
 
     classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
     images = open_images(data, classifier, "test", download)
-    done = evaluate_benchmark(space, images, classifier, config, load)
+    done = evaluate_benchmark(space, images, classifier, config, load, engine)
     if as_json:
         typer.echo(done.files.summary.read_text(encoding="utf-8"))
     else:

@@ -11,6 +11,7 @@ from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json
 from toolkit.landing.boost import BoostConfig, PadPrintConfig
 from toolkit.landing.collect import CollectConfig
+from toolkit.landing.demo import DemoConfig
 from toolkit.landing.fly import FlyConfig
 from toolkit.landing.train import RECIPES as TRAINING
 
@@ -136,7 +137,7 @@ def fly(
     files = write_report(config, flown, results, pairs, space)
     films = []
     if film:
-        for one in dict.fromkeys((results[0].records[0], results[-1].records[0])):
+        for one in [results[0].records[0], *(last.records[0] for last in results[1:][-1:])]:
             path = flown.folder / f"episode-{one.pad}-{one.weather}-{one.severity}.mp4"
             films.append(film_episode(space, config, flown, one, seed, path))
     if as_json:
@@ -213,3 +214,28 @@ def boost(
     name = made.file.stem
     say(f"next: toolkit landing fly {regressor} --pad plain --pad {name} --weather clear --weather fog:1-5")
     say(f"or train again on it: toolkit landing collect {name} --pad {name}, then toolkit landing train {name}")
+
+
+@from_config(config=DemoConfig)
+def demo(
+    config: DemoConfig,
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="New workspace, or one to go on in.")] = Path(
+        "landing"
+    ),
+    seed: options.Seed = 0,
+    device: options.Device = "auto",
+    quiet: options.Quiet = False,
+) -> None:
+    """From an empty folder to the report: collect, train, boost, fly plain and boosted pads in clear air and fog."""
+    from toolkit.core.workspace import is_workspace, make_workspace, open_workspace
+    from toolkit.landing.demo import run_demo
+    from toolkit.models.network import choose_device
+
+    space = open_workspace(folder) if is_workspace(folder) else make_workspace(folder)
+    made = run_demo(space, config, seed, choose_device(device))
+    say(f"started from {made.trained.regressor.record.started_from}")
+    show_errors({made.trained.regressor.name: made.trained.regressor.record.held_out})
+    show_flights(made.results, made.pairs)
+    say(f"pad: {made.boosted.file}; pages at true size: {made.boosted.pdf}")
+    say(f"film: {made.film}")
+    say(f"report: {made.report}")

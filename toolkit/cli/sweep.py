@@ -8,16 +8,18 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, warn
+from toolkit.engine.config import EngineConfig
 from toolkit.sweeps.config import SweepConfig
 
 if TYPE_CHECKING:
     from toolkit.sweeps.sweep import SweepResult
 
 
-@from_config(config=SweepConfig)
+@from_config(config=SweepConfig, engine=EngineConfig)
 def sweep(
     *,
     config: SweepConfig,
+    engine: EngineConfig,
     model: Annotated[
         str, typer.Option(metavar="NAME", help="Torchvision classifier, timm:NAME, rig18, or your own.")
     ] = "resnet18",
@@ -38,7 +40,7 @@ def sweep(
 
     space = open_workspace(workspace).with_patches(patches)
     classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
-    result = run_sweep(space, config, classifier)
+    result = run_sweep(space, config, classifier, engine=engine)
     if as_json:
         show_json(result.sweep.as_json())
     else:

@@ -182,6 +182,9 @@ def export(
     variant: VariantName = None,
     place: PlaceName = None,
     length_m: Length = None,
+    lamps: Annotated[
+        bool, typer.Option("--lamps", help="Lit, as at dusk: what glows is written as emissive textures.")
+    ] = False,
     scale: Scale = 1.0,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Where to. Default: rig/worlds/NAME/NAME.glb.")
@@ -193,7 +196,7 @@ def export(
 ) -> None:
     """Write a world, and an object in it, as GLB: metres, y up, with textures, for Blender, Unreal, three.js.
 
-    What glows at dusk is written as emissive textures. Sky and weather are no part of it.
+    Sky and weather are no part of it.
     """
     from toolkit.core.files import write_bytes
     from toolkit.core.workspace import open_workspace
@@ -216,7 +219,7 @@ def export(
         mesh = merge_meshes([mesh, stands.in_world])
         title = f"{title}-{name}-{variant or 'unpatched'}"
     file = out or space.worlds_dir / opened.name / f"{title}.glb"
-    content = to_glb(mesh, title, units_per_m=1.0)
+    content = to_glb(mesh, title, units_per_m=1.0, lamps=lamps)
     write_bytes(file, content)
     if as_json:
         show_json({"file": str(file), "bytes": len(content), "triangles": len(mesh.faces)})

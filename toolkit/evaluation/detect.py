@@ -23,6 +23,7 @@ from toolkit.evaluation.evaluate import DEFAULT, find_run_dir, name_run
 from toolkit.evaluation.ground_truth import add_corrupted
 from toolkit.evaluation.metrics import Comparison, compare_controls, compare_unpatched, index_poses, rank_variant
 from toolkit.evaluation.predict import Prediction, corrupt_images, find_pending
+from toolkit.evaluation.results import list_corrupted
 from toolkit.imaging.read import UnreadableImage, read_image
 from toolkit.models.detector import Detections, Detector, box_iou, detector_class
 from toolkit.objects.spec import read_spec
@@ -199,7 +200,7 @@ def evaluate_detector(
                   "sha256": detector.weights.sha256},
         "found": {"iou": FOUND_IOU, "score": FOUND_SCORE},
         "groups": [one.as_json() for one in groups], "pairs": [one.as_pair() for one in compare_unpatched(poses)],
-        "notes": list(notes),
+        "corrupted": list_corrupted(one.capture for one in images), "notes": list(notes),
     }  # fmt: skip
     run = DetectionRun(
         tuple(images), groups, pairs, (*failed, *unknown, *folder.refused_folders), notes, run_dir, summary

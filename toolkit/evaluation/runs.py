@@ -18,8 +18,8 @@ SCHEMA_VERSION = 1
 """The newest of `summary.json` that is read here."""
 CLEAR, MEAN = "clear", "mean of corruptions"
 """Condition of images as they were taken, and of a mean over several conditions."""
-Kind = Literal["eval", "world-eval", "sweep", "benchmark", "landing"]
-Metric = Literal["top1", "success"]
+Kind = Literal["eval", "detection", "world-eval", "sweep", "benchmark", "landing"]
+Metric = Literal["top1", "success", "found"]
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class ResultRow:
         severity: of the condition, 0 without; None for a mean.
         world, place: of a world's groups and landings; None elsewhere, place `all` for all places together.
         n, failed: how many were judged, and how many images could not be read; None where it is a mean of shares.
-        metric: what `share` is of: right at the first guess, or landed.
+        metric: what `share` is of: right at the first guess, landed, or found by a detector.
         share, ci95: with its 95 % interval; None without images.
         gained, lost, p: pairs that changed against `unpatched`, and the exact McNemar test; None without pairs.
     """
@@ -259,6 +259,10 @@ def _read_rows(file: Path, run: str) -> tuple[Kind, list[ResultRow]]:
     try:
         if "cells" in content and "variants" in content:
             return "benchmark", list(_list_cells(run, _Benchmark.model_validate(content)))
+        if content.get("kind") == "detections":
+            groups = [_as_group(one) for one in content.get("groups") or []]
+            found = _Evaluation.model_validate(content | {"groups": groups})
+            return "detection", [replace(row, metric="found") for row in _list_groups(run, "detection", found)]
         if "groups" in content:
             found = _Evaluation.model_validate(content)
             kind: Kind = "sweep" if run.startswith("sweeps/") else "eval"
@@ -270,6 +274,13 @@ def _read_rows(file: Path, run: str) -> tuple[Kind, list[ResultRow]]:
     except ValidationError as error:
         raise ToolkitError(f"{file} is damaged ({explain_validation(error)}): make the run again") from None
     raise ToolkitError(f"{file} is no result of toolkit: expected groups or cells in it")
+
+
+def _as_group(detected: object) -> object:
+    """A detector's group in the fields of a classifier's."""
+    if not isinstance(detected, dict):
+        return detected
+    return detected | {"top1": detected.get("found"), "top1_ci95": detected.get("found_ci95")}
 
 
 def _list_groups(run: str, kind: Kind, found: _Evaluation) -> Iterator[ResultRow]:

@@ -38,6 +38,7 @@ class DescentConfig(Config):
         rate: speed per metre of height between the two.
         align_m, align_share: it goes down while the pad is within align_m + align_share · height of straight below.
         blind_m: below this height over the pad it goes straight down and looks no more.
+        unseen_m: below this height a pad that is not found, as one that fills the picture, does not stop it.
     """
 
     fastest_m_s: Annotated[float, Field(gt=0, le=6), Flag("--descent")] = Field(
@@ -77,7 +78,7 @@ class Pilot:
         level = np.where(known[:, None], kp * error + ki * self._sum[chosen] + kd * slope, 0.0)
         height = flights.state.position[2, chosen] - flights.pads[chosen, 2]
         aligned = known & (np.hypot(*error.T) < law.align_m + law.align_share * height)
-        blind = height < law.blind_m
+        blind = (height < law.blind_m) | (~known & (height < law.unseen_m))
         down = np.where(aligned | blind, np.clip(law.rate * height, law.slowest_m_s, law.fastest_m_s), 0.0)
         self._velocity[:2, chosen] = np.where(blind, 0.0, level.T)
         self._velocity[2, chosen] = -down

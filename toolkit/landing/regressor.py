@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -23,6 +23,11 @@ if TYPE_CHECKING:
 SUFFIX = ".safetensors"
 CHUNK = 16
 """Pictures that are answered together, always so many: the last digits of a sum depend on the size of a batch."""
+
+
+Pool = Literal["average", "grid"]
+STRIDE = 32
+"""Of the last features of a ResNet."""
 
 
 class ErrorRow(BaseModel):
@@ -51,6 +56,7 @@ class RegressorRecord(BaseModel):
     Attributes:
         name, arch: of the file, and of the network.
         outputs: 2 (x, y), or 3 with the logarithm of the uncertainty.
+        pool: what the last layer sees, see `build_module`.
         image_px, fov_deg: of the pictures that it takes.
         mean, std: of its normalisation, sRGB-encoded.
         sigma_scale: factor on its uncertainty, from frames that it was not trained on; None without one.
@@ -69,6 +75,7 @@ class RegressorRecord(BaseModel):
     name: str
     arch: str
     outputs: int = Field(ge=2, le=3)
+    pool: Pool = "average"
     image_px: int = Field(gt=0)
     fov_deg: float
     mean: tuple[float, float, float]
@@ -147,6 +154,32 @@ class Regressor:
             )
 
 
+def build_module(arch: str, outputs: int, pool: Pool, image_px: int) -> "torch.nn.Module":
+    """A network with random weights whose last layer has some outputs.
+
+    Args:
+        arch: one of torchvision's.
+        outputs: of the last layer.
+        pool: what that sees: the features' `average`, as in the paper; or the `grid` of them as it lies over the
+            picture, so that where something is needs not be coded in what it is. For ResNets.
+        image_px: side of its pictures.
+
+    Raises:
+        FieldError: a grid of a network that is no ResNet.
+    """
+    import torch
+
+    module = build_network(arch, outputs)
+    if pool == "grid":
+        if not arch.startswith(("resnet", "wide_resnet", "resnext")):
+            raise FieldError("grid is for ResNets: take average", {"pool": pool, "arch": arch})
+        last, cells = module.get_submodule("fc"), (-(-image_px // STRIDE)) ** 2
+        assert isinstance(last, torch.nn.Linear)
+        module.avgpool = torch.nn.Identity()
+        module.fc = torch.nn.Linear(last.in_features * cells, outputs)
+    return module
+
+
 def as_batch(images: np.ndarray) -> "torch.Tensor":
     """(n, 3, h, w) float32 in [0, 1] of (n, h, w, 3) uint8."""
     import torch
@@ -201,7 +234,7 @@ def load_regressor(space: Workspace, name: str, device: str = "cpu") -> Regresso
         )
     state = read_state_dict(WeightsFile(file, digest, file.name))
     with torch.random.fork_rng(devices=[]):
-        module = build_network(record.arch, record.outputs)
+        module = build_module(record.arch, record.outputs, record.pool, record.image_px)
     expected = module.state_dict()
     wrong = [key for key, value in expected.items() if key not in state or state[key].shape != value.shape]
     if wrong:

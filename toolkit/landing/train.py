@@ -21,15 +21,16 @@ from toolkit.landing.dataset import DatasetFile, SampleSet, open_dataset, read_s
 from toolkit.landing.regressor import (
     SUFFIX,
     ErrorRow,
+    Pool,
     Regressor,
     RegressorRecord,
     as_batch,
+    build_module,
     freeze,
     regressors_dir,
     run_network,
     summarise_errors,
 )
-from toolkit.models.architectures import build_network
 from toolkit.models.bundled import bundled_file, read_bundled
 from toolkit.models.network import choose_device
 from toolkit.models.weights import WeightsFile, find_local, find_weights, open_weights, read_state_dict
@@ -54,6 +55,7 @@ class LandingTrainConfig(Config):
         name: of its file; by default the data set's.
         arch: of the network, one of torchvision's.
         init: weights to start from; by default ImageNet's of that network.
+        pool: what the last layer sees, see `build_module`.
         frames: of the training split at most.
         epochs, batch, lr, optimiser, schedule, momentum, weight_decay: of the training.
         loss: `mse` of metres, or `relative`: of shares of the height.
@@ -66,6 +68,7 @@ class LandingTrainConfig(Config):
     init: Annotated[Path | None, Flag(metavar="FILE", typed=Path)] = Field(
         None, description="Weights to start from. Default: ImageNet's, else the bundled network."
     )
+    pool: Annotated[Pool, Flag()] = Field("grid", description="What the last layer sees of the features.")
     frames: Annotated[int | None, Field(ge=8), Flag(typed=int)] = Field(None, description="To train on, at most.")
     epochs: Annotated[int, Field(ge=1, le=1000), Flag()] = Field(8, description="Times through the frames.")
     batch: Annotated[int, Field(ge=2, le=4096), Flag()] = Field(64, description="Frames of a step.")
@@ -183,7 +186,7 @@ def find_start(config: LandingTrainConfig) -> WeightsFile:
     return find_weights(config.arch)
 
 
-def start_module(arch: str, outputs: int, init: WeightsFile, seed: int) -> "nn.Module":
+def start_module(config: LandingTrainConfig, image_px: int, init: WeightsFile, seed: int) -> "nn.Module":
     """A network with weights, all but the last layer's, which is drawn by the seed.
 
     Raises:
@@ -191,9 +194,11 @@ def start_module(arch: str, outputs: int, init: WeightsFile, seed: int) -> "nn.M
     """
     import torch
 
+    arch, outputs = config.arch, 3 if config.uncertainty else 2
+
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        module = build_network(arch, outputs)
+        module = build_module(arch, outputs, config.pool, image_px)
     own, given = module.state_dict(), read_state_dict(init)
     fitting = {name: value for name, value in given.items() if name in own and value.shape == own[name].shape}
     missing = {name.rpartition(".")[0] for name in own if name not in fitting and not name.endswith("tracked")}
@@ -225,7 +230,7 @@ class RegressorTask(Task[Regressor]):
         self.calibration, self.chosen = np.sort(numbers[:aside]), np.sort(numbers[aside:])
         if len(self.chosen) < 2:
             raise ToolkitError("too few frames to train on: collect more")
-        module = start_module(config.arch, 3 if config.uncertainty else 2, init, seed)
+        module = start_module(config, train.images.shape[1], init, seed)
         self.module = module.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def parameters(self) -> "dict[str, torch.Tensor]":
@@ -302,6 +307,7 @@ class RegressorTask(Task[Regressor]):
         fov = round(float(2 * np.degrees(np.arctan(camera["width"] / 2 / camera["fx"]))), 6)
         record = RegressorRecord(
             name=self.file.stem, arch=self.config.arch, outputs=3 if self.config.uncertainty else 2,
+            pool=self.config.pool,
             image_px=int(camera["width"]), fov_deg=fov, mean=IMAGENET_MEAN, std=IMAGENET_STD,
             pad=self.about.pad, pad_sha256=self.about.pad_sha256, size_m=self.about.size_m,
             started_from=f"{self.init.name} {self.init.sha256[:16]}",

@@ -13,15 +13,16 @@ SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 10497, "wrapT": 10497}
 """As the rig looks textures up: linear between texels and between levels of detail, and repeating."""
 
 
-def to_glb(mesh: Mesh, name: str, units_per_m: float = MM_PER_M) -> bytes:
+def to_glb(mesh: Mesh, name: str, units_per_m: float = MM_PER_M, lamps: bool = False) -> bytes:
     """A binary glTF with one primitive per material; a picture that several materials share is embedded once.
 
-    Faces are drawn from both sides, as the rig does it. What materials give off is written as emissive textures.
+    Faces are drawn from both sides, as the rig does it.
 
     Args:
         mesh: an object, in millimetres, or a world.
         name: of the scene.
         units_per_m: of the mesh's vertices; 1 where they are in metres.
+        lamps: whether what materials give off is written, as emissive textures.
     """
     import trimesh
 
@@ -40,7 +41,7 @@ def to_glb(mesh: Mesh, name: str, units_per_m: float = MM_PER_M) -> bytes:
         look = trimesh.visual.material.PBRMaterial(
             name=unique, baseColorTexture=None if known else _png_image(material.texture),
             metallicFactor=float(material.metallic), roughnessFactor=float(material.roughness), doubleSided=True,
-            **_emission_of(material),
+            **(_emission_of(material) if lamps else {}),
         )  # fmt: skip
         piece = trimesh.Trimesh(
             vertices=mesh.vertices[used] @ T_gltf_world.T / units_per_m, faces=inverse.reshape(-1, 3),

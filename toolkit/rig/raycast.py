@@ -4,7 +4,6 @@ Light that does not change with the camera is baked once; what is left per frame
 texture at the right level of detail, and the gloss. Silhouettes, creases and printed sheets get four samples a pixel.
 """
 
-import os
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -16,6 +15,7 @@ from typing import Any, NamedTuple, TypeVar
 import cv2
 import numpy as np
 
+from toolkit.core.cores import count_cores
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import Material, Mesh
 from toolkit.rig.camera import Camera, orbit_direction, orbit_pose, project
@@ -316,11 +316,6 @@ def _pixels_in(region: tuple[int, int, int, int], left: int, top: int, width: in
     near = np.zeros((count // max(width, 1), width), bool)
     near[region[1] - top : region[3] - top, region[0] - left : region[2] - left] = True
     return near.reshape(-1)
-
-
-def count_cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 V = TypeVar("V")

@@ -10,6 +10,8 @@ from toolkit.captures.shoot import ShootSettings, StoredImage, index_images, sho
 from toolkit.core.console import progress, quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
+from toolkit.engine.config import EngineConfig
+from toolkit.engine.units import Engine
 from toolkit.evaluation.config import EvalConfig
 from toolkit.evaluation.evaluate import Evaluation, write_evaluation
 from toolkit.evaluation.ground_truth import class_of_spec, find_true_classes
@@ -46,8 +48,9 @@ class SweepResult:
 
 
 def run_sweep(
-    workspace: Workspace, config: SweepConfig, classifier: Classifier, base: Setup | None = None
-) -> SweepResult:
+    workspace: Workspace, config: SweepConfig, classifier: Classifier, base: Setup | None = None,
+    engine: EngineConfig | None = None,
+) -> SweepResult:  # fmt: skip
     """Vary one thing and keep the rest.
 
     Images lie in `eval/sweeps/AXIS/captures/VALUE/OBJECT/VARIANT`, the report in `eval/sweeps/AXIS/MODEL`, and the rows
@@ -59,6 +62,7 @@ def run_sweep(
         config: what is varied. Its `run` stands for MODEL.
         classifier: from `load_classifier`.
         base: what is kept: by default the workspace's plan, and the rig's settings with the seed of `config`.
+        engine: where images are shot; by default in this process.
 
     Raises:
         ToolkitError: an unknown object or variant, no patch, an object that is no class of the network, nothing that
@@ -80,12 +84,13 @@ def run_sweep(
     name = config.run or "-".join(dict.fromkeys(part for part in (classifier.name, patches) if part))
     # two sets of patches would take turns in one folder, and be shot again each time
     captures_dir = folder / (f"captures-{patches}" if patches else "captures")
-    shot, kept, stale = _shoot_units(workspace, possible, variants, captures_dir)
+    with (engine or EngineConfig()).open() as hands:
+        shot, kept, stale, unshot = _shoot_units(workspace, possible, variants, captures_dir, hands)
     captures = _read_units(captures_dir, possible, variants, stale)
     classes = find_true_classes(captures, workspace, classifier)
     cache_file = workspace.eval_dir / "sweeps" / "predictions.jsonl"
     predictions, classified = predict_once(captures.captures, classes, classifier, cache_file)
-    findings = compare_predictions(classifier.name, predictions, captures.refused_folders)
+    findings = compare_predictions(classifier.name, predictions, (*captures.refused_folders, *unshot))
     evaluation = write_evaluation(folder / name, classifier, findings, captures.notes, EvalConfig(saliency=False))
     sweep = collect_rows(config, base.settings, units, classifier, findings)
     json_file, csv_file = write_sweep(folder, name, sweep)
@@ -104,25 +109,27 @@ def _check_classes(spec_files: Sequence[Path], classifier: Classifier) -> None:
 
 
 def _shoot_units(
-    workspace: Workspace, units: Sequence[Unit], variants: Sequence[str], captures_dir: Path
-) -> tuple[int, int, set[str]]:
-    """Images shot and kept, and paths of images there that are none of these units'."""
+    workspace: Workspace, units: Sequence[Unit], variants: Sequence[str], captures_dir: Path, engine: Engine
+) -> tuple[int, int, set[str], list[tuple[str, str]]]:
+    """Images shot and kept, paths of images there that are none of these units', and (what, reason) of those failed."""
     stored = dict(_find_stored(workspace))
     shot = kept = 0
     stale: set[str] = set()
+    failed: list[tuple[str, str]] = []
     with progress("shooting", len(units)) as bar, quietly():
         for unit in units:
             bar.advance(0, note=f"{unit.label}: {unit.object}")
             space = workspace if unit.patch_set is None else workspace.with_patches(unit.patch_set)
             result = shoot_plan(
                 space, unit.setup.plan, [unit.object], variants, unit.setup.settings, source=unit.label,
-                captures_dir=captures_dir, patch_mm=unit.setup.patch_mm, stored=stored,
+                captures_dir=captures_dir, patch_mm=unit.setup.patch_mm, stored=stored, engine=engine,
             )  # fmt: skip
             shot, kept = shot + result.shot, kept + result.kept
             stale |= {f"{unit.label}/{path}" for path in result.stale}
+            failed += [(f"{unit.label} {what}", reason) for what, reason in result.failed]
             stored |= index_images(result.source_dir)
             bar.advance()
-    return shot, kept, stale
+    return shot, kept, stale, failed
 
 
 def _find_stored(workspace: Workspace) -> Iterator[tuple[str, StoredImage]]:

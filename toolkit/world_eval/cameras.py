@@ -143,8 +143,10 @@ def find_reasons(world: World, placed: Placed, points: np.ndarray, nearest_m: fl
     local = (points - placed.stand.place) @ placed.stand.turn
     to_object = Shape.of(placed.mesh).rays.compute_distance(o3d.core.Tensor(local.astype(np.float32))).numpy()
     near = np.linalg.norm(points - placed.centre, axis=1) < nearest_m
+    low, high = world.bounds[:, :2]
+    outside = ((points[:, :2] < low) | (points[:, :2] > high)).any(axis=1)
     checks = (
-        (IN_WALL, world.inside_building(points)), (BELOW, points[:, 2] < ground), (OUTSIDE, np.isnan(ground)),
+        (IN_WALL, world.inside_building(points)), (BELOW, points[:, 2] < ground), (OUTSIDE, outside),
         (TOO_NEAR, near | (to_object < CLEARANCE_M)), (TOUCHING, gap < CLEARANCE_M),
     )  # fmt: skip
     reasons = np.full(len(points), "", object)

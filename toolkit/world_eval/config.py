@@ -1,5 +1,6 @@
 """What an evaluation in a world runs: declared once, for the command line, for Python and for the record."""
 
+import math
 import re
 from typing import Annotated
 
@@ -14,6 +15,7 @@ from toolkit.worlds.weather import CLEAR, parse_weathers
 
 GridShape = tuple[int, int, int]
 GRID_WORDS = re.compile(r"(\d{1,3})[x×](\d{1,3})[x×](\d{1,3})")
+MOST_POINTS = 1_000_000
 ON_THE_TABLE = "patch-alone"
 WORLD, VIEW = "World", "Cameras"
 
@@ -29,7 +31,10 @@ def read_grid(given: object) -> object:
     found = GRID_WORDS.fullmatch(given.strip())
     if not found or min(map(int, found.groups())) < 1:
         raise FieldError("expected cameras along, across and up, each 1 to 999, such as 10x10x10", {"grid": given})
-    return tuple(map(int, found.groups()))
+    shape = tuple(map(int, found.groups()))
+    if math.prod(shape) > MOST_POINTS:
+        raise FieldError(f"expected at most {MOST_POINTS:,} cameras around a place", {"grid": given})
+    return shape
 
 
 def read_weathers(given: object) -> object:

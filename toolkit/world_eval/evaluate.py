@@ -1,5 +1,6 @@
 """An evaluation in a world, from a config to a results folder: place, plan, render, weather, ask, summarise, write."""
 
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,6 +42,7 @@ from toolkit.worlds.sky import Sky, make_sky
 
 BATCH_FRAMES = 4
 """Frames whose answers are written together: what a kill may cost."""
+LONGEST_NAME = 90
 
 
 @dataclass(frozen=True)
@@ -73,6 +75,19 @@ def evaluate_world(workspace: Workspace, classifier: Classifier, config: WorldEv
         ToolkitError: an unknown object, variant, world or weather, a missing booster, an object that is larger than
             every place, no camera that can stand, a network's output that is not finite, or a disk that is full.
     """
+    asked = plan_run(workspace, classifier, config)
+    run_dir = workspace.eval_dir / (config.run or name_run(config, classifier))
+    worlds_dir = workspace.eval_dir / "worlds"
+    with hold_folder(worlds_dir):
+        kept = KeptFrames(run_dir / "frames", asked.stage, asked.places, asked.item.spec, everything=config.keep)
+        answers, computed = ask_missing(asked, worlds_dir / "answers.jsonl", kept)
+    results = WorldResults(config, classifier, asked.item, asked.true_index, asked.stage, asked.places, answers)
+    total = sum(len(one.true_rank) for one in answers.values())
+    return WorldRun(results, write_results(run_dir, results, kept), computed, total - computed)
+
+
+def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConfig) -> "Asked":
+    """Everything before the first picture: object, world, places and cameras; raises as `evaluate_world`."""
     item = load_object(workspace.object_spec(config.object))
     true_index = classifier.class_index(item.spec.class_name)
     variants = dress_variants(workspace, item, config)
@@ -86,20 +101,13 @@ def evaluate_world(workspace: Workspace, classifier: Classifier, config: WorldEv
     camera = Camera.from_fov(side, side, config.fov_deg)
     stage = Stage(world, sky, camera, config.seed, placed, variants)
     places = plan_places(stage, config)
-    run_dir = workspace.eval_dir / (config.run or name_run(config, classifier))
-    with hold_folder(workspace.eval_dir / "worlds"):
-        kept = KeptFrames(run_dir / "frames", stage, places, item.spec, everything=config.keep)
-        log = workspace.eval_dir / "worlds" / "answers.jsonl"
-        asked = Asked(stage, places, classifier, true_index, config.weathers, config.batch_size)
-        answers, computed = ask_missing(asked, log, kept)
-    results = WorldResults(config, classifier, item, true_index, stage, places, answers)
-    total = sum(len(one.true_rank) for one in answers.values())
-    return WorldRun(results, write_results(run_dir, results, kept), computed, total - computed)
+    return Asked(item, stage, places, classifier, true_index, config.weathers, config.batch_size)
 
 
 def name_run(config: WorldEvalConfig, classifier: Classifier) -> str:
     """World, object and network, such as `world-city-warplane-resnet18`."""
-    return f"world-{Path(config.world).stem}-{config.object}-{classifier.name.replace(':', '-').replace('/', '-')}"
+    words = f"world-{Path(config.world).stem}-{config.object}-{classifier.name}"
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", words)[:LONGEST_NAME]
 
 
 def dress_variants(workspace: Workspace, item: TableObject, config: WorldEvalConfig) -> dict[str, Variant]:
@@ -124,8 +132,19 @@ def plan_places(stage: Stage, config: WorldEvalConfig) -> tuple[PlaceCameras, ..
 
 @dataclass(frozen=True)
 class Asked:
-    """What is asked of whom."""
+    """What is asked of whom.
 
+    Attributes:
+        item: the object.
+        stage: world, sky, camera, places and variants.
+        places: the cameras at each place.
+        classifier: who is asked.
+        true_index: class of the object.
+        weathers: that every frame is seen in.
+        batch_size: pictures that are gathered for a pass.
+    """
+
+    item: TableObject
     stage: Stage
     places: tuple[PlaceCameras, ...]
     classifier: Classifier

@@ -132,7 +132,7 @@ def draw_cameras(places: Sequence[PlaceCameras]) -> bytes:
     """PNG: the cameras of each place from above: in view, partly hidden, hidden, left out."""
     columns = min(len(places), 5)
     rows = -(-len(places) // columns)
-    figure = make_figure(max(2.4 * columns, 4.5), 0.7 + 2.6 * rows)
+    figure = make_figure(max(2.4 * columns, 4.5), 0.6 + 2.2 * rows)
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     for panel, place in zip(panels, places, strict=False):
         left = np.array([bool(reason) for reason in place.reasons])

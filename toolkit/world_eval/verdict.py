@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 from toolkit.captures.read import POOLED, UNPATCHED
-from toolkit.core.tables import build_table, format_interval, format_p, format_percent, format_points
+from toolkit.core.tables import build_table, format_interval, format_p, format_percent, format_points, format_test
 from toolkit.evaluation.metrics import name_booster
 from toolkit.worlds.weather import CLEAR
 
@@ -59,9 +59,7 @@ def _judge_pair(pair: Row | None) -> tuple[str, str]:
     tone = "open"
     if interval and p < 0.05:
         tone = "good" if interval[0] > 0 else "bad" if interval[1] < 0 else "open"
-    tests = (
-        f"{pair['gained_top5']} gained, {pair['lost_top5']} lost, exact McNemar p {format_p(pair['mcnemar_p_top5'])}"
-    )
+    tests = f"{pair['gained_top5']} gained, {pair['lost_top5']} lost, {format_test(pair['mcnemar_p_top5'])}"
     return (
         tone,
         f" That is {points} points{limits} against bare: {tests}; over places p {format_p(pair['places_p_top5'])}.",
@@ -108,9 +106,9 @@ def _format_times(value: float | None, interval: list[float | None] | None, is_b
         return "–"
     start = "at least " if is_bound else ""
     if interval is None:
-        return f"{start}{value:.2g} times"
-    low, high = ("?" if one is None else f"{one:.2g}" for one in interval)
-    return f"{start}{value:.2g} times ({low}{'–' + high if high != '?' else ' or more'})"
+        return f"{start}{value:.1f} times"
+    low, high = ("?" if one is None else f"{one:.1f}" for one in interval)
+    return f"{start}{value:.1f} times ({low}{'–' + high if high != '?' else ' or more'})"
 
 
 def format_times(row: Row, key: str) -> str:
@@ -139,5 +137,5 @@ def build_world_table(summary: Summary) -> "Table":
     about = summary["about"]
     count = len(about["places"])
     title = f"{about['object']} in {about['world']}, {about['sky']}: {count} place{'s' if count > 1 else ''}"
-    heads = ("visibility m", "n", "top-1 %", "top-5 %", "95 %", "prob", "gained", "lost", "p")
+    heads = ("vis. m", "n", "top-1 %", "top-5 %", "95 %", "prob", "gained", "lost", "p")
     return build_table(title, ("variant", "weather"), heads, cells)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.objects.load import read_mesh, turn_upright
 from toolkit.objects.mesh import Material, Mesh, make_ray_scene
 from toolkit.objects.spec import axes_of_format
@@ -76,10 +76,10 @@ def _check_extent(mesh: Mesh, source: str) -> None:
     if MIN_ACROSS_M <= across <= MAX_ACROSS_M:
         return
     size = f"{across:,.0f}" if across > 100 else f"{across:.3g}"
-    unit = "in millimetres? try scale 0.001" if across > 300_000 else "in centimetres? try scale 0.01"
-    why = unit if across > MAX_ACROSS_M else "a model, or in another unit? give the scale that makes it metres"
-    raise ToolkitError(
-        f"{source}: the world is {size} m across, expected {MIN_ACROSS_M:g} to {MAX_ACROSS_M:g}: is it {why}"
+    unit = "in millimetres? try {scale} 0.001" if across > 300_000 else "in centimetres? try {scale} 0.01"
+    why = unit if across > MAX_ACROSS_M else "a model, or in another unit? give the {scale} that makes it metres"
+    raise FieldError(
+        f"{source}: the world is {size} m across, expected {MIN_ACROSS_M:g} to {MAX_ACROSS_M:g}: is it {why}", {}
     )
 
 

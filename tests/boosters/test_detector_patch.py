@@ -1,0 +1,96 @@
+"""A patch is trained against a detector: boxes lie round the object, and the loss brings its score up."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from toolkit.boosters.detectors import DetectorNetwork, find_detectors
+from toolkit.boosters.mounted import box_of_coverage
+from toolkit.core.errors import ToolkitError
+from toolkit.models.dense_detectors import DECODERS, DenseDetector
+from toolkit.models.weights import WeightsFile
+
+PX = 64
+
+
+class RedSeeker(nn.Module):
+    """FastestDet's outputs on a grid of 4 × 4: the redder a cell, the surer of a car that fills half the picture."""
+
+    def forward(self, batch):  # BGR in [0, 1]
+        red = nn.functional.adaptive_avg_pool2d(batch[:, 2:] - batch[:, :1], 4)
+        sure = torch.sigmoid(8 * red - 2)
+        classes = torch.cat([1 - sure, sure], 1)
+        return torch.cat([sure, torch.zeros_like(red).expand(-1, 4, -1, -1), classes], 1)
+
+
+def seeker(untrainable=""):
+    weights = WeightsFile(Path("red.onnx"), "ab" * 32, "red.onnx")
+    return DenseDetector(
+        "onnx:red.onnx", "red", RedSeeker(), DECODERS["fastestdet"], ["cup", "car"], weights, "cpu", PX, untrainable
+    )
+
+
+def test_the_loss_falls_where_score_and_box_fit():
+    detector, box = seeker(), torch.tensor([[12.0, 12.0, 44.0, 44.0]])
+    grey = torch.full((1, 3, PX, PX), 0.5)
+    red, aside = grey.clone(), grey.clone()
+    red[:, 0, 8:48, 8:48], red[:, 1:, 8:48, 8:48] = 1, 0
+    aside[:, 0, 56:, 56:], aside[:, 1:, 56:, 56:] = 1, 0
+    losses = [float(detector.losses(one, box, 1)) for one in (grey, aside, red)]
+    assert losses[2] < losses[1] - 0.5 and losses[2] < losses[0] - 0.5
+    assert float(detector.losses(red, box, 0)) > losses[2] + 0.5
+    thin = torch.tensor([[26.0, 12.0, 30.0, 44.0]])  # no box of this detector fits it
+    assert float(detector.losses(red, thin, 1)) > losses[2] + 0.1
+
+
+def test_its_gradient_is_that_of_finite_differences():
+    detector, box = seeker(), torch.tensor([[12.0, 12.0, 44.0, 44.0]])
+    image = torch.rand(1, 3, PX, PX, generator=torch.Generator().manual_seed(0)).double().requires_grad_()
+    gradient = torch.autograd.grad(detector.losses(image, box.double(), 1).sum(), image)[0]
+    along = gradient / gradient.norm()
+    with torch.no_grad():
+        ends = [detector.losses(image + sign * 1e-4 * along, box.double(), 1) for sign in (1, -1)]
+    assert float((ends[0] - ends[1]) / 2e-4) == pytest.approx(float(gradient.norm()), rel=1e-4)
+
+
+def test_the_box_of_a_coverage():
+    coverage = np.zeros((10, 12))
+    coverage[2:5, 3:9] = 1
+    coverage[5, 3:9] = 0.3
+    assert box_of_coverage(coverage) == (3, 2, 9, 5)
+    assert box_of_coverage(np.zeros((4, 4))) == (0, 0, 0, 0)
+
+
+def test_classifiers_and_detectors_are_not_mixed():
+    from tiny_network import tiny_classifier
+
+    network = DetectorNetwork(seeker())
+    assert find_detectors([network]) == [network] and find_detectors([tiny_classifier()]) is None
+    with pytest.raises(ToolkitError, match="not both"):
+        find_detectors([network, tiny_classifier()])
+
+
+def test_a_patch_makes_its_object_found(tmp_path):
+    """The whole way, on a small object: the patch turns red, since that is what the detector finds."""
+    import trimesh
+
+    from toolkit.boosters.data import DataConfig
+    from toolkit.boosters.patch import train_patch
+    from toolkit.boosters.patch_config import PatchConfig
+    from toolkit.core.workspace import make_workspace, open_workspace
+
+    make_workspace(tmp_path)
+    trimesh.creation.box((200, 160, 60)).export(tmp_path / "rig/objects/crate.obj")
+    spec = 'class = "racer"\nmesh = "crate.obj"\nlength_mm = 200\n[patch]\nsize_mm = 90\n'
+    (tmp_path / "rig/objects/crate.toml").write_text(spec)
+    config = PatchConfig(size_px=16, steps=25, batch=4, lr=0.1, mounted_share=0.5, mounted_views=6)
+    data = DataConfig(sources=("rig:crate",), images=4)
+    trained = train_patch(config, "racer", [DetectorNetwork(seeker())], data, open_workspace(tmp_path), name="crate")
+    red, _, blue = trained.patch.pixels.reshape(-1, 3).mean(0)
+    assert red > blue + 60 and trained.patch.record.class_name == "car"
+    assert trained.patch.record.networks[0].arch == "onnx:red.onnx"
+    (on_object,) = trained.on_object
+    assert on_object.patched.hits >= on_object.bare.hits

@@ -1,0 +1,120 @@
+"""Closed loops: a classical finder lands, cells and pairs are counted right, runs go on, films show the flight."""
+
+import json
+from pathlib import Path
+
+import cv2
+import pytest
+from scipy.stats import binomtest
+from test_boost import make_regressor
+
+from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.workspace import Workspace, make_workspace
+from toolkit.landing.fly import Cell, EpisodeRecord, Flown, FlyConfig, fly_all
+from toolkit.landing.report import film_episode, write_report
+from toolkit.landing.results import group_cells, pair_cells, write_summary
+
+QUICK = FlyConfig(
+    regressors=("apriltag",), pads=("apriltag",), episodes=2, places=2, ground="bare", time="overcast",
+    episode={"start_height_m": (2.2, 2.6), "wind_m_s": (0, 1), "time_limit_s": 12.0}, size_m=2.0,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Workspace, Flown]:
+    space = make_workspace(tmp_path_factory.mktemp("fly") / "work")
+    return space, fly_all(space, QUICK, seed=2)
+
+
+def test_an_apriltag_is_landed_on(flown: tuple[Workspace, Flown]) -> None:
+    for one in flown[1].records:
+        assert one.outcome == "success"
+        assert one.error_m is not None
+        assert one.error_m < 0.4
+        assert 2 < one.time_s < 12
+        assert len(one.track) > 20
+
+
+def test_files_say_what_was_flown(flown: tuple[Workspace, Flown]) -> None:
+    space, made = flown
+    results, pairs = write_summary(made.folder, QUICK, made, 2)
+    summary = json.loads((made.folder / "summary.json").read_text())
+    (cell,) = summary["cells"]
+    assert cell["success"] == 1.0
+    assert (cell["n"], cell["missed"], cell["crashed"], cell["lost"], cell["timed_out"]) == (2, 0, 0, 0, 0)
+    assert {"pad", "regressor", "world", "weather", "severity", "gains", "success_ci95", "median_error_m"} <= set(cell)
+    assert "within 0.5 m of the centre" in summary["success_is"]
+    files = write_report(QUICK, made, results, pairs, space)
+    page = files.report.read_text()
+    assert "http://" not in page
+    assert "https://" not in page
+    assert page.count("data:image/png;base64,") == 2
+    assert len((made.folder / "episodes.csv").read_text().splitlines()) == 3
+
+
+def test_a_film_shows_the_episode(flown: tuple[Workspace, Flown], tmp_path: Path) -> None:
+    space, made = flown
+    record = made.records[0]
+    film = cv2.VideoCapture(str(film_episode(space, QUICK, made, record, 2, tmp_path / "one.mp4")))
+    assert film.get(cv2.CAP_PROP_FRAME_COUNT) == len(record.track) + 10
+    assert film.get(cv2.CAP_PROP_FPS) == pytest.approx(10)
+    shown, first = film.read()
+    assert shown
+    assert first.shape == (520, 960, 3)
+    assert first.std() > 20
+
+
+def test_flights_go_on_and_do_not_depend_on_the_batch(tmp_path: Path) -> None:
+    space = make_workspace(tmp_path / "work")
+    make_regressor(space)
+    short = {"time_limit_s": 1.0, "start_height_m": (3.0, 4.0)}
+    config = FlyConfig(
+        regressors=("random",), pads=("plain", "grey"), episodes=5, places=2, ground="bare", time="overcast",
+        weathers=("fog:3",), episode=short,
+    )  # fmt: skip
+    whole = fly_all(space, config, seed=1)
+    assert whole.made == 10
+    log = whole.folder / "episodes.jsonl"
+    lines = log.read_text().splitlines()
+    log.write_text("\n".join(lines[:3]) + "\n" + lines[3][:40])
+    again = fly_all(space, config.with_overrides(batch=2), seed=1)
+    assert again.made == 7
+    assert again.records == whole.records
+    assert fly_all(space, config, seed=1).made == 0
+    assert fly_all(space, config, seed=2).made == 10
+    plain, grey = whole.records[:5], whole.records[5:]
+    assert [one.track[0] for one in plain] == [one.track[0] for one in grey]
+
+
+def record(pad: str, index: int, outcome: str) -> EpisodeRecord:
+    return EpisodeRecord(
+        inputs="", pad=pad, regressor="net", world="grass", weather="clear", severity=0, gains="gentle", index=index,
+        place="a", outcome=outcome, error_m=0.1 if outcome == "success" else None, time_s=5.0, path_m=8.0,
+        speed_m_s=None, tilt_deg=None,
+    )  # fmt: skip
+
+
+def test_pairs_are_counted_episode_by_episode(tmp_path: Path) -> None:
+    plain = ["success", "lost", "missed", "success", "lost", "lost", "lost", "lost"]
+    boosted = ["success", "success", "success", "crashed", "success", "success", "success", "lost"]
+    records = [record("plain", k, one) for k, one in enumerate(plain)]
+    records += [record("boosted", k, one) for k, one in enumerate(boosted)]
+    cells = tuple(Cell(pad, "net", "grass", "clear", 0, "gentle") for pad in ("plain", "boosted"))
+    results = group_cells(Flown(tmp_path, tuple(records), cells, 0, (), {}))
+    assert [one.count("success") for one in results] == [2, 6]
+    (pair,) = pair_cells(results)
+    assert (pair.cell.pad, pair.against.pad, pair.gained, pair.lost) == ("boosted", "plain", 5, 1)
+    assert pair.p == pytest.approx(binomtest(5, 6, 0.5).pvalue)
+    assert results[0].success_ci95[0] < 0.25 < results[0].success_ci95[1]
+
+
+def test_bad_flights_are_one_line(tmp_path: Path) -> None:
+    space = make_workspace(tmp_path / "work")
+    with pytest.raises(ToolkitError, match="no regressor called 'none': there is none yet"):
+        fly_all(space, FlyConfig(regressors=("none",)))
+    with pytest.raises(ToolkitError, match="gains 'hard': expected paper, gentle"):
+        FlyConfig(regressors=("features",), gains=("hard",))
+    with pytest.raises(FieldError, match="latency_s 90: expected less than"):
+        FlyConfig(regressors=("features",), episode={"latency_s": 90})
+    with pytest.raises(ToolkitError, match="no world called 'moon'"):
+        fly_all(space, FlyConfig(regressors=("features",), world="moon"))

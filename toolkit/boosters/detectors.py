@@ -1,0 +1,101 @@
+"""Detectors as what boosters are trained against."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from toolkit.boosters.pixels import Network
+from toolkit.core.errors import FieldError
+from toolkit.imaging.preprocessing import Preprocessing
+from toolkit.models.detector import Detector, detector_class
+from toolkit.models.weights import WeightsFile
+
+if TYPE_CHECKING:
+    import torch
+
+ANY_SIZE_PX = 320
+"""Side of the pictures for a detector that takes any."""
+
+
+@dataclass(frozen=True)
+class DetectorNetwork:
+    """A detector in a classifier's clothes: what it is surest of in the picture, wherever it sees that.
+
+    Attributes:
+        detector: the network.
+    """
+
+    detector: Detector
+    is_imagenet: bool = False
+
+    @property
+    def name(self) -> str:
+        """What to call it in a result."""
+        return self.detector.name
+
+    @property
+    def arch(self) -> str:
+        """Name of its architecture."""
+        return self.detector.arch
+
+    @property
+    def labels(self) -> list[str]:
+        """Name of each class."""
+        return self.detector.labels
+
+    @property
+    def weights(self) -> WeightsFile:
+        """The file that its weights came from."""
+        return self.detector.weights
+
+    @property
+    def device(self) -> str:
+        """Where it runs, `cpu` or `cuda`."""
+        return self.detector.device
+
+    @property
+    def untrainable(self) -> str:
+        """Why no gradient leads back to the image; empty where one does."""
+        return self.detector.untrainable
+
+    @property
+    def preprocessing(self) -> Preprocessing:
+        """Its square; what it does with the pixels is its own."""
+        side = self.detector.image_px or ANY_SIZE_PX
+        return Preprocessing(side, side, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
+
+    def logits(self, batch: "torch.Tensor") -> "torch.Tensor":
+        """(b, classes) the logarithm of each class's best score; for judging alone, no gradient leads back."""
+        import torch
+
+        pixels = batch.detach().mul(255).round().clamp(0, 255).byte().permute(0, 2, 3, 1).cpu().numpy()
+        best = torch.full((len(batch), len(self.labels)), 1e-6)
+        for k, seen in enumerate(self.detector.detect(list(pixels))):
+            for index, score in zip(seen.classes, seen.scores, strict=True):
+                best[k, index] = max(float(best[k, index]), float(score))
+        return best.log().to(batch.device)
+
+    def class_index(self, name: str | int) -> int:
+        """Index of a class by its label, or the name of an ImageNet class that is a kind of it."""
+        return detector_class(self.detector, name)
+
+
+def find_detectors(networks: Sequence[Network]) -> list[DetectorNetwork] | None:
+    """The networks, where they are detectors; None where they are classifiers.
+
+    Raises:
+        ToolkitError: some are the one and some the other.
+    """
+    found = [one for one in networks if isinstance(one, DetectorNetwork)]
+    if found and len(found) < len(networks):
+        raise FieldError("name classifiers or detectors, not both", {"model": " ".join(one.arch for one in networks)})
+    return found or None
+
+
+def resize_photos(photos: "torch.Tensor", side: int) -> "torch.Tensor":
+    """(b, 3, m, m) photographs at another side; differentiable."""
+    from torch.nn.functional import interpolate
+
+    if photos.shape[-1] == side:
+        return photos
+    return interpolate(photos, (side, side), mode="bilinear", antialias=True, align_corners=False)

@@ -1,0 +1,1 @@
+"""Lists of idempotent work units, addressed by the hash of their inputs: here, in a pool of processes, or on Ray."""

@@ -1,0 +1,193 @@
+"""Units on this machine: in this process, or in a pool of processes with one core each."""
+
+import itertools
+import multiprocessing
+import pickle
+import shutil
+import tempfile
+import weakref
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from functools import lru_cache
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Generic
+
+from toolkit.core.cores import limit_cores
+from toolkit.core.errors import ToolkitError
+from toolkit.engine.units import Outcome, Result, Tag, Unit, Value, do_work, explain_failure
+
+AHEAD = 2
+"""Units that are handed out for each worker: one is done, one waits."""
+TRIES = 2
+"""How often a unit may end its process before it is given up."""
+KILLED = "its process was killed, as it is where the memory is full"
+
+
+class Here(Generic[Value]):
+    """A shared value of this very process."""
+
+    def __init__(self, value: Value) -> None:
+        self._value = value
+
+    def get(self) -> Value:
+        """The value."""
+        return self._value
+
+
+class InProcess:
+    """Does each unit here when its turn comes; the work itself may use all cores."""
+
+    def share(self, value: Value) -> Here[Value]:
+        """The value as it is."""
+        return Here(value)
+
+    def run(self, units: Iterable[Unit[Tag, Result]]) -> Iterator[Outcome[Tag, Result]]:
+        """See `Engine.run`; a result is handed over before the unit's next one is begun."""
+        for unit in units:
+            try:
+                for result in unit.work(*unit.inputs):
+                    yield Outcome(unit, result)
+            except Exception as error:
+                yield Outcome(unit, None, explain_failure(error))
+
+    def __enter__(self) -> "InProcess":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        pass
+
+
+class Stored(Generic[Value]):
+    """A shared value in a file, which each worker reads once; the file goes when nobody in the driver holds this."""
+
+    def __init__(self, file: Path, value: Value) -> None:
+        self._file = file
+        try:
+            with file.open("wb") as stream:
+                pickle.dump(value, stream, protocol=pickle.HIGHEST_PROTOCOL)
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise ToolkitError(
+                f"{type(value).__name__} cannot be sent to another process ({error}): run without workers"
+            ) from None
+        weakref.finalize(self, file.unlink, missing_ok=True)
+
+    def get(self) -> Value:
+        """The value, read from its file or kept from before."""
+        return _load(self._file)
+
+    def __reduce__(self) -> tuple[Callable[[Path], "Stored[Any]"], tuple[Path]]:
+        return _open_stored, (self._file,)
+
+
+def _open_stored(file: Path) -> "Stored[Any]":
+    made: Stored[Any] = Stored.__new__(Stored)
+    made._file = file
+    return made
+
+
+@lru_cache(maxsize=8)
+def _load(file: Path) -> Any:
+    with file.open("rb") as stream:
+        return pickle.load(stream)  # of our own, in a folder that only this user may write to
+
+
+class LocalPool:
+    """A pool of processes on this machine.
+
+    They are spawned, not forked: torch and numba do not survive a fork. A worker that dies costs its unit another try,
+    with no other unit beside it; one that dies again is given up.
+
+    Attributes:
+        workers: how many processes; each uses one core.
+    """
+
+    def __init__(self, workers: int) -> None:
+        self.workers = workers
+        self._pool: ProcessPoolExecutor | None = None
+        self._folder: Path | None = None
+        self._numbers = itertools.count()
+
+    def share(self, value: Value) -> Stored[Value]:
+        """Write the value where the workers find it.
+
+        Raises:
+            ToolkitError: it cannot be sent to another process.
+        """
+        if self._folder is None:
+            self._folder = Path(tempfile.mkdtemp(prefix="toolkit-engine-"))
+        return Stored(self._folder / f"{next(self._numbers)}.pickle", value)
+
+    def run(self, units: Iterable[Unit[Tag, Result]]) -> Iterator[Outcome[Tag, Result]]:
+        """See `Engine.run`; the results of a unit are handed over together."""
+        waiting: deque[tuple[Unit[Tag, Result], Future[tuple[list[Result], str]]]] = deque()
+        rest = iter(units)
+        while True:
+            for unit in itertools.islice(rest, max(0, AHEAD * self.workers - len(waiting))):
+                waiting.append((unit, self._submit(unit)))
+            if not waiting:
+                return
+            unit, future = waiting.popleft()
+            try:
+                results, reason = future.result()
+            except BrokenProcessPool:
+                results, reason = self._try_alone(unit)
+                # the pool took them all down with it
+                waiting = deque((other, self._again(other, done)) for other, done in waiting)
+            except Exception as error:  # inputs or results that cannot be sent
+                results, reason = [], explain_failure(error)
+            yield from (Outcome(unit, result) for result in results)
+            if reason:
+                yield Outcome(unit, None, reason)
+
+    def _submit(self, unit: Unit[Tag, Result]) -> "Future[tuple[list[Result], str]]":
+        try:
+            return self._open().submit(do_work, unit.work, unit.inputs)
+        except BrokenProcessPool:
+            self._close()
+            return self._open().submit(do_work, unit.work, unit.inputs)
+
+    def _again(
+        self, unit: Unit[Tag, Result], done: "Future[tuple[list[Result], str]]"
+    ) -> "Future[tuple[list[Result], str]]":
+        """What the unit gave, if it had ended before; else another try."""
+        is_there = done.done() and not done.cancelled() and not isinstance(done.exception(), BrokenProcessPool)
+        return done if is_there else self._submit(unit)
+
+    def _try_alone(self, unit: Unit[Tag, Result]) -> tuple[list[Result], str]:
+        """Do a unit with no other beside it, so that who ended the process is known."""
+        for _ in range(TRIES):
+            self._close()
+            try:
+                return self._open(workers=1).submit(do_work, unit.work, unit.inputs).result()
+            except BrokenProcessPool:
+                continue
+            finally:
+                self._close()
+        return [], KILLED
+
+    def _open(self, workers: int | None = None) -> ProcessPoolExecutor:
+        if self._pool is None:
+            context = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(workers or self.workers, context, limit_cores, (1,))
+        return self._pool
+
+    def _close(self) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+            self._pool = None
+
+    def __enter__(self) -> "LocalPool":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._close()
+        if self._folder is not None:
+            shutil.rmtree(self._folder, ignore_errors=True)
+            self._folder = None

@@ -1,0 +1,186 @@
+"""Units on a Ray cluster: plain tasks, inputs and results through the object store, no shared file system.
+
+The driver alone writes. Ray starts a task again where its node or its worker died; what the work itself raises comes
+back as a reason. The kit travels with the tasks, so that the nodes need Python, Ray and the libraries alone.
+"""
+
+import os
+import socket
+from collections import OrderedDict, deque
+from collections.abc import Iterable, Iterator
+from itertools import islice
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, Generic
+
+from toolkit.core.cores import limit_cores
+from toolkit.core.errors import ToolkitError
+from toolkit.engine.units import Outcome, Result, Tag, Unit, Value, do_work, explain_failure
+
+if TYPE_CHECKING:
+    import ray
+
+AHEAD = 2
+"""Units that are handed out for each worker: one is done, one waits."""
+RETRIES = 3
+"""How often Ray does a unit again whose worker or node died."""
+ANSWER_S = 5.0
+"""How long a cluster may take to answer at its address."""
+KEPT = 8
+"""Shared values that a worker keeps, such as networks on their device."""
+_kept: "OrderedDict[str, Any]" = OrderedDict()
+
+
+class InStore(Generic[Value]):
+    """A shared value in Ray's object store; each worker reads it once and keeps it."""
+
+    def __init__(self, reference: "ray.ObjectRef[Value]") -> None:
+        self._reference = reference
+
+    def get(self) -> Value:
+        """The value."""
+        import ray
+
+        name = self._reference.hex()
+        if name not in _kept:
+            _kept[name] = ray.get(self._reference)
+            while len(_kept) > KEPT:
+                _kept.popitem(last=False)
+        _kept.move_to_end(name)
+        value: Value = _kept[name]
+        return value
+
+
+class RayEngine:
+    """A Ray cluster: one that runs, or one that is started on this machine and ends with the engine."""
+
+    def __init__(self, address: str | None = None, workers: int | None = None, gpus: int = 0) -> None:
+        """Not connected yet.
+
+        Args:
+            address: `HOST:PORT` of a cluster's head, `ray://HOST:PORT`, or `auto` for the one on this machine; None
+                starts one here.
+            workers: units that run at once; by default as many as the cluster has cores, or GPUs where they need one.
+            gpus: that each unit needs.
+
+        Raises:
+            ToolkitError: Ray is not installed.
+        """
+        try:
+            import ray  # noqa: F401
+        except ImportError:
+            raise ToolkitError("Ray is not installed: pip install 'toolkit-boost[ray]'") from None
+        self.address, self.workers, self.gpus = address, workers, gpus
+        self._task: Any = None
+        self._is_mine = False
+
+    def __enter__(self) -> "RayEngine":
+        """Connect, or start.
+
+        Raises:
+            ToolkitError: nobody answers at the address, or who answers is no Ray of this version.
+        """
+        import ray
+
+        if not ray.is_initialized():
+            self._start()
+        needs = {"num_cpus": 1, "num_gpus": self.gpus}
+        self._task = ray.remote(max_retries=RETRIES, **needs)(_do_on_node)
+        if self.workers is None:
+            found = ray.cluster_resources()
+            self.workers = max(1, int(found.get("GPU", 0) // self.gpus if self.gpus else found.get("CPU", 1)))
+        return self
+
+    def _start(self) -> None:
+        import ray
+
+        _check_answer(self.address)
+        os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+        kit = Path(__file__).parents[1]
+        settings: dict[str, Any] = {
+            "runtime_env": {"py_modules": [str(kit)], "excludes": ["**/__pycache__/**"]},
+            "log_to_driver": False, "logging_level": "ERROR",
+        }  # fmt: skip
+        if self.address is None:
+            settings |= {"include_dashboard": False, "num_cpus": self.workers, "_node_ip_address": "127.0.0.1"}
+        try:
+            ray.init(self.address, **settings)
+        except (ConnectionError, RuntimeError, ValueError) as error:
+            where = f"at {self.address}" if self.address else "on this machine"
+            raise ToolkitError(f"Ray {where} cannot be used: {' '.join(str(error).split())[:300]}") from None
+        self._is_mine = True
+
+    def share(self, value: Value) -> InStore[Value]:
+        """Put a value into the object store.
+
+        Raises:
+            ToolkitError: it cannot be sent to another process.
+        """
+        import ray
+
+        try:
+            return InStore(ray.put(value))
+        except TypeError as error:
+            raise ToolkitError(f"{type(value).__name__} cannot be sent to another process ({error})") from None
+
+    def run(self, units: Iterable[Unit[Tag, Result]]) -> Iterator[Outcome[Tag, Result]]:
+        """See `Engine.run`; the results of a unit are handed over together."""
+        import ray
+
+        waiting: deque[tuple[Unit[Tag, Result], Any]] = deque()
+        rest = iter(units)
+        most = AHEAD * (self.workers or 1)
+        while True:
+            for unit in islice(rest, max(0, most - len(waiting))):
+                waiting.append((unit, self._task.remote(unit.work, unit.inputs)))
+            if not waiting:
+                return
+            # wait for the next in order; the others go on meanwhile, and their results wait in the store
+            unit, reference = waiting.popleft()
+            ray.wait([reference])
+            try:
+                results, reason = ray.get(reference)
+            except ray.exceptions.OutOfMemoryError:
+                results, reason = [], "its node's memory is full"
+            except ray.exceptions.WorkerCrashedError:
+                results, reason = [], "its process was killed, as it is where the memory is full"
+            except Exception as error:
+                results, reason = [], explain_failure(error)
+            yield from (Outcome(unit, result) for result in results)
+            if reason:
+                yield Outcome(unit, None, reason)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave the cluster; one that was started here ends."""
+        import ray
+
+        if self._is_mine:
+            ray.shutdown()
+            self._is_mine = False
+
+
+def _check_answer(address: str | None) -> None:
+    """Find out in seconds what Ray itself takes a minute to say.
+
+    Raises:
+        ToolkitError: the address has no port, or nobody answers there.
+    """
+    if address in (None, "auto", "local"):
+        return
+    host, _, port = str(address).removeprefix("ray://").rpartition(":")
+    if not host or not port.isdigit() or not 0 < int(port) < 65536:
+        raise ToolkitError(f"Ray's address '{address}': expected HOST:PORT, such as 10.0.0.1:6379, or auto")
+    try:
+        socket.create_connection((host, int(port)), ANSWER_S).close()
+    except OSError as error:
+        raise ToolkitError(
+            f"nobody answers at Ray's address {address} ({error.strerror or error}): start it with 'ray start --head', "
+            "and open its port"
+        ) from None
+
+
+def _do_on_node(work: Any, inputs: tuple[object, ...]) -> tuple[list[object], str]:
+    limit_cores(1)
+    return do_work(work, inputs)

@@ -1,0 +1,121 @@
+"""A unit of work, what came of it, and what runs lists of them."""
+
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Generic, Protocol, TypeVar
+
+from toolkit.core.errors import ToolkitError
+
+Tag = TypeVar("Tag")
+Result = TypeVar("Result")
+Value = TypeVar("Value")
+Value_co = TypeVar("Value_co", covariant=True)
+
+
+class Shared(Protocol[Value_co]):
+    """A value that many units need: a network, a shard of images. It travels once to each process that needs it."""
+
+    def get(self) -> Value_co:
+        """The value, where the work runs."""
+        ...
+
+
+@dataclass(frozen=True)
+class Unit(Generic[Tag, Result]):
+    """Work that gives the same results wherever and however often it is done.
+
+    Attributes:
+        key: hash of its inputs; who keeps the results keeps them by it.
+        work: function of a module; from `inputs` an iterable of results, each handed over when it is there.
+        inputs: all that it needs; values of `Shared` stand for what other units need as well.
+        name: what it is called where it fails.
+        tag: whatever the driver wants to know of it again; stays there.
+    """
+
+    key: str
+    work: Callable[..., Iterable[Result]]
+    inputs: tuple[object, ...]
+    name: str
+    tag: Tag
+
+
+@dataclass(frozen=True)
+class Outcome(Generic[Tag, Result]):
+    """One result of a unit, or why there are no more.
+
+    Attributes:
+        unit: whose.
+        result: None where it failed.
+        reason: why it failed, in a line; empty where it did not.
+    """
+
+    unit: Unit[Tag, Result]
+    result: Result | None
+    reason: str = ""
+
+
+class Engine(Protocol):
+    """What runs units; a context manager, which holds its processes until it is left."""
+
+    def share(self, value: Value) -> Shared[Value]:
+        """Make a value ready for many units; it is dropped when no unit holds it any more."""
+        ...
+
+    def run(self, units: Iterable[Unit[Tag, Result]]) -> Iterator[Outcome[Tag, Result]]:
+        """Do the units, and give their results in the order of the units, whoever finishes first.
+
+        `units` is read no further ahead than there are hands. A unit fails alone: its outcome has a reason.
+        """
+        ...
+
+    def __enter__(self) -> "Engine":
+        """Start what is needed."""
+        ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End it."""
+        ...
+
+
+def explain_failure(error: BaseException) -> str:
+    """Why a unit failed, in a line: a `ToolkitError` says it itself, of others kind and place."""
+    if isinstance(error, ToolkitError):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return "the memory is full"
+    last = traceback.extract_tb(error.__traceback__)[-1:]
+    where = f" in {Path(last[0].filename).name}, line {last[0].lineno}" if last else ""
+    return f"{type(error).__name__}{where}: {' '.join(str(error).split())}"
+
+
+def do_work(work: Callable[..., Iterable[Result]], inputs: tuple[object, ...]) -> tuple[list[Result], str]:
+    """The results of a unit until it ended or failed, and the reason where it failed."""
+    results: list[Result] = []
+    try:
+        results.extend(work(*inputs))
+    except Exception as error:
+        return results, explain_failure(error)
+    return results, ""
+
+
+HOPELESS = 3
+
+
+def check_hope(failures: Sequence[Outcome[Tag, Result]], done: int) -> None:
+    """Do not go on where nothing was done and the first units all failed for one reason.
+
+    Raises:
+        ToolkitError: with that reason.
+    """
+    if not done and len(failures) == HOPELESS and len({one.reason for one in failures}) == 1:
+        raise ToolkitError(failures[0].reason)
+
+
+def list_failures(failures: Iterable[Outcome[Tag, Result]]) -> list[tuple[str, str]]:
+    """(name, reason) of units that failed."""
+    return [(one.unit.name, one.reason) for one in failures]

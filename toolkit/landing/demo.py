@@ -1,0 +1,82 @@
+"""`toolkit landing demo`: from an empty folder to the report, small."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from toolkit.core.config import Config, Flag
+from toolkit.core.console import notice
+from toolkit.core.workspace import Workspace
+from toolkit.landing.boost import BoostConfig, Boosted, boost_pad
+from toolkit.landing.collect import CollectConfig, Collected, collect
+from toolkit.landing.fly import FlyConfig, fly_all
+from toolkit.landing.report import film_episode, write_report
+from toolkit.landing.results import CellResult, PairResult, write_summary
+from toolkit.landing.site import CameraConfig
+from toolkit.landing.train import LandingTrainConfig, TrainedRegressor, train_regressor
+from toolkit.worlds.weather import parse_weathers
+
+NAME = "demo"
+
+
+class DemoConfig(Config):
+    """How small the demonstration is.
+
+    Attributes:
+        frames, epochs: of the data set, and of the training.
+        image_px: side of the pictures.
+        steps: of the pad's training.
+        episodes: of each cell.
+        weathers: that are flown in.
+    """
+
+    frames: Annotated[int, Field(ge=10), Flag()] = Field(2400, description="Pictures to collect.")
+    epochs: Annotated[int, Field(ge=1), Flag()] = Field(10, description="Of the regressor.")
+    image_px: Annotated[int, Field(ge=32), Flag("--image-px")] = Field(64, description="Side of a picture.")
+    steps: Annotated[int, Field(ge=1), Flag()] = Field(160, description="Of the pad's training.")
+    episodes: Annotated[int, Field(ge=1), Flag()] = Field(16, description="Of each cell.")
+    weathers: Annotated[tuple[str, ...], Flag("--weather", metavar="NAME[:SEVERITY]")] = Field(
+        ("clear", "fog:4"), description="To fly in; repeat for more."
+    )
+
+
+@dataclass(frozen=True)
+class Demonstrated:
+    """What the demonstration made."""
+
+    collected: Collected
+    trained: TrainedRegressor
+    boosted: Boosted
+    results: list[CellResult]
+    pairs: list[PairResult]
+    report: Path
+    film: Path
+
+
+def run_demo(space: Workspace, config: DemoConfig, seed: int = 0, device: str = "cpu") -> Demonstrated:
+    """Collect, train, boost, fly plain and boosted pads, report; what is there already is taken up.
+
+    Raises:
+        ToolkitError: a step cannot be done.
+    """
+    optics = CameraConfig(image_px=config.image_px)
+    notice("1 of 4: collect")
+    collected = collect(space, CollectConfig(name=NAME, frames=config.frames, optics=optics), seed)
+    notice("2 of 4: train")
+    training = LandingTrainConfig(name=NAME, epochs=config.epochs, batch=32)
+    trained = train_regressor(space, NAME, training, seed=seed, device=device)
+    notice("3 of 4: boost")
+    views = max(8, min(240, config.frames // 10))
+    boosted = boost_pad(space, NAME, BoostConfig(steps=config.steps, views=views), seed=seed, device=device)
+    notice("4 of 4: fly")
+    flying = FlyConfig(
+        regressors=(NAME,), pads=("plain", boosted.file.stem), weathers=parse_weathers(config.weathers),
+        episodes=config.episodes, places=4,
+    )  # fmt: skip
+    flown = fly_all(space, flying, seed=seed, device=device)
+    results, pairs = write_summary(flown.folder, flying, flown, seed)
+    report = write_report(flying, flown, results, pairs, space).report
+    film = film_episode(space, flying, flown, results[-1].records[0], seed, flown.folder / "episode.mp4")
+    return Demonstrated(collected, trained, boosted, results, pairs, report, film)
