@@ -7,25 +7,22 @@ what was judged. So the command may be stopped at any time, and several may run 
 import hashlib
 import json
 import re
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from toolkit.boosters import patch_config, texture_config
-from toolkit.boosters.data import DataConfig
-from toolkit.boosters.patch import train_patch
+from toolkit.boosters import texture_config
+from toolkit.boosters.for_object import train_for_object
 from toolkit.boosters.texture import train_texture
 from toolkit.captures.manifest import MANIFEST
 from toolkit.captures.shoot import ShootSettings, StoredImage, index_images, shoot_plan
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import read_json, sha256_file, write_json
-from toolkit.core.workspace import Workspace, make_workspace
+from toolkit.core.workspace import Workspace, copy_objects
 from toolkit.evaluation.config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.models.network import Classifier
-from toolkit.objects.spec import read_spec
 from toolkit.rig.plan import CapturePlan, open_plan, write_plan
 from toolkit.transfer.config import TransferConfig
 from toolkit.transfer.matrix import Cell, Row, collect_rows, write_matrix
@@ -92,9 +89,7 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
 
 def _make_space(workspace: Workspace, folder: Path, plan: CapturePlan) -> Workspace:
     """A workspace with the objects and the plan of another."""
-    space = make_workspace(folder)
-    if workspace.objects_dir.is_dir():
-        shutil.copytree(workspace.objects_dir, space.objects_dir, dirs_exist_ok=True)
+    space = copy_objects(workspace, folder)
     write_plan(space.plan_file, plan)
     return space
 
@@ -105,11 +100,7 @@ def _train(space: Workspace, kind: str, name: str, networks: list[Classifier], c
         settings = texture_config.make_config("default", {**config.overrides, "objects": (name,)})
         train_texture(settings, networks, space)
         return
-    spec = read_spec(space.object_spec(name))
-    data = DataConfig(sources=(f"rig:{name}",), seed=config.seed)
-    overrides = patch_config.size_by_spec(config.overrides, spec)
-    fitted, images = patch_config.limit_renders(patch_config.make_config("default", overrides, data), data)
-    train_patch(fitted, spec.class_name, networks, images, space, name=name)
+    train_for_object(space, name, networks, config.overrides, config.seed)
 
 
 def _shoot(space: Workspace, plan: CapturePlan, objects: Sequence[str], config: TransferConfig, folder: Path) -> None:
