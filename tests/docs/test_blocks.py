@@ -34,7 +34,7 @@ def parse(words: Command, whole: bool = True) -> None:
         assert not unknown, f"no such target in the Makefile: {unknown}"
     elif program == "toolkit":
         commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-        name, *arguments = rest
+        name, *arguments = [" ".join(rest[:2]), *rest[2:]] if " ".join(rest[:2]) in commands else rest
         assert name in commands, f"no such command: {name}"
         try:
             commands[name].make_context(name, arguments)

@@ -33,10 +33,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Workspace, LandingTr
     write_drawn(space.captures_dir / "landing" / "drawn")
     config = LandingTrainConfig(
         arch="shufflenet_v2_x0_5",
+        pool="average",
         init=write_start(space.root / "start.pth"),
         epochs=24,
         batch=32,
         lr=6e-3,
+        probe=False,
         uncertainty=True,
     )
     return space, config, train_regressor(space, "drawn", config, seed=1, device="cpu")
