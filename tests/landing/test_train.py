@@ -14,14 +14,13 @@ from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.landing.dataset import SampleSet, read_split
 from toolkit.landing.regressor import as_batch, build_module, load_regressor, regressors_dir, summarise_errors
 from toolkit.landing.site import CameraConfig
+from toolkit.landing.start import RIDGE, fit_ridge
 from toolkit.landing.train import (
     RECIPES,
-    RIDGE,
     LandingTrainConfig,
     RegressorTask,
     TrainedRegressor,
     export_onnx,
-    fit_ridge,
     train_regressor,
     turn_offsets,
 )
