@@ -103,7 +103,7 @@ class WorldEvalConfig(Config):
     places: Annotated[int, Field(ge=1, le=1000), Flag(group=WORLD)] = Field(
         5, description="Places where the object stands, drawn by the seed, free of walls."
     )
-    kinds: Annotated[tuple[Kind, ...], Flag("--on", metavar="KIND", group=WORLD)] = Field(
+    kinds: Annotated[tuple[Kind, ...], Flag("--on", metavar="KIND", group=WORLD, typed=tuple[str, ...])] = Field(
         DRY, min_length=1, description="ground, roof or water: what the object may stand on; may be repeated."
     )
     length_m: Annotated[float | None, Field(ge=0.001, lt=10_000), Flag(group=WORLD)] = Field(
