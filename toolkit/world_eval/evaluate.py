@@ -168,7 +168,7 @@ class Asked:
             for name in stage.variants:
                 there = hash_inputs(shared, meshes[name], list(stand.place), stand.turn_deg)
                 for one in place.cameras:
-                    item = k * 1_000_000_000 + one.number  # a grid has at most 999³ points
+                    item = k * 1_000_000_000 + one.number  # a grid has at most a million points
                     frame = hash_inputs(there, one.T_world_camera.tolist(), item)
                     tasks.append(Task(frame, k, name, item, one, self.weathers, False))
         return tasks
