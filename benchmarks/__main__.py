@@ -7,10 +7,11 @@ MARKS = {
     "640x480: ratio to open3d": 10.0, "ratio to the formula": 1.0, "geometric mean": 3.0,
     "ratio to its slower part": 0.8, "ratio to the weathers": 1.0, "city: ratio to pyrender": 5.0,
     "city: ratio to filament": 8.0, "ratio to the evaluation": 0.77,
+    "ratio to ONNX Runtime": 0.9, "ratio to its forward": 0.9,
 }  # fmt: skip
 MODULES = (
     "bench_rig", "bench_eval", "bench_train_patch", "bench_train_texture", "bench_corruptions", "bench_corrupt_eval",
-    "bench_weather", "bench_world", "bench_world_eval",
+    "bench_weather", "bench_world", "bench_world_eval", "bench_networks",
 )  # fmt: skip
 
 

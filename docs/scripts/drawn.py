@@ -1,4 +1,4 @@
-"""Figures that need no workspace: what a patch meets in training, the kinds that rig18 was trained on, skies."""
+"""Figures that need no workspace: parts of training, the kinds that rig18 was trained on, skies, the city."""
 
 from dataclasses import dataclass, replace
 
@@ -19,7 +19,11 @@ from toolkit.objects.shapes.everyday import MAKERS, make_everyday
 from toolkit.rig.camera import Camera, look_at, orbit_direction, pixel_rays
 from toolkit.rig.shading import tone_map
 from toolkit.rig.views import render_thumbnails
+from toolkit.worlds.catalogue import build_world
+from toolkit.worlds.picture import leave_empty, make_renderer, see_through
 from toolkit.worlds.sky import TIMES, make_sky
+from toolkit.worlds.viewpoints import FOV_DEG, choose_viewpoints
+from toolkit.worlds.weather import CLEAR
 
 CELL_PX, CAPTION_PX, GAP_PX, DRAWS = 224, 30, 8, 2
 STILL = AffineRanges(rotation_deg=(12, 12), share=(0.6, 0.6), foreshortening=(0.9, 0.9), overhang=0)
@@ -116,4 +120,29 @@ def draw_skies(font: ImageFont.FreeTypeFont) -> Image.Image:
             rays = pixel_rays(camera, look_at(np.zeros(3), towards), pixels)[:, 3:]
             shown = tone_map(sky.render(rays).reshape(height, width, 3), (0,))
             sheet.paste(Image.fromarray(shown), (left, CAPTION_PX + row * step))
+    return sheet
+
+
+CITY_PX = (480, 270)
+CITY_LOOKS = (("afternoon", CLEAR), ("dusk", CLEAR), ("afternoon", ("fog", 1)))
+
+
+def draw_city(font: ImageFont.FreeTypeFont) -> Image.Image:
+    """City 0 from a street and from the height of roofs: by day, at dusk, in fog of 100 m."""
+    world, (width, height) = build_world("city"), CITY_PX
+    views = [one for one in choose_viewpoints(world) if one.name in ("street", "roof")]
+    step = height + GAP_PX
+    sheet = Image.new("RGB", (len(CITY_LOOKS) * (width + GAP_PX) - GAP_PX, CAPTION_PX + 2 * step - GAP_PX), "white")
+    draw, camera = ImageDraw.Draw(sheet), Camera.from_fov(width, height, FOV_DEG)
+    for time in ("afternoon", "dusk"):
+        sky = make_sky(time)
+        renderer = make_renderer(leave_empty(world, sky))
+        columns = [(k, weather) for k, (name, weather) in enumerate(CITY_LOOKS) if name == time]
+        for row, view in enumerate(views):
+            pictures = see_through(renderer, world, sky, (camera, view.T_world_camera), [one for _, one in columns])
+            for (column, weather), picture in zip(columns, pictures, strict=True):
+                left = column * (width + GAP_PX)
+                sheet.paste(Image.fromarray(picture), (left, CAPTION_PX + row * step))
+                words = time if weather == CLEAR else f"{time}, {weather[0]} {weather[1]}"
+                draw.text((left + 4, 3), words, fill=(28, 30, 34), font=font)
     return sheet

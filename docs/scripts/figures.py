@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from drawn import draw_everyday, draw_parts, draw_skies
+from drawn import draw_city, draw_everyday, draw_parts, draw_skies
 from PIL import Image, ImageDraw, ImageFont
 
 from toolkit.core.workspace import Workspace
@@ -188,6 +188,7 @@ def draw_figures(space: Workspace, figures: Path, run: str) -> None:
         draw_parts(pixels, photo.convert("RGB"), load_font(18)).save(figures / "parts.png")
     draw_everyday(load_font(13)).save(figures / "everyday.jpg", quality=90)
     draw_skies(load_font(18)).save(figures / "skies.jpg", quality=88)
+    draw_city(load_font(18)).save(figures / "city.jpg", quality=85)
     if (space.eval_dir / f"{TEXTURES}{run}").is_dir():
         rows = read_predictions(space, f"{TEXTURES}{run}")
         draw_textures(space, rows, load_font(18)).save(figures / "textures.jpg", quality=90)

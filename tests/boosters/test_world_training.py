@@ -80,7 +80,7 @@ def test_a_patch_of_a_world_in_weather(type_command):
     record = json.loads((type_command.space.patches_dir / "crate.json").read_text())
     assert record["data"]["world"]["name"] == "yard"
     assert record["size_mm"] == 40  # on the model; on the crate of 5 m it is 2 m
-    assert record["settings"]["mounted_fill"] == [0.25, 1.0]
+    assert record["settings"]["mounted_fill"] == [0.3, 1.0]
 
 
 @pytest.mark.parametrize("command", [TEXTURE, PATCH])
@@ -124,10 +124,10 @@ def test_a_world_needs_the_object_and_its_real_size(type_command):
 
 def test_a_recipe_in_a_world_has_its_ranges_unless_others_are_asked_for():
     made = texture_config.make_config("paper", {"objects": ("crate",), "world": "city"})
-    assert (made.elevation_deg, made.fill, made.background_share) == ((2.0, 75.0), (0.25, 1.0), 0.0)
+    assert (made.elevation_deg, made.fill, made.background_share) == ((2.0, 75.0), (0.3, 1.0), 0.0)
     made = texture_config.make_config("default", {"objects": ("crate",), "world": "city", "fill": (0.3, 0.5)})
     assert made.fill == (0.3, 0.5)
     assert "world" not in texture_config.make_config("default", {"objects": ("crate",)}).record()
     data = patch_config.DataConfig(sources=("rig:crate",))
-    assert patch_config.make_config("default", {"world": "city"}, data).mounted_fill == (0.25, 1.0)
+    assert patch_config.make_config("default", {"world": "city"}, data).mounted_fill == (0.3, 1.0)
     assert patch_config.make_config("default", {}, data).mounted_fill == (0.6, 0.95)

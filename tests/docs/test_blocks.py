@@ -34,7 +34,7 @@ def parse(words: Command, whole: bool = True) -> None:
         assert not unknown, f"no such target in the Makefile: {unknown}"
     elif program == "toolkit":
         commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-        name, *arguments = rest
+        name, *arguments = [" ".join(rest[:2]), *rest[2:]] if " ".join(rest[:2]) in commands else rest
         assert name in commands, f"no such command: {name}"
         try:
             commands[name].make_context(name, arguments)
@@ -95,6 +95,7 @@ def test_settings_are_valid(page: str) -> None:
     """Files that a page shows are read by the models that read the user's."""
     from toolkit.models.labels import LabelsFile
     from toolkit.objects.spec import ObjectSpec
+    from toolkit.worlds.kit import KitLayout
 
     if sys.version_info >= (3, 11):
         import tomllib
@@ -104,6 +105,8 @@ def test_settings_are_valid(page: str) -> None:
         content = tomllib.loads(block.body)
         if "mesh" in content:
             ObjectSpec.model_validate(content)
+        elif "rows" in content:
+            KitLayout.model_validate(content)
         else:
             assert not LabelsFile.model_validate(content).model_extra
     for block in list_blocks(read_page(page), "json"):

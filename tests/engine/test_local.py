@@ -12,13 +12,6 @@ from toolkit.engine.local import InProcess, LocalPool
 from toolkit.engine.units import Unit, check_hope
 
 
-@pytest.fixture(autouse=True)
-def importable(monkeypatch):
-    """Workers find the tests' own modules."""
-    helpers = os.path.dirname(engine_work.__file__)  # noqa: PTH120, a string is what the variable takes
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([helpers, os.environ.get("PYTHONPATH", "")]))
-
-
 def units_of(work, *each):
     return [Unit(f"{at:064d}", work, inputs, f"unit {at}", at) for at, inputs in enumerate(each)]
 

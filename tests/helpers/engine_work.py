@@ -49,3 +49,8 @@ def tell_cores():
     from toolkit.core.cores import count_cores
 
     yield count_cores(), torch.get_num_threads()
+
+
+def wait_and_add(delay_s, number):
+    time.sleep(delay_s)
+    yield number

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import torch
 from PIL import Image
 
 from toolkit.boosters.patch_sets import name_class
@@ -15,17 +16,16 @@ LABELS = ["red", "green", "blue"]
 PX = 32
 
 
+class Hue(torch.nn.Module):
+    seen = 0
+
+    def forward(self, batch):
+        self.seen += len(batch)
+        return 20 * batch.mean((2, 3))
+
+
 def make_hue_classifier(name: str = "hue") -> Classifier:
     """Logits are the mean of each channel; `module.seen` counts images."""
-    import torch
-
-    class Hue(torch.nn.Module):
-        seen = 0
-
-        def forward(self, batch):
-            self.seen += len(batch)
-            return 20 * batch.mean((2, 3))
-
     how = Preprocessing(36, PX, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0))
     file = WeightsFile(Path(f"{name}.pth"), name.encode().hex().ljust(64, "0"), f"{name}.pth")
     return Classifier(name, Hue().eval(), LABELS, how, file, "cpu", False)

@@ -16,10 +16,12 @@ from toolkit.landing.regressor import as_batch, build_module, load_regressor, re
 from toolkit.landing.site import CameraConfig
 from toolkit.landing.train import (
     RECIPES,
+    RIDGE,
     LandingTrainConfig,
     RegressorTask,
     TrainedRegressor,
     export_onnx,
+    fit_ridge,
     train_regressor,
     turn_offsets,
 )
@@ -95,6 +97,19 @@ def test_it_goes_on_to_the_same_bytes(tmp_path: Path, monkeypatch: pytest.Monkey
     again = train_regressor(space, "few", config, device="cpu")
     assert again.resumed_from == 5
     assert again.file.read_bytes() == content
+
+
+def test_the_ridge_is_scikits() -> None:
+    linear_model = pytest.importorskip("sklearn.linear_model")
+    rng = np.random.default_rng(0)
+    features = (rng.normal(2, 3, (80, 12)) * np.arange(1, 13)).astype(np.float32)
+    offsets, weight = rng.normal(0, 1, (80, 2)), rng.uniform(0.2, 2, 80)
+    weights, bias, residual = fit_ridge(features, offsets, weight)
+    mean, spread = features.mean(axis=0), features.std(axis=0) + 1e-6
+    peer = linear_model.Ridge(alpha=RIDGE * 80).fit((features - mean) / spread, offsets, sample_weight=weight**2)
+    expected = peer.predict((features - mean) / spread)
+    assert np.allclose(features @ weights + bias, expected, atol=1e-4)
+    assert residual == pytest.approx(float(np.sqrt(np.square(expected - offsets).mean())), rel=1e-3)
 
 
 def test_a_turned_picture_has_a_turned_truth() -> None:

@@ -43,6 +43,7 @@ def test_it_says_what_was_found(type_command, monkeypatch) -> None:
     [
         (("--world", "ctiy"), "no world called 'ctiy': did you mean city"),
         (("--world", "nowhere.glb"), "nowhere.glb"),
+        (("--world", "grass", "--world-scale", "2"), "--world-scale 2: the world grass is in metres"),
         (("--weather", "fgo:1"), "no weather called 'fgo': did you mean fog"),
         (("--weather", "fog:6"), "severity '6': expected one of 1 (slight) to 5 (severe)"),
         (("--grid", "10x10"), "--grid 10x10: expected cameras along, across and up"),

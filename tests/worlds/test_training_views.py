@@ -21,7 +21,7 @@ from toolkit.worlds.world import Spot, World
 
 SIDE = 24
 RADIUS_M, REACH_M = 3.0, float(np.hypot(1.5, 1.0))
-SETTINGS = ViewSettings(ViewRanges((2.0, 75.0), fill=(0.25, 1.0)), SIDE, studios=2, per_studio=3)
+SETTINGS = ViewSettings(ViewRanges((2.0, 75.0), fill=(0.3, 1.0)), SIDE, studios=2, per_studio=3)
 
 
 def make_box(low, high) -> Mesh:
@@ -87,7 +87,7 @@ def test_places_of_an_evaluation_are_left_out_in_the_world_that_is_evaluated(sub
 
 def test_every_camera_sees_the_object_and_none_is_in_the_ground(field, subject):
     """Among ranges that reach below the ground, and beside walls 9 m high."""
-    low = replace(SETTINGS, ranges=ViewRanges((-60.0, 40.0), fill=(0.25, 1.0)))
+    low = replace(SETTINGS, ranges=ViewRanges((-60.0, 40.0), fill=(0.3, 1.0)))
     scene, stand = field.set_up(subject.mesh, draws(1), TRAIN)
     renderer = RaycastRenderer(subject.mesh, scene, stand=stand)
     offsets = []
@@ -96,7 +96,7 @@ def test_every_camera_sees_the_object_and_none_is_in_the_ground(field, subject):
         assert pose[2, 3] > 0
         found = renderer.buffers(camera, pose)
         assert (found["mesh"] == 0).mean() > 0.01
-        assert camera.width == camera.height == SIDE and 34.9 < camera.fov_deg < 60.1
+        assert camera.width == camera.height == SIDE and 39.9 < camera.fov_deg < 60.1
         middle = project(camera, pose, stand.to_world(subject.mesh.bounds.mean(axis=0)[None]))[0][0]
         offsets.append(np.abs(middle - SIDE / 2).max())
     assert min(offsets) > 1e-6  # an evaluation's cameras all look at the middle

@@ -2,9 +2,11 @@
 
 import itertools
 import multiprocessing
+import os
 import pickle
 import shutil
 import tempfile
+import threading
 import weakref
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -96,6 +98,19 @@ def _load(file: Path) -> Any:
         return pickle.load(stream)  # of our own, in a folder that only this user may write to
 
 
+def _begin_worker() -> None:
+    limit_cores(1)
+    threading.Thread(target=_end_with_driver, daemon=True).start()
+
+
+def _end_with_driver() -> None:
+    """A driver that is killed tells its workers nothing, and they would wait for it for ever."""
+    driver = multiprocessing.parent_process()
+    if driver is not None:
+        driver.join()
+        os._exit(1)
+
+
 class LocalPool:
     """A pool of processes on this machine.
 
@@ -173,7 +188,7 @@ class LocalPool:
     def _open(self, workers: int | None = None) -> ProcessPoolExecutor:
         if self._pool is None:
             context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(workers or self.workers, context, limit_cores, (1,))
+            self._pool = ProcessPoolExecutor(workers or self.workers, context, _begin_worker)
         return self._pool
 
     def _close(self) -> None:

@@ -84,8 +84,7 @@ class RayEngine:
 
         if not ray.is_initialized():
             self._start()
-        needs = {"num_cpus": 1, "num_gpus": self.gpus}
-        self._task = ray.remote(max_retries=RETRIES, **needs)(_do_on_node)
+        self._task = ray.remote(max_retries=RETRIES, num_cpus=1, num_gpus=self.gpus)(_do_on_node)
         if self.workers is None:
             found = ray.cluster_resources()
             self.workers = max(1, int(found.get("GPU", 0) // self.gpus if self.gpus else found.get("CPU", 1)))
@@ -95,7 +94,7 @@ class RayEngine:
         import ray
 
         _check_answer(self.address)
-        os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
+        os.environ.setdefault("RAY_task_oom_retries", str(RETRIES))  # else a unit too large is tried for ever
         kit = Path(__file__).parents[1]
         settings: dict[str, Any] = {
             "runtime_env": {"py_modules": [str(kit)], "excludes": ["**/__pycache__/**"]},

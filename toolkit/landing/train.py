@@ -46,6 +46,9 @@ IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 CHECKPOINT_EVERY_S = 20.0
 CALIBRATION_SHARE = 0.1
 LEAST_HEIGHT_M = 0.5
+PROBE_BATCH = 64
+RIDGE = 0.05
+"""Of the ridge regression, per frame, on standardised features."""
 
 
 class LandingTrainConfig(Config):
@@ -56,6 +59,8 @@ class LandingTrainConfig(Config):
         arch: of the network, one of torchvision's.
         init: weights to start from; by default ImageNet's of that network.
         pool: what the last layer sees, see `build_module`.
+        probe: the last layer starts as the ridge regression on the features of the given weights, and the statistics
+            of normalisation stay theirs (linear probing, then fine-tuning: Kumar et al. 2022).
         frames: of the training split at most.
         epochs, batch, lr, optimiser, schedule, momentum, weight_decay: of the training.
         loss: `mse` of metres, or `relative`: of shares of the height.
@@ -69,10 +74,11 @@ class LandingTrainConfig(Config):
         None, description="Weights to start from. Default: ImageNet's, else the bundled network."
     )
     pool: Annotated[Pool, Flag()] = Field("grid", description="What the last layer sees of the features.")
+    probe: Annotated[bool, Flag()] = Field(True, description="Start the last layer by ridge regression.")
     frames: Annotated[int | None, Field(ge=8), Flag(typed=int)] = Field(None, description="To train on, at most.")
     epochs: Annotated[int, Field(ge=1, le=1000), Flag()] = Field(8, description="Times through the frames.")
     batch: Annotated[int, Field(ge=2, le=4096), Flag()] = Field(64, description="Frames of a step.")
-    lr: Annotated[float, Field(gt=0, le=10), Flag()] = Field(1e-3, description="Highest learning rate.")
+    lr: Annotated[float, Field(gt=0, le=10), Flag()] = Field(2e-4, description="Highest learning rate.")
     optimiser: Annotated[Literal["sgd", "adam"], Flag()] = Field("adam", description="Of the weights.")
     schedule: Annotated[Literal["constant", "linear", "cosine", "one-cycle"], Flag()] = Field(
         "one-cycle", description="Of the learning rate."
@@ -255,10 +261,51 @@ class RegressorTask(Task[Regressor]):
         load_tensors(self.module, read_state_dict(WeightsFile(self.file, record.sha256, self.file.name)))
         return Regressor(record, freeze(self.module, self.device), self.device)
 
+    def begin(self) -> None:
+        """Start the last layer where it is best for the features as they are."""
+        if self.config.probe:
+            self._probe()
+
+    def _probe(self) -> None:
+        import torch
+
+        last = self.module.get_submodule("fc")
+        if not isinstance(last, torch.nn.Linear):
+            raise FieldError(f"{self.config.arch} has no last layer called fc: leave it out", {"probe": True})
+        turns = 4 if self.config.augment else 1
+        known = self.train.offsets[self.chosen]
+        offsets = np.concatenate([turn_offsets(known, np.full(len(known), k)) for k in range(turns)])
+        heights = np.tile(np.maximum(self.train.heights[self.chosen], LEAST_HEIGHT_M), turns)
+        weight = 1 / heights if self.config.loss == "relative" else np.ones_like(heights)
+        found, bias, residual = fit_ridge(self._find_features(turns), offsets, weight)
+        with torch.no_grad():
+            last.weight.zero_()
+            last.weight[:2], last.bias[:2] = torch.from_numpy(found.T).float(), torch.from_numpy(bias).float()
+            if self.config.uncertainty:
+                last.bias[2] = float(np.log(max(residual, 1e-3)))
+
+    def _find_features(self, turns: int) -> np.ndarray:
+        """(turns · n, d) float32 what the last layer sees of the frames, turned by each quarter."""
+        import torch
+
+        seen: list[np.ndarray] = []
+        self.module.eval()
+        last = self.module.get_submodule("fc")
+        hook = last.register_forward_pre_hook(lambda _, given: seen.append(given[0].cpu().numpy()))
+        with progress("Looking at frames", turns * len(self.chosen)) as bar, torch.no_grad():
+            for k in range(turns):
+                for start in range(0, len(self.chosen), PROBE_BATCH):
+                    some = self.chosen[start : start + PROBE_BATCH]
+                    batch = torch.rot90(as_batch(self.train.images[some]), k, (2, 3)).to(self.device)
+                    run_network(self.module, batch, IMAGENET_MEAN, IMAGENET_STD)
+                    bar.advance(len(some))
+        hook.remove()
+        return np.concatenate(seen)
+
     @contextmanager
     def open(self) -> Iterator[None]:
-        """Train mode within."""
-        self.module.train()
+        """Train mode within; with `probe` the statistics of normalisation stay."""
+        self.module.train(not self.config.probe)
         yield
 
     def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
@@ -266,7 +313,7 @@ class RegressorTask(Task[Regressor]):
         import torch
 
         batch, wanted, heights = self._draw_batch(step)
-        self.module.train()
+        self.module.train(not self.config.probe)
         out = run_network(self.module, batch, IMAGENET_MEAN, IMAGENET_STD)
         error = out[:, :2] - wanted
         scale = heights.clamp_min(LEAST_HEIGHT_M)[:, None] if self.config.loss == "relative" else 1.0
@@ -325,6 +372,28 @@ class RegressorTask(Task[Regressor]):
         write_bytes(self.file, content)
         write_json(self.file.with_suffix(".json"), record.model_dump(mode="json"))
         return Regressor(record, regressor.module, self.device)
+
+
+def fit_ridge(features: np.ndarray, offsets: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Weighted ridge regression on standardised features, in closed form.
+
+    Args:
+        features: (n, d).
+        offsets: (n, 2) metres.
+        weight: (n,) on the error of each row.
+
+    Returns:
+        (d, 2) weights and (2,) bias of the features as they are, and the root of the mean square of what is left.
+    """
+    mean, spread = features.mean(axis=0), features.std(axis=0) + 1e-6
+    rows = np.column_stack([(features - mean) / spread, np.ones(len(features))]).astype(np.float64) * weight[:, None]
+    wanted = offsets * weight[:, None]
+    penalty = np.full(rows.shape[1], RIDGE * len(rows))
+    penalty[-1] = 1e-9
+    found = np.linalg.solve(rows.T @ rows + np.diag(penalty), rows.T @ wanted)
+    residual = float(np.sqrt(np.square((rows @ found - wanted) / weight[:, None]).mean()))
+    weights = found[:-1] / spread[:, None]
+    return weights, found[-1] - mean @ weights, residual
 
 
 def turn_offsets(offsets: np.ndarray, turns: np.ndarray) -> np.ndarray:

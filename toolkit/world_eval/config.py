@@ -93,7 +93,7 @@ class WorldEvalConfig(Config):
         "city", description="city, grass, apron, harbour, a world of your own by name, or its file."
     )
     world_seed: Annotated[int, Field(ge=0), Flag(group=WORLD)] = Field(0, description="Number of the world.")
-    world_scale: Annotated[float, Field(gt=0), Flag(group=WORLD)] = Field(
+    scale: Annotated[float, Field(gt=0), Flag("--world-scale", group=WORLD)] = Field(
         1.0, description="From the units of a mesh of your own to metres."
     )
     time: Annotated[str, AfterValidator(check_time), Flag(metavar="NAME", group=WORLD)] = Field(

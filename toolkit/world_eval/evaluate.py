@@ -91,7 +91,7 @@ def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConf
     item = load_object(workspace.object_spec(config.object))
     true_index = classifier.class_index(item.spec.class_name)
     variants = dress_variants(workspace, item, config)
-    world = open_world(workspace, config.world, config.world_seed, config.world_scale)
+    world = open_world(workspace, config.world, config.world_seed, config.scale)
     sky = make_sky(config.time, config.seed)
     bare = scale_to_world(item.mesh, item.spec, config.length_m)
     radius = max(find_radius(one.mesh) for one in variants.values())

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError
 from toolkit.core.files import read_bytes, sha256_file, write_bytes, write_json
-from toolkit.rig.camera import Camera, orbit_direction, orbit_pose
+from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.shading import tone_map
 from toolkit.worlds.film import FPS, write_film
@@ -24,7 +24,7 @@ from toolkit.worlds.flight import Flight, plan_flight
 from toolkit.worlds.picture import leave_empty, make_renderer, see_through
 from toolkit.worlds.place import Placed, place_object
 from toolkit.worlds.sky import Sky
-from toolkit.worlds.viewpoints import FOV_DEG, Viewpoint, choose_viewpoints
+from toolkit.worlds.viewpoints import FOV_DEG, HEADROOM_M, Viewpoint, choose_viewpoints, clearance
 from toolkit.worlds.weather import CLEAR
 from toolkit.worlds.world import World
 from toolkit.worlds.world_map import MapSheet, draw_map
@@ -45,6 +45,7 @@ class PreviewSettings:
     Attributes:
         size: width and height of pictures, pixels.
         film_size: and of the film; both even.
+        map_px: side of the map.
         film_s: length of the film, seconds; 0 leaves it out.
         weathers: (name, severity) in which the first sky is seen besides clear air.
         seed: of viewpoints, flight, grain and weather.
@@ -52,6 +53,7 @@ class PreviewSettings:
 
     size: tuple[int, int] = (1280, 720)
     film_size: tuple[int, int] = (640, 360)
+    map_px: int = 1400
     film_s: float = 12.0
     weathers: tuple[tuple[str, int], ...] = (("fog", 1),)
     seed: int = 0
@@ -64,6 +66,8 @@ class PreviewSettings:
             ):
                 even = ", even" if name == "film_size" else ""
                 raise FieldError(f"expected 64 to 7680 pixels{even}", {name: (width, height)})
+        if not 64 <= self.map_px <= 8192:
+            raise FieldError("expected 64 to 8192 pixels", {"map_px": self.map_px})
         if not 0 <= self.film_s <= 300:
             raise FieldError("expected 0 to 300 seconds", {"film_s": self.film_s})
 
@@ -164,22 +168,23 @@ class _Show:
             parts += [settings.size, job.weather, settings.seed, job.item]
             parts += [self.viewpoints[job.item].T_world_camera.round(6).tolist()]
         else:
-            parts += [settings.seed, settings.film_size, settings.film_s]
+            parts += [settings.seed, settings.map_px, settings.film_size, settings.film_s]
         return sha256(repr(parts).encode()).hexdigest()
 
 
 def find_clear_orbit(world: World, placed: Placed, turn_deg: float, up_deg: float, distance_m: float) -> np.ndarray:
-    """(4, 4) camera that looks at an object from about there, where nothing of the world stands between."""
+    """(4, 4) camera that looks at an object from about there, from where the world hides least of its box."""
     import open3d as o3d
 
-    azimuths = placed.stand.turn_deg + turn_deg + np.array(TURNS_DEG)
-    ways = np.array([orbit_direction(azimuth, up_deg) for azimuth in azimuths])
-    rays = np.column_stack([np.tile(placed.centre, (len(ways), 1)), ways]).astype(np.float32)
-    free = world.shape.rays.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
-    clear = np.flatnonzero(free > distance_m + 1.0)
-    best = int(clear[0]) if len(clear) else int(free.argmax())
-    reach = min(distance_m, 0.9 * float(free[best]))
-    return orbit_pose(placed.centre, float(azimuths[best]), up_deg, reach)
+    azimuths = [placed.stand.turn_deg + turn_deg + turn for turn in TURNS_DEG]
+    poses = [orbit_pose(placed.centre, azimuth, up_deg, distance_m) for azimuth in azimuths]
+    targets = np.concatenate([placed.centre[None], placed.centre + 0.8 * (placed.box - placed.centre)])
+    eyes = np.array([pose[:3, 3] for pose in poses])
+    ways = targets[None] - eyes[:, None]
+    rays = np.concatenate([np.broadcast_to(eyes[:, None], ways.shape), ways], axis=2).astype(np.float32)
+    met = world.shape.rays.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()  # in shares of the way
+    free = (met > 0.97).mean(axis=1) - (clearance(world, eyes) < HEADROOM_M) - world.inside_building(eyes)
+    return poses[int(free.argmax())]
 
 
 def name_sky(sky: Sky) -> str:
@@ -249,7 +254,7 @@ def _make(
         pictures = see_through(renderer, show.world, sky, view, [job.weather for job in jobs], seed)
         yield from zip(jobs, map(encode_jpeg, pictures), strict=True)
     elif first.kind == "map":
-        sheet = MapSheet.over(show.world)
+        sheet = MapSheet.over(show.world, show.settings.map_px)
         above = tone_map(renderer.render(sheet.camera, sheet.T_world_camera), (show.settings.seed,), falloff=0.0)
         path = show.flight.points if show.settings.film_s else None
         drawn = draw_map(above, sheet, show.world, show.viewpoints, path)
@@ -313,4 +318,4 @@ def _read_record(folder: Path) -> dict[str, tuple[str, str]]:
 def _write_record(show: _Show, record: dict[str, tuple[str, str]]) -> None:
     cameras = {one.name: one.T_world_camera.round(6).tolist() for one in show.viewpoints}
     content = {"schema_version": 1, **show.facts, "camera": show.camera.intrinsics, "T_world_camera": cameras}
-    write_json(show.folder / RECORD, {**content, "files": record})
+    write_json(show.folder / RECORD, {**content, "files": dict(sorted(record.items()))})

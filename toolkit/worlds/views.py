@@ -28,7 +28,7 @@ TRAINED_SEED, EVALUATED_SEED, EVALUATED_PLACES = 1, 0, 5
 """Number of the world that is trained in by default; that an evaluation uses, and of the places it draws there."""
 HELD_OUT_EVERY = 4
 """One place of so many is held out."""
-FOV_DEG = (35.0, 60.0)
+FOV_DEG = (40.0, 60.0)
 PLACES_TRIED, VIEWS_TRIED = 20, 40
 LEAST_SEEN = 0.2
 """Share of its outline's area, most of which is air, that is seen of an object; what hides more is not trained on."""

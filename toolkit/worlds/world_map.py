@@ -11,7 +11,6 @@ from toolkit.worlds.paint import Ink, read_font
 from toolkit.worlds.viewpoints import Viewpoint
 from toolkit.worlds.world import World
 
-MAP_PX = 1400
 ALTITUDE = 10
 """Of the map's camera, in sides of the map: what stands up leans outwards by a twentieth of its height at the edge."""
 MARGIN = 1.06
@@ -31,11 +30,11 @@ class MapSheet:
     T_world_camera: np.ndarray
 
     @classmethod
-    def over(cls, world: World) -> "MapSheet":
+    def over(cls, world: World, side_px: int) -> "MapSheet":
         """Over the whole core."""
         middle = np.append(world.core.mean(axis=0), 0.0)
         side = MARGIN * float(np.ptp(world.core, axis=0).max())
-        camera = Camera.from_fov(MAP_PX, MAP_PX, 2 * float(np.degrees(np.arctan(0.5 / ALTITUDE))))
+        camera = Camera.from_fov(side_px, side_px, 2 * float(np.degrees(np.arctan(0.5 / ALTITUDE))))
         return cls(camera, look_at(middle + [0, 0, ALTITUDE * side], middle, azimuth_deg=-90.0))
 
     def place(self, points: np.ndarray) -> list[tuple[float, float]]:
@@ -96,12 +95,13 @@ def _draw_camera(draw: ImageDraw.ImageDraw, sheet: MapSheet, one: Viewpoint) -> 
 
 def _draw_scale(draw: ImageDraw.ImageDraw, sheet: MapSheet, world: World) -> None:
     """A bar of round length, north, and what the marks mean."""
-    length = max(metres for metres in BARS_M if metres * sheet.px_per_m < 0.3 * MAP_PX)
-    font, left, low = read_font("sans", 20), 30, MAP_PX - 34
+    side = sheet.camera.width
+    length = max((one for one in BARS_M if one * sheet.px_per_m < 0.3 * side), default=BARS_M[0])
+    font, left, low = read_font("sans", 20), 30, side - 34
     right = left + length * sheet.px_per_m
     draw.line((left, low, right, low), fill=PATH, width=5)
     draw.text((left, low - 8), f"{length} m", PATH, font, anchor="ld", stroke_width=2, stroke_fill=INK_EDGE)
-    draw.text((MAP_PX - 30, 30), "N ↑", PATH, font, anchor="rt", stroke_width=2, stroke_fill=INK_EDGE)
+    draw.text((side - 30, 30), "N ↑", PATH, font, anchor="rt", stroke_width=2, stroke_fill=INK_EDGE)
     kinds = {spot.kind for spot in world.spots}
     rows: list[tuple[str, Ink]] = [(f"free {kind}", ink) for kind, ink in KINDS.items() if kind in kinds]
     rows += [("landing pad", PAD)] if world.pads else []

@@ -1,0 +1,61 @@
+"""What workers need to find the tests' own modules, and small work to give them."""
+
+import os
+from pathlib import Path
+
+import engine_work
+import pytest
+
+
+@pytest.fixture(autouse=True)
+def importable(monkeypatch):
+    """Workers find the tests' own modules, and this checkout."""
+    places = [Path(engine_work.__file__).parent, Path(__file__).parents[2], os.environ.get("PYTHONPATH", "")]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(map(str, places)))
+
+
+@pytest.fixture
+def shoot(make_crate_space, tmp_path):
+    """A function (name, engine) -> result of `shoot_plan` and all bytes of its folder."""
+    from toolkit.captures.shoot import ShootSettings, shoot_plan
+    from toolkit.rig.plan import read_plan
+
+    space = make_crate_space(tmp_path / "crates")
+
+    def call(name, engine):
+        plan, settings = read_plan(space.plan_file), ShootSettings(backdrop="white")
+        result = shoot_plan(space, plan, ["crate"], settings=settings, source=name, engine=engine)
+        return result, read_all(result.source_dir)
+
+    return call
+
+
+@pytest.fixture
+def ask(tmp_path):
+    """A function (name, engine) -> the finished benchmark of nine images, and its log of answers."""
+    from hue_network import make_hue_classifier, write_photos, write_set
+
+    from toolkit.benchmark.config import CorruptEvalConfig
+    from toolkit.benchmark.grid import Grid, run_grid
+    from toolkit.benchmark.variants import open_variants, share_classes
+    from toolkit.core.workspace import make_workspace
+    from toolkit.training.image_set import open_images
+
+    space = make_workspace(tmp_path / "space")
+    write_set(space)
+    write_photos(tmp_path / "data")
+
+    def call(name, engine):
+        classifier = make_hue_classifier()
+        variants, _ = open_variants(space, ("paint-16",), classifier, make_hue_classifier)
+        images = open_images(str(tmp_path / "data"), classifier)
+        images = images.only(share_classes(variants, images.classes))
+        config = CorruptEvalConfig(corruptions=(("fog", 3), ("jpeg_compression", 4)))
+        file = tmp_path / name / "cells.jsonl"
+        return run_grid(Grid(images, tuple(variants), config), file, engine=engine), file.read_bytes()
+
+    return call
+
+
+def read_all(folder):
+    return {str(file.relative_to(folder)): file.read_bytes() for file in folder.rglob("*") if file.is_file()}

@@ -1,0 +1,83 @@
+"""Units on Ray: one node, three nodes, a node that dies. Asked for with TEST_RAY=1: Ray listens on all interfaces."""
+
+import os
+
+import engine_work
+import pytest
+
+from toolkit.core.errors import ToolkitError
+from toolkit.engine.config import EngineConfig
+from toolkit.engine.local import InProcess
+from toolkit.engine.units import Unit
+
+ray = pytest.importorskip("ray")
+wanted = pytest.mark.skipif(not os.environ.get("TEST_RAY"), reason="starts Ray: TEST_RAY=1 asks for it")
+
+
+def units_of(work, *each):
+    return [Unit(f"{at:064d}", work, inputs, f"unit {at}", at) for at, inputs in enumerate(each)]
+
+
+@pytest.fixture
+def cluster():
+    """Three nodes of one core each."""
+    from ray.cluster_utils import Cluster
+
+    made = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
+    made.nodes = [made.add_node(num_cpus=1) for _ in range(2)]
+    yield made
+    ray.shutdown()
+    made.shutdown()
+
+
+@wanted
+def test_one_node_gives_the_same_bytes_and_failures(shoot, ask):
+    (_, here), (_, said) = shoot("sim", InProcess()), ask("here", InProcess())
+    with EngineConfig(engine="ray", workers=2).open() as engine:
+        (result, there), (_, said_there) = shoot("ray", engine), ask("ray", engine)
+        found = [
+            (one.unit.tag, one.result, bool(one.reason))
+            for one in engine.run(units_of(engine_work.fail_at, *((at, 1, KeyError("x")) for at in range(3))))
+        ]
+        dead = [
+            (one.result, one.reason) for one in engine.run(units_of(engine_work.die, *((at, 1) for at in range(3))))
+        ]
+    assert not ray.is_initialized()
+    assert here == there and said == said_there and result.shot == 4
+    assert found == [(0, 0, False), (1, None, True), (2, 2, False)]
+    assert [result for result, _ in dead] == [0, None, 2] and "was killed" in dead[1][1]
+
+
+@wanted
+def test_three_nodes_give_the_same_bytes_and_one_may_die(cluster, shoot, ask):
+    (_, here), (_, said) = shoot("sim", InProcess()), ask("here", InProcess())
+    with EngineConfig(engine="ray", address=cluster.address).open() as engine:
+        assert engine.workers == 3
+        assert shoot("ray", engine)[1] == here and ask("ray", engine)[1] == said
+        found = []
+        for one in engine.run(units_of(engine_work.wait_and_add, *((0.5, at) for at in range(16)))):
+            found.append((one.result, one.reason))
+            if len(found) == 3:
+                cluster.remove_node(cluster.nodes[0], allow_graceful=False)
+    assert found == [(at, "") for at in range(16)]
+
+
+@pytest.mark.parametrize(
+    ("address", "words"),
+    [
+        ("127.0.0.1:1", "nobody answers at Ray's address 127.0.0.1:1"),
+        ("nowhere", "expected HOST:PORT"),
+        ("127.0.0.1:99999", "expected HOST:PORT"),
+    ],
+)
+def test_an_address_where_nobody_answers_is_a_line(address, words):
+    engine = EngineConfig(engine="ray", address=address).open()
+    with pytest.raises(ToolkitError, match=words) as refused, engine:
+        pass
+    assert "\n" not in str(refused.value)
+
+
+def test_without_ray_the_error_names_the_extra(monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "ray", None)
+    with pytest.raises(ToolkitError, match=r"toolkit-boost\[ray\]"):
+        EngineConfig(engine="ray").open()
