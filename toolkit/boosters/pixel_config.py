@@ -76,7 +76,7 @@ class PixelConfig(Config):
     ensemble: Annotated[Literal["sum", "normalised", "turns"] | None, Later, Flag(group=TRANSFER)] = Field(
         None,
         description="Of several networks: their losses added; their gradients, none larger than another; or one "
-        "network a step.",
+        "network a step. Default: turns.",
     )
     objective: Annotated[Literal["cross-entropy", "logit"], Later, Flag(group=TRANSFER)] = Field(
         "cross-entropy", description="What is raised: the class' probability, or its logit."
