@@ -68,7 +68,7 @@ def copy_image(stored: StoredImage, source_dir: Path, path: str) -> bool:
 
 
 FORMATS = ("jpg", "png")
-LOOK_VERSION = 2
+LOOK_VERSION = 3
 """Raised when a change to the rig makes other pictures from the same inputs, so that old ones are shot again."""
 
 
