@@ -78,6 +78,9 @@ class TextureConfig(PixelConfig):
     optimiser: Annotated[Literal["sign", "sgd", "adam"], Flag(group=STEPS)] = Field(
         "sign", description="How the texture is moved."
     )
+    start: Annotated[Path | None, Flag(metavar="FILE", group=STEPS)] = Field(
+        None, exclude=True, description="PNG of a texture of the same objects to go on from, in place of noise."
+    )
     gradient: Annotated[Literal["shaded", "linear"], Flag(group=STEPS)] = Field(
         "shaded", description="shaded: light in the gradient; linear: the paper's approximation."
     )
