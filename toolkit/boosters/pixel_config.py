@@ -81,7 +81,7 @@ class PixelConfig(Config):
     objective: Annotated[Literal["cross-entropy", "logit"], Later, Flag(group=TRANSFER)] = Field(
         "cross-entropy", description="What is raised: the class' probability, or its logit."
     )
-    jitter: Annotated[Jitter | None, Later, Flag(group=TRANSFER)] = Field(
+    jitter: Annotated[Jitter | None, Later, Flag("--view-jitter", group=TRANSFER)] = Field(
         None, description="Show each network the photographs a little larger or smaller, and moved."
     )
     momentum: Annotated[float, Later, Field(ge=0, lt=1), Flag(group=TRANSFER)] = Field(

@@ -66,7 +66,7 @@ class TextureConfig(PixelConfig):
     size_px: Annotated[int, Field(ge=MIN_PX, le=MAX_PX), Flag(group=WEARS)] = Field(
         200, exclude=True, description="Side of the texture, pixels."
     )
-    keep: Annotated[tuple[str, ...], Flag(metavar="MATERIAL", group=WEARS)] = Field(
+    keep: Annotated[tuple[str, ...], Flag("--keep-material", metavar="MATERIAL", group=WEARS)] = Field(
         (), exclude=True, description="Material that keeps its paint, such as glass; repeat for more."
     )
     keep_image: Annotated[Path | None, Flag(metavar="FILE", group=WEARS)] = Field(
