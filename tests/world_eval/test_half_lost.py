@@ -5,6 +5,7 @@ import pytest
 
 from toolkit.core.statistics import percentile_interval, resample_clusters, sign_flip_p
 from toolkit.world_eval.half_lost import find_ladder, find_level, list_extinctions, measure_half
+from toolkit.world_eval.verdict import format_times, format_visibility
 
 EXTINCTIONS = list_extinctions([("clear", 0), *(("fog", k) for k in range(1, 6))])
 
@@ -50,6 +51,8 @@ def test_what_is_not_reached_is_a_bound() -> None:
     assert found.visibility_ci95 == (None, None)
     assert found.densest_m == pytest.approx(10)
     assert found.times_is_bound and found.times == pytest.approx(0.2996 / 0.1)
+    assert format_times(found.as_json(), "times") == "at least 3.0 times"
+    assert format_visibility(found.as_json()) == "not reached"
 
 
 def test_nothing_to_lose_is_no_number() -> None:

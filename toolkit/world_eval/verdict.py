@@ -104,11 +104,12 @@ def format_visibility(row: Row) -> str:
 def _format_times(value: float | None, interval: list[float | None] | None, is_bound: bool) -> str:
     if value is None:
         return "–"
-    start = "at least " if is_bound else ""
+    if is_bound:
+        return f"at least {value:.1f} times"
     if interval is None:
-        return f"{start}{value:.1f} times"
+        return f"{value:.1f} times"
     low, high = ("?" if one is None else f"{one:.1f}" for one in interval)
-    return f"{start}{value:.1f} times ({low}{'–' + high if high != '?' else ' or more'})"
+    return f"{value:.1f} times ({low}{'–' + high if high != '?' else ' or more'})"
 
 
 def format_times(row: Row, key: str) -> str:
