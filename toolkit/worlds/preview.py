@@ -176,7 +176,7 @@ class _Show:
             sky.exposure,
             sky.sun,
             sky.lamps,
-            crc32(sky.panorama),
+            crc32(sky.panorama.tobytes()),
             self.facts,
         ]
         if job.kind == "picture":
