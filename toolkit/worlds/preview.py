@@ -193,7 +193,9 @@ def find_clear_orbit(world: World, placed: Placed, turn_deg: float, up_deg: floa
 
     azimuths = [placed.stand.turn_deg + turn_deg + turn for turn in TURNS_DEG]
     poses = [orbit_pose(placed.centre, azimuth, up_deg, distance_m) for azimuth in azimuths]
-    targets = np.concatenate([placed.centre[None], placed.centre + 0.8 * (placed.box - placed.centre)])
+    low, high = placed.mesh.bounds
+    shares = np.stack(np.meshgrid(*[np.linspace(0.1, 0.9, 9)] * 2, [0.3, 0.5, 0.8], indexing="ij"), -1).reshape(-1, 3)
+    targets = placed.stand.to_world(low + shares * (high - low))  # close enough together for a lamp post
     eyes = np.array([pose[:3, 3] for pose in poses])
     ways = targets[None] - eyes[:, None]
     rays = np.concatenate([np.broadcast_to(eyes[:, None], ways.shape), ways], axis=2).astype(np.float32)
