@@ -14,14 +14,13 @@ from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.landing.dataset import SampleSet, read_split
 from toolkit.landing.regressor import as_batch, build_module, load_regressor, regressors_dir, summarise_errors
 from toolkit.landing.site import CameraConfig
+from toolkit.landing.start import RIDGE, fit_ridge
 from toolkit.landing.train import (
     RECIPES,
-    RIDGE,
     LandingTrainConfig,
     RegressorTask,
     TrainedRegressor,
     export_onnx,
-    fit_ridge,
     train_regressor,
     turn_offsets,
 )
@@ -33,10 +32,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Workspace, LandingTr
     write_drawn(space.captures_dir / "landing" / "drawn")
     config = LandingTrainConfig(
         arch="shufflenet_v2_x0_5",
+        pool="average",
         init=write_start(space.root / "start.pth"),
         epochs=24,
         batch=32,
         lr=6e-3,
+        probe=False,
         uncertainty=True,
     )
     return space, config, train_regressor(space, "drawn", config, seed=1, device="cpu")

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from toolkit import __version__
 from toolkit.core.config import Config, Flag
-from toolkit.core.console import notice, progress
+from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_bytes, sha256_file, write_bytes, write_json
@@ -25,30 +25,26 @@ from toolkit.landing.regressor import (
     Regressor,
     RegressorRecord,
     as_batch,
-    build_module,
     freeze,
     regressors_dir,
     run_network,
     summarise_errors,
 )
-from toolkit.models.bundled import bundled_file, read_bundled
+from toolkit.landing.start import find_start, fit_ridge, start_module
 from toolkit.models.network import choose_device
-from toolkit.models.weights import WeightsFile, find_local, find_weights, open_weights, read_state_dict
+from toolkit.models.weights import WeightsFile, read_state_dict
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.classifier_task import load_tensors
 from toolkit.training.loop import FitConfig, History, Task, fit
 
 if TYPE_CHECKING:
     import torch
-    from torch import nn
 
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 CHECKPOINT_EVERY_S = 20.0
 CALIBRATION_SHARE = 0.1
 LEAST_HEIGHT_M = 0.5
 PROBE_BATCH = 64
-RIDGE = 0.05
-"""Of the ridge regression, per frame, on standardised features."""
 
 
 class LandingTrainConfig(Config):
@@ -159,7 +155,7 @@ def train_regressor(
     device, folder = choose_device(device), find_dataset(space, dataset)
     about = open_dataset(folder)
     train, held_out = read_split(folder, "train", config.frames), read_split(folder, "held_out")
-    init = find_start(config)
+    init = find_start(config.arch, config.init)
     name = config.name or folder.name
     digests = [shard.sha256 for shard in about.shards]
     inputs = config.sha256(digests, init.sha256, seed, name, 1)
@@ -179,41 +175,6 @@ def find_dataset(space: Workspace, word: str) -> Path:
             f"no landing data set called '{word}' in {own.parent}: make one with 'toolkit landing collect'"
         )
     return folder
-
-
-def find_start(config: LandingTrainConfig) -> WeightsFile:
-    """The weights to start from: those that are named, ImageNet's, or where there are none the bundled network's."""
-    if config.init is not None:
-        return find_weights(config.arch, config.init)
-    bundled, record = bundled_file(), read_bundled()
-    if find_local(config.arch) is None and bundled is not None and record is not None and record.arch == config.arch:
-        notice(f"no weights of {config.arch} on this machine: starting from the bundled network {record.name}")
-        return open_weights(bundled, record.name)
-    return find_weights(config.arch)
-
-
-def start_module(config: LandingTrainConfig, image_px: int, init: WeightsFile, seed: int) -> "nn.Module":
-    """A network with weights, all but the last layer's, which is drawn by the seed.
-
-    Raises:
-        ToolkitError: the weights are of another network.
-    """
-    import torch
-
-    arch, outputs = config.arch, 3 if config.uncertainty else 2
-
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        module = build_module(arch, outputs, config.pool, image_px)
-    own, given = module.state_dict(), read_state_dict(init)
-    fitting = {name: value for name, value in given.items() if name in own and value.shape == own[name].shape}
-    missing = {name.rpartition(".")[0] for name in own if name not in fitting and not name.endswith("tracked")}
-    if len(missing) > 1:
-        raise FieldError(f"holds no weights of {arch}: {len(missing)} layers differ", {"init": init.path})
-    load_tensors(
-        module, {name: value.float() if value.is_floating_point() else value for name, value in fitting.items()}, False
-    )
-    return module
 
 
 class RegressorTask(Task[Regressor]):
@@ -236,7 +197,14 @@ class RegressorTask(Task[Regressor]):
         self.calibration, self.chosen = np.sort(numbers[:aside]), np.sort(numbers[aside:])
         if len(self.chosen) < 2:
             raise ToolkitError("too few frames to train on: collect more")
-        module = start_module(config, train.images.shape[1], init, seed)
+        module = start_module(
+            config.arch,
+            3 if config.uncertainty else 2,
+            config.pool,
+            image_px=train.images.shape[1],
+            init=init,
+            seed=seed,
+        )
         self.module = module.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def parameters(self) -> "dict[str, torch.Tensor]":
@@ -372,28 +340,6 @@ class RegressorTask(Task[Regressor]):
         write_bytes(self.file, content)
         write_json(self.file.with_suffix(".json"), record.model_dump(mode="json"))
         return Regressor(record, regressor.module, self.device)
-
-
-def fit_ridge(features: np.ndarray, offsets: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-    """Weighted ridge regression on standardised features, in closed form.
-
-    Args:
-        features: (n, d).
-        offsets: (n, 2) metres.
-        weight: (n,) on the error of each row.
-
-    Returns:
-        (d, 2) weights and (2,) bias of the features as they are, and the root of the mean square of what is left.
-    """
-    mean, spread = features.mean(axis=0), features.std(axis=0) + 1e-6
-    rows = np.column_stack([(features - mean) / spread, np.ones(len(features))]).astype(np.float64) * weight[:, None]
-    wanted = offsets * weight[:, None]
-    penalty = np.full(rows.shape[1], RIDGE * len(rows))
-    penalty[-1] = 1e-9
-    found = np.linalg.solve(rows.T @ rows + np.diag(penalty), rows.T @ wanted)
-    residual = float(np.sqrt(np.square((rows @ found - wanted) / weight[:, None]).mean()))
-    weights = found[:-1] / spread[:, None]
-    return weights, found[-1] - mean @ weights, residual
 
 
 def turn_offsets(offsets: np.ndarray, turns: np.ndarray) -> np.ndarray:
