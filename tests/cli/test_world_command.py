@@ -122,7 +122,7 @@ def test_an_object_is_exported_where_it_stands(space, tmp_path) -> None:
             ("preview", "grass", "--object", "racer", "--length-m", "99"),
             "grass has no place for an object that reaches",
         ),
-        (("preview", "grass", "--resolution", "9", "9"), "expected 64 to 7680 pixels"),
+        (("preview", "grass", "--resolution", "9", "9"), "--resolution 9 9: expected 64 to 7680 pixels"),
         (("preview", "grass", "--film-s", "-1"), "--film-s -1: expected 0 to 300 seconds"),
         (("preview", "grass", "--world-scale", "2"), "--world-scale 2"),
         (("export", "grass", "--out", "x.obj"), "--out x.obj: expected a file that ends in .glb"),

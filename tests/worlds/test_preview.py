@@ -164,7 +164,7 @@ def test_the_map_has_its_places_where_they_are(field, first) -> None:
 
 
 @pytest.mark.parametrize(
-    "wrong", [{"size": (10, 10)}, {"film_size": (65, 64)}, {"film_s": -1.0}, {"film_s": float("nan")}]
+    "wrong", [{"resolution": (10, 10)}, {"film_size": (65, 64)}, {"film_s": -1.0}, {"film_s": float("nan")}]
 )
 def test_settings_out_of_range_are_named(wrong) -> None:
     with pytest.raises(FieldError, match=f"^{next(iter(wrong))} "):

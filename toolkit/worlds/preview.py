@@ -8,6 +8,7 @@ from io import BytesIO
 from itertools import groupby
 from pathlib import Path
 from typing import Any, Literal
+from zlib import crc32
 
 import numpy as np
 from PIL import Image
@@ -43,7 +44,7 @@ class PreviewSettings:
     """What to make.
 
     Attributes:
-        size: width and height of pictures, pixels.
+        resolution: width and height of pictures, pixels.
         film_size: and of the film; both even.
         map_px: side of the map.
         film_s: length of the film, seconds; 0 leaves it out.
@@ -51,7 +52,7 @@ class PreviewSettings:
         seed: of viewpoints, flight, grain and weather.
     """
 
-    size: tuple[int, int] = (1280, 720)
+    resolution: tuple[int, int] = (1280, 720)
     film_size: tuple[int, int] = (640, 360)
     map_px: int = 1400
     film_s: float = 12.0
@@ -59,7 +60,7 @@ class PreviewSettings:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("size", "film_size"):
+        for name in ("resolution", "film_size"):
             width, height = getattr(self, name)
             if not (64 <= width <= 7680 and 64 <= height <= 7680) or (
                 name == "film_size" and (width % 2 or height % 2)
@@ -70,6 +71,11 @@ class PreviewSettings:
             raise FieldError("expected 64 to 8192 pixels", {"map_px": self.map_px})
         if not 0 <= self.film_s <= 300:
             raise FieldError("expected 0 to 300 seconds", {"film_s": self.film_s})
+
+    @property
+    def frames(self) -> int:
+        """Of the film; 0 where there is none."""
+        return round(self.film_s * FPS)
 
 
 @dataclass(frozen=True)
@@ -145,7 +151,7 @@ class _Show:
     @property
     def camera(self) -> Camera:
         """Of all pictures."""
-        return Camera.from_fov(*self.settings.size, FOV_DEG)
+        return Camera.from_fov(*self.settings.resolution, FOV_DEG)
 
     def list_jobs(self) -> Iterator[_Job]:
         """Every file, those of one sky side by side."""
@@ -157,15 +163,24 @@ class _Show:
                     yield _Job(f"{'-'.join(words)}.jpg", "picture", k, item, weather)
             if k == 0:
                 yield _Job(MAP, "map", k)
-                if self.settings.film_s:
+                if self.settings.frames:
                     yield _Job(FILM, "film", k)
 
     def hash_inputs(self, job: _Job) -> str:
         """Hash of all that decides what a file shows."""
         sky, settings = self.skies[job.sky], self.settings
-        parts: list[object] = [MADE_AS, job.kind, sky.name, sky.exposure, sky.sun, sky.lamps, self.facts]
+        parts: list[object] = [
+            MADE_AS,
+            job.kind,
+            sky.name,
+            sky.exposure,
+            sky.sun,
+            sky.lamps,
+            crc32(sky.panorama.tobytes()),
+            self.facts,
+        ]
         if job.kind == "picture":
-            parts += [settings.size, job.weather, settings.seed, job.item]
+            parts += [settings.resolution, job.weather, settings.seed, job.item]
             parts += [self.viewpoints[job.item].T_world_camera.round(6).tolist()]
         else:
             parts += [settings.seed, settings.map_px, settings.film_size, settings.film_s]
@@ -178,7 +193,9 @@ def find_clear_orbit(world: World, placed: Placed, turn_deg: float, up_deg: floa
 
     azimuths = [placed.stand.turn_deg + turn_deg + turn for turn in TURNS_DEG]
     poses = [orbit_pose(placed.centre, azimuth, up_deg, distance_m) for azimuth in azimuths]
-    targets = np.concatenate([placed.centre[None], placed.centre + 0.8 * (placed.box - placed.centre)])
+    low, high = placed.mesh.bounds
+    shares = np.stack(np.meshgrid(*[np.linspace(0.1, 0.9, 9)] * 2, [0.3, 0.5, 0.8], indexing="ij"), -1).reshape(-1, 3)
+    targets = placed.stand.to_world(low + shares * (high - low))  # close enough together for a lamp post
     eyes = np.array([pose[:3, 3] for pose in poses])
     ways = targets[None] - eyes[:, None]
     rays = np.concatenate([np.broadcast_to(eyes[:, None], ways.shape), ways], axis=2).astype(np.float32)
@@ -188,8 +205,9 @@ def find_clear_orbit(world: World, placed: Placed, turn_deg: float, up_deg: floa
 
 
 def name_sky(sky: Sky) -> str:
-    """`dusk` of `dusk/0`, as it stands in names of files."""
-    return sky.name.partition("/")[0].replace(" ", "-")
+    """`dusk` of `dusk/0`, as it stands in names of files; `sky-NAME` of a panorama's."""
+    name, drawn, _ = sky.name.partition("/")
+    return (name if drawn else f"sky-{name}").replace(" ", "-")
 
 
 def preview_world(
@@ -219,7 +237,7 @@ def preview_world(
     missing = [job for job in jobs if job.file not in record]
     if not missing:
         return PreviewResult(show.folder, [], [job.file for job in jobs])
-    frames = round(settings.film_s * FPS) if any(job.kind == "film" for job in missing) else 0
+    frames = settings.frames if any(job.kind == "film" for job in missing) else 0
     with progress(f"preview of {world.name}", len(missing) + frames) as bar:
         for k, of_sky in groupby(missing, key=lambda job: job.sky):
             renderer = _light(show, skies[k])
@@ -256,7 +274,7 @@ def _make(
     elif first.kind == "map":
         sheet = MapSheet.over(show.world, show.settings.map_px)
         above = tone_map(renderer.render(sheet.camera, sheet.T_world_camera), (show.settings.seed,), falloff=0.0)
-        path = show.flight.points if show.settings.film_s else None
+        path = show.flight.points if show.settings.frames else None
         drawn = draw_map(above, sheet, show.world, show.viewpoints, path)
         buffer = BytesIO()
         Image.fromarray(drawn).save(buffer, "PNG")
@@ -270,7 +288,7 @@ def _make_film(show: _Show, renderer: RaycastRenderer, advance: Any, key: str) -
     """Frames first, each in a file, so that an interrupted film goes on; then the film of them."""
     folder = show.folder / FRAMES
     camera = Camera.from_fov(*show.settings.film_size, FOV_DEG)
-    poses = show.flight.poses(round(show.settings.film_s * FPS))
+    poses = show.flight.poses(show.settings.frames)
     files = [folder / f"{key[:12]}-{k:05d}.jpg" for k in range(len(poses))]
     todo = [k for k, file in enumerate(files) if not file.is_file()]
     advance(len(files) - len(todo))
