@@ -17,6 +17,7 @@ export TOOLKIT_WEIGHTS ?= $(abspath $(wildcard ../shared/weights))
 demo: setup
 	$(BIN)/toolkit demo demo
 
+# TEST_RAY=1 runs the tests of the Ray engine as well, which listens on all interfaces while they run.
 test: setup .venv/.test
 	@scripts/test-browser
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal $(PYTEST_ARGS)

@@ -14,6 +14,7 @@ from tiny_network import tiny_classifier, write_photos
 
 from toolkit.boosters.pixels import PixelTask, Target
 from toolkit.boosters.texture import TextureTask, train_texture
+from toolkit.boosters.texture_objects import load_objects
 from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import load_object, read_mesh
@@ -251,3 +252,22 @@ def test_the_atlas_of_the_parts_is_the_one_that_the_variant_wears(space):
     item = load_object(space.object_spec("crate"))
     worn = paint_object(item, made.texture, made.texture.pixels)
     assert np.array_equal(worn.uv[worn.faces], make_crate(space)[1].corner_uv)
+
+
+@pytest.mark.slow
+def test_a_run_goes_on_from_another_texture(space):
+    """A step that moves next to nothing leaves its colours; other sizes and objects are refused."""
+    first = run(space, crate_config(2), name="first")
+    still = run(space, crate_config(1, lr=1e-6, start=first.files.png), name="second")
+    seen = load_objects(space, crate_config(), None)[0].atlas.covered
+    assert np.array_equal(still.texture.pixels[seen], first.texture.pixels[seen])
+    noise = run(space, crate_config(1, lr=1e-6), name="noise")
+    assert not np.array_equal(noise.texture.pixels[seen], first.texture.pixels[seen])
+    with pytest.raises(ToolkitError, match="is 32 px a side: expected 16, as"):
+        run(space, crate_config(1, start=first.files.png, size_px=16), name="small")
+    with pytest.raises(ToolkitError, match=r"nowhere-first\.png"):
+        run(space, crate_config(1, start=first.files.png.with_name("nowhere-first.png")), name="none")
+    spec = (space.objects_dir / "crate.toml").read_text()
+    (space.objects_dir / "box.toml").write_text(spec.replace('name = "crate"', 'name = "box"'))
+    with pytest.raises(ToolkitError, match="was not trained on object 'box'"):
+        run(space, crate_config(1, start=first.files.png, objects=("box",)), name="other")

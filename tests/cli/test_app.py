@@ -64,7 +64,12 @@ def test_the_shell_completes_commands_and_options(typed, offered):
 
 RANGES = {"--fill": "one share for a plan, a range to draw from in training"}
 KINDS_OF_FOLDER = {"--out": "a file or a folder, as the command makes one or many", "--data": "what a command can use"}
-SETS = {"--patches": "a set; corrupt-eval may name its model too", "--format": "the same two"}
+SETS = {
+    "--patches": "a set; corrupt-eval may name its model too",
+    "--format": "the same two",
+    "--schedule": "of the learning rate; a landing's may also rise first",
+    "--optimiser": "a landing has no signs",
+}
 
 
 def test_an_option_means_one_thing_in_all_commands():

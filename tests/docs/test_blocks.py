@@ -131,6 +131,10 @@ QUICK: dict[str, Command] = {
     "train-patch": [
         *("--model", "rig18", "--steps", "1", "--batch", "2", "--images", "4", "--mounted-views", "10"),
     ],
+    "world-eval": [
+        *("--model", "rig18", "--world", "grass", "--places", "1", "--grid", "3x3x1", "--sample", "1"),
+        *("--variant", "unpatched", "--variant", "patched"),
+    ],
 }
 """By command: what is added so that it takes seconds."""
 NEEDS = (

@@ -105,3 +105,48 @@ def test_the_workers_of_a_killed_driver_end(tmp_path):
             break
         time.sleep(0.2)
     assert not left, "workers without a driver"
+
+
+class Killed(BaseException):
+    """Ends the driver as Ctrl-C does, wherever it is."""
+
+
+@pytest.mark.slow
+def test_a_driver_that_is_stopped_goes_on_with_any_engine_and_does_nothing_twice(shoot, monkeypatch):
+    whole = shoot("whole", InProcess())[1]
+    real, written = shooting.append_record, []
+
+    def stop_at_the_second(source_dir, record):
+        real(source_dir, record)
+        written.append(record.path)
+        if len(written) == 2:
+            raise Killed
+
+    monkeypatch.setattr(shooting, "append_record", stop_at_the_second)
+    with pytest.raises(Killed), LocalPool(2) as pool:
+        shoot("sim", pool)
+    monkeypatch.setattr(shooting, "append_record", lambda *given: (written.append(given[1].path), real(*given)))
+    result, files = shoot("sim", InProcess())
+    assert (result.shot, result.kept) == (2, 2) and files == whole
+    assert sorted(written) == sorted(set(written)) and len(written) == 4
+
+
+@pytest.mark.slow
+def test_the_command_takes_workers_and_lists_what_failed(make_crate_space, tmp_path, monkeypatch):
+    from typer.testing import CliRunner
+
+    from toolkit.cli import app
+
+    space = make_crate_space(tmp_path / "crates")
+    call = ["capture-sim", "--workspace", str(space.root), "--object", "crate", "--backdrop", "white"]
+    done = CliRunner().invoke(app, [*call, "--workers", "2", "--source", "pool"])
+    assert done.exit_code == 0 and "shot 4 images" in done.stdout
+    real = shooting.tone_map
+    monkeypatch.setattr(shooting, "tone_map", lambda picture, draws: 1 / 0 if draws[1] == 2 else real(picture, draws))
+    done = CliRunner().invoke(app, call)
+    assert done.exit_code == 1 and "skipped crate unpatched: ZeroDivisionError" in done.stderr.replace("\n", " ")
+    assert "shot 2 images" in done.stdout
+    done = CliRunner().invoke(app, [*call, "--engine", "cloud"])
+    assert "--engine cloud: expected local or ray" in str(done.exception)
+    done = CliRunner().invoke(app, [*call, "--address", "10.0.0.1:6379"])
+    assert "--address 10.0.0.1:6379: goes with --engine ray" in str(done.exception)

@@ -9,7 +9,9 @@ from typer.testing import CliRunner
 from toolkit.benchmark.metrics import summarise
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
+from toolkit.evaluation.compare import compare_runs
 from toolkit.evaluation.config import EvalConfig
+from toolkit.evaluation.detect import COLUMNS
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.run_rows import parse_where, pick_rows
 from toolkit.evaluation.runs import CLEAR, MEAN, find_runs, open_run
@@ -57,11 +59,40 @@ def write_world(workspace, name="grid"):
 
 def write_landing(workspace, name="landing/first"):
     cells = [
-        {"pad": pad, "regressor": "small", "world": "apron", "weather": "fog", "severity": 2, "gains": {}, "n": 50,
-         "success": share, "success_ci95": [0.1, 0.9], "crashed": 1, "missed": 2, "lost": 3, "timed_out": 4}
+        {"pad": pad, "regressor": "small", "world": "apron", "weather": "fog", "severity": 2, "gains": "gentle",
+         "n": 50, "success": share, "success_ci95": [0.1, 0.9], "crashed": 1, "missed": 2, "lost": 3, "timed_out": 4}
         for pad, share in (("plain", 0.4), ("boosted", 0.8))
     ]  # fmt: skip
-    return write_summary(workspace, name, {"schema_version": 1, "cells": cells, "pairs": []})
+    at = "small/apron/fog:2/gentle"
+    pairs = [
+        {"cell": f"boosted/{at}", "against": f"plain/{at}", "gained": 20, "lost": 0, "mcnemar_p": 0.001},
+        {
+            "cell": f"boosted/{at}",
+            "against": "boosted/large/apron/fog:2/gentle",
+            "gained": 3,
+            "lost": 3,
+            "mcnemar_p": 1,
+        },
+    ]
+    return write_summary(workspace, name, {"schema_version": 1, "cells": cells, "pairs": pairs})
+
+
+def write_detections(workspace, name, found):
+    """A detector's run on the racer alone, whose groups have no row of all objects."""
+    group = {
+        "source": "sim",
+        "object": "racer",
+        "variant": "unpatched",
+        "n": 2,
+        "failed": 0,
+        "found": found.count(1) / 2,
+    }
+    group |= {"recall50": 1.0, "ap50": 0.4, "ap50_95": 0.2, "mean_score": 0.3, "found_ci95": [0.1, 0.9]}
+    content = {"schema_version": 1, "kind": "detections", "model": {"name": "yolo"}, "groups": [group], "pairs": []}
+    file = write_summary(workspace, name, content)
+    rows = [f"sim,racer,unpatched,{k},sim/racer/unpatched/{k}.png,car,,{one},0.5,0.6,,dog,0.7,ok" for k, one in
+            enumerate(found, 1)]  # fmt: skip
+    (file.parent / "detections.csv").write_text("\n".join([",".join(COLUMNS), *rows]) + "\n")
 
 
 def test_a_run_has_the_numbers_of_its_summary(evaluated):
@@ -90,6 +121,7 @@ def test_every_experiment_is_a_row(evaluated):
     assert (fog.severity, fog.world, fog.gained, fog.lost) == (3, "city", 2, 3)
     boosted = by_name["landing/first"][1]
     assert (boosted.variant, boosted.metric, boosted.share, boosted.condition) == ("boosted", "success", 0.8, "fog")
+    assert (boosted.gained, boosted.lost, by_name["landing/first"][0].gained) == (20, 0, None)
     own = by_name["corruptions/photographs-net"]
     mean = next(row for row in own if (row.condition, row.variant) == (MEAN, "patches-100"))
     each = [row.share for row in own if row.variant == "patches-100" and row.condition == "fog"]
@@ -194,3 +226,13 @@ def test_the_command_prints_a_table_and_json(evaluated):
 def test_a_workspace_without_runs_says_so(workspace):
     done = CliRunner().invoke(app, ["runs", "--workspace", str(workspace.root)])
     assert done.exit_code == 0 and "no runs yet" in done.stdout
+
+
+def test_a_detectors_run_is_right_where_it_found_the_object(workspace):
+    write_detections(workspace, "before", (0, 0))
+    write_detections(workspace, "after", (0, 1))
+    (row,) = pick_rows(open_run(workspace, "after").rows)  # one object, and no row of all
+    assert (row.kind, row.metric, row.share, row.object) == ("detection", "found", 0.5, "racer")
+    found = compare_runs(workspace, open_run(workspace, "before"), open_run(workspace, "after"))
+    (flip,) = found.flips
+    assert (flip.first.top1_label, flip.second.top1_label, flip.is_gained) == ("dog", "car", True)

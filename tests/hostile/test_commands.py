@@ -29,7 +29,6 @@ COMMANDS = {
     "capture-sim": ("capture-sim", "--object", "crate", "--variant", "unpatched"),
     "eval": ("eval", "captures/sim", "--model", "mine"),
     "baseline": ("baseline", "qr", "--class", "crate"),
-    "world list": ("world", "list"),
     "world preview": ("world", "preview", "nowhere.glb"),
     "world export": ("world", "export", "nowhere.glb"),
     "runs": ("runs", "--all"),
@@ -44,7 +43,12 @@ COMMANDS = {
     "train-patches": ("train-patches", "--data", "nowhere"),
     "corrupt-eval": ("corrupt-eval", "--data", "nowhere"),
 }
-LEFT_OUT = {"studio": "serves until it is stopped", "demo": "walks the whole road", "doctor": "reads nothing"}
+LEFT_OUT = {
+    "studio": "serves until it is stopped",
+    "demo": "walks the whole road",
+    "doctor": "reads nothing",
+    "world list": "builds every world anew for each seed",
+}
 READING = (("plan", "--object", "crate"), ("objects",), ("print", "--class", "crate"), ("check",), IMPORT,
            ("corrupt", "photos", "corrupted", "--corrupt", "fog:1"), ("eval", "captures/real", "--model", "mine"),
            ("capture-sim", "--object", "crate", "--variant", "unpatched"),

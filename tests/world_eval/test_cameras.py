@@ -104,3 +104,10 @@ def test_a_sample_is_drawn_by_the_seed_and_grows(field: World, placed: Placed) -
 def test_a_grid_inside_a_wall_says_how_many_and_why(field: World, placed: Placed) -> None:
     with pytest.raises(ToolkitError, match=r"no camera of the 1 around 'west' can stand: 1 inside the object or too"):
         plan(field, placed, (1, 1, 1))
+
+
+def test_cameras_come_as_near_to_the_ground_as_a_small_object_is_low(field: World, make_box) -> None:
+    mesh = make_box((0.27, 0.2, 0.09))
+    pot = place_object(mesh, field, find_spot(field, "west"), make_sky("noon", 0, 32))
+    cameras = plan(field, pot, (3, 3, 1))
+    assert cameras.left_out == {TOO_NEAR: 1}

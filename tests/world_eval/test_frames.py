@@ -1,5 +1,7 @@
 """One render for all weathers: the same light and depth as when each is asked for alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from walled_field import PX
@@ -7,6 +9,7 @@ from walled_field import PX
 from toolkit.rig.camera import Camera, look_at
 from toolkit.rig.shading import tone_map
 from toolkit.world_eval.frames import BOOSTER_ID, OBJECT_ID, Variant
+from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.depth_view import DepthView
 from toolkit.worlds.picture import find_depths, make_renderer, see_through
 from toolkit.worlds.place import find_spot, place_object
@@ -52,6 +55,11 @@ def test_ground_and_normals_are_found_only_where_they_are_needed(renderer, field
     assert np.array_equal(rain.ground, (found["mesh"] == 1) & (found["face"] < 2))  # the ground's two triangles
     assert snow.normals[rain.ground] == pytest.approx(np.tile([0, 0, 1], (int(rain.ground.sum()), 1)))
     assert (snow.normals[found["mesh"] != 1] == 0).all()
+    lake = replace(
+        field, face_class=np.where(field.face_class == SceneClass.GROUND, SceneClass.WATER, field.face_class)
+    )
+    wet = find_depths(lake, sky, VIEW, found, [("snow", 1)])
+    assert not wet.ground.any() and (wet.normals[rain.ground] == 0).all()
 
 
 def test_what_the_bare_mesh_lacks_is_the_booster(make_box) -> None:

@@ -54,13 +54,15 @@ def test_it_says_what_was_found(type_command, monkeypatch) -> None:
         (("--time", "night"), "no time of day called 'night'"),
         (("--run", "../up"), "--run ../up: expected letters"),
         (("--places", "0"), "--places 0"),
+        (("--on", "moon"), "--on moon"),
+        (("--on", "water"), "has no free place for an object"),
         (("--extent", "0.1"), "--extent 0.1"),
         (("--length-m", "-3"), "--length-m -3"),
         (("--sample", "0"), "--sample 0"),
     ],
 )
 def test_what_cannot_be_meant_is_one_line(type_command, words, said) -> None:
-    result = type_command("--variant", "unpatched", *words)
+    result = type_command("--world", "grass", "--variant", "unpatched", *words)
     assert isinstance(result.exception, ToolkitError | SystemExit), result.output
     text = str(result.exception) + result.output
     assert said in text

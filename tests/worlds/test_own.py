@@ -70,6 +70,15 @@ def test_inside_is_known_from_rays_alone(world: World) -> None:
     assert world.inside_building(points).tolist() == [True, False, False, True]
 
 
+def test_spots_keep_clear_of_posts_too_thin_for_a_fan_of_rays(tmp_path: Path) -> None:
+    at = np.random.default_rng(1).uniform((-28, -18), (28, 18), (30, 2))
+    posts = [painted(block((0.06, 0.06, 4), 100 + x, 50 + y, 5), (30, 30, 30)) for x, y in at]
+    spots = load_world(write(tmp_path / "posts.glb", [*yard(), *posts])).spots
+    assert spots
+    for spot in spots:
+        assert np.hypot(*(at - spot.position[:2]).T).min() >= spot.free_radius_m - 0.1
+
+
 def test_spots_keep_clear_of_the_house_and_the_edge(world: World) -> None:
     assert world.spots
     for spot in world.spots:

@@ -44,7 +44,7 @@ def test_objects_have_the_size_of_what_they_are_models_of(name: str, length_m: f
 def test_it_touches_the_ground_and_nothing_is_in_its_box(world: str, name: str, city: World) -> None:
     place = city if world == "city" else build_world(world)
     mesh = real(name)
-    spots = choose_places(place, find_radius(mesh), 4, 3)
+    spots = choose_places(place, find_radius(mesh), 4, 3, kinds=("ground", "roof", "water"))
     rays = make_ray_scene(place.mesh)
     for spot in spots:
         placed = place_object(mesh, place, spot, SKY)
@@ -76,6 +76,14 @@ def test_places_are_drawn_by_the_seed_and_of_several_kinds(city: World) -> None:
     assert {choose_places(city, 2.5, 4, seed) != four for seed in range(2, 6)} != {False}
     others = choose_places(city, 2.5, 4, 1, without=[spot.name for spot in four])
     assert not {spot.name for spot in others} & {spot.name for spot in four}
+
+
+def test_only_ships_stand_on_water() -> None:
+    harbour = build_world("harbour")
+    assert {spot.kind for spot in choose_places(harbour, 2.5, 3)} == {"ground"}
+    assert {spot.kind for spot in choose_places(harbour, 2.5, 2, kinds=("water",))} == {"water"}
+    with pytest.raises(ToolkitError, match="has 3 places for an object"):
+        choose_places(harbour, 2.5, 4)
 
 
 def test_what_has_no_place_is_refused_in_words(city: World) -> None:

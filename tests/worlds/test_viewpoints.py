@@ -34,10 +34,10 @@ def test_clearance_is_the_closed_form(field) -> None:
     assert clearance(field, points) == pytest.approx(room_around(points), abs=1e-3)
 
 
-def test_cameras_stand_clear_at_the_heights_of_their_level(viewpoints) -> None:
+def test_cameras_stand_clear_at_the_heights_of_their_level(field, viewpoints) -> None:
     assert {one.name for one in viewpoints} >= {"street", "roof", "air", "street-2"}
     for one in viewpoints:
-        low, high = LEVELS[one.name.partition("-")[0]].height_m
+        low, high = LEVELS[one.name.partition("-")[0]].within(field).height_m
         assert low <= one.position[2] <= high
         assert room_around(one.position[None])[0] >= HEADROOM_M
 

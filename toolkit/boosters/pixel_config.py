@@ -76,12 +76,12 @@ class PixelConfig(Config):
     ensemble: Annotated[Literal["sum", "normalised", "turns"] | None, Later, Flag(group=TRANSFER)] = Field(
         None,
         description="Of several networks: their losses added; their gradients, none larger than another; or one "
-        "network a step.",
+        "network a step. Default: turns.",
     )
     objective: Annotated[Literal["cross-entropy", "logit"], Later, Flag(group=TRANSFER)] = Field(
         "cross-entropy", description="What is raised: the class' probability, or its logit."
     )
-    jitter: Annotated[Jitter | None, Later, Flag(group=TRANSFER)] = Field(
+    jitter: Annotated[Jitter | None, Later, Flag("--view-jitter", group=TRANSFER)] = Field(
         None, description="Show each network the photographs a little larger or smaller, and moved."
     )
     momentum: Annotated[float, Later, Field(ge=0, lt=1), Flag(group=TRANSFER)] = Field(

@@ -33,6 +33,7 @@ from toolkit.boosters.texture_objects import (
     hash_objects,
     load_objects,
     read_keep_image,
+    read_start,
 )
 from toolkit.boosters.texture_validation import (
     WeatherValidation,
@@ -143,6 +144,9 @@ def train_texture(
     data_sha256 = hash_objects(objects) + sha256_bytes(backgrounds.images.tobytes())
     if config.weather is not None or config.world is not None:
         data_sha256 += "".join(f" {one.metres_per_mm!r}" for one in objects)
+    start = None if config.start is None else read_start(config.start, objects, config.size_px)
+    if start is not None:
+        data_sha256 += sha256_bytes(start.tobytes())
     setting = None
     if config.world is not None:
         seed, scale = config.world_seed, config.world_scale
@@ -155,6 +159,8 @@ def train_texture(
     inputs_sha256 = sha256_bytes(json.dumps(inputs, sort_keys=True).encode())
     task = TextureTask(config, targets, objects, backgrounds, files, inputs_sha256)
     task.keep_image, task.workers, task.setting = keep_image, workers, setting
+    if start is not None:
+        task.begin_with(start)
     checkpoint = Checkpoint(files.training, inputs_sha256, restart, checkpoint_every_s)
     fitted = fit(task, config.fit_config(config.optimiser), checkpoint)
     return replace(fitted.made, resumed_from=fitted.resumed_from, was_finished=fitted.was_finished)
@@ -216,6 +222,13 @@ class TextureTask(PixelTask[TrainedTexture]):
         is_model = config.weather is not None and config.world is None
         self._metres = [one.metres_per_mm if is_model else 1.0 for one in objects]
         self._glbs = {one.name: files.png.parent / glb_name(files.png.stem, one.name) for one in objects}
+
+    def begin_with(self, pixels: np.ndarray) -> None:
+        """Go on from a texture, (n, n, 3) uint8 sRGB, in place of noise."""
+        import torch
+
+        with torch.no_grad():
+            self.pixels.copy_(torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1))) / 255)
 
     def describe(self) -> list[str]:
         """Every setting that acts."""

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from toolkit.rig.views import ViewSettings
 
 METHOD = "unadversarial texture, Algorithm 2"
-METHOD_VERSION = 2
+METHOD_VERSION = 3
 """Raised when the same settings give other numbers: an older checkpoint is then another run's."""
 MIN_PX, MAX_PX = 8, 1024
 FOG_PROBABILITY = 0.5
@@ -66,7 +66,7 @@ class TextureConfig(PixelConfig):
     size_px: Annotated[int, Field(ge=MIN_PX, le=MAX_PX), Flag(group=WEARS)] = Field(
         200, exclude=True, description="Side of the texture, pixels."
     )
-    keep: Annotated[tuple[str, ...], Flag(metavar="MATERIAL", group=WEARS)] = Field(
+    keep: Annotated[tuple[str, ...], Flag("--keep-material", metavar="MATERIAL", group=WEARS)] = Field(
         (), exclude=True, description="Material that keeps its paint, such as glass; repeat for more."
     )
     keep_image: Annotated[Path | None, Flag(metavar="FILE", group=WEARS)] = Field(
@@ -77,6 +77,9 @@ class TextureConfig(PixelConfig):
     )
     optimiser: Annotated[Literal["sign", "sgd", "adam"], Flag(group=STEPS)] = Field(
         "sign", description="How the texture is moved."
+    )
+    start: Annotated[Path | None, Flag(metavar="FILE", group=STEPS)] = Field(
+        None, exclude=True, description="PNG of a texture of the same objects to go on from, in place of noise."
     )
     gradient: Annotated[Literal["shaded", "linear"], Flag(group=STEPS)] = Field(
         "shaded", description="shaded: light in the gradient; linear: the paper's approximation."

@@ -14,6 +14,8 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import read_image
 from toolkit.objects.atlas import Atlas, make_atlas, nearest_covered
 from toolkit.objects.load import TableObject, load_object
+from toolkit.objects.records import read_texture
+from toolkit.rig.variants import check_fit
 from toolkit.rig.views import PaintableObject
 from toolkit.worlds.place import scale_to_world
 
@@ -63,6 +65,27 @@ def load_objects(workspace: Workspace, config: TextureConfig, keep_image: np.nda
     items = [load_object(workspace.object_spec(name)) for name in config.objects]
     atlases = [make_atlas(item.mesh, config.size_px, config.keep, keep_image, config.unwrap) for item in items]
     return [TexturedObject(item, atlas) for item, atlas in zip(items, atlases, strict=True)]
+
+
+def read_start(file: Path, objects: list[TexturedObject], size_px: int) -> np.ndarray:
+    """(n, n, 3) uint8 sRGB of the texture that training goes on from.
+
+    Raises:
+        ToolkitError: it cannot be read, has another size, or was not trained on these objects.
+    """
+    texture = read_texture(Path(file))
+    if texture.record.n_px != size_px:
+        raise FieldError(
+            f"is {texture.record.n_px} px a side: expected {size_px}, as {{size_px}} says", {"start": file}
+        )
+    for one in objects:
+        check_fit(one.item, texture)
+        stored = texture.corner_uv.get(one.name)
+        if one.atlas.unwrapped != (stored is not None) or (
+            stored is not None and not np.array_equal(stored, one.atlas.corner_uv)
+        ):
+            raise FieldError(f"has other texture coordinates of {one.name} than this run makes", {"start": file})
+    return texture.pixels
 
 
 def find_source(objects: list[TexturedObject]) -> np.ndarray:

@@ -72,7 +72,7 @@ def copy_image(stored: StoredImage, source_dir: Path, path: str) -> bool:
 FORMATS = ("jpg", "png")
 UNIT_SHOTS = 64
 """Shots of one scene that are made together."""
-LOOK_VERSION = 2
+LOOK_VERSION = 3
 """Raised when a change to the rig makes other pictures from the same inputs, so that old ones are shot again."""
 
 

@@ -56,7 +56,9 @@ GROUPS: dict[str, dict[str, Entry]] = {
     "The road": {
         "train-patch": Entry("train_patch:train_patch", "train a patch for an object or a class", SWITCHED),
         "train-texture": Entry(
-            "train_texture:train_texture", "train a texture for an object", {"--backgrounds": "--background-folder"}
+            "train_texture:train_texture",
+            "train a texture for an object",
+            {"--backgrounds": "--background-folder", "--keep": "--keep-material"},
         ),
         "print": Entry("print_:print_patches", "print patches at true size, or the board"),
         "place": Entry("place:place", "find where on an object a patch is best stuck"),
@@ -67,7 +69,9 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "sweep": Entry("sweep:sweep", "vary one thing: distance, light, size and more"),
     },
     "Your photographs": {
-        "studio": Entry("studio:studio", "shoot by phone, the next shot shown as a ghost"),
+        "studio": Entry(
+            "studio:studio", "shoot by phone, the next shot shown as a ghost", {"--address": "--lan-address"}
+        ),
         "import": Entry("photos:import_", "import photographs, tell object and pose"),
         "check": Entry("photos:check", "judge photographs: sharp, well exposed, whole"),
         "calibrate": Entry("measure:calibrate", "measure a camera's lens"),
@@ -98,7 +102,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
     "Landing": {
         "landing collect": Entry("landing:collect", "shoot a pad from a cone of places: pictures with the truth"),
         "landing train": Entry("landing:train", "train a network to say where the pad is"),
-        "landing boost": Entry("landing:boost", "train the pad's picture for that network, and print it at true size"),
+        "landing boost": Entry("landing:boost", "train the pad's picture for that network"),
         "landing fly": Entry("landing:fly", "land a drone by it, in worse and worse weather: success rates, report"),
         "landing demo": Entry("landing:demo", "walk from an empty folder to the report, small"),
     },

@@ -104,7 +104,7 @@ def print_profile(
     ] = "a4",
     size_mm: Annotated[
         float | None,
-        typer.Option(metavar="X", help="Side of the printed patch. Default: as 'toolkit print' makes it.", min=1),
+        typer.Option(metavar="MM", help="Side of the printed patch. Default: as 'toolkit print' makes it.", min=1),
     ] = None,
     name: Annotated[
         str | None, typer.Option(metavar="NAME", help="Of the profile: printer and paper. Default: the patch's.")

@@ -52,10 +52,10 @@ def place(
     item = load_object(space.object_spec(object_name))
     plan = open_plan(space, [object_name])
     poses = plan.objects[object_name]
-    own_mm, longest_mm = mounted_size_mm(space, item), float(item.mesh.size_mm.max())
+    own_mm = mounted_size_mm(space, item)
     own = item.spec.patch.model_copy(update={"size_mm": own_mm})
     now = judge_place(item, make_ray_scene(item.mesh), plan.camera, poses, own)
-    sizes = config.sizes_mm or (round(own_mm, 1), round(longest_mm / 3, 1))
+    sizes = config.sizes_mm or (round(own_mm, 1), round(own_mm * 2 / 3, 1))
     places = find_places(item, plan.camera, poses, config, sorted(set(sizes), reverse=True))
     if not places:
         raise ToolkitError(

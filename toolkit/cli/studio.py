@@ -24,7 +24,9 @@ def studio(
     ] = None,
     address: Annotated[
         str | None,
-        typer.Option(metavar="ADDRESS", help="With --lan: this machine's address there. Default: it is found."),
+        typer.Option(
+            "--lan-address", metavar="ADDRESS", help="With --lan: this machine's address there. Default: it is found."
+        ),
     ] = None,
     model: options.Model = None,
     weights: options.WeightsFile = None,

@@ -7,12 +7,11 @@ import typer
 
 from toolkit.cli import options
 from toolkit.cli.output import say, show_json, show_table
-from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError, one_of
 
 if TYPE_CHECKING:
     from toolkit.core.workspace import Workspace
     from toolkit.objects.mesh import Mesh
-    from toolkit.worlds.sky import Sky
     from toolkit.worlds.world import Spot, World
 
 WorldName = Annotated[
@@ -147,16 +146,21 @@ def preview(
     The map shows where objects may stand and where the cameras are. What is there already is not made again.
     """  # fmt: skip
     from toolkit.core.workspace import open_workspace
+    from toolkit.worlds.panorama import load_sky
     from toolkit.worlds.preview import PreviewSettings, preview_world
-    from toolkit.worlds.sky import make_sky
+    from toolkit.worlds.sky import TIMES, make_sky
     from toolkit.worlds.weather import CLEAR, parse_weathers
 
     seen = tuple(one for one in parse_weathers(weathers or ["fog:1"]) if one != CLEAR)
     settings = PreviewSettings(resolution, film_s=film_s, weathers=seen, seed=seed)
     space = open_workspace(workspace)
-    skies: list[Sky] = [] if sky is None else [_load_sky(sky)]
-    skies += [make_sky(time) for time in dict.fromkeys(times or ([] if sky else ["afternoon", "dusk"]))]
+    wanted = list(dict.fromkeys(times or ([] if sky else ["afternoon", "dusk"])))
+    for time in wanted:
+        if time not in TIMES:
+            raise one_of("time of day", time, list(TIMES))
+    skies = [] if sky is None else [load_sky(sky)]
     opened = _open(space, world, seed, scale)
+    skies += [make_sky(time) for time in wanted]
     placed = None
     folder = out or space.worlds_dir / opened.name
     if name is None:
@@ -230,19 +234,13 @@ def export(
 
 def _open(space: "Workspace", world: str, seed: int, scale: float) -> "World":
     from toolkit.core.console import notice
-    from toolkit.worlds.catalogue import WORLDS, open_world
+    from toolkit.worlds.catalogue import open_world
 
     if world == "studio":
         raise ToolkitError("the studio is a table top, no world: see it with 'toolkit plan' and 'toolkit capture-sim'")
-    if world == "city" and world in WORLDS:
+    if world == "city":
         notice("building the city: some seconds")
     return open_world(space, world, seed, scale)
-
-
-def _load_sky(file: Path) -> "Sky":
-    from toolkit.worlds.panorama import load_sky
-
-    return load_sky(file)
 
 
 def _refuse_without_object(**given: object) -> None:

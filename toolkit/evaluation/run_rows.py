@@ -15,9 +15,10 @@ if TYPE_CHECKING:
 
 OPERATORS = ("!=", ">=", "<=", "=", ">", "<")
 NUMBERS = ("severity", "n", "failed", "share", "gained", "lost", "p")
-FIELDS = tuple(name for name in ResultRow.__dataclass_fields__ if name != "ci95")
+FIELDS = tuple(name for name in ResultRow.__dataclass_fields__ if name not in ("ci95", "has_pooled"))
 ALIASES: Mapping[str, str] = {
-    "weather": "condition", "corruption": "condition", "model": "network", "top1": "share", "success": "share",
+    "weather": "condition", "corruption": "condition", "model": "network",
+    "top1": "share", "success": "share", "found": "share",
 }  # fmt: skip
 
 

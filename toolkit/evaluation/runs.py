@@ -13,7 +13,7 @@ from toolkit.core.files import explain_validation, load_json
 from toolkit.core.statistics import Interval
 from toolkit.core.workspace import Workspace
 
-SUMMARY, PREDICTIONS = "summary.json", "predictions.csv"
+SUMMARY, PREDICTIONS, DETECTIONS = "summary.json", "predictions.csv", "detections.csv"
 SCHEMA_VERSION = 1
 """The newest of `summary.json` that is read here."""
 CLEAR, MEAN = "clear", "mean of corruptions"
@@ -39,7 +39,9 @@ class ResultRow:
         n, failed: how many were judged, and how many images could not be read; None where it is a mean of shares.
         metric: what `share` is of: right at the first guess, landed, or found by a detector.
         share, ci95: with its 95 % interval; None without images.
-        gained, lost, p: pairs that changed against `unpatched`, and the exact McNemar test; None without pairs.
+        gained, lost, p: pairs that changed against `unpatched` (of landings the first pad), and the exact McNemar test;
+            None without pairs.
+        has_pooled: whether there is a row of all objects that it is a part of.
     """
 
     run: str
@@ -60,11 +62,12 @@ class ResultRow:
     gained: int | None = None
     lost: int | None = None
     p: float | None = None
+    has_pooled: bool = True
 
     @property
     def details(self) -> set[str]:
         """Names of the fields in which the row is a part of another row: it is shown where they are asked for."""
-        found = {"object"} if self.object != POOLED else set()
+        found = {"object"} if self.object != POOLED and self.has_pooled else set()
         if self.place not in (None, POOLED):
             found.add("place")
         if self.kind == "benchmark" and self.condition not in (CLEAR, MEAN):
@@ -73,7 +76,8 @@ class ResultRow:
 
     def as_json(self) -> dict[str, Any]:
         """The fields, as `toolkit runs --json` has them."""
-        return vars(self) | {"ci95": None if self.ci95 is None else list(self.ci95)}
+        fields = {key: value for key, value in vars(self).items() if key != "has_pooled"}
+        return fields | {"ci95": None if self.ci95 is None else list(self.ci95)}
 
 
 @dataclass(frozen=True)
@@ -95,7 +99,7 @@ class Run:
     @property
     def has_predictions(self) -> bool:
         """Whether it says what was answered image by image."""
-        return (self.folder / PREDICTIONS).is_file()
+        return any((self.folder / name).is_file() for name in (PREDICTIONS, DETECTIONS))
 
 
 def find_runs(workspace: Workspace) -> tuple[list[Run], list[tuple[str, str]]]:
@@ -235,10 +239,31 @@ class _Flight(_Part):
     n: Count
     success: Share | None
     success_ci95: tuple[Share, Share] | None
+    gains: object = None
+
+    @property
+    def key(self) -> str:
+        """As `pairs` name it."""
+        air = f"{self.weather}:{self.severity}" if self.severity else self.weather
+        return "/".join(map(str, (self.pad, self.regressor, self.world, air, self.gains)))
+
+
+class _FlightPair(_Part):
+    cell: str
+    against: str
+    gained: Count
+    lost: Count
+    mcnemar_p: Share
+
+    @property
+    def is_of_pads(self) -> bool:
+        """Whether two pads were flown in otherwise the same cell."""
+        return self.cell.partition("/")[2] == self.against.partition("/")[2]
 
 
 class _Landing(_Part):
     cells: list[_Flight]
+    pairs: list[_FlightPair] = []
 
 
 def _read_rows(file: Path, run: str) -> tuple[Kind, list[ResultRow]]:
@@ -286,11 +311,12 @@ def _as_group(detected: object) -> object:
 def _list_groups(run: str, kind: Kind, found: _Evaluation) -> Iterator[ResultRow]:
     pairs = {pair.key: pair for pair in found.pairs}
     corrupted = {one.source: one for one in found.corrupted}
+    pooled = {one.source for one in found.groups if one.object == POOLED}
     for one in found.groups:
         row = ResultRow(
             run, kind, _name(found.model), one.source, one.object, one.variant, world=one.world, place=one.place,
             condition=one.weather or CLEAR, severity=one.severity or 0, n=one.n, failed=one.failed,
-            share=one.top1, ci95=one.top1_ci95 if one.n else None,
+            share=one.top1, ci95=one.top1_ci95 if one.n else None, has_pooled=one.source in pooled,
         )  # fmt: skip
         if one.source in corrupted:
             row = replace(row, condition=corrupted[one.source].corruption, severity=corrupted[one.source].severity)
@@ -314,12 +340,15 @@ def _list_cells(run: str, found: _Benchmark) -> Iterator[ResultRow]:
 
 
 def _list_flights(run: str, found: _Landing) -> Iterator[ResultRow]:
+    pairs = {pair.cell: pair for pair in found.pairs if pair.is_of_pads}
     for one in found.cells:
-        yield ResultRow(
+        row = ResultRow(
             run, "landing", one.regressor, "flights", POOLED, one.pad,
             condition=one.weather or CLEAR, severity=one.severity or 0, world=one.world, n=one.n, metric="success",
             share=one.success, ci95=one.success_ci95 if one.n else None,
         )  # fmt: skip
+        pair = pairs.get(one.key)
+        yield row if pair is None else replace(row, gained=pair.gained, lost=pair.lost, p=pair.mcnemar_p)
 
 
 def _name(network: _Network) -> str:

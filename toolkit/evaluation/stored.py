@@ -13,10 +13,12 @@ from toolkit.core.files import inside, open_plain, sha256_file
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.predict import OK, Prediction
 from toolkit.evaluation.results import COLUMNS
-from toolkit.evaluation.runs import PREDICTIONS, Run
+from toolkit.evaluation.runs import DETECTIONS, PREDICTIONS, Run
 
 NEEDED = [name for name in COLUMNS if name != "failed_gates"]
 """Columns of `predictions.csv`; runs from before there were gates lack that one."""
+FOUND = ("source", "object", "variant", "pose_id", "path", "true_label", "found", "score", "strongest_label", "status")
+"""Those of `detections.csv` that are read."""
 
 
 def find_captures_dir(workspace: Workspace, run: Run) -> Path:
@@ -31,7 +33,7 @@ def find_captures_dir(workspace: Workspace, run: Run) -> Path:
 
 
 def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
-    """Read `predictions.csv` of a run.
+    """Read `predictions.csv` of a run, or a detector's `detections.csv`, where right means found.
 
     An image that was corrupted when it was read has no file of its own: its capture names the file before that.
 
@@ -42,15 +44,18 @@ def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
     Raises:
         ToolkitError: there is no such file (a benchmark's and landing's runs have none), or it is damaged.
     """
-    file = run.folder / PREDICTIONS
+    file = run.folder / (DETECTIONS if run.kind == "detection" else PREDICTIONS)
     if not file.is_file():
-        raise ToolkitError(f"{run.name} holds no {PREDICTIONS}: a {run.kind} run cannot be taken apart by image")
+        raise ToolkitError(
+            f"{run.name} holds no {file.name}: a run of kind '{run.kind}' cannot be taken apart by image"
+        )
     sources = {row.source: _find_uncorrupted(row.source, row.condition, row.severity) for row in run.rows}
     try:
         with open_plain(file) as stream:
             text = io.StringIO(stream.read().decode("utf-8"), newline="")
         lines = csv.DictReader(text, strict=True)
-        missing = [name for name in NEEDED if name not in (lines.fieldnames or ())]
+        needed = FOUND if run.kind == "detection" else NEEDED
+        missing = [name for name in needed if name not in (lines.fieldnames or ())]
         if missing:
             raise ToolkitError(f"{file}: no column '{missing[0]}': evaluate the captures again")
         return [_read_line(line, captures_dir, sources) for line in lines]
@@ -79,12 +84,23 @@ def _read_line(line: Mapping[str, str], captures_dir: Path, sources: Mapping[str
         source, line["object"], line["variant"], pose_id, file, path, corruption=corruption,
         cut_px=corruption and 0, failed_gates=gates,
     )  # fmt: skip
+    if "found" in line:
+        return _read_detection(line, capture)
     if line["status"] != OK:
         return Prediction(capture, int(line["true_index"]), line["true_label"], status=line["status"])
     return Prediction(
         capture, int(line["true_index"]), line["true_label"], int(line["top1_index"]), line["top1_label"],
         float(line["top1_prob"]), float(line["true_prob"]), int(line["true_rank"]),
     )  # fmt: skip
+
+
+def _read_detection(line: Mapping[str, str], capture: Capture) -> Prediction:
+    """As one of a classifier's, right where the object is found; the class has no number here."""
+    if line["status"] != OK:
+        return Prediction(capture, -1, line["true_label"], status=line["status"])
+    is_found, score = line["found"] == "1", float(line["score"] or 0)
+    label = line["true_label"] if is_found else line["strongest_label"] or "nothing"
+    return Prediction(capture, -1, line["true_label"], -1, label, score, score, 1 if is_found else 6)
 
 
 def has_own_file(one: Prediction, captures_dir: Path) -> bool:

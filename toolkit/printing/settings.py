@@ -53,7 +53,7 @@ class PrintSettings(Config):
     dpi: Annotated[float | None, Field(gt=0), Flag(group=PAGE)] = Field(
         None, description=f"Patch pixels per inch at 100 %.  [default: {BASE_DPI:g}]"
     )
-    size_mm: Annotated[float | None, Field(gt=0), Flag(group=PAGE)] = Field(
+    size_mm: Annotated[float | None, Field(gt=0), Flag(metavar="MM", group=PAGE)] = Field(
         None, description="Side of the printed patch, without its white margin, in place of {scale_percent} and {dpi}."
     )
     copies: Annotated[int, Field(ge=1, le=MOST_COPIES), Flag(group=PAGE)] = Field(

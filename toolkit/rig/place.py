@@ -40,7 +40,7 @@ class PlaceConfig(Config):
     """Which places are tried."""
 
     sizes_mm: Annotated[tuple[float, ...], Flag("--size-mm", metavar="MM")] = Field(
-        (), description="Printed side to try; repeat for more. Default: as the patch is now, and a third of the object."
+        (), description="Printed side to try; repeat for more. Default: as the patch is now, and two thirds of it."
     )
     sides: Annotated[tuple[Side, ...], Flag("--side", metavar="SIDE", typed=tuple[str, ...])] = Field(
         get_args(Side), description="top, front, back, left or right; repeat for more. Default: all."

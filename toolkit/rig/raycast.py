@@ -1,4 +1,4 @@
-"""The rig's renderer: Embree finds what each ray meets (Open3D's ray scene), one compiled kernel makes light of it.
+"""The rig's renderer: drawing or Embree (Open3D's ray scene) finds what is seen, one compiled kernel makes light of it.
 
 Light that does not change with the camera is baked once; what is left per frame is which surface each pixel sees, its
 texture at the right level of detail, and the gloss. Silhouettes, creases and printed sheets get four samples a pixel.

@@ -20,13 +20,13 @@ class TransferConfig(Config):
         (), description="Object to train for; repeat for more. Default: all that are known."
     )
     kinds: Annotated[tuple[Kind, ...], Flag("--kind", metavar="KIND", typed=tuple[str, ...])] = Field(
-        ("patch", "texture"), description="patch or texture; repeat for both. Default: both."
+        ("patch", "texture"), description="patch or texture; repeat for both."
     )
     left_out: Annotated[tuple[str, ...], Flag("--leave-out", metavar="NAME")] = Field(
         (), description="Only this network is left out, by its name in --model; repeat for more. Default: each in turn."
     )
     corruptions: Annotated[Corruptions, Flag("--also", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = Field(
-        (("fog", 3),), description="Judge the captures under this corruption of ImageNet-C as well. Default: fog:3."
+        (("fog", 3),), description="Judge the captures under this corruption of ImageNet-C as well."
     )
     run: Annotated[RunName, Flag(metavar="NAME")] = Field("leave-one-out", description="Folder under eval/transfer.")
     seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Same seed, same bytes on the same machine.")

@@ -17,8 +17,8 @@ LOWEST = 0.1
 """Height of the lowest cameras above the object's ground, in object lengths."""
 NEAREST = 0.75
 """A camera nearer to the object's middle than so many lengths is inside it, or sees a part of it at best."""
-CLEARANCE_M = 0.3
-"""Nearer to any surface a camera would touch it."""
+CLEARANCE_M, CLEARANCE = 0.3, 0.08
+"""Nearer to any surface, in metres or object lengths, whichever is less, a camera would touch it."""
 IN_WALL, BELOW, OUTSIDE, TOO_NEAR, TOUCHING = (
     "inside a building", "below the ground", "outside the world", "inside the object or too near it",
     "touching something",
@@ -119,7 +119,7 @@ def plan_cameras(
     """
     length = float(np.ptp(placed.mesh.bounds, axis=0).max())
     points = placed.stand.to_world(lay_grid(shape, extent * length, LOWEST * length))
-    reasons = find_reasons(world, placed, points, NEAREST * length)
+    reasons = find_reasons(world, placed, points, NEAREST * length, min(CLEARANCE_M, CLEARANCE * length))
     standing = np.flatnonzero([not reason for reason in reasons])
     if not len(standing):
         counts = Counter(reasons)
@@ -134,7 +134,9 @@ def plan_cameras(
     return PlaceCameras(placed, cameras, points, tuple(reasons))
 
 
-def find_reasons(world: World, placed: Placed, points: np.ndarray, nearest_m: float) -> list[str]:
+def find_reasons(
+    world: World, placed: Placed, points: np.ndarray, nearest_m: float, clearance_m: float = CLEARANCE_M
+) -> list[str]:
     """Why no camera can stand at each of the points (n, 3); empty where one can."""
     import open3d as o3d
 
@@ -147,7 +149,7 @@ def find_reasons(world: World, placed: Placed, points: np.ndarray, nearest_m: fl
     outside = ((points[:, :2] < low) | (points[:, :2] > high)).any(axis=1)
     checks = (
         (IN_WALL, world.inside_building(points)), (BELOW, points[:, 2] < ground), (OUTSIDE, outside),
-        (TOO_NEAR, near | (to_object < CLEARANCE_M)), (TOUCHING, gap < CLEARANCE_M),
+        (TOO_NEAR, near | (to_object < clearance_m)), (TOUCHING, gap < clearance_m),
     )  # fmt: skip
     reasons = np.full(len(points), "", object)
     for reason, holds in reversed(checks):

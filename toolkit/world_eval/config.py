@@ -10,6 +10,7 @@ from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.evaluation.config import RunName
 from toolkit.rig.variants import VARIANTS
+from toolkit.worlds.place import DRY, Kind
 from toolkit.worlds.sky import TIMES
 from toolkit.worlds.weather import CLEAR, parse_weathers
 
@@ -101,6 +102,9 @@ class WorldEvalConfig(Config):
     )
     places: Annotated[int, Field(ge=1, le=1000), Flag(group=WORLD)] = Field(
         5, description="Places where the object stands, drawn by the seed, free of walls."
+    )
+    kinds: Annotated[tuple[Kind, ...], Flag("--on", metavar="KIND", group=WORLD, typed=tuple[str, ...])] = Field(
+        DRY, min_length=1, description="ground, roof or water: what the object may stand on; may be repeated."
     )
     length_m: Annotated[float | None, Field(ge=0.001, lt=10_000), Flag(group=WORLD)] = Field(
         None, description="Longest side of the object in the world. Default: its spec's world_length_m, else its own."

@@ -95,7 +95,7 @@ def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConf
     sky = make_sky(config.time, config.seed)
     bare = scale_to_world(item.mesh, item.spec, config.length_m)
     radius = max(find_radius(one.mesh) for one in variants.values())
-    spots = choose_places(world, radius, config.places, config.seed)
+    spots = choose_places(world, radius, config.places, config.seed, kinds=config.kinds)
     placed = tuple(place_object(bare, world, spot, sky) for spot in spots)
     side = classifier.preprocessing.crop_px
     camera = Camera.from_fov(side, side, config.fov_deg)
@@ -168,7 +168,7 @@ class Asked:
             for name in stage.variants:
                 there = hash_inputs(shared, meshes[name], list(stand.place), stand.turn_deg)
                 for one in place.cameras:
-                    item = k * 1_000_000_000 + one.number  # a grid has at most 999³ points
+                    item = k * 1_000_000_000 + one.number  # a grid has at most a million points
                     frame = hash_inputs(there, one.T_world_camera.tolist(), item)
                     tasks.append(Task(frame, k, name, item, one, self.weathers, False))
         return tasks

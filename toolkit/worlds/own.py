@@ -13,7 +13,7 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.objects.load import read_mesh, turn_upright
 from toolkit.objects.mesh import Material, Mesh, make_ray_scene
 from toolkit.objects.spec import axes_of_format
-from toolkit.worlds.classes import SceneClass
+from toolkit.worlds.classes import STANDING, SceneClass
 from toolkit.worlds.world import Spot, World
 
 MIN_ACROSS_M, MAX_ACROSS_M = 15.0, 6000.0
@@ -187,7 +187,7 @@ def find_spots(world: World, seed: int) -> tuple[Spot, ...]:
     above = np.column_stack([origin + [0, 0, SPOT_HEIGHTS_M[0]], np.tile([0.0, 0.0, 1.0], (len(origin), 1))])
     covered = np.isfinite(scene.cast_rays(o3d.core.Tensor(above.astype(np.float32)))["t_hit"].numpy())
     edge = np.minimum(candidates - low, high - candidates).min(axis=1)
-    free = np.where(covered, 0.0, np.minimum(free, edge))
+    free = np.where(covered, 0.0, np.minimum(np.minimum(free, edge), _gap_to_corners(world, candidates)))
     spots: list[Spot] = []
     for k in np.argsort(-free, kind="stable"):
         if free[k] < MIN_SPOT_M or len(spots) == MAX_SPOTS:
@@ -199,3 +199,15 @@ def find_spots(world: World, seed: int) -> tuple[Spot, ...]:
                 Spot(f"ground-{len(spots) + 1}", "ground", (x, y, round(float(z[k]), 3)), radius, 0.0, "ground")
             )
     return tuple(spots)
+
+
+def _gap_to_corners(world: World, places: np.ndarray) -> np.ndarray:
+    """(n,) distance from places (n, 2) to the next corner of what stands there: posts slip between rays."""
+    from scipy.spatial import cKDTree
+
+    things = ~np.isin(world.face_class, [int(one) for one in STANDING])
+    corners = world.mesh.vertices[np.unique(world.mesh.faces[things])]
+    low = corners[:, 2] <= world.ground_height(corners) + KERB_M
+    if low.all():
+        return np.full(len(places), np.inf)
+    return cKDTree(corners[~low, :2]).query(places)[0]

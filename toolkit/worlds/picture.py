@@ -9,7 +9,7 @@ from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.scene import Stand
 from toolkit.rig.shading import develop_light, draw_grain
-from toolkit.worlds.classes import STANDING
+from toolkit.worlds.classes import STANDING, SceneClass
 from toolkit.worlds.depth_view import DepthView
 from toolkit.worlds.place import Placed, make_scene
 from toolkit.worlds.sky import Sky
@@ -18,6 +18,8 @@ from toolkit.worlds.world import Spot, World
 
 BURIED_M = 50.0
 SPECK_M = 0.01
+LAND = [int(one) for one in STANDING if one != SceneClass.WATER]
+"""Classes that rain makes darker; on water no snow lies either."""
 
 
 def leave_empty(world: World, sky: Sky) -> Placed:
@@ -94,10 +96,11 @@ def find_depths(
     faces = found["face"][around]
     if names & {"rain", "snow"}:
         ground = np.zeros(around.shape, bool)
-        ground[around] = np.isin(world.face_class[faces], [int(one) for one in STANDING])
+        ground[around] = np.isin(world.face_class[faces], LAND)
     if "snow" in names:
         corners = world.mesh.vertices[world.mesh.faces[faces]]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         normals = np.zeros((*around.shape, 3), np.float32)
-        normals[around] = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+        normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+        normals[around] = np.where((world.face_class[faces] == SceneClass.WATER)[:, None], 0, normal)
     return DepthView(found["depth"], *view, ground=ground, normals=normals, white=sky.white)

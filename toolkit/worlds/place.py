@@ -5,6 +5,7 @@ Frame: as in `toolkit.worlds.world`, metres; the object's own as on the table, i
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -22,6 +23,9 @@ ABOVE_M = 1.0
 CONTACT = 1e-3
 """Vertices that carry an object lie within this share of its length above its base."""
 KERB_M = 0.3
+Kind = Literal["ground", "roof", "water"]
+DRY: tuple[Kind, ...] = ("ground", "roof")
+"""What objects stand on that are no ships."""
 
 
 @dataclass(frozen=True)
@@ -106,8 +110,9 @@ def find_spot(world: World, name: str) -> Spot:
 
 
 def choose_places(
-    world: World, radius_m: float, count: int, seed: int = 0, without: Collection[str] = ()
-) -> tuple[Spot, ...]:
+    world: World, radius_m: float, count: int, seed: int = 0, without: Collection[str] = (),
+    kinds: Collection[str] = DRY,
+) -> tuple[Spot, ...]:  # fmt: skip
     """Draw places that are free of walls and everything else for `radius_m` around.
 
     Streets, crossings, squares, roofs, water and so on take turns, in an order drawn by the seed, so that few places
@@ -119,11 +124,12 @@ def choose_places(
         count: how many.
         seed: of the draw.
         without: names of places that are not meant, such as those that others have taken.
+        kinds: what the object may stand on: ground, roof, water.
 
     Raises:
         ToolkitError: the object is larger than every place, or there are fewer places for it than are asked for.
     """
-    spots = [spot for spot in world.spots if spot.name not in without]
+    spots = [spot for spot in world.spots if spot.name not in without and spot.kind in kinds]
     wide = [spot for spot in spots if spot.free_radius_m >= radius_m]
     free = [spot for spot in wide if is_clear(world, spot, radius_m)]
     if len(free) < count:

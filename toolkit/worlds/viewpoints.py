@@ -3,7 +3,7 @@
 Places are drawn by the seed, what is seen from each is found with few rays, and the best are taken.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -30,6 +30,7 @@ class Level:
         sky: share of the picture that is best sky.
         close_m: what is nearer, ground aside, stands in the way.
         places: how many are tried.
+        full_m: side of a world below which it is lower in proportion; 0 is never.
     """
 
     height_m: tuple[float, float]
@@ -37,12 +38,19 @@ class Level:
     sky: float
     close_m: float
     places: int = 160
+    full_m: float = 0.0
+
+    def within(self, world: World) -> "Level":
+        """The same for a world that is smaller than `full_m`: lower in proportion."""
+        share = min(1.0, float(np.ptp(world.core, axis=0).max()) / self.full_m) if self.full_m else 1.0
+        low, high = self.height_m
+        return replace(self, height_m=(share * low, share * high), close_m=share * self.close_m)
 
 
 LEVELS = {
     "street": Level((1.6, 1.8), (0.0, 6.0), 0.25, 6.0),
     "roof": Level((11.0, 22.0), (-13.0, -6.0), 0.2, 16.0),
-    "air": Level((55.0, 85.0), (-22.0, -16.0), 0.15, 40.0, 80),
+    "air": Level((55.0, 85.0), (-22.0, -16.0), 0.15, 40.0, 80, 200.0),
 }
 
 
@@ -72,6 +80,7 @@ def choose_viewpoints(world: World, seed: int = 0, each: int = 1) -> tuple[Viewp
     """
     chosen: list[Viewpoint] = []
     for number, (name, level) in enumerate(LEVELS.items()):
+        level = level.within(world)
         rng = np.random.default_rng([seed, 60, number])
         places = find_places(world, level, rng)
         if not len(places):

@@ -20,13 +20,13 @@ def develop(
         noise: standard deviation at light 0.18.
         falloff: share of the light that the corners lose.
         shoulder: light above which highlights are compressed.
-        lower: (b + 1,) uint8 code at the lower end of each of b bands of [0, 1].
+        lower: (b + 1,) uint8 code at the lower end of each of b bands of [0, 1]; no two codes begin in one of them.
         starts: (256,) float32 light at which the code after each begins.
         coded: the picture.
     """
     height, width, _ = light.shape
     bands = len(lower) - 1
-    room = 1 - shoulder
+    room, spread = 1 - shoulder, noise / math.sqrt(0.18)
     for row in range(height):
         y = 2 * row / (height - 1) - 1 if height > 1 else -1.0
         for column in range(width):
@@ -36,9 +36,7 @@ def develop(
                 value = light[row, column, c] * kept
                 if value > shoulder:
                     value = shoulder + room * (1 - math.exp((shoulder - value) / room))
-                value += grain[row, column, c] * noise * math.sqrt(max(value, 0.01) / 0.18)
+                value += grain[row, column, c] * spread * math.sqrt(max(value, 0.01))
                 value = min(value, 1.0) if value > 0 else 0.0  # NaN is black
                 code = lower[int(value * bands)]
-                while value >= starts[code]:
-                    code += 1
-                coded[row, column, c] = code
+                coded[row, column, c] = code + (value >= starts[code])

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.rig.kernel.compiled import inlined, kernel
+from toolkit.rig.kernel.lanes import prefetch
 from toolkit.rig.kernel.scene import (
     TILE,
     LitMesh,
@@ -257,6 +258,28 @@ class Linear(NamedTuple):
     gain: np.ndarray
 
 
+@inlined
+def _ask_ahead(mesh: LitMesh, surroundings: LitMesh, hits: Hits, n: int) -> None:
+    """Ask for what the hits soon after the n-th read of a mesh: each would wait for memory several times."""
+    if n + 6 >= len(hits.face):
+        return
+    face = hits.face[n + 6]
+    if face != NOTHING:
+        met = mesh if hits.mesh[n + 6] == 0 else surroundings
+        prefetch(met.faces, 3 * int(face))
+        prefetch(met.first, int(face))
+        prefetch(met.steps, int(face))
+        prefetch(met.density, int(face))
+        prefetch(met.material, int(face))
+    face = hits.face[n + 3]
+    if face != NOTHING:
+        met = mesh if hits.mesh[n + 3] == 0 else surroundings
+        prefetch(met.stored, 5 * met.first[face])
+        for corner in range(3):
+            prefetch(met.normals, 3 * int(met.faces[face, corner]))
+            prefetch(met.uv, 2 * int(met.faces[face, corner]))
+
+
 @kernel
 def paint_meshes(
     around: Surround, mesh: LitMesh, surroundings: LitMesh, view: View, part: Part, picture: np.ndarray, out: Linear
@@ -276,6 +299,7 @@ def paint_meshes(
         scale = around.exposure / shots
         red, green, blue, missed = 0.0, 0.0, 0.0, 0
         for k in range(shots):
+            _ask_ahead(mesh, surroundings, hits, first + k)
             face = hits.face[first + k]
             if face == NOTHING:
                 missed += 1

@@ -49,3 +49,19 @@ Args:
     places: counted in numbers.
     weights: as many.
 """
+
+
+def _prefetch(_: Any, values: types.Array, place: types.Integer) -> Any:
+    def generate(context: Any, builder: ir.IRBuilder, signature: Any, arguments: tuple[ir.Value, ...]) -> ir.Value:
+        data = context.make_array(signature.args[0])(context, builder, arguments[0]).data
+        pointer = builder.bitcast(builder.gep(data, [arguments[1]]), ir.IntType(8).as_pointer())
+        takes = ir.FunctionType(ir.VoidType(), [pointer.type, INDEX, INDEX, INDEX])
+        ask = builder.module.declare_intrinsic("llvm.prefetch", [pointer.type], takes)
+        builder.call(ask, [pointer, INDEX(0), INDEX(3), INDEX(1)])  # to read, into all caches, data
+        return context.get_dummy_value()
+
+    return types.none(values, place), generate
+
+
+prefetch = cast(Callable[[np.ndarray, int], None], intrinsic(_prefetch))
+"""Ask for the numbers at a place of a contiguous array, which are needed soon: it changes no result."""

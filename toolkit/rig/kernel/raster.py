@@ -72,7 +72,7 @@ def draw_triangles(
     """First hits of samples.
 
     A sample belongs to a triangle where the three edge functions have one sign; they are homogeneous, so that triangles
-    which reach behind the camera need no cutting (Olano and Greer 1997).
+    that reach behind the camera need no cutting (Olano and Greer, 1997).
 
     Args:
         faces: (m, 3) of the mesh.

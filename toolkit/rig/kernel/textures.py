@@ -132,7 +132,8 @@ def sample_direction(picture: np.ndarray, x: float, y: float, z: float) -> Colou
 def fill_colours(texels: Texels, texture: np.ndarray, uv: np.ndarray, lod: np.ndarray, found: np.ndarray) -> None:
     """Fill `found` (n, 3) with `sample_texture` at texture (n,), uv (n, 2) and lod (n,); textures repeat."""
     for n in range(len(texture)):
-        colour = sample_texture(texels, int(texture[n]), float(uv[n, 0]), float(uv[n, 1]), float(lod[n]), True)
+        u, v = np.float64(uv[n, 0]), np.float64(uv[n, 1])  # as `shade` looks: another type would be compiled apart
+        colour = sample_texture(texels, int(texture[n]), u, v, np.float64(lod[n]), True)
         found[n, 0], found[n, 1], found[n, 2] = colour
 
 
