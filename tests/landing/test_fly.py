@@ -16,7 +16,8 @@ from toolkit.landing.results import group_cells, pair_cells, write_summary
 
 QUICK = FlyConfig(
     regressors=("apriltag",), pads=("apriltag",), episodes=2, places=2, ground="bare", time="overcast",
-    episode={"start_height_m": (2.2, 2.6), "wind_m_s": (0, 1), "time_limit_s": 12.0}, size_m=2.0,
+    episode={"start_height_m": (2.2, 2.6), "start_angle_deg": (0, 8), "wind_m_s": (0, 1), "time_limit_s": 12.0},
+    size_m=1.0,
 )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import cv2
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from toolkit import __version__
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
@@ -96,13 +96,12 @@ class BoostConfig(Config):
     def _read_weathers(cls, given: object) -> object:
         return read_weathers(given)
 
-    def __init__(self, **values: object) -> None:
-        super().__init__(**values)
+    @model_validator(mode="after")
+    def _check(self) -> "BoostConfig":
         if self.name and not is_file_name(self.name):
             raise FieldError("expected a name of letters, digits, - and _", {"name": self.name})
         find_time(self.time)
-
-    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+        return self
 
 
 class PadPrintConfig(Config):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from toolkit import __version__
 from toolkit.core.config import Config, Flag, Range, Rising
@@ -107,8 +107,8 @@ class CollectConfig(Config):
     def _read_weathers(cls, given: object) -> object:
         return read_weathers(given)
 
-    def __init__(self, **values: object) -> None:
-        super().__init__(**values)
+    @model_validator(mode="after")
+    def _check(self) -> "CollectConfig":
         if self.name and not is_file_name(self.name):
             raise FieldError("expected a name of letters, digits, - and _", {"name": self.name})
         for time in self.times:
@@ -122,8 +122,7 @@ class CollectConfig(Config):
             )
         if self.split == "place" and self.held_out > 0 and self.places < 2 and self.at is None:
             raise FieldError("a split by place needs at least 2; or hold frames out at random", {"places": self.places})
-
-    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+        return self
 
     @property
     def folder_name(self) -> str:

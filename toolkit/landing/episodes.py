@@ -6,7 +6,7 @@ from math import ceil
 from typing import Annotated, Protocol
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from toolkit.core.config import Config, Flag, Range, Rising
 from toolkit.core.draws import Draws
@@ -93,13 +93,12 @@ class EpisodeConfig(Config):
     lost_s: Annotated[float, Field(gt=0)] = 2.0
     time_limit_s: Annotated[float, Field(gt=0, le=600), Flag()] = Field(30.0, description="Longest episode.")
 
-    def __init__(self, **values: object) -> None:
-        super().__init__(**values)
+    @model_validator(mode="after")
+    def _check(self) -> "EpisodeConfig":
         if self.latency_s >= self.time_limit_s:
             limit = f"expected less than {{time_limit_s}}, {self.time_limit_s:g}: no command would ever arrive"
             raise FieldError(limit, {"latency_s": self.latency_s})
-
-    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+        return self
 
     def describe(self) -> str:
         """What a success is, in words."""

@@ -7,7 +7,7 @@ from time import perf_counter
 from typing import Annotated, Protocol
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from toolkit.core.config import Config, Flag
 from toolkit.core.console import notice, progress
@@ -93,15 +93,14 @@ class FlyConfig(Config):
     def _read_weathers(cls, given: object) -> object:
         return read_weathers(given)
 
-    def __init__(self, **values: object) -> None:
-        super().__init__(**values)
+    @model_validator(mode="after")
+    def _check(self) -> "FlyConfig":
         if self.name and not is_file_name(self.name):
             raise FieldError("expected a name of letters, digits, - and _", {"name": self.name})
         find_time(self.time)
         for word in self.gains:
             parse_gains(word)
-
-    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+        return self
 
 
 @dataclass(frozen=True, order=True)

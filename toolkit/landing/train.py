@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from toolkit import __version__
 from toolkit.core.config import Config, Flag
@@ -87,12 +87,11 @@ class LandingTrainConfig(Config):
     augment: Annotated[bool, Flag()] = Field(True, description="Quarter turns, and changes of light.")
     uncertainty: Annotated[bool, Flag()] = Field(False, description="Say how sure it is as well, calibrated.")
 
-    def __init__(self, **values: object) -> None:
-        super().__init__(**values)
+    @model_validator(mode="after")
+    def _check(self) -> "LandingTrainConfig":
         if self.name and not is_file_name(self.name):
             raise FieldError("expected a name of letters, digits, - and _", {"name": self.name})
-
-    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+        return self
 
     def fit_config(self, frames: int, seed: int) -> FitConfig:
         """Of the loop."""
