@@ -166,7 +166,7 @@ def measure(name: str, width: int, height: int, picture: str | None = None) -> d
 
 def measure_parts(width: int, height: int) -> dict[str, float]:
     """Share of each part of a frame, on one core."""
-    from toolkit.rig import raycast
+    from toolkit.rig import raycast, trace
     from toolkit.rig.shading import tone_map
 
     mesh, camera, poses, studio = _scene(width, height)
@@ -183,15 +183,15 @@ def measure_parts(width: int, height: int) -> dict[str, float]:
 
         return run
 
-    kept = raycast.mark_edges, raycast.paint_meshes, raycast.paint_background, raycast._Body.cast
-    raycast.mark_edges, raycast.paint_meshes = timed("edges", kept[0]), timed("object", kept[1])
-    raycast.paint_background, raycast._Body.cast = timed("table and room", kept[2]), timed("first hits", kept[3])
+    kept = trace.mark_edges, raycast.paint_meshes, raycast.paint_background, trace.Body.see
+    trace.mark_edges, raycast.paint_meshes = timed("edges", kept[0]), timed("object", kept[1])
+    raycast.paint_background, trace.Body.see = timed("table and room", kept[2]), timed("first hits", kept[3])
     develop, start = timed("development", tone_map), time.thread_time()
     try:
         for pose in poses:
             develop(renderer.render(camera, pose), (0,))
     finally:
-        raycast.mark_edges, raycast.paint_meshes, raycast.paint_background, raycast._Body.cast = kept
+        trace.mark_edges, raycast.paint_meshes, raycast.paint_background, trace.Body.see = kept
     whole = time.thread_time() - start
     shares = {part: seconds / whole for part, seconds in spent.items()}
     return shares | {"the rest": 1 - sum(shares.values()), "ms": 1000 * whole / len(poses)}

@@ -39,6 +39,7 @@ TRIANGLES = (1_000, 10_000, 100_000, 300_000)
 MEAN, STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 GOAL, GOAL_GB = 0.85, 1.5
 WARM_GROUPS, TIMED_GROUPS, ROUNDS = 1, 2, 3
+NETWORKS, NETWORKS_GOAL = 3, 0.9
 
 
 def make_target(device: str) -> Target:
@@ -99,21 +100,23 @@ def time_network(target: Target, batch: int, device: str, repeats: int = 9) -> f
     return median(seconds[1:])
 
 
-def step_through(atlas: Atlas, target: Target, config: TextureConfig, groups: int) -> Iterator[None]:
-    """Training steps, one per turn, of so many groups of views."""
+def step_through(atlas: Atlas, target: Target, config: TextureConfig, groups: int, networks: int = 1) -> Iterator[None]:
+    """Training steps, one per turn, of so many groups of views, on the network once or several times."""
     config = config.with_overrides(steps=groups * config.steps_per_group)
     item = cast(TableObject, SimpleNamespace(mesh=atlas.mesh, name="ball"))
     none = Backgrounds(np.zeros((0, 256, 256, 3), np.uint8))
     files = BoosterFiles(Path("texture.png"), Path("preview.png"), Path("training"))
-    task = TextureTask(config, [target], [TexturedObject(item, atlas)], none, files)
+    task = TextureTask(config, [target] * networks, [TexturedObject(item, atlas)], none, files)
     yield from make_steps(task, config.fit_config(config.optimiser))
 
 
-def time_training(atlas: Atlas, target: Target, config: TextureConfig, timed: int = TIMED_GROUPS) -> float:
+def time_training(
+    atlas: Atlas, target: Target, config: TextureConfig, timed: int = TIMED_GROUPS, networks: int = 1
+) -> float:
     """Seconds per image, once the first group of views is used up."""
     warm = WARM_GROUPS * config.steps_per_group
     began, count = 0.0, 0
-    for count, _ in enumerate(step_through(atlas, target, config, WARM_GROUPS + timed), 1):
+    for count, _ in enumerate(step_through(atlas, target, config, WARM_GROUPS + timed, networks), 1):
         if count == warm:
             began = perf_counter()
     return (perf_counter() - began) / ((count - warm) * config.batch)
@@ -155,6 +158,11 @@ def run(device: str = "auto") -> dict[str, float | str]:
     rate = 1 / time_training(atlas, target, default)
     report[f"toolkit, default recipe, every view used {default.reuse} times, images/s"] = rate
     report["ratio to the bare network, default recipe"] = rate / network
+    for ensemble in ("turns", "normalised"):
+        joined = default.with_overrides(ensemble=ensemble)
+        seconds = time_training(atlas, target, joined, 1, networks=NETWORKS)
+        name = f"{NETWORKS} networks by {ensemble}: a step's time over {NETWORKS} of one's (mark {NETWORKS_GOAL:g})"
+        report[name] = seconds * rate / NETWORKS
     for triangles in TRIANGLES:
         sphere = make_atlas(make_sphere(triangles), TEXELS)
         seconds = time_training(sphere, target, default, 1) * default.batch

@@ -7,8 +7,7 @@ import pytest
 import torch
 from torch import nn
 
-from toolkit.boosters.detectors import DetectorNetwork, find_detectors
-from toolkit.boosters.mounted import box_of_coverage
+from toolkit.boosters.detectors import DetectorNetwork, box_of_coverage, find_detectors
 from toolkit.core.errors import ToolkitError
 from toolkit.models.dense_detectors import DECODERS, DenseDetector
 from toolkit.models.weights import WeightsFile
@@ -94,3 +93,33 @@ def test_a_patch_makes_its_object_found(tmp_path):
     assert trained.patch.record.networks[0].arch == "onnx:red.onnx"
     (on_object,) = trained.on_object
     assert on_object.patched.hits >= on_object.bare.hits
+
+
+def test_a_texture_makes_its_object_found(tmp_path):
+    import trimesh
+
+    from toolkit.boosters.texture import train_texture
+    from toolkit.boosters.texture_config import TextureConfig
+    from toolkit.core.workspace import make_workspace, open_workspace
+
+    make_workspace(tmp_path)
+    trimesh.creation.box((200, 160, 60)).export(tmp_path / "rig/objects/crate.obj")
+    (tmp_path / "rig/objects/crate.toml").write_text('class = "racer"\nmesh = "crate.obj"\nlength_mm = 200\n')
+    config = TextureConfig(objects=("crate",), size_px=16, steps=16, batch=4, lr=0.1)
+    trained = train_texture(config, [DetectorNetwork(seeker())], open_workspace(tmp_path), workers=0)
+    red, _, blue = trained.texture.pixels.reshape(-1, 3).mean(0)
+    assert red > blue + 40 and trained.texture.record.class_name == "car"
+
+
+def test_the_command_takes_detectors_or_classifiers(tmp_path, monkeypatch):
+    from toolkit.boosters import detectors
+    from toolkit.models import load, load_detector
+
+    monkeypatch.setattr(load_detector, "is_detector", lambda name: name == "ssd300_vgg16")
+    monkeypatch.setattr(load_detector, "load_detector", lambda *_: seeker())
+    monkeypatch.setattr(load, "load_classifiers", lambda models, *_: models)
+    (network,) = detectors.load_networks(["ssd300_vgg16"], None)
+    assert isinstance(network, DetectorNetwork) and network.labels[network.class_index("sports car")] == "car"
+    assert detectors.load_networks(["resnet18"], None) == ["resnet18"]
+    with pytest.raises(ToolkitError, match="not both"):
+        detectors.load_networks(["ssd300_vgg16", "resnet18"], None)

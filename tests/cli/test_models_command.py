@@ -1,6 +1,7 @@
 """`toolkit models`: the networks at hand, with accuracy, speed and whether they can train."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -62,3 +63,14 @@ def test_the_bundled_one_is_at_hand_and_a_broken_one_is_a_row(space):
     assert set(rows) == {"rig18", "broken"} and done.exit_code == 1
     assert rows["rig18"]["licence"] == "MIT" and rows["rig18"]["can_train"] and rows["rig18"]["classes"] == 36
     assert "no program of torch.export" in rows["broken"]["why_not"]
+
+
+DETECTOR = Path(__file__).parents[2].parent / "shared/detectors/fastestdet.onnx"
+
+
+@pytest.mark.skipif(not DETECTOR.is_file(), reason="needs ../shared/detectors")
+def test_a_detector_is_a_row_of_its_own_kind(space):
+    pytest.importorskip("onnxruntime", reason="needs onnxruntime: pip install 'toolkit-boost[onnx]'")
+    (row,) = json.loads(run("--model", f"onnx:{DETECTOR}", "--json").stdout)
+    assert (row["kind"], row["classes"], row["image_px"], row["can_train"]) == ("detector", 80, 352, True)
+    assert row["images_per_s"] > 0 and row["n"] is None

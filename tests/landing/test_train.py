@@ -14,6 +14,7 @@ from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.landing.dataset import SampleSet, read_split
 from toolkit.landing.regressor import as_batch, build_module, load_regressor, regressors_dir, summarise_errors
 from toolkit.landing.site import CameraConfig
+from toolkit.landing.start import RIDGE, fit_ridge
 from toolkit.landing.train import (
     RECIPES,
     LandingTrainConfig,
@@ -31,10 +32,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Workspace, LandingTr
     write_drawn(space.captures_dir / "landing" / "drawn")
     config = LandingTrainConfig(
         arch="shufflenet_v2_x0_5",
+        pool="average",
         init=write_start(space.root / "start.pth"),
         epochs=24,
         batch=32,
         lr=6e-3,
+        probe=False,
         uncertainty=True,
     )
     return space, config, train_regressor(space, "drawn", config, seed=1, device="cpu")
@@ -95,6 +98,19 @@ def test_it_goes_on_to_the_same_bytes(tmp_path: Path, monkeypatch: pytest.Monkey
     again = train_regressor(space, "few", config, device="cpu")
     assert again.resumed_from == 5
     assert again.file.read_bytes() == content
+
+
+def test_the_ridge_is_scikits() -> None:
+    linear_model = pytest.importorskip("sklearn.linear_model")
+    rng = np.random.default_rng(0)
+    features = (rng.normal(2, 3, (80, 12)) * np.arange(1, 13)).astype(np.float32)
+    offsets, weight = rng.normal(0, 1, (80, 2)), rng.uniform(0.2, 2, 80)
+    weights, bias, residual = fit_ridge(features, offsets, weight)
+    mean, spread = features.mean(axis=0), features.std(axis=0) + 1e-6
+    peer = linear_model.Ridge(alpha=RIDGE * 80).fit((features - mean) / spread, offsets, sample_weight=weight**2)
+    expected = peer.predict((features - mean) / spread)
+    assert np.allclose(features @ weights + bias, expected, atol=1e-4)
+    assert residual == pytest.approx(float(np.sqrt(np.square(expected - offsets).mean())), rel=1e-3)
 
 
 def test_a_turned_picture_has_a_turned_truth() -> None:

@@ -163,6 +163,9 @@ def test_labels_and_imagenets_background(tmp_path):
     names = 'labels = ["a", "b", "c", "d", "e"]\nname = "letters"'
     named = load(write(tmp_path, make_graph(), f"{DESCRIPTION.format(PX)}{names}"))
     assert named.labels == list("abcde") and named.name == "letters"
+    bare = load(write(tmp_path, make_graph(), name="bare"))
+    assert "5 classes of this network have no names: list them as 'labels'" in error_of(lambda: bare.class_index("a"))
+    assert bare.class_index("class 3") == 3
     wide = load(write(tmp_path, make_graph(classes=1001), name="tf"))
     assert wide.labels[:2] == ["background", "tench"] and not wide.is_imagenet
     assert load(write(tmp_path, make_graph(classes=1000), None, "thousand")).is_imagenet

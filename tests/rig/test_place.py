@@ -103,7 +103,7 @@ def test_no_tent_over_an_open_lid(make_box):
 @pytest.fixture
 def typed(tmp_path, make_crate_space):
     space = make_crate_space(tmp_path / "w")
-    command = make_single("place", place)
+    command = make_single(place)
 
     def run(*arguments: str):
         return CliRunner().invoke(command, [*arguments, "--workspace", str(space.root), "--steps", "4", "--quiet"])
@@ -144,3 +144,24 @@ def test_what_cannot_be_is_a_line(typed, arguments):
     done = run("--object", "crate", *arguments)
     assert done.exit_code != 0 and done.exception is not None
     assert any(word in str(done.exception) for word in ("lies anywhere", "side"))
+
+
+@pytest.mark.slow
+def test_a_short_training_in_each_place_is_told_and_leaves_nothing(typed, monkeypatch):
+    from tiny_network import tiny_classifier
+
+    from toolkit.boosters import patch_config
+
+    network = replace(tiny_classifier(), labels=["cat", "dog", "sports car", "crate"])
+    monkeypatch.setattr("toolkit.models.load.load_classifiers", lambda *arguments: [network])
+    slim = patch_config.RECIPES["default"].model_copy(update={"size_px": 16, "batch": 2, "mounted_views": 4})
+    monkeypatch.setitem(patch_config.RECIPES, "default", slim)
+    space, run = typed
+    before = {file for file in space.root.rglob("*") if file.is_file()}
+    done = run("--object", "crate", "--size-mm", "30", "--best", "1", "--side", "top", "--train", "1", "--json")
+    assert done.exit_code == 0, done.output
+    (told,) = json.loads(done.stdout)["places"]
+    assert set(told["trained"]) == {"tiny"} and 0 <= told["trained"]["tiny"]["patched"] <= 1
+    assert {file.name for file in space.root.rglob("*") if file.is_file() and file not in before} == {
+        "crate-places.png"
+    }

@@ -2,9 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from toolkit.boosters.pixels import Network
+import numpy as np
+
+from toolkit.boosters.pixels import Network, Target
 from toolkit.core.errors import FieldError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.detector import Detector, detector_class
@@ -90,6 +93,63 @@ def find_detectors(networks: Sequence[Network]) -> list[DetectorNetwork] | None:
     if found and len(found) < len(networks):
         raise FieldError("name classifiers or detectors, not both", {"model": " ".join(one.arch for one in networks)})
     return found or None
+
+
+def load_networks(
+    models: Sequence[str] | None, weights: Sequence[Path] | None, device: str = "auto", folder: Path | None = None
+) -> Sequence[Network]:
+    """What boosters are trained against: classifiers or detectors by name; see `load_classifiers`, `load_detector`.
+
+    Raises:
+        ToolkitError: as these, or some are the one and some the other.
+    """
+    from toolkit.models.find import may_be_detector
+    from toolkit.models.load import load_classifiers
+
+    named = list(models or [])
+    if any(map(may_be_detector, named)):
+        from toolkit.models.load_detector import is_detector, load_detector
+
+        kinds = [is_detector(name) for name in named]
+        if any(kinds):
+            if not all(kinds) or (weights and len(weights) != len(named)):
+                found = {"model": " ".join(named)}
+                raise FieldError("expected classifiers or detectors, not both, one of {weights} for each", found)
+            files: list[Path | None] = list(weights) if weights else [None] * len(named)
+            return [DetectorNetwork(load_detector(name, file, device)) for name, file in zip(named, files, strict=True)]
+    return load_classifiers(named or None, None if weights is None else list(weights), device, folder)
+
+
+def judge_detectors(
+    photos: "torch.Tensor", targets: Sequence[Target], boxes: np.ndarray
+) -> tuple["torch.Tensor", float]:
+    """The detectors' losses of photographs of the object, mean over the batch and summed, and the share that they see.
+
+    Args:
+        photos: (b, 3, m, m) sRGB-encoded in [0, 1].
+        targets: whose networks are `DetectorNetwork`s.
+        boxes: (b, 4) x1, y1, x2, y2 of the object, in pixels of the photographs.
+    """
+    import torch
+
+    loss, seen, side = photos.new_zeros(()), 0.0, photos.shape[-1]
+    places = torch.from_numpy(np.asarray(boxes, np.float32)).clamp(0, side).to(photos.device)
+    for target in targets:
+        network = target.classifier
+        assert isinstance(network, DetectorNetwork)
+        wanted = network.preprocessing.crop_px
+        scaled = resize_photos(photos, wanted)
+        loss = loss + network.detector.losses(scaled, places * (wanted / side), target.class_index).mean()
+        seen += target.count_hits(photos.detach()) / len(photos)
+    return loss, seen / len(targets)
+
+
+def box_of_coverage(coverage: np.ndarray) -> tuple[int, int, int, int]:
+    """x1, y1, x2, y2 round the pixels of (h, w) that an object covers by half; all 0 where there are none."""
+    rows, columns = (np.flatnonzero((coverage > 0.5).any(axis)) for axis in (1, 0))
+    if not len(rows):
+        return 0, 0, 0, 0
+    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
 
 
 def resize_photos(photos: "torch.Tensor", side: int) -> "torch.Tensor":

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from toolkit.boosters.detectors import box_of_coverage
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_linear, srgb_to_linear
 from toolkit.boosters.parts.weather import Weathered, find_depths
 from toolkit.boosters.pixels import Target
@@ -156,14 +157,6 @@ def stack_views(views: list[LinearView], size_mm: float, device: str, metres_per
     depths = find_depths(views, [metres_per_unit] * len(views))
     boxes = np.array([box_of_coverage(view.coverage) for view in views], np.float32)
     return MountedViews(batch_views(views, device, half=True), size_mm, digest, tuple(depths), boxes)
-
-
-def box_of_coverage(coverage: np.ndarray) -> tuple[int, int, int, int]:
-    """x1, y1, x2, y2 round the pixels of (h, w) that an object covers by half; all 0 where there are none."""
-    rows, columns = (np.flatnonzero((coverage > 0.5).any(axis)) for axis in (1, 0))
-    if not len(rows):
-        return 0, 0, 0, 0
-    return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
 
 
 def print_on_paper(linear: "torch.Tensor", size_mm: float) -> "torch.Tensor":

@@ -20,7 +20,7 @@ from toolkit.boosters.data import (
     names_of_class,
     stack_on_device,
 )
-from toolkit.boosters.detectors import DetectorNetwork, find_detectors, resize_photos
+from toolkit.boosters.detectors import find_detectors, judge_detectors
 from toolkit.boosters.ensemble import judge_ensemble
 from toolkit.boosters.mounted import (
     MountedViews,
@@ -331,8 +331,6 @@ class DetectorPatchTask(PatchTask):
 
     def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
         """The detectors' losses of photographs of the object with the patch, and the patch's own losses."""
-        import torch
-
         views, config, draws = self._views, self.config, Draws(self.config.seed, step)
         assert views is not None and views.boxes is not None
         which, corners = draw_cuts(views, draws.of("mounted"), config.batch, self.image_px)
@@ -344,16 +342,9 @@ class DetectorPatchTask(PatchTask):
         shown = show_mounted(printed, views, which, corners, self.image_px, draws.of("mounted light"), through=through)
         photos = take_photos(shown, self._appearance, draws)
         # the cut's own pixels: x and y of a box, corners are top and left
-        boxes = torch.from_numpy(views.boxes[which] - corners[:, [1, 0, 1, 0]]).clamp(0, self.image_px)
-        loss, right = photos.new_zeros(()), 0.0
-        for target in self.targets:
-            assert isinstance(target.classifier, DetectorNetwork)
-            detector, side = target.classifier.detector, target.classifier.preprocessing.crop_px
-            scaled = resize_photos(photos, side)
-            loss = loss + detector.losses(scaled, boxes * (side / self.image_px), target.class_index).mean()
-            right += target.count_hits(photos.detach()) / len(photos)
+        loss, seen = judge_detectors(photos, self.targets, views.boxes[which] - corners[:, [1, 0, 1, 0]])
         penalty = self._penalty
-        return (loss if penalty is None else loss + penalty(self.pixels)), {"accuracy": right / len(self.targets)}
+        return (loss if penalty is None else loss + penalty(self.pixels)), {"accuracy": seen}
 
 
 def patch_loss(

@@ -23,7 +23,7 @@ STEPS, MEETS, WORLD = "Steps", "What it meets", "In a world"
 TRANSFER = "What carries over to other networks"
 WORLD_ELEVATION_DEG, WORLD_FILL = (2.0, 75.0), (0.3, 1.0)
 """Where cameras stand in a world, unless it is said: from a man's height up, from one length away to four."""
-DEFAULT_ENSEMBLE: Literal["sum", "normalised", "turns"] = "normalised"
+DEFAULT_ENSEMBLE: Literal["sum", "normalised", "turns"] = "turns"
 CameraParts = tuple[CameraBlur, SensorNoise, JpegFile]
 
 

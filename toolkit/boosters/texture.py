@@ -11,6 +11,7 @@ import numpy as np
 
 from toolkit import __version__
 from toolkit.boosters.data import choose_images, load_files
+from toolkit.boosters.detectors import box_of_coverage, find_detectors, judge_detectors
 from toolkit.boosters.ensemble import judge_ensemble
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.boosters.pixel_config import name_files
@@ -132,6 +133,7 @@ def train_texture(
     objects = load_objects(workspace, config, keep_image)
     label = choose_class(class_name, objects)
     targets = aim(networks, label)
+    find_detectors(networks)
     config = config.for_networks(len(targets))
     if name is None and len(objects) == 1:
         name = objects[0].name
@@ -261,7 +263,11 @@ class TextureTask(PixelTask[TrainedTexture]):
             rng = draws.of(type(config.weather).__name__)
             batch = batch.through(*draw_weather(views, self._metres, config.weather, rng))
         photos = take_photos(self.dilated(), batch, config, draws)
-        loss, recognised = judge_ensemble(photos, self.targets, config, draws)
+        if find_detectors([target.classifier for target in self.targets]):
+            boxes = np.array([box_of_coverage(one.view.coverage) for one in views], np.float32)
+            loss, recognised = judge_detectors(photos, self.targets, boxes)
+        else:
+            loss, recognised = judge_ensemble(photos, self.targets, config, draws)
         return loss, {"accuracy": recognised}
 
     def dilated(self) -> "torch.Tensor":

@@ -87,6 +87,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
             "corrupt a data set with and without patches",
             {**TURNED, "--corruption": "--corrupt"},
         ),
+        "transfer": Entry("transfer:transfer", "train on all networks but one, judge by that one"),
         "world-eval": Entry("world_eval:world_eval", "see an object in a city, through fog and dust"),
     },
     "Worlds": {

@@ -44,21 +44,21 @@ def list_models(
 
 
 def _show(rows: "list[SurveyedModel]", with_data: bool) -> None:
-    titles = ["--model", "classes", "px", "images/s", "trained/s", "licence", "trains"]
+    titles = ["--model", "kind", "classes", "px", "images/s", "trained/s", "licence", "trains"]
     cells = []
     for one in rows:
         row = [
-            one.model, one.classes or "", one.image_px or "",
+            one.model, one.kind, one.classes or "", one.image_px or "",
             *(f"{rate:.0f}" if rate else "" for rate in (one.images_per_s, one.trained_images_per_s)),
             one.licence or "not said", "yes" if one.can_train else "no",
         ]  # fmt: skip
         if with_data:
             low, high = one.ci95 or (0.0, 0.0)
-            row.insert(3, f"{100 * one.accuracy:.1f} % ({100 * low:.0f}–{100 * high:.0f}) of {one.n}"
+            row.insert(4, f"{100 * one.accuracy:.1f} % ({100 * low:.0f}–{100 * high:.0f}) of {one.n}"
                        if one.accuracy is not None else "")  # fmt: skip
         cells.append(row)
     if with_data:
-        titles.insert(3, "right")
+        titles.insert(4, "right")
     show_table(titles, cells)
     for one in rows:
         if one.why_not:

@@ -93,8 +93,8 @@ Models = Annotated[
     typer.Option(
         "--model",
         metavar="NAME",
-        help="Torchvision classifier, timm:NAME, onnx:FILE, a .pt2, python:MODULE:FUNCTION, rig18, your own; several "
-        "add their losses. Default: resnet18.",
+        help="Torchvision classifier, timm:NAME, onnx:FILE, a .pt2, python:MODULE:FUNCTION, rig18, your own; repeat "
+        "for several. Default: resnet18.",
     ),
 ]
 Model = Annotated[

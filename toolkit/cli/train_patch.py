@@ -16,11 +16,7 @@ from toolkit.core.config import Flag
 from toolkit.core.errors import FieldError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from toolkit.boosters.detectors import DetectorNetwork
     from toolkit.boosters.patch import TrainedPatch
-    from toolkit.boosters.pixels import Network
 
 
 class AskedData(DataConfig):
@@ -75,9 +71,9 @@ def train_patch(
     as_json: options.Json = False,
 ) -> None:
     """Train a patch that makes a classifier see a class, or a detector find its object; goes on where it stopped."""
+    from toolkit.boosters.detectors import load_networks
     from toolkit.boosters.patch import train_patch as run
     from toolkit.core.workspace import open_workspace
-    from toolkit.models.load import load_classifiers
     from toolkit.objects.spec import read_spec
 
     if print_profile is not None:
@@ -107,38 +103,11 @@ def train_patch(
         config = config if _is_typed(context, "mounted_views") else fewer_views
         images = images if _is_typed(context, "images") else fewer_images
     place = place or open_workspace(workspace)
-    networks: Sequence[Network] = _load_detectors(model, weights, device) or load_classifiers(
-        model, weights, device, place.classifiers_dir
-    )
+    networks = load_networks(model, weights, device, place.classifiers_dir)
     trained = run(config, wanted, networks, images, place, name=name, out=out, restart=restart)
     _report(trained, object_name, as_json)
     if trained.skipped:
         raise typer.Exit(1)
-
-
-def _load_detectors(model: list[str] | None, weights: list[Path] | None, device: str) -> "list[DetectorNetwork]":
-    """The networks, where detectors are named; none where classifiers are.
-
-    Raises:
-        ToolkitError: some are the one and some the other.
-    """
-    from toolkit.models.find import may_be_detector
-
-    if not any(may_be_detector(name) for name in model or []):
-        return []
-    from toolkit.boosters.detectors import DetectorNetwork
-    from toolkit.models.load_detector import is_detector, load_detector
-
-    named = model or []
-    kinds = [is_detector(name) for name in named]
-    if not any(kinds):
-        return []
-    if not all(kinds) or (weights and len(weights) != len(named)):
-        raise FieldError(
-            "name classifiers or detectors, not both, with one of {weights} each or none", {"model": named}
-        )
-    files = list(weights) if weights else [None] * len(named)
-    return [DetectorNetwork(load_detector(name, file, device)) for name, file in zip(named, files, strict=True)]
 
 
 def _is_typed(context: typer.Context, option: str) -> bool:

@@ -44,14 +44,14 @@ def train_texture(
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Train a texture that makes a classifier see an object's class; an interrupted run goes on where it stopped."""
+    """Train a texture that makes a network see an object's class; an interrupted run goes on where it stopped."""
+    from toolkit.boosters.detectors import load_networks
     from toolkit.boosters.texture import train_texture as run
     from toolkit.core.workspace import open_workspace
-    from toolkit.models.load import load_classifiers
 
     config = make_config(recipe, {**overrides, "seed": seed})
     place = open_workspace(workspace)
-    networks = load_classifiers(model, weights, device, place.classifiers_dir)
+    networks = load_networks(model, weights, device, place.classifiers_dir)
     trained = run(config, networks, place, class_name=class_name, name=name, out=out, restart=restart, workers=workers)
     _report(trained, as_json)
     if trained.skipped:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from shutil import copytree
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
@@ -232,3 +233,15 @@ def make_workspace(folder: Path | str) -> Workspace:
         if not file.exists():
             write_text(file, text)
     return open_workspace(space.root)
+
+
+def copy_objects(workspace: Workspace, folder: Path) -> Workspace:
+    """Make a workspace with the objects of another and nothing else of it.
+
+    Raises:
+        ToolkitError: as `make_workspace`.
+    """
+    space = make_workspace(folder)
+    if workspace.objects_dir.is_dir():
+        copytree(workspace.objects_dir, space.objects_dir, dirs_exist_ok=True)
+    return space

@@ -4,6 +4,7 @@ import csv
 import io
 from collections import defaultdict
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from toolkit.evaluation.ground_truth import add_corrupted
 from toolkit.evaluation.metrics import Comparison, compare_controls, compare_unpatched, index_poses, rank_variant
 from toolkit.evaluation.predict import Prediction, corrupt_images, find_pending
 from toolkit.evaluation.results import list_corrupted
+from toolkit.evaluation.seen import describe_unseen, find_training
 from toolkit.imaging.read import UnreadableImage, read_image
 from toolkit.models.detector import Detections, Detector, box_iou, detector_class
 from toolkit.objects.spec import read_spec
@@ -191,7 +193,8 @@ def evaluate_detector(
     table = encode_detections(images, detector)
     name = config.run or name_run(detector, [one.source for one in wanted if one.corruption is None])
     run_dir = find_run_dir(workspace.eval_dir / name, "detections.csv", table.encode(), config.replace)
-    notes = (*folder.notes, *notes)
+    training = find_training(wanted, workspace, detector.weights.sha256)
+    notes = (*folder.notes, *notes, *describe_unseen(detector.name, training))
     if run_dir.name != name:
         notes = (*notes, f"{run_dir.with_name(name)} holds another result, and stays as it is")
     summary = {
@@ -200,6 +203,7 @@ def evaluate_detector(
                   "sha256": detector.weights.sha256},
         "found": {"iou": FOUND_IOU, "score": FOUND_SCORE},
         "groups": [one.as_json() for one in groups], "pairs": [one.as_pair() for one in compare_unpatched(poses)],
+        "boosters": [one.as_json() for one in training],
         "corrupted": list_corrupted(one.capture for one in images), "notes": list(notes),
     }  # fmt: skip
     run = DetectionRun(
@@ -243,10 +247,18 @@ def detect_captures(
         detector: who looks.
     """
     found: list[DetectedImage] = []
-    with progress("detecting", len(captures)) as ticker:
-        for start in range(0, len(captures), BATCH):
-            part = captures[start : start + BATCH]
-            read = [_read(one, detector.device) for one in part]
+    parts = [captures[start : start + BATCH] for start in range(0, len(captures), BATCH)]
+
+    def read_part(part: Sequence[Capture]) -> list[np.ndarray | str]:
+        return [_read(one, detector.device) for one in part]
+
+    # the next images are read while the network looks at these: both release the interpreter's lock
+    with progress("detecting", len(captures)) as ticker, ThreadPoolExecutor(1, thread_name_prefix="read") as pool:
+        ahead = pool.submit(read_part, parts[0]) if parts else None
+        for number, part in enumerate(parts):
+            assert ahead is not None
+            read = ahead.result()
+            ahead = pool.submit(read_part, parts[number + 1]) if number + 1 < len(parts) else None
             pixels = [one for one in read if not isinstance(one, str)]
             seen = iter(detector.detect(pixels) if pixels else [])
             for capture, one in zip(part, read, strict=True):

@@ -6,14 +6,18 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.statistics import wilson_interval
 from toolkit.models.architectures import list_architectures
 from toolkit.models.bundled import bundled_file
-from toolkit.models.find import BUNDLED_DIR, list_own
+from toolkit.models.detector import Detector
+from toolkit.models.find import BUNDLED_DIR, list_own, may_be_detector
 from toolkit.models.labels import read_labels_file
 from toolkit.models.load import load_classifier
+from toolkit.models.load_detector import is_detector, load_detector
 from toolkit.models.network import Classifier
 from toolkit.models.weights import cache_dir, find_local
 from toolkit.training.image_set import open_images
@@ -33,6 +37,7 @@ class SurveyedModel:
 
     Attributes:
         model: how it is named to every command.
+        kind: `classifier` or `detector`.
         weights: name of its file.
         classes: how many.
         image_px: side of what it sees.
@@ -48,6 +53,7 @@ class SurveyedModel:
 
     model: str
     weights: str = ""
+    kind: str = "classifier"
     classes: int | None = None
     image_px: int | None = None
     parameters: int | None = None
@@ -88,6 +94,9 @@ def survey_models(
     rows = []
     for model in models:
         try:
+            if may_be_detector(model) and is_detector(model):
+                rows.append(_survey_detector(model, load_detector(model, None, device)))
+                continue
             classifier = load_classifier(model, None, device, folder)
         except ToolkitError as error:
             rows.append(SurveyedModel(model, why_not=str(error)))
@@ -106,12 +115,26 @@ def _survey(model: str, classifier: Classifier, data: str | None) -> SurveyedMod
         except ToolkitError as error:
             why = why or str(error)
     return SurveyedModel(
-        model, classifier.weights.name, len(classifier.labels), classifier.preprocessing.crop_px, numbers or None,
+        model, classifier.weights.name, "classifier", len(classifier.labels), classifier.preprocessing.crop_px,
+        parameters=numbers or None,
         licence=_find_licence(classifier), can_train=not classifier.untrainable, why_not=why,
         images_per_s=measure_speed(classifier),
         trained_images_per_s=None if classifier.untrainable else measure_speed(classifier, backward=True),
         n=n, correct=correct, accuracy=None if not n else (correct or 0) / n,
         ci95=None if not n else wilson_interval(correct or 0, n),
+    )  # fmt: skip
+
+
+def _survey_detector(model: str, detector: Detector) -> SurveyedModel:
+    """Speed from pictures of 640 × 480 to boxes; accuracy is what `toolkit eval` measures."""
+    pictures = list(np.random.default_rng(0).integers(0, 256, (BATCH, 480, 640, 3), np.uint8))
+    detector.detect(pictures)
+    start = perf_counter()
+    detector.detect(pictures)
+    return SurveyedModel(
+        model, detector.weights.name, "detector", len(detector.labels), detector.image_px or None,
+        licence=read_labels_file(detector.weights.path).licence or "", can_train=not detector.untrainable,
+        why_not=detector.untrainable, images_per_s=BATCH / (perf_counter() - start),
     )  # fmt: skip
 
 

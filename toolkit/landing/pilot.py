@@ -49,6 +49,7 @@ class DescentConfig(Config):
     align_m: Annotated[float, Field(gt=0)] = 0.15
     align_share: Annotated[float, Field(ge=0)] = 0.25
     blind_m: Annotated[float, Field(ge=0), Flag()] = Field(0.8, description="Below this height it goes straight down.")
+    unseen_m: Annotated[float, Field(ge=0)] = 1.6
 
 
 class Pilot:

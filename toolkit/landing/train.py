@@ -11,7 +11,7 @@ from pydantic import Field
 
 from toolkit import __version__
 from toolkit.core.config import Config, Flag
-from toolkit.core.console import notice, progress
+from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_bytes, sha256_file, write_bytes, write_json
@@ -25,27 +25,26 @@ from toolkit.landing.regressor import (
     Regressor,
     RegressorRecord,
     as_batch,
-    build_module,
     freeze,
     regressors_dir,
     run_network,
     summarise_errors,
 )
-from toolkit.models.bundled import bundled_file, read_bundled
+from toolkit.landing.start import find_start, fit_ridge, start_module
 from toolkit.models.network import choose_device
-from toolkit.models.weights import WeightsFile, find_local, find_weights, open_weights, read_state_dict
+from toolkit.models.weights import WeightsFile, read_state_dict
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.classifier_task import load_tensors
 from toolkit.training.loop import FitConfig, History, Task, fit
 
 if TYPE_CHECKING:
     import torch
-    from torch import nn
 
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 CHECKPOINT_EVERY_S = 20.0
 CALIBRATION_SHARE = 0.1
 LEAST_HEIGHT_M = 0.5
+PROBE_BATCH = 64
 
 
 class LandingTrainConfig(Config):
@@ -56,6 +55,8 @@ class LandingTrainConfig(Config):
         arch: of the network, one of torchvision's.
         init: weights to start from; by default ImageNet's of that network.
         pool: what the last layer sees, see `build_module`.
+        probe: the last layer starts as the ridge regression on the features of the given weights, and the statistics
+            of normalisation stay theirs (linear probing, then fine-tuning: Kumar et al. 2022).
         frames: of the training split at most.
         epochs, batch, lr, optimiser, schedule, momentum, weight_decay: of the training.
         loss: `mse` of metres, or `relative`: of shares of the height.
@@ -69,10 +70,11 @@ class LandingTrainConfig(Config):
         None, description="Weights to start from. Default: ImageNet's, else the bundled network."
     )
     pool: Annotated[Pool, Flag()] = Field("grid", description="What the last layer sees of the features.")
+    probe: Annotated[bool, Flag()] = Field(True, description="Start the last layer by ridge regression.")
     frames: Annotated[int | None, Field(ge=8), Flag(typed=int)] = Field(None, description="To train on, at most.")
     epochs: Annotated[int, Field(ge=1, le=1000), Flag()] = Field(8, description="Times through the frames.")
     batch: Annotated[int, Field(ge=2, le=4096), Flag()] = Field(64, description="Frames of a step.")
-    lr: Annotated[float, Field(gt=0, le=10), Flag()] = Field(1e-3, description="Highest learning rate.")
+    lr: Annotated[float, Field(gt=0, le=10), Flag()] = Field(2e-4, description="Highest learning rate.")
     optimiser: Annotated[Literal["sgd", "adam"], Flag()] = Field("adam", description="Of the weights.")
     schedule: Annotated[Literal["constant", "linear", "cosine", "one-cycle"], Flag()] = Field(
         "one-cycle", description="Of the learning rate."
@@ -153,7 +155,7 @@ def train_regressor(
     device, folder = choose_device(device), find_dataset(space, dataset)
     about = open_dataset(folder)
     train, held_out = read_split(folder, "train", config.frames), read_split(folder, "held_out")
-    init = find_start(config)
+    init = find_start(config.arch, config.init)
     name = config.name or folder.name
     digests = [shard.sha256 for shard in about.shards]
     inputs = config.sha256(digests, init.sha256, seed, name, 1)
@@ -173,41 +175,6 @@ def find_dataset(space: Workspace, word: str) -> Path:
             f"no landing data set called '{word}' in {own.parent}: make one with 'toolkit landing collect'"
         )
     return folder
-
-
-def find_start(config: LandingTrainConfig) -> WeightsFile:
-    """The weights to start from: those that are named, ImageNet's, or where there are none the bundled network's."""
-    if config.init is not None:
-        return find_weights(config.arch, config.init)
-    bundled, record = bundled_file(), read_bundled()
-    if find_local(config.arch) is None and bundled is not None and record is not None and record.arch == config.arch:
-        notice(f"no weights of {config.arch} on this machine: starting from the bundled network {record.name}")
-        return open_weights(bundled, record.name)
-    return find_weights(config.arch)
-
-
-def start_module(config: LandingTrainConfig, image_px: int, init: WeightsFile, seed: int) -> "nn.Module":
-    """A network with weights, all but the last layer's, which is drawn by the seed.
-
-    Raises:
-        ToolkitError: the weights are of another network.
-    """
-    import torch
-
-    arch, outputs = config.arch, 3 if config.uncertainty else 2
-
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        module = build_module(arch, outputs, config.pool, image_px)
-    own, given = module.state_dict(), read_state_dict(init)
-    fitting = {name: value for name, value in given.items() if name in own and value.shape == own[name].shape}
-    missing = {name.rpartition(".")[0] for name in own if name not in fitting and not name.endswith("tracked")}
-    if len(missing) > 1:
-        raise FieldError(f"holds no weights of {arch}: {len(missing)} layers differ", {"init": init.path})
-    load_tensors(
-        module, {name: value.float() if value.is_floating_point() else value for name, value in fitting.items()}, False
-    )
-    return module
 
 
 class RegressorTask(Task[Regressor]):
@@ -230,7 +197,14 @@ class RegressorTask(Task[Regressor]):
         self.calibration, self.chosen = np.sort(numbers[:aside]), np.sort(numbers[aside:])
         if len(self.chosen) < 2:
             raise ToolkitError("too few frames to train on: collect more")
-        module = start_module(config, train.images.shape[1], init, seed)
+        module = start_module(
+            config.arch,
+            3 if config.uncertainty else 2,
+            config.pool,
+            image_px=train.images.shape[1],
+            init=init,
+            seed=seed,
+        )
         self.module = module.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def parameters(self) -> "dict[str, torch.Tensor]":
@@ -255,10 +229,51 @@ class RegressorTask(Task[Regressor]):
         load_tensors(self.module, read_state_dict(WeightsFile(self.file, record.sha256, self.file.name)))
         return Regressor(record, freeze(self.module, self.device), self.device)
 
+    def begin(self) -> None:
+        """Start the last layer where it is best for the features as they are."""
+        if self.config.probe:
+            self._probe()
+
+    def _probe(self) -> None:
+        import torch
+
+        last = self.module.get_submodule("fc")
+        if not isinstance(last, torch.nn.Linear):
+            raise FieldError(f"{self.config.arch} has no last layer called fc: leave it out", {"probe": True})
+        turns = 4 if self.config.augment else 1
+        known = self.train.offsets[self.chosen]
+        offsets = np.concatenate([turn_offsets(known, np.full(len(known), k)) for k in range(turns)])
+        heights = np.tile(np.maximum(self.train.heights[self.chosen], LEAST_HEIGHT_M), turns)
+        weight = 1 / heights if self.config.loss == "relative" else np.ones_like(heights)
+        found, bias, residual = fit_ridge(self._find_features(turns), offsets, weight)
+        with torch.no_grad():
+            last.weight.zero_()
+            last.weight[:2], last.bias[:2] = torch.from_numpy(found.T).float(), torch.from_numpy(bias).float()
+            if self.config.uncertainty:
+                last.bias[2] = float(np.log(max(residual, 1e-3)))
+
+    def _find_features(self, turns: int) -> np.ndarray:
+        """(turns · n, d) float32 what the last layer sees of the frames, turned by each quarter."""
+        import torch
+
+        seen: list[np.ndarray] = []
+        self.module.eval()
+        last = self.module.get_submodule("fc")
+        hook = last.register_forward_pre_hook(lambda _, given: seen.append(given[0].cpu().numpy()))
+        with progress("Looking at frames", turns * len(self.chosen)) as bar, torch.no_grad():
+            for k in range(turns):
+                for start in range(0, len(self.chosen), PROBE_BATCH):
+                    some = self.chosen[start : start + PROBE_BATCH]
+                    batch = torch.rot90(as_batch(self.train.images[some]), k, (2, 3)).to(self.device)
+                    run_network(self.module, batch, IMAGENET_MEAN, IMAGENET_STD)
+                    bar.advance(len(some))
+        hook.remove()
+        return np.concatenate(seen)
+
     @contextmanager
     def open(self) -> Iterator[None]:
-        """Train mode within."""
-        self.module.train()
+        """Train mode within; with `probe` the statistics of normalisation stay."""
+        self.module.train(not self.config.probe)
         yield
 
     def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
@@ -266,7 +281,7 @@ class RegressorTask(Task[Regressor]):
         import torch
 
         batch, wanted, heights = self._draw_batch(step)
-        self.module.train()
+        self.module.train(not self.config.probe)
         out = run_network(self.module, batch, IMAGENET_MEAN, IMAGENET_STD)
         error = out[:, :2] - wanted
         scale = heights.clamp_min(LEAST_HEIGHT_M)[:, None] if self.config.loss == "relative" else 1.0

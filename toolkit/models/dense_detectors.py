@@ -108,12 +108,13 @@ class DenseDetector:
             torch.tensor(values, dtype=batch.dtype, device=batch.device).view(1, 3, 1, 1)
             for values in (self.decoder.mean, self.decoder.std)
         )
-        return self.decoder.decode(self.module((batch - mean) / std), self.image_px)
+        return self.decoder.decode(self.module((batch - mean).div_(std)), self.image_px)
 
     def detect(self, images: Sequence[np.ndarray]) -> list[Detections]:
         """What it sees in (h, w, 3) uint8 sRGB images of any sizes."""
         fitted = [self._fit(image) for image in images]
-        batch = torch.from_numpy(np.stack([pixels for pixels, _ in fitted])).permute(0, 3, 1, 2).float().div(255)
+        planes = torch.from_numpy(np.stack([pixels for pixels, _ in fitted])).permute(0, 3, 1, 2).contiguous()
+        batch = planes.to(self.device).float().div_(255)
         with torch.inference_mode():
             boxes, scores = self.predict(batch)
             return [

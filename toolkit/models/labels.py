@@ -173,7 +173,11 @@ def choose_labels(weights: Path, own: list[str] | None, published: list[str], nu
         return list(published)
     if len(published) == 1000 and num_classes == 1001:
         return ["background", *published]
-    return [f"class {index}" for index in range(num_classes)]
+    return _number_classes(num_classes)
+
+
+def _number_classes(count: int) -> list[str]:
+    return [f"class {index}" for index in range(count)]
 
 
 def _file_of_labels(weights: Path) -> Path:
@@ -230,6 +234,11 @@ def _check_index(labels: list[str], index: int) -> int:
 
 
 def _unknown(labels: list[str], name: str) -> ToolkitError:
+    if labels == _number_classes(len(labels)):
+        return ToolkitError(
+            f"no class called '{name}': the {len(labels)} classes of this network have no names: list them as "
+            "'labels' in a TOML or JSON file beside it, or give an index"
+        )
     containing = [label for label in labels if len(name) > 2 and name.lower() in label.lower()][:5]
     if containing:
         return ToolkitError(f"no class called '{name}': did you mean {' or '.join(containing)}?")

@@ -88,7 +88,9 @@ class Classifier:
             torch.tensor(values, dtype=batch.dtype, device=batch.device).view(1, 3, 1, 1)
             for values in (self.preprocessing.mean, self.preprocessing.std)
         )
-        normalised = (batch - mean) / std
+        normalised = (batch - mean).div_(std)
+        if getattr(self.module, "takes_planes", False):
+            return self.module(normalised)
         return self.module(normalised.contiguous(memory_format=torch.channels_last))
 
     def class_index(self, name: str | int) -> int:

@@ -28,7 +28,10 @@ class OnnxNetwork(nn.Module):
         graph: the file.
         one_by_one: whether the graph takes one image at a time only.
         untrainable: why there is no reading in torch; else empty.
+        takes_planes: it is quicker with its channels first.
     """
+
+    takes_planes = True
 
     def __init__(self, graph: OnnxGraph, size: int) -> None:
         """Start the session and read the graph into torch.

@@ -7,8 +7,8 @@ texture at the right level of detail, and the gloss. Silhouettes, creases and pr
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from copy import copy
 from dataclasses import replace
+from functools import cached_property
 from threading import RLock
 from typing import Any, NamedTuple, TypeVar
 
@@ -20,20 +20,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import Material, Mesh
 from toolkit.rig.camera import Camera, orbit_direction, orbit_pose, project
 from toolkit.rig.kernel import compiled
-from toolkit.rig.kernel.frame import (
-    NOTHING,
-    Hits,
-    Linear,
-    Part,
-    fill_key_rays,
-    fill_pixel_rays,
-    fill_sample_rays,
-    mark_edges,
-    move_rays,
-    paint_background,
-    paint_meshes,
-    take_nearer,
-)
+from toolkit.rig.kernel.frame import NOTHING, Hits, Linear, Samples, paint_background, paint_meshes
 from toolkit.rig.kernel.light import LightMap
 from toolkit.rig.kernel.scene import (
     ROUGHNESS_LEVELS,
@@ -51,6 +38,7 @@ from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table
 from toolkit.rig.shading import tone_map
 from toolkit.rig.textures import blur_directions, pack_textures, pad_channels
+from toolkit.rig.trace import CENTRE, Body, Tracer
 
 LIGHT_MAP_ZOOM = 2
 """The table's light is kept so many times as fine as it was baked, smoothly filled in."""
@@ -77,49 +65,18 @@ class _Glow(NamedTuple):
     glow_texels: Texels
 
 
-class _Body:
-    """A mesh in its place: its rays, its light, and its paint."""
-
-    def __init__(
-        self, mesh: Mesh, shape: Shape, paint: _Paint, lighting: Lighting, stand: Stand, number: int = 0
-    ) -> None:
-        self.shape, self.lit = shape, _light_mesh(mesh, paint, lighting, stand)
-        self._number, self._moved = np.uint8(number), stand != AT_ORIGIN
-
-    def with_lamps(self, mesh: Mesh) -> "_Body":
-        """The same with what its materials give off; the light on it is not baked anew."""
-        body = copy(self)
-        body.lit = self.lit._replace(**_kept(_prepare_glow, mesh)._asdict())
-        return body
-
-    def cast(self, rays: np.ndarray) -> Hits:
-        """First hits of rays (n, 6) in the world; frames are what is spread over the cores."""
-        import open3d as o3d
-
-        found = self.shape.rays.cast_rays(o3d.core.Tensor(self._localise(rays)), nthreads=1)
-        distance, face, uv = (found[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_uvs"))
-        return Hits(distance, face, uv, np.full(len(face), self._number), np.full(len(face), -1, np.float32))
-
-    def blocks(self, rays: np.ndarray) -> np.ndarray:
-        """(n,) bool whether rays (n, 6) in the world meet it."""
-        import open3d as o3d
-
-        return self.shape.rays.test_occlusions(o3d.core.Tensor(self._localise(rays)), nthreads=1).numpy()
-
-    def _localise(self, rays: np.ndarray) -> np.ndarray:
-        if not self._moved:
-            return rays
-        moved = np.empty_like(rays)
-        move_rays(self.lit, rays, moved)
-        return moved
+def _with_lamps(body: Body, mesh: Mesh) -> Body:
+    """The same with what its materials give off; the light on it is not baked anew."""
+    return replace(body, lit=body.lit._replace(**_kept(_prepare_glow, mesh)._asdict()))
 
 
-def _surroundings_of(scene: Scene) -> _Body:
+def _surroundings_of(scene: Scene) -> Body:
     """What stands around the object and never moves; kept for the next renderer in the same sky."""
 
-    def make(mesh: Mesh, *_: object) -> _Body:
+    def make(mesh: Mesh, *_: object) -> Body:
         shape, paint = Shape.of(mesh), _paint_of(mesh)
-        return _Body(mesh, shape, paint, bake_surroundings(shape, paint.mean_colour, scene), AT_ORIGIN, number=1)
+        lighting = bake_surroundings(shape, paint.mean_colour, scene)
+        return Body(shape, _light_mesh(mesh, paint, lighting, AT_ORIGIN), is_moved=False, number=1)
 
     return _kept(make, scene.surroundings, scene.environment, scene.key)
 
@@ -149,14 +106,16 @@ class RaycastRenderer:
             around = self._others.shape
             albedo = (albedo + _paint_of(scene.surroundings).mean_colour) / 2
         lighting = bake_lighting(shape, albedo, scene, detail, stand, around)
-        self._object = _Body(mesh, shape, paint, lighting, stand)
+        lit = _light_mesh(mesh, paint, lighting, stand)
+        self._object = Body(shape, lit, is_moved=stand != AT_ORIGIN, number=0)
         if scene.lamps:
-            self._object = self._object.with_lamps(mesh)
+            self._object = _with_lamps(self._object, mesh)
             if self._others is not None and scene.surroundings is not None:
-                self._others = self._others.with_lamps(scene.surroundings)
+                self._others = _with_lamps(self._others, scene.surroundings)
         self._around = _surround(scene, lighting, stand)
+        self._tracer = Tracer(self._object, self._others, self._around.key)
 
-    @property
+    @cached_property
     def outline(self) -> np.ndarray:
         """(k, 3) points in the world that bound every picture of the object."""
         return self._stand.to_world(self._object.shape.outline)
@@ -216,9 +175,9 @@ class RaycastRenderer:
             that mesh.
         """
         shape = camera.height, camera.width
-        rays = np.empty((camera.height * camera.width, 6), np.float32)
-        fill_pixel_rays(_view(camera, T_world_camera), 0, 0, camera.width, camera.height, rays)
-        hits = self._cast(rays, np.arange(len(rays), dtype=np.int32))
+        pixels = np.arange(camera.height * camera.width, dtype=np.int32)
+        samples = Samples(0, 0, camera.width, camera.height, pixels, CENTRE)
+        hits = self._tracer.see(_view(camera, T_world_camera), samples, np.ones(len(pixels), bool))
         seen = (hits.face != NOTHING) & (hits.mesh == 0)
         face, weights = hits.face[seen].astype(np.int64), hits.uv[seen]
         material = np.full(seen.shape, -1, np.int32)
@@ -238,7 +197,7 @@ class RaycastRenderer:
     ) -> tuple[np.ndarray, Linear, Hits]:
         """(h, w, 3) float32 what rays met before black, samples of a linear view where one is asked for, first hits."""
         view = _view(camera, T_world_camera)
-        part = self._trace(camera, view, T_world_camera)
+        part = self._tracer.trace(view, self._region(camera, T_world_camera))
         most = len(part.hits.face) + 4 * len(part.refine) if linear else 0
         picture = np.zeros((camera.height, camera.width, 3), np.float32)
         out = Linear(
@@ -259,40 +218,6 @@ class RaycastRenderer:
             fill_sheen(self._around, view, sheen)
         paint_background(self._around, view, edges, sheen, coverage, picture, apart)
 
-    def _trace(self, camera: Camera, view: View, T_world_camera: np.ndarray) -> Part:
-        """Trace the pixels that can show a mesh: those of the object, or all where it has surroundings."""
-        region = self._region(camera, T_world_camera)
-        left, top, right, bottom = region if self._others is None else (0, 0, camera.width, camera.height)
-        width, count = right - left, (right - left) * (bottom - top)
-        rays, normal = np.empty((count, 6), np.float32), np.empty((count, 3), np.float32)
-        material, needed = np.empty(count, np.int32), np.empty(count, bool)
-        fill_pixel_rays(view, left, top, right, bottom, rays)
-        near = _pixels_in(region, left, top, width, count)
-        hits = self._cast(rays, np.flatnonzero(near).astype(np.int32))
-        others = self._object.lit if self._others is None else self._others.lit
-        mark_edges(self._object.lit, others, hits, rays, width, material, normal, needed)
-        refine = np.flatnonzero(needed).astype(np.int32)
-        rays = np.empty((4 * len(refine), 6), np.float32)
-        fill_sample_rays(view, left, top, width, refine, rays)
-        fine = self._cast(rays, np.flatnonzero(np.repeat(near[refine], 4)).astype(np.int32))
-        return Part(left, top, right, bottom, hits, refine, fine)
-
-    def _cast(self, rays: np.ndarray, near: np.ndarray) -> Hits:
-        """First hits of rays (n, 6) in the world, of which those `near` (k,) may meet the object."""
-        if self._others is None:
-            return self._object.cast(rays)
-        hits = self._others.cast(rays)
-        if len(near):
-            take_nearer(hits, self._object.cast(rays[near]), near)
-        which, to_key = np.empty(len(rays), np.int32), np.empty_like(rays)
-        lift = 2e-4 * self._object.shape.size
-        count = fill_key_rays(self._others.lit, hits, rays, self._around.key, lift, which, to_key)
-        which, to_key = which[:count], to_key[:count]
-        free = ~self._others.blocks(to_key)
-        free[free] = ~self._object.blocks(to_key[free])
-        hits.key_share[which] = free
-        return hits
-
     def _region(self, camera: Camera, T_world_camera: np.ndarray) -> tuple[int, int, int, int]:
         """Left, top, right, bottom of the pixels that can show the object."""
         shape = self._object.shape
@@ -309,13 +234,6 @@ class RaycastRenderer:
         right, bottom = np.ceil(pixels[depth > 0].max(axis=0) + margin).clip(-1, 1e6).astype(int)
         left, top = max(left, 0), max(top, 0)
         return left, top, max(min(right, camera.width), left), max(min(bottom, camera.height), top)
-
-
-def _pixels_in(region: tuple[int, int, int, int], left: int, top: int, width: int, count: int) -> np.ndarray:
-    """(n,) bool which pixels of a part, row by row, lie in a region (left, top, right, bottom) of the picture."""
-    near = np.zeros((count // max(width, 1), width), bool)
-    near[region[1] - top : region[3] - top, region[0] - left : region[2] - left] = True
-    return near.reshape(-1)
 
 
 V = TypeVar("V")

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from toolkit.core.console import progress
+from toolkit.core.cores import count_cores
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.mesh import Mesh
@@ -18,7 +19,7 @@ from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose, pixel_rays
 from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.linear_view import DepthBuffer, LinearView
 from toolkit.rig.mount import attach, mount_patch
-from toolkit.rig.raycast import RaycastRenderer, count_cores
+from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.renderer import make_renderer
 from toolkit.rig.scene import Scene, Stand
 from toolkit.rig.shading import tone_map

@@ -88,31 +88,43 @@ def fill_key_rays(
     return count
 
 
+class Samples(NamedTuple):
+    """Places in a part of a picture, as many in each of some pixels.
+
+    Attributes:
+        left, top, right, bottom: pixels of the part.
+        pixels: (n,) int32 those that have samples, counted in the part row by row.
+        offsets: (k, 2) the samples of a pixel, from its centre; sample k of pixel i is number i · k + k.
+    """
+
+    left: int
+    top: int
+    right: int
+    bottom: int
+    pixels: np.ndarray
+    offsets: np.ndarray
+
+
 @inlined
-def _set_ray(rays: np.ndarray, n: int, view: View, x: float, y: float) -> None:
-    dx, dy, dz = ray_through(view, x, y)
-    scale = 1 / math.sqrt(dx * dx + dy * dy + dz * dz)
-    rays[n, 0], rays[n, 1], rays[n, 2] = view.origin[0], view.origin[1], view.origin[2]
-    rays[n, 3], rays[n, 4], rays[n, 5] = dx * scale, dy * scale, dz * scale
+def sample_place(samples: Samples, n: int) -> tuple[float, float]:
+    """Pixel coordinates (x, y) of a sample."""
+    shots, width = len(samples.offsets), samples.right - samples.left
+    pixel, k = samples.pixels[n // shots], n % shots
+    return (
+        samples.left + pixel % width + 0.5 + samples.offsets[k, 0],
+        samples.top + pixel // width + 0.5 + samples.offsets[k, 1],
+    )
 
 
 @kernel
-def fill_pixel_rays(view: View, left: int, top: int, right: int, bottom: int, rays: np.ndarray) -> None:
-    """Fill (n, 6) float32 with rays through the pixels' centres of a part, row by row: origin, unit direction."""
-    n = 0
-    for row in range(top, bottom):
-        for column in range(left, right):
-            _set_ray(rays, n, view, column + 0.5, row + 0.5)
-            n += 1
-
-
-@kernel
-def fill_sample_rays(view: View, left: int, top: int, width: int, refine: np.ndarray, rays: np.ndarray) -> None:
-    """Fill (4 n, 6) float32 with rays through four samples of each of the pixels `refine` of a part of this width."""
-    for i in range(len(refine)):
-        row, column = refine[i] // width, refine[i] % width
-        for k in range(4):
-            _set_ray(rays, 4 * i + k, view, left + column + 0.5 + SUBPIXELS[k, 0], top + row + 0.5 + SUBPIXELS[k, 1])
+def fill_rays(view: View, samples: Samples, rays: np.ndarray) -> None:
+    """Fill (n, 6) float32 with rays through samples: origin, unit direction."""
+    for n in range(len(rays)):
+        x, y = sample_place(samples, n)
+        dx, dy, dz = ray_through(view, x, y)
+        scale = 1 / math.sqrt(dx * dx + dy * dy + dz * dz)
+        rays[n, 0], rays[n, 1], rays[n, 2] = view.origin[0], view.origin[1], view.origin[2]
+        rays[n, 3], rays[n, 4], rays[n, 5] = dx * scale, dy * scale, dz * scale
 
 
 @kernel
@@ -129,7 +141,7 @@ def move_rays(mesh: LitMesh, rays: np.ndarray, moved: np.ndarray) -> None:
 
 @kernel
 def mark_edges(
-    mesh: LitMesh, surroundings: LitMesh, hits: Hits, rays: np.ndarray, width: int, material: np.ndarray,
+    mesh: LitMesh, surroundings: LitMesh, view: View, samples: Samples, hits: Hits, material: np.ndarray,
     normal: np.ndarray, needed: np.ndarray,
 ) -> None:  # fmt: skip
     """Mark pixels whose neighbours show another material, a jump in depth, a crease or the edge of a shadow.
@@ -138,12 +150,13 @@ def mark_edges(
 
     Args:
         mesh, surroundings: what is seen.
-        hits, rays: of the pixels, row by row, `width` to a row.
-        width: of the part, pixels.
+        view: camera.
+        samples: one in each pixel of a part.
+        hits: theirs.
         material, normal: (n,) int32 and (n, 3) float32 to work with.
         needed: (n,) bool, the marks.
     """
-    count = len(hits.face)
+    count, width = len(hits.face), samples.right - samples.left
     for n in range(count):
         material[n] = -1
         needed[n] = False
@@ -154,7 +167,9 @@ def mark_edges(
         needed[n] = seen.finely[seen.material[face]]
         material[n] = 2 * seen.material[face] + hits.mesh[n]
         x, y, z = surface_normal(seen, face, float(hits.uv[n, 0]), float(hits.uv[n, 1]))
-        sign = -1.0 if x * rays[n, 3] + y * rays[n, 4] + z * rays[n, 5] > 0 else 1.0
+        across, down = sample_place(samples, n)
+        dx, dy, dz = ray_through(view, across, down)
+        sign = -1.0 if x * dx + y * dy + z * dz > 0 else 1.0
         normal[n, 0], normal[n, 1], normal[n, 2] = sign * x, sign * y, sign * z
     for n in range(count):
         if n % width:

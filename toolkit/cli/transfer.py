@@ -1,0 +1,35 @@
+"""`toolkit transfer`: do boosters hold before networks that they never saw?"""
+
+from toolkit.cli import options
+from toolkit.cli.options import from_config
+from toolkit.cli.output import say, show_json, show_table
+from toolkit.transfer.config import TransferConfig
+
+
+@from_config(config=TransferConfig)
+def transfer(
+    *,
+    config: TransferConfig,
+    model: options.Models = None,
+    weights: options.WeightFiles = None,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Train on all networks but one and let that one judge, for each in turn; a stopped run goes on where it was."""
+    from toolkit.core.workspace import open_workspace
+    from toolkit.models.load import load_classifiers
+    from toolkit.transfer.leave_one_out import leave_one_out
+    from toolkit.transfer.matrix import HEADS, tabulate
+
+    space = open_workspace(workspace)
+    networks = load_classifiers(model, weights, device, space.classifiers_dir)
+    result = leave_one_out(space, config, networks)
+    if as_json:
+        show_json([row.model_dump() for row in result.rows])
+        return
+    for seen, title in ((False, "judged by the network that was left out"), (True, "judged by those trained on")):
+        say(title)
+        show_table(HEADS, tabulate(result.rows, seen))
+    say(f"matrix: {result.json_file}, {result.markdown_file}")

@@ -1,0 +1,150 @@
+"""What a camera sees first: found by rays, or by drawing a mesh whose triangles are not many for the picture."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toolkit.rig.kernel.frame import (
+    NOTHING,
+    SUBPIXELS,
+    Hits,
+    Part,
+    Samples,
+    fill_key_rays,
+    fill_rays,
+    mark_edges,
+    move_rays,
+    take_nearer,
+)
+from toolkit.rig.kernel.raster import draw_triangles, project_corners
+from toolkit.rig.kernel.scene import LitMesh, View
+from toolkit.rig.lighting import Shape
+
+CENTRE = np.zeros((1, 2))
+FACES_PER_SAMPLE = 4
+"""A mesh of more faces than this for each sample is seen by rays, whose cost hardly grows with it."""
+
+
+@dataclass(frozen=True)
+class Body:
+    """A mesh in its place.
+
+    Attributes:
+        shape: its triangles.
+        lit: the same with their light and paint.
+        is_moved: whether it stands elsewhere than its own frame says.
+        number: of `Hits.mesh`.
+    """
+
+    shape: Shape
+    lit: LitMesh
+    is_moved: bool
+    number: int
+
+    def cast(self, rays: np.ndarray) -> Hits:
+        """First hits of rays (n, 6) in the world; frames are what is spread over the cores."""
+        import open3d as o3d
+
+        found = self.shape.rays.cast_rays(o3d.core.Tensor(self._localise(rays)), nthreads=1)
+        distance, face, uv = (found[key].numpy() for key in ("t_hit", "primitive_ids", "primitive_uvs"))
+        return Hits(distance, face, uv, np.full(len(face), self.number, np.uint8), np.full(len(face), -1, np.float32))
+
+    def draw(self, view: View, samples: Samples) -> Hits:
+        """First hits of samples, as `cast` finds them."""
+        count = _count(samples)
+        hits = Hits(
+            np.full(count, np.inf, np.float32), np.full(count, NOTHING, np.uint32), np.zeros((count, 2), np.float32),
+            np.full(count, self.number, np.uint8), np.full(count, -1, np.float32),
+        )  # fmt: skip
+        points = self.shape.mesh.vertices
+        corners, screen = np.empty((len(points), 3)), np.empty((len(points), 3), np.float32)
+        lens = np.array([[view.fx, 0, view.cx], [0, view.fy, view.cy], [0, 0, 1]]) @ view.rotation.T
+        T_pixel_mesh = np.column_stack([lens @ self.lit.turn, lens @ (self.lit.place - view.origin)])
+        project_corners(points, T_pixel_mesh, corners, screen)
+        slot = np.empty((samples.bottom - samples.top) * (samples.right - samples.left), np.int32)
+        draw_triangles(self.lit.faces, corners, screen, view, samples, slot, hits)
+        return hits
+
+    def see(self, view: View, samples: Samples) -> Hits:
+        """First hits of samples, the cheaper way."""
+        if len(self.lit.faces) <= FACES_PER_SAMPLE * _count(samples):
+            return self.draw(view, samples)
+        return self.cast(_rays_of(view, samples))
+
+    def blocks(self, rays: np.ndarray) -> np.ndarray:
+        """(n,) bool whether rays (n, 6) in the world meet it."""
+        import open3d as o3d
+
+        return self.shape.rays.test_occlusions(o3d.core.Tensor(self._localise(rays)), nthreads=1).numpy()
+
+    def _localise(self, rays: np.ndarray) -> np.ndarray:
+        if not self.is_moved:
+            return rays
+        moved = np.empty_like(rays)
+        move_rays(self.lit, rays, moved)
+        return moved
+
+
+@dataclass(frozen=True)
+class Tracer:
+    """An object and what stands around it.
+
+    Attributes:
+        body: the object.
+        others: its surroundings; None in a studio.
+        key: (3,) unit direction to the key light.
+    """
+
+    body: Body
+    others: Body | None
+    key: np.ndarray
+
+    def trace(self, view: View, region: tuple[int, int, int, int]) -> Part:
+        """Trace the pixels that can show a mesh, and again with four samples where edges need them.
+
+        Args:
+            view: camera.
+            region: left, top, right, bottom of those that can show the object; with surroundings all are traced.
+        """
+        left, top, right, bottom = region if self.others is None else (0, 0, view.width, view.height)
+        near = np.zeros((bottom - top) * (right - left), bool)
+        rows = near.reshape(bottom - top, right - left)
+        rows[region[1] - top : region[3] - top, region[0] - left : region[2] - left] = True
+        centres = Samples(left, top, right, bottom, np.arange(len(near), dtype=np.int32), CENTRE)
+        hits = self.see(view, centres, near)
+        material, needed = np.empty(len(near), np.int32), np.empty(len(near), bool)
+        others = self.body.lit if self.others is None else self.others.lit
+        normal = np.empty((len(near), 3), np.float32)
+        mark_edges(self.body.lit, others, view, centres, hits, material, normal, needed)
+        refine = np.flatnonzero(needed).astype(np.int32)
+        fine = self.see(view, Samples(left, top, right, bottom, refine, SUBPIXELS), near)
+        return Part(left, top, right, bottom, hits, refine, fine)
+
+    def see(self, view: View, samples: Samples, near: np.ndarray) -> Hits:
+        """First hits of samples; those of the part's pixels that are `near` (n,) bool may show the object."""
+        if self.others is None:
+            return self.body.see(view, samples)
+        rays = _rays_of(view, samples)
+        hits = self.others.cast(rays)
+        chosen, shots = np.flatnonzero(near[samples.pixels]), len(samples.offsets)
+        if len(chosen):
+            where = (chosen[:, None] * shots + np.arange(shots)).reshape(-1).astype(np.int32)
+            take_nearer(hits, self.body.see(view, samples._replace(pixels=samples.pixels[chosen])), where)
+        which, to_key = np.empty(len(rays), np.int32), np.empty_like(rays)
+        lift = 2e-4 * self.body.shape.size
+        count = fill_key_rays(self.others.lit, hits, rays, self.key, lift, which, to_key)
+        which, to_key = which[:count], to_key[:count]
+        free = ~self.others.blocks(to_key)
+        free[free] = ~self.body.blocks(to_key[free])
+        hits.key_share[which] = free
+        return hits
+
+
+def _count(samples: Samples) -> int:
+    return len(samples.pixels) * len(samples.offsets)
+
+
+def _rays_of(view: View, samples: Samples) -> np.ndarray:
+    rays = np.empty((_count(samples), 6), np.float32)
+    fill_rays(view, samples, rays)
+    return rays

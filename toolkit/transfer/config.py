@@ -1,0 +1,55 @@
+"""What a leave-one-out experiment trains and judges: declared once, for the command line and for Python."""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from toolkit.boosters.parts.jitter import Jitter
+from toolkit.boosters.pixel_config import CORRUPTED_HELP, TRANSFER, MeetsCorruptions
+from toolkit.core.config import Config, Flag
+from toolkit.evaluation.config import Corruptions, RunName
+
+Kind = Literal["patch", "texture"]
+OF_TRAINING = ("steps", "ensemble", "objective", "jitter", "momentum", "last_smoothing_px", "corrupted")
+
+
+class TransferConfig(Config):
+    """One experiment; see `leave_one_out`. Boosters are trained by the default recipes, changed as is said here."""
+
+    objects: Annotated[tuple[str, ...], Flag("--object", metavar="NAME")] = Field(
+        (), description="Object to train for; repeat for more. Default: all that are known."
+    )
+    kinds: Annotated[tuple[Kind, ...], Flag("--kind", metavar="KIND", typed=tuple[str, ...])] = Field(
+        ("patch", "texture"), description="patch or texture; repeat for both. Default: both."
+    )
+    left_out: Annotated[tuple[str, ...], Flag("--leave-out", metavar="NAME")] = Field(
+        (), description="Only this network is left out, by its name in --model; repeat for more. Default: each in turn."
+    )
+    corruptions: Annotated[Corruptions, Flag("--also", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = Field(
+        (("fog", 3),), description="Judge the captures under this corruption of ImageNet-C as well. Default: fog:3."
+    )
+    run: Annotated[RunName, Flag(metavar="NAME")] = Field("leave-one-out", description="Folder under eval/transfer.")
+    seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Same seed, same bytes on the same machine.")
+    steps: Annotated[int | None, Field(ge=1), Flag(group=TRANSFER)] = Field(
+        None, description="Gradient steps. Default: the recipe's, patches 600 and textures 300."
+    )
+    ensemble: Annotated[Literal["sum", "normalised", "turns"] | None, Flag(group=TRANSFER)] = Field(
+        None, description="How the networks are joined, as in train-patch."
+    )
+    objective: Annotated[Literal["cross-entropy", "logit"] | None, Flag(group=TRANSFER)] = Field(
+        None, description="What is raised, as in train-patch."
+    )
+    jitter: Annotated[Jitter | None, Flag(group=TRANSFER)] = Field(None, description="As in train-patch.")
+    momentum: Annotated[float | None, Field(ge=0, lt=1), Flag(group=TRANSFER)] = Field(
+        None, description="As in train-patch."
+    )
+    last_smoothing_px: Annotated[float | None, Field(ge=0, le=16), Flag("--last-smoothing", group=TRANSFER)] = Field(
+        None, description="As in train-patch."
+    )
+    corrupted: MeetsCorruptions = Field(None, description=CORRUPTED_HELP)
+
+    @property
+    def overrides(self) -> dict[str, Any]:
+        """Settings of training that are not the recipe's."""
+        chosen = {name: getattr(self, name) for name in OF_TRAINING}
+        return {name: value for name, value in chosen.items() if value is not None} | {"seed": self.seed}
