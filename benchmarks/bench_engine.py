@@ -1,6 +1,7 @@
 """The engines: two workers against one on cells of the corruption benchmark, and what Ray adds to units of a second."""
 
 import importlib.util
+import os
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,9 +12,9 @@ from torchvision.models import resnet18
 
 from toolkit.benchmark.cells import ShardImages
 from toolkit.benchmark.grid import rank_cell
-from toolkit.benchmark.recognisers import recognise_by_network
+from toolkit.benchmark.recognisers import Recogniser, recognise_by_network
 from toolkit.engine.config import EngineConfig
-from toolkit.engine.units import Engine, Unit
+from toolkit.engine.units import Engine, Shared, Unit
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier
 from toolkit.models.weights import WeightsFile
@@ -48,7 +49,10 @@ def _time_cells(workers: int) -> float:
             for number, cell in enumerate(cells):
                 yield Unit(str(number), rank_cell, (shared, cell, asked, "cpu"), cell[0], None)
 
-        _drain(engine, list_units([("clean", 0)] * 2 * workers))
+        ready: set[object] = set()
+        while len(ready) < workers:  # a first worker may do all while another still loads its libraries
+            units = (Unit(str(k), warm, (shared, asked), "warm", None) for k in range(2 * workers))
+            ready |= {outcome.result for outcome in engine.run(units)}
         start = time.perf_counter()
         _drain(engine, list_units(CELLS))
         return time.perf_counter() - start
@@ -60,6 +64,11 @@ def _time_waiting(config: EngineConfig) -> float:
         start = time.perf_counter()
         _drain(engine, (Unit(str(k), wait, (1.0,), "wait", None) for k in range(SECONDS)))
         return time.perf_counter() - start
+
+
+def warm(images: Shared[ShardImages], recognisers: Shared[list[Recogniser]]) -> Iterator[int]:
+    for _ in rank_cell(images, ("clean", 0), recognisers, "cpu"):
+        yield os.getpid()
 
 
 def wait(seconds: float) -> Iterator[float]:
