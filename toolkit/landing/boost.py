@@ -64,15 +64,17 @@ class BoostConfig(Config):
         noise: standard deviation of the camera's noise, encoded.
     """
 
-    name: Annotated[str, Flag()] = Field("", description="Of the pad. Default: REGRESSOR-boosted.")
+    name: Annotated[str, Flag(metavar="NAME")] = Field("", description="Of the pad. Default: REGRESSOR-boosted.")
     size_px: Annotated[int, Field(ge=8, le=512), Flag()] = Field(64, description="Side of the picture, pixels.")
-    start: Annotated[Literal["plain", "grey", "noise"], Flag()] = Field("plain", description="What it starts from.")
+    start: Annotated[Literal["plain", "grey", "noise"], Flag("--start-pad")] = Field(
+        "plain", description="What it starts from."
+    )
     world: Annotated[str, Flag(metavar="NAME|FILE")] = Field(
         "grass", description="Built-in world, or a mesh or kit file."
     )
     world_seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Of the world.")
     places: Annotated[int, Field(ge=1, le=200), Flag()] = Field(8, description="Places that the pad lies on.")
-    ground: Annotated[Ground, Flag("--on")] = Field("both", description="What it lies on: decks, bare grass, or both.")
+    ground: Annotated[Ground, Flag()] = Field("both", description="What it lies on: decks, bare grass, or both.")
     time: Annotated[str, Flag(metavar="NAME")] = Field("noon", description="Time of day.")
     views: Annotated[int, Field(ge=8, le=20_000), Flag()] = Field(320, description="Rendered views.")
     height_m: Annotated[Range, Rising(0.3, 200), Flag()] = Field((0.8, 10.0), description="Heights of the camera.")

@@ -80,7 +80,7 @@ class CollectConfig(Config):
     size_m: Annotated[float, Flag("--size-m")] = Field(2.0, description="Side of the pad, metres.")
     frames: Annotated[int, Field(ge=2, le=10_000_000), Flag()] = Field(20_000, description="How many pictures.")
     places: Annotated[int, Field(ge=1, le=1000), Flag()] = Field(10, description="Places that the pad lies on in turn.")
-    ground: Annotated[Ground, Flag("--on")] = Field("both", description="What it lies on: decks, bare grass, or both.")
+    ground: Annotated[Ground, Flag()] = Field("both", description="What it lies on: decks, bare grass, or both.")
     at: Annotated[tuple[float, float] | None, Flag(metavar="X Y", typed=tuple[float, float])] = Field(
         None, description="One place of your own in the world, metres, instead."
     )

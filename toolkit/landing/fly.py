@@ -63,7 +63,9 @@ class FlyConfig(Config):
     regressors: Annotated[tuple[str, ...], Flag(positional=True, metavar="REGRESSOR...")] = Field(
         min_length=1, description="Trained regressors; features and apriltag are classical ones."
     )
-    name: Annotated[str, Flag()] = Field("", description="Folder below eval/landing. Default: the first regressor's.")
+    name: Annotated[str, Flag(metavar="NAME")] = Field(
+        "", description="Folder below eval/landing. Default: the first regressor's."
+    )
     pads: Annotated[tuple[str, ...], Flag("--pad", metavar="NAME|FILE")] = Field(
         ("plain",), description="Pad; repeat for more. The others are compared with the first."
     )
@@ -72,7 +74,7 @@ class FlyConfig(Config):
     )
     world_seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Of the world.")
     places: Annotated[int, Field(ge=1, le=200), Flag()] = Field(8, description="Places that episodes have in turn.")
-    ground: Annotated[Ground, Flag("--on")] = Field("both", description="What pads lie on: decks, bare grass, or both.")
+    ground: Annotated[Ground, Flag()] = Field("both", description="What pads lie on: decks, bare grass, or both.")
     time: Annotated[str, Flag(metavar="NAME")] = Field("noon", description="Time of day.")
     weathers: Annotated[Weathers, Flag("--weather", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = Field(
         (CLEAR,), description="Weather; repeat for more: clear, fog:1-5, dust:3, rain."

@@ -49,7 +49,9 @@ class CameraConfig(Config):
     """
 
     image_px: Annotated[int, Field(ge=32, le=1024), Flag("--image-px")] = Field(96, description="Side of a picture.")
-    fov_deg: Annotated[float, Field(ge=20, le=120), Flag("--fov")] = Field(70.0, description="Angle of view.")
+    fov_deg: Annotated[float, Field(ge=20, le=120), Flag("--fov", metavar="DEGREES")] = Field(
+        70.0, description="Angle of view."
+    )
     noise: Annotated[float, Field(ge=0, le=0.2)] = 0.006
 
     @property

@@ -64,7 +64,7 @@ class LandingTrainConfig(Config):
         uncertainty: a third output, the logarithm of the standard deviation, by the likelihood of a normal error.
     """
 
-    name: Annotated[str, Flag()] = Field("", description="Of its file. Default: the data set's.")
+    name: Annotated[str, Flag(metavar="NAME")] = Field("", description="Of its file. Default: the data set's.")
     arch: Annotated[str, Flag(metavar="NAME")] = Field("resnet18", description="Torchvision network.")
     init: Annotated[Path | None, Flag(metavar="FILE", typed=Path)] = Field(
         None, description="Weights to start from. Default: ImageNet's, else the bundled network."

@@ -39,7 +39,9 @@ class TransferConfig(Config):
     objective: Annotated[Literal["cross-entropy", "logit"] | None, Flag(group=TRANSFER)] = Field(
         None, description="What is raised, as in train-patch."
     )
-    jitter: Annotated[Jitter | None, Flag(group=TRANSFER)] = Field(None, description="As in train-patch.")
+    jitter: Annotated[Jitter | None, Flag("--view-jitter", group=TRANSFER)] = Field(
+        None, description="As in train-patch."
+    )
     momentum: Annotated[float | None, Field(ge=0, lt=1), Flag(group=TRANSFER)] = Field(
         None, description="As in train-patch."
     )
