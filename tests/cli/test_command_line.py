@@ -97,7 +97,7 @@ def test_help_lists_the_road(run):
         (["calibrate"], "error: PHOTOS is missing: see 'toolkit calibrate --help'"),
         (["corrupt", "in", "out"], "error: --corrupt is missing: see 'toolkit corrupt --help'"),
         (["--verison"], "error: no option called '--verison': did you mean --version?"),
-        (["plam"], "error: no command called 'plam': did you mean plan?"),
+        (["plam"], "error: no command called 'plam': did you mean plan or place?"),
         (["capture-sim", "--object", "egnog"], "error: no object called 'egnog': did you mean eggnog?"),
         (["objects", "--workspace", "nowhere"], "error: nowhere is no workspace"),
         (["doctor", "--workspace", "nowhere"], "error: nowhere is no workspace"),
