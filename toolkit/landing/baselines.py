@@ -12,7 +12,6 @@ from toolkit.rig.camera import Camera
 
 ZOOM = 3
 """Pictures are enlarged first: the detectors look for corners of several pixels."""
-RATIO = 0.8
 LEAST_MATCHES = 6
 Finder = Callable[[np.ndarray], np.ndarray]
 """(h, w, 3) uint8 sRGB -> (2,) the pad's x and y in the camera's frame, metres; NaN where it is not found."""
@@ -52,12 +51,12 @@ def make_features(pad: Pad, camera: Camera) -> Baseline:
         seen_points, seen = sift.detectAndCompute(_enlarge(image), None)
         if known is None or seen is None or len(seen) < 2:
             return np.full(2, np.nan)
-        pairs = [pair for pair in matcher.knnMatch(seen, known, k=2) if len(pair) == 2]
-        good = [a for a, b in pairs if a.distance < RATIO * b.distance]
+        # an H has each feature twice, one of them upside down: both of the nearest may be meant, and RANSAC chooses
+        good = [match for pair in matcher.knnMatch(known, seen, k=2) for match in pair]
         if len(good) < LEAST_MATCHES:
             return np.full(2, np.nan)
-        source = np.array([points[m.trainIdx].pt for m in good], np.float32)
-        target = np.array([seen_points[m.queryIdx].pt for m in good], np.float32)
+        source = np.array([points[m.queryIdx].pt for m in good], np.float32)
+        target = np.array([seen_points[m.trainIdx].pt for m in good], np.float32)
         homography, inliers = cv2.findHomography(source, target, cv2.RANSAC, 4.0)
         if homography is None or inliers.sum() < LEAST_MATCHES:
             return np.full(2, np.nan)
