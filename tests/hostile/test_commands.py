@@ -39,6 +39,15 @@ COMMANDS = {
     "sweep": ("sweep", "distance", "--object", "nobody"),
     "train-patch": ("train-patch", "--class", "crate", "--model", "nobody"),
     "train-texture": ("train-texture", "--object", "nobody"),
+    "world-eval": ("world-eval", "--object", "nobody"),
+    "place": ("place", "--object", "nobody"),
+    "coco": ("coco", "captures/sim"),
+    "models": ("models", "--model", "nobody"),
+    "transfer": ("transfer", "--object", "nobody", "--model", "mine", "--model", "nobody"),
+    "landing collect": ("landing", "collect", "data", "--world", "nowhere.glb"),
+    "landing train": ("landing", "train", "nobody"),
+    "landing boost": ("landing", "boost", "nobody"),
+    "landing fly": ("landing", "fly", "nobody"),
     "train-classifier": ("train-classifier", "--data", "nowhere", "--name", "new"),
     "train-patches": ("train-patches", "--data", "nowhere"),
     "corrupt-eval": ("corrupt-eval", "--data", "nowhere"),
@@ -46,6 +55,7 @@ COMMANDS = {
 LEFT_OUT = {
     "studio": "serves until it is stopped",
     "demo": "walks the whole road",
+    "landing demo": "walks the whole landing",
     "doctor": "reads nothing",
     "world list": "builds every world anew for each seed",
 }

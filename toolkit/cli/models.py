@@ -44,13 +44,14 @@ def list_models(
 
 
 def _show(rows: "list[SurveyedModel]", with_data: bool) -> None:
-    titles = ["--model", "kind", "classes", "px", "images/s", "trained/s", "licence", "trains"]
+    titles = ["--model", "kind", "classes", "px", "per s", "trains", "licence"]
     cells = []
     for one in rows:
         row = [
             one.model, one.kind, one.classes or "", one.image_px or "",
-            *(f"{rate:.0f}" if rate else "" for rate in (one.images_per_s, one.trained_images_per_s)),
-            one.licence or "not said", "yes" if one.can_train else "no",
+            f"{one.images_per_s:.0f}" if one.images_per_s else "",
+            "no" if not one.can_train else f"{one.trained_images_per_s:.0f}/s" if one.trained_images_per_s else "yes",
+            one.licence or "not said",
         ]  # fmt: skip
         if with_data:
             low, high = one.ci95 or (0.0, 0.0)

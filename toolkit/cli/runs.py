@@ -104,6 +104,8 @@ def report(
     if everything:
         runs, refused = find_runs(space)
     page = out or space.eval_dir / "index.html"
+    if not page.name or page.is_dir():
+        raise FieldError("expected a file", {"out": page})
     skipped = [*refused, *write_index(page, space, runs)]
     list_skipped(skipped)
     say(f"{len(runs)} runs: {page}")

@@ -67,9 +67,10 @@ def studio(
     with end_on_signal(server), door.listener:
         show_door(door, lan and not quiet)
         predictor.start()
-        Thread(target=warm_up, args=(session,)).start()  # a renderer that is cut off ends the process badly
+        Thread(target=warm_up, args=(session,), daemon=True).start()
         server.run(sockets=[door.listener])
         predictor.stop()
+        session.inspector.stop()
         show_summary(session)
 
 

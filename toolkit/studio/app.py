@@ -157,7 +157,7 @@ def _add_shots(app: FastAPI, session: Session, predictor: Predictor) -> None:
     @app.get("/api/shots/{number}")
     def shot(number: int) -> dict[str, Any]:
         found = session.look_up(number)
-        Thread(target=session.inspector.warm_up, args=(found.step,)).start()
+        Thread(target=session.inspector.warm_up, args=(found.step,), daemon=True).start()
         return describe_place(session, found)
 
     @app.get("/api/shots/{number}/verdict")

@@ -75,6 +75,7 @@ class Inspector:
         self._expecter = ExpectationBuilder(workspace)
         self._lock = Lock()
         self._warm: set[tuple[str, str]] = set()
+        self._stopped = False
         self._kept: OrderedDict[tuple[str, ShotStep], Inspection] = OrderedDict()
 
     def inspect(self, photo: Photo, step: ShotStep, pixels: np.ndarray | None = None) -> Inspection:
@@ -104,10 +105,15 @@ class Inspector:
         What is wrong is not said here, but with the photograph.
         """
         with self._lock, suppress(ToolkitError):
-            if (step.object, step.variant) not in self._warm:
+            if not self._stopped and (step.object, step.variant) not in self._warm:
                 self._warm.add((step.object, step.variant))
                 expectation = self._expecter.expect(step.object, step.variant, step.pose_id)
                 check_photo(np.full((120, 160, 3), GREY, np.uint8), expectation)
+
+    def stop(self) -> None:
+        """Wait for what is being measured, and warm up no more: a thread that a renderer holds must not be cut off."""
+        with self._lock:
+            self._stopped = True
 
     def _measure(self, photo: Photo, step: ShotStep, pixels: np.ndarray) -> Inspection:
         sighting = find_board(pixels, self._expecter.board)
