@@ -263,5 +263,20 @@ def test_rain_and_snow_run_too(in_field, make_crate_space, tmp_path) -> None:
     assert snow[ground].mean() > clear[ground].mean() + 30
 
 
+def test_where_the_object_is_left_out_the_place_alone_is_seen(in_field, make_crate_space, tmp_path) -> None:
+    config = make_config(variants=("unpatched", "absent"), weathers=("fog:3",), keep=True)
+    done = evaluate_world(make_crate_space(tmp_path), make_onlooker(), config)
+    summary = json.loads(done.files.summary.read_text())
+    records = [json.loads(line) for line in (done.files.frames / "manifest.jsonl").read_text().splitlines()]
+    shares = {"unpatched": [], "absent": []}
+    for record in records:
+        classes = cv2.imread(str(done.files.frames / record["path"] / "classes.png"), cv2.IMREAD_UNCHANGED)
+        shares[record["variant"]].append((classes == OBJECT_ID).mean())
+    assert max(shares["absent"]) < 1e-3 < 0.01 < np.mean(shares["unpatched"])
+    assert {row["variant"] for row in summary["groups"]} == {"unpatched", "absent"}
+    page = done.files.report.read_text()
+    assert "pictures of the places without it" in page and "with absent" not in page
+
+
 def test_the_field_is_what_it_says() -> None:
     assert make_field().inside_building(np.array([(6.5, 0, 1), (3, 0, 1)])).tolist() == [True, False]

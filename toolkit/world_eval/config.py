@@ -18,6 +18,8 @@ GridShape = tuple[int, int, int]
 GRID_WORDS = re.compile(r"(\d{1,3})[x×](\d{1,3})[x×](\d{1,3})")
 MOST_POINTS = 1_000_000
 ON_THE_TABLE = "patch-alone"
+ABSENT = "absent"
+"""The variant without the object: how often its class is said of the place alone."""
 WORLD, VIEW = "World", "Cameras"
 
 
@@ -65,8 +67,8 @@ def check_variants(variants: tuple[str, ...]) -> tuple[str, ...]:
         ToolkitError: there is no such variant, or it lies on a table without the object.
     """
     for variant in variants:
-        if variant not in VARIANTS:
-            raise one_of("variant", variant, list(VARIANTS))
+        if variant not in (*VARIANTS, ABSENT):
+            raise one_of("variant", variant, [*VARIANTS, ABSENT])
         if variant == ON_THE_TABLE:
             raise ToolkitError(f"variant '{variant}' lies on a table without its object: leave it out in a world")
     return tuple(dict.fromkeys(variants))
@@ -83,7 +85,7 @@ class WorldEvalConfig(Config):
     variants: Annotated[tuple[str, ...], AfterValidator(check_variants), Flag("--variant", metavar="NAME")] = Field(
         ("unpatched", "textured"),
         min_length=1,
-        description="unpatched, patched, textured, or a control such as grey-texture; may be repeated.",
+        description="unpatched, patched, textured, or a control such as grey-texture or absent; may be repeated.",
     )
     weathers: Annotated[Weathers, Flag("--weather", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = Field(
         (CLEAR,),

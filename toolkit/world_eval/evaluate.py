@@ -31,12 +31,13 @@ from toolkit.world_eval.answers import (
     read_answers,
 )
 from toolkit.world_eval.cameras import PlaceCameras, plan_cameras
-from toolkit.world_eval.config import WorldEvalConfig
+from toolkit.world_eval.config import ABSENT, WorldEvalConfig
 from toolkit.world_eval.frames import Stage, Task, Variant, render_frames
 from toolkit.world_eval.keep import KeptFrames
 from toolkit.world_eval.report import WorldFiles, write_results
 from toolkit.world_eval.results import WorldResults
 from toolkit.worlds.catalogue import open_world
+from toolkit.worlds.picture import make_speck
 from toolkit.worlds.place import choose_places, find_radius, place_object, scale_to_world
 from toolkit.worlds.sky import Sky, make_sky
 
@@ -112,10 +113,14 @@ def name_run(config: WorldEvalConfig, classifier: Classifier) -> str:
 
 def dress_variants(workspace: Workspace, item: TableObject, config: WorldEvalConfig) -> dict[str, Variant]:
     """The object in every variant, in metres."""
-    meshes = {name: dress(item, find_booster(workspace, item, name)) for name in config.variants}
-    return {
-        name: Variant.of(scale_to_world(mesh, item.spec, config.length_m), item.mesh) for name, mesh in meshes.items()
-    }
+    found = {}
+    for name in config.variants:
+        if name == ABSENT:
+            found[name] = Variant(make_speck(), np.zeros(1, bool))
+        else:
+            mesh = dress(item, find_booster(workspace, item, name))
+            found[name] = Variant.of(scale_to_world(mesh, item.spec, config.length_m), item.mesh)
+    return found
 
 
 def plan_places(stage: Stage, config: WorldEvalConfig) -> tuple[PlaceCameras, ...]:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 from toolkit.captures.read import POOLED, UNPATCHED
 from toolkit.core.tables import build_table, format_interval, format_p, format_percent, format_points, format_test
 from toolkit.evaluation.metrics import name_booster
+from toolkit.world_eval.config import ABSENT
 from toolkit.worlds.weather import CLEAR
 
 if TYPE_CHECKING:
@@ -34,14 +35,17 @@ def judge_world(summary: Summary) -> list[tuple[str, str]]:
         row = groups[variant, CLEAR[0], CLEAR[1]]
         who = f"{summary['model']['name']} has the {summary['about']['class']} among its first five guesses"
         sentence = f"In clear air {who} on {_share(row)} of {row['n']} pictures {_name(variant)}."
+        if variant == ABSENT:
+            lines.append(("open", sentence))
+            continue
         tone, why = _judge_pair(pairs.get(variant))
         lines.append((tone, f"{sentence}{why}"))
-    for row in summary["half_lost"]:
-        lines.append(_judge_half(row))
-    return lines
+    return lines + [_judge_half(row) for row in summary["half_lost"] if row["variant"] != ABSENT]
 
 
 def _name(variant: str) -> str:
+    if variant == ABSENT:
+        return "of the places without it"
     return "bare" if variant == UNPATCHED else f"with {name_booster(variant)}"
 
 

@@ -24,12 +24,17 @@ LAND = [int(one) for one in STANDING if one != SceneClass.WATER]
 
 def leave_empty(world: World, sky: Sky) -> Placed:
     """A world without an object: a speck of one lies far below its ground, where no camera sees it."""
+    place = (0.0, 0.0, float(world.bounds[0, 2]) - BURIED_M)
+    spot = Spot("nowhere", "nowhere", place, 0.0, 0.0, "ground")
+    return Placed(make_speck(), Stand(place), make_scene(world, sky), spot)
+
+
+def make_speck() -> Mesh:
+    """One grey triangle of a centimetre, in place of an object."""
     corners = np.array([[0, 0, 0], [SPECK_M, 0, 0], [0, SPECK_M, 0]], np.float32)
     up, grey = np.tile(np.array([[0, 0, 1]], np.float32), (3, 1)), np.full((4, 4, 3), 128, np.uint8)
-    speck = Mesh(corners, up, np.zeros((3, 2), np.float32), np.array([[0, 1, 2]], np.int32), np.zeros(1, np.int32),
-                 (Material("speck", grey),))  # fmt: skip
-    place = (0.0, 0.0, float(world.bounds[0, 2]) - BURIED_M)
-    return Placed(speck, Stand(place), make_scene(world, sky), Spot("nowhere", "nowhere", place, 0.0, 0.0, "ground"))
+    return Mesh(corners, up, np.zeros((3, 2), np.float32), np.array([[0, 1, 2]], np.int32), np.zeros(1, np.int32),
+                (Material("speck", grey),))  # fmt: skip
 
 
 def make_renderer(placed: Placed) -> RaycastRenderer:
