@@ -152,7 +152,8 @@ def shoot_plan(
     Args:
         workspace: whose objects and patches are meant.
         plan: camera and poses.
-        objects, variants: what is shot.
+        objects: what is shot.
+        variants: and in which dress.
         settings: how.
         source: folder below `captures_dir`.
         captures_dir: where to, by default the workspace's `captures/`.

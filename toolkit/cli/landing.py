@@ -108,7 +108,7 @@ def show_errors(rows: "Mapping[str, Sequence[ErrorRow]]") -> None:
         for name, some in rows.items()
         for row in some
     ]  # fmt: skip
-    heads = ("n", "found", "median cm", "rms cm", "of height")
+    heads = ("n", "found", "median cm", "rms cm", "% of height")
     console.print(build_table("Held-out error", ("regressor", "by", "frames"), heads, cells))
 
 

@@ -45,7 +45,9 @@ def load_captures(
         workspace: whose object specs say what each object is.
         classifier: whose classes and preprocessing are meant.
         captures_dir: a folder of images, SOURCE/OBJECT/VARIANT/FILE; by default the workspace's `captures/`.
-        sources, objects, variants: only these; all by default.
+        sources: only these; all by default, as for the next two.
+        objects: only these.
+        variants: only these.
         transform: of each finished image; with workers it must be picklable.
 
     Raises:
