@@ -11,12 +11,14 @@ from toolkit.worlds.rain import Rain
 from toolkit.worlds.snow import Snow
 from toolkit.worlds.weather import (
     AIRSIM,
+    WEATHERS,
     Clear,
     add_weather,
     describe_weathers,
     from_airsim,
     make_weather,
     parse_weathers,
+    to_airsim,
     weather_rng,
 )
 
@@ -140,6 +142,22 @@ def test_airsims_numbers_are_our_ladder():
     assert from_airsim("RoadSnow", 0.5) == Snow(rate_mm_h=0, cover=0.5)
     assert isinstance(from_airsim("Dust", 1), Dust) and isinstance(from_airsim("Fog", 1), Fog)
     assert set(AIRSIM) == {"Fog", "Dust", "Rain", "Snow", "Roadwetness", "RoadSnow"}
+
+
+@pytest.mark.parametrize("name", WEATHERS)
+def test_our_weather_in_airsims_numbers_comes_back(name):
+    for severity in (1, 2, 3, 4, 5):
+        numbers, ours = to_airsim(name, severity), make_weather(name, severity)
+        assert all(0 <= number <= 1 for number in numbers.values())
+        falling = from_airsim(name.capitalize(), numbers[name.capitalize()])
+        assert falling.visibility_m == pytest.approx(ours.visibility_m)
+        ground = {key: from_airsim(key, numbers[key]) for key in ("Roadwetness", "RoadSnow") if key in numbers}
+        if name == "rain":
+            assert ground["Roadwetness"].ground_factor == pytest.approx(ours.ground_factor)
+        if name == "snow":
+            assert ground["RoadSnow"].cover == ours.cover
+    assert to_airsim("clear", 0) == {}
+    assert to_airsim("fog", 3) == {"Fog": 0.6}
 
 
 def test_what_airsim_has_alone_and_what_it_has_not():

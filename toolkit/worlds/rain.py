@@ -53,10 +53,14 @@ class Rain(InWind):
         return cls(rate_mm_h=LADDER_MM_H[severity - 1])
 
     @property
+    def wetted(self) -> float:
+        """How wet the ground is, 0 to 1: as the rate makes it where nothing else is said."""
+        return 1 - float(np.exp(-self.rate_mm_h / WETTING_MM_H)) if self.wetness is None else self.wetness
+
+    @property
     def ground_factor(self) -> float:
         """Share of its light that wet ground keeps."""
-        by_rate = 1 - float(np.exp(-self.rate_mm_h / WETTING_MM_H))
-        return 1 - DARKENING * (by_rate if self.wetness is None else self.wetness)
+        return 1 - DARKENING * self.wetted
 
     @property
     def visibility_m(self) -> float:

@@ -145,6 +145,7 @@ AIRSIM = {
 """What each of AirSim's `WeatherParameter`s is here, as a function of its 0 to 1. A convention: AirSim's numbers are
 densities of particles with no visibility behind them. 0.2, 0.4, … 1 are our severities 1 to 5."""
 AIRSIM_MISSING = ("MapleLeaf", "RoadLeaf")
+TO_AIRSIM = {"fog": "Fog", "dust": "Dust", "rain": "Rain", "snow": "Snow"}
 
 
 def from_airsim(name: str, value: float) -> Weather:
@@ -161,3 +162,21 @@ def from_airsim(name: str, value: float) -> Weather:
     if not 0 <= value <= 1:
         raise FieldError(f"AirSim's {name}: expected 0 to 1", {"value": value})
     return AIRSIM[name](value) if value else Clear()
+
+
+def to_airsim(name: str, severity: int) -> dict[str, float]:
+    """AirSim's parameters, each 0 to 1, that stand for a weather: the inverse of `from_airsim`; none for clear air.
+
+    Rain brings its wet ground with it, snow its cover.
+
+    Raises:
+        ToolkitError: as `make_weather`.
+    """
+    weather = make_weather(name, severity)
+    numbers = {TO_AIRSIM[name]: severity / 5} if name in TO_AIRSIM else {}
+    match weather:
+        case Rain():
+            numbers["Roadwetness"] = round(weather.wetted, 6)
+        case Snow():
+            numbers["RoadSnow"] = weather.cover
+    return numbers

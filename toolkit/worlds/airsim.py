@@ -1,0 +1,347 @@
+"""Cameras, weather and objects in a running simulator of AirSim's family: AirSim, Colosseum and Cosys-AirSim.
+
+Functions, their arguments and the replies are as in the servers' sources: `AirLib/src/api/RpcLibServerBase.cpp` and
+`RpcLibAdaptorsBase.hpp` of microsoft/AirSim, CodexLabsLLC/Colosseum and Cosys-Lab/Cosys-AirSim (MIT).
+"""
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from urllib.parse import parse_qs, urlsplit
+
+import numpy as np
+
+from toolkit.core.errors import ToolkitError
+from toolkit.core.text import shorten
+from toolkit.worlds.msgpack_rpc import CallError, Connection
+from toolkit.worlds.ned import camera_to_ned, find_miss, object_to_ned, pack_pose, read_fields, unpack_pose
+
+SCHEME, PORT = "airsim", 41451
+EXPECTED = f"{SCHEME}://HOST, with :PORT where it is not {PORT}, such as {SCHEME}://127.0.0.1"
+OPTIONS = ("camera", "vehicle", "origin")
+WEATHER_NUMBERS = {
+    "Rain": 0, "Roadwetness": 1, "Snow": 2, "RoadSnow": 3, "MapleLeaf": 4, "RoadLeaf": 5, "Dust": 6, "Fog": 7,
+}  # fmt: skip
+"""`WeatherParameter`, the same in AirSim 1.3 and later, Colosseum and Cosys-AirSim."""
+SCENE, DEPTH_PERSPECTIVE, SEGMENTATION = 0, 2, 5
+FIRST_COSYS = 2
+"""`getServerVersion` from which on it is Cosys-AirSim; AirSim and Colosseum both say 1."""
+STEP_FRAMES, STEP_S, TRIES, PAUSE_S = 2, 0.05, 8, 10.0
+ENDLESS_M = 60_000.0
+"""Depth from which on a ray met nothing: the simulators write 65,504 or 65,535."""
+PARKED_UP_M = 3000.0
+OBJECT_NUMBER = 42
+PNG = b"\x89PNG\r\n"
+
+
+@dataclass(frozen=True)
+class Address:
+    """Where a simulator listens, and what in it is used.
+
+    Attributes:
+        host, port: of its server.
+        camera, vehicle: names in its settings; empty for the first vehicle.
+        origin: (3,) where our world's origin lies, metres north, east and down.
+    """
+
+    host: str
+    port: int = PORT
+    camera: str = "0"
+    vehicle: str = ""
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @classmethod
+    def parse(cls, text: str) -> "Address":
+        """From `airsim://HOST:PORT?camera=0&vehicle=NAME&origin=N,E,D`; all but the host may be left out.
+
+        Raises:
+            ToolkitError: another scheme, no host, a port that is none, or an unknown option.
+        """
+        try:
+            parts = urlsplit(text)
+            host, port = parts.hostname, parts.port or PORT
+            options = parse_qs(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))
+        except ValueError as error:
+            raise ToolkitError(f"'{shorten(text)}' ({error}): expected {EXPECTED}") from None
+        if parts.scheme != SCHEME or not host or parts.path.strip("/") or parts.fragment:
+            raise ToolkitError(f"'{shorten(text)}': expected {EXPECTED}")
+        unknown = [name for name in options if name not in OPTIONS]
+        if unknown:
+            raise ToolkitError(f"'{shorten(text)}': no option called '{unknown[0]}': known: {', '.join(OPTIONS)}")
+        given = {name: values[-1] for name, values in options.items()}
+        try:
+            north, east, down = (float(one) for one in given.get("origin", "0,0,0").split(","))
+            is_finite = bool(np.isfinite([north, east, down]).all())
+        except ValueError:
+            is_finite = False
+        if not is_finite:
+            raise ToolkitError(f"'{shorten(text)}': expected metres north, east and down, such as origin=10,-4,0")
+        return cls(host, port, given.get("camera", "0"), given.get("vehicle", ""), (north, east, down))
+
+    def __str__(self) -> str:
+        return f"{SCHEME}://{f'[{self.host}]' if ':' in self.host else self.host}:{self.port}"
+
+
+@dataclass(frozen=True)
+class Shot:
+    """What a simulator's camera saw.
+
+    Attributes:
+        picture: (h, w, 3) uint8 sRGB.
+        depth_m: (h, w) float32 along each ray, inf where it met nothing.
+        segmentation: (h, w, 3) uint8, a colour for each thing.
+    """
+
+    picture: np.ndarray
+    depth_m: np.ndarray
+    segmentation: np.ndarray
+
+
+class AirSim:
+    """A running simulator, paused while it is used; a context manager that lets it run again.
+
+    Attributes:
+        address: of its server.
+        version: what `getServerVersion` says.
+    """
+
+    def __init__(self, address: Address, timeout_s: float = 60.0) -> None:
+        """Connect, find out which simulator answers, and pause it.
+
+        Raises:
+            ToolkitError: nobody answers, what answers is no simulator, or it cannot be paused.
+        """
+        self.address = address
+        self._rpc = Connection(address.host, address.port, str(address), timeout_s)
+        self._counts: dict[str, int] = {}
+        self._weather: dict[str, float] = {}
+        self._actors: dict[str, str] = {}
+        self._spawned: list[str] = []
+        try:
+            version = self._rpc.call("getServerVersion")
+            if not isinstance(version, int):
+                raise ToolkitError(f"{address}: getServerVersion says {version!r}: expected a number, as AirSim's")
+            self.version = version
+            self._pause()
+        except BaseException:
+            self._rpc.close()
+            raise
+
+    def __enter__(self) -> "AirSim":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
+        """Take away what was spawned, clear the air and let the simulator run, if it still can."""
+        try:
+            for name in self._spawned:
+                self._call("simDestroyObject", name)
+            self.set_weather({})
+            self._call("simPause", False)
+        except ToolkitError:
+            if kind is None:
+                raise
+        finally:
+            self._rpc.close()
+
+    @property
+    def is_cosys(self) -> bool:
+        """Whether it is Cosys-AirSim."""
+        return self.version >= FIRST_COSYS
+
+    def describe(self) -> str:
+        """`Cosys-AirSim, server version 4`; AirSim and Colosseum cannot be told apart from outside."""
+        return f"{'Cosys-AirSim' if self.is_cosys else 'AirSim or Colosseum'}, server version {self.version}"
+
+    def set_camera(self, fov_deg: float) -> None:
+        """Put the camera into the middle of its vehicle, and set its horizontal field of view."""
+        name, vehicle = self.address.camera, self.address.vehicle
+        self._call("simSetCameraPose", name, pack_pose(np.eye(4)), vehicle, False)
+        self._call("simSetCameraFov", name, float(fov_deg), vehicle, False)
+
+    def set_weather(self, numbers: Mapping[str, float]) -> None:
+        """Set AirSim's weather parameters, each 0 to 1; all others are 0."""
+        if not self._weather and numbers:
+            self._call("simEnableWeather", True)
+        for name in {**self._weather, **numbers}:
+            number = float(numbers.get(name, 0.0))
+            if self._weather.get(name, 0.0) != number:
+                self._call("simSetWeatherParameter", WEATHER_NUMBERS[name], number)
+                self._weather[name] = number
+
+    def number_things(self) -> None:
+        """Give everything one colour in segmentations, so that the object's own is alone; Cosys-AirSim's are anyway."""
+        if not self.is_cosys:
+            self._call("simSetSegmentationObjectID", r"[\w]*", 0, True)
+
+    def place(self, name: str, T_world_object: np.ndarray | None) -> None:
+        """Put an actor where an object stands; one that is not in the level is spawned from the asset of its name.
+
+        Args:
+            name: of the actor or asset.
+            T_world_object: (4, 4) in metres; None takes it out of sight.
+
+        Raises:
+            ToolkitError: there is neither, or it cannot be moved.
+        """
+        away = np.eye(4)
+        away[2, 3] = PARKED_UP_M
+        pose = object_to_ned(away if T_world_object is None else T_world_object, self.address.origin)
+        actor = self._actors.get(name) or self._find_actor(name, pose)
+        self._actors[name] = actor
+        moved = self._call("simSetObjectPose", actor, pack_pose(pose), True)
+        found = unpack_pose(self._call("simGetObjectPose", actor, True), self._where("simGetObjectPose"))
+        miss = find_miss(found, pose)
+        if not moved or miss is not None:
+            raise ToolkitError(
+                f"{self.address}: actor '{actor}' cannot be moved{f' (it is {miss} away)' if miss else ''}: set its "
+                "Mobility to Movable and its physics off"
+            )
+
+    def shoot(self, T_world_camera: np.ndarray) -> Shot:
+        """Picture, depth and segmentation of the camera at a pose, in the weather that is set.
+
+        The simulator is stepped, its first pictures are dropped, and the pose that comes with the next ones is checked.
+
+        Raises:
+            ToolkitError: the camera never comes there, or a reply cannot be read.
+        """
+        pose = camera_to_ned(T_world_camera, self.address.origin)
+        self._call("simSetVehiclePose", pack_pose(pose), True, self.address.vehicle)
+        miss = None
+        for _ in range(TRIES):
+            self._step()
+            self._get_images(SCENE)
+            replies = self._get_images(SCENE, DEPTH_PERSPECTIVE, SEGMENTATION)
+            misses = [find_miss(reply.pose, pose) for reply in replies]
+            miss = next((one for one in misses if one), None)
+            if miss is None:
+                picture, depth, segmentation = replies
+                return Shot(picture.decode(), depth.read_depth(), segmentation.decode())
+        raise ToolkitError(
+            f"{self.address}: camera '{self.address.camera}' is still {miss} from where it was put after {TRIES} "
+            'frames: set "SimMode": "ComputerVision" in the simulator\'s settings.json, and leave out the vehicle\'s '
+            "X, Y, Z"
+        )
+
+    def _pause(self) -> None:
+        try:
+            self._call("simPause", True)
+            is_paused = self._call("simIsPaused")
+        except CallError as error:
+            raise self._no_pause(error.words) from None
+        if is_paused is not True:
+            raise self._no_pause("it runs on")
+
+    def _no_pause(self, why: str) -> ToolkitError:
+        return ToolkitError(
+            f"{self.address} cannot be paused ({shorten(why)}): pictures would not fit their poses; take a version "
+            "whose simPause works in its SimMode, AirSim 1.4 or later"
+        )
+
+    def _step(self) -> None:
+        """Let some frames pass, then wait until it stands again."""
+        try:
+            self._call("simContinueForFrames", STEP_FRAMES)
+        except CallError as error:
+            if not error.is_unknown:
+                raise
+            self._call("simContinueForTime", STEP_S)
+        end = time.monotonic() + PAUSE_S
+        while self._call("simIsPaused") is not True:
+            if time.monotonic() > end:
+                raise self._no_pause(f"it runs on {PAUSE_S:g} s after {STEP_FRAMES} frames were asked for")
+            time.sleep(0.002)
+
+    def _find_actor(self, name: str, pose: np.ndarray) -> str:
+        seen = _texts(self._call("simListSceneObjects", f"{name}.*"))
+        actor = name if name in seen else seen[0] if len(seen) == 1 else ""
+        if not actor:
+            if name not in _texts(self._call("simListAssets")):
+                raise ToolkitError(
+                    f"{self.address}: neither an actor nor an asset is called '{name}': import {name}.glb, which "
+                    "lies in the run's folder objects/, into the simulator's project under that name"
+                )
+            size = {"x_val": 1.0, "y_val": 1.0, "z_val": 1.0}
+            [actor] = _texts([self._call("simSpawnObject", name, name, pack_pose(pose), size, False, False)])
+            if not actor:
+                raise ToolkitError(f"{self.address}: asset '{name}' cannot be spawned: see the simulator's log")
+            self._spawned.append(actor)
+        if not self.is_cosys:
+            self._call("simSetSegmentationObjectID", actor, OBJECT_NUMBER, False)
+        return actor
+
+    def _get_images(self, *kinds: int) -> "list[_Image]":
+        asked = [
+            {
+                "camera_name": self.address.camera, "image_type": kind, "pixels_as_float": kind == DEPTH_PERSPECTIVE,
+                "compress": kind != DEPTH_PERSPECTIVE, **({"annotation_name": ""} if self.is_cosys else {}),
+            }
+            for kind in kinds
+        ]  # fmt: skip
+        where = self._where("simGetImages")
+        replies = self._call("simGetImages", asked, self.address.vehicle, False)
+        if not isinstance(replies, list) or len(replies) != len(kinds):
+            raise ToolkitError(f"{where}: expected {len(kinds)} images: see whether camera and vehicle are called so")
+        return [_Image.read(reply, where) for reply in replies]
+
+    def _call(self, method: str, *arguments: object) -> object:
+        """A call whose last arguments are left out where the server takes fewer: simulators differ in them."""
+        known = self._counts.get(method, len(arguments))
+        try:
+            return self._rpc.call(method, *arguments[:known])
+        except CallError as error:
+            count = error.expected_arguments
+            if count is None or not 0 < count < known:
+                raise
+            self._counts[method] = count
+            return self._rpc.call(method, *arguments[:count])
+
+    def _where(self, method: str) -> str:
+        return f"{self.address}: answer to {method}"
+
+
+@dataclass(frozen=True)
+class _Image:
+    """One reply of `simGetImages`; `where` names it in errors."""
+
+    content: bytes
+    numbers: list[float]
+    size_px: tuple[int, int]
+    pose: np.ndarray
+    where: str
+
+    @classmethod
+    def read(cls, reply: object, where: str) -> "_Image":
+        fields = read_fields(reply, where)
+        content, numbers = fields.get("image_data_uint8", b""), fields.get("image_data_float", [])
+        width, height = fields.get("width"), fields.get("height")
+        if not isinstance(width, int) or not isinstance(height, int) or not isinstance(numbers, list):
+            raise ToolkitError(f"{where}: expected width, height and a list of depths")
+        if not isinstance(content, bytes):
+            content = bytes(content) if isinstance(content, list) else b""
+        pose = {b"position": fields.get("camera_position"), b"orientation": fields.get("camera_orientation")}
+        return cls(content, numbers, (width, height), unpack_pose(pose, where), where)
+
+    def decode(self) -> np.ndarray:
+        """(h, w, 3) uint8 RGB of a PNG."""
+        import cv2
+
+        pixels = None
+        if self.content.startswith(PNG):
+            pixels = cv2.imdecode(np.frombuffer(self.content, np.uint8), cv2.IMREAD_COLOR)
+        if pixels is None:
+            raise ToolkitError(f"{self.where}: expected a picture as PNG: see whether the camera is called so")
+        return np.ascontiguousarray(pixels[..., ::-1])
+
+    def read_depth(self) -> np.ndarray:
+        """(h, w) float32 metres."""
+        width, height = self.size_px
+        if len(self.numbers) != width * height or not width * height:
+            raise ToolkitError(f"{self.where}: expected {width} × {height} depths, found {len(self.numbers)}")
+        depth = np.array(self.numbers, np.float32).reshape(height, width)
+        return np.where((depth >= ENDLESS_M) | ~np.isfinite(depth), np.float32(np.inf), depth)
+
+
+def _texts(found: object) -> list[str]:
+    each = found if isinstance(found, list) else []
+    return [one.decode("utf-8", "replace") if isinstance(one, bytes) else str(one or "") for one in each]
