@@ -26,7 +26,9 @@ WEATHER_NUMBERS = {
 SCENE, DEPTH_PERSPECTIVE, SEGMENTATION = 0, 2, 5
 FIRST_COSYS = 2
 """`getServerVersion` from which on it is Cosys-AirSim; AirSim and Colosseum both say 1."""
-STEP_FRAMES, STEP_S, TRIES, PAUSE_S = 2, 0.05, 8, 10.0
+STEP_FRAMES, STEP_S, TRIES = 2, 0.05, 8
+SETTLE_S, PAUSE_S = 2.0, 30.0
+"""Simulated seconds in which drops and flakes come down, and real ones in which a step ends."""
 ENDLESS_M = 60_000.0
 """Depth from which on a ray met nothing: the simulators write 65,504 or 65,535."""
 PARKED_UP_M = 3000.0
@@ -159,14 +161,20 @@ class AirSim:
         self._call("simSetCameraFov", name, float(fov_deg), vehicle, False)
 
     def set_weather(self, numbers: Mapping[str, float]) -> None:
-        """Set AirSim's weather parameters, each 0 to 1; all others are 0."""
-        if not self._weather and numbers:
+        """Set AirSim's weather parameters, each 0 to 1, and let it come up; all others are 0."""
+        changed = {
+            name: float(numbers.get(name, 0.0))
+            for name in {**self._weather, **numbers}
+            if numbers.get(name, 0.0) != self._weather.get(name, 0.0)
+        }
+        if changed and not self._weather:
             self._call("simEnableWeather", True)
-        for name in {**self._weather, **numbers}:
-            number = float(numbers.get(name, 0.0))
-            if self._weather.get(name, 0.0) != number:
-                self._call("simSetWeatherParameter", WEATHER_NUMBERS[name], number)
-                self._weather[name] = number
+        for name, number in changed.items():
+            self._call("simSetWeatherParameter", WEATHER_NUMBERS[name], number)
+            self._weather[name] = number
+        if changed:
+            self._call("simContinueForTime", SETTLE_S)
+            self._wait_until_paused()
 
     def number_things(self) -> None:
         """Give everything one colour in segmentations, so that the object's own is alone; Cosys-AirSim's are anyway."""
@@ -239,17 +247,20 @@ class AirSim:
         )
 
     def _step(self) -> None:
-        """Let some frames pass, then wait until it stands again."""
+        """Let some frames pass."""
         try:
             self._call("simContinueForFrames", STEP_FRAMES)
         except CallError as error:
             if not error.is_unknown:
                 raise
             self._call("simContinueForTime", STEP_S)
+        self._wait_until_paused()
+
+    def _wait_until_paused(self) -> None:
         end = time.monotonic() + PAUSE_S
         while self._call("simIsPaused") is not True:
             if time.monotonic() > end:
-                raise self._no_pause(f"it runs on {PAUSE_S:g} s after {STEP_FRAMES} frames were asked for")
+                raise self._no_pause(f"it runs on for more than {PAUSE_S:g} s")
             time.sleep(0.002)
 
     def _find_actor(self, name: str, pose: np.ndarray) -> str:
