@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from toolkit.objects.mesh import Material, Mesh
-from toolkit.rig import lighting, raycast
+from toolkit.rig import bake_cache, lighting
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.lighting import BakeDetail, Shape
 from toolkit.rig.raycast import RaycastRenderer
@@ -23,7 +23,7 @@ CAMERA, POSE = Camera.from_fov(48, 36, 40), orbit_pose(np.array([0, 0, 20.0]), 3
 def fresh(monkeypatch):
     """Nothing is known at first, and what was known before comes back."""
     monkeypatch.setattr(Shape, "_known", type(Shape._known)())
-    monkeypatch.setattr(raycast, "_in_use", type(raycast._in_use)())
+    monkeypatch.setattr(bake_cache, "_in_use", type(bake_cache._in_use)())
 
 
 @pytest.fixture
@@ -101,7 +101,7 @@ def test_what_is_kept_of_a_shape_and_of_pictures_is_bounded(make_box, studio):
         lit = replace(studio, key=replace(studio.key, azimuth_deg=azimuth), environment=studio.environment.copy())
         RaycastRenderer(dye(mesh, azimuth // 2), lit, QUICK)
         assert len(Shape.of(mesh)._free) <= 4
-        assert len(raycast._in_use) <= raycast.MOST_KEPT
+        assert len(bake_cache._in_use) <= bake_cache.MOST_KEPT
     for spacing in (5.0, 6.0, 7.0):
         Shape.of(mesh).grid(spacing)
     assert len(Shape.of(mesh)._grids) == 1

@@ -372,12 +372,12 @@ def test_an_object_that_is_moved_looks_as_one_whose_vertices_are(turn_deg):
 
 
 def test_moving_an_object_builds_no_rays_and_bakes_no_surroundings_again(monkeypatch):
-    from toolkit.rig import lighting, raycast
+    from toolkit.rig import bake_cache, lighting
 
     built, baked = [], []
-    make, bake = lighting.make_ray_scene, raycast.bake_surroundings
+    make, bake = lighting.make_ray_scene, bake_cache.bake_surroundings
     monkeypatch.setattr(lighting, "make_ray_scene", lambda mesh: built.append(mesh) or make(mesh))
-    monkeypatch.setattr(raycast, "bake_surroundings", lambda *given: baked.append(given) or bake(*given))
+    monkeypatch.setattr(bake_cache, "bake_surroundings", lambda *given: baked.append(given) or bake(*given))
     item, town = slab((-2, -1, 0), (2, 1, 2.5)), merge_meshes([GROUND, slab((30, 30, 0), (41, 37, 5))])
     scene = make_world(town, 0.4, SUN)
     renderers = [RaycastRenderer(item, scene, QUICK, Stand((4.0 * i, 0, 0), 20 * i)) for i in range(3)]

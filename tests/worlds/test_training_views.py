@@ -9,7 +9,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.objects.mesh import Mesh, merge_meshes
 from toolkit.objects.shapes.modelling import assemble, box
-from toolkit.rig import raycast
+from toolkit.rig import bake_cache
 from toolkit.rig.camera import project
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.views import HELD_OUT, TRAIN, PaintableObject, ViewRanges, ViewSettings, ViewStream, render_block
@@ -123,9 +123,9 @@ def test_a_view_is_the_render_of_its_world(field, subject):
 
 
 def test_who_renders_changes_nothing_and_the_world_is_lit_once_for_each_sky(field, subject, monkeypatch):
-    baked, bake = [], raycast.bake_surroundings
-    monkeypatch.setattr(raycast, "bake_surroundings", lambda *a: baked.append(1) or bake(*a))
-    raycast._in_use.clear()
+    baked, bake = [], bake_cache.bake_surroundings
+    monkeypatch.setattr(bake_cache, "bake_surroundings", lambda *a: baked.append(1) or bake(*a))
+    bake_cache._in_use.clear()
     with ViewStream([subject], SETTINGS, 5, 2, workers=2, setting=field, with_depth=True) as stream:
         ahead = [*stream.group(0), *stream.group(1)]
     assert len(baked) == 1  # for four places

@@ -7,16 +7,18 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import kept_before, remark, say
+from toolkit.engine.config import EngineConfig
 from toolkit.world_eval.config import WorldEvalConfig
 
 if TYPE_CHECKING:
     from toolkit.world_eval.evaluate import WorldRun
 
 
-@from_config(config=WorldEvalConfig)
+@from_config(config=WorldEvalConfig, engine=EngineConfig)
 def world_eval(
     *,
     config: WorldEvalConfig,
+    engine: EngineConfig,
     model: options.Model = None,
     weights: options.WeightsFile = None,
     device: options.Device = "auto",
@@ -28,17 +30,21 @@ def world_eval(
 
     Results go to eval/RUN. An answer is computed once, whatever run asks for it.
     """
+    from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
     from toolkit.models.load import load_classifier
     from toolkit.world_eval.evaluate import evaluate_world
 
     space = open_workspace(workspace)
     classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
-    done = evaluate_world(space, classifier, config)
+    done = evaluate_world(space, classifier, config, engine)
+    list_skipped(done.failed)
     if as_json:
         typer.echo(done.files.summary.read_text(encoding="utf-8"))
     else:
         show_world(done)
+    if done.failed:
+        raise typer.Exit(1)
 
 
 def show_world(done: "WorldRun") -> None:

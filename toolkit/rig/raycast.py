@@ -4,13 +4,12 @@ Light that does not change with the camera is baked once; what is left per frame
 texture at the right level of detail, and the gloss. Silhouettes, creases and printed sheets get four samples a pixel.
 """
 
-from collections import OrderedDict, deque
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property
-from threading import RLock
-from typing import Any, NamedTuple, TypeVar
+from typing import TypeVar
 
 import cv2
 import numpy as np
@@ -18,6 +17,7 @@ import numpy as np
 from toolkit.core.cores import count_cores
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import Material, Mesh
+from toolkit.rig.bake_cache import NO_PICTURE, kept, light_mesh, pack_one, paint_of, surroundings_of, with_lamps
 from toolkit.rig.camera import Camera, orbit_direction, orbit_pose, project
 from toolkit.rig.kernel import compiled
 from toolkit.rig.kernel.frame import NOTHING, Hits, Linear, Samples, paint_background, paint_meshes
@@ -31,13 +31,11 @@ from toolkit.rig.kernel.scene import (
     fill_sheen,
     find_table_edges,
 )
-from toolkit.rig.kernel.textures import Texels, fill_colours
-from toolkit.rig.lighting import FULL_DETAIL, BakeDetail, Lighting, Shape, bake_lighting, bake_surroundings
+from toolkit.rig.lighting import FULL_DETAIL, BakeDetail, Lighting, Shape, bake_lighting
 from toolkit.rig.linear_view import LinearView
-from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table
 from toolkit.rig.shading import tone_map
-from toolkit.rig.textures import blur_directions, pack_textures, pad_channels
+from toolkit.rig.textures import blur_directions, pad_channels
 from toolkit.rig.trace import CENTRE, Body, Tracer
 
 LIGHT_MAP_ZOOM = 2
@@ -46,39 +44,6 @@ GROUND_REACH = 0.02
 """Height differences within which ground has the object's shade, as a share of the side of the map of it."""
 FARTHEST = 1e9
 """Coordinates of a camera at most; float32 holds them to some tens of units."""
-
-
-class _Paint(NamedTuple):
-    """What is painted on a mesh, ready for the kernel."""
-
-    texels: Texels
-    texture: np.ndarray
-    density: np.ndarray
-    mean_colour: np.ndarray
-
-
-class _Glow(NamedTuple):
-    """What a mesh's materials give off; the fields of `LitMesh`."""
-
-    glow: np.ndarray
-    glow_lod: np.ndarray
-    glow_texels: Texels
-
-
-def _with_lamps(body: Body, mesh: Mesh) -> Body:
-    """The same with what its materials give off; the light on it is not baked anew."""
-    return replace(body, lit=body.lit._replace(**_kept(_prepare_glow, mesh)._asdict()))
-
-
-def _surroundings_of(scene: Scene) -> Body:
-    """What stands around the object and never moves; kept for the next renderer in the same sky."""
-
-    def make(mesh: Mesh, *_: object) -> Body:
-        shape, paint = Shape.of(mesh), _paint_of(mesh)
-        lighting = bake_surroundings(shape, paint.mean_colour, scene)
-        return Body(shape, _light_mesh(mesh, paint, lighting, AT_ORIGIN), is_moved=False, number=1)
-
-    return _kept(make, scene.surroundings, scene.environment, scene.key)
 
 
 class RaycastRenderer:
@@ -99,19 +64,19 @@ class RaycastRenderer:
         """
         compiled.prepare(_compile_all)
         self._mesh, self._scene, self._stand = mesh, scene, stand
-        shape, paint = Shape.of(mesh), _paint_of(mesh)
+        shape, paint = Shape.of(mesh), paint_of(mesh)
         self._others, around, albedo = None, None, paint.mean_colour
         if scene.surroundings is not None:
-            self._others = _surroundings_of(scene)
+            self._others = surroundings_of(scene)
             around = self._others.shape
-            albedo = (albedo + _paint_of(scene.surroundings).mean_colour) / 2
+            albedo = (albedo + paint_of(scene.surroundings).mean_colour) / 2
         lighting = bake_lighting(shape, albedo, scene, detail, stand, around)
-        lit = _light_mesh(mesh, paint, lighting, stand)
+        lit = light_mesh(mesh, paint, lighting, stand)
         self._object = Body(shape, lit, is_moved=stand != AT_ORIGIN, number=0)
         if scene.lamps:
-            self._object = _with_lamps(self._object, mesh)
+            self._object = with_lamps(self._object, mesh)
             if self._others is not None and scene.surroundings is not None:
-                self._others = _with_lamps(self._others, scene.surroundings)
+                self._others = with_lamps(self._others, scene.surroundings)
         self._around = _surround(scene, lighting, stand)
         self._tracer = Tracer(self._object, self._others, self._around.key)
 
@@ -241,8 +206,14 @@ F = TypeVar("F")
 
 
 def map_frames(make: Callable[[V], F], views: Iterable[V], threads: int | None = None) -> Iterator[F]:
-    """`make` of each view, in order, on `threads` threads (by default one for each core); a few are made ahead."""
+    """`make` of each view, in order, on `threads` threads (by default one for each core); a few are made ahead.
+
+    One thread is the caller's own, which makes each when it is asked for.
+    """
     threads = threads or count_cores()
+    if threads == 1:
+        yield from map(make, views)
+        return
     waiting: deque[Future[F]] = deque()
     with ThreadPoolExecutor(threads, "frames") as pool:
         try:
@@ -270,67 +241,15 @@ def _view(camera: Camera, T_world_camera: np.ndarray) -> View:
     )  # fmt: skip
 
 
-def _paint_of(mesh: Mesh) -> _Paint:
-    """Pyramids and densities of a mesh."""
-    return _kept(_prepare_paint, mesh)
-
-
-def _prepare_paint(mesh: Mesh) -> _Paint:
-    distinct = list({id(m.texture): m.texture for m in mesh.materials}.values())
-    number = {id(texture): index for index, texture in enumerate(distinct)}
-    texture = np.array([number[id(m.texture)] for m in mesh.materials], np.int32)
-    texels = pack_textures(distinct)
-    corners, corner_uv = mesh.vertices[mesh.faces], mesh.uv[mesh.faces]
-    surface = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    a, b = corner_uv[:, 1] - corner_uv[:, 0], corner_uv[:, 2] - corner_uv[:, 0]
-    chart = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
-    counts = np.array([picture.shape[0] * picture.shape[1] for picture in distinct])
-    of_face = texture[mesh.face_material]
-    density = np.sqrt(chart * counts[of_face] / np.maximum(surface, 1e-12)).astype(np.float32)
-    colour = np.empty((len(of_face), 3), np.float32)
-    fill_colours(texels, of_face, corner_uv.mean(axis=1), np.zeros(len(of_face), np.float32), colour)
-    mean = (colour * surface[:, None]).sum(axis=0) / max(float(surface.sum()), 1e-9)
-    return _Paint(texels, texture, density, mean)
-
-
-def _prepare_glow(mesh: Mesh) -> _Glow:
-    """Pyramids of what the materials of a mesh give off."""
-    lit = [material.emission for material in mesh.materials if material.emission is not None]
-    distinct = list({id(emission): emission for emission in lit}.values())
-    number = {id(emission): index for index, emission in enumerate(distinct)}
-    glow = np.array([-1 if m.emission is None else number[id(m.emission)] for m in mesh.materials], np.int32)
-    finer = [1.0 if m.emission is None else m.emission.shape[1] / m.texture.shape[1] for m in mesh.materials]
-    return _Glow(glow, np.log2(finer).astype(np.float32), pack_textures(distinct or [NO_PICTURE]))
-
-
-def _light_mesh(mesh: Mesh, paint: _Paint, lighting: Lighting, stand: Stand) -> LitMesh:
-    materials = mesh.materials
-    return LitMesh(
-        faces=np.ascontiguousarray(mesh.faces, np.int32),
-        normals=np.ascontiguousarray(np.nan_to_num(mesh.normals), np.float32),
-        uv=np.ascontiguousarray(np.nan_to_num(mesh.uv).clip(-1e6, 1e6), np.float32),
-        material=np.ascontiguousarray(mesh.face_material, np.int32),
-        density=paint.density, texture=paint.texture,
-        roughness=np.array([m.roughness for m in materials], np.float32),
-        metallic=np.array([m.metallic for m in materials], np.float32),
-        finely=np.array([m.name == PAPER_MATERIAL for m in materials]),
-        left_out=np.zeros(len(materials), bool), texels=paint.texels,
-        glow=np.full(len(materials), -1, np.int32), glow_lod=np.zeros(len(materials), np.float32),
-        glow_texels=_kept(_pack_one, NO_PICTURE),
-        steps=lighting.grid.steps, first=lighting.grid.first, stored=lighting.stored, turn=stand.turn,
-        place=np.array(stand.place, float),
-    )  # fmt: skip
-
-
 def _surround(scene: Scene, lighting: Lighting, stand: Stand) -> Surround:
     side = lighting.table.shape[0] * LIGHT_MAP_ZOOM
     light = cv2.resize(lighting.table, (side, side), interpolation=cv2.INTER_CUBIC)
     table = scene.table
-    mirrored = _kept(_blur_environment, scene.environment)
-    texels = _kept(_pack_one, table.picture if table else NO_PICTURE)
+    mirrored = kept(_blur_environment, scene.environment)
+    texels = kept(pack_one, table.picture if table else NO_PICTURE)
     return Surround(
         # a room is out of focus behind a table top; the sky is as sharp as it was given
-        backdrop=mirrored[0] if table is not None else _kept(pad_channels, scene.environment),
+        backdrop=mirrored[0] if table is not None else kept(pad_channels, scene.environment),
         mirrored=mirrored, key=orbit_direction(scene.key.azimuth_deg, scene.key.elevation_deg),
         key_spread=float(np.tan(np.radians(scene.key.radius_deg)) / 2),
         key_irradiance=np.array(scene.key.irradiance, float), exposure=float(scene.exposure),
@@ -344,29 +263,6 @@ def _surround(scene: Scene, lighting: Lighting, stand: Stand) -> Surround:
         ground_z=float(stand.place[2]),
         ground_reach=0.0 if scene.surroundings is None else GROUND_REACH * lighting.table_side_mm,
     )  # fmt: skip
-
-
-_in_use: OrderedDict[tuple[object, ...], tuple[tuple[object, ...], Any]] = OrderedDict()
-_keeping = RLock()
-MOST_KEPT = 10
-
-
-def _kept(make: Callable[..., F], *sources: object) -> F:
-    """`make` of meshes or pictures, worked out once for those that were used last."""
-    key = make.__qualname__, *map(id, sources)
-    with _keeping:
-        found = _in_use.pop(key, None) or (sources, make(*sources))
-        _in_use[key] = found
-        while len(_in_use) > MOST_KEPT:
-            _in_use.popitem(last=False)
-    return found[1]
-
-
-NO_PICTURE = np.zeros((1, 1, 3), np.uint8)
-
-
-def _pack_one(picture: np.ndarray) -> Texels:
-    return pack_textures([picture])
 
 
 def _blur_environment(environment: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

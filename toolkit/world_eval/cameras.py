@@ -1,8 +1,8 @@
 """The grid of cameras around an object in a world: where they stand, which of them can, and what they see of it."""
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,11 +19,11 @@ NEAREST = 0.75
 """A camera nearer to the object's middle than so many lengths is inside it, or sees a part of it at best."""
 CLEARANCE_M, CLEARANCE = 0.3, 0.08
 """Nearer to any surface, in metres or object lengths, whichever is less, a camera would touch it."""
-IN_WALL, BELOW, OUTSIDE, TOO_NEAR, TOUCHING = (
+IN_WALL, BELOW, OUTSIDE, TOO_NEAR, TOUCHING, FAILED = (
     "inside a building", "below the ground", "outside the world", "inside the object or too near it",
-    "touching something",
+    "touching something", "its pictures failed",
 )  # fmt: skip
-REASONS = (IN_WALL, BELOW, OUTSIDE, TOO_NEAR, TOUCHING)
+REASONS = (IN_WALL, BELOW, OUTSIDE, TOO_NEAR, TOUCHING, FAILED)
 LATTICE = 48
 """Rays along each side of the object's outline that tell how much of it is seen."""
 HIDDEN = 0.01
@@ -73,6 +73,13 @@ class PlaceCameras:
     cameras: tuple[GridCamera, ...]
     points: np.ndarray
     reasons: tuple[str, ...]
+
+    def without(self, failed: Collection[int]) -> "PlaceCameras":
+        """Without the cameras of these numbers, whose pictures failed."""
+        reasons = [FAILED if k + 1 in failed else reason for k, reason in enumerate(self.reasons)]
+        return replace(
+            self, cameras=tuple(one for one in self.cameras if one.number not in failed), reasons=tuple(reasons)
+        )
 
     @property
     def left_out(self) -> dict[str, int]:

@@ -1,48 +1,31 @@
 """An evaluation in a world, from a config to a results folder: place, plan, render, weather, ask, summarise, write."""
 
 import re
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from toolkit.captures.shoot import LOOK_VERSION
 from toolkit.core.console import progress
-from toolkit.core.files import sha256_bytes
 from toolkit.core.locks import hold_folder
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.predict import classify_stream
+from toolkit.engine.config import EngineConfig
 from toolkit.models.network import Classifier
 from toolkit.objects.load import TableObject, load_object
-from toolkit.objects.mesh import hash_mesh
 from toolkit.rig.camera import Camera
 from toolkit.rig.variants import dress, find_booster
-from toolkit.world_eval.answers import (
-    METHOD_VERSION,
-    Answer,
-    Answers,
-    FrameAnswers,
-    WeatherKey,
-    hash_inputs,
-    make_answer,
-    name_weather,
-    open_answers,
-    read_answers,
-)
+from toolkit.world_eval.ask import Asked, ask_missing
 from toolkit.world_eval.cameras import PlaceCameras, plan_cameras
 from toolkit.world_eval.config import ABSENT, WorldEvalConfig
-from toolkit.world_eval.frames import Stage, Task, Variant, render_frames
+from toolkit.world_eval.frames import Stage, Variant
 from toolkit.world_eval.keep import KeptFrames
 from toolkit.world_eval.report import WorldFiles, write_results
 from toolkit.world_eval.results import WorldResults
 from toolkit.worlds.catalogue import open_world
 from toolkit.worlds.picture import make_speck
 from toolkit.worlds.place import choose_places, find_radius, place_object, scale_to_world
-from toolkit.worlds.sky import Sky, make_sky
+from toolkit.worlds.sky import make_sky
 
-BATCH_FRAMES = 4
-"""Frames whose answers are written together: what a kill may cost."""
 LONGEST_NAME = 90
 
 
@@ -54,40 +37,45 @@ class WorldRun:
         results: the answers and what they were given to.
         files: what was written.
         computed, kept: answers that were computed now, and taken from before.
+        failed: (what, reason) of pictures that could not be made or answered; the next run tries them again.
     """
 
     results: WorldResults
     files: WorldFiles
     computed: int
     kept: int
+    failed: tuple[tuple[str, str], ...] = ()
 
 
-def evaluate_world(workspace: Workspace, classifier: Classifier, config: WorldEvalConfig) -> WorldRun:
+def evaluate_world(
+    workspace: Workspace, classifier: Classifier, config: WorldEvalConfig, engine: EngineConfig | None = None
+) -> WorldRun:
     """Put an object into a world, look at it from a grid of cameras through weather, and ask a network what it sees.
 
-    Results go to `eval/RUN`. An answer is computed once, whatever run asks for it.
+    Results go to `eval/RUN`. An answer is computed once, whatever run asks for it. A camera whose picture fails in one
+    variant is left out in all of them.
 
     Args:
         workspace: whose objects, patches and textures are meant, and whose `eval/` is written to.
         classifier: who is asked.
         config: object, variants, world, cameras and weathers.
+        engine: where frames are rendered and answered; by default in this process.
 
     Raises:
         ToolkitError: an unknown object, variant, world or weather, a missing booster, an object that is larger than
-            every place, no camera that can stand, a network's output that is not finite, or a disk that is full.
+            every place, no camera that can stand, a network whose output is never finite, or a disk that is full.
     """
     asked = plan_run(workspace, classifier, config)
     run_dir = workspace.eval_dir / (config.run or name_run(config, classifier))
     worlds_dir = workspace.eval_dir / "worlds"
-    with hold_folder(worlds_dir):
+    with hold_folder(worlds_dir), (engine or EngineConfig()).open(gpus=int(classifier.device != "cpu")) as hands:
         kept = KeptFrames(run_dir / "frames", asked.stage, asked.places, asked.item.spec, everything=config.keep)
-        answers, computed = ask_missing(asked, worlds_dir / "answers.jsonl", kept)
-    results = WorldResults(config, classifier, asked.item, asked.true_index, asked.stage, asked.places, answers)
-    total = sum(len(one.true_rank) for one in answers.values())
-    return WorldRun(results, write_results(run_dir, results, kept), computed, total - computed)
+        said = ask_missing(asked, worlds_dir / "answers.jsonl", kept, hands)
+    results = WorldResults(config, classifier, asked.item, asked.true_index, asked.stage, said.places, said.answers)
+    return WorldRun(results, write_results(run_dir, results, kept), said.computed, said.kept, said.failed)
 
 
-def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConfig) -> "Asked":
+def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConfig) -> Asked:
     """Everything before the first picture: object, world, places and cameras; raises as `evaluate_world`."""
     item = load_object(workspace.object_spec(config.object))
     true_index = classifier.class_index(item.spec.class_name)
@@ -133,109 +121,3 @@ def plan_places(stage: Stage, config: WorldEvalConfig) -> tuple[PlaceCameras, ..
             found.append(plan_cameras(stage.world, placed, stage.camera, grid, extent, config.sample, rng))
             bar.advance()
     return tuple(found)
-
-
-@dataclass(frozen=True)
-class Asked:
-    """What is asked of whom.
-
-    Attributes:
-        item: the object.
-        stage: world, sky, camera, places and variants.
-        places: the cameras at each place.
-        classifier: who is asked.
-        true_index: class of the object.
-        weathers: that every frame is seen in.
-        batch_size: pictures that are gathered for a pass.
-    """
-
-    item: TableObject
-    stage: Stage
-    places: tuple[PlaceCameras, ...]
-    classifier: Classifier
-    true_index: int
-    weathers: tuple[WeatherKey, ...]
-    batch_size: int | None
-
-    def tasks(self) -> list[Task]:
-        """Every frame in every weather; those of a place and variant follow each other."""
-        stage = self.stage
-        camera = stage.camera.intrinsics
-        shared = hash_inputs(
-            METHOD_VERSION, LOOK_VERSION, stage.world.sha256, _hash_sky(stage.sky), camera, stage.seed,
-            self.classifier.arch, self.classifier.weights.sha256, self.classifier.preprocessing.describe(),
-            self.true_index,
-        )  # fmt: skip
-        meshes = {name: hash_mesh(one.mesh) for name, one in stage.variants.items()}
-        tasks = []
-        for k, place in enumerate(self.places):
-            stand = place.placed.stand
-            for name in stage.variants:
-                there = hash_inputs(shared, meshes[name], list(stand.place), stand.turn_deg)
-                for one in place.cameras:
-                    item = k * 1_000_000_000 + one.number  # a grid has at most a million points
-                    frame = hash_inputs(there, one.T_world_camera.tolist(), item)
-                    tasks.append(Task(frame, k, name, item, one, self.weathers, False))
-        return tasks
-
-
-def _hash_sky(sky: Sky) -> str:
-    light = np.array([sky.sun.azimuth_deg, sky.sun.elevation_deg, *sky.sun.irradiance, sky.exposure, sky.lamps])
-    return sha256_bytes(np.ascontiguousarray(sky.panorama).tobytes() + light.tobytes())
-
-
-def ask_missing(asked: Asked, log: Path, kept: KeptFrames) -> tuple[dict[tuple[str, WeatherKey], Answers], int]:
-    """Answers by variant and weather, those that are not in the log computed and added to it, and how many these are.
-
-    Memory holds one batch of pictures and a few frames, whatever the size of the grid. A killed run goes on with the
-    next frames.
-    """
-    tasks = asked.tasks()
-    known = read_answers(log, (task.frame for task in tasks))
-    names = {weather: name_weather(weather) for weather in asked.weathers}
-    missing = [(task, [w for w in task.weathers if names[w] not in known[task.frame]]) for task in tasks]
-    wanted = [
-        task if kept.lacks(task) else task._replace(weathers=tuple(weathers))
-        for task, weathers in missing
-        if weathers or kept.lacks(task)
-    ]
-    wanted = [task._replace(is_kept=kept.wants(task)) for task in wanted]
-    computed = sum(len(task.weathers) for task in wanted)
-    total = len(tasks) * len(asked.weathers)
-    with progress("evaluating (pictures)", total, done=total - computed) as bar:
-        for lines in _answer_frames(asked, wanted, names, kept):
-            open_answers(log).append(*lines)
-            for line in lines:
-                known[line.frame].update(line.answers)
-            bar.advance(sum(len(line.answers) for line in lines))
-    return {
-        (variant, weather): Answers.of(known[task.frame][names[weather]] for task in tasks if task.variant == variant)
-        for variant in asked.stage.variants
-        for weather in asked.weathers
-    }, computed
-
-
-def _answer_frames(
-    asked: Asked, tasks: Sequence[Task], names: dict[WeatherKey, str], kept: KeptFrames
-) -> Iterator[list[FrameAnswers]]:
-    """Answers of a few frames at a time, each frame's whole, in order."""
-
-    def show() -> Iterator[tuple[tuple[Task, WeatherKey], np.ndarray]]:
-        for frame in render_frames(asked.stage, tasks):
-            if frame.task.is_kept:
-                kept.write(frame)
-            for weather, picture in zip(frame.task.weathers, frame.pictures, strict=True):
-                yield (frame.task, weather), picture
-
-    lines: list[FrameAnswers] = []
-    answers: dict[str, Answer] = {}
-    for (task, weather), order, probabilities in classify_stream(show(), asked.classifier, asked.batch_size):
-        answers[names[weather]] = make_answer(order, probabilities, asked.true_index)
-        if weather == task.weathers[-1]:
-            lines.append(FrameAnswers(frame=task.frame, answers=answers))
-            answers = {}
-        if len(lines) == BATCH_FRAMES:
-            yield lines
-            lines = []
-    if lines:
-        yield lines

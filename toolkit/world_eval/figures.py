@@ -159,13 +159,18 @@ def draw_cameras(places: Sequence[PlaceCameras]) -> bytes:
     return encode_figure(figure)
 
 
-def draw_sample(results: WorldResults, kept: KeptFrames) -> bytes:
+def draw_sample(results: WorldResults, kept: KeptFrames) -> bytes | None:
     """PNG: one camera of each place, a row for each variant, a column for each of some weathers.
 
-    Green: the truth is the first guess; yellow: among five; red: not.
+    Green: the truth is the first guess; yellow: among five; red: not. A place whose shown pictures failed is left out;
+    None where they all did.
     """
     weathers = _spread(results.weathers)
-    rows = [(k, variant) for k in range(len(results.places)) for variant in results.variants]
+    names = [place.placed.spot.name for place in results.places]
+    shown = [k for k, place in enumerate(results.places) if kept.has_shown(place, results.variants, weathers)]
+    rows = [(k, variant) for k in shown for variant in results.variants]
+    if not rows:
+        return None
     label_in = 0.3 + LETTER_IN * max(len(place.placed.spot.name) for place in results.places)
     label_in = max(label_in, 0.3 + LETTER_IN * max(map(len, results.variants)))
     figure = make_figure(label_in + TILE_IN * len(weathers), 0.4 + TILE_IN * len(rows), layout=None)
@@ -173,9 +178,9 @@ def draw_sample(results: WorldResults, kept: KeptFrames) -> bytes:
     width, height = figure.get_size_inches()
     figure.subplots_adjust(label_in / width, 0.005, 0.995, 1 - 0.38 / height, wspace=0.05, hspace=0.05)
     for line, (k, variant) in zip(panels, rows, strict=True):
-        camera = kept.shown[k]
+        camera = kept.shown[names[k]]
         number = int(np.flatnonzero(results.place_of == k)[0]) + results.places[k].cameras.index(camera)
-        folder = kept.folder / kept.path_of(k, variant, camera)
+        folder = kept.folder / kept.path_of(names[k], variant, camera)
         for panel, weather in zip(line, weathers, strict=True):
             panel.imshow(_read(folder / f"{name_picture(weather)}.png"), interpolation="antialiased")
             rank = results.answers[variant, weather].true_rank[number]
@@ -183,7 +188,7 @@ def draw_sample(results: WorldResults, kept: KeptFrames) -> bytes:
             for spine in panel.spines.values():
                 spine.set(color=colour, linewidth=3)
             panel.set(xticks=[], yticks=[])
-        name = results.places[k].placed.spot.name if variant == results.variants[0] else ""
+        name = names[k] if variant == results.variants[0] else ""
         line[0].set_ylabel(f"{name}\n{variant}", rotation=0, ha="right", va="center", fontsize=8, labelpad=6)
     for panel, weather in zip(panels[0], weathers, strict=True):
         visibility = find_visibility_m(weather)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -78,9 +79,9 @@ class Variant:
         return cls(mesh, new[mesh.face_material])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Stage:
-    """What all frames of a run share.
+    """What all frames of a run share; two are the same where they are one.
 
     Attributes:
         world, sky: around the object.
@@ -105,14 +106,16 @@ def render_frames(stage: Stage, tasks: Sequence[Task], threads: int | None = Non
     """
 
     def prepare() -> Iterator[tuple[Task, RaycastRenderer]]:
-        at, renderer = None, None
         for task in tasks:
-            if renderer is None or at != (task.place, task.variant):
-                at, placed = (task.place, task.variant), stage.places[task.place]
-                renderer = make_renderer(placed.wear(stage.variants[task.variant].mesh))
-            yield task, renderer
+            yield task, open_renderer(stage, task.place, task.variant)
 
     return map_frames(lambda pair: render_frame(stage, *pair), prepare(), threads)
+
+
+@lru_cache(maxsize=1)
+def open_renderer(stage: Stage, place: int, variant: str) -> RaycastRenderer:
+    """The renderer of a variant in its place; the last one is kept."""
+    return make_renderer(stage.places[place].wear(stage.variants[variant].mesh))
 
 
 def render_frame(stage: Stage, task: Task, renderer: RaycastRenderer) -> Frame:

@@ -1,5 +1,6 @@
 """Pictures that stay on disk: a sample of them, or all, each with its depth, its segmentation and the truth."""
 
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import cv2
@@ -77,51 +78,62 @@ class KeptFrames:
             spec: of the object.
             everything: keep all frames; otherwise one camera of each place.
         """
-        self.folder, self._stage, self._places, self._spec = folder, stage, places, spec
-        self.shown = tuple(choose_shown(place) for place in places)
+        self.folder, self._stage, self._spec = folder, stage, spec
+        self.shown = {place.placed.spot.name: choose_shown(place) for place in places}
         self._everything = everything
         self._log = RecordLog(folder / "manifest.jsonl", KeptFrame, required=False)
         self._known = self._log.read_last(lambda record: record.path)
 
     def wants(self, task: Task) -> bool:
         """Whether a frame is kept."""
-        return self._everything or task.camera.number == self.shown[task.place].number
+        return self._everything or task.camera.number == self.shown[self._name(task)].number
 
     def lacks(self, task: Task) -> bool:
         """Whether a frame is kept, and is not there in all of its weathers."""
         if not self.wants(task):
             return False
-        record = self._known.get(self.path_of(task.place, task.variant, task.camera))
+        record = self._known.get(self.path_of(self._name(task), task.variant, task.camera))
         if record is None or record.frame != task.frame:
             return True
         names = [name_picture(weather) for weather in task.weathers]
         folder = self.folder / record.path
         return any(name not in record.weathers or not (folder / f"{name}.png").is_file() for name in names)
 
-    def path_of(self, place: int, variant: str, camera: GridCamera) -> str:
-        """Folder of a frame below `frames/`."""
-        return f"{self._places[place].placed.spot.name}/{variant}/{camera.number:04d}"
+    def has_shown(self, place: PlaceCameras, variants: Iterable[str], weathers: Iterable[WeatherKey]) -> bool:
+        """Whether the pictures of a place that are shown are there, and none of its camera failed."""
+        name = place.placed.spot.name
+        folders = [self.folder / self.path_of(name, variant, self.shown[name]) for variant in variants]
+        pictures = [f"{name_picture(weather)}.png" for weather in weathers]
+        is_there = all((folder / picture).is_file() for folder in folders for picture in pictures)
+        return is_there and self.shown[name] in place.cameras
 
-    def write(self, frame: Frame) -> None:
+    def path_of(self, place: str, variant: str, camera: GridCamera) -> str:
+        """Folder of a frame below `frames/`."""
+        return f"{place}/{variant}/{camera.number:04d}"
+
+    def write(self, task: Task, files: Mapping[str, bytes]) -> None:
         """Put a frame's files into the folder, then its line into the manifest.
+
+        Args:
+            task: what was rendered.
+            files: see `encode_frame`.
 
         Raises:
             ToolkitError: the disk is full or may not be written.
         """
-        task = frame.task
-        path = self.path_of(task.place, task.variant, task.camera)
-        folder, names = self.folder / path, [name_picture(weather) for weather in task.weathers]
-        for name, picture in zip(names, frame.pictures, strict=True):
-            write_bytes(folder / f"{name}.png", _encode(picture[..., ::-1]))
-        if frame.depth_m is not None and frame.classes is not None:
-            write_bytes(folder / "depth.png", _encode(encode_depth(frame.depth_m)))
-            write_bytes(folder / "classes.png", _encode(frame.classes))
+        path = self.path_of(self._name(task), task.variant, task.camera)
+        names = [name_picture(weather) for weather in task.weathers]
+        for name, content in files.items():
+            write_bytes(self.folder / path / name, content)
         before = self._known.get(path)
         if before is not None and before.frame == task.frame:
             names = list(dict.fromkeys([*before.weathers, *names]))
         record = self._describe(path, task, names)
         self._log.append(record)
         self._known[path] = record
+
+    def _name(self, task: Task) -> str:
+        return self._stage.places[task.place].spot.name
 
     def _describe(self, path: str, task: Task, names: list[str]) -> KeptFrame:
         stage, camera = self._stage, task.camera
@@ -134,6 +146,15 @@ class KeptFrames:
             box=np.round(placed.box, 6).tolist(), azimuth_deg=camera.azimuth_deg, elevation_deg=camera.elevation_deg,
             distance_m=camera.distance_m, visible_share=camera.visible_share, picture_share=camera.picture_share,
         )  # fmt: skip
+
+
+def encode_frame(frame: Frame) -> dict[str, bytes]:
+    """The files of a kept frame by name: a picture for each weather, depth and classes."""
+    pictures = zip(frame.task.weathers, frame.pictures, strict=True)
+    files = {f"{name_picture(weather)}.png": _encode(picture[..., ::-1]) for weather, picture in pictures}
+    if frame.depth_m is not None and frame.classes is not None:
+        files |= {"depth.png": _encode(encode_depth(frame.depth_m)), "classes.png": _encode(frame.classes)}
+    return files
 
 
 def choose_shown(place: PlaceCameras) -> GridCamera:

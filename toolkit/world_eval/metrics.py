@@ -18,7 +18,7 @@ from toolkit.core.statistics import (
     wilson_interval,
 )
 from toolkit.world_eval.answers import Answers, WeatherKey, name_weather
-from toolkit.world_eval.cameras import HIDDEN, LOWEST, NEAREST, count_cameras
+from toolkit.world_eval.cameras import FAILED, HIDDEN, LOWEST, NEAREST, count_cameras
 from toolkit.world_eval.half_lost import HalfLost, find_ladder, list_extinctions, measure_half
 from toolkit.world_eval.results import SOURCE, WorldResults, find_visibility_m
 
@@ -131,6 +131,11 @@ def list_notes(results: WorldResults) -> list[str]:
             f"Intervals are percentiles of a cluster bootstrap over {count} places. With so few they are too narrow, "
             f"and no p over places can be smaller than {2 / 2**count:.2g}."
         )  # fmt: skip
+    lost = sum(place.reasons.count(FAILED) for place in results.places)
+    gone = len(results.stage.places) - count
+    if lost or gone:
+        whole = f" and {gone} whole place{'s' if gone > 1 else ''}" if gone else ""
+        notes.append(f"Left out in all variants, as their pictures failed: {lost} cameras{whole}. Run it again.")
     sample = results.config.sample
     if sample is not None:
         standing = sum(place.standing for place in results.places)

@@ -3,7 +3,7 @@
 Frame: right-handed, z up, metres; the origin is near the middle, on the ground.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
@@ -68,6 +68,11 @@ class World:
     solids: np.ndarray | None
     core: np.ndarray
     pads: tuple[Spot, ...] = ()
+
+    def __getstate__(self) -> dict[str, object]:
+        """Without the scenes that rays are cast at: another process makes its own."""
+        own = {one.name for one in fields(self)} | {"sha256"}
+        return {name: value for name, value in self.__dict__.items() if name in own}
 
     @property
     def bounds(self) -> np.ndarray:

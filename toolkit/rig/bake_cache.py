@@ -1,0 +1,151 @@
+"""What is worked out of a mesh, a picture or a sky, and kept for the renderers that have the same."""
+
+from collections import OrderedDict
+from collections.abc import Callable
+from dataclasses import replace
+from threading import RLock
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from toolkit.objects.mesh import Mesh
+from toolkit.rig.kernel.scene import LitMesh
+from toolkit.rig.kernel.textures import Texels, fill_colours
+from toolkit.rig.lighting import Lighting, Shape, bake_surroundings
+from toolkit.rig.mount import PAPER_MATERIAL
+from toolkit.rig.scene import AT_ORIGIN, Scene, Stand
+from toolkit.rig.textures import pack_textures
+from toolkit.rig.trace import Body
+
+F = TypeVar("F")
+
+_in_use: OrderedDict[tuple[object, ...], tuple[tuple[object, ...], Any]] = OrderedDict()
+_keeping = RLock()
+MOST_KEPT = 10
+BAKED = "light of surroundings"
+
+
+def kept(make: Callable[..., F], *sources: object) -> F:
+    """`make` of meshes or pictures, worked out once for those that were used last."""
+    return _recall(make.__qualname__, sources, lambda: make(*sources))
+
+
+def _recall(name: str, sources: tuple[object, ...], make: Callable[[], F]) -> F:
+    key = name, *map(id, sources)
+    with _keeping:
+        found = _in_use.pop(key, None) or (sources, make())
+        _in_use[key] = found
+        while len(_in_use) > MOST_KEPT:
+            _in_use.popitem(last=False)
+    made: F = found[1]
+    return made
+
+
+class Paint(NamedTuple):
+    """What is painted on a mesh, ready for the kernel."""
+
+    texels: Texels
+    texture: np.ndarray
+    density: np.ndarray
+    mean_colour: np.ndarray
+
+
+class Glow(NamedTuple):
+    """What a mesh's materials give off; the fields of `LitMesh`."""
+
+    glow: np.ndarray
+    glow_lod: np.ndarray
+    glow_texels: Texels
+
+
+NO_PICTURE = np.zeros((1, 1, 3), np.uint8)
+
+
+def pack_one(picture: np.ndarray) -> Texels:
+    """The pyramid of one picture."""
+    return pack_textures([picture])
+
+
+def paint_of(mesh: Mesh) -> Paint:
+    """Pyramids and densities of a mesh."""
+    return kept(_prepare_paint, mesh)
+
+
+def _prepare_paint(mesh: Mesh) -> Paint:
+    distinct = list({id(m.texture): m.texture for m in mesh.materials}.values())
+    number = {id(texture): index for index, texture in enumerate(distinct)}
+    texture = np.array([number[id(m.texture)] for m in mesh.materials], np.int32)
+    texels = pack_textures(distinct)
+    corners, corner_uv = mesh.vertices[mesh.faces], mesh.uv[mesh.faces]
+    surface = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    a, b = corner_uv[:, 1] - corner_uv[:, 0], corner_uv[:, 2] - corner_uv[:, 0]
+    chart = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    counts = np.array([picture.shape[0] * picture.shape[1] for picture in distinct])
+    of_face = texture[mesh.face_material]
+    density = np.sqrt(chart * counts[of_face] / np.maximum(surface, 1e-12)).astype(np.float32)
+    colour = np.empty((len(of_face), 3), np.float32)
+    fill_colours(texels, of_face, corner_uv.mean(axis=1), np.zeros(len(of_face), np.float32), colour)
+    mean = (colour * surface[:, None]).sum(axis=0) / max(float(surface.sum()), 1e-9)
+    return Paint(texels, texture, density, mean)
+
+
+def _prepare_glow(mesh: Mesh) -> Glow:
+    """Pyramids of what the materials of a mesh give off."""
+    lit = [material.emission for material in mesh.materials if material.emission is not None]
+    distinct = list({id(emission): emission for emission in lit}.values())
+    number = {id(emission): index for index, emission in enumerate(distinct)}
+    glow = np.array([-1 if m.emission is None else number[id(m.emission)] for m in mesh.materials], np.int32)
+    finer = [1.0 if m.emission is None else m.emission.shape[1] / m.texture.shape[1] for m in mesh.materials]
+    return Glow(glow, np.log2(finer).astype(np.float32), pack_textures(distinct or [NO_PICTURE]))
+
+
+def light_mesh(mesh: Mesh, paint: Paint, lighting: Lighting, stand: Stand) -> LitMesh:
+    """A mesh with paint and light on it, ready for the kernel; it gives off none itself, see `with_lamps`."""
+    materials = mesh.materials
+    return LitMesh(
+        faces=np.ascontiguousarray(mesh.faces, np.int32),
+        normals=np.ascontiguousarray(np.nan_to_num(mesh.normals), np.float32),
+        uv=np.ascontiguousarray(np.nan_to_num(mesh.uv).clip(-1e6, 1e6), np.float32),
+        material=np.ascontiguousarray(mesh.face_material, np.int32),
+        density=paint.density, texture=paint.texture,
+        roughness=np.array([m.roughness for m in materials], np.float32),
+        metallic=np.array([m.metallic for m in materials], np.float32),
+        finely=np.array([m.name == PAPER_MATERIAL for m in materials]),
+        left_out=np.zeros(len(materials), bool), texels=paint.texels,
+        glow=np.full(len(materials), -1, np.int32), glow_lod=np.zeros(len(materials), np.float32),
+        glow_texels=kept(pack_one, NO_PICTURE),
+        steps=lighting.grid.steps, first=lighting.grid.first, stored=lighting.stored, turn=stand.turn,
+        place=np.array(stand.place, float),
+    )  # fmt: skip
+
+
+def with_lamps(body: Body, mesh: Mesh) -> Body:
+    """The same with what its materials give off; the light on it is not baked anew."""
+    return replace(body, lit=body.lit._replace(**kept(_prepare_glow, mesh)._asdict()))
+
+
+def surroundings_of(scene: Scene) -> Body:
+    """What stands around the object and never moves; kept for the next renderer in the same sky."""
+
+    def make(mesh: Mesh, *_: object) -> Body:
+        lit = light_mesh(mesh, paint_of(mesh), light_surroundings(scene), AT_ORIGIN)
+        return Body(Shape.of(mesh), lit, is_moved=False, number=1)
+
+    return kept(make, scene.surroundings, scene.environment, scene.key)
+
+
+def light_surroundings(scene: Scene) -> Lighting:
+    """Light on what stands around the object; the samples that it was worked out at are left out."""
+
+    def make() -> Lighting:
+        assert scene.surroundings is not None
+        made = bake_surroundings(Shape.of(scene.surroundings), paint_of(scene.surroundings).mean_colour, scene)
+        none = made.grid.positions[:0].copy()
+        return replace(made, grid=replace(made.grid, positions=none, normals=none, slot=made.grid.slot[:0].copy()))
+
+    return _recall(BAKED, (scene.surroundings, scene.environment, scene.key), make)
+
+
+def keep_light(scene: Scene, lighting: Lighting) -> None:
+    """Let renderers take light that another process worked out with `light_surroundings`, where none is kept yet."""
+    _recall(BAKED, (scene.surroundings, scene.environment, scene.key), lambda: lighting)
