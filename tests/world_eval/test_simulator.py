@@ -1,5 +1,7 @@
 """The grid shot in a simulator: the object where it should be, weathers, depth, classes; and what is refused."""
 
+import json
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +12,9 @@ from simulated_field import OBJECT_COLOUR, make_simulated_field
 from walled_field import make_config, make_onlooker, stand_in
 
 from toolkit.core.errors import ToolkitError
-from toolkit.world_eval.evaluate import Asked, plan_run
+from toolkit.engine.config import EngineConfig
+from toolkit.world_eval.ask import Asked
+from toolkit.world_eval.evaluate import WorldRun, evaluate_world, plan_run
 from toolkit.world_eval.frames import OBJECT_ID, SKY_ID, Frame, render_frames
 from toolkit.world_eval.simulator import name_actor, shoot_frames, write_objects
 from toolkit.worlds.airsim import Address, AirSim
@@ -97,3 +101,77 @@ def test_the_glbs_are_as_large_as_what_stands_there(asked: Asked, tmp_path) -> N
     assert sorted(file.name for file in files.values()) == ["crate_patched.glb", "crate_unpatched.glb"]
     size = trimesh.load_scene(files["unpatched"]).extents  # (y, z, x) of ours
     assert size[[2, 0, 1]] == pytest.approx(np.ptp(asked.stage.places[0].mesh.bounds, axis=0), rel=1e-5)
+
+
+@contextmanager
+def run_in(fake: FakeAirSim):
+    """A function (space, settings) -> the run with that simulator."""
+    with serve(fake) as port:
+
+        def run(space, **settings: object) -> WorldRun:
+            config = make_config(weathers=("fog:3",), sample=5, renderer=f"airsim://127.0.0.1:{port}", **settings)
+            return evaluate_world(space, make_onlooker(), config)
+
+        yield run
+
+
+def test_results_say_who_made_the_pictures_and_need_it_no_more(asked, tmp_path, make_crate_space, in_field) -> None:
+    fake, space = make_fake(asked, flavour="cosys"), make_crate_space(tmp_path)
+    with run_in(fake) as run:
+        first = run(space)
+        assert (first.computed, first.kept, first.failed) == (2 * 2 * 5 * 2, 0, ())
+        summary = json.loads(first.files.summary.read_text())
+        assert summary["about"]["renderer"] == "Cosys-AirSim, server version 4"
+        assert summary["about"]["sky"] == "simulator's own"
+        assert any("Pictures by Cosys-AirSim" in note for note in summary["notes"])
+        lines = [json.loads(line) for line in (first.files.frames / "manifest.jsonl").read_text().splitlines()]
+        assert {line["renderer"] for line in lines} == {"Cosys-AirSim, server version 4"}
+        assert {line["sky"] for line in lines} == {"simulator's own"}
+        folder = first.files.frames / lines[0]["path"]
+        assert {file.name for file in folder.iterdir()} == {"clear.png", "fog-3.png", "depth.png", "classes.png"}
+        shot, fake.faults = fake.pictures, {"getServerVersion": "gone"}
+        again = run(space)
+    assert fake.pictures == shot and (again.computed, again.kept) == (0, first.computed)
+    assert again.files.predictions.read_bytes() == first.files.predictions.read_bytes()
+
+
+def test_another_simulators_pictures_are_shot_and_answered_anew(asked, tmp_path, make_crate_space, in_field) -> None:
+    space = make_crate_space(tmp_path)
+    with run_in(make_fake(asked)) as run:
+        first = run(space)
+    with run_in(make_fake(asked, flavour="cosys")) as run:  # at another port; it shows the same to the byte
+        other = run(space)
+    ours = evaluate_world(space, make_onlooker(), make_config(weathers=("fog:3",), sample=5))
+    assert ours.computed == other.computed == first.computed == 40
+    assert "renderer" not in json.loads(ours.files.summary.read_text())["about"]
+
+
+def test_what_was_shot_before_it_broke_is_not_shot_again(asked, tmp_path, make_crate_space, in_field) -> None:
+    fake, space = make_fake(asked), make_crate_space(tmp_path)
+    with run_in(fake) as run:
+        images = FakeAirSim.simGetImages
+        fake.faults = {"simGetImages": lambda one, *given: images(one, *given) if one.pictures < 40 else [{}]}
+        with pytest.raises(ToolkitError, match="expected width, height"):
+            run(space)
+        kept = len([*space.eval_dir.rglob("clear.png"), *space.eval_dir.rglob("fog-3.png")])
+        assert 0 < kept < 40
+        fake.faults, fake.pictures, fake.actors = {}, 0, {}
+        checks = 4  # of the object in its place
+        assert run(space).computed == 40 and fake.pictures <= 2 * 2 * (40 - kept + checks)
+        one = next(space.eval_dir.rglob("fog-3.png"))
+        one.write_bytes(b"no picture")
+        [(_, reason)] = run(space).failed
+        assert "fog-3.png: expected a PNG: delete it and run again" in reason
+
+
+def test_what_does_not_go_with_a_simulator(tmp_path, make_crate_space, in_field) -> None:
+    space = make_crate_space(tmp_path)
+    config = make_config(renderer="airsim://127.0.0.1:9")
+    with pytest.raises(ToolkitError, match="engine ray: expected local with a simulator"):
+        evaluate_world(space, make_onlooker(), config, EngineConfig(engine="ray"))
+    with pytest.raises(ToolkitError, match="time dusk: goes with renderer rig: a simulator has a sky of its own"):
+        evaluate_world(space, make_onlooker(), config.with_overrides(time="dusk"))
+    with pytest.raises(ToolkitError, match=r"airsim://127\.0\.0\.1:9: nobody answers"):
+        evaluate_world(space, make_onlooker(), config)
+    objects = space.eval_dir / "world-city-crate-onlooker" / "objects"
+    assert sorted(file.name for file in objects.iterdir()) == ["crate_patched.glb", "crate_unpatched.glb"]

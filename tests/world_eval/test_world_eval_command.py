@@ -59,6 +59,10 @@ def test_it_says_what_was_found(type_command, monkeypatch) -> None:
         (("--extent", "0.1"), "--extent 0.1"),
         (("--length-m", "-3"), "--length-m -3"),
         (("--sample", "0"), "--sample 0"),
+        (("--renderer", "unreal://host"), "--renderer unreal://host: expected rig or airsim://HOST"),
+        (("--renderer", "airsim://"), "--renderer airsim://: expected rig or airsim://HOST"),
+        (("--renderer", "airsim://127.0.0.1:9", "--time", "dusk"), "--time dusk: goes with --renderer rig"),
+        (("--renderer", "airsim://127.0.0.1:9", "--engine", "ray"), "--engine ray: expected local with a simulator"),
     ],
 )
 def test_what_cannot_be_meant_is_one_line(type_command, words, said) -> None:

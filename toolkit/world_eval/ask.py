@@ -35,8 +35,9 @@ from toolkit.world_eval.answers import (
     read_answers,
 )
 from toolkit.world_eval.cameras import PlaceCameras
-from toolkit.world_eval.frames import Stage, Task, render_frames
+from toolkit.world_eval.frames import Frame, FrameSource, Stage, Task, render_frames
 from toolkit.world_eval.keep import KeptFrames, encode_frame
+from toolkit.world_eval.shots import ShotFrames
 from toolkit.worlds.sky import Sky
 
 BATCH_FRAMES = 4
@@ -57,6 +58,7 @@ class Asked:
         true_index: class of the object.
         weathers: that every frame is seen in.
         batch_size: pictures that are gathered for a pass.
+        shots: pictures that a simulator made, where one did.
     """
 
     item: TableObject
@@ -66,16 +68,19 @@ class Asked:
     true_index: int
     weathers: tuple[WeatherKey, ...]
     batch_size: int | None
+    shots: ShotFrames | None = None
 
     def tasks(self) -> list[Task]:
         """Every frame in every weather; those of a place and variant follow each other."""
         stage = self.stage
         camera = stage.camera.intrinsics
-        shared = hash_inputs(
-            METHOD_VERSION, LOOK_VERSION, stage.world.sha256, _hash_sky(stage.sky), camera, stage.seed,
+        network = (
             self.classifier.arch, self.classifier.weights.sha256, self.classifier.preprocessing.describe(),
             self.true_index,
         )  # fmt: skip
+        shared = hash_inputs(
+            METHOD_VERSION, LOOK_VERSION, stage.world.sha256, _hash_sky(stage.sky), camera, stage.seed, *network
+        )
         meshes = {name: hash_mesh(one.mesh) for name, one in stage.variants.items()}
         tasks = []
         for k, place in enumerate(self.places):
@@ -86,7 +91,12 @@ class Asked:
                     item = k * 1_000_000_000 + one.number  # a grid has at most a million points
                     frame = hash_inputs(there, one.T_world_camera.tolist(), item)
                     tasks.append(Task(frame, k, name, item, one, self.weathers, False))
-        return tasks
+        if self.shots is None:
+            return tasks
+        # a simulator's pictures are known by their bytes: what they were made of is not ours to hash
+        return [
+            task._replace(frame=hash_inputs(METHOD_VERSION, *network, self.shots.hash_pictures(task))) for task in tasks
+        ]
 
 
 def _hash_sky(sky: Sky) -> str:
@@ -112,11 +122,17 @@ class Said:
     failed: tuple[tuple[str, str], ...]
 
 
-def ask_missing(asked: Asked, log: Path, kept: KeptFrames, engine: Engine) -> Said:
+def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine) -> Said:
     """All answers, those that are not in the log computed and added to it.
 
     Memory holds the units in hand, and in one process a batch of pictures and a few frames, whatever the size of the
     grid. A killed run goes on with the next frames. Where a unit fails, its cameras are left out.
+
+    Args:
+        asked: what, of whom.
+        log: of answers.
+        kept: gets the frames that stay on disk; None where all are there, as a simulator's are.
+        engine: does the units.
 
     Raises:
         ToolkitError: no camera is left, or the disk is full.
@@ -125,10 +141,13 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames, engine: Engine) -> Sa
     known = read_answers(log, (task.frame for task in tasks))
     names = {weather: name_weather(weather) for weather in asked.weathers}
     missing = [(task, [w for w in task.weathers if names[w] not in known[task.frame]]) for task in tasks]
+    lacking = {task.frame for task in tasks if kept is not None and kept.lacks(task)}
     wanted = [
-        (task if kept.lacks(task) else task._replace(weathers=tuple(weathers)))._replace(is_kept=kept.wants(task))
+        (task if task.frame in lacking else task._replace(weathers=tuple(weathers)))._replace(
+            is_kept=kept is not None and kept.wants(task)
+        )
         for task, weathers in missing
-        if weathers or kept.lacks(task)
+        if weathers or task.frame in lacking
     ]
     todo, total = sum(len(task.weathers) for task in wanted), len(tasks) * len(asked.weathers)
     failures: list[Outcome[tuple[Task, ...], AnsweredFrame]] = []
@@ -149,7 +168,7 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames, engine: Engine) -> Sa
                 check_hope(failures, computed)
                 continue
             at, line, files = outcome.result
-            if files:
+            if files and kept is not None:
                 kept.write(outcome.unit.tag[at], files)
             lines.append(line)
             computed += len(line.answers)
@@ -184,17 +203,32 @@ def _gather(
     return tuple(place for place in places if place.cameras), answers
 
 
-class Setup(NamedTuple):
-    """What all units of a run need.
+class Rendered(NamedTuple):
+    """Frames of our own renderer.
 
     Attributes:
         stage: what is rendered.
         light: on what stands around, worked out once by the driver.
-        classifier, true_index, batch_size: see `Asked`.
     """
 
     stage: Stage
     light: Lighting
+
+    def frames(self, tasks: Sequence[Task]) -> Iterator[Frame]:
+        """See `render_frames`."""
+        keep_light(self.stage.places[0].scene, self.light)
+        return render_frames(self.stage, tasks)
+
+
+class Setup(NamedTuple):
+    """What all units of a run need.
+
+    Attributes:
+        source: of the pictures.
+        classifier, true_index, batch_size: see `Asked`.
+    """
+
+    source: FrameSource
     classifier: Classifier
     true_index: int
     batch_size: int | None
@@ -219,8 +253,8 @@ def list_units(asked: Asked, tasks: Sequence[Task], engine: Engine) -> Iterator[
     if not tasks:
         return
     stage = asked.stage
-    light = light_surroundings(stage.places[0].scene)
-    setup = engine.share(Setup(stage, light, asked.classifier, asked.true_index, asked.batch_size))
+    source = asked.shots or Rendered(stage, light_surroundings(stage.places[0].scene))
+    setup = engine.share(Setup(source, asked.classifier, asked.true_index, asked.batch_size))
     for (place, variant), group in groupby(tasks, key=lambda task: (task.place, task.variant)):
         own = list(group)
         most = max(len(task.weathers) for task in own)
@@ -234,10 +268,9 @@ def list_units(asked: Asked, tasks: Sequence[Task], engine: Engine) -> Iterator[
 def answer_unit(shared: Shared[Setup], tasks: Sequence[Task]) -> Iterator[AnsweredFrame]:
     """The work of a unit: its frames' answers, each frame's whole, in order."""
     setup = shared.get()
-    keep_light(setup.stage.places[0].scene, setup.light)
 
     def show() -> Iterator[tuple[tuple[int, WeatherKey, dict[str, bytes]], np.ndarray]]:
-        for at, frame in enumerate(render_frames(setup.stage, tasks)):
+        for at, frame in enumerate(setup.source.frames(tasks)):
             files = encode_frame(frame) if frame.task.is_kept else {}
             for weather, picture in zip(frame.task.weathers, frame.pictures, strict=True):
                 yield (at, weather, files), picture

@@ -6,10 +6,11 @@ from typing import Annotated
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from toolkit.core.config import Config, Flag
+from toolkit.core.config import Config, Flag, Later
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.evaluation.config import RunName
 from toolkit.rig.variants import VARIANTS
+from toolkit.worlds.airsim import Address
 from toolkit.worlds.place import DRY, Kind
 from toolkit.worlds.sky import TIMES
 from toolkit.worlds.weather import CLEAR, parse_weathers
@@ -20,6 +21,7 @@ MOST_POINTS = 1_000_000
 ON_THE_TABLE = "patch-alone"
 ABSENT = "absent"
 """The variant without the object: how often its class is said of the place alone."""
+RIG = "rig"
 WORLD, VIEW = "World", "Cameras"
 
 
@@ -58,6 +60,13 @@ def check_time(time: str) -> str:
     if time not in TIMES:
         raise one_of("time of day", time, list(TIMES))
     return time
+
+
+def check_renderer(renderer: str) -> str:
+    """`rig`, or a simulator's address; a `FieldError` where it is neither."""
+    if renderer != RIG:
+        Address.parse(renderer)
+    return renderer
 
 
 def check_variants(variants: tuple[str, ...]) -> tuple[str, ...]:
@@ -124,6 +133,9 @@ class WorldEvalConfig(Config):
     )
     sample: Annotated[int | None, Field(ge=1), Flag(metavar="N", group=VIEW)] = Field(
         None, description="Cameras at each place, drawn by the seed from those of the grid. Default: all."
+    )
+    renderer: Annotated[str, AfterValidator(check_renderer), Later(), Flag(metavar="rig|airsim://HOST", group=VIEW)] = (
+        Field(RIG, description="Who makes the pictures: rig, or a running AirSim, Colosseum or Cosys-AirSim.")
     )
     seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Same seed, same bytes on the same machine.")
     batch_size: Annotated[int | None, Field(ge=1), Flag("--batch")] = Field(

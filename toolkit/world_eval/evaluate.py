@@ -1,12 +1,13 @@
 """An evaluation in a world, from a config to a results folder: place, plan, render, weather, ask, summarise, write."""
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from toolkit.core.console import progress
+from toolkit.core.errors import FieldError
 from toolkit.core.locks import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
@@ -16,11 +17,13 @@ from toolkit.rig.camera import Camera
 from toolkit.rig.variants import dress, find_booster
 from toolkit.world_eval.ask import Asked, ask_missing
 from toolkit.world_eval.cameras import PlaceCameras, plan_cameras
-from toolkit.world_eval.config import ABSENT, WorldEvalConfig
+from toolkit.world_eval.config import ABSENT, RIG, WorldEvalConfig
 from toolkit.world_eval.frames import Stage, Variant
 from toolkit.world_eval.keep import KeptFrames
 from toolkit.world_eval.report import WorldFiles, write_results
 from toolkit.world_eval.results import WorldResults
+from toolkit.world_eval.simulator import shoot_missing
+from toolkit.worlds.airsim import Address
 from toolkit.worlds.catalogue import open_world
 from toolkit.worlds.picture import make_speck
 from toolkit.worlds.place import choose_places, find_radius, place_object, scale_to_world
@@ -63,15 +66,27 @@ def evaluate_world(
 
     Raises:
         ToolkitError: an unknown object, variant, world or weather, a missing booster, an object that is larger than
-            every place, no camera that can stand, a network whose output is never finite, or a disk that is full.
+            every place, no camera that can stand, a network whose output is never finite, a disk that is full, or a
+            simulator that does not do as it is told.
     """
+    if config.renderer != RIG and engine is not None and engine.engine != "local":
+        raise FieldError(
+            "expected local with a simulator, whose pictures lie on this machine", {"engine": engine.engine}
+        )
     asked = plan_run(workspace, classifier, config)
     run_dir = workspace.eval_dir / (config.run or name_run(config, classifier))
     worlds_dir = workspace.eval_dir / "worlds"
     with hold_folder(worlds_dir), (engine or EngineConfig()).open(gpus=int(classifier.device != "cpu")) as hands:
-        kept = KeptFrames(run_dir / "frames", asked.stage, asked.places, asked.item.spec, everything=config.keep)
-        said = ask_missing(asked, worlds_dir / "answers.jsonl", kept, hands)
-    results = WorldResults(config, classifier, asked.item, asked.true_index, asked.stage, said.places, said.answers)
+        everything = config.keep or config.renderer != RIG
+        kept = KeptFrames(run_dir / "frames", asked.stage, asked.places, asked.item.spec, everything)
+        renderer = None
+        if config.renderer != RIG:
+            shots = shoot_missing(Address.parse(config.renderer), asked.stage, asked.places, asked.tasks(), kept)
+            asked, renderer = replace(asked, shots=shots), shots.renderer
+        said = ask_missing(asked, worlds_dir / "answers.jsonl", None if asked.shots else kept, hands)
+    results = WorldResults(
+        config, classifier, asked.item, asked.true_index, asked.stage, said.places, said.answers, renderer
+    )
     return WorldRun(results, write_results(run_dir, results, kept), said.computed, said.kept, said.failed)
 
 
@@ -82,6 +97,10 @@ def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConf
     variants = dress_variants(workspace, item, config)
     world = open_world(workspace, config.world, config.world_seed, config.scale)
     sky = make_sky(config.time, config.seed)
+    if config.renderer != RIG:
+        if config.time != WorldEvalConfig.model_fields["time"].default:
+            raise FieldError("goes with {renderer} rig: a simulator has a sky of its own", {"time": config.time})
+        sky = replace(sky, name="simulator's own")
     bare = scale_to_world(item.mesh, item.spec, config.length_m)
     radius = max(find_radius(one.mesh) for one in variants.values())
     spots = choose_places(world, radius, config.places, config.seed, kinds=config.kinds)

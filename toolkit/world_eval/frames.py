@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -97,6 +97,14 @@ class Stage:
     seed: int
     places: tuple[Placed, ...]
     variants: dict[str, Variant]
+
+
+class FrameSource(Protocol):
+    """Who makes the pictures of a grid; workers get a copy."""
+
+    def frames(self, tasks: Sequence[Task]) -> Iterator[Frame]:
+        """The frames of tasks, in order, each in all of its weathers."""
+        ...
 
 
 def render_frames(stage: Stage, tasks: Sequence[Task], threads: int | None = None) -> Iterator[Frame]:

@@ -2,10 +2,11 @@
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, SerializerFunctionWrapHandler, model_serializer
 
 from toolkit.core.files import write_bytes
 from toolkit.core.records import RecordLog
@@ -34,6 +35,7 @@ class KeptFrame(BaseModel):
         intrinsics: width, height, fx, fy, cx, cy in pixels.
         box: (8, 3) corners of the object's bounding box in the world, metres.
         azimuth_deg, elevation_deg, distance_m, visible_share, picture_share: as in `GridCamera`.
+        renderer: the simulator that made the pictures; None, and not written, of our own.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -56,6 +58,11 @@ class KeptFrame(BaseModel):
     distance_m: float
     visible_share: float
     picture_share: float
+    renderer: str | None = None
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {name: value for name, value in dump(self).items() if name != "renderer" or value is not None}
 
 
 def name_picture(weather: WeatherKey) -> str:
@@ -78,11 +85,17 @@ class KeptFrames:
             spec: of the object.
             everything: keep all frames; otherwise one camera of each place.
         """
+        self.renderer: str | None = None
         self.folder, self._stage, self._spec = folder, stage, spec
         self.shown = {place.placed.spot.name: choose_shown(place) for place in places}
         self._everything = everything
         self._log = RecordLog(folder / "manifest.jsonl", KeptFrame, required=False)
         self._known = self._log.read_last(lambda record: record.path)
+
+    @property
+    def object_name(self) -> str:
+        """Of what stands there."""
+        return self._spec.name
 
     def wants(self, task: Task) -> bool:
         """Whether a frame is kept."""
@@ -98,6 +111,11 @@ class KeptFrames:
         names = [name_picture(weather) for weather in task.weathers]
         folder = self.folder / record.path
         return any(name not in record.weathers or not (folder / f"{name}.png").is_file() for name in names)
+
+    def describe_renderers(self, tasks: Iterable[Task]) -> str:
+        """The simulators that made the pictures of tasks, each once."""
+        paths = [self.path_of(self._name(task), task.variant, task.camera) for task in tasks]
+        return "; ".join(sorted({self._known[path].renderer or "" for path in paths}))
 
     def has_shown(self, place: PlaceCameras, variants: Iterable[str], weathers: Iterable[WeatherKey]) -> bool:
         """Whether the pictures of a place that are shown are there, and none of its camera failed."""
@@ -145,6 +163,7 @@ class KeptFrames:
             T_world_object=pose_of(placed.stand).tolist(), intrinsics=stage.camera.intrinsics,
             box=np.round(placed.box, 6).tolist(), azimuth_deg=camera.azimuth_deg, elevation_deg=camera.elevation_deg,
             distance_m=camera.distance_m, visible_share=camera.visible_share, picture_share=camera.picture_share,
+            renderer=self.renderer,
         )  # fmt: skip
 
 

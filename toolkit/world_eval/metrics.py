@@ -103,7 +103,7 @@ def describe_run(results: WorldResults) -> dict[str, Any]:
             "nearest_lengths": NEAREST, "sample": results.config.sample,
         },
         "weathers": [name_weather(weather) for weather in results.weathers],
-        "config": results.config.record(),
+        "config": results.config.record(), **({"renderer": results.renderer} if results.renderer else {}),
     }  # fmt: skip
 
 
@@ -136,6 +136,11 @@ def list_notes(results: WorldResults) -> list[str]:
     if lost or gone:
         whole = f" and {gone} whole place{'s' if gone > 1 else ''}" if gone else ""
         notes.append(f"Left out in all variants, as their pictures failed: {lost} cameras{whole}. Run it again.")
+    if results.renderer:
+        notes.append(
+            f"Pictures by {results.renderer}. Its weather is its own: for severities 1 to 5 it got 0.2 to 1, densities "
+            "without a visibility; those shown are what the same severities have in our renderer, by convention."
+        )
     sample = results.config.sample
     if sample is not None:
         standing = sum(place.standing for place in results.places)

@@ -44,6 +44,7 @@ class WorldResults:
         stage: world, sky, camera, places and variants.
         places: cameras at each place.
         answers: by variant and weather, of all cameras of all places, in order.
+        renderer: the simulator that made the pictures; None of our own.
     """
 
     config: WorldEvalConfig
@@ -53,6 +54,7 @@ class WorldResults:
     stage: Stage
     places: tuple[PlaceCameras, ...]
     answers: dict[tuple[str, WeatherKey], Answers]
+    renderer: str | None = None
 
     @cached_property
     def variants(self) -> list[str]:

@@ -1,21 +1,26 @@
 """Pictures of the grid from a running simulator: the same object, places and cameras, its own sky and weather."""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import astuple
 from itertools import groupby
 from pathlib import Path
 
 import numpy as np
 
+from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
 from toolkit.objects.export import to_glb
+from toolkit.objects.mesh import hash_mesh
 from toolkit.rig.camera import pixel_rays
 from toolkit.rig.lighting import Shape
+from toolkit.world_eval.answers import hash_inputs
 from toolkit.world_eval.cameras import PlaceCameras
 from toolkit.world_eval.config import ABSENT
 from toolkit.world_eval.frames import OBJECT_ID, SKY_ID, Frame, Stage, Task
-from toolkit.world_eval.keep import choose_shown, pose_of
-from toolkit.worlds.airsim import AirSim, Shot
+from toolkit.world_eval.keep import KeptFrames, choose_shown, encode_frame, pose_of
+from toolkit.world_eval.shots import ShotFrames
+from toolkit.worlds.airsim import Address, AirSim, Shot
 from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.weather import CLEAR, to_airsim
 
@@ -42,6 +47,44 @@ def write_objects(folder: Path, stage: Stage, name: str) -> dict[str, Path]:
         for variant, one in stage.variants.items()
         if variant != ABSENT
     }
+
+
+def shoot_missing(
+    address: Address, stage: Stage, places: Sequence[PlaceCameras], tasks: Sequence[Task], kept: KeptFrames
+) -> ShotFrames:
+    """Shoot what is not in the folder yet; the simulator need not run where all is there.
+
+    The objects are written as GLBs to the folder `objects` beside the frames: for the simulator's project.
+
+    Args:
+        address: of the simulator.
+        stage, places: what is shot.
+        tasks: in all of their weathers.
+        kept: where the frames go.
+
+    Raises:
+        ToolkitError: as `AirSim` and `shoot_frames`, or the disk is full. What was shot before stays.
+    """
+    name = kept.object_name
+    write_objects(kept.folder.parent / "objects", stage, name)
+    camera, meshes = stage.camera.intrinsics, {key: hash_mesh(one.mesh) for key, one in stage.variants.items()}
+    shared = hash_inputs(list(astuple(address)), stage.world.sha256, camera)
+    missing = []
+    for task in tasks:
+        stand = stage.places[task.place].stand
+        where = list(stand.place), stand.turn_deg, task.camera.T_world_camera.tolist()
+        frame = task._replace(frame=hash_inputs(shared, meshes[task.variant], *where), is_kept=True)
+        weathers = tuple(one for one in task.weathers if kept.lacks(frame._replace(weathers=(one,))))
+        missing += [frame._replace(weathers=weathers)] if weathers else []
+    todo = sum(len(task.weathers) for task in missing)
+    total = sum(len(task.weathers) for task in tasks)
+    if missing:
+        with AirSim(address) as simulator, progress("shooting (pictures)", total, done=total - todo) as bar:
+            kept.renderer = simulator.describe()
+            for shot in shoot_frames(simulator, stage, places, name, missing):
+                kept.write(shot.task, encode_frame(shot))
+                bar.advance()
+    return ShotFrames(kept.folder, tuple(one.spot.name for one in stage.places), kept.describe_renderers(tasks))
 
 
 def shoot_frames(

@@ -11,13 +11,13 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.text import shorten
 from toolkit.worlds.msgpack_rpc import CallError, Connection
 from toolkit.worlds.ned import camera_to_ned, find_miss, object_to_ned, pack_pose, read_fields, unpack_pose
 
 SCHEME, PORT = "airsim", 41451
-EXPECTED = f"{SCHEME}://HOST, with :PORT where it is not {PORT}, such as {SCHEME}://127.0.0.1"
+EXPECTED = f"expected rig or {SCHEME}://HOST:PORT, such as {SCHEME}://127.0.0.1:{PORT}"
 OPTIONS = ("camera", "vehicle", "origin")
 WEATHER_NUMBERS = {
     "Rain": 0, "Roadwetness": 1, "Snow": 2, "RoadSnow": 3, "MapleLeaf": 4, "RoadLeaf": 5, "Dust": 6, "Fog": 7,
@@ -57,19 +57,19 @@ class Address:
         """From `airsim://HOST:PORT?camera=0&vehicle=NAME&origin=N,E,D`; all but the host may be left out.
 
         Raises:
-            ToolkitError: another scheme, no host, a port that is none, or an unknown option.
+            FieldError: another scheme, no host, a port that is none, or an unknown option.
         """
         try:
             parts = urlsplit(text)
             host, port = parts.hostname, parts.port or PORT
             options = parse_qs(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))
         except ValueError as error:
-            raise ToolkitError(f"'{shorten(text)}' ({error}): expected {EXPECTED}") from None
+            raise FieldError(f"{EXPECTED} ({error})", {"renderer": text}) from None
         if parts.scheme != SCHEME or not host or parts.path.strip("/") or parts.fragment:
-            raise ToolkitError(f"'{shorten(text)}': expected {EXPECTED}")
+            raise FieldError(EXPECTED, {"renderer": text})
         unknown = [name for name in options if name not in OPTIONS]
         if unknown:
-            raise ToolkitError(f"'{shorten(text)}': no option called '{unknown[0]}': known: {', '.join(OPTIONS)}")
+            raise FieldError(f"no option called '{unknown[0]}': known: {', '.join(OPTIONS)}", {"renderer": text})
         given = {name: values[-1] for name, values in options.items()}
         try:
             north, east, down = (float(one) for one in given.get("origin", "0,0,0").split(","))
@@ -77,7 +77,7 @@ class Address:
         except ValueError:
             is_finite = False
         if not is_finite:
-            raise ToolkitError(f"'{shorten(text)}': expected metres north, east and down, such as origin=10,-4,0")
+            raise FieldError("expected metres north, east and down, such as origin=10,-4,0", {"renderer": text})
         return cls(host, port, given.get("camera", "0"), given.get("vehicle", ""), (north, east, down))
 
     def __str__(self) -> str:
