@@ -20,13 +20,13 @@ from toolkit.core.files import read_bytes, sha256_file, write_bytes, write_json
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.shading import tone_map
+from toolkit.worlds.conditions import CLEAR
 from toolkit.worlds.film import FPS, write_film
 from toolkit.worlds.flight import Flight, plan_flight
 from toolkit.worlds.picture import leave_empty, make_renderer, see_through
 from toolkit.worlds.place import Placed, place_object
 from toolkit.worlds.sky import Sky
 from toolkit.worlds.viewpoints import FOV_DEG, HEADROOM_M, Viewpoint, choose_viewpoints, clearance
-from toolkit.worlds.weather import CLEAR
 from toolkit.worlds.world import World
 from toolkit.worlds.world_map import MapSheet, draw_map
 
