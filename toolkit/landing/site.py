@@ -14,6 +14,7 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.landing.config import CameraConfig, Ground
 from toolkit.landing.pads import Pad
+from toolkit.objects.mesh import cast_rays
 from toolkit.rig.camera import project
 from toolkit.rig.lighting import BakeDetail, Shape
 from toolkit.rig.raycast import RaycastRenderer, map_frames
@@ -154,11 +155,9 @@ def _flat_height(world: World, middle: tuple[float, float, float], size_m: float
 
 def _cast_down(world: World, points: np.ndarray) -> np.ndarray:
     """(n,) way down from points (n, 3) to the first surface; inf where there is none."""
-    import open3d as o3d
-
     rays = np.zeros((len(points), 6), np.float32)
     rays[:, :3], rays[:, 5] = points, -1.0
-    return Shape.of(world.mesh).rays.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
+    return cast_rays(Shape.of(world.mesh).rays, rays)
 
 
 @dataclass(frozen=True)
@@ -265,11 +264,8 @@ class WorldGround:
 
     def is_hit(self, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
         """(n,) bool whether a surface lies between points."""
-        import open3d as o3d
-
-        rays = np.concatenate([start, stop - start], axis=1).astype(np.float32)
-        found = Shape.of(self._world.mesh).rays.cast_rays(o3d.core.Tensor(rays))
-        return found["t_hit"].numpy() <= 1.0
+        rays = np.concatenate([start, stop - start], axis=1)
+        return cast_rays(Shape.of(self._world.mesh).rays, rays) <= 1.0
 
 
 _normals: dict[str, np.ndarray] = {}
