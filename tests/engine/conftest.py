@@ -57,5 +57,33 @@ def ask(tmp_path):
     return call
 
 
+@pytest.fixture(scope="session")
+def look(make_crate_space, tmp_path_factory):
+    """A function (name, engine) -> an evaluation in a small field whose units are eight frames, and all its bytes."""
+    from walled_field import make_config, make_onlooker, stand_in
+
+    from toolkit.world_eval import ask
+    from toolkit.world_eval.evaluate import evaluate_world
+
+    folder = tmp_path_factory.mktemp("fields")
+
+    def call(name, engine=None):
+        with pytest.MonkeyPatch.context() as patch:
+            stand_in(patch, is_drawn=False)
+            patch.setattr(ask, "UNIT_PICTURES", 32)
+            space = make_crate_space(folder / name)
+            done = evaluate_world(space, make_onlooker(), make_config(keep=True, run="run"), engine)
+            return done, read_all(space.eval_dir)
+
+    call.folder = folder
+    return call
+
+
+@pytest.fixture(scope="session")
+def looked(look):
+    """The evaluation in this process, and all its bytes."""
+    return look("here")
+
+
 def read_all(folder):
     return {str(file.relative_to(folder)): file.read_bytes() for file in folder.rglob("*") if file.is_file()}

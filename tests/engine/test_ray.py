@@ -1,6 +1,9 @@
 """Units on Ray: one node, three nodes, a node that dies. Asked for with TEST_RAY=1: Ray listens on all interfaces."""
 
+import contextlib
 import os
+import socket
+import threading
 
 import engine_work
 import pytest
@@ -18,6 +21,16 @@ def units_of(work, *each):
     return [Unit(f"{at:064d}", work, inputs, f"unit {at}", at) for at, inputs in enumerate(each)]
 
 
+class Hands:
+    """A config of an engine that is open already, for who opens it."""
+
+    def __init__(self, engine):
+        self.engine = engine
+
+    def open(self, gpus=0):
+        return contextlib.nullcontext(self.engine)
+
+
 @pytest.fixture
 def cluster():
     """Three nodes of one core each."""
@@ -31,7 +44,7 @@ def cluster():
 
 
 @wanted
-def test_one_node_gives_the_same_bytes_and_failures(shoot, ask):
+def test_one_node_gives_the_same_bytes_and_failures(shoot, ask, look, looked):
     (_, here), (_, said) = shoot("sim", InProcess()), ask("here", InProcess())
     with EngineConfig(engine="ray", workers=2).open() as engine:
         (result, there), (_, said_there) = shoot("ray", engine), ask("ray", engine)
@@ -42,6 +55,7 @@ def test_one_node_gives_the_same_bytes_and_failures(shoot, ask):
         dead = [
             (one.result, one.reason) for one in engine.run(units_of(engine_work.die, *((at, 1) for at in range(3))))
         ]
+        assert look("one-node", Hands(engine))[1] == looked[1]
     assert not ray.is_initialized()
     assert here == there and said == said_there and result.shot == 4
     assert found == [(0, 0, False), (1, None, True), (2, 2, False)]
@@ -49,11 +63,12 @@ def test_one_node_gives_the_same_bytes_and_failures(shoot, ask):
 
 
 @wanted
-def test_three_nodes_give_the_same_bytes_and_one_may_die(cluster, shoot, ask):
+def test_three_nodes_give_the_same_bytes_and_one_may_die(cluster, shoot, ask, look, looked):
     (_, here), (_, said) = shoot("sim", InProcess()), ask("here", InProcess())
     with EngineConfig(engine="ray", address=cluster.address).open() as engine:
         assert engine.workers == 3
         assert shoot("ray", engine)[1] == here and ask("ray", engine)[1] == said
+        assert look("three-nodes", Hands(engine))[1] == looked[1]
         found = []
         for one in engine.run(units_of(engine_work.wait_and_add, *((0.5, at) for at in range(16)))):
             found.append((one.result, one.reason))
@@ -75,6 +90,28 @@ def test_an_address_where_nobody_answers_is_a_line(address, words):
     with pytest.raises(ToolkitError, match=words) as refused, engine:
         pass
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("said", [b"", b"HTTP/1.1 400 Bad Request\r\n\r\n"])
+def test_an_address_of_something_else_is_a_line(said, monkeypatch):
+    """One that says nothing is left after seconds; Ray itself would wait for minutes."""
+    monkeypatch.setattr("toolkit.engine.on_ray.ANSWER_S", 0.5)
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def answer():
+            line, _ = listener.accept()
+            with line, contextlib.suppress(OSError):
+                line.sendall(said)
+                while line.recv(1 << 10):
+                    pass
+
+        thread = threading.Thread(target=answer, daemon=True)
+        thread.start()
+        port = listener.getsockname()[1]
+        engine = EngineConfig(engine="ray", address=f"127.0.0.1:{port}").open()
+        with pytest.raises(ToolkitError, match=f"what answers at 127.0.0.1:{port} is no Ray"), engine:
+            pass
+        thread.join(5)
 
 
 def test_without_ray_the_error_names_the_extra(monkeypatch):

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import torch
 
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier
@@ -49,24 +50,25 @@ def make_field() -> World:
     return World("field", 0, mesh, np.array(classes, np.uint8), spots, WALL, core)
 
 
+class Onlooker(torch.nn.Module):
+    """Random weights; `seen` counts the pictures that it was shown."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        torch.manual_seed(3)
+        self.layers = torch.nn.Sequential(
+            torch.nn.Conv2d(3, 8, 5, 2), torch.nn.ReLU(), torch.nn.Conv2d(8, 8, 3, 2), torch.nn.ReLU(),
+            torch.nn.AdaptiveAvgPool2d(2), torch.nn.Flatten(), torch.nn.Linear(32, len(LABELS)),
+        )  # fmt: skip
+        self.seen = 0
+
+    def forward(self, batch: torch.Tensor) -> torch.Tensor:
+        self.seen += len(batch)
+        return 40 * self.layers(batch)
+
+
 def make_onlooker() -> Classifier:
-    """A network of random weights that tells `LABELS`; `module.seen` counts the pictures it was shown."""
-    import torch
-
-    class Onlooker(torch.nn.Module):
-        def __init__(self) -> None:
-            super().__init__()
-            torch.manual_seed(3)
-            self.layers = torch.nn.Sequential(
-                torch.nn.Conv2d(3, 8, 5, 2), torch.nn.ReLU(), torch.nn.Conv2d(8, 8, 3, 2), torch.nn.ReLU(),
-                torch.nn.AdaptiveAvgPool2d(2), torch.nn.Flatten(), torch.nn.Linear(32, len(LABELS)),
-            )  # fmt: skip
-            self.seen = 0
-
-        def forward(self, batch: torch.Tensor) -> torch.Tensor:
-            self.seen += len(batch)
-            return 40 * self.layers(batch)
-
+    """A network of random weights that tells `LABELS`."""
     how = Preprocessing(36, PX, (0.4, 0.4, 0.4), (0.3, 0.3, 0.3))
     file = WeightsFile(Path("onlooker.pth"), "0f" * 32, "onlooker.pth")
     return Classifier("onlooker", Onlooker().eval(), LABELS, how, file, "cpu", False)

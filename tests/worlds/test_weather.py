@@ -5,6 +5,7 @@ import pytest
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.rig.camera import Camera, look_at
+from toolkit.worlds.conditions import parse_weathers
 from toolkit.worlds.depth_view import DepthView
 from toolkit.worlds.fog import Dust, Fog
 from toolkit.worlds.rain import Rain
@@ -17,7 +18,6 @@ from toolkit.worlds.weather import (
     describe_weathers,
     from_airsim,
     make_weather,
-    parse_weathers,
     to_airsim,
     weather_rng,
 )

@@ -5,6 +5,7 @@ back as a reason. The kit travels with the tasks, so that the nodes need Python,
 """
 
 import os
+import pickle
 import socket
 from collections import OrderedDict, deque
 from collections.abc import Iterable, Iterator
@@ -25,6 +26,8 @@ AHEAD = 2
 RETRIES = 3
 """How often Ray does a unit again whose worker or node died."""
 ANSWER_S = 5.0
+HTTP2_SETTINGS = b"\x04"
+HTTP2_PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + HTTP2_SETTINGS + b"\0\0\0\0\0"
 """How long a cluster may take to answer at its address."""
 KEPT = 8
 """Shared values that a worker keeps, such as networks on their device."""
@@ -32,9 +35,12 @@ _kept: "OrderedDict[str, Any]" = OrderedDict()
 
 
 class InStore(Generic[Value]):
-    """A shared value in Ray's object store; each worker reads it once and keeps it."""
+    """A shared value in Ray's object store; each worker reads it once and keeps it.
 
-    def __init__(self, reference: "ray.ObjectRef[Value]") -> None:
+    It lies there pickled whole: arrays that Ray takes apart come back read-only, another type to compiled code.
+    """
+
+    def __init__(self, reference: "ray.ObjectRef[bytes]") -> None:
         self._reference = reference
 
     def get(self) -> Value:
@@ -43,7 +49,7 @@ class InStore(Generic[Value]):
 
         name = self._reference.hex()
         if name not in _kept:
-            _kept[name] = ray.get(self._reference)
+            _kept[name] = pickle.loads(ray.get(self._reference))  # put there by this engine's own driver
             while len(_kept) > KEPT:
                 _kept.popitem(last=False)
         _kept.move_to_end(name)
@@ -118,8 +124,8 @@ class RayEngine:
         import ray
 
         try:
-            return InStore(ray.put(value))
-        except TypeError as error:
+            return InStore(ray.put(ray.cloudpickle.dumps(value)))
+        except (TypeError, pickle.PicklingError) as error:
             raise ToolkitError(f"{type(value).__name__} cannot be sent to another process ({error})") from None
 
     def run(self, units: Iterable[Unit[Tag, Result]]) -> Iterator[Outcome[Tag, Result]]:
@@ -131,7 +137,7 @@ class RayEngine:
         most = AHEAD * (self.workers or 1)
         while True:
             for unit in islice(rest, max(0, most - len(waiting))):
-                waiting.append((unit, self._task.remote(unit.work, unit.inputs)))
+                waiting.append((unit, self._submit(unit)))
             if not waiting:
                 return
             # wait for the next in order; the others go on meanwhile, and their results wait in the store
@@ -148,6 +154,15 @@ class RayEngine:
             yield from (Outcome(unit, result) for result in results)
             if reason:
                 yield Outcome(unit, None, reason)
+
+    def _submit(self, unit: Unit[Tag, Result]) -> "ray.ObjectRef[tuple[list[Result], str]]":
+        import ray
+
+        shared = {at: one for at, one in enumerate(unit.inputs) if isinstance(one, InStore)}
+        own = tuple(None if at in shared else one for at, one in enumerate(unit.inputs))
+        reference: ray.ObjectRef[tuple[list[Result], str]]
+        reference = self._task.remote(ray.cloudpickle.dumps((unit.work, own)), shared)
+        return reference
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -172,14 +187,32 @@ def _check_answer(address: str | None) -> None:
     if not host or not port.isdigit() or not 0 < int(port) < 65536:
         raise ToolkitError(f"Ray's address '{address}': expected HOST:PORT, such as 10.0.0.1:6379, or auto")
     try:
-        socket.create_connection((host, int(port)), ANSWER_S).close()
+        with socket.create_connection((host, int(port)), ANSWER_S) as line:
+            is_grpc = os.environ.get("RAY_USE_TLS", "0") != "0" or _speaks_http2(line)
     except OSError as error:
         raise ToolkitError(
             f"nobody answers at Ray's address {address} ({error.strerror or error}): start it with 'ray start --head', "
             "and open its port"
         ) from None
+    if not is_grpc:
+        raise ToolkitError(
+            f"what answers at {address} is no Ray: expected the port that 'ray start --head' names, by default 6379"
+        )
 
 
-def _do_on_node(work: Any, inputs: tuple[object, ...]) -> tuple[list[object], str]:
+def _speaks_http2(line: socket.socket) -> bool:
+    """Whether a server opens with a frame of settings, as gRPC's do (RFC 9113, section 3.4)."""
+    line.sendall(HTTP2_PREFACE)
+    start = b""
+    try:
+        while len(start) < 4 and (more := line.recv(9)):
+            start += more
+    except TimeoutError:
+        pass
+    return start[3:4] == HTTP2_SETTINGS
+
+
+def _do_on_node(pickled: bytes, shared: dict[int, InStore[Any]]) -> tuple[list[object], str]:
     limit_cores(1)
-    return do_work(work, inputs)
+    work, inputs = pickle.loads(pickled)
+    return do_work(work, tuple(shared.get(at, one) for at, one in enumerate(inputs)))

@@ -22,7 +22,8 @@ from toolkit.world_eval.keep import KeptFrames, choose_shown, encode_frame, pose
 from toolkit.world_eval.shots import ShotFrames
 from toolkit.worlds.airsim import Address, AirSim, Shot
 from toolkit.worlds.classes import SceneClass
-from toolkit.worlds.weather import CLEAR, to_airsim
+from toolkit.worlds.conditions import CLEAR
+from toolkit.worlds.weather import to_airsim
 
 DEPTH_SLACK, DEPTH_SLACK_M = 0.02, 0.05
 LEAST_AGREEING = 0.5

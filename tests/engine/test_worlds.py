@@ -1,0 +1,149 @@
+"""Evaluations in a world on the engines: the same bytes everywhere, a bad unit alone, and a killed run that goes on."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import walled_field
+
+from toolkit.core.errors import ToolkitError
+from toolkit.engine.config import EngineConfig
+from toolkit.rig import bake_cache
+from toolkit.world_eval import ask
+
+
+@pytest.mark.slow
+def test_a_pool_writes_the_same_bytes(look, looked):
+    here, files = looked
+    there, others = look("pool", EngineConfig(workers=2))
+    assert there.computed == here.computed == sum(len(one.true_rank) for one in here.results.answers.values())
+    assert (there.kept, there.failed) == (0, ()) and len(files) > 100
+    assert files == others
+
+
+def test_light_is_worked_out_by_the_driver_alone(look, looked, monkeypatch):
+    """What is sent to a worker holds the light, and nothing that rays are cast at."""
+    import pickle
+
+    sent = {}
+
+    def resend(shared, tasks, real=ask.answer_unit):
+        copy = sent.setdefault("setup", pickle.loads(pickle.dumps(shared.get())))
+        monkeypatch.setattr(bake_cache, "bake_surroundings", lambda *given: pytest.fail("lit again"))
+        yield from real(type(shared)(copy), tasks)
+
+    bake_cache._in_use.clear()
+    monkeypatch.setattr(ask, "answer_unit", resend)
+    assert look("resent")[1] == looked[1]
+    assert sent["setup"].stage.world is not None and "shape" not in sent["setup"].stage.world.__dict__
+
+
+def poison(monkeypatch, is_bad):
+    real = ask.render_frames
+
+    def render(stage, tasks):
+        if is_bad(tasks[0]):
+            raise RuntimeError("torn")
+        return real(stage, tasks)
+
+    monkeypatch.setattr(ask, "render_frames", render)
+
+
+def test_a_poisoned_unit_is_listed_and_its_cameras_are_left_out_everywhere(look, looked, monkeypatch):
+    whole, _ = looked
+    poison(monkeypatch, lambda task: (task.place, task.variant) == (1, "patched") and task.camera.number > 8)
+    done, _ = look("torn")
+    ((name, reason),) = done.failed
+    assert name.startswith("east patched cameras ") and reason.endswith("torn") and "test_worlds.py" in reason
+    first, last = map(int, name.rpartition(" ")[2].split("-"))
+    lost = [camera for camera in whole.results.places[1].cameras if first <= camera.number <= last]
+    assert lost and done.computed == whole.computed - 4 * len(lost)
+    left = len(whole.results.cameras) - len(lost)
+    assert len(done.results.cameras) == left
+    summary = json.loads(done.files.summary.read_text())
+    assert {group["n"] for group in summary["groups"] if group["place"] == "all"} == {left}
+    assert summary["cameras"][-1]["left out: its pictures failed"] == len(lost)
+    assert any(f"{len(lost)} cameras" in note for note in summary["notes"])
+
+
+def test_a_whole_place_may_fail_and_the_next_run_mends_it(look, looked, monkeypatch):
+    whole, files = looked
+    with monkeypatch.context() as patch:
+        poison(patch, lambda task: task.place == 1 and task.variant == "unpatched")
+        done, _ = look("again")
+    assert [place.placed.spot.name for place in done.results.places] == ["west"]
+    assert "1 whole place" in " ".join(json.loads(done.files.summary.read_text())["notes"])
+    mended, others = look("again")
+    assert not mended.failed and mended.computed + done.computed == whole.computed
+    names = ("run/predictions.csv", "run/summary.json", "run/cameras.csv", "run/report.html")
+    assert all(files[name] == others[name] for name in names)
+    assert sorted(files["worlds/answers.jsonl"].splitlines()) == sorted(others["worlds/answers.jsonl"].splitlines())
+
+
+def test_nothing_is_left_where_every_unit_fails(look, monkeypatch):
+    poison(monkeypatch, lambda task: True)
+    with pytest.raises(ToolkitError, match="torn"):
+        look("hopeless")
+
+
+SCRIPT = """
+import sys
+from pathlib import Path
+from walled_field import make_config, make_field, make_onlooker
+from toolkit.core.workspace import Workspace
+from toolkit.engine.config import EngineConfig
+from toolkit.world_eval import ask, evaluate
+from toolkit.worlds.sky import make_sky
+
+if __name__ == "__main__":
+    evaluate.open_world = lambda *given: make_field()
+    evaluate.make_sky = lambda when, seed: make_sky(when, seed, 32)
+    ask.UNIT_PICTURES = 32
+    config = make_config(keep=True, run="run")
+    evaluate.evaluate_world(Workspace(Path(sys.argv[1])), make_onlooker(), config, EngineConfig(workers=2))
+"""
+
+
+@pytest.mark.slow
+def test_a_driver_that_is_killed_goes_on_and_does_nothing_twice(look, looked, make_crate_space, tmp_path):
+    _, files = looked
+    space = make_crate_space(look.folder / "killed")
+    script = tmp_path / "driver.py"
+    script.write_text(SCRIPT)
+    log = space.eval_dir / "worlds" / "answers.jsonl"
+    run = subprocess.Popen([sys.executable, str(script), str(space.root)], start_new_session=True)
+    until = time.monotonic() + 90
+    while not log.is_file() and run.poll() is None and time.monotonic() < until:
+        time.sleep(0.002)
+    os.kill(run.pid, signal.SIGKILL)
+    assert run.wait() == -signal.SIGKILL
+    before = log.read_bytes().splitlines()
+    again, others = look("killed", EngineConfig(workers=2))
+    assert again.kept >= 4 * (len(before) - 1) > 0 and again.computed > 0
+    assert others["worlds/answers.jsonl"] == files["worlds/answers.jsonl"]
+    assert all(files[name] == others[name] for name in files if name.startswith("run/") and "report" not in name)
+
+
+@pytest.mark.slow
+def test_the_command_takes_workers_and_says_what_failed(make_crate_space, tmp_path, monkeypatch):
+    from typer.testing import CliRunner
+
+    from toolkit.cli import app
+
+    space = make_crate_space(tmp_path)
+    walled_field.stand_in(monkeypatch, is_drawn=False)
+    monkeypatch.setattr("toolkit.models.load.load_classifier", lambda *args, **kwargs: walled_field.make_onlooker())
+    words = ["world-eval", "--object", "crate", "--variant", "unpatched", "--places", "2", "--grid", "3x3x2"]
+    words += ["--length-m", "4", "--workspace", str(space.root)]
+    with monkeypatch.context() as patch:
+        poison(patch, lambda task: task.place == 1)
+        done = CliRunner().invoke(app, words)
+    assert done.exit_code == 1 and "skipped east unpatched cameras" in done.stderr.replace("\n", " "), done.output
+    done = CliRunner().invoke(app, [*words, "--workers", "1"])
+    assert done.exit_code == 0 and "kept" in done.stdout, done.output
+    assert Path(space.eval_dir / "world-city-crate-onlooker" / "summary.json").is_file()
