@@ -220,6 +220,14 @@ def test_for_an_object_class_name_and_sizes_come_from_its_spec(type_command, tmp
     assert record["settings"]["mounted_views"] == 10 and record["data"]["train"] + record["data"]["held_out"] == 40
 
 
+def test_an_object_whose_spec_names_no_size_of_its_patch(type_command, tmp_path, make_crate_space):
+    space = make_crate_space(tmp_path)
+    spec = space.objects_dir / "crate.toml"
+    spec.write_text(spec.read_text().replace("size_mm = 40", ""))
+    code, _, told = type_command("--object", "crate", "--data", "nowhere", *QUICK)
+    assert (code, told) == (2, "error: no class called 'crate': did you mean cat?\n")
+
+
 def test_without_an_object_class_and_data_are_asked_for(type_command):
     code, _, told = type_command("--data", "rig")
     assert code == 2 and "--class is missing: name it, or the object with --object" in told
