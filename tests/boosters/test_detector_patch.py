@@ -1,39 +1,16 @@
 """A patch is trained against a detector: boxes lie round the object, and the loss brings its score up."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import torch
-from torch import nn
+from red_seeker import PX, red_seeker
 
 from toolkit.boosters.detectors import DetectorNetwork, box_of_coverage, find_detectors
 from toolkit.core.errors import ToolkitError
-from toolkit.models.dense_detectors import DECODERS, DenseDetector
-from toolkit.models.weights import WeightsFile
-
-PX = 64
-
-
-class RedSeeker(nn.Module):
-    """FastestDet's outputs on a grid of 4 × 4: the redder a cell, the surer of a car that fills half the picture."""
-
-    def forward(self, batch):  # BGR in [0, 1]
-        red = nn.functional.adaptive_avg_pool2d(batch[:, 2:] - batch[:, :1], 4)
-        sure = torch.sigmoid(8 * red - 2)
-        classes = torch.cat([1 - sure, sure], 1)
-        return torch.cat([sure, torch.zeros_like(red).expand(-1, 4, -1, -1), classes], 1)
-
-
-def seeker(untrainable=""):
-    weights = WeightsFile(Path("red.onnx"), "ab" * 32, "red.onnx")
-    return DenseDetector(
-        "onnx:red.onnx", "red", RedSeeker(), DECODERS["fastestdet"], ["cup", "car"], weights, "cpu", PX, untrainable
-    )
 
 
 def test_the_loss_falls_where_score_and_box_fit():
-    detector, box = seeker(), torch.tensor([[12.0, 12.0, 44.0, 44.0]])
+    detector, box = red_seeker(), torch.tensor([[12.0, 12.0, 44.0, 44.0]])
     grey = torch.full((1, 3, PX, PX), 0.5)
     red, aside = grey.clone(), grey.clone()
     red[:, 0, 8:48, 8:48], red[:, 1:, 8:48, 8:48] = 1, 0
@@ -46,7 +23,7 @@ def test_the_loss_falls_where_score_and_box_fit():
 
 
 def test_its_gradient_is_that_of_finite_differences():
-    detector, box = seeker(), torch.tensor([[12.0, 12.0, 44.0, 44.0]])
+    detector, box = red_seeker(), torch.tensor([[12.0, 12.0, 44.0, 44.0]])
     image = torch.rand(1, 3, PX, PX, generator=torch.Generator().manual_seed(0)).double().requires_grad_()
     gradient = torch.autograd.grad(detector.losses(image, box.double(), 1).sum(), image)[0]
     along = gradient / gradient.norm()
@@ -66,7 +43,7 @@ def test_the_box_of_a_coverage():
 def test_classifiers_and_detectors_are_not_mixed():
     from tiny_network import tiny_classifier
 
-    network = DetectorNetwork(seeker())
+    network = DetectorNetwork(red_seeker())
     assert find_detectors([network]) == [network] and find_detectors([tiny_classifier()]) is None
     with pytest.raises(ToolkitError, match="not both"):
         find_detectors([network, tiny_classifier()])
@@ -87,7 +64,9 @@ def test_a_patch_makes_its_object_found(tmp_path):
     (tmp_path / "rig/objects/crate.toml").write_text(spec)
     config = PatchConfig(size_px=16, steps=25, batch=4, lr=0.1, mounted_share=0.5, mounted_views=6)
     data = DataConfig(sources=("rig:crate",), images=4)
-    trained = train_patch(config, "racer", [DetectorNetwork(seeker())], data, open_workspace(tmp_path), name="crate")
+    trained = train_patch(
+        config, "racer", [DetectorNetwork(red_seeker())], data, open_workspace(tmp_path), name="crate"
+    )
     red, _, blue = trained.patch.pixels.reshape(-1, 3).mean(0)
     assert red > blue + 60 and trained.patch.record.class_name == "car"
     assert trained.patch.record.networks[0].arch == "onnx:red.onnx"
@@ -106,7 +85,7 @@ def test_a_texture_makes_its_object_found(tmp_path):
     trimesh.creation.box((200, 160, 60)).export(tmp_path / "rig/objects/crate.obj")
     (tmp_path / "rig/objects/crate.toml").write_text('class = "racer"\nmesh = "crate.obj"\nlength_mm = 200\n')
     config = TextureConfig(objects=("crate",), size_px=16, steps=16, batch=4, lr=0.1)
-    trained = train_texture(config, [DetectorNetwork(seeker())], open_workspace(tmp_path), workers=0)
+    trained = train_texture(config, [DetectorNetwork(red_seeker())], open_workspace(tmp_path), workers=0)
     red, _, blue = trained.texture.pixels.reshape(-1, 3).mean(0)
     assert red > blue + 40 and trained.texture.record.class_name == "car"
 
@@ -116,7 +95,7 @@ def test_the_command_takes_detectors_or_classifiers(tmp_path, monkeypatch):
     from toolkit.models import load, load_detector
 
     monkeypatch.setattr(load_detector, "is_detector", lambda name: name == "ssd300_vgg16")
-    monkeypatch.setattr(load_detector, "load_detector", lambda *_: seeker())
+    monkeypatch.setattr(load_detector, "load_detector", lambda *_: red_seeker())
     monkeypatch.setattr(load, "load_classifiers", lambda models, *_: models)
     (network,) = detectors.load_networks(["ssd300_vgg16"], None)
     assert isinstance(network, DetectorNetwork) and network.labels[network.class_index("sports car")] == "car"

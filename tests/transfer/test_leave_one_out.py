@@ -4,8 +4,10 @@ import json
 from dataclasses import replace
 
 import pytest
+from red_seeker import red_seeker
 from tiny_network import tiny_classifier
 
+from toolkit.boosters.detectors import DetectorNetwork
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.objects.records import read_patch, read_texture
@@ -67,6 +69,30 @@ def test_all_but_one_are_trained_on_and_that_one_judges(space, monkeypatch):
     monkeypatch.setattr("toolkit.boosters.texture.TextureTask.loss", refuse)
     assert leave_one_out(space, config, networks).rows == result.rows
     assert evaluate_captures is not refuse
+
+
+@pytest.mark.slow
+def test_what_is_trained_on_one_kind_is_judged_by_the_other(space, monkeypatch):
+    """A classifier and a detector: each trains alone, both judge; a detector's poses are those where it finds it."""
+    make_quick(monkeypatch)
+    spec = space.objects_dir / "crate.toml"
+    spec.write_text(spec.read_text().replace('class = "crate"', 'class = "sports car"'))
+    detector = DetectorNetwork(red_seeker())
+    config = TransferConfig(steps=2, objects=("crate",), kinds=("patch",), corruptions=())
+    result = leave_one_out(space, config, [network(1), detector])
+    rows = {(row.left_out, row.judge): row for row in result.rows if row.object == "crate"}
+    assert {key: (row.trained_on, row.seen) for key, row in rows.items()} == {
+        ("detectors", "tiny:1"): (["tiny:1"], True), ("detectors", "red"): (["tiny:1"], False),
+        ("classifiers", "tiny:1"): (["red"], False), ("classifiers", "red"): (["red"], True),
+    }  # fmt: skip
+    made = space.eval_dir / "transfer/leave-one-out/without-classifiers"
+    lines = (made / "eval/red/detections.csv").read_text().splitlines()
+    found = [line.split(",")[lines[0].split(",").index("found")] for line in lines[1:] if ",patched," in line]
+    assert rows["classifiers", "red"].boosted == found.count("1") and rows["classifiers", "red"].n == len(found) == 2
+    networks = json.loads(result.json_file.read_text())["networks"]
+    assert networks["red"]["kind"] == "detector" and "kind" not in networks["tiny:1"]
+    with pytest.raises(ToolkitError, match=r"no network called 'red': known: detectors, classifiers"):
+        leave_one_out(space, config.with_overrides(left_out=("red",)), [network(1), detector])
 
 
 def row(left_out: str, judge: str, name: str, **more) -> Row:

@@ -16,6 +16,8 @@ from toolkit.models.weights import WeightsFile
 if TYPE_CHECKING:
     import torch
 
+    from toolkit.models.network import Classifier
+
 ANY_SIZE_PX = 320
 """Side of the pictures for a detector that takes any."""
 
@@ -96,12 +98,20 @@ def find_detectors(networks: Sequence[Network]) -> list[DetectorNetwork] | None:
 
 
 def load_networks(
-    models: Sequence[str] | None, weights: Sequence[Path] | None, device: str = "auto", folder: Path | None = None
-) -> Sequence[Network]:
+    models: Sequence[str] | None,
+    weights: Sequence[Path] | None,
+    device: str = "auto",
+    folder: Path | None = None,
+    may_mix: bool = False,
+) -> "Sequence[Classifier | DetectorNetwork]":
     """What boosters are trained against: classifiers or detectors by name; see `load_classifiers`, `load_detector`.
 
+    Args:
+        models, weights, device, folder: as for these.
+        may_mix: whether some may be the one and some the other: to judge, for none is trained against both.
+
     Raises:
-        ToolkitError: as these, or some are the one and some the other.
+        ToolkitError: as these, or some are the one and some the other and may not be.
     """
     from toolkit.models.find import may_be_detector
     from toolkit.models.load import load_classifiers
@@ -112,11 +122,16 @@ def load_networks(
 
         kinds = [is_detector(name) for name in named]
         if any(kinds):
-            if not all(kinds) or (weights and len(weights) != len(named)):
+            if not (all(kinds) or may_mix) or (weights and len(weights) != len(named)):
                 found = {"model": " ".join(named)}
                 raise FieldError("expected classifiers or detectors, not both, one of {weights} for each", found)
             files: list[Path | None] = list(weights) if weights else [None] * len(named)
-            return [DetectorNetwork(load_detector(name, file, device)) for name, file in zip(named, files, strict=True)]
+            return [
+                DetectorNetwork(load_detector(name, file, device))
+                if kind
+                else load_classifiers([name], [file] if file else None, device, folder)[0]
+                for name, file, kind in zip(named, files, kinds, strict=True)
+            ]
     return load_classifiers(named or None, None if weights is None else list(weights), device, folder)
 
 

@@ -18,13 +18,13 @@ def transfer(
     as_json: options.Json = False,
 ) -> None:
     """Train on all networks but one and let that one judge, for each in turn; a stopped run goes on where it was."""
+    from toolkit.boosters.detectors import load_networks
     from toolkit.core.workspace import open_workspace
-    from toolkit.models.load import load_classifiers
     from toolkit.transfer.leave_one_out import leave_one_out
     from toolkit.transfer.matrix import HEADS, tabulate
 
     space = open_workspace(workspace)
-    networks = load_classifiers(model, weights, device, space.classifiers_dir)
+    networks = load_networks(model, weights, device, space.classifiers_dir, may_mix=True)
     result = leave_one_out(space, config, networks)
     if as_json:
         show_json([row.model_dump() for row in result.rows])

@@ -23,7 +23,9 @@ class TransferConfig(Config):
         ("patch", "texture"), description="patch or texture; repeat for both."
     )
     left_out: Annotated[tuple[str, ...], Flag("--leave-out", metavar="NAME")] = Field(
-        (), description="Only this network is left out, by its name in --model; repeat for more. Default: each in turn."
+        (),
+        description="Only this network is left out, by its name in --model; repeat for more. Default: each in turn. "
+        "Where some are detectors: classifiers or detectors, all of them; default: both in turn.",
     )
     corruptions: Annotated[Corruptions, Flag("--also", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = Field(
         (("fog", 3),), description="Judge the captures under this corruption of ImageNet-C as well."

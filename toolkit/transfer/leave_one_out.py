@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from toolkit.boosters import texture_config
+from toolkit.boosters.detectors import DetectorNetwork
 from toolkit.boosters.for_object import train_for_object
 from toolkit.boosters.texture import train_texture
 from toolkit.captures.manifest import MANIFEST
@@ -21,6 +22,7 @@ from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import read_json, sha256_file, write_json
 from toolkit.core.workspace import Workspace, copy_objects
 from toolkit.evaluation.config import EvalConfig
+from toolkit.evaluation.detect import evaluate_detector
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.models.network import Classifier
 from toolkit.rig.plan import CapturePlan, open_plan, write_plan
@@ -29,6 +31,7 @@ from toolkit.transfer.matrix import Cell, Row, collect_rows, write_matrix
 
 VARIANTS = {"patch": "patched", "texture": "textured"}
 SOURCE = "sim"
+Judge = Classifier | DetectorNetwork
 
 
 @dataclass(frozen=True)
@@ -45,11 +48,12 @@ class TransferResult:
     markdown_file: Path
 
 
-def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequence[Classifier]) -> TransferResult:
+def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequence[Judge]) -> TransferResult:
     """Train without each network in turn, and let all of them judge.
 
     What is made without the network NAME lies in `eval/transfer/RUN/without-NAME`, a workspace of its own; the matrix
-    in `eval/transfer/RUN/matrix.json` and `.md`.
+    in `eval/transfer/RUN/matrix.json` and `.md`. Nothing is trained on classifiers and detectors at once: where there
+    are both, all detectors are left out, then all classifiers, and each kind judges what was trained on the other.
 
     Args:
         workspace: whose objects and plan are meant, and whose `eval/` is written to.
@@ -63,15 +67,16 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
     by_name = {one.name: one for one in networks}
     if len(by_name) < max(2, len(networks)):
         raise FieldError("expected at least two networks, each once", {"model": [one.name for one in networks]})
+    groups = group_networks(networks)
     for name in config.left_out:
-        if name not in by_name:
-            raise one_of("network", name, list(by_name))
+        if name not in groups:
+            raise one_of("network", name, list(groups))
     objects = list(config.objects) or sorted(workspace.object_specs())
     plan = open_plan(workspace, objects)
     folder = workspace.eval_dir / "transfer" / config.run
-    for left_out in config.left_out or by_name:
+    for left_out in config.left_out or groups:
         notice(f"without {left_out}")
-        others = [one for name, one in by_name.items() if name != left_out]
+        others = [one for name, one in by_name.items() if name not in groups[left_out]]
         space = _make_space(workspace, folder / f"without-{name_folder(left_out)}", plan)
         for name in objects:
             for kind in config.kinds:
@@ -79,12 +84,21 @@ def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequen
         _shoot(space, plan, objects, config, folder)
         for judge in networks:
             _judge(space, judge, left_out, others, config)
-    rows = [row for name in by_name for row in _read_rows(folder / f"without-{name_folder(name)}", list(by_name))]
+    rows = [row for name in groups for row in _read_rows(folder / f"without-{name_folder(name)}", list(by_name))]
     about = {"run": config.run, "settings": config.record(), "networks": {
         name: {"arch": one.arch, "weights": one.weights.name, "sha256": one.weights.sha256}
+        | ({"kind": "detector"} if isinstance(one, DetectorNetwork) else {})
         for name, one in by_name.items()
     }}  # fmt: skip
     return TransferResult(tuple(rows), *write_matrix(folder, rows, about))
+
+
+def group_networks(networks: Sequence[Judge]) -> dict[str, list[str]]:
+    """Names of the networks that are left out together: each alone, but all of a kind where there are both kinds."""
+    kinds: dict[str, list[str]] = {"detectors": [], "classifiers": []}
+    for one in networks:
+        kinds["detectors" if isinstance(one, DetectorNetwork) else "classifiers"].append(one.name)
+    return kinds if all(kinds.values()) else {one.name: [one.name] for one in networks}
 
 
 def _make_space(workspace: Workspace, folder: Path, plan: CapturePlan) -> Workspace:
@@ -94,7 +108,7 @@ def _make_space(workspace: Workspace, folder: Path, plan: CapturePlan) -> Worksp
     return space
 
 
-def _train(space: Workspace, kind: str, name: str, networks: list[Classifier], config: TransferConfig) -> None:
+def _train(space: Workspace, kind: str, name: str, networks: list[Judge], config: TransferConfig) -> None:
     """Take training up, or pass over what is finished."""
     if kind == "texture":
         settings = texture_config.make_config("default", {**config.overrides, "objects": (name,)})
@@ -112,9 +126,7 @@ def _shoot(space: Workspace, plan: CapturePlan, objects: Sequence[str], config: 
     shoot_plan(space, plan, objects, variants, ShootSettings(config.seed), SOURCE, stored=stored)
 
 
-def _judge(
-    space: Workspace, judge: Classifier, left_out: str, others: Sequence[Classifier], config: TransferConfig
-) -> None:
+def _judge(space: Workspace, judge: Judge, left_out: str, others: Sequence[Judge], config: TransferConfig) -> None:
     """Ask one network, unless it was asked of the same captures before."""
     captures = space.captures_dir / SOURCE
     seen = [one.name for one in others]
@@ -133,8 +145,11 @@ def _judge(
         run=name_folder(judge.name), replace=True, saliency=False, objects=config.objects,
         corruptions=config.corruptions,
     )  # fmt: skip
-    done = evaluate_captures(captures, space, judge, settings)
-    write_json(file, Cell(key=key, rows=collect_rows(done, left_out, seen)).model_dump())
+    if isinstance(judge, DetectorNetwork):
+        rows = collect_rows(evaluate_detector(captures, space, judge.detector, settings), left_out, seen)
+    else:
+        rows = collect_rows(evaluate_captures(captures, space, judge, settings), left_out, seen)
+    write_json(file, Cell(key=key, rows=rows).model_dump())
 
 
 def name_folder(network: str) -> str:

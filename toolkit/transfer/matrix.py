@@ -10,6 +10,7 @@ from toolkit.captures.read import POOLED, UNPATCHED
 from toolkit.core.files import write_json, write_text
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.tables import format_interval, format_p
+from toolkit.evaluation.detect import DetectionRun
 from toolkit.evaluation.evaluate import Evaluation
 
 SCHEMA_VERSION = 1
@@ -20,14 +21,15 @@ class Row(BaseModel):
     """What one network says of one object in one booster, pooled rows among them.
 
     Attributes:
-        left_out: the network that the boosters were not trained on.
+        left_out: the network that the boosters were not trained on, or `classifiers` or `detectors`.
         trained_on: the others.
         judge, judge_sha256: which network spoke, and the hash of its weights.
         seen: whether the boosters were trained on it.
         source: `sim`, or `sim-fog-3` and the like for corrupted captures.
         object: or `all`.
         kind: patch or texture.
-        n, bare, boosted: poses seen both ways, and how many of them are right bare and in the booster.
+        n, bare, boosted: poses seen both ways, and how many of them are right bare and in the booster; of a detector
+            those in which it finds the object: a box of its class that overlaps by half.
         gained, lost, mcnemar_p: of the pairs.
     """
 
@@ -61,7 +63,7 @@ class Cell(BaseModel):
     rows: list[Row]
 
 
-def collect_rows(done: Evaluation, left_out: str, trained_on: Sequence[str]) -> list[Row]:
+def collect_rows(done: Evaluation | DetectionRun, left_out: str, trained_on: Sequence[str]) -> list[Row]:
     """The pairs against `unpatched` of an evaluation."""
     judge, sha256 = done.summary["model"]["name"], done.summary["model"]["sha256"]
     rows = []
@@ -70,7 +72,7 @@ def collect_rows(done: Evaluation, left_out: str, trained_on: Sequence[str]) -> 
             continue
         found = pair.outcomes
         rows.append(Row(
-            left_out=left_out, trained_on=list(trained_on), judge=judge, judge_sha256=sha256, seen=judge != left_out,
+            left_out=left_out, trained_on=list(trained_on), judge=judge, judge_sha256=sha256, seen=judge in trained_on,
             source=pair.source, object=pair.object, kind=BOOSTED[pair.second], n=found.n, bare=found.n_first,
             boosted=found.n_second, gained=found.only_second, lost=found.only_first, mcnemar_p=found.mcnemar_p,
         ))  # fmt: skip
