@@ -107,6 +107,9 @@ def shoot_frames(
     """
     simulator.set_camera(stage.camera.fov_deg)
     simulator.number_things()
+    for variant in stage.variants:
+        if variant != ABSENT:  # one that is missing is told before the first picture, not after hours
+            simulator.place(name_actor(name, variant), None)
     standing = ""
     for (place, variant), own in groupby(tasks, lambda task: (task.place, task.variant)):
         group, actor = list(own), "" if variant == ABSENT else name_actor(name, variant)
