@@ -15,9 +15,9 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.landing.config import CameraConfig, Ground
 from toolkit.landing.pads import Pad
 from toolkit.objects.mesh import cast_rays
-from toolkit.rig.bake_cache import keep_light, light_surroundings
+from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
 from toolkit.rig.camera import project
-from toolkit.rig.lighting import BakeDetail, Lighting, Shape
+from toolkit.rig.lighting import BakeDetail, Shape
 from toolkit.rig.raycast import RaycastRenderer, map_frames
 from toolkit.rig.scene import Stand
 from toolkit.rig.shading import tone_map
@@ -281,7 +281,7 @@ class Sites:
         """Not lit yet; places have the times of day in turn, two with one time, as decks and grass alternate."""
         self.world, self.places, self.optics = world, tuple(places), optics
         self._skies, self._lit = tuple(find_sky(time) for time in times), dict[tuple[str, int], PadSite]()
-        self._light: tuple[Lighting, ...] = ()
+        self._light: tuple[BakedLight, ...] = ()
 
     def light_world(self) -> None:
         """Work out each sky's light on the world, for all processes that these are sent to."""
