@@ -5,11 +5,12 @@ import os
 import engine_work
 import numpy as np
 import pytest
+import torch
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.engine.config import EngineConfig
 from toolkit.engine.local import InProcess, LocalPool
-from toolkit.engine.units import Unit, check_hope
+from toolkit.engine.units import Unit, check_hope, explain_failure
 
 
 def units_of(work, *each):
@@ -52,6 +53,20 @@ def test_a_unit_that_kills_its_worker_is_given_up_and_the_others_are_done():
     found = outcomes(LocalPool(2), units_of(engine_work.die, *((at, 2) for at in range(6))))
     assert [(tag, result) for tag, result, _ in found] == [(0, 0), (1, 1), (2, None), (3, 3), (4, 4), (5, 5)]
     assert "was killed" in found[2][2]
+
+
+@pytest.mark.parametrize("engine", [InProcess(), LocalPool(1)], ids=["here", "pool"])
+def test_a_unit_that_wants_too_much_memory_is_listed_and_the_others_are_done(engine):
+    found = outcomes(engine, units_of(engine_work.allocate, (0.001,), (8,), (0.001,)))
+    assert [(tag, bool(result), reason) for tag, result, reason in found] == [
+        (0, True, ""), (1, False, "the memory is full"), (2, True, ""),
+    ]  # fmt: skip
+
+
+def test_what_torch_says_of_full_memory_is_said_in_short():
+    words = "[enforce fail at alloc_cpu.cpp:127] err == 0. DefaultCPUAllocator: can't allocate memory: you tried to"
+    assert explain_failure(RuntimeError(words)) == "the memory is full"
+    assert explain_failure(torch.cuda.OutOfMemoryError("CUDA out of memory. Tried")) == "the GPU's memory is full"
 
 
 def test_a_worker_that_dies_once_costs_nothing(tmp_path):

@@ -2,13 +2,17 @@
 
 import contextlib
 import os
+import pickle
+import platform
 import socket
 import threading
 
 import engine_work
+import numpy as np
 import pytest
 
 from toolkit.core.errors import ToolkitError
+from toolkit.engine import on_ray
 from toolkit.engine.config import EngineConfig
 from toolkit.engine.local import InProcess
 from toolkit.engine.units import Unit
@@ -118,3 +122,63 @@ def test_without_ray_the_error_names_the_extra(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "ray", None)
     with pytest.raises(ToolkitError, match=r"toolkit-boost\[ray\]"):
         EngineConfig(engine="ray").open()
+
+
+def test_another_version_of_ray_or_python_is_a_line():
+    """As Ray itself says it, which takes six lines."""
+    from ray._private.utils import check_version_info
+
+    with pytest.raises(RuntimeError, match="Version mismatch") as said:
+        check_version_info({"ray_version": "2.9.0", "python_version": "3.10.1"}, "node 10.0.0.5")
+    line = on_ray.explain_start("at 10.0.0.1:6379", said.value)
+    assert line.startswith("the cluster at 10.0.0.1:6379 is Ray 2.9.0 on Python 3.10.1, here is Ray ")
+    assert f"{ray.__version__} on Python {platform.python_version()}: install the same" in line and "\n" not in line
+
+
+def test_other_libraries_are_named():
+    here = on_ray.list_versions()
+    assert here["numpy"] == np.__version__ and on_ray.find_difference(here, here) == ""
+    older = here | {"numpy": "1.0", "open3d": "none"}
+    assert on_ray.find_difference(here, older) == f"numpy 1.0 for {np.__version__}, open3d none for {here['open3d']}"
+
+
+@wanted
+def test_a_node_with_other_libraries_ends_the_run(monkeypatch):
+    monkeypatch.setattr(on_ray, "list_versions", lambda: {"numpy": "1.0"})
+    with (
+        EngineConfig(engine="ray", workers=1).open() as engine,
+        pytest.raises(ToolkitError, match=f"has other libraries than there are here: numpy {np.__version__} for 1.0"),
+    ):
+        list(engine.run(units_of(engine_work.add, (1, 2))))
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (
+            ray.exceptions.OutOfMemoryError("Task was killed due to the node running low on memory.\nMemory on"),
+            "memory",
+        ),
+        (ray.exceptions.WorkerCrashedError(), "was killed"),
+    ],
+)
+def test_a_node_without_memory_is_a_line_and_the_others_are_done(monkeypatch, error, words):
+    """What the driver makes of Ray's answers; Ray itself tries the unit again before it gives them."""
+
+    def get(answer):
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    class Task:
+        def remote(self, pickled, shared, versions):
+            _, (number,) = pickle.loads(pickled)
+            return error if number == 1 else ([number], "", True)
+
+    monkeypatch.setattr(ray, "wait", lambda references: None)
+    monkeypatch.setattr(ray, "get", get)
+    engine = on_ray.RayEngine(workers=1)
+    engine._task = Task()
+    found = [(one.result, one.reason) for one in engine.run(units_of(engine_work.count_to, (0,), (1,), (2,)))]
+    assert [result for result, _ in found] == [0, None, 2]
+    assert words in found[1][1] and "\n" not in found[1][1] and not found[0][1]

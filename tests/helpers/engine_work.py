@@ -54,3 +54,18 @@ def tell_cores():
 def wait_and_add(delay_s, number):
     time.sleep(delay_s)
     yield number
+
+
+def allocate(gigabytes):
+    """Asks for memory where a process may have two gigabytes more than it has."""
+    import resource
+
+    import numpy as np
+
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    now = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (now + 2**31, before[1]))
+    try:
+        yield len(np.ones(round(gigabytes * 2**27)))
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)

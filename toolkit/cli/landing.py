@@ -9,19 +9,22 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json
+from toolkit.engine.config import EngineConfig
 from toolkit.landing.config import RECIPES as TRAINING
 from toolkit.landing.config import BoostConfig, CollectConfig, DemoConfig, FlyConfig, PadPrintConfig
 
 if TYPE_CHECKING:
+    from toolkit.landing.collect import Collected
     from toolkit.landing.regressor import ErrorRow
     from toolkit.landing.results import CellResult, PairResult
 
 Restart = Annotated[bool, typer.Option("--restart", help="Begin anew, forget an unfinished run.")]
 
 
-@from_config(config=CollectConfig)
+@from_config(config=CollectConfig, engine=EngineConfig)
 def collect(
     config: CollectConfig,
+    engine: EngineConfig,
     restart: Restart = False,
     seed: options.Seed = 0,
     workspace: options.Workspace = None,
@@ -29,15 +32,27 @@ def collect(
     as_json: options.Json = False,
 ) -> None:
     """Shoot what a drone sees of a pad into captures/landing/NAME; an interrupted run goes on where it stopped."""
+    from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
     from toolkit.landing.collect import collect as run
     from toolkit.landing.collect import describe_collected
 
-    collected = run(open_workspace(workspace), config, seed, restart)
+    collected = run(open_workspace(workspace), config, seed, restart, engine)
+    list_skipped(collected.failed)
     if as_json:
         show_json(describe_collected(collected))
-        return
+    else:
+        show_collected(collected)
+    if collected.failed:
+        raise typer.Exit(1)
+
+
+def show_collected(collected: "Collected") -> None:
+    """Print what lies where, and what to do next."""
     about = collected.about
+    if not about.complete:
+        say(f"{collected.folder}: {collected.made} shards shot; it is not complete: the same command goes on")
+        return
     say(
         f"{collected.folder}: {collected.count('train')} frames to train on, {collected.count('held_out')} held out, "
         f"{len(about.shards)} shards" + ("" if collected.made else "; all there before")
@@ -109,9 +124,10 @@ def show_errors(rows: "Mapping[str, Sequence[ErrorRow]]") -> None:
     console.print(build_table("Held-out error", ("regressor", "by", "frames"), heads, cells))
 
 
-@from_config(config=FlyConfig)
+@from_config(config=FlyConfig, engine=EngineConfig)
 def fly(
     config: FlyConfig,
+    engine: EngineConfig,
     film: Annotated[bool, typer.Option("--film", help="Film the first episode of the first and last cells.")] = False,
     restart: Restart = False,
     seed: options.Seed = 0,
@@ -121,6 +137,7 @@ def fly(
     as_json: options.Json = False,
 ) -> None:
     """Land a drone by a regressor, on every pad in every weather; write rates, tests, report to eval/landing/NAME."""
+    from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
     from toolkit.landing.fly import fly_all
     from toolkit.landing.report import film_episode, write_report
@@ -129,7 +146,8 @@ def fly(
     from toolkit.worlds.weather import describe_weathers
 
     space = open_workspace(workspace)
-    flown = fly_all(space, config, seed=seed, device=choose_device(device), restart=restart)
+    flown = fly_all(space, config, seed=seed, device=choose_device(device), restart=restart, engine=engine)
+    list_skipped(flown.failed)
     results, pairs = write_summary(flown.folder, config, flown, seed)
     files = write_report(config, flown, results, pairs, space)
     films = []
@@ -140,18 +158,19 @@ def fly(
     if as_json:
         rows = {"cells": [one.as_json() for one in results], "pairs": [one.as_json() for one in pairs]}
         show_json(rows | {"folder": str(flown.folder), "made": flown.made, "seconds": flown.seconds})
-        return
-    show_flights(results, pairs)
-    say(describe_success(config.episode))
-    for line in describe_weathers(config.weathers):
-        say(line)
-    if flown.made:
-        seconds = flown.seconds
-        share = seconds["physics_s"] / max(seconds["whole_s"], 1e-9)
-        say(f"{flown.made} episodes flown now in {seconds['whole_s']:.0f} s, {share:.1%} of it physics and control")
-    for path in films:
-        say(f"film: {path}")
-    say(f"report: {files.report}")
+    else:
+        show_flights(results, pairs)
+        for line in (describe_success(config.episode), *describe_weathers(config.weathers)):
+            say(line)
+        if flown.made:
+            seconds = flown.seconds
+            share = seconds["physics_s"] / max(seconds["whole_s"], 1e-9)
+            say(f"{flown.made} episodes flown now, {seconds['whole_s']:.0f} s of work, {share:.1%} physics and control")
+        for path in films:
+            say(f"film: {path}")
+        say(f"report: {files.report}")
+    if flown.failed:
+        raise typer.Exit(1)
 
 
 def show_flights(results: "Sequence[CellResult]", pairs: "Sequence[PairResult]") -> None:

@@ -6,9 +6,12 @@ back as a reason. The kit travels with the tasks, so that the nodes need Python,
 
 import os
 import pickle
+import re
 import socket
 from collections import OrderedDict, deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from functools import lru_cache
+from importlib.metadata import distributions, version
 from itertools import islice
 from pathlib import Path
 from types import TracebackType
@@ -31,6 +34,7 @@ HTTP2_PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + HTTP2_SETTINGS
 """How long a cluster may take to answer at its address."""
 KEPT = 8
 """Shared values that a worker keeps, such as networks on their device."""
+LIBRARIES = ("numpy", "torch", "torchvision", "open3d", "numba", "opencv-python-headless", "scipy", "pillow")
 _kept: "OrderedDict[str, Any]" = OrderedDict()
 
 
@@ -112,7 +116,7 @@ class RayEngine:
             ray.init(self.address, **settings)
         except (ConnectionError, RuntimeError, ValueError) as error:
             where = f"at {self.address}" if self.address else "on this machine"
-            raise ToolkitError(f"Ray {where} cannot be used: {' '.join(str(error).split())[:300]}") from None
+            raise ToolkitError(explain_start(where, error)) from None
         self._is_mine = True
 
     def share(self, value: Value) -> InStore[Value]:
@@ -129,7 +133,11 @@ class RayEngine:
             raise ToolkitError(f"{type(value).__name__} cannot be sent to another process ({error})") from None
 
     def run(self, units: Iterable[Unit[Tag, Result]]) -> Iterator[Outcome[Tag, Result]]:
-        """See `Engine.run`; the results of a unit are handed over together."""
+        """See `Engine.run`; the results of a unit are handed over together.
+
+        Raises:
+            ToolkitError: a node has other libraries, which would give other results.
+        """
         import ray
 
         waiting: deque[tuple[Unit[Tag, Result], Any]] = deque()
@@ -144,7 +152,11 @@ class RayEngine:
             unit, reference = waiting.popleft()
             ray.wait([reference])
             try:
-                results, reason = ray.get(reference)
+                results, reason, is_fit = ray.get(reference)
+                if not is_fit:
+                    raise ToolkitError(reason)
+            except ToolkitError:
+                raise
             except ray.exceptions.OutOfMemoryError:
                 results, reason = [], "its node's memory is full"
             except ray.exceptions.WorkerCrashedError:
@@ -155,13 +167,16 @@ class RayEngine:
             if reason:
                 yield Outcome(unit, None, reason)
 
-    def _submit(self, unit: Unit[Tag, Result]) -> "ray.ObjectRef[tuple[list[Result], str]]":
+    def _submit(self, unit: Unit[Tag, Result]) -> "ray.ObjectRef[Done]":
         import ray
 
         shared = {at: one for at, one in enumerate(unit.inputs) if isinstance(one, InStore)}
         own = tuple(None if at in shared else one for at, one in enumerate(unit.inputs))
-        reference: ray.ObjectRef[tuple[list[Result], str]]
-        reference = self._task.remote(ray.cloudpickle.dumps((unit.work, own)), shared)
+        try:
+            pickled = ray.cloudpickle.dumps((unit.work, own))
+        except (TypeError, pickle.PicklingError) as error:
+            return ray.put(([], explain_failure(error), True))
+        reference: ray.ObjectRef[Done] = self._task.remote(pickled, shared, list_versions())
         return reference
 
     def __exit__(
@@ -212,7 +227,45 @@ def _speaks_http2(line: socket.socket) -> bool:
     return start[3:4] == HTTP2_SETTINGS
 
 
-def _do_on_node(pickled: bytes, shared: dict[int, InStore[Any]]) -> tuple[list[object], str]:
+def explain_start(where: str, error: Exception) -> str:
+    """Why Ray could not be reached or started, in a line."""
+    said = " ".join(str(error).split())
+    found = re.findall(r"Ray: (\S+) Python: (\S+)", said)
+    if len(found) == 2:
+        there, here = (f"Ray {version} on Python {python}" for version, python in found)
+        return f"the cluster {where} is {there}, here is {here}: install the same on all nodes and here"
+    return f"Ray {where} cannot be used: {said[:300]}"
+
+
+Done = tuple[list[Any], str, bool]
+"""Results of a unit, the reason where it failed, and whether its node is fit for the work."""
+
+
+@lru_cache(maxsize=1)
+def list_versions() -> dict[str, str]:
+    """Versions of the libraries here that results depend on."""
+    return {name: version(name) if _is_installed(name) else "none" for name in LIBRARIES}
+
+
+def _is_installed(name: str) -> bool:
+    return next(iter(distributions(name=name)), None) is not None
+
+
+def find_difference(wanted: Mapping[str, str], here: Mapping[str, str]) -> str:
+    """What a node has otherwise than the driver, in words; empty where it is the same."""
+    return ", ".join(f"{name} {here[name]} for {one}" for name, one in wanted.items() if here[name] != one)
+
+
+def _do_on_node(pickled: bytes, shared: dict[int, InStore[Any]], versions: dict[str, str]) -> Done:
+    import ray
+
     limit_cores(1)
-    work, inputs = pickle.loads(pickled)
-    return do_work(work, tuple(shared.get(at, one) for at, one in enumerate(inputs)))
+    difference = find_difference(versions, list_versions())
+    if difference:
+        node = ray.util.get_node_ip_address()
+        return [], f"the node {node} has other libraries than there are here: {difference}: install the same", False
+    try:
+        work, inputs = pickle.loads(pickled)
+    except Exception as error:  # such as a module that the node does not have
+        return [], explain_failure(error), True
+    return *do_work(work, tuple(shared.get(at, one) for at, one in enumerate(inputs))), True

@@ -86,8 +86,10 @@ def explain_failure(error: BaseException) -> str:
     """Why a unit failed, in a line: a `ToolkitError` says it itself, of others kind and place."""
     if isinstance(error, ToolkitError):
         return str(error)
-    if isinstance(error, MemoryError):
+    if isinstance(error, MemoryError) or "can't allocate memory" in str(error):  # as torch says it
         return "the memory is full"
+    if type(error).__name__ == "OutOfMemoryError":
+        return "the GPU's memory is full"
     last = traceback.extract_tb(error.__traceback__)[-1:]
     where = f" in {Path(last[0].filename).name}, line {last[0].lineno}" if last else ""
     return f"{type(error).__name__}{where}: {' '.join(str(error).split())}"

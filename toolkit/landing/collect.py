@@ -1,8 +1,9 @@
 """`toolkit landing collect`: what a drone sees from an imaginary cone that stands on a pad, with the truth of it."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +16,27 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_file, write_json
 from toolkit.core.locks import hold_folder
 from toolkit.core.workspace import Workspace
+from toolkit.engine.config import EngineConfig
+from toolkit.engine.units import Engine, Outcome, Shared, Unit, check_hope, list_failures
 from toolkit.landing.config import CollectConfig
-from toolkit.landing.dataset import DATASET, DatasetFile, Sample, Shard, Split, Truth, write_shard
+from toolkit.landing.dataset import (
+    DATASET,
+    DatasetFile,
+    EncodedSample,
+    Sample,
+    Shard,
+    Split,
+    Truth,
+    encode_sample,
+    write_shard,
+)
 from toolkit.landing.episodes import place_cameras
 from toolkit.landing.pads import Pad, find_pad
 from toolkit.landing.site import (
     PadPlace,
     PadSite,
+    Sites,
     View,
-    find_sky,
     find_world,
     place_at,
     plan_places,
@@ -32,6 +45,8 @@ from toolkit.rig.raycast import map_frames
 from toolkit.worlds.world import World
 
 MOST_TRIES = 60
+UNIT_FRAMES = 100
+"""Frames that are shot together."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +57,14 @@ class Collected:
         folder: of the data set.
         about: its `dataset.json`.
         made: shards of this run; the others were there.
+        failed: (what, reason) of frames that could not be shot; without them the set is not complete, and the next
+            run tries them again.
     """
 
     folder: Path
     about: DatasetFile
     made: int
+    failed: tuple[tuple[str, str], ...] = ()
 
     def count(self, split: Split) -> int:
         """Frames of a split."""
@@ -63,7 +81,7 @@ class Collector:
             if config.at is not None
             else plan_places(world, config.size_m, config.places, seed, config.ground)
         )
-        self._sites: dict[int, PadSite] = {}
+        self.sites = Sites(world, self.places, config.times, config.optics)
 
     @cached_property
     def held_out_places(self) -> frozenset[int]:
@@ -83,11 +101,7 @@ class Collector:
 
     def site(self, number: int) -> PadSite:
         """The pad on one of the places."""
-        if number not in self._sites:
-            # spots alternate as well: each has every time
-            sky = find_sky(self.config.times[number // 2 % len(self.config.times)])
-            self._sites[number] = PadSite(self.world, self.places[number], sky, self.pad, self.config.optics)
-        return self._sites[number]
+        return self.sites.site(self.pad, number)
 
     def shoot(self, index: int) -> Sample:
         """One frame.
@@ -125,7 +139,9 @@ class Collector:
         )
 
 
-def collect(space: Workspace, config: CollectConfig, seed: int = 0, restart: bool = False) -> Collected:
+def collect(
+    space: Workspace, config: CollectConfig, seed: int = 0, restart: bool = False, engine: EngineConfig | None = None
+) -> Collected:
     """Shoot a data set into `captures/landing/NAME`; a run that was stopped goes on, to the same bytes.
 
     Args:
@@ -133,9 +149,11 @@ def collect(space: Workspace, config: CollectConfig, seed: int = 0, restart: boo
         config: what.
         seed: of all draws.
         restart: forget what an earlier run left.
+        engine: where frames are shot; by default in this process.
 
     Raises:
-        ToolkitError: the folder holds a set of other settings, or the world has no place for the pad.
+        ToolkitError: the folder holds a set of other settings, the world has no place for the pad, or no shard can be
+            shot.
     """
     folder = space.captures_dir / "landing" / config.folder_name
     world, pad = find_world(config.world, config.world_seed), find_pad(space, config.pad, config.size_m, seed)
@@ -144,7 +162,8 @@ def collect(space: Workspace, config: CollectConfig, seed: int = 0, restart: boo
         about = _begin(folder, config, collector, restart)
         if about.complete and all((folder / shard.file).is_file() for shard in about.shards):
             return Collected(folder, about, 0)
-        return _shoot_shards(folder, config, collector, about)
+        with (engine or EngineConfig()).open() as hands:
+            return _shoot_shards(folder, collector, about, hands)
 
 
 def _begin(folder: Path, config: CollectConfig, collector: Collector, restart: bool) -> DatasetFile:
@@ -177,28 +196,60 @@ def _begin(folder: Path, config: CollectConfig, collector: Collector, restart: b
     return about
 
 
-def _shoot_shards(folder: Path, config: CollectConfig, collector: Collector, about: DatasetFile) -> Collected:
-    plan = plan_shards(config, collector)
-    missing = [name for name, _, _ in plan if not (folder / name).is_file()]
-    done = sum(len(some) for name, _, some in plan if name not in missing)
+def _shoot_shards(folder: Path, collector: Collector, about: DatasetFile, engine: Engine) -> Collected:
+    """Shoot shards that are not there; each is written when its frames are, and a set without one is not complete."""
+    plan, frames = plan_shards(collector.config, collector), collector.config.frames
+    missing = {name: some for name, _, some in plan if not (folder / name).is_file()}
+    done = frames - sum(map(len, missing.values()))
     if done:
-        notice(f"going on: {done} of {config.frames} frames are there")
-    with progress("Shooting frames", config.frames, done=done) as bar:
-        for name, _, some in plan:
-            if name in missing:
-                for number in sorted({index % len(collector.places) for index in some}):
-                    collector.site(number)  # lit before threads ask for it
-                samples: list[Sample] = []
-                for sample in map_frames(collector.shoot, some):
-                    samples.append(sample)
-                    bar.advance()
-                write_shard(folder / name, samples)
+        notice(f"going on: {done} of {frames} frames are there")
+    failures: list[Outcome[str, EncodedSample]] = []
+    n_done = made = 0
+    with progress("Shooting frames", frames, done=done) as bar:
+        units = _list_units(collector, missing, engine)
+        for name, outcomes in groupby(engine.run(units), key=lambda outcome: outcome.unit.tag):
+            shard: list[EncodedSample] = []
+            for outcome in outcomes:
+                if outcome.result is None:
+                    failures.append(outcome)
+                    check_hope(failures, n_done)
+                    continue
+                n_done += 1
+                shard.append(outcome.result)
+                bar.advance()
+            if len(shard) == len(missing[name]):
+                write_shard(folder / name, shard)
+                made += 1
+    if failures:
+        if not made and len(missing) == len(plan):
+            raise ToolkitError(failures[0].reason)
+        return Collected(folder, about, made, tuple(list_failures(failures)))
     shards = [
         Shard(file=name, split=split, n=len(some), sha256=sha256_file(folder / name)) for name, split, some in plan
     ]
     about = about.model_copy(update={"complete": True, "shards": shards})
     write_json(folder / DATASET, about.model_dump(mode="json"))
-    return Collected(folder, about, len(missing))
+    return Collected(folder, about, made)
+
+
+def _list_units(
+    collector: Collector, shards: Mapping[str, Sequence[int]], engine: Engine
+) -> Iterator[Unit[str, EncodedSample]]:
+    """Some frames of a shard each; a unit's tag is its shard's file."""
+    collector.sites.light_world()
+    shared = engine.share(collector)
+    for name, indices in shards.items():
+        for start in range(0, len(indices), UNIT_FRAMES):
+            some = indices[start : start + UNIT_FRAMES]
+            yield Unit(f"{name} {start}", shoot_unit, (shared, some), f"{name} frames {some[0]}-{some[-1]}", name)
+
+
+def shoot_unit(shared: Shared[Collector], indices: Sequence[int]) -> Iterator[EncodedSample]:
+    """The work of a unit: frames as they lie in a shard."""
+    collector = shared.get()
+    for number in sorted({index % len(collector.places) for index in indices}):
+        collector.site(number)  # lit before threads ask for it
+    yield from map_frames(lambda index: encode_sample(collector.shoot(index)), indices)
 
 
 def plan_shards(config: CollectConfig, collector: Collector) -> list[tuple[str, Split, list[int]]]:
@@ -219,5 +270,5 @@ def describe_collected(collected: Collected) -> dict[str, Any]:
     about = collected.about
     return {
         "folder": str(collected.folder), "train": collected.count("train"), "held_out": collected.count("held_out"),
-        "shards": len(about.shards), "made": collected.made, "places": about.places,
+        "shards": len(about.shards), "made": collected.made, "places": about.places, "complete": about.complete,
     }  # fmt: skip

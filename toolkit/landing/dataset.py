@@ -6,7 +6,7 @@ A sample is three files of one key: `KEY.png` the picture, `KEY.seg.png` the pad
 import io
 import json
 import tarfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -130,14 +130,26 @@ class SampleSet:
         return np.array([one.z_m for one in self.truths])
 
 
-def write_shard(path: Path, samples: Sequence[Sample]) -> None:
+EncodedSample = dict[str, bytes]
+"""The files of a sample by name."""
+
+
+def encode_sample(sample: Sample) -> EncodedSample:
+    """Truth, picture and mask as they lie in a shard."""
+    key = f"{sample.truth.index:08d}"
+    return {
+        f"{key}.json": json.dumps(sample.truth.model_dump(), sort_keys=True).encode(),
+        f"{key}.png": _encode(sample.image[..., ::-1]),
+        f"{key}.seg.png": _encode(sample.mask.astype(np.uint8) * 255),
+    }
+
+
+def write_shard(path: Path, samples: Iterable[EncodedSample]) -> None:
     """Write samples as a tar whose bytes depend on them alone."""
     with open_whole(path) as file, tarfile.open(fileobj=file, mode="w", format=tarfile.USTAR_FORMAT) as tar:
         for sample in samples:
-            key = f"{sample.truth.index:08d}"
-            _add(tar, f"{key}.json", json.dumps(sample.truth.model_dump(), sort_keys=True).encode())
-            _add(tar, f"{key}.png", _encode(sample.image[..., ::-1]))
-            _add(tar, f"{key}.seg.png", _encode(sample.mask.astype(np.uint8) * 255))
+            for name, content in sample.items():
+                _add(tar, name, content)
 
 
 def _add(tar: tarfile.TarFile, name: str, content: bytes) -> None:

@@ -1,6 +1,6 @@
 """`toolkit landing fly`: episodes in closed loop for every pad, regressor, weather and set of gains."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -15,6 +15,8 @@ from toolkit.core.files import sha256_bytes
 from toolkit.core.locks import hold_folder
 from toolkit.core.records import RecordLog
 from toolkit.core.workspace import Workspace
+from toolkit.engine.config import EngineConfig
+from toolkit.engine.units import Engine, Outcome, Shared, Unit, check_hope, list_failures
 from toolkit.landing.baselines import make_apriltag, make_features
 from toolkit.landing.config import CameraConfig, FlyConfig
 from toolkit.landing.episodes import Episode, Flights, Look
@@ -24,9 +26,9 @@ from toolkit.landing.regressor import Regressor, load_regressor
 from toolkit.landing.site import (
     PadPlace,
     PadSite,
+    Sites,
     View,
     WorldGround,
-    find_sky,
     find_world,
     plan_places,
 )
@@ -109,11 +111,12 @@ class Flown:
 
     Attributes:
         folder: eval/landing/NAME.
-        records: of all episodes that were asked for.
-        cells: in order.
+        records: of all episodes of the cells.
+        cells: in order; one whose episodes failed is left out.
         made: episodes of this run.
         places: where.
-        seconds: what rendering, network and physics of this run took.
+        seconds: what rendering, network and physics of this run took, of several processes all of theirs.
+        failed: (what, reason) of episodes that could not be flown; the next run tries them again.
     """
 
     folder: Path
@@ -122,26 +125,12 @@ class Flown:
     made: int
     places: tuple[PadPlace, ...]
     seconds: dict[str, float]
-
-
-class Sites:
-    """Every pad on every place, lit when it is first asked for."""
-
-    def __init__(self, world: World, places: Sequence[PadPlace], time: str, optics: CameraConfig) -> None:
-        self.world, self.places, self.optics = world, tuple(places), optics
-        self._sky, self._lit = find_sky(time), dict[tuple[str, int], PadSite]()
-
-    def site(self, pad: Pad, number: int) -> PadSite:
-        """A pad on one of the places."""
-        key = pad.sha256, number
-        if key not in self._lit:
-            self._lit[key] = PadSite(self.world, self.places[number], self._sky, pad, self.optics)
-        return self._lit[key]
+    failed: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass
 class Clock:
-    """What the time of a run went to, seconds."""
+    """What the time of a run went to, seconds; of several processes all of theirs."""
 
     rendering: float = 0.0
     network: float = 0.0
@@ -153,12 +142,48 @@ class Clock:
         rest = self.whole - self.rendering - self.network
         return {"rendering_s": self.rendering, "network_s": self.network, "physics_s": rest, "whole_s": self.whole}
 
+    def add(self, other: "Clock") -> None:
+        """Count another's time as well."""
+        self.rendering += other.rendering
+        self.network += other.network
+        self.whole += other.whole
 
-def fly_all(space: Workspace, config: FlyConfig, *, seed: int = 0, device: str = "cpu", restart: bool = False) -> Flown:
+
+@dataclass(frozen=True)
+class FlightSetup:
+    """What all flights of a run share.
+
+    Attributes:
+        config: of the run.
+        seed: of all draws.
+        sites: pads on their places.
+        pads, predictors: by name; None for classical finders.
+    """
+
+    config: FlyConfig
+    seed: int
+    sites: Sites
+    pads: dict[str, Pad]
+    predictors: dict[str, Regressor | None]
+
+    def digest(self, cell: Cell) -> str:
+        """Hash of all that decides an episode of a cell, but cell and index."""
+        config, sites = self.config, self.sites
+        inputs = config.episode.sha256(
+            config.descent.record(), sites.world.sha256, [(place.centre, place.turn_deg) for place in sites.places],
+            config.time, self.seed, sites.optics.record(),
+        )[:16]  # fmt: skip
+        return f"{inputs}-{_digest(cell, self.pads, self.predictors)}"
+
+
+def fly_all(
+    space: Workspace, config: FlyConfig, *, seed: int = 0, device: str = "cpu", restart: bool = False,
+    engine: EngineConfig | None = None,
+) -> Flown:  # fmt: skip
     """Fly every cell, or what an interrupted run of the same settings left of them.
 
     Episodes are added to `eval/landing/NAME/episodes.jsonl` as they end. Episode i starts at the same place, in the
-    same wind and noise, in every cell.
+    same wind and noise, in every cell. A cell in which episodes fail is left out.
 
     Args:
         space: the workspace.
@@ -166,47 +191,79 @@ def fly_all(space: Workspace, config: FlyConfig, *, seed: int = 0, device: str =
         seed: of all draws.
         device: where the networks run.
         restart: forget what an earlier run left.
+        engine: where episodes are flown; by default in this process.
 
     Raises:
-        ToolkitError: a regressor, pad, world or weather cannot be used.
+        ToolkitError: a regressor, pad, world or weather cannot be used, or no cell can be flown.
     """
     predictors, optics, size_m, used = _load_predictors(space, config, device)
     pads = {word: find_pad(space, word, size_m, seed) for word in config.pads}
     world = find_world(config.world, config.world_seed)
     places = _choose_places(world, config, size_m, seed, used)
     folder = space.eval_dir / "landing" / (config.name or Path(config.regressors[0]).stem)
+    setup = FlightSetup(config, seed, Sites(world, places, (config.time,), optics), pads, predictors)
     cells = list_cells(config, pads, world)
-    inputs = config.episode.sha256(
-        config.descent.record(), world.sha256, [(place.centre, place.turn_deg) for place in places], config.time, seed,
-        optics.record(),
-    )[:16]  # fmt: skip
-    sites, clock = Sites(world, places, config.time, optics), Clock()
-    with hold_folder(folder):
+    with hold_folder(folder), (engine or EngineConfig()).open(gpus=int(device != "cpu")) as hands:
         log = RecordLog(folder / "episodes.jsonl", EpisodeRecord, required=False, compact=True)
         if restart:
             log.file.unlink(missing_ok=True)
-        digests = {cell: f"{inputs}-{_digest(cell, pads, predictors)}" for cell in cells}
-        known = {(one.inputs, one.cell.key, one.index): one for one in log.read() if one.index < config.episodes}
-        made = 0
-        there = [key for cell in cells for key in _keys(cell, digests[cell], config) if key in known]
-        with progress("Flying episodes", len(cells) * config.episodes, done=len(there)) as bar:
-            for cell in cells:
-                missing = [key[2] for key in _keys(cell, digests[cell], config) if key not in known]
-                for start in range(0, len(missing), config.batch):
-                    some = missing[start : start + config.batch]
-                    begun = perf_counter()
-                    flown = fly_cell(
-                        config, cell, sites, _named_pad(pads, cell), _finder(predictors, pads, cell, optics), seed,
-                        some, clock,
-                    )  # fmt: skip
-                    clock.whole += perf_counter() - begun
-                    records = [_record(cell, digests[cell], places, one, config) for one in flown]
-                    log.append(*records)
-                    known |= {(one.inputs, one.cell.key, one.index): one for one in records}
-                    made += len(records)
-                    bar.advance(len(records), note=cell.key)
-    wanted = [known[key] for cell in cells for key in _keys(cell, digests[cell], config)]
-    return Flown(folder, tuple(wanted), tuple(cells), made, places, clock.shares)
+        return _fly_missing(setup, cells, log, hands)
+
+
+def _fly_missing(setup: FlightSetup, cells: Sequence[Cell], log: RecordLog[EpisodeRecord], engine: Engine) -> Flown:
+    config = setup.config
+    digests = {cell: setup.digest(cell) for cell in cells}
+    known = {(one.inputs, one.cell.key, one.index): one for one in log.read() if one.index < config.episodes}
+    missing = {cell: [key[2] for key in _keys(cell, digests[cell], config) if key not in known] for cell in cells}
+    total = len(cells) * config.episodes
+    failures: list[Outcome[Cell, Batch]] = []
+    clock, made = Clock(), 0
+    with progress("Flying episodes", total, done=total - sum(map(len, missing.values()))) as bar:
+        for outcome in engine.run(_list_units(setup, missing, engine)):
+            cell = outcome.unit.tag
+            if outcome.result is None:
+                failures.append(outcome)
+                check_hope(failures, made)
+                continue
+            episodes, own = outcome.result
+            clock.add(own)
+            records = [_record(cell, digests[cell], setup.sites.places, one, config) for one in episodes]
+            log.append(*records)
+            known |= {(one.inputs, one.cell.key, one.index): one for one in records}
+            made += len(records)
+            bar.advance(len(records), note=cell.key)
+    lost = {outcome.unit.tag for outcome in failures}
+    left = [cell for cell in cells if cell not in lost]
+    if not left:
+        raise ToolkitError(failures[0].reason)
+    wanted = tuple(known[key] for cell in left for key in _keys(cell, digests[cell], config))
+    failed = tuple(list_failures(failures))
+    return Flown(log.file.parent, wanted, tuple(left), made, setup.sites.places, clock.shares, failed)
+
+
+Batch = tuple[list[Episode], Clock]
+"""Episodes that flew in lockstep, and what their time went to."""
+
+
+def _list_units(setup: FlightSetup, cells: Mapping[Cell, Sequence[int]], engine: Engine) -> Iterator[Unit[Cell, Batch]]:
+    """A unit for each batch of a cell's episodes; its tag is the cell."""
+    if not any(cells.values()):
+        return
+    setup.sites.light_world()
+    shared = engine.share(setup)
+    for cell, missing in cells.items():
+        for start in range(0, len(missing), setup.config.batch):
+            some = missing[start : start + setup.config.batch]
+            name = f"{cell.key} episodes {some[0]}-{some[-1]}"
+            yield Unit(f"{setup.digest(cell)} {name}", fly_unit, (shared, cell, some), name, cell)
+
+
+def fly_unit(shared: Shared[FlightSetup], cell: Cell, indices: list[int]) -> Iterator[Batch]:
+    """The work of a unit: `fly_cell`."""
+    setup, clock, begun = shared.get(), Clock(), perf_counter()
+    episodes = fly_cell(setup, cell, indices, clock)
+    clock.whole = perf_counter() - begun
+    yield episodes, clock
 
 
 def _keys(cell: Cell, digest: str, config: FlyConfig) -> Iterator[tuple[str, str, int]]:
@@ -280,12 +337,11 @@ def _finder(
     return make(_named_pad(pads, cell), optics.camera)
 
 
-def fly_cell(
-    config: FlyConfig, cell: Cell, sites: Sites, pad: Pad, finder: Predictor, seed: int, indices: list[int],
-    clock: Clock,
-) -> list[Episode]:  # fmt: skip
+def fly_cell(setup: FlightSetup, cell: Cell, indices: list[int], clock: Clock) -> list[Episode]:
     """Some episodes of a cell in lockstep: one batched call of the finder for each picture of all that still fly."""
-    count = len(sites.places)
+    config, sites, seed = setup.config, setup.sites, setup.seed
+    pad, count = _named_pad(setup.pads, cell), len(sites.places)
+    finder = _finder(setup.predictors, setup.pads, cell, sites.optics)
     own = {index: sites.site(pad, index % count) for index in indices}
     centres = np.array([own[index].centre for index in indices])
     flights = Flights(

@@ -3,7 +3,7 @@
 Frame: as in `toolkit.worlds.world`, metres. The pad's own: its middle is the origin, x and y lie in its plane.
 """
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -15,6 +15,7 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.landing.config import CameraConfig, Ground
 from toolkit.landing.pads import Pad
 from toolkit.objects.mesh import cast_rays
+from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
 from toolkit.rig.camera import project
 from toolkit.rig.lighting import BakeDetail, Shape
 from toolkit.rig.raycast import RaycastRenderer, map_frames
@@ -266,6 +267,39 @@ class WorldGround:
         """(n,) bool whether a surface lies between points."""
         rays = np.concatenate([start, stop - start], axis=1)
         return cast_rays(Shape.of(self._world.mesh).rays, rays) <= 1.0
+
+
+class Sites:
+    """Pads on the places of a world, each lit when it is first asked for; they can be sent to another process.
+
+    Attributes:
+        world, places: where.
+        optics: of the camera.
+    """
+
+    def __init__(self, world: World, places: Sequence[PadPlace], times: Sequence[str], optics: CameraConfig) -> None:
+        """Not lit yet; places have the times of day in turn, two with one time, as decks and grass alternate."""
+        self.world, self.places, self.optics = world, tuple(places), optics
+        self._skies, self._lit = tuple(find_sky(time) for time in times), dict[tuple[str, int], PadSite]()
+        self._light: tuple[BakedLight, ...] = ()
+
+    def light_world(self) -> None:
+        """Work out each sky's light on the world, for all processes that these are sent to."""
+        self._light = tuple(light_surroundings(make_scene(self.world, sky)) for sky in self._skies)
+
+    def __getstate__(self) -> dict[str, object]:
+        """Without pads that are lit: another process lights its own, in the same light of the world."""
+        return self.__dict__ | {"_lit": {}}
+
+    def site(self, pad: Pad, number: int) -> PadSite:
+        """A pad on one of the places."""
+        key = pad.sha256, number
+        if key not in self._lit:
+            time = number // 2 % len(self._skies)
+            if self._light:
+                keep_light(make_scene(self.world, self._skies[time]), self._light[time])
+            self._lit[key] = PadSite(self.world, self.places[number], self._skies[time], pad, self.optics)
+        return self._lit[key]
 
 
 _normals: dict[str, np.ndarray] = {}

@@ -11,7 +11,7 @@ import numpy as np
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.kernel.scene import LitMesh
 from toolkit.rig.kernel.textures import Texels, fill_colours
-from toolkit.rig.lighting import Lighting, Shape, bake_surroundings
+from toolkit.rig.lighting import Shape, bake_surroundings
 from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.scene import AT_ORIGIN, Scene, Stand
 from toolkit.rig.textures import pack_textures
@@ -22,18 +22,13 @@ F = TypeVar("F")
 _in_use: OrderedDict[tuple[object, ...], tuple[tuple[object, ...], Any]] = OrderedDict()
 _keeping = RLock()
 MOST_KEPT = 10
-BAKED = "light of surroundings"
 
 
 def kept(make: Callable[..., F], *sources: object) -> F:
     """`make` of meshes or pictures, worked out once for those that were used last."""
-    return _recall(make.__qualname__, sources, lambda: make(*sources))
-
-
-def _recall(name: str, sources: tuple[object, ...], make: Callable[[], F]) -> F:
-    key = name, *map(id, sources)
+    key = make.__qualname__, *map(id, sources)
     with _keeping:
-        found = _in_use.pop(key, None) or (sources, make())
+        found = _in_use.pop(key, None) or (sources, make(*sources))
         _in_use[key] = found
         while len(_in_use) > MOST_KEPT:
             _in_use.popitem(last=False)
@@ -56,6 +51,14 @@ class Glow(NamedTuple):
     glow: np.ndarray
     glow_lod: np.ndarray
     glow_texels: Texels
+
+
+class BakedLight(NamedTuple):
+    """Light on a mesh at its samples; the fields of `LitMesh`."""
+
+    steps: np.ndarray
+    first: np.ndarray
+    stored: np.ndarray
 
 
 NO_PICTURE = np.zeros((1, 1, 3), np.uint8)
@@ -99,7 +102,7 @@ def _prepare_glow(mesh: Mesh) -> Glow:
     return Glow(glow, np.log2(finer).astype(np.float32), pack_textures(distinct or [NO_PICTURE]))
 
 
-def light_mesh(mesh: Mesh, paint: Paint, lighting: Lighting, stand: Stand) -> LitMesh:
+def light_mesh(mesh: Mesh, paint: Paint, light: BakedLight, stand: Stand) -> LitMesh:
     """A mesh with paint and light on it, ready for the kernel; it gives off none itself, see `with_lamps`."""
     materials = mesh.materials
     return LitMesh(
@@ -114,8 +117,8 @@ def light_mesh(mesh: Mesh, paint: Paint, lighting: Lighting, stand: Stand) -> Li
         left_out=np.zeros(len(materials), bool), texels=paint.texels,
         glow=np.full(len(materials), -1, np.int32), glow_lod=np.zeros(len(materials), np.float32),
         glow_texels=kept(pack_one, NO_PICTURE),
-        steps=lighting.grid.steps, first=lighting.grid.first, stored=lighting.stored, turn=stand.turn,
-        place=np.array(stand.place, float),
+        turn=stand.turn,
+        place=np.array(stand.place, float), **light._asdict(),
     )  # fmt: skip
 
 
@@ -127,25 +130,26 @@ def with_lamps(body: Body, mesh: Mesh) -> Body:
 def surroundings_of(scene: Scene) -> Body:
     """What stands around the object and never moves; kept for the next renderer in the same sky."""
 
+    def bake(mesh: Mesh) -> BakedLight:
+        lighting = bake_surroundings(Shape.of(mesh), paint_of(mesh).mean_colour, scene)
+        return BakedLight(lighting.grid.steps, lighting.grid.first, lighting.stored)
+
+    return _keep_surroundings(scene, bake)
+
+
+def light_surroundings(scene: Scene) -> BakedLight:
+    """Light on what stands around the object, worked out where it is not kept; ready to be sent."""
+    lit = surroundings_of(scene).lit
+    return BakedLight(lit.steps, lit.first, lit.stored)
+
+
+def keep_light(scene: Scene, light: BakedLight) -> None:
+    """Let renderers take light that another process worked out with `light_surroundings`, where none is kept yet."""
+    _keep_surroundings(scene, lambda _: light)
+
+
+def _keep_surroundings(scene: Scene, light: Callable[[Mesh], BakedLight]) -> Body:
     def make(mesh: Mesh, *_: object) -> Body:
-        lit = light_mesh(mesh, paint_of(mesh), light_surroundings(scene), AT_ORIGIN)
-        return Body(Shape.of(mesh), lit, is_moved=False, number=1)
+        return Body(Shape.of(mesh), light_mesh(mesh, paint_of(mesh), light(mesh), AT_ORIGIN), is_moved=False, number=1)
 
     return kept(make, scene.surroundings, scene.environment, scene.key)
-
-
-def light_surroundings(scene: Scene) -> Lighting:
-    """Light on what stands around the object; the samples that it was worked out at are left out."""
-
-    def make() -> Lighting:
-        assert scene.surroundings is not None
-        made = bake_surroundings(Shape.of(scene.surroundings), paint_of(scene.surroundings).mean_colour, scene)
-        none = made.grid.positions[:0].copy()
-        return replace(made, grid=replace(made.grid, positions=none, normals=none, slot=made.grid.slot[:0].copy()))
-
-    return _recall(BAKED, (scene.surroundings, scene.environment, scene.key), make)
-
-
-def keep_light(scene: Scene, lighting: Lighting) -> None:
-    """Let renderers take light that another process worked out with `light_surroundings`, where none is kept yet."""
-    _recall(BAKED, (scene.surroundings, scene.environment, scene.key), lambda: lighting)

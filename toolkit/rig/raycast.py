@@ -17,7 +17,16 @@ import numpy as np
 from toolkit.core.cores import count_cores
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import Material, Mesh
-from toolkit.rig.bake_cache import NO_PICTURE, kept, light_mesh, pack_one, paint_of, surroundings_of, with_lamps
+from toolkit.rig.bake_cache import (
+    NO_PICTURE,
+    BakedLight,
+    kept,
+    light_mesh,
+    pack_one,
+    paint_of,
+    surroundings_of,
+    with_lamps,
+)
 from toolkit.rig.camera import Camera, orbit_direction, orbit_pose, project
 from toolkit.rig.kernel import compiled
 from toolkit.rig.kernel.frame import NOTHING, Hits, Linear, Samples, paint_background, paint_meshes
@@ -71,7 +80,8 @@ class RaycastRenderer:
             around = self._others.shape
             albedo = (albedo + paint_of(scene.surroundings).mean_colour) / 2
         lighting = bake_lighting(shape, albedo, scene, detail, stand, around)
-        lit = light_mesh(mesh, paint, lighting, stand)
+        grid = lighting.grid
+        lit = light_mesh(mesh, paint, BakedLight(grid.steps, grid.first, lighting.stored), stand)
         self._object = Body(shape, lit, is_moved=stand != AT_ORIGIN, number=0)
         if scene.lamps:
             self._object = with_lamps(self._object, mesh)

@@ -20,8 +20,7 @@ from toolkit.evaluation.predict import CPU_PART, classify_stream
 from toolkit.models.network import Classifier
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import hash_mesh
-from toolkit.rig.bake_cache import keep_light, light_surroundings
-from toolkit.rig.lighting import Lighting
+from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
 from toolkit.world_eval.answers import (
     METHOD_VERSION,
     Answer,
@@ -212,7 +211,7 @@ class Rendered(NamedTuple):
     """
 
     stage: Stage
-    light: Lighting
+    light: BakedLight
 
     def frames(self, tasks: Sequence[Task]) -> Iterator[Frame]:
         """See `render_frames`."""
