@@ -45,9 +45,7 @@ Inputs = tuple[object, ...]
 Work = Callable[..., Iterator[object]]
 
 
-def _time_units(
-    workers: int, work: Callable[..., Iterator[object]], prepare: Callable[[Engine], list[Inputs]]
-) -> float:
+def _time_units(workers: int, work: Work, prepare: Callable[[Engine], list[Inputs]]) -> float:
     with EngineConfig(workers=workers).open() as engine:
         each = prepare(engine)
         ready: set[object] = set()
