@@ -212,7 +212,7 @@ def test_a_cone_through_a_building_is_refused(grass: World) -> None:
     collector.world = Walled()  # type: ignore[assignment]
     collector._sites[0] = collector.site(0)
     with pytest.raises(ToolkitError, match="the cone goes through a building"):
-        collector._draw_pose(collector._sites[0], np.random.default_rng(0))
+        collector.aim(0)
 
 
 def test_shards_hold_what_webdataset_streams(tmp_path: Path, made: tuple[Workspace, Collected]) -> None:
