@@ -31,7 +31,8 @@ def run() -> dict[str, float | str]:
 
 def _collect() -> dict[str, float | str]:
     """Frames with segmentation and truth in a shard on disk, against bare renders from the same cameras."""
-    from toolkit.landing.collect import CollectConfig, Collector
+    from toolkit.landing.collect import Collector
+    from toolkit.landing.config import CollectConfig
     from toolkit.landing.dataset import write_shard
     from toolkit.landing.pads import draw_pad
     from toolkit.landing.site import find_world
@@ -62,9 +63,10 @@ def _collect() -> dict[str, float | str]:
 
 def _fly() -> dict[str, float | str]:
     """Episodes in lockstep with one batched forward a tick, and one at a time."""
-    from toolkit.landing.fly import Cell, Clock, FlyConfig, Sites, fly_cell
+    from toolkit.landing.config import CameraConfig, FlyConfig
+    from toolkit.landing.fly import Cell, Clock, Sites, fly_cell
     from toolkit.landing.pads import draw_pad
-    from toolkit.landing.site import CameraConfig, find_world, plan_places
+    from toolkit.landing.site import find_world, plan_places
     from toolkit.worlds.weather import CLEAR
 
     world, pad = find_world("grass"), draw_pad("plain")

@@ -7,13 +7,13 @@ and how long a scene takes to set up.
 
 import json
 import os
-import subprocess
 import sys
 import time
 from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.peers import measure_in_turn
 from toolkit.objects.mesh import Mesh
 
 SIZES = ((224, 224), (640, 480))
@@ -258,18 +258,7 @@ def run(quiet: bool = False) -> dict[str, float]:
     """Median rates and ratios per size."""
     results: dict[str, float] = {}
     for width, height in SIZES:
-        rates: dict[str, list[float]] = {name: [] for name in RENDERERS}
-        for _ in range(ROUNDS):
-            for name in RENDERERS:
-                command = [sys.executable, "-m", "benchmarks.bench_rig", name, str(width), str(height)]
-                done = subprocess.run(command, capture_output=True, text=True, check=False)
-                if done.returncode:
-                    last = (done.stderr.strip().splitlines() or ["no message"])[-1]
-                    if not quiet:
-                        print(f"{name} did not run: {last[:160]}")
-                    continue
-                rates[name].append(json.loads(done.stdout.strip().splitlines()[-1])["fps"])
-        middle = {name: float(np.median(values)) for name, values in rates.items() if values}
+        middle = measure_in_turn("bench_rig", RENDERERS, [str(width), str(height)], ROUNDS, quiet)
         for name, rate in middle.items():
             results[f"rig {width}x{height}: {name} frames/s"] = rate
         for peer in ("pyrender", "open3d"):

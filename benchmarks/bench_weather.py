@@ -31,7 +31,8 @@ def run() -> dict[str, float]:
     import torch
     import torchvision
 
-    from toolkit.worlds.weather import add_weather, make_weather, parse_weathers, weather_rng
+    from toolkit.worlds.conditions import parse_weathers
+    from toolkit.worlds.weather import add_weather, make_weather, weather_rng
 
     threads = torch.get_num_threads()
     torch.set_num_threads(1)

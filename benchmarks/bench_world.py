@@ -7,7 +7,6 @@ Also: how the cost of a frame grows from 200 k to 2 M triangles.
 
 import json
 import os
-import subprocess
 import sys
 import time
 from functools import lru_cache
@@ -15,6 +14,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+
+from benchmarks.peers import measure_in_turn
 
 SIDE_PX, ROUNDS, FRAMES, FOV_DEG = 224, 3, 12, 60.0
 SMALL, LARGE = (1, 2), (4, 5)
@@ -143,21 +144,10 @@ def run(quiet: bool = False) -> dict[str, float]:
     """Median rates, ratios, and the growth with the triangles."""
     from toolkit.objects.export import to_glb
 
-    rates: dict[str, list[float]] = {name: [] for name in RENDERERS}
     with TemporaryDirectory() as folder:
         glb = Path(folder) / "city.glb"
         glb.write_bytes(to_glb(_scene(SMALL)[0].mesh, "city", units_per_m=1.0))
-        for _ in range(ROUNDS):
-            for name in RENDERERS:
-                command = [sys.executable, "-m", "benchmarks.bench_world", name, str(glb)]
-                done = subprocess.run(command, capture_output=True, text=True, check=False)
-                if done.returncode:
-                    last = (done.stderr.strip().splitlines() or ["no message"])[-1]
-                    if not quiet:
-                        print(f"{name} did not run: {last[:160]}")
-                    continue
-                rates[name].append(json.loads(done.stdout.strip().splitlines()[-1])["fps"])
-    middle = {name: float(np.median(values)) for name, values in rates.items() if values}
+        middle = measure_in_turn("bench_world", RENDERERS, [str(glb)], ROUNDS, quiet)
     results = {f"city {SIDE_PX}x{SIDE_PX}: {name} frames/s": rate for name, rate in middle.items()}
     for peer in ("pyrender", "filament"):
         if peer in middle and "rig" in middle:

@@ -20,10 +20,10 @@ from toolkit.rig.camera import Camera, look_at, orbit_direction, pixel_rays
 from toolkit.rig.shading import tone_map
 from toolkit.rig.views import render_thumbnails
 from toolkit.worlds.catalogue import build_world
+from toolkit.worlds.conditions import CLEAR, TIMES
 from toolkit.worlds.picture import leave_empty, make_renderer, see_through
-from toolkit.worlds.sky import TIMES, make_sky
+from toolkit.worlds.sky import make_sky
 from toolkit.worlds.viewpoints import FOV_DEG, choose_viewpoints
-from toolkit.worlds.weather import CLEAR
 
 CELL_PX, CAPTION_PX, GAP_PX, DRAWS = 224, 30, 8, 2
 STILL = AffineRanges(rotation_deg=(12, 12), share=(0.6, 0.6), foreshortening=(0.9, 0.9), overhang=0)

@@ -2,8 +2,9 @@
 
 import pytest
 
+from toolkit.landing.config import CameraConfig
 from toolkit.landing.pads import draw_pad
-from toolkit.landing.site import CameraConfig, PadSite, find_sky, find_world, plan_places
+from toolkit.landing.site import PadSite, find_sky, find_world, plan_places
 from toolkit.worlds.world import World
 
 

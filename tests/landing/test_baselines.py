@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from toolkit.landing.baselines import Baseline, make_apriltag, make_features
+from toolkit.landing.config import CameraConfig
 from toolkit.landing.episodes import place_cameras
 from toolkit.landing.pads import draw_pad
-from toolkit.landing.site import CameraConfig, PadSite, View
+from toolkit.landing.site import PadSite, View
 
 
 @pytest.mark.parametrize(("kind", "make"), [("plain", make_features), ("apriltag", make_apriltag)])

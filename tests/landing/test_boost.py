@@ -10,7 +10,8 @@ import torch
 from toolkit.core.draws import Draws
 from toolkit.core.files import write_json
 from toolkit.core.workspace import Workspace, make_workspace
-from toolkit.landing.boost import BoostConfig, PadPrintConfig, PadTask, boost_pad, plan_views, start_picture
+from toolkit.landing.boost import PadTask, boost_pad, plan_views, start_picture
+from toolkit.landing.config import BoostConfig, PadPrintConfig
 from toolkit.landing.pads import Pad
 from toolkit.landing.regressor import Regressor, RegressorRecord, load_regressor, regressors_dir
 from toolkit.landing.site import View

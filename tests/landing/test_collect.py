@@ -16,10 +16,10 @@ import pytest
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import Workspace, make_workspace
-from toolkit.landing.collect import CollectConfig, Collected, Collector, collect, plan_shards
+from toolkit.landing.collect import Collected, Collector, collect, plan_shards
+from toolkit.landing.config import CameraConfig, CollectConfig
 from toolkit.landing.dataset import Sample, open_dataset, read_shard, read_split, write_shard
 from toolkit.landing.pads import draw_pad
-from toolkit.landing.site import CameraConfig
 from toolkit.worlds.world import World
 
 SMALL = CollectConfig(

@@ -10,7 +10,8 @@ from test_boost import make_regressor
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
-from toolkit.landing.fly import Cell, EpisodeRecord, Flown, FlyConfig, fly_all
+from toolkit.landing.config import FlyConfig
+from toolkit.landing.fly import Cell, EpisodeRecord, Flown, fly_all
 from toolkit.landing.report import film_episode, write_report
 from toolkit.landing.results import group_cells, pair_cells, write_summary
 

@@ -11,6 +11,7 @@ from drawn import OPTICS, draw, write_drawn, write_start
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
+from toolkit.landing.config import RECIPES, CameraConfig, LandingTrainConfig
 from toolkit.landing.dataset import SampleSet, read_split
 from toolkit.landing.regressor import (
     Regressor,
@@ -22,11 +23,8 @@ from toolkit.landing.regressor import (
     summarise_errors,
 )
 from toolkit.landing.saliency import find_saliency, pick_samples, write_saliency
-from toolkit.landing.site import CameraConfig
 from toolkit.landing.start import RIDGE, fit_ridge
 from toolkit.landing.train import (
-    RECIPES,
-    LandingTrainConfig,
     RegressorTask,
     TrainedRegressor,
     export_onnx,

@@ -5,6 +5,7 @@ import pytest
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.rig.camera import Camera, look_at
+from toolkit.worlds.conditions import parse_weathers
 from toolkit.worlds.depth_view import DepthView
 from toolkit.worlds.fog import Dust, Fog
 from toolkit.worlds.rain import Rain
@@ -16,7 +17,6 @@ from toolkit.worlds.weather import (
     describe_weathers,
     from_airsim,
     make_weather,
-    parse_weathers,
     weather_rng,
 )
 

@@ -4,7 +4,7 @@ import re
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
-from pydantic import AfterValidator, BeforeValidator, Field
+from pydantic import BeforeValidator, Field
 
 from toolkit.boosters.parts.blur import CameraBlur
 from toolkit.boosters.parts.corruption import Corrupted
@@ -15,6 +15,7 @@ from toolkit.boosters.parts.weather import Weathered, read_words
 from toolkit.core.config import Config, Expect, Flag, Later, describe
 from toolkit.core.errors import FieldError, one_of
 from toolkit.core.names import is_file_name
+from toolkit.worlds.conditions import Times
 
 if TYPE_CHECKING:
     from toolkit.training.loop import FitConfig
@@ -46,17 +47,6 @@ CORRUPTED_HELP = (
     "Corrupt half of the photographs as ImageNet-C does: fog:3, noise:1-3, weather, common, all; of several each draws "
     "one."
 )
-
-
-def check_times(times: tuple[str, ...]) -> tuple[str, ...]:
-    """Times of day that a sky can have; an unknown one is a `ToolkitError`."""
-    if times != ("noon",):
-        from toolkit.worlds.sky import TIMES
-
-        for time in times:
-            if time not in TIMES:
-                raise one_of("time of day", time, list(TIMES))
-    return times
 
 
 class PixelConfig(Config):
@@ -119,7 +109,7 @@ class PixelConfig(Config):
         1.0, description="From the units of a mesh of your own to metres."
     )
     times: Annotated[
-        tuple[str, ...], Field(min_length=1), AfterValidator(check_times), Later,
+        Times, Field(min_length=1), Later,
         Flag("--time", metavar="NAME", group=WORLD),
     ] = Field(
         ("noon",), description="Time of day: noon, afternoon, golden, dusk, overcast; of several each place draws one."

@@ -11,8 +11,8 @@ from toolkit.boosters.pixel_config import PixelConfig
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError
 from toolkit.imaging.preprocessing import Preprocessing
+from toolkit.models.network import AnyNetwork
 from toolkit.models.precision import mixed_precision
-from toolkit.models.weights import WeightsFile
 from toolkit.objects import records
 from toolkit.training.loop import Made, Task
 
@@ -20,40 +20,16 @@ if TYPE_CHECKING:
     import torch
 
 
-class Network(Protocol):
+class Network(AnyNetwork, Protocol):
     """What boosters ask of a classifier; `toolkit.models.network.Classifier` is one."""
-
-    @property
-    def name(self) -> str:
-        """What to call it in a result."""
-
-    @property
-    def arch(self) -> str:
-        """Name of its architecture."""
-
-    @property
-    def labels(self) -> list[str]:
-        """Name of each output."""
 
     @property
     def preprocessing(self) -> Preprocessing:
         """How it wants its images."""
 
     @property
-    def weights(self) -> WeightsFile:
-        """The file that its weights came from."""
-
-    @property
-    def device(self) -> str:
-        """Where it runs, `cpu` or `cuda`."""
-
-    @property
     def is_imagenet(self) -> bool:
         """Whether the labels are the 1000 of ImageNet."""
-
-    @property
-    def untrainable(self) -> str:
-        """Why no gradient leads back to the image; empty where one does."""
 
     def logits(self, batch: "torch.Tensor") -> "torch.Tensor":
         """(b, 3, h, w) sRGB-encoded in [0, 1] to (b, classes), differentiable."""

@@ -9,11 +9,8 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json
-from toolkit.landing.boost import BoostConfig, PadPrintConfig
-from toolkit.landing.collect import CollectConfig
-from toolkit.landing.demo import DemoConfig
-from toolkit.landing.fly import FlyConfig
-from toolkit.landing.train import RECIPES as TRAINING
+from toolkit.landing.config import RECIPES as TRAINING
+from toolkit.landing.config import BoostConfig, CollectConfig, DemoConfig, FlyConfig, PadPrintConfig
 
 if TYPE_CHECKING:
     from toolkit.landing.regressor import ErrorRow

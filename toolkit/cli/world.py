@@ -7,7 +7,7 @@ import typer
 
 from toolkit.cli import options
 from toolkit.cli.output import say, show_json, show_table
-from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError
 
 if TYPE_CHECKING:
     from toolkit.core.workspace import Workspace
@@ -146,18 +146,15 @@ def preview(
     The map shows where objects may stand and where the cameras are. What is there already is not made again.
     """  # fmt: skip
     from toolkit.core.workspace import open_workspace
+    from toolkit.worlds.conditions import CLEAR, check_times, parse_weathers
     from toolkit.worlds.panorama import load_sky
     from toolkit.worlds.preview import PreviewSettings, preview_world
-    from toolkit.worlds.sky import TIMES, make_sky
-    from toolkit.worlds.weather import CLEAR, parse_weathers
+    from toolkit.worlds.sky import make_sky
 
     seen = tuple(one for one in parse_weathers(weathers or ["fog:1"]) if one != CLEAR)
     settings = PreviewSettings(resolution, film_s=film_s, weathers=seen, seed=seed)
     space = open_workspace(workspace)
-    wanted = list(dict.fromkeys(times or ([] if sky else ["afternoon", "dusk"])))
-    for time in wanted:
-        if time not in TIMES:
-            raise one_of("time of day", time, list(TIMES))
+    wanted = check_times(tuple(dict.fromkeys(times or ([] if sky else ["afternoon", "dusk"]))))
     skies = [] if sky is None else [load_sky(sky)]
     opened = _open(space, world, seed, scale)
     skies += [make_sky(time) for time in wanted]

@@ -8,37 +8,31 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
-from pydantic import Field, field_validator, model_validator
 
 from toolkit import __version__
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.boosters.parts.weather import Weathered
-from toolkit.core.config import Config, Flag, Range, Rising
 from toolkit.core.console import progress
 from toolkit.core.draws import Draws
-from toolkit.core.errors import FieldError
 from toolkit.core.files import write_bytes
-from toolkit.core.names import is_file_name
 from toolkit.core.workspace import Workspace
-from toolkit.landing.collect import Weathers, find_time, read_weathers
+from toolkit.landing.config import BoostConfig, CameraConfig, PadPrintConfig
 from toolkit.landing.episodes import place_cameras
 from toolkit.landing.pads import Pad, draw_pad
 from toolkit.landing.regressor import Regressor, load_regressor
-from toolkit.landing.site import CameraConfig, Ground, PadSite, View, find_sky, find_world, plan_places
+from toolkit.landing.site import PadSite, View, find_sky, find_world, plan_places
 from toolkit.landing.train import LEAST_HEIGHT_M
 from toolkit.objects.records import Network, Patch, read_patch, write_patch
 from toolkit.printing.document import build_pdf
-from toolkit.printing.page import parse_paper
-from toolkit.printing.settings import AnyPaper, PrintSettings
+from toolkit.printing.settings import PrintSettings
 from toolkit.rig.raycast import map_frames
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import FitConfig, History, Task, fit
 from toolkit.worlds.depth_view import DepthView
-from toolkit.worlds.weather import parse_weathers
 
 if TYPE_CHECKING:
     import torch
@@ -46,80 +40,6 @@ if TYPE_CHECKING:
 CLASS_NAME = "landing pad"
 FALLOFF = 0.12
 CHECKPOINT_EVERY_S = 15.0
-
-
-class BoostConfig(Config):
-    """How a pad's picture is trained.
-
-    Attributes:
-        name: of the pad; by default the regressor's with `-boosted`.
-        size_px: side of the picture.
-        start: what it starts from.
-        world, world_seed, places, ground, time: where its views are.
-        views: how many are rendered; none of them is one of a data set's or a flight's.
-        height_m, half_angle_deg: of the cameras.
-        weathers, weather_probability: drawn for each view of each step.
-        steps, batch, lr: of the training, by the sign of the gradient.
-        light: factor on all light, drawn for each view.
-        noise: standard deviation of the camera's noise, encoded.
-    """
-
-    name: Annotated[str, Flag(metavar="NAME")] = Field("", description="Of the pad. Default: REGRESSOR-boosted.")
-    size_px: Annotated[int, Field(ge=8, le=512), Flag()] = Field(64, description="Side of the picture, pixels.")
-    start: Annotated[Literal["plain", "grey", "noise"], Flag("--start-pad")] = Field(
-        "plain", description="What it starts from."
-    )
-    world: Annotated[str, Flag(metavar="NAME|FILE")] = Field(
-        "grass", description="Built-in world, or a mesh or kit file."
-    )
-    world_seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Of the world.")
-    places: Annotated[int, Field(ge=1, le=200), Flag()] = Field(8, description="Places that the pad lies on.")
-    ground: Annotated[Ground, Flag()] = Field("both", description="What it lies on: decks, bare grass, or both.")
-    time: Annotated[str, Flag(metavar="NAME")] = Field("noon", description="Time of day.")
-    views: Annotated[int, Field(ge=8, le=20_000), Flag()] = Field(320, description="Rendered views.")
-    height_m: Annotated[Range, Rising(0.3, 200), Flag()] = Field((0.8, 10.0), description="Heights of the camera.")
-    half_angle_deg: Annotated[float, Field(gt=0, le=50), Flag("--half-angle")] = Field(
-        25.0, description="Of the cone of cameras."
-    )
-    weathers: Annotated[Weathers, Flag("--weather", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = Field(
-        parse_weathers(["fog", "dust"]), description="Weather between pad and camera; repeat for more."
-    )
-    weather_probability: Annotated[float, Field(ge=0, le=1), Flag()] = Field(
-        0.7, description="That a view has weather."
-    )
-    steps: Annotated[int, Field(ge=1, le=1_000_000), Flag()] = Field(240, description="Of the training.")
-    batch: Annotated[int, Field(ge=1, le=1024), Flag()] = Field(24, description="Views of a step.")
-    lr: Annotated[float, Field(gt=0, le=1), Flag()] = Field(0.02, description="Of each pixel's step.")
-    light: Annotated[Range, Rising(0.2, 3)] = (0.75, 1.25)
-    noise: Annotated[float, Field(ge=0, le=0.5)] = 0.01
-
-    @field_validator("weathers", mode="before")
-    @classmethod
-    def _read_weathers(cls, given: object) -> object:
-        return read_weathers(given)
-
-    @model_validator(mode="after")
-    def _check(self) -> "BoostConfig":
-        if self.name and not is_file_name(self.name):
-            raise FieldError("expected a name of letters, digits, - and _", {"name": self.name})
-        find_time(self.time)
-        return self
-
-
-class PadPrintConfig(Config):
-    """The pad on paper.
-
-    Attributes:
-        print_size_m: its side; by default as trained.
-        paper: of the pages.
-    """
-
-    print_size_m: Annotated[float | None, Field(ge=0.5, le=2.0), Flag(typed=float)] = Field(
-        None, description="Side of the printed pad, metres. Default: as trained."
-    )
-    paper: Annotated[AnyPaper, Flag(metavar="SIZE", typed=str)] = Field(
-        parse_paper("a3"), description="a0 to a5, letter, or one's own: 200x300mm."
-    )
 
 
 @dataclass(frozen=True)

@@ -4,26 +4,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
 
 from toolkit import __version__
-from toolkit.core.config import Config, Flag, Range, Rising
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_file, write_json
 from toolkit.core.locks import hold_folder
-from toolkit.core.names import is_file_name
 from toolkit.core.workspace import Workspace
+from toolkit.landing.config import CollectConfig
 from toolkit.landing.dataset import DATASET, DatasetFile, Sample, Shard, Split, Truth, write_shard
 from toolkit.landing.episodes import place_cameras
 from toolkit.landing.pads import Pad, find_pad
 from toolkit.landing.site import (
-    CameraConfig,
-    Ground,
     PadPlace,
     PadSite,
     View,
@@ -33,110 +29,9 @@ from toolkit.landing.site import (
     plan_places,
 )
 from toolkit.rig.raycast import map_frames
-from toolkit.worlds.sky import TIMES
-from toolkit.worlds.weather import CLEAR, make_weather, parse_weathers
 from toolkit.worlds.world import World
 
-Weathers = tuple[tuple[str, int], ...]
 MOST_TRIES = 60
-
-
-def read_weathers(given: object) -> object:
-    """(name, severity) from words such as `fog:1-3`; anything else as it is."""
-    if isinstance(given, list | tuple) and all(isinstance(word, str) for word in given):
-        return parse_weathers(given)
-    return given
-
-
-class CollectConfig(Config):
-    """A data set for landings.
-
-    Attributes:
-        name: of its folder below captures/landing; by default the world's.
-        world, world_seed: where.
-        pad, size_m: what is looked for, and its side.
-        frames: how many.
-        places, ground: on how many places the pad lies, and on what.
-        at: x and y of a place of the user's own, instead.
-        height_m, half_angle_deg: of the cone of cameras; heights are drawn evenly in their logarithm.
-        gimbal_error_deg: standard deviation of the camera's tilt about each axis.
-        times: of day, in turn by place.
-        weathers: (name, severity), drawn evenly for each frame.
-        split, held_out: how frames are held out, and their share.
-        shard_frames: in one tar.
-        optics: the camera.
-    """
-
-    name: Annotated[str, Flag(positional=True, metavar="NAME")] = Field(
-        "", description="Folder below captures/landing. Default: the world's name."
-    )
-    world: Annotated[str, Flag(metavar="NAME|FILE")] = Field(
-        "grass", description="Built-in world, or a mesh or kit file."
-    )
-    world_seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Of the world.")
-    pad: Annotated[str, Flag(metavar="NAME|FILE")] = Field(
-        "plain", description="plain, apriltag, grey, noise, one of print/pads, or a square picture."
-    )
-    size_m: Annotated[float, Flag("--size-m")] = Field(2.0, description="Side of the pad, metres.")
-    frames: Annotated[int, Field(ge=2, le=10_000_000), Flag()] = Field(20_000, description="How many pictures.")
-    places: Annotated[int, Field(ge=1, le=1000), Flag()] = Field(10, description="Places that the pad lies on in turn.")
-    ground: Annotated[Ground, Flag()] = Field("both", description="What it lies on: decks, bare grass, or both.")
-    at: Annotated[tuple[float, float] | None, Flag(metavar="X Y", typed=tuple[float, float])] = Field(
-        None, description="One place of your own in the world, metres, instead."
-    )
-    height_m: Annotated[Range, Rising(0.3, 200), Flag()] = Field((0.8, 10.0), description="Heights of the camera.")
-    half_angle_deg: Annotated[float, Field(gt=0, le=50), Flag("--half-angle")] = Field(
-        25.0, description="Of the cone that cameras are in, its vertex on the pad."
-    )
-    gimbal_error_deg: Annotated[float, Field(ge=0, le=20), Flag("--gimbal-error")] = Field(
-        0.3, description="Of the camera's mount: standard deviation."
-    )
-    times: Annotated[tuple[str, ...], Flag("--time", metavar="NAME")] = Field(
-        ("noon",), description="Time of day; repeat for more, which places have in turn."
-    )
-    weathers: Annotated[Weathers, Flag("--weather", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = Field(
-        (CLEAR,), description="Weather, drawn for each frame: clear, fog:3, dust:1-3, rain; repeat for more."
-    )
-    split: Annotated[Literal["place", "random"], Flag()] = Field("place", description="How frames are held out.")
-    held_out: Annotated[float, Field(ge=0, le=0.9), Flag()] = Field(0.2, description="Share that is held out.")
-    shard_frames: Annotated[int, Field(ge=1, le=100_000)] = 500
-    optics: CameraConfig = CameraConfig()
-
-    @field_validator("weathers", mode="before")
-    @classmethod
-    def _read_weathers(cls, given: object) -> object:
-        return read_weathers(given)
-
-    @model_validator(mode="after")
-    def _check(self) -> "CollectConfig":
-        if self.name and not is_file_name(self.name):
-            raise FieldError("expected a name of letters, digits, - and _", {"name": self.name})
-        for time in self.times:
-            find_time(time)
-        for weather in self.weathers:
-            make_weather(*weather)
-        if np.tan(np.radians(self.half_angle_deg)) >= self.optics.view_tan:
-            raise FieldError(
-                f"expected less than half of {{optics.fov_deg}}, {self.optics.fov_deg:g}: else the pad is out of view",
-                {"half_angle_deg": self.half_angle_deg},
-            )
-        if self.split == "place" and self.held_out > 0 and self.places < 2 and self.at is None:
-            raise FieldError("a split by place needs at least 2; or hold frames out at random", {"places": self.places})
-        return self
-
-    @property
-    def folder_name(self) -> str:
-        """Of the data set."""
-        return self.name or (self.world if is_file_name(self.world) else Path(self.world).stem)
-
-
-def find_time(time: str) -> str:
-    """A time of day, if it is one; else a `ToolkitError`."""
-    if time not in TIMES:
-        from toolkit.core.errors import one_of
-
-        raise one_of("time of day", time, list(TIMES))
-    return time
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,8 @@ import numpy as np
 from toolkit.core.console import progress
 from toolkit.core.workspace import Workspace
 from toolkit.landing.baselines import make_apriltag, make_features
-from toolkit.landing.collect import CollectConfig, Collector
+from toolkit.landing.collect import Collector
+from toolkit.landing.config import CollectConfig
 from toolkit.landing.dataset import SampleSet, open_dataset, read_split
 from toolkit.landing.pads import draw_pad, find_pad
 from toolkit.landing.regressor import ErrorRow, summarise_errors

@@ -2,44 +2,19 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
-from pydantic import Field
-
-from toolkit.core.config import Config, Flag
 from toolkit.core.console import notice
 from toolkit.core.workspace import Workspace
-from toolkit.landing.boost import BoostConfig, Boosted, boost_pad
-from toolkit.landing.collect import CollectConfig, Collected, collect
-from toolkit.landing.fly import FlyConfig, fly_all
+from toolkit.landing.boost import Boosted, boost_pad
+from toolkit.landing.collect import Collected, collect
+from toolkit.landing.config import BoostConfig, CameraConfig, CollectConfig, DemoConfig, FlyConfig, LandingTrainConfig
+from toolkit.landing.fly import fly_all
 from toolkit.landing.report import film_episode, write_report
 from toolkit.landing.results import CellResult, PairResult, write_summary
-from toolkit.landing.site import CameraConfig
-from toolkit.landing.train import LandingTrainConfig, TrainedRegressor, train_regressor
-from toolkit.worlds.weather import parse_weathers
+from toolkit.landing.train import TrainedRegressor, train_regressor
+from toolkit.worlds.conditions import parse_weathers
 
 NAME = "demo"
-
-
-class DemoConfig(Config):
-    """How small the demonstration is.
-
-    Attributes:
-        frames, epochs: of the data set, and of the training.
-        image_px: side of the pictures.
-        steps: of the pad's training.
-        episodes: of each cell.
-        weathers: that are flown in.
-    """
-
-    frames: Annotated[int, Field(ge=10), Flag()] = Field(2400, description="Pictures to collect.")
-    epochs: Annotated[int, Field(ge=1), Flag()] = Field(10, description="Of the regressor.")
-    image_px: Annotated[int, Field(ge=32), Flag("--image-px")] = Field(64, description="Side of a picture.")
-    steps: Annotated[int, Field(ge=1), Flag()] = Field(160, description="Of the pad's training.")
-    episodes: Annotated[int, Field(ge=1), Flag()] = Field(16, description="Of each cell.")
-    weathers: Annotated[tuple[str, ...], Flag("--weather", metavar="NAME[:SEVERITY]")] = Field(
-        ("clear", "fog:4"), description="To fly in; repeat for more."
-    )
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,12 @@ from typing import Any
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
+from toolkit.landing.config import CameraConfig
 from toolkit.landing.episodes import FLYING, EpisodeConfig, Flights
 from toolkit.landing.fly import TICKS
 from toolkit.landing.pads import Pad, draw_pad
-from toolkit.landing.site import CameraConfig, PadSite, View, find_sky, find_world, plan_places
-from toolkit.worlds.weather import CLEAR
+from toolkit.landing.site import PadSite, View, find_sky, find_world, plan_places
+from toolkit.worlds.conditions import CLEAR
 
 try:
     import gymnasium

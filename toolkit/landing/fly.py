@@ -4,28 +4,24 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Annotated, Protocol
+from typing import Protocol
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict
 
-from toolkit.core.config import Config, Flag
 from toolkit.core.console import notice, progress
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_bytes
 from toolkit.core.locks import hold_folder
-from toolkit.core.names import is_file_name
 from toolkit.core.records import RecordLog
 from toolkit.core.workspace import Workspace
 from toolkit.landing.baselines import make_apriltag, make_features
-from toolkit.landing.collect import Weathers, find_time, read_weathers
-from toolkit.landing.episodes import Episode, EpisodeConfig, Flights, Look
+from toolkit.landing.config import CameraConfig, FlyConfig
+from toolkit.landing.episodes import Episode, Flights, Look
 from toolkit.landing.pads import Pad, find_pad
-from toolkit.landing.pilot import DescentConfig, fly, parse_gains
+from toolkit.landing.pilot import fly, parse_gains
 from toolkit.landing.regressor import Regressor, load_regressor
 from toolkit.landing.site import (
-    CameraConfig,
-    Ground,
     PadPlace,
     PadSite,
     View,
@@ -35,7 +31,6 @@ from toolkit.landing.site import (
     plan_places,
 )
 from toolkit.rig.raycast import map_frames
-from toolkit.worlds.weather import CLEAR
 from toolkit.worlds.world import World
 
 FINDERS = ("features", "apriltag")
@@ -43,66 +38,6 @@ FINDERS = ("features", "apriltag")
 TICKS = 100_000
 """Pictures of an episode at most; its noise and weather are drawn by index · TICKS + tick."""
 KEPT_TRACKS = 16
-
-
-class FlyConfig(Config):
-    """What is flown.
-
-    Attributes:
-        regressors: names; `features` and `apriltag` are the classical finders.
-        name: of the folder below eval/landing; by default the first regressor's.
-        pads: names of pads or files; the first is what the others are compared with.
-        world, world_seed, places, ground, time: where, and under which sky.
-        weathers: (name, severity).
-        gains: `paper`, `gentle` or Kp,Ki,Kd.
-        episodes: of each cell; `batch` of them fly in lockstep.
-        size_m: side of the pads; by default as the first regressor was trained.
-        episode, descent: of the flights.
-    """
-
-    regressors: Annotated[tuple[str, ...], Flag(positional=True, metavar="REGRESSOR...")] = Field(
-        min_length=1, description="Trained regressors; features and apriltag are classical ones."
-    )
-    name: Annotated[str, Flag(metavar="NAME")] = Field(
-        "", description="Folder below eval/landing. Default: the first regressor's."
-    )
-    pads: Annotated[tuple[str, ...], Flag("--pad", metavar="NAME|FILE")] = Field(
-        ("plain",), description="Pad; repeat for more. The others are compared with the first."
-    )
-    world: Annotated[str, Flag(metavar="NAME|FILE")] = Field(
-        "grass", description="Built-in world, or a mesh or kit file."
-    )
-    world_seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Of the world.")
-    places: Annotated[int, Field(ge=1, le=200), Flag()] = Field(8, description="Places that episodes have in turn.")
-    ground: Annotated[Ground, Flag()] = Field("both", description="What pads lie on: decks, bare grass, or both.")
-    time: Annotated[str, Flag(metavar="NAME")] = Field("noon", description="Time of day.")
-    weathers: Annotated[Weathers, Flag("--weather", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = Field(
-        (CLEAR,), description="Weather; repeat for more: clear, fog:1-5, dust:3, rain."
-    )
-    gains: Annotated[tuple[str, ...], Flag(metavar="NAME|KP,KI,KD")] = Field(
-        ("gentle",), description="paper (5,0,5), gentle (1,0,0), or your own; repeat for more."
-    )
-    episodes: Annotated[int, Field(ge=1, le=100_000), Flag()] = Field(64, description="Of each cell.")
-    batch: Annotated[int, Field(ge=1, le=1024), Flag()] = Field(64, description="Episodes that fly in lockstep.")
-    size_m: Annotated[float | None, Flag("--size-m", typed=float)] = Field(
-        None, description="Side of the pads, metres. Default: as trained."
-    )
-    episode: EpisodeConfig = EpisodeConfig()
-    descent: DescentConfig = DescentConfig()
-
-    @field_validator("weathers", mode="before")
-    @classmethod
-    def _read_weathers(cls, given: object) -> object:
-        return read_weathers(given)
-
-    @model_validator(mode="after")
-    def _check(self) -> "FlyConfig":
-        if self.name and not is_file_name(self.name):
-            raise FieldError("expected a name of letters, digits, - and _", {"name": self.name})
-        find_time(self.time)
-        for word in self.gains:
-            parse_gains(word)
-        return self
 
 
 @dataclass(frozen=True, order=True)

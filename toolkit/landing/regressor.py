@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -11,8 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import read_json, sha256_file
 from toolkit.core.workspace import Workspace
+from toolkit.landing.config import CameraConfig, Pool
 from toolkit.landing.dataset import SampleSet
-from toolkit.landing.site import CameraConfig
 from toolkit.models.architectures import build_network
 from toolkit.models.weights import WeightsFile, read_state_dict
 from toolkit.training.classifier_task import load_tensors
@@ -23,9 +23,6 @@ if TYPE_CHECKING:
 SUFFIX = ".safetensors"
 CHUNK = 16
 """Pictures that are answered together, always so many: the last digits of a sum depend on the size of a batch."""
-
-
-Pool = Literal["average", "grid"]
 STRIDE = 32
 """Of the last features of a ResNet."""
 

@@ -11,13 +11,14 @@ from toolkit import __version__
 from toolkit.core.files import write_bytes, write_text
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.report import render_page
+from toolkit.landing.config import CameraConfig, FlyConfig
 from toolkit.landing.episodes import OUTCOMES, Flights
 from toolkit.landing.figures import draw_success, draw_tracks, write_film
-from toolkit.landing.fly import TICKS, EpisodeRecord, Flown, FlyConfig
+from toolkit.landing.fly import TICKS, EpisodeRecord, Flown
 from toolkit.landing.pads import find_pad
 from toolkit.landing.regressor import list_regressors, load_regressor
 from toolkit.landing.results import CellResult, PairResult, describe_success
-from toolkit.landing.site import CameraConfig, PadSite, View, find_sky, find_world
+from toolkit.landing.site import PadSite, View, find_sky, find_world
 from toolkit.rig.raycast import map_frames
 from toolkit.worlds.weather import describe_weathers
 

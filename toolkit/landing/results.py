@@ -12,8 +12,9 @@ import numpy as np
 from toolkit import __version__
 from toolkit.core.files import write_json, write_text
 from toolkit.core.statistics import mcnemar_p, wilson_interval
+from toolkit.landing.config import FlyConfig
 from toolkit.landing.episodes import OUTCOMES, EpisodeConfig
-from toolkit.landing.fly import Cell, EpisodeRecord, Flown, FlyConfig
+from toolkit.landing.fly import Cell, EpisodeRecord, Flown
 from toolkit.worlds.weather import describe_weathers
 
 

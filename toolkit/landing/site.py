@@ -7,26 +7,25 @@ from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
 
-from toolkit.core.config import Config, Flag
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.landing.config import CameraConfig, Ground
 from toolkit.landing.pads import Pad
-from toolkit.rig.camera import Camera
+from toolkit.objects.mesh import cast_rays
 from toolkit.rig.lighting import BakeDetail, Shape
 from toolkit.rig.raycast import RaycastRenderer, map_frames
 from toolkit.rig.scene import Stand
 from toolkit.rig.shading import tone_map
 from toolkit.worlds.catalogue import WORLDS, build_world, load_world
 from toolkit.worlds.classes import STANDING
+from toolkit.worlds.conditions import CLEAR
 from toolkit.worlds.depth_view import DepthView
 from toolkit.worlds.place import make_scene
 from toolkit.worlds.sky import Sky, make_sky
-from toolkit.worlds.weather import CLEAR, make_weather, weather_rng
+from toolkit.worlds.weather import make_weather, weather_rng
 from toolkit.worlds.world import Spot, World
 
 SHEET_M = 0.01
@@ -36,33 +35,6 @@ FLAT_M = 0.03
 LEAST_ROOM_M = 0.2
 SKY_PX = 256
 DETAIL = BakeDetail(key_rays=16, room_rays=64, surface_spacing=0.1, table_spacing=0.1)
-Ground = Literal["pads", "bare", "both"]
-
-
-class CameraConfig(Config):
-    """The downward camera.
-
-    Attributes:
-        image_px: side of its square pictures.
-        fov_deg: its angle of view.
-        noise: standard deviation of the sensor's noise at middle grey, see `toolkit.rig.shading.tone_map`.
-    """
-
-    image_px: Annotated[int, Field(ge=32, le=1024), Flag("--image-px")] = Field(96, description="Side of a picture.")
-    fov_deg: Annotated[float, Field(ge=20, le=120), Flag("--fov", metavar="DEGREES")] = Field(
-        70.0, description="Angle of view."
-    )
-    noise: Annotated[float, Field(ge=0, le=0.2)] = 0.006
-
-    @property
-    def camera(self) -> Camera:
-        """Intrinsics."""
-        return Camera.from_fov(self.image_px, self.image_px, self.fov_deg)
-
-    @property
-    def view_tan(self) -> float:
-        """Tangent of half the angle of view."""
-        return float(np.tan(np.radians(self.fov_deg) / 2))
 
 
 @dataclass(frozen=True)
@@ -182,11 +154,9 @@ def _flat_height(world: World, middle: tuple[float, float, float], size_m: float
 
 def _cast_down(world: World, points: np.ndarray) -> np.ndarray:
     """(n,) way down from points (n, 3) to the first surface; inf where there is none."""
-    import open3d as o3d
-
     rays = np.zeros((len(points), 6), np.float32)
     rays[:, :3], rays[:, 5] = points, -1.0
-    return Shape.of(world.mesh).rays.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
+    return cast_rays(Shape.of(world.mesh).rays, rays)
 
 
 @dataclass(frozen=True)
@@ -287,11 +257,8 @@ class WorldGround:
 
     def is_hit(self, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
         """(n,) bool whether a surface lies between points."""
-        import open3d as o3d
-
-        rays = np.concatenate([start, stop - start], axis=1).astype(np.float32)
-        found = Shape.of(self._world.mesh).rays.cast_rays(o3d.core.Tensor(rays))
-        return found["t_hit"].numpy() <= 1.0
+        rays = np.concatenate([start, stop - start], axis=1)
+        return cast_rays(Shape.of(self._world.mesh).rays, rays) <= 1.0
 
 
 _normals: dict[str, np.ndarray] = {}

@@ -4,24 +4,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import Field, model_validator
 
 from toolkit import __version__
-from toolkit.core.config import Config, Flag
 from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_bytes, sha256_file, write_bytes, write_json
-from toolkit.core.names import is_file_name
 from toolkit.core.workspace import Workspace
+from toolkit.landing.config import LandingTrainConfig
 from toolkit.landing.dataset import DatasetFile, SampleSet, open_dataset, read_split
 from toolkit.landing.regressor import (
     SUFFIX,
     ErrorRow,
-    Pool,
     Regressor,
     RegressorRecord,
     as_batch,
@@ -35,7 +32,7 @@ from toolkit.models.network import choose_device
 from toolkit.models.weights import WeightsFile, read_state_dict
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.classifier_task import load_tensors
-from toolkit.training.loop import FitConfig, History, Task, fit
+from toolkit.training.loop import History, Task, fit
 
 if TYPE_CHECKING:
     import torch
@@ -47,77 +44,6 @@ LEAST_HEIGHT_M = 0.5
 PROBE_BATCH = 64
 MOST_ZOOM, MOST_SHIFT, FARTHEST_SHOWN = 0.2, 0.25, 0.7
 """Of pictures as they are trained on: logarithm of the zoom; shift and the pad's place in halves of the picture."""
-
-
-class LandingTrainConfig(Config):
-    """How a regressor is trained.
-
-    Attributes:
-        name: of its file; by default the data set's.
-        arch: of the network, one of torchvision's.
-        init: weights to start from; by default ImageNet's of that network.
-        pool: what the last layer sees, see `build_module`.
-        probe: the last layer starts as the ridge regression on the features of the given weights, and the statistics
-            of normalisation stay theirs (linear probing, then fine-tuning: Kumar et al. 2022).
-        frames: of the training split at most.
-        epochs, batch, lr, optimiser, schedule, momentum, weight_decay: of the training.
-        loss: `mse` of metres, or `relative`: of shares of the height.
-        augment: quarter turns of picture and truth, cameras a little aside and nearer or farther, and changes of light.
-        uncertainty: a third output, the logarithm of the standard deviation, by the likelihood of a normal error.
-    """
-
-    name: Annotated[str, Flag(metavar="NAME")] = Field("", description="Of its file. Default: the data set's.")
-    arch: Annotated[str, Flag(metavar="NAME")] = Field("resnet18", description="Torchvision network.")
-    init: Annotated[Path | None, Flag(metavar="FILE", typed=Path)] = Field(
-        None, description="Weights to start from. Default: ImageNet's, else the bundled network."
-    )
-    pool: Annotated[Pool, Flag()] = Field("grid", description="What the last layer sees of the features.")
-    probe: Annotated[bool, Flag()] = Field(True, description="Start the last layer by ridge regression.")
-    frames: Annotated[int | None, Field(ge=8), Flag(typed=int)] = Field(None, description="To train on, at most.")
-    epochs: Annotated[int, Field(ge=1, le=1000), Flag()] = Field(8, description="Times through the frames.")
-    batch: Annotated[int, Field(ge=2, le=4096), Flag()] = Field(64, description="Frames of a step.")
-    lr: Annotated[float, Field(gt=0, le=10), Flag()] = Field(2e-4, description="Highest learning rate.")
-    optimiser: Annotated[Literal["sgd", "adam"], Flag()] = Field("adam", description="Of the weights.")
-    schedule: Annotated[Literal["constant", "linear", "cosine", "one-cycle"], Flag()] = Field(
-        "one-cycle", description="Of the learning rate."
-    )
-    momentum: Annotated[float, Field(ge=0, lt=1)] = 0.9
-    weight_decay: Annotated[float, Field(ge=0, le=1), Flag()] = Field(1e-4, description="Of the weights.")
-    loss: Annotated[Literal["mse", "relative"], Flag()] = Field(
-        "relative", description="Mean square of metres, or of shares of the height."
-    )
-    augment: Annotated[bool, Flag()] = Field(True, description="Quarter turns, moved cameras, changes of light.")
-    uncertainty: Annotated[bool, Flag()] = Field(False, description="Say how sure it is as well, calibrated.")
-
-    @model_validator(mode="after")
-    def _check(self) -> "LandingTrainConfig":
-        if self.name and not is_file_name(self.name):
-            raise FieldError("expected a name of letters, digits, - and _", {"name": self.name})
-        return self
-
-    def fit_config(self, frames: int, seed: int) -> FitConfig:
-        """Of the loop."""
-        steps = max(frames // self.batch, 1) * self.epochs
-        return FitConfig(
-            steps=steps, lr=self.lr, schedule=self.schedule, optimiser=self.optimiser, seed=seed,
-            momentum=self.momentum, weight_decay=self.weight_decay,
-        )  # fmt: skip
-
-
-RECIPES = {
-    "quick": LandingTrainConfig(),
-    "paper": LandingTrainConfig(
-        epochs=10,
-        batch=512,
-        lr=1e-3,
-        optimiser="sgd",
-        schedule="constant",
-        weight_decay=1e-4,
-        loss="mse",
-        augment=False,
-    ),
-}
-"""`paper`: appendix B.3 of Salman et al. 2021; it names no momentum: 0.9, as for their patches."""
 
 
 @dataclass(frozen=True)

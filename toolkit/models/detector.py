@@ -9,7 +9,7 @@ import numpy as np
 from toolkit.core.errors import ToolkitError
 from toolkit.models.coco import coco_names
 from toolkit.models.labels import index_of_label
-from toolkit.models.weights import WeightsFile
+from toolkit.models.network import AnyNetwork
 
 if TYPE_CHECKING:
     import torch
@@ -38,32 +38,8 @@ class Detections:
         return len(self.scores)
 
 
-class Detector(Protocol):
+class Detector(AnyNetwork, Protocol):
     """A frozen network that finds things; the counterpart of `Classifier`."""
-
-    @property
-    def name(self) -> str:
-        """What to call it in a result."""
-
-    @property
-    def arch(self) -> str:
-        """Name of its architecture."""
-
-    @property
-    def labels(self) -> list[str]:
-        """Name of each class."""
-
-    @property
-    def weights(self) -> WeightsFile:
-        """The file that its weights came from."""
-
-    @property
-    def device(self) -> str:
-        """Where it runs, `cpu` or `cuda`."""
-
-    @property
-    def untrainable(self) -> str:
-        """Why no gradient leads back to the image; empty where one does."""
 
     @property
     def image_px(self) -> int:

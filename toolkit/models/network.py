@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -19,6 +19,34 @@ from toolkit.models.weights import WeightsFile
 
 if TYPE_CHECKING:
     import torch
+
+
+class AnyNetwork(Protocol):
+    """What is asked of every network, whatever it answers: a `Classifier`, a detector."""
+
+    @property
+    def name(self) -> str:
+        """What to call it in a result."""
+
+    @property
+    def arch(self) -> str:
+        """Name of its architecture."""
+
+    @property
+    def labels(self) -> list[str]:
+        """Name of each class."""
+
+    @property
+    def weights(self) -> WeightsFile:
+        """The file that its weights came from."""
+
+    @property
+    def device(self) -> str:
+        """Where it runs, `cpu` or `cuda`."""
+
+    @property
+    def untrainable(self) -> str:
+        """Why no gradient leads back to the image; empty where one does."""
 
 
 @dataclass(frozen=True)

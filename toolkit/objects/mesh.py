@@ -186,3 +186,13 @@ def make_ray_scene(mesh: Mesh) -> "RaycastingScene":
         o3d.core.Tensor(np.ascontiguousarray(mesh.faces.astype(np.uint32))),
     )
     return scene
+
+
+def cast_rays(scene: "RaycastingScene", rays: np.ndarray) -> np.ndarray:
+    """(...) float32 way of rays (..., 6), origin and direction, to what they meet first; inf where there is nothing.
+
+    The way is counted in lengths of the direction: between two points, from 0 to 1.
+    """
+    import open3d as o3d
+
+    return scene.cast_rays(o3d.core.Tensor(np.ascontiguousarray(rays, np.float32)))["t_hit"].numpy()

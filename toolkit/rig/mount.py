@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
-from toolkit.objects.mesh import Material, Mesh, make_ray_scene, merge_meshes
+from toolkit.objects.mesh import Material, Mesh, cast_rays, make_ray_scene, merge_meshes
 from toolkit.objects.records import TAPE_MARGIN_MM
 from toolkit.objects.spec import PatchMount
 
@@ -151,15 +151,13 @@ def _start(mesh: Mesh, mount: PatchMount) -> np.ndarray:
 
 def _heights(scene: "RaycastingScene", T_object_sheet: np.ndarray, side: float) -> np.ndarray:
     """(rows along up, columns along right) height of the surface over the sheet's plane, -inf where there is none."""
-    import open3d as o3d
-
     right, up, normal, centre = T_object_sheet[:3].T
     steps = np.linspace(-side / 2, side / 2, SAMPLES)
     x, y = np.meshgrid(steps, steps)
     far = max(1000.0, 2 * side)  # outside the object, for the large ones too
     origins = centre + x[..., None] * right + y[..., None] * up + far * normal
-    rays = np.concatenate([origins, np.broadcast_to(-normal, origins.shape)], axis=-1).astype(np.float32)
-    hit = scene.cast_rays(o3d.core.Tensor(np.ascontiguousarray(rays)))["t_hit"].numpy()
+    rays = np.concatenate([origins, np.broadcast_to(-normal, origins.shape)], axis=-1)
+    hit = cast_rays(scene, rays)
     return np.where(np.isfinite(hit), far - hit, -np.inf)
 
 

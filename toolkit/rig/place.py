@@ -13,7 +13,7 @@ from toolkit.core.config import Config, Flag
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import TableObject
-from toolkit.objects.mesh import make_ray_scene
+from toolkit.objects.mesh import cast_rays, make_ray_scene
 from toolkit.objects.records import TAPE_MARGIN_MM
 from toolkit.objects.spec import PatchMount, Side
 from toolkit.rig.camera import Camera, project
@@ -179,8 +179,8 @@ def _see(
     """Share of the sheet that a camera sees, and the square pixels that this covers."""
     towards = T_world_camera[:3, 3] - points
     distance = np.linalg.norm(towards, axis=2, keepdims=True)
-    rays = np.concatenate([points, towards / distance], axis=2).astype(np.float32)
-    is_free = scene.cast_rays(rays)["t_hit"].numpy() >= distance[..., 0]
+    rays = np.concatenate([points, towards / distance], axis=2)
+    is_free = cast_rays(scene, rays) >= distance[..., 0]
     pixels, depth = project(camera, T_world_camera, points.reshape(-1, 3))
     inside = ((pixels >= 0) & (pixels <= (camera.width, camera.height))).all(axis=1) & (depth > 0)
     seen = is_free & ((normals * towards).sum(axis=2) > 0) & inside.reshape(is_free.shape)

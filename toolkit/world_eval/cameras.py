@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
+from toolkit.objects.mesh import cast_rays
 from toolkit.rig.camera import Camera, look_at, pixel_rays, project
 from toolkit.rig.lighting import Shape
 from toolkit.world_eval.config import GridShape
@@ -178,8 +179,6 @@ def measure_sight(
     world: World, placed: Placed, shape: Shape, camera: Camera, T_world_camera: np.ndarray
 ) -> tuple[float, float]:
     """Share of the object in the picture that nothing hides, and share of the picture that its outline covers."""
-    import open3d as o3d
-
     pixels, depth = project(camera, T_world_camera, placed.stand.to_world(shape.outline))
     frame = np.array([camera.width, camera.height], float)
     ahead = pixels[depth > 0]
@@ -192,11 +191,11 @@ def measure_sight(
     local = np.concatenate(
         [(rays[:, :3] - placed.stand.place) @ placed.stand.turn, rays[:, 3:] @ placed.stand.turn], axis=1
     ).astype(np.float32)
-    way = shape.rays.cast_rays(o3d.core.Tensor(local))["t_hit"].numpy()
+    way = cast_rays(shape.rays, local)
     met = np.isfinite(way)
     if not met.any():
         return 0.0, 0.0
-    before = world.shape.rays.cast_rays(o3d.core.Tensor(rays[met]))["t_hit"].numpy() < way[met]
+    before = cast_rays(world.shape.rays, rays[met]) < way[met]
     return float(1 - before.mean()), float(met.mean() * (high - low).prod() / frame.prod())
 
 

@@ -10,9 +10,9 @@ from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.evaluation.config import RunName
 from toolkit.rig.variants import VARIANTS
+from toolkit.worlds import conditions
+from toolkit.worlds.conditions import CLEAR, Time
 from toolkit.worlds.place import DRY, Kind
-from toolkit.worlds.sky import TIMES
-from toolkit.worlds.weather import CLEAR, parse_weathers
 
 GridShape = tuple[int, int, int]
 GRID_WORDS = re.compile(r"(\d{1,3})[x×](\d{1,3})[x×](\d{1,3})")
@@ -40,26 +40,6 @@ def read_grid(given: object) -> object:
     return shape
 
 
-def read_weathers(given: object) -> object:
-    """(name, severity) of each from words such as `fog:1-5` and `dust`, clear air first; pairs stay as they are.
-
-    Raises:
-        ToolkitError: there is no such weather or severity.
-    """
-    each = [given] if isinstance(given, str) else given
-    if not isinstance(each, list | tuple):
-        return given
-    read = [parse_weathers([one]) if isinstance(one, str) else (one,) for one in each]
-    return tuple(dict.fromkeys((CLEAR, *(tuple(pair) for pairs in read for pair in pairs))))
-
-
-def check_time(time: str) -> str:
-    """The name of a time of day; an unknown one is a `ToolkitError`."""
-    if time not in TIMES:
-        raise one_of("time of day", time, list(TIMES))
-    return time
-
-
 def check_variants(variants: tuple[str, ...]) -> tuple[str, ...]:
     """Variants that can stand in a world, each once.
 
@@ -74,7 +54,12 @@ def check_variants(variants: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(variants))
 
 
-Weathers = Annotated[tuple[tuple[str, int], ...], BeforeValidator(read_weathers)]
+def put_clear_first(weathers: tuple[tuple[str, int], ...]) -> tuple[tuple[str, int], ...]:
+    """The same, clear air before them."""
+    return tuple(dict.fromkeys((CLEAR, *weathers)))
+
+
+Weathers = Annotated[conditions.Weathers, AfterValidator(put_clear_first)]
 """(name, severity) of each, clear air first."""
 
 
@@ -99,7 +84,7 @@ class WorldEvalConfig(Config):
     scale: Annotated[float, Field(gt=0), Flag("--world-scale", group=WORLD)] = Field(
         1.0, description="From the units of a mesh of your own to metres."
     )
-    time: Annotated[str, AfterValidator(check_time), Flag(metavar="NAME", group=WORLD)] = Field(
+    time: Annotated[Time, Flag(metavar="NAME", group=WORLD)] = Field(
         "noon", description="Time of day: noon, afternoon, golden, dusk, overcast."
     )
     places: Annotated[int, Field(ge=1, le=1000), Flag(group=WORLD)] = Field(

@@ -15,7 +15,7 @@ from toolkit.world_eval.half_lost import find_ladder, list_extinctions
 from toolkit.world_eval.keep import KeptFrames, name_picture
 from toolkit.world_eval.metrics import AXES, IN_VIEW
 from toolkit.world_eval.results import WorldResults, find_visibility_m
-from toolkit.worlds.weather import CLEAR
+from toolkit.worlds.conditions import CLEAR
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 
 from toolkit.core.statistics import Interval, percentile_interval
+from toolkit.worlds.conditions import CLEAR
 from toolkit.worlds.fog import find_extinction, find_visibility
-from toolkit.worlds.weather import CLEAR, make_weather
+from toolkit.worlds.weather import make_weather
 
 HALF = 0.5
 NOT_REACHED = np.inf

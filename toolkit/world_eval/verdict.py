@@ -6,7 +6,7 @@ from toolkit.captures.read import POOLED, UNPATCHED
 from toolkit.core.tables import build_table, format_interval, format_p, format_percent, format_points, format_test
 from toolkit.evaluation.metrics import name_booster
 from toolkit.world_eval.config import ABSENT
-from toolkit.worlds.weather import CLEAR
+from toolkit.worlds.conditions import CLEAR
 
 if TYPE_CHECKING:
     from rich.table import Table

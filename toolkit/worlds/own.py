@@ -11,7 +11,7 @@ import numpy as np
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.objects.load import read_mesh, turn_upright
-from toolkit.objects.mesh import Material, Mesh, make_ray_scene
+from toolkit.objects.mesh import Material, Mesh, cast_rays, make_ray_scene
 from toolkit.objects.spec import axes_of_format
 from toolkit.worlds.classes import STANDING, SceneClass
 from toolkit.worlds.world import Spot, World
@@ -103,8 +103,6 @@ def share_materials(mesh: Mesh) -> Mesh:
 
 def _probe(mesh: Mesh, upwards: bool) -> tuple[np.ndarray, np.ndarray]:
     """Heights (p, p) that a grid of vertical rays meets first, NaN where none, and their (x, y)."""
-    import open3d as o3d
-
     low, high = mesh.bounds
     x, y = (np.linspace(low[k], high[k], PROBES + 2)[1:-1] for k in (0, 1))
     grid = np.stack(np.meshgrid(x, y, indexing="ij"), -1)
@@ -112,7 +110,7 @@ def _probe(mesh: Mesh, upwards: bool) -> tuple[np.ndarray, np.ndarray]:
     rays[..., :2] = grid
     rays[..., 2] = low[2] - 1 if upwards else high[2] + 1
     rays[..., 5] = 1 if upwards else -1
-    way = make_ray_scene(mesh).cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
+    way = cast_rays(make_ray_scene(mesh), rays)
     z = rays[..., 2] + way * rays[..., 5]
     return np.where(np.isfinite(way), z, np.nan), grid
 
@@ -165,8 +163,6 @@ def classify_ground(mesh: Mesh, ground_z: np.ndarray) -> np.ndarray:
 
 def find_spots(world: World, seed: int) -> tuple[Spot, ...]:
     """Up to `MAX_SPOTS` free places on the ground, the widest first, none in another's circle."""
-    import open3d as o3d
-
     rng = np.random.default_rng([seed, 40])
     low, high = world.core
     candidates = rng.uniform(low, high, (600, 2))
@@ -183,9 +179,9 @@ def find_spots(world: World, seed: int) -> tuple[Spot, ...]:
         rays = np.zeros((len(origin), SPOT_DIRECTIONS, 6), np.float32)
         rays[..., :3] = (origin + [0, 0, height])[:, None]
         rays[..., 3:] = ways
-        free = np.minimum(free, scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy().min(axis=1))
+        free = np.minimum(free, cast_rays(scene, rays).min(axis=1))
     above = np.column_stack([origin + [0, 0, SPOT_HEIGHTS_M[0]], np.tile([0.0, 0.0, 1.0], (len(origin), 1))])
-    covered = np.isfinite(scene.cast_rays(o3d.core.Tensor(above.astype(np.float32)))["t_hit"].numpy())
+    covered = np.isfinite(cast_rays(scene, above))
     edge = np.minimum(candidates - low, high - candidates).min(axis=1)
     free = np.where(covered, 0.0, np.minimum(np.minimum(free, edge), _gap_to_corners(world, candidates)))
     spots: list[Spot] = []

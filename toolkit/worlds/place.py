@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.objects.mesh import Mesh
+from toolkit.objects.mesh import Mesh, cast_rays
 from toolkit.objects.spec import ObjectSpec
 from toolkit.rig.scene import Scene, Stand
 from toolkit.worlds.sky import Sky
@@ -169,7 +169,7 @@ def is_clear(world: World, spot: Spot, radius_m: float) -> bool:
     rays[..., :3] = spot.position
     rays[..., 2] += np.array(FAN_HEIGHTS_M)[:, None]
     rays[..., 3], rays[..., 4] = np.cos(angle), np.sin(angle)
-    return bool(_cast(world, rays.reshape(-1, 6)).min() >= radius_m)
+    return bool(cast_rays(world.shape.rays, rays.reshape(-1, 6)).min() >= radius_m)
 
 
 def place_object(mesh: Mesh, world: World, spot: Spot, sky: Sky) -> Placed:
@@ -208,7 +208,7 @@ def _stand_height(world: World, spot: Spot, points: np.ndarray) -> float:
     """Height of what is highest under points (n, 3)."""
     rays = np.zeros((len(points), 6), np.float32)
     rays[:, :2], rays[:, 2], rays[:, 5] = points[:, :2], spot.position[2] + ABOVE_M, -1
-    fall = _cast(world, rays).min()
+    fall = cast_rays(world.shape.rays, rays).min()
     if not np.isfinite(fall) or fall > 2 * ABOVE_M:
         raise ToolkitError(f"there is nothing to stand on at '{spot.name}' of {world.name}: take another place")
     return spot.position[2] + ABOVE_M - float(fall)
@@ -223,11 +223,4 @@ def _has_free_box(world: World, placed: Placed, across: int = 24) -> bool:
     top = np.stack([*np.meshgrid(x, y, indexing="ij"), np.full((across, across), high[2])], axis=-1).reshape(-1, 3)
     rays = np.zeros((len(top), 6), np.float32)
     rays[:, :3], rays[:, 5] = placed.stand.to_world(top), -1
-    return bool(_cast(world, rays).min() >= high[2] - low[2] - KERB_M)
-
-
-def _cast(world: World, rays: np.ndarray) -> np.ndarray:
-    """(n,) way of rays (n, 6) to what they meet first; inf where nothing."""
-    import open3d as o3d
-
-    return world.shape.rays.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
+    return bool(cast_rays(world.shape.rays, rays).min() >= high[2] - low[2] - KERB_M)

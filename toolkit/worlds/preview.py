@@ -17,16 +17,17 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError
 from toolkit.core.files import read_bytes, sha256_file, write_bytes, write_json
+from toolkit.objects.mesh import cast_rays, hash_mesh
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.shading import tone_map
+from toolkit.worlds.conditions import CLEAR
 from toolkit.worlds.film import FPS, write_film
 from toolkit.worlds.flight import Flight, plan_flight
 from toolkit.worlds.picture import leave_empty, make_renderer, see_through
 from toolkit.worlds.place import Placed, place_object
 from toolkit.worlds.sky import Sky
 from toolkit.worlds.viewpoints import FOV_DEG, HEADROOM_M, Viewpoint, choose_viewpoints, clearance
-from toolkit.worlds.weather import CLEAR
 from toolkit.worlds.world import World
 from toolkit.worlds.world_map import MapSheet, draw_map
 
@@ -189,8 +190,6 @@ class _Show:
 
 def find_clear_orbit(world: World, placed: Placed, turn_deg: float, up_deg: float, distance_m: float) -> np.ndarray:
     """(4, 4) camera that looks at an object from about there, from where the world hides least of its box."""
-    import open3d as o3d
-
     azimuths = [placed.stand.turn_deg + turn_deg + turn for turn in TURNS_DEG]
     poses = [orbit_pose(placed.centre, azimuth, up_deg, distance_m) for azimuth in azimuths]
     low, high = placed.mesh.bounds
@@ -199,7 +198,7 @@ def find_clear_orbit(world: World, placed: Placed, turn_deg: float, up_deg: floa
     eyes = np.array([pose[:3, 3] for pose in poses])
     ways = targets[None] - eyes[:, None]
     rays = np.concatenate([np.broadcast_to(eyes[:, None], ways.shape), ways], axis=2).astype(np.float32)
-    met = world.shape.rays.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()  # in shares of the way
+    met = cast_rays(world.shape.rays, rays)  # in shares of the way
     free = (met > 0.97).mean(axis=1) - (clearance(world, eyes) < HEADROOM_M) - world.inside_building(eyes)
     return poses[int(free.argmax())]
 
@@ -227,8 +226,6 @@ def preview_world(
     """
     facts: dict[str, Any] = {"world": world.name, "world_sha256": world.sha256, "seed": settings.seed}
     if placed is not None:
-        from toolkit.objects.mesh import hash_mesh
-
         facts |= {"object_sha256": hash_mesh(placed.mesh), "place": placed.spot.name}
     show = _Show(world, skies, placed, settings, Path(folder), facts)
     jobs = list(show.list_jobs())

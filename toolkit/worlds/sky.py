@@ -8,7 +8,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from toolkit.core.errors import FieldError, one_of
+from toolkit.core.errors import FieldError
 from toolkit.rig.camera import orbit_direction
 from toolkit.rig.scene import KeyLight
 from toolkit.rig.textures import sample_directions
@@ -21,6 +21,7 @@ from toolkit.worlds.clouds import (
     march_clouds,
     reach_height,
 )
+from toolkit.worlds.conditions import TIMES, TimeOfDay, check_time
 from toolkit.worlds.daylight import (
     LOWEST_SUN_DEG,
     LUMINANCE,
@@ -39,40 +40,6 @@ GROUND_ALBEDO = np.array([0.19, 0.18, 0.16])
 
 LAMPS = 0.06
 """Luminance of the brightest lit windows, kcd/m² (assumed); lamps, which are far brighter, are white anyway."""
-BOUNDS = {"sun_elevation_deg": (-12.0, 90.0), "turbidity": (1.8, 10.0), "cloud_cover": (0.0, 1.0)}
-
-
-@dataclass(frozen=True)
-class TimeOfDay:
-    """Where the sun stands and what hangs before it.
-
-    Attributes:
-        sun_elevation_deg: of the sun's middle; below -6 it is nearly night.
-        sun_azimuth_deg: counter-clockwise from +x, seen from above.
-        turbidity: of the air: 2 very clear, 3 clear, 6 hazy.
-        cloud_cover: share of the sky; from 0.85 up the sun is hidden little by little.
-        lamps_on: whether street lamps are lit.
-    """
-
-    sun_elevation_deg: float
-    sun_azimuth_deg: float = 50.0
-    turbidity: float = 2.6
-    cloud_cover: float = 0.3
-    lamps_on: bool = False
-
-    def __post_init__(self) -> None:
-        for name, (low, high) in BOUNDS.items():
-            if not low <= getattr(self, name) <= high:
-                raise FieldError(f"expected {low:g} to {high:g}", {name: getattr(self, name)})
-
-
-TIMES: dict[str, TimeOfDay] = {
-    "noon": TimeOfDay(60.0, cloud_cover=0.25),
-    "afternoon": TimeOfDay(35.0, 120.0, cloud_cover=0.35),
-    "golden": TimeOfDay(6.0, 160.0, turbidity=3.0, cloud_cover=0.35),
-    "dusk": TimeOfDay(-4.0, 175.0, turbidity=3.0, cloud_cover=0.3, lamps_on=True),
-    "overcast": TimeOfDay(40.0, 90.0, cloud_cover=1.0),
-}
 
 
 @dataclass(frozen=True)
@@ -176,9 +143,10 @@ def make_sky(time: str | TimeOfDay = "noon", seed: int = 0, height_px: int = 512
     """
     if height_px < 16 or height_px % 2:
         raise FieldError("expected an even number from 16 up", {"height_px": height_px})
-    if isinstance(time, str) and time not in TIMES:
-        raise one_of("time of day", time, list(TIMES))
-    name, when = (time, TIMES[time]) if isinstance(time, str) else (f"sun {time.sun_elevation_deg:g}°", time)
+    if isinstance(time, str):
+        name, when = time, TIMES[check_time(time)]
+    else:
+        name, when = f"sun {time.sun_elevation_deg:g}°", time
     directions = find_directions(height_px)
     above = directions[: height_px // 2].reshape(-1, 3)
     direct = sunlight(when.sun_elevation_deg, when.turbidity)

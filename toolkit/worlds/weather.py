@@ -8,7 +8,8 @@ import numpy as np
 from toolkit.core.config import align_rows
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.severities import SEVERITIES, parse_severities
+from toolkit.core.severities import SEVERITIES
+from toolkit.worlds.conditions import check_weather
 from toolkit.worlds.depth_view import AffineLight, DepthView
 from toolkit.worlds.fog import CONTRAST_LOG, LADDER_M, Dust, Fog
 from toolkit.worlds.rain import LADDER_MM_H, Rain
@@ -53,7 +54,6 @@ class Clear:
         return AffineLight.of_nothing(*view.depth_m.shape)
 
 
-CLEAR = ("clear", 0)
 WEATHERS: dict[str, type[Fog] | type[Dust] | type[Rain] | type[Snow]] = {
     "fog": Fog, "dust": Dust, "rain": Rain, "snow": Snow,
 }  # fmt: skip
@@ -66,33 +66,8 @@ def make_weather(name: str, severity: int) -> Weather:
         ToolkitError: there is none of that name.
         FieldError: there is no such severity.
     """
-    if name not in ("clear", *WEATHERS):
-        raise one_of("weather", name, ["clear", *WEATHERS])
-    known = (0,) if name == "clear" else SEVERITIES
-    if severity not in known:
-        words = "0, clear air has no other" if name == "clear" else "one of 1 (slight) to 5 (severe)"
-        raise FieldError(f"{name}: expected {words}", {"severity": severity})
+    check_weather(name, severity)
     return Clear() if name == "clear" else WEATHERS[name].of_severity(severity)
-
-
-def parse_weathers(words: Sequence[str]) -> tuple[tuple[str, int], ...]:
-    """Names with severities from words such as `fog:3`, `dust:1-3`, `rain` (all five) and `clear`, each once, in order.
-
-    Raises:
-        ToolkitError: there is no such weather or severity.
-    """
-    pairs = []
-    for word in words:
-        name = word.partition(":")[0]
-        if word == "clear":
-            pairs.append(CLEAR)
-            continue
-        if name == "clear":
-            raise ToolkitError(f"weather '{word}': clear air has no severity: expected clear")
-        if name not in WEATHERS:
-            raise one_of("weather", name, ["clear", *WEATHERS])
-        pairs += [(name, severity) for severity in parse_severities("weather", word)]
-    return tuple(dict.fromkeys(pairs))
 
 
 def describe_weathers(weathers: Sequence[tuple[str, int]]) -> list[str]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from toolkit.objects.mesh import Mesh, hash_mesh
+from toolkit.objects.mesh import Mesh, cast_rays, hash_mesh
 from toolkit.worlds.classes import STANDING
 from toolkit.worlds.pieces import Looks, Piece
 
@@ -102,7 +102,7 @@ class World:
         high = float(self.bounds[1, 2]) + 1.0
         rays = np.zeros((len(points), 6), np.float32)
         rays[:, :2], rays[:, 2], rays[:, 5] = points[:, :2], high, -1.0
-        fall = _cast(self._ground, rays)
+        fall = cast_rays(self._ground, rays)
         return np.where(np.isfinite(fall), high - fall, np.nan).astype(np.float32)
 
     def inside_building(self, points: np.ndarray) -> np.ndarray:
@@ -141,12 +141,6 @@ def _scene_of(mesh: Mesh, chosen: np.ndarray) -> "RaycastingScene":
         faces = np.ascontiguousarray(mesh.faces[chosen].astype(np.uint32))
         scene.add_triangles(o3d.core.Tensor(np.ascontiguousarray(mesh.vertices)), o3d.core.Tensor(faces))
     return scene
-
-
-def _cast(scene: "RaycastingScene", rays: np.ndarray) -> np.ndarray:
-    import open3d as o3d
-
-    return scene.cast_rays(o3d.core.Tensor(rays))["t_hit"].numpy()
 
 
 def mesh_of(piece: Piece, looks: Looks) -> tuple[Mesh, np.ndarray]:

@@ -9,6 +9,7 @@ import numpy as np
 from toolkit.boosters.parts.base import Range, check_probability, check_range
 from toolkit.core.errors import ToolkitError
 from toolkit.rig.linear_view import LinearView
+from toolkit.worlds.conditions import read_weathers
 from toolkit.worlds.depth_view import DepthView
 
 if TYPE_CHECKING:
@@ -20,11 +21,8 @@ TINT = 0.12
 
 def read_words(given: object) -> object:
     """The part from words such as `fog:1-5`; anything else as it is."""
-    if isinstance(given, list | tuple) and all(isinstance(word, str) for word in given):
-        from toolkit.worlds.weather import parse_weathers
-
-        return Weathered(parse_weathers(given))
-    return given
+    read = read_weathers(given)
+    return Weathered(read) if isinstance(read, tuple) else read
 
 
 def find_depths(views: Sequence[LinearView], metres_per_unit: Sequence[float]) -> list[DepthView]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.objects.mesh import Mesh, make_ray_scene
+from toolkit.objects.mesh import Mesh, cast_rays, make_ray_scene
 from toolkit.photos.posed_camera import PosedCamera
 
 if TYPE_CHECKING:
@@ -38,10 +38,8 @@ class Solid:
 
     def hit_mm(self, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
         """(n,) distance from a point (3,) along unit vectors (n, 3); infinite where the object is missed."""
-        import open3d as o3d
-
-        rays = np.concatenate([np.broadcast_to(origin, directions.shape), directions], axis=1).astype(np.float32)
-        return self._scene.cast_rays(o3d.core.Tensor(np.ascontiguousarray(rays)))["t_hit"].numpy()
+        rays = np.concatenate([np.broadcast_to(origin, directions.shape), directions], axis=1)
+        return cast_rays(self._scene, rays)
 
     def hides(self, view: PosedCamera, points_mm: np.ndarray, slack_mm: float = 2.0) -> np.ndarray:
         """(n,) which points (n, 3) lie behind the object, more than `slack_mm` behind its surface."""

@@ -1,0 +1,323 @@
+"""The settings of the landing commands, declared once; nothing heavy is loaded for them."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import AfterValidator, Field, model_validator
+
+from toolkit.core.config import Config, Flag, Range, Rising
+from toolkit.core.errors import FieldError
+from toolkit.core.names import is_file_name
+from toolkit.landing.episodes import EpisodeConfig
+from toolkit.landing.pilot import DescentConfig, parse_gains
+from toolkit.printing.page import parse_paper
+from toolkit.printing.settings import AnyPaper
+from toolkit.rig.camera import Camera
+from toolkit.training.loop import FitConfig
+from toolkit.worlds.conditions import CLEAR, Time, Times, Weathers, check_weather, parse_weathers
+
+
+def _check_name(name: str) -> str:
+    if name and not is_file_name(name):
+        raise ValueError("expected a name of letters, digits, - and _")
+    return name
+
+
+Ground = Literal["pads", "bare", "both"]
+Pool = Literal["average", "grid"]
+OwnName = Annotated[str, AfterValidator(_check_name)]
+"""Of a file or folder; empty where it follows from something else."""
+WorldName = Annotated[str, Flag(metavar="NAME|FILE"), Field(description="Built-in world, or a mesh or kit file.")]
+WorldSeed = Annotated[int, Field(ge=0, description="Of the world."), Flag()]
+OneTime = Annotated[Time, Flag(metavar="NAME"), Field(description="Time of day.")]
+WeatherWords = Annotated[Weathers, Flag("--weather", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])]
+Heights = Annotated[Range, Rising(0.3, 200), Flag(), Field(description="Heights of the camera.")]
+HalfAngle = Annotated[float, Field(gt=0, le=50), Flag("--half-angle")]
+
+
+class CameraConfig(Config):
+    """The downward camera.
+
+    Attributes:
+        image_px: side of its square pictures.
+        fov_deg: its angle of view.
+        noise: standard deviation of the sensor's noise at middle grey, see `toolkit.rig.shading.tone_map`.
+    """
+
+    image_px: Annotated[int, Field(ge=32, le=1024), Flag("--image-px")] = Field(96, description="Side of a picture.")
+    fov_deg: Annotated[float, Field(ge=20, le=120), Flag("--fov", metavar="DEGREES")] = Field(
+        70.0, description="Angle of view."
+    )
+    noise: Annotated[float, Field(ge=0, le=0.2)] = 0.006
+
+    @property
+    def camera(self) -> Camera:
+        """Intrinsics."""
+        return Camera.from_fov(self.image_px, self.image_px, self.fov_deg)
+
+    @property
+    def view_tan(self) -> float:
+        """Tangent of half the angle of view."""
+        return float(np.tan(np.radians(self.fov_deg) / 2))
+
+
+class CollectConfig(Config):
+    """A data set for landings.
+
+    Attributes:
+        name: of its folder below captures/landing; by default the world's.
+        world, world_seed: where.
+        pad, size_m: what is looked for, and its side.
+        frames: how many.
+        places, ground: on how many places the pad lies, and on what.
+        at: x and y of a place of the user's own, instead.
+        height_m, half_angle_deg: of the cone of cameras; heights are drawn evenly in their logarithm.
+        gimbal_error_deg: standard deviation of the camera's tilt about each axis.
+        times: of day, in turn by place.
+        weathers: (name, severity), drawn evenly for each frame.
+        split, held_out: how frames are held out, and their share.
+        shard_frames: in one tar.
+        optics: the camera.
+    """
+
+    name: Annotated[OwnName, Flag(positional=True, metavar="NAME")] = Field(
+        "", description="Folder below captures/landing. Default: the world's name."
+    )
+    world: WorldName = "grass"
+    world_seed: WorldSeed = 0
+    pad: Annotated[str, Flag(metavar="NAME|FILE")] = Field(
+        "plain", description="plain, apriltag, grey, noise, one of print/pads, or a square picture."
+    )
+    size_m: Annotated[float, Flag("--size-m")] = Field(2.0, description="Side of the pad, metres.")
+    frames: Annotated[int, Field(ge=2, le=10_000_000), Flag()] = Field(20_000, description="How many pictures.")
+    places: Annotated[int, Field(ge=1, le=1000), Flag()] = Field(10, description="Places that the pad lies on in turn.")
+    ground: Annotated[Ground, Flag()] = Field("both", description="What it lies on: decks, bare grass, or both.")
+    at: Annotated[tuple[float, float] | None, Flag(metavar="X Y", typed=tuple[float, float])] = Field(
+        None, description="One place of your own in the world, metres, instead."
+    )
+    height_m: Heights = (0.8, 10.0)
+    half_angle_deg: HalfAngle = Field(25.0, description="Of the cone that cameras are in, its vertex on the pad.")
+    gimbal_error_deg: Annotated[float, Field(ge=0, le=20), Flag("--gimbal-error")] = Field(
+        0.3, description="Of the camera's mount: standard deviation."
+    )
+    times: Annotated[Times, Flag("--time", metavar="NAME")] = Field(
+        ("noon",), description="Time of day; repeat for more, which places have in turn."
+    )
+    weathers: WeatherWords = Field(
+        (CLEAR,), description="Weather, drawn for each frame: clear, fog:3, dust:1-3, rain; repeat for more."
+    )
+    split: Annotated[Literal["place", "random"], Flag()] = Field("place", description="How frames are held out.")
+    held_out: Annotated[float, Field(ge=0, le=0.9), Flag()] = Field(0.2, description="Share that is held out.")
+    shard_frames: Annotated[int, Field(ge=1, le=100_000)] = 500
+    optics: CameraConfig = CameraConfig()
+
+    @model_validator(mode="after")
+    def _check(self) -> "CollectConfig":
+        for weather in self.weathers:
+            check_weather(*weather)
+        if np.tan(np.radians(self.half_angle_deg)) >= self.optics.view_tan:
+            raise FieldError(
+                f"expected less than half of {{optics.fov_deg}}, {self.optics.fov_deg:g}: else the pad is out of view",
+                {"half_angle_deg": self.half_angle_deg},
+            )
+        if self.split == "place" and self.held_out > 0 and self.places < 2 and self.at is None:
+            raise FieldError("a split by place needs at least 2; or hold frames out at random", {"places": self.places})
+        return self
+
+    @property
+    def folder_name(self) -> str:
+        """Of the data set."""
+        return self.name or (self.world if is_file_name(self.world) else Path(self.world).stem)
+
+
+class LandingTrainConfig(Config):
+    """How a regressor is trained.
+
+    Attributes:
+        name: of its file; by default the data set's.
+        arch: of the network, one of torchvision's.
+        init: weights to start from; by default ImageNet's of that network.
+        pool: what the last layer sees, see `build_module`.
+        probe: the last layer starts as the ridge regression on the features of the given weights, and the statistics
+            of normalisation stay theirs (linear probing, then fine-tuning: Kumar et al. 2022).
+        frames: of the training split at most.
+        epochs, batch, lr, optimiser, schedule, momentum, weight_decay: of the training.
+        loss: `mse` of metres, or `relative`: of shares of the height.
+        augment: quarter turns of picture and truth, cameras a little aside and nearer or farther, and changes of light.
+        uncertainty: a third output, the logarithm of the standard deviation, by the likelihood of a normal error.
+    """
+
+    name: Annotated[OwnName, Flag(metavar="NAME")] = Field("", description="Of its file. Default: the data set's.")
+    arch: Annotated[str, Flag(metavar="NAME")] = Field("resnet18", description="Torchvision network.")
+    init: Annotated[Path | None, Flag(metavar="FILE", typed=Path)] = Field(
+        None, description="Weights to start from. Default: ImageNet's, else the bundled network."
+    )
+    pool: Annotated[Pool, Flag()] = Field("grid", description="What the last layer sees of the features.")
+    probe: Annotated[bool, Flag()] = Field(True, description="Start the last layer by ridge regression.")
+    frames: Annotated[int | None, Field(ge=8), Flag(typed=int)] = Field(None, description="To train on, at most.")
+    epochs: Annotated[int, Field(ge=1, le=1000), Flag()] = Field(8, description="Times through the frames.")
+    batch: Annotated[int, Field(ge=2, le=4096), Flag()] = Field(64, description="Frames of a step.")
+    lr: Annotated[float, Field(gt=0, le=10), Flag()] = Field(2e-4, description="Highest learning rate.")
+    optimiser: Annotated[Literal["sgd", "adam"], Flag()] = Field("adam", description="Of the weights.")
+    schedule: Annotated[Literal["constant", "linear", "cosine", "one-cycle"], Flag()] = Field(
+        "one-cycle", description="Of the learning rate."
+    )
+    momentum: Annotated[float, Field(ge=0, lt=1)] = 0.9
+    weight_decay: Annotated[float, Field(ge=0, le=1), Flag()] = Field(1e-4, description="Of the weights.")
+    loss: Annotated[Literal["mse", "relative"], Flag()] = Field(
+        "relative", description="Mean square of metres, or of shares of the height."
+    )
+    augment: Annotated[bool, Flag()] = Field(True, description="Quarter turns, moved cameras, changes of light.")
+    uncertainty: Annotated[bool, Flag()] = Field(False, description="Say how sure it is as well, calibrated.")
+
+    def fit_config(self, frames: int, seed: int) -> FitConfig:
+        """Of the loop."""
+        steps = max(frames // self.batch, 1) * self.epochs
+        return FitConfig(
+            steps=steps, lr=self.lr, schedule=self.schedule, optimiser=self.optimiser, seed=seed,
+            momentum=self.momentum, weight_decay=self.weight_decay,
+        )  # fmt: skip
+
+
+RECIPES = {
+    "quick": LandingTrainConfig(),
+    "paper": LandingTrainConfig(
+        epochs=10,
+        batch=512,
+        lr=1e-3,
+        optimiser="sgd",
+        schedule="constant",
+        weight_decay=1e-4,
+        loss="mse",
+        augment=False,
+    ),
+}
+"""`paper`: appendix B.3 of Salman et al. 2021; it names no momentum: 0.9, as for their patches."""
+
+
+class BoostConfig(Config):
+    """How a pad's picture is trained.
+
+    Attributes:
+        name: of the pad; by default the regressor's with `-boosted`.
+        size_px: side of the picture.
+        start: what it starts from.
+        world, world_seed, places, ground, time: where its views are.
+        views: how many are rendered; none of them is one of a data set's or a flight's.
+        height_m, half_angle_deg: of the cameras.
+        weathers, weather_probability: drawn for each view of each step.
+        steps, batch, lr: of the training, by the sign of the gradient.
+        light: factor on all light, drawn for each view.
+        noise: standard deviation of the camera's noise, encoded.
+    """
+
+    name: Annotated[OwnName, Flag(metavar="NAME")] = Field("", description="Of the pad. Default: REGRESSOR-boosted.")
+    size_px: Annotated[int, Field(ge=8, le=512), Flag()] = Field(64, description="Side of the picture, pixels.")
+    start: Annotated[Literal["plain", "grey", "noise"], Flag("--start-pad")] = Field(
+        "plain", description="What it starts from."
+    )
+    world: WorldName = "grass"
+    world_seed: WorldSeed = 0
+    places: Annotated[int, Field(ge=1, le=200), Flag()] = Field(8, description="Places that the pad lies on.")
+    ground: Annotated[Ground, Flag()] = Field("both", description="What it lies on: decks, bare grass, or both.")
+    time: OneTime = "noon"
+    views: Annotated[int, Field(ge=8, le=20_000), Flag()] = Field(320, description="Rendered views.")
+    height_m: Heights = (0.8, 10.0)
+    half_angle_deg: HalfAngle = Field(25.0, description="Of the cone of cameras.")
+    weathers: WeatherWords = Field(
+        parse_weathers(["fog", "dust"]), description="Weather between pad and camera; repeat for more."
+    )
+    weather_probability: Annotated[float, Field(ge=0, le=1), Flag()] = Field(
+        0.7, description="That a view has weather."
+    )
+    steps: Annotated[int, Field(ge=1, le=1_000_000), Flag()] = Field(240, description="Of the training.")
+    batch: Annotated[int, Field(ge=1, le=1024), Flag()] = Field(24, description="Views of a step.")
+    lr: Annotated[float, Field(gt=0, le=1), Flag()] = Field(0.02, description="Of each pixel's step.")
+    light: Annotated[Range, Rising(0.2, 3)] = (0.75, 1.25)
+    noise: Annotated[float, Field(ge=0, le=0.5)] = 0.01
+
+
+class PadPrintConfig(Config):
+    """The pad on paper.
+
+    Attributes:
+        print_size_m: its side; by default as trained.
+        paper: of the pages.
+    """
+
+    print_size_m: Annotated[float | None, Field(ge=0.5, le=2.0), Flag(typed=float)] = Field(
+        None, description="Side of the printed pad, metres. Default: as trained."
+    )
+    paper: Annotated[AnyPaper, Flag(metavar="SIZE", typed=str)] = Field(
+        parse_paper("a3"), description="a0 to a5, letter, or one's own: 200x300mm."
+    )
+
+
+class FlyConfig(Config):
+    """What is flown.
+
+    Attributes:
+        regressors: names; `features` and `apriltag` are the classical finders.
+        name: of the folder below eval/landing; by default the first regressor's.
+        pads: names of pads or files; the first is what the others are compared with.
+        world, world_seed, places, ground, time: where, and under which sky.
+        weathers: (name, severity).
+        gains: `paper`, `gentle` or Kp,Ki,Kd.
+        episodes: of each cell; `batch` of them fly in lockstep.
+        size_m: side of the pads; by default as the first regressor was trained.
+        episode, descent: of the flights.
+    """
+
+    regressors: Annotated[tuple[str, ...], Flag(positional=True, metavar="REGRESSOR...")] = Field(
+        min_length=1, description="Trained regressors; features and apriltag are classical ones."
+    )
+    name: Annotated[OwnName, Flag(metavar="NAME")] = Field(
+        "", description="Folder below eval/landing. Default: the first regressor's."
+    )
+    pads: Annotated[tuple[str, ...], Flag("--pad", metavar="NAME|FILE")] = Field(
+        ("plain",), description="Pad; repeat for more. The others are compared with the first."
+    )
+    world: WorldName = "grass"
+    world_seed: WorldSeed = 0
+    places: Annotated[int, Field(ge=1, le=200), Flag()] = Field(8, description="Places that episodes have in turn.")
+    ground: Annotated[Ground, Flag()] = Field("both", description="What pads lie on: decks, bare grass, or both.")
+    time: OneTime = "noon"
+    weathers: WeatherWords = Field((CLEAR,), description="Weather; repeat for more: clear, fog:1-5, dust:3, rain.")
+    gains: Annotated[tuple[str, ...], Flag(metavar="NAME|KP,KI,KD")] = Field(
+        ("gentle",), description="paper (5,0,5), gentle (1,0,0), or your own; repeat for more."
+    )
+    episodes: Annotated[int, Field(ge=1, le=100_000), Flag()] = Field(64, description="Of each cell.")
+    batch: Annotated[int, Field(ge=1, le=1024), Flag()] = Field(64, description="Episodes that fly in lockstep.")
+    size_m: Annotated[float | None, Flag("--size-m", typed=float)] = Field(
+        None, description="Side of the pads, metres. Default: as trained."
+    )
+    episode: EpisodeConfig = EpisodeConfig()
+    descent: DescentConfig = DescentConfig()
+
+    @model_validator(mode="after")
+    def _check(self) -> "FlyConfig":
+        for word in self.gains:
+            parse_gains(word)
+        return self
+
+
+class DemoConfig(Config):
+    """How small the demonstration is.
+
+    Attributes:
+        frames, epochs: of the data set, and of the training.
+        image_px: side of the pictures.
+        steps: of the pad's training.
+        episodes: of each cell.
+        weathers: that are flown in.
+    """
+
+    frames: Annotated[int, Field(ge=10), Flag()] = Field(2400, description="Pictures to collect.")
+    epochs: Annotated[int, Field(ge=1), Flag()] = Field(10, description="Of the regressor.")
+    image_px: Annotated[int, Field(ge=32), Flag("--image-px")] = Field(64, description="Side of a picture.")
+    steps: Annotated[int, Field(ge=1), Flag()] = Field(160, description="Of the pad's training.")
+    episodes: Annotated[int, Field(ge=1), Flag()] = Field(16, description="Of each cell.")
+    weathers: Annotated[tuple[str, ...], Flag("--weather", metavar="NAME[:SEVERITY]")] = Field(
+        ("clear", "fog:4"), description="To fly in; repeat for more."
+    )

@@ -1,0 +1,113 @@
+"""Times of day and weathers by their names: what a config needs to know of them, with nothing heavy to load."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+from pydantic import AfterValidator, BeforeValidator
+
+from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.severities import SEVERITIES, parse_severities
+
+BOUNDS = {"sun_elevation_deg": (-12.0, 90.0), "turbidity": (1.8, 10.0), "cloud_cover": (0.0, 1.0)}
+CLEAR = ("clear", 0)
+NAMES = ("fog", "dust", "rain", "snow")
+"""Of the weathers that have severities."""
+
+
+@dataclass(frozen=True)
+class TimeOfDay:
+    """Where the sun stands and what hangs before it.
+
+    Attributes:
+        sun_elevation_deg: of the sun's middle; below -6 it is nearly night.
+        sun_azimuth_deg: counter-clockwise from +x, seen from above.
+        turbidity: of the air: 2 very clear, 3 clear, 6 hazy.
+        cloud_cover: share of the sky; from 0.85 up the sun is hidden little by little.
+        lamps_on: whether street lamps are lit.
+    """
+
+    sun_elevation_deg: float
+    sun_azimuth_deg: float = 50.0
+    turbidity: float = 2.6
+    cloud_cover: float = 0.3
+    lamps_on: bool = False
+
+    def __post_init__(self) -> None:
+        for name, (low, high) in BOUNDS.items():
+            if not low <= getattr(self, name) <= high:
+                raise FieldError(f"expected {low:g} to {high:g}", {name: getattr(self, name)})
+
+
+TIMES: dict[str, TimeOfDay] = {
+    "noon": TimeOfDay(60.0, cloud_cover=0.25),
+    "afternoon": TimeOfDay(35.0, 120.0, cloud_cover=0.35),
+    "golden": TimeOfDay(6.0, 160.0, turbidity=3.0, cloud_cover=0.35),
+    "dusk": TimeOfDay(-4.0, 175.0, turbidity=3.0, cloud_cover=0.3, lamps_on=True),
+    "overcast": TimeOfDay(40.0, 90.0, cloud_cover=1.0),
+}
+
+
+def check_time(time: str) -> str:
+    """The name of a time of day; an unknown one is a `ToolkitError`."""
+    if time not in TIMES:
+        raise one_of("time of day", time, list(TIMES))
+    return time
+
+
+def check_times(times: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of times of day; an unknown one is a `ToolkitError`."""
+    return tuple(check_time(time) for time in times)
+
+
+def check_weather(name: str, severity: int) -> None:
+    """Pass `clear` at 0, and the others at severities 1 (slight) to 5 (severe).
+
+    Raises:
+        ToolkitError: there is no weather of that name.
+        FieldError: there is no such severity.
+    """
+    if name not in ("clear", *NAMES):
+        raise one_of("weather", name, ["clear", *NAMES])
+    if severity not in ((0,) if name == "clear" else SEVERITIES):
+        words = "0, clear air has no other" if name == "clear" else "one of 1 (slight) to 5 (severe)"
+        raise FieldError(f"{name}: expected {words}", {"severity": severity})
+
+
+def parse_weathers(words: Sequence[str]) -> tuple[tuple[str, int], ...]:
+    """Names with severities from words such as `fog:3`, `dust:1-3`, `rain` (all five) and `clear`, each once, in order.
+
+    Raises:
+        ToolkitError: there is no such weather or severity.
+    """
+    pairs = []
+    for word in words:
+        name = word.partition(":")[0]
+        if word == "clear":
+            pairs.append(CLEAR)
+            continue
+        if name == "clear":
+            raise ToolkitError(f"weather '{word}': clear air has no severity: expected clear")
+        if name not in NAMES:
+            raise one_of("weather", name, ["clear", *NAMES])
+        pairs += [(name, severity) for severity in parse_severities("weather", word)]
+    return tuple(dict.fromkeys(pairs))
+
+
+def read_weathers(given: object) -> object:
+    """(name, severity) of each from words such as `fog:1-5` and `dust`; pairs, and anything else, as they are.
+
+    Raises:
+        ToolkitError: there is no such weather or severity.
+    """
+    each = [given] if isinstance(given, str) else given
+    if not (isinstance(each, list | tuple) and all(isinstance(one, str | list | tuple) for one in each)):
+        return given
+    read = [parse_weathers([one]) if isinstance(one, str) else (one,) for one in each]
+    return tuple(dict.fromkeys(tuple(pair) for pairs in read for pair in pairs))
+
+
+Time = Annotated[str, AfterValidator(check_time)]
+Times = Annotated[tuple[str, ...], AfterValidator(check_times)]
+Weathers = Annotated[tuple[tuple[str, int], ...], BeforeValidator(read_weathers)]
+"""(name, severity) of each."""
