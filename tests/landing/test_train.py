@@ -28,7 +28,6 @@ from toolkit.landing.train import (
     RegressorTask,
     TrainedRegressor,
     export_onnx,
-    move_cameras,
     train_regressor,
     turn_offsets,
 )
@@ -142,25 +141,6 @@ def test_errors_are_those_of_the_closed_form() -> None:
     assert (first.n, first.found) == (10, 9)
     assert first.rmse_cm == pytest.approx(50, abs=0.01)
     assert first.share == pytest.approx(float((0.5 / group.heights[1:]).mean()), abs=1e-4)
-
-
-def test_moved_cameras_see_the_square_where_the_truth_says() -> None:
-    """The middle of the moved square's pixels, against the offset and height that come back."""
-    samples = [one for one in map(draw, range(60)) if one.mask[[0, -1]].sum() + one.mask[:, [0, -1]].sum() == 0]
-    pictures = torch.from_numpy(np.stack([one.mask for one in samples])[:, None]).float()
-    offsets = np.array([(one.truth.x_m, one.truth.y_m) for one in samples], np.float32)
-    heights = np.array([one.truth.z_m for one in samples])
-    focal, rng = 2 * OPTICS.camera.fx / OPTICS.camera.width, np.random.default_rng(3)
-    moved, offsets, heights = move_cameras(pictures, offsets, heights, focal, rng)
-    across = (np.arange(48) + 0.5) / 24 - 1
-    whole = 0
-    for picture, offset, height in zip(moved[:, 0].numpy(), offsets, heights, strict=True):
-        if picture[[0, -1]].sum() + picture[:, [0, -1]].sum() < 0.5:
-            middle = np.array([(picture * across).sum(), (picture.T * across).sum()]) / picture.sum()
-            assert np.allclose(middle, focal * offset / height, atol=0.03)
-            assert picture.sum() == pytest.approx((24 * focal * 2 / height) ** 2, rel=0.25)
-            whole += 1
-    assert whole > 20
 
 
 def make_linear(record: RegressorRecord, side_px: int) -> Regressor:

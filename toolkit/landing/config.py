@@ -144,7 +144,7 @@ class LandingTrainConfig(Config):
         frames: of the training split at most.
         epochs, batch, lr, optimiser, schedule, momentum, weight_decay: of the training.
         loss: `mse` of metres, or `relative`: of shares of the height.
-        augment: quarter turns of picture and truth, cameras a little aside and nearer or farther, and changes of light.
+        augment: quarter turns of picture and truth, and changes of light.
         uncertainty: a third output, the logarithm of the standard deviation, by the likelihood of a normal error.
     """
 
@@ -168,7 +168,7 @@ class LandingTrainConfig(Config):
     loss: Annotated[Literal["mse", "relative"], Flag()] = Field(
         "relative", description="Mean square of metres, or of shares of the height."
     )
-    augment: Annotated[bool, Flag()] = Field(True, description="Quarter turns, moved cameras, changes of light.")
+    augment: Annotated[bool, Flag()] = Field(True, description="Quarter turns, and changes of light.")
     uncertainty: Annotated[bool, Flag()] = Field(False, description="Say how sure it is as well, calibrated.")
 
     def fit_config(self, frames: int, seed: int) -> FitConfig:

@@ -42,8 +42,6 @@ CHECKPOINT_EVERY_S = 20.0
 CALIBRATION_SHARE = 0.1
 LEAST_HEIGHT_M = 0.5
 PROBE_BATCH = 64
-MOST_ZOOM, MOST_SHIFT, FARTHEST_SHOWN = 0.2, 0.25, 0.7
-"""Of pictures as they are trained on: logarithm of the zoom; shift and the pad's place in halves of the picture."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +83,7 @@ def train_regressor(
     init = find_start(config.arch, config.init)
     name = config.name or folder.name
     digests = [shard.sha256 for shard in about.shards]
-    inputs = config.sha256(digests, init.sha256, seed, name, 2)
+    inputs = config.sha256(digests, init.sha256, seed, name, 1)
     file = regressors_dir(space) / f"{name}{SUFFIX}"
     task = RegressorTask(config, train, held_out, about, init, seed=seed, file=file, device=device, inputs=inputs)
     checkpoint = Checkpoint(file.parent / ".training" / name, inputs, restart, CHECKPOINT_EVERY_S)
@@ -118,7 +116,6 @@ class RegressorTask(Task[Regressor]):
 
         self.config, self.train, self.held_out, self.about, self.init = config, train, held_out, about, init
         self.seed, self.file, self.device, self.inputs = seed, file, device, inputs
-        self.focal = 2 * about.camera["fx"] / about.camera["width"]
         self.title = f"Training {file.stem}"
         numbers = np.random.default_rng([seed, 63]).permutation(len(train.truths))
         aside = round(CALIBRATION_SHARE * len(numbers)) if config.uncertainty else 0
@@ -229,16 +226,15 @@ class RegressorTask(Task[Regressor]):
         order = np.random.default_rng([self.seed, epoch, 64]).permutation(self.chosen)
         some = order[k * self.config.batch : (k + 1) * self.config.batch]
         batch, wanted = as_batch(self.train.images[some]), self.train.offsets[some].copy()
-        heights = self.train.heights[some]
         if self.config.augment:
             rng = Draws(self.seed, step, self.kind).of("augmentation")
             turns = rng.integers(0, 4, len(some))
             gain = rng.uniform(0.75, 1.3, (len(some), 1, 1, 1)) * rng.uniform(0.93, 1.07, (len(some), 3, 1, 1))
             lift = rng.uniform(-0.05, 0.05, (len(some), 1, 1, 1))
             batch = torch.stack([torch.rot90(one, int(turn), (1, 2)) for one, turn in zip(batch, turns, strict=True)])
-            batch, wanted, heights = move_cameras(batch, turn_offsets(wanted, turns), heights, self.focal, rng)
             batch = (batch * torch.from_numpy(gain).float() + torch.from_numpy(lift).float()).clamp(0, 1)
-        heights = torch.from_numpy(heights).float()
+            wanted = turn_offsets(wanted, turns)
+        heights = torch.from_numpy(self.train.heights[some]).float()
         return batch.to(self.device), torch.from_numpy(wanted).to(self.device), heights.to(self.device)
 
     def finish(self, history: History) -> Regressor:
@@ -276,35 +272,6 @@ def turn_offsets(offsets: np.ndarray, turns: np.ndarray) -> np.ndarray:
     x, y = offsets.T
     turned = np.array([(x, y), (y, -x), (-x, -y), (-y, x)])
     return turned[turns % 4, :, np.arange(len(offsets))].astype(np.float32)
-
-
-def move_cameras(
-    batch: "torch.Tensor", offsets: np.ndarray, heights: np.ndarray, focal: float, rng: np.random.Generator
-) -> "tuple[torch.Tensor, np.ndarray, np.ndarray]":
-    """Pictures as cameras beside and above the true ones would have taken them, exact for level ground.
-
-    Args:
-        batch: (b, 3, h, w) pictures.
-        offsets, heights: (b, 2) and (b,) metres.
-        focal: length of the camera, in halves of the picture's side.
-        rng: draws zoom and shift; the pad's centre is not shifted beyond `FARTHEST_SHOWN` of half the picture.
-
-    Returns:
-        Pictures, offsets and heights as they were given. What lay outside the picture is its edge drawn out.
-    """
-    import torch
-
-    zoom = np.exp(rng.uniform(-MOST_ZOOM, MOST_ZOOM, (len(offsets), 1)))
-    shown = zoom * focal * offsets / heights[:, None]
-    moved = shown + rng.uniform(-MOST_SHIFT, MOST_SHIFT, offsets.shape)
-    bound = np.maximum(np.abs(shown), FARTHEST_SHOWN)
-    shift = np.clip(moved, -bound, bound) - shown
-    turn = np.zeros((len(offsets), 2, 3), np.float32)
-    turn[:, [0, 1], [0, 1]], turn[:, :, 2] = 1 / zoom, -shift / zoom
-    grid = torch.nn.functional.affine_grid(torch.from_numpy(turn), list(batch.shape), align_corners=False)
-    pictures = torch.nn.functional.grid_sample(batch, grid, padding_mode="border", align_corners=False)
-    heights = heights / zoom[:, 0]
-    return pictures, (offsets + shift * heights[:, None] / focal).astype(np.float32), heights
 
 
 def measure_errors(regressor: Regressor, samples: SampleSet) -> list[ErrorRow]:
