@@ -33,6 +33,7 @@ ANSWER_S = 5.0
 KEPT = 8
 """Shared values that a worker keeps, such as networks on their device."""
 LIBRARIES = ("numpy", "torch", "torchvision", "open3d", "numba", "opencv-python-headless", "scipy", "pillow")
+"""A node with another version of one of these would give other results."""
 _kept: "OrderedDict[str, Any]" = OrderedDict()
 
 
