@@ -8,11 +8,13 @@ MARKS = {
     "ratio to its slower part": 0.8, "ratio to one worker": 1.7, "ratio to no engine": 0.95,
     "ratio to the weathers": 1.0, "city: ratio to pyrender": 5.0,
     "city: ratio to filament": 8.0, "ratio to the evaluation": 0.77,
+    "ratio to bare frames": 0.8, "ratio to one at a time": 4.0, "ratio to RotorPy's loop": 20.0,
     "ratio to ONNX Runtime": 0.9, "ratio to its forward": 0.9,
 }  # fmt: skip
 MODULES = (
     "bench_rig", "bench_eval", "bench_train_patch", "bench_train_texture", "bench_corruptions", "bench_corrupt_eval",
     "bench_weather", "bench_world", "bench_world_eval", "bench_networks", "bench_engine",
+    "bench_landing",
 )  # fmt: skip
 
 

@@ -1,61 +1,82 @@
-"""The engines: two workers against one on cells of the corruption benchmark, and what Ray adds to units of a second."""
+"""The engines: two workers against one on corruption cells and on world frames; what Ray adds to units of a second."""
 
 import importlib.util
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import torch
-from torchvision.models import resnet18
 
+from benchmarks.bench_world_eval import make_classifier
 from toolkit.benchmark.cells import ShardImages
 from toolkit.benchmark.grid import rank_cell
-from toolkit.benchmark.recognisers import Recogniser, recognise_by_network
+from toolkit.benchmark.recognisers import recognise_by_network
+from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
-from toolkit.engine.units import Engine, Shared, Unit
-from toolkit.imaging.preprocessing import Preprocessing
-from toolkit.models.network import Classifier
-from toolkit.models.weights import WeightsFile
+from toolkit.engine.units import Engine, Unit
+from toolkit.rig.bake_cache import light_surroundings
+from toolkit.world_eval.ask import Setup, answer_unit
+from toolkit.world_eval.config import WorldEvalConfig
+from toolkit.world_eval.evaluate import plan_run
 
 IMAGES = 16
 CELLS = [(name, 3) for name in ("fog", "gaussian_noise", "motion_blur", "jpeg_compression")] * 2
+FRAMES, UNITS = 8, 8
+"""Frames of a unit, each in eleven weathers, and units."""
 SECONDS = 10
 
 
 def run() -> dict[str, float | str]:
-    """Seconds of the same list; each worker has loaded its libraries and the network before the clock starts."""
-    one, two = (_time_cells(workers) for workers in (1, 2))
-    found: dict[str, float | str] = {"cells: 2 workers, ratio to one worker": one / two}
+    """Seconds of the same list; each worker has loaded its libraries and done a unit before the clock starts."""
+    found: dict[str, float | str] = {}
+    for name, work, prepare in (("cells", rank_cell, _share_cells), ("world frames", answer_unit, _share_frames)):
+        one, two = (_time_units(workers, work, prepare) for workers in (1, 2))
+        found[f"{name}: 2 workers, ratio to one worker"] = one / two
     if importlib.util.find_spec("ray"):
         for name, config in (("local", EngineConfig(workers=2)), ("ray", EngineConfig(engine="ray", workers=2))):
             found[f"units of 1 s, 2 workers, {name}: ratio to no engine"] = SECONDS / 2 / _time_waiting(config)
     return found
 
 
-def _time_cells(workers: int) -> float:
-    torch.manual_seed(0)
-    how = Preprocessing(256, 224, (0.485, 0.456, 0.406), (0.229, 0.224, 0.225))
-    file = WeightsFile(Path("none.pth"), "0" * 64, "none.pth")
-    labels = [str(k) for k in range(1000)]
-    network = Classifier("resnet18", resnet18().eval(), labels, how, file, "cpu", False)
-    pixels = torch.randint(0, 256, (IMAGES, 3, 224, 224), dtype=torch.uint8)
-    images = ShardImages(pixels, np.zeros(IMAGES, np.int64), list(range(IMAGES)), [])
+Inputs = tuple[object, ...]
+Work = Callable[..., Iterator[object]]
+
+
+def _time_units(workers: int, work: Work, prepare: Callable[[Engine], list[Inputs]]) -> float:
     with EngineConfig(workers=workers).open() as engine:
-        shared, asked = engine.share(images), engine.share([recognise_by_network(network)])
-
-        def list_units(cells: list[tuple[str, int]]) -> Iterator[Unit[None, list[np.ndarray]]]:
-            for number, cell in enumerate(cells):
-                yield Unit(str(number), rank_cell, (shared, cell, asked, "cpu"), cell[0], None)
-
+        each = prepare(engine)
         ready: set[object] = set()
         while len(ready) < workers:  # a first worker may do all while another still loads its libraries
-            units = (Unit(str(k), warm, (shared, asked), "warm", None) for k in range(2 * workers))
+            units = (Unit(str(k), warm, (work, each[0]), "warm", None) for k in range(2 * workers))
             ready |= {outcome.result for outcome in engine.run(units)}
         start = time.perf_counter()
-        _drain(engine, list_units(CELLS))
+        _drain(engine, (Unit(str(k), work, inputs, "unit", None) for k, inputs in enumerate(each)))
         return time.perf_counter() - start
+
+
+def _share_cells(engine: Engine) -> list[Inputs]:
+    """A corruption of sixteen photographs and what a network says of them."""
+    torch.manual_seed(0)
+    pixels = torch.randint(0, 256, (IMAGES, 3, 224, 224), dtype=torch.uint8)
+    images = engine.share(ShardImages(pixels, np.zeros(IMAGES, np.int64), list(range(IMAGES)), []))
+    asked = engine.share([recognise_by_network(make_classifier())])
+    return [(images, cell, asked, "cpu") for cell in CELLS]
+
+
+def _share_frames(engine: Engine) -> list[Inputs]:
+    """Some frames of a jet on grass in clear air and ten weathers, and what a network says of them."""
+    config = WorldEvalConfig(
+        world="grass", places=1, sample=FRAMES * UNITS, weathers=("fog:1-5", "dust"), variants=("unpatched",)
+    )
+    with TemporaryDirectory() as folder:
+        asked = plan_run(Workspace(Path(folder)), make_classifier(), config)
+    light = light_surroundings(asked.stage.places[0].scene)
+    setup = engine.share(Setup(asked.stage, light, asked.classifier, asked.true_index, None))
+    tasks = asked.tasks()
+    return [(setup, tuple(tasks[start : start + FRAMES])) for start in range(0, len(tasks), FRAMES)]
 
 
 def _time_waiting(config: EngineConfig) -> float:
@@ -66,9 +87,10 @@ def _time_waiting(config: EngineConfig) -> float:
         return time.perf_counter() - start
 
 
-def warm(images: Shared[ShardImages], recognisers: Shared[list[Recogniser]]) -> Iterator[int]:
-    for _ in rank_cell(images, ("clean", 0), recognisers, "cpu"):
-        yield os.getpid()
+def warm(work: Work, inputs: Inputs) -> Iterator[int]:
+    for _ in work(*inputs):
+        pass
+    yield os.getpid()
 
 
 def wait(seconds: float) -> Iterator[float]:

@@ -110,6 +110,20 @@ def test_pairs_are_counted_episode_by_episode(tmp_path: Path) -> None:
     assert results[0].success_ci95[0] < 0.25 < results[0].success_ci95[1]
 
 
+def test_a_regressor_trained_again_is_compared_on_its_own_pad(tmp_path: Path) -> None:
+    cells = tuple(
+        Cell(pad, net, "grass", "clear", 0, "gentle") for net in ("net", "again") for pad in ("plain", "boosted")
+    )
+    records = tuple(record(cell.pad, 0, "success").model_copy(update={"regressor": cell.regressor}) for cell in cells)
+    pairs = pair_cells(group_cells(Flown(tmp_path, records, cells, 0, (), {})))
+    found = [(one.cell.pad, one.cell.regressor, one.against.pad, one.against.regressor) for one in pairs]
+    assert found == [
+        ("boosted", "net", "plain", "net"), ("boosted", "again", "plain", "again"),
+        ("plain", "again", "plain", "net"), ("boosted", "again", "boosted", "net"),
+        ("boosted", "again", "plain", "net"),
+    ]  # fmt: skip
+
+
 def test_bad_flights_are_one_line(tmp_path: Path) -> None:
     space = make_workspace(tmp_path / "work")
     with pytest.raises(ToolkitError, match="no regressor called 'none': there is none yet"):

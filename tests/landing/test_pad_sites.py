@@ -29,7 +29,9 @@ def test_the_pad_is_seen_where_the_truth_says(site: PadSite) -> None:
         assert z == pytest.approx(offset[2])
         assert column == pytest.approx(site.camera.cx + site.camera.fx * x / z, abs=0.6)
         assert row == pytest.approx(site.camera.cy + site.camera.fy * y / z, abs=0.6)
-        assert (mask == site.segment(pose)).all()
+        picture, same = site.photograph_with_mask(View(pose, 3, 7, ("fog", 3)))
+        assert (mask == same).all()
+        assert (picture == site.photograph(View(pose, 3, 7, ("fog", 3)))).all()
         side = (site.camera.fx * site.pad.size_m / z) ** 2
         assert mask.sum() == pytest.approx(side, rel=0.12)
         assert view.depth_m[mask].min() == pytest.approx(z, rel=0.05)

@@ -13,7 +13,16 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.landing.config import RECIPES, CameraConfig, LandingTrainConfig
 from toolkit.landing.dataset import SampleSet, read_split
-from toolkit.landing.regressor import as_batch, build_module, load_regressor, regressors_dir, summarise_errors
+from toolkit.landing.regressor import (
+    Regressor,
+    RegressorRecord,
+    as_batch,
+    build_module,
+    load_regressor,
+    regressors_dir,
+    summarise_errors,
+)
+from toolkit.landing.saliency import find_saliency, pick_samples, write_saliency
 from toolkit.landing.start import RIDGE, fit_ridge
 from toolkit.landing.train import (
     RegressorTask,
@@ -132,6 +141,34 @@ def test_errors_are_those_of_the_closed_form() -> None:
     assert (first.n, first.found) == (10, 9)
     assert first.rmse_cm == pytest.approx(50, abs=0.01)
     assert first.share == pytest.approx(float((0.5 / group.heights[1:]).mean()), abs=1e-4)
+
+
+def make_linear(record: RegressorRecord, side_px: int) -> Regressor:
+    torch.manual_seed(0)
+    return Regressor(record, torch.nn.Sequential(torch.nn.Flatten(), torch.nn.Linear(3 * side_px**2, 2)))
+
+
+def test_saliency_of_a_linear_network_is_its_weights(
+    made: tuple[Workspace, LandingTrainConfig, TrainedRegressor],
+) -> None:
+    record = made[2].regressor.record
+    regressor = make_linear(record, 8)
+    weights = next(regressor.module.parameters()).detach().numpy().reshape(2, 3, 8, 8)
+    weights = weights / np.array(record.std)[:, None, None]
+    found = find_saliency(regressor, np.random.default_rng(0).integers(0, 256, (2, 8, 8, 3), np.uint8))
+    assert np.allclose(found, np.sqrt(np.square(weights).sum(axis=(0, 1))), rtol=1e-5)
+
+
+def test_saliency_is_drawn(made: tuple[Workspace, LandingTrainConfig, TrainedRegressor], tmp_path: Path) -> None:
+    """What looks at all pixels alike has the pad's share of the area on the pad."""
+    dataset = made[0].captures_dir / "landing" / "drawn"
+    even = make_linear(made[2].regressor.record, 48)
+    torch.nn.init.ones_(next(even.module.parameters()))
+    shares = write_saliency(even, dataset, tmp_path / "seen.png")
+    assert (tmp_path / "seen.png").read_bytes().startswith(b"\x89PNG")
+    samples = pick_samples(dataset)
+    assert [sample.truth.z_m for sample in samples] == sorted(sample.truth.z_m for sample in samples)
+    assert shares == pytest.approx([sample.mask.mean() for sample in samples], rel=1e-4)
 
 
 def test_onnx_says_the_same(made: tuple[Workspace, LandingTrainConfig, TrainedRegressor], tmp_path: Path) -> None:

@@ -70,6 +70,9 @@ def train(
         bool, typer.Option("--baselines", help="Measure features + homography and an AprilTag on held-out frames too.")
     ] = False,
     onnx: Annotated[Path | None, typer.Option(metavar="FILE", help="Export the network as ONNX.")] = None,
+    saliency: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw what the network looks at in held-out frames, as a PNG.")
+    ] = None,
     restart: Restart = False,
     seed: options.Seed = 0,
     device: options.Device = "auto",
@@ -80,6 +83,7 @@ def train(
     """Train a network to say where the pad is; an interrupted run goes on where it stopped."""
     from toolkit.core.errors import one_of
     from toolkit.core.workspace import open_workspace
+    from toolkit.landing.saliency import write_saliency
     from toolkit.landing.train import describe_trained, export_onnx, find_dataset, train_regressor
 
     if recipe not in TRAINING:
@@ -94,15 +98,19 @@ def train(
         rows |= measure_baselines(space, find_dataset(space, dataset))
     if onnx is not None:
         export_onnx(trained.regressor, onnx)
+    shares = [] if saliency is None else write_saliency(trained.regressor, find_dataset(space, dataset), saliency)
     if as_json:
         errors = {name: [row.model_dump() for row in some] for name, some in rows.items()}
-        show_json(describe_trained(trained) | {"errors": errors})
+        show_json(describe_trained(trained) | {"errors": errors, "saliency_on_pad": shares})
         return
     done = "was trained with these inputs before" if trained.was_finished else "trained"
     say(f"{trained.file}: {done}, from {trained.regressor.record.started_from}")
     show_errors(rows)
     if onnx is not None:
         say(f"{onnx}: the network as ONNX")
+    if saliency is not None:
+        on_pad = ", ".join(f"{share:.0%}" for share in shares)
+        say(f"{saliency}: what the network looks at; on the pad lies, from low to high, {on_pad}")
     say(f"next: toolkit landing fly {trained.regressor.name}, or toolkit landing boost {trained.regressor.name}")
 
 

@@ -35,6 +35,7 @@ HTTP2_PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + HTTP2_SETTINGS
 KEPT = 8
 """Shared values that a worker keeps, such as networks on their device."""
 LIBRARIES = ("numpy", "torch", "torchvision", "open3d", "numba", "opencv-python-headless", "scipy", "pillow")
+"""A node with another version of one of these would give other results."""
 _kept: "OrderedDict[str, Any]" = OrderedDict()
 
 

@@ -112,8 +112,8 @@ class Collector:
         number = index % len(self.places)
         site, draws = self.site(number), Draws(self.seed, index, "landing")
         weather = self.config.weathers[int(draws.of("weather").integers(len(self.config.weathers)))]
-        pose, yaw = self._draw_pose(site, draws.of("camera"))
-        mask, image = site.segment(pose), site.photograph(View(pose, self.seed, index, weather))
+        pose, yaw = self.aim(index)
+        image, mask = site.photograph_with_mask(View(pose, self.seed, index, weather))
         x, y, z = (round(float(value), 6) for value in site.truth(pose))
         turn = (np.degrees(yaw) - 90 - site.place.turn_deg + 180) % 360 - 180
         truth = Truth(
@@ -122,8 +122,9 @@ class Collector:
         )  # fmt: skip
         return Sample(image, mask, truth)
 
-    def _draw_pose(self, site: PadSite, rng: np.random.Generator) -> tuple[np.ndarray, float]:
-        """(4, 4) a downward camera in the cone, in free air and with the pad in plain view; and its heading, rad."""
+    def aim(self, index: int) -> tuple[np.ndarray, float]:
+        """(4, 4) a frame's downward camera: in the cone, in free air, the pad in plain view; and its heading, rad."""
+        site, rng = self.site(index % len(self.places)), Draws(self.seed, index, "landing").of("camera")
         low, high = np.log(self.config.height_m)
         for _ in range(MOST_TRIES):
             height, yaw, around = np.exp(rng.uniform(low, high)), rng.uniform(0, 2 * np.pi), rng.uniform(0, 2 * np.pi)

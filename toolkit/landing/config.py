@@ -319,5 +319,5 @@ class DemoConfig(Config):
     steps: Annotated[int, Field(ge=1), Flag()] = Field(160, description="Of the pad's training.")
     episodes: Annotated[int, Field(ge=1), Flag()] = Field(16, description="Of each cell.")
     weathers: Annotated[tuple[str, ...], Flag("--weather", metavar="NAME[:SEVERITY]")] = Field(
-        ("clear", "fog:4"), description="To fly in; repeat for more."
+        ("clear", "fog:4", "snow:2"), description="To fly in; repeat for more."
     )

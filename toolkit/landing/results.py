@@ -104,14 +104,17 @@ def group_cells(flown: Flown) -> list[CellResult]:
 
 
 def pair_cells(results: Sequence[CellResult]) -> list[PairResult]:
-    """Each pad against the first, each regressor against the first on the same pad, each gains against the first."""
+    """Each pad against the first, each regressor against the first on the same pad, each gains against the first.
+
+    Where pad and regressor are both others, as with one trained again on a boosted pad, also against both first.
+    """
     known = {one.cell: one for one in results}
     pairs = []
-    for name in ("pad", "regressor", "gains"):
-        first = getattr(results[0].cell, name)
+    for names in (("pad",), ("regressor",), ("gains",), ("pad", "regressor")):
+        first = {name: getattr(results[0].cell, name) for name in names}
         for one in results:
-            other = known.get(replace(one.cell, **{name: first}))
-            if other is not None and other is not one:
+            other = known.get(replace(one.cell, **first))
+            if other is not None and all(getattr(one.cell, name) != value for name, value in first.items()):
                 pairs.append(_compare(one, other))
     return pairs
 

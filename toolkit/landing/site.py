@@ -16,7 +16,6 @@ from toolkit.landing.config import CameraConfig, Ground
 from toolkit.landing.pads import Pad
 from toolkit.objects.mesh import cast_rays
 from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
-from toolkit.rig.camera import project
 from toolkit.rig.lighting import BakeDetail, Shape
 from toolkit.rig.raycast import RaycastRenderer, map_frames
 from toolkit.rig.scene import Stand
@@ -213,35 +212,29 @@ class PadSite:
     def look(self, T_world_camera: np.ndarray) -> tuple[DepthView, np.ndarray]:
         """Depth for weather, and (h, w) bool where the pad is seen."""
         found = self.renderer.buffers(self.camera, T_world_camera)
+        return self._depth_view(T_world_camera, found), found["mesh"] == 0
+
+    def _depth_view(self, T_world_camera: np.ndarray, found: dict[str, np.ndarray]) -> DepthView:
         around, pad = found["mesh"] == 1, found["mesh"] == 0
         face = np.where(around, found["face"], 0).astype(np.int64)
         ground = around & np.isin(self.world.face_class[face], [int(one) for one in STANDING])
         normals = np.where(around[..., None], _face_normals(self.world)[face], np.float32(0))
         normals[pad] = (0, 0, 1)
-        view = DepthView(found["depth"], self.camera, T_world_camera, ground, normals, self.sky.white)
-        return view, pad
-
-    def segment(self, T_world_camera: np.ndarray) -> np.ndarray:
-        """(h, w) bool where the pad is seen, asked of the pixels around it alone."""
-        mask = np.zeros((self.camera.height, self.camera.width), bool)
-        pixels, depth = project(self.camera, T_world_camera, self.stand.to_world(self.mesh.vertices))
-        if (depth <= 0).any():
-            return self.look(T_world_camera)[1]
-        left, top = np.floor(pixels.min(axis=0) - 1).clip(0, mask.shape[0]).astype(int)
-        right, bottom = np.ceil(pixels.max(axis=0) + 1).clip(0, mask.shape[0]).astype(int)
-        if left < right and top < bottom:
-            part = self.camera.cropped(left, top, int(right - left), int(bottom - top))
-            mask[top:bottom, left:right] = self.renderer.buffers(part, T_world_camera)["mesh"] == 0
-        return mask
+        return DepthView(found["depth"], self.camera, T_world_camera, ground, normals, self.sky.white)
 
     def photograph(self, view: View) -> np.ndarray:
         """(h, w, 3) uint8 sRGB through weather and sensor."""
-        light = self.renderer.render(self.camera, view.T_world_camera)
+        return self.photograph_with_mask(view)[0]
+
+    def photograph_with_mask(self, view: View) -> tuple[np.ndarray, np.ndarray]:
+        """`photograph`, and (h, w) bool where the pad is seen, from the same rays."""
+        light, found = self.renderer.render_with_depth(self.camera, view.T_world_camera)
         if view.weather != CLEAR:
-            depth, _ = self.look(view.T_world_camera)
+            depth = self._depth_view(view.T_world_camera, found)
             rng = weather_rng(view.seed, view.item, *view.weather)
             light = make_weather(*view.weather).change_light(depth, self.sky.airlight, rng).apply(light)
-        return tone_map(light.astype(np.float32), (view.seed, view.item), self.optics.noise)
+        picture = tone_map(light.astype(np.float32), (view.seed, view.item), self.optics.noise)
+        return picture, found["mesh"] == 0
 
     def photograph_many(self, views: Iterable[View]) -> Iterator[np.ndarray]:
         """`photograph` of each view, in order, on all cores."""
