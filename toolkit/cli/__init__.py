@@ -3,7 +3,7 @@
 import os
 import sys
 import traceback
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 
 import typer
@@ -27,13 +27,23 @@ def main() -> None:
             stream.reconfigure(errors="backslashreplace")  # a terminal that knows no umlaut
     typed = [word for word in sys.argv[1:] if word != DEBUG]
     try:
-        code = app(typed, standalone_mode=False) or 0
+        with _join_processes():
+            code = app(typed, standalone_mode=False) or 0
         sys.stdout.flush()
     except BaseException as error:
         code = _end(error, typed)
     if code == INTERRUPTED:
         typer.echo("stopped: what is finished is kept; the same command goes on from here", err=True)
     sys.exit(code)
+
+
+def _join_processes() -> AbstractContextManager[None]:
+    """With those that torchrun started beside this one, where it did."""
+    if "TORCHELASTIC_RUN_ID" not in os.environ:
+        return nullcontext()
+    from toolkit.training.processes import joined
+
+    return joined()
 
 
 def _end(error: BaseException, typed: list[str]) -> int:
