@@ -198,7 +198,8 @@ def fit(task: Task[Made], config: FitConfig, checkpoint: Checkpoint | None = Non
         ToolkitError: the loss is not finite, the checkpoint cannot be used, the disk is full, the processes cannot
             share the task, or the task's own.
     """
-    current().check(task.batch, next(iter(task.parameters().values())).device)
+    if current().count > 1:
+        current().check(task.batch, next(iter(task.parameters().values())).device)
     if not current().is_first:
         fitted = _fit(task, config, None)
         follow()

@@ -146,8 +146,6 @@ class Processes:
         Raises:
             ToolkitError: it cannot be shared, or so many processes have no GPU each.
         """
-        if self.count == 1:
-            return
         if not batch:
             raise ToolkitError("this training cannot be shared by processes: start it without torchrun")
         self.part(batch)
