@@ -268,6 +268,16 @@ def test_a_patch_is_trained_for_its_size_on_paper():
 
 
 @pytest.mark.slow
+def test_a_spec_without_a_size_leaves_it_to_the_pixels(type_command, tmp_path, make_crate_space):
+    spec = make_crate_space(tmp_path).objects_dir / "crate.toml"
+    spec.write_text(spec.read_text().replace('class = "crate"', 'class = "jet"').replace("size_mm = 40", ""))
+    code, _, told = type_command("--object", "crate", "--steps", "2", "--batch", "2", "--size-px", "25")
+    assert code == 0, told
+    record = json.loads((tmp_path / "print/patches/crate.json").read_text())
+    assert record["size_mm"] == round(25 * 2.5 * 25.4 / 72, 3)  # the paper's 250 % of 72 pixels an inch
+
+
+@pytest.mark.slow
 def test_the_size_that_is_typed_is_mounted_recorded_and_printed(type_command, tmp_path, make_crate_space):
     """Over the spec's, of which the user is told; and the rig's squares are as large as the record says."""
     from toolkit.objects.records import read_patch

@@ -130,7 +130,8 @@ from toolkit.rig.scene import KeyLight, Scene, Stand, Table
 from toolkit.rig.shading import tone_map
 
 def count():
-    kernels = [one for one in gc.get_objects() if isinstance(one, Dispatcher) and one.py_func.__module__.startswith("toolkit.")]
+    ours = [one for one in gc.get_objects() if isinstance(one, Dispatcher) and one.py_func.__module__.startswith("toolkit.")]
+    kernels = [one for one in ours if not one.targetoptions.get("forceinline")]
     return {k.py_func.__name__: sum(k.stats.cache_misses.values()) for k in kernels}, {k._cache.cache_path for k in kernels}
 
 def solid(size):

@@ -87,9 +87,10 @@ def train_patch(
         wanted, name = (spec.class_name if class_name is None else class_name), name or object_name
         sources = sources if data.rig_source else (*sources, f"rig:{object_name}")
         overrides = size_by_spec(overrides, spec)
-        if spec.patch.size_mm not in (None, overrides["spec.size_mm"]):
+        trained_mm = overrides.get("spec.size_mm")
+        if spec.patch.size_mm not in (None, trained_mm):
             warn(
-                f"{object_name}: trained for {overrides['spec.size_mm']:g} mm, but the rig mounts its patch at "
+                f"{object_name}: trained for {trained_mm:g} mm, but the rig mounts its patch at "
                 f"{spec.patch.size_mm:g} mm: set size_mm under [patch] in its spec"
             )
     if wanted is None:
