@@ -14,6 +14,7 @@ from colour_folder import write_colours
 from tiny_network import write_photos
 from tiny_regressor import CONFIG, Regressor
 
+from toolkit import __version__, cli
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.training import classifier_task, processes
@@ -28,7 +29,7 @@ def torchrun(*command, cwd=None) -> subprocess.CompletedProcess:
     start = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node", "2"]
     return subprocess.run(
         [*start, *map(str, command)], env=os.environ | {"PYTHONPATH": path, "OMP_NUM_THREADS": "1"},
-        capture_output=True, text=True, timeout=240, cwd=cwd, check=False,
+        capture_output=True, text=True, timeout=900, cwd=cwd, check=False,
     )  # fmt: skip
 
 
@@ -83,6 +84,17 @@ def test_the_command_speaks_and_writes_once(colours, tmp_path):
     assert sorted(file.name for file in space.classifiers_dir.iterdir()) == ["own.json", "own.safetensors"]
     again = torchrun(*command, "--batch", "16")
     assert again.returncode == 0 and "nothing to do" in again.stdout
+
+
+@pytest.mark.parametrize(("rank", "printed"), [("0", __version__), ("1", "")])
+def test_another_command_is_run_by_the_first_process_alone(rank, printed, monkeypatch, capsys):
+    for name, value in {"TORCHELASTIC_RUN_ID": "x", "WORLD_SIZE": "2", "RANK": rank}.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr("sys.argv", ["toolkit", "--version"])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert not ended.value.code
+    assert capsys.readouterr().out.removeprefix("toolkit ").strip() == printed
 
 
 def test_parts_make_up_the_batch():
