@@ -12,6 +12,7 @@ from toolkit.core.errors import FieldError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.detector import Detector, detector_class
 from toolkit.models.weights import WeightsFile
+from toolkit.training.processes import current
 
 if TYPE_CHECKING:
     import torch
@@ -141,12 +142,13 @@ def judge_detectors(
     """The detectors' losses of photographs of the object, mean over the batch and summed, and the share that they see.
 
     Args:
-        photos: (b, 3, m, m) sRGB-encoded in [0, 1].
+        photos: (b, 3, m, m) sRGB-encoded in [0, 1]; of several processes each judges its part.
         targets: whose networks are `DetectorNetwork`s.
         boxes: (b, 4) x1, y1, x2, y2 of the object, in pixels of the photographs.
     """
     import torch
 
+    photos, boxes = current().share(photos), current().share(boxes)
     loss, seen, side = photos.new_zeros(()), 0.0, photos.shape[-1]
     places = torch.from_numpy(np.asarray(boxes, np.float32)).clamp(0, side).to(photos.device)
     for target in targets:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from toolkit.boosters.pixel_config import PixelConfig
 from toolkit.boosters.pixels import Target, judge_photos
 from toolkit.core.draws import Draws
+from toolkit.training.processes import current
 
 if TYPE_CHECKING:
     import torch
@@ -26,7 +27,7 @@ def judge_ensemble(
     """The loss of photographs before the networks that a step asks, a scalar, and the mean share they recognise.
 
     Args:
-        photos: (b, 3, m, m) sRGB-encoded, rendered once for all networks.
+        photos: (b, 3, m, m) sRGB-encoded, rendered once for all networks; of several processes each judges its part.
         targets: the networks.
         config: its `ensemble`, `objective` and `jitter` act here. By `sum` the networks' losses are added. By
             `normalised` the value is that sum, and the gradient by the photographs is the sum of the networks' own,
@@ -38,7 +39,7 @@ def judge_ensemble(
     def ask(seen: "torch.Tensor", number: int) -> tuple["torch.Tensor", float]:
         if config.jitter is not None:
             seen = config.jitter.change(seen, draws.of(f"Jitter {number}"))
-        return judge_photos(seen, [targets[number]], config.objective)
+        return judge_photos(current().share(seen), [targets[number]], config.objective)
 
     if config.ensemble == "turns":
         return ask(photos, choose_turn(config.seed, draws.step, len(targets)))
@@ -66,7 +67,7 @@ def _normalise(photos: "torch.Tensor", ask: "Ask", count: int) -> tuple["torch.T
         gradients += torch.autograd.grad(loss, seen)
         value = value + loss.detach()
         recognised.append(hits)
-    lengths = torch.stack([one.square().sum().sqrt() for one in gradients])
+    lengths = current().add(torch.stack([one.square().sum() for one in gradients])).sqrt()
     scales = lengths.mean() / lengths.clamp_min(1e-30)
     joined = sum((one * scale for one, scale in zip(gradients, scales, strict=True)), torch.zeros_like(photos))
     along = (photos * joined).sum()

@@ -90,6 +90,7 @@ class PixelTask(Task[Made]):
         import torch
 
         first = draw_first_pixels(size_px, config.seed, config.start_contrast)
+        self.batch = config.batch
         self.targets, self.image_px = targets, targets[0].classifier.preprocessing.crop_px
         self.pixels = first.to(targets[0].classifier.device).requires_grad_(True)
         self._smoothing_px, self._steps, self._is_signed = config.smoothing_px, config.step_count, optimiser == "sign"

@@ -3,7 +3,7 @@
 import os
 import sys
 import traceback
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 
 import typer
@@ -13,6 +13,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.text import shorten
 
 INTERRUPTED, BAD_INPUT, DEFECT = 130, 2, 1
+TRAINED_TOGETHER = ("train-patch", "train-patches", "train-texture", "train-classifier")
 app = make_app()
 
 
@@ -27,13 +28,27 @@ def main() -> None:
             stream.reconfigure(errors="backslashreplace")  # a terminal that knows no umlaut
     typed = [word for word in sys.argv[1:] if word != DEBUG]
     try:
-        code = app(typed, standalone_mode=False) or 0
+        with _join_processes(typed):
+            code = app(typed, standalone_mode=False) or 0
         sys.stdout.flush()
     except BaseException as error:
         code = _end(error, typed)
     if code == INTERRUPTED:
         typer.echo("stopped: what is finished is kept; the same command goes on from here", err=True)
     sys.exit(code)
+
+
+def _join_processes(typed: list[str]) -> AbstractContextManager[None]:
+    """Train with those that torchrun started beside this one; any other command is run by the first of them alone."""
+    if "TORCHELASTIC_RUN_ID" not in os.environ:
+        return nullcontext()
+    if typed[:1] and typed[0] in TRAINED_TOGETHER:
+        from toolkit.training.processes import joined
+
+        return joined()
+    if os.environ.get("RANK", "0") != "0":
+        raise SystemExit(0)
+    return nullcontext()
 
 
 def _end(error: BaseException, typed: list[str]) -> int:

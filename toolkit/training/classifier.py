@@ -27,6 +27,7 @@ from toolkit.training.data import (
     store_preprocessing,
 )
 from toolkit.training.loop import fit
+from toolkit.training.processes import current
 
 CHECKPOINT_EVERY_S = 30.0
 RENDERS = ("data-*",)
@@ -85,7 +86,7 @@ def train_classifier(
     device = choose_device(device)
     folder = out or workspace.classifiers_dir
     training = folder / ".training" / config.name
-    if restart:
+    if restart and current().is_first:
         shutil.rmtree(training, ignore_errors=True)
     init = None if config.init is None else find_weights(config.arch, config.init)
     sources = _open_sources(config, workspace, download)

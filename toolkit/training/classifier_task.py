@@ -25,6 +25,7 @@ from toolkit.training.augment import augment_batch, corrupt_some
 from toolkit.training.classifier_config import ClassifierConfig, ClassPictures
 from toolkit.training.data import Pack, TrainingSet
 from toolkit.training.loop import History, Task
+from toolkit.training.processes import current
 
 if TYPE_CHECKING:
     import torch
@@ -86,6 +87,11 @@ class ClassifierTask(Task[ClassifierRecord]):
         self._overlay = None if pictures is None else pictures.fit(labels, inputs.used, config.image_px)
         network = start_network(config, len(labels), inputs.init)
         self.module = network.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+        self.batch = min(config.batch, len(inputs.data.train.images))
+        if current().count > 1:
+            from toolkit.training.shared_norm import share_norms
+
+            share_norms(self.module)
 
     def parameters(self) -> "dict[str, torch.Tensor]":
         """Weights and biases."""
@@ -119,7 +125,7 @@ class ClassifierTask(Task[ClassifierRecord]):
 
         self.module.train()
         batch, classes = self._draw_batch(self.inputs.data.train, step, self.kind)
-        wanted = torch.from_numpy(classes).to(self._device)
+        batch, wanted = current().share(batch), torch.from_numpy(current().share(classes)).to(self._device)
         with autocast(self._precision, self._device):
             outputs = self.module(batch)
         main, *sides = outputs if isinstance(outputs, tuple) else (outputs,)

@@ -1,7 +1,7 @@
 """The one training loop: steps, checkpoints at any moment, going on to the same bytes, and the finish.
 
 A `Task` says what is trained: its parameters, and the loss of step i, which depends on the parameters and on (seed, i)
-alone. `fit` does the rest.
+alone. `fit` does the rest, in one process or in the several that torchrun started.
 """
 
 import signal
@@ -21,6 +21,7 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, one_of
 from toolkit.core.locks import hold_folder
 from toolkit.training.checkpoint import Checkpoint
+from toolkit.training.processes import EndedElsewhere, current, follow, lead
 
 if TYPE_CHECKING:
     import torch
@@ -115,12 +116,15 @@ class Task(ABC, Generic[Made]):
         title: above the progress bar.
         advice: what to do where the loss is no number; fields in braces, see `FieldError`.
         recent: steps whose mean is shown and recorded.
+        batch: items of a step, of whose loss several processes find their part each, see `Processes.part`; 0: one
+            process alone can train it.
     """
 
     kind: str
     title: str = "Training"
     advice: str = "check the data, or take a lower {lr}"
     recent: int = 10
+    batch: int = 0
 
     @abstractmethod
     def parameters(self) -> Mapping[str, "torch.Tensor"]:
@@ -130,7 +134,8 @@ class Task(ABC, Generic[Made]):
     def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
         """The loss of a step, a scalar, and further figures for the history.
 
-        It depends on the parameters, the buffers and on (seed, step) alone; torch's own generator is seeded before.
+        It depends on the parameters, the buffers and on (seed, step) alone; torch's own generator is seeded before. Of
+        several processes each gives the mean over its part of the batch.
         """
 
     @abstractmethod
@@ -190,8 +195,16 @@ def fit(task: Task[Made], config: FitConfig, checkpoint: Checkpoint | None = Non
         checkpoint: where the state is kept: every few seconds, on Ctrl-C and at the end; None keeps nothing.
 
     Raises:
-        ToolkitError: the loss is not finite, the checkpoint cannot be used, the disk is full, or the task's own.
+        ToolkitError: the loss is not finite, the checkpoint cannot be used, the disk is full, the processes cannot
+            share the task, or the task's own.
     """
+    if current().count > 1:
+        current().check(task.batch, next(iter(task.parameters().values())).device)
+    if not current().is_first:
+        fitted = _fit(task, config, None)
+        follow()
+        return fitted
+    lead()
     if checkpoint is None:
         return _fit(task, config, None)
     # beside the folder of all runs, which the last one removes
@@ -200,17 +213,20 @@ def fit(task: Task[Made], config: FitConfig, checkpoint: Checkpoint | None = Non
 
 
 def _fit(task: Task[Made], config: FitConfig, checkpoint: Checkpoint | None) -> Fitted[Made]:
-    state = None
-    if checkpoint is not None and checkpoint.restart:
-        checkpoint.file.unlink(missing_ok=True)
-    elif (made := task.find_finished()) is not None:
+    def find_finished() -> Made | None:
+        if checkpoint is not None and checkpoint.restart:
+            checkpoint.file.unlink(missing_ok=True)
+            return None
+        return task.find_finished()
+
+    finished = current().ask_first(find_finished)
+    if finished is not None:
         if checkpoint is not None:
             checkpoint.remove()
-        return Fitted(made, config.steps, True)
+        return Fitted(finished, config.steps, True)
     for line in task.describe():
         notice(line)
-    if checkpoint is not None:
-        state = checkpoint.read(task.kind)
+    state = current().ask_first(lambda: None if checkpoint is None else checkpoint.read(task.kind))
     run = _Run(task, config)
     if state is not None:
         run.restore(state)
@@ -220,8 +236,9 @@ def _fit(task: Task[Made], config: FitConfig, checkpoint: Checkpoint | None) -> 
     with task.open():
         if not resumed_from:
             task.begin()
+        current().copy_first([*task.parameters().values(), *task.buffers().values()])
         _make_and_keep_steps(run, checkpoint)
-        made = task.finish(run.history)
+        made = current().ask_first(lambda: task.finish(run.history))
     if checkpoint is not None:
         checkpoint.remove()
     return Fitted(made, resumed_from, False)
@@ -250,13 +267,13 @@ def _make_and_keep_steps(run: "_Run", checkpoint: Checkpoint | None) -> None:
                 if checkpoint is not None and monotonic() - kept_at >= checkpoint.every_s:
                     keep()
                     kept = len(history)
-                    task.show()
+                    current().act_first(task.show)
                     kept_at = monotonic()
         finally:
             # also when stopped or failed: what is done is kept
             if len(history) > kept:
                 keep()
-    task.show()
+    current().act_first(task.show)
 
 
 def _note(figures: Mapping[str, float]) -> str:
@@ -285,7 +302,8 @@ class _Run:
             try:
                 for step in range(len(self.history), self.config.steps):
                     before = {name: value.clone() for name, value in self.task.buffers().items()}
-                    torch.manual_seed(int(Draws(self.config.seed, step, self.task.kind).of("dropout").integers(2**62)))
+                    draw = int(Draws(self.config.seed, step, self.task.kind).of("dropout").integers(2**62))
+                    torch.manual_seed(draw + current().rank)
                     figures = self._find_gradients(step)
                     with _hold_interrupts():
                         self._move(step)
@@ -304,15 +322,18 @@ class _Run:
         loss, figures = self.task.loss(step)
         loss.backward(inputs=list(self._parameters.values()))
         found = [parameter.grad for parameter in self._parameters.values() if parameter.grad is not None]
+        current().average(found)
         largest = torch.stack([gradient.abs().max().double() for gradient in found]).max()
-        value = loss.item()
-        if not (isfinite(value) and isfinite(largest.item())):
+        figures = current().average_figures({LOSS: loss.item(), **figures})
+        if not (isfinite(figures[LOSS]) and isfinite(largest.item())):
+            if not current().is_first:
+                raise EndedElsewhere("the loss is not finite")
             raise FieldError(
-                f"the loss or its gradient at step {step + 1} is not a finite number (loss {value}): "
+                f"the loss or its gradient at step {step + 1} is not a finite number (loss {figures[LOSS]}): "
                 f"{self.task.advice}",
                 {},
             )
-        return {LOSS: value, **figures}
+        return figures
 
     def _move(self, step: int) -> None:
         import torch
