@@ -316,7 +316,7 @@ class DemoConfig(Config):
     frames: Annotated[int, Field(ge=10), Flag()] = Field(2400, description="Pictures to collect.")
     epochs: Annotated[int, Field(ge=1), Flag()] = Field(10, description="Of the regressor.")
     image_px: Annotated[int, Field(ge=32), Flag("--image-px")] = Field(64, description="Side of a picture.")
-    steps: Annotated[int, Field(ge=1), Flag()] = Field(160, description="Of the pad's training.")
+    steps: Annotated[int, Field(ge=1), Flag()] = Field(240, description="Of the pad's training.")
     episodes: Annotated[int, Field(ge=1), Flag()] = Field(16, description="Of each cell.")
     weathers: Annotated[tuple[str, ...], Flag("--weather", metavar="NAME[:SEVERITY]")] = Field(
         ("clear", "fog:4", "snow:2"), description="To fly in; repeat for more."

@@ -15,6 +15,8 @@ from toolkit.landing.train import TrainedRegressor, train_regressor
 from toolkit.worlds.conditions import parse_weathers
 
 NAME = "demo"
+BOOSTED_IN = ("snow:1-4", "fog:4-5")
+"""Weather that the pad meets in training; under lying snow the plain one is lost."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +46,8 @@ def run_demo(space: Workspace, config: DemoConfig, seed: int = 0, device: str = 
     trained = train_regressor(space, NAME, training, seed=seed, device=device)
     notice("3 of 4: boost")
     views = max(8, min(240, config.frames // 10))
-    boosted = boost_pad(space, NAME, BoostConfig(steps=config.steps, views=views), seed=seed, device=device)
+    boosting = BoostConfig(steps=config.steps, views=views, weathers=parse_weathers(BOOSTED_IN))
+    boosted = boost_pad(space, NAME, boosting, seed=seed, device=device)
     notice("4 of 4: fly")
     flying = FlyConfig(
         regressors=(NAME,), pads=("plain", boosted.file.stem), weathers=parse_weathers(config.weathers),

@@ -1,0 +1,91 @@
+"""Boosters of several `world-eval` runs in one table and one figure.
+
+Called as world_boosters.py CSV PNG NAME=RUN/summary.json[:VARIANT] …; each NAME is a booster, as its run's VARIANT
+(default `textured`), and the bare object is that of the first run of a network. The figure shows the first four.
+"""
+
+import csv
+import json
+import sys
+from pathlib import Path
+
+from toolkit.core.figures import encode_figure, make_figure
+from toolkit.world_eval.figures import COLOURS, UNPATCHED_COLOUR
+
+MOST_DRAWN = 5
+COLUMNS = (
+    "network", "world", "place", "object", "booster", "weather", "severity", "visibility_m", "n", "top1", "top5",
+    "top5_low", "top5_high", "mean_true_prob",
+)  # fmt: skip
+
+
+def read_rows(booster: str, file: Path, variant: str) -> list[dict]:
+    """The rows of a variant of a run, as the table has them."""
+    summary = json.loads(file.read_text())
+    rows = []
+    for group in summary["groups"]:
+        if group["variant"] != variant:
+            continue
+        low, high = group["top5_ci95"]
+        figures = {"top1": group["top1"], "top5": group["top5"], "top5_low": low, "top5_high": high}
+        rows.append(
+            {name: group[name] for name in COLUMNS if name in group}
+            | {"network": summary["model"]["name"], "booster": booster}
+            | {name: round(value, 4) for name, value in figures.items()}
+            | {"mean_true_prob": round(group["mean_true_prob"], 4)}
+        )
+    return rows
+
+
+def draw(rows: list[dict]) -> bytes:
+    """PNG: top-5 of every booster over the extinction of fog and of dust; a row of panels for each network."""
+    networks = list(dict.fromkeys(row["network"] for row in rows))
+    boosters = list(dict.fromkeys(row["booster"] for row in rows))[:MOST_DRAWN]
+    colours = dict(zip(boosters, (UNPATCHED_COLOUR, *COLOURS), strict=False))
+    figure = make_figure(9.4, 3.6 * len(networks))
+    panels = figure.subplots(len(networks), 2, squeeze=False, sharey=True)
+    for line, network in zip(panels, networks, strict=True):
+        for panel, kind in zip(line, ("fog", "dust"), strict=True):
+            for booster in boosters:
+                own = [
+                    row
+                    for row in rows
+                    if (row["network"], row["booster"], row["place"]) == (network, booster, "all")
+                    and row["weather"] in ("clear", kind)
+                ]
+                x = [2996 / row["visibility_m"] if row["visibility_m"] else 0 for row in own]
+                y, low, high = ([100 * row[name] for row in own] for name in ("top5", "top5_low", "top5_high"))
+                panel.plot(x, y, marker="o", ms=4, lw=1.8, color=colours[booster], label=booster)
+                panel.fill_between(x, low, high, color=colours[booster], alpha=0.12, lw=0)
+            ticks = ["clear" if not row["visibility_m"] else f"{row['visibility_m']:g}" for row in own]
+            panel.set_xticks(x, ticks, fontsize=8, rotation=45)
+            panel.set_xlabel(f"{kind}: visibility, m (evenly by extinction)")
+            panel.set_ylim(0, 104)
+            panel.set_title(network, fontsize=10)
+            panel.grid(axis="y", alpha=0.3)
+            panel.spines[["top", "right"]].set_visible(False)
+        line[0].set_ylabel("truth among five guesses (%)")
+    panels[0][1].legend(frameon=False, fontsize=8)
+    return encode_figure(figure)
+
+
+def main() -> None:
+    """Write the table and the figure."""
+    table, picture, *runs = sys.argv[1:]
+    rows: list[dict] = []
+    for run in runs:
+        booster, _, place = run.partition("=")
+        file, _, variant = place.partition(":")
+        network = json.loads(Path(file).read_text())["model"]["name"]
+        if network not in {row["network"] for row in rows}:
+            rows += read_rows("bare", Path(file), "unpatched")
+        rows += read_rows(booster, Path(file), variant or "textured")
+    with Path(table).open("w", newline="") as file:
+        writer = csv.DictWriter(file, COLUMNS, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+    Path(picture).write_bytes(draw(rows))
+
+
+if __name__ == "__main__":
+    main()
