@@ -40,7 +40,8 @@ def test_light_is_worked_out_by_the_driver_alone(look, looked, monkeypatch):
     bake_cache._in_use.clear()
     monkeypatch.setattr(ask, "answer_unit", resend)
     assert look("resent")[1] == looked[1]
-    assert sent["setup"].stage.world is not None and "shape" not in sent["setup"].stage.world.__dict__
+    world = sent["setup"].source.stage.world
+    assert world is not None and "shape" not in world.__dict__
 
 
 def poison(monkeypatch, is_bad):

@@ -61,7 +61,7 @@ def test_it_says_what_was_found(type_command, monkeypatch) -> None:
         (("--sample", "0"), "--sample 0"),
         (("--renderer", "unreal://host"), "--renderer unreal://host: expected rig or airsim://HOST"),
         (("--renderer", "airsim://"), "--renderer airsim://: expected rig or airsim://HOST"),
-        (("--renderer", "airsim://127.0.0.1:9", "--time", "dusk"), "--time dusk: goes with --renderer rig"),
+        (("--renderer", "airsim://127.0.0.1:9", "--time", "dusk"), "--time dusk: goes with --renderer raycast"),
         (("--renderer", "airsim://127.0.0.1:9", "--engine", "ray"), "--engine ray: expected local with a simulator"),
     ],
 )

@@ -71,7 +71,10 @@ def train(
     ] = False,
     onnx: Annotated[Path | None, typer.Option(metavar="FILE", help="Export the network as ONNX.")] = None,
     saliency: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw what the network looks at in held-out frames, as a PNG.")
+        Path | None,
+        typer.Option(
+            "--saliency-map", metavar="FILE", help="Draw what the network looks at in held-out frames, as a PNG."
+        ),
     ] = None,
     restart: Restart = False,
     seed: options.Seed = 0,

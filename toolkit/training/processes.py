@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from datetime import timedelta
-from pathlib import Path
+from io import StringIO
 from time import sleep
 from typing import TYPE_CHECKING, TypeVar
 
@@ -236,7 +236,7 @@ def joined() -> Iterator[None]:
             if processes.is_first:
                 yield
             else:
-                with quietly(), Path(os.devnull).open("w") as nowhere, redirect_stdout(nowhere):
+                with quietly(), redirect_stdout(StringIO()):
                     follow()
                     yield
     except EndedElsewhere as error:

@@ -21,7 +21,7 @@ MOST_POINTS = 1_000_000
 ON_THE_TABLE = "patch-alone"
 ABSENT = "absent"
 """The variant without the object: how often its class is said of the place alone."""
-RIG = "rig"
+RIG = "raycast"
 WORLD, VIEW = "World", "Cameras"
 
 
@@ -43,7 +43,7 @@ def read_grid(given: object) -> object:
 
 
 def check_renderer(renderer: str) -> str:
-    """`rig`, or a simulator's address; a `FieldError` where it is neither."""
+    """`raycast`, or a simulator's address; a `FieldError` where it is neither."""
     if renderer != RIG:
         Address.parse(renderer)
     return renderer
@@ -119,9 +119,9 @@ class WorldEvalConfig(Config):
     sample: Annotated[int | None, Field(ge=1), Flag(metavar="N", group=VIEW)] = Field(
         None, description="Cameras at each place, drawn by the seed from those of the grid. Default: all."
     )
-    renderer: Annotated[str, AfterValidator(check_renderer), Later(), Flag(metavar="rig|airsim://HOST", group=VIEW)] = (
-        Field(RIG, description="Who makes the pictures: rig, or a running AirSim, Colosseum or Cosys-AirSim.")
-    )
+    renderer: Annotated[
+        str, AfterValidator(check_renderer), Later(), Flag(metavar="raycast|airsim://HOST", group=VIEW)
+    ] = Field(RIG, description="Who makes the pictures: the rig, or a running AirSim, Colosseum or Cosys-AirSim.")
     seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Same seed, same bytes on the same machine.")
     batch_size: Annotated[int | None, Field(ge=1), Flag("--batch")] = Field(
         None, exclude=True, description="Images per pass of the network; default: 32, on a GPU 128."

@@ -99,7 +99,7 @@ def plan_run(workspace: Workspace, classifier: Classifier, config: WorldEvalConf
     sky = make_sky(config.time, config.seed)
     if config.renderer != RIG:
         if config.time != WorldEvalConfig.model_fields["time"].default:
-            raise FieldError("goes with {renderer} rig: a simulator has a sky of its own", {"time": config.time})
+            raise FieldError("goes with {renderer} raycast: a simulator has a sky of its own", {"time": config.time})
         sky = replace(sky, name="simulator's own")
     bare = scale_to_world(item.mesh, item.spec, config.length_m)
     radius = max(find_radius(one.mesh) for one in variants.values())
