@@ -71,7 +71,7 @@ def _fly() -> dict[str, float | str]:
     from toolkit.landing.fly import Cell, Clock, FlightSetup, fly_cell
     from toolkit.landing.pads import draw_pad
     from toolkit.landing.site import Sites, find_world, plan_places
-    from toolkit.worlds.weather import CLEAR
+    from toolkit.worlds.conditions import CLEAR
 
     world, pad = find_world("grass"), draw_pad("plain")
     config = FlyConfig(regressors=("random",), places=PLACES)
