@@ -18,7 +18,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
 from toolkit.engine.units import Engine, Unit
 from toolkit.rig.bake_cache import light_surroundings
-from toolkit.world_eval.ask import Setup, answer_unit
+from toolkit.world_eval.ask import Rendered, Setup, answer_unit
 from toolkit.world_eval.config import WorldEvalConfig
 from toolkit.world_eval.evaluate import plan_run
 
@@ -74,7 +74,7 @@ def _share_frames(engine: Engine) -> list[Inputs]:
     with TemporaryDirectory() as folder:
         asked = plan_run(Workspace(Path(folder)), make_classifier(), config)
     light = light_surroundings(asked.stage.places[0].scene)
-    setup = engine.share(Setup(asked.stage, light, asked.classifier, asked.true_index, None))
+    setup = engine.share(Setup(Rendered(asked.stage, light), asked.classifier, asked.true_index, None))
     tasks = asked.tasks()
     return [(setup, tuple(tasks[start : start + FRAMES])) for start in range(0, len(tasks), FRAMES)]
 
