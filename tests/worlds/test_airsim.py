@@ -66,14 +66,14 @@ def test_an_objects_turn_keeps_its_points() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("unreal://host", "renderer unreal://host: expected rig or airsim://HOST"),
-        ("airsim:///x", "expected rig or airsim://HOST"),
-        ("airsim://host:99999", "expected rig or airsim://HOST"),
-        ("airsim://host:abc", "expected rig or airsim://HOST"),
+        ("unreal://host", "renderer unreal://host: expected raycast or airsim://HOST"),
+        ("airsim:///x", "expected raycast or airsim://HOST"),
+        ("airsim://host:99999", "expected raycast or airsim://HOST"),
+        ("airsim://host:abc", "expected raycast or airsim://HOST"),
         ("airsim://host?speed=2", "no option called 'speed': known: camera, vehicle, origin"),
         ("airsim://host?origin=1,2", "expected metres north, east and down"),
         ("airsim://host?origin=1,nan,0", "expected metres north, east and down"),
-        ("airsim://host?what", "expected rig or airsim://HOST"),
+        ("airsim://host?what", "expected raycast or airsim://HOST"),
     ],
 )
 def test_an_address_that_is_none_is_one_line(text: str, said: str) -> None:

@@ -17,7 +17,7 @@ from toolkit.worlds.msgpack_rpc import CallError, Connection
 from toolkit.worlds.ned import camera_to_ned, find_miss, object_to_ned, pack_pose, read_fields, unpack_pose
 
 SCHEME, PORT = "airsim", 41451
-EXPECTED = f"expected rig or {SCHEME}://HOST:PORT, such as {SCHEME}://127.0.0.1:{PORT}"
+EXPECTED = f"expected raycast or {SCHEME}://HOST:PORT, such as {SCHEME}://127.0.0.1:{PORT}"
 OPTIONS = ("camera", "vehicle", "origin")
 WEATHER_NUMBERS = {
     "Rain": 0, "Roadwetness": 1, "Snow": 2, "RoadSnow": 3, "MapleLeaf": 4, "RoadLeaf": 5, "Dust": 6, "Fog": 7,
