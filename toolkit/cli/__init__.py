@@ -11,6 +11,7 @@ import typer
 from toolkit.cli.app import DEBUG, UsageError, explain_usage, make_app
 from toolkit.core.errors import ToolkitError
 from toolkit.core.text import shorten
+from toolkit.training.processes import LAUNCHED, joined
 
 INTERRUPTED, BAD_INPUT, DEFECT = 130, 2, 1
 TRAINED_TOGETHER = ("train-patch", "train-patches", "train-texture", "train-classifier")
@@ -40,11 +41,9 @@ def main() -> None:
 
 def _join_processes(typed: list[str]) -> AbstractContextManager[None]:
     """Train with those that torchrun started beside this one; any other command is run by the first of them alone."""
-    if "TORCHELASTIC_RUN_ID" not in os.environ:
+    if LAUNCHED not in os.environ:
         return nullcontext()
     if typed[:1] and typed[0] in TRAINED_TOGETHER:
-        from toolkit.training.processes import joined
-
         return joined()
     if os.environ.get("RANK", "0") != "0":
         raise SystemExit(0)

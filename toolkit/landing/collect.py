@@ -237,6 +237,8 @@ def _list_units(
     collector: Collector, shards: Mapping[str, Sequence[int]], engine: Engine
 ) -> Iterator[Unit[str, EncodedSample]]:
     """Some frames of a shard each; a unit's tag is its shard's file."""
+    if not shards:
+        return
     collector.sites.light_world()
     shared = engine.share(collector)
     for name, indices in shards.items():

@@ -219,7 +219,7 @@ def _fly_missing(setup: FlightSetup, cells: Sequence[Cell], log: RecordLog[Episo
     failures: list[Outcome[Cell, Batch]] = []
     clock, made = Clock(), 0
     with progress("Flying episodes", total, done=total - sum(map(len, missing.values()))) as bar:
-        for outcome in engine.run(_list_units(setup, missing, engine)):
+        for outcome in engine.run(_list_units(setup, missing, digests, engine)):
             cell = outcome.unit.tag
             if outcome.result is None:
                 failures.append(outcome)
@@ -245,7 +245,9 @@ Batch = tuple[list[Episode], Clock]
 """Episodes that flew in lockstep, and what their time went to."""
 
 
-def _list_units(setup: FlightSetup, cells: Mapping[Cell, Sequence[int]], engine: Engine) -> Iterator[Unit[Cell, Batch]]:
+def _list_units(
+    setup: FlightSetup, cells: Mapping[Cell, Sequence[int]], digests: Mapping[Cell, str], engine: Engine
+) -> Iterator[Unit[Cell, Batch]]:
     """A unit for each batch of a cell's episodes; its tag is the cell."""
     if not any(cells.values()):
         return
@@ -255,7 +257,7 @@ def _list_units(setup: FlightSetup, cells: Mapping[Cell, Sequence[int]], engine:
         for start in range(0, len(missing), setup.config.batch):
             some = missing[start : start + setup.config.batch]
             name = f"{cell.key} episodes {some[0]}-{some[-1]}"
-            yield Unit(f"{setup.digest(cell)} {name}", fly_unit, (shared, cell, some), name, cell)
+            yield Unit(f"{digests[cell]} {name}", fly_unit, (shared, cell, some), name, cell)
 
 
 def fly_unit(shared: Shared[FlightSetup], cell: Cell, indices: list[int]) -> Iterator[Batch]:

@@ -16,7 +16,7 @@ from toolkit.landing.config import CameraConfig, Ground
 from toolkit.landing.pads import Pad
 from toolkit.objects.mesh import cast_rays
 from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
-from toolkit.rig.lighting import BakeDetail, Shape
+from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.raycast import RaycastRenderer, map_frames
 from toolkit.rig.scene import Stand
 from toolkit.rig.shading import tone_map
@@ -157,7 +157,7 @@ def _cast_down(world: World, points: np.ndarray) -> np.ndarray:
     """(n,) way down from points (n, 3) to the first surface; inf where there is none."""
     rays = np.zeros((len(points), 6), np.float32)
     rays[:, :3], rays[:, 5] = points, -1.0
-    return cast_rays(Shape.of(world.mesh).rays, rays)
+    return cast_rays(world.shape.rays, rays)
 
 
 @dataclass(frozen=True)
@@ -259,7 +259,7 @@ class WorldGround:
     def is_hit(self, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
         """(n,) bool whether a surface lies between points."""
         rays = np.concatenate([start, stop - start], axis=1)
-        return cast_rays(Shape.of(self._world.mesh).rays, rays) <= 1.0
+        return cast_rays(self._world.shape.rays, rays) <= 1.0
 
 
 class Sites:

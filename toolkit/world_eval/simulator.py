@@ -11,7 +11,7 @@ from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
 from toolkit.objects.export import to_glb
-from toolkit.objects.mesh import hash_mesh
+from toolkit.objects.mesh import cast_rays, hash_mesh
 from toolkit.rig.camera import pixel_rays
 from toolkit.rig.lighting import Shape
 from toolkit.world_eval.answers import hash_inputs
@@ -190,13 +190,11 @@ def measure_depths(
     stage: Stage, place: PlaceCameras, variant: str, T_world_camera: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """(h, w) metres along each pixel's ray to the object, and to the world around it; inf where it meets nothing."""
-    import open3d as o3d
-
     camera, stand = stage.camera, place.placed.stand
     x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
     rays = pixel_rays(camera, T_world_camera, np.stack([x, y], axis=-1).reshape(-1, 2).astype(np.float32))
     own = np.concatenate([(rays[:, :3] - stand.place) @ stand.turn, rays[:, 3:] @ stand.turn], axis=1)
-    shapes = (Shape.of(stage.variants[variant].mesh), own.astype(np.float32)), (stage.world.shape, rays)
-    hits = [shape.rays.cast_rays(o3d.core.Tensor(lines))["t_hit"].numpy() for shape, lines in shapes]
+    shapes = (Shape.of(stage.variants[variant].mesh), own), (stage.world.shape, rays)
+    hits = [cast_rays(shape.rays, lines) for shape, lines in shapes]
     object_m, around_m = (one.reshape(camera.height, camera.width) for one in hits)
     return object_m, around_m
