@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from toolkit.core.figures import encode_figure, make_figure
-from toolkit.world_eval.figures import COLOURS, UNPATCHED_COLOUR
+from toolkit.world_eval.figures import COLOURS, UNPATCHED_COLOUR, draw_line, style_panel
 
 MOST_DRAWN = 5
 COLUMNS = (
@@ -54,16 +54,13 @@ def draw(rows: list[dict]) -> bytes:
                     and row["weather"] in ("clear", kind)
                 ]
                 x = [2996 / row["visibility_m"] if row["visibility_m"] else 0 for row in own]
-                y, low, high = ([100 * row[name] for row in own] for name in ("top5", "top5_low", "top5_high"))
-                panel.plot(x, y, marker="o", ms=4, lw=1.8, color=colours[booster], label=booster)
-                panel.fill_between(x, low, high, color=colours[booster], alpha=0.12, lw=0)
+                known = [row | {"top5_ci95": (row["top5_low"], row["top5_high"])} for row in own]
+                draw_line(panel, x, known, colours[booster], booster)
             ticks = ["clear" if not row["visibility_m"] else f"{row['visibility_m']:g}" for row in own]
             panel.set_xticks(x, ticks, fontsize=8, rotation=45)
             panel.set_xlabel(f"{kind}: visibility, m (evenly by extinction)")
-            panel.set_ylim(0, 104)
             panel.set_title(network, fontsize=10)
-            panel.grid(axis="y", alpha=0.3)
-            panel.spines[["top", "right"]].set_visible(False)
+            style_panel(panel)
         line[0].set_ylabel("truth among five guesses (%)")
     panels[0][1].legend(frameon=False, fontsize=8)
     return encode_figure(figure)

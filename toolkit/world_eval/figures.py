@@ -54,13 +54,13 @@ def draw_weathers(results: WorldResults, summary: Summary) -> bytes | None:
         for variant in results.variants:
             colour = colour_of(results.variants, variant)
             own = [rows[variant, name, severity] for name, severity in ladder]
-            _draw_line(panel, x.tolist(), own, colour, variant)
+            draw_line(panel, x.tolist(), own, colour, variant)
             half = halves[variant, kind]["visibility_m"]
             if half is not None:
                 at, level = 2996 / half, 50 * halves[variant, kind]["clear_top5"]
                 panel.plot([at, at], [0, level], ls=":", lw=1.2, color=colour)
                 panel.plot(at, level, marker="o", mfc="white", mec=colour, ms=7, zorder=6)
-        _style(panel)
+        style_panel(panel)
         labels = ["clear", *(f"{find_visibility_m(step):.3g}" for step in ladder[1:])]
         panel.set_xticks(x, labels, fontsize=8, rotation=0 if len(x) < 4 else 45)
         panel.set_xlabel(f"{kind}: visibility, m (evenly by extinction)")
@@ -70,9 +70,10 @@ def draw_weathers(results: WorldResults, summary: Summary) -> bytes | None:
     return encode_figure(figure)
 
 
-def _draw_line(
+def draw_line(
     panel: "Axes", x: Sequence[float], rows: Sequence[Summary], colour: str, label: str, style: str = "-"
 ) -> None:
+    """Top-5 of rows of a summary over x, with their intervals where the line is solid."""
     y = [100 * row["top5"] for row in rows]
     panel.plot(x, y, style, color=colour, marker="o", ms=4, lw=1.8, label=label, zorder=4)
     known = [(at, row["top5_ci95"]) for at, row in zip(x, rows, strict=True) if row["top5_ci95"]]
@@ -82,7 +83,8 @@ def _draw_line(
         panel.fill_between(places, low, high, color=colour, alpha=0.15, lw=0)
 
 
-def _style(panel: "Axes") -> None:
+def style_panel(panel: "Axes") -> None:
+    """Per cent upwards, with a faint grid."""
     panel.set_ylim(0, 104)
     panel.set_yticks(range(0, 101, 20))
     panel.grid(axis="y", alpha=0.3)
@@ -108,8 +110,8 @@ def draw_curves(results: WorldResults, summary: Summary) -> bytes:
             for weather, style in zip(shown, ("-", "--"), strict=False):
                 own = [row for row in rows if (row["variant"], row["weather"], row["severity"]) == (variant, *weather)]
                 label = f"{variant}, {name_picture(weather)}"
-                _draw_line(panel, range(len(own)), own, colour_of(results.variants, variant), label, style)
-        _style(panel)
+                draw_line(panel, range(len(own)), own, colour_of(results.variants, variant), label, style)
+        style_panel(panel)
         panel.set_xticks(range(len(bins)), [_name_bin(axis, *one) for one in bins], fontsize=7.5, rotation=40)
         panel.set_xlabel(title, fontsize=9)
     handles, labels = panels[0].get_legend_handles_labels()
