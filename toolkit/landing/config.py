@@ -91,7 +91,7 @@ class CollectConfig(Config):
     )
     size_m: Annotated[float, Flag("--size-m")] = Field(2.0, description="Side of the pad, metres.")
     frames: Annotated[int, Field(ge=2, le=10_000_000), Flag()] = Field(20_000, description="How many pictures.")
-    places: Annotated[int, Field(ge=1, le=1000), Flag()] = Field(10, description="Places that the pad lies on in turn.")
+    places: Annotated[int, Field(ge=1, le=1000), Flag()] = Field(40, description="Places that the pad lies on in turn.")
     ground: Annotated[Ground, Flag()] = Field("both", description="What it lies on: decks, bare grass, or both.")
     at: Annotated[tuple[float, float] | None, Flag(metavar="X Y", typed=tuple[float, float])] = Field(
         None, description="One place of your own in the world, metres, instead."
@@ -123,6 +123,8 @@ class CollectConfig(Config):
             )
         if self.split == "place" and self.held_out > 0 and self.places < 2 and self.at is None:
             raise FieldError("a split by place needs at least 2; or hold frames out at random", {"places": self.places})
+        if self.split == "place" and self.frames < self.places and self.at is None:
+            raise FieldError("expected a frame for each place", {"frames": self.frames, "places": self.places})
         return self
 
     @property
@@ -313,7 +315,7 @@ class DemoConfig(Config):
         weathers: that are flown in.
     """
 
-    frames: Annotated[int, Field(ge=10), Flag()] = Field(2400, description="Pictures to collect.")
+    frames: Annotated[int, Field(ge=40), Flag()] = Field(2400, description="Pictures to collect.")
     epochs: Annotated[int, Field(ge=1), Flag()] = Field(10, description="Of the regressor.")
     image_px: Annotated[int, Field(ge=32), Flag("--image-px")] = Field(64, description="Side of a picture.")
     steps: Annotated[int, Field(ge=1), Flag()] = Field(240, description="Of the pad's training.")
