@@ -99,7 +99,7 @@ class ClassifierConfig(Config):
         "images.",
     )  # fmt: skip
     init: Annotated[Path | None, Flag(metavar="FILE")] = Field(
-        None, exclude=True, description="Weights to start from: .pth or .safetensors of --arch."
+        None, exclude=True, description="Weights to start from: .pth, .ckpt or .safetensors of --arch."
     )
     image_px: Annotated[int, Field(ge=LEAST_PX, le=MOST_PX), Flag()] = Field(
         128, description="Side of what the network sees; 32 for CIFAR."
