@@ -112,6 +112,25 @@ def _is_named(content: object) -> TypeGuard[dict[str, Any]]:
     return isinstance(content, dict) and not all(str(key).isdecimal() for key in content)
 
 
+def join_labels_files(own: LabelsFile, inside: LabelsFile, weights: Path) -> LabelsFile:
+    """What lies beside a file of weights, and where it is silent what the weights' file itself says.
+
+    Raises:
+        ToolkitError: they differ in mean or deviation: a network is fed as it was trained.
+    """
+    added = {}
+    for name in ("labels", "mean", "std"):
+        said, found = getattr(own, name), getattr(inside, name)
+        if name != "labels" and said and found and any(abs(a - b) > 1e-4 for a, b in zip(said, found, strict=True)):
+            raise ToolkitError(
+                f"{_file_of_labels(weights)}: field '{name}': {list(said)}, but {weights.name} holds {list(found)}, "
+                "with which it was trained: leave the field out"
+            )
+        if found and not said:
+            added[name] = found
+    return own.model_copy(update=added)
+
+
 def adapt_preprocessing(published: Preprocessing, own: LabelsFile) -> Preprocessing:
     """The published preprocessing with what the user's file says otherwise.
 
