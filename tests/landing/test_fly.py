@@ -55,6 +55,21 @@ def test_files_say_what_was_flown(flown: tuple[Workspace, Flown]) -> None:
     assert len((made.folder / "episodes.csv").read_text().splitlines()) == 3
 
 
+def test_more_pixels_find_a_tag_from_higher_up(tmp_path: Path) -> None:
+    space = make_workspace(tmp_path / "work")
+    high = QUICK.with_overrides({"episodes": 1, "episode.start_height_m": (6.0, 6.4), "episode.time_limit_s": 1.0})
+    blind, sharp = (fly_all(space, high.with_overrides(image_px=px), seed=2).records[0].seen for px in (None, 320))
+    assert not any(blind)
+    assert all(sharp)
+
+
+def test_regressors_see_as_they_were_trained(tmp_path: Path) -> None:
+    space = make_workspace(tmp_path / "work")
+    make_regressor(space)
+    with pytest.raises(FieldError, match="image_px 500: expected 64, as random was trained"):
+        fly_all(space, QUICK.with_overrides(regressors=("random",), image_px=500), seed=2)
+
+
 def test_a_film_shows_the_episode(flown: tuple[Workspace, Flown], tmp_path: Path) -> None:
     space, made = flown
     record = made.records[0]

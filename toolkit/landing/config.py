@@ -268,6 +268,7 @@ class FlyConfig(Config):
         gains: `paper`, `gentle` or Kp,Ki,Kd.
         episodes: of each cell; `batch` of them fly in lockstep.
         size_m: side of the pads; by default as the first regressor was trained.
+        image_px: side of the pictures where classical finders fly alone; regressors see as they were trained.
         episode, descent: of the flights.
     """
 
@@ -293,6 +294,9 @@ class FlyConfig(Config):
     batch: Annotated[int, Field(ge=1, le=1024), Flag()] = Field(64, description="Episodes that fly in lockstep.")
     size_m: Annotated[float | None, Flag("--size-m", typed=float)] = Field(
         None, description="Side of the pads, metres. Default: as trained."
+    )
+    image_px: Annotated[int | None, Field(ge=32, le=1024), Flag("--image-px", typed=int)] = Field(
+        None, description="Side of a picture, of classical finders alone. Default: 96; of regressors, as trained."
     )
     episode: EpisodeConfig = EpisodeConfig()
     descent: DescentConfig = DescentConfig()

@@ -291,7 +291,11 @@ def _load_predictors(
         loaded = None if word in FINDERS else load_regressor(space, word, device)
         predictors[word if loaded is None else loaded.name] = loaded
     trained = [one for one in predictors.values() if one is not None]
-    optics = CameraConfig()
+    optics = CameraConfig() if config.image_px is None else CameraConfig(image_px=config.image_px)
+    if trained and config.image_px not in (None, trained[0].record.image_px):
+        raise FieldError(
+            f"expected {trained[0].record.image_px}, as {trained[0].name} was trained", {"image_px": config.image_px}
+        )
     if trained:
         optics = CameraConfig(image_px=trained[0].record.image_px, fov_deg=trained[0].record.fov_deg)
         for one in trained:
