@@ -279,3 +279,17 @@ def test_the_workspaces_checkpoints_are_listed(tmp_path, monkeypatch):
     found = load_classifier(file.stem, device="cpu", folder=space.classifiers_dir)
     assert found.name == "r3" and found.labels == ["a", "b", "c"]
     assert np.allclose(found.preprocessing.mean, MEAN) and read_labels_file(file).arch == ARCH and ".ckpt" in SUFFIXES
+
+
+def test_a_name_that_a_shell_would_run_is_not_repeated(tmp_path, dill):
+    file = tmp_path / "net');import os;('.ckpt"
+    torch.save(make_checkpoint(AttackerModel(make_network()), schedule=dill.Function()), file)
+    assert "torch.load('FILE.ckpt', " in error_of(file)
+
+
+def test_learning_rates_that_numpy_made_are_refused_with_the_same_way_out(tmp_path):
+    """Of a cyclic schedule: numpy's scalars are objects, though they are numbers."""
+    torch.save(
+        make_checkpoint(AttackerModel(make_network()), schedule={"_last_lr": [np.float64(0.1)]}), tmp_path / "net.ckpt"
+    )
+    assert "(numpy." in (message := error_of(tmp_path / "net.ckpt")) and "only if you trust who made it" in message

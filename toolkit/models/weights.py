@@ -194,7 +194,7 @@ def _load(path: Path) -> object:
     except pickle.UnpicklingError as error:
         named = re.search(r"GLOBAL ([\w.]+)", str(error))
         holds = f"a pickled module or other objects ({named[1]})" if named else "more than numbers, or is damaged,"
-        is_foreign = path.suffix == ".ckpt" or (named is not None and named[1].startswith(FOREIGN))
+        is_foreign = named is not None and named[1].startswith(FOREIGN)
         name = path.stem if is_folder_name(path.stem) else "FILE"  # it is run as it stands
         advice = TAKE_OUT.format(name + path.suffix, name) if is_foreign else f"where you made it, {SAVE_STATE}"
         raise FieldError(
@@ -208,8 +208,8 @@ def _load(path: Path) -> object:
 WHOLE = (".onnx", ".pt2")
 """Programs that can be named as networks themselves."""
 SAVE_STATE = "save its state dict with torch.save(model.state_dict(), 'NEW.pth'), and name its network with {model}"
-FOREIGN = ("dill.", "robustness.", "cox.")
-"""What a checkpoint holds that MadryLab's robustness library pickled."""
+FOREIGN = ("dill.", "robustness.", "cox.", "numpy.")
+"""What a checkpoint may hold that MadryLab's robustness library pickled: functions, settings, learning rates."""
 TAKE_OUT = (
     "only if you trust who made it, take its numbers out with python -c \"import dill, torch; torch.save({{'model': "
     "torch.load('{}', 'cpu', dill, weights_only=False)['model']}}, '{}.pth')\", and load that file"
