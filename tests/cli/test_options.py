@@ -120,6 +120,20 @@ def test_a_ready_config_and_a_positional_argument(received):
     assert "Missing argument 'SIDE'" in run(work)[1]
 
 
+def test_a_switch_of_a_ready_config_puts_its_part_in(received):
+    class Quiet(Config):
+        seen: Annotated[Turn | None, Flag("--turn")] = Field(None, description="Turn it.")
+
+    @from_config(one=Quiet)
+    def work(one: Quiet) -> None:
+        received.update(one=one)
+
+    for flags, part in (((), None), (("--turn",), Turn())):
+        code, text, error = run(work, *flags)
+        assert code == 0, text + error
+        assert received["one"].seen == part
+
+
 def test_a_part_is_a_switch():
     switch = next(flag for flag in list_flags(Job) if flag.path == "pose")
     assert switch.is_switch and switch.spelling == "--pose"

@@ -311,8 +311,11 @@ def _refuse_twins(names: list[tuple[str, str]]) -> None:
 
 
 def _make(config: type[Config], given: Overrides) -> Config:
-    top = {path: value for path, value in given.items() if "." not in path}
-    return config(**top).with_overrides({path: value for path, value in given.items() if "." in path})
+    def of_a_part(path: str) -> bool:
+        return "." in path or (isinstance(given[path], bool) and part_maker(config, path) is not None)
+
+    parts = {path: value for path, value in given.items() if of_a_part(path)}
+    return config(**{path: value for path, value in given.items() if path not in parts}).with_overrides(parts)
 
 
 def _metavar(kind: object) -> str | None:
