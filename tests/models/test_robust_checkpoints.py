@@ -154,6 +154,14 @@ def test_versions_of_layers_come_along(tmp_path, parallel):
     assert load_classifier("mnasnet1_0", tmp_path / "plain.pth", "cpu")
 
 
+@pytest.mark.parametrize("versions", [["1"], {"": 2}, {1: {"version": 1}}])
+def test_versions_that_are_none_are_left_out(tmp_path, versions):
+    state = make_network().state_dict()
+    state._metadata = versions
+    torch.save(state, tmp_path / "odd.pth")
+    assert load_classifier(ARCH, tmp_path / "odd.pth", "cpu")
+
+
 def test_the_older_key_is_read(tmp_path):
     checkpoint = make_checkpoint(AttackerModel(make_network()))
     torch.save({"state_dict": checkpoint["model"], "epoch": 3}, tmp_path / "net.pt")
@@ -241,7 +249,7 @@ def test_another_architecture_is_one_line(tmp_path):
 )
 def test_a_normaliser_that_cannot_be_is_one_line(tmp_path, name, value):
     checkpoint = make_checkpoint(AttackerModel(make_network()))
-    checkpoint["model"][f"module.normalizer.{name}"] = value
+    checkpoint["model"][f"module.normalizer.{name}"] = torch.nn.Parameter(value)
     torch.save(checkpoint, tmp_path / "net.ckpt")
     assert f"'normalizer.{name}': expected three numbers" in error_of(tmp_path / "net.ckpt")
 
