@@ -154,6 +154,14 @@ def test_versions_of_layers_come_along(tmp_path, parallel):
     assert load_classifier("mnasnet1_0", tmp_path / "plain.pth", "cpu")
 
 
+@pytest.mark.parametrize("versions", [["1"], {"": 2}, {1: {"version": 1}}])
+def test_versions_that_are_none_are_left_out(tmp_path, versions):
+    state = make_network().state_dict()
+    state._metadata = versions
+    torch.save(state, tmp_path / "odd.pth")
+    assert load_classifier(ARCH, tmp_path / "odd.pth", "cpu")
+
+
 def test_the_older_key_is_read(tmp_path):
     checkpoint = make_checkpoint(AttackerModel(make_network()))
     torch.save({"state_dict": checkpoint["model"], "epoch": 3}, tmp_path / "net.pt")
@@ -241,7 +249,7 @@ def test_another_architecture_is_one_line(tmp_path):
 )
 def test_a_normaliser_that_cannot_be_is_one_line(tmp_path, name, value):
     checkpoint = make_checkpoint(AttackerModel(make_network()))
-    checkpoint["model"][f"module.normalizer.{name}"] = value
+    checkpoint["model"][f"module.normalizer.{name}"] = torch.nn.Parameter(value)
     torch.save(checkpoint, tmp_path / "net.ckpt")
     assert f"'normalizer.{name}': expected three numbers" in error_of(tmp_path / "net.ckpt")
 
@@ -279,3 +287,17 @@ def test_the_workspaces_checkpoints_are_listed(tmp_path, monkeypatch):
     found = load_classifier(file.stem, device="cpu", folder=space.classifiers_dir)
     assert found.name == "r3" and found.labels == ["a", "b", "c"]
     assert np.allclose(found.preprocessing.mean, MEAN) and read_labels_file(file).arch == ARCH and ".ckpt" in SUFFIXES
+
+
+def test_a_name_that_a_shell_would_run_is_not_repeated(tmp_path, dill):
+    file = tmp_path / "net');import os;('.ckpt"
+    torch.save(make_checkpoint(AttackerModel(make_network()), schedule=dill.Function()), file)
+    assert "torch.load('FILE.ckpt', " in error_of(file)
+
+
+def test_learning_rates_that_numpy_made_are_refused_with_the_same_way_out(tmp_path):
+    """Of a cyclic schedule: numpy's scalars are objects, though they are numbers."""
+    torch.save(
+        make_checkpoint(AttackerModel(make_network()), schedule={"_last_lr": [np.float64(0.1)]}), tmp_path / "net.ckpt"
+    )
+    assert "(numpy." in (message := error_of(tmp_path / "net.ckpt")) and "only if you trust who made it" in message

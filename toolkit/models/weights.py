@@ -143,7 +143,7 @@ def _take_from_attacker(
     for field, least in (("mean", -1000.0), ("std", 1e-6)):
         value = state.get(f"{normaliser}new_{field}")
         # the shortest decimals that are the same single-precision numbers: 0.485 and not 0.48500001
-        numbers = () if value is None else tuple(float(str(one)) for one in value.float().flatten().numpy())
+        numbers = () if value is None else tuple(float(str(one)) for one in value.detach().float().flatten().numpy())
         if len(numbers) != 3 or not all(math.isfinite(one) and least <= one <= 1000 for one in numbers):
             raise ToolkitError(f"{path}: '{normaliser}new_{field}': expected three numbers, one for each colour")
         found[field] = numbers
@@ -154,9 +154,11 @@ def _rename(state: "dict[str, torch.Tensor]", rename: Callable[[str], str | None
     """A state dict under other names, without those that have none."""
     renamed = OrderedDict((new, value) for name, value in state.items() if (new := rename(name)) is not None)
     # torch keeps its modules' versions here, and some networks load older files another way
-    versions = getattr(state, "_metadata", None) or {}
+    versions = getattr(state, "_metadata", None)
     renamed._metadata = OrderedDict(  # type: ignore[attr-defined]
-        (new.rstrip("."), value) for name, value in versions.items() if (new := rename(f"{name}.")) is not None
+        (new.rstrip("."), value)
+        for name, value in (versions.items() if isinstance(versions, dict) else ())
+        if isinstance(value, dict) and (new := rename(f"{name}.")) is not None
     )
     return renamed
 
@@ -194,7 +196,7 @@ def _load(path: Path) -> object:
     except pickle.UnpicklingError as error:
         named = re.search(r"GLOBAL ([\w.]+)", str(error))
         holds = f"a pickled module or other objects ({named[1]})" if named else "more than numbers, or is damaged,"
-        is_foreign = path.suffix == ".ckpt" or (named is not None and named[1].startswith(FOREIGN))
+        is_foreign = named is not None and named[1].startswith(FOREIGN)
         name = path.stem if is_folder_name(path.stem) else "FILE"  # it is run as it stands
         advice = TAKE_OUT.format(name + path.suffix, name) if is_foreign else f"where you made it, {SAVE_STATE}"
         raise FieldError(
@@ -208,8 +210,8 @@ def _load(path: Path) -> object:
 WHOLE = (".onnx", ".pt2")
 """Programs that can be named as networks themselves."""
 SAVE_STATE = "save its state dict with torch.save(model.state_dict(), 'NEW.pth'), and name its network with {model}"
-FOREIGN = ("dill.", "robustness.", "cox.")
-"""What a checkpoint holds that MadryLab's robustness library pickled."""
+FOREIGN = ("dill.", "robustness.", "cox.", "numpy.")
+"""What a checkpoint may hold that MadryLab's robustness library pickled: functions, settings, learning rates."""
 TAKE_OUT = (
     "only if you trust who made it, take its numbers out with python -c \"import dill, torch; torch.save({{'model': "
     "torch.load('{}', 'cpu', dill, weights_only=False)['model']}}, '{}.pth')\", and load that file"

@@ -148,7 +148,7 @@ class ClassifierConfig(Config):
     ] = Field(
         None,
         description="Train on the worst images in a ball around each, as far as EPS in values of 0 to 1: l2:0.5, "
-        "linf:8/255. A step costs as much as {robust.steps} + 1 others.",
+        "linf:8/255. It takes three to four times as long.",
     )
     keep_labels: Annotated[bool, Later, Flag("--keep-labels")] = Field(
         False, description="Keep all classes of --init; the folders are called by WordNet id or label."
