@@ -61,7 +61,7 @@ def _share_cells(engine: Engine) -> list[Inputs]:
     """A corruption of sixteen photographs and what a network says of them."""
     torch.manual_seed(0)
     pixels = torch.randint(0, 256, (IMAGES, 3, 224, 224), dtype=torch.uint8)
-    images = engine.share(ShardImages(pixels, np.zeros(IMAGES, np.int64), list(range(IMAGES)), []))
+    images = engine.share(ShardImages(pixels, np.zeros(IMAGES, np.int64), list(range(IMAGES)), [""] * IMAGES, []))
     asked = engine.share([recognise_by_network(make_classifier())])
     return [(images, cell, asked, "cpu") for cell in CELLS]
 

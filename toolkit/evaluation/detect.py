@@ -4,8 +4,10 @@ import csv
 import io
 from collections import defaultdict
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +25,7 @@ from toolkit.evaluation.config import EvalConfig
 from toolkit.evaluation.evaluate import DEFAULT, find_run_dir, name_run
 from toolkit.evaluation.ground_truth import add_corrupted
 from toolkit.evaluation.metrics import Comparison, compare_controls, compare_unpatched, index_poses, rank_variant
-from toolkit.evaluation.predict import Prediction, corrupt_images, find_pending
+from toolkit.evaluation.predict import Prediction, corrupt_images, find_pending, read_ahead
 from toolkit.evaluation.results import list_corrupted
 from toolkit.evaluation.seen import describe_unseen, find_training
 from toolkit.imaging.read import UnreadableImage, read_image
@@ -247,18 +249,12 @@ def detect_captures(
         detector: who looks.
     """
     found: list[DetectedImage] = []
-    parts = [captures[start : start + BATCH] for start in range(0, len(captures), BATCH)]
-
-    def read_part(part: Sequence[Capture]) -> list[np.ndarray | str]:
-        return [_read(one, detector.device) for one in part]
-
     # the next images are read while the network looks at these: both release the interpreter's lock
-    with progress("detecting", len(captures)) as ticker, ThreadPoolExecutor(1, thread_name_prefix="read") as pool:
-        ahead = pool.submit(read_part, parts[0]) if parts else None
-        for number, part in enumerate(parts):
-            assert ahead is not None
-            read = ahead.result()
-            ahead = pool.submit(read_part, parts[number + 1]) if number + 1 < len(parts) else None
+    pictures = read_ahead(captures, partial(_read, device=detector.device), BATCH)
+    with progress("detecting", len(captures)) as ticker, closing(pictures):
+        for start in range(0, len(captures), BATCH):
+            part = captures[start : start + BATCH]
+            read = list(islice(pictures, len(part)))
             pixels = [one for one in read if not isinstance(one, str)]
             seen = iter(detector.detect(pixels) if pixels else [])
             for capture, one in zip(part, read, strict=True):

@@ -3,7 +3,7 @@
 import os
 import warnings
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import islice
@@ -220,6 +220,13 @@ def _decode_files(captures: Sequence[Capture], how: Preprocessing, ahead: int) -
         is_cut = capture.cut_px == how.crop_px and pixels.shape[:2] == (how.crop_px, how.crop_px)
         return pixels if is_cut else resize_and_crop(pixels, how)
 
+    return read_ahead(captures, decode, ahead)
+
+
+def read_ahead(
+    captures: Sequence[Capture], read: Callable[[Capture], np.ndarray | str], ahead: int
+) -> Generator[np.ndarray | str]:
+    """What `read` makes of each image in order, by threads; `ahead` images, and one per thread, in advance."""
     workers = max(1, min(MAX_DECODERS, os.cpu_count() or 1))
     pool = ThreadPoolExecutor(workers, thread_name_prefix="decode")
     rest = iter(captures)
@@ -228,10 +235,10 @@ def _decode_files(captures: Sequence[Capture], how: Preprocessing, ahead: int) -
         warnings.simplefilter("ignore", Image.DecompressionBombWarning)
         warnings.filterwarnings("ignore", module=r"PIL\..*")
         try:
-            queue: deque[Future] = deque(pool.submit(decode, capture) for capture in islice(rest, ahead + workers))
+            queue: deque[Future] = deque(pool.submit(read, capture) for capture in islice(rest, ahead + workers))
             while queue:
                 result = queue.popleft().result()
-                queue.extend(pool.submit(decode, capture) for capture in islice(rest, 1))
+                queue.extend(pool.submit(read, capture) for capture in islice(rest, 1))
                 yield result
         finally:
             pool.shutdown(wait=True, cancel_futures=True)

@@ -7,7 +7,7 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageCms, ImageOps
+from PIL import ExifTags, Image, ImageCms, ImageOps
 
 from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
@@ -169,7 +169,8 @@ def register_heif() -> None:
 def _turn_upright(image: Image.Image) -> Image.Image:
     # damaged EXIF says nothing about the pixels: keep the image as it lies
     with contextlib.suppress(Exception):
-        return ImageOps.exif_transpose(image)
+        if image.getexif().get(ExifTags.Base.Orientation, 1) != 1:  # else it would be copied
+            return ImageOps.exif_transpose(image)
     return image
 
 

@@ -102,21 +102,27 @@ class DenseDetector:
     def predict(self, batch: torch.Tensor) -> Dense:
         """Boxes and scores of every place, for (b, 3, size, size) sRGB-encoded in [0, 1]; differentiable."""
         batch = batch.to(self.device)
-        if self.decoder.channels == "BGR":
-            batch = batch.flip(1)
+        return self._answer(batch.flip(1) if self.decoder.channels == "BGR" else batch)
+
+    def _answer(self, batch: torch.Tensor) -> Dense:
+        """`predict` for channels in the network's own order."""
         mean, std = (
             torch.tensor(values, dtype=batch.dtype, device=batch.device).view(1, 3, 1, 1)
             for values in (self.decoder.mean, self.decoder.std)
         )
-        return self.decoder.decode(self.module((batch - mean).div_(std)), self.image_px)
+        # what would change no number costs as much time as what does
+        batch = batch if not any(self.decoder.mean) else batch - mean
+        batch = batch if set(self.decoder.std) == {1} else batch / std
+        return self.decoder.decode(self.module(batch), self.image_px)
 
     def detect(self, images: Sequence[np.ndarray]) -> list[Detections]:
         """What it sees in (h, w, 3) uint8 sRGB images of any sizes."""
         fitted = [self._fit(image) for image in images]
-        planes = torch.from_numpy(np.stack([pixels for pixels, _ in fitted])).permute(0, 3, 1, 2).contiguous()
-        batch = planes.to(self.device).float().div_(255)
         with torch.inference_mode():
-            boxes, scores = self.predict(batch)
+            order = -1 if self.decoder.channels == "BGR" else 1
+            planes = np.stack([plane for pixels, _ in fitted for plane in cv2.split(pixels)[::order]])
+            planes = planes.reshape(len(images), 3, self.image_px, self.image_px)
+            boxes, scores = self._answer(torch.from_numpy(planes).to(self.device).float().div_(255))
             return [
                 self._keep(boxes[k], scores[k], scale, image.shape[:2])
                 for k, (image, (_, scale)) in enumerate(zip(images, fitted, strict=True))
