@@ -52,6 +52,8 @@ def test_files_say_what_was_flown(flown: tuple[Workspace, Flown]) -> None:
     assert "http://" not in page
     assert "https://" not in page
     assert page.count("data:image/png;base64,") == 2
+    assert "2 places of grass" in page
+    assert "clear, 0" not in page
     assert len((made.folder / "episodes.csv").read_text().splitlines()) == 3
 
 

@@ -127,13 +127,14 @@ def train(
 def show_errors(rows: "Mapping[str, Sequence[ErrorRow]]") -> None:
     """Print the errors on held-out frames, by what they have in common."""
     from toolkit.core.console import console
-    from toolkit.core.tables import build_table, format_percent
+    from toolkit.core.tables import build_table
 
     cells = [
         (
             name, row.by, row.group, str(row.n), f"{row.found / row.n:.0%}",
             "-" if row.median_cm is None else f"{row.median_cm:.1f}",
-            "-" if row.rmse_cm is None else f"{row.rmse_cm:.1f}", format_percent(row.share),
+            "-" if row.rmse_cm is None else f"{row.rmse_cm:.1f}",
+            "-" if row.share is None else f"{100 * row.share:.1f}",
         )
         for name, some in rows.items()
         for row in some

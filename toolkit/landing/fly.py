@@ -355,7 +355,9 @@ def fly_cell(setup: FlightSetup, cell: Cell, indices: list[int], clock: Clock) -
     config, sites, seed = setup.config, setup.sites, setup.seed
     pad, count = _named_pad(setup.pads, cell), len(sites.places)
     finder = _finder(setup.predictors, setup.pads, cell, sites.optics)
+    begun = perf_counter()
     own = {index: sites.site(pad, index % count) for index in indices}
+    clock.rendering += perf_counter() - begun  # pads are lit when they are first asked for
     centres = np.array([own[index].centre for index in indices])
     flights = Flights(
         config.episode, centres, WorldGround(sites.world), seed=seed, indices=indices, view_tan=sites.optics.view_tan
@@ -392,7 +394,7 @@ def _record(cell: Cell, inputs: str, places: Sequence[PadPlace], episode: Episod
     place = places[episode.index % len(places)]
     keep = episode.index < KEPT_TRACKS
     track = (np.array(episode.track) - place.centre).round(3).tolist() if keep else []
-    seen = [None if np.isnan(one).any() else tuple(one.round(3).tolist()) for one in episode.seen] if keep else []
+    seen = [tuple(one.round(3).tolist()) if np.isfinite(one).all() else None for one in episode.seen] if keep else []
     return EpisodeRecord(
         inputs=inputs, pad=cell.pad, regressor=cell.regressor, world=cell.world, weather=cell.weather,
         severity=cell.severity, gains=cell.gains, index=episode.index, place=place.name, outcome=episode.outcome,
