@@ -18,7 +18,7 @@ from toolkit.sweeps.axes import AXES
 DOCS = Path(__file__).resolve().parents[1]
 RECORDS = DOCS / "records"
 TABLES = DOCS / "results"
-BENCHMARKS = ("photographs", "cifar")
+BENCHMARKS = ("photographs", "cifar", "robust")
 """Runs of the corruption benchmark whose `summary.json` lies in `records/benchmark`."""
 Row = dict[str, Any]
 
@@ -64,6 +64,8 @@ def write_record_tables(space: Workspace, folder: Path = TABLES) -> None:
         summary = read_summary(RECORDS / "benchmark" / f"{name}.json")
         write_table(folder / f"benchmark-{name}.csv", list(list_variants(summary)))
         write_table(folder / f"benchmark-{name}-cells.csv", list(list_cells(summary)))
+    networks = json.loads((RECORDS / "benchmark" / "robust-networks.json").read_text(encoding="utf-8"))
+    write_table(folder / "robust-networks.csv", [describe_network(one) for one in networks])
 
 
 def write_table(file: Path, rows: Sequence[Row]) -> None:
@@ -179,6 +181,16 @@ def list_variants(summary: Summary) -> Iterator[Row]:
             "change_low": change_low, "change_high": change_high, "corrupted_top5": row.top5, "mce": row.mce_alexnet,
             "relative_ce": row.mce_unpatched, "wrong": row.wrong, "not_decoded": row.not_decoded,
         }  # fmt: skip
+
+
+def describe_network(record: Row) -> Row:
+    """How a network was trained, and what it gets right, clean and under attack."""
+    n, (low, high), (attacked_low, attacked_high) = record["n"], record["ci95"], record["attacked_ci95"]
+    kept = {key: value for key, value in record.items() if not key.endswith("ci95")}
+    return kept | {
+        "top1": record["correct"] / n, "top1_low": low, "top1_high": high,
+        "attacked_top1": record["attacked_correct"] / n, "attacked_low": attacked_low, "attacked_high": attacked_high,
+    }  # fmt: skip
 
 
 def list_cells(summary: Summary) -> Iterator[Row]:

@@ -46,7 +46,9 @@ def test_shares_and_intervals(table: str) -> None:
         assert float(row["top1_high"]) == pytest.approx(interval.high, abs=1e-4)
 
 
-@pytest.mark.parametrize("table", ["pairs", "sweeps", "benchmark-photographs-cells", "benchmark-cifar-cells"])
+@pytest.mark.parametrize(
+    "table", ["pairs", "sweeps", *(f"benchmark-{name}-cells" for name in ("photographs", "cifar", "robust"))]
+)
 def test_p_is_the_binomial_one(table: str) -> None:
     tested = [row for row in read_table(table) if row["mcnemar_p"]]
     assert tested
