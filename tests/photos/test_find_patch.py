@@ -40,7 +40,7 @@ def dress(name: str, size_mm: float | None):
     item = load_object(PACKAGE_DATA / "objects" / f"{name}.toml")
     mesh = item.mesh
     if size_mm is not None:
-        mesh = attach(mesh, mount_patch(mesh, shipped_patch(name), size_mm, item.spec.patch, name))
+        mesh = attach(mesh, mount_patch(mesh, shipped_patch(name), size_mm, item.spec.mounts[0], name))
     return item, RaycastRenderer(mesh, make_studio(1, 270.0, backdrop="oak"), QUICK)
 
 
@@ -155,7 +155,7 @@ def test_the_straightened_patch_is_the_file():
 @pytest.mark.parametrize("name", list(POSES))
 def test_a_mounted_patch_is_found_where_the_rig_mounted_it(photos, name):
     item, shots = photos[name]
-    sheet = mount_patch(item.mesh, shipped_patch(name), PATCH_MM, item.spec.patch, name)
+    sheet = mount_patch(item.mesh, shipped_patch(name), PATCH_MM, item.spec.mounts[0], name)
     side = PATCH_MM + 10
     # along the bend, at the lower and upper straight edge: points of the sheet, and their place on the patch
     uv = (sheet.mesh.uv[:162] * side - 5) / PATCH_MM

@@ -162,7 +162,7 @@ def without_object(bench, image, expectation):
 
 
 def hand_over_patch(bench, image, expectation):
-    corners = LENS.project(expectation.view.T_world_camera, expectation.patch.corners_mm)
+    corners = LENS.project(expectation.view.T_world_camera, expectation.patch.sheets[0].corners_mm)
     middles = (corners[0] + 0.55 * (corners[1] - corners[0]), corners[3] + 0.55 * (corners[2] - corners[3]))
     mask = np.zeros(image.shape[:2], np.uint8)
     cv2.fillConvexPoly(mask, np.array([corners[0], *middles, corners[3]]).round().astype(np.int32), 1)
