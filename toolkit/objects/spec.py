@@ -88,7 +88,7 @@ class ObjectSpec(BaseModel):
     @model_serializer(mode="wrap")
     def _give_one_table(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
         fields: dict[str, Any] = serialize(self)
-        mounts = fields.pop("mounts")
+        mounts = fields.pop("mounts", None) or fields.pop("patch")  # by name, or by alias
         return fields | {"patch": mounts[0] if len(mounts) == 1 else mounts}
 
     @model_validator(mode="before")

@@ -198,7 +198,7 @@ def check_variant(
         return VARIANT.judge(
             1, f"no patch is seen, '{variant}' should show '{own}': stick it on, uncover it, or sort the photo anew"
         )
-    if shown is not None:
+    if own is not None and shown is not None:
         parts = enumerate(zip(patch.sheets, seen.own, shown, strict=True), 1)
         missing = [f"{number} ({sheet.at})" for number, (sheet, one, is_shown) in parts if is_shown and one is None]
         if missing:
