@@ -48,7 +48,7 @@ def test_every_sheet_is_a_page_at_its_own_size_and_says_which_it_is(tmp_path):
         assert (rows[-1] - rows[0] + 1) / page.per_mm == pytest.approx(side_mm, abs=0.5)
         text = " ".join(pages[index].extract_text().split())
         assert f"sheet {index + 1} of 2, page {index + 1} of 2" in text
-        assert f"mug, sheet {index + 1} of 2, {at} {way}" in text and f"{side_mm:.1f} × {side_mm:.1f} mm" in text
+        assert f"mug, sheet {index + 1} of 2 ({at}) {way}" in text and f"{side_mm:.1f} × {side_mm:.1f} mm" in text
 
 
 def test_one_sheet_is_the_page_that_it_was(tmp_path):
@@ -97,5 +97,5 @@ def test_the_shot_list_draws_the_place_of_each(space):
     first, second, *_ = [" ".join(page.extract_text().split()) for page in PdfReader("print/shot_list.pdf").pages]
     assert "Where sheet 1 of 2 goes, seen from above" in first and "sheet 50.0 mm patch 40.0 mm" in first
     assert "Where sheet 2 of 2 goes, seen from the left" in second and "sheet 35.0 mm patch 25.0 mm" in second
-    assert "turned 90° counter-clockwise" in second and "cut sheet 2, which its margin names" in second
+    assert "turned 90° counter-clockwise" in second and "cut sheet 2 at the corner marks" in second
     assert re.search(r"crate, page 2 of \d", second)

@@ -31,9 +31,9 @@ class Wearer:
     sizes_mm: tuple[float, ...]
 
     def name_sheet(self, index: int) -> str:
-        """`mug`, or of several sheets `mug, sheet 2 of 2, left`, for the paper's margin."""
+        """`mug`, or of several sheets `mug, sheet 2 of 2 (left)`, for the paper's margin."""
         count = len(self.sides)
-        return self.object if count == 1 else f"{self.object}, sheet {index + 1} of {count}, {self.sides[index]}"
+        return self.object if count == 1 else f"{self.object}, sheet {index + 1} of {count} ({self.sides[index]})"
 
 
 def find_wearers(workspace: Workspace, png_file: Path) -> tuple[list[Wearer], list[str]]:

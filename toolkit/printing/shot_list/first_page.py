@@ -95,7 +95,7 @@ def advise_sticking(item: TableObject, booster: Print, patch_pdf: str | None, dr
     way = "the arrow in its margin towards the object's front" if at == "top" else "the page's upper edge up"
     if turned:
         way += f", turned {abs(rotation_deg):.0f}° {_hand(rotation_deg)}"
-    which = "" if drawing.count == 1 else f"sheet {drawing.number}, which its margin names, "
+    which = "" if drawing.count == 1 else f"sheet {drawing.number} "
     return [
         f"{page} at 100 %, check its bars, cut {which}at the corner marks: {drawing.cut_mm:.1f} mm square.",
         f"Lay it {where} as drawn, {way}. The numbers are millimetres from the object's outermost edges, "
