@@ -51,7 +51,7 @@ def place(
     from toolkit.objects.mesh import make_ray_scene
     from toolkit.objects.spec import write_mounts
     from toolkit.rig.fit import mounted_sizes_mm
-    from toolkit.rig.place import draw_places, draw_poses, find_places, find_sheets, judge_place, share_seen
+    from toolkit.rig.place import draw_places, draw_poses, find_places, find_sheets, judge_place
     from toolkit.rig.plan import open_plan
 
     space = open_workspace(workspace)
@@ -104,13 +104,19 @@ def place(
             said = f"{answer.patched} of held-out views, {answer.bare} with grey paper"
             say(f"{which}, {train} steps on {answer.network}: {said}")
     if together:
-        seen = f"{share_seen(places):.0%} of {len(poses)} random views show half of one"
-        say(f"{file}: {len(places)} sheets that go on together; {seen}")
-        if len(places) < config.sheets:
-            warn(f"there is no room for {config.sheets} sheets: try a smaller --size-mm, or more --steps")
+        _say_together(file, places, config.sheets, len(poses))
     else:
         say(f"{file}: the places of {places[0].mount.size_mm:g} mm, numbered from the best")
     _say_written(written, object_name)
+
+
+def _say_together(file: Path, places: "list[Place]", wanted: int, n_poses: int) -> None:
+    from toolkit.rig.place import share_seen
+
+    seen = f"{share_seen(places):.0%} of {n_poses} random views show half of one"
+    say(f"{file}: {len(places)} sheets that go on together; {seen}")
+    if len(places) < wanted:
+        warn(f"there is no room for {wanted} sheets: try a smaller --size-mm, or more --steps")
 
 
 def _say_written(written: Path | None, object_name: str) -> None:
