@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import torch
+from hue_network import make_hue_classifier
 from red_seeker import PX, red_seeker
 
 from toolkit.boosters.detectors import DetectorNetwork, box_of_coverage, find_detectors
@@ -96,9 +97,11 @@ def test_the_command_takes_detectors_or_classifiers(tmp_path, monkeypatch):
 
     monkeypatch.setattr(load_detector, "is_detector", lambda name: name == "ssd300_vgg16")
     monkeypatch.setattr(load_detector, "load_detector", lambda *_: red_seeker())
-    monkeypatch.setattr(load, "load_classifiers", lambda models, *_: models)
+    monkeypatch.setattr(load, "load_classifiers", lambda models, *_: list(map(make_hue_classifier, models)))
     (network,) = detectors.load_networks(["ssd300_vgg16"], None)
     assert isinstance(network, DetectorNetwork) and network.labels[network.class_index("sports car")] == "car"
-    assert detectors.load_networks(["resnet18"], None) == ["resnet18"]
+    assert [one.name for one in detectors.load_networks(["resnet18"], None)] == ["resnet18"]
     with pytest.raises(ToolkitError, match="not both"):
         detectors.load_networks(["ssd300_vgg16", "resnet18"], None)
+    with pytest.raises(ToolkitError, match="model net other net: several are called 'net': name each once"):
+        detectors.load_networks(["net", "other", "net"], None)

@@ -57,6 +57,29 @@ def ask(tmp_path):
     return call
 
 
+@pytest.fixture
+def train(tmp_path):
+    """A function (name, engine, network) -> patches of three classes, what was skipped, and all bytes of their set."""
+    from hue_network import make_hue_classifier, write_photos
+
+    from toolkit.boosters.class_patches import ClassPatchesConfig, make_flat_config, train_class_patches
+    from toolkit.boosters.place_patches import Placement
+    from toolkit.core.workspace import make_workspace
+    from toolkit.training.image_set import open_images
+
+    data = write_photos(tmp_path / "data", 4)
+    config = ClassPatchesConfig(set_name="hues", sizes_px=(16,), images=20)
+    patch = make_flat_config("default", {"steps": 6, "batch": 4}, Placement(), config)
+
+    def call(name, engine=None, network=None, classes=(0, 1, 2), restart=False):
+        space, network = make_workspace(tmp_path / name), network or make_hue_classifier()
+        images = open_images(str(data), network, "train")
+        done = train_class_patches(config, patch, images, classes, network, space, restart=restart, engine=engine)
+        return *done, read_all(space.root / "print" / "patches" / "hues-16")
+
+    return call
+
+
 @pytest.fixture(scope="session")
 def look(make_crate_space, tmp_path_factory):
     """A function (name, engine) -> an evaluation in a small field whose units are eight frames, and all its bytes."""

@@ -48,8 +48,8 @@ def cluster():
 
 
 @wanted
-def test_one_node_gives_the_same_bytes_and_failures(shoot, ask, look, looked):
-    (_, here), (_, said) = shoot("sim", InProcess()), ask("here", InProcess())
+def test_one_node_gives_the_same_bytes_and_failures(shoot, ask, look, looked, train):
+    (_, here), (_, said), trained = shoot("sim", InProcess()), ask("here", InProcess()), train("here")
     with EngineConfig(engine="ray", workers=2).open() as engine:
         (result, there), (_, said_there) = shoot("ray", engine), ask("ray", engine)
         found = [
@@ -60,6 +60,7 @@ def test_one_node_gives_the_same_bytes_and_failures(shoot, ask, look, looked):
             (one.result, one.reason) for one in engine.run(units_of(engine_work.die, *((at, 1) for at in range(3))))
         ]
         assert look("one-node", Hands(engine))[1] == looked[1]
+    assert train("ray", EngineConfig(engine="ray", workers=2)) == trained
     assert not ray.is_initialized()
     assert here == there and said == said_there and result.shot == 4
     assert found == [(0, 0, False), (1, None, True), (2, 2, False)]

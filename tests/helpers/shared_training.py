@@ -1,4 +1,4 @@
-"""A patch, a texture and a classifier of a few steps, whose gradients are kept: alone, or in torchrun's processes.
+"""A patch, a texture, two classifiers of a few steps, whose gradients are kept: alone, or in torchrun's processes.
 
 torchrun --nproc-per-node 2 shared_training.py WORKSPACE COLOURS PHOTOS RESULT
 """
@@ -24,6 +24,7 @@ from toolkit.training.loop import Task
 from toolkit.training.processes import current, joined
 
 STEPS = 2
+ROBUST = "robust"
 
 
 def train_all(space: Workspace, colours: Path, photos: Path) -> dict[str, np.ndarray]:
@@ -43,7 +44,14 @@ def train_all(space: Workspace, colours: Path, photos: Path) -> dict[str, np.nda
             name="own", data=(str(colours),), arch="shufflenet_v2_x0_5", image_px=32, batch=24, epochs=1, held_out=0.2
         )
         classifier = train_classifier(config, space, device="cpu").record
-    for kind, one in (("patch", final), ("texture", texture.record.final), ("classifier", classifier.final)):
+        robust = train_classifier(config.with_overrides(name=ROBUST, robust="l2:0.5"), space, device="cpu").record
+    made = (
+        ("patch", final),
+        ("texture", texture.record.final),
+        ("classifier", classifier.final),
+        (ROBUST, robust.final),
+    )
+    for kind, one in made:
         kept |= {f"{kind} {name}": np.array(value) for name, value in one.items()}
     return kept
 
@@ -69,10 +77,11 @@ def _watch(kind: type[Task], kept: dict[str, np.ndarray]) -> None:
     adjust = kind.adjust_gradients
 
     def keep(self: Task, step: int) -> None:
+        called = ROBUST if isinstance(self, ClassifierTask) and self.config.robust else kind.kind
         for name, value in self.parameters().items():
             if value.grad is not None:
-                kept[f"{kind.kind} {step} {name}"] = value.grad.numpy().copy()
-        kept.update({f"{kind.kind} {step} {name}": value.numpy().copy() for name, value in self.buffers().items()})
+                kept[f"{called} {step} {name}"] = value.grad.numpy().copy()
+        kept.update({f"{called} {step} {name}": value.numpy().copy() for name, value in self.buffers().items()})
         adjust(self, step)
 
     kind.adjust_gradients = keep

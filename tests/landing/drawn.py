@@ -33,18 +33,21 @@ def draw(index: int) -> Sample:
     return Sample(image, mask > 0, truth)
 
 
-def write_drawn(folder: Path, train: int = 256, held_out: int = 64) -> Path:
+def write_drawn(folder: Path, train: int = 256, held_out: int = 64, first: int = 0) -> Path:
     folder.mkdir(parents=True)
     shards = []
-    parts: list[tuple[Split, range]] = [("train", range(train)), ("held_out", range(train, train + held_out))]
+    parts: list[tuple[Split, range]] = [
+        ("train", range(first, first + train)), ("held_out", range(first + train, first + train + held_out))
+    ]  # fmt: skip
     for split, numbers in parts:
         file = f"{split}.tar"
         write_shard(folder / file, [encode_sample(draw(index)) for index in numbers])
         shards.append(Shard(file=file, split=split, n=len(numbers), sha256=sha256_file(folder / file)))
     about = DatasetFile(
-        inputs_sha256="0" * 64, seed=SEED, world="drawn", world_seed=0, pad="plain", pad_sha256="1" * 64, size_m=2.0,
-        camera=OPTICS.camera.intrinsics, places={"train": ["drawn"], "held_out": ["drawn"]}, settings={},
-        complete=True, shards=shards, toolkit_version="0",
+        inputs_sha256=f"{first:064d}", seed=SEED, world="drawn", world_seed=0, pad="plain",
+        pad_sha256="1" * 64, size_m=2.0, camera=OPTICS.camera.intrinsics,
+        places={"train": ["drawn"], "held_out": ["drawn"]}, settings={}, complete=True, shards=shards,
+        toolkit_version="0",
     )  # fmt: skip
     write_json(folder / "dataset.json", about.model_dump(mode="json"))
     return folder

@@ -188,6 +188,7 @@ def test_an_unfinished_set_is_not_read(made: tuple[Workspace, Collected], tmp_pa
         ({"half_angle_deg": 40.0}, "half_angle_deg 40: expected less than half of optics.fov_deg, 70"),
         ({"times": ("night",)}, "no time of day called 'night'"),
         ({"weathers": ("hail",)}, "no weather called 'hail'"),
+        ({"frames": 30}, "frames 30 places 40: expected a frame for each place"),
         ({"places": 1}, "places 1: a split by place needs at least 2"),
         ({"name": "../up"}, "name ../up: expected a name"),
     ],

@@ -141,6 +141,8 @@ def test_bad_settings_are_one_line() -> None:
         EpisodeConfig(latency_s=40)
     with pytest.raises(FieldError, match="camera_hz 0: expected above 0"):
         EpisodeConfig(camera_hz=0)
+    with pytest.raises(FieldError, match=r"camera_hz 0\.01: expected a picture within time_limit_s, 30"):
+        EpisodeConfig(camera_hz=0.01)
     with pytest.raises(ToolkitError, match="gains 'wild': expected paper, gentle"):
         parse_gains("wild")
     assert parse_gains("2,0,0.5") == (2.0, 0.0, 0.5)

@@ -11,6 +11,7 @@ from test_boost import make_regressor
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.landing.config import FlyConfig
+from toolkit.landing.episodes import EpisodeConfig
 from toolkit.landing.fly import Cell, EpisodeRecord, Flown, fly_all
 from toolkit.landing.report import film_episode, write_report
 from toolkit.landing.results import group_cells, pair_cells, write_summary
@@ -51,7 +52,24 @@ def test_files_say_what_was_flown(flown: tuple[Workspace, Flown]) -> None:
     assert "http://" not in page
     assert "https://" not in page
     assert page.count("data:image/png;base64,") == 2
+    assert "2 places of grass" in page
+    assert "clear, 0" not in page
     assert len((made.folder / "episodes.csv").read_text().splitlines()) == 3
+
+
+def test_more_pixels_find_a_tag_from_higher_up(tmp_path: Path) -> None:
+    space = make_workspace(tmp_path / "work")
+    high = QUICK.with_overrides({"episodes": 1, "episode.start_height_m": (6.0, 6.4), "episode.time_limit_s": 1.0})
+    blind, sharp = (fly_all(space, high.with_overrides(image_px=px), seed=2).records[0].seen for px in (None, 320))
+    assert not any(blind)
+    assert all(sharp)
+
+
+def test_regressors_see_as_they_were_trained(tmp_path: Path) -> None:
+    space = make_workspace(tmp_path / "work")
+    make_regressor(space)
+    with pytest.raises(FieldError, match="image_px 500: expected 64, as random was trained"):
+        fly_all(space, QUICK.with_overrides(regressors=("random",), image_px=500), seed=2)
 
 
 def test_a_film_shows_the_episode(flown: tuple[Workspace, Flown], tmp_path: Path) -> None:
@@ -86,6 +104,30 @@ def test_flights_go_on_and_do_not_depend_on_the_batch(tmp_path: Path) -> None:
     assert fly_all(space, config, seed=2).made == 10
     plain, grey = whole.records[:5], whole.records[5:]
     assert [one.track[0] for one in plain] == [one.track[0] for one in grey]
+
+
+@pytest.mark.parametrize(
+    ("sets", "place"),
+    [
+        ([], "meadow-2-1"),
+        ([{"world": "grass", "world_seed": 0}], "meadow-2-1"),
+        ([{"world": "grass", "world_seed": 1}], "meadow-1-1"),
+        ([{"world": "city", "world_seed": 0}], "meadow-1-1"),
+        ([{"world": "city", "world_seed": 0}, {"world": "grass", "world_seed": 0}], "meadow-2-1"),
+    ],
+)
+def test_spots_that_were_trained_on_are_left_out(tmp_path: Path, sets: list[dict[str, object]], place: str) -> None:
+    """The regressor's record says meadow-1 of grass, or of each of several sets."""
+    space = make_workspace(tmp_path / "work")
+    data = make_regressor(space).record.data
+    file = space.root / "rig" / "regressors" / "random.json"
+    if sets:
+        told = {"n": 0, "world": "both", "sets": [data | one for one in sets]}
+        file.write_text(json.dumps(json.loads(file.read_text()) | {"data": told}))
+    config = QUICK.with_overrides(
+        regressors=("random",), pads=("plain",), episodes=1, places=1, episode=EpisodeConfig(time_limit_s=0.2)
+    )
+    assert fly_all(space, config, seed=1).places[0].name == place
 
 
 def record(pad: str, index: int, outcome: str) -> EpisodeRecord:

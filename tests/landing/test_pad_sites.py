@@ -9,9 +9,11 @@ from PIL import Image
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import make_workspace
+from toolkit.landing.config import CameraConfig
 from toolkit.landing.episodes import place_cameras
 from toolkit.landing.pads import KINDS, Pad, draw_pad, find_pad
-from toolkit.landing.site import PadSite, View, place_at, plan_places
+from toolkit.landing.site import PadPlace, PadSite, Sites, View, place_at, plan_places
+from toolkit.worlds.sky import Sky
 from toolkit.worlds.world import World
 
 
@@ -103,3 +105,19 @@ def test_bad_pads_are_one_line(grass: World, tmp_path: Path) -> None:
     with pytest.raises(FieldError, match="size_m 30: larger than every place of grass: the widest, 'meadow-1'"):
         plan_places(grass, 30.0, 1)
     assert place_at(grass, 1.0, 2.0, 2.0).centre[2] == pytest.approx(0.26, abs=0.01)
+
+
+def test_pads_are_lit_sky_by_sky(grass: World, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Light on a world is kept for few skies, and worked out anew where they take turns."""
+    lit: list[tuple[str, str, int]] = []
+
+    def light(world: World, place: PadPlace, sky: Sky, pad: Pad, optics: CameraConfig) -> object:
+        lit.append((sky.name.partition("/")[0], place.name, id(pad.mesh)))
+        return object()
+
+    monkeypatch.setattr("toolkit.landing.site.PadSite", light)
+    sites = Sites(grass, plan_places(grass, 2.0, 12), ("noon", "dusk", "overcast"), CameraConfig())
+    sites.light_pads(draw_pad("plain"), range(12))
+    assert [name for name, _, _ in lit] == ["noon"] * 4 + ["dusk"] * 4 + ["overcast"] * 4
+    assert {place.rpartition("-")[2] for name, place, _ in lit if name == "dusk"} == {"3", "4", "9", "10"}
+    assert len({mesh for *_, mesh in lit}) == 1

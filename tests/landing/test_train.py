@@ -107,6 +107,57 @@ def test_it_goes_on_to_the_same_bytes(tmp_path: Path, monkeypatch: pytest.Monkey
     assert again.file.read_bytes() == content
 
 
+def test_several_sets_train_one_network(tmp_path: Path) -> None:
+    space = make_workspace(tmp_path / "work")
+    folder = space.captures_dir / "landing"
+    write_drawn(folder / "one", 24, 4)
+    write_drawn(folder / "other", 16, 6, first=28)
+    config = LandingTrainConfig(
+        arch="shufflenet_v2_x0_5", pool="average", init=write_start(tmp_path / "start.pth"), epochs=1, batch=8
+    )
+    record = train_regressor(space, ["one", "other"], config, device="cpu").regressor.record
+    assert record.name == "one-other"
+    assert (record.data["n"], record.data["world"]) == (40, "drawn")
+    assert [(one["name"], one["n"], int(one["inputs_sha256"])) for one in record.data["sets"]] == [
+        ("one", 24, 0), ("other", 16, 28),
+    ]  # fmt: skip
+    rows = {row.group: row for row in record.held_out if row.by in ("all", "data")}
+    assert {name: row.n for name, row in rows.items()} == {"all": 10, "one": 4, "other": 6}
+    squares = {name: row.n * (row.rmse_cm or 0) ** 2 for name, row in rows.items()}
+    assert squares["all"] == pytest.approx(squares["one"] + squares["other"], rel=1e-3)
+    alone = summarise_errors(
+        load_regressor(space, "one-other").predict(read_split(folder / "other", "held_out").images),
+        read_split(folder / "other", "held_out"),
+    )
+    assert rows["other"].rmse_cm == alone[0].rmse_cm
+    assert train_regressor(space, ["one", "other"], config, device="cpu").was_finished
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({}, "b: this data set is named twice"),
+        ({"inputs_sha256": "1", "size_m": 1.0}, "b: its pad's side is 1 m, that of .*a is 2 m"),
+        (
+            {"inputs_sha256": "1", "pad": "grey", "pad_sha256": "2" * 64},
+            "its pad is grey 22222222, .* is plain 11111111",
+        ),
+        (
+            {"inputs_sha256": "1", "camera": OPTICS.camera.intrinsics | {"fx": 50.0}},
+            "its camera is 48 × 48 px with fx 50,",
+        ),
+    ],
+)
+def test_sets_of_other_cameras_and_pads_are_refused(tmp_path: Path, changes: dict[str, object], words: str) -> None:
+    space = make_workspace(tmp_path / "work")
+    for name in ("a", "b"):
+        write_drawn(space.captures_dir / "landing" / name, 16, 4)
+    file = space.captures_dir / "landing" / "b" / "dataset.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | changes))
+    with pytest.raises(ToolkitError, match=words):
+        train_regressor(space, ["a", "b"], LandingTrainConfig(), device="cpu")
+
+
 def test_the_ridge_is_scikits() -> None:
     linear_model = pytest.importorskip("sklearn.linear_model")
     rng = np.random.default_rng(0)

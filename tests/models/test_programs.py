@@ -184,6 +184,23 @@ def mapped(): return Net(lambda y: {"logits": y}), HOW
 def detector(): return Net(lambda y: [{"boxes": y, "scores": y, "labels": y}]), HOW
 def flat(): return Net(lambda y: y.flatten()), HOW
 def dense(): return Net(lambda y: y[:, :, None, None].expand(-1, -1, 5, 5)), HOW
+class Later(Net):
+    asked = 0
+    def forward(self, x):
+        answers = self.linear(x.mean((2, 3)))
+        self.asked += 1
+        return answers if self.asked == 1 else self.change(answers)
+def set_nan(y):
+    y[1:, 2] = float("nan")
+    return y
+def fail(y): raise ValueError("no more\\nof it")
+def later_nan(): return Later(set_nan), HOW
+def later_list(): return Later(lambda y: [1.0, 2.0]), HOW
+def later_shape(): return Later(lambda y: y[:, :3]), HOW
+def later_fewer(): return Later(lambda y: y[:1]), HOW
+def later_labels(): return Later(lambda y: y.argmax(1)), HOW
+def later_fails(): return Later(fail), HOW
+def unnamed(): return Net(), {"size": 32}
 def few(): return Net(lambda y: y[:, :3]), HOW
 def stuck(): return Net(lambda y: y @ y), HOW
 """
@@ -251,3 +268,43 @@ def test_what_a_function_may_not_return(code, function, expected):
 def test_functions_that_are_not_there(code):
     assert "python:MODULE:FUNCTION" in error_of(lambda: load_classifier("python:my_networks"))
     assert "ModuleNotFoundError" in error_of(lambda: load_classifier("python:no_such_module:f"))
+
+
+@pytest.fixture
+def captured(tmp_path):
+    """Three images of one class in an ImageFolder."""
+    from PIL import Image
+
+    from toolkit.captures.read import read_captures
+
+    for k in range(3):
+        file = tmp_path / "shots" / "a" / f"{k}.png"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(np.full((40, 40, 3), 80 + 40 * k, np.uint8)).save(file)
+    return read_captures(tmp_path / "shots").captures
+
+
+@pytest.mark.parametrize(
+    ("function", "expected", "where"),
+    [
+        ("later_nan", "the network's output is not a number", "a/1.png"),
+        ("later_list", "gives a list of 2 for 3 images: expected 3×4", "a/0.png or one of the 2 images after it"),
+        ("later_shape", "gives 3×3 for 3 images: expected 3×4", "a/0.png or"),
+        ("later_fewer", "gives 1×4 for 3 images: expected 3×4", "a/0.png or"),
+        ("later_labels", "gives 3 for 3 images: expected 3×4", "a/0.png or"),
+        ("later_fails", "fails at 3 images of 32 px: ValueError: no more of it", "a/0.png or"),
+    ],
+)
+def test_one_that_turns_bad_later_is_named_with_the_image(code, captured, function, expected, where):
+    from toolkit.evaluation.predict import predict_captures
+
+    classifier = load(function)
+    line = error_of(lambda: predict_captures(captured, {"a": 0}, classifier))
+    assert line.startswith(f"model python:my_networks:{function}: ") and expected in line and where in line
+
+
+def test_classes_without_names_are_named_by_the_function(code):
+    line = error_of(lambda: load("unnamed").class_index("bolt"))
+    assert "the 4 classes of this network have no names: return {'size': …, 'labels': ['…', …]} as the" in line
+    assert "beside" not in line
+    assert "my_networks.py: the 'labels' that its function returns: expected 3 names" in error_of(lambda: load("few"))

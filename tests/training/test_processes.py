@@ -48,7 +48,7 @@ PATCHED = {
 
 @pytest.mark.slow
 def test_two_processes_have_the_gradients_of_one(make_crate_space, colours, tmp_path, monkeypatch):
-    """Of a patch before two networks, a texture, and a classifier with batch normalisation, at every step."""
+    """Of a patch before two networks, a texture, a classifier with batch normalisation and a robust one, every step."""
     for owner, names in PATCHED.items():
         for name in names:
             monkeypatch.setattr(owner, name, getattr(owner, name))  # put back afterwards
@@ -61,7 +61,8 @@ def test_two_processes_have_the_gradients_of_one(make_crate_space, colours, tmp_
     with np.load(tmp_path / "found-0.npz") as stored:
         shared = dict(stored)
     assert alone.keys() == shared.keys()
-    for step in (f"{kind} {k} " for kind in ("patch", "texture", "classifier") for k in range(shared_training.STEPS)):
+    kinds = ("patch", "texture", "classifier", shared_training.ROBUST)
+    for step in (f"{kind} {k} " for kind in kinds for k in range(shared_training.STEPS)):
         names = [name for name in alone if name.startswith(step)]
         largest = max(np.abs(alone[name]).max() for name in names)
         assert largest > 1e-4

@@ -20,6 +20,7 @@ from toolkit.corruptions import CORRUPTIONS, choose_parameters, corrupt, image_s
 from toolkit.corruptions.corrupt import run_each
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
+from toolkit.models.network import BadAnswer
 from toolkit.training.image_set import ImageSet, LabelledImage
 
 if TYPE_CHECKING:
@@ -108,12 +109,14 @@ class ShardImages:
         pixels: (k, 3, m, m) uint8 sRGB, on the CPU.
         classes: (k,) int64.
         seeds: of each image's random draws.
+        ids: of the images.
         texts: what readers of codes must say; empty without codes.
     """
 
     pixels: "torch.Tensor"
     classes: np.ndarray
     seeds: list[int]
+    ids: list[str]
     texts: list[str]
 
 
@@ -151,12 +154,13 @@ def apply_variant(
     import torch
 
     used = [one for one, is_usable in zip(shard.images, usable, strict=True) if is_usable]
-    seeds = [image_seed(config.seed, one.id) for one in used]
+    ids = [one.id for one in used]
+    seeds = [image_seed(config.seed, id) for id in ids]
     classes = np.array([one.class_index for one in used], np.int64)
     bare = torch.from_numpy(np.ascontiguousarray(pixels.transpose(0, 3, 1, 2)))
     patches = variant.patches
     if patches is None:
-        return ShardImages(bare, classes, seeds, [])
+        return ShardImages(bare, classes, seeds, ids, [])
     boosted = torch.empty_like(bare)
     parts = _cut(len(used), CPU_PART)
 
@@ -169,7 +173,7 @@ def apply_variant(
 
     run_each(place, len(parts))
     texts = [] if patches.code_kind is None else [patches.code_text(int(index)) for index in classes]
-    return ShardImages(boosted, classes, seeds, texts)
+    return ShardImages(boosted, classes, seeds, ids, texts)
 
 
 def corrupt_images(images: ShardImages, part: slice, condition: Condition, device: str = "cpu") -> "torch.Tensor":
@@ -198,7 +202,10 @@ def rank_images(
         with torch.inference_mode():
             batch = corrupt_images(images, part, condition, device)
             for recogniser, row in zip(recognisers, ranks, strict=True):
-                row[part] = recogniser.rank(batch, images.classes[part], images.texts[part])
+                try:
+                    row[part] = recogniser.rank(batch, images.classes[part], images.texts[part])
+                except BadAnswer as error:
+                    raise error.at(images.ids[part]) from None
 
     if device == "cpu":
         run_each(work, len(parts))

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from toolkit.boosters.baselines.codes import APRILTAG, DICTIONARIES, QR, tag_dictionary
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import one_of
 from toolkit.corruptions.digital import to_bytes
-from toolkit.models.network import Classifier
+from toolkit.models.network import Classifier, check_finite
 
 if TYPE_CHECKING:
     import torch
@@ -63,13 +63,12 @@ def rank_classes(network: Classifier, images: "torch.Tensor", classes: np.ndarra
     """(b,) int32, the place of each image's class among the network's guesses, from 1; ties go to the lower index.
 
     Raises:
-        ToolkitError: the network's output is not finite.
+        BadAnswer: the network's output is not finite.
     """
     import torch
 
     logits = network.logits(images).float()
-    if not torch.isfinite(logits).all():
-        raise ToolkitError(f"{network.weights.name}: the network's output is not a number: its weights are damaged")
+    check_finite(logits, network.arch, network.weights)
     true = torch.from_numpy(classes).to(logits.device)[:, None]
     own = logits.gather(1, true)
     earlier = torch.arange(logits.shape[1], device=logits.device) < true

@@ -1,28 +1,36 @@
-"""A patch for each of many classes, one after the other, into patch sets: what `toolkit train-patches` runs."""
+"""A patch for each of many classes into patch sets, each a unit of work: what `toolkit train-patches` runs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field
 
 from toolkit.boosters.data import Backgrounds, DataConfig, Loaded, TrainingData, divide_images
-from toolkit.boosters.patch import train_patch
+from toolkit.boosters.patch import RENDERS, choose_files, hash_patch, read_finished, train_patch
 from toolkit.boosters.patch_config import PatchConfig, check_size, make_config
 from toolkit.boosters.patch_sets import SetName, name_class
 from toolkit.boosters.pixels import Network
 from toolkit.boosters.place_patches import Placement
-from toolkit.boosters.validation import Share
+from toolkit.boosters.validation import Share, Validation
 from toolkit.core.config import Config, Flag
-from toolkit.core.console import notice, progress, quietly
+from toolkit.core.console import Ticker, notice, progress, quietly
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
+from toolkit.engine.config import EngineConfig
+from toolkit.engine.units import Engine, Outcome, Shared, Unit, check_hope
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
+from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.image_set import ImageSet
+from toolkit.training.processes import current
 
 FEW_IMAGES = 32
 """A class with fewer images is trained on those of all classes, where the user leaves it open."""
@@ -63,13 +71,42 @@ class ClassPatch:
     bare: Share | None
 
 
+@dataclass(frozen=True)
+class Order:
+    """A patch that is to be trained.
+
+    Attributes:
+        config: with its size.
+        class_index: of the network.
+        label: of the class.
+        name: of the files.
+        out: folder of the set.
+        restart: forget what an earlier run left.
+    """
+
+    config: PatchConfig
+    class_index: int
+    label: str
+    name: str
+    out: Path
+    restart: bool
+
+
+Made = tuple[Validation | None, dict[str, bytes]]
+"""What held-out images say; and the files by their path in the set, the record last, where the driver has to write."""
+
+
 def train_class_patches(
     config: ClassPatchesConfig, patch: PatchConfig, images: ImageSet, classes: Sequence[int], network: Network,
-    workspace: Workspace, *, restart: bool = False,
+    workspace: Workspace, *, restart: bool = False, engine: EngineConfig | None = None,
 ) -> tuple[list[ClassPatch], list[tuple[str, str]]]:  # fmt: skip
-    """Train every patch that is not finished, class by class; an interrupted run goes on in the middle of a patch.
+    """Train every patch that is not finished; one that fails is listed, and the others are trained.
 
-    In memory are the images of a class (or of all, once) and one patch, n × n, at a time.
+    An interrupted run goes on in the middle of a patch. On Ray, whose nodes do not see the workspace, the patches in
+    hand begin anew. The engine changes no result.
+
+    In memory are the images of a class (or of all, once) and one patch, n × n, at a time; with workers, those of the
+    units in hand.
 
     Args:
         config: sets, sizes and images.
@@ -79,34 +116,125 @@ def train_class_patches(
         network: the classifier.
         workspace: where the sets go.
         restart: forget what an earlier run left.
+        engine: where patches are trained; by default in this process.
 
     Returns:
-        The patches, and (path, reason) of images that could not be used.
+        The patches, and (path, reason) of images that could not be used and of patches that could not be trained.
 
     Raises:
-        ToolkitError: a size that does not fit the network, a class without images, or as `train_patch`.
+        ToolkitError: a size that does not fit the network, no patch could be trained, workers within torchrun, or the
+            disk is full.
     """
     for size_px in config.sizes_px:
         check_size(size_px, network.preprocessing.crop_px, "sizes_px")
+    engine = engine or EngineConfig()
+    is_torchrun = current().count > 1
+    if is_torchrun and engine != EngineConfig():
+        raise FieldError("{engine} and {workers} share patches, torchrun shares each patch: take one of them", {})
+    orders = [
+        Order(
+            patch.with_overrides(size_px=size_px), index, network.labels[index], name_class(network.labels, index),
+            workspace.root / "print" / "patches" / f"{config.set_name}-{size_px}", restart,
+        )
+        for size_px in dict.fromkeys(config.sizes_px)
+        for index in classes
+    ]  # fmt: skip
     source = _Source(images, config, network.preprocessing)
-    units = [(size_px, index) for size_px in dict.fromkeys(config.sizes_px) for index in classes]
-    done: list[ClassPatch] = []
-    with progress(f"Training {len(units)} patches", len(units)) as bar:
-        for size_px, index in units:
-            set_name, label = f"{config.set_name}-{size_px}", network.labels[index]
-            bar.advance(0, f"{label}, {size_px} px")
-            sized, name = patch.with_overrides(size_px=size_px), name_class(network.labels, index)
-            out = workspace.root / "print" / "patches" / set_name
-            data = source.load(index)
-            with quietly():
-                trained = train_patch(sized, index, [network], data, workspace, name=name, out=out, restart=restart)
-            answer = trained.validations[0] if trained.validations else None
-            shares = (None, None) if answer is None else (answer.patched, answer.bare)
-            done.append(ClassPatch(set_name, label, *shares))
-            bar.advance()
-            told = f"{shares[0]} of held-out images with it, {shares[1]} without" if answer else "finished before"
-            notice(f"{set_name}/{name}: {told}")
-    return done, source.skipped
+    with (
+        engine.open(gpus=int(network.device != "cpu")) as hands,
+        progress(f"Training {len(orders)} patches", len(orders)) as bar,
+    ):
+        run = _Run(source, network, workspace, bar)
+        units = run.list_units(orders, hands, is_here=engine.engine == "local")
+        # what stops one of torchrun's processes has to stop all of them
+        together = (Outcome(unit, made) for unit in units for made in unit.work(*unit.inputs))
+        for outcome in together if is_torchrun else hands.run(units):
+            run.keep(outcome)
+    if run.failed and not run.done:
+        raise run.failed[0][1]
+    lost = [(name, str(error)) for name, error in run.failed]
+    return [run.done[order.out, order.name] for order in orders if (order.out, order.name) in run.done], [
+        *source.skipped, *lost,
+    ]  # fmt: skip
+
+
+class _Run:
+    """What the driver knows of the patches.
+
+    Attributes:
+        done: those that are there, by folder and name.
+        failed: name and reason of the others.
+    """
+
+    def __init__(self, source: "_Source", network: Network, workspace: Workspace, bar: Ticker) -> None:
+        self._source, self._network, self._workspace, self._bar = source, network, workspace, bar
+        self.done: dict[tuple[Path, str], ClassPatch] = {}
+        self.failed: list[tuple[str, ToolkitError]] = []
+        self._in_vain: list[Outcome[Order, Made]] = []
+
+    def list_units(self, orders: Sequence[Order], engine: Engine, is_here: bool) -> Iterator[Unit[Order, Made]]:
+        """A unit for each patch that is not finished."""
+        network, held = engine.share(self._network), None
+        for order in orders:
+            self._bar.advance(0, f"{order.label}, {order.config.size_px} px")
+            try:
+                data = self._source.load(order.class_index)
+            except ToolkitError as error:
+                self._lose(order, error)
+                continue
+            key = hash_patch(order.config, order.class_index, [self._network], data, order.name)
+            files = choose_files(self._workspace, order.out, order.name)
+            if not order.restart and read_finished(files, key):
+                Checkpoint(files.training, key, shared=RENDERS).remove()
+                self._add(order, None)
+                continue
+            if held is None or held[0] is not data:
+                held = data, engine.share(data)
+            inputs = (network, held[1], order, self._workspace, is_here)
+            yield Unit(key, train_unit, inputs, f"{order.out.name}/{order.name}", order)
+
+    def keep(self, outcome: Outcome[Order, Made]) -> None:
+        """Write what was made on another machine, and note what came of it.
+
+        Raises:
+            ToolkitError: the first units all failed for one reason, or the disk is full.
+        """
+        order = outcome.unit.tag
+        if outcome.result is None:
+            self._lose(order, ToolkitError(outcome.reason))
+            self._in_vain.append(outcome)
+            check_hope(self._in_vain, len(self.done))
+            return
+        answer, files = outcome.result
+        for path, content in files.items():
+            write_bytes(order.out / path, content, order.out)
+        self._add(order, answer)
+
+    def _lose(self, order: Order, error: ToolkitError) -> None:
+        self.failed.append((f"{order.out.name}/{order.name}", error))
+        self._bar.advance()
+
+    def _add(self, order: Order, answer: Validation | None) -> None:
+        shares = (None, None) if answer is None else (answer.patched, answer.bare)
+        self.done[order.out, order.name] = ClassPatch(order.out.name, order.label, *shares)
+        self._bar.advance()
+        told = f"{shares[0]} of held-out images with it, {shares[1]} without" if answer else "finished before"
+        notice(f"{order.out.name}/{order.name}: {told}")
+
+
+def train_unit(
+    network: Shared[Network], data: Shared[TrainingData], order: Order, workspace: Workspace, is_here: bool
+) -> Iterator[Made]:
+    """The work of a unit: `train_patch`; in the workspace where it `is_here`, else in a folder of its own."""
+    with quietly(), nullcontext(order.out) if is_here else TemporaryDirectory() as folder:
+        trained = train_patch(
+            order.config, order.class_index, [network.get()], data.get(), workspace,
+            name=order.name, out=Path(folder), restart=order.restart,
+        )  # fmt: skip
+        made = trained.files
+        written = () if is_here else (made.preview, made.png, made.png.with_suffix(".json"))
+        files = {str(file.relative_to(folder)): file.read_bytes() for file in written}
+    yield next(iter(trained.validations), None), files
 
 
 def make_flat_config(

@@ -112,8 +112,20 @@ def load_networks(
         may_mix: whether some may be the one and some the other: to judge, for none is trained against both.
 
     Raises:
-        ToolkitError: as these, or some are the one and some the other and may not be.
+        ToolkitError: as these, two of one name, or some are the one and some the other and may not be.
     """
+    networks = _load_each(models, weights, device, folder, may_mix)
+    names = [one.name for one in networks]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        expected = f"several are called '{twice}': name each once; one of two files may have another 'name' in its TOML"
+        raise FieldError(expected, {"model": names})
+    return networks
+
+
+def _load_each(
+    models: Sequence[str] | None, weights: Sequence[Path] | None, device: str, folder: Path | None, may_mix: bool
+) -> "Sequence[Classifier | DetectorNetwork]":
     from toolkit.models.find import may_be_detector
     from toolkit.models.load import load_classifiers
 

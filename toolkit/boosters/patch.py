@@ -159,6 +159,29 @@ def train_patch(
     return replace(fitted.made, resumed_from=fitted.resumed_from, was_finished=fitted.was_finished)
 
 
+def hash_patch(
+    config: PatchConfig, class_name: str | int, networks: Sequence[Network], data: TrainingData, name: str
+) -> str:
+    """Hash of the inputs of a patch that is trained on images in memory alone: what its record calls inputs_sha256."""
+    targets = aim(networks, class_name)
+    config = config.count_steps(len(data.train)).for_networks(len(targets))
+    return hash_inputs(config, name, list_networks(targets), data.sha256)
+
+
+def read_finished(
+    files: BoosterFiles, inputs_sha256: str, skipped: tuple[tuple[str, str], ...] = ()
+) -> TrainedPatch | None:
+    """The patch, where its files are whole and of these inputs."""
+    if not (files.png.is_file() and files.preview.is_file()):
+        return None
+    try:
+        patch = read_patch(files.png)
+    except ToolkitError:
+        return None  # a kill between picture and record leaves a pair that does not match; it is written again
+    is_same = patch.record.settings.get("inputs_sha256") == inputs_sha256
+    return TrainedPatch(patch, files, [], [], skipped) if is_same else None
+
+
 def choose_files(workspace: Workspace, out: Path | None, name: str) -> BoosterFiles:
     """The workspace's own folders, or below `out`. Previews never lie among the patches: each PNG there is a patch."""
     patches = workspace.patches_dir if out is None else Path(out)
@@ -233,14 +256,7 @@ class PatchTask(PixelTask[TrainedPatch]):
 
     def find_finished(self) -> TrainedPatch | None:
         """The patch, where its files are whole and of the same inputs."""
-        if not (self.files.png.is_file() and self.files.preview.is_file()):
-            return None
-        try:
-            patch = read_patch(self.files.png)
-        except ToolkitError:
-            return None  # a kill between picture and record leaves a pair that does not match; it is written again
-        is_same = patch.record.settings.get("inputs_sha256") == self.inputs_sha256
-        return TrainedPatch(patch, self.files, [], [], self._data.skipped) if is_same else None
+        return read_finished(self.files, self.inputs_sha256, self._data.skipped)
 
     def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
         """Cross-entropy of photographs with the patch, and the patch's own losses."""

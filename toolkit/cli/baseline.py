@@ -26,7 +26,7 @@ def baseline(
     weights: Annotated[
         Path | None,
         typer.Option(
-            "--weights", metavar="FILE", help="State dict, .pth or .safetensors; FILE.json may hold its labels."
+            "--weights", metavar="FILE", help="State dict, .pth, .ckpt or .safetensors; FILE.json may hold its labels."
         ),
     ] = None,
     seed: options.Seed = 0,

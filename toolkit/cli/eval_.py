@@ -32,7 +32,7 @@ def evaluate(
     ] = None,
     weights: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="State dict, .pth or .safetensors; FILE.json may hold its labels."),
+        typer.Option(metavar="FILE", help="State dict, .pth, .ckpt or .safetensors; FILE.json may hold its labels."),
     ] = None,
     config: EvalConfig,
     device: options.Device = "auto",

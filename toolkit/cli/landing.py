@@ -64,7 +64,9 @@ def show_collected(collected: "Collected") -> None:
 @from_config(overrides=TRAINING)
 def train(
     overrides: options.Overrides,
-    dataset: Annotated[str, typer.Argument(metavar="DATASET", help="Name below captures/landing, or its folder.")],
+    datasets: Annotated[
+        list[str], typer.Argument(metavar="DATASET...", help="Names below captures/landing, or folders.")
+    ],
     recipe: str,
     baselines: Annotated[
         bool, typer.Option("--baselines", help="Measure features + homography and an AprilTag on held-out frames too.")
@@ -73,7 +75,9 @@ def train(
     saliency: Annotated[
         Path | None,
         typer.Option(
-            "--saliency-map", metavar="FILE", help="Draw what the network looks at in held-out frames, as a PNG."
+            "--saliency-map",
+            metavar="FILE",
+            help="Draw what the network looks at in held-out frames of the first set, as a PNG.",
         ),
     ] = None,
     restart: Restart = False,
@@ -93,15 +97,18 @@ def train(
         raise one_of("recipe", recipe, list(TRAINING))
     space = open_workspace(workspace)
     config = TRAINING[recipe].with_overrides(overrides)
-    trained = train_regressor(space, dataset, config, seed=seed, device=device, restart=restart)
+    folders = [find_dataset(space, word) for word in datasets]
+    trained = train_regressor(space, datasets, config, seed=seed, device=device, restart=restart)
     rows = {trained.regressor.name: trained.regressor.record.held_out}
     if baselines:
         from toolkit.landing.compare import measure_baselines
 
-        rows |= measure_baselines(space, find_dataset(space, dataset))
+        for folder in folders:
+            of_set = "" if len(folders) == 1 else f" on {folder.name}"
+            rows |= {f"{name}{of_set}": errors for name, errors in measure_baselines(space, folder).items()}
     if onnx is not None:
         export_onnx(trained.regressor, onnx)
-    shares = [] if saliency is None else write_saliency(trained.regressor, find_dataset(space, dataset), saliency)
+    shares = [] if saliency is None else write_saliency(trained.regressor, folders[0], saliency)
     if as_json:
         errors = {name: [row.model_dump() for row in some] for name, some in rows.items()}
         show_json(describe_trained(trained) | {"errors": errors, "saliency_on_pad": shares})
@@ -120,13 +127,14 @@ def train(
 def show_errors(rows: "Mapping[str, Sequence[ErrorRow]]") -> None:
     """Print the errors on held-out frames, by what they have in common."""
     from toolkit.core.console import console
-    from toolkit.core.tables import build_table, format_percent
+    from toolkit.core.tables import build_table
 
     cells = [
         (
             name, row.by, row.group, str(row.n), f"{row.found / row.n:.0%}",
             "-" if row.median_cm is None else f"{row.median_cm:.1f}",
-            "-" if row.rmse_cm is None else f"{row.rmse_cm:.1f}", format_percent(row.share),
+            "-" if row.rmse_cm is None else f"{row.rmse_cm:.1f}",
+            "-" if row.share is None else f"{100 * row.share:.1f}",
         )
         for name, some in rows.items()
         for row in some

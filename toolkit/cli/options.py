@@ -108,10 +108,10 @@ Model = Annotated[
 ]
 WeightFiles = Annotated[
     list[Path] | None,
-    typer.Option("--weights", metavar="FILE", help="State dict (.pth, .safetensors), one for each --model."),
+    typer.Option("--weights", metavar="FILE", help="State dict (.pth, .ckpt, .safetensors), one for each --model."),
 ]
 WeightsFile = Annotated[
-    Path | None, typer.Option("--weights", metavar="FILE", help="State dict (.pth, .safetensors) of --model.")
+    Path | None, typer.Option("--weights", metavar="FILE", help="State dict (.pth, .ckpt, .safetensors) of --model.")
 ]
 Download = Annotated[bool, typer.Option("--download", help="Fetch CIFAR-10 into the folder of cifar10:FOLDER.")]
 Corrupt = Annotated[

@@ -25,7 +25,7 @@ def sweep(
     ] = "resnet18",
     weights: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="State dict, .pth or .safetensors; FILE.json may hold its labels."),
+        typer.Option(metavar="FILE", help="State dict, .pth, .ckpt or .safetensors; FILE.json may hold its labels."),
     ] = None,
     patches: options.Patches = None,
     device: options.Device = "auto",

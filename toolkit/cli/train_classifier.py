@@ -99,6 +99,12 @@ def describe_held_out(held_out: "HeldOut") -> list[str]:
         f"held-out images: {held_out.correct} of {held_out.n} right ({held_out.correct / held_out.n:.1%}, 95 % "
         f"interval {low:.1%} to {high:.1%}); {held_out.what}"
     ]
+    if (hit := held_out.under_attack) is not None:
+        low, high = hit.ci95
+        lines.append(
+            f"under attack ({hit.norm} {hit.eps:.4g}, {hit.steps} steps): {hit.correct} of {hit.n} right "
+            f"({hit.accuracy:.1%}, {low:.1%} to {high:.1%})"
+        )
     shares = sorted((one.correct / one.n, label) for label, one in held_out.per_class.items() if one.n)
     if shares[0][0] < 1:
         lines.append("weakest classes: " + ", ".join(f"{label} {share:.0%}" for share, label in shares[:5]))

@@ -9,9 +9,10 @@ from toolkit.boosters.place_patches import Placement
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import show_json
+from toolkit.engine.config import EngineConfig
 
 
-@from_config(config=ClassPatchesConfig, placement=Placement)
+@from_config(config=ClassPatchesConfig, placement=Placement, engine=EngineConfig)
 def train_patches(
     data: Annotated[
         str,
@@ -22,6 +23,7 @@ def train_patches(
     ],
     config: ClassPatchesConfig,
     placement: Placement,
+    engine: EngineConfig,
     classes: Annotated[
         list[str] | None,
         typer.Option("--class", metavar="NAME", help="Label, index or WordNet id; default: all that have images."),
@@ -58,7 +60,7 @@ def train_patches(
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Train a patch for each of many classes, to be laid on images; an interrupted run goes on where it stopped."""
+    """Train a patch for each of many classes, to be laid on images; a stopped run goes on where it was."""
     from dataclasses import asdict
 
     from toolkit.boosters.class_patches import train_class_patches
@@ -75,7 +77,9 @@ def train_patches(
     overrides = {"steps": steps, "epochs": epochs, "batch": batch, "lr": lr, "corrupted": corrupted or None}
     patch = make_flat_config(recipe, overrides, placement, config)
     with quietly(as_json):
-        patches, skipped = train_class_patches(config, patch, found, chosen, classifier, place, restart=restart)
+        patches, skipped = train_class_patches(
+            config, patch, found, chosen, classifier, place, restart=restart, engine=engine
+        )
     list_skipped(skipped)
     sets = list(dict.fromkeys(one.set_name for one in patches))
     if as_json:

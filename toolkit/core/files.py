@@ -139,6 +139,8 @@ def make_folder(folder: Path, root: Path | None = None) -> Path:
     if root is not None:
         _check_within(folder, root)
     try:
+        with contextlib.suppress(FileNotFoundError):  # another process has just removed an empty one above
+            folder.mkdir(parents=True, exist_ok=True)
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise explain_write_error(folder, error) from error

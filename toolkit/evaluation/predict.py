@@ -18,7 +18,7 @@ from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, read_image
-from toolkit.models.network import Classifier
+from toolkit.models.network import BadAnswer, Classifier, check_finite
 
 OK = "ok"
 CPU_BATCH, CUDA_BATCH = 32, 128
@@ -85,7 +85,10 @@ def predict_captures(
     with progress("classifying", len(captures)) as ticker:
         for batch in batch_pixels(captures, classifier, choose_batch_size(classifier, batch_size)):
             read = [pixels for _, pixels in batch if not isinstance(pixels, str)]
-            outputs = iter(classify_images(read, classifier) if read else ())
+            try:
+                outputs = iter(classify_images(read, classifier) if read else ())
+            except BadAnswer as error:
+                raise error.at([one.path for one, pixels in batch if not isinstance(pixels, str)]) from None
             for capture, pixels in batch:
                 true = true_classes[capture.object]
                 if isinstance(pixels, str):
@@ -111,8 +114,7 @@ def classify_images(images: list[np.ndarray], classifier: Classifier) -> list[tu
             logits = classifier.logits(batch.float().div_(255)).double().cpu()
     except torch.cuda.OutOfMemoryError:
         raise ToolkitError(f"{len(images)} images do not fit the GPU's memory: make batch_size smaller") from None
-    if not torch.isfinite(logits).all():
-        raise ToolkitError(f"{classifier.weights.name}: the network's output is not a number: its weights are damaged")
+    check_finite(logits, classifier.arch, classifier.weights)
     # stable, so that ties go to the lower index everywhere and rank 1 always is the first guess
     order = torch.sort(logits, dim=1, descending=True, stable=True).indices.numpy()
     return list(zip(order, logits.softmax(dim=1).numpy(), strict=True))

@@ -1,6 +1,6 @@
 """`toolkit landing collect`: what a drone sees from an imaginary cone that stands on a pad, with the truth of it."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby
@@ -102,6 +102,10 @@ class Collector:
     def site(self, number: int) -> PadSite:
         """The pad on one of the places."""
         return self.sites.site(self.pad, number)
+
+    def light_pads(self, indices: Iterable[int]) -> None:
+        """Light the pad on all places of some frames."""
+        self.sites.light_pads(self.pad, (index % len(self.places) for index in indices))
 
     def shoot(self, index: int) -> Sample:
         """One frame.
@@ -250,8 +254,7 @@ def _list_units(
 def shoot_unit(shared: Shared[Collector], indices: Sequence[int]) -> Iterator[EncodedSample]:
     """The work of a unit: frames as they lie in a shard."""
     collector = shared.get()
-    for number in sorted({index % len(collector.places) for index in indices}):
-        collector.site(number)  # lit before threads ask for it
+    collector.light_pads(indices)  # before threads ask for them
     yield from map_frames(lambda index: encode_sample(collector.shoot(index)), indices)
 
 

@@ -37,8 +37,7 @@ def measure_baselines(space: Workspace, folder: Path, most: int = MOST_FRAMES) -
     tag = draw_pad("apriltag", config.size_m)
     collector = Collector(config, find_world(config.world, config.world_seed), tag, about.seed)
     numbers = [one.index for one in samples.truths]
-    for number in sorted({index % len(collector.places) for index in numbers}):
-        collector.site(number)
+    collector.light_pads(numbers)
     images = []
     with progress("Shooting AprilTag frames", len(numbers)) as bar:
         for sample in map_frames(collector.shoot, numbers):

@@ -91,7 +91,7 @@ class CollectConfig(Config):
     )
     size_m: Annotated[float, Flag("--size-m")] = Field(2.0, description="Side of the pad, metres.")
     frames: Annotated[int, Field(ge=2, le=10_000_000), Flag()] = Field(20_000, description="How many pictures.")
-    places: Annotated[int, Field(ge=1, le=1000), Flag()] = Field(10, description="Places that the pad lies on in turn.")
+    places: Annotated[int, Field(ge=1, le=1000), Flag()] = Field(40, description="Places that the pad lies on in turn.")
     ground: Annotated[Ground, Flag()] = Field("both", description="What it lies on: decks, bare grass, or both.")
     at: Annotated[tuple[float, float] | None, Flag(metavar="X Y", typed=tuple[float, float])] = Field(
         None, description="One place of your own in the world, metres, instead."
@@ -123,6 +123,8 @@ class CollectConfig(Config):
             )
         if self.split == "place" and self.held_out > 0 and self.places < 2 and self.at is None:
             raise FieldError("a split by place needs at least 2; or hold frames out at random", {"places": self.places})
+        if self.split == "place" and self.frames < self.places and self.at is None:
+            raise FieldError("expected a frame for each place", {"frames": self.frames, "places": self.places})
         return self
 
     @property
@@ -266,6 +268,7 @@ class FlyConfig(Config):
         gains: `paper`, `gentle` or Kp,Ki,Kd.
         episodes: of each cell; `batch` of them fly in lockstep.
         size_m: side of the pads; by default as the first regressor was trained.
+        image_px: side of the pictures where classical finders fly alone; regressors see as they were trained.
         episode, descent: of the flights.
     """
 
@@ -292,6 +295,9 @@ class FlyConfig(Config):
     size_m: Annotated[float | None, Flag("--size-m", typed=float)] = Field(
         None, description="Side of the pads, metres. Default: as trained."
     )
+    image_px: Annotated[int | None, Field(ge=32, le=1024), Flag("--image-px", typed=int)] = Field(
+        None, description="Side of a picture, of classical finders alone. Default: 96; of regressors, as trained."
+    )
     episode: EpisodeConfig = EpisodeConfig()
     descent: DescentConfig = DescentConfig()
 
@@ -313,7 +319,7 @@ class DemoConfig(Config):
         weathers: that are flown in.
     """
 
-    frames: Annotated[int, Field(ge=10), Flag()] = Field(2400, description="Pictures to collect.")
+    frames: Annotated[int, Field(ge=40), Flag()] = Field(2400, description="Pictures to collect.")
     epochs: Annotated[int, Field(ge=1), Flag()] = Field(10, description="Of the regressor.")
     image_px: Annotated[int, Field(ge=32), Flag("--image-px")] = Field(64, description="Side of a picture.")
     steps: Annotated[int, Field(ge=1), Flag()] = Field(240, description="Of the pad's training.")

@@ -6,7 +6,7 @@ A sample is three files of one key: `KEY.png` the picture, `KEY.seg.png` the pad
 import io
 import json
 import tarfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -130,6 +130,22 @@ class SampleSet:
         return np.array([one.z_m for one in self.truths])
 
 
+@dataclass(frozen=True)
+class LoadedSet:
+    """A data set in memory.
+
+    Attributes:
+        name: of its folder.
+        about: its `dataset.json`.
+        train, held_out: its samples.
+    """
+
+    name: str
+    about: DatasetFile
+    train: SampleSet
+    held_out: SampleSet
+
+
 EncodedSample = dict[str, bytes]
 """The files of a sample by name."""
 
@@ -247,6 +263,48 @@ def read_split(folder: Path, split: Split, most: int | None = None) -> SampleSet
     if not truths:
         raise ToolkitError(f"{folder} has no {split.replace('_', '-')} frames: collect more, or split it otherwise")
     return SampleSet(np.stack(images[:most]), tuple(truths[:most]))
+
+
+def read_sets(folders: Sequence[Path], most: int | None = None) -> tuple[LoadedSet, ...]:
+    """Data sets that one network can be trained on, with at most `most` training frames of each.
+
+    Raises:
+        ToolkitError: one is named twice, or they differ in camera or pad; or as `read_split`.
+    """
+    abouts = [open_dataset(folder) for folder in folders]
+    for k, (folder, about) in enumerate(zip(folders, abouts, strict=True)):
+        if about.inputs_sha256 in [one.inputs_sha256 for one in abouts[:k]]:
+            raise ToolkitError(f"{folder}: this data set is named twice: name each once")
+        for what, own, first in _compare_sets(about, abouts[0]):
+            raise ToolkitError(
+                f"{folder}: its {what} is {own}, that of {folders[0]} is {first}: one network is trained on one: "
+                "collect them alike, or train one for each"
+            )
+    return tuple(
+        LoadedSet(folder.name, about, read_split(folder, "train", most), read_split(folder, "held_out"))
+        for folder, about in zip(folders, abouts, strict=True)
+    )
+
+
+def _compare_sets(one: DatasetFile, other: DatasetFile) -> Iterator[tuple[str, str, str]]:
+    """What differs between sets that a network cannot be trained on together, in words."""
+    if one.camera != other.camera:
+        yield "camera", _describe_camera(one.camera), _describe_camera(other.camera)
+    if one.size_m != other.size_m:
+        yield "pad's side", f"{one.size_m:g} m", f"{other.size_m:g} m"
+    if one.pad_sha256 != other.pad_sha256:
+        yield "pad", f"{one.pad} {one.pad_sha256[:8]}", f"{other.pad} {other.pad_sha256[:8]}"
+
+
+def _describe_camera(camera: dict[str, float]) -> str:
+    return f"{camera['width']:g} × {camera['height']:g} px with fx {camera['fx']:.4g}"
+
+
+def join_samples(parts: Sequence[SampleSet]) -> SampleSet:
+    """The samples of several in order."""
+    if len(parts) == 1:
+        return parts[0]
+    return SampleSet(np.concatenate([one.images for one in parts]), tuple(t for one in parts for t in one.truths))
 
 
 def _explain_change(path: Path, about: DatasetFile, shard: Shard) -> None:

@@ -98,6 +98,9 @@ class EpisodeConfig(Config):
         if self.latency_s >= self.time_limit_s:
             limit = f"expected less than {{time_limit_s}}, {self.time_limit_s:g}: no command would ever arrive"
             raise FieldError(limit, {"latency_s": self.latency_s})
+        if self.camera_hz * self.time_limit_s < 1:
+            limit = f"expected a picture within {{time_limit_s}}, {self.time_limit_s:g}: it would fly blind"
+            raise FieldError(limit, {"camera_hz": self.camera_hz})
         return self
 
     def describe(self) -> str:

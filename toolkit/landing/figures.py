@@ -11,18 +11,20 @@ import numpy as np
 from toolkit.core.errors import ToolkitError
 from toolkit.core.figures import encode_figure, make_figure
 from toolkit.core.files import write_bytes
+from toolkit.landing.config import FlyConfig
 from toolkit.landing.fly import Cell, EpisodeRecord
 from toolkit.landing.results import CellResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 COLOURS = ("#6b6f76", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442")
 OUTCOME_COLOURS = {
     "success": "#009e73", "missed": "#e69f00", "crashed": "#d55e00", "lost": "#cc79a7", "timed_out": "#6b6f76",
     "diverged": "#000000",
 }  # fmt: skip
-FILM_PX = 480
+FILM_PX, TRACK_COLUMNS = 480, 3
 
 
 def draw_success(results: Sequence[CellResult]) -> bytes:
@@ -61,25 +63,53 @@ def _line(cell: Cell) -> tuple[str, str, str]:
     return cell.pad, cell.regressor, cell.gains
 
 
-def draw_tracks(results: Sequence[CellResult], most: int = 6) -> bytes:
-    """PNG: the first episodes of some cells from above and from aside, coloured by their end."""
+def draw_tracks(results: Sequence[CellResult], radius_m: float, most: int = 6) -> bytes:
+    """PNG: the first episodes of some cells from above and from aside, coloured by their end.
+
+    Args:
+        results: of the cells.
+        radius_m: of the circle that a success is in.
+        most: cells.
+    """
     some = _pick(results, most)
-    figure = make_figure(1 + 2.9 * len(some), 6.4)
-    rows = figure.subplots(2, len(some), squeeze=False)
-    for column, one in enumerate(some):
+    columns = min(len(some), TRACK_COLUMNS)
+    bands = -(-len(some) // columns)
+    figure = make_figure(1 + 3.2 * columns, 0.6 + 6.2 * bands)
+    panels = figure.subplots(2 * bands, columns, squeeze=False)
+    for panel in panels.flat:
+        panel.set_visible(False)
+    for k, one in enumerate(some):
+        above, aside = (panels[2 * (k // columns) + row][k % columns] for row in (0, 1))
+        above.set_visible(True)
+        aside.set_visible(True)
         for record in one.records:
             if record.track:
                 track, colour = np.array(record.track), OUTCOME_COLOURS[record.outcome]
-                rows[0][column].plot(track[:, 0], track[:, 1], color=colour, lw=0.9)
-                rows[1][column].plot(np.hypot(track[:, 0], track[:, 1]), track[:, 2], color=colour, lw=0.9)
+                above.plot(track[:, 0], track[:, 1], color=colour, lw=0.9)
+                aside.plot(np.hypot(track[:, 0], track[:, 1]), track[:, 2], color=colour, lw=0.9)
         air = one.cell.weather if one.cell.weather == "clear" else f"{one.cell.weather} {one.cell.severity}"
-        _frame(rows[0][column], f"{one.cell.pad}, {one.cell.regressor}\n{air}, {one.cell.gains}: {one.success:.0%}")
-        rows[1][column].set_xlabel("aside (m)")
-        rows[1][column].set_ylim(bottom=-0.3)
-        rows[1][column].grid(alpha=0.3)
-    rows[0][0].set_ylabel("north of the pad (m)")
-    rows[1][0].set_ylabel("height (m)")
+        title = f"{one.cell.pad}, {one.cell.regressor}\n{air}, {one.cell.gains}: {one.success:.0%}"
+        _frame(above, title, radius_m)
+        aside.set_xlabel("aside (m)")
+        aside.set_ylim(bottom=-0.3)
+        aside.grid(alpha=0.3)
+        if k % columns == 0:
+            above.set_ylabel("north of the pad (m)")
+            aside.set_ylabel("height (m)")
+    _explain_colours(figure, some)
     return encode_figure(figure)
+
+
+def _explain_colours(figure: "Figure", results: Sequence[CellResult]) -> None:
+    from matplotlib.lines import Line2D
+
+    met = {record.outcome for one in results for record in one.records if record.track}
+    lines = [
+        Line2D([], [], color=colour, label=name.replace("_", " "))
+        for name, colour in OUTCOME_COLOURS.items()
+        if name in met
+    ]
+    figure.legend(handles=lines, loc="outside lower center", ncols=len(lines), frameon=False)
 
 
 def _pick(results: Sequence[CellResult], most: int) -> list[CellResult]:
@@ -87,17 +117,17 @@ def _pick(results: Sequence[CellResult], most: int) -> list[CellResult]:
     return list(results[::step])[:most]
 
 
-def _frame(panel: "Axes", title: str) -> None:
+def _frame(panel: "Axes", title: str, radius_m: float) -> None:
     from matplotlib.patches import Circle
 
-    panel.add_patch(Circle((0, 0), 0.5, fill=False, color="#1b1f24", lw=1.2))
+    panel.add_patch(Circle((0, 0), radius_m, fill=False, color="#1b1f24", lw=1.2))
     panel.set_aspect("equal", adjustable="datalim")
     panel.set_title(title, fontsize=9)
     panel.set_xlabel("east (m)", fontsize=9)
     panel.grid(alpha=0.3)
 
 
-def draw_map(record: EpisodeRecord, upto: int, size_px: int = FILM_PX) -> np.ndarray:
+def draw_map(record: EpisodeRecord, upto: int, config: FlyConfig, size_px: int = FILM_PX) -> np.ndarray:
     """(size, size, 3) uint8: the way from above up to a picture, what was said of the pad, height at the side."""
     canvas = np.full((size_px, size_px, 3), 246, np.uint8)
     track = np.array(record.track)
@@ -110,25 +140,31 @@ def draw_map(record: EpisodeRecord, upto: int, size_px: int = FILM_PX) -> np.nda
     for metres in range(-int(reach), int(reach) + 1):
         cv2.line(canvas, at(np.array([metres, -reach])), at(np.array([metres, reach])), (226, 228, 232), 1)
         cv2.line(canvas, at(np.array([-reach, metres])), at(np.array([reach, metres])), (226, 228, 232), 1)
-    cv2.circle(canvas, at(np.zeros(2)), round(0.5 * scale), (0, 122, 90), 2, cv2.LINE_AA)
+    radius_m = config.episode.radius_m
+    cv2.circle(canvas, at(np.zeros(2)), round(radius_m * scale), (0, 122, 90), 2, cv2.LINE_AA)
     for k in range(min(upto, len(track) - 1)):
         cv2.line(canvas, at(track[k]), at(track[k + 1]), (36, 87, 166), 2, cv2.LINE_AA)
     now = track[min(upto, len(track) - 1)]
     said = record.seen[min(upto, len(record.seen) - 1)] if record.seen else None
-    if said is not None:
+    if said is not None and now[2] >= config.descent.blind_m:  # lower down it does not look
         cv2.drawMarker(canvas, at(now[:2] + np.array(said)), (194, 65, 12), cv2.MARKER_TILTED_CROSS, 14, 2)
     cv2.circle(canvas, at(now), 6, (20, 24, 28), -1, cv2.LINE_AA)
     top = max(float(track[:, 2].max()), 1.0)
     left, high = round(size_px * 0.93), round(size_px * (0.92 - 0.84 * max(now[2], 0) / top))
     cv2.line(canvas, (left, round(size_px * 0.08)), (left, round(size_px * 0.92)), (160, 166, 174), 2)
     cv2.circle(canvas, (left, high), 7, (20, 24, 28), -1, cv2.LINE_AA)
+    legend = f"circle: {radius_m:g} m around the pad   x: where the regressor sees it"
+    cv2.putText(canvas, legend, (12, size_px - 10), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (60, 66, 74), 1, cv2.LINE_AA)
+    height = round(float(now[2]), 1) + 0.0  # no -0.0
     cv2.putText(
-        canvas, f"{now[2]:.1f} m", (left - 66, high + 5), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (60, 66, 74), 1, cv2.LINE_AA
+        canvas, f"{height:.1f} m", (left - 66, high + 5), cv2.FONT_HERSHEY_SIMPLEX, 0.5, (60, 66, 74), 1, cv2.LINE_AA
     )
     return canvas
 
 
-def write_film(path: Path, pictures: Sequence[np.ndarray], record: EpisodeRecord, title: str, hz: float) -> Path:
+def write_film(
+    path: Path, pictures: Sequence[np.ndarray], record: EpisodeRecord, title: str, config: FlyConfig
+) -> Path:
     """MP4: the drone's view beside the map, at the pace of the flight.
 
     Args:
@@ -136,26 +172,28 @@ def write_film(path: Path, pictures: Sequence[np.ndarray], record: EpisodeRecord
         pictures: (h, w, 3) uint8 what the camera saw, one for each place of the track but the last.
         record: the episode with its track.
         title: above it.
-        hz: pictures a second.
+        config: of the flights.
 
     Raises:
         ToolkitError: this build of OpenCV writes no MP4.
     """
-    size = (2 * FILM_PX, FILM_PX + 40)
+    size, hz = (2 * FILM_PX, FILM_PX + 40), config.episode.camera_hz
     with TemporaryDirectory() as folder:
         made = Path(folder) / "film.mp4"
         film = cv2.VideoWriter(str(made), cv2.VideoWriter.fourcc(*"mp4v"), hz, size)
         if not film.isOpened():
             raise ToolkitError(f"cannot write {path}: this build of OpenCV writes no MP4: leave the film out")
         for k in range(len(record.track) + round(hz)):
-            film.write(_compose(pictures, record, min(k, len(record.track) - 1), title)[..., ::-1])
+            film.write(_compose(pictures, record, min(k, len(record.track) - 1), title, config)[..., ::-1])
         film.release()
         return write_bytes(path, made.read_bytes())
 
 
-def _compose(pictures: Sequence[np.ndarray], record: EpisodeRecord, k: int, title: str) -> np.ndarray:
+def _compose(
+    pictures: Sequence[np.ndarray], record: EpisodeRecord, k: int, title: str, config: FlyConfig
+) -> np.ndarray:
     view = cv2.resize(pictures[min(k, len(pictures) - 1)], (FILM_PX, FILM_PX), interpolation=cv2.INTER_CUBIC)
-    both = np.hstack([view, draw_map(record, k)])
+    both = np.hstack([view, draw_map(record, k, config)])
     bar = np.full((40, both.shape[1], 3), 255, np.uint8)
     end = f": {record.outcome.replace('_', ' ')}" if k == len(record.track) - 1 else ""
     cv2.putText(bar, title + end, (12, 26), cv2.FONT_HERSHEY_SIMPLEX, 0.55, (27, 31, 36), 1, cv2.LINE_AA)

@@ -196,10 +196,10 @@ def fly_all(
     Raises:
         ToolkitError: a regressor, pad, world or weather cannot be used, or no cell can be flown.
     """
-    predictors, optics, size_m, used = _load_predictors(space, config, device)
+    predictors, optics, size_m = _load_predictors(space, config, device)
     pads = {word: find_pad(space, word, size_m, seed) for word in config.pads}
     world = find_world(config.world, config.world_seed)
-    places = _choose_places(world, config, size_m, seed, used)
+    places = _choose_places(world, config, size_m, seed, _find_used(predictors, world))
     folder = space.eval_dir / "landing" / (config.name or Path(config.regressors[0]).stem)
     setup = FlightSetup(config, seed, Sites(world, places, (config.time,), optics), pads, predictors)
     cells = list_cells(config, pads, world)
@@ -284,21 +284,32 @@ def _digest(cell: Cell, pads: dict[str, Pad], predictors: dict[str, Regressor | 
 
 def _load_predictors(
     space: Workspace, config: FlyConfig, device: str
-) -> tuple[dict[str, Regressor | None], CameraConfig, float, frozenset[str]]:
-    """Regressors by name, None for classical finders; their camera, their pad's side, and spots that they have seen."""
+) -> tuple[dict[str, Regressor | None], CameraConfig, float]:
+    """Regressors by name, None for classical finders; their camera, and their pad's side."""
     predictors: dict[str, Regressor | None] = {}
     for word in config.regressors:
         loaded = None if word in FINDERS else load_regressor(space, word, device)
         predictors[word if loaded is None else loaded.name] = loaded
     trained = [one for one in predictors.values() if one is not None]
-    optics = CameraConfig()
+    optics = CameraConfig() if config.image_px is None else CameraConfig(image_px=config.image_px)
+    if trained and config.image_px not in (None, trained[0].record.image_px):
+        raise FieldError(
+            f"expected {trained[0].record.image_px}, as {trained[0].name} was trained", {"image_px": config.image_px}
+        )
     if trained:
         optics = CameraConfig(image_px=trained[0].record.image_px, fov_deg=trained[0].record.fov_deg)
         for one in trained:
             one.check(optics)
     size_m = config.size_m or (trained[0].record.size_m if trained else 2.0)
-    used = {name.rpartition("-")[0] for one in trained for name in one.record.data["places"]["train"]}
-    return predictors, optics, size_m, frozenset(used)
+    return predictors, optics, size_m
+
+
+def _find_used(predictors: Mapping[str, Regressor | None], world: World) -> frozenset[str]:
+    """Spots of a world that regressors were trained on."""
+    data = [one.record.data for one in predictors.values() if one is not None]
+    sets = [found for one in data for found in one.get("sets", [one])]
+    here = [one for one in sets if (one["world"], one.get("world_seed", world.seed)) == (world.name, world.seed)]
+    return frozenset(name.rpartition("-")[0] for one in here for name in one["places"]["train"])
 
 
 def _choose_places(
@@ -344,7 +355,9 @@ def fly_cell(setup: FlightSetup, cell: Cell, indices: list[int], clock: Clock) -
     config, sites, seed = setup.config, setup.sites, setup.seed
     pad, count = _named_pad(setup.pads, cell), len(sites.places)
     finder = _finder(setup.predictors, setup.pads, cell, sites.optics)
+    begun = perf_counter()
     own = {index: sites.site(pad, index % count) for index in indices}
+    clock.rendering += perf_counter() - begun  # pads are lit when they are first asked for
     centres = np.array([own[index].centre for index in indices])
     flights = Flights(
         config.episode, centres, WorldGround(sites.world), seed=seed, indices=indices, view_tan=sites.optics.view_tan
@@ -381,7 +394,7 @@ def _record(cell: Cell, inputs: str, places: Sequence[PadPlace], episode: Episod
     place = places[episode.index % len(places)]
     keep = episode.index < KEPT_TRACKS
     track = (np.array(episode.track) - place.centre).round(3).tolist() if keep else []
-    seen = [None if np.isnan(one).any() else tuple(one.round(3).tolist()) for one in episode.seen] if keep else []
+    seen = [tuple(one.round(3).tolist()) if np.isfinite(one).all() else None for one in episode.seen] if keep else []
     return EpisodeRecord(
         inputs=inputs, pad=cell.pad, regressor=cell.regressor, world=cell.world, weather=cell.weather,
         severity=cell.severity, gains=cell.gains, index=episode.index, place=place.name, outcome=episode.outcome,

@@ -1,6 +1,7 @@
 """Landing pads: what is painted on them, and the sheet that carries it."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import cv2
@@ -39,13 +40,14 @@ class Pad:
         if not SMALLEST_M <= self.size_m <= LARGEST_M:
             raise FieldError(f"expected {SMALLEST_M:g} to {LARGEST_M:g} m", {"size_m": self.size_m})
 
-    @property
+    @cached_property
     def sha256(self) -> str:
         """Of picture and size."""
         return sha256_bytes(repr((self.picture.shape, self.size_m)).encode() + self.picture.tobytes())
 
+    @cached_property
     def mesh(self) -> Mesh:
-        """The sheet in its own frame, metres: its middle is the origin, it faces up."""
+        """The sheet in its own frame, metres: its middle is the origin, it faces up; one for all places."""
         half = self.size_m / 2
         corners = np.array([(-half, -half, 0), (half, -half, 0), (half, half, 0), (-half, half, 0)], np.float32)
         return Mesh(

@@ -59,7 +59,7 @@ class RegressorRecord(BaseModel):
         sigma_scale: factor on its uncertainty, from frames that it was not trained on; None without one.
         pad, pad_sha256, size_m: what it looks for.
         started_from: the weights that it was trained from.
-        data: the set's folder, inputs and seed.
+        data: the set's inputs, seed, world and places; those of several below `sets`.
         settings: every hyper-parameter.
         final: means of the last steps.
         held_out: errors, the first row of all frames; `baselines` those of others by name.

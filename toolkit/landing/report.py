@@ -39,7 +39,7 @@ def write_report(
     config: FlyConfig, flown: Flown, results: Sequence[CellResult], pairs: Sequence[PairResult], space: Workspace
 ) -> ReportFiles:
     """Write `report.html`, `success.png` and `tracks.png`."""
-    folder, success, tracks = flown.folder, draw_success(results), draw_tracks(results)
+    folder, success, tracks = flown.folder, draw_success(results), draw_tracks(results, config.episode.radius_m)
     own = list_regressors(space)
     errors = [
         load_regressor(space, name).record
@@ -49,7 +49,7 @@ def write_report(
     context = {
         "title": folder.name, "results": results, "pairs": pairs, "outcomes": OUTCOMES[1:], "version": __version__,
         "success_is": describe_success(config.episode), "weathers": describe_weathers(config.weathers),
-        "settings": [*config.rows()], "records": errors, "places": flown.places,
+        "settings": [row for row in config.rows() if row[0] != "weathers"], "records": errors, "places": flown.places,
         "figures": [_embed(success), _embed(tracks)],
     }  # fmt: skip
     page = write_text(folder / "report.html", render_page("toolkit.landing", TEMPLATE, context))
@@ -87,4 +87,4 @@ def film_episode(
         views.append(View(pose, seed, record.index * TICKS + tick, (record.weather, record.severity)))
     pictures = list(map_frames(site.photograph, views))
     title = f"{record.cell.key}, episode {record.index}"
-    return write_film(path, pictures, record, title, config.episode.camera_hz)
+    return write_film(path, pictures, record, title, config)

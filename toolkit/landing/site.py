@@ -192,7 +192,7 @@ class PadSite:
         self.optics = optics or CameraConfig()
         self.camera = self.optics.camera
         self.stand = Stand(place.centre, place.turn_deg)
-        self.mesh = pad.mesh()
+        self.mesh = pad.mesh
         self.renderer = RaycastRenderer(self.mesh, make_scene(world, sky), DETAIL, self.stand)
 
     @property
@@ -288,11 +288,19 @@ class Sites:
         """A pad on one of the places."""
         key = pad.sha256, number
         if key not in self._lit:
-            time = number // 2 % len(self._skies)
+            time = self._time(number)
             if self._light:
                 keep_light(make_scene(self.world, self._skies[time]), self._light[time])
             self._lit[key] = PadSite(self.world, self.places[number], self._skies[time], pad, self.optics)
         return self._lit[key]
+
+    def light_pads(self, pad: Pad, numbers: Iterable[int]) -> None:
+        """Light a pad on some places, sky by sky: what is worked out of a sky is kept for few of them."""
+        for number in sorted(set(numbers), key=lambda number: (self._time(number), number)):
+            self.site(pad, number)
+
+    def _time(self, number: int) -> int:
+        return number // 2 % len(self._skies)
 
 
 _normals: dict[str, np.ndarray] = {}

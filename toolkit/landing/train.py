@@ -1,6 +1,6 @@
 """`toolkit landing train`: a network learns where the pad is, by the one training loop."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_bytes, sha256_file, write_bytes, write_json
 from toolkit.core.workspace import Workspace
 from toolkit.landing.config import LandingTrainConfig
-from toolkit.landing.dataset import DatasetFile, SampleSet, open_dataset, read_split
+from toolkit.landing.dataset import LoadedSet, SampleSet, join_samples, read_sets
 from toolkit.landing.regressor import (
     SUFFIX,
     ErrorRow,
@@ -61,14 +61,14 @@ class TrainedRegressor:
 
 
 def train_regressor(
-    space: Workspace, dataset: str, config: LandingTrainConfig, *, seed: int = 0, device: str = "auto",
+    space: Workspace, datasets: str | Sequence[str], config: LandingTrainConfig, *, seed: int = 0, device: str = "auto",
     restart: bool = False,
 ) -> TrainedRegressor:  # fmt: skip
-    """Train a regressor on a landing data set, or take it up where an interrupted run of the same inputs left it.
+    """Train a regressor on landing data sets, or take it up where an interrupted run of the same inputs left it.
 
     Args:
         space: the workspace; `rig/regressors` is written.
-        dataset: name of the set below captures/landing, or its folder.
+        datasets: names of sets below captures/landing, or their folders; of one camera and pad.
         config: how.
         seed: of all draws.
         device: `auto`, `cpu` or `cuda`.
@@ -77,15 +77,15 @@ def train_regressor(
     Raises:
         ToolkitError: data, weights or checkpoint cannot be used.
     """
-    device, folder = choose_device(device), find_dataset(space, dataset)
-    about = open_dataset(folder)
-    train, held_out = read_split(folder, "train", config.frames), read_split(folder, "held_out")
+    device = choose_device(device)
+    words = [datasets] if isinstance(datasets, str) else datasets
+    sets = read_sets([find_dataset(space, word) for word in words], config.frames)
     init = find_start(config.arch, config.init)
-    name = config.name or folder.name
-    digests = [shard.sha256 for shard in about.shards]
+    name = config.name or "-".join(one.name for one in sets)
+    digests = [shard.sha256 for one in sets for shard in one.about.shards]
     inputs = config.sha256(digests, init.sha256, seed, name, 1)
     file = regressors_dir(space) / f"{name}{SUFFIX}"
-    task = RegressorTask(config, train, held_out, about, init, seed=seed, file=file, device=device, inputs=inputs)
+    task = RegressorTask(config, sets, init, seed=seed, file=file, device=device, inputs=inputs)
     checkpoint = Checkpoint(file.parent / ".training" / name, inputs, restart, CHECKPOINT_EVERY_S)
     fitted = fit(task, config.fit_config(len(task.chosen), seed), checkpoint)
     return TrainedRegressor(file, fitted.made, fitted.resumed_from, fitted.was_finished)
@@ -109,12 +109,13 @@ class RegressorTask(Task[Regressor]):
     recent = 20
 
     def __init__(
-        self, config: LandingTrainConfig, train: SampleSet, held_out: SampleSet, about: DatasetFile, init: WeightsFile,
-        *, seed: int, file: Path, device: str, inputs: str,
+        self, config: LandingTrainConfig, sets: Sequence[LoadedSet], init: WeightsFile, *, seed: int, file: Path,
+        device: str, inputs: str,
     ) -> None:  # fmt: skip
         import torch
 
-        self.config, self.train, self.held_out, self.about, self.init = config, train, held_out, about, init
+        self.config, self.sets, self.init = config, sets, init
+        self.train = train = join_samples([one.train for one in sets])
         self.seed, self.file, self.device, self.inputs = seed, file, device, inputs
         self.title = f"Training {file.stem}"
         numbers = np.random.default_rng([seed, 63]).permutation(len(train.truths))
@@ -243,16 +244,15 @@ class RegressorTask(Task[Regressor]):
 
         state = {name: value.detach().cpu().contiguous() for name, value in self.module.state_dict().items()}
         content, settings = save(state), self.config.record()
-        camera = self.about.camera
+        about = self.sets[0].about
+        camera = about.camera
         fov = round(float(2 * np.degrees(np.arctan(camera["width"] / 2 / camera["fx"]))), 6)
         record = RegressorRecord(
             name=self.file.stem, arch=self.config.arch, outputs=3 if self.config.uncertainty else 2,
             pool=self.config.pool,
             image_px=int(camera["width"]), fov_deg=fov, mean=IMAGENET_MEAN, std=IMAGENET_STD,
-            pad=self.about.pad, pad_sha256=self.about.pad_sha256, size_m=self.about.size_m,
-            started_from=f"{self.init.name} {self.init.sha256[:16]}",
-            data={"inputs_sha256": self.about.inputs_sha256, "seed": self.about.seed, "world": self.about.world,
-                  "places": self.about.places, "n": len(self.chosen)},
+            pad=about.pad, pad_sha256=about.pad_sha256, size_m=about.size_m,
+            started_from=f"{self.init.name} {self.init.sha256[:16]}", data=_describe_sets(self.sets, len(self.chosen)),
             settings=settings | {"seed": self.seed}, final=history.recent(self.recent), held_out=[],
             inputs_sha256=self.inputs, sha256=sha256_bytes(content), toolkit_version=__version__,
         )  # fmt: skip
@@ -260,7 +260,7 @@ class RegressorTask(Task[Regressor]):
         if self.config.uncertainty:
             scale = calibrate(regressor, self.train, self.calibration)
             record = record.model_copy(update={"sigma_scale": scale})
-        rows = measure_errors(regressor, self.held_out)
+        rows = measure_errors(regressor, self.sets)
         record = record.model_copy(update={"held_out": rows})
         write_bytes(self.file, content)
         write_json(self.file.with_suffix(".json"), record.model_dump(mode="json"))
@@ -274,15 +274,35 @@ def turn_offsets(offsets: np.ndarray, turns: np.ndarray) -> np.ndarray:
     return turned[turns % 4, :, np.arange(len(offsets))].astype(np.float32)
 
 
-def measure_errors(regressor: Regressor, samples: SampleSet) -> list[ErrorRow]:
-    """Errors of a regressor on held-out frames."""
+def _describe_sets(sets: Sequence[LoadedSet], n: int) -> dict[str, Any]:
+    """What a record says of the data: of one set, or of each below `sets`."""
+    rows = [
+        {"inputs_sha256": one.about.inputs_sha256, "seed": one.about.seed, "world": one.about.world,
+         "world_seed": one.about.world_seed, "places": one.about.places}
+        for one in sets
+    ]  # fmt: skip
+    if len(sets) == 1:
+        return rows[0] | {"n": n}
+    named = [row | {"name": one.name, "n": len(one.train.truths)} for one, row in zip(sets, rows, strict=True)]
+    return {"sets": named, "world": ", ".join(dict.fromkeys(one.about.world for one in sets)), "n": n}
+
+
+def measure_errors(regressor: Regressor, sets: Sequence[LoadedSet]) -> list[ErrorRow]:
+    """Errors of a regressor on held-out frames; of several sets together, then of each."""
+    samples = join_samples([one.held_out for one in sets])
     parts = []
     with progress("Testing on held-out frames", len(samples.truths)) as bar:
         for start in range(0, len(samples.truths), 64):
             some = samples.images[start : start + 64]
             parts.append(regressor.predict(some))
             bar.advance(len(some))
-    return summarise_errors(np.concatenate(parts), samples)
+    answers = np.concatenate(parts)
+    rows = summarise_errors(answers, samples)
+    if len(sets) > 1:
+        ends = np.cumsum([len(one.held_out.truths) for one in sets])[:-1]
+        for one, own in zip(sets, np.split(answers, ends), strict=True):
+            rows.append(summarise_errors(own, one.held_out)[0].model_copy(update={"by": "data", "group": one.name}))
+    return rows
 
 
 def calibrate(regressor: Regressor, samples: SampleSet, chosen: np.ndarray) -> float:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
 from toolkit.core.errors import FieldError, one_of
 from toolkit.core.workspace import PACKAGE_DATA
@@ -21,6 +21,26 @@ class ClassShare(BaseModel):
     correct: int
 
 
+class UnderAttack(BaseModel):
+    """How many held-out images a robust network gets right after each was moved to where its loss is largest.
+
+    Attributes:
+        norm, eps: of the ball that it may be moved in, values in 0 to 1: `l2` or `linf`, and the radius.
+        steps, step_size: of projected gradient ascent.
+        n, correct, accuracy, ci95: as of `HeldOut`.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    norm: str
+    eps: float
+    steps: int
+    step_size: float
+    n: int
+    correct: int
+    accuracy: float
+    ci95: tuple[float, float]
+
+
 class HeldOut(BaseModel):
     """What the written weights say of images that they were not trained on.
 
@@ -31,6 +51,7 @@ class HeldOut(BaseModel):
         per_class: by label.
         confusions: the commonest mistakes, (true label, answer, how often).
         what: how these images differ from those trained on.
+        under_attack: of a network that was trained to be robust; else absent.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -41,6 +62,11 @@ class HeldOut(BaseModel):
     per_class: dict[str, ClassShare]
     confusions: list[tuple[str, str, int]]
     what: str
+    under_attack: UnderAttack | None = None
+
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        return {name: value for name, value in dump(self).items() if name != "under_attack" or value is not None}
 
 
 class ClassifierRecord(BaseModel):
@@ -174,7 +200,7 @@ def _find_file(model: str) -> Path | None:
 def list_own(folder: Path | None = None) -> dict[str, Path]:
     """Files of the bundled classifiers and of those in `folder`, by name; a file of `folder` wins."""
     places = [BUNDLED_DIR] if folder is None else [BUNDLED_DIR, folder]
-    suffixes = (EXPORTED_SUFFIX, ".onnx", SUFFIX)
+    suffixes = (*SUFFIXES[:-1], EXPORTED_SUFFIX, ".onnx", SUFFIX)
     return {path.stem: path for place in places for suffix in suffixes for path in sorted(place.glob(f"*{suffix}"))}
 
 

@@ -112,6 +112,25 @@ def _is_named(content: object) -> TypeGuard[dict[str, Any]]:
     return isinstance(content, dict) and not all(str(key).isdecimal() for key in content)
 
 
+def join_labels_files(own: LabelsFile, inside: LabelsFile, weights: Path) -> LabelsFile:
+    """What lies beside a file of weights, and where it is silent what the weights' file itself says.
+
+    Raises:
+        ToolkitError: they differ in mean or deviation: a network is fed as it was trained.
+    """
+    added = {}
+    for name in ("labels", "mean", "std"):
+        said, found = getattr(own, name), getattr(inside, name)
+        if name != "labels" and said and found and any(abs(a - b) > 1e-4 for a, b in zip(said, found, strict=True)):
+            raise ToolkitError(
+                f"{_file_of_labels(weights)}: field '{name}': {list(said)}, but {weights.name} holds {list(found)}, "
+                "with which it was trained: leave the field out"
+            )
+        if found and not said:
+            added[name] = found
+    return own.model_copy(update=added)
+
+
 def adapt_preprocessing(published: Preprocessing, own: LabelsFile) -> Preprocessing:
     """The published preprocessing with what the user's file says otherwise.
 
@@ -128,6 +147,10 @@ def adapt_preprocessing(published: Preprocessing, own: LabelsFile) -> Preprocess
     return adapted
 
 
+BESIDE_FILE = "list them as 'labels' in a TOML or JSON file beside it"
+FROM_FUNCTION = "return {'size': …, 'labels': ['…', …]} as the preprocessing of its function"
+"""How the classes of a network get names."""
+CODE = ".py"
 DESCRIPTIONS = (".toml", ".json", ".txt")
 """What may lie beside a network's file, under its name."""
 
@@ -164,8 +187,9 @@ def choose_labels(weights: Path, own: list[str] | None, published: list[str], nu
     """
     if own is not None:
         if len(own) != num_classes:
+            where = "the 'labels' that its function returns" if weights.suffix == CODE else "field 'labels'"
             raise ToolkitError(
-                f"{_file_of_labels(weights)}: field 'labels': expected {num_classes} names, one for each output of "
+                f"{_file_of_labels(weights)}: {where}: expected {num_classes} names, one for each output of "
                 f"{weights.name}, found {len(own)}"
             )
         return list(own)
@@ -182,7 +206,7 @@ def _number_classes(count: int) -> list[str]:
 
 def _file_of_labels(weights: Path) -> Path:
     """Where the user's labels came from: beside the weights, else inside them."""
-    beside = (weights.with_suffix(suffix) for suffix in DESCRIPTIONS)
+    beside = (weights.with_suffix(suffix) for suffix in DESCRIPTIONS if weights.suffix != CODE)
     return next((file for file in beside if file.is_file()), weights)
 
 
@@ -204,8 +228,13 @@ def index_of_wnid(wnid: str) -> int:
         raise one_of("ImageNet folder", wnid, list(imagenet_wnids())) from None
 
 
-def index_of_label(labels: list[str], name: str | int) -> int:
+def index_of_label(labels: list[str], name: str | int, remedy: str = BESIDE_FILE) -> int:
     """Index of a class given by its name, in any case, or by its index.
+
+    Args:
+        labels: of the network.
+        name: of the class, or its index.
+        remedy: what to do where the classes have no names.
 
     Raises:
         ToolkitError: there is no such class (the nearest names are listed), or several share the name.
@@ -220,7 +249,7 @@ def index_of_label(labels: list[str], name: str | int) -> int:
             raise ToolkitError(f"several classes are called '{name}' ({found}): give the index instead")
     if name.isdecimal():
         return _check_index(labels, int(name))
-    raise _unknown(labels, name)
+    raise _unknown(labels, name, remedy)
 
 
 def _where(names: list[str], name: str) -> list[int]:
@@ -233,11 +262,11 @@ def _check_index(labels: list[str], index: int) -> int:
     return index
 
 
-def _unknown(labels: list[str], name: str) -> ToolkitError:
+def _unknown(labels: list[str], name: str, remedy: str) -> ToolkitError:
     if labels == _number_classes(len(labels)):
         return ToolkitError(
-            f"no class called '{name}': the {len(labels)} classes of this network have no names: list them as "
-            "'labels' in a TOML or JSON file beside it, or give an index"
+            f"no class called '{name}': the {len(labels)} classes of this network have no names: {remedy}, or give an "
+            "index"
         )
     containing = [label for label in labels if len(name) > 2 and name.lower() in label.lower()][:5]
     if containing:

@@ -8,7 +8,7 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.imaging.preprocessing import published_preprocessing
 from toolkit.models.architectures import build_network, imagenet_labels, published_weights
 from toolkit.models.find import EXPORTED_SUFFIX, ONNX_PREFIX, PYTHON_PREFIX, TIMM_PREFIX, Found, find_classifier
-from toolkit.models.labels import adapt_preprocessing, choose_labels, read_labels_file
+from toolkit.models.labels import adapt_preprocessing, choose_labels, join_labels_files, read_labels_file
 from toolkit.models.network import Classifier, check_hash, choose_device
 from toolkit.models.weights import WeightsFile, find_weights, read_checkpoint
 
@@ -32,8 +32,8 @@ def load_classifier(
         model: any of `list_architectures`, also as `torchvision:NAME`; `timm:NAME`; the name of a classifier of the
             kit; `onnx:FILE`; a `.pt2` of torch.export; `python:MODULE:FUNCTION`; the file of a state dict; see
             `find_classifier`.
-        weights: state dict, `.pth` or `.safetensors`; by default see `find_weights`. The number of classes is read from
-            it; a `WEIGHTS.json` beside it may name them. Half precision becomes single.
+        weights: state dict, `.pth`, `.ckpt` or `.safetensors`; by default see `find_weights`. The number of classes is
+            read from it; a `WEIGHTS.json` beside it may name them. Half precision becomes single.
         device: `auto`, `cpu` or `cuda`.
         folder: of the workspace's own classifiers.
 
@@ -51,6 +51,7 @@ def load_classifier(
     own = read_labels_file(file.path)
     check_hash(file, own)
     state, inside = read_checkpoint(file)
+    own = join_labels_files(own, inside, file.path)
     published = entry.meta["categories"]
     num_classes = _count_classes(arch, state, len(published), file)
     module = build_network(arch, num_classes)
@@ -58,7 +59,7 @@ def load_classifier(
     for parameter in module.parameters():
         parameter.requires_grad_(False)
     module = module.eval().to(memory_format=torch.channels_last).to(place)
-    labels = choose_labels(file.path, own.labels or inside, published, num_classes)
+    labels = choose_labels(file.path, own.labels, published, num_classes)
     preprocessing = adapt_preprocessing(published_preprocessing(entry.transforms()), own)
     is_imagenet = labels == imagenet_labels()
     return Classifier(

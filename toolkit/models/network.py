@@ -9,7 +9,10 @@ import numpy as np
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
+from toolkit.models.find import PYTHON_PREFIX
 from toolkit.models.labels import (
+    BESIDE_FILE,
+    FROM_FUNCTION,
     LabelsFile,
     imagenet_wnids,
     index_of_label,
@@ -47,6 +50,44 @@ class AnyNetwork(Protocol):
     @property
     def untrainable(self) -> str:
         """Why no gradient leads back to the image; empty where one does."""
+
+
+class BadAnswer(FieldError):
+    """A network's answer to a batch that cannot be used.
+
+    Attributes:
+        row: of the image that it is about; None: of any.
+    """
+
+    def __init__(self, reason: str, arch: str, row: int | None = None) -> None:
+        """Of the network `arch`, for a reason."""
+        super().__init__(reason, {"model": arch})
+        self.row = row
+
+    def at(self, names: Sequence[str]) -> FieldError:
+        """The same with the image's name, of those in the batch."""
+        where = names[self.row or 0]
+        if self.row is None and len(names) > 1:
+            where += f" or one of the {len(names) - 1} images after it"
+        return FieldError(f"{self.expected} (at {where})", self.found)
+
+
+def check_finite(answers: "torch.Tensor", arch: str, weights: WeightsFile) -> None:
+    """Raise `BadAnswer` for the first of (b, classes) answers that is not finite."""
+    import torch
+
+    is_bad = ~torch.isfinite(answers).all(1)
+    if is_bad.any():
+        reason = f"{weights.name}: the network's output is not a number: its weights are damaged"
+        raise BadAnswer(reason, arch, int(is_bad.nonzero()[0, 0]))
+
+
+def describe_answers(answers: object) -> str:
+    """What a network gave, in words: `2×1000`, `a list of 3`."""
+    shape = getattr(answers, "shape", None)
+    if shape is not None:
+        return "×".join(map(str, shape)) or "a single number"
+    return f"a {answers.__class__.__name__}" + (f" of {len(answers)}" if isinstance(answers, tuple | list) else "")
 
 
 @dataclass(frozen=True)
@@ -104,6 +145,7 @@ class Classifier:
 
         Raises:
             ValueError: the batch has another shape.
+            BadAnswer: the network gives something else, or code of the user's fails.
         """
         import torch
 
@@ -117,9 +159,29 @@ class Classifier:
             for values in (self.preprocessing.mean, self.preprocessing.std)
         )
         normalised = (batch - mean).div_(std)
-        if getattr(self.module, "takes_planes", False):
-            return self.module(normalised)
-        return self.module(normalised.contiguous(memory_format=torch.channels_last))
+        if not getattr(self.module, "takes_planes", False):
+            normalised = normalised.contiguous(memory_format=torch.channels_last)
+        answers = self._ask(normalised)
+        wanted = (len(batch), len(self.labels))
+        if not isinstance(answers, torch.Tensor) or answers.shape != wanted:
+            expected = "×".join(map(str, wanted))
+            raise BadAnswer(
+                f"gives {describe_answers(answers)} for {len(batch)} images: expected {expected}", self.arch
+            )
+        return answers
+
+    def _ask(self, batch: "torch.Tensor") -> object:
+        import torch
+
+        try:
+            return self.module(batch)
+        except (ToolkitError, MemoryError, torch.OutOfMemoryError):
+            raise
+        except Exception as error:  # whatever the user's code raises
+            if not self.arch.startswith(PYTHON_PREFIX):
+                raise
+            why = f"{error.__class__.__name__}: {' '.join(str(error).split())[:200]}"
+            raise BadAnswer(f"fails at {len(batch)} images of {batch.shape[-1]} px: {why}", self.arch) from None
 
     def class_index(self, name: str | int) -> int:
         """Index of a class by name, by index, or for ImageNet by WordNet id.
@@ -127,9 +189,10 @@ class Classifier:
         Raises:
             ToolkitError: there is no such class (the nearest names are listed), or several share the name.
         """
+        remedy = FROM_FUNCTION if self.arch.startswith(PYTHON_PREFIX) else BESIDE_FILE
         if self.is_imagenet and isinstance(name, str) and name in imagenet_wnids():
             return index_of_wnid(name)
-        return index_of_label(self.labels, name)
+        return index_of_label(self.labels, name, remedy)
 
 
 def choose_device(device: str) -> str:

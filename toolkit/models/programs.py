@@ -17,7 +17,7 @@ from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import imagenet_labels
 from toolkit.models.find import ONNX_PREFIX, PYTHON_PREFIX
 from toolkit.models.labels import LabelsFile, adapt_preprocessing, choose_labels, read_labels_file
-from toolkit.models.network import Classifier, check_hash, choose_device
+from toolkit.models.network import Classifier, check_hash, choose_device, describe_answers
 from toolkit.models.weights import WeightsFile, open_weights
 
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
@@ -93,6 +93,8 @@ def load_python_classifier(model: str, device: str) -> Classifier:
         raise FieldError(f"{function_name} of {module_name} cannot be called: {why}", {"model": model}) from None
     finally:
         sys.path.remove(here)
+        if here not in sys.path:
+            sys.path.append(here)  # workers find it as well
     if not isinstance(made, tuple | list) or len(made) != 2 or not isinstance(made[0], nn.Module):
         found = "a list" if isinstance(made, list) else made.__class__.__name__
         if isinstance(made, tuple | list):
@@ -176,26 +178,20 @@ def _try(network: nn.Module, arch: str, how: Preprocessing, device: str) -> torc
         why = f"{error.__class__.__name__}: {' '.join(str(error).split())[:200]}"
         raise FieldError(f"it fails at two images of {side} px: {why}", {"model": arch}) from None
     if not isinstance(answers, torch.Tensor):
-        found = f"a {answers.__class__.__name__}"
-        if isinstance(answers, tuple | list):
-            found += f" of {len(answers)}"
         hint = " (a detector? here a classifier is expected)" if _has_boxes(answers) else ""
-        raise FieldError(f"gives {found}: expected one tensor, images × classes{hint}", {"model": arch})
+        expected = f"expected one tensor, images × classes{hint}"
+        raise FieldError(f"gives {describe_answers(answers)}: {expected}", {"model": arch})
     answers = answers.float().cpu()
     if answers.ndim == 4 and answers.shape[2:] == (1, 1):
         expected = "images × classes: flatten the two last axes"
-        raise FieldError(f"gives {_shape(answers)}: expected {expected}", {"model": arch})
+        raise FieldError(f"gives {describe_answers(answers)}: expected {expected}", {"model": arch})
     if answers.ndim != 2 or len(answers) != 2 or answers.shape[1] < 2:
         hint = " (a detector, or one that ends in features? expected a classifier)" if answers.ndim > 2 else ""
-        raise FieldError(f"gives {_shape(answers)} for 2 images: expected 2×classes{hint}", {"model": arch})
+        raise FieldError(f"gives {describe_answers(answers)} for 2 images: expected 2×classes{hint}", {"model": arch})
     if not torch.isfinite(answers).all():
         raise FieldError("gives values that are not a number: its weights are damaged, or it needs other images",
                          {"model": arch})  # fmt: skip
     return answers
-
-
-def _shape(answers: torch.Tensor) -> str:
-    return "×".join(map(str, answers.shape)) or "a single number"
 
 
 def _has_boxes(answers: object) -> bool:

@@ -12,7 +12,7 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.architectures import imagenet_labels
 from toolkit.models.find import TIMM_PREFIX as PREFIX
-from toolkit.models.labels import adapt_preprocessing, choose_labels, read_labels_file
+from toolkit.models.labels import adapt_preprocessing, choose_labels, join_labels_files, read_labels_file
 from toolkit.models.network import Classifier, check_hash, choose_device
 from toolkit.models.weights import (
     WeightsFile,
@@ -78,9 +78,9 @@ def load_timm_network(model: str, weights: Path | None = None, device: str = "au
 
     Args:
         model: `timm:NAME`, or `timm:NAME.TAG` for other than timm's first choice of weights.
-        weights: state dict, `.pth` or `.safetensors`; by default see `find_timm_weights`. The number of classes is read
-            from it; a `WEIGHTS.json` beside it may name them. A file in the format of the network's authors is
-            converted where timm knows how.
+        weights: state dict, `.pth`, `.ckpt` or `.safetensors`; by default see `find_timm_weights`. The number of
+            classes is read from it; a `WEIGHTS.json` beside it may name them. A file in the format of the network's
+            authors is converted where timm knows how.
         device: `auto`, `cpu` or `cuda`.
 
     Raises:
@@ -96,13 +96,14 @@ def load_timm_network(model: str, weights: Path | None = None, device: str = "au
     own = read_labels_file(file.path)
     check_hash(file, own)
     state, inside = read_checkpoint(file)
+    own = join_labels_files(own, inside, file.path)
     num_classes = _count_classes(model, config, state)
     if not all(torch.isfinite(value).all() for value in state.values()):
         raise ToolkitError(f"{file.path}: some weights are infinite or not a number: the file is damaged or diverged")
     module = _build(model, state, num_classes, file)
     module = module.requires_grad_(False).eval().to(memory_format=torch.channels_last).to(place)
     published = imagenet_labels()  # timm's ImageNet-1k networks have them in the same order
-    labels = choose_labels(file.path, own.labels or inside, published, num_classes)
+    labels = choose_labels(file.path, own.labels, published, num_classes)
     return Classifier(
         arch=model, module=module, labels=labels, preprocessing=adapt_preprocessing(preprocessing, own), weights=file,
         device=place, is_imagenet=labels == published, trained_on=own.trained_on or "",

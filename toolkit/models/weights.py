@@ -2,11 +2,12 @@
 
 import contextlib
 import http.client
+import math
 import os
 import re
 import socket
 from collections import OrderedDict
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,14 +16,15 @@ from zipfile import BadZipFile, ZipFile
 from toolkit.core.console import is_quiet
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_file
+from toolkit.core.names import is_folder_name
 from toolkit.models.architectures import published_weights
-from toolkit.models.labels import find_labels
+from toolkit.models.labels import LabelsFile, find_labels
 
 if TYPE_CHECKING:
     import torch
 
 FOLDER_VARIABLE = "TOOLKIT_WEIGHTS"
-SUFFIXES = (".pth", ".pt", ".safetensors")
+SUFFIXES = (".pth", ".pt", ".ckpt", ".safetensors")
 DOWNLOAD_TIMEOUT_S = 15.0
 
 
@@ -99,11 +101,12 @@ def read_state_dict(file: WeightsFile) -> "OrderedDict[str, torch.Tensor]":
     return read_checkpoint(file)[0]
 
 
-def read_checkpoint(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor], list[str] | None]":
-    """Parameters by name, and the labels that a checkpoint holds beside them; nothing in the file is executed.
+def read_checkpoint(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor], LabelsFile]":
+    """Parameters by name, and what a checkpoint says beside them: labels, normalisation; nothing in it is executed.
 
     Checkpoints that wrap the state dict as `{"state_dict": ...}` or `{"model": ...}`, and names with the `module.` that
-    DataParallel adds, are unwrapped.
+    DataParallel adds, are unwrapped. Of a checkpoint of MadryLab's robustness library, as those of
+    robust-models-transfer are, the classifier alone is taken, and the mean and deviation that it was trained with.
 
     Raises:
         ToolkitError: the file is broken, holds code, or holds no state dict.
@@ -118,10 +121,46 @@ def read_checkpoint(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor],
             f"{file.path} holds no state dict of plain real numbers by name: save one with "
             "torch.save(model.state_dict(), FILE)"
         )
-    renamed = OrderedDict((_modern_name(name), value) for name, value in state.items())
+    network, normalisation = _take_from_attacker(_rename(state, _modern_name), file.path)
+    return network, LabelsFile(labels=labels, **normalisation)
+
+
+NORMALISERS = ("normalizer.", "attacker.normalize.")
+"""Where robustness's AttackerModel keeps the mean and deviation, its own and the attacker's."""
+CLASSIFIERS = ("model.model.", "model.", "attacker.model.model.", "attacker.model.")
+"""And the classifier: bare, or in the DummyModel that torchvision's other networks than ResNets were put in."""
+
+
+def _take_from_attacker(
+    state: "OrderedDict[str, torch.Tensor]", path: Path
+) -> "tuple[OrderedDict[str, torch.Tensor], dict[str, tuple[float, ...]]]":
+    """The classifier of an AttackerModel, with `mean` and `std` of its images; any other state dict as it is."""
+    normaliser = next((name for name in NORMALISERS if f"{name}new_mean" in state), None)
+    if normaliser is None:
+        return state, {}
+    prefix = next((prefix for prefix in CLASSIFIERS if any(name.startswith(prefix) for name in state)), "model.")
+    found: dict[str, tuple[float, ...]] = {}
+    for field, least in (("mean", -1000.0), ("std", 1e-6)):
+        value = state.get(f"{normaliser}new_{field}")
+        # the shortest decimals that are the same single-precision numbers: 0.485 and not 0.48500001
+        numbers = () if value is None else tuple(float(str(one)) for one in value.detach().float().flatten().numpy())
+        if len(numbers) != 3 or not all(math.isfinite(one) and least <= one <= 1000 for one in numbers):
+            raise ToolkitError(f"{path}: '{normaliser}new_{field}': expected three numbers, one for each colour")
+        found[field] = numbers
+    return _rename(state, lambda name: name[len(prefix) :] if name.startswith(prefix) else None), found
+
+
+def _rename(state: "dict[str, torch.Tensor]", rename: Callable[[str], str | None]) -> "OrderedDict[str, torch.Tensor]":
+    """A state dict under other names, without those that have none."""
+    renamed = OrderedDict((new, value) for name, value in state.items() if (new := rename(name)) is not None)
     # torch keeps its modules' versions here, and some networks load older files another way
-    renamed._metadata = getattr(state, "_metadata", None)  # type: ignore[attr-defined]
-    return renamed, labels
+    versions = getattr(state, "_metadata", None)
+    renamed._metadata = OrderedDict(  # type: ignore[attr-defined]
+        (new.rstrip("."), value)
+        for name, value in (versions.items() if isinstance(versions, dict) else ())
+        if isinstance(value, dict) and (new := rename(f"{name}.")) is not None
+    )
+    return renamed
 
 
 def _is_parameter(name: object, value: object) -> bool:
@@ -157,10 +196,11 @@ def _load(path: Path) -> object:
     except pickle.UnpicklingError as error:
         named = re.search(r"GLOBAL ([\w.]+)", str(error))
         holds = f"a pickled module or other objects ({named[1]})" if named else "more than numbers, or is damaged,"
+        is_foreign = named is not None and named[1].startswith(FOREIGN)
+        name = path.stem if is_folder_name(path.stem) else "FILE"  # it is run as it stands
+        advice = TAKE_OUT.format(name + path.suffix, name) if is_foreign else f"where you made it, {SAVE_STATE}"
         raise FieldError(
-            f"{path} holds {holds} and is not loaded for safety, as loading would run its code: where you "
-            f"made it, {SAVE_STATE}",
-            {},
+            f"{path} holds {holds} and is not loaded for safety, as loading would run its code: {advice}", {}
         ) from None
     except (SafetensorError, RuntimeError, EOFError, OSError, ValueError, KeyError) as error:
         reason = str(error).strip().splitlines()[0] if str(error).strip() else error.__class__.__name__
@@ -170,6 +210,12 @@ def _load(path: Path) -> object:
 WHOLE = (".onnx", ".pt2")
 """Programs that can be named as networks themselves."""
 SAVE_STATE = "save its state dict with torch.save(model.state_dict(), 'NEW.pth'), and name its network with {model}"
+FOREIGN = ("dill.", "robustness.", "cox.", "numpy.")
+"""What a checkpoint may hold that MadryLab's robustness library pickled: functions, settings, learning rates."""
+TAKE_OUT = (
+    "only if you trust who made it, take its numbers out with python -c \"import dill, torch; torch.save({{'model': "
+    "torch.load('{}', 'cpu', dill, weights_only=False)['model']}}, '{}.pth')\", and load that file"
+)
 PROGRAMS = {
     ".onnx": "an ONNX graph", ".pt2": "a program of torch.export", ".ptl": "a program for PyTorch Mobile",
     ".h5": "a Keras model", ".keras": "a Keras model", ".tflite": "a TensorFlow Lite model",

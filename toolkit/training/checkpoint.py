@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -104,9 +105,9 @@ class Checkpoint:
                     shutil.rmtree(found, ignore_errors=True)
                 else:
                     found.unlink(missing_ok=True)
-        for folder in (self.folder, self.folder.parent):
-            if not any(folder.iterdir()):
-                folder.rmdir()
+        with suppress(OSError):  # not empty, or another run was faster
+            self.folder.rmdir()
+            self.folder.parent.rmdir()
 
 
 def _hash_arrays(arrays: Mapping[str, np.ndarray]) -> str:

@@ -141,4 +141,6 @@ def _name_data(
         words, held_out = (f"{each}, each with {pictures.words}" for each in (words, held_out))
     if config.corrupting is not None:
         words += f", {config.corrupting.share:.0%} of them corrupted"
+    if config.robust is not None:
+        words += f", each moved to where its loss is largest ({config.robust.describe()})"
     return words + (f", from the weights {init.name}" if init else ""), held_out

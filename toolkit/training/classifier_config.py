@@ -15,6 +15,7 @@ from toolkit.core.names import is_folder_name
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import build_network, list_architectures, published_weights
 from toolkit.training.augment import PHOTOGRAPHS, SMALL_IMAGES, Augmentation, Corrupting
+from toolkit.training.pgd import Attack, read_attack
 
 if TYPE_CHECKING:
     import torch
@@ -98,7 +99,7 @@ class ClassifierConfig(Config):
         "images.",
     )  # fmt: skip
     init: Annotated[Path | None, Flag(metavar="FILE")] = Field(
-        None, exclude=True, description="Weights to start from: .pth or .safetensors of --arch."
+        None, exclude=True, description="Weights to start from: .pth, .ckpt or .safetensors of --arch."
     )
     image_px: Annotated[int, Field(ge=LEAST_PX, le=MOST_PX), Flag()] = Field(
         128, description="Side of what the network sees; 32 for CIFAR."
@@ -138,6 +139,16 @@ class ClassifierConfig(Config):
         None,
         description="Corrupt some training images: NAME, a family, common or all, with :SEVERITY or :FIRST-LAST. "
         "Several may be given.",
+    )
+    robust: Annotated[
+        Attack | None,
+        BeforeValidator(read_attack),
+        Later,
+        Flag(metavar="l2:EPS|linf:EPS", group=STEPS, typed=str),
+    ] = Field(
+        None,
+        description="Train on the worst images in a ball around each, as far as EPS in values of 0 to 1: l2:0.5, "
+        "linf:8/255. It takes three to four times as long.",
     )
     keep_labels: Annotated[bool, Later, Flag("--keep-labels")] = Field(
         False, description="Keep all classes of --init; the folders are called by WordNet id or label."

@@ -4,6 +4,7 @@ from collections import Counter, OrderedDict
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from toolkit.core.files import read_json, sha256_bytes, sha256_file, write_bytes
 from toolkit.core.statistics import wilson_interval
 from toolkit.corruptions.draws import image_seed
 from toolkit.models.architectures import build_network
-from toolkit.models.find import ClassifierRecord, ClassShare, HeldOut
+from toolkit.models.find import ClassifierRecord, ClassShare, HeldOut, UnderAttack
 from toolkit.models.network import Classifier
 from toolkit.models.precision import autocast, choose_precision
 from toolkit.models.weights import WeightsFile, read_state_dict
@@ -25,6 +26,7 @@ from toolkit.training.augment import augment_batch, corrupt_some
 from toolkit.training.classifier_config import ClassifierConfig, ClassPictures
 from toolkit.training.data import Pack, TrainingSet
 from toolkit.training.loop import History, Task
+from toolkit.training.pgd import Attack, find_worst_images
 from toolkit.training.processes import current
 
 if TYPE_CHECKING:
@@ -34,7 +36,8 @@ if TYPE_CHECKING:
 AUXILIARY_WEIGHT = 0.3
 """Of the side outputs that GoogLeNet and Inception have while they are trained."""
 UNFOLD_BATCHES = 8
-TEST_BATCH = 64
+TEST_BATCH, TEST_STEPS = 64, 20
+"""Images at a time, and steps of the attack that a robust network is tested under."""
 MOST_CONFUSIONS = 12
 
 
@@ -116,18 +119,21 @@ class ClassifierTask(Task[ClassifierRecord]):
         init, pack = self.inputs.init, self.inputs.data.train
         if init is not None and are_folded(self.module):
             notice(f"the batch normalisation of {init.name} is folded for evaluation: measuring its statistics again")
-            unfold_norms(self.module, (self._draw_batch(pack, k, "unfold")[0] for k in range(UNFOLD_BATCHES)))
+            batches = (self._draw_batch(pack, k, "unfold")[0] for k in range(UNFOLD_BATCHES))
+            unfold_norms(self.module, (self._normalise(batch) for batch in batches))
 
     def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
         """Cross-entropy, with that of side outputs where the network has them; and the share recognised."""
         import torch
         from torch.nn.functional import cross_entropy
 
-        self.module.train()
         batch, classes = self._draw_batch(self.inputs.data.train, step, self.kind)
         batch, wanted = current().share(batch), torch.from_numpy(current().share(classes)).to(self._device)
+        if self.config.robust is not None:
+            batch = self._attack(batch, wanted, self.config.robust)
+        self.module.train()
         with autocast(self._precision, self._device):
-            outputs = self.module(batch)
+            outputs = self.module(self._normalise(batch))
         main, *sides = outputs if isinstance(outputs, tuple) else (outputs,)
         smoothing = self.config.label_smoothing
         loss = cross_entropy(main.float(), wanted, label_smoothing=smoothing)
@@ -135,6 +141,23 @@ class ClassifierTask(Task[ClassifierRecord]):
             if side is not None:
                 loss = loss + AUXILIARY_WEIGHT * cross_entropy(side.float(), wanted, label_smoothing=smoothing)
         return loss, {"accuracy": float((main.float().argmax(1) == wanted).float().mean())}
+
+    def _attack(self, batch: "torch.Tensor", wanted: "torch.Tensor", attack: Attack) -> "torch.Tensor":
+        """The worst images around those of a batch, for the network in eval mode: by the statistics of all batches."""
+        from torch.nn.functional import cross_entropy
+
+        def measure_losses(images: "torch.Tensor") -> "torch.Tensor":
+            with autocast(self._precision, self._device):
+                logits = self.module(self._normalise(images))
+            return cross_entropy(logits.float(), wanted, reduction="none")
+
+        self.module.eval()
+        return find_worst_images(batch, measure_losses, attack)
+
+    def _normalise(self, batch: "torch.Tensor") -> "torch.Tensor":
+        import torch
+
+        return ((batch - self._mean) / self._std).contiguous(memory_format=torch.channels_last)
 
     def _choose(self, step: int, count: int) -> np.ndarray:
         """Numbers of the images of a step: every image once in each epoch's own order."""
@@ -144,7 +167,7 @@ class ClassifierTask(Task[ClassifierRecord]):
         return np.sort(order[k * size : (k + 1) * size])
 
     def _draw_batch(self, pack: Pack, step: int, phase: str) -> "tuple[torch.Tensor, np.ndarray]":
-        """What the network is shown, augmented, with its picture, some corrupted, normalised; and its classes."""
+        """Images in [0, 1], augmented, with their pictures, some corrupted; and their classes."""
         import torch
 
         chosen, draws = self._choose(step, len(pack.images)), Draws(self.config.seed, step, phase)
@@ -160,7 +183,7 @@ class ClassifierTask(Task[ClassifierRecord]):
         batch = augment_batch(raw, draws.of("augmentation"), self.config.image_px, how, overlay)
         if self.config.corrupting is not None:
             batch = corrupt_some(batch, draws.of("corruption"), self.config.corrupting)
-        return ((batch - self._mean) / self._std).contiguous(memory_format=torch.channels_last), classes
+        return batch, classes
 
     def finish(self, history: History) -> ClassifierRecord:
         """Test the rounded weights on the held-out images and write `NAME.safetensors`, then `NAME.json`."""
@@ -188,25 +211,55 @@ class ClassifierTask(Task[ClassifierRecord]):
         return record
 
     def _measure_held_out(self, classifier: Classifier) -> HeldOut:
-        """Classify the held-out images through the classifier's own preprocessing, in single precision.
+        """Classify the held-out images through the classifier's own preprocessing, in single precision."""
+        import torch
 
-        What they carry lies where their number and the seed say.
-        """
+        pack, robust = self.inputs.data.held_out, self.config.robust
+        answers, attacked = (np.zeros(len(pack.images), np.int64) for _ in range(2))
+        attack = None if robust is None else robust.with_overrides(steps=TEST_STEPS)
+        title = "Testing on held-out images" + (f", and under attack ({attack.describe()})" if attack else "")
+        with progress(title, len(pack.images)) as bar:
+            for start in range(0, len(pack.images), TEST_BATCH):
+                part = slice(start, start + TEST_BATCH)
+                batch, classes = self._show_held_out(classifier, part)
+                with torch.no_grad():
+                    answers[part] = classifier.logits(batch).argmax(1).cpu().numpy()
+                if attack is not None:
+                    worst = find_worst_images(batch, partial(_measure_losses, classifier, classes), attack)
+                    with torch.no_grad():
+                        attacked[part] = classifier.logits(worst).argmax(1).cpu().numpy()
+                bar.advance(len(batch))
+        found = summarise_answers(classifier.labels, pack.classes, answers, self.inputs.words[1])
+        if attack is None or not found.n:
+            return found
+        return found.model_copy(update={"under_attack": _summarise_attack(attack, pack.classes == attacked)})
+
+    def _show_held_out(self, classifier: Classifier, part: slice) -> "tuple[torch.Tensor, torch.Tensor]":
+        """Some of the held-out images and their classes; what they carry lies where their number and the seed say."""
         import torch
 
         pack = self.inputs.data.held_out
-        answers = np.zeros(len(pack.images), np.int64)
-        with progress("Testing on held-out images", len(pack.images)) as bar, torch.no_grad():
-            for start in range(0, len(pack.images), TEST_BATCH):
-                part = slice(start, start + TEST_BATCH)
-                images = pack.images[part]
-                batch = torch.stack([classifier.preprocess(image) for image in images])
-                if self._overlay is not None:
-                    seeds = [image_seed(self.config.seed, f"held-out/{start + k}") for k in range(len(images))]
-                    batch = self._overlay(batch.to(classifier.device), pack.classes[part], seeds)
-                answers[part] = classifier.logits(batch).argmax(1).cpu().numpy()
-                bar.advance(len(images))
-        return summarise_answers(classifier.labels, pack.classes, answers, self.inputs.words[1])
+        batch = torch.stack([classifier.preprocess(image) for image in pack.images[part]]).to(classifier.device)
+        classes = pack.classes[part]
+        if self._overlay is not None:
+            numbers = range(part.start, part.start + len(batch))
+            seeds = [image_seed(self.config.seed, f"held-out/{number}") for number in numbers]
+            batch = self._overlay(batch, classes, seeds)
+        return batch, torch.from_numpy(np.ascontiguousarray(classes)).to(classifier.device)
+
+
+def _measure_losses(classifier: Classifier, classes: "torch.Tensor", images: "torch.Tensor") -> "torch.Tensor":
+    from torch.nn.functional import cross_entropy
+
+    return cross_entropy(classifier.logits(images), classes, reduction="none")
+
+
+def _summarise_attack(attack: Attack, right: np.ndarray) -> UnderAttack:
+    n, correct = len(right), int(right.sum())
+    return UnderAttack(
+        norm=attack.norm, eps=attack.eps, steps=attack.steps, step_size=attack.step_size,
+        n=n, correct=correct, accuracy=correct / n, ci95=wilson_interval(correct, n),
+    )  # fmt: skip
 
 
 def find_finished(file: Path, inputs_sha256: str) -> ClassifierRecord | None:

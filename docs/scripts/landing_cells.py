@@ -1,0 +1,55 @@
+"""Cells of several `landing fly` runs in one table, each with its pairs against the run's first pad and regressor.
+
+Called as landing_cells.py CSV WORKSPACE RUN ...; the runs lie in WORKSPACE/eval/landing.
+"""
+
+import csv
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from toolkit.core.files import sha256_file
+
+
+def read_cells(space: Path, run: str) -> list[dict[str, Any]]:
+    """The rows of a run, as the table has them."""
+    summary = json.loads((space / "eval" / "landing" / run / "summary.json").read_text())
+    settings, cells = summary["settings"], summary["cells"]
+    keys = {_key(one): one for one in cells}
+    pairs = {(pair["cell"], pair["against"]): pair for pair in summary["pairs"]}
+    rows = []
+    for key, one in keys.items():
+        first = _key(one | {"pad": cells[0]["pad"], "regressor": cells[0]["regressor"]})
+        pair = pairs.get((key, first), {})
+        low, high = one["success_ci95"]
+        file = space / "rig" / "regressors" / f"{one['regressor']}.safetensors"
+        rows.append(
+            {"world": one["world"], "world_seed": settings["world_seed"], "time": settings["time"]}
+            | {name: one[name] for name in ("weather", "severity", "pad", "regressor")}
+            | {"sha256": sha256_file(file)[:16] if file.is_file() else "", "gains": one["gains"]}
+            | {"seed": summary["seed"], "places": len(summary["places"]), "n": one["n"]}
+            | {"success": one["success"], "low": low, "high": high}
+            | {name: one[name] for name in ("missed", "crashed", "lost", "timed_out", "diverged", "median_error_m")}
+            | {name: pair.get(name, "") for name in ("gained", "lost_pairs", "mcnemar_p")}
+            | ({"lost_pairs": pair["lost"], "mcnemar_p": float(f"{pair['mcnemar_p']:.2g}")} if pair else {})
+        )
+    return rows
+
+
+def _key(cell: dict[str, Any]) -> str:
+    weather = cell["weather"] + (f":{cell['severity']}" if cell["severity"] else "")
+    return "/".join((cell["pad"], cell["regressor"], cell["world"], weather, cell["gains"]))
+
+
+def main(table: str, space: str, *runs: str) -> None:
+    """Write the table."""
+    rows = [row for run in runs for row in read_cells(Path(space), run)]
+    with Path(table).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
