@@ -85,20 +85,20 @@ def test_the_gradient_through_both_is_that_of_finite_differences(sizes_mm, views
         assert difference == pytest.approx(float(gradient.flatten()[k]), rel=1e-3)
 
 
-def test_one_texel_is_lit_on_two_sheets_at_once(crate, sizes_mm, views):
-    """Where the gradient of a texel's light falls: on the paper of the large sheet and on that of a small one."""
+def test_the_same_texels_are_lit_on_two_sheets_at_once(crate, sizes_mm, views):
+    """Where their light falls: in the middle of the large sheet and of the small one that the third view shows."""
     stacked = stack_views(views, sizes_mm, "cpu")
     dark, lit = torch.zeros(3, TEXELS, TEXELS), torch.zeros(3, TEXELS, TEXELS)
     lit[:, 3:5, 3:5] = 1  # the patch's middle, 10 mm of the large sheet and 6 of a small one
-    shown = [show_mounted(one, stacked, np.array([0]), np.zeros((1, 2), int), SIDE)[0].mean(0) for one in (dark, lit)]
+    shown = [show_mounted(one, stacked, np.array([2]), np.zeros((1, 2), int), SIDE)[0].mean(0) for one in (dark, lit)]
     brighter = (shown[1] - shown[0]).numpy()
-    pose = random_pose(np.random.default_rng([7, 0, 2]), crate.mesh.vertices, Camera.from_fov(SIDE, SIDE, FOV_DEG))
+    pose = random_pose(np.random.default_rng([7, 2, 2]), crate.mesh.vertices, Camera.from_fov(SIDE, SIDE, FOV_DEG))
     middles = np.array([[0, 0, 40.5], [0, 30.5, 20.0], [0, -30.5, 20.0]])  # of the three sheets
     places, depth = project(Camera.from_fov(SIDE, SIDE, FOV_DEG), pose, middles)
     faces = (pose[:3, 3] - middles) * [[0, 0, 1], [0, 1, 0], [0, -1, 0]]
     seen = places[(faces.sum(axis=1) > 0) & (depth > 0)].astype(int)
     near = np.zeros((SIDE, SIDE), bool)
     for x, y in seen:
-        near[y - 3 : y + 4, x - 3 : x + 4] = True
-        assert brighter[y - 1 : y + 2, x - 1 : x + 2].max() > 0.01
+        near[y - 5 : y + 6, x - 5 : x + 6] = True
+        assert brighter[y - 1 : y + 2, x - 1 : x + 2].max() > 0.2
     assert len(seen) == 2 and np.abs(brighter[~near]).max() < 0.005  # and nothing else
