@@ -36,7 +36,7 @@ def space(tmp_path_factory, make_crate_space):
 @pytest.fixture(scope="module")
 def views(space):
     item = load_object(space.object_spec("crate"))
-    return list(render_mounted_views(item, SIZE_MM, TEXELS, 3, seed=7, image_px=SIDE))
+    return list(render_mounted_views(item, [SIZE_MM], TEXELS, 3, seed=7, image_px=SIDE))
 
 
 @pytest.mark.slow
@@ -44,12 +44,12 @@ def test_the_buffers_put_together_are_a_render_of_the_patch(space, views):
     """The same camera, studio and mount, but rendered with the patch itself."""
     pixels = np.random.default_rng(1).integers(0, 256, (8, 8, 3), dtype=np.uint8)
     item = load_object(space.object_spec("crate"))
-    mesh = attach(item.mesh, mount_patch(item.mesh, pixels, 40.0, item.spec.patch))
+    mesh = attach(item.mesh, mount_patch(item.mesh, pixels, 40.0, item.spec.mounts[0]))
     light = str(np.random.default_rng([7, 0, 1]).choice(list(LIGHTS)))
     renderer = RaycastRenderer(mesh, make_studio((7, 0), 100.0, light=light))
     camera = Camera.from_fov(SIDE, SIDE, FOV_DEG)
     theta = torch.from_numpy(pixels.transpose(2, 0, 1) / 255.0).float()
-    stacked = stack_views(views, SIZE_MM, "cpu")
+    stacked = stack_views(views, [SIZE_MM], "cpu")
     for i in range(3):
         pose = random_pose(np.random.default_rng([7, i, 2]), item.mesh.vertices, camera)
         rendered = finish.tone_map(renderer.render(camera, pose), (0,), noise=0, falloff=0) / 255
@@ -61,7 +61,7 @@ def test_the_buffers_put_together_are_a_render_of_the_patch(space, views):
 
 
 def test_upside_down_would_be_noticed(views):
-    stacked = stack_views(views, SIZE_MM, "cpu")
+    stacked = stack_views(views, [SIZE_MM], "cpu")
     theta = torch.zeros(3, TEXELS, TEXELS)
     theta[:, :4] = 1  # the upper half of the sheet is white
     shown = show_mounted(theta, stacked, np.array([0]), np.zeros((1, 2), int), SIDE)[0].mean(0).numpy()
@@ -88,7 +88,7 @@ def test_tone_map_is_the_rigs(views):
 
 
 def test_the_gradient_is_that_of_finite_differences(views):
-    stacked = stack_views(views, SIZE_MM, "cpu")
+    stacked = stack_views(views, [SIZE_MM], "cpu")
     classifier = SimpleNamespace(
         preprocessing=SimpleNamespace(crop_px=SIDE), logits=tiny_classifier().module.double().__call__
     )
@@ -113,7 +113,7 @@ def test_the_gradient_is_that_of_finite_differences(views):
 
 def test_training_on_views_alone_raises_the_class(views):
     classifier = tiny_classifier(2)
-    stacked = stack_views(views, SIZE_MM, "cpu")
+    stacked = stack_views(views, [SIZE_MM], "cpu")
     empty = torch.zeros(1, 3, 36, 36, dtype=torch.uint8)
     targets, config = [Target(classifier, LABELS.index("jet"))], tiny_config(30, mounted_share=1.0)
     losses = train_watched(empty, targets, Appearance(AffineRanges()), config, stacked).history.figures["loss"]
@@ -121,7 +121,7 @@ def test_training_on_views_alone_raises_the_class(views):
 
 
 def test_held_out_views_are_not_trained_on(views):
-    train, held_out = stack_views(views, SIZE_MM, "cpu").divide()
+    train, held_out = stack_views(views, [SIZE_MM], "cpu").divide()
     assert (len(train), len(held_out)) == (2, 1)
     answer = validate_mounted(torch.zeros(3, 8, 8), held_out, [Target(tiny_classifier(), 0)], 32)
     assert [(a.bare.n, a.patched.n) for a in answer] == [(1, 1)]
@@ -139,7 +139,7 @@ class Darken:
 
 def test_printer_and_camera_act_on_the_mounted_sheet_too(views):
     """On the print they change the patch alone, on the photograph everything."""
-    stacked = stack_views(views, SIZE_MM, "cpu")
+    stacked = stack_views(views, [SIZE_MM], "cpu")
     seen = []
     classifier = SimpleNamespace(
         preprocessing=SimpleNamespace(crop_px=32),

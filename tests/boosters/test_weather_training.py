@@ -102,8 +102,8 @@ def test_depth_in_the_studio_is_the_way_to_object_table_and_room(space):
 def test_views_of_a_sheet_are_cut_with_their_weather(space):
     """A cut in weather is the same as the weather of the whole view, cut: fog depends on the pixel's depth alone."""
     item = load_object(space.object_spec("crate"))
-    views = list(render_mounted_views(item, 40.0, 8, 2, seed=7, image_px=40, with_depth=True))
-    stacked = stack_views(views, 40.0, "cpu", item.spec.metres_per_mm)
+    views = list(render_mounted_views(item, [40.0], 8, 2, seed=7, image_px=40, with_depth=True))
+    stacked = stack_views(views, [40.0], "cpu", item.spec.metres_per_mm)
     part, patch = Weathered((("fog", 4),), probability=1), torch.full((3, 8, 8), 0.5)
     which, corners, whole = np.array([0, 1]), np.array([[3, 5], [6, 1]]), np.zeros((2, 2), int)
 
@@ -122,8 +122,8 @@ def test_views_of_a_sheet_are_cut_with_their_weather(space):
 
 def test_the_gradient_on_the_sheet_in_weather_is_that_of_differences(space):
     item = load_object(space.object_spec("crate"))
-    views = list(render_mounted_views(item, 40.0, 8, 3, seed=7, image_px=40, with_depth=True))
-    stacked = stack_views(views, 40.0, "cpu", item.spec.metres_per_mm)
+    views = list(render_mounted_views(item, [40.0], 8, 3, seed=7, image_px=40, with_depth=True))
+    stacked = stack_views(views, [40.0], "cpu", item.spec.metres_per_mm)
     part = Weathered(read_words(["fog:2", "rain:5"]).weathers, probability=1)
     theta = torch.from_numpy(np.random.default_rng(1).uniform(0.2, 0.8, (3, 8, 8))).requires_grad_(True)
     targets = [Target(double_classifier(), 1)]
@@ -173,7 +173,7 @@ def _lines(config):
 
 def test_depths_are_those_of_the_real_thing(space):
     item = load_object(space.object_spec("crate"))
-    (view,) = render_mounted_views(item, 40.0, 8, 1, seed=7, image_px=20, with_depth=True)
+    (view,) = render_mounted_views(item, [40.0], 8, 1, seed=7, image_px=20, with_depth=True)
     (depth,) = find_depths([view], [item.spec.metres_per_mm])
     assert depth.depth_m.min() / view.depth.depth.min() == pytest.approx(0.06)  # 6 m for 100 mm
 

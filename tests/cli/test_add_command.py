@@ -43,7 +43,7 @@ def test_it_says_what_it_made_and_what_is_next(space):
         assert words in said
     assert "measure the longest side and set length_mm in brick.toml" in said
     item = load_object(space.object_spec("brick"))
-    assert item.spec.patch.at == "front" and item.mesh.size_mm.max() == pytest.approx(200)
+    assert item.spec.mounts[0].at == "front" and item.mesh.size_mm.max() == pytest.approx(200)
 
 
 @pytest.mark.slow

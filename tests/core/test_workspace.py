@@ -131,4 +131,4 @@ def test_the_guides_example_is_a_valid_spec(tmp_path):
     file = tmp_path / "mug.toml"
     file.write_text("\n".join(lines))
     spec = read_spec(file)
-    assert (spec.name, spec.class_name, spec.patch.size_mm) == ("mug", "coffee mug", 40)
+    assert (spec.name, spec.class_name, spec.mounts[0].size_mm) == ("mug", "coffee mug", 40)

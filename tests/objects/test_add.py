@@ -130,7 +130,7 @@ def test_every_field_of_the_spec_is_explained_and_may_be_uncommented(space, else
     spec = read_spec(made.spec_file)
     assert (spec.name, spec.class_name, spec.length_mm) == ("card", "coffee mug", length_mm)
     assert spec.world_length_m == pytest.approx(length_mm / 1000)
-    assert spec.patch.at == "left" and spec.patch.size_mm <= length_mm / 3 + 0.1
+    assert spec.mounts[0].at == "left" and spec.mounts[0].size_mm <= length_mm / 3 + 0.1
 
 
 def test_labels_are_quoted_as_toml_asks_for(space, elsewhere):

@@ -157,7 +157,7 @@ def test_the_spec_puts_a_sheet_where_a_hand_would(name: str, tilt_deg: float):
 
     table_object = load_object(spec_file(name))
     pixels = np.zeros((32, 32, 3), np.uint8)
-    sheet = mount_patch(table_object.mesh, pixels, 88, table_object.spec.patch, name)
+    sheet = mount_patch(table_object.mesh, pixels, 88, table_object.spec.mounts[0], name)
     normal = sheet.T_object_sheet[:3, 2]
     assert np.degrees(np.arccos(normal[2])) == pytest.approx(tilt_deg, abs=8)
     low, top = sheet.mesh.bounds[:, 2]

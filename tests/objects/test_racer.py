@@ -133,7 +133,7 @@ def _colours_from_above(mesh, rays, points):
 def test_a_sheet_lies_flat_on_the_engine_cover():
     """The shipped spec puts 88 mm of patch clear of the headrest, the wheels and the wing."""
     item = load_object(SPEC)
-    sheet = mount_patch(item.mesh, np.zeros((11, 11, 3), np.uint8), 88.0, item.spec.patch)
+    sheet = mount_patch(item.mesh, np.zeros((11, 11, 3), np.uint8), 88.0, item.spec.mounts[0])
     heights = sheet.mesh.vertices[:, 2]
     assert np.ptp(heights) < 4
     assert 38 < heights.mean() < 46

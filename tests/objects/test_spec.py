@@ -17,12 +17,12 @@ def write(folder, patch="", **fields):
 
 def test_defaults_and_everything_named(tmp_path):
     spec = read_spec(write(tmp_path))
-    assert (spec.name, spec.class_name, spec.up, spec.front, spec.patch.at) == ("mug", "coffee mug", "y", "z", "top")
-    assert spec.patch.size_mm is None
+    assert (spec.name, spec.class_name, spec.up, spec.front) == ("mug", "coffee mug", "y", "z")
+    assert [(mount.at, mount.size_mm) for mount in spec.mounts] == [("top", None)]
     patch = '[patch]\nat = "left"\nsize_mm = 40\noffset_mm = [3, -4]\nrotation_deg = 90'
     spec = read_spec(write(tmp_path, patch, **{"class": "504", "up": '"-y"'}))
     assert (spec.class_name, spec.up) == (504, "-y")
-    assert (spec.patch.at, spec.patch.size_mm, spec.patch.offset_mm) == ("left", 40, (3, -4))
+    assert (spec.mounts[0].at, spec.mounts[0].size_mm, spec.mounts[0].offset_mm) == ("left", 40, (3, -4))
 
 
 @pytest.mark.parametrize(

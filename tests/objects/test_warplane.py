@@ -99,7 +99,7 @@ def test_it_stands_on_three_wheels(plane):
 
 
 def test_the_sheet_lies_free_between_canopy_and_fins(on_table):
-    mount = on_table.spec.patch
+    mount = on_table.spec.mounts[0]
     assert mount.at == "top"
     half = 88 / 2 + TAPE_MARGIN_MM
     vertices = on_table.mesh.vertices

@@ -40,7 +40,7 @@ def dress(name: str, size_mm: float | None):
     item = load_object(PACKAGE_DATA / "objects" / f"{name}.toml")
     mesh = item.mesh
     if size_mm is not None:
-        mesh = attach(mesh, mount_patch(mesh, shipped_patch(name), size_mm, item.spec.patch, name))
+        mesh = attach(mesh, mount_patch(mesh, shipped_patch(name), size_mm, item.spec.mounts[0], name))
     return item, RaycastRenderer(mesh, make_studio(1, 270.0, backdrop="oak"), QUICK)
 
 
@@ -155,7 +155,7 @@ def test_the_straightened_patch_is_the_file():
 @pytest.mark.parametrize("name", list(POSES))
 def test_a_mounted_patch_is_found_where_the_rig_mounted_it(photos, name):
     item, shots = photos[name]
-    sheet = mount_patch(item.mesh, shipped_patch(name), PATCH_MM, item.spec.patch, name)
+    sheet = mount_patch(item.mesh, shipped_patch(name), PATCH_MM, item.spec.mounts[0], name)
     side = PATCH_MM + 10
     # along the bend, at the lower and upper straight edge: points of the sheet, and their place on the patch
     uv = (sheet.mesh.uv[:162] * side - 5) / PATCH_MM
@@ -178,7 +178,7 @@ def test_a_bare_object_has_no_patch():
 
 def trace(photo: np.ndarray, name: str, T_world_camera: np.ndarray) -> PatchLines:
     """The lines of sight of a patch that is found in a photo."""
-    return trace_patch(find_patch(photo, shipped_patch(name)), PosedCamera(T_world_camera, CAMERA))
+    return trace_patch([find_patch(photo, shipped_patch(name))], PosedCamera(T_world_camera, CAMERA))
 
 
 @pytest.mark.parametrize("name", list(POSES))
@@ -194,7 +194,7 @@ def test_a_patch_that_the_print_dialog_shrank_is_noticed():
     lines = [trace(photo, "racer", pose) for photo, pose in shots]
     assert measure_side(lines) == pytest.approx(0.94 * PATCH_MM, rel=0.01)
     checked = [CheckedPhoto("racer", "patched", i, lines=one) for i, one in enumerate(lines, 1)]
-    (finding,) = find_wrong_sizes(checked, {("racer", "patched"): PATCH_MM})
+    (finding,) = find_wrong_sizes(checked, {("racer", "patched"): (PATCH_MM,)})
     assert finding.result.failed and finding.result.value == pytest.approx(6, abs=1)
     assert "88.2 mm was meant" in finding.result.advice
     assert "100 %" in finding.result.advice and "\n" not in finding.result.advice
@@ -216,7 +216,7 @@ def test_one_side_alone_does_not_place_a_patch_in_space():
     line = trace(paste(shipped_patch("racer"), pixels), "racer", pose)
     for lines in ([], [line], [line] * 2, [line] * 4):
         assert measure_side(lines) is None
-    (finding,) = find_wrong_sizes([CheckedPhoto("racer", "patched", 1, lines=line)], {("racer", "patched"): 80.0})
+    (finding,) = find_wrong_sizes([CheckedPhoto("racer", "patched", 1, lines=line)], {("racer", "patched"): (80.0,)})
     assert finding.result.status == "not checked"
 
 

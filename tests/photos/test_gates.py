@@ -162,7 +162,7 @@ def without_object(bench, image, expectation):
 
 
 def hand_over_patch(bench, image, expectation):
-    corners = LENS.project(expectation.view.T_world_camera, expectation.patch.corners_mm)
+    corners = LENS.project(expectation.view.T_world_camera, expectation.patch.sheets[0].corners_mm)
     middles = (corners[0] + 0.55 * (corners[1] - corners[0]), corners[3] + 0.55 * (corners[2] - corners[3]))
     mask = np.zeros(image.shape[:2], np.uint8)
     cv2.fillConvexPoly(mask, np.array([corners[0], *middles, corners[3]]).round().astype(np.int32), 1)
@@ -473,13 +473,15 @@ def test_a_patch_that_was_printed_at_another_size_is_found(scale, fails):
     cameras = [orbit_pose(np.zeros(3), 50 * i, 35 + 5 * i, 600)[:3, 3] for i in range(7)]
     lines = [lines_to(cells, camera, rng) for camera in cameras]
     photos = [CheckedPhoto("pot", "patched", i, (), one, f"{i}.jpg") for i, one in enumerate(lines)]
-    (result,) = [one.result for one in check_set(photos, {("pot", "patched"): 60.0}) if one.result.name == "patch size"]
+    (result,) = [
+        one.result for one in check_set(photos, {("pot", "patched"): (60.0,)}) if one.result.name == "patch size"
+    ]
     assert result.value == pytest.approx(abs(100 * (scale - 1)), abs=0.6)
     assert result.failed == fails
     if fails:
         assert "60.0 mm was meant" in result.advice
     assert not [one for one in check_set(photos) if one.result.name == "patch size"], "nothing to compare with"
     (few,) = [
-        one.result for one in check_set(photos[:2], {("pot", "patched"): 60.0}) if one.result.name == "patch size"
+        one.result for one in check_set(photos[:2], {("pot", "patched"): (60.0,)}) if one.result.name == "patch size"
     ]
     assert few.status == "not checked"

@@ -21,7 +21,7 @@ from toolkit.printing.canvas import POINTS_PER_MM
 from toolkit.printing.page import parse_paper
 from toolkit.printing.shot_list.first_page import equivalent_focal_mm
 from toolkit.printing.shot_list.job import write_shot_list
-from toolkit.printing.shot_list.mounting import draw_mounting, draw_views, make_light_studio
+from toolkit.printing.shot_list.mounting import draw_mountings, draw_views, make_light_studio
 from toolkit.printing.shot_list.session import trace_outline
 from toolkit.rig.board import DEFAULT_BOARD
 from toolkit.rig.camera import Camera
@@ -154,7 +154,7 @@ def test_the_outline_lies_on_the_picture_where_the_patch_is(space):
     from toolkit.rig.variants import find_booster
 
     item = load_object(space.object_spec("crate"))
-    drawing = draw_mounting(item, find_booster(space, item, "patched"))
+    (drawing,) = draw_mountings(item, find_booster(space, item, "patched"))
     pixels = np.asarray(Image.open(BytesIO(drawing.jpeg)).convert("RGB")).astype(int)
     rows, columns = np.nonzero(np.ptp(pixels, axis=-1) > 60)
     left, _, right, top = drawing.frame_mm

@@ -50,9 +50,9 @@ def test_page_rig_shot_list_and_gates_read_one_size(space):
     assert right - left == pytest.approx(40, abs=0.4)
 
     item = load_object(space.object_spec("crate"))
-    assert find_booster(space, item, "patched").size_mm == 40
+    assert find_booster(space, item, "patched").sizes_mm == (40,)
     lines = PatchLines(np.zeros(3), np.zeros((25, 3)), np.ones(25, bool))
-    assert printed_sides(space, [CheckedPhoto("crate", "patched", 1, lines=lines)]) == {("crate", "patched"): 40}
+    assert printed_sides(space, [CheckedPhoto("crate", "patched", 1, lines=lines)]) == {("crate", "patched"): (40,)}
 
     result = call(plan, "--object", "crate", "--shot-list")
     assert result.exit_code == 0 and "print it anew" not in result.output, result.output
@@ -93,7 +93,7 @@ def test_the_users_object_counts_before_a_built_in_one_of_the_class(space):
 @pytest.mark.parametrize(("at", "way"), [("top", "front"), ("left", "up")])
 def test_name_and_arrow_stay_on_the_sheet_that_is_cut_out(tmp_path, at, way):
     patch = make_patch(tmp_path, n_px=20)
-    document = build_pdf(patch, PrintSettings(), Wearer("moka-pot", at, 40))
+    document = build_pdf(patch, PrintSettings(), Wearer("moka-pot", (at,), (40,)))
     (cut,) = document.plan.pages[0].cuts
     inside = []
 
@@ -115,14 +115,14 @@ def test_name_and_arrow_stay_on_the_sheet_that_is_cut_out(tmp_path, at, way):
 
 
 def test_a_sheet_without_a_margin_has_the_words_below(tmp_path):
-    document = build_pdf(make_patch(tmp_path, n_px=20), PrintSettings(margin_mm=0), Wearer("moka", "top", 40))
+    document = build_pdf(make_patch(tmp_path, n_px=20), PrintSettings(margin_mm=0), Wearer("moka", ("top",), (40,)))
     assert "moka   front" in PdfReader(BytesIO(document.content)).pages[0].extract_text()
 
 
 def test_read_page_reads_what_print_states(space):
     call(print_patches, "--object", "crate", "--quiet")
-    size_mm, sha256 = read_page(space.print_dir / "crate.pdf")
+    sizes_mm, sha256 = read_page(space.print_dir / "crate.pdf")
     item = load_object(space.object_spec("crate"))
-    assert (size_mm, sha256) == (40, find_booster(space, item, "patched").sha256)
+    assert (sizes_mm, sha256) == ((40,), find_booster(space, item, "patched").sha256)
     assert read_page(space.print_dir / "none.pdf") is None
-    assert read_spec(space.object_spec("crate")).patch.size_mm == 40
+    assert read_spec(space.object_spec("crate")).mounts[0].size_mm == 40

@@ -22,7 +22,7 @@ from toolkit.rig.plan import make_plan, plan_poses, write_plan
 
 def as_object(mesh, **patch) -> TableObject:
     spec = ObjectSpec.model_validate({"name": "box", "class": "crate", "mesh": "builtin:racer", "length_mm": 100})
-    return TableObject(spec.model_copy(update={"patch": PatchMount(**patch)}), mesh)
+    return TableObject(spec.with_mounts([PatchMount(**patch)]), mesh)
 
 
 def test_on_a_flat_top_all_of_it_lies(make_box):
@@ -46,9 +46,7 @@ def test_a_stick_is_no_place_and_the_front_is_suggested(make_box):
     better = suggest_place(stick, 50)
     assert better.at in ("left", "right") and better.size_mm == 50
     assert 'at = "left", size_mm = 50' in describe_misfit(stick, 50)
-    assert (
-        describe_misfit(replace(stick, spec=stick.spec.model_copy(update={"patch": PatchMount(at="left")})), 50) is None
-    )
+    assert describe_misfit(replace(stick, spec=stick.spec.with_mounts([PatchMount(at="left")])), 50) is None
 
 
 def test_a_patch_over_half_of_the_object_is_told_with_a_size_that_fits(make_box):

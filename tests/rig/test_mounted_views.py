@@ -14,7 +14,7 @@ def crate(tmp_path_factory, make_crate_space):
 
 @pytest.fixture(scope="module")
 def views(crate):
-    return list(render_mounted_views(crate, 40.0, 64, 2, seed=3, image_px=40))
+    return list(render_mounted_views(crate, [40.0], 64, 2, seed=3, image_px=40))
 
 
 def test_gain_is_where_samples_see_the_sheet(views):
@@ -32,9 +32,9 @@ def test_gain_is_where_samples_see_the_sheet(views):
 
 @pytest.mark.slow
 def test_a_view_depends_on_seed_and_number_alone(crate, views):
-    (first,) = render_mounted_views(crate, 40.0, 64, 1, seed=3, image_px=40)
+    (first,) = render_mounted_views(crate, [40.0], 64, 1, seed=3, image_px=40)
     np.testing.assert_array_equal(first.dark, views[0].dark)
     np.testing.assert_array_equal(first.uv, views[0].uv)
     assert first.sha256 == views[0].sha256 != views[1].sha256
-    (other,) = render_mounted_views(crate, 40.0, 64, 1, seed=4, image_px=40)
+    (other,) = render_mounted_views(crate, [40.0], 64, 1, seed=4, image_px=40)
     assert np.abs(other.dark - first.dark).max() > 0.01

@@ -12,7 +12,7 @@ from toolkit.cli.place import place
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import make_ray_scene, merge_meshes
-from toolkit.objects.spec import ObjectSpec, PatchMount, read_spec, write_mount
+from toolkit.objects.spec import ObjectSpec, PatchMount, read_spec, write_mounts
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.place import PlaceConfig, find_places, judge_place
 from toolkit.rig.plan import Pose
@@ -123,18 +123,19 @@ def test_the_command_changes_nothing_unless_it_is_asked_to(typed):
     assert told["places"][0]["at"] == "top" and (space.root / "rig" / "preview" / "crate-places.png").is_file()
     done = run("--object", "crate", "--size-mm", "30", "--write")
     assert done.exit_code == 0, done.output
-    assert read_spec(file).patch.size_mm == 30 and read_spec(file).class_name == "crate"
+    assert read_spec(file).mounts[0].size_mm == 30 and read_spec(file).class_name == "crate"
 
 
 def test_a_place_is_written_beside_what_else_the_file_says(tmp_path):
     file = tmp_path / "moka.toml"
     file.write_text('class = "coffeepot"  # a moka pot\nmesh = "moka.glb"\nlength_mm = 184\n\n[patch]\nat = "top"\n')
     mount = PatchMount(at="left", size_mm=45, offset_mm=(3, -4.5))
-    assert write_mount(file, file, mount) == file
-    assert read_spec(file).patch == mount and "# a moka pot" in file.read_text() and read_spec(file).length_mm == 184
+    assert write_mounts(file, file, [mount]) == file
+    assert read_spec(file).mounts == (mount,) and read_spec(file).length_mm == 184
+    assert "# a moka pot" in file.read_text()
     built_in = Workspace(tmp_path).object_spec("racer")
-    written = write_mount(built_in, tmp_path / "rig" / "objects" / "racer.toml", mount)
-    assert read_spec(written).patch == mount and read_spec(built_in).patch != mount
+    written = write_mounts(built_in, tmp_path / "rig" / "objects" / "racer.toml", [mount])
+    assert read_spec(written).mounts[0] == mount and read_spec(built_in).mounts[0] != mount
     assert Workspace(tmp_path).object_spec("racer") == written
 
 

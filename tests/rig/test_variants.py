@@ -37,7 +37,7 @@ def test_boosters_of_each_variant(space, crate):
     noise = found["random-patch"].pixels
     assert noise.std() > 60
     assert abs(np.corrcoef(noise.ravel(), own.pixels.ravel())[0, 1]) < 0.2
-    assert {booster.size_mm for booster in found.values() if booster} == {40}  # as the spec says
+    assert {booster.sizes_mm for booster in found.values() if booster} == {(40,)}  # as the spec says
     assert {booster.pixels.shape for booster in found.values() if booster} == {(12, 12, 3)}
     again = find_booster(space, crate, "random-patch")
     np.testing.assert_array_equal(again.pixels, noise)

@@ -11,7 +11,7 @@ from toolkit.boosters.patch_config import limit_renders, make_config, size_by_sp
 from toolkit.boosters.pixels import Network
 from toolkit.boosters.validation import Validation
 from toolkit.core.workspace import Workspace, copy_objects
-from toolkit.objects.spec import PatchMount, read_spec, write_mount
+from toolkit.objects.spec import PatchMount, read_spec, write_mounts
 
 
 def train_for_object(
@@ -30,13 +30,14 @@ def train_for_object(
 
 
 def try_place(
-    workspace: Workspace, name: str, networks: Sequence[Network], mount: PatchMount, steps: int, seed: int = 0
-) -> list[Validation]:
+    workspace: Workspace, name: str, networks: Sequence[Network], mounts: Sequence[PatchMount], steps: int,
+    seed: int = 0,
+) -> list[Validation]:  # fmt: skip
     """Train a patch briefly in a place: per network, held-out random views with it, and with grey paper for `bare`.
 
-    Nothing of it is kept.
+    In as many places as there are mounts, one for each sheet. Nothing of it is kept.
     """
     with TemporaryDirectory() as folder:
         space = copy_objects(workspace, Path(folder))
-        write_mount(workspace.object_spec(name), space.objects_dir / f"{name}.toml", mount)
+        write_mounts(workspace.object_spec(name), space.objects_dir / f"{name}.toml", mounts)
         return train_for_object(space, name, networks, {"steps": steps}, seed).on_object

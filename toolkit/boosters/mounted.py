@@ -1,9 +1,9 @@
-"""Training on the mounted sheet: the patch as the rig shows it on its object, bent, lit and partly hidden.
+"""Training on the mounted sheets: the patch as the rig shows it on its object, bent, lit and partly hidden.
 
 Its paper is one material of the scene (`toolkit.boosters.linear_view`), whose texture is the patch with a white margin.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -49,18 +49,18 @@ Through = tuple["torch.Tensor", "torch.Tensor"]
 
 @dataclass(frozen=True)
 class MountedViews:
-    """Views of an object with a sheet on it.
+    """Views of an object with its sheets on it.
 
     Attributes:
         batch: all of them, in half precision.
-        size_mm: side of the patch on the sheet.
+        sizes_mm: side of the patch on each sheet; all share the paper of the smallest.
         sha256: of the views.
         depths: how far away everything in them is at real size; none where there is no weather.
         boxes: (n, 4) x1, y1, x2, y2 round the object with its sheet, in pixels of a view.
     """
 
     batch: ViewBatch
-    size_mm: float
+    sizes_mm: tuple[float, ...]
     sha256: str
     depths: tuple[DepthView, ...] = ()
     boxes: np.ndarray | None = None
@@ -95,7 +95,7 @@ class MountedViews:
 def load_mounted_views(
     workspace: Workspace,
     object_name: str,
-    size_mm: float,
+    sizes_mm: Sequence[float],
     patch_px: int,
     count: int,
     *,
@@ -111,7 +111,7 @@ def load_mounted_views(
     Args:
         workspace: whose object it is.
         object_name: as in its spec.
-        size_mm: side of the printed patch.
+        sizes_mm: side of the printed patch on each sheet.
         patch_px, count, seed, image_px, ranges, with_depth: as there.
         device: of the tensors.
         setting: the world that they are taken in, where the object has its real size; None: studios.
@@ -121,7 +121,7 @@ def load_mounted_views(
     """
     item = load_object(workspace.object_spec(object_name))
     if setting is not None:
-        subject = make_sheet_subject(item, size_mm, patch_px)
+        subject = make_sheet_subject(item, sizes_mm, patch_px)
         blocks = -(-count // PER_STUDIO)
         settings = ViewSettings(ranges, image_px, studios=1, per_studio=PER_STUDIO)
         views: list[LinearView] = []
@@ -132,31 +132,33 @@ def load_mounted_views(
             for number in range(blocks):
                 views += [one.view for one in stream.group(number)]
                 bar.advance(PER_STUDIO)
-        return stack_views(views[:count], size_mm, device)
+        return stack_views(views[:count], sizes_mm, device)
     metres = item.spec.metres_per_mm if with_depth else 1.0
     in_studio = render_mounted_views(
-        item, size_mm, patch_px, count, seed=seed, image_px=image_px, ranges=ranges, with_depth=with_depth
+        item, sizes_mm, patch_px, count, seed=seed, image_px=image_px, ranges=ranges, with_depth=with_depth
     )
-    return stack_views(list(in_studio), size_mm, device, metres)
+    return stack_views(list(in_studio), sizes_mm, device, metres)
 
 
-def make_sheet_subject(item: TableObject, size_mm: float, patch_px: int) -> PaintableObject:
-    """An object at its real size, metres, with a sheet that grew with it and whose paper is what is painted."""
-    mesh, paper = mount_grey(item, size_mm, patch_px)
+def make_sheet_subject(item: TableObject, sizes_mm: Sequence[float], patch_px: int) -> PaintableObject:
+    """An object at its real size, metres, with sheets that grew with it and whose paper is what is painted."""
+    mesh, paper = mount_grey(item, sizes_mm, patch_px)
     material = next(k for k, one in enumerate(mesh.materials) if one.texture is paper)
     grown = scale_to_world(mesh, item.spec, item.spec.real_length_m)
     return PaintableObject(grown, material, grown)
 
 
-def stack_views(views: list[LinearView], size_mm: float, device: str, metres_per_unit: float = 1.0) -> MountedViews:
-    """Views of a sheet whose patch has a side of `size_mm`, as tensors on `device`.
+def stack_views(
+    views: list[LinearView], sizes_mm: Sequence[float], device: str, metres_per_unit: float = 1.0
+) -> MountedViews:
+    """Views of sheets on which the patch has sides of `sizes_mm`, as tensors on `device`.
 
     Their depths, where they have any, are in units that are `metres_per_unit` long at real size.
     """
     digest = sha256_bytes("".join(view.sha256 for view in views).encode())
     depths = find_depths(views, [metres_per_unit] * len(views))
     boxes = np.array([box_of_coverage(view.coverage) for view in views], np.float32)
-    return MountedViews(batch_views(views, device, half=True), size_mm, digest, tuple(depths), boxes)
+    return MountedViews(batch_views(views, device, half=True), tuple(sizes_mm), digest, tuple(depths), boxes)
 
 
 def print_on_paper(linear: "torch.Tensor", size_mm: float) -> "torch.Tensor":
@@ -183,7 +185,7 @@ def show_mounted(
     *,
     through: Through | None = None,
 ) -> "torch.Tensor":
-    """Photographs of the object with a patch on its sheet.
+    """Photographs of the object with a patch on its sheets.
 
     Args:
         patch: θ, (3, n, n) sRGB-encoded in [0, 1], n as the views were made for.
@@ -202,7 +204,7 @@ def show_mounted(
     batch = views.batch.cut(which, corners, image_px, patch.dtype)
     if through is not None:
         batch = batch.through(*through)
-    paper = print_on_paper(srgb_to_linear(patch), views.size_mm)
+    paper = print_on_paper(srgb_to_linear(patch), min(views.sizes_mm))
     if rng is None:
         return show_linear(paper, batch)
     count = len(batch)

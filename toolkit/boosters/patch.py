@@ -192,19 +192,20 @@ def choose_files(workspace: Workspace, out: Path | None, name: str) -> BoosterFi
 def _render_views(
     config: PatchConfig, workspace: Workspace, object_name: str, network: Network, data: TrainingData
 ) -> tuple[MountedViews, dict[str, Any] | None]:
-    """Views of the object with its sheet, and where in a world they were taken."""
+    """Views of the object with its sheets, and where in a world they were taken."""
     ranges, setting, seen = ViewRanges(fill=config.mounted_fill), None, None
-    stated_mm = read_spec(workspace.object_spec(object_name)).patch.size_mm
-    size_mm = config.size_mm or stated_mm or printed_size_mm(config.size_px)
+    spec = read_spec(workspace.object_spec(object_name))
+    spec = spec if config.size_mm is None else spec.with_patch_size(config.size_mm)
+    sizes_mm = spec.sizes_mm(printed_size_mm(config.size_px))
     if config.world is not None:
         setting = open_setting(workspace, config.world, config.times, seed=config.world_seed, scale=config.world_scale)
         item = load_object(workspace.object_spec(object_name))
-        meshes = [make_sheet_subject(item, size_mm, config.size_px).mesh]
+        meshes = [make_sheet_subject(item, sizes_mm, config.size_px).mesh]
         seen = setting.record(meshes)
         notice(f"world: {setting.describe(meshes)}")
         ranges = replace(ranges, elevation_deg=WORLD_ELEVATION_DEG)
     views = load_mounted_views(
-        workspace, object_name, size_mm, config.size_px, config.mounted_views,
+        workspace, object_name, sizes_mm, config.size_px, config.mounted_views,
         seed=data.record["seed"], image_px=network.preprocessing.resize_px, device=network.device,
         ranges=ranges, with_depth=config.weather is not None, setting=setting,
     )  # fmt: skip
@@ -296,7 +297,7 @@ class PatchTask(PixelTask[TrainedPatch]):
                 printed, views, self.targets, self.image_px, weather=config.weather, seed=config.seed
             )
         self._draw_preview(printed, pixels, validations)
-        size_mm = config.size_mm if views is None else views.size_mm
+        size_mm = config.size_mm if views is None else views.sizes_mm[0]
         patch = write_patch(self.files.png.parent, pixels, {
             "name": self.files.png.stem,
             "class_name": self.targets[0].label,
@@ -304,6 +305,7 @@ class PatchTask(PixelTask[TrainedPatch]):
             "networks": [record_network(target.classifier) for target in self.targets],
             "data": data.record
             | ({} if views is None else {"mounted_views_sha256": views.sha256})
+            | ({} if views is None or len(views.sizes_mm) == 1 else {"sheets_mm": list(views.sizes_mm)})
             | ({} if self.seen_world is None else {"world": self.seen_world}),
             "seed": config.seed,
             "settings": config.record() | {"image_px": self.image_px, "inputs_sha256": self.inputs_sha256},

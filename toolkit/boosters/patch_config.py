@@ -231,8 +231,11 @@ def limit_renders(config: PatchConfig, data: DataConfig) -> tuple[PatchConfig, D
 
 
 def size_by_spec(overrides: Mapping[str, Any], spec: ObjectSpec) -> dict[str, Any]:
-    """The overrides with the sizes of the object that the patch is for, where they or its spec state the patch's."""
-    size_mm = overrides.get("size_mm") or spec.patch.size_mm
+    """The overrides with the sizes of the object that the patch is for, where they or its spec state the patch's.
+
+    Of several sheets the first one's counts: inks bleed by its millimetres on a texel.
+    """
+    size_mm = overrides.get("size_mm") or spec.mounts[0].size_mm
     if size_mm is None:
         return dict(overrides)
     return {**overrides, "spec.size_mm": size_mm, "spec.length_mm": max(spec.length_mm, size_mm)}

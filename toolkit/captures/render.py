@@ -53,4 +53,4 @@ def _put_on(item: TableObject, booster: Patch | Texture | None) -> Print | Paint
     named = booster.pixels, booster.record.png_sha256, booster.record.name
     if isinstance(booster, Texture):
         return Paint(*named, booster)
-    return Print(*named, item.spec.patch.size_mm or booster.size_mm)
+    return Print(*named, item.spec.sizes_mm(booster.size_mm))

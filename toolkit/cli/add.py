@@ -132,8 +132,8 @@ def _draw(space: "Workspace", item: "TableObject", quiet: bool) -> tuple[Path, P
     from toolkit.objects.add import DEFAULT_PATCH_MM
     from toolkit.objects.turntable import make_turntable
     from toolkit.rig.camera import Camera
-    from toolkit.rig.fit import describe_misfit
-    from toolkit.rig.mount import attach, mount_patch
+    from toolkit.rig.fit import describe_misfits
+    from toolkit.rig.mount import attach, mount_sheets
     from toolkit.rig.pattern import Pattern
     from toolkit.rig.plan import plan_poses
     from toolkit.rig.preview import draw_contact_sheet
@@ -141,11 +141,10 @@ def _draw(space: "Workspace", item: "TableObject", quiet: bool) -> tuple[Path, P
     checks = np.where(np.indices((8, 8)).sum(0)[..., None] % 2, [40, 90, 200], [250, 250, 250]).astype(np.uint8)
     shown, trouble = item, ""
     try:
-        size_mm = item.spec.patch.size_mm or DEFAULT_PATCH_MM
-        trouble = describe_misfit(item, size_mm) or ""
-        shown = replace(
-            item, mesh=attach(item.mesh, mount_patch(item.mesh, checks, size_mm, item.spec.patch, item.name))
-        )
+        sizes_mm = item.spec.sizes_mm(DEFAULT_PATCH_MM)
+        trouble = "; ".join(describe_misfits(item, sizes_mm))
+        sheets = mount_sheets(item.mesh, checks, item.spec.mounts, sizes_mm, item.name)
+        shown = replace(item, mesh=attach(item.mesh, *sheets))
     except ToolkitError as error:
         trouble = f"no place for the patch yet: {error}"
     camera = Camera.from_fov()

@@ -126,7 +126,7 @@ def print_profile(
     from toolkit.photos.prints.profile_photos import profile_photos
     from toolkit.printing.page import parse_paper
     from toolkit.printing.print_patches import select_patches
-    from toolkit.printing.wearers import choose_wearer
+    from toolkit.printing.wearers import choose_wearer, say_sizes
 
     if name is not None and not is_file_name(name):
         raise FieldError("expected letters, digits, '-' and '_', without a suffix", {"name": name})
@@ -140,7 +140,9 @@ def print_profile(
     patch = read_patch(chosen[0])
     if size_mm is None:
         wearer = choose_wearer(space, chosen[0])
-        size_mm = wearer.size_mm if wearer else patch.size_mm
+        if wearer is not None and len(set(wearer.sizes_mm)) > 1:
+            raise FieldError(f"{wearer.object} wears it at {say_sizes(wearer.sizes_mm)}: give {{size_mm}}", {})
+        size_mm = wearer.sizes_mm[0] if wearer else patch.size_mm
     run = profile_photos(photos, patch, parse_paper(paper), size_mm, name, by)
     list_skipped(run.skipped)
     file = write_print_profile(out or space.root / "print" / "profiles" / f"{run.profile.name}.json", run.profile)

@@ -28,11 +28,12 @@ def list_objects(
     rows: list[dict[str, Any]] = []
     for name, file in space.object_specs().items():
         item = load_object(file)
+        sides = [mount.at for mount in item.spec.mounts]
         rows.append(
             {
                 "name": name, "class": item.spec.class_name, "mesh": item.spec.mesh,
                 "size_mm": [round(float(side), 1) for side in item.mesh.size_mm],
-                "triangles": len(item.mesh.faces), "patch_at": item.spec.patch.at,
+                "triangles": len(item.mesh.faces), "patch_at": sides[0] if len(sides) == 1 else sides,
             }
         )  # fmt: skip
         if export is not None:
@@ -45,7 +46,8 @@ def list_objects(
     cells = []
     for row in rows:
         size = " × ".join(f"{side:g}" for side in row["size_mm"])
-        cells.append((row["name"], row["class"], row["mesh"], size, f"{row['triangles']:,}", row["patch_at"]))
+        at = row["patch_at"] if isinstance(row["patch_at"], str) else ", ".join(row["patch_at"])
+        cells.append((row["name"], row["class"], row["mesh"], size, f"{row['triangles']:,}", at))
     show_table(("object", "class", "mesh", "size, mm (x × y × z)", "triangles", "patch"), cells)
     if export is not None:
         say(f"wrote {len(rows)} GLB files to {export}")

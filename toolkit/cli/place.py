@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from toolkit.boosters.validation import Validation
     from toolkit.rig.place import Place
 
+RANDOM_VIEWS = 64
+"""That judge sheets which go on together."""
+
 
 @from_config(config=PlaceConfig)
 def place(
@@ -36,63 +39,84 @@ def place(
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Score places and sizes for a patch by what the plan's cameras see of it, and draw the best."""
+    """Score places and sizes for a patch by what cameras see of it, and draw the best.
+
+    One sheet is scored by the plan's cameras; with --sheets 2 or more, those that go on together by random ones.
+    """
     from toolkit.captures.shoot import ShootSettings, studio_for
     from toolkit.core.errors import ToolkitError
     from toolkit.core.files import write_bytes
     from toolkit.core.workspace import open_workspace
     from toolkit.objects.load import load_object
     from toolkit.objects.mesh import make_ray_scene
-    from toolkit.objects.spec import write_mount
-    from toolkit.rig.fit import mounted_size_mm
-    from toolkit.rig.place import draw_places, find_places, judge_place
+    from toolkit.objects.spec import write_mounts
+    from toolkit.rig.fit import mounted_sizes_mm
+    from toolkit.rig.place import draw_places, draw_poses, find_places, find_sheets, judge_place
     from toolkit.rig.plan import open_plan
 
     space = open_workspace(workspace)
     item = load_object(space.object_spec(object_name))
     plan = open_plan(space, [object_name])
-    poses = plan.objects[object_name]
-    own_mm = mounted_size_mm(space, item)
-    own = item.spec.patch.model_copy(update={"size_mm": own_mm})
-    now = judge_place(item, make_ray_scene(item.mesh), plan.camera, poses, own)
-    sizes = config.sizes_mm or (round(own_mm, 1), round(own_mm * 2 / 3, 1))
-    places = find_places(item, plan.camera, poses, config, sorted(set(sizes), reverse=True))
+    together = config.sheets > 1
+    poses = draw_poses(item, plan.camera, RANDOM_VIEWS, seed) if together else plan.objects[object_name]
+    own_mm = mounted_sizes_mm(space, item)
+    scene, stated = make_ray_scene(item.mesh), item.spec.mounts
+    own = [mount.model_copy(update={"size_mm": size}) for mount, size in zip(stated, own_mm, strict=True)]
+    now = [judge_place(item, scene, plan.camera, poses, mount) for mount in own]
+    sizes = config.sizes_mm or (round(own_mm[0], 1), round(own_mm[0] * 2 / 3, 1))
+    find = find_sheets if together else find_places
+    places = find(item, plan.camera, poses, config, sorted(set(sizes), reverse=True))
     if not places:
         raise ToolkitError(
             f"{object_name}: no sheet of {' or '.join(f'{size:g}' for size in sizes)} mm lies anywhere on it: try a "
             "smaller --size-mm, or more --steps"
         )
     file = space.root / "rig" / "preview" / f"{object_name}-places.png"
-    shown = [one for one in places if one.mount.size_mm == places[0].mount.size_mm]
+    shown = [one for one in places if together or one.mount.size_mm == places[0].mount.size_mm]
     write_bytes(file, draw_places(item, shown, plan.camera, poses, studio_for(item, ShootSettings())))
-    trained: list[list[Validation]] = [[] for _ in places]
+    choices = [[one.mount for one in places]] if together else [[one.mount] for one in places]
+    trained: list[list[Validation]] = [[] for _ in choices]
     if train:
         from toolkit.boosters.for_object import try_place
         from toolkit.models.load import load_classifiers
 
         networks = load_classifiers(model, weights, device, space.classifiers_dir)
-        trained = [try_place(space, object_name, networks, one.mount, train, seed) for one in places]
-    worth = [(sum(answer.patched.value for answer in trained[k]), one.score) for k, one in enumerate(places)]
+        trained = [try_place(space, object_name, networks, mounts, train, seed) for mounts in choices]
+    worth = [(sum(answer.patched.value for answer in trained[k]), places[k].score) for k in range(len(choices))]
     written = None
     if write:
-        best = places[worth.index(max(worth))]
-        written = write_mount(space.object_spec(object_name), space.objects_dir / f"{object_name}.toml", best.mount)
+        best = choices[worth.index(max(worth))]
+        written = write_mounts(space.object_spec(object_name), space.objects_dir / f"{object_name}.toml", best)
     if as_json:
-        found = [one.as_json() | {"trained": _as_json(trained[k])} for k, one in enumerate(places)]
+        found = [one.as_json() | {"trained": _as_json(trained[0 if together else k])} for k, one in enumerate(places)]
+        were = [one and one.as_json() for one in now]
         show_json({
             "object": object_name, "poses": len(poses), "picture": str(file), "written": written and str(written),
-            "now": now and now.as_json(), "places": found,
+            "now": were[0] if len(were) == 1 else were, "places": found,
         })  # fmt: skip
         return
-    named = _number(places)
-    tried = [("now" if now.lies else "now (does not lie)", now)] if now else []
+    named = [(str(k), one) for k, one in enumerate(places, 1)] if together else _number(places)
+    tried = [("now" if one.lies else "now (does not lie)", one) for one in now if one]
     _show_table([*tried, *named], len(poses))
-    for (name, one), answers in zip(named, trained, strict=True):
+    for k, answers in enumerate(trained):
+        which = f"{len(places)} sheets" if together else f"{named[k][0]} of {places[k].mount.size_mm:g} mm"
         for answer in answers:
             said = f"{answer.patched} of held-out views, {answer.bare} with grey paper"
-            say(f"{name} of {one.mount.size_mm:g} mm, {train} steps on {answer.network}: {said}")
-    say(f"{file}: the places of {places[0].mount.size_mm:g} mm, numbered from the best")
+            say(f"{which}, {train} steps on {answer.network}: {said}")
+    if together:
+        _say_together(file, places, config.sheets, len(poses))
+    else:
+        say(f"{file}: the places of {places[0].mount.size_mm:g} mm, numbered from the best")
     _say_written(written, object_name)
+
+
+def _say_together(file: Path, places: "list[Place]", wanted: int, n_poses: int) -> None:
+    from toolkit.rig.place import share_seen
+
+    seen = f"{share_seen(places):.0%} of {n_poses} random views show half of one"
+    say(f"{file}: {len(places)} sheets that go on together; {seen}")
+    if len(places) < wanted:
+        warn(f"there is no room for {wanted} sheets: try a smaller --size-mm, or more --steps")
 
 
 def _say_written(written: Path | None, object_name: str) -> None:

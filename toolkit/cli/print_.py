@@ -74,7 +74,7 @@ def print_patches(
     for failure in failed:
         warn(f"not printed: {failure['reason']}", style="red")
     if as_json:
-        show_json({"printed": [asdict(one) for one in printed], "failed": failed, "notes": notes})
+        show_json({"printed": [one.as_json() for one in printed], "failed": failed, "notes": notes})
     else:
         _report_patches(printed, notes)
     if failed:

@@ -87,11 +87,12 @@ def train_patch(
         wanted, name = (spec.class_name if class_name is None else class_name), name or object_name
         sources = sources if data.rig_source else (*sources, f"rig:{object_name}")
         overrides = size_by_spec(overrides, spec)
-        trained_mm = overrides.get("spec.size_mm")
-        if spec.patch.size_mm not in (None, trained_mm):
+        asked_mm = overrides.get("size_mm")
+        others_mm = [f"{one.size_mm:g}" for one in spec.mounts if one.size_mm not in (None, asked_mm)]
+        if asked_mm and others_mm:
             warn(
-                f"{object_name}: trained for {trained_mm:g} mm, but the rig mounts its patch at "
-                f"{spec.patch.size_mm:g} mm: set size_mm under [patch] in its spec"
+                f"{object_name}: trained for {asked_mm:g} mm, but the rig mounts its patch at "
+                f"{' and '.join(others_mm)} mm: set size_mm under [patch] in its spec"
             )
     if wanted is None:
         raise FieldError("{class_name} is missing: name it, or the object with {object_name}", {})

@@ -1,9 +1,19 @@
-"""`rig/objects/NAME.toml`: what an object is and where its patch goes."""
+"""`rig/objects/NAME.toml`: what an object is and where the sheets with its patch go."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_bytes, read_toml, write_text
@@ -14,6 +24,7 @@ Side = Literal["top", "front", "back", "left", "right"]
 Shift = Annotated[float, Field(ge=-100_000, le=100_000)]
 BUILTIN_PREFIX = "builtin:"
 MOST_SPEC_BYTES = 1 << 20
+MOST_SHEETS = 12
 
 
 def axes_of_format(mesh: str) -> tuple[Axis, Axis]:
@@ -53,7 +64,7 @@ class ObjectSpec(BaseModel):
         world_length_m: longest side of what it is a model of, for worlds outdoors.
         up: the mesh's axis that points up; by default as `axes_of_format` says.
         front: the mesh's axis that points to the front; likewise.
-        patch: where the patch is stuck.
+        mounts: where the patch is stuck: one sheet, or as many as there are tables `[[patch]]`.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
@@ -64,7 +75,21 @@ class ObjectSpec(BaseModel):
     world_length_m: float | None = Field(None, ge=0.001, lt=10_000)
     up: Axis = "z"
     front: Axis = "x"
-    patch: PatchMount = PatchMount()
+    mounts: tuple[PatchMount, ...] = Field((PatchMount(),), alias="patch", min_length=1, max_length=MOST_SHEETS)
+
+    @field_validator("mounts", mode="wrap")
+    @classmethod
+    def _take_one_table(cls, value: Any, validate: ValidatorFunctionWrapHandler) -> tuple[PatchMount, ...]:
+        mounts: tuple[PatchMount, ...] = (
+            (PatchMount.model_validate(value),) if isinstance(value, dict) else validate(value)
+        )
+        return mounts
+
+    @model_serializer(mode="wrap")
+    def _give_one_table(self, serialize: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        fields: dict[str, Any] = serialize(self)
+        mounts = fields.pop("mounts", None) or fields.pop("patch")  # by name, or by alias
+        return fields | {"patch": mounts[0] if len(mounts) == 1 else mounts}
 
     @model_validator(mode="before")
     @classmethod
@@ -89,9 +114,17 @@ class ObjectSpec(BaseModel):
         """Scale from the model to what it is a model of; raises as `real_length_m`."""
         return self.real_length_m / self.length_mm
 
+    def sizes_mm(self, default_mm: float) -> tuple[float, ...]:
+        """Side of the patch on each sheet, millimetres; `default_mm` where its mount states none."""
+        return tuple(mount.size_mm or default_mm for mount in self.mounts)
+
     def with_patch_size(self, size_mm: float) -> "ObjectSpec":
-        """The same object with a patch printed at another size, millimetres."""
-        return self.model_copy(update={"patch": self.patch.model_copy(update={"size_mm": size_mm})})
+        """The same object with its patch printed at another size on every sheet, millimetres."""
+        return self.with_mounts([mount.model_copy(update={"size_mm": size_mm}) for mount in self.mounts])
+
+    def with_mounts(self, mounts: Sequence[PatchMount]) -> "ObjectSpec":
+        """The same object with its sheets in other places."""
+        return self.model_copy(update={"mounts": tuple(mounts)})
 
 
 def read_spec(path: Path) -> ObjectSpec:
@@ -111,13 +144,13 @@ def read_spec(path: Path) -> ObjectSpec:
     return spec.model_copy(update={"name": name})
 
 
-def write_mount(spec_file: Path, written: Path, mount: PatchMount) -> Path:
-    """Write a spec with another place for its patch; all else stays as it is, comments outside `[patch]` too.
+def write_mounts(spec_file: Path, written: Path, mounts: Sequence[PatchMount]) -> Path:
+    """Write a spec with other places for its sheets; all else stays as it is, comments outside `[patch]` too.
 
     Args:
         spec_file: the spec as it is.
         written: where to; another file for an object of the package.
-        mount: the place.
+        mounts: the places, one for each sheet.
 
     Raises:
         ToolkitError: the spec is broken, or the disk is full or read-only.
@@ -126,11 +159,13 @@ def write_mount(spec_file: Path, written: Path, mount: PatchMount) -> Path:
     lines, is_patch = [], False
     for line in read_bytes(spec_file, MOST_SPEC_BYTES).decode().splitlines():
         if line.strip().startswith("["):
-            is_patch = line.strip().split("#")[0].strip() == "[patch]"
+            is_patch = line.strip().split("#")[0].strip() in ("[patch]", "[[patch]]")
         lines += [] if is_patch else [line]
-    table = [
-        "[patch]", f'at = "{mount.at}"', *([] if mount.size_mm is None else [f"size_mm = {mount.size_mm:g}"]),
-        f"offset_mm = [{mount.offset_mm[0]:g}, {mount.offset_mm[1]:g}]",
-        *([f"rotation_deg = {mount.rotation_deg:g}"] if mount.rotation_deg else []),
-    ]  # fmt: skip
-    return write_text(written, "\n".join([*lines, "", *table]).replace("\n\n\n", "\n\n") + "\n")
+    for mount in mounts:
+        lines += [
+            "", "[patch]" if len(mounts) == 1 else "[[patch]]", f'at = "{mount.at}"',
+            *([] if mount.size_mm is None else [f"size_mm = {mount.size_mm:g}"]),
+            f"offset_mm = [{mount.offset_mm[0]:g}, {mount.offset_mm[1]:g}]",
+            *([f"rotation_deg = {mount.rotation_deg:g}"] if mount.rotation_deg else []),
+        ]  # fmt: skip
+    return write_text(written, "\n".join(lines).replace("\n\n\n", "\n\n") + "\n")

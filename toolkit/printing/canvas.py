@@ -161,6 +161,11 @@ def place_patch(canvas: "Canvas", x: float, y: float, side_mm: float, n_px: int)
 POINTS_PER_MM = 72 / MM_PER_INCH
 
 
+def set_paper(canvas: "Canvas", paper: Paper) -> None:
+    """The size of the page that is drawn next and of those after it."""
+    canvas.setPageSize((paper.width_mm * POINTS_PER_MM, paper.height_mm * POINTS_PER_MM))
+
+
 def open_canvas(buffer: BytesIO, paper: Paper) -> "Canvas":
     """A canvas for pages of that paper, in points; the same drawing gives the same bytes."""
     from reportlab.pdfgen.canvas import Canvas

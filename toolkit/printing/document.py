@@ -16,6 +16,7 @@ from toolkit.printing.canvas import (
     open_canvas,
     place_patch,
     register_fonts,
+    set_paper,
 )
 from toolkit.printing.colour_strip import draw_strip
 from toolkit.printing.layout import (
@@ -40,7 +41,7 @@ from toolkit.printing.marks import (
 )
 from toolkit.printing.page import OVERLAP_MM, Rect
 from toolkit.printing.settings import PrintSettings
-from toolkit.printing.wearers import SAME_MM, Wearer
+from toolkit.printing.wearers import SAME_MM, Wearer, say_sizes
 
 if TYPE_CHECKING:
     from reportlab.pdfgen.canvas import Canvas
@@ -136,65 +137,78 @@ def _draw_tile(canvas: "Canvas", box: Rect, name: str) -> None:
 
 @dataclass(frozen=True)
 class PrintedDocument:
-    """A finished PDF and how it is laid out."""
+    """A finished PDF and how it is laid out: a plan for each sheet of the object, one after the other."""
 
     content: bytes
-    plan: PrintPlan
+    plans: tuple[PrintPlan, ...]
+
+    @property
+    def plan(self) -> PrintPlan:
+        """Of the only sheet, or the first."""
+        return self.plans[0]
 
 
 def build_pdf(patch: Patch, settings: PrintSettings, wearer: Wearer | None = None) -> PrintedDocument:
-    """Lay out a patch on pages at true physical size.
+    """Lay out a patch on pages at true physical size, once for each sheet of the object that it is printed for.
 
     The same arguments and toolkit version give the same bytes: the file holds no time and no random id.
 
     Args:
         patch: the patch.
-        settings: paper and size; where they state no size, the wearer's counts, else the record's.
-        wearer: the object that it is printed for: its name stands in the margin.
+        settings: paper and size; where they state no size, the wearer's count, else the record's.
+        wearer: the object that it is printed for: its name, and of several sheets which one it is, stand in the margin.
 
     Raises:
         ToolkitError: the patch would be under 1 mm or over 5 m wide.
     """
     record = patch.record
-    if wearer is not None and not settings.states_size:
-        settings = settings.with_overrides(size_mm=wearer.size_mm)
-    elif not settings.states_size and abs(record.size_mm - printed_size_mm(record.n_px)) > SAME_MM:
-        settings = settings.with_overrides(size_mm=record.size_mm)  # that it was trained for
-    side_mm = measure_side_mm(record.n_px, settings)
-    plan = plan_pages(side_mm, settings)
-    label = compose_label(record, side_mm, settings)
+    trained_mm = record.size_mm if abs(record.size_mm - printed_size_mm(record.n_px)) > SAME_MM else None
+    sizes = (trained_mm,) if wearer is None else wearer.sizes_mm
+    states = settings.states_size
+    settled = [settings if states or size is None else settings.with_overrides(size_mm=size) for size in sizes]
+    sides_mm = [measure_side_mm(record.n_px, one) for one in settled]
+    plans = [plan_pages(side_mm, one) for side_mm, one in zip(sides_mm, settled, strict=True)]
+    labels = [compose_label(record, side_mm, one) for side_mm, one in zip(sides_mm, settled, strict=True)]
     register_fonts()
     buffer = BytesIO()
-    canvas = open_canvas(buffer, plan.frame.paper)
+    canvas = open_canvas(buffer, plans[0].frame.paper)
     keywords = {
         "class": record.class_name,
-        "size_mm": f"{side_mm:.3f}",
+        "size_mm": "+".join(f"{side_mm:.3f}" for side_mm in sides_mm),
         "n_px": record.n_px,
         "patch_sha256": record.png_sha256,
     }
-    title = f"{record.class_name} patch, {side_mm:.1f} mm"
-    describe_document(canvas, title, f"{label.title}: {label.size}", keywords)
+    title = f"{record.class_name} patch, {say_sizes(sides_mm)}"
+    describe_document(canvas, title, f"{labels[0].title}: {' and '.join(one.size for one in labels)}", keywords)
     define_patch(canvas, patch.pixels)
-    for number, page in enumerate(plan.pages, start=1):
-        _draw_page(canvas, plan, page, patch, label, wearer, number=number)
-        canvas.showPage()
+    number, total = 0, sum(len(plan.pages) for plan in plans)
+    for index, (plan, label) in enumerate(zip(plans, labels, strict=True)):
+        name = record.name if wearer is None else wearer.name_sheet(index)
+        at: Side = "top" if wearer is None else wearer.sides[index]
+        which = f"sheet {index + 1} of {len(plans)}, " if len(plans) > 1 else ""
+        for page in plan.pages:
+            number += 1
+            if len(plans) > 1:
+                set_paper(canvas, plan.frame.paper)
+            _draw_page(
+                canvas, plan, page, record.n_px, label, name=name, at=at, which=f"{which}page {number} of {total}"
+            )
+            canvas.showPage()
     canvas.save()
-    return PrintedDocument(buffer.getvalue(), plan)
+    return PrintedDocument(buffer.getvalue(), tuple(plans))
 
 
 def _draw_page(
-    canvas: "Canvas", plan: PrintPlan, page: Page, patch: Patch, label: PatchLabel, wearer: Wearer | None, number: int
+    canvas: "Canvas", plan: PrintPlan, page: Page, n_px: int, label: PatchLabel, *, name: str, at: Side, which: str
 ) -> None:
-    frame, n_px = plan.frame, patch.record.n_px
-    at: Side = wearer.at if wearer else "top"
+    frame = plan.frame
 
     def draw_sheet(canvas: "Canvas", x: float = 0.0, y: float = 0.0) -> None:
         place_patch(canvas, x + plan.margin_mm, y + plan.margin_mm, plan.side_mm, n_px)
-        cut, name = Rect(x, y, plan.cut_mm, plan.cut_mm), wearer.object if wearer else patch.record.name
-        draw_margin_words(canvas, cut, plan.margin_mm, name, at)
+        draw_margin_words(canvas, Rect(x, y, plan.cut_mm, plan.cut_mm), plan.margin_mm, name, at)
 
     canvas.scale(POINTS_PER_MM, POINTS_PER_MM)
-    which = f"{frame.paper.name} {frame.paper.orientation}, page {number} of {len(plan.pages)}"
+    which = f"{frame.paper.name} {frame.paper.orientation}, {which}"
     if isinstance(page, MapPage):
         rows, columns = plan.tiles
         which = f"{count_things(rows, 'row')} × {count_things(columns, 'column')}, {which}"

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError, one_of
@@ -12,12 +13,12 @@ from toolkit.imaging.printer import PrintScores, score_print
 from toolkit.objects.load import load_object
 from toolkit.objects.printed_size import BASE_DPI
 from toolkit.objects.records import PatchRecord, read_patch
-from toolkit.objects.spec import read_spec
+from toolkit.objects.spec import Side, read_spec
 from toolkit.printing.document import build_pdf
 from toolkit.printing.layout import effective_percent
 from toolkit.printing.settings import PrintSettings
-from toolkit.printing.wearers import SAME_MM, Wearer, as_wearer, choose_wearer, find_wearers
-from toolkit.rig.fit import describe_misfit, is_own
+from toolkit.printing.wearers import Wearer, as_wearer, choose_wearer, find_wearers, is_same_size, say_sizes
+from toolkit.rig.fit import describe_misfits, is_own
 from toolkit.rig.variants import find_patch_file
 
 
@@ -76,8 +77,21 @@ def _read_classes(known: dict[str, Path]) -> tuple[dict[str, str], list[str]]:
 
 
 @dataclass(frozen=True)
+class PrintedSheet:
+    """One of an object's several sheets in a PDF: the side it goes on, sides of patch and cut sheet, pages, tiles."""
+
+    at: Side
+    size_mm: float
+    cut_mm: float
+    pages: int
+    tiles: tuple[int, int]
+
+
+@dataclass(frozen=True)
 class PrintedPatch:
     """A PDF that was written.
+
+    Where the object has several sheets, `pages` counts those of all; sizes, scale, paper and tiles are the first's.
 
     Attributes:
         file: the PDF.
@@ -91,6 +105,7 @@ class PrintedPatch:
         recorded_mm: the side that the patch's record states.
         object: that it was printed for, whose spec states the size where the settings do not; None where none wears it.
         colour_strip: whether the strip of known colours is beside the patch.
+        sheets: of an object that has several; none where it has one.
         total_variation, non_printability: see `toolkit.imaging.printer.PrintScores`.
     """
 
@@ -113,6 +128,17 @@ class PrintedPatch:
     total_variation: float
     non_printability: float
     object: str | None = None
+    sheets: tuple[PrintedSheet, ...] = ()
+
+    @property
+    def sizes_mm(self) -> tuple[float, ...]:
+        """Side of the patch on each sheet."""
+        return tuple(sheet.size_mm for sheet in self.sheets) or (self.size_mm,)
+
+    def as_json(self) -> dict[str, Any]:
+        """All fields; `sheets` only of an object that has several."""
+        fields = asdict(self)
+        return fields if self.sheets else {name: value for name, value in fields.items() if name != "sheets"}
 
     def describe(self) -> str:
         """One line: what was made, how large, on how many pages."""
@@ -121,7 +147,11 @@ class PrintedPatch:
         rows, columns = self.tiles
         tiles = "" if rows * columns == 1 else f" (a map and {rows} × {columns} tiles a copy)"
         target = f" for {self.object}" if self.object not in (None, self.name) else ""
-        return f"{shorten(self.file)}{target}: {self.size_mm:.1f} × {self.size_mm:.1f} mm{copies}, {pages}{tiles}"
+        size = f"{self.size_mm:.1f} × {self.size_mm:.1f} mm"
+        if self.sheets:
+            each = (f"{number} on its {one.at} {one.size_mm:.1f} mm" for number, one in enumerate(self.sheets, 1))
+            size = f"{len(self.sheets)} sheets, {', '.join(each)}"
+        return f"{shorten(self.file)}{target}: {size}{copies}, {pages}{tiles}"
 
     def describe_scores(self) -> str:
         """One line: how the patch will come out of the printer."""
@@ -153,7 +183,11 @@ def print_patch(
     patch, settings = read_patch(png_file), settings or PrintSettings()
     document = build_pdf(patch, settings, wearer)
     write_bytes(pdf_file, document.content)
-    record, plan = patch.record, document.plan
+    record, plan, plans = patch.record, document.plan, document.plans
+    sheets = [
+        PrintedSheet(at, round(one.side_mm, 3), round(one.cut_mm, 3), len(one.pages), one.tiles)
+        for at, one in zip(wearer.sides if wearer else ("top",), plans, strict=True)
+    ]
     return PrintedPatch(
         file=str(pdf_file),
         name=png_file.stem,
@@ -167,11 +201,12 @@ def print_patch(
         paper=plan.frame.paper.name,
         orientation=plan.frame.paper.orientation,
         copies=settings.copies,
-        pages=len(plan.pages),
+        pages=sum(len(one.pages) for one in plans),
         tiles=plan.tiles,
         recorded_mm=record.size_mm,
-        colour_strip=plan.has_strip,
+        colour_strip=any(one.has_strip for one in plans),
         object=wearer.object if wearer else None,
+        sheets=tuple(sheets) if len(sheets) > 1 else (),
         **{key: round(score, 4) for key, score in asdict(score_print(patch.pixels)).items()},
     )
 
@@ -288,11 +323,12 @@ def compare_with_rig(workspace: Workspace, printed: PrintedPatch, png_file: Path
     wearers, broken = find_wearers(workspace, png_file)
     notes = []
     for one in wearers:
-        if abs(one.size_mm - printed.size_mm) < SAME_MM:
+        if is_same_size(one.sizes_mm, printed.sizes_mm):
             continue
+        sheet = "sheet" if len(one.sizes_mm) == 1 else "sheets"
         notes.append(
-            f"the rig mounts {printed.name} on {one.object} at {one.size_mm:.1f} mm, and photographs are judged by "
-            f"that: print the sheet of {one.object}, or set size_mm = {printed.size_mm:.1f} under [patch] in "
+            f"the rig mounts {printed.name} on {one.object} at {say_sizes(one.sizes_mm)}, and photographs are judged "
+            f"by that: print the {sheet} of {one.object}, or set size_mm = {printed.size_mm:.1f} under [patch] in "
             f"rig/objects/{one.object}.toml"
         )
     return notes + broken
@@ -302,8 +338,8 @@ def check_fits(workspace: Workspace, printed: Sequence[PrintedPatch]) -> list[st
     """Which sheets will not lie on their objects at the size that was printed, and where they would."""
     notes = []
     for one in printed:
-        if one.object is None or (not is_own(workspace, one.object) and one.size_mm <= one.recorded_mm):
+        if one.object is None or (not is_own(workspace, one.object) and max(one.sizes_mm) <= one.recorded_mm):
             continue
         item = load_object(workspace.object_spec(one.object))
-        notes += [line for line in [describe_misfit(item, one.size_mm)] if line]
+        notes += describe_misfits(item, one.sizes_mm)
     return notes

@@ -1,6 +1,7 @@
 """Which objects a patch is stuck on, and how large it is there: what a page is printed by."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from toolkit.objects.spec import ObjectSpec, Side, read_spec
 from toolkit.rig.variants import find_patch_file
 
 SAME_MM = 0.05
-STATED = re.compile(rb"size_mm=([0-9.]+), n_px=\d+, patch_sha256=([0-9a-f]{64})")
+STATED = re.compile(rb"size_mm=([0-9.+]+), n_px=\d+, patch_sha256=([0-9a-f]{64})")
 """In a PDF's keywords, see `toolkit.printing.document.build_pdf`."""
 
 
@@ -21,13 +22,18 @@ class Wearer:
 
     Attributes:
         object: its name.
-        at: the side that the sheet is taped to.
-        size_mm: side of the patch there: `[patch] size_mm` of its spec, else the patch's record.
+        sides: for each of its sheets, the side that it is taped to.
+        sizes_mm: likewise, side of the patch there: `[patch] size_mm` of its spec, else the patch's record.
     """
 
     object: str
-    at: Side
-    size_mm: float
+    sides: tuple[Side, ...]
+    sizes_mm: tuple[float, ...]
+
+    def name_sheet(self, index: int) -> str:
+        """`mug`, or of several sheets `mug, sheet 2 of 2 (left)`, for the paper's margin."""
+        count = len(self.sides)
+        return self.object if count == 1 else f"{self.object}, sheet {index + 1} of {count} ({self.sides[index]})"
 
 
 def find_wearers(workspace: Workspace, png_file: Path) -> tuple[list[Wearer], list[str]]:
@@ -47,16 +53,29 @@ def find_wearers(workspace: Workspace, png_file: Path) -> tuple[list[Wearer], li
 
 def as_wearer(spec: ObjectSpec, png_file: Path) -> Wearer:
     """An object with a patch; raises as `read_patch`."""
-    return Wearer(spec.name, spec.patch.at, spec.patch.size_mm or read_patch(png_file).size_mm)
+    sides = tuple(mount.at for mount in spec.mounts)
+    return Wearer(spec.name, sides, spec.sizes_mm(read_patch(png_file).size_mm))
 
 
-def read_page(pdf_file: Path) -> tuple[float, str] | None:
-    """Side in mm and hash of the patch on a page of `toolkit print`, as the PDF states them; None where it does not."""
+def say_sizes(sizes_mm: Sequence[float]) -> str:
+    """`88.2 mm`, `90.0 and 60.0 mm`."""
+    return f"{' and '.join(f'{size:.1f}' for size in sizes_mm)} mm"
+
+
+def is_same_size(sizes_mm: Sequence[float], others_mm: Sequence[float]) -> bool:
+    """Whether sheets have the sizes of others, in order."""
+    return len(sizes_mm) == len(others_mm) and all(
+        abs(one - other) < SAME_MM for one, other in zip(sizes_mm, others_mm, strict=True)
+    )
+
+
+def read_page(pdf_file: Path) -> tuple[tuple[float, ...], str] | None:
+    """Sides of the sheets in mm and hash of the patch, as a PDF of `toolkit print` states them; None: it does not."""
     try:
         found = STATED.search(pdf_file.read_bytes())
     except OSError:
         return None
-    return (float(found[1]), found[2].decode()) if found else None
+    return (tuple(float(side) for side in found[1].split(b"+")), found[2].decode()) if found else None
 
 
 def choose_wearer(workspace: Workspace, png_file: Path) -> Wearer | None:
@@ -74,8 +93,8 @@ def choose_wearer(workspace: Workspace, png_file: Path) -> Wearer | None:
     if not candidates:
         return None
     first = candidates[0]
-    if any(abs(one.size_mm - first.size_mm) > SAME_MM for one in candidates):
-        sizes = ", ".join(f"{one.object} {one.size_mm:.1f} mm" for one in candidates)
+    if not all(is_same_size(one.sizes_mm, first.sizes_mm) for one in candidates):
+        sizes = ", ".join(f"{one.object} {say_sizes(one.sizes_mm)}" for one in candidates)
         raise FieldError(
             f"the patch '{png_file.stem}' is worn in different sizes ({sizes}): name the object {{objects}}, or give "
             "{size_mm}",

@@ -1,4 +1,4 @@
-"""Does the printed sheet lie on the place that the object's spec names?
+"""Do the printed sheets lie on the places that the object's spec names?
 
 A sheet that is larger than its place becomes a tent: it floats over what is below, and hangs over the edge.
 """
@@ -16,7 +16,7 @@ from toolkit.objects.mesh import Mesh
 from toolkit.objects.printed_size import printed_size_mm
 from toolkit.objects.records import TAPE_MARGIN_MM, read_patch
 from toolkit.objects.spec import PatchMount, Side
-from toolkit.rig.mount import SAMPLES, LaidSheet, lay_sheet
+from toolkit.rig.mount import SAMPLES, LaidSheet, lay_sheet, mount_sheets
 from toolkit.rig.variants import find_patch_file
 
 FLOATING_OFF = 0.1
@@ -66,12 +66,12 @@ class SheetFit:
 
 
 def measure_fit(item: TableObject, size_mm: float, mount: PatchMount | None = None) -> SheetFit:
-    """Measure how a patch of that side, with its white margin, lies where `mount` (by default the spec) says.
+    """Measure how a patch of that side, with its white margin, lies where `mount` (by default the spec's first) says.
 
     Raises:
         ToolkitError: it cannot be mounted there at all, as `lay_sheet` says.
     """
-    mount = mount or item.spec.patch
+    mount = mount or item.spec.mounts[0]
     laid = lay_sheet(item.mesh, size_mm, mount, item.name, lambda T, side: survey_heights(item.mesh, T, side))
     points, slope = _spread(laid)
     steps = (points[:, :2] / (size_mm + 2 * TAPE_MARGIN_MM) + 0.5) * (SAMPLES - 1)
@@ -133,15 +133,16 @@ def _is_margin(size_mm: float) -> np.ndarray:
     return (away[0][:, None] | away[1][None, :]).reshape(-1)
 
 
-def suggest_place(item: TableObject, size_mm: float) -> SheetFit | None:
-    """A place where a patch lies: in the side that the spec names at 70 % of the size or more, else the largest of all.
+def suggest_place(item: TableObject, size_mm: float, stated: PatchMount | None = None) -> SheetFit | None:
+    """A place where a patch lies: in the side that is stated at 70 % of the size or more, else the largest of all.
 
-    None where it lies nowhere.
+    By default the spec's first mount states it. None where it lies nowhere.
     """
+    stated = stated or item.spec.mounts[0]
     found: list[SheetFit] = []
-    sides: Sequence[Side] = (item.spec.patch.at, *(one for one in get_args(Side) if one != item.spec.patch.at))
+    sides: Sequence[Side] = (stated.at, *(one for one in get_args(Side) if one != stated.at))
     for at in sides:
-        mount = item.spec.patch if at == item.spec.patch.at else PatchMount(at=at)
+        mount = stated if at == stated.at else PatchMount(at=at)
         for share in SIZES_TRIED:
             tried_mm = share * size_mm
             if tried_mm < SMALLEST_TRIED_MM:
@@ -153,15 +154,38 @@ def suggest_place(item: TableObject, size_mm: float) -> SheetFit | None:
             if fit.lies:
                 found.append(fit)
                 break
-        if found and found[0].at == item.spec.patch.at and found[0].size_mm >= 0.7 * size_mm:
+        if found and found[0].at == stated.at and found[0].size_mm >= 0.7 * size_mm:
             break
     return max(found, key=lambda fit: (fit.size_mm, -fit.floating), default=None)
 
 
-def describe_misfit(item: TableObject, size_mm: float) -> str | None:
-    """One line on a sheet that does not lie on its place, with a place where it would; None where it lies."""
+def describe_misfits(item: TableObject, sizes_mm: Sequence[float]) -> list[str]:
+    """One line on each sheet that does not lie on its place, as `describe_misfit`, or on two that lie on one another.
+
+    Args:
+        item: the object.
+        sizes_mm: side of the patch on each of its sheets.
+    """
+    lines = [line for number, size in enumerate(sizes_mm, 1) if (line := describe_misfit(item, size, number))]
+    if len(sizes_mm) > 1:
+        try:
+            mount_sheets(item.mesh, np.zeros((1, 1, 3), np.uint8), item.spec.mounts, sizes_mm, item.name)
+        except ToolkitError as error:
+            lines += [] if lines else [str(error)]
+    return lines
+
+
+def describe_misfit(item: TableObject, size_mm: float, number: int = 1) -> str | None:
+    """One line on a sheet that does not lie on its place, with a place where it would; None where it lies.
+
+    Args:
+        item: the object.
+        size_mm: side of the patch.
+        number: of the sheet, 1 for the first.
+    """
+    mount, is_only = item.spec.mounts[number - 1], len(item.spec.mounts) == 1
     try:
-        fit = measure_fit(item, size_mm)
+        fit = measure_fit(item, size_mm, mount)
     except ToolkitError as error:
         trouble = str(error).partition(": ")[2].partition(": ")[0]
     else:
@@ -172,19 +196,21 @@ def describe_misfit(item: TableObject, size_mm: float) -> str | None:
             f"{fit.loose:.0%} of its margin cannot be taped ({fit.overhang:.0%} has nothing below, it bends by "
             f"{fit.bend_deg:.0f}°, what is below rises and falls by {fit.relief_mm:.0f} mm)"
         )
-    said = f"{item.name}: a patch of {size_mm:.0f} mm does not lie on its {item.spec.patch.at}: {trouble}"
-    better = suggest_place(item, size_mm)
+    which = "a patch" if is_only else f"sheet {number}, a patch"
+    said = f"{item.name}: {which} of {size_mm:.0f} mm does not lie on its {mount.at}: {trouble}"
+    better = suggest_place(item, size_mm, mount)
     if better is None:
         return f"{said}; it lies on no side, smaller ones neither: move it with offset_mm, or print it smaller"
-    return f'{said}; this would lie: at = "{better.at}", size_mm = {better.size_mm:.0f} under [patch]'
+    table = "[patch]" if is_only else f"[[patch]] number {number}"
+    return f'{said}; this would lie: at = "{better.at}", size_mm = {better.size_mm:.0f} under {table}'
 
 
-def mounted_size_mm(workspace: Workspace, item: TableObject) -> float:
-    """Side of an object's patch: as the spec says, else as its patch's record, else of a patch as training makes it."""
-    if item.spec.patch.size_mm is not None:
-        return item.spec.patch.size_mm
+def mounted_sizes_mm(workspace: Workspace, item: TableObject) -> tuple[float, ...]:
+    """Side of an object's patch on each sheet: as the spec says, else its record, else of a patch as training makes."""
+    if all(mount.size_mm is not None for mount in item.spec.mounts):
+        return item.spec.sizes_mm(NEW_PATCH_MM)
     file = find_patch_file(workspace, item.spec)
-    return NEW_PATCH_MM if file is None else read_patch(file).size_mm
+    return item.spec.sizes_mm(NEW_PATCH_MM if file is None else read_patch(file).size_mm)
 
 
 def is_own(workspace: Workspace, name: str) -> bool:
@@ -193,10 +219,11 @@ def is_own(workspace: Workspace, name: str) -> bool:
 
 
 def sheet_points(workspace: Workspace, item: TableObject) -> np.ndarray | None:
-    """(n, 3) points all over the sheet of a user's own object, mm; None where none can be mounted."""
+    """(n, 3) points all over the sheets of a user's own object, mm; None where one cannot be mounted."""
     if not is_own(workspace, item.name):
         return None
     try:
-        return measure_fit(item, mounted_size_mm(workspace, item)).points_mm
+        placed = zip(mounted_sizes_mm(workspace, item), item.spec.mounts, strict=True)
+        return np.concatenate([measure_fit(item, size_mm, mount).points_mm for size_mm, mount in placed])
     except ToolkitError:
         return None

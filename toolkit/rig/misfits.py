@@ -7,7 +7,7 @@ import numpy as np
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
 from toolkit.rig.camera import Camera, project
-from toolkit.rig.fit import describe_misfit, is_own, mounted_size_mm, sheet_points
+from toolkit.rig.fit import describe_misfits, is_own, mounted_sizes_mm, sheet_points
 from toolkit.rig.plan import CapturePlan, Pose
 
 
@@ -24,7 +24,7 @@ def list_misfits(workspace: Workspace, names: Sequence[str], plan: CapturePlan |
     Args:
         workspace: whose objects and patches are meant.
         names: of objects; built-in ones are passed over.
-        plan: its cameras must have the whole sheet in the frame.
+        plan: its cameras must have all sheets whole in the frame.
 
     Raises:
         ToolkitError: an object or a patch cannot be read.
@@ -34,8 +34,7 @@ def list_misfits(workspace: Workspace, names: Sequence[str], plan: CapturePlan |
         if not is_own(workspace, name):
             continue
         item = load_object(workspace.object_spec(name))
-        misfit = describe_misfit(item, mounted_size_mm(workspace, item))
-        lines += [misfit] if misfit else []
+        lines += describe_misfits(item, mounted_sizes_mm(workspace, item))
         points = sheet_points(workspace, item) if plan is not None and name in plan.objects else None
         if points is None or plan is None:
             continue
@@ -43,8 +42,10 @@ def list_misfits(workspace: Workspace, names: Sequence[str], plan: CapturePlan |
         cut = {pose: share for pose, share in seen.items() if share < 0.999}
         if cut:
             worst = min(cut, key=lambda pose: cut[pose])
+            is_one = len(item.spec.mounts) == 1
+            a_sheet, sheets, them = ("the sheet", "sheet", "it") if is_one else ("a sheet", "sheets", "them")
             lines.append(
-                f"{name}: the sheet leaves the frame in {len(cut)} of {len(seen)} poses ({1 - cut[worst]:.0%} of it in "
-                f"pose {worst}): 'toolkit plan --object {name}' frames object and sheet together"
+                f"{name}: {a_sheet} leaves the frame in {len(cut)} of {len(seen)} poses ({1 - cut[worst]:.0%} of "
+                f"{them} in pose {worst}): 'toolkit plan --object {name}' frames object and {sheets} together"
             )
     return lines

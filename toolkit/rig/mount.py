@@ -1,7 +1,8 @@
 """Taping a printed sheet to an object: a developable surface over what lies below, true to size."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -116,6 +117,71 @@ def lay_sheet(mesh: Mesh, size_mm: float, mount: PatchMount, name: str, find_hei
     return LaidSheet(_unroll(across, height, along_right, side), along_right, T_object_sheet, heights)
 
 
+def mount_sheets(
+    mesh: Mesh, pixels: np.ndarray, mounts: Sequence[PatchMount], sizes_mm: Sequence[float], name: str = "object"
+) -> list[MountedSheet]:
+    """Stick the same patch on an object in several places, each as `mount_patch` does.
+
+    Args:
+        mesh, pixels: as there.
+        mounts: one for each sheet.
+        sizes_mm: side of the patch on each.
+        name: for messages, which say which sheet is meant where there are several.
+
+    Raises:
+        ToolkitError: one cannot be mounted, or two lie on one another.
+    """
+    sheets = [
+        mount_patch(mesh, pixels, size_mm, mount, name if len(mounts) == 1 else f"{name}, sheet {number}")
+        for number, (mount, size_mm) in enumerate(zip(mounts, sizes_mm, strict=True), 1)
+    ]
+    for (first, one), (second, other) in combinations(enumerate(sheets), 2):
+        if do_overlap(one, other):
+            raise ToolkitError(
+                f"{name}: sheet {first + 1} ({mounts[first].at}) and sheet {second + 1} ({mounts[second].at}) lie on "
+                "one another: move one by its offset_mm, or print them smaller"
+            )
+    return sheets
+
+
+def do_overlap(one: MountedSheet, other: MountedSheet) -> bool:
+    """Whether two sheets lie on one another, or one pierces the other; edges that only touch do not count."""
+    from scipy.spatial import cKDTree
+
+    (points, normals), (other_points, other_normals) = _survey(one), _survey(other)
+    near = (max(one.size_mm, other.size_mm) + 2 * TAPE_MARGIN_MM) / (SAMPLES - 1)
+    distance, which = cKDTree(other_points).query(points, distance_upper_bound=near)
+    close = np.flatnonzero(np.isfinite(distance))
+    which = which[close]
+    inner = np.pad(np.ones((SAMPLES - 4, SAMPLES - 4), bool), 2).reshape(-1)
+    is_same_side = (normals[close] * other_normals[which]).sum(axis=1) > -0.5  # else a thin plate is between them
+    return bool((is_same_side & (inner[close] | inner[which])).any())
+
+
+def _survey(sheet: MountedSheet) -> tuple[np.ndarray, np.ndarray]:
+    """(SAMPLES², 3) points all over the printed face, and the normals there."""
+    share = np.linspace(0, 1, SAMPLES)[None, :, None]
+    edges = (array[: 2 * SAMPLES].reshape(SAMPLES, 2, 3) for array in (sheet.mesh.vertices, sheet.mesh.normals))
+    points, normals = ((edge[:, :1] * (1 - share) + edge[:, 1:] * share).reshape(-1, 3) for edge in edges)
+    return points, normals
+
+
+def wear_sheets(mesh: Mesh, sheets: Sequence[MountedSheet]) -> tuple[Mesh, np.ndarray]:
+    """The object with sheets of one patch on it, and the texture of their paper, which all of them share.
+
+    Paper has a margin of the same millimetres round a patch of any size. The smallest sheet's, which is the widest in
+    texels, serves the others too: texel on texel as on papers of their own.
+    """
+    n_px = [len(sheet.mesh.materials[0].texture) for sheet in sheets]
+    paper = sheets[int(np.argmax(n_px))].mesh.materials[0]
+    shared = []
+    for side, sheet in zip(n_px, sheets, strict=True):
+        uv = (0.5 + (sheet.mesh.uv - 0.5) * (side / max(n_px))).astype(np.float32)
+        worn = replace(sheet.mesh, uv=uv, materials=(paper, *sheet.mesh.materials[1:]))
+        shared.append(sheet.mesh if side == max(n_px) and sheet.mesh.materials[0] is paper else worn)
+    return merge_meshes([mesh, *shared]), paper.texture
+
+
 def make_flat_sheet(pixels: np.ndarray, size_mm: float) -> Mesh:
     """A printed sheet alone on the table, its middle at the origin, right towards +x."""
     side = size_mm + 2 * TAPE_MARGIN_MM
@@ -124,9 +190,9 @@ def make_flat_sheet(pixels: np.ndarray, size_mm: float) -> Mesh:
     return _sheet_mesh(points, True, np.eye(4), pixels, size_mm)
 
 
-def attach(mesh: Mesh, sheet: MountedSheet) -> Mesh:
-    """The object with the sheet on it."""
-    return merge_meshes([mesh, sheet.mesh])
+def attach(mesh: Mesh, *sheets: MountedSheet) -> Mesh:
+    """The object with sheets on it, each of a paper of its own."""
+    return merge_meshes([mesh, *(sheet.mesh for sheet in sheets)])
 
 
 def _frame(right: np.ndarray, up: np.ndarray, normal: np.ndarray, centre: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Where on an object a patch is best stuck: places and sizes scored by what the plan's cameras see of the sheet."""
+"""Where on an object a patch is best stuck: places and sizes scored by what cameras see of the sheet."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -16,12 +16,13 @@ from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import cast_rays, make_ray_scene
 from toolkit.objects.records import TAPE_MARGIN_MM
 from toolkit.objects.spec import PatchMount, Side
-from toolkit.rig.camera import Camera, project
+from toolkit.rig.camera import Camera, distance_to_fill, project
 from toolkit.rig.fit import ACROSS, SheetFit, measure_fit
-from toolkit.rig.mount import SAMPLES, SIDES, attach, mount_patch
+from toolkit.rig.mount import SAMPLES, SIDES, MountedSheet, attach, do_overlap, mount_patch
 from toolkit.rig.plan import Pose
 from toolkit.rig.preview import draw_contact_sheet
 from toolkit.rig.scene import Scene
+from toolkit.rig.views import NEAR_VIEWS
 
 if TYPE_CHECKING:
     from open3d.t.geometry import RaycastingScene
@@ -47,6 +48,9 @@ class PlaceConfig(Config):
     )
     steps: Annotated[int, Field(ge=2, le=100), Flag()] = Field(12, description="Places along the object's length.")
     best: Annotated[int, Field(ge=1, le=len(COLOURS)), Flag()] = Field(3, description="Places shown for each size.")
+    sheets: Annotated[int, Field(ge=1, le=len(COLOURS)), Flag()] = Field(
+        1, description="How many go on together; 2 or more are judged by random views, not by the plan's."
+    )
 
 
 @dataclass(frozen=True)
@@ -56,19 +60,32 @@ class Place:
     Attributes:
         mount: side, size and offset.
         fit: how the sheet lies there.
-        visible: share of the sheet that is seen, mean over the poses.
-        area_px: what it covers of the picture, square pixels, mean over the poses.
-        poses_seen: poses in which half of it is seen or more.
+        shares: (poses,) share of the sheet that each sees.
+        areas_px: (poses,) what it covers of each picture, square pixels.
         score: mean over the poses of the side, in pixels, of a square as large as what is seen, times the share of the
             sheet that lies on the surface. One large view does not outweigh many in which nothing is seen.
     """
 
     mount: PatchMount
     fit: SheetFit
-    visible: float
-    area_px: float
-    poses_seen: int
+    shares: np.ndarray
+    areas_px: np.ndarray
     score: float
+
+    @property
+    def visible(self) -> float:
+        """Share of the sheet that is seen, mean over the poses."""
+        return float(self.shares.mean())
+
+    @property
+    def poses_seen(self) -> int:
+        """Poses in which half of it is seen or more."""
+        return int((self.shares >= SEEN).sum())
+
+    @property
+    def area_px(self) -> float:
+        """What it covers of the picture, square pixels, mean over the poses."""
+        return float(self.areas_px.mean())
 
     @property
     def lies(self) -> bool:
@@ -103,6 +120,69 @@ def find_places(
         config: which places are tried.
         sizes_mm: printed sides of the patch.
     """
+    found = _judge_all(item, camera, poses, config, sizes_mm)
+    return [place for size in sizes_mm for place in _pick(found, size, config.best)]
+
+
+def find_sheets(
+    item: TableObject, camera: Camera, poses: Sequence[Pose], config: PlaceConfig, sizes_mm: Sequence[float]
+) -> list[Place]:
+    """Places for `config.sheets` sheets that go on together, the best alone first; fewer where no more find room.
+
+    Each next one is where it adds most to the score of all, the mean over the poses of the side of a square as large as
+    what is seen of any of them: that is where the poses see those before it least. None overlap.
+
+    Args:
+        item: the object.
+        camera, poses: what looks at it: `draw_poses` for a choice that no plan decides.
+        config: which places are tried.
+        sizes_mm: printed sides of the patch.
+    """
+    found = _judge_all(item, camera, poses, config, sizes_mm)
+    areas = np.array([one.areas_px * (1 - one.fit.floating) ** 2 for one in found]).reshape(len(found), -1)
+    chosen: list[Place] = []
+    sheets: list[MountedSheet] = []
+    seen = np.zeros(len(poses))
+    while len(chosen) < config.sheets:
+        for k in np.argsort(-np.sqrt(seen + areas).mean(axis=1), kind="stable"):
+            sheet = _mount(item, found[k].mount)
+            if not any(do_overlap(sheet, other) for other in sheets):
+                chosen, sheets, seen = [*chosen, found[k]], [*sheets, sheet], seen + areas[k]
+                break
+        else:
+            break
+    return chosen
+
+
+def share_seen(sheets: Sequence[Place]) -> float:
+    """Share of the poses in which half of a sheet is seen or more, whichever it is."""
+    return float((np.max([one.shares for one in sheets], axis=0) >= SEEN).mean())
+
+
+def draw_poses(item: TableObject, camera: Camera, count: int, seed: int) -> list[Pose]:
+    """Random poses in the ranges of training views, none of a plan; pose i depends on (seed, i) alone."""
+    target = np.array([0.0, 0.0, float(item.mesh.size_mm[2]) / 2])
+    poses = []
+    for i in range(count):
+        rng = np.random.default_rng([seed, i, 3])
+        azimuth, elevation, roll = (
+            rng.uniform(0, 360),
+            NEAR_VIEWS.draw_elevation(rng),
+            rng.uniform(*NEAR_VIEWS.roll_deg),
+        )
+        fill = rng.uniform(*NEAR_VIEWS.fill)
+        distance = distance_to_fill(camera, item.mesh.vertices, target, azimuth, elevation, fill=fill, roll_deg=roll)
+        poses.append(Pose(
+            id=i + 1, azimuth_deg=azimuth, elevation_deg=elevation, roll_deg=roll, distance_mm=distance,
+            target_mm=tuple(target),
+        ))  # fmt: skip
+    return poses
+
+
+def _judge_all(
+    item: TableObject, camera: Camera, poses: Sequence[Pose], config: PlaceConfig, sizes_mm: Sequence[float]
+) -> list[Place]:
+    """Every place where a sheet lies, best first."""
     scene = make_ray_scene(item.mesh)
     step_mm = float(item.mesh.size_mm.max()) / config.steps
     tried = [mount for size, at in product(sizes_mm, config.sides) for mount in _spread(item, at, size, step_mm)]
@@ -113,7 +193,7 @@ def find_places(
             found += [place] if place is not None and place.lies else []
             bar.advance()
     found.sort(key=lambda place: -place.score)
-    return [place for size in sizes_mm for place in _pick(found, size, config.best)]
+    return found
 
 
 def judge_place(
@@ -127,22 +207,23 @@ def judge_place(
         return None
     points, normals = _grid(fit, mount.at)
     seen = [_see(scene, camera, pose.matrix(), points, normals) for pose in poses]
-    visible, area = np.array(seen).T
-    score = float(np.sqrt(area).mean() * (1 - fit.floating))
-    return Place(mount, fit, float(visible.mean()), float(area.mean()), int((visible >= SEEN).sum()), score)
+    shares, areas = np.array(seen).T
+    return Place(mount, fit, shares, areas, float(np.sqrt(areas).mean() * (1 - fit.floating)))
 
 
 def draw_places(
     item: TableObject, places: Sequence[Place], camera: Camera, poses: Sequence[Pose], studio: Scene
 ) -> bytes:
     """PNG of the object with numbered sheets on the places, from poses all round."""
-    mesh = item.mesh
-    for number, place in enumerate(places, 1):
-        assert place.mount.size_mm is not None
-        sheet = mount_patch(item.mesh, _number(number), place.mount.size_mm, place.mount, item.name)
-        mesh = attach(mesh, sheet)
+    mesh = attach(item.mesh, *(_mount(item, place.mount, number) for number, place in enumerate(places, 1)))
     chosen = [poses[k] for k in np.unique(np.linspace(0, len(poses) - 1, min(8, len(poses))).round().astype(int))]
     return draw_contact_sheet(replace(item, mesh=mesh), camera, chosen, studio, columns=4)
+
+
+def _mount(item: TableObject, mount: PatchMount, number: int = 1) -> MountedSheet:
+    """A sheet of the mount's own size with a number on it."""
+    assert mount.size_mm is not None
+    return mount_patch(item.mesh, _number(number), mount.size_mm, mount, item.name)
 
 
 def _number(number: int, side: int = 96) -> np.ndarray:

@@ -22,7 +22,7 @@ from toolkit.objects.records import (
     read_texture,
 )
 from toolkit.objects.spec import ObjectSpec
-from toolkit.rig.mount import attach, make_flat_sheet, mount_patch
+from toolkit.rig.mount import MountedSheet, make_flat_sheet, mount_sheets, wear_sheets
 
 if TYPE_CHECKING:
     from toolkit.objects.atlas import Atlas
@@ -123,11 +123,11 @@ class Print(Booster):
     """A booster on paper.
 
     Attributes:
-        size_mm: side on paper.
+        sizes_mm: side on each sheet of paper, in the order of the object's mounts.
         alone: lies flat on the table, and the object is not there.
     """
 
-    size_mm: float
+    sizes_mm: tuple[float, ...]
     alone: bool = False
 
 
@@ -141,7 +141,7 @@ class Paint(Booster):
 def find_booster(workspace: Workspace, item: TableObject, variant: str) -> Print | Paint | None:
     """What is put on `item` in a variant; None for `unpatched`.
 
-    - `patched`: its own patch; `patch-alone`: the same, flat on the table without the object.
+    - `patched`: its own patch, on each of its sheets; `patch-alone`: the first, flat on the table without the object.
     - `wrong-patch`: the next patch by name that was trained for another class.
     - `textured`: its own texture.
     - `random-patch`, `random-texture`: noise with the colours of neither, drawn for the object's name alone;
@@ -157,14 +157,16 @@ def find_booster(workspace: Workspace, item: TableObject, variant: str) -> Print
     if variant == "textured" or variant in CONTROLS_OF["textured"]:
         return _find_paint(workspace, item, variant)
     own = find_patch(workspace, item)
-    size_mm = item.spec.patch.size_mm or own.size_mm
-    if variant in ("patched", "patch-alone"):
-        return Print(own.pixels, own.record.png_sha256, own.record.name, size_mm, variant == "patch-alone")
+    sizes_mm = item.spec.sizes_mm(own.size_mm)
+    if variant == "patch-alone":
+        return Print(own.pixels, own.record.png_sha256, own.record.name, sizes_mm[:1], alone=True)
+    if variant == "patched":
+        return Print(own.pixels, own.record.png_sha256, own.record.name, sizes_mm)
     if variant == "wrong-patch":
         wrong = _next_patch(workspace, own)
-        return Print(wrong.pixels, wrong.record.png_sha256, wrong.record.name, size_mm)
+        return Print(wrong.pixels, wrong.record.png_sha256, wrong.record.name, sizes_mm)
     pixels = _control_pixels(variant, item, own.record.n_px)
-    return Print(pixels, sha256_bytes(encode_png(pixels)), variant, size_mm)
+    return Print(pixels, sha256_bytes(encode_png(pixels)), variant, sizes_mm)
 
 
 def _find_paint(workspace: Workspace, item: TableObject, variant: str) -> Paint:
@@ -187,26 +189,39 @@ def describe_booster(item: TableObject, booster: Print | Paint) -> dict[str, Any
         entry = check_fit(item, booster.texture)
         atlas = entry.model_dump(include={"unwrapped", "uv_sha256", "keep", "keep_image_sha256"})
         return {"texture": booster.sha256, "atlas": atlas}
-    return {"patch": booster.sha256, "mm": booster.size_mm, "mount": item.spec.patch.model_dump()}
+    mounts = [mount.model_dump() for mount in item.spec.mounts]
+    if len(mounts) == 1 or booster.alone:
+        return {"patch": booster.sha256, "mm": booster.sizes_mm[0], "mount": mounts[0]}
+    return {"patch": booster.sha256, "mm": list(booster.sizes_mm), "mount": mounts}
 
 
 def note_booster(booster: Print | Paint | None) -> dict[str, Any]:
-    """What a manifest says of a booster besides its hash: its name, and its side in mm of paper or in texels."""
+    """What a manifest says of a booster besides its hash: its name, and its side in mm of paper or in texels.
+
+    Of several sheets their sides are a list.
+    """
     if isinstance(booster, Paint):
         return {"booster": booster.name, "booster_px": len(booster.pixels)}
-    return {"booster": booster.name if booster else None, "booster_mm": booster.size_mm if booster else None}
+    if booster is None:
+        return {"booster": None, "booster_mm": None}
+    sizes_mm = booster.sizes_mm
+    return {"booster": booster.name, "booster_mm": sizes_mm[0] if len(sizes_mm) == 1 else list(sizes_mm)}
 
 
 def dress(item: TableObject, booster: Print | Paint | None) -> Mesh:
-    """The mesh to photograph: the object, the object with a sheet on it or painted, or the sheet alone."""
+    """The mesh to photograph: the object, the object with its sheets on it or painted, or a sheet alone."""
     if booster is None:
         return item.mesh
     if isinstance(booster, Paint):
         return paint_object(item, booster.texture, booster.pixels)
     if booster.alone:
-        return make_flat_sheet(booster.pixels, booster.size_mm)
-    sheet = mount_patch(item.mesh, booster.pixels, booster.size_mm, item.spec.patch, item.name)
-    return attach(item.mesh, sheet)
+        return make_flat_sheet(booster.pixels, booster.sizes_mm[0])
+    return wear_sheets(item.mesh, mount_printed(item, booster))[0]
+
+
+def mount_printed(item: TableObject, booster: Print) -> list[MountedSheet]:
+    """Each sheet of a booster where the object's spec says; raises as `mount_sheets`."""
+    return mount_sheets(item.mesh, booster.pixels, item.spec.mounts, booster.sizes_mm, item.name)
 
 
 def find_patch(workspace: Workspace, item: TableObject) -> Patch:

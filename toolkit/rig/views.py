@@ -1,6 +1,6 @@
 """Renders to train on: random camera, light and backdrop, never the poses of a plan; ahead of who uses them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,7 +18,7 @@ from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose, pixel_rays
 from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.linear_view import DepthBuffer, LinearView
-from toolkit.rig.mount import attach, mount_patch
+from toolkit.rig.mount import mount_sheets, wear_sheets
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.renderer import make_renderer
 from toolkit.rig.scene import Scene, Stand
@@ -89,7 +89,7 @@ def render_training_images(workspace: Workspace, object_name: str, count: int, s
 
 def render_mounted_views(
     item: TableObject,
-    size_mm: float,
+    sizes_mm: Sequence[float],
     patch_px: int,
     count: int,
     *,
@@ -98,14 +98,14 @@ def render_mounted_views(
     ranges: ViewRanges = NEAR_VIEWS,
     with_depth: bool = False,
 ) -> Iterator[LinearView]:
-    """Yield `count` views of an object with a printed sheet on it, linear in the colours of the sheet's paper.
+    """Yield `count` views of an object with its printed sheets on it, linear in the colours of their paper.
 
     Poses, lights and backdrops are as for `render_training_images`; light bounces off the table as from a grey patch.
     View i depends on (seed, i) alone, and none is a pose of a plan.
 
     Args:
         item: the object.
-        size_mm: side of the printed patch.
+        sizes_mm: side of the printed patch on each sheet.
         patch_px: texels of its side, of which `lod` counts those that `toolkit.rig.mount.print_on_paper` makes.
         count: how many.
         seed: of all draws.
@@ -117,7 +117,7 @@ def render_mounted_views(
         ToolkitError: a sheet that cannot be mounted.
     """
     camera = Camera.from_fov(image_px, image_px, FOV_DEG)
-    mesh, paper = mount_grey(item, size_mm, patch_px)
+    mesh, paper = mount_grey(item, sizes_mm, patch_px)
     with progress(f"rendering {item.name} with its sheet", count) as bar:
         for start in range(0, count, PER_STUDIO):
             studio = random_studio(seed, start, float(item.mesh.size_mm.max()))
@@ -130,15 +130,14 @@ def render_mounted_views(
                 bar.advance()
 
 
-def mount_grey(item: TableObject, size_mm: float, patch_px: int) -> tuple[Mesh, np.ndarray]:
-    """An object with a grey patch on its sheet, and the texture of the sheet's paper.
+def mount_grey(item: TableObject, sizes_mm: Sequence[float], patch_px: int) -> tuple[Mesh, np.ndarray]:
+    """An object with a grey patch on each of its sheets, and the texture of the paper that they share.
 
     Raises:
         ToolkitError: a sheet that cannot be mounted.
     """
     grey = np.full((patch_px, patch_px, 3), 128, np.uint8)
-    sheet = mount_patch(item.mesh, grey, size_mm, item.spec.patch, item.name)
-    return attach(item.mesh, sheet), sheet.mesh.materials[0].texture
+    return wear_sheets(item.mesh, mount_sheets(item.mesh, grey, item.spec.mounts, sizes_mm, item.name))
 
 
 def find_depth(renderer: RaycastRenderer, scene: Scene, camera: Camera, T_world_camera: np.ndarray) -> DepthBuffer:

@@ -238,9 +238,9 @@ def _plan_unit(
 ) -> Unit:
     longest_mm = float(item.mesh.size_mm.max())
     boosters = [find_booster(workspace, item, name) for name in variants]
-    own_mm = [booster.size_mm for booster in boosters if isinstance(booster, Print)]
+    own_mm = [size_mm for booster in boosters if isinstance(booster, Print) for size_mm in booster.sizes_mm]
     patch_mm = (setup.patch_mm or own_mm[0]) if own_mm else None
-    if not own_mm or setup.patch_mm == own_mm[0]:
+    if not own_mm or all(size_mm == setup.patch_mm for size_mm in own_mm):
         setup = replace(setup, patch_mm=None)  # the images of `capture-sim` are these
     sized = item if setup.patch_mm is None else replace(item, spec=item.spec.with_patch_size(setup.patch_mm))
     refused = None

@@ -282,20 +282,20 @@ def _check_captures(workspace: Workspace, source_dir: Path) -> CheckReport:
     return summarise(source_dir, photos, unreadable, printed_sides(workspace, photos))
 
 
-def printed_sides(workspace: Workspace, photos: Sequence[CheckedPhoto]) -> dict[tuple[str, str], float]:
-    """The side in mm that each patch should have been printed with, by object and variant, where it is known."""
+def printed_sides(workspace: Workspace, photos: Sequence[CheckedPhoto]) -> dict[tuple[str, str], tuple[float, ...]]:
+    """The side in mm that each patch should have been printed with, sheet by sheet, by object and variant."""
     sides = {}
     for name, variant in {(photo.object, photo.variant) for photo in photos if photo.lines is not None}:
         with suppress(ToolkitError):  # an object or a patch that the workspace does not know: nothing to compare with
             booster = find_booster(workspace, load_object(workspace.object_spec(name)), variant)
             if isinstance(booster, Print):
-                sides[name, variant] = booster.size_mm
+                sides[name, variant] = booster.sizes_mm
     return sides
 
 
 def summarise(
     source_dir: Path, photos: Sequence[CheckedPhoto], unreadable: Sequence[tuple[str, str]] = (),
-    sides_mm: Mapping[tuple[str, str], float] | None = None,
+    sides_mm: Mapping[tuple[str, str], Sequence[float]] | None = None,
 ) -> CheckReport:  # fmt: skip
     """Check photographs as a set and write `captures/SOURCE/retake.txt`."""
     findings = check_set(photos, sides_mm)

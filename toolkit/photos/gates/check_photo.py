@@ -32,6 +32,7 @@ from toolkit.photos.gates.patch import (
     check_patch_shows,
     check_variant,
     expect_cells,
+    list_shown,
     look_for_patches,
     search_region,
 )
@@ -116,8 +117,7 @@ def inspect_photo(image: np.ndarray, expectation: Expectation, sighting: BoardSi
     framing = _check_framing(expectation, sighting)
     why_blind = _why_blind(light, framing)
     patch, seen = _check_patch(small, silhouette, expectation, why_blind)
-    own = seen.own if seen else None
-    lines = trace_patch(own, expectation.view) if own and expectation.view else None
+    lines = trace_patch(seen.own, expectation.view) if seen and expectation.view else None
     return PhotoCheck((*light, *framing, *patch), lines)
 
 
@@ -185,14 +185,15 @@ def _check_patch(
     if patch is None or not patch.patches:
         why = expectation.no_patch
         return [VARIANT.skip(why), HIDDEN.skip(why)], None
-    seen = look_for_patches(search_region(image, region), patch, expectation.view)
-    expected = expect_cells(patch, expectation.solid, expectation.view)
-    if patch.own is not None and seen == PatchesSeen(None, None):
-        if expected is not None and expected.mean() < LEAST_SEEN:
+    expected = [expect_cells(sheet, expectation.solid, expectation.view) for sheet in patch.sheets] or [None]
+    shown = list_shown(expected)
+    seen = look_for_patches(search_region(image, region), patch, expectation.view, shown)
+    if patch.own is not None and seen.other is None and seen.lacks_own(shown):
+        if not any(seen.own) and all(cells is not None and cells.mean() < LEAST_SEEN for cells in expected):
             why_blind = "from this pose the object itself hides most of the patch"
         if why_blind is not None:
             return [VARIANT.skip(why_blind), HIDDEN.skip(why_blind)], seen
-    variant = check_variant(seen, patch.own, expectation.variant)
+    variant = check_variant(seen, patch, expectation.variant, shown)
     if patch.own is None:
         return [variant, HIDDEN.skip(f"'{expectation.variant}' has none")], seen
     return [variant, check_patch_shows(seen, expected)], seen

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from toolkit.photos.gates.patch import cell_middles
+from toolkit.photos.gates.patch import CELLS, cell_middles
 from toolkit.photos.gates.result import Gate, GateResult
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.prints.find import CELL_SHOWS, PatchSighting
@@ -36,12 +36,12 @@ SOFT_MM = 0.5
 
 @dataclass(frozen=True)
 class PatchLines:
-    """Lines of sight on which the cells of a patch lie.
+    """Lines of sight on which the cells of a patch lie; of several sheets one after the other, 25 cells each.
 
     Attributes:
         origin_mm: (3,) the camera.
-        directions: (25, 3) unit vectors in the world, rows of cells down.
-        shows: (25,) bool: which cells were seen.
+        directions: (25 · sheets, 3) unit vectors in the world, rows of cells down; 0 for a sheet that was not found.
+        shows: (25 · sheets,) bool: which cells were seen.
     """
 
     origin_mm: np.ndarray
@@ -68,11 +68,15 @@ class LinesRecord(BaseModel):
         return PatchLines(np.array(self.origin_mm), np.array(self.directions), np.array(self.shows))
 
 
-def trace_patch(sighting: PatchSighting, view: PosedCamera) -> PatchLines:
-    """The lines of a patch that was found; `view` is of the same picture at the same size."""
-    pixels = sighting.warp.to_pixels(cell_middles())
-    rays = view.rays(view.camera.undistort(pixels))
-    return PatchLines(view.position_mm, rays, sighting.agreement.ravel() >= CELL_SHOWS)
+def trace_patch(sightings: Sequence[PatchSighting | None], view: PosedCamera) -> PatchLines | None:
+    """The lines of a patch, sheet by sheet; None where none was found. `view` is of the picture at the same size."""
+    directions, shows = np.zeros((len(sightings), CELLS**2, 3)), np.zeros((len(sightings), CELLS**2), bool)
+    for sheet, one in enumerate(sightings):
+        if one is not None:
+            directions[sheet] = view.rays(view.camera.undistort(one.warp.to_pixels(cell_middles())))
+            shows[sheet] = one.agreement.ravel() >= CELL_SHOWS
+    found = any(one is not None for one in sightings)
+    return PatchLines(view.position_mm, directions.reshape(-1, 3), shows.reshape(-1)) if found else None
 
 
 def measure_moves(photos: Sequence[PatchLines]) -> list[float | None]:
@@ -82,7 +86,8 @@ def measure_moves(photos: Sequence[PatchLines]) -> list[float | None]:
         photos: of one object with one patch.
 
     Returns:
-        The median over the cells that it shows; None where too few photographs show them, or all from one side.
+        The median over the cells that it shows, of several sheets that of the one that lies furthest off; None where
+        too few photographs show them, or all from one side.
     """
     if len(photos) < LEAST_PHOTOS:
         return [None] * len(photos)
@@ -92,12 +97,15 @@ def measure_moves(photos: Sequence[PatchLines]) -> list[float | None]:
         if np.isfinite(point).all():
             origins = np.array([photos[i].origin_mm for i in who])
             misses[who, cell] = _miss(point, origins, np.array([photos[i].directions[cell] for i in who]))
-    enough = np.isfinite(misses).sum(axis=1) >= LEAST_CELLS
-    return [float(np.nanmedian(row)) if good else None for row, good in zip(misses, enough, strict=True)]
+    moves: list[float | None] = []
+    for row in misses.reshape(len(photos), -1, CELLS**2):
+        sheets = [float(np.nanmedian(cells)) for cells in row if np.isfinite(cells).sum() >= LEAST_CELLS]
+        moves.append(max(sheets, default=None))
+    return moves
 
 
 def triangulate_cells(photos: Sequence[PatchLines]) -> np.ndarray:
-    """(25, 3) where the cells are in the world, mm; NaN where too few photographs show one, or all from one side."""
+    """(25 · sheets, 3) where the cells are, in the world, mm; NaN where too few photographs show one."""
     points = np.full((photos[0].shows.size, 3), np.nan)
     for cell in range(len(points)):
         who = [photo for photo in photos if photo.shows[cell]]
@@ -108,20 +116,18 @@ def triangulate_cells(photos: Sequence[PatchLines]) -> np.ndarray:
     return points
 
 
-def measure_side(photos: Sequence[PatchLines]) -> float | None:
-    """The side of the patch, mm, from the distances of neighbouring cells; None where too few are known.
+def measure_side(photos: Sequence[PatchLines], sheet: int = 0) -> float | None:
+    """The side of the patch on a sheet, mm, from the distances of neighbouring cells; None where too few are known.
 
     Paper that is bent keeps its lengths, and over a fifth of a patch a bend shortens nothing that could be measured.
     """
     if len(photos) < LEAST_PHOTOS:
         return None
-    points = triangulate_cells(photos)
-    count = round(len(points) ** 0.5)
-    grid = points.reshape(count, count, 3)
+    grid = triangulate_cells(photos).reshape(-1, CELLS, CELLS, 3)[sheet]
     steps = np.concatenate([np.diff(grid, axis=axis).reshape(-1, 3) for axis in (0, 1)])
     lengths = np.linalg.norm(steps, axis=1)
     known = lengths[np.isfinite(lengths)]
-    return None if len(known) < LEAST_CELLS else float(np.median(known)) * count
+    return None if len(known) < LEAST_CELLS else float(np.median(known)) * CELLS
 
 
 def meet(origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
@@ -187,13 +193,14 @@ class SetFinding:
 
 
 def check_set(
-    photos: Sequence[CheckedPhoto], sides_mm: Mapping[tuple[str, str], float] | None = None
+    photos: Sequence[CheckedPhoto], sides_mm: Mapping[tuple[str, str], Sequence[float]] | None = None
 ) -> list[SetFinding]:
     """Check pairs and patches over all photographs of a source.
 
     Args:
         photos: of any objects and variants; the same one may not come twice.
-        sides_mm: the side of the patch as it should have been printed, by object and variant, where that is known.
+        sides_mm: the side of the patch on each sheet as it should have been printed, by object and variant, where that
+            is known.
     """
     by_object: dict[str, list[CheckedPhoto]] = defaultdict(list)
     for photo in photos:
@@ -254,18 +261,22 @@ def find_moved_patches(photos: Sequence[CheckedPhoto]) -> list[SetFinding]:
 
 
 def find_wrong_sizes(
-    photos: Sequence[CheckedPhoto], sides_mm: Mapping[tuple[str, str], float]
+    photos: Sequence[CheckedPhoto], sides_mm: Mapping[tuple[str, str], Sequence[float]]
 ) -> list[SetFinding]:  # fmt: skip
-    """For each variant of one object with a patch, whether the patch is as large as it should have been printed."""
+    """For each variant of one object with a patch, whether it is as large as it should have been."""
     findings = []
     for key in sorted({(photo.object, photo.variant) for photo in photos if photo.lines is not None} & set(sides_mm)):
         group = [photo for photo in photos if (photo.object, photo.variant) == key]
-        side = measure_side([photo.lines for photo in group if photo.lines is not None])
-        if side is None:
-            result = SIZE.skip(f"it takes {LEAST_PHOTOS} photographs with pose and patch, from different sides")
-        else:
-            off = 100 * (side / sides_mm[key] - 1)
-            found = f"the patch measures {side:.1f} mm, {off:+.1f} %, where {sides_mm[key]:.1f} mm was meant"
-            result = SIZE.judge(abs(off), f"{found}: {SIZE.advice}")
-        findings.append(SetFinding(*key, None, result))
+        lines = [photo.lines for photo in group if photo.lines is not None]
+        for sheet, meant in enumerate(sides_mm[key]):
+            which = f"sheet {sheet + 1}: " if len(sides_mm[key]) > 1 else ""
+            side = measure_side(lines, sheet)
+            if side is None:
+                few = f"it takes {LEAST_PHOTOS} photographs with pose and patch, from different sides"
+                result = SIZE.skip(f"{which}{few}")
+            else:
+                off = 100 * (side / meant - 1)
+                found = f"{which}the patch measures {side:.1f} mm, {off:+.1f} %, where {meant:.1f} mm was meant"
+                result = SIZE.judge(abs(off), f"{found}: {SIZE.advice}")
+            findings.append(SetFinding(*key, None, result))
     return findings

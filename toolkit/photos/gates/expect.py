@@ -1,5 +1,6 @@
 """What a photograph of an object, a variant and a pose should show, from the workspace's objects, patches and board."""
 
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
@@ -10,13 +11,13 @@ from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import read_patch
 from toolkit.photos.gates.check_photo import Expectation
-from toolkit.photos.gates.patch import ExpectedPatch, place_cells
+from toolkit.photos.gates.patch import ExpectedPatch, PlacedSheet, place_cells
 from toolkit.photos.gates.solid import Solid
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.prints.features import describe_patch
 from toolkit.rig.board import Board, read_board
-from toolkit.rig.mount import attach, mount_patch
-from toolkit.rig.variants import VARIANTS, Print, dress, find_booster
+from toolkit.rig.mount import MountedSheet, attach
+from toolkit.rig.variants import VARIANTS, Print, dress, find_booster, mount_printed
 
 Built = tuple[Solid | None, ExpectedPatch | None, str]
 """What is expected of an object in a variant: its shape, its patch, and why that is not known."""
@@ -102,18 +103,21 @@ class ExpectationBuilder:
         patches = {**self._patches, booster.name: booster.pixels}
         if booster.alone:
             return Solid(dress(item, booster)), ExpectedPatch(booster.name, patches), ""
-        sheet = mount_patch(item.mesh, booster.pixels, booster.size_mm, item.spec.patch, item.name)
-        patch = ExpectedPatch(booster.name, patches, None, *place_cells(sheet))
-        return Solid(attach(item.mesh, sheet)), patch, ""
+        sheets = mount_printed(item, booster)
+        return Solid(attach(item.mesh, *sheets)), ExpectedPatch(booster.name, patches, None, _place(item, sheets)), ""
 
     def _without_patch(self, item: TableObject) -> ExpectedPatch:
         try:
             home = find_booster(self._workspace, item, "patched")
             assert isinstance(home, Print)
-            sheet = mount_patch(item.mesh, home.pixels, home.size_mm, item.spec.patch, item.name)
+            sheets = mount_printed(item, home)
         except ToolkitError:  # it has none, or none that fits: there is nothing to leave on
             return ExpectedPatch(None, self._patches)
-        return ExpectedPatch(None, {**self._patches, home.name: home.pixels}, home.name, *place_cells(sheet))
+        return ExpectedPatch(None, {**self._patches, home.name: home.pixels}, home.name, _place(item, sheets))
+
+
+def _place(item: TableObject, sheets: Sequence[MountedSheet]) -> tuple[PlacedSheet, ...]:
+    return tuple(place_cells(sheet, mount.at) for sheet, mount in zip(sheets, item.spec.mounts, strict=True))
 
 
 def view_of_record(record: CaptureRecord) -> PosedCamera | None:

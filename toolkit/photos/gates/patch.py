@@ -1,6 +1,6 @@
 """Is the right patch on the object, and does it show?"""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -36,6 +36,23 @@ VARIANT = Gate("wrong variant", 0.0, "wrong or missing patches", "the photograph
 
 
 @dataclass(frozen=True)
+class PlacedSheet:
+    """Where the patch on a mounted sheet lies in the world.
+
+    Attributes:
+        at: the side of the object that it is taped to, for people.
+        cells_mm: (25, 3) middles of its cells, rows down.
+        outward: (25, 3) the paper's unit normals there.
+        corners_mm: (4, 3) its corners, in the file's order.
+    """
+
+    at: str
+    cells_mm: np.ndarray
+    outward: np.ndarray
+    corners_mm: np.ndarray
+
+
+@dataclass(frozen=True)
 class ExpectedPatch:
     """What a photograph's object should have stuck on it.
 
@@ -43,17 +60,13 @@ class ExpectedPatch:
         own: name of the patch that belongs there; None where none does.
         home: name of the object's own patch in a variant without it: the likeliest one to be there by mistake.
         patches: pixels (n, n, 3) uint8 sRGB by name of all patches that could be confused, the own one among them.
-        cells_mm: (25, 3) middles of that patch's cells in the world, rows down, where the mesh and the mount say.
-        outward: (25, 3) the paper's unit normals there.
-        corners_mm: (4, 3) that patch's corners, in the file's order.
+        sheets: where that patch is, sheet by sheet, where the mesh and the mounts say; empty where that is not known.
     """
 
     own: str | None
     patches: Mapping[str, np.ndarray] = field(repr=False)
     home: str | None = None
-    cells_mm: np.ndarray | None = None
-    outward: np.ndarray | None = None
-    corners_mm: np.ndarray | None = None
+    sheets: tuple[PlacedSheet, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -61,12 +74,17 @@ class PatchesSeen:
     """What was found.
 
     Attributes:
-        own: the patch that belongs there.
+        own: the patch that belongs there, sheet by sheet; one where it is not known which sheet it is.
         other: name of the surest one that does not.
     """
 
-    own: PatchSighting | None
+    own: tuple[PatchSighting | None, ...]
     other: str | None
+
+    def lacks_own(self, shown: Sequence[bool] | None) -> bool:
+        """Whether a sheet was not found that is `shown`, as for `look_for_patches`, or none at all."""
+        parts = () if shown is None else zip(self.own, shown, strict=True)
+        return not any(self.own) or any(is_shown and one is None for one, is_shown in parts)
 
 
 def search_region(image: np.ndarray, region: np.ndarray | None) -> SearchedPhoto:
@@ -85,7 +103,9 @@ def search_region(image: np.ndarray, region: np.ndarray | None) -> SearchedPhoto
     return replace(photo, features=Features(photo.features.frames[kept], photo.features.descriptors[kept]))
 
 
-def look_for_patches(photo: SearchedPhoto, patch: ExpectedPatch, view: PosedCamera | None) -> PatchesSeen:
+def look_for_patches(
+    photo: SearchedPhoto, patch: ExpectedPatch, view: PosedCamera | None, shown: Sequence[bool] | None = None
+) -> PatchesSeen:
     """Look for the patch that belongs on the object; where it is not seen, for all others.
 
     The object's own patch is looked for thoroughly, also where mesh and mount say that it lies. Of the others, only
@@ -95,15 +115,21 @@ def look_for_patches(photo: SearchedPhoto, patch: ExpectedPatch, view: PosedCame
         photo: from `search_region`.
         patch: what should be on the object.
         view: of the photograph, None where it is not known.
+        shown: of several sheets, which ones the view shows, from `list_shown`: each is looked for in its own place.
     """
-    expected = None
-    if view is not None and patch.corners_mm is not None:
-        corners = view.project(patch.corners_mm)
-        expected = corners if np.isfinite(corners).all() else None
     likely = patch.own or patch.home
-    found = find_patch(photo, patch.patches[likely], expected) if likely is not None else None
-    if found is not None:
-        return PatchesSeen(found, None) if likely == patch.own else PatchesSeen(None, likely)
+    places = [_expect_corners(sheet, view) for sheet in patch.sheets if view is not None] or [None]
+    found: tuple[PatchSighting | None, ...] = (None,)
+    if likely is not None and patch.own is not None and shown is not None:
+        found = _find_each(photo, patch.patches[likely], places, shown)
+        if not PatchesSeen(found, None).lacks_own(shown):
+            return PatchesSeen(found, None)
+    elif likely is not None:
+        for expected in places:
+            sighting = find_patch(photo, patch.patches[likely], expected)
+            if sighting is not None:
+                is_own = likely == patch.own
+                return PatchesSeen((sighting,) if is_own else (None,), None if is_own else likely)
     sightings = {
         name: find_patch(photo, pixels)
         for name, pixels in patch.patches.items()
@@ -111,7 +137,36 @@ def look_for_patches(photo: SearchedPhoto, patch: ExpectedPatch, view: PosedCame
     }
     ranked = sorted(((one.confidence, name) for name, one in sightings.items() if one is not None), reverse=True)
     sure = len(ranked) < 2 or ranked[0][0] - ranked[1][0] >= LEAD
-    return PatchesSeen(None, " or ".join(name for _, name in ranked[: 1 if sure else 2]) or None)
+    return PatchesSeen(found, " or ".join(name for _, name in ranked[: 1 if sure else 2]) or None)
+
+
+def _expect_corners(sheet: PlacedSheet, view: PosedCamera) -> np.ndarray | None:
+    corners = view.project(sheet.corners_mm)
+    return corners if np.isfinite(corners).all() else None
+
+
+def _find_each(
+    photo: SearchedPhoto, pixels: np.ndarray, places: Sequence[np.ndarray | None], shown: Sequence[bool]
+) -> tuple[PatchSighting | None, ...]:
+    """The same patch on each sheet that is shown: near its own place, and nearer to it than to any other's."""
+    found: list[PatchSighting | None] = []
+    for number, expected in enumerate(places):
+        sighting = None
+        if shown[number] and expected is not None:
+            reach = np.ptp(expected, axis=0).max() / 2
+            middles = photo.features.frames[:, :, 2] / photo.scale
+            low, high = expected.min(axis=0) - reach, expected.max(axis=0) + reach
+            near = ((middles >= low) & (middles <= high)).all(axis=1)
+            features = Features(photo.features.frames[near], photo.features.descriptors[near])
+            sighting = find_patch(replace(photo, features=features), pixels, expected)
+        if sighting is not None:
+            away = [
+                np.inf if place is None else np.linalg.norm(sighting.corners_px - place, axis=1).mean()
+                for place in places
+            ]
+            sighting = sighting if int(np.argmin(away)) == number else None
+        found.append(sighting)
+    return tuple(found)
 
 
 def _is_supported(photo: SearchedPhoto, pixels: np.ndarray) -> bool:
@@ -119,55 +174,84 @@ def _is_supported(photo: SearchedPhoto, pixels: np.ndarray) -> bool:
     return bool(guesses) and guesses[0].support >= LEAST_SUPPORT
 
 
-def check_variant(seen: PatchesSeen, own: str | None, variant: str) -> GateResult:
+def check_variant(
+    seen: PatchesSeen, patch: ExpectedPatch, variant: str, shown: Sequence[bool] | None = None
+) -> GateResult:  # fmt: skip
     """Count what is wrong: a patch that does not belong there, or none where one does.
 
     Args:
         seen: what was found.
-        own: name of the patch that belongs there, None for a variant without one.
+        patch: what should be there.
         variant: for the advice.
+        shown: as for `look_for_patches`.
     """
+    own, was_found = patch.own, any(seen.own)
     if seen.other is not None:
         should = f"the patch '{own}'" if own else "no patch"
+        on_each = f" on each of its {len(patch.sheets)} sheets" if was_found else ""
         return VARIANT.judge(
             1,
-            f"the patch '{seen.other}' is seen, '{variant}' should show {should}: change it, or sort the photo anew",
+            f"the patch '{seen.other}' is seen, '{variant}' should show {should}{on_each}: change it, or sort the "
+            "photo anew",
         )
-    if own is not None and seen.own is None:
+    if own is not None and not was_found:
         return VARIANT.judge(
             1, f"no patch is seen, '{variant}' should show '{own}': stick it on, uncover it, or sort the photo anew"
         )
+    if own is not None and shown is not None:
+        parts = enumerate(zip(patch.sheets, seen.own, shown, strict=True), 1)
+        missing = [f"{number} ({sheet.at})" for number, (sheet, one, is_shown) in parts if is_shown and one is None]
+        if missing:
+            which = f"sheet {' and '.join(missing)} of {len(patch.sheets)}"
+            return VARIANT.judge(
+                len(missing), f"{which} is not seen, '{variant}' should show '{own}' there: stick it on, or uncover it"
+            )
     return VARIANT.judge(0)
 
 
-def check_patch_shows(seen: PatchesSeen, expected: np.ndarray | None) -> GateResult:
-    """Share of the patch that should show and does not.
+def check_patch_shows(seen: PatchesSeen, expected: Sequence[np.ndarray | None]) -> GateResult:
+    """Share of the patch that should show and does not; of several sheets that are found, of the one that shows least.
 
     Args:
         seen: what was found.
-        expected: (25,) bool which cells should show, from `expect_cells`; None where that is not known, and then all.
+        expected: for each sheet (25,) bool which cells should show, from `expect_cells`; None where that is not known,
+            and then all.
     """
-    if seen.own is None:
+    if not any(seen.own):
         return HIDDEN.skip("the patch is not found, see 'wrong variant'")
-    agrees = seen.own.agreement.ravel() >= CELL_SHOWS
-    expected = np.ones(agrees.size, bool) if expected is None else expected
-    if expected.mean() < LEAST_SEEN:
+    hidden: list[float] = []
+    for sighting, cells in zip(seen.own, expected, strict=len(seen.own) > 1):
+        if sighting is None:
+            continue
+        agrees = sighting.agreement.ravel() >= CELL_SHOWS
+        shows = np.ones(agrees.size, bool) if cells is None else cells
+        if shows.mean() >= LEAST_SEEN:
+            hidden.append(100.0 * float((~agrees[shows]).mean()))
+    if not hidden:
         return HIDDEN.skip("from this pose the object itself hides most of the patch")
-    return HIDDEN.judge(100.0 * float((~agrees[expected]).mean()))
+    return HIDDEN.judge(max(hidden))
 
 
-def expect_cells(patch: ExpectedPatch, solid: Solid | None, view: PosedCamera | None) -> np.ndarray | None:
-    """(25,) bool: which cells of the patch face the camera, in the frame and behind nothing; None without a pose."""
-    if view is None or solid is None or patch.cells_mm is None or patch.outward is None:
+def list_shown(expected: Sequence[np.ndarray | None]) -> list[bool] | None:
+    """Which of several sheets face the camera; None for a single one, or where no pose is known."""
+    cells = [one for one in expected if one is not None]
+    if len(expected) < 2 or len(cells) < len(expected):
         return None
-    to_camera = view.position_mm - patch.cells_mm
+    return [bool(one.mean() >= LEAST_SEEN) for one in cells]
+
+
+def expect_cells(sheet: PlacedSheet, solid: Solid | None, view: PosedCamera | None) -> np.ndarray | None:
+    """(25,) bool: which cells of a sheet face the camera, in the frame and behind nothing; None without a pose."""
+    if view is None or solid is None:
+        return None
+    to_camera = view.position_mm - sheet.cells_mm
     to_camera /= np.linalg.norm(to_camera, axis=1, keepdims=True)
-    facing = (to_camera * patch.outward).sum(axis=1) > np.cos(np.radians(STEEPEST_DEG))
-    return facing & view.sees(patch.cells_mm) & ~solid.hides(view, patch.cells_mm)
+    facing = (to_camera * sheet.outward).sum(axis=1) > np.cos(np.radians(STEEPEST_DEG))
+    return facing & view.sees(sheet.cells_mm) & ~solid.hides(view, sheet.cells_mm)
 
 
-def place_cells(sheet: MountedSheet) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where a mounted patch's cells lie: `ExpectedPatch`'s cells_mm, outward and corners_mm, in the object's frame.
+def place_cells(sheet: MountedSheet, at: str = "object") -> PlacedSheet:
+    """Where a mounted patch's cells lie, in the object's frame; `at` names the side that it is taped to.
 
     The sheet's printed face is a grid of points along its bend and across it; places between are linear.
     """
@@ -179,7 +263,7 @@ def place_cells(sheet: MountedSheet) -> tuple[np.ndarray, np.ndarray, np.ndarray
     along_u = abs(uv[-1, 0, 0] - uv[0, 0, 0]) > 0.5
     side = sheet.size_mm + 2 * TAPE_MARGIN_MM
 
-    def at(places: np.ndarray, values: np.ndarray) -> np.ndarray:
+    def place(places: np.ndarray, values: np.ndarray) -> np.ndarray:
         right = (TAPE_MARGIN_MM + places[:, 0] * sheet.size_mm) / side
         up = 1 - (TAPE_MARGIN_MM + places[:, 1] * sheet.size_mm) / side
         run, share = (right, up) if along_u else (up, right)
@@ -187,9 +271,10 @@ def place_cells(sheet: MountedSheet) -> tuple[np.ndarray, np.ndarray, np.ndarray
         edges = [np.stack([np.interp(run, steps, values[:, k, i]) for i in range(3)], axis=1) for k in (0, 1)]
         return edges[0] * (1 - share[:, None]) + edges[1] * share[:, None]
 
-    outward = at(cell_middles(), normals)
+    outward = place(cell_middles(), normals)
     corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1.0]])
-    return at(cell_middles(), points), outward / np.linalg.norm(outward, axis=1, keepdims=True), at(corners, points)
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    return PlacedSheet(at, place(cell_middles(), points), outward, place(corners, points))
 
 
 def cell_middles() -> np.ndarray:

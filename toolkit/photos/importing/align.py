@@ -25,10 +25,9 @@ from toolkit.photos.match_render import LEAST_MARGIN, LEAST_SCORE
 from toolkit.photos.photo import load_pixels
 from toolkit.photos.prints.find import SearchedPhoto, find_patch, search_photo
 from toolkit.rig.camera import project
-from toolkit.rig.mount import mount_patch
 from toolkit.rig.plan import CapturePlan
 from toolkit.rig.shot_order import ShotStep
-from toolkit.rig.variants import VARIANTS, Print, find_booster
+from toolkit.rig.variants import VARIANTS, Print, find_booster, mount_printed
 
 WRONG = 6.0
 """Cost of what speaks against a shot plainly: another name, a patch that does not belong there, a board far off."""
@@ -94,7 +93,7 @@ class Clues:
 
     def __init__(self, workspace: Workspace, plan: CapturePlan, matcher: RenderMatcher) -> None:
         self._workspace, self._plan, self._matcher = workspace, plan, matcher
-        self._patches: dict[Group, tuple[np.ndarray, np.ndarray] | None] = {}
+        self._patches: dict[Group, tuple[np.ndarray, list[np.ndarray]] | None] = {}
 
     def weigh(self, one: Evidence, shots: Sequence[CaptureKey]) -> np.ndarray:
         """(m,) cost of a photograph being each of the shots; 0 for all where nothing speaks."""
@@ -151,22 +150,24 @@ class Clues:
         if seen_px is None or mounted is None:
             return WRONG
         (pose,) = [pose for pose in self._plan.objects[shot.object] if pose.id == shot.pose_id]
-        expected_px, depth = project(self._plan.camera, pose.matrix(), mounted[1])
-        if (depth <= 0).any():
-            return WRONG
-        turn_deg, off = _compare_shapes(seen_px, expected_px)
-        return min(TURN * turn_deg + SHAPE * off, WRONG)
+        cost = WRONG
+        for corners_mm in mounted[1]:  # any of the sheets may be the one that was found
+            expected_px, depth = project(self._plan.camera, pose.matrix(), corners_mm)
+            if (depth > 0).all():
+                turn_deg, off = _compare_shapes(seen_px, expected_px)
+                cost = min(cost, TURN * turn_deg + SHAPE * off)
+        return cost
 
-    def _find_patch(self, group: Group) -> tuple[np.ndarray, np.ndarray] | None:
-        """Pixels, and corners (4, 3) in the world, of the patch of an object's variant; None where there is none."""
+    def _find_patch(self, group: Group) -> tuple[np.ndarray, list[np.ndarray]] | None:
+        """Pixels of the patch of an object's variant, and on each sheet its corners (4, 3) in the world."""
         if group not in self._patches:
             self._patches[group] = None
             try:
                 item = load_object(self._workspace.object_spec(group[0]))
                 booster = find_booster(self._workspace, item, group[1]) if group[1] in VARIANTS else None
                 if isinstance(booster, Print) and group[1] != "grey-patch" and not booster.alone:
-                    sheet = mount_patch(item.mesh, booster.pixels, booster.size_mm, item.spec.patch, item.name)
-                    self._patches[group] = booster.pixels, place_cells(sheet)[2]
+                    sheets = mount_printed(item, booster)
+                    self._patches[group] = booster.pixels, [place_cells(sheet).corners_mm for sheet in sheets]
             except ToolkitError:
                 pass  # an object without its patch: nothing to look for
         return self._patches[group]

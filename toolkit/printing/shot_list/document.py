@@ -1,4 +1,4 @@
-"""The list's pages: the first page of each object, then a card for every camera place."""
+"""The list's pages: the first page of each object, its further sheets, then a card for every camera place."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,7 +24,8 @@ from toolkit.printing.shot_list.drawings import (
     set_ink,
     write,
 )
-from toolkit.printing.shot_list.first_page import draw_first_page
+from toolkit.printing.shot_list.first_page import SHEETS_A_PAGE, draw_first_page, draw_sheets_page
+from toolkit.printing.shot_list.mounting import MountDrawing
 from toolkit.printing.shot_list.places import Stop, find_stretches, goes_round, name_change
 from toolkit.printing.shot_list.session import ObjectSession, Surroundings, draw_from_above, draw_from_side
 
@@ -170,23 +171,25 @@ def build_shot_list(
         MARGIN_MM, MARGIN_MM + FOOTER_MM, paper.width_mm - 2 * MARGIN_MM,
         paper.height_mm - 2 * MARGIN_MM - FOOTER_MM - HEADER_MM,
     )  # fmt: skip
-    layouts = [lay_out_cards(session.stops, area.height) for session in sessions]
-    total = sum(1 + len(pages) for pages in layouts)
+    layouts = [lay_out_pages(session, area.height) for session in sessions]
+    total = sum(map(len, layouts))
     number = 0
     for session, pages in zip(sessions, layouts, strict=True):
-        for index, page in enumerate([None, *pages], 1):
+        for index, page in enumerate(pages, 1):
             number += 1
             canvas.scale(POINTS_PER_MM, POINTS_PER_MM)
             _draw_header(canvas, area, session, page)
             _draw_footer(
-                canvas, area, session, f"page {index} of {1 + len(pages)}", f"{number}/{total}", seed=seed, order=order
+                canvas, area, session, f"page {index} of {len(pages)}", f"{number}/{total}", seed=seed, order=order
             )
-            if page is None:
+            if index == 1:
                 canvas.bookmarkPage(session.item.name)
                 canvas.addOutlineEntry(session.item.name, session.item.name)
                 draw_first_page(canvas, area, session)
-            else:
+            elif isinstance(page, CardsPage):
                 _draw_cards(canvas, area, session, page)
+            else:
+                draw_sheets_page(canvas, area, session, page)
             canvas.showPage()
         bar.advance(note=f"{session.item.name}: pages")
     canvas.save()
@@ -196,6 +199,13 @@ def build_shot_list(
 def count_cards(height_mm: float) -> int:
     """How many cards a page holds."""
     return max(1, int((height_mm - BAND_MM) // LEAST_CARD_MM))
+
+
+def lay_out_pages(session: ObjectSession, height_mm: float) -> list[CardsPage | Sequence[MountDrawing]]:
+    """The pages of one object: the first one, with its first sheet, then the other sheets, then its places."""
+    more = session.mountings[1:]
+    sheets = [more[i : i + SHEETS_A_PAGE] for i in range(0, len(more), SHEETS_A_PAGE)]
+    return [session.mountings[:1], *sheets, *lay_out_cards(session.stops, height_mm)]
 
 
 def lay_out_cards(stops: Sequence[Stop], height_mm: float) -> list[CardsPage]:
@@ -250,12 +260,14 @@ def _draw_cards(canvas: "Canvas", area: Rect, session: ObjectSession, page: Card
             top -= BAND_MM
 
 
-def _draw_header(canvas: "Canvas", area: Rect, session: ObjectSession, page: CardsPage | None) -> None:
+def _draw_header(
+    canvas: "Canvas", area: Rect, session: ObjectSession, page: CardsPage | Sequence[MountDrawing]
+) -> None:
     top = area.top + HEADER_MM
     name = session.item.name
     taken = write(canvas, name, area.x, top - 6.2, 7.0, room_mm=0.55 * area.width, font=BOLD)
     label = str(session.item.spec.class_name)
-    if page is None:
+    if not isinstance(page, CardsPage):
         words = f"class {label}" if label != name else ""
         right = "shot list"
     else:

@@ -1,4 +1,4 @@
-"""The first page of an object: how to stick the patch, the walk round the object, the camera, the board."""
+"""The first pages of an object: how to stick the patch, the walk round the object, the camera, the board."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -88,15 +88,16 @@ def advise_stage(board: Board | None, item: TableObject) -> list[str]:
 
 def advise_sticking(item: TableObject, booster: Print, patch_pdf: str | None, drawing: MountDrawing) -> list[str]:
     """From the printer to the object, in order."""
-    at = item.spec.patch.at
-    turned = abs(item.spec.patch.rotation_deg) > 0.5
+    at, rotation_deg = drawing.mount.at, drawing.mount.rotation_deg
+    turned = abs(rotation_deg) > 0.5
     page = f"Print {patch_pdf}" if patch_pdf else f"Make the page with 'toolkit print --object {item.name}', print it"
     where = {"top": "on top of the object", "back": "on the object's back"}.get(at, f"on the object's {at}")
     way = "the arrow in its margin towards the object's front" if at == "top" else "the page's upper edge up"
     if turned:
-        way += f", turned {abs(item.spec.patch.rotation_deg):.0f}° {_hand(item.spec.patch.rotation_deg)}"
+        way += f", turned {abs(rotation_deg):.0f}° {_hand(rotation_deg)}"
+    which = "" if drawing.count == 1 else f"sheet {drawing.number} "
     return [
-        f"{page} at 100 %, check its bars, cut at the corner marks: {drawing.cut_mm:.1f} mm square.",
+        f"{page} at 100 %, check its bars, cut {which}at the corner marks: {drawing.cut_mm:.1f} mm square.",
         f"Lay it {where} as drawn, {way}. The numbers are millimetres from the object's outermost edges, "
         "measured straight across.",
         "Tape it by its white edge only. No bubbles, no tape over the picture.",
@@ -162,20 +163,34 @@ def split_page(area: Rect, aspect: float) -> Columns:
 
 def draw_first_page(canvas: "Canvas", area: Rect, session: "ObjectSession") -> None:
     """Draw the whole page."""
-    drawing = session.mounting
+    drawing = session.mountings[0] if session.mountings else None
     frame = drawing.frame_mm if drawing else (0.0, 0.0, 2.0, 1.0)
     parts = split_page(area, (frame[2] - frame[0]) / (frame[3] - frame[1]))
-    if session.mounting is None or session.booster is None:
+    if drawing is None or session.booster is None:
         _draw_missing(canvas, Rect(area.x, parts.mount.y, area.width, parts.mount.height), session)
     else:
-        draw_mounting_plan(canvas, parts.mount, session.mounting, session.item.spec.patch.at)
-        _draw_sticking(canvas, parts.steps, session, session.booster, session.mounting)
+        draw_mounting_plan(canvas, parts.mount, drawing)
+        _draw_sticking(canvas, parts.steps, session, session.booster, drawing)
     draw_title(canvas, parts.walk, "The walk")
     draw_walk(canvas, Rect(parts.walk.x, parts.walk.y, parts.walk.width, parts.walk.height - 4), session.around,
               session.stops)  # fmt: skip
     _draw_rounds(canvas, parts.rounds, session)
     _draw_advice(canvas, parts.camera, "The camera", advise_camera(session.camera, session.places))
     _draw_advice(canvas, parts.stage, "The table", advise_stage(session.board, session.item))
+
+
+SHEETS_A_PAGE = 2
+
+
+def draw_sheets_page(canvas: "Canvas", area: Rect, session: "ObjectSession", drawings: Sequence[MountDrawing]) -> None:
+    """Up to `SHEETS_A_PAGE` further sheets, each drawn as the first page draws the first."""
+    assert session.booster is not None
+    height, left = area.height / SHEETS_A_PAGE, 0.6 * area.width
+    for row, drawing in enumerate(drawings):
+        y = area.top - (row + 1) * height + GAP_MM
+        draw_mounting_plan(canvas, Rect(area.x, y, left, height - GAP_MM), drawing)
+        steps = Rect(area.x + left + GAP_MM, y, area.width - left - GAP_MM, height - GAP_MM)
+        _draw_sticking(canvas, steps, session, session.booster, drawing)
 
 
 def _draw_sticking(
@@ -202,7 +217,7 @@ def _draw_sticking(
     ):  # fmt: skip
         write(canvas, words, beside.x, y, 2.5, room_mm=beside.width)
         y -= 3.7
-    _draw_page_arrow(canvas, sheet, session.item.spec.patch.at)
+    _draw_page_arrow(canvas, sheet, drawing.mount.at)
     y = sheet.y - 9.0
     for number, words in enumerate(advise_sticking(session.item, booster, session.patch_pdf, drawing), 1):
         write(canvas, str(number), inside.x, y, TEXT_MM, room_mm=4, font=BOLD, colour=SHEET)

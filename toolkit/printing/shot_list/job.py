@@ -12,7 +12,7 @@ from toolkit.objects.load import TableObject, load_object
 from toolkit.printing.page import Paper
 from toolkit.printing.shot_list.document import build_shot_list
 from toolkit.printing.shot_list.session import prepare_session
-from toolkit.printing.wearers import SAME_MM, read_page
+from toolkit.printing.wearers import is_same_size, read_page, say_sizes
 from toolkit.rig.board import read_board
 from toolkit.rig.plan import CapturePlan, check_poses
 from toolkit.rig.shot_order import (
@@ -169,13 +169,13 @@ def _find_page(
         stated, shown = read_page(file), str(file.relative_to(workspace.root))
         if stated is None:
             continue
-        size_mm, sha256 = stated
-        if sha256 == patch.sha256 and abs(size_mm - patch.size_mm) < SAME_MM:
+        sizes_mm, sha256 = stated
+        if sha256 == patch.sha256 and is_same_size(sizes_mm, patch.sizes_mm):
             return shown, None
-        what = f"{size_mm:.1f} mm" if sha256 == patch.sha256 else "of another patch"
+        what = say_sizes(sizes_mm) if sha256 == patch.sha256 else "of another patch"
         wrong = wrong or (
-            f"{shown} is {what}, the rig mounts {patch.name} on {name} at {patch.size_mm:.1f} mm: print it anew with "
-            f"'toolkit print --object {name}'"
+            f"{shown} is {what}, the rig mounts {patch.name} on {name} at {say_sizes(patch.sizes_mm)}: print it anew "
+            f"with 'toolkit print --object {name}'"
         )
     return None, wrong
 

@@ -11,6 +11,7 @@ from PIL import Image
 from toolkit.core.console import Ticker
 from toolkit.objects.load import TableObject
 from toolkit.objects.records import TAPE_MARGIN_MM
+from toolkit.objects.spec import PatchMount
 from toolkit.printing.canvas import BOLD
 from toolkit.printing.page import Rect
 from toolkit.printing.shot_list.drawings import (
@@ -28,14 +29,14 @@ from toolkit.printing.shot_list.drawings import (
 from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera, look_at, project
 from toolkit.rig.lighting import BakeDetail
-from toolkit.rig.mount import SIDES, attach, mount_patch
+from toolkit.rig.mount import SIDES, attach
 from toolkit.rig.mount import MountedSheet as MountedSheet
 from toolkit.rig.plan import Pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
-from toolkit.rig.variants import Paint, Print, dress
+from toolkit.rig.variants import Paint, Print, dress, mount_printed
 
 if TYPE_CHECKING:
     from reportlab.pdfgen.canvas import Canvas
@@ -117,6 +118,8 @@ class MountDrawing:
         centre_mm, arrow_mm: (2,) the sheet's middle, and a unit step along the arrow that is printed on the page (on
             top) or towards the sheet's upper edge (on a side).
         size_mm, cut_mm: sides of patch and cut sheet on paper.
+        mount: where the object's spec has it.
+        number, count: of the sheet, 1 for the first, and how many the object has.
     """
 
     jpeg: bytes
@@ -130,6 +133,9 @@ class MountDrawing:
     arrow_mm: np.ndarray
     size_mm: float
     cut_mm: float
+    mount: PatchMount
+    number: int
+    count: int
 
     @property
     def gaps_mm(self) -> tuple[float, float, float, float]:
@@ -138,29 +144,34 @@ class MountDrawing:
         return b[0] - a[0], b[1] - a[1], a[2] - b[2], a[3] - b[3]
 
 
-def draw_mounting(item: TableObject, booster: Print) -> MountDrawing:
-    """The side of an object that its sheet is stuck on, with the sheet.
+def draw_mountings(item: TableObject, booster: Print) -> list[MountDrawing]:
+    """For each sheet of an object the side that it is stuck on, with all sheets on it.
 
     Raises:
-        ToolkitError: the sheet cannot be mounted there.
+        ToolkitError: a sheet cannot be mounted there.
     """
-    mount = item.spec.patch
-    sheet = mount_patch(item.mesh, booster.pixels, booster.size_mm, mount, item.name)
+    sheets = mount_printed(item, booster)
+    return [_draw_mounting(item, sheets, index) for index in range(len(sheets))]
+
+
+def _draw_mounting(item: TableObject, sheets: Sequence[MountedSheet], index: int) -> MountDrawing:
+    mount, sheet = item.spec.mounts[index], sheets[index]
     right, up = (np.array(axis, float) for axis in SIDES[mount.at])
     flat = np.stack([right, up], axis=1)
     half = len(sheet.mesh.vertices) // 2  # the printed face; the other half is the paper's back
     face = sheet.mesh.vertices[:half] @ flat
-    cut_mm = booster.size_mm + 2 * TAPE_MARGIN_MM
+    cut_mm = sheet.size_mm + 2 * TAPE_MARGIN_MM
     edge = np.concatenate([face[0::2], face[1::2][::-1]])
     patch = _inset(face, sheet.mesh.uv[:half], TAPE_MARGIN_MM / cut_mm)
     middle = face.mean(axis=0)
     axis = sheet.T_object_sheet[:3, 0 if mount.at == "top" else 1] @ flat
     body = item.mesh.vertices @ flat
     extremes = body[[body[:, 0].argmin(), body[:, 1].argmin(), body[:, 0].argmax(), body[:, 1].argmax()]]
-    jpeg, frame = _photograph(item, sheet, right, up, np.concatenate([body, edge]))
+    jpeg, frame = _photograph(item, sheets, right, up, np.concatenate([body, edge]))
     return MountDrawing(
         jpeg, frame, _box(body), extremes, _box(edge), outline_mm=edge, patch_mm=patch, centre_mm=middle,
-        arrow_mm=axis / max(float(np.linalg.norm(axis)), 1e-9), size_mm=booster.size_mm, cut_mm=cut_mm,
+        arrow_mm=axis / max(float(np.linalg.norm(axis)), 1e-9), size_mm=sheet.size_mm, cut_mm=cut_mm,
+        mount=mount, number=index + 1, count=len(sheets),
     )  # fmt: skip
 
 
@@ -184,7 +195,7 @@ def _inset(points: np.ndarray, uv: np.ndarray, inner: float) -> np.ndarray:
 
 
 def _photograph(
-    item: TableObject, sheet: MountedSheet, right: np.ndarray, up: np.ndarray, points: np.ndarray
+    item: TableObject, sheets: Sequence[MountedSheet], right: np.ndarray, up: np.ndarray, points: np.ndarray
 ) -> tuple[bytes, tuple[float, float, float, float]]:
     """The picture from far away, cut out on white, and its frame in millimetres."""
     normal = np.cross(right, up)
@@ -200,7 +211,7 @@ def _photograph(
     T_world_camera = look_at(target + normal * far, target)
     T_world_camera[:3, :3] = np.stack([right, -up, -normal], axis=1)
     fine = Camera.from_fov(width * FINER, height * FINER, fov)
-    renderer = RaycastRenderer(attach(item.mesh, sheet), make_light_studio(item, None), DETAIL)
+    renderer = RaycastRenderer(attach(item.mesh, *sheets), make_light_studio(item, None), DETAIL)
     picture = tone_map(renderer.render(fine, T_world_camera), (0,), noise=0, falloff=0)
     outside = ~np.isfinite(renderer.buffers(fine, T_world_camera)["depth"])
     picture[outside] = 255
@@ -218,10 +229,12 @@ CHAINS_MM = 18.0
 """Room beside and below the picture for its dimensions, and above it for the title."""
 
 
-def draw_mounting_plan(canvas: "Canvas", area: Rect, drawing: MountDrawing, side: str) -> None:
+def draw_mounting_plan(canvas: "Canvas", area: Rect, drawing: MountDrawing) -> None:
     """The object's side with the sheet's outline, its distances from the object's edges, and its arrow."""
+    side = drawing.mount.at
     seen = {"top": "seen from above", "back": "seen from behind"}.get(side, f"seen from the {side}")
-    draw_title(canvas, area, f"Where the patch goes, {seen}")
+    which = "the patch" if drawing.count == 1 else f"sheet {drawing.number} of {drawing.count}"
+    draw_title(canvas, area, f"Where {which} goes, {seen}")
     left, bottom, right, top = drawing.frame_mm
     room = Rect(area.x + 9.0, area.y + 8.0, area.width - CHAINS_MM, area.height - CHAINS_MM + 2)
     scale = min(room.width / (right - left), room.height / (top - bottom))

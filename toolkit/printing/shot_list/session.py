@@ -32,7 +32,7 @@ from toolkit.printing.shot_list.drawings import (
     write,
     write_on_white,
 )
-from toolkit.printing.shot_list.mounting import MountDrawing, draw_mounting, draw_views
+from toolkit.printing.shot_list.mounting import MountDrawing, draw_mountings, draw_views
 from toolkit.printing.shot_list.places import CameraPlace, Stop, find_stops
 from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera, orbit_direction
@@ -264,9 +264,10 @@ class ObjectSession:
     Attributes:
         item, camera: the object and the plan's camera.
         stops: its places along the tour.
-        booster, mounting: the sheet and where it goes; None where nothing is stuck on.
+        booster: what is on the sheets; None where nothing is stuck on.
+        mountings: where each sheet goes.
         note: why nothing is, where it should have been.
-        patch_pdf: name of the sheet's printed page, where there is one.
+        patch_pdf: name of the sheets' printed page, where there is one.
         board: what it stands on.
         around: what its drawings share.
         views: JPEGs by (variant, pose id).
@@ -277,7 +278,7 @@ class ObjectSession:
     camera: Camera
     stops: tuple[Stop, ...]
     booster: Print | None
-    mounting: MountDrawing | None
+    mountings: tuple[MountDrawing, ...]
     note: str | None
     patch_pdf: str | None
     board: Board | None
@@ -314,10 +315,10 @@ def prepare_session(
     stops = find_stops(poses, steps)
     views = draw_views(item, camera, poses, boosters, board, bar=bar)
     stuck = [b for b in (boosters.get("patched"), *boosters.values()) if isinstance(b, Print) and not b.alone]
-    mounting = draw_mounting(item, stuck[0]) if stuck else None
+    mountings = draw_mountings(item, stuck[0]) if stuck else []
     bar.advance(note=f"{item.name}: where the patch goes")
     around = survey(item.mesh, [stop.place for stop in stops])
     return ObjectSession(
-        item, camera, tuple(stops), stuck[0] if stuck else None, mounting, note=note, patch_pdf=patch_pdf,
+        item, camera, tuple(stops), stuck[0] if stuck else None, tuple(mountings), note=note, patch_pdf=patch_pdf,
         board=board, around=around, views=views, poses_sha256=poses_sha256,
     )  # fmt: skip

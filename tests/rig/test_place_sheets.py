@@ -1,0 +1,89 @@
+"""Places for several sheets that go on together: against boxes on which the answer is known."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from toolkit.cli.app import make_single
+from toolkit.cli.place import place
+from toolkit.objects.load import TableObject, load_object
+from toolkit.objects.spec import ObjectSpec, read_spec
+from toolkit.rig.camera import Camera, orbit_pose
+from toolkit.rig.pattern import Pattern
+from toolkit.rig.place import PlaceConfig, draw_poses, find_sheets, share_seen
+from toolkit.rig.plan import Pose, make_plan, read_plan, write_plan
+
+CAMERA = Camera.from_fov(640, 480, 40)
+
+
+def as_object(mesh) -> TableObject:
+    fields = {"name": "box", "class": "crate", "mesh": "builtin:racer", "length_mm": 100}
+    return TableObject(ObjectSpec.model_validate(fields), mesh)
+
+
+def look(item: TableObject, *azimuths: float) -> list[Pose]:
+    target = (0.0, 0.0, float(item.mesh.size_mm[2]) / 2)
+    return [
+        Pose(
+            id=i, azimuth_deg=azimuth, elevation_deg=10, distance_mm=700, target_mm=target,
+            T_world_camera=orbit_pose(np.array(target), azimuth, 10, 700).tolist(),
+        )
+        for i, azimuth in enumerate(azimuths, 1)
+    ]  # fmt: skip
+
+
+def test_the_second_goes_where_the_views_see_the_first_least(make_box):
+    """Three views of the left, two of the right: the left is best alone, and beside it nothing helps like the right."""
+    item = as_object(make_box((200.0, 160.0, 120.0)))
+    poses = look(item, 85, 90, 95, 265, 275)
+    chosen = find_sheets(item, CAMERA, poses, PlaceConfig(steps=6, sheets=2), [70])
+    assert [one.mount.at for one in chosen] == ["left", "right"]
+    assert [one.poses_seen for one in chosen] == [3, 2] and share_seen(chosen) == 1 and share_seen(chosen[:1]) == 0.6
+
+
+def test_none_overlap_and_none_goes_where_there_is_no_room(make_box):
+    """A top of 100 x 60 mm and sides of 100 x 20 mm: of sheets of 30 + 10 mm, two lie side by side on the top."""
+    item = as_object(make_box((100.0, 60.0, 20.0)))
+    poses = look(item, 0, 120, 240)
+    chosen = find_sheets(item, CAMERA, poses, PlaceConfig(steps=20, sheets=4), [30])
+    assert [one.mount.at for one in chosen] == ["top", "top"]
+    apart = abs(chosen[0].mount.offset_mm[0] - chosen[1].mount.offset_mm[0])
+    assert apart >= 40 - 1
+
+
+def test_random_views_are_in_the_ranges_of_training_and_depend_on_seed_and_number(make_box):
+    item = as_object(make_box((200.0, 160.0, 40.0)))
+    poses = draw_poses(item, CAMERA, 30, 4)
+    assert all(20 <= pose.elevation_deg <= 70 and abs(pose.roll_deg) <= 8 for pose in poses)
+    assert len({pose.azimuth_deg for pose in poses}) == 30
+    assert draw_poses(item, CAMERA, 3, 4) == poses[:3] and draw_poses(item, CAMERA, 3, 5) != poses[:3]
+
+
+@pytest.fixture
+def typed(tmp_path, make_crate_space):
+    space = make_crate_space(tmp_path / "w")
+
+    def run(*arguments: str):
+        fixed = ["--object", "crate", "--workspace", str(space.root), "--steps", "5", "--quiet"]
+        done = CliRunner().invoke(make_single(place), [*fixed, *arguments])
+        assert done.exit_code == 0, done.output
+        return done
+
+    return space, run
+
+
+def test_the_plan_decides_nothing_of_several_and_write_makes_tables(typed):
+    space, run = typed
+    first = json.loads(run("--sheets", "2", "--size-mm", "25", "--json").stdout)
+    assert len(first["places"]) == 2 and first["poses"] == 64 and first["written"] is None
+    item, low = load_object(space.object_spec("crate")), Pattern(name="ring", count=2, elevation_deg=(5, 5))
+    write_plan(space.plan_file, make_plan([item], read_plan(space.plan_file).camera, low))
+    done = run("--sheets", "2", "--size-mm", "25", "--json", "--write")
+    again = json.loads(done.stdout)
+    assert again["places"] == first["places"] and again["now"] == first["now"]
+    mounts = read_spec(space.object_spec("crate")).mounts
+    assert [(one.at, one.size_mm) for one in mounts] == [(one["at"], 25) for one in first["places"]]
+    said = " ".join(run("--sheets", "2", "--size-mm", "25").stdout.split())
+    assert "2 sheets that go on together" in said and "of 64 random views show half of one" in said
