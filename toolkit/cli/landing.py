@@ -198,6 +198,7 @@ def show_flights(results: "Sequence[CellResult]", pairs: "Sequence[PairResult]")
     from toolkit.core.tables import build_table, format_interval, format_p, format_percent
     from toolkit.landing.episodes import OUTCOMES
 
+    ends = [name for name in OUTCOMES[1:] if any(one.count(name) for one in results)]
     rows = []
     for one in results:
         *_, air, gains = one.cell.key.split("/")
@@ -205,10 +206,9 @@ def show_flights(results: "Sequence[CellResult]", pairs: "Sequence[PairResult]")
         error = "-" if row["median_error_m"] is None else f"{row['median_error_m']:.2f}"
         rows.append(
             (one.cell.pad, one.cell.regressor, f"{air} {gains}", str(one.n), format_percent(one.success),
-             format_interval(one.success_ci95), *(str(one.count(name)) for name in OUTCOMES[1:]), error)
+             format_interval(one.success_ci95), *(str(one.count(name)) for name in ends), error)
         )  # fmt: skip
-    ends = [name.replace("_", " ") for name in OUTCOMES[1:]]
-    heads = ("n", "success", "95 %", *ends, "error m")
+    heads = ("n", "success", "95 %", *(name.replace("_", " ") for name in ends), "error m")
     console.print(build_table("Landings", ("pad", "regressor", "air, gains"), heads, rows))
     if pairs:
         cells = [(one.cell.key, one.against.key, str(one.gained), str(one.lost), format_p(one.p)) for one in pairs]
