@@ -89,7 +89,9 @@ def train_patches(
     else:
         folders = ", ".join(str(place.root / "print" / "patches" / name) for name in sets)
         console.print(f"{len(chosen)} classes, {len(patches)} patches in {folders}", markup=False, soft_wrap=True)
-        chosen_sets = " ".join(f"--patches {name}" for name in sets)
-        console.print(f"next: toolkit corrupt-eval --data {data} {chosen_sets}", markup=False, soft_wrap=True)
+        network = {"--model": model, "--weights": weights}
+        typed = [f"{flag} {value}" for flag, value in network.items() if value is not None]
+        words = " ".join(["toolkit corrupt-eval --data", data, *typed, *(f"--patches {name}" for name in sets)])
+        console.print(f"next: {words}", markup=False, soft_wrap=True)
     if skipped:
         raise typer.Exit(1)
