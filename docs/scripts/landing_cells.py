@@ -1,6 +1,6 @@
 """Cells of several `landing fly` runs in one table, each with its pairs against the run's first pad and regressor.
 
-Called as landing_cells.py CSV WORKSPACE RUN ...; the runs lie in WORKSPACE/eval/landing.
+Called as landing_cells.py CSV RUN ...; each RUN is a folder WORKSPACE/eval/landing/NAME.
 """
 
 import csv
@@ -12,9 +12,9 @@ from typing import Any
 from toolkit.core.files import sha256_file
 
 
-def read_cells(space: Path, run: str) -> list[dict[str, Any]]:
+def read_cells(run: Path) -> list[dict[str, Any]]:
     """The rows of a run, as the table has them."""
-    summary = json.loads((space / "eval" / "landing" / run / "summary.json").read_text())
+    summary = json.loads((run / "summary.json").read_text(encoding="utf-8"))
     settings, cells = summary["settings"], summary["cells"]
     keys = {_key(one): one for one in cells}
     pairs = {(pair["cell"], pair["against"]): pair for pair in summary["pairs"]}
@@ -23,7 +23,7 @@ def read_cells(space: Path, run: str) -> list[dict[str, Any]]:
         first = _key(one | {"pad": cells[0]["pad"], "regressor": cells[0]["regressor"]})
         pair = pairs.get((key, first), {})
         low, high = one["success_ci95"]
-        file = space / "rig" / "regressors" / f"{one['regressor']}.safetensors"
+        file = run.parents[2] / "rig" / "regressors" / f"{one['regressor']}.safetensors"
         rows.append(
             {"world": one["world"], "world_seed": settings["world_seed"], "time": settings["time"]}
             | {name: one[name] for name in ("weather", "severity", "pad", "regressor")}
@@ -42,9 +42,9 @@ def _key(cell: dict[str, Any]) -> str:
     return "/".join((cell["pad"], cell["regressor"], cell["world"], weather, cell["gains"]))
 
 
-def main(table: str, space: str, *runs: str) -> None:
+def main(table: str, *runs: str) -> None:
     """Write the table."""
-    rows = [row for run in runs for row in read_cells(Path(space), run)]
+    rows = [row for run in runs for row in read_cells(Path(run).resolve())]
     with Path(table).open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
         writer.writeheader()

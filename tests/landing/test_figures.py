@@ -5,8 +5,9 @@ import pytest
 from test_fly import record
 
 from toolkit.landing.config import FlyConfig
-from toolkit.landing.figures import draw_map
-from toolkit.landing.fly import EpisodeRecord
+from toolkit.landing.figures import draw_map, pick_cells
+from toolkit.landing.fly import Cell, EpisodeRecord
+from toolkit.landing.results import CellResult
 
 GREEN, ORANGE = (0, 122, 90), (194, 65, 12)
 HEIGHTS_M = (4.0, 2.0, 0.9, 0.7, -0.01)
@@ -27,6 +28,16 @@ def test_the_circle_is_the_one_of_a_success() -> None:
         config = FlyConfig(regressors=("net",), episode={"radius_m": radius_m})
         wide[radius_m] = np.ptp(find(draw_map(flight(), 4, config), GREEN)[:, 0])
     assert wide[0.8] == pytest.approx(2 * wide[0.4], abs=6)
+
+
+@pytest.mark.parametrize("airs", [2, 4, 7, 20])
+def test_tracks_are_drawn_of_every_pad(airs: int) -> None:
+    pads = ("plain", "boosted")
+    cells = [Cell(pad, "net", "grass", "fog", air, "gentle") for air in range(airs) for pad in pads]
+    picked = pick_cells([CellResult(cell, ()) for cell in cells], 9)
+    assert len(picked) == min(9, len(cells))
+    assert {one.cell.pad for one in picked} == set(pads)
+    assert (picked[0].cell, picked[-1].cell) == (cells[0], cells[-1])
 
 
 def test_what_is_no_more_looked_at_is_not_drawn() -> None:

@@ -63,15 +63,15 @@ def _line(cell: Cell) -> tuple[str, str, str]:
     return cell.pad, cell.regressor, cell.gains
 
 
-def draw_tracks(results: Sequence[CellResult], radius_m: float, most: int = 6) -> bytes:
+def draw_tracks(results: Sequence[CellResult], radius_m: float, most: int = 9) -> bytes:
     """PNG: the first episodes of some cells from above and from aside, coloured by their end.
 
     Args:
         results: of the cells.
         radius_m: of the circle that a success is in.
-        most: cells.
+        most: cells, as `pick_cells` takes them.
     """
-    some = _pick(results, most)
+    some = pick_cells(results, most)
     columns = min(len(some), TRACK_COLUMNS)
     bands = -(-len(some) // columns)
     figure = make_figure(1 + 3.2 * columns, 0.6 + 6.2 * bands)
@@ -112,9 +112,11 @@ def _explain_colours(figure: "Figure", results: Sequence[CellResult]) -> None:
     figure.legend(handles=lines, loc="outside lower center", ncols=len(lines), frameon=False)
 
 
-def _pick(results: Sequence[CellResult], most: int) -> list[CellResult]:
-    step = max(1, -(-len(results) // most))
-    return list(results[::step])[:most]
+def pick_cells(results: Sequence[CellResult], most: int) -> list[CellResult]:
+    """So many cells at most: the first, the last and some between, so that no pad is passed over."""
+    if len(results) <= most:
+        return list(results)
+    return [results[k] for k in np.linspace(0, len(results) - 1, most).round().astype(int)]
 
 
 def _frame(panel: "Axes", title: str, radius_m: float) -> None:
