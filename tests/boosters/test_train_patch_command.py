@@ -3,6 +3,7 @@
 import json
 import re
 import sys
+from dataclasses import replace
 
 import pytest
 from tiny_network import tiny_classifier, write_photos
@@ -19,7 +20,7 @@ def type_command(tmp_path, monkeypatch, capsys):
 
     def load_tiny(arch, weights, device, folder):
         loaded.append((arch, weights))
-        return tiny_classifier()
+        return replace(tiny_classifier(), name=arch or "tiny")
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("toolkit.models.load.load_classifier", load_tiny)
