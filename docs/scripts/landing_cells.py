@@ -6,10 +6,12 @@ Called as landing_cells.py CSV RUN ...; each RUN is a folder WORKSPACE/eval/land
 import csv
 import json
 import sys
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 from toolkit.core.files import sha256_file
+from toolkit.landing.fly import Cell
 
 
 def read_cells(run: Path) -> list[dict[str, Any]]:
@@ -38,8 +40,7 @@ def read_cells(run: Path) -> list[dict[str, Any]]:
 
 
 def _key(cell: dict[str, Any]) -> str:
-    weather = cell["weather"] + (f":{cell['severity']}" if cell["severity"] else "")
-    return "/".join((cell["pad"], cell["regressor"], cell["world"], weather, cell["gains"]))
+    return Cell(**{one.name: cell[one.name] for one in fields(Cell)}).key
 
 
 def main(table: str, *runs: str) -> None:

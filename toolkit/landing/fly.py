@@ -291,17 +291,16 @@ def _load_predictors(
         loaded = None if word in FINDERS else load_regressor(space, word, device)
         predictors[word if loaded is None else loaded.name] = loaded
     trained = [one for one in predictors.values() if one is not None]
-    optics = CameraConfig() if config.image_px is None else CameraConfig(image_px=config.image_px)
-    if trained and config.image_px not in (None, trained[0].record.image_px):
-        raise FieldError(
-            f"expected {trained[0].record.image_px}, as {trained[0].name} was trained", {"image_px": config.image_px}
-        )
-    if trained:
-        optics = CameraConfig(image_px=trained[0].record.image_px, fov_deg=trained[0].record.fov_deg)
-        for one in trained:
-            one.check(optics)
-    size_m = config.size_m or (trained[0].record.size_m if trained else 2.0)
-    return predictors, optics, size_m
+    if not trained:
+        optics = CameraConfig() if config.image_px is None else CameraConfig(image_px=config.image_px)
+        return predictors, optics, config.size_m or 2.0
+    first = trained[0].record
+    if config.image_px not in (None, first.image_px):
+        raise FieldError(f"expected {first.image_px}, as {trained[0].name} was trained", {"image_px": config.image_px})
+    optics = CameraConfig(image_px=first.image_px, fov_deg=first.fov_deg)
+    for one in trained:
+        one.check(optics)
+    return predictors, optics, config.size_m or first.size_m
 
 
 def _find_used(predictors: Mapping[str, Regressor | None], world: World) -> frozenset[str]:
