@@ -65,3 +65,8 @@ def show_value(value: object) -> str:
     if isinstance(value, tuple | list):
         return " ".join(show_value(item) for item in value)
     return shorten(str(value), LONGEST_SHOWN)
+
+
+def describe_failure(error: BaseException, longest: int = 200) -> str:
+    """What code that is not ours raised, in one line: its kind and what it says, cut off after so many letters."""
+    return f"{error.__class__.__name__}: {' '.join(str(error).split())[:longest]}"

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError, describe_failure
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.models.find import PYTHON_PREFIX
 from toolkit.models.labels import (
@@ -180,7 +180,7 @@ class Classifier:
         except Exception as error:  # whatever the user's code raises
             if not self.arch.startswith(PYTHON_PREFIX):
                 raise
-            why = f"{error.__class__.__name__}: {' '.join(str(error).split())[:200]}"
+            why = describe_failure(error)
             raise BadAnswer(f"fails at {len(batch)} images of {batch.shape[-1]} px: {why}", self.arch) from None
 
     def class_index(self, name: str | int) -> int:

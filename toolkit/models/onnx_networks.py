@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import torch
 from torch import nn
 
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import ToolkitError, describe_failure
 from toolkit.models.onnx_graph import OnnxGraph, free_batch, import_extra, set_input, start_session
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ class OnnxNetwork(nn.Module):
         except NotImplementedError as error:
             return f"onnx2torch cannot read it: {' '.join(str(error).split())[:120]}"
         except Exception as error:  # a converter trips over a graph in its own way
-            return f"onnx2torch fails at it: {error.__class__.__name__}: {' '.join(str(error).split())[:120]}"
+            return f"onnx2torch fails at it: {describe_failure(error, 120)}"
         self.torch_module = module
         first = self._sample[:1]
         try:
@@ -99,7 +99,7 @@ class OnnxNetwork(nn.Module):
                 answers = self._run_torch(first.clone().requires_grad_())
         except Exception as error:
             self.torch_module = None
-            return f"its reading in torch fails: {error.__class__.__name__}: {' '.join(str(error).split())[:120]}"
+            return f"its reading in torch fails: {describe_failure(error, 120)}"
         if not _are_alike(answers, self._ask(self._session, first)):
             self.torch_module = None
             return "its reading by onnx2torch answers otherwise than ONNX Runtime"

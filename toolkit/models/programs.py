@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from torch import nn
 from torchvision.transforms._presets import ImageClassification
 
-from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError, describe_failure
 from toolkit.core.files import explain_validation, sha256_bytes, sha256_file
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import imagenet_labels
@@ -89,8 +89,9 @@ def load_python_classifier(model: str, device: str) -> Classifier:
         module = import_module(module_name)
         made = getattr(module, function_name)()
     except Exception as error:  # any the user's code can raise
-        why = f"{error.__class__.__name__}: {' '.join(str(error).split())[:200]}"
-        raise FieldError(f"{function_name} of {module_name} cannot be called: {why}", {"model": model}) from None
+        raise FieldError(
+            f"{function_name} of {module_name} cannot be called: {describe_failure(error)}", {"model": model}
+        ) from None
     finally:
         sys.path.remove(here)
         if here not in sys.path:
@@ -175,8 +176,7 @@ def _try(network: nn.Module, arch: str, how: Preprocessing, device: str) -> torc
     except ToolkitError:
         raise
     except Exception as error:  # whatever a foreign module raises
-        why = f"{error.__class__.__name__}: {' '.join(str(error).split())[:200]}"
-        raise FieldError(f"it fails at two images of {side} px: {why}", {"model": arch}) from None
+        raise FieldError(f"it fails at two images of {side} px: {describe_failure(error)}", {"model": arch}) from None
     if not isinstance(answers, torch.Tensor):
         hint = " (a detector? here a classifier is expected)" if _has_boxes(answers) else ""
         expected = f"expected one tensor, images × classes{hint}"
