@@ -40,16 +40,18 @@ def blur_along(planes: torch.Tensor, radius_px: float, sigma_px: float, angles_d
         angles_deg: (b,) directions.
     """
     height, width = planes.shape[-2:]
-    blurred = torch.zeros_like(planes)
-    for image, target, angle in zip(planes, blurred, angles_deg.tolist(), strict=True):
+    blurred = []
+    for image, angle in zip(planes, angles_deg.tolist(), strict=True):
         taps = motion_taps(radius_px, sigma_px, angle)
         left, right = max(-dx for dx, _, _ in taps), max(dx for dx, _, _ in taps)
         above, below = max(-dy for _, dy, _ in taps), max(dy for _, dy, _ in taps)
         padded = F.pad(image[None], (left, right, above, below), mode="replicate")[0]
+        target = torch.zeros_like(image)
         for dx, dy, weight in taps:
             top, start = above + dy, left + dx
             target.add_(padded[:, top : top + height, start : start + width], alpha=weight)
-    return blurred
+        blurred.append(target)
+    return torch.stack(blurred)
 
 
 def shuffle_near(images: torch.Tensor, reach_px: int, rounds: int, draws: RandomStreams) -> torch.Tensor:

@@ -135,6 +135,25 @@ def pixelate(images: torch.Tensor, share: float, draws: RandomStreams) -> torch.
     return _change_levels(images, shrink_and_enlarge)
 
 
+def pixelate_unrounded(images: torch.Tensor, share: float) -> torch.Tensor:
+    """What `pixelate` makes but for its rounding, as products of matrices, which have a gradient."""
+    height, width = images.shape[-2:]
+    low_height, low_width = int(height * share), int(width * share)
+    rows, columns = (torch.from_numpy(box_windows(*pair)[0]) for pair in ((low_height, height), (low_width, width)))
+    down, across = (_box_means(*pair).to(images) for pair in ((height, low_height), (width, low_width)))
+    low = down @ images @ across.T
+    return low[..., rows.to(images.device), :][..., columns.to(images.device)]
+
+
+@lru_cache(maxsize=64)
+def _box_means(length: int, wanted: int) -> torch.Tensor:
+    """(wanted, length) float32 that takes the mean of the pixels in each box."""
+    first, counts = box_windows(length, wanted)
+    offsets = np.arange(length) - first[:, None]
+    covered = (offsets >= 0) & (offsets < counts[:, None])
+    return torch.from_numpy((covered / counts[:, None]).astype(np.float32))
+
+
 def _change_levels(images: torch.Tensor, change: Callable[[np.ndarray], np.ndarray]) -> torch.Tensor:
     """Apply `change`, (3, h, w) uint8 to the same, to each image rounded to 8 bits, on the CPU."""
     source = images.contiguous().cpu().numpy()

@@ -1,7 +1,7 @@
 """Linear filters on batches of planes.
 
-On the CPU OpenCV blurs, ten and more times as fast as torch's depthwise convolution, and on a GPU matrix products, to
-the same values. Large kernels go through the Fourier transform.
+On the CPU OpenCV blurs, ten and more times as fast as torch's depthwise convolution; on a GPU, and where a gradient is
+wanted, matrix products, to the same values. Large kernels go through the Fourier transform.
 """
 
 from functools import lru_cache
@@ -54,7 +54,7 @@ def blur_by_matrix(planes: torch.Tensor, sigma_px: float, border: str, truncate:
 
 def blur_gaussian(planes: torch.Tensor, sigma_px: float) -> torch.Tensor:
     """Blur (b, c, h, w) float32 with a Gaussian cut off at four deviations, edge pixels repeated outwards."""
-    if planes.device.type != "cpu":
+    if planes.device.type != "cpu" or planes.requires_grad:
         return blur_by_matrix(planes, sigma_px, "edge")
     weights = gaussian_weights(sigma_px)
     result = torch.empty(planes.shape)

@@ -163,8 +163,8 @@ def add_frost(images: torch.Tensor, shares: tuple[float, float, float], draws: R
     kept, added, scale = shares
     height, width = images.shape[-2:]
     frosted = images * kept
-    for image, piece in zip(frosted, cut_frost(height, width, scale, draws), strict=True):
-        image.add_(piece, alpha=added)
+    for number, piece in enumerate(cut_frost(height, width, scale, draws)):
+        frosted[number].add_(piece, alpha=added)
     return frosted
 
 

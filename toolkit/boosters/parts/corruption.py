@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     import torch
 
 DIFFERENTIABLE = frozenset((
-    "gaussian_noise", "impulse_noise", "speckle_noise", "defocus_blur", "zoom_blur", "snow", "fog", "brightness",
-    "contrast", "elastic_transform", "spatter", "saturate",
+    "gaussian_noise", "impulse_noise", "speckle_noise", "defocus_blur", "glass_blur", "motion_blur", "zoom_blur",
+    "gaussian_blur", "snow", "frost", "fog", "brightness", "contrast", "elastic_transform", "spatter", "saturate",
 ))  # fmt: skip
 """What autograd goes through: noise, clouds, flakes and shifts are drawn without looking at the image."""
 
@@ -26,10 +26,12 @@ class Corrupted:
     Attributes:
         corruptions: (name, severity), at least one, of `toolkit.corruptions.CORRUPTIONS`; each is as likely.
         probability: that a photograph is corrupted.
+        gradients: version of what `corrupt_straight` makes; raised when the same settings give another gradient.
     """
 
     corruptions: tuple[tuple[str, int], ...]
     probability: float = 0.5
+    gradients: int = 2
 
     def __post_init__(self) -> None:
         from toolkit.corruptions import find_corruption
@@ -61,9 +63,9 @@ class Corrupted:
 def corrupt_straight(images: "torch.Tensor", name: str, severity: int, seeds: Sequence[int]) -> "torch.Tensor":
     """`toolkit.corruptions.corrupt` with a gradient.
 
-    Of what is in `DIFFERENTIABLE` the gradient is the true one. The others count photons, shuffle pixels, round to
-    whole levels or run in OpenCV; they act forward, and backward count as the identity ("straight through"; Bengio et
-    al. 2013; BPDA, Athalye et al. 2018): right where the result stays near the image, and blind to what they take away.
+    Of what is in `DIFFERENTIABLE` the gradient is the true one. The others count photons or round to whole levels; they
+    act forward, and backward count as what they are near ("straight through"; Bengio et al. 2013; BPDA, Athalye et al.
+    2018): pixelate as its means, shot noise and JPEG as the identity.
 
     Args:
         images: (b, 3, h, w) float, sRGB-encoded in [0, 1].
@@ -75,10 +77,12 @@ def corrupt_straight(images: "torch.Tensor", name: str, severity: int, seeds: Se
         As `images`, what `corrupt` returns; differentiable.
     """
     from toolkit.corruptions import CORRUPTIONS, choose_parameters, corrupt
+    from toolkit.corruptions.digital import pixelate_unrounded
     from toolkit.corruptions.draws import RandomStreams
 
+    corruption = CORRUPTIONS[name]
+    given = corruption.parameters[choose_parameters(*images.shape[-2:])][severity - 1]
     if name in DIFFERENTIABLE:
-        corruption = CORRUPTIONS[name]
-        given = corruption.parameters[choose_parameters(*images.shape[-2:])][severity - 1]
         return corruption.apply(images, given, RandomStreams(seeds, name, severity, images.device)).clamp(0, 1)
-    return corrupt(images, name, severity, seeds) + (images - images.detach())
+    near = pixelate_unrounded(images, cast(float, given)) if name == "pixelate" else images
+    return corrupt(images, name, severity, seeds) + (near - near.detach())
