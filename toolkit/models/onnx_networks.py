@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 SAME_ANSWER = 1e-3
 """Of the largest output, how far two ways of running a graph may differ: far more than rounding, less than a fault."""
-warnings.filterwarnings("ignore", "Using a non-tuple sequence", module=r"onnx2torch\..*")
+warnings.filterwarnings("ignore", "Using a non-tuple sequence", module=r"(onnx2torch|toolkit\.models)\..*")
 
 
 class OnnxNetwork(nn.Module):

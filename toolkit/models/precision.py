@@ -1,6 +1,7 @@
 """Half precision where the hardware computes in it, and where a network can be trained in it."""
 
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import TYPE_CHECKING
 
 from toolkit.models.architectures import build_network
@@ -20,8 +21,18 @@ def mixed_precision(device: str) -> AbstractContextManager[object]:
     if device == "cuda" and torch.cuda.is_bf16_supported(including_emulation=False):
         return torch.autocast("cuda", torch.bfloat16)
     if device == "cpu" and has_native_bfloat16():
-        return torch.autocast("cpu", torch.bfloat16)
+        return _bfloat16_on_cpu()
     return nullcontext()
+
+
+@contextmanager
+def _bfloat16_on_cpu() -> "Iterator[None]":
+    import torch
+
+    from toolkit.models.depthwise import FastDepthwise
+
+    with torch.autocast("cpu", torch.bfloat16), FastDepthwise():
+        yield
 
 
 def has_native_bfloat16() -> bool:
