@@ -13,6 +13,7 @@ import time
 from pathlib import Path
 
 from benchmarks.bench_eval import make_classifier, write_photographs
+from benchmarks.peers import peak_mb
 
 IMAGES, ROUNDS, SEVERITY = 32, 3, 3
 BATCH = 32
@@ -96,9 +97,7 @@ def _report_peak(folder: Path, count: int) -> None:
     from toolkit.benchmark.grid import run_grid
 
     run_grid(make_grid(folder, count, (("contrast", SEVERITY),)), folder / f"cells-{count}.jsonl")
-    # not getrusage's ru_maxrss: a child process inherits its parent's peak there
-    status = Path("/proc/self/status").read_text()
-    print(json.dumps(int(status.split("VmHWM:")[1].split()[0]) / 1024))
+    print(json.dumps(peak_mb()))
 
 
 def run() -> dict[str, float]:

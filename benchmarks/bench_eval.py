@@ -11,6 +11,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from benchmarks.peers import peak_mb
+
 BATCH = 32
 ROUNDS = 3
 MEMORY_COUNTS = (96, 192, 384)
@@ -92,9 +94,7 @@ def _report_peak(folder: Path, count: int) -> None:
 
     captures = read_captures(folder / "captures").captures[:count]
     predict_captures(captures, {"racer": 751}, make_classifier(folder), BATCH)
-    # not getrusage's ru_maxrss: a child process inherits its parent's peak there
-    status = Path("/proc/self/status").read_text()
-    print(json.dumps(int(status.split("VmHWM:")[1].split()[0]) / 1024))
+    print(json.dumps(peak_mb()))
 
 
 def run() -> dict[str, float]:

@@ -4,7 +4,6 @@ The network's own rate is a bare forward and backward of a ResNet-18 to the pixe
 """
 
 import multiprocessing
-import resource
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 import torch
 from torchvision.models import resnet18
 
+from benchmarks.peers import peak_mb
 from toolkit.boosters.pixels import Target, judge_photos
 from toolkit.boosters.preview import BoosterFiles
 from toolkit.boosters.texture import Backgrounds, TextureTask
@@ -133,7 +133,7 @@ def _train_and_weigh() -> float:
     atlas = make_atlas(place_on_table(build_mesh("warplane"), LENGTH_MM), TEXELS)
     for _ in step_through(atlas, make_target("cpu"), config, 2):
         pass
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
+    return peak_mb() * 1024**2 / 1e9
 
 
 def run(device: str = "auto") -> dict[str, float | str]:

@@ -1,11 +1,20 @@
-"""Rates of renderers that take turns, each in a process of its own."""
+"""Rates of renderers that take turns, each in a process of its own; the peak memory of one."""
 
 import json
 import subprocess
 import sys
 from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
+
+
+def peak_mb() -> float:
+    """Peak resident memory of this process, MB.
+
+    Not getrusage's ru_maxrss: a child process inherits its parent's peak there.
+    """
+    return int(Path("/proc/self/status").read_text().split("VmHWM:")[1].split()[0]) / 1024
 
 
 def measure_in_turn(

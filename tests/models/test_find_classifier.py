@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import pytest
 import torch
@@ -13,7 +14,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.models import bundled, find, load_classifier
 from toolkit.models.bundled import load_best, read_bundled
-from toolkit.models.find import find_classifier, list_own
+from toolkit.models.find import find_classifier, list_own, pair_weights
 from toolkit.training.classifier_task import halve_weights, summarise_answers
 
 LABELS = ["racer", "warplane", "coffee mug"]
@@ -99,6 +100,24 @@ def test_names_and_files_that_do_not_go_together(tmp_path, nothing_bundled):
     file.with_suffix(".json").unlink()
     with pytest.raises(ToolkitError, match=r"no record mine\.json with the field 'arch' beside it"):
         load_classifier("mine", device="cpu", folder=folder)
+
+
+def test_files_of_weights_go_to_the_networks_that_bring_none(tmp_path, nothing_bundled):
+    mine, graph = write_own(tmp_path, "mine"), tmp_path / "net.onnx"
+    graph.touch()
+    names, files = ["resnet18", f"onnx:{graph}", "mine", "timm:edgenext_small"], [Path("a.pth"), Path("b.pth")]
+    assert pair_weights(names, files, tmp_path) == [
+        ("resnet18", files[0]), (names[1], None), ("mine", None), ("timm:edgenext_small", files[1])
+    ]  # fmt: skip
+    assert pair_weights(names, None, tmp_path) == [(name, None) for name in names]
+    assert pair_weights(None, [mine]) == [(None, mine)] and pair_weights(None, None) == [(None, None)]
+    assert pair_weights(["mobilenet_v2"], files[:1]) == [("mobilenet_v2", files[0])]
+    with pytest.raises(ToolkitError, match=r"4 of model and 3 of weights: expected a file for each of the 2 that"):
+        pair_weights(names, [*files, mine], tmp_path)
+    with pytest.raises(ToolkitError, match=r"2 of model and 1 of weights: they bring theirs"):
+        pair_weights(["mine", "mine"], [mine], tmp_path)
+    with pytest.raises(ToolkitError, match=r"no such file"):
+        pair_weights(["resnet18", "onnx:nowhere.onnx"], [mine], tmp_path)
 
 
 def test_weights_that_are_not_the_records(tmp_path):

@@ -126,8 +126,8 @@ def load_networks(
 def _load_each(
     models: Sequence[str] | None, weights: Sequence[Path] | None, device: str, folder: Path | None, may_mix: bool
 ) -> "Sequence[Classifier | DetectorNetwork]":
-    from toolkit.models.find import may_be_detector
-    from toolkit.models.load import load_classifiers
+    from toolkit.models.find import may_be_detector, pair_weights
+    from toolkit.models.load import load_classifier, load_classifiers
 
     named = list(models or [])
     if any(map(may_be_detector, named)):
@@ -135,17 +135,16 @@ def _load_each(
 
         kinds = [is_detector(name) for name in named]
         if any(kinds):
-            if not (all(kinds) or may_mix) or (weights and len(weights) != len(named)):
-                found = {"model": " ".join(named)}
-                raise FieldError("expected classifiers or detectors, not both, one of {weights} for each", found)
-            files: list[Path | None] = list(weights) if weights else [None] * len(named)
+            if not (all(kinds) or may_mix):
+                raise FieldError("expected classifiers or detectors, not both", {"model": " ".join(named)})
+            pairs = zip(named, (file for _, file in pair_weights(named, weights, folder)), kinds, strict=True)
             return [
                 DetectorNetwork(load_detector(name, file, device))
                 if kind
-                else load_classifiers([name], [file] if file else None, device, folder)[0]
-                for name, file, kind in zip(named, files, kinds, strict=True)
+                else load_classifier(name, file, device, folder)
+                for name, file, kind in pairs
             ]
-    return load_classifiers(named or None, None if weights is None else list(weights), device, folder)
+    return load_classifiers(named, weights, device, folder)
 
 
 def judge_detectors(

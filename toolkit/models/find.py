@@ -1,5 +1,6 @@
 """Which network a name means: one of the workspace, the bundled one, or a published one."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -151,7 +152,7 @@ def find_classifier(model: str | None = None, weights: Path | None = None, folde
     if model.startswith(TIMM_PREFIX):
         return Found(model, weights)
     own, file = list_own(folder), _find_file(model)
-    if weights is not None and (model in own or file is not None or model.startswith(PYTHON_PREFIX)):
+    if weights is not None and brings_weights(model, folder):
         raise FieldError(f"{model} has its own weights: leave one out", {"model": model, "weights": weights})
     if model.startswith(PYTHON_PREFIX):
         return Found(model, None)
@@ -172,6 +173,36 @@ def find_classifier(model: str | None = None, weights: Path | None = None, folde
     if name not in known:
         raise one_of("model", name, known if name != model else [*own, *known])
     return Found(name, weights)
+
+
+def brings_weights(model: str, folder: Path | None = None) -> bool:
+    """Whether a name stands for a network and its weights, so that no file of weights goes with it.
+
+    Raises:
+        ToolkitError: it names a file that is not there.
+    """
+    is_file = not model.startswith(TIMM_PREFIX) and _find_file(model) is not None
+    return is_file or model in list_own(folder) or model.startswith(PYTHON_PREFIX)
+
+
+def pair_weights(
+    models: Sequence[str] | None, weights: Sequence[Path] | None, folder: Path | None = None
+) -> list[tuple[str | None, Path | None]]:
+    """Each network and its file of weights, in the order given: a file for each, or for each that brings none.
+
+    Raises:
+        ToolkitError: there are more or fewer files.
+    """
+    names: list[str | None] = list(models) if models else [None] * max(1, len(weights or ()))
+    given: list[Path | None] = list(weights) if weights else [None] * len(names)
+    if len(given) == len(names):
+        return list(zip(names, given, strict=True))
+    bare = [name is None or not brings_weights(name, folder) for name in names]
+    if sum(bare) != len(given):
+        expected = f"expected a file for each of the {sum(bare)} that bring none" if sum(bare) else "they bring theirs"
+        raise FieldError(f"{len(names)} of {{model}} and {len(given)} of {{weights}}: {expected}", {})
+    files = iter(given)
+    return [(name, next(files) if is_bare else None) for name, is_bare in zip(names, bare, strict=True)]
 
 
 def may_be_detector(model: str | None) -> bool:

@@ -1,13 +1,22 @@
 """Load a classifier by name: of torchvision or timm, the bundled `rig18`, the user's own, a program or a function."""
 
 from collections import OrderedDict
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.imaging.preprocessing import published_preprocessing
 from toolkit.models.architectures import build_network, imagenet_labels, published_weights
-from toolkit.models.find import EXPORTED_SUFFIX, ONNX_PREFIX, PYTHON_PREFIX, TIMM_PREFIX, Found, find_classifier
+from toolkit.models.find import (
+    EXPORTED_SUFFIX,
+    ONNX_PREFIX,
+    PYTHON_PREFIX,
+    TIMM_PREFIX,
+    Found,
+    find_classifier,
+    pair_weights,
+)
 from toolkit.models.labels import adapt_preprocessing, choose_labels, join_labels_files, read_labels_file
 from toolkit.models.network import Classifier, check_hash, choose_device
 from toolkit.models.weights import WeightsFile, find_weights, read_checkpoint
@@ -90,21 +99,14 @@ def _load_elsewhere(found: Found, device: str) -> Classifier | None:
 
 
 def load_classifiers(
-    models: list[str] | None, weights: list[Path] | None, device: str = "auto",
-    folder: Path | None = None,
-) -> list[Classifier]:  # fmt: skip
+    models: Sequence[str] | None, weights: Sequence[Path] | None, device: str = "auto", folder: Path | None = None
+) -> list[Classifier]:
     """Several classifiers, at least one; see `load_classifier`.
 
     Raises:
-        ToolkitError: not one file of weights for each network, or as `load_classifier`.
+        ToolkitError: as `pair_weights` and `load_classifier`.
     """
-    names: list[str | None] = list(models) if models else [None] * len(weights or [None])
-    files: list[Path | None] = list(weights) if weights else [None] * len(names)
-    if len(files) != len(names):
-        raise FieldError(
-            f"{len(names)} of {{model}} and {len(files)} of {{weights}}: expected one file for each network", {}
-        )
-    return [load_classifier(name, file, device, folder) for name, file in zip(names, files, strict=True)]
+    return [load_classifier(name, file, device, folder) for name, file in pair_weights(models, weights, folder)]
 
 
 def _count_classes(arch: str, state: "Mapping[str, torch.Tensor]", published: int, file: WeightsFile) -> int:
