@@ -107,3 +107,17 @@ def test_doctor_prints_the_line_that_fixes_it(space, monkeypatch, state, code, w
     assert words in result.stdout and "apt install thing" in result.stdout and "absent [bold]" in result.stdout
     listed = json.loads(call("doctor", "--json", code=code).stdout)
     assert listed[1] == {"name": "thing", "state": state, "found": "absent [bold]", "fix": "apt install thing"}
+
+
+def test_a_rehearsal_has_a_folder_of_its_own_and_a_printer_only_with_it(space):
+    shot = call("capture-sim", "--backdrop", "white", "--rehearse", "--quiet")
+    assert "captures/sim-rehearsed" in shot.stdout and "next: toolkit eval" in shot.stdout
+    assert len(list((space.captures_dir / "sim-rehearsed").rglob("*.jpg"))) == 4
+    again = call("capture-sim", "--backdrop", "white", "--rehearse", "--json")
+    assert (json.loads(again.stdout)["shot"], json.loads(again.stdout)["kept"]) == (0, 4)
+    for words, said in (
+        (["--print-profile", "profile.json"], "--print-profile profile.json: goes with --rehearse"),
+        (["--rehearse", "--print-profile", "profile.json"], "profile.json"),
+        (["--rehearse", "--format", "png"], "a phone's JPEGs"),
+    ):
+        assert said in str(call("capture-sim", *words, code=1).exception)

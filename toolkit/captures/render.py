@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from toolkit.captures.shoot import ShootSettings, studio_for
+from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import TableObject
 from toolkit.objects.records import Patch, Texture
 from toolkit.rig.camera import Camera
@@ -40,6 +41,8 @@ def render(
             that was trained on another.
     """
     settings, camera = settings or ShootSettings(), camera or Camera.from_fov()
+    if settings.rehearsal is not None:
+        raise ToolkitError("a rehearsal is of photographs in files: shoot them with shoot_plan")
     mesh = dress(item, _put_on(item, booster))
     renderer = make_renderer(settings.renderer, mesh, studio_for(item, settings))
     lights = renderer.render_many((camera, pose.matrix()) for pose in poses)

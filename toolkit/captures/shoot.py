@@ -13,7 +13,9 @@ from PIL import Image
 
 from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest, write_transforms
+from toolkit.captures.rehearsal import Rehearsal
 from toolkit.core.console import Ticker, progress
+from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import inside, sha256_bytes, write_bytes
 from toolkit.core.locks import hold_folder
@@ -23,7 +25,7 @@ from toolkit.engine.units import Engine, Outcome, Unit, check_hope, list_failure
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera
-from toolkit.rig.plan import CapturePlan, check_poses
+from toolkit.rig.plan import CapturePlan, Pose, check_poses
 from toolkit.rig.renderer import RENDERERS, make_renderer
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
@@ -87,6 +89,7 @@ class ShootSettings:
         renderer: `raycast` or `filament`.
         image_format: `jpg` (quality 95, no chroma subsampling) or `png`.
         board: the printed board that lies under the object; None for the bare table.
+        rehearsal: what print, hand and phone do to the shots; None: nothing.
     """
 
     seed: int = 0
@@ -95,6 +98,7 @@ class ShootSettings:
     renderer: str = "raycast"
     image_format: str = "jpg"
     board: Board | None = None
+    rehearsal: Rehearsal | None = None
 
 
 @dataclass(frozen=True)
@@ -188,6 +192,8 @@ def check_settings(workspace: Workspace, settings: ShootSettings, source: str) -
         raise one_of("renderer", settings.renderer, list(RENDERERS))
     if settings.image_format not in FORMATS:
         raise one_of("image format", settings.image_format, list(FORMATS))
+    if settings.rehearsal is not None and settings.image_format != "jpg":
+        raise FieldError("a rehearsal is of a phone's JPEGs: leave one of the two out", {"rehearse": True})
     workspace.source_dir(source)
 
 
@@ -284,9 +290,16 @@ def _plan_scene(
     camera = plan.camera
     check_poses(item, camera, plan.objects[name])
     look = describe_look(workspace, item, variant, settings) | {"camera": camera.intrinsics}
+
+    def stand(pose: Pose) -> np.ndarray:
+        if settings.rehearsal is None:
+            return pose.matrix()
+        rng = Draws(settings.seed, pose.id, "rehearse").of(f"hand {name} {variant}")
+        return settings.rehearsal.stray(pose.matrix(), pose.distance_mm, rng)
+
     return [
         Shot(
-            item, variant, pose.id, camera, pose.matrix(),
+            item, variant, pose.id, camera, stand(pose),
             path=f"{name}/{variant}/pose_{pose.id:02d}.{settings.image_format}",
             inputs_sha256=sha256_json(look | {"pose": pose.model_dump()}),
         )
@@ -302,8 +315,10 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
     """
     studio = studio_for(item, settings)
     how = asdict(settings)
-    if settings.board is None:
-        del how["board"]  # images from before there was a board keep their hash
+    for absent in [name for name in ("board", "rehearsal") if how[name] is None]:
+        del how[absent]  # images from before there was one keep their hash
+    if settings.rehearsal is not None:
+        how["rehearsal"] = settings.rehearsal.describe()
     look = {
         "look": LOOK_VERSION, "mesh": item.mesh_sha256, "studio": studio.name, "light": asdict(studio.key),
         "variant": variant, **how,
@@ -332,6 +347,7 @@ def _list_units(
             made = {
                 "with": f"toolkit {__version__}", "renderer": settings.renderer,
                 "studio": studio_for(item, settings).name, "seed": settings.seed, **note_booster(booster),
+                **({} if settings.rehearsal is None else {"rehearsed": True}),
             }  # fmt: skip
             records = [_describe_shot(shot, booster, made) for shot in shots]
             places = [(shot.camera, shot.T_world_camera, shot.pose_id or 0) for shot in shots]
@@ -359,10 +375,20 @@ def shoot_unit(
         settings: how.
         places: camera, `T_world_camera` and number of the sensor's noise of each shot.
     """
-    renderer = make_renderer(settings.renderer, dress(item, booster), studio_for(item, settings))
+    rehearsal = settings.rehearsal
+    if rehearsal is None:
+        mesh = dress(item, booster)
+    else:
+        mesh = rehearsal.tape(dress(item, rehearsal.print_booster(booster, settings.seed, item.name)))
+    renderer = make_renderer(settings.renderer, mesh, studio_for(item, settings))
     pictures = renderer.render_many((camera, pose) for camera, pose, _ in places)
     for at, ((_, _, number), picture) in enumerate(zip(places, pictures, strict=True)):
-        yield _encode(tone_map(picture, (settings.seed, number)), settings.image_format), at
+        if rehearsal is None:
+            yield _encode(tone_map(picture, (settings.seed, number)), settings.image_format), at
+            continue
+        rng = Draws(settings.seed, number, "rehearse").of(f"phone {item.name} {booster.name if booster else ''}")
+        developed = tone_map(rehearsal.expose(picture, rng), (settings.seed, number), rehearsal.noise)
+        yield rehearsal.photograph(developed, rng), at
 
 
 def _encode(pixels: np.ndarray, image_format: str) -> bytes:

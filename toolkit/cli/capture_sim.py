@@ -30,7 +30,10 @@ def capture_sim(
             metavar="NAME", help="Table top: oak, walnut, white, concrete, linen, slate, birch. Default: by seed."
         ),
     ] = None,
-    light: Annotated[str, typer.Option(metavar="studio|side|warm|dim", help="Of the rig.")] = "studio",
+    light: Annotated[
+        str | None,
+        typer.Option(metavar="studio|side|warm|dim", help="Of the rig. Default: studio, with --rehearse side."),
+    ] = None,
     renderer: Annotated[str, typer.Option(metavar="raycast|filament", help="What draws the images.")] = "raycast",
     board: Annotated[
         bool | None,
@@ -39,12 +42,28 @@ def capture_sim(
             help="Lay the printed board under the object. Default: with --like, where the photographs show it.",
         ),
     ] = None,
+    rehearse: Annotated[
+        bool,
+        typer.Option(
+            "--rehearse",
+            help="As print, tape, hand and phone will have it: inks, shine, poses missed a little, blur, noise, white "
+            "balance off, JPEG 80.",
+        ),
+    ] = False,
+    print_profile: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="With --rehearse: your printer, as 'toolkit print-profile' measured it. Default: one drawn.",
+        ),
+    ] = None,
     image_format: Annotated[str, typer.Option("--format", metavar="jpg|png", help="Of the images.")] = "jpg",
     source: Annotated[
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Folder below captures/. Default: sim, or sim-PATCHES, sim-board, sim-like-NAME with these options.",
+            help="Folder below captures/. Default: sim, or sim-PATCHES, sim-board, sim-rehearsed, sim-like-NAME with "
+            "these options.",
         ),
     ] = None,
     like: Annotated[
@@ -67,10 +86,12 @@ def capture_sim(
     """Shoot every object at every pose of the plan, unpatched and patched, in the virtual rig.
 
     With --like, every photograph of a folder from its own measured camera instead. With --corrupt, besides the images,
-    a corrupted copy of them, 224² px as networks see them, in captures/SOURCE-fog-3.
+    a corrupted copy of them, 224² px as networks see them, in captures/SOURCE-fog-3. With --rehearse, what is to be
+    expected of the printed patch before it is printed.
     """
     from toolkit.captures.corrupt import corrupt_source
     from toolkit.captures.like import MAX_PX, shoot_like, shows_board
+    from toolkit.captures.rehearsal import make_rehearsal
     from toolkit.captures.shoot import ShootSettings, shoot_plan
     from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
@@ -82,7 +103,11 @@ def capture_sim(
 
     corruptions = parse_corruptions(corrupt or ())
     space = open_workspace(workspace).with_patches(patches)
-    bare = ShootSettings(seed, backdrop, light, renderer, image_format)
+    rehearsal = make_rehearsal(print_profile) if rehearse else None
+    if print_profile is not None and not rehearse:
+        raise FieldError("goes with {rehearse}", {"print_profile": print_profile})
+    light = light or ("side" if rehearse else "studio")
+    bare = ShootSettings(seed, backdrop, light, renderer, image_format, rehearsal=rehearsal)
     skipped: Sequence[tuple[str, str]] | None = None
     if like is not None:
         folder = like if like.is_dir() else space.root / like
@@ -104,7 +129,8 @@ def capture_sim(
         if set(variants or PAIR) & set(ON_PAPER):
             for line in list_misfits(space, objects or list(plan.objects), plan):
                 remark(line)
-        source = source or "-".join(["sim", *([patches] if patches else []), *(["board"] if board else [])])
+        words = ["sim", patches, "board" if board else None, "rehearsed" if rehearse else None]
+        source = source or "-".join(filter(None, words))
         with engine.open() as hands:
             names = objects or list(plan.objects)
             shot = shoot_plan(space, plan, names, variants or PAIR, settings, source, engine=hands)

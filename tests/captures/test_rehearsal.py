@@ -1,0 +1,129 @@
+"""Shots as print, tape, hand and phone will have them: each step against what it says, and the whole on disk."""
+
+import json
+from io import BytesIO
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.spatial.transform import Rotation
+
+from toolkit.boosters.parts.blur import CameraBlur
+from toolkit.boosters.parts.print_process import PrintProcess
+from toolkit.captures.manifest import read_manifest
+from toolkit.captures.rehearsal import Rehearsal, make_rehearsal
+from toolkit.captures.shoot import ShootSettings, describe_look, shoot_plan
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import sha256_file
+from toolkit.imaging.printer import SOLIDS, nearest_printable
+from toolkit.objects.load import load_object
+from toolkit.rig.mount import PAPER_MATERIAL
+from toolkit.rig.plan import read_plan
+from toolkit.rig.variants import Print, dress, find_booster
+
+PLAIN = ShootSettings(backdrop="white")
+REHEARSED = ShootSettings(backdrop="white", rehearsal=Rehearsal())
+
+
+def red_print(n: int = 12) -> Print:
+    return Print(np.tile(np.uint8([255, 0, 0]), (n, n, 1)), "0" * 64, "red", (40.0,))
+
+
+def test_a_solid_comes_out_in_the_colour_of_its_inks():
+    """An even printer on white paper; one at random, whose inks and paper are not quite those, comes near."""
+    even = PrintProcess(white=(1, 1), tint=0, density=(1, 1), chroma=(1, 1), dot_gain=(0, 0), probability=1)
+    printed = Rehearsal(even).print_booster(red_print(), 0, "crate")
+    np.testing.assert_allclose(printed.pixels[6, 6] / 255, SOLIDS[1, 0, 0], atol=1 / 255)
+    assert (printed.sha256, printed.name, printed.sizes_mm) == ("0" * 64, "red", (40.0,)), "still that patch"
+    first, again, other = (Rehearsal().print_booster(red_print(), 3, name).pixels for name in ("a", "a", "b"))
+    assert np.array_equal(first, again) and not np.array_equal(first, other)
+    on_screen, on_paper = np.array([[1.0, 0, 0]]), first[6, 6][None] / 255
+    beyond = [np.abs(nearest_printable(colours) - colours).max() for colours in (on_screen, on_paper)]
+    assert beyond[1] < beyond[0] / 3
+    assert Rehearsal().print_booster(None, 0, "crate") is None
+
+
+def test_the_hand_strays_as_far_as_it_says():
+    hand, pose = Rehearsal(stray_share=0.02, stray_deg=3.0), np.eye(4)
+    pose[:3, 3] = 10, 20, 500
+    rng = np.random.default_rng(1)
+    strayed = np.array([hand.stray(pose, 400.0, rng) for _ in range(4000)])
+    np.testing.assert_allclose(strayed[:, :3, 3].std(axis=0), 8.0, rtol=0.05)
+    np.testing.assert_allclose(strayed[:, :3, 3].mean(axis=0), pose[:3, 3], atol=0.5)
+    turns = Rotation.from_matrix(strayed[:, :3, :3]).as_rotvec(degrees=True)
+    np.testing.assert_allclose(turns.std(axis=0), 3.0, rtol=0.05)
+    assert np.array_equal(Rehearsal(stray_share=0, stray_deg=0).stray(pose, 400.0, rng), pose)
+
+
+def test_exposure_and_white_balance_stay_in_their_ranges():
+    grey = np.full((2, 2, 3), 0.2, np.float32)
+    rng = np.random.default_rng(2)
+    factors = np.array([Rehearsal().expose(grey, rng)[0, 0] / 0.2 for _ in range(500)])
+    assert factors.min() > 0.75 * 0.88 - 1e-6 and factors.max() < 1.33 * 1.12 + 1e-6
+    tint = factors / factors.mean(axis=1, keepdims=True)
+    assert tint.max() > 1.08 and tint.min() < 0.92
+
+
+@pytest.mark.parametrize(("side", "sigma"), [(224, 1.0), (448, 2.0)])
+def test_blur_is_of_the_networks_pixels(side, sigma):
+    """A bright point spreads by the Gaussian that was asked for, twice as far in a picture twice as large."""
+    phone = Rehearsal(blur=CameraBlur((1.0, 1.0), (0.0, 0.0), 1.0), jpeg_quality=100)
+    point = np.zeros((side, side, 3), np.uint8)
+    point[side // 2 - 8 : side // 2 + 8, side // 2 - 8 : side // 2 + 8] = 255
+    seen = np.asarray(Image.open(BytesIO(phone.photograph(point, np.random.default_rng(0)))), float).mean(axis=2)
+    weights = seen.sum(axis=0) / seen.sum()
+    places = np.arange(side)
+    spread = (weights * (places - (weights * places).sum()) ** 2).sum()
+    assert spread == pytest.approx((16**2 - 1) / 12 + sigma**2, rel=0.03)
+
+
+def test_shots_are_whole_recorded_and_the_same_again(tmp_path, make_crate_space):
+    space = make_crate_space(tmp_path)
+    plan, item = read_plan(space.plan_file), load_object(space.object_spec("crate"))
+
+    def shoot(source: str, settings: ShootSettings = REHEARSED) -> dict:
+        shoot_plan(space, plan, ["crate"], settings=settings, source=source)
+        return read_manifest(space.captures_dir / source)
+
+    first, again, plain = shoot("one"), shoot("two"), shoot("plain", PLAIN)
+    assert [r.image_sha256 for r in first.values()] == [r.image_sha256 for r in again.values()]
+    assert first.keys() == plain.keys() and len(first) == 4
+    patch = sha256_file(space.patch("crate"))
+    places = set()
+    for path, record in first.items():
+        assert record.made["rehearsed"] is True and "rehearsed" not in plain[path].made
+        assert record.booster_sha256 == (patch if record.variant == "patched" else None), "the file's, not the print's"
+        pose = next(p for p in plan.objects["crate"] if p.id == record.pose_id)
+        moved = np.array(record.T_world_camera) - pose.matrix()
+        distance = np.linalg.norm(moved[:3, 3])
+        assert 0 < distance < 0.2 * pose.distance_mm
+        places.add(distance)
+        picture = Image.open(space.captures_dir / "one" / path)
+        assert picture.size == (plan.camera.width, plan.camera.height)
+        assert picture.layer[0][1:3] == (2, 2), "colours at half the size"
+        assert max(picture.quantization[0]) > max(Image.open(space.captures_dir / "plain" / path).quantization[0])
+    assert len(places) == 4, "each photograph is taken anew"
+    assert "rehearsal" not in json.dumps(describe_look(space, item, "patched", PLAIN))
+    other = ShootSettings(backdrop="white", rehearsal=Rehearsal(jpeg_quality=60))
+    assert describe_look(space, item, "patched", other) != describe_look(space, item, "patched", REHEARSED)
+
+
+def test_tape_lies_over_the_paper_alone(tmp_path, make_crate_space):
+    space = make_crate_space(tmp_path)
+    item = load_object(space.object_spec("crate"))
+    mesh = dress(item, find_booster(space, item, "patched"))
+    taped = Rehearsal(tape_roughness=0.15).tape(mesh)
+    for before, after in zip(mesh.materials, taped.materials, strict=True):
+        assert after.roughness == (0.15 if before.name == PAPER_MATERIAL else before.roughness)
+        assert after.texture is before.texture
+    assert PAPER_MATERIAL in {one.name for one in mesh.materials}
+
+
+def test_what_cannot_be_meant_is_refused(tmp_path, make_crate_space):
+    space = make_crate_space(tmp_path)
+    png = ShootSettings(rehearsal=Rehearsal(), image_format="png")
+    with pytest.raises(ToolkitError, match="a phone's JPEGs"):
+        shoot_plan(space, read_plan(space.plan_file), ["crate"], settings=png)
+    with pytest.raises(ToolkitError, match="profile"):
+        (tmp_path / "profile.json").write_text("{}")
+        make_rehearsal(tmp_path / "profile.json")

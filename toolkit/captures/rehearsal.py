@@ -1,0 +1,115 @@
+"""What a print, a hand and a phone make of a shot: `capture-sim --rehearse`, before a sheet of paper is spent."""
+
+from dataclasses import asdict, dataclass, field, replace
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from toolkit.boosters.parts.blur import CameraBlur
+from toolkit.boosters.parts.light import Exposure
+from toolkit.boosters.parts.print_process import PrintProcess, ProfiledPrint, use_profile
+from toolkit.core.draws import Draws
+from toolkit.imaging.printer import read_print_profile
+from toolkit.objects.mesh import Mesh
+from toolkit.rig.mount import PAPER_MATERIAL
+from toolkit.rig.variants import Paint, Print
+
+NETWORK_PX = 224
+"""The side of a network's image, of which the pixels of `CameraBlur` are."""
+LARGEST_SCALE = 10
+"""Pictures above 2240 px are blurred as one of that size: `CameraBlur` goes no further."""
+
+
+@dataclass(frozen=True)
+class Rehearsal:
+    """What is drawn for each print and each photograph; other draws for each variant, as for real photographs.
+
+    Attributes:
+        printer: inks and paper, drawn once for each object.
+        tape_roughness: of the clear tape over a sheet; bare paper has 0.75.
+        stray_share: how far the camera is from where the plan wants it, standard deviation along each axis, as a share
+            of its distance.
+        stray_deg: and how far it is turned, about each axis.
+        exposure: of the photograph, and how far its white balance is off.
+        noise: of the sensor, as of `toolkit.rig.shading.tone_map`.
+        blur: of focus and shake.
+        jpeg_quality: of the file, with the colours at half the size.
+    """
+
+    printer: PrintProcess | ProfiledPrint = field(default_factory=lambda: PrintProcess(probability=1.0))
+    tape_roughness: float = 0.2
+    stray_share: float = 0.03
+    stray_deg: float = 1.5
+    exposure: Exposure = field(default_factory=lambda: Exposure((0.75, 1.33), 0.12))
+    noise: float = 0.02
+    blur: CameraBlur = field(default_factory=lambda: CameraBlur((0.3, 0.8), (0.0, 1.5), 1.0))
+    jpeg_quality: int = 80
+
+    def describe(self) -> dict[str, Any]:
+        """All that it does, and the version of how: what a picture's hash is made of."""
+        return {"version": 1, **asdict(self)}
+
+    def print_booster(self, booster: Print | Paint | None, seed: int, name: str) -> Print | Paint | None:
+        """The booster as it comes out of the printer; a texture, which is not printed, as it is."""
+        if not isinstance(booster, Print):
+            return booster
+        import torch
+
+        printer = replace(self.printer, texel_mm=booster.sizes_mm[0] / len(booster.pixels))
+        pixels = torch.from_numpy(booster.pixels.transpose(2, 0, 1) / np.float32(255))
+        printed = printer.change(pixels, Draws(seed, 0, "rehearse").of(f"print {name}"))
+        return replace(booster, pixels=_to_levels(printed.numpy().transpose(1, 2, 0)))
+
+    def tape(self, mesh: Mesh) -> Mesh:
+        """The mesh with tape over its sheets of paper."""
+        materials = tuple(
+            replace(one, roughness=self.tape_roughness) if one.name == PAPER_MATERIAL else one for one in mesh.materials
+        )
+        return replace(mesh, materials=materials)
+
+    def stray(self, T_world_camera: np.ndarray, distance: float, rng: np.random.Generator) -> np.ndarray:
+        """(4, 4) where a hand holds the camera that should stand at (4, 4), so far from what it looks at."""
+        from scipy.spatial.transform import Rotation
+
+        strayed = np.array(T_world_camera, float)
+        strayed[:3, 3] += rng.normal(0, self.stray_share * distance, 3)
+        turn = Rotation.from_rotvec(rng.normal(0, self.stray_deg, 3), degrees=True)
+        strayed[:3, :3] = strayed[:3, :3] @ turn.as_matrix()
+        return strayed
+
+    def expose(self, picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        """(h, w, 3) linear light as the sensor's channels weigh it."""
+        import torch
+
+        factors = self.exposure.draw(rng, 1, torch.zeros(1, dtype=torch.float32))
+        return picture * factors.numpy().reshape(3)
+
+    def photograph(self, pixels: np.ndarray, rng: np.random.Generator) -> bytes:
+        """The JPEG of a developed picture, (h, w, 3) uint8 sRGB."""
+        import torch
+
+        scale = min(min(pixels.shape[:2]) / NETWORK_PX, LARGEST_SCALE)
+        (sharpest, softest), (still, moved) = self.blur.defocus_px, self.blur.motion_px
+        defocus_px, motion_px = (max(sharpest * scale, 0.2), max(softest * scale, 0.2)), (still * scale, moved * scale)
+        blur = replace(self.blur, defocus_px=defocus_px, motion_px=motion_px)
+        image = torch.from_numpy(pixels.transpose(2, 0, 1) / np.float32(255))
+        blurred = _to_levels(blur.change(image, rng).numpy().transpose(1, 2, 0))
+        buffer = BytesIO()
+        Image.fromarray(blurred).save(buffer, "JPEG", quality=self.jpeg_quality)
+        return buffer.getvalue()
+
+
+def make_rehearsal(print_profile: Path | None = None) -> Rehearsal:
+    """The rehearsal on a printer drawn at random, or on one's own.
+
+    Raises:
+        ToolkitError: the profile cannot be read.
+    """
+    return Rehearsal() if print_profile is None else Rehearsal(use_profile(read_print_profile(print_profile)))
+
+
+def _to_levels(values: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(np.round(values.clip(0, 1) * 255).astype(np.uint8))
