@@ -141,6 +141,7 @@ class RaycastRenderer:
         dark, out, _ = self._paint_meshes(camera, T_world_camera, lit, linear=True)
         behind = np.zeros_like(dark)
         self._paint_background(camera, T_world_camera, out.coverage, behind, apart=True)
+        out = out._replace(coverage=out.coverage.reshape(behind.shape[:2]))
         return LinearView(behind=behind, dark=dark, **out._asdict())
 
     def buffers(self, camera: Camera, T_world_camera: np.ndarray) -> dict[str, np.ndarray]:
@@ -176,14 +177,16 @@ class RaycastRenderer:
         view = _view(camera, T_world_camera)
         part = self._tracer.trace(view, self._region(camera, T_world_camera))
         most = len(part.hits.face) + 4 * len(part.refine) if linear else 0
+        pixels = camera.height * camera.width
         picture = np.zeros((camera.height, camera.width, 3), np.float32)
+        flat = picture.reshape(-1, 3)
         out = Linear(
-            coverage=np.zeros((camera.height, camera.width), np.float32), pixel=np.empty(most, np.int32),
+            coverage=np.zeros(pixels, np.float32), pixel=np.empty(most, np.int32),
             uv=np.empty((most, 2), np.float32), lod=np.empty(most, np.float32), gain=np.empty((most, 3), np.float32),
         )  # fmt: skip
-        count = paint_mesh(self._around, lit, 0, view, part, picture, out)
+        count = paint_mesh(self._around, lit, 0, view, part, flat, out)
         if self._others is not None:
-            paint_mesh(self._around, self._others.lit, 1, view, part, picture, out._replace(pixel=out.pixel[:0]))
+            paint_mesh(self._around, self._others.lit, 1, view, part, flat, out._replace(pixel=out.pixel[:0]))
         return picture, Linear(out.coverage, *(array[:count].copy() for array in out[1:])), part.hits
 
     def _paint_background(
@@ -194,7 +197,7 @@ class RaycastRenderer:
         find_table_edges(self._around, view, edges)
         if self._around.has_table:
             fill_sheen(self._around, view, sheen)
-        paint_background(self._around, view, edges, sheen, coverage, picture, apart)
+        paint_background(self._around, view, edges, sheen, coverage, picture.reshape(-1, 3), apart)
 
     def _region(self, camera: Camera, T_world_camera: np.ndarray) -> tuple[int, int, int, int]:
         """Left, top, right, bottom of the pixels that can show the object."""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.rig.kernel.compiled import inlined, kernel
-from toolkit.rig.kernel.lanes import prefetch
+from toolkit.rig.kernel.lanes import prefetch, weighted_sum
 from toolkit.rig.kernel.scene import (
     TILE,
     LitMesh,
@@ -226,12 +226,12 @@ def paint_background(
     around: Surround, view: View, edges: np.ndarray, sheen: np.ndarray, coverage: np.ndarray, picture: np.ndarray,
     apart: bool,
 ) -> None:  # fmt: skip
-    """Add table and room to a picture (h, w, 3) float32, in exposure units, where the object leaves some to be seen.
+    """Add table and room to a picture (h · w, 3) float32, in exposure units, where the object leaves some to be seen.
 
     Args:
         around, view: what stands there, and the camera.
         edges, sheen: of `find_table_edges` and `fill_sheen`.
-        coverage: (h, w) share of each pixel that the object covers.
+        coverage: (h · w,) share of each pixel that the object covers.
         picture: it is added to.
         apart: what is seen of table and room is added as if no object covered a part of the pixel.
     """
@@ -240,22 +240,31 @@ def paint_background(
         for left in range(0, view.width, TILE):
             right = min(left + TILE, view.width)
             inside = all_inside(edges, left, top, right, bottom)
+            corner = 4 * (top // TILE * sheen.shape[1] + left // TILE)
+            below = corner + 4 * sheen.shape[1]
             for row in range(top, bottom):
+                down = (row - top) * (1 / TILE)
+                a = weighted_sum(sheen, (corner, below), (1 - down, down))
+                b = weighted_sum(sheen, (corner + 4, below + 4), (1 - down, down))
+                b = (b[0] - a[0], b[1] - a[1], b[2] - a[2], b[3] - a[3])
                 for column in range(left, right):
-                    if coverage[row, column] == 1:
+                    place = np.uint64(row * view.width + column)
+                    if coverage[place] == 1:
                         continue
-                    red, green, blue = background(around, view, edges, sheen, (row, column), inside)
-                    scale = around.exposure if apart else around.exposure * (1 - coverage[row, column])
-                    picture[row, column, 0] += red * scale
-                    picture[row, column, 1] += green * scale
-                    picture[row, column, 2] += blue * scale
+                    x = (column - left) * (1 / TILE)
+                    shine = (a[0] + b[0] * x, a[1] + b[1] * x, a[2] + b[2] * x, a[3] + b[3] * x)
+                    red, green, blue = background(around, view, edges, shine, (row, column), inside)
+                    scale = around.exposure if apart else around.exposure * (1 - coverage[place])
+                    picture[place, 0] += red * scale
+                    picture[place, 1] += green * scale
+                    picture[place, 2] += blue * scale
 
 
 class Linear(NamedTuple):
     """Where the object's part of a linear view is written; see `toolkit.rig.linear_view.LinearView`.
 
     Attributes:
-        coverage: (h, w) float32.
+        coverage: (h · w,) float32.
         pixel, uv, lod, gain: of samples, filled from the front: (k,) int32, (k, 2), (k,), (k, 3) float32; k is 0 where
             no texture is left out.
     """
@@ -288,7 +297,7 @@ def _ask_ahead(mesh: LitMesh, hits: Hits, n: int) -> None:
 def paint_mesh(
     around: Surround, mesh: LitMesh, number: int, view: View, part: Part, picture: np.ndarray, out: Linear
 ) -> int:
-    """Add what rays met of a mesh to a picture (h, w, 3) float32, in exposure units, and to `out.coverage`.
+    """Add what rays met of a mesh to a picture (h · w, 3) float32, in exposure units, and to `out.coverage`.
 
     Args:
         around: what stands there.
@@ -313,15 +322,16 @@ def paint_mesh(
             red, green, blue, met = 0.0, 0.0, 0.0, 0
             for k in range(shots):
                 _ask_ahead(mesh, hits, first + k)
-                face = hits.face[first + k]
-                if face == NOTHING or hits.mesh[first + k] != number:
+                at = np.uint64(first + k)
+                face = hits.face[at]
+                if face == NOTHING or hits.mesh[at] != number:
                     continue
                 met += 1
                 x, y = column + 0.5, row + 0.5
                 if finely:
                     x, y = x + SUBPIXELS[k, 0], y + SUBPIXELS[k, 1]
-                u, v, distance = hits.uv[first + k, 0], hits.uv[first + k, 1], hits.distance[first + k]
-                hit = (int(face), float(u), float(v), float(distance), float(hits.key_share[first + k]))
+                u, v, distance = hits.uv[at, 0], hits.uv[at, 1], hits.distance[at]
+                hit = (int(face), float(u), float(v), float(distance), float(hits.key_share[at]))
                 seen = shade(around, mesh, view, (x, y), hit)
                 red, green, blue = red + seen.colour[0], green + seen.colour[1], blue + seen.colour[2]
                 if len(out.pixel) and (seen.gain[0] > 0 or seen.gain[1] > 0 or seen.gain[2] > 0):
@@ -331,8 +341,9 @@ def paint_mesh(
                         out.gain[count, c] = seen.gain[c] * scale
                     count += 1
             if met:
-                out.coverage[row, column] += met / shots
-                picture[row, column, 0] += red * scale
-                picture[row, column, 1] += green * scale
-                picture[row, column, 2] += blue * scale
+                place = np.uint64(row * view.width + column)
+                out.coverage[place] += met / shots
+                picture[place, 0] += red * scale
+                picture[place, 1] += green * scale
+                picture[place, 2] += blue * scale
     return count

@@ -10,7 +10,7 @@ from numba import types
 from numba.extending import intrinsic
 from numba.np.random._constants import fi_float, ki_float, wi_float
 
-from toolkit.rig.kernel.compiled import inlined
+from toolkit.rig.kernel.compiled import exact
 
 LONG, HALF = ir.IntType(128), ir.IntType(64)
 MULTIPLIER = 0x2360ED051FC65DA44385DF649FCCF645
@@ -49,7 +49,7 @@ class Stream(NamedTuple):
     has_spare: bool
 
 
-@inlined
+@exact
 def _next_bits(stream: Stream) -> tuple[Stream, np.uint64]:
     if stream.has_spare:
         return Stream(stream.high, stream.low, stream.step_high, stream.step_low, stream.spare, False), stream.spare
@@ -58,14 +58,14 @@ def _next_bits(stream: Stream) -> tuple[Stream, np.uint64]:
     return Stream(high, low, stream.step_high, stream.step_low, left, True), word & np.uint64(0xFFFFFFFF)
 
 
-@inlined
+@exact
 def _next_share(stream: Stream) -> tuple[Stream, np.float32]:
     """Uniform in [0, 1)."""
     stream, bits = _next_bits(stream)
     return stream, np.float32(np.int64(bits >> np.uint64(8))) * np.float32(1 / 16777216)
 
 
-@inlined
+@exact
 def _draw_tail(stream: Stream) -> tuple[Stream, np.float32]:
     """Beyond `LAST` (Marsaglia 1964)."""
     while True:
@@ -76,7 +76,7 @@ def _draw_tail(stream: Stream) -> tuple[Stream, np.float32]:
             return stream, np.float32(LAST) + x
 
 
-@inlined
+@exact
 def draw_normals(state: np.ndarray, out: np.ndarray) -> None:
     """Fill (n,) float32 with standard normal numbers: the ziggurat of Marsaglia and Tsang (2000), as NumPy draws them.
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from toolkit.rig.kernel.compiled import inlined, kernel
+from toolkit.rig.kernel.compiled import exact, kernel
 from toolkit.rig.kernel.frame import SUBPIXELS, Hits, Samples, sample_place
 from toolkit.rig.kernel.scene import View, ray_through
 from toolkit.rig.kernel.textures import Colour
@@ -31,7 +31,7 @@ def project_corners(points: np.ndarray, T_pixel_mesh: np.ndarray, corners: np.nd
         screen[n, 0], screen[n, 1], screen[n, 2] = x * scale, y * scale, z
 
 
-@inlined
+@exact
 def _edge(corners: np.ndarray, a: int, b: int) -> Colour:
     """What is 0 on the line from a to b, times x, y and 1 of a pixel; from b to a it is exactly its opposite."""
     ax, ay, az = corners[a, 0], corners[a, 1], corners[a, 2]
@@ -39,13 +39,13 @@ def _edge(corners: np.ndarray, a: int, b: int) -> Colour:
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
-@inlined
+@exact
 def _range(a: float, b: float, c: float) -> tuple[float, float]:
     low, high = (a, b) if a < b else (b, a)
     return c if c < low else low, c if c > high else high
 
 
-@inlined
+@exact
 def _narrow(low: float, high: float, slope: float, start: float) -> tuple[float, float]:
     """What is left of a range of columns where start + slope · column is not below 0."""
     if slope > 0:
@@ -55,7 +55,7 @@ def _narrow(low: float, high: float, slope: float, start: float) -> tuple[float,
     return low, high if start >= 0 else low - 1
 
 
-@inlined
+@exact
 def _is_hidden(furthest: np.ndarray, nearest: float, width: int, box: tuple[int, int, int, int]) -> bool:
     """Whether no sample of the pixels in a box (first and last column, first and last row) can see so far."""
     first, last, upper, lower = box
@@ -66,7 +66,7 @@ def _is_hidden(furthest: np.ndarray, nearest: float, width: int, box: tuple[int,
     return True
 
 
-@inlined
+@exact
 def _see(n: int, face: int, volume: float, weights: Colour, hits: Hits) -> None:
     """Let sample n see a triangle, where it lies inside and nothing nearer is seen."""
     u, v, w = weights
@@ -78,7 +78,7 @@ def _see(n: int, face: int, volume: float, weights: Colour, hits: Hits) -> None:
             hits.uv[n, 0], hits.uv[n, 1] = u * scale, v * scale
 
 
-@inlined
+@exact
 def _see_finely(n: int, face: int, volume: float, edges: tuple[Colour, Colour, Colour], hits: Hits) -> bool:
     """The same with samples n to n + 3 of a pixel, of which the latter two lie opposite the former two.
 
@@ -197,11 +197,11 @@ def draw_triangles(
             hits.distance[n] *= math.sqrt(dx * dx + dy * dy + dz * dz)
 
 
-@inlined
+@exact
 def _turn(edge: Colour) -> Colour:
     return -edge[0], -edge[1], -edge[2]
 
 
-@inlined
+@exact
 def _spare(edge: Colour) -> float:
     return abs(edge[0]) + abs(edge[1])

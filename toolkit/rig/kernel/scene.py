@@ -19,7 +19,7 @@ ROUGHNESS_LEVELS = (0.12, 0.3, 0.55, 0.9)
 Rotation = tuple[Colour, Colour, Colour]
 FACE = np.dtype(
     [
-        ("a", np.int32), ("b", np.int32), ("c", np.int32), ("material", np.int32), ("density", np.float32),
+        ("a", np.uint32), ("b", np.uint32), ("c", np.uint32), ("material", np.uint32), ("density", np.float32),
         ("steps", np.int32), ("first", np.int64),
     ]
 )  # fmt: skip
@@ -184,14 +184,15 @@ def fill_sheen(around: Surround, view: View, sheen: np.ndarray) -> None:
 
 @inlined
 def background(
-    around: Surround, view: View, edges: np.ndarray, sheen: np.ndarray, pixel: tuple[int, int], inside: bool
-) -> Colour:
+    around: Surround, view: View, edges: np.ndarray, shine: tuple[float, float, float, float],
+    pixel: tuple[int, int], inside: bool,
+) -> Colour:  # fmt: skip
     """Radiance of table and room in a pixel (row, column).
 
     Args:
         around, view: what stands there, and the camera.
         edges: of `find_table_edges`; the table covers a part of the pixels on them.
-        sheen: of `fill_sheen`.
+        shine: of `fill_sheen`, there.
         pixel: (row, column).
         inside: whether the table is known to cover all of it.
     """
@@ -204,10 +205,6 @@ def background(
         cover = max(cover, 0.0)
     red, green, blue = 0.0, 0.0, 0.0
     if cover > 0:
-        i, j = pixel[0] // TILE, pixel[1] // TILE
-        fy, fx = (pixel[0] - i * TILE) * (1 / TILE), (pixel[1] - j * TILE) * (1 / TILE)
-        places, weights = around_place(0, sheen.shape[1], 4, (j, j + 1, fx), (i, i + 1, fy))
-        shine = weighted_sum(sheen, places, weights)
         reach = view.origin[2] / max(-dz, 1e-4)
         red, green, blue = _table_radiance(around, view.origin[0] + reach * dx, view.origin[1] + reach * dy, shine[3])
         red, green, blue = red + shine[0], green + shine[1], blue + shine[2]
@@ -371,9 +368,9 @@ def _stored(mesh: LitMesh, face: int, u: float, v: float) -> tuple[float, float,
     """Stored light: irradiance RGB, share of the key light, share of the room."""
     a, b, c, wb, wc = find_samples(int(mesh.faces[face].steps), u, v)
     start, wa, s = mesh.faces[face].first, 1 - wb - wc, mesh.stored
-    a, b, c = start + a, start + b, start + c
-    red, green, blue, key_share = weighted_sum(s, (5 * a, 5 * b, 5 * c), (wa, wb, wc))
-    return red, green, blue, key_share, s[a, 4] * wa + s[b, 4] * wb + s[c, 4] * wc
+    a, b, c, weights = 5 * (start + a), 5 * (start + b), 5 * (start + c), (wa, wb, wc)
+    red, green, blue, key_share = weighted_sum(s, (a, b, c), weights)
+    return red, green, blue, key_share, weighted_sum(s, (a + 1, b + 1, c + 1), weights)[3]
 
 
 @inlined
