@@ -20,10 +20,15 @@ def tone_map(picture: np.ndarray, seed: tuple[int, ...], noise: float = NOISE, f
         noise: standard deviation at middle grey, growing with the root of the light as photons' does.
         falloff: share of the light that the corners lose.
     """
-    state = np.random.default_rng(seed).bit_generator.state
-    words = [part >> shift & 2**64 - 1 for part in state["state"].values() for shift in (64, 0)]
     row = np.empty((1, picture.shape[1], 3), np.float32)
-    return _develop(picture, row, np.array([*words, 0, 0], np.uint64), noise, falloff)
+    return _develop(picture, row, stream_state(seed), noise, falloff)
+
+
+def stream_state(seed: tuple[int, ...]) -> np.ndarray:
+    """(6,) uint64 where `numpy.random.default_rng(seed)` begins, as kernels draw from it."""
+    state = np.random.default_rng(seed).bit_generator.state["state"]
+    halves = [part >> shift & 2**64 - 1 for part in (state["state"], state["inc"]) for shift in (64, 0)]
+    return np.array([*halves, 0, 0], np.uint64)
 
 
 def draw_grain(shape: tuple[int, ...], seed: tuple[int, ...]) -> np.ndarray:

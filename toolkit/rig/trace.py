@@ -23,7 +23,7 @@ from toolkit.rig.kernel.textures import Colour
 from toolkit.rig.lighting import Shape
 
 CENTRE = np.zeros((1, 2))
-FACES_PER_SAMPLE = 4
+FACES_PER_SAMPLE = 5
 """A mesh of more faces than this for each sample is seen by rays, whose cost hardly grows with it."""
 
 

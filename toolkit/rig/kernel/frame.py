@@ -141,6 +141,23 @@ def move_rays(mesh: LitMesh, rays: np.ndarray, moved: np.ndarray) -> None:
             moved[n, 3 + c] = t[0][c] * dx + t[1][c] * dy + t[2][c] * dz
 
 
+@inlined
+def _ask_ahead(mesh: LitMesh, hits: Hits, n: int) -> None:
+    """Ask for what the hits soon after the n-th read of a mesh: each would wait for memory several times."""
+    if n + 6 >= len(hits.face):
+        return
+    face = hits.face[n + 6]
+    if face < len(mesh.faces):
+        prefetch(mesh.faces, int(face))
+    face = hits.face[n + 3]
+    if face < len(mesh.faces):
+        met = mesh.faces[face]
+        prefetch(mesh.stored, 5 * met.first)
+        prefetch(mesh.corners, 5 * int(met.a))
+        prefetch(mesh.corners, 5 * int(met.b))
+        prefetch(mesh.corners, 5 * int(met.c))
+
+
 @kernel
 def describe_hits(
     mesh: LitMesh, number: int, view: View, samples: Samples, hits: Hits, material: np.ndarray, normal: np.ndarray,
@@ -161,6 +178,7 @@ def describe_hits(
     for row in range(samples.top, samples.bottom):
         for column in range(samples.left, samples.right):
             n += 1
+            _ask_ahead(mesh, hits, n)
             if hits.face[n] == NOTHING or hits.mesh[n] != number:
                 continue
             face = int(hits.face[n])
@@ -274,23 +292,6 @@ class Linear(NamedTuple):
     uv: np.ndarray
     lod: np.ndarray
     gain: np.ndarray
-
-
-@inlined
-def _ask_ahead(mesh: LitMesh, hits: Hits, n: int) -> None:
-    """Ask for what the hits soon after the n-th read of a mesh: each would wait for memory several times."""
-    if n + 6 >= len(hits.face):
-        return
-    face = hits.face[n + 6]
-    if face < len(mesh.faces):
-        prefetch(mesh.faces, int(face))
-    face = hits.face[n + 3]
-    if face < len(mesh.faces):
-        met = mesh.faces[face]
-        prefetch(mesh.stored, 5 * met.first)
-        prefetch(mesh.corners, 5 * int(met.a))
-        prefetch(mesh.corners, 5 * int(met.b))
-        prefetch(mesh.corners, 5 * int(met.c))
 
 
 @kernel

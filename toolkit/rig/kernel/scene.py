@@ -10,7 +10,7 @@ from toolkit.rig.kernel.compiled import inlined, kernel
 from toolkit.rig.kernel.gloss import environment_brdf, key_lobe
 from toolkit.rig.kernel.lanes import log2, weighted_sum
 from toolkit.rig.kernel.light import LightMap, find_samples, read_light_map
-from toolkit.rig.kernel.textures import Colour, Texels, around_place, sample_direction, sample_texture
+from toolkit.rig.kernel.textures import Colour, Texels, sample_direction, sample_texture
 
 ROUGHNESS_LEVELS = (0.12, 0.3, 0.55, 0.9)
 """Roughnesses for which the surroundings are blurred beforehand."""
