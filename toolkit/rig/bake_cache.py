@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from toolkit.objects.mesh import Mesh
-from toolkit.rig.kernel.scene import LitMesh
+from toolkit.rig.kernel.scene import FACE, LitMesh, as_rotation, as_triple
 from toolkit.rig.kernel.textures import Texels, fill_colours
 from toolkit.rig.lighting import Shape, bake_surroundings
 from toolkit.rig.mount import PAPER_MATERIAL
@@ -54,7 +54,7 @@ class Glow(NamedTuple):
 
 
 class BakedLight(NamedTuple):
-    """Light on a mesh at its samples; the fields of `LitMesh`."""
+    """Light on a mesh at its samples: (m,) how fine each face's is and where it begins, and `LitMesh.stored`."""
 
     steps: np.ndarray
     first: np.ndarray
@@ -104,21 +104,21 @@ def _prepare_glow(mesh: Mesh) -> Glow:
 
 def light_mesh(mesh: Mesh, paint: Paint, light: BakedLight, stand: Stand) -> LitMesh:
     """A mesh with paint and light on it, ready for the kernel; it gives off none itself, see `with_lamps`."""
-    materials = mesh.materials
+    materials, faces = mesh.materials, np.empty(len(mesh.faces), FACE)
+    faces["a"], faces["b"], faces["c"] = mesh.faces.T
+    faces["material"], faces["density"] = mesh.face_material, paint.density
+    faces["steps"], faces["first"] = light.steps, light.first
+    corners = np.empty((len(mesh.vertices), 5), np.float32)
+    corners[:, :3], corners[:, 3:] = np.nan_to_num(mesh.normals), np.nan_to_num(mesh.uv).clip(-1e6, 1e6)
     return LitMesh(
-        faces=np.ascontiguousarray(mesh.faces, np.int32),
-        normals=np.ascontiguousarray(np.nan_to_num(mesh.normals), np.float32),
-        uv=np.ascontiguousarray(np.nan_to_num(mesh.uv).clip(-1e6, 1e6), np.float32),
-        material=np.ascontiguousarray(mesh.face_material, np.int32),
-        density=paint.density, texture=paint.texture,
+        faces=faces, corners=corners, texture=paint.texture,
         roughness=np.array([m.roughness for m in materials], np.float32),
         metallic=np.array([m.metallic for m in materials], np.float32),
         finely=np.array([m.name == PAPER_MATERIAL for m in materials]),
         left_out=np.zeros(len(materials), bool), texels=paint.texels,
         glow=np.full(len(materials), -1, np.int32), glow_lod=np.zeros(len(materials), np.float32),
         glow_texels=kept(pack_one, NO_PICTURE),
-        turn=stand.turn,
-        place=np.array(stand.place, float), **light._asdict(),
+        stored=light.stored, turn=as_rotation(stand.turn), place=as_triple(stand.place),
     )  # fmt: skip
 
 
@@ -140,7 +140,7 @@ def surroundings_of(scene: Scene) -> Body:
 def light_surroundings(scene: Scene) -> BakedLight:
     """Light on what stands around the object, worked out where it is not kept; ready to be sent."""
     lit = surroundings_of(scene).lit
-    return BakedLight(lit.steps, lit.first, lit.stored)
+    return BakedLight(lit.faces["steps"].copy(), lit.faces["first"].copy(), lit.stored)
 
 
 def keep_light(scene: Scene, light: BakedLight) -> None:

@@ -29,7 +29,7 @@ from toolkit.rig.bake_cache import (
 )
 from toolkit.rig.camera import Camera, orbit_direction, orbit_pose, project
 from toolkit.rig.kernel import compiled
-from toolkit.rig.kernel.frame import NOTHING, Hits, Linear, Samples, paint_background, paint_meshes
+from toolkit.rig.kernel.frame import NOTHING, Hits, Linear, Samples, paint_background, paint_mesh
 from toolkit.rig.kernel.light import LightMap
 from toolkit.rig.kernel.scene import (
     ROUGHNESS_LEVELS,
@@ -37,6 +37,8 @@ from toolkit.rig.kernel.scene import (
     LitMesh,
     Surround,
     View,
+    as_rotation,
+    as_triple,
     fill_sheen,
     find_table_edges,
 )
@@ -139,6 +141,7 @@ class RaycastRenderer:
         dark, out, _ = self._paint_meshes(camera, T_world_camera, lit, linear=True)
         behind = np.zeros_like(dark)
         self._paint_background(camera, T_world_camera, out.coverage, behind, apart=True)
+        out = out._replace(coverage=out.coverage.reshape(behind.shape[:2]))
         return LinearView(behind=behind, dark=dark, **out._asdict())
 
     def buffers(self, camera: Camera, T_world_camera: np.ndarray) -> dict[str, np.ndarray]:
@@ -174,13 +177,16 @@ class RaycastRenderer:
         view = _view(camera, T_world_camera)
         part = self._tracer.trace(view, self._region(camera, T_world_camera))
         most = len(part.hits.face) + 4 * len(part.refine) if linear else 0
+        pixels = camera.height * camera.width
         picture = np.zeros((camera.height, camera.width, 3), np.float32)
+        flat = picture.reshape(-1, 3)
         out = Linear(
-            coverage=np.zeros((camera.height, camera.width), np.float32), pixel=np.empty(most, np.int32),
+            coverage=np.zeros(pixels, np.float32), pixel=np.empty(most, np.int32),
             uv=np.empty((most, 2), np.float32), lod=np.empty(most, np.float32), gain=np.empty((most, 3), np.float32),
         )  # fmt: skip
-        others = self._object.lit if self._others is None else self._others.lit
-        count = paint_meshes(self._around, lit, others, view, part, picture, out)
+        count = paint_mesh(self._around, lit, 0, view, part, flat, out)
+        if self._others is not None:
+            paint_mesh(self._around, self._others.lit, 1, view, part, flat, out._replace(pixel=out.pixel[:0]))
         return picture, Linear(out.coverage, *(array[:count].copy() for array in out[1:])), part.hits
 
     def _paint_background(
@@ -191,7 +197,7 @@ class RaycastRenderer:
         find_table_edges(self._around, view, edges)
         if self._around.has_table:
             fill_sheen(self._around, view, sheen)
-        paint_background(self._around, view, edges, sheen, coverage, picture, apart)
+        paint_background(self._around, view, edges, sheen, coverage, picture.reshape(-1, 3), apart)
 
     def _region(self, camera: Camera, T_world_camera: np.ndarray) -> tuple[int, int, int, int]:
         """Left, top, right, bottom of the pixels that can show the object."""
@@ -246,7 +252,7 @@ def _view(camera: Camera, T_world_camera: np.ndarray) -> View:
             f"the camera stands at {pose[:3, 3].tolist()}: expected numbers within {FARTHEST:g}: check the pose"
         )
     return View(
-        np.ascontiguousarray(pose[:3, :3]), np.ascontiguousarray(pose[:3, 3]), float(camera.fx), float(camera.fy),
+        as_rotation(pose[:3, :3]), as_triple(pose[:3, 3]), float(camera.fx), float(camera.fy),
         float(camera.cx), float(camera.cy), camera.width, camera.height,
     )  # fmt: skip
 
@@ -260,11 +266,11 @@ def _surround(scene: Scene, lighting: Lighting, stand: Stand) -> Surround:
     return Surround(
         # a room is out of focus behind a table top; the sky is as sharp as it was given
         backdrop=mirrored[0] if table is not None else kept(pad_channels, scene.environment),
-        mirrored=mirrored, key=orbit_direction(scene.key.azimuth_deg, scene.key.elevation_deg),
+        mirrored=mirrored, key=as_triple(orbit_direction(scene.key.azimuth_deg, scene.key.elevation_deg)),
         key_spread=float(np.tan(np.radians(scene.key.radius_deg)) / 2),
-        key_irradiance=np.array(scene.key.irradiance, float), exposure=float(scene.exposure),
+        key_irradiance=as_triple(scene.key.irradiance), exposure=float(scene.exposure),
         lamps=float(scene.lamps), has_table=table is not None,
-        table=texels, table_size=np.array(table.size_mm if table else (1.0, 1.0), float),
+        table=texels, table_size=(float(table.size_mm[0]), float(table.size_mm[1])) if table else (1.0, 1.0),
         table_roughness=float(table.roughness if table else 1.0),
         ground_light=LightMap(
             pad_channels(light), float(lighting.table_side_mm), float(stand.place[0]), float(stand.place[1]),

@@ -20,7 +20,15 @@ def tone_map(picture: np.ndarray, seed: tuple[int, ...], noise: float = NOISE, f
         noise: standard deviation at middle grey, growing with the root of the light as photons' does.
         falloff: share of the light that the corners lose.
     """
-    return develop_light(picture, draw_grain(picture.shape, seed), noise, falloff)
+    row = np.empty((1, picture.shape[1], 3), np.float32)
+    return _develop(picture, row, stream_state(seed), noise, falloff)
+
+
+def stream_state(seed: tuple[int, ...]) -> np.ndarray:
+    """(6,) uint64 where `numpy.random.default_rng(seed)` begins, as kernels draw from it."""
+    state = np.random.default_rng(seed).bit_generator.state["state"]
+    halves = [part >> shift & 2**64 - 1 for part in (state["state"], state["inc"]) for shift in (64, 0)]
+    return np.array([*halves, 0, 0], np.uint64)
 
 
 def draw_grain(shape: tuple[int, ...], seed: tuple[int, ...]) -> np.ndarray:
@@ -30,9 +38,16 @@ def draw_grain(shape: tuple[int, ...], seed: tuple[int, ...]) -> np.ndarray:
 
 def develop_light(picture: np.ndarray, grain: np.ndarray, noise: float = NOISE, falloff: float = FALLOFF) -> np.ndarray:
     """`tone_map` with a grain that was drawn before."""
-    coded = np.empty(picture.shape, np.uint8)
-    light = np.ascontiguousarray(picture, np.float32)
-    develop(light, grain, noise * 0.18 / 0.4, falloff, SHOULDER, *_CODES, coded)
+    return _develop(picture, grain, np.zeros(0, np.uint64), noise, falloff)
+
+
+def _develop(picture: np.ndarray, grain: np.ndarray, state: np.ndarray, noise: float, falloff: float) -> np.ndarray:
+    coded, width = np.empty(picture.shape, np.uint8), 3 * picture.shape[1]
+    light, given, codes = (
+        array.reshape(len(array), width) for array in (np.ascontiguousarray(picture, np.float32), grain, coded)
+    )
+    work = np.empty((2, width))
+    develop(light, given, state, noise * 0.18 / 0.4, falloff, SHOULDER, *_CODES, work, codes)
     return coded
 
 

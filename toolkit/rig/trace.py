@@ -10,6 +10,7 @@ from toolkit.rig.kernel.frame import (
     Hits,
     Part,
     Samples,
+    describe_hits,
     fill_key_rays,
     fill_rays,
     mark_edges,
@@ -18,10 +19,11 @@ from toolkit.rig.kernel.frame import (
 )
 from toolkit.rig.kernel.raster import draw_triangles, project_corners
 from toolkit.rig.kernel.scene import LitMesh, View
+from toolkit.rig.kernel.textures import Colour
 from toolkit.rig.lighting import Shape
 
 CENTRE = np.zeros((1, 2))
-FACES_PER_SAMPLE = 4
+FACES_PER_SAMPLE = 5
 """A mesh of more faces than this for each sample is seen by rays, whose cost hardly grows with it."""
 
 
@@ -58,11 +60,13 @@ class Body:
         )  # fmt: skip
         points = self.shape.mesh.vertices
         corners, screen = np.empty((len(points), 3)), np.empty((len(points), 3), np.float32)
-        lens = np.array([[view.fx, 0, view.cx], [0, view.fy, view.cy], [0, 0, 1]]) @ view.rotation.T
-        T_pixel_mesh = np.column_stack([lens @ self.lit.turn, lens @ (self.lit.place - view.origin)])
+        lens = np.array([[view.fx, 0, view.cx], [0, view.fy, view.cy], [0, 0, 1]]) @ np.transpose(view.rotation)
+        T_pixel_mesh = np.column_stack([lens @ self.lit.turn, lens @ np.subtract(self.lit.place, view.origin)])
         project_corners(points, T_pixel_mesh, corners, screen)
         slot = np.empty((samples.bottom - samples.top) * (samples.right - samples.left), np.int32)
-        draw_triangles(self.lit.faces, corners, screen, view, samples, slot, hits)
+        faces = np.ascontiguousarray(self.shape.mesh.faces, np.int32)
+        furthest, later = np.empty(len(slot), np.float32), np.empty(len(faces), np.int32)
+        draw_triangles(faces, corners, screen, view, samples, slot, furthest, later, hits)
         return hits
 
     def see(self, view: View, samples: Samples) -> Hits:
@@ -92,12 +96,12 @@ class Tracer:
     Attributes:
         body: the object.
         others: its surroundings; None in a studio.
-        key: (3,) unit direction to the key light.
+        key: unit direction to the key light.
     """
 
     body: Body
     others: Body | None
-    key: np.ndarray
+    key: Colour
 
     def trace(self, view: View, region: tuple[int, int, int, int]) -> Part:
         """Trace the pixels that can show a mesh, and again with four samples where edges need them.
@@ -112,10 +116,11 @@ class Tracer:
         rows[region[1] - top : region[3] - top, region[0] - left : region[2] - left] = True
         centres = Samples(left, top, right, bottom, np.arange(len(near), dtype=np.int32), CENTRE)
         hits = self.see(view, centres, near)
-        material, needed = np.empty(len(near), np.int32), np.empty(len(near), bool)
-        others = self.body.lit if self.others is None else self.others.lit
+        material, needed = np.full(len(near), -1, np.int32), np.zeros(len(near), bool)
         normal = np.empty((len(near), 3), np.float32)
-        mark_edges(self.body.lit, others, view, centres, hits, material, normal, needed)
+        for body in (self.body,) if self.others is None else (self.body, self.others):
+            describe_hits(body.lit, body.number, view, centres, hits, material, normal, needed)
+        mark_edges(right - left, hits, material, normal, needed)
         refine = np.flatnonzero(needed).astype(np.int32)
         fine = self.see(view, Samples(left, top, right, bottom, refine, SUBPIXELS), near)
         return Part(left, top, right, bottom, hits, refine, fine)

@@ -104,12 +104,22 @@ def kernel(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a part of kernels, which becomes one with those that call it, on disk too; Python itself cannot."""
-    alone = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    return _compile(function, {"_nrt": False} | alone, None)
+    """Compile a part of kernels, which becomes one with those that call it, on disk too; Python itself cannot.
+
+    A product that is added to something is not rounded before.
+    """
+    return _compile(function, {"_nrt": False, "fastmath": {"contract"}} | _PART, None)
 
 
-def _compile(function: Callable[P, R], options: dict[str, bool], folder: Path | None) -> Callable[P, R]:
+def exact(function: Callable[P, R]) -> Callable[P, R]:
+    """As `inlined`, but each product is rounded: results are opposites where their terms are."""
+    return _compile(function, {"_nrt": False} | _PART, None)
+
+
+_PART = {"forceinline": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+
+def _compile(function: Callable[P, R], options: dict[str, Any], folder: Path | None) -> Callable[P, R]:
     before = config.CACHE_DIR  # type: ignore[attr-defined]
     config.CACHE_DIR = "" if folder is None else str(folder)  # type: ignore[attr-defined]  # read at declaration
     compiler: Callable[..., Any] = numba.njit

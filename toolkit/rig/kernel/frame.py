@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from toolkit.rig.kernel.compiled import inlined, kernel
-from toolkit.rig.kernel.lanes import prefetch
+from toolkit.rig.kernel.lanes import prefetch, weighted_sum
 from toolkit.rig.kernel.scene import (
     TILE,
     LitMesh,
@@ -18,6 +18,7 @@ from toolkit.rig.kernel.scene import (
     shade,
     surface_normal,
 )
+from toolkit.rig.kernel.textures import Colour
 
 SUBPIXELS = np.array([[-0.125, -0.375], [0.375, -0.125], [0.125, 0.375], [-0.375, 0.125]])
 """Offsets of the four samples: a rotated grid, which resolves near-horizontal and near-vertical edges best."""
@@ -56,7 +57,7 @@ def take_nearer(hits: Hits, others: Hits, where: np.ndarray) -> None:
 
 @kernel
 def fill_key_rays(
-    mesh: LitMesh, hits: Hits, seen: np.ndarray, key: np.ndarray, lift: float, which: np.ndarray, rays: np.ndarray
+    mesh: LitMesh, hits: Hits, seen: np.ndarray, key: Colour, lift: float, which: np.ndarray, rays: np.ndarray
 ) -> int:
     """Rays to the key light from all hits on the surroundings that face it; returns how many there are.
 
@@ -64,7 +65,7 @@ def fill_key_rays(
         mesh: the surroundings.
         hits: their `key_share` becomes 0.
         seen: (n, 6) float32 the rays that hit.
-        key: (3,) unit direction to the light.
+        key: unit direction to the light.
         lift: the rays start so far above the surface, and one ten-thousandth of the distance.
         which, rays: (n,) int32 and (n, 6) float32, are filled from the front with hits and their rays.
     """
@@ -136,43 +137,69 @@ def move_rays(mesh: LitMesh, rays: np.ndarray, moved: np.ndarray) -> None:
         x, y, z = rays[n, 0] - p[0], rays[n, 1] - p[1], rays[n, 2] - p[2]
         dx, dy, dz = rays[n, 3], rays[n, 4], rays[n, 5]
         for c in range(3):
-            moved[n, c] = t[0, c] * x + t[1, c] * y + t[2, c] * z
-            moved[n, 3 + c] = t[0, c] * dx + t[1, c] * dy + t[2, c] * dz
+            moved[n, c] = t[0][c] * x + t[1][c] * y + t[2][c] * z
+            moved[n, 3 + c] = t[0][c] * dx + t[1][c] * dy + t[2][c] * dz
+
+
+@inlined
+def _ask_ahead(mesh: LitMesh, hits: Hits, n: int) -> None:
+    """Ask for what the hits soon after the n-th read of a mesh: each would wait for memory several times."""
+    if n + 6 >= len(hits.face):
+        return
+    face = hits.face[n + 6]
+    if face < len(mesh.faces):
+        prefetch(mesh.faces, int(face))
+    face = hits.face[n + 3]
+    if face < len(mesh.faces):
+        met = mesh.faces[face]
+        prefetch(mesh.stored, 5 * met.first)
+        prefetch(mesh.corners, 5 * int(met.a))
+        prefetch(mesh.corners, 5 * int(met.b))
+        prefetch(mesh.corners, 5 * int(met.c))
 
 
 @kernel
-def mark_edges(
-    mesh: LitMesh, surroundings: LitMesh, view: View, samples: Samples, hits: Hits, material: np.ndarray,
-    normal: np.ndarray, needed: np.ndarray,
+def describe_hits(
+    mesh: LitMesh, number: int, view: View, samples: Samples, hits: Hits, material: np.ndarray, normal: np.ndarray,
+    needed: np.ndarray,
 ) -> None:  # fmt: skip
-    """Mark pixels whose neighbours show another material, a jump in depth, a crease or the edge of a shadow.
-
-    Those on materials that are seen finely are all marked.
+    """Fill in what is seen of a mesh, for `mark_edges`; pixels on materials that are seen finely are marked.
 
     Args:
-        mesh, surroundings: what is seen.
+        mesh, number: the mesh, and its number in `Hits.mesh`.
         view: camera.
         samples: one in each pixel of a part.
         hits: theirs.
-        material, normal: (n,) int32 and (n, 3) float32 to work with.
+        material: (n,) int32, -1 where nothing is met.
+        normal: (n, 3) float32 towards the camera.
         needed: (n,) bool, the marks.
     """
-    count, width = len(hits.face), samples.right - samples.left
-    for n in range(count):
-        material[n] = -1
-        needed[n] = False
-        if hits.face[n] == NOTHING:
-            continue
-        seen = mesh if hits.mesh[n] == 0 else surroundings
-        face = int(hits.face[n])
-        needed[n] = seen.finely[seen.material[face]]
-        material[n] = 2 * seen.material[face] + hits.mesh[n]
-        x, y, z = surface_normal(seen, face, float(hits.uv[n, 0]), float(hits.uv[n, 1]))
-        across, down = sample_place(samples, n)
-        dx, dy, dz = ray_through(view, across, down)
-        sign = -1.0 if x * dx + y * dy + z * dz > 0 else 1.0
-        normal[n, 0], normal[n, 1], normal[n, 2] = sign * x, sign * y, sign * z
-    for n in range(count):
+    n = -1
+    for row in range(samples.top, samples.bottom):
+        for column in range(samples.left, samples.right):
+            n += 1
+            _ask_ahead(mesh, hits, n)
+            if hits.face[n] == NOTHING or hits.mesh[n] != number:
+                continue
+            face = int(hits.face[n])
+            needed[n] = mesh.finely[mesh.faces[face].material]
+            material[n] = 2 * mesh.faces[face].material + number
+            x, y, z = surface_normal(mesh, face, float(hits.uv[n, 0]), float(hits.uv[n, 1]))
+            dx, dy, dz = ray_through(view, column + 0.5, row + 0.5)
+            sign = -1.0 if x * dx + y * dy + z * dz > 0 else 1.0
+            normal[n, 0], normal[n, 1], normal[n, 2] = sign * x, sign * y, sign * z
+
+
+@kernel
+def mark_edges(width: int, hits: Hits, material: np.ndarray, normal: np.ndarray, needed: np.ndarray) -> None:
+    """Mark pixels whose neighbours show another material, a jump in depth, a crease or the edge of a shadow.
+
+    Args:
+        width: of the part, pixels.
+        hits: one in each pixel.
+        material, normal, needed: of `describe_hits`.
+    """
+    for n in range(len(hits.face)):
         if n % width:
             _compare(n, n - 1, material, normal, hits, needed)
         if n >= width:
@@ -217,12 +244,12 @@ def paint_background(
     around: Surround, view: View, edges: np.ndarray, sheen: np.ndarray, coverage: np.ndarray, picture: np.ndarray,
     apart: bool,
 ) -> None:  # fmt: skip
-    """Add table and room to a picture (h, w, 3) float32, in exposure units, where the object leaves some to be seen.
+    """Add table and room to a picture (h · w, 3) float32, in exposure units, where the object leaves some to be seen.
 
     Args:
         around, view: what stands there, and the camera.
         edges, sheen: of `find_table_edges` and `fill_sheen`.
-        coverage: (h, w) share of each pixel that the object covers.
+        coverage: (h · w,) share of each pixel that the object covers.
         picture: it is added to.
         apart: what is seen of table and room is added as if no object covered a part of the pixel.
     """
@@ -231,22 +258,31 @@ def paint_background(
         for left in range(0, view.width, TILE):
             right = min(left + TILE, view.width)
             inside = all_inside(edges, left, top, right, bottom)
+            corner = 4 * (top // TILE * sheen.shape[1] + left // TILE)
+            below = corner + 4 * sheen.shape[1]
             for row in range(top, bottom):
+                down = (row - top) * (1 / TILE)
+                a = weighted_sum(sheen, (corner, below), (1 - down, down))
+                b = weighted_sum(sheen, (corner + 4, below + 4), (1 - down, down))
+                b = (b[0] - a[0], b[1] - a[1], b[2] - a[2], b[3] - a[3])
                 for column in range(left, right):
-                    if coverage[row, column] == 1:
+                    place = np.uint64(row * view.width + column)
+                    if coverage[place] == 1:
                         continue
-                    red, green, blue = background(around, view, edges, sheen, (row, column), inside)
-                    scale = around.exposure if apart else around.exposure * (1 - coverage[row, column])
-                    picture[row, column, 0] += red * scale
-                    picture[row, column, 1] += green * scale
-                    picture[row, column, 2] += blue * scale
+                    x = (column - left) * (1 / TILE)
+                    shine = (a[0] + b[0] * x, a[1] + b[1] * x, a[2] + b[2] * x, a[3] + b[3] * x)
+                    red, green, blue = background(around, view, edges, shine, (row, column), inside)
+                    scale = around.exposure if apart else around.exposure * (1 - coverage[place])
+                    picture[place, 0] += red * scale
+                    picture[place, 1] += green * scale
+                    picture[place, 2] += blue * scale
 
 
 class Linear(NamedTuple):
     """Where the object's part of a linear view is written; see `toolkit.rig.linear_view.LinearView`.
 
     Attributes:
-        coverage: (h, w) float32.
+        coverage: (h · w,) float32.
         pixel, uv, lod, gain: of samples, filled from the front: (k,) int32, (k, 2), (k,), (k, 3) float32; k is 0 where
             no texture is left out.
     """
@@ -258,69 +294,57 @@ class Linear(NamedTuple):
     gain: np.ndarray
 
 
-@inlined
-def _ask_ahead(mesh: LitMesh, surroundings: LitMesh, hits: Hits, n: int) -> None:
-    """Ask for what the hits soon after the n-th read of a mesh: each would wait for memory several times."""
-    if n + 6 >= len(hits.face):
-        return
-    face = hits.face[n + 6]
-    if face != NOTHING:
-        met = mesh if hits.mesh[n + 6] == 0 else surroundings
-        prefetch(met.faces, 3 * int(face))
-        prefetch(met.first, int(face))
-        prefetch(met.steps, int(face))
-        prefetch(met.density, int(face))
-        prefetch(met.material, int(face))
-    face = hits.face[n + 3]
-    if face != NOTHING:
-        met = mesh if hits.mesh[n + 3] == 0 else surroundings
-        prefetch(met.stored, 5 * met.first[face])
-        for corner in range(3):
-            prefetch(met.normals, 3 * int(met.faces[face, corner]))
-            prefetch(met.uv, 2 * int(met.faces[face, corner]))
-
-
 @kernel
-def paint_meshes(
-    around: Surround, mesh: LitMesh, surroundings: LitMesh, view: View, part: Part, picture: np.ndarray, out: Linear
+def paint_mesh(
+    around: Surround, mesh: LitMesh, number: int, view: View, part: Part, picture: np.ndarray, out: Linear
 ) -> int:
-    """Draw what rays met into a black picture (h, w, 3) float32, in exposure units.
+    """Add what rays met of a mesh to a picture (h · w, 3) float32, in exposure units, and to `out.coverage`.
+
+    Args:
+        around: what stands there.
+        mesh, number: the mesh, and its number in `Hits.mesh`.
+        view: camera.
+        part: of the picture.
+        picture: it is added to.
+        out: where the object's part of a linear view is written.
 
     Returns:
         How many samples `out` has.
     """
-    width, next_fine, count = part.right - part.left, 0, 0
-    for n in range(len(part.hits.face)):
-        row, column = part.top + n // width, part.left + n % width
-        finely = next_fine < len(part.refine) and part.refine[next_fine] == n
-        first = 4 * next_fine if finely else n
-        shots, hits = (4, part.fine) if finely else (1, part.hits)
-        next_fine += finely
-        scale = around.exposure / shots
-        red, green, blue, missed = 0.0, 0.0, 0.0, 0
-        for k in range(shots):
-            _ask_ahead(mesh, surroundings, hits, first + k)
-            face = hits.face[first + k]
-            if face == NOTHING:
-                missed += 1
-                continue
-            x, y = column + 0.5, row + 0.5
-            if finely:
-                x, y = x + SUBPIXELS[k, 0], y + SUBPIXELS[k, 1]
-            u, v, distance = hits.uv[first + k, 0], hits.uv[first + k, 1], hits.distance[first + k]
-            hit = (int(face), float(u), float(v), float(distance), float(hits.key_share[first + k]))
-            met = mesh if hits.mesh[first + k] == 0 else surroundings
-            seen = shade(around, met, view, (x, y), hit)
-            red, green, blue = red + seen.colour[0], green + seen.colour[1], blue + seen.colour[2]
-            if len(out.pixel) and (seen.gain[0] > 0 or seen.gain[1] > 0 or seen.gain[2] > 0):
-                out.pixel[count] = row * view.width + column
-                out.uv[count, 0], out.uv[count, 1], out.lod[count] = seen.u, seen.v, seen.lod
-                for c in range(3):
-                    out.gain[count, c] = seen.gain[c] * scale
-                count += 1
-        if missed < shots:
-            out.coverage[row, column] = (shots - missed) / shots
-            picture[row, column, 0] = red * scale
-            picture[row, column, 1] = green * scale
-            picture[row, column, 2] = blue * scale
+    n, next_fine, count = -1, 0, 0
+    for row in range(part.top, part.bottom):
+        for column in range(part.left, part.right):
+            n += 1
+            finely = next_fine < len(part.refine) and part.refine[next_fine] == n
+            first = 4 * next_fine if finely else n
+            shots, hits = (4, part.fine) if finely else (1, part.hits)
+            next_fine += finely
+            scale = around.exposure / shots
+            red, green, blue, met = 0.0, 0.0, 0.0, 0
+            for k in range(shots):
+                _ask_ahead(mesh, hits, first + k)
+                at = np.uint64(first + k)
+                face = hits.face[at]
+                if face == NOTHING or hits.mesh[at] != number:
+                    continue
+                met += 1
+                x, y = column + 0.5, row + 0.5
+                if finely:
+                    x, y = x + SUBPIXELS[k, 0], y + SUBPIXELS[k, 1]
+                u, v, distance = hits.uv[at, 0], hits.uv[at, 1], hits.distance[at]
+                hit = (int(face), float(u), float(v), float(distance), float(hits.key_share[at]))
+                seen = shade(around, mesh, view, (x, y), hit)
+                red, green, blue = red + seen.colour[0], green + seen.colour[1], blue + seen.colour[2]
+                if len(out.pixel) and (seen.gain[0] > 0 or seen.gain[1] > 0 or seen.gain[2] > 0):
+                    out.pixel[count] = row * view.width + column
+                    out.uv[count, 0], out.uv[count, 1], out.lod[count] = seen.u, seen.v, seen.lod
+                    for c in range(3):
+                        out.gain[count, c] = seen.gain[c] * scale
+                    count += 1
+            if met:
+                place = np.uint64(row * view.width + column)
+                out.coverage[place] += met / shots
+                picture[place, 0] += red * scale
+                picture[place, 1] += green * scale
+                picture[place, 2] += blue * scale
     return count

@@ -3,6 +3,7 @@
 import math
 
 from toolkit.rig.kernel.compiled import inlined
+from toolkit.rig.kernel.lanes import exp2
 
 
 @inlined
@@ -21,12 +22,11 @@ def key_lobe(
     """
     alpha2 = alpha * alpha
     d = normal_half * normal_half * (alpha2 - 1) + 1
-    distribution = alpha2 / (math.pi * d * d)
     k = alpha / 2
-    masking = 1 / ((normal_view * (1 - k) + k) * (normal_light * (1 - k) + k))
+    masking = (normal_view * (1 - k) + k) * (normal_light * (1 - k) + k)
     grazing = 1 - view_half
     square = grazing * grazing
-    return distribution * masking / 4 * normal_light, square * square * grazing
+    return alpha2 * normal_light / (4 * math.pi * d * d * masking), square * square * grazing
 
 
 @inlined
@@ -34,5 +34,5 @@ def environment_brdf(roughness: float, cosine: float) -> tuple[float, float]:
     """(scale, bias) of f0 for even light from all around: Karis' fit (Physically Based Shading on Mobile, 2014)."""
     a, b = 1 - roughness, 0.0425 - 0.0275 * roughness
     c, d = 1.04 - 0.572 * roughness, 0.022 * roughness - 0.04
-    a004 = min(a * a, math.exp(-9.28 * math.log(2.0) * cosine)) * a + b
+    a004 = min(a * a, exp2(-9.28 * cosine)) * a + b
     return c - 1.04 * a004, d + 1.04 * a004

@@ -1,5 +1,6 @@
-"""Four neighbouring numbers at a time, a colour and one more, as a processor's vector instructions add them up."""
+"""What the kernels ask of a processor that Python has no word for: four numbers at a time, the bits of a number."""
 
+import math
 from collections.abc import Callable
 from typing import Any, cast
 
@@ -7,6 +8,8 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.extending import intrinsic
+
+from toolkit.rig.kernel.compiled import inlined
 
 FOUR = ir.VectorType(ir.DoubleType(), 4)
 INDEX = ir.IntType(32)
@@ -65,3 +68,42 @@ def _prefetch(_: Any, values: types.Array, place: types.Integer) -> Any:
 
 prefetch = cast(Callable[[np.ndarray, int], None], intrinsic(_prefetch))
 """Ask for the numbers at a place of a contiguous array, which are needed soon: it changes no result."""
+
+
+def _bits_of(_: Any, number: types.Float) -> Any:
+    def generate(context: Any, builder: ir.IRBuilder, signature: Any, arguments: tuple[ir.Value, ...]) -> ir.Value:
+        return builder.bitcast(arguments[0], ir.IntType(64))
+
+    return types.int64(types.float64), generate
+
+
+def _number_of(_: Any, bits: types.Integer) -> Any:
+    def generate(context: Any, builder: ir.IRBuilder, signature: Any, arguments: tuple[ir.Value, ...]) -> ir.Value:
+        return builder.bitcast(arguments[0], ir.DoubleType())
+
+    return types.float64(types.int64), generate
+
+
+bits_of = cast(Callable[[float], int], intrinsic(_bits_of))
+number_of = cast(Callable[[int], float], intrinsic(_number_of))
+"""A float64 and its 64 bits."""
+
+
+@inlined
+def log2(x: float) -> float:
+    """Of a normal positive number, to 1e-7, without a call into the library."""
+    bits = bits_of(x) - 0x3FE6A09E667F3BCD  # of the root of 1/2: what is left of x lies around 1
+    exponent = bits >> 52
+    m = number_of(bits_of(x) - (exponent << 52))
+    t = (m - 1) / (m + 1)
+    s = t * t
+    return exponent + t * (2.8853900818 + s * (0.9617966939 + s * (0.5770780164 + s * 0.4121985831)))
+
+
+@inlined
+def exp2(x: float) -> float:
+    """Of a number in [-1000, 1000], to a share of 1e-7, without a call into the library."""
+    whole = math.floor(x + 0.5)
+    t = (x - whole) * 0.6931471805599453
+    power = 1 + t * (1 + t * (1 / 2 + t * (1 / 6 + t * (1 / 24 + t * (1 / 120 + t * (1 / 720))))))
+    return number_of((int(whole) + 1023) << 52) * power

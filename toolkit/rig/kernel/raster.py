@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from toolkit.rig.kernel.compiled import inlined, kernel
-from toolkit.rig.kernel.frame import Hits, Samples, sample_place
+from toolkit.rig.kernel.compiled import exact, kernel
+from toolkit.rig.kernel.frame import SUBPIXELS, Hits, Samples, sample_place
 from toolkit.rig.kernel.scene import View, ray_through
 from toolkit.rig.kernel.textures import Colour
 
@@ -31,7 +31,7 @@ def project_corners(points: np.ndarray, T_pixel_mesh: np.ndarray, corners: np.nd
         screen[n, 0], screen[n, 1], screen[n, 2] = x * scale, y * scale, z
 
 
-@inlined
+@exact
 def _edge(corners: np.ndarray, a: int, b: int) -> Colour:
     """What is 0 on the line from a to b, times x, y and 1 of a pixel; from b to a it is exactly its opposite."""
     ax, ay, az = corners[a, 0], corners[a, 1], corners[a, 2]
@@ -39,13 +39,13 @@ def _edge(corners: np.ndarray, a: int, b: int) -> Colour:
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
 
 
-@inlined
+@exact
 def _range(a: float, b: float, c: float) -> tuple[float, float]:
     low, high = (a, b) if a < b else (b, a)
     return c if c < low else low, c if c > high else high
 
 
-@inlined
+@exact
 def _narrow(low: float, high: float, slope: float, start: float) -> tuple[float, float]:
     """What is left of a range of columns where start + slope · column is not below 0."""
     if slope > 0:
@@ -55,24 +55,65 @@ def _narrow(low: float, high: float, slope: float, start: float) -> tuple[float,
     return low, high if start >= 0 else low - 1
 
 
-@inlined
-def _has_samples(slot: np.ndarray, width: int, first: int, last: int, upper: int, lower: int) -> bool:
+@exact
+def _is_hidden(furthest: np.ndarray, nearest: float, width: int, box: tuple[int, int, int, int]) -> bool:
+    """Whether no sample of the pixels in a box (first and last column, first and last row) can see so far."""
+    first, last, upper, lower = box
     for row in range(upper, lower + 1):
         for column in range(first, last + 1):
-            if slot[row * width + column] >= 0:
-                return True
-    return False
+            if nearest < furthest[np.uint64(row * width + column)]:
+                return False
+    return True
+
+
+@exact
+def _see(n: int, face: int, volume: float, weights: Colour, hits: Hits) -> None:
+    """Let sample n see a triangle, where it lies inside and nothing nearer is seen."""
+    u, v, w = weights
+    if min(u, v, w) >= 0:
+        scale, n = 1 / (u + v + w), np.uint64(n)
+        depth = volume * scale
+        if depth < hits.distance[n]:
+            hits.distance[n], hits.face[n] = depth, face
+            hits.uv[n, 0], hits.uv[n, 1] = u * scale, v * scale
+
+
+@exact
+def _see_finely(n: int, face: int, volume: float, edges: tuple[Colour, Colour, Colour], hits: Hits) -> bool:
+    """The same with samples n to n + 3 of a pixel, of which the latter two lie opposite the former two.
+
+    Args:
+        n, face, volume: see `_see`.
+        edges: edge functions at the pixel's centre, and their slopes.
+        hits: are filled.
+    """
+    (u, ux, uy), (v, vx, vy), (w, wx, wy) = edges
+    dx, dy, ex, ey = SUBPIXELS[0, 0], SUBPIXELS[0, 1], SUBPIXELS[1, 0], SUBPIXELS[1, 1]
+    du, dv, dw = ux * dx + uy * dy, vx * dx + vy * dy, wx * dx + wy * dy
+    eu, ev, ew = ux * ex + uy * ey, vx * ex + vy * ey, wx * ex + wy * ey
+    nearest = max(
+        max(min(u + du, v + dv, w + dw), min(u + eu, v + ev, w + ew)),
+        max(min(u - du, v - dv, w - dw), min(u - eu, v - ev, w - ew)),
+    )
+    if nearest < 0:
+        return False
+    _see(n, face, volume, (u + du, v + dv, w + dw), hits)
+    _see(n + 1, face, volume, (u + eu, v + ev, w + ew), hits)
+    _see(n + 2, face, volume, (u - du, v - dv, w - dw), hits)
+    _see(n + 3, face, volume, (u - eu, v - ev, w - ew), hits)
+    return True
 
 
 @kernel
 def draw_triangles(
     faces: np.ndarray, corners: np.ndarray, screen: np.ndarray, view: View, samples: Samples, slot: np.ndarray,
-    hits: Hits,
+    furthest: np.ndarray, later: np.ndarray, hits: Hits,
 ) -> None:  # fmt: skip
     """First hits of samples.
 
     A sample belongs to a triangle where the three edge functions have one sign; they are homogeneous, so that triangles
-    that reach behind the camera need no cutting (Olano and Greer, 1997).
+    that reach behind the camera need no cutting (Olano and Greer, 1997). Those that turn their back are drawn last,
+    when most of them are hidden.
 
     Args:
         faces: (m, 3) of the mesh.
@@ -80,64 +121,87 @@ def draw_triangles(
         view: camera.
         samples: which.
         slot: (pixels of the part,) int32 to work with.
+        furthest: (pixels of the part,) float32 to work with.
+        later: (m,) int32 to work with.
         hits: of nothing; they are filled.
     """
     left, top, right, bottom = samples.left, samples.top, samples.right, samples.bottom
-    width, shots, offsets, reach = right - left, len(samples.offsets), samples.offsets, 0.0
-    slot[:] = -1
+    width, shots = right - left, len(samples.offsets)
+    furthest[:] = -np.inf
     for i in range(len(samples.pixels)):
-        slot[samples.pixels[i]] = i
-    for k in range(shots):
-        reach = max(reach, abs(offsets[k, 0]), abs(offsets[k, 1]))
-    reach += 1e-3  # of a pixel, for rounding: what is in reach is looked at exactly
-    before = np.float32(0.5 - reach)
-    for face in range(len(faces)):
-        a, b, c = np.uint32(faces[face, 0]), np.uint32(faces[face, 1]), np.uint32(faces[face, 2])
-        nearest, furthest = _range(screen[a, 2], screen[b, 2], screen[c, 2])
-        first, last, upper, lower = left, right - 1, top, bottom - 1
-        if nearest > 0:
-            low, high = _range(screen[a, 0], screen[b, 0], screen[c, 0])
-            first, last = int(max(low + before, np.float32(left))), int(min(high - before, np.float32(last)))
-            if first < left or first > last or high < left + before:
-                continue
-            low, high = _range(screen[a, 1], screen[b, 1], screen[c, 1])
-            upper, lower = int(max(low + before, np.float32(top))), int(min(high - before, np.float32(lower)))
-            if upper < top or high < top + before:
-                continue
-        elif furthest <= 0:
-            continue
-        if not _has_samples(slot, width, first - left, last - left, upper - top, lower - top):
-            continue
-        ax, ay, az = _edge(corners, b, c)
-        bx, by, bz = _edge(corners, c, a)
-        cx, cy, cz = _edge(corners, a, b)
-        volume = ax * corners[a, 0] + ay * corners[a, 1] + az * corners[a, 2]
-        if volume < 0:
-            volume = -volume
-            ax, ay, az, bx, by, bz, cx, cy, cz = -ax, -ay, -az, -bx, -by, -bz, -cx, -cy, -cz
-        if not volume > 0:
-            continue
-        a_spare, b_spare, c_spare = abs(ax) + abs(ay), abs(bx) + abs(by), abs(cx) + abs(cy)
-        for row in range(upper, lower + 1):
-            y, low, high = row + 0.5, float(first), float(last)
-            low, high = _narrow(low, high, ax, ax * 0.5 + ay * y + az + a_spare * reach)
-            low, high = _narrow(low, high, bx, bx * 0.5 + by * y + bz + b_spare * reach)
-            low, high = _narrow(low, high, cx, cx * 0.5 + cy * y + cz + c_spare * reach)
-            for column in range(int(low + 0.99999), int(high) + 1):
-                place = slot[(row - top) * width + column - left]
-                if place < 0:
+        slot[samples.pixels[i]] = shots * i
+        furthest[samples.pixels[i]] = np.inf
+    reach = 1e-3  # of a pixel, for rounding: what is in reach is looked at exactly
+    if shots > 1:
+        reach += 0.375
+    before, waiting = np.float32(0.5 - reach), 0
+    for turn in range(2):
+        for i in range(waiting if turn else len(faces)):
+            face = int(later[i]) if turn else i
+            a, b, c = np.uint32(faces[face, 0]), np.uint32(faces[face, 1]), np.uint32(faces[face, 2])
+            nearest, deepest = _range(screen[a, 2], screen[b, 2], screen[c, 2])
+            first, last, upper, lower = left, right - 1, top, bottom - 1
+            if nearest > 0:
+                low, high = _range(screen[a, 0], screen[b, 0], screen[c, 0])
+                first, last = int(max(low + before, np.float32(left))), int(min(high - before, np.float32(last)))
+                if first < left or first > last or high < left + before:
                     continue
-                x = column + 0.5
-                u, v, w = bx * x + by * y + bz, cx * x + cy * y + cz, ax * x + ay * y + az
-                for k in range(shots):
-                    dx, dy = offsets[k, 0], offsets[k, 1]
-                    ku, kv, kw = u + (bx * dx + by * dy), v + (cx * dx + cy * dy), w + (ax * dx + ay * dy)
-                    scale = 1 / (ku + kv + kw)
-                    depth, n = volume * scale, place * shots + k
-                    if (min(ku, kv, kw) >= 0) & (depth < hits.distance[n]):
-                        hits.distance[n], hits.face[n] = depth, face
-                        hits.uv[n, 0], hits.uv[n, 1] = ku * scale, kv * scale
-    for n in range(len(hits.face)):  # along the ray
-        x, y = sample_place(samples, n)
-        dx, dy, dz = ray_through(view, x, y)
-        hits.distance[n] *= math.sqrt(dx * dx + dy * dy + dz * dz)
+                low, high = _range(screen[a, 1], screen[b, 1], screen[c, 1])
+                upper, lower = int(max(low + before, np.float32(top))), int(min(high - before, np.float32(lower)))
+                if upper < top or upper > lower or high < top + before:
+                    continue
+            elif deepest <= 0:
+                continue
+            nearest *= np.float32(0.999999)
+            if _is_hidden(furthest, nearest, width, (first - left, last - left, upper - top, lower - top)):
+                continue
+            if turn == 0 and nearest > 0:
+                ax, ay = screen[b, 0] - screen[a, 0], screen[b, 1] - screen[a, 1]
+                if ax * (screen[c, 1] - screen[a, 1]) > ay * (screen[c, 0] - screen[a, 0]):
+                    later[waiting] = face
+                    waiting += 1
+                    continue
+            of_a, of_b, of_c = _edge(corners, b, c), _edge(corners, c, a), _edge(corners, a, b)
+            volume = of_a[0] * corners[a, 0] + of_a[1] * corners[a, 1] + of_a[2] * corners[a, 2]
+            if volume < 0:
+                volume = -volume
+                of_a, of_b, of_c = _turn(of_a), _turn(of_b), _turn(of_c)
+            if not volume > 0:
+                continue
+            a_spare, b_spare, c_spare = _spare(of_a) * reach, _spare(of_b) * reach, _spare(of_c) * reach
+            for row in range(upper, lower + 1):
+                y, start, end = row + 0.5, float(first), float(last)
+                if last > first + 1:
+                    start, end = _narrow(start, end, of_a[0], of_a[0] * 0.5 + of_a[1] * y + of_a[2] + a_spare)
+                    start, end = _narrow(start, end, of_b[0], of_b[0] * 0.5 + of_b[1] * y + of_b[2] + b_spare)
+                    start, end = _narrow(start, end, of_c[0], of_c[0] * 0.5 + of_c[1] * y + of_c[2] + c_spare)
+                for column in range(int(start + 0.99999), int(end) + 1):
+                    x, pixel = column + 0.5, np.uint64((row - top) * width + column - left)
+                    if not nearest < furthest[pixel]:
+                        continue
+                    u, v = of_b[0] * x + of_b[1] * y + of_b[2], of_c[0] * x + of_c[1] * y + of_c[2]
+                    w, n = of_a[0] * x + of_a[1] * y + of_a[2], int(slot[pixel])
+                    if shots == 1:
+                        _see(n, face, volume, (u, v, w), hits)
+                        furthest[pixel] = hits.distance[n]
+                        continue
+                    slopes = ((u, of_b[0], of_b[1]), (v, of_c[0], of_c[1]), (w, of_a[0], of_a[1]))
+                    if _see_finely(n, face, volume, slopes, hits):
+                        furthest[pixel] = max(
+                            hits.distance[n], hits.distance[n + 1], hits.distance[n + 2], hits.distance[n + 3]
+                        )
+    for i in range(len(samples.pixels)):  # along the ray
+        for n in range(i * shots, i * shots + shots):
+            x, y = sample_place(samples, n)
+            dx, dy, dz = ray_through(view, x, y)
+            hits.distance[n] *= math.sqrt(dx * dx + dy * dy + dz * dz)
+
+
+@exact
+def _turn(edge: Colour) -> Colour:
+    return -edge[0], -edge[1], -edge[2]
+
+
+@exact
+def _spare(edge: Colour) -> float:
+    return abs(edge[0]) + abs(edge[1])

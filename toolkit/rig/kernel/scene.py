@@ -1,29 +1,38 @@
 """A scene as the kernel reads it, and the colour of what a ray meets in it."""
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
 
 from toolkit.rig.kernel.compiled import inlined, kernel
 from toolkit.rig.kernel.gloss import environment_brdf, key_lobe
-from toolkit.rig.kernel.lanes import weighted_sum
+from toolkit.rig.kernel.lanes import log2, weighted_sum
 from toolkit.rig.kernel.light import LightMap, find_samples, read_light_map
-from toolkit.rig.kernel.textures import Colour, Texels, around_place, sample_direction, sample_texture
+from toolkit.rig.kernel.textures import Colour, Texels, sample_direction, sample_texture
 
 ROUGHNESS_LEVELS = (0.12, 0.3, 0.55, 0.9)
 """Roughnesses for which the surroundings are blurred beforehand."""
+
+
+Rotation = tuple[Colour, Colour, Colour]
+FACE = np.dtype(
+    [
+        ("a", np.uint32), ("b", np.uint32), ("c", np.uint32), ("material", np.uint32), ("density", np.float32),
+        ("steps", np.int32), ("first", np.int64),
+    ]
+)  # fmt: skip
+"""A triangle, all in one place of memory: its corners, material, texels per unit of length, and where its stored light
+begins and how fine it is."""
 
 
 class LitMesh(NamedTuple):
     """Triangles and the light on them.
 
     Attributes:
-        faces: (m, 3) int32.
-        normals: (n, 3) float32 unit, of vertices, in the mesh's own frame.
-        uv: (n, 2) float32.
-        material: (m,) int32.
-        density: (m,) float32 texels per unit of length.
+        faces: (m,) of `FACE`.
+        corners: (n, 5) float32 of vertices: unit normal in the mesh's own frame, uv.
         texture, roughness, metallic: (k,) of each material; `texture` indexes `texels`.
         finely: (k,) bool whether all its pixels need several samples.
         left_out: (k,) bool whether the texture's colour is left out, for linear views.
@@ -31,17 +40,13 @@ class LitMesh(NamedTuple):
         glow: (k,) int32 index into `glow_texels` of what each material gives off; -1 where nothing is lit.
         glow_lod: (k,) float32 to be added to the level of detail of its texture.
         glow_texels: what is given off.
-        steps, first: (m,) where each face's stored light begins and how fine it is.
         stored: (s, 5) float32 irradiance RGB, share of the key light seen, share of the room seen.
-        turn: (3, 3) float64 from the mesh's frame to the world's.
-        place: (3,) float64 of the mesh's origin in the world.
+        turn: rows of the rotation from the mesh's frame to the world's.
+        place: of the mesh's origin in the world.
     """
 
     faces: np.ndarray
-    normals: np.ndarray
-    uv: np.ndarray
-    material: np.ndarray
-    density: np.ndarray
+    corners: np.ndarray
     texture: np.ndarray
     roughness: np.ndarray
     metallic: np.ndarray
@@ -51,11 +56,9 @@ class LitMesh(NamedTuple):
     glow: np.ndarray
     glow_lod: np.ndarray
     glow_texels: Texels
-    steps: np.ndarray
-    first: np.ndarray
     stored: np.ndarray
-    turn: np.ndarray
-    place: np.ndarray
+    turn: Rotation
+    place: Colour
 
 
 class Surround(NamedTuple):
@@ -64,14 +67,14 @@ class Surround(NamedTuple):
     Attributes:
         backdrop: (h, w, 4) float32 radiance of all directions as a camera sees it, of which three count.
         mirrored: four such pictures, blurred as surfaces of `ROUGHNESS_LEVELS` mirror it.
-        key: (3,) float64 unit direction to the key light.
+        key: unit direction to the key light.
         key_spread: by how much the light's size widens its highlight's alpha.
-        key_irradiance: (3,) float64.
+        key_irradiance: RGB.
         exposure: factor of the picture.
         lamps: radiance of a surface whose emission is 1.
         has_table: whether there is a table at z = 0.
         table: its one texture.
-        table_size: (2,) float64 along x and y.
+        table_size: along x and y.
         table_roughness: of the table.
         ground_light: irradiance of the table; out of doors by how much the object dims the sky's on the ground.
         ground_z: out of doors, the height of that ground.
@@ -80,14 +83,14 @@ class Surround(NamedTuple):
 
     backdrop: np.ndarray
     mirrored: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-    key: np.ndarray
+    key: Colour
     key_spread: float
-    key_irradiance: np.ndarray
+    key_irradiance: Colour
     exposure: float
     lamps: float
     has_table: bool
     table: Texels
-    table_size: np.ndarray
+    table_size: tuple[float, float]
     table_roughness: float
     ground_light: LightMap
     ground_z: float
@@ -98,14 +101,14 @@ class View(NamedTuple):
     """A camera in its place.
 
     Attributes:
-        rotation: (3, 3) float64 from camera to world.
-        origin: (3,) float64.
+        rotation: rows of the rotation from camera to world.
+        origin: of the camera in the world.
         fx, fy, cx, cy: pixels.
         width, height: pixels.
     """
 
-    rotation: np.ndarray
-    origin: np.ndarray
+    rotation: Rotation
+    origin: Colour
     fx: float
     fy: float
     cx: float
@@ -114,14 +117,26 @@ class View(NamedTuple):
     height: int
 
 
+def as_triple(numbers: Iterable[float]) -> Colour:
+    """Three numbers as kernels take them: by value, so that nothing that they write can change them."""
+    x, y, z = map(float, numbers)
+    return x, y, z
+
+
+def as_rotation(matrix: np.ndarray) -> Rotation:
+    """The rows of a matrix (3, 3), likewise."""
+    a, b, c = map(as_triple, matrix)
+    return a, b, c
+
+
 @inlined
 def ray_through(view: View, x: float, y: float) -> Colour:
     """The direction through a pixel, in the world; its part along the camera's axis is 1."""
-    a, b, r = (x - view.cx) / view.fx, (y - view.cy) / view.fy, view.rotation
+    a, b, r = (x - view.cx) * (1 / view.fx), (y - view.cy) * (1 / view.fy), view.rotation
     return (
-        r[0, 0] * a + r[0, 1] * b + r[0, 2],
-        r[1, 0] * a + r[1, 1] * b + r[1, 2],
-        r[2, 0] * a + r[2, 1] * b + r[2, 2],
+        r[0][0] * a + (r[0][1] * b + r[0][2]),
+        r[1][0] * a + (r[1][1] * b + r[1][2]),
+        r[2][0] * a + (r[2][1] * b + r[2][2]),
     )
 
 
@@ -133,7 +148,7 @@ def _rough_level(roughness: float) -> int:
 @inlined
 def _table_radiance(around: Surround, x: float, y: float, lod: float) -> Colour:
     """What the lit table sends out at (x, y)."""
-    u, v = x / around.table_size[0] + 0.5, y / around.table_size[1] + 0.5
+    u, v = x * (1 / around.table_size[0]) + 0.5, y * (1 / around.table_size[1]) + 0.5
     colour = sample_texture(around.table, 0, u, v, lod, False)
     light = read_light_map(around.ground_light, x, y)
     scale = 1 / math.pi
@@ -169,14 +184,15 @@ def fill_sheen(around: Surround, view: View, sheen: np.ndarray) -> None:
 
 @inlined
 def background(
-    around: Surround, view: View, edges: np.ndarray, sheen: np.ndarray, pixel: tuple[int, int], inside: bool
-) -> Colour:
+    around: Surround, view: View, edges: np.ndarray, shine: tuple[float, float, float, float],
+    pixel: tuple[int, int], inside: bool,
+) -> Colour:  # fmt: skip
     """Radiance of table and room in a pixel (row, column).
 
     Args:
         around, view: what stands there, and the camera.
         edges: of `find_table_edges`; the table covers a part of the pixels on them.
-        sheen: of `fill_sheen`.
+        shine: of `fill_sheen`, there.
         pixel: (row, column).
         inside: whether the table is known to cover all of it.
     """
@@ -184,16 +200,11 @@ def background(
     dx, dy, dz = ray_through(view, x, y)
     cover = 1.0
     if not inside:
-        nearest = 0.5
         for k in range(4):
-            nearest = min(nearest, edges[k, 0] * x + edges[k, 1] * y + edges[k, 2])
-        cover = max(nearest + 0.5, 0.0)
+            cover = min(cover, edges[k, 0] * x + edges[k, 1] * y + edges[k, 2] + 0.5)
+        cover = max(cover, 0.0)
     red, green, blue = 0.0, 0.0, 0.0
     if cover > 0:
-        i, j = pixel[0] // TILE, pixel[1] // TILE
-        fy, fx = (pixel[0] - i * TILE) / TILE, (pixel[1] - j * TILE) / TILE
-        places, weights = around_place(0, sheen.shape[1], 4, (j, j + 1, fx), (i, i + 1, fy))
-        shine = weighted_sum(sheen, places, weights)
         reach = view.origin[2] / max(-dz, 1e-4)
         red, green, blue = _table_radiance(around, view.origin[0] + reach * dx, view.origin[1] + reach * dy, shine[3])
         red, green, blue = red + shine[0], green + shine[1], blue + shine[2]
@@ -221,10 +232,10 @@ def find_table_edges(around: Surround, view: View, edges: np.ndarray) -> None:
             continue
         axis, sign = k // 2, 1.0 - 2.0 * (k % 2)
         along, down = -sign * view.origin[2], sign * view.origin[axis] - around.table_size[axis] / 2
-        a = (along * r[axis, 0] + down * r[2, 0]) / view.fx
-        b = (along * r[axis, 1] + down * r[2, 1]) / view.fy
+        a = (along * r[axis][0] + down * r[2][0]) / view.fx
+        b = (along * r[axis][1] + down * r[2][1]) / view.fy
         slope = max(math.sqrt(a * a + b * b), 1e-9)
-        c = along * r[axis, 2] + down * r[2, 2] - a * view.cx - b * view.cy
+        c = along * r[axis][2] + down * r[2][2] - a * view.cx - b * view.cy
         edges[k, 0], edges[k, 1], edges[k, 2] = a / slope, b / slope, c / slope
 
 
@@ -246,8 +257,8 @@ def _mirrored(around: Surround, point: Colour, direction: Colour, roughness: flo
     x, y, z = direction
     if around.has_table and z < -0.02:
         reach = -point[2] / z
-        u = (point[0] + reach * x) / around.table_size[0] + 0.5
-        v = (point[1] + reach * y) / around.table_size[1] + 0.5
+        u = (point[0] + reach * x) * (1 / around.table_size[0]) + 0.5
+        v = (point[1] + reach * y) * (1 / around.table_size[1]) + 0.5
         if abs(u - 0.5) < 0.5 and abs(v - 0.5) < 0.5:
             return _table_radiance(around, point[0] + reach * x, point[1] + reach * y, 2.0 + level)
     return sample_direction(around.mirrored[level], x, y, z)
@@ -256,17 +267,23 @@ def _mirrored(around: Surround, point: Colour, direction: Colour, roughness: flo
 @inlined
 def surface_normal(mesh: LitMesh, face: int, u: float, v: float) -> Colour:
     """Unit shading normal in the world."""
-    a, b, c = mesh.faces[face, 0], mesh.faces[face, 1], mesh.faces[face, 2]
-    n, w, t = mesh.normals, 1 - u - v, mesh.turn
-    x = n[a, 0] * w + n[b, 0] * u + n[c, 0] * v
-    y = n[a, 1] * w + n[b, 1] * u + n[c, 1] * v
-    z = n[a, 2] * w + n[b, 2] * u + n[c, 2] * v
+    return _blend_corners(mesh, face, u, v)[0]
+
+
+@inlined
+def _blend_corners(mesh: LitMesh, face: int, u: float, v: float) -> tuple[Colour, float, float]:
+    """Unit shading normal in the world, texture u and v."""
+    corner, t = mesh.faces[face], mesh.turn
+    a, b, c, weights = 5 * int(corner.a), 5 * int(corner.b), 5 * int(corner.c), (1 - u - v, u, v)
+    x, y, z, texture_u = weighted_sum(mesh.corners, (a, b, c), weights)
+    texture_v = weighted_sum(mesh.corners, (a + 1, b + 1, c + 1), weights)[3]
     scale = 1 / max(math.sqrt(x * x + y * y + z * z), 1e-9)
-    return (
-        (t[0, 0] * x + t[0, 1] * y + t[0, 2] * z) * scale,
-        (t[1, 0] * x + t[1, 1] * y + t[1, 2] * z) * scale,
-        (t[2, 0] * x + t[2, 1] * y + t[2, 2] * z) * scale,
+    normal = (
+        (t[0][0] * x + t[0][1] * y + t[0][2] * z) * scale,
+        (t[1][0] * x + t[1][1] * y + t[1][2] * z) * scale,
+        (t[2][0] * x + t[2][1] * y + t[2][2] * z) * scale,
     )
+    return normal, texture_u, texture_v
 
 
 class Seen(NamedTuple):
@@ -298,15 +315,13 @@ def shade(
     dx, dy, dz = ray_through(view, pixel[0], pixel[1])
     scale = 1 / math.sqrt(dx * dx + dy * dy + dz * dz)
     dx, dy, dz = dx * scale, dy * scale, dz * scale
-    nx, ny, nz = surface_normal(mesh, face, u, v)
+    (nx, ny, nz), tu, tv = _blend_corners(mesh, face, u, v)
     cosine = -(nx * dx + ny * dy + nz * dz)
     if cosine < 0:
         nx, ny, nz, cosine = -nx, -ny, -nz, -cosine
-    a, b, c, w = mesh.faces[face, 0], mesh.faces[face, 1], mesh.faces[face, 2], 1 - u - v
-    tu = mesh.uv[a, 0] * w + mesh.uv[b, 0] * u + mesh.uv[c, 0] * v
-    tv = mesh.uv[a, 1] * w + mesh.uv[b, 1] * u + mesh.uv[c, 1] * v
-    lod = math.log2(max(distance / view.fx / math.sqrt(max(cosine, 0.1)) * mesh.density[face], 1e-6))
-    material = mesh.material[face]
+    texels = distance * (1 / view.fx) * mesh.faces[face].density
+    lod = 0.5 * log2(max(texels * texels / max(cosine, 0.1), 1e-12))
+    material = mesh.faces[face].material
     left_out = mesh.left_out[material]
     albedo = (0.0, 0.0, 0.0)
     if not left_out:
@@ -351,11 +366,11 @@ def shade(
 @inlined
 def _stored(mesh: LitMesh, face: int, u: float, v: float) -> tuple[float, float, float, float, float]:
     """Stored light: irradiance RGB, share of the key light, share of the room."""
-    a, b, c, wb, wc = find_samples(int(mesh.steps[face]), u, v)
-    start, wa, s = mesh.first[face], 1 - wb - wc, mesh.stored
-    a, b, c = start + a, start + b, start + c
-    red, green, blue, key_share = weighted_sum(s, (5 * a, 5 * b, 5 * c), (wa, wb, wc))
-    return red, green, blue, key_share, s[a, 4] * wa + s[b, 4] * wb + s[c, 4] * wc
+    a, b, c, wb, wc = find_samples(int(mesh.faces[face].steps), u, v)
+    start, wa, s = mesh.faces[face].first, 1 - wb - wc, mesh.stored
+    a, b, c, weights = 5 * (start + a), 5 * (start + b), 5 * (start + c), (wa, wb, wc)
+    red, green, blue, key_share = weighted_sum(s, (a, b, c), weights)
+    return red, green, blue, key_share, weighted_sum(s, (a + 1, b + 1, c + 1), weights)[3]
 
 
 @inlined
@@ -377,9 +392,9 @@ def _gloss(
     facing = nx * lx + ny * ly + nz * lz
     if facing > 0 and key_share > 0:
         hx, hy, hz = lx - dx, ly - dy, lz - dz
-        length = max(math.sqrt(hx * hx + hy * hy + hz * hz), 1e-6)
-        normal_half = (nx * hx + ny * hy + nz * hz) / length
-        view_half = max(-(dx * hx + dy * hy + dz * hz) / length, 0.0)
+        scale = 1 / max(math.sqrt(hx * hx + hy * hy + hz * hz), 1e-6)
+        normal_half = (nx * hx + ny * hy + nz * hz) * scale
+        view_half = max(-(dx * hx + dy * hy + dz * hz) * scale, 0.0)
         alpha = min(max(roughness * roughness + around.key_spread, 0.02), 1.0)
         lobe, graze = key_lobe(facing, cosine, normal_half, view_half, alpha)
         lobe *= key_share

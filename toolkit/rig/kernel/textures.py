@@ -72,9 +72,10 @@ def _clamp(x: float, size: int) -> tuple[int, int, float]:
 @inlined
 def _find_texels(texels: Texels, level: int, u: float, v: float, repeats: bool) -> Corners:
     """Those around u right, v up in [0, 1]; texel centres lie at half integers."""
-    width, height = int(texels.width[level]), int(texels.height[level])
+    at = np.uint64(level)  # which says that it does not count from the end
+    width, height = int(texels.width[at]), int(texels.height[at])
     x, y = u * width - 0.5, (1 - v) * height - 0.5
-    start = 3 * texels.start[level]
+    start = 3 * texels.start[at]
     if repeats:
         return around_place(start, width, 3, _repeat(x, width), _repeat(y, height))
     return around_place(start, width, 3, _clamp(x, width), _clamp(y, height))
@@ -83,9 +84,10 @@ def _find_texels(texels: Texels, level: int, u: float, v: float, repeats: bool) 
 @inlined
 def sample_texture(texels: Texels, texture: int, u: float, v: float, lod: float, repeats: bool) -> Colour:
     """Trilinear colour; `lod` is the base-2 logarithm of level-0 texels per pixel."""
-    lod = min(max(lod, 0.0), texels.levels[texture] - 1.0)
+    at = np.uint64(texture)
+    lod = min(max(lod, 0.0), texels.levels[at] - 1.0)
     below = int(lod)
-    share, level, scale = lod - below, int(texels.first[texture]) + below, 1 / 65535
+    share, level, scale = lod - below, int(texels.first[at]) + below, 1 / 65535
     places, weights = _find_texels(texels, level, u, v, repeats)
     red, green, blue, _ = weighted_sum(texels.values, places, weights)
     if share > 0:
