@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from toolkit.boosters.validation import validate_patch
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.corruptions import CORRUPTIONS, corrupt
+from toolkit.imaging.preprocessing import Preprocessing
 
 
 @pytest.fixture
@@ -181,6 +183,20 @@ def test_it_is_recorded_said_and_validated(tmp_path):
     }
     assert record["final"]["tiny_corrupted_patched_n"] == 128 and "tiny_held_out_patched_top1" in record["final"]
     assert train_tiny(tmp_path / "w", photos, config).was_finished
+
+
+def test_what_a_program_is_shown_is_part_of_the_hash():
+    """Another mean in the TOML beside an ONNX file trains another patch; a published network's is known by its name."""
+
+    def listed(arch: str, mean: float) -> list[list[object]]:
+        network = SimpleNamespace(
+            arch=arch, weights=Weights, preprocessing=Preprocessing(192, 192, (mean,) * 3, (1.0,) * 3)
+        )
+        return list_networks([Target(network, 3)])
+
+    assert listed("onnx:net.onnx", 0.5) != listed("onnx:net.onnx", 0.4)
+    assert listed("net.pt2", 0.5) != listed("net.pt2", 0.4)
+    assert listed("resnet18", 0.5) == listed("resnet18", 0.4) == [["resnet18", Weights.sha256, 3]]
 
 
 class StripesOrRed(torch.nn.Module):

@@ -11,6 +11,7 @@ from toolkit.boosters.pixel_config import PixelConfig
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError
 from toolkit.imaging.preprocessing import Preprocessing
+from toolkit.models.find import is_program
 from toolkit.models.network import AnyNetwork
 from toolkit.models.precision import mixed_precision
 from toolkit.objects import records
@@ -192,5 +193,10 @@ def record_network(classifier: Network) -> records.Network:
 
 
 def list_networks(targets: list[Target]) -> list[list[object]]:
-    """The networks and their classes, as hashes of inputs name them."""
-    return [[one.classifier.arch, one.classifier.weights.sha256, one.class_index] for one in targets]
+    """The networks and their classes, as hashes of inputs name them; of programs also what a TOML says of images."""
+    rows: list[list[object]] = []
+    for one in targets:
+        network = one.classifier
+        said = [network.preprocessing.describe()] if is_program(network.arch) else []
+        rows.append([network.arch, network.weights.sha256, one.class_index, *said])
+    return rows

@@ -185,6 +185,11 @@ def brings_weights(model: str, folder: Path | None = None) -> bool:
     return is_file or model in list_own(folder) or model.startswith(PYTHON_PREFIX)
 
 
+def is_program(arch: str) -> bool:
+    """Whether an `arch` is a whole program, whose images are as the file beside it says, and not as was published."""
+    return arch.startswith((ONNX_PREFIX, PYTHON_PREFIX)) or arch.endswith(EXPORTED_SUFFIX)
+
+
 def pair_weights(
     models: Sequence[str] | None, weights: Sequence[Path] | None, folder: Path | None = None
 ) -> list[tuple[str | None, Path | None]]:
