@@ -53,6 +53,17 @@ def test_an_exported_program_answers_and_trains(network, exported, name):
     assert torch.allclose(*gradients, atol=1e-6) and gradients[0].abs().max() > 1e-4
 
 
+def test_a_program_without_a_description_says_how_its_images_are_normalised(exported, tmp_path, capsys):
+    file = tmp_path / "net.pt2"
+    file.write_bytes((exported / "two.pt2").read_bytes())
+    load_classifier(str(file), device="cpu")
+    said = capsys.readouterr().err
+    assert "net.pt2: no 'mean' and 'std' in a net.toml beside it" in said and "ImageNet's" in said
+    file.with_suffix(".toml").write_text("mean = [0.5, 0.5, 0.5]\nstd = [0.5, 0.5, 0.5]\n")
+    load_classifier(str(file), device="cpu")
+    assert capsys.readouterr().err == ""
+
+
 def rewrite(file, target, change):
     """The archive with `change(name, content)` instead of each file."""
     with zipfile.ZipFile(file) as source, zipfile.ZipFile(target, "w") as out:

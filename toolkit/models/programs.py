@@ -11,6 +11,7 @@ from pydantic import ValidationError
 from torch import nn
 from torchvision.transforms._presets import ImageClassification
 
+from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, describe_failure
 from toolkit.core.files import explain_validation, sha256_bytes, sha256_file
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
@@ -44,11 +45,22 @@ def load_onnx_classifier(path: Path, device: str) -> Classifier:
     from toolkit.models.onnx_graph import check_size, read_onnx
     from toolkit.models.onnx_networks import OnnxNetwork
 
-    graph, own = read_onnx(path), read_labels_file(path)
+    graph, own = read_onnx(path), _read_description(path)
     size = check_size(graph, own.crop_px or own.size)
     network = OnnxNetwork(graph, size)
     made = _assemble(network, f"{ONNX_PREFIX}{path.name}", graph.file, own, _plain_preprocessing(size), device)
     return replace(made, untrainable=network.untrainable)
+
+
+def _read_description(path: Path) -> LabelsFile:
+    """What the file beside a program says; with a line where it leaves open how images are normalised."""
+    own = read_labels_file(path)
+    if own.mean is None and own.std is None:
+        notice(
+            f"{path.name}: no 'mean' and 'std' in a {path.with_suffix('.toml').name} beside it: its images are normalised "
+            "by ImageNet's, as published networks' mostly are"
+        )
+    return own
 
 
 def load_exported_classifier(path: Path, device: str) -> Classifier:
@@ -60,7 +72,7 @@ def load_exported_classifier(path: Path, device: str) -> Classifier:
     from toolkit.models.exported import read_exported
 
     network, size = read_exported(path)
-    own, file = read_labels_file(path), open_weights(path)
+    own, file = _read_description(path), open_weights(path)
     wanted = own.crop_px or own.size
     if size is None and wanted is None:
         name = path.with_suffix(".toml").name
