@@ -57,8 +57,8 @@ def _read_description(path: Path) -> LabelsFile:
     own = read_labels_file(path)
     if own.mean is None and own.std is None:
         notice(
-            f"{path.name}: no 'mean' and 'std' in a {path.with_suffix('.toml').name} beside it: its images are normalised "
-            "by ImageNet's, as published networks' mostly are"
+            f"{path.name}: no 'mean' and 'std' in a {path.with_suffix('.toml').name} beside it: its images are "
+            "normalised by ImageNet's, as published networks' mostly are"
         )
     return own
 
