@@ -71,11 +71,11 @@ def _see(n: int, face: int, volume: float, weights: Colour, hits: Hits) -> None:
     """Let sample n see a triangle, where it lies inside and nothing nearer is seen."""
     u, v, w = weights
     if min(u, v, w) >= 0:
-        scale, n = 1 / (u + v + w), np.uint64(n)
+        scale, at = 1 / (u + v + w), np.uint64(n)
         depth = volume * scale
-        if depth < hits.distance[n]:
-            hits.distance[n], hits.face[n] = depth, face
-            hits.uv[n, 0], hits.uv[n, 1] = u * scale, v * scale
+        if depth < hits.distance[at]:
+            hits.distance[at], hits.face[at] = depth, face
+            hits.uv[at, 0], hits.uv[at, 1] = u * scale, v * scale
 
 
 @exact
