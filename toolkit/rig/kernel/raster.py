@@ -71,11 +71,11 @@ def _see(n: int, face: int, volume: float, weights: Colour, hits: Hits) -> None:
     """Let sample n see a triangle, where it lies inside and nothing nearer is seen."""
     u, v, w = weights
     if min(u, v, w) >= 0:
-        scale, n = 1 / (u + v + w), np.uint64(n)
+        scale, at = 1 / (u + v + w), np.uint64(n)
         depth = volume * scale
-        if depth < hits.distance[n]:
-            hits.distance[n], hits.face[n] = depth, face
-            hits.uv[n, 0], hits.uv[n, 1] = u * scale, v * scale
+        if depth < hits.distance[at]:
+            hits.distance[at], hits.face[at] = depth, face
+            hits.uv[at, 0], hits.uv[at, 1] = u * scale, v * scale
 
 
 @exact
@@ -104,6 +104,87 @@ def _see_finely(n: int, face: int, volume: float, edges: tuple[Colour, Colour, C
     return True
 
 
+@exact
+def _find_box(
+    screen: np.ndarray, corners: tuple[np.uint32, np.uint32, np.uint32], samples: Samples, before: np.float32
+) -> tuple[int, int, int, int]:
+    """First and last column, first and last row of pixels whose samples a triangle before the camera may cover.
+
+    Args:
+        screen: of `project_corners`.
+        corners: of the triangle.
+        samples: of a part; the box is empty where it lies outside.
+        before: from a pixel's left to its first sample, pixels.
+    """
+    a, b, c = corners
+    left, top = np.float32(samples.left), np.float32(samples.top)
+    low, high = _range(screen[a, 0], screen[b, 0], screen[c, 0])
+    first, last = int(max(low + before, left)), int(min(high - before, np.float32(samples.right - 1)))
+    if first < samples.left or first > last or high < left + before:
+        return 0, -1, 0, -1
+    low, high = _range(screen[a, 1], screen[b, 1], screen[c, 1])
+    upper, lower = int(max(low + before, top)), int(min(high - before, np.float32(samples.bottom - 1)))
+    if upper < samples.top or high < top + before:
+        return 0, -1, 0, -1
+    return first, last, upper, lower
+
+
+@exact
+def _is_turned(screen: np.ndarray, a: np.uint32, b: np.uint32, c: np.uint32) -> bool:
+    """Whether a triangle before the camera shows its back."""
+    ax, ay = screen[b, 0] - screen[a, 0], screen[b, 1] - screen[a, 1]
+    return ax * (screen[c, 1] - screen[a, 1]) > ay * (screen[c, 0] - screen[a, 0])
+
+
+@exact
+def _opposite(edge: Colour) -> Colour:
+    return -edge[0], -edge[1], -edge[2]
+
+
+@exact
+def _spare(edge: Colour, reach: float) -> float:
+    return (abs(edge[0]) + abs(edge[1])) * reach
+
+
+@exact
+def _draw(
+    edges: tuple[Colour, Colour, Colour], volume: float, triangle: tuple[int, float], box: tuple[int, int, int, int],
+    samples: Samples, reach: float, slot: np.ndarray, furthest: np.ndarray, hits: Hits,
+) -> None:  # fmt: skip
+    """Let the samples of the pixels in a box see a triangle.
+
+    Args:
+        edges, volume: its edge functions and what they add up to times the depth.
+        triangle: its number, and nothing of it is nearer than this.
+        box: of `_find_box`.
+        samples, slot, furthest, hits: as in `draw_triangles`.
+        reach: samples lie so far from a pixel's centre at most.
+    """
+    (of_a, of_b, of_c), (face, nearest), (first, last, upper, lower) = edges, triangle, box
+    a_spare, b_spare, c_spare = _spare(of_a, reach), _spare(of_b, reach), _spare(of_c, reach)
+    width, shots = samples.right - samples.left, len(samples.offsets)
+    for row in range(upper, lower + 1):
+        y, start, end = row + 0.5, float(first), float(last)
+        if last > first + 1:
+            start, end = _narrow(start, end, of_a[0], of_a[0] * 0.5 + of_a[1] * y + of_a[2] + a_spare)
+            start, end = _narrow(start, end, of_b[0], of_b[0] * 0.5 + of_b[1] * y + of_b[2] + b_spare)
+            start, end = _narrow(start, end, of_c[0], of_c[0] * 0.5 + of_c[1] * y + of_c[2] + c_spare)
+        for column in range(int(start + 0.99999), int(end) + 1):
+            x, pixel = column + 0.5, np.uint64((row - samples.top) * width + column - samples.left)
+            if not nearest < furthest[pixel]:
+                continue
+            u, v = of_b[0] * x + of_b[1] * y + of_b[2], of_c[0] * x + of_c[1] * y + of_c[2]
+            w, n = of_a[0] * x + of_a[1] * y + of_a[2], int(slot[pixel])
+            if shots == 1:
+                _see(n, face, volume, (u, v, w), hits)
+                furthest[pixel] = hits.distance[n]
+                continue
+            slopes = ((u, of_b[0], of_b[1]), (v, of_c[0], of_c[1]), (w, of_a[0], of_a[1]))
+            if _see_finely(n, face, volume, slopes, hits):
+                d = hits.distance
+                furthest[pixel] = max(d[n], d[n + 1], d[n + 2], d[n + 3])
+
+
 @kernel
 def draw_triangles(
     faces: np.ndarray, corners: np.ndarray, screen: np.ndarray, view: View, samples: Samples, slot: np.ndarray,
@@ -120,88 +201,46 @@ def draw_triangles(
         corners, screen: of `project_corners`.
         view: camera.
         samples: which.
-        slot: (pixels of the part,) int32 to work with.
-        furthest: (pixels of the part,) float32 to work with.
+        slot: (pixels of the part,) int32 to work with: the first sample of each.
+        furthest: (pixels of the part,) float32 to work with: the furthest that a sample sees; none are not reached.
         later: (m,) int32 to work with.
         hits: of nothing; they are filled.
     """
-    left, top, right, bottom = samples.left, samples.top, samples.right, samples.bottom
-    width, shots = right - left, len(samples.offsets)
+    left, top, shots = samples.left, samples.top, len(samples.offsets)
     furthest[:] = -np.inf
     for i in range(len(samples.pixels)):
         slot[samples.pixels[i]] = shots * i
         furthest[samples.pixels[i]] = np.inf
-    reach = 1e-3  # of a pixel, for rounding: what is in reach is looked at exactly
-    if shots > 1:
-        reach += 0.375
+    reach = 0.001 if shots == 1 else 0.376  # of a pixel; a little for rounding: what is in reach is looked at exactly
     before, waiting = np.float32(0.5 - reach), 0
     for turn in range(2):
         for i in range(waiting if turn else len(faces)):
             face = int(later[i]) if turn else i
             a, b, c = np.uint32(faces[face, 0]), np.uint32(faces[face, 1]), np.uint32(faces[face, 2])
             nearest, deepest = _range(screen[a, 2], screen[b, 2], screen[c, 2])
-            first, last, upper, lower = left, right - 1, top, bottom - 1
+            box = (left, samples.right - 1, top, samples.bottom - 1)
             if nearest > 0:
-                low, high = _range(screen[a, 0], screen[b, 0], screen[c, 0])
-                first, last = int(max(low + before, np.float32(left))), int(min(high - before, np.float32(last)))
-                if first < left or first > last or high < left + before:
-                    continue
-                low, high = _range(screen[a, 1], screen[b, 1], screen[c, 1])
-                upper, lower = int(max(low + before, np.float32(top))), int(min(high - before, np.float32(lower)))
-                if upper < top or upper > lower or high < top + before:
-                    continue
+                box = _find_box(screen, (a, b, c), samples, before)
             elif deepest <= 0:
                 continue
-            nearest *= np.float32(0.999999)
-            if _is_hidden(furthest, nearest, width, (first - left, last - left, upper - top, lower - top)):
+            if box[0] > box[1] or box[2] > box[3]:
                 continue
-            if turn == 0 and nearest > 0:
-                ax, ay = screen[b, 0] - screen[a, 0], screen[b, 1] - screen[a, 1]
-                if ax * (screen[c, 1] - screen[a, 1]) > ay * (screen[c, 0] - screen[a, 0]):
-                    later[waiting] = face
-                    waiting += 1
-                    continue
+            nearest *= np.float32(0.999999)
+            if _is_hidden(
+                furthest, nearest, samples.right - left, (box[0] - left, box[1] - left, box[2] - top, box[3] - top)
+            ):
+                continue
+            if turn == 0 and nearest > 0 and _is_turned(screen, a, b, c):
+                later[waiting] = face
+                waiting += 1
+                continue
             of_a, of_b, of_c = _edge(corners, b, c), _edge(corners, c, a), _edge(corners, a, b)
             volume = of_a[0] * corners[a, 0] + of_a[1] * corners[a, 1] + of_a[2] * corners[a, 2]
             if volume < 0:
-                volume = -volume
-                of_a, of_b, of_c = _turn(of_a), _turn(of_b), _turn(of_c)
-            if not volume > 0:
-                continue
-            a_spare, b_spare, c_spare = _spare(of_a) * reach, _spare(of_b) * reach, _spare(of_c) * reach
-            for row in range(upper, lower + 1):
-                y, start, end = row + 0.5, float(first), float(last)
-                if last > first + 1:
-                    start, end = _narrow(start, end, of_a[0], of_a[0] * 0.5 + of_a[1] * y + of_a[2] + a_spare)
-                    start, end = _narrow(start, end, of_b[0], of_b[0] * 0.5 + of_b[1] * y + of_b[2] + b_spare)
-                    start, end = _narrow(start, end, of_c[0], of_c[0] * 0.5 + of_c[1] * y + of_c[2] + c_spare)
-                for column in range(int(start + 0.99999), int(end) + 1):
-                    x, pixel = column + 0.5, np.uint64((row - top) * width + column - left)
-                    if not nearest < furthest[pixel]:
-                        continue
-                    u, v = of_b[0] * x + of_b[1] * y + of_b[2], of_c[0] * x + of_c[1] * y + of_c[2]
-                    w, n = of_a[0] * x + of_a[1] * y + of_a[2], int(slot[pixel])
-                    if shots == 1:
-                        _see(n, face, volume, (u, v, w), hits)
-                        furthest[pixel] = hits.distance[n]
-                        continue
-                    slopes = ((u, of_b[0], of_b[1]), (v, of_c[0], of_c[1]), (w, of_a[0], of_a[1]))
-                    if _see_finely(n, face, volume, slopes, hits):
-                        furthest[pixel] = max(
-                            hits.distance[n], hits.distance[n + 1], hits.distance[n + 2], hits.distance[n + 3]
-                        )
-    for i in range(len(samples.pixels)):  # along the ray
-        for n in range(i * shots, i * shots + shots):
-            x, y = sample_place(samples, n)
-            dx, dy, dz = ray_through(view, x, y)
-            hits.distance[n] *= math.sqrt(dx * dx + dy * dy + dz * dz)
-
-
-@exact
-def _turn(edge: Colour) -> Colour:
-    return -edge[0], -edge[1], -edge[2]
-
-
-@exact
-def _spare(edge: Colour) -> float:
-    return abs(edge[0]) + abs(edge[1])
+                volume, of_a, of_b, of_c = -volume, _opposite(of_a), _opposite(of_b), _opposite(of_c)
+            if volume > 0:
+                _draw((of_a, of_b, of_c), volume, (face, nearest), box, samples, reach, slot, furthest, hits)
+    for n in range(len(hits.face)):  # along the ray
+        x, y = sample_place(samples, n)
+        dx, dy, dz = ray_through(view, x, y)
+        hits.distance[n] *= math.sqrt(dx * dx + dy * dy + dz * dz)
