@@ -33,13 +33,15 @@ def read_run(summary: dict[str, Any]) -> Iterator[dict[str, Any]]:
             continue
         first, second = bare[source, name], shown[source, name, variant]
         counts = {
-            "n": pair["n_pairs"], "bare": round(first["top1"] * first["n"]), "boosted": round(second["top1"] * second["n"]),
-            "gained": pair["gained"], "lost": pair["lost"],
+            "n": pair["n_pairs"], "bare": round(first["top1"] * first["n"]),
+            "boosted": round(second["top1"] * second["n"]), "gained": pair["gained"], "lost": pair["lost"],
         }  # fmt: skip
         kind = BOOSTED[variant]
         if source in (CLEAR, f"{CLEAR}-fog-3"):
             air = "clear" if source == CLEAR else "fog 3"
-            yield head | {"booster": kind, "air": air, "object": name} | counts | {"p": float(f"{pair['mcnemar_p']:.2g}")}
+            yield (
+                head | {"booster": kind, "air": air, "object": name} | counts | {"p": float(f"{pair['mcnemar_p']:.2g}")}
+            )
         if source.removeprefix(f"{CLEAR}-").rpartition("-")[0] in COMMON:
             for key in COUNTS:
                 pooled[name, kind][key] += counts[key]
