@@ -14,7 +14,7 @@ SCRIPTS = Path(__file__).resolve().parent
 DOCS = SCRIPTS.parent
 NAMES = {
     "resnet18": "ResNet-18", "mobilenet_v2": "MobileNetV2", "timm-tf_efficientnet_lite0": "EfficientNet-Lite0",
-    "timm-tf_efficientnet_lite1": "EfficientNet-Lite1",
+    "timm-tf_efficientnet_lite1": "EfficientNet-Lite1", "mobilenet_v1_0.75_192": "MobileNetV1",
 }  # fmt: skip
 Row = dict[str, str]
 PERCENT = "\N{NO-BREAK SPACE}%"
