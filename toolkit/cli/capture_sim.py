@@ -14,7 +14,7 @@ from toolkit.core.errors import FieldError
 from toolkit.engine.config import EngineConfig
 
 if TYPE_CHECKING:
-    from toolkit.captures.corrupt import CorruptedSource
+    from toolkit.captures.corrupt import CorruptedSource, Corruption
     from toolkit.captures.shoot import ShootResult
 
 
@@ -89,19 +89,21 @@ def capture_sim(
     a corrupted copy of them, 224² px as networks see them, in captures/SOURCE-fog-3. With --rehearse, what is to be
     expected of the printed patch before it is printed.
     """
-    from toolkit.captures.corrupt import corrupt_source
     from toolkit.captures.like import MAX_PX, shoot_like, shows_board
     from toolkit.captures.rehearsal import make_rehearsal
     from toolkit.captures.shoot import ShootSettings, shoot_plan
     from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
-    from toolkit.corruptions.request import parse_corruptions
     from toolkit.rig.board import read_board
     from toolkit.rig.misfits import list_misfits
     from toolkit.rig.plan import open_plan
     from toolkit.rig.variants import ON_PAPER, PAIR
 
-    corruptions = parse_corruptions(corrupt or ())
+    corruptions: Sequence[Corruption] = ()
+    if corrupt:  # else torch need not be loaded
+        from toolkit.corruptions.request import parse_corruptions
+
+        corruptions = parse_corruptions(corrupt)
     space = open_workspace(workspace).with_patches(patches)
     rehearsal = make_rehearsal(print_profile) if rehearse else None
     if print_profile is not None and not rehearse:
@@ -135,7 +137,11 @@ def capture_sim(
             names = objects or list(plan.objects)
             shot = shoot_plan(space, plan, names, variants or PAIR, settings, source, engine=hands)
     list_skipped(shot.failed)
-    corrupted = corrupt_source(shot.source_dir, corruptions)
+    corrupted: Sequence[CorruptedSource] = ()
+    if corruptions:
+        from toolkit.captures.corrupt import corrupt_source
+
+        corrupted = corrupt_source(shot.source_dir, corruptions)
     _report(shot, corrupted, None if skipped is None else len(skipped), as_json)
     if skipped or shot.failed or any(one.failed for one in corrupted):
         raise typer.Exit(1)
