@@ -3,12 +3,13 @@
 Called as landing_cells.py CSV RUN ...; each RUN is a folder WORKSPACE/eval/landing/NAME.
 """
 
-import csv
 import json
 import sys
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
+
+from tables import write_table
 
 from toolkit.core.files import sha256_file
 from toolkit.landing.fly import Cell
@@ -45,11 +46,7 @@ def _key(cell: dict[str, Any]) -> str:
 
 def main(table: str, *runs: str) -> None:
     """Write the table."""
-    rows = [row for run in runs for row in read_cells(Path(run).resolve())]
-    with Path(table).open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    write_table(Path(table), [row for run in runs for row in read_cells(Path(run).resolve())])
 
 
 if __name__ == "__main__":

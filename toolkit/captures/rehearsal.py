@@ -11,6 +11,7 @@ from PIL import Image
 from toolkit.boosters.parts.blur import CameraBlur
 from toolkit.boosters.parts.light import Exposure
 from toolkit.boosters.parts.print_process import PrintProcess, ProfiledPrint, use_profile
+from toolkit.boosters.pixels import quantise
 from toolkit.core.draws import Draws
 from toolkit.imaging.printer import read_print_profile
 from toolkit.objects.mesh import Mesh
@@ -61,7 +62,7 @@ class Rehearsal:
         printer = replace(self.printer, texel_mm=booster.sizes_mm[0] / len(booster.pixels))
         pixels = torch.from_numpy(booster.pixels.transpose(2, 0, 1) / np.float32(255))
         printed = printer.change(pixels, Draws(seed, 0, "rehearse").of(f"print {name}"))
-        return replace(booster, pixels=_to_levels(printed.numpy().transpose(1, 2, 0)))
+        return replace(booster, pixels=np.ascontiguousarray(quantise(printed)))
 
     def tape(self, mesh: Mesh) -> Mesh:
         """The mesh with tape over its sheets of paper."""
@@ -96,9 +97,10 @@ class Rehearsal:
         defocus_px, motion_px = (max(sharpest * scale, 0.2), max(softest * scale, 0.2)), (still * scale, moved * scale)
         blur = replace(self.blur, defocus_px=defocus_px, motion_px=motion_px)
         image = torch.from_numpy(pixels.transpose(2, 0, 1) / np.float32(255))
-        blurred = _to_levels(blur.change(image, rng).numpy().transpose(1, 2, 0))
         buffer = BytesIO()
-        Image.fromarray(blurred).save(buffer, "JPEG", quality=self.jpeg_quality)
+        Image.fromarray(np.ascontiguousarray(quantise(blur.change(image, rng)))).save(
+            buffer, "JPEG", quality=self.jpeg_quality
+        )
         return buffer.getvalue()
 
 
@@ -109,7 +111,3 @@ def make_rehearsal(print_profile: Path | None = None) -> Rehearsal:
         ToolkitError: the profile cannot be read.
     """
     return Rehearsal() if print_profile is None else Rehearsal(use_profile(read_print_profile(print_profile)))
-
-
-def _to_levels(values: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(np.round(values.clip(0, 1) * 255).astype(np.uint8))

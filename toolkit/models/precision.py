@@ -26,7 +26,7 @@ def mixed_precision(device: str) -> AbstractContextManager[object]:
 
 
 @contextmanager
-def _bfloat16_on_cpu() -> "Iterator[None]":
+def _bfloat16_on_cpu() -> Iterator[None]:
     import torch
 
     from toolkit.models.depthwise import FastDepthwise
