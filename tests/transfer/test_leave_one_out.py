@@ -45,13 +45,14 @@ def make_quick(monkeypatch) -> None:
 def test_all_but_one_are_trained_on_and_that_one_judges(space, monkeypatch):
     make_quick(monkeypatch)
     networks = [network(seed) for seed in (1, 2)]
-    config = TransferConfig(steps=2, objects=("crate",), corruptions=("contrast:3",))
+    config = TransferConfig(steps=2, batch=3, objects=("crate",), corruptions=("contrast:3",))
     result = leave_one_out(space, config, networks)
     root = space.eval_dir / "transfer" / "leave-one-out"
     for seed in (1, 2):
         made = root / f"without-tiny-{seed}"
         for record in (read_patch(made / "print/patches/crate.png"), read_texture(made / "rig/textures/crate.png")):
             found = {one.sha256[:2] for one in record.record.networks}
+            assert (record.record.settings["steps"], record.record.settings["batch"]) == (2, 3)
             assert found == {"01", "02"} - {f"{seed:02d}"}
     rows = [row for row in result.rows if row.object == "crate"]
     assert len(rows) == 2 * 2 * 2 * 2, "left out, judge, booster, clear and corrupted"

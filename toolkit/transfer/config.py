@@ -10,7 +10,7 @@ from toolkit.core.config import Config, Flag
 from toolkit.evaluation.config import Corruptions, RunName
 
 Kind = Literal["patch", "texture"]
-OF_TRAINING = ("steps", "ensemble", "objective", "jitter", "momentum", "last_smoothing_px", "corrupted")
+OF_TRAINING = ("steps", "batch", "ensemble", "objective", "jitter", "momentum", "last_smoothing_px", "corrupted")
 
 
 class TransferConfig(Config):
@@ -34,6 +34,9 @@ class TransferConfig(Config):
     seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Same seed, same bytes on the same machine.")
     steps: Annotated[int | None, Field(ge=1), Flag(group=TRANSFER)] = Field(
         None, description="Gradient steps. Default: the recipe's, patches 600 and textures 300."
+    )
+    batch: Annotated[int | None, Field(ge=1), Flag(group=TRANSFER)] = Field(
+        None, description="Images per step. Default: the recipe's, 16."
     )
     ensemble: Annotated[Literal["sum", "normalised", "turns"] | None, Flag(group=TRANSFER)] = Field(
         None, description="How the networks are joined, as in train-patch."
