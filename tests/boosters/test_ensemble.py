@@ -9,7 +9,7 @@ from part_checks import count_changed, grey_noise
 from tiny_network import IMAGE_PX, tiny_classifier, tiny_config, train_tiny, write_photos
 from watched_patch import train_watched
 
-from toolkit.boosters.ensemble import AT_LEAST, RENEWED, choose_hardest, choose_turn, judge_ensemble
+from toolkit.boosters.ensemble import choose_turn, judge_ensemble
 from toolkit.boosters.parts.jitter import Jitter
 from toolkit.boosters.patch_config import hash_inputs
 from toolkit.boosters.pixels import Target, judge_photos, list_networks
@@ -65,7 +65,7 @@ def test_normalised_gradients_have_one_length_and_each_is_that_of_differences():
     assert float((summed * own[0]).sum() / summed.norm() / own[0].norm()) < shares[0]
 
 
-@pytest.mark.parametrize("ensemble", ["sum", "normalised", "turns", "hardest"])
+@pytest.mark.parametrize("ensemble", ["sum", "normalised", "turns"])
 def test_one_network_alone_is_as_before(ensemble):
     """The config itself has no ensemble then; by hand it may, and makes no difference."""
     target = Target(tiny_classifier(), 3)
@@ -76,7 +76,7 @@ def test_one_network_alone_is_as_before(ensemble):
     assert torch.allclose(found, before, rtol=1e-5, atol=1e-9)
     config = tiny_config(ensemble=ensemble)
     assert config.for_networks(1).ensemble is None and config.for_networks(2).ensemble == ensemble
-    assert tiny_config().for_networks(3).ensemble == "turns"
+    assert tiny_config().for_networks(3).ensemble in ("sum", "normalised", "turns")
 
 
 def test_without_a_choice_the_losses_are_added():
@@ -93,21 +93,6 @@ def test_turns_ask_every_network_once_a_round_in_another_order():
     own = [differentiate([one])[0] for one in targets]
     found = differentiate(targets, ensemble="turns")[0]
     assert torch.equal(found, own[choose_turn(0, DRAWS.step, 3)])
-
-
-def test_the_hardest_network_is_asked_the_more_often_the_more_it_misses():
-    missed = np.array([0.6, 0.15, 0.0])
-    counts = np.bincount([choose_hardest(missed, Draws(3, step)) for step in range(4000)], minlength=3)
-    expected = (missed + AT_LEAST) / (missed + AT_LEAST).sum()
-    assert np.abs(counts / 4000 - expected).max() < 4 * np.sqrt(0.25 / 4000), "four standard deviations"
-    targets, missed = [doubled(seed) for seed in range(3)], torch.tensor([0.0, 0.0, 0.8], dtype=torch.float64)
-    asked = choose_hardest(missed.numpy(), DRAWS)
-    photos = grey_noise(2, 3, IMAGE_PX, IMAGE_PX)
-    before, (loss, hits) = missed.clone(), judge_photos(photos, [targets[asked]])
-    found, recognised = judge_ensemble(photos, targets, tiny_config(ensemble="hardest"), DRAWS, missed)
-    assert (float(found), recognised) == (float(loss), hits)
-    before[asked] = (1 - RENEWED) * before[asked] + RENEWED * (1 - hits)
-    assert torch.allclose(missed, before, rtol=1e-12)
 
 
 def test_the_logits_gradient_does_not_vanish_where_the_network_is_sure():
@@ -193,14 +178,13 @@ class Fixed:
         return self._drawn.pop(0)
 
 
-@pytest.mark.parametrize("choices", [{"momentum": 0.8}, {"ensemble": "hardest"}])
-def test_what_steps_gather_acts_and_survives_a_stop(tmp_path, choices):
+def test_momentum_adds_what_was_before_and_survives_a_stop(tmp_path):
     images = (grey_noise(8, 3, 36, 36) * 255).byte()
-    targets = [Target(tiny_classifier(seed), 3) for seed in range(2)]
-    config = tiny_config(steps=6, last_smoothing_px=1.0, **{"ensemble": "turns", **choices})
-    whole = train_watched(images, targets, config=config)
-    plain = train_watched(images, targets, config=tiny_config(steps=6, last_smoothing_px=1.0, ensemble="turns"))
-    assert not torch.equal(whole.seen[-1], plain.seen[-1])
+    target = Target(tiny_classifier(), 3)
+    config = tiny_config(steps=6, momentum=0.8, last_smoothing_px=1.0)
+    whole = train_watched(images, [target], config=config)
+    plain = train_watched(images, [target], config=tiny_config(steps=6, last_smoothing_px=1.0))
+    assert torch.equal(whole.seen[0], plain.seen[0]) and not torch.equal(whole.seen[-1], plain.seen[-1])
 
     class Stopped(type(whole)):
         def loss(self, step: int):
@@ -212,8 +196,8 @@ def test_what_steps_gather_acts_and_survives_a_stop(tmp_path, choices):
         return Checkpoint(tmp_path / "c" / "one", "a" * 64, False, 1e9, ())
 
     with pytest.raises(KeyboardInterrupt):
-        fit(Stopped(images, targets, config=config), config.fit_config(), keep())
-    resumed = train_watched(images, targets, config=config, checkpoint=keep())
+        fit(Stopped(images, [target], config=config), config.fit_config(), keep())
+    resumed = train_watched(images, [target], config=config, checkpoint=keep())
     assert torch.equal(resumed.seen[-1], whole.seen[-1])
 
 
@@ -238,13 +222,12 @@ def test_hashes_and_records_name_what_acts_and_nothing_else():
     assert not set(named) & set(tiny_config().record())
     choices = [
         {"ensemble": "turns"},
-        {"ensemble": "hardest"},
         {"objective": "logit"},
         {"jitter": Jitter()},
         {"momentum": 0.9},
         {"last_smoothing_px": 1},
     ]
-    assert len({plain, *(hash_inputs(tiny_config(**one), "jet", networks, "") for one in choices)}) == 7
+    assert len({plain, *(hash_inputs(tiny_config(**one), "jet", networks, "") for one in choices)}) == 6
     assert "jitter" not in " ".join(tiny_config().lines(["a"]))
     said = " ".join(tiny_config(jitter=Jitter(), momentum=0.9, objective="logit").for_networks(2).lines(["a", "b"]))
     assert all(word in said for word in ("jitter", "0.9", "logit", "ensemble"))

@@ -2,14 +2,12 @@
 
 What networks share carries over to those that were never asked; what one of them has alone does not. The means are
 those of the literature on transfer: an ensemble (Liu et al. 2017), diverse inputs (DI; Xie et al. 2019), the logit in
-place of the cross-entropy (Zhao et al. 2021), more for the network that is worst off (Wang et al. 2021). Momentum (MI;
-Dong et al. 2018) and smoothed gradients (TI; Dong et al. 2019) are in `PixelTask.adjust_gradients`.
+place of the cross-entropy (Zhao et al. 2021). Momentum (MI; Dong et al. 2018) and smoothed gradients (TI; Dong et al.
+2019) are in `PixelTask.adjust_gradients`.
 """
 
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from toolkit.boosters.pixel_config import PixelConfig
 from toolkit.boosters.pixels import Target, judge_photos
@@ -23,14 +21,9 @@ if TYPE_CHECKING:
     """(photographs, number of a network) -> its loss, and the share that it recognises."""
 
 
-RENEWED, AT_LEAST = 0.1, 0.05
-"""By `hardest`: what a new answer weighs in a network's missed share, and what is added to each share."""
-
-
 def judge_ensemble(
-    photos: "torch.Tensor", targets: Sequence[Target], config: PixelConfig, draws: Draws,
-    missed: "torch.Tensor | None" = None,
-) -> tuple["torch.Tensor", float]:  # fmt: skip
+    photos: "torch.Tensor", targets: Sequence[Target], config: PixelConfig, draws: Draws
+) -> tuple["torch.Tensor", float]:
     """The loss of photographs before the networks that a step asks, a scalar, and the mean share they recognise.
 
     Args:
@@ -39,9 +32,8 @@ def judge_ensemble(
         config: its `ensemble`, `objective` and `jitter` act here. By `sum` the networks' losses are added. By
             `normalised` the value is that sum, and the gradient by the photographs is the sum of the networks' own,
             each scaled to their mean length, so that none drowns the others. By `turns` one network is asked, see
-            `choose_turn`. By `hardest` one is asked too, the more often the larger its share of `missed`.
+            `choose_turn`.
         draws: of this step.
-        missed: for `hardest`, (k,) shares of photographs that the networks have lately missed; renewed here.
     """
 
     def ask(seen: "torch.Tensor", number: int) -> tuple["torch.Tensor", float]:
@@ -51,12 +43,6 @@ def judge_ensemble(
 
     if config.ensemble == "turns":
         return ask(photos, choose_turn(config.seed, draws.step, len(targets)))
-    if config.ensemble == "hardest" and missed is not None:
-        number = choose_hardest(missed.numpy(), draws)
-        loss, hits = ask(photos, number)
-        share = current().average_figures({"missed": 1 - hits})["missed"]
-        missed[number] += RENEWED * (share - missed[number])
-        return loss, hits
     if config.ensemble == "normalised" and photos.requires_grad:
         return _normalise(photos, ask, len(targets))
     answers = [ask(photos, number) for number in range(len(targets))]
@@ -67,12 +53,6 @@ def choose_turn(seed: int, step: int, count: int) -> int:
     """Number of the network that a step asks: each of `count` once a round, in an order of the round's own."""
     turn, inside = divmod(step, count)
     return int(Draws(seed, turn).of("turns").permutation(count)[inside])
-
-
-def choose_hardest(missed: np.ndarray, draws: Draws) -> int:
-    """Number of the network that a step asks, drawn by what each of them missed: (k,) shares."""
-    weights = np.asarray(missed, np.float64) + AT_LEAST
-    return int(draws.of("hardest").choice(len(weights), p=weights / weights.sum()))
 
 
 def _normalise(photos: "torch.Tensor", ask: "Ask", count: int) -> tuple["torch.Tensor", float]:

@@ -267,7 +267,7 @@ class PatchTask(PixelTask[TrainedPatch]):
         mounted = None if views is None else draw_mounted(views, draws, count, self.image_px, self.config.weather)
         loss, recognised = patch_loss(
             self.pixels, batch, self.targets, self._appearance, draws, mounted=mounted, penalty=self._penalty,
-            judge=partial(judge_ensemble, config=self.config, draws=draws, missed=self.missed),
+            judge=partial(judge_ensemble, config=self.config, draws=draws),
         )  # fmt: skip
         return loss, {"accuracy": recognised}
 

@@ -24,8 +24,7 @@ STEPS, MEETS, WORLD = "Steps", "What it meets", "In a world"
 TRANSFER = "What carries over to other networks"
 WORLD_ELEVATION_DEG, WORLD_FILL = (2.0, 75.0), (0.3, 1.0)
 """Where cameras stand in a world, unless it is said: from a man's height up, from one length away to four."""
-Ensemble = Literal["sum", "normalised", "turns", "hardest"]
-DEFAULT_ENSEMBLE: Ensemble = "turns"
+DEFAULT_ENSEMBLE: Literal["sum", "normalised", "turns"] = "turns"
 CameraParts = tuple[CameraBlur, SensorNoise, JpegFile]
 
 
@@ -64,10 +63,10 @@ class PixelConfig(Config):
         "cosine", description="How it falls over the steps."
     )
     seed: Annotated[int, Field(ge=0)] = 0
-    ensemble: Annotated[Ensemble | None, Later, Flag(group=TRANSFER)] = Field(
+    ensemble: Annotated[Literal["sum", "normalised", "turns"] | None, Later, Flag(group=TRANSFER)] = Field(
         None,
-        description="Of several networks: their losses added; their gradients, none larger than another; one "
-        "network a step; or one, the more often the more it misses. Default: turns.",
+        description="Of several networks: their losses added; their gradients, none larger than another; or one "
+        "network a step. Default: turns.",
     )
     objective: Annotated[Literal["cross-entropy", "logit"], Later, Flag(group=TRANSFER)] = Field(
         "cross-entropy", description="What is raised: the class' probability, or its logit."

@@ -97,16 +97,14 @@ class PixelTask(Task[Made]):
         self._smoothing_px, self._steps, self._is_signed = config.smoothing_px, config.step_count, optimiser == "sign"
         self._last_smoothing_px, self._momentum = config.last_smoothing_px, config.momentum
         self._velocity = None if not config.momentum else torch.zeros_like(self.pixels, requires_grad=False)
-        self.missed = torch.ones(len(targets), dtype=torch.float64) if config.ensemble == "hardest" else None
 
     def parameters(self) -> "dict[str, torch.Tensor]":
         """The pixels."""
         return {"pixels": self.pixels}
 
     def buffers(self) -> "dict[str, torch.Tensor]":
-        """What momentum has gathered, and what the networks of an ensemble have missed."""
-        gathered = {"velocity": self._velocity, "missed": self.missed}
-        return {name: value for name, value in gathered.items() if value is not None}
+        """What momentum has gathered."""
+        return {} if self._velocity is None else {"velocity": self._velocity}
 
     def adjust_gradients(self, step: int) -> None:
         """Smooth them, add what was before, and divide by their size where the rule depends on it."""

@@ -280,7 +280,7 @@ class TextureTask(PixelTask[TrainedTexture]):
             boxes = np.array([box_of_coverage(one.view.coverage) for one in views], np.float32)
             loss, recognised = judge_detectors(photos, self.targets, boxes)
         else:
-            loss, recognised = judge_ensemble(photos, self.targets, config, draws, self.missed)
+            loss, recognised = judge_ensemble(photos, self.targets, config, draws)
         return loss, {"accuracy": recognised}
 
     def dilated(self) -> "torch.Tensor":

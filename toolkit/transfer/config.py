@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from toolkit.boosters.parts.jitter import Jitter
-from toolkit.boosters.pixel_config import CORRUPTED_HELP, TRANSFER, Ensemble, MeetsCorruptions
+from toolkit.boosters.pixel_config import CORRUPTED_HELP, TRANSFER, MeetsCorruptions
 from toolkit.core.config import Config, Flag
 from toolkit.evaluation.config import Corruptions, RunName
 
@@ -38,7 +38,7 @@ class TransferConfig(Config):
     batch: Annotated[int | None, Field(ge=1), Flag(group=TRANSFER)] = Field(
         None, description="Images per step. Default: the recipe's, 16."
     )
-    ensemble: Annotated[Ensemble | None, Flag(group=TRANSFER)] = Field(
+    ensemble: Annotated[Literal["sum", "normalised", "turns"] | None, Flag(group=TRANSFER)] = Field(
         None, description="How the networks are joined, as in train-patch."
     )
     objective: Annotated[Literal["cross-entropy", "logit"] | None, Flag(group=TRANSFER)] = Field(
