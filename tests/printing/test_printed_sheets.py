@@ -94,7 +94,9 @@ def test_the_shot_list_draws_the_place_of_each(space):
     assert call(print_patches, "--object", "crate", "--quiet").exit_code == 0
     done = call(plan, "--object", "crate", "--shot-list")
     assert done.exit_code == 0 and "print it anew" not in done.output, done.output
-    first, second, *_ = [" ".join(page.extract_text().split()) for page in PdfReader("print/shot_list.pdf").pages]
+    first, second, *more = [" ".join(page.extract_text().split()) for page in PdfReader("print/shot_list.pdf").pages]
+    assert "stick the 2 sheets of the patch on" in first + " ".join(more)
+    assert "take the 2 sheets of the patch off" in first + " ".join(more)
     assert "Where sheet 1 of 2 goes, seen from above" in first and "sheet 50.0 mm patch 40.0 mm" in first
     assert "Where sheet 2 of 2 goes, seen from the left" in second and "sheet 35.0 mm patch 25.0 mm" in second
     assert "turned 90° counter-clockwise" in second and "cut sheet 2 at the corner marks" in second

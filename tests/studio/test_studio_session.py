@@ -161,6 +161,10 @@ def test_the_page_says_what_changes_before_a_shot(desk):
     assert changes == [
         "put the crate on the board's middle, its front to FRONT", "stick the patch on", "", "take the patch off",
     ]  # fmt: skip
+    spec = desk.space.object_spec("crate")
+    alone = spec.read_text().partition("[patch]")[0]
+    spec.write_text(alone + '[[patch]]\nat = "top"\nsize_mm = 20\n[[patch]]\nat = "left"\nsize_mm = 20\n')
+    assert desk.client.get("/api/shots/2").json()["change"] == "stick the 2 sheets of the patch on"
 
 
 @pytest.mark.parametrize("missing", ["plan.json", "shots.json"])

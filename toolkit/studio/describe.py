@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from toolkit.core.files import sha256_bytes
+from toolkit.objects.spec import read_spec
 from toolkit.photos.gates.result import GateResult
 from toolkit.photos.match_pose import PoseMatch
 from toolkit.printing.shot_list.first_page import PHONE_MM, equivalent_focal_mm
@@ -66,20 +67,25 @@ def describe_place(session: Session, shot: Shot) -> dict[str, Any]:
             "distance_cm": round(place.distance_mm / 10, 1), "height_cm": round(place.height_mm / 10, 1),
             "out_cm": round(place.out_mm / 10, 1), "roll_deg": round(place.roll_deg, 1),
         },
-        "change": say_change(session.shots.steps, shot.step),
+        "change": say_change(session.shots.steps, shot.step, count_sheets(session, shot.step.object)),
         "advice": list(record.made.get("retake") or []) if record else [],
         "path": shot.path,
     }  # fmt: skip
 
 
-def say_change(steps: Sequence[ShotStep], step: ShotStep) -> str:
-    """What to do with object and sheet before this shot; empty where nothing changes since the one before."""
+def count_sheets(session: Session, name: str) -> int:
+    """How many sheets an object wears at once, at least one."""
+    return max(1, len(read_spec(session.workspace.object_spec(name)).mounts))
+
+
+def say_change(steps: Sequence[ShotStep], step: ShotStep, sheets: int = 1) -> str:
+    """What to do with object and sheets before this shot; empty where nothing changes since the one before."""
     before = steps[step.number - 2] if step.number > 1 else None
     if before is None or before.object != step.object:
-        words = name_change(None, step.variant)
+        words = name_change(None, step.variant, sheets)
         start = f"put the {step.object} on the board's middle, its front to FRONT"
         return f"{start}, {words}" if words else start
-    return name_change(before.variant, step.variant)
+    return name_change(before.variant, step.variant, sheets)
 
 
 def describe_inspection(inspection: Inspection) -> dict[str, Any]:

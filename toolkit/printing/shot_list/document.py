@@ -205,26 +205,26 @@ def lay_out_pages(session: ObjectSession, height_mm: float) -> list[CardsPage | 
     """The pages of one object: the first one, with its first sheet, then the other sheets, then its places."""
     more = session.mountings[1:]
     sheets = [more[i : i + SHEETS_A_PAGE] for i in range(0, len(more), SHEETS_A_PAGE)]
-    return [session.mountings[:1], *sheets, *lay_out_cards(session.stops, height_mm)]
+    return [session.mountings[:1], *sheets, *lay_out_cards(session, height_mm)]
 
 
-def lay_out_cards(stops: Sequence[Stop], height_mm: float) -> list[CardsPage]:
+def lay_out_cards(session: ObjectSession, height_mm: float) -> list[CardsPage]:
     """Spread the places of one object over pages."""
-    many = count_cards(height_mm)
-    bands = name_bands(stops)
+    many, stops = count_cards(height_mm), session.stops
+    bands = name_bands(stops, session.sheets)
     return [
         CardsPage(tuple(stops[i : i + many]), tuple(bands[i : i + many])) for i in range(0, len(stops), many)
     ]  # fmt: skip
 
 
-def name_bands(stops: Sequence[Stop]) -> list[str]:
+def name_bands(stops: Sequence[Stop], sheets: int) -> list[str]:
     """What happens after each place: the sheet's changes there and the end of a round; empty where one just goes on."""
     words: list[list[str]] = [[] for _ in stops]
     stretches = find_stretches(stops)
     if not goes_round(stretches, stops):
         return ["" for _ in stops]
     for before, after in zip(stretches, [*stretches[1:], None], strict=True):
-        change = name_change(before.variant, after.variant if after else "unpatched")
+        change = name_change(before.variant, after.variant if after else "unpatched", sheets)
         onward = ""
         if after is not None and after.stops[0] != before.stops[1] + 1:
             onward = f"go on with place {after.stops[0]}"
@@ -237,7 +237,7 @@ def name_bands(stops: Sequence[Stop]) -> list[str]:
 
 
 def _draw_cards(canvas: "Canvas", area: Rect, session: ObjectSession, page: CardsPage) -> None:
-    most_bands = max(sum(map(bool, other.bands)) for other in lay_out_cards(session.stops, area.height))
+    most_bands = max(sum(map(bool, other.bands)) for other in lay_out_cards(session, area.height))
     height = (area.height - most_bands * BAND_MM) / count_cards(area.height)
     rounds = goes_round(find_stretches(session.stops), session.stops)
     aspect = session.camera.width / session.camera.height

@@ -265,14 +265,14 @@ def _draw_rounds(canvas: "Canvas", area: Rect, session: "ObjectSession") -> None
     step = min(7.6, (y - area.y) / max(_count_rows(stretches), 1))
     before: str | None = None
     for stretch in stretches:
-        if change := name_change(before, stretch.variant):
+        if change := name_change(before, stretch.variant, session.sheets):
             y = _draw_row(canvas, area, y, step, change, right="", colour=SHEET)
         a, b = stretch.stops
         where = f"places {a}-{b}" if a != b else f"place {a}"
         y = _draw_row(canvas, area, y, step, f"{stretch.variant}, {where}", right=_name_shots(stretch), colour=INK)
         before = stretch.variant
     if before not in (None, "unpatched"):
-        _draw_row(canvas, area, y, step, name_change(before, "unpatched"), right="", colour=SHEET)
+        _draw_row(canvas, area, y, step, name_change(before, "unpatched", session.sheets), right="", colour=SHEET)
 
 
 def _count_rows(stretches: Sequence[Stretch]) -> int:

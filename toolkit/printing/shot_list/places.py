@@ -98,27 +98,29 @@ def goes_round(stretches: Sequence[Stretch], stops: Sequence[Stop]) -> bool:
     return len(stretches) <= 2 * max(len(stop.shots) for stop in stops)
 
 
-def name_change(before: str | None, after: str) -> str:
-    """What to do with object and sheet between two stretches; empty where nothing changes."""
+def name_change(before: str | None, after: str, sheets: int = 1) -> str:
+    """What to do with an object and its sheets between two stretches; empty where nothing changes."""
     if before == after or (before is None and after == "unpatched"):
         return ""
-    steps = [] if before is None else [_name_leaving(before)]
-    return ", ".join(words for words in (*steps, _name_entering(before, after)) if words)
+    steps = [] if before is None else [_name_leaving(before, sheets)]
+    return ", ".join(words for words in (*steps, _name_entering(before, after, sheets)) if words)
 
 
-def _name_leaving(variant: str) -> str:
+def _name_leaving(variant: str, sheets: int) -> str:
     if variant == "unpatched" or _is_painted(variant):
         return ""
-    return f"take the {_name_sheet(variant)} {'away' if variant == 'patch-alone' else 'off'}"
+    if variant == "patch-alone":
+        return "take the patch away"
+    return f"take the {_name_sheets(variant, sheets)} off"
 
 
-def _name_entering(before: str | None, after: str) -> str:
+def _name_entering(before: str | None, after: str, sheets: int) -> str:
     if _is_painted(after):
         return f"put the object as {after.replace('-', ' ')} in its place"
     if after == "patch-alone":
         return "take the object away, lay the patch flat on the board's middle"
     bare = "put the bare object back" if before == "patch-alone" or (before and _is_painted(before)) else ""
-    stuck = "" if after == "unpatched" else f"stick the {_name_sheet(after)} on"
+    stuck = "" if after == "unpatched" else f"stick the {_name_sheets(after, sheets)} on"
     return ", ".join(words for words in (bare, stuck) if words)
 
 
@@ -126,5 +128,6 @@ def _is_painted(variant: str) -> bool:
     return variant == "textured" or variant.endswith("-texture")
 
 
-def _name_sheet(variant: str) -> str:
-    return "patch" if variant in ("patched", "patch-alone") else variant.replace("-", " ")
+def _name_sheets(variant: str, sheets: int) -> str:
+    name = "patch" if variant == "patched" else variant.replace("-", " ")
+    return name if sheets == 1 else f"{sheets} sheets of the {name}"

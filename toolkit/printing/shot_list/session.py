@@ -287,6 +287,11 @@ class ObjectSession:
     poses_sha256: str
 
     @property
+    def sheets(self) -> int:
+        """How many are stuck on at once, at least one."""
+        return max(1, len(self.mountings))
+
+    @property
     def places(self) -> list[CameraPlace]:
         """Of all stops."""
         return [stop.place for stop in self.stops]
