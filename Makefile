@@ -39,6 +39,7 @@ lint: setup .venv/.lint
 DOCS_MODELS ?=
 docs: setup .venv/.test
 	docs/scripts/run-results $(BIN)/toolkit $(DOCS_MODELS)
+	docs/scripts/run-transfer $(BIN)/toolkit $(DOCS_MODELS)
 
 # The corruption benchmark's numbers; an hour or two on two cores. PHOTOGRAPHS has a folder per WordNet id, CIFAR has
 # train/ and test/ with a folder per class.

@@ -1,7 +1,6 @@
 """Pages from the tables in docs/results: python docs/scripts/findings.py. No number in them is typed by hand."""
 
 import csv
-from collections import defaultdict
 from pathlib import Path
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -64,21 +63,15 @@ class Findings:
         return say_share(self.row("sweeps", run=run, axis=axis, value=value, variant=variant, object="all"))
 
     def networks(self) -> list[tuple[str, Row, str]]:
-        """Each network once: its name, a run of it, and what was trained on it."""
-        trained: dict[str, list[str]] = defaultdict(list)
-        first: dict[str, Row] = {}
-        for run in self.tables["runs"]:
-            first.setdefault(run["network"], run)
-            if run["patches_trained_on_it"] == "yes":
-                trained[run["network"]].append(run["run"])
-        ordered = [key for key in NAMES if key in first]
-        return [(NAMES[key], first[key], _say_role(trained[key])) for key in ordered]
-
-
-def _say_role(runs: list[str]) -> str:
-    if any(not run.startswith("both-") for run in runs):
-        return "the shipped patches and textures, and `both`"
-    return "`both`" if runs else "nothing"
+        """Each network once: its name, a run of it, and which shipped boosters were trained on it."""
+        runs = {
+            run["network"]: run for run in self.tables["runs"] if run["run"] == run["network"].removeprefix("timm-")
+        }
+        return [
+            (NAMES[key], runs[key], " and ".join(
+                f"shipped {kind}" for kind in ("patches", "textures") if runs[key][f"{kind}_trained_on_it"] == "yes"
+            ) or "nothing") for key in NAMES if key in runs
+        ]  # fmt: skip
 
 
 def say_share(row: Row) -> str:
@@ -114,7 +107,7 @@ def write_page(folder: Path = DOCS / "results", page: str = "results.md") -> str
     )  # fmt: skip
     environment.filters |= {"percent": percent, "points": points, "share": say_share, "p": say_p}
     template = environment.get_template(PAGES[page])
-    return template.render(of=Findings(folder), names=NAMES, rig18=read_bundled())
+    return template.render(of=Findings(folder), names=NAMES, networks=list(NAMES), rig18=read_bundled())
 
 
 def write_pages() -> None:

@@ -51,8 +51,10 @@ def write_record_tables(space: Workspace, folder: Path = TABLES) -> None:
         describe_patch(own.patch_set, read_patch(file).record) for own in sets for file in own.patches().values()
     ]
     write_table(folder / "patches.csv", patches)
-    shipped = [read_texture(file).record for file in space.textures().values()]
-    trained = [*_read_textures("gradients"), *shipped, *_read_textures("meshes")]
+    files = [*space.textures().values(), *sorted((DOCS.parent / "rig/textures/resnet18").glob("*.png"))]
+    trained = [
+        *_read_textures("gradients"), *(read_texture(file).record for file in files), *_read_textures("meshes"),
+    ]  # fmt: skip
     write_table(folder / "textures.csv", [describe_texture(record) for record in trained])
     bundled = read_bundled()
     if bundled is not None:
@@ -86,14 +88,18 @@ def _write_value(value: object) -> object:
 
 
 def describe_run(space: Workspace, run: str, summary: dict[str, Any]) -> Row:
-    """The network of a run, and whether the patches that it judges were trained on it."""
+    """The network of a run, and whether the patches and textures that it judges were trained on it."""
     model = summary["model"]
     patch_set = summary["groups"][0]["source"].partition("-")[2] or None
     own = space.with_patches(patch_set) if patch_set in space.patch_sets() else space
-    seen = {network.sha256 for patch in own.patches().values() for network in read_patch(patch).record.networks}
+    boosters = {
+        "patches": [read_patch(file).record for file in own.patches().values()],
+        "textures": [read_texture(file).record for file in space.textures().values()],
+    }
+    seen = {kind: {one.sha256 for record in records for one in record.networks} for kind, records in boosters.items()}
     return {
-        "run": run, "network": model["arch"], "weights": model["weights"], "sha256": model["sha256"][:16],
-        "patches_trained_on_it": "yes" if model["sha256"] in seen else "no",
+        "run": run, "network": model["name"], "weights": model["weights"], "sha256": model["sha256"][:16],
+        **{f"{kind}_trained_on_it": "yes" if model["sha256"] in hashes else "no" for kind, hashes in seen.items()},
     }  # fmt: skip
 
 
@@ -148,18 +154,19 @@ def describe_patch(patch_set: str | None, record: PatchRecord) -> Row:
 
 
 def describe_texture(record: TextureRecord) -> Row:
-    """What a texture reached on held-out views, in studio light and in fog, against the bare object."""
-    network, final = record.networks[0].arch, record.final
+    """What a texture reached on held-out views by its first network, in studio light and in fog, and bare."""
+    networks, final = [one.arch for one in record.networks], record.final
     shares = {
-        f"{paint}_{weather}": final[f"{network}_{place}_{of}_top1"]
+        f"{paint}_{weather}": final[f"{networks[0]}_{place}_{of}_top1"]
         for paint, of in (("bare", "bare"), ("textured", "patched"))
         for weather, place in (("studio", "held_out"), ("fog", "held_out_fog"))
     }
     return {
         "texture": record.name, "class": record.class_name, "objects": " + ".join(one.name for one in record.objects),
-        "new_coordinates": "yes" if any(one.unwrapped for one in record.objects) else "no", "network": network,
-        "gradient": record.settings["gradient"], "steps": record.settings["steps"], "last_loss": final["loss"],
-        "last_recognised": final["accuracy"], "n": round(final[f"{network}_held_out_bare_n"]), **shares,
+        "new_coordinates": "yes" if any(one.unwrapped for one in record.objects) else "no",
+        "networks": " + ".join(networks), "gradient": record.settings["gradient"],
+        "steps": record.settings["steps"], "last_loss": final["loss"], "last_recognised": final["accuracy"],
+        "n": round(final[f"{networks[0]}_held_out_bare_n"]), **shares,
     }  # fmt: skip
 
 

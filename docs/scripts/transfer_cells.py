@@ -1,8 +1,11 @@
-"""What several networks say of one set of boosters, clear and corrupted, in one table: transfer_cells.py CSV WORKSPACE.
+"""What several networks say of sets of boosters, clear and corrupted, in one table.
 
-Each run in WORKSPACE/eval is of one network: `toolkit eval captures --corrupt common` of the plan, bare and boosted.
+Called as transfer_cells.py CSV SET=WORKSPACE … MATRIX …: each run in WORKSPACE/eval is of one network, by
+`toolkit eval captures --corrupt common` of the plan, bare and boosted; each MATRIX is a `matrix.json` of
+`toolkit transfer`, whose sets are called `without NETWORK`.
 """
 
+import json
 import sys
 from collections import defaultdict
 from collections.abc import Iterator
@@ -17,9 +20,11 @@ from toolkit.core.statistics import wilson_interval
 from toolkit.core.workspace import open_workspace
 from toolkit.corruptions.catalogue import COMMON
 from toolkit.transfer.matrix import BOOSTED
+from toolkit.transfer.matrix import Row as TransferRow
 
 AIRS, ALL = {"sim": "clear", "sim-fog-3": "fog 3"}, "15 corruptions"
 COUNTS = ("n", "bare", "boosted", "gained", "lost")
+KEY = ("set", "network", "booster", "air", "object")
 
 
 def read_run(run: str, summary: dict[str, Any]) -> Iterator[Row]:
@@ -49,16 +54,38 @@ def read_run(run: str, summary: dict[str, Any]) -> Iterator[Row]:
             yield head | {"booster": BOOSTED[variant], "air": ALL, "object": name} | counts | {"p": None}
 
 
-def main(table: str, workspace: str) -> None:
+def read_workspace(folder: Path) -> Iterator[Row]:
+    """Rows of all of its runs."""
+    for run, summary in read_summaries(open_workspace(folder)).items():
+        yield from read_run(run, summary)
+
+
+def read_matrix(file: Path) -> Iterator[Row]:
+    """Rows of a leave-one-out experiment."""
+    for row in map(TransferRow.model_validate, json.loads(file.read_text(encoding="utf-8"))["rows"]):
+        if row.source in AIRS:
+            yield {
+                "set": f"without {row.left_out}", "network": row.judge, "sha256": row.judge_sha256[:16],
+                "seen": row.seen, "booster": row.kind, "air": AIRS[row.source], "object": row.object,
+                **{key: getattr(row, key) for key in COUNTS}, "p": row.mcnemar_p,
+            }  # fmt: skip
+
+
+def main(table: str, *sources: str) -> None:
     """Write the table."""
-    summaries = read_summaries(open_workspace(Path(workspace)))
-    found = [row for run, summary in summaries.items() for row in read_run(run, summary)]
+    found: list[Row] = []
+    for source in sources:
+        name, is_set, folder = source.partition("=")
+        rows = [{"set": name, **row} for row in read_workspace(Path(folder))] if is_set else read_matrix(Path(source))
+        found += rows
     # a pose that two runs asked the same network about has the same answer
-    rows = list({tuple(row[key] for key in ("network", "booster", "air", "object")): row for row in found}.values())
-    rows.sort(key=lambda row: (not row["seen"], row["network"], row["air"] == ALL, row["air"]))
-    for row in rows:
+    kept = list({tuple(row[key] for key in KEY): row for row in found}.values())
+    kept.sort(
+        key=lambda row: (row["set"], row["booster"], not row["seen"], row["network"], row["air"] == ALL, row["air"])
+    )
+    for row in kept:
         row["low"], row["high"] = wilson_interval(row["boosted"], row["n"])
-    write_table(Path(table), rows)
+    write_table(Path(table), kept)
 
 
 if __name__ == "__main__":

@@ -30,10 +30,14 @@ def test_the_page_changes_with_the_tables(tmp_path: Path) -> None:
 
     for file in TABLES.glob("*.csv"):
         (tmp_path / file.name).write_bytes(file.read_bytes())
+    rows = [row for row in read_table("captures") if (row["run"], row["object"]) == ("resnet18", "all")]
+    (row,) = [row for row in rows if (row["source"], row["variant"]) == ("sim", "patched")]
+    line = f"resnet18,sim,all,patched,{row['n']},{row['correct']},"
     captures = (tmp_path / "captures.csv").read_text(encoding="utf-8")
-    (tmp_path / "captures.csv").write_text(captures.replace(",72,65,", ",72,64,"), encoding="utf-8")
-    assert "65 of 72" in write_page()
-    assert "64 of 72 (90\N{NO-BREAK SPACE}%" in write_page(tmp_path)
+    assert captures.count(line) == 1
+    (tmp_path / "captures.csv").write_text(captures.replace(line, "resnet18,sim,all,patched,72,1,"), encoding="utf-8")
+    assert f"{row['correct']} of 72" in write_page() and "| 1 of 72 (" not in write_page()
+    assert "| 1 of 72 (" in write_page(tmp_path)
 
 
 @pytest.mark.parametrize("table", ["captures", "sweeps"])
