@@ -15,6 +15,8 @@ NAMES = {
     "resnet18": "ResNet-18", "mobilenet_v2": "MobileNetV2", "timm-tf_efficientnet_lite0": "EfficientNet-Lite0",
     "timm-tf_efficientnet_lite1": "EfficientNet-Lite1", "mobilenet_v1_0.75_192": "MobileNetV1",
 }  # fmt: skip
+SETS = {"four-networks": "four networks", "resnet18": "ResNet-18"}
+"""Sets of boosters that several networks judge, by what they were trained on."""
 Row = dict[str, str]
 PERCENT = "\N{NO-BREAK SPACE}%"
 
@@ -107,7 +109,7 @@ def write_page(folder: Path = DOCS / "results", page: str = "results.md") -> str
     )  # fmt: skip
     environment.filters |= {"percent": percent, "points": points, "share": say_share, "p": say_p}
     template = environment.get_template(PAGES[page])
-    return template.render(of=Findings(folder), names=NAMES, networks=list(NAMES), rig18=read_bundled())
+    return template.render(of=Findings(folder), names=NAMES, networks=list(NAMES), sets=SETS, rig18=read_bundled())
 
 
 def write_pages() -> None:
