@@ -56,7 +56,15 @@ def test_kill_9_then_the_same_again_ends_with_the_same_bytes(tmp_path):
     assert not (tmp_path / "killed").exists(), "the checkpoint of a finished run is gone"
 
 
-def test_ctrl_c_in_the_middle_of_a_loss_takes_the_step_back(tmp_path):
+@pytest.fixture
+def heeds_ctrl_c():
+    """Also where the tests run in the background of a shell, which leaves SIGINT ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_ctrl_c_in_the_middle_of_a_loss_takes_the_step_back(tmp_path, heeds_ctrl_c):
     """Buffers that the loss has changed already are as they were: the run goes on to the same bytes."""
 
     class Interrupted(Regressor):
@@ -73,7 +81,7 @@ def test_ctrl_c_in_the_middle_of_a_loss_takes_the_step_back(tmp_path):
     assert all(np.array_equal(whole.made[name], resumed.made[name]) for name in whole.made)
 
 
-def test_ctrl_c_while_the_parameters_are_moved_waits_for_them(tmp_path):
+def test_ctrl_c_while_the_parameters_are_moved_waits_for_them(tmp_path, heeds_ctrl_c):
     class Interrupted(Regressor):
         def adjust_gradients(self, step):
             if step == 5:

@@ -21,7 +21,7 @@ from toolkit.models.labels import LabelsFile, adapt_preprocessing, choose_labels
 from toolkit.models.network import Classifier, check_hash, choose_device, describe_answers
 from toolkit.models.weights import WeightsFile, open_weights
 
-DETECTOR_HINT = "a detector? 'toolkit eval' takes those it knows; here a classifier is expected"
+DETECTOR_HINT = "a detector? 'toolkit eval' takes those it knows"
 
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
@@ -192,7 +192,7 @@ def _try(network: nn.Module, arch: str, how: Preprocessing, device: str) -> torc
     except Exception as error:  # whatever a foreign module raises
         raise FieldError(f"it fails at two images of {side} px: {describe_failure(error)}", {"model": arch}) from None
     if not isinstance(answers, torch.Tensor):
-        hint = f" ({DETECTOR_HINT})" if _has_boxes(answers) else ""
+        hint = f" ({DETECTOR_HINT}; here a classifier is expected)" if _has_boxes(answers) else ""
         expected = f"expected one tensor, images × classes{hint}"
         raise FieldError(f"gives {describe_answers(answers)}: {expected}", {"model": arch})
     answers = answers.float().cpu()
@@ -200,7 +200,7 @@ def _try(network: nn.Module, arch: str, how: Preprocessing, device: str) -> torc
         expected = "images × classes: flatten the two last axes"
         raise FieldError(f"gives {describe_answers(answers)}: expected {expected}", {"model": arch})
     if answers.ndim != 2 or len(answers) != 2 or answers.shape[1] < 2:
-        hint = f" (one that ends in features? {DETECTOR_HINT})" if answers.ndim > 2 else ""
+        hint = f" ({DETECTOR_HINT}; one that ends in features? expected a classifier)" if answers.ndim > 2 else ""
         raise FieldError(f"gives {describe_answers(answers)} for 2 images: expected 2×classes{hint}", {"model": arch})
     if not torch.isfinite(answers).all():
         raise FieldError("gives values that are not a number: its weights are damaged, or it needs other images",
