@@ -66,14 +66,18 @@ class Findings:
 
     def networks(self) -> list[tuple[str, Row, str]]:
         """Each network once: its name, a run of it, and which shipped boosters were trained on it."""
-        runs = {
-            run["network"]: run for run in self.tables["runs"] if run["run"] == run["network"].removeprefix("timm-")
-        }
-        return [
-            (NAMES[key], runs[key], " and ".join(
-                f"shipped {kind}" for kind in ("patches", "textures") if runs[key][f"{kind}_trained_on_it"] == "yes"
-            ) or "nothing") for key in NAMES if key in runs
-        ]  # fmt: skip
+        runs = {key: self.rows("runs", run=name_run(key)) for key in NAMES}
+        return [(NAMES[key], found[0], _say_role(found[0])) for key, found in runs.items() if found]
+
+
+def name_run(network: str, prefix: str = "") -> str:
+    """What `run-results` calls a network's run."""
+    return prefix + network.removeprefix("timm-")
+
+
+def _say_role(run: Row) -> str:
+    kinds = [kind for kind in ("patches", "textures") if run[f"{kind}_trained_on_it"] == "yes"]
+    return " and ".join(f"shipped {kind}" for kind in kinds) or "nothing"
 
 
 def say_share(row: Row) -> str:
@@ -109,7 +113,7 @@ def write_page(folder: Path = DOCS / "results", page: str = "results.md") -> str
     )  # fmt: skip
     environment.filters |= {"percent": percent, "points": points, "share": say_share, "p": say_p}
     template = environment.get_template(PAGES[page])
-    return template.render(of=Findings(folder), names=NAMES, networks=list(NAMES), sets=SETS, rig18=read_bundled())
+    return template.render(of=Findings(folder), names=NAMES, name_run=name_run, sets=SETS, rig18=read_bundled())
 
 
 def write_pages() -> None:

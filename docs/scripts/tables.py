@@ -31,8 +31,8 @@ def read_summaries(space: Workspace) -> dict[str, dict[str, Any]]:
 
 def write_evaluation_tables(space: Workspace, folder: Path = TABLES) -> None:
     """`runs`, `captures`, `pairs`, `answers` and `sweeps`: what a finished workspace holds."""
-    summaries = read_summaries(space)
-    write_table(folder / "runs.csv", [describe_run(space, run, each) for run, each in summaries.items()])
+    summaries, seen = read_summaries(space), list_networks(space)
+    write_table(folder / "runs.csv", [describe_run(seen, run, each) for run, each in summaries.items()])
     write_table(folder / "captures.csv", [row for run, each in summaries.items() for row in list_groups(run, each)])
     write_table(folder / "pairs.csv", [row for run, each in summaries.items() for row in list_pairs(run, each)])
     answers = [
@@ -51,10 +51,10 @@ def write_record_tables(space: Workspace, folder: Path = TABLES) -> None:
         describe_patch(own.patch_set, read_patch(file).record) for own in sets for file in own.patches().values()
     ]
     write_table(folder / "patches.csv", patches)
-    files = [*space.textures().values(), *sorted((DOCS.parent / "rig/textures/resnet18").glob("*.png"))]
-    trained = [
-        *_read_textures("gradients"), *(read_texture(file).record for file in files), *_read_textures("meshes"),
-    ]  # fmt: skip
+    shipped = [read_texture(file).record for file in space.textures().values()]
+    folders = (RECORDS / "gradients", DOCS.parent / "rig/textures/resnet18", RECORDS / "meshes")
+    gradients, alone, meshes = map(_read_textures, folders)
+    trained = [*gradients, *shipped, *alone, *meshes]
     write_table(folder / "textures.csv", [describe_texture(record) for record in trained])
     bundled = read_bundled()
     if bundled is not None:
@@ -87,16 +87,18 @@ def _write_value(value: object) -> object:
     return "" if value is None else value
 
 
-def describe_run(space: Workspace, run: str, summary: dict[str, Any]) -> Row:
-    """The network of a run, and whether the patches and textures that it judges were trained on it."""
-    model = summary["model"]
-    patch_set = summary["groups"][0]["source"].partition("-")[2] or None
-    own = space.with_patches(patch_set) if patch_set in space.patch_sets() else space
-    boosters = {
-        "patches": [read_patch(file).record for file in own.patches().values()],
+def list_networks(space: Workspace) -> dict[str, set[str]]:
+    """The weights' hashes that a workspace's patches were trained on, and its textures."""
+    records = {
+        "patches": [read_patch(file).record for file in space.patches().values()],
         "textures": [read_texture(file).record for file in space.textures().values()],
     }
-    seen = {kind: {one.sha256 for record in records for one in record.networks} for kind, records in boosters.items()}
+    return {kind: {one.sha256 for record in found for one in record.networks} for kind, found in records.items()}
+
+
+def describe_run(seen: dict[str, set[str]], run: str, summary: dict[str, Any]) -> Row:
+    """The network of a run, and whether the workspace's patches and textures were trained on it."""
+    model = summary["model"]
     return {
         "run": run, "network": model["name"], "weights": model["weights"], "sha256": model["sha256"][:16],
         **{f"{kind}_trained_on_it": "yes" if model["sha256"] in hashes else "no" for kind, hashes in seen.items()},
@@ -170,8 +172,8 @@ def describe_texture(record: TextureRecord) -> Row:
     }  # fmt: skip
 
 
-def _read_textures(folder: str) -> list[TextureRecord]:
-    files = sorted((RECORDS / folder).glob("*.json"))
+def _read_textures(folder: Path) -> list[TextureRecord]:
+    files = sorted(folder.glob("*.json"))
     return [TextureRecord.model_validate_json(file.read_text(encoding="utf-8")) for file in files]
 
 

@@ -29,11 +29,11 @@ KEY = ("set", "network", "booster", "air", "object")
 
 def read_run(run: str, summary: dict[str, Any]) -> Iterator[Row]:
     """Rows of a run: each object and all of them in clear air and in fog 3, and over the 75 corruptions at once."""
-    model, seen = summary["model"], any(one["seen"] for one in summary["boosters"])
+    model, seen = summary["model"], {one["variant"] for one in summary["boosters"] if one["seen"]}
     right = {(one["source"], one["object"], one["variant"]): one["correct"] for one in list_groups(run, summary)}
     pooled: dict[tuple[str, str], Row] = defaultdict(lambda: dict.fromkeys(COUNTS, 0))
     cells: set[str] = set()
-    head = {"network": model["name"], "sha256": model["sha256"][:16], "seen": seen}
+    head = {"network": model["name"], "sha256": model["sha256"][:16]}
     for pair in list_pairs(run, summary):
         source, name, variant = pair["source"], pair["object"], pair["variant"]
         if variant not in BOOSTED:
@@ -43,7 +43,7 @@ def read_run(run: str, summary: dict[str, Any]) -> Iterator[Row]:
             "gained": pair["gained"], "lost": pair["lost"],
         }  # fmt: skip
         if source in AIRS:
-            what = {"booster": BOOSTED[variant], "air": AIRS[source], "object": name}
+            what = {"seen": variant in seen, "booster": BOOSTED[variant], "air": AIRS[source], "object": name}
             yield head | what | counts | {"p": pair["mcnemar_p"]}
         if source.removeprefix("sim-").rpartition("-")[0] in COMMON:
             cells.add(source)
@@ -51,7 +51,8 @@ def read_run(run: str, summary: dict[str, Any]) -> Iterator[Row]:
                 pooled[name, variant][key] += counts[key]
     if len(cells) == len(COMMON) * len(SEVERITIES):
         for (name, variant), counts in pooled.items():
-            yield head | {"booster": BOOSTED[variant], "air": ALL, "object": name} | counts | {"p": None}
+            what = {"seen": variant in seen, "booster": BOOSTED[variant], "air": ALL, "object": name}
+            yield head | what | counts | {"p": None}
 
 
 def read_workspace(folder: Path) -> Iterator[Row]:

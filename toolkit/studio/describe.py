@@ -67,20 +67,16 @@ def describe_place(session: Session, shot: Shot) -> dict[str, Any]:
             "distance_cm": round(place.distance_mm / 10, 1), "height_cm": round(place.height_mm / 10, 1),
             "out_cm": round(place.out_mm / 10, 1), "roll_deg": round(place.roll_deg, 1),
         },
-        "change": say_change(session.shots.steps, shot.step, count_sheets(session, shot.step.object)),
+        "change": say_change(session, shot.step),
         "advice": list(record.made.get("retake") or []) if record else [],
         "path": shot.path,
     }  # fmt: skip
 
 
-def count_sheets(session: Session, name: str) -> int:
-    """How many sheets an object wears at once, at least one."""
-    return max(1, len(read_spec(session.workspace.object_spec(name)).mounts))
-
-
-def say_change(steps: Sequence[ShotStep], step: ShotStep, sheets: int = 1) -> str:
+def say_change(session: Session, step: ShotStep) -> str:
     """What to do with object and sheets before this shot; empty where nothing changes since the one before."""
-    before = steps[step.number - 2] if step.number > 1 else None
+    sheets = len(read_spec(session.workspace.object_spec(step.object)).mounts)
+    before = session.find_step(step.number - 1) if step.number > 1 else None
     if before is None or before.object != step.object:
         words = name_change(None, step.variant, sheets)
         start = f"put the {step.object} on the board's middle, its front to FRONT"

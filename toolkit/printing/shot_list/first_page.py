@@ -262,7 +262,7 @@ def _draw_rounds(canvas: "Canvas", area: Rect, session: "ObjectSession") -> None
     turns = {1: "once", 2: "twice"}.get(len(session.stops[0].shots), f"{len(session.stops[0].shots)} times")
     words = f"{shots} shots at {len(session.stops)} places, {turns} round. {explain_order(stretches)}".strip()
     y = write_lines(canvas, words, area.x, y, TEXT_MM, room_mm=area.width) - 2.6
-    step = min(7.6, (y - area.y) / max(_count_rows(stretches), 1))
+    step = min(7.6, (y - area.y) / max(_count_rows(stretches, session.sheets), 1))
     before: str | None = None
     for stretch in stretches:
         if change := name_change(before, stretch.variant, session.sheets):
@@ -275,11 +275,11 @@ def _draw_rounds(canvas: "Canvas", area: Rect, session: "ObjectSession") -> None
         _draw_row(canvas, area, y, step, name_change(before, "unpatched", session.sheets), right="", colour=SHEET)
 
 
-def _count_rows(stretches: Sequence[Stretch]) -> int:
+def _count_rows(stretches: Sequence[Stretch], sheets: int) -> int:
     before: str | None = None
     rows = 1
     for stretch in stretches:
-        rows += 2 if name_change(before, stretch.variant) else 1
+        rows += 2 if name_change(before, stretch.variant, sheets) else 1
         before = stretch.variant
     return rows
 

@@ -98,7 +98,7 @@ def goes_round(stretches: Sequence[Stretch], stops: Sequence[Stop]) -> bool:
     return len(stretches) <= 2 * max(len(stop.shots) for stop in stops)
 
 
-def name_change(before: str | None, after: str, sheets: int = 1) -> str:
+def name_change(before: str | None, after: str, sheets: int) -> str:
     """What to do with an object and its sheets between two stretches; empty where nothing changes."""
     if before == after or (before is None and after == "unpatched"):
         return ""

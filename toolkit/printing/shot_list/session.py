@@ -288,8 +288,8 @@ class ObjectSession:
 
     @property
     def sheets(self) -> int:
-        """How many are stuck on at once, at least one."""
-        return max(1, len(self.mountings))
+        """How many go on at once."""
+        return len(self.item.spec.mounts)
 
     @property
     def places(self) -> list[CameraPlace]:
