@@ -9,6 +9,7 @@ from pathlib import Path
 from drawn import draw_city, draw_everyday, draw_parts, draw_skies
 from PIL import Image, ImageDraw, ImageFont
 
+from toolkit.captures.read import UNPATCHED
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import BUILTIN
 from toolkit.objects.records import read_patch
@@ -183,7 +184,8 @@ def draw_figures(space: Workspace, figures: Path, run: str) -> None:
     draw_page(space, "warplane").save(figures / "page.png")
     if (space.print_dir / "shot_list.pdf").is_file():
         draw_shot_list(space).save(figures / "shot-list.png")
-    with Image.open(space.captures_dir / rows[0]["path"]) as photo:
+    bare = next(r["path"] for r in rows if (r["object"], r["variant"]) == (BUILTIN[0], UNPATCHED))
+    with Image.open(space.captures_dir / bare) as photo:
         pixels = read_patch(space.patch(BUILTIN[0])).pixels
         draw_parts(pixels, photo.convert("RGB"), load_font(18)).save(figures / "parts.png")
     draw_everyday(load_font(13)).save(figures / "everyday.jpg", quality=90)

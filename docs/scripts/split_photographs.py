@@ -1,7 +1,8 @@
-"""Photographs for the benchmark, from a folder with one folder per class: split_photographs.py FOLDER OUT.
+"""Photographs for the benchmark, from a folder with one folder per class: split_photographs.py FOLDER OUT [others].
 
 Every second class with at least five photographs is evaluated: its first two go to OUT/train, the others to OUT/val.
-The photographs of all other classes go to OUT/train, where they serve as backgrounds.
+The photographs of all other classes go to OUT/train, where they serve as backgrounds. With `others` the classes that
+would be passed over are evaluated: on them recipes are chosen.
 """
 
 import shutil
@@ -11,10 +12,10 @@ from pathlib import Path
 LEAST, TO_TRAIN = 5, 2
 
 
-def split_photographs(folder: Path, out: Path) -> list[str]:
+def split_photographs(folder: Path, out: Path, first: int = 0) -> list[str]:
     """Copy the photographs; the names of the classes that are evaluated."""
     photographs = {one.name: sorted(one.iterdir()) for one in sorted(folder.iterdir()) if one.is_dir()}
-    evaluated = [name for name, files in photographs.items() if len(files) >= LEAST][::2]
+    evaluated = [name for name, files in photographs.items() if len(files) >= LEAST][first::2]
     for name, files in photographs.items():
         for k, file in enumerate(files):
             part = "val" if name in evaluated and k >= TO_TRAIN else "train"
@@ -25,4 +26,6 @@ def split_photographs(folder: Path, out: Path) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(" ".join(split_photographs(Path(sys.argv[1]), Path(sys.argv[2]))) + "\n")
+    source, target, *which = sys.argv[1:]
+    names = split_photographs(Path(source), Path(target), first=int(which == ["others"]))
+    sys.stdout.write(" ".join(names) + "\n")

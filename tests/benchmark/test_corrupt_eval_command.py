@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
+from toolkit.objects.records import read_patch
 
 
 @pytest.fixture
@@ -34,10 +35,13 @@ def refuse(type_command, *words) -> str:
 @pytest.mark.slow
 def test_from_training_to_the_report(type_command):
     trained = type_command(
-        "train-patches", "--data", type_command.data, "--size-px", 16, "--size-px", 20, "--steps", 4, "--batch", 4
-    )
+        "train-patches", "--data", type_command.data, "--size-px", 16, "--size-px", 20, "--steps", 4, "--batch", 4,
+        "--smoothing", 3, "--last-smoothing", 1, "--corrupt", "noise",
+    )  # fmt: skip
     assert trained.exit_code == 0, trained.output
     assert "3 classes, 6 patches" in trained.output
+    settings = read_patch(type_command.space.root / "print/patches/patches-16/red.png").record.settings
+    assert (settings["smoothing_px"], settings["last_smoothing_px"]) == (3, 1) and settings["corrupted"]
     next_command = re.search(r"next: toolkit (corrupt-eval .*)", trained.output)[1].split()
     done = type_command(*next_command, "--corrupt", "fog:1-2", "--run", "mine")
     assert done.exit_code == 0, done.output

@@ -9,7 +9,7 @@ from typer.testing import CliRunner
 
 from toolkit.cli import options
 from toolkit.cli.app import make_single
-from toolkit.cli.options import Overrides, from_config, list_flags
+from toolkit.cli.options import Only, Overrides, from_config, list_flags
 from toolkit.core.config import Config, Flag, Range, Rising
 from toolkit.core.errors import FieldError, ToolkitError
 
@@ -137,3 +137,13 @@ def test_a_switch_of_a_ready_config_puts_its_part_in(received):
 def test_a_part_is_a_switch():
     switch = next(flag for flag in list_flags(Job) if flag.path == "pose")
     assert switch.is_switch and switch.spelling == "--pose"
+
+
+def test_of_a_recipe_a_command_may_offer_some_fields_alone(received):
+    @from_config(overrides=Only({"default": Job(), "paper": Job(size_px=32)}, ("size_px",)))
+    def work(overrides: Overrides, recipe: str) -> None:
+        received.update(overrides=overrides, recipe=recipe)
+
+    assert run(work, "--recipe", "paper", "--size-px", "9")[0] == 0
+    assert received == {"overrides": {"size_px": 9}, "recipe": "paper"}
+    assert "No such option: --schedule" in run(work, "--schedule", "linear")[1]

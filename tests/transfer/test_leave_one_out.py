@@ -2,18 +2,22 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from red_seeker import red_seeker
 from tiny_network import tiny_classifier
+from typer.testing import CliRunner
 
 from toolkit.boosters.detectors import DetectorNetwork
+from toolkit.cli.app import make_single
+from toolkit.cli.transfer import transfer
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.objects.records import read_patch, read_texture
 from toolkit.transfer import leave_one_out as experiment
 from toolkit.transfer.config import TransferConfig
-from toolkit.transfer.leave_one_out import leave_one_out
+from toolkit.transfer.leave_one_out import TransferResult, leave_one_out
 from toolkit.transfer.matrix import Row, tabulate
 
 LABELS = ["cat", "dog", "sports car", "crate"]
@@ -123,3 +127,19 @@ def test_what_cannot_be_left_out_is_refused(space):
         leave_one_out(space, TransferConfig(left_out=("tiny:9",)), [network(1), network(2)])
     with pytest.raises(ToolkitError, match="kinds"):
         TransferConfig(kinds=("sticker",))
+
+
+def test_a_network_is_left_out_by_the_name_that_was_typed(space, monkeypatch):
+    """`--model timm:lite` loads a network called timm-lite; either name is one for `--leave-out`."""
+    asked = []
+    networks = [replace(network(1), name="timm-lite"), network(2)]
+    monkeypatch.setattr("toolkit.boosters.detectors.load_networks", lambda *arguments, **options: networks)
+    monkeypatch.setattr(
+        experiment, "leave_one_out",
+        lambda workspace, config, networks: asked.append(config.left_out) or TransferResult((), Path("a"), Path("b")),
+    )  # fmt: skip
+    for name in ("timm:lite", "timm-lite"):
+        words = ["--workspace", str(space.root), "--model", "timm:lite", "--model", "other", "--leave-out", name]
+        outcome = CliRunner().invoke(make_single(transfer), words)
+        assert outcome.exit_code == 0, outcome.output
+    assert asked == [("timm-lite",)] * 2

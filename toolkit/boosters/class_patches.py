@@ -36,6 +36,11 @@ FEW_IMAGES = 32
 """A class with fewer images is trained on those of all classes, where the user leaves it open."""
 FLAT = {"pose": False, "light": False, "print_process": False, "glare": False, "camera": False, "mounted_share": 0.0}
 """What a patch that is laid on images in memory does not meet."""
+ASKED_OF_FLAT = (
+    "steps", "epochs", "batch", "lr", "schedule", "smoothing_px", "last_smoothing_px", "start_contrast", "objective",
+    "jitter", "momentum", "corrupted",
+)  # fmt: skip
+"""What else may be asked of its recipe."""
 
 
 class ClassPatchesConfig(Config):

@@ -9,7 +9,7 @@ Here alone a field becomes a flag; `toolkit.cli.app` writes it so in the message
 """
 
 import inspect
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
@@ -200,8 +200,19 @@ class ConfigFlag:
         return f"{about}  [{'; '.join(notes)}]" if notes else about
 
 
+class Only(dict[str, Config]):
+    """Recipes of which a command offers some fields alone."""
+
+    def __init__(self, recipes: Mapping[str, Config], fields: Container[str]) -> None:
+        """The recipes, and the names of the fields."""
+        super().__init__(recipes)
+        self.fields = fields
+
+
 def list_flags(source: Source) -> list[ConfigFlag]:
     """Every flag of a config class, or of the recipes of one, in the order of its fields."""
+    if isinstance(source, Only):
+        return [one for one in list_flags(dict(source)) if one.path in source.fields]
     if isinstance(source, Mapping):
         return list(_walk(type(next(iter(source.values()))), dict(source), ""))
     return list(_walk(source, {"": None}, ""))

@@ -33,13 +33,13 @@ def show_json(content: Any) -> None:
 
 
 def show_table(titles: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """A table on stdout, every cell as it is."""
-    from rich.table import Table
+    """A table on stdout, every cell whole: in a narrow terminal on several lines."""
+    from rich.table import Column, Table
     from rich.text import Text
 
     from toolkit.core.console import console
 
-    table = Table(*titles)
+    table = Table(*(Column(title, overflow="fold") for title in titles))
     for row in rows:
         table.add_row(*(Text(escape(str(cell))) for cell in row))
     console.print(table)

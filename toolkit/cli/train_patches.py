@@ -4,16 +4,20 @@ from typing import Annotated
 
 import typer
 
-from toolkit.boosters.class_patches import ClassPatchesConfig, make_flat_config
+from toolkit.boosters.class_patches import ASKED_OF_FLAT, ClassPatchesConfig, make_flat_config
+from toolkit.boosters.patch_config import RECIPES
 from toolkit.boosters.place_patches import Placement
 from toolkit.cli import options
-from toolkit.cli.options import from_config
+from toolkit.cli.options import Only, Overrides, from_config
 from toolkit.cli.output import show_json
 from toolkit.engine.config import EngineConfig
 
 
-@from_config(config=ClassPatchesConfig, placement=Placement, engine=EngineConfig)
+@from_config(
+    config=ClassPatchesConfig, placement=Placement, overrides=Only(RECIPES, ASKED_OF_FLAT), engine=EngineConfig
+)
 def train_patches(
+    *,
     data: Annotated[
         str,
         typer.Option(
@@ -32,26 +36,8 @@ def train_patches(
         str | None, typer.Option("--model", metavar="NAME", help="The classifier. Default: resnet18.")
     ] = None,
     weights: options.WeightsFile = None,
-    recipe: Annotated[
-        str, typer.Option(metavar="NAME", help="default, or paper: the sign of the gradient, unsmoothed.")
-    ] = "default",
-    steps: Annotated[int | None, typer.Option(metavar="N", help="Gradient steps for each patch. Default: 600.")] = None,
-    epochs: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="Instead of --steps: how often each image is seen. Recipe paper: 30."),
-    ] = None,
-    batch: Annotated[int | None, typer.Option(metavar="N", help="Images per step. Default: 16; paper: 512.")] = None,
-    lr: Annotated[
-        float | None, typer.Option(metavar="X", help="Change of every pixel in the first step. Default: 0.05.")
-    ] = None,
-    corrupted: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--corrupt",
-            metavar="NAME[:SEVERITY]",
-            help="Corrupt half of the photographs while training: fog:3, noise, extra, all; repeatable.",
-        ),
-    ] = None,
+    overrides: Overrides,
+    recipe: str,
     download: options.Download = False,
     restart: Annotated[bool, typer.Option("--restart", help="Begin anew, forget what an earlier run made.")] = False,
     seed: options.Seed = 0,
@@ -74,7 +60,6 @@ def train_patches(
     found = open_images(data, classifier, "train", download)
     chosen = choose_classes(found, classes or [], classifier).classes
     config = config.with_overrides(seed=seed)
-    overrides = {"steps": steps, "epochs": epochs, "batch": batch, "lr": lr, "corrupted": corrupted or None}
     patch = make_flat_config(recipe, overrides, placement, config)
     with quietly(as_json):
         patches, skipped = train_class_patches(

@@ -25,6 +25,8 @@ def transfer(
 
     space = open_workspace(workspace)
     networks = load_networks(model, weights, device, space.classifiers_dir, may_mix=True)
+    typed = dict(zip(model or (), (one.name for one in networks), strict=False))
+    config = config.with_overrides({"left_out": tuple(typed.get(name, name) for name in config.left_out)})
     result = leave_one_out(space, config, networks)
     if as_json:
         show_json([row.model_dump() for row in result.rows])
