@@ -17,6 +17,7 @@ from toolkit.boosters.texture import TextureTask, train_texture
 from toolkit.boosters.texture_objects import load_objects
 from toolkit.core.console import quietly
 from toolkit.core.errors import ToolkitError
+from toolkit.objects.atlas import take_paint
 from toolkit.objects.load import load_object, read_mesh
 from toolkit.objects.records import read_texture
 from toolkit.rig.views import ViewStream
@@ -103,6 +104,21 @@ def test_the_class_is_seen_more_surely_in_views_that_were_not_trained_on(space):
                 task_views = stream.held_out(2)
         sure.append(_probability(pixels, task_views))
     assert sure[1] > sure[0] + 0.001
+
+
+@pytest.mark.slow
+def test_a_texture_may_be_kept_near_the_paint(space):
+    mesh, atlas = make_crate(space)
+    paint = take_paint(atlas, mesh).astype(int)
+    changes = {}
+    for most, lr in ((1.0, 1e-6), (0.1, 0.1), (1.0, 0.1)):
+        made = run(space, crate_config(8, lr=lr, max_change=most), restart=True)
+        changes[most, lr] = np.abs(made.texture.pixels - paint)[atlas.covered]
+        assert made.texture.record.settings["max_change"] == most
+    assert changes[1.0, 1e-6].max() <= 1, "it begins with the paint"
+    assert 25 <= changes[0.1, 0.1].max() <= 26 < changes[1.0, 0.1].max()
+    with pytest.raises(ToolkitError, match="have not the same paint"):
+        crate_config(max_change=0.1, objects=("crate", "box"))
 
 
 def _subject(space):

@@ -8,7 +8,7 @@ import trimesh
 from kernel_samples import sample
 
 from toolkit.core.errors import ToolkitError
-from toolkit.objects.atlas import dilate, make_atlas, wear
+from toolkit.objects.atlas import dilate, make_atlas, take_paint, wear
 from toolkit.objects.load import build_mesh, read_mesh
 from toolkit.objects.mesh import Material, Mesh, make_ray_scene, mesh_from_corners, place_on_table
 from toolkit.rig.camera import Camera, orbit_pose, pixel_rays
@@ -215,6 +215,38 @@ def test_uncovered_texels_take_the_nearest_covered_colour(bare):
     np.testing.assert_array_equal(wear(atlas, texture).materials[0].texture, spread)
     texture[~atlas.covered] = 0
     np.testing.assert_array_equal(dilate(texture, atlas), spread)  # whatever was there
+
+
+def test_the_paint_of_ones_own_coordinates_is_the_picture_itself():
+    n = 16
+    mesh = a_square(UNIT_SQUARE, colours(n))
+    np.testing.assert_array_equal(take_paint(make_atlas(mesh, n), mesh), colours(n))
+
+
+def test_paint_of_finer_pictures_is_their_mean_light():
+    """A chessboard of two squares a texel is as bright as half of the light: 188 of 255, not 128."""
+    board = np.indices((32, 32)).sum(axis=0) % 2 * 255
+    mesh = a_square(UNIT_SQUARE, np.repeat(board[..., None], 3, axis=2).astype(np.uint8))
+    assert np.abs(take_paint(make_atlas(mesh, 16), mesh).astype(int) - 188).max() < 12
+
+
+@pytest.mark.parametrize("unwrap", [False, True])
+def test_in_its_paint_an_object_looks_as_before(unwrap):
+    mesh, n = build_mesh("eggnog"), 512
+    atlas = make_atlas(mesh, n, unwrap=unwrap)
+    worn = wear(atlas, take_paint(atlas, mesh))
+    triangle, weights, uv = seen(atlas.mesh, 20)
+    sheet = worn.materials[worn.face_material[triangle[0]]].texture
+    now = sheet[texel_of(uv, n)].astype(int)
+    own_uv = np.einsum("kc,kci->ki", weights, mesh.uv[mesh.faces[triangle]].astype(float))
+    before = np.empty_like(now)
+    for k, material in enumerate(mesh.materials):
+        of_it = mesh.face_material[triangle] == k
+        height, width = material.texture.shape[:2]
+        column, row = own_uv[of_it, 0] * width, (1 - own_uv[of_it, 1]) * height
+        before[of_it] = material.texture[row.astype(int) % height, column.astype(int) % width]
+    error = np.abs(now - before).max(axis=1)
+    assert np.median(error) <= 2 and (error < 40).mean() > 0.95, "but along the edges of its label"
 
 
 def test_seams_do_not_bleed(bare):

@@ -14,7 +14,7 @@ from toolkit.cli.app import make_single
 from toolkit.cli.transfer import transfer
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation.evaluate import evaluate_captures
-from toolkit.objects.records import read_patch, read_texture
+from toolkit.objects.records import Texture, read_patch, read_texture
 from toolkit.transfer import leave_one_out as experiment
 from toolkit.transfer.config import TransferConfig
 from toolkit.transfer.leave_one_out import TransferResult, leave_one_out
@@ -49,7 +49,7 @@ def make_quick(monkeypatch) -> None:
 def test_all_but_one_are_trained_on_and_that_one_judges(space, monkeypatch):
     make_quick(monkeypatch)
     networks = [network(seed) for seed in (1, 2)]
-    config = TransferConfig(steps=2, batch=3, objects=("crate",), corruptions=("contrast:3",))
+    config = TransferConfig(steps=2, batch=3, objects=("crate",), corruptions=("contrast:3",), max_change=0.25)
     result = leave_one_out(space, config, networks)
     root = space.eval_dir / "transfer" / "leave-one-out"
     for seed in (1, 2):
@@ -57,6 +57,7 @@ def test_all_but_one_are_trained_on_and_that_one_judges(space, monkeypatch):
         for record in (read_patch(made / "print/patches/crate.png"), read_texture(made / "rig/textures/crate.png")):
             found = {one.sha256[:2] for one in record.record.networks}
             assert (record.record.settings["steps"], record.record.settings["batch"]) == (2, 3)
+            assert record.record.settings.get("max_change") == (0.25 if isinstance(record, Texture) else None)
             assert found == {"01", "02"} - {f"{seed:02d}"}
     rows = [row for row in result.rows if row.object == "crate"]
     assert len(rows) == 2 * 2 * 2 * 2, "left out, judge, booster, clear and corrupted"

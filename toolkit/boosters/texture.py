@@ -49,7 +49,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.colour import srgb_to_linear
-from toolkit.objects.atlas import wear
+from toolkit.objects.atlas import take_paint, wear
 from toolkit.objects.export import to_glb
 from toolkit.objects.records import Texture, glb_name, read_texture, write_texture
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
@@ -144,9 +144,9 @@ def train_texture(
     data_sha256 = hash_objects(objects) + sha256_bytes(backgrounds.images.tobytes())
     if config.weather is not None or config.world is not None:
         data_sha256 += "".join(f" {one.metres_per_mm!r}" for one in objects)
-    start = None if config.start is None else read_start(config.start, objects, config.size_px)
-    if start is not None:
-        data_sha256 += sha256_bytes(start.tobytes())
+    paint = None if config.max_change is None else take_paint(objects[0].atlas, objects[0].item.mesh)
+    start = paint if config.start is None else read_start(config.start, objects, config.size_px)
+    data_sha256 += "".join(sha256_bytes(one.tobytes()) for one in (start, paint) if one is not None)
     setting = None
     if config.world is not None:
         seed, scale = config.world_seed, config.world_scale
@@ -161,6 +161,8 @@ def train_texture(
     task.keep_image, task.workers, task.setting = keep_image, workers, setting
     if start is not None:
         task.begin_with(start)
+    if paint is not None and config.max_change is not None:
+        task.stay_near(paint, config.max_change)
     checkpoint = Checkpoint(files.training, inputs_sha256, restart, checkpoint_every_s)
     fitted = fit(task, config.fit_config(config.optimiser), checkpoint)
     return replace(fitted.made, resumed_from=fitted.resumed_from, was_finished=fitted.was_finished)
@@ -222,6 +224,7 @@ class TextureTask(PixelTask[TrainedTexture]):
         is_model = config.weather is not None and config.world is None
         self._metres = [one.metres_per_mm if is_model else 1.0 for one in objects]
         self._glbs = {one.name: files.png.parent / glb_name(files.png.stem, one.name) for one in objects}
+        self._range: tuple[torch.Tensor, torch.Tensor] | None = None
 
     def begin_with(self, pixels: np.ndarray) -> None:
         """Go on from a texture, (n, n, 3) uint8 sRGB, in place of noise."""
@@ -229,6 +232,21 @@ class TextureTask(PixelTask[TrainedTexture]):
 
         with torch.no_grad():
             self.pixels.copy_(torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1))) / 255)
+
+    def stay_near(self, paint: np.ndarray, most: float) -> None:
+        """Let no channel be farther than `most`, of the full range, from (n, n, 3) uint8 sRGB."""
+        import torch
+
+        near = torch.from_numpy(np.ascontiguousarray(paint.transpose(2, 0, 1))).to(self.pixels.device) / 255
+        self._range = near - most, near + most
+        with torch.no_grad():
+            self.constrain()
+
+    def constrain(self) -> None:
+        """Colours are in [0, 1], and as near to the paint as is asked."""
+        if self._range is not None:
+            self.pixels.clamp_(*self._range)
+        super().constrain()
 
     def describe(self) -> list[str]:
         """Every setting that acts."""

@@ -23,7 +23,7 @@ from toolkit.boosters.pixel_config import (
     make_camera,
     record_parts,
 )
-from toolkit.core.config import Flag, Range, Rising, align_rows, describe
+from toolkit.core.config import Flag, Later, Range, Rising, align_rows, describe
 from toolkit.core.errors import FieldError
 
 if TYPE_CHECKING:
@@ -81,6 +81,10 @@ class TextureConfig(PixelConfig):
     start: Annotated[Path | None, Flag(metavar="FILE", group=STEPS)] = Field(
         None, exclude=True, description="PNG of a texture of the same objects to go on from, in place of noise."
     )
+    max_change: Annotated[float | None, Later, Field(gt=0, le=1), Flag(metavar="X", group=STEPS)] = Field(
+        None,
+        description="Go on from the object's own paint, and change no channel by more than this, of the full range.",
+    )
     gradient: Annotated[Literal["shaded", "linear"], Flag(group=STEPS)] = Field(
         "shaded", description="shaded: light in the gradient; linear: the paper's approximation."
     )
@@ -121,10 +125,13 @@ class TextureConfig(PixelConfig):
     )
 
     @model_validator(mode="after")
-    def _check_kept(self) -> "TextureConfig":
+    def _check_one_object(self) -> "TextureConfig":
         if self.keep_image is not None and len(self.objects) > 1:
             expected = "{keep_image} is of one object's texture coordinates: train one object, or use {keep}"
             raise FieldError(expected, {})
+        if self.max_change is not None and len(self.objects) > 1:
+            expected = "objects that share a texture have not the same paint: train one object, or leave it out"
+            raise FieldError(expected, {"max_change": self.max_change})
         return self
 
     def check_backgrounds(self) -> None:
@@ -190,6 +197,8 @@ class TextureConfig(PixelConfig):
         )
         steps = self.step_rows(self.size_px, self.optimiser)
         rows = [steps[0], ("class", label), steps[1], *(("object", line) for line in objects), *steps[2:]]
+        if self.max_change is not None:
+            rows.append(("paint", f"its own, no channel changed by more than {self.max_change:g}"))
         rows += [("gradient", self.gradient), ("views", views), ("networks", ", ".join(networks))]
         rows += [] if world is None else [("world", world)]
         if self.background_share:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
+from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
 from toolkit.objects.grouping import group_rows
 from toolkit.objects.mesh import Material, Mesh
 from toolkit.objects.paint import COLOURS
@@ -187,6 +188,9 @@ def _middles(steps: int) -> np.ndarray:
     return np.column_stack([places, 1 - places.sum(axis=1)])
 
 
+PAINT_SAMPLES, MOST_PARTS, SAMPLES_AT_ONCE = 3, 1024, 2_000_000
+"""Paint is looked up so often along a texel, in so many parts of a triangle's side at most, and so many at once."""
+_LINEAR = srgb_to_linear(np.arange(256) / 255)
 SIDES_PX = (8, 1024)
 GROUND = 128
 """Grey level of the sheet before anything is trained."""
@@ -291,6 +295,50 @@ def wear(atlas: Atlas, texture: np.ndarray) -> Mesh:
     worn = set(np.unique(atlas.mesh.face_material[atlas.trained]).tolist())
     materials = (replace(m, texture=sheet) if i in worn else m for i, m in enumerate(atlas.mesh.materials))
     return replace(atlas.mesh, materials=tuple(materials))
+
+
+def take_paint(atlas: Atlas, mesh: Mesh) -> np.ndarray:
+    """The object's own paint as a texture of an atlas: the mean light of what falls on each texel.
+
+    Args:
+        atlas: the object made ready.
+        mesh: as `make_atlas` was given it, whose triangles are the atlas' in their order.
+
+    Returns:
+        (n, n, 3) uint8, sRGB-encoded, row 0 at v = 1; what no triangle covers has the colour of the nearest that one
+        does.
+    """
+    n = atlas.n
+    light, hits = np.zeros((n * n, 3)), np.zeros(n * n)
+    own_uv, material = mesh.uv[mesh.faces].astype(np.float64), mesh.face_material
+    places = atlas.corner_uv.astype(np.float64) * n
+    sides = np.linalg.norm(places - np.roll(places, 1, axis=1), axis=2).max(axis=1)
+    parts = np.clip(2 ** np.ceil(np.log2(PAINT_SAMPLES * np.maximum(sides, 1))), 1, MOST_PARTS).astype(np.int64)
+    for steps in np.unique(parts[atlas.trained]):
+        weights = _middles(int(steps))
+        faces = np.flatnonzero(atlas.trained & (parts == steps))
+        for some in np.array_split(faces, -(-len(faces) * len(weights) // SAMPLES_AT_ONCE)):
+            x, y = np.moveaxis(np.einsum("sc,fci->fsi", weights, places[some]), 2, 0)
+            texel = (n - 1 - np.floor(y).astype(np.int64) % n) * n + np.floor(x).astype(np.int64) % n
+            seen = np.einsum("sc,fci->fsi", weights, own_uv[some])
+            colour = np.empty((*texel.shape, 3))
+            for k in np.unique(material[some]):
+                of_it = material[some] == k
+                colour[of_it] = _look_up(mesh.materials[k].texture, seen[of_it])
+            for channel in range(3):
+                light[:, channel] += np.bincount(texel.ravel(), colour[..., channel].ravel(), n * n)
+            hits += np.bincount(texel.ravel(), minlength=n * n)
+    found = hits.reshape(n, n) > 0
+    mean = light / np.maximum(hits, 1)[:, None]
+    return np.round(linear_to_srgb(mean[nearest_covered(found)]) * 255).astype(np.uint8)
+
+
+def _look_up(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """(…, 3) linear light of the texels of (h, w, 3) uint8 sRGB at (…, 2) coordinates; it repeats."""
+    h, w = texture.shape[:2]
+    column = np.floor(uv[..., 0] * w).astype(np.int64) % w
+    row = h - 1 - np.floor(uv[..., 1] * h).astype(np.int64) % h
+    return _LINEAR[texture[row, column]]
 
 
 def dilate(texture: np.ndarray, atlas: Atlas) -> np.ndarray:

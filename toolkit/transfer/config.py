@@ -53,10 +53,13 @@ class TransferConfig(Config):
     last_smoothing_px: Annotated[float | None, Field(ge=0, le=16), Flag("--last-smoothing", group=TRANSFER)] = Field(
         None, description="As in train-patch."
     )
+    max_change: Annotated[float | None, Field(gt=0, le=1), Flag(metavar="X", group=TRANSFER)] = Field(
+        None, description="Of textures, as in train-texture."
+    )
     corrupted: MeetsCorruptions = Field(None, description=CORRUPTED_HELP)
 
-    @property
-    def overrides(self) -> dict[str, Any]:
+    def overrides(self, kind: Kind) -> dict[str, Any]:
         """Settings of training that are not the recipe's."""
-        chosen = {name: getattr(self, name) for name in OF_TRAINING}
+        names = (*OF_TRAINING, "max_change") if kind == "texture" else OF_TRAINING
+        chosen = {name: getattr(self, name) for name in names}
         return {name: value for name, value in chosen.items() if value is not None} | {"seed": self.seed}

@@ -26,7 +26,7 @@ from toolkit.evaluation.detect import evaluate_detector
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.models.network import Classifier
 from toolkit.rig.plan import CapturePlan, open_plan, write_plan
-from toolkit.transfer.config import TransferConfig
+from toolkit.transfer.config import Kind, TransferConfig
 from toolkit.transfer.matrix import Cell, Row, collect_rows, write_matrix
 
 VARIANTS = {"patch": "patched", "texture": "textured"}
@@ -108,13 +108,13 @@ def _make_space(workspace: Workspace, folder: Path, plan: CapturePlan) -> Worksp
     return space
 
 
-def _train(space: Workspace, kind: str, name: str, networks: list[Judge], config: TransferConfig) -> None:
+def _train(space: Workspace, kind: Kind, name: str, networks: list[Judge], config: TransferConfig) -> None:
     """Take training up, or pass over what is finished."""
     if kind == "texture":
-        settings = texture_config.make_config("default", {**config.overrides, "objects": (name,)})
+        settings = texture_config.make_config("default", {**config.overrides(kind), "objects": (name,)})
         train_texture(settings, networks, space)
         return
-    train_for_object(space, name, networks, config.overrides, config.seed)
+    train_for_object(space, name, networks, config.overrides(kind), config.seed)
 
 
 def _shoot(space: Workspace, plan: CapturePlan, objects: Sequence[str], config: TransferConfig, folder: Path) -> None:
