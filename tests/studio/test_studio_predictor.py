@@ -3,6 +3,7 @@ from pathlib import Path
 
 import pytest
 
+from toolkit.core.errors import ToolkitError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.weights import WeightsFile
 
@@ -81,3 +82,18 @@ def test_an_object_that_the_network_does_not_know_is_noted(reopen, photo, bright
     state = wait_for(desk, lambda state: state["network"]["notes"])
     assert "crate is left out" in state["network"]["notes"][0] and "zebra" in state["network"]["notes"][0]
     desk.predictor.stop()
+
+
+def test_the_end_waits_until_the_network_is_loaded(reopen):
+    """Cut off while it imports torch, the thread would abort the process."""
+    loaded = []
+
+    def load():
+        time.sleep(2.5)
+        loaded.append(True)
+        raise ToolkitError("no weights here")
+
+    desk = reopen(load=load)
+    desk.predictor.start()
+    desk.predictor.stop()
+    assert loaded

@@ -16,6 +16,8 @@ from toolkit.studio.session import Session
 
 Load = Callable[[], Classifier]
 Key = tuple[str, int, int]
+LOADED_BY_S = 30.0
+"""A network takes some seconds; a disk that hangs shall not hold Ctrl-C for ever."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +59,11 @@ class Predictor:
         self._wake.set()
 
     def stop(self) -> None:
-        """End the thread; waits for the picture that it is at, shortly."""
+        """End the thread; waits for what it is at: cut off while it loads, torch would abort the process."""
         self._ended.set()
         self._wake.set()
         if self._thread.is_alive():
-            self._thread.join(timeout=2)
+            self._thread.join(LOADED_BY_S)
 
     @property
     def state(self) -> PredictorState:
