@@ -47,6 +47,7 @@ PHOTOGRAPHS ?= ../shared/images/nips2017
 CIFAR ?= cifar10
 docs-benchmark: setup
 	docs/scripts/run-benchmark $(BIN)/toolkit "$(PHOTOGRAPHS)" "$(CIFAR)"
+	docs/scripts/run-ablation $(BIN)/toolkit "$(PHOTOGRAPHS)"
 
 site: setup .venv/.site
 	$(BIN)/mkdocs build --strict --quiet
