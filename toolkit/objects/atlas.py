@@ -313,6 +313,7 @@ def take_paint(atlas: Atlas, mesh: Mesh) -> np.ndarray:
     own_uv, material = mesh.uv[mesh.faces].astype(np.float64), mesh.face_material
     places = atlas.corner_uv.astype(np.float64) * n
     sides = np.linalg.norm(places - np.roll(places, 1, axis=1), axis=2).max(axis=1)
+    area = np.maximum(_uv_area(places), ROUNDING_PX)
     parts = np.clip(2 ** np.ceil(np.log2(PAINT_SAMPLES * np.maximum(sides, 1))), 1, MOST_PARTS).astype(np.int64)
     for steps in np.unique(parts[atlas.trained]):
         weights = _middles(int(steps))
@@ -321,15 +322,16 @@ def take_paint(atlas: Atlas, mesh: Mesh) -> np.ndarray:
             x, y = np.moveaxis(np.einsum("sc,fci->fsi", weights, places[some]), 2, 0)
             texel = (n - 1 - np.floor(y).astype(np.int64) % n) * n + np.floor(x).astype(np.int64) % n
             seen = np.einsum("sc,fci->fsi", weights, own_uv[some])
+            weight = np.repeat(area[some] / len(weights), len(weights))
             colour = np.empty((*texel.shape, 3))
             for k in np.unique(material[some]):
                 of_it = material[some] == k
                 colour[of_it] = _look_up(mesh.materials[k].texture, seen[of_it])
             for channel in range(3):
-                light[:, channel] += np.bincount(texel.ravel(), colour[..., channel].ravel(), n * n)
-            hits += np.bincount(texel.ravel(), minlength=n * n)
+                light[:, channel] += np.bincount(texel.ravel(), weight * colour[..., channel].ravel(), n * n)
+            hits += np.bincount(texel.ravel(), weight, n * n)
     found = hits.reshape(n, n) > 0
-    mean = light / np.maximum(hits, 1)[:, None]
+    mean = light / np.where(hits, hits, 1)[:, None]
     return np.round(linear_to_srgb(mean[nearest_covered(found)]) * 255).astype(np.uint8)
 
 
