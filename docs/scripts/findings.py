@@ -16,8 +16,7 @@ NAMES = {
     "timm-tf_efficientnet_lite1": "EfficientNet-Lite1", "mobilenet_v1_0.75_192": "MobileNetV1",
 }  # fmt: skip
 SETS = {
-    "four-networks": "four networks", "without resnet18": "all but ResNet-18",
-    "without mobilenet_v2": "all but MobileNetV2", "without timm-tf_efficientnet_lite0": "all but EfficientNet-Lite0",
+    "four-networks": "four networks", **{f"without {key}": f"all but {name}" for key, name in NAMES.items()},
     "resnet18": "ResNet-18",
 }  # fmt: skip
 """Sets of boosters that several networks judge, by what they were trained on."""

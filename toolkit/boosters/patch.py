@@ -39,6 +39,7 @@ from toolkit.boosters.pixels import (
     PixelTask,
     Target,
     aim,
+    from_picture,
     judge_photos,
     list_networks,
     quantise,
@@ -277,10 +278,8 @@ class PatchTask(PixelTask[TrainedPatch]):
         What the networks say of held-out images under the corruptions that it was trained with stands in the record
         alone.
         """
-        import torch
-
         config, pixels, data = self.config, quantise(self.pixels), self._data
-        printed = torch.from_numpy(pixels.transpose(2, 0, 1).copy()).float().div(255).to(self._device)
+        printed = from_picture(pixels, self._device)
         held_out = stack_on_device(data.held_out, self._device)
         clear = config.model_copy(update={"corrupted": None}).appearance()
         with progress("Validating", count_placements(len(held_out))) as bar:

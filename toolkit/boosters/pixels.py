@@ -186,6 +186,13 @@ def quantise(pixels: "torch.Tensor") -> np.ndarray:
     return np.round(pixels.detach().cpu().numpy().transpose(1, 2, 0) * 255).astype(np.uint8)
 
 
+def from_picture(pixels: np.ndarray, device: str) -> "torch.Tensor":
+    """(n, n, 3) uint8 to (3, n, n) float32 in [0, 1]: the way back from `quantise`."""
+    import torch
+
+    return torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1))).to(device).float().div(255)
+
+
 def record_network(classifier: Network) -> records.Network:
     """A classifier as records name it."""
     weights = classifier.weights

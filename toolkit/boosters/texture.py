@@ -20,6 +20,7 @@ from toolkit.boosters.pixels import (
     PixelTask,
     Target,
     aim,
+    from_picture,
     list_networks,
     quantise,
     record_network,
@@ -231,13 +232,13 @@ class TextureTask(PixelTask[TrainedTexture]):
         import torch
 
         with torch.no_grad():
-            self.pixels.copy_(torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1))) / 255)
+            self.pixels.copy_(from_picture(pixels, str(self.pixels.device)))
 
     def stay_near(self, paint: np.ndarray, most: float) -> None:
         """Let no channel be farther than `most`, of the full range, from (n, n, 3) uint8 sRGB."""
         import torch
 
-        near = torch.from_numpy(np.ascontiguousarray(paint.transpose(2, 0, 1))).to(self.pixels.device) / 255
+        near = from_picture(paint, str(self.pixels.device))
         self._range = near - most, near + most
         with torch.no_grad():
             self.constrain()

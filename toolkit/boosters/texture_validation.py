@@ -9,7 +9,7 @@ import numpy as np
 from toolkit.boosters.linear_view import batch_views, show_texture, tone_map
 from toolkit.boosters.parts.corruption import Corrupted
 from toolkit.boosters.parts.weather import Weathered, find_depths
-from toolkit.boosters.pixels import Target
+from toolkit.boosters.pixels import Target, from_picture
 from toolkit.boosters.validation import Share, Validation
 from toolkit.core.draws import Draws
 from toolkit.corruptions.corrupt import corrupt
@@ -85,7 +85,7 @@ def _show_both(
     """Batch by batch the number of its first view, and its photographs in the object's own paint and in the texture."""
     import torch
 
-    texture = torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1))).to(device).float().div(255)
+    texture = from_picture(pixels, device)
     for start in range(0, len(views), BATCH):
         some = views[start : start + BATCH]
         textured = show_texture(texture, batch_views([one.view for one in some], device))
@@ -134,7 +134,7 @@ def validate_in_weather(
     import torch
 
     device, weather = targets[0].classifier.device, replace(weather, probability=1)
-    texture = torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1))).to(device).float().div(255)
+    texture = from_picture(pixels, device)
     hits = np.zeros((2, len(targets)), int)  # paint, network
     with torch.inference_mode():
         for start in range(0, len(views), BATCH):

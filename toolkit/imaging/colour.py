@@ -15,6 +15,8 @@ def linear_to_srgb(linear: np.ndarray) -> np.ndarray:
     return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** np.float32(1 / 2.4) - 0.055)
 
 
+LINEAR_OF_CODE = srgb_to_linear(np.arange(256) / 255)
+"""(256,) float32 linear light of each 8-bit sRGB code."""
 WHITE_D65 = np.array([0.95047, 1.0, 1.08883])
 XYZ_OF_LINEAR_SRGB = np.array(
     [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
-from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
+from toolkit.imaging.colour import LINEAR_OF_CODE, linear_to_srgb
 from toolkit.objects.grouping import group_rows
 from toolkit.objects.mesh import Material, Mesh
 from toolkit.objects.paint import COLOURS
@@ -172,12 +172,15 @@ def _under_marks(mesh: Mesh, marks: np.ndarray) -> np.ndarray:
     height, width = marks.shape
     hits = np.zeros(len(corner_uv))
     for weights in _middles(STEPS):
-        u, v = np.moveaxis(np.einsum("c,mci->mi", weights, corner_uv), 1, 0)
-        column = np.floor(u * width).astype(np.int64)
-        row = np.floor((1 - v) * height).astype(np.int64)
-        column, row = np.where(u == 1, width - 1, column % width), np.where(v == 0, height - 1, row % height)
-        hits += marks[row, column]
+        hits += marks[_texel_at(np.einsum("c,mci->mi", weights, corner_uv), height, width)]
     return hits > STEPS * STEPS / 2
+
+
+def _texel_at(uv: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Row and column, (…) int64, at (…, 2) coordinates of a texture that repeats; its far edges are its own."""
+    u, v = np.moveaxis(uv, -1, 0)
+    column, row = np.floor(u * width).astype(np.int64), np.floor((1 - v) * height).astype(np.int64)
+    return np.where(v == 0, height - 1, row % height), np.where(u == 1, width - 1, column % width)
 
 
 def _middles(steps: int) -> np.ndarray:
@@ -190,7 +193,6 @@ def _middles(steps: int) -> np.ndarray:
 
 PAINT_SAMPLES, MOST_PARTS, SAMPLES_AT_ONCE = 3, 1024, 2_000_000
 """Paint is looked up so often along a texel, in so many parts of a triangle's side at most, and so many at once."""
-_LINEAR = srgb_to_linear(np.arange(256) / 255)
 SIDES_PX = (8, 1024)
 GROUND = 128
 """Grey level of the sheet before anything is trained."""
@@ -311,36 +313,29 @@ def take_paint(atlas: Atlas, mesh: Mesh) -> np.ndarray:
     n = atlas.n
     light, hits = np.zeros((n * n, 3)), np.zeros(n * n)
     own_uv, material = mesh.uv[mesh.faces].astype(np.float64), mesh.face_material
-    places = atlas.corner_uv.astype(np.float64) * n
-    sides = np.linalg.norm(places - np.roll(places, 1, axis=1), axis=2).max(axis=1)
-    area = np.maximum(_uv_area(places), ROUNDING_PX)
+    sheet_uv = atlas.corner_uv.astype(np.float64)
+    sides = n * np.linalg.norm(sheet_uv - np.roll(sheet_uv, 1, axis=1), axis=2).max(axis=1)
+    area = np.maximum(_uv_area(n * sheet_uv), ROUNDING_PX)
     parts = np.clip(2 ** np.ceil(np.log2(PAINT_SAMPLES * np.maximum(sides, 1))), 1, MOST_PARTS).astype(np.int64)
     for steps in np.unique(parts[atlas.trained]):
         weights = _middles(int(steps))
         faces = np.flatnonzero(atlas.trained & (parts == steps))
         for some in np.array_split(faces, -(-len(faces) * len(weights) // SAMPLES_AT_ONCE)):
-            x, y = np.moveaxis(np.einsum("sc,fci->fsi", weights, places[some]), 2, 0)
-            texel = (n - 1 - np.floor(y).astype(np.int64) % n) * n + np.floor(x).astype(np.int64) % n
+            row, column = _texel_at(np.einsum("sc,fci->fsi", weights, sheet_uv[some]), n, n)
+            texel = row * n + column
             seen = np.einsum("sc,fci->fsi", weights, own_uv[some])
             weight = np.repeat(area[some] / len(weights), len(weights))
             colour = np.empty((*texel.shape, 3))
             for k in np.unique(material[some]):
                 of_it = material[some] == k
-                colour[of_it] = _look_up(mesh.materials[k].texture, seen[of_it])
+                texture = mesh.materials[k].texture
+                colour[of_it] = LINEAR_OF_CODE[texture[_texel_at(seen[of_it], *texture.shape[:2])]]
             for channel in range(3):
                 light[:, channel] += np.bincount(texel.ravel(), weight * colour[..., channel].ravel(), n * n)
             hits += np.bincount(texel.ravel(), weight, n * n)
     found = hits.reshape(n, n) > 0
     mean = light / np.where(hits, hits, 1)[:, None]
     return np.round(linear_to_srgb(mean[nearest_covered(found)]) * 255).astype(np.uint8)
-
-
-def _look_up(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """(…, 3) linear light of the texels of (h, w, 3) uint8 sRGB at (…, 2) coordinates; it repeats."""
-    h, w = texture.shape[:2]
-    column = np.floor(uv[..., 0] * w).astype(np.int64) % w
-    row = h - 1 - np.floor(uv[..., 1] * h).astype(np.int64) % h
-    return _LINEAR[texture[row, column]]
 
 
 def dilate(texture: np.ndarray, atlas: Atlas) -> np.ndarray:

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
+from toolkit.imaging.colour import LINEAR_OF_CODE, linear_to_srgb
 from toolkit.imaging.read import decode_texture
 from toolkit.objects.mesh import Material
 
@@ -76,8 +76,7 @@ def _corner_colours(visual: "Visuals | None", vertices: np.ndarray, faces: np.nd
 
 def _mean_colours(colours: np.ndarray) -> np.ndarray:
     """(m, 1, 3) uint8 mean light of the corners (m, 3, 3)."""
-    light = srgb_to_linear(np.arange(256) / 255)
-    mean = sum(light[colours[:, corner]] for corner in range(3)) / 3
+    mean = sum(LINEAR_OF_CODE[colours[:, corner]] for corner in range(3)) / 3
     return np.round(linear_to_srgb(mean) * 255).astype(np.uint8)[:, None]
 
 
@@ -115,7 +114,7 @@ def _blend_corners(colours: np.ndarray, vertices: np.ndarray, faces: np.ndarray)
     texture = np.zeros((height, width, 3), np.uint8)
     x, y = place.T
     texture[y, x], texture[y, x + 1], texture[y + 1, x] = np.moveaxis(colours, 1, 0)
-    a, b, c = (srgb_to_linear(np.arange(256) / 255)[corner] for corner in np.moveaxis(colours, 1, 0))
+    a, b, c = (LINEAR_OF_CODE[corner] for corner in np.moveaxis(colours, 1, 0))
     texture[y + 1, x + 1] = np.round(linear_to_srgb(np.clip(b + c - a, 0, 1)) * 255)
     corners = place[:, None] + np.array([[0.5, 0.5], [1.5, 0.5], [0.5, 1.5]])
     return (corners / [width, -height] + [0, 1]).astype(np.float32), texture

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from toolkit.core.errors import one_of
-from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
+from toolkit.imaging.colour import LINEAR_OF_CODE, linear_to_srgb, srgb_to_linear
 from toolkit.rig.board import Board
 from toolkit.rig.scene import KeyLight, Scene, Table
 
@@ -259,7 +259,7 @@ def add_board(studio: Scene, board: Board, px_per_mm: float | None = None) -> Sc
     )
     table = cv2.resize(bare.picture, (wide, high), interpolation=cv2.INTER_CUBIC)
     ink, paper = srgb_to_linear(np.array([INK, PAPER]) / 255)
-    shades = np.round(linear_to_srgb(ink + srgb_to_linear(np.arange(256) / 255) * (paper - ink)) * 255).astype(np.uint8)
+    shades = np.round(linear_to_srgb(ink + LINEAR_OF_CODE * (paper - ink)) * 255).astype(np.uint8)
     top, left = (high - sheet.shape[0]) // 2, (wide - sheet.shape[1]) // 2
     table[top : top + sheet.shape[0], left : left + sheet.shape[1]] = shades[sheet][..., None]
     laid = Table(table, (wide / fine, high / fine), bare.roughness)

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from toolkit.imaging.colour import srgb_to_linear
+from toolkit.imaging.colour import LINEAR_OF_CODE
 from toolkit.rig.kernel.textures import Texels
 
 WHITE = 65535
@@ -46,7 +46,7 @@ def pad_channels(picture: np.ndarray) -> np.ndarray:
     return padded
 
 
-_LINEAR = np.round(srgb_to_linear(np.arange(256) / 255) * WHITE).astype(np.uint16)
+_LINEAR = np.round(LINEAR_OF_CODE * WHITE).astype(np.uint16)
 
 
 def equirectangular(directions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

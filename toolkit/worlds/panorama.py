@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
-from toolkit.imaging.colour import srgb_to_linear
+from toolkit.imaging.colour import LINEAR_OF_CODE
 from toolkit.imaging.read import MAX_MEGAPIXELS, read_image
 from toolkit.rig.scene import KeyLight
 from toolkit.worlds.daylight import LUMINANCE
@@ -62,7 +62,7 @@ def _read_linear(path: Path) -> np.ndarray:
         known = ", ".join((*LINEAR_SUFFIXES, *ENCODED_SUFFIXES))
         raise ToolkitError(f"{path}: expected a panorama as {known}")
     if suffix in ENCODED_SUFFIXES:
-        return srgb_to_linear(np.arange(256) / 255)[read_image(path)]
+        return LINEAR_OF_CODE[read_image(path)]
     if not path.is_file():
         raise ToolkitError(f"{path}: no such file")
     if suffix == ".hdr":

@@ -5,7 +5,7 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from toolkit.imaging.colour import srgb_to_linear
+from toolkit.imaging.colour import LINEAR_OF_CODE
 from toolkit.photos.board_pose import BoardSighting
 from toolkit.photos.gates.result import Gate, GateResult
 from toolkit.photos.gates.solid import Solid
@@ -213,7 +213,7 @@ def measure_board_blur(grey: np.ndarray, sighting: BoardSighting, board: Charuco
     Returns:
         The median over the edges of one direction, the worse of the two; None where too few edges are seen.
     """
-    light = srgb_to_linear(np.arange(256) / 255.0)[grey]
+    light = LINEAR_OF_CODE[grey]
     places = zip(sighting.ids.tolist(), sighting.corners_px - 0.5, strict=True)
     found = {divmod(number, board.columns - 1): place for number, place in places}
     worst = None
