@@ -119,6 +119,23 @@ def test_a_texture_may_be_kept_near_the_paint(space):
     assert 25 <= changes[0.1, 0.1].max() <= 26 < changes[1.0, 0.1].max()
     with pytest.raises(ToolkitError, match="have not the same paint"):
         crate_config(max_change=0.1, objects=("crate", "box"))
+    with pytest.raises(ToolkitError, match=r"max_change.*a number above 0 and at most 1, or auto"):
+        crate_config(max_change="most")
+
+
+@pytest.mark.slow
+def test_what_the_networks_know_of_the_bare_object_decides_how_near_it_stays(space, monkeypatch):
+    mesh, atlas = make_crate(space)
+    paint = take_paint(atlas, mesh).astype(int)
+    for share, most in ((0.8, 0.2), (0.7, None)):
+        hits = lambda self, photos, share=share: round(len(photos) * share)  # noqa: E731
+        monkeypatch.setattr(Target, "count_hits", hits)
+        made = run(space, crate_config(8, lr=0.1, max_change="auto", studios=1, per_studio=10), restart=True)
+        settings = made.texture.record.settings
+        assert (settings["max_change"], settings["known_bare"]) == (most, share)
+        change = np.abs(made.texture.pixels - paint)[atlas.covered].max()
+        assert (abs(change - 255 * most) <= 1) if most else change > 110
+    assert run(space, crate_config(8, lr=0.1, max_change="auto", studios=1, per_studio=10)).was_finished
 
 
 def _subject(space):

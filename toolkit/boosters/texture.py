@@ -26,7 +26,7 @@ from toolkit.boosters.pixels import (
     record_network,
 )
 from toolkit.boosters.preview import BoosterFiles, draw_turntable, write_preview
-from toolkit.boosters.texture_config import METHOD_VERSION, TextureConfig
+from toolkit.boosters.texture_config import KNOWN, METHOD_VERSION, NEAR, TextureConfig
 from toolkit.boosters.texture_objects import (
     TexturedObject,
     choose_class,
@@ -37,6 +37,7 @@ from toolkit.boosters.texture_objects import (
     read_start,
 )
 from toolkit.boosters.texture_validation import (
+    BATCH,
     WeatherValidation,
     draw_weather,
     validate_corrupted,
@@ -44,7 +45,7 @@ from toolkit.boosters.texture_validation import (
     validate_texture,
 )
 from toolkit.boosters.validation import list_shares
-from toolkit.core.console import progress
+from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes
@@ -146,8 +147,9 @@ def train_texture(
     if config.weather is not None or config.world is not None:
         data_sha256 += "".join(f" {one.metres_per_mm!r}" for one in objects)
     paint = None if config.max_change is None else take_paint(objects[0].atlas, objects[0].item.mesh)
-    start = paint if config.start is None else read_start(config.start, objects, config.size_px)
-    data_sha256 += "".join(sha256_bytes(one.tobytes()) for one in (start, paint) if one is not None)
+    start = None if config.start is None else read_start(config.start, objects, config.size_px)
+    given = (paint if start is None else start, paint)
+    data_sha256 += "".join(sha256_bytes(one.tobytes()) for one in given if one is not None)
     setting = None
     if config.world is not None:
         seed, scale = config.world_seed, config.world_scale
@@ -160,10 +162,7 @@ def train_texture(
     inputs_sha256 = sha256_bytes(json.dumps(inputs, sort_keys=True).encode())
     task = TextureTask(config, targets, objects, backgrounds, files, inputs_sha256)
     task.keep_image, task.workers, task.setting = keep_image, workers, setting
-    if start is not None:
-        task.begin_with(start)
-    if paint is not None and config.max_change is not None:
-        task.stay_near(paint, config.max_change)
+    task.start, task.paint = start, paint
     checkpoint = Checkpoint(files.training, inputs_sha256, restart, checkpoint_every_s)
     fitted = fit(task, config.fit_config(config.optimiser), checkpoint)
     return replace(fitted.made, resumed_from=fitted.resumed_from, was_finished=fitted.was_finished)
@@ -194,6 +193,8 @@ class TextureTask(PixelTask[TrainedTexture]):
         keep_image: (h, w) bool mask of the only object, to be recorded.
         workers: threads that render ahead; None: one for each core; 0: none.
         setting: the world that it is trained in; None: studios.
+        start: (n, n, 3) uint8 sRGB to go on from; None: from the paint where it is stayed near, else from noise.
+        paint: (n, n, 3) uint8 sRGB that `config.max_change` is counted from, where there is one.
     """
 
     kind = "texture"
@@ -219,6 +220,8 @@ class TextureTask(PixelTask[TrainedTexture]):
         self.keep_image: np.ndarray | None = None
         self.workers: int | None = None
         self.setting: WorldSetting | None = None
+        self.start: np.ndarray | None = None
+        self.paint: np.ndarray | None = None
         self.title = f"Training {files.png.stem}"
         self._backgrounds = backgrounds
         self._source = torch.from_numpy(find_source(objects)).to(self.pixels.device)
@@ -226,22 +229,41 @@ class TextureTask(PixelTask[TrainedTexture]):
         self._metres = [one.metres_per_mm if is_model else 1.0 for one in objects]
         self._glbs = {one.name: files.png.parent / glb_name(files.png.stem, one.name) for one in objects}
         self._range: tuple[torch.Tensor, torch.Tensor] | None = None
+        self._allowed: dict[str, Any] = {}
 
-    def begin_with(self, pixels: np.ndarray) -> None:
-        """Go on from a texture, (n, n, 3) uint8 sRGB, in place of noise."""
+    def begin(self) -> None:
+        """Take the start that is given, or the paint, in place of noise."""
         import torch
 
+        start = self.paint if self.start is None and self._range is not None else self.start
         with torch.no_grad():
-            self.pixels.copy_(from_picture(pixels, str(self.pixels.device)))
-
-    def stay_near(self, paint: np.ndarray, most: float) -> None:
-        """Let no channel be farther than `most`, of the full range, from (n, n, 3) uint8 sRGB."""
-        import torch
-
-        near = from_picture(paint, str(self.pixels.device))
-        self._range = near - most, near + most
-        with torch.no_grad():
+            if start is not None:
+                self.pixels.copy_(from_picture(start, str(self.pixels.device)))
             self.constrain()
+
+    def _stay_near(self, paint: np.ndarray) -> None:
+        """Let no channel be farther from the paint than is asked, or than what the networks say of it allows."""
+        near, most = from_picture(paint, str(self.pixels.device)), self.config.max_change
+        if most == "auto":
+            known = self._ask_of(near)
+            most = NEAR if known >= KNOWN else None
+            self._allowed = {"max_change": most, "known_bare": known}
+            says = "any change" if most is None else f"no channel changes by more than {most:g}"
+            notice(f"the bare object is known in {known:.0%} of the first views: {says}")
+        if most is not None:
+            self._range = near - most, near + most
+
+    def _ask_of(self, texture: "torch.Tensor") -> float:
+        """In what share of the first views the networks recognise the class; these are trained on, none is held out."""
+        import torch
+
+        views, hits = self._stream.group(0), 0
+        with torch.inference_mode():
+            for start in range(0, len(views), BATCH):
+                batch = batch_views([one.view for one in views[start : start + BATCH]], str(texture.device))
+                photos = show_texture(texture, batch)
+                hits += sum(target.count_hits(photos) for target in self.targets)
+        return hits / len(views) / len(self.targets)
 
     def constrain(self) -> None:
         """Colours are in [0, 1], and as near to the paint as is asked."""
@@ -280,6 +302,8 @@ class TextureTask(PixelTask[TrainedTexture]):
             setting=self.setting or IN_STUDIO, with_depth=self.config.weather is not None,
         )  # fmt: skip
         with self._stream:
+            if self.paint is not None:
+                self._stay_near(self.paint)
             yield
 
     def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
@@ -350,7 +374,7 @@ class TextureTask(PixelTask[TrainedTexture]):
             "networks": [record_network(target.classifier) for target in self.targets],
             "data": {"views": views, "backgrounds": self._backgrounds.record},
             "seed": config.seed,
-            "settings": config.settings(self.image_px) | {"inputs_sha256": self.inputs_sha256},
+            "settings": config.settings(self.image_px) | self._allowed | {"inputs_sha256": self.inputs_sha256},
             "final": history.recent(self.recent)
             | list_shares(clear, "held_out")
             | list_shares(fog, "held_out_fog")

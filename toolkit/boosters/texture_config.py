@@ -23,7 +23,7 @@ from toolkit.boosters.pixel_config import (
     make_camera,
     record_parts,
 )
-from toolkit.core.config import Flag, Later, Range, Rising, align_rows, describe
+from toolkit.core.config import Expect, Flag, Later, Range, Rising, align_rows, describe
 from toolkit.core.errors import FieldError
 
 if TYPE_CHECKING:
@@ -36,6 +36,14 @@ MIN_PX, MAX_PX = 8, 1024
 FOG_PROBABILITY = 0.5
 """Fog hides most of what a texture says, and is seen as often as a clear view."""
 WEARS, SEEN = "What wears it", "Where it is seen from"
+
+MaxChange = Annotated[
+    Annotated[float, Field(gt=0, le=1)] | Literal["auto"] | None, Expect("a number above 0 and at most 1, or auto")
+]
+"""How far a texture may leave the object's own paint."""
+KNOWN, NEAR = 0.75, 0.2
+"""An object that is known bare in this share of views keeps its looks up to this change; its texture then carries over
+best to networks that did not train it. Others are painted freely (docs/tasks/transfer.md, "Keep its looks")."""
 
 
 def check_objects(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -81,9 +89,10 @@ class TextureConfig(PixelConfig):
     start: Annotated[Path | None, Flag(metavar="FILE", group=STEPS)] = Field(
         None, exclude=True, description="PNG of a texture of the same objects to go on from, in place of noise."
     )
-    max_change: Annotated[float | None, Later, Field(gt=0, le=1), Flag(metavar="X", group=STEPS)] = Field(
+    max_change: Annotated[MaxChange, Later, Flag(metavar="X|auto", group=STEPS, typed=str)] = Field(
         None,
-        description="Go on from the object's own paint, and change no channel by more than this, of the full range.",
+        description="Go on from the object's own paint, and change no channel by more than this, of the full range; "
+        "auto: by 0.2 where the networks know the bare object in three of four views, else freely.",
     )
     gradient: Annotated[Literal["shaded", "linear"], Flag(group=STEPS)] = Field(
         "shaded", description="shaded: light in the gradient; linear: the paper's approximation."
@@ -198,7 +207,8 @@ class TextureConfig(PixelConfig):
         steps = self.step_rows(self.size_px, self.optimiser)
         rows = [steps[0], ("class", label), steps[1], *(("object", line) for line in objects), *steps[2:]]
         if self.max_change is not None:
-            rows.append(("paint", f"its own, no channel changed by more than {self.max_change:g}"))
+            most = "what the bare object allows" if self.max_change == "auto" else f"{self.max_change:g}"
+            rows.append(("paint", f"its own, no channel changed by more than {most}"))
         rows += [("gradient", self.gradient), ("views", views), ("networks", ", ".join(networks))]
         rows += [] if world is None else [("world", world)]
         if self.background_share:

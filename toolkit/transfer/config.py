@@ -6,6 +6,7 @@ from pydantic import Field
 
 from toolkit.boosters.parts.jitter import Jitter
 from toolkit.boosters.pixel_config import CORRUPTED_HELP, TRANSFER, MeetsCorruptions
+from toolkit.boosters.texture_config import MaxChange
 from toolkit.core.config import Config, Flag
 from toolkit.evaluation.config import Corruptions, RunName
 
@@ -53,7 +54,7 @@ class TransferConfig(Config):
     last_smoothing_px: Annotated[float | None, Field(ge=0, le=16), Flag("--last-smoothing", group=TRANSFER)] = Field(
         None, description="As in train-patch."
     )
-    max_change: Annotated[float | None, Field(gt=0, le=1), Flag(metavar="X", group=TRANSFER)] = Field(
+    max_change: Annotated[MaxChange, Flag(metavar="X|auto", group=TRANSFER, typed=str)] = Field(
         None, description="Of textures, as in train-texture."
     )
     corrupted: MeetsCorruptions = Field(None, description=CORRUPTED_HELP)
