@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from drawn import draw_city, draw_everyday, draw_parts, draw_skies
+from drawn import draw_city, draw_everyday, draw_looks, draw_parts, draw_skies
 from PIL import Image, ImageDraw, ImageFont
 
 from toolkit.captures.read import UNPATCHED
@@ -15,6 +15,7 @@ from toolkit.objects.load import BUILTIN
 from toolkit.objects.records import read_patch
 from toolkit.rig.variants import PAIR
 
+NEAR = Path(__file__).resolve().parents[2] / "rig/textures/near/eggnog.png"
 CLEAR, FOGGY, TEXTURES = "sim-textures", "sim-textures-fog", "textures-"
 RIGHT, WRONG = (34, 139, 74), (196, 48, 48)
 TILE, STRIP = (400, 300), 34
@@ -191,6 +192,7 @@ def draw_figures(space: Workspace, figures: Path, run: str) -> None:
     draw_everyday(load_font(13)).save(figures / "everyday.jpg", quality=90)
     draw_skies(load_font(18)).save(figures / "skies.jpg", quality=88)
     draw_city(load_font(18)).save(figures / "city.jpg", quality=85)
+    draw_looks(space, NEAR, load_font(16)).save(figures / "looks.jpg", quality=90)
     if (space.eval_dir / f"{TEXTURES}{run}").is_dir():
         rows = read_predictions(space, f"{TEXTURES}{run}")
         draw_textures(space, rows, load_font(18)).save(figures / "textures.jpg", quality=90)

@@ -60,8 +60,7 @@ class Findings:
     def change(self, run: str, source: str, variant: str, object: str = "all") -> str:
         """`26 gained, 0 lost, p < 0.0001`."""
         row = self.row("pairs", run=run, source=source, variant=variant, object=object)
-        p = say_p(row["mcnemar_p"])
-        return f"{row['gained']} gained, {row['lost']} lost, p {p if p.startswith('<') else f'= {p}'}"
+        return f"{row['gained']} gained, {row['lost']} lost, {state_p(row['mcnemar_p'])}"
 
     def swept(self, axis: str, value: str, variant: str, run: str = "resnet18") -> str:
         """`65 of 72 (90 %, 81–95 %)` from sweeps.csv, all objects together."""
@@ -94,6 +93,12 @@ def say_p(p: str) -> str:
     return format_p(float(p))
 
 
+def state_p(p: str) -> str:
+    """`p = 0.031`, or `p < 0.0001`."""
+    said = say_p(p)
+    return f"p {said}" if said.startswith("<") else f"p = {said}"
+
+
 def percent(share: str) -> str:
     """A share as whole per cent; a dash where there is none."""
     return format_percent(float(share) if share else None)
@@ -114,7 +119,7 @@ def write_page(folder: Path = DOCS / "results", page: str = "results.md") -> str
         loader=FileSystemLoader(SCRIPTS), undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         keep_trailing_newline=True, autoescape=False,
     )  # fmt: skip
-    environment.filters |= {"percent": percent, "points": points, "share": say_share, "p": say_p}
+    environment.filters |= {"percent": percent, "points": points, "share": say_share, "p": say_p, "state_p": state_p}
     template = environment.get_template(PAGES[page])
     return template.render(of=Findings(folder), names=NAMES, name_run=name_run, sets=SETS, rig18=read_bundled())
 

@@ -2,7 +2,8 @@
 
 Called as transfer_cells.py CSV SET=WORKSPACE … MATRIX …: each run in WORKSPACE/eval is of one network, by
 `toolkit eval captures --corrupt common` of the plan, bare and boosted; each MATRIX is a `matrix.json` of
-`toolkit transfer`, whose sets are called `without NETWORK`.
+`toolkit transfer`, whose sets are called `without NETWORK`, and `without NETWORK, painted freely` where textures were
+trained without `--max-change`.
 """
 
 import json
@@ -24,6 +25,7 @@ from toolkit.transfer.matrix import Row as TransferRow
 
 AIRS, ALL = {"sim": "clear", "sim-fog-3": "fog 3"}, "15 corruptions"
 COUNTS = ("n", "bare", "boosted", "gained", "lost")
+FREELY = ", painted freely"
 KEY = ("set", "network", "booster", "air", "object")
 
 
@@ -63,11 +65,14 @@ def read_workspace(folder: Path) -> Iterator[Row]:
 
 def read_matrix(file: Path) -> Iterator[Row]:
     """Rows of a leave-one-out experiment."""
-    for row in map(TransferRow.model_validate, json.loads(file.read_text(encoding="utf-8"))["rows"]):
+    matrix = json.loads(file.read_text(encoding="utf-8"))
+    for row in map(TransferRow.model_validate, matrix["rows"]):
+        freely = row.kind == "texture" and matrix["settings"].get("max_change") is None
         if row.source in AIRS:
             yield {
-                "set": f"without {row.left_out}", "network": row.judge, "sha256": row.judge_sha256[:16],
-                "seen": row.seen, "booster": row.kind, "air": AIRS[row.source], "object": row.object,
+                "set": f"without {row.left_out}{FREELY * freely}", "network": row.judge,
+                "sha256": row.judge_sha256[:16], "seen": row.seen, "booster": row.kind,
+                "air": AIRS[row.source], "object": row.object,
                 **{key: getattr(row, key) for key in COUNTS}, "p": row.mcnemar_p,
             }  # fmt: skip
 
