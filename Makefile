@@ -12,7 +12,7 @@ BIN := .venv/bin
 # Weights that lie beside the checkout are used where there are any.
 export TOOLKIT_WEIGHTS ?= $(abspath $(wildcard ../shared/weights))
 
-.PHONY: demo test fuzz validate bench lint docs docs-benchmark site setup clean
+.PHONY: demo test fuzz validate bench lint docs docs-benchmark docs-training site setup clean
 
 demo: setup
 	$(BIN)/toolkit demo demo
@@ -48,6 +48,13 @@ CIFAR ?= cifar10
 docs-benchmark: setup
 	docs/scripts/run-benchmark $(BIN)/toolkit "$(PHOTOGRAPHS)" "$(CIFAR)"
 	docs/scripts/run-ablation $(BIN)/toolkit "$(PHOTOGRAPHS)"
+
+# What each part of a patch's training is worth, small sheets, and objects that are not of the kit; about as long.
+MESHES ?= ../shared/meshes
+CITY ?= ../shared/worlds/kaykit-city
+docs-training: setup
+	docs/scripts/run-parts $(BIN)/toolkit
+	docs/scripts/run-objects $(BIN)/toolkit "$(MESHES)" "$(CITY)"
 
 site: setup .venv/.site
 	$(BIN)/mkdocs build --strict --quiet
