@@ -67,6 +67,20 @@ def test_corrupted_photographs_are_answered_apart(type_command, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("share", [0, 1])
+def test_a_patch_that_gains_nothing_on_its_object_is_not_printed_unwarned(
+    type_command, make_crate_space, tmp_path, monkeypatch, share
+):
+    make_crate_space(tmp_path / "w")
+    monkeypatch.setattr("toolkit.boosters.pixels.Target.count_hits", lambda self, photos: share * len(photos))
+    few = ["--mounted-views", "5", "--images", "5", "--workspace", "w"]
+    code, said, told = type_command("--object", "crate", "--class", "jet", *few, *QUICK)
+    assert code == 0, told
+    assert "tiny on the object, held-out views:" in said
+    assert ("no sure gain over grey paper" in told) == (share == 0)
+
+
+@pytest.mark.slow
 def test_json_is_the_result_and_nothing_else(type_command, tmp_path):
     write_photos(tmp_path / "photos", 6)
     code, said, _ = type_command("--class", "3", "--data", "photos", "--json", *QUICK, "--lr", "0.5")

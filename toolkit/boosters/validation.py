@@ -48,6 +48,11 @@ class Validation:
     bare: Share
     patched: Share
 
+    @property
+    def falls_short(self) -> bool:
+        """Whether less than half are recognised with the patch, and not surely more than without."""
+        return self.patched.value < 0.5 and self.patched.ci95[0] <= self.bare.value
+
 
 def count_placements(images: int, draws: int = DRAWS) -> int:
     """How many placements show each of `images` equally often, at least once, in about `draws`."""

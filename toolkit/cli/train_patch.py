@@ -158,6 +158,11 @@ def _report(trained: "TrainedPatch", object_name: str | None, as_json: bool) -> 
             if share is not None:
                 grey = record.final[f"{answer.network}_mounted_weather_bare_top1"]
                 tell(f"{where} in its weather: {share:.0%} with it, {grey:.0%} with grey paper")
+        if any(answer.falls_short for answer in trained.on_object):
+            warn(
+                "note: on the object it is no sure gain over grey paper: before you print it, try more --steps, a "
+                "larger sheet, or another place ('toolkit place')"
+            )
     if object_name is not None:
         tell(f"next: toolkit print --object {object_name}, toolkit capture-sim --object {object_name}")
     else:
