@@ -1,7 +1,6 @@
 """Figures that need no workspace: parts of training, the kinds that rig18 was trained on, skies, the city."""
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -15,15 +14,9 @@ from toolkit.boosters.parts.light import LightRanges
 from toolkit.boosters.parts.pose import PoseRanges
 from toolkit.boosters.parts.print_process import PrintProcess
 from toolkit.boosters.parts.sensor_noise import SensorNoise
-from toolkit.captures.render import render
 from toolkit.core.draws import Draws
-from toolkit.core.workspace import Workspace
-from toolkit.objects.load import load_object
-from toolkit.objects.records import read_texture
 from toolkit.objects.shapes.everyday import MAKERS, make_everyday
 from toolkit.rig.camera import Camera, look_at, orbit_direction, pixel_rays
-from toolkit.rig.pattern import Pattern
-from toolkit.rig.plan import plan_poses
 from toolkit.rig.shading import tone_map
 from toolkit.rig.views import render_thumbnails
 from toolkit.worlds.catalogue import build_world
@@ -102,26 +95,6 @@ def draw_everyday(font: ImageFont.FreeTypeFont) -> Image.Image:
         picture = render_thumbnails(make_everyday(label, (SEED, i)), 1, (SEED, i), camera)[0]
         sheet.paste(Image.fromarray(picture), (left, top))
         draw.text((left + 4, top + KIND_PX + 2), label, fill=(28, 30, 34), font=font)
-    return sheet
-
-
-LOOKS_PX = 300
-
-
-def draw_looks(space: Workspace, near: Path, font: ImageFont.FreeTypeFont) -> Image.Image:
-    """The object of a texture that keeps its looks: bare, in that texture, and in the shipped one, from two places."""
-    kept = read_texture(near)
-    name = kept.record.name
-    item = load_object(space.object_spec(name))
-    columns = (("its own paint", None), ("--max-change 0.2", kept), ("free", read_texture(space.texture(name))))
-    camera = Camera.from_fov(LOOKS_PX, LOOKS_PX)
-    poses = plan_poses(item, camera, Pattern(count=2, fill=0.85))
-    sheet = Image.new("RGB", (len(columns) * LOOKS_PX, len(poses) * LOOKS_PX + KIND_CAPTION_PX), "white")
-    draw = ImageDraw.Draw(sheet)
-    for column, (caption, texture) in enumerate(columns):
-        draw.text((column * LOOKS_PX + 6, 2), caption, fill=(28, 30, 34), font=font)
-        for line, picture in enumerate(render(item, poses, camera, texture)):
-            sheet.paste(Image.fromarray(picture), (column * LOOKS_PX, KIND_CAPTION_PX + line * LOOKS_PX))
     return sheet
 
 

@@ -6,19 +6,24 @@ import subprocess
 import sys
 from pathlib import Path
 
-from drawn import draw_city, draw_everyday, draw_looks, draw_parts, draw_skies
+from drawn import draw_city, draw_everyday, draw_parts, draw_skies
 from PIL import Image, ImageDraw, ImageFont
 
 from toolkit.captures.read import UNPATCHED
+from toolkit.captures.render import render
 from toolkit.core.workspace import Workspace
-from toolkit.objects.load import BUILTIN
-from toolkit.objects.records import read_patch
+from toolkit.objects.load import BUILTIN, load_object
+from toolkit.objects.records import read_patch, read_texture
+from toolkit.rig.camera import Camera
+from toolkit.rig.pattern import Pattern
+from toolkit.rig.plan import plan_poses
 from toolkit.rig.variants import PAIR
 
 NEAR = Path(__file__).resolve().parents[2] / "rig/textures/near/eggnog.png"
 CLEAR, FOGGY, TEXTURES = "sim-textures", "sim-textures-fog", "textures-"
 RIGHT, WRONG = (34, 139, 74), (196, 48, 48)
 TILE, STRIP = (400, 300), 34
+LOOKS_PX, LOOKS_CAPTION_PX = 300, 22
 
 
 def make_sheet(columns: int, lines: int) -> Image.Image:
@@ -167,6 +172,23 @@ def draw_textures(space: Workspace, rows: list[dict[str, str]], font: ImageFont.
     return sheet
 
 
+def draw_looks(space: Workspace, font: ImageFont.FreeTypeFont) -> Image.Image:
+    """The object of a texture that keeps its looks: bare, in that texture, and in the shipped one, from two places."""
+    kept = read_texture(NEAR)
+    name = kept.record.name
+    item = load_object(space.object_spec(name))
+    columns = (("its own paint", None), ("--max-change 0.2", kept), ("free", read_texture(space.texture(name))))
+    camera = Camera.from_fov(LOOKS_PX, LOOKS_PX)
+    poses = plan_poses(item, camera, Pattern(count=2, fill=0.85))
+    sheet = Image.new("RGB", (len(columns) * LOOKS_PX, len(poses) * LOOKS_PX + LOOKS_CAPTION_PX), "white")
+    draw = ImageDraw.Draw(sheet)
+    for column, (caption, texture) in enumerate(columns):
+        draw.text((column * LOOKS_PX + 6, 2), caption, fill=(28, 30, 34), font=font)
+        for line, picture in enumerate(render(item, poses, camera, texture)):
+            sheet.paste(Image.fromarray(picture), (column * LOOKS_PX, LOOKS_CAPTION_PX + line * LOOKS_PX))
+    return sheet
+
+
 def copy_sweeps(space: Workspace, figures: Path, main_run: str) -> None:
     """The figure of every finished sweep, as `sweep-AXIS.png`, those of other runs than `main_run` with its name."""
     for file in sorted(space.eval_dir.glob("sweeps/*/sweep-*.json")):
@@ -192,7 +214,7 @@ def draw_figures(space: Workspace, figures: Path, run: str) -> None:
     draw_everyday(load_font(13)).save(figures / "everyday.jpg", quality=90)
     draw_skies(load_font(18)).save(figures / "skies.jpg", quality=88)
     draw_city(load_font(18)).save(figures / "city.jpg", quality=85)
-    draw_looks(space, NEAR, load_font(16)).save(figures / "looks.jpg", quality=90)
+    draw_looks(space, load_font(16)).save(figures / "looks.jpg", quality=90)
     if (space.eval_dir / f"{TEXTURES}{run}").is_dir():
         rows = read_predictions(space, f"{TEXTURES}{run}")
         draw_textures(space, rows, load_font(18)).save(figures / "textures.jpg", quality=90)

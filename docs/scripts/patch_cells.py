@@ -8,9 +8,8 @@ SWEEPS: a table of the workspace's sweeps.
 import sys
 from pathlib import Path
 
-from tables import list_groups, list_pairs, list_sweeps, read_summaries, write_table
+from tables import list_changes, list_sweeps, read_summaries, write_table
 
-from toolkit.captures.read import UNPATCHED
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.workspace import open_workspace
 
@@ -24,16 +23,14 @@ def main(table: str, folder: str, sweeps: str | None = None) -> None:
         write_table(Path(sweeps), list(list_sweeps(space)))
     rows = []
     for run, summary in read_summaries(space).items():
-        right = {(one["source"], one["object"], one["variant"]): one["correct"] for one in list_groups(run, summary)}
-        for pair in list_pairs(run, summary):
-            source, name = pair["source"], pair["object"]
-            patched = right[source, name, pair["variant"]]
-            low, high = wilson_interval(patched, pair["n_pairs"])
+        model = summary["model"]
+        for row in list_changes(run, summary):
+            source, (low, high) = row["source"], wilson_interval(row["boosted"], row["n"])
             rows.append({
                 "set": source.removesuffix(CHAIN).partition("-")[2], "rehearsed": source.endswith(CHAIN),
-                "network": summary["model"]["name"], "sha256": summary["model"]["sha256"][:16], "object": name,
-                "n": pair["n_pairs"], "bare": right[source, name, UNPATCHED], "patched": patched,
-                "gained": pair["gained"], "lost": pair["lost"], "p": pair["mcnemar_p"], "low": low, "high": high,
+                "network": model["name"], "sha256": model["sha256"][:16], "object": row["object"], "n": row["n"],
+                "bare": row["bare"], "patched": row["boosted"], "gained": row["gained"], "lost": row["lost"],
+                "p": row["p"], "low": low, "high": high,
             })  # fmt: skip
     write_table(Path(table), rows)
 

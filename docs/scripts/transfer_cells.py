@@ -13,9 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from tables import Row, list_groups, list_pairs, read_summaries, write_table
+from tables import Row, list_changes, read_summaries, write_table
 
-from toolkit.captures.read import UNPATCHED
 from toolkit.core.severities import SEVERITIES
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.workspace import open_workspace
@@ -32,21 +31,17 @@ KEY = ("set", "network", "booster", "air", "object")
 def read_run(run: str, summary: dict[str, Any]) -> Iterator[Row]:
     """Rows of a run: each object and all of them in clear air and in fog 3, and over the 75 corruptions at once."""
     model, seen = summary["model"], {one["variant"] for one in summary["boosters"] if one["seen"]}
-    right = {(one["source"], one["object"], one["variant"]): one["correct"] for one in list_groups(run, summary)}
     pooled: dict[tuple[str, str], Row] = defaultdict(lambda: dict.fromkeys(COUNTS, 0))
     cells: set[str] = set()
     head = {"network": model["name"], "sha256": model["sha256"][:16]}
-    for pair in list_pairs(run, summary):
-        source, name, variant = pair["source"], pair["object"], pair["variant"]
+    for row in list_changes(run, summary):
+        source, name, variant = row["source"], row["object"], row["variant"]
         if variant not in BOOSTED:
             continue
-        counts = {
-            "n": pair["n_pairs"], "bare": right[source, name, UNPATCHED], "boosted": right[source, name, variant],
-            "gained": pair["gained"], "lost": pair["lost"],
-        }  # fmt: skip
+        counts = {key: row[key] for key in COUNTS}
         if source in AIRS:
             what = {"seen": variant in seen, "booster": BOOSTED[variant], "air": AIRS[source], "object": name}
-            yield head | what | counts | {"p": pair["mcnemar_p"]}
+            yield head | what | counts | {"p": row["p"]}
         if source.removeprefix("sim-").rpartition("-")[0] in COMMON:
             cells.add(source)
             for key in COUNTS:

@@ -37,9 +37,9 @@ from toolkit.boosters.texture_objects import (
     read_start,
 )
 from toolkit.boosters.texture_validation import (
-    BATCH,
     WeatherValidation,
     draw_weather,
+    measure_known,
     validate_corrupted,
     validate_in_weather,
     validate_texture,
@@ -236,34 +236,22 @@ class TextureTask(PixelTask[TrainedTexture]):
         import torch
 
         start = self.paint if self.start is None and self._range is not None else self.start
-        with torch.no_grad():
-            if start is not None:
+        if start is not None:
+            with torch.no_grad():
                 self.pixels.copy_(from_picture(start, str(self.pixels.device)))
-            self.constrain()
+                self.constrain()
 
     def _stay_near(self, paint: np.ndarray) -> None:
         """Let no channel be farther from the paint than is asked, or than what the networks say of it allows."""
         near, most = from_picture(paint, str(self.pixels.device)), self.config.max_change
         if most == "auto":
-            known = self._ask_of(near)
+            known = measure_known(near, self._stream.group(0), self.targets)  # trained on, none is held out
             most = NEAR if known >= KNOWN else None
             self._allowed = {"max_change": most, "known_bare": known}
             says = "any change" if most is None else f"no channel changes by more than {most:g}"
             notice(f"the bare object is known in {known:.0%} of the first views: {says}")
         if most is not None:
             self._range = near - most, near + most
-
-    def _ask_of(self, texture: "torch.Tensor") -> float:
-        """In what share of the first views the networks recognise the class; these are trained on, none is held out."""
-        import torch
-
-        views, hits = self._stream.group(0), 0
-        with torch.inference_mode():
-            for start in range(0, len(views), BATCH):
-                batch = batch_views([one.view for one in views[start : start + BATCH]], str(texture.device))
-                photos = show_texture(texture, batch)
-                hits += sum(target.count_hits(photos) for target in self.targets)
-        return hits / len(views) / len(self.targets)
 
     def constrain(self) -> None:
         """Colours are in [0, 1], and as near to the paint as is asked."""

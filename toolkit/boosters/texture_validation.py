@@ -46,6 +46,19 @@ def draw_weather(
     return weather.draw(find_depths([one.view for one in views], [metres_per_unit[one.subject] for one in views]), rng)
 
 
+def measure_known(texture: "torch.Tensor", views: list[RenderedView], targets: list[Target]) -> float:
+    """Share of views in which the networks recognise the object in a texture, (3, n, n) in [0, 1], dilated."""
+    import torch
+
+    hits = 0
+    with torch.inference_mode():
+        for start in range(0, len(views), BATCH):
+            batch = batch_views([one.view for one in views[start : start + BATCH]], str(texture.device))
+            photos = show_texture(texture, batch)
+            hits += sum(target.count_hits(photos) for target in targets)
+    return hits / len(views) / len(targets)
+
+
 def validate_texture(
     pixels: np.ndarray, views: list[RenderedView], targets: list[Target], seed: int
 ) -> list[WeatherValidation]:
