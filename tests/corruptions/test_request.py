@@ -4,7 +4,7 @@ import pytest
 
 from toolkit.core.errors import ToolkitError
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS
-from toolkit.corruptions.request import parse_corruptions
+from toolkit.corruptions.request import name_corruptions, parse_corruptions
 
 
 def test_names_with_severities():
@@ -36,3 +36,19 @@ def test_families_and_each_once():
 def test_what_there_is_not(word, message):
     with pytest.raises(ToolkitError, match=message):
         parse_corruptions([word])
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["common"], "common:1-5"),
+        (["all:3"], "all:3"),
+        (["noise:1-2", "fog:3"], "noise:1-2, fog:3"),
+        (["fog:1", "fog:3"], "fog:1, fog:3"),
+        (["fog", "snow"], "fog:1-5, snow:1-5"),
+    ],
+)
+def test_corruptions_are_named_by_words_that_ask_for_them(words, said):
+    corruptions = parse_corruptions(words)
+    assert name_corruptions(corruptions) == said
+    assert set(parse_corruptions(said.split(", "))) == set(corruptions)

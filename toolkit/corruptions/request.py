@@ -126,3 +126,20 @@ def parse_corruptions(words: Sequence[str], severities: Sequence[int] = SEVERITI
         for severity in parse_severities("corruption", word, severities)
     ]
     return tuple(dict.fromkeys(pairs))
+
+
+def name_corruptions(pairs: Sequence[tuple[str, int]]) -> str:
+    """(name, severity) pairs in the words that `parse_corruptions` takes: `common:1-5`, or `fog:3, noise:1-2`."""
+    levels: dict[str, list[int]] = {}
+    for name, severity in pairs:
+        levels.setdefault(name, []).append(severity)
+    alike: dict[tuple[int, ...], list[str]] = {}
+    for name, severities in levels.items():
+        alike.setdefault(tuple(sorted(severities)), []).append(name)
+    said = []
+    for severities, names in alike.items():
+        first, last = severities[0], severities[-1]
+        spans = [f"{first}-{last}"] if 1 < len(severities) == last - first + 1 else [f"{one}" for one in severities]
+        whole = [word for word in ("all", "common", *FAMILIES) if set(choose_names([word])) == set(names)]
+        said += [f"{name}:{span}" for name in whole[:1] or names for span in spans]
+    return ", ".join(said)

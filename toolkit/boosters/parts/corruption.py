@@ -43,9 +43,10 @@ class Corrupted:
             find_corruption(*corruption)
 
     def describe(self) -> str:
-        """`fog 3, snow 1, probability 0.5`."""
-        named = ", ".join(f"{name} {severity}" for name, severity in self.corruptions)
-        return f"{named}, probability {self.probability:g}"
+        """`fog:3, snow:1, probability 0.5`."""
+        from toolkit.corruptions.request import name_corruptions
+
+        return f"{name_corruptions(self.corruptions)}, probability {self.probability:g}"
 
     def change(self, pixels: "torch.Tensor", rng: np.random.Generator) -> "torch.Tensor":
         """Corrupt some of (b, 3, h, w) sRGB-encoded photographs, within [0, 1]; see `corrupt_straight`."""
