@@ -74,9 +74,11 @@ def test_a_patch_that_gains_nothing_on_its_object_is_not_printed_unwarned(
     make_crate_space(tmp_path / "w")
     monkeypatch.setattr("toolkit.boosters.pixels.Target.count_hits", lambda self, photos: share * len(photos))
     few = ["--mounted-views", "5", "--images", "5", "--workspace", "w"]
-    code, said, told = type_command("--object", "crate", "--class", "jet", *few, *QUICK)
+    code, said, told = type_command("--object", "crate", "--class", "jet", *few, *QUICK[:-1])
     assert code == 0, told
     assert "tiny on the object, held-out views:" in said
+    assert re.search(r"held-out views: \d+% \(.*\) with grey paper", told), "before it is trained"
+    assert ("nothing of the object is known without a patch" in told) == (share == 0)
     assert ("no sure gain over grey paper" in told) == (share == 0)
 
 

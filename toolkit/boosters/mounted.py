@@ -235,17 +235,16 @@ def draw_mounted(
     return lambda patch: show_mounted(patch, views, which, corners, image_px, rng, through=through)
 
 
-def validate_mounted(
+def recognise_mounted(
     patch: "torch.Tensor", views: MountedViews, targets: list[Target], image_px: int, *,
     weather: Weathered | None = None, seed: int = 0,
-) -> list[Validation]:  # fmt: skip
-    """Recognise held-out views with the patch, and with plain grey paper in its place; both in the same weather."""
+) -> list[Share]:  # fmt: skip
+    """In how many of the views each network recognises the object with a patch (3, n, n) on it; all in the weather."""
     import torch
 
-    grey = torch.full_like(patch, PAPER_GREY)
     weather = None if weather is None else replace(weather, probability=1)
     start = (views.batch.still.shape[1] - image_px) // 2
-    hits = np.zeros((2, len(targets)), int)
+    hits = [0] * len(targets)
     with torch.inference_mode():
         for first in range(0, len(views), BATCH):
             which = np.arange(first, min(first + BATCH, len(views)))
@@ -254,12 +253,26 @@ def validate_mounted(
             if weather is not None:
                 rng = Draws(seed, first, "validate").of(type(weather).__name__)
                 through = views.draw_weather(weather, which, corners, image_px, rng)
-            for row, printed in enumerate((grey, patch)):
-                photos = show_mounted(printed, views, which, corners, image_px, through=through)
-                for k, target in enumerate(targets):
-                    hits[row, k] += target.count_hits(photos)
-    count = len(views)
-    return [
-        Validation(target.classifier.name, Share(int(hits[0, k]), count), Share(int(hits[1, k]), count))
-        for k, target in enumerate(targets)
-    ]
+            photos = show_mounted(patch, views, which, corners, image_px, through=through)
+            for k, target in enumerate(targets):
+                hits[k] += target.count_hits(photos)
+    return [Share(count, len(views)) for count in hits]
+
+
+def grey_paper(patch: "torch.Tensor") -> "torch.Tensor":
+    """What lies on the object where the patch is not: as large, and says nothing."""
+    import torch
+
+    return torch.full_like(patch, PAPER_GREY, requires_grad=False)
+
+
+def validate_mounted(
+    patch: "torch.Tensor", views: MountedViews, targets: list[Target], image_px: int, *,
+    weather: Weathered | None = None, seed: int = 0,
+) -> list[Validation]:  # fmt: skip
+    """Recognise held-out views with the patch, and with plain grey paper in its place; both in the same weather."""
+    bare, patched = (
+        recognise_mounted(printed, views, targets, image_px, weather=weather, seed=seed)
+        for printed in (grey_paper(patch), patch)
+    )
+    return [Validation(target.classifier.name, *shares) for target, *shares in zip(targets, bare, patched, strict=True)]

@@ -26,8 +26,10 @@ from toolkit.boosters.mounted import (
     MountedViews,
     draw_cuts,
     draw_mounted,
+    grey_paper,
     load_mounted_views,
     make_sheet_subject,
+    recognise_mounted,
     show_mounted,
     validate_mounted,
 )
@@ -70,6 +72,10 @@ Penalty = Callable[["torch.Tensor"], "torch.Tensor"]
 Judge = Callable[["torch.Tensor", list[Target]], tuple["torch.Tensor", float]]
 """(b, 3, m, m) photographs, networks -> the loss, a scalar, and the share recognised."""
 CHECKPOINT_EVERY_S = 5.0
+UNKNOWN = (
+    "note: nothing of the object is known without a patch, and there a sheet is often too little; "
+    "'toolkit train-texture' paints all of it"
+)
 RENDERS = ("renders-*.npy", ".renders-*.partial")
 """Files beside the checkpoints that other runs may need."""
 
@@ -252,8 +258,14 @@ class PatchTask(PixelTask[TrainedPatch]):
         return self.targets[0].classifier.device
 
     def describe(self) -> list[str]:
-        """Every setting that acts."""
-        return self.config.lines([target.classifier.name for target in self.targets])
+        """Every setting that acts, and how the networks know the object before there is a patch."""
+        lines, views = self.config.lines([target.classifier.name for target in self.targets]), self._held_out_views
+        if views is None:
+            return lines
+        known = recognise_mounted(grey_paper(self.pixels), views, self.targets, self.image_px)
+        for target, share in zip(self.targets, known, strict=True):
+            lines.append(f"{target.classifier.name} on the object, held-out views: {share} with grey paper")
+        return lines if any(share.hits for share in known) else [*lines, UNKNOWN]
 
     def find_finished(self) -> TrainedPatch | None:
         """The patch, where its files are whole and of the same inputs."""

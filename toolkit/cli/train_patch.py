@@ -160,8 +160,8 @@ def _report(trained: "TrainedPatch", object_name: str | None, as_json: bool) -> 
                 tell(f"{where} in its weather: {share:.0%} with it, {grey:.0%} with grey paper")
         if any(answer.falls_short for answer in trained.on_object):
             warn(
-                "note: on the object it is no sure gain over grey paper: before you print it, try more --steps, a "
-                "larger sheet, or another place ('toolkit place')"
+                "note: on the object it is no sure gain over grey paper: before you print it, try a larger sheet or "
+                "another place ('toolkit place'), more --steps, or paint all of the object ('toolkit train-texture')"
             )
     if object_name is not None:
         tell(f"next: toolkit print --object {object_name}, toolkit capture-sim --object {object_name}")

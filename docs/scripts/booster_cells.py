@@ -1,7 +1,7 @@
-"""What a workspace's runs say of its patches, set by set, in one table: patch_cells.py CSV WORKSPACE [SWEEPS].
+"""What a workspace's runs say of its boosters, set by set, in one table: booster_cells.py CSV WORKSPACE [SWEEPS].
 
-Each run in WORKSPACE/eval is one of `toolkit eval captures`: of sets of patches as they are rendered,
-`captures/sim-SET`, and through the whole chain, `captures/sim-SET-rehearsed`; those that are no set, `captures/sim`.
+Each run in WORKSPACE/eval is one of `toolkit eval captures`: of sets as they are rendered, `captures/sim-SET`, and
+through the whole chain, `captures/sim-SET-rehearsed`; those that are no set, `captures/sim`.
 SWEEPS: a table of the workspace's sweeps.
 """
 
@@ -12,6 +12,7 @@ from tables import list_changes, list_sweeps, read_summaries, write_table
 
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.workspace import open_workspace
+from toolkit.transfer.matrix import BOOSTED
 
 CHAIN = "-rehearsed"
 
@@ -28,9 +29,9 @@ def main(table: str, folder: str, sweeps: str | None = None) -> None:
             source, (low, high) = row["source"], wilson_interval(row["boosted"], row["n"])
             rows.append({
                 "set": source.removesuffix(CHAIN).partition("-")[2], "rehearsed": source.endswith(CHAIN),
-                "network": model["name"], "sha256": model["sha256"][:16], "object": row["object"], "n": row["n"],
-                "bare": row["bare"], "patched": row["boosted"], "gained": row["gained"], "lost": row["lost"],
-                "p": row["p"], "low": low, "high": high,
+                "network": model["name"], "sha256": model["sha256"][:16], "booster": BOOSTED[row["variant"]],
+                "object": row["object"], "n": row["n"], "bare": row["bare"], "boosted": row["boosted"],
+                "gained": row["gained"], "lost": row["lost"], "p": row["p"], "low": low, "high": high,
             })  # fmt: skip
     write_table(Path(table), rows)
 
