@@ -137,9 +137,9 @@ def name_corruptions(pairs: Sequence[tuple[str, int]]) -> str:
     for name, severities in levels.items():
         alike.setdefault(tuple(sorted(severities)), []).append(name)
     said = []
-    for severities, names in alike.items():
-        first, last = severities[0], severities[-1]
-        spans = [f"{first}-{last}"] if 1 < len(severities) == last - first + 1 else [f"{one}" for one in severities]
+    for asked, names in alike.items():
+        is_span = 1 < len(asked) == asked[-1] - asked[0] + 1
+        spans = [f"{asked[0]}-{asked[-1]}"] if is_span else [f"{one}" for one in asked]
         whole = [word for word in ("all", "common", *FAMILIES) if set(choose_names([word])) == set(names)]
         said += [f"{name}:{span}" for name in whole[:1] or names for span in spans]
     return ", ".join(said)
