@@ -1,9 +1,13 @@
-"""The figures of README and docs that a finished workspace makes: captures with their verdicts, pages, reports."""
+"""The figures of README and docs that a finished workspace makes: captures with their verdicts, pages, reports.
+
+Called as figures.py WORKSPACE RUN FILE: `draw_pairs` of the textures in a run.
+"""
 
 import csv
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from drawn import draw_city, draw_everyday, draw_parts, draw_skies
@@ -11,7 +15,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from toolkit.captures.read import UNPATCHED
 from toolkit.captures.render import render
-from toolkit.core.workspace import Workspace
+from toolkit.core.workspace import Workspace, open_workspace
+from toolkit.evaluation.metrics import TEXTURED
 from toolkit.objects.load import BUILTIN, load_object
 from toolkit.objects.records import read_patch, read_texture
 from toolkit.rig.camera import Camera
@@ -51,20 +56,21 @@ def read_predictions(space: Workspace, run: str) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-def draw_pairs(space: Workspace, rows: list[dict[str, str]]) -> Image.Image:
-    """Per object the first pose at which bare and patched differ, else pose 1: bare above, patched below."""
-    sheet, font = make_sheet(len(BUILTIN), 2), load_font(18)
-    for column, name in enumerate(BUILTIN):
+def draw_pairs(
+    space: Workspace, rows: list[dict[str, str]], names: Sequence[str] = BUILTIN, boosted: str = "patched"
+) -> Image.Image:
+    """Per object the first pose at which bare and boosted differ, else pose 1: bare above, boosted below."""
+    sheet, font = make_sheet(len(names), 2), load_font(18)
+    for column, name in enumerate(names):
         by_pose: dict[int, dict[str, dict[str, str]]] = {}
         for row in rows:
             if row["object"] == name and row["pose_id"]:
                 by_pose.setdefault(int(row["pose_id"]), {})[row["variant"]] = row
-        pairs = [pair for _, pair in sorted(by_pose.items()) if {"patched", "unpatched"} <= pair.keys()]
-        differs = [pair for pair in pairs if pair["patched"]["correct_top1"] != pair["unpatched"]["correct_top1"]]
+        pairs = [pair for _, pair in sorted(by_pose.items()) if {boosted, UNPATCHED} <= pair.keys()]
+        differs = [pair for pair in pairs if pair[boosted]["correct_top1"] != pair[UNPATCHED]["correct_top1"]]
         chosen = (differs or pairs)[0]
-        for line, variant in enumerate(("unpatched", "patched")):
-            row = chosen[variant]
-            paste_tile(sheet, space, row, column, line, font)
+        for line, variant in enumerate((UNPATCHED, boosted)):
+            paste_tile(sheet, space, chosen[variant], column, line, font)
     return sheet
 
 
@@ -221,3 +227,14 @@ def draw_figures(space: Workspace, figures: Path, run: str) -> None:
     copy_sweeps(space, figures, run)
     photograph_report(space, run, figures / "report.png")
     photograph_studio(space, figures / "studio.png")
+
+
+def main(folder: str, run: str, file: str) -> None:
+    """Objects that are not of the kit: bare, and in their textures."""
+    space = open_workspace(Path(folder))
+    rows = read_predictions(space, run)
+    draw_pairs(space, rows, sorted({row["object"] for row in rows}), TEXTURED).save(file, quality=88)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -9,7 +9,6 @@ from typing import Any
 
 from toolkit.benchmark.config import CLEAN
 from toolkit.benchmark.summary import Summary, read_summary
-from toolkit.captures.read import UNPATCHED
 from toolkit.core.files import write_text
 from toolkit.core.workspace import Workspace
 from toolkit.models.bundled import read_bundled
@@ -125,13 +124,14 @@ def list_pairs(run: str, summary: dict[str, Any]) -> Iterator[Row]:
 
 
 def list_changes(run: str, summary: dict[str, Any]) -> Iterator[Row]:
-    """The rows of `list_pairs` with how many are right, bare and boosted."""
+    """The rows of `list_pairs` with how many of the pairs are right, bare and boosted."""
     right = {(one["source"], one["object"], one["variant"]): one["correct"] for one in list_groups(run, summary)}
     for pair in list_pairs(run, summary):
         source, name, variant = pair["source"], pair["object"], pair["variant"]
+        boosted = right[source, name, variant]
         yield {
             "source": source, "object": name, "variant": variant, "n": pair["n_pairs"],
-            "bare": right[source, name, UNPATCHED], "boosted": right[source, name, variant],
+            "bare": boosted - pair["gained"] + pair["lost"], "boosted": boosted,
             "gained": pair["gained"], "lost": pair["lost"], "p": pair["mcnemar_p"],
         }  # fmt: skip
 

@@ -157,6 +157,16 @@ def test_several_variants_each_against_unpatched():
     assert "at least 6 pairs" in headlines[1].sentence
 
 
+def test_an_object_that_was_shot_bare_alone_is_not_counted_against_the_patch():
+    predictions = [one(pose, "unpatched", 2) for pose in range(8)]
+    predictions += [one(pose, "patched", 1 + pose % 2) for pose in range(8)]
+    predictions += [one(pose, "unpatched", 1, name="known") for pose in range(8)]
+    (headline,) = write_headlines("net", group_predictions(predictions), compare_unpatched(index_poses(predictions)))
+    assert headline.sentence.startswith("net is right on 4 of 8 (50 %")
+    assert "with the patch and on 0 of 8 (0 %" in headline.sentence
+    assert "without, at the 8 poses shot both ways. Of 8 pairs, 4 became right" in headline.sentence
+
+
 def test_p_in_words():
     assert [format_p(p) for p in (1.0, 0.03125, 2e-6, None)] == ["1", "0.031", "< 0.0001", ""]
     assert [format_test(p) for p in (1.0, 2e-6)] == ["exact McNemar p = 1", "exact McNemar p < 0.0001"]

@@ -98,8 +98,13 @@ def _judge_booster(network: str, groups: Groups, row: Comparison | None, variant
         return Headline(
             after.source, variant, "open", "Accuracy alone, nothing to compare with", sentence, question=question
         )
-    name = name_booster(variant)
-    shares = f"{network} is right on {_format_group(after)} with {name} and on {_format_group(before)} without."
+    name, where = name_booster(variant), ""
+    counts = (after.n_top1, after.n), (before.n_top1, before.n)
+    if row is not None and {after.n, before.n} != {row.outcomes.n}:  # what was shot one way alone has no part in it
+        counts = (row.outcomes.n_second, row.outcomes.n), (row.outcomes.n_first, row.outcomes.n)
+        where = f", at the {row.outcomes.n} poses shot both ways"
+    with_it, without = (format_count(*count) for count in counts)
+    shares = f"{network} is right on {with_it} with {name} and on {without} without{where}."
     if row is None:
         verdict, why = "Nothing could be paired", "No pose was shot both ways, so no paired test is possible."
         return Headline(after.source, variant, "open", verdict, f"{shares} {why}", question=question)
