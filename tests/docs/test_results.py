@@ -40,6 +40,27 @@ def test_the_page_changes_with_the_tables(tmp_path: Path) -> None:
     assert "| 1 of 72 (" in write_page(tmp_path)
 
 
+def test_the_readme_says_what_the_tables_say() -> None:
+    from findings import Findings
+
+    of, readme = Findings(TABLES), (DOCS.parent / "README.md").read_text(encoding="utf-8").replace("\n", " ")
+    bare, patched = (
+        of.row("captures", run="resnet18", source="sim", object="all", variant=one) for one in ("unpatched", "patched")
+    )
+    unseen = {"set": "four-networks", "network": "mobilenet_v1_0.75_192", "object": "all"}
+    texture = of.row("transfer", **unseen, booster="texture", air="clear")
+    foreign = of.row("objects", object="all", booster="texture")
+    for said in (
+        f"Over all {bare['n']} pairs it is right on {bare['correct']} bare ({float(bare['top1']):.0%}".replace(
+            "%", " %"
+        ),
+        f"on {patched['correct']} patched ({float(patched['top1']):.0%}".replace("%", " %"),
+        f"right on {texture['bare']} of {texture['n']} bare, on {texture['boosted']} in them",
+        f"right on {foreign['bare']} of {foreign['n']} bare, on all {foreign['boosted']} in a texture",
+    ):
+        assert said in readme
+
+
 @pytest.mark.parametrize("table", ["captures", "sweeps"])
 def test_shares_and_intervals(table: str) -> None:
     for row in read_table(table):
