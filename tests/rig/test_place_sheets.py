@@ -87,3 +87,10 @@ def test_the_plan_decides_nothing_of_several_and_write_makes_tables(typed):
     assert [(one.at, one.size_mm) for one in mounts] == [(one["at"], 25) for one in first["places"]]
     said = " ".join(run("--sheets", "2", "--size-mm", "25").stdout.split())
     assert "2 sheets that go on together" in said and "of 64 random views show half of one" in said
+
+
+def test_fewer_sheets_than_were_asked_for_are_said(typed):
+    _, run = typed
+    done = run("--sheets", "6", "--size-mm", "40", "--side", "top")
+    said = " ".join(done.stdout.split())
+    assert "1 sheet; " in said and "there is room for 1 of 6 sheets" in done.stderr

@@ -114,9 +114,9 @@ def _say_together(file: Path, places: "list[Place]", wanted: int, n_poses: int) 
     from toolkit.rig.place import share_seen
 
     seen = f"{share_seen(places):.0%} of {n_poses} random views show half of one"
-    say(f"{file}: {len(places)} sheets that go on together; {seen}")
+    say(f"{file}: {'1 sheet' if len(places) == 1 else f'{len(places)} sheets that go on together'}; {seen}")
     if len(places) < wanted:
-        warn(f"there is no room for {wanted} sheets: try a smaller --size-mm, or more --steps")
+        warn(f"there is room for {len(places)} of {wanted} sheets: try a smaller --size-mm, or more --steps")
 
 
 def _say_written(written: Path | None, object_name: str) -> None:
