@@ -18,7 +18,7 @@ from toolkit.sweeps.axes import AXES
 DOCS = Path(__file__).resolve().parents[1]
 RECORDS = DOCS / "records"
 TABLES = DOCS / "results"
-BENCHMARKS = ("photographs", "cifar", "robust", "ablation")
+BENCHMARKS = ("photographs", "held", "cifar", "robust", "ablation")
 """Runs of the corruption benchmark whose `summary.json` lies in `records/benchmark`."""
 Row = dict[str, Any]
 
