@@ -41,7 +41,7 @@ docs: setup .venv/.test
 	docs/scripts/run-results $(BIN)/toolkit $(DOCS_MODELS)
 	docs/scripts/run-transfer $(BIN)/toolkit $(DOCS_MODELS)
 
-# The corruption benchmark's numbers; an hour or two on two cores. PHOTOGRAPHS has a folder per WordNet id, CIFAR has
+# The corruption benchmark's numbers; three hours on two cores. PHOTOGRAPHS has a folder per WordNet id, CIFAR has
 # train/ and test/ with a folder per class.
 PHOTOGRAPHS ?= ../shared/images/nips2017
 CIFAR ?= cifar10
@@ -49,7 +49,7 @@ docs-benchmark: setup
 	docs/scripts/run-benchmark $(BIN)/toolkit "$(PHOTOGRAPHS)" "$(CIFAR)"
 	docs/scripts/run-ablation $(BIN)/toolkit "$(PHOTOGRAPHS)"
 
-# What each part of a patch's training is worth, small sheets, and objects that are not of the kit; about as long.
+# What each part of a patch's training is worth, small sheets, and objects that are not of the kit; two hours.
 MESHES ?= ../shared/meshes
 CITY ?= ../shared/worlds/kaykit-city
 docs-training: setup
