@@ -15,10 +15,7 @@ NAMES = {
     "resnet18": "ResNet-18", "mobilenet_v2": "MobileNetV2", "timm-tf_efficientnet_lite0": "EfficientNet-Lite0",
     "timm-tf_efficientnet_lite1": "EfficientNet-Lite1", "mobilenet_v1_0.75_192": "MobileNetV1",
 }  # fmt: skip
-SETS = {
-    "four-networks": "four networks", **{f"without {key}": f"all but {name}" for key, name in NAMES.items()},
-    "resnet18": "ResNet-18",
-}  # fmt: skip
+SETS = {"four-networks": "four networks", "resnet18": "ResNet-18"}
 """Sets of boosters that several networks judge, by what they were trained on."""
 Row = dict[str, str]
 PERCENT = "\N{NO-BREAK SPACE}%"
