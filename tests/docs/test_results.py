@@ -41,7 +41,7 @@ def test_the_page_changes_with_the_tables(tmp_path: Path) -> None:
 
 
 def test_the_readme_says_what_the_tables_say() -> None:
-    from findings import Findings
+    from findings import Findings, percent
 
     of, readme = Findings(TABLES), (DOCS.parent / "README.md").read_text(encoding="utf-8").replace("\n", " ")
     bare, patched = (
@@ -51,10 +51,8 @@ def test_the_readme_says_what_the_tables_say() -> None:
     texture = of.row("transfer", **unseen, booster="texture", air="clear")
     foreign = of.row("objects", object="all", booster="texture")
     for said in (
-        f"Over all {bare['n']} pairs it is right on {bare['correct']} bare ({float(bare['top1']):.0%}".replace(
-            "%", " %"
-        ),
-        f"on {patched['correct']} patched ({float(patched['top1']):.0%}".replace("%", " %"),
+        f"Over all {bare['n']} pairs it is right on {bare['correct']} bare ({percent(bare['top1'])} %",
+        f"on {patched['correct']} patched ({percent(patched['top1'])} %",
         f"right on {texture['bare']} of {texture['n']} bare, on {texture['boosted']} in them",
         f"right on {foreign['bare']} of {foreign['n']} bare, on all {foreign['boosted']} in a texture",
     ):

@@ -236,15 +236,15 @@ def draw_mounted(
 
 
 def recognise_mounted(
-    patch: "torch.Tensor", views: MountedViews, targets: list[Target], image_px: int, *,
+    patches: Sequence["torch.Tensor"], views: MountedViews, targets: list[Target], image_px: int, *,
     weather: Weathered | None = None, seed: int = 0,
-) -> list[Share]:  # fmt: skip
-    """In how many of the views each network recognises the object with a patch (3, n, n) on it; all in the weather."""
+) -> list[list[Share]]:  # fmt: skip
+    """For each patch (3, n, n), in how many views each network recognises the object with it; in the same weather."""
     import torch
 
     weather = None if weather is None else replace(weather, probability=1)
     start = (views.batch.still.shape[1] - image_px) // 2
-    hits = [0] * len(targets)
+    hits = np.zeros((len(patches), len(targets)), int)
     with torch.inference_mode():
         for first in range(0, len(views), BATCH):
             which = np.arange(first, min(first + BATCH, len(views)))
@@ -253,17 +253,18 @@ def recognise_mounted(
             if weather is not None:
                 rng = Draws(seed, first, "validate").of(type(weather).__name__)
                 through = views.draw_weather(weather, which, corners, image_px, rng)
-            photos = show_mounted(patch, views, which, corners, image_px, through=through)
-            for k, target in enumerate(targets):
-                hits[k] += target.count_hits(photos)
-    return [Share(count, len(views)) for count in hits]
+            for row, patch in enumerate(patches):
+                photos = show_mounted(patch, views, which, corners, image_px, through=through)
+                for k, target in enumerate(targets):
+                    hits[row, k] += target.count_hits(photos)
+    return [[Share(int(count), len(views)) for count in row] for row in hits]
 
 
 def grey_paper(patch: "torch.Tensor") -> "torch.Tensor":
     """What lies on the object where the patch is not: as large, and says nothing."""
     import torch
 
-    return torch.full_like(patch, PAPER_GREY, requires_grad=False)
+    return torch.full_like(patch, PAPER_GREY)
 
 
 def validate_mounted(
@@ -271,8 +272,6 @@ def validate_mounted(
     weather: Weathered | None = None, seed: int = 0,
 ) -> list[Validation]:  # fmt: skip
     """Recognise held-out views with the patch, and with plain grey paper in its place; both in the same weather."""
-    bare, patched = (
-        recognise_mounted(printed, views, targets, image_px, weather=weather, seed=seed)
-        for printed in (grey_paper(patch), patch)
-    )
+    both = [grey_paper(patch), patch]
+    bare, patched = recognise_mounted(both, views, targets, image_px, weather=weather, seed=seed)
     return [Validation(target.classifier.name, *shares) for target, *shares in zip(targets, bare, patched, strict=True)]

@@ -262,7 +262,7 @@ class PatchTask(PixelTask[TrainedPatch]):
         lines, views = self.config.lines([target.classifier.name for target in self.targets]), self._held_out_views
         if views is None:
             return lines
-        known = recognise_mounted(grey_paper(self.pixels), views, self.targets, self.image_px)
+        (known,) = recognise_mounted([grey_paper(self.pixels)], views, self.targets, self.image_px)
         for target, share in zip(self.targets, known, strict=True):
             lines.append(f"{target.classifier.name} on the object, held-out views: {share} with grey paper")
         return lines if any(share.hits for share in known) else [*lines, UNKNOWN]

@@ -10,6 +10,7 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_table, warn
+from toolkit.core.tables import list_spans
 from toolkit.photos.importing.settings import ImportSettings
 
 if TYPE_CHECKING:
@@ -102,13 +103,7 @@ def _report_import(result: "ImportResult", report: "CheckReport | None") -> None
 
 def _shorten(poses: Sequence[int]) -> str:
     """1, 2, 3, 7 as "1-3 7"."""
-    runs: list[list[int]] = []
-    for pose in sorted(poses):
-        if runs and pose == runs[-1][1] + 1:
-            runs[-1][1] = pose
-        else:
-            runs.append([pose, pose])
-    return " ".join(str(first) if first == last else f"{first}-{last}" for first, last in runs)
+    return " ".join(list_spans(poses))
 
 
 def check(

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.core.severities import SEVERITIES, parse_severities
+from toolkit.core.tables import list_spans
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, FAMILIES
 from toolkit.corruptions.corrupt import find_corruption
 from toolkit.imaging.folder import find_files
@@ -130,16 +131,14 @@ def parse_corruptions(words: Sequence[str], severities: Sequence[int] = SEVERITI
 
 def name_corruptions(pairs: Sequence[tuple[str, int]]) -> str:
     """(name, severity) pairs in the words that `parse_corruptions` takes: `common:1-5`, or `fog:3, noise:1-2`."""
-    levels: dict[str, list[int]] = {}
+    levels: dict[str, set[int]] = {}
     for name, severity in pairs:
-        levels.setdefault(name, []).append(severity)
-    alike: dict[tuple[int, ...], list[str]] = {}
-    for name, severities in levels.items():
-        alike.setdefault(tuple(sorted(severities)), []).append(name)
+        levels.setdefault(name, set()).add(severity)
+    alike: dict[frozenset[int], list[str]] = {}
+    for name, found in levels.items():
+        alike.setdefault(frozenset(found), []).append(name)
     said = []
-    for asked, names in alike.items():
-        is_span = 1 < len(asked) == asked[-1] - asked[0] + 1
-        spans = [f"{asked[0]}-{asked[-1]}"] if is_span else [f"{one}" for one in asked]
+    for severities, names in alike.items():
         whole = [word for word in ("all", "common", *FAMILIES) if set(choose_names([word])) == set(names)]
-        said += [f"{name}:{span}" for name in whole[:1] or names for span in spans]
+        said += [f"{name}:{span}" for name in whole[:1] or names for span in list_spans(severities)]
     return ", ".join(said)
