@@ -26,10 +26,10 @@ def make_grid(folder: Path, count: int, corruptions):
     """The grid over `count` photographs without and with a patch of 100 px."""
     import numpy as np
 
-    from toolkit.benchmark.config import CorruptEvalConfig
-    from toolkit.benchmark.grid import Grid
-    from toolkit.benchmark.variants import open_variants
     from toolkit.core.workspace import make_workspace
+    from toolkit.experiments.corruptions.config import CorruptEvalConfig
+    from toolkit.experiments.corruptions.grid import Grid
+    from toolkit.experiments.corruptions.variants import open_variants
     from toolkit.objects.records import write_patch
     from toolkit.training.image_set import open_images
 
@@ -51,8 +51,8 @@ def measure_speed(folder: Path) -> dict[str, float]:
     import torch
     import torchvision
 
-    from toolkit.benchmark.grid import run_grid
     from toolkit.corruptions import COMMON, corrupt
+    from toolkit.experiments.corruptions.grid import run_grid
 
     corruptions = tuple((name, SEVERITY) for name in COMMON)
     grid = make_grid(folder, IMAGES, corruptions)
@@ -94,7 +94,7 @@ def measure_memory(folder: Path, count: int) -> float:
 
 
 def _report_peak(folder: Path, count: int) -> None:
-    from toolkit.benchmark.grid import run_grid
+    from toolkit.experiments.corruptions.grid import run_grid
 
     run_grid(make_grid(folder, count, (("contrast", SEVERITY),)), folder / f"cells-{count}.jsonl")
     print(json.dumps(peak_mb()))

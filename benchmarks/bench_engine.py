@@ -11,16 +11,16 @@ import numpy as np
 import torch
 
 from benchmarks.bench_world_eval import make_classifier
-from toolkit.benchmark.cells import ShardImages
-from toolkit.benchmark.grid import rank_cell
-from toolkit.benchmark.recognisers import recognise_by_network
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
 from toolkit.engine.units import Engine, Unit
+from toolkit.experiments.corruptions.cells import ShardImages
+from toolkit.experiments.corruptions.grid import rank_cell
+from toolkit.experiments.corruptions.recognisers import recognise_by_network
+from toolkit.experiments.worlds.ask import Rendered, Setup, answer_unit
+from toolkit.experiments.worlds.config import WorldEvalConfig
+from toolkit.experiments.worlds.evaluate import plan_run
 from toolkit.rig.bake_cache import light_surroundings
-from toolkit.world_eval.ask import Rendered, Setup, answer_unit
-from toolkit.world_eval.config import WorldEvalConfig
-from toolkit.world_eval.evaluate import plan_run
 
 IMAGES = 16
 CELLS = [(name, 3) for name in ("fog", "gaussian_noise", "motion_blur", "jpeg_compression")] * 2

@@ -8,8 +8,6 @@ nothing. Its docstring says shapes, units and errors. The packages behind it are
 TYPE_CHECKING = False  # as typing's own, without the time that importing it takes
 if TYPE_CHECKING:
     __version__: str
-    from toolkit.benchmark.config import CorruptEvalConfig as CorruptEvalConfig
-    from toolkit.benchmark.evaluate import evaluate_benchmark as evaluate_benchmark
     from toolkit.boosters.apply import apply_patch as apply_patch
     from toolkit.boosters.parts.affine import AffineRanges as AffineRanges
     from toolkit.boosters.train import train_patch as train_patch
@@ -29,6 +27,8 @@ if TYPE_CHECKING:
     from toolkit.evaluation.evaluate import evaluate_captures as evaluate_captures
     from toolkit.evaluation.notebook import load_captures as load_captures
     from toolkit.evaluation.notebook import predictions_table as predictions_table
+    from toolkit.experiments.corruptions.config import CorruptEvalConfig as CorruptEvalConfig
+    from toolkit.experiments.corruptions.evaluate import evaluate_benchmark as evaluate_benchmark
     from toolkit.models.load import load_classifier as load_classifier
     from toolkit.models.network import Classifier as Classifier
     from toolkit.objects.add import ObjectRequest as ObjectRequest
@@ -72,8 +72,8 @@ else:
         "corrupt": "toolkit.corruptions.corrupt",
         "evaluate_captures": "toolkit.evaluation.evaluate",
         "EvalConfig": "toolkit.evaluation.config",
-        "evaluate_benchmark": "toolkit.benchmark.evaluate",
-        "CorruptEvalConfig": "toolkit.benchmark.config",
+        "evaluate_benchmark": "toolkit.experiments.corruptions.evaluate",
+        "CorruptEvalConfig": "toolkit.experiments.corruptions.config",
         "predictions_table": "toolkit.evaluation.notebook",
         "load_captures": "toolkit.evaluation.notebook",
         "image_seed": "toolkit.corruptions.draws",

@@ -7,13 +7,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from toolkit.benchmark.config import CLEAN
-from toolkit.benchmark.summary import Summary, read_summary
 from toolkit.core.files import write_text
 from toolkit.core.workspace import Workspace
+from toolkit.experiments.corruptions.config import CLEAN
+from toolkit.experiments.corruptions.summary import Summary, read_summary
+from toolkit.experiments.sweeps.axes import AXES
 from toolkit.models.bundled import read_bundled
 from toolkit.objects.records import PatchRecord, TextureRecord, read_patch, read_texture
-from toolkit.sweeps.axes import AXES
 
 DOCS = Path(__file__).resolve().parents[1]
 RECORDS = DOCS / "records"

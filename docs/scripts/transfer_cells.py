@@ -19,8 +19,8 @@ from toolkit.core.severities import SEVERITIES
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.workspace import open_workspace
 from toolkit.corruptions.catalogue import COMMON
-from toolkit.transfer.matrix import BOOSTED
-from toolkit.transfer.matrix import Row as TransferRow
+from toolkit.experiments.transfer.matrix import BOOSTED
+from toolkit.experiments.transfer.matrix import Row as TransferRow
 
 AIRS, ALL = {"sim": "clear", "sim-fog-3": "fog 3"}, "15 corruptions"
 COUNTS = ("n", "bare", "boosted", "gained", "lost")

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from toolkit.core.figures import encode_figure, make_figure
-from toolkit.world_eval.figures import COLOURS, UNPATCHED_COLOUR, draw_line, style_panel
+from toolkit.experiments.worlds.figures import COLOURS, UNPATCHED_COLOUR, draw_line, style_panel
 
 MOST_DRAWN = 5
 COLUMNS = (

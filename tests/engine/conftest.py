@@ -35,10 +35,10 @@ def ask(tmp_path):
     """A function (name, engine) -> the finished benchmark of nine images, and its log of answers."""
     from hue_network import make_hue_classifier, write_photos, write_set
 
-    from toolkit.benchmark.config import CorruptEvalConfig
-    from toolkit.benchmark.grid import Grid, run_grid
-    from toolkit.benchmark.variants import open_variants, share_classes
     from toolkit.core.workspace import make_workspace
+    from toolkit.experiments.corruptions.config import CorruptEvalConfig
+    from toolkit.experiments.corruptions.grid import Grid, run_grid
+    from toolkit.experiments.corruptions.variants import open_variants, share_classes
     from toolkit.training.image_set import open_images
 
     space = make_workspace(tmp_path / "space")
@@ -85,8 +85,8 @@ def look(make_crate_space, tmp_path_factory):
     """A function (name, engine) -> an evaluation in a small field whose units are eight frames, and all its bytes."""
     from walled_field import make_config, make_onlooker, stand_in
 
-    from toolkit.world_eval import ask
-    from toolkit.world_eval.evaluate import evaluate_world
+    from toolkit.experiments.worlds import ask
+    from toolkit.experiments.worlds.evaluate import evaluate_world
 
     folder = tmp_path_factory.mktemp("fields")
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from toolkit.benchmark import grid
 from toolkit.captures import shoot as shooting
 from toolkit.core.errors import ToolkitError
 from toolkit.engine.local import InProcess, LocalPool
+from toolkit.experiments.corruptions import grid
 
 
 @pytest.mark.slow

@@ -13,8 +13,8 @@ import walled_field
 
 from toolkit.core.errors import ToolkitError
 from toolkit.engine.config import EngineConfig
+from toolkit.experiments.worlds import ask
 from toolkit.rig import bake_cache
-from toolkit.world_eval import ask
 
 
 @pytest.mark.slow
@@ -98,7 +98,7 @@ from pathlib import Path
 from walled_field import make_config, make_field, make_onlooker
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
-from toolkit.world_eval import ask, evaluate
+from toolkit.experiments.worlds import ask, evaluate
 from toolkit.worlds.sky import make_sky
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ import pytest
 from made_answers import make_benchmark
 from typer.testing import CliRunner
 
-from toolkit.benchmark.metrics import summarise
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation.compare import compare_runs
@@ -15,6 +14,7 @@ from toolkit.evaluation.detect import COLUMNS
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.run_rows import parse_where, pick_rows
 from toolkit.evaluation.runs import CLEAR, MEAN, find_runs, open_run
+from toolkit.experiments.corruptions.metrics import summarise
 
 
 @pytest.fixture

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from toolkit.benchmark.config import CLEAN
-from toolkit.benchmark.grid import Benchmark, CellRanks
-from toolkit.benchmark.recognisers import NETWORK, READER
 from toolkit.corruptions.catalogue import CORRUPTIONS
+from toolkit.experiments.corruptions.config import CLEAN
+from toolkit.experiments.corruptions.grid import Benchmark, CellRanks
+from toolkit.experiments.corruptions.recognisers import NETWORK, READER
 
 VARIANTS = {
     "unpatched": 0.0, "patches-100": 2.6, "patches-60": 1.4, "best-image-100": 0.9, "random-image-100": 0.2,

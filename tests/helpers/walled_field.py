@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from toolkit.experiments.worlds.config import WorldEvalConfig
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier
 from toolkit.models.weights import WeightsFile
 from toolkit.objects.mesh import Material, Mesh
-from toolkit.world_eval.config import WorldEvalConfig
 from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.world import Spot, World
 
@@ -85,7 +85,7 @@ def make_config(**changes: object) -> WorldEvalConfig:
 
 def stand_in(monkeypatch, is_drawn: bool = True) -> None:
     """Evaluate in the field, below a small sky; figures, which take most of the time of so little, only if wanted."""
-    from toolkit.world_eval import evaluate, report
+    from toolkit.experiments.worlds import evaluate, report
     from toolkit.worlds.sky import make_sky
 
     monkeypatch.setattr(evaluate, "open_world", lambda *given: make_field())

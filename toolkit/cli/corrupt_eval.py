@@ -4,14 +4,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from toolkit.benchmark.config import CorruptEvalConfig
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import kept_before, remark, say, warn
 from toolkit.engine.config import EngineConfig
+from toolkit.experiments.corruptions.config import CorruptEvalConfig
 
 if TYPE_CHECKING:
-    from toolkit.benchmark.evaluate import BenchmarkRun
+    from toolkit.experiments.corruptions.evaluate import BenchmarkRun
 
 SHOWN_NAMES = 5
 
@@ -40,8 +40,8 @@ def corrupt_eval(
 
     Results go to eval/corruptions/RUN. An answer is computed once, whatever run asks for it.
     """
-    from toolkit.benchmark.evaluate import evaluate_benchmark
     from toolkit.core.workspace import open_workspace
+    from toolkit.experiments.corruptions.evaluate import evaluate_benchmark
     from toolkit.models.load import load_classifier
     from toolkit.models.network import Classifier
     from toolkit.training.image_set import open_images
@@ -64,9 +64,9 @@ def corrupt_eval(
 
 def show_benchmark(done: "BenchmarkRun") -> None:
     """Print what could not be used, the table, the result in words, and where the report is."""
-    from toolkit.benchmark.summary import read_summary
-    from toolkit.benchmark.verdict import build_summary_table, judge_benchmark
     from toolkit.core.console import console, list_skipped
+    from toolkit.experiments.corruptions.summary import read_summary
+    from toolkit.experiments.corruptions.verdict import build_summary_table, judge_benchmark
 
     list_skipped(done.benchmark.failed)
     for name, labels in done.without_images.items():

@@ -9,10 +9,10 @@ from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, warn
 from toolkit.engine.config import EngineConfig
-from toolkit.sweeps.config import SweepConfig
+from toolkit.experiments.sweeps.config import SweepConfig
 
 if TYPE_CHECKING:
-    from toolkit.sweeps.sweep import SweepResult
+    from toolkit.experiments.sweeps.sweep import SweepResult
 
 
 @from_config(config=SweepConfig, engine=EngineConfig)
@@ -35,8 +35,8 @@ def sweep(
 ) -> None:
     """Vary one thing and see how far the patch carries; write table, figure and report to eval/sweeps/AXIS."""
     from toolkit.core.workspace import open_workspace
+    from toolkit.experiments.sweeps.sweep import run_sweep
     from toolkit.models.load import load_classifier
-    from toolkit.sweeps.sweep import run_sweep
 
     space = open_workspace(workspace).with_patches(patches)
     classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
@@ -53,7 +53,7 @@ def show_sweep(result: "SweepResult") -> None:
     """Print the table, what could not be shot or read, and where the files are."""
     from toolkit.core.console import console
     from toolkit.evaluation.tables import list_lines
-    from toolkit.sweeps.result import build_sweep_table
+    from toolkit.experiments.sweeps.result import build_sweep_table
 
     console.print(build_sweep_table(result.sweep))
     console.print()

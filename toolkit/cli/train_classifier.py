@@ -42,8 +42,8 @@ def train_classifier(
     as_json: options.Json = False,
 ) -> None:
     """Train a classifier of your own classes, from renders or images; an interrupted run goes on where it stopped."""
-    from toolkit.benchmark.training_boost import read_training_boost
     from toolkit.core.workspace import open_workspace
+    from toolkit.experiments.corruptions.training_boost import read_training_boost
     from toolkit.training.classifier import train_classifier as run
 
     space = open_workspace(workspace)

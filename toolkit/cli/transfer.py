@@ -3,7 +3,7 @@
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json, show_table
-from toolkit.transfer.config import TransferConfig
+from toolkit.experiments.transfer.config import TransferConfig
 
 
 @from_config(config=TransferConfig)
@@ -20,8 +20,8 @@ def transfer(
     """Train on all networks but one and let that one judge, for each in turn; a stopped run goes on where it was."""
     from toolkit.boosters.detectors import load_networks
     from toolkit.core.workspace import open_workspace
-    from toolkit.transfer.leave_one_out import leave_one_out
-    from toolkit.transfer.matrix import HEADS, tabulate
+    from toolkit.experiments.transfer.leave_one_out import leave_one_out
+    from toolkit.experiments.transfer.matrix import HEADS, tabulate
 
     space = open_workspace(workspace)
     networks = load_networks(model, weights, device, space.classifiers_dir, may_mix=True)

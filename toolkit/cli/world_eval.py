@@ -8,10 +8,10 @@ from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import kept_before, remark, say
 from toolkit.engine.config import EngineConfig
-from toolkit.world_eval.config import WorldEvalConfig
+from toolkit.experiments.worlds.config import WorldEvalConfig
 
 if TYPE_CHECKING:
-    from toolkit.world_eval.evaluate import WorldRun
+    from toolkit.experiments.worlds.evaluate import WorldRun
 
 
 @from_config(config=WorldEvalConfig, engine=EngineConfig)
@@ -32,8 +32,8 @@ def world_eval(
     """
     from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
+    from toolkit.experiments.worlds.evaluate import evaluate_world
     from toolkit.models.load import load_classifier
-    from toolkit.world_eval.evaluate import evaluate_world
 
     space = open_workspace(workspace)
     classifier = load_classifier(model, weights, device, folder=space.classifiers_dir)
@@ -51,7 +51,7 @@ def show_world(done: "WorldRun") -> None:
     """Print the weathers in numbers, the cameras, the table, the result in words, and where the report is."""
     from toolkit.core.console import console
     from toolkit.core.files import load_json
-    from toolkit.world_eval.verdict import build_world_table, judge_world
+    from toolkit.experiments.worlds.verdict import build_world_table, judge_world
     from toolkit.worlds.weather import describe_weathers
 
     summary = load_json(done.files.summary)

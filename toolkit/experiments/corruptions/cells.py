@@ -1,0 +1,224 @@
+"""The cells of the grid: a shard's images in one variant, corrupted and ranked; ranks on disk by their inputs' hash."""
+
+import json
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from toolkit.boosters.place_patches import boost_images
+from toolkit.core.files import sha256_bytes
+from toolkit.core.records import RecordLog
+from toolkit.corruptions import CORRUPTIONS, choose_parameters, corrupt, image_seed
+from toolkit.corruptions.corrupt import run_each
+from toolkit.experiments.corruptions.config import NOT_CORRUPTED, Condition, CorruptEvalConfig
+from toolkit.experiments.corruptions.recognisers import Recogniser
+from toolkit.experiments.corruptions.variants import Variant
+from toolkit.imaging.preprocessing import Preprocessing
+from toolkit.imaging.read import UnreadableImage
+from toolkit.models.network import BadAnswer
+from toolkit.training.image_set import ImageSet, LabelledImage
+
+if TYPE_CHECKING:
+    import torch
+
+METHOD_VERSION = 1
+"""Raised when the same inputs give other ranks, as after a change to a corruption."""
+FAILED = -1
+"""The rank of an image that could not be used."""
+
+
+class CellLine(BaseModel):
+    """One line of `cells.jsonl`: the ranks of a shard's images in one cell."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    key: str = Field(pattern=r"^[0-9a-f]{64}$")
+    ranks: list[int]
+
+
+@dataclass(frozen=True)
+class Shard:
+    """Images that are in memory together.
+
+    Attributes:
+        images: in order.
+        hashes: of their files.
+    """
+
+    images: tuple[LabelledImage, ...]
+    hashes: tuple[str, ...]
+
+
+def cut_shards(images: ImageSet, size: int) -> Iterable[Shard]:
+    """The images in parts of `size`; files are read once for their hashes."""
+    for start in range(0, len(images.images), size):
+        part = images.images[start : start + size]
+        yield Shard(part, tuple(images.hash_image(one.id) for one in part))
+
+
+def make_key(
+    shard: Shard, variant: Variant, recogniser: Recogniser, condition: Condition, config: CorruptEvalConfig
+) -> str:
+    """Hash of everything that the ranks of a shard's images in a cell depend on."""
+    how = variant.classifier.preprocessing
+    patches = variant.patches
+    pictures = None if patches is None else [patches.patches[one.class_index].record.png_sha256 for one in shard.images]
+    given = None
+    if condition != NOT_CORRUPTED:
+        corruption, severity = condition
+        chosen = choose_parameters(how.crop_px, how.crop_px)
+        given = [corruption, severity, CORRUPTIONS[corruption].parameters[chosen][severity - 1]]
+    inputs = [
+        METHOD_VERSION, [[one.id, one.class_index] for one in shard.images], shard.hashes, how.describe(), pictures,
+        None if patches is None else config.placement.model_dump(),
+        None if patches is given is None else config.seed, given,
+        recogniser.identity,
+    ]  # fmt: skip
+    return sha256_bytes(json.dumps(inputs).encode())
+
+
+def open_cells(file: Path) -> RecordLog[CellLine]:
+    """The log of answers; those of a line that is broken are computed again."""
+    return RecordLog(file, CellLine, required=False, compact=True)
+
+
+def read_cells(file: Path, wanted: set[str]) -> dict[str, np.ndarray]:
+    """Ranks by key, of the keys that are wanted; a line that a kill has cut is passed over."""
+    lines = open_cells(file).read(lambda text: text[8:72] in wanted)  # {"key":"…
+    return {line.key: np.array(line.ranks, np.int32) for line in lines}
+
+
+def append_cells(file: Path, rows: Sequence[tuple[str, np.ndarray]]) -> None:
+    """Append ranks by key, flushed to disk; raises as `RecordLog.append`."""
+    open_cells(file).append(*(CellLine(key=key, ranks=ranks.tolist()) for key, ranks in rows))
+
+
+CPU_PART, CUDA_PART = 16, 128
+"""Images that are computed at once; on a CPU, by one thread."""
+
+
+@dataclass(frozen=True)
+class ShardImages:
+    """The images of a shard that can be used, in one variant.
+
+    Attributes:
+        pixels: (k, 3, m, m) uint8 sRGB, on the CPU.
+        classes: (k,) int64.
+        seeds: of each image's random draws.
+        ids: of the images.
+        texts: what readers of codes must say; empty without codes.
+    """
+
+    pixels: "torch.Tensor"
+    classes: np.ndarray
+    seeds: list[int]
+    ids: list[str]
+    texts: list[str]
+
+
+def load_shard(images: ImageSet, shard: Shard, how: Preprocessing) -> tuple[np.ndarray, np.ndarray]:
+    """Decode a shard on several threads.
+
+    Returns:
+        (k, m, m, 3) uint8 sRGB of the images that can be used, and (n,) bool, which these are.
+    """
+
+    def load(image: LabelledImage) -> np.ndarray | None:
+        try:
+            return images.load(image, how)
+        except UnreadableImage:
+            return None
+
+    with ThreadPoolExecutor(thread_name_prefix="decode") as pool:
+        loaded = list(pool.map(load, shard.images))
+    usable = np.array([one is not None for one in loaded])
+    empty = np.zeros((0, how.crop_px, how.crop_px, 3), np.uint8)
+    return (np.stack([one for one in loaded if one is not None]) if usable.any() else empty), usable
+
+
+def apply_variant(
+    pixels: np.ndarray, shard: Shard, usable: np.ndarray, variant: Variant, config: CorruptEvalConfig
+) -> ShardImages:
+    """Put each image's patch on it; rounded to 8 bits, as a file of it would be.
+
+    Args:
+        pixels, usable: from `load_shard`.
+        shard: of which they are.
+        variant: whose patches are put on.
+        config: placement and seed.
+    """
+    import torch
+
+    used = [one for one, is_usable in zip(shard.images, usable, strict=True) if is_usable]
+    ids = [one.id for one in used]
+    seeds = [image_seed(config.seed, id) for id in ids]
+    classes = np.array([one.class_index for one in used], np.int64)
+    bare = torch.from_numpy(np.ascontiguousarray(pixels.transpose(0, 3, 1, 2)))
+    patches = variant.patches
+    if patches is None:
+        return ShardImages(bare, classes, seeds, ids, [])
+    boosted = torch.empty_like(bare)
+    parts = _cut(len(used), CPU_PART)
+
+    def place(index: int) -> None:
+        part = parts[index]
+        pictures = torch.from_numpy(patches.stack(classes[part]))
+        with torch.inference_mode():
+            images = bare[part].float().div_(255)
+            boosted[part] = _round(boost_images(images, pictures, config.placement, seeds[part])).byte()
+
+    run_each(place, len(parts))
+    texts = [] if patches.code_kind is None else [patches.code_text(int(index)) for index in classes]
+    return ShardImages(boosted, classes, seeds, ids, texts)
+
+
+def corrupt_images(images: ShardImages, part: slice, condition: Condition, device: str = "cpu") -> "torch.Tensor":
+    """(k, 3, m, m) float sRGB-encoded in [0, 1] of some of the images, corrupted and rounded to 8 bits."""
+    batch = images.pixels[part].to(device).float().div_(255)
+    if condition == NOT_CORRUPTED:
+        return batch
+    return _round(corrupt(batch, *condition, images.seeds[part])).div_(255)
+
+
+def rank_images(
+    images: ShardImages, condition: Condition, recognisers: Sequence[Recogniser], device: str
+) -> list[np.ndarray]:
+    """The ranks of all images by each recogniser, (k,) int32, see `Recogniser`.
+
+    Raises:
+        ToolkitError: a network's output is not finite.
+    """
+    import torch
+
+    ranks = [np.zeros(len(images.classes), np.int32) for _ in recognisers]
+    parts = _cut(len(images.classes), CPU_PART if device == "cpu" else CUDA_PART)
+
+    def work(index: int) -> None:
+        part = parts[index]
+        with torch.inference_mode():
+            batch = corrupt_images(images, part, condition, device)
+            for recogniser, row in zip(recognisers, ranks, strict=True):
+                try:
+                    row[part] = recogniser.rank(batch, images.classes[part], images.texts[part])
+                except BadAnswer as error:
+                    raise error.at(images.ids[part]) from None
+
+    if device == "cpu":
+        run_each(work, len(parts))
+    else:
+        for index in range(len(parts)):
+            work(index)
+    return ranks
+
+
+def _round(images: "torch.Tensor") -> "torch.Tensor":
+    """Values in [0, 1] to whole levels 0 … 255, still float."""
+    return images.mul(255).round_()
+
+
+def _cut(count: int, size: int) -> list[slice]:
+    return [slice(start, start + size) for start in range(0, count, size)]

@@ -1,0 +1,168 @@
+"""The results folder of the corruption benchmark and its `report.html`, which opens from disk with no network."""
+
+import base64
+import csv
+import io
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from toolkit.core.files import write_bytes, write_json, write_text
+from toolkit.corruptions.catalogue import CORRUPTIONS
+from toolkit.evaluation.report import render_page
+from toolkit.experiments.corruptions.config import CLEAN, NOT_CORRUPTED
+from toolkit.experiments.corruptions.figures import draw_overview, draw_variant
+from toolkit.experiments.corruptions.grid import Benchmark
+from toolkit.experiments.corruptions.metrics import summarise
+from toolkit.experiments.corruptions.recognisers import READER
+from toolkit.experiments.corruptions.summary import Cell, Summary, VariantMean
+from toolkit.experiments.corruptions.verdict import judge_benchmark, label_row, name_corruption
+
+TEMPLATE = "benchmark.html.j2"
+MAX_FAILED = 200
+TITLES = {
+    "name": "Run", "data": "Data", "model": "Network", "image_px": "Side of the image, px", "seed": "Seed",
+    "parameters": "Corruption parameters", "placement": "Placement of the patches", "is_imagenet": "Labels of ImageNet",
+    "preprocessing": "Preprocessing", "toolkit_version": "Made by toolkit", "sha256": "SHA-256",
+}  # fmt: skip
+
+
+def write_report(
+    path: Path, summary: Summary, overview: bytes, figures: Mapping[tuple[str, str], bytes], examples: bytes | None
+) -> Path:
+    """Write the report with its figures in it.
+
+    Args:
+        path: of the file.
+        summary: what is reported.
+        overview: PNG.
+        figures: PNG of a variant and recogniser; of all, or of none where nothing was corrupted.
+        examples: PNG of an image in every variant.
+    """
+    networks = [row for row in summary.variants if row.kind != READER]
+    readers = [row for row in summary.variants if row.kind == READER]
+    context = {
+        "summary": summary,
+        "title": str(summary.about.get("name", "corruptions")),
+        "verdicts": judge_benchmark(summary),
+        "networks": networks,
+        "readers": readers,
+        "own": {(row.variant, row.recogniser): _collect(summary, row) for row in summary.variants},
+        "overview": _embed(overview),
+        "examples": None if examples is None else _embed(examples),
+        "figures": {key: _embed(png) for key, png in figures.items()},
+        "whole": {entry["name"]: entry.get("share_whole") for entry in summary.about.get("variants", [])},
+        "done": [
+            (_title(key), _flatten(value))
+            for key, value in summary.about.items()
+            if key not in ("variants", "toolkit_version")
+        ],
+        "about_variants": [
+            (entry["name"], _flatten({key: value for key, value in entry.items() if key != "name"}))
+            for entry in summary.about.get("variants", [])
+        ],
+        "clean": NOT_CORRUPTED,
+        "max_failed": MAX_FAILED,
+    }
+    return write_text(
+        path, render_page("toolkit.experiments.corruptions", TEMPLATE, context, corruption=name_corruption)
+    )
+
+
+def _collect(summary: Summary, row: VariantMean) -> dict[str, Any]:
+    """What the template shows of a row."""
+    return {
+        "name": label_row(summary, row),
+        "means": summary.means_of(row),
+        "cells": summary.cells_of(row),
+        "differences": summary.differences_of(row),
+    }
+
+
+def _embed(png: bytes) -> str:
+    return f"data:image/png;base64,{base64.b64encode(png).decode()}"
+
+
+def _title(key: str) -> str:
+    return TITLES.get(key, key.replace("_", " "))
+
+
+def _flatten(value: Any) -> str:
+    """A record of `about` in one line."""
+    if isinstance(value, Mapping):
+        known = {key: one for key, one in value.items() if one not in (None, [], {})}
+        parts = (_flatten(one) if key == "name" else f"{_title(key)} {_flatten(one)}" for key, one in known.items())
+        return "; ".join(parts) or "no patches"
+    if isinstance(value, list | tuple):
+        return ", ".join(" ".join(map(str, one)) if isinstance(one, list | tuple) else _flatten(one) for one in value)
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+@dataclass(frozen=True)
+class BenchmarkFiles:
+    """What was written; `figures` has the overview first."""
+
+    summary: Path
+    cells: Path
+    report: Path
+    figures: tuple[Path, ...]
+
+
+def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None = None) -> BenchmarkFiles:
+    """Write `summary.json`, `cells.csv`, `figures/*.png` and `report.html`, each whole or not at all.
+
+    Args:
+        folder: of the run.
+        benchmark: the finished grid.
+        examples: PNG of an image in every variant.
+
+    Raises:
+        ToolkitError: the disk is full or may not be written, or two networks have one name.
+    """
+    folder = Path(folder)
+    summary = summarise(benchmark)
+    overview = draw_overview(summary)
+    figures = {
+        (row.variant, row.recogniser): draw_variant(summary, row) for row in summary.variants if summary.corruptions
+    }
+    files = [write_bytes(folder / "figures" / "overview.png", overview)]
+    if examples is not None:
+        files.append(write_bytes(folder / "figures" / "examples.png", examples))
+    taken = {"overview", "examples"}
+    for (variant, recogniser), png in figures.items():
+        files.append(write_bytes(folder / "figures" / f"{_name_file(f'{variant}-{recogniser}', taken)}.png", png))
+    cells = write_cells(folder / "cells.csv", summary)
+    report = write_report(folder / "report.html", summary, overview, figures, examples)
+    # last: where it is, the rest is there as well
+    record = write_json(folder / "summary.json", summary.as_json())
+    return BenchmarkFiles(record, cells, report, tuple(files))
+
+
+def write_cells(path: Path, summary: Summary) -> Path:
+    """A row for each cell; fields that do not apply are empty."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    names = [field.name for field in fields(Cell) if field.name != "top1_ci95"]
+    at = names.index("top1") + 1
+    heads = ["answerer" if name == "recogniser" else name for name in names]
+    table.writerow([*heads[:at], "ci95_low", "ci95_high", *heads[at:], "family"])
+    for cell in summary.cells:
+        values = ["" if value is None else value for value in (getattr(cell, name) for name in names)]
+        family = "" if cell.corruption == CLEAN else CORRUPTIONS[cell.corruption].family
+        table.writerow([*values[:at], *cell.top1_ci95, *values[at:], family])
+    return write_text(path, text.getvalue())
+
+
+def _name_file(words: str, taken: set[str]) -> str:
+    """A file name of any variant's and network's name, each once."""
+    plain = re.sub(r"[^A-Za-z0-9._-]+", "-", words).strip("-.")[:80] or "figure"
+    name, number = plain, 1
+    while name.lower() in taken:
+        number += 1
+        name = f"{plain}-{number}"
+    taken.add(name.lower())
+    return name

@@ -1,0 +1,206 @@
+"""`summary.json` of the corruption benchmark: what was found, in numbers."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from toolkit import __version__
+from toolkit.captures.read import UNPATCHED
+from toolkit.core.files import read_json
+from toolkit.core.statistics import Interval
+
+Against = Literal["unpatched", "clean unpatched", "best of its size"]
+RecogniserName = Annotated[str, Field(alias="answerer")]
+"""Of the network or the reader; the file has it as `answerer`."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One variant, seen by one recogniser, under one corruption at one severity (`clean` and 0 where there is none).
+
+    Attributes:
+        n, right: images, and how many are right at the first guess (a reader's: read as the right code).
+        top1, top1_ci95: share that is right, and Wilson's interval, as if the images were independent draws.
+        top5: share with the truth among five guesses; None for a reader.
+        wrong, not_decoded: of a reader: another code was read, none was; None for a network.
+        gained, lost: images that became right, and wrong, against `unpatched` of the same recogniser; None without.
+        mcnemar_p: exact, of gained against lost.
+    """
+
+    variant: str
+    recogniser: RecogniserName
+    kind: str
+    corruption: str
+    severity: int
+    n: int
+    right: int
+    top1: float
+    top1_ci95: Interval
+    top5: float | None
+    wrong: int | None
+    not_decoded: int | None
+    gained: int | None
+    lost: int | None
+    mcnemar_p: float | None
+
+
+@dataclass(frozen=True)
+class CorruptionMean:
+    """One corruption, mean over the severities that were run.
+
+    Attributes:
+        top1, top1_ci95: share that is right, and its interval over classes (`toolkit.experiments.corruptions.metrics`).
+        top5: None for a reader.
+        wrong, not_decoded: shares, of a reader; None for a network.
+        ce_alexnet, ce_unpatched: corruption error: the sum over severities of errors, divided by that of the reference;
+            None for a reader and where the reference does not apply (see `Summary.references`).
+    """
+
+    variant: str
+    recogniser: RecogniserName
+    kind: str
+    corruption: str
+    family: str
+    top1: float
+    top1_ci95: Interval | None
+    top5: float | None
+    wrong: float | None
+    not_decoded: float | None
+    ce_alexnet: float | None
+    ce_unpatched: float | None
+
+
+@dataclass(frozen=True)
+class VariantMean:
+    """One variant, seen by one recogniser: clean, and the mean that `Summary.mean_of` names.
+
+    Attributes:
+        patch_px: side of the patch; None where there is none, or unknown.
+        clean_top1, clean_top5, clean_wrong, clean_not_decoded: shares on images that are not corrupted; None without.
+        top1, top1_ci95, top5, wrong, not_decoded: of the mean, fields as in `CorruptionMean`; None without a corruption
+            of the fifteen.
+        mce_alexnet, mce_unpatched: mean of the corruption errors over the fifteen; None unless all fifteen were run at
+            all five severities.
+    """
+
+    variant: str
+    recogniser: RecogniserName
+    kind: str
+    patch_px: int | None
+    clean_top1: float | None
+    clean_top5: float | None
+    clean_wrong: float | None
+    clean_not_decoded: float | None
+    top1: float | None
+    top1_ci95: Interval | None
+    top5: float | None
+    wrong: float | None
+    not_decoded: float | None
+    mce_alexnet: float | None
+    mce_unpatched: float | None
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Mean corrupted top-1 of a variant less that of another, on the same images.
+
+    Attributes:
+        against: `unpatched`: of the same recogniser, under the same corruptions; `clean unpatched`: of the same
+            recogniser, not corrupted; `best of its size`: whoever recognises, the other variant of the same patch size
+            with the highest mean (the first of equals).
+        other_variant, other_recogniser: which that is.
+        difference, ci95: share, and its interval over classes.
+    """
+
+    variant: str
+    recogniser: RecogniserName
+    against: Against
+    other_variant: str
+    other_recogniser: Annotated[str, Field(alias="other_answerer")]
+    difference: float
+    ci95: Interval | None
+
+
+class Summary(BaseModel):
+    """What `summary.json` holds.
+
+    Attributes:
+        about: as in `Benchmark`.
+        n, n_classes: images, and classes among them.
+        corruptions: severities run of each, in the order of the catalogue; every row has the same.
+        mean_of: which mean `variants` have, in words.
+        is_whole: whether that is the benchmark's: the fifteen corruptions at five severities.
+        references: what a corruption error is divided by: `alexnet` (only where labels and parameters are ImageNet's)
+            and `unpatched`, in words.
+        variants, means, cells, differences: rows, by recogniser, each with `unpatched` first.
+        failed: path and reason of images that could not be used.
+        notes: as in `Benchmark`.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    schema_version: Literal[1] = 1
+    about: dict[str, Any]
+    n: int
+    n_classes: int
+    corruptions: dict[str, tuple[int, ...]]
+    mean_of: str
+    is_whole: bool
+    references: dict[str, str]
+    variants: tuple[VariantMean, ...]
+    differences: tuple[Difference, ...]
+    means: tuple[CorruptionMean, ...]
+    cells: tuple[Cell, ...]
+    failed: tuple[dict[str, str], ...]
+    notes: tuple[str, ...]
+    toolkit_version: str = __version__
+
+    def as_json(self) -> dict[str, Any]:
+        """The content of the file."""
+        return self.model_dump(mode="json", by_alias=True)
+
+    @property
+    def severities(self) -> tuple[int, ...]:
+        """Those run of any corruption."""
+        return tuple(sorted({severity for own in self.corruptions.values() for severity in own}))
+
+    @property
+    def has_same_severities(self) -> bool:
+        """Whether every corruption was run at the same."""
+        return len(set(self.corruptions.values())) <= 1
+
+    def means_of(self, row: VariantMean) -> dict[str, CorruptionMean]:
+        """By corruption, of one variant and recogniser."""
+        return {one.corruption: one for one in self.means if is_of(one, row)}
+
+    def cells_of(self, row: VariantMean) -> dict[tuple[str, int], Cell]:
+        """By corruption and severity, of one variant and recogniser."""
+        return {(one.corruption, one.severity): one for one in self.cells if is_of(one, row)}
+
+    def differences_of(self, row: VariantMean) -> dict[str, Difference]:
+        """By what it is against, of one variant and recogniser."""
+        return {one.against: one for one in self.differences if is_of(one, row)}
+
+    def unpatched_of(self, row: VariantMean) -> VariantMean | None:
+        """The same recogniser without patches; None for `unpatched` itself and where that was not run."""
+        if row.variant == UNPATCHED:
+            return None
+        return next(
+            (one for one in self.variants if (one.variant, one.recogniser) == (UNPATCHED, row.recogniser)), None
+        )
+
+
+def is_of(one: Cell | CorruptionMean | Difference, row: VariantMean) -> bool:
+    """Whether both are of one variant and recogniser."""
+    return (one.variant, one.recogniser) == (row.variant, row.recogniser)
+
+
+def read_summary(file: Path) -> Summary:
+    """Read `summary.json`.
+
+    Raises:
+        ToolkitError: the file is missing or damaged, or a field is wrong; the message names file and field.
+    """
+    return read_json(file, Summary)

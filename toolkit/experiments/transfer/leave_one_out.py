@@ -1,0 +1,166 @@
+"""Train boosters on all networks but one, shoot the plan, and ask that one; then the next is left out.
+
+Every step is kept and taken up again: training by its checkpoints, captures by their manifest, answers by the hash of
+what was judged. So the command may be stopped at any time, and several may run at once, each with its own `left_out`.
+"""
+
+import hashlib
+import json
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from toolkit.boosters import texture_config
+from toolkit.boosters.detectors import DetectorNetwork
+from toolkit.boosters.for_object import train_for_object
+from toolkit.boosters.texture import train_texture
+from toolkit.captures.manifest import MANIFEST
+from toolkit.captures.shoot import ShootSettings, StoredImage, index_images, shoot_plan
+from toolkit.core.console import notice
+from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.files import read_json, sha256_file, write_json
+from toolkit.core.workspace import Workspace, copy_objects
+from toolkit.evaluation.config import EvalConfig
+from toolkit.evaluation.detect import evaluate_detector
+from toolkit.evaluation.evaluate import evaluate_captures
+from toolkit.experiments.transfer.config import Kind, TransferConfig
+from toolkit.experiments.transfer.matrix import Cell, Row, collect_rows, write_matrix
+from toolkit.models.network import Classifier
+from toolkit.rig.plan import CapturePlan, open_plan, write_plan
+
+VARIANTS = {"patch": "patched", "texture": "textured"}
+SOURCE = "sim"
+Judge = Classifier | DetectorNetwork
+
+
+@dataclass(frozen=True)
+class TransferResult:
+    """What an experiment made.
+
+    Attributes:
+        rows: of every network that was left out in this run or an earlier one of the same settings.
+        json_file, markdown_file: where they are.
+    """
+
+    rows: tuple[Row, ...]
+    json_file: Path
+    markdown_file: Path
+
+
+def leave_one_out(workspace: Workspace, config: TransferConfig, networks: Sequence[Judge]) -> TransferResult:
+    """Train without each network in turn, and let all of them judge.
+
+    What is made without the network NAME lies in `eval/transfer/RUN/without-NAME`, a workspace of its own; the matrix
+    in `eval/transfer/RUN/matrix.json` and `.md`. Nothing is trained on classifiers and detectors at once: where there
+    are both, all detectors are left out, then all classifiers, and each kind judges what was trained on the other.
+
+    Args:
+        workspace: whose objects and plan are meant, and whose `eval/` is written to.
+        config: what is trained and judged.
+        networks: at least two, of different names.
+
+    Raises:
+        ToolkitError: too few networks, one that cannot be trained against, an unknown object or network, or what
+            training, shooting and judging raise.
+    """
+    by_name = {one.name: one for one in networks}
+    if len(by_name) < max(2, len(networks)):
+        raise FieldError("expected at least two networks, each once", {"model": [one.name for one in networks]})
+    groups = group_networks(networks)
+    for name in config.left_out:
+        if name not in groups:
+            raise one_of("network", name, list(groups))
+    objects = list(config.objects) or sorted(workspace.object_specs())
+    plan = open_plan(workspace, objects)
+    folder = workspace.eval_dir / "transfer" / config.run
+    for left_out in config.left_out or groups:
+        notice(f"without {left_out}")
+        others = [one for name, one in by_name.items() if name not in groups[left_out]]
+        space = _make_space(workspace, folder / f"without-{name_folder(left_out)}", plan)
+        for name in objects:
+            for kind in config.kinds:
+                _train(space, kind, name, others, config)
+        _shoot(space, plan, objects, config, folder)
+        for judge in networks:
+            _judge(space, judge, left_out, others, config)
+    rows = [row for name in groups for row in _read_rows(folder / f"without-{name_folder(name)}", list(by_name))]
+    about = {"run": config.run, "settings": config.record(), "networks": {
+        name: {"arch": one.arch, "weights": one.weights.name, "sha256": one.weights.sha256}
+        | ({"kind": "detector"} if isinstance(one, DetectorNetwork) else {})
+        for name, one in by_name.items()
+    }}  # fmt: skip
+    return TransferResult(tuple(rows), *write_matrix(folder, rows, about))
+
+
+def group_networks(networks: Sequence[Judge]) -> dict[str, list[str]]:
+    """Names of the networks that are left out together: each alone, but all of a kind where there are both kinds."""
+    kinds: dict[str, list[str]] = {"detectors": [], "classifiers": []}
+    for one in networks:
+        kinds["detectors" if isinstance(one, DetectorNetwork) else "classifiers"].append(one.name)
+    return kinds if all(kinds.values()) else {one.name: [one.name] for one in networks}
+
+
+def _make_space(workspace: Workspace, folder: Path, plan: CapturePlan) -> Workspace:
+    """A workspace with the objects and the plan of another."""
+    space = copy_objects(workspace, folder)
+    write_plan(space.plan_file, plan)
+    return space
+
+
+def _train(space: Workspace, kind: Kind, name: str, networks: list[Judge], config: TransferConfig) -> None:
+    """Take training up, or pass over what is finished."""
+    if kind == "texture":
+        settings = texture_config.make_config("default", {**config.overrides(kind), "objects": (name,)})
+        train_texture(settings, networks, space)
+        return
+    train_for_object(space, name, networks, config.overrides(kind), config.seed)
+
+
+def _shoot(space: Workspace, plan: CapturePlan, objects: Sequence[str], config: TransferConfig, folder: Path) -> None:
+    """The plan, once; the bare objects that were shot without another network are copied."""
+    stored: dict[str, StoredImage] = {}
+    for other in sorted(folder.glob(f"without-*/captures/{SOURCE}")):
+        stored |= index_images(other)
+    variants = ("unpatched", *(VARIANTS[kind] for kind in config.kinds))
+    shoot_plan(space, plan, objects, variants, ShootSettings(config.seed), SOURCE, stored=stored)
+
+
+def _judge(space: Workspace, judge: Judge, left_out: str, others: Sequence[Judge], config: TransferConfig) -> None:
+    """Ask one network, unless it was asked of the same captures before."""
+    captures = space.captures_dir / SOURCE
+    seen = [one.name for one in others]
+    parts = (
+        sha256_file(captures / MANIFEST), judge.weights.sha256, judge.preprocessing.describe(), seen, config.kinds,
+        config.objects, config.corruptions,
+    )  # fmt: skip
+    key = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+    file = _cell_file(space.root, judge.name)
+    try:
+        if read_json(file, Cell).key == key:
+            return
+    except ToolkitError:
+        pass  # none yet, or of another version
+    settings = EvalConfig(
+        run=name_folder(judge.name), replace=True, saliency=False, objects=config.objects,
+        corruptions=config.corruptions,
+    )  # fmt: skip
+    if isinstance(judge, DetectorNetwork):
+        rows = collect_rows(evaluate_detector(captures, space, judge.detector, settings), left_out, seen)
+    else:
+        rows = collect_rows(evaluate_captures(captures, space, judge, settings), left_out, seen)
+    write_json(file, Cell(key=key, rows=rows).model_dump())
+
+
+def name_folder(network: str) -> str:
+    """A network's name as a folder may be called: `timm-tf_efficientnet_lite0`."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", network).strip("-.")
+
+
+def _cell_file(root: Path, judge: str) -> Path:
+    return root / f"judged-by-{name_folder(judge)}.json"
+
+
+def _read_rows(root: Path, judges: Sequence[str]) -> list[Row]:
+    files = [_cell_file(root, judge) for judge in judges]
+    return [row for file in files if file.is_file() for row in read_json(file, Cell).rows]

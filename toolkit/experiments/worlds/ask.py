@@ -1,0 +1,282 @@
+"""What a network says of the grid's pictures: frames without an answer as work units, their answers and files written.
+
+A unit is some frames of one variant at one place, each in all of its weathers, which share one render.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from toolkit.captures.shoot import LOOK_VERSION
+from toolkit.core.console import progress
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import sha256_bytes
+from toolkit.engine.units import Engine, Outcome, Shared, Unit, check_hope, list_failures
+from toolkit.evaluation.predict import CPU_PART, classify_stream
+from toolkit.experiments.worlds.answers import (
+    METHOD_VERSION,
+    Answer,
+    Answers,
+    FrameAnswers,
+    WeatherKey,
+    hash_inputs,
+    make_answer,
+    name_weather,
+    open_answers,
+    read_answers,
+)
+from toolkit.experiments.worlds.cameras import PlaceCameras
+from toolkit.experiments.worlds.frames import Frame, FrameSource, Stage, Task, render_frames
+from toolkit.experiments.worlds.keep import KeptFrames, encode_frame
+from toolkit.experiments.worlds.shots import ShotFrames
+from toolkit.models.network import Classifier
+from toolkit.objects.load import TableObject
+from toolkit.objects.mesh import hash_mesh
+from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
+from toolkit.worlds.sky import Sky
+
+BATCH_FRAMES = 4
+"""Frames whose answers are written together: what a kill may cost in one process."""
+UNIT_PICTURES = 256
+"""Pictures of a unit, about: what a kill may cost is two units for each worker."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What is asked of whom.
+
+    Attributes:
+        item: the object.
+        stage: world, sky, camera, places and variants.
+        places: the cameras at each place.
+        classifier: who is asked.
+        true_index: class of the object.
+        weathers: that every frame is seen in.
+        batch_size: pictures that are gathered for a pass.
+        shots: pictures that a simulator made, where one did.
+    """
+
+    item: TableObject
+    stage: Stage
+    places: tuple[PlaceCameras, ...]
+    classifier: Classifier
+    true_index: int
+    weathers: tuple[WeatherKey, ...]
+    batch_size: int | None
+    shots: ShotFrames | None = None
+
+    def tasks(self) -> list[Task]:
+        """Every frame in every weather; those of a place and variant follow each other."""
+        stage = self.stage
+        camera = stage.camera.intrinsics
+        network = (
+            self.classifier.arch, self.classifier.weights.sha256, self.classifier.preprocessing.describe(),
+            self.true_index,
+        )  # fmt: skip
+        shared = hash_inputs(
+            METHOD_VERSION, LOOK_VERSION, stage.world.sha256, _hash_sky(stage.sky), camera, stage.seed, *network
+        )
+        meshes = {name: hash_mesh(one.mesh) for name, one in stage.variants.items()}
+        tasks = []
+        for k, place in enumerate(self.places):
+            stand = place.placed.stand
+            for name in stage.variants:
+                there = hash_inputs(shared, meshes[name], list(stand.place), stand.turn_deg)
+                for one in place.cameras:
+                    item = k * 1_000_000_000 + one.number  # a grid has at most a million points
+                    frame = hash_inputs(there, one.T_world_camera.tolist(), item)
+                    tasks.append(Task(frame, k, name, item, one, self.weathers, False))
+        if self.shots is None:
+            return tasks
+        # a simulator's pictures are known by their bytes: what they were made of is not ours to hash
+        return [
+            task._replace(frame=hash_inputs(METHOD_VERSION, *network, self.shots.hash_pictures(task))) for task in tasks
+        ]
+
+
+def _hash_sky(sky: Sky) -> str:
+    light = np.array([sky.sun.azimuth_deg, sky.sun.elevation_deg, *sky.sun.irradiance, sky.exposure, sky.lamps])
+    return sha256_bytes(np.ascontiguousarray(sky.panorama).tobytes() + light.tobytes())
+
+
+@dataclass(frozen=True)
+class Said:
+    """What is known of every picture after a run.
+
+    Attributes:
+        places: the cameras whose pictures were all answered; a place without any is left out.
+        answers: by variant and weather, of all cameras of these places, in order.
+        computed, kept: answers that were computed now, and taken from before.
+        failed: (what, reason) of units that could not be done; the next run tries them again.
+    """
+
+    places: tuple[PlaceCameras, ...]
+    answers: dict[tuple[str, WeatherKey], Answers]
+    computed: int
+    kept: int
+    failed: tuple[tuple[str, str], ...]
+
+
+def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine) -> Said:
+    """All answers, those that are not in the log computed and added to it.
+
+    Memory holds the units in hand, and in one process a batch of pictures and a few frames, whatever the size of the
+    grid. A killed run goes on with the next frames. Where a unit fails, its cameras are left out.
+
+    Args:
+        asked: what, of whom.
+        log: of answers.
+        kept: gets the frames that stay on disk; None where all are there, as a simulator's are.
+        engine: does the units.
+
+    Raises:
+        ToolkitError: no camera is left, or the disk is full.
+    """
+    tasks = asked.tasks()
+    known = read_answers(log, (task.frame for task in tasks))
+    names = {weather: name_weather(weather) for weather in asked.weathers}
+    missing = [(task, [w for w in task.weathers if names[w] not in known[task.frame]]) for task in tasks]
+    lacking = {task.frame for task in tasks if kept is not None and kept.lacks(task)}
+    wanted = [
+        (task if task.frame in lacking else task._replace(weathers=tuple(weathers)))._replace(
+            is_kept=kept is not None and kept.wants(task)
+        )
+        for task, weathers in missing
+        if weathers or task.frame in lacking
+    ]
+    todo, total = sum(len(task.weathers) for task in wanted), len(tasks) * len(asked.weathers)
+    failures: list[Outcome[tuple[Task, ...], AnsweredFrame]] = []
+    computed = 0
+    lines: list[FrameAnswers] = []
+
+    def write() -> None:
+        open_answers(log).append(*lines)
+        known.update({line.frame: known[line.frame] | line.answers for line in lines})
+        lines.clear()
+
+    with progress("evaluating (pictures)", total, done=total - todo) as bar:
+        if wanted:
+            bar.advance(0, note="light")
+        for outcome in engine.run(list_units(asked, wanted, engine)):
+            if outcome.result is None:
+                failures.append(outcome)
+                check_hope(failures, computed)
+                continue
+            at, line, files = outcome.result
+            if files and kept is not None:
+                kept.write(outcome.unit.tag[at], files)
+            lines.append(line)
+            computed += len(line.answers)
+            if len(lines) == BATCH_FRAMES:
+                write()
+            bar.advance(len(line.answers), note=outcome.unit.name)
+        if lines:
+            write()
+    places, answers = _gather(asked, tasks, known)
+    if not places:
+        raise ToolkitError(failures[0].reason)
+    return Said(places, answers, computed, total - todo, tuple(list_failures(failures)))
+
+
+def _gather(
+    asked: Asked, tasks: Sequence[Task], known: dict[str, dict[str, Answer]]
+) -> tuple[tuple[PlaceCameras, ...], dict[tuple[str, WeatherKey], Answers]]:
+    """Cameras that were answered in every variant and weather, and their answers: all variants keep the same ones."""
+    names = {weather: name_weather(weather) for weather in asked.weathers}
+    failed: list[set[int]] = [set() for _ in asked.places]
+    for task in tasks:
+        if not known[task.frame].keys() >= set(names.values()):
+            failed[task.place].add(task.camera.number)
+    places = tuple(place.without(lost) for place, lost in zip(asked.places, failed, strict=True))
+    whole = [task for task in tasks if task.camera.number not in failed[task.place]]
+    answers = {
+        (variant, weather): Answers.of(known[task.frame][names[weather]] for task in whole if task.variant == variant)
+        for variant in asked.stage.variants
+        for weather in asked.weathers
+        if whole
+    }
+    return tuple(place for place in places if place.cameras), answers
+
+
+class Rendered(NamedTuple):
+    """Frames of our own renderer.
+
+    Attributes:
+        stage: what is rendered.
+        light: on what stands around, worked out once by the driver.
+    """
+
+    stage: Stage
+    light: BakedLight
+
+    def frames(self, tasks: Sequence[Task]) -> Iterator[Frame]:
+        """See `render_frames`."""
+        keep_light(self.stage.places[0].scene, self.light)
+        return render_frames(self.stage, tasks)
+
+
+class Setup(NamedTuple):
+    """What all units of a run need.
+
+    Attributes:
+        source: of the pictures.
+        classifier, true_index, batch_size: see `Asked`.
+    """
+
+    source: FrameSource
+    classifier: Classifier
+    true_index: int
+    batch_size: int | None
+
+
+class AnsweredFrame(NamedTuple):
+    """A frame's answers.
+
+    Attributes:
+        at: which of its unit's tasks it is.
+        line: what was said.
+        files: of a kept frame, see `encode_frame`; else nothing.
+    """
+
+    at: int
+    line: FrameAnswers
+    files: dict[str, bytes]
+
+
+def list_units(asked: Asked, tasks: Sequence[Task], engine: Engine) -> Iterator[Unit[tuple[Task, ...], AnsweredFrame]]:
+    """Units of frames; those of a place and variant follow each other, so that a worker lights each object once."""
+    if not tasks:
+        return
+    stage = asked.stage
+    source = asked.shots or Rendered(stage, light_surroundings(stage.places[0].scene))
+    setup = engine.share(Setup(source, asked.classifier, asked.true_index, asked.batch_size))
+    for (place, variant), group in groupby(tasks, key=lambda task: (task.place, task.variant)):
+        own = list(group)
+        most = max(len(task.weathers) for task in own)
+        count = max(1, round(UNIT_PICTURES / most / CPU_PART)) * CPU_PART  # its pictures fill whole passes
+        for start in range(0, len(own), count):
+            some = tuple(own[start : start + count])
+            name = f"{stage.places[place].spot.name} {variant} cameras {some[0].camera.number}-{some[-1].camera.number}"
+            yield Unit("+".join(task.frame for task in some), answer_unit, (setup, some), name, some)
+
+
+def answer_unit(shared: Shared[Setup], tasks: Sequence[Task]) -> Iterator[AnsweredFrame]:
+    """The work of a unit: its frames' answers, each frame's whole, in order."""
+    setup = shared.get()
+
+    def show() -> Iterator[tuple[tuple[int, WeatherKey, dict[str, bytes]], np.ndarray]]:
+        for at, frame in enumerate(setup.source.frames(tasks)):
+            files = encode_frame(frame) if frame.task.is_kept else {}
+            for weather, picture in zip(frame.task.weathers, frame.pictures, strict=True):
+                yield (at, weather, files), picture
+
+    answers: dict[str, Answer] = {}
+    for (at, weather, files), order, probabilities in classify_stream(show(), setup.classifier, setup.batch_size):
+        answers[name_weather(weather)] = make_answer(order, probabilities, setup.true_index)
+        if weather == tasks[at].weathers[-1]:
+            yield AnsweredFrame(at, FrameAnswers(frame=tasks[at].frame, answers=answers), files)
+            answers = {}
