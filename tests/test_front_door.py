@@ -12,18 +12,11 @@ import pytest
 import toolkit as tk
 
 SOURCE = Path(tk.__file__)
+STUB = SOURCE.with_suffix(".pyi")
 HEAVY = ("torch", "torchvision", "open3d", "numpy", "scipy", "pydantic", "PIL", "cv2", "trimesh", "rich", "typer")
 
 
-def find_typed_names() -> dict[str, str]:
-    """What a type checker sees: name and home of each import in the TYPE_CHECKING block."""
-    branch = next(node for node in ast.parse(SOURCE.read_text()).body if isinstance(node, ast.If))
-    imports = [node for node in branch.body if isinstance(node, ast.ImportFrom)]
-    assert all(alias.asname == alias.name for node in imports for alias in node.names)
-    return {alias.name: node.module for node in imports for alias in node.names}
-
-
-NAMES = sorted(find_typed_names())
+NAMES = sorted(set(tk.__all__) - {"__version__"})
 
 
 def read_words(name: str) -> str:
@@ -51,16 +44,26 @@ def test_a_light_name_loads_nothing_heavy():
     assert run(sys.executable, "-c", code).strip() == "[]"
 
 
-def test_people_and_type_checkers_see_the_same_names():
-    assert find_typed_names() == tk._HOMES
-    assert set(NAMES) <= set(dir(tk))
-    assert 20 <= len(NAMES) <= 35
+def test_type_checkers_see_a_stub_of_imports_alone():
+    """The stub is what `__init__.py` reads line by line, so it holds whole imports and nothing that it would miss."""
+    head, *body = ast.parse(STUB.read_text()).body
+    assert isinstance(head, ast.Expr)
+    assert ast.unparse(body[0]) == "__version__: str"
+    assert {one.names[0].name: one.module for one in body[1:]} == tk._HOMES
+    assert all(len(one.names) == 1 and one.names[0].asname == one.names[0].name for one in body[1:])
+
+
+def test_a_star_import_gives_the_names_and_no_others():
+    space: dict[str, object] = {}
+    exec("from toolkit import *", space)
+    assert set(space) - {"__builtins__"} == set(tk.__all__) <= set(dir(tk))
+    assert 20 <= len(NAMES) <= 45
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_name_is_what_its_home_calls_so_and_explains_itself(name):
     thing = getattr(tk, name)
-    assert thing.__name__ == name and thing.__module__ == find_typed_names()[name]
+    assert thing.__name__ == name and thing.__module__ == tk._HOMES[name]
     assert inspect.getdoc(thing) and len(read_words(name)) > 60
     if inspect.isfunction(thing):
         signature = inspect.signature(thing)
