@@ -1,0 +1,188 @@
+"""Places for a patch on an object: found, drawn, tried out by training, written into the object's file."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from toolkit.captures.shoot import ShootSettings, studio_for
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import write_bytes
+from toolkit.core.workspace import Workspace
+from toolkit.objects.load import load_object
+from toolkit.objects.mesh import make_ray_scene
+from toolkit.objects.spec import write_mounts
+from toolkit.rig.fit import mounted_sizes_mm
+from toolkit.rig.place import (
+    Place,
+    PlaceConfig,
+    draw_places,
+    draw_poses,
+    find_places,
+    find_sheets,
+    judge_place,
+    share_seen,
+)  # fmt: skip
+from toolkit.rig.plan import open_plan
+
+if TYPE_CHECKING:
+    from toolkit.boosters.pixels import Network
+    from toolkit.boosters.validation import Validation
+
+RANDOM_VIEWS = 64
+"""That judge sheets which go on together."""
+TITLES = ("", "size, mm", "side", "offset, mm", "score, px", "seen", "area, px²", "poses", "bend")
+
+
+@dataclass(frozen=True)
+class SuggestedPlaces:
+    """Where on an object patches are seen best.
+
+    Attributes:
+        object_name: which object.
+        wanted: sheets that were asked for.
+        n_poses: cameras that judged the places.
+        now: the places that its file states, None for one that is off the object.
+        places: the best ones; of several sheets those that go on together.
+        picture: PNG of them.
+        steps: that a patch was trained for in each; 0 trained none.
+        trained: of each choice what each network recognised.
+        written: the object's file, where the best was put into it.
+    """
+
+    object_name: str
+    wanted: int
+    n_poses: int
+    now: tuple[Place | None, ...]
+    places: tuple[Place, ...]
+    picture: Path
+    steps: int
+    trained: "tuple[list[Validation], ...]"
+    written: Path | None
+
+    @property
+    def is_together(self) -> bool:
+        """Whether the places are those of several sheets."""
+        return self.wanted > 1
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it for a script."""
+        now = [one and one.as_json() for one in self.now]
+        places = [
+            one.as_json() | {"trained": _list_shares(self.trained[0 if self.is_together else k])}
+            for k, one in enumerate(self.places)
+        ]
+        return {
+            "object": self.object_name, "poses": self.n_poses, "picture": str(self.picture),
+            "written": self.written and str(self.written), "now": now[0] if len(now) == 1 else now, "places": places,
+        }  # fmt: skip
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """A row under `TITLES` for each place of today and each that was found."""
+        now = [("now" if one.lies else "now (does not lie)", one) for one in self.now if one]
+        named = [*now, *zip(self._names(), self.places, strict=True)]
+        return [
+            (
+                name, f"{one.mount.size_mm:g}", one.mount.at, f"{one.mount.offset_mm[0]:g}, {one.mount.offset_mm[1]:g}",
+                f"{one.score:.1f}", f"{one.visible:.0%}", f"{one.area_px:.0f}", f"{one.poses_seen} of {self.n_poses}",
+                f"{one.fit.bend_deg:.0f}°",
+            )
+            for name, one in named
+        ]  # fmt: skip
+
+    def lines(self) -> Iterator[str]:
+        """What training and the picture show, a sentence each."""
+        for name, one, answers in zip(self._names(), self.places, self.trained, strict=False):
+            which = f"{len(self.places)} sheets" if self.is_together else f"{name} of {one.mount.size_mm:g} mm"
+            for answer in answers:
+                said = f"{answer.patched} of held-out views, {answer.bare} with grey paper"
+                yield f"{which}, {self.steps} steps on {answer.network}: {said}"
+        if self.is_together:
+            seen = f"{share_seen(self.places):.0%} of {self.n_poses} random views show half of one"
+            count = "1 sheet" if len(self.places) == 1 else f"{len(self.places)} sheets that go on together"
+            yield f"{self.picture}: {count}; {seen}"
+        else:
+            size_mm = self.places[0].mount.size_mm
+            yield f"{self.picture}: the places of {size_mm:g} mm, numbered from the best"
+        if self.written is not None:
+            yield f"wrote {self.written}"
+
+    def warnings(self) -> Iterator[str]:
+        """What is less than was asked for, and what was not done."""
+        if len(self.places) < self.wanted and self.is_together:
+            room = f"there is room for {len(self.places)} of {self.wanted} sheets"
+            yield f"{room}: try a smaller --size-mm, or more --steps"
+        if self.written is None:
+            yield f"nothing was changed; --write puts the best into the file of {self.object_name}"
+
+    def _names(self) -> list[str]:
+        """Of each place its rank among those of its size, as the picture numbers them; of sheets their number."""
+        ranks: Counter[float | None] = Counter()
+        names = []
+        for one in self.places:
+            group = None if self.is_together else one.mount.size_mm
+            ranks[group] += 1
+            names.append(str(ranks[group]))
+        return names
+
+
+def suggest_places(
+    workspace: Workspace, object_name: str, config: PlaceConfig, *, networks: "Sequence[Network]" = (), steps: int = 0,
+    write: bool = False, seed: int = 0,
+) -> SuggestedPlaces:  # fmt: skip
+    """Score places and sizes for patches on an object by what cameras see of them, and draw the best.
+
+    One sheet is judged by the plan's cameras, several that go on together by random ones.
+
+    Args:
+        workspace: whose object, plan and patch are meant; the picture goes into its `rig/preview`.
+        object_name: which object.
+        config: sizes, sides and how many sheets.
+        networks: that a patch is trained on in each choice, where `steps` asks for it.
+        steps: of training in each choice; 0 for none.
+        write: put the best choice into the object's file.
+        seed: of the random cameras and of training.
+
+    Raises:
+        ToolkitError: an unknown object, a broken plan, or no sheet lies anywhere.
+    """
+    item = load_object(workspace.object_spec(object_name))
+    plan = open_plan(workspace, [object_name])
+    together = config.sheets > 1
+    poses = draw_poses(item, plan.camera, RANDOM_VIEWS, seed) if together else plan.objects[object_name]
+    own_mm = mounted_sizes_mm(workspace, item)
+    scene = make_ray_scene(item.mesh)
+    own = [one.model_copy(update={"size_mm": size}) for one, size in zip(item.spec.mounts, own_mm, strict=True)]
+    now = tuple(judge_place(item, scene, plan.camera, poses, mount) for mount in own)
+    sizes = config.sizes_mm or (round(own_mm[0], 1), round(own_mm[0] * 2 / 3, 1))
+    find = find_sheets if together else find_places
+    places = find(item, plan.camera, poses, config, sorted(set(sizes), reverse=True))
+    if not places:
+        raise ToolkitError(
+            f"{object_name}: no sheet of {' or '.join(f'{size:g}' for size in sizes)} mm lies anywhere on it: try a "
+            "smaller --size-mm, or more --steps"
+        )
+    picture = workspace.root / "rig" / "preview" / f"{object_name}-places.png"
+    shown = [one for one in places if together or one.mount.size_mm == places[0].mount.size_mm]
+    write_bytes(picture, draw_places(item, shown, plan.camera, poses, studio_for(item, ShootSettings())))
+    choices = [[one.mount for one in places]] if together else [[one.mount] for one in places]
+    trained: list[list[Validation]] = [[] for _ in choices]
+    if steps:
+        from toolkit.boosters.for_object import try_place
+
+        trained = [try_place(workspace, object_name, networks, mounts, steps, seed) for mounts in choices]
+    written = None
+    if write:
+        worth = [(sum(one.patched.value for one in trained[k]), places[k].score) for k in range(len(choices))]
+        best = choices[worth.index(max(worth))]
+        file = workspace.objects_dir / f"{object_name}.toml"
+        written = write_mounts(workspace.object_spec(object_name), file, best)
+    return SuggestedPlaces(
+        object_name, config.sheets, len(poses), now, tuple(places), picture, steps, tuple(trained), written
+    )
+
+
+def _list_shares(answers: "list[Validation]") -> dict[str, Any]:
+    """Of each network the shares that it recognised on held-out views."""
+    return {one.network: {"patched": one.patched.value, "grey": one.bare.value, "n": one.patched.n} for one in answers}
