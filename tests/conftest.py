@@ -51,8 +51,8 @@ def make_crate_space(make_box):
     from toolkit.objects.load import load_object
     from toolkit.objects.records import write_patch
     from toolkit.rig.camera import Camera
-    from toolkit.rig.pattern import Pattern
     from toolkit.rig.plan import make_plan, write_plan
+    from toolkit.rig.requests import Pattern
 
     def make(folder):
         space = make_workspace(folder)

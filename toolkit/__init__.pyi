@@ -20,7 +20,7 @@ from toolkit.rig.mount import mount_patch as mount_patch
 from toolkit.printing.print_patches import print_patch as print_patch
 from toolkit.printing.settings import PrintSettings as PrintSettings
 from toolkit.rig.camera import Camera as Camera
-from toolkit.rig.pattern import Pattern as Pattern
+from toolkit.rig.requests import Pattern as Pattern
 from toolkit.rig.plan import plan_poses as plan_poses
 from toolkit.rig.plan import plan_objects as plan_objects
 from toolkit.captures.render import render as render

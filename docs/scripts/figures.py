@@ -20,8 +20,8 @@ from toolkit.evaluation.metrics import TEXTURED
 from toolkit.objects.load import BUILTIN, load_object
 from toolkit.objects.records import read_patch, read_texture
 from toolkit.rig.camera import Camera
-from toolkit.rig.pattern import Pattern
 from toolkit.rig.plan import plan_poses
+from toolkit.rig.requests import Pattern
 from toolkit.rig.variants import PAIR
 
 NEAR = Path(__file__).resolve().parents[2] / "rig/textures/near/eggnog.png"

@@ -14,8 +14,8 @@ from toolkit.photos.importing.import_photos import import_photos
 from toolkit.photos.importing.settings import ImportSettings
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.camera import Camera, orbit_pose
-from toolkit.rig.pattern import Pattern
 from toolkit.rig.plan import make_plan, read_plan, write_plan
+from toolkit.rig.requests import Pattern
 
 register_heif()
 START = datetime(2024, 5, 1, 10)

@@ -14,8 +14,8 @@ from toolkit.objects.load import load_object
 from toolkit.photos.importing.align import EXTRA, NO_SHOT, align_shots
 from toolkit.photos.importing.settings import ImportSettings
 from toolkit.rig.camera import Camera, orbit_pose
-from toolkit.rig.pattern import Pattern
 from toolkit.rig.plan import make_plan, read_plan, write_plan
+from toolkit.rig.requests import Pattern
 from toolkit.rig.shot_order import list_shots, order_shots, write_shots
 
 FAR = 6.0

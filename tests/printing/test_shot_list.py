@@ -18,15 +18,14 @@ from toolkit.cli import app
 from toolkit.core.console import Ticker
 from toolkit.objects.load import load_object
 from toolkit.printing.canvas import POINTS_PER_MM
-from toolkit.printing.page import parse_paper
 from toolkit.printing.shot_list.first_page import equivalent_focal_mm
 from toolkit.printing.shot_list.job import write_shot_list
 from toolkit.printing.shot_list.mounting import draw_mountings, draw_views, make_light_studio
 from toolkit.printing.shot_list.session import trace_outline
 from toolkit.rig.board import DEFAULT_BOARD
 from toolkit.rig.camera import Camera
-from toolkit.rig.pattern import Pattern
 from toolkit.rig.plan import make_plan, open_plan, read_plan, write_plan
+from toolkit.rig.requests import Pattern, ShotListConfig
 
 COUNT = 8
 
@@ -67,7 +66,7 @@ def read_back(space, result) -> Listed:
 
 @pytest.fixture(scope="module")
 def listed(space):
-    result = write_shot_list(space, open_plan(space), ["crate"], parse_paper("a4"), seed=2)
+    result = write_shot_list(space, open_plan(space), ["crate"], ShotListConfig(), seed=2)
     return read_back(space, result)
 
 
@@ -192,7 +191,8 @@ def test_the_same_seed_gives_the_same_bytes_and_letter_is_letter(tmp_path, make_
     space = make_crate_space(tmp_path / "letter")
 
     def made():
-        result = write_shot_list(space, open_plan(space), ["crate"], parse_paper("letter"), ("unpatched",), 1, "blocks")
+        asked = ShotListConfig(paper="letter", variants=("unpatched",), order="blocks")
+        result = write_shot_list(space, open_plan(space), ["crate"], asked, seed=1)
         return Path(result.pdf_file).read_bytes(), Path(result.shots_file).read_bytes()
 
     first = made()
@@ -244,7 +244,7 @@ def test_the_command_keeps_the_plan_unless_poses_are_asked_for(tmp_path, make_cr
     [
         (["--paper", "a5"], "expected at least"),
         (["--variant", "pached"], "no variant called 'pached'"),
-        (["--order", "random"], "no order of shots called 'random'"),
+        (["--order", "random"], "expected aba, blocks or alternate"),
         (["--object", "crat"], "no object called 'crat'"),
     ],
 )

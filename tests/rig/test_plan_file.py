@@ -10,8 +10,8 @@ from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.spec import ObjectSpec
 from toolkit.rig.camera import Camera, project
-from toolkit.rig.pattern import Pattern
 from toolkit.rig.plan import check_poses, make_plan, open_plan, read_plan, write_plan
+from toolkit.rig.requests import Pattern
 
 
 @pytest.fixture(scope="module")

@@ -7,8 +7,8 @@ import pytest
 
 from toolkit.core.errors import ToolkitError
 from toolkit.rig.camera import orbit_direction
-from toolkit.rig.pattern import Pattern
 from toolkit.rig.plan import PATTERNS, spread_poses
+from toolkit.rig.requests import Pattern
 
 NAMES = list(PATTERNS)
 

@@ -10,8 +10,8 @@ from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import TableObject
 from toolkit.objects.spec import ObjectSpec
 from toolkit.rig.camera import Camera
-from toolkit.rig.pattern import Pattern
 from toolkit.rig.plan import make_plan
+from toolkit.rig.requests import Pattern
 from toolkit.rig.shot_order import (  # fmt: skip
     ORDERS,
     ShotStep,

@@ -16,8 +16,8 @@ from toolkit.objects.mesh import Material, hash_mesh, hash_shape
 from toolkit.objects.records import encode_png, write_texture
 from toolkit.objects.shapes.modelling import assemble, box
 from toolkit.rig.camera import Camera, project
-from toolkit.rig.pattern import Pattern
 from toolkit.rig.plan import make_plan, read_plan, write_plan
+from toolkit.rig.requests import Pattern
 from toolkit.rig.variants import CONTROLS_OF, dress, find_booster, find_texture, fit_texture
 
 SETTINGS = ShootSettings(backdrop="white", image_format="png")

@@ -27,10 +27,11 @@ from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import CapturePlan, Pose, check_poses
 from toolkit.rig.renderer import RENDERERS, make_renderer
+from toolkit.rig.requests import PAIR
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
-from toolkit.rig.variants import PAIR, Paint, Print, describe_booster, dress, find_booster, note_booster
+from toolkit.rig.variants import Paint, Print, describe_booster, dress, find_booster, note_booster
 
 
 @dataclass(frozen=True)

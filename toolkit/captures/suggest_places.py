@@ -16,7 +16,6 @@ from toolkit.objects.spec import write_mounts
 from toolkit.rig.fit import mounted_sizes_mm
 from toolkit.rig.place import (
     Place,
-    PlaceConfig,
     draw_places,
     draw_poses,
     find_places,
@@ -25,6 +24,7 @@ from toolkit.rig.place import (
     share_seen,
 )  # fmt: skip
 from toolkit.rig.plan import open_plan
+from toolkit.rig.requests import PlaceConfig
 
 if TYPE_CHECKING:
     from toolkit.boosters.pixels import Network

@@ -97,7 +97,8 @@ def capture_sim(
     from toolkit.rig.board import read_board
     from toolkit.rig.misfits import list_misfits
     from toolkit.rig.plan import open_plan
-    from toolkit.rig.variants import ON_PAPER, PAIR
+    from toolkit.rig.requests import PAIR
+    from toolkit.rig.variants import ON_PAPER
 
     corruptions: Sequence[Corruption] = ()
     if corrupt:  # else torch need not be loaded

@@ -50,21 +50,16 @@ def corrupt(
     One corruption at one severity mirrors IN in OUT; several lie in OUT/NAME/SEVERITY.
     """
     from toolkit.core.severities import SEVERITIES
-    from toolkit.corruptions.folder import corrupt_file, corrupt_folder
+    from toolkit.corruptions.folder import corrupt_images
     from toolkit.corruptions.request import find_note, parse_corruptions
     from toolkit.models.network import choose_device
 
     chosen = parse_corruptions(names, severities or SEVERITIES)
-    device = choose_device(device)
-    if source.is_file() and out.suffix.lower() in (".png", ".jpg", ".jpeg"):
-        result = corrupt_file(source, out, chosen, seed=seed, size_px=image_px, device=device)
-    else:
-        result = corrupt_folder(
-            source, out, chosen, seed=seed, size_px=image_px, image_format=image_format, device=device
-        )
+    result = corrupt_images(
+        source, out, chosen, seed=seed, size_px=image_px, image_format=image_format, device=choose_device(device)
+    )
     if as_json:
-        failed = [{"path": path, "reason": reason} for path, reason in result.failed]
-        show_json({"out": str(out), "made": result.made, "kept": result.kept, "failed": failed})
+        show_json({"out": str(out)} | result.as_json())
     else:
         note = find_note(list(dict.fromkeys(name for name, _ in chosen)))
         for line in (*result.describe_scale(), *([note] if note else [])):

@@ -7,7 +7,7 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json, show_table, warn
-from toolkit.rig.place import PlaceConfig
+from toolkit.rig.requests import PlaceConfig
 
 
 @from_config(config=PlaceConfig)

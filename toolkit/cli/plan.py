@@ -9,21 +9,18 @@ import typer
 
 from toolkit.cli import options
 from toolkit.cli.options import from_config
-from toolkit.cli.output import say, show_json, show_table, warn
-from toolkit.rig.pattern import Pattern
+from toolkit.cli.output import remark, say, show_json, show_table, warn
+from toolkit.rig.requests import SHOT_LIST, Pattern, ShotListConfig
 
 if TYPE_CHECKING:
-    from toolkit.core.workspace import Workspace
-    from toolkit.objects.load import TableObject
     from toolkit.printing.shot_list.job import WrittenShotList
-    from toolkit.rig.plan import CapturePlan
+    from toolkit.rig.plan import CapturePlan, Pose
 
-LIST = "The shot list"
 POSES = (*Pattern.model_fields, "resolution", "fov", "preview")
 """Options that are about the poses; `--shot-list` without any of them keeps those that are planned."""
 
 
-@from_config(pattern=Pattern)
+@from_config(pattern=Pattern, listing=ShotListConfig)
 def plan(
     *,
     context: typer.Context,
@@ -41,29 +38,11 @@ def plan(
         bool,
         typer.Option(
             "--shot-list",
-            rich_help_panel=LIST,
+            rich_help_panel=SHOT_LIST,
             help="Also make print/shot_list.pdf, to photograph by, and rig/shots.json.",
         ),
     ] = False,
-    paper: Annotated[str, typer.Option(metavar="SIZE", rich_help_panel=LIST, help="a4, letter, or larger.")] = "a4",
-    variants: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--variant",
-            metavar="NAME",
-            rich_help_panel=LIST,
-            help="As in capture-sim; repeat for more. Default: unpatched and patched.",
-        ),
-    ] = None,
-    order: Annotated[
-        str,
-        typer.Option(
-            metavar="aba|blocks|alternate",
-            rich_help_panel=LIST,
-            help="aba: half of the unpatched shots before the patched ones, half after; blocks: one variant after the "
-            "other; alternate: all variants at each place.",
-        ),
-    ] = "aba",
+    listing: ShotListConfig,
     seed: options.Seed = 0,
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,
@@ -73,45 +52,43 @@ def plan(
 
     With --shot-list, and without an option about the poses, those that are planned stay as they are.
     """
+    from toolkit.captures.previews import preview_plan
     from toolkit.core.workspace import open_workspace
-    from toolkit.objects.load import load_object
-    from toolkit.printing.page import parse_paper
+    from toolkit.printing.shot_list.job import write_shot_list
     from toolkit.rig.camera import Camera
     from toolkit.rig.misfits import list_misfits
-    from toolkit.rig.plan import keep_others, make_plan, open_plan, read_plan, write_plan
+    from toolkit.rig.plan import open_plan, plan_objects
 
     space = open_workspace(workspace).with_patches(patches)
     sources = [context.get_parameter_source(name) for name in POSES]
     is_about_poses = any(source is not None and source.name != "DEFAULT" for source in sources)
     if shot_list and space.plan_file.is_file() and not is_about_poses:
-        made = open_plan(space, list(objects or []))
+        made = open_plan(space, objects)
         names = list(dict.fromkeys(objects or made.objects))
     else:
         names = objects or sorted(space.object_specs())
-        items = [load_object(space.object_spec(name)) for name in names]
-        new = make_plan(items, Camera.from_fov(*resolution, fov), pattern.with_overrides(seed=seed), space)
-        old = read_plan(space.plan_file) if objects and space.plan_file.is_file() else None
-        made = keep_others(old, new)
-        file = write_plan(space.plan_file, made)
-        drawn = _draw(space, items, new, seed) if preview else None
+        camera = Camera.from_fov(*resolution, fov)
+        made = plan_objects(space, objects or (), pattern.with_overrides(seed=seed), camera)
+        planned = made.model_copy(update={"objects": {name: made.objects[name] for name in names}})
+        drawn = preview_plan(space, planned, seed) if preview else None
         if as_json and not shot_list:
-            show_json(new.model_dump(mode="json"))
+            show_json(planned.model_dump(mode="json"))
         elif not as_json:
-            if not quiet:
-                _show_poses(new)
-            if drawn:
-                say(f"drew the positions and contact sheets into {drawn}")
-            say(what_pairs_can_show(pattern.count))
-            say(f"wrote {file}{'' if shot_list else '; next: toolkit capture-sim'}")
+            _report_plan(planned, drawn, quiet)
+            say(f"wrote {space.plan_file}{'' if shot_list else '; next: toolkit capture-sim'}")
     for line in list_misfits(space, names, made):
-        warn(f"note: {line}")
+        remark(line)
     if shot_list:
-        from toolkit.printing.shot_list.job import write_shot_list
-        from toolkit.rig.shot_order import parse_order
-        from toolkit.rig.variants import PAIR
+        _report_list(write_shot_list(space, made, names, listing, seed), as_json)
 
-        sheet = parse_paper(paper)
-        _report_list(write_shot_list(space, made, names, sheet, variants or PAIR, seed, parse_order(order)), as_json)
+
+def _report_plan(planned: "CapturePlan", drawn: Path | None, quiet: bool) -> None:
+    if not quiet:
+        rows = [_as_row(name, poses) for name, poses in planned.objects.items()]
+        show_table(("object", "poses", "elevations", "azimuths", "distance, mm"), rows)
+    if drawn:
+        say(f"drew the positions and contact sheets into {drawn}")
+    say(what_pairs_can_show(max(map(len, planned.objects.values()))))
 
 
 def _report_list(made: "WrittenShotList", as_json: bool) -> None:
@@ -123,7 +100,7 @@ def _report_list(made: "WrittenShotList", as_json: bool) -> None:
     if made.replaced:
         say("note: rig/shots.json held other shots, or another order, before")
     for note in made.notes:
-        warn(f"note: {note}")
+        remark(note)
     say(f"{made.shots} shots of {', '.join(made.objects)}; the camera moves {made.travel_m:.1f} m in all")
     wrote = f"wrote {made.pdf_file} ({made.pages} pages) and {made.shots_file}"
     say(f"{wrote}; next: print it, shoot in its order, then toolkit import PHOTOS/")
@@ -142,13 +119,10 @@ def what_pairs_can_show(count: int) -> str:
     )
 
 
-def _show_poses(made: "CapturePlan") -> None:
-    rows = []
-    for name, poses in made.objects.items():
-        elevations, azimuths = ({pose.elevation_deg for pose in poses}, {pose.azimuth_deg for pose in poses})
-        near, far = (pick(pose.distance_mm for pose in poses) for pick in (min, max))
-        rows.append((name, len(poses), _listed(elevations), _listed(azimuths), f"{near:.0f}-{far:.0f}"))
-    show_table(("object", "poses", "elevations", "azimuths", "distance, mm"), rows)
+def _as_row(name: str, poses: "Sequence[Pose]") -> tuple[str, int, str, str, str]:
+    elevations, azimuths = ({pose.elevation_deg for pose in poses}, {pose.azimuth_deg for pose in poses})
+    near, far = (pick(pose.distance_mm for pose in poses) for pick in (min, max))
+    return name, len(poses), _listed(elevations), _listed(azimuths), f"{near:.0f}-{far:.0f}"
 
 
 def _listed(some: set[float]) -> str:
@@ -156,21 +130,3 @@ def _listed(some: set[float]) -> str:
     if len(degrees) > 8:
         return f"{degrees[0]:.0f}-{degrees[-1]:.0f}° ({len(degrees)})"
     return " ".join(f"{value:.0f}°" for value in degrees)
-
-
-def _draw(space: "Workspace", items: Sequence["TableObject"], made: "CapturePlan", seed: int) -> Path:
-    """Write both pictures of every object; returns their folder."""
-    from toolkit.captures.shoot import ShootSettings, studio_for
-    from toolkit.core.console import progress
-    from toolkit.core.files import write_bytes
-    from toolkit.rig.preview import draw_contact_sheet, draw_positions
-
-    camera, folder = made.camera, space.root / "rig" / "preview"
-    with progress("drawing previews", len(items)) as bar:
-        for item in items:
-            poses = made.objects[item.name]
-            write_bytes(folder / f"{item.name}-positions.png", draw_positions(item, camera, poses))
-            studio = studio_for(item, ShootSettings(seed=seed))
-            write_bytes(folder / f"{item.name}-sheet.png", draw_contact_sheet(item, camera, poses, studio))
-            bar.advance(note=item.name)
-    return folder

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from toolkit.cli import options
-from toolkit.cli.output import say, show_json, show_table
+from toolkit.cli.options import from_config
+from toolkit.cli.output import kept_before, say, show_json, show_table
 from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.worlds.requests import ObjectInWorld, PreviewRequest
 
 if TYPE_CHECKING:
-    from toolkit.core.workspace import Workspace
-    from toolkit.objects.mesh import Mesh
-    from toolkit.worlds.world import Spot, World
+    from toolkit.worlds.world import World
 
 WorldName = Annotated[
     str,
@@ -20,19 +20,6 @@ WorldName = Annotated[
 ]
 Scale = Annotated[
     float, typer.Option("--world-scale", metavar="X", help="From the units of a mesh of your own to metres.", min=0)
-]
-ObjectName = Annotated[
-    str | None, typer.Option("--object", metavar="NAME", help="Stand this object in it, at its real size.")
-]
-VariantName = Annotated[
-    str | None,
-    typer.Option("--variant", metavar="NAME", help="Of the object: unpatched, patched, textured, or a control."),
-]
-PlaceName = Annotated[
-    str | None, typer.Option("--place", metavar="NAME", help="Where it stands; the map shows names. Default: by seed.")
-]
-Length = Annotated[
-    float | None, typer.Option("--length-m", metavar="X", help="Longest side of the object. Default: its spec's.")
 ]
 
 
@@ -99,38 +86,12 @@ def describe_studio() -> dict[str, Any]:
     }  # fmt: skip
 
 
+@from_config(request=PreviewRequest, item=ObjectInWorld)
 def preview(
     world: WorldName,
-    times: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--time",
-            metavar="NAME",
-            help="noon, afternoon, golden, dusk, overcast; repeat for more. Default: afternoon and dusk.",
-        ),
-    ] = None,
-    sky: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="A panorama of your own as sky, before the times.")
-    ] = None,
-    weathers: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--weather",
-            metavar="NAME[:SEVERITY]",
-            help="The first sky's view also in: fog:1, dust, rain:3-5, snow; repeat for more. Default: fog:1.",
-        ),
-    ] = None,
-    name: ObjectName = None,
-    variant: VariantName = None,
-    place: PlaceName = None,
-    length_m: Length = None,
-    resolution: Annotated[tuple[int, int], typer.Option(metavar="WIDTH HEIGHT", help="Of the pictures, pixels.")] = (
-        1280,
-        720,
-    ),
-    film_s: Annotated[
-        float, typer.Option("--film-s", metavar="X", help="Length of the film, seconds; 0 makes none.")
-    ] = 12.0,
+    *,
+    request: PreviewRequest,
+    item: ObjectInWorld,
     scale: Scale = 1.0,
     out: Annotated[
         Path | None,
@@ -146,43 +107,22 @@ def preview(
     The map shows where objects may stand and where the cameras are. What is there already is not made again.
     """  # fmt: skip
     from toolkit.core.workspace import open_workspace
-    from toolkit.worlds.conditions import CLEAR, check_times, parse_weathers
-    from toolkit.worlds.panorama import load_sky
-    from toolkit.worlds.preview import PreviewSettings, preview_world
-    from toolkit.worlds.sky import make_sky
+    from toolkit.worlds.preview import preview_request
 
-    seen = tuple(one for one in parse_weathers(weathers or ["fog:1"]) if one != CLEAR)
-    settings = PreviewSettings(resolution, film_s=film_s, weathers=seen, seed=seed)
     space = open_workspace(workspace)
-    wanted = check_times(tuple(dict.fromkeys(times or ([] if sky else ["afternoon", "dusk"]))))
-    skies = [] if sky is None else [load_sky(sky)]
-    opened = _open(space, world, seed, scale)
-    skies += [make_sky(time) for time in wanted]
-    placed = None
-    folder = out or space.worlds_dir / opened.name
-    if name is None:
-        _refuse_without_object(variant=variant, place=place, length_m=length_m)
-    else:
-        from toolkit.worlds.place import place_object
-
-        mesh, spot = _find_object(space, opened, name, variant or "unpatched", place, length_m, seed)
-        placed = place_object(mesh, opened, spot, skies[0])
-        folder = out or folder / f"{name}-{variant or 'unpatched'}"
-    result = preview_world(opened, skies, folder, settings, placed)
+    name, result = preview_request(space, world, request, item, scale=scale, out=out, seed=seed)
     if as_json:
         show_json({"folder": str(result.folder), "made": result.made, "kept": result.kept})
         return
-    kept = f", {len(result.kept)} kept from before" if result.kept else ""
-    say(f"made {len(result.made)} files of {opened.name}{kept}: {result.folder}")
+    say(f"made {len(result.made)} files of {name}{kept_before(len(result.kept))}: {result.folder}")
     say(f"next: toolkit world export {world}, or look at map.png for places")
 
 
+@from_config(item=ObjectInWorld)
 def export(
     world: WorldName,
-    name: ObjectName = None,
-    variant: VariantName = None,
-    place: PlaceName = None,
-    length_m: Length = None,
+    *,
+    item: ObjectInWorld,
     lamps: Annotated[
         bool, typer.Option("--lamps", help="Lit, as at dusk: what glows is written as emissive textures.")
     ] = False,
@@ -203,22 +143,19 @@ def export(
     from toolkit.core.workspace import open_workspace
     from toolkit.objects.export import to_glb
     from toolkit.objects.mesh import merge_meshes
+    from toolkit.worlds.catalogue import open_world
+    from toolkit.worlds.place import stand_object
+    from toolkit.worlds.sky import make_sky
 
     space = open_workspace(workspace)
     if out is not None and out.suffix.lower() != ".glb":
         raise FieldError("expected a file that ends in .glb", {"out": out})
-    opened = _open(space, world, seed, scale)
+    item.check()
+    opened = open_world(space, world, seed, scale)
     mesh, title = opened.mesh, opened.name
-    if name is None:
-        _refuse_without_object(variant=variant, place=place, length_m=length_m)
-    else:
-        from toolkit.worlds.place import place_object
-        from toolkit.worlds.sky import make_sky
-
-        item, spot = _find_object(space, opened, name, variant or "unpatched", place, length_m, seed)
-        stands = place_object(item, opened, spot, make_sky("noon", height_px=16))
-        mesh = merge_meshes([mesh, stands.in_world])
-        title = f"{title}-{name}-{variant or 'unpatched'}"
+    if item.object_name is not None:
+        stands = stand_object(space, opened, item, make_sky("noon", height_px=16), seed)
+        mesh, title = merge_meshes([mesh, stands.in_world]), f"{title}-{item.title}"
     file = out or space.worlds_dir / opened.name / f"{title}.glb"
     content = to_glb(mesh, title, units_per_m=1.0, lamps=lamps)
     write_bytes(file, content)
@@ -227,37 +164,3 @@ def export(
         return
     say(f"wrote {len(mesh.faces):,} triangles, {len(content) / 1e6:.1f} MB, metres, y up: {file}")
     say("next: in Blender File > Import > glTF 2.0; in three.js GLTFLoader")
-
-
-def _open(space: "Workspace", world: str, seed: int, scale: float) -> "World":
-    from toolkit.core.console import notice
-    from toolkit.worlds.catalogue import open_world
-
-    if world == "studio":
-        raise ToolkitError("the studio is a table top, no world: see it with 'toolkit plan' and 'toolkit capture-sim'")
-    if world == "city":
-        notice("building the city: some seconds")
-    return open_world(space, world, seed, scale)
-
-
-def _refuse_without_object(**given: object) -> None:
-    for field, value in given.items():
-        if value is not None:
-            raise FieldError("of which object? Say {name} with it", {field: value})
-
-
-def _find_object(
-    space: "Workspace", world: "World", name: str, variant: str, place: str | None, length_m: float | None, seed: int
-) -> "tuple[Mesh, Spot]":  # fmt: skip
-    """The object at its real size in a variant, and the spot where it stands."""
-    from toolkit.objects.load import load_object
-    from toolkit.rig.variants import dress, find_booster
-    from toolkit.worlds.place import choose_places, find_radius, find_spot, scale_to_world
-
-    if variant == "patch-alone":
-        raise FieldError("lies on a table without its object: choose another in a world", {"variant": variant})
-    item = load_object(space.object_spec(name))
-    mesh = scale_to_world(dress(item, find_booster(space, item, variant)), item.spec, length_m)
-    if place is not None:
-        return mesh, find_spot(world, place)
-    return mesh, choose_places(world, find_radius(mesh), 1, seed)[0]

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from PIL import Image
@@ -183,6 +183,11 @@ class CorruptResult:
     failed: list[tuple[str, str]] = field(default_factory=list)
     sizes: Counter[tuple[str, int, int]] = field(default_factory=Counter)
 
+    def as_json(self) -> dict[str, Any]:
+        """Counts and failures for a script."""
+        failed = [{"path": path, "reason": reason} for path, reason in self.failed]
+        return {"made": self.made, "kept": self.kept, "failed": failed}
+
     def describe_scale(self) -> list[str]:
         """Which parameters the images took, and where these were made for another size: a line for each set."""
         lines = []
@@ -195,6 +200,18 @@ class CorruptResult:
                 line += f"; {other} have another size, and lengths are pixels, not scaled: image_px {made_for} compares"
             lines.append(line)
         return lines
+
+
+def corrupt_images(
+    source: Path, out: Path, corruptions: Sequence[tuple[str, int]], *, seed: int = 0, size_px: int | None = None,
+    image_format: str = "png", device: str = "cpu",
+) -> CorruptResult:  # fmt: skip
+    """`corrupt_file` for one image and an `out` that ends in .png or .jpg, else `corrupt_folder`."""
+    if source.is_file() and out.suffix.lower() in (".png", ".jpg", ".jpeg"):
+        return corrupt_file(source, out, corruptions, seed=seed, size_px=size_px, device=device)
+    return corrupt_folder(
+        source, out, corruptions, seed=seed, size_px=size_px, image_format=image_format, device=device
+    )
 
 
 def corrupt_folder(

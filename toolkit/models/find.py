@@ -7,10 +7,10 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler, model_serializer
 
-from toolkit.core.errors import FieldError, one_of
+from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.workspace import PACKAGE_DATA
-from toolkit.models.architectures import list_architectures
-from toolkit.models.labels import read_labels_file
+from toolkit.models.architectures import imagenet_labels, list_architectures
+from toolkit.models.labels import index_of_label, read_labels_file
 from toolkit.models.weights import SUFFIXES, check_named
 
 
@@ -238,6 +238,23 @@ def list_own(folder: Path | None = None) -> dict[str, Path]:
     places = [BUNDLED_DIR] if folder is None else [BUNDLED_DIR, folder]
     suffixes = (*SUFFIXES[:-1], EXPORTED_SUFFIX, ".onnx", SUFFIX)
     return {path.stem: path for place in places for suffix in suffixes for path in sorted(place.glob(f"*{suffix}"))}
+
+
+def find_class(given: str, folder: Path | None = None) -> str:
+    """The label that is meant, as it is spelt: one of the classifiers of `folder`, or ImageNet's, by any case or index.
+
+    Raises:
+        ToolkitError: no label is called so.
+    """
+    for weights in list_own(folder).values():
+        if given in (read_labels_file(weights).labels or []):
+            return given
+    labels = imagenet_labels()
+    try:
+        return labels[index_of_label(labels, given)]
+    except ToolkitError as error:
+        own = "" if folder is None else f", and the labels of the classifiers in {folder}"
+        raise ToolkitError(f"--class: {error} (ImageNet's names count{own})") from None
 
 
 def _arch_of(weights: Path) -> str:

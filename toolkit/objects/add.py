@@ -3,7 +3,7 @@
 import json
 import re
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -64,6 +64,28 @@ class AddedObject:
     mesh_files: tuple[Path, ...]
     length_is_guessed: bool
     file_length: float
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it for a script."""
+        return {
+            "name": self.item.name, "class": self.item.spec.class_name, "spec": str(self.spec_file),
+            "files": [str(file) for file in self.mesh_files], "scale": self.ask_scale(),
+            "size_mm": [round(float(side), 1) for side in self.item.mesh.size_mm],
+            "length_is_guessed": self.length_is_guessed,
+        }  # fmt: skip
+
+    def lines(self) -> Iterator[str]:
+        """What was made, a sentence each."""
+        item = self.item
+        size_mm = " × ".join(f"{side:.0f}" for side in item.mesh.size_mm)
+        yield f"added {item.name}, {item.spec.class_name}: {size_mm} mm, {len(item.mesh.faces):,} triangles"
+        named = ", ".join(file.name for file in self.mesh_files[1:])
+        yield f"wrote {self.spec_file}; the mesh is {self.mesh_files[0]}{f' with {named}' if named else ''}"
+
+    def ask_length(self) -> str | None:
+        """`ask_scale`, and what to do about it."""
+        asked = self.ask_scale()
+        return asked and f"{asked}: measure the longest side and set length_mm in {self.spec_file.name}"
 
     def ask_scale(self) -> str | None:
         """What to make sure of where the length is the file's and unusual, or is a guess; else None."""

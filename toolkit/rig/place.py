@@ -3,13 +3,11 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, Annotated, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
-from pydantic import Field
 
-from toolkit.core.config import Config, Flag
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import TableObject
@@ -21,6 +19,7 @@ from toolkit.rig.fit import ACROSS, SheetFit, measure_fit
 from toolkit.rig.mount import SAMPLES, SIDES, MountedSheet, attach, do_overlap, mount_patch
 from toolkit.rig.plan import Pose
 from toolkit.rig.preview import draw_contact_sheet
+from toolkit.rig.requests import PlaceConfig
 from toolkit.rig.scene import Scene
 from toolkit.rig.views import NEAR_VIEWS
 
@@ -35,22 +34,6 @@ MOST_OVERHANG = 0.15
 MOST_BEND_DEG = 100.0
 SEEN = 0.5
 COLOURS = ((214, 40, 40), (36, 98, 196), (28, 140, 60), (220, 140, 0), (130, 50, 160), (0, 140, 150))
-
-
-class PlaceConfig(Config):
-    """Which places are tried."""
-
-    sizes_mm: Annotated[tuple[float, ...], Flag("--size-mm", metavar="MM")] = Field(
-        (), description="Printed side to try; repeat for more. Default: as the patch is now, and two thirds of it."
-    )
-    sides: Annotated[tuple[Side, ...], Flag("--side", metavar="SIDE", typed=tuple[str, ...])] = Field(
-        get_args(Side), description="top, front, back, left or right; repeat for more. Default: all."
-    )
-    steps: Annotated[int, Field(ge=2, le=100), Flag()] = Field(12, description="Places along the object's length.")
-    best: Annotated[int, Field(ge=1, le=len(COLOURS)), Flag()] = Field(3, description="Places shown for each size.")
-    sheets: Annotated[int, Field(ge=1, le=len(COLOURS)), Flag()] = Field(
-        1, description="How many go on together; 2 or more are judged by random views, not by the plan's."
-    )
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
 from toolkit.rig.fit import sheet_points
-from toolkit.rig.pattern import MOST_POSES, Pattern
+from toolkit.rig.requests import MOST_POSES, Pattern
 
 
 def spread_poses(pattern: Pattern) -> np.ndarray:

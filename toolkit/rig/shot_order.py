@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -15,7 +15,7 @@ from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import read_json, write_json
 from toolkit.core.names import FileName, FolderName
 from toolkit.rig.plan import CapturePlan, PoseId
-from toolkit.rig.variants import PAIR
+from toolkit.rig.requests import PAIR, Order
 
 STARTS = 8
 LONGEST_RUN = 3
@@ -95,8 +95,7 @@ def _move_first(tour: np.ndarray, apart: np.ndarray, slack: float) -> np.ndarray
     return None
 
 
-Order = Literal["aba", "blocks", "alternate"]
-ORDERS: tuple[Order, ...] = ("aba", "blocks", "alternate")
+ORDERS: tuple[Order, ...] = get_args(Order)
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
@@ -174,7 +173,8 @@ def order_shots(
     Raises:
         ToolkitError: an unknown order, an object that is not in the plan or named twice, or no variant.
     """
-    parse_order(order)
+    if order not in ORDERS:
+        raise one_of("order of shots", order, list(ORDERS))
     if len(set(objects)) < len(objects):
         raise ToolkitError(f"objects {', '.join(objects)}: expected each once in a session")
     steps: list[ShotStep] = []
@@ -188,14 +188,6 @@ def order_shots(
         for variant, pose_id in _visit(_walk(plan, name, rng), wanted, order, rng):
             steps.append(ShotStep(len(steps) + 1, name, variant, pose_id))
     return steps
-
-
-def parse_order(text: str) -> Order:
-    """One of `ORDERS` by name; another name is a `ToolkitError`."""
-    for order in ORDERS:
-        if text == order:
-            return order
-    raise one_of("order of shots", text, list(ORDERS))
 
 
 def _walk(plan: CapturePlan, name: str, rng: np.random.Generator) -> list[int]:

@@ -92,7 +92,6 @@ def paint_object(item: TableObject, texture: Texture, pixels: np.ndarray) -> Mes
     return wear(fit_texture(item, texture), pixels)
 
 
-PAIR = ("unpatched", "patched")
 CONTROLS_OF = {
     "patched": ("wrong-patch", "random-patch", "grey-patch", "patch-alone"),
     "textured": ("random-texture", "grey-texture"),

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 
+from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import SUFFIXES
@@ -78,6 +79,10 @@ def open_world(space: Workspace, world: str, seed: int = 0, scale: float = 1.0) 
         return load_world(file if file.is_file() else space.root / file, scale, seed)
     if scale != 1.0:
         raise FieldError(f"the world {world} is in metres: a scale is for a mesh of your own", {"scale": scale})
+    if world == "studio":
+        raise ToolkitError("the studio is a table top, no world: see it with 'toolkit plan' and 'toolkit capture-sim'")
     if world not in WORLDS:
         raise one_of("world", world, [*WORLDS, *own])
+    if world == "city":
+        notice("building the city: some seconds")
     return build_world(world, seed)

@@ -10,9 +10,13 @@ from typing import Literal
 import numpy as np
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.workspace import Workspace
+from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Mesh, cast_rays
 from toolkit.objects.spec import ObjectSpec
 from toolkit.rig.scene import Scene, Stand
+from toolkit.rig.variants import dress, find_booster
+from toolkit.worlds.requests import ObjectInWorld
 from toolkit.worlds.sky import Sky
 from toolkit.worlds.world import Spot, World
 
@@ -202,6 +206,22 @@ def place_object(mesh: Mesh, world: World, spot: Spot, sky: Sky) -> Placed:
             f"something stands on '{spot.name}' of {world.name}, where the object would be: take another place"
         )
     return placed
+
+
+def stand_object(space: Workspace, world: World, item: ObjectInWorld, sky: Sky, seed: int = 0) -> Placed:
+    """Stand an object of a workspace in a world as is asked for; without a place, at one by `seed`.
+
+    Raises:
+        ToolkitError: an unknown object, variant or place, or nowhere is room for it.
+    """
+    loaded = load_object(space.object_spec(item.object_name or ""))
+    variant = item.variant or "unpatched"
+    mesh = scale_to_world(dress(loaded, find_booster(space, loaded, variant)), loaded.spec, item.length_m)
+    if item.place is not None:
+        spot = find_spot(world, item.place)
+    else:
+        spot = choose_places(world, find_radius(mesh), 1, seed)[0]
+    return place_object(mesh, world, spot, sky)
 
 
 def _stand_height(world: World, spot: Spot, points: np.ndarray) -> float:

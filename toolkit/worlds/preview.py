@@ -17,16 +17,20 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError
 from toolkit.core.files import read_bytes, sha256_file, write_bytes, write_json
+from toolkit.core.workspace import Workspace
 from toolkit.objects.mesh import cast_rays, hash_mesh
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.shading import tone_map
-from toolkit.worlds.conditions import CLEAR
+from toolkit.worlds.catalogue import open_world
+from toolkit.worlds.conditions import CLEAR, check_times, parse_weathers
 from toolkit.worlds.film import FPS, write_film
 from toolkit.worlds.flight import Flight, plan_flight
+from toolkit.worlds.panorama import load_sky
 from toolkit.worlds.picture import leave_empty, make_renderer, see_through
-from toolkit.worlds.place import Placed, place_object
-from toolkit.worlds.sky import Sky
+from toolkit.worlds.place import Placed, place_object, stand_object
+from toolkit.worlds.requests import ObjectInWorld, PreviewRequest
+from toolkit.worlds.sky import Sky, make_sky
 from toolkit.worlds.viewpoints import FOV_DEG, HEADROOM_M, Viewpoint, choose_viewpoints, clearance
 from toolkit.worlds.world import World
 from toolkit.worlds.world_map import MapSheet, draw_map
@@ -37,6 +41,7 @@ MADE_AS = 1
 QUALITY = 90
 OBJECT_VIEWS = {"object": (35.0, 12.0, 1.4), "object-far": (-50.0, 24.0, 3.5)}
 """Azimuth from its front, elevation and distance of pictures of an object; the distance in its lengths."""
+DEFAULT_TIMES = ("afternoon", "dusk")
 TURNS_DEG = sorted(range(-180, 180, 15), key=abs)
 
 
@@ -248,6 +253,34 @@ def preview_world(
                     bar.advance()
     made = [job.file for job in missing]
     return PreviewResult(show.folder, made, [job.file for job in jobs if job.file not in made])
+
+
+def preview_request(
+    space: Workspace, world: str, request: PreviewRequest, item: ObjectInWorld, *, scale: float = 1.0,
+    out: Path | None = None, seed: int = 0,
+) -> tuple[str, PreviewResult]:  # fmt: skip
+    """Open a world by name or file, stand an object in it where one is named, and make the pictures.
+
+    Returns:
+        The world's name, and what was made; by default below the workspace's `rig/worlds`.
+
+    Raises:
+        ToolkitError: world, sky, time, weather, object or place are unknown, or a number is out of range.
+    """
+    weathers = tuple(one for one in parse_weathers(request.weathers) if one != CLEAR)
+    settings = PreviewSettings(request.resolution, film_s=request.film_s, weathers=weathers, seed=seed)
+    item.check()
+    times = request.times or (() if request.sky else DEFAULT_TIMES)
+    wanted = check_times(tuple(dict.fromkeys(times)))
+    skies = [load_sky(request.sky)] if request.sky else []
+    opened = open_world(space, world, seed, scale)
+    skies += [make_sky(time) for time in wanted]
+    folder = out or space.worlds_dir / opened.name
+    placed = None
+    if item.object_name is not None:
+        placed = stand_object(space, opened, item, skies[0], seed)
+        folder = out or folder / item.title
+    return opened.name, preview_world(opened, skies, folder, settings, placed)
 
 
 def _light(show: _Show, sky: Sky) -> RaycastRenderer:

@@ -8,7 +8,7 @@ from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError
 from toolkit.evaluation.config import RunName
 from toolkit.experiments.sweeps.axes import Axis, Value, find_axis, parse_values
-from toolkit.rig.variants import PAIR
+from toolkit.rig.requests import PAIR
 
 
 class SweepConfig(Config):

@@ -12,7 +12,7 @@ from toolkit.photos.gates.result import Gate, GateResult
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.prints.find import CELL_SHOWS, PatchSighting
 from toolkit.photos.prints.size import SIZE_TOLERANCE
-from toolkit.rig.variants import PAIR
+from toolkit.rig.requests import PAIR
 
 MOVED = Gate("patch moved", 5.0, "mm", "put it where it is in the other photographs, and take this one again")
 """5 mm: a patch that stayed in its place is found within 0.2 mm in the rig's photographs, also by a lens that is 2 %

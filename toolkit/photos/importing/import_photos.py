@@ -25,8 +25,9 @@ from toolkit.photos.importing.settings import ImportSettings
 from toolkit.photos.importing.store import store_photo
 from toolkit.photos.locate import Locate, locate_by_board
 from toolkit.rig.plan import CapturePlan, open_plan
+from toolkit.rig.requests import PAIR
 from toolkit.rig.shot_order import ShotStep, read_shots
-from toolkit.rig.variants import PAIR, VARIANTS, find_booster
+from toolkit.rig.variants import VARIANTS, find_booster
 
 
 def check_settings(workspace: Workspace, settings: ImportSettings) -> list[str]:

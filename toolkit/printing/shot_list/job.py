@@ -9,14 +9,14 @@ from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
-from toolkit.printing.page import Paper
+from toolkit.printing.page import Paper, parse_paper
 from toolkit.printing.shot_list.document import build_shot_list
 from toolkit.printing.shot_list.session import prepare_session
 from toolkit.printing.wearers import is_same_size, read_page, say_sizes
 from toolkit.rig.board import read_board
 from toolkit.rig.plan import CapturePlan, check_poses
+from toolkit.rig.requests import Order, ShotListConfig
 from toolkit.rig.shot_order import (
-    Order,
     ShotList,
     ShotStep,
     hash_poses,
@@ -26,7 +26,7 @@ from toolkit.rig.shot_order import (
     read_shots,
     write_shots,
 )
-from toolkit.rig.variants import PAIR, VARIANTS, Paint, Print, find_booster
+from toolkit.rig.variants import VARIANTS, Paint, Print, find_booster
 
 NARROWEST_MM, LOWEST_MM = 180.0, 250.0
 
@@ -57,27 +57,26 @@ class WrittenShotList:
 
 
 def write_shot_list(
-    workspace: Workspace, plan: CapturePlan, objects: Sequence[str], paper: Paper, variants: Sequence[str] = PAIR,
-    seed: int = 0, order: Order = "aba",
-) -> WrittenShotList:  # fmt: skip
+    workspace: Workspace, plan: CapturePlan, objects: Sequence[str], config: ShotListConfig, seed: int = 0
+) -> WrittenShotList:
     """Order the shots of some objects, draw them, and write both files, the PDF first.
 
     Args:
         workspace: whose objects and patches are meant.
         plan: camera and poses.
         objects: in the order of shooting.
-        paper: A4, letter, or larger; taken upright.
-        variants: what is shot; those that need a patch are left out of an object that has none.
+        config: variants, order and paper, which is taken upright; variants that need a patch are left out of an object
+            that has none.
         seed: of the order.
-        order: as `order_shots` says.
 
     Raises:
         ToolkitError: an object or variant is unknown, a patch's files do not match, a pose cannot be shot, nothing is
             left to shoot, or the paper is too small.
     """
-    for variant in variants:
+    for variant in config.variants:
         if variant not in VARIANTS:
             raise one_of("variant", variant, list(VARIANTS))
+    paper, order = parse_paper(config.paper), config.order
     _check_paper(paper)
     items: dict[str, TableObject] = {}
     with progress("reading the objects", len(set(objects))) as bar:
@@ -87,7 +86,7 @@ def write_shot_list(
     boosters: dict[str, dict[str, Print | Paint | None]] = {}
     missing: dict[str, str] = {}
     for name, item in items.items():
-        boosters[name] = _find_boosters(workspace, item, variants, missing)
+        boosters[name] = _find_boosters(workspace, item, config.variants, missing)
     steps = order_shots(plan, list(items), {name: tuple(boosters[name]) for name in items}, seed, order)
     for name, item in items.items():
         check_poses(item, plan.camera, plan.objects[name])

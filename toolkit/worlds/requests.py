@@ -1,0 +1,60 @@
+"""What is asked for of a world: an object that stands in it, and pictures.
+
+Light to import: commands make their options from these.
+"""
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from toolkit.core.config import Config, Flag
+from toolkit.core.errors import FieldError
+
+
+class ObjectInWorld(Config):
+    """Which object stands in a world, in which variant, where and how large."""
+
+    object_name: Annotated[str | None, Flag("--object", metavar="NAME", typed=str)] = Field(
+        None, description="Stand this object in it, at its real size."
+    )
+    variant: Annotated[str | None, Flag(metavar="NAME", typed=str)] = Field(
+        None, description="Of the object: unpatched, patched, textured, or a control."
+    )
+    place: Annotated[str | None, Flag(metavar="NAME", typed=str)] = Field(
+        None, description="Where it stands; the map shows names. Default: by seed."
+    )
+    length_m: Annotated[float | None, Flag(metavar="X", typed=float)] = Field(
+        None, description="Longest side of the object. Default: its spec's."
+    )
+
+    def check(self) -> None:
+        """Raises a `FieldError` where something is said of an object that is not named, or that stands in no world."""
+        if self.variant == "patch-alone":
+            raise FieldError("lies on a table without its object: choose another in a world", {"variant": self.variant})
+        for field in ("variant", "place", "length_m"):
+            if self.object_name is None and (value := getattr(self, field)) is not None:
+                raise FieldError("of which object? Say {object_name} with it", {field: value})
+
+    @property
+    def title(self) -> str:
+        """`racer-patched`."""
+        return f"{self.object_name}-{self.variant or 'unpatched'}"
+
+
+class PreviewRequest(Config):
+    """Which pictures and which film are made of a world."""
+
+    times: Annotated[tuple[str, ...], Flag("--time", metavar="NAME")] = Field(
+        (), description="noon, afternoon, golden, dusk, overcast; repeat for more. Default: afternoon and dusk."
+    )
+    sky: Annotated[Path | None, Flag(metavar="FILE", typed=Path)] = Field(
+        None, description="A panorama of your own as sky, before the times."
+    )
+    weathers: Annotated[tuple[str, ...], Flag("--weather", metavar="NAME[:SEVERITY]")] = Field(
+        ("fog:1",), description="The first sky's view also in: fog:1, dust, rain:3-5, snow; repeat for more."
+    )
+    resolution: Annotated[tuple[int, int], Flag(metavar="WIDTH HEIGHT")] = Field(
+        (1280, 720), description="Of the pictures, pixels."
+    )
+    film_s: Annotated[float, Flag(metavar="X")] = Field(12.0, description="Length of the film, seconds; 0 makes none.")
