@@ -1,5 +1,6 @@
 # make demo    set up, then the whole road in ./demo: print files, 144 images, table and report
-# make test    set up, then all tests, one process for each core; PYTEST_ARGS="-m 'not slow'" for the quick ones
+# make test    set up, then the quick tests, one process for each core; PYTEST_ARGS="tests/rig -x" for some
+# make test-all  and those that take long: trainings, whole roads, kills and resumptions; CI runs this
 # make fuzz    attack every reader and command with bad input, others each time: some minutes; FUZZ=1000 for hours
 # make validate  pages, meshes, PDFs and the package before validators that others wrote
 # make bench   speed against the peers, as ratios in one run
@@ -12,13 +13,17 @@ BIN := .venv/bin
 # Weights that lie beside the checkout are used where there are any.
 export TOOLKIT_WEIGHTS ?= $(abspath $(wildcard ../shared/weights))
 
-.PHONY: demo test fuzz validate bench lint docs docs-benchmark docs-training site setup clean
+.PHONY: demo test test-all fuzz validate bench lint docs docs-benchmark docs-training site setup clean
 
 demo: setup
 	$(BIN)/toolkit demo demo
 
 # TEST_RAY=1 runs the tests of the Ray engine as well, which listens on all interfaces while they run.
 test: setup .venv/.test
+	@scripts/test-browser
+	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal -m "not slow" $(PYTEST_ARGS)
+
+test-all: setup .venv/.test
 	@scripts/test-browser
 	$(BIN)/python -m pytest -n logical --maxprocesses 8 --dist worksteal $(PYTEST_ARGS)
 
