@@ -44,11 +44,14 @@ def develop(
         if bright:
             for i in range(count):
                 if values[i] > shoulder:
+                    # an exponential shoulder: it meets the straight line with the same slope, and 1 at infinity
                     values[i] = shoulder + room * (1 - math.exp((shoulder - values[i]) / room))
         for i in range(count):
             value = values[i]
+            # photon noise grows with the root of the light; below 0.01 the sensor's own noise remains
             value += here[i] * spread * math.sqrt(max(value, 0.01))
             values[i] = min(value, 1.0) if value > 0 else 0.0  # NaN is black
         for i in range(count):
+            # a table instead of sRGB's power: the band's lowest code, plus one where the next has begun
             code = lower[int(values[i] * bands)]
             coded[row, i] = code + (values[i] >= starts[code])

@@ -21,10 +21,12 @@ def key_lobe(
         alpha: roughness squared, widened by the light's size.
     """
     alpha2 = alpha * alpha
+    # D = alpha² / (pi d²), GGX's distribution; G / (4 n·l n·v) is folded into `masking`
     d = normal_half * normal_half * (alpha2 - 1) + 1
     k = alpha / 2
     masking = (normal_view * (1 - k) + k) * (normal_light * (1 - k) + k)
     grazing = 1 - view_half
+    # Schlick's (1 - cosine)^5
     square = grazing * grazing
     return alpha2 * normal_light / (4 * math.pi * d * d * masking), square * square * grazing
 

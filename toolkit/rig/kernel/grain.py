@@ -25,6 +25,7 @@ def _advance(_: Any, high: types.Integer, low: types.Integer, step_high: types.I
 
         state = builder.add(builder.mul(join(*arguments[:2]), LONG(MULTIPLIER)), join(*arguments[2:]))
         upper, lower = builder.trunc(builder.lshr(state, LONG(64)), HALF), builder.trunc(state, HALF)
+        # XSL RR: the halves of the state are xored, then rotated by its top six bits
         mixed, turn = builder.xor(upper, lower), builder.lshr(upper, HALF(58))
         back = builder.and_(builder.sub(HALF(0), turn), HALF(63))
         word = builder.or_(builder.lshr(mixed, turn), builder.shl(mixed, back))
@@ -91,13 +92,16 @@ def draw_normals(state: np.ndarray, out: np.ndarray) -> None:
             layer, size = np.int64(bits & np.uint64(255)), np.int64(bits >> np.uint64(9))
             sign = np.float32(1 - 2 * np.int64((bits >> np.uint64(8)) & np.uint64(1)))
             x = np.float32(size) * wi_float[layer] * sign
+            # 99 % of draws end here: the point lies in the rectangle below the curve
             if size < ki_float[layer]:
                 break
+            # the lowest layer reaches to infinity
             if layer == 0:
                 stream, x = _draw_tail(stream)
                 x = -x if (size >> 8) & 1 else x
                 break
             stream, share = _next_share(stream)
+            # in the sliver between rectangle and curve: accept below the density
             below = (fi_float[layer - 1] - fi_float[layer]) * share + fi_float[layer]
             if below < math.exp(-0.5 * float(x) * float(x)):
                 break

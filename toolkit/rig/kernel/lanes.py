@@ -95,6 +95,7 @@ def log2(x: float) -> float:
     bits = bits_of(x) - 0x3FE6A09E667F3BCD  # of the root of 1/2: what is left of x lies around 1
     exponent = bits >> 52
     m = number_of(bits_of(x) - (exponent << 52))
+    # the series of 2 atanh(t) / ln 2, cut after four terms
     t = (m - 1) / (m + 1)
     s = t * t
     return exponent + t * (2.8853900818 + s * (0.9617966939 + s * (0.5770780164 + s * 0.4121985831)))
@@ -104,6 +105,7 @@ def log2(x: float) -> float:
 def exp2(x: float) -> float:
     """Of a number in [-1000, 1000], to a share of 1e-7, without a call into the library."""
     whole = math.floor(x + 0.5)
+    # the Taylor series of e^t for |t| <= ln(2) / 2, then a power of two by its exponent's bits
     t = (x - whole) * 0.6931471805599453
     power = 1 + t * (1 + t * (1 / 2 + t * (1 / 6 + t * (1 / 24 + t * (1 / 120 + t * (1 / 720))))))
     return number_of((int(whole) + 1023) << 52) * power

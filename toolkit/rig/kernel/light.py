@@ -21,8 +21,10 @@ def find_samples(steps: int, u: float, v: float) -> tuple[int, int, int, float, 
     i = min(max(int(x), 0), steps - 1)
     j = min(max(int(y), 0), steps - 1 - i)
     fx, fy = x - i, y - j
+    # rows are R + 1, R, R - 1 … samples long: the sum of the first j is j (R + 1) - j (j - 1) / 2
     row = j * (steps + 1) - j * (j - 1) // 2
     above = (j + 1) * (steps + 1) - (j + 1) * j // 2
+    # the upper of the two small triangles of this cell; the last cell of a row has none
     if fx + fy > 1 and i + j < steps - 1:
         return above + i + 1, row + i + 1, above + i, 1 - fy, 1 - fx
     return row + i, row + i + 1, above + i, fx, fy
@@ -76,6 +78,7 @@ def read_square(values: np.ndarray, side: float, x: float, y: float) -> Colour:
     """Bilinear value of a square picture (n, n, 4) around the origin, x right and y up; its border beyond it."""
     size = values.shape[0]
     scale = 1 / side
+    # values are those of the cells' centres
     column = min(max((0.5 + x * scale) * size - 0.5, 0.0), size - 1.0)
     row = min(max((0.5 - y * scale) * size - 0.5, 0.0), size - 1.0)
     left, top = min(int(column), size - 2), min(int(row), size - 2)
@@ -103,6 +106,7 @@ def make_shadow_rays(
         free[n] = 1 if cosine > 0 else 0
         if cosine <= 0:
             continue
+        # where the ray enters and leaves the box (the slab method)
         near, far = np.float32(0), np.float32(np.inf)
         for axis in range(3):
             step = direction[axis] if abs(direction[axis]) > 1e-12 else np.float32(1e-12)
@@ -135,6 +139,7 @@ def gather_light(
         found: the sums.
         total: (n,) float32 zeros, to work with.
     """
+    # a Monte Carlo sum of radiance times cosine over the sphere: each direction stands for an equal part of it
     solid_angle = 4 * np.pi / len(directions)
     for d in range(len(directions)):
         x, y, z = directions[d]
@@ -149,6 +154,7 @@ def gather_light(
                 continue
             found[n, 3] += weight
             if z < -1e-3 and side > 0:
+                # where the direction meets the ground, which sends back albedo / pi of its irradiance
                 reach = points[n, 2] / -z
                 light = read_square(table, side, points[n, 0] + reach * x, points[n, 1] + reach * y)
                 found[n, 0] += light[0] * albedo[0] / np.pi * weight

@@ -34,6 +34,8 @@ def project_corners(points: np.ndarray, T_pixel_mesh: np.ndarray, corners: np.nd
 @exact
 def _edge(corners: np.ndarray, a: int, b: int) -> Colour:
     """What is 0 on the line from a to b, times x, y and 1 of a pixel; from b to a it is exactly its opposite."""
+    # the cross product of two homogeneous points is the line through them; in `exact` code, so that triangles that
+    # share an edge leave no gap between them
     ax, ay, az = corners[a, 0], corners[a, 1], corners[a, 2]
     bx, by, bz = corners[b, 0], corners[b, 1], corners[b, 2]
     return ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
@@ -71,6 +73,7 @@ def _see(n: int, face: int, volume: float, weights: Colour, hits: Hits) -> None:
     """Let sample n see a triangle, where it lies inside and nothing nearer is seen."""
     u, v, w = weights
     if min(u, v, w) >= 0:
+        # the edge functions are barycentric weights over depth: their sum is 1 / depth, but for a factor
         scale, at = 1 / (u + v + w), np.uint64(n)
         depth = volume * scale
         if depth < hits.distance[at]:
@@ -91,6 +94,7 @@ def _see_finely(n: int, face: int, volume: float, edges: tuple[Colour, Colour, C
     dx, dy, ex, ey = SUBPIXELS[0, 0], SUBPIXELS[0, 1], SUBPIXELS[1, 0], SUBPIXELS[1, 1]
     du, dv, dw = ux * dx + uy * dy, vx * dx + vy * dy, wx * dx + wy * dy
     eu, ev, ew = ux * ex + uy * ey, vx * ex + vy * ey, wx * ex + wy * ey
+    # the best of the four samples is outside of an edge: so are all
     nearest = max(
         max(min(u + du, v + dv, w + dw), min(u + eu, v + ev, w + ew)),
         max(min(u - du, v - dv, w - dw), min(u - eu, v - ev, w - ew)),
@@ -166,6 +170,7 @@ def _draw(
     for row in range(upper, lower + 1):
         y, start, end = row + 0.5, float(first), float(last)
         if last > first + 1:
+            # cut the row to where all three edge functions can be positive, before any pixel is looked at
             start, end = _narrow(start, end, of_a[0], of_a[0] * 0.5 + of_a[1] * y + of_a[2] + a_spare)
             start, end = _narrow(start, end, of_b[0], of_b[0] * 0.5 + of_b[1] * y + of_b[2] + b_spare)
             start, end = _narrow(start, end, of_c[0], of_c[0] * 0.5 + of_c[1] * y + of_c[2] + c_spare)
@@ -225,6 +230,7 @@ def draw_triangles(
                 continue
             if box[0] > box[1] or box[2] > box[3]:
                 continue
+            # rounding must not hide a triangle behind itself
             nearest *= np.float32(0.999999)
             if _is_hidden(
                 furthest, nearest, samples.right - left, (box[0] - left, box[1] - left, box[2] - top, box[3] - top)
@@ -235,6 +241,7 @@ def draw_triangles(
                 waiting += 1
                 continue
             of_a, of_b, of_c = _edge(corners, b, c), _edge(corners, c, a), _edge(corners, a, b)
+            # the triple product of the corners: six times the volume of the tetrahedron with the camera, signed
             volume = of_a[0] * corners[a, 0] + of_a[1] * corners[a, 1] + of_a[2] * corners[a, 2]
             if volume < 0:
                 volume, of_a, of_b, of_c = -volume, _opposite(of_a), _opposite(of_b), _opposite(of_c)

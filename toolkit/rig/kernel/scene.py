@@ -142,6 +142,7 @@ def ray_through(view: View, x: float, y: float) -> Colour:
 
 @inlined
 def _rough_level(roughness: float) -> int:
+    # the borders lie halfway between neighbours of ROUGHNESS_LEVELS
     return 0 if roughness <= 0.21 else 1 if roughness <= 0.42 else 2 if roughness <= 0.72 else 3
 
 
@@ -151,6 +152,7 @@ def _table_radiance(around: Surround, x: float, y: float, lod: float) -> Colour:
     u, v = x * (1 / around.table_size[0]) + 0.5, y * (1 / around.table_size[1]) + 0.5
     colour = sample_texture(around.table, 0, u, v, lod, False)
     light = read_light_map(around.ground_light, x, y)
+    # a matt surface sends out its irradiance times albedo / pi
     scale = 1 / math.pi
     return colour[0] * light[0] * scale, colour[1] * light[1] * scale, colour[2] * light[2] * scale
 
@@ -174,10 +176,12 @@ def fill_sheen(around: Surround, view: View, sheen: np.ndarray) -> None:
             length = math.sqrt(dx * dx + dy * dy + dz * dz)
             grazing = 1 - abs(dz) / length
             square = grazing * grazing
+            # Schlick's Fresnel term for a dielectric, 0.04 at normal incidence, damped: rough wood is no mirror
             strength = (0.04 + (1 - roughness) * 0.5 * square * square * grazing) * (1 - 0.6 * roughness)
             red, green, blue = sample_direction(mirrored, dx, dy, abs(dz))
             sheen[i, j, 0], sheen[i, j, 1], sheen[i, j, 2] = red * strength, green * strength, blue * strength
             falling = max(-dz, 1e-4)
+            # a pixel's length on the table, mean of along and across the line of sight; 0.05 bounds it at the horizon
             footprint = view.origin[2] / falling / math.sqrt(max(falling / length, 0.05))
             sheen[i, j, 3] = math.log2(max(footprint * finest, 1e-3))
 
@@ -201,6 +205,7 @@ def background(
     cover = 1.0
     if not inside:
         for k in range(4):
+            # share of the pixel on the inner side of the nearest edge: a box filter of one pixel
             cover = min(cover, edges[k, 0] * x + edges[k, 1] * y + edges[k, 2] + 0.5)
         cover = max(cover, 0.0)
     red, green, blue = 0.0, 0.0, 0.0
@@ -243,6 +248,7 @@ def find_table_edges(around: Surround, view: View, edges: np.ndarray) -> None:
 def all_inside(edges: np.ndarray, left: int, top: int, right: int, bottom: int) -> bool:
     """Whether the table covers all of a part of the picture, by `find_table_edges`."""
     for k in range(4):
+        # the corner of the part that lies furthest outwards decides
         x = left + 0.5 if edges[k, 0] > 0 else right - 0.5
         y = top + 0.5 if edges[k, 1] > 0 else bottom - 0.5
         if edges[k, 0] * x + edges[k, 1] * y + edges[k, 2] < 0.5:
@@ -260,6 +266,7 @@ def _mirrored(around: Surround, point: Colour, direction: Colour, roughness: flo
         u = (point[0] + reach * x) * (1 / around.table_size[0]) + 0.5
         v = (point[1] + reach * y) * (1 / around.table_size[1]) + 0.5
         if abs(u - 0.5) < 0.5 and abs(v - 0.5) < 0.5:
+            # blurred as far as the surface is rough: coarser texels of the table
             return _table_radiance(around, point[0] + reach * x, point[1] + reach * y, 2.0 + level)
     return sample_direction(around.mirrored[level], x, y, z)
 
@@ -317,8 +324,10 @@ def shade(
     dx, dy, dz = dx * scale, dy * scale, dz * scale
     (nx, ny, nz), tu, tv = _blend_corners(mesh, face, u, v)
     cosine = -(nx * dx + ny * dy + nz * dz)
+    # both sides of a triangle are shaded: a mesh of the user's own may have faces turned inside out
     if cosine < 0:
         nx, ny, nz, cosine = -nx, -ny, -nz, -cosine
+    # level of detail: texels per pixel, the mean of a footprint stretched by 1 / cosine; 0.1 bounds the stretch
     texels = distance * (1 / view.fx) * mesh.faces[face].density
     lod = 0.5 * log2(max(texels * texels / max(cosine, 0.1), 1e-12))
     material = mesh.faces[face].material
@@ -326,19 +335,10 @@ def shade(
     albedo = (0.0, 0.0, 0.0)
     if not left_out:
         albedo = sample_texture(mesh.texels, int(mesh.texture[material]), float(tu), float(tv), lod, True)
-    red, green, blue, stored_share, room_share = _stored(mesh, face, u, v)
     point = (view.origin[0] + distance * dx, view.origin[1] + distance * dy, view.origin[2] + distance * dz)
-    if key_share < 0:
-        key_share = stored_share
-    else:
-        if abs(point[2] - around.ground_z) < around.ground_reach:
-            left = read_light_map(around.ground_light, point[0], point[1])
-            red, green, blue = red * left[0], green * left[1], blue * left[2]
-        facing = max(nx * around.key[0] + ny * around.key[1] + nz * around.key[2], 0.0) * key_share
-        red += around.key_irradiance[0] * facing
-        green += around.key_irradiance[1] * facing
-        blue += around.key_irradiance[2] * facing
+    red, green, blue, key_share, room_share = _arriving(around, mesh, (face, u, v, key_share), point, (nx, ny, nz))
     roughness, metallic = float(mesh.roughness[material]), float(mesh.metallic[material])
+    # glTF's metallic-roughness model: a metal has no diffuse part, and mirrors in its own colour
     diffuse = (1 - metallic) / math.pi
     gain = (red * diffuse, green * diffuse, blue * diffuse)
     f0 = (
@@ -351,6 +351,7 @@ def shade(
     colour = (
         albedo[0] * gain[0] + shine[0], albedo[1] * gain[1] + shine[1], albedo[2] * gain[2] + shine[2],
     )  # fmt: skip
+    # lamps and lit windows give off light of their own, whatever falls on them
     glow = mesh.glow[material]
     if glow >= 0:
         given = sample_texture(mesh.glow_texels, int(glow), float(tu), float(tv), lod + mesh.glow_lod[material], True)
@@ -361,6 +362,27 @@ def shade(
     if not left_out:
         gain = (0.0, 0.0, 0.0)
     return Seen(colour, gain, tu, tv, lod)
+
+
+@inlined
+def _arriving(
+    around: Surround, mesh: LitMesh, hit: tuple[int, float, float, float], point: Colour, normal: Colour
+) -> tuple[float, float, float, float, float]:
+    """Irradiance RGB at a point, and the shares of the key light and of the room that it sees; `hit` as in `shade`."""
+    face, u, v, key_share = hit
+    red, green, blue, stored_share, room_share = _stored(mesh, face, u, v)
+    # stored light holds the key light's part where the surface does not move; out of doors a ray has asked for it
+    if key_share < 0:
+        return red, green, blue, stored_share, room_share
+    if abs(point[2] - around.ground_z) < around.ground_reach:
+        left = read_light_map(around.ground_light, point[0], point[1])
+        red, green, blue = red * left[0], green * left[1], blue * left[2]
+    # Lambert's cosine law
+    facing = max(normal[0] * around.key[0] + normal[1] * around.key[1] + normal[2] * around.key[2], 0.0) * key_share
+    red += around.key_irradiance[0] * facing
+    green += around.key_irradiance[1] * facing
+    blue += around.key_irradiance[2] * facing
+    return red, green, blue, key_share, room_share
 
 
 @inlined
@@ -384,6 +406,7 @@ def _gloss(
     scale, bias = environment_brdf(roughness, cosine)
     mirror = (dx + 2 * cosine * nx, dy + 2 * cosine * ny, dz + 2 * cosine * nz)
     arriving = _mirrored(around, point, mirror, roughness)
+    # specular occlusion from ambient occlusion: a mirror direction is blocked a little before half of the room is
     visible = min(max(1.4 * room_share - 0.1, 0.0), 1.0)
     red = (f0[0] * scale + bias) * arriving[0] * visible
     green = (f0[1] * scale + bias) * arriving[1] * visible
@@ -391,6 +414,7 @@ def _gloss(
     lx, ly, lz = around.key[0], around.key[1], around.key[2]
     facing = nx * lx + ny * ly + nz * lz
     if facing > 0 and key_share > 0:
+        # the half vector between the light and the way back to the camera
         hx, hy, hz = lx - dx, ly - dy, lz - dz
         scale = 1 / max(math.sqrt(hx * hx + hy * hy + hz * hz), 1e-6)
         normal_half = (nx * hx + ny * hy + nz * hz) * scale

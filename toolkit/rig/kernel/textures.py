@@ -57,6 +57,7 @@ def around_place(
 def _repeat(x: float, size: int) -> tuple[int, int, float]:
     low = math.floor(x)
     left = int(low)
+    # the remainder is slow: most coordinates lie within the texture
     if left < 0 or left >= size:
         left %= size
     return left, left + 1 if left + 1 < size else 0, x - low
@@ -87,6 +88,7 @@ def sample_texture(texels: Texels, texture: int, u: float, v: float, lod: float,
     at = np.uint64(texture)
     lod = min(max(lod, 0.0), texels.levels[at] - 1.0)
     below = int(lod)
+    # between two levels of the pyramid; the finer alone where it is exact
     share, level, scale = lod - below, int(texels.first[at]) + below, 1 / 65535
     places, weights = _find_texels(texels, level, u, v, repeats)
     red, green, blue, _ = weighted_sum(texels.values, places, weights)
@@ -123,6 +125,7 @@ def arctangent(y: float, x: float) -> float:
 def sample_direction(picture: np.ndarray, x: float, y: float, z: float) -> Colour:
     """Bilinear colour of a picture of all directions (h, w, 4) towards (x, y, z); see `Scene.environment`."""
     height, width = picture.shape[0], picture.shape[1]
+    # equirectangular: the middle column looks along +x, azimuth grows to the left
     u = 0.5 - arctangent(y, x) * (0.5 / math.pi)
     v = 0.5 + arctangent(z, math.sqrt(x * x + y * y)) / math.pi
     columns, rows = _repeat(u * width - 0.5, width), _clamp((1 - v) * height - 0.5, height)
