@@ -105,14 +105,83 @@ def test_sources_that_were_installed_again_are_compiled_again_as_numba_does(star
 
 def test_folders_of_versions_that_nobody_uses_are_cleared_away(start, sources, tmp_path):
     now = (sources / "compiled.py").stat().st_mtime
-    for name, days in (("kernel-old", 31), ("kernel-other", 2), ("pictures", 400)):
+    for name, days in (("kernel-old", 31), ("kernel-other", 2), ("kernel-thesis", 400), ("pictures", 400)):
         (tmp_path / "cache" / name).mkdir(parents=True)
-        (tmp_path / "cache" / name / "complete").touch()
-        os.utime(tmp_path / "cache" / name / "complete", (now - 86400 * days,) * 2)
+        for file in ("complete", "kernel" if name == "kernel-thesis" else compiled.MARK):
+            (tmp_path / "cache" / name / file).touch()
+            os.utime(tmp_path / "cache" / name / file, (now - 86400 * days,) * 2)
     start(tmp_path / "cache")
     compiled.prepare(lambda: None)
     left = sorted(path.name for path in (tmp_path / "cache").iterdir())
-    assert left == sorted([compiled.cache_folder().name, "kernel-other", "pictures"])
+    assert left == sorted([compiled.cache_folder().name, "kernel-other", "kernel-thesis", "pictures"])
+
+
+def plant(folder: Path, how: str) -> None:
+    """Make a folder, or what lies in it, one that somebody else could have filled."""
+    (folder / "sub").mkdir(exist_ok=True)
+    (folder / "sub" / "tone.nbi").write_bytes(b"a pickle")
+    if how == "owner":
+        os.chown(folder, 12345, -1)
+    elif how == "file's owner":
+        os.chown(folder / "sub" / "tone.nbi", 12345, -1)
+    elif how == "mode":
+        folder.chmod(0o777)
+    elif how == "file's mode":
+        folder.chmod(0o755)
+        (folder / "sub" / "tone.nbi").chmod(0o646)
+    elif how == "parent's mode":
+        folder.parent.chmod(0o777)
+    elif how == "link":
+        folder.rename(folder.with_name("elsewhere"))
+        folder.symlink_to("elsewhere")
+    else:
+        (folder / "sub" / "more.nbi").symlink_to(__file__)
+
+
+PLANTED = {
+    "owner": "belongs to another user", "file's owner": "tone.nbi belongs to another user",
+    "mode": "others may write to", "file's mode": "others may write to", "parent's mode": "others may write to",
+    "link": "is a link", "file's link": "more.nbi is a link",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("how", PLANTED)
+def test_a_cache_that_another_user_could_have_filled_is_not_loaded(start, tmp_path, capsys, how):
+    if "owner" in how and os.geteuid() != 0:
+        pytest.skip("only root may give a file away")
+    start(tmp_path / "cache")
+    compiled.prepare(lambda: None)
+    planted = compiled.cache_folder()
+    plant(planted, how)
+    capsys.readouterr()
+    start(tmp_path / "cache")
+    compiled.prepare(lambda: None)
+    said = capsys.readouterr().err
+    assert PLANTED[how] in said and "set TOOLKIT_CACHE to a folder of your own" in said and said.count("\n") == 1
+    fresh = compiled.cache_folder()
+    assert not fresh.is_relative_to(tmp_path) and fresh.stat().st_mode & 0o077 == 0
+    assert [path.name for path in fresh.iterdir() if path.name != "complete"] == [compiled.MARK]
+    assert os.environ["TOOLKIT_CACHE"] == str(fresh.parent)  # processes that this one starts compile nothing anew
+    compiled.cache_folder.cache_clear()
+    assert compiled.cache_folder() == fresh and compiled.find_refusal() == ""
+
+
+def test_a_cache_of_ones_own_is_used_whatever_the_umask(start, tmp_path):
+    for umask in (0o002, 0o000):
+        before = os.umask(umask)
+        try:
+            start(tmp_path / f"{umask}" / "cache")
+            compiled.prepare(lambda: None)
+            (compiled.cache_folder() / "kernel").mkdir()
+            (compiled.cache_folder() / "kernel" / "tone.nbi").write_bytes(b"")
+        finally:
+            os.umask(before)
+        start(tmp_path / f"{umask}" / "cache")
+        assert compiled.cache_folder().is_relative_to(tmp_path) and compiled.is_compiled()
+        (tmp_path / f"{umask}" / "cache").rename(tmp_path / f"{umask}" / "there")
+        (tmp_path / f"{umask}" / "cache").symlink_to("there")  # as many move their cache to another disk
+        start(tmp_path / f"{umask}" / "cache")
+        assert compiled.cache_folder().is_relative_to(tmp_path) and compiled.is_compiled()
 
 
 PROGRAM = """

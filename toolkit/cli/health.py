@@ -89,13 +89,14 @@ def _open3d() -> Check:
 def _renderer() -> Check:
     """Whether the renderer's machine code is kept, and where."""
     try:
-        from toolkit.rig.kernel.compiled import cache_folder, is_compiled
+        from toolkit.rig.kernel.compiled import cache_folder, find_refusal, is_compiled
     except ImportError as error:
         return Check("renderer", "missing", str(error).splitlines()[0][:120], "pip install 'numba>=0.61,<0.70'")
-    folder = cache_folder()
-    if folder is None:
-        fix = "export TOOLKIT_CACHE=FOLDER, one that can be written to"
-        return Check("renderer", "note", "compiled at each start, some seconds: no folder to keep it in", fix)
+    folder, refused = cache_folder(), find_refusal()
+    if folder is None or refused:
+        why = f"its cache is not used, as {refused}" if refused else "no folder to keep it in"
+        fix = "export TOOLKIT_CACHE=FOLDER, one of your own that can be written to"
+        return Check("renderer", "note", f"compiled at each start, some seconds: {why}", fix)
     if is_compiled():
         return Check("renderer", "ok", f"compiled, in {folder}")
     return Check("renderer", "note", f"not compiled yet; the first picture does it, some seconds, into {folder}")

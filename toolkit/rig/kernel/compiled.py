@@ -1,14 +1,17 @@
 """What compiles the functions of this folder: numba, whose machine code is kept on disk between runs.
 
 The cache lies with the user, never beside the code, so that an install that cannot be written to is as fast as any. Its
-folder is named after the sources: numba itself would not notice a change in a function that another file calls.
+folder is named after the sources: numba itself would not notice a change in a function that another file calls. What
+numba loads from there runs, so that a folder that others could have filled is never used.
 """
 
+import atexit
 import gc
 import hashlib
 import os
 import shutil
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import lru_cache
@@ -19,26 +22,57 @@ import numba
 import numba.core.config as config
 
 from toolkit.core.console import notice
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import write_text
+from toolkit.core.trust import explain_distrust, make_private
 
+MARK = "made-by-toolkit.txt"
+"""In each folder that was made here; one without it is never deleted."""
+PLACE = "TOOLKIT_CACHE"
 P = ParamSpec("P")
 R = TypeVar("R")
 
 
+_refused = ""
+
+
 @lru_cache(maxsize=1)
 def cache_folder() -> Path | None:
-    """Where this version's machine code is kept; None where no folder of the user's own can be written to."""
+    """Where this version's machine code is kept; None where no folder of the user's own can be written to.
+
+    Where others could have filled that folder it is a new one, for this process and those that it starts.
+    """
+    global _refused
+    try:
+        folder = _make_folder()
+        _refused = explain_distrust(folder)
+        if _refused:
+            fresh = tempfile.mkdtemp(prefix="toolkit-kernel-")  # which nobody else can enter
+            atexit.register(shutil.rmtree, fresh, ignore_errors=True)
+            os.environ[PLACE] = fresh
+            folder = _make_folder()
+    except (OSError, ToolkitError):
+        return None
+    return folder if os.access(folder, os.W_OK) else None
+
+
+def find_refusal() -> str:
+    """Why the usual folder is not used, such as `/x belongs to another user`; empty where it is."""
+    cache_folder()
+    return _refused
+
+
+def _make_folder() -> Path:
     digest = hashlib.sha256(f"{numba.__version__} {sys.version_info[:2]}".encode())
     for source in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(f"{source} {source.stat().st_mtime_ns}".encode())  # numba compiles anew where either differs
         digest.update(source.read_bytes())
     home = os.environ.get("XDG_CACHE_HOME") or str(Path("~/.cache").expanduser())
-    root = Path(os.environ.get("TOOLKIT_CACHE") or Path(home) / "toolkit")
+    root = Path(os.environ.get(PLACE) or Path(home) / "toolkit")
     folder = root / f"kernel-{digest.hexdigest()[:16]}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    except OSError:
-        return None
-    return folder if os.access(folder, os.W_OK) else None
+    if make_private(folder):
+        write_text(folder / MARK, "The renderer's machine code. It can be deleted at any time.\n")
+    return folder
 
 
 def is_compiled() -> bool:
@@ -64,12 +98,16 @@ def prepare(compile_all: Callable[[], None]) -> None:
     if folder is None:
         notice("compiling the renderer, some seconds: no cache folder can be written to, so that each start does")
     elif not is_compiled():
-        notice("compiling the renderer for this machine: some seconds, once")
+        said = "compiling the renderer for this machine: some seconds, once"
+        if refused := find_refusal():
+            said = f"compiling the renderer, some seconds at each start: its cache is not used, as {refused}"
+            said += f": set {PLACE} to a folder of your own"
+        notice(said)
         with _without_collector():
             compile_all()
         (folder / "complete").touch()
         for old in folder.parent.glob("kernel-*"):
-            if old != folder and _is_stale(old):
+            if old != folder and (old / MARK).is_file() and not old.is_symlink() and _is_stale(old):
                 shutil.rmtree(old, ignore_errors=True)
 
 
