@@ -8,7 +8,7 @@ import zlib
 import pytest
 
 from toolkit.core.errors import ToolkitError
-from toolkit.imaging.read import UnreadableImage, decode_image, read_image
+from toolkit.imaging.read import UnreadableImage, decode_frame, decode_image, read_image
 from toolkit.objects.records import decode_png
 from toolkit.photos.photo import read_photo
 
@@ -29,6 +29,7 @@ READERS = {
     "photograph": lambda file: read_image(file),
     "bytes": lambda file: decode_image(file.read_bytes(), file),
     "patch or texture": lambda file: decode_png(file.read_bytes(), file),
+    "frame": lambda file: decode_frame(file.read_bytes(), file),
     "upload": lambda file: read_photo(file),
 }
 

@@ -2,9 +2,14 @@
 
 import contextlib
 import io
+import os
+import re
+import struct
+import threading
 from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 from PIL import ExifTags, Image, ImageCms, ImageOps
@@ -16,6 +21,11 @@ from toolkit.core.files import open_plain
 IMAGE_SUFFIXES = frozenset(
     (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".webp", ".tif", ".tiff", ".heic", ".heif", ".avif", ".bmp", ".gif")
 )
+FORMATS = ("JPEG", "PNG", "WEBP", "TIFF", "HEIF", "AVIF", "BMP", "GIF")
+"""Of Pillow's readers those that are used, whatever a file is called; its EPS reader would start Ghostscript."""
+TEXTURE_FORMATS = (*FORMATS, "TGA", "DDS", "PPM", "JPEG2000")
+"""Beside them, what modelling programs write."""
+PNG_START, RADIANCE_START, EXR_START = b"\x89PNG\r\n\x1a\n", b"#?", b"v/1\1"
 MAX_MEGAPIXELS = 175
 """Limit on what is decoded, photographs and textures: what takes 0.7 GB, and just below Pillow's own limit."""
 MAX_TEXTURE_PX = 8192
@@ -71,22 +81,74 @@ def open_image(path: Path, content: bytes | None = None) -> Iterator[Image.Image
     Raises:
         UnreadableImage: the file is empty, a pipe or a device, or far too large.
     """
-    register_heif()
     with open_plain(path) if content is None else io.BytesIO(content) as stream:
         if not stream.read(1):
             raise UnreadableImage(path, "the file is empty")
         stream.seek(0)
-        with Image.open(stream) as image:
-            megapixels = image.width * image.height / 1e6
-            if megapixels > MAX_MEGAPIXELS:
-                raise UnreadableImage(
-                    path,
-                    f"{megapixels:.0f} megapixels, more than {MAX_MEGAPIXELS}: a decompression bomb, or scale it down",
-                )
-            if max(image.size) > MAX_SIDE_PX:
-                size = f"{image.width}×{image.height} px"
-                raise UnreadableImage(path, f"{size}: a side of more than {MAX_SIDE_PX} px is no photograph's")
+        with Image.open(stream, formats=_list_readers(FORMATS)) as image:
+            _check_size(path, *image.size)
             yield image
+
+
+def _check_size(path: Path, width: int, height: int) -> None:
+    megapixels = width * height / 1e6
+    if megapixels > MAX_MEGAPIXELS:
+        raise UnreadableImage(
+            path, f"{megapixels:.0f} megapixels, more than {MAX_MEGAPIXELS}: a decompression bomb, or scale it down"
+        )
+    if max(width, height) > MAX_SIDE_PX:
+        size = f"{width}×{height} px"
+        raise UnreadableImage(path, f"{size}: a side of more than {MAX_SIDE_PX} px is no photograph's")
+
+
+def decode_frame(content: bytes, name: Path, grey: bool = False) -> np.ndarray:
+    """(h, w, 3) uint8 RGB of a PNG that a program wrote, or (h, w) where `grey`; OpenCV takes half of Pillow's time.
+
+    Raises:
+        UnreadableImage: it is no PNG, damaged, or far too large; `name` is what the error calls it.
+    """
+    import cv2
+
+    pixels = None
+    if content.startswith(PNG_START) and len(content) >= 24:
+        _check_size(name, *struct.unpack(">II", content[16:24]))
+        with contextlib.suppress(cv2.error):
+            flag = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR
+            pixels = cv2.imdecode(np.frombuffer(content, np.uint8), flag)
+    if pixels is None:
+        raise UnreadableImage(name, "expected a picture as PNG, found another kind or a damaged one")
+    return np.asarray(pixels) if grey else np.ascontiguousarray(pixels[..., ::-1])
+
+
+def read_linear(path: Path) -> np.ndarray:
+    """(h, w, 3) float32 linear light of a Radiance or OpenEXR picture, whichever its bytes are.
+
+    Raises:
+        UnreadableImage: it is neither, damaged, or far too large.
+    """
+    import cv2
+
+    try:
+        with open_plain(path) as file:
+            head = file.read(4096)
+    except (OSError, ValueError) as error:
+        raise UnreadableImage(path, explain_damage(error)) from None
+    if head.startswith(RADIANCE_START):
+        size = re.search(rb"\n[-+]Y (\d+) [-+]X (\d+)", head)
+        if size is None:
+            raise UnreadableImage(path, "not a Radiance picture, whatever its name says")
+        _check_size(path, int(size[2]), int(size[1]))
+    elif not head.startswith(EXR_START):
+        raise UnreadableImage(path, "not a Radiance picture, nor OpenEXR, whatever its name says")
+    os.environ.setdefault("OPENCV_IO_ENABLE_OPENEXR", "1")  # OpenCV keeps its reader of EXR off without
+    found = None
+    with contextlib.suppress(cv2.error):
+        found = cv2.imread(str(path), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
+    if found is None and head.startswith(EXR_START):
+        raise UnreadableImage(path, "this OpenCV reads no EXR, or the file is damaged: save the panorama as .hdr")
+    if found is None:
+        raise UnreadableImage(path, "a damaged Radiance picture")
+    return np.ascontiguousarray(found[..., ::-1], np.float32)
 
 
 def _decode(path: Path, content: bytes | None, short_side_px: int | None) -> np.ndarray:
@@ -131,15 +193,36 @@ def decode_texture(image: Image.Image, name: str) -> np.ndarray:
         raise UnreadableImage(Path(name), f"{size}: {explain_damage(error)}") from None
 
 
+_one_at_a_time = threading.RLock()
+
+
 @contextlib.contextmanager
-def allow_large_images() -> Iterator[None]:
-    """Within, Pillow opens pictures of any size; who decodes them keeps to `MAX_MEGAPIXELS`."""
-    limit = Image.MAX_IMAGE_PIXELS
-    Image.MAX_IMAGE_PIXELS = None
-    try:
-        yield
-    finally:
-        Image.MAX_IMAGE_PIXELS = limit
+def open_textures(name: str) -> Iterator[None]:
+    """Within, Pillow opens what textures are kept as and nothing else, whoever asks it, and pictures of any size.
+
+    Who decodes them keeps to `MAX_MEGAPIXELS`. A picture of another kind is left out, and a notice says so.
+
+    Args:
+        name: of what is read, for the notice.
+    """
+    readers = _list_readers(TEXTURE_FORMATS)
+    with _one_at_a_time:
+        limit, open_any = Image.MAX_IMAGE_PIXELS, Image.open
+
+        def open_texture(file: IO[bytes], mode: Any = "r", formats: Any = None) -> Image.Image:
+            if formats is not None:  # by `open_image`, in another thread
+                return open_any(file, mode, formats)
+            try:
+                return open_any(file, mode, readers)
+            except Image.UnidentifiedImageError:
+                notice(f"{name}: a texture is left out, it is none of {', '.join(readers)}: save it as PNG")
+                raise
+
+        Image.MAX_IMAGE_PIXELS, Image.open = None, open_texture  # type: ignore[assignment]
+        try:
+            yield
+        finally:
+            Image.MAX_IMAGE_PIXELS, Image.open = limit, open_any
 
 
 def explain_damage(error: Exception) -> str:
@@ -164,6 +247,14 @@ def register_heif() -> None:
     except ImportError:
         return  # HEIC files are then reported as no image; the package depends on pillow-heif
     register_heif_opener()
+
+
+@lru_cache(maxsize=2)
+def _list_readers(formats: tuple[str, ...]) -> tuple[str, ...]:
+    """Those of `formats` that this Pillow has."""
+    register_heif()
+    Image.init()
+    return tuple(one for one in formats if one in Image.OPEN)
 
 
 def _turn_upright(image: Image.Image) -> Image.Image:

@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import explain_validation, inside, open_whole, read_json, sha256_file
+from toolkit.imaging.read import UnreadableImage, decode_frame
 
 DATASET = "dataset.json"
 SPLITS = ("train", "held_out")
@@ -204,17 +205,14 @@ def _decode(path: Path, key: str, parts: dict[str, bytes]) -> Sample:
     where = f"{path}, sample {key}"
     try:
         truth = Truth.model_validate(json.loads(parts["json"]))
-        image, mask = (cv2.imdecode(np.frombuffer(parts[kind], np.uint8), flag) for kind, flag in _PICTURES)
+        image, mask = decode_frame(parts["png"], path), decode_frame(parts["seg.png"], path, grey=True)
     except ValidationError as error:
         raise ToolkitError(f"{where}: the truth cannot be used: {explain_validation(error)}") from None
-    except (KeyError, ValueError, cv2.error):
+    except UnreadableImage as error:
+        raise ToolkitError(f"{where}: a picture in it is damaged ({error.reason}): collect it again") from None
+    except (KeyError, ValueError):
         raise ToolkitError(f"{where}: expected a picture, a segmentation and a truth: collect it again") from None
-    if image is None or mask is None:
-        raise ToolkitError(f"{where}: a picture in it is damaged: collect it again")
-    return Sample(np.ascontiguousarray(image[..., ::-1]), mask > 127, truth)
-
-
-_PICTURES = (("png", cv2.IMREAD_COLOR), ("seg.png", cv2.IMREAD_GRAYSCALE))
+    return Sample(image, mask > 127, truth)
 
 
 def open_dataset(folder: Path) -> DatasetFile:

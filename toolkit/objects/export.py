@@ -1,6 +1,5 @@
 """Meshes for other programs: GLB, in metres with y up, as glTF has it."""
 
-from io import BytesIO
 from typing import Any
 
 import numpy as np
@@ -39,7 +38,7 @@ def to_glb(mesh: Mesh, name: str, units_per_m: float = MM_PER_M, lamps: bool = F
         unique = f"{material.name}-{index}"  # of two nodes with one name, trimesh keeps the last
         looks[unique] = material.name, sheets.setdefault(id(material.texture), len(sheets))
         look = trimesh.visual.material.PBRMaterial(
-            name=unique, baseColorTexture=None if known else _png_image(material.texture),
+            name=unique, baseColorTexture=None if known else Image.fromarray(material.texture),
             metallicFactor=float(material.metallic), roughnessFactor=float(material.roughness), doubleSided=True,
             **(_emission_of(material) if lamps else {}),
         )  # fmt: skip
@@ -68,17 +67,10 @@ def _emission_of(material: Material) -> dict[str, Any]:
     """What a material gives off, as trimesh takes it."""
     if material.emission is None or not material.emission.any():
         return {}
-    return {"emissiveTexture": _png_image(material.emission), "emissiveFactor": (1.0, 1.0, 1.0)}
+    return {"emissiveTexture": Image.fromarray(material.emission), "emissiveFactor": (1.0, 1.0, 1.0)}
 
 
 def _unit(normals: np.ndarray) -> np.ndarray:
     """Normals of length 1; those of faces without area, which have none, point up."""
     length = np.linalg.norm(normals.astype(np.float64), axis=1, keepdims=True)
     return np.where(length > 1e-6, normals / np.maximum(length, 1e-6), [0.0, 0.0, 1.0])
-
-
-def _png_image(texture: np.ndarray) -> Image.Image:
-    """A PIL image that the exporter embeds as PNG."""
-    buffer = BytesIO()
-    Image.fromarray(texture).save(buffer, "PNG")
-    return Image.open(buffer)

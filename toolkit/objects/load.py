@@ -10,7 +10,7 @@ import numpy as np
 
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import inside
-from toolkit.imaging.read import allow_large_images
+from toolkit.imaging.read import open_textures
 from toolkit.objects.grouping import group_places
 from toolkit.objects.mesh import (
     Mesh,
@@ -124,7 +124,7 @@ def _read_pieces(path: Path, max_parts: int | None) -> list[_Piece]:
 
     pieces = []
     try:
-        with allow_large_images():  # else one that is too large is left out without a word
+        with open_textures(str(path)):  # trimesh opens them itself
             scene = trimesh.load_scene(path, process=False)
         parts = len(scene.graph.nodes_geometry)
         if max_parts is not None and parts > max_parts:

@@ -1,7 +1,6 @@
 """What a camera wrote into a photograph, and the JPEG preview inside a raw one (DNG)."""
 
 import contextlib
-import io
 import math
 import re
 import warnings
@@ -14,7 +13,7 @@ from typing import BinaryIO
 from PIL import Image
 from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
-from toolkit.imaging.read import UnreadableImage, explain_damage
+from toolkit.imaging.read import UnreadableImage, explain_damage, open_image
 
 EXIF_IFD = 0x8769
 MAKE, MODEL, ORIENTATION, CHANGED = 0x010F, 0x0110, 0x0112, 0x0132
@@ -247,9 +246,9 @@ def _jpeg_in(directory: ImageFileDirectory_v2, file: BinaryIO) -> tuple[int, int
     if len(content) < lengths[0] or not content.startswith(JPEG_MAGIC):
         return None
     try:
-        with Image.open(io.BytesIO(content), formats=("JPEG",)) as picture:
+        with open_image(Path("preview"), content) as picture:
             return offsets[0], lengths[0], picture.width, picture.height
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+    except (OSError, ValueError, SyntaxError, UnreadableImage, Image.DecompressionBombError):
         return None
 
 

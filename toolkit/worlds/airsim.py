@@ -7,12 +7,14 @@ Functions, their arguments and the replies are as in the servers' sources: `AirL
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.text import shorten
+from toolkit.imaging.read import UnreadableImage, decode_frame
 from toolkit.worlds.msgpack_rpc import CallError, Connection
 from toolkit.worlds.ned import camera_to_ned, find_miss, object_to_ned, pack_pose, read_fields, unpack_pose
 
@@ -33,7 +35,6 @@ ENDLESS_M = 60_000.0
 """Depth from which on a ray met nothing: the simulators write 65,504 or 65,535."""
 PARKED_UP_M = 3000.0
 OBJECT_NUMBER = 42
-PNG = b"\x89PNG\r\n"
 
 
 @dataclass(frozen=True)
@@ -335,14 +336,10 @@ class _Image:
 
     def decode(self) -> np.ndarray:
         """(h, w, 3) uint8 RGB of a PNG."""
-        import cv2
-
-        pixels = None
-        if self.content.startswith(PNG):
-            pixels = cv2.imdecode(np.frombuffer(self.content, np.uint8), cv2.IMREAD_COLOR)
-        if pixels is None:
-            raise ToolkitError(f"{self.where}: expected a picture as PNG: see whether the camera is called so")
-        return np.ascontiguousarray(pixels[..., ::-1])
+        try:
+            return decode_frame(self.content, Path())
+        except UnreadableImage as error:
+            raise ToolkitError(f"{self.where}: {error.reason}: see whether the camera is called so") from None
 
     def read_depth(self) -> np.ndarray:
         """(h, w) float32 metres."""

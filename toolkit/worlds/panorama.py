@@ -1,7 +1,5 @@
 """A user's panorama as the sky of a world: read, checked, its sun made a light of its own."""
 
-import os
-import re
 from pathlib import Path
 
 import cv2
@@ -9,7 +7,7 @@ import numpy as np
 
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import LINEAR_OF_CODE
-from toolkit.imaging.read import MAX_MEGAPIXELS, read_image
+from toolkit.imaging.read import read_image, read_linear
 from toolkit.rig.scene import KeyLight
 from toolkit.worlds.daylight import LUMINANCE
 from toolkit.worlds.sky import SUN_RADIUS_DEG, Sky, find_directions, meter_exposure
@@ -63,32 +61,7 @@ def _read_linear(path: Path) -> np.ndarray:
         raise ToolkitError(f"{path}: expected a panorama as {known}")
     if suffix in ENCODED_SUFFIXES:
         return LINEAR_OF_CODE[read_image(path)]
-    if not path.is_file():
-        raise ToolkitError(f"{path}: no such file")
-    if suffix == ".hdr":
-        _check_size(path)
-    os.environ.setdefault("OPENCV_IO_ENABLE_OPENEXR", "1")  # OpenCV keeps its reader of EXR off without
-    try:
-        found = cv2.imread(str(path), cv2.IMREAD_ANYDEPTH | cv2.IMREAD_COLOR)
-    except cv2.error:
-        found = None
-    if found is None and suffix == ".exr":
-        raise ToolkitError(f"{path}: this OpenCV reads no EXR, or the file is damaged: save the panorama as .hdr")
-    if found is None:
-        raise ToolkitError(f"{path}: not a Radiance picture, or damaged")
-    return np.ascontiguousarray(found[..., ::-1], np.float32)
-
-
-def _check_size(path: Path) -> None:
-    """Refuse a picture that says it is huge before its memory is asked for."""
-    with path.open("rb") as file:
-        head = file.read(4096)
-    match = re.search(rb"\n[-+]Y (\d+) [-+]X (\d+)", head)
-    if not head.startswith(b"#?") or match is None:
-        raise ToolkitError(f"{path}: not a Radiance picture, whatever its name says")
-    megapixels = int(match[1]) * int(match[2]) / 1e6
-    if megapixels > MAX_MEGAPIXELS:
-        raise ToolkitError(f"{path}: {megapixels:.0f} megapixels, more than {MAX_MEGAPIXELS}: scale it down")
+    return read_linear(path)
 
 
 def split_sun(panorama: np.ndarray) -> tuple[np.ndarray, KeyLight]:

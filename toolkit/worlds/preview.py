@@ -18,6 +18,7 @@ from toolkit.core.console import progress
 from toolkit.core.errors import FieldError
 from toolkit.core.files import read_bytes, sha256_file, write_bytes, write_json
 from toolkit.core.workspace import Workspace
+from toolkit.imaging.read import read_image
 from toolkit.objects.mesh import cast_rays, hash_mesh
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
@@ -327,15 +328,11 @@ def _make_film(show: _Show, renderer: RaycastRenderer, advance: Any, key: str) -
         advance()
     for old in show.folder.glob(".*.partial.mp4"):
         old.unlink(missing_ok=True)
-    write_film(show.folder / FILM, (_decode(file) for file in files), show.settings.film_size, len(files))
+    write_film(show.folder / FILM, map(read_image, files), show.settings.film_size, len(files))
     for file in folder.glob("*.jpg"):
         file.unlink(missing_ok=True)
     if not any(folder.iterdir()):
         folder.rmdir()
-
-
-def _decode(file: Path) -> np.ndarray:
-    return np.asarray(Image.open(BytesIO(read_bytes(file, 64 << 20))).convert("RGB"))
 
 
 def encode_jpeg(picture: np.ndarray, quality: int = QUALITY) -> bytes:

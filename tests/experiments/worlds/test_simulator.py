@@ -161,7 +161,7 @@ def test_what_was_shot_before_it_broke_is_not_shot_again(asked, tmp_path, make_c
         one = next(space.eval_dir.rglob("fog-3.png"))
         one.write_bytes(b"no picture")
         [(_, reason)] = run(space).failed
-        assert "fog-3.png: expected a PNG: delete it and run again" in reason
+        assert "a damaged one: delete it and run again" in reason
 
 
 def test_what_does_not_go_with_a_simulator(tmp_path, make_crate_space, in_field) -> None:

@@ -1,11 +1,9 @@
 """The figures of an evaluation in a world: through weather, by where the camera stood, the cameras, what was shown."""
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from PIL import Image
 
 from toolkit.captures.read import POOLED, UNPATCHED
 from toolkit.core.figures import encode_figure, make_figure
@@ -15,6 +13,7 @@ from toolkit.experiments.worlds.half_lost import find_ladder, list_extinctions
 from toolkit.experiments.worlds.keep import KeptFrames, name_picture
 from toolkit.experiments.worlds.metrics import AXES, IN_VIEW
 from toolkit.experiments.worlds.results import WorldResults, find_visibility_m
+from toolkit.imaging.read import read_image
 from toolkit.worlds.conditions import CLEAR
 
 if TYPE_CHECKING:
@@ -184,7 +183,7 @@ def draw_sample(results: WorldResults, kept: KeptFrames) -> bytes | None:
         number = int(np.flatnonzero(results.place_of == k)[0]) + results.places[k].cameras.index(camera)
         folder = kept.folder / kept.path_of(names[k], variant, camera)
         for panel, weather in zip(line, weathers, strict=True):
-            panel.imshow(_read(folder / f"{name_picture(weather)}.png"), interpolation="antialiased")
+            panel.imshow(read_image(folder / f"{name_picture(weather)}.png"), interpolation="antialiased")
             rank = results.answers[variant, weather].true_rank[number]
             colour = RIGHT if rank == 1 else FIFTH if rank <= 5 else WRONG
             for spine in panel.spines.values():
@@ -206,8 +205,3 @@ def _spread(weathers: Sequence[WeatherKey]) -> list[WeatherKey]:
         count = min(len(ladder), max(1, (MOST_COLUMNS - 1) // len(ladders)))
         chosen += [ladder[round(k)] for k in np.linspace(0, len(ladder) - 1, count)] if count > 1 else [ladder[-1]]
     return chosen
-
-
-def _read(file: Path) -> np.ndarray:
-    with Image.open(file) as picture:
-        return np.asarray(picture.convert("RGB"))

@@ -4,7 +4,6 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import cv2
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
@@ -12,6 +11,7 @@ from toolkit.core.files import read_bytes, sha256_bytes
 from toolkit.experiments.worlds.answers import WeatherKey
 from toolkit.experiments.worlds.frames import Frame, Task
 from toolkit.experiments.worlds.keep import name_picture
+from toolkit.imaging.read import UnreadableImage, decode_frame
 
 MOST_PICTURE_BYTES = 64 << 20
 
@@ -49,7 +49,7 @@ class ShotFrames(NamedTuple):
 
     def _decode(self, task: Task, weather: WeatherKey) -> np.ndarray:
         file = self._file(task, weather)
-        pixels = cv2.imdecode(np.frombuffer(read_bytes(file, MOST_PICTURE_BYTES), np.uint8), cv2.IMREAD_COLOR)
-        if pixels is None:
-            raise ToolkitError(f"{file}: expected a PNG: delete it and run again, with the simulator running")
-        return np.ascontiguousarray(pixels[..., ::-1])
+        try:
+            return decode_frame(read_bytes(file, MOST_PICTURE_BYTES), file)
+        except UnreadableImage as error:
+            raise ToolkitError(f"{error}: delete it and run again, with the simulator running") from None
