@@ -2,6 +2,7 @@
 
 import json
 import os
+import stat
 import time
 
 import pytest
@@ -135,6 +136,37 @@ def test_a_link_in_a_files_place_is_replaced_and_never_followed(root, monkeypatc
     with pytest.raises(ToolkitError, match="cannot write"):
         write_bytes(root / "b.json", b"evil")
     assert target.read_bytes() == b"mine"
+
+
+def test_a_pipe_a_device_or_a_folder_is_never_replaced(root):
+    os.mkfifo(root / "pipe")
+    (root / "null").symlink_to("/dev/null")
+    (root / "out").symlink_to("/proc/self/fd/1")  # as /dev/stdout is
+    (root / "folder").symlink_to("../outside")
+    if os.geteuid() == 0:
+        os.mknod(root / "device", 0o666 | stat.S_IFCHR, os.makedev(1, 3))
+    before = {path.name: path.lstat().st_ino for path in root.iterdir()}
+    for name in before:
+        for write in (
+            lambda name=name: write_bytes(root / name, b"x"),
+            lambda name=name: move_file(write_bytes(root / "new", b"x"), root / name, root),
+            lambda name=name: link_file(write_bytes(root / "new", b"x"), root / name, root),
+        ):
+            with pytest.raises(ToolkitError, match=r"a pipe or a device, expected a plain file|a folder of that name"):
+                write()
+    (root / "new").unlink()
+    assert {path.name: path.lstat().st_ino for path in root.iterdir()} == before
+
+
+def test_a_log_is_appended_to_a_plain_file_of_one_name(tmp_path):
+    (tmp_path / "plan.json").write_text("{")
+    (tmp_path / "log.jsonl").hardlink_to(tmp_path / "plan.json")
+    with pytest.raises(ToolkitError, match=r"log\.jsonl: the file has a second name"):
+        RecordLog(tmp_path / "log.jsonl", Anything).append(Anything())
+    os.mkfifo(tmp_path / "pipe.jsonl")
+    with pytest.raises(ToolkitError, match="a pipe or a device"):
+        RecordLog(tmp_path / "pipe.jsonl", Anything).append(Anything())
+    assert (tmp_path / "plan.json").read_text() == "{"
 
 
 def test_a_write_that_cannot_be_says_what_is_in_the_way(tmp_path):

@@ -107,6 +107,18 @@ def test_a_link_in_the_locks_place_is_refused(tmp_path):
     assert (tmp_path / "precious").read_text() == "mine"
 
 
+def test_a_second_name_of_a_file_in_the_locks_place_does_not_empty_it(tmp_path):
+    (tmp_path / "plan.json").write_text("a week's work")
+    (tmp_path / LOCK).hardlink_to(tmp_path / "plan.json")
+    with pytest.raises(ToolkitError, match=r"\.lock: the file has a second name"), hold_folder(tmp_path):
+        pass
+    assert (tmp_path / "plan.json").read_text() == "a week's work"
+    (tmp_path / LOCK).unlink()
+    os.mkfifo(tmp_path / LOCK)
+    with pytest.raises(ToolkitError, match=r"\.lock: it is a pipe or a device"), hold_folder(tmp_path):
+        pass
+
+
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
 def test_a_folder_that_may_not_be_written_is_said(tmp_path):
     tmp_path.chmod(0o500)

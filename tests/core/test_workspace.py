@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.workspace import PACKAGE_DATA, make_workspace, open_workspace
+from toolkit.core.workspace import PACKAGE_DATA, copy_objects, make_workspace, open_workspace
 
 
 def test_it_is_found_from_anywhere_inside(tmp_path, monkeypatch):
@@ -132,3 +132,12 @@ def test_the_guides_example_is_a_valid_spec(tmp_path):
     file.write_text("\n".join(lines))
     spec = read_spec(file)
     assert (spec.name, spec.class_name, spec.mounts[0].size_mm) == ("mug", "coffee mug", 40)
+
+
+def test_objects_are_copied_without_the_folders_that_a_link_leads_to(tmp_path):
+    space = make_workspace(tmp_path / "space")
+    (tmp_path / "mug.glb").write_bytes(b"mesh")
+    (space.objects_dir / "mug.glb").symlink_to(tmp_path / "mug.glb")
+    (space.objects_dir / "m").symlink_to("../../..")  # round in a circle, through all that lies beside
+    copied = copy_objects(space, space.eval_dir / "copy")
+    assert sorted(path.name for path in copied.objects_dir.iterdir()) == ["README.txt", "mug.glb"]

@@ -282,3 +282,36 @@ def test_the_page_to_turn_it_holds_the_mesh_and_needs_no_network(make_box):
     content = base64.b64decode(re.search(r'base64_data="([^"]+)"', page)[1])
     box = trimesh.load_scene(io.BytesIO(content), file_type="glb")
     np.testing.assert_allclose(np.sort(box.extents), [0.04, 0.06, 0.1], rtol=1e-4)
+
+
+@pytest.mark.parametrize("linked", ["m", "m/deep", "other", "rig/objects"])
+def test_nothing_is_written_through_a_link(space, elsewhere, tmp_path, linked):
+    """A workspace that somebody sends may hold links; unpacking one makes them."""
+    (elsewhere / "m.obj").write_text(CARD)
+    outside = tmp_path / "a" / "b"
+    outside.mkdir(parents=True)
+    if linked == "rig/objects":
+        for file in space.objects_dir.iterdir():
+            file.unlink()
+        space.objects_dir.rmdir()
+        space.objects_dir.symlink_to(outside)
+    elif linked == "other":
+        (space.objects_dir / "other").mkdir()
+        (space.objects_dir / "m").symlink_to("other")
+    elif linked == "m":
+        (space.objects_dir / "m").symlink_to("../../../a/b")
+    else:
+        (elsewhere / "deep").mkdir()
+        (elsewhere / "m.obj").write_text("mtllib deep/m.mtl\n" + CARD)
+        (elsewhere / "deep" / "m.mtl").write_text("newmtl skin\n")
+        (space.objects_dir / "m").mkdir()
+        (space.objects_dir / "m" / "deep").symlink_to(outside)
+    before = files_below(tmp_path / "space"), list(outside.iterdir())
+    with pytest.raises(ToolkitError, match=r"is a link, or lies below one: nothing is written|leads out of its folder"):
+        add_object(space, elsewhere / "m.obj", MUG)
+    after = files_below(tmp_path / "space"), list(outside.iterdir())
+    assert [name for name in after[0] if name not in before[0]] == (["rig/objects/m/m.obj"] if "deep" in linked else [])
+    assert after[1] == []
+    if linked == "rig/objects":
+        with pytest.raises(ToolkitError, match="is a link, or lies below one"):
+            make_workspace(space.root)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from toolkit.captures.shoot import ShootSettings, studio_for
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import write_bytes
+from toolkit.core.files import without_links, write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import make_ray_scene
@@ -176,7 +176,7 @@ def suggest_places(
     if write:
         worth = [(sum(one.patched.value for one in trained[k]), places[k].score) for k in range(len(choices))]
         best = choices[worth.index(max(worth))]
-        file = workspace.objects_dir / f"{object_name}.toml"
+        file = without_links(workspace.root, "rig/objects") / f"{object_name}.toml"
         written = write_mounts(workspace.object_spec(object_name), file, best)
     return SuggestedPlaces(
         object_name, config.sheets, len(poses), now, tuple(places), picture, steps, tuple(trained), written

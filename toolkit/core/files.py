@@ -33,6 +33,8 @@ MOST_LEVELS = 50
 BETWEEN_KEYS, KEY_DOT = re.compile(r"[=\[\]{},#\n]"), re.compile(r"[\w\"'-][ \t]*\.")
 NO_WAITING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 NO_FOLLOWING = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
+NOT_PLAIN = "it is a pipe or a device, expected a plain file"
+SECOND_NAME = "the file has a second name (a hard link), and would change there too: delete this one of the two"
 
 WRITE_TROUBLE = {
     errno.ENOSPC: "the disk is full: free some space and run the same command again, it goes on where it stopped",
@@ -82,7 +84,23 @@ def open_plain(path: Path) -> BinaryIO:
     os.close(number)
     if stat.S_ISDIR(kind):
         raise IsADirectoryError(errno.EISDIR, "it is a folder, expected a file", str(path))
-    raise OSError(errno.EINVAL, "it is a pipe or a device, expected a plain file", str(path))
+    raise OSError(errno.EINVAL, NOT_PLAIN, str(path))
+
+
+def open_in_place(path: Path, flags: int = 0) -> int:
+    """Open a file that is changed where it lies, a log or a lock, made where it is missing; nothing of it is cut off.
+
+    Raises:
+        OSError: it is a link, has a second name, is not a plain file, or may not be written.
+    """
+    number = os.open(path, os.O_RDWR | os.O_CREAT | NO_WAITING | NO_FOLLOWING | flags, 0o666)
+    facts = os.fstat(number)
+    if stat.S_ISREG(facts.st_mode) and facts.st_nlink < 2:
+        return number
+    os.close(number)
+    if stat.S_ISREG(facts.st_mode):
+        raise OSError(errno.EMLINK, SECOND_NAME, str(path))
+    raise OSError(errno.EINVAL, NOT_PLAIN, str(path))
 
 
 def read_bytes(path: Path, most_bytes: int) -> bytes:
@@ -105,8 +123,8 @@ def read_bytes(path: Path, most_bytes: int) -> bytes:
 def open_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
     """A file to write that takes the place of `path` when the block has ended, and is gone when it fails.
 
-    Every file of the kit is written here. A link at `path` is replaced, not followed, and the temporary name can not
-    be foreseen.
+    Every file of the kit is written here. A link to a file at `path` is replaced, not followed, and the temporary name
+    can not be foreseen.
 
     Args:
         path: where to.
@@ -114,12 +132,14 @@ def open_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
             lead to.
 
     Raises:
-        ToolkitError: the path leaves `root`, the disk is full or read-only, or the folder may not be written.
+        ToolkitError: the path leaves `root`, something other than a file is there, the disk is full or read-only, or
+            the folder may not be written.
     """
     path = Path(path)
     partial = path.with_name(f".{path.name}.{secrets.token_hex(4)}.partial")
     try:
         make_folder(path.parent, root)
+        _check_replaceable(path)
         number = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_FOLLOWING, 0o666)
         with os.fdopen(number, "wb") as file:
             yield file
@@ -132,6 +152,19 @@ def open_whole(path: Path, root: Path | None = None) -> Iterator[BinaryIO]:
         if isinstance(error, OSError):
             raise explain_write_error(path, error) from error
         raise
+
+
+def _check_replaceable(path: Path) -> None:
+    """An `OSError` where a folder, a pipe or a device is, or a link to one; a renamed file would take its place."""
+    try:
+        kind = path.stat().st_mode
+    except OSError:  # nothing is there, or a link to nothing
+        return
+    if stat.S_ISDIR(kind):
+        raise IsADirectoryError(errno.EISDIR, "it is a folder", str(path))
+    is_stream = path.is_symlink() and str(path.readlink()).startswith("/proc/")  # /dev/stdout, sent to a file
+    if is_stream or not stat.S_ISREG(kind):
+        raise OSError(errno.EINVAL, NOT_PLAIN, str(path))
 
 
 def make_folder(folder: Path, root: Path | None = None) -> Path:
@@ -156,6 +189,18 @@ def _check_within(folder: Path, root: Path) -> None:
         raise ToolkitError(f"cannot write to {str(folder)!r}: {error}") from None
     if not place.is_relative_to(home):
         raise ToolkitError(f"'{folder}' leads out of its folder {home}, to {place}: nothing is written there")
+
+
+def without_links(root: Path, relative: str) -> Path:
+    """`root / relative`, a folder to write to; a `ToolkitError` where a part of `relative` is a link."""
+    path = Path(root).resolve() / relative
+    try:
+        place = path.resolve()
+    except (OSError, RuntimeError):  # a loop of links
+        place = Path()
+    if place != path:
+        raise ToolkitError(f"{path} is a link, or lies below one: nothing is written there: put a folder in its place")
+    return path
 
 
 def write_bytes(path: Path, content: bytes, root: Path | None = None) -> Path:
@@ -183,6 +228,7 @@ def move_file(file: Path, path: Path, root: Path) -> Path:
     """Rename a file of the same disk to `path`; raises as `open_whole`."""
     make_folder(path.parent, root)
     try:
+        _check_replaceable(path)
         return file.replace(path)
     except OSError as error:
         raise explain_write_error(path, error) from error
@@ -201,6 +247,7 @@ def link_file(original: Path, path: Path, root: Path) -> bool:
     except OSError:
         return False
     try:
+        _check_replaceable(path)
         partial.replace(path)
     except OSError as error:
         raise explain_write_error(path, error) from error

@@ -8,7 +8,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from toolkit.core.console import notice
-from toolkit.core.files import NO_FOLLOWING, explain_write_error, make_folder
+from toolkit.core.files import explain_write_error, make_folder, open_in_place
 
 try:
     import fcntl
@@ -57,7 +57,7 @@ def _lock(file: Path) -> int:
     while True:
         make_folder(file.parent)
         try:
-            number = os.open(file, os.O_RDWR | os.O_CREAT | NO_FOLLOWING, 0o666)
+            number = open_in_place(file)
             try:
                 fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:

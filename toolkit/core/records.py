@@ -10,11 +10,11 @@ from pydantic import BaseModel, ValidationError
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import (
-    NO_FOLLOWING,
     explain_read_error,
     explain_validation,
     explain_write_error,
     make_folder,
+    open_in_place,
     open_plain,
 )
 
@@ -82,7 +82,7 @@ class RecordLog(Generic[Record]):
         content = "".join(f"{self._write_line(record)}\n" for record in records).encode()
         try:
             make_folder(self.file.parent)
-            number = os.open(self.file, os.O_RDWR | os.O_CREAT | os.O_APPEND | NO_FOLLOWING, 0o666)
+            number = open_in_place(self.file, os.O_APPEND)
             with os.fdopen(number, "a+b") as stream:
                 _end_last_line(stream)
                 stream.write(content)

@@ -8,7 +8,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.files import explain_write_error, read_toml, write_text
+from toolkit.core.files import explain_write_error, read_toml, without_links, write_text
 from toolkit.core.names import is_file_name, is_folder_name
 
 MARKER = "toolkit.toml"
@@ -217,13 +217,14 @@ def make_workspace(folder: Path | str) -> Workspace:
     """Make the folders of a workspace, `toolkit.toml` and a guide to object specs; what is there stays as it is.
 
     Raises:
-        ToolkitError: `folder` is a file, or cannot be written; its `toolkit.toml` has a wrong field.
+        ToolkitError: `folder` is a file, or cannot be written; its `rig/objects` is a link; its `toolkit.toml` has a
+            wrong field.
     """
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise ToolkitError(f"{folder} is a file: name a folder to make a workspace of")
     space = Workspace(folder.resolve())
-    guide = space.objects_dir / "README.txt"
+    guide = without_links(space.root, "rig/objects") / "README.txt"
     try:
         for path in (space.objects_dir, space.textures_dir, space.patches_dir, space.captures_dir, space.eval_dir):
             path.mkdir(parents=True, exist_ok=True)
@@ -243,5 +244,10 @@ def copy_objects(workspace: Workspace, folder: Path) -> Workspace:
     """
     space = make_workspace(folder)
     if workspace.objects_dir.is_dir():
-        copytree(workspace.objects_dir, space.objects_dir, dirs_exist_ok=True)
+        copytree(workspace.objects_dir, space.objects_dir, ignore=_list_linked_folders, dirs_exist_ok=True)
     return space
+
+
+def _list_linked_folders(folder: str, names: list[str]) -> list[str]:
+    """Those that may lead out of the workspace, or round in a circle."""
+    return [name for name in names if (path := Path(folder, name)).is_symlink() and path.is_dir()]

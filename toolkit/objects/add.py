@@ -10,7 +10,7 @@ from typing import Any
 from urllib.parse import unquote
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import inside, write_bytes, write_text
+from toolkit.core.files import inside, without_links, write_bytes, write_text
 from toolkit.core.names import is_file_name
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object, read_mesh, turn_upright
@@ -113,7 +113,7 @@ def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) ->
 
     Raises:
         ToolkitError: the mesh cannot be used, names files that are missing or not in its folder, the name is taken or
-            is none, or a length is no length.
+            is none, a length is no length, or a folder to write to is a link.
     """
     mesh_file = Path(mesh_file)
     mesh_file = mesh_file.parent.resolve() / mesh_file.name
@@ -130,13 +130,13 @@ def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) ->
     up, front = request.up or usual_up, request.front or usual_front
     turn_upright(mesh, up, front)  # two names of one axis are refused before anything is written
 
-    place = workspace.objects_dir.resolve()
+    place = without_links(workspace.root, "rig/objects")
     files = [mesh_file, *named]
     if not mesh_file.is_relative_to(place):
-        target = place / name
+        target = without_links(place, name)
         files = [write_bytes(target / file.relative_to(mesh_file.parent), file.read_bytes(), target) for file in files]
     text = _write_spec(request, files[0].relative_to(place).as_posix(), length_mm, (up, front))
-    spec_file = write_text(place / f"{name}.toml", f"# {name}: every field may be changed.\n{text}")
+    spec_file = write_text(place / f"{name}.toml", f"# {name}: every field may be changed.\n{text}", place)
     guessed = request.length_mm is None and length_mm != stated_mm
     return AddedObject(load_object(spec_file), spec_file, tuple(files), guessed, float(mesh.size_mm.max()))
 
