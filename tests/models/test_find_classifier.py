@@ -12,6 +12,7 @@ from safetensors.torch import load_file, save_file
 from toolkit.cli import health
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
+from toolkit.evaluation.survey import list_models, survey_models
 from toolkit.models import bundled, find, load_classifier
 from toolkit.models.bundled import load_best, read_bundled
 from toolkit.models.find import find_classifier, list_own, pair_weights
@@ -180,3 +181,41 @@ def test_answers_are_counted():
     assert {name: (one.n, one.correct) for name, one in held_out.per_class.items()} == {"a": (3, 1), "b": (1, 1)}
     assert held_out.confusions == [("a", "b", 2)]
     assert summarise_answers(["a", "b"], np.zeros(0, int), np.zeros(0, int), "").accuracy is None
+
+
+@pytest.fixture
+def ran(tmp_path, monkeypatch):
+    """A file that is there once `evil.py` of the current folder was imported."""
+    (tmp_path / "evil.py").write_text("open('ran', 'w').close()\n")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "ran"
+
+
+@pytest.mark.parametrize("arch", ["python:evil:boom", "torchvision:python:evil:boom"])
+@pytest.mark.parametrize("suffix", [".json", ".toml"])
+def test_a_file_beside_weights_names_no_code(tmp_path, ran, arch, suffix):
+    file = tmp_path / "own" / "mine.safetensors"
+    file.parent.mkdir()
+    save_file({"fc.weight": torch.zeros(2, 2)}, file)
+    said = {".json": json.dumps({"arch": arch}), ".toml": f'architecture = "{arch}"'}
+    file.with_suffix(suffix).write_text(said[suffix])
+    expected = rf"mine{suffix}: field 'arch(itecture)?': a file may not name code, .*, found \"{arch}\": correct"
+    for model, weights in (("mine", None), (str(file), None), (None, file)):
+        with pytest.raises(ToolkitError, match=expected):
+            load_classifier(model, weights, "cpu", file.parent)
+    (row,) = survey_models(["mine"], "cpu", file.parent)
+    assert row.classes is None and "a file may not name code" in row.why_not
+    assert not ran.exists()
+
+
+@pytest.mark.parametrize("suffix", (*find.SUFFIXES, ".pt2", ".onnx"))
+def test_the_name_of_a_file_is_no_code(tmp_path, ran, nothing_bundled, suffix):
+    folder = tmp_path / "own"
+    folder.mkdir()
+    file = folder / f"python:evil:boom{suffix}"
+    file.write_bytes(b"no weights")
+    (row,) = survey_models(list_models(folder), "cpu", folder)
+    assert row.model == str(file) and row.why_not
+    with pytest.raises(ToolkitError):
+        load_classifier(str(file), device="cpu")
+    assert not ran.exists()

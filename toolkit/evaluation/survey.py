@@ -71,11 +71,14 @@ class SurveyedModel:
 def list_models(folder: Path | None = None) -> list[str]:
     """Names of the classifiers whose weights are on this machine: the user's own, the bundled one, torchvision's.
 
+    A file whose name would mean something else, such as code, is named by its path.
+
     Args:
         folder: the workspace's `rig/classifiers`.
     """
     published = [name for name in list_architectures() if find_local(name) is not None]
-    return [*list_own(folder), *published]
+    own = [str(file.absolute()) if ":" in name else name for name, file in list_own(folder).items()]
+    return [*own, *published]
 
 
 def survey_models(

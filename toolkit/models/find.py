@@ -11,6 +11,8 @@ from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.models.architectures import imagenet_labels, list_architectures
 from toolkit.models.labels import index_of_label, read_labels_file
+from toolkit.models.architectures import list_architectures
+from toolkit.models.labels import PYTHON_PREFIX, read_labels_file
 from toolkit.models.weights import SUFFIXES, check_named
 
 
@@ -112,7 +114,7 @@ BUNDLED = "rig18"
 BUNDLED_DIR = PACKAGE_DATA / "classifiers"
 DEFAULT_ARCH = "resnet18"
 SUFFIX = ".safetensors"
-TIMM_PREFIX, TORCHVISION_PREFIX, ONNX_PREFIX, PYTHON_PREFIX = "timm:", "torchvision:", "onnx:", "python:"
+TIMM_PREFIX, TORCHVISION_PREFIX, ONNX_PREFIX = "timm:", "torchvision:", "onnx:"
 EXPORTED_SUFFIX = ".pt2"
 
 
@@ -123,7 +125,7 @@ class Found:
     Attributes:
         arch: name of it, see `list_architectures`; `timm:` with timm's; `onnx:`, `.pt2` for a whole program;
             `python:MODULE:FUNCTION`.
-        weights: its file; None for the published weights.
+        weights: its file; None for the published weights, and for code, which no file names.
     """
 
     arch: str

@@ -6,7 +6,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeGuard
 
-from pydantic import AliasChoices, BaseModel, ConfigDict, Field, model_validator
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import read_json, read_toml
@@ -15,6 +15,8 @@ from toolkit.imaging.preprocessing import Preprocessing
 
 Pixels = Annotated[int, Field(ge=16, le=4096)]
 """A network sees no less; of more, one image fills hundreds of megabytes."""
+PYTHON_PREFIX = "python:"
+"""Of a model that is code; only whoever starts the kit may name it, no file."""
 Mean = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]
 Deviation = Annotated[float, Field(ge=1e-6, le=1000, allow_inf_nan=False)]
 
@@ -32,7 +34,7 @@ class LabelsFile(BaseModel):
             one. Mean and standard deviation are of values in 0 to 1, in the order of `channels`.
         channels: the order of the colours.
         decoder: of a detector, the family whose outputs it has.
-        arch: name of the network, see `list_architectures`; may be written `architecture`.
+        arch: name of the network, see `list_architectures`; may be written `architecture`. Never code.
         name: what to call the classifier.
         trained_on: in a few words.
         licence: of its weights, for `toolkit models`.
@@ -54,6 +56,16 @@ class LabelsFile(BaseModel):
     trained_on: str | None = None
     licence: str | None = None
     sha256: str | None = Field(default=None, pattern=r"^[0-9a-f]{64}$")
+
+    @field_validator("arch")
+    @classmethod
+    def _refuse_code(cls, arch: str | None) -> str | None:
+        """Whoever opens a folder that was sent to them would run the code in it."""
+        if arch is not None and PYTHON_PREFIX in arch:
+            raise ValueError(
+                "a file may not name code, you alone may, as the model: expected a network's name, such as resnet18"
+            )
+        return arch
 
     @model_validator(mode="before")
     @classmethod

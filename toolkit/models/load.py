@@ -8,16 +8,14 @@ from typing import TYPE_CHECKING
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.imaging.preprocessing import published_preprocessing
 from toolkit.models.architectures import build_network, imagenet_labels, published_weights
-from toolkit.models.find import (
-    EXPORTED_SUFFIX,
-    ONNX_PREFIX,
+from toolkit.models.find import EXPORTED_SUFFIX, ONNX_PREFIX, TIMM_PREFIX, Found, find_classifier, pair_weights
+from toolkit.models.labels import (
     PYTHON_PREFIX,
-    TIMM_PREFIX,
-    Found,
-    find_classifier,
-    pair_weights,
+    adapt_preprocessing,
+    choose_labels,
+    join_labels_files,
+    read_labels_file,
 )
-from toolkit.models.labels import adapt_preprocessing, choose_labels, join_labels_files, read_labels_file
 from toolkit.models.network import Classifier, check_hash, choose_device
 from toolkit.models.weights import WeightsFile, find_weights, read_checkpoint
 
@@ -83,7 +81,7 @@ def _load_elsewhere(found: Found, device: str) -> Classifier | None:
         from toolkit.models.timm_networks import load_timm_network
 
         return load_timm_network(found.arch, found.weights, device)
-    if found.arch.startswith(PYTHON_PREFIX):
+    if found.weights is None and found.arch.startswith(PYTHON_PREFIX):  # a file may be called so too
         from toolkit.models.programs import load_python_classifier
 
         return load_python_classifier(found.arch, device)

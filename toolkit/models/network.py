@@ -9,10 +9,10 @@ import numpy as np
 
 from toolkit.core.errors import FieldError, ToolkitError, describe_failure
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
-from toolkit.models.find import PYTHON_PREFIX
 from toolkit.models.labels import (
     BESIDE_FILE,
     FROM_FUNCTION,
+    PYTHON_PREFIX,
     LabelsFile,
     imagenet_wnids,
     index_of_label,

@@ -16,8 +16,8 @@ from toolkit.core.errors import FieldError, ToolkitError, describe_failure
 from toolkit.core.files import explain_validation, sha256_bytes, sha256_file
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import imagenet_labels
-from toolkit.models.find import ONNX_PREFIX, PYTHON_PREFIX
-from toolkit.models.labels import LabelsFile, adapt_preprocessing, choose_labels, read_labels_file
+from toolkit.models.find import ONNX_PREFIX
+from toolkit.models.labels import PYTHON_PREFIX, LabelsFile, adapt_preprocessing, choose_labels, read_labels_file
 from toolkit.models.network import Classifier, check_hash, choose_device, describe_answers
 from toolkit.models.weights import WeightsFile, open_weights
 
