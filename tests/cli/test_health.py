@@ -47,7 +47,7 @@ def test_absent_packages_are_named_with_the_line_that_installs_them(monkeypatch)
 
 def test_an_open3d_that_cannot_start_names_the_system_libraries(monkeypatch):
     def run(*_, **__):
-        return SimpleNamespace(returncode=1, stdout="", stderr="Traceback\nOSError: libusb-1.0.so.0: cannot open\n")
+        return SimpleNamespace(returncode=1, stdout=b"", stderr=b"Traceback\nOSError: libusb-1.0.so.0: cannot open\n")
 
     monkeypatch.setattr(subprocess, "run", run)
     check = health._open3d()
@@ -56,7 +56,7 @@ def test_an_open3d_that_cannot_start_names_the_system_libraries(monkeypatch):
 
 
 def test_an_open3d_that_crashes_is_told_by_its_code(monkeypatch):
-    monkeypatch.setattr(subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=-11, stdout="", stderr=""))
+    monkeypatch.setattr(subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=-11, stdout=b"", stderr=b""))
     assert "-11" in health._open3d().found
 
 

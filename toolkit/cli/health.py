@@ -3,7 +3,6 @@
 import os
 import platform
 import shutil
-import subprocess
 import sys
 from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
@@ -13,6 +12,7 @@ import typer
 
 from toolkit.cli import options
 from toolkit.cli.output import say, show_json
+from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
 from toolkit.rig.egl import PACKAGES
 
@@ -78,11 +78,10 @@ def _packages() -> Check:
 
 def _open3d() -> Check:
     """In a process of its own, as a missing shared library may end it."""
-    command = [sys.executable, "-c", "import open3d; print(open3d.__version__)"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = run_python("import open3d; print(open3d.__version__)")
     if done.returncode == 0:
-        return Check("Open3D", "ok", done.stdout.split()[-1])
-    reason = (done.stderr.strip().splitlines() or [f"ended with code {done.returncode}"])[-1]
+        return Check("Open3D", "ok", done.stdout.decode().split()[-1])
+    reason = (done.stderr.decode("utf-8", "replace").strip().splitlines() or [f"ended with code {done.returncode}"])[-1]
     return Check("Open3D", "missing", reason[:120], f"{APT} {PACKAGES}")
 
 

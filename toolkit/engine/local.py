@@ -1,23 +1,20 @@
 """Units on this machine: in this process, or in a pool of processes with one core each."""
 
 import itertools
-import multiprocessing
-import os
 import pickle
 import shutil
 import tempfile
-import threading
 import weakref
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from functools import lru_cache
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic
 
-from toolkit.core.cores import limit_cores
+from toolkit.core.child import open_pool
 from toolkit.core.errors import ToolkitError
 from toolkit.engine.units import Outcome, Result, Tag, Unit, Value, do_work, explain_failure
 
@@ -98,24 +95,10 @@ def _load(file: Path) -> Any:
         return pickle.load(stream)  # of our own, in a folder that only this user may write to
 
 
-def _begin_worker() -> None:
-    limit_cores(1)
-    threading.Thread(target=_end_with_driver, daemon=True).start()
-
-
-def _end_with_driver() -> None:
-    """A driver that is killed tells its workers nothing, and they would wait for it for ever."""
-    driver = multiprocessing.parent_process()
-    if driver is not None:
-        driver.join()
-        os._exit(1)
-
-
 class LocalPool:
     """A pool of processes on this machine.
 
-    They are spawned, not forked: torch and numba do not survive a fork. A worker that dies costs its unit another try,
-    with no other unit beside it; one that dies again is given up.
+    A worker that dies costs its unit another try, with no other unit beside it; one that dies again is given up.
 
     Attributes:
         workers: how many processes; each uses one core.
@@ -123,7 +106,7 @@ class LocalPool:
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
-        self._pool: ProcessPoolExecutor | None = None
+        self._pool: Executor | None = None
         self._folder: Path | None = None
         self._numbers = itertools.count()
 
@@ -185,10 +168,9 @@ class LocalPool:
                 self._close()
         return [], KILLED
 
-    def _open(self, workers: int | None = None) -> ProcessPoolExecutor:
+    def _open(self, workers: int | None = None) -> Executor:
         if self._pool is None:
-            context = multiprocessing.get_context("spawn")
-            self._pool = ProcessPoolExecutor(workers or self.workers, context, _begin_worker)
+            self._pool = open_pool(workers or self.workers)
         return self._pool
 
     def _close(self) -> None:

@@ -2,12 +2,12 @@
 
 import io
 import os
-import subprocess
 import sys
 from importlib.util import find_spec
 
 import numpy as np
 
+from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
 
 PADDING_PX = 2
@@ -42,8 +42,7 @@ def pack_pieces(points: np.ndarray, triangles: np.ndarray, chart: np.ndarray, n:
         )
     given = io.BytesIO()
     np.savez(given, points=points, triangles=triangles, chart=chart, n=n)
-    command = [sys.executable, "-m", "toolkit.objects.pack"]
-    done = subprocess.run(command, input=given.getvalue(), capture_output=True, check=False)
+    done = run_python("from toolkit.objects.pack import _serve; _serve()", given.getvalue())
     if done.returncode:
         said = done.stderr.decode("utf-8", "replace").strip().splitlines()
         why = said[-1] if said else f"xatlas ended with code {done.returncode}"
@@ -106,7 +105,3 @@ def _serve() -> None:
         sys.stderr.flush()
     finally:
         os._exit(code)
-
-
-if __name__ == "__main__":
-    _serve()

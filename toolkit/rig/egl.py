@@ -2,9 +2,9 @@
 
 import ctypes
 import os
-import subprocess
-import sys
 from functools import lru_cache
+
+from toolkit.core.child import run_python
 
 EGL_PLATFORM_SURFACELESS_MESA = 0x31DD
 PACKAGES = "libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri libgomp1 libusb-1.0-0"
@@ -17,10 +17,10 @@ def egl_trouble() -> str | None:
     Asked in a process of its own: a graphics driver that is loaded here would meet torch's libraries, and one that
     fails may end the process that asked.
     """
-    done = subprocess.run([sys.executable, "-m", "toolkit.rig.egl"], capture_output=True, text=True, check=False)
+    done = run_python("from toolkit.rig.egl import _probe; print(_probe())")
     if done.returncode < 0:
         return f"EGL's driver crashed (signal {-done.returncode})"
-    return done.stdout.strip() or None
+    return done.stdout.decode("utf-8", "replace").strip() or None
 
 
 def go_surfaceless() -> None:
@@ -46,7 +46,3 @@ def _probe() -> str:
     if not egl.eglInitialize(display, None, None):
         return "EGL found no driver (is libgl1-mesa-dri installed?)"
     return ""
-
-
-if __name__ == "__main__":
-    sys.stdout.write(_probe())

@@ -1,20 +1,17 @@
 """Renders to train a classifier on: processes that each draw one object in one studio, kept as shards on disk."""
 
-import os
-import threading
 from collections.abc import Callable, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import lru_cache
 from io import BytesIO
-from multiprocessing import get_context
 from pathlib import Path
-from time import sleep
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from toolkit.core.child import open_pool
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes, write_bytes
 
@@ -24,7 +21,6 @@ if TYPE_CHECKING:
 EVERYDAY, RIG = "everyday", "rig"
 FOV_DEG = 30.5
 """Of the square picture: what the middle of a 4:3 frame of 40° shows."""
-WATCH_EVERY_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -91,9 +87,7 @@ def render_shards(units: Sequence[RenderUnit], folder: Path, workers: int, advan
     waiting = [unit for unit in units if not (folder / unit.name).is_file()]
     if not waiting:
         return
-    pool = ProcessPoolExecutor(
-        min(workers, len(waiting)), get_context("spawn"), initializer=_start_worker, initargs=(os.getpid(),)
-    )
+    pool = open_pool(min(workers, len(waiting)))
     try:
         running: dict[Future, RenderUnit] = {}
         todo = iter(waiting)
@@ -119,18 +113,3 @@ def _write_shard(unit: RenderUnit, folder: Path) -> None:
     buffer = BytesIO()
     np.save(buffer, render_unit(unit), allow_pickle=False)
     write_bytes(folder / unit.name, buffer.getvalue())
-
-
-def _start_worker(parent: int) -> None:
-    """One thread each: the processes share the cores among them. A process ends when its parent is gone."""
-    import cv2
-
-    os.environ["OMP_NUM_THREADS"] = "1"
-    cv2.setNumThreads(1)
-
-    def watch() -> None:
-        while os.getppid() == parent:
-            sleep(WATCH_EVERY_S)
-        os._exit(1)  # killed: nobody is left to take the work, and the queue would be waited at for ever
-
-    threading.Thread(target=watch, daemon=True).start()
