@@ -1,6 +1,5 @@
 """New texture coordinates: apart, at one scale, the same each time, and quick for fine meshes."""
 
-import os
 
 import numpy as np
 import pytest
@@ -137,7 +136,7 @@ def test_threads_of_xatlas_that_never_end_keep_nobody_waiting(monkeypatch, tmp_p
         "    def get_mesh(self, index): return range(len(self.uv)), None, self.uv * 0\n"
         "    def __del__(self): time.sleep(3600)\n"
     )
-    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+    monkeypatch.syspath_prepend(tmp_path)
     shape = trimesh.creation.box((1, 1, 1))
     assert not unwrap(shape.vertices.astype(np.float32), shape.faces, 64).any()
 
@@ -146,7 +145,7 @@ def test_what_xatlas_cannot_pack_is_said(monkeypatch, tmp_path):
     from toolkit.core.errors import ToolkitError
 
     (tmp_path / "xatlas.py").write_text("def Atlas(): raise RuntimeError('no room')\n")
-    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+    monkeypatch.syspath_prepend(tmp_path)
     shape = trimesh.creation.box((1, 1, 1))
     with pytest.raises(ToolkitError, match="texture coordinates for this mesh: RuntimeError: no room"):
         unwrap(shape.vertices.astype(np.float32), shape.faces, 64)
