@@ -68,6 +68,16 @@ def test_one_node_gives_the_same_bytes_and_failures(shoot, ask, look, looked, tr
 
 
 @wanted
+def test_workers_import_nothing_from_the_current_folder(tmp_path, monkeypatch):
+    for name in ("toolkit", "numpy", "struct"):
+        (tmp_path / f"{name}.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w').close()\n")
+    monkeypatch.chdir(tmp_path)
+    with EngineConfig(engine="ray", workers=1).open() as engine:
+        assert [one.result for one in engine.run(units_of(engine_work.add, (1, 2)))] == [3]
+    assert not (tmp_path / "ran").exists()
+
+
+@wanted
 def test_three_nodes_give_the_same_bytes_and_one_may_die(cluster, shoot, ask, look, looked):
     (_, here), (_, said) = shoot("sim", InProcess()), ask("here", InProcess())
     with EngineConfig(engine="ray", address=cluster.address).open() as engine:

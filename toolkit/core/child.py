@@ -61,7 +61,7 @@ class _Context(SpawnContext):
 def _begin_safely() -> Iterator[None]:
     """Within, what multiprocessing starts begins with our statement: it has no setting for that."""
 
-    def start(path: bytes, arguments: Sequence[str], open_files: Sequence[int]) -> int:
+    def start(path: bytes, arguments: Sequence[Any], open_files: Sequence[int]) -> int:
         code = arguments.index("-c") + 1
         return before(path, [*arguments[:code], _begin() + arguments[code], *arguments[code + 1 :]], open_files)
 

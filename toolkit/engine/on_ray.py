@@ -8,6 +8,7 @@ import os
 import pickle
 import re
 import socket
+import tempfile
 from collections import OrderedDict, deque
 from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
@@ -107,8 +108,9 @@ class RayEngine:
         _check_answer(self.address)
         os.environ.setdefault("RAY_task_oom_retries", str(RETRIES))  # else a unit too large is tried for ever
         kit = Path(__file__).parents[1]
+        nothing = tempfile.mkdtemp(prefix="toolkit-engine-")  # else workers import from the current folder first of all
         settings: dict[str, Any] = {
-            "runtime_env": {"py_modules": [str(kit)], "excludes": ["**/__pycache__/**"]},
+            "runtime_env": {"py_modules": [str(kit)], "working_dir": nothing, "excludes": ["**/__pycache__/**"]},
             "log_to_driver": False, "logging_level": "ERROR",
         }  # fmt: skip
         if self.address is None:
@@ -118,6 +120,8 @@ class RayEngine:
         except (ConnectionError, RuntimeError, ValueError) as error:
             where = f"at {self.address}" if self.address else "on this machine"
             raise ToolkitError(explain_start(where, error)) from None
+        finally:
+            Path(nothing).rmdir()  # Ray has sent it
         self._is_mine = True
 
     def share(self, value: Value) -> InStore[Value]:
