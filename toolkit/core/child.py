@@ -66,7 +66,7 @@ def _begin_safely() -> Iterator[None]:
         return before(path, [*arguments[:code], _begin() + arguments[code], *arguments[code + 1 :]], open_files)
 
     with _starting:
-        before, util.spawnv_passfds = util.spawnv_passfds, start
+        before, util.spawnv_passfds = util.spawnv_passfds, start  # type: ignore[assignment]
         try:
             yield
         finally:
