@@ -1,6 +1,5 @@
 """New texture coordinates: apart, at one scale, the same each time, and quick for fine meshes."""
 
-
 import numpy as np
 import pytest
 import trimesh

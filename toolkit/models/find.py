@@ -10,9 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, SerializerFunctionWrapHandler
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.models.architectures import imagenet_labels, list_architectures
-from toolkit.models.labels import index_of_label, read_labels_file
-from toolkit.models.architectures import list_architectures
-from toolkit.models.labels import PYTHON_PREFIX, read_labels_file
+from toolkit.models.labels import PYTHON_PREFIX, index_of_label, read_labels_file
 from toolkit.models.weights import SUFFIXES, check_named
 
 
