@@ -34,9 +34,9 @@ class Rehearsal:
         stray_share: how far the camera is from where the plan wants it, standard deviation along each axis, as a share
             of its distance.
         stray_deg: and how far it is turned, about each axis.
+        blur: of focus and shake, as far as the gate of sharpness lets it pass.
         exposure: of the photograph, and how far its white balance is off.
         noise: of the sensor, as of `toolkit.rig.shading.tone_map`.
-        blur: of focus and shake.
         jpeg_quality: of the file, with the colours at half the size.
     """
 
@@ -45,13 +45,13 @@ class Rehearsal:
     stray_share: float = 0.03
     stray_deg: float = 1.5
     exposure: Exposure = field(default_factory=lambda: Exposure((0.75, 1.33), 0.12))
-    noise: float = 0.02
-    blur: CameraBlur = field(default_factory=lambda: CameraBlur((0.3, 0.8), (0.0, 1.5), 1.0))
+    noise: float = 0.017
+    blur: CameraBlur = field(default_factory=lambda: CameraBlur((0.1, 0.3), (0.0, 0.5), 1.0))
     jpeg_quality: int = 80
 
     def describe(self) -> dict[str, Any]:
         """All that it does, and the version of how: what a picture's hash is made of."""
-        return {"version": 1, **asdict(self)}
+        return {"version": 2, **asdict(self)}
 
     def print_booster(self, booster: Print | Paint | None, seed: int, name: str) -> Print | Paint | None:
         """The booster as it comes out of the printer; a texture, which is not printed, as it is."""
@@ -82,25 +82,21 @@ class Rehearsal:
         return strayed
 
     def expose(self, picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-        """(h, w, 3) linear light as the sensor's channels weigh it."""
+        """(h, w, 3) linear light as it falls on the sensor: blurred by lens and hand, its channels weighed."""
         import torch
 
-        factors = self.exposure.draw(rng, 1, torch.zeros(1, dtype=torch.float32))
-        return picture * factors.numpy().reshape(3)
-
-    def photograph(self, pixels: np.ndarray, rng: np.random.Generator) -> bytes:
-        """The JPEG of a developed picture, (h, w, 3) uint8 sRGB."""
-        import torch
-
-        scale = min(min(pixels.shape[:2]) / NETWORK_PX, LARGEST_SCALE)
+        scale = min(min(picture.shape[:2]) / NETWORK_PX, LARGEST_SCALE)
         (sharpest, softest), (still, moved) = self.blur.defocus_px, self.blur.motion_px
-        defocus_px, motion_px = (max(sharpest * scale, 0.2), max(softest * scale, 0.2)), (still * scale, moved * scale)
+        defocus_px, motion_px = (sharpest * scale, softest * scale), (still * scale, moved * scale)
         blur = replace(self.blur, defocus_px=defocus_px, motion_px=motion_px)
-        image = torch.from_numpy(pixels.transpose(2, 0, 1) / np.float32(255))
+        light = blur.change(torch.from_numpy(np.ascontiguousarray(picture.transpose(2, 0, 1), np.float32)), rng)
+        factors = self.exposure.draw(rng, 1, torch.zeros(1, dtype=torch.float32))
+        return np.ascontiguousarray((light * factors[0]).numpy().transpose(1, 2, 0))
+
+    def encode(self, pixels: np.ndarray) -> bytes:
+        """The JPEG of a developed picture, (h, w, 3) uint8 sRGB."""
         buffer = BytesIO()
-        Image.fromarray(np.ascontiguousarray(quantise(blur.change(image, rng)))).save(
-            buffer, "JPEG", quality=self.jpeg_quality
-        )
+        Image.fromarray(pixels).save(buffer, "JPEG", quality=self.jpeg_quality)
         return buffer.getvalue()
 
 

@@ -389,7 +389,7 @@ def shoot_unit(
             continue
         rng = Draws(settings.seed, number, "rehearse").of(f"phone {item.name} {booster.name if booster else ''}")
         developed = tone_map(rehearsal.expose(picture, rng), (settings.seed, number), rehearsal.noise)
-        yield rehearsal.photograph(developed, rng), at
+        yield rehearsal.encode(developed), at
 
 
 def _encode(pixels: np.ndarray, image_format: str) -> bytes:

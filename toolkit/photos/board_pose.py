@@ -111,6 +111,8 @@ def _contrast(grey: np.ndarray, board: CharucoBoard, number: int, homography: np
 SEARCH_SIDE_PX = 1600
 """Longer side of the picture in which markers are searched first; their corners are then refined in the full one."""
 COARSE_SIDE_PX = 800
+SMALL_SIDE_PX = 1000
+"""Pictures up to this size are also searched enlarged: a module of 2 px is too small for the detector's threshold."""
 ENOUGH_CORNERS = 24
 ENOUGH_SHARE = 0.4
 """With so many corners, or this share of the board's, no further search is made in other sizes of the picture."""
@@ -142,7 +144,7 @@ class BoardSighting:
 def find_board(image: np.ndarray, board: Board) -> BoardSighting | None:
     """Find a board's corners, to a fraction of a pixel, however much of it the object covers.
 
-    Large photographs are searched at a reduced size first. Where little is found, the full size, a coarser one (blur)
+    Large photographs are searched at a reduced size first. Where little is found, a larger size, a coarser one (blur)
     and one with evened-out contrast (light that falls unevenly, over-exposure) follow.
 
     Args:
@@ -188,6 +190,8 @@ def _versions(grey: np.ndarray) -> Iterator[np.ndarray]:
     longer = max(grey.shape)
     first = _shrink(grey, SEARCH_SIDE_PX)
     yield first
+    if longer <= SMALL_SIDE_PX:
+        yield cv2.resize(grey, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)
     if longer > SEARCH_SIDE_PX:
         yield _shrink(grey, 2 * SEARCH_SIDE_PX)
     if longer > COARSE_SIDE_PX:
@@ -271,5 +275,7 @@ def _detector_parameters() -> cv2.aruco.DetectorParameters:
     parameters = cv2.aruco.DetectorParameters()
     parameters.minMarkerPerimeterRate = 4 * SMALLEST_MARKER_SHARE
     parameters.adaptiveThreshWinSizeMax = 43  # large squares in a soft picture
+    # OpenCV's 7 grey levels are lost on pale ink, which is some 20 darker than paper; 2 and less pass sensor noise on
+    parameters.adaptiveThreshConstant = 3
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     return parameters

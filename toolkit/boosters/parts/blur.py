@@ -29,7 +29,7 @@ class CameraBlur:
     probability: float = 0.3
 
     def __post_init__(self) -> None:
-        check_range("defocus", self.defocus_px, 0.2, 8)
+        check_range("defocus", self.defocus_px, 0.05, 8)
         check_range("motion", self.motion_px, 0, 16)
         check_probability("blur", self.probability)
 

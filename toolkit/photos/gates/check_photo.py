@@ -32,6 +32,7 @@ from toolkit.photos.gates.patch import (
     check_patch_shows,
     check_variant,
     expect_cells,
+    is_clear,
     list_shown,
     look_for_patches,
     search_region,
@@ -193,7 +194,24 @@ def _check_patch(
             why_blind = "from this pose the object itself hides most of the patch"
         if why_blind is not None:
             return [VARIANT.skip(why_blind), HIDDEN.skip(why_blind)], seen
+    if patch.own is None and seen.other is None:
+        why_unsure = why_blind or _why_unsure(expectation, expected)
+        if why_unsure is not None:
+            return [VARIANT.skip(why_unsure), HIDDEN.skip(f"'{expectation.variant}' has none")], seen
     variant = check_variant(seen, patch, expectation.variant, shown)
     if patch.own is None:
         return [variant, HIDDEN.skip(f"'{expectation.variant}' has none")], seen
     return [variant, check_patch_shows(seen, expected)], seen
+
+
+def _why_unsure(expectation: Expectation, expected: Sequence[np.ndarray | None]) -> str | None:
+    """Why no patch being found does not mean that none is there: the place of the object's own does not show."""
+    patch, view = expectation.patch, expectation.view
+    if patch is None or patch.home is None:
+        return None  # there is none that could have been left on
+    if view is None:
+        return f"no patch is found, but where it would be is not known: {expectation.no_pose}"
+    places = zip(patch.sheets, expected, strict=True)
+    if any(cells is not None and cells.mean() >= LEAST_SEEN and is_clear(sheet, view) for sheet, cells in places):
+        return None
+    return "no patch is found, but its place is turned away, hidden, or too slanted to tell"

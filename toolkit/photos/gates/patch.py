@@ -25,6 +25,8 @@ REACH = 0.02
 """How far round the object's silhouette a patch is looked for, as a share of the picture's longer side."""
 LEAST_SEEN = 0.3
 """Where less of the patch than this faces the camera, whether the rest is hidden cannot be told."""
+LEAST_HEIGHT_PX = 24.0
+"""Of a patch whose absence is believed: the narrowest that it may look."""
 HIDDEN = Gate(
     "patch hidden", 30.0, "% of the patch that should show",
     "a part of the patch does not show: take hand, cable, tape or glare off it, and press its corners down",
@@ -248,6 +250,15 @@ def expect_cells(sheet: PlacedSheet, solid: Solid | None, view: PosedCamera | No
     to_camera /= np.linalg.norm(to_camera, axis=1, keepdims=True)
     facing = (to_camera * sheet.outward).sum(axis=1) > np.cos(np.radians(STEEPEST_DEG))
     return facing & view.sees(sheet.cells_mm) & ~solid.hides(view, sheet.cells_mm)
+
+
+def is_clear(sheet: PlacedSheet, view: PosedCamera) -> bool:
+    """Whether a patch on a sheet would be wide enough in the photograph to be found for sure."""
+    corners = view.project(sheet.corners_mm)
+    if not np.isfinite(corners).all():
+        return False
+    _, (width, height), _ = cv2.minAreaRect(corners.astype(np.float32))
+    return min(width, height) >= LEAST_HEIGHT_PX
 
 
 def place_cells(sheet: MountedSheet, at: str = "object") -> PlacedSheet:
