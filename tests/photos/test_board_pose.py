@@ -205,3 +205,20 @@ def test_one_row_of_corners_is_no_pose():
 def test_a_lens_of_another_shape_is_refused(page_photo):
     with pytest.raises(ToolkitError, match="640x480 px says nothing of 960x540"):
         solve_pose(find_board(page_photo, PAGE), Camera.from_fov(640, 480, 40))
+
+
+def test_a_pale_board_is_found_in_a_small_noisy_photograph():
+    """640 × 480: modules of 2 px, ink 20 levels darker than paper, two levels of noise."""
+    page = cv2.copyMakeBorder(DEFAULT_BOARD.paint(3.0), 30, 30, 30, 30, cv2.BORDER_CONSTANT, value=255)
+    h, w = page.shape
+    seen = np.array([[170, 60], [470, 70], [600, 430], [40, 420]], np.float32)
+    H = cv2.getPerspectiveTransform(np.array([[0, 0], [w, 0], [w, h], [0, h]], np.float32), seen)
+    flat = cv2.warpPerspective(cv2.GaussianBlur(page, (0, 0), 2.0), H, (640, 480), borderValue=150)
+    noisy = flat * 0.85 + np.random.default_rng(0).normal(0, 2.0, flat.shape)
+    image = np.repeat(cv2.GaussianBlur(noisy, (0, 0), 0.7)[..., None].clip(0, 255).astype(np.uint8), 3, axis=2)
+    sighting = find_board(image, DEFAULT_BOARD)
+    assert sighting is not None and len(sighting.ids) > 100
+    margin = np.linalg.inv(H) @ np.c_[sighting.corners_px, np.ones(len(sighting.ids))].T
+    at_mm = (margin[:2] / margin[2]).T / 3.0 - 10.0  # of the page, whose margin is 10 mm
+    row, column = np.divmod(sighting.ids, DEFAULT_BOARD.columns - 1)
+    assert np.abs(at_mm - np.c_[column + 1, row + 1] * DEFAULT_BOARD.square_mm).max() < 1.5

@@ -119,7 +119,7 @@ def test_a_dozen_good_photographs_pass(bench):
         results = check_photo(bp.webcam(image) if (light, side) == ("side", 0) else image, bench.expect(variant, side))
         alarms += [result.describe() for result in results if result.failed]
         unchecked = {result.name for result in results if result.status == "not checked"}
-        assert unchecked == (set() if variant == "patched" else {"patch hidden"})
+        assert unchecked - {"wrong object"} == (set() if variant == "patched" else {"patch hidden"}), "there is no plan"
         seen += 1
     assert seen == 12 and alarms == []
 
@@ -222,6 +222,21 @@ def test_what_cannot_be_checked_is_said_and_is_no_pass(bench):
         assert results[name].value is None and not results[name].passed and not results[name].failed
     assert results["patch hidden"].advice == results["wrong variant"].advice == "not checked: no patch"
     assert results["blur"].passed and results["over-exposure"].passed
+
+
+def test_no_patch_is_no_proof_where_its_place_does_not_show(bench):
+    """The patch lies on top; from 12° above the crate it is a line, and found by nobody."""
+    low = orbit_pose(np.array([0, 0, 20.0]), 20, 12, 440.0)
+    image = bp.photograph(bench.mesh("patched"), BOARD, CAMERA, low, px_per_mm=2.5, seed=1)
+    view = PosedCamera(low, LENS)
+    result = by_name(check_photo(image, bench.expect("unpatched", 0, view=view)))["wrong variant"]
+    assert result.status == "not checked" and "its place is turned away" in result.advice
+    unknown = bench.expect("unpatched", 1, view=None, no_pose="no board is seen")
+    bare = bench.shoot("unpatched", 1)
+    assert by_name(check_photo(bare, unknown))["wrong variant"].advice.endswith("is not known: no board is seen")
+    assert by_name(check_photo(bare, bench.expect("unpatched", 1)))["wrong variant"].passed
+    blurred = by_name(check_photo(bp.blur(bare, 4.0), bench.expect("unpatched", 1)))["wrong variant"]
+    assert blurred.status == "not checked" and "fails by blur" in blurred.advice
 
 
 def test_without_a_board_light_and_sharpness_are_still_judged(bench):

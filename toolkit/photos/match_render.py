@@ -11,7 +11,7 @@ of 72, warplane 67, coffeepot 67, eggnog, whose sides are alike, 59). 189 are ca
 The thresholds were set on half of these pictures. Photographs of real objects are harder: the mesh is not exact.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -141,17 +141,30 @@ def make_templates(mesh: Mesh, camera: Camera, poses: Sequence[Pose]) -> PoseTem
 
 def match_by_render(image: np.ndarray, templates: PoseTemplates) -> RenderMatch:
     """Rank the poses by how much a photograph (h, w, 3) uint8 sRGB, upright, looks like each."""
-    best = np.full(len(templates.ids), -1.0)
-    for windows in _windows(image):
-        edges = windows[0] @ templates.edges.T
-        edges /= np.sqrt(np.maximum(windows[0] ** 2 @ templates.edge_masks.T, 1e-6))
-        score = edges
-        if templates.colour_weight > 0:
-            score = edges + templates.colour_weight * _compare_colours(windows[1], templates)
-            score /= 1 + templates.colour_weight
-        best = np.maximum(best, score.max(axis=0))
+    (best,) = _score(image, [templates])
     order = np.argsort(-best, kind="stable")
     return RenderMatch(tuple((templates.ids[i], float(best[i])) for i in order))
+
+
+def match_objects(image: np.ndarray, templates: Mapping[str, PoseTemplates]) -> dict[str, float]:
+    """How much a photograph looks like each object, by name: the score of the pose that it looks most like."""
+    found = _score(image, list(templates.values()))
+    return {name: float(best.max()) for name, best in zip(templates, found, strict=True)}
+
+
+def _score(image: np.ndarray, templates: Sequence[PoseTemplates]) -> list[np.ndarray]:
+    """Of each object (poses,) the score of the window that looks most like the pose."""
+    best = [np.full(len(one.ids), -1.0) for one in templates]
+    for edges, colours in _windows(image):
+        squares = edges**2
+        for k, one in enumerate(templates):
+            score = edges @ one.edges.T
+            score /= np.sqrt(np.maximum(squares @ one.edge_masks.T, 1e-6))
+            if one.colour_weight > 0:
+                score = score + one.colour_weight * _compare_colours(colours, one)
+                score /= 1 + one.colour_weight
+            best[k] = np.maximum(best[k], score.max(axis=0))
+    return best
 
 
 def _windows(image: np.ndarray) -> Iterable[tuple[np.ndarray, np.ndarray]]:

@@ -18,7 +18,7 @@ from toolkit.printing.document import build_pdf
 from toolkit.printing.layout import effective_percent
 from toolkit.printing.settings import PrintSettings
 from toolkit.printing.wearers import Wearer, as_wearer, choose_wearer, find_wearers, is_same_size, say_sizes
-from toolkit.rig.fit import describe_misfits, is_own
+from toolkit.rig.fit import describe_misfits
 from toolkit.rig.variants import find_patch_file
 
 
@@ -338,8 +338,6 @@ def check_fits(workspace: Workspace, printed: Sequence[PrintedPatch]) -> list[st
     """Which sheets will not lie on their objects at the size that was printed, and where they would."""
     notes = []
     for one in printed:
-        if one.object is None or (not is_own(workspace, one.object) and max(one.sizes_mm) <= one.recorded_mm):
-            continue
-        item = load_object(workspace.object_spec(one.object))
-        notes += describe_misfits(item, one.sizes_mm)
+        if one.object is not None:
+            notes += describe_misfits(load_object(workspace.object_spec(one.object)), one.sizes_mm)
     return notes

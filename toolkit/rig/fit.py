@@ -214,7 +214,7 @@ def mounted_sizes_mm(workspace: Workspace, item: TableObject) -> tuple[float, ..
 
 
 def is_own(workspace: Workspace, name: str) -> bool:
-    """Whether an object is the user's: the built-in ones, as they are shipped, are known to wear their sheets."""
+    """Whether an object is the user's; the built-in ones, as they are shipped, are framed without their sheets."""
     return not workspace.object_spec(name).is_relative_to(PACKAGE_DATA)
 
 

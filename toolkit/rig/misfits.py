@@ -1,4 +1,4 @@
-"""What to know of the sheets of one's own objects before they are printed or shot."""
+"""What to know of the sheets of objects before they are printed or shot."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,7 @@ import numpy as np
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
 from toolkit.rig.camera import Camera, project
-from toolkit.rig.fit import describe_misfits, is_own, mounted_sizes_mm, sheet_points
+from toolkit.rig.fit import describe_misfits, mounted_sizes_mm, sheet_points
 from toolkit.rig.plan import CapturePlan, Pose
 
 
@@ -19,20 +19,18 @@ def seen_share(points_mm: np.ndarray, camera: Camera, pose: Pose) -> float:
 
 
 def list_misfits(workspace: Workspace, names: Sequence[str], plan: CapturePlan | None = None) -> list[str]:
-    """What to know of the sheets of one's own objects before they are printed or shot, one line each.
+    """What to know of the sheets of objects before they are printed or shot, one line each.
 
     Args:
         workspace: whose objects and patches are meant.
-        names: of objects; built-in ones are passed over.
-        plan: its cameras must have all sheets whole in the frame.
+        names: of objects.
+        plan: its cameras must have all sheets of one's own objects whole in the frame; built-in ones are framed alone.
 
     Raises:
         ToolkitError: an object or a patch cannot be read.
     """
     lines = []
     for name in names:
-        if not is_own(workspace, name):
-            continue
         item = load_object(workspace.object_spec(name))
         lines += describe_misfits(item, mounted_sizes_mm(workspace, item))
         points = sheet_points(workspace, item) if plan is not None and name in plan.objects else None

@@ -28,14 +28,14 @@ from toolkit.photos.photo import Photo, load_pixels, read_photo
 from toolkit.rig.variants import Print, find_booster
 
 GATES_FILE = "gates.jsonl"
-VERSION = 1
+VERSION = 2
 """Of the measures: photographs that were judged by others are judged anew."""
 
 
 def hash_setup(workspace: Workspace) -> str:
-    """Hash of all but the image that a photograph's results follow from: board, lenses, patches, objects, measures."""
+    """Hash of all but the image that a photograph's results follow from: board, lenses, plan, patches, objects, measures."""
     digest = hashlib.sha256(f"gates {VERSION}".encode())
-    for file in (workspace.root / "rig" / "board.json", workspace.root / "rig" / "lens.json"):
+    for file in (workspace.root / "rig" / "board.json", workspace.root / "rig" / "lens.json", workspace.plan_file):
         digest.update(file.read_bytes() if file.is_file() else b"none")
     for name, file in sorted(workspace.patches().items()):
         digest.update(f"{name} {sha256_file(file)}".encode())

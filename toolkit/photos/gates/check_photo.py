@@ -39,6 +39,7 @@ from toolkit.photos.gates.patch import (
 )
 from toolkit.photos.gates.result import GateResult
 from toolkit.photos.gates.solid import Solid, draw_silhouette, silhouette_px
+from toolkit.photos.gates.which_object import OBJECT, KnownObjects
 from toolkit.photos.lens import scale_lens
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.board import Board, CharucoBoard
@@ -62,6 +63,7 @@ class Expectation:
         solid: the object with what is on it, in its place; None where its mesh is not known.
         patch: which patch belongs on it and which could be confused; None where nothing is known of patches.
         no_patch: why not.
+        known: the objects that it could be mistaken for; None where that is not asked.
     """
 
     object: str
@@ -73,6 +75,7 @@ class Expectation:
     solid: Solid | None = field(default=None, repr=False)
     patch: ExpectedPatch | None = field(default=None, repr=False)
     no_patch: str = "nothing is known of patches"
+    known: KnownObjects | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True)
@@ -119,7 +122,9 @@ def inspect_photo(image: np.ndarray, expectation: Expectation, sighting: BoardSi
     why_blind = _why_blind(light, framing)
     patch, seen = _check_patch(small, silhouette, expectation, why_blind)
     lines = trace_patch(seen.own, expectation.view) if seen and expectation.view else None
-    return PhotoCheck((*light, *framing, *patch), lines)
+    known = expectation.known
+    shown = OBJECT.skip("there are no renders") if known is None else known.check(small, expectation.object)
+    return PhotoCheck((*light, *framing, shown, *patch), lines)
 
 
 def _shrink_all(

@@ -13,6 +13,7 @@ from toolkit.objects.records import read_patch
 from toolkit.photos.gates.check_photo import Expectation
 from toolkit.photos.gates.patch import ExpectedPatch, PlacedSheet, place_cells
 from toolkit.photos.gates.solid import Solid
+from toolkit.photos.gates.which_object import KnownObjects
 from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.prints.features import describe_patch
 from toolkit.rig.board import Board, read_board
@@ -31,7 +32,7 @@ class ExpectationBuilder:
     """
 
     def __init__(self, workspace: Workspace) -> None:
-        self._workspace = workspace
+        self._workspace, self.known = workspace, KnownObjects(workspace)
         self._kept: dict[tuple[str, str], Built] = {}
 
     @cached_property
@@ -57,8 +58,9 @@ class ExpectationBuilder:
             self._kept[key] = self._build(object_name, variant)
         solid, patch, no_patch = self._kept[key]
         return Expectation(
-            object_name, variant, pose_id, view, no_pose, board=self.board, solid=solid, patch=patch, no_patch=no_patch
-        )
+            object_name, variant, pose_id, view, no_pose, board=self.board, solid=solid, patch=patch, no_patch=no_patch,
+            known=self.known,
+        )  # fmt: skip
 
     def prepare(self, object_name: str, variant: str) -> None:
         """Build now what the first photograph would wait for: the object, and the local features of all patches."""

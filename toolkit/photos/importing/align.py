@@ -17,6 +17,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
 from toolkit.photos.gates.patch import place_cells
+from toolkit.photos.gates.which_object import KnownObjects
 from toolkit.photos.importing.evidence import NOT_FOLLOWED, Evidence, Group
 from toolkit.photos.importing.index import CaptureKey, SourceIndex
 from toolkit.photos.importing.match import RenderMatcher
@@ -93,6 +94,7 @@ class Clues:
 
     def __init__(self, workspace: Workspace, plan: CapturePlan, matcher: RenderMatcher) -> None:
         self._workspace, self._plan, self._matcher = workspace, plan, matcher
+        self._known = KnownObjects(workspace)
         self._patches: dict[Group, tuple[np.ndarray, list[np.ndarray]] | None] = {}
 
     def weigh(self, one: Evidence, shots: Sequence[CaptureKey]) -> np.ndarray:
@@ -106,12 +108,19 @@ class Clues:
         if one.located is not None:
             costs += [self._off(one, shot) for shot in shots]
         try:
+            costs += self._weigh_objects(one, shots)
             costs += self._weigh_patches(one, shots, groups)
             if one.located is None and len(shots) <= MOST_SHOTS:
                 costs += self._weigh_likeness(one, shots, groups)
         except UnreadableImage:
             pass  # storing it says so
         return costs
+
+    def _weigh_objects(self, one: Evidence, shots: Sequence[CaptureKey]) -> np.ndarray:
+        """A photograph that plainly shows another object is no shot of this one, but one too many."""
+        pixels = load_pixels(one.candidate.photo)
+        is_wrong = {name: self._known.check(pixels, name).failed for name in {shot.object for shot in shots}}
+        return np.array([WRONG + EXTRA if is_wrong[shot.object] else 0.0 for shot in shots])
 
     def _off(self, one: Evidence, shot: CaptureKey) -> float:
         assert one.located is not None
