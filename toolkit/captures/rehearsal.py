@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from toolkit.boosters.parts.blur import CameraBlur
+from toolkit.boosters.parts.blur import LEAST_DEFOCUS_PX, CameraBlur
 from toolkit.boosters.parts.light import Exposure
 from toolkit.boosters.parts.print_process import PrintProcess, ProfiledPrint, use_profile
 from toolkit.boosters.pixels import quantise
@@ -87,8 +87,8 @@ class Rehearsal:
 
         scale = min(min(picture.shape[:2]) / NETWORK_PX, LARGEST_SCALE)
         (sharpest, softest), (still, moved) = self.blur.defocus_px, self.blur.motion_px
-        defocus_px, motion_px = (sharpest * scale, softest * scale), (still * scale, moved * scale)
-        blur = replace(self.blur, defocus_px=defocus_px, motion_px=motion_px)
+        defocus_px = max(sharpest * scale, LEAST_DEFOCUS_PX), max(softest * scale, LEAST_DEFOCUS_PX)
+        blur = replace(self.blur, defocus_px=defocus_px, motion_px=(still * scale, moved * scale))
         light = blur.change(torch.from_numpy(np.ascontiguousarray(picture.transpose(2, 0, 1), np.float32)), rng)
         factors = self.exposure.draw(rng, 1, torch.zeros(1, dtype=torch.float32))
         return np.ascontiguousarray((light * factors[0]).numpy().transpose(1, 2, 0))

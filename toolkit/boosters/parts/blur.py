@@ -11,6 +11,10 @@ if TYPE_CHECKING:
     import torch
 
 
+LEAST_DEFOCUS_PX = 0.05
+"""So little changes no pixel; none at all has no closed form."""
+
+
 @dataclass(frozen=True)
 class CameraBlur:
     """What is drawn, uniformly, for each photograph; pixels are those that the network sees.
@@ -29,7 +33,7 @@ class CameraBlur:
     probability: float = 0.3
 
     def __post_init__(self) -> None:
-        check_range("defocus", self.defocus_px, 0.05, 8)
+        check_range("defocus", self.defocus_px, LEAST_DEFOCUS_PX, 8)
         check_range("motion", self.motion_px, 0, 16)
         check_probability("blur", self.probability)
 
