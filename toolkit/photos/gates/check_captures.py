@@ -33,7 +33,7 @@ VERSION = 2
 
 
 def hash_setup(workspace: Workspace) -> str:
-    """Hash of all but the image that a photograph's results follow from: board, lenses, plan, patches, objects, measures."""
+    """Hash of all but the image that a photograph's results follow from: the rig, patches, objects, measures."""
     digest = hashlib.sha256(f"gates {VERSION}".encode())
     for file in (workspace.root / "rig" / "board.json", workspace.root / "rig" / "lens.json", workspace.plan_file):
         digest.update(file.read_bytes() if file.is_file() else b"none")

@@ -15,7 +15,9 @@ from toolkit.rig.plan import read_plan
 
 WORK_SIDE_PX = 640
 """Longer side of the photograph that is compared; the object then still is larger than its template."""
-LEAST_LIKENESS = 0.6
+LEAST_LIKENESS = 0.68
+"""Of the likeliest object. 39 real photographs that show none of the four shipped objects, or another of their class,
+are 0.40 to 0.66 like each; a lead alone says nothing, as some objects are like any picture."""
 OBJECT = Gate(
     "wrong object", 0.1, "likeness by which another object is ahead",
     "it looks like another object: put the right one there, or sort the photo anew",
