@@ -225,9 +225,9 @@ def test_what_cannot_be_checked_is_said_and_is_no_pass(bench):
 
 
 def test_no_patch_is_no_proof_where_its_place_does_not_show(bench):
-    """The patch lies on top; from 5° above the crate it is a line, and found by nobody."""
+    """The patch would lie on top; from 5° above the crate a patch there is a line, which may be missed."""
     low = orbit_pose(np.array([0, 0, 20.0]), 20, 5, 440.0)
-    image = bp.photograph(bench.mesh("patched"), BOARD, CAMERA, low, px_per_mm=2.5, seed=1)
+    image = bp.photograph(bench.mesh("unpatched"), BOARD, CAMERA, low, px_per_mm=2.5, seed=1)
     view = PosedCamera(low, LENS)
     result = by_name(check_photo(image, bench.expect("unpatched", 0, view=view)))["wrong variant"]
     assert result.status == "not checked" and "its place is turned away" in result.advice

@@ -24,7 +24,7 @@ def known(tmp_path_factory) -> KnownObjects:
 
 
 def test_a_racing_car_at_the_coffeepots_shot_is_told(known):
-    T = orbit_pose(np.array([0, 0, 40.0]), 100, 42, 560)
+    T = orbit_pose(np.array([0, 0, 40.0]), 94, 36, 560)
     image = bp.photograph("racer", None, CAMERA, T, light="side", backdrop="oak", seed=4)
     wrong = known.check(image, "coffeepot")
     assert wrong.failed and "looks like 'racer', not like 'coffeepot'" in wrong.advice
