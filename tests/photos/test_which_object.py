@@ -3,13 +3,13 @@
 import board_photos as bp
 import numpy as np
 import pytest
-from toolkit.rig.pattern import Pattern
 
 from toolkit.core.workspace import make_workspace
 from toolkit.objects.load import load_object
 from toolkit.photos.gates.which_object import KnownObjects, judge_likeness
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.plan import make_plan, write_plan
+from toolkit.rig.requests import Pattern
 
 CAMERA = Camera.from_fov(640, 480, 40.0)
 
