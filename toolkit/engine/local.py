@@ -10,13 +10,14 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from functools import lru_cache
+from itertools import repeat
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic
 
 from toolkit.core.child import open_pool
 from toolkit.core.errors import ToolkitError
-from toolkit.engine.units import Outcome, Result, Tag, Unit, Value, do_work, explain_failure
+from toolkit.engine.units import Outcome, Result, Tag, Unit, Value, do_work, explain_failure, list_outcomes
 
 AHEAD = 2
 """Units that are handed out for each worker: one is done, one waits."""
@@ -47,8 +48,10 @@ class InProcess:
         """See `Engine.run`; a result is handed over before the unit's next one is begun."""
         for unit in units:
             try:
-                for result in unit.work(*unit.inputs):
-                    yield Outcome(unit, result)
+                for result, key in zip(
+                    unit.work(*unit.inputs), repeat(None) if isinstance(unit.keys, str) else unit.keys, strict=False
+                ):
+                    yield Outcome(unit, result, key=key)
             except Exception as error:
                 yield Outcome(unit, None, explain_failure(error))
 
@@ -138,9 +141,7 @@ class LocalPool:
                 waiting = deque((other, self._again(other, done)) for other, done in waiting)
             except Exception as error:  # inputs or results that cannot be sent
                 results, reason = [], explain_failure(error)
-            yield from (Outcome(unit, result) for result in results)
-            if reason:
-                yield Outcome(unit, None, reason)
+            yield from list_outcomes(unit, results, reason)
 
     def _submit(self, unit: Unit[Tag, Result]) -> "Future[tuple[list[Result], str]]":
         try:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Generic
 
 from toolkit.core.cores import limit_cores
 from toolkit.core.errors import ToolkitError
-from toolkit.engine.units import Outcome, Result, Tag, Unit, Value, do_work, explain_failure
+from toolkit.engine.units import Outcome, Result, Tag, Unit, Value, do_work, explain_failure, list_outcomes
 
 if TYPE_CHECKING:
     import ray
@@ -168,9 +168,7 @@ class RayEngine:
                 results, reason = [], "its process was killed, as it is where the memory is full"
             except Exception as error:
                 results, reason = [], explain_failure(error)
-            yield from (Outcome(unit, result) for result in results)
-            if reason:
-                yield Outcome(unit, None, reason)
+            yield from list_outcomes(unit, results, reason)
 
     def _submit(self, unit: Unit[Tag, Result]) -> "ray.ObjectRef[Done]":
         import ray

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Generic, Protocol, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from toolkit.core.errors import ToolkitError
 
@@ -28,18 +28,17 @@ class Unit(Generic[Tag, Result]):
     """Work that gives the same results wherever and however often it is done.
 
     Attributes:
-        key: hash of its inputs; who keeps the results keeps them by it.
-        work: function of a module; from `inputs` an iterable of results, each handed over when it is there.
+        keys: of its results, in their order: what tells each from all others, such as a hash of its inputs.
+        work: function of a module; from `inputs` an iterable of a result for each key.
         inputs: all that it needs; values of `Shared` stand for what other units need as well.
         name: what it is called where it fails.
-        tag: whatever the driver wants to know of it again; stays there.
     """
 
-    key: str
+    keys: tuple[Any, ...] | str
     work: Callable[..., Iterable[Result]]
     inputs: tuple[object, ...]
     name: str
-    tag: Tag
+    tag: Tag = None  # type: ignore[assignment]
 
 
 @dataclass(frozen=True)
@@ -50,11 +49,13 @@ class Outcome(Generic[Tag, Result]):
         unit: whose.
         result: None where it failed.
         reason: why it failed, in a line; empty where it did not.
+        key: of the result; None where it failed.
     """
 
     unit: Unit[Tag, Result]
     result: Result | None
     reason: str = ""
+    key: Any = None
 
 
 class Engine(Protocol):
@@ -67,7 +68,7 @@ class Engine(Protocol):
     def run(self, units: Iterable[Unit[Tag, Result]]) -> Iterator[Outcome[Tag, Result]]:
         """Do the units, and give their results in the order of the units, whoever finishes first.
 
-        `units` is read no further ahead than there are hands. A unit fails alone: its outcome has a reason.
+        Of `units` no more are read than the workers need next. A unit fails alone: its outcome has a reason.
         """
         ...
 
@@ -103,6 +104,17 @@ def do_work(work: Callable[..., Iterable[Result]], inputs: tuple[object, ...]) -
     except Exception as error:
         return results, explain_failure(error)
     return results, ""
+
+
+def list_outcomes(unit: Unit[Tag, Result], results: Sequence[Result], reason: str) -> Iterator[Outcome[Tag, Result]]:
+    """What came of a unit, from what `do_work` gave."""
+    keys = [None] * len(results) if isinstance(unit.keys, str) else unit.keys
+    for key, result in zip(keys, results, strict=False):
+        yield Outcome(unit, result, key=key)
+    if not reason and len(results) != len(keys):
+        reason = f"gave {len(results)} results, expected {len(keys)}"
+    if reason:
+        yield Outcome(unit, None, reason)
 
 
 HOPELESS = 3

@@ -4,19 +4,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
-from toolkit.core.console import notice, progress
+from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_bytes
 from toolkit.core.locks import hold_folder
 from toolkit.core.records import RecordLog
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
-from toolkit.engine.units import Engine, Outcome, Shared, Unit, check_hope, list_failures
+from toolkit.engine.resume import RecordCache, cut_groups, run_resumable
+from toolkit.engine.units import Engine, Shared, Unit
 from toolkit.landing.baselines import make_apriltag, make_features
 from toolkit.landing.config import CameraConfig, FlyConfig
 from toolkit.landing.episodes import Episode, Flights, Look
@@ -93,7 +94,7 @@ class EpisodeRecord(BaseModel):
 
     @property
     def cell(self) -> Cell:
-        """It belongs to."""
+        """The combination that it was flown in."""
         return Cell(self.pad, self.regressor, self.world, self.weather, self.severity, self.gains)
 
 
@@ -203,73 +204,56 @@ def fly_all(
     folder = space.eval_dir / "landing" / (config.name or Path(config.regressors[0]).stem)
     setup = FlightSetup(config, seed, Sites(world, places, (config.time,), optics), pads, predictors)
     cells = list_cells(config, pads, world)
-    with hold_folder(folder), (engine or EngineConfig()).open(gpus=int(device != "cpu")) as hands:
-        log = RecordLog(folder / "episodes.jsonl", EpisodeRecord, required=False, compact=True)
+    with hold_folder(folder), (engine or EngineConfig()).open(gpus=int(device != "cpu")) as workers:
+        file = folder / "episodes.jsonl"
         if restart:
-            log.file.unlink(missing_ok=True)
-        return _fly_missing(setup, cells, log, hands)
+            file.unlink(missing_ok=True)
+        return _fly_missing(setup, cells, file, workers)
 
 
-def _fly_missing(setup: FlightSetup, cells: Sequence[Cell], log: RecordLog[EpisodeRecord], engine: Engine) -> Flown:
-    config = setup.config
-    digests = {cell: setup.digest(cell) for cell in cells}
-    known = {(one.inputs, one.cell.key, one.index): one for one in log.read() if one.index < config.episodes}
-    missing = {cell: [key[2] for key in _keys(cell, digests[cell], config) if key not in known] for cell in cells}
-    total = len(cells) * config.episodes
-    failures: list[Outcome[Cell, Batch]] = []
-    clock, made = Clock(), 0
-    with progress("Flying episodes", total, done=total - sum(map(len, missing.values()))) as bar:
-        for outcome in engine.run(_list_units(setup, missing, digests, engine)):
-            cell = outcome.unit.tag
-            if outcome.result is None:
-                failures.append(outcome)
-                check_hope(failures, made)
-                continue
-            episodes, own = outcome.result
-            clock.add(own)
-            records = [_record(cell, digests[cell], setup.sites.places, one, config) for one in episodes]
-            log.append(*records)
-            known |= {(one.inputs, one.cell.key, one.index): one for one in records}
-            made += len(records)
-            bar.advance(len(records), note=cell.key)
-    lost = {outcome.unit.tag for outcome in failures}
-    left = [cell for cell in cells if cell not in lost]
+EpisodeKey = tuple[str, Cell, int]
+"""Hash of all that decides an episode but cell and index, and these."""
+Flight = tuple[Episode, Clock]
+"""An episode, and what the time of all that flew in lockstep went to, which the first of them counts."""
+
+
+def _fly_missing(setup: FlightSetup, cells: Sequence[Cell], file: Path, engine: Engine) -> Flown:
+    digests, numbers = {cell: setup.digest(cell) for cell in cells}, range(setup.config.episodes)
+    wanted = {(digest, cell, index): cell for cell, digest in digests.items() for index in numbers}
+    log = RecordLog(file, EpisodeRecord, required=False, compact=True)
+    cache = RecordCache(log, lambda one: (one.inputs, one.cell, one.index), wanted)
+    missing, clock, places = cache.find_missing(wanted), Clock(), setup.sites.places
+
+    def keep(key: EpisodeKey, cell: Cell, flight: Flight) -> None:
+        clock.add(flight[1])
+        cache.add(_record(cell, key[0], places, flight[0]))
+
+    units = _list_units(setup, missing, engine)
+    ran = run_resumable("Flying episodes", wanted, missing, units, keep, engine)
+    lost = set(cache.find_missing(wanted).values())
+    left = tuple(cell for cell in cells if cell not in lost)
     if not left:
-        raise ToolkitError(failures[0].reason)
-    wanted = tuple(known[key] for cell in left for key in _keys(cell, digests[cell], config))
-    failed = tuple(list_failures(failures))
-    return Flown(log.file.parent, wanted, tuple(left), made, setup.sites.places, clock.shares, failed)
+        raise ToolkitError(ran.failed[0][1])
+    records = tuple(cache.known[key] for key, cell in wanted.items() if cell not in lost)
+    return Flown(file.parent, records, left, ran.made, places, clock.shares, ran.failed)
 
 
-Batch = tuple[list[Episode], Clock]
-"""Episodes that flew in lockstep, and what their time went to."""
-
-
-def _list_units(
-    setup: FlightSetup, cells: Mapping[Cell, Sequence[int]], digests: Mapping[Cell, str], engine: Engine
-) -> Iterator[Unit[Cell, Batch]]:
-    """A unit for each batch of a cell's episodes; its tag is the cell."""
-    if not any(cells.values()):
-        return
+def _list_units(setup: FlightSetup, missing: Mapping[EpisodeKey, Cell], engine: Engine) -> Iterator[Unit[Any, Flight]]:
+    """A unit for each batch of a cell's episodes."""
     setup.sites.light_world()
     shared = engine.share(setup)
-    for cell, missing in cells.items():
-        for start in range(0, len(missing), setup.config.batch):
-            some = missing[start : start + setup.config.batch]
-            name = f"{cell.key} episodes {some[0]}-{some[-1]}"
-            yield Unit(f"{digests[cell]} {name}", fly_unit, (shared, cell, some), name, cell)
+    for keys, (cell, *_) in cut_groups(missing, lambda cell: cell, setup.config.batch):
+        indices = [index for _, _, index in keys]
+        yield Unit(keys, fly_unit, (shared, cell, indices), f"{cell.key} episodes {indices[0]}-{indices[-1]}")
 
 
-def fly_unit(shared: Shared[FlightSetup], cell: Cell, indices: list[int]) -> Iterator[Batch]:
+def fly_unit(shared: Shared[FlightSetup], cell: Cell, indices: list[int]) -> Iterator[Flight]:
     """The work of a unit: `fly_cell`."""
     setup, clock, begun = shared.get(), Clock(), perf_counter()
     episodes = fly_cell(setup, cell, indices, clock)
     clock.whole = perf_counter() - begun
-    yield episodes, clock
-
-
-def _keys(cell: Cell, digest: str, config: FlyConfig) -> Iterator[tuple[str, str, int]]:
-    return ((digest, cell.key, index) for index in range(config.episodes))
+    for at, episode in enumerate(episodes):
+        yield episode, Clock() if at else clock
 
 
 def _named_pad(pads: dict[str, Pad], cell: Cell) -> Pad:
@@ -389,7 +373,7 @@ def make_look(sites: dict[int, PadSite], seed: int, weather: tuple[str, int], fi
     return look
 
 
-def _record(cell: Cell, inputs: str, places: Sequence[PadPlace], episode: Episode, config: FlyConfig) -> EpisodeRecord:
+def _record(cell: Cell, inputs: str, places: Sequence[PadPlace], episode: Episode) -> EpisodeRecord:
     place = places[episode.index % len(places)]
     keep = episode.index < KEPT_TRACKS
     track = (np.array(episode.track) - place.centre).round(3).tolist() if keep else []
