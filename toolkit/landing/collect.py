@@ -3,21 +3,21 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from toolkit import __version__
-from toolkit.core.console import notice, progress
+from toolkit.core.console import notice
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_file, write_json
 from toolkit.core.locks import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
-from toolkit.engine.units import Engine, Outcome, Shared, Unit, check_hope, list_failures
+from toolkit.engine.resume import cut_groups, run_resumable
+from toolkit.engine.units import Engine, Shared, Unit
 from toolkit.landing.config import CollectConfig
 from toolkit.landing.dataset import (
     DATASET,
@@ -167,8 +167,8 @@ def collect(
         about = _begin(folder, config, collector, restart)
         if about.complete and all((folder / shard.file).is_file() for shard in about.shards):
             return Collected(folder, about, 0)
-        with (engine or EngineConfig()).open() as hands:
-            return _shoot_shards(folder, collector, about, hands)
+        with (engine or EngineConfig()).open() as workers:
+            return _shoot_shards(folder, collector, about, workers)
 
 
 def _begin(folder: Path, config: CollectConfig, collector: Collector, restart: bool) -> DatasetFile:
@@ -201,54 +201,53 @@ def _begin(folder: Path, config: CollectConfig, collector: Collector, restart: b
     return about
 
 
+FrameKey = tuple[str, int]
+"""File of a frame's shard, and its index."""
+
+
 def _shoot_shards(folder: Path, collector: Collector, about: DatasetFile, engine: Engine) -> Collected:
     """Shoot shards that are not there; each is written when its frames are, and a set without one is not complete."""
-    plan, frames = plan_shards(collector.config, collector), collector.config.frames
-    missing = {name: some for name, _, some in plan if not (folder / name).is_file()}
-    done = frames - sum(map(len, missing.values()))
-    if done:
-        notice(f"going on: {done} of {frames} frames are there")
-    failures: list[Outcome[str, EncodedSample]] = []
-    n_done = made = 0
-    with progress("Shooting frames", frames, done=done) as bar:
-        units = _list_units(collector, missing, engine)
-        for name, outcomes in groupby(engine.run(units), key=lambda outcome: outcome.unit.tag):
-            shard: list[EncodedSample] = []
-            for outcome in outcomes:
-                if outcome.result is None:
-                    failures.append(outcome)
-                    check_hope(failures, n_done)
-                    continue
-                n_done += 1
-                shard.append(outcome.result)
-                bar.advance()
-            if len(shard) == len(missing[name]):
-                write_shard(folder / name, shard)
-                made += 1
-    if failures:
-        if not made and len(missing) == len(plan):
-            raise ToolkitError(failures[0].reason)
-        return Collected(folder, about, made, tuple(list_failures(failures)))
+    plan = plan_shards(collector.config, collector)
+    wanted = {(name, index): name for name, _, some in plan for index in some}
+    there = {name for name, _, _ in plan if (folder / name).is_file()}
+    missing = {key: name for key, name in wanted.items() if name not in there}
+    if there:
+        notice(f"going on: {len(wanted) - len(missing)} of {len(wanted)} frames are there")
+    sizes = {name: len(some) for name, _, some in plan}
+    shard: dict[FrameKey, EncodedSample] = {}
+    made: list[str] = []
+
+    def keep(key: FrameKey, name: str, sample: EncodedSample) -> None:
+        if shard and next(iter(shard))[0] != name:  # the one before lacks frames
+            shard.clear()
+        shard[key] = sample
+        if len(shard) == sizes[name]:
+            write_shard(folder / name, list(shard.values()))
+            made.append(name)
+
+    units = _list_units(collector, missing, engine)
+    ran = run_resumable("Shooting frames", wanted, missing, units, keep, engine)
+    if ran.failed:
+        if not made and not there:
+            raise ToolkitError(ran.failed[0][1])
+        return Collected(folder, about, len(made), ran.failed)
     shards = [
         Shard(file=name, split=split, n=len(some), sha256=sha256_file(folder / name)) for name, split, some in plan
     ]
     about = about.model_copy(update={"complete": True, "shards": shards})
     write_json(folder / DATASET, about.model_dump(mode="json"))
-    return Collected(folder, about, made)
+    return Collected(folder, about, len(made))
 
 
 def _list_units(
-    collector: Collector, shards: Mapping[str, Sequence[int]], engine: Engine
-) -> Iterator[Unit[str, EncodedSample]]:
-    """Some frames of a shard each; a unit's tag is its shard's file."""
-    if not shards:
-        return
+    collector: Collector, missing: Mapping[FrameKey, str], engine: Engine
+) -> Iterator[Unit[Any, EncodedSample]]:
+    """Some frames of a shard each."""
     collector.sites.light_world()
     shared = engine.share(collector)
-    for name, indices in shards.items():
-        for start in range(0, len(indices), UNIT_FRAMES):
-            some = indices[start : start + UNIT_FRAMES]
-            yield Unit(f"{name} {start}", shoot_unit, (shared, some), f"{name} frames {some[0]}-{some[-1]}", name)
+    for keys, (name, *_) in cut_groups(missing, lambda name: name, UNIT_FRAMES):
+        some = [index for _, index in keys]
+        yield Unit(keys, shoot_unit, (shared, some), f"{name} frames {some[0]}-{some[-1]}")
 
 
 def shoot_unit(shared: Shared[Collector], indices: Sequence[int]) -> Iterator[EncodedSample]:
