@@ -17,7 +17,7 @@ from toolkit.captures.shoot import (
     check_settings,
     describe_look,
     sha256_json,
-    shoot_scenes,
+    take_shots,
 )
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace
@@ -86,7 +86,7 @@ def shoot_like(
         raise FieldError(f"would overwrite the photographs in {photos_dir}: name another", {"source": source})
     chosen = Selection(objects=tuple(objects), variants=tuple(variants))
     photos, skipped = read_measured(photos_dir, chosen, max_px)
-    scenes = []
+    shots: list[Shot] = []
     members: dict[tuple[str, str], list[MeasuredPhoto]] = defaultdict(list)
     for photo in photos:
         members[(photo.record.object, photo.record.variant)].append(photo)
@@ -103,14 +103,14 @@ def shoot_like(
         reasons = [_why_not(photo, item, sha256) for photo in own]
         skipped += [(photo.path, why) for photo, why in zip(own, reasons, strict=True) if why]
         fit = [photo for photo, why in zip(own, reasons, strict=True) if not why]
-        scenes.append([_plan_shot(photo, item, look, photos_dir, settings.image_format, taken=taken) for photo in fit])
-    if not any(scenes):
+        shots += [_plan_shot(photo, item, look, photos_dir, settings.image_format, taken=taken) for photo in fit]
+    if not shots:
         path, reason = skipped[0]
         raise ToolkitError(
             f"none of the {len(skipped)} photographs in {photos_dir} can be shot again; {path}: {reason}"
         )
-    with (engine or EngineConfig()).open() as hands:
-        result = shoot_scenes(workspace, scenes, settings, workspace.source_dir(source), engine=hands)
+    with (engine or EngineConfig()).open() as workers:
+        result = take_shots(workspace, shots, settings, workspace.source_dir(source), engine=workers)
     return LikeResult(result, tuple(sorted(skipped)))
 
 

@@ -14,14 +14,14 @@ from PIL import Image
 from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, is_finished, read_manifest, write_transforms
 from toolkit.captures.rehearsal import Rehearsal
-from toolkit.core.console import Ticker, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import inside, sha256_bytes, write_bytes
 from toolkit.core.locks import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.engine.local import InProcess
-from toolkit.engine.units import Engine, Outcome, Unit, check_hope, list_failures
+from toolkit.engine.resume import cut_groups, run_resumable
+from toolkit.engine.units import Engine, Unit
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera
@@ -174,13 +174,14 @@ def shoot_plan(
     check_settings(workspace, settings, source)
     variants = tuple(dict.fromkeys(variants))  # named twice is shot once
     items = {name: _load_item(workspace, name, patch_mm) for name in objects}
-    scenes = [
-        _plan_scene(workspace, plan, item, variant, settings)
+    shots = [
+        shot
         for item in items.values()
         for variant in variants
-    ]  # fmt: skip
+        for shot in _plan_scene(workspace, plan, item, variant, settings)
+    ]
     source_dir = (captures_dir or workspace.captures_dir) / source
-    return shoot_scenes(workspace, scenes, settings, source_dir, stored, engine=engine)
+    return take_shots(workspace, shots, settings, source_dir, stored, engine=engine)
 
 
 def check_settings(workspace: Workspace, settings: ShootSettings, source: str) -> None:
@@ -211,56 +212,49 @@ def check_no_photographs(source_dir: Path, known: Mapping[str, CaptureRecord]) -
         )
 
 
-def shoot_scenes(
-    workspace: Workspace, scenes: Sequence[Sequence[Shot]], settings: ShootSettings, source_dir: Path,
+def take_shots(
+    workspace: Workspace, shots: Iterable[Shot], settings: ShootSettings, source_dir: Path,
     stored: Mapping[str, StoredImage] | None = None, *, engine: Engine | None = None,
 ) -> ShootResult:  # fmt: skip
-    """Take the shots that are not there yet; those of a scene share object and variant, and its light is baked once.
+    """Take the shots that are not there yet.
 
-    A scene of over 64 shots is cut into several units, and its light is baked for each.
+    Those that follow each other and share object and variant are one scene, and its light is baked once; a scene of
+    over 64 shots is cut into several units, and its light is baked for each.
 
     Raises:
         ToolkitError: a patch is missing, a backdrop or light is unknown, the folder holds photographs, or the disk is
             full or read-only.
     """
     with hold_folder(source_dir):
-        return _shoot_missing(workspace, scenes, settings, source_dir, stored or {}, engine or InProcess())
+        wanted = {shot.path: shot for shot in shots}
+        return _take_missing(workspace, wanted, settings, source_dir, stored or {}, engine or InProcess())
 
 
-def _shoot_missing(
-    workspace: Workspace, scenes: Sequence[Sequence[Shot]], settings: ShootSettings, source_dir: Path,
+def _take_missing(
+    workspace: Workspace, wanted: Mapping[str, Shot], settings: ShootSettings, source_dir: Path,
     stored: Mapping[str, StoredImage], engine: Engine,
 ) -> ShootResult:  # fmt: skip
     known = read_manifest(source_dir)
     check_no_photographs(source_dir, known)
-    waiting = [
-        [s for s in shots if not is_finished(source_dir, known.get(s.path), s.inputs_sha256)] for shots in scenes
-    ]
-    if stored:
-        waiting = [[shot for shot in shots if not _copy_stored(shot, stored, source_dir)] for shots in waiting]
-    total, todo = sum(map(len, scenes)), sum(map(len, waiting))
-    with progress("shooting", total, done=total - todo) as bar:
-        failures: list[Outcome[list[CaptureRecord], Picture]] = []
-        made = 0
-        for outcome in engine.run(_list_units(workspace, waiting, settings, bar)):
-            if outcome.result is None:
-                failures.append(outcome)
-                check_hope(failures, made)
-                continue
-            made += 1
-            content, at = outcome.result
-            record = outcome.unit.tag[at].model_copy(update={"image_sha256": sha256_bytes(content)})
-            write_bytes(source_dir / record.path, content, source_dir)
-            append_record(source_dir, record)
-            bar.advance(note=outcome.unit.name)
-    if failures and not made and total == todo:
-        raise ToolkitError(failures[0].reason)
+    missing = {
+        path: shot
+        for path, shot in wanted.items()
+        if not is_finished(source_dir, known.get(path), shot.inputs_sha256)
+        and not _copy_stored(shot, stored, source_dir)
+    }
+    planned: dict[str, CaptureRecord] = {}
+
+    def keep(path: str, shot: Shot, content: bytes) -> None:
+        write_bytes(source_dir / path, content, source_dir)
+        append_record(source_dir, planned[path].model_copy(update={"image_sha256": sha256_bytes(content)}))
+
+    units = _list_units(workspace, missing, settings, planned)
+    ran = run_resumable("shooting", wanted, missing, units, keep, engine)
     records = read_manifest(source_dir)
-    wanted = {shot.path for shots in scenes for shot in shots}
     folders = {Path(path).parent for path in wanted}
     stale = [p for p in records if p not in wanted and Path(p).parent in folders and (source_dir / p).is_file()]
     write_transforms(source_dir, [record for path, record in sorted(records.items()) if (source_dir / path).is_file()])
-    return ShootResult(source_dir, made, total - todo, sorted(stale), tuple(list_failures(failures)))
+    return ShootResult(source_dir, ran.made, ran.kept, sorted(stale), ran.failed)
 
 
 def _load_item(workspace: Workspace, name: str, patch_mm: float | None) -> TableObject:
@@ -330,30 +324,21 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
     return look
 
 
-Picture = tuple[bytes, int]
-"""An image file, and which of its unit's shots it is."""
-
-
 def _list_units(
-    workspace: Workspace, scenes: Sequence[Sequence[Shot]], settings: ShootSettings, bar: Ticker
-) -> Iterator[Unit[list[CaptureRecord], Picture]]:
-    """Units whose tags are the records of their shots, but for the hash of the image."""
-    for scene in scenes:
-        for start in range(0, len(scene), UNIT_SHOTS):
-            shots = scene[start : start + UNIT_SHOTS]
-            item, variant = shots[0].item, shots[0].variant
-            name = f"{item.name} {variant}"
-            bar.advance(0, note=f"{name}: light")
-            booster = find_booster(workspace, item, variant)
-            made = {
-                "with": f"toolkit {__version__}", "renderer": settings.renderer,
-                "studio": studio_for(item, settings).name, "seed": settings.seed, **note_booster(booster),
-                **({} if settings.rehearsal is None else {"rehearsed": True}),
-            }  # fmt: skip
-            records = [_describe_shot(shot, booster, made) for shot in shots]
-            places = [(shot.camera, shot.T_world_camera, shot.pose_id or 0) for shot in shots]
-            key = "+".join(shot.inputs_sha256 for shot in shots)
-            yield Unit(key, shoot_unit, (item, booster, settings, places), name, records)
+    workspace: Workspace, missing: Mapping[str, Shot], settings: ShootSettings, planned: dict[str, CaptureRecord]
+) -> Iterator[Unit[Any, bytes]]:
+    """Units of images; `planned` gets the records of their shots, but for the hash of the image."""
+    for paths, shots in cut_groups(missing, lambda shot: (shot.item.name, shot.variant), UNIT_SHOTS):
+        item, variant = shots[0].item, shots[0].variant
+        booster = find_booster(workspace, item, variant)
+        made = {
+            "with": f"toolkit {__version__}", "renderer": settings.renderer,
+            "studio": studio_for(item, settings).name, "seed": settings.seed, **note_booster(booster),
+            **({} if settings.rehearsal is None else {"rehearsed": True}),
+        }  # fmt: skip
+        planned.update((shot.path, _describe_shot(shot, booster, made)) for shot in shots)
+        places = [(shot.camera, shot.T_world_camera, shot.pose_id or 0) for shot in shots]
+        yield Unit(paths, shoot_unit, (item, booster, settings, places), f"{item.name} {variant}")
 
 
 def _describe_shot(shot: Shot, booster: Print | Paint | None, made: Mapping[str, Any]) -> CaptureRecord:
@@ -368,8 +353,8 @@ def _describe_shot(shot: Shot, booster: Print | Paint | None, made: Mapping[str,
 def shoot_unit(
     item: TableObject, booster: Print | Paint | None, settings: ShootSettings,
     places: Sequence[tuple[Camera, np.ndarray, int]],
-) -> Iterator[Picture]:  # fmt: skip
-    """The work of a unit: the picture files of one object in one variant.
+) -> Iterator[bytes]:  # fmt: skip
+    """The work of a unit: the image files of one object in one variant.
 
     Args:
         item, booster: what is shot.
@@ -383,13 +368,13 @@ def shoot_unit(
         mesh = rehearsal.tape(dress(item, rehearsal.print_booster(booster, settings.seed, item.name)))
     renderer = make_renderer(settings.renderer, mesh, studio_for(item, settings))
     pictures = renderer.render_many((camera, pose) for camera, pose, _ in places)
-    for at, ((_, _, number), picture) in enumerate(zip(places, pictures, strict=True)):
+    for (_, _, number), picture in zip(places, pictures, strict=True):
         if rehearsal is None:
-            yield _encode(tone_map(picture, (settings.seed, number)), settings.image_format), at
+            yield _encode(tone_map(picture, (settings.seed, number)), settings.image_format)
             continue
         rng = Draws(settings.seed, number, "rehearse").of(f"phone {item.name} {booster.name if booster else ''}")
         developed = tone_map(rehearsal.expose(picture, rng), (settings.seed, number), rehearsal.noise)
-        yield rehearsal.encode(developed), at
+        yield rehearsal.encode(developed)
 
 
 def _encode(pixels: np.ndarray, image_format: str) -> bytes:
