@@ -15,7 +15,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
 from toolkit.engine.units import Engine, Unit
 from toolkit.experiments.corruptions.cells import ShardImages
-from toolkit.experiments.corruptions.grid import rank_cell
+from toolkit.experiments.corruptions.grid import rank_cells
 from toolkit.experiments.corruptions.recognisers import recognise_by_network
 from toolkit.experiments.worlds.ask import Rendered, Setup, answer_unit
 from toolkit.experiments.worlds.config import WorldEvalConfig
@@ -32,7 +32,7 @@ SECONDS = 10
 def run() -> dict[str, float | str]:
     """Seconds of the same list; each worker has loaded its libraries and done a unit before the clock starts."""
     found: dict[str, float | str] = {}
-    for name, work, prepare in (("cells", rank_cell, _share_cells), ("world frames", answer_unit, _share_frames)):
+    for name, work, prepare in (("cells", rank_cells, _share_cells), ("world frames", answer_unit, _share_frames)):
         one, two = (_time_units(workers, work, prepare) for workers in (1, 2))
         found[f"{name}: 2 workers, ratio to one worker"] = one / two
     if importlib.util.find_spec("ray"):
@@ -61,7 +61,9 @@ def _share_cells(engine: Engine) -> list[Inputs]:
     """A corruption of sixteen photographs and what a network says of them."""
     torch.manual_seed(0)
     pixels = torch.randint(0, 256, (IMAGES, 3, 224, 224), dtype=torch.uint8)
-    images = engine.share(ShardImages(pixels, np.zeros(IMAGES, np.int64), list(range(IMAGES)), [""] * IMAGES, []))
+    images = engine.share(
+        ShardImages(pixels, np.zeros(IMAGES, np.int64), list(range(IMAGES)), [""] * IMAGES, [], np.ones(IMAGES, bool))
+    )
     asked = engine.share([recognise_by_network(make_classifier())])
     return [(images, cell, asked, "cpu") for cell in CELLS]
 

@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 from toolkit.core.console import Ticker, progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.records import Record, RecordLog
-from toolkit.engine.units import Engine, Result, Unit
+from toolkit.engine.units import Engine, Result, Unit, Value
 
 Key = TypeVar("Key", bound=Hashable)
 Item = TypeVar("Item")
@@ -17,17 +17,25 @@ GIVE_UP_AFTER = 3
 """Where the first units all fail for one reason, the fault lies in the run, not in a unit: so many are tried."""
 
 
-class RecordCache(Generic[Key, Record]):
-    """Records of finished work in a log that runs may share.
+class RecordCache(Generic[Key, Value, Record]):
+    """Finished work, in memory and in a log that runs may share.
 
     Attributes:
-        known: the last record of each key.
+        known: what the last record of each key says.
     """
 
-    def __init__(self, log: RecordLog[Record], key: Callable[[Record], Key], wanted: Collection[Key]) -> None:
-        """Read the records with keys that are wanted; raises as `RecordLog.read`."""
-        self._log, self._key = log, key
-        self.known = {name: record for record in log.read() if (name := key(record)) in wanted}
+    def __init__(
+        self, log: RecordLog[Record], entries: Callable[[Record], Iterable[tuple[Key, Value]]], wanted: Collection[Key]
+    ) -> None:
+        """Read the log; raises as `RecordLog.read`.
+
+        Args:
+            log: of records.
+            entries: (key, value) of a record.
+            wanted: keys of this run; memory holds no others.
+        """
+        self._log, self._entries = log, entries
+        self.known = {key: value for record in log.read() for key, value in entries(record) if key in wanted}
 
     def find_missing(self, wanted: Mapping[Key, Item]) -> dict[Key, Item]:
         """What has no record yet, in order."""
@@ -36,7 +44,7 @@ class RecordCache(Generic[Key, Record]):
     def add(self, *records: Record) -> None:
         """Append to the log; raises as `RecordLog.append`."""
         self._log.append(*records)
-        self.known |= {self._key(record): record for record in records}
+        self.known |= {key: value for record in records for key, value in self._entries(record)}
 
 
 @dataclass(frozen=True)

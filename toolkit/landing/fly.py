@@ -221,7 +221,7 @@ def _fly_missing(setup: FlightSetup, cells: Sequence[Cell], file: Path, engine: 
     digests, numbers = {cell: setup.digest(cell) for cell in cells}, range(setup.config.episodes)
     wanted = {(digest, cell, index): cell for cell, digest in digests.items() for index in numbers}
     log = RecordLog(file, EpisodeRecord, required=False, compact=True)
-    cache = RecordCache(log, lambda one: (one.inputs, one.cell, one.index), wanted)
+    cache = RecordCache(log, lambda one: [((one.inputs, one.cell, one.index), one)], wanted)
     missing, clock, places = cache.find_missing(wanted), Clock(), setup.sites.places
 
     def keep(key: EpisodeKey, cell: Cell, flight: Flight) -> None:

@@ -4,7 +4,6 @@ import json
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,7 +11,6 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.boosters.place_patches import boost_images
 from toolkit.core.files import sha256_bytes
-from toolkit.core.records import RecordLog
 from toolkit.corruptions import CORRUPTIONS, choose_parameters, corrupt, image_seed
 from toolkit.corruptions.corrupt import run_each
 from toolkit.experiments.corruptions.config import NOT_CORRUPTED, Condition, CorruptEvalConfig
@@ -81,22 +79,6 @@ def make_key(
     return sha256_bytes(json.dumps(inputs).encode())
 
 
-def open_cells(file: Path) -> RecordLog[CellLine]:
-    """The log of answers; those of a line that is broken are computed again."""
-    return RecordLog(file, CellLine, required=False, compact=True)
-
-
-def read_cells(file: Path, wanted: set[str]) -> dict[str, np.ndarray]:
-    """Ranks by key, of the keys that are wanted; a line that a kill has cut is passed over."""
-    lines = open_cells(file).read(lambda text: text[8:72] in wanted)  # {"key":"…
-    return {line.key: np.array(line.ranks, np.int32) for line in lines}
-
-
-def append_cells(file: Path, rows: Sequence[tuple[str, np.ndarray]]) -> None:
-    """Append ranks by key, flushed to disk; raises as `RecordLog.append`."""
-    open_cells(file).append(*(CellLine(key=key, ranks=ranks.tolist()) for key, ranks in rows))
-
-
 CPU_PART, CUDA_PART = 16, 128
 """Images that are computed at once; on a CPU, by one thread."""
 
@@ -111,6 +93,7 @@ class ShardImages:
         seeds: of each image's random draws.
         ids: of the images.
         texts: what readers of codes must say; empty without codes.
+        usable: (n,) bool, which of the shard's images these are.
     """
 
     pixels: "torch.Tensor"
@@ -118,6 +101,7 @@ class ShardImages:
     seeds: list[int]
     ids: list[str]
     texts: list[str]
+    usable: np.ndarray
 
 
 def load_shard(images: ImageSet, shard: Shard, how: Preprocessing) -> tuple[np.ndarray, np.ndarray]:
@@ -160,7 +144,7 @@ def apply_variant(
     bare = torch.from_numpy(np.ascontiguousarray(pixels.transpose(0, 3, 1, 2)))
     patches = variant.patches
     if patches is None:
-        return ShardImages(bare, classes, seeds, ids, [])
+        return ShardImages(bare, classes, seeds, ids, [], usable)
     boosted = torch.empty_like(bare)
     parts = _cut(len(used), CPU_PART)
 
@@ -173,7 +157,7 @@ def apply_variant(
 
     run_each(place, len(parts))
     texts = [] if patches.code_kind is None else [patches.code_text(int(index)) for index in classes]
-    return ShardImages(boosted, classes, seeds, ids, texts)
+    return ShardImages(boosted, classes, seeds, ids, texts, usable)
 
 
 def corrupt_images(images: ShardImages, part: slice, condition: Condition, device: str = "cpu") -> "torch.Tensor":

@@ -71,8 +71,8 @@ def evaluate_benchmark(
     grid = Grid(images.only(share_classes(variants, images.classes)), tuple(variants), config)
     folder = workspace.eval_dir / "corruptions"
     run_dir = folder / check_run_name(grid.name)
-    with (engine or EngineConfig()).open(gpus=int(classifier.device != "cpu")) as hands:
-        benchmark = run_grid(grid, folder / "cells.jsonl", notes, hands)
+    with (engine or EngineConfig()).open(gpus=int(classifier.device != "cpu")) as workers:
+        benchmark = run_grid(grid, folder / "cells.jsonl", notes, workers)
     files = write_benchmark(run_dir, benchmark, draw_examples(grid, benchmark))
     patches = {variant.name: variant.patches.patches for variant in variants if variant.patches is not None}
     without_images = {

@@ -1,10 +1,10 @@
 """The grid: every variant under every corruption, shard by shard, each cell computed once."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence, Sized
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -13,30 +13,31 @@ from toolkit.boosters.place_patches import is_whole
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.locks import hold_folder
+from toolkit.core.records import RecordLog
 from toolkit.corruptions import choose_parameters, image_seed
 from toolkit.corruptions.request import find_note
 from toolkit.engine.local import InProcess
-from toolkit.engine.units import Engine, Outcome, Shared, Unit, check_hope, list_failures
+from toolkit.engine.resume import Ran, RecordCache, run_resumable
+from toolkit.engine.units import Engine, Shared, Unit
 from toolkit.experiments.corruptions.cells import (
     FAILED,
+    CellLine,
     Shard,
     ShardImages,
-    append_cells,
     apply_variant,
     cut_shards,
     load_shard,
     make_key,
     rank_images,
-    read_cells,
 )
 from toolkit.experiments.corruptions.config import CLEAN, Condition, CorruptEvalConfig
 from toolkit.experiments.corruptions.recognisers import Recogniser
 from toolkit.experiments.corruptions.variants import Variant
-from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import Classifier
 from toolkit.training.image_set import ImageSet, LabelledImage
 
+GroupKey = TypeVar("GroupKey", bound=Hashable)
 SHARD_IMAGES = 256
 """Images in memory at once; also what a kill may cost, in one cell."""
 
@@ -107,10 +108,6 @@ class Benchmark:
     kept: int = 0
 
 
-Address = tuple[int, Condition, int]
-"""Number of the variant, condition, number of the recogniser."""
-
-
 def run_grid(grid: Grid, cells_file: Path, notes: Sequence[str] = (), engine: Engine | None = None) -> Benchmark:
     """Compute every cell that is not in `cells_file` yet, and add it there.
 
@@ -130,54 +127,48 @@ def run_grid(grid: Grid, cells_file: Path, notes: Sequence[str] = (), engine: En
         return _run_grid(grid, cells_file, notes, engine or InProcess())
 
 
+class Cell(NamedTuple):
+    """A shard in one variant and condition, and who is asked; all but the condition by number."""
+
+    shard: int
+    variant: int
+    condition: Condition
+    recogniser: int
+
+
 def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str], engine: Engine) -> Benchmark:
     shards = _hash_shards(grid)
-    keys = [
-        {
-            (v, condition, r): make_key(shard, variant, recogniser, condition, grid.config)
-            for v, variant in enumerate(grid.variants)
-            for r, recogniser in enumerate(variant.recognisers)
-            for condition in grid.config.conditions
-        }
-        for shard in shards
-    ]
-    found = read_cells(cells_file, {key for own in keys for key in own.values()})
-    missing = [[address for address, key in own.items() if key not in found] for own in keys]
-    total, todo = _count_ranks(shards, keys), _count_ranks(shards, missing)
-    failures: list[Outcome[Task, list[np.ndarray]]] = []
-    n_done = 0
-    with progress("Evaluating (answers to images)", total, done=total - todo) as bar:
-        units = (
-            unit
-            for shard, own, wanted in zip(shards, keys, missing, strict=True)
-            for unit in _list_units(grid, shard, own, wanted, engine)
-        )
-        for outcome in engine.run(units):
-            task = outcome.unit.tag
-            if outcome.result is None:
-                failures.append(outcome)
-                check_hope(failures, n_done)
-                continue
-            n_done += 1
-            rows = list(zip(task.keys, map(task.spread, outcome.result), strict=True))
-            append_cells(cells_file, rows)
-            found |= dict(rows)
-            bar.advance(len(task.usable) * len(rows), outcome.unit.name)
-    lost = {outcome.unit.tag.condition for outcome in failures}
-    left = [condition for condition in grid.config.conditions if condition not in lost]
-    if not left:
-        raise ToolkitError(failures[0].reason)
-    joined = {
-        address: np.concatenate([found[own[address]] for own in keys]) for address in keys[0] if address[1] in left
+    keys = {
+        Cell(s, v, condition, r): make_key(shard, variant, recogniser, condition, grid.config)
+        for s, shard in enumerate(shards)
+        for v, variant in enumerate(grid.variants)
+        for r, recogniser in enumerate(variant.recognisers)
+        for condition in grid.config.conditions
     }
-    images = [one for shard in shards for one in shard.images]
-    computed = todo - sum(len(one.unit.tag.usable) * len(one.unit.tag.keys) for one in failures)
-    done = _collect(grid, images, joined, notes, conditions=left, computed=computed, kept=total - todo)
-    return replace(done, failed=(*done.failed, *list_failures(failures)))
+    wanted = {key: cell for cell, key in keys.items()}
+    log = RecordLog(cells_file, CellLine, required=False, compact=True)
+    cache = RecordCache(log, lambda line: [(line.key, np.array(line.ranks, np.int32))], wanted)
+    missing = cache.find_missing(wanted)
 
+    def keep(key: str, cell: Cell, ranks: np.ndarray) -> None:
+        cache.add(CellLine(key=key, ranks=ranks.tolist()))
 
-def _count_ranks(shards: list[Shard], addresses: Sequence[Sized]) -> int:
-    return sum(len(shard.images) * len(own) for shard, own in zip(shards, addresses, strict=True))
+    title, units = "Evaluating (answers to images)", _list_units(grid, shards, missing, engine)
+    ran = run_resumable(title, wanted, missing, units, keep, engine, weigh=lambda cell: len(shards[cell.shard].images))
+    lost = {cell.condition for cell in cache.find_missing(wanted).values()}
+    if lost >= set(grid.config.conditions):
+        raise ToolkitError(ran.failed[0][1])
+    cells = [
+        CellRanks(
+            variant.name, recogniser.name, recogniser.kind, *condition,
+            ranks=np.concatenate([cache.known[keys[Cell(s, v, condition, r)]] for s in range(len(shards))]),
+        )
+        for v, variant in enumerate(grid.variants)
+        for r, recogniser in enumerate(variant.recognisers)
+        for condition in grid.config.conditions
+        if condition not in lost
+    ]  # fmt: skip
+    return _collect(grid, [one for shard in shards for one in shard.images], cells, notes, ran)
 
 
 def _hash_shards(grid: Grid) -> list[Shard]:
@@ -191,95 +182,67 @@ def _hash_shards(grid: Grid) -> list[Shard]:
     return shards
 
 
-@dataclass(frozen=True)
-class Task:
-    """What the driver knows of a unit: a variant of a shard's images in one condition.
-
-    Attributes:
-        condition: that the images are in.
-        keys: of the cell of each recogniser that is asked.
-        usable: (n,) bool, which of the shard's images are there.
-    """
-
-    condition: Condition
-    keys: list[str]
-    usable: np.ndarray
-
-    def spread(self, given: np.ndarray) -> np.ndarray:
-        """(n,) int32 ranks of all images of the shard, from those of the usable ones."""
-        ranks = np.full(len(self.usable), FAILED, np.int32)
-        ranks[self.usable] = given
-        return ranks
-
-
 def _list_units(
-    grid: Grid, shard: Shard, keys: Mapping[Address, str], wanted: Sequence[Address], engine: Engine
-) -> Iterator[Unit[Task, list[np.ndarray]]]:
-    """A unit for each variant and condition that is wanted; images are decoded once per preprocessing."""
-    by_variant: dict[int, dict[Condition, list[int]]] = defaultdict(lambda: defaultdict(list))
-    for v, condition, r in wanted:
-        by_variant[v][condition].append(r)
-    by_how: dict[Preprocessing, list[int]] = defaultdict(list)
-    for v in by_variant:
-        by_how[grid.variants[v].classifier.preprocessing].append(v)
-    for how, numbers in by_how.items():
-        pixels, usable = load_shard(grid.images, shard, how)
-        for v in numbers:
+    grid: Grid, shards: Sequence[Shard], missing: Mapping[str, Cell], engine: Engine
+) -> Iterator[Unit[Any, np.ndarray]]:
+    """A unit for each variant and condition of a shard; images are decoded once per shard and preprocessing."""
+    hows = [variant.classifier.preprocessing for variant in grid.variants]
+    for (s, how), in_shard in _group(missing, lambda cell: (cell.shard, hows[cell.variant])).items():
+        pixels, usable = load_shard(grid.images, shards[s], how)
+        for v, in_variant in _group(in_shard, lambda cell: cell.variant).items():
             variant = grid.variants[v]
-            images = engine.share(apply_variant(pixels, shard, usable, variant, grid.config))
+            images = engine.share(apply_variant(pixels, shards[s], usable, variant, grid.config))
             asked: dict[tuple[int, ...], Shared[list[Recogniser]]] = {}
-            for condition, chosen in by_variant[v].items():
-                if tuple(chosen) not in asked:
-                    asked[tuple(chosen)] = engine.share([variant.recognisers[r] for r in chosen])
-                cells = [keys[v, condition, r] for r in chosen]
+            for condition, cells in _group(in_variant, lambda cell: cell.condition).items():
+                chosen = tuple(cell.recogniser for cell in cells.values())
+                if chosen not in asked:
+                    asked[chosen] = engine.share([variant.recognisers[r] for r in chosen])
                 name = f"{variant.name} {condition[0]} {condition[1] or ''}".rstrip()
-                inputs = (images, condition, asked[tuple(chosen)], variant.classifier.device)
-                yield Unit("+".join(cells), rank_cell, inputs, name, Task(condition, cells, usable))
+                inputs = (images, condition, asked[chosen], variant.classifier.device)
+                yield Unit(tuple(cells), rank_cells, inputs, name)
 
 
-def rank_cell(
+def _group(cells: Mapping[str, Cell], by: Callable[[Cell], GroupKey]) -> dict[GroupKey, dict[str, Cell]]:
+    groups: dict[GroupKey, dict[str, Cell]] = defaultdict(dict)
+    for key, cell in cells.items():
+        groups[by(cell)][key] = cell
+    return groups
+
+
+def rank_cells(
     images: Shared[ShardImages], condition: Condition, recognisers: Shared[list[Recogniser]], device: str
-) -> Iterator[list[np.ndarray]]:
-    """The work of a unit: `rank_images`."""
-    yield rank_images(images.get(), condition, recognisers.get(), device)
+) -> Iterator[np.ndarray]:
+    """The work of a unit: (n,) int32 ranks of all images of the shard by each recogniser, see `rank_images`."""
+    usable = images.get().usable
+    for given in rank_images(images.get(), condition, recognisers.get(), device):
+        ranks = np.full(len(usable), FAILED, np.int32)
+        ranks[usable] = given
+        yield ranks
 
 
 def _collect(
-    grid: Grid,
-    images: Sequence[LabelledImage],
-    joined: Mapping[Address, np.ndarray],
-    notes: Sequence[str],
-    *,
-    conditions: Sequence[Condition],
-    computed: int,
-    kept: int,
+    grid: Grid, images: Sequence[LabelledImage], cells: Sequence[CellRanks], notes: Sequence[str], ran: Ran
 ) -> Benchmark:
     """The ranks of the images that could be used in every cell."""
-    usable = np.all([ranks != FAILED for ranks in joined.values()], axis=0)
+    usable = np.all([one.ranks != FAILED for one in cells], axis=0)
     unusable = [one for one, ok in zip(images, usable, strict=True) if not ok]
-    failed = [*grid.images.refused, *_explain(grid, unusable)]
+    refused = [*grid.images.refused, *_explain(grid, unusable)]
     if not usable.any():
-        path, reason = failed[-1]
+        path, reason = refused[-1]
         raise ToolkitError(f"{grid.images.name}: none of its {len(images)} images can be used; {path}: {reason}")
-    cells = [
-        CellRanks(variant.name, recogniser.name, recogniser.kind, *condition, ranks=joined[v, condition, r][usable])
-        for v, variant in enumerate(grid.variants)
-        for r, recogniser in enumerate(variant.recognisers)
-        for condition in conditions
-    ]
     classes = np.array([one.class_index for one in images])[usable]
     ids = tuple(one.id for one, ok in zip(images, usable, strict=True) if ok)
-    note = find_note(list(dict.fromkeys(name for name, _ in conditions if name != CLEAN)))
+    note = find_note(list(dict.fromkeys(one.corruption for one in cells if one.corruption != CLEAN)))
     return Benchmark(
         about=describe(grid, ids),
         ids=ids,
         classes=classes,
         labels={int(index): grid.variants[0].classifier.labels[index] for index in np.unique(classes)},
-        cells=tuple(cells),
-        failed=tuple(failed),
+        cells=tuple(replace(one, ranks=one.ranks[usable]) for one in cells),
+        failed=(*refused, *ran.failed),
         notes=(*notes, *([note] if note else [])),
-        computed=computed,
-        kept=kept,
+        computed=ran.made,
+        kept=ran.kept,
     )
 
 
