@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.core.records import RecordLog
+from toolkit.engine.resume import RecordCache
 from toolkit.worlds.weather import make_weather
 
 METHOD_VERSION = 1
@@ -76,15 +77,11 @@ def hash_inputs(*inputs: object) -> str:
     return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
 
 
-def open_answers(file: Path) -> RecordLog[FrameAnswers]:
-    """The log of answers; those of a line that is broken are computed again."""
-    return RecordLog(file, FrameAnswers, required=False, compact=True)
+AnswerKey = tuple[str, str]
+"""Hash of a frame, and what `name_weather` calls the weather."""
 
 
-def read_answers(file: Path, wanted: Iterable[str]) -> dict[str, dict[str, Answer]]:
-    """Answers by frame and weather, of the frames that are wanted."""
-    frames = set(wanted)
-    found: dict[str, dict[str, Answer]] = {frame: {} for frame in frames}
-    for line in open_answers(file).read(lambda text: text[10:74] in frames):  # {"frame":"…
-        found[line.frame].update(line.answers)
-    return found
+def read_answers(file: Path, wanted: Collection[AnswerKey]) -> RecordCache[AnswerKey, Answer, FrameAnswers]:
+    """The answers that are wanted and there; those of a line that is broken are computed again."""
+    log = RecordLog(file, FrameAnswers, required=False, compact=True)
+    return RecordCache(log, lambda line: [((line.frame, name), one) for name, one in line.answers.items()], wanted)

@@ -3,30 +3,29 @@
 A unit is some frames of one variant at one place, each in all of its weathers, which share one render.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from toolkit.captures.shoot import LOOK_VERSION
-from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes
-from toolkit.engine.units import Engine, Outcome, Shared, Unit, check_hope, list_failures
+from toolkit.engine.resume import cut_groups, run_resumable
+from toolkit.engine.units import Engine, Shared, Unit
 from toolkit.evaluation.predict import CPU_PART, classify_stream
 from toolkit.experiments.worlds.answers import (
     METHOD_VERSION,
     Answer,
+    AnswerKey,
     Answers,
     FrameAnswers,
     WeatherKey,
     hash_inputs,
     make_answer,
     name_weather,
-    open_answers,
     read_answers,
 )
 from toolkit.experiments.worlds.cameras import PlaceCameras
@@ -39,8 +38,6 @@ from toolkit.objects.mesh import hash_mesh
 from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
 from toolkit.worlds.sky import Sky
 
-BATCH_FRAMES = 4
-"""Frames whose answers are written together: what a kill may cost in one process."""
 UNIT_PICTURES = 256
 """Pictures of a unit, about: what a kill may cost is two units for each worker."""
 
@@ -124,7 +121,7 @@ class Said:
 def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine) -> Said:
     """All answers, those that are not in the log computed and added to it.
 
-    Memory holds the units in hand, and in one process a batch of pictures and a few frames, whatever the size of the
+    Memory holds the units that wait, and in one process a batch of pictures and a few frames, whatever the size of the
     grid. A killed run goes on with the next frames. Where a unit fails, its cameras are left out.
 
     Args:
@@ -137,64 +134,45 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
         ToolkitError: no camera is left, or the disk is full.
     """
     tasks = asked.tasks()
-    known = read_answers(log, (task.frame for task in tasks))
+    wanted = {task.frame: task for task in tasks}  # a simulator may give the same pictures twice
     names = {weather: name_weather(weather) for weather in asked.weathers}
-    missing = [(task, [w for w in task.weathers if names[w] not in known[task.frame]]) for task in tasks]
-    lacking = {task.frame for task in tasks if kept is not None and kept.lacks(task)}
-    wanted = [
-        (task if task.frame in lacking else task._replace(weathers=tuple(weathers)))._replace(
-            is_kept=kept is not None and kept.wants(task)
-        )
-        for task, weathers in missing
-        if weathers or task.frame in lacking
-    ]
-    todo, total = sum(len(task.weathers) for task in wanted), len(tasks) * len(asked.weathers)
-    failures: list[Outcome[tuple[Task, ...], AnsweredFrame]] = []
-    computed = 0
-    lines: list[FrameAnswers] = []
+    cache = read_answers(log, {(frame, name) for frame in wanted for name in names.values()})
 
-    def write() -> None:
-        open_answers(log).append(*lines)
-        known.update({line.frame: known[line.frame] | line.answers for line in lines})
-        lines.clear()
+    def find_rest(task: Task) -> Task:
+        """What is to be done of a frame: all weathers where it has to lie on disk and does not."""
+        weathers = [weather for weather in task.weathers if (task.frame, names[weather]) not in cache.known]
+        if kept is None:
+            return task._replace(weathers=tuple(weathers))
+        return task._replace(weathers=task.weathers if kept.lacks(task) else tuple(weathers), is_kept=kept.wants(task))
 
-    with progress("evaluating (pictures)", total, done=total - todo) as bar:
-        if wanted:
-            bar.advance(0, note="light")
-        for outcome in engine.run(list_units(asked, wanted, engine)):
-            if outcome.result is None:
-                failures.append(outcome)
-                check_hope(failures, computed)
-                continue
-            at, line, files = outcome.result
-            if files and kept is not None:
-                kept.write(outcome.unit.tag[at], files)
-            lines.append(line)
-            computed += len(line.answers)
-            if len(lines) == BATCH_FRAMES:
-                write()
-            bar.advance(len(line.answers), note=outcome.unit.name)
-        if lines:
-            write()
-    places, answers = _gather(asked, tasks, known)
+    missing = {frame: rest for frame, task in wanted.items() if (rest := find_rest(task)).weathers}
+
+    def keep(frame: str, task: Task, answered: AnsweredFrame) -> None:
+        if answered.files and kept is not None:
+            kept.write(task, answered.files)
+        cache.add(FrameAnswers(frame=frame, answers=answered.answers))
+
+    units = list_units(asked, missing, engine)
+    ran = run_resumable("evaluating (pictures)", wanted, missing, units, keep, engine, lambda task: len(task.weathers))
+    places, answers = _gather(asked, tasks, cache.known)
     if not places:
-        raise ToolkitError(failures[0].reason)
-    return Said(places, answers, computed, total - todo, tuple(list_failures(failures)))
+        raise ToolkitError(ran.failed[0][1])
+    return Said(places, answers, ran.made, ran.kept, ran.failed)
 
 
 def _gather(
-    asked: Asked, tasks: Sequence[Task], known: dict[str, dict[str, Answer]]
+    asked: Asked, tasks: Sequence[Task], known: Mapping[AnswerKey, Answer]
 ) -> tuple[tuple[PlaceCameras, ...], dict[tuple[str, WeatherKey], Answers]]:
     """Cameras that were answered in every variant and weather, and their answers: all variants keep the same ones."""
     names = {weather: name_weather(weather) for weather in asked.weathers}
     failed: list[set[int]] = [set() for _ in asked.places]
     for task in tasks:
-        if not known[task.frame].keys() >= set(names.values()):
+        if any((task.frame, name) not in known for name in names.values()):
             failed[task.place].add(task.camera.number)
     places = tuple(place.without(lost) for place, lost in zip(asked.places, failed, strict=True))
     whole = [task for task in tasks if task.camera.number not in failed[task.place]]
     answers = {
-        (variant, weather): Answers.of(known[task.frame][names[weather]] for task in whole if task.variant == variant)
+        (variant, weather): Answers.of(known[task.frame, names[weather]] for task in whole if task.variant == variant)
         for variant in asked.stage.variants
         for weather in asked.weathers
         if whole
@@ -234,34 +212,28 @@ class Setup(NamedTuple):
 
 
 class AnsweredFrame(NamedTuple):
-    """A frame's answers.
+    """What was said of a frame.
 
     Attributes:
-        at: which of its unit's tasks it is.
-        line: what was said.
+        answers: by what `name_weather` calls the weather.
         files: of a kept frame, see `encode_frame`; else nothing.
     """
 
-    at: int
-    line: FrameAnswers
+    answers: dict[str, Answer]
     files: dict[str, bytes]
 
 
-def list_units(asked: Asked, tasks: Sequence[Task], engine: Engine) -> Iterator[Unit[tuple[Task, ...], AnsweredFrame]]:
+def list_units(asked: Asked, tasks: Mapping[str, Task], engine: Engine) -> Iterator[Unit[Any, AnsweredFrame]]:
     """Units of frames; those of a place and variant follow each other, so that a worker lights each object once."""
-    if not tasks:
-        return
     stage = asked.stage
     source = asked.shots or Rendered(stage, light_surroundings(stage.places[0].scene))
     setup = engine.share(Setup(source, asked.classifier, asked.true_index, asked.batch_size))
-    for (place, variant), group in groupby(tasks, key=lambda task: (task.place, task.variant)):
-        own = list(group)
-        most = max(len(task.weathers) for task in own)
-        count = max(1, round(UNIT_PICTURES / most / CPU_PART)) * CPU_PART  # its pictures fill whole passes
-        for start in range(0, len(own), count):
-            some = tuple(own[start : start + count])
-            name = f"{stage.places[place].spot.name} {variant} cameras {some[0].camera.number}-{some[-1].camera.number}"
-            yield Unit("+".join(task.frame for task in some), answer_unit, (setup, some), name, some)
+    most = max(len(task.weathers) for task in tasks.values())
+    count = max(1, round(UNIT_PICTURES / most / CPU_PART)) * CPU_PART  # its pictures fill whole passes
+    for frames, some in cut_groups(tasks, lambda task: (task.place, task.variant), count):
+        place, variant = stage.places[some[0].place].spot.name, some[0].variant
+        name = f"{place} {variant} cameras {some[0].camera.number}-{some[-1].camera.number}"
+        yield Unit(frames, answer_unit, (setup, tuple(some)), name)
 
 
 def answer_unit(shared: Shared[Setup], tasks: Sequence[Task]) -> Iterator[AnsweredFrame]:
@@ -278,5 +250,5 @@ def answer_unit(shared: Shared[Setup], tasks: Sequence[Task]) -> Iterator[Answer
     for (at, weather, files), order, probabilities in classify_stream(show(), setup.classifier, setup.batch_size):
         answers[name_weather(weather)] = make_answer(order, probabilities, setup.true_index)
         if weather == tasks[at].weathers[-1]:
-            yield AnsweredFrame(at, FrameAnswers(frame=tasks[at].frame, answers=answers), files)
+            yield AnsweredFrame(answers, files)
             answers = {}

@@ -76,14 +76,14 @@ def evaluate_world(
     asked = plan_run(workspace, classifier, config)
     run_dir = workspace.eval_dir / (config.run or name_run(config, classifier))
     worlds_dir = workspace.eval_dir / "worlds"
-    with hold_folder(worlds_dir), (engine or EngineConfig()).open(gpus=int(classifier.device != "cpu")) as hands:
+    with hold_folder(worlds_dir), (engine or EngineConfig()).open(gpus=int(classifier.device != "cpu")) as workers:
         everything = config.keep or config.renderer != RIG
         kept = KeptFrames(run_dir / "frames", asked.stage, asked.places, asked.item.spec, everything)
         renderer = None
         if config.renderer != RIG:
             shots = shoot_missing(Address.parse(config.renderer), asked.stage, asked.places, asked.tasks(), kept)
             asked, renderer = replace(asked, shots=shots), shots.renderer
-        said = ask_missing(asked, worlds_dir / "answers.jsonl", None if asked.shots else kept, hands)
+        said = ask_missing(asked, worlds_dir / "answers.jsonl", None if asked.shots else kept, workers)
     results = WorldResults(
         config, classifier, asked.item, asked.true_index, asked.stage, said.places, said.answers, renderer
     )
