@@ -32,8 +32,11 @@ SECONDS = 10
 def run() -> dict[str, float | str]:
     """Seconds of the same list; each worker has loaded its libraries and done a unit before the clock starts."""
     found: dict[str, float | str] = {}
-    for name, work, prepare in (("cells", rank_cells, _share_cells), ("world frames", answer_unit, _share_frames)):
-        one, two = (_time_units(workers, work, prepare) for workers in (1, 2))
+    for name, work, prepare, count in (
+        ("cells", rank_cells, _share_cells, 1),
+        ("world frames", answer_unit, _share_frames, FRAMES),
+    ):
+        one, two = (_time_units(workers, work, prepare, count) for workers in (1, 2))
         found[f"{name}: 2 workers, ratio to one worker"] = one / two
     if importlib.util.find_spec("ray"):
         for name, config in (("local", EngineConfig(workers=2)), ("ray", EngineConfig(engine="ray", workers=2))):
@@ -45,15 +48,15 @@ Inputs = tuple[object, ...]
 Work = Callable[..., Iterator[object]]
 
 
-def _time_units(workers: int, work: Work, prepare: Callable[[Engine], list[Inputs]]) -> float:
+def _time_units(workers: int, work: Work, prepare: Callable[[Engine], list[Inputs]], count: int) -> float:
     with EngineConfig(workers=workers).open() as engine:
         each = prepare(engine)
         ready: set[object] = set()
         while len(ready) < workers:  # a first worker may do all while another still loads its libraries
-            units = (Unit(str(k), warm, (work, each[0]), "warm", None) for k in range(2 * workers))
+            units = (Unit((k,), warm, (work, each[0]), "warm") for k in range(2 * workers))
             ready |= {outcome.result for outcome in engine.run(units)}
         start = time.perf_counter()
-        _drain(engine, (Unit(str(k), work, inputs, "unit", None) for k, inputs in enumerate(each)))
+        _drain(engine, (Unit(tuple(range(count)), work, inputs, "unit") for inputs in each))
         return time.perf_counter() - start
 
 
@@ -83,9 +86,9 @@ def _share_frames(engine: Engine) -> list[Inputs]:
 
 def _time_waiting(config: EngineConfig) -> float:
     with config.open() as engine:
-        _drain(engine, (Unit(str(k), wait, (0.1,), "wait", None) for k in range(4)))
+        _drain(engine, (Unit((k,), wait, (0.1,), "wait") for k in range(4)))
         start = time.perf_counter()
-        _drain(engine, (Unit(str(k), wait, (1.0,), "wait", None) for k in range(SECONDS)))
+        _drain(engine, (Unit((k,), wait, (1.0,), "wait") for k in range(SECONDS)))
         return time.perf_counter() - start
 
 
@@ -100,7 +103,7 @@ def wait(seconds: float) -> Iterator[float]:
     yield seconds
 
 
-def _drain(engine: Engine, units: Iterator[Unit[None, object]]) -> None:
+def _drain(engine: Engine, units: Iterator[Unit[object]]) -> None:
     for outcome in engine.run(units):
         assert not outcome.reason, outcome.reason
 

@@ -68,11 +68,6 @@ def test_the_last_of_each_key_wins(log):
     assert list(found) == ["a", "b"] and found["a"].value == 7
 
 
-def test_lines_that_are_not_wanted_are_not_parsed(log):
-    log.append(Row(name="a"), Row(name="b"))
-    assert [row.name for row in log.read(lambda text: '"b"' in text)] == ["b"]
-
-
 @pytest.mark.parametrize(
     ("line", "why"),
     [('{"name": 3}', "field 'name'"), ('{"name": "a", "value": -1}', "field 'value'"), ("no json", "Invalid JSON")],

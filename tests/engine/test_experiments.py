@@ -85,7 +85,7 @@ from toolkit.engine.units import Unit
 
 if __name__ == "__main__":
     with LocalPool(2) as pool:
-        units = (Unit(f"{at:064d}", wait_and_add, (0.2, at), f"unit {at}", at) for at in range(100))
+        units = (Unit((at,), wait_and_add, (0.2, at), f"unit {at}") for at in range(100))
         for one in pool.run(units):
             print(one.result, flush=True)
 """

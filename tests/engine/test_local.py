@@ -10,23 +10,36 @@ import torch
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.engine.config import EngineConfig
 from toolkit.engine.local import InProcess, LocalPool
-from toolkit.engine.units import Unit, check_hope, explain_failure
+from toolkit.engine.units import Unit, explain_failure
 
 
 def units_of(work, *each):
-    return [Unit(f"{at:064d}", work, inputs, f"unit {at}", at) for at, inputs in enumerate(each)]
+    """Units of one result each; their keys are their numbers."""
+    return [Unit((at,), work, inputs, str(at)) for at, inputs in enumerate(each)]
 
 
 def outcomes(engine, units):
     with engine:
-        return [(one.unit.tag, one.result, one.reason) for one in engine.run(units)]
+        return [(int(one.unit.name), one.result, one.reason) for one in engine.run(units)]
 
 
 @pytest.mark.parametrize("engine", [InProcess(), LocalPool(2)], ids=["here", "pool"])
 def test_results_come_in_the_order_of_the_units(engine):
-    inputs = [(1,), (3,), (0,), (2,)]
-    expected = [(at, k, "") for at, (end,) in enumerate(inputs) for k in range(end)]
-    assert outcomes(engine, units_of(engine_work.count_to, *inputs)) == expected
+    counts = [1, 3, 0, 2]
+    units = [
+        Unit(tuple((at, k) for k in range(count)), engine_work.count_to, (count,), "")
+        for at, count in enumerate(counts)
+    ]
+    with engine:
+        found = [(one.key, one.result, one.reason) for one in engine.run(units)]
+    assert found == [((at, k), k, "") for at, count in enumerate(counts) for k in range(count)]
+
+
+@pytest.mark.parametrize("engine", [InProcess(), LocalPool(1)], ids=["here", "pool"])
+@pytest.mark.parametrize("count", [1, 3])
+def test_a_unit_with_another_number_of_results_than_keys_fails(engine, count):
+    *_, last = outcomes(engine, [Unit(("a", "b"), engine_work.count_to, (count,), "0")])
+    assert last[2]
 
 
 @pytest.mark.parametrize("engine", [InProcess(), LocalPool(2)], ids=["here", "pool"])
@@ -82,12 +95,12 @@ def test_workers_are_others_and_use_one_core_each():
     assert len(found) == 2 and os.getpid() not in found and cores == (1, 1)
 
 
-def test_units_are_read_no_further_ahead_than_there_are_hands():
+def test_no_more_units_are_read_than_the_workers_need_next():
     read = []
 
     def lazily():
         for unit in units_of(engine_work.add, *((at, 1) for at in range(20))):
-            read.append(unit.tag)
+            read.append(int(unit.name))
             yield unit
 
     pool = LocalPool(1)
@@ -115,15 +128,6 @@ def test_what_cannot_be_sent_is_a_line():
         pool.share(lambda: None)
     found = outcomes(LocalPool(1), units_of(engine_work.add, (1, lambda: None), (1, 2)))
     assert [result for _, result, _ in found] == [None, 3] and found[0][2]
-
-
-def test_a_hopeless_list_is_not_gone_through():
-    engine = InProcess()
-    failures = [one for one in engine.run(units_of(engine_work.fail_at, *((0, 0, ToolkitError("damaged")),) * 3))]
-    check_hope(failures[:2], 0)
-    check_hope(failures, 1)
-    with pytest.raises(ToolkitError, match="damaged"):
-        check_hope(failures, 0)
 
 
 def test_where_it_runs_is_chosen_by_a_config():

@@ -22,10 +22,10 @@ wanted = pytest.mark.skipif(not os.environ.get("TEST_RAY"), reason="starts Ray: 
 
 
 def units_of(work, *each):
-    return [Unit(f"{at:064d}", work, inputs, f"unit {at}", at) for at, inputs in enumerate(each)]
+    return [Unit((at,), work, inputs, str(at)) for at, inputs in enumerate(each)]
 
 
-class Hands:
+class Opened:
     """A config of an engine that is open already, for who opens it."""
 
     def __init__(self, engine):
@@ -53,13 +53,13 @@ def test_one_node_gives_the_same_bytes_and_failures(shoot, ask, look, looked, tr
     with EngineConfig(engine="ray", workers=2).open() as engine:
         (result, there), (_, said_there) = shoot("ray", engine), ask("ray", engine)
         found = [
-            (one.unit.tag, one.result, bool(one.reason))
+            (int(one.unit.name), one.result, bool(one.reason))
             for one in engine.run(units_of(engine_work.fail_at, *((at, 1, KeyError("x")) for at in range(3))))
         ]
         dead = [
             (one.result, one.reason) for one in engine.run(units_of(engine_work.die, *((at, 1) for at in range(3))))
         ]
-        assert look("one-node", Hands(engine))[1] == looked[1]
+        assert look("one-node", Opened(engine))[1] == looked[1]
     assert train("ray", EngineConfig(engine="ray", workers=2)) == trained
     assert not ray.is_initialized()
     assert here == there and said == said_there and result.shot == 4
@@ -83,7 +83,7 @@ def test_three_nodes_give_the_same_bytes_and_one_may_die(cluster, shoot, ask, lo
     with EngineConfig(engine="ray", address=cluster.address).open() as engine:
         assert engine.workers == 3
         assert shoot("ray", engine)[1] == here and ask("ray", engine)[1] == said
-        assert look("three-nodes", Hands(engine))[1] == looked[1]
+        assert look("three-nodes", Opened(engine))[1] == looked[1]
         found = []
         for one in engine.run(units_of(engine_work.wait_and_add, *((0.5, at) for at in range(16)))):
             found.append((one.result, one.reason))

@@ -19,13 +19,15 @@ from toolkit.boosters.pixels import Network
 from toolkit.boosters.place_patches import Placement
 from toolkit.boosters.validation import Share, Validation
 from toolkit.core.config import Config, Flag
-from toolkit.core.console import Ticker, notice, progress, quietly
+from toolkit.core.console import notice, quietly
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
-from toolkit.engine.units import Engine, Outcome, Shared, Unit, check_hope
+from toolkit.engine.local import InProcess
+from toolkit.engine.resume import run_resumable
+from toolkit.engine.units import Engine, Shared, Unit, give
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
 from toolkit.training.checkpoint import Checkpoint
@@ -107,11 +109,11 @@ def train_class_patches(
 ) -> tuple[list[ClassPatch], list[tuple[str, str]]]:  # fmt: skip
     """Train every patch that is not finished; one that fails is listed, and the others are trained.
 
-    An interrupted run goes on in the middle of a patch. On Ray, whose nodes do not see the workspace, the patches in
-    hand begin anew. The engine changes no result.
+    An interrupted run goes on in the middle of a patch. On Ray, whose nodes do not see the workspace, the patches that
+    are half done begin anew. The engine changes no result.
 
     In memory are the images of a class (or of all, once) and one patch, n × n, at a time; with workers, those of the
-    units in hand.
+    units that wait.
 
     Args:
         config: sets, sizes and images.
@@ -136,95 +138,58 @@ def train_class_patches(
     is_torchrun = current().count > 1
     if is_torchrun and engine != EngineConfig():
         raise FieldError("{engine} and {workers} share patches, torchrun shares each patch: take one of them", {})
-    orders = [
-        Order(
-            patch.with_overrides(size_px=size_px), index, network.labels[index], name_class(network.labels, index),
+    orders = {
+        f"{config.set_name}-{size_px}/{(name := name_class(network.labels, index))}": Order(
+            patch.with_overrides(size_px=size_px), index, network.labels[index], name,
             workspace.root / "print" / "patches" / f"{config.set_name}-{size_px}", restart,
         )
         for size_px in dict.fromkeys(config.sizes_px)
         for index in classes
-    ]  # fmt: skip
+    }  # fmt: skip
     source = _Source(images, config, network.preprocessing)
-    with (
-        engine.open(gpus=int(network.device != "cpu")) as hands,
-        progress(f"Training {len(orders)} patches", len(orders)) as bar,
-    ):
-        run = _Run(source, network, workspace, bar)
-        units = run.list_units(orders, hands, is_here=engine.engine == "local")
-        # what stops one of torchrun's processes has to stop all of them
-        together = (Outcome(unit, made) for unit in units for made in unit.work(*unit.inputs))
-        for outcome in together if is_torchrun else hands.run(units):
-            run.keep(outcome)
-    if run.failed and not run.done:
-        raise run.failed[0][1]
-    lost = [(name, str(error)) for name, error in run.failed]
-    return [run.done[order.out, order.name] for order in orders if (order.out, order.name) in run.done], [
-        *source.skipped, *lost,
-    ]  # fmt: skip
+    done: dict[str, ClassPatch] = {}
 
-
-class _Run:
-    """What the driver knows of the patches.
-
-    Attributes:
-        done: those that are there, by folder and name.
-        failed: name and reason of the others.
-    """
-
-    def __init__(self, source: "_Source", network: Network, workspace: Workspace, bar: Ticker) -> None:
-        self._source, self._network, self._workspace, self._bar = source, network, workspace, bar
-        self.done: dict[tuple[Path, str], ClassPatch] = {}
-        self.failed: list[tuple[str, ToolkitError]] = []
-        self._in_vain: list[Outcome[Order, Made]] = []
-
-    def list_units(self, orders: Sequence[Order], engine: Engine, is_here: bool) -> Iterator[Unit[Order, Made]]:
-        """A unit for each patch that is not finished."""
-        network, held = engine.share(self._network), None
-        for order in orders:
-            self._bar.advance(0, f"{order.label}, {order.config.size_px} px")
-            try:
-                data = self._source.load(order.class_index)
-            except ToolkitError as error:
-                self._lose(order, error)
-                continue
-            key = hash_patch(order.config, order.class_index, [self._network], data, order.name)
-            files = choose_files(self._workspace, order.out, order.name)
-            if not order.restart and read_finished(files, key):
-                Checkpoint(files.training, key, shared=RENDERS).remove()
-                self._add(order, None)
-                continue
-            if held is None or held[0] is not data:
-                held = data, engine.share(data)
-            inputs = (network, held[1], order, self._workspace, is_here)
-            yield Unit(key, train_unit, inputs, f"{order.out.name}/{order.name}", order)
-
-    def keep(self, outcome: Outcome[Order, Made]) -> None:
-        """Write what was made on another machine, and note what came of it.
-
-        Raises:
-            ToolkitError: the first units all failed for one reason, or the disk is full.
-        """
-        order = outcome.unit.tag
-        if outcome.result is None:
-            self._lose(order, ToolkitError(outcome.reason))
-            self._in_vain.append(outcome)
-            check_hope(self._in_vain, len(self.done))
-            return
-        answer, files = outcome.result
+    def keep(name: str, order: Order, made: Made) -> None:
+        answer, files = made
         for path, content in files.items():
             write_bytes(order.out / path, content, order.out)
-        self._add(order, answer)
-
-    def _lose(self, order: Order, error: ToolkitError) -> None:
-        self.failed.append((f"{order.out.name}/{order.name}", error))
-        self._bar.advance()
-
-    def _add(self, order: Order, answer: Validation | None) -> None:
         shares = (None, None) if answer is None else (answer.patched, answer.bare)
-        self.done[order.out, order.name] = ClassPatch(order.out.name, order.label, *shares)
-        self._bar.advance()
+        done[name] = ClassPatch(order.out.name, order.label, *shares)
         told = f"{shares[0]} of held-out images with it, {shares[1]} without" if answer else "finished before"
-        notice(f"{order.out.name}/{order.name}: {told}")
+        notice(f"{name}: {told}")
+
+    # what stops one of torchrun's processes has to stop all of them
+    opened = InProcess(raises=True) if is_torchrun else engine.open(gpus=int(network.device != "cpu"))
+    with opened as workers:
+        units = _list_units(orders, source, network, workspace, workers, is_here=engine.engine == "local")
+        ran = run_resumable(f"Training {len(orders)} patches", orders, orders, units, keep, workers)
+    if source.refused and not done:
+        raise next(iter(source.refused.values()))
+    lost = [(name, str(error)) for name, error in source.refused.items()]
+    return [done[name] for name in orders if name in done], [*source.skipped, *lost, *ran.failed]
+
+
+def _list_units(
+    orders: Mapping[str, Order], source: "_Source", network: Network, workspace: Workspace, engine: Engine,
+    is_here: bool,
+) -> Iterator[Unit[Made]]:  # fmt: skip
+    """A unit for each patch; only with its images is it known whether it is finished."""
+    shared, held = engine.share(network), None
+    for name, order in orders.items():
+        try:
+            data = source.load(order.class_index)
+        except ToolkitError as error:
+            source.refused[name] = error
+            continue
+        key = hash_patch(order.config, order.class_index, [network], data, order.name)
+        files = choose_files(workspace, order.out, order.name)
+        if not order.restart and read_finished(files, key):
+            Checkpoint(files.training, key, shared=RENDERS).remove()
+            yield Unit((name,), give, ((None, {}),), name)
+            continue
+        if held is None or held[0] is not data:
+            held = data, engine.share(data)
+        yield Unit((name,), train_unit, (shared, held[1], order, workspace, is_here), name)
 
 
 def train_unit(
@@ -251,11 +216,17 @@ def make_flat_config(
 
 
 class _Source:
-    """The training images of each class."""
+    """The training images of each class.
+
+    Attributes:
+        skipped: (path, reason) of images that cannot be used.
+        refused: by patch, why it has no images.
+    """
 
     def __init__(self, images: ImageSet, config: ClassPatchesConfig, how: Preprocessing) -> None:
         self._images, self._config, self._how = images, config, how
         self.skipped = list(images.refused)
+        self.refused: dict[str, ToolkitError] = {}
         self._load = lru_cache(maxsize=1)(self._decode)
 
     def load(self, class_index: int) -> TrainingData:

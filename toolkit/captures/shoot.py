@@ -326,7 +326,7 @@ def describe_look(workspace: Workspace, item: TableObject, variant: str, setting
 
 def _list_units(
     workspace: Workspace, missing: Mapping[str, Shot], settings: ShootSettings, planned: dict[str, CaptureRecord]
-) -> Iterator[Unit[Any, bytes]]:
+) -> Iterator[Unit[bytes]]:
     """Units of images; `planned` gets the records of their shots, but for the hash of the image."""
     for paths, shots in cut_groups(missing, lambda shot: (shot.item.name, shot.variant), UNIT_SHOTS):
         item, variant = shots[0].item, shots[0].variant

@@ -38,11 +38,8 @@ class RecordLog(Generic[Record]):
     def __init__(self, file: Path, model: type[Record], required: bool = True, compact: bool = False) -> None:
         self.file, self.model, self.required, self.compact = Path(file), model, required, compact
 
-    def read(self, is_wanted: Callable[[str], bool] | None = None) -> Iterator[Record]:
+    def read(self) -> Iterator[Record]:
         """The records from first to last; nothing where there is no file.
-
-        Args:
-            is_wanted: looks at a line's text before it is parsed; None wants every line.
 
         Raises:
             ToolkitError: the file cannot be read, or a record is `required` and its line is broken; the message names
@@ -58,7 +55,7 @@ class RecordLog(Generic[Record]):
             # ended by b"\n" alone: names may hold what Unicode calls an end
             for number, line in enumerate(iter(lambda: stream.readline(MOST_LINE_BYTES), b""), 1):
                 text = line.decode("utf-8", errors="replace")
-                if not text.strip() or (is_wanted is not None and not is_wanted(text)):
+                if not text.strip():
                     continue
                 try:
                     record = self.model.model_validate_json(text)

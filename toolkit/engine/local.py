@@ -10,14 +10,13 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from functools import lru_cache
-from itertools import repeat
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic
 
 from toolkit.core.child import open_pool
 from toolkit.core.errors import ToolkitError
-from toolkit.engine.units import Outcome, Result, Tag, Unit, Value, do_work, explain_failure, list_outcomes
+from toolkit.engine.units import Outcome, Result, Unit, Value, do_work, explain_failure, list_outcomes
 
 AHEAD = 2
 """Units that are handed out for each worker: one is done, one waits."""
@@ -38,22 +37,29 @@ class Here(Generic[Value]):
 
 
 class InProcess:
-    """Does each unit here when its turn comes; the work itself may use all cores."""
+    """Does each unit here when its turn comes; the work itself may use all cores.
+
+    Attributes:
+        raises: a unit's error ends the run.
+    """
+
+    def __init__(self, raises: bool = False) -> None:
+        self.raises = raises
 
     def share(self, value: Value) -> Here[Value]:
         """The value as it is."""
         return Here(value)
 
-    def run(self, units: Iterable[Unit[Tag, Result]]) -> Iterator[Outcome[Tag, Result]]:
+    def run(self, units: Iterable[Unit[Result]]) -> Iterator[Outcome[Result]]:
         """See `Engine.run`; a result is handed over before the unit's next one is begun."""
         for unit in units:
             try:
-                for result, key in zip(
-                    unit.work(*unit.inputs), repeat(None) if isinstance(unit.keys, str) else unit.keys, strict=False
-                ):
-                    yield Outcome(unit, result, key=key)
+                for key, result in zip(unit.keys, unit.work(*unit.inputs), strict=True):
+                    yield Outcome(unit, key, result)
             except Exception as error:
-                yield Outcome(unit, None, explain_failure(error))
+                if self.raises:
+                    raise
+                yield Outcome(unit, None, None, explain_failure(error))
 
     def __enter__(self) -> "InProcess":
         return self
@@ -123,9 +129,9 @@ class LocalPool:
             self._folder = Path(tempfile.mkdtemp(prefix="toolkit-engine-"))
         return Stored(self._folder / f"{next(self._numbers)}.pickle", value)
 
-    def run(self, units: Iterable[Unit[Tag, Result]]) -> Iterator[Outcome[Tag, Result]]:
+    def run(self, units: Iterable[Unit[Result]]) -> Iterator[Outcome[Result]]:
         """See `Engine.run`; the results of a unit are handed over together."""
-        waiting: deque[tuple[Unit[Tag, Result], Future[tuple[list[Result], str]]]] = deque()
+        waiting: deque[tuple[Unit[Result], Future[tuple[list[Result], str]]]] = deque()
         rest = iter(units)
         while True:
             for unit in itertools.islice(rest, max(0, AHEAD * self.workers - len(waiting))):
@@ -143,7 +149,7 @@ class LocalPool:
                 results, reason = [], explain_failure(error)
             yield from list_outcomes(unit, results, reason)
 
-    def _submit(self, unit: Unit[Tag, Result]) -> "Future[tuple[list[Result], str]]":
+    def _submit(self, unit: Unit[Result]) -> "Future[tuple[list[Result], str]]":
         try:
             return self._open().submit(do_work, unit.work, unit.inputs)
         except BrokenProcessPool:
@@ -151,13 +157,13 @@ class LocalPool:
             return self._open().submit(do_work, unit.work, unit.inputs)
 
     def _again(
-        self, unit: Unit[Tag, Result], done: "Future[tuple[list[Result], str]]"
+        self, unit: Unit[Result], done: "Future[tuple[list[Result], str]]"
     ) -> "Future[tuple[list[Result], str]]":
         """What the unit gave, if it had ended before; else another try."""
         is_there = done.done() and not done.cancelled() and not isinstance(done.exception(), BrokenProcessPool)
         return done if is_there else self._submit(unit)
 
-    def _try_alone(self, unit: Unit[Tag, Result]) -> tuple[list[Result], str]:
+    def _try_alone(self, unit: Unit[Result]) -> tuple[list[Result], str]:
         """Do a unit with no other beside it, so that who ended the process is known."""
         for _ in range(TRIES):
             self._close()

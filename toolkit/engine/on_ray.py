@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Generic
 
 from toolkit.core.cores import limit_cores
 from toolkit.core.errors import ToolkitError
-from toolkit.engine.units import Outcome, Result, Tag, Unit, Value, do_work, explain_failure, list_outcomes
+from toolkit.engine.units import Outcome, Result, Unit, Value, do_work, explain_failure, list_outcomes
 
 if TYPE_CHECKING:
     import ray
@@ -137,7 +137,7 @@ class RayEngine:
         except (TypeError, pickle.PicklingError) as error:
             raise ToolkitError(f"{type(value).__name__} cannot be sent to another process ({error})") from None
 
-    def run(self, units: Iterable[Unit[Tag, Result]]) -> Iterator[Outcome[Tag, Result]]:
+    def run(self, units: Iterable[Unit[Result]]) -> Iterator[Outcome[Result]]:
         """See `Engine.run`; the results of a unit are handed over together.
 
         Raises:
@@ -145,7 +145,7 @@ class RayEngine:
         """
         import ray
 
-        waiting: deque[tuple[Unit[Tag, Result], Any]] = deque()
+        waiting: deque[tuple[Unit[Result], Any]] = deque()
         rest = iter(units)
         most = AHEAD * (self.workers or 1)
         while True:
@@ -170,7 +170,7 @@ class RayEngine:
                 results, reason = [], explain_failure(error)
             yield from list_outcomes(unit, results, reason)
 
-    def _submit(self, unit: Unit[Tag, Result]) -> "ray.ObjectRef[Done]":
+    def _submit(self, unit: Unit[Result]) -> "ray.ObjectRef[Done]":
         import ray
 
         shared = {at: one for at, one in enumerate(unit.inputs) if isinstance(one, InStore)}

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Collection, Hashable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import groupby, islice
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from toolkit.core.console import Ticker, progress
 from toolkit.core.errors import ToolkitError
@@ -62,7 +62,7 @@ class Ran:
 
 
 def run_resumable(
-    title: str, wanted: Mapping[Key, Item], missing: Mapping[Key, Item], units: Iterable[Unit[Any, Result]],
+    title: str, wanted: Mapping[Key, Item], missing: Mapping[Key, Item], units: Iterable[Unit[Result]],
     keep: Callable[[Key, Item, Result], None], engine: Engine, weigh: Callable[[Item], int] = lambda item: 1,
 ) -> Ran:  # fmt: skip
     """Do what is missing.
@@ -101,7 +101,7 @@ def run_resumable(
     return Ran(made, total - todo, tuple(failed))
 
 
-def _tell(units: Iterable[Unit[Any, Result]], bar: Ticker) -> Iterator[Unit[Any, Result]]:
+def _tell(units: Iterable[Unit[Result]], bar: Ticker) -> Iterator[Unit[Result]]:
     """The units, each named on the bar as it is begun."""
     bar.advance(0, note="preparing")
     for unit in units:

@@ -9,7 +9,6 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from toolkit.core.errors import ToolkitError
 
-Tag = TypeVar("Tag")
 Result = TypeVar("Result")
 Value = TypeVar("Value")
 Value_co = TypeVar("Value_co", covariant=True)
@@ -24,7 +23,7 @@ class Shared(Protocol[Value_co]):
 
 
 @dataclass(frozen=True)
-class Unit(Generic[Tag, Result]):
+class Unit(Generic[Result]):
     """Work that gives the same results wherever and however often it is done.
 
     Attributes:
@@ -34,28 +33,27 @@ class Unit(Generic[Tag, Result]):
         name: what it is called where it fails.
     """
 
-    keys: tuple[Any, ...] | str
+    keys: tuple[Any, ...]
     work: Callable[..., Iterable[Result]]
     inputs: tuple[object, ...]
     name: str
-    tag: Tag = None  # type: ignore[assignment]
 
 
 @dataclass(frozen=True)
-class Outcome(Generic[Tag, Result]):
+class Outcome(Generic[Result]):
     """One result of a unit, or why there are no more.
 
     Attributes:
         unit: whose.
+        key: of the result; None where it failed.
         result: None where it failed.
         reason: why it failed, in a line; empty where it did not.
-        key: of the result; None where it failed.
     """
 
-    unit: Unit[Tag, Result]
+    unit: Unit[Result]
+    key: Any
     result: Result | None
     reason: str = ""
-    key: Any = None
 
 
 class Engine(Protocol):
@@ -65,7 +63,7 @@ class Engine(Protocol):
         """Make a value ready for many units; it is dropped when no unit holds it any more."""
         ...
 
-    def run(self, units: Iterable[Unit[Tag, Result]]) -> Iterator[Outcome[Tag, Result]]:
+    def run(self, units: Iterable[Unit[Result]]) -> Iterator[Outcome[Result]]:
         """Do the units, and give their results in the order of the units, whoever finishes first.
 
         Of `units` no more are read than the workers need next. A unit fails alone: its outcome has a reason.
@@ -106,30 +104,15 @@ def do_work(work: Callable[..., Iterable[Result]], inputs: tuple[object, ...]) -
     return results, ""
 
 
-def list_outcomes(unit: Unit[Tag, Result], results: Sequence[Result], reason: str) -> Iterator[Outcome[Tag, Result]]:
+def give(result: Result) -> Iterator[Result]:
+    """The work of a unit whose result is there."""
+    yield result
+
+
+def list_outcomes(unit: Unit[Result], results: Sequence[Result], reason: str) -> Iterator[Outcome[Result]]:
     """What came of a unit, from what `do_work` gave."""
-    keys = [None] * len(results) if isinstance(unit.keys, str) else unit.keys
-    for key, result in zip(keys, results, strict=False):
-        yield Outcome(unit, result, key=key)
-    if not reason and len(results) != len(keys):
-        reason = f"gave {len(results)} results, expected {len(keys)}"
+    yield from (Outcome(unit, key, result) for key, result in zip(unit.keys, results, strict=False))
+    if not reason and len(results) != len(unit.keys):
+        reason = f"gave {len(results)} results, expected {len(unit.keys)}"
     if reason:
-        yield Outcome(unit, None, reason)
-
-
-HOPELESS = 3
-
-
-def check_hope(failures: Sequence[Outcome[Tag, Result]], done: int) -> None:
-    """Do not go on where nothing was done and the first units all failed for one reason.
-
-    Raises:
-        ToolkitError: with that reason.
-    """
-    if not done and len(failures) == HOPELESS and len({one.reason for one in failures}) == 1:
-        raise ToolkitError(failures[0].reason)
-
-
-def list_failures(failures: Iterable[Outcome[Tag, Result]]) -> list[tuple[str, str]]:
-    """(name, reason) of units that failed."""
-    return [(one.unit.name, one.reason) for one in failures]
+        yield Outcome(unit, None, None, reason)

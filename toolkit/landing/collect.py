@@ -239,9 +239,7 @@ def _shoot_shards(folder: Path, collector: Collector, about: DatasetFile, engine
     return Collected(folder, about, len(made))
 
 
-def _list_units(
-    collector: Collector, missing: Mapping[FrameKey, str], engine: Engine
-) -> Iterator[Unit[Any, EncodedSample]]:
+def _list_units(collector: Collector, missing: Mapping[FrameKey, str], engine: Engine) -> Iterator[Unit[EncodedSample]]:
     """Some frames of a shard each."""
     collector.sites.light_world()
     shared = engine.share(collector)

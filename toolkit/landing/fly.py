@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -238,7 +238,7 @@ def _fly_missing(setup: FlightSetup, cells: Sequence[Cell], file: Path, engine: 
     return Flown(file.parent, records, left, ran.made, places, clock.shares, ran.failed)
 
 
-def _list_units(setup: FlightSetup, missing: Mapping[EpisodeKey, Cell], engine: Engine) -> Iterator[Unit[Any, Flight]]:
+def _list_units(setup: FlightSetup, missing: Mapping[EpisodeKey, Cell], engine: Engine) -> Iterator[Unit[Flight]]:
     """A unit for each batch of a cell's episodes."""
     setup.sites.light_world()
     shared = engine.share(setup)

@@ -184,7 +184,7 @@ def _hash_shards(grid: Grid) -> list[Shard]:
 
 def _list_units(
     grid: Grid, shards: Sequence[Shard], missing: Mapping[str, Cell], engine: Engine
-) -> Iterator[Unit[Any, np.ndarray]]:
+) -> Iterator[Unit[np.ndarray]]:
     """A unit for each variant and condition of a shard; images are decoded once per shard and preprocessing."""
     hows = [variant.classifier.preprocessing for variant in grid.variants]
     for (s, how), in_shard in _group(missing, lambda cell: (cell.shard, hows[cell.variant])).items():

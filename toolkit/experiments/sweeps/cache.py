@@ -13,6 +13,7 @@ from toolkit.core.console import progress, quietly
 from toolkit.core.files import sha256_file
 from toolkit.core.locks import hold_folder
 from toolkit.core.records import RecordLog
+from toolkit.engine.resume import RecordCache
 from toolkit.evaluation.predict import Prediction, predict_captures
 from toolkit.models.network import Classifier
 
@@ -51,30 +52,30 @@ def predict_once(
         ToolkitError: as `predict_captures`, or the file cannot be written.
     """
     with hold_folder(cache_file.parent):
-        return _predict_missing(captures, true_classes, classifier, open_cache(cache_file))
+        return _predict_missing(captures, true_classes, classifier, cache_file)
 
 
 def _predict_missing(
-    captures: Sequence[Capture], true_classes: dict[str, int], classifier: Classifier,
-    cache: RecordLog[CachedPrediction],
-) -> tuple[list[Prediction], int]:  # fmt: skip
-    cached = cache.read_last(lambda row: row.key)
+    captures: Sequence[Capture], true_classes: dict[str, int], classifier: Classifier, cache_file: Path
+) -> tuple[list[Prediction], int]:
     keys = [make_key(capture, true_classes[capture.object], classifier) for capture in captures]
+    # a line that is broken (a kill while writing) is worth only its image's time
+    log = RecordLog(cache_file, CachedPrediction, required=False, compact=True)
+    cache = RecordCache(log, lambda row: [(row.key, row)], set(keys))
     # the same image may stand for several values: the first to come is asked about
-    todo = list({key: at for at, key in reversed(list(enumerate(keys))) if key not in cached}.values())[::-1]
+    first = {key: at for at, key in reversed(list(enumerate(keys)))}
+    todo = sorted(cache.find_missing(first).values())
     unread: dict[str, Prediction] = {}
     with progress("classifying", len(captures), done=len(captures) - len(todo)) as bar, quietly():
         for chunk in (todo[start : start + CHUNK] for start in range(0, len(todo), CHUNK)):
             predictions = predict_captures([captures[at] for at in chunk], true_classes, classifier)
             new = [(keys[at], one) for at, one in zip(chunk, predictions, strict=True)]
             unread |= {key: one for key, one in new if not one.is_read}
-            rows = [_row(key, one) for key, one in new if one.is_read]
-            cache.append(*rows)
-            cached |= {row.key: row for row in rows}
+            cache.add(*(_row(key, one) for key, one in new if one.is_read))
             bar.advance(len(chunk))
     results = [
-        _recall(capture, true_classes[capture.object], classifier, cached[key])
-        if key in cached
+        _recall(capture, true_classes[capture.object], classifier, cache.known[key])
+        if key in cache.known
         else replace(unread[key], capture=capture)
         for capture, key in zip(captures, keys, strict=True)
     ]
@@ -90,11 +91,6 @@ def make_key(capture: Capture, true_index: int, classifier: Classifier) -> str:
         image = capture.path
     parts = (image, classifier.weights.sha256, classifier.arch, classifier.preprocessing.describe(), true_index)
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
-
-
-def open_cache(cache_file: Path) -> RecordLog[CachedPrediction]:
-    """The log of kept predictions; a line that is broken (a kill while writing) is worth only its image's time."""
-    return RecordLog(cache_file, CachedPrediction, required=False, compact=True)
 
 
 def _row(key: str, one: Prediction) -> CachedPrediction:

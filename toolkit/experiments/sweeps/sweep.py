@@ -84,8 +84,8 @@ def run_sweep(
     name = config.run or "-".join(dict.fromkeys(part for part in (classifier.name, patches) if part))
     # two sets of patches would take turns in one folder, and be shot again each time
     captures_dir = folder / (f"captures-{patches}" if patches else "captures")
-    with (engine or EngineConfig()).open() as hands:
-        shot, kept, stale, unshot = _shoot_units(workspace, possible, variants, captures_dir, hands)
+    with (engine or EngineConfig()).open() as workers:
+        shot, kept, stale, unshot = _shoot_units(workspace, possible, variants, captures_dir, workers)
     captures = _read_units(captures_dir, possible, variants, stale)
     classes = find_true_classes(captures, workspace, classifier)
     cache_file = workspace.eval_dir / "sweeps" / "predictions.jsonl"

@@ -6,7 +6,7 @@ A unit is some frames of one variant at one place, each in all of its weathers, 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -223,7 +223,7 @@ class AnsweredFrame(NamedTuple):
     files: dict[str, bytes]
 
 
-def list_units(asked: Asked, tasks: Mapping[str, Task], engine: Engine) -> Iterator[Unit[Any, AnsweredFrame]]:
+def list_units(asked: Asked, tasks: Mapping[str, Task], engine: Engine) -> Iterator[Unit[AnsweredFrame]]:
     """Units of frames; those of a place and variant follow each other, so that a worker lights each object once."""
     stage = asked.stage
     source = asked.shots or Rendered(stage, light_surroundings(stage.places[0].scene))

@@ -1,0 +1,96 @@
+"""The one loop: what is there is not done again, what fails is listed, and a run that cannot work ends."""
+
+import engine_work
+import pytest
+from pydantic import BaseModel
+
+from toolkit.core.errors import ToolkitError
+from toolkit.core.records import RecordLog
+from toolkit.engine.local import InProcess, LocalPool
+from toolkit.engine.resume import RecordCache, cut_groups, run_resumable
+from toolkit.engine.units import Unit
+
+
+class Row(BaseModel):
+    name: str
+    value: int
+
+
+def open_cache(folder, wanted):
+    log = RecordLog(folder / "rows.jsonl", Row, required=False)
+    return RecordCache(log, lambda row: [(row.name, row.value)], wanted)
+
+
+def run(folder, errors=(), wanted="abcdef", engine=None, keep=None):
+    """A run whose units fail with `errors`, one each from the first one on, and give their number else."""
+    wanted = {name: at for at, name in enumerate(wanted)}
+    cache = open_cache(folder, wanted)
+    missing = cache.find_missing(wanted)
+    wrong = dict(zip(missing, errors, strict=False))
+    units = (
+        Unit((name,), engine_work.fail_at, (at, at if name in wrong else None, wrong.get(name)), name)
+        for name, at in missing.items()
+    )
+    keep = keep or (lambda name, at, result: cache.add(Row(name=name, value=result)))
+    return run_resumable("counting", wanted, missing, units, keep, engine or InProcess()), cache.known
+
+
+@pytest.mark.parametrize("engine", [InProcess(), LocalPool(1)], ids=["here", "pool"])
+def test_what_fails_is_listed_and_tried_again_and_the_rest_is_kept(tmp_path, engine):
+    with engine:
+        ran, known = run(tmp_path, [ToolkitError("torn")], engine=engine)
+    assert (ran.made, ran.kept, ran.failed) == (5, 0, (("a", "torn"),)) and "a" not in known
+    ran, known = run(tmp_path)
+    assert (ran.made, ran.kept, ran.failed) == (1, 5, ()) and known == dict(zip("abcdef", range(6), strict=True))
+
+
+def test_units_of_what_is_there_are_not_even_made(tmp_path):
+    run(tmp_path)
+    units = (pytest.fail("made") for _ in "a")
+    ran = run_resumable("counting", {"a": 0}, {}, units, pytest.fail, InProcess())
+    assert (ran.made, ran.kept) == (0, 1)
+
+
+def test_a_run_whose_first_units_fail_alike_ends(tmp_path):
+    with pytest.raises(ToolkitError, match="damaged"):
+        run(tmp_path, [ToolkitError("damaged")] * 3)
+    assert run(tmp_path, [ToolkitError(f"damaged {at}") for at in range(3)])[0].made == 3
+    assert run(tmp_path, [ToolkitError("damaged")] * 2)[0].made == 1
+
+
+def test_a_run_that_did_nothing_is_an_error_unless_there_is_some_from_before(tmp_path):
+    with pytest.raises(ToolkitError, match="torn"):
+        run(tmp_path, [ToolkitError("torn")] * 2, "ab")
+    run(tmp_path, (), "a")
+    assert run(tmp_path, [ToolkitError("torn")] * 2, "ab")[0].failed == (("b", "torn"),)
+
+
+def test_an_interrupted_run_keeps_what_came_before(tmp_path):
+    cache = open_cache(tmp_path, "abcdef")
+
+    def stop(name, at, result):
+        if name == "c":
+            raise KeyboardInterrupt
+        cache.add(Row(name=name, value=result))
+
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path, keep=stop)
+    assert (run(tmp_path)[0].made, run(tmp_path)[0].kept) == (4, 6)
+
+
+def test_an_engine_that_raises_ends_with_the_first_error(tmp_path):
+    with pytest.raises(KeyError):
+        run(tmp_path, [KeyError("x")], engine=InProcess(raises=True))
+
+
+def test_a_log_is_read_by_key_wherever_that_stands_in_its_line(tmp_path):
+    """As a run of another version, or a hand, may have written it."""
+    lines = ['{"value": 1, "name": "a"}', '  {"name":"b","value":2}', '{"name": "b", "value": 3}', "torn"]
+    (tmp_path / "rows.jsonl").write_text("\n".join([*lines, '{"name": "x", "value": 9}', ""]))
+    assert open_cache(tmp_path, "abc").known == {"a": 1, "b": 3}
+
+
+def test_groups_are_cut_where_they_change_and_where_they_are_full():
+    items = dict(zip("abcdef", "xxxyyx", strict=True))
+    found = [("".join(keys), "".join(own)) for keys, own in cut_groups(items, str, 2)]
+    assert found == [("ab", "xx"), ("c", "x"), ("de", "yy"), ("f", "x")]
