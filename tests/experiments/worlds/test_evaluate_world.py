@@ -201,7 +201,7 @@ evaluate.evaluate_world(Workspace(Path({root!r})), network, make_config(batch_si
 
 def test_it_survives_kill_9(in_field, make_crate_space, tmp_path) -> None:
     space = make_crate_space(tmp_path / "killed")
-    helpers = str(Path(__file__).parents[1] / "helpers")
+    helpers = str(Path(__file__).parents[2] / "helpers")
     run = subprocess.Popen([sys.executable, "-c", SCRIPT.format(helpers=helpers, root=str(space.root))])
     until = time.monotonic() + 60
     while not (log_of(space).is_file() and log_of(space).stat().st_size > 900) and time.monotonic() < until:

@@ -1,0 +1,188 @@
+"""What `toolkit capture-sim` does: the plan or the photographs of a folder, shot in the virtual rig, and corrupted."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import Field
+
+from toolkit.core.config import Config, Flag
+from toolkit.core.console import errors
+from toolkit.core.errors import FieldError
+from toolkit.core.workspace import Workspace
+from toolkit.engine.config import EngineConfig
+
+if TYPE_CHECKING:
+    from toolkit.captures.corrupt import CorruptedSource, Corruption
+    from toolkit.captures.shoot import ShootResult, ShootSettings
+
+
+class SimulateConfig(Config):
+    """How captures are shot in the virtual rig."""
+
+    backdrop: Annotated[str | None, Flag(metavar="NAME")] = Field(
+        None, description="Table top: oak, walnut, white, concrete, linen, slate, birch. Default: by seed."
+    )
+    light: Annotated[str | None, Flag(metavar="studio|side|warm|dim")] = Field(
+        None, description="Of the rig. Default: studio, with {rehearse} side."
+    )
+    renderer: Annotated[str, Flag(metavar="raycast|filament")] = Field("raycast", description="What draws the images.")
+    board: Annotated[bool | None, Flag()] = Field(
+        None,
+        description="Lay the printed board under the object. Default: with {like}, where the photographs show it.",
+    )
+    rehearse: Annotated[bool, Flag("--rehearse")] = Field(
+        False,
+        description="As print, tape, hand and phone will have it: inks, shine, poses missed a little, blur, noise, "
+        "white balance off, JPEG 80.",
+    )
+    print_profile: Annotated[Path | None, Flag(metavar="FILE")] = Field(
+        None,
+        description="With {rehearse}: your printer, as 'toolkit print-profile' measured it. Default: one drawn.",
+    )
+    image_format: Annotated[str, Flag("--format", metavar="jpg|png")] = Field("jpg", description="Of the images.")
+    source: Annotated[str | None, Flag(metavar="NAME")] = Field(
+        None,
+        description="Folder below captures/. Default: sim, or sim-PATCHES, sim-board, sim-rehearsed, sim-like-NAME "
+        "with these options.",
+    )
+    like: Annotated[Path | None, Flag(metavar="FOLDER")] = Field(
+        None,
+        description="Shoot again what these photographs show, from where each was taken, such as captures/real.",
+    )
+    max_px: Annotated[int | None, Field(ge=32), Flag()] = Field(
+        None, description="Longer side of the images with {like}. Default: 1280."
+    )
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What was shot.
+
+    Attributes:
+        shot: the images.
+        left_out: (path, reason) of photographs that could not be shot again; None where the plan was shot.
+        corrupted: copies of the images.
+    """
+
+    shot: "ShootResult"
+    left_out: tuple[tuple[str, str], ...] | None
+    corrupted: "tuple[CorruptedSource, ...]" = ()
+
+    @property
+    def skipped(self) -> list[tuple[str, str]]:
+        """(what, reason) of all that could not be made."""
+        corrupted = [(f"{one.source_dir.name}/{path}", why) for one in self.corrupted for path, why in one.failed]
+        return [*(self.left_out or ()), *self.shot.failed, *corrupted]
+
+    @property
+    def remark(self) -> str:
+        """On images of another plan that are still there; empty where there are none."""
+        shot, wanted = self.shot, "this plan" if self.left_out is None else "these photographs"
+        if not shot.stale:
+            return ""
+        return (
+            f"{len(shot.stale)} images are not of {wanted} and were left in {shot.source_dir} (first: "
+            f"{shot.stale[0]}); 'toolkit eval' counts them: delete them if you do not want that"
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it for a script."""
+        shot = self.shot
+        content: dict[str, Any] = {"folder": str(shot.source_dir), "shot": shot.shot, "kept": shot.kept}
+        copies = [{"folder": str(one.source_dir), "made": one.made, "kept": one.kept} for one in self.corrupted]
+        content |= {"corrupted": copies} if copies else {}
+        return content if self.left_out is None else content | {"skipped": len(self.left_out)}
+
+    def lines(self) -> Iterator[str]:
+        """What was made, and what comes next."""
+        count, shot = len(self.left_out or ()), self.shot
+        left_out = f", {count} photograph{'s' if count > 1 else ''} left out" if count else ""
+        yield f"shot {shot.shot} images{_kept(shot.kept)}{left_out}: {shot.source_dir}"
+        for one in self.corrupted:
+            yield f"corrupted {one.made} of them{_kept(one.kept)}: {one.source_dir}"
+        yield f"next: toolkit eval {shot.source_dir.parent}"
+
+
+def _kept(count: int) -> str:
+    return f", {count} kept from before" if count else ""
+
+
+def simulate_captures(
+    space: Workspace, config: SimulateConfig, objects: Sequence[str] = (), variants: Sequence[str] = (),
+    corrupt: Sequence[str] = (), *, seed: int = 0, engine: EngineConfig | None = None,
+) -> Simulated:  # fmt: skip
+    """Shoot what is not there yet, and corrupt it.
+
+    Args:
+        space: whose objects and patches are meant, and whose `captures/` is written to.
+        config: how.
+        objects, variants: only these; by default all of the plan or the photographs, with and without their patch.
+        corrupt: corruptions such as `fog:3`, each of which makes a copy of the images.
+        seed: of all draws.
+        engine: where images are shot; by default in this process.
+
+    Raises:
+        ToolkitError: as `shoot_plan` and `shoot_like`, or settings that do not go together.
+    """
+    # here, as help needs the config above alone; and without corruptions torch need not be loaded
+    from toolkit.captures.like import MAX_PX, shoot_like, shows_board
+    from toolkit.captures.rehearsal import make_rehearsal
+    from toolkit.captures.shoot import ShootSettings
+    from toolkit.rig.board import read_board
+    from toolkit.rig.variants import PAIR
+
+    corruptions: Sequence[Corruption] = ()
+    if corrupt:
+        from toolkit.corruptions.request import parse_corruptions
+
+        corruptions = parse_corruptions(list(corrupt))
+    if config.print_profile is not None and not config.rehearse:
+        raise FieldError("goes with {rehearse}", {"print_profile": config.print_profile})
+    rehearsal = make_rehearsal(config.print_profile) if config.rehearse else None
+    light = config.light or ("side" if config.rehearse else "studio")
+    settings = ShootSettings(seed, config.backdrop, light, config.renderer, config.image_format, rehearsal=rehearsal)
+    left_out, board, engine = None, config.board, engine or EngineConfig()
+    folder = config.like and (config.like if config.like.is_dir() else space.root / config.like)
+    if folder and board is None:
+        board = shows_board(folder)
+    if board:
+        settings = replace(settings, board=read_board(space))
+    if folder:
+        found = shoot_like(space, folder, settings, config.source, objects, variants, config.max_px or MAX_PX, engine)
+        shot, left_out = found.shoot, found.skipped
+    else:
+        shot = _shoot_plan(space, config, settings, objects, variants or PAIR, engine)
+    if not corruptions:
+        return Simulated(shot, left_out)
+    from toolkit.captures.corrupt import corrupt_source
+
+    return Simulated(shot, left_out, tuple(corrupt_source(shot.source_dir, corruptions)))
+
+
+def _shoot_plan(
+    space: Workspace, config: SimulateConfig, settings: "ShootSettings", objects: Sequence[str],
+    variants: Sequence[str], engine: EngineConfig,
+) -> "ShootResult":  # fmt: skip
+    from toolkit.captures.shoot import shoot_plan
+    from toolkit.rig.misfits import list_misfits
+    from toolkit.rig.plan import open_plan
+    from toolkit.rig.variants import ON_PAPER
+
+    if config.max_px is not None:
+        raise FieldError(
+            "goes with {like}: the size of the plan's images is set by 'toolkit plan --resolution'",
+            {"max_px": config.max_px},
+        )
+    plan = open_plan(space, list(objects) or None)
+    if config.source == "real":
+        raise FieldError("captures/real is for photographs: name another folder, such as sim-2", {"source": "real"})
+    names = list(objects) or list(plan.objects)
+    if set(variants) & set(ON_PAPER):
+        for line in list_misfits(space, names, plan):
+            errors.print(f"note: {line}", markup=False, soft_wrap=True)
+    words = ["sim", space.patch_set, "board" if config.board else None, "rehearsed" if config.rehearse else None]
+    source = config.source or "-".join(filter(None, words))
+    with engine.open() as workers:
+        return shoot_plan(space, plan, names, variants, settings, source, engine=workers)
