@@ -131,7 +131,7 @@ def simulate_captures(
     from toolkit.captures.rehearsal import make_rehearsal
     from toolkit.captures.shoot import ShootSettings
     from toolkit.rig.board import read_board
-    from toolkit.rig.variants import PAIR
+    from toolkit.rig.requests import PAIR
 
     corruptions: Sequence[Corruption] = ()
     if corrupt:

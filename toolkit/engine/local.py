@@ -16,13 +16,12 @@ from typing import Any, Generic
 
 from toolkit.core.child import open_pool
 from toolkit.core.errors import ToolkitError
-from toolkit.engine.units import Outcome, Result, Unit, Value, do_work, explain_failure, list_outcomes
+from toolkit.engine.units import KILLED, Outcome, Result, Unit, Value, do_work, explain_failure, run_ahead
 
-AHEAD = 2
-"""Units that are handed out for each worker: one is done, one waits."""
 TRIES = 2
 """How often a unit may end its process before it is given up."""
-KILLED = "its process was killed, as it is where the memory is full"
+Done = tuple[list[Result], str]
+"""Results of a unit, and the reason where it failed."""
 
 
 class Here(Generic[Value]):
@@ -130,40 +129,37 @@ class LocalPool:
         return Stored(self._folder / f"{next(self._numbers)}.pickle", value)
 
     def run(self, units: Iterable[Unit[Result]]) -> Iterator[Outcome[Result]]:
-        """See `Engine.run`; the results of a unit are handed over together."""
-        waiting: deque[tuple[Unit[Result], Future[tuple[list[Result], str]]]] = deque()
-        rest = iter(units)
-        while True:
-            for unit in itertools.islice(rest, max(0, AHEAD * self.workers - len(waiting))):
-                waiting.append((unit, self._submit(unit)))
-            if not waiting:
-                return
-            unit, future = waiting.popleft()
-            try:
-                results, reason = future.result()
-            except BrokenProcessPool:
-                results, reason = self._try_alone(unit)
-                # the pool took them all down with it
-                waiting = deque((other, self._again(other, done)) for other, done in waiting)
-            except Exception as error:  # inputs or results that cannot be sent
-                results, reason = [], explain_failure(error)
-            yield from list_outcomes(unit, results, reason)
+        """See `run_ahead`."""
+        return run_ahead(units, self.workers, self._submit, self._wait)
 
-    def _submit(self, unit: Unit[Result]) -> "Future[tuple[list[Result], str]]":
+    def _wait(
+        self, unit: Unit[Result], future: "Future[Done[Result]]",
+        waiting: "deque[tuple[Unit[Result], Future[Done[Result]]]]",
+    ) -> "Done[Result]":  # fmt: skip
+        try:
+            return future.result()
+        except BrokenProcessPool:
+            found = self._try_alone(unit)
+            for _ in range(len(waiting)):  # the pool took them all down with it
+                other, done = waiting.popleft()
+                waiting.append((other, self._again(other, done)))
+            return found
+        except Exception as error:  # inputs or results that cannot be sent
+            return [], explain_failure(error)
+
+    def _submit(self, unit: Unit[Result]) -> "Future[Done[Result]]":
         try:
             return self._open().submit(do_work, unit.work, unit.inputs)
         except BrokenProcessPool:
             self._close()
             return self._open().submit(do_work, unit.work, unit.inputs)
 
-    def _again(
-        self, unit: Unit[Result], done: "Future[tuple[list[Result], str]]"
-    ) -> "Future[tuple[list[Result], str]]":
+    def _again(self, unit: Unit[Result], done: "Future[Done[Result]]") -> "Future[Done[Result]]":
         """What the unit gave, if it had ended before; else another try."""
         is_there = done.done() and not done.cancelled() and not isinstance(done.exception(), BrokenProcessPool)
         return done if is_there else self._submit(unit)
 
-    def _try_alone(self, unit: Unit[Result]) -> tuple[list[Result], str]:
+    def _try_alone(self, unit: Unit[Result]) -> Done[Result]:
         """Do a unit with no other beside it, so that who ended the process is known."""
         for _ in range(TRIES):
             self._close()

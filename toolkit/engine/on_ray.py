@@ -9,30 +9,27 @@ import pickle
 import re
 import socket
 import tempfile
-from collections import OrderedDict, deque
+from collections import OrderedDict
 from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 from importlib.metadata import distributions, version
-from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Generic
 
 from toolkit.core.cores import limit_cores
 from toolkit.core.errors import ToolkitError
-from toolkit.engine.units import Outcome, Result, Unit, Value, do_work, explain_failure, list_outcomes
+from toolkit.engine.units import KILLED, Outcome, Result, Unit, Value, do_work, explain_failure, run_ahead
 
 if TYPE_CHECKING:
     import ray
 
-AHEAD = 2
-"""Units that are handed out for each worker: one is done, one waits."""
 RETRIES = 3
 """How often Ray does a unit again whose worker or node died."""
 ANSWER_S = 5.0
+"""How long a cluster may take to answer at its address."""
 HTTP2_SETTINGS = b"\x04"
 HTTP2_PREFACE = b"PRI * HTTP/2.0\r\n\r\nSM\r\n\r\n" + b"\0\0\0" + HTTP2_SETTINGS + b"\0\0\0\0\0"
-"""How long a cluster may take to answer at its address."""
 KEPT = 8
 """Shared values that a worker keeps, such as networks on their device."""
 LIBRARIES = ("numpy", "torch", "torchvision", "open3d", "numba", "opencv-python-headless", "scipy", "pillow")
@@ -138,37 +135,28 @@ class RayEngine:
             raise ToolkitError(f"{type(value).__name__} cannot be sent to another process ({error})") from None
 
     def run(self, units: Iterable[Unit[Result]]) -> Iterator[Outcome[Result]]:
-        """See `Engine.run`; the results of a unit are handed over together.
+        """See `run_ahead`; the results of units that are not asked for yet wait in the store.
 
         Raises:
             ToolkitError: a node has other libraries, which would give other results.
         """
+        return run_ahead(units, self.workers or 1, self._submit, self._wait)
+
+    def _wait(self, unit: Unit[Result], reference: Any, waiting: object) -> tuple[list[Result], str]:
         import ray
 
-        waiting: deque[tuple[Unit[Result], Any]] = deque()
-        rest = iter(units)
-        most = AHEAD * (self.workers or 1)
-        while True:
-            for unit in islice(rest, max(0, most - len(waiting))):
-                waiting.append((unit, self._submit(unit)))
-            if not waiting:
-                return
-            # wait for the next in order; the others go on meanwhile, and their results wait in the store
-            unit, reference = waiting.popleft()
-            ray.wait([reference])
-            try:
-                results, reason, is_fit = ray.get(reference)
-                if not is_fit:
-                    raise ToolkitError(reason)
-            except ToolkitError:
-                raise
-            except ray.exceptions.OutOfMemoryError:
-                results, reason = [], "its node's memory is full"
-            except ray.exceptions.WorkerCrashedError:
-                results, reason = [], "its process was killed, as it is where the memory is full"
-            except Exception as error:
-                results, reason = [], explain_failure(error)
-            yield from list_outcomes(unit, results, reason)
+        ray.wait([reference])
+        try:
+            results, reason, is_fit = ray.get(reference)
+        except ray.exceptions.OutOfMemoryError:
+            return [], "its node's memory is full"
+        except ray.exceptions.WorkerCrashedError:
+            return [], KILLED
+        except Exception as error:
+            return [], explain_failure(error)
+        if not is_fit:
+            raise ToolkitError(reason)
+        return results, reason
 
     def _submit(self, unit: Unit[Result]) -> "ray.ObjectRef[Done]":
         import ray

@@ -1,8 +1,10 @@
 """A unit of work, what came of it, and what runs lists of them."""
 
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, Protocol, TypeVar
@@ -109,10 +111,35 @@ def give(result: Result) -> Iterator[Result]:
     yield result
 
 
-def list_outcomes(unit: Unit[Result], results: Sequence[Result], reason: str) -> Iterator[Outcome[Result]]:
-    """What came of a unit, from what `do_work` gave."""
-    yield from (Outcome(unit, key, result) for key, result in zip(unit.keys, results, strict=False))
-    if not reason and len(results) != len(unit.keys):
-        reason = f"gave {len(results)} results, expected {len(unit.keys)}"
-    if reason:
-        yield Outcome(unit, None, None, reason)
+AHEAD = 2
+"""Units that are begun for each worker: one is done, one waits."""
+KILLED = "its process was killed, as it is where the memory is full"
+Begun = TypeVar("Begun")
+
+
+def run_ahead(
+    units: Iterable[Unit[Result]],
+    workers: int,
+    begin: Callable[[Unit[Result]], Begun],
+    end: Callable[[Unit[Result], Begun, deque[tuple[Unit[Result], Begun]]], tuple[list[Result], str]],
+) -> Iterator[Outcome[Result]]:
+    """See `Engine.run`; the results of a unit are handed over together, while the next ones are done.
+
+    Args:
+        units, workers: what, by how many.
+        begin: hands a unit to the workers.
+        end: waits for a unit; gives its results and, where it failed, the reason. It may begin those that wait anew.
+    """
+    waiting: deque[tuple[Unit[Result], Begun]] = deque()
+    rest = iter(units)
+    while True:
+        waiting.extend((unit, begin(unit)) for unit in islice(rest, max(0, AHEAD * workers - len(waiting))))
+        if not waiting:
+            return
+        unit, begun = waiting.popleft()
+        results, reason = end(unit, begun, waiting)
+        yield from (Outcome(unit, key, result) for key, result in zip(unit.keys, results, strict=False))
+        if not reason and len(results) != len(unit.keys):
+            reason = f"gave {len(results)} results, expected {len(unit.keys)}"
+        if reason:
+            yield Outcome(unit, None, None, reason)
