@@ -225,36 +225,29 @@ def take_shots(
         ToolkitError: a patch is missing, a backdrop or light is unknown, the folder holds photographs, or the disk is
             full or read-only.
     """
-    with hold_folder(source_dir):
-        wanted = {shot.path: shot for shot in shots}
-        return _take_missing(workspace, wanted, settings, source_dir, stored or {}, engine or InProcess())
-
-
-def _take_missing(
-    workspace: Workspace, wanted: Mapping[str, Shot], settings: ShootSettings, source_dir: Path,
-    stored: Mapping[str, StoredImage], engine: Engine,
-) -> ShootResult:  # fmt: skip
-    known = read_manifest(source_dir)
-    check_no_photographs(source_dir, known)
-    missing = {
-        path: shot
-        for path, shot in wanted.items()
-        if not is_finished(source_dir, known.get(path), shot.inputs_sha256)
-        and not _copy_stored(shot, stored, source_dir)
-    }
-    planned: dict[str, CaptureRecord] = {}
+    wanted, planned = {shot.path: shot for shot in shots}, dict[str, CaptureRecord]()
 
     def keep(path: str, shot: Shot, content: bytes) -> None:
         write_bytes(source_dir / path, content, source_dir)
         append_record(source_dir, planned[path].model_copy(update={"image_sha256": sha256_bytes(content)}))
 
-    units = _list_units(workspace, missing, settings, planned)
-    ran = run_resumable("shooting", wanted, missing, units, keep, engine)
-    records = read_manifest(source_dir)
-    folders = {Path(path).parent for path in wanted}
-    stale = [p for p in records if p not in wanted and Path(p).parent in folders and (source_dir / p).is_file()]
-    write_transforms(source_dir, [record for path, record in sorted(records.items()) if (source_dir / path).is_file()])
-    return ShootResult(source_dir, ran.made, ran.kept, sorted(stale), ran.failed)
+    with hold_folder(source_dir):
+        known = read_manifest(source_dir)
+        check_no_photographs(source_dir, known)
+        missing = {
+            path: shot
+            for path, shot in wanted.items()
+            if not is_finished(source_dir, known.get(path), shot.inputs_sha256)
+            and not _copy_stored(shot, stored or {}, source_dir)
+        }
+        units = _list_units(workspace, missing, settings, planned)
+        ran = run_resumable("shooting", wanted, missing, units, keep, engine or InProcess())
+        records = read_manifest(source_dir)
+        folders = {Path(path).parent for path in wanted}
+        there = {path: one for path, one in sorted(records.items()) if (source_dir / path).is_file()}
+        stale = [path for path in there if path not in wanted and Path(path).parent in folders]
+        write_transforms(source_dir, list(there.values()))
+    return ShootResult(source_dir, ran.made, ran.kept, stale, ran.failed)
 
 
 def _load_item(workspace: Workspace, name: str, patch_mm: float | None) -> TableObject:

@@ -10,6 +10,7 @@ from pydantic import Field
 from toolkit.core.config import Config, Flag
 from toolkit.core.console import errors
 from toolkit.core.errors import FieldError
+from toolkit.core.text import kept_before
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
 
@@ -99,14 +100,10 @@ class Simulated:
         """What was made, and what comes next."""
         count, shot = len(self.left_out or ()), self.shot
         left_out = f", {count} photograph{'s' if count > 1 else ''} left out" if count else ""
-        yield f"shot {shot.shot} images{_kept(shot.kept)}{left_out}: {shot.source_dir}"
+        yield f"shot {shot.shot} images{kept_before(shot.kept)}{left_out}: {shot.source_dir}"
         for one in self.corrupted:
-            yield f"corrupted {one.made} of them{_kept(one.kept)}: {one.source_dir}"
+            yield f"corrupted {one.made} of them{kept_before(one.kept)}: {one.source_dir}"
         yield f"next: toolkit eval {shot.source_dir.parent}"
-
-
-def _kept(count: int) -> str:
-    return f", {count} kept from before" if count else ""
 
 
 def simulate_captures(

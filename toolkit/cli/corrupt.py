@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from toolkit.cli import options
-from toolkit.cli.output import kept_before, remark, say, show_json, warn
+from toolkit.cli.output import remark, say, show_json, warn
+from toolkit.core.text import kept_before
 
 SHOWN_FAILURES = 20
 

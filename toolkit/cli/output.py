@@ -43,8 +43,3 @@ def show_table(titles: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
     for row in rows:
         table.add_row(*(Text(escape(str(cell))) for cell in row))
     console.print(table)
-
-
-def kept_before(count: int) -> str:
-    """`, 3 kept from before`, or nothing."""
-    return f", {count} kept from before" if count else ""

@@ -6,7 +6,8 @@ import typer
 
 from toolkit.cli import options
 from toolkit.cli.options import from_config
-from toolkit.cli.output import kept_before, remark, say
+from toolkit.cli.output import remark, say
+from toolkit.core.text import kept_before
 from toolkit.engine.config import EngineConfig
 from toolkit.experiments.worlds.config import WorldEvalConfig
 

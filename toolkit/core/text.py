@@ -33,3 +33,8 @@ def to_json(content: Any) -> str:
 
 def _is_shown(sign: str) -> bool:
     return sign.isprintable() or unicodedata.category(sign) == "Zs"
+
+
+def kept_before(count: int) -> str:
+    """`, 3 kept from before`, or nothing."""
+    return f", {count} kept from before" if count else ""

@@ -11,7 +11,6 @@ from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from functools import lru_cache
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Generic
 
 from toolkit.core.child import open_pool
@@ -63,9 +62,7 @@ class InProcess:
     def __enter__(self) -> "InProcess":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         pass
 
 
@@ -184,9 +181,7 @@ class LocalPool:
     def __enter__(self) -> "LocalPool":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._close()
         if self._folder is not None:
             shutil.rmtree(self._folder, ignore_errors=True)

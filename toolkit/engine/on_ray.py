@@ -14,7 +14,6 @@ from collections.abc import Iterable, Iterator, Mapping
 from functools import lru_cache
 from importlib.metadata import distributions, version
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, Generic
 
 from toolkit.core.cores import limit_cores
@@ -170,9 +169,7 @@ class RayEngine:
         reference: ray.ObjectRef[Done] = self._task.remote(pickled, shared, list_versions())
         return reference
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Leave the cluster; one that was started here ends."""
         import ray
 

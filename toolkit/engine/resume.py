@@ -27,13 +27,7 @@ class RecordCache(Generic[Key, Value, Record]):
     def __init__(
         self, log: RecordLog[Record], entries: Callable[[Record], Iterable[tuple[Key, Value]]], wanted: Collection[Key]
     ) -> None:
-        """Read the log; raises as `RecordLog.read`.
-
-        Args:
-            log: of records.
-            entries: (key, value) of a record.
-            wanted: keys of this run; memory holds no others.
-        """
+        """Read from the log the entries, (key, value), that are wanted; raises as `RecordLog.read`."""
         self._log, self._entries = log, entries
         self.known = {key: value for record in log.read() for key, value in entries(record) if key in wanted}
 

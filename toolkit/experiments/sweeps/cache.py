@@ -51,28 +51,22 @@ def predict_once(
     Raises:
         ToolkitError: as `predict_captures`, or the file cannot be written.
     """
-    with hold_folder(cache_file.parent):
-        return _predict_missing(captures, true_classes, classifier, cache_file)
-
-
-def _predict_missing(
-    captures: Sequence[Capture], true_classes: dict[str, int], classifier: Classifier, cache_file: Path
-) -> tuple[list[Prediction], int]:
     keys = [make_key(capture, true_classes[capture.object], classifier) for capture in captures]
     # a line that is broken (a kill while writing) is worth only its image's time
     log = RecordLog(cache_file, CachedPrediction, required=False, compact=True)
-    cache = RecordCache(log, lambda row: [(row.key, row)], set(keys))
     # the same image may stand for several values: the first to come is asked about
     first = {key: at for at, key in reversed(list(enumerate(keys)))}
-    todo = sorted(cache.find_missing(first).values())
     unread: dict[str, Prediction] = {}
-    with progress("classifying", len(captures), done=len(captures) - len(todo)) as bar, quietly():
-        for chunk in (todo[start : start + CHUNK] for start in range(0, len(todo), CHUNK)):
-            predictions = predict_captures([captures[at] for at in chunk], true_classes, classifier)
-            new = [(keys[at], one) for at, one in zip(chunk, predictions, strict=True)]
-            unread |= {key: one for key, one in new if not one.is_read}
-            cache.add(*(_row(key, one) for key, one in new if one.is_read))
-            bar.advance(len(chunk))
+    with hold_folder(cache_file.parent):
+        cache = RecordCache(log, lambda row: [(row.key, row)], first)
+        todo = sorted(cache.find_missing(first).values())
+        with progress("classifying", len(captures), done=len(captures) - len(todo)) as bar, quietly():
+            for chunk in (todo[start : start + CHUNK] for start in range(0, len(todo), CHUNK)):
+                predictions = predict_captures([captures[at] for at in chunk], true_classes, classifier)
+                new = [(keys[at], one) for at, one in zip(chunk, predictions, strict=True)]
+                unread |= {key: one for key, one in new if not one.is_read}
+                cache.add(*(_row(key, one) for key, one in new if one.is_read))
+                bar.advance(len(chunk))
     results = [
         _recall(capture, true_classes[capture.object], classifier, cache.known[key])
         if key in cache.known
