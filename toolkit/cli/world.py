@@ -7,8 +7,9 @@ import typer
 
 from toolkit.cli import options
 from toolkit.cli.options import from_config
-from toolkit.cli.output import kept_before, say, show_json, show_table
+from toolkit.cli.output import say, show_json, show_table
 from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.text import kept_before
 from toolkit.worlds.requests import ObjectInWorld, PreviewRequest
 
 if TYPE_CHECKING:
