@@ -26,8 +26,8 @@ T_gltf_world = np.array([[0, 1, 0, 0], [0, 0, 1, 0], [1, 0, 0, 0], [0, 0, 0, 1]]
 @lru_cache(maxsize=1)
 def _scene(blocks: tuple[int, int]):
     """World, sky, camera and poses: half of them from the street, half from the height of roofs."""
+    from toolkit.content.city import build_city
     from toolkit.rig.camera import Camera, look_at, orbit_direction
-    from toolkit.worlds.city import build_city
     from toolkit.worlds.sky import make_sky
     from toolkit.worlds.viewpoints import LEVELS, find_places
 

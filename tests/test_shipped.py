@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from toolkit.content.everyday import MAKERS
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import PACKAGE_DATA, Workspace, make_workspace, open_workspace
 from toolkit.models.bundled import bundled_file, read_bundled
@@ -23,6 +24,7 @@ from toolkit.objects.load import BUILTIN
 from toolkit.objects.records import read_patch
 from toolkit.objects.shapes.everyday import MAKERS
 from toolkit.rig.requests import PAIR
+from toolkit.rig.variants import PAIR
 
 ROOT = Path(__file__).parents[1]
 SETS = (None, "rig18")

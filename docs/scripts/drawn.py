@@ -14,8 +14,8 @@ from toolkit.boosters.parts.light import LightRanges
 from toolkit.boosters.parts.pose import PoseRanges
 from toolkit.boosters.parts.print_process import PrintProcess
 from toolkit.boosters.parts.sensor_noise import SensorNoise
+from toolkit.content.everyday import MAKERS, make_everyday
 from toolkit.core.draws import Draws
-from toolkit.objects.shapes.everyday import MAKERS, make_everyday
 from toolkit.rig.camera import Camera, look_at, orbit_direction, pixel_rays
 from toolkit.rig.shading import tone_map
 from toolkit.rig.views import render_thumbnails

@@ -14,11 +14,11 @@ import cv2
 import numpy as np
 from PIL import Image
 
+from toolkit.content.modelling import assemble, box
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.colour import linear_to_srgb, srgb_to_linear
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Mesh, place_on_table
-from toolkit.objects.shapes.modelling import assemble, box
 from toolkit.photos.lens import FULL_FRAME_DIAGONAL_MM
 from toolkit.rig.camera import Camera
 from toolkit.rig.lighting import BakeDetail

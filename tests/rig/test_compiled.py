@@ -190,7 +190,7 @@ from dataclasses import replace
 import numpy as np
 from numba.core.dispatcher import Dispatcher
 from toolkit.objects.mesh import place_on_table
-from toolkit.objects.shapes.modelling import assemble, box
+from toolkit.content.modelling import assemble, box
 from toolkit.rig import raycast
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.kernel import compiled

@@ -85,7 +85,7 @@ def test_the_scene_is_built_once_for_all_its_poses(needs_egl, studio, make_box, 
 
 AFTERWARDS = """
 from toolkit.objects.mesh import place_on_table
-from toolkit.objects.shapes.modelling import assemble, box
+from toolkit.content.modelling import assemble, box
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.filament import FilamentRenderer
 from toolkit.rig.studio import make_studio

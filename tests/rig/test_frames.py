@@ -132,7 +132,7 @@ import sys
 import numpy as np
 from toolkit.core.files import sha256_bytes
 from toolkit.objects.mesh import place_on_table
-from toolkit.objects.shapes.modelling import assemble, box
+from toolkit.content.modelling import assemble, box
 import test_frames as t
 
 mesh = place_on_table(assemble(box((100.0, 60.0, 40.0), paint=(150, 150, 150)), {"paint": (0.8, 0.0)}, 128))

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from toolkit.content.modelling import assemble, box, revolve
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.mesh import merge_meshes, place_on_table
 from toolkit.objects.records import TAPE_MARGIN_MM
-from toolkit.objects.shapes.modelling import assemble, box, revolve
 from toolkit.objects.spec import PatchMount
 from toolkit.rig.camera import Camera, orbit_pose, project
 from toolkit.rig.mount import BACK_MATERIAL, PAPER_MATERIAL, attach, mount_patch, print_on_paper

@@ -8,13 +8,13 @@ from PIL import Image
 
 from toolkit.captures.manifest import read_manifest
 from toolkit.captures.shoot import ShootSettings, shoot_plan
+from toolkit.content.modelling import assemble, box
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.objects.export import to_glb
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Material, hash_mesh, hash_shape
 from toolkit.objects.records import encode_png, write_texture
-from toolkit.objects.shapes.modelling import assemble, box
 from toolkit.rig.camera import Camera, project
 from toolkit.rig.plan import make_plan, read_plan, write_plan
 from toolkit.rig.requests import Pattern

@@ -6,6 +6,7 @@ import numpy as np
 import open3d as o3d
 import pytest
 
+from toolkit.content.city import build_city
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.objects.load import load_object
@@ -14,7 +15,6 @@ from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.variants import dress
 from toolkit.worlds.catalogue import build_world
-from toolkit.worlds.city import build_city
 from toolkit.worlds.place import choose_places, find_length, find_radius, find_spot, place_object, scale_to_world
 from toolkit.worlds.sky import make_sky
 from toolkit.worlds.world import World

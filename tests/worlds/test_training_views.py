@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from toolkit.content.modelling import assemble, box
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.objects.mesh import Mesh, merge_meshes
-from toolkit.objects.shapes.modelling import assemble, box
 from toolkit.rig import bake_cache
 from toolkit.rig.camera import project
 from toolkit.rig.raycast import RaycastRenderer

@@ -80,7 +80,7 @@ def build_mesh(name: str) -> Mesh:
     """Build one of the procedural objects."""
     if name not in BUILTIN:
         raise one_of("built-in mesh", name, list(BUILTIN))
-    return import_module(f"toolkit.objects.shapes.{name}").build()
+    return import_module(f"toolkit.content.{name}").build()
 
 
 def read_mesh(path: Path, max_parts: int | None = None) -> Mesh:

@@ -113,7 +113,7 @@ def _cifar(folder: Path, download: bool) -> Source:
 
 
 def _everyday(counts: RenderCounts) -> Source:
-    from toolkit.objects.shapes.everyday import MAKERS
+    from toolkit.content.everyday import MAKERS
 
     units = [counts.units(EVERYDAY, label, f"{EVERYDAY}/{label}") for label in sorted(MAKERS)]
     record = {"source": EVERYDAY, "classes": len(MAKERS), "objects": sum(len(train) for train, _ in units)}
@@ -152,7 +152,7 @@ def _hash_mesh(spec_file: Path, mesh: str) -> str:
 
 def _hash_code() -> str:
     """Of the modules that make and render objects: renders of another version are not mixed with this one's."""
-    files = [file for package in ("objects", "rig") for file in sorted((PACKAGE / package).rglob("*.py"))]
+    files = [file for package in ("objects", "content", "rig") for file in sorted((PACKAGE / package).rglob("*.py"))]
     return sha256_bytes("".join(sha256_file(file) for file in files).encode())
 
 

@@ -58,8 +58,8 @@ def render_unit(unit: RenderUnit) -> np.ndarray:
 def _make_mesh(unit: RenderUnit) -> "Mesh":
     if unit.source != EVERYDAY:
         return _load_mesh(unit.source)
+    from toolkit.content.everyday import make_everyday
     from toolkit.objects.mesh import check_mesh, place_on_table
-    from toolkit.objects.shapes.everyday import make_everyday
 
     seed = int(np.random.default_rng([*unit.seed, 0x0B]).integers(2**31))
     return place_on_table(check_mesh(make_everyday(unit.label, seed), f"everyday object '{unit.label}', seed {seed}"))

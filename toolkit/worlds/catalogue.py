@@ -1,27 +1,24 @@
 """Worlds by name: the built-in ones, or a user's file."""
 
-from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
+from pkgutil import resolve_name
 
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import SUFFIXES
-from toolkit.worlds.airfield import build_apron
-from toolkit.worlds.city import build_city
-from toolkit.worlds.grassland import build_grass
-from toolkit.worlds.harbour import build_harbour
 from toolkit.worlds.kit import load_kit
 from toolkit.worlds.own import load_mesh_world
 from toolkit.worlds.world import World
 
-WORLDS: dict[str, Callable[[int], World]] = {
-    "city": build_city,
-    "grass": build_grass,
-    "apron": build_apron,
-    "harbour": build_harbour,
+WORLDS = {
+    "city": "toolkit.content.city:build_city",
+    "grass": "toolkit.content.grassland:build_grass",
+    "apron": "toolkit.content.airfield:build_apron",
+    "harbour": "toolkit.content.harbour:build_harbour",
 }
+"""Name -> the function that builds it from a seed, looked up when it is first asked for."""
 
 
 @lru_cache(maxsize=2)
@@ -33,7 +30,8 @@ def build_world(name: str, seed: int = 0) -> World:
     """
     if name not in WORLDS:
         raise one_of("world", name, list(WORLDS))
-    return WORLDS[name](seed)
+    world: World = resolve_name(WORLDS[name])(seed)
+    return world
 
 
 def load_world(path: Path, scale: float = 1.0, seed: int = 0) -> World:

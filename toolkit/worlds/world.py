@@ -11,15 +11,12 @@ import numpy as np
 
 from toolkit.objects.mesh import Mesh, cast_rays, hash_mesh
 from toolkit.worlds.classes import STANDING
-from toolkit.worlds.pieces import Looks, Piece
 
 if TYPE_CHECKING:
     from open3d.t.geometry import RaycastingScene
 
     from toolkit.rig.lighting import Shape
 
-GRID_PER_M = 4096
-"""Vertices lie on a grid of 1/4096 m: the last bits of a sine differ between machines, a world does not."""
 CHUNK = 4096
 RAYS = np.array([(0.31, 0.17, 0.94), (-0.83, 0.29, 0.48), (0.23, -0.88, 0.41)])
 
@@ -146,20 +143,3 @@ def _scene_of(mesh: Mesh, chosen: np.ndarray) -> "RaycastingScene":
         faces = np.ascontiguousarray(mesh.faces[chosen].astype(np.uint32))
         scene.add_triangles(o3d.core.Tensor(np.ascontiguousarray(mesh.vertices)), o3d.core.Tensor(faces))
     return scene
-
-
-def mesh_of(piece: Piece, looks: Looks) -> tuple[Mesh, np.ndarray]:
-    """The mesh of a finished piece, its vertices on the grid, and (m,) the class of each face."""
-    snapped = np.round(piece.vertices.astype(np.float64) * GRID_PER_M) / GRID_PER_M
-    corners = snapped[piece.faces]
-    area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    real = area > 1e-7
-    mesh = Mesh(
-        snapped.astype(np.float32),
-        np.round(piece.normals, 5).astype(np.float32),
-        np.round(piece.uv, 6).astype(np.float32),
-        piece.faces[real],
-        piece.material[real],
-        looks.materials,
-    )
-    return mesh, piece.label[real]

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from PIL import Image, ImageDraw
 
+from toolkit.imaging.fonts import read_font
 from toolkit.rig.camera import Camera, look_at, project
-from toolkit.worlds.paint import Ink, read_font
 from toolkit.worlds.viewpoints import Viewpoint
 from toolkit.worlds.world import World
 
+Ink = tuple[int, int, int]
 ALTITUDE = 10
 """Of the map's camera, in sides of the map: what stands up leans outwards by a twentieth of its height at the edge."""
 MARGIN = 1.06

@@ -1,0 +1,318 @@
+"""Houses of several kinds on a rectangular lot; each in its own frame, its front along y = 0 and facing -y."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from toolkit.content.facades import Facade, bay_edges, cornice, windowed_wall
+from toolkit.content.pieces import Looks, Piece, Skin, boxes, merge, place, quads, wall_quads
+from toolkit.content.roofs import Roof, flat_roof
+from toolkit.content.shopfronts import SHOP_FLOOR_M, shop_row
+from toolkit.content.signs import billboard_skin
+from toolkit.content.walls import BRICKS, RENDERS, STONES, wall
+from toolkit.content.windows import pane_sheet, pane_uv
+from toolkit.worlds.classes import SceneClass
+
+BUILDING = SceneClass.BUILDING
+SIDES = ("front", "right", "back", "left")
+
+
+@dataclass(frozen=True)
+class Lot:
+    """Where a house may stand.
+
+    Attributes:
+        width, depth: metres.
+        floors: above the ground floor.
+        streets: its sides along a street; the others touch a neighbour or a yard.
+        pad: whether its roof bears a landing pad.
+    """
+
+    width: float
+    depth: float
+    floors: int
+    streets: tuple[str, ...] = ("front",)
+    pad: bool = False
+
+
+@dataclass(frozen=True)
+class House:
+    """A built house: triangles, boxes (k, 6) of low and high corners that it fills, its pad (x, y, z, radius)."""
+
+    piece: Piece
+    solids: np.ndarray
+    pad: tuple[float, float, float, float] | None = None
+
+
+Builder = Callable[[Lot, Looks, np.random.Generator], House]
+
+
+def _sides(lot: Lot, make: Callable[[str, float], Piece]) -> Piece:
+    """The four walls, each made for its name and width, set round the lot."""
+    at = {"front": (0, 0), "right": (lot.width, 0), "back": (lot.width, lot.depth), "left": (0, lot.depth)}
+    pieces = []
+    for k, side in enumerate(SIDES):
+        width = lot.width if side in ("front", "back") else lot.depth
+        pieces.append(place(make(side, width), np.array([[*at[side], 0.0]]), 90.0 * k))
+    return merge(pieces)
+
+
+def _pick(options: tuple, rng: np.random.Generator):  # type: ignore[no-untyped-def, type-arg]
+    return options[int(rng.integers(len(options)))]
+
+
+def _finish(
+    lot: Lot, walls: Piece, height: float, skins: tuple[Skin, Skin], looks: Looks, rng: np.random.Generator
+) -> House:
+    """Put the roof on."""
+    pad_radius = min(8.0, min(lot.width, lot.depth) / 2 - 1.2) if lot.pad else 0.0
+    roof = flat_roof(Roof(lot.width, lot.depth, height), *skins, looks, rng, pad_radius=pad_radius)
+    solid = np.array([[0, 0, 0, lot.width, lot.depth, height]], float)
+    pad = (lot.width / 2, lot.depth / 2, height + 0.25, pad_radius) if lot.pad else None
+    return House(merge([walls, roof]), solid, pad)
+
+
+def _party_wall(width: float, height: float, skin: Skin, looks: Looks, rng: np.random.Generator) -> Piece:
+    """A blank wall to the neighbour, sometimes with an advertisement painted high up on it."""
+    bare = wall_quads(np.array([(0, 0, width, height)]), 0.0, skin, BUILDING)
+    if width < 11 or height < 11 or rng.random() > 0.45:
+        return bare
+    picture, middle = billboard_skin(int(rng.integers(6)), looks), width / 2
+    return merge(
+        [
+            bare,
+            wall_quads(
+                np.array([(middle - 4.6, height - 6.0, middle + 4.6, height - 1.2)]),
+                -0.02,
+                picture,
+                SceneClass.SIGN,
+                fit=True,
+            ),
+        ]
+    )
+
+
+def _entrance(x: float, looks: Looks, trim: Skin, rng: np.random.Generator) -> Piece:
+    """A front door with steps and a surround, standing out from the wall about x."""
+    wood = looks.plain(_pick(((92, 30, 26), (28, 52, 40), (40, 34, 30), (24, 40, 76), (96, 62, 36)), rng), "gloss")
+    steps = np.array([(x - 0.9 - 0.1 * k, -1.2 + 0.3 * k - 0.12, 0.17 * k) for k in range(3)])
+    tops = np.array([(x + 0.9 + 0.1 * k, 0.0, 0.17 * (k + 1)) for k in range(3)])
+    return merge(
+        [
+            boxes(steps, tops, trim, BUILDING, without=("bottom", "back")),
+            boxes(
+                np.array([(x - 0.85, -0.2, 0.5), (x + 0.6, -0.2, 0.5), (x - 0.95, -0.3, 2.9)]),
+                np.array([(x - 0.6, 0, 2.9), (x + 0.85, 0, 2.9), (x + 0.95, 0, 3.2)]),
+                trim,
+                BUILDING,
+                ("back",),
+            ),
+            wall_quads(np.array([(x - 0.6, 0.5, x + 0.6, 2.5)]), -0.03, wood, BUILDING),
+            wall_quads(
+                np.array([(x - 0.6, 2.5, x + 0.6, 2.9)]), -0.03, looks.plain((150, 168, 176), "gloss"), BUILDING
+            ),
+            wall_quads(
+                np.array(
+                    [
+                        (x - 0.45, 0.65, x - 0.08, 1.4),
+                        (x + 0.08, 0.65, x + 0.45, 1.4),
+                        (x - 0.45, 1.55, x - 0.08, 2.35),
+                        (x + 0.08, 1.55, x + 0.45, 2.35),
+                    ]
+                ),
+                -0.04,
+                looks.plain((60, 44, 34), "gloss"),
+                BUILDING,
+            ),
+        ]
+    )
+
+
+def brick_apartments(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
+    """Brick, sash windows, stone trim, a bracketed cornice, fire escapes; shops or a stoop below."""
+    brick = wall(looks, "brick", _pick(BRICKS, rng))
+    trim = looks.plain(_pick(((206, 198, 182), (176, 166, 150), (112, 66, 50), (226, 222, 212)), rng), "matte")
+    shops = rng.random() < 0.6
+    style = Facade(
+        brick,
+        trim,
+        _pick(("sash-white", "sash-grid", "sash-green", "casement"), rng),
+        window_m=(rng.uniform(0.95, 1.25), rng.uniform(1.6, 1.9), 0.8),
+        floor_m=rng.uniform(3.0, 3.4),
+        bay_m=rng.uniform(2.0, 2.8),
+        string_course=rng.random() < 0.4,
+        fire_escape=rng.random() < 0.55,
+        air_conditioners=_pick((0.0, 0.1, 0.2), rng),
+    )
+    return _apartments(lot, style, looks, rng, shops=shops)
+
+
+def rendered_apartments(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
+    """Painted stucco with balconies."""
+    render = wall(looks, "render", _pick(RENDERS, rng))
+    trim = looks.plain(_pick(((232, 230, 222), (200, 194, 182), (150, 140, 128)), rng), "matte")
+    style = Facade(
+        render,
+        trim,
+        _pick(("sash-grid", "casement", "modern", "tall"), rng),
+        window_m=(1.3, 2.25, 0.12),
+        floor_m=3.1,
+        bay_m=rng.uniform(2.8, 3.4),
+        lintels=rng.random() < 0.5,
+        sills=False,
+        balconies=rng.uniform(0.3, 0.8),
+        string_course=rng.random() < 0.5,
+    )
+    return _apartments(lot, style, looks, rng, shops=rng.random() < 0.7)
+
+
+def stone_palazzo(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
+    """Dressed stone with pilasters, tall windows and a heavy cornice."""
+    stone = wall(looks, "ashlar", _pick(STONES, rng))
+    trim = wall(looks, "render", _pick(((206, 196, 176), (190, 182, 168)), rng))
+    style = Facade(
+        stone,
+        trim,
+        _pick(("tall", "arched"), rng),
+        window_m=(1.25, 2.4, 0.7),
+        floor_m=3.8,
+        bay_m=3.0,
+        recess_m=0.32,
+        pilasters=True,
+        string_course=True,
+    )
+    return _apartments(lot, style, looks, rng, shops=rng.random() < 0.5)
+
+
+def concrete_slab(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
+    """The sixties: bands of windows between concrete parapets."""
+    concrete = wall(looks, "concrete", _pick(((168, 164, 156), (146, 144, 140), (186, 180, 168)), rng))
+    panel = looks.plain(_pick(((60, 92, 120), (150, 76, 52), (176, 150, 60), (84, 104, 92), (120, 120, 118)), rng))
+    style = Facade(
+        concrete,
+        panel,
+        "band",
+        window_m=(2.75, 1.6, 0.95),
+        floor_m=3.3,
+        bay_m=3.1,
+        recess_m=0.16,
+        lintels=False,
+        air_conditioners=0.05,
+    )
+    return _apartments(lot, style, looks, rng, shops=rng.random() < 0.5, crown=False)
+
+
+def warehouse(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
+    """Brick piers round wide steel windows."""
+    brick = wall(looks, "brick", _pick(BRICKS[:6], rng))
+    trim = wall(looks, "brick", BRICKS[8])
+    style = Facade(
+        brick, trim, "factory", window_m=(2.6, 2.5, 0.8), floor_m=4.0, bay_m=3.4, recess_m=0.28, pilasters=True
+    )
+    return _apartments(lot, style, looks, rng, shops=rng.random() < 0.3)
+
+
+def _apartments(
+    lot: Lot, style: Facade, looks: Looks, rng: np.random.Generator, *, shops: bool, crown: bool = True
+) -> House:
+    """A house of floors alike over a ground floor of shops or with an entrance."""
+    ground = SHOP_FLOOR_M if shops else 0.6
+    floors = lot.floors + (0 if shops else 1)
+    height = ground + floors * style.floor_m + 0.35
+    back = wall(looks, "brick", BRICKS[7]) if rng.random() < 0.5 else style.wall
+    plinth = wall(looks, "ashlar", STONES[3])
+    out = float(rng.uniform(0.3, 0.7))
+
+    def make(side: str, width: float) -> Piece:
+        if side not in lot.streets and side != "back":
+            return _party_wall(width, height, back, looks, rng)
+        plain = side not in lot.streets
+        skin = style.wall
+        pieces = [windowed_wall(style, width, looks, rng, z0=ground, floors=floors, plain=plain)]
+        pieces.append(wall_quads(np.array([(0, height - 0.35, width, height)]), 0.0, skin, BUILDING))
+        if shops and not plain:
+            pieces.append(shop_row(width, looks, rng, style.wall))
+        else:
+            base = 0.0 if plain else ground
+            pieces.append(wall_quads(np.array([(0, 0, width, ground)]), 0.0, plinth if base else skin, BUILDING))
+        if not shops and not plain and width > 5:
+            edges = bay_edges(width, style.bay_m)
+            pieces.append(_entrance(float(edges[len(edges) // 2]), looks, style.trim, rng))
+        if crown and not plain:
+            pieces.append(cornice(width, height, style.trim, out, dentils=rng.random() < 0.7, ends=False))
+        return merge(pieces)
+
+    return _finish(lot, _sides(lot, make), height, (style.wall, style.trim), looks, rng)
+
+
+def glass_office(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
+    """A curtain wall with mullions and spandrels over a lobby."""
+    panes = pane_sheet(looks, _pick(("curtain-blue", "curtain-green", "curtain-bronze", "curtain-dark"), rng))
+    metal = looks.plain(_pick(((186, 190, 194), (70, 74, 80), (120, 104, 84), (232, 234, 234)), rng), "metal")
+    spandrel = looks.plain(_pick(((52, 66, 80), (36, 42, 46), (90, 96, 100), (196, 198, 198)), rng), "gloss")
+    stone = wall(looks, "ashlar", _pick(STONES, rng))
+    floor_m, bay_m, lobby = 3.6, float(rng.uniform(1.4, 2.0)), 4.6
+    fin = float(rng.uniform(0.1, 0.32))
+    height = lobby + (lot.floors + 1) * floor_m + 0.4
+
+    def make(side: str, width: float) -> Piece:
+        open_side = side in lot.streets or lot.floors > 7
+        count = max(2, round(width / bay_m))
+        edges = np.linspace(0, width, count + 1)
+        base = lobby + floor_m * np.arange(lot.floors + 1)
+        cells = np.array([(a, z + 0.9, b, z + floor_m) for z in base for a, b in pairwise(edges)])
+        bands = np.array([(0, z, width, z + 0.9) for z in base] + [(0, height - 0.4, width, height)])
+        rect = np.stack([cells[:, [0, 1]], cells[:, [2, 1]], cells[:, [2, 3]], cells[:, [0, 3]]], 1)
+        face = np.stack([rect[..., 0], np.zeros(rect.shape[:2]), rect[..., 1]], 2)
+        pieces = [quads(face, panes, BUILDING, pane_uv(rng, len(cells))), wall_quads(bands, 0.0, spandrel, BUILDING)]
+        low = np.stack([edges[1:-1] - 0.05, np.full(count - 1, -fin), np.full(count - 1, lobby)], 1)
+        pieces.append(boxes(low, low + [0.1, fin, height - lobby], metal, BUILDING, without=("back", "bottom")))
+        z = np.r_[base, base + 0.9]
+        low = np.stack([np.zeros(len(z)), np.full(len(z), -0.06), z - 0.04], 1)
+        pieces.append(boxes(low, low + [width, 0.06, 0.08], metal, BUILDING, without=("back", "left", "right")))
+        if open_side and side in lot.streets:
+            pieces.append(
+                shop_row(width, looks, rng, stone)
+                if rng.random() < 0.35
+                else _lobby(width, lobby, panes, metal, stone, rng)
+            )
+            pieces.append(wall_quads(np.array([(0, SHOP_FLOOR_M, width, lobby)]), -0.02, metal, BUILDING))
+        else:
+            pieces.append(wall_quads(np.array([(0, 0, width, lobby)]), 0.0, stone, BUILDING))
+        return merge(pieces)
+
+    return _finish(lot, _sides(lot, make), height, (spandrel, metal), looks, rng)
+
+
+def _lobby(width: float, height: float, panes: Skin, metal: Skin, stone: Skin, rng: np.random.Generator) -> Piece:
+    """Tall glass between stone piers, set back under the house, with a canopy over the doors."""
+    count = max(2, round(width / 3.2))
+    edges = np.linspace(0, width, count + 1)
+    back = 0.5
+    rect = np.array([(a, 0.0, b, height) for a, b in pairwise(edges)])
+    corners = np.stack([rect[:, [0, 1]], rect[:, [2, 1]], rect[:, [2, 3]], rect[:, [0, 3]]], 1)
+    face = np.stack([corners[..., 0], np.full(corners.shape[:2], back), corners[..., 1]], 2)
+    low = np.stack([np.clip(edges - 0.3, 0, width - 0.6), np.zeros(count + 1), np.zeros(count + 1)], 1)
+    ceiling = np.array([[(0, back, height), (0, 0, height), (width, 0, height), (width, back, height)]])[:, ::-1]
+    middle = width / 2
+    canopy = boxes(np.array([[middle - 2.2, -1.8, 3.0]]), np.array([[middle + 2.2, back, 3.25]]), metal, BUILDING, ())
+    return merge(
+        [
+            quads(face, panes, BUILDING, pane_uv(rng, count)),
+            boxes(low, low + [0.6, back, height], stone, BUILDING, without=("bottom", "top")),
+            quads(ceiling, metal, BUILDING),
+            canopy,
+        ]
+    )
+
+
+KINDS: dict[str, Builder] = {
+    "brick": brick_apartments,
+    "render": rendered_apartments,
+    "stone": stone_palazzo,
+    "slab": concrete_slab,
+    "warehouse": warehouse,
+    "glass": glass_office,
+}

@@ -1,0 +1,352 @@
+"""What drives: racing cars of other builds than the shipped one, minivans, go-karts, tractors."""
+
+import numpy as np
+
+from toolkit.content.everyday.paints import chance, draw, lettered, pattern, pick, pick_colour, shade
+from toolkit.content.everyday.shapes import (
+    ball,
+    block,
+    cylinder,
+    disc,
+    finish,
+    hull,
+    mirrored,
+    moved,
+    net_part,
+    picture,
+    rod,
+    slab,
+    turned,
+    wheel,
+    wing,
+)
+from toolkit.content.modelling import Colour, Paint, Part, extrude
+from toolkit.objects.mesh import Mesh
+
+RUBBER: Colour = (28, 28, 30)
+GLASS: Colour = (30, 38, 46)
+LAMP: Colour = (244, 240, 220)
+
+
+def wheels(
+    places: list[tuple[float, float, float, float]], rim: Colour, spokes: int = 0, rim_share: float = 0.6
+) -> list[Part]:
+    """Wheels at (x, y, radius, width) and at -y, standing on z = 0."""
+    parts = []
+    for x, y, radius, width in places:
+        parts += mirrored(moved(wheel(radius, width, RUBBER, rim, rim_share, spokes=spokes), x, y, radius))
+    return parts
+
+
+def make_minivan(rng: np.random.Generator) -> Mesh:
+    """A tall one-box car with a sloping bonnet, a long glass house, sliding doors and roof rails."""
+    half, belt, roof = draw(rng, 46, 52), draw(rng, 52, 58), draw(rng, 88, 104)
+    colour, nose = pick_colour(rng, "car"), draw(rng, 34, 44)
+    d = 2 * half
+    body = hull([(-134, d * 0.9, belt - 18, (belt + 18) / 2, 5), (-128, d, belt - 10, (belt + 10) / 2, 6),
+                 (40, d, belt - 10, (belt + 10) / 2, 6),
+                 (90, d * 0.98, belt - 16, (belt + 6) / 2, 6), (122, d * 0.92, nose - 6, (nose + 16) / 2, 5),
+                 (134, d * 0.72, nose - 16, (nose + 12) / 2, 4)], colour, count=18, around=28)  # fmt: skip
+    screen, back = draw(rng, 40, 62), draw(rng, 4, 16)
+    foot = np.array([(-128, -half + 2), (96, -half + 4), (96, half - 4), (-128, half - 2)])
+    top = np.array(
+        [(-128 + back, -half + 9), (96 - screen, -half + 10), (96 - screen, half - 10), (-128 + back, half - 9)]
+    )
+    parts = [*body, *_glass_house(foot, top, belt - 3, roof, colour)]
+    parts += wheels([(84, half - 5, 23, 16), (-84, half - 5, 23, 16)], pick_colour(rng, "steel"), pick(rng, (0, 5, 7)))
+    arch = turned(cylinder(27, -3, 0.4, (20, 20, 22), "rubber", 24), "x", -90)
+    parts += mirrored([part.moved(x, half, 26) for part in arch for x in (84, -84)])
+    for y in (1, -1):
+        parts += block((8, 18, 9), (126, y * (half - 16), nose - 2), LAMP, "glass", 2)
+        parts += block((3, 9, 20), (-133, y * (half - 9), belt - 10), (190, 24, 28), "glass", 1)
+        parts += block((7, 8, 7), (74, y * (half + 4), belt + 4), colour, "paint", 2)
+        if chance(rng, 0.7):
+            parts += rod(
+                [(-100, y * (half - 14), roof + 4), (30, y * (half - 14), roof + 4)],
+                2,
+                (40, 40, 42),
+                "metal",
+                segments=6,
+            )
+        parts += block((150, 0.8, 1.2), (-35, y * (half + 0.3), belt - 12), shade(colour, 0.5))
+        for x in (44, -18, -76):
+            parts += block((0.9, 0.8, belt - 28), (x, y * (half + 0.3), belt / 2 + 8), shade(colour, 0.5))
+    parts += block((4, 44, 8), (133, 0, 20), (26, 26, 28), "rubber")
+    parts += block((6, d * 0.9, 12), (130, 0, 17), shade(colour, 0.85), "paint", 2)
+    parts += block((6, d * 0.9, 12), (-132, 0, 19), shade(colour, 0.85), "paint", 2)
+    parts += block((2, 30, 8), (-135, 0, 36), (236, 234, 220), "paint")
+    return finish(parts, 512)
+
+
+def _glass_house(foot: np.ndarray, top: np.ndarray, low: float, high: float, colour: Colour) -> list[Part]:
+    """Windows with pillars between two outlines (4, 2), counter-clockwise from right behind, and the roof."""
+
+    def shader(u: np.ndarray, v: np.ndarray, aspect: float) -> np.ndarray:
+        side, front = foot[1, 0] - foot[0, 0], foot[2, 1] - foot[1, 1]
+        s = u * (2 * side + 2 * front)
+        posts = np.zeros_like(s, dtype=bool)
+        for at in (0, side * 0.3, side * 0.6, side * 0.78, side, side + front):
+            for place in (at, 2 * side + front - at if at <= side else at):
+                posts |= np.abs(s - place) < 4.5
+        posts |= s > 2 * side + 2 * front - 4.5
+        return posts | (v < 0.1) | (v > 0.9)
+
+    rows = [np.c_[np.vstack([ring, ring[:1]]), np.full(5, z)] for ring, z in ((foot, low), (top, high))]
+    walls = net_part(rows, pattern([GLASS, colour], shader), "glass")
+    roof = [part.moved(z=high - 1) for part in extrude(top.tolist(), 5, 2, colour, "paint")]
+    return [walls, *roof]
+
+
+def make_gokart(rng: np.random.Generator) -> Mesh:
+    """A flat frame of tubes on small fat wheels, with a bucket seat, a wheel, side pods and an engine; some driven."""
+    colour, frame = pick_colour(rng, "bright"), pick_colour(rng, "dark", "bright", "steel")
+    half, long = draw(rng, 52, 62), draw(rng, 88, 102)
+    radius = draw(rng, 19, 24)
+    parts = wheels(
+        [(long - 16, half + 12, radius, 24), (-long + 18, half + 12, radius + 2, 32)],
+        pick_colour(rng, "steel", "bright"),
+    )
+    parts += rod([(-long + 18, -half, radius), (-long + 18, half, radius)], 4, frame, "metal")
+    parts += rod([(long - 16, -half, radius), (long - 16, half, radius)], 3, frame, "metal")
+    parts += block((1.7 * long, 46, 3), (0, 0, 12), (60, 62, 66), "metal")
+    rails = [(-long, 20, 14), (-20, 28, 14), (40, 26, 14), (long, 18, 14)]
+    parts += mirrored(rod(rails, 4, frame, "metal"))
+    bumper = [(long - 4, -half + 6, 16), (long + 22, -26, 16), (long + 22, 26, 16), (long - 4, half - 6, 16)]
+    parts += rod(bumper, 4, frame, "metal")
+    parts += mirrored(block((72, 22, 20), (2, half + 2, 18), colour, "plastic", 4))
+    nose = [(0, -34), (30, -26), (36, 0), (30, 26), (0, 34)]
+    number = lettered((244, 244, 240), (20, 20, 22), str(int(rng.integers(1, 99))))
+    parts += moved(extrude(nose, 9, 3, colour, "plastic"), long - 14, 0, 17)
+    board = [*block((3, 34, 24), (0, 0, 0), (244, 244, 240)), picture(34, 24, number).moved(1.7)]
+    parts += moved(turned(board, "y", -35), long - 22, 0, 38)
+    seat = pick_colour(rng, "dark")
+    parts += block((44, 42, 8), (-22, 0, 18), seat, "plastic", 3)
+    parts += moved(turned(block((8, 42, 54), (0, 0, 25), seat, "plastic", 3), "y", -18), -44, 0, 18)
+    parts += mirrored(block((40, 5, 22), (-24, 21, 26), seat, "plastic", 2))
+    turn = np.linspace(0, 2 * np.pi, 17)
+    ring = rod(np.stack([0 * turn, 15 * np.cos(turn), 15 * np.sin(turn)], 1), 2.2, RUBBER, "rubber", 20, 8)
+    parts += moved(turned(ring, "y", -40), 26, 0, 50)
+    parts += rod([(26, 0, 50), (58, 0, 16)], 2.4, frame, "metal")
+    engine = [
+        *block((30, 28, 26), (-58, 46, 30), (70, 70, 74), "metal", 3),
+        *cylinder(11, 42, 58, (150, 152, 156), "metal"),
+    ]
+    parts += [*engine[:-3], *moved(engine[-3:], -58, 46)]
+    if chance(rng, 0.35):
+        parts += _driver(rng, (-24, 0, 24))
+    return finish(parts)
+
+
+def _driver(rng: np.random.Generator, at: tuple[float, float, float]) -> list[Part]:
+    """A seated driver with a helmet, arms to the wheel and legs forward."""
+    suit, helmet = pick_colour(rng, "bright", "dark"), pick_colour(rng, "bright", "pale")
+    body = [
+        ball(1, suit, "cloth", 14, 8, (15, 19, 30)).moved(-6, 0, 26),
+        ball(15, helmet, "paint", 18, 10).moved(-8, 0, 70),
+    ]
+    body.append(ball(14, (20, 22, 28), "glass", 14, 8, (0.5, 0.92, 0.4)).moved(1, 0, 70))
+    limbs = rod([(-6, 17, 44), (14, 22, 30), (46, 12, 30)], 5, suit, "cloth", 10)
+    limbs += rod([(-2, 9, 6), (40, 13, 22), (78, 10, 2)], 7, suit, "cloth", 10)
+    return moved([*body, *mirrored(limbs)], *at)
+
+
+def make_tractor(rng: np.random.Generator) -> Mesh:
+    """Huge lugged wheels behind and small ones in front, a long bonnet, and a cab, a roof or an open seat."""
+    colour, rim = pick_colour(rng, "bright"), pick_colour(rng, "bright", "pale")
+    big, small = draw(rng, 58, 68), draw(rng, 28, 38)
+    floor, rear, front = big * 0.75, -58.0, draw(rng, 78, 92)
+    parts = wheels([(rear, 54, big, 34), (front, 44, small, 22)], rim, rim_share=0.55)
+    for side in (1, -1):
+        for k in range(16):
+            lug = turned(block((9, 17, 9), (0, 9 if k % 2 else -9, big), RUBBER, "rubber"), "y", 22.5 * k)
+            parts += moved(lug, rear, side * 54, big)
+    parts += block((150, 34, 26), (18, 0, floor - 8), (64, 66, 70), "metal", 3)
+    hood = hull([(-2, 46, 48, floor + 22, 6), (front - 8, 42, 44, floor + 20, 6), (front + 16, 38, 38, floor + 18, 5)],
+                colour,
+                count=6)  # fmt: skip
+    grille = block((2, 28, 28), (front + 16.5, 0, floor + 18), (26, 26, 28), "metal")
+    parts += [*hood, *grille, *rod([(front, 0, floor), (front, 0, small)], 8, (64, 66, 70), "metal")]
+    parts += rod([(front, -44, small), (front, 44, small)], 5, (64, 66, 70), "metal")
+    parts += rod([(rear, -54, big), (rear, 54, big)], 9, (64, 66, 70), "metal")
+    parts += mirrored(moved(turned(cylinder(6, 0, 4, LAMP, "glass", 14), "y", 90), front + 15, 14, floor + 32))
+    for y in (1, -1):
+        guard = np.linspace(0.2, np.pi - 0.25, 10)
+        rows = [np.stack([rear + (big + 6) * np.cos(guard), np.full(10, y * 54 + w), big + (big + 6) * np.sin(guard)],
+                         1)
+                for w in (-20, 20)]  # fmt: skip
+        skin = net_part(rows, colour, "paint")
+        parts += [skin.flipped(), skin.moved(z=-0.8)]
+    stack = rod(
+        [(front * 0.5, 12, floor + 40), (front * 0.5, 12, floor + 96)], [4, 6, 6, 3.5], (40, 40, 42), "metal", 8
+    )
+    parts += [*stack, *block((36, 36, 10), (rear + 6, 0, floor + 20), (30, 30, 32), "rubber", 3)]
+    parts += block((8, 36, 34), (rear - 14, 0, floor + 40), (30, 30, 32), "rubber", 3)
+    turn = np.linspace(0, 2 * np.pi, 15)
+    ring = rod(np.stack([0 * turn, 13 * np.cos(turn), 13 * np.sin(turn)], 1), 2, RUBBER, "rubber", 16, 8)
+    parts += [
+        *moved(turned(ring, "y", -30), -8, 0, floor + 54),
+        *rod([(-8, 0, floor + 54), (2, 0, floor + 36)], 2, RUBBER),
+    ]
+    parts += _cab(rng, colour, floor, rear)
+    return finish(parts)
+
+
+def _cab(rng: np.random.Generator, colour: Colour, floor: float, rear: float) -> list[Part]:
+    """Glass on four posts, or the posts and a roof only, or nothing."""
+    kind, high = pick(rng, ("cab", "roof", "open")), draw(rng, 108, 124)
+    if kind == "open":
+        return []
+    low, top = floor + 14, floor + high
+    parts = block((70, 64, 8), (rear + 18, 0, top + 3), pick(rng, (colour, (240, 240, 236))), "paint", 3)
+    for x in (rear - 12, rear + 46):
+        parts += mirrored(
+            rod([(x, 28, low), (x * 0.96, 26, top)], 2.8, pick(rng, (colour, RUBBER)), "paint", segments=8)
+        )
+    if kind == "cab":
+        parts += block((56, 50, top - low), (rear + 17, 0, (top + low) / 2), GLASS, "glass")
+    return parts
+
+
+def make_racer(rng: np.random.Generator) -> Mesh:
+    """An open-wheeler with wings, a wingless cigar, or a low closed-wheel prototype with a tail wing; all numbered."""
+    return finish(pick(rng, (_open_wheeler, _open_wheeler, _cigar, _prototype))(rng), 512)
+
+
+def _livery(rng: np.random.Generator) -> tuple[Paint, Colour, Colour]:
+    """Paint of a hull (u around from the left over the top, v forward), its main colour and the other."""
+    main, other = pick_colour(rng, "bright", "car"), pick_colour(rng, "bright", "pale", "dark")
+    kind, wide, at = (
+        pick(rng, ("plain", "centre", "nose", "halves", "slash")),
+        draw(rng, 0.04, 0.09),
+        draw(rng, 0.6, 0.85),
+    )
+
+    def shader(u: np.ndarray, v: np.ndarray, aspect: float) -> np.ndarray:
+        if kind == "centre":
+            return (np.abs(np.abs(u - 0.25) - 0.5 * wide) < 0.4 * wide) & (v >= 0)
+        if kind == "nose":
+            return (v > at) & (u >= 0)
+        if kind == "halves":
+            return (np.sin(2 * np.pi * u) < 0) & (v >= 0)
+        if kind == "slash":
+            return np.abs(v - 0.5 - 0.3 * np.sin(2 * np.pi * u)) < wide
+        return (u < 0) & (v < 0)
+
+    return pattern([main, other], shader), main, other
+
+
+def _number(rng: np.random.Generator) -> Paint:
+    ground, ink = pick(
+        rng, (((246, 246, 242), (20, 20, 22)), ((20, 20, 22), (250, 220, 50)), ((250, 220, 50), (20, 20, 22)))
+    )
+    return lettered(ground, ink, str(int(rng.integers(1, 99))), 0.85)
+
+
+def _helmet(rng: np.random.Generator, x: float, z: float, radius: float = 10.0) -> list[Part]:
+    shell = ball(radius, pick_colour(rng, "bright", "pale"), "paint", 18, 10).moved(x, 0, z)
+    return [shell, ball(radius * 0.96, GLASS, "glass", 14, 8, (0.6, 0.9, 0.36)).moved(x + radius * 0.5, 0, z + 1)]
+
+
+def _arms(joints: list[tuple[float, float, float, float]], z: float) -> list[Part]:
+    """Wishbones from the hull out to each wheel: (x, inner y, outer y, spread)."""
+    parts = []
+    for x, inner, outer, spread in joints:
+        for height in (z - 7, z + 7):
+            for side in (-1, 1):
+                parts += rod(
+                    [(x + side * spread, inner, height), (x, outer, height)], 1.5, (34, 34, 38), "metal", segments=6
+                )
+    return mirrored(parts)
+
+
+def _open_wheeler(rng: np.random.Generator) -> list[Part]:
+    paint, main, other = _livery(rng)
+    wide, front, rear = draw(rng, 34, 44), draw(rng, 74, 88), draw(rng, -96, -84)
+    tyre = draw(rng, 22, 27)
+    body = hull([(-112, 16, 14, 24, 2.6), (-70, wide, 30, 24, 3), (-20, wide * 1.1, 34, 23, 3.4),
+                 (30, wide * 0.9, 30, 22, 3),
+                 (80, wide * 0.6, 20, 18, 2.6), (126, 12, 10, 15, 2.2)], paint)  # fmt: skip
+    pod = hull([(-74, 8, 16, 18, 3), (-40, 26, 26, 18, 4), (8, 28, 26, 18, 4), (24, 24, 22, 18, 4)], paint, count=10)
+    mouth = block((1, 18, 15), (24.6, 0, 18), (16, 16, 18))
+    airbox = hull([(-84, 4, 6, 38, 2), (-46, 14, 22, 44, 2.4), (-20, 16, 24, 50, 2.4)], main, count=8, around=16)
+    parts = [*body, *mirrored(moved([*pod, *mouth], y=wide * 0.5 + 10)), *airbox]
+    parts += [ball(1, (18, 18, 20), "plastic", 18, 6, (24, 13, 3)).moved(6, 0, 38), *_helmet(rng, -2, 47)]
+    half = draw(rng, 58, 66)
+    share = pick(rng, (0, 5, 6))
+    parts += wheels(
+        [(front, half - 8, tyre, 20), (rear, half - 12, tyre + 3, 28)], pick_colour(rng, "steel", "bright"), share
+    )
+    parts += _arms([(front, wide * 0.25, half - 14, 12), (rear, wide * 0.3, half - 20, 12)], tyre)
+    parts += block((22, draw(rng, 100, 124), 3), (124, 0, 10), other, "paint", 1)
+    parts += mirrored(slab([(108, 6), (136, 6), (136, 18), (108, 24)], 2, main, "paint", 58))
+    high = draw(rng, 58, 76)
+    for z, pitch in ((high, 8), (high + 9, 24))[: pick(rng, (1, 2))]:
+        parts += moved(turned(block((28, 96, 3), (0, 0, 0), other, "paint", 1), "y", pitch), -120, 0, z)
+    parts += mirrored(
+        slab([(-136, high - 16), (-104, high - 14), (-104, high + 12), (-136, high + 14)], 2.4, main, "paint", 48)
+    )
+    parts += mirrored(slab([(-122, 24), (-114, 24), (-114, high), (-122, high)], 2, (40, 40, 44), "paint", 6))
+    parts += moved(turned(block((20, 16, 0.8), (0, 0, 0), _number(rng)), "y", 12), 84, 0, 29)
+    if chance(rng, 0.5):
+        halo = [(-14, 16, 44), (10, 16, 56), (26, 0, 58), (10, -16, 56), (-14, -16, 44)]
+        parts += [*rod(halo, 1.8, (30, 30, 32), "metal"), *rod([(26, 0, 58), (36, 0, 36)], 1.6, (30, 30, 32), "metal")]
+    return parts
+
+
+def _cigar(rng: np.random.Generator) -> list[Part]:
+    """A slim rounded hull on thin spoked wheels, a driver in the open, exhausts behind."""
+    paint, main, _ = _livery(rng)
+    wide, tyre, half = draw(rng, 40, 50), draw(rng, 28, 33), draw(rng, 54, 64)
+    body = hull([(-128, 8, 8, 34, 2), (-90, wide * 0.72, wide * 0.7, 32, 2), (-20, wide, wide * 0.95, 30, 2.2),
+                 (60, wide * 0.85, wide * 0.72, 30, 2.2), (110, wide * 0.62, wide * 0.5, 29, 2),
+                 (124, wide * 0.44, wide * 0.34, 29, 2)],
+                paint)  # fmt: skip
+    grille = turned(cylinder(wide * 0.18, 122, 125, (20, 20, 22), "metal", 20), "y", 90)
+    parts = [
+        *body,
+        *moved(grille, z=29),
+        ball(1, (26, 22, 20), "plastic", 18, 6, (26, 15, 4)).moved(-24, 0, 30 + wide * 0.46),
+    ]
+    parts += [*_helmet(rng, -34, 62), ball(1, (150, 170, 180), "glass", 16, 8, (6, 15, 12)).moved(2, 0, 52)]
+    parts += hull([(-74, 5, 8, 54, 2), (-46, 16, 26, 52, 2.2)], main, count=4, around=14)
+    parts += wheels(
+        [(82, half, tyre - 2, 14), (-84, half, tyre, 18)], pick_colour(rng, "steel"), int(rng.integers(12, 20)), 0.76
+    )
+    parts += _arms([(82, wide * 0.3, half, 14), (-84, wide * 0.3, half, 14)], tyre)
+    for y in (1, -1):
+        pipe = [(-10, y * wide * 0.5, 30), (-60, y * (wide * 0.5 + 4), 28), (-132, y * (wide * 0.4), 28)]
+        parts += rod(pipe, 3.4, (176, 172, 164), "metal")
+    roundel = moved([disc(13, 0, _number(rng), "paint", 20)], 60, 0, 31 + wide * 0.36)
+    number = _number(rng)
+    sides = [picture(24, 20, number).rotated("z", side * 90).moved(-50, side * wide * 0.5, 34) for side in (1, -1)]
+    return [*parts, *roundel, *sides]
+
+
+def _prototype(rng: np.random.Generator) -> list[Part]:
+    """A low wedge with covered wheels, a bubble of glass and a wing as wide as the car."""
+    paint, main, other = _livery(rng)
+    wide, tyre = draw(rng, 108, 122), draw(rng, 21, 25)
+    body = hull([(-126, wide * 0.9, 22, 24, 5), (-80, wide, 32, 23, 5), (0, wide * 0.96, 26, 20, 5),
+                 (70, wide, 26, 19, 5),
+                 (110, wide * 0.96, 16, 14, 5), (134, wide * 0.7, 6, 9, 4)], paint, around=32)  # fmt: skip
+    arches = mirrored(
+        [ball(1, main, "paint", 20, 8, (36, 13, 21)).moved(x, wide * 0.5 - 13, tyre * 0.9) for x in (80, -82)]
+    )
+    cabin = ball(1, GLASS, "glass", 22, 10, (44, 24, 24)).moved(4, 0, 32)
+    spine = hull([(-118, 6, 8, 36, 2), (-60, 26, 22, 38, 2.4), (-4, 34, 26, 42, 2.6)], main, count=10, around=20)
+    parts = [*body, *arches, cabin, *spine]
+    parts += wheels(
+        [(80, wide * 0.5 - 7, tyre, 18), (-82, wide * 0.5 - 7, tyre, 20)], pick_colour(rng, "steel", "brass"), 5
+    )
+    high = draw(rng, 56, 70)
+    parts += moved(turned(block((26, wide, 3), (0, 0, 0), other, "paint", 1), "y", 8), -122, 0, high)
+    parts += mirrored(
+        slab([(-138, high - 14), (-106, high - 14), (-106, high + 6), (-138, high + 8)], 2.4, main, "paint", wide / 2)
+    )
+    parts += mirrored(slab([(-126, 30), (-116, 30), (-116, high), (-126, high)], 2, RUBBER, "paint", 18))
+    parts += mirrored(block((10, 18, 6), (112, wide * 0.34, 19), LAMP, "glass", 2))
+    parts += moved(turned(block((34, 34, 0.8), (0, 0, 0), _number(rng)), "y", 9), 88, 0, 31.5)
+    number = _number(rng)
+    parts += [picture(32, 18, number).rotated("z", side * 90).moved(-6, side * wide * 0.495, 21) for side in (1, -1)]
+    fin = wing((-40, 0, 46), (-96, 0, draw(rng, 66, 78)), (76, 26), 2.4, main, upright=True) if chance(rng, 0.5) else []
+    return [*parts, *fin]

@@ -1,0 +1,304 @@
+"""A harbour: a quay with cranes and containers, sheds, ships and boats on the water."""
+
+import numpy as np
+
+from toolkit.content.building_site import tower_crane
+from toolkit.content.fleet import BLUE, RED
+from toolkit.content.grounds import MARK_M, concrete_apron, water
+from toolkit.content.large_vehicles import lorry, van
+from toolkit.content.modelling import revolve
+from toolkit.content.paint import Canvas
+from toolkit.content.pieces import (
+    Looks,
+    Piece,
+    bars,
+    box,
+    boxes,
+    floor_quads,
+    merge,
+    mesh_of,
+    place,
+    quads,
+    solid,
+    wall_quads,
+)
+from toolkit.content.ships import BOX_M, LINES, WATER_Z, boats, container, feeder_ship
+from toolkit.content.signs import board, sheet
+from toolkit.content.skyline import towers
+from toolkit.content.street_furniture import street_lamp, traffic_cone
+from toolkit.content.walls import BRICKS, STONES, wall
+from toolkit.content.windows import pane_sheet, pane_uv
+from toolkit.objects.mesh import Material
+from toolkit.worlds.classes import SceneClass
+from toolkit.worlds.world import Spot, World
+
+HORIZON_M = 1000.0
+QUAY_X, QUAY_BACK_Y = 160.0, 90.0
+F, B, V = SceneClass.FURNITURE, SceneClass.BUILDING, SceneClass.VEHICLE
+
+
+def build_harbour(seed: int = 0) -> World:
+    """A quay 320 m long with the water to its south."""
+    looks, rng = Looks(seed), np.random.default_rng([seed, 32])
+    core = np.array([(-QUAY_X, -110.0), (QUAY_X, QUAY_BACK_Y)])
+    sheds = [_shed(looks, 44.0, 24.0, k) for k in range(3)]
+    shed_x = (-120.0, -40.0, 70.0)
+    solids = [[x, 62.0, 0, x + 44.0, 86.0, 9.0] for x in shed_x]
+    stacks, stack_solids = _container_yard(looks, rng)
+    pieces = [
+        _quay(looks),
+        _sea(looks),
+        _quay_marks(looks),
+        *(shed.moved(x, 62.0, 0) for shed, x in zip(sheds, shed_x, strict=True)),
+        stacks,
+        place(_gantry(looks), np.array([(-92.0, 12.0, 0.0), (-20.0, 12.0, 0.0)])),
+        tower_crane(looks, 30.0, 28.0).moved(132, 30, 0),
+        feeder_ship(looks, rng).moved(-58.0, -19.0, WATER_Z),
+        boats(looks, rng),
+        _pier(looks),
+        lighthouse(looks).moved(150.0, -104.0, WATER_Z),
+        _quay_things(looks),
+        _town(looks, rng),
+    ]
+    spots = (
+        Spot("quay-1", "quay", (62.0, 22.0, 0.0), 13.0, 0.0, "ground"),
+        Spot("quay-2", "quay", (100.0, 22.0, 0.0), 12.0, 90.0, "ground"),
+        Spot("apron", "quay", (30.0, 48.0, 0.0), 9.5, 0.0, "ground"),
+        Spot("basin-1", "water", (40.0, -45.0, WATER_Z), 16.0, 0.0, "water"),
+        Spot("basin-2", "water", (-20.0, -80.0, WATER_Z), 18.0, 30.0, "water"),
+    )
+    mesh, face_class = mesh_of(merge(pieces), looks)
+    return World("harbour", seed, mesh, face_class, spots, np.array([*solids, *stack_solids]), core)
+
+
+def _quay(looks: Looks) -> Piece:
+    """The quay's deck, its wall down to the water with fenders and ladders, and the land behind."""
+    x, back = QUAY_X, QUAY_BACK_Y
+    concrete, stone = concrete_apron(looks), wall(looks, "ashlar", STONES[3])
+    tyre = solid(
+        [
+            revolve([(0.3, -0.15), (0.55, -0.15), (0.6, 0), (0.55, 0.15), (0.3, 0.15), (0.3, -0.15)], 14).rotated(
+                "x", 90
+            )
+        ],
+        looks.plain((28, 28, 30), "matte"),
+        F,
+    )
+    tyres = np.array([(px, -0.2, -0.9) for px in np.arange(-x + 5, x, 10.0)])
+    rungs = np.array([(px, -0.12, z) for px in np.arange(-x + 20, x, 40.0) for z in np.arange(-2.2, 0, 0.3)])
+    bollard = solid(
+        [revolve([(0.22, 0), (0.2, 0.35), (0.34, 0.42), (0.34, 0.52), (0.01, 0.6)], 12)], looks.plain((226, 176, 30)), F
+    )
+    edge = looks.plain((226, 190, 40), "matte")
+    land = [(-HORIZON_M, back, HORIZON_M, back + HORIZON_M), (-HORIZON_M, 0, -x, back), (x, 0, HORIZON_M, back)]
+    return merge(
+        [
+            floor_quads(np.array([(-x, 0.5, x, back)]), 0.0, concrete, SceneClass.GROUND),
+            floor_quads(np.array(land), 0.0, wall(looks, "render", (186, 178, 160)), SceneClass.GROUND),
+            wall_quads(np.array([(-HORIZON_M, -6.0, HORIZON_M, 0.0)]), 0.0, stone, SceneClass.GROUND),
+            boxes(np.array([(-x, 0.0, 0.0)]), np.array([(x, 0.5, 0.18)]), edge, SceneClass.GROUND),
+            place(tyre, tyres),
+            bars(rungs - [0.25, 0, 0], rungs + [0.25, 0, 0], 0.05, looks.plain((90, 70, 60)), F),
+            place(bollard, np.array([(px, 1.4, 0.0) for px in np.arange(-x + 10, x, 20.0)])),
+        ]
+    )
+
+
+def _sea(looks: Looks) -> Piece:
+    rings = [
+        (-HORIZON_M, -HORIZON_M, HORIZON_M, -260.0),
+        (-HORIZON_M, -260.0, -260.0, 0.0),
+        (260.0, -260.0, HORIZON_M, 0.0),
+        (-260.0, -260.0, 260.0, 0.0),
+    ]
+    return floor_quads(np.array(rings), WATER_Z, water(looks), SceneClass.WATER)
+
+
+def _quay_marks(looks: Looks) -> Piece:
+    """Crane rails and yellow lines."""
+    x, steel, yellow = QUAY_X, looks.plain((96, 92, 88)), looks.plain((214, 170, 50), "matte")
+    rails = [(-x, y - 0.07, x, y + 0.07) for y in (4.0, 20.0)]
+    lines = [(-x, y - 0.1, x, y + 0.1) for y in (2.6, 31.0, 58.0)]
+    return merge(
+        [
+            floor_quads(np.array(rails), 0.02, steel, SceneClass.GROUND),
+            floor_quads(np.array(lines), MARK_M, yellow, SceneClass.GROUND),
+        ]
+    )
+
+
+def _container_yard(looks: Looks, rng: np.random.Generator) -> tuple[Piece, list[list[float]]]:
+    """Stacks of one to four boxes on the western quay."""
+    length, width, height = BOX_M
+    at, line, solids = [], [], []
+    for column in range(5):
+        for row in range(5):
+            x, y = -152.0 + column * 14.5, 36.0 + row * 2.9
+            count = int(rng.integers(0, 5)) if (column, row) != (0, 0) else 3
+            for level in range(count):
+                at.append((x + length / 2, y + width / 2, level * (height + 0.02)))
+                line.append(int(rng.integers(len(LINES))))
+            if count:
+                solids.append([x, y, 0, x + length, y + width, count * height])
+    spots, kind = np.array(at), np.array(line)
+    return merge([place(container(looks, k), spots[kind == k]) for k in range(len(LINES))]), solids
+
+
+def _gantry(looks: Looks) -> Piece:
+    """A ship-to-shore crane: four legs on rails at y ± 8, a boom out over the water, a cab, a spreader."""
+    red, grey = looks.plain((186, 44, 36)), looks.plain((170, 172, 172))
+    legs = np.array([(x, y, 0.9) for x in (-8, 8) for y in (-8, 8)], float)
+    top = legs + [0, 0, 30]
+    cross = [((x, -8, z), (x, 8, z)) for x in (-8, 8) for z in (12.0, 31.0)] + [
+        ((-8, y, z), (8, y, z)) for y in (-8, 8) for z in (12.0, 31.0)
+    ]
+    cross += [((x, -8, 12), (x, 8, 31)) for x in (-8, 8)]
+    braces = np.array(cross, float)
+    beam = np.array([((x, -46, 32.5), (x, 22, 32.5)) for x in (-2, 2)], float)
+    ties = np.array([((x, 0, 46), (x, y, 33)) for x in (-2, 2) for y in (-42, -22, 18)], float)
+    mast = np.array([((x, y, 31), (x * 0.25, 0, 46)) for x in (-8, 8) for y in (-8, 8)], float)
+    rungs = np.array([((-2, y, 32.5), (2, y, 32.5)) for y in range(-46, 23, 4)], float)
+    wires = np.array([((x, y, 32), (x, y, 16.4)) for x in (-2, 2) for y in (-24, -22)], float)
+    bogies = np.array([(x, y, 0.0) for x in (-8, 8) for y in (-8, 8)], float)
+    return merge(
+        [
+            bars(legs, top, 1.1, red, F),
+            bars(braces[:, 0], braces[:, 1], 0.8, red, F),
+            bars(beam[:, 0], beam[:, 1], 1.2, red, F),
+            bars(ties[:, 0], ties[:, 1], 0.25, grey, F),
+            bars(mast[:, 0], mast[:, 1], 0.7, red, F),
+            bars(rungs[:, 0], rungs[:, 1], 0.3, red, F),
+            bars(wires[:, 0], wires[:, 1], 0.08, looks.plain((40, 40, 42)), F),
+            boxes(bogies - [1.6, 0.5, 0], bogies + [1.6, 0.5, 0.9], grey, F),
+            box((-3, 3), (10, 18), (33.1, 36.5), grey, F),
+            box((2.2, 4.2), (-25, -22), (29, 31.6), looks.plain((70, 96, 112), "gloss"), F),
+            box((-6.1, 6.1), (-24, -22), (16.0, 16.4), looks.plain((236, 176, 30)), F),
+        ]
+    )
+
+
+def _pier(looks: Looks) -> Piece:
+    """A wooden pier on piles with a mole at its end."""
+    wood = looks.known("planks")
+    if wood is None:
+        canvas, rng = Canvas(3, 3, 72, (60, 48, 38)), looks.rng("planks")
+        for k in range(15):
+            canvas.rect(0, 0.2 * k, 3, 0.2 * k + 0.185, tuple(int(c * rng.uniform(0.8, 1.15)) for c in (140, 118, 92)))
+        wood = looks.add(Material("planks", canvas.texture(0.06, rng), 0.9), (3.0, 3.0))
+    piles = np.array([(x, y, -7.0) for x in (101.0, 104.6) for y in np.arange(-58.0, 0.0, 6.0)])
+    rail = np.array([((105.0, -60.0, z), (105.0, 0.0, z)) for z in (0.5, 1.0)])
+    posts = np.array([(105.0, y, -0.3) for y in np.arange(-60.0, 0.1, 3.0)])
+    return merge(
+        [
+            boxes(np.array([(100.6, -60.0, -0.45)]), np.array([(105.0, 0.0, -0.2)]), wood, SceneClass.PAVEMENT),
+            bars(piles, piles + [0, 0, 6.7], 0.4, looks.plain((84, 70, 58)), F),
+            bars(rail[:, 0], rail[:, 1], 0.07, looks.plain((230, 228, 220)), F),
+            bars(posts, posts + [0, 0, 1.35], 0.09, looks.plain((230, 228, 220)), F),
+        ]
+    )
+
+
+def lighthouse(looks: Looks) -> Piece:
+    """A banded tower 22 m high on a mole of stone."""
+    stone = wall(looks, "ashlar", STONES[3])
+    bands = [
+        solid(
+            [revolve([(2.6 - 0.055 * z, 2.6 + z), (2.6 - 0.055 * (z + 4), 6.6 + z)], 20)],
+            looks.plain(((236, 236, 230), (190, 34, 34))[k % 2]),
+            B,
+        )
+        for k, z in enumerate((0, 4, 8, 12))
+    ]
+    return merge(
+        [
+            solid([revolve([(9.0, -4.0), (6.5, 2.6), (0.01, 2.6)], 20)], stone, SceneClass.GROUND, 20),
+            *bands,
+            solid([revolve([(1.7, 18.6), (2.4, 18.8), (2.4, 19.1), (1.3, 19.1)], 20)], looks.plain((40, 42, 44)), B),
+            solid([revolve([(1.2, 19.1), (1.2, 21.2)], 14)], looks.plain((255, 236, 170), "lamp"), B),
+            solid([revolve([(1.5, 21.2), (0.9, 22.2), (0.01, 22.8)], 14)], looks.plain((190, 34, 34)), B),
+        ]
+    )
+
+
+def _shed(looks: Looks, width: float, depth: float, number: int) -> Piece:
+    """A brick warehouse with loading doors and a saw of gables."""
+    brick, tin = wall(looks, "brick", BRICKS[number]), wall(looks, "cladding", (140, 144, 146))
+    door, panes = looks.plain(((40, 84, 110), (110, 48, 40), (60, 96, 70))[number]), pane_sheet(looks, "factory")
+    bays = np.linspace(0, width, 5)
+    middle = (bays[1:] + bays[:-1]) / 2
+    rng = looks.rng(f"shed-{number}")
+    cells = np.array([(x - 2.4, 5.0, x + 2.4, 7.2) for x in middle])
+    face = np.stack(
+        [np.column_stack([cells[:, i], np.full(4, -0.05), cells[:, j]]) for i, j in ((0, 1), (2, 1), (2, 3), (0, 3))], 1
+    )
+    canvas = Canvas(9, 1.2, 48, (236, 232, 220))
+    canvas.text(4.5, 0.6, f"SHED {number + 4} · CITY DOCKS", 0.9, (40, 44, 60), fit_m=8.4)
+    words = looks.known(f"shed-{number}") or sheet(f"shed-{number}", looks, canvas)
+    low, high = (
+        np.column_stack([middle - 2.0, np.full(4, -0.1), np.zeros(4)]),
+        np.column_stack([middle + 2.0, np.zeros(4), np.full(4, 4.2)]),
+    )
+    ridge = np.array(
+        [
+            [(a, -0.3, 9), (m, -0.3, 11.6), (m, depth + 0.3, 11.6), (a, depth + 0.3, 9)]
+            for a, m in zip(bays[:-1], middle, strict=True)
+        ]
+    )
+    fall = np.array(
+        [
+            [(m, -0.3, 11.6), (b, -0.3, 9), (b, depth + 0.3, 9), (m, depth + 0.3, 11.6)]
+            for m, b in zip(middle, bays[1:], strict=True)
+        ]
+    )
+    gables = np.array(
+        [
+            [(a, 0, 9), (b, 0, 9), (m, 0, 11.5), (m, 0, 11.5)]
+            for a, m, b in zip(bays[:-1], middle, bays[1:], strict=True)
+        ]
+    )
+    return merge(
+        [
+            boxes(np.array([(0, 0, 0)]), np.array([(width, depth, 9.0)]), brick, B, ("bottom", "top")),
+            quads(np.concatenate([ridge, fall]), tin, SceneClass.ROOF),
+            quads(gables, brick, B),
+            quads(gables[:, ::-1] + [0, depth, 0], brick, B),
+            boxes(low, high, door, B, ("back",)),
+            quads(face, panes, B, pane_uv(rng, 4)),
+            board(9, 1.2, words, SceneClass.SIGN, 0.0, both=False).moved(width / 2, -0.06, 8.2),
+        ]
+    )
+
+
+def _quay_things(looks: Looks) -> Piece:
+    """Lorries, a van, lamps, cones, pallets and nets."""
+    red, blue = (
+        lorry(looks, "lorry-red", RED, (238, 236, 228), "MOVERS"),
+        lorry(looks, "lorry-blue", BLUE, (40, 90, 160), "FRESH FISH"),
+    )
+    white, crate = van((236, 236, 232), "PORT AUTHORITY", looks, "van-port"), looks.plain((176, 134, 84), "matte")
+    lamps = np.array([(x, 60.0, 0.0) for x in np.arange(-140.0, 150.0, 40.0)])
+    pallets = np.array([(130.0 + 1.6 * (k % 4), 44.0 + 1.6 * (k // 4), 0.0) for k in range(12)])
+    heights = np.array([[0.0, 0.0, 0.4 + 0.3 * (k % 4)] for k in range(12)])
+    return merge(
+        [
+            place(red.piece, np.array([(-70.0, 26.0, 0), (10.0, 54.0, 0)]), np.array([0.0, 90.0])),
+            place(blue.piece, np.array([(-10.0, 26.0, 0), (84.0, 55.0, 0)]), np.array([180.0, 90.0])),
+            place(white.piece, np.array([(118.0, 42.0, 0)]), 30.0),
+            place(street_lamp(looks), lamps),
+            boxes(pallets, pallets + [1.2, 1.2, 0.1] + heights, crate, F),
+            place(traffic_cone(looks), np.array([(44.0 + 2 * k, 5.0, 0.0) for k in range(5)])),
+        ]
+    )
+
+
+def _town(looks: Looks, rng: np.random.Generator) -> Piece:
+    """Houses behind the harbour."""
+    x = np.arange(-520.0, 520.0, 26.0)
+    low, high = [], []
+    for row, y in enumerate((112.0, 150.0, 205.0, 280.0)):
+        keep = rng.random(len(x)) < 0.8
+        for px in x[keep]:
+            w, d, h = rng.uniform(12, 24), rng.uniform(12, 18), 3.3 * rng.integers(2, 5 + 3 * row)
+            low.append((px, y, 0.0))
+            high.append((px + w, y + d, h))
+    return towers(np.array(low), np.array(high), looks, rng)

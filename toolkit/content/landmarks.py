@@ -1,0 +1,288 @@
+"""Buildings of which a town has one: cinema, library, parking house, filling station.
+
+Each in its own frame, its front along y = 0 and facing -y, x from 0 to its width.
+"""
+
+from itertools import pairwise
+
+import numpy as np
+
+from toolkit.content.buildings import House
+from toolkit.content.facades import Facade, cornice, windowed_wall
+from toolkit.content.modelling import revolve
+from toolkit.content.paint import Canvas
+from toolkit.content.pieces import (
+    Looks,
+    Piece,
+    Skin,
+    bars,
+    box,
+    boxes,
+    floor_quads,
+    merge,
+    place,
+    polygon,
+    quads,
+    solid,
+    wall_quads,
+)
+from toolkit.content.roofs import Roof, flat_roof
+from toolkit.content.shopfronts import SHOP_FLOOR_M, shop_row
+from toolkit.content.signs import board, sheet
+from toolkit.content.walls import BRICKS, STONES, wall
+from toolkit.worlds.classes import SceneClass
+
+B, R, SIGN, F = SceneClass.BUILDING, SceneClass.ROOF, SceneClass.SIGN, SceneClass.FURNITURE
+
+
+PODIUM_M, COLUMN_M, PORTICO_M = 1.6, 9.0, 18.0
+"""Of the library: height of its podium and of its columns, width of its portico."""
+
+
+def _cinema_sheets(looks: Looks) -> tuple[Skin, Skin, Skin]:
+    """The marquee's programme, the upright name, the posters."""
+    c = Canvas(7, 1.5, 80, (250, 246, 232))
+    c.text(3.5, 1.05, "NOW SHOWING: THE LAST TRAM", 0.42, (30, 30, 32), fit_m=6.6)
+    c.text(3.5, 0.42, "7:15  9:30  LATE SHOW FRIDAY", 0.4, (176, 24, 30), fit_m=6.6)
+    marquee = looks.known("marquee") or sheet("marquee", looks, c, 1.0)
+    name = Canvas(1.4, 7.5, 72, (150, 18, 28))
+    for k, letter in enumerate("CINEMA"):
+        name.text(0.7, 6.75 - 1.2 * k, letter, 1.1, (255, 226, 120))
+    upright = looks.known("cinema-name") or sheet("cinema-name", looks, name, 1.0)
+    posters = Canvas(6, 2, 80, (40, 16, 20))
+    for k in range(4):
+        tone = ((220, 60, 40), (40, 90, 160), (240, 190, 50), (60, 130, 90))[k]
+        posters.rect(0.1 + 1.5 * k, 0.15, 1.4 + 1.5 * k, 1.85, (240, 236, 220))
+        posters.rect(0.16 + 1.5 * k, 0.21, 1.34 + 1.5 * k, 1.79, tone)
+        posters.disc(0.75 + 1.5 * k, 1.1, 0.4, tuple(min(255, v + 70) for v in tone))
+        posters.text(0.75 + 1.5 * k, 0.42, ("STAR", "OCEAN", "GOLD", "FOREST")[k], 0.3, (250, 250, 244), fit_m=1.1)
+    bills = looks.known("posters") or sheet("posters", looks, posters, 0.7)
+    return marquee, upright, bills
+
+
+def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
+    """A picture palace: rendered front with fins, a lit marquee over the doors, and an upright sign."""
+    render, brick = wall(looks, "render", (206, 150, 124)), wall(looks, "brick", BRICKS[1])
+    trim = looks.plain((232, 224, 200), "matte")
+    height, middle = 15.0, width / 2
+    lit = looks.plain((255, 232, 170), "lamp")
+    marquee, upright, bills = _cinema_sheets(looks)
+    fins = np.linspace(middle - 4.5, middle + 4.5, 7)
+    low = np.column_stack([fins - 0.22, np.full(7, -0.5), np.full(7, 5.6)])
+    doors = np.linspace(middle - 3, middle + 3, 5)
+    bulbs = np.array([(middle - 4.4 + 0.4 * k, -3.06, z) for k in range(23) for z in (3.62, 5.38)])
+    door_cells = np.array([(a + 0.06, 0.1, b - 0.06, 2.6) for a, b in pairwise(doors)])
+    pieces = [
+        wall_quads(np.array([(0, 0, width, height)]), 0.0, render, B),
+        boxes(low, low + np.array([0.44, 0.5, height + 0.6 - 5.6]), trim, B, ("bottom", "back")),
+        box((middle - 4.5, middle + 4.5), (-3.0, 0.0), (3.55, 5.45), looks.plain((150, 18, 28)), B),
+        board(7.0, 1.5, marquee, SIGN, 0.0, both=False).moved(middle, -3.02, 4.5),
+        place(
+            board(2.7, 1.3, marquee, SIGN, 0.0, both=False),
+            np.array([(middle + 4.52, -1.5, 4.5), (middle - 4.52, -1.5, 4.5)]),
+            np.array([90.0, 270.0]),
+        ),
+        boxes(bulbs - 0.06, bulbs + 0.06, lit, SIGN, ()),
+        wall_quads(door_cells, -0.05, looks.plain((60, 46, 36), "gloss"), B),
+        wall_quads(
+            door_cells * [1, 1, 1, 1] + np.array([0.15, 0.9, -0.15, -0.3]),
+            -0.07,
+            looks.plain((230, 200, 140), "lamp"),
+            B,
+        ),
+        wall_quads(
+            np.array([(middle - 9.5, 0.7, middle - 3.8, 2.6), (middle + 3.8, 0.7, middle + 9.5, 2.6)]).clip(
+                [0.3, 0, 0.3, 0], [width - 0.3, 9, width - 0.3, 9]
+            ),
+            -0.06,
+            bills,
+            SIGN,
+            fit=True,
+        ),
+        place(board(1.4, 7.5, upright, SIGN, 0.3), np.array([(middle + 5.6, -1.0, 9.6)]), 90.0),
+        box((middle + 5.44, middle + 5.76), (-0.3, 0.0), (6.5, 12.8), trim, B),
+        cornice(width, height, trim, 0.4, dentils=False, ends=False),
+    ]
+    pieces.append(
+        wall_quads(np.array([(0.6, 6.5 + 2.6 * k, middle - 5.2, 8.2 + 2.6 * k) for k in range(3)]), -0.04, trim, B)
+    )
+    pieces.append(
+        wall_quads(
+            np.array([(middle + 6.6, 6.5 + 2.6 * k, width - 0.6, 8.2 + 2.6 * k) for k in range(3)]), -0.04, trim, B
+        )
+    )
+    plain = [(width, 0, depth, 90.0), (width, depth, width, 180.0), (0, depth, depth, 270.0)]
+    for x, y, span, yaw in plain:
+        pieces.append(place(wall_quads(np.array([(0, 0, span, height)]), 0.0, brick, B), np.array([(x, y, 0.0)]), yaw))
+    pieces.append(flat_roof(Roof(width, depth, height), brick, trim, looks, rng))
+    return House(merge(pieces), np.array([[0, 0, 0, width, depth, height]]))
+
+
+def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
+    """A classical front: steps, columns, a pediment with PUBLIC LIBRARY, stone wings."""
+    stone, trim = wall(looks, "ashlar", STONES[5]), wall(looks, "render", (222, 208, 182))
+    style = Facade(
+        stone,
+        trim,
+        "arched",
+        window_m=(1.4, 2.8, 0.9),
+        floor_m=4.6,
+        bay_m=3.4,
+        recess_m=0.35,
+        pilasters=True,
+        string_course=True,
+    )
+    height, middle = PODIUM_M + COLUMN_M + 2.6, width / 2
+    pieces = [_portico(looks, stone, trim).moved(middle)]
+    around = [(0, 0, width, 0.0), (width, 0, depth, 90.0), (width, depth, width, 180.0), (0, depth, depth, 270.0)]
+    for k, (x, y, side, yaw) in enumerate(around):
+        low = [(0, 0, side, PODIUM_M), (0, PODIUM_M + 9.2, side, height)]
+        face = [wall_quads(np.array(low), 0.0, stone, B), windowed_wall(style, side, looks, rng, z0=PODIUM_M, floors=2)]
+        if k < 3:
+            face.append(cornice(side, height, trim, 0.5, ends=False))
+        pieces.append(place(merge(face), np.array([(x, y, 0.0)]), yaw))
+    pieces.append(flat_roof(Roof(width, depth, height), stone, trim, looks, rng))
+    top = PODIUM_M + COLUMN_M
+    porch = [middle - PORTICO_M / 2, -4, top, middle + PORTICO_M / 2, 0, top + 1.6]
+    return House(merge(pieces), np.array([[0, 0, 0, width, depth, height], porch]))
+
+
+def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
+    """Steps, six columns, an architrave with the name, a pediment; about x = 0, before y = 0."""
+    half, top = PORTICO_M / 2, PODIUM_M + COLUMN_M
+    profile = [(0.75, 0), (0.75, 0.25), (0.6, 0.4), (0.52, 0.6), (0.5, 3.0)]
+    profile += [(r, COLUMN_M - drop) for r, drop in ((0.43, 0.7), (0.55, 0.5), (0.7, 0.35), (0.7, 0.0))]
+    column = solid([revolve(profile, 18)], trim, B, 50)
+    xs = np.linspace(-half + 1.1, half - 1.1, 6)
+    steps = np.array([(-half - 0.4 * (7 - k), -6.6 + 0.4 * k, 0.2 * k) for k in range(8)])
+    tops = np.array([(half + 0.4 * (7 - k), 0.0, 0.2 * (k + 1)) for k in range(8)])
+    c = Canvas(12, 1.1, 64, (200, 188, 164))
+    c.text(6, 0.55, "PUBLIC  LIBRARY", 0.85, (70, 62, 50), face="serif", fit_m=11)
+    words = looks.known("library-name") or sheet("library-name", looks, c)
+    eaves, ridge, edge = top + 1.6, top + 5.2, half + 0.5
+    gable = np.array([(-edge, eaves), (edge, eaves), (0, ridge)])
+    inner = np.array([(-half + 1.2, eaves + 0.3), (half - 1.2, eaves + 0.3), (0, eaves + 2.9)])
+    slopes = [
+        [(edge, -4.4, eaves), (edge, 2, eaves), (0, 2, ridge), (0, -4.4, ridge)],
+        [(-edge, 2, eaves), (-edge, -4.4, eaves), (0, -4.4, ridge), (0, 2, ridge)],
+        [(edge, 2, eaves), (-edge, 2, eaves), (0, 2, ridge), (0, 2, ridge)],
+    ]
+    windows = np.array([(-5.2, -0.1, PODIUM_M + 0.8), (3.4, -0.1, PODIUM_M + 0.8)])
+    door = np.array([(-1.3, -0.12, PODIUM_M)])
+    name = np.array([(-6, top + 0.25, 6, top + 1.35)])
+    return merge(
+        [
+            boxes(steps, tops, trim, B, ("bottom", "back")),
+            place(column, np.column_stack([xs, np.full(6, -3.2), np.full(6, PODIUM_M)])),
+            boxes(np.array([(-half, -4.0, top)]), np.array([(half, 0.0, eaves)]), trim, B, ()),
+            wall_quads(name, -4.02, words, SIGN, fit=True),
+            polygon(gable, -4.4, trim, B),
+            polygon(inner, -4.42, stone, B),
+            quads(np.array(slopes), wall(looks, "tiles", (96, 104, 100)), R),
+            boxes(door, door + [2.6, 0.12, 4.2], looks.plain((70, 44, 28)), B, ("back",)),
+            boxes(windows, windows + [1.8, 0.1, 3.6], looks.plain((60, 74, 84), "gloss"), B, ("back",)),
+        ]
+    )
+
+
+def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], rng: np.random.Generator) -> House:
+    """Open decks with parapets, parked cars to be seen between them, a ramp sign and a big P; a pad on top."""
+    concrete, dark = wall(looks, "concrete", (168, 164, 156)), wall(looks, "concrete", (120, 118, 114))
+    decks, floor_m = 5, 3.1
+    z = floor_m * np.arange(1, decks + 1)
+    full = np.array([(0.0, 0.0, width, depth)])
+    low = np.column_stack([np.zeros(decks), np.zeros(decks), z - 0.35])
+    high = np.column_stack([np.full(decks, width), np.full(decks, depth), z])
+    rim = []
+    for level in z:
+        for a, b in (
+            ((0, 0), (width, 0.2)),
+            ((0, depth - 0.2), (width, depth)),
+            ((0, 0.2), (0.2, depth - 0.2)),
+            ((width - 0.2, 0.2), (width, depth - 0.2)),
+        ):
+            rim.append([*a, level, *b, level + 1.0])
+    edge = np.array(rim)
+    xs, ys = np.linspace(0.5, width - 1.0, 6), np.linspace(0.4, depth - 0.9, 5)
+    posts = np.array([(x, y, 0) for x in xs for y in ys if x in (xs[0], xs[-1]) or y in (ys[0], ys[-1])])
+    c = Canvas(2.4, 2.4, 72, (20, 82, 170))
+    c.text(1.2, 1.2, "P", 2.1, (244, 244, 244))
+    big = looks.known("big-p") or sheet("big-p", looks, c, 0.9)
+    n = Canvas(8, 1.0, 72, (20, 82, 170))
+    n.text(4, 0.5, "CITY PARKING · 24 H", 0.75, (244, 244, 244), fit_m=7.4)
+    words = looks.known("parking-name") or sheet("parking-name", looks, n, 0.9)
+    pieces = [
+        boxes(low, high, concrete, B, ()),
+        boxes(edge[:, :3], edge[:, 3:], dark, B),
+        boxes(posts, posts + [0.5, 0.5, z[-1]], concrete, B),
+        floor_quads(full, 0.02, dark, R),
+        board(2.4, 2.4, big, SIGN, 0.3).moved(3.0, -0.35, z[-1] - 1.4),
+        box((1.8, 4.2), (-0.5, -0.2), (z[-1] - 2.6, z[-1] - 0.2), looks.plain((30, 30, 32)), SIGN),
+        wall_quads(np.array([(width / 2 - 4, 2.72, width / 2 + 4, 3.72)]), -0.06, words, SIGN, fit=True),
+        boxes(
+            np.array([(width * 0.6, depth * 0.4, 0)]), np.array([(width * 0.75, depth * 0.6, z[-1] + 2.8)]), concrete, B
+        ),
+    ]
+    bays = np.arange(3.0, width - 3.0, 2.7)
+    for level in (0.02, z[0], z[-1]):
+        for y, yaw in ((3.2, 90.0), (depth - 3.2, 270.0)):
+            for x in bays[rng.random(len(bays)) < 0.36]:
+                pieces.append(place(cars[int(rng.integers(len(cars)))], np.array([(x, y, level)]), yaw))
+    return House(merge(pieces), np.array([[0, 0, 0, width, depth, z[-1]]]))
+
+
+def filling_station(width: float, looks: Looks) -> House:
+    """A canopy on posts over four pumps, and a kiosk behind."""
+    red, white, dark = looks.plain((206, 26, 32)), looks.plain((240, 240, 238)), looks.plain((40, 42, 44))
+    c = Canvas(8, 0.9, 64, (206, 26, 32))
+    c.text(4, 0.45, "PETRA · FUEL", 0.7, (250, 250, 246))
+    words = looks.known("fuel") or sheet("fuel", looks, c, 0.9)
+    p = Canvas(0.8, 1.7, 96, (236, 236, 234))
+    p.rect(0, 1.2, 0.8, 1.7, (206, 26, 32))
+    p.text(0.4, 1.45, "FUEL", 0.22, (250, 250, 246))
+    p.rect(0.12, 0.72, 0.68, 1.12, (22, 30, 26))
+    p.text(0.4, 0.98, "24.60", 0.17, (120, 240, 120))
+    p.text(0.4, 0.82, "13.7 L", 0.12, (120, 240, 120))
+    for k, tone in enumerate(((30, 140, 60), (30, 30, 30), (206, 160, 30))):
+        p.rect(0.12 + 0.2 * k, 0.4, 0.28 + 0.2 * k, 0.62, tone)
+    pump_face = looks.known("pump") or sheet("pump", looks, p, 0.5)
+    face = board(0.8, 1.7, pump_face, F, 0.5)
+    hose = np.array([(0.42, 0, 1.3), (0.56, 0, 0.7), (0.5, 0, 0.35), (0.42, -0.1, 0.8)])
+    pump = merge(
+        [
+            face.moved(0, 0, 1.0),
+            box((-0.4, 0.4), (-0.24, 0.24), (0.15, 1.88), red, F),
+            bars(hose[:-1], hose[1:], 0.05, dark, F),
+            box((-0.8, 0.8), (-0.6, 0.6), (0, 0.15), looks.plain((170, 168, 160)), F),
+        ]
+    )
+    middle = width / 2
+    at = np.array([(middle + dx, dy, 0.0) for dx in (-3.5, 3.5) for dy in (5.0, 9.0)])
+    posts = np.array([(middle + dx, 7.0, 0.0) for dx in (-3.5, 3.5)])
+    pieces = [
+        place(pump, at),
+        boxes(posts - [0.2, 0.2, 0], posts + [0.2, 0.2, 4.9], white, F),
+        boxes(np.array([(middle - 8, 2.0, 4.9)]), np.array([(middle + 8, 12.0, 5.8)]), red, B, ()),
+        board(8, 0.8, words, SIGN, 0.0, both=False).moved(middle, 1.98, 5.35),
+        board(8, 0.8, words, SIGN, 0.0, both=False).turned(180).moved(middle, 12.02, 5.35),
+        boxes(
+            np.array([(middle + dx - 0.5, dy - 0.3, 4.87) for dx in (-5, 0, 5) for dy in (4, 7, 10)]),
+            np.array([(middle + dx + 0.5, dy + 0.3, 4.9) for dx in (-5, 0, 5) for dy in (4, 7, 10)]),
+            looks.plain((255, 250, 230), "lamp"),
+            F,
+            ("top",),
+        ),
+    ]
+    kiosk = merge(
+        [
+            shop_row(11.0, looks, looks.rng("kiosk"), white),
+            boxes(np.array([(0, 0.5, 0)]), np.array([(11, 6, SHOP_FLOOR_M)]), white, B),
+        ]
+    )
+    pieces.append(kiosk.moved(middle - 5.5, 15.0, 0))
+    return House(
+        merge(pieces),
+        np.array(
+            [[middle - 5.5, 15.0, 0, middle + 5.5, 21.0, SHOP_FLOOR_M], [middle - 8, 2, 4.9, middle + 8, 12, 5.8]]
+        ),
+    )

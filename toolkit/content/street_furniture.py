@@ -1,0 +1,373 @@
+"""What stands on pavements: lamps, hydrants, bins, benches, mailboxes, parking meters, telephones, bicycles, shelters.
+
+Each is built once at the origin, its front towards -y, and copied to where it stands.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from toolkit.content.modelling import box as bevelled_box
+from toolkit.content.modelling import revolve, smooth_curve, tube
+from toolkit.content.paint import Canvas
+from toolkit.content.pieces import Looks, Piece, bars, box, boxes, merge, place, quads, solid
+from toolkit.content.signs import board, sheet
+from toolkit.worlds.classes import SceneClass
+
+F = SceneClass.FURNITURE
+
+
+def street_lamp(looks: Looks) -> Piece:
+    """A tapered mast with an arm out over the road to -y and a lit lantern, 8.4 m."""
+    steel = looks.plain((86, 92, 92))
+    arm = smooth_curve([(0, 0, 7.4), (0, -0.3, 8.1), (0, -1.2, 8.4), (0, -2.2, 8.4)], 5)
+    return merge(
+        [
+            solid([revolve([(0.17, 0), (0.15, 1.0), (0.1, 1.05), (0.065, 7.5)], 7)], steel, F),
+            solid(tube(arm, 0.05, 4), steel, F),
+            solid([p.moved(0, -2.4, 8.4) for p in bevelled_box((0.34, 0.8, 0.2), 0.05)], steel, F),
+            box((-0.13, 0.13), (-2.72, -2.1), (8.27, 8.305), looks.plain((255, 232, 180), "lamp"), F),
+        ]
+    )
+
+
+def old_lamp(looks: Looks) -> Piece:
+    """A cast-iron post with a glass globe, 3.9 m."""
+    iron = looks.plain((28, 40, 36))
+    profile = [
+        (0.24, 0),
+        (0.24, 0.25),
+        (0.14, 0.35),
+        (0.11, 1.0),
+        (0.14, 1.05),
+        (0.07, 1.15),
+        (0.055, 3.2),
+        (0.13, 3.3),
+        (0.06, 3.38),
+    ]
+    globe = [(0.06, 3.38), (0.2, 3.48), (0.27, 3.66), (0.2, 3.86), (0.04, 3.95)]
+    return merge(
+        [solid([revolve(profile, 8)], iron, F), solid([revolve(globe, 8)], looks.plain((255, 240, 206), "lamp"), F)]
+    )
+
+
+def hydrant(looks: Looks) -> Piece:
+    """A fire hydrant with its caps."""
+    red = looks.plain((196, 36, 30))
+    barrel = revolve(
+        [
+            (0.19, 0),
+            (0.19, 0.06),
+            (0.12, 0.08),
+            (0.12, 0.5),
+            (0.16, 0.52),
+            (0.16, 0.56),
+            (0.12, 0.6),
+            (0.09, 0.7),
+            (0.03, 0.76),
+            (0.005, 0.78),
+        ],
+        9,
+    )
+    cap = [
+        revolve([(0.07, 0.0), (0.07, 0.2), (0.05, 0.21), (0.005, 0.23)], 8).rotated("x", a).moved(z=0.4)
+        for a in (90, -90)
+    ]
+    front = revolve([(0.085, 0.0), (0.085, 0.19), (0.005, 0.2)], 8).rotated("y", 90).moved(z=0.34)
+    return solid([barrel, *cap, front], red, F).turned(-90)
+
+
+def litter_bin(looks: Looks) -> Piece:
+    """A ribbed waste bin with a domed lid."""
+    green = looks.plain((36, 66, 50))
+    ribs = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    foot = np.column_stack([0.3 * np.cos(ribs), 0.3 * np.sin(ribs), np.full(12, 0.08)])
+    return merge(
+        [
+            solid([revolve([(0.26, 0.02), (0.28, 0.9)], 10)], looks.plain((30, 34, 32)), F),
+            bars(foot, foot * [1.08, 1.08, 1] + [0, 0, 0.82], 0.045, green, F),
+            solid([revolve([(0.34, 0.9), (0.35, 0.97), (0.26, 1.1), (0.12, 1.14), (0.12, 1.1)], 10)], green, F),
+        ]
+    )
+
+
+def dustbins(looks: Looks) -> Piece:
+    """Two galvanised dustbins and black bags."""
+    zinc = looks.plain((140, 144, 146), "metal")
+    can = solid(
+        [revolve([(0.22, 0), (0.26, 0.68), (0.28, 0.7), (0.27, 0.74), (0.12, 0.82), (0.03, 0.84), (0.005, 0.86)], 9)],
+        zinc,
+        F,
+    )
+    bag = solid(
+        [revolve([(0.2, 0), (0.34, 0.12), (0.3, 0.34), (0.1, 0.5), (0.06, 0.56), (0.12, 0.62)], 7)],
+        looks.plain((22, 22, 26), "gloss"),
+        F,
+    )
+    return merge(
+        [
+            place(can, np.array([(-0.35, 0, 0), (0.3, 0.05, 0)])),
+            place(bag, np.array([(0.9, -0.1, 0), (1.3, 0.15, 0)]), np.array([0.0, 40.0]), np.array([1.0, 0.8])),
+        ]
+    )
+
+
+def bench(looks: Looks) -> Piece:
+    """A park bench: wooden slats on iron ends."""
+    wood, iron = looks.plain((138, 88, 48)), looks.plain((32, 34, 34))
+    seat = np.array([(-0.85, y, 0.44) for y in (-0.36, -0.22, -0.08, 0.06)])
+    back = np.array([(-0.85, 0.14 + 0.05 * k, 0.56 + 0.13 * k) for k in range(4)])
+    low = np.concatenate([seat, back])
+    size = np.concatenate([np.tile([1.7, 0.11, 0.04], (4, 1)), np.tile([1.7, 0.035, 0.1], (4, 1))])
+    legs = []
+    for x in (-0.72, 0.72):
+        legs.append(
+            bars(
+                np.array([(x, -0.36, 0), (x, 0.12, 0), (x, -0.4, 0.44), (x, 0.1, 0.44), (x, -0.36, 0.66)]),
+                np.array([(x, -0.36, 0.66), (x, 0.12, 0.44), (x, 0.14, 0.42), (x, 0.34, 1.06), (x, 0.16, 0.66)]),
+                0.06,
+                iron,
+                F,
+            )
+        )
+    return merge([boxes(low, low + size, wood, F, ()), *legs])
+
+
+def mailbox(looks: Looks) -> Piece:
+    """A blue letter box with a round top on legs."""
+    blue = looks.plain((24, 56, 132))
+    angle = np.linspace(0, np.pi, 13)
+    arch = np.array([(0.28 * np.cos(a), 0.95 + 0.28 * np.sin(a)) for a in angle])
+    outline = np.concatenate([[(0.28, 0.18)], arch, [(-0.28, 0.18)]])
+    from toolkit.content.modelling import extrude
+
+    shell = [p.rotated("x", 90).moved(y=0.3) for p in extrude([tuple(p) for p in outline], 0.6)]
+    name = "mail-front"
+    skin = looks.known(name)
+    if skin is None:
+        c = Canvas(0.5, 0.3, 160, (24, 56, 132))
+        c.rect(0.03, 0.16, 0.47, 0.27, (240, 240, 238))
+        c.text(0.25, 0.21, "US MAIL".replace("US ", ""), 0.1, (24, 56, 132))
+        c.rect(0.05, 0.02, 0.45, 0.12, (16, 36, 90))
+        skin = sheet(name, looks, c)
+    feet = np.array([(x, y, 0) for x in (-0.24, 0.18) for y in (-0.26, 0.2)], float)
+    return merge(
+        [
+            solid(shell, blue, F, 30),
+            boxes(feet, feet + [0.06, 0.06, 0.2], blue, F),
+            board(0.5, 0.3, skin, F, 0.0, both=False).moved(0, -0.305, 0.72),
+            box((-0.2, 0.2), (-0.32, -0.3), (1.0, 1.04), looks.plain((14, 30, 80)), F),
+        ]
+    )
+
+
+def parking_meter(looks: Looks) -> Piece:
+    """A twin-dial meter on a post."""
+    grey, steel = looks.plain((96, 102, 106)), looks.plain((150, 154, 156), "metal")
+    dome = revolve([(0.1, 1.12), (0.115, 1.2), (0.115, 1.34), (0.1, 1.44), (0.05, 1.5), (0.005, 1.515)], 9)
+    dial = solid(
+        [revolve([(0.075, 0), (0.06, 0.012), (0.004, 0.014)], 8).rotated("x", 90).moved(0, -0.09, 1.39)],
+        looks.plain((224, 226, 216), "gloss"),
+        F,
+    )
+    return merge(
+        [
+            solid([revolve([(0.045, 0), (0.035, 1.05), (0.07, 1.12), (0.1, 1.12)], 7)], steel, F),
+            solid([dome.scaled(1, 0.75, 1)], grey, F),
+            dial,
+            box((-0.035, 0.035), (-0.1, -0.07), (1.19, 1.28), looks.plain((30, 32, 34)), F),
+            box((-0.06, 0.06), (-0.095, -0.085), (1.385, 1.395), looks.plain((200, 30, 30)), F),
+        ]
+    )
+
+
+def phone_booth(looks: Looks) -> Piece:
+    """A pay-phone in a half booth with its lit sign."""
+    steel, blue = looks.plain((170, 174, 176), "metal"), looks.plain((24, 64, 140))
+    name = "phone"
+    skin = looks.known(name)
+    if skin is None:
+        c = Canvas(0.8, 0.22, 128, (24, 64, 140))
+        c.text(0.4, 0.11, "PHONE", 0.18, (240, 240, 240))
+        skin = sheet(name, looks, c, 0.9)
+    keys = np.array([(-0.06 + 0.05 * (k % 3), 0.03, 1.14 + 0.05 * (k // 3)) for k in range(12)])
+    return merge(
+        [
+            box((-0.05, 0.05), (0.0, 0.1), (0.0, 1.0), steel, F),
+            box((-0.42, 0.42), (0.1, 0.16), (0.9, 2.1), blue, F),
+            box((-0.42, -0.38), (-0.35, 0.1), (0.9, 2.1), blue, F),
+            box((0.38, 0.42), (-0.35, 0.1), (0.9, 2.1), blue, F),
+            box((-0.44, 0.44), (-0.38, 0.16), (2.1, 2.34), blue, F),
+            board(0.8, 0.22, skin, F, 0.0, both=False).moved(0, -0.385, 2.22),
+            box((-0.17, 0.17), (0.04, 0.1), (1.05, 1.65), looks.plain((40, 42, 44), "metal"), F),
+            boxes(keys, keys + [0.035, 0.01, 0.035], looks.plain((220, 220, 216)), F, ()),
+            solid(
+                tube(smooth_curve([(-0.26, 0.02, 1.3), (-0.25, -0.06, 1.45), (-0.26, 0.02, 1.6)], 6), 0.03, 8),
+                looks.plain((20, 20, 22), "gloss"),
+                F,
+            ),
+        ]
+    )
+
+
+def bicycle(looks: Looks) -> Piece:
+    """A bicycle leaning on its stand, along x."""
+    paint = looks.plain((176, 28, 34), "gloss")
+    dark, steel = looks.plain((22, 22, 24), "matte"), looks.plain((170, 172, 174), "metal")
+    angle = np.linspace(0, 2 * np.pi, 12)
+    pieces = []
+    for x in (-0.52, 0.52):
+        ring = np.column_stack([x + 0.33 * np.cos(angle), np.zeros(12), 0.34 + 0.33 * np.sin(angle)])
+        pieces.append(bars(ring[:-1], ring[1:], 0.04, dark, F))
+        spoke = angle[:-1:2]
+        rim = np.column_stack([x + 0.32 * np.cos(spoke), np.zeros(6), 0.34 + 0.32 * np.sin(spoke)])
+        pieces.append(bars(np.array([(x, 0, 0.34)]), rim, 0.008, steel, F))
+    a, b, c, d, e = (-0.52, 0, 0.34), (-0.1, 0, 0.3), (-0.24, 0, 0.82), (0.36, 0, 0.78), (0.52, 0, 0.34)
+    tubes = [(a, b), (a, c), (b, c), (c, d), (b, d), (d, e)]
+    pieces.append(bars(np.array([p for p, _ in tubes]), np.array([q for _, q in tubes]), 0.045, paint, F))
+    pieces += [
+        bars(
+            np.array([(-0.24, 0, 0.82), (0.36, 0, 0.78)]), np.array([(-0.27, 0, 0.94), (0.33, 0, 1.0)]), 0.03, steel, F
+        ),
+        bars(np.array([(0.33, -0.28, 1.02)]), np.array([(0.33, 0.28, 1.02)]), 0.03, dark, F),
+        box((-0.42, -0.15), (-0.08, 0.08), (0.93, 0.99), dark, F),
+    ]
+    return merge(pieces)
+
+
+def newspaper_boxes(looks: Looks) -> Piece:
+    """Three vending boxes in a row."""
+    pieces = []
+    for k, tone in enumerate(((206, 40, 34), (30, 90, 170), (240, 190, 30))):
+        x = 0.55 * (k - 1)
+        pieces += [
+            box((x - 0.23, x + 0.23), (-0.2, 0.2), (0.25, 1.1), looks.plain(tone, "gloss"), F),
+            box((x - 0.18, x + 0.18), (-0.21, -0.2), (0.62, 1.02), looks.plain((206, 206, 200)), F),
+            box((x - 0.04, x + 0.04), (-0.05, 0.05), (0, 0.25), looks.plain((40, 40, 42)), F),
+        ]
+    return merge(pieces)
+
+
+def bus_shelter(looks: Looks) -> Piece:
+    """A glazed shelter with a bench and a poster, open to -y."""
+    frame, glass = looks.plain((58, 64, 68)), looks.plain((150, 178, 186), "gloss")
+    name = "shelter-poster"
+    skin = looks.known(name)
+    if skin is None:
+        c = Canvas(1.2, 1.75, 96, (236, 90, 40))
+        c.disc(0.6, 1.0, 0.42, (250, 220, 60))
+        c.text(0.6, 1.0, "SUN", 0.36, (200, 40, 30))
+        c.text(0.6, 0.35, "CITY FAIR", 0.2, (255, 255, 255))
+        c.text(0.6, 0.15, "1 - 12 JUNE", 0.13, (255, 255, 255))
+        skin = sheet(name, looks, c, 0.9)
+    posts = np.array([(x, y, 0) for x in (-2.0, 2.0) for y in (-0.6, 0.7)], float)
+    pane = [[(2.0, 0.7, 0.3), (-2.0, 0.7, 0.3), (-2.0, 0.7, 2.2), (2.0, 0.7, 2.2)]]
+    both = np.array(pane + [pane[0][::-1]])
+    return merge(
+        [
+            boxes(posts - [0.04, 0.04, 0], posts + [0.04, 0.04, 2.45], frame, F),
+            quads(both, glass, F),
+            box((-2.2, 2.2), (-0.8, 0.85), (2.45, 2.56), frame, F),
+            box((-1.5, 1.0), (0.3, 0.62), (0.45, 0.5), looks.plain((138, 88, 48)), F),
+            bars(
+                np.array([(-1.2, 0.46, 0), (0.7, 0.46, 0)]),
+                np.array([(-1.2, 0.46, 0.45), (0.7, 0.46, 0.45)]),
+                0.06,
+                frame,
+                F,
+            ),
+            board(1.2, 1.75, skin, F, 0.1).turned(90).moved(2.0, 0.05, 1.3),
+        ]
+    )
+
+
+def cafe_table(looks: Looks) -> Piece:
+    """A table under a parasol with two chairs."""
+    cloth = [looks.plain((206, 44, 40), "matte"), looks.plain((240, 234, 220), "matte")]
+    angle = np.linspace(0, 2 * np.pi, 9)
+    rim = np.column_stack([1.35 * np.cos(angle), 1.35 * np.sin(angle), np.full(9, 2.15)])
+    top = np.broadcast_to([0, 0, 2.7], (8, 3))
+    pieces = []
+    for k in range(2):
+        a, b, c = rim[:-1][k::2], rim[1:][k::2], top[k::2]
+        corners = np.stack([a, b, c, c], 1)
+        pieces += [quads(corners, cloth[k], F), quads(corners[:, [0, 2, 1, 1]] - [0, 0, 0.02], cloth[k], F)]
+    wood = looks.plain((70, 48, 34))
+    seat = np.array([(-0.95, -0.2, 0.43), (0.55, -0.2, 0.43)])
+    legs = np.concatenate([seat + [dx, dy, -0.43] for dx in (0.03, 0.37) for dy in (0.03, 0.37)])
+    return merge(
+        [
+            *pieces,
+            bars(np.array([(0, 0, 0)]), np.array([(0, 0, 2.7)]), 0.05, wood, F),
+            solid(
+                [revolve([(0.4, 0.7), (0.42, 0.72), (0.42, 0.75), (0.005, 0.75)], 16)], looks.plain((230, 228, 222)), F
+            ),
+            boxes(seat, seat + [0.4, 0.4, 0.04], wood, F, ()),
+            bars(legs, legs + [0, 0, 0.43], 0.035, wood, F),
+            box((-0.97, -0.93), (-0.2, 0.2), (0.47, 0.9), wood, F),
+            box((0.93, 0.97), (-0.2, 0.2), (0.47, 0.9), wood, F),
+        ]
+    )
+
+
+def planter(looks: Looks) -> Piece:
+    """A concrete tub; a shrub is planted in it by `toolkit.content.trees`."""
+    return solid(
+        [revolve([(0.5, 0), (0.62, 0.55), (0.62, 0.62), (0.52, 0.62), (0.5, 0.5), (0.005, 0.5)], 12)],
+        looks.plain((168, 164, 156), "matte"),
+        F,
+    )
+
+
+def traffic_cone(looks: Looks) -> Piece:
+    """An orange cone with a white band."""
+    orange = looks.plain((240, 92, 22))
+    return merge(
+        [
+            solid([revolve([(0.15, 0.03), (0.115, 0.22)], 12)], orange, F),
+            solid([revolve([(0.115, 0.22), (0.075, 0.42)], 12)], looks.plain((244, 244, 240)), F),
+            solid([revolve([(0.075, 0.42), (0.03, 0.68), (0.005, 0.69)], 12)], orange, F),
+            box((-0.2, 0.2), (-0.2, 0.2), (0, 0.03), looks.plain((30, 30, 32)), F),
+        ]
+    )
+
+
+def barrier(looks: Looks) -> Piece:
+    """A striped road-works barrier with a lamp."""
+    name = "barrier"
+    skin = looks.known(name)
+    if skin is None:
+        c = Canvas(1.8, 0.3, 80, (244, 244, 240))
+        for k in range(-1, 7):
+            c.fill([(0.3 * k, 0), (0.3 * k + 0.15, 0), (0.3 * k + 0.35, 0.3), (0.3 * k + 0.2, 0.3)], (224, 60, 24))
+        skin = sheet(name, looks, c)
+    leg = looks.plain((60, 62, 64))
+    at = np.array([(x, 0, 0) for x in (-0.75, 0.75)], float)
+    return merge(
+        [
+            board(1.8, 0.3, skin, F, 0.05).moved(0, 0, 0.85),
+            board(1.8, 0.2, skin, F, 0.05).moved(0, 0, 0.45),
+            bars(at + [0, -0.3, 0], at + [0, 0, 1.0], 0.05, leg, F),
+            bars(at + [0, 0.3, 0], at + [0, 0, 1.0], 0.05, leg, F),
+            box((-0.08, 0.08), (-0.06, 0.06), (1.0, 1.2), looks.plain((255, 170, 30), "lamp"), F),
+        ]
+    )
+
+
+FURNITURE: dict[str, tuple[Callable[[Looks], Piece], float]] = {
+    "hydrant": (hydrant, 0.4),
+    "bin": (litter_bin, 0.4),
+    "dustbins": (dustbins, 1.2),
+    "bench": (bench, 1.0),
+    "mailbox": (mailbox, 0.5),
+    "meter": (parking_meter, 0.2),
+    "phone": (phone_booth, 0.6),
+    "bicycle": (bicycle, 0.9),
+    "newspapers": (newspaper_boxes, 0.9),
+    "shelter": (bus_shelter, 2.4),
+    "cafe": (cafe_table, 1.4),
+    "planter": (planter, 0.7),
+    "cone": (traffic_cone, 0.25),
+    "barrier": (barrier, 1.0),
+}
+"""What may stand on a pavement: how it is made, and the radius it needs, metres."""
