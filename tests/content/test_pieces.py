@@ -29,7 +29,7 @@ def test_boxes_enclose_their_volume_with_outward_faces(looks: Looks) -> None:
 
 def test_place_turns_and_scales_a_copy_each(looks: Looks) -> None:
     piece = boxes(np.zeros((1, 3)), np.ones((1, 3)), looks.plain((9, 9, 9)), 1, without=())
-    two = place(piece, np.array([(10, 0, 0), (0, 5, 0)]), np.array([0, 90]), np.array([(2, 1, 1), (2, 1, 1)]))
+    two = place(piece, [(10, 0, 0), (0, 5, 0)], [0, 90], [(2, 1, 1), (2, 1, 1)])
     first, second = two.vertices[:24], two.vertices[24:]
     assert np.ptp(first, axis=0) == pytest.approx([2, 1, 1])
     assert np.ptp(second, axis=0) == pytest.approx([1, 2, 1])
@@ -39,7 +39,7 @@ def test_place_turns_and_scales_a_copy_each(looks: Looks) -> None:
 
 
 def test_bars_have_their_length_and_thickness(looks: Looks) -> None:
-    piece = bars(np.array([(0, 0, 0)]), np.array([(0, 3, 4)]), 0.2, looks.plain((9, 9, 9)), 1)
+    piece = bars((0, 0, 0), (0, 3, 4), 0.2, looks.plain((9, 9, 9)), 1)
     middle = piece.vertices[piece.faces].mean(axis=1) - [0, 1.5, 2]
     assert (np.einsum("ij,ij->i", middle, piece.normals[piece.faces[:, 0]]) > 0).all()  # its sides face out
     corners = piece.vertices[piece.faces]
@@ -49,10 +49,10 @@ def test_bars_have_their_length_and_thickness(looks: Looks) -> None:
 
 def test_walls_and_floors_keep_the_texture_to_scale(looks: Looks) -> None:
     skin = looks.add(Material("w", np.zeros((8, 8, 3), np.uint8)), (2.0, 4.0))
-    wall = wall_quads(np.array([(1, 0, 3, 4)]), 0.0, skin, 1)
+    wall = wall_quads((1, 0, 3, 4), 0.0, skin, 1)
     assert np.ptp(wall.uv, axis=0) == pytest.approx([1, 1])
     assert wall.normals[0] == pytest.approx([0, -1, 0])
-    floor = floor_quads(np.array([(0, 0, 4, 4)]), 1.0, skin, 1)
+    floor = floor_quads((0, 0, 4, 4), 1.0, skin, 1)
     assert np.ptp(floor.uv, axis=0) == pytest.approx([2, 1])
     assert floor.normals[0] == pytest.approx([0, 0, 1])
 
@@ -61,7 +61,7 @@ def test_quads_without_area_are_left_out(looks: Looks) -> None:
     flat = np.zeros((1, 4, 3))
     real = np.array([[(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]], float)
     assert len(quads(np.concatenate([flat, real]), looks.plain((1, 2, 3)), 1).faces) == 2
-    assert len(merge([]).faces) == 0
+    assert len(merge().faces) == 0
 
 
 def test_cross_is_numpys() -> None:

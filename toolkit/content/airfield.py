@@ -7,7 +7,7 @@ import numpy as np
 from toolkit.content.grassland import HORIZON_M, hills, tree_line, windsock
 from toolkit.content.grounds import MARK_M, WHITE_PAINT, YELLOW_PAINT, concrete_apron, grass, junction
 from toolkit.content.large_vehicles import lorry, van
-from toolkit.content.modelling import Colour, revolve
+from toolkit.content.modelling import Colour
 from toolkit.content.monuments import flag
 from toolkit.content.paint import Canvas, fractal, hex_name
 from toolkit.content.pieces import (
@@ -23,7 +23,7 @@ from toolkit.content.pieces import (
     place,
     polygon,
     quads,
-    solid,
+    revolved,
 )
 from toolkit.content.roofs import landing_pad
 from toolkit.content.signs import board, sheet
@@ -47,11 +47,9 @@ def build_apron(seed: int = 0) -> World:
     core = np.array([(-130.0, -75.0), (130.0, 75.0)])
     stands = np.array([-84.0, -28.0, 28.0, 84.0])
     pieces = [
-        floor_quads(np.array([(-130, -75, 130, 75)]), 0.0, concrete, SceneClass.GROUND),
+        floor_quads((-130, -75, 130, 75), 0.0, concrete, SceneClass.GROUND),
         surround(core, HORIZON_M, grass(looks), SceneClass.GRASS, (0.0, 60.0, 300.0)),
-        floor_quads(
-            np.array([(-600, -190, 600, -145), (-130, -145, -105, -75.0)]), 0.01, junction(looks), SceneClass.ROAD
-        ),
+        floor_quads([(-600, -190, 600, -145), (-130, -145, -105, -75.0)], 0.01, junction(looks), SceneClass.ROAD),
         _marks(looks, stands),
         _runway_marks(looks),
         _stand_numbers(looks, stands),
@@ -70,7 +68,7 @@ def build_apron(seed: int = 0) -> World:
     spots.append(Spot("verge", "grass", (0.0, -110.0, 0.0), 20.0, 0.0, "ground"))
     pad = Spot("pad", "apron", (112.0, 20.0, 0.25), 6.8, 0.0, "ground")
     pieces.append(landing_pad(7.0, looks).moved(112, 20, 0))
-    mesh, face_class = mesh_of(merge(pieces), looks)
+    mesh, face_class = mesh_of(merge(*pieces), looks)
     return World("apron", seed, mesh, face_class, (*spots, pad), np.array(solids), core, (pad,))
 
 
@@ -87,8 +85,7 @@ def _stripe(looks: Looks, points: list[tuple[float, float]], width: float, colou
 
 def _worn_paint(looks: Looks, colour: Colour) -> Skin:
     name = f"paint-{hex_name(colour)}"
-    found = looks.known(name)
-    if found:
+    if found := looks.known(name):
         return found
     rng, shape = looks.rng(name), (128, 128)
     worn = np.clip(0.85 + 0.3 * fractal(rng, shape, 8, 4), 0.15, 1)[..., None]
@@ -110,7 +107,7 @@ def _marks(looks: Looks, stands: np.ndarray) -> Piece:
     pieces.append(
         _stripe(looks, [(-128, -73.5), (128, -73.5), (128, 73.5), (-128, 73.5), (-128, -73.5)], 0.3, YELLOW_PAINT)
     )
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def _runway_marks(looks: Looks) -> Piece:
@@ -132,10 +129,8 @@ def _stand_numbers(looks: Looks, stands: np.ndarray) -> Piece:
         canvas = Canvas(3, 3, 64, (30, 30, 32))
         canvas.text(1.5, 1.5, f"A{k + 1}", 2.3, YELLOW_PAINT, fit_m=2.6)
         skin = looks.known(f"stand-{k}") or sheet(f"stand-{k}", looks, canvas)
-        pieces.append(
-            floor_quads(np.array([(x + 1.2, -30.0, x + 4.2, -27.0)]), MARK_M, skin, SceneClass.GROUND, fit=True)
-        )
-    return merge(pieces)
+        pieces.append(floor_quads((x + 1.2, -30.0, x + 4.2, -27.0), MARK_M, skin, SceneClass.GROUND, fit=True))
+    return merge(*pieces)
 
 
 def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Colour, number: int) -> Piece:
@@ -144,14 +139,7 @@ def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Col
     eaves, half = 8.0, width / 2
     angle = np.linspace(0, np.pi, 15)
     arch = np.column_stack([half * np.cos(angle), eaves + (height - eaves) * np.sin(angle)])
-    front = np.concatenate(
-        [
-            [
-                (half, eaves),
-            ],
-            arch[1:],
-        ]
-    )
+    front = np.concatenate([[(half, eaves)], arch[1:]])
     ridge = np.column_stack([arch[:, 0], np.zeros(15), arch[:, 1]])
     bow = np.stack([ridge[:-1], ridge[:-1] + [0, depth, 0], ridge[1:] + [0, depth, 0], ridge[1:]], 1)
     canvas = Canvas(6, 3, 48, colour)
@@ -165,31 +153,20 @@ def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Col
     glass = looks.plain((96, 116, 128), "gloss")
     dark = looks.plain((36, 38, 40), "matte")
     back = place(
-        merge(
-            [boxes(np.array([(-half, -0.02, 0)]), np.array([(half, 0, eaves)]), skin, B), polygon(front, 0.0, skin, B)]
-        ),
-        np.array([(0, depth, 0.0)]),
-        180.0,
+        merge(boxes((-half, -0.02, 0), (half, 0, eaves), skin, B), polygon(front, 0.0, skin, B)), (0, depth, 0.0), 180.0
     )
     return merge(
-        [
-            boxes(low, high, skin, B),
-            boxes(low * [1, 1, 0] + [0.4, -0.03, 4.6], high * [1, 0, 0] + low * [0, 1, 0] + [-0.4, 0, 5.9], glass, B),
-            box((-half, half), (-0.4, 0.0), (7.2, 8.0), looks.plain((210, 208, 200)), B),
-            polygon(front, 0.0, skin, B),
-            back,
-            boxes(
-                np.array([(-half, 0, 0), (half - 0.3, 0, 0)]),
-                np.array([(-half + 0.3, depth, eaves), (half, depth, eaves)]),
-                skin,
-                B,
-            ),
-            quads(bow, roof, SceneClass.ROOF),
-            quads(bow[:, ::-1] - [0, 0, 0.1], dark, SceneClass.ROOF),
-            floor_quads(np.array([(-half, 0, half, depth)]), 0.02, dark, SceneClass.GROUND),
-            box((-half + 1.0, half - 1.0), (0.5, 0.6), (0, 7.2), dark, B),
-            board(6, 3, name, SceneClass.SIGN, 0.0, both=False).moved(0, -0.05, eaves + 2.2),
-        ]
+        boxes(low, high, skin, B),
+        boxes(low * [1, 1, 0] + [0.4, -0.03, 4.6], high * [1, 0, 0] + low * [0, 1, 0] + [-0.4, 0, 5.9], glass, B),
+        box((-half, half), (-0.4, 0.0), (7.2, 8.0), looks.plain((210, 208, 200)), B),
+        polygon(front, 0.0, skin, B),
+        back,
+        boxes([(-half, 0, 0), (half - 0.3, 0, 0)], [(-half + 0.3, depth, eaves), (half, depth, eaves)], skin, B),
+        quads(bow, roof, SceneClass.ROOF),
+        quads(bow[:, ::-1] - [0, 0, 0.1], dark, SceneClass.ROOF),
+        floor_quads((-half, 0, half, depth), 0.02, dark, SceneClass.GROUND),
+        box((-half + 1.0, half - 1.0), (0.5, 0.6), (0, 7.2), dark, B),
+        board(6, 3, name, SceneClass.SIGN, 0.0, both=False).moved(0, -0.05, eaves + 2.2),
     )
 
 
@@ -217,18 +194,16 @@ def _control_tower(looks: Looks) -> Piece:
     words = looks.known("airfield") or sheet("airfield", looks, canvas, 0.8)
     rng = looks.rng("tower")
     return merge(
-        [
-            boxes(np.array([(-3, -3, 0)]), np.array([(3, 3, 19.0)]), white, B),
-            solid([revolve([(3.0, 18.6), (4.2, 19.2), (4.2, 20.0), (3.6, 20.0)], 16)], looks.plain((206, 204, 198)), B),
-            quads(cab, glass, B, pane_uv(rng, 8)),
-            bars(low[0], high[0], 0.16, frame, B),
-            solid([revolve([(4.4, 23.4), (4.9, 23.5), (4.9, 24.0), (0.01, 24.6)], 16)], looks.plain((210, 60, 44)), B),
-            bars(np.array([(0, 0, 24.4), (1, 1, 24.3)]), np.array([(0, 0, 30.0), (1, 1, 27.0)]), 0.1, frame, F),
-            boxes(np.array([(-12, -8, 0)]), np.array([(12, 8, 7)]), white, B),
-            quads(face, glass, B, pane_uv(rng, 12)),
-            box((-12.3, 12.3), (-8.5, 8.3), (7.0, 7.4), green, B),
-            board(10, 1.4, words, SceneClass.SIGN, 0.0, both=False).moved(0, -8.56, 6.5),
-        ]
+        boxes((-3, -3, 0), (3, 3, 19.0), white, B),
+        revolved([(3.0, 18.6), (4.2, 19.2), (4.2, 20.0), (3.6, 20.0)], 16, looks.plain((206, 204, 198)), B),
+        quads(cab, glass, B, pane_uv(rng, 8)),
+        bars(low[0], high[0], 0.16, frame, B),
+        revolved([(4.4, 23.4), (4.9, 23.5), (4.9, 24.0), (0.01, 24.6)], 16, looks.plain((210, 60, 44)), B),
+        bars([(0, 0, 24.4), (1, 1, 24.3)], [(0, 0, 30.0), (1, 1, 27.0)], 0.1, frame, F),
+        boxes((-12, -8, 0), (12, 8, 7), white, B),
+        quads(face, glass, B, pane_uv(rng, 12)),
+        box((-12.3, 12.3), (-8.5, 8.3), (7.0, 7.4), green, B),
+        board(10, 1.4, words, SceneClass.SIGN, 0.0, both=False).moved(0, -8.56, 6.5),
     )
 
 
@@ -252,15 +227,15 @@ def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) ->
         (parked.piece, (82, 52), 90.0),
         (fuel.piece, (118, -30), 0.0),
     ]
-    pieces = [place(piece, np.array([(*at, 0.0)]), yaw) for piece, at, yaw in placed]
+    pieces = [place(piece, (*at, 0.0), yaw) for piece, at, yaw in placed]
     cones = np.array([(x + dx, dy, 0.0) for x in stands for dx, dy in ((-17, -9), (17, -9), (-17, 25), (17, 25))])
     pieces.append(place(traffic_cone(looks), cones))
-    pieces.append(place(barrier(looks), np.array([(x + 21.5, 30.0, 0.0) for x in stands])))
+    pieces.append(place(barrier(looks), [(x + 21.5, 30.0, 0.0) for x in stands]))
     steel, lamp = looks.plain((150, 154, 156)), looks.plain((255, 250, 230), "lamp")
     for x in (-112.0, -56.0, 0.0, 56.0, 112.0):
         heads = np.array([(x + dx, 44.0, 17.6) for dx in (-1.5, -0.5, 0.5, 1.5)])
         pieces += [
-            bars(np.array([(x, 44.6, 0)]), np.array([(x, 44.6, 18.0)]), 0.3, steel, F),
+            bars((x, 44.6, 0), (x, 44.6, 18.0), 0.3, steel, F),
             boxes(heads - [0.35, 0.15, 0.3], heads + [0.35, 0.3, 0.3], steel, F, ()),
             boxes(heads - [0.3, 0.17, 0.25], heads + [0.3, -0.15, 0.25], lamp, F, ()),
         ]
@@ -284,11 +259,9 @@ def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) ->
     ]
     posts = np.array([(x, -76.0, 0) for x in np.arange(-100.0, 131.0, 5.0)])
     pieces.append(bars(posts, posts + [0, 0, 0.5], 0.25, looks.plain((226, 120, 30)), F))
-    pieces += [place(flag(looks, k), np.array([(80.0 + 4 * k, 58.0, 0)])) for k in range(3)]
+    pieces += [place(flag(looks, k), (80.0 + 4 * k, 58.0, 0)) for k in range(3)]
     return merge(
-        [
-            *pieces,
-            place(shrub(looks, 0), np.array([(84.0 + 3 * k, 60.5, 0) for k in range(7)])),
-            windsock(looks).moved(-120, -90, 0),
-        ]
+        *pieces,
+        place(shrub(looks, 0), [(84.0 + 3 * k, 60.5, 0) for k in range(7)]),
+        windsock(looks).moved(-120, -90, 0),
     )

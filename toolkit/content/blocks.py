@@ -42,7 +42,7 @@ class Filling:
 
     def add(self, house: House, x: float, y: float, yaw: float = 0.0) -> None:
         """Put a house with its lower left corner, or turned by 180 its upper right one, at a point of the ground."""
-        self.pieces.append(place(house.piece, np.array([(x, y, KERB_M)]), yaw))
+        self.pieces.append(place(house.piece, (x, y, KERB_M), yaw))
         sign = -1 if yaw == 180 else 1
         boxes = house.solids * np.tile([sign, sign, 1], 2) + np.tile([x, y, KERB_M], 2)
         self.solids.append(
@@ -146,7 +146,7 @@ def _fill_yard(area: Area, filling: Filling, rng: np.random.Generator) -> None:
         kind = rng.random()
         if kind < 0.3:
             vehicle = filling.fleet.private[int(rng.integers(len(filling.fleet.private)))]
-            filling.pieces.append(place(vehicle.piece, np.array([(px, py, KERB_M)]), 90.0))
+            filling.pieces.append(place(vehicle.piece, (px, py, KERB_M), 90.0))
         elif kind < 0.42:
             standing.setdefault(f"tree:{rng.integers(4)}", []).append((px, py, KERB_M, rng.uniform(0, 360)))
         elif kind < 0.5:
@@ -228,8 +228,8 @@ def _square(area: Area, filling: Filling) -> None:
     filling.spots.append(Spot("square", "square", (cx, cy, KERB_M), round(radius, 2), 0.0, "ground"))
     left, right = cx - radius - 6.5, cx + radius + 6.5
     if left - 4.5 > x:
-        filling.pieces.append(place(fountain(looks), np.array([(left, cy, KERB_M)])))
-        filling.pieces.append(place(monument(looks), np.array([(right, cy, KERB_M)])))
+        filling.pieces.append(place(fountain(looks), (left, cy, KERB_M)))
+        filling.pieces.append(place(monument(looks), (right, cy, KERB_M)))
     standing: Standing = {}
     for k, px in enumerate(np.arange(x + 3, x + width - 2, 7.0)):
         for py, yaw in ((y + 2.6, 180.0), (y + depth - 2.6, 0.0)):
@@ -255,7 +255,7 @@ def _park(area: Area, filling: Filling, rng: np.random.Generator) -> None:
         (cx + radius + 1.2, y, cx + radius + 3.2, y + depth),
     ]
     for k, rect in enumerate(paths):
-        filling.pieces.append(floor_quads(np.array([rect]), KERB_M + 0.008 + 0.004 * k, gravel, SceneClass.PAVEMENT))
+        filling.pieces.append(floor_quads([rect], KERB_M + 0.008 + 0.004 * k, gravel, SceneClass.PAVEMENT))
     standing: Standing = {}
     for k in range(10):
         angle = 2 * np.pi * k / 10

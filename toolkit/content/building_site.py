@@ -4,16 +4,7 @@ import numpy as np
 
 from toolkit.content.buildings import House
 from toolkit.content.paint import Canvas
-from toolkit.content.pieces import (
-    Looks,
-    Piece,
-    bars,
-    box,
-    boxes,
-    merge,
-    place,
-    wall_quads,
-)
+from toolkit.content.pieces import Looks, Piece, bars, box, boxes, merge, place, wall_quads
 from toolkit.content.walls import wall
 from toolkit.objects.mesh import Material
 from toolkit.worlds.classes import SceneClass
@@ -53,7 +44,7 @@ def building_site(width: float, depth: float, looks: Looks, rng: np.random.Gener
     frame = np.array(
         [[x0, y0, level - 0.3, x1 if k < floors - 1 else (x0 + x1) / 2, y1, level] for k, level in enumerate(z)]
     )
-    return House(merge(pieces), frame)
+    return House(merge(*pieces), frame)
 
 
 def _hoarding(width: float, depth: float, looks: Looks) -> Piece:
@@ -84,14 +75,10 @@ def _hoarding(width: float, depth: float, looks: Looks) -> Piece:
         (width, depth, width, 180.0),
         (0, depth, depth, 270.0),
     ):
-        face = wall_quads(np.array([(0.0, 0.0, span, 2.4)]), 0.0, skin, B)
-        back = (
-            wall_quads(np.array([(-span, 0.0, 0.0, 2.4)]), 0.0, looks.plain((150, 120, 84)), B)
-            .turned(180)
-            .moved(0, 0.06, 0)
-        )
-        pieces.append(place(merge([face, back]), np.array([(x, y, 0.0)]), yaw))
-    return merge(pieces)
+        face = wall_quads((0.0, 0.0, span, 2.4), 0.0, skin, B)
+        back = wall_quads((-span, 0.0, 0.0, 2.4), 0.0, looks.plain((150, 120, 84)), B).turned(180).moved(0, 0.06, 0)
+        pieces.append(place(merge(face, back), (x, y, 0.0), yaw))
+    return merge(*pieces)
 
 
 def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
@@ -120,32 +107,24 @@ def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
     ties = np.array([(apex, (jib * 0.62, 0, top + 1.5)), (apex, (-11.0, 0, top)), (apex, (jib * 0.3, 0, top + 1.5))])
     hook = np.array([jib * 0.7, 0, top])
     return merge(
-        [
-            bars(legs, legs + [0, 0, height], 0.2, yellow, F),
-            bars(lattice[:, 0], lattice[:, 1], 0.09, yellow, F),
-            bars(
-                np.stack([line[0] for line in (ridge, left, right)]),
-                np.stack([line[-1] for line in (ridge, left, right)]),
-                0.16,
-                yellow,
-                F,
-            ),
-            bars(truss[:, 0], truss[:, 1], 0.08, yellow, F),
-            bars(ties[:, 0], ties[:, 1], 0.08, grey, F),
-            bars(np.array([(-half, 0, top), (half, 0, top)]), np.array([apex, apex]), 0.22, yellow, F),
-            bars(
-                np.array([(-12.0, -0.7, top), (-12.0, 0.7, top)]),
-                np.array([(0, -0.7, top), (0, 0.7, top)]),
-                0.22,
-                yellow,
-                F,
-            ),
-            box((-12.0, -9.0), (-0.9, 0.9), (top - 1.6, top + 0.8), grey, F),
-            box((-1.1, 1.1), (-1.1, 1.1), (height - 0.2, top), grey, F),
-            box((0.9, 2.5), (0.9, 2.2), (top - 1.9, top + 0.3), looks.plain((236, 236, 232)), F),
-            box((2.5, 2.53), (1.0, 2.1), (top - 1.2, top + 0.1), looks.plain((60, 84, 100), "gloss"), F),
-            bars(hook[None], hook[None] - [0, 0, 14], 0.05, looks.plain((30, 30, 32)), F),
-            box((hook[0] - 0.3, hook[0] + 0.3), (-0.2, 0.2), (top - 15, top - 14), yellow, F),
-            box((-1.6, 1.6), (-1.6, 1.6), (0, 0.5), grey, F),
-        ]
+        bars(legs, legs + [0, 0, height], 0.2, yellow, F),
+        bars(lattice[:, 0], lattice[:, 1], 0.09, yellow, F),
+        bars(
+            np.stack([line[0] for line in (ridge, left, right)]),
+            np.stack([line[-1] for line in (ridge, left, right)]),
+            0.16,
+            yellow,
+            F,
+        ),
+        bars(truss[:, 0], truss[:, 1], 0.08, yellow, F),
+        bars(ties[:, 0], ties[:, 1], 0.08, grey, F),
+        bars([(-half, 0, top), (half, 0, top)], [apex, apex], 0.22, yellow, F),
+        bars([(-12.0, -0.7, top), (-12.0, 0.7, top)], [(0, -0.7, top), (0, 0.7, top)], 0.22, yellow, F),
+        box((-12.0, -9.0), (-0.9, 0.9), (top - 1.6, top + 0.8), grey, F),
+        box((-1.1, 1.1), (-1.1, 1.1), (height - 0.2, top), grey, F),
+        box((0.9, 2.5), (0.9, 2.2), (top - 1.9, top + 0.3), looks.plain((236, 236, 232)), F),
+        box((2.5, 2.53), (1.0, 2.1), (top - 1.2, top + 0.1), looks.plain((60, 84, 100), "gloss"), F),
+        bars(hook[None], hook[None] - [0, 0, 14], 0.05, looks.plain((30, 30, 32)), F),
+        box((hook[0] - 0.3, hook[0] + 0.3), (-0.2, 0.2), (top - 15, top - 14), yellow, F),
+        box((-1.6, 1.6), (-1.6, 1.6), (0, 0.5), grey, F),
     )

@@ -55,8 +55,8 @@ def _sides(lot: Lot, make: Callable[[str, float], Piece]) -> Piece:
     pieces = []
     for k, side in enumerate(SIDES):
         width = lot.width if side in ("front", "back") else lot.depth
-        pieces.append(place(make(side, width), np.array([[*at[side], 0.0]]), 90.0 * k))
-    return merge(pieces)
+        pieces.append(place(make(side, width), [*at[side], 0.0], 90.0 * k))
+    return merge(*pieces)
 
 
 def _pick(options: tuple, rng: np.random.Generator):  # type: ignore[no-untyped-def, type-arg]
@@ -71,26 +71,18 @@ def _finish(
     roof = flat_roof(Roof(lot.width, lot.depth, height), *skins, looks, rng, pad_radius=pad_radius)
     solid = np.array([[0, 0, 0, lot.width, lot.depth, height]], float)
     pad = (lot.width / 2, lot.depth / 2, height + 0.25, pad_radius) if lot.pad else None
-    return House(merge([walls, roof]), solid, pad)
+    return House(merge(walls, roof), solid, pad)
 
 
 def _party_wall(width: float, height: float, skin: Skin, looks: Looks, rng: np.random.Generator) -> Piece:
     """A blank wall to the neighbour, sometimes with an advertisement painted high up on it."""
-    bare = wall_quads(np.array([(0, 0, width, height)]), 0.0, skin, BUILDING)
+    bare = wall_quads((0, 0, width, height), 0.0, skin, BUILDING)
     if width < 11 or height < 11 or rng.random() > 0.45:
         return bare
     picture, middle = billboard_skin(int(rng.integers(6)), looks), width / 2
     return merge(
-        [
-            bare,
-            wall_quads(
-                np.array([(middle - 4.6, height - 6.0, middle + 4.6, height - 1.2)]),
-                -0.02,
-                picture,
-                SceneClass.SIGN,
-                fit=True,
-            ),
-        ]
+        bare,
+        wall_quads((middle - 4.6, height - 6.0, middle + 4.6, height - 1.2), -0.02, picture, SceneClass.SIGN, fit=True),
     )
 
 
@@ -100,33 +92,27 @@ def _entrance(x: float, looks: Looks, trim: Skin, rng: np.random.Generator) -> P
     steps = np.array([(x - 0.9 - 0.1 * k, -1.2 + 0.3 * k - 0.12, 0.17 * k) for k in range(3)])
     tops = np.array([(x + 0.9 + 0.1 * k, 0.0, 0.17 * (k + 1)) for k in range(3)])
     return merge(
-        [
-            boxes(steps, tops, trim, BUILDING, without=("bottom", "back")),
-            boxes(
-                np.array([(x - 0.85, -0.2, 0.5), (x + 0.6, -0.2, 0.5), (x - 0.95, -0.3, 2.9)]),
-                np.array([(x - 0.6, 0, 2.9), (x + 0.85, 0, 2.9), (x + 0.95, 0, 3.2)]),
-                trim,
-                BUILDING,
-                ("back",),
-            ),
-            wall_quads(np.array([(x - 0.6, 0.5, x + 0.6, 2.5)]), -0.03, wood, BUILDING),
-            wall_quads(
-                np.array([(x - 0.6, 2.5, x + 0.6, 2.9)]), -0.03, looks.plain((150, 168, 176), "gloss"), BUILDING
-            ),
-            wall_quads(
-                np.array(
-                    [
-                        (x - 0.45, 0.65, x - 0.08, 1.4),
-                        (x + 0.08, 0.65, x + 0.45, 1.4),
-                        (x - 0.45, 1.55, x - 0.08, 2.35),
-                        (x + 0.08, 1.55, x + 0.45, 2.35),
-                    ]
-                ),
-                -0.04,
-                looks.plain((60, 44, 34), "gloss"),
-                BUILDING,
-            ),
-        ]
+        boxes(steps, tops, trim, BUILDING, without=("bottom", "back")),
+        boxes(
+            [(x - 0.85, -0.2, 0.5), (x + 0.6, -0.2, 0.5), (x - 0.95, -0.3, 2.9)],
+            [(x - 0.6, 0, 2.9), (x + 0.85, 0, 2.9), (x + 0.95, 0, 3.2)],
+            trim,
+            BUILDING,
+            ("back",),
+        ),
+        wall_quads((x - 0.6, 0.5, x + 0.6, 2.5), -0.03, wood, BUILDING),
+        wall_quads((x - 0.6, 2.5, x + 0.6, 2.9), -0.03, looks.plain((150, 168, 176), "gloss"), BUILDING),
+        wall_quads(
+            [
+                (x - 0.45, 0.65, x - 0.08, 1.4),
+                (x + 0.08, 0.65, x + 0.45, 1.4),
+                (x - 0.45, 1.55, x - 0.08, 2.35),
+                (x + 0.08, 1.55, x + 0.45, 2.35),
+            ],
+            -0.04,
+            looks.plain((60, 44, 34), "gloss"),
+            BUILDING,
+        ),
     )
 
 
@@ -231,18 +217,18 @@ def _apartments(
         plain = side not in lot.streets
         skin = style.wall
         pieces = [windowed_wall(style, width, looks, rng, z0=ground, floors=floors, plain=plain)]
-        pieces.append(wall_quads(np.array([(0, height - 0.35, width, height)]), 0.0, skin, BUILDING))
+        pieces.append(wall_quads((0, height - 0.35, width, height), 0.0, skin, BUILDING))
         if shops and not plain:
             pieces.append(shop_row(width, looks, rng, style.wall))
         else:
             base = 0.0 if plain else ground
-            pieces.append(wall_quads(np.array([(0, 0, width, ground)]), 0.0, plinth if base else skin, BUILDING))
+            pieces.append(wall_quads((0, 0, width, ground), 0.0, plinth if base else skin, BUILDING))
         if not shops and not plain and width > 5:
             edges = bay_edges(width, style.bay_m)
             pieces.append(_entrance(float(edges[len(edges) // 2]), looks, style.trim, rng))
         if crown and not plain:
             pieces.append(cornice(width, height, style.trim, out, dentils=rng.random() < 0.7, ends=False))
-        return merge(pieces)
+        return merge(*pieces)
 
     return _finish(lot, _sides(lot, make), height, (style.wall, style.trim), looks, rng)
 
@@ -278,10 +264,10 @@ def glass_office(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
                 if rng.random() < 0.35
                 else _lobby(width, lobby, panes, metal, stone, rng)
             )
-            pieces.append(wall_quads(np.array([(0, SHOP_FLOOR_M, width, lobby)]), -0.02, metal, BUILDING))
+            pieces.append(wall_quads((0, SHOP_FLOOR_M, width, lobby), -0.02, metal, BUILDING))
         else:
-            pieces.append(wall_quads(np.array([(0, 0, width, lobby)]), 0.0, stone, BUILDING))
-        return merge(pieces)
+            pieces.append(wall_quads((0, 0, width, lobby), 0.0, stone, BUILDING))
+        return merge(*pieces)
 
     return _finish(lot, _sides(lot, make), height, (spandrel, metal), looks, rng)
 
@@ -297,14 +283,12 @@ def _lobby(width: float, height: float, panes: Skin, metal: Skin, stone: Skin, r
     low = np.stack([np.clip(edges - 0.3, 0, width - 0.6), np.zeros(count + 1), np.zeros(count + 1)], 1)
     ceiling = np.array([[(0, back, height), (0, 0, height), (width, 0, height), (width, back, height)]])[:, ::-1]
     middle = width / 2
-    canopy = boxes(np.array([[middle - 2.2, -1.8, 3.0]]), np.array([[middle + 2.2, back, 3.25]]), metal, BUILDING, ())
+    canopy = boxes([middle - 2.2, -1.8, 3.0], [middle + 2.2, back, 3.25], metal, BUILDING, ())
     return merge(
-        [
-            quads(face, panes, BUILDING, pane_uv(rng, count)),
-            boxes(low, low + [0.6, back, height], stone, BUILDING, without=("bottom", "top")),
-            quads(ceiling, metal, BUILDING),
-            canopy,
-        ]
+        quads(face, panes, BUILDING, pane_uv(rng, count)),
+        boxes(low, low + [0.6, back, height], stone, BUILDING, without=("bottom", "top")),
+        quads(ceiling, metal, BUILDING),
+        canopy,
     )
 
 

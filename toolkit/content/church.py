@@ -3,7 +3,6 @@
 import numpy as np
 
 from toolkit.content.buildings import House
-from toolkit.content.modelling import revolve
 from toolkit.content.paint import Canvas
 from toolkit.content.pieces import (
     Looks,
@@ -16,7 +15,7 @@ from toolkit.content.pieces import (
     place,
     polygon,
     quads,
-    solid,
+    revolved,
     wall_quads,
 )
 from toolkit.content.signs import sheet
@@ -39,8 +38,7 @@ def pointed_arch(x: float, z0: float, z1: float, width: float) -> np.ndarray:
 
 def stained_glass(looks: Looks) -> Skin:
     """Leaded panes of many colours."""
-    found = looks.known("stained")
-    if found:
+    if found := looks.known("stained"):
         return found
     rng = looks.rng("stained")
     canvas = Canvas(1, 3, 96, (20, 20, 24))
@@ -60,7 +58,7 @@ def _lancets(at: np.ndarray, z: tuple[float, float], width: float, trim: Skin, l
     for x in at:
         pieces.append(polygon(pointed_arch(x, z[0] - 0.25, z[1] + 0.35, width + 0.5), -0.05, trim, B))
         pieces.append(polygon(pointed_arch(x, *z, width), -0.07, stained_glass(looks), B, fit=True))
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def church(looks: Looks) -> House:
@@ -70,11 +68,9 @@ def church(looks: Looks) -> House:
     x0, x1, y0, y1, eaves, ridge = 1.5, 14.5, 5.0, 38.0, 9.5, 17.5
     length = y1 - y0
     side = merge(
-        [
-            wall_quads(np.array([(0, 0, length, eaves)]), 0.0, stone, B),
-            _lancets(np.arange(3.0, length - 2, 5.2), (2.6, 7.2), 1.5, trim, looks),
-            *(_buttress(x, trim, eaves) for x in np.arange(0.5, length, 5.2)),
-        ]
+        wall_quads((0, 0, length, eaves), 0.0, stone, B),
+        _lancets(np.arange(3.0, length - 2, 5.2), (2.6, 7.2), 1.5, trim, looks),
+        *(_buttress(x, trim, eaves) for x in np.arange(0.5, length, 5.2)),
     )
     middle = (x0 + x1) / 2
     gable = np.array([(x0, 0), (x1, 0), (x1, eaves), (middle, ridge), (x0, eaves)])
@@ -98,15 +94,12 @@ def church(looks: Looks) -> House:
         for slope in slopes
     ]
     east = merge(
-        [
-            polygon(gable[::1] - [middle, 0], 0.0, stone, B),
-            _lancets(np.array([-3.4, 0, 3.4]), (3, 8.5), 1.8, trim, looks),
-        ]
+        polygon(gable[::1] - [middle, 0], 0.0, stone, B), _lancets(np.array([-3.4, 0, 3.4]), (3, 8.5), 1.8, trim, looks)
     )
     pieces = [
-        place(side, np.array([(x0, y1, 0.0), (x1, y0, 0.0)]), np.array([270.0, 90.0])),
+        place(side, [(x0, y1, 0.0), (x1, y0, 0.0)], [270.0, 90.0]),
         polygon(gable, y0, stone, B),
-        place(east, np.array([(middle, y1, 0.0)]), 180.0),
+        place(east, (middle, y1, 0.0), 180.0),
         quads(np.array(slopes, float), slate, R),
         quads(np.array(slopes, float)[:, ::-1] - [0, 0, 0.06], trim, R),
         _tower(looks, stone, trim).moved(middle, 3.2, 0),
@@ -117,7 +110,7 @@ def church(looks: Looks) -> House:
         inset = (x1 - x0) / 2 * share
         solids.append([x0 + inset, y0, eaves, x1 - inset, y1, eaves + (ridge - eaves) * share])
     solids.append([middle - 3.2, 0, 0, middle + 3.2, 6.4, 22.0])
-    return House(merge(pieces), np.array(solids, float))
+    return House(merge(*pieces), np.array(solids, float))
 
 
 def _buttress(x: float, skin: Skin, eaves: float) -> Piece:
@@ -134,50 +127,48 @@ def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     clock = _clock(looks)
     bell = [polygon(pointed_arch(x, 17.6, 20.8, 1.1), -0.05, dark, B) for x in (-1.1, 1.1)]
     louvre = [
-        bars(np.array([(x - 0.5, -0.06, z)]), np.array([(x + 0.5, -0.06, z)]), 0.09, trim, B)
+        bars((x - 0.5, -0.06, z), (x + 0.5, -0.06, z), 0.09, trim, B)
         for x in (-1.1, 1.1)
         for z in np.arange(17.8, 20.2, 0.35)
     ]
     face = merge(
-        [
-            wall_quads(np.array([(-half, 0, half, top)]), 0.0, stone, B),
-            *bell,
-            *louvre,
-            polygon(circle * 1.15 + [0, 15.6], -0.06, trim, B),
-            polygon(circle * 0.98 + [0, 15.6], -0.08, clock, SIGN, fit=True),
-            boxes(
-                np.array([(-half, -0.2, z) for z in (6.6, 13.6, 16.8)]),
-                np.array([(half, 0, z + 0.3) for z in (6.6, 13.6, 16.8)]),
-                trim,
-                B,
-                ("back",),
-            ),
-            boxes(
-                np.array([(-half - 0.4, -0.4, 0), (half - 0.6, -0.4, 0)]),
-                np.array([(-half + 0.6, 0, 15), (half + 0.4, 0, 15)]),
-                trim,
-                B,
-                ("back", "bottom"),
-            ),
-        ]
+        wall_quads((-half, 0, half, top), 0.0, stone, B),
+        *bell,
+        *louvre,
+        polygon(circle * 1.15 + [0, 15.6], -0.06, trim, B),
+        polygon(circle * 0.98 + [0, 15.6], -0.08, clock, SIGN, fit=True),
+        boxes(
+            [(-half, -0.2, z) for z in (6.6, 13.6, 16.8)],
+            [(half, 0, z + 0.3) for z in (6.6, 13.6, 16.8)],
+            trim,
+            B,
+            ("back",),
+        ),
+        boxes(
+            [(-half - 0.4, -0.4, 0), (half - 0.6, -0.4, 0)],
+            [(-half + 0.6, 0, 15), (half + 0.4, 0, 15)],
+            trim,
+            B,
+            ("back", "bottom"),
+        ),
     )
     front = _west_front(looks, trim)
     ring = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
     yaws = np.array([0.0, 90.0, 180.0, 270.0])
     at = np.array([(0, -half, 0), (half, 0, 0), (0, half, 0), (-half, 0, 0)], float)
     slate = wall(looks, "tiles", (84, 88, 98))
-    spire = solid([revolve([(half * 1.08, top), (0.06, top + 15.0)], 8, start_deg=22.5)], slate, R, 20)
-    pinnacle = solid([revolve([(0.5, top), (0.5, top + 1.4), (0.62, top + 1.5), (0.02, top + 3.8)], 8)], trim, R, 20)
+    spire = revolved([(half * 1.08, top), (0.06, top + 15.0)], 8, slate, R, 20, start_deg=22.5)
+    pinnacle = revolved([(0.5, top), (0.5, top + 1.4), (0.62, top + 1.5), (0.02, top + 3.8)], 8, trim, R, 20)
     cross = bars(
-        np.array([(0, 0, top + 14.8), (-0.7, 0, top + 16.4)]),
-        np.array([(0, 0, top + 17.2), (0.7, 0, top + 16.4)]),
+        [(0, 0, top + 14.8), (-0.7, 0, top + 16.4)],
+        [(0, 0, top + 17.2), (0.7, 0, top + 16.4)],
         0.16,
         looks.plain((196, 160, 70), "metal"),
         R,
     )
     corners = np.column_stack([ring * 0.92, np.zeros(4)])
-    deck = floor_quads(np.array([(-half, -half, half, half)]), top, trim, R)
-    return merge([place(face, at, yaws), place(front, at[:1]), spire, place(pinnacle, corners), cross, deck])
+    deck = floor_quads((-half, -half, half, half), top, trim, R)
+    return merge(place(face, at, yaws), place(front, at[:1]), spire, place(pinnacle, corners), cross, deck)
 
 
 def _circle() -> np.ndarray:
@@ -205,18 +196,16 @@ def _west_front(looks: Looks, trim: Skin) -> Piece:
     """Door and rose window."""
     circle, dark = _circle(), looks.plain((34, 34, 36), "matte")
     return merge(
-        [
-            polygon(pointed_arch(0, 0.0, 5.4, 3.4), -0.06, trim, B),
-            polygon(pointed_arch(0, 0.0, 4.8, 2.5), -0.1, looks.plain((74, 44, 26)), B),
-            bars(np.array([(0, -0.11, 0)]), np.array([(0, -0.11, 4.6)]), 0.06, dark, B),
-            polygon(circle * 1.9 + [0, 10.2], -0.06, trim, B),
-            polygon(circle * 1.6 + [0, 10.2], -0.09, stained_glass(looks), B, fit=True),
-            bars(
-                np.array([(0, -0.12, 10.2)] * 8),
-                np.column_stack([circle[::3, 0] * 1.6, np.full(8, -0.12), circle[::3, 1] * 1.6 + 10.2]),
-                0.1,
-                trim,
-                B,
-            ),
-        ]
+        polygon(pointed_arch(0, 0.0, 5.4, 3.4), -0.06, trim, B),
+        polygon(pointed_arch(0, 0.0, 4.8, 2.5), -0.1, looks.plain((74, 44, 26)), B),
+        bars((0, -0.11, 0), (0, -0.11, 4.6), 0.06, dark, B),
+        polygon(circle * 1.9 + [0, 10.2], -0.06, trim, B),
+        polygon(circle * 1.6 + [0, 10.2], -0.09, stained_glass(looks), B, fit=True),
+        bars(
+            np.array([(0, -0.12, 10.2)] * 8),
+            np.column_stack([circle[::3, 0] * 1.6, np.full(8, -0.12), circle[::3, 1] * 1.6 + 10.2]),
+            0.1,
+            trim,
+            B,
+        ),
     )

@@ -50,7 +50,7 @@ def build_city(seed: int = 0, blocks: tuple[int, int] = BLOCKS) -> World:
         hang_wires(plan, looks),
         _outskirts(plan, looks, np.random.default_rng([seed, 24])),
     ]
-    mesh, face_class = mesh_of(merge(pieces), looks)
+    mesh, face_class = mesh_of(merge(*pieces), looks)
     return World(
         "city",
         seed,
@@ -123,7 +123,7 @@ def _outskirts(plan: Plan, looks: Looks, rng: np.random.Generator) -> Piece:
     )
     pieces.append(boxes(flat_low, flat_high, pavement(looks), SceneClass.PAVEMENT))
     pieces.append(towers(np.array(lows), np.array(highs), looks, rng))
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def _carry_on(inner: list[tuple[float, float]], low: float, high: float) -> list[tuple[float, float]]:

@@ -98,10 +98,7 @@ def _hinge() -> list[Part]:
     leaf = _smooth([(x + 7, 0, z + 2), (x - 1, 0, z + 4), (x - 4, 0, z + 12), (x - 12, 0, z + 20)], 24)
     thickness = np.interp(np.linspace(0, 1, 24), [0, 0.3, 0.85, 0.96, 1], [2.2, 2.2, 2.6, 2.2, 1.2])
     widen = np.interp(np.linspace(0, 1, 24), [0, 0.4, 0.8, 1], [3.0, 2.2, 4.2, 3.2])
-    return [
-        *[part.rotated("x", 90).moved(x, 13, z) for part in barrel],
-        *_strap(leaf, thickness, thickness * widen),
-    ]
+    return [*[part.rotated("x", 90).moved(x, 13, z) for part in barrel], *_strap(leaf, thickness, thickness * widen)]
 
 
 def _spout() -> list[Part]:

@@ -79,7 +79,7 @@ def windowed_wall(
     if style.air_conditioners:
         pieces.append(_air_conditioners(cell[rng.random(len(cell)) < style.air_conditioners], looks))
     if plain:
-        return merge(pieces)
+        return merge(*pieces)
     if style.string_course:
         full = np.broadcast_to([0.0, width], (floors, 2))
         pieces.append(_blocks(full, base - 0.1, base + 0.14, 0.07, style.trim))
@@ -91,7 +91,7 @@ def windowed_wall(
         pieces.append(_balconies(cell[rng.random(len(cell)) < style.balconies], base, style, looks))
     if style.fire_escape and width > 7 and floors > 1:
         pieces.append(fire_escape(float(middle[len(middle) // 2]), base, looks))
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def _around_openings(skin: Skin, width: float, z: tuple[float, float], across: np.ndarray, up: np.ndarray) -> Piece:
@@ -112,7 +112,7 @@ def openings(cell: np.ndarray, style: Facade, looks: Looks, rng: np.random.Gener
     back = front + [0, depth, 0]
     sides = [np.stack([front[:, k], front[:, k - 3], back[:, k - 3], back[:, k]], 1) for k in range(4)]
     uv = pane_uv(rng, len(cell), mirror=True)
-    return merge([quads(np.concatenate(sides), style.wall, BUILDING), quads(back, panes, BUILDING, uv)])
+    return merge(quads(np.concatenate(sides), style.wall, BUILDING), quads(back, panes, BUILDING, uv))
 
 
 def _at(x: np.ndarray, y: float, z: np.ndarray) -> np.ndarray:
@@ -145,7 +145,7 @@ def cornice(
         at = np.arange(0.3, width - 0.2, 0.55)
         span = np.stack([at, at + 0.26], 1)
         pieces.append(_blocks(span, np.full(len(at), z - 0.52), np.full(len(at), z - 0.24), out_m * 0.85, skin))
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def _air_conditioners(cell: np.ndarray, looks: Looks) -> Piece:
@@ -155,10 +155,8 @@ def _air_conditioners(cell: np.ndarray, looks: Looks) -> Piece:
     low, high = _at(x - 0.32, -0.34, cell[:, 1] + 0.02), _at(x + 0.32, 0.15, cell[:, 1] + 0.44)
     grille = _at(x - 0.26, -0.345, cell[:, 1] + 0.07), _at(x + 0.26, -0.34, cell[:, 1] + 0.39)
     return merge(
-        [
-            boxes(low, high, looks.plain((206, 204, 194)), BUILDING, without=("back",)),
-            boxes(*grille, looks.plain((96, 98, 98)), BUILDING, without=("back", "top", "bottom")),
-        ]
+        boxes(low, high, looks.plain((206, 204, 194)), BUILDING, without=("back",)),
+        boxes(*grille, looks.plain((96, 98, 98)), BUILDING, without=("back", "top", "bottom")),
     )
 
 
@@ -180,7 +178,7 @@ def _balconies(cell: np.ndarray, base: np.ndarray, style: Facade, looks: Looks) 
     at = (x0[:, None] + 0.04 + (x1 - x0 - 0.08)[:, None] * share).reshape(-1)
     foot = _at(at, -out + 0.04, np.repeat(floor, count))
     pieces.append(bars(foot, foot + [0, 0, 1.02], 0.022, iron, BUILDING))
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def fire_escape(x: float, base: np.ndarray, looks: Looks) -> Piece:
@@ -203,10 +201,10 @@ def fire_escape(x: float, base: np.ndarray, looks: Looks) -> Piece:
     for k, (low, high) in enumerate(pairwise(floor)):
         ends = (x - half + 0.5, x + half - 0.5)[:: 1 if k % 2 else -1]
         for y in (-out + 0.15, -out + 0.7):
-            pieces.append(bars(np.array([[ends[0], y, low]]), np.array([[ends[1], y, high]]), 0.07, iron, BUILDING))
+            pieces.append(bars([ends[0], y, low], [ends[1], y, high], 0.07, iron, BUILDING))
         steps = np.linspace(0.06, 0.94, 11)
         tread = np.stack(
             [ends[0] + (ends[1] - ends[0]) * steps, np.full(11, -out + 0.15), low + (high - low) * steps], 1
         )
         pieces.append(bars(tread, tread + [0, 0.55, 0], 0.06, iron, BUILDING))
-    return merge(pieces)
+    return merge(*pieces)

@@ -30,13 +30,7 @@ class Fleet:
 
     def moving(self) -> list[tuple[tuple[Vehicle, ...], float]]:
         """What drives, with its share."""
-        return [
-            (self.private, 0.4),
-            (self.cabs, 0.38),
-            (self.vans, 0.07),
-            (self.buses, 0.11),
-            (self.lorries, 0.04),
-        ]
+        return [(self.private, 0.4), (self.cabs, 0.38), (self.vans, 0.07), (self.buses, 0.11), (self.lorries, 0.04)]
 
 
 def build_fleet(looks: Looks) -> Fleet:

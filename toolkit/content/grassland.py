@@ -5,9 +5,20 @@ from itertools import pairwise
 import numpy as np
 
 from toolkit.content.grounds import grass
-from toolkit.content.modelling import revolve
 from toolkit.content.paint import fractal
-from toolkit.content.pieces import Looks, Piece, bars, box, floor_quads, merge, mesh_of, place, polygon, quads, solid
+from toolkit.content.pieces import (
+    Looks,
+    Piece,
+    bars,
+    box,
+    floor_quads,
+    merge,
+    mesh_of,
+    place,
+    polygon,
+    quads,
+    revolved,
+)
 from toolkit.content.roofs import landing_pad
 from toolkit.content.skyline import surround
 from toolkit.content.trees import GREENS, conifer, street_tree
@@ -31,17 +42,15 @@ def build_grass(seed: int = 0) -> World:
     inner = np.array([(-60.0, -60.0), (60.0, 60.0)])
     pad = landing_pad(6.0, looks).moved(0, 0, 0)
     pieces = [
-        floor_quads(np.array([(-60, -60, 60, 60)]), 0.0, meadow, SceneClass.GRASS),
+        floor_quads((-60, -60, 60, 60), 0.0, meadow, SceneClass.GRASS),
         surround(inner, HORIZON_M, meadow, SceneClass.GRASS, (0.0, 60.0, 300.0)),
         pad,
-        floor_quads(
-            np.array([(-300, -49.0, 300, -45.5)]), 0.01, wall(looks, "render", (176, 158, 124)), SceneClass.GROUND
-        ),
+        floor_quads((-300, -49.0, 300, -45.5), 0.01, wall(looks, "render", (176, 158, 124)), SceneClass.GROUND),
         _fence(looks),
         tree_line(looks, rng, 95.0, 260.0, 260),
         hills(looks, rng),
         windsock(looks).moved(16, 14, 0),
-        place(_barn(looks), np.array([(-95.0, 70.0, 0.0)]), 20.0),
+        place(_barn(looks), (-95.0, 70.0, 0.0), 20.0),
     ]
     at = rng.uniform(-58, 58, (420, 2))
     at = at[(np.hypot(*at.T) > 13) & (at[:, 1] > -43)]
@@ -62,7 +71,7 @@ def build_grass(seed: int = 0) -> World:
     )
     for spot in spots[1:]:
         pieces = [_outside(piece, spot) for piece in pieces]
-    mesh, face_class = mesh_of(merge(pieces), looks)
+    mesh, face_class = mesh_of(merge(*pieces), looks)
     return World(
         "grass", seed, mesh, face_class, spots, np.array([[-107.0, 66.0, 0, -89.0, 80.0, 5.0]]), inner, spots[:1]
     )
@@ -85,7 +94,7 @@ def tree_line(looks: Looks, rng: np.random.Generator, near: float, far: float, c
     kind, yaw = rng.integers(0, 5, count), rng.uniform(0, 360, count)
     made = [street_tree(looks, k, 10.0) for k in range(3)] + [conifer(looks, k, 13.0) for k in range(2)]
     scale = rng.uniform(0.7, 1.5, count)
-    return merge([place(made[k], at[kind == k], yaw[kind == k], scale[kind == k]) for k in range(5)])
+    return merge(*[place(made[k], at[kind == k], yaw[kind == k], scale[kind == k]) for k in range(5)])
 
 
 def hills(looks: Looks, rng: np.random.Generator) -> Piece:
@@ -124,7 +133,7 @@ def _fence(looks: Looks) -> Piece:
         + [((40, -44, z), (40, 58, z)) for z in (0.45, 0.85, 1.2)]
     )
     posts = posts[(posts[:, 1] > -44.5)]
-    return merge([bars(posts, posts + [0, 0, 1.4], 0.13, wood, F), bars(rails[:, 0], rails[:, 1], 0.09, wood, F)])
+    return merge(bars(posts, posts + [0, 0, 1.4], 0.13, wood, F), bars(rails[:, 0], rails[:, 1], 0.09, wood, F))
 
 
 def _tuft(looks: Looks) -> Piece:
@@ -157,33 +166,23 @@ def _barn(looks: Looks) -> Piece:
         ]
     )
     body = merge(
-        [
-            polygon(gable, 0.0, red, B),
-            place(polygon(gable, 0.0, red, B), np.array([(0, 18.0, 0)]), 180.0),
-            quads(
-                np.array(
-                    [
-                        [(7, 0, 0), (7, 18, 0), (7, 18, 5), (7, 0, 5)],
-                        [(-7, 18, 0), (-7, 0, 0), (-7, 0, 5), (-7, 18, 5)],
-                    ],
-                    float,
-                ),
-                red,
-                B,
-            ),
-            quads(slope, tin, SceneClass.ROOF),
-            quads(slope[:, ::-1] - [0, 0, 0.05], tin, SceneClass.ROOF),
-            box((-2.2, 2.2), (-0.06, 0), (0, 3.8), white, B),
-            box((-2.0, -0.05), (-0.1, -0.05), (0.1, 3.6), looks.plain((120, 34, 30)), B),
-            box((0.05, 2.0), (-0.1, -0.05), (0.1, 3.6), looks.plain((120, 34, 30)), B),
-        ]
+        polygon(gable, 0.0, red, B),
+        place(polygon(gable, 0.0, red, B), (0, 18.0, 0), 180.0),
+        quads(
+            [[(7, 0, 0), (7, 18, 0), (7, 18, 5), (7, 0, 5)], [(-7, 18, 0), (-7, 0, 0), (-7, 0, 5), (-7, 18, 5)]], red, B
+        ),
+        quads(slope, tin, SceneClass.ROOF),
+        quads(slope[:, ::-1] - [0, 0, 0.05], tin, SceneClass.ROOF),
+        box((-2.2, 2.2), (-0.06, 0), (0, 3.8), white, B),
+        box((-2.0, -0.05), (-0.1, -0.05), (0.1, 3.6), looks.plain((120, 34, 30)), B),
+        box((0.05, 2.0), (-0.1, -0.05), (0.1, 3.6), looks.plain((120, 34, 30)), B),
     )
-    return place(body, np.array([(0.0, 0.0, 0.0)]), 90.0)
+    return place(body, (0.0, 0.0, 0.0), 90.0)
 
 
 def windsock(looks: Looks) -> Piece:
     """An orange and white sock on a mast."""
-    mast = solid([revolve([(0.09, 0), (0.05, 6.0), (0.004, 6.05)], 8)], looks.plain((214, 214, 210)), F)
+    mast = revolved([(0.09, 0), (0.05, 6.0), (0.004, 6.05)], 8, looks.plain((214, 214, 210)), F)
     angle = np.linspace(0, 2 * np.pi, 11)
     pieces = [mast]
     for k in range(5):
@@ -195,4 +194,4 @@ def windsock(looks: Looks) -> Piece:
         cloth = np.stack([a[:-1], b[:-1], b[1:], a[1:]], 1)
         skin = looks.plain(((240, 96, 20), (244, 244, 240))[k % 2], "matte")
         pieces += [quads(cloth[:, ::-1], skin, F), quads(cloth + (b - a).mean(0) * 0 + [0, 0, 0.004], skin, F)]
-    return merge(pieces)
+    return merge(*pieces)

@@ -59,8 +59,7 @@ def _manhole(road: np.ndarray, x: float, y: float, radius: float) -> None:
 def road(looks: Looks, avenue: bool) -> Skin:
     """A carriageway as wide as the texture, as long as it is wide: u across, v along."""
     name = "avenue" if avenue else "street"
-    found = looks.known(name)
-    if found:
+    if found := looks.known(name):
         return found
     rng, width, n = looks.rng(name), AVENUE_M if avenue else STREET_M, 1024
     px = n / width
@@ -116,8 +115,7 @@ def _tram_tracks(base: np.ndarray, px: float) -> None:
 def crossing(looks: Looks, avenue: bool) -> Skin:
     """A zebra crossing over a carriageway with a stop line on its lower edge's far side; fitted."""
     name = "zebra-avenue" if avenue else "zebra"
-    found = looks.known(name)
-    if found:
+    if found := looks.known(name):
         return found
     rng, width = looks.rng(name), AVENUE_M if avenue else STREET_M
     shape = (360, 1040)
@@ -136,8 +134,7 @@ def crossing(looks: Looks, avenue: bool) -> Skin:
 
 def junction(looks: Looks) -> Skin:
     """Plain asphalt where streets meet."""
-    found = looks.known("junction")
-    if found:
+    if found := looks.known("junction"):
         return found
     rng, n = looks.rng("junction"), 896
     base = _asphalt(rng, (n, n), n / JUNCTION_TILE_M)
@@ -166,8 +163,7 @@ def _slabs(
 
 def pavement(looks: Looks) -> Skin:
     """Concrete slabs with chewing gum and stains, 3.6 m square."""
-    found = looks.known("pavement")
-    if found:
+    if found := looks.known("pavement"):
         return found
     rng = looks.rng("pavement")
     base = _slabs(rng, (164, 160, 152), 4, 4, joint=2, spread=0.05)
@@ -178,8 +174,7 @@ def pavement(looks: Looks) -> Skin:
 
 def plaza(looks: Looks) -> Skin:
     """Two-tone paving of a square, 4 m square."""
-    found = looks.known("plaza")
-    if found:
+    if found := looks.known("plaza"):
         return found
     rng = looks.rng("plaza")
     base = _slabs(rng, (176, 158, 138), 8, 8, joint=2, spread=0.06)
@@ -190,8 +185,7 @@ def plaza(looks: Looks) -> Skin:
 
 def kerb(looks: Looks) -> Skin:
     """Granite, 2 m long."""
-    found = looks.known("kerb")
-    if found:
+    if found := looks.known("kerb"):
         return found
     rng, shape = looks.rng("kerb"), (128, 256)
     base = flat(shape, (168, 166, 160)) * (1 + 0.08 * fractal(rng, shape, 16, 4))[..., None] + grain(rng, shape, 8)
@@ -203,8 +197,7 @@ def kerb(looks: Looks) -> Skin:
 def grass(looks: Looks, meadow: bool = False) -> Skin:
     """Turf: a lawn 6 m square, or a rough meadow 24 m square."""
     name, tile = ("meadow", 24.0) if meadow else ("lawn", 6.0)
-    found = looks.known(name)
-    if found:
+    if found := looks.known(name):
         return found
     rng, n = looks.rng(name), 1024 if meadow else 512
     shape = (n, n)
@@ -222,8 +215,7 @@ def grass(looks: Looks, meadow: bool = False) -> Skin:
 
 def concrete_apron(looks: Looks) -> Skin:
     """An airfield's slabs with sealed joints, rubber and oil, 15 m square (four slabs)."""
-    found = looks.known("apron")
-    if found:
+    if found := looks.known("apron"):
         return found
     rng, n = looks.rng("apron"), 1024
     shape = (n, n)
@@ -242,8 +234,7 @@ def concrete_apron(looks: Looks) -> Skin:
 
 def water(looks: Looks) -> Skin:
     """Harbour water with ripples and reflections, 20 m square."""
-    found = looks.known("water")
-    if found:
+    if found := looks.known("water"):
         return found
     rng, n = looks.rng("water"), 1024
     shape = (n, n)

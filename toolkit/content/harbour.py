@@ -19,6 +19,7 @@ from toolkit.content.pieces import (
     mesh_of,
     place,
     quads,
+    revolved,
     solid,
     wall_quads,
 )
@@ -51,7 +52,7 @@ def build_harbour(seed: int = 0) -> World:
         _quay_marks(looks),
         *(shed.moved(x, 62.0, 0) for shed, x in zip(sheds, shed_x, strict=True)),
         stacks,
-        place(_gantry(looks), np.array([(-92.0, 12.0, 0.0), (-20.0, 12.0, 0.0)])),
+        place(_gantry(looks), [(-92.0, 12.0, 0.0), (-20.0, 12.0, 0.0)]),
         tower_crane(looks, 30.0, 28.0).moved(132, 30, 0),
         feeder_ship(looks, rng).moved(-58.0, -19.0, WATER_Z),
         boats(looks, rng),
@@ -67,7 +68,7 @@ def build_harbour(seed: int = 0) -> World:
         Spot("basin-1", "water", (40.0, -45.0, WATER_Z), 16.0, 0.0, "water"),
         Spot("basin-2", "water", (-20.0, -80.0, WATER_Z), 18.0, 30.0, "water"),
     )
-    mesh, face_class = mesh_of(merge(pieces), looks)
+    mesh, face_class = mesh_of(merge(*pieces), looks)
     return World("harbour", seed, mesh, face_class, spots, np.array([*solids, *stack_solids]), core)
 
 
@@ -86,21 +87,19 @@ def _quay(looks: Looks) -> Piece:
     )
     tyres = np.array([(px, -0.2, -0.9) for px in np.arange(-x + 5, x, 10.0)])
     rungs = np.array([(px, -0.12, z) for px in np.arange(-x + 20, x, 40.0) for z in np.arange(-2.2, 0, 0.3)])
-    bollard = solid(
-        [revolve([(0.22, 0), (0.2, 0.35), (0.34, 0.42), (0.34, 0.52), (0.01, 0.6)], 12)], looks.plain((226, 176, 30)), F
+    bollard = revolved(
+        [(0.22, 0), (0.2, 0.35), (0.34, 0.42), (0.34, 0.52), (0.01, 0.6)], 12, looks.plain((226, 176, 30)), F
     )
     edge = looks.plain((226, 190, 40), "matte")
     land = [(-HORIZON_M, back, HORIZON_M, back + HORIZON_M), (-HORIZON_M, 0, -x, back), (x, 0, HORIZON_M, back)]
     return merge(
-        [
-            floor_quads(np.array([(-x, 0.5, x, back)]), 0.0, concrete, SceneClass.GROUND),
-            floor_quads(np.array(land), 0.0, wall(looks, "render", (186, 178, 160)), SceneClass.GROUND),
-            wall_quads(np.array([(-HORIZON_M, -6.0, HORIZON_M, 0.0)]), 0.0, stone, SceneClass.GROUND),
-            boxes(np.array([(-x, 0.0, 0.0)]), np.array([(x, 0.5, 0.18)]), edge, SceneClass.GROUND),
-            place(tyre, tyres),
-            bars(rungs - [0.25, 0, 0], rungs + [0.25, 0, 0], 0.05, looks.plain((90, 70, 60)), F),
-            place(bollard, np.array([(px, 1.4, 0.0) for px in np.arange(-x + 10, x, 20.0)])),
-        ]
+        floor_quads((-x, 0.5, x, back), 0.0, concrete, SceneClass.GROUND),
+        floor_quads(np.array(land), 0.0, wall(looks, "render", (186, 178, 160)), SceneClass.GROUND),
+        wall_quads((-HORIZON_M, -6.0, HORIZON_M, 0.0), 0.0, stone, SceneClass.GROUND),
+        boxes((-x, 0.0, 0.0), (x, 0.5, 0.18), edge, SceneClass.GROUND),
+        place(tyre, tyres),
+        bars(rungs - [0.25, 0, 0], rungs + [0.25, 0, 0], 0.05, looks.plain((90, 70, 60)), F),
+        place(bollard, [(px, 1.4, 0.0) for px in np.arange(-x + 10, x, 20.0)]),
     )
 
 
@@ -120,10 +119,8 @@ def _quay_marks(looks: Looks) -> Piece:
     rails = [(-x, y - 0.07, x, y + 0.07) for y in (4.0, 20.0)]
     lines = [(-x, y - 0.1, x, y + 0.1) for y in (2.6, 31.0, 58.0)]
     return merge(
-        [
-            floor_quads(np.array(rails), 0.02, steel, SceneClass.GROUND),
-            floor_quads(np.array(lines), MARK_M, yellow, SceneClass.GROUND),
-        ]
+        floor_quads(np.array(rails), 0.02, steel, SceneClass.GROUND),
+        floor_quads(np.array(lines), MARK_M, yellow, SceneClass.GROUND),
     )
 
 
@@ -141,7 +138,7 @@ def _container_yard(looks: Looks, rng: np.random.Generator) -> tuple[Piece, list
             if count:
                 solids.append([x, y, 0, x + length, y + width, count * height])
     spots, kind = np.array(at), np.array(line)
-    return merge([place(container(looks, k), spots[kind == k]) for k in range(len(LINES))]), solids
+    return merge(*[place(container(looks, k), spots[kind == k]) for k in range(len(LINES))]), solids
 
 
 def _gantry(looks: Looks) -> Piece:
@@ -161,19 +158,17 @@ def _gantry(looks: Looks) -> Piece:
     wires = np.array([((x, y, 32), (x, y, 16.4)) for x in (-2, 2) for y in (-24, -22)], float)
     bogies = np.array([(x, y, 0.0) for x in (-8, 8) for y in (-8, 8)], float)
     return merge(
-        [
-            bars(legs, top, 1.1, red, F),
-            bars(braces[:, 0], braces[:, 1], 0.8, red, F),
-            bars(beam[:, 0], beam[:, 1], 1.2, red, F),
-            bars(ties[:, 0], ties[:, 1], 0.25, grey, F),
-            bars(mast[:, 0], mast[:, 1], 0.7, red, F),
-            bars(rungs[:, 0], rungs[:, 1], 0.3, red, F),
-            bars(wires[:, 0], wires[:, 1], 0.08, looks.plain((40, 40, 42)), F),
-            boxes(bogies - [1.6, 0.5, 0], bogies + [1.6, 0.5, 0.9], grey, F),
-            box((-3, 3), (10, 18), (33.1, 36.5), grey, F),
-            box((2.2, 4.2), (-25, -22), (29, 31.6), looks.plain((70, 96, 112), "gloss"), F),
-            box((-6.1, 6.1), (-24, -22), (16.0, 16.4), looks.plain((236, 176, 30)), F),
-        ]
+        bars(legs, top, 1.1, red, F),
+        bars(braces[:, 0], braces[:, 1], 0.8, red, F),
+        bars(beam[:, 0], beam[:, 1], 1.2, red, F),
+        bars(ties[:, 0], ties[:, 1], 0.25, grey, F),
+        bars(mast[:, 0], mast[:, 1], 0.7, red, F),
+        bars(rungs[:, 0], rungs[:, 1], 0.3, red, F),
+        bars(wires[:, 0], wires[:, 1], 0.08, looks.plain((40, 40, 42)), F),
+        boxes(bogies - [1.6, 0.5, 0], bogies + [1.6, 0.5, 0.9], grey, F),
+        box((-3, 3), (10, 18), (33.1, 36.5), grey, F),
+        box((2.2, 4.2), (-25, -22), (29, 31.6), looks.plain((70, 96, 112), "gloss"), F),
+        box((-6.1, 6.1), (-24, -22), (16.0, 16.4), looks.plain((236, 176, 30)), F),
     )
 
 
@@ -189,12 +184,10 @@ def _pier(looks: Looks) -> Piece:
     rail = np.array([((105.0, -60.0, z), (105.0, 0.0, z)) for z in (0.5, 1.0)])
     posts = np.array([(105.0, y, -0.3) for y in np.arange(-60.0, 0.1, 3.0)])
     return merge(
-        [
-            boxes(np.array([(100.6, -60.0, -0.45)]), np.array([(105.0, 0.0, -0.2)]), wood, SceneClass.PAVEMENT),
-            bars(piles, piles + [0, 0, 6.7], 0.4, looks.plain((84, 70, 58)), F),
-            bars(rail[:, 0], rail[:, 1], 0.07, looks.plain((230, 228, 220)), F),
-            bars(posts, posts + [0, 0, 1.35], 0.09, looks.plain((230, 228, 220)), F),
-        ]
+        boxes((100.6, -60.0, -0.45), (105.0, 0.0, -0.2), wood, SceneClass.PAVEMENT),
+        bars(piles, piles + [0, 0, 6.7], 0.4, looks.plain((84, 70, 58)), F),
+        bars(rail[:, 0], rail[:, 1], 0.07, looks.plain((230, 228, 220)), F),
+        bars(posts, posts + [0, 0, 1.35], 0.09, looks.plain((230, 228, 220)), F),
     )
 
 
@@ -202,21 +195,20 @@ def lighthouse(looks: Looks) -> Piece:
     """A banded tower 22 m high on a mole of stone."""
     stone = wall(looks, "ashlar", STONES[3])
     bands = [
-        solid(
-            [revolve([(2.6 - 0.055 * z, 2.6 + z), (2.6 - 0.055 * (z + 4), 6.6 + z)], 20)],
+        revolved(
+            [(2.6 - 0.055 * z, 2.6 + z), (2.6 - 0.055 * (z + 4), 6.6 + z)],
+            20,
             looks.plain(((236, 236, 230), (190, 34, 34))[k % 2]),
             B,
         )
         for k, z in enumerate((0, 4, 8, 12))
     ]
     return merge(
-        [
-            solid([revolve([(9.0, -4.0), (6.5, 2.6), (0.01, 2.6)], 20)], stone, SceneClass.GROUND, 20),
-            *bands,
-            solid([revolve([(1.7, 18.6), (2.4, 18.8), (2.4, 19.1), (1.3, 19.1)], 20)], looks.plain((40, 42, 44)), B),
-            solid([revolve([(1.2, 19.1), (1.2, 21.2)], 14)], looks.plain((255, 236, 170), "lamp"), B),
-            solid([revolve([(1.5, 21.2), (0.9, 22.2), (0.01, 22.8)], 14)], looks.plain((190, 34, 34)), B),
-        ]
+        revolved([(9.0, -4.0), (6.5, 2.6), (0.01, 2.6)], 20, stone, SceneClass.GROUND, 20),
+        *bands,
+        revolved([(1.7, 18.6), (2.4, 18.8), (2.4, 19.1), (1.3, 19.1)], 20, looks.plain((40, 42, 44)), B),
+        revolved([(1.2, 19.1), (1.2, 21.2)], 14, looks.plain((255, 236, 170), "lamp"), B),
+        revolved([(1.5, 21.2), (0.9, 22.2), (0.01, 22.8)], 14, looks.plain((190, 34, 34)), B),
     )
 
 
@@ -257,15 +249,13 @@ def _shed(looks: Looks, width: float, depth: float, number: int) -> Piece:
         ]
     )
     return merge(
-        [
-            boxes(np.array([(0, 0, 0)]), np.array([(width, depth, 9.0)]), brick, B, ("bottom", "top")),
-            quads(np.concatenate([ridge, fall]), tin, SceneClass.ROOF),
-            quads(gables, brick, B),
-            quads(gables[:, ::-1] + [0, depth, 0], brick, B),
-            boxes(low, high, door, B, ("back",)),
-            quads(face, panes, B, pane_uv(rng, 4)),
-            board(9, 1.2, words, SceneClass.SIGN, 0.0, both=False).moved(width / 2, -0.06, 8.2),
-        ]
+        boxes((0, 0, 0), (width, depth, 9.0), brick, B, ("bottom", "top")),
+        quads(np.concatenate([ridge, fall]), tin, SceneClass.ROOF),
+        quads(gables, brick, B),
+        quads(gables[:, ::-1] + [0, depth, 0], brick, B),
+        boxes(low, high, door, B, ("back",)),
+        quads(face, panes, B, pane_uv(rng, 4)),
+        board(9, 1.2, words, SceneClass.SIGN, 0.0, both=False).moved(width / 2, -0.06, 8.2),
     )
 
 
@@ -280,14 +270,12 @@ def _quay_things(looks: Looks) -> Piece:
     pallets = np.array([(130.0 + 1.6 * (k % 4), 44.0 + 1.6 * (k // 4), 0.0) for k in range(12)])
     heights = np.array([[0.0, 0.0, 0.4 + 0.3 * (k % 4)] for k in range(12)])
     return merge(
-        [
-            place(red.piece, np.array([(-70.0, 26.0, 0), (10.0, 54.0, 0)]), np.array([0.0, 90.0])),
-            place(blue.piece, np.array([(-10.0, 26.0, 0), (84.0, 55.0, 0)]), np.array([180.0, 90.0])),
-            place(white.piece, np.array([(118.0, 42.0, 0)]), 30.0),
-            place(street_lamp(looks), lamps),
-            boxes(pallets, pallets + [1.2, 1.2, 0.1] + heights, crate, F),
-            place(traffic_cone(looks), np.array([(44.0 + 2 * k, 5.0, 0.0) for k in range(5)])),
-        ]
+        place(red.piece, [(-70.0, 26.0, 0), (10.0, 54.0, 0)], [0.0, 90.0]),
+        place(blue.piece, [(-10.0, 26.0, 0), (84.0, 55.0, 0)], [180.0, 90.0]),
+        place(white.piece, (118.0, 42.0, 0), 30.0),
+        place(street_lamp(looks), lamps),
+        boxes(pallets, pallets + [1.2, 1.2, 0.1] + heights, crate, F),
+        place(traffic_cone(looks), [(44.0 + 2 * k, 5.0, 0.0) for k in range(5)]),
     )
 
 

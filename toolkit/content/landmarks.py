@@ -9,7 +9,6 @@ import numpy as np
 
 from toolkit.content.buildings import House
 from toolkit.content.facades import Facade, cornice, windowed_wall
-from toolkit.content.modelling import revolve
 from toolkit.content.paint import Canvas
 from toolkit.content.pieces import (
     Looks,
@@ -23,7 +22,7 @@ from toolkit.content.pieces import (
     place,
     polygon,
     quads,
-    solid,
+    revolved,
     wall_quads,
 )
 from toolkit.content.roofs import Roof, flat_roof
@@ -73,14 +72,14 @@ def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -
     bulbs = np.array([(middle - 4.4 + 0.4 * k, -3.06, z) for k in range(23) for z in (3.62, 5.38)])
     door_cells = np.array([(a + 0.06, 0.1, b - 0.06, 2.6) for a, b in pairwise(doors)])
     pieces = [
-        wall_quads(np.array([(0, 0, width, height)]), 0.0, render, B),
+        wall_quads((0, 0, width, height), 0.0, render, B),
         boxes(low, low + np.array([0.44, 0.5, height + 0.6 - 5.6]), trim, B, ("bottom", "back")),
         box((middle - 4.5, middle + 4.5), (-3.0, 0.0), (3.55, 5.45), looks.plain((150, 18, 28)), B),
         board(7.0, 1.5, marquee, SIGN, 0.0, both=False).moved(middle, -3.02, 4.5),
         place(
             board(2.7, 1.3, marquee, SIGN, 0.0, both=False),
-            np.array([(middle + 4.52, -1.5, 4.5), (middle - 4.52, -1.5, 4.5)]),
-            np.array([90.0, 270.0]),
+            [(middle + 4.52, -1.5, 4.5), (middle - 4.52, -1.5, 4.5)],
+            [90.0, 270.0],
         ),
         boxes(bulbs - 0.06, bulbs + 0.06, lit, SIGN, ()),
         wall_quads(door_cells, -0.05, looks.plain((60, 46, 36), "gloss"), B),
@@ -99,23 +98,19 @@ def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -
             SIGN,
             fit=True,
         ),
-        place(board(1.4, 7.5, upright, SIGN, 0.3), np.array([(middle + 5.6, -1.0, 9.6)]), 90.0),
+        place(board(1.4, 7.5, upright, SIGN, 0.3), (middle + 5.6, -1.0, 9.6), 90.0),
         box((middle + 5.44, middle + 5.76), (-0.3, 0.0), (6.5, 12.8), trim, B),
         cornice(width, height, trim, 0.4, dentils=False, ends=False),
     ]
+    pieces.append(wall_quads([(0.6, 6.5 + 2.6 * k, middle - 5.2, 8.2 + 2.6 * k) for k in range(3)], -0.04, trim, B))
     pieces.append(
-        wall_quads(np.array([(0.6, 6.5 + 2.6 * k, middle - 5.2, 8.2 + 2.6 * k) for k in range(3)]), -0.04, trim, B)
-    )
-    pieces.append(
-        wall_quads(
-            np.array([(middle + 6.6, 6.5 + 2.6 * k, width - 0.6, 8.2 + 2.6 * k) for k in range(3)]), -0.04, trim, B
-        )
+        wall_quads([(middle + 6.6, 6.5 + 2.6 * k, width - 0.6, 8.2 + 2.6 * k) for k in range(3)], -0.04, trim, B)
     )
     plain = [(width, 0, depth, 90.0), (width, depth, width, 180.0), (0, depth, depth, 270.0)]
     for x, y, span, yaw in plain:
-        pieces.append(place(wall_quads(np.array([(0, 0, span, height)]), 0.0, brick, B), np.array([(x, y, 0.0)]), yaw))
+        pieces.append(place(wall_quads((0, 0, span, height), 0.0, brick, B), (x, y, 0.0), yaw))
     pieces.append(flat_roof(Roof(width, depth, height), brick, trim, looks, rng))
-    return House(merge(pieces), np.array([[0, 0, 0, width, depth, height]]))
+    return House(merge(*pieces), np.array([[0, 0, 0, width, depth, height]]))
 
 
 def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) -> House:
@@ -140,11 +135,11 @@ def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) 
         face = [wall_quads(np.array(low), 0.0, stone, B), windowed_wall(style, side, looks, rng, z0=PODIUM_M, floors=2)]
         if k < 3:
             face.append(cornice(side, height, trim, 0.5, ends=False))
-        pieces.append(place(merge(face), np.array([(x, y, 0.0)]), yaw))
+        pieces.append(place(merge(*face), (x, y, 0.0), yaw))
     pieces.append(flat_roof(Roof(width, depth, height), stone, trim, looks, rng))
     top = PODIUM_M + COLUMN_M
     porch = [middle - PORTICO_M / 2, -4, top, middle + PORTICO_M / 2, 0, top + 1.6]
-    return House(merge(pieces), np.array([[0, 0, 0, width, depth, height], porch]))
+    return House(merge(*pieces), np.array([[0, 0, 0, width, depth, height], porch]))
 
 
 def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
@@ -152,7 +147,7 @@ def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     half, top = PORTICO_M / 2, PODIUM_M + COLUMN_M
     profile = [(0.75, 0), (0.75, 0.25), (0.6, 0.4), (0.52, 0.6), (0.5, 3.0)]
     profile += [(r, COLUMN_M - drop) for r, drop in ((0.43, 0.7), (0.55, 0.5), (0.7, 0.35), (0.7, 0.0))]
-    column = solid([revolve(profile, 18)], trim, B, 50)
+    column = revolved(profile, 18, trim, B, 50)
     xs = np.linspace(-half + 1.1, half - 1.1, 6)
     steps = np.array([(-half - 0.4 * (7 - k), -6.6 + 0.4 * k, 0.2 * k) for k in range(8)])
     tops = np.array([(half + 0.4 * (7 - k), 0.0, 0.2 * (k + 1)) for k in range(8)])
@@ -171,17 +166,15 @@ def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     door = np.array([(-1.3, -0.12, PODIUM_M)])
     name = np.array([(-6, top + 0.25, 6, top + 1.35)])
     return merge(
-        [
-            boxes(steps, tops, trim, B, ("bottom", "back")),
-            place(column, np.column_stack([xs, np.full(6, -3.2), np.full(6, PODIUM_M)])),
-            boxes(np.array([(-half, -4.0, top)]), np.array([(half, 0.0, eaves)]), trim, B, ()),
-            wall_quads(name, -4.02, words, SIGN, fit=True),
-            polygon(gable, -4.4, trim, B),
-            polygon(inner, -4.42, stone, B),
-            quads(np.array(slopes), wall(looks, "tiles", (96, 104, 100)), R),
-            boxes(door, door + [2.6, 0.12, 4.2], looks.plain((70, 44, 28)), B, ("back",)),
-            boxes(windows, windows + [1.8, 0.1, 3.6], looks.plain((60, 74, 84), "gloss"), B, ("back",)),
-        ]
+        boxes(steps, tops, trim, B, ("bottom", "back")),
+        place(column, np.column_stack([xs, np.full(6, -3.2), np.full(6, PODIUM_M)])),
+        boxes((-half, -4.0, top), (half, 0.0, eaves), trim, B, ()),
+        wall_quads(name, -4.02, words, SIGN, fit=True),
+        polygon(gable, -4.4, trim, B),
+        polygon(inner, -4.42, stone, B),
+        quads(np.array(slopes), wall(looks, "tiles", (96, 104, 100)), R),
+        boxes(door, door + [2.6, 0.12, 4.2], looks.plain((70, 44, 28)), B, ("back",)),
+        boxes(windows, windows + [1.8, 0.1, 3.6], looks.plain((60, 74, 84), "gloss"), B, ("back",)),
     )
 
 
@@ -218,17 +211,15 @@ def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], r
         floor_quads(full, 0.02, dark, R),
         board(2.4, 2.4, big, SIGN, 0.3).moved(3.0, -0.35, z[-1] - 1.4),
         box((1.8, 4.2), (-0.5, -0.2), (z[-1] - 2.6, z[-1] - 0.2), looks.plain((30, 30, 32)), SIGN),
-        wall_quads(np.array([(width / 2 - 4, 2.72, width / 2 + 4, 3.72)]), -0.06, words, SIGN, fit=True),
-        boxes(
-            np.array([(width * 0.6, depth * 0.4, 0)]), np.array([(width * 0.75, depth * 0.6, z[-1] + 2.8)]), concrete, B
-        ),
+        wall_quads((width / 2 - 4, 2.72, width / 2 + 4, 3.72), -0.06, words, SIGN, fit=True),
+        boxes((width * 0.6, depth * 0.4, 0), (width * 0.75, depth * 0.6, z[-1] + 2.8), concrete, B),
     ]
     bays = np.arange(3.0, width - 3.0, 2.7)
     for level in (0.02, z[0], z[-1]):
         for y, yaw in ((3.2, 90.0), (depth - 3.2, 270.0)):
             for x in bays[rng.random(len(bays)) < 0.36]:
-                pieces.append(place(cars[int(rng.integers(len(cars)))], np.array([(x, y, level)]), yaw))
-    return House(merge(pieces), np.array([[0, 0, 0, width, depth, z[-1]]]))
+                pieces.append(place(cars[int(rng.integers(len(cars)))], (x, y, level), yaw))
+    return House(merge(*pieces), np.array([[0, 0, 0, width, depth, z[-1]]]))
 
 
 def filling_station(width: float, looks: Looks) -> House:
@@ -249,12 +240,10 @@ def filling_station(width: float, looks: Looks) -> House:
     face = board(0.8, 1.7, pump_face, F, 0.5)
     hose = np.array([(0.42, 0, 1.3), (0.56, 0, 0.7), (0.5, 0, 0.35), (0.42, -0.1, 0.8)])
     pump = merge(
-        [
-            face.moved(0, 0, 1.0),
-            box((-0.4, 0.4), (-0.24, 0.24), (0.15, 1.88), red, F),
-            bars(hose[:-1], hose[1:], 0.05, dark, F),
-            box((-0.8, 0.8), (-0.6, 0.6), (0, 0.15), looks.plain((170, 168, 160)), F),
-        ]
+        face.moved(0, 0, 1.0),
+        box((-0.4, 0.4), (-0.24, 0.24), (0.15, 1.88), red, F),
+        bars(hose[:-1], hose[1:], 0.05, dark, F),
+        box((-0.8, 0.8), (-0.6, 0.6), (0, 0.15), looks.plain((170, 168, 160)), F),
     )
     middle = width / 2
     at = np.array([(middle + dx, dy, 0.0) for dx in (-3.5, 3.5) for dy in (5.0, 9.0)])
@@ -262,26 +251,21 @@ def filling_station(width: float, looks: Looks) -> House:
     pieces = [
         place(pump, at),
         boxes(posts - [0.2, 0.2, 0], posts + [0.2, 0.2, 4.9], white, F),
-        boxes(np.array([(middle - 8, 2.0, 4.9)]), np.array([(middle + 8, 12.0, 5.8)]), red, B, ()),
+        boxes((middle - 8, 2.0, 4.9), (middle + 8, 12.0, 5.8), red, B, ()),
         board(8, 0.8, words, SIGN, 0.0, both=False).moved(middle, 1.98, 5.35),
         board(8, 0.8, words, SIGN, 0.0, both=False).turned(180).moved(middle, 12.02, 5.35),
         boxes(
-            np.array([(middle + dx - 0.5, dy - 0.3, 4.87) for dx in (-5, 0, 5) for dy in (4, 7, 10)]),
-            np.array([(middle + dx + 0.5, dy + 0.3, 4.9) for dx in (-5, 0, 5) for dy in (4, 7, 10)]),
+            [(middle + dx - 0.5, dy - 0.3, 4.87) for dx in (-5, 0, 5) for dy in (4, 7, 10)],
+            [(middle + dx + 0.5, dy + 0.3, 4.9) for dx in (-5, 0, 5) for dy in (4, 7, 10)],
             looks.plain((255, 250, 230), "lamp"),
             F,
             ("top",),
         ),
     ]
-    kiosk = merge(
-        [
-            shop_row(11.0, looks, looks.rng("kiosk"), white),
-            boxes(np.array([(0, 0.5, 0)]), np.array([(11, 6, SHOP_FLOOR_M)]), white, B),
-        ]
-    )
+    kiosk = merge(shop_row(11.0, looks, looks.rng("kiosk"), white), boxes((0, 0.5, 0), (11, 6, SHOP_FLOOR_M), white, B))
     pieces.append(kiosk.moved(middle - 5.5, 15.0, 0))
     return House(
-        merge(pieces),
+        merge(*pieces),
         np.array(
             [[middle - 5.5, 15.0, 0, middle + 5.5, 21.0, SHOP_FLOOR_M], [middle - 8, 2, 4.9, middle + 8, 12, 5.8]]
         ),

@@ -121,7 +121,7 @@ def van(colour: Colour, words: str, looks: Looks, name: str) -> Vehicle:
     paint.text("rear", (0, 1.1), words, 0.22, ink, fit_m=1.7)
     sheet = paint.sheet(name, looks)
     return Vehicle(
-        merge([bodywork(body, sheet, looks), wheels(body, looks, (120, 122, 124), 6), mirrors(body, RUBBER, looks)]),
+        merge(bodywork(body, sheet, looks), wheels(body, looks, (120, 122, 124), 6), mirrors(body, RUBBER, looks)),
         body.length,
         body.width,
     )
@@ -193,10 +193,10 @@ def bus(looks: Looks, name: str, colour: Colour, route: str, trolley: bool = Fal
     if trolley:
         foot = np.array([(-1.0, 0.3, 3.25), (-1.0, -0.3, 3.25)])
         pieces += [
-            boxes(np.array([[-1.6, -0.5, 3.08]]), np.array([[-0.4, 0.5, 3.3]]), looks.plain((60, 62, 64)), VEHICLE),
+            boxes([-1.6, -0.5, 3.08], [-0.4, 0.5, 3.3], looks.plain((60, 62, 64)), VEHICLE),
             bars(foot, foot + [-5.4, 0.0, 2.2], 0.07, looks.plain((40, 42, 44)), VEHICLE),
         ]
-    return Vehicle(merge(pieces), body.length, body.width)
+    return Vehicle(merge(*pieces), body.length, body.width)
 
 
 def tram(looks: Looks, name: str, colour: Colour, route: str) -> Vehicle:
@@ -225,13 +225,11 @@ def tram(looks: Looks, name: str, colour: Colour, route: str) -> Vehicle:
     low = np.array([(-5.0, -0.8, 3.25), (2.6, -0.8, 3.25)])
     return Vehicle(
         merge(
-            [
-                bodywork(body, sheet, looks, 12),
-                wheels(body, looks, (90, 92, 94), 8),
-                bars(arm, tip, 0.07, iron, VEHICLE),
-                bars(np.array([[0.6, -0.8, 5.48]]), np.array([[0.6, 0.8, 5.48]]), 0.08, iron, VEHICLE),
-                boxes(low, low + [2.2, 1.6, 0.32], looks.plain((176, 178, 176)), VEHICLE),
-            ]
+            bodywork(body, sheet, looks, 12),
+            wheels(body, looks, (90, 92, 94), 8),
+            bars(arm, tip, 0.07, iron, VEHICLE),
+            bars([0.6, -0.8, 5.48], [0.6, 0.8, 5.48], 0.08, iron, VEHICLE),
+            boxes(low, low + [2.2, 1.6, 0.32], looks.plain((176, 178, 176)), VEHICLE),
         ),
         body.length,
         body.width,
@@ -252,7 +250,7 @@ def lorry(looks: Looks, name: str, colour: Colour, box_colour: Colour, words: st
     for side in (1, -1):
         paint.rect("front", (side * w * 0.66, 0.55), (side * w * 0.95, 0.78), HEAD, HEAD_GLOW)
     sheet = paint.sheet(name, looks)
-    cab = merge([bodywork(LORRY_CAB, sheet, looks, 8)]).moved(2.9)
+    cab = merge(bodywork(LORRY_CAB, sheet, looks, 8)).moved(2.9)
     canvas = Canvas(5.6, 2.5, 56, box_colour)
     canvas.rect(0, 0, 5.6, 0.35, shade(colour, 0.9))
     ink = colour if sum(box_colour) > 400 else (240, 240, 236)
@@ -260,15 +258,15 @@ def lorry(looks: Looks, name: str, colour: Colour, box_colour: Colour, words: st
     canvas.text(2.8, 0.75, "REMOVALS · STORAGE · 24 HOURS", 0.24, ink, fit_m=4.8)
     boards = looks.add(Material(f"{name}-box", canvas.texture(0.05, looks.rng(name)), 0.5), (5.6, 2.5))
     plain, dark = looks.plain(box_colour), looks.plain((34, 35, 37), "matte")
-    flanks = wall_quads(np.array([(-2.8, 1.0, 2.8, 3.5)]), 0.0, boards, VEHICLE, fit=True)
+    flanks = wall_quads((-2.8, 1.0, 2.8, 3.5), 0.0, boards, VEHICLE, fit=True)
     pieces = [
         cab,
         box((-3.9, 1.7), (-1.22, 1.22), (1.0, 3.5), plain, VEHICLE),
-        place(flanks, np.array([(-1.1, -1.225, 0), (-1.1, 1.225, 0)]), np.array([0.0, 180.0])),
+        place(flanks, [(-1.1, -1.225, 0), (-1.1, 1.225, 0)], [0.0, 180.0]),
         box((-3.8, 3.2), (-0.5, 0.5), (0.5, 0.95), dark, VEHICLE),
         boxes(
-            np.array([(-3.92, -1.1, 0.7), (-3.92, 0.8, 0.7)]),
-            np.array([(-3.85, -0.8, 0.9), (-3.85, 1.1, 0.9)]),
+            [(-3.92, -1.1, 0.7), (-3.92, 0.8, 0.7)],
+            [(-3.85, -0.8, 0.9), (-3.85, 1.1, 0.9)],
             looks.plain(TAIL, "lamp"),
             VEHICLE,
             (),
@@ -276,4 +274,4 @@ def lorry(looks: Looks, name: str, colour: Colour, box_colour: Colour, words: st
     ]
     axles = replace(LORRY_CAB, length=8.0, axles=(-2.4, -1.3, 3.0))
     pieces.append(wheels(axles, looks, (150, 152, 154), 8))
-    return Vehicle(merge(pieces), 7.9, 2.45)
+    return Vehicle(merge(*pieces), 7.9, 2.45)

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from zlib import crc32
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from toolkit.content.modelling import Part
+from toolkit.content.modelling import Part, revolve
 from toolkit.content.paint import Ink
 from toolkit.objects.mesh import Material, Mesh, mesh_from_corners
 
@@ -126,9 +127,9 @@ EMPTY = Piece(
 )
 
 
-def merge(pieces: Sequence[Piece]) -> Piece:
+def merge(*parts: Piece) -> Piece:
     """One piece with the triangles of all, in order."""
-    pieces = [piece for piece in pieces if len(piece.faces)]
+    pieces = [piece for piece in parts if len(piece.faces)]
     if not pieces:
         return EMPTY
     starts = np.cumsum([0, *(len(piece.vertices) for piece in pieces)])
@@ -150,7 +151,7 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return result
 
 
-def quads(corners: np.ndarray, skin: Skin, label: int, uv: np.ndarray | None = None) -> Piece:
+def quads(corners: ArrayLike, skin: Skin, label: int, uv: ArrayLike | None = None) -> Piece:
     """Flat four-cornered faces (n, 4, 3), counter-clockwise from outside; empty ones are left out.
 
     Without `uv` (n, 4, 2), in turns of the texture, it lies with u along the first edge, true to scale.
@@ -184,7 +185,7 @@ def quads(corners: np.ndarray, skin: Skin, label: int, uv: np.ndarray | None = N
     )
 
 
-def wall_quads(rect: np.ndarray, y: float | np.ndarray, skin: Skin, label: int, fit: bool = False) -> Piece:
+def wall_quads(rect: ArrayLike, y: float | np.ndarray, skin: Skin, label: int, fit: bool = False) -> Piece:
     """Rectangles (n, 4) of x0, z0, x1, z1 that face -y; the texture is anchored at the wall's origin, or fitted."""
     rect = np.asarray(rect, np.float64).reshape(-1, 4)
     x0, z0, x1, z1 = rect.T
@@ -200,7 +201,7 @@ def wall_quads(rect: np.ndarray, y: float | np.ndarray, skin: Skin, label: int, 
     return quads(corners, skin, label, uv)
 
 
-def floor_quads(rect: np.ndarray, z: float | np.ndarray, skin: Skin, label: int, fit: bool = False) -> Piece:
+def floor_quads(rect: ArrayLike, z: float | np.ndarray, skin: Skin, label: int, fit: bool = False) -> Piece:
     """Rectangles (n, 4) of x0, y0, x1, y1 that face up; the texture is anchored at the world's origin, or fitted."""
     rect = np.asarray(rect, np.float64).reshape(-1, 4)
     x0, y0, x1, y1 = rect.T
@@ -223,11 +224,11 @@ SIDES = {
 }
 
 
-def boxes(low: np.ndarray, high: np.ndarray, skin: Skin, label: int, without: Sequence[str] = ("bottom",)) -> Piece:
+def boxes(low: ArrayLike, high: ArrayLike, skin: Skin, label: int, without: Sequence[str] = ("bottom",)) -> Piece:
     """Upright boxes between corners (n, 3); `without` names faces nobody sees."""
-    low, high = (np.asarray(corner, np.float64).reshape(-1, 1, 3) for corner in (low, high))
+    lows, highs = (np.asarray(corner, np.float64).reshape(-1, 1, 3) for corner in (low, high))
     pick = [np.array(SIDES[name], float) for name in SIDES if name not in without]
-    return quads(np.concatenate([low + (high - low) * side for side in pick]), skin, label)
+    return quads(np.concatenate([lows + (highs - lows) * side for side in pick]), skin, label)
 
 
 def box(x: tuple[float, float], y: tuple[float, float], z: tuple[float, float], skin: Skin, label: int) -> Piece:
@@ -248,6 +249,14 @@ def solid(parts: Sequence[Part], skin: Skin, label: int, crease_deg: float = 40.
     return from_mesh(mesh, skin.material, label)
 
 
+def revolved(
+    profile: Sequence[tuple[float, float]], segments: int, skin: Skin, label: int, crease_deg: float = 40.0,
+    start_deg: float = 180.0,
+) -> Piece:  # fmt: skip
+    """`revolve` in one look, see `solid`."""
+    return solid([revolve(profile, segments, start_deg=start_deg)], skin, label, crease_deg)
+
+
 def from_mesh(mesh: Mesh, material: int, label: int) -> Piece:
     """A mesh as a piece of one material and class."""
     n = len(mesh.faces)
@@ -256,7 +265,7 @@ def from_mesh(mesh: Mesh, material: int, label: int) -> Piece:
     )
 
 
-def place(piece: Piece, at: np.ndarray, yaw_deg: np.ndarray | float = 0.0, scale: np.ndarray | float = 1.0) -> Piece:
+def place(piece: Piece, at: ArrayLike, yaw_deg: ArrayLike = 0.0, scale: ArrayLike = 1.0) -> Piece:
     """Copies at positions (k, 3), turned about z and scaled by (k,) or (k, 3), none of it negative."""
     at = np.asarray(at, np.float64).reshape(-1, 3)
     k, n = len(at), len(piece.vertices)
@@ -284,7 +293,7 @@ def place(piece: Piece, at: np.ndarray, yaw_deg: np.ndarray | float = 0.0, scale
     )
 
 
-def bars(start: np.ndarray, end: np.ndarray, thick_m: float | np.ndarray, skin: Skin, label: int) -> Piece:
+def bars(start: ArrayLike, end: ArrayLike, thick_m: float | np.ndarray, skin: Skin, label: int) -> Piece:
     """Square rods between points (n, 3) and (n, 3), open at their ends: rails, trusses, wires, masts."""
     start, end = np.asarray(start, np.float64).reshape(-1, 3), np.asarray(end, np.float64).reshape(-1, 3)
     start, end = np.broadcast_arrays(start, end)
@@ -300,7 +309,7 @@ def bars(start: np.ndarray, end: np.ndarray, thick_m: float | np.ndarray, skin: 
     return quads(np.concatenate(faces), skin, label)
 
 
-def polygon(outline: np.ndarray, y: float, skin: Skin, label: int, fit: bool = False) -> Piece:
+def polygon(outline: ArrayLike, y: float, skin: Skin, label: int, fit: bool = False) -> Piece:
     """A flat convex outline (k, 2) of x and z, counter-clockwise, that faces -y; the texture anchored or fitted."""
     outline = np.asarray(outline, np.float64)
     k = len(outline)

@@ -92,10 +92,7 @@ class Block:
     @property
     def size(self) -> tuple[float, float]:
         """Width and depth inside the pavements."""
-        return (
-            self.high[0] - self.low[0] - 2 * PAVEMENT_M,
-            self.high[1] - self.low[1] - 2 * PAVEMENT_M,
-        )
+        return (self.high[0] - self.low[0] - 2 * PAVEMENT_M, self.high[1] - self.low[1] - 2 * PAVEMENT_M)
 
     @property
     def corner(self) -> tuple[float, float]:

@@ -78,11 +78,7 @@ def _tub() -> list[Part]:
     ends = COCKPIT_X + COCKPIT_LENGTH / 2 * np.cos(np.linspace(0, np.pi, 25))
     stations = np.unique(np.r_[np.linspace(-106, 130, 66), np.linspace(130, 135, 7), ends])
     net = np.stack([_tub_section(x) for x in stations])
-    return [
-        panel(net, livery.paint_body),
-        fan(net[-1, :-1], livery.TRIM),
-        fan(net[0, :-1][::-1], CARBON, "carbon"),
-    ]
+    return [panel(net, livery.paint_body), fan(net[-1, :-1], livery.TRIM), fan(net[0, :-1][::-1], CARBON, "carbon")]
 
 
 def _between(table: Sequence[tuple[float, ...]], x: float | np.ndarray) -> np.ndarray:

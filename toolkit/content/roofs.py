@@ -19,6 +19,7 @@ from toolkit.content.pieces import (
     merge,
     place,
     quads,
+    revolved,
     solid,
     wall_quads,
 )
@@ -72,7 +73,7 @@ def flat_roof(
     cap_low, cap_high = low.copy(), high.copy()
     cap_low[:, 2], cap_high[:, 2] = z + PARAPET_M, z + PARAPET_M + 0.12
     pieces = [
-        floor_quads(np.array([(thick, thick, w - thick, d - thick)]), z, felt, ROOF),
+        floor_quads((thick, thick, w - thick, d - thick), z, felt, ROOF),
         boxes(low, high, wall_skin, ROOF),
         boxes(cap_low - [0.06, 0.06, 0], cap_high + [0.06, 0.06, 0], trim, ROOF, without=()),
     ]
@@ -97,8 +98,8 @@ def flat_roof(
         if rng.random() < chance and (at := roof.find(radius, rng)):
             variant = f"{make.__name__}-{rng.integers(VARIANTS)}"
             made = looks.once(variant, partial(make, looks))
-            pieces.append(place(made, np.array([(*at, z)]), 90.0 * rng.integers(4)))
-    return merge(pieces)
+            pieces.append(place(made, (*at, z), 90.0 * rng.integers(4)))
+    return merge(*pieces)
 
 
 def landing_pad(radius: float, looks: Looks) -> Piece:
@@ -132,18 +133,15 @@ def landing_pad(radius: float, looks: Looks) -> Piece:
         ]
     )
     return merge(
-        [
-            quads(top, skin, SceneClass.PAD, uv),
-            boxes(np.array([[-r, -r, 0.0]]), np.array([[r, r, 0.25]]), edge, SceneClass.PAD, without=("top", "bottom")),
-            boxes(at - [0.08, 0.08, 0], at + [0.08, 0.08, 0.1], looks.plain((250, 210, 90), "lamp"), SceneClass.PAD),
-        ]
+        quads(top, skin, SceneClass.PAD, uv),
+        boxes([-r, -r, 0.0], [r, r, 0.25], edge, SceneClass.PAD, without=("top", "bottom")),
+        boxes(at - [0.08, 0.08, 0], at + [0.08, 0.08, 0.1], looks.plain((250, 210, 90), "lamp"), SceneClass.PAD),
     )
 
 
 def louvres(looks: Looks) -> Skin:
     """Sheet metal with slots, 1 m square."""
-    found = looks.known("louvres")
-    if found:
+    if found := looks.known("louvres"):
         return found
     canvas = Canvas(1, 1, 96, (168, 170, 168))
     for k in range(10):
@@ -176,11 +174,9 @@ def air_conditioner(looks: Looks, rng: np.random.Generator) -> Piece:
     tops = np.array([(a + 0.03, -d / 2 + 0.05, b - 0.03, d / 2 - 0.05) for a, b in pairwise(fans)])
     feet = np.array([[-w / 2 + 0.1, -d / 2, 0.0], [w / 2 - 0.3, -d / 2, 0.0]])
     return merge(
-        [
-            boxes(low, high, louvres(looks), ROOF, without=()),
-            floor_quads(tops, 0.305 + h, fan, ROOF, fit=True),
-            boxes(feet, feet + [0.2, d, 0.3], looks.plain((90, 92, 94)), ROOF),
-        ]
+        boxes(low, high, louvres(looks), ROOF, without=()),
+        floor_quads(tops, 0.305 + h, fan, ROOF, fit=True),
+        boxes(feet, feet + [0.2, d, 0.3], looks.plain((90, 92, 94)), ROOF),
     )
 
 
@@ -188,11 +184,11 @@ def stair_house(looks: Looks, rng: np.random.Generator) -> Piece:
     """The head of the stairs: a small brick house with a steel door."""
     skin = wall(looks, "render", (206, 204, 196))
     pieces = [
-        boxes(np.array([[-1.5, -1.4, 0]]), np.array([[1.5, 1.4, 2.7]]), skin, ROOF),
-        boxes(np.array([[-1.65, -1.55, 2.7]]), np.array([[1.65, 1.55, 2.86]]), looks.plain((96, 96, 94)), ROOF, ()),
-        wall_quads(np.array([(-0.45, 0.05, 0.45, 2.1)]), -1.41, looks.plain((104, 54, 46)), ROOF),
+        boxes([-1.5, -1.4, 0], [1.5, 1.4, 2.7], skin, ROOF),
+        boxes([-1.65, -1.55, 2.7], [1.65, 1.55, 2.86], looks.plain((96, 96, 94)), ROOF, ()),
+        wall_quads((-0.45, 0.05, 0.45, 2.1), -1.41, looks.plain((104, 54, 46)), ROOF),
     ]
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def water_tank(looks: Looks, rng: np.random.Generator) -> Piece:
@@ -209,8 +205,8 @@ def water_tank(looks: Looks, rng: np.random.Generator) -> Piece:
             canvas.rect(0, z, 1.2, z + 0.035, (54, 52, 50))
         staves = looks.add(Material(name, canvas.texture(0.06, gen), 0.9), (1.2, 1.2))
     iron = looks.plain((58, 56, 54))
-    tank = solid([revolve([(1.6, 2.6), (1.6, 5.4)], 20)], staves, ROOF)
-    lid = solid([revolve([(1.75, 5.35), (0.05, 6.5)], 20)], looks.plain((70, 66, 62), "matte"), ROOF)
+    tank = revolved([(1.6, 2.6), (1.6, 5.4)], 20, staves, ROOF)
+    lid = revolved([(1.75, 5.35), (0.05, 6.5)], 20, looks.plain((70, 66, 62), "matte"), ROOF)
     floor = solid([revolve([(0.02, 2.6), (1.6, 2.6)], 20).flipped()], iron, ROOF)
     foot = np.array([(1.1, 1.1, 0), (-1.1, 1.1, 0), (-1.1, -1.1, 0), (1.1, -1.1, 0)], float)
     head = foot + [0, 0, 2.6]
@@ -218,13 +214,13 @@ def water_tank(looks: Looks, rng: np.random.Generator) -> Piece:
     braces = bars(
         np.concatenate([foot, foot]), np.concatenate([np.roll(head, 1, 0), np.roll(head, -1, 0)]), 0.06, iron, ROOF
     )
-    return merge([tank, lid, floor, legs, braces])
+    return merge(tank, lid, floor, legs, braces)
 
 
 def skylight(looks: Looks, rng: np.random.Generator) -> Piece:
     """A glazed ridge on a kerb."""
     glass, kerb = looks.plain((128, 158, 172), "gloss"), looks.plain((180, 182, 180))
-    pieces = [boxes(np.array([[-1.3, -0.9, 0]]), np.array([[1.3, 0.9, 0.4]]), kerb, ROOF)]
+    pieces = [boxes([-1.3, -0.9, 0], [1.3, 0.9, 0.4], kerb, ROOF)]
     slopes = [
         [(-1.2, -0.8, 0.4), (1.2, -0.8, 0.4), (1.2, 0, 1.0), (-1.2, 0, 1.0)],
         [(1.2, 0.8, 0.4), (-1.2, 0.8, 0.4), (-1.2, 0, 1.0), (1.2, 0, 1.0)],
@@ -234,13 +230,14 @@ def skylight(looks: Looks, rng: np.random.Generator) -> Piece:
     ribs = np.linspace(-1.2, 1.2, 5)
     start = np.array([(x, y, 0.41) for x in ribs for y in (-0.8, 0.8)])
     pieces += [quads(np.array(slopes), glass, ROOF), bars(start, start * [1, 0, 1] + [0, 0, 0.6], 0.06, kerb, ROOF)]
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def vents(looks: Looks, rng: np.random.Generator) -> Piece:
     """Pipes with cowls."""
-    pipe = solid(
-        [revolve([(0.12, 0), (0.12, 0.9), (0.26, 0.9), (0.26, 1.15), (0.01, 1.3)], 10)],
+    pipe = revolved(
+        [(0.12, 0), (0.12, 0.9), (0.26, 0.9), (0.26, 1.15), (0.01, 1.3)],
+        10,
         looks.plain((176, 178, 178), "metal"),
         ROOF,
     )
@@ -255,11 +252,9 @@ def aerial(looks: Looks, rng: np.random.Generator) -> Piece:
     rods = np.linspace(-0.7, 0.7, 6)
     start = np.array([(x, -0.35 + 0.1 * abs(x), h - 0.3) for x in rods])
     return merge(
-        [
-            bars(np.array([[0, 0, 0]]), np.array([[0, 0, h]]), 0.06, metal, ROOF),
-            bars(np.array([[-0.8, 0, h - 0.3]]), np.array([[0.8, 0, h - 0.3]]), 0.03, metal, ROOF),
-            bars(start, start * [1, -1, 1], 0.02, metal, ROOF),
-        ]
+        bars([0, 0, 0], [0, 0, h], 0.06, metal, ROOF),
+        bars([-0.8, 0, h - 0.3], [0.8, 0, h - 0.3], 0.03, metal, ROOF),
+        bars(start, start * [1, -1, 1], 0.02, metal, ROOF),
     )
 
 
@@ -269,10 +264,8 @@ def dish(looks: Looks, rng: np.random.Generator) -> Piece:
     profile = [(0.02, 0.0), (0.3, 0.05), (0.55, 0.17)]
     bowl = revolve(profile, 16).rotated("y", 55).moved(z=1.0)
     return merge(
-        [
-            solid([bowl, bowl.flipped().moved(0.01, 0, 0.008)], white, ROOF),
-            bars(np.array([[0, 0, 0]]), np.array([[0, 0, 1.0]]), 0.07, looks.plain((110, 112, 114)), ROOF),
-        ]
+        solid([bowl, bowl.flipped().moved(0.01, 0, 0.008)], white, ROOF),
+        bars([0, 0, 0], [0, 0, 1.0], 0.07, looks.plain((110, 112, 114)), ROOF),
     )
 
 
@@ -280,11 +273,7 @@ def duct(looks: Looks, rng: np.random.Generator) -> Piece:
     """A bent run of sheet-metal duct on feet."""
     metal = looks.plain((186, 188, 188), "metal")
     return merge(
-        [
-            box((-1.6, 1.2), (-0.3, 0.3), (0.35, 0.95), metal, ROOF),
-            box((0.6, 1.2), (0.3, 1.2), (0.35, 0.95), metal, ROOF),
-            bars(
-                np.array([(-1.4, 0, 0), (0.9, 1.0, 0)]), np.array([(-1.4, 0, 0.35), (0.9, 1.0, 0.35)]), 0.1, metal, ROOF
-            ),
-        ]
+        box((-1.6, 1.2), (-0.3, 0.3), (0.35, 0.95), metal, ROOF),
+        box((0.6, 1.2), (0.3, 1.2), (0.35, 0.95), metal, ROOF),
+        bars([(-1.4, 0, 0), (0.9, 1.0, 0)], [(-1.4, 0, 0.35), (0.9, 1.0, 0.35)], 0.1, metal, ROOF),
     )

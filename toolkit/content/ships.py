@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from toolkit.content.modelling import Colour, revolve
+from toolkit.content.modelling import Colour
 from toolkit.content.paint import Canvas
 from toolkit.content.pieces import (
     Looks,
@@ -14,7 +14,7 @@ from toolkit.content.pieces import (
     merge,
     place,
     quads,
-    solid,
+    revolved,
     wall_quads,
 )
 from toolkit.objects.mesh import Material
@@ -36,8 +36,7 @@ LINES: tuple[tuple[Colour, str], ...] = (
 def container_skin(looks: Looks, line: int) -> Skin:
     """Corrugated steel with the line's name, a long side of a container."""
     colour, name = LINES[line]
-    found = looks.known(f"container-{name}")
-    if found:
+    if found := looks.known(f"container-{name}"):
         return found
     canvas = Canvas(BOX_M[0], BOX_M[2], 40, colour)
     for k in range(44):
@@ -52,21 +51,14 @@ def container(looks: Looks, line: int, label: int = F) -> Piece:
     length, width, height = BOX_M
     colour = LINES[line][0]
     skin, frame = container_skin(looks, line), looks.plain(tuple(int(c * 0.85) for c in colour))
-    side = wall_quads(np.array([(-length / 2, 0.0, length / 2, height)]), 0.0, skin, label, fit=True)
+    side = wall_quads((-length / 2, 0.0, length / 2, height), 0.0, skin, label, fit=True)
     posts = np.array([(sx * (length / 2) - 0.08, sy * (width / 2) - 0.08, 0) for sx in (-1, 1) for sy in (-1, 1)])
     rods = np.array([(length / 2 + 0.03, y, 0.15) for y in (-0.7, -0.25, 0.25, 0.7)])
     return merge(
-        [
-            boxes(
-                np.array([(-length / 2, -width / 2 + 0.02, 0.0)]),
-                np.array([(length / 2, width / 2 - 0.02, height)]),
-                frame,
-                label,
-            ),
-            place(side, np.array([(0, -width / 2, 0), (0, width / 2, 0)]), np.array([0.0, 180.0])),
-            boxes(posts, posts + [0.16, 0.16, height + 0.02], frame, label),
-            bars(rods, rods + [0, 0, 2.3], 0.05, looks.plain((170, 170, 166)), label),
-        ]
+        boxes((-length / 2, -width / 2 + 0.02, 0.0), (length / 2, width / 2 - 0.02, height), frame, label),
+        place(side, [(0, -width / 2, 0), (0, width / 2, 0)], [0.0, 180.0]),
+        boxes(posts, posts + [0.16, 0.16, height + 0.02], frame, label),
+        bars(rods, rods + [0, 0, 2.3], 0.05, looks.plain((170, 170, 166)), label),
     )
 
 
@@ -108,7 +100,7 @@ def hull(
     )
     inner = np.stack([rail[1:] * flip, rail[:-1] * flip, deck[:-1] * flip, deck[1:] * flip], 1)
     pieces.append(quads(np.concatenate([inner, (inner * flip)[:, ::-1]]), looks.plain((214, 210, 200)), V))
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def _house(x: tuple[float, float], width: float, z: float, decks: int, looks: Looks) -> Piece:
@@ -138,7 +130,7 @@ def _house(x: tuple[float, float], width: float, z: float, decks: int, looks: Lo
                     V,
                 )
             )
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def feeder_ship(looks: Looks, rng: np.random.Generator) -> Piece:
@@ -151,21 +143,13 @@ def feeder_ship(looks: Looks, rng: np.random.Generator) -> Piece:
                 kinds.append(int(rng.integers(len(LINES))))
     at, kind = np.array(boxes_at), np.array(kinds)
     cargo = [place(container(looks, k, V), at[kind == k]) for k in range(len(LINES))]
-    funnel = solid([revolve([(2.2, 0), (1.9, 7), (1.5, 7.2), (1.5, 7.0)], 14)], looks.plain((24, 60, 130)), V)
+    funnel = revolved([(2.2, 0), (1.9, 7), (1.5, 7.2), (1.5, 7.0)], 14, looks.plain((24, 60, 130)), V)
     return merge(
-        [
-            hull(112.0, 18.0, looks, side=7.0, draught=5.0, colours=((28, 44, 82), (140, 36, 32))),
-            *cargo,
-            _house((-50, -36), 16.0, 6.6, 5, looks),
-            funnel.moved(-46, 0, 19.0),
-            bars(
-                np.array([(-40, 0, 19), (48, 0, 8)]),
-                np.array([(-40, 0, 30), (48, 0, 18)]),
-                0.4,
-                looks.plain((210, 208, 200)),
-                V,
-            ),
-        ]
+        hull(112.0, 18.0, looks, side=7.0, draught=5.0, colours=((28, 44, 82), (140, 36, 32))),
+        *cargo,
+        _house((-50, -36), 16.0, 6.6, 5, looks),
+        funnel.moved(-46, 0, 19.0),
+        bars([(-40, 0, 19), (48, 0, 8)], [(-40, 0, 30), (48, 0, 18)], 0.4, looks.plain((210, 208, 200)), V),
     )
 
 
@@ -173,25 +157,21 @@ def boats(looks: Looks, rng: np.random.Generator) -> Piece:
     """Fishing boats, a tug, yachts at moorings."""
     spar, sail = looks.plain((222, 218, 206)), looks.plain((240, 236, 224), "matte")
     fisher = merge(
-        [
-            hull(15.0, 4.6, looks, side=2.0, draught=1.4, colours=((36, 96, 150), (150, 44, 36))),
-            _house((-5.5, -1.5), 3.2, 1.6, 2, looks),
-            bars(
-                np.array([(1, 0, 1.5), (1, 0, 7), (-6.5, -1.5, 2), (-6.5, 1.5, 2)]),
-                np.array([(1, 0, 8.5), (6, 0, 3.5), (-6.5, -0.8, 5.5), (-6.5, 0.8, 5.5)]),
-                0.14,
-                spar,
-                V,
-            ),
-            box((-6.6, -6.4), (-1.0, 1.0), (5.3, 5.6), spar, V),
-        ]
+        hull(15.0, 4.6, looks, side=2.0, draught=1.4, colours=((36, 96, 150), (150, 44, 36))),
+        _house((-5.5, -1.5), 3.2, 1.6, 2, looks),
+        bars(
+            [(1, 0, 1.5), (1, 0, 7), (-6.5, -1.5, 2), (-6.5, 1.5, 2)],
+            [(1, 0, 8.5), (6, 0, 3.5), (-6.5, -0.8, 5.5), (-6.5, 0.8, 5.5)],
+            0.14,
+            spar,
+            V,
+        ),
+        box((-6.6, -6.4), (-1.0, 1.0), (5.3, 5.6), spar, V),
     )
     tug = merge(
-        [
-            hull(24.0, 8.5, looks, side=3.0, draught=3.0, colours=((30, 32, 36), (150, 40, 34))),
-            _house((-5, 5), 5.6, 2.5, 2, looks),
-            solid([revolve([(1.0, 7.6), (0.9, 11.0), (0.6, 11.0)], 12)], looks.plain((226, 150, 30)), V),
-        ]
+        hull(24.0, 8.5, looks, side=3.0, draught=3.0, colours=((30, 32, 36), (150, 40, 34))),
+        _house((-5, 5), 5.6, 2.5, 2, looks),
+        revolved([(1.0, 7.6), (0.9, 11.0), (0.6, 11.0)], 12, looks.plain((226, 150, 30)), V),
     )
     jib = np.array(
         [
@@ -200,23 +180,17 @@ def boats(looks: Looks, rng: np.random.Generator) -> Piece:
         ]
     )
     yacht = merge(
-        [
-            hull(10.5, 3.2, looks, side=1.1, draught=0.8, colours=((238, 238, 234), (30, 52, 110)), bow=0.45),
-            box((-2.0, 1.6), (-0.9, 0.9), (0.9, 1.5), looks.plain((236, 236, 232)), V),
-            bars(np.array([(0.2, 0, 0.9), (0.2, 0, 1.8)]), np.array([(0.2, 0, 13.2), (-4.5, 0, 1.8)]), 0.12, spar, V),
-        ]
+        hull(10.5, 3.2, looks, side=1.1, draught=0.8, colours=((238, 238, 234), (30, 52, 110)), bow=0.45),
+        box((-2.0, 1.6), (-0.9, 0.9), (0.9, 1.5), looks.plain((236, 236, 232)), V),
+        bars([(0.2, 0, 0.9), (0.2, 0, 1.8)], [(0.2, 0, 13.2), (-4.5, 0, 1.8)], 0.12, spar, V),
     )
-    sailing = merge([yacht, quads(np.concatenate([jib, jib[:, [0, 2, 1, 1]] + [0, 0.01, 0]]), sail, V)])
+    sailing = merge(yacht, quads(np.concatenate([jib, jib[:, [0, 2, 1, 1]] + [0, 0.01, 0]]), sail, V))
     moored = np.array([(108.0 + 6.5 * k, -36.0 - 9.0 * (k % 2), WATER_Z) for k in range(6)])
     return merge(
-        [
-            place(fisher, np.array([(18.0, -5.0, WATER_Z), (95.0, -6.0, WATER_Z)]), np.array([0.0, 180.0])),
-            place(tug, np.array([(-90.0, -62.0, WATER_Z)]), 18.0),
-            place(yacht, moored, np.array([88.0, 92.0] * 3)),
-            place(
-                sailing,
-                np.array([(10.0, -150.0, WATER_Z), (-130.0, -210.0, WATER_Z), (80.0, -240.0, WATER_Z)]),
-                np.array([30.0, 150.0, 200.0]),
-            ),
-        ]
+        place(fisher, [(18.0, -5.0, WATER_Z), (95.0, -6.0, WATER_Z)], [0.0, 180.0]),
+        place(tug, (-90.0, -62.0, WATER_Z), 18.0),
+        place(yacht, moored, np.array([88.0, 92.0] * 3)),
+        place(
+            sailing, [(10.0, -150.0, WATER_Z), (-130.0, -210.0, WATER_Z), (80.0, -240.0, WATER_Z)], [30.0, 150.0, 200.0]
+        ),
     )

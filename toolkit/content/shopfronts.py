@@ -86,7 +86,7 @@ def shop_row(width: float, looks: Looks, rng: np.random.Generator, wall: Skin) -
     low = np.stack([lefts, np.full(count + 1, -0.06), np.zeros(count + 1)], 1)
     high = np.stack([lefts + pier, np.full(count + 1, 0.5), np.full(count + 1, SHOP_FLOOR_M)], 1)
     pieces.append(boxes(low, high, wall, BUILDING))
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def shop(trade: Trade, x0: float, x1: float, looks: Looks, rng: np.random.Generator) -> Piece:
@@ -95,27 +95,21 @@ def shop(trade: Trade, x0: float, x1: float, looks: Looks, rng: np.random.Genera
     back, low = 0.45, 0.0
     uv = np.array([[(0, 0), (1, 0), (1, 1), (0, 1)]], float)
     z = 3.05
-    board = boxes(
-        np.array([[x0, -0.16, z + 0.02]]),
-        np.array([[x1, 0.4, z + 0.98]]),
-        looks.plain(trade.board),
-        BUILDING,
-        ("back",),
-    )
+    board = boxes([x0, -0.16, z + 0.02], [x1, 0.4, z + 0.98], looks.plain(trade.board), BUILDING, ("back",))
     share = min(1.0, (x1 - x0) / SIGN_W)
-    fascia = wall_quads(np.array([(x0 + 0.05, z + 0.1, x1 - 0.05, z + 0.9)]), -0.165, sign, SceneClass.SIGN, fit=True)
+    fascia = wall_quads((x0 + 0.05, z + 0.1, x1 - 0.05, z + 0.9), -0.165, sign, SceneClass.SIGN, fit=True)
     crop = np.array([[(0.5 - share / 2, 0), (0.5 + share / 2, 0), (0.5 + share / 2, 1), (0.5 - share / 2, 1)]])
     fascia = quads(fascia.vertices.reshape(-1, 4, 3), sign, SceneClass.SIGN, crop)
-    glass = quads(np.array([[(x0, back, low), (x1, back, low), (x1, back, z), (x0, back, z)]]), front, BUILDING, uv)
+    glass = quads([(x0, back, low), (x1, back, low), (x1, back, z), (x0, back, z)], front, BUILDING, uv)
     frame = looks.plain(trade.frame)
     ceiling = quads(np.array([[(x0, 0, z), (x0, back, z), (x1, back, z), (x1, 0, z)]])[:, ::-1], frame, BUILDING)
-    above = wall_quads(np.array([(x0, z + 0.98, x1, SHOP_FLOOR_M)]), 0.0, frame, BUILDING)
+    above = wall_quads((x0, z + 0.98, x1, SHOP_FLOOR_M), 0.0, frame, BUILDING)
     pieces = [board, fascia, glass, ceiling, above]
     if trade.awning and rng.random() < 0.8:
         pieces.append(_awning(trade.awning, x0, x1, looks))
     if rng.random() < 0.6:
         pieces.append(_blade(trade, x1 - 0.3, looks))
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def _awning(stripes: tuple[Colour, Colour], x0: float, x1: float, looks: Looks) -> Piece:
@@ -161,15 +155,8 @@ def _blade(trade: Trade, x: float, looks: Looks) -> Piece:
     uv = np.broadcast_to(np.array([(0, 0), (1, 0), (1, 1), (0, 1)], float), (2, 4, 2))
     rim = looks.plain((60, 60, 62))
     return merge(
-        [
-            quads(np.array([right, left], float), skin, SceneClass.SIGN, uv),
-            boxes(
-                np.array([[x + 0.01, y0 - 0.02, low - 0.02]]),
-                np.array([[x + thick - 0.01, 0, low + height + 0.02]]),
-                rim,
-                BUILDING,
-            ),
-        ]
+        quads([right, left], skin, SceneClass.SIGN, uv),
+        boxes([x + 0.01, y0 - 0.02, low - 0.02], [x + thick - 0.01, 0, low + height + 0.02], rim, BUILDING),
     )
 
 

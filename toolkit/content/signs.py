@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from toolkit.content.modelling import Colour, revolve
+from toolkit.content.modelling import Colour
 from toolkit.content.paint import Canvas
-from toolkit.content.pieces import Looks, Piece, Skin, bars, box, boxes, merge, place, quads, solid
+from toolkit.content.pieces import Looks, Piece, Skin, bars, box, boxes, merge, place, quads, revolved
 from toolkit.objects.mesh import Material
 from toolkit.worlds.classes import SceneClass
 
@@ -65,14 +65,14 @@ def traffic_head(looks: Looks, lit: int, housing: Colour = (232, 178, 20)) -> Pi
         box((-0.19, 0.19), (0.0, 0.2), (-0.58, 0.58), body, FURNITURE),
         box((-0.32, 0.32), (0.2, 0.23), (-0.72, 0.72), dark, FURNITURE),
     ]
-    visor = solid([revolve([(0.16, 0), (0.16, 0.2)], 10)], dark, FURNITURE)
+    visor = revolved([(0.16, 0), (0.16, 0.2)], 10, dark, FURNITURE)
     for k in range(3):
         z = 0.38 - 0.38 * k
         lamp = looks.plain(on[k], "lamp") if k == lit else looks.plain(off[k], "gloss")
-        disc = solid([revolve([(0.15, 0.0), (0.08, 0.04), (0.005, 0.05)], 10)], lamp, FURNITURE)
+        disc = revolved([(0.15, 0.0), (0.08, 0.04), (0.005, 0.05)], 10, lamp, FURNITURE)
         for piece, depth in ((disc, 0.0), (visor, 0.0)):
             pieces.append(_tipped(piece).moved(0, depth, z))
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def _tipped(piece: Piece) -> Piece:
@@ -91,13 +91,13 @@ def _tipped(piece: Piece) -> Piece:
 def traffic_light(looks: Looks, lit: int, street: str, arm_m: float = 5.0) -> Piece:
     """A mast at the kerb with an arm out over the road to -x, two heads facing -y, and the street's name."""
     steel = looks.plain((74, 78, 80))
-    mast = solid([revolve([(0.16, 0), (0.13, 0.9), (0.11, 0.92), (0.085, 5.9), (0.01, 5.95)], 8)], steel, FURNITURE)
+    mast = revolved([(0.16, 0), (0.13, 0.9), (0.11, 0.92), (0.085, 5.9), (0.01, 5.95)], 8, steel, FURNITURE)
     head = traffic_head(looks, lit)
     at = np.array([(-arm_m + 0.4, -0.2, 5.35), (-arm_m / 2, -0.2, 5.45), (0.0, -0.32, 3.1)])
     name = street_name(street, looks)
     pieces = [
         mast,
-        bars(np.array([(0, 0, 5.6)]), np.array([(-arm_m, 0, 5.85)]), 0.12, steel, FURNITURE),
+        bars((0, 0, 5.6), (-arm_m, 0, 5.85), 0.12, steel, FURNITURE),
         place(head, at),
         bars(at[:2] + [0, 0.12, 0.5], at[:2] + [0, 0.2, 0.35], 0.06, steel, FURNITURE),
         name.moved(-1.3, -0.1, 5.3),
@@ -107,7 +107,7 @@ def traffic_light(looks: Looks, lit: int, street: str, arm_m: float = 5.0) -> Pi
         box((-0.45, -0.12), (-0.15, 0.05), (2.3, 2.7), looks.plain((30, 30, 32)), FURNITURE),
         box((-0.38, -0.19), (-0.165, -0.15), (2.36, 2.64), walk, FURNITURE),
     ]
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def street_name(street: str, looks: Looks) -> Piece:
@@ -126,11 +126,9 @@ def name_post(streets: tuple[str, str], looks: Looks) -> Piece:
     """Two crossed street names on a post."""
     post = looks.plain((120, 124, 124))
     return merge(
-        [
-            bars(np.array([(0, 0, 0)]), np.array([(0, 0, 3.15)]), 0.07, post, FURNITURE),
-            street_name(streets[0], looks).moved(0, 0, 2.98),
-            street_name(streets[1], looks).turned(90).moved(0, 0, 2.64),
-        ]
+        bars((0, 0, 0), (0, 0, 3.15), 0.07, post, FURNITURE),
+        street_name(streets[0], looks).moved(0, 0, 2.98),
+        street_name(streets[1], looks).turned(90).moved(0, 0, 2.64),
     )
 
 
@@ -140,12 +138,7 @@ def sign_post(kind: str, looks: Looks) -> Piece:
     width, height, skin = _traffic_sign(kind, looks)
     outline = _outline(kind)
     plate = _plate(outline * [width / 2, height / 2], skin, looks.plain((140, 142, 142)))
-    return merge(
-        [
-            bars(np.array([(0, 0.03, 0)]), np.array([(0, 0.03, 2.4 + height / 2)]), 0.06, post, FURNITURE),
-            plate.moved(0, -0.02, 2.4),
-        ]
-    )
+    return merge(bars((0, 0.03, 0), (0, 0.03, 2.4 + height / 2), 0.06, post, FURNITURE), plate.moved(0, -0.02, 2.4))
 
 
 SIGN_KINDS = ("stop", "no-parking", "one-way", "speed", "crossing", "no-entry", "parking", "bus", "yield")
@@ -184,7 +177,7 @@ def _plate(outline: np.ndarray, skin: Skin, back: Skin) -> Piece:
         np.full(k - 2, back.material, np.int32),
         np.full(k - 2, SIGN, np.uint8),
     )
-    return merge([front, behind])
+    return merge(front, behind)
 
 
 def _traffic_sign(kind: str, looks: Looks) -> tuple[float, float, Skin]:
@@ -275,11 +268,9 @@ def billboard(index: int, looks: Looks) -> Piece:
     skin, steel = billboard_skin(index, looks), looks.plain((60, 62, 64))
     foot = np.array([(x, 0.6, 0) for x in (-3, -1, 1, 3)], float)
     return merge(
-        [
-            board(8, 4, skin, thick=0.16, both=False).moved(0, 0, 3.4),
-            box((-4.05, 4.05), (-0.06, 0.1), (1.35, 5.45), steel, FURNITURE),
-            bars(foot, foot + [0, 0, 5.2], 0.14, steel, FURNITURE),
-            bars(foot + [0, 1.6, 0], foot + [0, 0, 4.2], 0.1, steel, FURNITURE),
-            boxes(foot * [1, 0, 0] + [-0.2, -1.3, 1.1], foot * [1, 0, 0] + [0.2, -1.0, 1.3], steel, FURNITURE),
-        ]
+        board(8, 4, skin, thick=0.16, both=False).moved(0, 0, 3.4),
+        box((-4.05, 4.05), (-0.06, 0.1), (1.35, 5.45), steel, FURNITURE),
+        bars(foot, foot + [0, 0, 5.2], 0.14, steel, FURNITURE),
+        bars(foot + [0, 1.6, 0], foot + [0, 0, 4.2], 0.1, steel, FURNITURE),
+        boxes(foot * [1, 0, 0] + [-0.2, -1.3, 1.1], foot * [1, 0, 0] + [0.2, -1.0, 1.3], steel, FURNITURE),
     )

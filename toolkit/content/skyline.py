@@ -29,8 +29,7 @@ STYLES: tuple[tuple[Colour, Colour, tuple[float, float]], ...] = (
 def painted_facade(looks: Looks, style: int) -> Skin:
     """A facade of `BAYS` by `FLOORS` windows that repeats."""
     name = f"facade-{style}"
-    found = looks.known(name)
-    if found:
+    if found := looks.known(name):
         return found
     ground, trim, (share_w, share_h) = STYLES[style]
     rng, width, height = looks.rng(name), BAYS * BAY_M, FLOORS * FLOOR_M
@@ -73,12 +72,7 @@ def towers(low: np.ndarray, high: np.ndarray, looks: Looks, rng: np.random.Gener
             x0, x1 = (a[:, 0], b[:, 0]) if side % 2 == 0 else (a[:, 1], b[:, 1])
             bays = np.maximum(np.round((x1 - x0) / BAY_M), 1) / BAYS
             start = rng.integers(0, BAYS, len(a)) / BAYS
-            corner = {
-                0: ((0, 1), (1, 1)),
-                1: ((1, 1), (1, 0)),
-                2: ((1, 0), (0, 0)),
-                3: ((0, 0), (0, 1)),
-            }[side]
+            corner = {0: ((0, 1), (1, 1)), 1: ((1, 1), (1, 0)), 2: ((1, 0), (0, 0)), 3: ((0, 0), (0, 1))}[side]
             points = [
                 np.column_stack([np.where(px, b[:, 0], a[:, 0]), np.where(py, a[:, 1], b[:, 1])]) for px, py in corner
             ]
@@ -101,7 +95,7 @@ def towers(low: np.ndarray, high: np.ndarray, looks: Looks, rng: np.random.Gener
             pieces.append(quads(np.stack(rows, 1), skin, FAR, uv))
         rect = np.column_stack([a[:, :2], b[:, :2]])
         pieces.append(floor_quads(rect, b[:, 2], felt, FAR))
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def surround(

@@ -10,7 +10,7 @@ import numpy as np
 from toolkit.content.modelling import box as bevelled_box
 from toolkit.content.modelling import revolve, smooth_curve, tube
 from toolkit.content.paint import Canvas
-from toolkit.content.pieces import Looks, Piece, bars, box, boxes, merge, place, quads, solid
+from toolkit.content.pieces import Looks, Piece, bars, box, boxes, merge, place, quads, revolved, solid
 from toolkit.content.signs import board, sheet
 from toolkit.worlds.classes import SceneClass
 
@@ -22,12 +22,10 @@ def street_lamp(looks: Looks) -> Piece:
     steel = looks.plain((86, 92, 92))
     arm = smooth_curve([(0, 0, 7.4), (0, -0.3, 8.1), (0, -1.2, 8.4), (0, -2.2, 8.4)], 5)
     return merge(
-        [
-            solid([revolve([(0.17, 0), (0.15, 1.0), (0.1, 1.05), (0.065, 7.5)], 7)], steel, F),
-            solid(tube(arm, 0.05, 4), steel, F),
-            solid([p.moved(0, -2.4, 8.4) for p in bevelled_box((0.34, 0.8, 0.2), 0.05)], steel, F),
-            box((-0.13, 0.13), (-2.72, -2.1), (8.27, 8.305), looks.plain((255, 232, 180), "lamp"), F),
-        ]
+        revolved([(0.17, 0), (0.15, 1.0), (0.1, 1.05), (0.065, 7.5)], 7, steel, F),
+        solid(tube(arm, 0.05, 4), steel, F),
+        solid([p.moved(0, -2.4, 8.4) for p in bevelled_box((0.34, 0.8, 0.2), 0.05)], steel, F),
+        box((-0.13, 0.13), (-2.72, -2.1), (8.27, 8.305), looks.plain((255, 232, 180), "lamp"), F),
     )
 
 
@@ -46,9 +44,7 @@ def old_lamp(looks: Looks) -> Piece:
         (0.06, 3.38),
     ]
     globe = [(0.06, 3.38), (0.2, 3.48), (0.27, 3.66), (0.2, 3.86), (0.04, 3.95)]
-    return merge(
-        [solid([revolve(profile, 8)], iron, F), solid([revolve(globe, 8)], looks.plain((255, 240, 206), "lamp"), F)]
-    )
+    return merge(revolved(profile, 8, iron, F), revolved(globe, 8, looks.plain((255, 240, 206), "lamp"), F))
 
 
 def hydrant(looks: Looks) -> Piece:
@@ -83,32 +79,27 @@ def litter_bin(looks: Looks) -> Piece:
     ribs = np.linspace(0, 2 * np.pi, 12, endpoint=False)
     foot = np.column_stack([0.3 * np.cos(ribs), 0.3 * np.sin(ribs), np.full(12, 0.08)])
     return merge(
-        [
-            solid([revolve([(0.26, 0.02), (0.28, 0.9)], 10)], looks.plain((30, 34, 32)), F),
-            bars(foot, foot * [1.08, 1.08, 1] + [0, 0, 0.82], 0.045, green, F),
-            solid([revolve([(0.34, 0.9), (0.35, 0.97), (0.26, 1.1), (0.12, 1.14), (0.12, 1.1)], 10)], green, F),
-        ]
+        revolved([(0.26, 0.02), (0.28, 0.9)], 10, looks.plain((30, 34, 32)), F),
+        bars(foot, foot * [1.08, 1.08, 1] + [0, 0, 0.82], 0.045, green, F),
+        revolved([(0.34, 0.9), (0.35, 0.97), (0.26, 1.1), (0.12, 1.14), (0.12, 1.1)], 10, green, F),
     )
 
 
 def dustbins(looks: Looks) -> Piece:
     """Two galvanised dustbins and black bags."""
     zinc = looks.plain((140, 144, 146), "metal")
-    can = solid(
-        [revolve([(0.22, 0), (0.26, 0.68), (0.28, 0.7), (0.27, 0.74), (0.12, 0.82), (0.03, 0.84), (0.005, 0.86)], 9)],
-        zinc,
-        F,
+    can = revolved(
+        [(0.22, 0), (0.26, 0.68), (0.28, 0.7), (0.27, 0.74), (0.12, 0.82), (0.03, 0.84), (0.005, 0.86)], 9, zinc, F
     )
-    bag = solid(
-        [revolve([(0.2, 0), (0.34, 0.12), (0.3, 0.34), (0.1, 0.5), (0.06, 0.56), (0.12, 0.62)], 7)],
+    bag = revolved(
+        [(0.2, 0), (0.34, 0.12), (0.3, 0.34), (0.1, 0.5), (0.06, 0.56), (0.12, 0.62)],
+        7,
         looks.plain((22, 22, 26), "gloss"),
         F,
     )
     return merge(
-        [
-            place(can, np.array([(-0.35, 0, 0), (0.3, 0.05, 0)])),
-            place(bag, np.array([(0.9, -0.1, 0), (1.3, 0.15, 0)]), np.array([0.0, 40.0]), np.array([1.0, 0.8])),
-        ]
+        place(can, [(-0.35, 0, 0), (0.3, 0.05, 0)]),
+        place(bag, [(0.9, -0.1, 0), (1.3, 0.15, 0)], [0.0, 40.0], [1.0, 0.8]),
     )
 
 
@@ -123,14 +114,14 @@ def bench(looks: Looks) -> Piece:
     for x in (-0.72, 0.72):
         legs.append(
             bars(
-                np.array([(x, -0.36, 0), (x, 0.12, 0), (x, -0.4, 0.44), (x, 0.1, 0.44), (x, -0.36, 0.66)]),
-                np.array([(x, -0.36, 0.66), (x, 0.12, 0.44), (x, 0.14, 0.42), (x, 0.34, 1.06), (x, 0.16, 0.66)]),
+                [(x, -0.36, 0), (x, 0.12, 0), (x, -0.4, 0.44), (x, 0.1, 0.44), (x, -0.36, 0.66)],
+                [(x, -0.36, 0.66), (x, 0.12, 0.44), (x, 0.14, 0.42), (x, 0.34, 1.06), (x, 0.16, 0.66)],
                 0.06,
                 iron,
                 F,
             )
         )
-    return merge([boxes(low, low + size, wood, F, ()), *legs])
+    return merge(boxes(low, low + size, wood, F, ()), *legs)
 
 
 def mailbox(looks: Looks) -> Piece:
@@ -152,12 +143,10 @@ def mailbox(looks: Looks) -> Piece:
         skin = sheet(name, looks, c)
     feet = np.array([(x, y, 0) for x in (-0.24, 0.18) for y in (-0.26, 0.2)], float)
     return merge(
-        [
-            solid(shell, blue, F, 30),
-            boxes(feet, feet + [0.06, 0.06, 0.2], blue, F),
-            board(0.5, 0.3, skin, F, 0.0, both=False).moved(0, -0.305, 0.72),
-            box((-0.2, 0.2), (-0.32, -0.3), (1.0, 1.04), looks.plain((14, 30, 80)), F),
-        ]
+        solid(shell, blue, F, 30),
+        boxes(feet, feet + [0.06, 0.06, 0.2], blue, F),
+        board(0.5, 0.3, skin, F, 0.0, both=False).moved(0, -0.305, 0.72),
+        box((-0.2, 0.2), (-0.32, -0.3), (1.0, 1.04), looks.plain((14, 30, 80)), F),
     )
 
 
@@ -171,13 +160,11 @@ def parking_meter(looks: Looks) -> Piece:
         F,
     )
     return merge(
-        [
-            solid([revolve([(0.045, 0), (0.035, 1.05), (0.07, 1.12), (0.1, 1.12)], 7)], steel, F),
-            solid([dome.scaled(1, 0.75, 1)], grey, F),
-            dial,
-            box((-0.035, 0.035), (-0.1, -0.07), (1.19, 1.28), looks.plain((30, 32, 34)), F),
-            box((-0.06, 0.06), (-0.095, -0.085), (1.385, 1.395), looks.plain((200, 30, 30)), F),
-        ]
+        revolved([(0.045, 0), (0.035, 1.05), (0.07, 1.12), (0.1, 1.12)], 7, steel, F),
+        solid([dome.scaled(1, 0.75, 1)], grey, F),
+        dial,
+        box((-0.035, 0.035), (-0.1, -0.07), (1.19, 1.28), looks.plain((30, 32, 34)), F),
+        box((-0.06, 0.06), (-0.095, -0.085), (1.385, 1.395), looks.plain((200, 30, 30)), F),
     )
 
 
@@ -192,21 +179,19 @@ def phone_booth(looks: Looks) -> Piece:
         skin = sheet(name, looks, c, 0.9)
     keys = np.array([(-0.06 + 0.05 * (k % 3), 0.03, 1.14 + 0.05 * (k // 3)) for k in range(12)])
     return merge(
-        [
-            box((-0.05, 0.05), (0.0, 0.1), (0.0, 1.0), steel, F),
-            box((-0.42, 0.42), (0.1, 0.16), (0.9, 2.1), blue, F),
-            box((-0.42, -0.38), (-0.35, 0.1), (0.9, 2.1), blue, F),
-            box((0.38, 0.42), (-0.35, 0.1), (0.9, 2.1), blue, F),
-            box((-0.44, 0.44), (-0.38, 0.16), (2.1, 2.34), blue, F),
-            board(0.8, 0.22, skin, F, 0.0, both=False).moved(0, -0.385, 2.22),
-            box((-0.17, 0.17), (0.04, 0.1), (1.05, 1.65), looks.plain((40, 42, 44), "metal"), F),
-            boxes(keys, keys + [0.035, 0.01, 0.035], looks.plain((220, 220, 216)), F, ()),
-            solid(
-                tube(smooth_curve([(-0.26, 0.02, 1.3), (-0.25, -0.06, 1.45), (-0.26, 0.02, 1.6)], 6), 0.03, 8),
-                looks.plain((20, 20, 22), "gloss"),
-                F,
-            ),
-        ]
+        box((-0.05, 0.05), (0.0, 0.1), (0.0, 1.0), steel, F),
+        box((-0.42, 0.42), (0.1, 0.16), (0.9, 2.1), blue, F),
+        box((-0.42, -0.38), (-0.35, 0.1), (0.9, 2.1), blue, F),
+        box((0.38, 0.42), (-0.35, 0.1), (0.9, 2.1), blue, F),
+        box((-0.44, 0.44), (-0.38, 0.16), (2.1, 2.34), blue, F),
+        board(0.8, 0.22, skin, F, 0.0, both=False).moved(0, -0.385, 2.22),
+        box((-0.17, 0.17), (0.04, 0.1), (1.05, 1.65), looks.plain((40, 42, 44), "metal"), F),
+        boxes(keys, keys + [0.035, 0.01, 0.035], looks.plain((220, 220, 216)), F, ()),
+        solid(
+            tube(smooth_curve([(-0.26, 0.02, 1.3), (-0.25, -0.06, 1.45), (-0.26, 0.02, 1.6)], 6), 0.03, 8),
+            looks.plain((20, 20, 22), "gloss"),
+            F,
+        ),
     )
 
 
@@ -221,18 +206,16 @@ def bicycle(looks: Looks) -> Piece:
         pieces.append(bars(ring[:-1], ring[1:], 0.04, dark, F))
         spoke = angle[:-1:2]
         rim = np.column_stack([x + 0.32 * np.cos(spoke), np.zeros(6), 0.34 + 0.32 * np.sin(spoke)])
-        pieces.append(bars(np.array([(x, 0, 0.34)]), rim, 0.008, steel, F))
+        pieces.append(bars((x, 0, 0.34), rim, 0.008, steel, F))
     a, b, c, d, e = (-0.52, 0, 0.34), (-0.1, 0, 0.3), (-0.24, 0, 0.82), (0.36, 0, 0.78), (0.52, 0, 0.34)
     tubes = [(a, b), (a, c), (b, c), (c, d), (b, d), (d, e)]
-    pieces.append(bars(np.array([p for p, _ in tubes]), np.array([q for _, q in tubes]), 0.045, paint, F))
+    pieces.append(bars([p for p, _ in tubes], [q for _, q in tubes], 0.045, paint, F))
     pieces += [
-        bars(
-            np.array([(-0.24, 0, 0.82), (0.36, 0, 0.78)]), np.array([(-0.27, 0, 0.94), (0.33, 0, 1.0)]), 0.03, steel, F
-        ),
-        bars(np.array([(0.33, -0.28, 1.02)]), np.array([(0.33, 0.28, 1.02)]), 0.03, dark, F),
+        bars([(-0.24, 0, 0.82), (0.36, 0, 0.78)], [(-0.27, 0, 0.94), (0.33, 0, 1.0)], 0.03, steel, F),
+        bars((0.33, -0.28, 1.02), (0.33, 0.28, 1.02), 0.03, dark, F),
         box((-0.42, -0.15), (-0.08, 0.08), (0.93, 0.99), dark, F),
     ]
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def newspaper_boxes(looks: Looks) -> Piece:
@@ -245,7 +228,7 @@ def newspaper_boxes(looks: Looks) -> Piece:
             box((x - 0.18, x + 0.18), (-0.21, -0.2), (0.62, 1.02), looks.plain((206, 206, 200)), F),
             box((x - 0.04, x + 0.04), (-0.05, 0.05), (0, 0.25), looks.plain((40, 40, 42)), F),
         ]
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def bus_shelter(looks: Looks) -> Piece:
@@ -264,20 +247,12 @@ def bus_shelter(looks: Looks) -> Piece:
     pane = [[(2.0, 0.7, 0.3), (-2.0, 0.7, 0.3), (-2.0, 0.7, 2.2), (2.0, 0.7, 2.2)]]
     both = np.array(pane + [pane[0][::-1]])
     return merge(
-        [
-            boxes(posts - [0.04, 0.04, 0], posts + [0.04, 0.04, 2.45], frame, F),
-            quads(both, glass, F),
-            box((-2.2, 2.2), (-0.8, 0.85), (2.45, 2.56), frame, F),
-            box((-1.5, 1.0), (0.3, 0.62), (0.45, 0.5), looks.plain((138, 88, 48)), F),
-            bars(
-                np.array([(-1.2, 0.46, 0), (0.7, 0.46, 0)]),
-                np.array([(-1.2, 0.46, 0.45), (0.7, 0.46, 0.45)]),
-                0.06,
-                frame,
-                F,
-            ),
-            board(1.2, 1.75, skin, F, 0.1).turned(90).moved(2.0, 0.05, 1.3),
-        ]
+        boxes(posts - [0.04, 0.04, 0], posts + [0.04, 0.04, 2.45], frame, F),
+        quads(both, glass, F),
+        box((-2.2, 2.2), (-0.8, 0.85), (2.45, 2.56), frame, F),
+        box((-1.5, 1.0), (0.3, 0.62), (0.45, 0.5), looks.plain((138, 88, 48)), F),
+        bars([(-1.2, 0.46, 0), (0.7, 0.46, 0)], [(-1.2, 0.46, 0.45), (0.7, 0.46, 0.45)], 0.06, frame, F),
+        board(1.2, 1.75, skin, F, 0.1).turned(90).moved(2.0, 0.05, 1.3),
     )
 
 
@@ -296,24 +271,21 @@ def cafe_table(looks: Looks) -> Piece:
     seat = np.array([(-0.95, -0.2, 0.43), (0.55, -0.2, 0.43)])
     legs = np.concatenate([seat + [dx, dy, -0.43] for dx in (0.03, 0.37) for dy in (0.03, 0.37)])
     return merge(
-        [
-            *pieces,
-            bars(np.array([(0, 0, 0)]), np.array([(0, 0, 2.7)]), 0.05, wood, F),
-            solid(
-                [revolve([(0.4, 0.7), (0.42, 0.72), (0.42, 0.75), (0.005, 0.75)], 16)], looks.plain((230, 228, 222)), F
-            ),
-            boxes(seat, seat + [0.4, 0.4, 0.04], wood, F, ()),
-            bars(legs, legs + [0, 0, 0.43], 0.035, wood, F),
-            box((-0.97, -0.93), (-0.2, 0.2), (0.47, 0.9), wood, F),
-            box((0.93, 0.97), (-0.2, 0.2), (0.47, 0.9), wood, F),
-        ]
+        *pieces,
+        bars((0, 0, 0), (0, 0, 2.7), 0.05, wood, F),
+        revolved([(0.4, 0.7), (0.42, 0.72), (0.42, 0.75), (0.005, 0.75)], 16, looks.plain((230, 228, 222)), F),
+        boxes(seat, seat + [0.4, 0.4, 0.04], wood, F, ()),
+        bars(legs, legs + [0, 0, 0.43], 0.035, wood, F),
+        box((-0.97, -0.93), (-0.2, 0.2), (0.47, 0.9), wood, F),
+        box((0.93, 0.97), (-0.2, 0.2), (0.47, 0.9), wood, F),
     )
 
 
 def planter(looks: Looks) -> Piece:
     """A concrete tub; a shrub is planted in it by `toolkit.content.trees`."""
-    return solid(
-        [revolve([(0.5, 0), (0.62, 0.55), (0.62, 0.62), (0.52, 0.62), (0.5, 0.5), (0.005, 0.5)], 12)],
+    return revolved(
+        [(0.5, 0), (0.62, 0.55), (0.62, 0.62), (0.52, 0.62), (0.5, 0.5), (0.005, 0.5)],
+        12,
         looks.plain((168, 164, 156), "matte"),
         F,
     )
@@ -323,12 +295,10 @@ def traffic_cone(looks: Looks) -> Piece:
     """An orange cone with a white band."""
     orange = looks.plain((240, 92, 22))
     return merge(
-        [
-            solid([revolve([(0.15, 0.03), (0.115, 0.22)], 12)], orange, F),
-            solid([revolve([(0.115, 0.22), (0.075, 0.42)], 12)], looks.plain((244, 244, 240)), F),
-            solid([revolve([(0.075, 0.42), (0.03, 0.68), (0.005, 0.69)], 12)], orange, F),
-            box((-0.2, 0.2), (-0.2, 0.2), (0, 0.03), looks.plain((30, 30, 32)), F),
-        ]
+        revolved([(0.15, 0.03), (0.115, 0.22)], 12, orange, F),
+        revolved([(0.115, 0.22), (0.075, 0.42)], 12, looks.plain((244, 244, 240)), F),
+        revolved([(0.075, 0.42), (0.03, 0.68), (0.005, 0.69)], 12, orange, F),
+        box((-0.2, 0.2), (-0.2, 0.2), (0, 0.03), looks.plain((30, 30, 32)), F),
     )
 
 
@@ -344,13 +314,11 @@ def barrier(looks: Looks) -> Piece:
     leg = looks.plain((60, 62, 64))
     at = np.array([(x, 0, 0) for x in (-0.75, 0.75)], float)
     return merge(
-        [
-            board(1.8, 0.3, skin, F, 0.05).moved(0, 0, 0.85),
-            board(1.8, 0.2, skin, F, 0.05).moved(0, 0, 0.45),
-            bars(at + [0, -0.3, 0], at + [0, 0, 1.0], 0.05, leg, F),
-            bars(at + [0, 0.3, 0], at + [0, 0, 1.0], 0.05, leg, F),
-            box((-0.08, 0.08), (-0.06, 0.06), (1.0, 1.2), looks.plain((255, 170, 30), "lamp"), F),
-        ]
+        board(1.8, 0.3, skin, F, 0.05).moved(0, 0, 0.85),
+        board(1.8, 0.2, skin, F, 0.05).moved(0, 0, 0.45),
+        bars(at + [0, -0.3, 0], at + [0, 0, 1.0], 0.05, leg, F),
+        bars(at + [0, 0.3, 0], at + [0, 0, 1.0], 0.05, leg, F),
+        box((-0.08, 0.08), (-0.06, 0.06), (1.0, 1.2), looks.plain((255, 170, 30), "lamp"), F),
     )
 
 

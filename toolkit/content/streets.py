@@ -18,7 +18,7 @@ def build_streets(plan: Plan, looks: Looks) -> Piece:
     pieces = [_carriageway(stretch, looks) for stretch in plan.stretches()]
     cells = [(n.at - n.half, e.at - e.half, n.at + n.half, e.at + e.half) for n in plan.north for e in plan.east]
     pieces.append(floor_quads(np.array(cells), 0.0, junction(looks), ROAD))
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def _carriageway(stretch: Stretch, looks: Looks) -> Piece:
@@ -33,11 +33,9 @@ def _carriageway(stretch: Stretch, looks: Looks) -> Piece:
     back = _strip(stretch, a, 0.0, -half)
     zebra = crossing(looks, avenue)
     return merge(
-        [
-            quads(_strip(stretch, a, b, half), skin, ROAD, uv),
-            quads(ahead, zebra, ROAD, fitted),
-            quads(back, zebra, ROAD, fitted),
-        ]
+        quads(_strip(stretch, a, b, half), skin, ROAD, uv),
+        quads(ahead, zebra, ROAD, fitted),
+        quads(back, zebra, ROAD, fitted),
     )
 
 
@@ -72,13 +70,13 @@ def build_pavement(block: Block, inside: Skin, label: int, looks: Looks) -> Piec
     ]
     pieces = [
         floor_quads(np.array(strips), z, slabs, PAVED),
-        floor_quads(np.array([(x0 + p, y0 + p, x1 - p, y1 - p)]), z, inside, label),
+        floor_quads((x0 + p, y0 + p, x1 - p, y1 - p), z, inside, label),
     ]
     for k, (x, y) in enumerate(((x0, y0), (x1, y0), (x1, y1), (x0, y1))):
         span = (x1 - x0, y1 - y0)[k % 2] - 2 * r
-        edge = merge([_straight_kerb(span, stone).moved(r, 0, 0), _round_corner(slabs, stone, junction(looks))])
-        pieces.append(place(edge, np.array([(x, y, 0.0)]), 90.0 * k))
-    return merge(pieces)
+        edge = merge(_straight_kerb(span, stone).moved(r, 0, 0), _round_corner(slabs, stone, junction(looks)))
+        pieces.append(place(edge, (x, y, 0.0), 90.0 * k))
+    return merge(*pieces)
 
 
 def _straight_kerb(length: float, stone: Skin) -> Piece:
@@ -86,7 +84,7 @@ def _straight_kerb(length: float, stone: Skin) -> Piece:
     w, z = KERB_WIDTH_M, KERB_M
     face = [(0, 0, 0), (length, 0, 0), (length, 0, z), (0, 0, z)]
     top = [(0, 0, z), (length, 0, z), (length, w, z), (0, w, z)]
-    return quads(np.array([face, top]), stone, PAVED)
+    return quads([face, top], stone, PAVED)
 
 
 def _round_corner(slabs: Skin, stone: Skin, asphalt: Skin) -> Piece:
@@ -104,6 +102,4 @@ def _round_corner(slabs: Skin, stone: Skin, asphalt: Skin) -> Piece:
     centre = np.full((CORNER_STEPS, 3), (r, r, z))
     disc = np.stack([at(inner[:-1], z), at(inner[1:], z), centre, centre], 1)
     gap = np.stack([at(outer[1:], 0), at(outer[:-1], 0), np.zeros((CORNER_STEPS, 3)), np.zeros((CORNER_STEPS, 3))], 1)
-    return merge(
-        [quads(np.concatenate([face, top]), stone, PAVED), quads(disc, slabs, PAVED), quads(gap, asphalt, ROAD)]
-    )
+    return merge(quads(np.concatenate([face, top]), stone, PAVED), quads(disc, slabs, PAVED), quads(gap, asphalt, ROAD))

@@ -87,7 +87,7 @@ def place_vehicles(plan: Plan, fleet: Fleet, rng: np.random.Generator) -> Piece:
     for key, places in at.items():
         spots = np.array(places)
         pieces.append(place(makes[key].piece, np.column_stack([spots[:, :2], np.zeros(len(spots))]), spots[:, 2]))
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def furnish_streets(plan: Plan, looks: Looks, rng: np.random.Generator) -> Piece:
@@ -126,7 +126,7 @@ def build_standing(standing: Standing, looks: Looks) -> Piece:
         else:
             made = FURNITURE[kind][0](looks)
         pieces.append(place(made, spots[:, :3], spots[:, 3], scale))
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def _line_kerb(plan: Plan, stretch: Stretch, standing: Standing, rng: np.random.Generator) -> None:
@@ -214,4 +214,4 @@ def hang_wires(plan: Plan, looks: Looks) -> Piece:
             tops = posts + [0, 0, 6.4]
             pieces.append(bars(posts, tops, 0.18, steel, SceneClass.FURNITURE))
             pieces.append(bars(tops[:1], tops[1:], 0.025, black, SceneClass.FURNITURE))
-    return merge(pieces)
+    return merge(*pieces)

@@ -15,8 +15,7 @@ CELLS = 4
 
 def bark(looks: Looks) -> Skin:
     """Furrowed bark, 1 m square."""
-    found = looks.known("bark")
-    if found:
+    if found := looks.known("bark"):
         return found
     rng, shape = looks.rng("bark"), (256, 256)
     furrow = np.abs(noise(rng, shape, (6, 34))) + 0.5 * np.abs(noise(rng, shape, (14, 60)))
@@ -27,8 +26,7 @@ def bark(looks: Looks) -> Skin:
 def leaf_sheet(looks: Looks, tone: int) -> Skin:
     """Leaves of many shades: one kite of foliage in each of `CELLS` x `CELLS` cells."""
     name = f"leaves-{tone}"
-    found = looks.known(name)
-    if found:
+    if found := looks.known(name):
         return found
     rng, side = looks.rng(name), 32
     shape = (CELLS * side, CELLS * side)
@@ -103,7 +101,7 @@ def street_tree(looks: Looks, variant: int, height: float = 8.0, count: int = 43
         out = at[-1] - centre
         away.append(0.6 * ball + 0.5 * out / np.linalg.norm(out, axis=1, keepdims=True))
     pieces.append(leaves(np.concatenate(at), 0.06 * height, np.concatenate(away), skin, rng))
-    return merge(pieces)
+    return merge(*pieces)
 
 
 def conifer(looks: Looks, variant: int, height: float = 10.0, count: int = 500) -> Piece:
@@ -116,7 +114,7 @@ def conifer(looks: Looks, variant: int, height: float = 10.0, count: int = 500) 
     way = np.column_stack([np.cos(turn), np.sin(turn), np.full(count, -0.25)])
     at = np.column_stack([np.zeros((count, 2)), z]) + way * (reach * rng.uniform(0.35, 1.0, count))[:, None]
     skin = leaf_sheet(looks, 2)
-    return merge([solid(trunk, bark(looks), TREE, 60), leaves(at, 0.07 * height, way, skin, rng)])
+    return merge(solid(trunk, bark(looks), TREE, 60), leaves(at, 0.07 * height, way, skin, rng))
 
 
 def shrub(looks: Looks, variant: int, radius: float = 0.6, count: int = 90) -> Piece:

@@ -9,9 +9,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from toolkit.content.modelling import Colour, revolve
+from toolkit.content.modelling import Colour
 from toolkit.content.paint import Canvas, Point, hex_name
-from toolkit.content.pieces import Looks, Piece, Skin, from_mesh, merge, place, solid
+from toolkit.content.pieces import Looks, Piece, Skin, from_mesh, merge, place, revolved
 from toolkit.objects.mesh import Material, mesh_from_corners
 from toolkit.worlds.classes import SceneClass
 
@@ -268,8 +268,9 @@ def wheels(body: Body, looks: Looks, hub: Colour = (176, 178, 180), spokes: int 
     """All wheels: tyres on painted rims, their faces a little inside the flanks."""
     rim = _rim(looks, hub, spokes)
     r, wide = body.wheel_m, min(0.24, body.wheel_m * 0.62)
-    tyre = solid(
-        [revolve([(r, -wide / 2), (r, wide / 2 - 0.03), (0.93 * r, wide / 2), (0.68 * r, wide / 2 - 0.01)], 10)],
+    tyre = revolved(
+        [(r, -wide / 2), (r, wide / 2 - 0.03), (0.93 * r, wide / 2), (0.68 * r, wide / 2 - 0.01)],
+        10,
         looks.plain((28, 28, 30), "matte"),
         VEHICLE,
         50,
@@ -286,7 +287,7 @@ def wheels(body: Body, looks: Looks, hub: Colour = (176, 178, 180), spokes: int 
         np.full(8, rim.material, np.int32),
         np.full(8, VEHICLE, np.uint8),
     )
-    one = merge([tyre, face])
+    one = merge(tyre, face)
     # its axis from z to y
     tipped = Piece(
         one.vertices[:, [0, 2, 1]] * np.array([1, 1, -1], np.float32),
@@ -303,8 +304,7 @@ def wheels(body: Body, looks: Looks, hub: Colour = (176, 178, 180), spokes: int 
 
 def _rim(looks: Looks, hub: Colour, spokes: int) -> Skin:
     name = f"rim-{hex_name(hub)}-{spokes}"
-    found = looks.known(name)
-    if found:
+    if found := looks.known(name):
         return found
     canvas = Canvas(2, 2, 32, (26, 26, 28), low=(-1, -1))
     canvas.disc(0, 0, 0.92, hub)

@@ -314,21 +314,20 @@ def car(body: Body, colour: Colour, looks: Looks, name: str, kind: str = "car") 
         pieces.append(box((-0.36, -0.12), (-0.42, 0.42), (roof + 0.02, roof + 0.24), lit, VEHICLE))
         words = word_skin("TAXI", (255, 226, 120), (24, 24, 24), looks)
         for x, yaw in ((-0.1, 90.0), (-0.38, 270.0)):
-            board = wall_quads(np.array([(-0.4, 0.03, 0.4, 0.22)]), 0.0, words, VEHICLE, fit=True)
-            pieces.append(place(board, np.array([[x, 0, roof]]), yaw))
+            board = wall_quads((-0.4, 0.03, 0.4, 0.22), 0.0, words, VEHICLE, fit=True)
+            pieces.append(place(board, [x, 0, roof], yaw))
     if kind == "police":
         for y, tone in ((0.28, (220, 20, 24)), (-0.28, (24, 60, 220))):
             pieces.append(
                 box((-0.4, -0.1), (y - 0.27, y + 0.27), (roof + 0.02, roof + 0.16), looks.plain(tone, "lamp"), VEHICLE)
             )
-    return Vehicle(merge(pieces), body.length, body.width)
+    return Vehicle(merge(*pieces), body.length, body.width)
 
 
 def word_skin(words: str, ground: Colour, ink: Colour, looks: Looks) -> Skin:
     """A lit word on a small board."""
     name = f"word-{words}"
-    found = looks.known(name)
-    if found:
+    if found := looks.known(name):
         return found
     canvas = Canvas(1.6, 0.4, 80, ground)
     canvas.text(0.8, 0.2, words, 0.36, ink, fit_m=1.4)

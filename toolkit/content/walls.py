@@ -148,8 +148,7 @@ PAINTERS: dict[str, tuple[Callable[[np.random.Generator, Colour], np.ndarray], f
 def wall(looks: Looks, kind: str, colour: Colour) -> Skin:
     """The skin of a wall or roof of a kind and colour."""
     name = f"{kind}-{hex_name(colour)}"
-    found = looks.known(name)
-    if found:
+    if found := looks.known(name):
         return found
     paint, tile_m, roughness = PAINTERS[kind]
     return looks.add(Material(name, paint(looks.rng(name), colour), roughness), (tile_m, tile_m))

@@ -58,8 +58,7 @@ STYLES = {
 def pane_sheet(looks: Looks, style: str) -> Skin:
     """The skin of a sheet of `COLUMNS` by `ROWS` panes; see `pane_uv`."""
     name = f"window-{style}"
-    found = looks.known(name)
-    if found:
+    if found := looks.known(name):
         return found
     rng, made = looks.rng(name), STYLES[style]
     cells = [_paint_pane(made, rng) for _ in range(COLUMNS * ROWS)]

@@ -19,18 +19,7 @@ from toolkit.content.everyday.paints import (
     vary,
     wood_grain,
 )
-from toolkit.content.everyday.shapes import (
-    ball,
-    block,
-    cylinder,
-    disc,
-    finish,
-    lathe,
-    moved,
-    net_part,
-    rod,
-    turned,
-)
+from toolkit.content.everyday.shapes import ball, block, cylinder, disc, finish, lathe, moved, net_part, rod, turned
 from toolkit.content.modelling import Colour, Paint, Part, extrude, revolve, smooth_curve, surface
 from toolkit.objects.mesh import Mesh
 
