@@ -50,10 +50,8 @@ def build_apron(seed: int = 0) -> World:
         floor_quads((-130, -75, 130, 75), 0.0, concrete, SceneClass.GROUND),
         surround(core, HORIZON_M, grass(looks), SceneClass.GRASS, (0.0, 60.0, 300.0)),
         floor_quads([(-600, -190, 600, -145), (-130, -145, -105, -75.0)], 0.01, junction(looks), SceneClass.ROAD),
-        _marks(looks, stands),
-        _runway_marks(looks),
-        _stand_numbers(looks, stands),
-    ]
+        _marks(looks, stands), _runway_marks(looks), _stand_numbers(looks, stands),
+    ]  # fmt: skip
     solids = []
     for k, x in enumerate((-92.0, -36.0, 30.0)):
         hangar = _hangar(looks, 46.0, 34.0, 13.0 + k, ((126, 142, 156), (188, 190, 186), (92, 116, 104))[k], k + 1)
@@ -113,12 +111,10 @@ def _marks(looks: Looks, stands: np.ndarray) -> Piece:
 def _runway_marks(looks: Looks) -> Piece:
     """Dashes down its middle and piano keys."""
     x = np.arange(-580.0, 580.0, 50.0)
-    rects = np.concatenate(
-        [
-            np.column_stack([x, np.full(len(x), -168.0), x + 30, np.full(len(x), -167.0)]),
-            np.array([(-560.0, y, -530.0, y + 1.8) for y in np.arange(-187.0, -149.0, 3.6)]),
-        ]
-    )
+    rects = np.concatenate([
+        np.column_stack([x, np.full(len(x), -168.0), x + 30, np.full(len(x), -167.0)]),
+        np.array([(-560.0, y, -530.0, y + 1.8) for y in np.arange(-187.0, -149.0, 3.6)]),
+    ])  # fmt: skip
     return floor_quads(rects, 0.016, _worn_paint(looks, WHITE_PAINT), SceneClass.ROAD)
 
 
@@ -196,15 +192,13 @@ def _control_tower(looks: Looks) -> Piece:
     return merge(
         boxes((-3, -3, 0), (3, 3, 19.0), white, B),
         revolved([(3.0, 18.6), (4.2, 19.2), (4.2, 20.0), (3.6, 20.0)], 16, looks.plain((206, 204, 198)), B),
-        quads(cab, glass, B, pane_uv(rng, 8)),
-        bars(low[0], high[0], 0.16, frame, B),
+        quads(cab, glass, B, pane_uv(rng, 8)), bars(low[0], high[0], 0.16, frame, B),
         revolved([(4.4, 23.4), (4.9, 23.5), (4.9, 24.0), (0.01, 24.6)], 16, looks.plain((210, 60, 44)), B),
         bars([(0, 0, 24.4), (1, 1, 24.3)], [(0, 0, 30.0), (1, 1, 27.0)], 0.1, frame, F),
-        boxes((-12, -8, 0), (12, 8, 7), white, B),
-        quads(face, glass, B, pane_uv(rng, 12)),
+        boxes((-12, -8, 0), (12, 8, 7), white, B), quads(face, glass, B, pane_uv(rng, 12)),
         box((-12.3, 12.3), (-8.5, 8.3), (7.0, 7.4), green, B),
         board(10, 1.4, words, SceneClass.SIGN, 0.0, both=False).moved(0, -8.56, 6.5),
-    )
+    )  # fmt: skip
 
 
 def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) -> Piece:
@@ -217,16 +211,10 @@ def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) ->
     )
     parked = car(SEDAN, CAR_COLOURS[5], looks, "staff")
     placed = [
-        (fuel.piece, (-56, 20), 80.0),
-        (follow.piece, (-6, -42), 10.0),
-        (crew.piece, (57, 22), 95.0),
-        (fire.piece, (62, 46), 270.0),
-        (fire.piece, (68, 46), 270.0),
-        (crew.piece, (2, 40), 0.0),
-        (parked.piece, (78, 52), 90.0),
-        (parked.piece, (82, 52), 90.0),
-        (fuel.piece, (118, -30), 0.0),
-    ]
+        (fuel.piece, (-56, 20), 80.0), (follow.piece, (-6, -42), 10.0), (crew.piece, (57, 22), 95.0),
+        (fire.piece, (62, 46), 270.0), (fire.piece, (68, 46), 270.0), (crew.piece, (2, 40), 0.0),
+        (parked.piece, (78, 52), 90.0), (parked.piece, (82, 52), 90.0), (fuel.piece, (118, -30), 0.0),
+    ]  # fmt: skip
     pieces = [place(piece, (*at, 0.0), yaw) for piece, at, yaw in placed]
     cones = np.array([(x + dx, dy, 0.0) for x in stands for dx, dy in ((-17, -9), (17, -9), (-17, 25), (17, 25))])
     pieces.append(place(traffic_cone(looks), cones))
@@ -243,13 +231,10 @@ def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) ->
     pieces += [
         boxes(tread, tread + [1.6, 0.32, 0.06], steel, F, ()),
         bars(
-            tread[[0, 0]] + [[0, 0, 0], [1.6, 0, 0]],
-            tread[[-1, -1]] + [[0, 0, 1], [1.6, 0, 1]],
-            0.08,
-            looks.plain((40, 90, 160)),
-            F,
+            tread[[0, 0]] + [[0, 0, 0], [1.6, 0, 0]], tread[[-1, -1]] + [[0, 0, 1], [1.6, 0, 1]], 0.08,
+            looks.plain((40, 90, 160)), F,
         ),
-    ]
+    ]  # fmt: skip
     carts = np.array([(40.0 + 3.2 * k, 28.0, 0.0) for k in range(4)])
     pieces += [
         boxes(carts + [0, 0, 0.4], carts + [2.6, 1.5, 0.5], steel, F, ()),

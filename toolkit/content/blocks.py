@@ -190,26 +190,17 @@ def _build_row(row: Row, filling: Filling, rng: np.random.Generator) -> None:
 
 def _choose_kind(density: float, width: float, rng: np.random.Generator) -> str:
     shares = {
-        "brick": 0.36,
-        "render": 0.2,
-        "stone": 0.16,
-        "slab": 0.08,
-        "warehouse": 0.12 * (1 - density),
+        "brick": 0.36, "render": 0.2, "stone": 0.16, "slab": 0.08, "warehouse": 0.12 * (1 - density),
         "glass": (0.06 + 0.3 * density) if width > 12 else 0.0,
-    }
+    }  # fmt: skip
     total = np.array(list(shares.values()))
     return list(shares)[int(rng.choice(len(total), p=total / total.sum()))]
 
 
 def _scatter_trees(
-    filling: Filling,
-    area: Area,
-    count: int,
-    rng: np.random.Generator,
-    *,
-    keep: tuple[float, float, float],
+    filling: Filling, area: Area, count: int, rng: np.random.Generator, *, keep: tuple[float, float, float],
     beside_m: float = 0.0,
-) -> None:
+) -> None:  # fmt: skip
     """Trees over an area outside a circle (x, y, radius), and further than `beside_m` to its sides."""
     x, y, width, depth = area
     standing: Standing = {}

@@ -56,13 +56,10 @@ def _hoarding(width: float, depth: float, looks: Looks) -> Piece:
         x, tone = 0.4 + 1.9 * k, rng.integers(60, 240, 3)
         c.rect(x, 0.7, x + 0.9, 1.95, tuple(int(v) for v in tone))
         c.text(
-            x + 0.45,
-            1.6,
+            x + 0.45, 1.6,
             str(rng.choice(["CIRCUS", "ROCK!", "VOTE", "EXPO", "SALE"])),
-            0.24,
-            (250, 250, 244),
-            fit_m=0.8,
-        )
+            0.24, (250, 250, 244), fit_m=0.8,
+        )  # fmt: skip
         c.rect(x + 0.15, 0.85, x + 0.75, 1.35, tuple(int(255 - v) for v in tone))
     c.text(7.6, 2.2, "DANGER · KEEP OUT", 0.2, (250, 210, 40))
     skin = looks.known("hoarding")
@@ -70,11 +67,8 @@ def _hoarding(width: float, depth: float, looks: Looks) -> Piece:
         skin = looks.add(Material("hoarding", c.texture(0.06, rng), 0.8), (9.6, 2.4))
     pieces = []
     for x, y, span, yaw in (
-        (0, 0, width, 0.0),
-        (width, 0, depth, 90.0),
-        (width, depth, width, 180.0),
-        (0, depth, depth, 270.0),
-    ):
+        (0, 0, width, 0.0), (width, 0, depth, 90.0), (width, depth, width, 180.0), (0, depth, depth, 270.0),
+    ):  # fmt: skip
         face = wall_quads((0.0, 0.0, span, 2.4), 0.0, skin, B)
         back = wall_quads((-span, 0.0, 0.0, 2.4), 0.0, looks.plain((150, 120, 84)), B).turned(180).moved(0, 0.06, 0)
         pieces.append(place(merge(face, back), (x, y, 0.0), yaw))
@@ -112,12 +106,9 @@ def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
         bars(
             np.stack([line[0] for line in (ridge, left, right)]),
             np.stack([line[-1] for line in (ridge, left, right)]),
-            0.16,
-            yellow,
-            F,
+            0.16, yellow, F,
         ),
-        bars(truss[:, 0], truss[:, 1], 0.08, yellow, F),
-        bars(ties[:, 0], ties[:, 1], 0.08, grey, F),
+        bars(truss[:, 0], truss[:, 1], 0.08, yellow, F), bars(ties[:, 0], ties[:, 1], 0.08, grey, F),
         bars([(-half, 0, top), (half, 0, top)], [apex, apex], 0.22, yellow, F),
         bars([(-12.0, -0.7, top), (-12.0, 0.7, top)], [(0, -0.7, top), (0, 0.7, top)], 0.22, yellow, F),
         box((-12.0, -9.0), (-0.9, 0.9), (top - 1.6, top + 0.8), grey, F),
@@ -127,4 +118,4 @@ def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
         bars(hook[None], hook[None] - [0, 0, 14], 0.05, looks.plain((30, 30, 32)), F),
         box((hook[0] - 0.3, hook[0] + 0.3), (-0.2, 0.2), (top - 15, top - 14), yellow, F),
         box((-1.6, 1.6), (-1.6, 1.6), (0, 0.5), grey, F),
-    )
+    )  # fmt: skip

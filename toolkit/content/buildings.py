@@ -96,24 +96,18 @@ def _entrance(x: float, looks: Looks, trim: Skin, rng: np.random.Generator) -> P
         boxes(
             [(x - 0.85, -0.2, 0.5), (x + 0.6, -0.2, 0.5), (x - 0.95, -0.3, 2.9)],
             [(x - 0.6, 0, 2.9), (x + 0.85, 0, 2.9), (x + 0.95, 0, 3.2)],
-            trim,
-            BUILDING,
-            ("back",),
+            trim, BUILDING, ("back",),
         ),
         wall_quads((x - 0.6, 0.5, x + 0.6, 2.5), -0.03, wood, BUILDING),
         wall_quads((x - 0.6, 2.5, x + 0.6, 2.9), -0.03, looks.plain((150, 168, 176), "gloss"), BUILDING),
         wall_quads(
             [
-                (x - 0.45, 0.65, x - 0.08, 1.4),
-                (x + 0.08, 0.65, x + 0.45, 1.4),
-                (x - 0.45, 1.55, x - 0.08, 2.35),
+                (x - 0.45, 0.65, x - 0.08, 1.4), (x + 0.08, 0.65, x + 0.45, 1.4), (x - 0.45, 1.55, x - 0.08, 2.35),
                 (x + 0.08, 1.55, x + 0.45, 2.35),
             ],
-            -0.04,
-            looks.plain((60, 44, 34), "gloss"),
-            BUILDING,
+            -0.04, looks.plain((60, 44, 34), "gloss"), BUILDING,
         ),
-    )
+    )  # fmt: skip
 
 
 def brick_apartments(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
@@ -122,16 +116,12 @@ def brick_apartments(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     trim = looks.plain(_pick(((206, 198, 182), (176, 166, 150), (112, 66, 50), (226, 222, 212)), rng), "matte")
     shops = rng.random() < 0.6
     style = Facade(
-        brick,
-        trim,
+        brick, trim,
         _pick(("sash-white", "sash-grid", "sash-green", "casement"), rng),
         window_m=(rng.uniform(0.95, 1.25), rng.uniform(1.6, 1.9), 0.8),
-        floor_m=rng.uniform(3.0, 3.4),
-        bay_m=rng.uniform(2.0, 2.8),
-        string_course=rng.random() < 0.4,
-        fire_escape=rng.random() < 0.55,
-        air_conditioners=_pick((0.0, 0.1, 0.2), rng),
-    )
+        floor_m=rng.uniform(3.0, 3.4), bay_m=rng.uniform(2.0, 2.8), string_course=rng.random() < 0.4,
+        fire_escape=rng.random() < 0.55, air_conditioners=_pick((0.0, 0.1, 0.2), rng),
+    )  # fmt: skip
     return _apartments(lot, style, looks, rng, shops=shops)
 
 
@@ -140,17 +130,11 @@ def rendered_apartments(lot: Lot, looks: Looks, rng: np.random.Generator) -> Hou
     render = wall(looks, "render", _pick(RENDERS, rng))
     trim = looks.plain(_pick(((232, 230, 222), (200, 194, 182), (150, 140, 128)), rng), "matte")
     style = Facade(
-        render,
-        trim,
+        render, trim,
         _pick(("sash-grid", "casement", "modern", "tall"), rng),
-        window_m=(1.3, 2.25, 0.12),
-        floor_m=3.1,
-        bay_m=rng.uniform(2.8, 3.4),
-        lintels=rng.random() < 0.5,
-        sills=False,
-        balconies=rng.uniform(0.3, 0.8),
-        string_course=rng.random() < 0.5,
-    )
+        window_m=(1.3, 2.25, 0.12), floor_m=3.1, bay_m=rng.uniform(2.8, 3.4), lintels=rng.random() < 0.5, sills=False,
+        balconies=rng.uniform(0.3, 0.8), string_course=rng.random() < 0.5,
+    )  # fmt: skip
     return _apartments(lot, style, looks, rng, shops=rng.random() < 0.7)
 
 
@@ -159,16 +143,9 @@ def stone_palazzo(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     stone = wall(looks, "ashlar", _pick(STONES, rng))
     trim = wall(looks, "render", _pick(((206, 196, 176), (190, 182, 168)), rng))
     style = Facade(
-        stone,
-        trim,
-        _pick(("tall", "arched"), rng),
-        window_m=(1.25, 2.4, 0.7),
-        floor_m=3.8,
-        bay_m=3.0,
-        recess_m=0.32,
-        pilasters=True,
-        string_course=True,
-    )
+        stone, trim, _pick(("tall", "arched"), rng), window_m=(1.25, 2.4, 0.7), floor_m=3.8, bay_m=3.0, recess_m=0.32,
+        pilasters=True, string_course=True,
+    )  # fmt: skip
     return _apartments(lot, style, looks, rng, shops=rng.random() < 0.5)
 
 
@@ -177,16 +154,9 @@ def concrete_slab(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     concrete = wall(looks, "concrete", _pick(((168, 164, 156), (146, 144, 140), (186, 180, 168)), rng))
     panel = looks.plain(_pick(((60, 92, 120), (150, 76, 52), (176, 150, 60), (84, 104, 92), (120, 120, 118)), rng))
     style = Facade(
-        concrete,
-        panel,
-        "band",
-        window_m=(2.75, 1.6, 0.95),
-        floor_m=3.3,
-        bay_m=3.1,
-        recess_m=0.16,
-        lintels=False,
+        concrete, panel, "band", window_m=(2.75, 1.6, 0.95), floor_m=3.3, bay_m=3.1, recess_m=0.16, lintels=False,
         air_conditioners=0.05,
-    )
+    )  # fmt: skip
     return _apartments(lot, style, looks, rng, shops=rng.random() < 0.5, crown=False)
 
 
@@ -293,10 +263,6 @@ def _lobby(width: float, height: float, panes: Skin, metal: Skin, stone: Skin, r
 
 
 KINDS: dict[str, Builder] = {
-    "brick": brick_apartments,
-    "render": rendered_apartments,
-    "stone": stone_palazzo,
-    "slab": concrete_slab,
-    "warehouse": warehouse,
-    "glass": glass_office,
-}
+    "brick": brick_apartments, "render": rendered_apartments, "stone": stone_palazzo, "slab": concrete_slab,
+    "warehouse": warehouse, "glass": glass_office,
+}  # fmt: skip

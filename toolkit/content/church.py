@@ -77,18 +77,14 @@ def church(looks: Looks) -> House:
     over = 0.5
     slopes = [
         [
-            (x0 - over, y0 - 0.3, eaves - 0.5),
-            (middle, y0 - 0.3, ridge + 0.15),
-            (middle, y1 + 0.3, ridge + 0.15),
+            (x0 - over, y0 - 0.3, eaves - 0.5), (middle, y0 - 0.3, ridge + 0.15), (middle, y1 + 0.3, ridge + 0.15),
             (x0 - over, y1 + 0.3, eaves - 0.5),
         ][::-1],
         [
-            (x1 + over, y0 - 0.3, eaves - 0.5),
-            (middle, y0 - 0.3, ridge + 0.15),
-            (middle, y1 + 0.3, ridge + 0.15),
+            (x1 + over, y0 - 0.3, eaves - 0.5), (middle, y0 - 0.3, ridge + 0.15), (middle, y1 + 0.3, ridge + 0.15),
             (x1 + over, y1 + 0.3, eaves - 0.5),
         ],
-    ]
+    ]  # fmt: skip
     slopes = [
         slope[::-1] if np.cross(np.subtract(slope[1], slope[0]), np.subtract(slope[2], slope[0]))[2] < 0 else slope
         for slope in slopes
@@ -98,12 +94,10 @@ def church(looks: Looks) -> House:
     )
     pieces = [
         place(side, [(x0, y1, 0.0), (x1, y0, 0.0)], [270.0, 90.0]),
-        polygon(gable, y0, stone, B),
-        place(east, (middle, y1, 0.0), 180.0),
-        quads(np.array(slopes, float), slate, R),
+        polygon(gable, y0, stone, B), place(east, (middle, y1, 0.0), 180.0), quads(np.array(slopes, float), slate, R),
         quads(np.array(slopes, float)[:, ::-1] - [0, 0, 0.06], trim, R),
         _tower(looks, stone, trim).moved(middle, 3.2, 0),
-    ]
+    ]  # fmt: skip
     solids = [[x0, y0, 0, x1, y1, eaves]]
     for k in range(4):  # the attic in steps
         share = (k + 1) / 5
@@ -132,26 +126,18 @@ def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
         for z in np.arange(17.8, 20.2, 0.35)
     ]
     face = merge(
-        wall_quads((-half, 0, half, top), 0.0, stone, B),
-        *bell,
-        *louvre,
+        wall_quads((-half, 0, half, top), 0.0, stone, B), *bell, *louvre,
         polygon(circle * 1.15 + [0, 15.6], -0.06, trim, B),
         polygon(circle * 0.98 + [0, 15.6], -0.08, clock, SIGN, fit=True),
         boxes(
-            [(-half, -0.2, z) for z in (6.6, 13.6, 16.8)],
-            [(half, 0, z + 0.3) for z in (6.6, 13.6, 16.8)],
-            trim,
-            B,
+            [(-half, -0.2, z) for z in (6.6, 13.6, 16.8)], [(half, 0, z + 0.3) for z in (6.6, 13.6, 16.8)], trim, B,
             ("back",),
         ),
         boxes(
-            [(-half - 0.4, -0.4, 0), (half - 0.6, -0.4, 0)],
-            [(-half + 0.6, 0, 15), (half + 0.4, 0, 15)],
-            trim,
-            B,
+            [(-half - 0.4, -0.4, 0), (half - 0.6, -0.4, 0)], [(-half + 0.6, 0, 15), (half + 0.4, 0, 15)], trim, B,
             ("back", "bottom"),
         ),
-    )
+    )  # fmt: skip
     front = _west_front(looks, trim)
     ring = np.array([(-half, -half), (half, -half), (half, half), (-half, half)])
     yaws = np.array([0.0, 90.0, 180.0, 270.0])
@@ -160,12 +146,9 @@ def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     spire = revolved([(half * 1.08, top), (0.06, top + 15.0)], 8, slate, R, 20, start_deg=22.5)
     pinnacle = revolved([(0.5, top), (0.5, top + 1.4), (0.62, top + 1.5), (0.02, top + 3.8)], 8, trim, R, 20)
     cross = bars(
-        [(0, 0, top + 14.8), (-0.7, 0, top + 16.4)],
-        [(0, 0, top + 17.2), (0.7, 0, top + 16.4)],
-        0.16,
-        looks.plain((196, 160, 70), "metal"),
-        R,
-    )
+        [(0, 0, top + 14.8), (-0.7, 0, top + 16.4)], [(0, 0, top + 17.2), (0.7, 0, top + 16.4)], 0.16,
+        looks.plain((196, 160, 70), "metal"), R,
+    )  # fmt: skip
     corners = np.column_stack([ring * 0.92, np.zeros(4)])
     deck = floor_quads((-half, -half, half, half), top, trim, R)
     return merge(place(face, at, yaws), place(front, at[:1]), spire, place(pinnacle, corners), cross, deck)
@@ -204,8 +187,6 @@ def _west_front(looks: Looks, trim: Skin) -> Piece:
         bars(
             np.array([(0, -0.12, 10.2)] * 8),
             np.column_stack([circle[::3, 0] * 1.6, np.full(8, -0.12), circle[::3, 1] * 1.6 + 10.2]),
-            0.1,
-            trim,
-            B,
+            0.1, trim, B,
         ),
-    )
+    )  # fmt: skip

@@ -52,15 +52,10 @@ def build_city(seed: int = 0, blocks: tuple[int, int] = BLOCKS) -> World:
     ]
     mesh, face_class = mesh_of(merge(*pieces), looks)
     return World(
-        "city",
-        seed,
-        mesh,
-        face_class,
-        tuple(spots + pads),
+        "city", seed, mesh, face_class, tuple(spots + pads),
         np.concatenate([np.zeros((0, 6)), *filling.solids]),
-        core,
-        tuple(pads),
-    )
+        core, tuple(pads),
+    )  # fmt: skip
 
 
 def _street_spots(plan: Plan, rng: np.random.Generator) -> list[Spot]:

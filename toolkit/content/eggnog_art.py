@@ -90,22 +90,14 @@ class Canvas:
         return gaussian_filter(mask, sigma_mm * self.scale)
 
     def text(
-        self,
-        x: float,
-        y: float,
-        words: str,
-        height_mm: float,
-        colour: Colour,
-        face: str = "sans",
-        outline: Colour | None = None,
-        outline_mm: float = 0.0,
-        anchor: str = "mm",
-    ) -> None:
+        self, x: float, y: float, words: str, height_mm: float, colour: Colour, face: str = "sans",
+        outline: Colour | None = None, outline_mm: float = 0.0, anchor: str = "mm",
+    ) -> None:  # fmt: skip
         """Letters at (x, y); `height_mm` is the font's size, `anchor` Pillow's."""
         image, font = self.image(), read_font(face, max(4, round(height_mm * self.scale)))
         ImageDraw.Draw(image).text(
-            (x * self.scale, y * self.scale), words, fill=colour, font=font,
-            anchor=anchor, stroke_width=round(outline_mm * self.scale), stroke_fill=outline,
+            (x * self.scale, y * self.scale), words, fill=colour, font=font, anchor=anchor,
+            stroke_width=round(outline_mm * self.scale), stroke_fill=outline,
         )  # fmt: skip
         self.pixels = np.asarray(image).astype(np.float32)
 

@@ -134,12 +134,9 @@ def cornice(
     for low, high, share in steps:
         span = np.array([[-reach * share, width + reach * share]])
         block = boxes(
-            _at(span[:, 0], -out_m * share, np.array([low])),
-            _at(span[:, 1], 0.1, np.array([high])),
-            skin,
-            BUILDING,
+            _at(span[:, 0], -out_m * share, np.array([low])), _at(span[:, 1], 0.1, np.array([high])), skin, BUILDING,
             without=("back",),
-        )
+        )  # fmt: skip
         pieces.append(block)
     if dentils:
         at = np.arange(0.3, width - 0.2, 0.55)

@@ -36,12 +36,8 @@ class Fleet:
 def build_fleet(looks: Looks) -> Fleet:
     """All makes in their colours."""
     makes = [
-        (SEDAN, (0, 1, 3, 4, 5)),
-        (HATCH, (4, 9, 11, 2)),
-        (WAGON, (5, 7, 8)),
-        (SUV, (1, 0, 6, 10)),
-        (MINIVAN, (3, 5)),
-    ]
+        (SEDAN, (0, 1, 3, 4, 5)), (HATCH, (4, 9, 11, 2)), (WAGON, (5, 7, 8)), (SUV, (1, 0, 6, 10)), (MINIVAN, (3, 5)),
+    ]  # fmt: skip
     names = {id(SEDAN): "sedan", id(HATCH): "hatch", id(WAGON): "wagon", id(SUV): "suv", id(MINIVAN): "minivan"}
     private = [car(body, CAR_COLOURS[k], looks, f"{names[id(body)]}-{k}") for body, colours in makes for k in colours]
     private.append(car(SEDAN, (28, 29, 32), looks, "police", "police"))

@@ -6,19 +6,7 @@ import numpy as np
 
 from toolkit.content.grounds import grass
 from toolkit.content.paint import fractal
-from toolkit.content.pieces import (
-    Looks,
-    Piece,
-    bars,
-    box,
-    floor_quads,
-    merge,
-    mesh_of,
-    place,
-    polygon,
-    quads,
-    revolved,
-)
+from toolkit.content.pieces import Looks, Piece, bars, box, floor_quads, merge, mesh_of, place, polygon, quads, revolved
 from toolkit.content.roofs import landing_pad
 from toolkit.content.skyline import surround
 from toolkit.content.trees import GREENS, conifer, street_tree
@@ -46,22 +34,15 @@ def build_grass(seed: int = 0) -> World:
         surround(inner, HORIZON_M, meadow, SceneClass.GRASS, (0.0, 60.0, 300.0)),
         pad,
         floor_quads((-300, -49.0, 300, -45.5), 0.01, wall(looks, "render", (176, 158, 124)), SceneClass.GROUND),
-        _fence(looks),
-        tree_line(looks, rng, 95.0, 260.0, 260),
-        hills(looks, rng),
-        windsock(looks).moved(16, 14, 0),
+        _fence(looks), tree_line(looks, rng, 95.0, 260.0, 260), hills(looks, rng), windsock(looks).moved(16, 14, 0),
         place(_barn(looks), (-95.0, 70.0, 0.0), 20.0),
-    ]
+    ]  # fmt: skip
     at = rng.uniform(-58, 58, (420, 2))
     at = at[(np.hypot(*at.T) > 13) & (at[:, 1] > -43)]
-    pieces.append(
-        place(
-            _tuft(looks),
-            np.column_stack([at, np.zeros(len(at))]),
-            rng.uniform(0, 360, len(at)),
-            rng.uniform(0.5, 1.4, len(at)),
-        )
-    )
+    pieces.append(place(
+        _tuft(looks), np.column_stack([at, np.zeros(len(at))]), rng.uniform(0, 360, len(at)),
+        rng.uniform(0.5, 1.4, len(at)),
+    ))  # fmt: skip
     spots = (
         Spot("pad", "grass", (0.0, 0.0, 0.25), 5.6, 0.0, "ground"),
         *(
@@ -154,17 +135,13 @@ def _tuft(looks: Looks) -> Piece:
 def _barn(looks: Looks) -> Piece:
     """A red barn 18 m by 14 m, its gable to -y."""
     red, tin, white = (
-        wall(looks, "cladding", (142, 42, 36)),
-        wall(looks, "cladding", (150, 152, 154)),
-        looks.plain((232, 230, 222)),
-    )
+        wall(looks, "cladding", (142, 42, 36)), wall(looks, "cladding", (150, 152, 154)), looks.plain((232, 230, 222)),
+    )  # fmt: skip
     gable = np.array([(-7, 0), (7, 0), (7, 5), (0, 9.5), (-7, 5)])
-    slope = np.array(
-        [
-            [(7.4, -0.4, 4.75), (7.4, 18.4, 4.75), (0, 18.4, 9.6), (0, -0.4, 9.6)],
-            [(-7.4, 18.4, 4.75), (-7.4, -0.4, 4.75), (0, -0.4, 9.6), (0, 18.4, 9.6)],
-        ]
-    )
+    slope = np.array([
+        [(7.4, -0.4, 4.75), (7.4, 18.4, 4.75), (0, 18.4, 9.6), (0, -0.4, 9.6)],
+        [(-7.4, 18.4, 4.75), (-7.4, -0.4, 4.75), (0, -0.4, 9.6), (0, 18.4, 9.6)],
+    ])  # fmt: skip
     body = merge(
         polygon(gable, 0.0, red, B),
         place(polygon(gable, 0.0, red, B), (0, 18.0, 0), 180.0),

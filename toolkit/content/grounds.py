@@ -77,12 +77,9 @@ def road(looks: Looks, avenue: bool) -> Skin:
                 dashes = ((0, 1),) if at < 4 else ((0.02, 0.22), (0.36, 0.56), (0.7, 0.9))
                 for y0, y1 in dashes:
                     _mark(
-                        base,
-                        (x - 0.06 / width, x + 0.06 / width),
-                        (y0, y1),
-                        YELLOW_PAINT if at < 4 else WHITE_PAINT,
+                        base, (x - 0.06 / width, x + 0.06 / width), (y0, y1), YELLOW_PAINT if at < 4 else WHITE_PAINT,
                         worn,
-                    )
+                    )  # fmt: skip
     else:
         for x in (middle - 0.16 / width, middle + 0.16 / width):
             _mark(base, (x - 0.055 / width, x + 0.055 / width), (0, 1), YELLOW_PAINT, worn)
@@ -104,10 +101,8 @@ def _tram_tracks(base: np.ndarray, px: float) -> None:
     for at in TRACKS_M:
         x = n / 2 + at * px
         for offset, wide, tone in (
-            (0.0, 0.16, (70, 70, 72)),
-            (-0.02, 0.05, (150, 150, 152)),
-            (0.03, 0.035, (24, 24, 26)),
-        ):
+            (0.0, 0.16, (70, 70, 72)), (-0.02, 0.05, (150, 150, 152)), (0.03, 0.035, (24, 24, 26)),
+        ):  # fmt: skip
             left = round(x + (offset - wide / 2) * px)
             base[:, left : left + max(1, round(wide * px))] = tone
 

@@ -47,20 +47,15 @@ def build_harbour(seed: int = 0) -> World:
     solids = [[x, 62.0, 0, x + 44.0, 86.0, 9.0] for x in shed_x]
     stacks, stack_solids = _container_yard(looks, rng)
     pieces = [
-        _quay(looks),
-        _sea(looks),
-        _quay_marks(looks),
+        _quay(looks), _sea(looks), _quay_marks(looks),
         *(shed.moved(x, 62.0, 0) for shed, x in zip(sheds, shed_x, strict=True)),
         stacks,
         place(_gantry(looks), [(-92.0, 12.0, 0.0), (-20.0, 12.0, 0.0)]),
         tower_crane(looks, 30.0, 28.0).moved(132, 30, 0),
         feeder_ship(looks, rng).moved(-58.0, -19.0, WATER_Z),
-        boats(looks, rng),
-        _pier(looks),
-        lighthouse(looks).moved(150.0, -104.0, WATER_Z),
-        _quay_things(looks),
+        boats(looks, rng), _pier(looks), lighthouse(looks).moved(150.0, -104.0, WATER_Z), _quay_things(looks),
         _town(looks, rng),
-    ]
+    ]  # fmt: skip
     spots = (
         Spot("quay-1", "quay", (62.0, 22.0, 0.0), 13.0, 0.0, "ground"),
         Spot("quay-2", "quay", (100.0, 22.0, 0.0), 12.0, 90.0, "ground"),
@@ -105,11 +100,9 @@ def _quay(looks: Looks) -> Piece:
 
 def _sea(looks: Looks) -> Piece:
     rings = [
-        (-HORIZON_M, -HORIZON_M, HORIZON_M, -260.0),
-        (-HORIZON_M, -260.0, -260.0, 0.0),
-        (260.0, -260.0, HORIZON_M, 0.0),
+        (-HORIZON_M, -HORIZON_M, HORIZON_M, -260.0), (-HORIZON_M, -260.0, -260.0, 0.0), (260.0, -260.0, HORIZON_M, 0.0),
         (-260.0, -260.0, 260.0, 0.0),
-    ]
+    ]  # fmt: skip
     return floor_quads(np.array(rings), WATER_Z, water(looks), SceneClass.WATER)
 
 
@@ -158,18 +151,15 @@ def _gantry(looks: Looks) -> Piece:
     wires = np.array([((x, y, 32), (x, y, 16.4)) for x in (-2, 2) for y in (-24, -22)], float)
     bogies = np.array([(x, y, 0.0) for x in (-8, 8) for y in (-8, 8)], float)
     return merge(
-        bars(legs, top, 1.1, red, F),
-        bars(braces[:, 0], braces[:, 1], 0.8, red, F),
-        bars(beam[:, 0], beam[:, 1], 1.2, red, F),
-        bars(ties[:, 0], ties[:, 1], 0.25, grey, F),
-        bars(mast[:, 0], mast[:, 1], 0.7, red, F),
-        bars(rungs[:, 0], rungs[:, 1], 0.3, red, F),
+        bars(legs, top, 1.1, red, F), bars(braces[:, 0], braces[:, 1], 0.8, red, F),
+        bars(beam[:, 0], beam[:, 1], 1.2, red, F), bars(ties[:, 0], ties[:, 1], 0.25, grey, F),
+        bars(mast[:, 0], mast[:, 1], 0.7, red, F), bars(rungs[:, 0], rungs[:, 1], 0.3, red, F),
         bars(wires[:, 0], wires[:, 1], 0.08, looks.plain((40, 40, 42)), F),
         boxes(bogies - [1.6, 0.5, 0], bogies + [1.6, 0.5, 0.9], grey, F),
         box((-3, 3), (10, 18), (33.1, 36.5), grey, F),
         box((2.2, 4.2), (-25, -22), (29, 31.6), looks.plain((70, 96, 112), "gloss"), F),
         box((-6.1, 6.1), (-24, -22), (16.0, 16.4), looks.plain((236, 176, 30)), F),
-    )
+    )  # fmt: skip
 
 
 def _pier(looks: Looks) -> Piece:
@@ -230,33 +220,25 @@ def _shed(looks: Looks, width: float, depth: float, number: int) -> Piece:
         np.column_stack([middle - 2.0, np.full(4, -0.1), np.zeros(4)]),
         np.column_stack([middle + 2.0, np.zeros(4), np.full(4, 4.2)]),
     )
-    ridge = np.array(
-        [
-            [(a, -0.3, 9), (m, -0.3, 11.6), (m, depth + 0.3, 11.6), (a, depth + 0.3, 9)]
-            for a, m in zip(bays[:-1], middle, strict=True)
-        ]
-    )
-    fall = np.array(
-        [
-            [(m, -0.3, 11.6), (b, -0.3, 9), (b, depth + 0.3, 9), (m, depth + 0.3, 11.6)]
-            for m, b in zip(middle, bays[1:], strict=True)
-        ]
-    )
-    gables = np.array(
-        [
-            [(a, 0, 9), (b, 0, 9), (m, 0, 11.5), (m, 0, 11.5)]
-            for a, m, b in zip(bays[:-1], middle, bays[1:], strict=True)
-        ]
-    )
+    ridge = np.array([
+        [(a, -0.3, 9), (m, -0.3, 11.6), (m, depth + 0.3, 11.6), (a, depth + 0.3, 9)]
+        for a, m in zip(bays[:-1], middle, strict=True)
+    ])  # fmt: skip
+    fall = np.array([
+        [(m, -0.3, 11.6), (b, -0.3, 9), (b, depth + 0.3, 9), (m, depth + 0.3, 11.6)]
+        for m, b in zip(middle, bays[1:], strict=True)
+    ])  # fmt: skip
+    gables = np.array([
+        [(a, 0, 9), (b, 0, 9), (m, 0, 11.5), (m, 0, 11.5)]
+        for a, m, b in zip(bays[:-1], middle, bays[1:], strict=True)
+    ])  # fmt: skip
     return merge(
         boxes((0, 0, 0), (width, depth, 9.0), brick, B, ("bottom", "top")),
         quads(np.concatenate([ridge, fall]), tin, SceneClass.ROOF),
-        quads(gables, brick, B),
-        quads(gables[:, ::-1] + [0, depth, 0], brick, B),
-        boxes(low, high, door, B, ("back",)),
+        quads(gables, brick, B), quads(gables[:, ::-1] + [0, depth, 0], brick, B), boxes(low, high, door, B, ("back",)),
         quads(face, panes, B, pane_uv(rng, 4)),
         board(9, 1.2, words, SceneClass.SIGN, 0.0, both=False).moved(width / 2, -0.06, 8.2),
-    )
+    )  # fmt: skip
 
 
 def _quay_things(looks: Looks) -> Piece:

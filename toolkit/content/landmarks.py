@@ -85,23 +85,18 @@ def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -
         wall_quads(door_cells, -0.05, looks.plain((60, 46, 36), "gloss"), B),
         wall_quads(
             door_cells * [1, 1, 1, 1] + np.array([0.15, 0.9, -0.15, -0.3]),
-            -0.07,
-            looks.plain((230, 200, 140), "lamp"),
-            B,
+            -0.07, looks.plain((230, 200, 140), "lamp"), B,
         ),
         wall_quads(
-            np.array([(middle - 9.5, 0.7, middle - 3.8, 2.6), (middle + 3.8, 0.7, middle + 9.5, 2.6)]).clip(
-                [0.3, 0, 0.3, 0], [width - 0.3, 9, width - 0.3, 9]
-            ),
-            -0.06,
-            bills,
-            SIGN,
-            fit=True,
+            np.array([
+                (middle - 9.5, 0.7, middle - 3.8, 2.6), (middle + 3.8, 0.7, middle + 9.5, 2.6),
+            ]).clip([0.3, 0, 0.3, 0], [width - 0.3, 9, width - 0.3, 9]),
+            -0.06, bills, SIGN, fit=True,
         ),
         place(board(1.4, 7.5, upright, SIGN, 0.3), (middle + 5.6, -1.0, 9.6), 90.0),
         box((middle + 5.44, middle + 5.76), (-0.3, 0.0), (6.5, 12.8), trim, B),
         cornice(width, height, trim, 0.4, dentils=False, ends=False),
-    ]
+    ]  # fmt: skip
     pieces.append(wall_quads([(0.6, 6.5 + 2.6 * k, middle - 5.2, 8.2 + 2.6 * k) for k in range(3)], -0.04, trim, B))
     pieces.append(
         wall_quads([(middle + 6.6, 6.5 + 2.6 * k, width - 0.6, 8.2 + 2.6 * k) for k in range(3)], -0.04, trim, B)
@@ -117,16 +112,9 @@ def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) 
     """A classical front: steps, columns, a pediment with PUBLIC LIBRARY, stone wings."""
     stone, trim = wall(looks, "ashlar", STONES[5]), wall(looks, "render", (222, 208, 182))
     style = Facade(
-        stone,
-        trim,
-        "arched",
-        window_m=(1.4, 2.8, 0.9),
-        floor_m=4.6,
-        bay_m=3.4,
-        recess_m=0.35,
-        pilasters=True,
+        stone, trim, "arched", window_m=(1.4, 2.8, 0.9), floor_m=4.6, bay_m=3.4, recess_m=0.35, pilasters=True,
         string_course=True,
-    )
+    )  # fmt: skip
     height, middle = PODIUM_M + COLUMN_M + 2.6, width / 2
     pieces = [_portico(looks, stone, trim).moved(middle)]
     around = [(0, 0, width, 0.0), (width, 0, depth, 90.0), (width, depth, width, 180.0), (0, depth, depth, 270.0)]
@@ -169,13 +157,11 @@ def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
         boxes(steps, tops, trim, B, ("bottom", "back")),
         place(column, np.column_stack([xs, np.full(6, -3.2), np.full(6, PODIUM_M)])),
         boxes((-half, -4.0, top), (half, 0.0, eaves), trim, B, ()),
-        wall_quads(name, -4.02, words, SIGN, fit=True),
-        polygon(gable, -4.4, trim, B),
-        polygon(inner, -4.42, stone, B),
+        wall_quads(name, -4.02, words, SIGN, fit=True), polygon(gable, -4.4, trim, B), polygon(inner, -4.42, stone, B),
         quads(np.array(slopes), wall(looks, "tiles", (96, 104, 100)), R),
         boxes(door, door + [2.6, 0.12, 4.2], looks.plain((70, 44, 28)), B, ("back",)),
         boxes(windows, windows + [1.8, 0.1, 3.6], looks.plain((60, 74, 84), "gloss"), B, ("back",)),
-    )
+    )  # fmt: skip
 
 
 def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], rng: np.random.Generator) -> House:
@@ -189,11 +175,9 @@ def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], r
     rim = []
     for level in z:
         for a, b in (
-            ((0, 0), (width, 0.2)),
-            ((0, depth - 0.2), (width, depth)),
-            ((0, 0.2), (0.2, depth - 0.2)),
+            ((0, 0), (width, 0.2)), ((0, depth - 0.2), (width, depth)), ((0, 0.2), (0.2, depth - 0.2)),
             ((width - 0.2, 0.2), (width, depth - 0.2)),
-        ):
+        ):  # fmt: skip
             rim.append([*a, level, *b, level + 1.0])
     edge = np.array(rim)
     xs, ys = np.linspace(0.5, width - 1.0, 6), np.linspace(0.4, depth - 0.9, 5)
@@ -257,11 +241,9 @@ def filling_station(width: float, looks: Looks) -> House:
         boxes(
             [(middle + dx - 0.5, dy - 0.3, 4.87) for dx in (-5, 0, 5) for dy in (4, 7, 10)],
             [(middle + dx + 0.5, dy + 0.3, 4.9) for dx in (-5, 0, 5) for dy in (4, 7, 10)],
-            looks.plain((255, 250, 230), "lamp"),
-            F,
-            ("top",),
+            looks.plain((255, 250, 230), "lamp"), F, ("top",),
         ),
-    ]
+    ]  # fmt: skip
     kiosk = merge(shop_row(11.0, looks, looks.rng("kiosk"), white), boxes((0, 0.5, 0), (11, 6, SHOP_FLOOR_M), white, B))
     pieces.append(kiosk.moved(middle - 5.5, 15.0, 0))
     return House(

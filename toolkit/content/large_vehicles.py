@@ -27,76 +27,31 @@ from toolkit.content.vehicles import (
 from toolkit.objects.mesh import Material
 
 VAN = Body(
-    5.6,
-    2.02,
+    5.6, 2.02,
     (
-        (-2.8, 0.6),
-        (-2.79, 2.2),
-        (-2.7, 2.42),
-        (0.6, 2.46),
-        (1.2, 2.3),
-        (1.95, 1.34),
-        (2.55, 1.12),
-        (2.76, 0.86),
+        (-2.8, 0.6), (-2.79, 2.2), (-2.7, 2.42), (0.6, 2.46), (1.2, 2.3), (1.95, 1.34), (2.55, 1.12), (2.76, 0.86),
         (2.8, 0.55),
     ),
-    1.28,
-    (-2.79, -2.78, 1.2, 1.95),
-    (-1.75, 1.8),
-    wheel_m=0.36,
-    sill=0.28,
-    roof_share=0.9,
-    taper=0.93,
-)
+    1.28, (-2.79, -2.78, 1.2, 1.95), (-1.75, 1.8), wheel_m=0.36, sill=0.28, roof_share=0.9, taper=0.93,
+)  # fmt: skip
 BUS = Body(
-    11.8,
-    2.55,
+    11.8, 2.55,
     ((-5.9, 0.5), (-5.89, 2.6), (-5.75, 3.0), (-5.2, 3.08), (5.4, 3.08), (5.78, 2.98), (5.88, 2.5), (5.9, 0.5)),
-    1.1,
-    (-5.9, -5.88, 5.8, 5.88),
-    (-2.9, 3.1),
-    wheel_m=0.48,
-    sill=0.3,
-    roof_share=0.94,
-    taper=0.96,
-    px_per_m=56,
-)
+    1.1, (-5.9, -5.88, 5.8, 5.88), (-2.9, 3.1), wheel_m=0.48, sill=0.3, roof_share=0.94, taper=0.96, px_per_m=56,
+)  # fmt: skip
 TRAM = Body(
-    15.0,
-    2.5,
+    15.0, 2.5,
     (
-        (-7.5, 0.5),
-        (-7.44, 1.3),
-        (-7.1, 2.9),
-        (-6.7, 3.2),
-        (-6.0, 3.26),
-        (6.0, 3.26),
-        (6.7, 3.2),
-        (7.1, 2.9),
-        (7.44, 1.3),
-        (7.5, 0.5),
+        (-7.5, 0.5), (-7.44, 1.3), (-7.1, 2.9), (-6.7, 3.2), (-6.0, 3.26), (6.0, 3.26), (6.7, 3.2), (7.1, 2.9),
+        (7.44, 1.3), (7.5, 0.5),
     ),
-    1.2,
-    (-7.42, -7.0, 7.0, 7.42),
-    (-4.2, 4.2),
-    wheel_m=0.36,
-    sill=0.26,
-    roof_share=0.93,
-    taper=0.86,
-    px_per_m=48,
-)
+    1.2, (-7.42, -7.0, 7.0, 7.42), (-4.2, 4.2), wheel_m=0.36, sill=0.26, roof_share=0.93, taper=0.86, px_per_m=48,
+)  # fmt: skip
 LORRY_CAB = Body(
-    2.1,
-    2.4,
+    2.1, 2.4,
     ((-1.05, 0.6), (-1.04, 2.4), (-0.9, 2.7), (0.5, 2.74), (0.85, 2.5), (1.02, 1.5), (1.05, 0.55)),
-    1.45,
-    (-1.04, -1.03, 0.75, 1.0),
-    (0.1,),
-    wheel_m=0.5,
-    sill=0.5,
-    roof_share=0.92,
-    taper=0.95,
-)
+    1.45, (-1.04, -1.03, 0.75, 1.0), (0.1,), wheel_m=0.5, sill=0.5, roof_share=0.92, taper=0.95,
+)  # fmt: skip
 
 
 def van(colour: Colour, words: str, looks: Looks, name: str) -> Vehicle:
@@ -225,15 +180,12 @@ def tram(looks: Looks, name: str, colour: Colour, route: str) -> Vehicle:
     low = np.array([(-5.0, -0.8, 3.25), (2.6, -0.8, 3.25)])
     return Vehicle(
         merge(
-            bodywork(body, sheet, looks, 12),
-            wheels(body, looks, (90, 92, 94), 8),
-            bars(arm, tip, 0.07, iron, VEHICLE),
+            bodywork(body, sheet, looks, 12), wheels(body, looks, (90, 92, 94), 8), bars(arm, tip, 0.07, iron, VEHICLE),
             bars([0.6, -0.8, 5.48], [0.6, 0.8, 5.48], 0.08, iron, VEHICLE),
             boxes(low, low + [2.2, 1.6, 0.32], looks.plain((176, 178, 176)), VEHICLE),
         ),
-        body.length,
-        body.width,
-    )
+        body.length, body.width,
+    )  # fmt: skip
 
 
 def lorry(looks: Looks, name: str, colour: Colour, box_colour: Colour, words: str) -> Vehicle:
@@ -265,13 +217,10 @@ def lorry(looks: Looks, name: str, colour: Colour, box_colour: Colour, words: st
         place(flanks, [(-1.1, -1.225, 0), (-1.1, 1.225, 0)], [0.0, 180.0]),
         box((-3.8, 3.2), (-0.5, 0.5), (0.5, 0.95), dark, VEHICLE),
         boxes(
-            [(-3.92, -1.1, 0.7), (-3.92, 0.8, 0.7)],
-            [(-3.85, -0.8, 0.9), (-3.85, 1.1, 0.9)],
-            looks.plain(TAIL, "lamp"),
-            VEHICLE,
-            (),
+            [(-3.92, -1.1, 0.7), (-3.92, 0.8, 0.7)], [(-3.85, -0.8, 0.9), (-3.85, 1.1, 0.9)], looks.plain(TAIL, "lamp"),
+            VEHICLE, (),
         ),
-    ]
+    ]  # fmt: skip
     axles = replace(LORRY_CAB, length=8.0, axles=(-2.4, -1.3, 3.0))
     pieces.append(wheels(axles, looks, (150, 152, 154), 8))
     return Vehicle(merge(*pieces), 7.9, 2.45)

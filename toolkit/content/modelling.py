@@ -92,12 +92,9 @@ def surface(points: np.ndarray, paint: Paint = (200, 200, 200), material: str = 
 
 
 def revolve(
-    profile: Sequence[tuple[float, float]],
-    segments: int = 64,
-    paint: Paint = (200, 200, 200),
-    material: str = "paint",
+    profile: Sequence[tuple[float, float]], segments: int = 64, paint: Paint = (200, 200, 200), material: str = "paint",
     start_deg: float = 180.0,
-) -> Part:
+) -> Part:  # fmt: skip
     """Turn a profile of (radius, z), listed from bottom to top for an outside surface, about the z axis.
 
     The chart's u = 0 lies at azimuth `start_deg`, so that with the default the chart's middle faces the front (+x).
@@ -135,10 +132,8 @@ def fan(outline: np.ndarray, paint: Paint = (200, 200, 200), material: str = "pa
     return _flat_part(
         np.vstack([outline, centre]),
         np.array([[i, (i + 1) % len(outline), len(outline)] for i in range(len(outline))]),
-        normal,
-        paint,
-        material,
-    )
+        normal, paint, material,
+    )  # fmt: skip
 
 
 def plate(outline: np.ndarray, paint: Paint = (200, 200, 200), material: str = "paint") -> Part:
@@ -151,12 +146,9 @@ def plate(outline: np.ndarray, paint: Paint = (200, 200, 200), material: str = "
 
 
 def extrude(
-    outline: Sequence[tuple[float, float]],
-    height: float,
-    bevel: float = 0.0,
-    paint: Paint = (200, 200, 200),
+    outline: Sequence[tuple[float, float]], height: float, bevel: float = 0.0, paint: Paint = (200, 200, 200),
     material: str = "paint",
-) -> list[Part]:
+) -> list[Part]:  # fmt: skip
     """Raise a flat (x, y) outline, counter-clockwise from above, from z = 0 to `height`, its edges cut by `bevel`."""
     outer = np.asarray(outline, float)
     inner = _inset(outer, bevel) if bevel > 0 else outer
@@ -176,27 +168,16 @@ def box(
     outline = [(-x / 2, -y / 2), (x / 2, -y / 2), (x / 2, y / 2), (-x / 2, y / 2)]
     if bevel > 0:
         outline = [
-            (-x / 2 + bevel, -y / 2),
-            (x / 2 - bevel, -y / 2),
-            (x / 2, -y / 2 + bevel),
-            (x / 2, y / 2 - bevel),
-            (x / 2 - bevel, y / 2),
-            (-x / 2 + bevel, y / 2),
-            (-x / 2, y / 2 - bevel),
-            (-x / 2, -y / 2 + bevel),
-        ]
+            (-x / 2 + bevel, -y / 2), (x / 2 - bevel, -y / 2), (x / 2, -y / 2 + bevel), (x / 2, y / 2 - bevel),
+            (x / 2 - bevel, y / 2), (-x / 2 + bevel, y / 2), (-x / 2, y / 2 - bevel), (-x / 2, -y / 2 + bevel),
+        ]  # fmt: skip
     return [part.moved(z=-z / 2) for part in extrude(outline, z, bevel, paint, material)]
 
 
 def tube(
-    path: np.ndarray,
-    radius: float | Sequence[float] | np.ndarray,
-    segments: int = 24,
-    paint: Paint = (200, 200, 200),
-    material: str = "paint",
-    flatten: float = 1.0,
-    cap: bool = True,
-) -> list[Part]:
+    path: np.ndarray, radius: float | Sequence[float] | np.ndarray, segments: int = 24, paint: Paint = (200, 200, 200),
+    material: str = "paint", flatten: float = 1.0, cap: bool = True,
+) -> list[Part]:  # fmt: skip
     """A pipe along a path (k, 3) with a radius per point; `flatten` squeezes it across the path's plane."""
     path = np.asarray(path, float)
     radii = np.broadcast_to(np.asarray(radius, float), (len(path),))
@@ -269,12 +250,9 @@ def assemble(parts: Sequence[Part], materials: dict[str, tuple[float, float]], a
         start += len(part.vertices)
     texture = np.asarray(atlas)
     return mesh_from_corners(
-        np.concatenate(vertices),
-        np.concatenate(faces),
-        np.concatenate(corner_uv),
-        np.concatenate(face_material),
+        np.concatenate(vertices), np.concatenate(faces), np.concatenate(corner_uv), np.concatenate(face_material),
         tuple(Material(name, texture, *materials[name]) for name in names),
-    )
+    )  # fmt: skip
 
 
 GUTTER_PX = 3

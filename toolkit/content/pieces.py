@@ -118,13 +118,9 @@ class Piece:
 
 
 EMPTY = Piece(
-    np.zeros((0, 3), np.float32),
-    np.zeros((0, 3), np.float32),
-    np.zeros((0, 2), np.float32),
-    np.zeros((0, 3), np.int32),
-    np.zeros(0, np.int32),
-    np.zeros(0, np.uint8),
-)
+    np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 2), np.float32),
+    np.zeros((0, 3), np.int32), np.zeros(0, np.int32), np.zeros(0, np.uint8),
+)  # fmt: skip
 
 
 def merge(*parts: Piece) -> Piece:
@@ -176,13 +172,10 @@ def quads(corners: ArrayLike, skin: Skin, label: int, uv: ArrayLike | None = Non
     index = np.arange(4 * n).reshape(n, 4)
     faces = np.stack([index[:, [0, 1, 2]], index[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
     return Piece(
-        corners.reshape(-1, 3).astype(np.float32),
-        np.repeat(normal, 4, axis=0).astype(np.float32),
-        texture.reshape(-1, 2).astype(np.float32),
-        faces.astype(np.int32),
-        np.full(2 * n, skin.material, np.int32),
+        corners.reshape(-1, 3).astype(np.float32), np.repeat(normal, 4, axis=0).astype(np.float32),
+        texture.reshape(-1, 2).astype(np.float32), faces.astype(np.int32), np.full(2 * n, skin.material, np.int32),
         np.full(2 * n, label, np.uint8),
-    )
+    )  # fmt: skip
 
 
 def wall_quads(rect: ArrayLike, y: float | np.ndarray, skin: Skin, label: int, fit: bool = False) -> Piece:
@@ -284,13 +277,11 @@ def place(piece: Piece, at: ArrayLike, yaw_deg: ArrayLike = 0.0, scale: ArrayLik
     normals = turn(piece.normals[None] / factor[:, None])
     normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-9)
     return Piece(
-        vertices.reshape(-1, 3).astype(np.float32),
-        normals.reshape(-1, 3).astype(np.float32),
+        vertices.reshape(-1, 3).astype(np.float32), normals.reshape(-1, 3).astype(np.float32),
         np.tile(piece.uv, (k, 1)),
         (piece.faces[None] + n * np.arange(k)[:, None, None]).reshape(-1, 3).astype(np.int32),
-        np.tile(piece.material, k),
-        np.tile(piece.label, k),
-    )
+        np.tile(piece.material, k), np.tile(piece.label, k),
+    )  # fmt: skip
 
 
 def bars(start: ArrayLike, end: ArrayLike, thick_m: float | np.ndarray, skin: Skin, label: int) -> Piece:
@@ -321,11 +312,9 @@ def polygon(outline: ArrayLike, y: float, skin: Skin, label: int, fit: bool = Fa
     return Piece(
         np.column_stack([outline[:, 0], np.full(k, y), outline[:, 1]]).astype(np.float32),
         np.tile(np.array([[0, -1, 0]], np.float32), (k, 1)),
-        uv.astype(np.float32),
-        fan.astype(np.int32),
-        np.full(k - 2, skin.material, np.int32),
+        uv.astype(np.float32), fan.astype(np.int32), np.full(k - 2, skin.material, np.int32),
         np.full(k - 2, label, np.uint8),
-    )
+    )  # fmt: skip
 
 
 def mesh_of(piece: Piece, looks: Looks) -> tuple[Mesh, np.ndarray]:
@@ -335,11 +324,7 @@ def mesh_of(piece: Piece, looks: Looks) -> tuple[Mesh, np.ndarray]:
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     real = area > 1e-7
     mesh = Mesh(
-        snapped.astype(np.float32),
-        np.round(piece.normals, 5).astype(np.float32),
-        np.round(piece.uv, 6).astype(np.float32),
-        piece.faces[real],
-        piece.material[real],
-        looks.materials,
-    )
+        snapped.astype(np.float32), np.round(piece.normals, 5).astype(np.float32),
+        np.round(piece.uv, 6).astype(np.float32), piece.faces[real], piece.material[real], looks.materials,
+    )  # fmt: skip
     return mesh, piece.label[real]

@@ -24,12 +24,8 @@ from toolkit.content.racer_livery import BLACK, CARBON, NAVY, RED, RUBBER, WHITE
 from toolkit.objects.mesh import Mesh
 
 MATERIALS = {
-    "paint": (0.25, 0.0),
-    "rubber": (0.85, 0.0),
-    "metal": (0.35, 0.6),
-    "glass": (0.08, 0.0),
-    "carbon": (0.45, 0.0),
-}
+    "paint": (0.25, 0.0), "rubber": (0.85, 0.0), "metal": (0.35, 0.6), "glass": (0.08, 0.0), "carbon": (0.45, 0.0),
+}  # fmt: skip
 METAL, RIM, GLASS, INSIDE = (190, 192, 196), (204, 205, 210), (24, 27, 34), (20, 20, 22)
 FRONT_AXLE, REAR_AXLE = 78.0, -97.0
 FRONT_RADIUS, REAR_RADIUS = 22.5, 27.0
@@ -38,31 +34,14 @@ FRONT_Y, REAR_Y = 56.0, 52.0
 """Wheels, millimetres: axles' x, tyres' radii and widths, and the y of their middles."""
 
 TUB = [  # x, width, lowest z, highest z, superellipse power
-    (135, 7, 9.5, 13.5, 2.2),
-    (132, 15, 8.2, 16, 2.3),
-    (122, 23, 7.5, 20, 2.6),
-    (105, 31, 7, 25, 3.0),
-    (88, 36, 6, 29, 3.2),
-    (72, 42, 5, 33, 3.4),
-    (56, 48, 5, 37.5, 3.6),
-    (38, 54, 5, 41, 4.2),
-    (24, 57, 5, 42, 5.0),
-    (-25, 58, 5, 42, 5.0),
-    (-64, 56, 5, 42, 5.0),
-    (-76, 48, 6, 40, 4.2),
-    (-92, 36, 8, 34, 3.6),
-    (-106, 26, 11, 29, 3.2),
-]
+    (135, 7, 9.5, 13.5, 2.2), (132, 15, 8.2, 16, 2.3), (122, 23, 7.5, 20, 2.6), (105, 31, 7, 25, 3.0),
+    (88, 36, 6, 29, 3.2), (72, 42, 5, 33, 3.4), (56, 48, 5, 37.5, 3.6), (38, 54, 5, 41, 4.2), (24, 57, 5, 42, 5.0),
+    (-25, 58, 5, 42, 5.0), (-64, 56, 5, 42, 5.0), (-76, 48, 6, 40, 4.2), (-92, 36, 8, 34, 3.6), (-106, 26, 11, 29, 3.2),
+]  # fmt: skip
 POD = [  # x, inner y, outer y, lowest z, highest z, superellipse power
-    (-76, 18, 31, 7, 35, 3.2),
-    (-71, 18, 36, 6, 38, 4),
-    (-58, 18, 47, 5, 40.7, 5),
-    (-44, 18, 50, 5, 41.2, 5.5),
-    (0, 18, 50, 5, 41.2, 5.5),
-    (22, 18, 48.5, 5, 39.8, 5),
-    (31, 19, 47, 6, 38, 4.5),
-    (34, 20, 46, 7, 37, 4.2),
-]
+    (-76, 18, 31, 7, 35, 3.2), (-71, 18, 36, 6, 38, 4), (-58, 18, 47, 5, 40.7, 5), (-44, 18, 50, 5, 41.2, 5.5),
+    (0, 18, 50, 5, 41.2, 5.5), (22, 18, 48.5, 5, 39.8, 5), (31, 19, 47, 6, 38, 4.5), (34, 20, 46, 7, 37, 4.2),
+]  # fmt: skip
 COCKPIT_X, COCKPIT_LENGTH, COCKPIT_HALF_WIDTH = 60.0, 38.0, 14.5
 
 
@@ -164,22 +143,16 @@ def _bulb(tilts_deg: np.ndarray, azimuths_deg: np.ndarray) -> np.ndarray:
 def _headrest() -> list[Part]:
     """The fairing behind the head, its intake, and the roll hoop over it."""
     table = [  # x, width, highest z, power
-        (45, 25, 63, 3),
-        (43.5, 27, 65, 3),
-        (39, 24, 64.5, 2.8),
-        (34, 17, 57, 2.5),
-        (28, 8, 42.5, 2.2),
-    ]
+        (45, 25, 63, 3), (43.5, 27, 65, 3), (39, 24, 64.5, 2.8), (34, 17, 57, 2.5), (28, 8, 42.5, 2.2),
+    ]  # fmt: skip
     stations = np.linspace(28, 45, 16)
     rows = zip(stations, _between(table, stations), strict=True)
     sections = [superellipse(width, high - 37, power, 40, x, 0, (high + 37) / 2) for x, (width, high, power) in rows]
     arch = [(42, y, 39 + 28.5 * (1 - abs(y / 13) ** 3.2)) for y in np.linspace(-13, 13, 25)]
     return [
-        panel(_closed(sections), livery.paint_body),
-        fan(sections[-1], BLACK, "carbon"),
-        fan(sections[0][::-1], WHITE),
+        panel(_closed(sections), livery.paint_body), fan(sections[-1], BLACK, "carbon"), fan(sections[0][::-1], WHITE),
         *tube(np.array(arch), 1.3, 10, METAL, "metal"),
-    ]
+    ]  # fmt: skip
 
 
 def _sidepods() -> list[Part]:
@@ -195,12 +168,10 @@ def _sidepods() -> list[Part]:
         lip, round_lip = (centre + (mouth - centre) * scale + [x, 0, 0] for scale, x in ((0.86, 0), (0.93, 1)))
         throat = centre + (mouth - centre) * 0.78 - [16, 0, 0]
         parts += [
-            panel(_closed(sections), livery.paint_body),
-            surface(_closed([mouth, round_lip, lip]), WHITE),
+            panel(_closed(sections), livery.paint_body), surface(_closed([mouth, round_lip, lip]), WHITE),
             surface(_closed([lip, throat]), INSIDE, "carbon"),
-            fan(throat, INSIDE, "carbon"),
-            fan(sections[0][::-1], CARBON, "carbon"),
-        ]
+            fan(throat, INSIDE, "carbon"), fan(sections[0][::-1], CARBON, "carbon"),
+        ]  # fmt: skip
         for y in (24, 29, 34, 39, 44):  # the radiator's grille
             parts += tube(np.array([(23, side * y, 8), (23, side * y, 37)]), 0.6, 6, METAL, "metal")
     return parts
@@ -310,20 +281,13 @@ def _suspension() -> list[Part]:
     bars = []
     for side in (1, -1):
         front = [
-            ((91, 15, 25), (79, 46, 31)),
-            ((66, 18, 28), (77, 46, 31)),
-            ((92, 15, 11), (79, 46, 14)),
-            ((64, 19, 10), (77, 46, 14)),
-            ((82, 14, 27), (78, 46, 15)),
-            ((71, 16, 19), (71, 46, 21)),
-        ]
+            ((91, 15, 25), (79, 46, 31)), ((66, 18, 28), (77, 46, 31)), ((92, 15, 11), (79, 46, 14)),
+            ((64, 19, 10), (77, 46, 14)), ((82, 14, 27), (78, 46, 15)), ((71, 16, 19), (71, 46, 21)),
+        ]  # fmt: skip
         rear = [
-            ((-80, 20, 33), (-96, 40, 36)),
-            ((-111, 8, 27), (-98, 40, 36)),
-            ((-78, 22, 12), (-96, 40, 15)),
-            ((-113, 7, 13), (-98, 40, 15)),
-            ((-93, 14, 33), (-97, 40, 16)),
-        ]
+            ((-80, 20, 33), (-96, 40, 36)), ((-111, 8, 27), (-98, 40, 36)), ((-78, 22, 12), (-96, 40, 15)),
+            ((-113, 7, 13), (-98, 40, 15)), ((-93, 14, 33), (-97, 40, 16)),
+        ]  # fmt: skip
         for radius, rods in ((1.1, front), (1.3, rear), (2.2, [((REAR_AXLE, 8, 22), (REAR_AXLE, 40, 27))])):
             for ends in rods:
                 bars += tube(np.array(ends, float) * [1, side, 1], radius, 10, CARBON if radius < 2 else METAL, "metal")

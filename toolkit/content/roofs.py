@@ -81,19 +81,10 @@ def flat_roof(
         roof.taken.append((w / 2, d / 2, pad_radius + 0.6))
         pieces.append(landing_pad(pad_radius, looks).moved(w / 2, d / 2, z))
     plant = [
-        (stair_house, 2.4, 0.9),
-        (air_conditioner, 1.5, 0.9),
-        (air_conditioner, 1.5, 0.7),
-        (air_conditioner, 1.5, 0.5),
-        (water_tank, 2.0, 0.6),
-        (skylight, 1.7, 0.5),
-        (vents, 0.9, 0.8),
-        (vents, 0.9, 0.6),
-        (aerial, 0.6, 0.8),
-        (dish, 0.8, 0.4),
-        (duct, 1.9, 0.4),
-        (air_conditioner, 1.5, 0.4),
-    ]
+        (stair_house, 2.4, 0.9), (air_conditioner, 1.5, 0.9), (air_conditioner, 1.5, 0.7), (air_conditioner, 1.5, 0.5),
+        (water_tank, 2.0, 0.6), (skylight, 1.7, 0.5), (vents, 0.9, 0.8), (vents, 0.9, 0.6), (aerial, 0.6, 0.8),
+        (dish, 0.8, 0.4), (duct, 1.9, 0.4), (air_conditioner, 1.5, 0.4),
+    ]  # fmt: skip
     for make, radius, chance in plant:
         if rng.random() < chance and (at := roof.find(radius, rng)):
             variant = f"{make.__name__}-{rng.integers(VARIANTS)}"
@@ -124,14 +115,12 @@ def landing_pad(radius: float, looks: Looks) -> Piece:
     uv = np.array([[(0, 0), (1, 0), (1, 1), (0, 1)]], float)
     edge = looks.plain((150, 150, 146))
     side = np.linspace(-r, r, 5)[:-1] + r / 4
-    at = np.array(
-        [
-            (s * sign if k else r * sign, r * sign if k else s * sign, 0.25)
-            for s in side
-            for sign in (1, -1)
-            for k in (0, 1)
-        ]
-    )
+    at = np.array([
+        (s * sign if k else r * sign, r * sign if k else s * sign, 0.25)
+        for s in side
+        for sign in (1, -1)
+        for k in (0, 1)
+    ])  # fmt: skip
     return merge(
         quads(top, skin, SceneClass.PAD, uv),
         boxes([-r, -r, 0.0], [r, r, 0.25], edge, SceneClass.PAD, without=("top", "bottom")),
@@ -237,10 +226,8 @@ def vents(looks: Looks, rng: np.random.Generator) -> Piece:
     """Pipes with cowls."""
     pipe = revolved(
         [(0.12, 0), (0.12, 0.9), (0.26, 0.9), (0.26, 1.15), (0.01, 1.3)],
-        10,
-        looks.plain((176, 178, 178), "metal"),
-        ROOF,
-    )
+        10, looks.plain((176, 178, 178), "metal"), ROOF,
+    )  # fmt: skip
     count = int(rng.integers(2, 5))
     at = np.c_[rng.uniform(-0.8, 0.8, (count, 2)), np.zeros(count)]
     return place(pipe, at, 0.0, rng.uniform(0.7, 1.2, count))

@@ -4,19 +4,7 @@ import numpy as np
 
 from toolkit.content.modelling import Colour
 from toolkit.content.paint import Canvas
-from toolkit.content.pieces import (
-    Looks,
-    Piece,
-    Skin,
-    bars,
-    box,
-    boxes,
-    merge,
-    place,
-    quads,
-    revolved,
-    wall_quads,
-)
+from toolkit.content.pieces import Looks, Piece, Skin, bars, box, boxes, merge, place, quads, revolved, wall_quads
 from toolkit.objects.mesh import Material
 from toolkit.worlds.classes import SceneClass
 
@@ -24,13 +12,9 @@ WATER_Z = -2.2
 F, B, V = SceneClass.FURNITURE, SceneClass.BUILDING, SceneClass.VEHICLE
 BOX_M = (12.19, 2.44, 2.6)
 LINES: tuple[tuple[Colour, str], ...] = (
-    ((160, 50, 36), "NORDLINE"),
-    ((30, 78, 140), "BLUE STAR"),
-    ((40, 110, 84), "EVERSEA"),
-    ((206, 130, 30), "HAPAX"),
-    ((186, 186, 182), "POLAR"),
-    ((110, 40, 60), "MAGENTA"),
-)
+    ((160, 50, 36), "NORDLINE"), ((30, 78, 140), "BLUE STAR"), ((40, 110, 84), "EVERSEA"), ((206, 130, 30), "HAPAX"),
+    ((186, 186, 182), "POLAR"), ((110, 40, 60), "MAGENTA"),
+)  # fmt: skip
 
 
 def container_skin(looks: Looks, line: int) -> Skin:
@@ -63,15 +47,9 @@ def container(looks: Looks, line: int, label: int = F) -> Piece:
 
 
 def hull(
-    length: float,
-    beam: float,
-    looks: Looks,
-    *,
-    side: float,
-    draught: float,
-    colours: tuple[Colour, Colour],
+    length: float, beam: float, looks: Looks, *, side: float, draught: float, colours: tuple[Colour, Colour],
     bow: float = 0.24,
-) -> Piece:
+) -> Piece:  # fmt: skip
     """A hull along x, bow to +x, its waterline at z = 0: topsides, boot top, deck."""
     share = np.linspace(0, 1, 15)
     x = -length / 2 + length * share
@@ -91,13 +69,10 @@ def hull(
         stern = np.array([[a[0], a[0] * flip, b[0] * flip, b[0]]])
         pieces.append(quads(np.concatenate([starboard, port, stern]), looks.plain(colour, "gloss"), V))
     deck = rail - [0, 0, 0.5 if side > 2 else 0.12]
-    pieces.append(
-        quads(
-            np.stack([deck[:-1] * flip, deck[1:] * flip, deck[1:], deck[:-1]], 1),
-            looks.plain((150, 110, 76), "matte"),
-            V,
-        )
-    )
+    pieces.append(quads(
+        np.stack([deck[:-1] * flip, deck[1:] * flip, deck[1:], deck[:-1]], 1),
+        looks.plain((150, 110, 76), "matte"), V,
+    ))  # fmt: skip
     inner = np.stack([rail[1:] * flip, rail[:-1] * flip, deck[:-1] * flip, deck[1:] * flip], 1)
     pieces.append(quads(np.concatenate([inner, (inner * flip)[:, ::-1]]), looks.plain((214, 210, 200)), V))
     return merge(*pieces)
@@ -112,24 +87,18 @@ def _house(x: tuple[float, float], width: float, z: float, decks: int, looks: Lo
         a, b, w, z0 = x[0] + 0.2 * k, x[1] - shrink, width / 2 - 0.2 * k, z + 2.6 * k
         pieces.append(box((a, b), (-w, w), (z0, z0 + 2.6), white, V))
         cells = np.arange(-w + 0.4, w - 0.7, 1.1)
-        pieces.append(
-            boxes(
-                np.column_stack([np.full(len(cells), b - 0.02), cells, np.full(len(cells), z0 + 1.3)]),
-                np.column_stack([np.full(len(cells), b + 0.02), cells + 0.7, np.full(len(cells), z0 + 2.1)]),
-                glass,
-                V,
-            )
-        )
+        pieces.append(boxes(
+            np.column_stack([np.full(len(cells), b - 0.02), cells, np.full(len(cells), z0 + 1.3)]),
+            np.column_stack([np.full(len(cells), b + 0.02), cells + 0.7, np.full(len(cells), z0 + 2.1)]),
+            glass, V,
+        ))  # fmt: skip
         cells = np.arange(a + 0.4, b - 0.8, 1.2)
         for y in (-w, w):
-            pieces.append(
-                boxes(
-                    np.column_stack([cells, np.full(len(cells), y - 0.02), np.full(len(cells), z0 + 1.3)]),
-                    np.column_stack([cells + 0.7, np.full(len(cells), y + 0.02), np.full(len(cells), z0 + 2.1)]),
-                    glass,
-                    V,
-                )
-            )
+            pieces.append(boxes(
+                np.column_stack([cells, np.full(len(cells), y - 0.02), np.full(len(cells), z0 + 1.3)]),
+                np.column_stack([cells + 0.7, np.full(len(cells), y + 0.02), np.full(len(cells), z0 + 2.1)]),
+                glass, V,
+            ))  # fmt: skip
     return merge(*pieces)
 
 
@@ -146,11 +115,9 @@ def feeder_ship(looks: Looks, rng: np.random.Generator) -> Piece:
     funnel = revolved([(2.2, 0), (1.9, 7), (1.5, 7.2), (1.5, 7.0)], 14, looks.plain((24, 60, 130)), V)
     return merge(
         hull(112.0, 18.0, looks, side=7.0, draught=5.0, colours=((28, 44, 82), (140, 36, 32))),
-        *cargo,
-        _house((-50, -36), 16.0, 6.6, 5, looks),
-        funnel.moved(-46, 0, 19.0),
+        *cargo, _house((-50, -36), 16.0, 6.6, 5, looks), funnel.moved(-46, 0, 19.0),
         bars([(-40, 0, 19), (48, 0, 8)], [(-40, 0, 30), (48, 0, 18)], 0.4, looks.plain((210, 208, 200)), V),
-    )
+    )  # fmt: skip
 
 
 def boats(looks: Looks, rng: np.random.Generator) -> Piece:
@@ -162,23 +129,19 @@ def boats(looks: Looks, rng: np.random.Generator) -> Piece:
         bars(
             [(1, 0, 1.5), (1, 0, 7), (-6.5, -1.5, 2), (-6.5, 1.5, 2)],
             [(1, 0, 8.5), (6, 0, 3.5), (-6.5, -0.8, 5.5), (-6.5, 0.8, 5.5)],
-            0.14,
-            spar,
-            V,
+            0.14, spar, V,
         ),
         box((-6.6, -6.4), (-1.0, 1.0), (5.3, 5.6), spar, V),
-    )
+    )  # fmt: skip
     tug = merge(
         hull(24.0, 8.5, looks, side=3.0, draught=3.0, colours=((30, 32, 36), (150, 40, 34))),
         _house((-5, 5), 5.6, 2.5, 2, looks),
         revolved([(1.0, 7.6), (0.9, 11.0), (0.6, 11.0)], 12, looks.plain((226, 150, 30)), V),
     )
-    jib = np.array(
-        [
-            [(4.6, 0, 1.4), (0.4, 0.02, 1.8), (0.3, 0.02, 11.0), (0.3, 0.02, 11.0)],
-            [(0.0, 0, 1.9), (-4.4, 0.1, 1.9), (0.0, 0, 12.6), (0.0, 0, 12.6)],
-        ]
-    )
+    jib = np.array([
+        [(4.6, 0, 1.4), (0.4, 0.02, 1.8), (0.3, 0.02, 11.0), (0.3, 0.02, 11.0)],
+        [(0.0, 0, 1.9), (-4.4, 0.1, 1.9), (0.0, 0, 12.6), (0.0, 0, 12.6)],
+    ])  # fmt: skip
     yacht = merge(
         hull(10.5, 3.2, looks, side=1.1, draught=0.8, colours=((238, 238, 234), (30, 52, 110)), bow=0.45),
         box((-2.0, 1.6), (-0.9, 0.9), (0.9, 1.5), looks.plain((236, 236, 232)), V),

@@ -40,14 +40,8 @@ class Trade:
 
 
 WHITE, CREAM, RED, GREEN, NAVY, BLACK, GOLD = (
-    (240, 240, 236),
-    (238, 226, 196),
-    (182, 26, 30),
-    (22, 82, 52),
-    (24, 38, 92),
-    (26, 26, 28),
-    (222, 178, 74),
-)
+    (240, 240, 236), (238, 226, 196), (182, 26, 30), (22, 82, 52), (24, 38, 92), (26, 26, 28), (222, 178, 74),
+)  # fmt: skip
 TRADES = (
     Trade("BAKERY", (112, 62, 34), CREAM, (96, 54, 32), "bread", ((196, 140, 80), CREAM), "serif"),
     Trade("RESTAURANT", (110, 20, 28), GOLD, (60, 24, 22), "dining", (RED, CREAM), "serif"),
@@ -197,13 +191,10 @@ def _paint_front(trade: Trade, rng: np.random.Generator) -> tuple[np.ndarray, np
             paper = tuple(int(c) for c in rng.choice([(244, 236, 60), (240, 240, 240), (220, 40, 40), (60, 120, 200)]))
             canvas.rect(px, py, px + 0.55, py + 0.5, paper)
             canvas.text(
-                px + 0.27,
-                py + 0.32,
+                px + 0.27, py + 0.32,
                 str(rng.choice(["SALE", "NEW", "50%", "OPEN", "SPECIAL"])),
-                0.16,
-                BLACK if sum(paper) > 400 else WHITE,
-                fit_m=0.5,
-            )
+                0.16, BLACK if sum(paper) > 400 else WHITE, fit_m=0.5,
+            )  # fmt: skip
             canvas.line([(px + 0.06, py + 0.12), (px + 0.49, py + 0.12)], 0.03, (90, 90, 90))
     canvas.rect(2.5, 0.0, 3.5, 2.75, (30, 28, 28))
     canvas.rect(2.62, 0.3, 3.38, 2.1, tuple(min(255, c + 10) for c in room))

@@ -10,31 +10,15 @@ from toolkit.worlds.classes import SceneClass
 
 FURNITURE, SIGN = SceneClass.FURNITURE, SceneClass.SIGN
 STREET_NAMES = (
-    "MAIN ST",
-    "PARK AVE",
-    "MARKET ST",
-    "CHURCH ST",
-    "KING ST",
-    "RIVER RD",
-    "STATION RD",
-    "OAK AVE",
-    "MILL LANE",
-    "QUEEN ST",
-    "HARBOR ST",
-    "BROADWAY",
-    "COLLEGE ST",
-    "BRIDGE ST",
-    "HIGH ST",
-    "CANAL ST",
-)
+    "MAIN ST", "PARK AVE", "MARKET ST", "CHURCH ST", "KING ST", "RIVER RD", "STATION RD", "OAK AVE", "MILL LANE",
+    "QUEEN ST", "HARBOR ST", "BROADWAY", "COLLEGE ST", "BRIDGE ST", "HIGH ST", "CANAL ST",
+)  # fmt: skip
 BOARD_TEXTS = (
-    ("DRINK KOLA", (196, 20, 28), (244, 240, 232)),
-    ("FLY NORDAIR", (24, 88, 170), (244, 244, 244)),
+    ("DRINK KOLA", (196, 20, 28), (244, 240, 232)), ("FLY NORDAIR", (24, 88, 170), (244, 244, 244)),
     ("GRAND HOTEL", (30, 30, 34), (226, 186, 92)),
     ("NEW! FRESH MILK", (250, 250, 246), (20, 90, 170)),
-    ("JAZZ FESTIVAL", (240, 160, 20), (60, 20, 80)),
-    ("CITY BANK", (12, 92, 70), (240, 240, 232)),
-)
+    ("JAZZ FESTIVAL", (240, 160, 20), (60, 20, 80)), ("CITY BANK", (12, 92, 70), (240, 240, 232)),
+)  # fmt: skip
 WHITE: Colour = (242, 242, 238)
 
 
@@ -79,13 +63,9 @@ def _tipped(piece: Piece) -> Piece:
     """Its z axis turned to -y."""
     order, sign = [0, 2, 1], np.array([1, -1, 1], np.float32)
     return Piece(
-        piece.vertices[:, order] * sign,
-        piece.normals[:, order] * sign,
-        piece.uv,
-        piece.faces,
-        piece.material,
+        piece.vertices[:, order] * sign, piece.normals[:, order] * sign, piece.uv, piece.faces, piece.material,
         piece.label,
-    )
+    )  # fmt: skip
 
 
 def traffic_light(looks: Looks, lit: int, street: str, arm_m: float = 5.0) -> Piece:
@@ -164,19 +144,14 @@ def _plate(outline: np.ndarray, skin: Skin, back: Skin) -> Piece:
     front = Piece(
         points,
         np.tile(np.array([0, -1, 0], np.float32), (k, 1)),
-        uv.astype(np.float32),
-        fan.astype(np.int32),
-        np.full(k - 2, skin.material, np.int32),
+        uv.astype(np.float32), fan.astype(np.int32), np.full(k - 2, skin.material, np.int32),
         np.full(k - 2, SIGN, np.uint8),
-    )
+    )  # fmt: skip
     behind = Piece(
-        points + np.array([0, 0.015, 0], np.float32),
-        np.tile(np.array([0, 1, 0], np.float32), (k, 1)),
+        points + np.array([0, 0.015, 0], np.float32), np.tile(np.array([0, 1, 0], np.float32), (k, 1)),
         np.broadcast_to(np.array(back.at, np.float32), (k, 2)).copy(),
-        fan[:, ::-1].astype(np.int32),
-        np.full(k - 2, back.material, np.int32),
-        np.full(k - 2, SIGN, np.uint8),
-    )
+        fan[:, ::-1].astype(np.int32), np.full(k - 2, back.material, np.int32), np.full(k - 2, SIGN, np.uint8),
+    )  # fmt: skip
     return merge(front, behind)
 
 
@@ -202,18 +177,11 @@ def _traffic_sign(kind: str, looks: Looks) -> tuple[float, float, Skin]:
         c.disc(0.0, 0.42, 0.13, black)
         c.fill(
             [
-                (-0.1, 0.25),
-                (0.14, 0.25),
-                (0.1, -0.1),
-                (0.36, -0.55),
-                (0.22, -0.6),
-                (0, -0.2),
-                (-0.24, -0.6),
-                (-0.36, -0.54),
-                (-0.08, 0),
+                (-0.1, 0.25), (0.14, 0.25), (0.1, -0.1), (0.36, -0.55), (0.22, -0.6), (0, -0.2), (-0.24, -0.6),
+                (-0.36, -0.54), (-0.08, 0),
             ],
             black,
-        )
+        )  # fmt: skip
     elif kind == "yield":
         c.rect(-1, -1, 1, 1, red)
         c.fill([(-0.48, 0.3), (0.48, 0.3), (0, -0.55)], WHITE)

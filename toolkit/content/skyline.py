@@ -15,15 +15,11 @@ FAR = SceneClass.SKYLINE
 BAYS, FLOORS = 5, 4
 BAY_M, FLOOR_M = 2.8, 3.3
 STYLES: tuple[tuple[Colour, Colour, tuple[float, float]], ...] = (
-    (BRICKS[0], (206, 198, 182), (0.42, 0.55)),
-    (BRICKS[3], (176, 166, 150), (0.42, 0.52)),
-    (STONES[0], (226, 222, 212), (0.46, 0.6)),
-    (RENDERS[0], (232, 230, 222), (0.44, 0.56)),
-    (BRICKS[5], (150, 140, 130), (0.4, 0.5)),
-    ((110, 122, 136), (70, 78, 88), (0.94, 0.72)),
-    ((74, 92, 104), (186, 190, 194), (0.94, 0.8)),
-    (STONES[3], (120, 118, 114), (0.9, 0.5)),
-)
+    (BRICKS[0], (206, 198, 182), (0.42, 0.55)), (BRICKS[3], (176, 166, 150), (0.42, 0.52)),
+    (STONES[0], (226, 222, 212), (0.46, 0.6)), (RENDERS[0], (232, 230, 222), (0.44, 0.56)),
+    (BRICKS[5], (150, 140, 130), (0.4, 0.5)), ((110, 122, 136), (70, 78, 88), (0.94, 0.72)),
+    ((74, 92, 104), (186, 190, 194), (0.94, 0.8)), (STONES[3], (120, 118, 114), (0.9, 0.5)),
+)  # fmt: skip
 
 
 def painted_facade(looks: Looks, style: int) -> Skin:
@@ -77,21 +73,17 @@ def towers(low: np.ndarray, high: np.ndarray, looks: Looks, rng: np.random.Gener
                 np.column_stack([np.where(px, b[:, 0], a[:, 0]), np.where(py, a[:, 1], b[:, 1])]) for px, py in corner
             ]
             rows = [
-                np.column_stack([points[0], a[:, 2]]),
-                np.column_stack([points[1], a[:, 2]]),
-                np.column_stack([points[1], b[:, 2]]),
-                np.column_stack([points[0], b[:, 2]]),
-            ]
+                np.column_stack([points[0], a[:, 2]]), np.column_stack([points[1], a[:, 2]]),
+                np.column_stack([points[1], b[:, 2]]), np.column_stack([points[0], b[:, 2]]),
+            ]  # fmt: skip
             zero = np.zeros(len(a))
             uv = np.stack(
                 [
-                    np.column_stack([start, zero]),
-                    np.column_stack([start + bays, zero]),
-                    np.column_stack([start + bays, floors]),
-                    np.column_stack([start, floors]),
+                    np.column_stack([start, zero]), np.column_stack([start + bays, zero]),
+                    np.column_stack([start + bays, floors]), np.column_stack([start, floors]),
                 ],
                 1,
-            )
+            )  # fmt: skip
             pieces.append(quads(np.stack(rows, 1), skin, FAR, uv))
         rect = np.column_stack([a[:, :2], b[:, :2]])
         pieces.append(floor_quads(rect, b[:, 2], felt, FAR))
@@ -107,9 +99,7 @@ def surround(
     rects = []
     for near, far in pairwise(edges):
         rects += [
-            (x0 - far, y0 - far, x1 + far, y0 - near),
-            (x0 - far, y1 + near, x1 + far, y1 + far),
-            (x0 - far, y0 - near, x0 - near, y1 + near),
-            (x1 + near, y0 - near, x1 + far, y1 + near),
-        ]
+            (x0 - far, y0 - far, x1 + far, y0 - near), (x0 - far, y1 + near, x1 + far, y1 + far),
+            (x0 - far, y0 - near, x0 - near, y1 + near), (x1 + near, y0 - near, x1 + far, y1 + near),
+        ]  # fmt: skip
     return floor_quads(np.array(rects), 0.0, ground, label)

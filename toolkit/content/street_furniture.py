@@ -33,16 +33,9 @@ def old_lamp(looks: Looks) -> Piece:
     """A cast-iron post with a glass globe, 3.9 m."""
     iron = looks.plain((28, 40, 36))
     profile = [
-        (0.24, 0),
-        (0.24, 0.25),
-        (0.14, 0.35),
-        (0.11, 1.0),
-        (0.14, 1.05),
-        (0.07, 1.15),
-        (0.055, 3.2),
-        (0.13, 3.3),
+        (0.24, 0), (0.24, 0.25), (0.14, 0.35), (0.11, 1.0), (0.14, 1.05), (0.07, 1.15), (0.055, 3.2), (0.13, 3.3),
         (0.06, 3.38),
-    ]
+    ]  # fmt: skip
     globe = [(0.06, 3.38), (0.2, 3.48), (0.27, 3.66), (0.2, 3.86), (0.04, 3.95)]
     return merge(revolved(profile, 8, iron, F), revolved(globe, 8, looks.plain((255, 240, 206), "lamp"), F))
 
@@ -52,19 +45,11 @@ def hydrant(looks: Looks) -> Piece:
     red = looks.plain((196, 36, 30))
     barrel = revolve(
         [
-            (0.19, 0),
-            (0.19, 0.06),
-            (0.12, 0.08),
-            (0.12, 0.5),
-            (0.16, 0.52),
-            (0.16, 0.56),
-            (0.12, 0.6),
-            (0.09, 0.7),
-            (0.03, 0.76),
-            (0.005, 0.78),
+            (0.19, 0), (0.19, 0.06), (0.12, 0.08), (0.12, 0.5), (0.16, 0.52), (0.16, 0.56), (0.12, 0.6), (0.09, 0.7),
+            (0.03, 0.76), (0.005, 0.78),
         ],
         9,
-    )
+    )  # fmt: skip
     cap = [
         revolve([(0.07, 0.0), (0.07, 0.2), (0.05, 0.21), (0.005, 0.23)], 8).rotated("x", a).moved(z=0.4)
         for a in (90, -90)
@@ -93,10 +78,8 @@ def dustbins(looks: Looks) -> Piece:
     )
     bag = revolved(
         [(0.2, 0), (0.34, 0.12), (0.3, 0.34), (0.1, 0.5), (0.06, 0.56), (0.12, 0.62)],
-        7,
-        looks.plain((22, 22, 26), "gloss"),
-        F,
-    )
+        7, looks.plain((22, 22, 26), "gloss"), F,
+    )  # fmt: skip
     return merge(
         place(can, [(-0.35, 0, 0), (0.3, 0.05, 0)]),
         place(bag, [(0.9, -0.1, 0), (1.3, 0.15, 0)], [0.0, 40.0], [1.0, 0.8]),
@@ -112,15 +95,11 @@ def bench(looks: Looks) -> Piece:
     size = np.concatenate([np.tile([1.7, 0.11, 0.04], (4, 1)), np.tile([1.7, 0.035, 0.1], (4, 1))])
     legs = []
     for x in (-0.72, 0.72):
-        legs.append(
-            bars(
-                [(x, -0.36, 0), (x, 0.12, 0), (x, -0.4, 0.44), (x, 0.1, 0.44), (x, -0.36, 0.66)],
-                [(x, -0.36, 0.66), (x, 0.12, 0.44), (x, 0.14, 0.42), (x, 0.34, 1.06), (x, 0.16, 0.66)],
-                0.06,
-                iron,
-                F,
-            )
-        )
+        legs.append(bars(
+            [(x, -0.36, 0), (x, 0.12, 0), (x, -0.4, 0.44), (x, 0.1, 0.44), (x, -0.36, 0.66)],
+            [(x, -0.36, 0.66), (x, 0.12, 0.44), (x, 0.14, 0.42), (x, 0.34, 1.06), (x, 0.16, 0.66)],
+            0.06, iron, F,
+        ))  # fmt: skip
     return merge(boxes(low, low + size, wood, F, ()), *legs)
 
 
@@ -285,10 +264,8 @@ def planter(looks: Looks) -> Piece:
     """A concrete tub; a shrub is planted in it by `toolkit.content.trees`."""
     return revolved(
         [(0.5, 0), (0.62, 0.55), (0.62, 0.62), (0.52, 0.62), (0.5, 0.5), (0.005, 0.5)],
-        12,
-        looks.plain((168, 164, 156), "matte"),
-        F,
-    )
+        12, looks.plain((168, 164, 156), "matte"), F,
+    )  # fmt: skip
 
 
 def traffic_cone(looks: Looks) -> Piece:
@@ -323,19 +300,9 @@ def barrier(looks: Looks) -> Piece:
 
 
 FURNITURE: dict[str, tuple[Callable[[Looks], Piece], float]] = {
-    "hydrant": (hydrant, 0.4),
-    "bin": (litter_bin, 0.4),
-    "dustbins": (dustbins, 1.2),
-    "bench": (bench, 1.0),
-    "mailbox": (mailbox, 0.5),
-    "meter": (parking_meter, 0.2),
-    "phone": (phone_booth, 0.6),
-    "bicycle": (bicycle, 0.9),
-    "newspapers": (newspaper_boxes, 0.9),
-    "shelter": (bus_shelter, 2.4),
-    "cafe": (cafe_table, 1.4),
-    "planter": (planter, 0.7),
-    "cone": (traffic_cone, 0.25),
-    "barrier": (barrier, 1.0),
-}
+    "hydrant": (hydrant, 0.4), "bin": (litter_bin, 0.4), "dustbins": (dustbins, 1.2), "bench": (bench, 1.0),
+    "mailbox": (mailbox, 0.5), "meter": (parking_meter, 0.2), "phone": (phone_booth, 0.6), "bicycle": (bicycle, 0.9),
+    "newspapers": (newspaper_boxes, 0.9), "shelter": (bus_shelter, 2.4), "cafe": (cafe_table, 1.4),
+    "planter": (planter, 0.7), "cone": (traffic_cone, 0.25), "barrier": (barrier, 1.0),
+}  # fmt: skip
 """What may stand on a pavement: how it is made, and the radius it needs, metres."""

@@ -59,15 +59,10 @@ def build_pavement(block: Block, inside: Skin, label: int, looks: Looks) -> Piec
     r, w, z, p = CORNER_M, KERB_WIDTH_M, KERB_M, PAVEMENT_M
     slabs, stone = pavement(looks), kerb(looks)
     strips = [
-        (x0 + r, y0 + w, x1 - r, y0 + p),
-        (x0 + r, y1 - p, x1 - r, y1 - w),
-        (x0 + w, y0 + p, x0 + p, y1 - p),
-        (x1 - p, y0 + p, x1 - w, y1 - p),
-        (x0 + w, y0 + r, x0 + r, y0 + p),
-        (x1 - r, y0 + r, x1 - w, y0 + p),
-        (x0 + w, y1 - p, x0 + r, y1 - r),
-        (x1 - r, y1 - p, x1 - w, y1 - r),
-    ]
+        (x0 + r, y0 + w, x1 - r, y0 + p), (x0 + r, y1 - p, x1 - r, y1 - w), (x0 + w, y0 + p, x0 + p, y1 - p),
+        (x1 - p, y0 + p, x1 - w, y1 - p), (x0 + w, y0 + r, x0 + r, y0 + p), (x1 - r, y0 + r, x1 - w, y0 + p),
+        (x0 + w, y1 - p, x0 + r, y1 - r), (x1 - r, y1 - p, x1 - w, y1 - r),
+    ]  # fmt: skip
     pieces = [
         floor_quads(np.array(strips), z, slabs, PAVED),
         floor_quads((x0 + p, y0 + p, x1 - p, y1 - p), z, inside, label),

@@ -19,24 +19,12 @@ Standing = dict[str, list[tuple[float, float, float, float]]]
 
 PARKED_SHARE = 0.42
 KERB_SIDE = {
-    "meter": 0.3,
-    "hydrant": 0.06,
-    "mailbox": 0.07,
-    "bin": 0.1,
-    "newspapers": 0.07,
-    "phone": 0.05,
-    "bicycle": 0.08,
+    "meter": 0.3, "hydrant": 0.06, "mailbox": 0.07, "bin": 0.1, "newspapers": 0.07, "phone": 0.05, "bicycle": 0.08,
     "bench": 0.06,
-}
+}  # fmt: skip
 WALL_SIDE = {
-    "cafe": 0.1,
-    "bench": 0.15,
-    "planter": 0.2,
-    "dustbins": 0.16,
-    "bicycle": 0.08,
-    "newspapers": 0.08,
-    "bin": 0.07,
-}
+    "cafe": 0.1, "bench": 0.15, "planter": 0.2, "dustbins": 0.16, "bicycle": 0.08, "newspapers": 0.08, "bin": 0.07,
+}  # fmt: skip
 TREE_VARIANTS = 4
 
 
@@ -63,12 +51,9 @@ def place_vehicles(plan: Plan, fleet: Fleet, rng: np.random.Generator) -> Piece:
             vehicle = pick(fleet.parked())
             if rng.random() < PARKED_SHARE and along + vehicle.length < end:
                 put(
-                    vehicle,
-                    stretch,
-                    along + vehicle.length / 2,
-                    half - PARKING_M / 2 - rng.uniform(-0.1, 0.15),
+                    vehicle, stretch, along + vehicle.length / 2, half - PARKING_M / 2 - rng.uniform(-0.1, 0.15),
                     rng.normal(0, 0.8),
-                )
+                )  # fmt: skip
                 along += vehicle.length + rng.uniform(0.7, 1.6)
             else:
                 along += 6.0

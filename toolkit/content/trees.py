@@ -66,15 +66,10 @@ def street_tree(looks: Looks, variant: int, height: float = 8.0, count: int = 43
     rng = looks.rng(f"tree-{variant}")
     fork = height * 0.33
     lean = rng.normal(0, 0.15, 2)
-    trunk = np.array(
-        [
-            (0, 0, 0),
-            (*(lean * 0.4), fork * 0.5),
-            (*lean, fork),
-            (*(lean * 1.5), height * 0.6),
-            (*(lean * 1.6), height * 0.8),
-        ]
-    )
+    trunk = np.array([
+        (0, 0, 0), (*(lean * 0.4), fork * 0.5), (*lean, fork), (*(lean * 1.5), height * 0.6),
+        (*(lean * 1.6), height * 0.8),
+    ])  # fmt: skip
     parts = tube(trunk, [0.2, 0.16, 0.14, 0.08, 0.03], 6)
     tips = [np.array([*(lean * 1.6), height * 0.84])]
     for k in range(8):

@@ -73,10 +73,8 @@ class Livery:
     def __init__(self, body: Body, colour: Colour) -> None:
         self.body, self.colour = body, colour
         sides = {
-            "left": (body.length, body.height),
-            "top": (body.length, body.width),
-            "front": (body.width, body.height),
-        }
+            "left": (body.length, body.height), "top": (body.length, body.width), "front": (body.width, body.height),
+        }  # fmt: skip
         sides |= {"right": sides["left"], "rear": sides["front"]}
         low = {
             "left": (-body.length / 2, 0.0),
@@ -109,16 +107,9 @@ class Livery:
             self.day[view].line([(self.right_of(view, a), b) for a, b in points], width_m, colour)
 
     def text(
-        self,
-        views: str,
-        at: Point,
-        words: str,
-        height_m: float,
-        colour: Colour,
-        *,
-        fit_m: float = 0.0,
+        self, views: str, at: Point, words: str, height_m: float, colour: Colour, *, fit_m: float = 0.0,
         lit: bool = False,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Lettering, readable on each view."""
         for view in views.split():
             x, y = self.right_of(view, at[0]), at[1]
@@ -173,12 +164,9 @@ class Sheet:
         result = np.empty((*points.shape[:2], 2))
         ends, sides = normals[:, 0] > 0, normals[:, 1] > 0
         pick = {
-            "front": (axis == 0) & ends,
-            "rear": (axis == 0) & ~ends,
-            "left": (axis == 1) & sides,
-            "right": (axis == 1) & ~sides,
-            "top": axis == 2,
-        }
+            "front": (axis == 0) & ends, "rear": (axis == 0) & ~ends, "left": (axis == 1) & sides,
+            "right": (axis == 1) & ~sides, "top": axis == 2,
+        }  # fmt: skip
         for view, chosen in pick.items():
             p = points[chosen]
             a = {"left": -p[..., 0], "right": p[..., 0], "top": p[..., 0], "front": -p[..., 1], "rear": p[..., 1]}[view]
@@ -225,13 +213,10 @@ def bodywork(body: Body, sheet: Sheet, looks: Looks, stations: int = 12) -> Piec
     mesh = mesh_from_corners(vertices, faces, uv, below.astype(int), (), 38.0)
     skin = from_mesh(mesh, sheet.skin.material, VEHICLE)
     return Piece(
-        skin.vertices,
-        skin.normals,
-        skin.uv,
-        skin.faces,
+        skin.vertices, skin.normals, skin.uv, skin.faces,
         np.where(mesh.face_material == 1, dark.material, sheet.skin.material).astype(np.int32),
         skin.label,
-    )
+    )  # fmt: skip
 
 
 def _section(body: Body, x: float, arch: float) -> np.ndarray:
@@ -251,14 +236,9 @@ def _section(body: Body, x: float, arch: float) -> np.ndarray:
     middle = low + (belt - low) * np.array([0.12, 0.6])
     edge = top - min(0.07, (top - belt) * 0.5)
     half = [
-        (w * 0.94, low),
-        (w * 0.985, middle[0]),
-        (w, middle[1]),
-        (w * 0.965, belt),
-        (roof_w, edge),
-        (roof_w * 0.9, top - 0.015),
-        (roof_w * 0.55, top + 0.008),
-    ]
+        (w * 0.94, low), (w * 0.985, middle[0]), (w, middle[1]), (w * 0.965, belt), (roof_w, edge),
+        (roof_w * 0.9, top - 0.015), (roof_w * 0.55, top + 0.008),
+    ]  # fmt: skip
     left = np.array(half)
     ring = np.concatenate([left, [(0.0, top + 0.015)], left[::-1] * [-1, 1]])
     return np.column_stack([np.full(len(ring), x), ring])
@@ -270,11 +250,8 @@ def wheels(body: Body, looks: Looks, hub: Colour = (176, 178, 180), spokes: int 
     r, wide = body.wheel_m, min(0.24, body.wheel_m * 0.62)
     tyre = revolved(
         [(r, -wide / 2), (r, wide / 2 - 0.03), (0.93 * r, wide / 2), (0.68 * r, wide / 2 - 0.01)],
-        10,
-        looks.plain((28, 28, 30), "matte"),
-        VEHICLE,
-        50,
-    )
+        10, looks.plain((28, 28, 30), "matte"), VEHICLE, 50,
+    )  # fmt: skip
     angle = np.linspace(0, 2 * np.pi, 10, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle)], 1)
     disc = np.column_stack([ring * 0.7 * r, np.full(10, wide / 2 - 0.02)])
@@ -282,21 +259,16 @@ def wheels(body: Body, looks: Looks, hub: Colour = (176, 178, 180), spokes: int 
     face = Piece(
         disc.astype(np.float32),
         np.tile(np.array([0, 0, 1], np.float32), (10, 1)),
-        (0.5 + 0.5 * ring).astype(np.float32),
-        faces.astype(np.int32),
-        np.full(8, rim.material, np.int32),
+        (0.5 + 0.5 * ring).astype(np.float32), faces.astype(np.int32), np.full(8, rim.material, np.int32),
         np.full(8, VEHICLE, np.uint8),
-    )
+    )  # fmt: skip
     one = merge(tyre, face)
     # its axis from z to y
     tipped = Piece(
         one.vertices[:, [0, 2, 1]] * np.array([1, 1, -1], np.float32),
         one.normals[:, [0, 2, 1]] * np.array([1, 1, -1], np.float32),
-        one.uv,
-        one.faces,
-        one.material,
-        one.label,
-    )
+        one.uv, one.faces, one.material, one.label,
+    )  # fmt: skip
     y = body.width / 2 - wide / 2 - 0.02
     at = [(axle, side * y, r) for axle in body.axles for side in (1, -1)]
     return place(tipped, np.array(at), np.array([0.0, 180.0] * len(body.axles)))

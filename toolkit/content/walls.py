@@ -12,37 +12,16 @@ from toolkit.objects.mesh import Material
 
 SIDE_PX = 512
 BRICKS: tuple[Colour, ...] = (
-    (138, 66, 50),
-    (112, 54, 44),
-    (158, 92, 66),
-    (176, 134, 98),
-    (122, 84, 66),
-    (96, 60, 52),
-    (148, 74, 62),
-    (188, 160, 128),
-    (110, 104, 98),
-    (164, 104, 84),
-)
+    (138, 66, 50), (112, 54, 44), (158, 92, 66), (176, 134, 98), (122, 84, 66), (96, 60, 52), (148, 74, 62),
+    (188, 160, 128), (110, 104, 98), (164, 104, 84),
+)  # fmt: skip
 STONES: tuple[Colour, ...] = (
-    (196, 184, 160),
-    (176, 170, 158),
-    (206, 192, 164),
-    (158, 152, 144),
-    (186, 164, 136),
-    (208, 204, 194),
-)
+    (196, 184, 160), (176, 170, 158), (206, 192, 164), (158, 152, 144), (186, 164, 136), (208, 204, 194),
+)  # fmt: skip
 RENDERS: tuple[Colour, ...] = (
-    (214, 190, 140),
-    (208, 168, 128),
-    (196, 200, 188),
-    (222, 208, 182),
-    (186, 198, 204),
-    (206, 150, 124),
-    (226, 222, 210),
-    (172, 186, 164),
-    (216, 196, 196),
-    (190, 124, 96),
-)
+    (214, 190, 140), (208, 168, 128), (196, 200, 188), (222, 208, 182), (186, 198, 204), (206, 150, 124),
+    (226, 222, 210), (172, 186, 164), (216, 196, 196), (190, 124, 96),
+)  # fmt: skip
 
 
 def _masonry(
@@ -135,14 +114,10 @@ def paint_tiles(rng: np.random.Generator, colour: Colour) -> np.ndarray:
 
 
 PAINTERS: dict[str, tuple[Callable[[np.random.Generator, Colour], np.ndarray], float, float]] = {
-    "brick": (paint_brick, 2.88, 0.9),
-    "ashlar": (paint_ashlar, 3.6, 0.85),
-    "render": (paint_render, 4.0, 0.9),
-    "concrete": (paint_concrete, 4.0, 0.9),
-    "cladding": (paint_cladding, 3.0, 0.5),
-    "roofing": (paint_roofing, 6.0, 0.95),
-    "tiles": (paint_tiles, 3.0, 0.8),
-}
+    "brick": (paint_brick, 2.88, 0.9), "ashlar": (paint_ashlar, 3.6, 0.85), "render": (paint_render, 4.0, 0.9),
+    "concrete": (paint_concrete, 4.0, 0.9), "cladding": (paint_cladding, 3.0, 0.5),
+    "roofing": (paint_roofing, 6.0, 0.95), "tiles": (paint_tiles, 3.0, 0.8),
+}  # fmt: skip
 
 
 def wall(looks: Looks, kind: str, colour: Colour) -> Skin:

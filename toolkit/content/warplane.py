@@ -32,14 +32,8 @@ def missile(length: float = 52.0, radius: float = 1.9) -> list[Part]:
     """A heat-seeking missile along x, its middle at the origin: glass-domed nose, canards, tail fins, warhead bands."""
     h, r = length / 2, radius
     profile = [
-        (0, -h),
-        (r * 0.8, -h),
-        (r, -h + 0.6),
-        (r, h * 0.35),
-        (r, h - 4.5),
-        (r * 0.85, h - 2.4),
-        (r * 0.5, h - 0.7),
-    ]
+        (0, -h), (r * 0.8, -h), (r, -h + 0.6), (r, h * 0.35), (r, h - 4.5), (r * 0.85, h - 2.4), (r * 0.5, h - 0.7),
+    ]  # fmt: skip
     profile += [(0.0, h)]
     stripes = ((0.2, 0.23, BROWN), (0.66, 0.69, YELLOW), (0.9, 1.0, (44, 46, 50)))
     parts = [revolve(profile, 20, bands(WHITE, *stripes)).rotated("y", 90)]
@@ -52,13 +46,11 @@ def tank(length: float = 84.0, radius: float = 6.2) -> list[Part]:
     """A drop tank along x, its middle at the origin."""
     along = np.linspace(-1, 1, 33)
     shape = radius * np.sqrt(np.maximum(1 - np.abs(along) ** 2.6, 0)) ** 1.15
-    parts = [
-        revolve(
-            list(zip(shape, along * length / 2, strict=True)),
-            32,
-            bands(GREY, (0.36, 0.365, DARK_GREY), (0.64, 0.645, DARK_GREY), (0.82, 0.85, RED), (0.85, 1, DARK_GREY)),
-        ).rotated("y", 90)
-    ]
+    parts = [revolve(
+        list(zip(shape, along * length / 2, strict=True)),
+        32,
+        bands(GREY, (0.36, 0.365, DARK_GREY), (0.64, 0.645, DARK_GREY), (0.82, 0.85, RED), (0.85, 1, DARK_GREY)),
+    ).rotated("y", 90)]  # fmt: skip
     h = length / 2
     return parts + cross_of_fins([(-h + 2, 1), (-h + 14, 3), (-h + 7, 8), (-h + 2, 8)], 0.7, GREY)[:9]
 
@@ -167,13 +159,9 @@ def build() -> Mesh:
 def build_boom(side: int, around: list[Side]) -> list[Part]:
     """The beam outside an engine that carries the fin and the stabilator."""
     shape = curve(  # x, middle y, half width, half height, power
-        (-44, 28.0, 3.0, 2.0, 3.0),
-        (-58, 29.2, 4.4, 3.8, 3.2),
-        (-72, 29.8, 5.0, 4.6, 3.4),
-        (-112, 29.8, 4.4, 4.2, 3.2),
-        (-124, 29.8, 3.0, 2.8, 2.6),
-        (-128, 29.8, 0.8, 0.8, 2.0),
-    )
+        (-44, 28.0, 3.0, 2.0, 3.0), (-58, 29.2, 4.4, 3.8, 3.2), (-72, 29.8, 5.0, 4.6, 3.4), (-112, 29.8, 4.4, 4.2, 3.2),
+        (-124, 29.8, 3.0, 2.8, 2.6), (-128, 29.8, 0.8, 0.8, 2.0),
+    )  # fmt: skip
     angle = np.linspace(-np.pi / 2, 1.5 * np.pi, 41)
     rows = []
     for x in np.linspace(-128, -44, 26):

@@ -26,28 +26,15 @@ def one_side(net: np.ndarray, side: int) -> np.ndarray:
 
 
 CENTRE = curve(  # x, half width, top z, bottom z, power
-    (126, 0.5, -4.2, -5.2, 2.0),
-    (122, 2.5, -2.0, -7.2, 2.0),
-    (114, 5.2, 0.8, -9.6, 2.0),
-    (104, 7.8, 3.4, -11.6, 2.0),
-    (90, 10.4, 6.2, -13.2, 2.1),
-    (76, 12.0, 8.8, -13.8, 2.2),
-    (60, 12.8, 11.0, -14.0, 2.3),
-    (44, 13.4, 12.8, -14.0, 2.4),
-    (20, 14.0, 13.8, -13.6, 2.4),
-    (-20, 14.0, 13.4, -12.6, 2.5),
-    (-60, 12.0, 12.2, -10.0, 2.5),
-    (-90, 8.0, 8.6, -5.0, 2.4),
-    (-108, 6.0, 4.6, -2.0, 2.2),
-)
+    (126, 0.5, -4.2, -5.2, 2.0), (122, 2.5, -2.0, -7.2, 2.0), (114, 5.2, 0.8, -9.6, 2.0), (104, 7.8, 3.4, -11.6, 2.0),
+    (90, 10.4, 6.2, -13.2, 2.1), (76, 12.0, 8.8, -13.8, 2.2), (60, 12.8, 11.0, -14.0, 2.3),
+    (44, 13.4, 12.8, -14.0, 2.4), (20, 14.0, 13.8, -13.6, 2.4), (-20, 14.0, 13.4, -12.6, 2.5),
+    (-60, 12.0, 12.2, -10.0, 2.5), (-90, 8.0, 8.6, -5.0, 2.4), (-108, 6.0, 4.6, -2.0, 2.2),
+)  # fmt: skip
 NACELLE = curve(  # x, middle y, half width, top z, bottom z, power
-    (40, 25.6, 9.2, 11.4, -13.4, 6.0),
-    (20, 25.0, 9.8, 11.6, -14.0, 5.0),
-    (-5, 22.4, 11.8, 11.6, -14.4, 4.2),
-    (-40, 19.0, 13.4, 11.6, -14.2, 3.4),
-    (-80, 15.6, 13.2, 11.4, -13.4, 2.6),
-    (-108, 14.0, 11.8, 10.4, -12.4, 2.1),
-)
+    (40, 25.6, 9.2, 11.4, -13.4, 6.0), (20, 25.0, 9.8, 11.6, -14.0, 5.0), (-5, 22.4, 11.8, 11.6, -14.4, 4.2),
+    (-40, 19.0, 13.4, 11.6, -14.2, 3.4), (-80, 15.6, 13.2, 11.4, -13.4, 2.6), (-108, 14.0, 11.8, 10.4, -12.4, 2.1),
+)  # fmt: skip
 INTAKE_BACK_X, DUCT_BACK_X = -9.0, 15.0
 
 
@@ -96,11 +83,9 @@ def body_section(x: float, count: int = 96) -> np.ndarray:
 def build_fuselage(around: list[Side]) -> list[Part]:
     """One smooth skin from the radome to the engines."""
     stations = np.r_[
-        np.linspace(TAIL_X, -20, 29)[:-1],
-        np.linspace(-20, 20, 25)[:-1],
-        np.linspace(20, 110, 24)[:-1],
+        np.linspace(TAIL_X, -20, 29)[:-1], np.linspace(-20, 20, 25)[:-1], np.linspace(20, 110, 24)[:-1],
         NOSE_X - 16 * np.linspace(1, 0, 13) ** 1.6,
-    ]
+    ]  # fmt: skip
     net = np.stack([body_section(x) for x in stations])
     cuts = [0, *np.searchsorted(stations, (-30, 50)), len(net) - 1]  # charts that waste less of the atlas
     pieces = [net[low : high + 1] for low, high in pairwise(cuts)]
@@ -126,36 +111,23 @@ def build_intake(side: int, around: list[Side]) -> list[Part]:
     stations = np.linspace(INTAKE_BACK_X, 33.0, 22)
     outer = np.stack([nacelle_section(x, 0.15, lean * max(0.0, (x + 4) / 37)) for x in stations])
     lip_x = stations[-1]
-    inner = np.stack(
-        [
-            outer[-1],
-            nacelle_section(lip_x + 0.35, -0.2, lean),
-            nacelle_section(lip_x + 0.2, -0.75, lean),
-            nacelle_section(lip_x - 1.5, -1.1, lean),
-            *(nacelle_section(x, -1.4, lean * (x + 4) / 37) for x in np.linspace(lip_x - 6, DUCT_BACK_X, 5)),
-        ]
-    )
+    inner = np.stack([
+        outer[-1], nacelle_section(lip_x + 0.35, -0.2, lean), nacelle_section(lip_x + 0.2, -0.75, lean),
+        nacelle_section(lip_x - 1.5, -1.1, lean),
+        *(nacelle_section(x, -1.4, lean * (x + 4) / 37) for x in np.linspace(lip_x - 6, DUCT_BACK_X, 5)),
+    ])  # fmt: skip
     outer, inner = one_side(outer, side), one_side(inner, side)
     lip, duct = inner[:4], inner[3:]
     return [
         surface(outer, skin_paint(outer, around, STATIONS_MM)),
-        surface(lip, (70, 76, 83)),
-        surface(duct, DUCT),
-        fan(duct[-1, :-1], (12, 12, 13)),
-    ]
+        surface(lip, (70, 76, 83)), surface(duct, DUCT), fan(duct[-1, :-1], (12, 12, 13)),
+    ]  # fmt: skip
 
 
 CANOPY = curve(  # x, half width, sill z, top z
-    (86, 2.6, 7.0, 7.3),
-    (82, 5.0, 7.2, 10.2),
-    (74, 8.0, 7.6, 16.2),
-    (66, 9.4, 8.4, 20.6),
-    (57, 10.0, 9.4, 23.2),
-    (48, 9.8, 10.4, 22.8),
-    (40, 8.8, 11.2, 19.8),
-    (33, 7.0, 11.8, 16.2),
-    (25, 3.4, 12.0, 13.4),
-)
+    (86, 2.6, 7.0, 7.3), (82, 5.0, 7.2, 10.2), (74, 8.0, 7.6, 16.2), (66, 9.4, 8.4, 20.6), (57, 10.0, 9.4, 23.2),
+    (48, 9.8, 10.4, 22.8), (40, 8.8, 11.2, 19.8), (33, 7.0, 11.8, 16.2), (25, 3.4, 12.0, 13.4),
+)  # fmt: skip
 
 
 def canopy_net(

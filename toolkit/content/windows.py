@@ -153,11 +153,8 @@ def _frame(style: PaneStyle, canvas: Canvas) -> np.ndarray:
     drawn = Canvas(width, height, canvas.size[0] / width, (0, 0, 0))
     white, f = (255, 255, 255), style.frame_m
     for x0, y0, x1, y1 in (
-        (0, 0, width, f),
-        (0, height - f, width, height),
-        (0, 0, f, height),
-        (width - f, 0, width, height),
-    ):
+        (0, 0, width, f), (0, height - f, width, height), (0, 0, f, height), (width - f, 0, width, height),
+    ):  # fmt: skip
         drawn.rect(x0, y0, x1, y1, white)
     across, up = style.bars
     for k in range(1, across + 1):

@@ -165,10 +165,8 @@ def make_airliner(rng: np.random.Generator) -> Mesh:
     half = wing(
         (38, radius * 0.5, -radius * 0.5),
         (38 - span * draw(rng, 0.55, 0.75), span, draw(rng, 2, 12)),
-        (56, 14),
-        5,
-        grey,
-    )
+        (56, 14), 5, grey,
+    )  # fmt: skip
     rear = chance(rng, 0.25)
     high_tail = rear and chance(rng, 0.6)
     fin_top = radius * 0.8 + draw(rng, 42, 54)

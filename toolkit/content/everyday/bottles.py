@@ -121,9 +121,10 @@ def make_milk_can(rng: np.random.Generator) -> Mesh:
     lid = [(neck + 2, high - 18), (neck + 8, high - 10), (neck + 9, high - 4), (neck * 0.6, high), (0, high + 2)]
     ears = []
     for side in (1, -1):
-        loop = [(0, side * neck, neck_low + 6), (0, side * (neck + 26), neck_low + 2),
-                (0, side * (radius + 4), wall_top + 18),
-                (0, side * (radius - 6), wall_top + 6)]  # fmt: skip
+        loop = [
+            (0, side * neck, neck_low + 6), (0, side * (neck + 26), neck_low + 2),
+            (0, side * (radius + 4), wall_top + 18), (0, side * (radius - 6), wall_top + 6),
+        ]  # fmt: skip
         ears += rod(loop, 4.5, dark, material)
     top = rod([(-14, 0, high), (-10, 0, high + 14), (10, 0, high + 14), (14, 0, high)], 3, dark, material)
     return finish([revolve(body, 36, metal, material), lathe(lid, metal, material, 12), *ears, *top])
@@ -213,11 +214,9 @@ def _nog_glass(rng: np.random.Generator) -> list[Part]:
     cup = vessel(outline, 2.5, cream, clear, "glass", content=(0.94, foam, "matte"))
     top = high * 0.9
     lip = [
-        (outline[-1, 0], top),
-        (outline[-1, 0] + 0.5, top + 9),
-        (outline[-1, 0] - 2, top + 9),
+        (outline[-1, 0], top), (outline[-1, 0] + 0.5, top + 9), (outline[-1, 0] - 2, top + 9),
         (outline[-1, 0] - 2, top),
-    ]
+    ]  # fmt: skip
     bark = wood_grain(rng, (134, 78, 40), "v")
     lean = radius * draw(rng, 0.5, 0.8)
     stick = rod([(-lean * 0.2, 0, high * 0.5), (lean, 0, high + draw(rng, 34, 60))], draw(rng, 5, 7), bark, "wood")

@@ -153,8 +153,9 @@ def make_table_lamp(rng: np.random.Generator) -> Mesh:
     body = {
         "slim": [(foot, 0), (foot, 6), (foot * 0.3, 14), (5, 24), (5, stand)],
         "gourd": [(foot * 0.7, 0), (foot * 0.75, 6), (belly + 14, stand * 0.4), (9, stand * 0.8), (6, stand)],
-        "candlestick": [(foot, 0), (foot * 0.9, 8), (9, 22), (18, stand * 0.4), (8, stand * 0.55), (14, stand * 0.8),
-                        (6, stand)],
+        "candlestick": [
+            (foot, 0), (foot * 0.9, 8), (9, 22), (18, stand * 0.4), (8, stand * 0.55), (14, stand * 0.8), (6, stand),
+        ],
     }[kind]  # fmt: skip
     paint = decorate(rng, colour, "ceramic", "pale") if kind == "gourd" else colour
     cloth = pick_colour(rng, "pale") if chance(rng, 0.6) else pick_colour(rng, "ceramic", "bright")
@@ -219,9 +220,10 @@ def make_traffic_cone(rng: np.random.Generator) -> Mesh:
         paint = bands([colour, white, colour, white, colour], [low, low + wide, low + wide + 0.12, low + 2 * wide])
     foot = pick(rng, (colour, (34, 34, 36)))
     tip = draw(rng, 8, 13)
-    cone = revolve([(radius, 12), *np.linspace((radius - 4, 18), (tip, high), 8), (tip - 3, high),
-                    (tip - 4, high - 12)], 36,
-                   paint, "plastic")  # fmt: skip
+    cone = revolve(
+        [(radius, 12), *np.linspace((radius - 4, 18), (tip, high), 8), (tip - 3, high), (tip - 4, high - 12)],
+        36, paint, "plastic",
+    )  # fmt: skip
     base = block((2 * half, 2 * half, 12), (0, 0, 6), foot, "rubber", 3)
     return finish([cone, *base, disc(tip - 4, high - 12, (30, 24, 20), "plastic")])
 
@@ -247,9 +249,10 @@ def make_candle(rng: np.random.Generator) -> Mesh:
             )
         )
     top = foot + long
-    parts.append(revolve([(radius, foot), (radius, top - 4), (radius - 2, top), (radius * 0.7, top - 2), (0, top - 4)],
-                         28,
-                         wax, "ceramic"))  # fmt: skip
+    parts.append(revolve(
+        [(radius, foot), (radius, top - 4), (radius - 2, top), (radius * 0.7, top - 2), (0, top - 4)],
+        28, wax, "ceramic",
+    ))  # fmt: skip
     for _ in range(int(rng.integers(0, 6))):
         bearing, run = draw(rng, 0, 2 * np.pi), draw(rng, 0.1, 0.5) * long
         x, y = radius * np.cos(bearing), radius * np.sin(bearing)
@@ -260,9 +263,10 @@ def make_candle(rng: np.random.Generator) -> Mesh:
     if chance(rng, 0.8):
         flame = bands([(255, 150, 30), (255, 214, 80), (255, 246, 190), (255, 190, 50)], [0.2, 0.45, 0.8])
         size = draw(rng, 8, 11)
-        parts.append(lathe([(1, top + 4), (size * 0.8, top + 10), (size, top + 16), (size * 0.55, top + 28),
-                            (0.4, top + 44)],
-                           flame, "matte", 14, 14))  # fmt: skip
+        parts.append(lathe(
+            [(1, top + 4), (size * 0.8, top + 10), (size, top + 16), (size * 0.55, top + 28), (0.4, top + 44)],
+            flame, "matte", 14, 14,
+        ))  # fmt: skip
     return finish(parts)
 
 
@@ -289,9 +293,10 @@ def _one_mushroom(rng: np.random.Generator, cap: Colour, spotted: bool) -> list[
     cream, gill = vary(rng, (236, 226, 204), 8), vary(rng, (206, 184, 150), 10)
     paint: Paint = scatter(rng, cap, [(246, 242, 232)], 60, 0.016) if spotted else cap
     drop = draw(rng, 0, 22)
-    over = [(radius - 4, high - drop - 2), (radius, high - drop), (radius * 0.94, high + rise * 0.4),
-            (radius * 0.6, high + rise * 0.86),
-            (0, high + rise)]  # fmt: skip
+    over = [
+        (radius - 4, high - drop - 2), (radius, high - drop), (radius * 0.94, high + rise * 0.4),
+        (radius * 0.6, high + rise * 0.86), (0, high + rise),
+    ]  # fmt: skip
     gills = stripes([gill, shade(gill, 0.72)], 44)
     parts = [
         lathe(over, paint, "matte", 16, 36),
@@ -331,13 +336,8 @@ def make_umbrella(rng: np.random.Generator) -> Mesh:
         parts.append(ball(2.4, steel, "metal", 8, 4).moved(*tip))
     foot = rise - reach
     crook = [
-        (0, 0, foot + 40),
-        (0, 0, foot),
-        (6, 0, foot - 12),
-        (16, 0, foot - 16),
-        (27, 0, foot - 10),
-        (30, 0, foot + 4),
-    ]
+        (0, 0, foot + 40), (0, 0, foot), (6, 0, foot - 12), (16, 0, foot - 16), (27, 0, foot - 10), (30, 0, foot + 4),
+    ]  # fmt: skip
     parts += rod(crook, 5, grip, "wood", 18)
     if chance(rng, 0.5):
         parts = turned(parts, "y", draw(rng, 100, 125))
@@ -348,10 +348,10 @@ def make_hourglass(rng: np.random.Generator) -> Mesh:
     """Two bulbs of glass with sand, between two plates on three or four posts."""
     radius, high, neck = draw(rng, 40, 52), draw(rng, 170, 210), draw(rng, 5, 8)
     plate, posts = radius + draw(rng, 12, 22), pick(rng, (3, 4))
-    colour, sand = pick_colour(rng, "wood", "brass", "dark"), vary(rng, pick(rng,
-                                                                             ((222, 190, 130), (236, 226, 206),
-                                                                              (90, 130, 180),
-                                                                               (200, 90, 80))))  # fmt: skip
+    colour, sand = pick_colour(rng, "wood", "brass", "dark"), vary(
+        rng,
+        pick(rng, ((222, 190, 130), (236, 226, 206), (90, 130, 180), (200, 90, 80))),
+    )  # fmt: skip
     clear, filled = vary(rng, (204, 218, 218), 6), draw(rng, 0.08, 0.34)
     middle, thick = high / 2, 9.0
     bulb = smooth_curve(

@@ -60,8 +60,8 @@ def _merge_foot_colour(parts: list[Part]) -> Part:
     faces = np.concatenate([part.faces + start for part, start in zip(parts, starts, strict=False)])
     uv = np.concatenate([part.corner_uv / np.array(part.chart_mm) for part in parts])
     return Part(
-        np.concatenate([part.vertices for part in parts]), faces, uv * PLAIN_MM, (PLAIN_MM, PLAIN_MM), parts[0].paint,
-        parts[0].material,
+        np.concatenate([part.vertices for part in parts]),
+        faces, uv * PLAIN_MM, (PLAIN_MM, PLAIN_MM), parts[0].paint, parts[0].material,
     )  # fmt: skip
 
 
@@ -150,8 +150,8 @@ def ball(
 
 
 def rod(
-    points: Path, radius: float | Sequence[float], paint: Paint, material: str = "plastic",
-    count: int = 16, segments: int = 10, flatten: float = 1.0,
+    points: Path, radius: float | Sequence[float], paint: Paint, material: str = "plastic", count: int = 16,
+    segments: int = 10, flatten: float = 1.0,
 ) -> list[Part]:  # fmt: skip
     """A bent rod through points; with several radii they are spread along it."""
     path = smooth_curve(np.asarray(points, float).tolist(), count) if len(points) > 2 else np.asarray(points, float)

@@ -63,11 +63,8 @@ def make_minivan(rng: np.random.Generator) -> Mesh:
         if chance(rng, 0.7):
             parts += rod(
                 [(-100, y * (half - 14), roof + 4), (30, y * (half - 14), roof + 4)],
-                2,
-                (40, 40, 42),
-                "metal",
-                segments=6,
-            )
+                2, (40, 40, 42), "metal", segments=6,
+            )  # fmt: skip
         parts += block((150, 0.8, 1.2), (-35, y * (half + 0.3), belt - 12), shade(colour, 0.5))
         for x in (44, -18, -76):
             parts += block((0.9, 0.8, belt - 28), (x, y * (half + 0.3), belt / 2 + 8), shade(colour, 0.5))
@@ -161,9 +158,10 @@ def make_tractor(rng: np.random.Generator) -> Mesh:
             lug = turned(block((9, 17, 9), (0, 9 if k % 2 else -9, big), RUBBER, "rubber"), "y", 22.5 * k)
             parts += moved(lug, rear, side * 54, big)
     parts += block((150, 34, 26), (18, 0, floor - 8), (64, 66, 70), "metal", 3)
-    hood = hull([(-2, 46, 48, floor + 22, 6), (front - 8, 42, 44, floor + 20, 6), (front + 16, 38, 38, floor + 18, 5)],
-                colour,
-                count=6)  # fmt: skip
+    hood = hull(
+        [(-2, 46, 48, floor + 22, 6), (front - 8, 42, 44, floor + 20, 6), (front + 16, 38, 38, floor + 18, 5)],
+        colour, count=6,
+    )  # fmt: skip
     grille = block((2, 28, 28), (front + 16.5, 0, floor + 18), (26, 26, 28), "metal")
     parts += [*hood, *grille, *rod([(front, 0, floor), (front, 0, small)], 8, (64, 66, 70), "metal")]
     parts += rod([(front, -44, small), (front, 44, small)], 5, (64, 66, 70), "metal")
@@ -171,9 +169,10 @@ def make_tractor(rng: np.random.Generator) -> Mesh:
     parts += mirrored(moved(turned(cylinder(6, 0, 4, LAMP, "glass", 14), "y", 90), front + 15, 14, floor + 32))
     for y in (1, -1):
         guard = np.linspace(0.2, np.pi - 0.25, 10)
-        rows = [np.stack([rear + (big + 6) * np.cos(guard), np.full(10, y * 54 + w), big + (big + 6) * np.sin(guard)],
-                         1)
-                for w in (-20, 20)]  # fmt: skip
+        rows = [
+            np.stack([rear + (big + 6) * np.cos(guard), np.full(10, y * 54 + w), big + (big + 6) * np.sin(guard)], 1)
+            for w in (-20, 20)
+        ]  # fmt: skip
         skin = net_part(rows, colour, "paint")
         parts += [skin.flipped(), skin.moved(z=-0.8)]
     stack = rod(

@@ -139,12 +139,10 @@ def _silver_pot(rng: np.random.Generator) -> list[Part]:
     lid = [(neck + 5, high), (neck + 1, high + 8), (neck * 0.6, high + 20), (3, high + 24)]
     handle = pick_colour(rng, "wood", "dark") if chance(rng, 0.5) else metal
     return [
-        lathe(wall, metal, material, 34),
-        lathe(lid, metal, material, 12),
-        *_knob(rng, high + 24, 7, metal, material),
+        lathe(wall, metal, material, 34), lathe(lid, metal, material, 12), *_knob(rng, high + 24, 7, metal, material),
         *_spout((belly - 6, high * 0.3), (belly + draw(rng, 38, 52), high * 0.92), (14, 6), metal, material, 0.5),
         *_loop((-neck - 2, high * 0.92), (-belly + 3, high * 0.4), draw(rng, 34, 46), 5, handle, "plastic"),
-    ]
+    ]  # fmt: skip
 
 
 def make_teapot(rng: np.random.Generator) -> Mesh:
@@ -327,10 +325,8 @@ def make_frying_pan(rng: np.random.Generator) -> Mesh:
     reach, grip = draw(rng, 130, 190), pick_colour(rng, "dark", "wood") if chance(rng, 0.7) else colour
     rise = draw(rng, 4, 30)
     path = [
-        (radius - 2, 0, high * 0.75),
-        (radius + 0.3 * reach, 0, high + rise * 0.5),
-        (radius + reach, 0, high + rise),
-    ]
+        (radius - 2, 0, high * 0.75), (radius + 0.3 * reach, 0, high + rise * 0.5), (radius + reach, 0, high + rise),
+    ]  # fmt: skip
     parts += rod(path, [5, 6, 7.5, 8], grip, "wood", flatten=1.7)
     if chance(rng, 0.35):
         for side in (-1, 1)[: int(rng.integers(1, 3))]:
