@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.content.everyday import MAKERS, make_everyday
-from toolkit.content.everyday.variants import vary_shipped
+from toolkit.content.everyday import MAKERS, make_everyday, vary_shipped
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.load import BUILTIN, build_mesh
 from toolkit.objects.mesh import place_on_table

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.content.paint import fractal, noise
+from toolkit.content.drawing import fractal, noise
 from toolkit.content.pieces import Looks, Piece, bars, boxes, cross, floor_quads, merge, place, quads, wall_quads
 from toolkit.objects.mesh import Material, Mesh, hash_mesh
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from toolkit.content.projection import Drawing, chart_points, finish
+from toolkit.content.drawing import Drawing, chart_points
 
 RED = (255, 0, 0, 255)
 
@@ -20,7 +20,7 @@ def test_a_chart_knows_where_its_texels_lie_on_a_cylinder():
 def test_a_mark_is_found_at_its_millimetres_and_nowhere_else():
     sheet = Drawing((-1, 0, 0), (0, 0, 1), (-20, -10), (20, 10))  # seen from the left: the front is on the left
     sheet.disc((-8, 3), 2, RED)
-    side = finish(sheet)
+    side = sheet.side()
     np.testing.assert_allclose(side.towards, [0, 1, 0])
     points = np.array([[[8, 55, 3], [9.8, 0, 3], [10.3, 0, 3], [-8, 0, 3], [8, 0, -3], [100, 0, 3]]], np.float32)
     marks = side.sample(points)[0]
@@ -31,6 +31,6 @@ def test_a_mark_is_found_at_its_millimetres_and_nowhere_else():
 def test_a_half_covered_texel_is_half_as_strong():
     sheet = Drawing((1, 0, 0), (0, 1, 0), (0, 0), (10, 10))
     sheet.fill([(0, 0), (5, 0), (5, 10), (0, 10)], RED)
-    edge = finish(sheet).sample(np.array([[[5, 5, 0]]], np.float32))[0, 0]
+    edge = sheet.side().sample(np.array([[[5, 5, 0]]], np.float32))[0, 0]
     assert 60 < edge[3] < 195
     np.testing.assert_allclose(edge, [edge[3], 0, 0, edge[3]], atol=1)

@@ -4,12 +4,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from toolkit.content.grassland import HORIZON_M, hills, tree_line, windsock
-from toolkit.content.grounds import MARK_M, WHITE_PAINT, YELLOW_PAINT, concrete_apron, grass, junction
+from toolkit.content.buildings import landing_pad
+from toolkit.content.countryside import HORIZON_M, hills, shrub, surround, tree_line, windsock
+from toolkit.content.drawing import Canvas, Colour, fractal, hex_name
 from toolkit.content.large_vehicles import lorry, van
-from toolkit.content.modelling import Colour
-from toolkit.content.monuments import flag
-from toolkit.content.paint import Canvas, fractal, hex_name
 from toolkit.content.pieces import (
     Looks,
     Piece,
@@ -25,14 +23,20 @@ from toolkit.content.pieces import (
     quads,
     revolved,
 )
-from toolkit.content.roofs import landing_pad
 from toolkit.content.signs import board, sheet
-from toolkit.content.skyline import surround
-from toolkit.content.street_furniture import barrier, traffic_cone
-from toolkit.content.trees import shrub
+from toolkit.content.street_furniture import barrier, flag, traffic_cone
+from toolkit.content.surfaces import (
+    MARK_M,
+    WHITE_PAINT,
+    YELLOW_PAINT,
+    concrete_apron,
+    grass,
+    junction,
+    pane_sheet,
+    pane_uv,
+    wall,
+)
 from toolkit.content.vehicles import CAR_COLOURS, SEDAN, car
-from toolkit.content.walls import wall
-from toolkit.content.windows import pane_sheet, pane_uv
 from toolkit.objects.mesh import Material
 from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.world import Spot, World

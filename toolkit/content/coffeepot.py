@@ -10,7 +10,8 @@ from dataclasses import replace
 import numpy as np
 from PIL import Image
 
-from toolkit.content.modelling import Colour, Part, assemble, extrude, revolve, surface, tube
+from toolkit.content.drawing import Colour
+from toolkit.content.modelling import Part, assemble, extrude, revolve, surface, tube
 from toolkit.objects.mesh import Mesh
 
 NAVY: Colour = (24, 40, 84)

@@ -1,28 +1,39 @@
-"""Vans, buses, trolleybuses, trams and lorries, lettered.
+"""Vans, buses, trolleybuses, trams and lorries, lettered; and the fleet of a city.
 
-Frame: as in `toolkit.content.vehicle_body`.
+Frame: as in `toolkit.content.vehicles`.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from toolkit.content.modelling import Colour
-from toolkit.content.paint import Canvas
+from toolkit.content.drawing import Canvas, Colour
 from toolkit.content.pieces import Looks, bars, box, boxes, merge, place, wall_quads
-from toolkit.content.vehicle_body import VEHICLE, Body, Livery, bodywork, wheels
 from toolkit.content.vehicles import (
+    CAB_YELLOW,
+    CAR_COLOURS,
     GLASS,
+    HATCH,
     HEAD,
     HEAD_GLOW,
+    MINIVAN,
     RUBBER,
+    SEDAN,
+    SUV,
     TAIL,
     TAIL_GLOW,
+    VEHICLE,
+    WAGON,
+    Body,
+    Livery,
     Vehicle,
+    bodywork,
+    car,
     car_ends,
     ground_coat,
     mirrors,
     shade,
+    wheels,
 )
 from toolkit.objects.mesh import Material
 
@@ -52,6 +63,7 @@ LORRY_CAB = Body(
     ((-1.05, 0.6), (-1.04, 2.4), (-0.9, 2.7), (0.5, 2.74), (0.85, 2.5), (1.02, 1.5), (1.05, 0.55)),
     1.45, (-1.04, -1.03, 0.75, 1.0), (0.1,), wheel_m=0.5, sill=0.5, roof_share=0.92, taper=0.95,
 )  # fmt: skip
+RED, BLUE, GREEN, WHITE = (186, 28, 34), (30, 80, 160), (34, 104, 70), (236, 236, 232)
 
 
 def van(colour: Colour, words: str, looks: Looks, name: str) -> Vehicle:
@@ -224,3 +236,57 @@ def lorry(looks: Looks, name: str, colour: Colour, box_colour: Colour, words: st
     axles = replace(LORRY_CAB, length=8.0, axles=(-2.4, -1.3, 3.0))
     pieces.append(wheels(axles, looks, (150, 152, 154), 8))
     return Vehicle(merge(*pieces), 7.9, 2.45)
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """Vehicles by what they do.
+
+    Attributes:
+        private, cabs, vans, buses, trams, lorries: each at least one.
+    """
+
+    private: tuple[Vehicle, ...]
+    cabs: tuple[Vehicle, ...]
+    vans: tuple[Vehicle, ...]
+    buses: tuple[Vehicle, ...]
+    trams: tuple[Vehicle, ...]
+    lorries: tuple[Vehicle, ...]
+
+    def parked(self) -> list[tuple[tuple[Vehicle, ...], float]]:
+        """What stands along a kerb, with its share."""
+        return [(self.private, 0.72), (self.cabs, 0.16), (self.vans, 0.08), (self.lorries, 0.04)]
+
+    def moving(self) -> list[tuple[tuple[Vehicle, ...], float]]:
+        """What drives, with its share."""
+        return [(self.private, 0.4), (self.cabs, 0.38), (self.vans, 0.07), (self.buses, 0.11), (self.lorries, 0.04)]
+
+
+def build_fleet(looks: Looks) -> Fleet:
+    """All makes in their colours."""
+    makes = [
+        (SEDAN, (0, 1, 3, 4, 5)), (HATCH, (4, 9, 11, 2)), (WAGON, (5, 7, 8)), (SUV, (1, 0, 6, 10)), (MINIVAN, (3, 5)),
+    ]  # fmt: skip
+    names = {id(SEDAN): "sedan", id(HATCH): "hatch", id(WAGON): "wagon", id(SUV): "suv", id(MINIVAN): "minivan"}
+    private = [car(body, CAR_COLOURS[k], looks, f"{names[id(body)]}-{k}") for body, colours in makes for k in colours]
+    private.append(car(SEDAN, (28, 29, 32), looks, "police", "police"))
+    cabs = (car(SEDAN, CAB_YELLOW, looks, "cab", "cab"), car(MINIVAN, CAB_YELLOW, looks, "cab-van", "cab"))
+    vans = (
+        van(WHITE, "PARCELS", looks, "van-white"),
+        van((120, 76, 34), "UNITED POST", looks, "van-brown"),
+        van(WHITE, "AMBULANCE", looks, "ambulance"),
+        van(BLUE, "PLUMBER", looks, "van-blue"),
+    )
+    buses = (
+        bus(looks, "bus-blue", BLUE, "42 CENTRAL"),
+        bus(looks, "trolley-red", RED, "7 HARBOUR", trolley=True),
+        bus(looks, "trolley-green", GREEN, "12 MARKET", trolley=True),
+        bus(looks, "school", (246, 178, 16), "SCHOOL BUS"),
+    )
+    trams = (tram(looks, "tram-red", RED, "9 MARKET"), tram(looks, "tram-green", GREEN, "3 RIVER"))
+    lorries = (
+        lorry(looks, "lorry-red", RED, (238, 236, 228), "MOVERS"),
+        lorry(looks, "lorry-blue", BLUE, (40, 90, 160), "FRESH FISH"),
+        lorry(looks, "lorry-green", GREEN, (34, 104, 70), "CITY REFUSE"),
+    )
+    return Fleet(tuple(private), cabs, vans, buses, trams, lorries)

@@ -10,8 +10,8 @@ from zlib import crc32
 import numpy as np
 from numpy.typing import ArrayLike
 
+from toolkit.content.drawing import Ink
 from toolkit.content.modelling import Part, revolve
-from toolkit.content.paint import Ink
 from toolkit.objects.mesh import Material, Mesh, mesh_from_corners
 
 CELL_PX, CELLS = 8, 32

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
-from toolkit.content import racer_livery as livery
+from toolkit.content import liveries as livery
+from toolkit.content.liveries import BLACK, CARBON, NAVY, RED, RUBBER, WHITE, YELLOW, panel
 from toolkit.content.modelling import (
     Part,
     assemble,
@@ -20,7 +21,6 @@ from toolkit.content.modelling import (
     surface,
     tube,
 )
-from toolkit.content.racer_livery import BLACK, CARBON, NAVY, RED, RUBBER, WHITE, YELLOW, panel
 from toolkit.objects.mesh import Mesh
 
 MATERIALS = {

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from toolkit.content.modelling import Colour
-from toolkit.content.paint import Canvas
+from toolkit.content.drawing import Canvas, Colour
 from toolkit.content.pieces import Looks, Piece, Skin, bars, box, boxes, merge, place, quads, revolved
 from toolkit.objects.mesh import Material
 from toolkit.worlds.classes import SceneClass

@@ -14,7 +14,7 @@ from toolkit.worlds.world import World
 
 WORLDS = {
     "city": "toolkit.content.city:build_city",
-    "grass": "toolkit.content.grassland:build_grass",
+    "grass": "toolkit.content.countryside:build_grass",
     "apron": "toolkit.content.airfield:build_apron",
     "harbour": "toolkit.content.harbour:build_harbour",
 }

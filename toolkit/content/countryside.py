@@ -1,0 +1,390 @@
+"""Open country: trees and shrubs, a town's skyline from afar, and a field of grass with one pad (paper, Figure 10d)."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from toolkit.content.buildings import landing_pad
+from toolkit.content.drawing import Canvas, Colour, finish, flat, fractal, grain, noise
+from toolkit.content.modelling import tube
+from toolkit.content.pieces import (
+    Looks,
+    Piece,
+    Skin,
+    bars,
+    box,
+    floor_quads,
+    merge,
+    mesh_of,
+    place,
+    polygon,
+    quads,
+    revolved,
+    solid,
+)
+from toolkit.content.surfaces import BRICKS, RENDERS, STONES, grass, wall
+from toolkit.objects.mesh import Material
+from toolkit.worlds.classes import SceneClass
+from toolkit.worlds.world import Spot, World
+
+TREE = SceneClass.TREE
+GREENS: tuple[Colour, ...] = ((74, 104, 42), (92, 118, 50), (58, 92, 46), (108, 120, 52))
+CELLS = 4
+FAR = SceneClass.SKYLINE
+BAYS, FLOORS = 5, 4
+BAY_M, FLOOR_M = 2.8, 3.3
+STYLES: tuple[tuple[Colour, Colour, tuple[float, float]], ...] = (
+    (BRICKS[0], (206, 198, 182), (0.42, 0.55)), (BRICKS[3], (176, 166, 150), (0.42, 0.52)),
+    (STONES[0], (226, 222, 212), (0.46, 0.6)), (RENDERS[0], (232, 230, 222), (0.44, 0.56)),
+    (BRICKS[5], (150, 140, 130), (0.4, 0.5)), ((110, 122, 136), (70, 78, 88), (0.94, 0.72)),
+    ((74, 92, 104), (186, 190, 194), (0.94, 0.8)), (STONES[3], (120, 118, 114), (0.9, 0.5)),
+)  # fmt: skip
+HORIZON_M = 900.0
+F, B = SceneClass.FURNITURE, SceneClass.BUILDING
+
+
+MEADOWS = ((0.0, -28.0, 14.0, 90.0), (-30.0, 16.0, 13.0, 0.0), (-32.0, -22.0, 13.0, 45.0), (24.0, -14.0, 11.0, 160.0))
+"""Where an object may stand besides the pad: x, y, how far it is free, and how it is turned there."""
+
+
+def bark(looks: Looks) -> Skin:
+    """Furrowed bark, 1 m square."""
+    if found := looks.known("bark"):
+        return found
+    rng, shape = looks.rng("bark"), (256, 256)
+    furrow = np.abs(noise(rng, shape, (6, 34))) + 0.5 * np.abs(noise(rng, shape, (14, 60)))
+    wood = flat(shape, (104, 90, 76)) * (0.62 + 0.6 * furrow)[..., None] + grain(rng, shape, 6)
+    return looks.add(Material("bark", finish(wood), 0.95), (1.0, 1.0))
+
+
+def leaf_sheet(looks: Looks, tone: int) -> Skin:
+    """Leaves of many shades: one kite of foliage in each of `CELLS` x `CELLS` cells."""
+    name = f"leaves-{tone}"
+    if found := looks.known(name):
+        return found
+    rng, side = looks.rng(name), 32
+    shape = (CELLS * side, CELLS * side)
+    shade = np.kron(rng.uniform(0.62, 1.25, (CELLS, CELLS)), np.ones((side, side)))
+    warm = np.kron(rng.normal(0, 8, (CELLS, CELLS)), np.ones((side, side)))
+    speckle = 1 + 0.35 * fractal(rng, shape, 24, 3)
+    leaves = flat(shape, GREENS[tone % len(GREENS)]) * (shade * speckle)[..., None]
+    leaves[..., 0] += warm
+    return looks.add(Material(name, finish(leaves), 0.8))
+
+
+def leaves(at: np.ndarray, size_m: float, outward: np.ndarray, skin: Skin, rng: np.random.Generator) -> Piece:
+    """Kites (n) round points, turned at random but rather outwards, seen from both sides by the renderer."""
+    n = len(at)
+    normal = outward * 1.2 + rng.normal(size=(n, 3)) * 0.8 + [0, 0, 0.4]
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    along = np.cross(normal, rng.normal(size=(n, 3)))
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-6)
+    across = np.cross(normal, along)
+    size = size_m * rng.uniform(0.7, 1.35, (n, 1))
+    corners = np.stack(
+        [at - 0.6 * size * along, at + 0.4 * size * across, at + 0.7 * size * along, at - 0.4 * size * across], 1
+    )
+    cell = rng.integers(0, CELLS, (n, 2)) / CELLS
+    uv = cell[:, None] + np.array([(0.2, 0.2), (0.8, 0.2), (0.8, 0.8), (0.2, 0.8)]) / CELLS
+    piece = quads(corners, skin, TREE, uv)
+    # foliage is lit as a soft whole: normals lean out of the crown
+    soft = np.repeat(outward * 1.4 + normal, 4, axis=0)
+    soft /= np.maximum(np.linalg.norm(soft, axis=1, keepdims=True), 1e-6)
+    flipped = np.einsum("ij,ij->i", soft, piece.normals) < 0
+    soft[flipped] = piece.normals[flipped]
+    return Piece(piece.vertices, soft.astype(np.float32), piece.uv, piece.faces, piece.material, piece.label)
+
+
+def street_tree(looks: Looks, variant: int, height: float = 8.0, count: int = 430) -> Piece:
+    """A broad-leaved tree: trunk, limbs, and clumps of leaves about the limbs' ends."""
+    rng = looks.rng(f"tree-{variant}")
+    fork = height * 0.33
+    lean = rng.normal(0, 0.15, 2)
+    trunk = np.array([
+        (0, 0, 0), (*(lean * 0.4), fork * 0.5), (*lean, fork), (*(lean * 1.5), height * 0.6),
+        (*(lean * 1.6), height * 0.8),
+    ])  # fmt: skip
+    parts = tube(trunk, [0.2, 0.16, 0.14, 0.08, 0.03], 6)
+    tips = [np.array([*(lean * 1.6), height * 0.84])]
+    for k in range(8):
+        turn = 2.4 * k + rng.uniform(-0.3, 0.3)
+        start = np.array([*lean, fork + (0.05 + 0.045 * k) * height])
+        reach = height * rng.uniform(0.2, 0.32) * (1 - 0.05 * k)
+        way = np.array([np.cos(turn), np.sin(turn), 0])
+        tip = start + way * reach + [0, 0, height * rng.uniform(0.12, 0.26)]
+        parts += tube(
+            np.array([start, start + way * reach * 0.5 + [0, 0, height * 0.06], tip]), [0.075, 0.05, 0.02], 4, cap=False
+        )
+        tips.append(tip)
+    pieces = [solid(parts, bark(looks), TREE, 60)]
+    skin = leaf_sheet(looks, variant)
+    centre = np.array([*lean, height * 0.62])
+    each = count // len(tips)
+    at, away = [], []
+    for tip in tips:
+        ball = rng.normal(size=(each, 3))
+        ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+        radius = height * rng.uniform(0.14, 0.2)
+        spread = radius * rng.uniform(0.45, 1.0, (each, 1)) ** 0.6
+        at.append(tip + ball * spread * [1, 1, 0.8])
+        out = at[-1] - centre
+        away.append(0.6 * ball + 0.5 * out / np.linalg.norm(out, axis=1, keepdims=True))
+    pieces.append(leaves(np.concatenate(at), 0.06 * height, np.concatenate(away), skin, rng))
+    return merge(*pieces)
+
+
+def conifer(looks: Looks, variant: int, height: float = 10.0, count: int = 500) -> Piece:
+    """A spruce: tiers of drooping boughs."""
+    rng = looks.rng(f"conifer-{variant}")
+    trunk = tube(np.array([(0, 0, 0), (0, 0, height * 0.5), (0, 0, height)]), [0.18, 0.1, 0.02], 7)
+    z = height * (0.12 + 0.88 * rng.random(count) ** 1.25)
+    reach = (1 - z / height) * height * 0.24 + 0.1
+    turn = rng.uniform(0, 2 * np.pi, count)
+    way = np.column_stack([np.cos(turn), np.sin(turn), np.full(count, -0.25)])
+    at = np.column_stack([np.zeros((count, 2)), z]) + way * (reach * rng.uniform(0.35, 1.0, count))[:, None]
+    skin = leaf_sheet(looks, 2)
+    return merge(solid(trunk, bark(looks), TREE, 60), leaves(at, 0.07 * height, way, skin, rng))
+
+
+def shrub(looks: Looks, variant: int, radius: float = 0.6, count: int = 90) -> Piece:
+    """A round bush."""
+    rng = looks.rng(f"shrub-{variant}")
+    ball = rng.normal(size=(count, 3))
+    ball /= np.linalg.norm(ball, axis=1, keepdims=True)
+    ball[:, 2] = np.abs(ball[:, 2])
+    at = ball * radius * rng.uniform(0.6, 1.0, (count, 1)) + [0, 0, 0.15 * radius]
+    return leaves(at, 0.42 * radius, ball, leaf_sheet(looks, variant), rng)
+
+
+def painted_facade(looks: Looks, style: int) -> Skin:
+    """A facade of `BAYS` by `FLOORS` windows that repeats."""
+    name = f"facade-{style}"
+    if found := looks.known(name):
+        return found
+    ground, trim, (share_w, share_h) = STYLES[style]
+    rng, width, height = looks.rng(name), BAYS * BAY_M, FLOORS * FLOOR_M
+    day, night = Canvas(width, height, 28, ground), Canvas(width, height, 7, (0, 0, 0))
+    for row in range(FLOORS):
+        z = row * FLOOR_M
+        if share_w < 0.9:
+            day.rect(0, z, width, z + 0.18, tuple(int(0.5 * a + 0.5 * b) for a, b in zip(ground, trim, strict=True)))
+        for column in range(BAYS):
+            w, h = BAY_M * share_w, FLOOR_M * share_h
+            x0, z0 = (column + 0.5) * BAY_M - w / 2, z + 0.32 * FLOOR_M
+            z0 = min(z0, z + FLOOR_M - h - 0.1)
+            day.rect(x0 - 0.1, z0 - 0.14, x0 + w + 0.1, z0 + h + 0.1, trim)
+            tone = rng.uniform(0.55, 1.3)
+            day.rect(x0, z0, x0 + w, z0 + h, tuple(int(c * tone) for c in (62, 74, 86)))
+            day.rect(x0, z0 + 0.55 * h, x0 + w, z0 + h, tuple(int(min(255, c * tone)) for c in (104, 122, 138)))
+            if rng.random() < 0.35:
+                day.rect(x0, z0 + h * rng.uniform(0.3, 0.8), x0 + w, z0 + h, (200, 194, 180))
+            day.rect(x0 + w / 2 - 0.04, z0, x0 + w / 2 + 0.04, z0 + h, trim)
+            if rng.random() < 0.4:
+                bright, _, cool = rng.uniform(0.5, 1, 3)
+                lit = np.array((255, 206, 130)) * bright * (1, 1, 0.5 + cool)
+                night.rect(x0, z0, x0 + w, z0 + h, tuple(int(c) for c in lit))
+    return looks.add(Material(name, day.texture(0.06, rng), 0.7, 0.0, night.texture()), (width, height))
+
+
+def towers(low: np.ndarray, high: np.ndarray, looks: Looks, rng: np.random.Generator) -> Piece:
+    """Blocks (n, 3) low and high corners with painted facades and roofs, their windows whole."""
+    style = rng.integers(0, len(STYLES), len(low))
+    felt = wall(looks, "roofing", (104, 104, 102))
+    pieces = []
+    for k in range(len(STYLES)):
+        a, b = low[style == k], high[style == k]
+        if not len(a):
+            continue
+        skin = painted_facade(looks, k)
+        size = b - a
+        floors = np.maximum(np.round(size[:, 2] / FLOOR_M), 1) / FLOORS
+        for side in range(4):
+            x0, x1 = (a[:, 0], b[:, 0]) if side % 2 == 0 else (a[:, 1], b[:, 1])
+            bays = np.maximum(np.round((x1 - x0) / BAY_M), 1) / BAYS
+            start = rng.integers(0, BAYS, len(a)) / BAYS
+            corner = {0: ((0, 1), (1, 1)), 1: ((1, 1), (1, 0)), 2: ((1, 0), (0, 0)), 3: ((0, 0), (0, 1))}[side]
+            points = [
+                np.column_stack([np.where(px, b[:, 0], a[:, 0]), np.where(py, a[:, 1], b[:, 1])]) for px, py in corner
+            ]
+            rows = [
+                np.column_stack([points[0], a[:, 2]]), np.column_stack([points[1], a[:, 2]]),
+                np.column_stack([points[1], b[:, 2]]), np.column_stack([points[0], b[:, 2]]),
+            ]  # fmt: skip
+            zero = np.zeros(len(a))
+            uv = np.stack(
+                [
+                    np.column_stack([start, zero]), np.column_stack([start + bays, zero]),
+                    np.column_stack([start + bays, floors]), np.column_stack([start, floors]),
+                ],
+                1,
+            )  # fmt: skip
+            pieces.append(quads(np.stack(rows, 1), skin, FAR, uv))
+        rect = np.column_stack([a[:, :2], b[:, :2]])
+        pieces.append(floor_quads(rect, b[:, 2], felt, FAR))
+    return merge(*pieces)
+
+
+def surround(
+    inner: np.ndarray, reach_m: float, ground: Skin, label: int, steps: tuple[float, ...] = (0.0, 200.0)
+) -> Piece:
+    """Flat ground at z = 0 round a rectangle (2, 2) out to `reach_m` from it, in rings so that quads stay small."""
+    (x0, y0), (x1, y1) = inner
+    edges = [*(step for step in steps if step < reach_m), reach_m]
+    rects = []
+    for near, far in pairwise(edges):
+        rects += [
+            (x0 - far, y0 - far, x1 + far, y0 - near), (x0 - far, y1 + near, x1 + far, y1 + far),
+            (x0 - far, y0 - near, x0 - near, y1 + near), (x1 + near, y0 - near, x1 + far, y1 + near),
+        ]  # fmt: skip
+    return floor_quads(np.array(rects), 0.0, ground, label)
+
+
+def build_grass(seed: int = 0) -> World:
+    """A meadow with one landing pad in its middle, a fence, a track, and trees on the horizon."""
+    looks, rng = Looks(seed), np.random.default_rng([seed, 30])
+    meadow = grass(looks, meadow=True)
+    inner = np.array([(-60.0, -60.0), (60.0, 60.0)])
+    pad = landing_pad(6.0, looks).moved(0, 0, 0)
+    pieces = [
+        floor_quads((-60, -60, 60, 60), 0.0, meadow, SceneClass.GRASS),
+        surround(inner, HORIZON_M, meadow, SceneClass.GRASS, (0.0, 60.0, 300.0)),
+        pad,
+        floor_quads((-300, -49.0, 300, -45.5), 0.01, wall(looks, "render", (176, 158, 124)), SceneClass.GROUND),
+        _fence(looks), tree_line(looks, rng, 95.0, 260.0, 260), hills(looks, rng), windsock(looks).moved(16, 14, 0),
+        place(_barn(looks), (-95.0, 70.0, 0.0), 20.0),
+    ]  # fmt: skip
+    at = rng.uniform(-58, 58, (420, 2))
+    at = at[(np.hypot(*at.T) > 13) & (at[:, 1] > -43)]
+    pieces.append(place(
+        _tuft(looks), np.column_stack([at, np.zeros(len(at))]), rng.uniform(0, 360, len(at)),
+        rng.uniform(0.5, 1.4, len(at)),
+    ))  # fmt: skip
+    spots = (
+        Spot("pad", "grass", (0.0, 0.0, 0.25), 5.6, 0.0, "ground"),
+        *(
+            Spot(f"meadow-{k + 1}", "grass", (x, y, 0.0), radius, yaw, "ground")
+            for k, (x, y, radius, yaw) in enumerate(MEADOWS)
+        ),
+    )
+    for spot in spots[1:]:
+        pieces = [_outside(piece, spot) for piece in pieces]
+    mesh, face_class = mesh_of(merge(*pieces), looks)
+    return World(
+        "grass", seed, mesh, face_class, spots, np.array([[-107.0, 66.0, 0, -89.0, 80.0, 5.0]]), inner, spots[:1]
+    )
+
+
+def _outside(piece: Piece, spot: Spot) -> Piece:
+    """A piece without its faces that stand up from the ground near a spot."""
+    centre = piece.vertices[piece.faces].mean(axis=1)
+    near = np.hypot(centre[:, 0] - spot.position[0], centre[:, 1] - spot.position[1]) < spot.free_radius_m + 0.5
+    keep = ~(near & (centre[:, 2] > spot.position[2] + 0.03))
+    return Piece(piece.vertices, piece.normals, piece.uv, piece.faces[keep], piece.material[keep], piece.label[keep])
+
+
+def tree_line(looks: Looks, rng: np.random.Generator, near: float, far: float, count: int) -> Piece:
+    """Broad-leaved trees and spruces in a ring, in clumps."""
+    clump = rng.uniform(0, 2 * np.pi, max(1, count // 9))
+    angle = clump[rng.integers(0, len(clump), count)] + rng.normal(0, 0.07, count)
+    distance = rng.uniform(near, far, count)
+    at = np.column_stack([distance * np.cos(angle), distance * np.sin(angle), np.zeros(count)])
+    kind, yaw = rng.integers(0, 5, count), rng.uniform(0, 360, count)
+    made = [street_tree(looks, k, 10.0) for k in range(3)] + [conifer(looks, k, 13.0) for k in range(2)]
+    scale = rng.uniform(0.7, 1.5, count)
+    return merge(*[place(made[k], at[kind == k], yaw[kind == k], scale[kind == k]) for k in range(5)])
+
+
+def hills(looks: Looks, rng: np.random.Generator) -> Piece:
+    """A wooded rise all round, far off."""
+    name = "woods"
+    skin = looks.known(name)
+    if skin is None:
+        gen, shape = looks.rng(name), (256, 256)
+        tone = np.array(GREENS[2], np.float32) * (0.8 + 0.35 * fractal(gen, shape, 24, 4))[..., None]
+        skin = looks.add(Material(name, tone.clip(0, 255).astype(np.uint8), 1.0), (60.0, 60.0))
+    count = 120
+    angle = np.linspace(0, 2 * np.pi, count + 1)
+    phase = rng.uniform(0, 6, 3)
+    height = (
+        16 + 9 * np.sin(3 * angle + phase[0]) + 6 * np.sin(7 * angle + phase[1]) + 3 * np.sin(17 * angle + phase[2])
+    )
+    height = np.round(np.maximum(height, 3), 3)
+
+    def ring(radius: float, z: np.ndarray | float) -> np.ndarray:
+        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.broadcast_to(z, angle.shape)])
+
+    rows = [ring(520, 0.0), ring(600, height * 0.7), ring(700, height), ring(840, height * 1.5)]
+    faces = [np.stack([b[1:], b[:-1], a[:-1], a[1:]], 1) for a, b in pairwise(rows)]
+    faces = [np.stack([f[:, 0], f[:, 1], f[:, 2], f[:, 3]], 1)[:, ::-1] for f in faces]
+    return quads(np.concatenate(faces), skin, SceneClass.SKYLINE)
+
+
+def _fence(looks: Looks) -> Piece:
+    """Posts and rails along two sides."""
+    wood = looks.plain((150, 132, 108), "matte")
+    x = np.arange(-58.0, 58.1, 2.9)
+    post = np.column_stack([x, np.full(len(x), 40.0), np.zeros(len(x))])
+    posts = np.concatenate([post, post[:, [1, 0, 2]]])
+    rails = np.array(
+        [((-58, 40, z), (58, 40, z)) for z in (0.45, 0.85, 1.2)]
+        + [((40, -44, z), (40, 58, z)) for z in (0.45, 0.85, 1.2)]
+    )
+    posts = posts[(posts[:, 1] > -44.5)]
+    return merge(bars(posts, posts + [0, 0, 1.4], 0.13, wood, F), bars(rails[:, 0], rails[:, 1], 0.09, wood, F))
+
+
+def _tuft(looks: Looks) -> Piece:
+    """Long grass: a sheaf of blades."""
+    rng = looks.rng("tuft")
+    n = 26
+    foot = np.column_stack([rng.normal(0, 0.16, (n, 2)), np.zeros(n)])
+    lean = np.column_stack([rng.normal(0, 0.14, (n, 2)), rng.uniform(0.25, 0.6, n)])
+    side = np.column_stack([rng.normal(0, 1, (n, 2)), np.zeros(n)])
+    side *= 0.012 / np.linalg.norm(side, axis=1, keepdims=True)
+    return quads(
+        np.stack([foot - side, foot + side, foot + lean, foot + lean], 1),
+        looks.plain((122, 132, 62), "matte"),
+        SceneClass.TREE,
+    )
+
+
+def _barn(looks: Looks) -> Piece:
+    """A red barn 18 m by 14 m, its gable to -y."""
+    red, tin, white = (
+        wall(looks, "cladding", (142, 42, 36)), wall(looks, "cladding", (150, 152, 154)), looks.plain((232, 230, 222)),
+    )  # fmt: skip
+    gable = np.array([(-7, 0), (7, 0), (7, 5), (0, 9.5), (-7, 5)])
+    slope = np.array([
+        [(7.4, -0.4, 4.75), (7.4, 18.4, 4.75), (0, 18.4, 9.6), (0, -0.4, 9.6)],
+        [(-7.4, 18.4, 4.75), (-7.4, -0.4, 4.75), (0, -0.4, 9.6), (0, 18.4, 9.6)],
+    ])  # fmt: skip
+    body = merge(
+        polygon(gable, 0.0, red, B),
+        place(polygon(gable, 0.0, red, B), (0, 18.0, 0), 180.0),
+        quads(
+            [[(7, 0, 0), (7, 18, 0), (7, 18, 5), (7, 0, 5)], [(-7, 18, 0), (-7, 0, 0), (-7, 0, 5), (-7, 18, 5)]], red, B
+        ),
+        quads(slope, tin, SceneClass.ROOF),
+        quads(slope[:, ::-1] - [0, 0, 0.05], tin, SceneClass.ROOF),
+        box((-2.2, 2.2), (-0.06, 0), (0, 3.8), white, B),
+        box((-2.0, -0.05), (-0.1, -0.05), (0.1, 3.6), looks.plain((120, 34, 30)), B),
+        box((0.05, 2.0), (-0.1, -0.05), (0.1, 3.6), looks.plain((120, 34, 30)), B),
+    )
+    return place(body, (0.0, 0.0, 0.0), 90.0)
+
+
+def windsock(looks: Looks) -> Piece:
+    """An orange and white sock on a mast."""
+    mast = revolved([(0.09, 0), (0.05, 6.0), (0.004, 6.05)], 8, looks.plain((214, 214, 210)), F)
+    angle = np.linspace(0, 2 * np.pi, 11)
+    pieces = [mast]
+    for k in range(5):
+        rows = []
+        for x in (0.1 + 0.6 * k, 0.1 + 0.6 * (k + 1)):
+            r = 0.42 - 0.07 * x
+            rows.append(np.column_stack([np.full(11, x), r * np.cos(angle), 5.6 - 0.09 * x * x + r * np.sin(angle)]))
+        a, b = rows
+        cloth = np.stack([a[:-1], b[:-1], b[1:], a[1:]], 1)
+        skin = looks.plain(((240, 96, 20), (244, 244, 240))[k % 2], "matte")
+        pieces += [quads(cloth[:, ::-1], skin, F), quads(cloth + (b - a).mean(0) * 0 + [0, 0, 0.004], skin, F)]
+    return merge(*pieces)
