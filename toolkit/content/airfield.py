@@ -22,6 +22,7 @@ from toolkit.content.pieces import (
     polygon,
     quads,
     revolved,
+    xyz,
 )
 from toolkit.content.signs import board, sheet
 from toolkit.content.street_furniture import barrier, flag, traffic_cone
@@ -75,7 +76,6 @@ def build_apron(seed: int = 0) -> World:
 
 
 def _stripe(looks: Looks, points: list[tuple[float, float]], width: float, colour: Colour) -> Piece:
-    """A painted line through points of the ground."""
     path = np.array(points, float)
     ahead = np.diff(path, axis=0)
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
@@ -96,7 +96,6 @@ def _worn_paint(looks: Looks, colour: Colour) -> Skin:
 
 
 def _marks(looks: Looks, stands: np.ndarray) -> Piece:
-    """Yellow guide lines into every stand, white stand boxes, a red safety line, the apron's edge."""
     angle = np.linspace(-np.pi / 2, 0, 9)
     pieces = [_stripe(looks, [(-130, -55), (130, -55)], 0.3, YELLOW_PAINT)]
     for x in stands:
@@ -113,7 +112,6 @@ def _marks(looks: Looks, stands: np.ndarray) -> Piece:
 
 
 def _runway_marks(looks: Looks) -> Piece:
-    """Dashes down its middle and piano keys."""
     x = np.arange(-580.0, 580.0, 50.0)
     rects = np.concatenate([
         np.column_stack([x, np.full(len(x), -168.0), x + 30, np.full(len(x), -167.0)]),
@@ -123,7 +121,6 @@ def _runway_marks(looks: Looks) -> Piece:
 
 
 def _stand_numbers(looks: Looks, stands: np.ndarray) -> Piece:
-    """Yellow numbers on black plates painted on the concrete."""
     pieces = []
     for k, x in enumerate(stands):
         canvas = Canvas(3, 3, 64, (30, 30, 32))
@@ -140,7 +137,7 @@ def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Col
     angle = np.linspace(0, np.pi, 15)
     arch = np.column_stack([half * np.cos(angle), eaves + (height - eaves) * np.sin(angle)])
     front = np.concatenate([[(half, eaves)], arch[1:]])
-    ridge = np.column_stack([arch[:, 0], np.zeros(15), arch[:, 1]])
+    ridge = xyz(arch[:, 0], 0.0, arch[:, 1])
     bow = np.stack([ridge[:-1], ridge[:-1] + [0, depth, 0], ridge[1:] + [0, depth, 0], ridge[1:]], 1)
     canvas = Canvas(6, 3, 48, colour)
     canvas.text(3, 1.5, f"H{number}", 2.4, (244, 244, 240))
@@ -175,20 +172,16 @@ def _control_tower(looks: Looks) -> Piece:
     white, green = wall(looks, "render", (226, 222, 210)), looks.plain((96, 140, 136), "gloss")
     frame, glass = looks.plain((60, 64, 66)), pane_sheet(looks, "curtain-green")
     angle = np.radians(22.5) + np.linspace(0, 2 * np.pi, 9)
-    low, high = (
-        [np.column_stack([r * np.cos(angle), r * np.sin(angle), np.full(9, z)])] for r, z in ((3.6, 20.0), (4.4, 23.4))
-    )
+    low, high = ([xyz(r * np.cos(angle), r * np.sin(angle), z)] for r, z in ((3.6, 20.0), (4.4, 23.4)))
     cab = np.stack([low[0][:-1], low[0][1:], high[0][1:], high[0][:-1]], 1)
     cells = np.array([(-12 + 2 * k, -12 + 2 * k + 1.9) for k in range(12)])
     face = np.stack(
         [
-            np.column_stack([cells[:, 0], np.full(12, -8.02), np.full(12, 2.6)]),
-            np.column_stack([cells[:, 1], np.full(12, -8.02), np.full(12, 2.6)]),
-            np.column_stack([cells[:, 1], np.full(12, -8.02), np.full(12, 5.6)]),
-            np.column_stack([cells[:, 0], np.full(12, -8.02), np.full(12, 5.6)]),
+            xyz(cells[:, 0], -8.02, 2.6), xyz(cells[:, 1], -8.02, 2.6), xyz(cells[:, 1], -8.02, 5.6),
+            xyz(cells[:, 0], -8.02, 5.6),
         ],
         1,
-    )
+    )  # fmt: skip
     canvas = Canvas(10, 1.4, 48, (30, 74, 120))
     canvas.text(5, 0.7, "CITY AIRFIELD", 1.1, (244, 244, 240), fit_m=9)
     words = looks.known("airfield") or sheet("airfield", looks, canvas, 0.8)
@@ -206,7 +199,6 @@ def _control_tower(looks: Looks) -> Piece:
 
 
 def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) -> Piece:
-    """Vehicles, cones, floodlights, steps, baggage carts and a fence along the back."""
     fuel = lorry(looks, "fuel", (226, 226, 222), (206, 206, 204), "JET A-1 FUEL")
     follow = car(SEDAN, (248, 200, 20), looks, "follow")
     crew, fire = (

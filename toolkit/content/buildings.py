@@ -27,6 +27,7 @@ from toolkit.content.pieces import (
     revolved,
     solid,
     wall_quads,
+    xyz,
 )
 from toolkit.content.signs import billboard_skin
 from toolkit.content.surfaces import BRICKS, RENDERS, STONES, pane_sheet, pane_uv, wall
@@ -321,7 +322,6 @@ def _pick(options: tuple, rng: np.random.Generator):  # type: ignore[no-untyped-
 def _finish(
     lot: Lot, walls: Piece, height: float, skins: tuple[Skin, Skin], looks: Looks, rng: np.random.Generator
 ) -> House:
-    """Put the roof on."""
     pad_radius = min(8.0, min(lot.width, lot.depth) / 2 - 1.2) if lot.pad else 0.0
     roof = flat_roof(Roof(lot.width, lot.depth, height), *skins, looks, rng, pad_radius=pad_radius)
     solid = np.array([[0, 0, 0, lot.width, lot.depth, height]], float)
@@ -478,10 +478,10 @@ def glass_office(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
         rect = np.stack([cells[:, [0, 1]], cells[:, [2, 1]], cells[:, [2, 3]], cells[:, [0, 3]]], 1)
         face = np.stack([rect[..., 0], np.zeros(rect.shape[:2]), rect[..., 1]], 2)
         pieces = [quads(face, panes, BUILDING, pane_uv(rng, len(cells))), wall_quads(bands, 0.0, spandrel, BUILDING)]
-        low = np.stack([edges[1:-1] - 0.05, np.full(count - 1, -fin), np.full(count - 1, lobby)], 1)
+        low = xyz(edges[1:-1] - 0.05, -fin, lobby)
         pieces.append(boxes(low, low + [0.1, fin, height - lobby], metal, BUILDING, without=("back", "bottom")))
         z = np.r_[base, base + 0.9]
-        low = np.stack([np.zeros(len(z)), np.full(len(z), -0.06), z - 0.04], 1)
+        low = xyz(0.0, -0.06, z - 0.04)
         pieces.append(boxes(low, low + [width, 0.06, 0.08], metal, BUILDING, without=("back", "left", "right")))
         if open_side and side in lot.streets:
             pieces.append(
@@ -505,7 +505,7 @@ def _lobby(width: float, height: float, panes: Skin, metal: Skin, stone: Skin, r
     rect = np.array([(a, 0.0, b, height) for a, b in pairwise(edges)])
     corners = np.stack([rect[:, [0, 1]], rect[:, [2, 1]], rect[:, [2, 3]], rect[:, [0, 3]]], 1)
     face = np.stack([corners[..., 0], np.full(corners.shape[:2], back), corners[..., 1]], 2)
-    low = np.stack([np.clip(edges - 0.3, 0, width - 0.6), np.zeros(count + 1), np.zeros(count + 1)], 1)
+    low = xyz(np.clip(edges - 0.3, 0, width - 0.6), 0.0, 0.0)
     ceiling = np.array([[(0, back, height), (0, 0, height), (width, 0, height), (width, back, height)]])[:, ::-1]
     middle = width / 2
     canopy = boxes([middle - 2.2, -1.8, 3.0], [middle + 2.2, back, 3.25], metal, BUILDING, ())

@@ -177,7 +177,6 @@ def _density(block: Block, plan: Plan) -> float:
 
 
 def _build_row(row: Row, filling: Filling, rng: np.random.Generator) -> None:
-    """Houses side by side along a street."""
     widths = []
     left = row.width
     while left >= 0.5:

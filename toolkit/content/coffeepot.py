@@ -53,7 +53,6 @@ def build() -> Mesh:
 
 
 def _body() -> list[Part]:
-    """The wall, a black foot ring with the bottom, and the rolled rim."""
     wall = [(BASE_RADIUS_MM - 3, 1.2), (BASE_RADIUS_MM - 0.6, 3), (BASE_RADIUS_MM, 6)]
     wall += [(_wall_radius(z), z) for z in np.linspace(12, HEIGHT_MM, 40)]
     foot_out, foot_in = BASE_RADIUS_MM - 3, BASE_RADIUS_MM - 8

@@ -21,6 +21,7 @@ from toolkit.content.pieces import (
     quads,
     revolved,
     solid,
+    xyz,
 )
 from toolkit.content.surfaces import BRICKS, RENDERS, STONES, grass, wall
 from toolkit.objects.mesh import Material
@@ -140,7 +141,7 @@ def conifer(looks: Looks, variant: int, height: float = 10.0, count: int = 500) 
     z = height * (0.12 + 0.88 * rng.random(count) ** 1.25)
     reach = (1 - z / height) * height * 0.24 + 0.1
     turn = rng.uniform(0, 2 * np.pi, count)
-    way = np.column_stack([np.cos(turn), np.sin(turn), np.full(count, -0.25)])
+    way = xyz(np.cos(turn), np.sin(turn), -0.25)
     at = np.column_stack([np.zeros((count, 2)), z]) + way * (reach * rng.uniform(0.35, 1.0, count))[:, None]
     skin = leaf_sheet(looks, 2)
     return merge(solid(trunk, bark(looks), TREE, 60), leaves(at, 0.07 * height, way, skin, rng))
@@ -287,7 +288,7 @@ def tree_line(looks: Looks, rng: np.random.Generator, near: float, far: float, c
     clump = rng.uniform(0, 2 * np.pi, max(1, count // 9))
     angle = clump[rng.integers(0, len(clump), count)] + rng.normal(0, 0.07, count)
     distance = rng.uniform(near, far, count)
-    at = np.column_stack([distance * np.cos(angle), distance * np.sin(angle), np.zeros(count)])
+    at = xyz(distance * np.cos(angle), distance * np.sin(angle), 0.0)
     kind, yaw = rng.integers(0, 5, count), rng.uniform(0, 360, count)
     made = [street_tree(looks, k, 10.0) for k in range(3)] + [conifer(looks, k, 13.0) for k in range(2)]
     scale = rng.uniform(0.7, 1.5, count)
@@ -311,7 +312,7 @@ def hills(looks: Looks, rng: np.random.Generator) -> Piece:
     height = np.round(np.maximum(height, 3), 3)
 
     def ring(radius: float, z: np.ndarray | float) -> np.ndarray:
-        return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.broadcast_to(z, angle.shape)])
+        return xyz(radius * np.cos(angle), radius * np.sin(angle), np.broadcast_to(z, angle.shape))
 
     rows = [ring(520, 0.0), ring(600, height * 0.7), ring(700, height), ring(840, height * 1.5)]
     faces = [np.stack([b[1:], b[:-1], a[:-1], a[1:]], 1) for a, b in pairwise(rows)]
@@ -320,10 +321,9 @@ def hills(looks: Looks, rng: np.random.Generator) -> Piece:
 
 
 def _fence(looks: Looks) -> Piece:
-    """Posts and rails along two sides."""
     wood = looks.plain((150, 132, 108), "matte")
     x = np.arange(-58.0, 58.1, 2.9)
-    post = np.column_stack([x, np.full(len(x), 40.0), np.zeros(len(x))])
+    post = xyz(x, 40.0, 0.0)
     posts = np.concatenate([post, post[:, [1, 0, 2]]])
     rails = np.array(
         [((-58, 40, z), (58, 40, z)) for z in (0.45, 0.85, 1.2)]
@@ -334,7 +334,6 @@ def _fence(looks: Looks) -> Piece:
 
 
 def _tuft(looks: Looks) -> Piece:
-    """Long grass: a sheaf of blades."""
     rng = looks.rng("tuft")
     n = 26
     foot = np.column_stack([rng.normal(0, 0.16, (n, 2)), np.zeros(n)])
@@ -382,7 +381,7 @@ def windsock(looks: Looks) -> Piece:
         rows = []
         for x in (0.1 + 0.6 * k, 0.1 + 0.6 * (k + 1)):
             r = 0.42 - 0.07 * x
-            rows.append(np.column_stack([np.full(11, x), r * np.cos(angle), 5.6 - 0.09 * x * x + r * np.sin(angle)]))
+            rows.append(xyz(x, r * np.cos(angle), 5.6 - 0.09 * x * x + r * np.sin(angle)))
         a, b = rows
         cloth = np.stack([a[:-1], b[:-1], b[1:], a[1:]], 1)
         skin = looks.plain(((240, 96, 20), (244, 244, 240))[k % 2], "matte")

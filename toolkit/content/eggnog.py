@@ -151,7 +151,6 @@ def draw_mug(canvas: Picture, x: float, y: float, size: float, seed: int = 5) ->
 
 
 def _draw_handle(canvas: Picture, x: float, y: float, s: float) -> None:
-    """A thick loop of glass."""
     outer, inner = canvas.ellipse(x, y, 0.25 * s, 0.25 * s), canvas.ellipse(x - 0.005 * s, y, 0.185 * s, 0.18 * s)
     canvas.fill(_cut(outer, inner), (228, 216, 190), 0.88)
     light = _cut(canvas.ellipse(x, y, 0.232 * s, 0.232 * s), canvas.ellipse(x - 0.004 * s, y, 0.214 * s, 0.212 * s))
@@ -161,12 +160,10 @@ def _draw_handle(canvas: Picture, x: float, y: float, s: float) -> None:
 
 
 def _cut(mask: np.ndarray, hole: np.ndarray) -> np.ndarray:
-    """The mask without the hole."""
     return np.clip(mask - hole, 0, 1)
 
 
 def _draw_surface(canvas: Picture, rim: tuple[float, float], wide: float, s: float, seed: int) -> None:
-    """The drink's foamy top: creamy, a soft swirl, and grated nutmeg."""
     rng = np.random.default_rng(seed)
     canvas.fill(canvas.ellipse(rim[0], rim[1], wide, 0.098 * s), (236, 226, 202))
     top = canvas.ellipse(rim[0], rim[1] + 0.004 * s, wide - 0.018 * s, 0.084 * s)
@@ -183,7 +180,6 @@ def _draw_surface(canvas: Picture, rim: tuple[float, float], wide: float, s: flo
 
 
 def _draw_cinnamon(canvas: Picture, rim: tuple[float, float], s: float) -> None:
-    """A quill of cinnamon leaning out of the mug."""
     foot, tip = np.array([rim[0] + 0.04 * s, rim[1] + 0.03 * s]), np.array([rim[0] + 0.27 * s, rim[1] - 0.25 * s])
     along = (tip - foot) / np.linalg.norm(tip - foot)
     side = np.array([-along[1], along[0]]) * 0.038 * s
@@ -201,7 +197,6 @@ def _draw_cinnamon(canvas: Picture, rim: tuple[float, float], s: float) -> None:
 def _draw_shine(
     canvas: Picture, rim: tuple[float, float], base: tuple[float, float], wide: float, narrow: float, s: float
 ) -> None:
-    """Reflections down the glass and around its rim."""
     for start, end, alpha in ((-0.80, -0.66, 0.75), (-0.58, -0.54, 0.45), (0.76, 0.84, 0.5)):
         top, bottom = rim[1] + 0.10 * s, base[1] - 0.03 * s
         streak = [(rim[0] + start * wide, top), (rim[0] + end * wide, top + 0.02 * s),

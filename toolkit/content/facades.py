@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from toolkit.content.drawing import Canvas, Colour, Point, finish, fractal, hex_name
-from toolkit.content.pieces import EMPTY, Looks, Piece, Skin, bars, boxes, merge, quads, wall_quads
+from toolkit.content.pieces import EMPTY, Looks, Piece, Skin, bars, boxes, merge, quads, wall_quads, xyz
 from toolkit.content.surfaces import pane_sheet, pane_uv
 from toolkit.objects.mesh import Material
 from toolkit.worlds.classes import SceneClass
@@ -118,20 +118,16 @@ def openings(cell: np.ndarray, style: Facade, looks: Looks, rng: np.random.Gener
     x0, z0, x1, z1 = cell.T
     depth = style.recess_m
     panes = pane_sheet(looks, style.panes)
-    front = np.stack([_at(x0, 0, z0), _at(x1, 0, z0), _at(x1, 0, z1), _at(x0, 0, z1)], 1)
+    front = np.stack([xyz(x0, 0, z0), xyz(x1, 0, z0), xyz(x1, 0, z1), xyz(x0, 0, z1)], 1)
     back = front + [0, depth, 0]
     sides = [np.stack([front[:, k], front[:, k - 3], back[:, k - 3], back[:, k]], 1) for k in range(4)]
     uv = pane_uv(rng, len(cell), mirror=True)
     return merge(quads(np.concatenate(sides), style.wall, BUILDING), quads(back, panes, BUILDING, uv))
 
 
-def _at(x: np.ndarray, y: float, z: np.ndarray) -> np.ndarray:
-    return np.stack([x, np.full(len(x), float(y)), z], 1)
-
-
 def _blocks(span: np.ndarray, z0: np.ndarray, z1: np.ndarray, out_m: float, skin: Skin) -> Piece:
     """Blocks on the wall that stand out by `out_m`, from spans (n, 2) along it."""
-    return boxes(_at(span[:, 0], -out_m, z0), _at(span[:, 1], 0.0, z1), skin, BUILDING, without=("back",))
+    return boxes(xyz(span[:, 0], -out_m, z0), xyz(span[:, 1], 0.0, z1), skin, BUILDING, without=("back",))
 
 
 def cornice(
@@ -144,7 +140,7 @@ def cornice(
     for low, high, share in steps:
         span = np.array([[-reach * share, width + reach * share]])
         block = boxes(
-            _at(span[:, 0], -out_m * share, np.array([low])), _at(span[:, 1], 0.1, np.array([high])), skin, BUILDING,
+            xyz(span[:, 0], -out_m * share, np.array([low])), xyz(span[:, 1], 0.1, np.array([high])), skin, BUILDING,
             without=("back",),
         )  # fmt: skip
         pieces.append(block)
@@ -159,8 +155,8 @@ def _air_conditioners(cell: np.ndarray, looks: Looks) -> Piece:
     if not len(cell):
         return EMPTY
     x = (cell[:, 0] + cell[:, 2]) / 2
-    low, high = _at(x - 0.32, -0.34, cell[:, 1] + 0.02), _at(x + 0.32, 0.15, cell[:, 1] + 0.44)
-    grille = _at(x - 0.26, -0.345, cell[:, 1] + 0.07), _at(x + 0.26, -0.34, cell[:, 1] + 0.39)
+    low, high = xyz(x - 0.32, -0.34, cell[:, 1] + 0.02), xyz(x + 0.32, 0.15, cell[:, 1] + 0.44)
+    grille = xyz(x - 0.26, -0.345, cell[:, 1] + 0.07), xyz(x + 0.26, -0.34, cell[:, 1] + 0.39)
     return merge(
         boxes(low, high, looks.plain((206, 204, 194)), BUILDING, without=("back",)),
         boxes(*grille, looks.plain((96, 98, 98)), BUILDING, without=("back", "top", "bottom")),
@@ -168,22 +164,21 @@ def _air_conditioners(cell: np.ndarray, looks: Looks) -> Piece:
 
 
 def _balconies(cell: np.ndarray, base: np.ndarray, style: Facade, looks: Looks) -> Piece:
-    """Slabs with railings in front of openings."""
     if not len(cell):
         return EMPTY
     floor = base[np.searchsorted(base, cell[:, 1], side="right") - 1]
     x0, x1, out = cell[:, 0] - 0.55, cell[:, 2] + 0.55, 1.15
     iron = looks.plain((44, 46, 50), "paint")
-    pieces = [boxes(_at(x0, -out, floor - 0.16), _at(x1, 0, floor), style.trim, BUILDING, without=("back",))]
+    pieces = [boxes(xyz(x0, -out, floor - 0.16), xyz(x1, 0, floor), style.trim, BUILDING, without=("back",))]
     for height in (0.12, 1.02):
-        left, right = _at(x0 + 0.04, -out + 0.04, floor + height), _at(x1 - 0.04, -out + 0.04, floor + height)
+        left, right = xyz(x0 + 0.04, -out + 0.04, floor + height), xyz(x1 - 0.04, -out + 0.04, floor + height)
         pieces.append(bars(left, right, 0.05, iron, BUILDING))
         for end in (left, right):
             pieces.append(bars(end, end * [1, 0, 1], 0.05, iron, BUILDING))
     count = 13
     share = np.linspace(0, 1, count)
     at = (x0[:, None] + 0.04 + (x1 - x0 - 0.08)[:, None] * share).reshape(-1)
-    foot = _at(at, -out + 0.04, np.repeat(floor, count))
+    foot = xyz(at, -out + 0.04, np.repeat(floor, count))
     pieces.append(bars(foot, foot + [0, 0, 1.02], 0.022, iron, BUILDING))
     return merge(*pieces)
 
@@ -197,22 +192,20 @@ def fire_escape(x: float, base: np.ndarray, looks: Looks) -> Piece:
     slats = np.linspace(-out, -0.08, 7)
     pieces = []
     for y in slats:
-        pieces.append(bars(_at(one * (x - half), y, floor), _at(one * (x + half), y, floor), 0.07, iron, BUILDING))
+        pieces.append(bars(xyz(one * (x - half), y, floor), xyz(one * (x + half), y, floor), 0.07, iron, BUILDING))
     for height in (0.5, 0.95):
-        left, right = _at(one * (x - half), -out, floor + height), _at(one * (x + half), -out, floor + height)
+        left, right = xyz(one * (x - half), -out, floor + height), xyz(one * (x + half), -out, floor + height)
         pieces += [bars(left, right, 0.045, iron, BUILDING)]
         pieces += [bars(end, end * [1, 0, 1], 0.045, iron, BUILDING) for end in (left, right)]
     for post in np.linspace(-half, half, 9):
-        foot = _at(one * (x + post), -out, floor)
+        foot = xyz(one * (x + post), -out, floor)
         pieces.append(bars(foot, foot + [0, 0, 0.95], 0.03, iron, BUILDING))
     for k, (low, high) in enumerate(pairwise(floor)):
         ends = (x - half + 0.5, x + half - 0.5)[:: 1 if k % 2 else -1]
         for y in (-out + 0.15, -out + 0.7):
             pieces.append(bars([ends[0], y, low], [ends[1], y, high], 0.07, iron, BUILDING))
         steps = np.linspace(0.06, 0.94, 11)
-        tread = np.stack(
-            [ends[0] + (ends[1] - ends[0]) * steps, np.full(11, -out + 0.15), low + (high - low) * steps], 1
-        )
+        tread = xyz(ends[0] + (ends[1] - ends[0]) * steps, -out + 0.15, low + (high - low) * steps)
         pieces.append(bars(tread, tread + [0, 0.55, 0], 0.06, iron, BUILDING))
     return merge(*pieces)
 
@@ -380,8 +373,8 @@ def shop_row(width: float, looks: Looks, rng: np.random.Generator, wall: Skin) -
         left = pier + k * span
         pieces.append(shop(TRADES[trade], left, left + span - pier, looks, rng))
     lefts = np.arange(count + 1) * span
-    low = np.stack([lefts, np.full(count + 1, -0.06), np.zeros(count + 1)], 1)
-    high = np.stack([lefts + pier, np.full(count + 1, 0.5), np.full(count + 1, SHOP_FLOOR_M)], 1)
+    low = xyz(lefts, -0.06, 0.0)
+    high = xyz(lefts + pier, 0.5, SHOP_FLOOR_M)
     pieces.append(boxes(low, high, wall, BUILDING))
     return merge(*pieces)
 
@@ -410,7 +403,6 @@ def shop(trade: Trade, x0: float, x1: float, looks: Looks, rng: np.random.Genera
 
 
 def _awning(stripes: tuple[Colour, Colour], x0: float, x1: float, looks: Looks) -> Piece:
-    """Cloth that slopes out over the pavement, with a valance; seen from both sides."""
     name = f"awning-{hex_name(stripes[0])}-{hex_name(stripes[1])}"
     skin = looks.known(name)
     if skin is None:

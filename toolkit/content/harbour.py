@@ -25,6 +25,7 @@ from toolkit.content.pieces import (
     revolved,
     solid,
     wall_quads,
+    xyz,
 )
 from toolkit.content.signs import board, sheet
 from toolkit.content.street_furniture import street_lamp, traffic_cone
@@ -83,11 +84,8 @@ def hull(
     half = beam / 2 * np.clip((1 - share) / bow, 0, 1) ** 0.6 * np.minimum(1, 0.82 + share * 1.5)
     sheer = side * (1 + 0.35 * np.clip((share - 0.65) / 0.35, 0, 1) ** 2)
     rake = length * 0.03 * np.clip((share - 0.7) / 0.3, 0, 1)
-    low, waterline = (
-        np.column_stack([x - rake, half * 0.86, np.full(15, -draught)]),
-        np.column_stack([x, half * 0.96, np.full(15, 0.4)]),
-    )
-    rail = np.column_stack([x + rake, half, sheer])
+    low, waterline = (xyz(x - rake, half * 0.86, -draught), xyz(x, half * 0.96, 0.4))
+    rail = xyz(x + rake, half, sheer)
     flip = np.array([1, -1, 1])
     pieces = []
     for a, b, colour in ((low, waterline, colours[1]), (waterline, rail, colours[0])):
@@ -106,7 +104,6 @@ def hull(
 
 
 def _house(x: tuple[float, float], width: float, z: float, decks: int, looks: Looks) -> Piece:
-    """A white deckhouse with rows of windows."""
     white, glass = looks.plain((236, 236, 230)), looks.plain((40, 58, 70), "gloss")
     pieces = []
     for k in range(decks):
@@ -114,18 +111,10 @@ def _house(x: tuple[float, float], width: float, z: float, decks: int, looks: Lo
         a, b, w, z0 = x[0] + 0.2 * k, x[1] - shrink, width / 2 - 0.2 * k, z + 2.6 * k
         pieces.append(box((a, b), (-w, w), (z0, z0 + 2.6), white, V))
         cells = np.arange(-w + 0.4, w - 0.7, 1.1)
-        pieces.append(boxes(
-            np.column_stack([np.full(len(cells), b - 0.02), cells, np.full(len(cells), z0 + 1.3)]),
-            np.column_stack([np.full(len(cells), b + 0.02), cells + 0.7, np.full(len(cells), z0 + 2.1)]),
-            glass, V,
-        ))  # fmt: skip
+        pieces.append(boxes(xyz(b - 0.02, cells, z0 + 1.3), xyz(b + 0.02, cells + 0.7, z0 + 2.1), glass, V))
         cells = np.arange(a + 0.4, b - 0.8, 1.2)
         for y in (-w, w):
-            pieces.append(boxes(
-                np.column_stack([cells, np.full(len(cells), y - 0.02), np.full(len(cells), z0 + 1.3)]),
-                np.column_stack([cells + 0.7, np.full(len(cells), y + 0.02), np.full(len(cells), z0 + 2.1)]),
-                glass, V,
-            ))  # fmt: skip
+            pieces.append(boxes(xyz(cells, y - 0.02, z0 + 1.3), xyz(cells + 0.7, y + 0.02, z0 + 2.1), glass, V))
     return merge(*pieces)
 
 
@@ -255,7 +244,6 @@ def _sea(looks: Looks) -> Piece:
 
 
 def _quay_marks(looks: Looks) -> Piece:
-    """Crane rails and yellow lines."""
     x, steel, yellow = QUAY_X, looks.plain((96, 92, 88)), looks.plain((214, 170, 50), "matte")
     rails = [(-x, y - 0.07, x, y + 0.07) for y in (4.0, 20.0)]
     lines = [(-x, y - 0.1, x, y + 0.1) for y in (2.6, 31.0, 58.0)]
@@ -266,7 +254,6 @@ def _quay_marks(looks: Looks) -> Piece:
 
 
 def _container_yard(looks: Looks, rng: np.random.Generator) -> tuple[Piece, list[list[float]]]:
-    """Stacks of one to four boxes on the western quay."""
     length, width, height = BOX_M
     at, line, solids = [], [], []
     for column in range(5):
@@ -311,7 +298,6 @@ def _gantry(looks: Looks) -> Piece:
 
 
 def _pier(looks: Looks) -> Piece:
-    """A wooden pier on piles with a mole at its end."""
     wood = looks.known("planks")
     if wood is None:
         canvas, rng = Canvas(3, 3, 72, (60, 48, 38)), looks.rng("planks")
@@ -351,23 +337,17 @@ def lighthouse(looks: Looks) -> Piece:
 
 
 def _shed(looks: Looks, width: float, depth: float, number: int) -> Piece:
-    """A brick warehouse with loading doors and a saw of gables."""
     brick, tin = wall(looks, "brick", BRICKS[number]), wall(looks, "cladding", (140, 144, 146))
     door, panes = looks.plain(((40, 84, 110), (110, 48, 40), (60, 96, 70))[number]), pane_sheet(looks, "factory")
     bays = np.linspace(0, width, 5)
     middle = (bays[1:] + bays[:-1]) / 2
     rng = looks.rng(f"shed-{number}")
     cells = np.array([(x - 2.4, 5.0, x + 2.4, 7.2) for x in middle])
-    face = np.stack(
-        [np.column_stack([cells[:, i], np.full(4, -0.05), cells[:, j]]) for i, j in ((0, 1), (2, 1), (2, 3), (0, 3))], 1
-    )
+    face = np.stack([xyz(cells[:, i], -0.05, cells[:, j]) for i, j in ((0, 1), (2, 1), (2, 3), (0, 3))], 1)
     canvas = Canvas(9, 1.2, 48, (236, 232, 220))
     canvas.text(4.5, 0.6, f"SHED {number + 4} · CITY DOCKS", 0.9, (40, 44, 60), fit_m=8.4)
     words = looks.known(f"shed-{number}") or sheet(f"shed-{number}", looks, canvas)
-    low, high = (
-        np.column_stack([middle - 2.0, np.full(4, -0.1), np.zeros(4)]),
-        np.column_stack([middle + 2.0, np.zeros(4), np.full(4, 4.2)]),
-    )
+    low, high = (xyz(middle - 2.0, -0.1, 0.0), xyz(middle + 2.0, 0.0, 4.2))
     ridge = np.array([
         [(a, -0.3, 9), (m, -0.3, 11.6), (m, depth + 0.3, 11.6), (a, depth + 0.3, 9)]
         for a, m in zip(bays[:-1], middle, strict=True)
@@ -390,7 +370,6 @@ def _shed(looks: Looks, width: float, depth: float, number: int) -> Piece:
 
 
 def _quay_things(looks: Looks) -> Piece:
-    """Lorries, a van, lamps, cones, pallets and nets."""
     red, blue = (
         lorry(looks, "lorry-red", RED, (238, 236, 228), "MOVERS"),
         lorry(looks, "lorry-blue", BLUE, (40, 90, 160), "FRESH FISH"),
@@ -410,7 +389,6 @@ def _quay_things(looks: Looks) -> Piece:
 
 
 def _town(looks: Looks, rng: np.random.Generator) -> Piece:
-    """Houses behind the harbour."""
     x = np.arange(-520.0, 520.0, 26.0)
     low, high = [], []
     for row, y in enumerate((112.0, 150.0, 205.0, 280.0)):

@@ -24,6 +24,7 @@ from toolkit.content.pieces import (
     quads,
     revolved,
     wall_quads,
+    xyz,
 )
 from toolkit.content.signs import board, sheet
 from toolkit.content.surfaces import BRICKS, STONES, wall
@@ -42,15 +43,15 @@ def building_site(width: float, depth: float, looks: Looks, rng: np.random.Gener
     x0, x1, y0, y1 = 8.0, width - 5.0, 7.0, depth - 6.0
     floors, floor_m = 5, 3.6
     z = floor_m * np.arange(1, floors + 1)
-    low = np.column_stack([np.full(floors, x0), np.full(floors, y0), z - 0.3])
-    high = np.column_stack([np.full(floors, x1), np.full(floors, y1), z])
+    low = xyz(x0, y0, z - 0.3)
+    high = xyz(x1, y1, z)
     high[-1, 0] = (x0 + x1) / 2
     xs, ys = np.linspace(x0 + 0.3, x1 - 0.8, 6), np.linspace(y0 + 0.3, y1 - 0.8, 4)
     posts = np.array([(x, y, 0) for x in xs for y in ys])
     tops = np.where(posts[:, 0] < (x0 + x1) / 2, z[-1] + 1.2, z[-2] + 2.0)
     rods = (posts[:, None] + np.array([(dx, dy, 0) for dx in (0.1, 0.4) for dy in (0.1, 0.4)])).reshape(-1, 3)
     rods[:, 2] = np.repeat(tops, 4)
-    props = np.column_stack([rng.uniform(x0, x1, 60), rng.uniform(y0, y1, 60), np.tile(z[:-1], 15)])
+    props = xyz(rng.uniform(x0, x1, 60), rng.uniform(y0, y1, 60), np.tile(z[:-1], 15))
     pieces = [
         boxes(low, high, concrete, B, ()),
         boxes(posts, posts + np.column_stack([np.full((len(posts), 2), 0.5), tops]), concrete, B),
@@ -71,7 +72,6 @@ def building_site(width: float, depth: float, looks: Looks, rng: np.random.Gener
 
 
 def _hoarding(width: float, depth: float, looks: Looks) -> Piece:
-    """A painted board fence with bills, all round."""
     c, rng = Canvas(9.6, 2.4, 56, (28, 92, 74)), looks.rng("hoarding")
     for k in range(8):
         c.line([(1.2 * k, 0), (1.2 * k, 2.4)], 0.03, (18, 64, 52))
@@ -113,10 +113,7 @@ def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
     lattice = np.array(rungs + rods)
     top = height + 0.6
     x = np.arange(0, jib + 0.1, 1.8)
-    ridge, left, right = (
-        np.column_stack([x, np.full(len(x), y), np.full(len(x), level)])
-        for y, level in ((0, top + 1.5), (-0.7, top), (0.7, top))
-    )
+    ridge, left, right = (xyz(x, y, level) for y, level in ((0, top + 1.5), (-0.7, top), (0.7, top)))
     web = [(a[k], b[k + d]) for a, b in ((ridge, left), (ridge, right)) for k in range(len(x) - 1) for d in (0, 1)]
     web += [(left[k], right[k]) for k in range(len(x))]
     truss = np.array(web)
@@ -171,7 +168,6 @@ def stained_glass(looks: Looks) -> Skin:
 
 
 def _lancets(at: np.ndarray, z: tuple[float, float], width: float, trim: Skin, looks: Looks) -> Piece:
-    """Pointed windows in stone frames at positions along a wall."""
     pieces = []
     for x in at:
         pieces.append(polygon(pointed_arch(x, z[0] - 0.25, z[1] + 0.35, width + 0.5), -0.05, trim, B))
@@ -279,7 +275,6 @@ def _circle() -> np.ndarray:
 
 
 def _clock(looks: Looks) -> Skin:
-    """A white dial with gilt-edged night-blue rim, lit in the evening."""
     clock = looks.known("clock")
     if clock is None:
         c = Canvas(2, 2, 96, (22, 26, 40), low=(-1, -1))
@@ -294,7 +289,6 @@ def _clock(looks: Looks) -> Skin:
 
 
 def _west_front(looks: Looks, trim: Skin) -> Piece:
-    """Door and rose window."""
     circle, dark = _circle(), looks.plain((34, 34, 36), "matte")
     return merge(
         polygon(pointed_arch(0, 0.0, 5.4, 3.4), -0.06, trim, B),
@@ -304,14 +298,13 @@ def _west_front(looks: Looks, trim: Skin) -> Piece:
         polygon(circle * 1.6 + [0, 10.2], -0.09, stained_glass(looks), B, fit=True),
         bars(
             np.array([(0, -0.12, 10.2)] * 8),
-            np.column_stack([circle[::3, 0] * 1.6, np.full(8, -0.12), circle[::3, 1] * 1.6 + 10.2]),
+            xyz(circle[::3, 0] * 1.6, -0.12, circle[::3, 1] * 1.6 + 10.2),
             0.1, trim, B,
         ),
     )  # fmt: skip
 
 
 def _cinema_sheets(looks: Looks) -> tuple[Skin, Skin, Skin]:
-    """The marquee's programme, the upright name, the posters."""
     c = Canvas(7, 1.5, 80, (250, 246, 232))
     c.text(3.5, 1.05, "NOW SHOWING: THE LAST TRAM", 0.42, (30, 30, 32), fit_m=6.6)
     c.text(3.5, 0.42, "7:15  9:30  LATE SHOW FRIDAY", 0.4, (176, 24, 30), fit_m=6.6)
@@ -339,7 +332,7 @@ def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -
     lit = looks.plain((255, 232, 170), "lamp")
     marquee, upright, bills = _cinema_sheets(looks)
     fins = np.linspace(middle - 4.5, middle + 4.5, 7)
-    low = np.column_stack([fins - 0.22, np.full(7, -0.5), np.full(7, 5.6)])
+    low = xyz(fins - 0.22, -0.5, 5.6)
     doors = np.linspace(middle - 3, middle + 3, 5)
     bulbs = np.array([(middle - 4.4 + 0.4 * k, -3.06, z) for k in range(23) for z in (3.62, 5.38)])
     door_cells = np.array([(a + 0.06, 0.1, b - 0.06, 2.6) for a, b in pairwise(doors)])
@@ -426,8 +419,7 @@ def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     door = np.array([(-1.3, -0.12, PODIUM_M)])
     name = np.array([(-6, top + 0.25, 6, top + 1.35)])
     return merge(
-        boxes(steps, tops, trim, B, ("bottom", "back")),
-        place(column, np.column_stack([xs, np.full(6, -3.2), np.full(6, PODIUM_M)])),
+        boxes(steps, tops, trim, B, ("bottom", "back")), place(column, xyz(xs, -3.2, PODIUM_M)),
         boxes((-half, -4.0, top), (half, 0.0, eaves), trim, B, ()),
         wall_quads(name, -4.02, words, SIGN, fit=True), polygon(gable, -4.4, trim, B), polygon(inner, -4.42, stone, B),
         quads(np.array(slopes), wall(looks, "tiles", (96, 104, 100)), R),
@@ -442,8 +434,8 @@ def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], r
     decks, floor_m = 5, 3.1
     z = floor_m * np.arange(1, decks + 1)
     full = np.array([(0.0, 0.0, width, depth)])
-    low = np.column_stack([np.zeros(decks), np.zeros(decks), z - 0.35])
-    high = np.column_stack([np.full(decks, width), np.full(decks, depth), z])
+    low = xyz(0.0, 0.0, z - 0.35)
+    high = xyz(width, depth, z)
     rim = []
     for level in z:
         for a, b in (

@@ -35,18 +35,9 @@ def panel(net: np.ndarray, look: Look, material: str = "paint") -> Part:
 
 def project(net: np.ndarray, look: Look) -> Paint:
     """Paint for `surface(net)` that asks `look` for the colour of every texel's point."""
-    columns = np.r_[0, np.cumsum(np.linalg.norm(np.diff(net, axis=1), axis=2).mean(axis=0))]
-    rows = np.r_[0, np.cumsum(np.linalg.norm(np.diff(net, axis=0), axis=2).mean(axis=1))]
-    normals = np.cross(np.gradient(net, axis=1), np.gradient(net, axis=0))
-    normals /= np.maximum(np.linalg.norm(normals, axis=2, keepdims=True), 1e-9)
 
     def paint(width: int, height: int, px_per_mm: float) -> Image.Image:
-        u = (np.arange(width) + 0.5) / width * columns[-1]
-        v = (1 - (np.arange(height) + 0.5) / height) * rows[-1]
-        column = np.interp(u, columns, np.arange(len(columns)))
-        row = np.interp(v, rows, np.arange(len(rows)))
-        grid_x, grid_y = np.meshgrid(column, row)
-        colours = look(_sample(net, grid_x, grid_y), _sample(normals, grid_x, grid_y))
+        colours = look(*chart_points(net, width, height))
         return Image.fromarray(np.clip(np.round(colours), 0, 255).astype(np.uint8))
 
     return paint
@@ -157,13 +148,6 @@ def draw_side(left: bool) -> np.ndarray:
     return _premultiplied(sheet)
 
 
-def _sample(values: np.ndarray, column: np.ndarray, row: np.ndarray) -> np.ndarray:
-    import cv2
-
-    maps = column.astype(np.float32), row.astype(np.float32)
-    return cv2.remap(values.astype(np.float32), *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-
-
 def _cover(colours: np.ndarray, colour: Colour, inside_mm: np.ndarray) -> None:
     """Lay a colour where `inside_mm`, a signed distance, is positive; the edge is a quarter millimetre soft."""
     alpha = np.clip(inside_mm / 0.25 + 0.5, 0, 1)[..., None]
@@ -197,7 +181,6 @@ def _placer(sheet: Image.Image, locate: Callable[[float, float], tuple[float, fl
 
 
 def _roundel(diameter_mm: float) -> np.ndarray:
-    """A white disc with a navy ring and the number."""
     side = round(diameter_mm * DECAL_PX_PER_MM)
     image = Image.new("RGBA", (side * 2, side * 2))
     draw = ImageDraw.Draw(image)
@@ -217,7 +200,6 @@ def _words(text: str, size_mm: float, colour: Colour) -> np.ndarray:
 
 
 def _block(text: str, size_mm: float, colour: Colour, ground: Colour) -> np.ndarray:
-    """A sponsor's name on a block of its colour with rounded corners."""
     words = Image.fromarray(_words(text, size_mm, colour))
     margin = round(0.3 * size_mm * DECAL_PX_PER_MM)
     image = Image.new("RGBA", (words.width + 2 * margin, words.height + 2 * margin))
@@ -227,7 +209,6 @@ def _block(text: str, size_mm: float, colour: Colour, ground: Colour) -> np.ndar
 
 
 def _louvres(length_mm: float, width_mm: float) -> np.ndarray:
-    """Cooling slots across the engine cover."""
     size = round(length_mm * DECAL_PX_PER_MM), round(width_mm * DECAL_PX_PER_MM)
     image = Image.new("RGBA", size)
     draw = ImageDraw.Draw(image)

@@ -425,7 +425,6 @@ def vessel(
 
 
 def _foot_colour(paint: Paint) -> Colour:
-    """The colour of a paint's foot."""
     if not callable(paint):
         return paint
     return rgb(np.asarray(paint(8, 8, 1.0).convert("RGB"))[-1, 4])
@@ -557,7 +556,6 @@ def wheel(
 
 
 def _paint_rim(rim: Colour, spokes: int) -> Paint:
-    """A rim's paint: plain, or with spokes before the dark."""
     if not spokes:
         return rim
 

@@ -112,6 +112,11 @@ class Piece:
         """Translated by metres."""
         return replace(self, vertices=self.vertices + np.array([x, y, z], np.float32))
 
+    def tipped(self, x: int, y: int, z: int) -> "Piece":
+        """With y and z exchanged, then each axis times its sign."""
+        order, sign = [0, 2, 1], np.array([x, y, z], np.float32)
+        return replace(self, vertices=self.vertices[:, order] * sign, normals=self.normals[:, order] * sign)
+
     def turned(self, yaw_deg: float) -> "Piece":
         """Turned about z, counter-clockwise from above."""
         return place(self, np.zeros((1, 3)), np.array([yaw_deg]))
@@ -137,6 +142,11 @@ def merge(*parts: Piece) -> Piece:
         np.concatenate([piece.material for piece in pieces]),
         np.concatenate([piece.label for piece in pieces]),
     )
+
+
+def xyz(x: ArrayLike, y: ArrayLike, z: ArrayLike) -> np.ndarray:
+    """(n, 3) points from coordinates, each an array (n,) or one number for all."""
+    return np.stack(np.broadcast_arrays(*(np.asarray(axis, np.float64) for axis in (x, y, z))), -1)
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -300,19 +310,26 @@ def bars(start: ArrayLike, end: ArrayLike, thick_m: float | np.ndarray, skin: Sk
     return quads(np.concatenate(faces), skin, label)
 
 
-def polygon(outline: ArrayLike, y: float, skin: Skin, label: int, fit: bool = False) -> Piece:
-    """A flat convex outline (k, 2) of x and z, counter-clockwise, that faces -y; the texture anchored or fitted."""
+def fan_faces(count: int) -> np.ndarray:
+    """(n, 3) int32 triangles of a convex outline of `count` corners."""
+    return np.stack([np.zeros(count - 2, int), np.arange(1, count - 1), np.arange(2, count)], 1).astype(np.int32)
+
+
+def polygon(
+    outline: ArrayLike, y: float, skin: Skin, label: int, fit: bool = False, uv: np.ndarray | None = None
+) -> Piece:
+    """A convex outline (k, 2) of x and z, counter-clockwise, that faces -y; its texture anchored, fitted or given."""
     outline = np.asarray(outline, np.float64)
     k = len(outline)
     low, high = outline.min(0), outline.max(0)
-    uv = (outline - low) / (high - low) if fit else outline / np.array(skin.tile_m)
+    if uv is None:
+        uv = (outline - low) / (high - low) if fit else outline / np.array(skin.tile_m)
     if skin.at is not None:
         uv = np.broadcast_to(np.array(skin.at), (k, 2))
-    fan = np.stack([np.zeros(k - 2, int), np.arange(1, k - 1), np.arange(2, k)], 1)
     return Piece(
-        np.column_stack([outline[:, 0], np.full(k, y), outline[:, 1]]).astype(np.float32),
+        xyz(outline[:, 0], y, outline[:, 1]).astype(np.float32),
         np.tile(np.array([[0, -1, 0]], np.float32), (k, 1)),
-        uv.astype(np.float32), fan.astype(np.int32), np.full(k - 2, skin.material, np.int32),
+        uv.astype(np.float32), fan_faces(k), np.full(k - 2, skin.material, np.int32),
         np.full(k - 2, label, np.uint8),
     )  # fmt: skip
 

@@ -15,6 +15,7 @@ from toolkit.content.modelling import (
     extrude,
     fan,
     loft,
+    outward,
     revolve,
     smooth_curve,
     superellipse,
@@ -95,7 +96,6 @@ def _rim(count: int = 40) -> np.ndarray:
 
 
 def _cockpit() -> list[Part]:
-    """The dark well, its padded rim, the wheel, and the windscreen round its front."""
     left = _rim()
     right = left * [1, -1, 1]
     across = np.linspace(-1, 1, 17)
@@ -117,11 +117,10 @@ def _windscreen(left: np.ndarray) -> list[Part]:
     top = foot + np.array([-6.0, 0, 8.5]) * rise
     outside, inside = np.array([0.3, 0, 0]), np.array([-0.5, 0, 0])
     skins = foot + outside, top + outside, top + inside, foot + inside
-    return _outward(loft([np.stack(row) for row in zip(*skins, strict=True)], GLASS, "glass"))
+    return outward(loft([np.stack(row) for row in zip(*skins, strict=True)], GLASS, "glass"))
 
 
 def _driver() -> list[Part]:
-    """Helmet with visor, and shoulders in a racing suit."""
     at = (54.5, 0, 49)
     shell = _bulb(np.linspace(-90, 90, 25), np.linspace(0, 360, 41))
     visor = _bulb(np.linspace(-16, 18, 7), np.linspace(-72, 72, 25)) * [1.05, 1.05, 1]
@@ -178,14 +177,12 @@ def _sidepods() -> list[Part]:
 
 
 def _floor() -> list[Part]:
-    """The black undertray."""
     half = np.array([(-112, 30), (-74, 34), (-58, 50), (34, 50), (64, 22)])
     outline = np.concatenate([half * [1, -1], half[::-1]])
     return [part.moved(z=3) for part in extrude(outline.tolist(), 3, 0.6, CARBON, "carbon")]
 
 
 def _gearbox() -> list[Part]:
-    """Gearbox, exhausts and the rain light."""
     case = loft(
         [
             superellipse(width, height, 3, 24, x, 0, 19)
@@ -223,13 +220,6 @@ def _wing(section: np.ndarray, span: float, pitch_deg: float, at: tuple[float, f
     return [panel(_closed(sections), look), *caps]
 
 
-def _outward(parts: list[Part]) -> list[Part]:
-    """Turn a closed group of parts so that it encloses a positive volume."""
-    corners = [part.vertices[part.faces] for part in parts]
-    volume = sum(np.einsum("ij,ij->", c[:, 0], np.cross(c[:, 1], c[:, 2])) for c in corners)
-    return parts if volume > 0 else [part.flipped() for part in parts]
-
-
 def _end_plate(
     outline: Sequence[tuple[float, float]], y: float, paint: livery.Paint, thickness: float = 1.6
 ) -> list[Part]:
@@ -240,7 +230,6 @@ def _end_plate(
 
 
 def _front_wing() -> list[Part]:
-    """Main plane and flap under the nose, with end plates."""
     look = livery.paint_wing(NAVY, "VELOX          VELOX", 125, 8, 120, from_behind=False)
     main = _wing(_airfoil(22, 3.2, 1.4), 125, 6, (131, 9), look)
     flap = _wing(_airfoil(9, 1.8, 0.7), 125, 24, (112, 13), livery.paint_plain)
@@ -252,7 +241,6 @@ def _front_wing() -> list[Part]:
 
 
 def _rear_wing() -> list[Part]:
-    """Two elements between tall end plates on a pair of posts."""
     look = livery.paint_wing(NAVY, "VELOX", 92, 13, -117, from_behind=True)
     main = _wing(_airfoil(25, 4.2, 2.2), 92, 10, (-104, 68), look)
     flap = _wing(_airfoil(12, 2.4, 1.0), 92, 34, (-125.5, 75.5), livery.paint_plain)
@@ -265,7 +253,6 @@ def _rear_wing() -> list[Part]:
 
 
 def _mirrors() -> list[Part]:
-    """Two mirrors on stalks beside the windscreen."""
     parts = []
     for side in (1, -1):
         rings = [(60, 9, 6), (62, 9, 6), (65, 6, 4), (66, 2, 1.5)]
@@ -277,7 +264,6 @@ def _mirrors() -> list[Part]:
 
 
 def _suspension() -> list[Part]:
-    """Wishbones, push rods, track rods and drive shafts."""
     bars = []
     for side in (1, -1):
         front = [
@@ -295,7 +281,6 @@ def _suspension() -> list[Part]:
 
 
 def _wheels() -> list[Part]:
-    """The four wheels, standing on the table."""
     parts = []
     front = FRONT_AXLE, FRONT_Y, FRONT_RADIUS, FRONT_TYRE
     rear = REAR_AXLE, REAR_Y, REAR_RADIUS, REAR_TYRE

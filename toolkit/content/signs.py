@@ -1,9 +1,11 @@
 """Lettered and lit things of a street: traffic lights, street names, traffic signs, billboards."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from toolkit.content.drawing import Canvas, Colour
-from toolkit.content.pieces import Looks, Piece, Skin, bars, box, boxes, merge, place, quads, revolved
+from toolkit.content.pieces import Looks, Piece, Skin, bars, box, boxes, merge, place, polygon, quads, revolved
 from toolkit.objects.mesh import Material
 from toolkit.worlds.classes import SceneClass
 
@@ -53,18 +55,8 @@ def traffic_head(looks: Looks, lit: int, housing: Colour = (232, 178, 20)) -> Pi
         z = 0.38 - 0.38 * k
         lamp = looks.plain(on[k], "lamp") if k == lit else looks.plain(off[k], "gloss")
         disc = revolved([(0.15, 0.0), (0.08, 0.04), (0.005, 0.05)], 10, lamp, FURNITURE)
-        for piece, depth in ((disc, 0.0), (visor, 0.0)):
-            pieces.append(_tipped(piece).moved(0, depth, z))
+        pieces += [piece.tipped(1, -1, 1).moved(z=z) for piece in (disc, visor)]
     return merge(*pieces)
-
-
-def _tipped(piece: Piece) -> Piece:
-    """Its z axis turned to -y."""
-    order, sign = [0, 2, 1], np.array([1, -1, 1], np.float32)
-    return Piece(
-        piece.vertices[:, order] * sign, piece.normals[:, order] * sign, piece.uv, piece.faces, piece.material,
-        piece.label,
-    )  # fmt: skip
 
 
 def traffic_light(looks: Looks, lit: int, street: str, arm_m: float = 5.0) -> Piece:
@@ -134,24 +126,9 @@ def _outline(kind: str) -> np.ndarray:
 
 def _plate(outline: np.ndarray, skin: Skin, back: Skin) -> Piece:
     """A flat plate (k, 2) in x and z, its picture to -y over its bounding box, grey behind."""
-    k = len(outline)
-    low, high = outline.min(0), outline.max(0)
-    points = np.column_stack([outline[:, 0], np.zeros(k), outline[:, 1]]).astype(np.float32)
-    fan = np.stack([np.zeros(k - 2, int), np.arange(1, k - 1), np.arange(2, k)], 1)
-    half = max(abs(low).max(), abs(high).max())
-    uv = (outline / half + 1) / 2
-    front = Piece(
-        points,
-        np.tile(np.array([0, -1, 0], np.float32), (k, 1)),
-        uv.astype(np.float32), fan.astype(np.int32), np.full(k - 2, skin.material, np.int32),
-        np.full(k - 2, SIGN, np.uint8),
-    )  # fmt: skip
-    behind = Piece(
-        points + np.array([0, 0.015, 0], np.float32), np.tile(np.array([0, 1, 0], np.float32), (k, 1)),
-        np.broadcast_to(np.array(back.at, np.float32), (k, 2)).copy(),
-        fan[:, ::-1].astype(np.int32), np.full(k - 2, back.material, np.int32), np.full(k - 2, SIGN, np.uint8),
-    )  # fmt: skip
-    return merge(front, behind)
+    front = polygon(outline, 0.0, skin, SIGN, uv=(outline / np.abs(outline).max() + 1) / 2)
+    behind = polygon(outline, 0.015, back, SIGN)
+    return merge(front, replace(behind, normals=np.abs(behind.normals), faces=behind.faces[:, ::-1]))
 
 
 def _traffic_sign(kind: str, looks: Looks) -> tuple[float, float, Skin]:

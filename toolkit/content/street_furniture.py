@@ -9,8 +9,8 @@ import numpy as np
 
 from toolkit.content.drawing import Canvas
 from toolkit.content.modelling import box as bevelled_box
-from toolkit.content.modelling import revolve, smooth_curve, tube
-from toolkit.content.pieces import Looks, Piece, bars, box, boxes, merge, place, quads, revolved, solid
+from toolkit.content.modelling import extrude, revolve, smooth_curve, tube
+from toolkit.content.pieces import Looks, Piece, bars, box, boxes, merge, place, quads, revolved, solid, xyz
 from toolkit.content.signs import board, sheet
 from toolkit.content.surfaces import STONES, wall
 from toolkit.worlds.classes import SceneClass
@@ -63,7 +63,7 @@ def litter_bin(looks: Looks) -> Piece:
     """A ribbed waste bin with a domed lid."""
     green = looks.plain((36, 66, 50))
     ribs = np.linspace(0, 2 * np.pi, 12, endpoint=False)
-    foot = np.column_stack([0.3 * np.cos(ribs), 0.3 * np.sin(ribs), np.full(12, 0.08)])
+    foot = xyz(0.3 * np.cos(ribs), 0.3 * np.sin(ribs), 0.08)
     return merge(
         revolved([(0.26, 0.02), (0.28, 0.9)], 10, looks.plain((30, 34, 32)), F),
         bars(foot, foot * [1.08, 1.08, 1] + [0, 0, 0.82], 0.045, green, F),
@@ -110,7 +110,6 @@ def mailbox(looks: Looks) -> Piece:
     angle = np.linspace(0, np.pi, 13)
     arch = np.array([(0.28 * np.cos(a), 0.95 + 0.28 * np.sin(a)) for a in angle])
     outline = np.concatenate([[(0.28, 0.18)], arch, [(-0.28, 0.18)]])
-    from toolkit.content.modelling import extrude
 
     shell = [p.rotated("x", 90).moved(y=0.3) for p in extrude([tuple(p) for p in outline], 0.6)]
     name = "mail-front"
@@ -118,7 +117,7 @@ def mailbox(looks: Looks) -> Piece:
     if skin is None:
         c = Canvas(0.5, 0.3, 160, (24, 56, 132))
         c.rect(0.03, 0.16, 0.47, 0.27, (240, 240, 238))
-        c.text(0.25, 0.21, "US MAIL".replace("US ", ""), 0.1, (24, 56, 132))
+        c.text(0.25, 0.21, "MAIL", 0.1, (24, 56, 132))
         c.rect(0.05, 0.02, 0.45, 0.12, (16, 36, 90))
         skin = sheet(name, looks, c)
     feet = np.array([(x, y, 0) for x in (-0.24, 0.18) for y in (-0.26, 0.2)], float)
@@ -182,10 +181,10 @@ def bicycle(looks: Looks) -> Piece:
     angle = np.linspace(0, 2 * np.pi, 12)
     pieces = []
     for x in (-0.52, 0.52):
-        ring = np.column_stack([x + 0.33 * np.cos(angle), np.zeros(12), 0.34 + 0.33 * np.sin(angle)])
+        ring = xyz(x + 0.33 * np.cos(angle), 0.0, 0.34 + 0.33 * np.sin(angle))
         pieces.append(bars(ring[:-1], ring[1:], 0.04, dark, F))
         spoke = angle[:-1:2]
-        rim = np.column_stack([x + 0.32 * np.cos(spoke), np.zeros(6), 0.34 + 0.32 * np.sin(spoke)])
+        rim = xyz(x + 0.32 * np.cos(spoke), 0.0, 0.34 + 0.32 * np.sin(spoke))
         pieces.append(bars((x, 0, 0.34), rim, 0.008, steel, F))
     a, b, c, d, e = (-0.52, 0, 0.34), (-0.1, 0, 0.3), (-0.24, 0, 0.82), (0.36, 0, 0.78), (0.52, 0, 0.34)
     tubes = [(a, b), (a, c), (b, c), (c, d), (b, d), (d, e)]
@@ -240,7 +239,7 @@ def cafe_table(looks: Looks) -> Piece:
     """A table under a parasol with two chairs."""
     cloth = [looks.plain((206, 44, 40), "matte"), looks.plain((240, 234, 220), "matte")]
     angle = np.linspace(0, 2 * np.pi, 9)
-    rim = np.column_stack([1.35 * np.cos(angle), 1.35 * np.sin(angle), np.full(9, 2.15)])
+    rim = xyz(1.35 * np.cos(angle), 1.35 * np.sin(angle), 2.15)
     top = np.broadcast_to([0, 0, 2.7], (8, 3))
     pieces = []
     for k in range(2):
@@ -353,7 +352,7 @@ def flag(looks: Looks, tone: int) -> Piece:
     pieces = [revolved([(0.08, 0), (0.045, 9.0), (0.09, 9.05), (0.005, 9.15)], 8, looks.plain((210, 210, 206)), F)]
     for k, colour in enumerate(bands):
         z0, z1 = 8.8 - 0.5 * (k + 1), 8.8 - 0.5 * k
-        low, high = np.column_stack([x, wave, np.full(12, z0)]), np.column_stack([x, wave, np.full(12, z1)])
+        low, high = xyz(x, wave, z0), xyz(x, wave, z1)
         corners = np.stack([low[:-1], low[1:], high[1:], high[:-1]], 1)
         skin = looks.plain(colour, "matte")
         pieces += [quads(corners, skin, F), quads(corners[:, ::-1] + [0, 0.012, 0], skin, F)]

@@ -199,7 +199,6 @@ def build_streets(plan: Plan, looks: Looks) -> Piece:
 
 
 def _carriageway(stretch: Stretch, looks: Looks) -> Piece:
-    """The road of a stretch with a zebra crossing at each end."""
     avenue, half = stretch.street.avenue, stretch.street.half
     skin = road(looks, avenue)
     a, b = CROSSING_M, stretch.length - CROSSING_M
@@ -393,7 +392,6 @@ def _line_kerb(plan: Plan, stretch: Stretch, standing: Standing, rng: np.random.
 
 
 def _line_wall(plan: Plan, stretch: Stretch, standing: Standing, rng: np.random.Generator) -> None:
-    """Along the houses on the right."""
     right = stretch.street.half + PAVEMENT_M - 0.75
     kinds, shares = list(WALL_SIDE), np.array(list(WALL_SIDE.values()))
     along = CROSSING_M + rng.uniform(4, 10)

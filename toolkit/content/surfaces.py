@@ -252,7 +252,6 @@ def _glass(style: PaneStyle, rng: np.random.Generator, w: int, h: int) -> np.nda
 
 
 def _hang(style: PaneStyle, rng: np.random.Generator, day: np.ndarray, glow: np.ndarray) -> None:
-    """Curtains to both sides, a roller blind, or slats."""
     h, w = day.shape[:2]
     cloth = np.array(
         [(214, 208, 196), (196, 182, 158), (168, 120, 104), (126, 140, 160), (224, 222, 218)][rng.integers(5)], float
@@ -306,7 +305,6 @@ def _frame(style: PaneStyle, canvas: Canvas) -> np.ndarray:
 
 
 def _asphalt(rng: np.random.Generator, shape: tuple[int, int], px_per_m: float) -> np.ndarray:
-    """Asphalt with patches, cracks and oil."""
     base = flat(shape, (92, 92, 94)) * (1 + 0.06 * fractal(rng, shape, 4, 6))[..., None]
     for _ in range(4):
         h, w = (rng.uniform(0.6, 3.2, 2) * px_per_m).astype(int)
@@ -328,7 +326,6 @@ def _mark(road: np.ndarray, x: Span, y: Span, colour: Colour, worn: np.ndarray) 
 
 
 def _manhole(road: np.ndarray, x: float, y: float, radius: float) -> None:
-    """A cast-iron cover: a dark ring and a grid of studs."""
     centre = (round(x), round(y))
     cv2.circle(road, centre, round(radius), (58.0, 56.0, 54.0), -1, cv2.LINE_AA)
     cv2.circle(road, centre, round(radius), (34.0, 33.0, 32.0), 2, cv2.LINE_AA)
@@ -380,7 +377,6 @@ def road(looks: Looks, avenue: bool) -> Skin:
 
 
 def _tram_tracks(base: np.ndarray, px: float) -> None:
-    """Rails with their grooves in setts."""
     n = base.shape[0]
     for at in TRACKS_M:
         x = n / 2 + at * px

@@ -10,7 +10,19 @@ from functools import lru_cache
 import numpy as np
 
 from toolkit.content.drawing import Canvas, Colour, Point, hex_name
-from toolkit.content.pieces import Looks, Piece, Skin, box, boxes, from_mesh, merge, place, revolved, wall_quads
+from toolkit.content.pieces import (
+    Looks,
+    Piece,
+    Skin,
+    box,
+    boxes,
+    fan_faces,
+    from_mesh,
+    merge,
+    place,
+    revolved,
+    wall_quads,
+)
 from toolkit.objects.mesh import Material, mesh_from_corners
 from toolkit.worlds.classes import SceneClass
 
@@ -254,23 +266,15 @@ def wheels(body: Body, looks: Looks, hub: Colour = (176, 178, 180), spokes: int 
     angle = np.linspace(0, 2 * np.pi, 10, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle)], 1)
     disc = np.column_stack([ring * 0.7 * r, np.full(10, wide / 2 - 0.02)])
-    faces = np.stack([np.zeros(8, int), np.arange(1, 9), np.arange(2, 10)], 1)
     face = Piece(
         disc.astype(np.float32),
         np.tile(np.array([0, 0, 1], np.float32), (10, 1)),
-        (0.5 + 0.5 * ring).astype(np.float32), faces.astype(np.int32), np.full(8, rim.material, np.int32),
+        (0.5 + 0.5 * ring).astype(np.float32), fan_faces(10), np.full(8, rim.material, np.int32),
         np.full(8, VEHICLE, np.uint8),
-    )  # fmt: skip
-    one = merge(tyre, face)
-    # its axis from z to y
-    tipped = Piece(
-        one.vertices[:, [0, 2, 1]] * np.array([1, 1, -1], np.float32),
-        one.normals[:, [0, 2, 1]] * np.array([1, 1, -1], np.float32),
-        one.uv, one.faces, one.material, one.label,
     )  # fmt: skip
     y = body.width / 2 - wide / 2 - 0.02
     at = [(axle, side * y, r) for axle in body.axles for side in (1, -1)]
-    return place(tipped, np.array(at), np.array([0.0, 180.0] * len(body.axles)))
+    return place(merge(tyre, face).tipped(1, 1, -1), np.array(at), np.array([0.0, 180.0] * len(body.axles)))
 
 
 def _rim(looks: Looks, hub: Colour, spokes: int) -> Skin:
@@ -374,7 +378,6 @@ def ground_coat(paint: Livery) -> None:
 
 
 def _car_glass(paint: Livery, pillars: tuple[float, ...]) -> None:
-    """Side windows under the roof line, windscreen and rear window."""
     body = paint.body
     foot, head, head_front, foot_front = body.glass
     x = np.linspace(foot + 0.18, foot_front - 0.2, 40)

@@ -152,7 +152,6 @@ def make_bookcase(rng: np.random.Generator) -> Mesh:
 
 
 def _books(rng: np.random.Generator, half: float, deep: float, z: float, room: float) -> list[Part]:
-    """A row of books that fills most of a shelf."""
     y, end, parts = -half, half * draw(rng, 0.4, 1.0), []
     while y < end - 14:
         thick, tall = draw(rng, 6, 14), room * draw(rng, 0.7, 0.98)

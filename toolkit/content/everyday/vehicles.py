@@ -149,7 +149,6 @@ def make_gokart(rng: np.random.Generator) -> Mesh:
 
 
 def _driver(rng: np.random.Generator, at: tuple[float, float, float]) -> list[Part]:
-    """A seated driver with a helmet, arms to the wheel and legs forward."""
     suit, helmet = pick_colour(rng, "bright", "dark"), pick_colour(rng, "bright", "pale")
     body = [
         ball(1, suit, "cloth", 14, 8, (15, 19, 30)).moved(-6, 0, 26),
@@ -205,7 +204,6 @@ def make_tractor(rng: np.random.Generator) -> Mesh:
 
 
 def _cab(rng: np.random.Generator, colour: Colour, floor: float, rear: float) -> list[Part]:
-    """Glass on four posts, or the posts and a roof only, or nothing."""
     kind, high = pick(rng, ("cab", "roof", "open")), draw(rng, 108, 124)
     if kind == "open":
         return []
@@ -307,7 +305,6 @@ def _open_wheeler(rng: np.random.Generator) -> list[Part]:
 
 
 def _cigar(rng: np.random.Generator) -> list[Part]:
-    """A slim rounded hull on thin spoked wheels, a driver in the open, exhausts behind."""
     paint, main, _ = _livery(rng)
     wide, tyre, half = draw(rng, 40, 50), draw(rng, 28, 33), draw(rng, 54, 64)
     body = hull([(-128, 8, 8, 34, 2), (-90, wide * 0.72, wide * 0.7, 32, 2), (-20, wide, wide * 0.95, 30, 2.2),
@@ -336,7 +333,6 @@ def _cigar(rng: np.random.Generator) -> list[Part]:
 
 
 def _prototype(rng: np.random.Generator) -> list[Part]:
-    """A low wedge with covered wheels, a bubble of glass and a wing as wide as the car."""
     paint, main, other = _livery(rng)
     wide, tyre = draw(rng, 108, 122), draw(rng, 21, 25)
     body = hull([(-126, wide * 0.9, 22, 24, 5), (-80, wide, 32, 23, 5), (0, wide * 0.96, 26, 20, 5),
@@ -371,7 +367,6 @@ def make_warplane(rng: np.random.Generator) -> Mesh:
 
 
 def _skin(rng: np.random.Generator) -> tuple[Paint, Colour]:
-    """Camouflage, grey or bare metal, and its main colour."""
     main = pick_colour(rng, "military") if chance(rng, 0.8) else pick_colour(rng, "steel", "car")
     if chance(rng, 0.45):
         return main, main
@@ -384,7 +379,6 @@ def _canopy(x: float, z: float, long: float, wide: float) -> Part:
 
 
 def _roundels(rng: np.random.Generator, x: float, y: float, z: float, size: float) -> list[Part]:
-    """Rings of colour on both wings."""
     colours = pick(rng, (((28, 54, 120), (244, 244, 240), (196, 32, 40)),
                          ((196, 32, 40), (244, 244, 240), (28, 54, 120)),
                          ((30, 40, 80), (230, 230, 230), (30, 40, 80))))  # fmt: skip
@@ -403,7 +397,6 @@ def build_gear(places: list[tuple[float, float, float]], down: float, radius: fl
 
 
 def _stores(rng: np.random.Generator, x: float, y: float, z: float, long: float) -> list[Part]:
-    """A missile or a tank under each wing."""
     paint, thick = pick(rng, ((236, 236, 232), (120, 126, 120))), draw(rng, 2, 4)
     body = hull([(-long / 2, 1, 1, 0, 2), (-long * 0.3, thick * 2, thick * 2, 0, 2),
                  (long * 0.3, thick * 2, thick * 2, 0, 2),

@@ -112,7 +112,6 @@ def _enamel_pot(rng: np.random.Generator) -> list[Part]:
 
 
 def _moka_pot(rng: np.random.Generator) -> list[Part]:
-    """Eight-sided, waisted, with a pouring lip and an angular handle."""
     base, waist, top = draw(rng, 48, 56), draw(rng, 36, 42), draw(rng, 46, 58)
     low, high = draw(rng, 62, 80), draw(rng, 150, 185)
     metal = pick_colour(rng, "steel") if chance(rng, 0.7) else pick_colour(rng, "bright")
@@ -130,7 +129,6 @@ def _moka_pot(rng: np.random.Generator) -> list[Part]:
 
 
 def _percolator(rng: np.random.Generator) -> list[Part]:
-    """A straight steel pot with a short spout, a black handle and a glass knob."""
     base, top, high = draw(rng, 52, 62), draw(rng, 44, 54), draw(rng, 170, 220)
     metal, black = pick_colour(rng, "steel"), pick_colour(rng, "dark", "wood")
     wall = [(base, 16), (base, 24), (top + 2, high * 0.9), (top, high)]
@@ -148,7 +146,6 @@ def _percolator(rng: np.random.Generator) -> list[Part]:
 
 
 def _silver_pot(rng: np.random.Generator) -> list[Part]:
-    """Pear-shaped on a foot, with a swan-neck spout and a domed lid."""
     belly, neck, high = draw(rng, 52, 64), draw(rng, 24, 32), draw(rng, 175, 215)
     metal = pick_colour(rng, "steel", "brass", "ceramic")
     material = "metal" if max(metal) - min(metal) < 130 else "ceramic"
@@ -252,7 +249,6 @@ def make_vase(rng: np.random.Generator) -> Mesh:
 
 
 def _flowers(rng: np.random.Generator, z: float, width: float, reach: float) -> list[Part]:
-    """A handful of stems with blossoms and leaves."""
     parts, petal = [], pick_colour(rng, "bright", "pale")
     count = int(rng.integers(4, 9))
     for k in range(count):
@@ -484,7 +480,6 @@ def _name(rng: np.random.Generator, ground: Colour) -> Paint:
 
 
 def _nog_bottle(rng: np.random.Generator) -> list[Part]:
-    """A milk bottle: wide body, round shoulder, short neck, cap; cream shows through the glass."""
     radius, high = draw(rng, 42, 56), draw(rng, 170, 220)
     neck, cream = radius * draw(rng, 0.45, 0.6), vary(rng, CREAM, 5)
     low, top = high * draw(rng, 0.1, 0.2), high * draw(rng, 0.42, 0.52)
@@ -500,7 +495,6 @@ def _nog_bottle(rng: np.random.Generator) -> list[Part]:
 
 
 def _nog_carton(rng: np.random.Generator) -> list[Part]:
-    """A milk carton with a gable, all printed."""
     side, high, gable = draw(rng, 70, 92), draw(rng, 120, 175), draw(rng, 28, 42)
     paper, ink = pick(rng, FESTIVE)
     half = side / 2
@@ -524,7 +518,6 @@ def _nog_carton(rng: np.random.Generator) -> list[Part]:
 
 
 def _nog_jug(rng: np.random.Generator) -> list[Part]:
-    """A squarish plastic jug full of cream, with a handle, a label and a cap."""
     half, high, cream = draw(rng, 42, 54), draw(rng, 160, 200), vary(rng, CREAM, 5)
     rows = []
     for share, z in ((0.9, 0), (1, 0.05), (1, 0.14), (1, 0.5), (1, 0.56), (0.78, 0.72), (0.34, 0.88), (0.34, 0.95)):
@@ -545,7 +538,6 @@ def _nog_jug(rng: np.random.Generator) -> list[Part]:
 
 
 def _nog_glass(rng: np.random.Generator) -> list[Part]:
-    """A tumbler or a stemmed glass of it: foam, nutmeg and a stick of cinnamon."""
     stem = draw(rng, 35, 60) if chance(rng, 0.5) else 0.0
     radius, high = draw(rng, 34, 44), draw(rng, 80, 130)
     clear, cream = (214, 224, 220), vary(rng, CREAM, 5)
