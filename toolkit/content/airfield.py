@@ -125,7 +125,7 @@ def _stand_numbers(looks: Looks, stands: np.ndarray) -> Piece:
     for k, x in enumerate(stands):
         canvas = Canvas(3, 3, 64, (30, 30, 32))
         canvas.text(1.5, 1.5, f"A{k + 1}", 2.3, YELLOW_PAINT, fit_m=2.6)
-        skin = looks.known(f"stand-{k}") or sheet(f"stand-{k}", looks, canvas)
+        skin = sheet(f"stand-{k}", looks, canvas)
         pieces.append(floor_quads((x + 1.2, -30.0, x + 4.2, -27.0), MARK_M, skin, SceneClass.GROUND, fit=True))
     return merge(*pieces)
 
@@ -141,7 +141,7 @@ def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Col
     bow = np.stack([ridge[:-1], ridge[:-1] + [0, depth, 0], ridge[1:] + [0, depth, 0], ridge[1:]], 1)
     canvas = Canvas(6, 3, 48, colour)
     canvas.text(3, 1.5, f"H{number}", 2.4, (244, 244, 240))
-    name = looks.known(f"hangar-{number}") or sheet(f"hangar-{number}", looks, canvas)
+    name = sheet(f"hangar-{number}", looks, canvas)
     leaves = np.linspace(-half + 1.0, half - 1.0, 9)
     open_from, open_to = 3, 5
     panels = [(a, b) for k, (a, b) in enumerate(pairwise(leaves)) if not open_from <= k < open_to]
@@ -184,7 +184,7 @@ def _control_tower(looks: Looks) -> Piece:
     )  # fmt: skip
     canvas = Canvas(10, 1.4, 48, (30, 74, 120))
     canvas.text(5, 0.7, "CITY AIRFIELD", 1.1, (244, 244, 240), fit_m=9)
-    words = looks.known("airfield") or sheet("airfield", looks, canvas, 0.8)
+    words = sheet("airfield", looks, canvas, 0.8)
     rng = looks.rng("tower")
     return merge(
         boxes((-3, -3, 0), (3, 3, 19.0), white, B),

@@ -44,18 +44,12 @@ SIDES = ("front", "right", "back", "left")
 
 @dataclass
 class Roof:
-    """A flat roof while it is furnished: its rectangle, and what is taken.
+    """A flat roof while it is furnished: its rectangle, and what is taken."""
 
-    Attributes:
-        width, depth: of the building, metres.
-        z: height of its surface.
-        taken: circles x, y, radius.
-    """
-
-    width: float
+    width: float  # width, depth: of the building, metres
     depth: float
-    z: float
-    taken: list[tuple[float, float, float]] = field(default_factory=list)
+    z: float  # height of its surface
+    taken: list[tuple[float, float, float]] = field(default_factory=list)  # circles x, y, radius
 
     def find(self, radius: float, rng: np.random.Generator) -> tuple[float, float] | None:
         """A place for something of that radius, now taken; None if a few tries found none."""
@@ -277,20 +271,13 @@ def duct(looks: Looks, rng: np.random.Generator) -> Piece:
 
 @dataclass(frozen=True)
 class Lot:
-    """Where a house may stand.
+    """Where a house may stand."""
 
-    Attributes:
-        width, depth: metres.
-        floors: above the ground floor.
-        streets: its sides along a street; the others touch a neighbour or a yard.
-        pad: whether its roof bears a landing pad.
-    """
-
-    width: float
+    width: float  # width, depth: metres
     depth: float
-    floors: int
-    streets: tuple[str, ...] = ("front",)
-    pad: bool = False
+    floors: int  # above the ground floor
+    streets: tuple[str, ...] = ("front",)  # its sides along a street; the others touch a neighbour or a yard
+    pad: bool = False  # whether its roof bears a landing pad
 
 
 @dataclass(frozen=True)

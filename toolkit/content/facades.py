@@ -29,36 +29,22 @@ SHOP_FLOOR_M = 4.2
 
 @dataclass(frozen=True)
 class Facade:
-    """How a wall with windows is made.
+    """How a wall with windows is made."""
 
-    Attributes:
-        wall, trim: skins of the wall, and of what stands out from it.
-        panes: name of the window style.
-        window_m: width, height and height above the floor of an opening.
-        floor_m, bay_m: height of a floor, width wished for a bay.
-        recess_m: depth of the window in its opening.
-        sills, lintels: whether openings have them.
-        pilasters: whether flat piers stand between the bays.
-        string_course: whether a band runs round at each floor.
-        balconies: share of the bays with balconies.
-        fire_escape: whether one hangs on the street's side.
-        air_conditioners: share of the windows with a box in it.
-    """
-
-    wall: Skin
+    wall: Skin  # wall, trim: skins of the wall, and of what stands out from it
     trim: Skin
-    panes: str
-    window_m: tuple[float, float, float] = (1.1, 1.7, 0.85)
-    floor_m: float = 3.2
+    panes: str  # name of the window style
+    window_m: tuple[float, float, float] = (1.1, 1.7, 0.85)  # width, height and height above the floor of an opening
+    floor_m: float = 3.2  # floor_m, bay_m: height of a floor, width wished for a bay
     bay_m: float = 2.6
-    recess_m: float = 0.2
-    sills: bool = True
+    recess_m: float = 0.2  # depth of the window in its opening
+    sills: bool = True  # sills, lintels: whether openings have them
     lintels: bool = True
-    pilasters: bool = False
-    string_course: bool = False
-    balconies: float = 0.0
-    fire_escape: bool = False
-    air_conditioners: float = 0.0
+    pilasters: bool = False  # whether flat piers stand between the bays
+    string_course: bool = False  # whether a band runs round at each floor
+    balconies: float = 0.0  # share of the bays with balconies
+    fire_escape: bool = False  # whether one hangs on the street's side
+    air_conditioners: float = 0.0  # share of the windows with a box in it
 
 
 def bay_edges(width: float, bay_m: float) -> np.ndarray:
@@ -315,24 +301,15 @@ def _item(canvas: Canvas, kind: str, at: Point, shelf_m: float, rng: np.random.G
 
 @dataclass(frozen=True)
 class Trade:
-    """A kind of shop: what its sign says, its colours, what lies in its window.
+    """A kind of shop: what its sign says, its colours, what lies in its window."""
 
-    Attributes:
-        name: on the fascia.
-        board, letters: colours of the fascia and its lettering.
-        frame: colour of the joinery.
-        goods: see `_goods`.
-        awning: its stripes, or None.
-        face: of the lettering.
-    """
-
-    name: str
-    board: Colour
+    name: str  # on the fascia
+    board: Colour  # board, letters: colours of the fascia and its lettering
     letters: Colour
-    frame: Colour
-    goods: str
-    awning: tuple[Colour, Colour] | None = None
-    face: str = "sans"
+    frame: Colour  # colour of the joinery
+    goods: str  # see `_goods`
+    awning: tuple[Colour, Colour] | None = None  # its stripes, or None
+    face: str = "sans"  # of the lettering
 
 
 WHITE, CREAM, RED, GREEN, NAVY, BLACK, GOLD = (

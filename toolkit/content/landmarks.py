@@ -275,16 +275,14 @@ def _circle() -> np.ndarray:
 
 
 def _clock(looks: Looks) -> Skin:
-    clock = looks.known("clock")
-    if clock is None:
-        c = Canvas(2, 2, 96, (22, 26, 40), low=(-1, -1))
-        c.disc(0, 0, 0.94, (240, 234, 214))
-        for k in range(12):
-            a = np.pi * k / 6
-            c.line([(0.72 * np.sin(a), 0.72 * np.cos(a)), (0.88 * np.sin(a), 0.88 * np.cos(a))], 0.07, (22, 26, 40))
-        c.line([(0, 0), (0.42, 0.3)], 0.08, (16, 16, 20))
-        c.line([(0, 0), (-0.1, 0.74)], 0.055, (16, 16, 20))
-        clock = sheet("clock", looks, c, 0.8)
+    c = Canvas(2, 2, 96, (22, 26, 40), low=(-1, -1))
+    c.disc(0, 0, 0.94, (240, 234, 214))
+    for k in range(12):
+        a = np.pi * k / 6
+        c.line([(0.72 * np.sin(a), 0.72 * np.cos(a)), (0.88 * np.sin(a), 0.88 * np.cos(a))], 0.07, (22, 26, 40))
+    c.line([(0, 0), (0.42, 0.3)], 0.08, (16, 16, 20))
+    c.line([(0, 0), (-0.1, 0.74)], 0.055, (16, 16, 20))
+    clock = sheet("clock", looks, c, 0.8)
     return clock
 
 
@@ -308,11 +306,11 @@ def _cinema_sheets(looks: Looks) -> tuple[Skin, Skin, Skin]:
     c = Canvas(7, 1.5, 80, (250, 246, 232))
     c.text(3.5, 1.05, "NOW SHOWING: THE LAST TRAM", 0.42, (30, 30, 32), fit_m=6.6)
     c.text(3.5, 0.42, "7:15  9:30  LATE SHOW FRIDAY", 0.4, (176, 24, 30), fit_m=6.6)
-    marquee = looks.known("marquee") or sheet("marquee", looks, c, 1.0)
+    marquee = sheet("marquee", looks, c, 1.0)
     name = Canvas(1.4, 7.5, 72, (150, 18, 28))
     for k, letter in enumerate("CINEMA"):
         name.text(0.7, 6.75 - 1.2 * k, letter, 1.1, (255, 226, 120))
-    upright = looks.known("cinema-name") or sheet("cinema-name", looks, name, 1.0)
+    upright = sheet("cinema-name", looks, name, 1.0)
     posters = Canvas(6, 2, 80, (40, 16, 20))
     for k in range(4):
         tone = ((220, 60, 40), (40, 90, 160), (240, 190, 50), (60, 130, 90))[k]
@@ -320,7 +318,7 @@ def _cinema_sheets(looks: Looks) -> tuple[Skin, Skin, Skin]:
         posters.rect(0.16 + 1.5 * k, 0.21, 1.34 + 1.5 * k, 1.79, tone)
         posters.disc(0.75 + 1.5 * k, 1.1, 0.4, tuple(min(255, v + 70) for v in tone))
         posters.text(0.75 + 1.5 * k, 0.42, ("STAR", "OCEAN", "GOLD", "FOREST")[k], 0.3, (250, 250, 244), fit_m=1.1)
-    bills = looks.known("posters") or sheet("posters", looks, posters, 0.7)
+    bills = sheet("posters", looks, posters, 0.7)
     return marquee, upright, bills
 
 
@@ -406,7 +404,7 @@ def _portico(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     tops = np.array([(half + 0.4 * (7 - k), 0.0, 0.2 * (k + 1)) for k in range(8)])
     c = Canvas(12, 1.1, 64, (200, 188, 164))
     c.text(6, 0.55, "PUBLIC  LIBRARY", 0.85, (70, 62, 50), face="serif", fit_m=11)
-    words = looks.known("library-name") or sheet("library-name", looks, c)
+    words = sheet("library-name", looks, c)
     eaves, ridge, edge = top + 1.6, top + 5.2, half + 0.5
     gable = np.array([(-edge, eaves), (edge, eaves), (0, ridge)])
     inner = np.array([(-half + 1.2, eaves + 0.3), (half - 1.2, eaves + 0.3), (0, eaves + 2.9)])
@@ -448,10 +446,10 @@ def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], r
     posts = np.array([(x, y, 0) for x in xs for y in ys if x in (xs[0], xs[-1]) or y in (ys[0], ys[-1])])
     c = Canvas(2.4, 2.4, 72, (20, 82, 170))
     c.text(1.2, 1.2, "P", 2.1, (244, 244, 244))
-    big = looks.known("big-p") or sheet("big-p", looks, c, 0.9)
+    big = sheet("big-p", looks, c, 0.9)
     n = Canvas(8, 1.0, 72, (20, 82, 170))
     n.text(4, 0.5, "CITY PARKING · 24 H", 0.75, (244, 244, 244), fit_m=7.4)
-    words = looks.known("parking-name") or sheet("parking-name", looks, n, 0.9)
+    words = sheet("parking-name", looks, n, 0.9)
     pieces = [
         boxes(low, high, concrete, B, ()),
         boxes(edge[:, :3], edge[:, 3:], dark, B),
@@ -475,7 +473,7 @@ def filling_station(width: float, looks: Looks) -> House:
     red, white, dark = looks.plain((206, 26, 32)), looks.plain((240, 240, 238)), looks.plain((40, 42, 44))
     c = Canvas(8, 0.9, 64, (206, 26, 32))
     c.text(4, 0.45, "PETRA · FUEL", 0.7, (250, 250, 246))
-    words = looks.known("fuel") or sheet("fuel", looks, c, 0.9)
+    words = sheet("fuel", looks, c, 0.9)
     p = Canvas(0.8, 1.7, 96, (236, 236, 234))
     p.rect(0, 1.2, 0.8, 1.7, (206, 26, 32))
     p.text(0.4, 1.45, "FUEL", 0.22, (250, 250, 246))
@@ -484,7 +482,7 @@ def filling_station(width: float, looks: Looks) -> House:
     p.text(0.4, 0.82, "13.7 L", 0.12, (120, 240, 120))
     for k, tone in enumerate(((30, 140, 60), (30, 30, 30), (206, 160, 30))):
         p.rect(0.12 + 0.2 * k, 0.4, 0.28 + 0.2 * k, 0.62, tone)
-    pump_face = looks.known("pump") or sheet("pump", looks, p, 0.5)
+    pump_face = sheet("pump", looks, p, 0.5)
     face = board(0.8, 1.7, pump_face, F, 0.5)
     hose = np.array([(0.42, 0, 1.3), (0.56, 0, 0.7), (0.5, 0, 0.35), (0.42, -0.1, 0.8)])
     pump = merge(

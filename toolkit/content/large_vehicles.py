@@ -240,13 +240,9 @@ def lorry(looks: Looks, name: str, colour: Colour, box_colour: Colour, words: st
 
 @dataclass(frozen=True)
 class Fleet:
-    """Vehicles by what they do.
+    """Vehicles by what they do."""
 
-    Attributes:
-        private, cabs, vans, buses, trams, lorries: each at least one.
-    """
-
-    private: tuple[Vehicle, ...]
+    private: tuple[Vehicle, ...]  # private, cabs, vans, buses, trams, lorries: each at least one
     cabs: tuple[Vehicle, ...]
     vans: tuple[Vehicle, ...]
     buses: tuple[Vehicle, ...]

@@ -23,17 +23,11 @@ FINISHES = {"matte": (0.85, 0.0), "paint": (0.45, 0.0), "gloss": (0.15, 0.0), "m
 
 @dataclass(frozen=True)
 class Skin:
-    """How a surface looks: a material, and how its texture lies.
+    """How a surface looks: a material, and how its texture lies."""
 
-    Attributes:
-        material: index among the world's materials.
-        tile_m: width and height that the texture covers before it repeats.
-        at: a single place (u, v) of the texture for the whole surface: a plain colour.
-    """
-
-    material: int
-    tile_m: tuple[float, float] = (1.0, 1.0)
-    at: tuple[float, float] | None = None
+    material: int  # index among the world's materials
+    tile_m: tuple[float, float] = (1.0, 1.0)  # width and height that the texture covers before it repeats
+    at: tuple[float, float] | None = None  # a single place (u, v) of the texture for the whole surface: a plain colour
 
 
 class Looks:

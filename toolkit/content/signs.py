@@ -25,6 +25,8 @@ WHITE: Colour = (242, 242, 238)
 
 def sheet(name: str, looks: Looks, canvas: Canvas, glow: float = 0.0) -> Skin:
     """The skin of a drawn sign; `glow` is the share that it gives off in the evening."""
+    if found := looks.known(name):
+        return found
     picture = canvas.texture(0.03, looks.rng(name))
     emission = (picture[::2, ::2] * glow).astype(np.uint8) if glow else None
     return looks.add(Material(name, picture, 0.5, 0.0, emission))
@@ -84,12 +86,10 @@ def traffic_light(looks: Looks, lit: int, street: str, arm_m: float = 5.0) -> Pi
 def street_name(street: str, looks: Looks) -> Piece:
     """A green blade with a street's name, 1.5 m by 0.3 m, facing both ways."""
     name = f"street-{street}"
-    skin = looks.known(name)
-    if skin is None:
-        canvas = Canvas(1.5, 0.32, 128, WHITE)
-        canvas.rect(0.02, 0.02, 1.48, 0.3, (6, 102, 62))
-        canvas.text(0.75, 0.155, street, 0.25, WHITE, fit_m=1.35)
-        skin = sheet(name, looks, canvas)
+    canvas = Canvas(1.5, 0.32, 128, WHITE)
+    canvas.rect(0.02, 0.02, 1.48, 0.3, (6, 102, 62))
+    canvas.text(0.75, 0.155, street, 0.25, WHITE, fit_m=1.35)
+    skin = sheet(name, looks, canvas)
     return board(1.5, 0.32, skin)
 
 
@@ -190,20 +190,18 @@ def billboard_skin(index: int, looks: Looks) -> Skin:
     """An advertisement, twice as wide as high."""
     words, ground, ink = BOARD_TEXTS[index % len(BOARD_TEXTS)]
     name = f"billboard-{words}"
-    skin = looks.known(name)
-    if skin is None:
-        canvas, rng = Canvas(8, 4, 64, ground), looks.rng(name)
-        for _ in range(5):
-            canvas.disc(
-                rng.uniform(0, 8), rng.uniform(0, 4), rng.uniform(0.3, 1.2), tuple(int(c * 0.85 + 20) for c in ground)
-            )
-        canvas.disc(6.4, 2.5, 1.0, ink)
-        canvas.disc(6.4, 2.5, 0.7, ground)
-        canvas.text(3.4, 2.5, words, 1.3, ink, fit_m=5.4)
-        canvas.text(3.4, 1.2, "THE TASTE OF THE CITY", 0.42, ink)
-        canvas.rect(0, 0, 8, 0.12, (40, 40, 42))
-        canvas.rect(0, 3.88, 8, 4, (40, 40, 42))
-        skin = sheet(name, looks, canvas, 0.8)
+    canvas, rng = Canvas(8, 4, 64, ground), looks.rng(name)
+    for _ in range(5):
+        canvas.disc(
+            rng.uniform(0, 8), rng.uniform(0, 4), rng.uniform(0.3, 1.2), tuple(int(c * 0.85 + 20) for c in ground)
+        )
+    canvas.disc(6.4, 2.5, 1.0, ink)
+    canvas.disc(6.4, 2.5, 0.7, ground)
+    canvas.text(3.4, 2.5, words, 1.3, ink, fit_m=5.4)
+    canvas.text(3.4, 1.2, "THE TASTE OF THE CITY", 0.42, ink)
+    canvas.rect(0, 0, 8, 0.12, (40, 40, 42))
+    canvas.rect(0, 3.88, 8, 4, (40, 40, 42))
+    skin = sheet(name, looks, canvas, 0.8)
     return skin
 
 

@@ -40,19 +40,12 @@ TREE_VARIANTS = 4
 
 @dataclass(frozen=True)
 class Street:
-    """A straight street.
+    """A straight street."""
 
-    Attributes:
-        at: x (of one that runs north) or y (of one that runs east) of its middle.
-        avenue: whether it is wide and carries trams.
-        name: on its signs.
-        trees: whether it is lined with them.
-    """
-
-    at: float
-    avenue: bool
-    name: str
-    trees: bool
+    at: float  # x (of one that runs north) or y (of one that runs east) of its middle
+    avenue: bool  # whether it is wide and carries trams
+    name: str  # on its signs
+    trees: bool  # whether it is lined with them
 
     @property
     def half(self) -> float:
@@ -62,16 +55,11 @@ class Street:
 
 @dataclass(frozen=True)
 class Stretch:
-    """A street between two junctions, as somebody sees it who goes along it.
+    """A street between two junctions, as somebody sees it who goes along it."""
 
-    Attributes:
-        start, end: (2,) middle of the carriageway at both junctions' edges.
-        street, across: the street, and the one at `end`.
-    """
-
-    start: np.ndarray
+    start: np.ndarray  # start, end: (2,) middle of the carriageway at both junctions' edges
     end: np.ndarray
-    street: Street
+    street: Street  # street, across: the street, and the one at `end`
     across: Street
 
     @property

@@ -145,26 +145,16 @@ def wall(looks: Looks, kind: str, colour: Colour) -> Skin:
 
 @dataclass(frozen=True)
 class PaneStyle:
-    """How one kind of window is made.
+    """How one kind of window is made."""
 
-    Attributes:
-        frame: colour of its frame.
-        glass: colour of what it mirrors, at its upper edge.
-        bars: glazing bars across and up.
-        frame_m, bar_m: their widths.
-        size_m: of one pane.
-        curtains: share of the panes with curtains or blinds.
-        arched: whether its head is round.
-    """
-
-    frame: Colour
-    glass: Colour = (150, 170, 188)
-    bars: tuple[int, int] = (1, 1)
-    frame_m: float = 0.07
+    frame: Colour  # colour of its frame
+    glass: Colour = (150, 170, 188)  # colour of what it mirrors, at its upper edge
+    bars: tuple[int, int] = (1, 1)  # glazing bars across and up
+    frame_m: float = 0.07  # frame_m, bar_m: their widths
     bar_m: float = 0.035
-    size_m: tuple[float, float] = (1.1, 1.7)
-    curtains: float = 0.7
-    arched: bool = False
+    size_m: tuple[float, float] = (1.1, 1.7)  # of one pane
+    curtains: float = 0.7  # share of the panes with curtains or blinds
+    arched: bool = False  # whether its head is round
 
 
 STYLES = {
