@@ -22,6 +22,7 @@ from toolkit.content.pieces import (
     polygon,
     quads,
     revolved,
+    upright,
     xyz,
 )
 from toolkit.content.signs import board, sheet
@@ -174,14 +175,8 @@ def _control_tower(looks: Looks) -> Piece:
     angle = np.radians(22.5) + np.linspace(0, 2 * np.pi, 9)
     low, high = ([xyz(r * np.cos(angle), r * np.sin(angle), z)] for r, z in ((3.6, 20.0), (4.4, 23.4)))
     cab = np.stack([low[0][:-1], low[0][1:], high[0][1:], high[0][:-1]], 1)
-    cells = np.array([(-12 + 2 * k, -12 + 2 * k + 1.9) for k in range(12)])
-    face = np.stack(
-        [
-            xyz(cells[:, 0], -8.02, 2.6), xyz(cells[:, 1], -8.02, 2.6), xyz(cells[:, 1], -8.02, 5.6),
-            xyz(cells[:, 0], -8.02, 5.6),
-        ],
-        1,
-    )  # fmt: skip
+    cells = [(-12 + 2 * k, 2.6, -12 + 2 * k + 1.9, 5.6) for k in range(12)]
+    face = upright(cells, -8.02)
     canvas = Canvas(10, 1.4, 48, (30, 74, 120))
     canvas.text(5, 0.7, "CITY AIRFIELD", 1.1, (244, 244, 240), fit_m=9)
     words = sheet("airfield", looks, canvas, 0.8)

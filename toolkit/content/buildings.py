@@ -25,7 +25,9 @@ from toolkit.content.pieces import (
     place,
     quads,
     revolved,
+    set_round,
     solid,
+    upright,
     wall_quads,
     xyz,
 )
@@ -292,16 +294,6 @@ class House:
 Builder = Callable[[Lot, Looks, np.random.Generator], House]
 
 
-def _sides(lot: Lot, make: Callable[[str, float], Piece]) -> Piece:
-    """The four walls, each made for its name and width, set round the lot."""
-    at = {"front": (0, 0), "right": (lot.width, 0), "back": (lot.width, lot.depth), "left": (0, lot.depth)}
-    pieces = []
-    for k, side in enumerate(SIDES):
-        width = lot.width if side in ("front", "back") else lot.depth
-        pieces.append(place(make(side, width), [*at[side], 0.0], 90.0 * k))
-    return merge(*pieces)
-
-
 def _pick(options: tuple, rng: np.random.Generator):  # type: ignore[no-untyped-def, type-arg]
     return options[int(rng.integers(len(options)))]
 
@@ -423,7 +415,8 @@ def _apartments(
     plinth = wall(looks, "ashlar", STONES[3])
     out = float(rng.uniform(0.3, 0.7))
 
-    def make(side: str, width: float) -> Piece:
+    def make(number: int, width: float) -> Piece:
+        side = SIDES[number]
         if side not in lot.streets and side != "back":
             return _party_wall(width, height, back, looks, rng)
         plain = side not in lot.streets
@@ -442,7 +435,7 @@ def _apartments(
             pieces.append(cornice(width, height, style.trim, out, dentils=rng.random() < 0.7, ends=False))
         return merge(*pieces)
 
-    return _finish(lot, _sides(lot, make), height, (style.wall, style.trim), looks, rng)
+    return _finish(lot, set_round(lot.width, lot.depth, make), height, (style.wall, style.trim), looks, rng)
 
 
 def glass_office(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
@@ -455,16 +448,18 @@ def glass_office(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
     fin = float(rng.uniform(0.1, 0.32))
     height = lobby + (lot.floors + 1) * floor_m + 0.4
 
-    def make(side: str, width: float) -> Piece:
+    def make(number: int, width: float) -> Piece:
+        side = SIDES[number]
         open_side = side in lot.streets or lot.floors > 7
         count = max(2, round(width / bay_m))
         edges = np.linspace(0, width, count + 1)
         base = lobby + floor_m * np.arange(lot.floors + 1)
         cells = np.array([(a, z + 0.9, b, z + floor_m) for z in base for a, b in pairwise(edges)])
         bands = np.array([(0, z, width, z + 0.9) for z in base] + [(0, height - 0.4, width, height)])
-        rect = np.stack([cells[:, [0, 1]], cells[:, [2, 1]], cells[:, [2, 3]], cells[:, [0, 3]]], 1)
-        face = np.stack([rect[..., 0], np.zeros(rect.shape[:2]), rect[..., 1]], 2)
-        pieces = [quads(face, panes, BUILDING, pane_uv(rng, len(cells))), wall_quads(bands, 0.0, spandrel, BUILDING)]
+        pieces = [
+            quads(upright(cells, 0.0), panes, BUILDING, pane_uv(rng, len(cells))),
+            wall_quads(bands, 0.0, spandrel, BUILDING),
+        ]
         low = xyz(edges[1:-1] - 0.05, -fin, lobby)
         pieces.append(boxes(low, low + [0.1, fin, height - lobby], metal, BUILDING, without=("back", "bottom")))
         z = np.r_[base, base + 0.9]
@@ -481,7 +476,7 @@ def glass_office(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
             pieces.append(wall_quads((0, 0, width, lobby), 0.0, stone, BUILDING))
         return merge(*pieces)
 
-    return _finish(lot, _sides(lot, make), height, (spandrel, metal), looks, rng)
+    return _finish(lot, set_round(lot.width, lot.depth, make), height, (spandrel, metal), looks, rng)
 
 
 def _lobby(width: float, height: float, panes: Skin, metal: Skin, stone: Skin, rng: np.random.Generator) -> Piece:
@@ -490,8 +485,7 @@ def _lobby(width: float, height: float, panes: Skin, metal: Skin, stone: Skin, r
     edges = np.linspace(0, width, count + 1)
     back = 0.5
     rect = np.array([(a, 0.0, b, height) for a, b in pairwise(edges)])
-    corners = np.stack([rect[:, [0, 1]], rect[:, [2, 1]], rect[:, [2, 3]], rect[:, [0, 3]]], 1)
-    face = np.stack([corners[..., 0], np.full(corners.shape[:2], back), corners[..., 1]], 2)
+    face = upright(rect, back)
     low = xyz(np.clip(edges - 0.3, 0, width - 0.6), 0.0, 0.0)
     ceiling = np.array([[(0, back, height), (0, 0, height), (width, 0, height), (width, back, height)]])[:, ::-1]
     middle = width / 2

@@ -11,7 +11,7 @@ import numpy as np
 from PIL import Image
 
 from toolkit.content.drawing import Colour
-from toolkit.content.modelling import Part, assemble, extrude, revolve, surface, tube
+from toolkit.content.modelling import Part, assemble, extrude, revolve, seen_from_above, surface, tube
 from toolkit.objects.mesh import Mesh
 
 NAVY: Colour = (24, 40, 84)
@@ -80,14 +80,7 @@ def _lid() -> list[Part]:
     top = np.concatenate([[(r - 2.5, 4.2), (r - 4, 6.2), (r - 6, 7.4)], crown])
     on_rim = np.array([0, LID_MM])
     cover = revolve((top + on_rim).tolist(), SEGMENTS, enamel_paint(NAVY, CREAM_SPECKS, seed=2), "enamel")
-    return [revolve((edge + on_rim).tolist(), SEGMENTS, TRIM, "trim"), _seen_from_above(cover)]
-
-
-def _seen_from_above(part: Part) -> Part:
-    """With a chart that is the view from above, which leaves the specks of a lid round."""
-    flat = part.vertices[:, :2] - part.vertices[:, :2].min(axis=0)
-    width, height = flat.max(axis=0)
-    return replace(part, corner_uv=flat[part.faces], chart_mm=(float(width), float(height)))
+    return [revolve((edge + on_rim).tolist(), SEGMENTS, TRIM, "trim"), seen_from_above(cover)]
 
 
 def _hinge() -> list[Part]:

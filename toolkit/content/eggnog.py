@@ -5,13 +5,12 @@ above the fill line and at the heel it is the pale green of thick glass. The lab
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw
 
-from toolkit.content.modelling import Part, assemble, extrude, revolve, smooth_curve
+from toolkit.content.modelling import Part, assemble, extrude, revolve, seen_from_above, smooth_curve
 from toolkit.imaging.fonts import read_font
 from toolkit.objects.mesh import Mesh
 
@@ -378,9 +377,7 @@ def _drink(outline: np.ndarray) -> Part:
     ripple = 0.5 * np.cos(radius / wall * 9)
     height = FILL_MM + 2.2 * (1 - (radius / wall) ** 4) + ripple * (1 - (radius / wall) ** 4)
     part = revolve(np.stack([radius, height], axis=1).tolist(), SEGMENTS, paint_foam, "foam")
-    flat = part.vertices[:, :2] - part.vertices[:, :2].min(axis=0)
-    width, depth = flat.max(axis=0)
-    return replace(part, corner_uv=flat[part.faces], chart_mm=(float(width), float(depth)))
+    return seen_from_above(part)
 
 
 def _inside(outline: np.ndarray) -> float:

@@ -24,6 +24,7 @@ from toolkit.content.pieces import (
     quads,
     revolved,
     solid,
+    upright,
     wall_quads,
     xyz,
 )
@@ -342,8 +343,7 @@ def _shed(looks: Looks, width: float, depth: float, number: int) -> Piece:
     bays = np.linspace(0, width, 5)
     middle = (bays[1:] + bays[:-1]) / 2
     rng = looks.rng(f"shed-{number}")
-    cells = np.array([(x - 2.4, 5.0, x + 2.4, 7.2) for x in middle])
-    face = np.stack([xyz(cells[:, i], -0.05, cells[:, j]) for i, j in ((0, 1), (2, 1), (2, 3), (0, 3))], 1)
+    face = upright([(x - 2.4, 5.0, x + 2.4, 7.2) for x in middle], -0.05)
     canvas = Canvas(9, 1.2, 48, (236, 232, 220))
     canvas.text(4.5, 0.6, f"SHED {number + 4} · CITY DOCKS", 0.9, (40, 44, 60), fit_m=8.4)
     words = sheet(f"shed-{number}", looks, canvas)

@@ -11,6 +11,7 @@ from toolkit.content.buildings import House, Roof, flat_roof
 from toolkit.content.drawing import Canvas
 from toolkit.content.facades import SHOP_FLOOR_M, Facade, cornice, shop_row, windowed_wall
 from toolkit.content.pieces import (
+    EMPTY,
     Looks,
     Piece,
     Skin,
@@ -23,6 +24,7 @@ from toolkit.content.pieces import (
     polygon,
     quads,
     revolved,
+    set_round,
     wall_quads,
     xyz,
 )
@@ -88,14 +90,12 @@ def _hoarding(width: float, depth: float, looks: Looks) -> Piece:
     skin = looks.known("hoarding")
     if skin is None:
         skin = looks.add(Material("hoarding", c.texture(0.06, rng), 0.8), (9.6, 2.4))
-    pieces = []
-    for x, y, span, yaw in (
-        (0, 0, width, 0.0), (width, 0, depth, 90.0), (width, depth, width, 180.0), (0, depth, depth, 270.0),
-    ):  # fmt: skip
-        face = wall_quads((0.0, 0.0, span, 2.4), 0.0, skin, B)
+
+    def make(number: int, span: float) -> Piece:
         back = wall_quads((-span, 0.0, 0.0, 2.4), 0.0, looks.plain((150, 120, 84)), B).turned(180).moved(0, 0.06, 0)
-        pieces.append(place(merge(face, back), (x, y, 0.0), yaw))
-    return merge(*pieces)
+        return merge(wall_quads((0.0, 0.0, span, 2.4), 0.0, skin, B), back)
+
+    return set_round(width, depth, make)
 
 
 def tower_crane(looks: Looks, height: float = 42.0, jib: float = 36.0) -> Piece:
@@ -364,9 +364,8 @@ def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -
     pieces.append(
         wall_quads([(middle + 6.6, 6.5 + 2.6 * k, width - 0.6, 8.2 + 2.6 * k) for k in range(3)], -0.04, trim, B)
     )
-    plain = [(width, 0, depth, 90.0), (width, depth, width, 180.0), (0, depth, depth, 270.0)]
-    for x, y, span, yaw in plain:
-        pieces.append(place(wall_quads((0, 0, span, height), 0.0, brick, B), (x, y, 0.0), yaw))
+    plain = set_round(width, depth, lambda k, span: wall_quads((0, 0, span, height), 0.0, brick, B) if k else EMPTY)
+    pieces.append(plain)
     pieces.append(flat_roof(Roof(width, depth, height), brick, trim, looks, rng))
     return House(merge(*pieces), np.array([[0, 0, 0, width, depth, height]]))
 
@@ -380,13 +379,13 @@ def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) 
     )  # fmt: skip
     height, middle = PODIUM_M + COLUMN_M + 2.6, width / 2
     pieces = [_portico(looks, stone, trim).moved(middle)]
-    around = [(0, 0, width, 0.0), (width, 0, depth, 90.0), (width, depth, width, 180.0), (0, depth, depth, 270.0)]
-    for k, (x, y, side, yaw) in enumerate(around):
-        low = [(0, 0, side, PODIUM_M), (0, PODIUM_M + 9.2, side, height)]
-        face = [wall_quads(np.array(low), 0.0, stone, B), windowed_wall(style, side, looks, rng, z0=PODIUM_M, floors=2)]
-        if k < 3:
-            face.append(cornice(side, height, trim, 0.5, ends=False))
-        pieces.append(place(merge(*face), (x, y, 0.0), yaw))
+
+    def make(number: int, side: float) -> Piece:
+        bare = wall_quads([(0, 0, side, PODIUM_M), (0, PODIUM_M + 9.2, side, height)], 0.0, stone, B)
+        crown = cornice(side, height, trim, 0.5, ends=False) if number < 3 else EMPTY
+        return merge(bare, windowed_wall(style, side, looks, rng, z0=PODIUM_M, floors=2), crown)
+
+    pieces.append(set_round(width, depth, make))
     pieces.append(flat_roof(Roof(width, depth, height), stone, trim, looks, rng))
     top = PODIUM_M + COLUMN_M
     porch = [middle - PORTICO_M / 2, -4, top, middle + PORTICO_M / 2, 0, top + 1.6]

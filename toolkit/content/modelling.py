@@ -209,10 +209,22 @@ def superellipse(
 ) -> np.ndarray:
     """A closed section (count, 3) in the y-z plane at `x`: power 2 an ellipse, 4 a rounded box; for lofts along +x."""
     angle = np.linspace(0, 2 * np.pi, count, endpoint=False)
+    across, up = bend_circle(angle, power)
+    return np.stack([np.full(count, float(x)), y + across * width / 2, z + up * height / 2], axis=1)
+
+
+def bend_circle(angle: np.ndarray, power: float) -> tuple[np.ndarray, np.ndarray]:
+    """Cosine and sine of angles, drawn out towards the corners of a superellipse."""
     cosine, sine = np.cos(angle), np.sin(angle)
-    horizontal = np.sign(cosine) * np.abs(cosine) ** (2 / power) * width / 2
-    vertical = np.sign(sine) * np.abs(sine) ** (2 / power) * height / 2
-    return np.stack([np.full(count, float(x)), y + horizontal, z + vertical], axis=1)
+    return np.sign(cosine) * np.abs(cosine) ** (2 / power), np.sign(sine) * np.abs(sine) ** (2 / power)
+
+
+def curve(*knots: tuple[float, ...]) -> Callable[[float | np.ndarray], np.ndarray]:
+    """A smooth function of x through knots (x, value, …): monotone cubics."""
+    from scipy.interpolate import PchipInterpolator
+
+    table = np.array(sorted(knots), float)
+    return PchipInterpolator(table[:, 0], table[:, 1:])
 
 
 def smooth_curve(points: Sequence[Sequence[float]], count: int) -> np.ndarray:
@@ -476,6 +488,13 @@ def arc(
     """Points (x, 0, z) on an ellipse's arc in the x-z plane."""
     turn = np.radians(np.linspace(from_deg, to_deg, count))
     return [(centre[0] + radius[0] * np.cos(a), 0.0, centre[1] + radius[1] * np.sin(a)) for a in turn]
+
+
+def seen_from_above(part: Part) -> Part:
+    """With a chart that is the view from above, which leaves specks of a lid or a drink round."""
+    flat = part.vertices[:, :2] - part.vertices[:, :2].min(axis=0)
+    width, depth = flat.max(axis=0)
+    return replace(part, corner_uv=flat[part.faces], chart_mm=(float(width), float(depth)))
 
 
 def outward(parts: list[Part]) -> list[Part]:

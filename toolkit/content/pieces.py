@@ -198,6 +198,18 @@ def wall_quads(rect: ArrayLike, y: float | np.ndarray, skin: Skin, label: int, f
     return quads(corners, skin, label, uv)
 
 
+def upright(rect: ArrayLike, y: float) -> np.ndarray:
+    """(n, 4, 3) corners of rectangles (n, 4) of x0, z0, x1, z1 that face -y."""
+    x0, z0, x1, z1 = np.asarray(rect, np.float64).reshape(-1, 4).T
+    return np.stack([xyz(x, y, z) for x, z in ((x0, z0), (x1, z0), (x1, z1), (x0, z1))], 1)
+
+
+def set_round(width: float, depth: float, make: Callable[[int, float], Piece]) -> Piece:
+    """Four walls round a rectangle: front, right, back, left, each made for its number and its width."""
+    corners = ((0, 0, 0), (width, 0, 0), (width, depth, 0), (0, depth, 0))
+    return merge(*(place(make(k, depth if k % 2 else width), at, 90.0 * k) for k, at in enumerate(corners)))
+
+
 def floor_quads(rect: ArrayLike, z: float | np.ndarray, skin: Skin, label: int, fit: bool = False) -> Piece:
     """Rectangles (n, 4) of x0, y0, x1, y1 that face up; the texture is anchored at the world's origin, or fitted."""
     rect = np.asarray(rect, np.float64).reshape(-1, 4)
@@ -323,8 +335,7 @@ def polygon(
     return Piece(
         xyz(outline[:, 0], y, outline[:, 1]).astype(np.float32),
         np.tile(np.array([[0, -1, 0]], np.float32), (k, 1)),
-        uv.astype(np.float32), fan_faces(k), np.full(k - 2, skin.material, np.int32),
-        np.full(k - 2, label, np.uint8),
+        uv.astype(np.float32), fan_faces(k), np.full(k - 2, skin.material, np.int32), np.full(k - 2, label, np.uint8),
     )  # fmt: skip
 
 

@@ -85,12 +85,10 @@ def traffic_light(looks: Looks, lit: int, street: str, arm_m: float = 5.0) -> Pi
 
 def street_name(street: str, looks: Looks) -> Piece:
     """A green blade with a street's name, 1.5 m by 0.3 m, facing both ways."""
-    name = f"street-{street}"
     canvas = Canvas(1.5, 0.32, 128, WHITE)
     canvas.rect(0.02, 0.02, 1.48, 0.3, (6, 102, 62))
     canvas.text(0.75, 0.155, street, 0.25, WHITE, fit_m=1.35)
-    skin = sheet(name, looks, canvas)
-    return board(1.5, 0.32, skin)
+    return board(1.5, 0.32, sheet(f"street-{street}", looks, canvas))
 
 
 def name_post(streets: tuple[str, str], looks: Looks) -> Piece:
@@ -190,6 +188,8 @@ def billboard_skin(index: int, looks: Looks) -> Skin:
     """An advertisement, twice as wide as high."""
     words, ground, ink = BOARD_TEXTS[index % len(BOARD_TEXTS)]
     name = f"billboard-{words}"
+    if found := looks.known(name):
+        return found
     canvas, rng = Canvas(8, 4, 64, ground), looks.rng(name)
     for _ in range(5):
         canvas.disc(
@@ -201,8 +201,7 @@ def billboard_skin(index: int, looks: Looks) -> Skin:
     canvas.text(3.4, 1.2, "THE TASTE OF THE CITY", 0.42, ink)
     canvas.rect(0, 0, 8, 0.12, (40, 40, 42))
     canvas.rect(0, 3.88, 8, 4, (40, 40, 42))
-    skin = sheet(name, looks, canvas, 0.8)
-    return skin
+    return sheet(name, looks, canvas, 0.8)
 
 
 def billboard(index: int, looks: Looks) -> Piece:

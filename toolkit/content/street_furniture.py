@@ -112,12 +112,11 @@ def mailbox(looks: Looks) -> Piece:
     outline = np.concatenate([[(0.28, 0.18)], arch, [(-0.28, 0.18)]])
 
     shell = [p.rotated("x", 90).moved(y=0.3) for p in extrude([tuple(p) for p in outline], 0.6)]
-    name = "mail-front"
     c = Canvas(0.5, 0.3, 160, (24, 56, 132))
     c.rect(0.03, 0.16, 0.47, 0.27, (240, 240, 238))
     c.text(0.25, 0.21, "MAIL", 0.1, (24, 56, 132))
     c.rect(0.05, 0.02, 0.45, 0.12, (16, 36, 90))
-    skin = sheet(name, looks, c)
+    skin = sheet("mail-front", looks, c)
     feet = np.array([(x, y, 0) for x in (-0.24, 0.18) for y in (-0.26, 0.2)], float)
     return merge(
         solid(shell, blue, F, 30),
@@ -148,10 +147,9 @@ def parking_meter(looks: Looks) -> Piece:
 def phone_booth(looks: Looks) -> Piece:
     """A pay-phone in a half booth with its lit sign."""
     steel, blue = looks.plain((170, 174, 176), "metal"), looks.plain((24, 64, 140))
-    name = "phone"
     c = Canvas(0.8, 0.22, 128, (24, 64, 140))
     c.text(0.4, 0.11, "PHONE", 0.18, (240, 240, 240))
-    skin = sheet(name, looks, c, 0.9)
+    skin = sheet("phone", looks, c, 0.9)
     keys = np.array([(-0.06 + 0.05 * (k % 3), 0.03, 1.14 + 0.05 * (k // 3)) for k in range(12)])
     return merge(
         box((-0.05, 0.05), (0.0, 0.1), (0.0, 1.0), steel, F),
@@ -209,13 +207,12 @@ def newspaper_boxes(looks: Looks) -> Piece:
 def bus_shelter(looks: Looks) -> Piece:
     """A glazed shelter with a bench and a poster, open to -y."""
     frame, glass = looks.plain((58, 64, 68)), looks.plain((150, 178, 186), "gloss")
-    name = "shelter-poster"
     c = Canvas(1.2, 1.75, 96, (236, 90, 40))
     c.disc(0.6, 1.0, 0.42, (250, 220, 60))
     c.text(0.6, 1.0, "SUN", 0.36, (200, 40, 30))
     c.text(0.6, 0.35, "CITY FAIR", 0.2, (255, 255, 255))
     c.text(0.6, 0.15, "1 - 12 JUNE", 0.13, (255, 255, 255))
-    skin = sheet(name, looks, c, 0.9)
+    skin = sheet("shelter-poster", looks, c, 0.9)
     posts = np.array([(x, y, 0) for x in (-2.0, 2.0) for y in (-0.6, 0.7)], float)
     pane = [[(2.0, 0.7, 0.3), (-2.0, 0.7, 0.3), (-2.0, 0.7, 2.2), (2.0, 0.7, 2.2)]]
     both = np.array(pane + [pane[0][::-1]])
@@ -275,11 +272,10 @@ def traffic_cone(looks: Looks) -> Piece:
 
 def barrier(looks: Looks) -> Piece:
     """A striped road-works barrier with a lamp."""
-    name = "barrier"
     c = Canvas(1.8, 0.3, 80, (244, 244, 240))
     for k in range(-1, 7):
         c.fill([(0.3 * k, 0), (0.3 * k + 0.15, 0), (0.3 * k + 0.35, 0.3), (0.3 * k + 0.2, 0.3)], (224, 60, 24))
-    skin = sheet(name, looks, c)
+    skin = sheet("barrier", looks, c)
     leg = looks.plain((60, 62, 64))
     at = np.array([(x, 0, 0) for x in (-0.75, 0.75)], float)
     return merge(

@@ -1,14 +1,13 @@
 """Built-in warplane: a twin-engined, twin-finned jet fighter, 270 mm long, on its wheels, with missiles and tanks."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from toolkit.content.drawing import Paint, Side
 from toolkit.content.liveries import STATIONS_MM, bands, draw_sides, petals, skin_paint
-from toolkit.content.modelling import Part, assemble, box, extrude, fan, revolve, surface, tube
+from toolkit.content.modelling import Part, assemble, bend_circle, box, curve, extrude, fan, revolve, surface, tube
 from toolkit.objects.mesh import Mesh
 
 GLASS, FRAME, DUCT = (26, 34, 40), (84, 92, 101), (24, 25, 27)
@@ -18,12 +17,6 @@ YELLOW, BROWN, RED, TYRE = (222, 172, 40), (110, 72, 40), (176, 36, 34), (30, 30
 GROUND_Z = -38.0
 
 Outline = Sequence[tuple[float, float]]
-
-
-def curve(*knots: tuple[float, ...]) -> Callable[[float], np.ndarray]:
-    """A smooth function of x through knots (x, value, …), x descending."""
-    table = np.array(knots, float)[::-1]
-    return PchipInterpolator(table[:, 0], table[:, 1:])
 
 
 def one_side(net: np.ndarray, side: int) -> np.ndarray:
@@ -106,8 +99,8 @@ def nacelle_section(x: float, grow: float, rake: float, count: int = 72) -> np.n
     """(count + 1, 3) closed outline of the left nacelle, leaning forward at its top by `rake` mm per mm."""
     middle, half, top, bottom, power = NACELLE(x)
     angle = np.linspace(-np.pi / 2, 1.5 * np.pi, count + 1)
-    y = np.sign(np.cos(angle)) * np.abs(np.cos(angle)) ** (2 / power) * (half + grow)
-    z = np.sign(np.sin(angle)) * np.abs(np.sin(angle)) ** (2 / power) * ((top - bottom) / 2 + grow)
+    across, up = bend_circle(angle, power)
+    y, z = across * (half + grow), up * ((top - bottom) / 2 + grow)
     return np.stack([x + rake * z, middle + y, (top + bottom) / 2 + z], axis=1)
 
 
@@ -144,9 +137,8 @@ def canopy_net(
     net = []
     for x in np.linspace(from_x, to_x, rows):
         width, sill, top = CANOPY(x)
-        power = 2.25
-        y = np.sign(np.cos(angle)) * np.abs(np.cos(angle)) ** (2 / power) * (width + grow)
-        z = sill - 2 + np.abs(np.sin(angle)) ** (2 / power) * (top - sill + 2 + grow)
+        across, up = bend_circle(angle, 2.25)
+        y, z = across * (width + grow), sill - 2 + np.abs(up) * (top - sill + 2 + grow)
         net.append(np.stack([np.full_like(angle, x), y, z], axis=1))
     return np.stack(net)
 
@@ -321,9 +313,8 @@ def build_boom(side: int, around: list[Side]) -> list[Part]:
     rows = []
     for x in np.linspace(-128, -44, 26):
         middle, half, tall, power = shape(x)
-        y = middle + np.sign(np.cos(angle)) * np.abs(np.cos(angle)) ** (2 / power) * half
-        z = 6.6 + np.sign(np.sin(angle)) * np.abs(np.sin(angle)) ** (2 / power) * tall
-        rows.append(np.stack([np.full_like(angle, x), y, z], axis=1))
+        across, up = bend_circle(angle, power)
+        rows.append(np.stack([np.full_like(angle, x), middle + across * half, 6.6 + up * tall], axis=1))
     net = one_side(np.stack(rows), side)
     return [surface(net, skin_paint(net, around, (-72, -97, -112))), fan(net[0, :-1][::-1], (70, 76, 83))]
 
