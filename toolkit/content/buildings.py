@@ -229,10 +229,8 @@ def skylight(looks: Looks, rng: np.random.Generator) -> Piece:
 
 def vents(looks: Looks, rng: np.random.Generator) -> Piece:
     """Pipes with cowls."""
-    pipe = revolved(
-        [(0.12, 0), (0.12, 0.9), (0.26, 0.9), (0.26, 1.15), (0.01, 1.3)],
-        10, looks.plain((176, 178, 178), "metal"), ROOF,
-    )  # fmt: skip
+    profile = [(0.12, 0), (0.12, 0.9), (0.26, 0.9), (0.26, 1.15), (0.01, 1.3)]
+    pipe = revolved(profile, 10, looks.plain((176, 178, 178), "metal"), ROOF)
     count = int(rng.integers(2, 5))
     at = np.c_[rng.uniform(-0.8, 0.8, (count, 2)), np.zeros(count)]
     return place(pipe, at, 0.0, rng.uniform(0.7, 1.2, count))

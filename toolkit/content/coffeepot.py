@@ -97,9 +97,8 @@ def _hinge() -> list[Part]:
 def _spout() -> list[Part]:
     """A swan-neck that leaves the wall low and wide and ends level with the rim, cut nearly flat, open and hollow."""
     root = _wall_radius(67)
-    path = _smooth(
-        [(root - 16, 0, 67), (root + 12, 0, 80), (root + 32, 0, 114), (root + 43, 0, 155), (root + 69, 0, 204)], 44
-    )
+    points = [(root - 16, 0, 67), (root + 12, 0, 80), (root + 32, 0, 114), (root + 43, 0, 155), (root + 69, 0, 204)]
+    path = _smooth(points, 44)
     t = np.linspace(0, 1, len(path))
     stops = [0, 0.12, 0.3, 0.6, 0.9, 1]
     tall, wide = np.interp(t, stops, [38, 31, 21, 14.5, 12, 13.4]), np.interp(t, stops, [25, 22, 17, 12.5, 10.5, 11])

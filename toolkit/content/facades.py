@@ -288,9 +288,8 @@ def _item(canvas: Canvas, kind: str, at: Point, shelf_m: float, rng: np.random.G
     if kind == "bread":
         tone = tuple(int(c * rng.uniform(0.8, 1.15)) for c in (196, 138, 70))
         w = float(rng.uniform(0.14, 0.34))
-        canvas.fill(
-            [(x, z), (x + w, z), (x + w * 0.9, z + 0.13), (x + w * 0.5, z + 0.17), (x + w * 0.1, z + 0.13)], tone
-        )
+        shape = [(x, z), (x + w, z), (x + w * 0.9, z + 0.13), (x + w * 0.5, z + 0.17), (x + w * 0.1, z + 0.13)]
+        canvas.fill(shape, tone)
         return w + 0.03
     canvas.rect(x, z, x + 0.13, z + 0.2, (226, 232, 236))
     for fx, fz in rng.uniform((x + 0.02, z + 0.02), (x + 0.11, z + 0.16), (7, 2)):

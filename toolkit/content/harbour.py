@@ -220,9 +220,8 @@ def _quay(looks: Looks) -> Piece:
     )
     tyres = np.array([(px, -0.2, -0.9) for px in np.arange(-x + 5, x, 10.0)])
     rungs = np.array([(px, -0.12, z) for px in np.arange(-x + 20, x, 40.0) for z in np.arange(-2.2, 0, 0.3)])
-    bollard = revolved(
-        [(0.22, 0), (0.2, 0.35), (0.34, 0.42), (0.34, 0.52), (0.01, 0.6)], 12, looks.plain((226, 176, 30)), F
-    )
+    profile = [(0.22, 0), (0.2, 0.35), (0.34, 0.42), (0.34, 0.52), (0.01, 0.6)]
+    bollard = revolved(profile, 12, looks.plain((226, 176, 30)), F)
     edge = looks.plain((226, 190, 40), "matte")
     land = [(-HORIZON_M, back, HORIZON_M, back + HORIZON_M), (-HORIZON_M, 0, -x, back), (x, 0, HORIZON_M, back)]
     return merge(

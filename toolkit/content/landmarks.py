@@ -259,10 +259,8 @@ def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
     slate = wall(looks, "tiles", (84, 88, 98))
     spire = revolved([(half * 1.08, top), (0.06, top + 15.0)], 8, slate, R, 20, start_deg=22.5)
     pinnacle = revolved([(0.5, top), (0.5, top + 1.4), (0.62, top + 1.5), (0.02, top + 3.8)], 8, trim, R, 20)
-    cross = bars(
-        [(0, 0, top + 14.8), (-0.7, 0, top + 16.4)], [(0, 0, top + 17.2), (0.7, 0, top + 16.4)], 0.16,
-        looks.plain((196, 160, 70), "metal"), R,
-    )  # fmt: skip
+    start = [(0, 0, top + 14.8), (-0.7, 0, top + 16.4)]
+    cross = bars(start, [(0, 0, top + 17.2), (0.7, 0, top + 16.4)], 0.16, looks.plain((196, 160, 70), "metal"), R)
     corners = np.column_stack([ring * 0.92, np.zeros(4)])
     deck = floor_quads((-half, -half, half, half), top, trim, R)
     return merge(place(face, at, yaws), place(front, at[:1]), spire, place(pinnacle, corners), cross, deck)
@@ -361,9 +359,8 @@ def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -
         cornice(width, height, trim, 0.4, dentils=False, ends=False),
     ]  # fmt: skip
     pieces.append(wall_quads([(0.6, 6.5 + 2.6 * k, middle - 5.2, 8.2 + 2.6 * k) for k in range(3)], -0.04, trim, B))
-    pieces.append(
-        wall_quads([(middle + 6.6, 6.5 + 2.6 * k, width - 0.6, 8.2 + 2.6 * k) for k in range(3)], -0.04, trim, B)
-    )
+    rects = [(middle + 6.6, 6.5 + 2.6 * k, width - 0.6, 8.2 + 2.6 * k) for k in range(3)]
+    pieces.append(wall_quads(rects, -0.04, trim, B))
     plain = set_round(width, depth, lambda k, span: wall_quads((0, 0, span, height), 0.0, brick, B) if k else EMPTY)
     pieces.append(plain)
     pieces.append(flat_roof(Roof(width, depth, height), brick, trim, looks, rng))

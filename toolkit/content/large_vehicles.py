@@ -104,9 +104,8 @@ def _rows_of_windows(
     for k in range(count):
         a, b = float(edges[k]) + 0.04, float(edges[k + 1]) - 0.04
         paint.rect("left right", (a, z[0]), (b, z[1]), (50, 60, 68), lit)
-        paint.fill(
-            "left right", [(a, z[1]), (a + 0.5 * (b - a), z[1]), (a + 0.2 * (b - a), z[0]), (a, z[0])], (92, 108, 120)
-        )
+        shape = [(a, z[1]), (a + 0.5 * (b - a), z[1]), (a + 0.2 * (b - a), z[0]), (a, z[0])]
+        paint.fill("left right", shape, (92, 108, 120))
         for seat in np.arange(a + 0.15, b - 0.1, 0.42):
             paint.rect("left right", (seat, z[0]), (seat + 0.2, z[0] + 0.22), (44, 60, 108))
         if k in doors:

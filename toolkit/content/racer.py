@@ -301,7 +301,6 @@ def _wheel(radius: float, width: float) -> list[Part]:
     for k in range(6):
         outline = [(1.5, -2.2), (rim - 1.4, -1.3), (rim - 1.4, 1.3), (1.5, 2.2)]
         spokes += [part.moved(z=h - 6.5).rotated("z", 60 * k) for part in extrude(outline, 3.6, 0.5, RIM, "metal")]
-    hub = revolve(
-        [(4.6, h - 6.5), (4.4, h - 2.6), (3.2, h - 2), (2, h - 2), (1.9, h - 0.4), (0, h - 0.2)], 24, METAL, "metal"
-    )
+    profile = [(4.6, h - 6.5), (4.4, h - 2.6), (3.2, h - 2), (2, h - 2), (1.9, h - 0.4), (0, h - 0.2)]
+    hub = revolve(profile, 24, METAL, "metal")
     return [tread, outer, inner, barrel, disc, back, *spokes, hub]

@@ -74,9 +74,8 @@ def litter_bin(looks: Looks) -> Piece:
 def dustbins(looks: Looks) -> Piece:
     """Two galvanised dustbins and black bags."""
     zinc = looks.plain((140, 144, 146), "metal")
-    can = revolved(
-        [(0.22, 0), (0.26, 0.68), (0.28, 0.7), (0.27, 0.74), (0.12, 0.82), (0.03, 0.84), (0.005, 0.86)], 9, zinc, F
-    )
+    profile = [(0.22, 0), (0.26, 0.68), (0.28, 0.7), (0.27, 0.74), (0.12, 0.82), (0.03, 0.84), (0.005, 0.86)]
+    can = revolved(profile, 9, zinc, F)
     bag = revolved(
         [(0.2, 0), (0.34, 0.12), (0.3, 0.34), (0.1, 0.5), (0.06, 0.56), (0.12, 0.62)],
         7, looks.plain((22, 22, 26), "gloss"), F,
@@ -130,11 +129,8 @@ def parking_meter(looks: Looks) -> Piece:
     """A twin-dial meter on a post."""
     grey, steel = looks.plain((96, 102, 106)), looks.plain((150, 154, 156), "metal")
     dome = revolve([(0.1, 1.12), (0.115, 1.2), (0.115, 1.34), (0.1, 1.44), (0.05, 1.5), (0.005, 1.515)], 9)
-    dial = solid(
-        [revolve([(0.075, 0), (0.06, 0.012), (0.004, 0.014)], 8).rotated("x", 90).moved(0, -0.09, 1.39)],
-        looks.plain((224, 226, 216), "gloss"),
-        F,
-    )
+    solids = [revolve([(0.075, 0), (0.06, 0.012), (0.004, 0.014)], 8).rotated("x", 90).moved(0, -0.09, 1.39)]
+    dial = solid(solids, looks.plain((224, 226, 216), "gloss"), F)
     return merge(
         revolved([(0.045, 0), (0.035, 1.05), (0.07, 1.12), (0.1, 1.12)], 7, steel, F),
         solid([dome.scaled(1, 0.75, 1)], grey, F),
@@ -253,10 +249,8 @@ def cafe_table(looks: Looks) -> Piece:
 
 def planter(looks: Looks) -> Piece:
     """A concrete tub; a shrub is planted in it by `toolkit.content.countryside`."""
-    return revolved(
-        [(0.5, 0), (0.62, 0.55), (0.62, 0.62), (0.52, 0.62), (0.5, 0.5), (0.005, 0.5)],
-        12, looks.plain((168, 164, 156), "matte"), F,
-    )  # fmt: skip
+    profile = [(0.5, 0), (0.62, 0.55), (0.62, 0.62), (0.52, 0.62), (0.5, 0.5), (0.005, 0.5)]
+    return revolved(profile, 12, looks.plain((168, 164, 156), "matte"), F)
 
 
 def traffic_cone(looks: Looks) -> Piece:

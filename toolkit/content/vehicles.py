@@ -259,10 +259,8 @@ def wheels(body: Body, looks: Looks, hub: Colour = (176, 178, 180), spokes: int 
     """All wheels: tyres on painted rims, their faces a little inside the flanks."""
     rim = _rim(looks, hub, spokes)
     r, wide = body.wheel_m, min(0.24, body.wheel_m * 0.62)
-    tyre = revolved(
-        [(r, -wide / 2), (r, wide / 2 - 0.03), (0.93 * r, wide / 2), (0.68 * r, wide / 2 - 0.01)],
-        10, looks.plain((28, 28, 30), "matte"), VEHICLE, 50,
-    )  # fmt: skip
+    profile = [(r, -wide / 2), (r, wide / 2 - 0.03), (0.93 * r, wide / 2), (0.68 * r, wide / 2 - 0.01)]
+    tyre = revolved(profile, 10, looks.plain((28, 28, 30), "matte"), VEHICLE, 50)
     angle = np.linspace(0, 2 * np.pi, 10, endpoint=False)
     ring = np.stack([np.cos(angle), np.sin(angle)], 1)
     disc = np.column_stack([ring * 0.7 * r, np.full(10, wide / 2 - 0.02)])
@@ -391,9 +389,8 @@ def _car_glass(paint: Livery, pillars: tuple[float, ...]) -> None:
     paint.fill("left right", glass, GLASS)
     shine = [(a, z) for a, z in glass if z > body.belt + 0.25]
     if len(shine) > 2:
-        paint.fill(
-            "left right", [(shine[0][0], body.belt + 0.3), *shine, (shine[-1][0], body.belt + 0.3)], (74, 88, 102)
-        )
+        shape = [(shine[0][0], body.belt + 0.3), *shine, (shine[-1][0], body.belt + 0.3)]
+        paint.fill("left right", shape, (74, 88, 102))
     for pillar in pillars:
         z = float(body.top(pillar))
         paint.fill(

@@ -240,10 +240,8 @@ def make_traffic_cone(rng: np.random.Generator) -> Mesh:
         paint = bands([colour, white, colour, white, colour], [low, low + wide, low + wide + 0.12, low + 2 * wide])
     foot = pick(rng, (colour, (34, 34, 36)))
     tip = draw(rng, 8, 13)
-    cone = revolve(
-        [(radius, 12), *np.linspace((radius - 4, 18), (tip, high), 8), (tip - 3, high), (tip - 4, high - 12)],
-        36, paint, "plastic",
-    )  # fmt: skip
+    profile = [(radius, 12), *np.linspace((radius - 4, 18), (tip, high), 8), (tip - 3, high), (tip - 4, high - 12)]
+    cone = revolve(profile, 36, paint, "plastic")
     base = block((2 * half, 2 * half, 12), (0, 0, 6), foot, "rubber", 3)
     return finish([cone, *base, disc(tip - 4, high - 12, (30, 24, 20), "plastic")])
 
@@ -269,16 +267,13 @@ def make_candle(rng: np.random.Generator) -> Mesh:
             )
         )
     top = foot + long
-    parts.append(revolve(
-        [(radius, foot), (radius, top - 4), (radius - 2, top), (radius * 0.7, top - 2), (0, top - 4)],
-        28, wax, "ceramic",
-    ))  # fmt: skip
+    profile = [(radius, foot), (radius, top - 4), (radius - 2, top), (radius * 0.7, top - 2), (0, top - 4)]
+    parts.append(revolve(profile, 28, wax, "ceramic"))
     for _ in range(int(rng.integers(0, 6))):
         bearing, run = draw(rng, 0, 2 * np.pi), draw(rng, 0.1, 0.5) * long
         x, y = radius * np.cos(bearing), radius * np.sin(bearing)
-        parts += rod(
-            [(x * 0.8, y * 0.8, top - 1), (x, y, top - 6), (x, y, top - run)], [2, 2.4, 2, 3.2], wax, "ceramic", 8, 8
-        )
+        path = [(x * 0.8, y * 0.8, top - 1), (x, y, top - 6), (x, y, top - run)]
+        parts += rod(path, [2, 2.4, 2, 3.2], wax, "ceramic", 8, 8)
     parts += rod([(0, 0, top - 5), (0, 0, top + 10)], 1.4, (24, 20, 18), "cloth", segments=6)
     if chance(rng, 0.8):
         flame = bands([(255, 150, 30), (255, 214, 80), (255, 246, 190), (255, 190, 50)], [0.2, 0.45, 0.8])
@@ -374,9 +369,8 @@ def make_hourglass(rng: np.random.Generator) -> Mesh:
     )  # fmt: skip
     clear, filled = vary(rng, (204, 218, 218), 6), draw(rng, 0.08, 0.34)
     middle, thick = high / 2, 9.0
-    bulb = smooth_curve(
-        [(radius * 0.5, thick), (radius, thick + 16), (radius * 0.94, middle * 0.6), (neck, middle)], 16
-    )
+    points = [(radius * 0.5, thick), (radius, thick + 16), (radius * 0.94, middle * 0.6), (neck, middle)]
+    bulb = smooth_curve(points, 16)
     outline = np.vstack([bulb, (bulb[::-1] * [1, -1] + [0, high])[1:]])
     top = 0.5 + 0.42 * draw(rng, 0.1, 0.8)
     glass = bands([sand, clear, sand, clear], [filled, 0.5, top])

@@ -75,10 +75,8 @@ def make_minivan(rng: np.random.Generator) -> Mesh:
         parts += block((3, 9, 20), (-133, y * (half - 9), belt - 10), (190, 24, 28), "glass", 1)
         parts += block((7, 8, 7), (74, y * (half + 4), belt + 4), colour, "paint", 2)
         if chance(rng, 0.7):
-            parts += rod(
-                [(-100, y * (half - 14), roof + 4), (30, y * (half - 14), roof + 4)],
-                2, (40, 40, 42), "metal", segments=6,
-            )  # fmt: skip
+            path = [(-100, y * (half - 14), roof + 4), (30, y * (half - 14), roof + 4)]
+            parts += rod(path, 2, (40, 40, 42), "metal", segments=6)
         parts += block((150, 0.8, 1.2), (-35, y * (half + 0.3), belt - 12), shade(colour, 0.5))
         for x in (44, -18, -76):
             parts += block((0.9, 0.8, belt - 28), (x, y * (half + 0.3), belt / 2 + 8), shade(colour, 0.5))
@@ -113,10 +111,8 @@ def make_gokart(rng: np.random.Generator) -> Mesh:
     colour, frame = pick_colour(rng, "bright"), pick_colour(rng, "dark", "bright", "steel")
     half, long = draw(rng, 52, 62), draw(rng, 88, 102)
     radius = draw(rng, 19, 24)
-    parts = wheels(
-        [(long - 16, half + 12, radius, 24), (-long + 18, half + 12, radius + 2, 32)],
-        pick_colour(rng, "steel", "bright"),
-    )
+    places = [(long - 16, half + 12, radius, 24), (-long + 18, half + 12, radius + 2, 32)]
+    parts = wheels(places, pick_colour(rng, "steel", "bright"))
     parts += rod([(-long + 18, -half, radius), (-long + 18, half, radius)], 4, frame, "metal")
     parts += rod([(long - 16, -half, radius), (long - 16, half, radius)], 3, frame, "metal")
     parts += block((1.7 * long, 46, 3), (0, 0, 12), (60, 62, 66), "metal")
@@ -171,10 +167,8 @@ def make_tractor(rng: np.random.Generator) -> Mesh:
             lug = turned(block((9, 17, 9), (0, 9 if k % 2 else -9, big), RUBBER, "rubber"), "y", 22.5 * k)
             parts += moved(lug, rear, side * 54, big)
     parts += block((150, 34, 26), (18, 0, floor - 8), (64, 66, 70), "metal", 3)
-    hood = hull(
-        [(-2, 46, 48, floor + 22, 6), (front - 8, 42, 44, floor + 20, 6), (front + 16, 38, 38, floor + 18, 5)],
-        colour, count=6,
-    )  # fmt: skip
+    stations = [(-2, 46, 48, floor + 22, 6), (front - 8, 42, 44, floor + 20, 6), (front + 16, 38, 38, floor + 18, 5)]
+    hood = hull(stations, colour, count=6)
     grille = block((2, 28, 28), (front + 16.5, 0, floor + 18), (26, 26, 28), "metal")
     parts += [*hood, *grille, *rod([(front, 0, floor), (front, 0, small)], 8, (64, 66, 70), "metal")]
     parts += rod([(front, -44, small), (front, 44, small)], 5, (64, 66, 70), "metal")
@@ -188,9 +182,8 @@ def make_tractor(rng: np.random.Generator) -> Mesh:
         ]  # fmt: skip
         skin = net_part(rows, colour, "paint")
         parts += [skin.flipped(), skin.moved(z=-0.8)]
-    stack = rod(
-        [(front * 0.5, 12, floor + 40), (front * 0.5, 12, floor + 96)], [4, 6, 6, 3.5], (40, 40, 42), "metal", 8
-    )
+    path = [(front * 0.5, 12, floor + 40), (front * 0.5, 12, floor + 96)]
+    stack = rod(path, [4, 6, 6, 3.5], (40, 40, 42), "metal", 8)
     parts += [*stack, *block((36, 36, 10), (rear + 6, 0, floor + 20), (30, 30, 32), "rubber", 3)]
     parts += block((8, 36, 34), (rear - 14, 0, floor + 40), (30, 30, 32), "rubber", 3)
     turn = np.linspace(0, 2 * np.pi, 15)
@@ -210,9 +203,8 @@ def _cab(rng: np.random.Generator, colour: Colour, floor: float, rear: float) ->
     low, top = floor + 14, floor + high
     parts = block((70, 64, 8), (rear + 18, 0, top + 3), pick(rng, (colour, (240, 240, 236))), "paint", 3)
     for x in (rear - 12, rear + 46):
-        parts += mirrored(
-            rod([(x, 28, low), (x * 0.96, 26, top)], 2.8, pick(rng, (colour, RUBBER)), "paint", segments=8)
-        )
+        path = [(x, 28, low), (x * 0.96, 26, top)]
+        parts += mirrored(rod(path, 2.8, pick(rng, (colour, RUBBER)), "paint", segments=8))
     if kind == "cab":
         parts += block((56, 50, top - low), (rear + 17, 0, (top + low) / 2), GLASS, "glass")
     return parts
@@ -264,9 +256,8 @@ def _arms(joints: list[tuple[float, float, float, float]], z: float) -> list[Par
     for x, inner, outer, spread in joints:
         for height in (z - 7, z + 7):
             for side in (-1, 1):
-                parts += rod(
-                    [(x + side * spread, inner, height), (x, outer, height)], 1.5, (34, 34, 38), "metal", segments=6
-                )
+                path = [(x + side * spread, inner, height), (x, outer, height)]
+                parts += rod(path, 1.5, (34, 34, 38), "metal", segments=6)
     return mirrored(parts)
 
 
@@ -284,18 +275,16 @@ def _open_wheeler(rng: np.random.Generator) -> list[Part]:
     parts += [ball(1, (18, 18, 20), "plastic", 18, 6, (24, 13, 3)).moved(6, 0, 38), *_helmet(rng, -2, 47)]
     half = draw(rng, 58, 66)
     share = pick(rng, (0, 5, 6))
-    parts += wheels(
-        [(front, half - 8, tyre, 20), (rear, half - 12, tyre + 3, 28)], pick_colour(rng, "steel", "bright"), share
-    )
+    places = [(front, half - 8, tyre, 20), (rear, half - 12, tyre + 3, 28)]
+    parts += wheels(places, pick_colour(rng, "steel", "bright"), share)
     parts += _arms([(front, wide * 0.25, half - 14, 12), (rear, wide * 0.3, half - 20, 12)], tyre)
     parts += block((22, draw(rng, 100, 124), 3), (124, 0, 10), other, "paint", 1)
     parts += mirrored(slab([(108, 6), (136, 6), (136, 18), (108, 24)], 2, main, "paint", 58))
     high = draw(rng, 58, 76)
     for z, pitch in ((high, 8), (high + 9, 24))[: pick(rng, (1, 2))]:
         parts += moved(turned(block((28, 96, 3), (0, 0, 0), other, "paint", 1), "y", pitch), -120, 0, z)
-    parts += mirrored(
-        slab([(-136, high - 16), (-104, high - 14), (-104, high + 12), (-136, high + 14)], 2.4, main, "paint", 48)
-    )
+    outline = [(-136, high - 16), (-104, high - 14), (-104, high + 12), (-136, high + 14)]
+    parts += mirrored(slab(outline, 2.4, main, "paint", 48))
     parts += mirrored(slab([(-122, 24), (-114, 24), (-114, high), (-122, high)], 2, (40, 40, 44), "paint", 6))
     parts += moved(turned(block((20, 16, 0.8), (0, 0, 0), _number(rng)), "y", 12), 84, 0, 29)
     if chance(rng, 0.5):
@@ -319,9 +308,8 @@ def _cigar(rng: np.random.Generator) -> list[Part]:
     ]
     parts += [*_helmet(rng, -34, 62), ball(1, (150, 170, 180), "glass", 16, 8, (6, 15, 12)).moved(2, 0, 52)]
     parts += hull([(-74, 5, 8, 54, 2), (-46, 16, 26, 52, 2.2)], main, count=4, around=14)
-    parts += wheels(
-        [(82, half, tyre - 2, 14), (-84, half, tyre, 18)], pick_colour(rng, "steel"), int(rng.integers(12, 20)), 0.76
-    )
+    places = [(82, half, tyre - 2, 14), (-84, half, tyre, 18)]
+    parts += wheels(places, pick_colour(rng, "steel"), int(rng.integers(12, 20)), 0.76)
     parts += _arms([(82, wide * 0.3, half, 14), (-84, wide * 0.3, half, 14)], tyre)
     for y in (1, -1):
         pipe = [(-10, y * wide * 0.5, 30), (-60, y * (wide * 0.5 + 4), 28), (-132, y * (wide * 0.4), 28)]
@@ -344,14 +332,12 @@ def _prototype(rng: np.random.Generator) -> list[Part]:
     cabin = ball(1, GLASS, "glass", 22, 10, (44, 24, 24)).moved(4, 0, 32)
     spine = hull([(-118, 6, 8, 36, 2), (-60, 26, 22, 38, 2.4), (-4, 34, 26, 42, 2.6)], main, count=10, around=20)
     parts = [*body, *arches, cabin, *spine]
-    parts += wheels(
-        [(80, wide * 0.5 - 7, tyre, 18), (-82, wide * 0.5 - 7, tyre, 20)], pick_colour(rng, "steel", "brass"), 5
-    )
+    places = [(80, wide * 0.5 - 7, tyre, 18), (-82, wide * 0.5 - 7, tyre, 20)]
+    parts += wheels(places, pick_colour(rng, "steel", "brass"), 5)
     high = draw(rng, 56, 70)
     parts += moved(turned(block((26, wide, 3), (0, 0, 0), other, "paint", 1), "y", 8), -122, 0, high)
-    parts += mirrored(
-        slab([(-138, high - 14), (-106, high - 14), (-106, high + 6), (-138, high + 8)], 2.4, main, "paint", wide / 2)
-    )
+    outline = [(-138, high - 14), (-106, high - 14), (-106, high + 6), (-138, high + 8)]
+    parts += mirrored(slab(outline, 2.4, main, "paint", wide / 2))
     parts += mirrored(slab([(-126, 30), (-116, 30), (-116, high), (-126, high)], 2, RUBBER, "paint", 18))
     parts += mirrored(block((10, 18, 6), (112, wide * 0.34, 19), LAMP, "glass", 2))
     parts += moved(turned(block((34, 34, 0.8), (0, 0, 0), _number(rng)), "y", 9), 88, 0, 31.5)

@@ -211,9 +211,8 @@ def make_coffee_mug(rng: np.random.Generator) -> Mesh:
     """A cylinder with a C-shaped handle, often with coffee in it."""
     radius, flare, high = draw(rng, 38, 48), draw(rng, 0.88, 1.12), draw(rng, 80, 112)
     colour = pick_colour(rng, "ceramic", "pale", "bright")
-    outline = smooth_curve(
-        [(radius * 0.9, 0), (radius, 6), (radius * (1 + flare) / 2, high * 0.5), (radius * flare, high)], 16
-    )
+    points = [(radius * 0.9, 0), (radius, 6), (radius * (1 + flare) / 2, high * 0.5), (radius * flare, high)]
+    outline = smooth_curve(points, 16)
     coffee: tuple[float, Paint, str] | None = None
     if chance(rng, 0.6):
         coffee = draw(rng, 0.7, 0.9), vary(rng, pick(rng, ((46, 26, 16), (150, 104, 66), (96, 56, 34)))), "glass"
