@@ -150,15 +150,13 @@ def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Col
     high = np.array([(b - 0.05, -0.05 - 0.2 * (k % 2), 7.2) for k, (_, b) in enumerate(panels)])
     glass = looks.plain((96, 116, 128), "gloss")
     dark = looks.plain((36, 38, 40), "matte")
-    back = place(
-        merge(boxes((-half, -0.02, 0), (half, 0, eaves), skin, B), polygon(front, 0.0, skin, B)), (0, depth, 0.0), 180.0
-    )
+    back = merge(boxes((-half, -0.02, 0), (half, 0, eaves), skin, B), polygon(front, 0.0, skin, B))
     return merge(
         boxes(low, high, skin, B),
         boxes(low * [1, 1, 0] + [0.4, -0.03, 4.6], high * [1, 0, 0] + low * [0, 1, 0] + [-0.4, 0, 5.9], glass, B),
         box((-half, half), (-0.4, 0.0), (7.2, 8.0), looks.plain((210, 208, 200)), B),
         polygon(front, 0.0, skin, B),
-        back,
+        place(back, (0, depth, 0.0), 180.0),
         boxes([(-half, 0, 0), (half - 0.3, 0, 0)], [(-half + 0.3, depth, eaves), (half, depth, eaves)], skin, B),
         quads(bow, roof, SceneClass.ROOF),
         quads(bow[:, ::-1] - [0, 0, 0.1], dark, SceneClass.ROOF),

@@ -152,14 +152,8 @@ def air_conditioner(looks: Looks, rng: np.random.Generator) -> Piece:
         canvas.disc(0.5, 0.5, 0.44, (40, 42, 44))
         for k in range(6):
             a = 2 * np.pi * k / 6
-            canvas.fill(
-                [
-                    (0.5, 0.5),
-                    (0.5 + 0.4 * np.cos(a), 0.5 + 0.4 * np.sin(a)),
-                    (0.5 + 0.4 * np.cos(a + 0.5), 0.5 + 0.4 * np.sin(a + 0.5)),
-                ],
-                (96, 98, 98),
-            )
+            tips = [(0.5 + 0.4 * np.cos(b), 0.5 + 0.4 * np.sin(b)) for b in (a, a + 0.5)]
+            canvas.fill([(0.5, 0.5), *tips], (96, 98, 98))
         for r in (0.15, 0.3, 0.43):
             canvas.disc(0.5, 0.5, r, (180, 180, 178), ring_m=0.015)
         fan = looks.add(Material("fan", canvas.texture(), 0.5))
@@ -323,22 +317,16 @@ def _entrance(x: float, looks: Looks, trim: Skin, rng: np.random.Generator) -> P
     wood = looks.plain(_pick(((92, 30, 26), (28, 52, 40), (40, 34, 30), (24, 40, 76), (96, 62, 36)), rng), "gloss")
     steps = np.array([(x - 0.9 - 0.1 * k, -1.2 + 0.3 * k - 0.12, 0.17 * k) for k in range(3)])
     tops = np.array([(x + 0.9 + 0.1 * k, 0.0, 0.17 * (k + 1)) for k in range(3)])
+    low = [(x - 0.85, -0.2, 0.5), (x + 0.6, -0.2, 0.5), (x - 0.95, -0.3, 2.9)]
+    high = [(x - 0.6, 0, 2.9), (x + 0.85, 0, 2.9), (x + 0.95, 0, 3.2)]
+    across = ((x - 0.45, x - 0.08), (x + 0.08, x + 0.45))
+    leaves = [(a, c, b, d) for c, d in ((0.65, 1.4), (1.55, 2.35)) for a, b in across]
     return merge(
         boxes(steps, tops, trim, BUILDING, without=("bottom", "back")),
-        boxes(
-            [(x - 0.85, -0.2, 0.5), (x + 0.6, -0.2, 0.5), (x - 0.95, -0.3, 2.9)],
-            [(x - 0.6, 0, 2.9), (x + 0.85, 0, 2.9), (x + 0.95, 0, 3.2)],
-            trim, BUILDING, ("back",),
-        ),
+        boxes(low, high, trim, BUILDING, ("back",)),
         wall_quads((x - 0.6, 0.5, x + 0.6, 2.5), -0.03, wood, BUILDING),
         wall_quads((x - 0.6, 2.5, x + 0.6, 2.9), -0.03, looks.plain((150, 168, 176), "gloss"), BUILDING),
-        wall_quads(
-            [
-                (x - 0.45, 0.65, x - 0.08, 1.4), (x + 0.08, 0.65, x + 0.45, 1.4), (x - 0.45, 1.55, x - 0.08, 2.35),
-                (x + 0.08, 1.55, x + 0.45, 2.35),
-            ],
-            -0.04, looks.plain((60, 44, 34), "gloss"), BUILDING,
-        ),
+        wall_quads(leaves, -0.04, looks.plain((60, 44, 34), "gloss"), BUILDING),
     )  # fmt: skip
 
 

@@ -204,21 +204,10 @@ def towers(low: np.ndarray, high: np.ndarray, looks: Looks, rng: np.random.Gener
             bays = np.maximum(np.round((x1 - x0) / BAY_M), 1) / BAYS
             start = rng.integers(0, BAYS, len(a)) / BAYS
             corner = {0: ((0, 1), (1, 1)), 1: ((1, 1), (1, 0)), 2: ((1, 0), (0, 0)), 3: ((0, 0), (0, 1))}[side]
-            points = [
-                np.column_stack([np.where(px, b[:, 0], a[:, 0]), np.where(py, a[:, 1], b[:, 1])]) for px, py in corner
-            ]
-            rows = [
-                np.column_stack([points[0], a[:, 2]]), np.column_stack([points[1], a[:, 2]]),
-                np.column_stack([points[1], b[:, 2]]), np.column_stack([points[0], b[:, 2]]),
-            ]  # fmt: skip
-            zero = np.zeros(len(a))
-            uv = np.stack(
-                [
-                    np.column_stack([start, zero]), np.column_stack([start + bays, zero]),
-                    np.column_stack([start + bays, floors]), np.column_stack([start, floors]),
-                ],
-                1,
-            )  # fmt: skip
+            left, right = ((np.where(px, b[:, 0], a[:, 0]), np.where(py, a[:, 1], b[:, 1])) for px, py in corner)
+            rows = [xyz(*left, a[:, 2]), xyz(*right, a[:, 2]), xyz(*right, b[:, 2]), xyz(*left, b[:, 2])]
+            up = np.stack([0 * floors, 0 * floors, floors, floors], 1)
+            uv = np.stack([np.stack([start, start + bays, start + bays, start], 1), up], 2)
             pieces.append(quads(np.stack(rows, 1), skin, FAR, uv))
         rect = np.column_stack([a[:, :2], b[:, :2]])
         pieces.append(floor_quads(rect, b[:, 2], felt, FAR))

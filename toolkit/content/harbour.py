@@ -209,15 +209,8 @@ def _quay(looks: Looks) -> Piece:
     """The quay's deck, its wall down to the water with fenders and ladders, and the land behind."""
     x, back = QUAY_X, QUAY_BACK_Y
     concrete, stone = concrete_apron(looks), wall(looks, "ashlar", STONES[3])
-    tyre = solid(
-        [
-            revolve([(0.3, -0.15), (0.55, -0.15), (0.6, 0), (0.55, 0.15), (0.3, 0.15), (0.3, -0.15)], 14).rotated(
-                "x", 90
-            )
-        ],
-        looks.plain((28, 28, 30), "matte"),
-        F,
-    )
+    ring = revolve([(0.3, -0.15), (0.55, -0.15), (0.6, 0), (0.55, 0.15), (0.3, 0.15), (0.3, -0.15)], 14)
+    tyre = solid([ring.rotated("x", 90)], looks.plain((28, 28, 30), "matte"), F)
     tyres = np.array([(px, -0.2, -0.9) for px in np.arange(-x + 5, x, 10.0)])
     rungs = np.array([(px, -0.12, z) for px in np.arange(-x + 20, x, 40.0) for z in np.arange(-2.2, 0, 0.3)])
     profile = [(0.22, 0), (0.2, 0.35), (0.34, 0.42), (0.34, 0.52), (0.01, 0.6)]
@@ -318,13 +311,9 @@ def _pier(looks: Looks) -> Piece:
 def lighthouse(looks: Looks) -> Piece:
     """A banded tower 22 m high on a mole of stone."""
     stone = wall(looks, "ashlar", STONES[3])
+    tones = [looks.plain(tone) for tone in ((236, 236, 230), (190, 34, 34))]
     bands = [
-        revolved(
-            [(2.6 - 0.055 * z, 2.6 + z), (2.6 - 0.055 * (z + 4), 6.6 + z)],
-            20,
-            looks.plain(((236, 236, 230), (190, 34, 34))[k % 2]),
-            B,
-        )
+        revolved([(2.6 - 0.055 * z, 2.6 + z), (2.6 - 0.055 * (z + 4), 6.6 + z)], 20, tones[k % 2], B)
         for k, z in enumerate((0, 4, 8, 12))
     ]
     return merge(

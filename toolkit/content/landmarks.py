@@ -188,29 +188,20 @@ def church(looks: Looks) -> House:
     )
     middle = (x0 + x1) / 2
     gable = np.array([(x0, 0), (x1, 0), (x1, eaves), (middle, ridge), (x0, eaves)])
-    over = 0.5
-    slopes = [
+    y, low, high = (y0 - 0.3, y1 + 0.3), eaves - 0.5, ridge + 0.15
+    slopes = np.array(
         [
-            (x0 - over, y0 - 0.3, eaves - 0.5), (middle, y0 - 0.3, ridge + 0.15), (middle, y1 + 0.3, ridge + 0.15),
-            (x0 - over, y1 + 0.3, eaves - 0.5),
-        ][::-1],
-        [
-            (x1 + over, y0 - 0.3, eaves - 0.5), (middle, y0 - 0.3, ridge + 0.15), (middle, y1 + 0.3, ridge + 0.15),
-            (x1 + over, y1 + 0.3, eaves - 0.5),
-        ],
-    ]  # fmt: skip
-    slopes = [
-        slope[::-1] if np.cross(np.subtract(slope[1], slope[0]), np.subtract(slope[2], slope[0]))[2] < 0 else slope
-        for slope in slopes
-    ]
+            [(x, y[a], low), (middle, y[a], high), (middle, y[b], high), (x, y[b], low)]
+            for x, a, b in ((x0 - 0.5, 0, 1), (x1 + 0.5, 1, 0))
+        ]
+    )
     east = merge(
         polygon(gable[::1] - [middle, 0], 0.0, stone, B), _lancets(np.array([-3.4, 0, 3.4]), (3, 8.5), 1.8, trim, looks)
     )
     pieces = [
         place(side, [(x0, y1, 0.0), (x1, y0, 0.0)], [270.0, 90.0]),
-        polygon(gable, y0, stone, B), place(east, (middle, y1, 0.0), 180.0), quads(np.array(slopes, float), slate, R),
-        quads(np.array(slopes, float)[:, ::-1] - [0, 0, 0.06], trim, R),
-        _tower(looks, stone, trim).moved(middle, 3.2, 0),
+        polygon(gable, y0, stone, B), place(east, (middle, y1, 0.0), 180.0), quads(slopes, slate, R),
+        quads(slopes[:, ::-1] - [0, 0, 0.06], trim, R), _tower(looks, stone, trim).moved(middle, 3.2, 0),
     ]  # fmt: skip
     solids = [[x0, y0, 0, x1, y1, eaves]]
     for k in range(4):  # the attic in steps
@@ -331,38 +322,27 @@ def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -
     low = xyz(fins - 0.22, -0.5, 5.6)
     doors = np.linspace(middle - 3, middle + 3, 5)
     bulbs = np.array([(middle - 4.4 + 0.4 * k, -3.06, z) for k in range(23) for z in (3.62, 5.38)])
+    end = board(2.7, 1.3, marquee, SIGN, 0.0, both=False)
+    beside = np.array([(middle - 9.5, 0.7, middle - 3.8, 2.6), (middle + 3.8, 0.7, middle + 9.5, 2.6)])
     door_cells = np.array([(a + 0.06, 0.1, b - 0.06, 2.6) for a, b in pairwise(doors)])
     pieces = [
         wall_quads((0, 0, width, height), 0.0, render, B),
         boxes(low, low + np.array([0.44, 0.5, height + 0.6 - 5.6]), trim, B, ("bottom", "back")),
         box((middle - 4.5, middle + 4.5), (-3.0, 0.0), (3.55, 5.45), looks.plain((150, 18, 28)), B),
         board(7.0, 1.5, marquee, SIGN, 0.0, both=False).moved(middle, -3.02, 4.5),
-        place(
-            board(2.7, 1.3, marquee, SIGN, 0.0, both=False),
-            [(middle + 4.52, -1.5, 4.5), (middle - 4.52, -1.5, 4.5)],
-            [90.0, 270.0],
-        ),
+        place(end, [(middle + 4.52, -1.5, 4.5), (middle - 4.52, -1.5, 4.5)], [90.0, 270.0]),
         boxes(bulbs - 0.06, bulbs + 0.06, lit, SIGN, ()),
         wall_quads(door_cells, -0.05, looks.plain((60, 46, 36), "gloss"), B),
-        wall_quads(
-            door_cells * [1, 1, 1, 1] + np.array([0.15, 0.9, -0.15, -0.3]),
-            -0.07, looks.plain((230, 200, 140), "lamp"), B,
-        ),
-        wall_quads(
-            np.array([
-                (middle - 9.5, 0.7, middle - 3.8, 2.6), (middle + 3.8, 0.7, middle + 9.5, 2.6),
-            ]).clip([0.3, 0, 0.3, 0], [width - 0.3, 9, width - 0.3, 9]),
-            -0.06, bills, SIGN, fit=True,
-        ),
+        wall_quads(door_cells + [0.15, 0.9, -0.15, -0.3], -0.07, looks.plain((230, 200, 140), "lamp"), B),
+        wall_quads(beside.clip([0.3, 0, 0.3, 0], [width - 0.3, 9, width - 0.3, 9]), -0.06, bills, SIGN, fit=True),
         place(board(1.4, 7.5, upright, SIGN, 0.3), (middle + 5.6, -1.0, 9.6), 90.0),
         box((middle + 5.44, middle + 5.76), (-0.3, 0.0), (6.5, 12.8), trim, B),
         cornice(width, height, trim, 0.4, dentils=False, ends=False),
     ]  # fmt: skip
-    pieces.append(wall_quads([(0.6, 6.5 + 2.6 * k, middle - 5.2, 8.2 + 2.6 * k) for k in range(3)], -0.04, trim, B))
-    rects = [(middle + 6.6, 6.5 + 2.6 * k, width - 0.6, 8.2 + 2.6 * k) for k in range(3)]
-    pieces.append(wall_quads(rects, -0.04, trim, B))
-    plain = set_round(width, depth, lambda k, span: wall_quads((0, 0, span, height), 0.0, brick, B) if k else EMPTY)
-    pieces.append(plain)
+    for x0, x1 in ((0.6, middle - 5.2), (middle + 6.6, width - 0.6)):
+        pieces.append(wall_quads([(x0, 6.5 + 2.6 * k, x1, 8.2 + 2.6 * k) for k in range(3)], -0.04, trim, B))
+    sides = set_round(width, depth, lambda k, span: wall_quads((0, 0, span, height), 0.0, brick, B) if k else EMPTY)
+    pieces.append(sides)
     pieces.append(flat_roof(Roof(width, depth, height), brick, trim, looks, rng))
     return House(merge(*pieces), np.array([[0, 0, 0, width, depth, height]]))
 

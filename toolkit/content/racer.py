@@ -177,14 +177,8 @@ def _floor() -> list[Part]:
 
 
 def _gearbox() -> list[Part]:
-    case = loft(
-        [
-            superellipse(width, height, 3, 24, x, 0, 19)
-            for x, width, height in [(-122, 11, 12), (-119, 15, 16), (-108, 19, 19), (-100, 22, 20)]
-        ],
-        METAL,
-        "metal",
-    )
+    rings = [(-122, 11, 12), (-119, 15, 16), (-108, 19, 19), (-100, 22, 20)]
+    case = loft([superellipse(width, height, 3, 24, x, 0, 19) for x, width, height in rings], METAL, "metal")
     light = [part.moved(-123, 0, 19) for part in box((3, 7, 5), 0.8, (230, 30, 30), "glass")]
     pipes = []
     for side in (1, -1):
