@@ -65,8 +65,7 @@ def build_apron(seed: int = 0) -> World:
         solids.append([x - 23.0, 58.0, 0, x + 23.0, 92.0, 8.0])
     pieces.append(_control_tower(looks).moved(92, 70, 0))
     solids += [[89.0, 67.0, 0, 95.0, 73.0, 22.0], [80.0, 62.0, 0, 104.0, 78.0, 7.0]]
-    pieces.append(_apron_things(looks, rng, stands))
-    pieces += [tree_line(looks, rng, 330.0, 480.0, 120), hills(looks, rng)]
+    pieces += [_apron_things(looks, rng, stands), tree_line(looks, rng, 330.0, 480.0, 120), hills(looks, rng)]
     spots = [Spot(f"stand-{k + 1}", "apron", (float(x), 8.0, 0.0), 15.0, 90.0, "ground") for k, x in enumerate(stands)]
     spots.append(Spot("taxiway", "apron", (14.0, -55.0, 0.0), 14.0, 0.0, "ground"))
     spots.append(Spot("verge", "grass", (0.0, -110.0, 0.0), 20.0, 0.0, "ground"))
@@ -155,19 +154,17 @@ def _hangar(looks: Looks, width: float, depth: float, height: float, colour: Col
         boxes(low, high, skin, B),
         boxes(low * [1, 1, 0] + [0.4, -0.03, 4.6], high * [1, 0, 0] + low * [0, 1, 0] + [-0.4, 0, 5.9], glass, B),
         box((-half, half), (-0.4, 0.0), (7.2, 8.0), looks.plain((210, 208, 200)), B),
-        polygon(front, 0.0, skin, B),
-        place(back, (0, depth, 0.0), 180.0),
+        polygon(front, 0.0, skin, B), place(back, (0, depth, 0.0), 180.0),
         boxes([(-half, 0, 0), (half - 0.3, 0, 0)], [(-half + 0.3, depth, eaves), (half, depth, eaves)], skin, B),
         quads(bow, roof, SceneClass.ROOF),
         quads(bow[:, ::-1] - [0, 0, 0.1], dark, SceneClass.ROOF),
         floor_quads((-half, 0, half, depth), 0.02, dark, SceneClass.GROUND),
         box((-half + 1.0, half - 1.0), (0.5, 0.6), (0, 7.2), dark, B),
         board(6, 3, name, SceneClass.SIGN, 0.0, both=False).moved(0, -0.05, eaves + 2.2),
-    )
+    )  # fmt: skip
 
 
 def _control_tower(looks: Looks) -> Piece:
-    """A concrete shaft with a glazed cab, and a low terminal at its foot."""
     white, green = wall(looks, "render", (226, 222, 210)), looks.plain((96, 140, 136), "gloss")
     frame, glass = looks.plain((60, 64, 66)), pane_sheet(looks, "curtain-green")
     angle = np.radians(22.5) + np.linspace(0, 2 * np.pi, 9)
@@ -206,8 +203,7 @@ def _apron_things(looks: Looks, rng: np.random.Generator, stands: np.ndarray) ->
     ]  # fmt: skip
     pieces = [place(piece, (*at, 0.0), yaw) for piece, at, yaw in placed]
     cones = np.array([(x + dx, dy, 0.0) for x in stands for dx, dy in ((-17, -9), (17, -9), (-17, 25), (17, 25))])
-    pieces.append(place(traffic_cone(looks), cones))
-    pieces.append(place(barrier(looks), [(x + 21.5, 30.0, 0.0) for x in stands]))
+    pieces += [place(traffic_cone(looks), cones), place(barrier(looks), [(x + 21.5, 30.0, 0.0) for x in stands])]
     steel, lamp = looks.plain((150, 154, 156)), looks.plain((255, 250, 230), "lamp")
     for x in (-112.0, -56.0, 0.0, 56.0, 112.0):
         heads = np.array([(x + dx, 44.0, 17.6) for dx in (-1.5, -0.5, 0.5, 1.5)])

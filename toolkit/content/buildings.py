@@ -14,6 +14,7 @@ from toolkit.content.drawing import Canvas, finish, fractal
 from toolkit.content.facades import SHOP_FLOOR_M, Facade, bay_edges, cornice, shop_row, windowed_wall
 from toolkit.content.modelling import revolve
 from toolkit.content.pieces import (
+    UNIT,
     Looks,
     Piece,
     Skin,
@@ -117,7 +118,6 @@ def landing_pad(radius: float, looks: Looks) -> Piece:
         skin = looks.add(Material(name, finish(worn), 0.8))
     r = radius
     top = np.array([[(-r, -r, 0.25), (r, -r, 0.25), (r, r, 0.25), (-r, r, 0.25)]])
-    uv = np.array([[(0, 0), (1, 0), (1, 1), (0, 1)]], float)
     edge = looks.plain((150, 150, 146))
     side = np.linspace(-r, r, 5)[:-1] + r / 4
     at = np.array([
@@ -127,7 +127,7 @@ def landing_pad(radius: float, looks: Looks) -> Piece:
         for k in (0, 1)
     ])  # fmt: skip
     return merge(
-        quads(top, skin, SceneClass.PAD, uv),
+        quads(top, skin, SceneClass.PAD, UNIT),
         boxes([-r, -r, 0.0], [r, r, 0.25], edge, SceneClass.PAD, without=("top", "bottom")),
         boxes(at - [0.08, 0.08, 0], at + [0.08, 0.08, 0.1], looks.plain((250, 210, 90), "lamp"), SceneClass.PAD),
     )
@@ -301,7 +301,6 @@ def _finish(
 
 
 def _party_wall(width: float, height: float, skin: Skin, looks: Looks, rng: np.random.Generator) -> Piece:
-    """A blank wall to the neighbour, sometimes with an advertisement painted high up on it."""
     bare = wall_quads((0, 0, width, height), 0.0, skin, BUILDING)
     if width < 11 or height < 11 or rng.random() > 0.45:
         return bare
@@ -393,7 +392,6 @@ def warehouse(lot: Lot, looks: Looks, rng: np.random.Generator) -> House:
 def _apartments(
     lot: Lot, style: Facade, looks: Looks, rng: np.random.Generator, *, shops: bool, crown: bool = True
 ) -> House:
-    """A house of floors alike over a ground floor of shops or with an entrance."""
     ground = SHOP_FLOOR_M if shops else 0.6
     floors = lot.floors + (0 if shops else 1)
     height = ground + floors * style.floor_m + 0.35
@@ -479,9 +477,8 @@ def _lobby(width: float, height: float, panes: Skin, metal: Skin, stone: Skin, r
     return merge(
         quads(face, panes, BUILDING, pane_uv(rng, count)),
         boxes(low, low + [0.6, back, height], stone, BUILDING, without=("bottom", "top")),
-        quads(ceiling, metal, BUILDING),
-        canopy,
-    )
+        quads(ceiling, metal, BUILDING), canopy,
+    )  # fmt: skip
 
 
 KINDS: dict[str, Builder] = {

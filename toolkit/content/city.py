@@ -134,7 +134,6 @@ def fill_block(block: Block, landmark: str | None, filling: Filling, rng: np.ran
 
 
 def _build_rows(area: Area, landmark: str | None, density: float, filling: Filling, rng: np.random.Generator) -> None:
-    """Houses along both streets, among them the filling station or the cinema."""
     x, y, width, depth = area
     if landmark == "station":
         filling.add(filling_station(24.0, filling.looks), x + 2, y + 1)
@@ -294,13 +293,12 @@ def build_city(seed: int = 0, blocks: tuple[int, int] = BLOCKS) -> World:
     ]
     core = np.array([(plan.north[0].at, plan.east[0].at), (plan.north[-1].at, plan.east[-1].at)])
     pieces = [
-        *filling.pieces,
-        build_streets(plan, looks),
+        *filling.pieces, build_streets(plan, looks),
         place_vehicles(plan, fleet, np.random.default_rng([seed, 22])),
         furnish_streets(plan, looks, np.random.default_rng([seed, 23])),
         hang_wires(plan, looks),
         _outskirts(plan, looks, np.random.default_rng([seed, 24])),
-    ]
+    ]  # fmt: skip
     mesh, face_class = mesh_of(merge(*pieces), looks)
     return World(
         "city", seed, mesh, face_class, tuple(spots + pads),
@@ -331,7 +329,6 @@ def _street_spots(plan: Plan, rng: np.random.Generator) -> list[Spot]:
 
 
 def _outskirts(plan: Plan, looks: Looks, rng: np.random.Generator) -> Piece:
-    """Ground to the horizon, and blocks with painted facades on the grid carried on outwards."""
     low = np.array([plan.north[0].at - plan.north[0].half, plan.east[0].at - plan.east[0].half])
     high = np.array([plan.north[-1].at + plan.north[-1].half, plan.east[-1].at + plan.east[-1].half])
     pieces = [surround(np.stack([low, high]), HORIZON_M, junction(looks), SceneClass.ROAD)]

@@ -62,9 +62,8 @@ def _body() -> list[Part]:
     rim = [(TOP_RADIUS_MM - 2, HEIGHT_MM - 1), *roll, (TOP_RADIUS_MM - 4, LID_MM)]
     return [
         revolve(wall, SEGMENTS, enamel_paint(NAVY, CREAM_SPECKS, seed=1), "enamel"),
-        revolve(foot, SEGMENTS, TRIM, "trim"),
-        revolve(rim, SEGMENTS, TRIM, "trim"),
-    ]
+        revolve(foot, SEGMENTS, TRIM, "trim"), revolve(rim, SEGMENTS, TRIM, "trim"),
+    ]  # fmt: skip
 
 
 def _wall_radius(z: float) -> float:
@@ -72,7 +71,6 @@ def _wall_radius(z: float) -> float:
 
 
 def _lid() -> list[Part]:
-    """A black edge and a lid that is nearly flat, so that paper lies on it."""
     r = LID_RADIUS_MM
     edge = np.array([(r - 4, -0.2), (r - 0.8, 0), (r + 1, 1.4), (r + 1, 2.6), (r - 0.6, 3.8), (r - 2.5, 4.2)])
     flat = np.linspace(r - 7, 0, 12)

@@ -331,9 +331,8 @@ def _tuft(looks: Looks) -> Piece:
     side *= 0.012 / np.linalg.norm(side, axis=1, keepdims=True)
     return quads(
         np.stack([foot - side, foot + side, foot + lean, foot + lean], 1),
-        looks.plain((122, 132, 62), "matte"),
-        SceneClass.TREE,
-    )
+        looks.plain((122, 132, 62), "matte"), SceneClass.TREE,
+    )  # fmt: skip
 
 
 def _barn(looks: Looks) -> Piece:

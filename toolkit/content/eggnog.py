@@ -10,19 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from PIL import Image, ImageDraw
 
+from toolkit.content.drawing import Colour
 from toolkit.content.modelling import Part, assemble, extrude, revolve, seen_from_above, smooth_curve
 from toolkit.imaging.fonts import read_font
 from toolkit.objects.mesh import Mesh
 
-Colour = tuple[int, int, int]
-RED: Colour = (158, 20, 30)
-DARK_RED: Colour = (98, 8, 18)
-CREAM: Colour = (255, 244, 214)
-GOLD: Colour = (222, 170, 72)
-EGGNOG: Colour = (247, 231, 175)
-FOAM: Colour = (252, 243, 212)
-GLASS: Colour = (222, 230, 220)
-BARK: Colour = (128, 72, 38)
+RED, DARK_RED, CREAM, GOLD = (158, 20, 30), (98, 8, 18), (255, 244, 214), (222, 170, 72)
+EGGNOG, FOAM, GLASS, BARK = (247, 231, 175), (252, 243, 212), (222, 230, 220), (128, 72, 38)
 NAME_AT = 0.3
 """Where on each half of the label the name stands, as a share of the half."""
 
@@ -356,11 +350,10 @@ def _bottle(outline: np.ndarray) -> list[Part]:
     bead = np.stack([mouth - 1 + 2.4 * np.cos(turn), RIM_MM + 2.2 + 2.4 * np.sin(turn)], axis=1)
     inner = (clear[::-1] - [GLASS_MM, 0])[1:]
     return [
-        revolve(foot, SEGMENTS, GLASS, "glass"),
-        revolve(lower, SEGMENTS, paint_heel, "glass"),
+        revolve(foot, SEGMENTS, GLASS, "glass"), revolve(lower, SEGMENTS, paint_heel, "glass"),
         revolve(upper, SEGMENTS, paint_neck, "glass"),
         revolve([*clear, *bead, *inner], SEGMENTS, GLASS, "glass"),
-    ]
+    ]  # fmt: skip
 
 
 def _label() -> Part:

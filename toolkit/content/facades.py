@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from toolkit.content.drawing import Canvas, Colour, Point, finish, fractal, hex_name
-from toolkit.content.pieces import EMPTY, Looks, Piece, Skin, bars, boxes, merge, quads, wall_quads, xyz
+from toolkit.content.pieces import EMPTY, UNIT, Looks, Piece, Skin, bars, boxes, merge, quads, wall_quads, xyz
 from toolkit.content.surfaces import pane_sheet, pane_uv
 from toolkit.objects.mesh import Material
 from toolkit.worlds.classes import SceneClass
@@ -91,7 +91,6 @@ def windowed_wall(
 
 
 def _around_openings(skin: Skin, width: float, z: tuple[float, float], across: np.ndarray, up: np.ndarray) -> Piece:
-    """The wall with a grid of holes: strips below and above each row, and piers between."""
     rows = np.concatenate([[z[0]], up.reshape(-1), [z[1]]])
     strips = [(0.0, rows[2 * k], width, rows[2 * k + 1]) for k in range(len(up) + 1)]
     columns = np.concatenate([[0.0], across.reshape(-1), [width]])
@@ -359,14 +358,13 @@ def shop(trade: Trade, x0: float, x1: float, looks: Looks, rng: np.random.Genera
     """One shop: the front set back between the piers, fascia, awning, and a sign that sticks out."""
     front, sign = shop_skins(trade, looks)
     back, low = 0.45, 0.0
-    uv = np.array([[(0, 0), (1, 0), (1, 1), (0, 1)]], float)
     z = 3.05
     board = boxes([x0, -0.16, z + 0.02], [x1, 0.4, z + 0.98], looks.plain(trade.board), BUILDING, ("back",))
     share = min(1.0, (x1 - x0) / SIGN_W)
     fascia = wall_quads((x0 + 0.05, z + 0.1, x1 - 0.05, z + 0.9), -0.165, sign, SceneClass.SIGN, fit=True)
     crop = np.array([[(0.5 - share / 2, 0), (0.5 + share / 2, 0), (0.5 + share / 2, 1), (0.5 - share / 2, 1)]])
     fascia = quads(fascia.vertices.reshape(-1, 4, 3), sign, SceneClass.SIGN, crop)
-    glass = quads([(x0, back, low), (x1, back, low), (x1, back, z), (x0, back, z)], front, BUILDING, uv)
+    glass = quads([(x0, back, low), (x1, back, low), (x1, back, z), (x0, back, z)], front, BUILDING, UNIT)
     frame = looks.plain(trade.frame)
     ceiling = quads(np.array([[(x0, 0, z), (x0, back, z), (x1, back, z), (x1, 0, z)]])[:, ::-1], frame, BUILDING)
     above = wall_quads((x0, z + 0.98, x1, SHOP_FLOOR_M), 0.0, frame, BUILDING)
@@ -417,10 +415,9 @@ def _blade(trade: Trade, x: float, looks: Looks) -> Piece:
     y0, y1 = -out - 0.1, -0.1
     right = [(x + thick, y0, low), (x + thick, y1, low), (x + thick, y1, low + height), (x + thick, y0, low + height)]
     left = [(x, y1, low), (x, y0, low), (x, y0, low + height), (x, y1, low + height)]
-    uv = np.broadcast_to(np.array([(0, 0), (1, 0), (1, 1), (0, 1)], float), (2, 4, 2))
     rim = looks.plain((60, 60, 62))
     return merge(
-        quads([right, left], skin, SceneClass.SIGN, uv),
+        quads([right, left], skin, SceneClass.SIGN, UNIT),
         boxes([x + 0.01, y0 - 0.02, low - 0.02], [x + thick - 0.01, 0, low + height + 0.02], rim, BUILDING),
     )
 

@@ -206,7 +206,6 @@ def build_harbour(seed: int = 0) -> World:
 
 
 def _quay(looks: Looks) -> Piece:
-    """The quay's deck, its wall down to the water with fenders and ladders, and the land behind."""
     x, back = QUAY_X, QUAY_BACK_Y
     concrete, stone = concrete_apron(looks), wall(looks, "ashlar", STONES[3])
     ring = revolve([(0.3, -0.15), (0.55, -0.15), (0.6, 0), (0.55, 0.15), (0.3, 0.15), (0.3, -0.15)], 14)
@@ -263,7 +262,6 @@ def _container_yard(looks: Looks, rng: np.random.Generator) -> tuple[Piece, list
 
 
 def _gantry(looks: Looks) -> Piece:
-    """A ship-to-shore crane: four legs on rails at y ± 8, a boom out over the water, a cab, a spreader."""
     red, grey = looks.plain((186, 44, 36)), looks.plain((170, 172, 172))
     legs = np.array([(x, y, 0.9) for x in (-8, 8) for y in (-8, 8)], float)
     top = legs + [0, 0, 30]
@@ -369,11 +367,10 @@ def _quay_things(looks: Looks) -> Piece:
     return merge(
         place(red.piece, [(-70.0, 26.0, 0), (10.0, 54.0, 0)], [0.0, 90.0]),
         place(blue.piece, [(-10.0, 26.0, 0), (84.0, 55.0, 0)], [180.0, 90.0]),
-        place(white.piece, (118.0, 42.0, 0), 30.0),
-        place(street_lamp(looks), lamps),
+        place(white.piece, (118.0, 42.0, 0), 30.0), place(street_lamp(looks), lamps),
         boxes(pallets, pallets + [1.2, 1.2, 0.1] + heights, crate, F),
         place(traffic_cone(looks), [(44.0 + 2 * k, 5.0, 0.0) for k in range(5)]),
-    )
+    )  # fmt: skip
 
 
 def _town(looks: Looks, rng: np.random.Generator) -> Piece:

@@ -59,9 +59,8 @@ def building_site(width: float, depth: float, looks: Looks, rng: np.random.Gener
         boxes(posts, posts + np.column_stack([np.full((len(posts), 2), 0.5), tops]), concrete, B),
         bars(rods, rods + [0, 0, 0.9], 0.03, steel, B),
         bars(props, props + [0, 0, floor_m - 0.3], 0.07, steel, B),
-        _hoarding(width, depth, looks),
-        tower_crane(looks).moved(4.0, depth - 4.2, 0),
-    ]
+        _hoarding(width, depth, looks), tower_crane(looks).moved(4.0, depth - 4.2, 0),
+    ]  # fmt: skip
     edge = np.array([(x0, y, level) for level in z for y in (y0, y1)], float)
     for rail in (0.55, 1.05):
         pieces.append(bars(edge + [0, 0, rail], edge + [x1 - x0, 0, rail], 0.06, looks.plain((236, 150, 30)), B))
@@ -189,12 +188,10 @@ def church(looks: Looks) -> House:
     middle = (x0 + x1) / 2
     gable = np.array([(x0, 0), (x1, 0), (x1, eaves), (middle, ridge), (x0, eaves)])
     y, low, high = (y0 - 0.3, y1 + 0.3), eaves - 0.5, ridge + 0.15
-    slopes = np.array(
-        [
-            [(x, y[a], low), (middle, y[a], high), (middle, y[b], high), (x, y[b], low)]
-            for x, a, b in ((x0 - 0.5, 0, 1), (x1 + 0.5, 1, 0))
-        ]
-    )
+    slopes = np.array([
+        [(x, y[a], low), (middle, y[a], high), (middle, y[b], high), (x, y[b], low)]
+        for x, a, b in ((x0 - 0.5, 0, 1), (x1 + 0.5, 1, 0))
+    ])  # fmt: skip
     east = merge(
         polygon(gable[::1] - [middle, 0], 0.0, stone, B), _lancets(np.array([-3.4, 0, 3.4]), (3, 8.5), 1.8, trim, looks)
     )
@@ -219,7 +216,6 @@ def _buttress(x: float, skin: Skin, eaves: float) -> Piece:
 
 
 def _tower(looks: Looks, stone: Skin, trim: Skin) -> Piece:
-    """A square tower about the origin with a door, a rose window, a clock, louvres, and a spire with a cross."""
     half, top = 3.2, 22.0
     circle = _circle()
     dark = looks.plain((34, 34, 36), "matte")
@@ -342,8 +338,7 @@ def cinema(width: float, depth: float, looks: Looks, rng: np.random.Generator) -
     for x0, x1 in ((0.6, middle - 5.2), (middle + 6.6, width - 0.6)):
         pieces.append(wall_quads([(x0, 6.5 + 2.6 * k, x1, 8.2 + 2.6 * k) for k in range(3)], -0.04, trim, B))
     sides = set_round(width, depth, lambda k, span: wall_quads((0, 0, span, height), 0.0, brick, B) if k else EMPTY)
-    pieces.append(sides)
-    pieces.append(flat_roof(Roof(width, depth, height), brick, trim, looks, rng))
+    pieces += [sides, flat_roof(Roof(width, depth, height), brick, trim, looks, rng)]
     return House(merge(*pieces), np.array([[0, 0, 0, width, depth, height]]))
 
 
@@ -362,8 +357,7 @@ def library(width: float, depth: float, looks: Looks, rng: np.random.Generator) 
         crown = cornice(side, height, trim, 0.5, ends=False) if number < 3 else EMPTY
         return merge(bare, windowed_wall(style, side, looks, rng, z0=PODIUM_M, floors=2), crown)
 
-    pieces.append(set_round(width, depth, make))
-    pieces.append(flat_roof(Roof(width, depth, height), stone, trim, looks, rng))
+    pieces += [set_round(width, depth, make), flat_roof(Roof(width, depth, height), stone, trim, looks, rng)]
     top = PODIUM_M + COLUMN_M
     porch = [middle - PORTICO_M / 2, -4, top, middle + PORTICO_M / 2, 0, top + 1.6]
     return House(merge(*pieces), np.array([[0, 0, 0, width, depth, height], porch]))
@@ -427,15 +421,14 @@ def parking_house(width: float, depth: float, looks: Looks, cars: list[Piece], r
     n.text(4, 0.5, "CITY PARKING · 24 H", 0.75, (244, 244, 244), fit_m=7.4)
     words = sheet("parking-name", looks, n, 0.9)
     pieces = [
-        boxes(low, high, concrete, B, ()),
-        boxes(edge[:, :3], edge[:, 3:], dark, B),
+        boxes(low, high, concrete, B, ()), boxes(edge[:, :3], edge[:, 3:], dark, B),
         boxes(posts, posts + [0.5, 0.5, z[-1]], concrete, B),
         floor_quads(full, 0.02, dark, R),
         board(2.4, 2.4, big, SIGN, 0.3).moved(3.0, -0.35, z[-1] - 1.4),
         box((1.8, 4.2), (-0.5, -0.2), (z[-1] - 2.6, z[-1] - 0.2), looks.plain((30, 30, 32)), SIGN),
         wall_quads((width / 2 - 4, 2.72, width / 2 + 4, 3.72), -0.06, words, SIGN, fit=True),
         boxes((width * 0.6, depth * 0.4, 0), (width * 0.75, depth * 0.6, z[-1] + 2.8), concrete, B),
-    ]
+    ]  # fmt: skip
     bays = np.arange(3.0, width - 3.0, 2.7)
     for level in (0.02, z[0], z[-1]):
         for y, yaw in ((3.2, 90.0), (depth - 3.2, 270.0)):

@@ -89,15 +89,13 @@ def van(colour: Colour, words: str, looks: Looks, name: str) -> Vehicle:
     sheet = paint.sheet(name, looks)
     return Vehicle(
         merge(bodywork(body, sheet, looks), wheels(body, looks, (120, 122, 124), 6), mirrors(body, RUBBER, looks)),
-        body.length,
-        body.width,
-    )
+        body.length, body.width,
+    )  # fmt: skip
 
 
 def _rows_of_windows(
     paint: Livery, x0: float, x1: float, count: int, z: tuple[float, float], doors: tuple[int, ...] = ()
 ) -> None:
-    """Panes along both flanks of a bus or tram; doors on its right side."""
     edges = np.linspace(x0, x1, count + 1)
     lit = (250, 226, 176)
     paint.rect("left right", (x0 - 0.1, z[0] - 0.06), (x1 + 0.1, z[1] + 0.06), (22, 23, 25))
@@ -150,12 +148,11 @@ def bus(looks: Looks, name: str, colour: Colour, route: str, trolley: bool = Fal
     units = looks.plain((196, 198, 196))
     low = np.array([(-4.6, -0.9, 3.08), (1.6, -0.8, 3.08)])
     pieces = [
-        bodywork(body, sheet, looks, 10),
-        wheels(body, looks, (150, 152, 154), 8),
+        bodywork(body, sheet, looks, 10), wheels(body, looks, (150, 152, 154), 8),
         boxes(low, low + [2.2, 1.7, 0.22], units, VEHICLE),
         box((half - 0.1, half + 0.3), (w, w + 0.22), (1.9, 2.4), looks.plain(RUBBER), VEHICLE),
         box((half - 0.1, half + 0.3), (-w - 0.22, -w), (1.9, 2.4), looks.plain(RUBBER), VEHICLE),
-    ]
+    ]  # fmt: skip
     if trolley:
         foot = np.array([(-1.0, 0.3, 3.25), (-1.0, -0.3, 3.25)])
         pieces += [
@@ -269,9 +266,8 @@ def build_fleet(looks: Looks) -> Fleet:
     vans = (
         van(WHITE, "PARCELS", looks, "van-white"),
         van((120, 76, 34), "UNITED POST", looks, "van-brown"),
-        van(WHITE, "AMBULANCE", looks, "ambulance"),
-        van(BLUE, "PLUMBER", looks, "van-blue"),
-    )
+        van(WHITE, "AMBULANCE", looks, "ambulance"), van(BLUE, "PLUMBER", looks, "van-blue"),
+    )  # fmt: skip
     buses = (
         bus(looks, "bus-blue", BLUE, "42 CENTRAL"),
         bus(looks, "trolley-red", RED, "7 HARBOUR", trolley=True),

@@ -248,11 +248,7 @@ def plane_axes(normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def assemble(parts: Sequence[Part], materials: dict[str, tuple[float, float]], atlas_px: int = 1024) -> Mesh:
     """Pack the charts of all parts into one square atlas, paint it, and merge the parts into one mesh.
 
-    Args:
-        parts: at least one.
-        materials: name -> (roughness, metallic).
-        atlas_px: side of the texture.
-
+    `materials` are name -> (roughness, metallic), `atlas_px` the side of the texture.
     Charts keep one common scale, so that a texel has the same size everywhere, and a gutter of painted margin keeps
     filtered look-ups from bleeding.
     """
@@ -390,7 +386,6 @@ def _merge_foot_colour(parts: list[Part]) -> Part:
 
 
 def _scaled_charts(plain: list[Part], painted: list[Part]) -> list[Part]:
-    """The plain parts with charts of a few texels beside those of the painted ones."""
     side = 0.02 * max([sum(part.chart_mm) for part in painted], default=1.0)
     return [replace(part, corner_uv=part.corner_uv * side, chart_mm=(side, side)) for part in plain]
 
@@ -409,15 +404,8 @@ def vessel(
 ) -> list[Part]:  # fmt: skip
     """A hollow vessel: its outline (n, 2) of (radius, z) from the foot to the rim, a round rim and the inside.
 
-    Args:
-        outline: outer wall.
-        wall: thickness.
-        outside: paint of the wall.
-        inside: paint of the inside and the rim.
-        material: of all.
-        segments: around.
-        floor: height of the inner bottom; None: the wall's thickness above the foot.
-        content: (height as a share of the inside, paint, material) of what it is filled with.
+    `floor` is the height of the inner bottom, else it lies the wall's thickness above the foot; `content` is (height as a
+    share of the inside, paint, material) of what it is filled with.
     """
     bottom = outline[0, 1] + wall if floor is None else floor
     level = bottom if content is None else bottom + content[0] * (outline[-1, 1] - bottom)

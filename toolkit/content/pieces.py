@@ -116,6 +116,8 @@ class Piece:
         return place(self, np.zeros((1, 3)), np.array([yaw_deg]))
 
 
+UNIT = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], float)
+"""The corners of a whole texture."""
 EMPTY = Piece(
     np.zeros((0, 3), np.float32), np.zeros((0, 3), np.float32), np.zeros((0, 2), np.float32),
     np.zeros((0, 3), np.int32), np.zeros(0, np.int32), np.zeros(0, np.uint8),
@@ -154,29 +156,29 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 def quads(corners: ArrayLike, skin: Skin, label: int, uv: ArrayLike | None = None) -> Piece:
     """Flat four-cornered faces (n, 4, 3), counter-clockwise from outside; empty ones are left out.
 
-    Without `uv` (n, 4, 2), in turns of the texture, it lies with u along the first edge, true to scale.
+    Without `uv` (n, 4, 2) or (4, 2), in turns of the texture, it lies with u along the first edge, true to scale.
     """
-    corners = np.asarray(corners, np.float64).reshape(-1, 4, 3)
-    normal = cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    quad = np.asarray(corners, np.float64).reshape(-1, 4, 3)
+    normal = cross(quad[:, 2] - quad[:, 0], quad[:, 3] - quad[:, 1])
     size = np.sqrt((normal**2).sum(axis=1))
     real = size > 1e-7
-    corners, normal = corners[real], normal[real] / size[real, None]
-    n = len(corners)
+    quad, normal = quad[real], normal[real] / size[real, None]
+    n = len(quad)
     if skin.at is not None:
         texture = np.broadcast_to(np.array(skin.at), (n, 4, 2))
     elif uv is not None:
-        texture = np.asarray(uv, np.float64).reshape(-1, 4, 2)[real]
+        texture = np.broadcast_to(np.asarray(uv, np.float64).reshape(-1, 4, 2), (len(real), 4, 2))[real]
     else:
-        along = corners[:, 1] - corners[:, 0]
+        along = quad[:, 1] - quad[:, 0]
         along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
         up = cross(normal, along)
-        texture = np.stack([np.einsum("nkx,nx->nk", corners, along), np.einsum("nkx,nx->nk", corners, up)], 2)
+        texture = np.stack([np.einsum("nkx,nx->nk", quad, along), np.einsum("nkx,nx->nk", quad, up)], 2)
         texture = texture / np.array(skin.tile_m)
         texture = texture - np.floor(texture[:, :1])
     index = np.arange(4 * n).reshape(n, 4)
     faces = np.stack([index[:, [0, 1, 2]], index[:, [0, 2, 3]]], axis=1).reshape(-1, 3)
     return Piece(
-        corners.reshape(-1, 3).astype(np.float32), np.repeat(normal, 4, axis=0).astype(np.float32),
+        quad.reshape(-1, 3).astype(np.float32), np.repeat(normal, 4, axis=0).astype(np.float32),
         texture.reshape(-1, 2).astype(np.float32), faces.astype(np.int32), np.full(2 * n, skin.material, np.int32),
         np.full(2 * n, label, np.uint8),
     )  # fmt: skip
@@ -184,21 +186,13 @@ def quads(corners: ArrayLike, skin: Skin, label: int, uv: ArrayLike | None = Non
 
 def wall_quads(rect: ArrayLike, y: float | np.ndarray, skin: Skin, label: int, fit: bool = False) -> Piece:
     """Rectangles (n, 4) of x0, z0, x1, z1 that face -y; the texture is anchored at the wall's origin, or fitted."""
-    rect = np.asarray(rect, np.float64).reshape(-1, 4)
-    x0, z0, x1, z1 = rect.T
-    depth = np.broadcast_to(np.asarray(y, np.float64), x0.shape)
-    keep = (x1 - x0 > 1e-4) & (z1 - z0 > 1e-4)
-    x0, z0, x1, z1, depth = x0[keep], z0[keep], x1[keep], z1[keep], depth[keep]
-    xs, zs = np.stack([x0, x1, x1, x0], 1), np.stack([z0, z0, z1, z1], 1)
-    corners = np.stack([xs, np.broadcast_to(depth[:, None], xs.shape), zs], 2)
-    if fit:
-        uv = np.broadcast_to(np.array([(0, 0), (1, 0), (1, 1), (0, 1)], float), (len(xs), 4, 2))
-    else:
-        uv = np.stack([xs, zs], 2) / np.array(skin.tile_m)
-    return quads(corners, skin, label, uv)
+    rects = np.asarray(rect, np.float64).reshape(-1, 4)
+    keep = (rects[:, 2:] - rects[:, :2] > 1e-4).all(axis=1)
+    corners = upright(rects[keep], np.broadcast_to(y, len(rects))[keep])
+    return quads(corners, skin, label, UNIT if fit else corners[..., [0, 2]] / np.array(skin.tile_m))
 
 
-def upright(rect: ArrayLike, y: float) -> np.ndarray:
+def upright(rect: ArrayLike, y: float | np.ndarray) -> np.ndarray:
     """(n, 4, 3) corners of rectangles (n, 4) of x0, z0, x1, z1 that face -y."""
     x0, z0, x1, z1 = np.asarray(rect, np.float64).reshape(-1, 4).T
     return np.stack([xyz(x, y, z) for x, z in ((x0, z0), (x1, z0), (x1, z1), (x0, z1))], 1)
@@ -212,15 +206,8 @@ def set_round(width: float, depth: float, make: Callable[[int, float], Piece]) -
 
 def floor_quads(rect: ArrayLike, z: float | np.ndarray, skin: Skin, label: int, fit: bool = False) -> Piece:
     """Rectangles (n, 4) of x0, y0, x1, y1 that face up; the texture is anchored at the world's origin, or fitted."""
-    rect = np.asarray(rect, np.float64).reshape(-1, 4)
-    x0, y0, x1, y1 = rect.T
-    xs, ys = np.stack([x0, x1, x1, x0], 1), np.stack([y0, y0, y1, y1], 1)
-    zs = np.broadcast_to(np.asarray(z, np.float64).reshape(-1, 1), xs.shape)
-    if fit:
-        uv = np.broadcast_to(np.array([(0, 0), (1, 0), (1, 1), (0, 1)], float), (len(xs), 4, 2))
-    else:
-        uv = np.stack([xs, ys], 2) / np.array(skin.tile_m)
-    return quads(np.stack([xs, ys, zs], 2), skin, label, uv)
+    corners = upright(rect, z)[..., [0, 2, 1]]
+    return quads(corners, skin, label, UNIT if fit else corners[..., :2] / np.array(skin.tile_m))
 
 
 SIDES = {

@@ -55,7 +55,6 @@ def build() -> Mesh:
 
 
 def _tub() -> list[Part]:
-    """Nose, monocoque and engine cover: one skin, open along its top where the driver sits."""
     ends = COCKPIT_X + COCKPIT_LENGTH / 2 * np.cos(np.linspace(0, np.pi, 25))
     stations = np.unique(np.r_[np.linspace(-106, 130, 66), np.linspace(130, 135, 7), ends])
     net = np.stack([_tub_section(x) for x in stations])
@@ -105,7 +104,6 @@ def _cockpit() -> list[Part]:
 
 
 def _windscreen(left: np.ndarray) -> list[Part]:
-    """A low dark screen that rises from the rim's front half, given its left side from back to front."""
     foot = np.concatenate([left, (left * [1, -1, 1])[::-1][1:]])
     rise = np.sin(np.linspace(0, np.pi, len(foot)))[:, None] ** 0.6
     top = foot + np.array([-6.0, 0, 8.5]) * rise
@@ -120,9 +118,8 @@ def _driver() -> list[Part]:
     visor = _bulb(np.linspace(-16, 18, 7), np.linspace(-72, 72, 25)) * [1.05, 1.05, 1]
     shoulders = loft(
         [superellipse(w, h, 2.4, 24, x, 0, 34) for x, w, h in [(46, 14, 6), (50, 24, 12), (56, 25, 13), (63, 16, 6)]],
-        RED,
-        "carbon",
-    )
+        RED, "carbon",
+    )  # fmt: skip
     return [panel(shell, livery.paint_helmet).moved(*at), surface(visor, GLASS, "glass").moved(*at), *shoulders]
 
 
@@ -134,7 +131,6 @@ def _bulb(tilts_deg: np.ndarray, azimuths_deg: np.ndarray) -> np.ndarray:
 
 
 def _headrest() -> list[Part]:
-    """The fairing behind the head, its intake, and the roll hoop over it."""
     table = [  # x, width, highest z, power
         (45, 25, 63, 3), (43.5, 27, 65, 3), (39, 24, 64.5, 2.8), (34, 17, 57, 2.5), (28, 8, 42.5, 2.2),
     ]  # fmt: skip
@@ -149,7 +145,6 @@ def _headrest() -> list[Part]:
 
 
 def _sidepods() -> list[Part]:
-    """Both pods: a rounded box with an open mouth that narrows to a coke bottle before the rear wheels."""
     stations = np.linspace(POD[0][0], POD[-1][0], 40)
     parts = []
     for side in (1, -1):

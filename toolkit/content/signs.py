@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from toolkit.content.drawing import Canvas, Colour
-from toolkit.content.pieces import Looks, Piece, Skin, bars, box, boxes, merge, place, polygon, quads, revolved
+from toolkit.content.pieces import UNIT, Looks, Piece, Skin, bars, box, boxes, merge, place, polygon, quads, revolved
 from toolkit.objects.mesh import Material
 from toolkit.worlds.classes import SceneClass
 
@@ -39,8 +39,7 @@ def board(
     w, h = width / 2, height / 2
     front = [(-w, -thick / 2, -h), (w, -thick / 2, -h), (w, -thick / 2, h), (-w, -thick / 2, h)]
     back = [(w, thick / 2, -h), (-w, thick / 2, -h), (-w, thick / 2, h), (w, thick / 2, h)]
-    uv = np.broadcast_to(np.array([(0, 0), (1, 0), (1, 1), (0, 1)], float), (2, 4, 2))
-    return quads(np.array([front, back][: 2 if both else 1], float), skin, label, uv[: 2 if both else 1])
+    return quads(np.array([front, back][: 2 if both else 1], float), skin, label, UNIT)
 
 
 def traffic_head(looks: Looks, lit: int, housing: Colour = (232, 178, 20)) -> Piece:

@@ -118,11 +118,10 @@ def mailbox(looks: Looks) -> Piece:
     skin = sheet("mail-front", looks, c)
     feet = np.array([(x, y, 0) for x in (-0.24, 0.18) for y in (-0.26, 0.2)], float)
     return merge(
-        solid(shell, blue, F, 30),
-        boxes(feet, feet + [0.06, 0.06, 0.2], blue, F),
+        solid(shell, blue, F, 30), boxes(feet, feet + [0.06, 0.06, 0.2], blue, F),
         board(0.5, 0.3, skin, F, 0.0, both=False).moved(0, -0.305, 0.72),
         box((-0.2, 0.2), (-0.32, -0.3), (1.0, 1.04), looks.plain((14, 30, 80)), F),
-    )
+    )  # fmt: skip
 
 
 def parking_meter(looks: Looks) -> Piece:
@@ -133,11 +132,10 @@ def parking_meter(looks: Looks) -> Piece:
     dial = solid(solids, looks.plain((224, 226, 216), "gloss"), F)
     return merge(
         revolved([(0.045, 0), (0.035, 1.05), (0.07, 1.12), (0.1, 1.12)], 7, steel, F),
-        solid([dome.scaled(1, 0.75, 1)], grey, F),
-        dial,
+        solid([dome.scaled(1, 0.75, 1)], grey, F), dial,
         box((-0.035, 0.035), (-0.1, -0.07), (1.19, 1.28), looks.plain((30, 32, 34)), F),
         box((-0.06, 0.06), (-0.095, -0.085), (1.385, 1.395), looks.plain((200, 30, 30)), F),
-    )
+    )  # fmt: skip
 
 
 def phone_booth(looks: Looks) -> Piece:
@@ -158,10 +156,9 @@ def phone_booth(looks: Looks) -> Piece:
         boxes(keys, keys + [0.035, 0.01, 0.035], looks.plain((220, 220, 216)), F, ()),
         solid(
             tube(smooth_curve([(-0.26, 0.02, 1.3), (-0.25, -0.06, 1.45), (-0.26, 0.02, 1.6)], 6), 0.03, 8),
-            looks.plain((20, 20, 22), "gloss"),
-            F,
+            looks.plain((20, 20, 22), "gloss"), F,
         ),
-    )
+    )  # fmt: skip
 
 
 def bicycle(looks: Looks) -> Piece:
@@ -237,14 +234,13 @@ def cafe_table(looks: Looks) -> Piece:
     seat = np.array([(-0.95, -0.2, 0.43), (0.55, -0.2, 0.43)])
     legs = np.concatenate([seat + [dx, dy, -0.43] for dx in (0.03, 0.37) for dy in (0.03, 0.37)])
     return merge(
-        *pieces,
-        bars((0, 0, 0), (0, 0, 2.7), 0.05, wood, F),
+        *pieces, bars((0, 0, 0), (0, 0, 2.7), 0.05, wood, F),
         revolved([(0.4, 0.7), (0.42, 0.72), (0.42, 0.75), (0.005, 0.75)], 16, looks.plain((230, 228, 222)), F),
         boxes(seat, seat + [0.4, 0.4, 0.04], wood, F, ()),
         bars(legs, legs + [0, 0, 0.43], 0.035, wood, F),
         box((-0.97, -0.93), (-0.2, 0.2), (0.47, 0.9), wood, F),
         box((0.93, 0.97), (-0.2, 0.2), (0.47, 0.9), wood, F),
-    )
+    )  # fmt: skip
 
 
 def planter(looks: Looks) -> Piece:
@@ -273,12 +269,11 @@ def barrier(looks: Looks) -> Piece:
     leg = looks.plain((60, 62, 64))
     at = np.array([(x, 0, 0) for x in (-0.75, 0.75)], float)
     return merge(
-        board(1.8, 0.3, skin, F, 0.05).moved(0, 0, 0.85),
-        board(1.8, 0.2, skin, F, 0.05).moved(0, 0, 0.45),
+        board(1.8, 0.3, skin, F, 0.05).moved(0, 0, 0.85), board(1.8, 0.2, skin, F, 0.05).moved(0, 0, 0.45),
         bars(at + [0, -0.3, 0], at + [0, 0, 1.0], 0.05, leg, F),
         bars(at + [0, 0.3, 0], at + [0, 0, 1.0], 0.05, leg, F),
         box((-0.08, 0.08), (-0.06, 0.06), (1.0, 1.2), looks.plain((255, 170, 30), "lamp"), F),
-    )
+    )  # fmt: skip
 
 
 FURNITURE: dict[str, tuple[Callable[[Looks], Piece], float]] = {
@@ -303,11 +298,10 @@ def fountain(looks: Looks) -> Piece:
     jet = np.column_stack([np.cos(turn), np.sin(turn)])
     start, end = np.column_stack([jet * 1.7, np.full(28, 1.85)]), np.column_stack([jet * 2.6, np.full(28, 0.5)])
     return merge(
-        revolved(basin, 32, stone, F),
-        revolved(bowls, 24, stone, F),
+        revolved(basin, 32, stone, F), revolved(bowls, 24, stone, F),
         revolved([(3.75, 0.5), (0.005, 0.5)], 32, water, F),
         bars(start, end, 0.05, looks.plain((214, 226, 232), "gloss"), F),
-    )
+    )  # fmt: skip
 
 
 def monument(looks: Looks) -> Piece:
@@ -325,10 +319,9 @@ def monument(looks: Looks) -> Piece:
 def flag(looks: Looks, tone: int) -> Piece:
     """A flag of three bands waving from a pole of 9 m."""
     bands = (
-        ((20, 60, 140), (240, 240, 240), (200, 30, 40)),
-        ((24, 110, 60), (246, 210, 60), (200, 30, 40)),
+        ((20, 60, 140), (240, 240, 240), (200, 30, 40)), ((24, 110, 60), (246, 210, 60), (200, 30, 40)),
         ((30, 30, 34), (206, 30, 40), (246, 200, 40)),
-    )[tone % 3]
+    )[tone % 3]  # fmt: skip
     x = np.linspace(0.05, 2.2, 12)
     wave = 0.16 * np.sin(x * 4.0) * x / 2
     pieces = [revolved([(0.08, 0), (0.045, 9.0), (0.09, 9.05), (0.005, 9.15)], 8, looks.plain((210, 210, 206)), F)]

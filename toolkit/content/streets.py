@@ -10,7 +10,7 @@ import numpy as np
 
 from toolkit.content.countryside import shrub, street_tree
 from toolkit.content.large_vehicles import Fleet
-from toolkit.content.pieces import Looks, Piece, Skin, bars, floor_quads, merge, place, quads
+from toolkit.content.pieces import UNIT, Looks, Piece, Skin, bars, floor_quads, merge, place, quads
 from toolkit.content.signs import SIGN_KINDS, name_post, sign_post, traffic_light
 from toolkit.content.street_furniture import FURNITURE, old_lamp, street_lamp
 from toolkit.content.surfaces import AVENUE_M, CROSSING_M, PARKING_M, STREET_M, crossing, junction, kerb, pavement, road
@@ -192,15 +192,13 @@ def _carriageway(stretch: Stretch, looks: Looks) -> Piece:
     a, b = CROSSING_M, stretch.length - CROSSING_M
     turns = (b - a) / skin.tile_m[1]
     uv = np.array([(0, 0), (1, 0), (1, turns), (0, turns)])
-    fitted = np.array([(0, 0), (1, 0), (1, 1), (0, 1)], float)
     ahead = _strip(stretch, b, stretch.length, half)
     back = _strip(stretch, a, 0.0, -half)
     zebra = crossing(looks, avenue)
     return merge(
         quads(_strip(stretch, a, b, half), skin, ROAD, uv),
-        quads(ahead, zebra, ROAD, fitted),
-        quads(back, zebra, ROAD, fitted),
-    )
+        quads(ahead, zebra, ROAD, UNIT), quads(back, zebra, ROAD, UNIT),
+    )  # fmt: skip
 
 
 def carry_on(stretch: Stretch, looks: Looks) -> Piece:
@@ -243,7 +241,7 @@ def _straight_kerb(length: float, stone: Skin) -> Piece:
     w, z = KERB_WIDTH_M, KERB_M
     face = [(0, 0, 0), (length, 0, 0), (length, 0, z), (0, 0, z)]
     top = [(0, 0, z), (length, 0, z), (length, w, z), (0, w, z)]
-    return quads([face, top], stone, PAVED)
+    return quads(np.array([face, top]), stone, PAVED)
 
 
 def _round_corner(slabs: Skin, stone: Skin, asphalt: Skin) -> Piece:
@@ -351,7 +349,6 @@ def build_standing(standing: Standing, looks: Looks) -> Piece:
 
 
 def _line_kerb(plan: Plan, stretch: Stretch, standing: Standing, rng: np.random.Generator) -> None:
-    """Along the right-hand kerb: lamps and trees in turn, and between them what else is found there."""
     right = stretch.street.half + 0.75
     kinds, shares = list(KERB_SIDE), np.array(list(KERB_SIDE.values()))
     shares = shares / shares.sum()

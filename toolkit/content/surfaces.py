@@ -266,7 +266,6 @@ def _hang(style: PaneStyle, rng: np.random.Generator, day: np.ndarray, glow: np.
 
 
 def _frame(style: PaneStyle, canvas: Canvas) -> np.ndarray:
-    """(h, w) 1 where the frame is."""
     width, height = style.size_m
     drawn = Canvas(width, height, canvas.size[0] / width, (0, 0, 0))
     white, f = (255, 255, 255), style.frame_m
@@ -411,7 +410,6 @@ def junction(looks: Looks) -> Skin:
 def _slabs(
     rng: np.random.Generator, colour: Colour, rows: int, columns: int, *, joint: int, spread: float
 ) -> np.ndarray:
-    """(512, 512, 3) of slabs with dark joints."""
     n = 512
     shade = rng.normal(1, spread, (rows, columns))
     y, x = np.mgrid[0:n, 0:n]

@@ -88,10 +88,9 @@ class Livery:
         }  # fmt: skip
         sides |= {"right": sides["left"], "rear": sides["front"]}
         low = {
-            "left": (-body.length / 2, 0.0),
-            "top": (-body.length / 2, -body.width / 2),
+            "left": (-body.length / 2, 0.0), "top": (-body.length / 2, -body.width / 2),
             "front": (-body.width / 2, 0.0),
-        }
+        }  # fmt: skip
         low |= {"right": low["left"], "rear": low["front"]}
         self.day = {view: Canvas(*sides[view], body.px_per_m, colour, low[view]) for view in VIEWS}
         self.glow = {view: Canvas(*sides[view], body.px_per_m / GLOW_SHARE, (0, 0, 0), low[view]) for view in VIEWS}
@@ -292,12 +291,8 @@ def _rim(looks: Looks, hub: Colour, spokes: int) -> Skin:
     return looks.add(Material(name, canvas.texture(), 0.35))
 
 
-GLASS: Colour = (38, 46, 54)
-RUBBER: Colour = (24, 24, 26)
-HEAD: Colour = (238, 240, 236)
-TAIL: Colour = (176, 18, 20)
-HEAD_GLOW: Colour = (255, 244, 214)
-TAIL_GLOW: Colour = (190, 16, 12)
+GLASS, RUBBER = (38, 46, 54), (24, 24, 26)
+HEAD, TAIL, HEAD_GLOW, TAIL_GLOW = (238, 240, 236), (176, 18, 20), (255, 244, 214), (190, 16, 12)
 
 SEDAN = Body(
     4.75, 1.84,

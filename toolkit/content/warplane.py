@@ -90,9 +90,8 @@ def build_fuselage(around: list[Side]) -> list[Part]:
     pieces = [net[low : high + 1] for low, high in pairwise(cuts)]
     return [
         *(surface(piece, skin_paint(piece, around, STATIONS_MM)) for piece in pieces),
-        fan(net[0, :-1][::-1], DUCT, "metal"),
-        fan(net[-1, :-1], (60, 64, 68)),
-    ]
+        fan(net[0, :-1][::-1], DUCT, "metal"), fan(net[-1, :-1], (60, 64, 68)),
+    ]  # fmt: skip
 
 
 def nacelle_section(x: float, grow: float, rake: float, count: int = 72) -> np.ndarray:
@@ -256,8 +255,7 @@ def nose_gear() -> list[Part]:
     parts += [part.moved(x, 0, -25.8) for part in box((2.4, 6.4, 1.4), 0.3, WHITE)]
     for y in (2.7, -2.7):
         parts += rod((x, y, -25.6), (x, y, axle - 0.8), 0.65)
-    parts += rod((x, -3.0, axle), (x, 3.0, axle), 0.8, STEEL, "metal")
-    parts += rod((x + 11, 0, -12), (x + 1, 0, -20), 0.8)
+    parts += [*rod((x, -3.0, axle), (x, 3.0, axle), 0.8, STEEL, "metal"), *rod((x + 11, 0, -12), (x + 1, 0, -20), 0.8)]
     light = revolve([(0, -0.8), (1.2, -0.8), (1.6, 0.6), (0, 0.7)], 20, WHITE, "glass").rotated("y", 90)
     parts += [light.moved(x + 2.8, 0, -17)]
     door = blade([(55, -21), (78, -21), (79, -12.4), (55, -12.4)], 0.6, WHITE)
@@ -296,9 +294,7 @@ def build() -> Mesh:
     around = [sides[name] for name in ("top", "bottom", "left", "right")]
     parts = [*build_fuselage(around), *build_canopy(sides), *build_tail_end()]
     for side in (1, -1):
-        parts += build_intake(side, around)
-        parts += build_boom(side, around)
-        parts += build_surfaces(side, sides)
+        parts += [*build_intake(side, around), *build_boom(side, around), *build_surfaces(side, sides)]
     parts += build_stores() + build_gear() + build_fittings()
     return assemble(parts, MATERIALS, atlas_px=2048)
 

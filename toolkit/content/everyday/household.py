@@ -52,7 +52,6 @@ def _frame_colour(rng: np.random.Generator) -> Colour:
 def _legs(
     rng: np.random.Generator, half: tuple[float, float], high: float, thick: float, colour: Colour, splay: float = 0.0
 ) -> list[Part]:
-    """Four legs, square, round or turned, from the table's corners down."""
     kind, parts = pick(rng, ("square", "round", "tapered")), []
     for x in (-1, 1):
         for y in (-1, 1):
@@ -261,11 +260,10 @@ def make_candle(rng: np.random.Generator) -> Mesh:
                             (radius + 9, foot + 3), (radius + 3, foot + 4)], holder, "metal", 26))  # fmt: skip
         parts += cylinder(radius + 3.5, foot - 2, foot + 14, holder, "metal", 20)
     elif chance(rng, 0.7):
-        parts.append(
-            revolve(
-                [(0, 0), (radius, 0), (radius + 20, 8), (radius + 20, 10), (radius, 5), (0, 5)], 32, holder, "ceramic"
-            )
-        )
+        parts.append(revolve(
+            [(0, 0), (radius, 0), (radius + 20, 8), (radius + 20, 10), (radius, 5), (0, 5)],
+            32, holder, "ceramic",
+        ))  # fmt: skip
     top = foot + long
     profile = [(radius, foot), (radius, top - 4), (radius - 2, top), (radius * 0.7, top - 2), (0, top - 4)]
     parts.append(revolve(profile, 28, wax, "ceramic"))

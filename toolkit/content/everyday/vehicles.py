@@ -1,5 +1,7 @@
 """What drives and flies: racing cars, minivans, go-karts, tractors; warplanes, airliners, space shuttles."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from toolkit.content.drawing import (
@@ -37,14 +39,10 @@ from toolkit.content.modelling import (
 )
 from toolkit.objects.mesh import Mesh
 
-RUBBER: Colour = (28, 28, 30)
-GLASS: Colour = (30, 38, 46)
-LAMP: Colour = (244, 240, 220)
+RUBBER, GLASS, LAMP = (28, 28, 30), (30, 38, 46), (244, 240, 220)
 
 
-def wheels(
-    places: list[tuple[float, float, float, float]], rim: Colour, spokes: int = 0, rim_share: float = 0.6
-) -> list[Part]:
+def wheels(places: Sequence[tuple[float, ...]], rim: Colour, spokes: int = 0, rim_share: float = 0.6) -> list[Part]:
     """Wheels at (x, y, radius, width) and at -y, standing on z = 0."""
     parts = []
     for x, y, radius, width in places:
@@ -119,8 +117,7 @@ def make_gokart(rng: np.random.Generator) -> Mesh:
     rails = [(-long, 20, 14), (-20, 28, 14), (40, 26, 14), (long, 18, 14)]
     parts += mirrored(rod(rails, 4, frame, "metal"))
     bumper = [(long - 4, -half + 6, 16), (long + 22, -26, 16), (long + 22, 26, 16), (long - 4, half - 6, 16)]
-    parts += rod(bumper, 4, frame, "metal")
-    parts += mirrored(block((72, 22, 20), (2, half + 2, 18), colour, "plastic", 4))
+    parts += [*rod(bumper, 4, frame, "metal"), *mirrored(block((72, 22, 20), (2, half + 2, 18), colour, "plastic", 4))]
     nose = [(0, -34), (30, -26), (36, 0), (30, 26), (0, 34)]
     number = lettered((244, 244, 240), (20, 20, 22), str(int(rng.integers(1, 99))))
     parts += moved(extrude(nose, 9, 3, colour, "plastic"), long - 14, 0, 17)
@@ -132,8 +129,7 @@ def make_gokart(rng: np.random.Generator) -> Mesh:
     parts += mirrored(block((40, 5, 22), (-24, 21, 26), seat, "plastic", 2))
     turn = np.linspace(0, 2 * np.pi, 17)
     ring = rod(np.stack([0 * turn, 15 * np.cos(turn), 15 * np.sin(turn)], 1), 2.2, RUBBER, "rubber", 20, 8)
-    parts += moved(turned(ring, "y", -40), 26, 0, 50)
-    parts += rod([(26, 0, 50), (58, 0, 16)], 2.4, frame, "metal")
+    parts += [*moved(turned(ring, "y", -40), 26, 0, 50), *rod([(26, 0, 50), (58, 0, 16)], 2.4, frame, "metal")]
     engine = [
         *block((30, 28, 26), (-58, 46, 30), (70, 70, 74), "metal", 3),
         *cylinder(11, 42, 58, (150, 152, 156), "metal"),
@@ -220,9 +216,8 @@ def _livery(rng: np.random.Generator) -> tuple[Paint, Colour, Colour]:
     main, other = pick_colour(rng, "bright", "car"), pick_colour(rng, "bright", "pale", "dark")
     kind, wide, at = (
         pick(rng, ("plain", "centre", "nose", "halves", "slash")),
-        draw(rng, 0.04, 0.09),
-        draw(rng, 0.6, 0.85),
-    )
+        draw(rng, 0.04, 0.09), draw(rng, 0.6, 0.85),
+    )  # fmt: skip
 
     def shader(u: np.ndarray, v: np.ndarray, aspect: float) -> np.ndarray:
         if kind == "centre":
@@ -302,10 +297,9 @@ def _cigar(rng: np.random.Generator) -> list[Part]:
                 paint)  # fmt: skip
     grille = turned(cylinder(wide * 0.18, 122, 125, (20, 20, 22), "metal", 20), "y", 90)
     parts = [
-        *body,
-        *moved(grille, z=29),
+        *body, *moved(grille, z=29),
         ball(1, (26, 22, 20), "plastic", 18, 6, (26, 15, 4)).moved(-24, 0, 30 + wide * 0.46),
-    ]
+    ]  # fmt: skip
     parts += [*_helmet(rng, -34, 62), ball(1, (150, 170, 180), "glass", 16, 8, (6, 15, 12)).moved(2, 0, 52)]
     parts += hull([(-74, 5, 8, 54, 2), (-46, 16, 26, 52, 2.2)], main, count=4, around=14)
     places = [(82, half, tyre - 2, 14), (-84, half, tyre, 18)]

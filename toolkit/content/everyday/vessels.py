@@ -390,11 +390,10 @@ def make_wine_bottle(rng: np.random.Generator) -> Mesh:
     from_z, to_z = wall_top * draw(rng, 0.15, 0.3), wall_top * draw(rng, 0.75, 0.95)
     sign = label(glass, paper, ink, pick_word(rng), width=draw(rng, 0.35, 0.6), height=(0, 1))
     curve = [
-        (radius, to_z),
-        (radius, wall_top),
+        (radius, to_z), (radius, wall_top),
         (radius * 0.86, wall_top + 0.45 * (shoulder - wall_top)),
         (neck, shoulder),
-    ]
+    ]  # fmt: skip
     return finish(
         [
             *cylinder(radius - 3, 0, 3, glass, "glass", 32, radius),
@@ -508,12 +507,11 @@ def _nog_carton(rng: np.random.Generator) -> list[Part]:
     slope = np.degrees(np.arctan2(gable, half))
     cap = moved(turned(cap, "x", -slope), 0, half * 0.5, high + gable * 0.5)
     return [
-        net_part(rows, front, "paper"),
-        net_part(roof, pick(rng, (paper, ink)), "paper"),
+        net_part(rows, front, "paper"), net_part(roof, pick(rng, (paper, ink)), "paper"),
         *block((side, side, 1), (0, 0, 0), paper, "paper"),
         *block((side, 3, 18), (0, 0, high + gable + 7), paper, "paper"),
         *(cap if chance(rng, 0.5) else []),
-    ]
+    ]  # fmt: skip
 
 
 def _nog_jug(rng: np.random.Generator) -> list[Part]:
@@ -527,13 +525,12 @@ def _nog_jug(rng: np.random.Generator) -> list[Part]:
     handle = [(-half * 0.2, 0, high * 0.88), (-half * 0.95, 0, high * 0.86), (-half * 1.35, 0, high * 0.66),
               (-half * 0.98, 0, high * 0.42)]  # fmt: skip
     return [
-        net_part(rows[:3], cream, "plastic"),
-        net_part(rows[2:4], _name(rng, cream), "paper"),
+        net_part(rows[:3], cream, "plastic"), net_part(rows[2:4], _name(rng, cream), "paper"),
         net_part(rows[3:], cream, "plastic"),
         *block((half * 1.2, half * 1.2, 1), (0, 0, 0.5), cream),
         *cylinder(half * 0.38, high * 0.94, high * 1.03, pick_colour(rng, "bright"), "plastic", 24, bevel=1.5),
         *rod(handle, half * 0.17, cream, "plastic"),
-    ]
+    ]  # fmt: skip
 
 
 def _nog_glass(rng: np.random.Generator) -> list[Part]:
