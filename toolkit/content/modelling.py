@@ -404,8 +404,8 @@ def vessel(
 ) -> list[Part]:  # fmt: skip
     """A hollow vessel: its outline (n, 2) of (radius, z) from the foot to the rim, a round rim and the inside.
 
-    `floor` is the height of the inner bottom, else it lies the wall's thickness above the foot; `content` is (height as a
-    share of the inside, paint, material) of what it is filled with.
+    `floor` is the height of the inner bottom, else it lies the wall's thickness above the foot; `content` is (height
+    as a share of the inside, paint, material) of what it is filled with.
     """
     bottom = outline[0, 1] + wall if floor is None else floor
     level = bottom if content is None else bottom + content[0] * (outline[-1, 1] - bottom)
