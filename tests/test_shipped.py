@@ -22,9 +22,7 @@ from toolkit.core.workspace import PACKAGE_DATA, Workspace, make_workspace, open
 from toolkit.models.bundled import bundled_file, read_bundled
 from toolkit.objects.load import BUILTIN
 from toolkit.objects.records import read_patch
-from toolkit.objects.shapes.everyday import MAKERS
 from toolkit.rig.requests import PAIR
-from toolkit.rig.variants import PAIR
 
 ROOT = Path(__file__).parents[1]
 SETS = (None, "rig18")
