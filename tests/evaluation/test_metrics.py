@@ -1,6 +1,7 @@
 """Intervals and tests against a second implementation, closed forms and published numbers."""
 
-from math import comb
+from dataclasses import replace
+from math import comb, cos, radians, sin
 from pathlib import Path
 
 import pytest
@@ -170,3 +171,40 @@ def test_an_object_that_was_shot_bare_alone_is_not_counted_against_the_patch():
 def test_p_in_words():
     assert [format_p(p) for p in (1.0, 0.03125, 2e-6, None)] == ["1", "0.031", "< 0.0001", ""]
     assert [format_test(p) for p in (1.0, 2e-6)] == ["exact McNemar p = 1", "exact McNemar p < 0.0001"]
+
+
+def seen_from(found, elevation_deg, distance_mm=500.0, *, by_plan=True, focal_length=1.1):
+    """The prediction of an image whose camera is known."""
+    up, out = sin(radians(elevation_deg)) * distance_mm, cos(radians(elevation_deg)) * distance_mm
+    rows = ((1.0, 0.0, 0.0, out), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, up), (0.0, 0.0, 0.0, 1.0))
+    capture = replace(found.capture, T_world_camera=rows, is_by_plan=by_plan, focal_length=focal_length)
+    return replace(found, capture=capture)
+
+
+def test_a_variant_that_was_shot_by_another_plan_is_set_aside():
+    """The bare object at 35°, textured at 44° from a plan before: one pose number, two places."""
+    bare, same, stale = one(1, "unpatched", 9), one(1, "textured", 1), one(2, "textured", 1)
+    seen = [seen_from(bare, 35), seen_from(one(2, "unpatched", 9), 35), seen_from(same, 35.5), seen_from(stale, 44)]
+    poses = index_poses(seen)
+    assert [pair.second.capture.pose_id for pair in pair_variants(poses, "unpatched", "textured")] == [1]
+    reasons = dict(explain_unpaired(seen, poses))
+    assert sorted(reasons) == ["sim/racer/textured/2.png", "sim/racer/unpatched/2.png"]
+    assert "9° apart" in reasons["sim/racer/textured/2.png"] and "with one plan" in reasons["sim/racer/textured/2.png"]
+
+
+@pytest.mark.parametrize(
+    ("other", "apart"),
+    [
+        ({"elevation_deg": 35, "distance_mm": 600}, "500 and 600 mm away"),
+        ({"elevation_deg": 35, "focal_length": 1.5}, "with another lens"),
+        ({"elevation_deg": 35, "distance_mm": 600, "focal_length": 1.5, "by_plan": False}, None),
+        ({"elevation_deg": 44, "by_plan": False}, None),
+        ({"elevation_deg": 52, "by_plan": False}, "17° apart"),
+        (None, None),
+    ],
+)
+def test_cameras_are_one_within_the_stated_tolerances(other, apart):
+    """Renders by a plan closely, what is held by hand loosely, and an unknown camera by its number alone."""
+    bare, second = seen_from(one(1, "unpatched", 9), 35), one(1, "patched", 1)
+    second = seen_from(second, **other) if other else second
+    assert bare.capture.tell_cameras_apart(second.capture) == apart

@@ -284,3 +284,21 @@ def test_a_run_without_photographs_says_nothing_of_them(workspace, put, colour_c
     result = evaluate_captures(workspace.captures_dir, workspace, colour_classifier)
     assert json.loads((result.run_dir / "summary.json").read_text())["sim_real"] == []
     assert "sim-real" not in result.report_file.read_text()
+
+
+def test_a_rig_that_was_shot_anew_from_elsewhere_is_not_compared():
+    """Photographs at 44°, the rig at 75°: no pair at pose 2, and the reason is listed; pose 1 agrees."""
+
+    def shot(source, pose_id, elevation_deg):
+        up, out = 500 * np.sin(np.radians(elevation_deg)), 500 * np.cos(np.radians(elevation_deg))
+        rows = ((1.0, 0.0, 0.0, out), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, up), (0.0, 0.0, 0.0, 1.0))
+        path = f"{source}/racer/unpatched/{pose_id}.png"
+        capture = Capture(source, "racer", "unpatched", pose_id, Path(path), path, T_world_camera=rows)
+        return Prediction(capture, 0, "racer", 0, "racer", 0.6, 0.6, 1)
+
+    (found,) = compare_sim_real([shot("sim", 1, 44), shot("sim", 2, 75), shot("real", 1, 40), shot("real", 2, 44)])
+    assert [place_of(pair)[2] for pair in found.pairs] == [1]
+    (sim,), (real,) = found.unmatched_sim, found.unmatched_real
+    assert sim[0] == "sim/racer/unpatched/2.png" and "31° apart" in sim[1] and "--like" in real[1]
+    moved = compare_predictions("net", [shot("sim", 1, 75), shot("real", 1, 44)])
+    assert not moved.sim_real and [path for path, _ in moved.unpaired] == ["real/racer/unpatched/1.png"]

@@ -1,5 +1,6 @@
 """Read a capture folder: `captures/SOURCE/OBJECT/VARIANT/FILE`, with a manifest or sorted by hand."""
 
+import math
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -17,6 +18,10 @@ POOLED = "all"
 LAYOUT = "SOURCE/OBJECT/VARIANT/FILE, for example captures/real/racer/patched/1.jpg"
 WNID = re.compile(r"^n\d{8}$")
 MAX_POSE_DIGITS = 5
+SAME_CAMERA = (3.0, 0.05)
+"""Two renders by plan are of one pose up to here: degrees seen from the object, share of distance and focal length."""
+SAME_PHOTOGRAPH = (15.0, 0.5)
+"""Likewise where one camera is held by hand, of a photograph or a rehearsal: degrees and share of distance alone."""
 
 
 @dataclass(frozen=True)
@@ -30,8 +35,10 @@ class Capture:
         path: how it is named in results: SOURCE/OBJECT/VARIANT/FILE.
         refused: why it must not be opened, None when it may.
         T_world_camera: 4×4, OpenCV axes, millimetres, where the manifest has it.
+        focal_length: of the lens as a share of the image's longer side, where the manifest has it.
         booster_sha256: of what was on the object, where the manifest has it.
         is_rendered: the manifest says that a renderer made it.
+        is_by_plan: likewise, and that its camera is the plan's: no photograph's (`--like`) and no rehearsal's.
         corruption: (name, severity) that it has, or gets where `cut_px` is None; None for an image as it was taken.
         cut_px: side of the square that the file was cut to before it was corrupted, by the manifest; None for an image
             that is corrupted when it is read, after it was resized and cut for the network.
@@ -46,8 +53,10 @@ class Capture:
     path: str
     refused: str | None = None
     T_world_camera: tuple[tuple[float, ...], ...] | None = None
+    focal_length: float | None = None
     booster_sha256: str | None = None
     is_rendered: bool = False
+    is_by_plan: bool = False
     corruption: tuple[str, int] | None = None
     cut_px: int | None = None
     failed_gates: tuple[str, ...] = ()
@@ -56,6 +65,30 @@ class Capture:
     def path_in_source(self) -> str:
         """OBJECT/VARIANT/FILE."""
         return self.path.split("/", 1)[1]
+
+    def tell_cameras_apart(self, other: "Capture") -> str | None:
+        """How another image's camera stands elsewhere, in words; None where it does not, or one is not known.
+
+        See `SAME_CAMERA` and `SAME_PHOTOGRAPH`. Cameras are compared as seen from the object, the world's origin.
+        """
+        if self.T_world_camera is None or other.T_world_camera is None:
+            return None
+        one, two = ([row[3] for row in rows[:3]] for rows in (self.T_world_camera, other.T_world_camera))
+        far, near = math.hypot(*one), math.hypot(*two)
+        if not far or not near:
+            return None
+        by_plan = self.is_by_plan and other.is_by_plan
+        most_deg, most_share = SAME_CAMERA if by_plan else SAME_PHOTOGRAPH
+        cosine = sum(a * b for a, b in zip(one, two, strict=True)) / (far * near)
+        apart_deg = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+        if apart_deg > most_deg:
+            return f"{apart_deg:.0f}° apart"
+        if abs(far - near) > most_share * min(far, near):
+            return f"{far:.0f} and {near:.0f} mm away"
+        lenses = (self.focal_length, other.focal_length)
+        if by_plan and lenses[0] and lenses[1] and abs(lenses[0] - lenses[1]) > most_share * min(lenses):
+            return "with another lens"
+        return None
 
 
 @dataclass(frozen=True)
@@ -93,6 +126,7 @@ def read_captures(root: Path, selection: Selection | None = None) -> CaptureFold
     """Read `captures/`, one of its sources, one object's folder, or an ImageFolder whose folders are WordNet ids.
 
     Images are paired by pose: the manifest's pose id, else the number in the name (`pose_03.jpg`, `IMG_0003.jpg`).
+    Where the manifest knows both cameras they must agree too: see `Capture.tell_cameras_apart`.
 
     Raises:
         ToolkitError: no folder, no images, images that are not sorted into folders, a broken manifest, an object called
@@ -167,13 +201,15 @@ def _capture(file: Path, full: tuple[str, ...], record: CaptureRecord | None, re
     capture = Capture(source, name, variant, read_pose_id(full[-1]), file, path=show_path(full), refused=refused)
     if record is None:
         return capture
-    rows = record.T_world_camera
+    rows, lens = record.T_world_camera, record.intrinsics
     return replace(
         capture,
         pose_id=record.pose_id if record.pose_id is not None else capture.pose_id,
         T_world_camera=tuple(tuple(row) for row in rows) if rows is not None else None,
+        focal_length=lens["fx"] / max(lens["width"], lens["height"]) if lens else None,
         booster_sha256=record.booster_sha256,
         is_rendered="renderer" in record.made,
+        is_by_plan="renderer" in record.made and not {"like", "rehearsed"} & record.made.keys(),
         **_read_corruption(record.made),
     )
 

@@ -87,6 +87,11 @@ class Pair:
     second: Prediction
 
     @property
+    def has_one_camera(self) -> bool:
+        """Both were taken from one place, as far as it is known."""
+        return self.first.capture.tell_cameras_apart(self.second.capture) is None
+
+    @property
     def is_gained(self) -> bool:
         """The first is wrong, the second right."""
         return self.second.correct_top1 and not self.first.correct_top1
@@ -188,12 +193,12 @@ def index_poses(predictions: Iterable[Prediction]) -> Poses:
 
 
 def pair_variants(poses: Poses, first: str, second: str) -> list[Pair]:
-    """The images of two variants at the same pose where both were read; by source and object, poses ascending."""
+    """The images of two variants at the same pose and camera, both read; by source and object, poses ascending."""
     pairs = []
     for variants in poses.values():
         one, other = variants.get(first, {}), variants.get(second, {})
         shared = [Pair(one[pose], other[pose]) for pose in sorted(one.keys() & other.keys())]
-        pairs += [pair for pair in shared if pair.first.is_read and pair.second.is_read]
+        pairs += [pair for pair in shared if pair.first.is_read and pair.second.is_read and pair.has_one_camera]
     return pairs
 
 
@@ -269,6 +274,12 @@ def _why_unpaired(one: Prediction, others: list[dict[int, Prediction]], name: st
         return f"no {name} image of pose {pose_id}"
     if not any(partner.is_read for partner in partners):
         return f"its partner {partners[0].capture.path} could not be read"
+    gaps = [one.capture.tell_cameras_apart(partner.capture) for partner in partners if partner.is_read]
+    if all(gaps):
+        return (
+            f"its camera and that of {partners[0].capture.path} differ ({gaps[0]}): another plan was in use, so take "
+            "both variants again with one plan"
+        )
     return None
 
 

@@ -25,7 +25,7 @@ from toolkit.evaluation.metrics import (
 )
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.seen import Training
-from toolkit.evaluation.sim_real import SimReal, compare_sim_real, write_sim_real
+from toolkit.evaluation.sim_real import SimReal, compare_sim_real, explain_apart, write_sim_real
 from toolkit.evaluation.verdict import Headline, write_headlines
 from toolkit.models.network import Classifier
 
@@ -91,7 +91,7 @@ def compare_predictions(
         headlines=tuple(headlines),
         flips=list_flips(poses),
         failed=(*unread, *refused_folders),
-        unpaired=tuple(explain_unpaired(predictions, poses)),
+        unpaired=(*explain_unpaired(predictions, poses), *explain_apart(predictions)),
         sim_real=tuple(sim_real),
         passed=compare_predictions(network, good, refused_folders) if 0 < len(good) < len(predictions) else None,
     )

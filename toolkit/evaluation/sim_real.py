@@ -26,6 +26,7 @@ Reasons = tuple[tuple[str, str], ...]
 Key = tuple[str, str, int]
 """Object, variant and pose."""
 Poses = dict[Key, list[Prediction]]
+ELSEWHERE = "has its camera elsewhere"
 LIKE = "sim-like-"
 """Start of the names of sources that were shot with the cameras of photographs."""
 
@@ -130,7 +131,9 @@ class SimReal:
         members: dict[tuple[str, str], list[tuple[Pair, Pair]]] = defaultdict(list)
         for (name, variant, pose_id), after in first.items():
             before = first.get((name, UNPATCHED, pose_id))
-            if variant != UNPATCHED and before is not None:
+            if variant == UNPATCHED or before is None:
+                continue
+            if Pair(before.first, after.first).has_one_camera and Pair(before.second, after.second).has_one_camera:
                 for owner in (name, POOLED):
                     members[(owner, variant)].append((before, after))
         return tuple(_forecast(key, members[key]) for key in sorted(members, key=_row_order))
@@ -176,6 +179,19 @@ def compare_sim_real(predictions: Sequence[Prediction]) -> list[SimReal]:
     boosters are no pair. Of several images of one pose those of one name are paired, else the first of each. Sources
     are compared under the same corruption alone.
     """
+    return [one for one in _match_sources(predictions) if one.pairs]
+
+
+def explain_apart(predictions: Sequence[Prediction]) -> Reasons:
+    """Photographs that no rendered source is compared with, since its cameras stand elsewhere at the same poses."""
+    found = _match_sources(predictions)
+    compared = {one.real for one in found if one.pairs}
+    alone = [reason for one in found if one.real not in compared for reason in one.unmatched_real]
+    return tuple((path, reason) for path, reason in alone if ELSEWHERE in reason)
+
+
+def _match_sources(predictions: Sequence[Prediction]) -> list[SimReal]:
+    """Every rendered source with every one of photographs, those without a pair too."""
     by_source: dict[str, list[Prediction]] = defaultdict(list)
     for one in predictions:
         by_source[one.capture.source].append(one)
@@ -187,7 +203,7 @@ def compare_sim_real(predictions: Sequence[Prediction]) -> list[SimReal]:
             alike = by_source[sim][0].capture.corruption == by_source[real][0].capture.corruption
             if alike and real not in rendered and shot_for == real:
                 made.append(SimReal(sim, real, *pair_sources(by_source[sim], by_source[real])))
-    return [one for one in made if one.pairs]
+    return made
 
 
 def _is_rendered(source: str, members: Iterable[Prediction]) -> bool:
@@ -197,7 +213,8 @@ def _is_rendered(source: str, members: Iterable[Prediction]) -> bool:
 def pair_sources(sims: Sequence[Prediction], reals: Sequence[Prediction]) -> tuple[tuple[Pair, ...], Reasons, Reasons]:
     """Pair the images of two sources by object, variant and pose.
 
-    Images whose manifests name different boosters are no pair. Of several images of one pose, those of one name are
+    Images whose manifests name different boosters, or cameras that stand apart, are no pair. Of several images of one
+    pose, those of one name are
     paired, each once; where none are, the first that fit.
 
     Returns:
@@ -206,7 +223,7 @@ def pair_sources(sims: Sequence[Prediction], reals: Sequence[Prediction]) -> tup
     sim_poses, real_poses = _index_images(sims), _index_images(reals)
     pairs: list[Pair] = []
     for key in sorted(sim_poses.keys() & real_poses.keys(), key=lambda key: (key[0], rank_variant(key[1]), key[2])):
-        fitting = [Pair(one, other) for one in sim_poses[key] for other in real_poses[key] if _same_booster(one, other)]
+        fitting = [Pair(one, other) for one in sim_poses[key] for other in real_poses[key] if _fits(one, other)]
         pairs += _pair_by_name(fitting) or fitting[:1]
     used = {id(one) for pair in pairs for one in (pair.first, pair.second)}
     return tuple(pairs), _explain(sims, used, reals, real_poses), _explain(reals, used, sims, sim_poses)
@@ -224,6 +241,10 @@ def _index_images(members: Iterable[Prediction]) -> Poses:
 def _same_booster(one: Prediction, other: Prediction) -> bool:
     known = {one.capture.booster_sha256, other.capture.booster_sha256} - {None}
     return len(known) < 2
+
+
+def _fits(one: Prediction, other: Prediction) -> bool:
+    return _same_booster(one, other) and Pair(one, other).has_one_camera
 
 
 def _pair_by_name(candidates: Iterable[Pair]) -> list[Pair]:
@@ -257,6 +278,9 @@ def _explain(members: Sequence[Prediction], used: set[int], others: Sequence[Pre
             reason = f"{other} has no image of {capture.object}, {capture.variant}, pose {capture.pose_id}"
         elif not any(_same_booster(one, partner) for partner in partners):
             reason = f"{other} has another patch or texture there, by the manifests' SHA-256"
+        elif not any(_fits(one, partner) for partner in partners):
+            gap = next(filter(None, (capture.tell_cameras_apart(partner.capture) for partner in partners)))
+            reason = f"{other} {ELSEWHERE} ({gap}): render the photographs' own cameras with capture-sim --like"
         left.append((capture.path, reason))
     return tuple(left)
 
