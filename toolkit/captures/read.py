@@ -85,8 +85,8 @@ class Capture:
             return f"{apart_deg:.0f}° apart"
         if abs(far - near) > most_share * min(far, near):
             return f"{far:.0f} and {near:.0f} mm away"
-        lenses = (self.focal_length, other.focal_length)
-        if by_plan and lenses[0] and lenses[1] and abs(lenses[0] - lenses[1]) > most_share * min(lenses):
+        lens, second = self.focal_length, other.focal_length
+        if by_plan and lens and second and abs(lens - second) > most_share * min(lens, second):
             return "with another lens"
         return None
 
