@@ -236,15 +236,15 @@ def test_a_texture_meets_corruptions_and_its_gradient_is_that_of_differences():
     from toolkit.boosters.texture_config import make_config as make_texture_config
 
     plain, met = crate_config(), crate_config(corrupted=("gaussian_blur:4", "gaussian_noise:5"))
-    assert plain.photo_parts == () and met.photo_parts == (met.corrupted,)
+    assert plain.parts("photo") == () and met.parts("photo") == (met.corrupted,)
     settings = met.settings(48)
     assert settings["camera"] == {
         "Corrupted": {"corruptions": (("gaussian_blur", 4), ("gaussian_noise", 5)), "probability": 0.5, "gradients": 2}
     }
     assert settings | {"camera": None} == plain.settings(48), "nothing else changed"
     default = make_texture_config("default", {"objects": ("crate",), "corrupted": ("defocus_blur:5",)})
-    kinds = [type(part).__name__ for part in default.photo_parts]
-    assert kinds == [*(type(part).__name__ for part in RECIPES["default"].photo_parts), "Corrupted"]
+    kinds = [type(part).__name__ for part in default.parts("photo")]
+    assert kinds == [*(type(part).__name__ for part in RECIPES["default"].parts("photo")), "Corrupted"]
     assert "defocus_blur:5, probability 0.5" in "\n".join(default.lines("jet", [], ["tiny"]))
 
 

@@ -29,7 +29,7 @@ def judge_ensemble(
     Args:
         photos: (b, 3, m, m) sRGB-encoded, rendered once for all networks; of several processes each judges its part.
         targets: the networks.
-        config: its `ensemble`, `objective` and `jitter` act here. By `sum` the networks' losses are added. By
+        config: its `ensemble`, `objective` and parts of the stage `network` act here. By `sum` the losses are added. By
             `normalised` the value is that sum, and the gradient by the photographs is the sum of the networks' own,
             each scaled to their mean length, so that none drowns the others. By `turns` one network is asked, see
             `choose_turn`.
@@ -37,8 +37,8 @@ def judge_ensemble(
     """
 
     def ask(seen: "torch.Tensor", number: int) -> tuple["torch.Tensor", float]:
-        if config.jitter is not None:
-            seen = config.jitter.change(seen, draws.of(f"Jitter {number}"))
+        for part in config.parts("network"):
+            seen = part.change(seen, draws.of(f"{type(part).__name__} {number}"))
         return judge_photos(current().share(seen), [targets[number]], config.objective)
 
     if config.ensemble == "turns":

@@ -45,6 +45,7 @@ SMALLEST_PX = 8
 class PatchConfig(PixelConfig):
     """Every setting of a patch's training. Parts that are None do not act."""
 
+    stages = ("print", "paper", "photo", "network")
     size_px: Annotated[int, Field(ge=SMALLEST_PX), Flag()] = Field(
         100, exclude=True, description="Side of the patch, pixels."
     )
@@ -109,10 +110,8 @@ class PatchConfig(PixelConfig):
         """The parts that act, in order."""
         return Appearance(
             self.affine if self.pose is None else MixedPlacement(self.pose, self.affine),
-            on_print=() if self.print_process is None else (self.print_process,),
-            on_paper=tuple(part for part in (self.light, self.glare) if part is not None),
-            on_photo=(*(self.camera or ()), *(() if self.corrupted is None else (self.corrupted,))),
-        )
+            on_print=self.parts("print"), on_paper=self.parts("paper"), on_photo=self.parts("photo"),
+        )  # fmt: skip
 
     def penalty(self) -> "Callable[[torch.Tensor], torch.Tensor] | None":
         """Θ -> the weighted losses of the patch itself, a scalar; None where both weigh nothing."""
@@ -132,20 +131,11 @@ class PatchConfig(PixelConfig):
     def lines(self, networks: list[str]) -> list[str]:
         """One line per setting or part that acts, `name  value`, and one for the parts that do not."""
         epochs = "" if self.epochs is None else f" ({self.epochs} epochs)"
-        parts = {
-            "affine": self.affine,
-            "pose": self.pose,
-            "light": self.light,
-            "print": self.print_process,
-            "glare": self.glare,
-            **{f"camera: {type(part).__name__}": part for part in self.camera or ()},
-            **({} if self.corrupted is None else {"corrupted": self.corrupted}),
-            **({} if self.weather is None else {"weather": self.weather}),
-        }
         rows = self.step_rows(self.size_px, "sign of the gradient", epochs)
         rows += [("networks", ", ".join(networks))]
-        rows += [(name, describe(part)) for name, part in parts.items() if part is not None]
-        idle = [name for name, part in parts.items() if part is None] + ([] if self.camera else ["camera"])
+        on_flat = ("place", "paper") if self.mounted_share == 1 else ()  # no patch of the batch lies flat
+        rows += self.part_rows(on_flat)
+        idle = self.idle_parts(on_flat)
         if self.mounted_share:
             share = f"{self.mounted_share:.0%} of each batch, {self.mounted_views} views, a fifth held out, "
             rows.append(("mounted", f"{share}the object filling {describe(self.mounted_fill)} of the frame"))

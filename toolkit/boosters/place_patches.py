@@ -1,7 +1,7 @@
 """Images with a patch of their class in them, turned, scaled and moved at random by the image's own seed."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -20,6 +20,7 @@ class Placement(Config):
     As for every part, the name of the class names its draws: renamed, it would draw other numbers.
     """
 
+    stage: ClassVar = "place"
     rotation_deg: Annotated[
         float, Field(ge=0, le=180), Expect("0 to 180 degrees"), Flag("--max-rotation", metavar="DEGREES")
     ] = Field(45.0, description="Largest turn of a patch either way, degrees.")

@@ -384,9 +384,11 @@ class TextureTask(PixelTask[TrainedTexture]):
 def take_photos(texture: "torch.Tensor", batch: ViewBatch, config: TextureConfig, draws: Draws) -> "torch.Tensor":
     """Photographs (b, 3, s, s) of a dilated texture as the camera of `config` gives them, sRGB-encoded in [0, 1]."""
     count = len(batch)
-    light = 1.0 if config.exposure is None else config.exposure.draw(draws.of("exposure"), count, texture)
+    light: torch.Tensor | float = 1.0
+    for part in config.parts("light"):
+        light = light * part.draw(draws.of(getattr(part, "drawn_as", type(part).__name__)), count, texture)
     photos = show_texture(texture, batch, config.gradient, light)
-    for part in config.photo_parts:
+    for part in config.parts("photo"):
         photos = part.change(photos, draws.of(type(part).__name__))
     return photos
 

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from toolkit.boosters.parts.base import ImagePart
 from toolkit.boosters.parts.fog import Fog
 from toolkit.boosters.parts.light import Exposure
 from toolkit.boosters.pixel_config import (
@@ -65,6 +64,7 @@ def make_fog() -> Fog:
 class TextureConfig(PixelConfig):
     """Every setting of a texture's training. Parts that are None do not act."""
 
+    stages = ("light", "photo", "network")
     objects: Annotated[
         tuple[str, ...], AfterValidator(check_objects), Flag("--object", metavar="NAME", group=WEARS)
     ] = Field(
@@ -155,12 +155,6 @@ class TextureConfig(PixelConfig):
             raise FieldError(expected, {"background_share": self.background_share})
 
     @property
-    def photo_parts(self) -> tuple[ImagePart, ...]:
-        """What is done to a photograph, in this order."""
-        corrupted = () if self.corrupted is None else (self.corrupted,)
-        return (*(() if self.fog is None else (self.fog,)), *(self.camera or ()), *corrupted)
-
-    @property
     def steps_per_group(self) -> int:
         """How many steps a group of views serves."""
         return max(1, self.studios * self.per_studio * self.reuse // self.batch)
@@ -182,7 +176,8 @@ class TextureConfig(PixelConfig):
 
     def settings(self, image_px: int) -> dict[str, Any]:
         """Every hyper-parameter, as recorded beside the texture."""
-        plain = super().record()
+        on_photo = {name for name, part in self.held_parts() if part.stage == "photo"}  # they are "camera" below
+        plain = {name: value for name, value in super().record().items() if name not in on_photo}
         rest = {name: plain.pop(name) for name in ("reuse", "exposure", "background_share")}
         return {
             "method": METHOD,
@@ -190,7 +185,7 @@ class TextureConfig(PixelConfig):
             "views": asdict(self.views(image_px)),
             "reuse": rest["reuse"],
             "exposure": rest["exposure"],
-            "camera": record_parts(self.photo_parts),
+            "camera": record_parts(self.parts("photo")),
             "background_share": rest["background_share"],
             "held_out_views": self.held_out * self.per_studio,
         }
@@ -213,9 +208,9 @@ class TextureConfig(PixelConfig):
         rows += [] if world is None else [("world", world)]
         if self.background_share:
             rows.append(("backgrounds", f"photographs behind {self.background_share:.0%} of the views"))
-        parts: list[object] = [part for part in (self.exposure, *self.photo_parts) if part is not None]
-        parts += [] if self.weather is None else [self.weather]
-        rows += [(type(part).__name__, describe(part)) for part in parts]
+        rows += self.part_rows()
+        if idle := self.idle_parts():
+            rows.append(("off", ", ".join(idle)))
         return [*align_rows(rows), *self.weather_lines]
 
 

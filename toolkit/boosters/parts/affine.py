@@ -4,7 +4,7 @@ Convention: continuous coordinates, x right and y down, pixel (row i, column j) 
 centres are at half integers. `T_image_patch` maps patch texels, [0, n]², to image pixels, [0, m]².
 """
 
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from pydantic import Field
@@ -21,6 +21,7 @@ class AffineRanges(Config):
     20-65° above: 45-95 px in the 224 px crop before foreshortening.
     """
 
+    stage: ClassVar = "place"
     rotation_deg: Annotated[Range, Rising(-360, 360), Flag("--rotation", group=WHERE)] = Field(
         (-180.0, 180.0), description="Its turn, degrees, clockwise."
     )

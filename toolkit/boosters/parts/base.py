@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     import torch
 
 Range = tuple[float, float]
+STAGES = ("place", "print", "paper", "view", "light", "photo", "network")
+"""Where a part acts, in the order in which they do: where the patch lies, on the print, on the paper in the scene, on a
+view by its depth, on a view's light, on the photograph, on what one network sees of it."""
 
 
 def check_range(name: str, values: Range, lowest: float, highest: float) -> None:

@@ -1,7 +1,7 @@
 """The photograph out of focus, and shaken: a Gaussian drawn out along a short line."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -28,6 +28,7 @@ class CameraBlur:
         probability: that a photograph is blurred.
     """
 
+    stage: ClassVar = "photo"
     defocus_px: Range = (0.3, 1.0)
     motion_px: Range = (0.0, 2.5)
     probability: float = 0.3

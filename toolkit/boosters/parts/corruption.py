@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, ClassVar, cast
 
 import numpy as np
 
@@ -29,6 +29,7 @@ class Corrupted:
         gradients: version of what `corrupt_straight` makes; raised when the same settings give another gradient.
     """
 
+    stage: ClassVar = "photo"
     corruptions: tuple[tuple[str, int], ...]
     probability: float = 0.5
     gradients: int = 2

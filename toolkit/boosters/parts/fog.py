@@ -1,7 +1,7 @@
 """Fog in front of the camera: ImageNet-C's, of any strength, and differentiable."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -21,6 +21,7 @@ class Fog:
         probability: that a photograph is foggy.
     """
 
+    stage: ClassVar = "photo"
     strength: Range = (0.5, 3.0)
     smoothness: Range = (1.4, 2.0)
     probability: float = 0.3

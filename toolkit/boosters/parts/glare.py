@@ -1,7 +1,7 @@
 """Clear tape over the paper: its shine, and now and then a strip through which nothing is seen."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -24,6 +24,7 @@ class TapeGlare:
         strip_probability: that an image has one.
     """
 
+    stage: ClassVar = "paper"
     width: Range = (0.05, 0.16)
     length: Range = (0.15, 1.2)
     strength: Range = (0.5, 1.0)

@@ -1,7 +1,7 @@
 """A camera that is not held still: each network sees the photograph a little larger or smaller, and moved."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -24,6 +24,7 @@ class Jitter:
         probability: that a photograph is changed.
     """
 
+    stage: ClassVar = "network"
     scale: Range = (0.8, 1.15)
     shift: float = 0.08
     probability: float = 0.7

@@ -8,7 +8,7 @@ through"; Bengio et al. 2013), since its true gradient is zero everywhere.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -38,6 +38,7 @@ class JpegFile:
         probability: that a photograph is saved so.
     """
 
+    stage: ClassVar = "photo"
     quality: tuple[int, int] = (40, 95)
     probability: float = 0.3
 

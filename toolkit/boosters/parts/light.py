@@ -1,7 +1,7 @@
 """Random light: on the paper alone, or on the whole view before the camera's tone curve."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -23,6 +23,7 @@ class LightRanges:
         probability: that an image's patch is lit apart from it.
     """
 
+    stage: ClassVar = "paper"
     exposure: tuple[float, float] = (0.65, 1.2)
     contrast: tuple[float, float] = (0.75, 1.0)
     tint: float = 0.06
@@ -68,6 +69,8 @@ class Exposure:
         tint: each channel's own factor lies within 1 ± tint.
     """
 
+    stage: ClassVar = "light"
+    drawn_as: ClassVar = "exposure"
     factor: Range = (0.6, 1.5)
     tint: float = 0.05
 

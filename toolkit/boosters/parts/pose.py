@@ -6,7 +6,7 @@ right and y down, to image pixels, [0, m]², centres at half integers, as in `to
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -33,6 +33,7 @@ class PoseRanges(Config):
     across `fill` of the image. A sheet on a wall is seen under the same angles, another way up.
     """
 
+    stage: ClassVar = "place"
     size_mm: Annotated[float, Field(gt=0)] = Field(printed_size_mm(100), description="Side of the printed patch.")
     length_mm: Annotated[float, Field(gt=0), Flag(group=WHERE)] = Field(
         270.0, description="Longest side of that object: how large the patch looks on it."

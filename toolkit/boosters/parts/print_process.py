@@ -1,7 +1,7 @@
 """What a desktop printer makes of the patch: a range of printers, or one's own as measured."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -32,6 +32,7 @@ class PrintProcess:
         probability: that the patch is printed at all, and not shown as the file has it.
     """
 
+    stage: ClassVar = "print"
     white: Range = (0.93, 1.0)
     tint: float = 0.02
     density: Range = (0.90, 1.05)
@@ -130,6 +131,7 @@ class ProfiledPrint:
         probability: that the patch is printed at all, and not shown as the file has it.
     """
 
+    stage: ClassVar = "print"
     name: str
     sha256: str
     held_out: float

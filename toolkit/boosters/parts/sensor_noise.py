@@ -1,7 +1,7 @@
 """Noise of the camera's sensor: photons are counted (shot noise), and the counter itself is unsteady (read noise)."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -28,6 +28,7 @@ class SensorNoise:
         probability: that a photograph has noise.
     """
 
+    stage: ClassVar = "photo"
     shot: Range = (0.005, 0.04)
     read: Range = (0.0, 0.006)
     probability: float = 0.3

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -45,6 +45,7 @@ class Weathered:
         airlight: linear light of the air, in the picture's values; skies of `toolkit.worlds.sky` have 0.2 to 0.7.
     """
 
+    stage: ClassVar = "view"
     weathers: tuple[tuple[str, int], ...]
     probability: float = 0.5
     airlight: Range = (0.3, 0.8)

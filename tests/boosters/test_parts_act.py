@@ -1,0 +1,146 @@
+"""Every part that a recipe's fields hold changes the picture, and so does one that was added by the book."""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import pytest
+import torch
+from texture_parts import make_crate, render_linear
+from tiny_network import tiny_classifier
+
+from toolkit.boosters import patch_config, texture_config
+from toolkit.boosters.ensemble import judge_ensemble
+from toolkit.boosters.linear_view import batch_views
+from toolkit.boosters.parts.base import show_patch
+from toolkit.boosters.parts.jitter import Jitter
+from toolkit.boosters.patch_config import PatchConfig
+from toolkit.boosters.pixels import Target
+from toolkit.boosters.texture import take_photos
+from toolkit.boosters.texture_config import TextureConfig
+from toolkit.core.draws import Draws
+from toolkit.core.errors import ToolkitError
+
+DRAWS = Draws(0, 3)
+
+
+@dataclass(frozen=True)
+class Veil:
+    """A part by docs/contributing.md: half of the light is gone."""
+
+    stage: ClassVar = "photo"
+    probability: float = 1.0
+
+    def change(self, pixels, rng):
+        return pixels / 2
+
+    def light(self, paper, mask, rng):
+        return paper / 2
+
+
+@dataclass(frozen=True)
+class PaperVeil(Veil):
+    stage: ClassVar = "paper"
+
+
+@dataclass(frozen=True)
+class PrintVeil(Veil):
+    stage: ClassVar = "print"
+
+
+class VeiledPatch(PatchConfig):
+    veil: Veil | None = None
+
+
+class VeiledTexture(TextureConfig):
+    veil: Veil | None = None
+
+
+def grey(*shape: int) -> torch.Tensor:
+    return torch.from_numpy(np.random.default_rng(1).uniform(0.2, 0.8, shape).astype(np.float32))
+
+
+@pytest.fixture(scope="module")
+def views(tmp_path_factory, make_crate_space):
+    _, atlas = make_crate(make_crate_space(tmp_path_factory.mktemp("w")))
+    return batch_views(render_linear(atlas)[0], "cpu")
+
+
+def show(config, views) -> torch.Tensor:
+    """Photographs by a config; what a network sees of them where jitter acts on it alone."""
+    if isinstance(config, TextureConfig):
+        return take_photos(grey(3, 32, 32), views, config, DRAWS)
+    return show_patch(grey(3, 16, 16), grey(4, 3, 64, 64), config.appearance(), DRAWS)
+
+
+def always(part):
+    """The part where it acts on every image; one without a probability does so anyway."""
+    if isinstance(part, tuple):
+        return tuple(map(always, part))
+    if not hasattr(part, "probability"):
+        return part
+    from dataclasses import is_dataclass, replace
+
+    return replace(part, probability=1.0) if is_dataclass(part) else part.with_overrides(probability=1.0)
+
+
+FIELDS = [
+    (recipes, recipe, name)
+    for recipes in (patch_config.RECIPES, texture_config.RECIPES)
+    for recipe, config in recipes.items()
+    for name in dict(config.held_parts())
+]
+
+
+@pytest.mark.parametrize(("recipes", "recipe", "name"), FIELDS, ids=lambda one: one if isinstance(one, str) else "")
+def test_every_part_of_every_recipe_changes_the_picture(recipes, recipe, name, views):
+    config = recipes[recipe]
+    part = getattr(config, name)
+    with_it = config.model_copy(update={name: always(part)})
+    without = config.model_copy(update={name: None})
+    if name == "affine":  # the patch has to lie somewhere
+        with_it, without = (config.model_copy(update={"pose": None, name: one}) for one in (part, moved(part)))
+    assert not torch.equal(show(with_it, views), show(without, views))
+    if isinstance(part, tuple):
+        for k in range(len(part)):
+            fewer = with_it.model_copy(update={name: part[:k] + part[k + 1 :]})
+            assert not torch.equal(show(with_it, views), show(fewer, views)), type(part[k]).__name__
+
+
+def moved(part):
+    return part.with_overrides(share=(0.9, 0.9))
+
+
+@pytest.mark.parametrize("veil", [Veil(), PaperVeil(), PrintVeil()])
+def test_a_part_that_is_added_as_a_field_acts_and_is_listed_and_recorded(veil, views):
+    plain, veiled = VeiledPatch(), VeiledPatch(veil=veil)
+    assert not torch.equal(show(plain, views), show(veiled, views))
+    assert any(line.split()[0] == "veil" for line in veiled.lines(["tiny"]))
+    assert next(line for line in plain.lines(["tiny"]) if line.split()[0] == "off").count("veil")
+    assert veiled.record()["veil"] and not plain.record()["veil"]
+
+
+def test_a_part_that_is_added_to_textures_acts_and_is_listed_and_recorded_once(views):
+    plain, veiled = (VeiledTexture(steps=1, veil=one) for one in (None, Veil()))
+    assert not torch.equal(show(plain, views), show(veiled, views))
+    assert any(line.split()[0] == "veil" for line in veiled.lines("jet", [], ["tiny"]))
+    settings = veiled.settings(32)
+    assert settings["camera"] == {"Veil": {"probability": 1.0}} and "veil" not in settings
+
+
+def test_a_part_that_could_never_act_is_refused():
+    with pytest.raises(ToolkitError, match=r"veil: PaperVeil would never act: its stage is 'paper', expected light, "):
+        VeiledTexture(veil=PaperVeil())
+
+
+def test_parts_of_flat_patches_are_off_where_every_patch_is_on_the_object():
+    lines = patch_config.RECIPES["default"].model_copy(update={"mounted_share": 1}).lines(["tiny"])
+    off = next(line for line in lines if line.split()[0] == "off")
+    assert all(name in off for name in ("affine", "pose", "light", "glare"))
+    assert not {"affine", "pose", "light", "glare"} & {line.split()[0] for line in lines}
+
+
+def test_jitter_changes_what_a_network_sees():
+    photos, target = grey(4, 3, 40, 40), Target(tiny_classifier(), 3)
+    plain, jittered = (judge_ensemble(photos, [target], PatchConfig(jitter=one), DRAWS)[0] for one in (None, Jitter()))
+    assert float(plain) != float(jittered)
