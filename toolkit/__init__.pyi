@@ -15,7 +15,7 @@ from toolkit.boosters.train import train_texture as train_texture
 from toolkit.objects.records import read_patch as read_patch
 from toolkit.objects.records import read_texture as read_texture
 from toolkit.boosters.apply import apply_patch as apply_patch
-from toolkit.boosters.parts.affine import AffineRanges as AffineRanges
+from toolkit.boosters.transforms.placement import AffineRanges as AffineRanges
 from toolkit.rig.mount import mount_patch as mount_patch
 from toolkit.printing.print_patches import print_patch as print_patch
 from toolkit.printing.settings import PrintSettings as PrintSettings

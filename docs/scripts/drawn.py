@@ -1,6 +1,6 @@
 """Figures that need no workspace: parts of training, the kinds that rig18 was trained on, skies, the city."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -15,6 +15,11 @@ from toolkit.boosters.parts.pose import PoseRanges
 from toolkit.boosters.parts.print_process import PrintProcess
 from toolkit.boosters.parts.sensor_noise import SensorNoise
 from toolkit.content.everyday import MAKERS, make_everyday
+from toolkit.boosters.transforms.camera import CameraBlur, JpegFile, SensorNoise
+from toolkit.boosters.transforms.paper import LightRanges, TapeGlare
+from toolkit.boosters.transforms.placement import AffineRanges, PoseRanges
+from toolkit.boosters.transforms.printing import PrintProcess
+from toolkit.boosters.transforms.show import Appearance, show_patch
 from toolkit.core.draws import Draws
 from toolkit.rig.camera import Camera, look_at, orbit_direction, pixel_rays
 from toolkit.rig.shading import tone_map
@@ -47,7 +52,7 @@ def list_rows() -> list[Row]:
         Row("glare", Appearance(STILL, on_paper=(TapeGlare(**sure),))),
         Row("blur", Appearance(STILL, on_photo=(CameraBlur(**sure),))),
         Row("noise", Appearance(STILL, on_photo=(SensorNoise(**sure),))),
-        Row("JPEG", Appearance(STILL, on_photo=(replace(JpegFile(), quality=(40, 40), **sure),))),
+        Row("JPEG", Appearance(STILL, on_photo=(JpegFile(quality=(40, 40), **sure),))),
     ]
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from toolkit.boosters.parts.affine import AffineRanges, affine_matrices
+from toolkit.boosters.transforms.placement import AffineRanges, affine_matrices
 from toolkit.core.errors import ToolkitError
 
 N, M = 100, 224

@@ -8,7 +8,7 @@ import torch
 from torchvision.transforms.functional import InterpolationMode, rotate
 
 from toolkit.boosters.apply import apply_patch
-from toolkit.boosters.parts.affine import AffineRanges
+from toolkit.boosters.transforms.placement import AffineRanges
 from toolkit.core.errors import ToolkitError
 
 

@@ -7,7 +7,7 @@ from hue_network import LABELS, PX, make_hue_classifier, write_photos
 from toolkit.boosters import class_patches
 from toolkit.boosters.class_patches import ClassPatchesConfig, make_flat_config, train_class_patches
 from toolkit.boosters.patch_sets import read_patch_set
-from toolkit.boosters.place_patches import Placement
+from toolkit.boosters.transforms.placement import Placement
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.training.image_set import open_images

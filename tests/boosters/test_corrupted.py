@@ -14,11 +14,11 @@ from watched_patch import patch_gradient, train_watched
 
 from toolkit.boosters import patch_config
 from toolkit.boosters.data import DataConfig
-from toolkit.boosters.parts.affine import AffineRanges
-from toolkit.boosters.parts.base import Appearance
-from toolkit.boosters.parts.corruption import DIFFERENTIABLE, Corrupted, corrupt_straight
 from toolkit.boosters.patch_config import hash_inputs, make_config
 from toolkit.boosters.pixels import Target, draw_first_pixels, list_networks
+from toolkit.boosters.transforms.placement import AffineRanges
+from toolkit.boosters.transforms.show import Appearance
+from toolkit.boosters.transforms.weather import DIFFERENTIABLE, Corrupted, corrupt_straight
 from toolkit.boosters.validation import validate_patch
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
@@ -107,7 +107,7 @@ def test_straight_through_training_has_the_clean_pictures_gradient_at_the_corrup
 
     images, patch = torch.rand(3, 3, IMAGE_PX, IMAGE_PX), draw_first_pixels(16, 0)
     placement = AffineRanges()
-    parts = [(), (Corrupted((("jpeg_compression", 3),), 1),)]
+    parts = [(), (Corrupted(corruptions=(("jpeg_compression", 3),), probability=1),)]
     clean, through = (
         patch_gradient(patch, images, [Target(Sum(), 0)], Appearance(placement, on_photo=part), Draws(0, 3))[0]
         for part in parts
@@ -117,9 +117,9 @@ def test_straight_through_training_has_the_clean_pictures_gradient_at_the_corrup
 
 def test_each_image_draws_its_own_by_step_and_seed():
     images = grey_noise(100, 3, 24, 24).float()
-    part = Corrupted((("brightness", 5), ("contrast", 5), ("jpeg_compression", 1)), 0.5)
-    assert count_changed(Corrupted(part.corruptions, 0).change, images) == 0
-    assert count_changed(Corrupted(part.corruptions, 1).change, images) == 100
+    part = Corrupted(corruptions=(("brightness", 5), ("contrast", 5), ("jpeg_compression", 1)))
+    assert count_changed(part.with_overrides(probability=0).change, images) == 0
+    assert count_changed(part.with_overrides(probability=1).change, images) == 100
     assert 30 < count_changed(part.change, images) < 70
     first, again, other = (part.change(images, Draws(0, step).of("Corrupted")) for step in (4, 4, 5))
     assert torch.equal(first, again) and not torch.equal(first, other)
@@ -134,7 +134,7 @@ def test_each_image_draws_its_own_by_step_and_seed():
 
 
 def test_one_photograph_is_as_good_as_a_batch():
-    part = Corrupted((("fog", 2), ("gaussian_blur", 1)), 1)
+    part = Corrupted(corruptions=(("fog", 2), ("gaussian_blur", 1)), probability=1)
     image = grey_noise(3, 32, 32).float()
     assert part.change(image, np.random.default_rng(0)).shape == image.shape
 
@@ -142,7 +142,7 @@ def test_one_photograph_is_as_good_as_a_batch():
 @pytest.mark.parametrize("corruptions", [(), (("fogg", 3),), (("fog", 6),)])
 def test_what_there_is_not_is_refused(corruptions):
     with pytest.raises(ToolkitError):
-        Corrupted(corruptions)
+        Corrupted(corruptions=corruptions)
 
 
 class Weights:
@@ -216,7 +216,7 @@ def test_a_patch_that_has_met_a_corruption_bears_it_better(name):
     target = Target(wrap(StripesOrRed()), 3)
     images = torch.full((8, 3, 36, 36), 128, dtype=torch.uint8)
     clear = Appearance(AffineRanges(rotation_deg=(0, 0), share=(0.6, 0.7), foreshortening=(1, 1)))
-    blur = Corrupted(((name, 5),), 1)
+    blur = Corrupted(corruptions=((name, 5),), probability=1)
     found = {}
     for met in (False, True):
         seen = replace(clear, on_photo=(blur,)) if met else clear
@@ -236,15 +236,15 @@ def test_a_texture_meets_corruptions_and_its_gradient_is_that_of_differences():
     from toolkit.boosters.texture_config import make_config as make_texture_config
 
     plain, met = crate_config(), crate_config(corrupted=("gaussian_blur:4", "gaussian_noise:5"))
-    assert plain.parts("photo") == () and met.parts("photo") == (met.corrupted,)
+    assert plain.transforms("photo") == () and met.transforms("photo") == (met.corrupted,)
     settings = met.settings(48)
     assert settings["camera"] == {
         "Corrupted": {"corruptions": (("gaussian_blur", 4), ("gaussian_noise", 5)), "probability": 0.5, "gradients": 2}
     }
     assert settings | {"camera": None} == plain.settings(48), "nothing else changed"
     default = make_texture_config("default", {"objects": ("crate",), "corrupted": ("defocus_blur:5",)})
-    kinds = [type(part).__name__ for part in default.parts("photo")]
-    assert kinds == [*(type(part).__name__ for part in RECIPES["default"].parts("photo")), "Corrupted"]
+    kinds = [type(part).__name__ for part in default.transforms("photo")]
+    assert kinds == [*(type(part).__name__ for part in RECIPES["default"].transforms("photo")), "Corrupted"]
     assert "defocus_blur:5, probability 0.5" in "\n".join(default.lines("jet", [], ["tiny"]))
 
 
@@ -260,7 +260,7 @@ def test_the_true_gradient_reaches_the_texture(space, name):
     _, atlas = make_crate(space)
     views, *_ = render_linear(atlas)
     batch = batch_views(views, "cpu")
-    config = crate_config(corrupted=Corrupted(((name, 2),), 1), exposure=None)
+    config = crate_config(corrupted=Corrupted(corruptions=((name, 2),), probability=1), exposure=None)
     weights = torch.from_numpy(np.random.default_rng(1).normal(size=(len(views), 3, 48, 48))).float()
 
     def weigh(texture: torch.Tensor) -> torch.Tensor:

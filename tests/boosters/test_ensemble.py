@@ -10,9 +10,9 @@ from tiny_network import IMAGE_PX, tiny_classifier, tiny_config, train_tiny, wri
 from watched_patch import train_watched
 
 from toolkit.boosters.ensemble import choose_turn, judge_ensemble
-from toolkit.boosters.parts.jitter import Jitter
 from toolkit.boosters.patch_config import hash_inputs
 from toolkit.boosters.pixels import Target, judge_photos, list_networks
+from toolkit.boosters.transforms.camera import Jitter
 from toolkit.core.draws import Draws
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.loop import fit
@@ -143,9 +143,9 @@ class TestJitter:
     def test_it_moves_right_and_down_and_enlarges(self):
         photo = torch.zeros(1, 3, 40, 40, dtype=torch.double)
         photo[:, :, 18:22, 18:22] = 1
-        moved = Jitter((1, 1), 0.25, 1).change(photo, Fixed([1.0], [[0.25, 0.1]]))
+        moved = Jitter(scale=(1, 1), shift=0.25, probability=1).change(photo, Fixed([1.0], [[0.25, 0.1]]))
         assert torch.allclose(moved, photo.roll((4, 10), (2, 3)), atol=1e-9)
-        larger = Jitter((2, 2), 0, 1).change(photo, Fixed([2.0], [[0.0, 0.0]]))
+        larger = Jitter(scale=(2, 2), shift=0, probability=1).change(photo, Fixed([2.0], [[0.0, 0.0]]))
         assert float(larger.sum()) == pytest.approx(4 * float(photo.sum()), rel=1e-9)
 
     def test_each_photograph_draws_its_own_and_each_network_too(self):

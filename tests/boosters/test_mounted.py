@@ -11,9 +11,9 @@ from watched_patch import patch_gradient, train_watched
 
 from toolkit.boosters.linear_view import srgb_to_linear, tone_map
 from toolkit.boosters.mounted import draw_mounted, print_on_paper, show_mounted, stack_views, validate_mounted
-from toolkit.boosters.parts.affine import AffineRanges
-from toolkit.boosters.parts.base import Appearance
 from toolkit.boosters.pixels import Target, draw_first_pixels
+from toolkit.boosters.transforms.placement import AffineRanges
+from toolkit.boosters.transforms.show import Appearance
 from toolkit.core.draws import Draws
 from toolkit.imaging import colour
 from toolkit.objects.load import load_object

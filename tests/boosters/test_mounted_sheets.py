@@ -9,9 +9,9 @@ from tiny_network import tiny_classifier
 from watched_patch import patch_gradient
 
 from toolkit.boosters.mounted import draw_mounted, show_mounted, stack_views
-from toolkit.boosters.parts.affine import AffineRanges
-from toolkit.boosters.parts.base import Appearance
 from toolkit.boosters.pixels import Target, draw_first_pixels
+from toolkit.boosters.transforms.placement import AffineRanges
+from toolkit.boosters.transforms.show import Appearance
 from toolkit.core.draws import Draws
 from toolkit.objects.load import TableObject
 from toolkit.objects.spec import ObjectSpec

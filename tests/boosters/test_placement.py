@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 import torch
 
-from toolkit.boosters.place_patches import Placement, boost_images, is_whole
+from toolkit.boosters.apply import boost_images, is_whole
+from toolkit.boosters.transforms.placement import Placement
 from toolkit.core.errors import ToolkitError
 
 SEEDS = list(range(400))

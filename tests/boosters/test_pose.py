@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 import torch
 
-from toolkit.boosters.parts.affine import AffineRanges
-from toolkit.boosters.parts.base import Appearance, show_patch
-from toolkit.boosters.parts.pose import (
+from toolkit.boosters.transforms.placement import (
+    AffineRanges,
     MixedPlacement,
     PoseRanges,
     Sheet,
@@ -16,6 +15,7 @@ from toolkit.boosters.parts.pose import (
     draw_sheet,
     project_sheet,
 )
+from toolkit.boosters.transforms.show import Appearance, show_patch
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose

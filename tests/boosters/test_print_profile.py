@@ -9,8 +9,8 @@ import torch
 from part_checks import check_gradient, count_changed, grey_noise
 
 from toolkit.boosters.data import DataConfig
-from toolkit.boosters.parts.print_process import PrintProcess, ProfiledPrint, encode, use_profile
 from toolkit.boosters.patch_config import hash_inputs, make_config, use_printer
+from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint, encode, use_profile
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import linear_to_srgb
 from toolkit.imaging.printer import (
@@ -41,9 +41,8 @@ def profile(**changes) -> PrintProfile:
 
 
 def part(**changes) -> ProfiledPrint:
-    from dataclasses import replace
 
-    return replace(use_profile(profile()), **{**NO_BLEED, **changes})
+    return use_profile(profile()).with_overrides({**NO_BLEED, **changes})
 
 
 def config(tmp_path: Path | None = None, **changes):
@@ -100,7 +99,7 @@ def test_probability_is_kept():
     prints = grey_noise(60, 3, 4, 4)
     assert count_changed(part().change, prints) == 60
     assert count_changed(part(probability=0).change, prints) == 0
-    with pytest.raises(ToolkitError, match="print probability 2"):
+    with pytest.raises(ToolkitError, match="probability 2: expected 0 to 1"):
         part(probability=2)
 
 

@@ -6,9 +6,9 @@ import torch
 from tiny_network import tiny_config
 from watched_patch import train_watched
 
-from toolkit.boosters.parts.affine import AffineRanges
-from toolkit.boosters.parts.base import Appearance
 from toolkit.boosters.pixels import Target
+from toolkit.boosters.transforms.placement import AffineRanges
+from toolkit.boosters.transforms.show import Appearance
 from toolkit.boosters.validation import validate_patch
 from toolkit.models.load import load_classifier
 

@@ -6,8 +6,8 @@ import pytest
 import torch
 from part_checks import check_gradient
 
-from toolkit.boosters.parts.affine import AffineRanges, affine_matrices
-from toolkit.boosters.parts.base import plan_warp, warp_patch
+from toolkit.boosters.transforms.placement import AffineRanges, affine_matrices
+from toolkit.boosters.transforms.show import plan_warp, warp_patch
 
 
 def supersample(patch: np.ndarray, T_image_patch: np.ndarray, image_px: int, grid: int = 12) -> np.ndarray:

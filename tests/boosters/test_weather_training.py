@@ -8,13 +8,13 @@ from tiny_network import IMAGE_PX, tiny_classifier, tiny_config
 
 from toolkit.boosters.data import DataConfig
 from toolkit.boosters.mounted import draw_mounted, show_mounted, stack_views
-from toolkit.boosters.parts.weather import Weathered, find_depths, read_words
 from toolkit.boosters.patch import train_patch
 from toolkit.boosters.patch_config import PatchConfig
 from toolkit.boosters.pixels import Target, judge_photos
 from toolkit.boosters.texture import Backgrounds, TextureTask, choose_files, train_texture
 from toolkit.boosters.texture_config import TextureConfig
 from toolkit.boosters.texture_objects import load_objects
+from toolkit.boosters.transforms.weather import Weathered, find_depths, read_words
 from toolkit.core.console import quietly
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
@@ -104,7 +104,7 @@ def test_views_of_a_sheet_are_cut_with_their_weather(space):
     item = load_object(space.object_spec("crate"))
     views = list(render_mounted_views(item, [40.0], 8, 2, seed=7, image_px=40, with_depth=True))
     stacked = stack_views(views, [40.0], "cpu", item.spec.metres_per_mm)
-    part, patch = Weathered((("fog", 4),), probability=1), torch.full((3, 8, 8), 0.5)
+    part, patch = Weathered(weathers=(("fog", 4),), probability=1), torch.full((3, 8, 8), 0.5)
     which, corners, whole = np.array([0, 1]), np.array([[3, 5], [6, 1]]), np.zeros((2, 2), int)
 
     def show(corners, side):
@@ -124,7 +124,7 @@ def test_the_gradient_on_the_sheet_in_weather_is_that_of_differences(space):
     item = load_object(space.object_spec("crate"))
     views = list(render_mounted_views(item, [40.0], 8, 3, seed=7, image_px=40, with_depth=True))
     stacked = stack_views(views, [40.0], "cpu", item.spec.metres_per_mm)
-    part = Weathered(read_words(["fog:2", "rain:5"]).weathers, probability=1)
+    part = Weathered(weathers=read_words(["fog:2", "rain:5"]).weathers, probability=1)
     theta = torch.from_numpy(np.random.default_rng(1).uniform(0.2, 0.8, (3, 8, 8))).requires_grad_(True)
     targets = [Target(double_classifier(), 1)]
 

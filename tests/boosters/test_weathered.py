@@ -7,7 +7,7 @@ from part_checks import check_gradient
 from texture_parts import TEXELS, make_crate, render_linear
 
 from toolkit.boosters.linear_view import batch_views, show_linear, show_texture
-from toolkit.boosters.parts.weather import Weathered, read_words
+from toolkit.boosters.transforms.weather import Weathered, read_words
 from toolkit.core.errors import ToolkitError
 from toolkit.rig.camera import Camera, look_at
 from toolkit.rig.shading import tone_map
@@ -39,7 +39,7 @@ def test_a_model_is_as_far_away_as_the_thing_itself():
 @pytest.mark.parametrize("word", ["fog:3", "dust:2", "rain:5", "snow:4"])
 def test_the_gradient_through_weather_is_that_of_differences(crate_views, word):
     views, depths = crate_views
-    drawn = Weathered(read_words([word]).weathers, probability=1).draw(depths, np.random.default_rng(0))
+    drawn = Weathered(weathers=read_words([word]).weathers, probability=1).draw(depths, np.random.default_rng(0))
     batch = batch_views(views, "cpu").through(*drawn)
     texture = torch.from_numpy(np.random.default_rng(2).uniform(0.2, 0.7, (3, 4, 4)))
     doubles = {
@@ -53,7 +53,7 @@ def test_the_gradient_through_weather_is_that_of_differences(crate_views, word):
 def test_views_through_weather_are_weathered_views(crate_views):
     """One implementation: the picture of a texture, weathered as NumPy weathers a render, is the batch's own."""
     views, depths = crate_views
-    part = Weathered((("fog", 3), ("snow", 2)), probability=1)
+    part = Weathered(weathers=(("fog", 3), ("snow", 2)), probability=1)
     factor, offset = part.draw(depths, np.random.default_rng(5))
     texture = torch.full((3, TEXELS, TEXELS), 0.5)
     plain = batch_views(views, "cpu")
@@ -82,12 +82,12 @@ def test_the_papers_gradient_is_dimmed_as_the_light_is(crate_views):
 
 def test_probability_and_seeds(crate_views):
     depths = crate_views[1] * 30
-    factor, offset = Weathered((("fog", 3),), probability=0.3).draw(depths, np.random.default_rng(1))
+    factor, offset = Weathered(weathers=(("fog", 3),), probability=0.3).draw(depths, np.random.default_rng(1))
     clear = [bool((one == 1).all() and (other == 0).all()) for one, other in zip(factor, offset, strict=True)]
     assert 28 < sum(clear) < 55
-    again = Weathered((("fog", 3),), probability=0.3).draw(depths, np.random.default_rng(1))
+    again = Weathered(weathers=(("fog", 3),), probability=0.3).draw(depths, np.random.default_rng(1))
     assert torch.equal(factor, again[0]) and torch.equal(offset, again[1])
-    assert (Weathered((("fog", 3),), probability=0).draw(depths, np.random.default_rng(1))[0] == 1).all()
+    assert (Weathered(weathers=(("fog", 3),), probability=0).draw(depths, np.random.default_rng(1))[0] == 1).all()
 
 
 def test_words_and_what_is_refused():
@@ -99,5 +99,5 @@ def test_words_and_what_is_refused():
     for arguments in ({"weathers": ()}, {"weathers": (("hail", 1),)}, {"weathers": (("fog", 9),)}):
         with pytest.raises(ToolkitError):
             Weathered(**arguments)
-    with pytest.raises(ToolkitError, match="weather probability 2"):
-        Weathered((("fog", 1),), probability=2)
+    with pytest.raises(ToolkitError, match="probability 2: expected 0 to 1"):
+        Weathered(weathers=(("fog", 1),), probability=2)

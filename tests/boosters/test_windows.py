@@ -1,8 +1,15 @@
 import numpy as np
 import torch
 
-from toolkit.boosters.parts.affine import AffineRanges
-from toolkit.boosters.parts.base import Appearance, cut_windows, find_windows, paste_windows, show_patch, warp_patch
+from toolkit.boosters.transforms.placement import AffineRanges
+from toolkit.boosters.transforms.show import (
+    Appearance,
+    cut_windows,
+    find_windows,
+    paste_windows,
+    show_patch,
+    warp_patch,
+)
 from toolkit.core.draws import Draws
 
 RANGES = AffineRanges(overhang=0.3)

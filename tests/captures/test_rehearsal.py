@@ -9,9 +9,8 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from toolkit.boosters.parts.blur import CameraBlur
-from toolkit.boosters.parts.light import Exposure
-from toolkit.boosters.parts.print_process import PrintProcess
+from toolkit.boosters.transforms.camera import CameraBlur, Exposure
+from toolkit.boosters.transforms.printing import PrintProcess
 from toolkit.captures.manifest import read_manifest
 from toolkit.captures.rehearsal import Rehearsal, make_rehearsal
 from toolkit.captures.shoot import ShootSettings, describe_look, shoot_plan
@@ -71,7 +70,10 @@ def test_exposure_and_white_balance_stay_in_their_ranges():
 @pytest.mark.parametrize(("side", "sigma"), [(224, 1.0), (448, 2.0)])
 def test_blur_is_of_the_networks_pixels(side, sigma):
     """A bright point spreads by the Gaussian that was asked for, twice as far in a picture twice as large."""
-    phone = Rehearsal(blur=CameraBlur((1.0, 1.0), (0.0, 0.0), 1.0), exposure=Exposure((1, 1), 0))
+    phone = Rehearsal(
+        blur=CameraBlur(defocus_px=(1.0, 1.0), motion_px=(0.0, 0.0), probability=1.0),
+        exposure=Exposure(factor=(1, 1), tint=0),
+    )
     point = np.zeros((side, side, 3), np.float32)
     point[side // 2 - 8 : side // 2 + 8, side // 2 - 8 : side // 2 + 8] = 1
     seen = phone.expose(point, np.random.default_rng(0)).mean(axis=2)

@@ -63,7 +63,7 @@ def train(tmp_path):
     from hue_network import make_hue_classifier, write_photos
 
     from toolkit.boosters.class_patches import ClassPatchesConfig, make_flat_config, train_class_patches
-    from toolkit.boosters.place_patches import Placement
+    from toolkit.boosters.transforms.placement import Placement
     from toolkit.core.workspace import make_workspace
     from toolkit.training.image_set import open_images
 

@@ -11,9 +11,9 @@ import torch
 from texture_parts import crate_config
 from tiny_network import tiny_classifier, tiny_config, train_tiny
 
-from toolkit.boosters.parts.jitter import Jitter
 from toolkit.boosters.patch import PatchTask
 from toolkit.boosters.texture import TextureTask, train_texture
+from toolkit.boosters.transforms.camera import Jitter
 from toolkit.core.console import quietly
 from toolkit.core.workspace import Workspace
 from toolkit.training import classifier_task

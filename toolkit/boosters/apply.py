@@ -1,12 +1,13 @@
-"""Lay a patch on a batch of images: one differentiable line for a training loop of one's own."""
+"""Lay patches on batches of images: one patch at random, or each image's own by its seed; differentiable."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.boosters.parts.affine import AffineRanges
-from toolkit.boosters.parts.base import Placement, warp_patch
+from toolkit.boosters.transforms.base import Placer
+from toolkit.boosters.transforms.placement import AffineRanges, Placement
+from toolkit.boosters.transforms.show import warp_patch
 from toolkit.core.errors import ToolkitError
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ def apply_patch(
     patch: "torch.Tensor",
     seed: int | Sequence[int] = 0,
     *,
-    placement: Placement | None = None,
+    placement: Placer | None = None,
     mask: "torch.Tensor | None" = None,
 ) -> "torch.Tensor":
     """Lay a patch on every image at a random place: x (1 - T(m)) + T(θ m), Algorithm 1 of the paper.
@@ -66,14 +67,14 @@ def apply_patch(
 
 
 def _draw_placements(
-    placement: Placement, seed: int | Sequence[int], count: int, patch_px: int, image_px: int
+    placement: Placer, seed: int | Sequence[int], count: int, patch_px: int, image_px: int
 ) -> np.ndarray:
     """(count, 3, 3) `T_image_patch`, each with a generator of its own."""
     streams = [(seed, i) for i in range(count)] if isinstance(seed, int | np.integer) else [(one,) for one in seed]
     return np.concatenate([placement.place(np.random.default_rng(s), 1, patch_px, image_px) for s in streams])
 
 
-def _find_scales(placement: Placement, patch_px: int, image_px: int) -> tuple[float, float] | None:
+def _find_scales(placement: Placer, patch_px: int, image_px: int) -> tuple[float, float] | None:
     """Smallest and largest pixels per texel that may be drawn, so that no image depends on the others of its batch."""
     if not isinstance(placement, AffineRanges):
         return None
@@ -98,3 +99,31 @@ def _check_shapes(
         raise ToolkitError(f"seed: expected one number, or {len(images)}, one for each image, got {len(seed)}")
     if mask is not None and tuple(mask.shape) != (n, n):
         raise ToolkitError(f"mask: expected ({n}, {n}), one number for each texel, got {tuple(mask.shape)}")
+
+
+def is_whole(T_image_patch: np.ndarray, patch_px: int, image_px: int) -> np.ndarray:
+    """(b,) bool: whether a placed patch lies within the frame with all its corners."""
+    corners = np.array([[0, patch_px, patch_px, 0], [0, 0, patch_px, patch_px], [1, 1, 1, 1]], float)
+    points = (T_image_patch @ corners)[:, :2]
+    return ((points >= 0) & (points <= image_px)).all(axis=(1, 2))
+
+
+def boost_images(
+    images: "torch.Tensor", pictures: "torch.Tensor", placement: Placement, seeds: Sequence[int]
+) -> "torch.Tensor":
+    """Lay pictures on images: x (1 - T(mask)) + T(θ) T(mask), the paper's Algorithm 1.
+
+    An image does not depend on the others of its batch.
+
+    Args:
+        images: x, (b, 3, m, m) sRGB-encoded in [0, 1].
+        pictures: θ of each image's class, (b, 3, n, n) sRGB-encoded in [0, 1].
+        placement: the ranges of T.
+        seeds: b, one for each image.
+
+    Returns:
+        (b, 3, m, m) sRGB-encoded in [0, 1], differentiable in both.
+    """
+    T_image_patch = placement.place_seeded(seeds, pictures.shape[-1], images.shape[-1])
+    paper, mask = warp_patch(pictures, T_image_patch, images.shape[-1], placement.scale)
+    return (images * (1 - mask) + paper).clamp(0, 1)

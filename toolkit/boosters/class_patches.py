@@ -16,7 +16,7 @@ from toolkit.boosters.patch import RENDERS, choose_files, hash_patch, read_finis
 from toolkit.boosters.patch_config import PatchConfig, check_size, make_config
 from toolkit.boosters.patch_sets import SetName, name_class
 from toolkit.boosters.pixels import Network
-from toolkit.boosters.place_patches import Placement
+from toolkit.boosters.transforms.placement import Placement
 from toolkit.boosters.validation import Share, Validation
 from toolkit.core.config import Config, Flag
 from toolkit.core.console import notice, quietly

@@ -29,16 +29,16 @@ def judge_ensemble(
     Args:
         photos: (b, 3, m, m) sRGB-encoded, rendered once for all networks; of several processes each judges its part.
         targets: the networks.
-        config: its `ensemble`, `objective` and parts of the stage `network` act here. By `sum` the losses are added. By
-            `normalised` the value is that sum, and the gradient by the photographs is the sum of the networks' own,
-            each scaled to their mean length, so that none drowns the others. By `turns` one network is asked, see
-            `choose_turn`.
+        config: its `ensemble`, `objective` and transforms of the stage `network` act here. By `sum` the losses are
+            added. By `normalised` the value is that sum, and the gradient by the photographs is the sum of the
+            networks' own, each scaled to their mean length, so that none drowns the others. By `turns` one network is
+            asked, see `choose_turn`.
         draws: of this step.
     """
 
     def ask(seen: "torch.Tensor", number: int) -> tuple["torch.Tensor", float]:
-        for part in config.parts("network"):
-            seen = part.change(seen, draws.of(f"{type(part).__name__} {number}"))
+        for one in config.transforms("network"):
+            seen = one.change(seen, one.rng(draws, f" {number}"))
         return judge_photos(current().share(seen), [targets[number]], config.objective)
 
     if config.ensemble == "turns":

@@ -11,8 +11,8 @@ import numpy as np
 
 from toolkit.boosters.detectors import box_of_coverage
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_linear, srgb_to_linear
-from toolkit.boosters.parts.weather import Weathered, find_depths
 from toolkit.boosters.pixels import Target
+from toolkit.boosters.transforms.weather import Weathered, find_depths
 from toolkit.boosters.validation import Share, Validation
 from toolkit.core.console import progress
 from toolkit.core.draws import Draws
@@ -231,7 +231,7 @@ def draw_mounted(
     which, corners = draw_cuts(views, rng, count, image_px)
     through = None
     if weather is not None:
-        through = views.draw_weather(weather, which, corners, image_px, draws.of(type(weather).__name__))
+        through = views.draw_weather(weather, which, corners, image_px, weather.rng(draws))
     return lambda patch: show_mounted(patch, views, which, corners, image_px, rng, through=through)
 
 
@@ -242,7 +242,7 @@ def recognise_mounted(
     """For each patch (3, n, n), in how many views each network recognises the object with it; in the same weather."""
     import torch
 
-    weather = None if weather is None else replace(weather, probability=1)
+    weather = None if weather is None else weather.with_overrides(probability=1.0)
     start = (views.batch.still.shape[1] - image_px) // 2
     hits = np.zeros((len(patches), len(targets)), int)
     with torch.inference_mode():
@@ -251,7 +251,7 @@ def recognise_mounted(
             corners = np.full((len(which), 2), start)
             through = None
             if weather is not None:
-                rng = Draws(seed, first, "validate").of(type(weather).__name__)
+                rng = weather.rng(Draws(seed, first, "validate"))
                 through = views.draw_weather(weather, which, corners, image_px, rng)
             for row, patch in enumerate(patches):
                 photos = show_mounted(patch, views, which, corners, image_px, through=through)

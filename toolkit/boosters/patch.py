@@ -33,7 +33,6 @@ from toolkit.boosters.mounted import (
     show_mounted,
     validate_mounted,
 )
-from toolkit.boosters.parts.base import Appearance, place_patch, print_patch, show_patch, take_photos
 from toolkit.boosters.patch_config import PatchConfig, check_size, hash_inputs
 from toolkit.boosters.pixel_config import WORLD_ELEVATION_DEG, name_files
 from toolkit.boosters.pixels import (
@@ -48,6 +47,7 @@ from toolkit.boosters.pixels import (
     record_network,
 )
 from toolkit.boosters.preview import COLUMNS, ROWS, BoosterFiles, draw_patch_preview, write_preview
+from toolkit.boosters.transforms.show import Appearance, place_patch, print_patch, show_patch, take_photos
 from toolkit.boosters.validation import Validation, count_placements, list_shares, validate_patch
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
@@ -298,7 +298,7 @@ class PatchTask(PixelTask[TrainedPatch]):
             validations = validate_patch(printed, held_out, self.targets, clear, config.seed, advance=bar.advance)
         corrupted: list[Validation] = []
         if config.corrupted is not None:
-            always = replace(config.corrupted, probability=1)
+            always = config.corrupted.with_overrides(probability=1.0)
             corrupted = validate_patch(printed, held_out, self.targets, clear, config.seed, corrupted=always)
         views = self._held_out_views
         on_object = [] if views is None else validate_mounted(printed, views, self.targets, self.image_px)
@@ -365,7 +365,7 @@ class DetectorPatchTask(PatchTask):
         which, corners = draw_cuts(views, draws.of("mounted"), config.batch, self.image_px)
         weather = config.weather
         through = None if weather is None else views.draw_weather(
-            weather, which, corners, self.image_px, draws.of(type(weather).__name__)
+            weather, which, corners, self.image_px, weather.rng(draws)
         )  # fmt: skip
         printed = print_patch(self.pixels, self._appearance, draws)
         shown = show_mounted(printed, views, which, corners, self.image_px, draws.of("mounted light"), through=through)

@@ -8,12 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Field, field_serializer
 
 from toolkit.boosters.data import HELD_OUT, DataConfig
-from toolkit.boosters.parts.affine import WHERE, AffineRanges
-from toolkit.boosters.parts.base import Appearance, Placement
-from toolkit.boosters.parts.glare import TapeGlare
-from toolkit.boosters.parts.light import LightRanges
-from toolkit.boosters.parts.pose import MixedPlacement, PoseRanges
-from toolkit.boosters.parts.print_process import PrintProcess, ProfiledPrint, use_profile
 from toolkit.boosters.pixel_config import (
     CORRUPTED_HELP,
     MEETS,
@@ -24,8 +18,12 @@ from toolkit.boosters.pixel_config import (
     PixelConfig,
     find_recipe,
     make_camera,
-    record_parts,
+    record_transforms,
 )
+from toolkit.boosters.transforms.paper import LightRanges, TapeGlare
+from toolkit.boosters.transforms.placement import WHERE, AffineRanges, MixedPlacement, Placement, PoseRanges
+from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint, use_profile
+from toolkit.boosters.transforms.show import Appearance
 from toolkit.core.config import Flag, Later, Range, Rising, align_rows, describe
 from toolkit.core.errors import FieldError
 from toolkit.imaging.printer import nearest_printable, read_print_profile
@@ -43,7 +41,7 @@ SMALLEST_PX = 8
 
 
 class PatchConfig(PixelConfig):
-    """Every setting of a patch's training. Parts that are None do not act."""
+    """Every setting of a patch's training. Transforms that are None do not act."""
 
     stages = ("print", "paper", "photo", "network")
     size_px: Annotated[int, Field(ge=SMALLEST_PX), Flag()] = Field(
@@ -89,8 +87,8 @@ class PatchConfig(PixelConfig):
     corrupted: MeetsCorruptions = Field(None, description=CORRUPTED_HELP)
 
     @field_serializer("camera")
-    def _name_parts(self, camera: CameraParts | None) -> dict[str, Any] | None:
-        return record_parts(camera or ())
+    def _name_transforms(self, camera: CameraParts | None) -> dict[str, Any] | None:
+        return record_transforms(camera or ())
 
     @field_serializer("mounted_views", "mounted_fill")
     def _only_mounted(self, value: object) -> object:
@@ -107,10 +105,10 @@ class PatchConfig(PixelConfig):
         return self.with_overrides(steps=self.epochs * math.ceil(images / self.batch))
 
     def appearance(self) -> Appearance:
-        """The parts that act, in order."""
+        """The transforms that act, in order."""
         return Appearance(
             self.affine if self.pose is None else MixedPlacement(self.pose, self.affine),
-            on_print=self.parts("print"), on_paper=self.parts("paper"), on_photo=self.parts("photo"),
+            on_print=self.transforms("print"), on_paper=self.transforms("paper"), on_photo=self.transforms("photo"),
         )  # fmt: skip
 
     def penalty(self) -> "Callable[[torch.Tensor], torch.Tensor] | None":
@@ -134,8 +132,8 @@ class PatchConfig(PixelConfig):
         rows = self.step_rows(self.size_px, "sign of the gradient", epochs)
         rows += [("networks", ", ".join(networks))]
         on_flat = ("place", "paper") if self.mounted_share == 1 else ()  # no patch of the batch lies flat
-        rows += self.part_rows(on_flat)
-        idle = self.idle_parts(on_flat)
+        rows += self.transform_rows(on_flat)
+        idle = self.idle_transforms(on_flat)
         if self.mounted_share:
             share = f"{self.mounted_share:.0%} of each batch, {self.mounted_views} views, a fifth held out, "
             rows.append(("mounted", f"{share}the object filling {describe(self.mounted_fill)} of the frame"))

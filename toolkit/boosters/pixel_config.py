@@ -2,18 +2,13 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, is_dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from toolkit.boosters.parts.base import STAGES
-from toolkit.boosters.parts.blur import CameraBlur
-from toolkit.boosters.parts.corruption import Corrupted
-from toolkit.boosters.parts.jitter import Jitter
-from toolkit.boosters.parts.jpeg import JpegFile
-from toolkit.boosters.parts.sensor_noise import SensorNoise
-from toolkit.boosters.parts.weather import Weathered, read_words
+from toolkit.boosters.transforms.base import STAGES, Transform
+from toolkit.boosters.transforms.camera import CameraBlur, Jitter, JpegFile, SensorNoise
+from toolkit.boosters.transforms.weather import Corrupted, Weathered, read_corruptions, read_words
 from toolkit.core.config import Config, Expect, Flag, Later, describe, part_maker
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.names import is_file_name
@@ -28,17 +23,8 @@ WORLD_ELEVATION_DEG, WORLD_FILL = (2.0, 75.0), (0.3, 1.0)
 """Where cameras stand in a world, unless it is said: from a man's height up, from one length away to four."""
 DEFAULT_ENSEMBLE: Literal["sum", "normalised", "turns"] = "turns"
 SLOTS = ("affine", "pose", "weather")
-"""Fields with a use of their own; the part of any other acts at its stage."""
+"""Fields with a use of their own; the transform of any other acts at its stage."""
 CameraParts = tuple[CameraBlur, SensorNoise, JpegFile]
-
-
-def read_corruptions(given: object) -> object:
-    """Corruptions from words such as `fog:3`; anything else as it is."""
-    if isinstance(given, list | tuple) and all(isinstance(word, str) for word in given):
-        from toolkit.corruptions.request import parse_corruptions
-
-        return Corrupted(parse_corruptions(given))
-    return given
 
 
 MeetsCorruptions = Annotated[
@@ -54,7 +40,7 @@ CORRUPTED_HELP = (
 
 
 class PixelConfig(Config):
-    """How the pixels of a booster are moved, and what it meets: every part that one of its fields holds acts."""
+    """How the pixels of a booster are moved, and what it meets: every transform that a field holds acts."""
 
     stages: ClassVar[tuple[str, ...]] = ()
     about: str = Field("", exclude=True, description="What kind of recipe it is.")
@@ -122,39 +108,38 @@ class PixelConfig(Config):
 
     @model_validator(mode="after")
     def _check_stages(self: "Settings") -> "Settings":
-        for name, part in self.held_parts():
-            stage = getattr(part, "stage", None)
-            if name not in SLOTS and stage not in self.stages:
-                words = f"{type(part).__name__} would never act: its stage is {stage!r}"
+        for name, part in self.held_transforms():
+            if name not in SLOTS and part.stage not in self.stages:
+                words = f"{type(part).__name__} would never act: its stage is '{part.stage}'"
                 raise ToolkitError(f"{name}: {words}, expected {', '.join(self.stages)}")
         return self
 
-    def held_parts(self) -> list[tuple[str, Any]]:
-        """(field, part) of each part that a field holds, alone or in a tuple, in the order of the fields."""
+    def held_transforms(self) -> list[tuple[str, Transform]]:
+        """(field, part) of each transform that a field holds, alone or in a tuple, in the order of the fields."""
         held = [(name, getattr(self, name)) for name in type(self).model_fields]
         flat = [(name, part) for name, one in held for part in (one if isinstance(one, tuple) else (one,))]
-        return [(name, part) for name, part in flat if isinstance(part, Config) or is_dataclass(part)]
+        return [(name, part) for name, part in flat if isinstance(part, Transform)]
 
-    def parts(self, stage: str) -> tuple[Any, ...]:
-        """The parts of a stage, in the order in which they act: that of the fields."""
-        return tuple(part for _, part in self.held_parts() if part.stage == stage)
+    def transforms(self, stage: str) -> tuple[Any, ...]:
+        """The transforms of a stage, in the order in which they act: that of the fields."""
+        return tuple(part for _, part in self.held_transforms() if part.stage == stage)
 
-    def part_rows(self, idle_stages: Sequence[str] = ()) -> list[tuple[str, str]]:
-        """(name, value) of the parts that act, in words, in the order in which they do; those of some stages do not."""
-        held = sorted(self.held_parts(), key=lambda one: STAGES.index(one[1].stage))
+    def transform_rows(self, idle_stages: Sequence[str] = ()) -> list[tuple[str, str]]:
+        """(name, value) of the transforms that act, in the order in which they do; those of some stages do not."""
+        held = sorted(self.held_transforms(), key=lambda one: STAGES.index(one[1].stage))
         rows = [
             (f"{name}: {type(part).__name__}" if isinstance(getattr(self, name), tuple) else name, describe(part))
             for name, part in held if part.stage not in (*idle_stages, "network")
         ]  # fmt: skip
         return [(name.replace("_", " "), words) for name, words in rows]
 
-    def idle_parts(self, idle_stages: Sequence[str] = ()) -> list[str]:
-        """Names of the parts that are switched off, and of those that hold none but parts of stages that do not act."""
+    def idle_transforms(self, idle_stages: Sequence[str] = ()) -> list[str]:
+        """Names of the transforms that are switched off, and of those whose stage does not act."""
         off = [
             name for name, info in type(self).model_fields.items()
             if part_maker(type(self), name) and getattr(self, name) is None and Later not in info.metadata
         ]  # fmt: skip
-        idle = [name for name, part in self.held_parts() if part.stage in idle_stages]
+        idle = [name for name, part in self.held_transforms() if part.stage in idle_stages]
         return [name.replace("_", " ") for name in (*off, *idle)]
 
     @property
@@ -218,9 +203,9 @@ def make_camera() -> CameraParts:
     return CameraBlur(), SensorNoise(), JpegFile()
 
 
-def record_parts(parts: tuple[Any, ...]) -> dict[str, Any] | None:
-    """The settings of parts under their names; None where there are none."""
-    return {type(part).__name__: asdict(part) for part in parts} or None
+def record_transforms(transforms: Sequence[Transform]) -> dict[str, Any] | None:
+    """The settings of transforms under their names; None where there are none."""
+    return {type(one).__name__: one.model_dump() for one in transforms} or None
 
 
 def name_files(name: str | None, label: str, index: int) -> str:

@@ -304,7 +304,7 @@ class TextureTask(PixelTask[TrainedTexture]):
         )
         batch = batch_views([one.view for one in views], str(self.pixels.device), behind).to(self.pixels.dtype)
         if config.weather is not None:
-            rng = draws.of(type(config.weather).__name__)
+            rng = config.weather.rng(draws)
             batch = batch.through(*draw_weather(views, self._metres, config.weather, rng))
         photos = take_photos(self.dilated(), batch, config, draws)
         if find_detectors([target.classifier for target in self.targets]):
@@ -385,11 +385,11 @@ def take_photos(texture: "torch.Tensor", batch: ViewBatch, config: TextureConfig
     """Photographs (b, 3, s, s) of a dilated texture as the camera of `config` gives them, sRGB-encoded in [0, 1]."""
     count = len(batch)
     light: torch.Tensor | float = 1.0
-    for part in config.parts("light"):
-        light = light * part.draw(draws.of(getattr(part, "drawn_as", type(part).__name__)), count, texture)
+    for one in config.transforms("light"):
+        light = light * one.draw(one.rng(draws), count, texture)
     photos = show_texture(texture, batch, config.gradient, light)
-    for part in config.parts("photo"):
-        photos = part.change(photos, draws.of(type(part).__name__))
+    for one in config.transforms("photo"):
+        photos = one.change(photos, one.rng(draws))
     return photos
 
 

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from toolkit.boosters.parts.fog import Fog
-from toolkit.boosters.parts.light import Exposure
 from toolkit.boosters.pixel_config import (
     CORRUPTED_HELP,
     MEETS,
@@ -20,8 +18,10 @@ from toolkit.boosters.pixel_config import (
     PixelConfig,
     find_recipe,
     make_camera,
-    record_parts,
+    record_transforms,
 )
+from toolkit.boosters.transforms.camera import Exposure
+from toolkit.boosters.transforms.weather import Fog
 from toolkit.core.config import Expect, Flag, Later, Range, Rising, align_rows, describe
 from toolkit.core.errors import FieldError
 
@@ -62,7 +62,7 @@ def make_fog() -> Fog:
 
 
 class TextureConfig(PixelConfig):
-    """Every setting of a texture's training. Parts that are None do not act."""
+    """Every setting of a texture's training. Transforms that are None do not act."""
 
     stages = ("light", "photo", "network")
     objects: Annotated[
@@ -176,7 +176,7 @@ class TextureConfig(PixelConfig):
 
     def settings(self, image_px: int) -> dict[str, Any]:
         """Every hyper-parameter, as recorded beside the texture."""
-        on_photo = {name for name, part in self.held_parts() if part.stage == "photo"}  # they are "camera" below
+        on_photo = {name for name, part in self.held_transforms() if part.stage == "photo"}  # they are "camera" below
         plain = {name: value for name, value in super().record().items() if name not in on_photo}
         rest = {name: plain.pop(name) for name in ("reuse", "exposure", "background_share")}
         return {
@@ -185,7 +185,7 @@ class TextureConfig(PixelConfig):
             "views": asdict(self.views(image_px)),
             "reuse": rest["reuse"],
             "exposure": rest["exposure"],
-            "camera": record_parts(self.parts("photo")),
+            "camera": record_transforms(self.transforms("photo")),
             "background_share": rest["background_share"],
             "held_out_views": self.held_out * self.per_studio,
         }
@@ -208,8 +208,8 @@ class TextureConfig(PixelConfig):
         rows += [] if world is None else [("world", world)]
         if self.background_share:
             rows.append(("backgrounds", f"photographs behind {self.background_share:.0%} of the views"))
-        rows += self.part_rows()
-        if idle := self.idle_parts():
+        rows += self.transform_rows()
+        if idle := self.idle_transforms():
             rows.append(("off", ", ".join(idle)))
         return [*align_rows(rows), *self.weather_lines]
 

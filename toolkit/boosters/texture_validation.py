@@ -1,15 +1,14 @@
 """Does the texture help in views that it was not trained on: clear, in fog, and in the weather that it met?"""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from toolkit.boosters.linear_view import batch_views, show_texture, tone_map
-from toolkit.boosters.parts.corruption import Corrupted
-from toolkit.boosters.parts.weather import Weathered, find_depths
 from toolkit.boosters.pixels import Target, from_picture
+from toolkit.boosters.transforms.weather import Corrupted, Weathered, find_depths
 from toolkit.boosters.validation import Share, Validation
 from toolkit.core.draws import Draws
 from toolkit.corruptions.corrupt import corrupt
@@ -112,7 +111,7 @@ def validate_corrupted(
     """Recognise held-out views as `validate_texture`, each photograph corrupted."""
     import torch
 
-    hits, always = np.zeros((2, len(targets)), int), replace(corrupted, probability=1)
+    hits, always = np.zeros((2, len(targets)), int), corrupted.with_overrides(probability=1.0)
     with torch.inference_mode():
         for start, pair in _show_both(pixels, views, targets[0].classifier.device):
             for paint, photos in enumerate(pair):
@@ -146,13 +145,13 @@ def validate_in_weather(
     """
     import torch
 
-    device, weather = targets[0].classifier.device, replace(weather, probability=1)
+    device, weather = targets[0].classifier.device, weather.with_overrides(probability=1.0)
     texture = from_picture(pixels, device)
     hits = np.zeros((2, len(targets)), int)  # paint, network
     with torch.inference_mode():
         for start in range(0, len(views), BATCH):
             some = views[start : start + BATCH]
-            rng = Draws(seed, start, "validate").of(type(weather).__name__)
+            rng = weather.rng(Draws(seed, start, "validate"))
             factor, offset = (part.to(device) for part in draw_weather(some, metres_per_unit, weather, rng))
             lights = np.stack([one.bare_light for one in some if one.bare_light is not None])
             bare = tone_map(torch.from_numpy(lights).to(device).float() * factor + offset).permute(0, 3, 1, 2)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from toolkit.boosters.data import cut_centres
-from toolkit.boosters.parts.base import Appearance, show_patch
-from toolkit.boosters.parts.corruption import Corrupted
 from toolkit.boosters.pixels import Target
+from toolkit.boosters.transforms.show import Appearance, show_patch
+from toolkit.boosters.transforms.weather import Corrupted
 from toolkit.core.draws import Draws
 from toolkit.core.statistics import wilson_interval
 

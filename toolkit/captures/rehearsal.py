@@ -1,6 +1,6 @@
 """What a print, a hand and a phone make of a shot: `capture-sim --rehearse`, before a sheet of paper is spent."""
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from toolkit.boosters.parts.blur import LEAST_DEFOCUS_PX, CameraBlur
-from toolkit.boosters.parts.light import Exposure
-from toolkit.boosters.parts.print_process import PrintProcess, ProfiledPrint, use_profile
 from toolkit.boosters.pixels import quantise
+from toolkit.boosters.transforms.camera import LEAST_DEFOCUS_PX, CameraBlur, Exposure
+from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint, use_profile
+from toolkit.core.config import Config
 from toolkit.core.draws import Draws
 from toolkit.imaging.printer import read_print_profile
 from toolkit.objects.mesh import Mesh
@@ -44,14 +44,19 @@ class Rehearsal:
     tape_roughness: float = 0.2
     stray_share: float = 0.03
     stray_deg: float = 1.5
-    exposure: Exposure = field(default_factory=lambda: Exposure((0.75, 1.33), 0.12))
+    exposure: Exposure = field(default_factory=lambda: Exposure(factor=(0.75, 1.33), tint=0.12))
     noise: float = 0.017
-    blur: CameraBlur = field(default_factory=lambda: CameraBlur((0.1, 0.3), (0.0, 0.5), 1.0))
+    blur: CameraBlur = field(
+        default_factory=lambda: CameraBlur(defocus_px=(0.1, 0.3), motion_px=(0.0, 0.5), probability=1.0)
+    )
     jpeg_quality: int = 80
 
     def describe(self) -> dict[str, Any]:
         """All that it does, and the version of how: what a picture's hash is made of."""
-        return {"version": 2, **asdict(self)}
+        settings = {one.name: getattr(self, one.name) for one in fields(self)}
+        return {"version": 2} | {
+            name: value.model_dump() if isinstance(value, Config) else value for name, value in settings.items()
+        }
 
     def print_booster(self, booster: Print | Paint | None, seed: int, name: str) -> Print | Paint | None:
         """The booster as it comes out of the printer; a texture, which is not printed, as it is."""
@@ -59,7 +64,7 @@ class Rehearsal:
             return booster
         import torch
 
-        printer = replace(self.printer, texel_mm=booster.sizes_mm[0] / len(booster.pixels))
+        printer = self.printer.with_overrides(texel_mm=booster.sizes_mm[0] / len(booster.pixels))
         pixels = torch.from_numpy(booster.pixels.transpose(2, 0, 1) / np.float32(255))
         printed = printer.change(pixels, Draws(seed, 0, "rehearse").of(f"print {name}"))
         return replace(booster, pixels=np.ascontiguousarray(quantise(printed)))
@@ -88,7 +93,7 @@ class Rehearsal:
         scale = min(min(picture.shape[:2]) / NETWORK_PX, LARGEST_SCALE)
         (sharpest, softest), (still, moved) = self.blur.defocus_px, self.blur.motion_px
         defocus_px = max(sharpest * scale, LEAST_DEFOCUS_PX), max(softest * scale, LEAST_DEFOCUS_PX)
-        blur = replace(self.blur, defocus_px=defocus_px, motion_px=(still * scale, moved * scale))
+        blur = self.blur.with_overrides(defocus_px=defocus_px, motion_px=(still * scale, moved * scale))
         light = blur.change(torch.from_numpy(np.ascontiguousarray(picture.transpose(2, 0, 1), np.float32)), rng)
         factors = self.exposure.draw(rng, 1, torch.zeros(1, dtype=torch.float32))
         return np.ascontiguousarray((light * factors[0]).numpy().transpose(1, 2, 0))

@@ -6,7 +6,7 @@ import typer
 
 from toolkit.boosters.class_patches import ASKED_OF_FLAT, ClassPatchesConfig, make_flat_config
 from toolkit.boosters.patch_config import RECIPES
-from toolkit.boosters.place_patches import Placement
+from toolkit.boosters.transforms.placement import Placement
 from toolkit.cli import options
 from toolkit.cli.options import Only, Overrides, from_config
 from toolkit.cli.output import show_json

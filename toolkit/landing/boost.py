@@ -15,7 +15,7 @@ import numpy as np
 
 from toolkit import __version__
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
-from toolkit.boosters.parts.weather import Weathered
+from toolkit.boosters.transforms.weather import Weathered
 from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.files import write_bytes
@@ -118,7 +118,7 @@ class PadTask(Task[Patch]):
 
     def describe(self) -> list[str]:
         """The weather in the loop."""
-        return Weathered(self.config.weathers).rows() if self.config.weathers else []
+        return Weathered(weathers=self.config.weathers).rows() if self.config.weathers else []
 
     def photograph(self, chosen: np.ndarray, draws: Draws) -> "torch.Tensor":
         """(b, 3, h, w) views of the pad through drawn weather, light and noise; differentiable."""
@@ -172,7 +172,7 @@ def through_air(batch: ViewBatch, depths: Sequence[DepthView], config: BoostConf
     height, width = depths[0].depth_m.shape
     factor, offset = torch.ones(len(depths), height, width, 3), torch.zeros(len(depths), height, width, 3)
     if config.weathers and config.weather_probability:
-        weathered = Weathered(config.weathers, config.weather_probability)
+        weathered = Weathered(weathers=config.weathers, probability=config.weather_probability)
         factor, offset = weathered.draw(list(depths), draws.of("weather"))
     y, x = torch.meshgrid(torch.linspace(-1, 1, height), torch.linspace(-1, 1, width), indexing="ij")
     kept = (1 - FALLOFF * (x * x + y * y) / 2)[None, :, :, None]

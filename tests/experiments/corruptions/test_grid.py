@@ -9,7 +9,8 @@ import torch
 from hue_network import LABELS, make_hue_classifier, write_photos, write_set
 from PIL import Image
 
-from toolkit.boosters.place_patches import Placement, boost_images
+from toolkit.boosters.apply import boost_images
+from toolkit.boosters.transforms.placement import Placement
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.corruptions import corrupt, image_seed

@@ -8,7 +8,8 @@ import torch
 from PIL import Image
 from typer.testing import CliRunner
 
-from toolkit.boosters.place_patches import Placement, boost_images
+from toolkit.boosters.apply import boost_images
+from toolkit.boosters.transforms.placement import Placement
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace

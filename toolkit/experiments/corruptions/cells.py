@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
-from toolkit.boosters.place_patches import boost_images
+from toolkit.boosters.apply import boost_images
 from toolkit.core.files import sha256_bytes
 from toolkit.corruptions import CORRUPTIONS, choose_parameters, corrupt, image_seed
 from toolkit.corruptions.corrupt import run_each

@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from toolkit.boosters.place_patches import Placement
+from toolkit.boosters.transforms.placement import Placement
 from toolkit.core.config import Config, Flag
 from toolkit.corruptions.request import parse_corruptions
 from toolkit.evaluation.config import Corruptions, RunName

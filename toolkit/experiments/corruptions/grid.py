@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from toolkit import __version__
-from toolkit.boosters.place_patches import is_whole
+from toolkit.boosters.apply import is_whole
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.locks import hold_folder

@@ -4,9 +4,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from toolkit.boosters.parts.jitter import Jitter
 from toolkit.boosters.pixel_config import CORRUPTED_HELP, TRANSFER, MeetsCorruptions
 from toolkit.boosters.texture_config import MaxChange
+from toolkit.boosters.transforms.camera import Jitter
 from toolkit.core.config import Config, Flag
 from toolkit.evaluation.config import Corruptions, RunName
 

@@ -1,7 +1,4 @@
-"""Every part that a recipe's fields hold changes the picture, and so does one that was added by the book."""
-
-from dataclasses import dataclass
-from typing import ClassVar
+"""Every transform that a recipe's fields hold changes the picture, and so does one that was added by the book."""
 
 import numpy as np
 import pytest
@@ -12,48 +9,51 @@ from tiny_network import tiny_classifier
 from toolkit.boosters import patch_config, texture_config
 from toolkit.boosters.ensemble import judge_ensemble
 from toolkit.boosters.linear_view import batch_views
-from toolkit.boosters.parts.base import show_patch
-from toolkit.boosters.parts.jitter import Jitter
 from toolkit.boosters.patch_config import PatchConfig
 from toolkit.boosters.pixels import Target
 from toolkit.boosters.texture import take_photos
 from toolkit.boosters.texture_config import TextureConfig
+from toolkit.boosters.transforms.base import ImageTransform, PaperTransform, Probability, as_factors
+from toolkit.boosters.transforms.camera import CameraBlur, Exposure, Jitter, JpegFile, SensorNoise
+from toolkit.boosters.transforms.paper import LightRanges, TapeGlare
+from toolkit.boosters.transforms.printing import PrintProcess
+from toolkit.boosters.transforms.show import show_patch
+from toolkit.boosters.transforms.weather import Fog
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 
 DRAWS = Draws(0, 3)
 
 
-@dataclass(frozen=True)
-class Veil:
-    """A part by docs/contributing.md: half of the light is gone."""
+class Veil(ImageTransform):
+    """A transform by docs/contributing.md: half of the light is gone."""
 
-    stage: ClassVar = "photo"
-    probability: float = 1.0
+    probability: Probability = 1.0
 
-    def change(self, pixels, rng):
-        return pixels / 2
+    def draw(self, rng, count):
+        return (np.full(count, 2.0),)
+
+    def apply(self, some, drawn):
+        return some / as_factors(drawn[0], some)
+
+
+class PaperVeil(PaperTransform):
+    probability: Probability = 1.0
 
     def light(self, paper, mask, rng):
         return paper / 2
 
 
-@dataclass(frozen=True)
-class PaperVeil(Veil):
-    stage: ClassVar = "paper"
-
-
-@dataclass(frozen=True)
 class PrintVeil(Veil):
-    stage: ClassVar = "print"
+    stage = "print"
 
 
 class VeiledPatch(PatchConfig):
-    veil: Veil | None = None
+    veil: Veil | PaperVeil | None = None
 
 
 class VeiledTexture(TextureConfig):
-    veil: Veil | None = None
+    veil: Veil | PaperVeil | None = None
 
 
 def grey(*shape: int) -> torch.Tensor:
@@ -74,26 +74,22 @@ def show(config, views) -> torch.Tensor:
 
 
 def always(part):
-    """The part where it acts on every image; one without a probability does so anyway."""
+    """The transform where it acts on every image; one without a probability does so anyway."""
     if isinstance(part, tuple):
         return tuple(map(always, part))
-    if not hasattr(part, "probability"):
-        return part
-    from dataclasses import is_dataclass, replace
-
-    return replace(part, probability=1.0) if is_dataclass(part) else part.with_overrides(probability=1.0)
+    return part if not hasattr(part, "probability") else part.with_overrides(probability=1.0)
 
 
 FIELDS = [
     (recipes, recipe, name)
     for recipes in (patch_config.RECIPES, texture_config.RECIPES)
     for recipe, config in recipes.items()
-    for name in dict(config.held_parts())
+    for name in dict(config.held_transforms())
 ]
 
 
 @pytest.mark.parametrize(("recipes", "recipe", "name"), FIELDS, ids=lambda one: one if isinstance(one, str) else "")
-def test_every_part_of_every_recipe_changes_the_picture(recipes, recipe, name, views):
+def test_every_transform_of_every_recipe_changes_the_picture(recipes, recipe, name, views):
     config = recipes[recipe]
     part = getattr(config, name)
     with_it = config.model_copy(update={name: always(part)})
@@ -112,7 +108,7 @@ def moved(part):
 
 
 @pytest.mark.parametrize("veil", [Veil(), PaperVeil(), PrintVeil()])
-def test_a_part_that_is_added_as_a_field_acts_and_is_listed_and_recorded(veil, views):
+def test_a_transform_that_is_added_as_a_field_acts_and_is_listed_and_recorded(veil, views):
     plain, veiled = VeiledPatch(), VeiledPatch(veil=veil)
     assert not torch.equal(show(plain, views), show(veiled, views))
     assert any(line.split()[0] == "veil" for line in veiled.lines(["tiny"]))
@@ -120,7 +116,7 @@ def test_a_part_that_is_added_as_a_field_acts_and_is_listed_and_recorded(veil, v
     assert veiled.record()["veil"] and not plain.record()["veil"]
 
 
-def test_a_part_that_is_added_to_textures_acts_and_is_listed_and_recorded_once(views):
+def test_a_transform_that_is_added_to_textures_acts_and_is_listed_and_recorded_once(views):
     plain, veiled = (VeiledTexture(steps=1, veil=one) for one in (None, Veil()))
     assert not torch.equal(show(plain, views), show(veiled, views))
     assert any(line.split()[0] == "veil" for line in veiled.lines("jet", [], ["tiny"]))
@@ -128,12 +124,12 @@ def test_a_part_that_is_added_to_textures_acts_and_is_listed_and_recorded_once(v
     assert settings["camera"] == {"Veil": {"probability": 1.0}} and "veil" not in settings
 
 
-def test_a_part_that_could_never_act_is_refused():
+def test_a_transform_that_could_never_act_is_refused():
     with pytest.raises(ToolkitError, match=r"veil: PaperVeil would never act: its stage is 'paper', expected light, "):
         VeiledTexture(veil=PaperVeil())
 
 
-def test_parts_of_flat_patches_are_off_where_every_patch_is_on_the_object():
+def test_transforms_of_flat_patches_are_off_where_every_patch_is_on_the_object():
     lines = patch_config.RECIPES["default"].model_copy(update={"mounted_share": 1}).lines(["tiny"])
     off = next(line for line in lines if line.split()[0] == "off")
     assert all(name in off for name in ("affine", "pose", "light", "glare"))
@@ -144,3 +140,33 @@ def test_jitter_changes_what_a_network_sees():
     photos, target = grey(4, 3, 40, 40), Target(tiny_classifier(), 3)
     plain, jittered = (judge_ensemble(photos, [target], PatchConfig(jitter=one), DRAWS)[0] for one in (None, Jitter()))
     assert float(plain) != float(jittered)
+
+
+@pytest.mark.parametrize(
+    ("kind", "ranges", "words"),
+    [
+        (TapeGlare, {"strength": (0, 2)}, "strength 0 2: expected two rising numbers from 0 to 1"),
+        (TapeGlare, {"width": (0.2, 0.1)}, "width 0.2 0.1: expected two rising"),
+        (TapeGlare, {"strip_probability": 3}, "strip_probability 3: expected 0 to 1"),
+        (CameraBlur, {"defocus_px": (2, 1)}, "defocus_px 2 1: expected two rising numbers from 0.2 to 8"),
+        (CameraBlur, {"probability": 1.1}, "probability 1.1: expected 0 to 1"),
+        (SensorNoise, {"shot": (-0.1, 0.1)}, "shot -0.1 0.1"),
+        (SensorNoise, {"read": (0, float("nan"))}, "read"),
+        (JpegFile, {"quality": (0, 90)}, "quality 0 90: expected two rising numbers from 1 to 100"),
+        (Jitter, {"shift": 0.6}, "shift 0.6: expected 0 to 0.5"),
+        (PrintProcess, {"white": (0.9, 1.2)}, "white 0.9 1.2"),
+        (PrintProcess, {"tint": -0.1}, "tint -0.1"),
+        (PrintProcess, {"dot_gain": (0, 0.4)}, "dot_gain 0 0.4"),
+        (PrintProcess, {"texel_mm": 0}, "texel_mm 0"),
+        (LightRanges, {"exposure": (0, 1)}, "exposure 0 1"),
+        (LightRanges, {"contrast": (1, 0.5)}, "contrast 1 0.5"),
+        (LightRanges, {"tint": 1.0}, "tint 1"),
+        (Fog, {"strength": (0, 6)}, "strength 0 6"),
+        (Fog, {"smoothness": (1, 2)}, "smoothness 1 2"),
+        (Exposure, {"factor": (0, 1)}, "factor 0 1"),
+    ],
+)
+def test_impossible_ranges_are_one_clear_line(kind, ranges, words):
+    with pytest.raises(ToolkitError, match=words) as caught:
+        kind(**ranges)
+    assert "\n" not in str(caught.value)

@@ -1,76 +1,15 @@
-"""What happens to a patch on its way into a photograph, as a list of parts in the order in which they happen."""
+"""A patch in photographs: printed, placed, seen by a camera, each step with the transforms that act there."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from toolkit.boosters.transforms.base import ImageTransform, PaperTransform, Placer
 from toolkit.core.draws import Draws
-from toolkit.core.errors import ToolkitError
 
 if TYPE_CHECKING:
     import torch
-
-Range = tuple[float, float]
-STAGES = ("place", "print", "paper", "view", "light", "photo", "network")
-"""Where a part acts, in the order in which they do: where the patch lies, on the print, on the paper in the scene, on a
-view by its depth, on a view's light, on the photograph, on what one network sees of it."""
-
-
-def check_range(name: str, values: Range, lowest: float, highest: float) -> None:
-    """Refuse a range that does not rise, or leaves what is possible."""
-    low, high = values
-    if not lowest <= low <= high <= highest:
-        raise ToolkitError(
-            f"{name} range {low:g} to {high:g}: expected two rising numbers between {lowest:g} and {highest:g}"
-        )
-
-
-def check_probability(part: str, probability: float) -> None:
-    """Refuse what is no probability."""
-    if not 0 <= probability <= 1:
-        raise ToolkitError(f"{part} probability {probability:g}: expected 0 to 1")
-
-
-def change_some(
-    images: "torch.Tensor",
-    acting: np.ndarray,
-    change: Callable[["torch.Tensor", np.ndarray], "torch.Tensor"],
-) -> "torch.Tensor":
-    """Change the images where `acting`; the others come back bit for bit, and cost nothing.
-
-    Args:
-        images: (b, ...), or a single (3, h, w).
-        acting: (b,) bool, or (1,) for a single one.
-        change: (those images, (k,) their numbers) -> as many, changed; differentiable.
-
-    Returns:
-        As `images`, differentiable in them.
-    """
-    import torch
-
-    batch = images[None] if images.ndim == 3 else images
-    which = np.flatnonzero(acting)
-    if len(which) == 0:
-        return images
-    if len(which) == len(batch):
-        return change(batch, which).reshape(images.shape)
-    index = torch.as_tensor(which, device=batch.device)
-    return batch.index_copy(0, index, change(batch[index], which))
-
-
-def count_images(images: "torch.Tensor") -> int:
-    """How many (b, 3, h, w) or (3, h, w) holds."""
-    return 1 if images.ndim == 3 else len(images)
-
-
-def as_factors(values: np.ndarray, like: "torch.Tensor") -> "torch.Tensor":
-    """(k,) or (k, c) numbers to (k, 1 or c, 1, 1), of `like`'s type and device."""
-    import torch
-
-    return torch.as_tensor(values.reshape(len(values), -1, 1, 1), dtype=like.dtype, device=like.device)
-
 
 RIM_PX = 2
 """Around the patch's corners: what its filtered edge may reach."""
@@ -184,7 +123,7 @@ def warp_patch(
 
     Args:
         patch: (3, n, n), or (b, 3, n, n) for one per image; any values, any encoding.
-        T_image_patch: (b, 3, 3), see `toolkit.boosters.parts.affine` for the convention.
+        T_image_patch: (b, 3, 3), see `toolkit.boosters.transforms.placement` for the convention.
         image_px: side m of the images.
         scales: smallest and largest pixels per texel that may come, of similarities; an image then does not depend on
             the others of its batch, from which the sizes are else taken.
@@ -240,34 +179,9 @@ def _sampling_grid(T_image_patch: np.ndarray, plan: WarpPlan, image_px: int, lik
     return (points[:, :2] / points[:, 2:]).permute(0, 2, 3, 1)
 
 
-@runtime_checkable
-class Placement(Protocol):
-    """Where the patch lies: `toolkit.boosters.parts.affine.AffineRanges` and its like."""
-
-    def place(self, rng: np.random.Generator, count: int, patch_px: int, image_px: int) -> np.ndarray:
-        """(count, 3, 3) `T_image_patch`, affine or projective."""
-        ...
-
-
-class PaperPart(Protocol):
-    """Something that happens to the paper in the scene: `toolkit.boosters.parts.light.LightRanges` and its like."""
-
-    def light(self, paper: "torch.Tensor", mask: "torch.Tensor", rng: np.random.Generator) -> "torch.Tensor":
-        """Change (b, 3, m, m) premultiplied paper, given its (b, 1, m, m) mask; differentiable."""
-        ...
-
-
-class ImagePart(Protocol):
-    """Something that happens to pixels: the print before it is placed, or the whole photograph after."""
-
-    def change(self, pixels: "torch.Tensor", rng: np.random.Generator) -> "torch.Tensor":
-        """Change (b, 3, h, w) or (3, n, n) sRGB-encoded pixels in [0, 1]; differentiable."""
-        ...
-
-
 @dataclass(frozen=True)
 class Appearance:
-    """The parts, each with its own random draws.
+    """The transforms, each with its own random draws.
 
     Attributes:
         placement: where the patch lies.
@@ -276,10 +190,10 @@ class Appearance:
         on_photo: what the camera does to the photograph.
     """
 
-    placement: Placement
-    on_print: tuple[ImagePart, ...] = ()
-    on_paper: tuple[PaperPart, ...] = ()
-    on_photo: tuple[ImagePart, ...] = ()
+    placement: Placer
+    on_print: tuple[ImageTransform, ...] = ()
+    on_paper: tuple[PaperTransform, ...] = ()
+    on_photo: tuple[ImageTransform, ...] = ()
 
 
 def show_patch(patch: "torch.Tensor", images: "torch.Tensor", appearance: Appearance, draws: Draws) -> "torch.Tensor":
@@ -288,7 +202,7 @@ def show_patch(patch: "torch.Tensor", images: "torch.Tensor", appearance: Appear
     Args:
         patch: θ, (3, n, n) sRGB-encoded in [0, 1].
         images: x, (b, 3, m, m) sRGB-encoded in [0, 1].
-        appearance: the parts.
+        appearance: the transforms.
         draws: of this step.
 
     Returns:
@@ -299,8 +213,8 @@ def show_patch(patch: "torch.Tensor", images: "torch.Tensor", appearance: Appear
 
 def print_patch(patch: "torch.Tensor", appearance: Appearance, draws: Draws) -> "torch.Tensor":
     """θ, (3, n, n) sRGB-encoded in [0, 1], as it comes out of the printer."""
-    for part in appearance.on_print:
-        patch = part.change(patch, draws.of(type(part).__name__))
+    for one in appearance.on_print:
+        patch = one.change(patch, one.rng(draws))
     return patch
 
 
@@ -315,14 +229,14 @@ def place_patch(patch: "torch.Tensor", images: "torch.Tensor", appearance: Appea
     )
     corners, side = find_windows(T_image_patch, patch.shape[-1], images.shape[-1])
     paper, mask = warp_patch(patch, move_origin(T_image_patch, corners), side)
-    for part in appearance.on_paper:
-        paper = part.light(paper, mask, draws.of(type(part).__name__))
+    for one in appearance.on_paper:
+        paper = one.light(paper, mask, one.rng(draws))
     around = cut_windows(images, corners, side)
     return paste_windows(images, (around * (1 - mask) + paper).clamp(0, 1), corners)
 
 
 def take_photos(scenes: "torch.Tensor", appearance: Appearance, draws: Draws) -> "torch.Tensor":
     """(b, 3, m, m) scenes as the camera gives them."""
-    for part in appearance.on_photo:
-        scenes = part.change(scenes, draws.of(type(part).__name__))
+    for one in appearance.on_photo:
+        scenes = one.change(scenes, one.rng(draws))
     return scenes

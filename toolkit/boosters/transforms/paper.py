@@ -1,19 +1,50 @@
-"""Clear tape over the paper: its shine, and now and then a strip through which nothing is seen."""
+"""What happens to the paper in the scene: light on it alone, and the clear tape that holds it."""
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
+from pydantic import Field
 
-from toolkit.boosters.parts.base import Range, as_factors, check_probability, check_range
+from toolkit.boosters.transforms.base import PaperTransform, Probability, as_factors
+from toolkit.core.config import Range, Rising
 
 if TYPE_CHECKING:
     import torch
 
 
-@dataclass(frozen=True)
-class TapeGlare:
-    """What is drawn, uniformly, for each image. Lengths are shares of the patch's side as it is seen.
+class LightRanges(PaperTransform):
+    """What is drawn, uniformly, for each image; mild, since the booster is to learn the class first.
+
+    Attributes:
+        exposure: factor on sRGB-encoded values.
+        contrast: factor on their distance from middle grey, below 1 for print and haze.
+        tint: each channel's own factor lies within 1 ± tint.
+        probability: that an image's patch is lit apart from it.
+    """
+
+    exposure: Annotated[Range, Rising(0.001, 100)] = (0.65, 1.2)
+    contrast: Annotated[Range, Rising(0.001, 100)] = (0.75, 1.0)
+    tint: Annotated[float, Field(ge=0, lt=1)] = 0.06
+    probability: Probability = 1.0
+
+    def light(self, paper: "torch.Tensor", mask: "torch.Tensor", rng: np.random.Generator) -> "torch.Tensor":
+        """One light for each image."""
+        import torch
+
+        count = len(paper)
+        gain = rng.uniform(*self.exposure, (count, 1)) * rng.uniform(1 - self.tint, 1 + self.tint, (count, 3))
+        contrast = rng.uniform(*self.contrast, (count, 1))
+        acting = self.draw_acting(rng, count)[:, None]
+        slope = np.where(acting, gain * contrast, 1)
+        offset = np.where(acting, gain * (1 - contrast) / 2, 0)
+        slope_offset = torch.as_tensor(np.stack([slope, offset]), dtype=paper.dtype, device=paper.device)
+        return paper * slope_offset[0, :, :, None, None] + mask * slope_offset[1, :, :, None, None]
+
+
+class TapeGlare(PaperTransform):
+    """Clear tape over the paper: its shine, and now and then a strip through which nothing is seen.
+
+    Lengths are shares of the patch's side as it is seen.
 
     Attributes:
         width: standard deviation of the shine across.
@@ -24,35 +55,17 @@ class TapeGlare:
         strip_probability: that an image has one.
     """
 
-    stage: ClassVar = "paper"
-    width: Range = (0.05, 0.16)
-    length: Range = (0.15, 1.2)
-    strength: Range = (0.5, 1.0)
-    probability: float = 0.3
-    strip_width: Range = (0.05, 0.15)
-    strip_probability: float = 0.1
-
-    def __post_init__(self) -> None:
-        check_range("glare width", self.width, 0.005, 5)
-        check_range("glare length", self.length, 0.005, 50)
-        check_range("glare strength", self.strength, 0, 1)
-        check_range("strip width", self.strip_width, 0, 1)
-        check_probability("glare", self.probability)
-        check_probability("strip", self.strip_probability)
+    width: Annotated[Range, Rising(0.005, 5)] = (0.05, 0.16)
+    length: Annotated[Range, Rising(0.005, 50)] = (0.15, 1.2)
+    strength: Annotated[Range, Rising(0, 1)] = (0.5, 1.0)
+    probability: Probability = 0.3
+    strip_width: Annotated[Range, Rising(0, 1)] = (0.05, 0.15)
+    strip_probability: Probability = 0.1
 
     def light(self, paper: "torch.Tensor", mask: "torch.Tensor", rng: np.random.Generator) -> "torch.Tensor":
-        """Lay shine and strips over drawn patches; differentiable in `paper`.
-
-        Args:
-            paper: (b, 3, m, m) sRGB-encoded, already multiplied by the mask.
-            mask: (b, 1, m, m), the share of each pixel that the patch covers.
-            rng: draws for each image.
-
-        Returns:
-            As `paper`.
-        """
+        """Lay shine and strips over drawn patches."""
         count = len(paper)
-        shines, hides = rng.random(count) < self.probability, rng.random(count) < self.strip_probability
+        shines, hides = self.draw_acting(rng, count), rng.random(count) < self.strip_probability
         width, length = rng.uniform(*self.width, count), rng.uniform(*self.length, count)
         strength, colour = rng.uniform(*self.strength, count), rng.uniform(0.94, 1.0, (count, 3))
         angle, centre = rng.uniform(0, np.pi, count), rng.uniform(-0.5, 0.5, (count, 2))

@@ -9,10 +9,17 @@ from part_checks import check_gradient, count_changed, grey_noise
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from toolkit.boosters.parts.blur import CameraBlur, make_kernels
-from toolkit.boosters.parts.jpeg import CHROMA, LUMA, JpegFile, compress, quantise_tables, round_straight
-from toolkit.boosters.parts.sensor_noise import SensorNoise
-from toolkit.core.errors import ToolkitError
+from toolkit.boosters.transforms.camera import (
+    CHROMA,
+    LUMA,
+    CameraBlur,
+    JpegFile,
+    SensorNoise,
+    compress,
+    make_kernels,
+    quantise_tables,
+    round_straight,
+)
 
 PARTS = [CameraBlur, SensorNoise, JpegFile]
 
@@ -88,7 +95,7 @@ def test_a_flat_image_stays_flat_under_blur():
 @pytest.mark.parametrize(("level", "shot", "read"), [(0.5, 0.04, 0.0), (0.2, 0.0, 0.01), (0.8, 0.03, 0.02)])
 def test_noise_is_that_of_photons_and_counter_in_linear_light(level, shot, read):
     """Noise of the stated size is added to linear light and encoded again, by the root that the formula rests on."""
-    noisy = SensorNoise((shot, shot), (read, read), 1).change(
+    noisy = SensorNoise(shot=(shot, shot), read=(read, read), probability=1).change(
         torch.full((3, 200, 200), level), np.random.default_rng(0)
     )
     linear = level**2 + np.random.default_rng(1).normal(0, np.sqrt(shot**2 * level**2 + read**2), 200_000)
@@ -125,24 +132,6 @@ def test_qualities_span_their_range():
     flat = grey_noise(64, 1, 16, 16).expand(
         -1, 3, -1, -1
     )  # without colour, of which 4:2:0 loses as much at any quality
-    part = JpegFile((5, 95), 1)
+    part = JpegFile(quality=(5, 95), probability=1)
     change = (part.change(flat, np.random.default_rng(0)) - flat).abs().mean(dim=(1, 2, 3))
     assert change.max() > 4 * change.min()
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda: CameraBlur(defocus_px=(2, 1)), "defocus range 2 to 1"),
-        (lambda: CameraBlur(motion_px=(0, 99)), "motion range 0 to 99"),
-        (lambda: CameraBlur(probability=1.1), "blur probability 1.1: expected 0 to 1"),
-        (lambda: SensorNoise(shot=(-0.1, 0.1)), "shot noise range -0.1"),
-        (lambda: SensorNoise(read=(0, float("nan"))), "read noise range 0 to nan"),
-        (lambda: JpegFile(quality=(0, 90)), "JPEG quality range 0 to 90"),
-        (lambda: JpegFile(probability=-0.5), "JPEG probability -0.5"),
-    ],
-)
-def test_impossible_ranges_are_one_clear_line(make, words):
-    with pytest.raises(ToolkitError, match=words) as caught:
-        make()
-    assert "\n" not in str(caught.value)

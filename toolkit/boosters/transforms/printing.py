@@ -1,11 +1,13 @@
 """What a desktop printer makes of the patch: a range of printers, or one's own as measured."""
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from pydantic import Field, model_serializer
 
-from toolkit.boosters.parts.base import Range, as_factors, change_some, check_probability, check_range, count_images
+from toolkit.boosters.transforms.base import ImageTransform, Probability, as_factors
+from toolkit.core.config import Config, Range, Rising
 from toolkit.core.files import sha256_bytes
 from toolkit.imaging.printer import PAPER, SOLIDS, Exponents, PrintProfile, Triple
 from toolkit.objects.records import printed_size_mm
@@ -14,10 +16,12 @@ if TYPE_CHECKING:
     import torch
 
 LUMA = (0.2126, 0.7152, 0.0722)
+BLEED_MM = (0.03, 0.2)
+Bleed = Annotated[Range, Rising(0.001, 2)]
+Texel = Annotated[float, Field(ge=0.01, le=100)]
 
 
-@dataclass(frozen=True)
-class PrintProcess:
+class PrintProcess(ImageTransform):
     """What is drawn, uniformly, for each print: a printer, its inks and its paper.
 
     Attributes:
@@ -32,40 +36,28 @@ class PrintProcess:
         probability: that the patch is printed at all, and not shown as the file has it.
     """
 
-    stage: ClassVar = "print"
-    white: Range = (0.93, 1.0)
-    tint: float = 0.02
-    density: Range = (0.90, 1.05)
-    chroma: Range = (0.8, 1.0)
-    dot_gain: Range = (-0.05, 0.10)
-    bleed_mm: Range = (0.03, 0.2)
-    texel_mm: float = printed_size_mm(1)
-    probability: float = 0.25
+    stage = "print"
+    white: Annotated[Range, Rising(0.5, 1)] = (0.93, 1.0)
+    tint: Annotated[float, Field(ge=0, le=0.2)] = 0.02
+    density: Annotated[Range, Rising(0.2, 1.3)] = (0.90, 1.05)
+    chroma: Annotated[Range, Rising(0, 1.3)] = (0.8, 1.0)
+    dot_gain: Annotated[Range, Rising(-0.2, 0.2)] = (-0.05, 0.10)  # beyond a quarter the tone curve would turn back
+    bleed_mm: Bleed = BLEED_MM
+    texel_mm: Texel = printed_size_mm(1)
+    probability: Probability = 0.25
 
-    def __post_init__(self) -> None:
-        check_range("paper white", self.white, 0.5, 1)
-        check_range("paper tint", (0, self.tint), 0, 0.2)
-        check_range("ink density", self.density, 0.2, 1.3)
-        check_range("ink chroma", self.chroma, 0, 1.3)
-        check_range("dot gain", self.dot_gain, -0.2, 0.2)  # beyond a quarter the tone curve would turn back
-        check_range("ink bleed", self.bleed_mm, 0.001, 2)
-        check_range("texel", (self.texel_mm, self.texel_mm), 0.01, 100)
-        check_probability("print", self.probability)
-
-    def change(self, pixels: "torch.Tensor", rng: np.random.Generator) -> "torch.Tensor":
-        """Print (3, n, n), or some of (b, 3, n, n), sRGB-encoded in [0, 1], each on its own printer; differentiable."""
-        count = count_images(pixels)
-        acting = rng.random(count) < self.probability
+    def draw(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
+        """Bleed in millimetres, dot gain, chroma, density, paper: a printer for each print."""
         bleed, gain = rng.uniform(*self.bleed_mm, count), rng.uniform(*self.dot_gain, count)
         chroma, density = rng.uniform(*self.chroma, count), rng.uniform(*self.density, count)
         white = rng.uniform(*self.white, (count, 1)) * rng.uniform(1 - self.tint, 1 + self.tint, (count, 3))
+        return bleed, gain, chroma, density, white
 
-        def on_paper(some: "torch.Tensor", which: np.ndarray) -> "torch.Tensor":
-            spread = spread_ink(some, bleed[which] / self.texel_mm)
-            printed = mix_solids(gain_dots(spread, gain[which]))
-            return finish_inks(printed, chroma[which], density[which], white[which])
-
-        return change_some(pixels, acting, on_paper)
+    def apply(self, some: "torch.Tensor", drawn: tuple[np.ndarray, ...]) -> "torch.Tensor":
+        """Print each on its own printer."""
+        bleed, gain, chroma, density, white = drawn
+        printed = mix_solids(gain_dots(spread_ink(some, bleed / self.texel_mm), gain))
+        return finish_inks(printed, chroma, density, white)
 
 
 def spread_ink(pixels: "torch.Tensor", sigma_texels: np.ndarray) -> "torch.Tensor":
@@ -118,12 +110,11 @@ def finish_inks(printed: "torch.Tensor", chroma: np.ndarray, density: np.ndarray
     return (thinned * as_factors(white, printed)).clamp(0, 1)
 
 
-@dataclass(frozen=True)
-class ProfiledPrint:
+class ProfiledPrint(ImageTransform):
     """A measured printer.
 
     Attributes:
-        name: of the profile, and `sha256` of all that it holds.
+        name: of the profile, and `profile_sha256` of all that it holds: `sha256` in records.
         held_out: its error, ΔE00, median on parts that it was not fitted to.
         power, exponents, coefficients, paper_linear: as in `toolkit.imaging.printer.PrintProfile`.
         bleed_mm: standard deviation of how far ink spreads, drawn for each print: profiles hold colours alone.
@@ -131,33 +122,29 @@ class ProfiledPrint:
         probability: that the patch is printed at all, and not shown as the file has it.
     """
 
-    stage: ClassVar = "print"
+    stage = "print"
     name: str
-    sha256: str
+    profile_sha256: str
     held_out: float
     power: float
     exponents: tuple[Exponents, ...]
     coefficients: tuple[Triple, ...]
     paper_linear: Triple
-    bleed_mm: Range = PrintProcess.bleed_mm
-    texel_mm: float = printed_size_mm(1)
-    probability: float = 1.0
+    bleed_mm: Bleed = BLEED_MM
+    texel_mm: Texel = printed_size_mm(1)
+    probability: Probability = 1.0
 
-    def __post_init__(self) -> None:
-        check_range("ink bleed", self.bleed_mm, 0.001, 2)
-        check_range("texel", (self.texel_mm, self.texel_mm), 0.01, 100)
-        check_probability("print", self.probability)
+    @model_serializer(mode="wrap")
+    def _dump(self, dump: Callable[[Config], dict[str, Any]]) -> dict[str, Any]:
+        return {"sha256" if name == "profile_sha256" else name: value for name, value in dump(self).items()}
 
-    def change(self, pixels: "torch.Tensor", rng: np.random.Generator) -> "torch.Tensor":
-        """Print (3, n, n), or some of (b, 3, n, n), sRGB-encoded in [0, 1]; differentiable."""
-        count = count_images(pixels)
-        acting = rng.random(count) < self.probability
-        bleed = rng.uniform(*self.bleed_mm, count)
+    def draw(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
+        """Bleed in millimetres."""
+        return (rng.uniform(*self.bleed_mm, count),)
 
-        def on_paper(some: "torch.Tensor", which: np.ndarray) -> "torch.Tensor":
-            return self.colour(spread_ink(some, bleed[which] / self.texel_mm))
-
-        return change_some(pixels, acting, on_paper)
+    def apply(self, some: "torch.Tensor", drawn: tuple[np.ndarray, ...]) -> "torch.Tensor":
+        """Spread the ink, and take the profile's colours."""
+        return self.colour(spread_ink(some, drawn[0] / self.texel_mm))
 
     def colour(self, pixels: "torch.Tensor") -> "torch.Tensor":
         """The profile's colours of (b, 3, h, w), as `toolkit.imaging.printer.print_colours`; differentiable."""
@@ -173,14 +160,17 @@ class ProfiledPrint:
     def describe(self) -> str:
         """For the table of settings."""
         bleed = f"ink bleed {self.bleed_mm[0]:g} to {self.bleed_mm[1]:g} mm"
-        return f"as measured, profile {self.name} ({self.sha256[:12]}), ΔE00 {self.held_out:.1f} held out, {bleed}"
+        return (
+            f"as measured, profile {self.name} ({self.profile_sha256[:12]}), ΔE00 {self.held_out:.1f} held out, {bleed}"
+        )
 
 
 def use_profile(profile: PrintProfile) -> ProfiledPrint:
-    """The part that prints as a profile says."""
+    """The transform that prints as a profile says."""
     return ProfiledPrint(
-        profile.name, sha256_bytes(profile.model_dump_json().encode()), profile.held_out.median, profile.power,
-        profile.exponents, profile.coefficients, profile.paper_linear,
+        name=profile.name, profile_sha256=sha256_bytes(profile.model_dump_json().encode()),
+        held_out=profile.held_out.median, power=profile.power, exponents=profile.exponents,
+        coefficients=profile.coefficients, paper_linear=profile.paper_linear,
     )  # fmt: skip
 
 

@@ -1,24 +1,115 @@
-"""Random camera poses: how a sheet on top of an object lies in a photograph of that object.
+"""Random placements of a flat square in a photograph: affine, as of a sheet on an object, as in the paper's release.
 
-Convention: the world, camera axes and `T_world_camera` of `toolkit.rig.camera`; the sheet's up is the object's front
-(+x), its right the object's right (-y), as `toolkit.rig.mount` tapes it. `T_image_patch` maps patch texels, [0, n]², x
-right and y down, to image pixels, [0, m]², centres at half integers, as in `toolkit.boosters.parts.affine`.
+Convention: continuous coordinates, x right and y down, pixel (row i, column j) covers [j, j+1] × [i, i+1], so that
+centres are at half integers. `T_image_patch` maps patch texels, [0, n]², to image pixels, [0, m]². Poses have the
+world, camera axes and `T_world_camera` of `toolkit.rig.camera`; the sheet's up is the object's front (+x), its right
+the object's right (-y), as `toolkit.rig.mount` tapes it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from toolkit.boosters.parts.affine import WHERE
-from toolkit.core.config import Config, Flag, Range, Rising
+from toolkit.boosters.transforms.base import Placer, Probability, Transform
+from toolkit.core.config import Expect, Flag, Range, Rising
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.objects.records import printed_size_mm
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
 
-if TYPE_CHECKING:
-    from toolkit.boosters.parts.base import Placement
+WHERE = "Where the patch lies"
+
+
+class AffineRanges(Transform):
+    """What is drawn, uniformly, for each image.
+
+    The defaults span what the rig shows of an 88 mm patch on a 270 mm object that fills 60 % of the frame, seen from
+    20-65° above: 45-95 px in the 224 px crop before foreshortening.
+    """
+
+    stage = "place"
+    rotation_deg: Annotated[Range, Rising(-360, 360), Flag("--rotation", group=WHERE)] = Field(
+        (-180.0, 180.0), description="Its turn, degrees, clockwise."
+    )
+    share: Annotated[Range, Rising(0.02, 2), Flag(group=WHERE)] = Field(
+        (0.20, 0.42), description="Its side as a share of the image's, before foreshortening."
+    )
+    foreshortening: Annotated[Range, Rising(0.05, 1), Flag(group=WHERE)] = Field(
+        (0.35, 1.0), description="Compression by an oblique view, 1 is none."
+    )
+    overhang: Annotated[float, Field(ge=0, lt=0.5)] = Field(
+        0.1, description="Share of the placed square's bounding box that may reach over the image's edge."
+    )
+
+    def place(self, rng: np.random.Generator, count: int, patch_px: int, image_px: int) -> np.ndarray:
+        """Draw `count` placements; (count, 3, 3) float64 `T_image_patch`."""
+        rotation = np.radians(rng.uniform(*self.rotation_deg, count))
+        scale = rng.uniform(*self.share, count) * image_px / patch_px
+        compression = rng.uniform(*self.foreshortening, count)
+        direction = rng.uniform(0, np.pi, count)
+        linear = _compress(direction, compression) @ _rotate(rotation) * scale[:, None, None]
+        centre = _draw_centres(rng, linear, patch_px, image_px, self.overhang)
+        return affine_matrices(linear, centre, patch_px)
+
+
+def affine_matrices(linear: np.ndarray, centre: np.ndarray, patch_px: int) -> np.ndarray:
+    """Join (b, 2, 2) linear parts with where the patch's centre goes, (b, 2) image pixels, into (b, 3, 3) matrices."""
+    matrices = np.zeros((len(linear), 3, 3))
+    matrices[:, :2, :2] = linear
+    matrices[:, :2, 2] = centre - linear @ np.full(2, patch_px / 2)
+    matrices[:, 2, 2] = 1
+    return matrices
+
+
+def _rotate(angle: np.ndarray) -> np.ndarray:
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
+
+
+def _compress(direction: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """Scale by `length` along `direction`, leave what is perpendicular to it."""
+    along = np.stack([np.cos(direction), np.sin(direction)], -1)
+    return np.eye(2) - (1 - length)[:, None, None] * along[:, :, None] * along[:, None, :]
+
+
+def _draw_centres(
+    rng: np.random.Generator, linear: np.ndarray, patch_px: int, image_px: int, overhang: float
+) -> np.ndarray:
+    half_box = np.abs(linear).sum(axis=2) * patch_px / 2
+    reach = np.maximum(image_px / 2 - half_box * (1 - 2 * overhang), 0)  # a square too large for the frame is centred
+    return image_px / 2 + rng.uniform(-1, 1, reach.shape) * reach
+
+
+class Placement(Transform):
+    """Ranges of the random affine placement, drawn uniformly; the defaults are those of the paper's release."""
+
+    stage = "place"
+    rotation_deg: Annotated[
+        float, Field(ge=0, le=180), Expect("0 to 180 degrees"), Flag("--max-rotation", metavar="DEGREES")
+    ] = Field(45.0, description="Largest turn of a patch either way, degrees.")
+    scale: Annotated[Range, Rising(0.1, 2), Flag("--patch-scale")] = Field(
+        (0.9, 1.1), description="Smallest and largest side of the placed patch, of its own pixels."
+    )
+    translate: Annotated[float, Field(ge=0, le=0.5), Expect("0 to 0.5 of the image's side"), Flag()] = Field(
+        0.3, description="Largest move from the middle along each axis, of the image's side; it may be cut off."
+    )
+
+    def place(self, rng: np.random.Generator, count: int, patch_px: int, image_px: int) -> np.ndarray:
+        """Draw `count` placements; (count, 3, 3) float64 `T_image_patch`."""
+        return self.place_seeded(rng.integers(2**63, size=count).tolist(), patch_px, image_px)
+
+    def place_seeded(self, seeds: Sequence[int], patch_px: int, image_px: int) -> np.ndarray:
+        """(b, 3, 3) `T_image_patch`, each by its seed alone, which turns and moves a patch of any size alike."""
+        drawn = np.array([np.random.default_rng(seed).uniform(-1, 1, 4) for seed in seeds]).reshape(-1, 4)
+        angle = np.radians(self.rotation_deg) * drawn[:, 0]
+        low, high = self.scale
+        scale = low + (high - low) * (drawn[:, 1] + 1) / 2
+        cosine, sine = scale * np.cos(angle), scale * np.sin(angle)
+        linear = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
+        return affine_matrices(linear, image_px * (0.5 + self.translate * drawn[:, 2:]), patch_px)
+
 
 STEEPEST_TILT_DEG = 80.0
 GRAZING_DEG = 12.0
@@ -26,14 +117,14 @@ GRAZING_DEG = 12.0
 TRIES = 200
 
 
-class PoseRanges(Config):
+class PoseRanges(Transform):
     """What is drawn, uniformly, for each image; the poses of a plan have no part in it.
 
     The object is a box whose longest side is `length_mm`. The camera stands where the box, sheet and all, reaches
     across `fill` of the image. A sheet on a wall is seen under the same angles, another way up.
     """
 
-    stage: ClassVar = "place"
+    stage = "place"
     size_mm: Annotated[float, Field(gt=0)] = Field(printed_size_mm(100), description="Side of the printed patch.")
     length_mm: Annotated[float, Field(gt=0), Flag(group=WHERE)] = Field(
         270.0, description="Longest side of that object: how large the patch looks on it."
@@ -57,9 +148,7 @@ class PoseRanges(Config):
     fov_deg: Annotated[Range, Rising(1, 100)] = Field(
         (20.0, 60.0), description="Angle of view across the image; wide ones foreshorten more."
     )
-    probability: Annotated[float, Field(ge=0, le=1)] = Field(
-        0.5, description="That an image's placement is drawn here, and not affine."
-    )
+    probability: Probability = Field(0.5, description="That an image's placement is drawn here, and not affine.")
 
     @model_validator(mode="after")
     def _check_size(self) -> "PoseRanges":
@@ -170,7 +259,7 @@ class MixedPlacement:
     """
 
     poses: PoseRanges
-    others: "Placement"
+    others: Placer
 
     def place(self, rng: np.random.Generator, count: int, patch_px: int, image_px: int) -> np.ndarray:
         """Draw `count` placements; (count, 3, 3) float64 `T_image_patch`."""

@@ -1,0 +1,227 @@
+"""Weather and corruptions: fog over the picture, weather by depth as worlds have it, ImageNet-C's operations."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, cast
+
+import numpy as np
+from pydantic import field_validator
+
+from toolkit.boosters.transforms.base import ImageTransform, Probability, Transform
+from toolkit.core.config import Range, Rising
+from toolkit.core.errors import ToolkitError
+from toolkit.rig.linear_view import LinearView
+from toolkit.worlds.conditions import read_weathers
+from toolkit.worlds.depth_view import DepthView
+
+if TYPE_CHECKING:
+    import torch
+
+TINT = 0.12
+"""How much bluer or yellower than grey the air's light may be drawn."""
+Named = tuple[tuple[str, int], ...]
+"""(name, severity) of each that may be drawn, all as likely."""
+
+
+class Fog(ImageTransform):
+    """ImageNet-C's fog, of any strength: clouds over the picture, which know no depth.
+
+    See `toolkit.corruptions.weather.add_fog`.
+
+    Attributes:
+        strength: of the clouds, in units of the image's full range; ImageNet-C's severities 1 to 5 have 1.5 to 3.
+        smoothness: how fast the clouds' detail fades; ImageNet-C's have 2 to 1.4.
+        probability: that a photograph is foggy.
+    """
+
+    strength: Annotated[Range, Rising(0, 5)] = (0.5, 3.0)
+    smoothness: Annotated[Range, Rising(1.1, 4)] = (1.4, 2.0)
+    probability: Probability = 0.3
+
+    def draw(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
+        """Strength, smoothness, and the seed of the clouds."""
+        strength, smoothness = rng.uniform(*self.strength, count), rng.uniform(*self.smoothness, count)
+        return strength, smoothness, rng.integers(1 << 62, size=count)
+
+    def apply(self, some: "torch.Tensor", drawn: tuple[np.ndarray, ...]) -> "torch.Tensor":
+        """Lay clouds over each, within [0, 1]."""
+        import torch
+
+        from toolkit.corruptions.draws import RandomStreams
+        from toolkit.corruptions.weather import add_fog
+
+        foggy = [
+            add_fog(photo[None], (strength, smoothness), RandomStreams([int(seed)], "fog", 0, photo.device))
+            for photo, strength, smoothness, seed in zip(some, *drawn, strict=True)
+        ]
+        return torch.cat(foggy).clamp(0, 1)
+
+
+def read_words(given: object) -> object:
+    """The transform from words such as `fog:1-5`; anything else as it is."""
+    read = read_weathers(given)
+    return Weathered(weathers=read) if isinstance(read, tuple) else read
+
+
+def find_depths(views: Sequence[LinearView], metres_per_unit: Sequence[float]) -> list[DepthView]:
+    """How far away everything is at real size in views that have their depth, whose meshes' units are so long."""
+    buffers = [view.depth for view in views]
+    return [
+        DepthView.of_model(one.depth, one.camera, one.T_world_camera, metres)
+        for one, metres in zip(buffers, metres_per_unit, strict=True)
+        if one is not None
+    ]
+
+
+class Weathered(Transform):
+    """What is drawn for each view: whether there is weather, which, how bright its air is, and its drops and flakes.
+
+    Attributes:
+        weathers: (name, severity), at least one, of `toolkit.worlds.weather`; each is as likely.
+        probability: that a view has weather.
+        airlight: linear light of the air, in the picture's values; skies of `toolkit.worlds.sky` have 0.2 to 0.7.
+    """
+
+    stage = "view"
+    weathers: Named
+    probability: Probability = 0.5
+    airlight: Annotated[Range, Rising(0, 10)] = (0.3, 0.8)
+
+    @field_validator("weathers")
+    @classmethod
+    def _check_weathers(cls, weathers: Named) -> Named:
+        from toolkit.worlds.weather import make_weather
+
+        if not weathers:
+            raise ToolkitError("expected at least one weather, such as fog:3")
+        for weather in weathers:
+            make_weather(*weather)
+        return weathers
+
+    def describe(self) -> str:
+        """`fog 3, rain 1, probability 0.5`."""
+        named = ", ".join(f"{name} {severity}" for name, severity in self.weathers)
+        return f"{named}, probability {self.probability:g}"
+
+    def rows(self) -> list[str]:
+        """A line for each weather with the numbers behind it."""
+        from toolkit.worlds.weather import describe_weathers
+
+        return describe_weathers(self.weathers)
+
+    def draw(self, views: Sequence[DepthView], rng: np.random.Generator) -> "tuple[torch.Tensor, torch.Tensor]":
+        """Factor and offset of linear light, both (b, h, w, 3) float32: weathered light is factor · light + offset.
+
+        They do not depend on the light, so that the gradient through weather is the factor: the true one.
+
+        Args:
+            views: depths of b views of one size, at the object's real size: see `DepthView.of_model`.
+            rng: draws.
+        """
+        import torch
+
+        from toolkit.corruptions.request import draw_corrupted
+        from toolkit.worlds.weather import make_weather
+
+        height, width = views[0].depth_m.shape
+        factor = np.ones((len(views), height, width, 3), np.float32)
+        offset = np.zeros_like(factor)
+        grey = rng.uniform(*self.airlight, len(views))
+        tint = rng.uniform(-TINT, TINT, len(views))
+        for which, name, severity, seeds in draw_corrupted(rng, len(views), self.weathers, self.probability):
+            weather = make_weather(name, severity)
+            for k, seed in zip(which, seeds, strict=True):
+                airlight = grey[k] * np.array([1 - tint[k], 1, 1 + tint[k]])
+                change = weather.change_light(views[k], airlight, np.random.default_rng(seed))
+                factor[k], offset[k] = change.factor, change.offset
+        return torch.from_numpy(factor), torch.from_numpy(offset)
+
+
+def read_corruptions(given: object) -> object:
+    """The transform from words such as `fog:3`; anything else as it is."""
+    if isinstance(given, list | tuple) and all(isinstance(word, str) for word in given):
+        from toolkit.corruptions.request import parse_corruptions
+
+        return Corrupted(corruptions=tuple(parse_corruptions(given)))
+    return given
+
+
+DIFFERENTIABLE = frozenset((
+    "gaussian_noise", "impulse_noise", "speckle_noise", "defocus_blur", "glass_blur", "motion_blur", "zoom_blur",
+    "gaussian_blur", "snow", "frost", "fog", "brightness", "contrast", "elastic_transform", "spatter", "saturate",
+))  # fmt: skip
+"""What autograd goes through: noise, clouds, flakes and shifts are drawn without looking at the image."""
+
+
+class Corrupted(ImageTransform):
+    """What is drawn for each photograph, after the camera: whether it is corrupted, by which, and the seed of that.
+
+    Attributes:
+        corruptions: (name, severity), at least one, of `toolkit.corruptions.CORRUPTIONS`; each is as likely.
+        probability: that a photograph is corrupted.
+        gradients: version of what `corrupt_straight` makes; raised when the same settings give another gradient.
+    """
+
+    corruptions: Named
+    probability: Probability = 0.5
+    gradients: int = 2
+
+    @field_validator("corruptions")
+    @classmethod
+    def _check_corruptions(cls, corruptions: Named) -> Named:
+        from toolkit.corruptions import find_corruption
+
+        if not corruptions:
+            raise ToolkitError("expected at least one corruption, such as fog:3")
+        for corruption in corruptions:
+            find_corruption(*corruption)
+        return corruptions
+
+    def describe(self) -> str:
+        """`fog:3, snow:1, probability 0.5`."""
+        from toolkit.corruptions.request import name_corruptions
+
+        return f"{name_corruptions(self.corruptions)}, probability {self.probability:g}"
+
+    def draw(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
+        """Which corruption, and the seed of it; as `toolkit.corruptions.request.draw_corrupted`."""
+        return rng.integers(len(self.corruptions), size=count), rng.integers(2**62, size=count)
+
+    def apply(self, some: "torch.Tensor", drawn: tuple[np.ndarray, ...]) -> "torch.Tensor":
+        """Corrupt each, within [0, 1]; see `corrupt_straight`."""
+        import torch
+
+        kinds, seeds = drawn
+        for kind in np.unique(kinds):
+            which = np.flatnonzero(kinds == kind)
+            index = torch.from_numpy(which).to(some.device)
+            corrupted = corrupt_straight(some[index], *self.corruptions[kind], seeds[which].tolist())
+            some = some.index_copy(0, index, corrupted)
+        return some
+
+
+def corrupt_straight(images: "torch.Tensor", name: str, severity: int, seeds: Sequence[int]) -> "torch.Tensor":
+    """`toolkit.corruptions.corrupt` with a gradient.
+
+    Of what is in `DIFFERENTIABLE` the gradient is the true one. The others count photons or round to whole levels; they
+    act forward, and backward count as what they are near ("straight through"; Bengio et al. 2013; BPDA, Athalye et al.
+    2018): pixelate as its means, shot noise and JPEG as the identity.
+
+    Args:
+        images: (b, 3, h, w) float, sRGB-encoded in [0, 1].
+        name: one of `CORRUPTIONS`.
+        severity: 1 to 5.
+        seeds: one per image.
+
+    Returns:
+        As `images`, what `corrupt` returns; differentiable.
+    """
+    from toolkit.corruptions import CORRUPTIONS, choose_parameters, corrupt
+    from toolkit.corruptions.digital import pixelate_unrounded
+    from toolkit.corruptions.draws import RandomStreams
+
+    corruption = CORRUPTIONS[name]
+    given = corruption.parameters[choose_parameters(*images.shape[-2:])][severity - 1]
+    if name in DIFFERENTIABLE:
+        return corruption.apply(images, given, RandomStreams(seeds, name, severity, images.device)).clamp(0, 1)
+    near = pixelate_unrounded(images, cast(float, given)) if name == "pixelate" else images
+    return corrupt(images, name, severity, seeds) + (near - near.detach())
