@@ -150,3 +150,21 @@ def test_a_distance_that_no_frame_holds_is_refused(fill):
     with pytest.raises(ToolkitError, match=r"mounted_fill .*: expected two rising numbers from 0.05 to 1"):
         make(source="rig", mounted_fill=fill)
     assert make(source="rig", mounted_fill=(0.2, 0.5)).record()["mounted_fill"] == [0.2, 0.5]
+
+
+def test_the_earlier_word_for_clouds_goes_on_working():
+    from toolkit.boosters.texture_config import make_config
+
+    for words in (False, True):
+        asked = [make_config("default", {name: words}) for name in ("fog", "clouds")]
+        assert asked[0] == asked[1] and (asked[0].clouds is not None) == words
+
+
+def test_one_thing_is_called_fog_in_the_help_of_training():
+    """`--weather fog`; ImageNet-C's, which `--corrupt` takes by its name, is not offered as an example."""
+    from toolkit.boosters import texture_config
+    from toolkit.cli.options import list_flags
+
+    for recipes in (RECIPES, texture_config.RECIPES):
+        flags = [one for one in list_flags(recipes) if "fog" in f"{one.spelling} {one.info.description}".lower()]
+        assert [one.spelling for one in flags] == ["--weather"]

@@ -45,7 +45,7 @@ def test_it_says_what_it_made_and_what_comes_next(type_command):
     assert "next: toolkit capture-sim --object crate --variant unpatched --variant textured" in said
     assert re.search(r"\n  recipe +default: views above the table", "\n" + told)
     assert re.search(r"\n  object +crate, 12 triangles, new texture coordinates", told)
-    assert "fog  " in told and "Training crate: 2 to do" in told
+    assert "clouds  " in told and "Training crate: 2 to do" in told
     preview = Image.open(type_command.space.textures_dir / "previews" / "crate.png")
     assert preview.width == 4 * (32 + 8) + 8
     code, said, _ = type_command("--object", "crate", *QUICK, "--quiet")

@@ -34,8 +34,7 @@ MeetsCorruptions = Annotated[
     Flag("--corrupt", metavar="NAME[:SEVERITY]", group=MEETS, typed=tuple[str, ...]),
 ]
 CORRUPTED_HELP = (
-    "Corrupt half of the photographs as ImageNet-C does: fog:3, noise:1-3, weather, common, all; of several each draws "
-    "one."
+    "Corrupt half of the photographs as ImageNet-C does: noise:1-3, blur:5, common, all; of several each draws one."
 )
 
 

@@ -32,8 +32,8 @@ METHOD = "unadversarial texture, Algorithm 2"
 METHOD_VERSION = 3
 """Raised when the same settings give other numbers: an older checkpoint is then another run's."""
 MIN_PX, MAX_PX = 8, 1024
-FOG_PROBABILITY = 0.5
-"""Fog hides most of what a texture says, and is seen as often as a clear view."""
+CLOUDS_PROBABILITY = 0.5
+"""Clouds hide most of what a texture says, and are seen as often as a clear view."""
 WEARS, SEEN = "What wears it", "Where it is seen from"
 
 MaxChange = Annotated[
@@ -56,9 +56,9 @@ def check_objects(names: tuple[str, ...]) -> tuple[str, ...]:
     return names
 
 
-def make_fog() -> Fog:
-    """Fog over half of the views."""
-    return Fog(probability=FOG_PROBABILITY)
+def make_clouds() -> Fog:
+    """ImageNet-C's fog over half of the views."""
+    return Fog(probability=CLOUDS_PROBABILITY)
 
 
 class TextureConfig(PixelConfig):
@@ -116,8 +116,10 @@ class TextureConfig(PixelConfig):
     exposure: Annotated[Exposure | None, Flag(group=MEETS)] = Field(
         Exposure(), description="Vary strength and tint of the light."
     )
-    fog: Annotated[Fog | None, Flag(group=MEETS, make=make_fog)] = Field(
-        None, exclude=True, description="Fog over some of the views."
+    clouds: Annotated[Fog | None, Flag(group=MEETS, make=make_clouds)] = Field(
+        None,
+        exclude=True,
+        description="Clouds over half of the views, as ImageNet-C draws them, which know no distance; {weather} does.",
     )
     camera: Annotated[CameraParts | None, Flag(group=MEETS, make=make_camera)] = Field(
         None, exclude=True, description="Blur, sensor noise and JPEG."
@@ -218,7 +220,7 @@ RECIPES: dict[str, TextureConfig] = {
     "default": TextureConfig(
         recipe="default", about="views above the table, light in the gradient, and what a camera meets",
         steps=300, batch=16, lr=0.05, schedule="cosine", smoothing_px=1.0, start_contrast=0.2,
-        fog=make_fog(), camera=make_camera(), background_share=0.5,
+        clouds=make_clouds(), camera=make_camera(), background_share=0.5,
     ),
     "paper": TextureConfig(
         recipe="paper",
@@ -238,6 +240,8 @@ def make_config(recipe: str, overrides: Mapping[str, Any]) -> TextureConfig:
         ToolkitError: an unknown recipe, or a setting that is out of its range.
     """
     base, fitted = find_recipe(RECIPES, recipe), dict(overrides)
+    if "fog" in fitted:  # what clouds were called
+        fitted["clouds"] = fitted.pop("fog")
     if fitted.get("world") is not None:
         outdoors = {"background_share": 0.0, "elevation_deg": WORLD_ELEVATION_DEG, "fill": WORLD_FILL}
         base = base.model_copy(update=outdoors)

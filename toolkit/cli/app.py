@@ -58,7 +58,12 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "train-texture": Entry(
             "train_texture:train_texture",
             "train a texture for an object",
-            {"--backgrounds": "--background-folder", "--keep": "--keep-material"},
+            {
+                "--backgrounds": "--background-folder",
+                "--keep": "--keep-material",
+                "--fog": "--clouds",
+                "--no-fog": "--no-clouds",
+            },
         ),
         "print": Entry("print_:print_patches", "print patches at true size, or the board"),
         "place": Entry("place:place", "find where on an object a patch is best stuck"),
