@@ -14,11 +14,11 @@ import numpy as np
 import torch
 from torchvision.models import resnet18
 
+from toolkit.boosters.booster import BoosterFiles
 from toolkit.boosters.data import TrainingData
 from toolkit.boosters.patch import PatchTask
 from toolkit.boosters.patch_config import PatchConfig
 from toolkit.boosters.pixels import Target
-from toolkit.boosters.preview import BoosterFiles
 from toolkit.boosters.transforms.placement import AffineRanges
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier, choose_device

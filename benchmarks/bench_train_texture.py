@@ -17,11 +17,11 @@ import torch
 from torchvision.models import resnet18
 
 from benchmarks.peers import peak_mb
+from toolkit.boosters.booster import BoosterFiles
 from toolkit.boosters.pixels import Target, judge_photos
-from toolkit.boosters.preview import BoosterFiles
-from toolkit.boosters.texture import Backgrounds, TextureTask
+from toolkit.boosters.texture import TextureTask
 from toolkit.boosters.texture_config import TextureConfig, make_config
-from toolkit.boosters.texture_objects import TexturedObject
+from toolkit.boosters.texture_objects import Backgrounds, TexturedObject, TextureInputs
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier, choose_device
 from toolkit.models.weights import WeightsFile
@@ -106,7 +106,8 @@ def step_through(atlas: Atlas, target: Target, config: TextureConfig, groups: in
     item = cast(TableObject, SimpleNamespace(mesh=atlas.mesh, name="ball"))
     none = Backgrounds(np.zeros((0, 256, 256, 3), np.uint8))
     files = BoosterFiles(Path("texture.png"), Path("preview.png"), Path("training"))
-    task = TextureTask(config, [target] * networks, [TexturedObject(item, atlas)], none, files)
+    inputs = TextureInputs([TexturedObject(item, atlas)], none)
+    task = TextureTask(config, [target] * networks, inputs, files)
     yield from make_steps(task, config.fit_config(config.optimiser))
 
 

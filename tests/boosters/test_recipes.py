@@ -156,7 +156,7 @@ def test_the_earlier_word_for_clouds_goes_on_working():
     from toolkit.boosters.texture_config import make_config
 
     for words in (False, True):
-        asked = [make_config("default", {name: words}) for name in ("fog", "clouds")]
+        asked = [make_config("default", {"objects": ("crate",), name: words}) for name in ("fog", "clouds")]
         assert asked[0] == asked[1] and (asked[0].clouds is not None) == words
 
 

@@ -94,7 +94,7 @@ def test_words_and_what_is_refused():
     part = read_words(["fog:1-2", "dust:5"])
     assert part.weathers == (("fog", 1), ("fog", 2), ("dust", 5))
     assert part.describe() == "fog 1, fog 2, dust 5, probability 0.5"
-    assert "visibility 10 m" in part.rows()[2]
+    assert "visibility 10 m" in part.lines()[2]
     assert read_words(None) is None
     for arguments in ({"weathers": ()}, {"weathers": (("hail", 1),)}, {"weathers": (("fog", 9),)}):
         with pytest.raises(ToolkitError):

@@ -5,11 +5,11 @@ from pathlib import Path
 import torch
 from tiny_network import tiny_config
 
+from toolkit.boosters.booster import BoosterFiles
 from toolkit.boosters.data import TrainingData
 from toolkit.boosters.patch import PatchTask, patch_loss
 from toolkit.boosters.patch_config import PatchConfig
 from toolkit.boosters.pixels import Target
-from toolkit.boosters.preview import BoosterFiles
 from toolkit.boosters.transforms.show import Appearance
 from toolkit.core.draws import Draws
 from toolkit.training.checkpoint import Checkpoint

@@ -11,8 +11,9 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field
 
+from toolkit.boosters.booster import read_finished
 from toolkit.boosters.data import Backgrounds, DataConfig, Loaded, TrainingData, divide_images
-from toolkit.boosters.patch import RENDERS, choose_files, hash_patch, read_finished, train_patch
+from toolkit.boosters.patch import RENDERS, choose_files, hash_patch, train_patch
 from toolkit.boosters.patch_config import PatchConfig, check_size, make_config
 from toolkit.boosters.patch_sets import SetName, name_class
 from toolkit.boosters.pixels import Network
@@ -30,6 +31,7 @@ from toolkit.engine.resume import run_resumable
 from toolkit.engine.units import Engine, Shared, Unit, give
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
+from toolkit.objects.records import read_patch
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.image_set import ImageSet
 from toolkit.training.processes import current
@@ -183,7 +185,7 @@ def _list_units(
             continue
         key = hash_patch(order.config, order.class_index, [network], data, order.name)
         files = choose_files(workspace, order.out, order.name)
-        if not order.restart and read_finished(files, key):
+        if not order.restart and read_finished(read_patch, files, key):
             Checkpoint(files.training, key, shared=RENDERS).remove()
             yield Unit((name,), give, ((None, {}),), name)
             continue

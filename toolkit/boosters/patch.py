@@ -1,14 +1,14 @@
 """Train a patch (Algorithm 1): what `toolkit train-patch` runs."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolkit import __version__
+from toolkit.boosters.booster import BoosterFiles, BoosterTask, TrainedBooster, read_finished, train_booster
 from toolkit.boosters.data import (
     DataConfig,
     TrainingData,
@@ -37,29 +37,26 @@ from toolkit.boosters.patch_config import PatchConfig, check_size, hash_inputs
 from toolkit.boosters.pixel_config import WORLD_ELEVATION_DEG, name_files
 from toolkit.boosters.pixels import (
     Network,
-    PixelTask,
     Target,
     aim,
     from_picture,
     judge_photos,
     list_networks,
     quantise,
-    record_network,
 )
-from toolkit.boosters.preview import COLUMNS, ROWS, BoosterFiles, draw_patch_preview, write_preview
+from toolkit.boosters.preview import COLUMNS, ROWS, draw_patch_preview, write_preview
 from toolkit.boosters.transforms.show import Appearance, place_patch, print_patch, show_patch, take_photos
-from toolkit.boosters.validation import Validation, count_placements, list_shares, validate_patch
+from toolkit.boosters.validation import Validation, count_placements, validate_patch
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
-from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.errors import FieldError
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.printer import score_print
 from toolkit.objects.load import load_object
 from toolkit.objects.records import Patch, printed_size_mm, read_patch, write_patch
 from toolkit.objects.spec import read_spec
 from toolkit.rig.views import ViewRanges
-from toolkit.training.checkpoint import Checkpoint
-from toolkit.training.loop import History, fit
+from toolkit.training.loop import History
 from toolkit.worlds.views import open_setting
 
 if TYPE_CHECKING:
@@ -80,27 +77,19 @@ RENDERS = ("renders-*.npy", ".renders-*.partial")
 """Files beside the checkpoints that other runs may need."""
 
 
-@dataclass(frozen=True)
-class TrainedPatch:
+@dataclass(frozen=True, kw_only=True)
+class TrainedPatch(TrainedBooster):
     """What a run made.
 
     Attributes:
         patch: pixels and record.
-        files: where it lies.
         validations: per network; empty when the patch was finished before.
         on_object: per network, on held-out views of the object: with the patch, and with grey paper for `bare`.
-        skipped: (path, reason) of training images that could not be used.
-        resumed_from: steps that an earlier run had made; all of them when the patch was finished before.
-        was_finished: whether there was nothing left to do.
     """
 
     patch: Patch
-    files: BoosterFiles
-    validations: list[Validation]
-    on_object: list[Validation]
-    skipped: tuple[tuple[str, str], ...]
-    resumed_from: int = 0
-    was_finished: bool = False
+    validations: list[Validation] = field(default_factory=list)
+    on_object: list[Validation] = field(default_factory=list)
 
 
 def train_patch(
@@ -159,11 +148,8 @@ def train_patch(
     data_sha256 = data.sha256 + ("" if views is None else views.sha256)
     inputs_sha256 = hash_inputs(config, name, list_networks(targets), data_sha256)
     kind = PatchTask if detectors is None else DetectorPatchTask
-    task = kind(config, targets, data, views, files, inputs_sha256)
-    task.seen_world = seen_world
-    checkpoint = Checkpoint(files.training, inputs_sha256, restart, checkpoint_every_s, RENDERS)
-    fitted = fit(task, config.fit_config(), checkpoint)
-    return replace(fitted.made, resumed_from=fitted.resumed_from, was_finished=fitted.was_finished)
+    task = kind(config, targets, data, views, files, inputs_sha256, seen_world)
+    return train_booster(task, restart=restart, checkpoint_every_s=checkpoint_every_s, shared=RENDERS)
 
 
 def hash_patch(
@@ -173,20 +159,6 @@ def hash_patch(
     targets = aim(networks, class_name)
     config = config.count_steps(len(data.train)).for_networks(len(targets))
     return hash_inputs(config, name, list_networks(targets), data.sha256)
-
-
-def read_finished(
-    files: BoosterFiles, inputs_sha256: str, skipped: tuple[tuple[str, str], ...] = ()
-) -> TrainedPatch | None:
-    """The patch, where its files are whole and of these inputs."""
-    if not (files.png.is_file() and files.preview.is_file()):
-        return None
-    try:
-        patch = read_patch(files.png)
-    except ToolkitError:
-        return None  # a kill between picture and record leaves a pair that does not match; it is written again
-    is_same = patch.record.settings.get("inputs_sha256") == inputs_sha256
-    return TrainedPatch(patch, files, [], [], skipped) if is_same else None
 
 
 def choose_files(workspace: Workspace, out: Path | None, name: str) -> BoosterFiles:
@@ -219,35 +191,28 @@ def _render_views(
     return views, seen
 
 
-class PatchTask(PixelTask[TrainedPatch]):
-    """Algorithm 1: a patch in random placements goes down the loss of recognising its class.
-
-    Attributes:
-        seen_world: for the record, where in a world the views of the object were taken.
-    """
+class PatchTask(BoosterTask[TrainedPatch]):
+    """Algorithm 1: a patch in random placements goes down the loss of recognising its class."""
 
     kind = "patch"
 
     def __init__(
         self, config: PatchConfig, targets: list[Target], data: TrainingData, views: MountedViews | None,
-        files: BoosterFiles, inputs_sha256: str = "",
+        files: BoosterFiles, inputs_sha256: str = "", seen_world: dict[str, Any] | None = None,
     ) -> None:  # fmt: skip
         """Prepare the images.
 
         Args:
-            config: with its steps counted.
-            targets: the networks and their classes.
+            config, targets, files, inputs_sha256: see `BoosterTask`.
             data: images to train and to validate on.
             views: of the object with its sheet mounted on it, a part of them held out; None where none are wanted.
-            files: where to write.
-            inputs_sha256: hash of all that decides the patch.
+            seen_world: for the record, where in a world the views of the object were taken.
         """
-        super().__init__(config, config.size_px, targets)
-        self.config, self.files, self.inputs_sha256, self._data = config, files, inputs_sha256, data
+        super().__init__(config, config.size_px, targets, files, inputs_sha256)
+        self.config, self._data, self._seen_world = config, data, seen_world
         self.title = f"Training {targets[0].label}"
         self._appearance, self._penalty = config.appearance(), config.penalty()
         self._images = stack_on_device(data.train, self._device)
-        self.seen_world: dict[str, Any] | None = None
         self._views: MountedViews | None = None
         self._held_out_views: MountedViews | None = None
         if views is not None:
@@ -269,7 +234,8 @@ class PatchTask(PixelTask[TrainedPatch]):
 
     def find_finished(self) -> TrainedPatch | None:
         """The patch, where its files are whole and of the same inputs."""
-        return read_finished(self.files, self.inputs_sha256, self._data.skipped)
+        patch = read_finished(read_patch, self.files, self.inputs_sha256)
+        return None if patch is None else TrainedPatch(patch=patch, files=self.files, skipped=self._data.skipped)
 
     def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
         """Cross-entropy of photographs with the patch, and the patch's own losses."""
@@ -308,28 +274,21 @@ class PatchTask(PixelTask[TrainedPatch]):
                 printed, views, self.targets, self.image_px, weather=config.weather, seed=config.seed
             )
         self._draw_preview(printed, pixels, validations)
+        seen: dict[str, Any] = {} if views is None else {"mounted_views_sha256": views.sha256}
+        if views is not None and len(views.sizes_mm) > 1:
+            seen["sheets_mm"] = list(views.sizes_mm)
+        if self._seen_world is not None:
+            seen["world"] = self._seen_world
+        record = self.record(
+            history, data.record | seen, config.record() | {"image_px": self.image_px}, asdict(score_print(pixels)),
+            {"held_out": validations, "mounted": on_object, "corrupted": corrupted, "mounted_weather": weathered},
+        )  # fmt: skip
         size_mm = config.size_mm if views is None else views.sizes_mm[0]
-        patch = write_patch(self.files.png.parent, pixels, {
-            "name": self.files.png.stem,
-            "class_name": self.targets[0].label,
-            "class_index": self.targets[0].class_index,
-            "networks": [record_network(target.classifier) for target in self.targets],
-            "data": data.record
-            | ({} if views is None else {"mounted_views_sha256": views.sha256})
-            | ({} if views is None or len(views.sizes_mm) == 1 else {"sheets_mm": list(views.sizes_mm)})
-            | ({} if self.seen_world is None else {"world": self.seen_world}),
-            "seed": config.seed,
-            "settings": config.record() | {"image_px": self.image_px, "inputs_sha256": self.inputs_sha256},
-            "final": history.recent(self.recent)
-            | asdict(score_print(pixels))
-            | list_shares(validations, "held_out")
-            | list_shares(on_object, "mounted")
-            | list_shares(corrupted, "corrupted")
-            | list_shares(weathered, "mounted_weather"),
-            "toolkit_version": __version__,
-            **({} if size_mm is None else {"size_mm": round(size_mm, 3)}),
-        })  # fmt: skip
-        return TrainedPatch(patch, self.files, validations, on_object, data.skipped)
+        sized = {} if size_mm is None else {"size_mm": round(size_mm, 3)}
+        patch = write_patch(self.files.png.parent, pixels, record | sized)
+        return TrainedPatch(
+            patch=patch, files=self.files, validations=validations, on_object=on_object, skipped=data.skipped
+        )
 
     def _draw_preview(self, printed: "torch.Tensor", pixels: np.ndarray, validations: list[Validation]) -> None:
         """Sixteen training images; they repeat, in other placements, where there are fewer."""

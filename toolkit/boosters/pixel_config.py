@@ -162,7 +162,7 @@ class PixelConfig(Config):
     @property
     def weather_lines(self) -> list[str]:
         """The numbers behind its weathers, a line each."""
-        return [] if self.weather is None else self.weather.rows()
+        return [] if self.weather is None else self.weather.lines()
 
     def step_rows(self, size_px: int, optimiser: str, epochs: str = "") -> list[tuple[str, str]]:
         """(name, value) of these settings, in words."""

@@ -1,6 +1,5 @@
 """Pictures of a booster on what it was trained for, each with the network's first answer below it."""
 
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -17,21 +16,6 @@ if TYPE_CHECKING:
 COLUMNS, ROWS = 4, 4
 PHOTO_PX, GAP_PX, CAPTION_PX, HEADER_PX = 224, 12, 26, 176
 PAPER, INK, FAINT, RIGHT, WRONG = (255, 255, 255), (28, 30, 34), (110, 115, 122), (22, 130, 62), (190, 42, 36)
-
-
-@dataclass(frozen=True)
-class BoosterFiles:
-    """Where a run writes.
-
-    Attributes:
-        png: the booster; its record and what else it needs lie beside it.
-        preview: the picture of it in use.
-        training: folder for checkpoints, until the run is finished.
-    """
-
-    png: Path
-    preview: Path
-    training: Path
 
 
 def draw_patch_preview(

@@ -3,38 +3,34 @@
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolkit import __version__
-from toolkit.boosters.data import choose_images, load_files
+from toolkit.boosters.booster import BoosterFiles, BoosterTask, TrainedBooster, read_finished, train_booster
 from toolkit.boosters.detectors import box_of_coverage, find_detectors, judge_detectors
 from toolkit.boosters.ensemble import judge_ensemble
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.boosters.pixel_config import name_files
 from toolkit.boosters.pixels import (
     Network,
-    PixelTask,
     Target,
     aim,
     from_picture,
     list_networks,
     quantise,
-    record_network,
 )
-from toolkit.boosters.preview import BoosterFiles, draw_turntable, write_preview
+from toolkit.boosters.preview import draw_turntable, write_preview
 from toolkit.boosters.texture_config import KNOWN, METHOD_VERSION, NEAR, TextureConfig
 from toolkit.boosters.texture_objects import (
-    TexturedObject,
+    TextureInputs,
     choose_class,
     find_source,
-    hash_objects,
+    load_inputs,
     load_objects,
     read_keep_image,
-    read_start,
 )
 from toolkit.boosters.texture_validation import (
     WeatherValidation,
@@ -44,63 +40,41 @@ from toolkit.boosters.texture_validation import (
     validate_in_weather,
     validate_texture,
 )
-from toolkit.boosters.validation import list_shares
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
-from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.colour import srgb_to_linear
-from toolkit.objects.atlas import take_paint, wear
+from toolkit.objects.atlas import wear
 from toolkit.objects.export import to_glb
 from toolkit.objects.records import Texture, glb_name, read_texture, write_texture
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
 from toolkit.rig.views import DETAIL, FOV_DEG, IN_STUDIO, PaintableObject, RenderedView, ViewStream
-from toolkit.training.checkpoint import Checkpoint
-from toolkit.training.loop import History, fit
-from toolkit.worlds.views import WorldSetting, open_setting
+from toolkit.training.loop import History
 
 if TYPE_CHECKING:
     import torch
 
 CHECKPOINT_EVERY_S = 10.0
 """How much work a kill may cost, and how often the turntable is drawn."""
-MAX_BACKGROUNDS = 256
 TURNTABLE_VIEWS, TURNTABLE_ELEVATION_DEG, TURNTABLE_FILL, TURNTABLE_BACKDROP = 8, 30.0, 0.9, "concrete"
 
 
-@dataclass(frozen=True)
-class TrainedTexture:
+@dataclass(frozen=True, kw_only=True)
+class TrainedTexture(TrainedBooster):
     """What a run made.
 
     Attributes:
         texture: pixels and record.
-        files: where it lies.
         glbs: the objects that wear it, by name.
         validations: per network, on held-out views; empty when the texture was finished before.
-        skipped: (path, reason) of background photographs that could not be used.
-        resumed_from: steps that an earlier run had made; all of them when the texture was finished before.
-        was_finished: whether there was nothing left to do.
     """
 
     texture: Texture
-    files: BoosterFiles
     glbs: dict[str, Path]
-    validations: list[WeatherValidation]
-    skipped: tuple[tuple[str, str], ...]
-    resumed_from: int = 0
-    was_finished: bool = False
-
-
-@dataclass(frozen=True)
-class Backgrounds:
-    """Photographs to stand behind the object: (k, s, s, 3) uint8 sRGB, what was skipped, and their record."""
-
-    images: np.ndarray
-    skipped: tuple[tuple[str, str], ...] = ()
-    record: dict[str, Any] | None = None
+    validations: list[WeatherValidation] = field(default_factory=list)
 
 
 def train_texture(
@@ -134,38 +108,21 @@ def train_texture(
     config.check_backgrounds()
     keep_image = None if config.keep_image is None else read_keep_image(config.keep_image)
     objects = load_objects(workspace, config, keep_image)
-    label = choose_class(class_name, objects)
-    targets = aim(networks, label)
+    targets = aim(networks, choose_class(class_name, objects))
     find_detectors(networks)
     config = config.for_networks(len(targets))
     if name is None and len(objects) == 1:
         name = objects[0].name
     name = name_files(name, targets[0].label, targets[0].class_index)
-    files = choose_files(workspace, out, name)
-    backgrounds = _load_backgrounds(config, networks[0])
-    data_sha256 = hash_objects(objects) + sha256_bytes(backgrounds.images.tobytes())
-    if config.weather is not None or config.world is not None:
-        data_sha256 += "".join(f" {one.metres_per_mm!r}" for one in objects)
-    paint = None if config.max_change is None else take_paint(objects[0].atlas, objects[0].item.mesh)
-    start = None if config.start is None else read_start(config.start, objects, config.size_px)
-    given = (paint if start is None else start, paint)
-    data_sha256 += "".join(sha256_bytes(one.tobytes()) for one in given if one is not None)
-    setting = None
-    if config.world is not None:
-        seed, scale = config.world_seed, config.world_scale
-        setting = open_setting(workspace, config.world, config.times, seed=seed, scale=scale)
-        data_sha256 += json.dumps(setting.record([one.subject(True).mesh for one in objects]))
-    inputs = [
-        METHOD_VERSION, name, list_networks(targets), data_sha256, config.size_px, config.objects,
-        config.settings(networks[0].preprocessing.crop_px),
+    inputs = load_inputs(config, objects, keep_image, networks[0], workspace)
+    decides = [
+        METHOD_VERSION, name, list_networks(targets),
+        inputs.sha256(needs_size=config.weather is not None or config.world is not None), config.size_px,
+        config.objects, config.settings(networks[0].preprocessing.crop_px),
     ]  # fmt: skip
-    inputs_sha256 = sha256_bytes(json.dumps(inputs, sort_keys=True).encode())
-    task = TextureTask(config, targets, objects, backgrounds, files, inputs_sha256)
-    task.keep_image, task.workers, task.setting = keep_image, workers, setting
-    task.start, task.paint = start, paint
-    checkpoint = Checkpoint(files.training, inputs_sha256, restart, checkpoint_every_s)
-    fitted = fit(task, config.fit_config(config.optimiser), checkpoint)
-    return replace(fitted.made, resumed_from=fitted.resumed_from, was_finished=fitted.was_finished)
+    inputs_sha256 = sha256_bytes(json.dumps(decides, sort_keys=True).encode())
+    task = TextureTask(config, targets, inputs, choose_files(workspace, out, name), inputs_sha256, workers)
+    return train_booster(task, restart=restart, checkpoint_every_s=checkpoint_every_s)
 
 
 def choose_files(workspace: Workspace, out: Path | None, name: str) -> BoosterFiles:
@@ -174,60 +131,31 @@ def choose_files(workspace: Workspace, out: Path | None, name: str) -> BoosterFi
     return BoosterFiles(folder / f"{name}.png", folder / "previews" / f"{name}.png", folder / ".training" / name)
 
 
-def _load_backgrounds(config: TextureConfig, network: Network) -> Backgrounds:
-    side = network.preprocessing.resize_px
-    if not config.background_share or config.backgrounds is None:
-        return Backgrounds(np.zeros((0, side, side, 3), np.uint8))
-    found = choose_images(config.backgrounds, frozenset(), "all", "backgrounds")
-    count = min(MAX_BACKGROUNDS, len(found.files))
-    with progress("Reading backgrounds", count) as bar:
-        rng = np.random.default_rng([config.seed, 0xBAC])
-        loaded = load_files(found, count, rng, network.preprocessing, bar.advance)
-    return Backgrounds(loaded.images, loaded.skipped, loaded.record)
-
-
-class TextureTask(PixelTask[TrainedTexture]):
-    """Algorithm 2: a texture goes down the loss of recognising its class in random views of what wears it.
-
-    Attributes:
-        keep_image: (h, w) bool mask of the only object, to be recorded.
-        workers: threads that render ahead; None: one for each core; 0: none.
-        setting: the world that it is trained in; None: studios.
-        start: (n, n, 3) uint8 sRGB to go on from; None: from the paint where it is stayed near, else from noise.
-        paint: (n, n, 3) uint8 sRGB that `config.max_change` is counted from, where there is one.
-    """
+class TextureTask(BoosterTask[TrainedTexture]):
+    """Algorithm 2: a texture goes down the loss of recognising its class in random views of what wears it."""
 
     kind = "texture"
 
     def __init__(
-        self, config: TextureConfig, targets: list[Target], objects: list[TexturedObject], backgrounds: Backgrounds,
-        files: BoosterFiles, inputs_sha256: str = "",
+        self, config: TextureConfig, targets: list[Target], inputs: TextureInputs, files: BoosterFiles,
+        inputs_sha256: str = "", workers: int | None = None,
     ) -> None:  # fmt: skip
         """Prepare.
 
         Args:
-            config: every setting.
-            targets: the networks and their classes.
-            objects: that wear the texture.
-            backgrounds: photographs; there may be none.
-            files: where to write.
-            inputs_sha256: hash of all that decides the texture.
+            config, targets, files, inputs_sha256: see `BoosterTask`.
+            inputs: what it is trained on.
+            workers: threads that render ahead; None: one for each core; 0: none.
         """
         import torch
 
-        super().__init__(config, config.size_px, targets, config.optimiser)
-        self.config, self.objects, self.files, self.inputs_sha256 = config, objects, files, inputs_sha256
-        self.keep_image: np.ndarray | None = None
-        self.workers: int | None = None
-        self.setting: WorldSetting | None = None
-        self.start: np.ndarray | None = None
-        self.paint: np.ndarray | None = None
+        super().__init__(config, config.size_px, targets, files, inputs_sha256, config.optimiser)
+        self.config, self.inputs, self._workers = config, inputs, workers
         self.title = f"Training {files.png.stem}"
-        self._backgrounds = backgrounds
-        self._source = torch.from_numpy(find_source(objects)).to(self.pixels.device)
+        self._source = torch.from_numpy(find_source(inputs.objects)).to(self.pixels.device)
         is_model = config.weather is not None and config.world is None
-        self._metres = [one.metres_per_mm if is_model else 1.0 for one in objects]
-        self._glbs = {one.name: files.png.parent / glb_name(files.png.stem, one.name) for one in objects}
+        self._metres = [one.metres_per_mm if is_model else 1.0 for one in inputs.objects]
+        self._glbs = {one.name: files.png.parent / glb_name(files.png.stem, one.name) for one in inputs.objects}
         self._range: tuple[torch.Tensor, torch.Tensor] | None = None
         self._allowed: dict[str, Any] = {}
 
@@ -235,7 +163,8 @@ class TextureTask(PixelTask[TrainedTexture]):
         """Take the start that is given, or the paint, in place of noise."""
         import torch
 
-        start = self.paint if self.start is None and self._range is not None else self.start
+        start, paint = self.inputs.start, self.inputs.paint
+        start = paint if start is None and self._range is not None else start
         if start is not None:
             with torch.no_grad():
                 self.pixels.copy_(from_picture(start, str(self.pixels.device)))
@@ -262,36 +191,31 @@ class TextureTask(PixelTask[TrainedTexture]):
     def describe(self) -> list[str]:
         """Every setting that acts."""
         names = [target.classifier.name for target in self.targets]
-        world = None if self.setting is None else self.setting.describe([one.mesh for one in self._subjects()])
-        return self.config.lines(self.targets[0].label, [one.describe() for one in self.objects], names, world)
-
-    def _subjects(self) -> list[PaintableObject]:
-        return [one.subject(at_real_size=self.setting is not None) for one in self.objects]
+        inputs = self.inputs
+        world = None if inputs.setting is None else inputs.setting.describe([one.mesh for one in inputs.at_real_size])
+        return self.config.lines(self.targets[0].label, [one.describe() for one in inputs.objects], names, world)
 
     def find_finished(self) -> TrainedTexture | None:
         """The texture, where its files are whole and of the same inputs."""
-        if not all(file.is_file() for file in (self.files.png, self.files.preview, *self._glbs.values())):
-            return None
-        try:
-            texture = read_texture(self.files.png)
-        except ToolkitError:
-            return None  # a kill between picture and record leaves a pair that does not match; it is written again
-        is_same = texture.record.settings.get("inputs_sha256") == self.inputs_sha256
-        return TrainedTexture(texture, self.files, self._glbs, [], self._backgrounds.skipped) if is_same else None
+        texture = read_finished(read_texture, self.files, self.inputs_sha256, self._glbs.values())
+        skipped = self.inputs.backgrounds.skipped
+        return None if texture is None else TrainedTexture(
+            texture=texture, files=self.files, glbs=self._glbs, skipped=skipped
+        )  # fmt: skip
 
     @contextmanager
     def open(self) -> Iterator[None]:
         """Start the threads that render, and set the turntable up."""
-        subjects, device = [one.subject() for one in self.objects], str(self.pixels.device)
+        subjects, device = [one.subject() for one in self.inputs.objects], str(self.pixels.device)
         self._turntable = [plan_turntable(subject, self.image_px, device) for subject in subjects]
         views = self.config.views(self.image_px)
         self._stream = ViewStream(
-            self._subjects(), views, self.config.seed, self.config.groups, self.workers,
-            setting=self.setting or IN_STUDIO, with_depth=self.config.weather is not None,
+            self.inputs.at_real_size, views, self.config.seed, self.config.groups, self._workers,
+            setting=self.inputs.setting or IN_STUDIO, with_depth=self.config.weather is not None,
         )  # fmt: skip
         with self._stream:
-            if self.paint is not None:
-                self._stay_near(self.paint)
+            if self.inputs.paint is not None:
+                self._stay_near(self.inputs.paint)
             yield
 
     def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
@@ -300,7 +224,7 @@ class TextureTask(PixelTask[TrainedTexture]):
         group, inside = divmod(step, config.steps_per_group)
         views = choose_views(self._stream.group(group), config, group, inside)
         behind = choose_backgrounds(
-            self._backgrounds.images, config, draws.of("backgrounds"), len(views), self.image_px
+            self.inputs.backgrounds.images, config, draws.of("backgrounds"), len(views), self.image_px
         )
         batch = batch_views([one.view for one in views], str(self.pixels.device), behind).to(self.pixels.dtype)
         if config.weather is not None:
@@ -328,57 +252,57 @@ class TextureTask(PixelTask[TrainedTexture]):
 
     def finish(self, history: History) -> TrainedTexture:
         """Validate the rounded texture; write texture, record and the objects in it."""
-        config, objects = self.config, self.objects
-        pixels = quantise(self.dilated())
+        config, inputs, pixels = self.config, self.inputs, quantise(self.dilated())
         with progress("Validating", 1) as bar:
-            held_out = self._stream.held_out(config.held_out)
-            validations = validate_texture(pixels, held_out, self.targets, config.seed)
-            if config.weather is not None:
-                seen = validate_in_weather(
-                    pixels, held_out, self.targets, config.seed, weather=config.weather, metres_per_unit=self._metres
-                )
-                validations = [replace(one, weather=other) for one, other in zip(validations, seen, strict=True)]
-            if config.corrupted is not None:
-                hard = validate_corrupted(pixels, held_out, self.targets, config.seed, config.corrupted)
-                validations = [replace(one, corrupted=other) for one, other in zip(validations, hard, strict=True)]
+            validations = self._validate(pixels)
             bar.advance()
-        clear, fog = [one.clear for one in validations], [one.fog for one in validations]
-        weather = [one.weather for one in validations if one.weather is not None]
-        corrupted = [one.corrupted for one in validations if one.corrupted is not None]
-        views = {
+        views: dict[str, Any] = {
             "rendered": config.groups * config.studios * config.per_studio,
             "used": config.step_count * config.batch,
-            "objects": [one.name for one in objects],
+            "objects": [one.name for one in inputs.objects],
         }
-        if self.setting is not None:
-            views["world"] = self.setting.record([one.mesh for one in self._subjects()])
-        record = {
-            "name": self.files.png.stem,
-            "class_name": self.targets[0].label,
-            "class_index": self.targets[0].class_index,
-            "objects": [
-                {"name": one.name, "mesh_sha256": one.item.shape_sha256, "keep": list(config.keep)} for one in objects
-            ],
-            "networks": [record_network(target.classifier) for target in self.targets],
-            "data": {"views": views, "backgrounds": self._backgrounds.record},
-            "seed": config.seed,
-            "settings": config.settings(self.image_px) | self._allowed | {"inputs_sha256": self.inputs_sha256},
-            "final": history.recent(self.recent)
-            | list_shares(clear, "held_out")
-            | list_shares(fog, "held_out_fog")
-            | list_shares(corrupted, "held_out_corrupted")
-            | list_shares(weather, "held_out_weather"),
-            "toolkit_version": __version__,
+        if inputs.setting is not None:
+            views["world"] = inputs.setting.record([one.mesh for one in inputs.at_real_size])
+        shares = {
+            "held_out": [one.clear for one in validations],
+            "held_out_fog": [one.fog for one in validations],
+            "held_out_corrupted": [one.corrupted for one in validations if one.corrupted is not None],
+            "held_out_weather": [one.weather for one in validations if one.weather is not None],
         }
+        record = self.record(
+            history, {"views": views, "backgrounds": inputs.backgrounds.record},
+            config.settings(self.image_px) | self._allowed, {}, shares,
+        )  # fmt: skip
+        worn = [
+            {"name": one.name, "mesh_sha256": one.item.shape_sha256, "keep": list(config.keep)}
+            for one in inputs.objects
+        ]
         texture = write_texture(
             self.files.png.parent,
             pixels,
-            record,
-            corner_uv={one.name: one.atlas.corner_uv for one in objects if one.atlas.unwrapped},
-            keep_images={} if self.keep_image is None else {objects[0].name: self.keep_image},
-            glbs={one.name: to_glb(wear(one.atlas, pixels), one.name) for one in objects},
+            record | {"objects": worn},
+            corner_uv={one.name: one.atlas.corner_uv for one in inputs.objects if one.atlas.unwrapped},
+            keep_images={} if inputs.keep_image is None else {inputs.objects[0].name: inputs.keep_image},
+            glbs={one.name: to_glb(wear(one.atlas, pixels), one.name) for one in inputs.objects},
         )
-        return TrainedTexture(texture, self.files, self._glbs, validations, self._backgrounds.skipped)
+        skipped = inputs.backgrounds.skipped
+        return TrainedTexture(
+            texture=texture, files=self.files, glbs=self._glbs, validations=validations, skipped=skipped
+        )
+
+    def _validate(self, pixels: np.ndarray) -> list[WeatherValidation]:
+        """What the networks say of held-out views: clear, in fog, and in what it was trained in."""
+        config, held_out = self.config, self._stream.held_out(self.config.held_out)
+        validations = validate_texture(pixels, held_out, self.targets, config.seed)
+        if config.weather is not None:
+            seen = validate_in_weather(
+                pixels, held_out, self.targets, config.seed, weather=config.weather, metres_per_unit=self._metres
+            )
+            validations = [replace(one, weather=other) for one, other in zip(validations, seen, strict=True)]
+        if config.corrupted is not None:
+            hard = validate_corrupted(pixels, held_out, self.targets, config.seed, config.corrupted)
+            validations = [replace(one, corrupted=other) for one, other in zip(validations, hard, strict=True)]
+        return validations
 
 
 def take_photos(texture: "torch.Tensor", batch: ViewBatch, config: TextureConfig, draws: Draws) -> "torch.Tensor":

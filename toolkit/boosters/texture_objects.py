@@ -1,4 +1,4 @@
-"""The objects that wear a texture, made ready for it."""
+"""What a texture is trained on: the objects that wear it, photographs, a world, and what it begins with."""
 
 import json
 from dataclasses import dataclass
@@ -7,17 +7,23 @@ from typing import Any
 
 import numpy as np
 
+from toolkit.boosters.data import choose_images, load_files
+from toolkit.boosters.pixels import Network
 from toolkit.boosters.texture_config import TextureConfig
+from toolkit.core.console import progress
 from toolkit.core.errors import FieldError
 from toolkit.core.files import sha256_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import read_image
-from toolkit.objects.atlas import Atlas, make_atlas, nearest_covered
+from toolkit.objects.atlas import Atlas, make_atlas, nearest_covered, take_paint
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import read_texture
 from toolkit.rig.variants import check_fit
 from toolkit.rig.views import PaintableObject
 from toolkit.worlds.place import scale_to_world
+from toolkit.worlds.views import WorldSetting, open_setting
+
+MAX_BACKGROUNDS = 256
 
 
 @dataclass(frozen=True)
@@ -130,3 +136,82 @@ def read_keep_image(file: Path) -> np.ndarray:
     if not Path(file).is_file():
         raise FieldError("no such file: expected a picture, white where the paint is kept", {"keep_image": file})
     return read_image(Path(file)).mean(axis=2) >= 128
+
+
+@dataclass(frozen=True)
+class Backgrounds:
+    """Photographs to stand behind the object: (k, s, s, 3) uint8 sRGB, what was skipped, and their record."""
+
+    images: np.ndarray
+    skipped: tuple[tuple[str, str], ...] = ()
+    record: dict[str, Any] | None = None
+
+
+def load_backgrounds(config: TextureConfig, network: Network) -> Backgrounds:
+    """Photographs to stand behind the object, as the config asks for them."""
+    side = network.preprocessing.resize_px
+    if not config.background_share or config.backgrounds is None:
+        return Backgrounds(np.zeros((0, side, side, 3), np.uint8))
+    found = choose_images(config.backgrounds, frozenset(), "all", "backgrounds")
+    count = min(MAX_BACKGROUNDS, len(found.files))
+    with progress("Reading backgrounds", count) as bar:
+        rng = np.random.default_rng([config.seed, 0xBAC])
+        loaded = load_files(found, count, rng, network.preprocessing, bar.advance)
+    return Backgrounds(loaded.images, loaded.skipped, loaded.record)
+
+
+@dataclass(frozen=True)
+class TextureInputs:
+    """What a texture is trained on, beside its settings and its networks.
+
+    Attributes:
+        objects: that wear it.
+        backgrounds: photographs; there may be none.
+        setting: the world that it is trained in; None: studios.
+        start: (n, n, 3) uint8 sRGB to go on from; None: from the paint where it is stayed near, else from noise.
+        paint: (n, n, 3) uint8 sRGB that `max_change` is counted from, where there is one.
+        keep_image: (h, w) bool mask of the only object, to be recorded.
+    """
+
+    objects: list[TexturedObject]
+    backgrounds: Backgrounds
+    setting: WorldSetting | None = None
+    start: np.ndarray | None = None
+    paint: np.ndarray | None = None
+    keep_image: np.ndarray | None = None
+
+    @property
+    def at_real_size(self) -> list[PaintableObject]:
+        """What is rendered for training: in a world at its real size."""
+        return [one.subject(at_real_size=self.setting is not None) for one in self.objects]
+
+    def sha256(self, needs_size: bool) -> str:
+        """Of all pixels and shapes, and of the objects' real sizes where these are needed."""
+        parts = hash_objects(self.objects) + sha256_bytes(self.backgrounds.images.tobytes())
+        if needs_size:
+            parts += "".join(f" {one.metres_per_mm!r}" for one in self.objects)
+        given = (self.paint if self.start is None else self.start, self.paint)
+        parts += "".join(sha256_bytes(one.tobytes()) for one in given if one is not None)
+        if self.setting is not None:
+            parts += json.dumps(self.setting.record([one.mesh for one in self.at_real_size]))
+        return parts
+
+
+def load_inputs(
+    config: TextureConfig, objects: list[TexturedObject], keep_image: np.ndarray | None, network: Network,
+    workspace: Workspace,
+) -> TextureInputs:  # fmt: skip
+    """Load what the config names beside the objects.
+
+    Raises:
+        ToolkitError: photographs, the start or the world cannot be used.
+    """
+    return TextureInputs(
+        objects, load_backgrounds(config, network),
+        setting=None if config.world is None else open_setting(
+            workspace, config.world, config.times, seed=config.world_seed, scale=config.world_scale
+        ),
+        start=None if config.start is None else read_start(config.start, objects, config.size_px),
+        paint=None if config.max_change is None else take_paint(objects[0].atlas, objects[0].item.mesh),
+        keep_image=keep_image,
+    )  # fmt: skip

@@ -118,7 +118,7 @@ class PadTask(Task[Patch]):
 
     def describe(self) -> list[str]:
         """The weather in the loop."""
-        return Weathered(weathers=self.config.weathers).rows() if self.config.weathers else []
+        return Weathered(weathers=self.config.weathers).lines() if self.config.weathers else []
 
     def photograph(self, chosen: np.ndarray, draws: Draws) -> "torch.Tensor":
         """(b, 3, h, w) views of the pad through drawn weather, light and noise; differentiable."""

@@ -31,7 +31,7 @@ class Transform(Config):
     stage: ClassVar[str]
     drawn_as: ClassVar[str] = ""
     if TYPE_CHECKING:
-        probability: float
+        probability: float = 1.0
 
     def rng(self, draws: Draws, of: str = "") -> np.random.Generator:
         """Its own generator of a step; `of` tells uses of one step apart."""

@@ -171,7 +171,7 @@ class JpegFile(ImageTransform):
 
     def apply(self, some: "torch.Tensor", drawn: tuple[np.ndarray, ...]) -> "torch.Tensor":
         """Save and read again."""
-        return compress(some, *drawn)
+        return compress(some, drawn[0])
 
 
 def round_straight(values: "torch.Tensor") -> "torch.Tensor":

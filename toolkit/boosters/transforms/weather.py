@@ -102,7 +102,7 @@ class Weathered(Transform):
         named = ", ".join(f"{name} {severity}" for name, severity in self.weathers)
         return f"{named}, probability {self.probability:g}"
 
-    def rows(self) -> list[str]:
+    def lines(self) -> list[str]:
         """A line for each weather with the numbers behind it."""
         from toolkit.worlds.weather import describe_weathers
 
@@ -192,9 +192,10 @@ class Corrupted(ImageTransform):
 
         kinds, seeds = drawn
         for kind in np.unique(kinds):
+            name, severity = self.corruptions[kind]
             which = np.flatnonzero(kinds == kind)
             index = torch.from_numpy(which).to(some.device)
-            corrupted = corrupt_straight(some[index], *self.corruptions[kind], seeds[which].tolist())
+            corrupted = corrupt_straight(some[index], name, severity, seeds[which].tolist())
             some = some.index_copy(0, index, corrupted)
         return some
 

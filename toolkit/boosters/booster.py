@@ -1,0 +1,129 @@
+"""The one run behind every booster: its files, its loop and what it goes on from, and its record."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+from toolkit import __version__
+from toolkit.boosters.pixel_config import PixelConfig
+from toolkit.boosters.pixels import PixelTask, Target, record_network
+from toolkit.boosters.validation import Validation, list_shares
+from toolkit.core.errors import ToolkitError
+from toolkit.objects.records import Patch, Texture
+from toolkit.training.checkpoint import Checkpoint
+from toolkit.training.loop import History, fit
+
+Booster = TypeVar("Booster", Patch, Texture)
+Trained = TypeVar("Trained", bound="TrainedBooster")
+
+
+@dataclass(frozen=True)
+class BoosterFiles:
+    """Where a run writes.
+
+    Attributes:
+        png: the booster; its record and what else it needs lie beside it.
+        preview: the picture of it in use.
+        training: folder for checkpoints, until the run is finished.
+    """
+
+    png: Path
+    preview: Path
+    training: Path
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainedBooster:
+    """What a run made, beside the booster itself.
+
+    Attributes:
+        files: where it lies.
+        skipped: (path, reason) of images that could not be used.
+        resumed_from: steps that an earlier run had made; all of them when it was finished before.
+        was_finished: whether there was nothing left to do.
+    """
+
+    files: BoosterFiles
+    skipped: tuple[tuple[str, str], ...]
+    resumed_from: int = 0
+    was_finished: bool = False
+
+
+class BoosterTask(PixelTask[Trained]):
+    """Training of a booster that has files."""
+
+    def __init__(
+        self, config: PixelConfig, size_px: int, targets: list[Target], files: BoosterFiles, inputs_sha256: str,
+        optimiser: str = "sign",
+    ) -> None:  # fmt: skip
+        """Begin with random pixels.
+
+        Args:
+            config: with its steps counted.
+            size_px: side of the booster.
+            targets: the networks and their classes.
+            files: where to write.
+            inputs_sha256: hash of all that decides the booster.
+            optimiser: by which rule its pixels are moved.
+        """
+        super().__init__(config, size_px, targets, optimiser)
+        self.files, self.inputs_sha256 = files, inputs_sha256
+        self.fit_config = config.fit_config(optimiser)
+
+    def record(
+        self, history: History, data: dict[str, Any], settings: dict[str, Any], figures: Mapping[str, float],
+        shares: Mapping[str, Sequence[Validation]],
+    ) -> dict[str, Any]:  # fmt: skip
+        """The fields of `BoosterRecord` that every booster has, but its size and hash.
+
+        Args:
+            history: of the loss.
+            data: what it was trained on.
+            settings: every hyper-parameter.
+            figures: for `final`, after the last losses.
+            shares: what the networks said, by where they were asked, for `final` as well.
+        """
+        final = history.recent(self.recent) | dict(figures)
+        for where, validations in shares.items():
+            final |= list_shares(list(validations), where)
+        return {
+            "name": self.files.png.stem, "class_name": self.targets[0].label,
+            "class_index": self.targets[0].class_index,
+            "networks": [record_network(target.classifier) for target in self.targets],
+            "data": data, "seed": self.fit_config.seed,
+            "settings": settings | {"inputs_sha256": self.inputs_sha256}, "final": final,
+            "toolkit_version": __version__,
+        }  # fmt: skip
+
+
+def train_booster(
+    task: BoosterTask[Trained], *, restart: bool, checkpoint_every_s: float, shared: Sequence[str] = ()
+) -> Trained:
+    """Train, or take the run up where an interrupted one of the same inputs left it.
+
+    Args:
+        task: the booster.
+        restart: forget what an earlier run left.
+        checkpoint_every_s: how much work a kill may cost.
+        shared: files beside the checkpoints that other runs may need.
+
+    Raises:
+        ToolkitError: a checkpoint cannot be used, the loss is not finite, or the disk is full.
+    """
+    checkpoint = Checkpoint(task.files.training, task.inputs_sha256, restart, checkpoint_every_s, tuple(shared))
+    fitted = fit(task, task.fit_config, checkpoint)
+    return replace(fitted.made, resumed_from=fitted.resumed_from, was_finished=fitted.was_finished)
+
+
+def read_finished(
+    read: Callable[[Path], Booster], files: BoosterFiles, inputs_sha256: str, others: Iterable[Path] = ()
+) -> Booster | None:
+    """The booster, where its files and what else it needs are whole and of these inputs."""
+    if not all(file.is_file() for file in (files.png, files.preview, *others)):
+        return None
+    try:
+        booster = read(files.png)
+    except ToolkitError:
+        return None  # a kill between picture and record leaves a pair that does not match; it is written again
+    return booster if booster.record.settings.get("inputs_sha256") == inputs_sha256 else None
