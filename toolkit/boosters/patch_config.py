@@ -20,8 +20,9 @@ from toolkit.boosters.pixel_config import (
     make_camera,
     record_transforms,
 )
+from toolkit.boosters.transforms.base import Placer
 from toolkit.boosters.transforms.paper import LightRanges, TapeGlare
-from toolkit.boosters.transforms.placement import WHERE, AffineRanges, MixedPlacement, Placement, PoseRanges
+from toolkit.boosters.transforms.placement import WHERE, AffineRanges, MixedPlacement, PoseRanges
 from toolkit.boosters.transforms.printing import PrintProcess, ProfiledPrint, use_profile
 from toolkit.boosters.transforms.show import Appearance
 from toolkit.core.config import Flag, Later, Range, Rising, align_rows, describe
@@ -54,7 +55,7 @@ class PatchConfig(PixelConfig):
     epochs: Annotated[int | None, Field(ge=1), Flag(group=STEPS)] = Field(
         None, description="Instead of --steps: how often each image is seen."
     )
-    affine: AffineRanges | Placement = AffineRanges()
+    affine: AffineRanges | Placer = AffineRanges()
     pose: Annotated[PoseRanges | None, Flag("--vary-pose/--no-vary-pose", group=WHERE)] = Field(
         None, description="Place half of the patches as a camera sees them on an object."
     )
