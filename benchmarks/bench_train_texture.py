@@ -18,10 +18,11 @@ from torchvision.models import resnet18
 
 from benchmarks.peers import peak_mb
 from toolkit.boosters.booster import BoosterFiles
+from toolkit.boosters.data import Loaded
 from toolkit.boosters.pixels import Target, judge_photos
 from toolkit.boosters.texture import TextureTask
 from toolkit.boosters.texture_config import TextureConfig, make_config
-from toolkit.boosters.texture_objects import Backgrounds, TexturedObject, TextureInputs
+from toolkit.boosters.texture_objects import TexturedObject, TextureInputs
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier, choose_device
 from toolkit.models.weights import WeightsFile
@@ -104,7 +105,7 @@ def step_through(atlas: Atlas, target: Target, config: TextureConfig, groups: in
     """Training steps, one per turn, of so many groups of views, on the network once or several times."""
     config = config.with_overrides(steps=groups * config.steps_per_group)
     item = cast(TableObject, SimpleNamespace(mesh=atlas.mesh, name="ball"))
-    none = Backgrounds(np.zeros((0, 256, 256, 3), np.uint8))
+    none = Loaded(np.zeros((0, 256, 256, 3), np.uint8))
     files = BoosterFiles(Path("texture.png"), Path("preview.png"), Path("training"))
     inputs = TextureInputs([TexturedObject(item, atlas)], none)
     task = TextureTask(config, [target] * networks, inputs, files)

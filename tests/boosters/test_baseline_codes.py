@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import zxingcpp
 
-from toolkit.boosters.baselines.codes import AprilTags, QrCodes, choose_dictionary, draw_modules
+from toolkit.boosters.baselines.drawn import AprilTags, QrCodes, choose_dictionary, draw_modules
 
 CLASSES = 1000
 

@@ -9,9 +9,8 @@ from part_checks import count_changed, grey_noise
 from tiny_network import IMAGE_PX, tiny_classifier, tiny_config, train_tiny, write_photos
 from watched_patch import train_watched
 
-from toolkit.boosters.ensemble import choose_turn, judge_ensemble
 from toolkit.boosters.patch_config import hash_inputs
-from toolkit.boosters.pixels import Target, judge_photos, list_networks
+from toolkit.boosters.pixels import Target, choose_turn, judge_ensemble, judge_photos, list_networks
 from toolkit.boosters.transforms.camera import Jitter
 from toolkit.core.draws import Draws
 from toolkit.training.checkpoint import Checkpoint

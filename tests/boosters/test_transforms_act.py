@@ -7,10 +7,9 @@ from texture_parts import make_crate, render_linear
 from tiny_network import tiny_classifier
 
 from toolkit.boosters import patch_config, texture_config
-from toolkit.boosters.ensemble import judge_ensemble
 from toolkit.boosters.linear_view import batch_views
 from toolkit.boosters.patch_config import PatchConfig
-from toolkit.boosters.pixels import Target
+from toolkit.boosters.pixels import Target, judge_ensemble
 from toolkit.boosters.texture import take_photos
 from toolkit.boosters.texture_config import TextureConfig
 from toolkit.boosters.transforms.base import ImageTransform, PaperTransform, Probability, as_factors

@@ -6,14 +6,14 @@ import torch
 from texture_parts import crate_config
 from tiny_network import IMAGE_PX, tiny_classifier, tiny_config
 
-from toolkit.boosters.data import DataConfig
+from toolkit.boosters.data import DataConfig, Loaded
 from toolkit.boosters.mounted import draw_mounted, show_mounted, stack_views
 from toolkit.boosters.patch import train_patch
 from toolkit.boosters.patch_config import PatchConfig
 from toolkit.boosters.pixels import Target, judge_photos
 from toolkit.boosters.texture import TextureTask, choose_files, train_texture
 from toolkit.boosters.texture_config import TextureConfig
-from toolkit.boosters.texture_objects import Backgrounds, TextureInputs, load_objects
+from toolkit.boosters.texture_objects import TextureInputs, load_objects
 from toolkit.boosters.transforms.weather import Weathered, find_depths, read_words
 from toolkit.core.console import quietly
 from toolkit.core.draws import Draws
@@ -44,7 +44,7 @@ def double_classifier():
 
 def texture_task(space, config: TextureConfig) -> TextureTask:
     objects = load_objects(space, config, None)
-    none = Backgrounds(np.zeros((0, 36, 36, 3), np.uint8))
+    none = Loaded(np.zeros((0, 36, 36, 3), np.uint8))
     files, inputs = choose_files(space, None, "x"), TextureInputs(objects, none)
     task = TextureTask(config, [Target(double_classifier(), 3)], inputs, files, workers=0)
     task.pixels = task.pixels.detach().double().requires_grad_(True)

@@ -127,12 +127,12 @@ class Loaded:
     Attributes:
         images: (k, s, s, 3) uint8 sRGB.
         skipped: (path, reason) of what could not be used.
-        record: for the patch's record: source, use, how many were found and used.
+        record: for the booster's record: source, use, how many were found and used; None where none were asked for.
     """
 
     images: np.ndarray
-    skipped: tuple[tuple[str, str], ...]
-    record: dict[str, Any]
+    skipped: tuple[tuple[str, str], ...] = ()
+    record: dict[str, Any] | None = None
 
 
 def names_of_class(classifier: "Network", index: int, typed: str) -> frozenset[str]:

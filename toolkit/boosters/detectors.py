@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.boosters.pixels import Network, Target
+from toolkit.boosters.pixels import Network, Target, resize_photos
 from toolkit.core.errors import FieldError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.detector import Detector, detector_class
@@ -178,12 +178,3 @@ def box_of_coverage(coverage: np.ndarray) -> tuple[int, int, int, int]:
     if not len(rows):
         return 0, 0, 0, 0
     return int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1
-
-
-def resize_photos(photos: "torch.Tensor", side: int) -> "torch.Tensor":
-    """(b, 3, m, m) photographs at another side; differentiable."""
-    from torch.nn.functional import interpolate
-
-    if photos.shape[-1] == side:
-        return photos
-    return interpolate(photos, (side, side), mode="bilinear", antialias=True, align_corners=False)

@@ -21,7 +21,6 @@ from toolkit.boosters.data import (
     stack_on_device,
 )
 from toolkit.boosters.detectors import find_detectors, judge_detectors
-from toolkit.boosters.ensemble import judge_ensemble
 from toolkit.boosters.mounted import (
     MountedViews,
     draw_cuts,
@@ -40,6 +39,7 @@ from toolkit.boosters.pixels import (
     Target,
     aim,
     from_picture,
+    judge_ensemble,
     judge_photos,
     list_networks,
     quantise,

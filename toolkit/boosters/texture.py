@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +11,6 @@ import numpy as np
 
 from toolkit.boosters.booster import BoosterFiles, BoosterTask, TrainedBooster, read_finished, train_booster
 from toolkit.boosters.detectors import box_of_coverage, find_detectors, judge_detectors
-from toolkit.boosters.ensemble import judge_ensemble
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_texture
 from toolkit.boosters.pixel_config import name_files
 from toolkit.boosters.pixels import (
@@ -19,6 +18,7 @@ from toolkit.boosters.pixels import (
     Target,
     aim,
     from_picture,
+    judge_ensemble,
     list_networks,
     quantise,
 )
@@ -32,14 +32,7 @@ from toolkit.boosters.texture_objects import (
     load_objects,
     read_keep_image,
 )
-from toolkit.boosters.texture_validation import (
-    WeatherValidation,
-    draw_weather,
-    measure_known,
-    validate_corrupted,
-    validate_in_weather,
-    validate_texture,
-)
+from toolkit.boosters.validation import WeatherValidation, draw_weather, measure_known, validate_texture
 from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.files import sha256_bytes
@@ -254,7 +247,10 @@ class TextureTask(BoosterTask[TrainedTexture]):
         """Validate the rounded texture; write texture, record and the objects in it."""
         config, inputs, pixels = self.config, self.inputs, quantise(self.dilated())
         with progress("Validating", 1) as bar:
-            validations = self._validate(pixels)
+            validations = validate_texture(
+                pixels, self._stream.held_out(config.held_out), self.targets, config.seed,
+                corrupted=config.corrupted, weather=config.weather, metres_per_unit=self._metres,
+            )  # fmt: skip
             bar.advance()
         views: dict[str, Any] = {
             "rendered": config.groups * config.studios * config.per_studio,
@@ -289,20 +285,6 @@ class TextureTask(BoosterTask[TrainedTexture]):
         return TrainedTexture(
             texture=texture, files=self.files, glbs=self._glbs, validations=validations, skipped=skipped
         )
-
-    def _validate(self, pixels: np.ndarray) -> list[WeatherValidation]:
-        """What the networks say of held-out views: clear, in fog, and in what it was trained in."""
-        config, held_out = self.config, self._stream.held_out(self.config.held_out)
-        validations = validate_texture(pixels, held_out, self.targets, config.seed)
-        if config.weather is not None:
-            seen = validate_in_weather(
-                pixels, held_out, self.targets, config.seed, weather=config.weather, metres_per_unit=self._metres
-            )
-            validations = [replace(one, weather=other) for one, other in zip(validations, seen, strict=True)]
-        if config.corrupted is not None:
-            hard = validate_corrupted(pixels, held_out, self.targets, config.seed, config.corrupted)
-            validations = [replace(one, corrupted=other) for one, other in zip(validations, hard, strict=True)]
-        return validations
 
 
 def take_photos(texture: "torch.Tensor", batch: ViewBatch, config: TextureConfig, draws: Draws) -> "torch.Tensor":

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from toolkit.boosters.data import choose_images, load_files
+from toolkit.boosters.data import Loaded, choose_images, load_files
 from toolkit.boosters.pixels import Network
 from toolkit.boosters.texture_config import TextureConfig
 from toolkit.core.console import progress
@@ -138,26 +138,16 @@ def read_keep_image(file: Path) -> np.ndarray:
     return read_image(Path(file)).mean(axis=2) >= 128
 
 
-@dataclass(frozen=True)
-class Backgrounds:
-    """Photographs to stand behind the object: (k, s, s, 3) uint8 sRGB, what was skipped, and their record."""
-
-    images: np.ndarray
-    skipped: tuple[tuple[str, str], ...] = ()
-    record: dict[str, Any] | None = None
-
-
-def load_backgrounds(config: TextureConfig, network: Network) -> Backgrounds:
+def load_backgrounds(config: TextureConfig, network: Network) -> Loaded:
     """Photographs to stand behind the object, as the config asks for them."""
     side = network.preprocessing.resize_px
     if not config.background_share or config.backgrounds is None:
-        return Backgrounds(np.zeros((0, side, side, 3), np.uint8))
+        return Loaded(np.zeros((0, side, side, 3), np.uint8))
     found = choose_images(config.backgrounds, frozenset(), "all", "backgrounds")
     count = min(MAX_BACKGROUNDS, len(found.files))
     with progress("Reading backgrounds", count) as bar:
         rng = np.random.default_rng([config.seed, 0xBAC])
-        loaded = load_files(found, count, rng, network.preprocessing, bar.advance)
-    return Backgrounds(loaded.images, loaded.skipped, loaded.record)
+        return load_files(found, count, rng, network.preprocessing, bar.advance)
 
 
 @dataclass(frozen=True)
@@ -174,7 +164,7 @@ class TextureInputs:
     """
 
     objects: list[TexturedObject]
-    backgrounds: Backgrounds
+    backgrounds: Loaded
     setting: WorldSetting | None = None
     start: np.ndarray | None = None
     paint: np.ndarray | None = None

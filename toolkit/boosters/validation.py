@@ -1,21 +1,27 @@
-"""Does the patch help on images, and in placements, that it was not trained on?"""
+"""Does a booster help in images, placements and views that it was not trained on?"""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from toolkit.boosters.data import cut_centres
-from toolkit.boosters.pixels import Target
+from toolkit.boosters.linear_view import batch_views, show_texture, tone_map
+from toolkit.boosters.pixels import Target, from_picture
 from toolkit.boosters.transforms.show import Appearance, show_patch
-from toolkit.boosters.transforms.weather import Corrupted
+from toolkit.boosters.transforms.weather import Corrupted, Weathered, find_depths
 from toolkit.core.draws import Draws
 from toolkit.core.statistics import wilson_interval
+from toolkit.corruptions.corrupt import corrupt
+from toolkit.rig.views import RenderedView
 
 if TYPE_CHECKING:
     import torch
 
 DRAWS = 128
-BATCH = 32
+BATCH, TEXTURE_BATCH = 32, 16
+FOG_SEVERITY = 3
 
 
 @dataclass(frozen=True)
@@ -120,3 +126,115 @@ def list_shares(validations: list[Validation], where: str) -> dict[str, float]:
             numbers = {"top1": share.value, "low": low, "high": high, "n": float(share.n)}
             final |= {f"{network}_{where}_{what}_{name}": value for name, value in numbers.items()}
     return final
+
+
+@dataclass(frozen=True)
+class WeatherValidation:
+    """What one network says of held-out views: the object in its own paint (`bare`) and in the texture (`patched`).
+
+    Attributes:
+        clear: as they are.
+        fog: in ImageNet-C's fog.
+        weather: through the weather that it was trained in, where it was.
+        corrupted: by the corruptions that it was trained in, where it was.
+    """
+
+    clear: Validation
+    fog: Validation
+    weather: Validation | None = None
+    corrupted: Validation | None = None
+
+
+def draw_weather(
+    views: list[RenderedView], metres_per_unit: Sequence[float], weather: Weathered, rng: np.random.Generator
+) -> "tuple[torch.Tensor, torch.Tensor]":
+    """Weather over views of objects whose meshes' units are so long at real size, see `ViewBatch.through`."""
+    return weather.draw(find_depths([one.view for one in views], [metres_per_unit[one.subject] for one in views]), rng)
+
+
+def measure_known(texture: "torch.Tensor", views: list[RenderedView], targets: list[Target]) -> float:
+    """Share of views in which the networks recognise the object in a texture, (3, n, n) in [0, 1], dilated."""
+    import torch
+
+    hits = 0
+    with torch.inference_mode():
+        for start in range(0, len(views), TEXTURE_BATCH):
+            batch = batch_views([one.view for one in views[start : start + TEXTURE_BATCH]], str(texture.device))
+            photos = show_texture(texture, batch)
+            hits += sum(target.count_hits(photos) for target in targets)
+    return hits / len(views) / len(targets)
+
+
+def validate_texture(
+    pixels: np.ndarray, views: list[RenderedView], targets: list[Target], seed: int, *,
+    corrupted: Corrupted | None = None, weather: Weathered | None = None, metres_per_unit: Sequence[float] = (),
+) -> list[WeatherValidation]:  # fmt: skip
+    """Recognise held-out views: as they are, in ImageNet-C's fog of severity 3, and in what it was trained in.
+
+    Args:
+        pixels: (n, n, 3) uint8 sRGB, dilated.
+        views: with the object in its own paint beside them; for weather with their depth and that paint's light.
+        targets: the networks.
+        seed: of fog, corruptions and weather.
+        corrupted: what each photograph is corrupted by.
+        weather: which may be drawn for each view.
+        metres_per_unit: of each object's mesh, at real size, for weather.
+    """
+    import torch
+
+    texture = from_picture(pixels, targets[0].classifier.device)
+    hits: dict[str, np.ndarray] = {}
+    with torch.inference_mode():
+        for start in range(0, len(views), TEXTURE_BATCH):
+            some, draws = views[start : start + TEXTURE_BATCH], Draws(seed, start, "validate")
+            shown = list(_show_both(texture, some, draws, corrupted))
+            if weather is not None:
+                shown.append(("weather", _show_in_weather(texture, some, draws, weather, metres_per_unit)))
+            for where, pair in shown:
+                counts = [[target.count_hits(photos) for target in targets] for photos in pair]
+                hits[where] = hits.get(where, 0) + np.array(counts)
+    return [
+        WeatherValidation(**{
+            where: Validation(target.classifier.name, *(Share(int(count), len(views)) for count in found[:, k]))
+            for where, found in hits.items()
+        })
+        for k, target in enumerate(targets)
+    ]  # fmt: skip
+
+
+Pair = tuple["torch.Tensor", "torch.Tensor"]
+"""Photographs of the object in its own paint, and in the texture."""
+
+
+def _show_both(
+    texture: "torch.Tensor", views: list[RenderedView], draws: Draws, corrupted: Corrupted | None
+) -> Iterator[tuple[str, Pair]]:
+    """Views as they are, in fog, and corrupted: both paints alike."""
+    import torch
+
+    device = str(texture.device)
+    bare = torch.from_numpy(np.stack([one.bare for one in views if one.bare is not None])).to(device)
+    clear = bare.permute(0, 3, 1, 2).float() / 255, show_texture(texture, batch_views([v.view for v in views], device))
+    yield "clear", clear
+    seeds = [int(n) for n in draws.of("fog").integers(1 << 62, size=len(views))]
+    yield "fog", (corrupt(clear[0], "fog", FOG_SEVERITY, seeds), corrupt(clear[1], "fog", FOG_SEVERITY, seeds))
+    if corrupted is not None:
+        always = corrupted.with_overrides(probability=1.0)
+        yield "corrupted", (
+            always.change(clear[0], draws.of("corrupted")), always.change(clear[1], draws.of("corrupted")),
+        )  # fmt: skip
+
+
+def _show_in_weather(
+    texture: "torch.Tensor", views: list[RenderedView], draws: Draws, weather: Weathered,
+    metres_per_unit: Sequence[float],
+) -> Pair:  # fmt: skip
+    """Views through weather that is drawn for each, both paints through the same."""
+    import torch
+
+    device, always = str(texture.device), weather.with_overrides(probability=1.0)
+    drawn = draw_weather(views, metres_per_unit, always, weather.rng(draws))
+    factor, offset = (part.to(device) for part in drawn)
+    lights = np.stack([one.bare_light for one in views if one.bare_light is not None])
+    bare = tone_map(torch.from_numpy(lights).to(device).float() * factor + offset).permute(0, 3, 1, 2)
+    return bare, show_texture(texture, batch_views([one.view for one in views], device).through(factor, offset))

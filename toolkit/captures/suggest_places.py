@@ -169,7 +169,7 @@ def suggest_places(
     choices = [[one.mount for one in places]] if together else [[one.mount] for one in places]
     trained: list[list[Validation]] = [[] for _ in choices]
     if steps:
-        from toolkit.boosters.for_object import try_place
+        from toolkit.boosters.train import try_place
 
         trained = [try_place(workspace, object_name, networks, mounts, steps, seed) for mounts in choices]
     written = None

@@ -8,7 +8,7 @@ import pytest
 import segno
 import torch
 
-from toolkit.boosters.baselines.codes import AprilTags, QrCodes
+from toolkit.boosters.baselines.drawn import AprilTags, QrCodes
 from toolkit.core.errors import ToolkitError
 from toolkit.corruptions import corrupt
 from toolkit.experiments.corruptions.recognisers import (

@@ -8,8 +8,16 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from toolkit import __version__
-from toolkit.boosters.baselines.baseline import Baseline, Choice, FixedPatterns
-from toolkit.boosters.baselines.codes import APRILTAG, PAPER_BORDER, QR, AprilTags, QrCodes
+from toolkit.boosters.baselines.drawn import (
+    APRILTAG,
+    PAPER_BORDER,
+    QR,
+    AprilTags,
+    Baseline,
+    Choice,
+    FixedPatterns,
+    QrCodes,
+)
 from toolkit.boosters.baselines.photos import BestImages, RandomImages
 from toolkit.boosters.patch_sets import SetName, name_class
 from toolkit.core.config import Config, Expect, Flag

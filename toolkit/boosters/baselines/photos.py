@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from toolkit.boosters.baselines.baseline import Advance, Baseline, Choice
+from toolkit.boosters.baselines.drawn import Advance, Baseline, Choice
 from toolkit.boosters.pixels import record_network
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError

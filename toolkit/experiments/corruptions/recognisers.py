@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from toolkit.boosters.baselines.codes import APRILTAG, DICTIONARIES, QR, tag_dictionary
+from toolkit.boosters.baselines.drawn import APRILTAG, DICTIONARIES, QR, tag_dictionary
 from toolkit.core.errors import one_of
 from toolkit.corruptions.digital import to_bytes
 from toolkit.models.network import Classifier, check_finite

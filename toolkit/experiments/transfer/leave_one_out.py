@@ -13,8 +13,8 @@ from pathlib import Path
 
 from toolkit.boosters import texture_config
 from toolkit.boosters.detectors import DetectorNetwork
-from toolkit.boosters.for_object import train_for_object
 from toolkit.boosters.texture import train_texture
+from toolkit.boosters.train import train_for_object
 from toolkit.captures.manifest import MANIFEST
 from toolkit.captures.shoot import ShootSettings, StoredImage, index_images, shoot_plan
 from toolkit.core.console import notice
