@@ -179,7 +179,7 @@ def test_recipe_paper_is_scaled_down_by_flags_and_says_what_acts(type_command, t
     assert table["steps"] == "6 (2 epochs) of 3 images, seed 0"
     assert table["step"] == "sign of the gradient, lr 0.1 (constant), smoothing none"
     assert table["affine"].startswith("rotation -20 to 20°")
-    assert table["off"] == "pose, light, print, glare, camera, mounted views"
+    assert table["off"] == "pose, light, print process, glare, camera, mounted views"
     assert "they move a dummy parameter" in told
     settings = json.loads((tmp_path / "print/patches/jet.json").read_text())["settings"]
     assert (settings["steps"], settings["epochs"], settings["recipe"]) == (6, 2, "paper")
