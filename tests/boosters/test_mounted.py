@@ -1,6 +1,5 @@
 """Training on the mounted sheet: its buffers against a real render, its gradient against differences."""
 
-from dataclasses import dataclass
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,6 +11,7 @@ from watched_patch import patch_gradient, train_watched
 from toolkit.boosters.linear_view import srgb_to_linear, tone_map
 from toolkit.boosters.mounted import draw_mounted, print_on_paper, show_mounted, stack_views, validate_mounted
 from toolkit.boosters.pixels import Target, draw_first_pixels
+from toolkit.boosters.transforms.base import Transform
 from toolkit.boosters.transforms.placement import AffineRanges
 from toolkit.boosters.transforms.show import Appearance
 from toolkit.core.draws import Draws
@@ -127,8 +127,7 @@ def test_held_out_views_are_not_trained_on(views):
     assert [(a.bare.n, a.patched.n) for a in answer] == [(1, 1)]
 
 
-@dataclass(frozen=True)
-class Darken:
+class Darken(Transform):
     """A stand-in for printer or camera."""
 
     factor: float
@@ -146,7 +145,7 @@ def test_printer_and_camera_act_on_the_mounted_sheet_too(views):
         logits=lambda photos: seen.append(photos.detach()) or photos.mean((2, 3)),
     )
     empty, theta = torch.empty(0, 3, 32, 32), torch.full((3, 8, 8), 0.8)
-    for on_print, on_photo in (((), ()), ((Darken(0.5),), ()), ((), (Darken(0.5),))):
+    for on_print, on_photo in (((), ()), ((Darken(factor=0.5),), ()), ((), (Darken(factor=0.5),))):
         appearance = Appearance(AffineRanges(), on_print=on_print, on_photo=on_photo)
         waiting = draw_mounted(stacked, Draws(0, 0), 3, 32)
         patch_gradient(theta, empty, [Target(classifier, 1)], appearance, Draws(0, 0), mounted=waiting)

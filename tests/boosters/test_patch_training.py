@@ -10,6 +10,7 @@ from watched_patch import WatchedPatch, patch_gradient, train_watched
 
 from toolkit.boosters.patch_config import PatchConfig
 from toolkit.boosters.pixels import Target, draw_first_pixels, smooth_gradient
+from toolkit.boosters.transforms.base import Transform
 from toolkit.boosters.transforms.paper import LightRanges
 from toolkit.boosters.transforms.placement import AffineRanges
 from toolkit.boosters.transforms.show import Appearance, show_patch
@@ -194,15 +195,14 @@ def test_a_black_patch_hides_the_image_and_a_clear_region_does_not():
 def test_parts_act_in_order_each_with_its_own_draws():
     seen = []
 
-    @dataclass(frozen=True)
-    class Note:
+    class Note(Transform):
         name: str
 
         def change(self, pixels, rng):
             seen.append((self.name, tuple(pixels.shape), rng.integers(1 << 30)))
             return pixels
 
-    appearance = Appearance(PLAIN.placement, on_print=(Note("print"),), on_photo=(Note("photo"),))
+    appearance = Appearance(PLAIN.placement, on_print=(Note(name="print"),), on_photo=(Note(name="photo"),))
     images = torch.rand(2, 3, IMAGE_PX, IMAGE_PX)
     shown = show_patch(draw_first_pixels(16, 0), images, appearance, Draws(0, 0))
     assert [entry[:2] for entry in seen] == [("print", (3, 16, 16)), ("photo", (2, 3, IMAGE_PX, IMAGE_PX))]
