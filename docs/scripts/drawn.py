@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
-
 from toolkit.boosters.parts.affine import AffineRanges
 from toolkit.boosters.parts.base import Appearance, show_patch
 from toolkit.boosters.parts.blur import CameraBlur
@@ -14,12 +13,13 @@ from toolkit.boosters.parts.light import LightRanges
 from toolkit.boosters.parts.pose import PoseRanges
 from toolkit.boosters.parts.print_process import PrintProcess
 from toolkit.boosters.parts.sensor_noise import SensorNoise
-from toolkit.content.everyday import MAKERS, make_everyday
+
 from toolkit.boosters.transforms.camera import CameraBlur, JpegFile, SensorNoise
 from toolkit.boosters.transforms.paper import LightRanges, TapeGlare
 from toolkit.boosters.transforms.placement import AffineRanges, PoseRanges
 from toolkit.boosters.transforms.printing import PrintProcess
 from toolkit.boosters.transforms.show import Appearance, show_patch
+from toolkit.content.everyday import MAKERS, make_everyday
 from toolkit.core.draws import Draws
 from toolkit.rig.camera import Camera, look_at, orbit_direction, pixel_rays
 from toolkit.rig.shading import tone_map

@@ -460,7 +460,7 @@ def test_the_import_gets_the_gates_words(bench):
     assert view_of_record(record.model_copy(update={"T_world_camera": None})) is None
     record = record.model_copy(update={"made": {}})
     verdicts = check(None, bench.shoot("patched", 0), record)
-    assert failing(verdicts) == [] and len({one.name for one in verdicts}) == len(verdicts) == 8
+    assert failing(verdicts) == [] and len({one.name for one in verdicts}) == len(verdicts) == 9
     assert list(read_checks(bench.space.captures_dir / "later", hash_setup(bench.space))) == [
         ("crate/patched/pose_01.jpg", "5")
     ]
