@@ -4,15 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
-from toolkit.boosters.parts.affine import AffineRanges
-from toolkit.boosters.parts.base import Appearance, show_patch
-from toolkit.boosters.parts.blur import CameraBlur
-from toolkit.boosters.parts.glare import TapeGlare
-from toolkit.boosters.parts.jpeg import JpegFile
-from toolkit.boosters.parts.light import LightRanges
-from toolkit.boosters.parts.pose import PoseRanges
-from toolkit.boosters.parts.print_process import PrintProcess
-from toolkit.boosters.parts.sensor_noise import SensorNoise
 
 from toolkit.boosters.transforms.camera import CameraBlur, JpegFile, SensorNoise
 from toolkit.boosters.transforms.paper import LightRanges, TapeGlare
