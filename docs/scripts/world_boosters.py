@@ -11,6 +11,7 @@ from pathlib import Path
 
 from toolkit.core.figures import encode_figure, make_figure
 from toolkit.experiments.worlds.figures import COLOURS, UNPATCHED_COLOUR, draw_line, style_panel
+from toolkit.worlds.fog import CONTRAST_LOG
 
 MOST_DRAWN = 5
 COLUMNS = (
@@ -53,7 +54,7 @@ def draw(rows: list[dict]) -> bytes:
                     if (row["network"], row["booster"], row["place"]) == (network, booster, "all")
                     and row["weather"] in ("clear", kind)
                 ]
-                x = [2996 / row["visibility_m"] if row["visibility_m"] else 0 for row in own]
+                x = [1e3 * CONTRAST_LOG / row["visibility_m"] if row["visibility_m"] else 0 for row in own]
                 known = [row | {"top5_ci95": (row["top5_low"], row["top5_high"])} for row in own]
                 draw_line(panel, x, known, colours[booster], booster)
             ticks = ["clear" if not row["visibility_m"] else f"{row['visibility_m']:g}" for row in own]

@@ -128,10 +128,37 @@ def test_every_experiment_is_a_row(evaluated):
     assert mean.share == pytest.approx(sum(each) / 2) and len(each) == 2
 
 
-def test_a_sweep_is_told_by_its_place(evaluated):
+def test_a_summary_says_its_kind_wherever_it_lies(evaluated):
     (evaluated.eval_dir / "sweeps" / "light").mkdir(parents=True)
     (evaluated.eval_dir / "night").rename(evaluated.eval_dir / "sweeps" / "light" / "net")
-    assert open_run(evaluated, "sweeps/light/net").kind == "sweep"
+    assert open_run(evaluated, "sweeps/light/net").kind == "eval"
+
+
+def test_an_older_summary_without_a_kind_is_told_by_what_it_holds(evaluated):
+    file = evaluated.eval_dir / "night" / "summary.json"
+    content = json.loads(file.read_text())
+    assert content.pop("kind") == "eval"
+    file.write_text(json.dumps(content))
+    write_summary(evaluated, "sweeps/light/net", content)
+    benchmark = summarise(make_benchmark(corruptions=("fog",), severities=(1,), readers=False)).as_json()
+    assert benchmark.pop("kind") == "benchmark"
+    write_summary(evaluated, "corruptions/old", benchmark)
+    write_world(evaluated)
+    write_landing(evaluated)
+    runs, refused = find_runs(evaluated)
+    assert not refused
+    assert {run.name: run.kind for run in runs} == {
+        "corruptions/old": "benchmark", "grid": "world-eval", "landing/first": "landing", "night": "eval",
+        "sweeps/light/net": "sweep",
+    }  # fmt: skip
+
+
+def test_one_place_has_no_interval(evaluated):
+    file = write_world(evaluated)
+    content = json.loads(file.read_text())
+    content["groups"][0]["top1_ci95"] = None
+    file.write_text(json.dumps(content))
+    assert open_run(evaluated, "grid").rows[0].ci95 is None
 
 
 @pytest.mark.parametrize(
@@ -186,6 +213,7 @@ def test_a_condition_that_means_nothing_is_refused(text, words):
         ([1, 2], "is no result of toolkit"),
         ({"schema_version": True, "groups": []}, "is no result of toolkit"),
         ({"schema_version": 1, "losses": [3]}, "is no result of toolkit: expected groups or cells"),
+        ({"schema_version": 1, "kind": "wraps", "groups": []}, "is of a kind 'wraps' that this toolkit does not know"),
         (
             {"schema_version": 1, "model": {}, "groups": [{"source": "sim"}], "pairs": []},
             "is damaged (field 'groups.0.",

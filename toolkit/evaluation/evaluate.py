@@ -19,6 +19,7 @@ from toolkit.evaluation.results import (
     summarise,
     write_predictions,
 )
+from toolkit.evaluation.runs import Kind
 from toolkit.evaluation.saliency import draw_saliency
 from toolkit.evaluation.seen import find_training
 from toolkit.models.detector import Detector
@@ -108,16 +109,17 @@ def _holds_other(file: Path, content: bytes) -> bool:
 
 
 def write_evaluation(
-    run_dir: Path, classifier: Classifier, findings: Findings, notes: Sequence[str], config: EvalConfig = DEFAULT
-) -> Evaluation:
-    """Write what was found; see `evaluate_captures`.
+    run_dir: Path, classifier: Classifier, findings: Findings, notes: Sequence[str], config: EvalConfig = DEFAULT,
+    kind: Kind = "eval",
+) -> Evaluation:  # fmt: skip
+    """Write what was found; see `evaluate_captures`. `kind` is of the experiment that the evaluation is a part of.
 
     Raises:
         ToolkitError: `run_dir` cannot be written.
     """
     maps = draw_saliency(findings.flips, classifier, config.saliency, config.batch_size)
     why = [f"no saliency maps: {maps.reason}"] if config.saliency and maps.reason else []
-    notes, summary = (*notes, *why), summarise(classifier, findings, (*notes, *why))
+    notes, summary = (*notes, *why), summarise(classifier, findings, (*notes, *why), kind)
     done = Evaluation(**vars(findings), run_dir=run_dir, notes=notes, summary=summary)
     write_predictions(run_dir / "predictions.csv", findings.predictions)
     write_json(run_dir / "summary.json", summary)

@@ -139,8 +139,8 @@ def _row(one: Prediction) -> list[object]:
     return [*head, one.true_label, *guess, int(one.correct_top1), int(one.correct_top5), one.status, gates]
 
 
-def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str]) -> dict[str, Any]:
-    """What `summary.json` holds.
+def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], kind: str = "eval") -> dict[str, Any]:
+    """What `summary.json` of an evaluation, or of a sweep's, holds.
 
     `controls` has `comparisons` (the fields of `Comparison` and both intervals: each booster against those of its
     controls that were shot, and patch against texture, on the same poses, by object and pooled) and `answers` {source,
@@ -159,6 +159,7 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str]) 
     """
     return {
         "schema_version": SCHEMA_VERSION,
+        "kind": kind,
         "model": {
             "name": classifier.name,
             "arch": classifier.arch,

@@ -1,11 +1,11 @@
 """Every result in a workspace as rows of one table, whatever experiment made it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 
 from toolkit.captures.read import POOLED
 from toolkit.core.errors import ToolkitError, one_of
@@ -19,7 +19,11 @@ SCHEMA_VERSION = 1
 CLEAR, MEAN = "clear", "mean of corruptions"
 """Condition of images as they were taken, and of a mean over several conditions."""
 Kind = Literal["eval", "detection", "world-eval", "sweep", "benchmark", "landing"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
 Metric = Literal["top1", "success", "found"]
+METRICS: Mapping[str, Metric] = {"detection": "found", "landing": "success"}
+SOURCES = {"landing": "flights"}
+"""Of the rows of a kind whose summary names no source."""
 
 
 @dataclass(frozen=True)
@@ -142,48 +146,67 @@ def _list_names(eval_dir: Path) -> list[str]:
     return [folder.relative_to(eval_dir).as_posix() for folder in found if folder != eval_dir]
 
 
+Share = Annotated[float, Field(ge=0, le=1)]
+Count = Annotated[int, Field(ge=0)]
+
+
 class _Part(BaseModel):
     """What is read of a part of a summary; other fields are passed over."""
 
     model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False)
 
 
-Share = Annotated[float, Field(ge=0, le=1)]
-Count = Annotated[int, Field(ge=0)]
+class _Where(_Part):
+    """What was shown to whom: the fields of `ResultRow`, by any name that a kind of summary has for them."""
 
-
-class _Network(_Part):
-    name: str = ""
-    arch: str = ""
-
-
-class _Place(_Part):
-    """Where and in what a group was: fields that a world's summary has beside those of an evaluation."""
-
-    source: str
-    object: str
-    variant: str
+    network: str = Field("", validation_alias=AliasChoices("answerer", "regressor"))
+    source: str = ""
+    object: str = POOLED
+    variant: str = Field("", validation_alias=AliasChoices("variant", "pad"))
     world: str | None = None
     place: str | None = None
-    weather: str | None = None
+    condition: str | None = Field(None, validation_alias=AliasChoices("weather", "corruption"))
     severity: Count | None = None
+    gains: str | None = Field(None, exclude=True)
 
     @property
     def key(self) -> tuple[str | int | None, ...]:
-        return tuple(getattr(self, name) for name in _Place.model_fields)
+        """Equal for a row and its pair."""
+        return tuple(getattr(self, name) for name in _Where.model_fields)
+
+    @property
+    def name(self) -> str:
+        """As pairs of landings name their cells."""
+        air = f"{self.condition}:{self.severity}" if self.severity else self.condition
+        return "/".join(map(str, (self.variant, self.network, self.world, air, self.gains)))
 
 
-class _Group(_Place):
+class _Mean(_Where):
+    share: Share | None = Field(validation_alias=AliasChoices("top1", "success", "found"))
+    ci95: tuple[Share, Share] | None = Field(validation_alias=AliasChoices("top1_ci95", "success_ci95", "found_ci95"))
+
+
+class _Group(_Mean):
     n: Count
     failed: Count = 0
-    top1: Share | None
-    top1_ci95: tuple[Share, Share]
+    gained: Count | None = None
+    lost: Count | None = None
+    p: Share | None = Field(None, validation_alias="mcnemar_p")
 
 
-class _Pair(_Place):
+class _Pair(_Where):
+    """A variant against `unpatched`; of landings, one cell against another."""
+
+    cell: str = ""
+    against: str = ""
     gained: Count
     lost: Count
-    mcnemar_p: Share
+    p: Share = Field(validation_alias="mcnemar_p")
+
+    @property
+    def is_of_variants(self) -> bool:
+        """Whether the two differ in the variant alone; of landings, in the pad."""
+        return self.cell.partition("/")[2] == self.against.partition("/")[2]
 
 
 class _Corrupted(_Part):
@@ -192,78 +215,39 @@ class _Corrupted(_Part):
     severity: Count
 
 
-class _Evaluation(_Part):
-    model: _Network
-    groups: list[_Group]
-    pairs: list[_Pair]
-    corrupted: list[_Corrupted] = []
+class _Network(_Part):
+    name: str = ""
+    arch: str = ""
 
 
 class _About(_Part):
-    data: str
-    model: _Network
+    data: str = ""
 
 
-class _Cell(_Part):
-    variant: str
-    answerer: str
-    corruption: str
-    severity: Count
-    n: Count
-    top1: Share
-    top1_ci95: tuple[Share, Share]
-    gained: Count | None
-    lost: Count | None
-    mcnemar_p: Share | None
+class _Summary(_Part):
+    """What is read of a summary of any kind: it has groups, or cells."""
+
+    model: _Network = _Network()
+    about: _About = _About()
+    groups: list[_Group] = []
+    cells: list[_Group] = []
+    means: list[_Mean] = Field([], validation_alias="variants")
+    pairs: list[_Pair] = []
+    corrupted: list[_Corrupted] = []
 
 
-class _Mean(_Part):
-    variant: str
-    answerer: str
-    top1: Share | None
-    top1_ci95: tuple[Share, Share] | None
-
-
-class _Benchmark(_Part):
-    about: _About
-    cells: list[_Cell]
-    variants: list[_Mean]
-
-
-class _Flight(_Part):
-    pad: str
-    regressor: str
-    world: str | None = None
-    weather: str | None = None
-    severity: Count | None = None
-    n: Count
-    success: Share | None
-    success_ci95: tuple[Share, Share] | None
-    gains: object = None
-
-    @property
-    def key(self) -> str:
-        """As `pairs` name it."""
-        air = f"{self.weather}:{self.severity}" if self.severity else self.weather
-        return "/".join(map(str, (self.pad, self.regressor, self.world, air, self.gains)))
-
-
-class _FlightPair(_Part):
-    cell: str
-    against: str
-    gained: Count
-    lost: Count
-    mcnemar_p: Share
-
-    @property
-    def is_of_pads(self) -> bool:
-        """Whether two pads were flown in otherwise the same cell."""
-        return self.cell.partition("/")[2] == self.against.partition("/")[2]
-
-
-class _Landing(_Part):
-    cells: list[_Flight]
-    pairs: list[_FlightPair] = []
+def name_kind(content: Mapping[str, Any], run: str) -> str | None:
+    """The kind that a summary says it is of; of an older one that does not say, by what it holds and where it lies."""
+    said = content.get("kind")
+    if said is not None:
+        return "detection" if said == "detections" else str(said)
+    if "cells" in content:
+        return "benchmark" if "variants" in content else "landing"
+    if "groups" not in content:
+        return None
+    if any("weather" in group for group in content["groups"] or () if isinstance(group, dict)):
+        return "world-eval"
+    return "sweep" if run.startswith("sweeps/") else "eval"
 
 
 def _read_rows(file: Path, run: str) -> tuple[Kind, list[ResultRow]]:
@@ -281,75 +265,36 @@ def _read_rows(file: Path, run: str) -> tuple[Kind, list[ResultRow]]:
             f"{file} was written by a newer toolkit (schema_version {version}, this one reads up to {SCHEMA_VERSION}): "
             "update toolkit"
         )
+    said = name_kind(content, run)
+    if said is None:
+        raise ToolkitError(f"{file} is no result of toolkit: expected groups or cells in it")
+    kind = next((known for known in KINDS if known == said), None)
+    if kind is None:
+        raise ToolkitError(
+            f"{file} is of a kind '{said}' that this toolkit does not know: expected one of {', '.join(KINDS)}: "
+            "update toolkit"
+        )
     try:
-        if "cells" in content and "variants" in content:
-            return "benchmark", list(_list_cells(run, _Benchmark.model_validate(content)))
-        if content.get("kind") == "detections":
-            groups = [_as_group(one) for one in content.get("groups") or []]
-            found = _Evaluation.model_validate(content | {"groups": groups})
-            return "detection", [replace(row, metric="found") for row in _list_groups(run, "detection", found)]
-        if "groups" in content:
-            found = _Evaluation.model_validate(content)
-            kind: Kind = "sweep" if run.startswith("sweeps/") else "eval"
-            if any(group.weather is not None for group in found.groups):
-                kind = "world-eval"
-            return kind, list(_list_groups(run, kind, found))
-        if "cells" in content:
-            return "landing", list(_list_flights(run, _Landing.model_validate(content)))
+        return kind, list(_list_rows(run, kind, _Summary.model_validate(content)))
     except ValidationError as error:
         raise ToolkitError(f"{file} is damaged ({explain_validation(error)}): make the run again") from None
-    raise ToolkitError(f"{file} is no result of toolkit: expected groups or cells in it")
 
 
-def _as_group(detected: object) -> object:
-    """A detector's group in the fields of a classifier's."""
-    if not isinstance(detected, dict):
-        return detected
-    return detected | {"top1": detected.get("found"), "top1_ci95": detected.get("found_ci95")}
-
-
-def _list_groups(run: str, kind: Kind, found: _Evaluation) -> Iterator[ResultRow]:
-    pairs = {pair.key: pair for pair in found.pairs}
-    corrupted = {one.source: one for one in found.corrupted}
-    pooled = {one.source for one in found.groups if one.object == POOLED}
-    for one in found.groups:
-        row = ResultRow(
-            run, kind, _name(found.model), one.source, one.object, one.variant, world=one.world, place=one.place,
-            condition=one.weather or CLEAR, severity=one.severity or 0, n=one.n, failed=one.failed,
-            share=one.top1, ci95=one.top1_ci95 if one.n else None, has_pooled=one.source in pooled,
+def _list_rows(run: str, kind: Kind, found: _Summary) -> Iterator[ResultRow]:
+    changes = {one.cell or one.key: one for one in found.pairs if one.is_of_variants}
+    corrupted = {one.source: (one.corruption, one.severity) for one in found.corrupted}
+    pooled = {one.source for one in (*found.groups, *found.cells) if one.object == POOLED}
+    for one in (*found.groups, *found.cells):
+        condition, severity = corrupted.get(one.source, (one.condition, one.severity))
+        row = ResultRow(run, kind, **one.model_dump())
+        row = replace(
+            row, network=one.network or found.model.name or found.model.arch,
+            source=one.source or SOURCES.get(kind) or found.about.data,
+            condition=CLEAR if condition in (None, "clean") else condition, severity=severity or 0,
+            ci95=one.ci95 if one.n else None, metric=METRICS.get(kind, "top1"), has_pooled=one.source in pooled,
         )  # fmt: skip
-        if one.source in corrupted:
-            row = replace(row, condition=corrupted[one.source].corruption, severity=corrupted[one.source].severity)
-        pair = pairs.get(one.key)
-        yield row if pair is None else replace(row, gained=pair.gained, lost=pair.lost, p=pair.mcnemar_p)
-
-
-def _list_cells(run: str, found: _Benchmark) -> Iterator[ResultRow]:
-    for one in found.cells:
-        yield ResultRow(
-            run, "benchmark", one.answerer, found.about.data, POOLED, one.variant,
-            condition=CLEAR if one.corruption == "clean" else one.corruption, severity=one.severity, n=one.n,
-            share=one.top1, ci95=one.top1_ci95, gained=one.gained, lost=one.lost, p=one.mcnemar_p,
-        )  # fmt: skip
-    for mean in found.variants:
-        if mean.top1 is not None:
-            yield ResultRow(
-                run, "benchmark", mean.answerer, found.about.data, POOLED, mean.variant, condition=MEAN, severity=None,
-                share=mean.top1, ci95=mean.top1_ci95,
-            )  # fmt: skip
-
-
-def _list_flights(run: str, found: _Landing) -> Iterator[ResultRow]:
-    pairs = {pair.cell: pair for pair in found.pairs if pair.is_of_pads}
-    for one in found.cells:
-        row = ResultRow(
-            run, "landing", one.regressor, "flights", POOLED, one.pad,
-            condition=one.weather or CLEAR, severity=one.severity or 0, world=one.world, n=one.n, metric="success",
-            share=one.success, ci95=one.success_ci95 if one.n else None,
-        )  # fmt: skip
-        pair = pairs.get(one.key)
-        yield row if pair is None else replace(row, gained=pair.gained, lost=pair.lost, p=pair.mcnemar_p)
-
-
-def _name(network: _Network) -> str:
-    return network.name or network.arch
+        change = changes.get(one.key) or changes.get(one.name)
+        yield row if change is None else replace(row, gained=change.gained, lost=change.lost, p=change.p)
+    for mean in found.means if kind == "benchmark" else ():
+        if mean.share is not None:
+            yield ResultRow(run, kind, **mean.model_dump() | {"source": found.about.data, "condition": MEAN})

@@ -134,6 +134,7 @@ def write_summary(
     pairs = pair_cells(results)
     content = {
         "schema_version": 1,
+        "kind": "landing",
         "cells": [one.as_json() for one in results],
         "pairs": [one.as_json() for one in pairs],
         "success_is": describe_success(config.episode),

@@ -8,6 +8,7 @@ import numpy as np
 
 from toolkit.captures.read import UNPATCHED
 from toolkit.core.errors import ToolkitError
+from toolkit.core.severities import SEVERITIES
 from toolkit.core.statistics import Interval, mcnemar_p, wilson_interval
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, IMAGENET
 from toolkit.experiments.corruptions.config import CLEAN, NOT_CORRUPTED, Condition
@@ -101,7 +102,6 @@ def _ratio(scores: np.ndarray, classes: np.ndarray) -> tuple[float, float, int]:
     return mean, float(t.ppf(0.975, n_classes - 1)) * sqrt(spread) / float(sizes.sum()), n_classes
 
 
-SEVERITIES = (1, 2, 3, 4, 5)
 TOP = 5
 
 

@@ -142,6 +142,7 @@ class Summary(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     schema_version: Literal[1] = 1
+    kind: Literal["benchmark"] = "benchmark"
     about: dict[str, Any]
     n: int
     n_classes: int

@@ -77,6 +77,7 @@ class Sweep:
         """The content of `sweep-MODEL.json`."""
         return {
             "schema_version": SCHEMA_VERSION,
+            "kind": "sweep",
             "axis": self.axis.name,
             "unit": self.axis.unit,
             "model": self.model,

@@ -91,7 +91,8 @@ def run_sweep(
     cache_file = workspace.eval_dir / "sweeps" / "predictions.jsonl"
     predictions, classified = predict_once(captures.captures, classes, classifier, cache_file)
     findings = compare_predictions(classifier.name, predictions, (*captures.refused_folders, *unshot))
-    evaluation = write_evaluation(folder / name, classifier, findings, captures.notes, EvalConfig(saliency=False))
+    settings = EvalConfig(saliency=False)
+    evaluation = write_evaluation(folder / name, classifier, findings, captures.notes, settings, kind="sweep")
     sweep = collect_rows(config, base.settings, units, classifier, findings)
     json_file, csv_file = write_sweep(folder, name, sweep)
     figure_file = draw_sweep(folder / f"sweep-{name}.png", sweep)

@@ -81,7 +81,8 @@ def collect_rows(done: Evaluation | DetectionRun, left_out: str, trained_on: Seq
 
 def write_matrix(folder: Path, rows: Sequence[Row], about: dict[str, Any]) -> tuple[Path, Path]:
     """Write `matrix.json` and `matrix.md`."""
-    content = {"schema_version": SCHEMA_VERSION, **about, "rows": [row.model_dump() for row in rows]}
+    head = {"schema_version": SCHEMA_VERSION, "kind": "transfer", **about}
+    content = head | {"rows": [row.model_dump() for row in rows]}
     text = "\n\n".join(["\n".join(_as_markdown(rows, seen)) for seen in (False, True)]) + "\n"
     return write_json(folder / "matrix.json", content), write_text(folder / "matrix.md", text)
 

@@ -15,6 +15,7 @@ from toolkit.experiments.worlds.metrics import AXES, IN_VIEW
 from toolkit.experiments.worlds.results import WorldResults, find_visibility_m
 from toolkit.imaging.read import read_image
 from toolkit.worlds.conditions import CLEAR
+from toolkit.worlds.fog import CONTRAST_LOG
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -56,7 +57,7 @@ def draw_weathers(results: WorldResults, summary: Summary) -> bytes | None:
             draw_line(panel, x.tolist(), own, colour, variant)
             half = halves[variant, kind]["visibility_m"]
             if half is not None:
-                at, level = 2996 / half, 50 * halves[variant, kind]["clear_top5"]
+                at, level = 1e3 * CONTRAST_LOG / half, 50 * halves[variant, kind]["clear_top5"]
                 panel.plot([at, at], [0, level], ls=":", lw=1.2, color=colour)
                 panel.plot(at, level, marker="o", mfc="white", mec=colour, ms=7, zorder=6)
         style_panel(panel)

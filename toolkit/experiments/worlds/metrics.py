@@ -72,7 +72,7 @@ def summarise(results: WorldResults) -> dict[str, Any]:
     everywhere = np.ones(len(results.cameras), bool)
     in_view = results.column("visible_share") >= IN_VIEW
     return {
-        "schema_version": SCHEMA_VERSION,
+        "schema_version": SCHEMA_VERSION, "kind": "world-eval",
         "model": {
             "name": results.classifier.name, "arch": results.classifier.arch,
             "description": results.classifier.describe(), "weights": results.classifier.weights.name,
