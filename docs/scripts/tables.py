@@ -1,13 +1,12 @@
 """The tables in docs/results as CSV: from a workspace's evaluations and from docs/records, no number typed by hand."""
 
-import csv
-import io
 import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from toolkit.core.files import write_text
+from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import Workspace
 from toolkit.experiments.corruptions.config import CLEAN
 from toolkit.experiments.corruptions.summary import Summary, read_summary
@@ -74,17 +73,14 @@ def write_table(file: Path, rows: Sequence[Row]) -> None:
     """Write rows under the first row's keys; shares with four decimals."""
     if not rows:
         return
-    text = io.StringIO()
-    table = csv.DictWriter(text, rows[0].keys(), lineterminator="\n")
-    table.writeheader()
-    table.writerows({key: _write_value(value) for key, value in row.items()} for row in rows)
-    write_text(file, text.getvalue())
+    heads = list(rows[0])
+    write_text(file, encode_csv(heads, ([_write_value(row.get(key)) for key in heads] for row in rows)))
 
 
 def _write_value(value: object) -> object:
     if isinstance(value, float):
         return f"{value:.3g}" if 0 < abs(value) < 0.001 else f"{value:.4f}".rstrip("0").rstrip(".")
-    return "" if value is None else value
+    return value
 
 
 def list_networks(space: Workspace) -> dict[str, set[str]]:
@@ -192,13 +188,13 @@ def _read_textures(folder: Path) -> list[TextureRecord]:
 
 def list_variants(summary: Summary) -> Iterator[Row]:
     """Means over the corruptions, one row for each variant and who answered."""
-    changes = {(one.variant, one.recogniser): one for one in summary.differences if one.against == "unpatched"}
+    changes = {(one.variant, one.answerer): one for one in summary.differences if one.against == "unpatched"}
     for row in summary.variants:
-        change = changes.get((row.variant, row.recogniser))
+        change = changes.get((row.variant, row.answerer))
         low, high = row.top1_ci95
         change_low, change_high = change.ci95 if change else (None, None)
         yield {
-            "variant": row.variant, "answered_by": row.recogniser, "clean_top1": row.clean_top1,
+            "variant": row.variant, "answered_by": row.answerer, "clean_top1": row.clean_top1,
             "corrupted_top1": row.top1, "low": low, "high": high, "change": change.difference if change else None,
             "change_low": change_low, "change_high": change_high, "corrupted_top5": row.top5, "mce": row.mce_alexnet,
             "relative_ce": row.mce_unpatched, "wrong": row.wrong, "not_decoded": row.not_decoded,
@@ -220,7 +216,7 @@ def list_cells(summary: Summary) -> Iterator[Row]:
     for cell in summary.cells:
         if cell.corruption == CLEAN or cell.severity:
             yield {
-                "variant": cell.variant, "answered_by": cell.recogniser, "corruption": cell.corruption,
+                "variant": cell.variant, "answered_by": cell.answerer, "corruption": cell.corruption,
                 "severity": cell.severity, "n": cell.n, "correct": cell.right, "top1": cell.top1,
                 "gained": cell.gained, "lost": cell.lost, "mcnemar_p": cell.mcnemar_p,
             }  # fmt: skip

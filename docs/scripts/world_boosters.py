@@ -9,8 +9,8 @@ import json
 import sys
 from pathlib import Path
 
-from toolkit.core.figures import encode_figure, make_figure
-from toolkit.experiments.worlds.figures import COLOURS, UNPATCHED_COLOUR, draw_line, style_panel
+from toolkit.evaluation.figures import COLOURS, UNPATCHED_COLOUR, encode_figure, make_figure, style_panel
+from toolkit.experiments.worlds.figures import draw_line
 from toolkit.worlds.fog import CONTRAST_LOG
 
 MOST_DRAWN = 5
@@ -62,6 +62,7 @@ def draw(rows: list[dict]) -> bytes:
             panel.set_xlabel(f"{kind}: visibility, m (evenly by extinction)")
             panel.set_title(network, fontsize=10)
             style_panel(panel)
+            panel.set_axisbelow(True)
         line[0].set_ylabel("truth among five guesses (%)")
     panels[0][1].legend(frameon=False, fontsize=8)
     return encode_figure(figure)

@@ -17,7 +17,7 @@ from toolkit.evaluation.config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.ground_truth import add_corrupted
 from toolkit.evaluation.predict import predict_captures
-from toolkit.evaluation.results import COLUMNS
+from toolkit.evaluation.predictions_csv import COLUMNS
 
 
 def read_rows(result):

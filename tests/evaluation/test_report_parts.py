@@ -20,7 +20,8 @@ from toolkit.evaluation.contact_sheet import (
     read_direction,
 )
 from toolkit.evaluation.evaluate import evaluate_captures
-from toolkit.evaluation.metrics import MAX_FLIPS, compare_unpatched, group_predictions, index_poses, list_flips
+from toolkit.evaluation.flips import MAX_FLIPS, list_flips
+from toolkit.evaluation.metrics import compare_unpatched, group_predictions, index_poses
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.tables import build_tables
 from toolkit.rig.camera import orbit_pose

@@ -14,7 +14,7 @@ from toolkit.evaluation.detect import COLUMNS
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.run_rows import parse_where, pick_rows
 from toolkit.evaluation.runs import CLEAR, MEAN, find_runs, open_run
-from toolkit.experiments.corruptions.metrics import summarise
+from toolkit.experiments.corruptions.means import summarise
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from toolkit.evaluation import saliency
 from toolkit.evaluation.config import EvalConfig
 from toolkit.evaluation.contact_sheet import MAX_BYTES
 from toolkit.evaluation.evaluate import evaluate_captures
-from toolkit.evaluation.metrics import FlipList
+from toolkit.evaluation.flips import FlipList
 from toolkit.evaluation.saliency import HEAT_COLOURS, draw_saliency, overlay_heat
 
 

@@ -78,7 +78,7 @@ def show_benchmark(done: "BenchmarkRun") -> None:
         remark(note)
     summary = read_summary(done.files.summary)
     console.print(build_summary_table(summary))
-    for _, sentence in judge_benchmark(summary):
-        say(sentence)
+    for verdict in judge_benchmark(summary):
+        say(verdict.sentence)
     kept = kept_before(done.benchmark.kept)
     say(f"{done.benchmark.computed} answers{kept}; table, figures and report: {done.files.report}")

@@ -66,8 +66,8 @@ def show_world(done: "WorldRun") -> None:
         f"object in view, {cameras['hidden']} with it hidden"
     )
     console.print(build_world_table(summary))
-    for _, sentence in judge_world(summary):
-        say(sentence)
+    for verdict in judge_world(summary):
+        say(verdict.sentence)
     for note in summary["notes"]:
         remark(note)
     say(f"{done.computed} answers{kept_before(done.kept)}; table, figures and report: {done.files.report}")

@@ -1,5 +1,7 @@
-"""How numbers are written, and tables on the console; reports and documentation use the same functions."""
+"""How numbers are written, and tables as CSV and on the console; reports and documentation use the same functions."""
 
+import csv
+import io
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
@@ -84,6 +86,15 @@ def format_kappa(kappa: float | None) -> str:
 
 def _minus(text: str) -> str:
     return text.replace("-", "−")
+
+
+def encode_csv(heads: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
+    """The text of a CSV file; None is an empty cell."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(heads)
+    table.writerows(["" if cell is None else cell for cell in row] for row in rows)
+    return text.getvalue()
 
 
 def build_table(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from toolkit import __version__
 from toolkit.captures.read import POOLED
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import load_json, write_text
+from toolkit.core.files import load_json
 from toolkit.core.statistics import PairedOutcomes
 from toolkit.core.tables import (
     build_table,
@@ -22,8 +22,8 @@ from toolkit.core.tables import (
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.contact_sheet import Card, describe_place, make_thumbnails
 from toolkit.evaluation.metrics import Pair, count_outcomes, rank_variant
+from toolkit.evaluation.page import write_page
 from toolkit.evaluation.predict import Prediction
-from toolkit.evaluation.report import render_page
 from toolkit.evaluation.runs import SUMMARY, Run
 from toolkit.evaluation.stored import find_captures_dir, has_own_file, hash_images, read_predictions
 from toolkit.evaluation.verdict import describe_unsure
@@ -230,9 +230,8 @@ def write_comparison(path: Path, found: RunComparison) -> Path:
         "n_flips": len(found.flips),
         "max_flips": MAX_FLIPS,
         "thumbnails": make_thumbnails((pair.first.capture for pair in flips), None),
-        "version": __version__,
     }
-    return write_text(path, render_page("toolkit.evaluation", "compare.html.j2", context))
+    return write_page(path, "toolkit.evaluation", "compare.html.j2", context)
 
 
 def _make_card(pair: Pair) -> Card:

@@ -1,6 +1,5 @@
 """Which images stand side by side in the report, as small copies, and accuracy by direction."""
 
-import base64
 import io
 import os
 from collections import defaultdict
@@ -13,7 +12,9 @@ from typing import TypeVar
 from PIL import Image
 
 from toolkit.captures.read import Capture
-from toolkit.evaluation.metrics import FlipList, rank_variant
+from toolkit.evaluation.flips import FlipList
+from toolkit.evaluation.metrics import rank_variant
+from toolkit.evaluation.page import embed_picture
 from toolkit.evaluation.predict import CPU_BATCH, Prediction, decode_ahead, find_pending
 from toolkit.imaging.read import UnreadableImage, read_image
 from toolkit.models.network import Classifier
@@ -62,7 +63,7 @@ def encode_jpeg(image: Image.Image, side_px: int = SIDE_PX) -> str:
         content = buffer.getvalue()
         if len(content) <= MAX_BYTES:
             break
-    return "data:image/jpeg;base64," + base64.b64encode(content).decode("ascii")
+    return embed_picture(content, "jpeg")
 
 
 Seen = list[tuple[tuple[float, float], Prediction]]

@@ -7,11 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import Image, ImageDraw
 
-from toolkit import __version__
-from toolkit.core.files import write_text
 from toolkit.evaluation.contact_sheet import encode_jpeg
 from toolkit.evaluation.metrics import rank_variant
-from toolkit.evaluation.report import render_page
+from toolkit.evaluation.page import write_page
 from toolkit.imaging.read import UnreadableImage, read_image
 from toolkit.models.detector import Detector
 
@@ -43,9 +41,9 @@ def write_detection_report(path: Path, run: "DetectionRun", detector: Detector) 
         "title": path.parent.name, "detector": detector, "groups": run.groups, "pairs": pairs,
         "comparisons": [one for one in run.pairs if one.first != "unpatched"], "cards": cards,
         "n_hidden": max(0, len(run.images) - MOST_PICTURES), "left_out": run.left_out, "notes": run.notes,
-        "found": run.summary["found"], "version": __version__, "lines": describe_pairs(run),
+        "found": run.summary["found"], "lines": describe_pairs(run),
     }  # fmt: skip
-    return write_text(path, render_page("toolkit.evaluation", "detections.html.j2", context))
+    return write_page(path, "toolkit.evaluation", "detections.html.j2", context)
 
 
 def describe_pairs(run: "DetectionRun") -> list[str]:

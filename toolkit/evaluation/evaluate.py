@@ -6,19 +6,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from toolkit.core.files import write_json
+from toolkit.core.files import write_json, write_text
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.config import EvalConfig
 from toolkit.evaluation.ground_truth import read_labelled_captures
 from toolkit.evaluation.predict import predict_captures
+from toolkit.evaluation.predictions_csv import encode_predictions
 from toolkit.evaluation.report import write_report
-from toolkit.evaluation.results import (
-    Findings,
-    compare_predictions,
-    encode_predictions,
-    summarise,
-    write_predictions,
-)
+from toolkit.evaluation.results import Findings, compare_predictions, summarise
 from toolkit.evaluation.runs import Kind
 from toolkit.evaluation.saliency import draw_saliency
 from toolkit.evaluation.seen import find_training
@@ -121,7 +116,7 @@ def write_evaluation(
     why = [f"no saliency maps: {maps.reason}"] if config.saliency and maps.reason else []
     notes, summary = (*notes, *why), summarise(classifier, findings, (*notes, *why), kind)
     done = Evaluation(**vars(findings), run_dir=run_dir, notes=notes, summary=summary)
-    write_predictions(run_dir / "predictions.csv", findings.predictions)
+    write_text(run_dir / "predictions.csv", encode_predictions(findings.predictions))
     write_json(run_dir / "summary.json", summary)
     write_report(done.report_file, classifier, findings, notes, maps)
     return done

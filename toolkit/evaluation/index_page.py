@@ -4,14 +4,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from toolkit import __version__
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import write_text
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.contact_sheet import make_thumbnails
-from toolkit.evaluation.metrics import Pair, index_poses, list_flips
+from toolkit.evaluation.flips import list_flips
+from toolkit.evaluation.metrics import Pair, index_poses
+from toolkit.evaluation.page import write_page
 from toolkit.evaluation.predict import Prediction
-from toolkit.evaluation.report import render_page
 from toolkit.evaluation.run_rows import describe_condition
 from toolkit.evaluation.runs import Run
 from toolkit.evaluation.stored import find_captures_dir, read_predictions
@@ -78,9 +77,8 @@ def write_index(path: Path, workspace: Workspace, runs: Sequence[Run]) -> list[t
         "n_flips": len(pairs),
         "pictures": list(pictures),
         "conditions": {row: describe_condition(row) for row in rows},
-        "version": __version__,
     }
-    write_text(path, render_page("toolkit.evaluation", "index.html.j2", context))
+    write_page(path, "toolkit.evaluation", "index.html.j2", context)
     return refused
 
 

@@ -1,16 +1,12 @@
 """`report.html`: one file that opens from disk with no network."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import log
 from pathlib import Path
 from typing import Any
 
-from toolkit import __version__
 from toolkit.captures.read import POOLED
-from toolkit.core import tables
-from toolkit.core.files import write_text
-from toolkit.core.statistics import wilson_interval
 from toolkit.evaluation.contact_sheet import (
     MANY_SHEETS,
     Card,
@@ -20,7 +16,9 @@ from toolkit.evaluation.contact_sheet import (
     lay_out_flips,
     make_thumbnails,
 )
-from toolkit.evaluation.metrics import MAX_FLIPS, NOUNS, OWNERS, Comparison, Pair, rank_variant
+from toolkit.evaluation.flips import MAX_FLIPS
+from toolkit.evaluation.metrics import NOUNS, OWNERS, Comparison, Pair, rank_variant
+from toolkit.evaluation.page import write_page
 from toolkit.evaluation.results import Findings, list_corrupted
 from toolkit.evaluation.saliency import HEAT_COLOURS, HEAT_LEVELS, Saliency
 from toolkit.evaluation.seen import describe_unseen, mark_seen
@@ -28,7 +26,6 @@ from toolkit.evaluation.sim_real import GainForecast, SimReal, SimRealRow, place
 from toolkit.evaluation.tables import count_gated, pick_rows
 from toolkit.models.network import Classifier
 
-TEMPLATE = "report.html.j2"
 MAX_ROWS, MAX_CARDS = 400, 40
 
 
@@ -79,33 +76,8 @@ def write_report(
         "gate_lines": findings.gate_lines,
         "gated_counts": count_gated(findings),
         "notes": notes,
-        "version": __version__,
     }
-    return write_text(path, render_page("toolkit.evaluation", TEMPLATE, context))
-
-
-def render_page(package: str, template: str, context: Mapping[str, Any], **filters: Callable[[str], str]) -> str:
-    """The HTML of a page; everything that comes from files or names is escaped.
-
-    Args:
-        package: in which the template lies; what it includes may lie in `toolkit.evaluation`.
-        template: its name.
-        context: what it is filled with.
-        filters: its own, beside those of numbers.
-    """
-    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
-
-    loader = ChoiceLoader([PackageLoader(name, package_path="") for name in (package, "toolkit.evaluation")])
-    environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    environment.filters |= {
-        "percent": tables.format_percent, "interval": tables.format_interval, "points": tables.format_points,
-        "points_interval": tables.format_points_interval, "p_value": tables.format_p, "rank": tables.format_rank,
-        "kappa": tables.format_kappa, **filters,
-    }  # fmt: skip
-    environment.globals["wilson"] = wilson_interval
-    return environment.get_template(template).render(context)
+    return write_page(path, "toolkit.evaluation", "report.html.j2", context)
 
 
 def _build_tables(findings: Findings) -> list[dict[str, Any]]:

@@ -1,33 +1,32 @@
-"""Everything that follows from the predictions, and its `predictions.csv` and `summary.json`."""
+"""Everything that follows from the predictions, and its `summary.json`."""
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 from toolkit import __version__
 from toolkit.captures.read import Capture
-from toolkit.core.files import write_text
+from toolkit.evaluation.flips import FlipList, list_flips
 from toolkit.evaluation.gates import describe_both
 from toolkit.evaluation.metrics import (
     Comparison,
-    FlipList,
     Group,
     compare_controls,
     compare_unpatched,
     explain_unpaired,
     group_predictions,
     index_poses,
-    list_flips,
 )
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.seen import Training
 from toolkit.evaluation.sim_real import SimReal, compare_sim_real, explain_apart, write_sim_real
 from toolkit.evaluation.verdict import Headline, write_headlines
+from toolkit.evaluation.sim_real import SimReal, compare_sim_real, write_sim_real
+from toolkit.evaluation.verdict import Verdict, write_headlines
 from toolkit.models.network import Classifier
+
+SCHEMA_VERSION = 1
 
 
 @dataclass(frozen=True)
@@ -52,7 +51,7 @@ class Findings:
     groups: tuple[Group, ...]
     pairs: tuple[Comparison, ...]
     comparisons: tuple[Comparison, ...]
-    headlines: tuple[Headline, ...]
+    headlines: tuple[Verdict, ...]
     flips: tuple[FlipList, FlipList]
     failed: tuple[tuple[str, str], ...]
     unpaired: tuple[tuple[str, str], ...]
@@ -95,48 +94,6 @@ def compare_predictions(
         sim_real=tuple(sim_real),
         passed=compare_predictions(network, good, refused_folders) if 0 < len(good) < len(predictions) else None,
     )
-
-
-SCHEMA_VERSION = 1
-COLUMNS = (
-    *("source", "object", "variant", "pose_id", "path", "true_index", "true_label"),
-    *(
-        "top1_index",
-        "top1_label",
-        "top1_prob",
-        "true_prob",
-        "true_rank",
-        "correct_top1",
-        "correct_top5",
-        "status",
-        "failed_gates",
-    ),
-)
-
-
-def write_predictions(path: Path, predictions: Sequence[Prediction]) -> Path:
-    """One row per image; right or wrong as 1 or 0, fields that are unknown left empty."""
-    return write_text(path, encode_predictions(predictions))
-
-
-def encode_predictions(predictions: Sequence[Prediction]) -> str:
-    """The text of `predictions.csv`."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(COLUMNS)
-    for one in predictions:
-        table.writerow("" if value is None else value for value in _row(one))
-    return text.getvalue()
-
-
-def _row(one: Prediction) -> list[object]:
-    capture = one.capture
-    gates = "; ".join(capture.failed_gates)
-    head = [capture.source, capture.object, capture.variant, capture.pose_id, capture.path, one.true_index]
-    if not one.is_read:
-        return [*head, one.true_label, *[None] * 7, one.status, gates]
-    guess = [one.top1_index, one.top1_label, f"{one.top1_prob:.6f}", f"{one.true_prob:.6g}", one.true_rank]
-    return [*head, one.true_label, *guess, int(one.correct_top1), int(one.correct_top5), one.status, gates]
 
 
 def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], kind: str = "eval") -> dict[str, Any]:

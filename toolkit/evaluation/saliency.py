@@ -9,7 +9,7 @@ from PIL import Image
 
 from toolkit.core.console import progress
 from toolkit.evaluation.contact_sheet import encode_jpeg
-from toolkit.evaluation.metrics import FlipList
+from toolkit.evaluation.flips import FlipList
 from toolkit.evaluation.predict import Prediction, batch_pixels, choose_batch_size
 from toolkit.models.network import Classifier
 

@@ -19,7 +19,7 @@ from toolkit.core.tables import (
 )
 from toolkit.evaluation.metrics import OWNERS, Pair, count_outcomes, name_booster, rank_variant
 from toolkit.evaluation.predict import Prediction
-from toolkit.evaluation.verdict import Headline
+from toolkit.evaluation.verdict import Verdict
 
 Reasons = tuple[tuple[str, str], ...]
 """(path, reason) of each image."""
@@ -302,7 +302,7 @@ def _forecast(key: tuple[str, str], pairs: Sequence[tuple[Pair, Pair]]) -> GainF
     return GainForecast(*key, gained, sum(pair.is_lost for pair in sim), sum(pair.is_lost for pair in real))
 
 
-def write_sim_real(network: str, comparisons: Sequence[SimReal]) -> list[Headline]:
+def write_sim_real(network: str, comparisons: Sequence[SimReal]) -> list[Verdict]:
     """A headline for each rendered source against photographs: of its first booster, or of the bare objects."""
     return [_judge_rig(network, one, _pick_row(one)) for one in comparisons]
 
@@ -313,7 +313,7 @@ def _pick_row(one: SimReal) -> SimRealRow:
     return rows[(boosters or list(rows))[0]]
 
 
-def _judge_rig(network: str, one: SimReal, row: SimRealRow) -> Headline:
+def _judge_rig(network: str, one: SimReal, row: SimRealRow) -> Verdict:
     found = row.outcomes
     low_rank = row.rank.ci95[0] if row.rank.ci95 else 0.0
     if found.mcnemar_p < SIGNIFICANT:
@@ -335,7 +335,7 @@ def _judge_rig(network: str, one: SimReal, row: SimRealRow) -> Headline:
     forecast = next((own for own in one.forecasts if (own.object, own.variant) == (POOLED, row.variant)), None)
     if forecast is not None:
         sentence += f" {_describe_forecast(forecast)}"
-    return Headline(f"{one.sim} and {one.real}", row.variant, tone, verdict, sentence)
+    return Verdict(tone, verdict, sentence, f"{one.sim} and {one.real}", row.variant)
 
 
 def _describe_forecast(forecast: GainForecast) -> str:

@@ -12,7 +12,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, open_plain, sha256_file
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.predict import OK, Prediction
-from toolkit.evaluation.results import COLUMNS
+from toolkit.evaluation.predictions_csv import COLUMNS
 from toolkit.evaluation.runs import DETECTIONS, PREDICTIONS, Run
 
 NEEDED = [name for name in COLUMNS if name != "failed_gates"]

@@ -30,23 +30,23 @@ Comparisons = Mapping[tuple[str, str], Comparison]
 
 
 @dataclass(frozen=True)
-class Headline:
-    """One source and variant in a verdict and a sentence.
+class Verdict:
+    """What is found of one thing, in words.
 
     Attributes:
-        source, variant: what it is about.
         tone: `good`, `bad` or `open`.
-        verdict: a few words.
+        verdict: a few words; empty where the sentence says it.
         sentence: the numbers behind it.
+        source, variant: what it is about.
         question: that it answers, where the variants were shot to ask it.
         brief: the numbers in a few words, for those who read no sentence; empty where the verdict says them.
     """
 
-    source: str
-    variant: str
     tone: str
     verdict: str
     sentence: str
+    source: str = ""
+    variant: str = ""
     question: str = ""
     brief: str = ""
 
@@ -55,7 +55,13 @@ class Headline:
         return {key: getattr(self, key) for key in ("source", "question", "tone", "verdict", "sentence")}
 
 
-def write_headlines(network: str, groups: Sequence[Group], comparisons: Sequence[Comparison]) -> list[Headline]:
+def find_tone(interval: tuple[float | None, float | None] | None, none: float = 0.0) -> str:
+    """`good` or `bad` where the whole interval lies above or below what no effect is, else `open`; None: no end."""
+    low, high = interval or (None, None)
+    return "good" if low is not None and low > none else "bad" if high is not None and high < none else "open"
+
+
+def write_headlines(network: str, groups: Sequence[Group], comparisons: Sequence[Comparison]) -> list[Verdict]:
     """For each source: a headline per booster, or for a source with nothing to compare, then what the controls say.
 
     Args:
@@ -91,13 +97,12 @@ def _pick_variants(groups: Groups) -> list[str]:
     return boosters or ([UNPATCHED] if UNPATCHED in groups else [])
 
 
-def _judge_booster(network: str, groups: Groups, row: Comparison | None, variant: str, question: str) -> Headline:
+def _judge_booster(network: str, groups: Groups, row: Comparison | None, variant: str, question: str) -> Verdict:
     after, before = groups[variant], groups.get(UNPATCHED)
     if variant == UNPATCHED or before is None:
         sentence = f"{network} is right on {_format_group(after)} of the {variant} images."
-        return Headline(
-            after.source, variant, "open", "Accuracy alone, nothing to compare with", sentence, question=question
-        )
+        verdict = "Accuracy alone, nothing to compare with"
+        return Verdict("open", verdict, sentence, after.source, variant, question)
     name, where = name_booster(variant), ""
     counts = (after.n_top1, after.n), (before.n_top1, before.n)
     if row is not None and {after.n, before.n} != {row.outcomes.n}:  # what was shot one way alone has no part in it
@@ -107,10 +112,10 @@ def _judge_booster(network: str, groups: Groups, row: Comparison | None, variant
     shares = f"{network} is right on {with_it} with {name} and on {without} without{where}."
     if row is None:
         verdict, why = "Nothing could be paired", "No pose was shot both ways, so no paired test is possible."
-        return Headline(after.source, variant, "open", verdict, f"{shares} {why}", question=question)
+        return Verdict("open", verdict, f"{shares} {why}", after.source, variant, question)
     tone, verdict, why = judge_change(name, row.outcomes)
     brief = f"{row.outcomes.n_first} → {row.outcomes.n_second} of {row.outcomes.n} right"
-    return Headline(after.source, variant, tone, verdict, f"{shares} {why}", question=question, brief=brief)
+    return Verdict(tone, verdict, f"{shares} {why}", after.source, variant, question, brief)
 
 
 def judge_change(name: str, outcomes: PairedOutcomes) -> tuple[str, str, str]:
@@ -143,7 +148,7 @@ def describe_unsure(outcomes: PairedOutcomes) -> str:
     return f"{way} in every pair that changed; {count} too few to be sure: {ONE_WAY_FLIPS} needed"
 
 
-def _answer_controls(network: str, groups: Groups, rows: Comparisons) -> list[Headline]:
+def _answer_controls(network: str, groups: Groups, rows: Comparisons) -> list[Verdict]:
     """The answers that the variants of a source allow, none where there are no controls and no two boosters."""
     answers = []
     for booster, names in RIVALS.items():
@@ -157,7 +162,7 @@ def _answer_controls(network: str, groups: Groups, rows: Comparisons) -> list[He
     return answers if either is None else [*answers, _patch_or_texture(network, either)]
 
 
-def _is_it_this(network: str, booster: str, rows: Comparisons, rivals: Sequence[Comparison]) -> Headline:
+def _is_it_this(network: str, booster: str, rows: Comparisons, rivals: Sequence[Comparison]) -> Verdict:
     noun = NOUNS[booster]
     # of equal ones the hardest to beat: with the fewest poses that only the booster got right
     best = max(
@@ -183,16 +188,16 @@ def _is_it_this(network: str, booster: str, rows: Comparisons, rivals: Sequence[
     wrong = rows.get((UNPATCHED, WRONG)) if booster == PATCHED else None
     if wrong is not None:
         sentence += f" {_describe_wrong(wrong)}"
-    return Headline(best.source, booster, tone, verdict, sentence, question=ask_this(booster))
+    return Verdict(tone, verdict, sentence, best.source, booster, ask_this(booster))
 
 
-def _patch_or_texture(network: str, row: Comparison) -> Headline:
+def _patch_or_texture(network: str, row: Comparison) -> Verdict:
     tone, verdict = "open", "No difference shown between patch and texture"
     if row.outcomes.first_is_better or row.outcomes.second_is_better:
         tone, verdict = "good", f"The {'patch' if row.outcomes.first_is_better else 'texture'} does better"
     names = ("the patch", "the texture")
     sentence = _compare_both(network, row.outcomes, names, names)
-    return Headline(row.source, TEXTURED, tone, verdict, sentence, question=EITHER)
+    return Verdict(tone, verdict, sentence, row.source, TEXTURED, EITHER)
 
 
 def _compare_both(network: str, found: PairedOutcomes, names: tuple[str, str], short: tuple[str, str]) -> str:
@@ -215,7 +220,7 @@ def _describe_wrong(row: Comparison) -> str:
     )
 
 
-def _object_or_sticker(network: str, alone: Group, row: Comparison | None) -> Headline:
+def _object_or_sticker(network: str, alone: Group, row: Comparison | None) -> Verdict:
     low, high = alone.top1_ci95
     sentence = f"The sticker alone, with no object, is enough for {network} in {_format_group(alone)} of its poses"
     if row is None:
@@ -240,7 +245,7 @@ def _object_or_sticker(network: str, alone: Group, row: Comparison | None) -> He
         tone, verdict = "open", "The sticker alone is mostly not enough, nor is the patched object shown to be better"
     else:
         tone, verdict = "open", "The object is not shown to add to the sticker"
-    return Headline(alone.source, ALONE, tone, verdict, sentence, question=STICKER)
+    return Verdict(tone, verdict, sentence, alone.source, ALONE, STICKER)
 
 
 def _format_group(group: Group) -> str:

@@ -9,8 +9,18 @@ import cv2
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.figures import encode_figure, make_figure
 from toolkit.core.files import write_bytes
+from toolkit.evaluation.figures import (
+    AMBER,
+    COLOURS,
+    GREEN,
+    ORANGE,
+    PINK,
+    UNPATCHED_COLOUR,
+    encode_figure,
+    make_figure,
+    style_panel,
+)
 from toolkit.landing.config import FlyConfig
 from toolkit.landing.fly import Cell, EpisodeRecord
 from toolkit.landing.results import CellResult
@@ -19,9 +29,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLOURS = ("#6b6f76", "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#f0e442")
+LINE_COLOURS = (UNPATCHED_COLOUR, *COLOURS, "#f0e442")
 OUTCOME_COLOURS = {
-    "success": "#009e73", "missed": "#e69f00", "crashed": "#d55e00", "lost": "#cc79a7", "timed_out": "#6b6f76",
+    "success": GREEN, "missed": AMBER, "crashed": ORANGE, "lost": PINK, "timed_out": UNPATCHED_COLOUR,
     "diverged": "#000000",
 }  # fmt: skip
 FILM_PX, TRACK_COLUMNS = 480, 3
@@ -43,15 +53,13 @@ def draw_success(results: Sequence[CellResult]) -> bytes:
                 continue
             x = [one.cell.severity + 0.05 * (number - (len(lines) - 1) / 2) for one in own]
             low, high = ([100 * one.success_ci95[end] for one in own] for end in (0, 1))
-            colour = COLOURS[number % len(COLOURS)]
+            colour = LINE_COLOURS[number % len(LINE_COLOURS)]
             panel.vlines(x, low, high, color=colour, lw=1.4, alpha=0.6)
             panel.plot(x, [100 * one.success for one in own], "o-", color=colour, lw=1.6, ms=5, label=" · ".join(line))
         panel.set_title(weather, fontsize=11)
         panel.set_xlabel("severity")
-        panel.set_ylim(-2, 102)
         panel.set_xticks(sorted({one.cell.severity for one in results if one.cell.weather in (weather, "clear")}))
-        panel.grid(axis="y", alpha=0.3)
-        panel.spines[["top", "right"]].set_visible(False)
+        style_panel(panel, -2, 102)
     panels[0].set_ylabel("success (%)")
     handles, labels = panels[0].get_legend_handles_labels()
     title = f"landings that succeed, 95 % Wilson intervals (n = {results[0].n} a point)"

@@ -1,16 +1,14 @@
 """The report of flights: one HTML file, its figures within; and the film of an episode."""
 
-import base64
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from toolkit import __version__
-from toolkit.core.files import write_bytes, write_text
+from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.report import render_page
+from toolkit.evaluation.page import write_page
 from toolkit.landing.config import CameraConfig, FlyConfig
 from toolkit.landing.episodes import OUTCOMES, Flights
 from toolkit.landing.figures import draw_success, draw_tracks, write_film
@@ -21,8 +19,6 @@ from toolkit.landing.results import CellResult, PairResult, describe_success
 from toolkit.landing.site import PadSite, View, find_sky, find_world
 from toolkit.rig.raycast import map_frames
 from toolkit.worlds.weather import describe_weathers
-
-TEMPLATE = "report.html.j2"
 
 
 @dataclass(frozen=True)
@@ -47,17 +43,13 @@ def write_report(
         if name in own
     ]
     context = {
-        "title": folder.name, "results": results, "pairs": pairs, "outcomes": OUTCOMES[1:], "version": __version__,
+        "title": folder.name, "results": results, "pairs": pairs, "outcomes": OUTCOMES[1:],
         "success_is": describe_success(config.episode), "weathers": describe_weathers(config.weathers),
         "settings": [row for row in config.rows() if row[0] != "weathers"], "records": errors, "places": flown.places,
-        "figures": [_embed(success), _embed(tracks)],
+        "success": success, "tracks": tracks,
     }  # fmt: skip
-    page = write_text(folder / "report.html", render_page("toolkit.landing", TEMPLATE, context))
+    page = write_page(folder / "report.html", "toolkit.landing", "report.html.j2", context)
     return ReportFiles(page, write_bytes(folder / "success.png", success), write_bytes(folder / "tracks.png", tracks))
-
-
-def _embed(png: bytes) -> str:
-    return "data:image/png;base64," + base64.b64encode(png).decode()
 
 
 def film_episode(

@@ -1,7 +1,5 @@
 """What flights show: success with intervals per cell, paired tests, and the files that say so."""
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,6 +10,7 @@ import numpy as np
 from toolkit import __version__
 from toolkit.core.files import write_json, write_text
 from toolkit.core.statistics import mcnemar_p, wilson_interval
+from toolkit.core.tables import encode_csv
 from toolkit.landing.config import FlyConfig
 from toolkit.landing.episodes import OUTCOMES, EpisodeConfig
 from toolkit.landing.fly import Cell, EpisodeRecord, Flown
@@ -158,11 +157,7 @@ def _spread(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def _to_csv(rows: Sequence[dict[str, Any]]) -> str:
-    out = io.StringIO()
-    writer = csv.DictWriter(out, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return out.getvalue()
+    return encode_csv(list(rows[0]), (row.values() for row in rows))
 
 
 def describe_success(config: EpisodeConfig) -> str:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from toolkit.core.figures import encode_figure, make_figure
 from toolkit.core.files import write_bytes
+from toolkit.evaluation.figures import SKY, encode_figure, make_figure
 from toolkit.landing.dataset import Sample, open_dataset, read_shard
 from toolkit.landing.regressor import Regressor, as_batch
 
@@ -46,7 +46,7 @@ def draw_saliency(regressor: Regressor, samples: Sequence[Sample]) -> tuple[byte
         rows[0][k].imshow(sample.image)
         rows[0][k].set_title(f"{sample.truth.z_m:.1f} m", fontsize=9)
         rows[1][k].imshow(saliency[k] / saliency[k].max(), cmap="inferno")
-        rows[1][k].contour(sample.mask, levels=[0.5], colors="#56b4e9", linewidths=0.8)
+        rows[1][k].contour(sample.mask, levels=[0.5], colors=SKY, linewidths=0.8)
         rows[1][k].set_title(f"{shares[k]:.0%} on the pad,\n{sample.mask.mean():.0%} of the area", fontsize=8)
         for panel in rows[:, k]:
             panel.set_axis_off()

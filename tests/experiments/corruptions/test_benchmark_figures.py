@@ -19,7 +19,7 @@ from toolkit.experiments.corruptions.figures import (
     draw_variant,
     shade,
 )
-from toolkit.experiments.corruptions.metrics import summarise
+from toolkit.experiments.corruptions.means import summarise
 
 
 def open_png(content):

@@ -14,7 +14,7 @@ from toolkit.core.tables import format_percent
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS
 from toolkit.experiments.corruptions.config import CLEAN
 from toolkit.experiments.corruptions.grid import Benchmark, CellRanks
-from toolkit.experiments.corruptions.metrics import ALEXNET_ERRORS, summarise
+from toolkit.experiments.corruptions.means import ALEXNET_ERRORS, summarise
 from toolkit.experiments.corruptions.recognisers import NETWORK, READER
 from toolkit.experiments.corruptions.summary import read_summary
 from toolkit.experiments.corruptions.verdict import judge_benchmark
@@ -66,7 +66,7 @@ HAND = {
 
 def test_cells_and_means_by_hand():
     summary = summarise(by_hand(HAND))
-    assert [(row.variant, row.recogniser) for row in summary.variants] == [key[:2] for key in HAND]
+    assert [(row.variant, row.answerer) for row in summary.variants] == [key[:2] for key in HAND]
     plain, boosted, reader = summary.variants
     cell = summary.cells_of(boosted)["fog", 1]
     assert (cell.n, cell.right, cell.top1, cell.top5, cell.gained, cell.lost) == (4, 3, 0.75, 0.75, 2, 0)
@@ -105,7 +105,7 @@ def test_differences_by_hand():
     summary = summarise(by_hand(others))
     image = next(row for row in summary.variants if row.variant == "image")
     best = summary.differences_of(image)["best of its size"]
-    assert (best.other_variant, best.other_recogniser, best.difference) == ("codes", "net", pytest.approx(-0.5))
+    assert (best.other_variant, best.other_answerer, best.difference) == ("codes", "net", pytest.approx(-0.5))
     assert summary.differences_of(reader)["best of its size"].other_variant == "image"
 
 
@@ -132,7 +132,7 @@ def test_whole_benchmark_against_loops(whole):
     for row in summary.variants:
         ranks = {
             (a.corruption, a.severity): a.ranks
-            for a in whole.cells if (a.variant, a.recogniser) == (row.variant, row.recogniser)
+            for a in whole.cells if (a.variant, a.recogniser) == (row.variant, row.answerer)
         }  # fmt: skip
         hits = errors = 0
         ces, relative = [], []
@@ -143,7 +143,7 @@ def test_whole_benchmark_against_loops(whole):
                 for i, rank in enumerate(ranks[name, level]):
                     hits, errors, own = hits + (rank == 1), errors + (rank != 1), own + (rank != 1)
                     if row.kind == NETWORK:
-                        before = unpatched[row.recogniser, name, level]
+                        before = unpatched[row.answerer, name, level]
                         of_reference += before[i] != 1
             ces.append(own / 200 / (sum(ALEXNET_BY_SEVERITY[name]) / 5))
             relative.append(own / of_reference if of_reference else None)
@@ -224,13 +224,11 @@ def test_percent_hides_no_exception(share, said):
 
 
 def test_sentences():
-    lines = [sentence for _, sentence in judge_benchmark(summarise(by_hand(HAND)))]
+    lines = [one.sentence for one in judge_benchmark(summarise(by_hand(HAND)))]
     assert len(lines) == 2  # unpatched is said with what it is compared to
     assert lines[0].startswith("net recognises 62 % (") and "of corrupted images with codes, 12 % (" in lines[0]
     assert lines[0].endswith("without: +50 points.")
     assert lines[1].startswith("zbar reads the right code on 12 % (")
     assert lines[1].endswith("with codes, another on 12 %, none on 75 %.")
-    alone = [
-        sentence for _, sentence in judge_benchmark(summarise(by_hand({key: HAND[key] for key in list(HAND)[:1]})))
-    ]
+    alone = [one.sentence for one in judge_benchmark(summarise(by_hand({key: HAND[key] for key in list(HAND)[:1]})))]
     assert len(alone) == 1 and alone[0].endswith("of corrupted images, without patches.")

@@ -36,7 +36,7 @@ class BenchmarkRun:
     @property
     def headlines(self) -> list[str]:
         """The result in words, a sentence for each patch set and who answers."""
-        return [sentence for _, sentence in judge_benchmark(read_summary(self.files.summary))]
+        return [one.sentence for one in judge_benchmark(read_summary(self.files.summary))]
 
 
 def evaluate_benchmark(

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from toolkit.core.figures import encode_figure, make_figure
+from toolkit.evaluation.figures import RIGHT, WRONG, encode_figure, make_figure
 from toolkit.experiments.corruptions.cells import Shard, apply_variant, corrupt_images, load_shard
 from toolkit.experiments.corruptions.config import NOT_CORRUPTED, Condition
 from toolkit.experiments.corruptions.grid import Benchmark, Grid
@@ -13,7 +13,6 @@ from toolkit.experiments.corruptions.variants import Variant
 COLUMNS = 6
 TILE_IN, HEAD_IN = 1.55, 0.5
 LETTER_IN = 0.085
-RIGHT, WRONG = "#009e73", "#d55e00"
 
 
 def choose_conditions(corruptions: Sequence[Condition]) -> list[Condition]:

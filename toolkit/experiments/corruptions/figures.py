@@ -5,9 +5,21 @@ from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from toolkit.captures.read import UNPATCHED
-from toolkit.core.figures import encode_figure, make_figure
 from toolkit.core.tables import format_percent
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS
+from toolkit.evaluation.figures import (
+    BLUE,
+    COLOURS,
+    GREEN,
+    LEFT_OUT_COLOUR,
+    MARKERS,
+    ORANGE,
+    PINK,
+    UNPATCHED_COLOUR,
+    encode_figure,
+    make_figure,
+    style_panel,
+)
 from toolkit.experiments.corruptions.recognisers import READER
 from toolkit.experiments.corruptions.summary import CorruptionMean, Summary, VariantMean
 from toolkit.experiments.corruptions.verdict import label_row, name_corruption, name_levels
@@ -17,12 +29,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# a palette that people who see fewer colours can tell apart (Okabe and Ito 2008)
-FAMILY_COLOURS = {
-    "noise": "#d55e00", "blur": "#0072b2", "weather": "#009e73", "digital": "#cc79a7", "extra": "#b08000",
-}  # fmt: skip
+FAMILY_COLOURS = {"noise": ORANGE, "blur": BLUE, "weather": GREEN, "digital": PINK, "extra": "#b08000"}
 MEAN_COLOUR, WITHOUT_COLOUR = "#4a4f57", "#111111"
-RIGHT_COLOUR, WRONG_COLOUR, NOT_DECODED_COLOUR = "#0072b2", "#d55e00", "#d9dce1"
+RIGHT_COLOUR, WRONG_COLOUR, NOT_DECODED_COLOUR = BLUE, ORANGE, LEFT_OUT_COLOUR
 FAMILY_GAP, MEAN_GAP = 0.5, 1.0
 FEW_PLACES, MIN_PLACES = 4, 6
 MEAN = "mean"
@@ -72,14 +81,11 @@ def shade(colour: str, severity: int) -> tuple[float, float, float]:
     return red, green, blue
 
 
-def style_panel(panel: "Axes", ylabel: str) -> None:
-    """Percent from 0 to 100 with room for a number above, a light grid, no frame."""
-    panel.set_ylim(0, 108)
-    panel.set_yticks(range(0, 101, 20))
+def style_shares(panel: "Axes", ylabel: str) -> None:
+    """Per cent with room for a number above the bars, which hide the grid."""
+    style_panel(panel, 0, 108)
     panel.set_ylabel(ylabel)
-    panel.grid(axis="y", alpha=0.3)
     panel.set_axisbelow(True)
-    panel.spines[["top", "right"]].set_visible(False)
     panel.spines["left"].set_bounds(0, 100)
 
 
@@ -145,12 +151,12 @@ def draw_variant(summary: Summary, row: VariantMean) -> bytes:
         titles.append("each severity, from mild to strong" + (" (pale to dark)" if not is_reader(row) else ""))
         panels[0].tick_params(labelbottom=False)
     for panel, title in zip(panels, titles, strict=True):
-        style_panel(panel, "share of codes (%)" if is_reader(row) else "top-1 (%)")
+        style_shares(panel, "share of codes (%)" if is_reader(row) else "top-1 (%)")
         panel.set_title(title, fontsize=11, loc="left")
         panel.tick_params(axis="x", length=0)
     label_places(panels[-1], places, is_coloured=not is_reader(row))
     images = f"{summary.n} image{'s' if summary.n != 1 else ''}"
-    figure.suptitle(f"{row.variant}, {'read' if is_reader(row) else 'seen'} by {row.recogniser}, {images}", fontsize=13)
+    figure.suptitle(f"{row.variant}, {'read' if is_reader(row) else 'seen'} by {row.answerer}, {images}", fontsize=13)
     handles = _list_colours(summary, row, before)
     columns = len(handles) if width == MAX_WIDTH_IN else NARROW_COLUMNS
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False, fontsize=9)
@@ -238,16 +244,14 @@ def _list_colours(summary: Summary, row: VariantMean, before: VariantMean | None
     return handles
 
 
-UNPATCHED_COLOUR, WRONG_HATCHED = "#6b6f76", "#2b2f36"
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-MARKERS = ("o", "s", "D", "^", "v", "P")
+WRONG_HATCHED = "#2b2f36"
 OVERVIEW_BAR = 0.62
 ROW_IN, OVERVIEW_PANEL_IN, OVERVIEW_HEAD_IN = 0.34, 4.2, 1.5
 OVERVIEW_MIN_WIDTH_IN, OVERVIEW_MAX_WIDTH_IN, TITLE_CHARACTERS = 7.0, 10.0, 64
 
 
 def draw_overview(summary: Summary) -> bytes:
-    """PNG: above a bar for each variant and recogniser, its mean and interval; below their corruptions one by one.
+    """PNG: above a bar for each variant and answerer, its mean and interval; below their corruptions one by one.
 
     Without a mean the bars are those of clean images. A reader's bar is split into right, wrong and not decoded, and
     its marks are hollow.
@@ -344,7 +348,7 @@ def _draw_corruptions(panel: "Axes", summary: Summary) -> None:
             x, y = [places[name] for name in names], [100 * means[name].top1 for name in names]
             line = "--" if is_reader(row) else "-"
             panel.plot(x, y, ms=6, lw=1.3, ls=line, mec=style["color"], alpha=0.9, zorder=3, clip_on=False, **style)
-    style_panel(panel, "top-1 (%)")
+    style_shares(panel, "top-1 (%)")
     label_places(panel, places, is_coloured=False)
     for family in families:
         own = [places[name] for name in summary.corruptions if CORRUPTIONS[name].family == family]

@@ -1,8 +1,5 @@
 """The results folder of the corruption benchmark and its `report.html`, which opens from disk with no network."""
 
-import base64
-import csv
-import io
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -10,17 +7,17 @@ from pathlib import Path
 from typing import Any
 
 from toolkit.core.files import write_bytes, write_json, write_text
+from toolkit.core.tables import encode_csv
 from toolkit.corruptions.catalogue import CORRUPTIONS
-from toolkit.evaluation.report import render_page
+from toolkit.evaluation.page import write_page
 from toolkit.experiments.corruptions.config import CLEAN, NOT_CORRUPTED
 from toolkit.experiments.corruptions.figures import draw_overview, draw_variant
 from toolkit.experiments.corruptions.grid import Benchmark
-from toolkit.experiments.corruptions.metrics import summarise
+from toolkit.experiments.corruptions.means import summarise
 from toolkit.experiments.corruptions.recognisers import READER
 from toolkit.experiments.corruptions.summary import Cell, Summary, VariantMean
 from toolkit.experiments.corruptions.verdict import judge_benchmark, label_row, name_corruption
 
-TEMPLATE = "benchmark.html.j2"
 MAX_FAILED = 200
 TITLES = {
     "name": "Run", "data": "Data", "model": "Network", "image_px": "Side of the image, px", "seed": "Seed",
@@ -38,7 +35,7 @@ def write_report(
         path: of the file.
         summary: what is reported.
         overview: PNG.
-        figures: PNG of a variant and recogniser; of all, or of none where nothing was corrupted.
+        figures: PNG of a variant and answerer; of all, or of none where nothing was corrupted.
         examples: PNG of an image in every variant.
     """
     networks = [row for row in summary.variants if row.kind != READER]
@@ -49,10 +46,10 @@ def write_report(
         "verdicts": judge_benchmark(summary),
         "networks": networks,
         "readers": readers,
-        "own": {(row.variant, row.recogniser): _collect(summary, row) for row in summary.variants},
-        "overview": _embed(overview),
-        "examples": None if examples is None else _embed(examples),
-        "figures": {key: _embed(png) for key, png in figures.items()},
+        "own": {(row.variant, row.answerer): _collect(summary, row) for row in summary.variants},
+        "overview": overview,
+        "examples": examples,
+        "figures": figures,
         "whole": {entry["name"]: entry.get("share_whole") for entry in summary.about.get("variants", [])},
         "done": [
             (_title(key), _flatten(value))
@@ -66,9 +63,8 @@ def write_report(
         "clean": NOT_CORRUPTED,
         "max_failed": MAX_FAILED,
     }
-    return write_text(
-        path, render_page("toolkit.experiments.corruptions", TEMPLATE, context, corruption=name_corruption)
-    )
+    package = "toolkit.experiments.corruptions"
+    return write_page(path, package, "benchmark.html.j2", context, corruption=name_corruption)
 
 
 def _collect(summary: Summary, row: VariantMean) -> dict[str, Any]:
@@ -79,10 +75,6 @@ def _collect(summary: Summary, row: VariantMean) -> dict[str, Any]:
         "cells": summary.cells_of(row),
         "differences": summary.differences_of(row),
     }
-
-
-def _embed(png: bytes) -> str:
-    return f"data:image/png;base64,{base64.b64encode(png).decode()}"
 
 
 def _title(key: str) -> str:
@@ -127,14 +119,14 @@ def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None =
     summary = summarise(benchmark)
     overview = draw_overview(summary)
     figures = {
-        (row.variant, row.recogniser): draw_variant(summary, row) for row in summary.variants if summary.corruptions
+        (row.variant, row.answerer): draw_variant(summary, row) for row in summary.variants if summary.corruptions
     }
     files = [write_bytes(folder / "figures" / "overview.png", overview)]
     if examples is not None:
         files.append(write_bytes(folder / "figures" / "examples.png", examples))
     taken = {"overview", "examples"}
-    for (variant, recogniser), png in figures.items():
-        files.append(write_bytes(folder / "figures" / f"{_name_file(f'{variant}-{recogniser}', taken)}.png", png))
+    for (variant, answerer), png in figures.items():
+        files.append(write_bytes(folder / "figures" / f"{_name_file(f'{variant}-{answerer}', taken)}.png", png))
     cells = write_cells(folder / "cells.csv", summary)
     report = write_report(folder / "report.html", summary, overview, figures, examples)
     # last: where it is, the rest is there as well
@@ -144,17 +136,14 @@ def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None =
 
 def write_cells(path: Path, summary: Summary) -> Path:
     """A row for each cell; fields that do not apply are empty."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
     names = [field.name for field in fields(Cell) if field.name != "top1_ci95"]
     at = names.index("top1") + 1
-    heads = ["answerer" if name == "recogniser" else name for name in names]
-    table.writerow([*heads[:at], "ci95_low", "ci95_high", *heads[at:], "family"])
+    rows = []
     for cell in summary.cells:
-        values = ["" if value is None else value for value in (getattr(cell, name) for name in names)]
-        family = "" if cell.corruption == CLEAN else CORRUPTIONS[cell.corruption].family
-        table.writerow([*values[:at], *cell.top1_ci95, *values[at:], family])
-    return write_text(path, text.getvalue())
+        values = [getattr(cell, name) for name in names]
+        family = None if cell.corruption == CLEAN else CORRUPTIONS[cell.corruption].family
+        rows.append([*values[:at], *cell.top1_ci95, *values[at:], family])
+    return write_text(path, encode_csv([*names[:at], "ci95_low", "ci95_high", *names[at:], "family"], rows))
 
 
 def _name_file(words: str, taken: set[str]) -> str:

@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict
 
 from toolkit import __version__
 from toolkit.captures.read import UNPATCHED
@@ -12,25 +12,23 @@ from toolkit.core.files import read_json
 from toolkit.core.statistics import Interval
 
 Against = Literal["unpatched", "clean unpatched", "best of its size"]
-RecogniserName = Annotated[str, Field(alias="answerer")]
-"""Of the network or the reader; the file has it as `answerer`."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """One variant, seen by one recogniser, under one corruption at one severity (`clean` and 0 where there is none).
+    """One variant, seen by one answerer, under one corruption at one severity (`clean` and 0 where there is none).
 
     Attributes:
         n, right: images, and how many are right at the first guess (a reader's: read as the right code).
         top1, top1_ci95: share that is right, and Wilson's interval, as if the images were independent draws.
         top5: share with the truth among five guesses; None for a reader.
         wrong, not_decoded: of a reader: another code was read, none was; None for a network.
-        gained, lost: images that became right, and wrong, against `unpatched` of the same recogniser; None without.
+        gained, lost: images that became right, and wrong, against `unpatched` of the same answerer; None without.
         mcnemar_p: exact, of gained against lost.
     """
 
     variant: str
-    recogniser: RecogniserName
+    answerer: str
     kind: str
     corruption: str
     severity: int
@@ -51,7 +49,7 @@ class CorruptionMean:
     """One corruption, mean over the severities that were run.
 
     Attributes:
-        top1, top1_ci95: share that is right, and its interval over classes (`toolkit.experiments.corruptions.metrics`).
+        top1, top1_ci95: share that is right, and its interval over classes (`toolkit.evaluation.clusters`).
         top5: None for a reader.
         wrong, not_decoded: shares, of a reader; None for a network.
         ce_alexnet, ce_unpatched: corruption error: the sum over severities of errors, divided by that of the reference;
@@ -59,7 +57,7 @@ class CorruptionMean:
     """
 
     variant: str
-    recogniser: RecogniserName
+    answerer: str
     kind: str
     corruption: str
     family: str
@@ -74,7 +72,7 @@ class CorruptionMean:
 
 @dataclass(frozen=True)
 class VariantMean:
-    """One variant, seen by one recogniser: clean, and the mean that `Summary.mean_of` names.
+    """One variant, seen by one answerer: clean, and the mean that `Summary.mean_of` names.
 
     Attributes:
         patch_px: side of the patch; None where there is none, or unknown.
@@ -86,7 +84,7 @@ class VariantMean:
     """
 
     variant: str
-    recogniser: RecogniserName
+    answerer: str
     kind: str
     patch_px: int | None
     clean_top1: float | None
@@ -107,18 +105,18 @@ class Difference:
     """Mean corrupted top-1 of a variant less that of another, on the same images.
 
     Attributes:
-        against: `unpatched`: of the same recogniser, under the same corruptions; `clean unpatched`: of the same
-            recogniser, not corrupted; `best of its size`: whoever recognises, the other variant of the same patch size
+        against: `unpatched`: of the same answerer, under the same corruptions; `clean unpatched`: of the same
+            answerer, not corrupted; `best of its size`: whoever answers, the other variant of the same patch size
             with the highest mean (the first of equals).
-        other_variant, other_recogniser: which that is.
+        other_variant, other_answerer: which that is.
         difference, ci95: share, and its interval over classes.
     """
 
     variant: str
-    recogniser: RecogniserName
+    answerer: str
     against: Against
     other_variant: str
-    other_recogniser: Annotated[str, Field(alias="other_answerer")]
+    other_answerer: str
     difference: float
     ci95: Interval | None
 
@@ -134,7 +132,7 @@ class Summary(BaseModel):
         is_whole: whether that is the benchmark's: the fifteen corruptions at five severities.
         references: what a corruption error is divided by: `alexnet` (only where labels and parameters are ImageNet's)
             and `unpatched`, in words.
-        variants, means, cells, differences: rows, by recogniser, each with `unpatched` first.
+        variants, means, cells, differences: rows, by answerer, each with `unpatched` first.
         failed: path and reason of images that could not be used.
         notes: as in `Benchmark`.
     """
@@ -160,7 +158,7 @@ class Summary(BaseModel):
 
     def as_json(self) -> dict[str, Any]:
         """The content of the file."""
-        return self.model_dump(mode="json", by_alias=True)
+        return self.model_dump(mode="json")
 
     @property
     def severities(self) -> tuple[int, ...]:
@@ -173,29 +171,27 @@ class Summary(BaseModel):
         return len(set(self.corruptions.values())) <= 1
 
     def means_of(self, row: VariantMean) -> dict[str, CorruptionMean]:
-        """By corruption, of one variant and recogniser."""
+        """By corruption, of one variant and answerer."""
         return {one.corruption: one for one in self.means if is_of(one, row)}
 
     def cells_of(self, row: VariantMean) -> dict[tuple[str, int], Cell]:
-        """By corruption and severity, of one variant and recogniser."""
+        """By corruption and severity, of one variant and answerer."""
         return {(one.corruption, one.severity): one for one in self.cells if is_of(one, row)}
 
     def differences_of(self, row: VariantMean) -> dict[str, Difference]:
-        """By what it is against, of one variant and recogniser."""
+        """By what it is against, of one variant and answerer."""
         return {one.against: one for one in self.differences if is_of(one, row)}
 
     def unpatched_of(self, row: VariantMean) -> VariantMean | None:
-        """The same recogniser without patches; None for `unpatched` itself and where that was not run."""
+        """The same answerer without patches; None for `unpatched` itself and where that was not run."""
         if row.variant == UNPATCHED:
             return None
-        return next(
-            (one for one in self.variants if (one.variant, one.recogniser) == (UNPATCHED, row.recogniser)), None
-        )
+        return next((one for one in self.variants if (one.variant, one.answerer) == (UNPATCHED, row.answerer)), None)
 
 
 def is_of(one: Cell | CorruptionMean | Difference, row: VariantMean) -> bool:
-    """Whether both are of one variant and recogniser."""
-    return (one.variant, one.recogniser) == (row.variant, row.recogniser)
+    """Whether both are of one variant and answerer."""
+    return (one.variant, one.answerer) == (row.variant, row.answerer)
 
 
 def read_summary(file: Path) -> Summary:

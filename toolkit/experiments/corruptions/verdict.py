@@ -13,6 +13,7 @@ from toolkit.core.tables import (
     format_points_interval,
 )
 from toolkit.corruptions.catalogue import COMMON
+from toolkit.evaluation.verdict import Verdict, find_tone
 from toolkit.experiments.corruptions.recognisers import READER
 
 if TYPE_CHECKING:
@@ -55,49 +56,49 @@ def describe_mean(corruptions: Mapping[str, Sequence[int]], is_whole: bool) -> s
 
 def label_row(summary: "Summary", row: "VariantMean") -> str:
     """The variant, and who recognises where that is not the benchmark's own network."""
-    is_own = row.recogniser == _own_network(summary)
-    return row.variant if is_own else f"{row.variant}, {row.recogniser}"
+    is_own = row.answerer == _own_network(summary)
+    return row.variant if is_own else f"{row.variant}, {row.answerer}"
 
 
-def judge_benchmark(summary: "Summary") -> list[tuple[str, str]]:
-    """(tone, sentence) of every variant and recogniser: `good`, `bad`, or `open` where nothing is shown.
+def judge_benchmark(summary: "Summary") -> list[Verdict]:
+    """A sentence on every variant and answerer: `good`, `bad`, or `open` where nothing is shown.
 
     `unpatched` is in those that it is compared to, or alone.
     """
-    compared = {row.recogniser for row in summary.variants if summary.unpatched_of(row) is not None}
+    compared = {row.answerer for row in summary.variants if summary.unpatched_of(row) is not None}
     return [
-        _judge_row(summary, row)
-        for row in summary.variants
-        if row.variant != UNPATCHED or row.recogniser not in compared
+        _judge_row(summary, row) for row in summary.variants if row.variant != UNPATCHED or row.answerer not in compared
     ]
 
 
-def _judge_row(summary: "Summary", row: "VariantMean") -> tuple[str, str]:
+def _judge_row(summary: "Summary", row: "VariantMean") -> Verdict:
     what, share, ci95 = "corrupted", row.top1, row.top1_ci95
     wrong, not_decoded = row.wrong, row.not_decoded
     if share is None:
         what, share, ci95, wrong, not_decoded = "clean", row.clean_top1, None, row.clean_wrong, row.clean_not_decoded
     if share is None:
-        return "open", f"{row.recogniser} saw neither clean images with {row.variant} nor any of the 15 corruptions."
+        return Verdict(
+            "open", "", f"{row.answerer} saw neither clean images with {row.variant} nor any of the 15 corruptions."
+        )
     how_many = _format_share(share, ci95)
     if row.kind == READER:
         rest = f"another on {format_percent(wrong)} %, none on {format_percent(not_decoded)} %"
-        sentence = f"{row.recogniser} reads the right code on {how_many} of {what} images with {row.variant}, {rest}."
-        return "open", sentence
+        sentence = f"{row.answerer} reads the right code on {how_many} of {what} images with {row.variant}, {rest}."
+        return Verdict("open", "", sentence)
     if row.variant == UNPATCHED:
-        return "open", f"{row.recogniser} recognises {how_many} of {what} images, without patches."
-    sentence = f"{row.recogniser} recognises {how_many} of {what} images with {row.variant}"
+        return Verdict("open", "", f"{row.answerer} recognises {how_many} of {what} images, without patches.")
+    sentence = f"{row.answerer} recognises {how_many} of {what} images with {row.variant}"
     before, difference = summary.unpatched_of(row), summary.differences_of(row).get("unpatched")
     if before is None:
-        return "open", f"{sentence}."
+        return Verdict("open", "", f"{sentence}.")
     if difference is None:
-        return "open", f"{sentence}, {_format_share(before.clean_top1 or 0.0, None)} without."
+        return Verdict("open", "", f"{sentence}, {_format_share(before.clean_top1 or 0.0, None)} without.")
     sentence += f", {_format_share(before.top1 or 0.0, before.top1_ci95)} without"
     if difference.ci95 is None:
-        return "open", f"{sentence}: {format_points(difference.difference)} points."
-    tone = "good" if difference.ci95[0] > 0 else "bad" if difference.ci95[1] < 0 else "open"
+        return Verdict("open", "", f"{sentence}: {format_points(difference.difference)} points.")
+    tone = find_tone(difference.ci95)
     points = f"{format_points(difference.difference)} points ({format_points_interval(difference.ci95)})"
-    return tone, f"{sentence}: {points}{'' if tone != 'open' else ', no difference shown'}."
+    return Verdict(tone, "", f"{sentence}: {points}{'' if tone != 'open' else ', no difference shown'}.")
 
 
 def _format_share(share: float, ci95: Interval | None) -> str:
@@ -106,11 +107,11 @@ def _format_share(share: float, ci95: Interval | None) -> str:
 
 def _own_network(summary: "Summary") -> str:
     name = (summary.about.get("model") or {}).get("name")
-    return name or next((row.recogniser for row in summary.variants if row.kind != READER), "")
+    return name or next((row.answerer for row in summary.variants if row.kind != READER), "")
 
 
 def build_summary_table(summary: "Summary") -> "Table":
-    """A line for each variant and recogniser: clean, and the mean that its title names."""
+    """A line for each variant and answerer: clean, and the mean that its title names."""
     has_mce = any(row.mce_alexnet is not None for row in summary.variants)
     mce = ["mCE %"] if has_mce else []
     heads = ("clean %", "corrupted %", "95 %", "top-5 %", "not decoded %", *mce, "to unpatched", "95 %")

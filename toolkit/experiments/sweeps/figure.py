@@ -4,16 +4,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolkit.captures.read import POOLED
-from toolkit.core.figures import encode_figure, make_figure
 from toolkit.core.files import write_bytes
+from toolkit.evaluation.figures import colour_of, encode_figure, make_figure, style_panel
+from toolkit.evaluation.metrics import PATCHED
 from toolkit.experiments.sweeps.axes import Axis
 from toolkit.experiments.sweeps.result import Sweep
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-COLOURS = {"unpatched": "#6b6f76", "patched": "#0072b2"}
-MORE_COLOURS = ("#d55e00", "#009e73", "#cc79a7", "#e69f00")
 MARKERS = (("o", 8.0), ("s", 5.0), ("D", 4.5), ("^", 5.5), ("v", 5.5), ("P", 5.5))
 """Shape and size: the first is the largest, so that it shows where another lies on it."""
 MAX_COLUMNS = 3
@@ -47,11 +46,10 @@ def draw_sweep(path: Path, sweep: Sweep) -> Path:
 def _draw_panel(panel: "Axes", sweep: Sweep, name: str) -> None:
     has_scale = sweep.axis.is_ordered
     places = {label: float(value) if has_scale else float(i) for i, (label, value) in enumerate(sweep.values.items())}
-    more = iter(MORE_COLOURS * len(sweep.variants))
     shots = max((group.n for group in sweep.groups if group.object == name), default=0)
     for i, variant in enumerate(sweep.variants):
         groups = [own for own in sweep.groups if (own.object, own.variant) == (name, variant) and own.n]
-        colour = COLOURS.get(variant) or next(more)
+        colour = colour_of((PATCHED, *sweep.variants), variant)  # in every sweep the patch has the same
         shift = 0.0 if has_scale else min(DODGE, SPREAD / len(sweep.variants)) * (i - (len(sweep.variants) - 1) / 2)
         x = [places[group.source] + shift for group in groups]
         y = [100 * (group.top1 or 0.0) for group in groups]
@@ -72,9 +70,7 @@ def _draw_panel(panel: "Axes", sweep: Sweep, name: str) -> None:
     panel.minorticks_off()
     panel.tick_params(labelsize=9)
     panel.set_xlim(*_span(list(places.values()), sweep.axis))
-    panel.set_ylim(0, 100)
-    panel.grid(axis="y", alpha=0.3)
-    panel.spines[["top", "right"]].set_visible(False)
+    style_panel(panel, 0, 100)
     title = f"all {len(sweep.objects)} objects" if name == POOLED else name
     panel.set_title(f"{title} (n = {shots} a point)" if shots else f"{title}: cannot be shot", fontsize=11)
 

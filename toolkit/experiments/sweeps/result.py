@@ -1,7 +1,5 @@
 """What a sweep found: `sweep-MODEL.json`, `sweep-MODEL.csv`, and the table on the console."""
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -11,7 +9,7 @@ from toolkit import __version__
 from toolkit.captures.read import POOLED
 from toolkit.captures.shoot import ShootSettings
 from toolkit.core.files import write_json, write_text
-from toolkit.core.tables import NONE, build_table, format_interval, format_p, format_percent
+from toolkit.core.tables import NONE, build_table, encode_csv, format_interval, format_p, format_percent
 from toolkit.evaluation.metrics import Comparison, Group
 from toolkit.evaluation.results import Findings
 from toolkit.experiments.sweeps.axes import Axis, Unit, Value, find_axis
@@ -117,21 +115,19 @@ def collect_rows(
 
 def write_sweep(folder: Path, name: str, sweep: Sweep) -> tuple[Path, Path]:
     """Write JSON and CSV."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
     heads = ("top1", "top5", "ci95_low", "ci95_high", "mean_true_prob", "patch_mm", "patch_share")
     tests = ("n_pairs", "gained", "lost", "mcnemar_p")
-    table.writerow((sweep.axis.name, "object", "variant", "n", "failed", *heads, *tests))
     who = ("label", "object", "variant")
     paired = {tuple(pair[key] for key in who): pair for pair in sweep.pair_rows}
+    cells = []
     for row in sweep.rows:
         pair = paired.get(tuple(row[key] for key in who), {})
         row["ci95_low"], row["ci95_high"] = row["ci95"]
-        cells = [row[key] for key in ("value", "object", "variant", "n", "failed", *heads)]
-        cells += [pair.get(key) for key in tests]
-        table.writerow("" if cell is None else cell for cell in cells)
+        own = [row[key] for key in ("value", "object", "variant", "n", "failed", *heads)]
+        cells.append([*own, *(pair.get(key) for key in tests)])
+    text = encode_csv((sweep.axis.name, "object", "variant", "n", "failed", *heads, *tests), cells)
     json_file = write_json(folder / f"sweep-{name}.json", sweep.as_json())
-    return json_file, write_text(folder / f"sweep-{name}.csv", text.getvalue())
+    return json_file, write_text(folder / f"sweep-{name}.csv", text)
 
 
 def _size_patches(units: Sequence[Unit]) -> dict[tuple[str, str], tuple[float | None, float | None]]:

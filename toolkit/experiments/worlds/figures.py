@@ -5,8 +5,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from toolkit.captures.read import POOLED, UNPATCHED
-from toolkit.core.figures import encode_figure, make_figure
+from toolkit.captures.read import POOLED
+from toolkit.evaluation.figures import (
+    FIFTH,
+    LEFT_OUT_COLOUR,
+    RIGHT,
+    WRONG,
+    colour_of,
+    encode_figure,
+    make_figure,
+    style_panel,
+)
 from toolkit.experiments.worlds.answers import WeatherKey
 from toolkit.experiments.worlds.cameras import PlaceCameras
 from toolkit.experiments.worlds.half_lost import find_ladder, list_extinctions
@@ -20,22 +29,9 @@ from toolkit.worlds.fog import CONTRAST_LOG
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-UNPATCHED_COLOUR = "#6b6f76"
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-"""A palette that people who see fewer colours can tell apart (Okabe and Ito 2008)."""
-RIGHT, FIFTH, WRONG = "#009e73", "#e69f00", "#d55e00"
-LEFT_OUT_COLOUR = "#d9dce1"
 PANEL_IN, HEAD_IN, TILE_IN, LETTER_IN = 3.6, 0.9, 1.35, 0.085
 MOST_COLUMNS = 8
 Summary = dict[str, Any]
-
-
-def colour_of(variants: Sequence[str], variant: str) -> str:
-    """Grey for `unpatched`, the others in turn."""
-    if variant == UNPATCHED:
-        return UNPATCHED_COLOUR
-    others = [name for name in variants if name != UNPATCHED]
-    return COLOURS[others.index(variant) % len(COLOURS)]
 
 
 def draw_weathers(results: WorldResults, summary: Summary) -> bytes | None:
@@ -61,6 +57,7 @@ def draw_weathers(results: WorldResults, summary: Summary) -> bytes | None:
                 panel.plot([at, at], [0, level], ls=":", lw=1.2, color=colour)
                 panel.plot(at, level, marker="o", mfc="white", mec=colour, ms=7, zorder=6)
         style_panel(panel)
+        panel.set_axisbelow(True)
         labels = ["clear", *(f"{find_visibility_m(step):.3g}" for step in ladder[1:])]
         panel.set_xticks(x, labels, fontsize=8, rotation=0 if len(x) < 4 else 45)
         panel.set_xlabel(f"{kind}: visibility, m (evenly by extinction)")
@@ -83,15 +80,6 @@ def draw_line(
         panel.fill_between(places, low, high, color=colour, alpha=0.15, lw=0)
 
 
-def style_panel(panel: "Axes") -> None:
-    """Per cent upwards, with a faint grid."""
-    panel.set_ylim(0, 104)
-    panel.set_yticks(range(0, 101, 20))
-    panel.grid(axis="y", alpha=0.3)
-    panel.set_axisbelow(True)
-    panel.spines[["top", "right"]].set_visible(False)
-
-
 def choose_weathers(weathers: Sequence[WeatherKey]) -> list[WeatherKey]:
     """Clear air and the middle severity of each kind: what curves over cameras show."""
     ladders = find_ladder(tuple(weathers))
@@ -112,6 +100,7 @@ def draw_curves(results: WorldResults, summary: Summary) -> bytes:
                 label = f"{variant}, {name_picture(weather)}"
                 draw_line(panel, range(len(own)), own, colour_of(results.variants, variant), label, style)
         style_panel(panel)
+        panel.set_axisbelow(True)
         panel.set_xticks(range(len(bins)), [_name_bin(axis, *one) for one in bins], fontsize=7.5, rotation=40)
         panel.set_xlabel(title, fontsize=9)
     handles, labels = panels[0].get_legend_handles_labels()

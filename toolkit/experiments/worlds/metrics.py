@@ -1,7 +1,6 @@
 """From answers to numbers: shares with intervals over places, curves, paired tests, how much fog is seen through."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -9,14 +8,8 @@ import numpy as np
 
 from toolkit import __version__
 from toolkit.captures.read import POOLED, UNPATCHED
-from toolkit.core.statistics import (
-    Interval,
-    PairedOutcomes,
-    percentile_interval,
-    resample_clusters,
-    sign_flip_p,
-    wilson_interval,
-)
+from toolkit.core.statistics import Interval, PairedOutcomes, wilson_interval
+from toolkit.evaluation.clusters import ClusterBootstrap
 from toolkit.experiments.worlds.answers import Answers, WeatherKey, name_weather
 from toolkit.experiments.worlds.cameras import FAILED, HIDDEN, LOWEST, NEAREST, count_cameras
 from toolkit.experiments.worlds.half_lost import HalfLost, find_ladder, list_extinctions, measure_half
@@ -35,40 +28,9 @@ AXES: dict[str, tuple[str, tuple[float, ...]]] = {
 """By name of a curve, its title and the edges of its bins."""
 
 
-@dataclass(frozen=True)
-class Sampler:
-    """Shares of cameras, and of bootstrap samples of places."""
-
-    place_of: np.ndarray
-    weights: np.ndarray
-
-    @classmethod
-    def of(cls, results: WorldResults) -> "Sampler":
-        """For the places of a run, the same samples for every run of as many; none for one place."""
-        count = len(results.places)
-        return cls(results.place_of, resample_clusters(count) if count > 1 else np.zeros((0, 1)))
-
-    def shares(self, values: np.ndarray, among: np.ndarray | None = None) -> np.ndarray:
-        """(1 + b,) mean of values (n,) of the cameras in `among` (n,) bool: seen, then of each bootstrap sample."""
-        own = np.ones(len(values), bool) if among is None else among
-        count = self.weights.shape[1]
-        total = np.bincount(self.place_of[own], values[own].astype(float), count)
-        n = np.bincount(self.place_of[own], minlength=count).astype(float)
-        weights = np.concatenate([np.ones((1, count)), self.weights])
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return (weights @ total) / (weights @ n)
-
-    def estimate(self, values: np.ndarray, among: np.ndarray | None = None) -> tuple[float | None, Interval | None]:
-        """Mean and its 95 % interval over places; None without cameras, and no interval for one place."""
-        found = self.shares(values, among)
-        if np.isnan(found[0]):
-            return None, None
-        return float(found[0]), percentile_interval(found[1:]) if len(self.weights) else None
-
-
 def summarise(results: WorldResults) -> dict[str, Any]:
     """What `summary.json` holds; see docs/reference/files.md."""
-    sampler = Sampler.of(results)
+    sampler = ClusterBootstrap.of(results.place_of, len(results.places))
     everywhere = np.ones(len(results.cameras), bool)
     in_view = results.column("visible_share") >= IN_VIEW
     return {
@@ -151,7 +113,7 @@ def list_notes(results: WorldResults) -> list[str]:
     return notes
 
 
-def _each_group(results: WorldResults, sampler: Sampler, among: np.ndarray) -> Iterator[dict[str, Any]]:
+def _each_group(results: WorldResults, sampler: ClusterBootstrap, among: np.ndarray) -> Iterator[dict[str, Any]]:
     names = [place.placed.spot.name for place in results.places]
     for variant in results.variants:
         for weather in results.weathers:
@@ -166,7 +128,7 @@ def _each_group(results: WorldResults, sampler: Sampler, among: np.ndarray) -> I
                 }  # fmt: skip
 
 
-def _count(found: Answers, own: np.ndarray, sampler: Sampler | None) -> dict[str, Any]:
+def _count(found: Answers, own: np.ndarray, sampler: ClusterBootstrap | None) -> dict[str, Any]:
     """Counts and shares; intervals over places where there is a sampler, else as if cameras were independent."""
     n = int(own.sum())
     shares: dict[str, Any] = {"n": n, "failed": 0}
@@ -180,7 +142,7 @@ def _count(found: Answers, own: np.ndarray, sampler: Sampler | None) -> dict[str
     return shares | {"mean_true_prob": float(found.true_prob[own].mean()) if n else None}
 
 
-def _each_pair(results: WorldResults, sampler: Sampler) -> Iterator[dict[str, Any]]:
+def _each_pair(results: WorldResults, sampler: ClusterBootstrap) -> Iterator[dict[str, Any]]:
     if UNPATCHED not in results.variants:
         return
     names = [place.placed.spot.name for place in results.places]
@@ -208,20 +170,17 @@ def _test(bare: np.ndarray, own: np.ndarray, end: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _test_places(bare: np.ndarray, own: np.ndarray, sampler: Sampler) -> dict[str, Any]:
+def _test_places(bare: np.ndarray, own: np.ndarray, sampler: ClusterBootstrap) -> dict[str, Any]:
     """Difference of top-5 with its interval over places, and an exact test that counts places alone."""
     change = own.astype(float) - bare
     difference, interval = sampler.estimate(change)
-    count = sampler.weights.shape[1]
-    n = np.bincount(sampler.place_of, minlength=count)
-    by_place = np.bincount(sampler.place_of, change, count)[n > 0] / n[n > 0]
     return {
         "difference_top5": difference, "difference_top5_ci95": None if interval is None else list(interval),
-        "places_p_top5": sign_flip_p(by_place.tolist()),
+        "places_p_top5": sampler.sign_p(change),
     }  # fmt: skip
 
 
-def measure_halves(results: WorldResults, sampler: Sampler) -> list[HalfLost]:
+def measure_halves(results: WorldResults, sampler: ClusterBootstrap) -> list[HalfLost]:
     """For each kind of weather and variant, where half of its top-5 is lost."""
     rows = []
     for kind, ladder in find_ladder(results.weathers).items():
@@ -237,7 +196,7 @@ def measure_halves(results: WorldResults, sampler: Sampler) -> list[HalfLost]:
     return rows
 
 
-def _each_curve(results: WorldResults, sampler: Sampler) -> Iterator[dict[str, Any]]:
+def _each_curve(results: WorldResults, sampler: ClusterBootstrap) -> Iterator[dict[str, Any]]:
     for axis, (_, edges) in AXES.items():
         values = place_on_axis(results, axis)
         for low, high in pairwise(edges):

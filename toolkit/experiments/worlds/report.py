@@ -1,6 +1,5 @@
 """The results folder of an evaluation in a world, and its `report.html`, which opens from disk with no network."""
 
-import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,14 +7,12 @@ from typing import Any
 
 from toolkit.captures.read import POOLED
 from toolkit.core.files import write_bytes, write_json, write_text
-from toolkit.evaluation.report import render_page
+from toolkit.evaluation.page import write_page
 from toolkit.experiments.worlds.figures import draw_cameras, draw_curves, draw_sample, draw_weathers
 from toolkit.experiments.worlds.keep import KeptFrames
 from toolkit.experiments.worlds.metrics import summarise
 from toolkit.experiments.worlds.results import WorldResults, encode_cameras, encode_predictions
 from toolkit.experiments.worlds.verdict import format_times, format_visibility, judge_world, pooled
-
-TEMPLATE = "world.html.j2"
 
 
 @dataclass(frozen=True)
@@ -68,9 +65,9 @@ def write_report(path: Path, summary: Mapping[str, Any], figures: Mapping[str, b
             for row in summary["half_lost"]
         ],
         "reasons": sorted({key for row in summary["cameras"] for key in row if key.startswith("left out")}),
-        "figures": {name: f"data:image/png;base64,{base64.b64encode(png).decode()}" for name, png in figures.items()},
+        "figures": figures,
     }
-    return write_text(path, render_page("toolkit.experiments.worlds", TEMPLATE, context))
+    return write_page(path, "toolkit.experiments.worlds", "world.html.j2", context)
 
 
 def _key(row: Mapping[str, Any]) -> tuple[str, str, int]:

@@ -1,7 +1,5 @@
 """The answers of a run beside what they were given to, and its `predictions.csv` and `cameras.csv`."""
 
-import csv
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,8 +7,10 @@ from functools import cached_property
 import numpy as np
 
 from toolkit.captures.read import UNPATCHED
+from toolkit.core.tables import encode_csv
 from toolkit.evaluation.metrics import rank_variant
 from toolkit.evaluation.predict import OK
+from toolkit.evaluation.predictions_csv import COLUMNS as PREDICTED
 from toolkit.experiments.worlds.answers import Answers, WeatherKey
 from toolkit.experiments.worlds.cameras import GridCamera, PlaceCameras
 from toolkit.experiments.worlds.config import WorldEvalConfig
@@ -21,15 +21,10 @@ from toolkit.objects.load import TableObject
 from toolkit.worlds.weather import make_weather
 
 SOURCE = "sim"
-COLUMNS = (
-    "source", "object", "variant", "pose_id", "path", "true_index", "true_label", "top1_index", "top1_label",
-    "top1_prob", "true_prob", "true_rank", "correct_top1", "correct_top5", "status", "world", "place", "weather",
-    "severity", "visibility_m", "azimuth_deg", "elevation_deg", "distance_m", "visible_share", "picture_share",
-)  # fmt: skip
-CAMERA_COLUMNS = (
-    "place", "pose_id", "x_m", "y_m", "z_m", "left_out", "azimuth_deg", "elevation_deg", "distance_m",
-    "visible_share", "picture_share",
-)  # fmt: skip
+SEEN = ("azimuth_deg", "elevation_deg", "distance_m", "visible_share", "picture_share")
+"""What is known of every camera."""
+COLUMNS = (*PREDICTED[:-1], "world", "place", "weather", "severity", "visibility_m", *SEEN)
+CAMERA_COLUMNS = ("place", "pose_id", "x_m", "y_m", "z_m", "left_out", *SEEN)
 
 
 @dataclass(frozen=True)
@@ -99,7 +94,7 @@ def find_visibility_m(weather: WeatherKey) -> float | None:
 
 def encode_predictions(results: WorldResults) -> str:
     """The text of `predictions.csv`: one row per picture."""
-    return _encode(COLUMNS, _list_predictions(results))
+    return encode_csv(COLUMNS, _list_predictions(results))
 
 
 def _list_predictions(results: WorldResults) -> Iterator[list[object]]:
@@ -114,8 +109,7 @@ def _list_predictions(results: WorldResults) -> Iterator[list[object]]:
                 yield [
                     SOURCE, name, variant, camera.number, path, results.true_index, labels[results.true_index], first,
                     labels[first], f"{found.top1_prob[k]:.6f}", f"{found.true_prob[k]:.6g}", rank, int(rank == 1),
-                    int(rank <= 5), OK, results.world_name, place, *weather, "" if visibility is None else visibility,
-                    *_describe_camera(camera),
+                    int(rank <= 5), OK, results.world_name, place, *weather, visibility, *_describe_camera(camera),
                 ]  # fmt: skip
 
 
@@ -129,18 +123,8 @@ def encode_cameras(results: WorldResults) -> str:
             left_out = reason or ("" if camera else "not in the sample")
             own = _describe_camera(camera) if camera else [""] * 5
             rows.append([place.placed.spot.name, k + 1, *np.round(point, 4).tolist(), left_out, *own])
-    return _encode(CAMERA_COLUMNS, iter(rows))
+    return encode_csv(CAMERA_COLUMNS, rows)
 
 
 def _describe_camera(camera: GridCamera) -> list[object]:
-    return [
-        camera.azimuth_deg, camera.elevation_deg, camera.distance_m, camera.visible_share, camera.picture_share,
-    ]  # fmt: skip
-
-
-def _encode(columns: tuple[str, ...], rows: Iterator[list[object]]) -> str:
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(columns)
-    table.writerows(rows)
-    return text.getvalue()
+    return [getattr(camera, name) for name in SEEN]

@@ -3,8 +3,10 @@
 from typing import TYPE_CHECKING, Any
 
 from toolkit.captures.read import POOLED, UNPATCHED
-from toolkit.core.tables import build_table, format_interval, format_p, format_percent, format_points, format_test
+from toolkit.core.statistics import SIGNIFICANT
+from toolkit.core.tables import NONE, build_table, format_interval, format_p, format_percent, format_points, format_test
 from toolkit.evaluation.metrics import name_booster
+from toolkit.evaluation.verdict import Verdict, find_tone
 from toolkit.experiments.worlds.config import ABSENT
 from toolkit.worlds.conditions import CLEAR
 
@@ -22,25 +24,22 @@ def pooled(summary: Summary) -> dict[tuple[str, str, int], Row]:
     }
 
 
-def judge_world(summary: Summary) -> list[tuple[str, str]]:
-    """(tone, sentence) of every variant in clear air, then of what each sees through each kind of weather.
+def judge_world(summary: Summary) -> list[Verdict]:
+    """A sentence on every variant in clear air, then on what each sees through each kind of weather.
 
     `good` and `bad` where both the interval over places and the paired test say so, else `open`.
     """
     groups = pooled(summary)
     variants = list(dict.fromkeys(row["variant"] for row in summary["groups"]))
     pairs = {row["variant"]: row for row in summary["pairs"] if (row["weather"], row["place"]) == (CLEAR[0], POOLED)}
-    lines = []
+    found = []
     for variant in variants:
         row = groups[variant, CLEAR[0], CLEAR[1]]
         who = f"{summary['model']['name']} has the {summary['about']['class']} among its first five guesses"
         sentence = f"In clear air {who} on {_share(row)} of {row['n']} pictures {_name(variant)}."
-        if variant == ABSENT:
-            lines.append(("open", sentence))
-            continue
-        tone, why = _judge_pair(pairs.get(variant))
-        lines.append((tone, f"{sentence}{why}"))
-    return lines + [_judge_half(row) for row in summary["half_lost"] if row["variant"] != ABSENT]
+        tone, why = ("open", "") if variant == ABSENT else _judge_pair(pairs.get(variant))
+        found.append(Verdict(tone, "", f"{sentence}{why}"))
+    return found + [_judge_half(row) for row in summary["half_lost"] if row["variant"] != ABSENT]
 
 
 def _name(variant: str) -> str:
@@ -60,9 +59,7 @@ def _judge_pair(pair: Row | None) -> tuple[str, str]:
     interval, p = pair["difference_top5_ci95"], pair["mcnemar_p_top5"]
     points = format_points(pair["difference_top5"])
     limits = f" ({format_points(interval[0])} to {format_points(interval[1])})" if interval else ""
-    tone = "open"
-    if interval and p < 0.05:
-        tone = "good" if interval[0] > 0 else "bad" if interval[1] < 0 else "open"
+    tone = find_tone(interval) if p < SIGNIFICANT else "open"
     tests = f"{pair['gained_top5']} gained, {pair['lost_top5']} lost, {format_test(pair['mcnemar_p_top5'])}"
     return (
         tone,
@@ -70,28 +67,20 @@ def _judge_pair(pair: Row | None) -> tuple[str, str]:
     )
 
 
-def _judge_half(row: Row) -> tuple[str, str]:
+def _judge_half(row: Row) -> Verdict:
     what = f"In {row['weather']}, {_name(row['variant'])}: "
     if not row["clear_top5"]:
-        return "open", f"{what}nothing was recognised in clear air, so that nothing can be lost."
+        return Verdict("open", "", f"{what}nothing was recognised in clear air, so that nothing can be lost.")
     half = f"half of the recognitions are lost at a visibility of {format_visibility(row)}"
     if row["visibility_m"] is None:
         half = (
             f"half of the recognitions are not lost down to a visibility of {row['densest_m']:.3g} m, the least shown"
         )
     if row["times"] is None:
-        return "open", f"{what}{half}."
-    times = f"{_format_times(row['times'], row['times_ci95'], row['times_is_bound'])} as much of it as bare"
-    same = _format_times(row["same_times"], row["same_times_ci95"], row["same_is_bound"])
-    interval = row["same_times_ci95"]
-    tone = "open"
-    if interval is not None:
-        low, high = interval
-        tone = "good" if low is not None and low > 1 else "bad" if high is not None and high < 1 else "open"
-    return (
-        tone,
-        f"{what}{half}, through {times}. The share that bare has left at its half is reached through {same} as much.",
-    )
+        return Verdict("open", "", f"{what}{half}.")
+    same = f"The share that bare has left at its half is reached through {format_times(row, 'same_times')} as much."
+    sentence = f"{what}{half}, through {format_times(row, 'times')} as much of it as bare. {same}"
+    return Verdict(find_tone(row["same_times_ci95"], none=1), "", sentence)
 
 
 def format_visibility(row: Row) -> str:
@@ -105,21 +94,17 @@ def format_visibility(row: Row) -> str:
     return f"{row['visibility_m']:.3g} m (95 % {low}–{high})"
 
 
-def _format_times(value: float | None, interval: list[float | None] | None, is_bound: bool) -> str:
+def format_times(row: Row, key: str) -> str:
+    """A ratio of `half_lost`, `times` or `same_times`: `2.1 times (1.5–3.0)`."""
+    value, interval = row[key], row[f"{key}_ci95"]
     if value is None:
-        return "–"
-    if is_bound:
+        return NONE
+    if row["times_is_bound" if key == "times" else "same_is_bound"]:
         return f"at least {value:.1f} times"
     if interval is None:
         return f"{value:.1f} times"
     low, high = ("?" if one is None else f"{one:.1f}" for one in interval)
     return f"{value:.1f} times ({low}{'–' + high if high != '?' else ' or more'})"
-
-
-def format_times(row: Row, key: str) -> str:
-    """A ratio of `half_lost` in a cell."""
-    bound = row["times_is_bound" if key == "times" else "same_is_bound"]
-    return _format_times(row[key], row[f"{key}_ci95"], bound)
 
 
 def build_world_table(summary: Summary) -> "Table":

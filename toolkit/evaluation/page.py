@@ -1,0 +1,46 @@
+"""The shell of every report: one HTML file that opens from disk with no network."""
+
+import base64
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from toolkit import __version__
+from toolkit.core import tables
+from toolkit.core.files import write_text
+from toolkit.core.statistics import wilson_interval
+
+
+def write_page(
+    path: Path, package: str, template: str, context: Mapping[str, Any], **filters: Callable[[str], str]
+) -> Path:
+    """Write a page; everything in it that comes from files or names is escaped.
+
+    Args:
+        path: of the file.
+        package: in which the template lies; what it extends or includes may lie in `toolkit.evaluation`.
+        template: its name; it extends `page.html.j2`.
+        context: what it is filled with.
+        filters: its own, beside those of numbers and `embed`.
+
+    Raises:
+        ToolkitError: the file cannot be written.
+    """
+    from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+
+    loader = ChoiceLoader([PackageLoader(name, package_path="") for name in (package, "toolkit.evaluation")])
+    environment = Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    environment.filters |= {
+        "percent": tables.format_percent, "interval": tables.format_interval, "points": tables.format_points,
+        "points_interval": tables.format_points_interval, "p_value": tables.format_p, "rank": tables.format_rank,
+        "kappa": tables.format_kappa, "embed": embed_picture, **filters,
+    }  # fmt: skip
+    environment.globals |= {"wilson": wilson_interval, "version": __version__}
+    return write_text(path, environment.get_template(template).render(context))
+
+
+def embed_picture(content: bytes, kind: str = "png") -> str:
+    """A picture as a `data:` URI; `kind` is `png` or `jpeg`."""
+    return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"

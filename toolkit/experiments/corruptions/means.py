@@ -1,0 +1,241 @@
+"""From ranks to numbers: shares, means, corruption errors and differences, with what they can show."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from toolkit.captures.read import UNPATCHED
+from toolkit.core.errors import ToolkitError
+from toolkit.core.severities import SEVERITIES
+from toolkit.core.statistics import mcnemar_p, wilson_interval
+from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, IMAGENET
+from toolkit.evaluation.clusters import estimate_difference, estimate_share
+from toolkit.experiments.corruptions.config import CLEAN, NOT_CORRUPTED, Condition
+from toolkit.experiments.corruptions.grid import Benchmark
+from toolkit.experiments.corruptions.recognisers import NOT_DECODED, READER, RIGHT, WRONG
+from toolkit.experiments.corruptions.summary import Against, Cell, CorruptionMean, Difference, Summary, VariantMean
+from toolkit.experiments.corruptions.verdict import describe_mean
+
+ALEXNET_ERRORS = {
+    "gaussian_noise": 0.886428,
+    "shot_noise": 0.894468,
+    "impulse_noise": 0.922640,
+    "defocus_blur": 0.819880,
+    "glass_blur": 0.826268,
+    "motion_blur": 0.785948,
+    "zoom_blur": 0.798360,
+    "snow": 0.866816,
+    "frost": 0.826572,
+    "fog": 0.819324,
+    "brightness": 0.564592,
+    "contrast": 0.853204,
+    "elastic_transform": 0.646056,
+    "pixelate": 0.717840,
+    "jpeg_compression": 0.606500,
+}
+"""Top-1 error, mean of the five severities on the 50 000 images of ImageNet-C.
+
+Hendrycks and Dietterich, ICLR 2019, Table 1 (there in whole per cent), to the digits of their code in
+hendrycks/robustness.
+"""
+
+ALEXNET_SOURCE = (
+    "errors of AlexNet on ImageNet-C as published (Hendrycks and Dietterich 2019, Table 1; hendrycks/robustness). They "
+    "are of ImageNet's 50 000 validation images: on other images, or with patches on them, the quotient does not "
+    "compare with a published mCE"
+)
+UNPATCHED_SOURCE = "errors of the same network on this run's own images without a patch, under the same corruptions"
+TOP = 5
+
+
+@dataclass(frozen=True)
+class Series:
+    """What one network or reader said of one variant: condition -> (n,) ranks."""
+
+    variant: str
+    answerer: str
+    kind: str
+    ranks: dict[Condition, np.ndarray]
+
+    @property
+    def who(self) -> dict[str, str]:
+        """The fields that all of its rows begin with."""
+        return {"variant": self.variant, "answerer": self.answerer, "kind": self.kind}
+
+    def average(self, is_so: Callable[[np.ndarray], np.ndarray], keys: Sequence[Condition]) -> np.ndarray:
+        """(n,) share of cells in which this is so of an image: over severities, then over corruptions."""
+        shares: dict[str, list[np.ndarray]] = {}
+        for corruption, severity in keys:
+            shares.setdefault(corruption, []).append(is_so(self.ranks[corruption, severity]))
+        return np.mean([np.mean(own, axis=0) for own in shares.values()], axis=0)
+
+    def right(self, keys: Sequence[Condition]) -> np.ndarray:
+        """(n,) `average` of being right at the first guess."""
+        return self.average(lambda ranks: ranks == RIGHT, keys)
+
+    def error(self, keys: Sequence[Condition]) -> float:
+        """Share that is not right."""
+        return 1 - float(self.right(keys).mean())
+
+    def others(self, keys: Sequence[Condition]) -> dict[str, float | None]:
+        """`top5` of a network, `wrong` and `not_decoded` of a reader: shares; None of the other, and without cells."""
+        is_so = {"top5": lambda ranks: ranks <= TOP}
+        if self.kind == READER:
+            is_so = {"wrong": lambda ranks: ranks == WRONG, "not_decoded": lambda ranks: ranks == NOT_DECODED}
+        found = {name: float(self.average(one, keys).mean()) for name, one in is_so.items() if keys}
+        return dict.fromkeys(("top5", "wrong", "not_decoded")) | found
+
+    def mean(self, keys: Sequence[Condition], classes: np.ndarray) -> dict[str, Any]:
+        """`others`, and `top1` with its interval over classes: images of a class share its patch, cells the images."""
+        top1, ci95 = estimate_share(self.right(keys), classes) if keys else (None, None)
+        return {"top1": top1, "top1_ci95": ci95, **self.others(keys)}
+
+
+def summarise(benchmark: Benchmark) -> Summary:
+    """Every table of the benchmark.
+
+    Raises:
+        ToolkitError: two networks have one name.
+        ValueError: a cell has not one rank per image, or the variants have not all the same cells.
+    """
+    every = _collect(benchmark)
+    levels: dict[str, tuple[int, ...]] = {
+        name: tuple(sorted(severity for corruption, severity in every[0].ranks if corruption == name))
+        for name in CORRUPTIONS
+    }
+    levels = {name: own for name, own in levels.items() if own}
+    common = [(name, severity) for name in levels if name in COMMON for severity in levels[name]]
+    is_whole = all(levels.get(name) == SEVERITIES for name in COMMON)
+    unpatched = {one.answerer: one for one in every if one.variant == UNPATCHED}
+    references = {"unpatched": UNPATCHED_SOURCE} if unpatched else {}
+    if benchmark.about.get("is_imagenet") and benchmark.about.get("parameters") == IMAGENET:
+        references["alexnet"] = ALEXNET_SOURCE
+    alexnet = ALEXNET_ERRORS if "alexnet" in references else {}
+    means = {
+        (one.variant, one.answerer): [
+            _mean_corruption(one, unpatched.get(one.answerer), name, own, benchmark.classes, alexnet)
+            for name, own in levels.items()
+        ]
+        for one in every
+    }
+    rows = [_mean_variant(one, means[one.variant, one.answerer], common, is_whole, benchmark) for one in every]
+    return Summary(
+        about=benchmark.about,
+        n=len(benchmark.ids),
+        n_classes=len(np.unique(benchmark.classes)),
+        corruptions=levels,
+        mean_of=describe_mean(levels, is_whole),
+        is_whole=is_whole,
+        references=references,
+        variants=tuple(rows),
+        differences=tuple(_compare(every, rows, common, benchmark.classes)),
+        means=tuple(mean for own in means.values() for mean in own),
+        cells=tuple(cell for one in every for cell in _count_cells(one, unpatched.get(one.answerer), tuple(levels))),
+        failed=tuple({"path": path, "reason": reason} for path, reason in benchmark.failed),
+        notes=benchmark.notes,
+    )
+
+
+def _collect(benchmark: Benchmark) -> list[Series]:
+    """By who answers as they come, each with `unpatched` first."""
+    n = len(benchmark.ids)
+    by_row: dict[tuple[str, str], Series] = {}
+    for one in benchmark.cells:
+        series = by_row.setdefault((one.variant, one.recogniser), Series(one.variant, one.recogniser, one.kind, {}))
+        if np.shape(one.ranks) != (n,) or n == 0:
+            raise ValueError(f"ranks of {one.variant}, {one.corruption}: {np.shape(one.ranks)} for {n} images")
+        if (one.corruption, one.severity) in series.ranks:
+            raise ToolkitError(
+                f"two networks called '{one.recogniser}' saw {one.variant}: give one another name, or evaluate "
+                "them in runs of their own"
+            )
+        series.ranks[one.corruption, one.severity] = np.asarray(one.ranks)
+    if len({frozenset(one.ranks) for one in by_row.values()}) != 1:
+        raise ValueError("every variant and answerer needs ranks under the same corruptions and severities")
+    answerers = list(dict.fromkeys(answerer for _, answerer in by_row))
+    return sorted(by_row.values(), key=lambda one: (answerers.index(one.answerer), one.variant != UNPATCHED))
+
+
+def _mean_corruption(
+    one: Series, unpatched: Series | None, name: str, severities: tuple[int, ...], classes: np.ndarray,
+    alexnet: Mapping[str, float],
+) -> CorruptionMean:  # fmt: skip
+    """Mean over the severities of one corruption; `alexnet` has the errors that it may be divided by."""
+    keys, is_network = [(name, severity) for severity in severities], one.kind != READER
+    ce_alexnet = ce_unpatched = None
+    if is_network and name in alexnet and severities == SEVERITIES:
+        ce_alexnet = one.error(keys) / alexnet[name]
+    if is_network and unpatched is not None and unpatched.error(keys) > 0:
+        ce_unpatched = one.error(keys) / unpatched.error(keys)
+    return CorruptionMean(
+        **one.who, corruption=name, family=CORRUPTIONS[name].family, **one.mean(keys, classes),
+        ce_alexnet=ce_alexnet, ce_unpatched=ce_unpatched,
+    )  # fmt: skip
+
+
+def _mean_variant(
+    one: Series, means: Sequence[CorruptionMean], common: Sequence[Condition], is_whole: bool, benchmark: Benchmark
+) -> VariantMean:
+    clean = [NOT_CORRUPTED] if NOT_CORRUPTED in one.ranks else []
+    sizes = {entry["name"]: entry.get("patch_px") for entry in benchmark.about.get("variants", [])}
+    own = [mean for mean in means if is_whole and mean.corruption in COMMON]
+    return VariantMean(
+        **one.who, patch_px=sizes.get(one.variant), clean_top1=float(one.right(clean).mean()) if clean else None,
+        **{f"clean_{name}": share for name, share in one.others(clean).items()},
+        **one.mean(common, benchmark.classes),
+        mce_alexnet=_mean_of_all([mean.ce_alexnet for mean in own]),
+        mce_unpatched=_mean_of_all([mean.ce_unpatched for mean in own]),
+    )  # fmt: skip
+
+
+def _mean_of_all(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return sum(known) / len(known) if known and len(known) == len(values) else None
+
+
+def _count_cells(one: Series, unpatched: Series | None, corruptions: Sequence[str]) -> Iterator[Cell]:
+    order = {name: i for i, name in enumerate((CLEAN, *corruptions))}
+    for key in sorted(one.ranks, key=lambda key: (order[key[0]], key[1])):
+        ranks = one.ranks[key]
+        is_right = ranks == RIGHT
+        n, right = len(ranks), int(is_right.sum())
+        is_reader = one.kind == READER
+        change: dict[str, Any] = dict.fromkeys(("gained", "lost", "mcnemar_p"))
+        if unpatched is not None and one.variant != UNPATCHED:
+            before = unpatched.ranks[key] == RIGHT
+            gained, lost = int((is_right & ~before).sum()), int((before & ~is_right).sum())
+            change = {"gained": gained, "lost": lost, "mcnemar_p": mcnemar_p(gained, lost)}
+        yield Cell(
+            **one.who, corruption=key[0], severity=key[1], n=n, right=right, top1=right / n,
+            top1_ci95=wilson_interval(right, n), top5=one.others([key])["top5"],
+            wrong=int((ranks == WRONG).sum()) if is_reader else None,
+            not_decoded=int((ranks == NOT_DECODED).sum()) if is_reader else None,
+            **change,
+        )  # fmt: skip
+
+
+def _compare(
+    every: Sequence[Series], rows: Sequence[VariantMean], common: Sequence[Condition], classes: np.ndarray
+) -> Iterator[Difference]:
+    if not common:
+        return
+    scores = {(one.variant, one.answerer): one.right(common) for one in every}
+    bare = {one.answerer: one for one in every if one.variant == UNPATCHED}
+    for one, row in zip(every, rows, strict=True):
+        others: list[tuple[Against, str, str, np.ndarray]] = []
+        before = bare.get(one.answerer)
+        if one.variant != UNPATCHED and before is not None:
+            others.append(("unpatched", UNPATCHED, one.answerer, scores[UNPATCHED, one.answerer]))
+            if NOT_CORRUPTED in before.ranks:
+                others.append(("clean unpatched", UNPATCHED, one.answerer, before.right([NOT_CORRUPTED])))
+        equals = [
+            other for other in rows if other.patch_px == row.patch_px is not None and other.variant != row.variant
+        ]
+        if equals:
+            best = max(equals, key=lambda other: other.top1 or 0.0)
+            others.append(("best of its size", best.variant, best.answerer, scores[best.variant, best.answerer]))
+        for against, variant, answerer, other in others:
+            difference, ci95 = estimate_difference(scores[one.variant, one.answerer], other, classes)
+            yield Difference(one.variant, one.answerer, against, variant, answerer, difference, ci95)
