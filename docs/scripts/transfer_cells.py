@@ -19,8 +19,7 @@ from toolkit.core.severities import SEVERITIES
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.workspace import open_workspace
 from toolkit.corruptions.catalogue import COMMON
-from toolkit.experiments.transfer.matrix import BOOSTED
-from toolkit.experiments.transfer.matrix import Row as TransferRow
+from toolkit.experiments.transfer.matrix import BOOSTED, JudgedRow
 
 AIRS, ALL = {"sim": "clear", "sim-fog-3": "fog 3"}, "15 corruptions"
 COUNTS = ("n", "bare", "boosted", "gained", "lost")
@@ -61,7 +60,7 @@ def read_workspace(folder: Path) -> Iterator[Row]:
 def read_matrix(file: Path) -> Iterator[Row]:
     """Rows of a leave-one-out experiment."""
     matrix = json.loads(file.read_text(encoding="utf-8"))
-    for row in map(TransferRow.model_validate, matrix["rows"]):
+    for row in map(JudgedRow.model_validate, matrix["rows"]):
         freely = row.kind == "texture" and matrix["settings"].get("max_change") is None
         if row.source in AIRS:
             yield {

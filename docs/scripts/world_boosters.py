@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from toolkit.evaluation.figures import COLOURS, UNPATCHED_COLOUR, encode_figure, make_figure, style_panel
-from toolkit.experiments.worlds.figures import draw_line
+from toolkit.experiments.worlds.world_figures import draw_line
 from toolkit.worlds.fog import CONTRAST_LOG
 
 MOST_DRAWN = 5

@@ -40,7 +40,7 @@ def test_images_are_paired_by_path_and_tested_exactly(two_runs):
     assert (found.pooled.both, found.pooled.only_first, found.pooled.only_second, found.pooled.neither) == (1, 1, 6, 0)
     tail = sum(comb(7, k) for k in (0, 1)) / 2**7
     assert found.pooled.mcnemar_p == pytest.approx(2 * tail)
-    rows = {(row.object, row.variant): row.outcomes.n for row in found.rows}
+    rows = {(row.object, row.second): row.outcomes.n for row in found.rows}
     assert rows == {("racer", "unpatched"): 4, ("all", "unpatched"): 4, ("racer", "patched"): 4, ("all", "patched"): 4,
                     ("racer", "all"): 8, ("all", "all"): 8}  # fmt: skip
     assert found.verdict == "after: 6 pairs became right and 1 wrong: not enough to tell"

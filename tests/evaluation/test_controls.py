@@ -74,7 +74,7 @@ def test_counts_against_the_binomial_test():
     wrong = rows["all", "unpatched", "wrong-patch"]
     assert (wrong.outcomes.n_first, wrong.outcomes.n_second, wrong.outcomes.only_first) == (2, 1, 1)
     # wrong in poses 2 to 18, of which 3, 6, …, 18 are called bobsled
-    assert (wrong.mistake, wrong.n_mistakes) == ("packet", 11)
+    assert wrong.commonest_mistake == ("packet", 11)
     interval = binomtest(17, 18).proportion_ci(0.95, method="wilson")
     assert row.as_json()["first_ci95"] == pytest.approx([interval.low, interval.high])
 

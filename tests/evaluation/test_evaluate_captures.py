@@ -63,7 +63,7 @@ def test_results_are_right(shot, colour_classifier):
 
 def test_csv_has_the_agreed_columns(shot, colour_classifier):
     rows = read_rows(evaluate_captures(shot.captures_dir, shot, colour_classifier))
-    assert tuple(rows[0]) == COLUMNS
+    assert tuple(rows[0]) == tuple(COLUMNS)
     assert len(rows) == 32
     row = next(row for row in rows if row["path"] == "sim/racer/unpatched/pose_02.png")
     assert {key: row[key] for key in ("true_index", "true_label", "top1_index", "top1_label")} == {

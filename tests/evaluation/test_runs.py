@@ -13,8 +13,9 @@ from toolkit.evaluation.config import EvalConfig
 from toolkit.evaluation.detect import COLUMNS
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.run_rows import parse_where, pick_rows
-from toolkit.evaluation.runs import CLEAR, MEAN, find_runs, open_run
-from toolkit.experiments.corruptions.means import summarise
+from toolkit.evaluation.runs import find_runs, open_run
+from toolkit.evaluation.summaries import CLEAR, MEAN
+from toolkit.experiments.corruptions.benchmark_means import summarise
 
 
 @pytest.fixture

@@ -14,9 +14,9 @@ from toolkit.captures.read import Capture
 from toolkit.core.statistics import cohen_kappa, paired_difference_interval, rank_correlation
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.predict import Prediction
-from toolkit.evaluation.report import MAX_CARDS, SIDE, place_prob, view_sim_real
 from toolkit.evaluation.results import compare_predictions
 from toolkit.evaluation.sim_real import compare_sim_real, place_of
+from toolkit.evaluation.sim_real_view import MAX_CARDS, SIDE, place_prob, view_sim_real
 from toolkit.evaluation.tables import print_sim_real
 
 
@@ -126,7 +126,7 @@ def test_pooled_rows_stand_last_and_add_up():
         for shot in (*series("real", real, variant, name), *series("sim", sim, variant, name))
     ]
     (found,) = compare_sim_real(seen)
-    assert [(row.object, row.variant, row.outcomes.n, row.outcomes.only_first) for row in found.rows] == [
+    assert [(row.object, row.second, row.outcomes.n, row.outcomes.only_first) for row in found.rows] == [
         ("a", "unpatched", 3, 1), ("a", "patched", 3, 1), ("b", "unpatched", 2, 1), ("b", "patched", 2, 1),
         ("all", "unpatched", 5, 2), ("all", "patched", 5, 2),
     ]  # fmt: skip

@@ -3,7 +3,7 @@
 import numpy as np
 
 from toolkit.captures.shoot import ShootSettings
-from toolkit.experiments.sweeps.axes import Setup
+from toolkit.experiments.sweeps.axes import ShootSetup
 from toolkit.objects.records import write_patch
 from toolkit.rig.plan import read_plan
 
@@ -19,6 +19,6 @@ def paint_patch(space, colour=RED, patch_set=""):
     write_patch(space.patches_dir / patch_set, np.full((12, 12, 3), colour, np.uint8), record)
 
 
-def make_base(space) -> Setup:
+def make_base(space) -> ShootSetup:
     """The workspace's plan on a white table."""
-    return Setup(read_plan(space.plan_file), ShootSettings(backdrop="white"))
+    return ShootSetup(read_plan(space.plan_file), ShootSettings(backdrop="white"))

@@ -5,9 +5,9 @@ import pytest
 from test_fly import record
 
 from toolkit.landing.config import FlyConfig
-from toolkit.landing.figures import draw_map, pick_cells
+from toolkit.landing.flight_figures import draw_map, pick_cells
+from toolkit.landing.flight_results import CellResult
 from toolkit.landing.fly import Cell, EpisodeRecord
-from toolkit.landing.results import CellResult
 
 GREEN, ORANGE = (0, 122, 90), (194, 65, 12)
 HEIGHTS_M = (4.0, 2.0, 0.9, 0.7, -0.01)

@@ -12,9 +12,9 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.landing.config import FlyConfig
 from toolkit.landing.episodes import EpisodeConfig
+from toolkit.landing.flight_report import film_episode, write_report
+from toolkit.landing.flight_results import group_cells, pair_cells, write_summary
 from toolkit.landing.fly import Cell, EpisodeRecord, Flown, fly_all
-from toolkit.landing.report import film_episode, write_report
-from toolkit.landing.results import group_cells, pair_cells, write_summary
 
 QUICK = FlyConfig(
     regressors=("apriltag",), pads=("apriltag",), episodes=2, places=2, ground="bare", time="overcast",
@@ -147,8 +147,9 @@ def test_pairs_are_counted_episode_by_episode(tmp_path: Path) -> None:
     results = group_cells(Flown(tmp_path, tuple(records), cells, 0, (), {}))
     assert [one.count("success") for one in results] == [2, 6]
     (pair,) = pair_cells(results)
-    assert (pair.cell.pad, pair.against.pad, pair.gained, pair.lost) == ("boosted", "plain", 5, 1)
-    assert pair.p == pytest.approx(binomtest(5, 6, 0.5).pvalue)
+    assert (pair.cell.pad, pair.against.pad) == ("boosted", "plain")
+    assert (pair.outcomes.only_second, pair.outcomes.only_first) == (5, 1)
+    assert pair.outcomes.mcnemar_p == pytest.approx(binomtest(5, 6, 0.5).pvalue)
     assert results[0].success_ci95[0] < 0.25 < results[0].success_ci95[1]
 
 

@@ -66,8 +66,8 @@ def corrupt_eval(
 def show_benchmark(done: "BenchmarkRun") -> None:
     """Print what could not be used, the table, the result in words, and where the report is."""
     from toolkit.core.console import console, list_skipped
-    from toolkit.experiments.corruptions.summary import read_summary
-    from toolkit.experiments.corruptions.verdict import build_summary_table, judge_benchmark
+    from toolkit.experiments.corruptions.benchmark_summary import read_summary
+    from toolkit.experiments.corruptions.benchmark_verdict import build_summary_table, judge_benchmark
 
     list_skipped(done.benchmark.failed)
     for name, labels in done.without_images.items():

@@ -15,8 +15,8 @@ from toolkit.landing.config import BoostConfig, CollectConfig, DemoConfig, FlyCo
 
 if TYPE_CHECKING:
     from toolkit.landing.collect import Collected
+    from toolkit.landing.flight_results import CellResult, PairResult
     from toolkit.landing.regressor import ErrorRow
-    from toolkit.landing.results import CellResult, PairResult
 
 Restart = Annotated[bool, typer.Option("--restart", help="Begin anew, forget an unfinished run.")]
 
@@ -101,7 +101,7 @@ def train(
     trained = train_regressor(space, datasets, config, seed=seed, device=device, restart=restart)
     rows = {trained.regressor.name: trained.regressor.record.held_out}
     if baselines:
-        from toolkit.landing.compare import measure_baselines
+        from toolkit.landing.baselines import measure_baselines
 
         for folder in folders:
             of_set = "" if len(folders) == 1 else f" on {folder.name}"
@@ -158,9 +158,9 @@ def fly(
     """Land a drone by a regressor, on every pad in every weather; write rates, tests, report to eval/landing/NAME."""
     from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
+    from toolkit.landing.flight_report import film_episode, write_report
+    from toolkit.landing.flight_results import describe_success, write_summary
     from toolkit.landing.fly import fly_all
-    from toolkit.landing.report import film_episode, write_report
-    from toolkit.landing.results import describe_success, write_summary
     from toolkit.models.network import choose_device
     from toolkit.worlds.weather import describe_weathers
 
@@ -211,7 +211,8 @@ def show_flights(results: "Sequence[CellResult]", pairs: "Sequence[PairResult]")
     heads = ("n", "success", "95 %", *(name.replace("_", " ") for name in ends), "error m")
     console.print(build_table("Landings", ("pad", "regressor", "air, gains"), heads, rows))
     if pairs:
-        cells = [(one.cell.key, one.against.key, str(one.gained), str(one.lost), format_p(one.p)) for one in pairs]
+        found = [(one.cell.key, one.against.key, one.outcomes) for one in pairs]
+        cells = [(*keys, str(one.only_second), str(one.only_first), format_p(one.mcnemar_p)) for *keys, one in found]
         console.print(build_table("Episode by episode", ("cell", "against"), ("gained", "lost", "exact p"), cells))
 
 

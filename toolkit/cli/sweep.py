@@ -53,7 +53,7 @@ def show_sweep(result: "SweepResult") -> None:
     """Print the table, what could not be shot or read, and where the files are."""
     from toolkit.core.console import console
     from toolkit.evaluation.tables import list_lines
-    from toolkit.experiments.sweeps.result import build_sweep_table
+    from toolkit.experiments.sweeps.sweep_rows import build_sweep_table
 
     console.print(build_sweep_table(result.sweep))
     console.print()

@@ -1,6 +1,6 @@
 """Two runs on the same images: what each got right, the exact test, and what flipped."""
 
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,36 +20,20 @@ from toolkit.core.tables import (
     format_test,
 )
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.contact_sheet import Card, describe_place, make_thumbnails
-from toolkit.evaluation.metrics import Pair, count_outcomes, rank_variant
+from toolkit.evaluation.contact_sheet import Card, make_thumbnails
+from toolkit.evaluation.metrics import Comparison, Pair, gather, rank_variant
 from toolkit.evaluation.page import write_page
+from toolkit.evaluation.pose_chart import describe_place
 from toolkit.evaluation.predict import Prediction
-from toolkit.evaluation.runs import SUMMARY, Run
+from toolkit.evaluation.runs import Run
 from toolkit.evaluation.stored import find_captures_dir, has_own_file, hash_images, read_predictions
+from toolkit.evaluation.summaries import SUMMARY
 from toolkit.evaluation.verdict import describe_unsure
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 MAX_FLIPS = 60
-
-
-@dataclass(frozen=True)
-class ComparedRow:
-    """One object and variant, either of them `all`, of the images that both runs judged."""
-
-    object: str
-    variant: str
-    outcomes: PairedOutcomes
-
-    def as_json(self) -> dict[str, Any]:
-        """The fields, as `toolkit compare --json` has them."""
-        found = self.outcomes
-        return {
-            "object": self.object, "variant": self.variant, "n": found.n, "both": found.both,
-            "only_first": found.only_first, "only_second": found.only_second, "neither": found.neither,
-            "gain": found.gain, "gain_ci95": list(found.gain_ci95), "mcnemar_p": found.mcnemar_p,
-        }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -66,7 +50,7 @@ class RunComparison:
     first: Run
     second: Run
     pairs: tuple[Pair, ...]
-    rows: tuple[ComparedRow, ...]
+    rows: tuple[Comparison, ...]
     unshared: tuple[int, int]
 
     @property
@@ -105,9 +89,18 @@ class RunComparison:
         return {
             "schema_version": 1, "first": self.first.name, "second": self.second.name, "verdict": self.verdict,
             "only_in_first": self.unshared[0], "only_in_second": self.unshared[1],
-            "rows": [row.as_json() for row in self.rows],
+            "rows": [_describe_row(row) for row in self.rows],
             "flips": [_describe_flip(pair) for pair in self.flips], "toolkit_version": __version__,
         }  # fmt: skip
+
+
+def _describe_row(row: Comparison) -> dict[str, Any]:
+    found = row.outcomes
+    return {
+        "object": row.object, "variant": row.second, "n": found.n, "both": found.both,
+        "only_first": found.only_first, "only_second": found.only_second, "neither": found.neither,
+        "gain": found.gain, "gain_ci95": list(found.gain_ci95), "mcnemar_p": found.mcnemar_p,
+    }  # fmt: skip
 
 
 def _describe_flip(pair: Pair) -> dict[str, Any]:
@@ -187,18 +180,14 @@ def _key_by_bytes(predictions: list[Prediction], folder: Path) -> dict[tuple[str
     return keyed
 
 
-def _count_rows(pairs: Iterable[Pair]) -> list[ComparedRow]:
-    members: dict[tuple[str, str], list[Pair]] = defaultdict(list)
-    for pair in pairs:
-        capture = pair.first.capture
-        for variant in (capture.variant, POOLED):
-            for name in (capture.object, POOLED):
-                members[name, variant].append(pair)
+def _count_rows(pairs: Iterable[Pair]) -> list[Comparison]:
+    def keys_of(pair: Pair) -> list[tuple[str, str]]:
+        one = pair.first.capture
+        return [(variant, name) for variant in (one.variant, POOLED) for name in (one.object, POOLED)]
 
-    def order(key: tuple[str, str]) -> tuple[bool, tuple[int, str], bool, str]:
-        return key[1] == POOLED, rank_variant(key[1]), key[0] == POOLED, key[0]
-
-    return [ComparedRow(*key, count_outcomes(members[key])) for key in sorted(members, key=order)]
+    members = gather(pairs, keys_of)
+    order = sorted(members, key=lambda key: (key[0] == POOLED, rank_variant(key[0]), key[1] == POOLED, key[1]))
+    return [Comparison(POOLED, name, variant, variant, tuple(members[variant, name])) for variant, name in order]
 
 
 HEADS = ("images", "A %", "B %", "B − A (95 %)", "both", "A only", "B only", "p")
@@ -212,7 +201,7 @@ def build_comparison_table(found: RunComparison) -> "Table":
         shares = [format_percent(count / one.n) for count in (one.n_first, one.n_second)]
         gain = f"{format_points(one.gain)} ({format_points_interval(one.gain_ci95)})"
         counts = [str(count) for count in (one.both, one.only_first, one.only_second)]
-        rows.append([row.variant, row.object, str(one.n), *shares, gain, *counts, format_p(one.mcnemar_p)])
+        rows.append([row.second, row.object, str(one.n), *shares, gain, *counts, format_p(one.mcnemar_p)])
     title = f"A: {found.first.name}, B: {found.second.name}"
     return build_table(title, ("variant", "object"), HEADS, rows, bold=POOLED)
 

@@ -14,9 +14,9 @@ from toolkit.evaluation.predict import predict_captures
 from toolkit.evaluation.predictions_csv import encode_predictions
 from toolkit.evaluation.report import write_report
 from toolkit.evaluation.results import Findings, compare_predictions, summarise
-from toolkit.evaluation.runs import Kind
 from toolkit.evaluation.saliency import draw_saliency
 from toolkit.evaluation.seen import find_training
+from toolkit.evaluation.summaries import Kind
 from toolkit.models.detector import Detector
 from toolkit.models.network import Classifier
 

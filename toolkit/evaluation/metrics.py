@@ -1,12 +1,13 @@
 """What the predictions count up to: groups, two variants on the same poses, and the pairs that changed."""
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import Any, TypeVar
 
 from toolkit.captures.read import POOLED, UNPATCHED
-from toolkit.core.statistics import Interval, PairedOutcomes, wilson_interval
+from toolkit.core.statistics import Interval, PairedOutcomes, RankCorrelation, rank_correlation, wilson_interval
 from toolkit.evaluation.predict import Prediction
 from toolkit.rig.variants import CONTROLS, CONTROLS_OF, VARIANTS
 
@@ -22,6 +23,8 @@ COMPARED = (
     (UNPATCHED, WRONG),
 )
 """The variants that are compared besides each with `unpatched`, in this order."""
+Item = TypeVar("Item")
+Key = TypeVar("Key", bound=Hashable)
 Poses = dict[tuple[str, str], dict[str, dict[int, Prediction]]]
 """(source, object) -> variant -> pose -> image."""
 
@@ -107,39 +110,63 @@ class Pair:
         return (self.second.true_prob or 0.0) - (self.first.true_prob or 0.0)
 
 
-def count_outcomes(pairs: Iterable[Pair]) -> PairedOutcomes:
-    """Of how many pairs both images, one alone or neither is right."""
-    return PairedOutcomes.count((pair.first.correct_top1, pair.second.correct_top1) for pair in pairs)
+def describe_change(found: PairedOutcomes) -> dict[str, Any]:
+    """`gained`, `lost` and `mcnemar_p` of pairs, as the summary of every experiment has them; the second is judged."""
+    return {"gained": found.only_second, "lost": found.only_first, "mcnemar_p": found.mcnemar_p}
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two variants on the same poses; `object` is `all` for the pooled row of a source.
+    """Pairs that have something in common: two variants on the same poses, two sources, or two runs.
 
     Attributes:
-        first, second: the variants: `unpatched` and another, a booster and its control, or `patched` and `textured`.
-        outcomes: of the poses seen in both and read in both.
-        prob_first, prob_second: mean probability of the true class.
-        mistake, n_mistakes: the commonest wrong first guess with `second`, and how often; None and 0 where it is always
-            right.
+        source, object: of the pairs; `all` for those of all together.
+        first, second: the variants of each pair; `unpatched` and another, a booster and its control, or twice the same.
+        pairs: images of one pose, read in both; at least one.
     """
 
     source: str
     object: str
     first: str
     second: str
-    outcomes: PairedOutcomes
-    prob_first: float
-    prob_second: float
-    mistake: str | None
-    n_mistakes: int
+    pairs: tuple[Pair, ...]
+
+    @cached_property
+    def outcomes(self) -> PairedOutcomes:
+        """Of how many pairs both images, one alone or neither is right."""
+        return PairedOutcomes.count((pair.first.correct_top1, pair.second.correct_top1) for pair in self.pairs)
+
+    @cached_property
+    def probs(self) -> tuple[list[float], list[float]]:
+        """Probability of the true class in each first and second image."""
+        both = [(pair.first.true_prob or 0.0, pair.second.true_prob or 0.0) for pair in self.pairs]
+        return [first for first, _ in both], [second for _, second in both]
+
+    @property
+    def prob_first(self) -> float:
+        """Mean probability of the true class in the first."""
+        return sum(self.probs[0]) / len(self.pairs)
+
+    @property
+    def prob_second(self) -> float:
+        """Mean probability of the true class in the second."""
+        return sum(self.probs[1]) / len(self.pairs)
+
+    @cached_property
+    def rank(self) -> RankCorrelation:
+        """Of the true class's probability, over the pairs."""
+        return rank_correlation(*self.probs)
+
+    @cached_property
+    def commonest_mistake(self) -> tuple[str | None, int]:
+        """The commonest wrong first guess with `second`, and how often; None and 0 where it is always right."""
+        wrong = Counter(pair.second.top1_label for pair in self.pairs if not pair.second.correct_top1)
+        return min(wrong.items(), key=lambda item: (-item[1], item[0] or ""), default=(None, 0))
 
     def as_pair(self) -> dict[str, Any]:
         """One of the `pairs` of `summary.json`: a variant against `unpatched`."""
-        found = self.outcomes
-        counts = {"n_pairs": found.n, "gained": found.only_second, "lost": found.only_first}
-        head = {"source": self.source, "object": self.object, "variant": self.second}
-        return head | counts | {"mcnemar_p": found.mcnemar_p}
+        head = {"source": self.source, "object": self.object, "variant": self.second, "n_pairs": self.outcomes.n}
+        return head | describe_change(self.outcomes)
 
     def as_json(self) -> dict[str, Any]:
         """One of the `comparisons` of `summary.json`."""
@@ -149,23 +176,34 @@ class Comparison:
             "n_pairs": found.n, "n_first": found.n_first, "n_second": found.n_second,
             "only_first": found.only_first, "only_second": found.only_second, "mcnemar_p": found.mcnemar_p,
             "prob_first": self.prob_first, "prob_second": self.prob_second,
-            "says": self.mistake, "n_says": self.n_mistakes,
+            "says": self.commonest_mistake[0], "n_says": self.commonest_mistake[1],
             "first_ci95": list(wilson_interval(found.n_first, found.n)),
             "second_ci95": list(wilson_interval(found.n_second, found.n)),
         }  # fmt: skip
 
 
+def gather(items: Iterable[Item], keys_of: Callable[[Item], Iterable[Key]]) -> dict[Key, list[Item]]:
+    """Items by key; one that has several keys, as its object and `all`, counts under each."""
+    found: dict[Key, list[Item]] = defaultdict(list)
+    for one in items:
+        for key in keys_of(one):
+            found[key].append(one)
+    return found
+
+
+def rank_row(source: str, name: str, variant: str) -> tuple[str, bool, str, tuple[int, str]]:
+    """Sort key of a table's rows: by source, object (`all` last) and variant (see `rank_variant`)."""
+    return source, name == POOLED, name, rank_variant(variant)
+
+
 def group_predictions(predictions: Sequence[Prediction]) -> list[Group]:
-    """Rows by source, object (`all` last) and variant (see `rank_variant`)."""
-    members: dict[tuple[str, str, str], list[Prediction]] = defaultdict(list)
-    for one in predictions:
-        for name in (one.capture.object, POOLED):
-            members[(one.capture.source, name, one.capture.variant)].append(one)
+    """Rows by source, object and variant, in the order of `rank_row`."""
 
-    def order(key: tuple[str, str, str]) -> tuple[str, bool, str, tuple[int, str]]:
-        return key[0], key[1] == POOLED, key[1], rank_variant(key[2])
+    def keys_of(one: Prediction) -> list[tuple[str, str, str]]:
+        return [(one.capture.source, name, one.capture.variant) for name in (one.capture.object, POOLED)]
 
-    return [_count_group(key, members[key]) for key in sorted(members, key=order)]
+    members = gather(predictions, keys_of)
+    return [_count_group(key, members[key]) for key in sorted(members, key=lambda key: rank_row(*key))]
 
 
 def _count_group(key: tuple[str, str, str], members: list[Prediction]) -> Group:
@@ -211,11 +249,12 @@ def pair_with_unpatched(poses: Poses) -> dict[str, list[Pair]]:
 
 def compare_pairs(pairs: Iterable[Pair]) -> list[Comparison]:
     """Two variants by source and object, `all` last."""
-    members: dict[tuple[str, str], list[Pair]] = defaultdict(list)
-    for pair in pairs:
-        for name in (pair.second.capture.object, POOLED):
-            members[(pair.second.capture.source, name)].append(pair)
-    return [_compare(*key, own) for key, own in members.items()]
+
+    def keys_of(pair: Pair) -> list[tuple[str, str, str, str]]:
+        one, variants = pair.second.capture, (pair.first.capture.variant, pair.second.capture.variant)
+        return [(one.source, name, *variants) for name in (one.object, POOLED)]
+
+    return [Comparison(*key, tuple(own)) for key, own in gather(pairs, keys_of).items()]
 
 
 def compare_unpatched(poses: Poses) -> list[Comparison]:
@@ -230,22 +269,6 @@ def compare_controls(poses: Poses) -> list[Comparison]:
 
 def _sort_rows(rows: list[Comparison]) -> list[Comparison]:
     return sorted(rows, key=lambda row: (row.source, row.object == POOLED, row.object))  # stable: variants as they came
-
-
-def _compare(source: str, name: str, pairs: list[Pair]) -> Comparison:
-    wrong = Counter(pair.second.top1_label for pair in pairs if not pair.second.correct_top1)
-    mistake, n_mistakes = min(wrong.items(), key=lambda item: (-item[1], item[0] or ""), default=(None, 0))
-    return Comparison(
-        source,
-        name,
-        first=pairs[0].first.capture.variant,
-        second=pairs[0].second.capture.variant,
-        outcomes=count_outcomes(pairs),
-        prob_first=sum(pair.first.true_prob or 0.0 for pair in pairs) / len(pairs),
-        prob_second=sum(pair.second.true_prob or 0.0 for pair in pairs) / len(pairs),
-        mistake=mistake,
-        n_mistakes=n_mistakes,
-    )
 
 
 def explain_unpaired(predictions: Sequence[Prediction], poses: Poses) -> list[tuple[str, str]]:

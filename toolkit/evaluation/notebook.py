@@ -8,6 +8,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.config import EvalConfig
 from toolkit.evaluation.ground_truth import read_labelled_captures
+from toolkit.evaluation.predictions_csv import COLUMNS, NEEDED
 from toolkit.models.network import Classifier
 
 if TYPE_CHECKING:
@@ -17,12 +18,8 @@ if TYPE_CHECKING:
     from toolkit.captures.dataset import CaptureDataset
     from toolkit.evaluation.evaluate import Evaluation
 
-TYPES = {
-    **dict.fromkeys(("source", "object", "variant", "path", "true_label", "top1_label", "status"), "string"),
-    **dict.fromkeys(("pose_id", "true_index", "top1_index", "true_rank"), "Int64"),
-    **dict.fromkeys(("top1_prob", "true_prob"), "Float64"),
-    **dict.fromkeys(("correct_top1", "correct_top5"), "boolean"),
-}
+PANDAS = {str: "string", int: "Int64", float: "Float64", bool: "boolean"}
+"""Types of pandas that know `NA`."""
 
 
 def load_captures(
@@ -89,11 +86,11 @@ def predictions_table(run: "Evaluation | Path | str") -> "pandas.DataFrame":
         raise ToolkitError(f"{folder} holds no predictions.csv: expected the folder of an evaluation, eval/RUN")
     # an object may be called "null" or "NA": only an empty field is unknown
     table = pandas.read_csv(file, dtype="string", keep_default_na=False, na_values=[""])
-    missing = [name for name in TYPES if name not in table.columns]
+    missing = [name for name in NEEDED if name not in table.columns]
     if missing:
         raise ToolkitError(f"{file}: no column '{missing[0]}': evaluate the captures again")
     if "failed_gates" in table.columns:
         table["failed_gates"] = table["failed_gates"].fillna("")
     for name in ("correct_top1", "correct_top5"):
         table[name] = table[name].map({"1": True, "0": False})
-    return table.astype(TYPES)
+    return table.astype({name: PANDAS[COLUMNS[name]] for name in NEEDED})

@@ -5,15 +5,18 @@ from collections.abc import Iterable, Iterator
 from toolkit.core.tables import encode_csv
 from toolkit.evaluation.predict import Prediction
 
-COLUMNS = (
-    "source", "object", "variant", "pose_id", "path", "true_index", "true_label", "top1_index", "top1_label",
-    "top1_prob", "true_prob", "true_rank", "correct_top1", "correct_top5", "status", "failed_gates",
-)  # fmt: skip
+COLUMNS: dict[str, type] = {
+    "source": str, "object": str, "variant": str, "pose_id": int, "path": str, "true_index": int, "true_label": str,
+    "top1_index": int, "top1_label": str, "top1_prob": float, "true_prob": float, "true_rank": int,
+    "correct_top1": bool, "correct_top5": bool, "status": str, "failed_gates": str,
+}  # fmt: skip
+NEEDED = [name for name in COLUMNS if name != "failed_gates"]
+"""Runs from before there were gates lack that one."""
 
 
 def encode_predictions(predictions: Iterable[Prediction]) -> str:
     """The text of the file."""
-    return encode_csv(COLUMNS, map(_row, predictions))
+    return encode_csv(list(COLUMNS), map(_row, predictions))
 
 
 def _row(one: Prediction) -> Iterator[object]:

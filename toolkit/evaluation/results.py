@@ -23,10 +23,9 @@ from toolkit.evaluation.seen import Training
 from toolkit.evaluation.sim_real import SimReal, compare_sim_real, explain_apart, write_sim_real
 from toolkit.evaluation.verdict import Headline, write_headlines
 from toolkit.evaluation.sim_real import SimReal, compare_sim_real, write_sim_real
+from toolkit.evaluation.summaries import Kind, begin_summary, list_reasons
 from toolkit.evaluation.verdict import Verdict, write_headlines
 from toolkit.models.network import Classifier
-
-SCHEMA_VERSION = 1
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,7 @@ def compare_predictions(
     )
 
 
-def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], kind: str = "eval") -> dict[str, Any]:
+def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], kind: Kind = "eval") -> dict[str, Any]:
     """What `summary.json` of an evaluation, or of a sweep's, holds.
 
     `controls` has `comparisons` (the fields of `Comparison` and both intervals: each booster against those of its
@@ -115,16 +114,7 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], 
     poses that the rig predicted wrongly) and what was not compared. It is empty without both kinds of sources.
     """
     return {
-        "schema_version": SCHEMA_VERSION,
-        "kind": kind,
-        "model": {
-            "name": classifier.name,
-            "arch": classifier.arch,
-            "description": classifier.describe(),
-            "weights": classifier.weights.name,
-            "sha256": classifier.weights.sha256,
-            "preprocessing": classifier.preprocessing.describe(),
-        },
+        **begin_summary(kind, classifier),
         "groups": [group.as_json() for group in findings.groups],
         "pairs": [pair.as_pair() for pair in findings.pairs],
         "controls": {
@@ -139,8 +129,8 @@ def summarise(classifier: Classifier, findings: Findings, notes: Sequence[str], 
             "groups_without": [group.as_json() for group in findings.passed.groups] if findings.passed else [],
             "pairs_without": [pair.as_pair() for pair in findings.passed.pairs] if findings.passed else [],
         },
-        "failed": [{"path": path, "reason": reason} for path, reason in findings.failed],
-        "unpaired": [{"path": path, "reason": reason} for path, reason in findings.unpaired],
+        "failed": list_reasons(findings.failed),
+        "unpaired": list_reasons(findings.unpaired),
         "notes": list(notes),
         "toolkit_version": __version__,
     }

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from toolkit.captures.read import POOLED
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.tables import NONE, build_table, format_interval, format_p, format_percent
-from toolkit.evaluation.runs import CLEAR, ResultRow
+from toolkit.evaluation.summaries import CLEAR, ResultRow
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -8,7 +8,7 @@ from pathlib import PurePosixPath
 from typing import Any
 
 from toolkit.captures.read import POOLED, UNPATCHED
-from toolkit.core.statistics import SIGNIFICANT, PairedOutcomes, RankCorrelation, rank_correlation, wilson_interval
+from toolkit.core.statistics import SIGNIFICANT, PairedOutcomes, wilson_interval
 from toolkit.core.tables import (
     format_count,
     format_kappa,
@@ -17,8 +17,9 @@ from toolkit.core.tables import (
     format_rank,
     format_test,
 )
-from toolkit.evaluation.metrics import OWNERS, Pair, count_outcomes, name_booster, rank_variant
+from toolkit.evaluation.metrics import OWNERS, Comparison, Pair, gather, name_booster, rank_row, rank_variant
 from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.summaries import list_reasons
 from toolkit.evaluation.verdict import Verdict
 
 Reasons = tuple[tuple[str, str], ...]
@@ -29,34 +30,6 @@ Poses = dict[Key, list[Prediction]]
 ELSEWHERE = "has its camera elsewhere"
 LIKE = "sim-like-"
 """Start of the names of sources that were shot with the cameras of photographs."""
-
-
-@dataclass(frozen=True)
-class SimRealRow:
-    """One object and variant, or all objects.
-
-    Attributes:
-        outcomes: of the pairs: first the rig, second the photograph.
-        rank: rank correlation over the pairs of the true class's probability.
-    """
-
-    object: str
-    variant: str
-    outcomes: PairedOutcomes
-    rank: RankCorrelation
-
-    def as_json(self) -> dict[str, Any]:
-        """The fields of `summary.json`."""
-        found = self.outcomes
-        return {
-            "object": self.object, "variant": self.variant, "n": found.n,
-            "sim_top1": found.n_first / found.n, "sim_top1_ci95": list(wilson_interval(found.n_first, found.n)),
-            "real_top1": found.n_second / found.n, "real_top1_ci95": list(wilson_interval(found.n_second, found.n)),
-            "both": found.both, "sim_only": found.only_first, "real_only": found.only_second, "gap": found.gain,
-            "gap_ci95": list(found.gain_ci95), "mcnemar_p": found.mcnemar_p, "rank_correlation": self.rank.rho,
-            "rank_correlation_ci95": list(self.rank.ci95) if self.rank.ci95 else None,
-            "rank_correlation_note": self.rank.why or None,
-        }  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -113,14 +86,11 @@ class SimReal:
     unmatched_real: Reasons
 
     @cached_property
-    def rows(self) -> tuple[SimRealRow, ...]:
-        """By object (`all` last) and variant."""
-        members: dict[tuple[str, str], list[Pair]] = defaultdict(list)
-        for pair in self.pairs:
-            name, variant, _ = place_of(pair)
-            for owner in (name, POOLED):
-                members[(owner, variant)].append(pair)
-        return tuple(_count_row(key, members[key]) for key in sorted(members, key=_row_order))
+    def rows(self) -> tuple[Comparison, ...]:
+        """By object (`all` last) and variant: first the rig, second the photograph."""
+        members = gather(self.pairs, lambda pair: [(name, place_of(pair)[1]) for name in (place_of(pair)[0], POOLED)])
+        order = sorted(members, key=lambda key: rank_row(self.real, *key))
+        return tuple(Comparison(self.real, *key, key[1], tuple(members[key])) for key in order)
 
     @cached_property
     def forecasts(self) -> tuple[GainForecast, ...]:
@@ -128,15 +98,14 @@ class SimReal:
         first: dict[tuple[str, str, int | None], Pair] = {}
         for pair in self.pairs:
             first.setdefault(place_of(pair), pair)
-        members: dict[tuple[str, str], list[tuple[Pair, Pair]]] = defaultdict(list)
-        for (name, variant, pose_id), after in first.items():
-            before = first.get((name, UNPATCHED, pose_id))
-            if variant == UNPATCHED or before is None:
-                continue
-            if Pair(before.first, after.first).has_one_camera and Pair(before.second, after.second).has_one_camera:
-                for owner in (name, POOLED):
-                    members[(owner, variant)].append((before, after))
-        return tuple(_forecast(key, members[key]) for key in sorted(members, key=_row_order))
+        bare = {place: first.get((place[0], UNPATCHED, place[2])) for place in first if place[1] != UNPATCHED}
+        both = [
+            (before, after)
+            for place, before in bare.items()
+            if before is not None and _is_of_one_camera(before, after := first[place])
+        ]
+        members = gather(both, lambda one: [(name, place_of(one[1])[1]) for name in (place_of(one[1])[0], POOLED)])
+        return tuple(_forecast(key, members[key]) for key in sorted(members, key=lambda key: rank_row("", *key)))
 
     @cached_property
     def wrong(self) -> tuple[Pair, ...]:
@@ -147,17 +116,29 @@ class SimReal:
         """One entry of `sim_real` in `summary.json`."""
         return {
             "sim": self.sim, "real": self.real, "n": len(self.pairs),
-            "rows": [row.as_json() for row in self.rows],
+            "rows": [_describe_gap(row) for row in self.rows],
             "gains": [forecast.as_json() for forecast in self.forecasts],
             "wrong": [_pair_json(pair) for pair in self.wrong],
-            "unmatched_sim": [{"path": path, "reason": reason} for path, reason in self.unmatched_sim],
-            "unmatched_real": [{"path": path, "reason": reason} for path, reason in self.unmatched_real],
+            "unmatched_sim": list_reasons(self.unmatched_sim),
+            "unmatched_real": list_reasons(self.unmatched_real),
         }  # fmt: skip
 
 
 def place_of(pair: Pair) -> tuple[str, str, int | None]:
     """Object, variant and pose of a pair."""
     return pair.second.capture.object, pair.second.capture.variant, pair.second.capture.pose_id
+
+
+def _describe_gap(row: Comparison) -> dict[str, Any]:
+    found, rank = row.outcomes, row.rank
+    return {
+        "object": row.object, "variant": row.second, "n": found.n,
+        "sim_top1": found.n_first / found.n, "sim_top1_ci95": list(wilson_interval(found.n_first, found.n)),
+        "real_top1": found.n_second / found.n, "real_top1_ci95": list(wilson_interval(found.n_second, found.n)),
+        "both": found.both, "sim_only": found.only_first, "real_only": found.only_second, "gap": found.gain,
+        "gap_ci95": list(found.gain_ci95), "mcnemar_p": found.mcnemar_p, "rank_correlation": rank.rho,
+        "rank_correlation_ci95": list(rank.ci95) if rank.ci95 else None, "rank_correlation_note": rank.why or None,
+    }  # fmt: skip
 
 
 def _pair_json(pair: Pair) -> dict[str, Any]:
@@ -285,14 +266,9 @@ def _explain(members: Sequence[Prediction], used: set[int], others: Sequence[Pre
     return tuple(left)
 
 
-def _row_order(key: tuple[str, str]) -> tuple[bool, str, tuple[int, str]]:
-    name, variant = key
-    return name == POOLED, name, rank_variant(variant)
-
-
-def _count_row(key: tuple[str, str], pairs: Sequence[Pair]) -> SimRealRow:
-    probs = [[one.true_prob or 0.0 for one in both] for both in zip(*((p.first, p.second) for p in pairs), strict=True)]
-    return SimRealRow(*key, count_outcomes(pairs), rank_correlation(*probs))
+def _is_of_one_camera(before: Pair, after: Pair) -> bool:
+    """Whether both variants were rendered from one camera, and photographed from one."""
+    return Pair(before.first, after.first).has_one_camera and Pair(before.second, after.second).has_one_camera
 
 
 def _forecast(key: tuple[str, str], pairs: Sequence[tuple[Pair, Pair]]) -> GainForecast:
@@ -307,13 +283,13 @@ def write_sim_real(network: str, comparisons: Sequence[SimReal]) -> list[Verdict
     return [_judge_rig(network, one, _pick_row(one)) for one in comparisons]
 
 
-def _pick_row(one: SimReal) -> SimRealRow:
-    rows = {row.variant: row for row in one.rows if row.object == POOLED}
+def _pick_row(one: SimReal) -> Comparison:
+    rows = {row.second: row for row in one.rows if row.object == POOLED}
     boosters = [name for name in rows if name != UNPATCHED and name not in OWNERS]
     return rows[(boosters or list(rows))[0]]
 
 
-def _judge_rig(network: str, one: SimReal, row: SimRealRow) -> Verdict:
+def _judge_rig(network: str, one: SimReal, row: Comparison) -> Verdict:
     found = row.outcomes
     low_rank = row.rank.ci95[0] if row.rank.ci95 else 0.0
     if found.mcnemar_p < SIGNIFICANT:
@@ -324,7 +300,7 @@ def _judge_rig(network: str, one: SimReal, row: SimRealRow) -> Verdict:
         tone, verdict = "open", "No gap is shown, nor that the rig knows which poses are hard"
     if found.mcnemar_p < SIGNIFICANT and low_rank > 0:
         tone, verdict = "open", f"{verdict}, but ranks the poses as the photographs do"
-    what = "without a booster" if row.variant == UNPATCHED else f"with {name_booster(row.variant)}"
+    what = "without a booster" if row.second == UNPATCHED else f"with {name_booster(row.second)}"
     sentence = (
         f"On {found.n} poses {what} {network} is right on {format_count(found.n_first, found.n)} in {one.sim} and on "
         f"{format_count(found.n_second, found.n)} in {one.real}: a gap of {format_points(found.gain)} points (95 % "
@@ -332,10 +308,10 @@ def _judge_rig(network: str, one: SimReal, row: SimRealRow) -> Verdict:
         f"{found.only_first + found.only_second} of {found.n}. Rank correlation over poses of the true class's "
         f"probability: {format_rank(row.rank)}."
     )
-    forecast = next((own for own in one.forecasts if (own.object, own.variant) == (POOLED, row.variant)), None)
+    forecast = next((own for own in one.forecasts if (own.object, own.variant) == (POOLED, row.second)), None)
     if forecast is not None:
         sentence += f" {_describe_forecast(forecast)}"
-    return Verdict(tone, verdict, sentence, f"{one.sim} and {one.real}", row.variant)
+    return Verdict(tone, verdict, sentence, f"{one.sim} and {one.real}", row.second)
 
 
 def _describe_forecast(forecast: GainForecast) -> str:

@@ -12,11 +12,9 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, open_plain, sha256_file
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.predict import OK, Prediction
-from toolkit.evaluation.predictions_csv import COLUMNS
+from toolkit.evaluation.predictions_csv import NEEDED
 from toolkit.evaluation.runs import DETECTIONS, PREDICTIONS, Run
 
-NEEDED = [name for name in COLUMNS if name != "failed_gates"]
-"""Columns of `predictions.csv`; runs from before there were gates lack that one."""
 FOUND = ("source", "object", "variant", "pose_id", "path", "true_label", "found", "score", "strongest_label", "status")
 """Those of `detections.csv` that are read."""
 

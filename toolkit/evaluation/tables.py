@@ -1,7 +1,7 @@
 """The result on the console: a table for each source, the rig against photographs, and each result in words."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from toolkit.captures.read import POOLED
@@ -19,7 +19,7 @@ from toolkit.core.tables import (
 from toolkit.evaluation.metrics import Comparison, Group, Pair
 from toolkit.evaluation.results import Findings
 from toolkit.evaluation.seen import Training, describe_unseen, mark_seen
-from toolkit.evaluation.sim_real import GainForecast, SimReal, SimRealRow, place_of
+from toolkit.evaluation.sim_real import GainForecast, SimReal, place_of
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -68,6 +68,17 @@ def pick_rows(rows: Sequence[Row], max_rows: int = MAX_ROWS) -> list[Row]:
     return list(rows) if len(single) <= max_rows else [row for row in rows if row.object == POOLED]
 
 
+def rows_by_source(
+    groups: Sequence[Group], pairs: Sequence[Comparison], max_rows: int = MAX_ROWS
+) -> Iterator[tuple[str, int, list[tuple[Group, Comparison | None]]]]:
+    """Each source, how many objects it has, and its rows worth showing, each with its pairs against `unpatched`."""
+    paired = {(pair.source, pair.object, pair.second): pair for pair in pairs}
+    for source in dict.fromkeys(group.source for group in groups):
+        own = [group for group in groups if group.source == source]
+        rows = [(one, paired.get((source, one.object, one.variant))) for one in pick_rows(own, max_rows)]
+        yield source, len({group.object for group in own} - {POOLED}), rows
+
+
 def build_tables(
     groups: Sequence[Group], pairs: Sequence[Comparison], gated: Mapping[tuple[str, str, str], int] | None = None,
     training: Sequence[Training] = (),
@@ -78,19 +89,14 @@ def build_tables(
     source, object and variant. Of a source with boosters that never saw the network, by `training`, a column says so.
     """
     gated = gated or {}
-    paired = {(pair.source, pair.object, pair.second): pair for pair in pairs}
     tables = []
-    for source in dict.fromkeys(group.source for group in groups):
-        own = [group for group in groups if group.source == source]
-        n_objects = len({group.object for group in own} - {POOLED})
-        rows = pick_rows(own)
-        failed = ["failed"] if any(group.failed for group in rows) else []
+    for source, n_objects, rows in rows_by_source(groups, pairs):
+        failed = ["failed"] if any(group.failed for group, _ in rows) else []
         gates = ["failed a gate"] if any(key[0] == source for key in gated) else []
         unseen = ["seen"] if any(one.source == source and not one.seen for one in training) else []
         numbers = ("n", *failed, *gates, *unseen, "top-1 %", "95 %", "top-5 %", "prob", "gained", "lost", "p")
         cells = []
-        for group in rows:
-            pair = paired.get((source, group.object, group.variant))
+        for group, pair in rows:
             head = [group.object, group.variant, str(group.n), *(str(group.failed or "") for _ in failed)]
             head += [str(gated.get((source, group.object, group.variant), "")) for _ in gates]
             head += [mark_seen(training, source, group.object, group.variant) for _ in unseen]
@@ -141,11 +147,11 @@ def print_sim_real(console: "Console", comparisons: Sequence[SimReal]) -> None:
         console.print()
 
 
-def _format_gap(row: SimRealRow) -> list[str]:
+def _format_gap(row: Comparison) -> list[str]:
     found = row.outcomes
     gap = f"{format_points(found.gain)} ({format_points_interval(found.gain_ci95)})"
     shares = [format_percent(count / found.n) for count in (found.n_first, found.n_second)]
-    return [row.object, row.variant, str(found.n), *shares, gap, format_p(found.mcnemar_p), format_rank(row.rank)]
+    return [row.object, row.second, str(found.n), *shares, gap, format_p(found.mcnemar_p), format_rank(row.rank)]
 
 
 def _format_gains(row: GainForecast) -> list[str]:

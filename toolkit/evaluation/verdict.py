@@ -211,7 +211,8 @@ def _compare_both(network: str, found: PairedOutcomes, names: tuple[str, str], s
 def _describe_wrong(row: Comparison) -> str:
     """What another class's patch does to the true class."""
     found = row.outcomes
-    mistake = f"; its commonest mistake is '{row.mistake}' ({row.n_mistakes} of {found.n})" if row.mistake else ""
+    says, count = row.commonest_mistake
+    mistake = f"; its commonest mistake is '{says}' ({count} of {found.n})" if says else ""
     return (
         f"With another class's patch the true class is recognised on {format_count(found.n_second, found.n)}, against "
         f"{format_count(found.n_first, found.n)} bare ({found.only_second} gained, {found.only_first} lost, "

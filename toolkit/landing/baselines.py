@@ -2,17 +2,25 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from toolkit.core.console import progress
-from toolkit.landing.pads import TAG, TAG_SHARE, Pad
+from toolkit.core.workspace import Workspace
+from toolkit.landing.collect import Collector
+from toolkit.landing.config import CollectConfig
+from toolkit.landing.dataset import SampleSet, open_dataset, read_split
+from toolkit.landing.pads import TAG, TAG_SHARE, Pad, draw_pad, find_pad
+from toolkit.landing.regressor import ErrorRow, summarise_errors
+from toolkit.landing.site import find_world
 from toolkit.rig.camera import Camera
+from toolkit.rig.raycast import map_frames
 
 ZOOM = 3
 """Pictures are enlarged first: the detectors look for corners of several pixels."""
-LEAST_MATCHES = 6
+LEAST_MATCHES, MOST_FRAMES = 6, 300
 Finder = Callable[[np.ndarray], np.ndarray]
 """(h, w, 3) uint8 sRGB -> (2,) the pad's x and y in the camera's frame, metres; NaN where it is not found."""
 
@@ -100,3 +108,32 @@ def _locate(corners: np.ndarray, side_m: float, camera: Camera) -> np.ndarray:
     if not found or not np.isfinite(place).all() or place[2, 0] <= 0:
         return np.full(2, np.nan)
     return place[:2, 0]
+
+
+def measure_baselines(space: Workspace, folder: Path, most: int = MOST_FRAMES) -> dict[str, list[ErrorRow]]:
+    """Errors of features + homography on the first held-out frames, and of an AprilTag in the pad's place.
+
+    The tag's frames are shot again from the same cameras in the same air.
+
+    Args:
+        space: the workspace, for the pad's picture.
+        folder: of the data set.
+        most: frames.
+    """
+    about = open_dataset(folder)
+    config = CollectConfig(**about.settings)
+    samples = read_split(folder, "held_out", most)
+    camera = config.optics.camera
+    pad = find_pad(space, config.pad, config.size_m, about.seed)
+    rows = {"features": summarise_errors(make_features(pad, camera).predict(samples.images), samples)}
+    tag = draw_pad("apriltag", config.size_m)
+    collector = Collector(config, find_world(config.world, config.world_seed), tag, about.seed)
+    numbers = [one.index for one in samples.truths]
+    collector.light_pads(numbers)
+    images = []
+    with progress("Shooting AprilTag frames", len(numbers)) as bar:
+        for sample in map_frames(collector.shoot, numbers):
+            images.append(sample.image)
+            bar.advance()
+    tagged = SampleSet(np.stack(images), samples.truths)
+    return rows | {"apriltag": summarise_errors(make_apriltag(tag, camera).predict(tagged.images), tagged)}

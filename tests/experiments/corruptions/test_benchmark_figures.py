@@ -8,18 +8,18 @@ from made_answers import make_benchmark
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from toolkit.experiments.corruptions import figures
-from toolkit.experiments.corruptions import figures as overview
-from toolkit.experiments.corruptions.figures import (
+from toolkit.experiments.corruptions import benchmark_figures as figures
+from toolkit.experiments.corruptions import benchmark_overview as overview
+from toolkit.experiments.corruptions.benchmark_figures import (
     FAMILY_COLOURS,
     NOT_DECODED_COLOUR,
     RIGHT_COLOUR,
     WRONG_COLOUR,
-    draw_overview,
     draw_variant,
     shade,
 )
-from toolkit.experiments.corruptions.means import summarise
+from toolkit.experiments.corruptions.benchmark_means import summarise
+from toolkit.experiments.corruptions.benchmark_overview import draw_overview
 
 
 def open_png(content):

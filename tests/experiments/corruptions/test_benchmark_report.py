@@ -10,10 +10,10 @@ from made_answers import make_benchmark
 from PIL import Image
 
 from toolkit.core.errors import ToolkitError
-from toolkit.experiments.corruptions.means import summarise
-from toolkit.experiments.corruptions.report import write_benchmark
-from toolkit.experiments.corruptions.summary import read_summary
-from toolkit.experiments.corruptions.verdict import build_summary_table, judge_benchmark
+from toolkit.experiments.corruptions.benchmark_means import summarise
+from toolkit.experiments.corruptions.benchmark_report import write_benchmark
+from toolkit.experiments.corruptions.benchmark_summary import read_summary
+from toolkit.experiments.corruptions.benchmark_verdict import build_summary_table, judge_benchmark
 
 VOID = {"meta", "img", "br", "rect", "circle", "link", "input"}
 
@@ -117,7 +117,7 @@ def test_cells_table_has_every_cell(made):
     assert len(rows) == len(benchmark.cells)
     by_key = {(r["variant"], r["answerer"], r["corruption"], int(r["severity"])): r for r in rows}
     for one in benchmark.cells:
-        row = by_key[one.variant, one.answerer, one.corruption, one.severity]
+        row = by_key[one.variant, one.recogniser, one.corruption, one.severity]
         assert int(row["right"]) == (one.ranks == 1).sum() and int(row["n"]) == 24
         assert float(row["ci95_low"]) <= float(row["top1"]) <= float(row["ci95_high"])
         if one.kind == "reader":

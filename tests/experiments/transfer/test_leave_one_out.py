@@ -17,7 +17,7 @@ from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.experiments.transfer import leave_one_out as experiment
 from toolkit.experiments.transfer.config import TransferConfig
 from toolkit.experiments.transfer.leave_one_out import TransferResult, leave_one_out
-from toolkit.experiments.transfer.matrix import Row, tabulate
+from toolkit.experiments.transfer.matrix import JudgedRow, tabulate
 from toolkit.objects.records import Texture, read_patch, read_texture
 
 LABELS = ["cat", "dog", "sports car", "crate"]
@@ -101,13 +101,13 @@ def test_what_is_trained_on_one_kind_is_judged_by_the_other(space, monkeypatch):
         leave_one_out(space, config.with_overrides(left_out=("red",)), [network(1), detector])
 
 
-def row(left_out: str, judge: str, name: str, **more) -> Row:
+def row(left_out: str, judge: str, name: str, **more) -> JudgedRow:
     fields = {
         "left_out": left_out, "trained_on": [], "judge": judge, "judge_sha256": "", "seen": left_out != judge,
         "source": "sim", "object": name, "kind": "patch", "n": 18, "bare": 3, "boosted": 9, "gained": 7, "lost": 1,
         "mcnemar_p": 0.07,
     }  # fmt: skip
-    return Row(**(fields | more))
+    return JudgedRow(**(fields | more))
 
 
 def test_the_table_has_objects_for_the_unseen_and_the_pool_for_the_seen():

@@ -187,13 +187,13 @@ from pathlib import Path
 import time
 from walled_field import make_config, make_onlooker, make_field
 from toolkit.core.workspace import Workspace
-from toolkit.experiments.worlds import evaluate, report
+from toolkit.experiments.worlds import evaluate, world_report
 from toolkit.worlds.sky import make_sky
 evaluate.open_world = lambda *given: make_field()
 evaluate.make_sky = lambda when, seed: make_sky(when, seed, 32)
 network = make_onlooker()
 for name in ("draw_sample", "draw_weathers", "draw_curves", "draw_cameras"):
-    setattr(report, name, lambda *given: b"drawn")
+    setattr(world_report, name, lambda *given: b"drawn")
 network.module.register_forward_hook(lambda *given: time.sleep(0.3))
 evaluate.evaluate_world(Workspace(Path({root!r})), network, make_config(batch_size=8))
 """

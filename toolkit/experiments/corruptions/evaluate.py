@@ -7,13 +7,13 @@ from pathlib import Path
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
 from toolkit.evaluation.config import check_run_name
+from toolkit.experiments.corruptions.benchmark_report import BenchmarkFiles, write_benchmark
+from toolkit.experiments.corruptions.benchmark_summary import read_summary
+from toolkit.experiments.corruptions.benchmark_verdict import judge_benchmark
 from toolkit.experiments.corruptions.config import CorruptEvalConfig
 from toolkit.experiments.corruptions.examples import draw_examples
 from toolkit.experiments.corruptions.grid import Benchmark, Grid, run_grid
-from toolkit.experiments.corruptions.report import BenchmarkFiles, write_benchmark
-from toolkit.experiments.corruptions.summary import read_summary
 from toolkit.experiments.corruptions.variants import open_variants, share_classes
-from toolkit.experiments.corruptions.verdict import judge_benchmark
 from toolkit.models.load import load_classifier
 from toolkit.models.network import Classifier
 from toolkit.training.image_set import ImageSet, choose_classes, open_images

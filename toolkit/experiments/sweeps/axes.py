@@ -20,7 +20,7 @@ PAPER_MM = round(printed_size_mm(100), 3)
 
 
 @dataclass(frozen=True)
-class Setup:
+class ShootSetup:
     """Everything that decides how the images of one value are shot.
 
     Attributes:
@@ -54,7 +54,7 @@ class Axis:
     unit: str
     defaults: tuple[Value, ...]
     parse: Callable[[str], Value]
-    change: Callable[[Setup, Value], Setup]
+    change: Callable[[ShootSetup, Value], ShootSetup]
     is_ordered: bool = False
     is_log: bool = False
 
@@ -111,10 +111,10 @@ def _number(what: str, example: str, whole: bool, low: float, high: float) -> Ca
     return parse
 
 
-def _change_setting(name: str) -> Callable[[Setup, Value], Setup]:
+def _change_setting(name: str) -> Callable[[ShootSetup, Value], ShootSetup]:
     """The change of one of the settings that images are shot with."""
 
-    def change(setup: Setup, value: Value) -> Setup:
+    def change(setup: ShootSetup, value: Value) -> ShootSetup:
         settings: dict[str, Any] = {name: value}
         return replace(setup, settings=replace(setup.settings, **settings))
 
@@ -158,7 +158,7 @@ AXES: dict[str, Axis] = {axis.name: axis for axis in _AXES}
 
 
 @dataclass(frozen=True)
-class Unit:
+class SweepPoint:
     """One object at one value.
 
     Attributes:
@@ -174,7 +174,7 @@ class Unit:
     value: Value
     label: str
     object: str
-    setup: Setup
+    setup: ShootSetup
     patch_mm: float | None
     longest_mm: float
     refused: str | None = None
@@ -185,12 +185,12 @@ def plan_units(
     workspace: Workspace,
     axis: Axis,
     values: Sequence[Value],
-    base: Setup,
+    base: ShootSetup,
     *,
     objects: Sequence[str],
     variants: Sequence[str],
     trained: bool = False,
-) -> list[Unit]:
+) -> list[SweepPoint]:
     """Every unit of a sweep, value by value.
 
     An object that cannot be shot in one of the variants at a value (a patch too large for it, a camera inside it) is
@@ -221,21 +221,21 @@ def plan_units(
 
 
 def _plan_trained(
-    workspace: Workspace, item: TableObject, setup: Setup, variants: Sequence[str], *, value: Value, label: str
-) -> Unit:
+    workspace: Workspace, item: TableObject, setup: ShootSetup, variants: Sequence[str], *, value: Value, label: str
+) -> SweepPoint:
     """With the set of patches of that label."""
     try:
         space = workspace.with_patches(label)
         unit = _plan_unit(space, item, setup, variants, value=value, label=label)
     except ToolkitError as error:
         longest_mm = float(item.mesh.size_mm.max())
-        return Unit(value, label, item.name, setup, patch_mm=None, longest_mm=longest_mm, refused=str(error))
+        return SweepPoint(value, label, item.name, setup, patch_mm=None, longest_mm=longest_mm, refused=str(error))
     return replace(unit, patch_set=space.patch_set)
 
 
 def _plan_unit(
-    workspace: Workspace, item: TableObject, setup: Setup, variants: Sequence[str], *, value: Value, label: str
-) -> Unit:
+    workspace: Workspace, item: TableObject, setup: ShootSetup, variants: Sequence[str], *, value: Value, label: str
+) -> SweepPoint:
     longest_mm = float(item.mesh.size_mm.max())
     boosters = [find_booster(workspace, item, name) for name in variants]
     own_mm = [size_mm for booster in boosters if isinstance(booster, Print) for size_mm in booster.sizes_mm]
@@ -252,4 +252,4 @@ def _plan_unit(
                 dress(sized, booster)
     except ToolkitError as error:
         refused = str(error)
-    return Unit(value, label, item.name, setup, patch_mm=patch_mm, longest_mm=longest_mm, refused=refused)
+    return SweepPoint(value, label, item.name, setup, patch_mm=patch_mm, longest_mm=longest_mm, refused=refused)

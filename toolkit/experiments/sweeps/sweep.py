@@ -16,11 +16,11 @@ from toolkit.evaluation.config import EvalConfig
 from toolkit.evaluation.evaluate import Evaluation, write_evaluation
 from toolkit.evaluation.ground_truth import class_of_spec, find_true_classes
 from toolkit.evaluation.results import compare_predictions
-from toolkit.experiments.sweeps.axes import Setup, Unit, plan_units
+from toolkit.experiments.sweeps.axes import ShootSetup, SweepPoint, plan_units
 from toolkit.experiments.sweeps.cache import predict_once
 from toolkit.experiments.sweeps.config import SweepConfig
-from toolkit.experiments.sweeps.figure import draw_sweep
-from toolkit.experiments.sweeps.result import Sweep, collect_rows, write_sweep
+from toolkit.experiments.sweeps.sweep_figure import draw_sweep
+from toolkit.experiments.sweeps.sweep_rows import Sweep, write_sweep
 from toolkit.models.network import Classifier
 from toolkit.rig.plan import open_plan
 
@@ -48,7 +48,7 @@ class SweepResult:
 
 
 def run_sweep(
-    workspace: Workspace, config: SweepConfig, classifier: Classifier, base: Setup | None = None,
+    workspace: Workspace, config: SweepConfig, classifier: Classifier, base: ShootSetup | None = None,
     engine: EngineConfig | None = None,
 ) -> SweepResult:  # fmt: skip
     """Vary one thing and keep the rest.
@@ -69,7 +69,7 @@ def run_sweep(
             can be shot, or a disk that is full or read-only.
     """
     axis, values = config.parse()
-    base = base or Setup(open_plan(workspace, list(config.objects) or None), ShootSettings(config.seed))
+    base = base or ShootSetup(open_plan(workspace, list(config.objects) or None), ShootSettings(config.seed))
     specs = {name: workspace.object_spec(name) for name in config.objects or base.plan.objects}
     _check_classes(list(specs.values()), classifier)
     variants = tuple(dict.fromkeys(config.variants))
@@ -93,7 +93,8 @@ def run_sweep(
     findings = compare_predictions(classifier.name, predictions, (*captures.refused_folders, *unshot))
     settings = EvalConfig(saliency=False)
     evaluation = write_evaluation(folder / name, classifier, findings, captures.notes, settings, kind="sweep")
-    sweep = collect_rows(config, base.settings, units, classifier, findings)
+    model = {key: evaluation.summary["model"][key] for key in ("name", "arch", "weights", "sha256")}
+    sweep = Sweep(axis, base.settings, model, tuple(units), variants, findings)
     json_file, csv_file = write_sweep(folder, name, sweep)
     figure_file = draw_sweep(folder / f"sweep-{name}.png", sweep)
     return SweepResult(sweep, json_file, csv_file, figure_file, evaluation, shot=shot, kept=kept, classified=classified)
@@ -110,7 +111,7 @@ def _check_classes(spec_files: Sequence[Path], classifier: Classifier) -> None:
 
 
 def _shoot_units(
-    workspace: Workspace, units: Sequence[Unit], variants: Sequence[str], captures_dir: Path, engine: Engine
+    workspace: Workspace, units: Sequence[SweepPoint], variants: Sequence[str], captures_dir: Path, engine: Engine
 ) -> tuple[int, int, set[str], list[tuple[str, str]]]:
     """Images shot and kept, paths of images there that are none of these units', and (what, reason) of those failed."""
     stored = dict(_find_stored(workspace))
@@ -141,7 +142,9 @@ def _find_stored(workspace: Workspace) -> Iterator[tuple[str, StoredImage]]:
             yield from index_images(source_dir).items()
 
 
-def _read_units(captures_dir: Path, units: Sequence[Unit], variants: Sequence[str], stale: set[str]) -> CaptureFolder:
+def _read_units(
+    captures_dir: Path, units: Sequence[SweepPoint], variants: Sequence[str], stale: set[str]
+) -> CaptureFolder:
     """The images of these units alone, value by value, whatever else lies in the folder."""
     folder = read_captures(captures_dir, Selection(tuple(dict.fromkeys(unit.label for unit in units)), (), ()))
     wanted = {(unit.label, unit.object) for unit in units}

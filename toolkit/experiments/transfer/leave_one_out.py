@@ -25,7 +25,7 @@ from toolkit.evaluation.config import EvalConfig
 from toolkit.evaluation.detect import evaluate_detector
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.experiments.transfer.config import Kind, TransferConfig
-from toolkit.experiments.transfer.matrix import Cell, Row, collect_rows, write_matrix
+from toolkit.experiments.transfer.matrix import JudgedCell, JudgedRow, collect_rows, write_matrix
 from toolkit.models.network import Classifier
 from toolkit.rig.plan import CapturePlan, open_plan, write_plan
 
@@ -43,7 +43,7 @@ class TransferResult:
         json_file, markdown_file: where they are.
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[JudgedRow, ...]
     json_file: Path
     markdown_file: Path
 
@@ -137,7 +137,7 @@ def _judge(space: Workspace, judge: Judge, left_out: str, others: Sequence[Judge
     key = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
     file = _cell_file(space.root, judge.name)
     try:
-        if read_json(file, Cell).key == key:
+        if read_json(file, JudgedCell).key == key:
             return
     except ToolkitError:
         pass  # none yet, or of another version
@@ -149,7 +149,7 @@ def _judge(space: Workspace, judge: Judge, left_out: str, others: Sequence[Judge
         rows = collect_rows(evaluate_detector(captures, space, judge.detector, settings), left_out, seen)
     else:
         rows = collect_rows(evaluate_captures(captures, space, judge, settings), left_out, seen)
-    write_json(file, Cell(key=key, rows=rows).model_dump())
+    write_json(file, JudgedCell(key=key, rows=rows).model_dump())
 
 
 def name_folder(network: str) -> str:
@@ -161,6 +161,6 @@ def _cell_file(root: Path, judge: str) -> Path:
     return root / f"judged-by-{name_folder(judge)}.json"
 
 
-def _read_rows(root: Path, judges: Sequence[str]) -> list[Row]:
+def _read_rows(root: Path, judges: Sequence[str]) -> list[JudgedRow]:
     files = [_cell_file(root, judge) for judge in judges]
-    return [row for file in files if file.is_file() for row in read_json(file, Cell).rows]
+    return [row for file in files if file.is_file() for row in read_json(file, JudgedCell).rows]

@@ -12,12 +12,13 @@ from toolkit.core.statistics import wilson_interval
 from toolkit.core.tables import format_interval, format_p
 from toolkit.evaluation.detect import DetectionRun
 from toolkit.evaluation.evaluate import Evaluation
+from toolkit.evaluation.metrics import describe_change
+from toolkit.evaluation.summaries import SCHEMA_VERSION
 
-SCHEMA_VERSION = 1
 BOOSTED = {"patched": "patch", "textured": "texture"}
 
 
-class Row(BaseModel):
+class JudgedRow(BaseModel):
     """What one network says of one object in one booster, pooled rows among them.
 
     Attributes:
@@ -50,7 +51,7 @@ class Row(BaseModel):
     mcnemar_p: float
 
 
-class Cell(BaseModel):
+class JudgedCell(BaseModel):
     """What one network says of the boosters that were trained without one network.
 
     Attributes:
@@ -60,10 +61,10 @@ class Cell(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
     key: str
-    rows: list[Row]
+    rows: list[JudgedRow]
 
 
-def collect_rows(done: Evaluation | DetectionRun, left_out: str, trained_on: Sequence[str]) -> list[Row]:
+def collect_rows(done: Evaluation | DetectionRun, left_out: str, trained_on: Sequence[str]) -> list[JudgedRow]:
     """The pairs against `unpatched` of an evaluation."""
     judge, sha256 = done.summary["model"]["name"], done.summary["model"]["sha256"]
     rows = []
@@ -71,15 +72,15 @@ def collect_rows(done: Evaluation | DetectionRun, left_out: str, trained_on: Seq
         if pair.first != UNPATCHED or pair.second not in BOOSTED:
             continue
         found = pair.outcomes
-        rows.append(Row(
+        rows.append(JudgedRow(
             left_out=left_out, trained_on=list(trained_on), judge=judge, judge_sha256=sha256, seen=judge in trained_on,
             source=pair.source, object=pair.object, kind=BOOSTED[pair.second], n=found.n, bare=found.n_first,
-            boosted=found.n_second, gained=found.only_second, lost=found.only_first, mcnemar_p=found.mcnemar_p,
+            boosted=found.n_second, **describe_change(found),
         ))  # fmt: skip
     return rows
 
 
-def write_matrix(folder: Path, rows: Sequence[Row], about: dict[str, Any]) -> tuple[Path, Path]:
+def write_matrix(folder: Path, rows: Sequence[JudgedRow], about: dict[str, Any]) -> tuple[Path, Path]:
     """Write `matrix.json` and `matrix.md`."""
     head = {"schema_version": SCHEMA_VERSION, "kind": "transfer", **about}
     content = head | {"rows": [row.model_dump() for row in rows]}
@@ -87,7 +88,7 @@ def write_matrix(folder: Path, rows: Sequence[Row], about: dict[str, Any]) -> tu
     return write_json(folder / "matrix.json", content), write_text(folder / "matrix.md", text)
 
 
-def tabulate(rows: Sequence[Row], seen: bool) -> list[tuple[str, ...]]:
+def tabulate(rows: Sequence[JudgedRow], seen: bool) -> list[tuple[str, ...]]:
     """Cells of a table: on networks that were left out, each object; on those that were not, the pooled rows."""
     cells: list[tuple[str, ...]] = []
     several = len({row.object for row in rows} - {POOLED}) > 1
@@ -109,7 +110,7 @@ def tabulate(rows: Sequence[Row], seen: bool) -> list[tuple[str, ...]]:
 HEADS = ("left out", "judged by", "booster", "source", "object", "bare", "boosted (95 %)", "gained", "lost", "p")
 
 
-def _as_markdown(rows: Sequence[Row], seen: bool) -> list[str]:
+def _as_markdown(rows: Sequence[JudgedRow], seen: bool) -> list[str]:
     title = "Judged by networks that were trained on" if seen else "Judged by the network that was left out"
     table = [HEADS, ("---",) * len(HEADS), *tabulate(rows, seen)]
     lines = [" | ".join(cells) for cells in table]

@@ -16,9 +16,9 @@ from toolkit.experiments.worlds.cameras import PlaceCameras, plan_cameras
 from toolkit.experiments.worlds.config import ABSENT, RIG, WorldEvalConfig
 from toolkit.experiments.worlds.frames import Stage, Variant
 from toolkit.experiments.worlds.keep import KeptFrames
-from toolkit.experiments.worlds.report import WorldFiles, write_results
-from toolkit.experiments.worlds.results import WorldResults
 from toolkit.experiments.worlds.simulator import shoot_missing
+from toolkit.experiments.worlds.world_report import WorldFiles, write_results
+from toolkit.experiments.worlds.world_results import WorldResults
 from toolkit.models.network import Classifier
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.camera import Camera

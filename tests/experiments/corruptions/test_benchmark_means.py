@@ -12,12 +12,12 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_json
 from toolkit.core.tables import format_percent
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS
+from toolkit.experiments.corruptions.benchmark_means import ALEXNET_ERRORS, summarise
+from toolkit.experiments.corruptions.benchmark_summary import read_summary
+from toolkit.experiments.corruptions.benchmark_verdict import judge_benchmark
 from toolkit.experiments.corruptions.config import CLEAN
 from toolkit.experiments.corruptions.grid import Benchmark, CellRanks
-from toolkit.experiments.corruptions.means import ALEXNET_ERRORS, summarise
 from toolkit.experiments.corruptions.recognisers import NETWORK, READER
-from toolkit.experiments.corruptions.summary import read_summary
-from toolkit.experiments.corruptions.verdict import judge_benchmark
 
 # AlexNet's errors by severity on ImageNet-C, as others list them: the published ones are their means
 ALEXNET_BY_SEVERITY = {

@@ -12,11 +12,19 @@ from toolkit.core.severities import SEVERITIES
 from toolkit.core.statistics import mcnemar_p, wilson_interval
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, IMAGENET
 from toolkit.evaluation.clusters import estimate_difference, estimate_share
+from toolkit.evaluation.summaries import list_reasons
+from toolkit.experiments.corruptions.benchmark_summary import (
+    Against,
+    BenchmarkCell,
+    CorruptionMean,
+    Difference,
+    Summary,
+    VariantMean,
+)
+from toolkit.experiments.corruptions.benchmark_verdict import describe_mean
 from toolkit.experiments.corruptions.config import CLEAN, NOT_CORRUPTED, Condition
 from toolkit.experiments.corruptions.grid import Benchmark
 from toolkit.experiments.corruptions.recognisers import NOT_DECODED, READER, RIGHT, WRONG
-from toolkit.experiments.corruptions.summary import Against, Cell, CorruptionMean, Difference, Summary, VariantMean
-from toolkit.experiments.corruptions.verdict import describe_mean
 
 ALEXNET_ERRORS = {
     "gaussian_noise": 0.886428,
@@ -60,7 +68,7 @@ class Series:
     ranks: dict[Condition, np.ndarray]
 
     @property
-    def who(self) -> dict[str, str]:
+    def who(self) -> dict[str, Any]:
         """The fields that all of its rows begin with."""
         return {"variant": self.variant, "answerer": self.answerer, "kind": self.kind}
 
@@ -79,7 +87,7 @@ class Series:
         """Share that is not right."""
         return 1 - float(self.right(keys).mean())
 
-    def others(self, keys: Sequence[Condition]) -> dict[str, float | None]:
+    def others(self, keys: Sequence[Condition]) -> dict[str, Any]:
         """`top5` of a network, `wrong` and `not_decoded` of a reader: shares; None of the other, and without cells."""
         is_so = {"top5": lambda ranks: ranks <= TOP}
         if self.kind == READER:
@@ -133,7 +141,7 @@ def summarise(benchmark: Benchmark) -> Summary:
         differences=tuple(_compare(every, rows, common, benchmark.classes)),
         means=tuple(mean for own in means.values() for mean in own),
         cells=tuple(cell for one in every for cell in _count_cells(one, unpatched.get(one.answerer), tuple(levels))),
-        failed=tuple({"path": path, "reason": reason} for path, reason in benchmark.failed),
+        failed=tuple(list_reasons(benchmark.failed)),
         notes=benchmark.notes,
     )
 
@@ -195,7 +203,7 @@ def _mean_of_all(values: Sequence[float | None]) -> float | None:
     return sum(known) / len(known) if known and len(known) == len(values) else None
 
 
-def _count_cells(one: Series, unpatched: Series | None, corruptions: Sequence[str]) -> Iterator[Cell]:
+def _count_cells(one: Series, unpatched: Series | None, corruptions: Sequence[str]) -> Iterator[BenchmarkCell]:
     order = {name: i for i, name in enumerate((CLEAN, *corruptions))}
     for key in sorted(one.ranks, key=lambda key: (order[key[0]], key[1])):
         ranks = one.ranks[key]
@@ -207,7 +215,7 @@ def _count_cells(one: Series, unpatched: Series | None, corruptions: Sequence[st
             before = unpatched.ranks[key] == RIGHT
             gained, lost = int((is_right & ~before).sum()), int((before & ~is_right).sum())
             change = {"gained": gained, "lost": lost, "mcnemar_p": mcnemar_p(gained, lost)}
-        yield Cell(
+        yield BenchmarkCell(
             **one.who, corruption=key[0], severity=key[1], n=n, right=right, top1=right / n,
             top1_ci95=wilson_interval(right, n), top5=one.others([key])["top5"],
             wrong=int((ranks == WRONG).sum()) if is_reader else None,

@@ -10,7 +10,7 @@ from toolkit.captures.read import UNPATCHED
 from toolkit.core.tables import encode_csv
 from toolkit.evaluation.metrics import rank_variant
 from toolkit.evaluation.predict import OK
-from toolkit.evaluation.predictions_csv import COLUMNS as PREDICTED
+from toolkit.evaluation.predictions_csv import NEEDED
 from toolkit.experiments.worlds.answers import Answers, WeatherKey
 from toolkit.experiments.worlds.cameras import GridCamera, PlaceCameras
 from toolkit.experiments.worlds.config import WorldEvalConfig
@@ -23,7 +23,7 @@ from toolkit.worlds.weather import make_weather
 SOURCE = "sim"
 SEEN = ("azimuth_deg", "elevation_deg", "distance_m", "visible_share", "picture_share")
 """What is known of every camera."""
-COLUMNS = (*PREDICTED[:-1], "world", "place", "weather", "severity", "visibility_m", *SEEN)
+COLUMNS = (*NEEDED, "world", "place", "weather", "severity", "visibility_m", *SEEN)
 CAMERA_COLUMNS = ("place", "pose_id", "x_m", "y_m", "z_m", "left_out", *SEEN)
 
 
@@ -71,6 +71,11 @@ class WorldResults:
         """(n,) int, number of the place of each camera."""
         return np.repeat(np.arange(len(self.places)), [len(place.cameras) for place in self.places])
 
+    @cached_property
+    def place_names(self) -> list[str]:
+        """Of the places, in order."""
+        return [place.placed.spot.name for place in self.places]
+
     def column(self, name: str) -> np.ndarray:
         """(n,) one number of every camera, such as `distance_m`."""
         return np.array([getattr(camera, name) for camera in self.cameras], float)
@@ -103,7 +108,7 @@ def _list_predictions(results: WorldResults) -> Iterator[list[object]]:
         for weather in results.weathers:
             found, visibility = results.answers[variant, weather], find_visibility_m(weather)
             for k, camera in enumerate(results.cameras):
-                place = results.places[results.place_of[k]].placed.spot.name
+                place = results.place_names[results.place_of[k]]
                 rank, first = int(found.true_rank[k]), int(found.top1_index[k])
                 path = f"{place}/{variant}/{camera.number:04d}/{name_picture(weather)}.png"
                 yield [

@@ -22,8 +22,8 @@ from toolkit.evaluation.figures import (
     style_panel,
 )
 from toolkit.landing.config import FlyConfig
+from toolkit.landing.flight_results import CellResult
 from toolkit.landing.fly import Cell, EpisodeRecord
-from toolkit.landing.results import CellResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

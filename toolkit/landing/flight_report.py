@@ -11,11 +11,11 @@ from toolkit.core.workspace import Workspace
 from toolkit.evaluation.page import write_page
 from toolkit.landing.config import CameraConfig, FlyConfig
 from toolkit.landing.episodes import OUTCOMES, Flights
-from toolkit.landing.figures import draw_success, draw_tracks, write_film
+from toolkit.landing.flight_figures import draw_success, draw_tracks, write_film
+from toolkit.landing.flight_results import CellResult, PairResult, describe_success
 from toolkit.landing.fly import TICKS, EpisodeRecord, Flown
 from toolkit.landing.pads import find_pad
 from toolkit.landing.regressor import list_regressors, load_regressor
-from toolkit.landing.results import CellResult, PairResult, describe_success
 from toolkit.landing.site import PadSite, View, find_sky, find_world
 from toolkit.rig.raycast import map_frames
 from toolkit.worlds.weather import describe_weathers
@@ -48,7 +48,7 @@ def write_report(
         "settings": [row for row in config.rows() if row[0] != "weathers"], "records": errors, "places": flown.places,
         "success": success, "tracks": tracks,
     }  # fmt: skip
-    page = write_page(folder / "report.html", "toolkit.landing", "report.html.j2", context)
+    page = write_page(folder / "report.html", "toolkit.landing", "flights.html.j2", context)
     return ReportFiles(page, write_bytes(folder / "success.png", success), write_bytes(folder / "tracks.png", tracks))
 
 

@@ -8,7 +8,7 @@ from toolkit.core.files import write_bytes
 from toolkit.evaluation.figures import colour_of, encode_figure, make_figure, style_panel
 from toolkit.evaluation.metrics import PATCHED
 from toolkit.experiments.sweeps.axes import Axis
-from toolkit.experiments.sweeps.result import Sweep
+from toolkit.experiments.sweeps.sweep_rows import Sweep
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,11 +8,11 @@ from typing import Any
 from toolkit.captures.read import POOLED
 from toolkit.core.files import write_bytes, write_json, write_text
 from toolkit.evaluation.page import write_page
-from toolkit.experiments.worlds.figures import draw_cameras, draw_curves, draw_sample, draw_weathers
 from toolkit.experiments.worlds.keep import KeptFrames
-from toolkit.experiments.worlds.metrics import summarise
-from toolkit.experiments.worlds.results import WorldResults, encode_cameras, encode_predictions
-from toolkit.experiments.worlds.verdict import format_times, format_visibility, judge_world, pooled
+from toolkit.experiments.worlds.world_figures import draw_cameras, draw_curves, draw_sample, draw_weathers
+from toolkit.experiments.worlds.world_results import WorldResults, encode_cameras, encode_predictions
+from toolkit.experiments.worlds.world_rows import summarise
+from toolkit.experiments.worlds.world_verdict import format_times, format_visibility, judge_world, pooled
 
 
 @dataclass(frozen=True)

@@ -10,13 +10,14 @@ from toolkit.core.files import write_bytes, write_json, write_text
 from toolkit.core.tables import encode_csv
 from toolkit.corruptions.catalogue import CORRUPTIONS
 from toolkit.evaluation.page import write_page
+from toolkit.experiments.corruptions.benchmark_figures import draw_variant
+from toolkit.experiments.corruptions.benchmark_means import summarise
+from toolkit.experiments.corruptions.benchmark_overview import draw_overview
+from toolkit.experiments.corruptions.benchmark_summary import BenchmarkCell, Summary, VariantMean
+from toolkit.experiments.corruptions.benchmark_verdict import judge_benchmark, label_row, name_corruption
 from toolkit.experiments.corruptions.config import CLEAN, NOT_CORRUPTED
-from toolkit.experiments.corruptions.figures import draw_overview, draw_variant
 from toolkit.experiments.corruptions.grid import Benchmark
-from toolkit.experiments.corruptions.means import summarise
 from toolkit.experiments.corruptions.recognisers import READER
-from toolkit.experiments.corruptions.summary import Cell, Summary, VariantMean
-from toolkit.experiments.corruptions.verdict import judge_benchmark, label_row, name_corruption
 
 MAX_FAILED = 200
 TITLES = {
@@ -38,31 +39,23 @@ def write_report(
         figures: PNG of a variant and answerer; of all, or of none where nothing was corrupted.
         examples: PNG of an image in every variant.
     """
-    networks = [row for row in summary.variants if row.kind != READER]
-    readers = [row for row in summary.variants if row.kind == READER]
+    about = dict(summary.about)
+    about_variants = about.pop("variants", [])
+    about.pop("toolkit_version", None)
     context = {
-        "summary": summary,
-        "title": str(summary.about.get("name", "corruptions")),
-        "verdicts": judge_benchmark(summary),
-        "networks": networks,
-        "readers": readers,
+        "summary": summary, "title": str(summary.about.get("name", "corruptions")), "clean": NOT_CORRUPTED,
+        "verdicts": judge_benchmark(summary), "max_failed": MAX_FAILED,
+        "networks": [row for row in summary.variants if row.kind != READER],
+        "readers": [row for row in summary.variants if row.kind == READER],
         "own": {(row.variant, row.answerer): _collect(summary, row) for row in summary.variants},
-        "overview": overview,
-        "examples": examples,
-        "figures": figures,
-        "whole": {entry["name"]: entry.get("share_whole") for entry in summary.about.get("variants", [])},
-        "done": [
-            (_title(key), _flatten(value))
-            for key, value in summary.about.items()
-            if key not in ("variants", "toolkit_version")
-        ],
+        "overview": overview, "examples": examples, "figures": figures,
+        "whole": {entry["name"]: entry.get("share_whole") for entry in about_variants},
+        "done": [(_title(key), _flatten(value)) for key, value in about.items()],
         "about_variants": [
             (entry["name"], _flatten({key: value for key, value in entry.items() if key != "name"}))
-            for entry in summary.about.get("variants", [])
+            for entry in about_variants
         ],
-        "clean": NOT_CORRUPTED,
-        "max_failed": MAX_FAILED,
-    }
+    }  # fmt: skip
     package = "toolkit.experiments.corruptions"
     return write_page(path, package, "benchmark.html.j2", context, corruption=name_corruption)
 
@@ -136,7 +129,7 @@ def write_benchmark(folder: Path, benchmark: Benchmark, examples: bytes | None =
 
 def write_cells(path: Path, summary: Summary) -> Path:
     """A row for each cell; fields that do not apply are empty."""
-    names = [field.name for field in fields(Cell) if field.name != "top1_ci95"]
+    names = [field.name for field in fields(BenchmarkCell) if field.name != "top1_ci95"]
     at = names.index("top1") + 1
     rows = []
     for cell in summary.cells:

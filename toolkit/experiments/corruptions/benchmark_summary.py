@@ -15,7 +15,7 @@ Against = Literal["unpatched", "clean unpatched", "best of its size"]
 
 
 @dataclass(frozen=True)
-class Cell:
+class BenchmarkCell:
     """One variant, seen by one answerer, under one corruption at one severity (`clean` and 0 where there is none).
 
     Attributes:
@@ -151,7 +151,7 @@ class Summary(BaseModel):
     variants: tuple[VariantMean, ...]
     differences: tuple[Difference, ...]
     means: tuple[CorruptionMean, ...]
-    cells: tuple[Cell, ...]
+    cells: tuple[BenchmarkCell, ...]
     failed: tuple[dict[str, str], ...]
     notes: tuple[str, ...]
     toolkit_version: str = __version__
@@ -174,7 +174,7 @@ class Summary(BaseModel):
         """By corruption, of one variant and answerer."""
         return {one.corruption: one for one in self.means if is_of(one, row)}
 
-    def cells_of(self, row: VariantMean) -> dict[tuple[str, int], Cell]:
+    def cells_of(self, row: VariantMean) -> dict[tuple[str, int], BenchmarkCell]:
         """By corruption and severity, of one variant and answerer."""
         return {(one.corruption, one.severity): one for one in self.cells if is_of(one, row)}
 
@@ -189,7 +189,7 @@ class Summary(BaseModel):
         return next((one for one in self.variants if (one.variant, one.answerer) == (UNPATCHED, row.answerer)), None)
 
 
-def is_of(one: Cell | CorruptionMean | Difference, row: VariantMean) -> bool:
+def is_of(one: BenchmarkCell | CorruptionMean | Difference, row: VariantMean) -> bool:
     """Whether both are of one variant and answerer."""
     return (one.variant, one.answerer) == (row.variant, row.answerer)
 

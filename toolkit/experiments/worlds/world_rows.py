@@ -1,7 +1,7 @@
 """From answers to numbers: shares with intervals over places, curves, paired tests, how much fog is seen through."""
 
-from collections.abc import Callable, Iterator
-from itertools import pairwise
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise, product
 from typing import Any
 
 import numpy as np
@@ -10,12 +10,13 @@ from toolkit import __version__
 from toolkit.captures.read import POOLED, UNPATCHED
 from toolkit.core.statistics import Interval, PairedOutcomes, wilson_interval
 from toolkit.evaluation.clusters import ClusterBootstrap
+from toolkit.evaluation.metrics import describe_change
+from toolkit.evaluation.summaries import begin_summary
 from toolkit.experiments.worlds.answers import Answers, WeatherKey, name_weather
 from toolkit.experiments.worlds.cameras import FAILED, HIDDEN, LOWEST, NEAREST, count_cameras
 from toolkit.experiments.worlds.half_lost import HalfLost, find_ladder, list_extinctions, measure_half
-from toolkit.experiments.worlds.results import SOURCE, WorldResults, find_visibility_m
+from toolkit.experiments.worlds.world_results import SOURCE, WorldResults, find_visibility_m
 
-SCHEMA_VERSION = 1
 IN_VIEW = 0.5
 """A camera has the object in view that sees at least this share of it."""
 AXES: dict[str, tuple[str, tuple[float, ...]]] = {
@@ -34,12 +35,7 @@ def summarise(results: WorldResults) -> dict[str, Any]:
     everywhere = np.ones(len(results.cameras), bool)
     in_view = results.column("visible_share") >= IN_VIEW
     return {
-        "schema_version": SCHEMA_VERSION, "kind": "world-eval",
-        "model": {
-            "name": results.classifier.name, "arch": results.classifier.arch,
-            "description": results.classifier.describe(), "weights": results.classifier.weights.name,
-            "sha256": results.classifier.weights.sha256, "preprocessing": results.classifier.preprocessing.describe(),
-        },
+        **begin_summary("world-eval", results.classifier),
         "groups": list(_each_group(results, sampler, everywhere)),
         "groups_in_view": list(_each_group(results, sampler, in_view)),
         "pairs": list(_each_pair(results, sampler)),
@@ -58,7 +54,7 @@ def describe_run(results: WorldResults) -> dict[str, Any]:
     return {
         "world": results.world_name, "world_sha256": stage.world.sha256, "sky": stage.sky.name,
         "object": results.item.name, "class": results.classifier.labels[results.true_index],
-        "length_m": round(results.length_m, 4), "places": [one.placed.spot.name for one in results.places],
+        "length_m": round(results.length_m, 4), "places": results.place_names,
         "camera": camera.intrinsics, "fov_deg": camera.fov_deg, "in_view": IN_VIEW, "hidden": HIDDEN,
         "grid": {
             "shape": list(results.config.grid), "extent_lengths": results.config.extent, "lowest_lengths": LOWEST,
@@ -113,19 +109,25 @@ def list_notes(results: WorldResults) -> list[str]:
     return notes
 
 
+def _each_cell(results: WorldResults, variants: Sequence[str]) -> Iterator[tuple[dict[str, Any], np.ndarray]]:
+    """The fields that a row begins with, and (n,) bool, which cameras it is of: all places together, then each."""
+    places = [(POOLED, np.ones(len(results.cameras), bool))]
+    places += [(name, results.place_of == place) for place, name in enumerate(results.place_names)]
+    for variant, weather, (place, own) in product(variants, results.weathers, places):
+        yield {
+            "source": SOURCE, "object": results.item.name, "variant": variant, "world": results.world_name,
+            "place": place, "weather": weather[0], "severity": weather[1], "visibility_m": find_visibility_m(weather),
+        }, own  # fmt: skip
+
+
+def _answers(results: WorldResults, head: dict[str, Any], variant: str | None = None) -> Answers:
+    """To the pictures of a row; `variant`: instead of its own."""
+    return results.answers[variant or head["variant"], (head["weather"], head["severity"])]
+
+
 def _each_group(results: WorldResults, sampler: ClusterBootstrap, among: np.ndarray) -> Iterator[dict[str, Any]]:
-    names = [place.placed.spot.name for place in results.places]
-    for variant in results.variants:
-        for weather in results.weathers:
-            found = results.answers[variant, weather]
-            for place, name in [(None, POOLED), *enumerate(names)]:
-                own = among if place is None else among & (results.place_of == place)
-                yield {
-                    "source": SOURCE, "object": results.item.name, "variant": variant, "world": results.world_name,
-                    "place": name, "weather": weather[0], "severity": weather[1],
-                    "visibility_m": find_visibility_m(weather),
-                    **_count(found, own, sampler if place is None else None),
-                }  # fmt: skip
+    for head, own in _each_cell(results, results.variants):
+        yield head | _count(_answers(results, head), own & among, sampler if head["place"] == POOLED else None)
 
 
 def _count(found: Answers, own: np.ndarray, sampler: ClusterBootstrap | None) -> dict[str, Any]:
@@ -138,46 +140,25 @@ def _count(found: Answers, own: np.ndarray, sampler: ClusterBootstrap | None) ->
         if sampler is not None:
             interval = sampler.estimate(right, own)[1]
         shares[name] = float(right[own].mean()) if n else None
-        shares[f"{name}_ci95"] = None if interval is None else list(interval)
+        shares[f"{name}_ci95"] = interval and list(interval)
     return shares | {"mean_true_prob": float(found.true_prob[own].mean()) if n else None}
 
 
 def _each_pair(results: WorldResults, sampler: ClusterBootstrap) -> Iterator[dict[str, Any]]:
-    if UNPATCHED not in results.variants:
-        return
-    names = [place.placed.spot.name for place in results.places]
-    for variant in results.variants[1:]:
-        for weather in results.weathers:
-            bare, own = results.answers[UNPATCHED, weather], results.answers[variant, weather]
-            for place, name in [(None, POOLED), *enumerate(names)]:
-                chosen = np.ones(len(own.true_rank), bool) if place is None else results.place_of == place
-                row: dict[str, Any] = {
-                    "source": SOURCE, "object": results.item.name, "variant": variant, "world": results.world_name,
-                    "place": name, "weather": weather[0], "severity": weather[1],
-                    "visibility_m": find_visibility_m(weather), "n_pairs": int(chosen.sum()),
-                }  # fmt: skip
-                for end, guesses in (("", 1), ("_top5", 5)):
-                    row |= _test(bare.right(guesses)[chosen], own.right(guesses)[chosen], end)
-                if place is None:
-                    row |= _test_places(bare.right(5), own.right(5), sampler)
-                yield row
-
-
-def _test(bare: np.ndarray, own: np.ndarray, end: str) -> dict[str, Any]:
-    found = PairedOutcomes.count(zip(bare, own, strict=True))
-    return {
-        f"gained{end}": found.only_second, f"lost{end}": found.only_first, f"mcnemar_p{end}": found.mcnemar_p,
-    }  # fmt: skip
-
-
-def _test_places(bare: np.ndarray, own: np.ndarray, sampler: ClusterBootstrap) -> dict[str, Any]:
-    """Difference of top-5 with its interval over places, and an exact test that counts places alone."""
-    change = own.astype(float) - bare
-    difference, interval = sampler.estimate(change)
-    return {
-        "difference_top5": difference, "difference_top5_ci95": None if interval is None else list(interval),
-        "places_p_top5": sampler.sign_p(change),
-    }  # fmt: skip
+    for head, chosen in _each_cell(results, results.variants[1:] if UNPATCHED in results.variants else ()):
+        bare, own = _answers(results, head, UNPATCHED), _answers(results, head)
+        row = head | {"n_pairs": int(chosen.sum())}
+        for end, guesses in (("", 1), ("_top5", 5)):
+            pairs = zip(bare.right(guesses)[chosen], own.right(guesses)[chosen], strict=True)
+            change = describe_change(PairedOutcomes.count(pairs))
+            row |= {f"{name}{end}": value for name, value in change.items()}
+        if head["place"] == POOLED:
+            # the difference with its interval over places, and an exact test that counts places alone
+            gain = own.right(5).astype(float) - bare.right(5)
+            difference, interval = sampler.estimate(gain)
+            row |= {"difference_top5": difference, "difference_top5_ci95": interval and list(interval)}
+            row |= {"places_p_top5": sampler.sign_p(gain)}
+        yield row
 
 
 def measure_halves(results: WorldResults, sampler: ClusterBootstrap) -> list[HalfLost]:
@@ -212,7 +193,7 @@ def _each_curve(results: WorldResults, sampler: ClusterBootstrap) -> Iterator[di
                         "high": min(high, float(values.max())) if axis != "azimuth_deg" else high,
                         "variant": variant, "weather": weather[0], "severity": weather[1], "n": int(own.sum()),
                         "top1": float(found.right(1)[own].mean()), "top5": top5,
-                        "top5_ci95": None if interval is None else list(interval),
+                        "top5_ci95": interval and list(interval),
                         "mean_true_prob": float(found.true_prob[own].mean()),
                     }  # fmt: skip
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,15 +13,15 @@ from toolkit.core.files import write_json, write_text
 from toolkit.core.tables import NONE, build_table, encode_csv, format_interval, format_p, format_percent
 from toolkit.evaluation.metrics import Comparison, Group
 from toolkit.evaluation.results import Findings
-from toolkit.experiments.sweeps.axes import Axis, Unit, Value, find_axis
-from toolkit.experiments.sweeps.config import SweepConfig
-from toolkit.models.network import Classifier
+from toolkit.evaluation.summaries import SCHEMA_VERSION, list_reasons
+from toolkit.experiments.sweeps.axes import Axis, SweepPoint, Value
 from toolkit.rig.variants import ON_PAPER
 
 if TYPE_CHECKING:
     from rich.table import Table
 
-SCHEMA_VERSION = 1
+PatchSize = tuple[float | None, float | None]
+"""Printed side in mm, and that as a share of the object's longest side."""
 
 
 @dataclass(frozen=True)
@@ -29,27 +30,59 @@ class Sweep:
 
     Attributes:
         axis, settings, model: what was varied, what was kept, and which network spoke.
-        values: label -> value in order, the impossible ones too; the label is the source of the images.
-        objects: longest side in mm of every object.
+        points: every object at every value, the impossible ones too; the label of a value is the source of its images.
         variants: in order.
-        groups, pairs: as an evaluation has them, value by value.
-        sizes: (label, object) -> printed side of the patch in mm, and that as a share of the object's longest side;
-            None where the pooled objects differ, and nothing where there is no patch.
-        skipped: (label, object, reason) of what could not be shot.
-        failed: (path, reason) of images that could not be read.
+        findings: of all images.
     """
 
     axis: Axis
     settings: ShootSettings
     model: dict[str, str]
-    values: dict[str, Value]
-    objects: dict[str, float]
+    points: tuple[SweepPoint, ...]
     variants: tuple[str, ...]
-    groups: tuple[Group, ...]
-    pairs: tuple[Comparison, ...]
-    sizes: dict[tuple[str, str], tuple[float | None, float | None]]
-    skipped: tuple[tuple[str, str, str], ...]
-    failed: tuple[tuple[str, str], ...]
+    findings: Findings
+
+    @cached_property
+    def values(self) -> dict[str, Value]:
+        """Label -> value, in order."""
+        return {point.label: point.value for point in self.points}
+
+    @cached_property
+    def objects(self) -> dict[str, float]:
+        """Longest side in mm of every object."""
+        return {point.object: point.longest_mm for point in self.points}
+
+    @cached_property
+    def groups(self) -> list[Group]:
+        """As an evaluation has them, value by value."""
+        return sorted(self.findings.groups, key=lambda group: list(self.values).index(group.source))
+
+    @cached_property
+    def pairs(self) -> list[Comparison]:
+        """As an evaluation has them, value by value."""
+        return sorted(self.findings.pairs, key=lambda pair: list(self.values).index(pair.source))
+
+    @cached_property
+    def sizes(self) -> dict[tuple[str, str], PatchSize]:
+        """(label, object) -> size of its patch; pooled where all objects agree, nothing where there is no patch."""
+        sizes: dict[tuple[str, str], PatchSize] = {}
+        for one in self.points:
+            if one.refused is None and one.patch_mm is not None:
+                sizes[one.label, one.object] = (one.patch_mm, round(one.patch_mm / one.longest_mm, 4))
+        for label in {label for label, _ in sizes}:
+            sides, shares = zip(*(size for (of, _), size in sizes.items() if of == label), strict=True)
+            sizes[label, POOLED] = (_agreed(sides), _agreed(shares))
+        return sizes
+
+    @cached_property
+    def skipped(self) -> list[tuple[str, str, str]]:
+        """(label, object, reason) of what could not be shot."""
+        return [(one.label, one.object, one.refused) for one in self.points if one.refused is not None]
+
+    @property
+    def failed(self) -> tuple[tuple[str, str], ...]:
+        """(path, reason) of images that could not be read."""
+        return self.findings.failed
 
     @property
     def rows(self) -> list[dict[str, Any]]:
@@ -86,31 +119,9 @@ class Sweep:
             "rows": self.rows,
             "pairs": self.pair_rows,
             "skipped": [{"label": label, "object": name, "reason": why} for label, name, why in self.skipped],
-            "failed": [{"path": path, "reason": why} for path, why in self.failed],
+            "failed": list_reasons(self.failed),
             "toolkit_version": __version__,
         }
-
-
-def collect_rows(
-    config: SweepConfig, settings: ShootSettings, units: Sequence[Unit], classifier: Classifier, findings: Findings
-) -> Sweep:
-    """What was found, where the sources are the values, as a sweep."""
-    weights = classifier.weights
-    values = {unit.label: unit.value for unit in units}
-    rank = {label: i for i, label in enumerate(values)}
-    return Sweep(
-        find_axis(config.axis),
-        settings,
-        model={"name": classifier.name, "arch": classifier.arch, "weights": weights.name, "sha256": weights.sha256},
-        values=values,
-        objects={unit.object: unit.longest_mm for unit in units},
-        variants=tuple(dict.fromkeys(config.variants)),
-        groups=tuple(sorted(findings.groups, key=lambda group: rank[group.source])),
-        pairs=tuple(sorted(findings.pairs, key=lambda pair: rank[pair.source])),
-        sizes=_size_patches(units),
-        skipped=tuple((unit.label, unit.object, unit.refused) for unit in units if unit.refused is not None),
-        failed=findings.failed,
-    )
 
 
 def write_sweep(folder: Path, name: str, sweep: Sweep) -> tuple[Path, Path]:
@@ -128,18 +139,6 @@ def write_sweep(folder: Path, name: str, sweep: Sweep) -> tuple[Path, Path]:
     text = encode_csv((sweep.axis.name, "object", "variant", "n", "failed", *heads, *tests), cells)
     json_file = write_json(folder / f"sweep-{name}.json", sweep.as_json())
     return json_file, write_text(folder / f"sweep-{name}.csv", text)
-
-
-def _size_patches(units: Sequence[Unit]) -> dict[tuple[str, str], tuple[float | None, float | None]]:
-    """(label, object) -> printed side in mm and share of the longest side; pooled where all objects agree."""
-    sizes: dict[tuple[str, str], tuple[float | None, float | None]] = {}
-    for unit in units:
-        if unit.refused is None and unit.patch_mm is not None:
-            sizes[unit.label, unit.object] = (unit.patch_mm, round(unit.patch_mm / unit.longest_mm, 4))
-    for label in {label for label, _ in sizes}:
-        sides, shares = zip(*(size for (of, _), size in sizes.items() if of == label), strict=True)
-        sizes[label, POOLED] = (_agreed(sides), _agreed(shares))
-    return sizes
 
 
 def _agreed(values: Sequence[float | None]) -> float | None:

@@ -9,8 +9,10 @@ import numpy as np
 
 from toolkit import __version__
 from toolkit.core.files import write_json, write_text
-from toolkit.core.statistics import mcnemar_p, wilson_interval
+from toolkit.core.statistics import PairedOutcomes, wilson_interval
 from toolkit.core.tables import encode_csv
+from toolkit.evaluation.metrics import describe_change
+from toolkit.evaluation.summaries import SCHEMA_VERSION
 from toolkit.landing.config import FlyConfig
 from toolkit.landing.episodes import OUTCOMES, EpisodeConfig
 from toolkit.landing.fly import Cell, EpisodeRecord, Flown
@@ -73,25 +75,16 @@ class PairResult:
 
     Attributes:
         cell, against: which.
-        gained: successes of `cell` that `against` does not have; `lost` the other way round.
+        outcomes: successes of `against`, then of `cell`.
     """
 
     cell: Cell
     against: Cell
-    gained: int
-    lost: int
-
-    @property
-    def p(self) -> float:
-        """Exact, two-sided (McNemar)."""
-        return mcnemar_p(self.gained, self.lost)
+    outcomes: PairedOutcomes
 
     def as_json(self) -> dict[str, Any]:
         """A row of `pairs`."""
-        return {
-            "cell": self.cell.key, "against": self.against.key, "gained": self.gained, "lost": self.lost,
-            "mcnemar_p": self.p,
-        }  # fmt: skip
+        return {"cell": self.cell.key, "against": self.against.key, **describe_change(self.outcomes)}
 
 
 def group_cells(flown: Flown) -> list[CellResult]:
@@ -119,10 +112,9 @@ def pair_cells(results: Sequence[CellResult]) -> list[PairResult]:
 
 
 def _compare(one: CellResult, other: CellResult) -> PairResult:
-    both = zip(one.records, other.records, strict=True)
-    outcomes = [(a.outcome == "success", b.outcome == "success") for a, b in both]
-    gained, lost = outcomes.count((True, False)), outcomes.count((False, True))
-    return PairResult(one.cell, other.cell, gained, lost)
+    both = zip(other.records, one.records, strict=True)
+    outcomes = PairedOutcomes.count((before.outcome == "success", now.outcome == "success") for before, now in both)
+    return PairResult(one.cell, other.cell, outcomes)
 
 
 def write_summary(
@@ -132,7 +124,7 @@ def write_summary(
     results = group_cells(flown)
     pairs = pair_cells(results)
     content = {
-        "schema_version": 1,
+        "schema_version": SCHEMA_VERSION,
         "kind": "landing",
         "cells": [one.as_json() for one in results],
         "pairs": [one.as_json() for one in pairs],
@@ -146,14 +138,11 @@ def write_summary(
     }
     write_json(folder / "summary.json", content)
     rows = [one.as_json() for one in results]
-    write_text(folder / "cells.csv", _to_csv([row | _spread(row) for row in rows]))
+    spread = [row | {"success_ci95": " ".join(map(str, row["success_ci95"]))} for row in rows]
+    write_text(folder / "cells.csv", _to_csv(spread))
     episodes = [one.model_dump(exclude={"track", "seen", "inputs"}) for one in flown.records]
     write_text(folder / "episodes.csv", _to_csv(episodes))
     return results, pairs
-
-
-def _spread(row: dict[str, Any]) -> dict[str, Any]:
-    return {"success_ci95": " ".join(map(str, row["success_ci95"]))}
 
 
 def _to_csv(rows: Sequence[dict[str, Any]]) -> str:

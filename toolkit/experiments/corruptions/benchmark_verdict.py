@@ -19,7 +19,7 @@ from toolkit.experiments.corruptions.recognisers import READER
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from toolkit.experiments.corruptions.summary import Summary, VariantMean
+    from toolkit.experiments.corruptions.benchmark_summary import Summary, VariantMean
 
 FEW_NAMES = 4
 INITIALS = {"gaussian": "Gaussian", "jpeg": "JPEG"}

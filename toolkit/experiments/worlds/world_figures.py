@@ -23,6 +23,8 @@ from toolkit.experiments.worlds.keep import KeptFrames, name_picture
 from toolkit.experiments.worlds.metrics import AXES, IN_VIEW
 from toolkit.experiments.worlds.results import WorldResults, find_visibility_m
 from toolkit.imaging.read import read_image
+from toolkit.experiments.worlds.world_results import WorldResults, find_visibility_m
+from toolkit.experiments.worlds.world_rows import AXES, IN_VIEW
 from toolkit.worlds.conditions import CLEAR
 from toolkit.worlds.fog import CONTRAST_LOG
 
@@ -157,12 +159,12 @@ def draw_sample(results: WorldResults, kept: KeptFrames) -> bytes | None:
     None where they all did.
     """
     weathers = _spread(results.weathers)
-    names = [place.placed.spot.name for place in results.places]
+    names = results.place_names
     shown = [k for k, place in enumerate(results.places) if kept.has_shown(place, results.variants, weathers)]
     rows = [(k, variant) for k in shown for variant in results.variants]
     if not rows:
         return None
-    label_in = 0.3 + LETTER_IN * max(len(place.placed.spot.name) for place in results.places)
+    label_in = 0.3 + LETTER_IN * max(map(len, names))
     label_in = max(label_in, 0.3 + LETTER_IN * max(map(len, results.variants)))
     figure = make_figure(label_in + TILE_IN * len(weathers), 0.4 + TILE_IN * len(rows), layout=None)
     panels = figure.subplots(len(rows), len(weathers), squeeze=False)

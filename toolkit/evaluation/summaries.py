@@ -1,0 +1,255 @@
+"""`summary.json` of every experiment: the head that all have, and the rows of any of them."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
+
+from toolkit.captures.read import POOLED
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import explain_validation, load_json
+from toolkit.core.statistics import Interval
+from toolkit.models.network import Classifier
+
+SUMMARY = "summary.json"
+SCHEMA_VERSION = 1
+"""The newest of `summary.json` that is read here."""
+CLEAR, MEAN = "clear", "mean of corruptions"
+"""Condition of images as they were taken, and of a mean over several conditions."""
+Kind = Literal["eval", "detection", "world-eval", "sweep", "benchmark", "landing"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+Metric = Literal["top1", "success", "found"]
+METRICS: Mapping[str, Metric] = {"detection": "found", "landing": "success"}
+SOURCES = {"landing": "flights"}
+"""Of the rows of a kind whose summary names no source."""
+
+
+@dataclass(frozen=True)
+class ResultRow:
+    """One group of images, or of landings, in one run.
+
+    Attributes:
+        run: path of its folder below `eval/`.
+        kind: which experiment made it.
+        network: who was asked.
+        source: of the images; in a sweep the value; of a benchmark the data set.
+        object: `all` for all of them together.
+        variant: what was put on the object; of landings the pad.
+        condition: weather or corruption; `clear` without.
+        severity: of the condition, 0 without; None for a mean.
+        world, place: of a world's groups and landings; None elsewhere, place `all` for all places together.
+        n, failed: how many were judged, and how many images could not be read; None where it is a mean of shares.
+        metric: what `share` is of: right at the first guess, landed, or found by a detector.
+        share, ci95: with its 95 % interval; None without images.
+        gained, lost, p: pairs that changed against `unpatched` (of landings the first pad), and the exact McNemar test;
+            None without pairs.
+        has_pooled: whether there is a row of all objects that it is a part of.
+    """
+
+    run: str
+    kind: Kind
+    network: str
+    source: str
+    object: str
+    variant: str
+    condition: str = CLEAR
+    severity: int | None = 0
+    world: str | None = None
+    place: str | None = None
+    n: int | None = None
+    failed: int = 0
+    metric: Metric = "top1"
+    share: float | None = None
+    ci95: Interval | None = None
+    gained: int | None = None
+    lost: int | None = None
+    p: float | None = None
+    has_pooled: bool = True
+
+    @property
+    def details(self) -> set[str]:
+        """Names of the fields in which the row is a part of another row: it is shown where they are asked for."""
+        found = {"object"} if self.object != POOLED and self.has_pooled else set()
+        if self.place not in (None, POOLED):
+            found.add("place")
+        if self.kind == "benchmark" and self.condition not in (CLEAR, MEAN):
+            found.add("condition")
+        return found
+
+    def as_json(self) -> dict[str, Any]:
+        """The fields, as `toolkit runs --json` has them."""
+        fields = {key: value for key, value in vars(self).items() if key != "has_pooled"}
+        return fields | {"ci95": None if self.ci95 is None else list(self.ci95)}
+
+
+def begin_summary(kind: Kind, classifier: Classifier) -> dict[str, Any]:
+    """The fields that the summary of what a classifier said begins with."""
+    return {
+        "schema_version": SCHEMA_VERSION, "kind": kind,
+        "model": {
+            "name": classifier.name, "arch": classifier.arch, "description": classifier.describe(),
+            "weights": classifier.weights.name, "sha256": classifier.weights.sha256,
+            "preprocessing": classifier.preprocessing.describe(),
+        },
+    }  # fmt: skip
+
+
+def list_reasons(items: Sequence[tuple[str, str]]) -> list[dict[str, str]]:
+    """(path, reason) of what could not be used, as summaries have it."""
+    return [{"path": path, "reason": reason} for path, reason in items]
+
+
+Share = Annotated[float, Field(ge=0, le=1)]
+Count = Annotated[int, Field(ge=0)]
+
+
+class _Part(BaseModel):
+    """What is read of a part of a summary; other fields are passed over."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False)
+
+
+class _Where(_Part):
+    """What was shown to whom: the fields of `ResultRow`, by any name that a kind of summary has for them."""
+
+    network: str = Field("", validation_alias=AliasChoices("answerer", "regressor"))
+    source: str = ""
+    object: str = POOLED
+    variant: str = Field("", validation_alias=AliasChoices("variant", "pad"))
+    world: str | None = None
+    place: str | None = None
+    condition: str | None = Field(None, validation_alias=AliasChoices("weather", "corruption"))
+    severity: Count | None = None
+    gains: str | None = Field(None, exclude=True)
+
+    @property
+    def key(self) -> tuple[str | int | None, ...]:
+        """Equal for a row and its pair."""
+        return tuple(getattr(self, name) for name in _Where.model_fields)
+
+    @property
+    def name(self) -> str:
+        """As pairs of landings name their cells."""
+        air = f"{self.condition}:{self.severity}" if self.severity else self.condition
+        return "/".join(map(str, (self.variant, self.network, self.world, air, self.gains)))
+
+
+class _Mean(_Where):
+    share: Share | None = Field(validation_alias=AliasChoices("top1", "success", "found"))
+    ci95: tuple[Share, Share] | None = Field(validation_alias=AliasChoices("top1_ci95", "success_ci95", "found_ci95"))
+
+
+class _Group(_Mean):
+    n: Count
+    failed: Count = 0
+    gained: Count | None = None
+    lost: Count | None = None
+    p: Share | None = Field(None, validation_alias="mcnemar_p")
+
+
+class _Pair(_Where):
+    """A variant against `unpatched`; of landings, one cell against another."""
+
+    cell: str = ""
+    against: str = ""
+    gained: Count
+    lost: Count
+    p: Share = Field(validation_alias="mcnemar_p")
+
+    @property
+    def is_of_variants(self) -> bool:
+        """Whether the two differ in the variant alone; of landings, in the pad."""
+        return self.cell.partition("/")[2] == self.against.partition("/")[2]
+
+
+class _Corrupted(_Part):
+    source: str
+    corruption: str
+    severity: Count
+
+
+class _Network(_Part):
+    name: str = ""
+    arch: str = ""
+
+
+class _About(_Part):
+    data: str = ""
+
+
+class _Summary(_Part):
+    """What is read of a summary of any kind: it has groups, or cells."""
+
+    model: _Network = _Network()
+    about: _About = _About()
+    groups: list[_Group] = []
+    cells: list[_Group] = []
+    means: list[_Mean] = Field([], validation_alias="variants")
+    pairs: list[_Pair] = []
+    corrupted: list[_Corrupted] = []
+
+
+def name_kind(content: Mapping[str, Any], run: str) -> str | None:
+    """The kind that a summary says it is of; of an older one that does not say, by what it holds and where it lies."""
+    said = content.get("kind")
+    if said is not None:
+        return "detection" if said == "detections" else str(said)
+    if "cells" in content:
+        return "benchmark" if "variants" in content else "landing"
+    if "groups" not in content:
+        return None
+    if any("weather" in group for group in content["groups"] or () if isinstance(group, dict)):
+        return "world-eval"
+    return "sweep" if run.startswith("sweeps/") else "eval"
+
+
+def read_rows(file: Path, run: str) -> tuple[Kind, list[ResultRow]]:
+    """The kind of a run and its rows, from its `summary.json`.
+
+    Raises:
+        ToolkitError: the file is damaged, of a newer toolkit or of another program.
+    """
+    content = load_json(file)
+    version = content.get("schema_version") if isinstance(content, dict) else None
+    if not isinstance(version, int) or isinstance(version, bool):
+        raise ToolkitError(f"{file} is no result of toolkit: expected a schema_version in it")
+    if version > SCHEMA_VERSION:
+        raise ToolkitError(
+            f"{file} was written by a newer toolkit (schema_version {version}, this one reads up to {SCHEMA_VERSION}): "
+            "update toolkit"
+        )
+    said = name_kind(content, run)
+    if said is None:
+        raise ToolkitError(f"{file} is no result of toolkit: expected groups or cells in it")
+    kind = next((known for known in KINDS if known == said), None)
+    if kind is None:
+        raise ToolkitError(
+            f"{file} is of a kind '{said}' that this toolkit does not know: expected one of {', '.join(KINDS)}: "
+            "update toolkit"
+        )
+    try:
+        return kind, list(_list_rows(run, kind, _Summary.model_validate(content)))
+    except ValidationError as error:
+        raise ToolkitError(f"{file} is damaged ({explain_validation(error)}): make the run again") from None
+
+
+def _list_rows(run: str, kind: Kind, found: _Summary) -> Iterator[ResultRow]:
+    changes = {one.cell or one.key: one for one in found.pairs if one.is_of_variants}
+    corrupted = {one.source: (one.corruption, one.severity) for one in found.corrupted}
+    pooled = {one.source for one in (*found.groups, *found.cells) if one.object == POOLED}
+    for one in (*found.groups, *found.cells):
+        condition, severity = corrupted.get(one.source, (one.condition, one.severity))
+        row = ResultRow(run, kind, **one.model_dump())
+        row = replace(
+            row, network=one.network or found.model.name or found.model.arch,
+            source=one.source or SOURCES.get(kind) or found.about.data,
+            condition=CLEAR if condition in (None, "clean") else condition, severity=severity or 0,
+            ci95=one.ci95 if one.n else None, metric=METRICS.get(kind, "top1"), has_pooled=one.source in pooled,
+        )  # fmt: skip
+        change = changes.get(one.key) or changes.get(one.name)
+        yield row if change is None else replace(row, gained=change.gained, lost=change.lost, p=change.p)
+    for mean in found.means if kind == "benchmark" else ():
+        if mean.share is not None:
+            yield ResultRow(run, kind, **mean.model_dump() | {"source": found.about.data, "condition": MEAN})
