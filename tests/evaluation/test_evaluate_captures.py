@@ -42,7 +42,7 @@ def test_results_are_right(shot, colour_classifier):
     assert sorted(path.name for path in result.run_dir.iterdir()) == ["predictions.csv", "report.html", "summary.json"]
     summary = json.loads((result.run_dir / "summary.json").read_text())
     assert summary == result.summary
-    assert summary["schema_version"] == 1
+    assert (summary["schema_version"], summary["kind"]) == (1, "eval")
     assert {key: summary["model"][key] for key in ("arch", "weights", "sha256")} == {
         "arch": "colours",
         "weights": "colours.pth",

@@ -214,6 +214,8 @@ def test_a_condition_that_means_nothing_is_refused(text, words):
         ([1, 2], "is no result of toolkit"),
         ({"schema_version": True, "groups": []}, "is no result of toolkit"),
         ({"schema_version": 1, "losses": [3]}, "is no result of toolkit: expected groups or cells"),
+        ({"schema_version": 1, "kind": "eval"}, "is no result of toolkit: expected groups or cells"),
+        ({"schema_version": 1, "groups": 5}, "is damaged (field 'groups'"),
         ({"schema_version": 1, "kind": "wraps", "groups": []}, "is of a kind 'wraps' that this toolkit does not know"),
         (
             {"schema_version": 1, "model": {}, "groups": [{"source": "sim"}], "pairs": []},

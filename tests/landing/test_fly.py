@@ -42,6 +42,7 @@ def test_files_say_what_was_flown(flown: tuple[Workspace, Flown]) -> None:
     space, made = flown
     results, pairs = write_summary(made.folder, QUICK, made, 2)
     summary = json.loads((made.folder / "summary.json").read_text())
+    assert summary["kind"] == "landing"
     (cell,) = summary["cells"]
     assert cell["success"] == 1.0
     assert (cell["n"], cell["missed"], cell["crashed"], cell["lost"], cell["timed_out"]) == (2, 0, 0, 0, 0)

@@ -311,7 +311,7 @@ def _judge_rig(network: str, one: SimReal, row: Comparison) -> Verdict:
     forecast = next((own for own in one.forecasts if (own.object, own.variant) == (POOLED, row.second)), None)
     if forecast is not None:
         sentence += f" {_describe_forecast(forecast)}"
-    return Verdict(tone, verdict, sentence, f"{one.sim} and {one.real}", row.second)
+    return Verdict(tone, sentence, verdict, f"{one.sim} and {one.real}", row.second)
 
 
 def _describe_forecast(forecast: GainForecast) -> str:

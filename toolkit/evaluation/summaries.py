@@ -137,6 +137,7 @@ class _Where(_Part):
 
 
 class _Mean(_Where):
+    variant: str = Field(validation_alias=AliasChoices("variant", "pad"))
     share: Share | None = Field(validation_alias=AliasChoices("top1", "success", "found"))
     ci95: tuple[Share, Share] | None = Field(validation_alias=AliasChoices("top1_ci95", "success_ci95", "found_ci95"))
 
@@ -191,16 +192,14 @@ class _Summary(_Part):
     corrupted: list[_Corrupted] = []
 
 
-def name_kind(content: Mapping[str, Any], run: str) -> str | None:
+def name_kind(content: Mapping[str, Any], run: str) -> str:
     """The kind that a summary says it is of; of an older one that does not say, by what it holds and where it lies."""
-    said = content.get("kind")
+    said, groups = content.get("kind"), content.get("groups")
     if said is not None:
         return "detection" if said == "detections" else str(said)
     if "cells" in content:
         return "benchmark" if "variants" in content else "landing"
-    if "groups" not in content:
-        return None
-    if any("weather" in group for group in content["groups"] or () if isinstance(group, dict)):
+    if isinstance(groups, list) and any("weather" in group for group in groups if isinstance(group, dict)):
         return "world-eval"
     return "sweep" if run.startswith("sweeps/") else "eval"
 
@@ -220,13 +219,13 @@ def read_rows(file: Path, run: str) -> tuple[Kind, list[ResultRow]]:
             f"{file} was written by a newer toolkit (schema_version {version}, this one reads up to {SCHEMA_VERSION}): "
             "update toolkit"
         )
-    said = name_kind(content, run)
-    if said is None:
+    if "groups" not in content and "cells" not in content:
         raise ToolkitError(f"{file} is no result of toolkit: expected groups or cells in it")
+    said = name_kind(content, run)
     kind = next((known for known in KINDS if known == said), None)
     if kind is None:
         raise ToolkitError(
-            f"{file} is of a kind '{said}' that this toolkit does not know: expected one of {', '.join(KINDS)}: "
+            f"{file} is of a kind {said!r} that this toolkit does not know: expected one of {', '.join(KINDS)}: "
             "update toolkit"
         )
     try:

@@ -35,16 +35,16 @@ class Verdict:
 
     Attributes:
         tone: `good`, `bad` or `open`.
+        sentence: the result with its numbers, or the numbers behind the verdict.
         verdict: a few words; empty where the sentence says it.
-        sentence: the numbers behind it.
         source, variant: what it is about.
         question: that it answers, where the variants were shot to ask it.
         brief: the numbers in a few words, for those who read no sentence; empty where the verdict says them.
     """
 
     tone: str
-    verdict: str
     sentence: str
+    verdict: str = ""
     source: str = ""
     variant: str = ""
     question: str = ""
@@ -102,7 +102,7 @@ def _judge_booster(network: str, groups: Groups, row: Comparison | None, variant
     if variant == UNPATCHED or before is None:
         sentence = f"{network} is right on {_format_group(after)} of the {variant} images."
         verdict = "Accuracy alone, nothing to compare with"
-        return Verdict("open", verdict, sentence, after.source, variant, question)
+        return Verdict("open", sentence, verdict, after.source, variant, question)
     name, where = name_booster(variant), ""
     counts = (after.n_top1, after.n), (before.n_top1, before.n)
     if row is not None and {after.n, before.n} != {row.outcomes.n}:  # what was shot one way alone has no part in it
@@ -112,10 +112,10 @@ def _judge_booster(network: str, groups: Groups, row: Comparison | None, variant
     shares = f"{network} is right on {with_it} with {name} and on {without} without{where}."
     if row is None:
         verdict, why = "Nothing could be paired", "No pose was shot both ways, so no paired test is possible."
-        return Verdict("open", verdict, f"{shares} {why}", after.source, variant, question)
+        return Verdict("open", f"{shares} {why}", verdict, after.source, variant, question)
     tone, verdict, why = judge_change(name, row.outcomes)
     brief = f"{row.outcomes.n_first} → {row.outcomes.n_second} of {row.outcomes.n} right"
-    return Verdict(tone, verdict, f"{shares} {why}", after.source, variant, question, brief)
+    return Verdict(tone, f"{shares} {why}", verdict, after.source, variant, question, brief)
 
 
 def judge_change(name: str, outcomes: PairedOutcomes) -> tuple[str, str, str]:
@@ -188,7 +188,7 @@ def _is_it_this(network: str, booster: str, rows: Comparisons, rivals: Sequence[
     wrong = rows.get((UNPATCHED, WRONG)) if booster == PATCHED else None
     if wrong is not None:
         sentence += f" {_describe_wrong(wrong)}"
-    return Verdict(tone, verdict, sentence, best.source, booster, ask_this(booster))
+    return Verdict(tone, sentence, verdict, best.source, booster, ask_this(booster))
 
 
 def _patch_or_texture(network: str, row: Comparison) -> Verdict:
@@ -197,7 +197,7 @@ def _patch_or_texture(network: str, row: Comparison) -> Verdict:
         tone, verdict = "good", f"The {'patch' if row.outcomes.first_is_better else 'texture'} does better"
     names = ("the patch", "the texture")
     sentence = _compare_both(network, row.outcomes, names, names)
-    return Verdict(tone, verdict, sentence, row.source, TEXTURED, EITHER)
+    return Verdict(tone, sentence, verdict, row.source, TEXTURED, EITHER)
 
 
 def _compare_both(network: str, found: PairedOutcomes, names: tuple[str, str], short: tuple[str, str]) -> str:
@@ -246,7 +246,7 @@ def _object_or_sticker(network: str, alone: Group, row: Comparison | None) -> Ve
         tone, verdict = "open", "The sticker alone is mostly not enough, nor is the patched object shown to be better"
     else:
         tone, verdict = "open", "The object is not shown to add to the sticker"
-    return Verdict(tone, verdict, sentence, alone.source, ALONE, STICKER)
+    return Verdict(tone, sentence, verdict, alone.source, ALONE, STICKER)
 
 
 def _format_group(group: Group) -> str:

@@ -55,6 +55,7 @@ def test_rows_pairs_and_files_say_what_the_pictures_hold(swept):
     assert (result.shot, result.kept, result.classified) == (8, 0, 8)
     content = json.loads(result.json_file.read_text())
     assert content["schema_version"] == 1 and content["axis"] == "light" and content["unit"] == ""
+    assert content["kind"] == result.evaluation.summary["kind"] == "sweep"
     assert content["model"] == {"name": "redness", "arch": "redness", "weights": "red.pth", "sha256": "cd" * 32}
     assert content["kept"]["backdrop"] == "white" and "light" not in content["kept"]
     assert content["values"] == [{"value": name, "label": name} for name in ("studio", "dim")]

@@ -95,7 +95,9 @@ def test_what_is_trained_on_one_kind_is_judged_by_the_other(space, monkeypatch):
     lines = (made / "eval/red/detections.csv").read_text().splitlines()
     found = [line.split(",")[lines[0].split(",").index("found")] for line in lines[1:] if ",patched," in line]
     assert rows["classifiers", "red"].boosted == found.count("1") and rows["classifiers", "red"].n == len(found) == 2
-    networks = json.loads(result.json_file.read_text())["networks"]
+    content = json.loads(result.json_file.read_text())
+    assert content["kind"] == "transfer"
+    networks = content["networks"]
     assert networks["red"]["kind"] == "detector" and "kind" not in networks["tiny:1"]
     with pytest.raises(ToolkitError, match=r"no network called 'red': known: detectors, classifiers"):
         leave_one_out(space, config.with_overrides(left_out=("red",)), [network(1), detector])

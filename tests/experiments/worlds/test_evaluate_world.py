@@ -56,6 +56,7 @@ def test_every_picture_is_a_row_and_pairs_share_their_camera(finished: WorldRun)
 
 def test_the_summary_counts_the_rows(finished: WorldRun) -> None:
     summary, rows = json.loads(finished.files.summary.read_text()), read_rows(finished.files.predictions)
+    assert summary["kind"] == "world-eval"
     assert {group["place"] for group in summary["groups"]} == {"all", "west", "east"}
     assert len(summary["groups"]) == 2 * 4 * 3
     for group in summary["groups"]:

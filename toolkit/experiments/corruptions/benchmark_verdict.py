@@ -78,27 +78,27 @@ def _judge_row(summary: "Summary", row: "VariantMean") -> Verdict:
         what, share, ci95, wrong, not_decoded = "clean", row.clean_top1, None, row.clean_wrong, row.clean_not_decoded
     if share is None:
         return Verdict(
-            "open", "", f"{row.answerer} saw neither clean images with {row.variant} nor any of the 15 corruptions."
+            "open", f"{row.answerer} saw neither clean images with {row.variant} nor any of the 15 corruptions."
         )
     how_many = _format_share(share, ci95)
     if row.kind == READER:
         rest = f"another on {format_percent(wrong)} %, none on {format_percent(not_decoded)} %"
         sentence = f"{row.answerer} reads the right code on {how_many} of {what} images with {row.variant}, {rest}."
-        return Verdict("open", "", sentence)
+        return Verdict("open", sentence)
     if row.variant == UNPATCHED:
-        return Verdict("open", "", f"{row.answerer} recognises {how_many} of {what} images, without patches.")
+        return Verdict("open", f"{row.answerer} recognises {how_many} of {what} images, without patches.")
     sentence = f"{row.answerer} recognises {how_many} of {what} images with {row.variant}"
     before, difference = summary.unpatched_of(row), summary.differences_of(row).get("unpatched")
     if before is None:
-        return Verdict("open", "", f"{sentence}.")
+        return Verdict("open", f"{sentence}.")
     if difference is None:
-        return Verdict("open", "", f"{sentence}, {_format_share(before.clean_top1 or 0.0, None)} without.")
+        return Verdict("open", f"{sentence}, {_format_share(before.clean_top1 or 0.0, None)} without.")
     sentence += f", {_format_share(before.top1 or 0.0, before.top1_ci95)} without"
     if difference.ci95 is None:
-        return Verdict("open", "", f"{sentence}: {format_points(difference.difference)} points.")
+        return Verdict("open", f"{sentence}: {format_points(difference.difference)} points.")
     tone = find_tone(difference.ci95)
     points = f"{format_points(difference.difference)} points ({format_points_interval(difference.ci95)})"
-    return Verdict(tone, "", f"{sentence}: {points}{'' if tone != 'open' else ', no difference shown'}.")
+    return Verdict(tone, f"{sentence}: {points}{'' if tone != 'open' else ', no difference shown'}.")
 
 
 def _format_share(share: float, ci95: Interval | None) -> str:

@@ -38,7 +38,7 @@ def judge_world(summary: Summary) -> list[Verdict]:
         who = f"{summary['model']['name']} has the {summary['about']['class']} among its first five guesses"
         sentence = f"In clear air {who} on {_share(row)} of {row['n']} pictures {_name(variant)}."
         tone, why = ("open", "") if variant == ABSENT else _judge_pair(pairs.get(variant))
-        found.append(Verdict(tone, "", f"{sentence}{why}"))
+        found.append(Verdict(tone, f"{sentence}{why}"))
     return found + [_judge_half(row) for row in summary["half_lost"] if row["variant"] != ABSENT]
 
 
@@ -70,17 +70,17 @@ def _judge_pair(pair: Row | None) -> tuple[str, str]:
 def _judge_half(row: Row) -> Verdict:
     what = f"In {row['weather']}, {_name(row['variant'])}: "
     if not row["clear_top5"]:
-        return Verdict("open", "", f"{what}nothing was recognised in clear air, so that nothing can be lost.")
+        return Verdict("open", f"{what}nothing was recognised in clear air, so that nothing can be lost.")
     half = f"half of the recognitions are lost at a visibility of {format_visibility(row)}"
     if row["visibility_m"] is None:
         half = (
             f"half of the recognitions are not lost down to a visibility of {row['densest_m']:.3g} m, the least shown"
         )
     if row["times"] is None:
-        return Verdict("open", "", f"{what}{half}.")
+        return Verdict("open", f"{what}{half}.")
     same = f"The share that bare has left at its half is reached through {format_times(row, 'same_times')} as much."
     sentence = f"{what}{half}, through {format_times(row, 'times')} as much of it as bare. {same}"
-    return Verdict(find_tone(row["same_times_ci95"], none=1), "", sentence)
+    return Verdict(find_tone(row["same_times_ci95"], none=1), sentence)
 
 
 def format_visibility(row: Row) -> str:
