@@ -21,8 +21,6 @@ from toolkit.evaluation.metrics import (
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.seen import Training
 from toolkit.evaluation.sim_real import SimReal, compare_sim_real, explain_apart, write_sim_real
-from toolkit.evaluation.verdict import Headline, write_headlines
-from toolkit.evaluation.sim_real import SimReal, compare_sim_real, write_sim_real
 from toolkit.evaluation.summaries import Kind, begin_summary, list_reasons
 from toolkit.evaluation.verdict import Verdict, write_headlines
 from toolkit.models.network import Classifier
