@@ -20,8 +20,6 @@ from toolkit.experiments.worlds.answers import WeatherKey
 from toolkit.experiments.worlds.cameras import PlaceCameras
 from toolkit.experiments.worlds.half_lost import find_ladder, list_extinctions
 from toolkit.experiments.worlds.keep import KeptFrames, name_picture
-from toolkit.experiments.worlds.metrics import AXES, IN_VIEW
-from toolkit.experiments.worlds.results import WorldResults, find_visibility_m
 from toolkit.experiments.worlds.world_results import WorldResults, find_visibility_m
 from toolkit.experiments.worlds.world_rows import AXES, IN_VIEW
 from toolkit.imaging.read import read_image
