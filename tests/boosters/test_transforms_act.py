@@ -147,7 +147,7 @@ def test_jitter_changes_what_a_network_sees():
         (TapeGlare, {"strength": (0, 2)}, "strength 0 2: expected two rising numbers from 0 to 1"),
         (TapeGlare, {"width": (0.2, 0.1)}, "width 0.2 0.1: expected two rising"),
         (TapeGlare, {"strip_probability": 3}, "strip_probability 3: expected 0 to 1"),
-        (CameraBlur, {"defocus_px": (2, 1)}, "defocus_px 2 1: expected two rising numbers from 0.2 to 8"),
+        (CameraBlur, {"defocus_px": (2, 1)}, "defocus_px 2 1: expected two rising numbers from 0.05 to 8"),
         (CameraBlur, {"probability": 1.1}, "probability 1.1: expected 0 to 1"),
         (SensorNoise, {"shot": (-0.1, 0.1)}, "shot -0.1 0.1"),
         (SensorNoise, {"read": (0, float("nan"))}, "read"),

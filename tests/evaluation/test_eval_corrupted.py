@@ -15,6 +15,7 @@ from PIL import Image
 
 from toolkit.captures.read import read_captures
 from toolkit.cli import main
+from toolkit.core.workspace import make_workspace
 from toolkit.corruptions import corrupt_picture, image_seed
 from toolkit.evaluation.config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
@@ -135,8 +136,9 @@ def test_an_unreadable_image_is_listed_under_each(put, workspace, colour_classif
     ("words", "told"), [("fogg:3", "did you mean fog"), ("fog:6", "severity '6'"), ("fog:", "severity ''")]
 )
 def test_bad_words_are_one_line_and_exit_code_2(words, told, monkeypatch, capsys, tmp_path):
+    space = make_workspace(tmp_path / "lab")
     for command in (["eval"], ["capture-sim"], ["train-patch", "--class", "jet", "--data", str(tmp_path)]):
-        monkeypatch.setattr(sys, "argv", ["toolkit", *command, "--workspace", str(tmp_path), "--corrupt", words])
+        monkeypatch.setattr(sys, "argv", ["toolkit", *command, "--workspace", str(space.root), "--corrupt", words])
         with pytest.raises(SystemExit) as stopped:
             main()
         said = capsys.readouterr()
