@@ -263,10 +263,10 @@ def from_picture(pixels: np.ndarray, device: str) -> "torch.Tensor":
     return torch.from_numpy(np.ascontiguousarray(pixels.transpose(2, 0, 1))).to(device).float().div(255)
 
 
-def record_network(classifier: Network) -> records.Network:
+def record_network(classifier: Network) -> records.NetworkRecord:
     """A classifier as records name it."""
     weights = classifier.weights
-    return records.Network(arch=classifier.arch, weights=weights.name, sha256=weights.sha256)
+    return records.NetworkRecord(arch=classifier.arch, weights=weights.name, sha256=weights.sha256)
 
 
 def list_networks(targets: list[Target]) -> list[list[object]]:

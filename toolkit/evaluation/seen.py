@@ -9,7 +9,7 @@ from toolkit.captures.read import POOLED, Capture
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_json
 from toolkit.core.workspace import Workspace
-from toolkit.objects.records import BoosterRecord, Network, PatchRecord, TextureRecord
+from toolkit.objects.records import BoosterRecord, NetworkRecord, PatchRecord, TextureRecord
 
 MOST_NAMED = 3
 
@@ -30,7 +30,7 @@ class Training:
     variant: str
     booster: str
     booster_sha256: str
-    networks: tuple[Network, ...]
+    networks: tuple[NetworkRecord, ...]
     seen: bool
 
     def as_json(self) -> dict[str, Any]:

@@ -26,7 +26,7 @@ from toolkit.landing.pads import Pad, draw_pad
 from toolkit.landing.regressor import Regressor, load_regressor
 from toolkit.landing.site import PadSite, View, find_sky, find_world, plan_places
 from toolkit.landing.train import LEAST_HEIGHT_M
-from toolkit.objects.records import Network, Patch, read_patch, write_patch
+from toolkit.objects.records import NetworkRecord, Patch, read_patch, write_patch
 from toolkit.printing.document import build_pdf
 from toolkit.printing.settings import PrintSettings
 from toolkit.rig.raycast import map_frames
@@ -151,7 +151,7 @@ class PadTask(Task[Patch]):
         made = self.regressor.record
         record = {
             "name": self.name, "class_name": CLASS_NAME, "class_index": 0, "size_mm": round(made.size_m * 1000, 3),
-            "networks": [Network(arch=made.arch, weights=f"{made.name}.safetensors", sha256=made.sha256)],
+            "networks": [NetworkRecord(arch=made.arch, weights=f"{made.name}.safetensors", sha256=made.sha256)],
             "data": {"world": self.config.world, "views": len(self.views)}, "seed": self.seed,
             "settings": self.config.record() | {"inputs_sha256": self.inputs}, "final": history.recent(self.recent),
             "toolkit_version": __version__,

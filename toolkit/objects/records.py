@@ -22,7 +22,7 @@ SHA256 = r"^[0-9a-f]{64}$"
 MOST_RECORDED_BYTES = 1 << 30
 
 
-class Network(BaseModel):
+class NetworkRecord(BaseModel):
     """A classifier, exactly: its architecture and the SHA-256 of its weights' file."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -54,7 +54,7 @@ class BoosterRecord(BaseModel):
     class_index: int = Field(ge=0)
     n_px: int = Field(gt=0)
     png_sha256: str = Field(pattern=SHA256)
-    networks: list[Network]
+    networks: list[NetworkRecord]
     data: dict[str, Any]
     seed: int
     settings: dict[str, Any]
@@ -175,7 +175,7 @@ MAX_UV_BYTES = 1 << 29
 KEEP_LEVEL = 128
 
 
-class TexturedObject(BaseModel):
+class TexturedObjectRecord(BaseModel):
     """An object that a texture was trained on, and what it takes to dress it again.
 
     Attributes:
@@ -199,7 +199,7 @@ class TexturedObject(BaseModel):
     glb_sha256: str | None = Field(None, pattern=SHA256)
 
     @model_validator(mode="after")
-    def _has_coordinates(self) -> "TexturedObject":
+    def _has_coordinates(self) -> "TexturedObjectRecord":
         if self.unwrapped != (self.uv_sha256 is not None):
             raise ValueError("expected uv_sha256 where unwrapped is true, and there alone")
         return self
@@ -209,16 +209,16 @@ class TextureRecord(BoosterRecord):
     """How a texture came to be, and on which objects it goes."""
 
     name: FileName
-    objects: list[TexturedObject] = Field(min_length=1)
+    objects: list[TexturedObjectRecord] = Field(min_length=1)
 
     @field_validator("objects")
     @classmethod
-    def _once_each(cls, objects: list[TexturedObject]) -> list[TexturedObject]:
+    def _once_each(cls, objects: list[TexturedObjectRecord]) -> list[TexturedObjectRecord]:
         if len({one.name for one in objects}) < len(objects):
             raise ValueError("expected each object once")
         return objects
 
-    def entry(self, name: str) -> TexturedObject | None:
+    def entry(self, name: str) -> TexturedObjectRecord | None:
         """What is recorded of an object, None where the texture is not for it."""
         return next((one for one in self.objects if one.name == name), None)
 
@@ -265,7 +265,7 @@ def write_texture(
         folder: `rig/textures` of a workspace.
         pixels: (n, n, 3) uint8 sRGB.
         record: the fields of `TextureRecord` except n_px and png_sha256; `objects` lists dicts with the fields of
-            `TexturedObject` except `unwrapped` and the hashes of files, which follow from the arguments below.
+            `TexturedObjectRecord` except `unwrapped` and the hashes of files, which follow from the arguments below.
         corner_uv: by object, (m, 3, 2), for objects that were unwrapped.
         keep_images: by object, (h, w) bool, true keeps the paint.
         glbs: by object, the file to export.

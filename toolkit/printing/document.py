@@ -19,14 +19,7 @@ from toolkit.printing.canvas import (
     set_paper,
 )
 from toolkit.printing.colour_strip import draw_strip
-from toolkit.printing.layout import (
-    MapPage,
-    Page,
-    PrintPlan,
-    TilePage,
-    measure_side_mm,
-    plan_pages,
-)
+from toolkit.printing.layout import MapPage, Page, PrintPlan, TilePage, measure_side_mm, plan_pages
 from toolkit.printing.marks import (
     CUT_IT,
     JOIN_IT,

@@ -15,7 +15,7 @@ from toolkit.objects.records import (
     COMMAND,
     Patch,
     Texture,
-    TexturedObject,
+    TexturedObjectRecord,
     TextureRecord,
     encode_png,
     read_patch,
@@ -49,7 +49,7 @@ def find_texture(workspace: Workspace, item: TableObject) -> Texture:
     )
 
 
-def check_fit(item: TableObject, texture: Texture) -> TexturedObject:
+def check_fit(item: TableObject, texture: Texture) -> TexturedObjectRecord:
     """What the record says of an object, if the object is still the one that the texture was trained on.
 
     Raises:

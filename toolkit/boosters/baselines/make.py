@@ -26,7 +26,7 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.models.network import Classifier
-from toolkit.objects.records import Network, PatchRecord, read_patch, write_patch
+from toolkit.objects.records import NetworkRecord, PatchRecord, read_patch, write_patch
 from toolkit.training.image_set import ImageSet, choose_classes, open_images
 
 BEST_IMAGE, RANDOM_IMAGE, FIXED_PATTERN = "best-image", "random-image", "fixed-pattern"
@@ -230,7 +230,7 @@ def _describe_way(baseline: Baseline) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _name_weights(networks: list[Network]) -> str:
+def _name_weights(networks: list[NetworkRecord]) -> str:
     return " ".join(f"{network.arch} {network.sha256[:12]}" for network in networks)
 
 
