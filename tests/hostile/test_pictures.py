@@ -133,7 +133,7 @@ ALLOWED = {
     ("corruptions/digital.py", "imdecode"),  # what it has just encoded
     ("photos/video.py", "VideoCapture"),
     ("worlds/film.py", "VideoCapture"),  # what it has just written
-    ("printing/shot_list/drawings.py", "ImageReader"),  # what it has just encoded
+    ("printing/canvas.py", "ImageReader"),  # what it has just encoded
     ("objects/load.py", "load_scene"),  # within `open_textures`
     ("objects/turntable.py", "load_scene"),  # what it has just encoded
 }

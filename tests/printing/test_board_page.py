@@ -14,7 +14,8 @@ from toolkit.cli.app import make_single
 from toolkit.cli.print_ import print_patches
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
-from toolkit.printing.board_page import (
+from toolkit.printing.page import TilePage, parse_paper
+from toolkit.printing.print_boards import (
     EDGE_MM,
     FRONT_EDGE_MM,
     build_board_pdf,
@@ -22,8 +23,6 @@ from toolkit.printing.board_page import (
     measure_board,
     plan_board_pages,
 )
-from toolkit.printing.layout import TilePage
-from toolkit.printing.page import parse_paper
 from toolkit.rig.board import DEFAULT_BOARD, DEFAULT_RING, CharucoBoard, choose_ring, read_board
 from toolkit.rig.markers import get_dictionary
 

@@ -5,7 +5,7 @@ import pytest
 from printed_pages import longest_run, make_patch, render
 
 from toolkit.objects.records import Patch
-from toolkit.printing import canvas as artwork
+from toolkit.printing import document as artwork
 from toolkit.printing.document import build_pdf
 from toolkit.printing.page import parse_paper
 from toolkit.printing.settings import PrintSettings

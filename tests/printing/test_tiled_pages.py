@@ -7,8 +7,7 @@ import pytest
 from printed_pages import Raster, make_patch, render
 
 from toolkit.printing.document import build_pdf
-from toolkit.printing.layout import MapPage, TilePage
-from toolkit.printing.page import parse_paper, split_length, tile_sheet
+from toolkit.printing.page import MapPage, TilePage, parse_paper, split_length, tile_sheet
 from toolkit.printing.settings import PrintSettings
 
 DPI = 300

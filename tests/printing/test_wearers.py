@@ -18,9 +18,8 @@ from toolkit.objects.load import load_object
 from toolkit.objects.spec import read_spec
 from toolkit.photos.gates.check_captures import printed_sides
 from toolkit.photos.gates.check_set import CheckedPhoto, PatchLines
-from toolkit.printing.document import build_pdf
+from toolkit.printing.document import Wearer, build_pdf, read_page
 from toolkit.printing.settings import PrintSettings
-from toolkit.printing.wearers import Wearer, read_page
 from toolkit.rig.variants import find_booster
 
 

@@ -124,9 +124,9 @@ def print_profile(
     from toolkit.imaging.printer import write_print_profile
     from toolkit.objects.records import read_patch
     from toolkit.photos.prints.profile_photos import profile_photos
+    from toolkit.printing.document import say_sizes
     from toolkit.printing.page import parse_paper
-    from toolkit.printing.print_patches import select_patches
-    from toolkit.printing.wearers import choose_wearer, say_sizes
+    from toolkit.printing.print_patches import choose_wearer, select_patches
 
     if name is not None and not is_file_name(name):
         raise FieldError("expected letters, digits, '-' and '_', without a suffix", {"name": name})

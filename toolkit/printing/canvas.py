@@ -1,32 +1,44 @@
-"""A PDF to draw on: embedded fonts, words that keep inside their room, and pixels as vector rectangles. Millimetres."""
+"""A PDF to draw on in millimetres: embedded fonts, words that keep inside their room, shapes, arrows and dimensions."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cache
 from importlib.util import find_spec
 from io import BytesIO
-from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from reportlab.lib.utils import ImageReader
+from reportlab.pdfbase.pdfdoc import PDFArray, PDFDictionary, PDFInfo, PDFName, PDFStream, PDFString
+from reportlab.pdfbase.pdfmetrics import getFont, registerFont, stringWidth
+from reportlab.pdfbase.ttfonts import TTFont
+from reportlab.pdfgen.canvas import Canvas as ReportLabCanvas
 
 from toolkit import __version__
 from toolkit.objects.printed_size import MM_PER_INCH
-from toolkit.printing.page import Paper
+from toolkit.printing.page import Paper, Rect
 
-if TYPE_CHECKING:
-    from reportlab.pdfgen.canvas import Canvas
-
-PLAIN = "ToolkitSans"
-BOLD = "ToolkitSansBold"
+Colour = tuple[float, float, float]
+Point = tuple[float, float]
+PLAIN, BOLD = "ToolkitSans", "ToolkitSansBold"
 SMALLEST_MM = 1.2
+POINTS_PER_MM = 72 / MM_PER_INCH
+INK: Colour = (0.10, 0.12, 0.15)
+SOFT: Colour = (0.42, 0.45, 0.49)
+FAINT: Colour = (0.80, 0.82, 0.84)
+WASH: Colour = (0.945, 0.95, 0.957)
+WHITE: Colour = (1.0, 1.0, 1.0)
+CAMERA: Colour = (0.05, 0.36, 0.62)
+SHEET: Colour = (0.80, 0.25, 0.10)
+OBJECT: Colour = (0.70, 0.72, 0.75)
+"""Camera blue, sheet vermilion: apart in print without colour too, by their darkness."""
+TICK_MM = 3.6
 
 
 def _font_file(dejavu: str, vera: str) -> str:
-    """Matplotlib's DejaVu Sans, which knows most alphabets, else ReportLab's own Vera, its Latin ancestor.
-
-    Matplotlib is looked up and not imported: that would take longer than making the page.
-    """
+    """Matplotlib's DejaVu Sans, which knows most alphabets, else ReportLab's own Vera, its Latin ancestor."""
+    # looked up and not imported: that would take longer than making the page
     spec = find_spec("matplotlib")
     if spec is not None and spec.origin is not None:
         file = Path(spec.origin).parent / "mpl-data" / "fonts" / "ttf" / dejavu
@@ -36,94 +48,25 @@ def _font_file(dejavu: str, vera: str) -> str:
 
 
 @cache
-def register_fonts() -> None:
-    """Make both fonts known to ReportLab; they are embedded, since print shops refuse PDFs whose fonts are not."""
-    from reportlab.pdfbase.pdfmetrics import registerFont
-    from reportlab.pdfbase.ttfonts import TTFont
-
+def _register_fonts() -> None:
+    # embedded, since print shops refuse PDFs whose fonts are not
     registerFont(TTFont(PLAIN, _font_file("DejaVuSans.ttf", "Vera.ttf")))
     registerFont(TTFont(BOLD, _font_file("DejaVuSans-Bold.ttf", "VeraBd.ttf")))
 
 
 def measure_text_mm(text: str, font: str, size_mm: float) -> float:
     """Width of a line."""
-    from reportlab.pdfbase.pdfmetrics import stringWidth
-
     return stringWidth(text, font, size_mm)
 
 
-def drawable(text: str, font: str) -> str:
+def _drawable(text: str, font: str) -> str:
     """`text` with a question mark for each character that the font lacks; a missing glyph would print as nothing."""
-    from reportlab.pdfbase.pdfmetrics import getFont
-
     known = getFont(font).face.charToGlyph
     return "".join(letter if ord(letter) in known else "?" for letter in text)
 
 
-def draw_text(
-    canvas: "Canvas",
-    text: str,
-    x: float,
-    y: float,
-    size_mm: float,
-    room_mm: float,
-    font: str = PLAIN,
-    align: str = "left",
-) -> float:
-    """Draw one line with its baseline at y, made smaller until it fits `room_mm`, and cut with … below 1.2 mm.
-
-    Args:
-        canvas: in millimetres.
-        text: one line.
-        x: left end, middle or right end, as `align` says.
-        y: baseline.
-        size_mm: of the font.
-        room_mm: greatest width.
-        font: `PLAIN` or `BOLD`.
-        align: `left`, `centre` or `right`.
-
-    Returns:
-        The width that the line takes, millimetres.
-    """
-    text = drawable(text, font)
-    width = measure_text_mm(text, font, size_mm)
-    if width > room_mm:
-        size_mm = max(SMALLEST_MM, size_mm * room_mm / width)
-        while measure_text_mm(text, font, size_mm) > room_mm * 1.0001 and len(text) > 1:
-            text = text[:-2] + "…"
-        width = measure_text_mm(text, font, size_mm)
-    canvas.setFont(font, size_mm)
-    canvas.drawString(x - {"left": 0.0, "centre": 0.5, "right": 1.0}[align] * width, y, text)
-    return width
-
-
-FORM = "patch"
-UNDERLAP_PX = 0.5
-
-
-def find_runs(row: np.ndarray) -> list[tuple[int, int]]:
-    """Spans [first, end) of equal colour in a row of (n, 3) pixels."""
-    edges = np.flatnonzero(np.any(row[1:] != row[:-1], axis=1)) + 1
-    bounds = [0, *edges.tolist(), len(row)]
-    return list(pairwise(bounds))
-
-
-def pixel_operators(pixels: np.ndarray) -> list[str]:
-    """PDF operators that paint (n, n, 3) uint8 pixels over the square from (0, 0) to (n, n), first row on top."""
-    side = len(pixels)
-    operators = []
-    for index, row in enumerate(pixels):
-        top = side - index
-        bottom = top - 1 - (UNDERLAP_PX if index < side - 1 else 0)
-        for first, end in find_runs(row):
-            red, green, blue = (f"{value / 255:.5g}" for value in row[first].tolist())
-            right = end + (UNDERLAP_PX if end < side else 0)
-            operators.append(f"{red} {green} {blue} rg {first} {bottom:g} {right - first:g} {top - bottom:g} re f")
-    return operators
-
-
 @cache
-def srgb_profile() -> bytes:
+def _srgb_profile() -> bytes:
     """An ICC profile of sRGB, the same bytes every time (LittleCMS writes the time into it)."""
     from PIL import ImageCms
 
@@ -133,79 +76,239 @@ def srgb_profile() -> bytes:
     return bytes(profile)
 
 
-def define_patch(canvas: "Canvas", pixels: np.ndarray) -> None:
-    """Store the patch once in the file, for `place_patch` to show; (n, n, 3) uint8, sRGB-encoded.
+class _UndatedInfo(PDFInfo):
+    """ReportLab's reproducible mode writes 1 January 2000, which is false; no date is better."""
 
-    `DefaultRGB` makes its colours sRGB to every reader, not the device's own RGB (ISO 32000-1, 8.6.5.6).
+    def format(self, document: Any) -> bytes:
+        names = ("title", "author", "subject", "keywords", "creator", "producer")
+        return PDFDictionary({name.title(): PDFString(getattr(self, name)) for name in names}).format(document)
+
+
+class Pdf(ReportLabCanvas):
+    """ReportLab's canvas in millimetres, y upwards; the same drawing gives the same bytes.
+
+    Sizes, places and widths of its own methods are millimetres; `room_mm` is the greatest width of a line of text.
     """
-    from reportlab.pdfbase.pdfdoc import PDFArray, PDFDictionary, PDFName, PDFResourceDictionary, PDFStream
 
-    document, side = canvas._doc, len(pixels)
-    icc = PDFStream(PDFDictionary({"N": 3, "Alternate": PDFName("DeviceRGB")}), srgb_profile())
-    space = PDFArray([PDFName("ICCBased"), document.Reference(icc)])
-    # One pixel of room: a box on the very edge would smooth that edge a second time.
-    canvas.beginForm(FORM, -1, -1, side + 1, side + 1)
-    canvas._code.extend(pixel_operators(pixels))
-    canvas.endForm(Resources=PDFResourceDictionary(ColorSpace={"DefaultRGB": space}))
+    def __init__(self, paper: Paper, title: str, subject: str, keywords: Mapping[str, object]) -> None:
+        """Open a document of that paper and fill its information dictionary."""
+        _register_fonts()
+        self.buffer = BytesIO()
+        super().__init__(
+            self.buffer, pagesize=_page_size(paper), pageCompression=1, invariant=1, pdfVersion=(1, 7),
+            initialFontName=PLAIN, lang="en",
+        )  # fmt: skip
+        # Print dialogs that honour these start at 100 %, one-sided, on the paper of this size.
+        self.setViewerPreference("PrintScaling", "None")
+        self.setViewerPreference("Duplex", "Simplex")
+        preferences = self._doc.Catalog.ViewerPreferences
+        preferences.dict["PickTrayByPDFSize"] = "true"  # PDF 1.7; ReportLab's own list ends at 1.6
+        self.setViewerPreference("DisplayDocTitle", "true")
+        info = self._doc.info = _UndatedInfo()
+        info.title, info.subject, info.producer = title, subject, "ReportLab"
+        info.author = info.creator = f"toolkit {__version__}"
+        info.keywords = ", ".join(f"{name}={value}" for name, value in keywords.items())
+
+    @contextmanager
+    def page(self, paper: Paper | None = None) -> Iterator[None]:
+        """Draw one page; of another paper than the one before where `paper` is given."""
+        if paper is not None:
+            self.setPageSize(_page_size(paper))
+        self.scale(POINTS_PER_MM, POINTS_PER_MM)
+        yield
+        self.showPage()
+
+    def finish(self) -> bytes:
+        """The whole file."""
+        self.save()
+        return self.buffer.getvalue()
+
+    def srgb(self) -> PDFArray:
+        """The colour space sRGB, which is the same to every reader."""
+        icc = PDFStream(PDFDictionary({"N": 3, "Alternate": PDFName("DeviceRGB")}), _srgb_profile())
+        return PDFArray([PDFName("ICCBased"), self._doc.Reference(icc)])
+
+    @contextmanager
+    def moved(self, x: float, y: float, turn_deg: float | None = None, scale: float | None = None) -> Iterator[None]:
+        """Draw about (x, y), turned counter-clockwise, then scaled; colours and lines are as before afterwards."""
+        self.saveState()
+        self.translate(x, y)
+        if turn_deg is not None:
+            self.rotate(turn_deg)
+        if scale is not None:
+            self.scale(scale, scale)
+        yield
+        self.restoreState()
+
+    def grey(self, value: float) -> None:
+        """Fill and lines in a grey of the printer's own black, 0 is black."""
+        self.setFillGray(value)
+        self.setStrokeGray(value)
+
+    def ink(self, colour: Colour, line_mm: float | None = None, fill: Colour | None = None) -> None:
+        """Colour of lines and, unless another is given, of what is filled, and the width of lines."""
+        self.setFillColorRGB(*(fill or colour))
+        self.setStrokeColorRGB(*colour)
+        if line_mm is not None:
+            self.setLineWidth(line_mm)
+
+    def text(
+        self, text: str, x: float, y: float, size_mm: float, room_mm: float, font: str = PLAIN, align: str = "left"
+    ) -> float:
+        """Draw one line, made smaller until it fits `room_mm`, and cut with … below 1.2 mm; returns its width.
+
+        Args:
+            text: one line.
+            x: left end, middle or right end, as `align` (`left`, `centre`, `right`) says.
+            y: baseline.
+            size_mm: of the font.
+            room_mm: greatest width.
+            font: `PLAIN` or `BOLD`.
+            align: see `x`.
+        """
+        text = _drawable(text, font)
+        width = measure_text_mm(text, font, size_mm)
+        if width > room_mm:
+            size_mm = max(SMALLEST_MM, size_mm * room_mm / width)
+            while measure_text_mm(text, font, size_mm) > room_mm * 1.0001 and len(text) > 1:
+                text = text[:-2] + "…"
+            width = measure_text_mm(text, font, size_mm)
+        self.setFont(font, size_mm)
+        self.drawString(x - {"left": 0.0, "centre": 0.5, "right": 1.0}[align] * width, y, text)
+        return width
+
+    def write(
+        self, text: str, x: float, y: float, size_mm: float, room_mm: float, font: str = PLAIN, align: str = "left",
+        colour: Colour = INK,
+    ) -> float:  # fmt: skip
+        """`text` in a colour."""
+        self.ink(colour)
+        return self.text(text, x, y, size_mm, room_mm=room_mm, font=font, align=align)
+
+    def write_lines(
+        self, text: str, x: float, y: float, size_mm: float, room_mm: float, colour: Colour = INK
+    ) -> float:  # fmt: skip
+        """A paragraph broken at blanks, first baseline at y; returns the baseline that a next line would have."""
+        line = ""
+        words = _drawable(text, PLAIN).split(" ")
+        for i, word in enumerate(words):
+            line = f"{line} {word}".strip()
+            following = f"{line} {words[i + 1]}" if i + 1 < len(words) else None
+            if following is None or measure_text_mm(following, PLAIN, size_mm) > room_mm:
+                self.write(line, x, y, size_mm, room_mm=room_mm, colour=colour)
+                y -= 1.38 * size_mm
+                line = ""
+        return y
+
+    def write_on_white(
+        self, text: str, x: float, y: float, size_mm: float, font: str = PLAIN, colour: Colour = INK,
+        plate: Colour = WHITE,
+    ) -> None:  # fmt: skip
+        """A line centred at (x, y) on a plate, so that lines below do not cross it."""
+        width = measure_text_mm(text, font, size_mm)
+        self.ink(plate)
+        self.rect(x - width / 2 - 0.4, y - 0.55 * size_mm, width + 0.8, 1.1 * size_mm, stroke=0, fill=1)
+        self.write(text, x, y - 0.36 * size_mm, size_mm, room_mm=width + 1, font=font, align="centre", colour=colour)
+
+    def heading(self, area: Rect, words: str, colour: Colour = INK) -> float:
+        """A part's title at the top of its area; returns the baseline of the line below."""
+        self.write(words, area.x, area.top - 3.2, 3.7, room_mm=area.width, font=BOLD, colour=colour)
+        return area.top - 9.2
+
+    def shape(self, points: Iterable[Point], fill: bool = True) -> None:
+        """A polygon, filled or outlined."""
+        self.shapes([points], fill)
+
+    def shapes(self, outlines: Iterable[Iterable[Sequence[float]]], fill: bool = True) -> None:
+        """Polygons as one shape, filled by the even-odd rule, or outlined."""
+        path = self.beginPath()
+        for outline in outlines:
+            for i, (x, y) in enumerate(outline):
+                (path.lineTo if i else path.moveTo)(float(x), float(y))
+            path.close()
+        self.drawPath(path, stroke=int(not fill), fill=int(fill))
+
+    def rects(self, rects: np.ndarray, top: float) -> None:
+        """Fill (k, 4) rectangles left, upper, right, lower, counted downwards from `top`, without seams."""
+        path = self.beginPath()
+        for left, upper, right, lower in rects.tolist():
+            path.rect(left, top - lower, right - left, lower - upper)
+        self.drawPath(path, stroke=0, fill=1, fillMode=1)
+
+    def head(self, tip: Point, angle_deg: float, length: float = 1.6) -> None:
+        """An arrow's head whose tip is there, pointing along the angle (counter-clockwise from the right)."""
+        with self.moved(*tip, angle_deg):
+            self.shape([(0, 0), (-length, 0.36 * length), (-length, -0.36 * length)])
+
+    def arrow(self, start: Point, end: Point, head: float = 1.6) -> None:
+        """A line with a head at its end."""
+        way = np.subtract(end, start)
+        length = float(np.hypot(*way))
+        if length < 1e-6:
+            return
+        stop = np.asarray(end) - way / length * min(0.8 * head, length)
+        self.line(*start, float(stop[0]), float(stop[1]))
+        self.head(end, _angle_deg(way), head)
+
+    def block_arrow(self, start: Point, end: Point, width: float, colour: Colour) -> None:
+        """A broad arrow with a white rim, which shows on any picture."""
+        way = np.subtract(end, start)
+        length = float(np.hypot(*way))
+        neck, half = length - min(1.9 * width, 0.6 * length), width / 2
+        with self.moved(*start, _angle_deg(way)):
+            path = self.beginPath()
+            path.moveTo(0, half)
+            for x, y in ((neck, half), (neck, 2.3 * half), (length, 0), (neck, -2.3 * half), (neck, -half), (0, -half)):
+                path.lineTo(x, y)
+            path.close()
+            self.ink(WHITE, 0.5, fill=colour)
+            self.drawPath(path, stroke=1, fill=1)
+
+    def dimension(self, start: Point, end: Point, text: str, size_mm: float = 2.7) -> None:
+        """A dimension line with heads at both ends and its number on a white plate in the middle, upright."""
+        self.ink(INK, 0.18)
+        way = np.subtract(end, start)
+        angle = _angle_deg(way)
+        self.line(*start, *end)
+        if float(np.hypot(*way)) > 3.0:
+            self.head(end, angle, 1.3)
+            self.head(start, angle + 180, 1.3)
+        self.write_on_white(text, (start[0] + end[0]) / 2, (start[1] + end[1]) / 2, size_mm)
+
+    def tick_box(self, x: float, y: float) -> None:
+        """An empty box whose lower left corner is (x, y)."""
+        self.ink(INK, 0.3, fill=WHITE)
+        self.roundRect(x, y, TICK_MM, TICK_MM, 0.5, stroke=1, fill=1)
+
+    def panel(self, area: Rect, colour: Colour = WASH) -> None:
+        """A rounded, tinted rectangle."""
+        self.ink(colour)
+        self.roundRect(area.x, area.y, area.width, area.height, 1.6, stroke=0, fill=1)
+
+    def camera(self, at: Point, angle_deg: float, size: float = 3.4) -> None:
+        """A camera whose lens is at `at` and looks along the angle."""
+        with self.moved(*at, angle_deg):
+            self.ink(CAMERA)
+            self.roundRect(-1.25 * size, -0.5 * size, 0.9 * size, size, 0.14 * size, stroke=0, fill=1)
+            self.shape([(u * size, v * size) for u, v in ((-0.4, -0.18), (0, -0.34), (0, 0.34), (-0.4, 0.18))])
+
+    def arc_about(self, centre: Point, radius: float, start_deg: float, extent_deg: float) -> None:
+        """An arc, counter-clockwise from `start_deg`."""
+        x, y = centre
+        self.arc(x - radius, y - radius, x + radius, y + radius, start_deg, extent_deg)
+
+    def picture(self, jpeg: bytes, area: Rect, frame: Colour | None = FAINT) -> None:
+        """A JPEG stretched over an area, with a thin frame."""
+        self.drawImage(ImageReader(BytesIO(jpeg)), area.x, area.y, area.width, area.height)
+        if frame is not None:
+            self.setStrokeColorRGB(*frame)
+            self.setLineWidth(0.2)
+            self.rect(area.x, area.y, area.width, area.height, stroke=1, fill=0)
 
 
-def place_patch(canvas: "Canvas", x: float, y: float, side_mm: float, n_px: int) -> None:
-    """Show the patch with its lower left corner at (x, y), millimetres."""
-    canvas.saveState()
-    canvas.translate(x, y)
-    canvas.scale(side_mm / n_px, side_mm / n_px)
-    canvas.doForm(FORM)
-    canvas.restoreState()
+def _page_size(paper: Paper) -> tuple[float, float]:
+    return paper.width_mm * POINTS_PER_MM, paper.height_mm * POINTS_PER_MM
 
 
-POINTS_PER_MM = 72 / MM_PER_INCH
-
-
-def set_paper(canvas: "Canvas", paper: Paper) -> None:
-    """The size of the page that is drawn next and of those after it."""
-    canvas.setPageSize((paper.width_mm * POINTS_PER_MM, paper.height_mm * POINTS_PER_MM))
-
-
-def open_canvas(buffer: BytesIO, paper: Paper) -> "Canvas":
-    """A canvas for pages of that paper, in points; the same drawing gives the same bytes."""
-    from reportlab.pdfgen.canvas import Canvas
-
-    canvas = Canvas(
-        buffer,
-        pagesize=(paper.width_mm * POINTS_PER_MM, paper.height_mm * POINTS_PER_MM),
-        pageCompression=1,
-        invariant=1,
-        pdfVersion=(1, 7),
-        initialFontName=PLAIN,
-        lang="en",
-    )
-    # Print dialogs that honour these start at 100 %, one-sided, on the paper of this size.
-    canvas.setViewerPreference("PrintScaling", "None")
-    canvas.setViewerPreference("Duplex", "Simplex")
-    canvas._doc.Catalog.ViewerPreferences.dict["PickTrayByPDFSize"] = (
-        "true"  # PDF 1.7; ReportLab's own list ends at 1.6
-    )
-    canvas.setViewerPreference("DisplayDocTitle", "true")
-    return canvas
-
-
-def describe_document(canvas: "Canvas", title: str, subject: str, keywords: Mapping[str, object]) -> None:
-    """Fill the document's information dictionary."""
-    from reportlab.pdfbase.pdfdoc import PDFDictionary, PDFInfo
-
-    class UndatedInfo(PDFInfo):
-        """ReportLab's reproducible mode writes 1 January 2000, which is false; no date is better."""
-
-        def format(self, document: Any) -> bytes:
-            from reportlab.pdfbase.pdfdoc import PDFString
-
-            names = ("title", "author", "subject", "keywords", "creator", "producer")
-            return PDFDictionary({name.title(): PDFString(getattr(self, name)) for name in names}).format(document)
-
-    info = canvas._doc.info = UndatedInfo()
-    info.title = title
-    info.author = f"toolkit {__version__}"
-    info.creator = f"toolkit {__version__}"
-    info.producer = "ReportLab"
-    info.subject = subject
-    info.keywords = ", ".join(f"{name}={value}" for name, value in keywords.items())
+def _angle_deg(way: np.ndarray) -> float:
+    return float(np.degrees(np.arctan2(way[1], way[0])))

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from toolkit.printing.canvas import draw_text, srgb_profile
 from toolkit.printing.page import Rect
 from toolkit.rig.markers import DICTIONARY, STRIP_FIRST_ID, add_rects, black_rects
 
 if TYPE_CHECKING:
-    from reportlab.pdfgen.canvas import Canvas
+    from toolkit.printing.canvas import Pdf
 
 CELL_MM = 7.0
 ROW_GAP_MM = 1.0
@@ -25,18 +24,10 @@ FIDUCIALS = {
 }
 """Modules of the two markers of `DICTIONARY`, left one first; written out, so that printing does not load OpenCV."""
 COLOURS = {
-    "red": (255, 0, 0),
-    "green": (0, 255, 0),
-    "blue": (0, 0, 255),
-    "cyan": (0, 255, 255),
-    "magenta": (255, 0, 255),
-    "yellow": (255, 255, 0),
-    "light skin": (194, 150, 130),
-    "middle skin": (155, 110, 90),
-    "dark skin": (115, 82, 68),
-    "white": (255, 255, 255),
-    "black": (0, 0, 0),
-}
+    "red": (255, 0, 0), "green": (0, 255, 0), "blue": (0, 0, 255), "cyan": (0, 255, 255), "magenta": (255, 0, 255),
+    "yellow": (255, 255, 0), "light skin": (194, 150, 130), "middle skin": (155, 110, 90), "dark skin": (115, 82, 68),
+    "white": (255, 255, 255), "black": (0, 0, 0),
+}  # fmt: skip
 """The corners of the cube of colours, which a printer's own corners answer to, and skin: light and dark are those of
 the 24-patch ColorChecker in sRGB, the middle one lies halfway."""
 GREY_STEPS = 11
@@ -110,14 +101,10 @@ class ColourStrip:
         """(h, w, 3) uint8 sRGB picture of the strip as the file states it, with a white border all round."""
         width, height = (round((side + 2 * border_mm) * px_per_mm) for side in self.size_mm)
         picture = np.full((height, width, 3), 255.0)
-        shares = [
-            ((swatch.x, swatch.y, swatch.x + swatch.side_mm, swatch.y + swatch.side_mm), swatch.srgb)
-            for swatch in self.swatches
+        swatches = [
+            (np.array([[one.x, one.y, one.x + one.side_mm, one.y + one.side_mm]]), one.srgb) for one in self.swatches
         ]
-        for rects, colour in [
-            *((np.array([rect]), srgb) for rect, srgb in shares),
-            (self.marker_rects_mm(), (0, 0, 0)),
-        ]:
+        for rects, colour in [*swatches, (self.marker_rects_mm(), (0, 0, 0))]:
             ink = np.zeros((height, width))
             add_rects(ink, (rects + border_mm) * px_per_mm)
             picture += ink[..., None] * (np.array(colour) - 255.0)
@@ -143,8 +130,6 @@ def lay_out_strip() -> ColourStrip:
 
 STRIP = lay_out_strip()
 """102 × 15 mm; it fits across the smallest paper that a patch is printed on."""
-
-
 CAPTION = "Cut out with a white border; photograph it beside the object: the kit knows these colours."
 CAPTION_HEIGHT_MM = 3.5
 SPACE = "StripRGB"
@@ -183,33 +168,22 @@ def reserve_strip(content: Rect) -> Iterator[tuple[StripPlace, Rect]]:
         yield place, Rect(content.x, content.y, content.width - short, content.height)
 
 
-def draw_strip(canvas: "Canvas", place: StripPlace) -> None:
-    """Draw the strip and its caption; the canvas is in millimetres. Its colours are sRGB to every reader."""
-    from reportlab.pdfbase.pdfdoc import PDFArray, PDFDictionary, PDFName, PDFStream
-
-    document = canvas._doc
-    if SPACE not in document.idToObject:
-        icc = PDFStream(PDFDictionary({"N": 3, "Alternate": PDFName("DeviceRGB")}), srgb_profile())
-        document.Reference(PDFArray([PDFName("ICCBased"), document.Reference(icc)]), SPACE)
+def draw_strip(pdf: "Pdf", place: StripPlace) -> None:
+    """Draw the strip and its caption; its colours are sRGB to every reader."""
+    if SPACE not in pdf._doc.idToObject:
+        pdf._doc.Reference(pdf.srgb(), SPACE)
     # ReportLab lists a page's separation colours here; the page's resources then name this space in the same way.
-    canvas._colorsUsed[SPACE] = SPACE
+    pdf._colorsUsed[SPACE] = SPACE
     width, height = STRIP.size_mm
-    canvas.saveState()
-    canvas.translate(place.x, place.y)
-    if place.upright:
-        canvas.rotate(90)
     last = max(swatch.x for swatch in STRIP.swatches)
-    for swatch in STRIP.swatches:
-        red, green, blue = (f"{value / 255:.5g}" for value in swatch.srgb)
-        bottom = height - swatch.y - swatch.side_mm
-        # It reaches under its right neighbour, so that no hairline of paper shows between them (see artwork.py).
-        reach = swatch.side_mm + (UNDERLAP_MM if swatch.x < last else 0)
-        box = f"{swatch.x:g} {bottom:g} {reach:g} {swatch.side_mm:g}"
-        canvas._code.append(f"/{SPACE} cs {red} {green} {blue} sc {box} re f")
-    canvas.setFillGray(0)
-    path = canvas.beginPath()
-    for left, top, right, bottom in STRIP.marker_rects_mm().tolist():
-        path.rect(left, height - bottom, right - left, bottom - top)
-    canvas.drawPath(path, stroke=0, fill=1, fillMode=1)
-    draw_text(canvas, CAPTION, 0, -CAPTION_HEIGHT_MM + 0.6, 2.2, room_mm=width)
-    canvas.restoreState()
+    with pdf.moved(place.x, place.y, 90 if place.upright else None):
+        for swatch in STRIP.swatches:
+            red, green, blue = (f"{value / 255:.5g}" for value in swatch.srgb)
+            bottom = height - swatch.y - swatch.side_mm
+            # It reaches under its right neighbour, so that no hairline of paper shows between them.
+            reach = swatch.side_mm + (UNDERLAP_MM if swatch.x < last else 0)
+            box = f"{swatch.x:g} {bottom:g} {reach:g} {swatch.side_mm:g}"
+            pdf._code.append(f"/{SPACE} cs {red} {green} {blue} sc {box} re f")
+        pdf.setFillGray(0)
+        pdf.rects(STRIP.marker_rects_mm(), height)
+        pdf.text(CAPTION, 0, -CAPTION_HEIGHT_MM + 0.6, 2.2, room_mm=width)

@@ -1,131 +1,197 @@
-"""A patch to the bytes of a print-ready PDF, tiles and their map included."""
+"""A patch to the bytes of a print-ready PDF, and which objects it is stuck on at which size."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from io import BytesIO
-from typing import TYPE_CHECKING
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
 
-from toolkit.objects.records import Patch, printed_size_mm
+import numpy as np
+from reportlab.pdfbase.pdfdoc import PDFResourceDictionary
+
+from toolkit.core.errors import FieldError
+from toolkit.objects.printed_size import BASE_DPI, MM_PER_INCH, SCALE
+from toolkit.objects.records import Patch, PatchRecord, printed_size_mm
 from toolkit.objects.spec import Side
-from toolkit.printing.canvas import (
-    BOLD,
-    POINTS_PER_MM,
-    define_patch,
-    describe_document,
-    draw_text,
-    open_canvas,
-    place_patch,
-    register_fonts,
-    set_paper,
-)
-from toolkit.printing.colour_strip import draw_strip
-from toolkit.printing.layout import MapPage, Page, PrintPlan, TilePage, measure_side_mm, plan_pages
+from toolkit.printing.canvas import Pdf
+from toolkit.printing.colour_strip import reserve_strip
 from toolkit.printing.marks import (
     CUT_IT,
     JOIN_IT,
     PatchLabel,
-    compose_label,
-    draw_check_bars,
-    draw_crop_marks,
+    SheetDrawing,
     draw_front_arrow,
-    draw_header,
     draw_margin_words,
-    draw_overlap_marks,
+    draw_page,
 )
-from toolkit.printing.page import OVERLAP_MM, Rect
+from toolkit.printing.page import CopiesPage, Page, PagePlan, Rect, pack_copies, plan_sheet
 from toolkit.printing.settings import PrintSettings
-from toolkit.printing.wearers import SAME_MM, Wearer, say_sizes
 
-if TYPE_CHECKING:
-    from reportlab.pdfgen.canvas import Canvas
-
-DrawSheet = Callable[["Canvas"], None]
-"""Draws a whole sheet in its own millimetres: origin at its lower left corner, y upwards."""
+SAME_MM = 0.05
+STATED = re.compile(rb"size_mm=([0-9.+]+), n_px=\d+, patch_sha256=([0-9a-f]{64})")
+"""In a PDF's keywords, see `toolkit.printing.document.build_pdf`."""
 
 
-def draw_tile(canvas: "Canvas", page: TilePage, draw_sheet: DrawSheet) -> None:
-    """One tile's part of a sheet, clipped to its window, and the marks round it; the canvas is in millimetres."""
-    window, part = page.window, page.tile.area
-    canvas.saveState()
-    clip = canvas.beginPath()
-    clip.rect(window.x, window.y, window.width, window.height)
-    canvas.clipPath(clip, stroke=0, fill=0)
-    canvas.translate(window.x - part.x, window.y - part.y)
-    draw_sheet(canvas)
-    canvas.restoreState()
-    draw_crop_marks(canvas, window)
-    draw_overlap_marks(canvas, page.tile, window)
+@dataclass(frozen=True)
+class Wearer:
+    """An object that a patch is stuck on.
 
-
-def count_things(number: int, thing: str) -> str:
-    """`1 row`, `2 rows`."""
-    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
-
-
-STEPS = (
-    "1  Print every page at 100 % and measure both check bars on each.",
-    f"2  Rows: cut a tile's left edge, from long mark to long mark; lay it {OVERLAP_MM:g} mm over its left neighbour.",
-    "    Its edge meets the short marks, the ringed crosses lie on each other (hold it against the light). Tape.",
-    "3  Cut the upper edge of each finished row and lay it over the row above in the same way. Tape.",
-    "4  Cut the whole sheet along its four sides: the long marks at its outer corners, the outline of this map.",
-)
-LINE_HEIGHT_MM = 4.0
-
-
-def draw_map(canvas: "Canvas", area: Rect, page: MapPage, draw_sheet: DrawSheet) -> Rect:
-    """The whole sheet made small, each tile outlined and named, over the steps to put it together.
-
-    Args:
-        canvas: in millimetres.
-        area: the page's room for it.
-        page: the tiles.
-        draw_sheet: draws the sheet at its full size.
-
-    Returns:
-        Where on the page the small sheet is.
+    Attributes:
+        object: its name.
+        sides: for each of its sheets, the side that it is taped to.
+        sizes_mm: likewise, side of the patch there: `[patch] size_mm` of its spec, else the patch's record.
     """
-    sheet_width, sheet_height = (max(getattr(tile.area, end) for tile in page.tiles) for end in ("right", "top"))
-    steps_mm = LINE_HEIGHT_MM * len(STEPS) + 4
-    small = min((area.width - 8) / sheet_width, (area.height - steps_mm - 14) / sheet_height)
-    room = Rect(area.x, area.y + steps_mm + 10, area.width, area.height - steps_mm - 14)
-    picture = room.centre(sheet_width * small, sheet_height * small)
-    canvas.saveState()
-    canvas.translate(picture.x, picture.y)
-    canvas.scale(small, small)
-    draw_sheet(canvas)
-    canvas.restoreState()
-    for tile in page.tiles:
-        here = tile.area
-        box = Rect(picture.x + here.x * small, picture.y + here.y * small, here.width * small, here.height * small)
-        _draw_tile(canvas, box, tile.name)
-    for line, words in enumerate(STEPS):
-        draw_text(
-            canvas, words, area.x + 4, area.y + steps_mm - LINE_HEIGHT_MM * (line + 1), 2.6, room_mm=area.width - 4
-        )
-    return picture
+
+    object: str
+    sides: tuple[Side, ...]
+    sizes_mm: tuple[float, ...]
+
+    def name_sheet(self, index: int) -> str:
+        """`mug`, or of several sheets `mug, sheet 2 of 2 (left)`, for the paper's margin."""
+        count = len(self.sides)
+        return self.object if count == 1 else f"{self.object}, sheet {index + 1} of {count} ({self.sides[index]})"
 
 
-def _draw_tile(canvas: "Canvas", box: Rect, name: str) -> None:
-    """Outline in white under black, so that it shows on any colour, and the tile's name on a white plate."""
-    for width, grey in ((0.7, 1), (0.25, 0)):
-        canvas.setLineWidth(width)
-        canvas.setStrokeGray(grey)
-        canvas.rect(box.x, box.y, box.width, box.height, stroke=1, fill=0)
-    size = min(5.0, box.width / 4, box.height / 3)
-    plate = box.centre(size * 2.6, size * 1.5)
-    canvas.setFillGray(1)
-    canvas.roundRect(plate.x, plate.y, plate.width, plate.height, size * 0.3, stroke=0, fill=1)
-    canvas.setFillGray(0)
-    draw_text(
-        canvas,
-        name,
-        plate.x + plate.width / 2,
-        plate.y + size * 0.39,
-        size,
-        room_mm=plate.width * 0.9,
-        font=BOLD,
-        align="centre",
+def say_sizes(sizes_mm: Sequence[float]) -> str:
+    """`88.2 mm`, `90.0 and 60.0 mm`."""
+    return f"{' and '.join(f'{size:.1f}' for size in sizes_mm)} mm"
+
+
+def is_same_size(sizes_mm: Sequence[float], others_mm: Sequence[float]) -> bool:
+    """Whether sheets have the sizes of others, in order."""
+    return len(sizes_mm) == len(others_mm) and all(
+        abs(one - other) < SAME_MM for one, other in zip(sizes_mm, others_mm, strict=True)
     )
+
+
+def read_page(pdf_file: Path) -> tuple[tuple[float, ...], str] | None:
+    """Sides of the sheets in mm and hash of the patch, as a PDF of `toolkit print` states them; None: it does not."""
+    try:
+        found = STATED.search(pdf_file.read_bytes())
+    except OSError:
+        return None
+    return (tuple(float(side) for side in found[1].split(b"+")), found[2].decode()) if found else None
+
+
+SMALLEST_SIDE_MM = 1.0
+LARGEST_SIDE_MM = 5000.0
+
+
+def measure_side_mm(n_px: int, settings: PrintSettings) -> float:
+    """Side of an n-pixel patch on paper, millimetres, without its white margin.
+
+    Raises:
+        ToolkitError: the side is under 1 mm or over 5 m.
+    """
+    scale = SCALE if settings.scale_percent is None else settings.scale_percent / 100
+    side_mm = settings.size_mm or printed_size_mm(n_px, settings.dpi or BASE_DPI, scale)
+    if not SMALLEST_SIDE_MM <= side_mm <= LARGEST_SIDE_MM:
+        raise FieldError(
+            f"the patch of {n_px} px would be {side_mm:.4g} mm wide: expected {SMALLEST_SIDE_MM:g} to "
+            f"{LARGEST_SIDE_MM:g} mm; change {{scale_percent}}, {{dpi}} or {{size_mm}}",
+            {},
+        )
+    return side_mm
+
+
+def effective_percent(n_px: int, side_mm: float, dpi: float) -> float:
+    """The scale that gives this side: what the label states, whichever option set the size."""
+    return 100 * side_mm / (n_px / dpi * MM_PER_INCH)
+
+
+@dataclass(frozen=True)
+class PrintPlan(PagePlan):
+    """Every page of one patch's file: the patch's side, and the white paper round it."""
+
+    side_mm: float
+    margin_mm: float
+
+    @property
+    def cut_mm(self) -> float:
+        """Side of the sheet that is cut out: patch and white margin."""
+        return self.side_mm + 2 * self.margin_mm
+
+    @property
+    def has_strip(self) -> bool:
+        """Whether the colour strip is on a page."""
+        return any(isinstance(page, CopiesPage) and page.strip is not None for page in self.pages)
+
+
+def plan_pages(side_mm: float, settings: PrintSettings) -> PrintPlan:
+    """Lay out a patch of that side, with the colour strip beside it where that takes no further page.
+
+    Raises:
+        ToolkitError: it would take more than 3000 pages.
+    """
+    cut_mm = side_mm + 2 * settings.margin_mm
+    plan = plan_sheet(settings.paper, settings.orientation, cut_mm, cut_mm, settings.copies)
+    pages = _add_strip(plan.frame.content, cut_mm, settings.copies, plan.pages)
+    return PrintPlan(plan.frame, pages, side_mm, settings.margin_mm)
+
+
+def _add_strip(content: Rect, cut_mm: float, copies: int, pages: tuple[Page, ...]) -> tuple[Page, ...]:
+    """The same copies on as many pages with the strip on each; the pages as they are where it has no room."""
+    if not isinstance(pages[0], CopiesPage):
+        return pages
+    for place, rest in reserve_strip(content):
+        packed = pack_copies(rest, cut_mm, cut_mm, copies)
+        if packed and len(packed) == len(pages):
+            return tuple(replace(page, strip=place) for page in packed)
+    return pages
+
+
+HASH_DIGITS = 12
+
+
+def compose_label(record: PatchRecord, side_mm: float, settings: PrintSettings) -> PatchLabel:
+    """The label of a patch printed at that side."""
+    n_px, dpi = record.n_px, settings.dpi or BASE_DPI
+    percent = effective_percent(n_px, side_mm, dpi)
+    title = record.class_name if record.name == record.class_name else f"{record.class_name} ({record.name})"
+    trained_on = ", ".join(network.arch for network in record.networks) or "no network"
+    return PatchLabel(
+        title,
+        f"{side_mm:.1f} × {side_mm:.1f} mm   ({percent:.4g} % of {n_px} × {n_px} px at {dpi:g} dpi)",
+        f"patch sha256 {record.png_sha256[:HASH_DIGITS]}   ·   trained on {trained_on}   ·   "
+        f"toolkit {record.toolkit_version}",
+    )
+
+
+FORM = "patch"
+UNDERLAP_PX = 0.5
+
+
+def pixel_operators(pixels: np.ndarray) -> list[str]:
+    """PDF operators that paint (n, n, 3) uint8 pixels over the square from (0, 0) to (n, n), first row on top."""
+    side = len(pixels)
+    operators = []
+    for index, row in enumerate(pixels):
+        top = side - index
+        bottom = top - 1 - (UNDERLAP_PX if index < side - 1 else 0)
+        edges = np.flatnonzero(np.any(row[1:] != row[:-1], axis=1)) + 1
+        for first, end in pairwise([0, *edges.tolist(), side]):  # runs of one colour
+            red, green, blue = (f"{value / 255:.5g}" for value in row[first].tolist())
+            right = end + (UNDERLAP_PX if end < side else 0)
+            operators.append(f"{red} {green} {blue} rg {first} {bottom:g} {right - first:g} {top - bottom:g} re f")
+    return operators
+
+
+def define_patch(pdf: Pdf, pixels: np.ndarray) -> None:
+    """Store the patch once in the file, for `place_patch` to show; (n, n, 3) uint8, sRGB-encoded.
+
+    `DefaultRGB` makes its colours sRGB to every reader, not the device's own RGB (ISO 32000-1, 8.6.5.6).
+    """
+    side, space = len(pixels), pdf.srgb()
+    # One pixel of room: a box on the very edge would smooth that edge a second time.
+    pdf.beginForm(FORM, -1, -1, side + 1, side + 1)
+    pdf._code.extend(pixel_operators(pixels))
+    pdf.endForm(Resources=PDFResourceDictionary(ColorSpace={"DefaultRGB": space}))
+
+
+def place_patch(pdf: Pdf, x: float, y: float, side_mm: float, n_px: int) -> None:
+    """Show the patch with its lower left corner at (x, y)."""
+    with pdf.moved(x, y, scale=side_mm / n_px):
+        pdf.doForm(FORM)
 
 
 @dataclass(frozen=True)
@@ -162,61 +228,35 @@ def build_pdf(patch: Patch, settings: PrintSettings, wearer: Wearer | None = Non
     sides_mm = [measure_side_mm(record.n_px, one) for one in settled]
     plans = [plan_pages(side_mm, one) for side_mm, one in zip(sides_mm, settled, strict=True)]
     labels = [compose_label(record, side_mm, one) for side_mm, one in zip(sides_mm, settled, strict=True)]
-    register_fonts()
-    buffer = BytesIO()
-    canvas = open_canvas(buffer, plans[0].frame.paper)
     keywords = {
-        "class": record.class_name,
-        "size_mm": "+".join(f"{side_mm:.3f}" for side_mm in sides_mm),
-        "n_px": record.n_px,
+        "class": record.class_name, "size_mm": "+".join(f"{side_mm:.3f}" for side_mm in sides_mm), "n_px": record.n_px,
         "patch_sha256": record.png_sha256,
-    }
+    }  # fmt: skip
     title = f"{record.class_name} patch, {say_sizes(sides_mm)}"
-    describe_document(canvas, title, f"{labels[0].title}: {' and '.join(one.size for one in labels)}", keywords)
-    define_patch(canvas, patch.pixels)
+    subject = f"{labels[0].title}: {' and '.join(one.size for one in labels)}"
+    pdf = Pdf(plans[0].frame.paper, title, subject, keywords)
+    define_patch(pdf, patch.pixels)
     number, total = 0, sum(len(plan.pages) for plan in plans)
     for index, (plan, label) in enumerate(zip(plans, labels, strict=True)):
         name = record.name if wearer is None else wearer.name_sheet(index)
-        at: Side = "top" if wearer is None else wearer.sides[index]
+        side: Side = "top" if wearer is None else wearer.sides[index]
+        sheet = _describe_sheet(pdf, plan, record.n_px, label, name, side)
         which = f"sheet {index + 1} of {len(plans)}, " if len(plans) > 1 else ""
         for page in plan.pages:
             number += 1
-            if len(plans) > 1:
-                set_paper(canvas, plan.frame.paper)
-            _draw_page(
-                canvas, plan, page, record.n_px, label, name=name, at=at, which=f"{which}page {number} of {total}"
-            )
-            canvas.showPage()
-    canvas.save()
-    return PrintedDocument(buffer.getvalue(), tuple(plans))
+            with pdf.page(plan.frame.paper if len(plans) > 1 else None):
+                draw_page(pdf, plan, page, sheet, f"{which}page {number} of {total}")
+    return PrintedDocument(pdf.finish(), tuple(plans))
 
 
-def _draw_page(
-    canvas: "Canvas", plan: PrintPlan, page: Page, n_px: int, label: PatchLabel, *, name: str, at: Side, which: str
-) -> None:
-    frame = plan.frame
+def _describe_sheet(pdf: Pdf, plan: PrintPlan, n_px: int, label: PatchLabel, name: str, at: Side) -> SheetDrawing:
+    """The patch with its white margin and the words in it."""
 
-    def draw_sheet(canvas: "Canvas", x: float = 0.0, y: float = 0.0) -> None:
-        place_patch(canvas, x + plan.margin_mm, y + plan.margin_mm, plan.side_mm, n_px)
-        draw_margin_words(canvas, Rect(x, y, plan.cut_mm, plan.cut_mm), plan.margin_mm, name, at)
+    def draw(x: float, y: float) -> None:
+        place_patch(pdf, x + plan.margin_mm, y + plan.margin_mm, plan.side_mm, n_px)
+        draw_margin_words(pdf, Rect(x, y, plan.cut_mm, plan.cut_mm), plan.margin_mm, name, at)
 
-    canvas.scale(POINTS_PER_MM, POINTS_PER_MM)
-    which = f"{frame.paper.name} {frame.paper.orientation}, {which}"
-    if isinstance(page, MapPage):
-        rows, columns = plan.tiles
-        which = f"{count_things(rows, 'row')} × {count_things(columns, 'column')}, {which}"
-        picture = draw_map(canvas, frame.content, page, draw_sheet)
-        draw_front_arrow(canvas, Rect(picture.x, picture.y + 4, picture.width, picture.height), at=at)
-    elif isinstance(page, TilePage):
-        copies = max(other.copy for other in plan.pages if isinstance(other, TilePage))
-        which = f"tile {page.tile.name}" + (f" of copy {page.copy}" if copies > 1 else "") + f", {which}"
-        draw_tile(canvas, page, draw_sheet)
-        draw_front_arrow(canvas, page.window, page.tile.name, at)
-    else:
-        for cut in page.cuts:
-            draw_sheet(canvas, cut.x, cut.y)
-            draw_crop_marks(canvas, cut)
-        if page.strip is not None:
-            draw_strip(canvas, page.strip)
-    draw_header(canvas, frame.header, label, which, CUT_IT if plan.tiles == (1, 1) else JOIN_IT)
-    draw_check_bars(canvas, frame)
+    def note(area: Rect, tile: str) -> None:
+        draw_front_arrow(pdf, area, tile, at)
+
+    return SheetDrawing(label, CUT_IT if plan.tiles == (1, 1) else JOIN_IT, draw, note)

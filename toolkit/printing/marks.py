@@ -1,20 +1,24 @@
-"""The words at the top of a page, and what is measured, cut and aligned by. Millimetres."""
+"""What every page has round its content, and a sheet drawn whole, as a tile or as a map of its tiles. Millimetres."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from toolkit.objects.printed_size import BASE_DPI
-from toolkit.objects.records import PatchRecord
 from toolkit.objects.spec import Side
-from toolkit.printing.canvas import BOLD, PLAIN, draw_text, measure_text_mm
-from toolkit.printing.layout import effective_percent
-from toolkit.printing.page import BAR_MM, MARK_MM, OVERLAP_MM, PageFrame, Rect, Tile
-from toolkit.printing.settings import PrintSettings
-
-if TYPE_CHECKING:
-    from reportlab.pdfgen.canvas import Canvas
-
-HASH_DIGITS = 12
+from toolkit.printing.canvas import BOLD, PLAIN, Pdf, measure_text_mm
+from toolkit.printing.colour_strip import draw_strip
+from toolkit.printing.page import (
+    BAR_MM,
+    BARS_MM,
+    MARK_MM,
+    OVERLAP_MM,
+    MapPage,
+    Page,
+    PageFrame,
+    PagePlan,
+    Rect,
+    Tile,
+    TilePage,
+)
 
 
 @dataclass(frozen=True)
@@ -42,28 +46,17 @@ JOIN_IT = (
 )
 
 
-def compose_label(record: PatchRecord, side_mm: float, settings: PrintSettings) -> PatchLabel:
-    """The label of a patch printed at that side."""
-    n_px, dpi = record.n_px, settings.dpi or BASE_DPI
-    percent = effective_percent(n_px, side_mm, dpi)
-    title = record.class_name if record.name == record.class_name else f"{record.class_name} ({record.name})"
-    trained_on = ", ".join(network.arch for network in record.networks) or "no network"
-    return PatchLabel(
-        title,
-        f"{side_mm:.1f} × {side_mm:.1f} mm   ({percent:.4g} % of {n_px} × {n_px} px at {dpi:g} dpi)",
-        f"patch sha256 {record.png_sha256[:HASH_DIGITS]}   ·   trained on {trained_on}   ·   "
-        f"toolkit {record.toolkit_version}",
-    )
-
-
-def draw_header(canvas: "Canvas", area: Rect, label: PatchLabel, page: str, advice: str) -> None:
-    """Draw the label into the page's header; `page` (which page, which tile) stands on the right, `advice` below."""
-    taken = draw_text(canvas, page, area.right, area.top - 4.2, 3.0, room_mm=area.width * 0.45, align="right")
-    draw_text(canvas, label.title, area.x, area.top - 4.2, 5.0, room_mm=area.width - taken - 4, font=BOLD)
-    draw_text(canvas, label.size, area.x, area.top - 9.4, 3.2, room_mm=area.width)
-    draw_text(canvas, label.origin, area.x, area.top - 13.4, 2.4, room_mm=area.width)
+def draw_frame(pdf: Pdf, frame: PageFrame, label: PatchLabel, page: str, advice: str) -> None:
+    """The label in the page's header, `page` (which page, which tile) on the right, `advice` below, and check bars."""
+    area = frame.header
+    taken = pdf.text(page, area.right, area.top - 4.2, 3.0, room_mm=area.width * 0.45, align="right")
+    pdf.text(label.title, area.x, area.top - 4.2, 5.0, room_mm=area.width - taken - 4, font=BOLD)
+    pdf.text(label.size, area.x, area.top - 9.4, 3.2, room_mm=area.width)
+    pdf.text(label.origin, area.x, area.top - 13.4, 2.4, room_mm=area.width)
     for line, words in enumerate((PRINT_IT, advice)):
-        draw_text(canvas, words, area.x, area.top - 17.0 - 3.3 * line, 2.4, room_mm=area.width)
+        pdf.text(words, area.x, area.top - 17.0 - 3.3 * line, 2.4, room_mm=area.width)
+    for upright in (False, True):
+        _draw_check_bar(pdf, upright)
 
 
 LINE_MM = 0.15
@@ -76,119 +69,202 @@ BAR_THICKNESS_MM = 0.8
 SMALLEST_WORDS_MM = 1.3
 
 
-def draw_check_bar(canvas: "Canvas", x: float, y: float, upright: bool) -> None:
-    """A ruler from (x, y) to the right or upwards whose outer edges are 100 mm apart, with ticks each 10 mm.
+def _draw_check_bar(pdf: Pdf, upright: bool) -> None:
+    """A ruler to the right or upwards whose outer edges are 100 mm apart, with ticks each 10 mm.
 
     Bar, ticks and numbers lie on the side away from the page's content: below a level bar, left of an upright one.
     """
-    canvas.saveState()
-    canvas.translate(x, y)
-    outwards = -1
-    if upright:
-        canvas.rotate(90)
-        outwards = 1
-    canvas.rect(0, min(0, outwards * BAR_THICKNESS_MM), BAR_MM, BAR_THICKNESS_MM, stroke=0, fill=1)
-    for tick in range(0, 101, 10):
-        # The end ticks stay inside the bar's 100 mm, the others are centred on their place.
-        left = min(max(tick - LINE_MM, 0), BAR_MM - 2 * LINE_MM)
-        canvas.rect(left, min(0, outwards * 2.4), 2 * LINE_MM, 2.4, stroke=0, fill=1)
-        baseline = 3.0 if upright else -4.7
-        label = "100 mm" if tick == 100 else str(tick)
-        draw_text(canvas, label, tick, baseline, 2.2, room_mm=10, align="centre")
-    canvas.restoreState()
+    outwards, baseline = (1, 3.0) if upright else (-1, -4.7)
+    with pdf.moved(BARS_MM, BARS_MM, 90 if upright else None):
+        pdf.rect(0, min(0, outwards * BAR_THICKNESS_MM), BAR_MM, BAR_THICKNESS_MM, stroke=0, fill=1)
+        for tick in range(0, 101, 10):
+            # The end ticks stay inside the bar's 100 mm, the others are centred on their place.
+            left = min(max(tick - LINE_MM, 0), BAR_MM - 2 * LINE_MM)
+            pdf.rect(left, min(0, outwards * 2.4), 2 * LINE_MM, 2.4, stroke=0, fill=1)
+            label = "100 mm" if tick == 100 else str(tick)
+            pdf.text(label, tick, baseline, 2.2, room_mm=10, align="centre")
 
 
-def draw_check_bars(canvas: "Canvas", frame: PageFrame) -> None:
-    """Both check bars of a page."""
-    for upright in (False, True):
-        draw_check_bar(canvas, *frame.bars_corner, upright=upright)
-
-
-def _tick(canvas: "Canvas", x: float, y: float, dx: int, dy: int, length: float = MARK_LENGTH_MM) -> None:
+def _tick(pdf: Pdf, x: float, y: float, dx: int, dy: int, length: float = MARK_LENGTH_MM) -> None:
     """A line that starts a gap away from (x, y) and leads away from it."""
     end = MARK_GAP_MM + length
-    canvas.line(x + dx * MARK_GAP_MM, y + dy * MARK_GAP_MM, x + dx * end, y + dy * end)
+    pdf.line(x + dx * MARK_GAP_MM, y + dy * MARK_GAP_MM, x + dx * end, y + dy * end)
 
 
-def draw_crop_marks(canvas: "Canvas", cut: Rect) -> None:
+def draw_crop_marks(pdf: Pdf, cut: Rect) -> None:
     """Two marks at each corner, outside the rectangle and in line with its sides."""
-    canvas.setLineWidth(LINE_MM)
+    pdf.setLineWidth(LINE_MM)
     for x, outwards_x in ((cut.x, -1), (cut.right, 1)):
         for y, outwards_y in ((cut.y, -1), (cut.top, 1)):
-            _tick(canvas, x, y, outwards_x, 0)
-            _tick(canvas, x, y, 0, outwards_y)
+            _tick(pdf, x, y, outwards_x, 0)
+            _tick(pdf, x, y, 0, outwards_y)
 
 
-def _draw_ring(canvas: "Canvas", x: float, y: float) -> None:
+def _draw_ring(pdf: Pdf, x: float, y: float) -> None:
     """A registration mark: two that lie on each other, held against the light, show as one."""
-    canvas.circle(x, y, RING_MM * 0.6, stroke=1, fill=0)
-    canvas.line(x - RING_MM, y, x + RING_MM, y)
-    canvas.line(x, y - RING_MM, x, y + RING_MM)
+    pdf.circle(x, y, RING_MM * 0.6, stroke=1, fill=0)
+    pdf.line(x - RING_MM, y, x + RING_MM, y)
+    pdf.line(x, y - RING_MM, x, y + RING_MM)
 
 
-def draw_overlap_marks(canvas: "Canvas", tile: Tile, window: Rect) -> None:
+def draw_overlap_marks(pdf: Pdf, tile: Tile, window: Rect) -> None:
     """At both ends of every overlap: a short mark where the neighbour's edge comes to lie, and a registration mark.
 
     They are outside the tile's window, in line with the overlap: no mark is ever printed on the patch.
     """
-    canvas.setLineWidth(LINE_MM)
+    pdf.setLineWidth(LINE_MM)
     half, away = OVERLAP_MM / 2, MARK_GAP_MM + RING_MM + 1
     joins = tile.joins
     for side, edge, inwards in (("left", window.x, 1), ("right", window.right, -1)):
         if joins[side]:
             for y, outwards in ((window.y, -1), (window.top, 1)):
-                _tick(canvas, edge + inwards * OVERLAP_MM, y, 0, outwards, length=SHORT_MARK_MM)
-                _draw_ring(canvas, edge + inwards * half, y + outwards * away)
+                _tick(pdf, edge + inwards * OVERLAP_MM, y, 0, outwards, length=SHORT_MARK_MM)
+                _draw_ring(pdf, edge + inwards * half, y + outwards * away)
     for side, edge, inwards in (("bottom", window.y, 1), ("top", window.top, -1)):
         if joins[side]:
             for x, outwards in ((window.x, -1), (window.right, 1)):
-                _tick(canvas, x, edge + inwards * OVERLAP_MM, outwards, 0, length=SHORT_MARK_MM)
-                _draw_ring(canvas, x + outwards * away, edge + inwards * half)
+                _tick(pdf, x, edge + inwards * OVERLAP_MM, outwards, 0, length=SHORT_MARK_MM)
+                _draw_ring(pdf, x + outwards * away, edge + inwards * half)
 
 
-def draw_front_arrow(canvas: "Canvas", area: Rect, note: str = "", at: Side = "top") -> None:
+def draw_front_arrow(pdf: Pdf, area: Rect, note: str = "", at: Side = "top") -> None:
     """Below a cut line's marks: `note`, then which way the sheet goes, see `_draw_way`."""
-    _draw_way(canvas, note, area.x + area.width / 2, area.y - MARK_MM - 2.6, 2.4, area.width + 2 * MARK_MM, at)
+    _draw_way(pdf, note, area.x + area.width / 2, area.y - MARK_MM - 2.6, 2.4, area.width + 2 * MARK_MM, at)
 
 
-def draw_margin_words(canvas: "Canvas", cut: Rect, margin_mm: float, name: str, at: Side) -> None:
+def draw_margin_words(pdf: Pdf, cut: Rect, margin_mm: float, name: str, at: Side) -> None:
     """In the white margin below the patch, which is cut out with it: the object's name, and which way the sheet goes.
 
     A margin under 3 mm has no room for them: then they stand below the cut line.
     """
     size = min(2.2, 0.44 * margin_mm)
     if size < SMALLEST_WORDS_MM:
-        draw_front_arrow(canvas, cut, name, at)
+        draw_front_arrow(pdf, cut, name, at)
         return
-    canvas.setFillGray(0.25)  # what is taped on is seen by a camera: no blacker than it must be
-    canvas.setStrokeGray(0.25)
+    pdf.setFillGray(0.25)  # what is taped on is seen by a camera: no blacker than it must be
+    pdf.setStrokeGray(0.25)
     y = cut.y + (margin_mm - 0.7 * size) / 2
-    _draw_way(canvas, name, cut.x + cut.width / 2, y, size, cut.width - 2 * size, at)
-    canvas.setFillGray(0)
-    canvas.setStrokeGray(0)
+    _draw_way(pdf, name, cut.x + cut.width / 2, y, size, cut.width - 2 * size, at)
+    pdf.setFillGray(0)
+    pdf.setStrokeGray(0)
 
 
 def _draw_way(
-    canvas: "Canvas", note: str, middle_x: float, y: float, size: float, room_mm: float, at: Side
+    pdf: Pdf, note: str, middle_x: float, y: float, size: float, room_mm: float, at: Side
 ) -> None:  # fmt: skip
     """Words and an arrow: on top of an object `front` to the right, on its sides `up`, as the rig mounts the sheet."""
     shaft = 7.0 / 2.4 * size if at == "top" else 0.9 * size
     word = "   ".join(filter(None, [note, "front" if at == "top" else "up"]))
     width = min(measure_text_mm(word, PLAIN, size), room_mm - 1 - shaft) + 1 + shaft
     x = middle_x - width / 2
-    end = x + draw_text(canvas, word, x, y, size, room_mm=width - 1 - shaft) + 1
-    canvas.saveState()
-    canvas.setLineWidth(2 * LINE_MM)
-    if at == "top":
-        canvas.translate(end, y + 0.35 * size)
+    end = x + pdf.text(word, x, y, size, room_mm=width - 1 - shaft) + 1
+    start = (end, y + 0.35 * size) if at == "top" else (end + 0.4 * size, y - 0.1 * size)
+    pdf.saveState()
+    pdf.setLineWidth(2 * LINE_MM)
+    pdf.translate(*start)
+    if at != "top":
+        pdf.rotate(90)
+    pdf.line(0, 0, shaft - 0.6 * size, 0)
+    pdf.shape([(shaft, 0), (shaft - 0.9 * size, 0.38 * size), (shaft - 0.9 * size, -0.38 * size)])
+    pdf.restoreState()
+
+
+STEPS = (
+    "1  Print every page at 100 % and measure both check bars on each.",
+    f"2  Rows: cut a tile's left edge, from long mark to long mark; lay it {OVERLAP_MM:g} mm over its left neighbour.",
+    "    Its edge meets the short marks, the ringed crosses lie on each other (hold it against the light). Tape.",
+    "3  Cut the upper edge of each finished row and lay it over the row above in the same way. Tape.",
+    "4  Cut the whole sheet along its four sides: the long marks at its outer corners, the outline of this map.",
+)
+LINE_HEIGHT_MM = 4.0
+
+
+@dataclass(frozen=True)
+class SheetDrawing:
+    """A sheet as all its pages show it.
+
+    Attributes:
+        label, advice: for the header.
+        draw: draws the whole sheet with its lower left corner at (x, y).
+        note: writes below a map's picture, or below a tile with the tile's name.
+    """
+
+    label: PatchLabel
+    advice: str
+    draw: Callable[[float, float], None]
+    note: Callable[[Rect, str], None]
+
+
+def draw_page(pdf: Pdf, plan: PagePlan, page: Page, sheet: SheetDrawing, which: str) -> None:
+    """Draw one of a sheet's pages; `which` says for the header which one it is."""
+    frame = plan.frame
+    which = f"{frame.paper.describe()}, {which}"
+    if isinstance(page, MapPage):
+        rows, columns = plan.tiles
+        which = f"{_count(rows, 'row')} × {_count(columns, 'column')}, {which}"
+        picture = _draw_map(pdf, frame.content, page, sheet)
+        sheet.note(Rect(picture.x, picture.y + 4, picture.width, picture.height), "")
+    elif isinstance(page, TilePage):
+        copies = max(other.copy for other in plan.pages if isinstance(other, TilePage))
+        which = f"tile {page.tile.name}" + (f" of copy {page.copy}" if copies > 1 else "") + f", {which}"
+        _draw_tile(pdf, page, sheet)
+        sheet.note(page.window, page.tile.name)
     else:
-        canvas.translate(end + 0.4 * size, y - 0.1 * size)
-        canvas.rotate(90)
-    canvas.line(0, 0, shaft - 0.6 * size, 0)
-    head = canvas.beginPath()
-    head.moveTo(shaft, 0)
-    head.lineTo(shaft - 0.9 * size, 0.38 * size)
-    head.lineTo(shaft - 0.9 * size, -0.38 * size)
-    head.close()
-    canvas.drawPath(head, stroke=0, fill=1)
-    canvas.restoreState()
+        for cut in page.cuts:
+            sheet.draw(cut.x, cut.y)
+            draw_crop_marks(pdf, cut)
+        if page.strip is not None:
+            draw_strip(pdf, page.strip)
+    draw_frame(pdf, frame, sheet.label, which, sheet.advice)
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
+
+
+def _draw_tile(pdf: Pdf, page: TilePage, sheet: SheetDrawing) -> None:
+    """One tile's part of a sheet, clipped to its window, and the marks round it."""
+    window, part = page.window, page.tile.area
+    pdf.saveState()
+    clip = pdf.beginPath()
+    clip.rect(window.x, window.y, window.width, window.height)
+    pdf.clipPath(clip, stroke=0, fill=0)
+    pdf.translate(window.x - part.x, window.y - part.y)
+    sheet.draw(0.0, 0.0)
+    pdf.restoreState()
+    draw_crop_marks(pdf, window)
+    draw_overlap_marks(pdf, page.tile, window)
+
+
+def _draw_map(pdf: Pdf, area: Rect, page: MapPage, sheet: SheetDrawing) -> Rect:
+    """The whole sheet made small, each tile outlined and named, over the steps to join them; returns where it is."""
+    sheet_width, sheet_height = (max(getattr(tile.area, end) for tile in page.tiles) for end in ("right", "top"))
+    steps_mm = LINE_HEIGHT_MM * len(STEPS) + 4
+    small = min((area.width - 8) / sheet_width, (area.height - steps_mm - 14) / sheet_height)
+    room = Rect(area.x, area.y + steps_mm + 10, area.width, area.height - steps_mm - 14)
+    picture = room.centre(sheet_width * small, sheet_height * small)
+    with pdf.moved(picture.x, picture.y, scale=small):
+        sheet.draw(0.0, 0.0)
+    for tile in page.tiles:
+        here = tile.area
+        box = Rect(picture.x + here.x * small, picture.y + here.y * small, here.width * small, here.height * small)
+        _outline_tile(pdf, box, tile.name)
+    for line, words in enumerate(STEPS):
+        y = area.y + steps_mm - LINE_HEIGHT_MM * (line + 1)
+        pdf.text(words, area.x + 4, y, 2.6, room_mm=area.width - 4)
+    return picture
+
+
+def _outline_tile(pdf: Pdf, box: Rect, name: str) -> None:
+    # white under black, so that it shows on any colour
+    for width, grey in ((0.7, 1), (0.25, 0)):
+        pdf.setLineWidth(width)
+        pdf.setStrokeGray(grey)
+        pdf.rect(box.x, box.y, box.width, box.height, stroke=1, fill=0)
+    size = min(5.0, box.width / 4, box.height / 3)
+    plate = box.centre(size * 2.6, size * 1.5)
+    pdf.setFillGray(1)
+    pdf.roundRect(plate.x, plate.y, plate.width, plate.height, size * 0.3, stroke=0, fill=1)
+    pdf.setFillGray(0)
+    y = plate.y + size * 0.39
+    pdf.text(name, plate.x + plate.width / 2, y, size, room_mm=plate.width * 0.9, font=BOLD, align="centre")

@@ -1,25 +1,22 @@
-"""Sheets of paper in millimetres: what every page has round its content, and a sheet cut into tiles that overlap."""
+"""Sheets of paper in millimetres, and how what is printed is packed on them, or cut into tiles that overlap."""
 
 import math
 import re
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
 
-from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.errors import FieldError, ToolkitError, one_of
+
+if TYPE_CHECKING:
+    from toolkit.printing.colour_strip import StripPlace
+
+Orientation = Literal["auto", "portrait", "landscape"]
 
 PAPERS_MM = {
-    "a0": (841.0, 1189.0),
-    "a1": (594.0, 841.0),
-    "a2": (420.0, 594.0),
-    "a3": (297.0, 420.0),
-    "a4": (210.0, 297.0),
-    "a5": (148.0, 210.0),
-    "b3": (353.0, 500.0),
-    "b4": (250.0, 353.0),
-    "b5": (176.0, 250.0),
-    "letter": (215.9, 279.4),
-    "legal": (215.9, 355.6),
-    "tabloid": (279.4, 431.8),
-}
+    "a0": (841.0, 1189.0), "a1": (594.0, 841.0), "a2": (420.0, 594.0), "a3": (297.0, 420.0), "a4": (210.0, 297.0),
+    "a5": (148.0, 210.0), "b3": (353.0, 500.0), "b4": (250.0, 353.0), "b5": (176.0, 250.0),
+    "letter": (215.9, 279.4), "legal": (215.9, 355.6), "tabloid": (279.4, 431.8),
+}  # fmt: skip
 """Portrait width and height: ISO 216, and ANSI/ASME Y14.1 for the American sizes."""
 SMALLEST_MM = 135.0
 """Room for a 100 mm check bar, its numbers and the margins that no printer reaches."""
@@ -43,6 +40,10 @@ class Paper:
     def orientation(self) -> str:
         """`portrait` or `landscape`; a square is portrait."""
         return "landscape" if self.width_mm > self.height_mm else "portrait"
+
+    def describe(self) -> str:
+        """`a4 portrait`."""
+        return f"{self.name} {self.orientation}"
 
     def turn(self, orientation: str) -> "Paper":
         """This sheet turned to `portrait` or `landscape`."""
@@ -79,6 +80,8 @@ BAR_STRIP_MM = 5.5
 INSET_MM = BAR_STRIP_MM + 2
 """The strip of a check bar and 2 mm of paper, so that neither words nor marks touch the bar."""
 BAR_MM = 100.0
+BARS_MM = UNPRINTABLE_MM + BAR_STRIP_MM
+"""Zero of both check bars, from the left and from below."""
 MARK_MM = 6.0
 """Width of the zone round a cut line that holds crop marks and registration marks."""
 CAPTION_MM = 4.5
@@ -122,11 +125,6 @@ class PageFrame:
         return Rect(UNPRINTABLE_MM, UNPRINTABLE_MM, self.paper.width_mm - sides, self.paper.height_mm - sides)
 
     @property
-    def bars_corner(self) -> tuple[float, float]:
-        """Zero of both check bars."""
-        return UNPRINTABLE_MM + BAR_STRIP_MM, UNPRINTABLE_MM + BAR_STRIP_MM
-
-    @property
     def header(self) -> Rect:
         """The label, clear of the upright check bar, which on a low page reaches as high."""
         area = self.printable
@@ -167,11 +165,9 @@ class Tile:
     def joins(self) -> dict[str, bool]:
         """By side, whether another tile is joined on there; where none is, the side is the sheet's cut line."""
         return {
-            "left": self.column > 0,
-            "right": self.column < self.columns - 1,
-            "top": self.row > 0,
+            "left": self.column > 0, "right": self.column < self.columns - 1, "top": self.row > 0,
             "bottom": self.row < self.rows - 1,
-        }
+        }  # fmt: skip
 
 
 def _letters(row: int) -> str:
@@ -196,18 +192,125 @@ def split_length(length_mm: float, most_mm: float, overlap_mm: float = OVERLAP_M
 def tile_sheet(
     side_mm: float, most_width_mm: float, most_height_mm: float, height_mm: float | None = None
 ) -> list[Tile]:
-    """Tiles of a sheet, row by row from the top left, none larger than stated.
-
-    Args:
-        side_mm: width of the sheet.
-        most_width_mm, most_height_mm: of a tile.
-        height_mm: of the sheet; None: a square one.
-    """
+    """Tiles of a sheet (of no height: a square), row by row from the top left, none larger than stated."""
     sheet_height = side_mm if height_mm is None else height_mm
-    across = split_length(side_mm, most_width_mm)
-    down = split_length(sheet_height, most_height_mm)
+    across, down = split_length(side_mm, most_width_mm), split_length(sheet_height, most_height_mm)
     return [
         Tile(row, column, Rect(x, sheet_height - y - height, width, height), len(down), len(across))
         for row, (y, height) in enumerate(down)
         for column, (x, width) in enumerate(across)
     ]
+
+
+MOST_PAGES = 3000
+NARROWEST_CELL_MM = 24.0
+"""The caption under a very small patch is wider than the patch."""
+
+
+@dataclass(frozen=True)
+class CopiesPage:
+    """A page of whole copies: each one's cut line, in the page's millimetres, and the colour strip where it fits."""
+
+    cuts: tuple[Rect, ...]
+    strip: "StripPlace | None" = None
+
+
+@dataclass(frozen=True)
+class TilePage:
+    """A page with a part of one copy; `window` is where on the page the tile lies."""
+
+    tile: Tile
+    window: Rect
+    copy: int
+
+
+@dataclass(frozen=True)
+class MapPage:
+    """The first page of a tiled sheet: how its tiles go together."""
+
+    tiles: tuple[Tile, ...]
+
+
+Page = CopiesPage | TilePage | MapPage
+
+
+@dataclass(frozen=True)
+class PagePlan:
+    """Every page of one sheet's file, in the order of printing, and what they share."""
+
+    frame: PageFrame
+    pages: tuple[Page, ...]
+
+    @property
+    def tiles(self) -> tuple[int, int]:
+        """Rows and columns that one copy is split into, (1, 1) where it fits on a page."""
+        first = self.pages[0]
+        return (first.tiles[0].rows, first.tiles[0].columns) if isinstance(first, MapPage) else (1, 1)
+
+
+def turn_frames(paper: Paper, orientation: str) -> list[PageFrame]:
+    """The page as `orientation` says; for `auto` both ways round, the paper's own first.
+
+    Raises:
+        ToolkitError: there is no such orientation.
+    """
+    known = get_args(Orientation)
+    if orientation not in known:
+        raise one_of("orientation", orientation, list(known))
+    turns = [orientation]
+    if orientation == "auto":
+        turns = sorted(["portrait", "landscape"], key=lambda turn: turn != paper.orientation)
+    return [PageFrame(paper.turn(turn)) for turn in turns]
+
+
+def plan_sheet(paper: Paper, orientation: str, cut_width: float, cut_height: float, copies: int = 1) -> PagePlan:
+    """Lay out a sheet; `auto` turns the paper where that saves pages. Raises as `turn_frames` and `lay_out`."""
+    frames = turn_frames(paper, orientation)
+    plans = [PagePlan(frame, tuple(lay_out(frame, cut_width, cut_height, copies))) for frame in frames]
+    return min(plans, key=lambda plan: len(plan.pages))
+
+
+def lay_out(frame: PageFrame, cut_width: float, cut_height: float, copies: int = 1) -> list[Page]:
+    """Pages of whole copies of a sheet, or, where it is larger than a page, a map and tiles.
+
+    Raises:
+        ToolkitError: it would take more than 3000 pages.
+    """
+    packed = pack_copies(frame.content, cut_width, cut_height, copies)
+    return [*packed] or _spread_tiles(frame, cut_width, cut_height, copies)
+
+
+def pack_copies(content: Rect, cut_width: float, cut_height: float, copies: int) -> list[CopiesPage]:
+    """As many copies on a page as fit, the group centred; none where not even one fits."""
+    cell_width = max(cut_width + 2 * MARK_MM, NARROWEST_CELL_MM)
+    cell_height = cut_height + 2 * MARK_MM + CAPTION_MM
+    most_columns, most_rows = int(content.width // cell_width), int(content.height // cell_height)
+    if not most_columns * most_rows:
+        return []
+    columns = min(most_columns, copies)
+    rows = min(most_rows, math.ceil(copies / columns))
+    group = content.centre(columns * cell_width, rows * cell_height)
+    cuts = [
+        Rect(group.x + column * cell_width + (cell_width - cut_width) / 2,
+             group.top - row * cell_height - MARK_MM - cut_height, cut_width, cut_height)
+        for row in range(rows)
+        for column in range(columns)
+    ]  # fmt: skip
+    return [CopiesPage(tuple(cuts[: copies - done])) for done in range(0, copies, len(cuts))]
+
+
+def _spread_tiles(frame: PageFrame, cut_width: float, cut_height: float, copies: int) -> list[Page]:
+    content = frame.content
+    most_width, most_height = content.width - 2 * MARK_MM, content.height - 2 * MARK_MM - CAPTION_MM
+    tiles = tile_sheet(cut_width, most_width, most_height, cut_height)
+    if len(tiles) * copies > MOST_PAGES:
+        raise FieldError(
+            f"{max(cut_width, cut_height):.0f} mm on {frame.paper.name} needs {len(tiles) * copies} pages: expected at "
+            f"most {MOST_PAGES}; choose a larger {{paper}}, a smaller size or fewer {{copies}}",
+            {},
+        )
+    window_area = Rect(content.x, content.y + CAPTION_MM, content.width, content.height - CAPTION_MM)
+    pages: list[Page] = [MapPage(tuple(tiles))]
+    for copy in range(1, copies + 1):
+        pages += [TilePage(tile, window_area.centre(tile.area.width, tile.area.height), copy) for tile in tiles]
+    return pages

@@ -1,23 +1,224 @@
-"""A board, a ring or the colour strip from what is asked for to its PDF, and what there is to say of it."""
+"""A board, a ring or the colour strip, on one page or tiled over several, at true size."""
 
+import math
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
-from io import BytesIO
 from pathlib import Path
 
 from toolkit import __version__
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.printing.board_page import build_board_pdf, choose_board
-from toolkit.printing.canvas import POINTS_PER_MM, describe_document, open_canvas, register_fonts
+from toolkit.printing.canvas import BOLD, Pdf, measure_text_mm
 from toolkit.printing.colour_strip import STRIP, StripPlace, draw_strip, reserve_strip
-from toolkit.printing.layout import turn_frames
-from toolkit.printing.marks import PatchLabel, draw_check_bars, draw_crop_marks, draw_header
-from toolkit.printing.page import MARK_MM, PageFrame, Paper
+from toolkit.printing.marks import PatchLabel, SheetDrawing, draw_crop_marks, draw_frame, draw_page
+from toolkit.printing.page import MARK_MM, PageFrame, PagePlan, Paper, Rect, plan_sheet, turn_frames
 from toolkit.printing.print_patches import shorten
 from toolkit.printing.settings import PrintSettings, SheetSettings
-from toolkit.rig.board import DEFAULT_RING, Board, board_file, choose_ring, read_board, write_board
-from toolkit.rig.markers import PALE_PERCENT
+from toolkit.rig.board import (
+    DEFAULT_BOARD,
+    DEFAULT_RING,
+    MARKER_SHARE,
+    Board,
+    CharucoBoard,
+    MarkerRing,
+    board_file,
+    choose_ring,
+    read_board,
+    write_board,
+)
+from toolkit.rig.markers import PALE_PERCENT, black_rects, marker_modules
+
+EDGE_MM = 3.0
+"""White paper round a board; the colours of the table then never touch a square."""
+FRONT_EDGE_MM = 8.0
+"""The lower edge holds the word FRONT and the spec."""
+TICK_MM = 2.0
+LINE_MM = 0.15
+FRONT = "FRONT"
+FRONT_SIZE_MM = 4.0
+
+
+def measure_board(spec: Board) -> tuple[float, float]:
+    """Width and height of what is cut out."""
+    width, height = spec.size_mm
+    if isinstance(spec, MarkerRing):
+        return width, height
+    return width + 2 * EDGE_MM, height + EDGE_MM + FRONT_EDGE_MM
+
+
+def draw_board(pdf: Pdf, spec: Board) -> None:
+    """Draw a board or a ring at full size; its ink is the printer's own black, not a mixture of colours."""
+    pdf.saveState()
+    pdf.grey(0)
+    if isinstance(spec, CharucoBoard):
+        pdf.translate(EDGE_MM, FRONT_EDGE_MM)
+    pdf.setFillGray(1 - spec.ink_percent / 100)
+    if isinstance(spec, CharucoBoard):
+        pdf.rects(spec.black_squares(), spec.size_mm[1])
+    _draw_markers(pdf, spec)
+    pdf.setFillGray(0)
+    if isinstance(spec, CharucoBoard):
+        _write_on_board(pdf, spec)
+    elif isinstance(spec, MarkerRing):
+        _write_in_ring(pdf, spec)
+    pdf.restoreState()
+
+
+def _draw_markers(pdf: Pdf, spec: Board) -> None:
+    half = spec.marker_mm / 2
+    for marker_id, middle, turn in spec.place_markers():
+        with pdf.moved(middle[0], spec.size_mm[1] - middle[1], math.degrees(turn) if turn else None):
+            pdf.rects(black_rects(marker_modules(spec.dictionary, marker_id)) * spec.marker_mm - half, 0)
+
+
+def _draw_front(pdf: Pdf, x: float, baseline: float) -> float:
+    """The word FRONT about x between two arrows that point down the page; returns its half width."""
+    half = measure_text_mm(FRONT, BOLD, FRONT_SIZE_MM) / 2
+    pdf.text(FRONT, x, baseline, FRONT_SIZE_MM, room_mm=4 * half, font=BOLD, align="centre")
+    for side in (-1, 1):
+        at = x + side * (half + 3)
+        pdf.shape([(at - 1.6, baseline + 3), (at + 1.6, baseline + 3), (at, baseline - 0.2)])
+    return half + 6
+
+
+def _write_on_board(pdf: Pdf, spec: CharucoBoard) -> None:
+    """Below the squares the front and the spec; a short line in the middle of every edge, to stand the object by."""
+    width, height = spec.size_mm
+    pdf.setLineWidth(2 * LINE_MM)
+    gap = (EDGE_MM - TICK_MM) / 2
+    for y in (-gap - TICK_MM, height + gap):
+        pdf.line(width / 2, y, width / 2, y + TICK_MM)
+    for x in (-gap - TICK_MM, width + gap):
+        pdf.line(x, height / 2, x + TICK_MM, height / 2)
+    taken = _draw_front(pdf, width / 2, -FRONT_EDGE_MM + 1.2)
+    pdf.text(spec.describe(), 0, -FRONT_EDGE_MM + 1.4, 2.2, room_mm=width / 2 - taken - 2)
+
+
+def _write_in_ring(pdf: Pdf, spec: MarkerRing) -> None:
+    """In the free disc its two axes, the front and the spec; round it all the line to cut along."""
+    middle, radius = spec.outer_mm / 2, spec.inner_mm / 2
+    pdf.setLineWidth(LINE_MM)
+    pdf.setStrokeGray(0.6)
+    pdf.circle(middle, middle, middle - LINE_MM, stroke=1, fill=0)
+    pdf.circle(middle, middle, radius - 1, stroke=1, fill=0)
+    pdf.line(middle - radius + 1, middle, middle + radius - 1, middle)
+    pdf.line(middle, middle - radius + 1 + 2 * FRONT_SIZE_MM, middle, middle + radius - 1)
+    front = middle - radius + FRONT_SIZE_MM
+    _draw_front(pdf, middle, front)
+    pdf.setFillGray(0)
+    pdf.text(spec.describe(), middle + 3, middle - 4, 2.2, room_mm=radius - 8)
+
+
+MOST_SHEET_PAGES = 40
+"""More tiles than that are not joined to a tenth of a millimetre by anyone."""
+SMALLEST_SQUARE_MM = 12.0
+"""Chosen on its own; smaller ones are hard to read on a phone's photograph of a whole object."""
+STAND_IT = (
+    "Lay it flat. Stand the object on its middle, the front to the edge marked FRONT; the camera is found from the "
+    "pattern round it."
+)
+
+
+@dataclass(frozen=True)
+class BoardDocument:
+    """A finished PDF and how it is laid out."""
+
+    content: bytes
+    plan: PagePlan
+
+
+def plan_board_pages(spec: Board, paper: Paper, orientation: str = "auto") -> PagePlan:
+    """Lay out a board or a ring on as few pages as can be.
+
+    Raises:
+        ToolkitError: it would take more than `MOST_SHEET_PAGES`.
+    """
+    width, height = measure_board(spec)
+    plan = plan_sheet(paper, orientation, width, height)
+    if len(plan.pages) > MOST_SHEET_PAGES:
+        smaller = "fewer or smaller squares" if isinstance(spec, CharucoBoard) else "a smaller ring"
+        raise FieldError(
+            f"a sheet of {width:.0f} × {height:.0f} mm needs {len(plan.pages)} pages of {paper.name}: expected at most "
+            f"{MOST_SHEET_PAGES}; choose {smaller} or a larger {{paper}}",
+            {},
+        )
+    return plan
+
+
+def choose_board(
+    paper: Paper, orientation: str = "auto", squares: tuple[int, int] | None = None, square_mm: float | None = None,
+    marker_mm: float | None = None,
+) -> CharucoBoard:  # fmt: skip
+    """The board that options ask for; what they leave open is chosen.
+
+    Args:
+        paper, orientation: what it is printed on.
+        squares: columns and rows; None: the default board's.
+        square_mm: None: the default board's, or, with `squares`, the largest whole number up to it for one page, where
+            that is at least `SMALLEST_SQUARE_MM`.
+        marker_mm: None: three quarters of the square.
+
+    Raises:
+        ToolkitError: as `CharucoBoard` says.
+    """
+    columns, rows = squares or (DEFAULT_BOARD.columns, DEFAULT_BOARD.rows)
+    side = DEFAULT_BOARD.square_mm if square_mm is None else square_mm
+    if squares is not None and square_mm is None:
+        for smaller in range(int(side), int(SMALLEST_SQUARE_MM) - 1, -1):
+            board = CharucoBoard(columns, rows, float(smaller), smaller * MARKER_SHARE)
+            if len(plan_sheet(paper, orientation, *measure_board(board)).pages) == 1:
+                side = float(smaller)
+                break
+    return CharucoBoard(columns, rows, side, round(side * MARKER_SHARE, 2) if marker_mm is None else marker_mm)
+
+
+def build_board_pdf(spec: Board, paper: Paper, orientation: str = "auto") -> BoardDocument:
+    """A board or a ring as PDF; the same spec, paper and toolkit version give the same bytes.
+
+    Raises:
+        ToolkitError: it is too large to be tiled sensibly.
+    """
+    plan = plan_board_pages(spec, paper, orientation)
+    label = label_board(spec)
+    keywords = {"kind": "board" if isinstance(spec, CharucoBoard) else "ring", "dictionary": spec.dictionary}
+    pdf = Pdf(plan.frame.paper, f"{label.title}, {label.size}", spec.describe(), keywords)
+
+    def draw(x: float, y: float) -> None:
+        with pdf.moved(x, y) if x or y else nullcontext():
+            draw_board(pdf, spec)
+
+    def note(area: Rect, tile: str) -> None:
+        if tile:
+            x, y = area.x + area.width / 2, area.y - MARK_MM - 2.6
+            pdf.text(tile, x, y, 2.4, room_mm=area.width, align="centre")
+
+    sheet = SheetDrawing(label, STAND_IT, draw, note)
+    for number, page in enumerate(plan.pages, start=1):
+        with pdf.page():
+            draw_page(pdf, plan, page, sheet, f"page {number} of {len(plan.pages)}")
+    return BoardDocument(pdf.finish(), plan)
+
+
+def label_board(spec: Board) -> PatchLabel:
+    """The words at the top of every page of a sheet."""
+    if isinstance(spec, CharucoBoard):
+        width, height = spec.size_mm
+        size = (
+            f"{width:.1f} × {height:.1f} mm   ({spec.columns} × {spec.rows} squares of {spec.square_mm:g} mm, markers "
+            f"{spec.marker_mm:g} mm)"
+        )
+        kind = "ChArUco, OpenCV's current pattern"
+    elif isinstance(spec, MarkerRing):
+        size = (
+            f"{spec.inner_mm:.1f} mm inside, {spec.outer_mm:.1f} mm outside   ({spec.count} markers of "
+            f"{spec.marker_mm:g} mm)"
+        )
+        kind = "ArUco markers"
+    first, last = spec.marker_ids[0], spec.marker_ids[-1]
+    origin = f"{kind}, {spec.dictionary}, numbers {first} to {last}   ·   toolkit {__version__}"
+    return PatchLabel("camera board" if isinstance(spec, CharucoBoard) else "turntable ring", size, origin)
+
 
 USE_IT = "Print it on the paper and with the settings of the patches; photograph it beside the object."
 
@@ -25,9 +226,6 @@ USE_IT = "Print it on the paper and with the settings of the patches; photograph
 def build_strip_pdf(paper: Paper, orientation: str = "auto") -> tuple[bytes, PageFrame]:
     """The strip in the middle of a page, with check bars and, where they fit, crop marks, and the page's frame."""
     frame = turn_frames(paper, orientation)[0]
-    register_fonts()
-    buffer = BytesIO()
-    canvas = open_canvas(buffer, frame.paper)
     width, height = STRIP.size_mm
     size = f"{width:g} × {height:g} mm"
     label = PatchLabel(
@@ -35,19 +233,16 @@ def build_strip_pdf(paper: Paper, orientation: str = "auto") -> tuple[bytes, Pag
         f"{size}   ({len(STRIP.swatches)} cells of {STRIP.swatches[0].side_mm:g} mm)",
         f"sRGB, markers of {STRIP.dictionary}   ·   toolkit {__version__}",
     )
-    describe_document(canvas, f"colour strip, {size}", label.size, {"dictionary": STRIP.dictionary})
-    canvas.scale(POINTS_PER_MM, POINTS_PER_MM)
     place, _ = next(reserve_strip(frame.content))
     room = frame.content.centre(place.area.width, place.area.height)
     middle = StripPlace(place.x - place.area.x + room.x, place.y - place.area.y + room.y, place.upright)
-    draw_strip(canvas, middle)
-    if middle.area.width + 2 * MARK_MM <= frame.content.width:
-        draw_crop_marks(canvas, middle.area)
-    draw_header(canvas, frame.header, label, f"{frame.paper.name} {frame.paper.orientation}", USE_IT)
-    draw_check_bars(canvas, frame)
-    canvas.showPage()
-    canvas.save()
-    return buffer.getvalue(), frame
+    pdf = Pdf(frame.paper, f"colour strip, {size}", label.size, {"dictionary": STRIP.dictionary})
+    with pdf.page():
+        draw_strip(pdf, middle)
+        if middle.area.width + 2 * MARK_MM <= frame.content.width:
+            draw_crop_marks(pdf, middle.area)
+        draw_frame(pdf, frame, label, frame.paper.describe(), USE_IT)
+    return pdf.finish(), frame
 
 
 @dataclass(frozen=True)

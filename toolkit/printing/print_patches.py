@@ -13,11 +13,9 @@ from toolkit.imaging.printer import PrintScores, score_print
 from toolkit.objects.load import load_object
 from toolkit.objects.printed_size import BASE_DPI
 from toolkit.objects.records import PatchRecord, read_patch
-from toolkit.objects.spec import Side, read_spec
-from toolkit.printing.document import build_pdf
-from toolkit.printing.layout import effective_percent
+from toolkit.objects.spec import ObjectSpec, Side, read_spec
+from toolkit.printing.document import Wearer, build_pdf, effective_percent, is_same_size, say_sizes
 from toolkit.printing.settings import PrintSettings
-from toolkit.printing.wearers import Wearer, as_wearer, choose_wearer, find_wearers, is_same_size, say_sizes
 from toolkit.rig.fit import describe_misfits
 from toolkit.rig.variants import find_patch_file
 
@@ -74,6 +72,52 @@ def _read_classes(known: dict[str, Path]) -> tuple[dict[str, str], list[str]]:
         except ToolkitError as error:
             broken.append(str(error))
     return classes, broken
+
+
+def find_wearers(workspace: Workspace, png_file: Path) -> tuple[list[Wearer], list[str]]:
+    """Objects that wear a patch, and why specs could not be read; the one of the patch's name first, then one's own."""
+    specs, broken = workspace.object_specs(), []
+    wearers: list[Wearer] = []
+    for name in sorted(specs, key=lambda name: (name != png_file.stem, specs[name].parent != workspace.objects_dir)):
+        try:
+            spec = read_spec(specs[name])
+            found = png_file if name == png_file.stem else find_patch_file(workspace, spec)
+            if found is not None and found.resolve() == png_file.resolve():
+                wearers.append(as_wearer(spec, png_file))
+        except ToolkitError as error:
+            broken.append(f"not compared with the rig: {error}")
+    return wearers, broken
+
+
+def as_wearer(spec: ObjectSpec, png_file: Path) -> Wearer:
+    """An object with a patch; raises as `read_patch`."""
+    sides = tuple(mount.at for mount in spec.mounts)
+    return Wearer(spec.name, sides, spec.sizes_mm(read_patch(png_file).size_mm))
+
+
+def choose_wearer(workspace: Workspace, png_file: Path) -> Wearer | None:
+    """The object that a patch is printed for where none is named; None where none wears it.
+
+    The object of its name, else the user's own before the built-in ones, if they agree on the size.
+
+    Raises:
+        FieldError: several objects wear it in different sizes.
+    """
+    wearers, _ = find_wearers(workspace, png_file)
+    specs = workspace.object_specs()
+    own = [one for one in wearers if specs[one.object].parent == workspace.objects_dir]
+    candidates = [one for one in wearers if one.object == png_file.stem and (one in own or not own)] or own or wearers
+    if not candidates:
+        return None
+    first = candidates[0]
+    if not all(is_same_size(one.sizes_mm, first.sizes_mm) for one in candidates):
+        sizes = ", ".join(f"{one.object} {say_sizes(one.sizes_mm)}" for one in candidates)
+        raise FieldError(
+            f"the patch '{png_file.stem}' is worn in different sizes ({sizes}): name the object {{objects}}, or give "
+            "{size_mm}",
+            {},
+        )
+    return first
 
 
 @dataclass(frozen=True)

@@ -1,21 +1,20 @@
 """What `toolkit print` is asked for: the page of a patch, or a sheet to stand objects on."""
 
 import re
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, model_validator
 
 from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError
 from toolkit.objects.printed_size import BASE_DPI, SCALE
-from toolkit.printing.page import Paper, parse_paper
+from toolkit.printing.page import Orientation, Paper, parse_paper
 
 MOST_COPIES = 1000
 WIDEST_MARGIN_MM = 100.0
 SQUARES = re.compile(r"^\s*(\d{1,4})\s*[x×]\s*(\d{1,4})\s*$", re.IGNORECASE)
 SHEET = "The sheet that objects stand on, or the strip of colours"
 PAGE = "On paper"
-
 AnyPaper = Annotated[Paper, BeforeValidator(lambda paper: parse_paper(paper) if isinstance(paper, str) else paper)]
 
 
@@ -65,9 +64,7 @@ class PrintSettings(Config):
     paper: Annotated[AnyPaper, Flag(metavar="SIZE", group=PAGE, typed=str)] = Field(
         parse_paper("a4"), description="a0 to a5, b3 to b5, letter, legal, tabloid, or one's own: 200x300mm."
     )
-    orientation: Annotated[Literal["auto", "portrait", "landscape"], Flag(group=PAGE)] = Field(
-        "auto", description="auto: the one with fewer pages."
-    )
+    orientation: Annotated[Orientation, Flag(group=PAGE)] = Field("auto", description="auto: the one with fewer pages.")
 
     @property
     def states_size(self) -> bool:

@@ -8,8 +8,8 @@ from toolkit.core.files import sha256_bytes
 from toolkit.objects.spec import read_spec
 from toolkit.photos.gates.result import GateResult
 from toolkit.photos.match_pose import PoseMatch
-from toolkit.printing.shot_list.first_page import PHONE_MM, equivalent_focal_mm
-from toolkit.printing.shot_list.places import measure_place, name_change
+from toolkit.printing.shot_list.session import PHONE_MM, equivalent_focal_mm
+from toolkit.printing.shot_list.tour import measure_place, name_change
 from toolkit.rig.shot_order import ShotStep
 from toolkit.studio.inspection import Inspection
 from toolkit.studio.predictor import Predictor

@@ -4,22 +4,36 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from toolkit.core.console import progress
+from toolkit import __version__
+from toolkit.core.console import Ticker, progress
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
-from toolkit.printing.page import Paper, parse_paper
-from toolkit.printing.shot_list.document import build_shot_list
-from toolkit.printing.shot_list.session import prepare_session
-from toolkit.printing.wearers import is_same_size, read_page, say_sizes
+from toolkit.printing.canvas import BOLD, CAMERA, FAINT, INK, SHEET, SOFT, TICK_MM, WHITE, Colour, Pdf
+from toolkit.printing.document import is_same_size, read_page, say_sizes
+from toolkit.printing.page import Paper, Rect, parse_paper
+from toolkit.printing.shot_list.mounting import MountDrawing
+from toolkit.printing.shot_list.session import (
+    SHEETS_A_PAGE,
+    ObjectSession,
+    Papers,
+    draw_first_page,
+    draw_sheets_page,
+    prepare_session,
+)
+from toolkit.printing.shot_list.tour import (
+    Stop,
+    draw_from_above,
+    draw_from_side,
+    find_stretches,
+    name_change,
+)
 from toolkit.rig.board import read_board
 from toolkit.rig.plan import CapturePlan, check_poses
-from toolkit.rig.requests import Order, ShotListConfig
+from toolkit.rig.requests import ShotListConfig
 from toolkit.rig.shot_order import (
     ShotList,
-    ShotStep,
-    hash_poses,
     list_shots,
     measure_travel_mm,
     order_shots,
@@ -27,6 +41,228 @@ from toolkit.rig.shot_order import (
     write_shots,
 )
 from toolkit.rig.variants import VARIANTS, Paint, Print, find_booster
+
+NUMBER_MM = 14.0
+ABOVE_MM = 35.0
+NOTES_MM = 5.5
+PAD_MM = 1.6
+CAPTION_MM = 5.2
+GAP_MM = 2.0
+
+
+def draw_card(pdf: Pdf, area: Rect, session: ObjectSession, stop: Stop, last: bool) -> None:
+    """Draw one place into its area, with a line below it unless it is the last."""
+    if not last:
+        pdf.ink(FAINT, 0.2)
+        pdf.line(area.x, area.y, area.right, area.y)
+    inside = Rect(area.x, area.y + PAD_MM, area.width, area.height - 2 * PAD_MM)
+    _draw_number(pdf, inside, stop)
+    side_mm = min(0.285 * area.width, 56.0)
+    width = inside.width - NUMBER_MM - ABOVE_MM - side_mm - 2
+    pictures = Rect(inside.x + NUMBER_MM, inside.y, width, inside.height)
+    _draw_pictures(pdf, pictures, session, stop)
+    drawn = inside.height - NOTES_MM
+    draw_from_above(pdf, Rect(pictures.right + 2, inside.top - drawn, ABOVE_MM, drawn), session.around, stop.place)
+    draw_from_side(pdf, Rect(area.right - side_mm, inside.top - drawn, side_mm, drawn), session.around, stop.place)
+    taken = pdf.write("notes", pictures.right + 3, inside.y + 1.0, 2.3, room_mm=12, colour=SOFT)
+    pdf.ink(FAINT, 0.2)
+    pdf.line(pictures.right + 4.5 + taken, inside.y + 0.6, area.right, inside.y + 0.6)
+
+
+def _draw_number(pdf: Pdf, inside: Rect, stop: Stop) -> None:
+    middle = inside.x + NUMBER_MM / 2 - 1.0
+    pdf.write("place", middle, inside.top - 3.2, 2.3, room_mm=NUMBER_MM, align="centre", colour=SOFT)
+    number = str(stop.number)
+    pdf.write(number, middle, inside.top - 12.0, 9.5, room_mm=NUMBER_MM - 2.5, font=BOLD, align="centre")
+    pdf.write(f"pose {stop.pose.id}", middle, inside.top - 16.6, 2.7, room_mm=NUMBER_MM - 2, align="centre")
+    if abs(stop.place.roll_deg) > 0.05:
+        words = f"roll {stop.place.roll_deg:+.0f}°"
+        pdf.write(words, middle, inside.top - 20.6, 2.5, room_mm=NUMBER_MM - 2, align="centre", colour=CAMERA)
+
+
+def _draw_pictures(pdf: Pdf, room: Rect, session: ObjectSession, stop: Stop) -> None:
+    """A picture per variant, always in the same places; under each its tick box and the number of its shot."""
+    shots = {shot.variant: (turn, shot) for turn, shot in enumerate(stop.shots, 1)}
+    order = sorted(shots, key=lambda variant: (variant != "unpatched", variant))
+    # one picture keeps the size that it has beside another
+    cells = fit_grid(max(len(order), 2), room, session.camera.width / session.camera.height)
+    for variant, cell in zip(order, cells, strict=False):
+        turn, shot = shots[variant]
+        picture = Rect(room.x + cell.x, room.top + cell.y, cell.width, cell.height)
+        pdf.picture(session.views[variant, stop.pose.id], picture)
+        _draw_cross(pdf, picture)
+        row = picture.y - CAPTION_MM + 0.7
+        pdf.tick_box(picture.x, row)
+        text = picture.x + TICK_MM + 1.2
+        colour = INK if variant == "unpatched" else SHEET
+        words = f"shot {shot.number}" + (f", round {turn}" if session.rounds and len(stop.shots) == 2 else "")
+        taken = pdf.write(words, picture.right, row + 0.8, 2.4, room_mm=0.6 * picture.width, align="right")
+        pdf.write(variant, text, row + 0.8, 2.7, room_mm=picture.right - text - taken - 1, font=BOLD, colour=colour)
+
+
+def _draw_cross(pdf: Pdf, picture: Rect) -> None:
+    """A small cross at the picture's middle, to aim with: white under dark, so that it shows on both."""
+    x, y = picture.x + picture.width / 2, picture.y + picture.height / 2
+    for colour, line in ((WHITE, 0.45), (INK, 0.15)):
+        pdf.ink(colour, line)
+        pdf.line(x - 1.3, y, x + 1.3, y)
+        pdf.line(x, y - 1.3, x, y + 1.3)
+
+
+def fit_grid(count: int, room: Rect, aspect: float) -> list[Rect]:
+    """Pictures of that aspect, as large as fit a room with a caption under each, side by side and in rows.
+
+    Their places are counted from the room's upper left corner, y upwards and so negative.
+    """
+    best: tuple[float, int] = (0.0, 1)
+    for columns in range(1, count + 1):
+        rows = -(-count // columns)
+        width = (room.width - (columns - 1) * GAP_MM) / columns
+        height = (room.height - (rows - 1) * GAP_MM) / rows - CAPTION_MM
+        best = max(best, (min(width, height * aspect), columns), key=lambda pair: round(pair[0], 6))
+    width, columns = best
+    height = width / aspect
+    return [
+        Rect(i % columns * (width + GAP_MM), -height - i // columns * (height + CAPTION_MM + GAP_MM), width, height)
+        for i in range(count)
+    ]
+
+
+MARGIN_MM = 10.0
+HEADER_MM = 13.0
+FOOTER_MM = 6.0
+BAND_MM = 6.4
+BAND: Colour = (0.985, 0.925, 0.895)
+LEAST_CARD_MM = 36.0
+"""Lower cards have pictures too small to aim by."""
+HASH_DIGITS = 12
+
+
+@dataclass(frozen=True)
+class CardsPage:
+    """Some stops of an object, and the words of the band that follows each, empty for none."""
+
+    stops: tuple[Stop, ...]
+    bands: tuple[str, ...]
+
+
+def build_shot_list(
+    sessions: Sequence[ObjectSession], paper: Paper, seed: int, order: str, bar: Ticker
+) -> tuple[bytes, int]:
+    """The PDF of a whole session and its number of pages; the same arguments give the same bytes.
+
+    Args:
+        sessions: of the objects, in the order of shooting.
+        paper: taken upright.
+        seed, order: what the order of the shots follows from, for the footer.
+        bar: counts one per object.
+    """
+    paper = paper.turn("portrait")
+    names = ", ".join(session.item.name for session in sessions)
+    plans: dict[str, object] = {f"plan_{session.item.name}": session.poses_sha256 for session in sessions}
+    pdf = Pdf(paper, f"Shot list: {names}", f"order {order}, seed {seed}", plans)
+    area = Rect(
+        MARGIN_MM, MARGIN_MM + FOOTER_MM, paper.width_mm - 2 * MARGIN_MM,
+        paper.height_mm - 2 * MARGIN_MM - FOOTER_MM - HEADER_MM,
+    )  # fmt: skip
+    layouts = [lay_out_pages(session, area.height) for session in sessions]
+    number, total = 0, sum(map(len, layouts))
+    for session, pages in zip(sessions, layouts, strict=True):
+        name, plan = session.item.name, session.poses_sha256[:HASH_DIGITS]
+        for index, page in enumerate(pages, 1):
+            number += 1
+            made = f"order {order}, seed {seed}   ·   toolkit {__version__}   ·   {number}/{total}"
+            with pdf.page():
+                _draw_header(pdf, area, session, page)
+                _draw_footer(pdf, area, f"{name}, page {index} of {len(pages)}   ·   plan {plan}", made)
+                if index == 1:
+                    pdf.bookmarkPage(name)
+                    pdf.addOutlineEntry(name, name)
+                    draw_first_page(pdf, area, session)
+                elif isinstance(page, CardsPage):
+                    _draw_cards(pdf, area, session, page)
+                else:
+                    draw_sheets_page(pdf, area, session, page)
+        bar.advance(note=f"{name}: pages")
+    return pdf.finish(), total
+
+
+def count_cards(height_mm: float) -> int:
+    """How many cards a page holds."""
+    return max(1, int((height_mm - BAND_MM) // LEAST_CARD_MM))
+
+
+def lay_out_pages(session: ObjectSession, height_mm: float) -> list[CardsPage | Sequence[MountDrawing]]:
+    """The pages of one object: the first one, with its first sheet, then the other sheets, then its places."""
+    more = session.mountings[1:]
+    sheets = [more[i : i + SHEETS_A_PAGE] for i in range(0, len(more), SHEETS_A_PAGE)]
+    return [session.mountings[:1], *sheets, *lay_out_cards(session, height_mm)]
+
+
+def lay_out_cards(session: ObjectSession, height_mm: float) -> list[CardsPage]:
+    """Spread the places of one object over pages."""
+    many, stops = count_cards(height_mm), session.stops
+    bands = name_bands(session)
+    return [CardsPage(stops[i : i + many], tuple(bands[i : i + many])) for i in range(0, len(stops), many)]
+
+
+def name_bands(session: ObjectSession) -> list[str]:
+    """What happens after each place: the sheet's changes there and the end of a round; empty where one just goes on."""
+    words: list[list[str]] = [[] for _ in session.stops]
+    if not session.rounds:
+        return ["" for _ in words]
+    stretches = find_stretches(session.stops)
+    for before, after in zip(stretches, [*stretches[1:], None], strict=True):
+        change = name_change(before.variant, after.variant if after else "unpatched", session.sheets)
+        onward = "" if after else "done"
+        if after is not None and after.stops[0] != before.stops[1] + 1:
+            onward = f"go on with place {after.stops[0]}"
+        if next_steps := ", ".join(filter(None, (change, onward))):
+            words[before.stops[1] - 1].append(f"after shot {before.shots[1]}: {next_steps}")
+    return ["   ·   ".join(parts) for parts in words]
+
+
+def _draw_cards(pdf: Pdf, area: Rect, session: ObjectSession, page: CardsPage) -> None:
+    """The cards of a page, and between two of them a line that says what changes there."""
+    most_bands = max(sum(map(bool, other.bands)) for other in lay_out_cards(session, area.height))
+    height = (area.height - most_bands * BAND_MM) / count_cards(area.height)
+    top = area.top
+    for stop, band in zip(page.stops, page.bands, strict=True):
+        last = stop is page.stops[-1] or bool(band)
+        draw_card(pdf, Rect(area.x, top - height, area.width, height), session, stop, last)
+        top -= height
+        if band:
+            top -= BAND_MM
+            pdf.panel(Rect(area.x, top + 0.6, area.width, BAND_MM - 1.2), BAND)
+            x, y = area.x + area.width / 2, top + BAND_MM / 2 - 1.0
+            pdf.write(band, x, y, 2.8, room_mm=area.width - 6, font=BOLD, align="centre", colour=SHEET)
+
+
+def _draw_header(pdf: Pdf, area: Rect, session: ObjectSession, page: CardsPage | Sequence[MountDrawing]) -> None:
+    top = area.top + HEADER_MM
+    name = session.item.name
+    taken = pdf.write(name, area.x, top - 6.2, 7.0, room_mm=0.55 * area.width, font=BOLD)
+    label = str(session.item.spec.class_name)
+    if not isinstance(page, CardsPage):
+        words = f"class {label}" if label != name else ""
+        right = "shot list"
+    else:
+        first, last = page.stops[0].number, page.stops[-1].number
+        words = ""
+        right = f"places {first}-{last} of {len(session.stops)}" if first != last else f"place {first}"
+    pdf.write(words, area.x + taken + 3, top - 6.2, 3.2, room_mm=0.3 * area.width, colour=SOFT)
+    pdf.write(right, area.right, top - 6.2, 4.2, room_mm=0.4 * area.width, font=BOLD, align="right")
+    pdf.ink(INK, 0.5)
+    pdf.line(area.x, top - 9.2, area.right, top - 9.2)
+
+
+def _draw_footer(pdf: Pdf, area: Rect, left: str, right: str) -> None:
+    y = area.y - FOOTER_MM
+    pdf.ink(FAINT, 0.2)
+    pdf.line(area.x, y + 3.6, area.right, y + 3.6)
+    pdf.write(left, area.x, y, 2.4, room_mm=0.55 * area.width, colour=SOFT)
+    pdf.write(right, area.right, y, 2.4, room_mm=0.44 * area.width, align="right", colour=SOFT)
+
 
 NARROWEST_MM, LOWEST_MM = 180.0, 250.0
 
@@ -90,54 +326,24 @@ def write_shot_list(
     steps = order_shots(plan, list(items), {name: tuple(boosters[name]) for name in items}, seed, order)
     for name, item in items.items():
         check_poses(item, plan.camera, plan.objects[name])
-    content, pages = _draw(
-        workspace, plan, items, boosters, steps, missing=missing, paper=paper, seed=seed, order=order
-    )
+    board, sessions = read_board(workspace), []
+    printed = {name: _find_page(workspace, name, boosters[name]) for name in items}
+    with progress("drawing the shot list", len(steps) + 2 * len(items)) as bar:
+        for name, item in items.items():
+            own = [step for step in steps if step.object == name]
+            papers = Papers(board, printed[name][0], missing.get(name))
+            sessions.append(prepare_session(item, plan, own, boosters[name], papers, bar))
+        content, pages = build_shot_list(sessions, paper, seed, order, bar)
     pdf_file = write_bytes(workspace.print_dir / "shot_list.pdf", content)
     shots_file = workspace.root / "rig" / "shots.json"
     shots = list_shots(plan, steps, seed, order)
     replaced = _is_other(shots_file, shots)
     write_shots(shots_file, shots)
-    travel_m = round(measure_travel_mm(plan, steps) / 1000, 2)
     return WrittenShotList(
-        str(pdf_file),
-        str(shots_file),
-        pages,
-        len(steps),
-        list(items),
-        travel_m=travel_m,
-        without_patch=missing,
-        replaced=replaced,
-        notes=tuple(note for name in items if (note := _find_page(workspace, name, boosters[name])[1])),
-    )
-
-
-def _draw(
-    workspace: Workspace, plan: CapturePlan, items: dict[str, TableObject],
-    boosters: dict[str, dict[str, Print | Paint | None]], steps: list[ShotStep], missing: dict[str, str], paper: Paper,
-    seed: int, order: Order,
-) -> tuple[bytes, int]:  # fmt: skip
-    """The PDF and its number of pages."""
-    board, sessions = read_board(workspace), []
-    with progress("drawing the shot list", len(steps) + 2 * len(items)) as bar:
-        for name, item in items.items():
-            own = [step for step in steps if step.object == name]
-            sessions.append(
-                prepare_session(
-                    item,
-                    plan.camera,
-                    plan.objects[name],
-                    own,
-                    boosters[name],
-                    poses_sha256=hash_poses(plan, name),
-                    bar=bar,
-                    board=board,
-                    patch_pdf=_find_page(workspace, name, boosters[name])[0],
-                    note=missing.get(name),
-                )
-            )
-        content, pages = build_shot_list(sessions, paper, seed, order, bar)
-    return content, pages
+        str(pdf_file), str(shots_file), pages, len(steps), list(items), replaced=replaced, without_patch=missing,
+        travel_m=round(measure_travel_mm(plan, steps) / 1000, 2),
+        notes=tuple(note for _, note in printed.values() if note),
+    )  # fmt: skip
 
 
 def _find_boosters(

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
-from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
@@ -12,20 +11,8 @@ from toolkit.core.console import Ticker
 from toolkit.objects.load import TableObject
 from toolkit.objects.records import TAPE_MARGIN_MM
 from toolkit.objects.spec import PatchMount
-from toolkit.printing.canvas import BOLD
+from toolkit.printing.canvas import BOLD, SHEET, SOFT, WHITE, Pdf, Point
 from toolkit.printing.page import Rect
-from toolkit.printing.shot_list.drawings import (
-    SHEET,
-    SOFT,
-    WHITE,
-    draw_block_arrow,
-    draw_dimension,
-    draw_shape,
-    draw_title,
-    place_picture,
-    set_ink,
-    write,
-)
 from toolkit.rig.board import Board
 from toolkit.rig.camera import Camera, look_at, project
 from toolkit.rig.lighting import BakeDetail
@@ -37,9 +24,6 @@ from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
 from toolkit.rig.variants import Paint, Print, dress, mount_printed
-
-if TYPE_CHECKING:
-    from reportlab.pdfgen.canvas import Canvas
 
 WIDTH_PX = 416
 """250 dpi on a picture 42 mm wide."""
@@ -62,15 +46,7 @@ def draw_views(
     item: TableObject, camera: Camera, poses: list[Pose], boosters: Mapping[str, Print | Paint | None],
     board: Board | None, bar: Ticker,
 ) -> dict[tuple[str, int], bytes]:  # fmt: skip
-    """JPEGs by (variant, pose id), as wide as `WIDTH_PX` and of the camera's aspect.
-
-    Args:
-        item: on the table.
-        camera: the plan's; its field of view is kept.
-        poses: from where.
-        boosters: what is stuck on, by variant.
-        board: the sheet that the object stands on, None for a bare table.
-        bar: counts one per picture.
+    """JPEGs by (variant, pose id), as wide as `WIDTH_PX` and of the camera's aspect; `bar` counts one per picture.
 
     Raises:
         ToolkitError: a sheet cannot be mounted on the object.
@@ -223,79 +199,66 @@ def _photograph(
     return encode_jpeg(small, 90), (x - half_width, y - half_height, x + half_width, y + half_height)
 
 
-ToPage = Callable[[Sequence[float] | np.ndarray], tuple[float, float]]
+ToPage = Callable[[Sequence[float] | np.ndarray], Point]
 """Millimetres on the object's side -> millimetres on the page."""
 CHAINS_MM = 18.0
 """Room beside and below the picture for its dimensions, and above it for the title."""
 
 
-def draw_mounting_plan(canvas: "Canvas", area: Rect, drawing: MountDrawing) -> None:
+def draw_mounting_plan(pdf: Pdf, area: Rect, drawing: MountDrawing) -> None:
     """The object's side with the sheet's outline, its distances from the object's edges, and its arrow."""
     side = drawing.mount.at
     seen = {"top": "seen from above", "back": "seen from behind"}.get(side, f"seen from the {side}")
     which = "the patch" if drawing.count == 1 else f"sheet {drawing.number} of {drawing.count}"
-    draw_title(canvas, area, f"Where {which} goes, {seen}")
+    pdf.heading(area, f"Where {which} goes, {seen}")
     left, bottom, right, top = drawing.frame_mm
     room = Rect(area.x + 9.0, area.y + 8.0, area.width - CHAINS_MM, area.height - CHAINS_MM + 2)
     scale = min(room.width / (right - left), room.height / (top - bottom))
     picture = room.centre((right - left) * scale, (top - bottom) * scale)
-    place_picture(canvas, drawing.jpeg, picture, None)
+    pdf.picture(drawing.jpeg, picture, None)
 
-    def at(point: Sequence[float] | np.ndarray) -> tuple[float, float]:
+    def at(point: Sequence[float] | np.ndarray) -> Point:
         return picture.x + (float(point[0]) - left) * scale, picture.y + (float(point[1]) - bottom) * scale
 
     for colour, line in ((WHITE, 0.9), (SHEET, 0.45)):
-        set_ink(canvas, colour, line)
-        draw_shape(canvas, [at(p) for p in drawing.outline_mm], fill=False)
-    canvas.setDash(1.0, 0.8)
-    canvas.setLineWidth(0.2)
-    draw_shape(canvas, [at(p) for p in drawing.patch_mm], fill=False)
-    canvas.setDash()
-    _draw_sheet_arrow(canvas, at, drawing)
-    _draw_chains(canvas, at, picture, drawing)
-    if side == "top":
-        write(
-            canvas,
-            "front",
-            picture.right + 0.6,
-            picture.y + picture.height / 2 - 1,
-            2.8,
-            room_mm=9,
-            font=BOLD,
-            colour=SOFT,
-        )
-
-
-def _draw_sheet_arrow(canvas: "Canvas", at: ToPage, drawing: MountDrawing) -> None:
-    """Across the sheet's middle to where the page's arrow, or its upper edge, must point."""
+        pdf.ink(colour, line)
+        pdf.shape([at(p) for p in drawing.outline_mm], fill=False)
+    pdf.setDash(1.0, 0.8)
+    pdf.setLineWidth(0.2)
+    pdf.shape([at(p) for p in drawing.patch_mm], fill=False)
+    pdf.setDash()
+    # across the sheet's middle to where the page's arrow, or its upper edge, must point
     reach = 0.34 * drawing.size_mm * drawing.arrow_mm
-    draw_block_arrow(canvas, at(drawing.centre_mm - reach), at(drawing.centre_mm + reach), 2.6, SHEET)
+    pdf.block_arrow(at(drawing.centre_mm - reach), at(drawing.centre_mm + reach), 2.6, SHEET)
+    _draw_chains(pdf, at, picture, drawing)
+    if side == "top":
+        y = picture.y + picture.height / 2 - 1
+        pdf.write("front", picture.right + 0.6, y, 2.8, room_mm=9, font=BOLD, colour=SOFT)
 
 
-def _draw_chains(canvas: "Canvas", at: ToPage, picture: Rect, drawing: MountDrawing) -> None:
+def _draw_chains(pdf: Pdf, at: ToPage, picture: Rect, drawing: MountDrawing) -> None:
     """Chains of dimensions below and on the left: edge of the object, sheet, other edge."""
     b, gaps = drawing.sheet_mm, drawing.gaps_mm
     left, low, right, high = drawing.extremes_mm
     level, upright = picture.y - 4.5, picture.x - 4.5
     corners = [at(left), at((b[0], b[1])), at((b[2], b[1])), at(right)]
     for x, y in corners:
-        _extend(canvas, (x, y), (x, level - 1.0))
+        _extend(pdf, (x, y), (x, level - 1.0))
     for start, end, mm in zip(corners[:-1], corners[1:], (gaps[0], b[2] - b[0], gaps[2]), strict=True):
-        _chain_link(canvas, (start[0], level), (end[0], level), mm)
+        _chain_link(pdf, (start[0], level), (end[0], level), mm)
     corners = [at(low), at((b[0], b[1])), at((b[0], b[3])), at(high)]
     for x, y in corners:
-        _extend(canvas, (x, y), (upright - 1.0, y))
+        _extend(pdf, (x, y), (upright - 1.0, y))
     for start, end, mm in zip(corners[:-1], corners[1:], (gaps[1], b[3] - b[1], gaps[3]), strict=True):
-        _chain_link(canvas, (upright, start[1]), (upright, end[1]), mm)
+        _chain_link(pdf, (upright, start[1]), (upright, end[1]), mm)
 
 
-def _extend(canvas: "Canvas", start: tuple[float, float], end: tuple[float, float]) -> None:
-    set_ink(canvas, SOFT, 0.12)
-    canvas.setDash(0.5, 0.6)
-    canvas.line(*start, *end)
-    canvas.setDash()
+def _extend(pdf: Pdf, start: Point, end: Point) -> None:
+    pdf.ink(SOFT, 0.12)
+    pdf.setDash(0.5, 0.6)
+    pdf.line(*start, *end)
+    pdf.setDash()
 
 
-def _chain_link(canvas: "Canvas", start: tuple[float, float], end: tuple[float, float], mm: float) -> None:
-    words = f"{mm:.0f}" if mm >= 0.5 else (f"over {-mm:.0f}" if mm <= -0.5 else "0")
-    draw_dimension(canvas, start, end, words)
+def _chain_link(pdf: Pdf, start: Point, end: Point, mm: float) -> None:
+    pdf.dimension(start, end, f"{mm:.0f}" if mm >= 0.5 else (f"over {-mm:.0f}" if mm <= -0.5 else "0"))

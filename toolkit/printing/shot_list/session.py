@@ -1,260 +1,54 @@
-"""All that the pages of one object show, worked out before anything is drawn, and where the camera stands."""
+"""All that the pages of one object show, and its first pages: sticking the patch, the walk, camera and table."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
-from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 
 from toolkit.core.console import Ticker
 from toolkit.objects.load import TableObject
-from toolkit.objects.mesh import Mesh
-from toolkit.printing.canvas import BOLD
+from toolkit.printing.canvas import BOLD, CAMERA, INK, SHEET, SOFT, TICK_MM, WHITE, Pdf
 from toolkit.printing.page import Rect
-from toolkit.printing.shot_list.drawings import (
-    CAMERA,
-    FAINT,
-    INK,
-    OBJECT,
-    SOFT,
-    WASH,
-    WHITE,
-    Point,
-    draw_arc,
-    draw_arrow,
-    draw_camera,
-    draw_dimension,
-    draw_head,
-    draw_shapes,
-    set_ink,
-    write,
-    write_on_white,
+from toolkit.printing.shot_list.mounting import (
+    CHAINS_MM,
+    MountDrawing,
+    draw_mounting_plan,
+    draw_mountings,
+    draw_views,
+    encode_jpeg,
 )
-from toolkit.printing.shot_list.mounting import MountDrawing, draw_mountings, draw_views
-from toolkit.printing.shot_list.places import CameraPlace, Stop, find_stops
-from toolkit.rig.board import Board
-from toolkit.rig.camera import Camera, orbit_direction
-from toolkit.rig.plan import Pose
-from toolkit.rig.shot_order import ShotStep
+from toolkit.printing.shot_list.tour import (
+    CameraPlace,
+    Stop,
+    Stretch,
+    Surroundings,
+    draw_walk,
+    find_stops,
+    find_stretches,
+    goes_round,
+    name_change,
+    survey,
+)
+from toolkit.rig.board import Board, CharucoBoard
+from toolkit.rig.camera import Camera
+from toolkit.rig.plan import CapturePlan
+from toolkit.rig.shot_order import ShotStep, hash_poses
 from toolkit.rig.variants import Paint, Print
-
-if TYPE_CHECKING:
-    from reportlab.pdfgen.canvas import Canvas
-
-SAMPLES = 420
-"""Pixels along the longer side of the mask that outlines are traced on."""
-FINEST = 1.2
-"""Corners within so many of these pixels of a straight line are left out."""
-
-
-def trace_outline(mesh: Mesh, right: np.ndarray, up: np.ndarray) -> list[np.ndarray]:
-    """Closed outlines (k, 2), millimetres along `right` and `up` from the world's origin; holes are outlines too.
-
-    Args:
-        mesh: on the table.
-        right, up: (3,) unit vectors of the drawing.
-    """
-    points = mesh.vertices @ np.stack([right, up], axis=1).astype(np.float32)
-    low, size = points.min(axis=0), np.ptp(points, axis=0)
-    step = max(float(size.max()) / SAMPLES, 1e-6)
-    shape = np.ceil(size / step).astype(int) + 5
-    mask = np.zeros((shape[1], shape[0]), np.uint8)
-    pixels = np.round(((points - low) / step + 2) * 16).astype(np.int32)
-    for triangle in pixels[mesh.faces]:  # one by one: fillPoly of all at once leaves out what two of them cover
-        cv2.fillConvexPoly(mask, triangle, 255, cv2.LINE_8, 4)
-    contours, _ = cv2.findContours(mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
-    traced = [cv2.approxPolyDP(contour, FINEST, True)[:, 0] for contour in contours]
-    return [(outline - 2.0) * step + low for outline in traced if len(outline) >= 3]
-
-
-FRONT_DEG = -90.0
-"""On the page, azimuth 0 is downwards: the board lies like that before the photographer, FRONT at its lower edge."""
 
 
 @dataclass(frozen=True)
-class Surroundings:
-    """What all drawings of one object share, so that they are of one scale.
+class Papers:
+    """What is printed for an object besides the list.
 
     Attributes:
-        mesh: the object.
-        above: its outlines from above, millimetres on the page, the front downwards.
-        sides: its outlines by azimuth, millimetres: away from the object's middle towards the camera, and up.
-        places: of all its poses.
+        board: what it stands on.
+        patch_pdf: name of its sheets' page, where there is one.
+        missing: why nothing is stuck on, where it should have been.
     """
 
-    mesh: Mesh
-    above: list[np.ndarray]
-    sides: dict[float, list[np.ndarray]]
-    places: tuple[CameraPlace, ...]
-
-    @property
-    def farthest_mm(self) -> float:
-        """Greatest distance along the table of camera or object."""
-        return max(*(place.out_mm for place in self.places), float(max(np.abs(o).max() for o in self.above)))
-
-    @property
-    def highest_mm(self) -> float:
-        """Greatest height of camera or object."""
-        return max(*(place.height_mm for place in self.places), float(self.mesh.size_mm[2]))
-
-    @property
-    def reach_mm(self) -> float:
-        """How far the object reaches from its middle, along the table."""
-        return float(np.hypot(*self.mesh.vertices[:, :2].T).max())
-
-
-def survey(mesh: Mesh, places: Sequence[CameraPlace]) -> Surroundings:
-    """Trace the object from above and from the side of each place."""
-    up = np.array([0.0, 0.0, 1.0])
-    sides = {
-        azimuth: trace_outline(mesh, orbit_direction(azimuth, 0.0), up)
-        for azimuth in dict.fromkeys(place.azimuth_deg for place in places)
-    }
-    above = trace_outline(mesh, np.array([0.0, 1.0, 0.0]), np.array([-1.0, 0.0, 0.0]))
-    return Surroundings(mesh, above, sides, tuple(places))
-
-
-def page_angle(azimuth_deg: float) -> float:
-    """The direction on the page of an azimuth, counter-clockwise from the right."""
-    return azimuth_deg + FRONT_DEG
-
-
-def _towards(angle_deg: float, length: float, centre: Point) -> Point:
-    angle = np.radians(angle_deg)
-    return centre[0] + length * float(np.cos(angle)), centre[1] + length * float(np.sin(angle))
-
-
-def draw_from_above(canvas: "Canvas", area: Rect, around: Surroundings, place: CameraPlace) -> None:
-    """The object, the camera beside it, and the angle between its front and the camera."""
-    centre = (area.x + area.width / 2, area.y + area.height / 2)
-    radius = min(area.width, area.height) / 2 - 4.4
-    scale = radius / around.farthest_mm
-    set_ink(canvas, FAINT, 0.18)
-    canvas.setDash(0.6, 0.8)
-    canvas.circle(*centre, place.out_mm * scale, stroke=1, fill=0)
-    canvas.setDash()
-    set_ink(canvas, OBJECT)
-    draw_shapes(canvas, around.above, scale, *centre)
-    set_ink(canvas, SOFT, 0.2)
-    canvas.line(*centre, centre[0], centre[1] - radius)
-    beside = 6.0 if min(place.azimuth_deg, 360 - place.azimuth_deg) < 25 else 0.0  # the camera stands there
-    write_on_white(canvas, "front", centre[0] - beside, centre[1] - radius - (0.0 if beside else 1.4), 2.1, colour=SOFT)
-    angle = page_angle(place.azimuth_deg)
-    at = _towards(angle, place.out_mm * scale, centre)
-    set_ink(canvas, CAMERA, 0.25)
-    canvas.line(*centre, *at)
-    arc = max(0.36 * radius, 5.5)
-    if place.azimuth_deg > 0.5:
-        canvas.setLineWidth(0.3)
-        draw_arc(canvas, centre, arc, FRONT_DEG, place.azimuth_deg)
-        draw_head(canvas, _towards(angle, arc, centre), angle + 90 - np.degrees(0.8 / arc), 1.7)
-    draw_camera(canvas, at, angle + 180)
-    middle = FRONT_DEG + (place.azimuth_deg / 2 if place.azimuth_deg > 50 else place.azimuth_deg + 42)
-    write_on_white(canvas, f"{place.azimuth_deg:.0f}°", *_towards(middle, arc, centre), 3.0, BOLD, CAMERA)
-
-
-def draw_from_side(canvas: "Canvas", area: Rect, around: Surroundings, place: CameraPlace) -> None:
-    """The object on the table, the camera on the right of it, and the four numbers of its place."""
-    left_mm, right_mm = around.reach_mm, around.farthest_mm
-    below, above, beside = 5.2, 4.6, 11.0
-    scale = min((area.width - beside - 3.5) / (left_mm + right_mm), (area.height - below - above) / around.highest_mm)
-    spare = area.width - beside - 3.5 - (left_mm + right_mm) * scale
-    x, y = area.x + left_mm * scale + 0.5 + spare / 2, area.y + below  # the object's middle on the table
-    set_ink(canvas, OBJECT)
-    draw_shapes(canvas, around.sides[place.azimuth_deg], scale, x, y)
-    at = (x + place.out_mm * scale, y + place.height_mm * scale)
-    target = (x, y + place.target_height_mm * scale)
-    end = max(at[0], x + left_mm * scale) + 2.5
-    set_ink(canvas, INK, 0.35)
-    canvas.line(x - left_mm * scale - 0.5, y, max(end, at[0] + 4.0), y)
-    set_ink(canvas, SOFT, 0.15)
-    canvas.setDash(0.5, 0.7)
-    canvas.line(x, target[1], at[0], target[1])
-    canvas.line(x, y, x, y - 3.2)
-    canvas.line(at[0], at[1], at[0], y - 3.2)
-    canvas.setDash()
-    set_ink(canvas, CAMERA, 0.3)
-    canvas.line(*target, *at)
-    draw_camera(canvas, at, 180 + place.tilt_deg)
-    _mark_tilt(canvas, target, place, scale)
-    upright = at[0] + 2.0
-    draw_dimension(canvas, (upright, y), (upright, at[1]), "", colour=INK)
-    label = f"{place.height_mm / 10:.1f} cm"
-    write(canvas, label, upright + 0.9, (y + at[1]) / 2 - 1.0, 2.9, room_mm=12, font=BOLD)
-    draw_dimension(canvas, (x, y - 2.6), (at[0], y - 2.6), f"{place.out_mm / 10:.1f} cm", 2.9)
-    middle = (target[0] + 0.66 * (at[0] - target[0]), target[1] + 0.66 * (at[1] - target[1]))
-    write_on_white(canvas, f"{place.distance_mm / 10:.1f} cm", *middle, 2.9, colour=CAMERA)
-
-
-def _mark_tilt(canvas: "Canvas", target: Point, place: CameraPlace, scale: float) -> None:
-    """The angle between table and line of sight, at the point that is looked at."""
-    radius = max(0.3 * place.distance_mm * scale, 6.0)
-    set_ink(canvas, CAMERA, 0.25)
-    if abs(place.tilt_deg) > 1:
-        draw_arc(canvas, target, radius, 0, place.tilt_deg)
-    where = _towards(place.tilt_deg / 2, radius, target)
-    write_on_white(canvas, f"{place.tilt_deg:.0f}°", *where, 2.7, BOLD, CAMERA)
-
-
-def draw_walk(canvas: "Canvas", area: Rect, around: Surroundings, stops: Sequence[Stop]) -> None:
-    """All places numbered along the tour, on a map of directions: the middle is straight above the object."""
-    centre = (area.x + area.width / 2, area.y + area.height / 2 + 1.8)
-    radius = min(area.width, area.height - 3.6) / 2
-    lowest = min(stop.place.tilt_deg for stop in stops)
-    per_degree = (radius - 4.6) / max(90 - lowest, 1)
-    at = [
-        _towards(page_angle(stop.place.azimuth_deg), (90 - stop.place.tilt_deg) * per_degree, centre) for stop in stops
-    ]
-    apart = [float(np.hypot(a[0] - b[0], a[1] - b[1])) for i, a in enumerate(at) for b in at[:i]]
-    size = float(np.clip(0.42 * min(apart, default=9.0), 1.2, 3.1))
-    set_ink(canvas, WASH)
-    canvas.circle(*centre, radius, stroke=0, fill=1)
-    tilts = sorted({round(stop.place.tilt_deg) for stop in stops})
-    tilts = tilts if len(tilts) <= 4 else []
-    for tilt in tilts:
-        set_ink(canvas, FAINT, 0.2)
-        canvas.circle(*centre, (90 - tilt) * per_degree, stroke=1, fill=0)
-    inner = np.clip(
-        (90 - max(stop.place.tilt_deg for stop in stops)) * per_degree - size - 1.5, 0.16 * radius, 0.5 * radius
-    )
-    set_ink(canvas, OBJECT)
-    draw_shapes(canvas, around.above, float(inner) / around.reach_mm, *centre)
-    set_ink(canvas, CAMERA, 0.35)
-    for a, b in zip(at, at[1:] + at[:1], strict=True):
-        way = np.subtract(b, a)
-        length = float(np.hypot(*way))
-        if length > 2 * size + 0.8:
-            unit = way / length * size
-            draw_arrow(canvas, tuple(np.add(a, unit)), tuple(np.subtract(b, unit * 1.12)), 1.7)
-    _name_rings(canvas, centre, per_degree, tilts, at)
-    for stop, (x, y) in zip(stops, at, strict=True):
-        first = stop.number == 1
-        canvas.setFillColorRGB(*(CAMERA if first else WHITE))
-        canvas.setStrokeColorRGB(*CAMERA)
-        canvas.setLineWidth(0.35)
-        canvas.circle(x, y, size, stroke=1, fill=1)
-        write(canvas, str(stop.number), x, y - 0.38 * size, 1.05 * size, room_mm=1.75 * size, font=BOLD, align="centre",
-              colour=WHITE if first else CAMERA)  # fmt: skip
-    write(canvas, "front", centre[0], area.y - 0.6, 2.6, room_mm=20, font=BOLD, align="centre", colour=SOFT)
-
-
-def _name_rings(
-    canvas: "Canvas", centre: Point, per_degree: float, tilts: Sequence[int], at: Sequence[Point]
-) -> None:  # fmt: skip
-    """The elevation of each ring, written where places and the walk between them are farthest."""
-    for tilt in tilts:
-        spots = [_towards(angle, (90 - tilt) * per_degree, centre) for angle in range(0, 360, 5)]
-        where = max(spots, key=lambda spot: min(_distance(spot, a, b) for a, b in pairwise([*at, at[0]])))
-        write_on_white(canvas, f"{tilt}° up", *where, 2.2, colour=SOFT, plate=WASH)
-
-
-def _distance(point: Point, start: Point, end: Point) -> float:
-    """From a point to a line between two others."""
-    way, off = np.subtract(end, start), np.subtract(point, start)
-    share = float(np.clip(off @ way / max(float(way @ way), 1e-9), 0, 1))
-    return round(float(np.hypot(*(off - share * way))), 6)
+    board: Board | None
+    patch_pdf: str | None
+    missing: str | None
 
 
 @dataclass(frozen=True)
@@ -266,9 +60,7 @@ class ObjectSession:
         stops: its places along the tour.
         booster: what is on the sheets; None where nothing is stuck on.
         mountings: where each sheet goes.
-        note: why nothing is, where it should have been.
-        patch_pdf: name of the sheets' printed page, where there is one.
-        board: what it stands on.
+        papers: what is printed for it.
         around: what its drawings share.
         views: JPEGs by (variant, pose id).
         poses_sha256: `hash_poses` of the plan.
@@ -279,9 +71,7 @@ class ObjectSession:
     stops: tuple[Stop, ...]
     booster: Print | None
     mountings: tuple[MountDrawing, ...]
-    note: str | None
-    patch_pdf: str | None
-    board: Board | None
+    papers: Papers
     around: Surroundings
     views: dict[tuple[str, int], bytes]
     poses_sha256: str
@@ -292,38 +82,261 @@ class ObjectSession:
         return len(self.item.spec.mounts)
 
     @property
-    def places(self) -> list[CameraPlace]:
-        """Of all stops."""
-        return [stop.place for stop in self.stops]
+    def rounds(self) -> bool:
+        """Whether the camera goes round once per variant."""
+        return goes_round(find_stretches(self.stops), self.stops)
 
 
 def prepare_session(
-    item: TableObject, camera: Camera, poses: list[Pose], steps: list[ShotStep],
-    boosters: dict[str, Print | Paint | None], poses_sha256: str, bar: Ticker, board: Board | None = None,
-    patch_pdf: str | None = None, note: str | None = None,
+    item: TableObject, plan: CapturePlan, steps: list[ShotStep], boosters: dict[str, Print | Paint | None],
+    papers: Papers, bar: Ticker,
 ) -> ObjectSession:  # fmt: skip
-    """Render and measure one object's part of the list.
-
-    Args:
-        item: the object.
-        camera: the plan's.
-        poses: of the object.
-        steps: of the object, in order.
-        boosters: by variant.
-        poses_sha256: `hash_poses` of the plan.
-        bar: counts one per picture, and one for the mounting.
-        board, patch_pdf, note: as in `ObjectSession`.
+    """Render and measure one object's part of the list; `bar` counts one per picture, and one for the mounting.
 
     Raises:
         ToolkitError: the sheet cannot be mounted on the object.
     """
+    poses = plan.objects[item.name]
     stops = find_stops(poses, steps)
-    views = draw_views(item, camera, poses, boosters, board, bar=bar)
+    views = draw_views(item, plan.camera, poses, boosters, papers.board, bar=bar)
     stuck = [b for b in (boosters.get("patched"), *boosters.values()) if isinstance(b, Print) and not b.alone]
     mountings = draw_mountings(item, stuck[0]) if stuck else []
     bar.advance(note=f"{item.name}: where the patch goes")
-    around = survey(item.mesh, [stop.place for stop in stops])
     return ObjectSession(
-        item, camera, tuple(stops), stuck[0] if stuck else None, tuple(mountings), note=note, patch_pdf=patch_pdf,
-        board=board, around=around, views=views, poses_sha256=poses_sha256,
+        item, plan.camera, tuple(stops), stuck[0] if stuck else None, tuple(mountings), papers,
+        around=survey(item.mesh, [stop.place for stop in stops]), views=views,
+        poses_sha256=hash_poses(plan, item.name),
     )  # fmt: skip
+
+
+FILM_DIAGONAL_MM = 43.27
+"""Of a 36 × 24 mm frame: CIPA's 35 mm equivalent is by the diagonal, which matters for frames of 4:3."""
+PHONE_MM = 25.0
+"""Equivalent focal length of most phones' main camera, whose zoom counts from it."""
+
+
+def equivalent_focal_mm(camera: Camera) -> float:
+    """The 35 mm equivalent focal length with the camera's field of view, by the diagonal."""
+    return FILM_DIAGONAL_MM * camera.fx / float(np.hypot(camera.width, camera.height))
+
+
+def advise_camera(camera: Camera, places: Sequence[CameraPlace]) -> list[str]:
+    """Lens, exposure and file settings."""
+    focal = equivalent_focal_mm(camera)
+    zoom = focal / PHONE_MM
+    near, far = min(p.distance_mm for p in places) / 10, max(p.distance_mm for p in places) / 10
+    held = "level, the long side across" if camera.width >= camera.height else "upright, the long side up"
+    divisor = int(np.gcd(camera.width, camera.height))
+    frame = f"{camera.width // divisor}:{camera.height // divisor}"
+    return [
+        f"Frame {frame}, held {held}. Zoom until the picture looks like the card's: {focal:.0f} mm (35 mm equivalent), "
+        f"on a phone's main camera about {zoom:.1f}×. Do not touch the zoom again.",
+        f"The lens stands {near:.0f} to {far:.0f} cm from the object; aim the cross at the middle of the picture. "
+        "A tripod and the 2 s timer keep it still; a few degrees or centimetres off do no harm.",
+        "At the first place hold a finger on the object to lock focus and exposure, and keep them for all shots.",
+        "Off: flash, HDR, night and portrait mode, filters, beauty. JPEG or HEIC at full size.",
+    ]
+
+
+def advise_stage(board: Board | None) -> list[str]:
+    """The board, the object on it, and the light."""
+    lines = []
+    if board is not None:
+        kind = "board" if isinstance(board, CharucoBoard) else "ring"
+        width, height = board.size_mm
+        lines.append(
+            f"Print the {kind} with 'toolkit print --{kind}' at 100 % ({width:.0f} × {height:.0f} mm, "
+            f"{board.describe().split(', markers')[0]}); tape it flat to the table."
+        )
+        lines.append(
+            f"Stand the object on the middle of the {kind}, its front to the edge marked FRONT. "
+            "It stays there until all its shots are taken."
+        )
+    lines.append("Azimuth 0° looks at the object's front; it grows counter-clockwise as seen from above.")
+    lines.append("Lamps only, blinds shut: daylight drifts. Keep your own shadow off the object.")
+    return lines
+
+
+def advise_sticking(item: TableObject, booster: Print, patch_pdf: str | None, drawing: MountDrawing) -> list[str]:
+    """From the printer to the object, in order."""
+    at, rotation_deg = drawing.mount.at, drawing.mount.rotation_deg
+    page = f"Print {patch_pdf}" if patch_pdf else f"Make the page with 'toolkit print --object {item.name}', print it"
+    where = {"top": "on top of the object", "back": "on the object's back"}.get(at, f"on the object's {at}")
+    way = "the arrow in its margin towards the object's front" if at == "top" else "the page's upper edge up"
+    if abs(rotation_deg) > 0.5:
+        way += f", turned {abs(rotation_deg):.0f}° {'counter-clockwise' if rotation_deg > 0 else 'clockwise'}"
+    which = "" if drawing.count == 1 else f"sheet {drawing.number} "
+    return [
+        f"{page} at 100 %, check its bars, cut {which}at the corner marks: {drawing.cut_mm:.1f} mm square.",
+        f"Lay it {where} as drawn, {way}. The numbers are millimetres from the object's outermost edges, "
+        "measured straight across.",
+        "Tape it by its white edge only. No bubbles, no tape over the picture.",
+        "Leave it alone until its last shot: a sheet that moves spoils the pairs.",
+    ]
+
+
+def explain_order(stretches: Sequence[Stretch]) -> str:
+    """Why the rounds are cut in two, where they are: half of the unpatched shots before the others, half after."""
+    names = [stretch.variant for stretch in stretches]
+    if len(set(names)) > 1 and names[0] == names[-1] == "unpatched":
+        return (
+            "Half of the unpatched shots come before the others and half after them, so that light that drifts "
+            "favours neither."
+        )
+    return ""
+
+
+TEXT_MM = 2.75
+GAP_MM = 4.0
+
+
+def split_page(area: Rect, aspect: float) -> tuple[Rect, ...]:
+    """Three rows of two: mounting and steps, walk and rounds, camera and stage.
+
+    Args:
+        area: the page without header and footer.
+        aspect: width over height of the mounting's picture; the first row is as high as it needs.
+    """
+    left = 0.6 * area.width
+    third = 0.23 * area.height
+    first = float(np.clip((left - CHAINS_MM) / aspect + CHAINS_MM + GAP_MM, 0.365 * area.height, 0.42 * area.height))
+    second = area.height - first - third - 2 * GAP_MM
+    walk = min(second, 0.5 * area.width)
+    half = (area.width - 2 * GAP_MM) / 2
+    y1, y2 = area.top - first + GAP_MM, area.y + third + GAP_MM
+    return (
+        Rect(area.x, y1, left, first - GAP_MM),
+        Rect(area.x + left + GAP_MM, y1, area.width - left - GAP_MM, first - GAP_MM),
+        Rect(area.x, y2, walk, second),
+        Rect(area.x + walk + 2 * GAP_MM, y2, area.width - walk - 2 * GAP_MM, second),
+        Rect(area.x, area.y, half, third - GAP_MM),
+        Rect(area.x + half + 2 * GAP_MM, area.y, half, third - GAP_MM),
+    )
+
+
+def draw_first_page(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
+    """Draw the whole page."""
+    drawing = session.mountings[0] if session.mountings else None
+    frame = drawing.frame_mm if drawing else (0.0, 0.0, 2.0, 1.0)
+    mount, steps, walk, rounds, camera, stage = split_page(area, (frame[2] - frame[0]) / (frame[3] - frame[1]))
+    if drawing is None or session.booster is None:
+        _draw_missing(pdf, Rect(area.x, mount.y, area.width, mount.height), session.papers.missing)
+    else:
+        draw_mounting_plan(pdf, mount, drawing)
+        _draw_sticking(pdf, steps, session, drawing)
+    pdf.heading(walk, "The walk")
+    draw_walk(pdf, Rect(walk.x, walk.y, walk.width, walk.height - 4), session.around, session.stops)
+    _draw_rounds(pdf, rounds, session)
+    _draw_advice(pdf, camera, "The camera", advise_camera(session.camera, session.around.places))
+    _draw_advice(pdf, stage, "The table", advise_stage(session.papers.board))
+
+
+SHEETS_A_PAGE = 2
+
+
+def draw_sheets_page(pdf: Pdf, area: Rect, session: ObjectSession, drawings: Sequence[MountDrawing]) -> None:
+    """Up to `SHEETS_A_PAGE` further sheets, each drawn as the first page draws the first."""
+    height, left = area.height / SHEETS_A_PAGE, 0.6 * area.width
+    for row, drawing in enumerate(drawings):
+        y = area.top - (row + 1) * height + GAP_MM
+        draw_mounting_plan(pdf, Rect(area.x, y, left, height - GAP_MM), drawing)
+        steps = Rect(area.x + left + GAP_MM, y, area.width - left - GAP_MM, height - GAP_MM)
+        _draw_sticking(pdf, steps, session, drawing)
+
+
+def _draw_sticking(pdf: Pdf, area: Rect, session: ObjectSession, drawing: MountDrawing) -> None:
+    """The sheet as it comes out of the printer, and how to stick it."""
+    booster = session.booster
+    assert booster is not None
+    pdf.panel(area)
+    inside = Rect(area.x + 3, area.y + 2, area.width - 6, area.height - 3.5)
+    below = pdf.heading(inside, "Stick it like this")
+    side = min(0.40 * inside.width, 0.34 * inside.height)
+    sheet = Rect(inside.x, below - side + 2.5, side, side)
+    pdf.ink(SHEET, 0.4, fill=WHITE)
+    pdf.rect(sheet.x, sheet.y, side, side, stroke=1, fill=1)
+    inner = side * drawing.size_mm / drawing.cut_mm
+    repeat = max(1, 400 // len(booster.pixels))
+    enlarged = booster.pixels.repeat(repeat, 0).repeat(repeat, 1)
+    pdf.picture(encode_jpeg(enlarged, 88), sheet.centre(inner, inner), None)
+    beside = Rect(sheet.right + 3, sheet.y, inside.right - sheet.right - 3, side)
+    pdf.write(booster.name, beside.x, beside.top - 3.0, 3.2, room_mm=beside.width, font=BOLD, colour=SHEET)
+    y = beside.top - 7.4
+    sizes = f"sheet {drawing.cut_mm:.1f} mm", f"patch {drawing.size_mm:.1f} mm"
+    for words in (*sizes, f"sha256 {booster.sha256[:12]}"):
+        pdf.write(words, beside.x, y, 2.5, room_mm=beside.width)
+        y -= 3.7
+    _draw_page_arrow(pdf, sheet, drawing.mount.at)
+    y = sheet.y - 9.0
+    for number, words in enumerate(advise_sticking(session.item, booster, session.papers.patch_pdf, drawing), 1):
+        pdf.write(str(number), inside.x, y, TEXT_MM, room_mm=4, font=BOLD, colour=SHEET)
+        y = pdf.write_lines(words, inside.x + 4.4, y, TEXT_MM - 0.1, room_mm=inside.width - 4.4) - 1.0
+
+
+def _draw_page_arrow(pdf: Pdf, sheet: Rect, side: str) -> None:
+    """The way that the sheet's right (on top of an object) or upper edge must point, as on its printed page."""
+    word = "front" if side == "top" else "up"
+    y = sheet.y - 3.6
+    end = sheet.x + pdf.write(word, sheet.x, y, 2.6, room_mm=20, font=BOLD, colour=SHEET) + 1.2
+    pdf.ink(SHEET, 0.4)
+    if side == "top":
+        pdf.arrow((end, y + 0.9), (end + 7.5, y + 0.9), 2.2)
+    else:
+        pdf.arrow((end + 0.6, y - 0.6), (end + 0.6, y + 2.6), 1.8)
+
+
+def _draw_missing(pdf: Pdf, area: Rect, why: str | None) -> None:
+    pdf.panel(area)
+    inside = Rect(area.x + 5, area.y + 5, area.width - 10, area.height - 10)
+    y = pdf.heading(inside, "Unpatched only: there is no sheet to stick on", SHEET)
+    pdf.write_lines(why or "No variant with a sheet was asked for.", inside.x, y, 3.0, room_mm=inside.width)
+
+
+def _draw_rounds(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
+    """What is shot in which stretch, with a box to tick for each and for each change of the sheet."""
+    stretches = find_stretches(session.stops)
+    y = pdf.heading(area, "The rounds" if session.rounds else "At each place")
+    shots = sum(len(stop.shots) for stop in session.stops)
+    if not session.rounds:
+        words = (
+            f"{shots} shots at {len(session.stops)} places. At each place all variants are shot one after the other, "
+            "in the order of their numbers, without moving the camera: the sheet goes on and off each time, to the "
+            "same place to the millimetre."
+        )
+        pdf.write_lines(words, area.x, y, TEXT_MM, room_mm=area.width)
+        return
+    turns = {1: "once", 2: "twice"}.get(len(session.stops[0].shots), f"{len(session.stops[0].shots)} times")
+    words = f"{shots} shots at {len(session.stops)} places, {turns} round. {explain_order(stretches)}".strip()
+    y = pdf.write_lines(words, area.x, y, TEXT_MM, room_mm=area.width) - 2.6
+    rows: list[tuple[str, str]] = []  # words, and the shots on the right; a change of the sheet has none
+    before: str | None = None
+    for stretch in stretches:
+        if change := name_change(before, stretch.variant, session.sheets):
+            rows.append((change, ""))
+        where, shots_there = _name_span("place", stretch.stops), _name_span("shot", stretch.shots)
+        rows.append((f"{stretch.variant}, {where}", shots_there))
+        before = stretch.variant
+    step = min(7.6, (y - area.y) / (len(rows) + 1))
+    if before not in (None, "unpatched"):
+        rows.append((name_change(before, "unpatched", session.sheets), ""))
+    for words, right in rows:
+        pdf.tick_box(area.x, y - 0.8)
+        taken = 0.0
+        if right:
+            taken = pdf.write(right, area.right, y, TEXT_MM, 0.4 * area.width, align="right", colour=SOFT)
+        x, colour = area.x + TICK_MM + 2, INK if right else SHEET
+        pdf.write(words, x, y, 3.0, room_mm=area.right - x - taken - 2, font=BOLD, colour=colour)
+        y -= step
+
+
+def _name_span(thing: str, span: tuple[int, int]) -> str:
+    a, b = span
+    return f"{thing}s {a}-{b}" if a != b else f"{thing} {a}"
+
+
+def _draw_advice(pdf: Pdf, area: Rect, title: str, lines: Sequence[str]) -> None:
+    y = pdf.heading(area, title)
+    for words in lines:
+        pdf.ink(CAMERA)
+        pdf.circle(area.x + 0.8, y + 0.9, 0.55, stroke=0, fill=1)
+        y = pdf.write_lines(words, area.x + 3.2, y, TEXT_MM - 0.1, room_mm=area.width - 3.2) - 0.9
