@@ -10,7 +10,7 @@ import pytest
 import torch
 from PIL import Image
 
-from toolkit.captures.corrupt import corrupt_source, cut_intrinsics
+from toolkit.captures.corrupted_copy import corrupt_source, cut_intrinsics
 from toolkit.captures.manifest import MANIFEST, append_record, read_manifest
 from toolkit.captures.read import read_captures
 from toolkit.captures.shoot import ShootSettings, shoot_plan

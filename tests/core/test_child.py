@@ -65,7 +65,7 @@ def test_renders_to_train_on(planted, tmp_path):
 
 
 def test_texture_coordinates(planted):
-    from toolkit.objects.pack import pack_pieces
+    from toolkit.objects.unwrap import pack_pieces
 
     points = np.array([[0, 0], [1, 0], [0, 1]], float)
     assert pack_pieces(points, np.array([[0, 1, 2]]), np.array([0]), 32).shape == (3, 2)

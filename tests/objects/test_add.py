@@ -265,7 +265,7 @@ def test_an_unusual_or_unknown_length_is_asked_after(space, elsewhere, suffix, s
 
 
 def test_the_page_to_turn_it_holds_the_mesh_and_needs_no_network(make_box):
-    from toolkit.objects.turntable import make_turntable
+    from toolkit.objects.export import make_turntable
 
     page = make_turntable(make_box(), "crate <1>", "100 mm & more")
     assert "<title>crate &lt;1&gt;</title>" in page and "100 mm &amp; more" in page

@@ -1,16 +1,27 @@
-"""Pictures of an object in memory, as `shoot_plan` would write them."""
+"""Pictures of an object before anything is shot: in memory, of a plan, and of a new object from all sides."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
 from toolkit.captures.shoot import ShootSettings, studio_for
+from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
-from toolkit.objects.load import TableObject
+from toolkit.core.files import write_bytes, write_text
+from toolkit.core.workspace import Workspace
+from toolkit.objects.add import DEFAULT_PATCH_MM
+from toolkit.objects.export import make_turntable
+from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.records import Patch, Texture
 from toolkit.rig.camera import Camera
-from toolkit.rig.plan import Pose
+from toolkit.rig.fit import describe_misfits
+from toolkit.rig.mount import attach, mount_sheets
+from toolkit.rig.plan import CapturePlan, Pose, plan_poses
+from toolkit.rig.preview import draw_contact_sheet, draw_positions
 from toolkit.rig.renderer import make_renderer
+from toolkit.rig.requests import Pattern
 from toolkit.rig.shading import tone_map
 from toolkit.rig.variants import Paint, Print, dress
 
@@ -57,3 +68,67 @@ def _put_on(item: TableObject, booster: Patch | Texture | None) -> Print | Paint
     if isinstance(booster, Texture):
         return Paint(*named, booster)
     return Print(*named, item.spec.sizes_mm(booster.size_mm))
+
+
+CHEQUERED = np.where(np.indices((8, 8)).sum(0)[..., None] % 2, [40, 90, 200], [250, 250, 250]).astype(np.uint8)
+"""Stands for a patch that is not trained yet."""
+
+
+def preview_plan(workspace: Workspace, plan: CapturePlan, seed: int = 0) -> Path:
+    """Draw, of every object of a plan, where the cameras stand and what each sees; returns the pictures' folder."""
+    folder = workspace.root / "rig" / "preview"
+    with progress("drawing previews", len(plan.objects)) as bar:
+        for name, poses in plan.objects.items():
+            item = load_object(workspace.object_spec(name))
+            write_bytes(folder / f"{name}-positions.png", draw_positions(item, plan.camera, poses))
+            studio = studio_for(item, ShootSettings(seed=seed))
+            write_bytes(folder / f"{name}-sheet.png", draw_contact_sheet(item, plan.camera, poses, studio))
+            bar.advance(note=name)
+    return folder
+
+
+@dataclass(frozen=True)
+class ObjectPreview:
+    """What was drawn of an object.
+
+    Attributes:
+        picture: PNG from eight sides.
+        page: HTML to turn it in a browser; None for a mesh too large for one.
+        trouble: what is wrong with its sheet's place; empty where it lies.
+    """
+
+    picture: Path
+    page: Path | None
+    trouble: str
+
+    def lines(self) -> Iterator[str]:
+        """What to look at, a sentence each."""
+        yield (
+            f"drew {self.picture}: its front must show at azimuth 0°, upright (else give --up and --front, with "
+            "--replace); the checks are where the patch goes"
+        )
+        if self.page is not None:
+            yield f"{self.page}: open it in a browser to turn the object, patch and all"
+
+
+def preview_object(workspace: Workspace, item: TableObject) -> ObjectPreview:
+    """Draw an object with a chequered sheet for its patch."""
+    shown, trouble = item, ""
+    try:
+        sizes_mm = item.spec.sizes_mm(DEFAULT_PATCH_MM)
+        trouble = "; ".join(describe_misfits(item, sizes_mm))
+        sheets = mount_sheets(item.mesh, CHEQUERED, item.spec.mounts, sizes_mm, item.name)
+        shown = replace(item, mesh=attach(item.mesh, *sheets))
+    except ToolkitError as error:
+        trouble = f"no place for the patch yet: {error}"
+    camera = Camera.from_fov()
+    poses = plan_poses(item, camera, Pattern(name="grid", count=8, elevation_deg=(20.0, 60.0)))
+    picture = workspace.root / "rig" / "preview" / f"{item.name}-sheet.png"
+    with progress("drawing the preview", 1) as bar:
+        write_bytes(picture, draw_contact_sheet(shown, camera, poses, studio_for(item, ShootSettings()), columns=4))
+        bar.advance()
+    long_mm = float(item.mesh.size_mm.max())
+    words = f"{item.name}, {item.spec.class_name}: {long_mm:.0f} mm long; the patch goes where the checks are. Drag it."
+    html = make_turntable(shown.mesh, item.name, words)
+    page = None if html is None else write_text(picture.with_name(f"{item.name}.html"), html)
+    return ObjectPreview(picture, page, trouble)

@@ -15,7 +15,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
 
 if TYPE_CHECKING:
-    from toolkit.captures.corrupt import CorruptedSource, Corruption
+    from toolkit.captures.corrupted_copy import CorruptedSource, Corruption
     from toolkit.captures.shoot import ShootResult, ShootSettings
 
 
@@ -153,7 +153,7 @@ def simulate_captures(
         shot = _shoot_plan(space, config, settings, objects, variants or PAIR, engine)
     if not corruptions:
         return Simulated(shot, left_out)
-    from toolkit.captures.corrupt import corrupt_source
+    from toolkit.captures.corrupted_copy import corrupt_source
 
     return Simulated(shot, left_out, tuple(corrupt_source(shot.source_dir, corruptions)))
 

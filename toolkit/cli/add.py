@@ -44,7 +44,7 @@ def add(
 
     Up and front are y and z for glTF, by its specification; by custom y and z for obj, z and -y for ply, stl and off.
     """
-    from toolkit.captures.previews import preview_object
+    from toolkit.captures.render import preview_object
     from toolkit.core.workspace import open_workspace
     from toolkit.models.find import find_class
     from toolkit.objects.add import ObjectRequest, add_object

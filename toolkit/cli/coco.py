@@ -25,8 +25,8 @@ def write_boxes(
     The categories are COCO's where an object is of a kind that COCO has (airplane, car, bottle, cup), else the class of
     its spec.
     """
-    from toolkit.captures.coco import write_coco
     from toolkit.captures.read import read_captures
+    from toolkit.captures.truth import write_coco
     from toolkit.core.workspace import open_workspace
     from toolkit.evaluation.tables import list_lines
     from toolkit.models.coco import coco_names

@@ -6,7 +6,7 @@ from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 
-from toolkit.captures.corrupt import Corruption, name_source
+from toolkit.captures.corrupted_copy import Corruption, name_source
 from toolkit.captures.read import Capture, CaptureFolder, read_captures
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace

@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 from PIL import Image
 
-from toolkit.captures.corrupt import SEED, Corruption
+from toolkit.captures.corrupted_copy import SEED, Corruption
 from toolkit.captures.read import Capture
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError

@@ -5,7 +5,7 @@ import io
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
-from toolkit.captures.corrupt import name_source
+from toolkit.captures.corrupted_copy import name_source
 from toolkit.captures.manifest import CaptureRecord, read_manifest
 from toolkit.captures.read import Capture
 from toolkit.core.errors import ToolkitError

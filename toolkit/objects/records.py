@@ -16,7 +16,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, read_bytes, read_json, sha256_bytes, write_bytes, write_json
 from toolkit.core.names import FileName
 from toolkit.imaging.read import UnreadableImage, explain_damage, open_image
-from toolkit.objects.printed_size import printed_size_mm
+from toolkit.objects.spec import printed_size_mm
 
 SHA256 = r"^[0-9a-f]{64}$"
 MOST_RECORDED_BYTES = 1 << 30

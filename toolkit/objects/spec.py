@@ -1,4 +1,4 @@
-"""`rig/objects/NAME.toml`: what an object is and where the sheets with its patch go."""
+"""`rig/objects/NAME.toml`: what an object is, where the sheets with its patch go, and how large a patch is printed."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,6 +18,19 @@ from pydantic import (
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_bytes, read_toml, write_text
 from toolkit.core.names import FileName, is_file_name
+
+"""How large a patch comes out of the printer."""
+
+BASE_DPI = 72.0
+SCALE = 2.5
+"""The paper prints at 250 %; it names no resolution, 72 dpi is the PDF's own unit."""
+MM_PER_INCH = 25.4
+
+
+def printed_size_mm(n_px: int, dpi: float = BASE_DPI, scale: float = SCALE) -> float:
+    """Side of an n-pixel patch on paper, millimetres."""
+    return n_px / dpi * scale * MM_PER_INCH
+
 
 Axis = Literal["x", "y", "z", "-x", "-y", "-z"]
 Side = Literal["top", "front", "back", "left", "right"]

@@ -16,7 +16,7 @@ from reportlab.pdfbase.ttfonts import TTFont
 from reportlab.pdfgen.canvas import Canvas as ReportLabCanvas
 
 from toolkit import __version__
-from toolkit.objects.printed_size import MM_PER_INCH
+from toolkit.objects.spec import MM_PER_INCH
 from toolkit.printing.page import Paper, Rect
 
 Colour = tuple[float, float, float]

@@ -10,9 +10,8 @@ import numpy as np
 from reportlab.pdfbase.pdfdoc import PDFResourceDictionary
 
 from toolkit.core.errors import FieldError
-from toolkit.objects.printed_size import BASE_DPI, MM_PER_INCH, SCALE
 from toolkit.objects.records import Patch, PatchRecord, printed_size_mm
-from toolkit.objects.spec import Side
+from toolkit.objects.spec import BASE_DPI, MM_PER_INCH, SCALE, Side
 from toolkit.printing.canvas import Pdf
 from toolkit.printing.colour_strip import reserve_strip
 from toolkit.printing.marks import (

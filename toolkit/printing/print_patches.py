@@ -11,9 +11,8 @@ from toolkit.core.files import read_json, write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.printer import PrintScores, score_print
 from toolkit.objects.load import load_object
-from toolkit.objects.printed_size import BASE_DPI
 from toolkit.objects.records import PatchRecord, read_patch
-from toolkit.objects.spec import ObjectSpec, Side, read_spec
+from toolkit.objects.spec import BASE_DPI, ObjectSpec, Side, read_spec
 from toolkit.printing.document import Wearer, build_pdf, effective_percent, is_same_size, say_sizes
 from toolkit.printing.settings import PrintSettings
 from toolkit.rig.fit import describe_misfits

@@ -7,7 +7,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError
-from toolkit.objects.printed_size import BASE_DPI, SCALE
+from toolkit.objects.spec import BASE_DPI, SCALE
 from toolkit.printing.page import Orientation, Paper, parse_paper
 
 MOST_COPIES = 1000

@@ -13,9 +13,8 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import PACKAGE_DATA, Workspace
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import Mesh
-from toolkit.objects.printed_size import printed_size_mm
 from toolkit.objects.records import TAPE_MARGIN_MM, read_patch
-from toolkit.objects.spec import PatchMount, Side
+from toolkit.objects.spec import PatchMount, Side, printed_size_mm
 from toolkit.rig.mount import SAMPLES, LaidSheet, lay_sheet, mount_sheets
 from toolkit.rig.variants import find_patch_file
 
