@@ -1,6 +1,7 @@
 """What `import toolkit` gives: its names, what they cost, and what they say of themselves."""
 
 import ast
+import doctest
 import inspect
 import os
 import subprocess
@@ -89,6 +90,16 @@ ARRAYS = {
 @pytest.mark.parametrize(("name", "words"), ARRAYS.items())
 def test_shapes_and_units_are_said(name, words):
     assert words in read_words(name)
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if ">>>" in (inspect.getdoc(getattr(tk, name)) or "")])
+def test_an_example_gives_what_it_says(name, tmp_path, monkeypatch):
+    import trimesh
+
+    monkeypatch.chdir(tmp_path)
+    space = {"tk": tk, "Path": Path, "trimesh": trimesh}
+    for example in doctest.DocTestFinder(recurse=False).find(getattr(tk, name), name, globs=space):
+        assert doctest.DocTestRunner().run(example).failed == 0
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if inspect.isfunction(getattr(tk, name))])

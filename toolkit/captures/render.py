@@ -50,6 +50,13 @@ def render(
     Raises:
         ToolkitError: an unknown backdrop, light or renderer, a patch that is too large for the object, or a texture
             that was trained on another.
+
+    Example:
+        >>> _ = trimesh.creation.box((0.1, 0.1, 0.1)).export("crate.glb")
+        >>> space, camera = tk.make_workspace(Path("space")), tk.Camera.from_fov(64, 48)
+        >>> crate = tk.add_object(space, Path("crate.glb"), tk.ObjectRequest("crate")).item
+        >>> tk.render(crate, tk.plan_poses(crate, camera, tk.Pattern(count=2)), camera).shape
+        (2, 48, 64, 3)
     """
     settings, camera = settings or ShootSettings(), camera or Camera.from_fov()
     if settings.rehearsal is not None:

@@ -36,6 +36,10 @@ class ObjectRequest:
         print_side: the side that the printed patch is taped to.
         up, front: the mesh's axes that point up and to the front.
         replace: whether an object of this name may be replaced, and a built-in one covered.
+
+    Example:
+        >>> tk.ObjectRequest("crate", length_mm=300.0).print_side
+        'top'
     """
 
     class_name: str | int
@@ -114,6 +118,13 @@ def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) ->
     Raises:
         ToolkitError: the mesh cannot be used, names files that are missing or not in its folder, the name is taken or
             is none, a length is no length, or a folder to write to is a link.
+
+    Example:
+        >>> _ = trimesh.creation.box((0.1, 0.2, 0.3)).export("crate.glb")  # metres, y up
+        >>> space = tk.make_workspace(Path("space"))
+        >>> added = tk.add_object(space, Path("crate.glb"), tk.ObjectRequest(class_name="crate"))
+        >>> added.item.name, added.item.mesh.size_mm.round().tolist()
+        ('crate', [300.0, 100.0, 200.0])
     """
     mesh_file = Path(mesh_file)
     mesh_file = mesh_file.parent.resolve() / mesh_file.name

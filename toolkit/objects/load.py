@@ -65,6 +65,11 @@ def load_object(spec_file: Path) -> TableObject:
 
     Raises:
         ToolkitError: the spec or the mesh cannot be used; the message says why.
+
+    Example:
+        >>> item = tk.load_object(tk.make_workspace(Path("space")).object_spec("coffeepot"))
+        >>> item.spec.class_name, item.mesh.size_mm.round().tolist()
+        ('coffeepot', [144.0, 270.0, 240.0])
     """
     spec = read_spec(spec_file)
     if spec.mesh.startswith(BUILTIN_PREFIX):

@@ -164,6 +164,11 @@ def read_patch(png_file: Path) -> Patch:
 
     Raises:
         ToolkitError: either file is missing or broken, the PNG is not square, or the record is of other pixels.
+
+    Example:
+        >>> patch = tk.read_patch(tk.make_workspace(Path("space")).patches()["racer"])
+        >>> patch.pixels.shape, patch.record.class_name, round(patch.size_mm)
+        ((100, 100, 3), 'racer', 88)
     """
     return Patch(*read_picture(Path(png_file), PatchRecord, "toolkit train-patch"))
 
@@ -299,6 +304,11 @@ def read_texture(png_file: Path) -> Texture:
 
     Raises:
         ToolkitError: a file is missing, broken, outside the folder, or another than was recorded.
+
+    Example:
+        >>> texture = tk.read_texture(tk.make_workspace(Path("space")).textures()["racer"])
+        >>> texture.pixels.shape, [one.name for one in texture.record.objects]
+        ((200, 200, 3), ['racer'])
     """
     png_file = Path(png_file)
     pixels, record = read_picture(png_file, TextureRecord, COMMAND)

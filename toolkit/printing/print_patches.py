@@ -222,6 +222,11 @@ def print_patch(
 
     Raises:
         ToolkitError: the patch has no record or not its own, its size makes no sense, or the PDF cannot be written.
+
+    Example:
+        >>> png_file = tk.make_workspace(Path("space")).patches()["racer"]
+        >>> print(tk.print_patch(png_file, Path("racer.pdf"), tk.PrintSettings(size_mm=60.0)).describe())
+        racer.pdf: 60.0 × 60.0 mm, 1 page of a4 portrait
     """
     patch, settings = read_patch(png_file), settings or PrintSettings()
     document = build_pdf(patch, settings, wearer)

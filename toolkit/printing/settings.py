@@ -37,7 +37,13 @@ def _read_squares(value: Any) -> Any:
 
 
 class PrintSettings(Config):
-    """How a patch is printed."""
+    """How a patch is printed.
+
+    Example:
+        >>> settings = tk.PrintSettings(size_mm=60.0, paper="letter")
+        >>> settings.paper.width_mm, settings.copies, settings.margin_mm
+        (215.9, 1, 5.0)
+    """
 
     scale_percent: Annotated[
         float | None,
