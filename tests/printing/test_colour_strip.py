@@ -144,9 +144,9 @@ def test_no_page_is_added_for_the_strip(patch):
 @pytest.mark.slow
 @pytest.mark.parametrize("paper", ["a5", "a4", "letter", "tabloid", "135x135mm", "135x300mm"])
 def test_strip_has_a_page_of_its_own_on_every_paper(paper):
-    content, frame = build_strip_pdf(parse_paper(paper))
-    page = render(content, dpi=150)
+    document = build_strip_pdf(parse_paper(paper))
+    page = render(document.content, dpi=150)
     assert (np.abs(read_cells(page.pixels, find_strip(page.pixels)) - STRIP.srgb).max()) <= 1
     left, top, right, bottom = page.box_mm(page.pixels.min(2) < 250)
-    sheet = frame.paper
+    sheet = document.plan.frame.paper
     assert min(left, top, sheet.width_mm - right, sheet.height_mm - bottom) >= 10 - 0.2

@@ -100,10 +100,6 @@ def _describe(capture: Capture) -> CaptureInfo:
     rows = capture.T_world_camera
     T_world_camera = torch.full((4, 4), torch.nan) if rows is None else torch.tensor(rows, dtype=torch.float32)
     return CaptureInfo(
-        path=capture.path,
-        source=capture.source,
-        object=capture.object,
-        variant=capture.variant,
-        pose_id=-1 if capture.pose_id is None else capture.pose_id,
-        T_world_camera=T_world_camera,
-    )
+        path=capture.path, source=capture.source, object=capture.object, variant=capture.variant,
+        pose_id=-1 if capture.pose_id is None else capture.pose_id, T_world_camera=T_world_camera,
+    )  # fmt: skip

@@ -203,8 +203,7 @@ def _capture(file: Path, full: tuple[str, ...], record: CaptureRecord | None, re
         return capture
     rows, lens = record.T_world_camera, record.intrinsics
     return replace(
-        capture,
-        pose_id=record.pose_id if record.pose_id is not None else capture.pose_id,
+        capture, pose_id=record.pose_id if record.pose_id is not None else capture.pose_id,
         T_world_camera=tuple(tuple(row) for row in rows) if rows is not None else None,
         focal_length=lens["fx"] / max(lens["width"], lens["height"]) if lens else None,
         booster_sha256=record.booster_sha256,

@@ -27,12 +27,9 @@ from toolkit.rig.variants import Paint, Print, dress
 
 
 def render(
-    item: TableObject,
-    poses: Sequence[Pose],
-    camera: Camera | None = None,
-    booster: Patch | Texture | None = None,
+    item: TableObject, poses: Sequence[Pose], camera: Camera | None = None, booster: Patch | Texture | None = None,
     settings: ShootSettings | None = None,
-) -> np.ndarray:
+) -> np.ndarray:  # fmt: skip
     """Photograph an object in the virtual studio, bare, with a patch on it or in a texture.
 
     The light is baked once for all poses. The pixels are those that `shoot_plan` writes with the same settings as PNG.

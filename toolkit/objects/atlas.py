@@ -8,7 +8,7 @@ import numpy as np
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import LINEAR_OF_CODE, linear_to_srgb
 from toolkit.objects.grouping import group_rows
-from toolkit.objects.mesh import Material, Mesh
+from toolkit.objects.mesh import Material, Mesh, cross_products, flat_areas
 from toolkit.objects.paint import COLOURS
 from toolkit.objects.unwrap import unwrap as make_corner_uv
 
@@ -236,13 +236,9 @@ class Atlas:
 
 
 def make_atlas(
-    mesh: Mesh,
-    n: int,
-    keep: Sequence[str] = (),
-    keep_image: np.ndarray | None = None,
-    unwrap: bool | None = None,
+    mesh: Mesh, n: int, keep: Sequence[str] = (), keep_image: np.ndarray | None = None, unwrap: bool | None = None,
     corner_uv: np.ndarray | None = None,
-) -> Atlas:
+) -> Atlas:  # fmt: skip
     """Make a mesh ready for an n × n texture.
 
     Args:
@@ -382,16 +378,13 @@ def _check_corner_uv(mesh: Mesh, corner_uv: np.ndarray) -> np.ndarray:
 
 def _uv_area(corner_uv: np.ndarray) -> np.ndarray:
     """(m,) area of each face on the texture, as a share of it; 0 where it is a rounding."""
-    a, b, c = np.moveaxis(corner_uv.astype(np.float64), 1, 0)
-    doubled = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    area = np.abs(doubled) / 2
+    area = flat_areas(corner_uv)
     return np.where(area > 1e-13, area, 0)
 
 
 def _surface(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
     """Area of each chosen face in mm²."""
-    a, b, c = np.moveaxis(mesh.vertices[mesh.faces[chosen]].astype(np.float64), 1, 0)
-    return np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    return np.linalg.norm(cross_products(mesh.vertices[mesh.faces[chosen]]), axis=1) / 2
 
 
 def _visible(mesh: Mesh, chosen: np.ndarray) -> np.ndarray:
@@ -406,12 +399,9 @@ def _split_vertices(mesh: Mesh, corner_uv: np.ndarray) -> Mesh:
     first, inverse = group_rows([index, *bits.T])
     origin = index[first]
     return replace(
-        mesh,
-        vertices=mesh.vertices[origin],
-        normals=mesh.normals[origin],
-        uv=corner_uv.reshape(-1, 2)[first].astype(np.float32),
-        faces=inverse.reshape(-1, 3).astype(np.int32),
-    )
+        mesh, vertices=mesh.vertices[origin], normals=mesh.normals[origin],
+        uv=corner_uv.reshape(-1, 2)[first].astype(np.float32), faces=inverse.reshape(-1, 3).astype(np.int32),
+    )  # fmt: skip
 
 
 def _share_sheet(mesh: Mesh, trained: np.ndarray, sheet: np.ndarray) -> Mesh:

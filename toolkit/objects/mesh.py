@@ -23,6 +23,18 @@ AT_ONCE = 1_000_000
 """Corners that are worked on at once; bounds the memory."""
 
 
+def cross_products(corners: np.ndarray) -> np.ndarray:
+    """(m, 3) normals of triangles (m, 3, 3), as long as twice their areas; float64."""
+    a, b, c = np.moveaxis(corners.astype(np.float64), 1, 0)
+    return np.cross(b - a, c - a)
+
+
+def flat_areas(corners: np.ndarray) -> np.ndarray:
+    """(m,) areas of flat triangles (m, 3, 2); float64."""
+    a, b, c = np.moveaxis(corners.astype(np.float64), 1, 0)
+    return np.abs((b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])) / 2
+
+
 def corner_normals(vertices: np.ndarray, faces: np.ndarray, crease_deg: float = 40.0) -> np.ndarray:
     """(m, 3, 3) unit normals per triangle corner: smooth across edges flatter than `crease_deg`, sharp across the rest.
 
@@ -33,8 +45,7 @@ def corner_normals(vertices: np.ndarray, faces: np.ndarray, crease_deg: float = 
     """
     weighted = np.empty((len(faces), 3))
     for first in range(0, len(faces), AT_ONCE):
-        a, b, c = np.moveaxis(vertices[faces[first : first + AT_ONCE]].astype(np.float64), 1, 0)
-        weighted[first : first + AT_ONCE] = np.cross(b - a, c - a)
+        weighted[first : first + AT_ONCE] = cross_products(vertices[faces[first : first + AT_ONCE]])
     place = group_places(vertices)[1][faces.reshape(-1)]
     order = rising_order(place)  # corners, place by place
     starts = np.flatnonzero(np.diff(place[order], prepend=-1))
@@ -185,13 +196,9 @@ def merge_meshes(meshes: list[Mesh]) -> Mesh:
 
 
 def mesh_from_corners(
-    vertices: np.ndarray,
-    faces: np.ndarray,
-    corner_uv: np.ndarray,
-    face_material: np.ndarray,
-    materials: tuple[Material, ...],
-    crease_deg: float = 40.0,
-) -> Mesh:
+    vertices: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, face_material: np.ndarray,
+    materials: tuple[Material, ...], crease_deg: float = 40.0,
+) -> Mesh:  # fmt: skip
     """Build a `Mesh` from shared positions and per-corner texture coordinates, splitting vertices at seams and creases.
 
     Args:
@@ -207,13 +214,10 @@ def mesh_from_corners(
     split = [np.round(axis * 1e5).astype(np.int64) for axis in (*normals.T, *uv.T)]
     first, inverse = group_rows([index, *split])
     return Mesh(
-        vertices=vertices[index[first]].astype(np.float32),
-        normals=normals[first],
-        uv=uv[first],
-        faces=inverse.reshape(-1, 3).astype(np.int32),
-        face_material=face_material.astype(np.int32),
+        vertices=vertices[index[first]].astype(np.float32), normals=normals[first], uv=uv[first],
+        faces=inverse.reshape(-1, 3).astype(np.int32), face_material=face_material.astype(np.int32),
         materials=materials,
-    )
+    )  # fmt: skip
 
 
 def check_mesh(mesh: Mesh, source: str) -> Mesh:

@@ -6,7 +6,7 @@ import numpy as np
 
 from toolkit.imaging.colour import LINEAR_OF_CODE, linear_to_srgb
 from toolkit.imaging.read import decode_texture
-from toolkit.objects.mesh import Material
+from toolkit.objects.mesh import Material, cross_products
 
 if TYPE_CHECKING:
     from trimesh.visual import ColorVisuals, TextureVisuals
@@ -132,7 +132,7 @@ def _unfold(index: np.ndarray, level: int) -> tuple[np.ndarray, np.ndarray]:
 def _near_order(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """(m,) the faces in an order in which neighbours that face one way come together: a Z-order curve in space."""
     corners = vertices[faces].astype(np.float64)
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = cross_products(corners)
     axis = np.abs(normal).argmax(axis=1)
     side = 2 * axis + (np.take_along_axis(normal, axis[:, None], axis=1)[:, 0] < 0)
     middle = corners.mean(axis=1)

@@ -10,6 +10,7 @@ import numpy as np
 from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
 from toolkit.objects.grouping import group_places
+from toolkit.objects.mesh import cross_products, flat_areas
 
 FINE = 32
 """A piece is looked at on a grid of about so many cells a side."""
@@ -96,7 +97,7 @@ def cut_charts(vertices: np.ndarray, faces: np.ndarray, least_area: float) -> tu
         unit, counter-clockwise as seen from outside.
     """
     corners = vertices[faces].astype(np.float64)
-    weighted = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    weighted = cross_products(corners)
     area = np.linalg.norm(weighted, axis=1) / 2
     unit = weighted / np.maximum(2 * area, 1e-300)[:, None]
     unit[area == 0] = 0
@@ -246,7 +247,7 @@ def unwrap(vertices: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:
     first, place = group_places(vertices)
     places, welded = vertices[first].astype(np.float64), place[faces]
     corners = places[welded]
-    surface = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1).sum() / 2
+    surface = np.linalg.norm(cross_products(corners), axis=1).sum() / 2
     texel = np.sqrt(surface / (0.6 * n * n))
     chart, flat = cut_charts(places, welded, least_area=(SMALL_PX * texel) ** 2)
     key = (chart.astype(np.int64)[:, None] * len(places) + welded).reshape(-1)
@@ -298,9 +299,8 @@ def pack_pieces(points: np.ndarray, triangles: np.ndarray, chart: np.ndarray, n:
 
 def _pack(points: np.ndarray, triangles: np.ndarray, chart: np.ndarray, n: int) -> np.ndarray:
     """As `pack_pieces`, in this process."""
-    a, b, c = (points[triangles[:, corner]] for corner in range(3))
-    doubled = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
-    ideal = n / np.sqrt(max(np.abs(doubled).sum() / 2, 1e-30))
+    # the scale at which the pieces' area is the sheet's; bisection then finds the largest share of it that fits
+    ideal = n / np.sqrt(max(flat_areas(points[triangles]).sum(), 1e-30))
     best, best_scale = None, 0.0
     for padding in range(PADDING_PX, -1, -1):
         low, high = best_scale, 1.0

@@ -157,14 +157,7 @@ class Pdf(ReportLabCanvas):
     ) -> float:
         """Draw one line, made smaller until it fits `room_mm`, and cut with … below 1.2 mm; returns its width.
 
-        Args:
-            text: one line.
-            x: left end, middle or right end, as `align` (`left`, `centre`, `right`) says.
-            y: baseline.
-            size_mm: of the font.
-            room_mm: greatest width.
-            font: `PLAIN` or `BOLD`.
-            align: see `x`.
+        Its baseline is y; x is its left end, middle or right end, as `align` (`left`, `centre`, `right`) says.
         """
         text = _drawable(text, font)
         width = measure_text_mm(text, font, size_mm)

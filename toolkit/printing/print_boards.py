@@ -3,6 +3,7 @@
 import math
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from toolkit import __version__
@@ -12,7 +13,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.printing.canvas import BOLD, Pdf, measure_text_mm
 from toolkit.printing.colour_strip import STRIP, StripPlace, draw_strip, reserve_strip
 from toolkit.printing.marks import PatchLabel, SheetDrawing, draw_crop_marks, draw_frame, draw_page
-from toolkit.printing.page import MARK_MM, PageFrame, PagePlan, Paper, Rect, plan_sheet, turn_frames
+from toolkit.printing.page import MARK_MM, CopiesPage, PagePlan, Paper, Rect, plan_sheet, turn_frames
 from toolkit.printing.print_patches import shorten
 from toolkit.printing.settings import PrintSettings, SheetSettings
 from toolkit.rig.board import (
@@ -223,8 +224,8 @@ def label_board(spec: Board) -> PatchLabel:
 USE_IT = "Print it on the paper and with the settings of the patches; photograph it beside the object."
 
 
-def build_strip_pdf(paper: Paper, orientation: str = "auto") -> tuple[bytes, PageFrame]:
-    """The strip in the middle of a page, with check bars and, where they fit, crop marks, and the page's frame."""
+def build_strip_pdf(paper: Paper, orientation: str = "auto") -> BoardDocument:
+    """The strip in the middle of a page, with check bars and, where they fit, crop marks."""
     frame = turn_frames(paper, orientation)[0]
     width, height = STRIP.size_mm
     size = f"{width:g} × {height:g} mm"
@@ -242,7 +243,7 @@ def build_strip_pdf(paper: Paper, orientation: str = "auto") -> tuple[bytes, Pag
         if middle.area.width + 2 * MARK_MM <= frame.content.width:
             draw_crop_marks(pdf, middle.area)
         draw_frame(pdf, frame, label, frame.paper.describe(), USE_IT)
-    return pdf.finish(), frame
+    return BoardDocument(pdf.finish(), PagePlan(frame, (CopiesPage((middle.area,), middle),)))
 
 
 @dataclass(frozen=True)
@@ -301,25 +302,19 @@ def print_board(
     page, folder = page or PrintSettings(), out or workspace.root / "print"
     is_file = folder.suffix.lower() == ".pdf"
     pdf_file = folder if is_file else folder / f"{wanted.kind.replace('-', '_')}.pdf"
-    if wanted.colour_strip:
-        return _print_strip(page, pdf_file)
-    spec = choose_sheet(wanted, page)
-    document = build_board_pdf(spec, page.paper, page.orientation)
+    spec = None if wanted.colour_strip else choose_sheet(wanted, page)
+    build = build_strip_pdf if spec is None else partial(build_board_pdf, spec)
+    document = build(page.paper, page.orientation)
     write_bytes(pdf_file, document.content)
-    note = _compare(workspace, spec)
-    plan = document.plan
+    note = spec and _compare(workspace, spec)  # before the spec that it is compared with is replaced
+    paper = document.plan.frame.paper
     return PrintedBoard(
-        kind=wanted.kind,
-        file=str(pdf_file),
-        spec_file=str(write_board(workspace, spec)),
-        description=spec.describe(),
-        size_mm=(round(spec.size_mm[0], 3), round(spec.size_mm[1], 3)),
-        paper=plan.frame.paper.name,
-        orientation=plan.frame.paper.orientation,
-        pages=len(plan.pages),
-        tiles=plan.tiles,
+        kind=wanted.kind, file=str(pdf_file), spec_file=spec and str(write_board(workspace, spec)),
+        description=spec.describe() if spec else f"colour strip of {len(STRIP.swatches)} cells",
+        size_mm=(round(spec.size_mm[0], 3), round(spec.size_mm[1], 3)) if spec else STRIP.size_mm,
+        paper=paper.name, orientation=paper.orientation, pages=len(document.plan.pages), tiles=document.plan.tiles,
         note=note,
-    )
+    )  # fmt: skip
 
 
 def choose_sheet(wanted: SheetSettings, page: PrintSettings) -> Board:
@@ -347,19 +342,3 @@ def _compare(workspace: Workspace, spec: Board) -> str | None:
     if old == spec:
         return None
     return f"photographs are now read by this sheet; the one before was a {old.describe()}"
-
-
-def _print_strip(page: PrintSettings, pdf_file: Path) -> PrintedBoard:
-    content, frame = build_strip_pdf(page.paper, page.orientation)
-    write_bytes(pdf_file, content)
-    return PrintedBoard(
-        kind="colour-strip",
-        file=str(pdf_file),
-        spec_file=None,
-        description=f"colour strip of {len(STRIP.swatches)} cells",
-        size_mm=STRIP.size_mm,
-        paper=frame.paper.name,
-        orientation=frame.paper.orientation,
-        pages=1,
-        tiles=(1, 1),
-    )

@@ -54,23 +54,17 @@ def _find_class(known: dict[str, Path], wanted: str) -> list[Path]:
     """A patch by its file's name, else every patch trained for that class, capitals ignored."""
     if wanted in known:
         return [known[wanted]]
-    trained_for, broken = _read_classes(known)
+    trained_for, broken = {}, []
+    for name, png_file in known.items():
+        try:
+            trained_for[name] = read_json(png_file.with_suffix(".json"), PatchRecord).class_name
+        except ToolkitError as error:
+            broken.append(str(error))
     found = [known[name] for name, class_name in trained_for.items() if class_name.casefold() == wanted.casefold()]
     if not found:
         error = one_of("patch or class", wanted, sorted({*known, *trained_for.values()}))
         raise ToolkitError("; ".join([str(error), *broken]))
     return found
-
-
-def _read_classes(known: dict[str, Path]) -> tuple[dict[str, str], list[str]]:
-    """Class by patch name, and why the other records cannot be read."""
-    classes, broken = {}, []
-    for name, png_file in known.items():
-        try:
-            classes[name] = read_json(png_file.with_suffix(".json"), PatchRecord).class_name
-        except ToolkitError as error:
-            broken.append(str(error))
-    return classes, broken
 
 
 def find_wearers(workspace: Workspace, png_file: Path) -> tuple[list[Wearer], list[str]]:
@@ -237,35 +231,21 @@ def print_patch(
         for at, one in zip(wearer.sides if wearer else ("top",), plans, strict=True)
     ]
     return PrintedPatch(
-        file=str(pdf_file),
-        name=png_file.stem,
-        class_name=record.class_name,
-        patch_sha256=record.png_sha256,
-        n_px=record.n_px,
-        size_mm=round(plan.side_mm, 3),
-        cut_mm=round(plan.cut_mm, 3),
+        file=str(pdf_file), name=png_file.stem, class_name=record.class_name, patch_sha256=record.png_sha256,
+        n_px=record.n_px, size_mm=round(plan.side_mm, 3), cut_mm=round(plan.cut_mm, 3),
         scale_percent=round(effective_percent(record.n_px, plan.side_mm, settings.dpi or BASE_DPI), 3),
-        dpi=settings.dpi or BASE_DPI,
-        paper=plan.frame.paper.name,
-        orientation=plan.frame.paper.orientation,
-        copies=settings.copies,
-        pages=sum(len(one.pages) for one in plans),
-        tiles=plan.tiles,
-        recorded_mm=record.size_mm,
-        colour_strip=any(one.has_strip for one in plans),
-        object=wearer.object if wearer else None,
-        sheets=tuple(sheets) if len(sheets) > 1 else (),
+        dpi=settings.dpi or BASE_DPI, paper=plan.frame.paper.name, orientation=plan.frame.paper.orientation,
+        copies=settings.copies, pages=sum(len(one.pages) for one in plans), tiles=plan.tiles,
+        recorded_mm=record.size_mm, colour_strip=any(one.has_strip for one in plans),
+        object=wearer.object if wearer else None, sheets=tuple(sheets) if len(sheets) > 1 else (),
         **{key: round(score, 4) for key, score in asdict(score_print(patch.pixels)).items()},
-    )
+    )  # fmt: skip
 
 
 def print_patches(
-    files: Sequence[Path],
-    out: Path,
-    settings: PrintSettings | None = None,
-    go_on: bool = False,
+    files: Sequence[Path], out: Path, settings: PrintSettings | None = None, go_on: bool = False,
     workspace: Workspace | None = None,
-) -> tuple[list[PrintedPatch], list[dict[str, str]]]:
+) -> tuple[list[PrintedPatch], list[dict[str, str]]]:  # fmt: skip
     """Print each patch, by default on A4 in the size of the object that wears it.
 
     Args:

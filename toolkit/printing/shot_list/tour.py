@@ -47,13 +47,10 @@ def measure_place(pose: Pose) -> CameraPlace:
     target = np.array(pose.target_mm)
     return CameraPlace(
         azimuth_deg=round(float(azimuth), 3) % 360,
-        tilt_deg=float(np.degrees(np.arcsin(np.clip(-T_world_camera[2, 2], -1, 1)))),
-        roll_deg=pose.roll_deg,
-        distance_mm=float(np.linalg.norm(T_world_camera[:3, 3] - target)),
-        height_mm=z,
-        out_mm=out_mm,
+        tilt_deg=float(np.degrees(np.arcsin(np.clip(-T_world_camera[2, 2], -1, 1)))), roll_deg=pose.roll_deg,
+        distance_mm=float(np.linalg.norm(T_world_camera[:3, 3] - target)), height_mm=z, out_mm=out_mm,
         target_height_mm=float(target[2]),
-    )
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
