@@ -49,7 +49,7 @@ def test_a_pool_and_the_count_of_its_semaphores(planted):
 
 
 def test_units_find_the_modules_of_their_driver(planted):
-    unit = Unit("0" * 64, engine_work.add, (1, 2), "a sum", None)
+    unit = Unit(("0" * 64,), engine_work.add, (1, 2), "a sum")
     with LocalPool(1) as pool:
         assert [(one.result, one.reason) for one in pool.run([unit])] == [(3, "")]
     assert planted() == ""

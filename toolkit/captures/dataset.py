@@ -48,12 +48,9 @@ class CaptureDataset(Dataset[Sample]):
     """
 
     def __init__(
-        self,
-        folder: CaptureFolder,
-        targets: Mapping[str, int],
-        preprocessing: Preprocessing,
+        self, folder: CaptureFolder, targets: Mapping[str, int], preprocessing: Preprocessing,
         transform: Callable[[torch.Tensor], torch.Tensor] | None = None,
-    ) -> None:
+    ) -> None:  # fmt: skip
         """Take the images of a folder; each is read when it is asked for.
 
         Args:

@@ -28,7 +28,6 @@ from toolkit.rig.variants import find_booster
 
 MAX_PX = 1280
 NOT_MEASURED = "its camera was not measured: photograph it with the board in view and import it again"
-INTRINSICS = ("width", "height", "fx", "fy", "cx", "cy")
 
 
 @dataclass(frozen=True)
@@ -86,6 +85,7 @@ def shoot_like(
         raise FieldError(f"would overwrite the photographs in {photos_dir}: name another", {"source": source})
     chosen = Selection(objects=tuple(objects), variants=tuple(variants))
     photos, skipped = read_measured(photos_dir, chosen, max_px)
+    # shots of one object and variant are made together: they share a mesh and its baked light
     shots: list[Shot] = []
     members: dict[tuple[str, str], list[MeasuredPhoto]] = defaultdict(list)
     for photo in photos:
@@ -141,13 +141,15 @@ def read_measured(
         if record is None or not record.T_world_camera or not record.intrinsics:
             skipped.append((path, NOT_MEASURED))
             continue
-        pose = np.array(record.T_world_camera, float) if _is_square(record.T_world_camera) else np.zeros((4, 4))
-        trouble = _find_trouble(pose, record.intrinsics)
-        if trouble:
-            skipped.append((path, f"{MANIFEST}: {trouble}: import it again"))
-        else:
+        pose = np.array(record.T_world_camera, float)
+        rotation = pose[:3, :3]
+        # orthonormal and not mirrored: rows that were typed or rounded by hand are no camera's
+        if np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-3 and np.linalg.det(rotation) > 0:
             camera = scale_camera(Camera.from_intrinsics(record.intrinsics), max_px)
             photos.append(MeasuredPhoto(path, record, camera, pose))
+        else:
+            why = "T_world_camera is no pose (expected 4x4, a rotation and a place): import it again"
+            skipped.append((path, f"{MANIFEST}: {why}"))
     return photos, skipped
 
 
@@ -159,21 +161,6 @@ def scale_camera(camera: Camera, max_px: int = MAX_PX) -> Camera:
     """
     share = min(1.0, max_px / max(camera.width, camera.height))
     return camera.scaled(max(1, round(camera.width * share)), max(1, round(camera.height * share)))
-
-
-def _is_square(rows: list[list[float]]) -> bool:
-    return len(rows) == 4 and all(len(row) == 4 for row in rows)
-
-
-def _find_trouble(T_world_camera: np.ndarray, intrinsics: dict[str, float]) -> str | None:
-    rotation = T_world_camera[:3, :3]
-    is_rotation = np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-3 and np.linalg.det(rotation) > 0
-    if not (np.isfinite(T_world_camera).all() and is_rotation):
-        return "T_world_camera is no pose (expected 4x4, a rotation and a place)"
-    missing = [name for name in INTRINSICS if not np.isfinite(intrinsics.get(name, np.nan))]
-    if missing or min(intrinsics[name] for name in ("width", "height", "fx", "fy")) <= 0:
-        return f"intrinsics: expected {', '.join(INTRINSICS)} in pixels"
-    return None
 
 
 def _why_not(photo: MeasuredPhoto, item: TableObject, booster_sha256: str | None) -> str | None:
@@ -197,6 +184,7 @@ def _plan_shot(
     if path in taken:  # pose_01.jpg beside pose_01.heic
         path = f"{photo.path}.{image_format}"
     taken.add(path)
+    # rounded, so that float noise alone does not ask for a new shot
     camera, pose = photo.camera, np.round(photo.T_world_camera, 6)
     inputs = sha256_json(look | {"camera": camera.intrinsics, "T_world_camera": pose.tolist()})
     made = {"like": f"{photos_dir.resolve().name}/{photo.path}", "like_sha256": photo.record.image_sha256 or ""}

@@ -105,6 +105,7 @@ MM_PER_M = 1000.0
 
 def to_opengl(T_world_camera: np.ndarray) -> np.ndarray:
     """(4, 4) with OpenCV camera axes in mm -> OpenGL camera axes (y up, z back) in metres, as nerfstudio has it."""
+    # the camera's own y and z are turned, not the world's: from the right
     flipped = np.array(T_world_camera, float) @ np.diag([1.0, -1.0, -1.0, 1.0])
     flipped[:3, 3] /= MM_PER_M
     return flipped

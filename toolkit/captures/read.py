@@ -149,6 +149,7 @@ def read_captures(root: Path, selection: Selection | None = None) -> CaptureFold
                 unread.append((show_path(parts), refused))
             continue
         full = (*prefix, *parts[:depth], *suffix, *parts[depth:])
+        # the manifest lies in the source's folder: below the root, the root itself, or above it
         source_dir = (root / parts[0], root, root.resolve().parent)[len(prefix)]
         if source_dir not in manifests:
             manifests[source_dir] = read_manifest(source_dir)
@@ -183,6 +184,7 @@ def _read_layout(root: Path, found: FoundFiles) -> tuple[tuple[str, ...], int, t
     """Folders that stand before and after those under `root` to make SOURCE/OBJECT/VARIANT, and how many those are."""
     name = root.resolve().name
     files = found.images or tuple(tuple(path.split("/")) for path, _ in found.refused)
+    # most files decide: a stray picture beside the folders does not change how the rest is read
     depth = min(3, Counter(len(parts) - 1 for parts in files).most_common(1)[0][0])
     folders = {parts[0] for parts in files if len(parts) > 1}
     if (root / MANIFEST).is_file() or (name in ("sim", "real") and depth > 1):
@@ -203,7 +205,8 @@ def _capture(file: Path, full: tuple[str, ...], record: CaptureRecord | None, re
         return capture
     rows, lens = record.T_world_camera, record.intrinsics
     return replace(
-        capture, pose_id=record.pose_id if record.pose_id is not None else capture.pose_id,
+        capture,
+        pose_id=record.pose_id if record.pose_id is not None else capture.pose_id,
         T_world_camera=tuple(tuple(row) for row in rows) if rows is not None else None,
         focal_length=lens["fx"] / max(lens["width"], lens["height"]) if lens else None,
         booster_sha256=record.booster_sha256,

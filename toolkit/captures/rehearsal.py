@@ -83,6 +83,7 @@ class Rehearsal:
         strayed = np.array(T_world_camera, float)
         strayed[:3, 3] += rng.normal(0, self.stray_share * distance, 3)
         turn = Rotation.from_rotvec(rng.normal(0, self.stray_deg, 3), degrees=True)
+        # about the camera's own axes: from the right
         strayed[:3, :3] = strayed[:3, :3] @ turn.as_matrix()
         return strayed
 
@@ -90,6 +91,7 @@ class Rehearsal:
         """(h, w, 3) linear light as it falls on the sensor: blurred by lens and hand, its channels weighed."""
         import torch
 
+        # the blur is stated in pixels of a network's image, and the picture is larger
         scale = min(min(picture.shape[:2]) / NETWORK_PX, LARGEST_SCALE)
         (sharpest, softest), (still, moved) = self.blur.defocus_px, self.blur.motion_px
         defocus_px = max(sharpest * scale, LEAST_DEFOCUS_PX), max(softest * scale, LEAST_DEFOCUS_PX)

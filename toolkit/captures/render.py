@@ -117,7 +117,7 @@ class ObjectPreview:
 
 def preview_object(workspace: Workspace, item: TableObject) -> ObjectPreview:
     """Draw an object with a chequered sheet for its patch."""
-    shown, trouble = item, ""
+    shown, trouble = item, ""  # an object is shown bare where its sheet has no place
     try:
         sizes_mm = item.spec.sizes_mm(DEFAULT_PATCH_MM)
         trouble = "; ".join(describe_misfits(item, sizes_mm))

@@ -150,6 +150,7 @@ def suggest_places(
     item = load_object(workspace.object_spec(object_name))
     plan = open_plan(workspace, [object_name])
     together = config.sheets > 1
+    # a plan's few poses would put several sheets where these cameras stand
     poses = draw_poses(item, plan.camera, RANDOM_VIEWS, seed) if together else plan.objects[object_name]
     own_mm = mounted_sizes_mm(workspace, item)
     scene = make_ray_scene(item.mesh)
@@ -174,13 +175,15 @@ def suggest_places(
         trained = [try_place(workspace, object_name, networks, mounts, steps, seed) for mounts in choices]
     written = None
     if write:
+        # what training recognised decides, and where it is equal or was not asked for, what cameras see
         worth = [(sum(one.patched.value for one in trained[k]), places[k].score) for k in range(len(choices))]
         best = choices[worth.index(max(worth))]
         file = without_links(workspace.root, "rig/objects") / f"{object_name}.toml"
         written = write_mounts(workspace.object_spec(object_name), file, best)
     return SuggestedPlaces(
-        object_name, config.sheets, len(poses), now, tuple(places), picture, steps, tuple(trained), written
-    )
+        object_name, config.sheets, len(poses), now, tuple(places), picture=picture, steps=steps, written=written,
+        trained=tuple(trained),
+    )  # fmt: skip
 
 
 def _list_shares(answers: "list[Validation]") -> dict[str, Any]:

@@ -44,6 +44,7 @@ def outline_object(item: TableObject, camera: Camera, T_world_camera: np.ndarray
     """
     T_world_camera = np.asarray(T_world_camera, float)
     corners = camera.project(T_world_camera, item.mesh.vertices)
+    # rays are cast only within the box of the projected vertices; where one is behind the camera, everywhere
     if np.isnan(corners).any():
         low, high = np.zeros(2, int), np.array([camera.width, camera.height])
     else:
@@ -65,6 +66,7 @@ def outline_object(item: TableObject, camera: Camera, T_world_camera: np.ndarray
 def _cast(item: TableObject, camera: Camera, T_world_camera: np.ndarray, pixels: np.ndarray) -> np.ndarray:
     import open3d as o3d
 
+    # depth 1 in the camera's axes: a ray needs no unit length to hit or miss
     local = np.concatenate([camera.undistort(pixels), np.ones((len(pixels), 1))], 1)
     directions = local @ T_world_camera[:3, :3].T
     rays = np.concatenate([np.broadcast_to(T_world_camera[:3, 3], directions.shape), directions], 1)
@@ -102,6 +104,7 @@ def outline_captures(
             continue
         if one.object not in items:
             items[one.object] = load_object(specs[one.object])
+        # the variants of a pose show one mesh: a mask is cast once for all of them
         pose = tuple(np.ravel(record.T_world_camera).tolist())
         key = (one.object, pose, tuple(camera.intrinsics.items()), tuple(camera.coefficients.ravel().tolist()))
         if key not in seen:

@@ -175,6 +175,7 @@ def _usual_axes(mesh_file: Path) -> tuple[Axis, Axis]:
 
 def _write_spec(request: ObjectRequest, mesh: str, length_mm: float, axes: tuple[Axis, Axis]) -> str:
     fits = length_mm / 3 >= DEFAULT_PATCH_MM
+    # a patch wider than a third of a small object finds no flat place
     size = f"# size_mm = {DEFAULT_PATCH_MM:.0f}" if fits else f"size_mm = {length_mm / 3:.3g}"
     fields = [
         ("class", _quote(request.class_name), "an ImageNet category, an index, or a label of your own classifier"),

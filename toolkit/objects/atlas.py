@@ -35,6 +35,7 @@ def cover_texels(corner_uv: np.ndarray, n: int) -> np.ndarray:
     x, y = _texel_coordinates(corner_uv, n)
     first, last = _touched(y)
     rows = last - first + 1
+    # a scan by rows: the sum of starts and ends so far says how many triangles cover a texel
     change = np.zeros(n * (n + 1), np.int64)  # +1 where a run of texels starts, -1 behind its end
     done = 0
     ends = np.cumsum(rows)
@@ -118,7 +119,7 @@ def nearest_covered(covered: np.ndarray) -> np.ndarray:
     from scipy.ndimage import distance_transform_edt
 
     n = len(covered)
-    around = n // 2
+    around = n // 2  # nothing is nearer across a border than half a texture
     wrapped = np.pad(~covered, around, mode="wrap")
     row, column = distance_transform_edt(wrapped, return_distances=False, return_indices=True)
     inner = slice(around, around + n)
@@ -185,6 +186,7 @@ def _texel_at(uv: np.ndarray, height: int, width: int) -> tuple[np.ndarray, np.n
 
 def _middles(steps: int) -> np.ndarray:
     """(steps², 3) barycentric coordinates of the middles of equal parts of a triangle."""
+    # a grid of parallelograms, each halved: the lower halves point up, the upper ones down
     upright = [(i + 1 / 3, j + 1 / 3) for i in range(steps) for j in range(steps - i)]
     turned = [(i + 2 / 3, j + 2 / 3) for i in range(steps) for j in range(steps - i - 1)]
     places = np.array(upright + turned) / steps
@@ -311,7 +313,9 @@ def take_paint(atlas: Atlas, mesh: Mesh) -> np.ndarray:
     own_uv, material = mesh.uv[mesh.faces].astype(np.float64), mesh.face_material
     sheet_uv = atlas.corner_uv.astype(np.float64)
     sides = n * np.linalg.norm(sheet_uv - np.roll(sheet_uv, 1, axis=1), axis=2).max(axis=1)
+    # a texel's colour is the mean of light, not of code values, weighted by the area that each triangle has in it
     area = np.maximum(_uv_area(n * sheet_uv), ROUNDING_PX)
+    # rounded to powers of two, so that there are few groups to go through
     parts = np.clip(2 ** np.ceil(np.log2(PAINT_SAMPLES * np.maximum(sides, 1))), 1, MOST_PARTS).astype(np.int64)
     for steps in np.unique(parts[atlas.trained]):
         weights = _middles(int(steps))

@@ -142,6 +142,7 @@ def _read_pieces(path: Path, max_parts: int | None) -> list[_Piece]:
             vertices, faces = np.asarray(piece.vertices, np.float64), np.asarray(piece.faces, np.int64)
             if not np.allclose(T_scene_piece, np.eye(4), rtol=0, atol=1e-8):
                 vertices = trimesh.transform_points(vertices, T_scene_piece)
+                # a mirror turns triangles inside out
                 faces = faces[:, ::-1] if np.linalg.det(T_scene_piece[:3, :3]) < 0 else faces
             pieces.append(_Piece(vertices, faces, piece.visual))
     except ToolkitError:
@@ -167,7 +168,7 @@ def _move_home(pieces: list[_Piece], source: str) -> list[_Piece]:
             worst = piece.faces.max() if piece.faces.max() >= count else piece.faces.min()
             raise ToolkitError(f"{source}: a face names vertex {worst}, the mesh has {count}: repair the mesh")
         low, high = np.minimum(low, piece.vertices.min(axis=0)), np.maximum(high, piece.vertices.max(axis=0))
-    extent = float((high / 2 - low / 2).max()) * 2
+    extent = float((high / 2 - low / 2).max()) * 2  # halved first: the difference of two huge numbers overflows
     if extent > 0 and not EXTENTS[0] <= extent <= EXTENTS[1]:
         raise ToolkitError(
             f"{source}: the mesh is {extent:.3g} long, expected {EXTENTS[0]:g} to {EXTENTS[1]:g} in its file's unit: "
@@ -187,6 +188,7 @@ def turn_upright(mesh: Mesh, up: str, front: str) -> Mesh:
     x, z = _axis(front), _axis(up)
     if abs(x @ z) > 0.5:
         raise ToolkitError(f"an object's 'up' ({up}) and 'front' ({front}) must be different axes")
+    # its rows are the world's axes in the mesh's own; z × x makes it right-handed
     T_world_mesh = np.stack([x, np.cross(z, x), z]).astype(np.float32)
     return replace(mesh, vertices=mesh.vertices @ T_world_mesh.T, normals=mesh.normals @ T_world_mesh.T)
 

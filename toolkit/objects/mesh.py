@@ -52,6 +52,7 @@ def corner_normals(vertices: np.ndarray, faces: np.ndarray, crease_deg: float = 
     counts = np.diff(starts, append=len(order))
 
     normals = np.empty((len(order), 3))
+    # a fan is all corners at one place; each of its corners sums those of its fan within the crease
     for first, last in _split(counts):
         corners = order[starts[first] : starts[first] + int(counts[first:last].sum())]
         total = _sum_fans(weighted[corners // 3], counts[first:last], crease_deg)
@@ -96,6 +97,7 @@ def _compare_all(
     unit: np.ndarray, weighted: np.ndarray, starts: np.ndarray, counts: np.ndarray, cosine: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The corners of some fans, and for each the sum of those of its fan that lie within the angle."""
+    # largest first, so that those that still have a step-th corner are always the leading ones
     largest_first = np.argsort(-counts, kind="stable")
     starts, counts = starts[largest_first], counts[largest_first]
     ends = np.cumsum(counts)
@@ -211,6 +213,7 @@ def mesh_from_corners(
     """
     normals = corner_normals(vertices, faces, crease_deg).reshape(-1, 3).astype(np.float32)
     index, uv = faces.reshape(-1), corner_uv.reshape(-1, 2).astype(np.float32)
+    # rounded: corners that differ by float noise alone stay one vertex
     split = [np.round(axis * 1e5).astype(np.int64) for axis in (*normals.T, *uv.T)]
     first, inverse = group_rows([index, *split])
     return Mesh(
@@ -254,6 +257,7 @@ def hash_shape(mesh: Mesh) -> str:
 
     Another livery or gloss on the same triangles has the same hash, and so has a zero with another sign.
     """
+    # adding 0.0 turns -0.0 into 0.0
     digest = _hash_arrays((mesh.vertices + 0.0, mesh.faces, mesh.uv + 0.0, mesh.face_material))
     for material in mesh.materials:
         digest.update(f"{material.name}\n".encode())

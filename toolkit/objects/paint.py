@@ -86,6 +86,7 @@ def _solid(colour: tuple[int, int, int]) -> np.ndarray:
 
 def _spread_palette(colours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Colours (m, 3) of the faces become one block of texels for each that differs."""
+    # one number per colour: unique rows would be compared as bytes, many times slower
     code = colours.astype(np.int64) @ [1 << 16, 1 << 8, 1]
     _, first, index = np.unique(code, return_index=True, return_inverse=True)
     if len(first) > MOST_COLOURS:
@@ -115,6 +116,7 @@ def _blend_corners(colours: np.ndarray, vertices: np.ndarray, faces: np.ndarray)
     x, y = place.T
     texture[y, x], texture[y, x + 1], texture[y + 1, x] = np.moveaxis(colours, 1, 0)
     a, b, c = (LINEAR_OF_CODE[corner] for corner in np.moveaxis(colours, 1, 0))
+    # bilinear look-ups blend evenly where a + d = b + c
     texture[y + 1, x + 1] = np.round(linear_to_srgb(np.clip(b + c - a, 0, 1)) * 255)
     corners = place[:, None] + np.array([[0.5, 0.5], [1.5, 0.5], [0.5, 1.5]])
     return (corners / [width, -height] + [0, 1]).astype(np.float32), texture
@@ -138,6 +140,7 @@ def _near_order(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     middle = corners.mean(axis=1)
     low, extent = middle.min(axis=0), max(float(np.ptp(middle, axis=0).max()), 1e-30)
     cell = ((middle - low) / extent * 1023).astype(np.int64)
+    # Morton code: the bits of the three axes in turn, ten of each, behind the side that the face looks to
     code = side << 30
     for bit in range(10):
         for dimension in range(3):

@@ -291,6 +291,7 @@ def write_texture(
     fields = record | {"objects": objects, "n_px": pixels.shape[0], "png_sha256": sha256_bytes(png)}
     full = TextureRecord.model_validate(fields)
     folder = Path(folder)
+    # the picture and then its record come last: until then the texture is not there, rather than broken
     for named, contents in ((uv_name, coordinates), (keep_name, kept), (glb_name, glbs)):
         for name, content in contents.items():
             write_bytes(folder / named(full.name, name), content)

@@ -52,6 +52,7 @@ def find_winding(flat: np.ndarray, height: np.ndarray, area: np.ndarray, piece: 
     if float(count) * float(width[0]) * float(width[1]) > 2**62:  # pieces of wildly different sizes: leave them whole
         return np.zeros(count, bool)
     key = (of * width[0] + grid[:, 0] - low[0]) * width[1] + grid[:, 1] - low[1]
+    # sorted by cell, then height: two samples of a cell one after the other, far apart, are two surfaces
     order = np.lexsort((level, key))
     key, level, of = key[order], level[order], of[order]
     gap = (np.diff(key) == 0) & (np.diff(level) > JUMP * cell[of[1:]])
@@ -65,9 +66,10 @@ def find_winding(flat: np.ndarray, height: np.ndarray, area: np.ndarray, piece: 
 
 def _spread(count: int) -> np.ndarray:
     """(count, 3) barycentric coordinates that fill a triangle evenly (the R2 sequence, folded)."""
-    golden = 1.32471795724474602596
+    golden = 1.32471795724474602596  # the real root of x³ = x + 1 (M. Roberts, 2018)
     i = np.arange(1, count + 1)[:, None]
     a, b = ((0.5 + i / golden ** np.array([1, 2])) % 1).T
+    # the unit square's upper half is mirrored into the lower one
     folded = a + b > 1
     a, b = np.where(folded, 1 - a, a), np.where(folded, 1 - b, b)
     return np.column_stack([a, b, 1 - a - b])
@@ -111,7 +113,7 @@ def cut_charts(vertices: np.ndarray, faces: np.ndarray, least_area: float) -> tu
 def _neighbours(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """(k, 2) faces that share an edge, and (k,) the edge's length; of more than two at an edge, each with the next."""
     edges = np.sort(np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2), axis=1).astype(np.int64)
-    key = edges[:, 0] * len(vertices) + edges[:, 1]
+    key = edges[:, 0] * len(vertices) + edges[:, 1]  # one number per edge, which sorts faster than pairs
     order = np.argsort(key, kind="stable")
     same = np.flatnonzero(key[order][1:] == key[order][:-1])
     pairs = np.stack([order[same], order[same + 1]], axis=1) // 3
@@ -169,6 +171,7 @@ def _join_small(
         fit = (a != b) & (size[a] < least_area) & (size[a] <= size[b]) & (lean[a, way[b]] >= LEANING)
         a, b, border = a[fit], b[fit], border[fit]
         goes, receives = np.arange(count), np.zeros(count, bool)
+        # smallest first, each to its longest border; one that has received another stays for this round
         for i in np.lexsort((-border, size[a])):
             if goes[a[i]] == a[i] and goes[b[i]] == b[i] and not receives[a[i]]:
                 goes[a[i]] = b[i]
@@ -196,6 +199,7 @@ def _cut_winding(
         middle = height.mean(axis=1)
         np.minimum.at(low, piece, middle)
         np.maximum.at(high, piece, middle)
+        # label 2k below and 2k + 1 above the middle: `_pieces` joins what is connected with one label
         upper = winding & (middle > ((low + high) / 2)[piece])
         piece = _pieces(2 * piece + upper, pairs)
     return piece
@@ -215,6 +219,7 @@ def _flatten(
     np.minimum.at(worst_mean, piece[real], np.einsum("ij,ij->i", unit[real], mean[piece[real]]))
     np.minimum.at(worst_straight, piece[real], np.einsum("ij,ij->i", unit[real], straight[piece[real]]))
     axis = np.where((worst_mean >= worst_straight)[:, None], mean, straight)
+    # crossed with the world's axis that it leans on least, so that the product is never short
     helper = np.eye(3)[np.abs(axis).argmin(axis=1)]
     right = np.cross(helper, axis)
     right /= np.maximum(np.linalg.norm(right, axis=1, keepdims=True), 1e-300)

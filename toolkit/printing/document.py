@@ -164,6 +164,7 @@ def pixel_operators(pixels: np.ndarray) -> list[str]:
     """PDF operators that paint (n, n, 3) uint8 pixels over the square from (0, 0) to (n, n), first row on top."""
     side = len(pixels)
     operators = []
+    # each reaches half a pixel under its right and lower neighbour: viewers smooth edges, and paper would shine through
     for index, row in enumerate(pixels):
         top = side - index
         bottom = top - 1 - (UNDERLAP_PX if index < side - 1 else 0)
@@ -220,6 +221,7 @@ def build_pdf(patch: Patch, settings: PrintSettings, wearer: Wearer | None = Non
         ToolkitError: the patch would be under 1 mm or over 5 m wide.
     """
     record = patch.record
+    # a record of the default size states none: `--scale` and `--dpi` defaults then hold
     trained_mm = record.size_mm if abs(record.size_mm - printed_size_mm(record.n_px)) > SAME_MM else None
     sizes = (trained_mm,) if wearer is None else wearer.sizes_mm
     states = settings.states_size

@@ -153,6 +153,7 @@ def _draw_way(
     pdf: Pdf, note: str, middle_x: float, y: float, size: float, room_mm: float, at: Side
 ) -> None:  # fmt: skip
     """Words and an arrow: on top of an object `front` to the right, on its sides `up`, as the rig mounts the sheet."""
+    # words and arrow are centred together, so the arrow's length is taken from the room first
     shaft = 7.0 / 2.4 * size if at == "top" else 0.9 * size
     word = "   ".join(filter(None, [note, "front" if at == "top" else "up"]))
     width = min(measure_text_mm(word, PLAIN, size), room_mm - 1 - shaft) + 1 + shaft

@@ -172,7 +172,7 @@ class Tile:
 
 def _letters(row: int) -> str:
     """A … Z, AA, AB …, as columns are named in a spreadsheet."""
-    letters = ""
+    letters = ""  # base 26 without a zero: Z is followed by AA
     row += 1
     while row:
         row, digit = divmod(row - 1, 26)
@@ -184,6 +184,7 @@ def split_length(length_mm: float, most_mm: float, overlap_mm: float = OVERLAP_M
     """Equal spans (start, length) of at most `most_mm` that cover a length and overlap by `overlap_mm`."""
     if length_mm <= most_mm:
         return [(0.0, length_mm)]
+    # count · span - (count - 1) · overlap = length
     count = math.ceil((length_mm - overlap_mm) / (most_mm - overlap_mm))
     span = (length_mm + (count - 1) * overlap_mm) / count
     return [(index * (span - overlap_mm), span) for index in range(count)]

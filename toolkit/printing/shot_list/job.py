@@ -224,6 +224,7 @@ def name_bands(session: ObjectSession) -> list[str]:
 
 def _draw_cards(pdf: Pdf, area: Rect, session: ObjectSession, page: CardsPage) -> None:
     """The cards of a page, and between two of them a line that says what changes there."""
+    # all pages of an object have cards of one height, which is that of the page with most bands
     most_bands = max(sum(map(bool, other.bands)) for other in lay_out_cards(session, area.height))
     height = (area.height - most_bands * BAND_MM) / count_cards(area.height)
     top = area.top

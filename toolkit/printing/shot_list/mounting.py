@@ -180,6 +180,7 @@ def _photograph(
     centre = (low + high) / 2
     depth = float(normal @ np.sum(item.mesh.bounds, axis=0) / 2)
     target = right * centre[0] + up * centre[1] + normal * depth
+    # so far away that the picture is a plan: perspective moves nothing that a ruler would show
     far = AWAY * float(item.mesh.size_mm.max())
     px_per_mm = LONG_SIDE_PX / float(size.max())
     width, height = (max(16, round(side * px_per_mm)) for side in size)
@@ -189,9 +190,11 @@ def _photograph(
     fine = Camera.from_fov(width * FINER, height * FINER, fov)
     renderer = RaycastRenderer(attach(item.mesh, *sheets), make_light_studio(item, None), DETAIL)
     picture = tone_map(renderer.render(fine, T_world_camera), (0,), noise=0, falloff=0)
+    # only the object stays: its table would hide where it ends
     outside = ~np.isfinite(renderer.buffers(fine, T_world_camera)["depth"])
     picture[outside] = 255
     small = np.asarray(Image.fromarray(picture).resize((width, height), Image.Resampling.BOX))
+    # the scale is that of a millimetre at the target, as the camera projects it
     places = np.array([target, target + right, target + up])
     corners, _ = project(Camera.from_fov(width, height, fov), T_world_camera, places)
     scale = float(np.hypot(*(corners[1] - corners[0])))

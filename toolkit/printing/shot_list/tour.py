@@ -43,6 +43,7 @@ def measure_place(pose: Pose) -> CameraPlace:
     T_world_camera = pose.matrix()
     x, y, z = (float(v) for v in T_world_camera[:3, 3])
     out_mm = float(np.hypot(x, y))
+    # straight above the object every azimuth is the same place: the plan's own is stated
     azimuth = np.degrees(np.arctan2(y, x)) if out_mm > 0.01 else pose.azimuth_deg
     target = np.array(pose.target_mm)
     return CameraPlace(
@@ -153,6 +154,7 @@ def trace_outline(mesh: Mesh, right: np.ndarray, up: np.ndarray) -> list[np.ndar
     step = max(float(size.max()) / SAMPLES, 1e-6)
     shape = np.ceil(size / step).astype(int) + 5
     mask = np.zeros((shape[1], shape[0]), np.uint8)
+    # OpenCV takes fixed point: 16 parts of a pixel are the 4 bits of fraction below
     pixels = np.round(((points - low) / step + 2) * 16).astype(np.int32)
     for triangle in pixels[mesh.faces]:  # one by one: fillPoly of all at once leaves out what two of them cover
         cv2.fillConvexPoly(mask, triangle, 255, cv2.LINE_8, 4)
