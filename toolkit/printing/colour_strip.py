@@ -134,6 +134,8 @@ CAPTION = "Cut out with a white border; photograph it beside the object: the kit
 CAPTION_HEIGHT_MM = 3.5
 SPACE = "StripRGB"
 UNDERLAP_MM = 0.5
+LONG_MM, SHORT_MM = STRIP.size_mm[0] + 2 * QUIET_MM, STRIP.size_mm[1] + CAPTION_HEIGHT_MM + 2 * QUIET_MM
+"""Of the strip with its caption and the white that its markers need."""
 
 
 @dataclass(frozen=True)
@@ -147,25 +149,22 @@ class StripPlace:
     @property
     def area(self) -> Rect:
         """What it covers with its caption and the white that its markers need."""
-        width, height = STRIP.size_mm
-        long, short = width + 2 * QUIET_MM, height + CAPTION_HEIGHT_MM + 2 * QUIET_MM
         if self.upright:
-            return Rect(self.x - height - QUIET_MM, self.y - QUIET_MM, short, long)
-        return Rect(self.x - QUIET_MM, self.y - CAPTION_HEIGHT_MM - QUIET_MM, long, short)
+            return Rect(self.x - STRIP.size_mm[1] - QUIET_MM, self.y - QUIET_MM, SHORT_MM, LONG_MM)
+        return Rect(self.x - QUIET_MM, self.y - CAPTION_HEIGHT_MM - QUIET_MM, LONG_MM, SHORT_MM)
 
 
 def reserve_strip(content: Rect) -> Iterator[tuple[StripPlace, Rect]]:
     """Places for the strip and what each leaves of the page's room: along the lower edge, then up the right one."""
-    width, height = STRIP.size_mm
-    long, short = width + 2 * QUIET_MM, height + CAPTION_HEIGHT_MM + 2 * QUIET_MM
-    if long <= content.width:
+    width, _ = STRIP.size_mm
+    if content.width >= LONG_MM:
         x = content.x + (content.width - width) / 2
         place = StripPlace(x, content.y + CAPTION_HEIGHT_MM + QUIET_MM, upright=False)
-        yield place, Rect(content.x, content.y + short, content.width, content.height - short)
-    if long <= content.height:
+        yield place, Rect(content.x, content.y + SHORT_MM, content.width, content.height - SHORT_MM)
+    if content.height >= LONG_MM:
         y = content.y + (content.height - width) / 2
         place = StripPlace(content.right - CAPTION_HEIGHT_MM - QUIET_MM, y, upright=True)
-        yield place, Rect(content.x, content.y, content.width - short, content.height)
+        yield place, Rect(content.x, content.y, content.width - SHORT_MM, content.height)
 
 
 def draw_strip(pdf: "Pdf", place: StripPlace) -> None:

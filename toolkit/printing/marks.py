@@ -16,7 +16,7 @@ from toolkit.printing.page import (
     PageFrame,
     PagePlan,
     Rect,
-    Tile,
+    SheetTile,
     TilePage,
 )
 
@@ -107,7 +107,7 @@ def _draw_ring(pdf: Pdf, x: float, y: float) -> None:
     pdf.line(x, y - RING_MM, x, y + RING_MM)
 
 
-def draw_overlap_marks(pdf: Pdf, tile: Tile, window: Rect) -> None:
+def draw_overlap_marks(pdf: Pdf, tile: SheetTile, window: Rect) -> None:
     """At both ends of every overlap: a short mark where the neighbour's edge comes to lie, and a registration mark.
 
     They are outside the tile's window, in line with the overlap: no mark is ever printed on the patch.

@@ -141,7 +141,7 @@ OVERLAP_MM = 10.0
 
 
 @dataclass(frozen=True)
-class Tile:
+class SheetTile:
     """One page's part of a sheet.
 
     Attributes:
@@ -192,12 +192,12 @@ def split_length(length_mm: float, most_mm: float, overlap_mm: float = OVERLAP_M
 
 def tile_sheet(
     side_mm: float, most_width_mm: float, most_height_mm: float, height_mm: float | None = None
-) -> list[Tile]:
+) -> list[SheetTile]:
     """Tiles of a sheet (of no height: a square), row by row from the top left, none larger than stated."""
     sheet_height = side_mm if height_mm is None else height_mm
     across, down = split_length(side_mm, most_width_mm), split_length(sheet_height, most_height_mm)
     return [
-        Tile(row, column, Rect(x, sheet_height - y - height, width, height), len(down), len(across))
+        SheetTile(row, column, Rect(x, sheet_height - y - height, width, height), len(down), len(across))
         for row, (y, height) in enumerate(down)
         for column, (x, width) in enumerate(across)
     ]
@@ -220,7 +220,7 @@ class CopiesPage:
 class TilePage:
     """A page with a part of one copy; `window` is where on the page the tile lies."""
 
-    tile: Tile
+    tile: SheetTile
     window: Rect
     copy: int
 
@@ -229,7 +229,7 @@ class TilePage:
 class MapPage:
     """The first page of a tiled sheet: how its tiles go together."""
 
-    tiles: tuple[Tile, ...]
+    tiles: tuple[SheetTile, ...]
 
 
 Page = CopiesPage | TilePage | MapPage

@@ -26,7 +26,7 @@ from toolkit.printing.shot_list.tour import (
     Stop,
     draw_from_above,
     draw_from_side,
-    find_stretches,
+    find_legs,
     name_change,
 )
 from toolkit.rig.board import read_board
@@ -211,8 +211,8 @@ def name_bands(session: ObjectSession) -> list[str]:
     words: list[list[str]] = [[] for _ in session.stops]
     if not session.rounds:
         return ["" for _ in words]
-    stretches = find_stretches(session.stops)
-    for before, after in zip(stretches, [*stretches[1:], None], strict=True):
+    legs = find_legs(session.stops)
+    for before, after in zip(legs, [*legs[1:], None], strict=True):
         change = name_change(before.variant, after.variant if after else "unpatched", session.sheets)
         onward = "" if after else "done"
         if after is not None and after.stops[0] != before.stops[1] + 1:

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
+from itertools import pairwise
 
 import numpy as np
 from PIL import Image
@@ -244,24 +245,21 @@ def _draw_chains(pdf: Pdf, at: ToPage, picture: Rect, drawing: MountDrawing) -> 
     b, gaps = drawing.sheet_mm, drawing.gaps_mm
     left, low, right, high = drawing.extremes_mm
     level, upright = picture.y - 4.5, picture.x - 4.5
-    corners = [at(left), at((b[0], b[1])), at((b[2], b[1])), at(right)]
-    for x, y in corners:
-        _extend(pdf, (x, y), (x, level - 1.0))
-    for start, end, mm in zip(corners[:-1], corners[1:], (gaps[0], b[2] - b[0], gaps[2]), strict=True):
-        _chain_link(pdf, (start[0], level), (end[0], level), mm)
-    corners = [at(low), at((b[0], b[1])), at((b[0], b[3])), at(high)]
-    for x, y in corners:
-        _extend(pdf, (x, y), (upright - 1.0, y))
-    for start, end, mm in zip(corners[:-1], corners[1:], (gaps[1], b[3] - b[1], gaps[3]), strict=True):
-        _chain_link(pdf, (upright, start[1]), (upright, end[1]), mm)
+    corner = (b[0], b[1])
+    below = [at(point) for point in (left, corner, (b[2], b[1]), right)]
+    beside = [at(point) for point in (low, corner, (b[0], b[3]), high)]
+    _draw_chain(pdf, below, [(x, level) for x, _ in below], (0, -1), (gaps[0], b[2] - b[0], gaps[2]))
+    _draw_chain(pdf, beside, [(upright, y) for _, y in beside], (-1, 0), (gaps[1], b[3] - b[1], gaps[3]))
 
 
-def _extend(pdf: Pdf, start: Point, end: Point) -> None:
-    pdf.ink(SOFT, 0.12)
-    pdf.setDash(0.5, 0.6)
-    pdf.line(*start, *end)
-    pdf.setDash()
-
-
-def _chain_link(pdf: Pdf, start: Point, end: Point, mm: float) -> None:
-    pdf.dimension(start, end, f"{mm:.0f}" if mm >= 0.5 else (f"over {-mm:.0f}" if mm <= -0.5 else "0"))
+def _draw_chain(
+    pdf: Pdf, corners: Sequence[Point], places: Sequence[Point], way: Point, lengths: Sequence[float]
+) -> None:
+    """Dashed lines from corners to just behind their places on the chain, and the dimension between each two."""
+    for corner, (x, y) in zip(corners, places, strict=True):
+        pdf.ink(SOFT, 0.12)
+        pdf.setDash(0.5, 0.6)
+        pdf.line(*corner, x + way[0], y + way[1])
+        pdf.setDash()
+    for (start, end), mm in zip(pairwise(places), lengths, strict=True):
+        pdf.dimension(start, end, f"{mm:.0f}" if mm >= 0.5 else (f"over {-mm:.0f}" if mm <= -0.5 else "0"))

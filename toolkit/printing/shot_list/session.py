@@ -20,11 +20,11 @@ from toolkit.printing.shot_list.mounting import (
 from toolkit.printing.shot_list.tour import (
     CameraPlace,
     Stop,
-    Stretch,
     Surroundings,
+    TourLeg,
     draw_walk,
+    find_legs,
     find_stops,
-    find_stretches,
     goes_round,
     name_change,
     survey,
@@ -84,7 +84,7 @@ class ObjectSession:
     @property
     def rounds(self) -> bool:
         """Whether the camera goes round once per variant."""
-        return goes_round(find_stretches(self.stops), self.stops)
+        return goes_round(find_legs(self.stops), self.stops)
 
 
 def prepare_session(
@@ -175,9 +175,9 @@ def advise_sticking(item: TableObject, booster: Print, patch_pdf: str | None, dr
     ]
 
 
-def explain_order(stretches: Sequence[Stretch]) -> str:
+def explain_order(legs: Sequence[TourLeg]) -> str:
     """Why the rounds are cut in two, where they are: half of the unpatched shots before the others, half after."""
-    names = [stretch.variant for stretch in stretches]
+    names = [leg.variant for leg in legs]
     if len(set(names)) > 1 and names[0] == names[-1] == "unpatched":
         return (
             "Half of the unpatched shots come before the others and half after them, so that light that drifts "
@@ -293,8 +293,8 @@ def _draw_missing(pdf: Pdf, area: Rect, why: str | None) -> None:
 
 
 def _draw_rounds(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
-    """What is shot in which stretch, with a box to tick for each and for each change of the sheet."""
-    stretches = find_stretches(session.stops)
+    """What is shot in which leg, with a box to tick for each and for each change of the sheet."""
+    legs = find_legs(session.stops)
     y = pdf.heading(area, "The rounds" if session.rounds else "At each place")
     shots = sum(len(stop.shots) for stop in session.stops)
     if not session.rounds:
@@ -306,16 +306,16 @@ def _draw_rounds(pdf: Pdf, area: Rect, session: ObjectSession) -> None:
         pdf.write_lines(words, area.x, y, TEXT_MM, room_mm=area.width)
         return
     turns = {1: "once", 2: "twice"}.get(len(session.stops[0].shots), f"{len(session.stops[0].shots)} times")
-    words = f"{shots} shots at {len(session.stops)} places, {turns} round. {explain_order(stretches)}".strip()
+    words = f"{shots} shots at {len(session.stops)} places, {turns} round. {explain_order(legs)}".strip()
     y = pdf.write_lines(words, area.x, y, TEXT_MM, room_mm=area.width) - 2.6
     rows: list[tuple[str, str]] = []  # words, and the shots on the right; a change of the sheet has none
     before: str | None = None
-    for stretch in stretches:
-        if change := name_change(before, stretch.variant, session.sheets):
+    for leg in legs:
+        if change := name_change(before, leg.variant, session.sheets):
             rows.append((change, ""))
-        where, shots_there = _name_span("place", stretch.stops), _name_span("shot", stretch.shots)
-        rows.append((f"{stretch.variant}, {where}", shots_there))
-        before = stretch.variant
+        where, shots_there = _name_span("place", leg.stops), _name_span("shot", leg.shots)
+        rows.append((f"{leg.variant}, {where}", shots_there))
+        before = leg.variant
     step = min(7.6, (y - area.y) / (len(rows) + 1))
     if before not in (None, "unpatched"):
         rows.append((name_change(before, "unpatched", session.sheets), ""))

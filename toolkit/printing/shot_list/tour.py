@@ -65,7 +65,7 @@ class Stop:
 
 
 @dataclass(frozen=True)
-class Stretch:
+class TourLeg:
     """Shots in a row of one variant at places in a row."""
 
     variant: str
@@ -83,26 +83,26 @@ def find_stops(poses: Sequence[Pose], steps: Sequence[ShotStep]) -> list[Stop]:
     ]
 
 
-def find_stretches(stops: Sequence[Stop]) -> list[Stretch]:
-    """The rounds of one object as stretches without a change; a round's end at the last place ends one too."""
+def find_legs(stops: Sequence[Stop]) -> list[TourLeg]:
+    """The rounds of one object as legs without a change; a round's end at the last place ends one too."""
     visits = sorted((shot.number, shot.variant, stop.number) for stop in stops for shot in stop.shots)
     starts = [0]
     for i, ((_, variant, stop), (_, next_variant, next_stop)) in enumerate(pairwise(visits), 1):
         if next_variant != variant or next_stop != stop + 1:
             starts.append(i)
     return [
-        Stretch(visits[a][1], (visits[a][0], visits[b - 1][0]), (visits[a][2], visits[b - 1][2]))
+        TourLeg(visits[a][1], (visits[a][0], visits[b - 1][0]), (visits[a][2], visits[b - 1][2]))
         for a, b in pairwise([*starts, len(visits)])
     ]
 
 
-def goes_round(stretches: Sequence[Stretch], stops: Sequence[Stop]) -> bool:
+def goes_round(legs: Sequence[TourLeg], stops: Sequence[Stop]) -> bool:
     """Whether the camera goes round once per variant, with few changes; false where variants alternate."""
-    return len(stretches) <= 2 * max(len(stop.shots) for stop in stops)
+    return len(legs) <= 2 * max(len(stop.shots) for stop in stops)
 
 
 def name_change(before: str | None, after: str, sheets: int) -> str:
-    """What to do with an object and its sheets between two stretches; empty where nothing changes."""
+    """What to do with an object and its sheets between two legs; empty where nothing changes."""
     if before == after or (before is None and after == "unpatched"):
         return ""
     steps = [] if before is None else [_name_leaving(before, sheets)]
