@@ -307,10 +307,10 @@ def print_board(
     build = build_strip_pdf if spec is None else partial(build_board_pdf, spec)
     document = build(page.paper, page.orientation)
     write_bytes(pdf_file, document.content)
-    note = spec and _compare(workspace, spec)  # before the spec that it is compared with is replaced
+    note = _compare(workspace, spec) if spec else None  # before the spec that it is compared with is replaced
     paper = document.plan.frame.paper
     return PrintedBoard(
-        kind=wanted.kind, file=str(pdf_file), spec_file=spec and str(write_board(workspace, spec)),
+        kind=wanted.kind, file=str(pdf_file), spec_file=str(write_board(workspace, spec)) if spec else None,
         description=spec.describe() if spec else f"colour strip of {len(STRIP.swatches)} cells",
         size_mm=(round(spec.size_mm[0], 3), round(spec.size_mm[1], 3)) if spec else STRIP.size_mm,
         paper=paper.name, orientation=paper.orientation, pages=len(document.plan.pages), tiles=document.plan.tiles,

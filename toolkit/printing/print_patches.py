@@ -62,8 +62,8 @@ def _find_class(known: dict[str, Path], wanted: str) -> list[Path]:
             broken.append(str(error))
     found = [known[name] for name, class_name in trained_for.items() if class_name.casefold() == wanted.casefold()]
     if not found:
-        error = one_of("patch or class", wanted, sorted({*known, *trained_for.values()}))
-        raise ToolkitError("; ".join([str(error), *broken]))
+        unknown = one_of("patch or class", wanted, sorted({*known, *trained_for.values()}))
+        raise ToolkitError("; ".join([str(unknown), *broken]))
     return found
 
 
