@@ -15,7 +15,7 @@ import numpy as np
 from toolkit.boosters.patch_config import SMALLEST_PX
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError
-from toolkit.objects.records import Network, PatchRecord
+from toolkit.objects.records import NetworkRecord, PatchRecord
 
 Advance = Callable[[int], None]
 
@@ -53,7 +53,7 @@ class Baseline(ABC):
     method: str
     seed: int = 0
     settings: dict[str, Any]
-    networks: list[Network]
+    networks: list[NetworkRecord]
     least_px: int = SMALLEST_PX
     least_because: str = ""
 
