@@ -34,6 +34,6 @@ from toolkit.experiments.corruptions.config import CorruptEvalConfig as CorruptE
 from toolkit.evaluation.notebook import predictions_table as predictions_table
 from toolkit.evaluation.notebook import load_captures as load_captures
 from toolkit.corruptions.draws import image_seed as image_seed
-from toolkit.cli.health import check_machine as check_machine
+from toolkit.training.machine import check_machine as check_machine
 from toolkit.core.console import quietly as quietly
 from toolkit.core.errors import ToolkitError as ToolkitError

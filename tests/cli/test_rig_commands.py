@@ -9,9 +9,9 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from toolkit.cli import app
-from toolkit.cli.health import Check
 from toolkit.cli.plan import what_pairs_can_show
 from toolkit.rig.plan import read_plan
+from toolkit.training.machine import Check
 
 
 @pytest.fixture
@@ -102,7 +102,7 @@ def test_capture_sim_shoots_resumes_and_notes_what_is_stale(space):
 )
 def test_doctor_prints_the_line_that_fixes_it(space, monkeypatch, state, code, words):
     found = [Check("disk", "ok", "much"), Check("thing", state, "absent [bold]", "apt install thing")]
-    monkeypatch.setattr("toolkit.cli.health.check_machine", lambda folder: found)
+    monkeypatch.setattr("toolkit.training.machine.check_machine", lambda folder: found)
     result = call("doctor", code=code)
     assert words in result.stdout and "apt install thing" in result.stdout and "absent [bold]" in result.stdout
     listed = json.loads(call("doctor", "--json", code=code).stdout)

@@ -82,7 +82,7 @@ def test_egl_is_asked_for(planted):
 
 @pytest.mark.slow
 def test_open3d_is_asked_for(planted):
-    from toolkit.cli.health import _open3d
+    from toolkit.training.machine import _open3d
 
     assert _open3d().state == "ok" and planted() == ""
 

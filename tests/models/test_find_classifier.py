@@ -9,13 +9,13 @@ import torch
 import torchvision
 from safetensors.torch import load_file, save_file
 
-from toolkit.cli import health
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.evaluation.survey import list_models, survey_models
 from toolkit.models import bundled, find, load_classifier
 from toolkit.models.bundled import load_best, read_bundled
 from toolkit.models.find import find_classifier, list_own, pair_weights
+from toolkit.training import machine
 from toolkit.training.classifier_task import halve_weights, summarise_answers
 
 LABELS = ["racer", "warplane", "coffee mug"]
@@ -155,12 +155,12 @@ def test_the_demo_takes_imagenet_where_it_can_and_else_says_so(tmp_path, nothing
 
 def test_the_doctor_names_the_bundled_classifier(nothing_bundled):
     assert read_bundled() is None
-    assert health._bundled().state == "note"
+    assert machine._bundled().state == "note"
     file = write_own(nothing_bundled, "rig18")
-    check = health._bundled()
+    check = machine._bundled()
     assert check.state == "ok" and "not ImageNet, 90% of 50 held-out images right" in check.found
     file.write_bytes(b"changed")
-    check = health._bundled()
+    check = machine._bundled()
     assert check.state == "missing" and "does not match its record" in check.found
 
 

@@ -123,7 +123,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "demo": Entry("objects:demo", "walk the whole road in a new workspace"),
         "objects": Entry("objects:list_objects", "list the objects that can be photographed"),
         "models": Entry("models:list_models", "list the networks that are at hand"),
-        "doctor": Entry("health:doctor", "check what the kit needs from this machine"),
+        "doctor": Entry("init:doctor", "check what the kit needs from this machine"),
     },
 }
 

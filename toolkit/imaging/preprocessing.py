@@ -44,11 +44,7 @@ class Preprocessing:
 def published_preprocessing(preset: "ImageClassification") -> Preprocessing:
     """From torchvision's `weights.transforms()`."""
     return Preprocessing(
-        preset.resize_size[0],
-        preset.crop_size[0],
-        tuple(preset.mean),
-        tuple(preset.std),
-        preset.interpolation.name,
+        preset.resize_size[0], preset.crop_size[0], tuple(preset.mean), tuple(preset.std), preset.interpolation.name
     )
 
 

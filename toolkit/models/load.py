@@ -9,13 +9,7 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.imaging.preprocessing import published_preprocessing
 from toolkit.models.architectures import build_network, imagenet_labels, published_weights
 from toolkit.models.find import EXPORTED_SUFFIX, ONNX_PREFIX, TIMM_PREFIX, Found, find_classifier, pair_weights
-from toolkit.models.labels import (
-    PYTHON_PREFIX,
-    adapt_preprocessing,
-    choose_labels,
-    join_labels_files,
-    read_labels_file,
-)
+from toolkit.models.labels import PYTHON_PREFIX, adapt_preprocessing, choose_labels, join_labels_files, read_labels_file
 from toolkit.models.network import Classifier, check_hash, choose_device
 from toolkit.models.weights import WeightsFile, find_weights, read_checkpoint
 
@@ -26,10 +20,7 @@ if TYPE_CHECKING:
 
 
 def load_classifier(
-    model: str | None = None,
-    weights: Path | None = None,
-    device: str = "auto",
-    folder: Path | None = None,
+    model: str | None = None, weights: Path | None = None, device: str = "auto", folder: Path | None = None
 ) -> Classifier:
     """Load a classifier: a network by name, one that `toolkit train-classifier` made, a program, a function's.
 

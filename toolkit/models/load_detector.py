@@ -14,14 +14,7 @@ from toolkit.models.find import ONNX_PREFIX, TORCHVISION_PREFIX
 from toolkit.models.labels import LabelsFile, choose_labels, read_labels_file
 from toolkit.models.network import check_hash, choose_device
 from toolkit.models.torchvision_detectors import TorchvisionDetector
-from toolkit.models.weights import (
-    cache_dir,
-    check_named,
-    download,
-    find_in_folder,
-    open_weights,
-    read_state_dict,
-)
+from toolkit.models.weights import cache_dir, check_named, download, find_in_folder, open_weights, read_state_dict
 
 if TYPE_CHECKING:
     from torchvision.models import WeightsEnum

@@ -141,10 +141,7 @@ class ClassifierConfig(Config):
         "Several may be given.",
     )
     robust: Annotated[
-        Attack | None,
-        BeforeValidator(read_attack),
-        Later,
-        Flag(metavar="l2:EPS|linf:EPS", group=STEPS, typed=str),
+        Attack | None, BeforeValidator(read_attack), Later, Flag(metavar="l2:EPS|linf:EPS", group=STEPS, typed=str)
     ] = Field(
         None,
         description="Train on the worst images in a ball around each, as far as EPS in values of 0 to 1: l2:0.5, "

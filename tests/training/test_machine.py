@@ -9,11 +9,11 @@ from types import SimpleNamespace
 
 import pytest
 
-from toolkit.cli import health
+from toolkit.training import machine
 
 CHECKS = {
-    "Python": health._python, "packages": health._packages, "Open3D": health._open3d, "EGL": health._egl,
-    "ResNet-18 weights": health._weights,
+    "Python": machine._python, "packages": machine._packages, "Open3D": machine._open3d, "EGL": machine._egl,
+    "ResNet-18 weights": machine._weights,
 }  # fmt: skip
 
 
@@ -27,20 +27,20 @@ def test_this_machine_runs_the_tests_so_it_has_what_is_needed():
 def test_another_python_is_missing(monkeypatch):
     for version in ((3, 9, 1), (3, 13, 0)):
         monkeypatch.setattr(sys, "version_info", version)
-        check = health._python()
+        check = machine._python()
         assert check.state == "missing" and "3.10, 3.11 or 3.12" in check.fix
 
 
 def test_absent_packages_are_named_with_the_line_that_installs_them(monkeypatch):
-    real = health.version
+    real = machine.version
 
     def version(name):
         if name in ("trimesh", "open3d"):
             raise PackageNotFoundError(name)
         return real(name)
 
-    monkeypatch.setattr(health, "version", version)
-    check = health._packages()
+    monkeypatch.setattr(machine, "version", version)
+    check = machine._packages()
     assert check.state == "missing" and check.found == "2 not installed"
     assert check.fix.startswith("pip install ") and "'open3d==0.19.0'" in check.fix and "'trimesh" in check.fix
 
@@ -50,19 +50,19 @@ def test_an_open3d_that_cannot_start_names_the_system_libraries(monkeypatch):
         return SimpleNamespace(returncode=1, stdout=b"", stderr=b"Traceback\nOSError: libusb-1.0.so.0: cannot open\n")
 
     monkeypatch.setattr(subprocess, "run", run)
-    check = health._open3d()
+    check = machine._open3d()
     assert check.state == "missing" and "libusb" in check.found
     assert check.fix.startswith("sudo apt-get install") and "libusb-1.0-0" in check.fix
 
 
 def test_an_open3d_that_crashes_is_told_by_its_code(monkeypatch):
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: SimpleNamespace(returncode=-11, stdout=b"", stderr=b""))
-    assert "-11" in health._open3d().found
+    assert "-11" in machine._open3d().found
 
 
 def test_without_egl_only_filament_is_lost(monkeypatch):
     monkeypatch.setattr("toolkit.rig.egl.egl_trouble", lambda: "libEGL.so.1 is missing")
-    check = health._egl()
+    check = machine._egl()
     assert check.state == "note" and "libEGL.so.1 is missing" in check.found and "libegl1" in check.fix
 
 
@@ -75,7 +75,7 @@ def test_free_disk(tmp_path, monkeypatch, free_mb, state):
         return SimpleNamespace(free=free_mb * 2**20)
 
     monkeypatch.setattr(shutil, "disk_usage", usage)
-    check = health._disk(tmp_path / "not" / "yet")
+    check = machine._disk(tmp_path / "not" / "yet")
     assert check.state == state and asked == [tmp_path]
     assert bool(check.fix) == (state == "missing")
 
@@ -83,29 +83,29 @@ def test_free_disk(tmp_path, monkeypatch, free_mb, state):
 def test_weights_are_found_or_the_way_to_them_is_told(tmp_path, monkeypatch):
     monkeypatch.setenv("TORCH_HOME", str(tmp_path / "cache"))
     monkeypatch.delenv("TOOLKIT_WEIGHTS", raising=False)
-    check = health._weights()
+    check = machine._weights()
     assert (check.state, check.found) == ("note", "not on this machine yet") and "TOOLKIT_WEIGHTS" in check.fix
     monkeypatch.setenv("TOOLKIT_WEIGHTS", str(tmp_path))
-    assert health._weights() == check  # a folder without them
+    assert machine._weights() == check  # a folder without them
     monkeypatch.setenv("TOOLKIT_WEIGHTS", str(tmp_path / "nowhere"))
-    check = health._weights()
+    check = machine._weights()
     assert (check.state, check.fix) == ("missing", "fix or unset TOOLKIT_WEIGHTS")
     assert check.found == f"TOOLKIT_WEIGHTS is {tmp_path / 'nowhere'}, which is no folder"
     (tmp_path / "cache" / "hub" / "checkpoints").mkdir(parents=True)
     (tmp_path / "cache" / "hub" / "checkpoints" / "resnet18-f37072fd.pth").write_bytes(b"x")
-    check = health._weights()  # downloaded before: found whatever the variable says
+    check = machine._weights()  # downloaded before: found whatever the variable says
     assert check.state == "ok" and "resnet18-f37072fd.pth" in check.found
     (tmp_path / "resnet18-abcd1234.pth").write_bytes(b"x")
     monkeypatch.setenv("TOOLKIT_WEIGHTS", str(tmp_path))
-    check = health._weights()
+    check = machine._weights()
     assert check.state == "ok" and "resnet18-abcd1234.pth" in check.found
 
 
 def test_where_the_compiled_renderer_lies_or_will(tmp_path, monkeypatch):
-    def check(cache: Path) -> health.Check:
+    def check(cache: Path) -> machine.Check:
         monkeypatch.setenv("TOOLKIT_CACHE", str(cache))
         cache_folder.cache_clear()
-        return health._renderer()
+        return machine._renderer()
 
     from toolkit.rig.kernel.compiled import cache_folder
 
@@ -125,5 +125,5 @@ def test_where_the_compiled_renderer_lies_or_will(tmp_path, monkeypatch):
 
 def test_a_numba_that_cannot_be_loaded_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "toolkit.rig.kernel.compiled", None)
-    check = health._renderer()
+    check = machine._renderer()
     assert check.state == "missing" and "numba" in check.fix

@@ -1,17 +1,14 @@
-"""`toolkit doctor`: what the kit needs from a machine, checked one by one, each with the line that fixes it."""
+"""What the kit needs from a machine, checked one by one, each with the line that fixes it."""
 
 import os
 import platform
+import re
 import shutil
 import sys
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 
-import typer
-
-from toolkit.cli import options
-from toolkit.cli.output import say, show_json
 from toolkit.core.child import run_python
 from toolkit.core.errors import ToolkitError
 from toolkit.rig.egl import PACKAGES
@@ -55,8 +52,6 @@ def _python() -> Check:
 
 
 def _packages() -> Check:
-    import re
-
     try:
         wanted = requires("toolkit-boost") or []
     except PackageNotFoundError:
@@ -159,23 +154,3 @@ def _gpu() -> Check:
     if torch.cuda.is_available():
         return Check("GPU", "ok", torch.cuda.get_device_name(0))
     return Check("GPU", "note", "none; everything works on the CPU, training takes minutes")
-
-
-def doctor(workspace: options.Workspace = None, as_json: options.Json = False) -> None:
-    """Check what the kit needs from this machine; each thing missing comes with the line that fixes it."""
-    from toolkit.core.console import console
-    from toolkit.core.workspace import open_workspace
-
-    checks = check_machine(open_workspace(workspace).root)
-    missing = [check for check in checks if check.state == "missing"]
-    if as_json:
-        show_json([asdict(check) for check in checks])
-    else:
-        marks = {"ok": ("✓", "green"), "missing": ("✗", "red"), "note": ("•", "yellow")}
-        for check in checks:
-            mark, colour = marks[check.state]
-            console.print(f"{mark} {check.name}: {check.found}", style=colour, markup=False, soft_wrap=True)
-            if check.fix:
-                say(f"    {check.fix}")
-        say("ready; next: toolkit demo" if not missing else f"{len(missing)} to fix, as the lines above say")
-    raise typer.Exit(1 if missing else 0)
