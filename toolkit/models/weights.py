@@ -16,7 +16,6 @@ from zipfile import BadZipFile, ZipFile
 from toolkit.core.console import is_quiet
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_file
-from toolkit.core.names import is_folder_name
 from toolkit.models.architectures import published_weights
 from toolkit.models.labels import LabelsFile, find_labels
 
@@ -196,11 +195,11 @@ def _load(path: Path) -> object:
     except pickle.UnpicklingError as error:
         named = re.search(r"GLOBAL ([\w.]+)", str(error))
         holds = f"a pickled module or other objects ({named[1]})" if named else "more than numbers, or is damaged,"
-        is_foreign = named is not None and named[1].startswith(FOREIGN)
-        name = path.stem if is_folder_name(path.stem) else "FILE"  # it is run as it stands
-        advice = TAKE_OUT.format(name + path.suffix, name) if is_foreign else f"where you made it, {SAVE_STATE}"
+        advice = SAVE_NUMBERS if named is not None and named[1].startswith(FOREIGN) else SAVE_STATE
         raise FieldError(
-            f"{path} holds {holds} and is not loaded for safety, as loading would run its code: {advice}", {}
+            f"{path} holds {holds} and is not loaded for safety, as loading would run its code: where it was made, "
+            f"{advice}",
+            {},
         ) from None
     except (SafetensorError, RuntimeError, EOFError, OSError, ValueError, KeyError) as error:
         reason = str(error).strip().splitlines()[0] if str(error).strip() else error.__class__.__name__
@@ -212,9 +211,9 @@ WHOLE = (".onnx", ".pt2")
 SAVE_STATE = "save its state dict with torch.save(model.state_dict(), 'NEW.pth'), and name its network with {model}"
 FOREIGN = ("dill.", "robustness.", "cox.", "numpy.")
 """What a checkpoint may hold that MadryLab's robustness library pickled: functions, settings, learning rates."""
-TAKE_OUT = (
-    "only if you trust who made it, take its numbers out with python -c \"import dill, torch; torch.save({{'model': "
-    "torch.load('{}', 'cpu', dill, weights_only=False)['model']}}, '{}.pth')\", and load that file"
+SAVE_NUMBERS = (
+    "save its numbers alone with safetensors.torch.save_file({name: value.clone() for name, value in "
+    "checkpoint['model'].items()}, 'NEW.safetensors'), and load that file"
 )
 PROGRAMS = {
     ".onnx": "an ONNX graph", ".pt2": "a program of torch.export", ".ptl": "a program for PyTorch Mobile",
