@@ -51,7 +51,8 @@ def measure_speed(folder: Path) -> dict[str, float]:
     import torch
     import torchvision
 
-    from toolkit.corruptions import COMMON, corrupt
+    from toolkit.corruptions.batch import corrupt
+    from toolkit.corruptions.catalogue import COMMON
     from toolkit.experiments.corruptions.grid import run_grid
 
     corruptions = tuple((name, SEVERITY) for name in COMMON)

@@ -12,7 +12,8 @@ import numpy as np
 import torch
 
 from benchmarks.corruption_formulas import FORMULAS
-from toolkit.corruptions import CORRUPTIONS, corrupt
+from toolkit.corruptions.batch import corrupt
+from toolkit.corruptions.catalogue import CORRUPTIONS
 
 BATCH, SIDE_PX, SEVERITY, TURNS = 16, 224, 3, 5
 SLOW = {"glass_blur": 1}

@@ -15,8 +15,8 @@ from PIL import Image
 from scipy import ndimage
 from skimage import color, filters, util
 
-from toolkit.corruptions import CORRUPTIONS
-from toolkit.corruptions.frost_texture import draw_panes
+from toolkit.corruptions.catalogue import CORRUPTIONS
+from toolkit.corruptions.weather import draw_panes
 
 
 def finish(values: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ from toolkit.rig.plan import plan_objects as plan_objects
 from toolkit.captures.render import render as render
 from toolkit.captures.shoot import shoot_plan as shoot_plan
 from toolkit.captures.shoot import ShootSettings as ShootSettings
-from toolkit.corruptions.corrupt import corrupt as corrupt
+from toolkit.corruptions.batch import corrupt as corrupt
 from toolkit.evaluation.evaluate import evaluate_captures as evaluate_captures
 from toolkit.evaluation.config import EvalConfig as EvalConfig
 from toolkit.experiments.corruptions.evaluate import evaluate_benchmark as evaluate_benchmark

@@ -22,7 +22,8 @@ from toolkit.boosters.transforms.weather import DIFFERENTIABLE, Corrupted, corru
 from toolkit.boosters.validation import validate_patch
 from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
-from toolkit.corruptions import CORRUPTIONS, corrupt
+from toolkit.corruptions.batch import corrupt
+from toolkit.corruptions.catalogue import CORRUPTIONS
 from toolkit.imaging.preprocessing import Preprocessing
 
 

@@ -5,10 +5,19 @@ import pytest
 import torch
 from scipy import ndimage
 
-from toolkit.corruptions import CORRUPTIONS, corrupt
-from toolkit.corruptions.blur import blur_along, disk_kernel, draw_neighbours, motion_taps, trace_copies
+from toolkit.corruptions.batch import corrupt
+from toolkit.corruptions.blur import (
+    blur_along,
+    blur_by_matrix,
+    blur_gaussian,
+    disk_kernel,
+    draw_neighbours,
+    filter_by_kernel,
+    motion_taps,
+    trace_copies,
+)
+from toolkit.corruptions.catalogue import CORRUPTIONS
 from toolkit.corruptions.draws import RandomStreams
-from toolkit.corruptions.filters import blur_by_matrix, blur_gaussian, filter_by_kernel
 
 IMAGEMAGICK = {
     (30, 30): 15384, (29, 30): 14553, (28, 29): 12319, (27, 29): 9331, (27, 28): 6325, (26, 28): 3836, (25, 27): 2082,

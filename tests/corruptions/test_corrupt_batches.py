@@ -5,16 +5,10 @@ import pytest
 import torch
 
 from toolkit.core.errors import ToolkitError
-from toolkit.corruptions import (
-    COMMON,
-    CORRUPTIONS,
-    FAMILIES,
-    SEVERITIES,
-    choose_parameters,
-    corrupt,
-    corrupt_picture,
-    image_seed,
-)
+from toolkit.core.severities import SEVERITIES
+from toolkit.corruptions.batch import corrupt, corrupt_picture
+from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, FAMILIES, choose_parameters
+from toolkit.corruptions.draws import image_seed
 
 CLOSED = {
     "defocus_blur", "zoom_blur", "gaussian_blur", "brightness", "contrast", "pixelate", "jpeg_compression", "saturate",

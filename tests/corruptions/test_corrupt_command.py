@@ -9,9 +9,10 @@ from typer.testing import CliRunner
 
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
-from toolkit.corruptions import CORRUPTIONS, corrupt_picture, image_seed
+from toolkit.corruptions.batch import corrupt_picture
+from toolkit.corruptions.catalogue import CORRUPTIONS, choose_names
+from toolkit.corruptions.draws import image_seed
 from toolkit.corruptions.folder import LOG_FILE, corrupt_folder
-from toolkit.corruptions.request import choose_names
 
 
 def run(*arguments) -> tuple[int, str, str]:

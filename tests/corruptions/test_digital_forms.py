@@ -9,7 +9,9 @@ import torch
 from PIL import Image
 from scipy import ndimage
 
-from toolkit.corruptions import CORRUPTIONS, SEVERITIES, corrupt
+from toolkit.core.severities import SEVERITIES
+from toolkit.corruptions.batch import corrupt
+from toolkit.corruptions.catalogue import CORRUPTIONS
 from toolkit.corruptions.draws import RandomStreams
 
 

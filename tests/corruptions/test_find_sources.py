@@ -5,8 +5,7 @@ import pytest
 from PIL import Image
 
 from toolkit.core.errors import ToolkitError
-from toolkit.corruptions.folder import corrupt_folder
-from toolkit.corruptions.request import find_sources
+from toolkit.corruptions.folder import corrupt_folder, find_sources
 
 
 @pytest.fixture
@@ -34,8 +33,8 @@ def test_out_within_is_passed_over_links_and_all(photos, tmp_path):
     out.mkdir()
     (out / "link.png").symlink_to(tmp_path / "elsewhere/3.png")
     found = find_sources(photos, out, "png")
-    assert [source.path for source in found.sources] == ["a/1.png", "b/2.png"]
-    assert found.refused == ()
+    assert [source.path for source in found[0]] == ["a/1.png", "b/2.png"]
+    assert found[1] == []
 
 
 def test_nothing_but_links_is_one_line(tmp_path, photos):

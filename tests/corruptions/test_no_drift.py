@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 import torch
 
-from toolkit.corruptions import CORRUPTIONS, corrupt
+from toolkit.corruptions.batch import corrupt
+from toolkit.corruptions.catalogue import CORRUPTIONS
 
 GOLDEN = Path(__file__).with_name("drift.json")
 SEED = 2024

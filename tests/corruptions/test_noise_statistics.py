@@ -5,7 +5,8 @@ import pytest
 import torch
 from scipy.stats import chisquare, poisson
 
-from toolkit.corruptions import CORRUPTIONS, corrupt
+from toolkit.corruptions.batch import corrupt
+from toolkit.corruptions.catalogue import CORRUPTIONS
 from toolkit.corruptions.draws import RandomStreams
 from toolkit.corruptions.noise import draw_poisson
 

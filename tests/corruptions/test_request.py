@@ -3,8 +3,7 @@
 import pytest
 
 from toolkit.core.errors import ToolkitError
-from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS
-from toolkit.corruptions.request import name_corruptions, parse_corruptions
+from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, name_corruptions, parse_corruptions
 
 
 def test_names_with_severities():

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from toolkit.corruptions import CORRUPTIONS, SEVERITIES, corrupt
+from toolkit.core.severities import SEVERITIES
+from toolkit.corruptions.batch import corrupt
+from toolkit.corruptions.catalogue import CORRUPTIONS
 from toolkit.corruptions.draws import RandomStreams
-from toolkit.corruptions.frost_texture import PANES, draw_panes
-from toolkit.corruptions.weather import cut_frost, draw_clouds
+from toolkit.corruptions.weather import PANES, cut_frost, draw_clouds, draw_panes
 
 CPU = torch.device("cpu")
 

@@ -17,6 +17,8 @@ from toolkit.captures.read import read_captures
 from toolkit.cli import main
 from toolkit.core.workspace import make_workspace
 from toolkit.corruptions import corrupt_picture, image_seed
+from toolkit.corruptions.batch import corrupt_picture
+from toolkit.corruptions.draws import image_seed
 from toolkit.evaluation.config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.ground_truth import add_corrupted

@@ -75,12 +75,11 @@ def _check_own(out: Path, corruption: Corruption) -> None:
 
 def _write_records(source_dir: Path, out: Path, corruption: Corruption) -> None:
     """Bring the manifest up to what lies in the folder; a run that was stopped in between is caught up with."""
-    from toolkit.corruptions.folder import read_finished
-    from toolkit.corruptions.request import find_sources
+    from toolkit.corruptions.folder import find_sources, read_finished
 
     shots, known, finished = read_manifest(source_dir), read_manifest(out), read_finished(out)
     records = []
-    for source in find_sources(source_dir, out, "png").sources:
+    for source in find_sources(source_dir, out, "png")[0]:
         shot, line = shots.get(source.path), finished.get(source.target)
         if shot is None or line is None or line.source_sha256 != shot.image_sha256:
             continue

@@ -51,8 +51,8 @@ def corrupt(
     One corruption at one severity mirrors IN in OUT; several lie in OUT/NAME/SEVERITY.
     """
     from toolkit.core.severities import SEVERITIES
+    from toolkit.corruptions.catalogue import find_note, parse_corruptions
     from toolkit.corruptions.folder import corrupt_images
-    from toolkit.corruptions.request import find_note, parse_corruptions
     from toolkit.models.network import choose_device
 
     chosen = parse_corruptions(names, severities or SEVERITIES)

@@ -10,7 +10,7 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_table, warn
-from toolkit.core.tables import list_spans
+from toolkit.core.severities import list_spans
 from toolkit.photos.importing.settings import ImportSettings
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
 """Severities 1 (slight) to 5 (severe), as they are written: `fog:3`, `snow:1-5`."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from toolkit.core.errors import ToolkitError
 
@@ -30,3 +30,14 @@ def parse_severities(kind: str, word: str, default: Sequence[int] = SEVERITIES) 
             f"{kind} '{word}': severity '{after}': expected one of 1 (slight) to 5 (severe) or a range such as 1-3"
         )
     return range(first, last + 1)
+
+
+def list_spans(numbers: Iterable[int]) -> list[str]:
+    """`1-3`, `7` of 1, 2, 3, 7 in any order."""
+    spans: list[list[int]] = []
+    for number in sorted(numbers):
+        if spans and number == spans[-1][1] + 1:
+            spans[-1][1] = number
+        else:
+            spans.append([number, number])
+    return [str(first) if first == last else f"{first}-{last}" for first, last in spans]

@@ -39,17 +39,6 @@ def format_count(count: int, n: int) -> str:
     )
 
 
-def list_spans(numbers: Iterable[int]) -> list[str]:
-    """`1-3`, `7` of 1, 2, 3, 7 in any order."""
-    spans: list[list[int]] = []
-    for number in sorted(numbers):
-        if spans and number == spans[-1][1] + 1:
-            spans[-1][1] = number
-        else:
-            spans.append([number, number])
-    return [str(first) if first == last else f"{first}-{last}" for first, last in spans]
-
-
 def format_points(share: float) -> str:
     """`−6`, `0`, `+11`: a difference of shares in percentage points."""
     points = round(100 * share)

@@ -17,11 +17,11 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, read_json, sha256_file, write_bytes, write_json
 from toolkit.core.locks import hold_folder
 from toolkit.core.records import RecordLog
-from toolkit.corruptions.catalogue import IMAGENET
-from toolkit.corruptions.corrupt import MIN_SIDE_PX, choose_parameters, corrupt, find_corruption, run_each
+from toolkit.corruptions.batch import MIN_SIDE_PX, corrupt, run_each
+from toolkit.corruptions.catalogue import IMAGENET, choose_parameters, find_corruption
 from toolkit.corruptions.digital import from_bytes, to_bytes
 from toolkit.corruptions.draws import image_seed
-from toolkit.corruptions.request import Source, find_sources
+from toolkit.imaging.folder import find_files
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, read_image
 
@@ -94,6 +94,45 @@ def read_finished(folder: Path) -> dict[str, CorruptedFile]:
     return known
 
 
+@dataclass(frozen=True)
+class SourceImage:
+    """One image: where it is, its path below the folder with forward slashes, and the path of what is made of it."""
+
+    file: Path
+    path: str
+    target: str
+
+
+def find_sources(folder: Path, out: Path, image_format: str) -> tuple[list[SourceImage], list[tuple[str, str]]]:
+    """Every image below `folder`, sorted, and (path, reason) of those that are links to somewhere else.
+
+    Hidden files, and `out` where it lies within, are passed over.
+
+    Raises:
+        ToolkitError: the folder does not exist or may not be read.
+    """
+    real_out = out.resolve()
+
+    def is_made(path: Path) -> bool:
+        file = folder / path
+        return any(place.is_relative_to(real_out) for place in (file.resolve(), file.parent.resolve() / file.name))
+
+    found = find_files(folder)
+    paths = [Path(*parts) for parts in found.images]
+    paths = [path for path in paths if (folder / path).is_file() and not is_made(path)]
+    plain = Counter(path.with_suffix("") for path in paths)
+    # a.jpg and a.png would both become a.png
+    sources = [
+        SourceImage(
+            folder / path,
+            path.as_posix(),
+            (path.with_suffix("") if plain[path.with_suffix("")] == 1 else path).as_posix() + f".{image_format}",
+        )
+        for path in paths
+    ]
+    return sources, [line for line in found.refused if not is_made(Path(line[0]))]
+
+
 BATCH_PIXELS = 16 * 256**2
 MARGIN = (8, 7)
 """Published: the short side to 256, then the middle 224."""
@@ -103,10 +142,10 @@ JPEG_QUALITY = 85
 
 
 @dataclass(frozen=True)
-class Loaded:
+class LoadedImage:
     """A source, its pixels (h, w, 3) uint8, the hash of its file, and where each corruption of it goes."""
 
-    source: Source
+    source: SourceImage
     pixels: np.ndarray
     sha256: str
     wanted: dict[tuple[str, int], str]
@@ -129,9 +168,9 @@ def read_picture(file: Path, size_px: int | None) -> np.ndarray:
     return pixels
 
 
-def split_batches(loaded: list[Loaded]) -> Iterator[list[Loaded]]:
+def split_batches(loaded: list[LoadedImage]) -> Iterator[list[LoadedImage]]:
     """Batches of images of one size, none of more than a million pixels but those of one image."""
-    sizes: dict[tuple[int, ...], list[Loaded]] = {}
+    sizes: dict[tuple[int, ...], list[LoadedImage]] = {}
     for one in loaded:
         sizes.setdefault(one.pixels.shape, []).append(one)
     for shape, same in sizes.items():
@@ -140,7 +179,9 @@ def split_batches(loaded: list[Loaded]) -> Iterator[list[Loaded]]:
             yield same[start : start + count]
 
 
-def render(batch: list[Loaded], name: str, severity: int, seed: int, image_format: str, device: str) -> list[bytes]:
+def render(
+    batch: list[LoadedImage], name: str, severity: int, *, seed: int, image_format: str, device: str
+) -> list[bytes]:
     """Corrupt pictures of one size; the bytes of their files."""
     images = from_bytes(np.stack([one.pixels for one in batch]), device)
     seeds = [image_seed(seed, one.source.path) for one in batch]
@@ -263,7 +304,7 @@ def corrupt_folder(
             for name, severity in plan:
                 ready = [one for one in loaded if (name, severity) in one.wanted]
                 for batch in split_batches(ready):
-                    files = render(batch, name, severity, seed, image_format, device=device)
+                    files = render(batch, name, severity, seed=seed, image_format=image_format, device=device)
                     _write(out, [(one.wanted[name, severity], one.sha256) for one in batch], files, known, result)
                     ticker.advance(len(batch))
     return result
@@ -280,22 +321,22 @@ def _check_settings(source: Path, out: Path, size_px: int | None, image_format: 
         raise ToolkitError(f"no format '{image_format}': choose png or jpg")
 
 
-def _list_sources(source: Path, out: Path, image_format: str) -> tuple[list[Source], list[tuple[str, str]]]:
+def _list_sources(source: Path, out: Path, image_format: str) -> tuple[list[SourceImage], list[tuple[str, str]]]:
     if source.is_file():
-        return [Source(source, source.name, f"{source.stem}.{image_format}")], []
-    found = find_sources(source, out, image_format)
-    if not found.sources:
-        why = f" but links ({found.refused[0][0]}: {found.refused[0][1]})" if found.refused else ""
+        return [SourceImage(source, source.name, f"{source.stem}.{image_format}")], []
+    sources, refused = find_sources(source, out, image_format)
+    if not sources:
+        why = f" but links ({refused[0][0]}: {refused[0][1]})" if refused else ""
         raise ToolkitError(f"{source} holds no images{why}: name a folder of photographs, in any layout")
-    return list(found.sources), list(found.refused)
+    return sources, refused
 
 
 def _load(
-    chunk: Sequence[Source], out: Path, places: Mapping[tuple[str, int], str], known: Mapping[str, CorruptedFile],
+    chunk: Sequence[SourceImage], out: Path, places: Mapping[tuple[str, int], str], known: Mapping[str, CorruptedFile],
     size_px: int | None, result: CorruptResult,
-) -> list[Loaded]:  # fmt: skip
+) -> list[LoadedImage]:  # fmt: skip
     """Read what is not finished yet; what cannot be read or must not be overwritten goes to the result's list."""
-    slots: list[Loaded | None] = [None] * len(chunk)
+    slots: list[LoadedImage | None] = [None] * len(chunk)
     trouble: list[list[tuple[str, str]]] = [[] for _ in chunk]
     kept = [0] * len(chunk)
 
@@ -314,7 +355,7 @@ def _load(
                 else:
                     wanted[item] = target
             if wanted:
-                slots[index] = Loaded(source, read_picture(source.file, size_px), sha256, wanted)
+                slots[index] = LoadedImage(source, read_picture(source.file, size_px), sha256, wanted)
         except UnreadableImage as error:
             trouble[index].append((source.path, error.reason))
         except OSError as error:
@@ -377,8 +418,8 @@ def corrupt_file(
     _check_settings(source, out.parent / f"{out.name}.folder", size_px, image_format)
     result = CorruptResult()
     pixels = read_picture(source, size_px)
-    loaded = Loaded(Source(source, source.name, out.name), pixels, "", {})
-    content = render([loaded], name, severity, seed, image_format, device=device)[0]
+    loaded = LoadedImage(SourceImage(source, source.name, out.name), pixels, "", {})
+    content = render([loaded], name, severity, seed=seed, image_format=image_format, device=device)[0]
     result.sizes.update([(choose_parameters(*pixels.shape[:2]), *pixels.shape[:2])])
     if not out.exists():
         write_bytes(out, content)

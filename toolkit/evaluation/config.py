@@ -27,7 +27,7 @@ def read_corruptions(given: object) -> object:
     Raises:
         ToolkitError: there is no such corruption or severity.
     """
-    from toolkit.corruptions.request import parse_corruptions
+    from toolkit.corruptions.catalogue import parse_corruptions
 
     each = [given] if isinstance(given, str) else given
     if not isinstance(each, list | tuple):

@@ -54,7 +54,7 @@ def add_corrupted(folder: CaptureFolder, corruptions: Sequence[Corruption]) -> C
     """
     if not corruptions:
         return folder
-    from toolkit.corruptions.request import find_note
+    from toolkit.corruptions.catalogue import find_note
 
     clean = [one for one in folder.captures if one.corruption is None]
     taken = {one.source for one in folder.captures}

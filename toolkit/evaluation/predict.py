@@ -148,7 +148,7 @@ def classify_stream(
 def _classify_parts(images: list[np.ndarray], classifier: Classifier) -> list[tuple[np.ndarray, np.ndarray]]:
     if classifier.device != "cpu":
         return classify_images(images, classifier)
-    from toolkit.corruptions.corrupt import run_each
+    from toolkit.corruptions.batch import run_each
 
     parts = [images[start : start + CPU_PART] for start in range(0, len(images), CPU_PART)]
     found: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in parts]
@@ -266,8 +266,9 @@ def corrupt_images(captures: Sequence[Capture], crops: Sequence[np.ndarray], dev
         crops: (h, w, 3) uint8 sRGB of each, all of one size.
         device: cpu or cuda; the same but for float rounding.
     """
-    from toolkit.corruptions import corrupt, image_seed
+    from toolkit.corruptions.batch import corrupt
     from toolkit.corruptions.digital import from_bytes, to_bytes
+    from toolkit.corruptions.draws import image_seed
 
     corruption = find_pending(captures[0]) if captures else None
     if corruption is None:

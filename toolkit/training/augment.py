@@ -132,8 +132,7 @@ def corrupt_some(batch: "torch.Tensor", rng: np.random.Generator, how: Corruptin
     """(b, 3, s, s) float32 sRGB-encoded in [0, 1], a share of it corrupted; the batch is changed."""
     import torch
 
-    from toolkit.corruptions import corrupt
-    from toolkit.corruptions.request import draw_corrupted
+    from toolkit.corruptions.batch import corrupt, draw_corrupted
 
     for chosen, name, severity, seeds in draw_corrupted(rng, len(batch), how.corruptions, how.share):
         which = torch.from_numpy(chosen).to(batch.device)

@@ -76,7 +76,7 @@ def check_arch(arch: str) -> str:
 def read_words(given: object) -> object:
     """Corruptions from words such as `fog:3`; anything else as it is."""
     if isinstance(given, list | tuple) and all(isinstance(word, str) for word in given):
-        from toolkit.corruptions.request import parse_corruptions
+        from toolkit.corruptions.catalogue import parse_corruptions
 
         return Corrupting(corruptions=parse_corruptions(given))
     return given

@@ -9,7 +9,7 @@ import numpy as np
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import sha256_bytes, sha256_file
-from toolkit.corruptions import image_seed
+from toolkit.corruptions.draws import image_seed
 from toolkit.imaging.folder import find_files, show_path
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import read_image

@@ -7,7 +7,7 @@ from hue_network import make_hue_classifier, write_photos, write_set
 from PIL import Image
 
 from toolkit.core.workspace import make_workspace
-from toolkit.corruptions import COMMON
+from toolkit.corruptions.catalogue import COMMON
 from toolkit.experiments.corruptions.config import CorruptEvalConfig
 from toolkit.experiments.corruptions.examples import RIGHT, WRONG, choose_conditions, draw_examples
 from toolkit.experiments.corruptions.grid import Grid, run_grid

@@ -13,7 +13,8 @@ from toolkit.boosters.apply import boost_images
 from toolkit.boosters.transforms.placement import Placement
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
-from toolkit.corruptions import corrupt, image_seed
+from toolkit.corruptions.batch import corrupt
+from toolkit.corruptions.draws import image_seed
 from toolkit.experiments.corruptions import grid
 from toolkit.experiments.corruptions.config import CorruptEvalConfig
 from toolkit.experiments.corruptions.grid import Grid, run_grid

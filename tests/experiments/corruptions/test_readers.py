@@ -10,7 +10,7 @@ import torch
 
 from toolkit.boosters.baselines.drawn import AprilTags, QrCodes
 from toolkit.core.errors import ToolkitError
-from toolkit.corruptions import corrupt
+from toolkit.corruptions.batch import corrupt
 from toolkit.experiments.corruptions.recognisers import (
     NOT_DECODED,
     RIGHT,

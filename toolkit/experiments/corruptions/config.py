@@ -6,7 +6,7 @@ from pydantic import Field
 
 from toolkit.boosters.transforms.placement import Placement
 from toolkit.core.config import Config, Flag
-from toolkit.corruptions.request import parse_corruptions
+from toolkit.corruptions.catalogue import parse_corruptions
 from toolkit.evaluation.config import Corruptions, RunName
 
 CLEAN = "clean"

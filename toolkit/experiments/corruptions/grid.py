@@ -15,7 +15,8 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.locks import hold_folder
 from toolkit.core.records import RecordLog
 from toolkit.corruptions import choose_parameters, image_seed
-from toolkit.corruptions.request import find_note
+from toolkit.corruptions.catalogue import choose_parameters, find_note
+from toolkit.corruptions.draws import image_seed
 from toolkit.engine.local import InProcess
 from toolkit.engine.resume import Ran, RecordCache, run_resumable
 from toolkit.engine.units import Engine, Shared, Unit

@@ -3,7 +3,7 @@
 import math
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 
@@ -11,8 +11,7 @@ import numpy as np
 import torch
 
 from toolkit.core.errors import ToolkitError, one_of
-from toolkit.core.severities import SEVERITIES
-from toolkit.corruptions.catalogue import CIFAR, CORRUPTIONS, IMAGENET, MAX_CIFAR_SIDE_PX, Corruption
+from toolkit.corruptions.catalogue import choose_parameters, find_corruption
 from toolkit.corruptions.digital import from_bytes, to_bytes
 from toolkit.corruptions.draws import RandomStreams
 
@@ -54,24 +53,6 @@ def run_each(work: Callable[[int], object], count: int) -> None:
 MIN_SIDE_PX = 16
 PART_PIXELS = 512**2
 """What is computed at once on one thread: more would not stay in its cache."""
-
-
-def find_corruption(name: str, severity: int) -> Corruption:
-    """The corruption called `name`.
-
-    Raises:
-        ToolkitError: there is none of that name, or `severity` is not 1 … 5.
-    """
-    if name not in CORRUPTIONS:
-        raise one_of("corruption", name, list(CORRUPTIONS))
-    if severity not in SEVERITIES:
-        raise ToolkitError(f"severity {severity} of {name}: there are five, 1 (slight) to 5 (severe): choose one")
-    return CORRUPTIONS[name]
-
-
-def choose_parameters(height: int, width: int) -> str:
-    """Whose parameters suit an image of this size: `cifar` where the short side is at most 64 px, else `imagenet`."""
-    return CIFAR if min(height, width) <= MAX_CIFAR_SIDE_PX else IMAGENET
 
 
 @torch.no_grad()
@@ -159,3 +140,25 @@ def corrupt_picture(
         found = f"{pixels.shape} {pixels.dtype}"
         raise ToolkitError(f"a picture to corrupt must be (h, w, 3) uint8, got {found}: convert it first")
     return to_bytes(corrupt(from_bytes(pixels[None].copy()), name, severity, [seed], parameters))[0]
+
+
+def draw_corrupted(
+    rng: np.random.Generator, count: int, corruptions: Sequence[tuple[str, int]], share: float
+) -> Iterator[tuple[np.ndarray, str, int, list[int]]]:
+    """For each image whether it is corrupted, by which, and the seed of that.
+
+    Args:
+        rng: draws.
+        count: images in the batch.
+        corruptions: (name, severity), at least one; each is as likely.
+        share: probability that an image is corrupted.
+
+    Yields:
+        (numbers of some images, name, severity, a seed for each) of every corruption that was drawn.
+    """
+    acting = rng.random(count) < share
+    drawn = rng.integers(len(corruptions), size=count)
+    seeds = rng.integers(2**62, size=count)
+    for kind in np.unique(drawn[acting]):
+        which = np.flatnonzero(acting & (drawn == kind))
+        yield which, *corruptions[kind], seeds[which].tolist()
