@@ -31,7 +31,7 @@ def make_grid(folder: Path, count: int, corruptions):
     from toolkit.experiments.corruptions.grid import Grid
     from toolkit.experiments.corruptions.variants import open_variants
     from toolkit.objects.records import write_patch
-    from toolkit.training.image_set import open_images
+    from toolkit.training.images import open_images
 
     classifier, workspace = make_classifier(folder), make_workspace(folder / "space")
     pixels = np.random.default_rng(0).integers(0, 256, (100, 100, 3), np.uint8)

@@ -19,7 +19,7 @@ from PIL import Image
 from toolkit.content.everyday import MAKERS
 from toolkit.core.files import sha256_file
 from toolkit.core.workspace import PACKAGE_DATA, Workspace, make_workspace, open_workspace
-from toolkit.models.bundled import bundled_file, read_bundled
+from toolkit.models.load import bundled_file, read_bundled
 from toolkit.objects.load import BUILTIN
 from toolkit.objects.records import read_patch
 from toolkit.rig.requests import PAIR

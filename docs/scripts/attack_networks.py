@@ -18,9 +18,9 @@ from toolkit.core.workspace import Workspace, open_workspace
 from toolkit.models.find import ClassifierRecord
 from toolkit.models.load import load_classifier
 from toolkit.models.network import Classifier
-from toolkit.training.classifier_config import ClassifierConfig
-from toolkit.training.image_set import open_images
-from toolkit.training.pgd import Attack, find_worst_images
+from toolkit.training.augment import find_worst_images
+from toolkit.training.classifier_config import Attack, ClassifierConfig
+from toolkit.training.images import open_images
 
 BATCH, STEPS = 100, 20
 

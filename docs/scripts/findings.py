@@ -7,7 +7,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from toolkit.core.files import write_text
 from toolkit.core.tables import format_p, format_percent, format_points
-from toolkit.models.bundled import read_bundled
+from toolkit.models.load import read_bundled
 
 SCRIPTS = Path(__file__).resolve().parent
 DOCS = SCRIPTS.parent

@@ -11,7 +11,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.experiments.corruptions.benchmark_summary import Summary, read_summary
 from toolkit.experiments.corruptions.config import CLEAN
 from toolkit.experiments.sweeps.axes import AXES
-from toolkit.models.bundled import read_bundled
+from toolkit.models.load import read_bundled
 from toolkit.objects.records import PatchRecord, TextureRecord, read_patch, read_texture
 
 DOCS = Path(__file__).resolve().parents[1]

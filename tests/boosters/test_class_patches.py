@@ -10,7 +10,7 @@ from toolkit.boosters.patch_sets import read_patch_set
 from toolkit.boosters.transforms.placement import Placement
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
-from toolkit.training.image_set import open_images
+from toolkit.training.images import open_images
 
 QUICK = {"steps": 6, "batch": 4}
 

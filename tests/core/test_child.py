@@ -124,7 +124,7 @@ IMPORTERS = {
     ("cli/app.py", "import_module"),  # the list of commands
     ("objects/load.py", "import_module"),  # after the name was found in a list
     ("models/timm_networks.py", "import_module"),  # timm
-    ("models/onnx_graph.py", "import_module"),  # libraries of the extra
+    ("models/onnx_networks.py", "import_module"),  # libraries of the extra
     ("models/programs.py", "import_module"),  # what somebody typed
 }
 

@@ -39,7 +39,7 @@ def ask(tmp_path):
     from toolkit.experiments.corruptions.config import CorruptEvalConfig
     from toolkit.experiments.corruptions.grid import Grid, run_grid
     from toolkit.experiments.corruptions.variants import open_variants, share_classes
-    from toolkit.training.image_set import open_images
+    from toolkit.training.images import open_images
 
     space = make_workspace(tmp_path / "space")
     write_set(space)
@@ -65,7 +65,7 @@ def train(tmp_path):
     from toolkit.boosters.class_patches import ClassPatchesConfig, make_flat_config, train_class_patches
     from toolkit.boosters.transforms.placement import Placement
     from toolkit.core.workspace import make_workspace
-    from toolkit.training.image_set import open_images
+    from toolkit.training.images import open_images
 
     data = write_photos(tmp_path / "data", 4)
     config = ClassPatchesConfig(set_name="hues", sizes_px=(16,), images=20)

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation.average_precision import ScoredBoxes, average_precision, mean_average_precision, recall_at
-from toolkit.models.dense_detectors import decode_fastestdet, decode_yolox
 from toolkit.models.detector import Detections, box_iou, detector_class
+from toolkit.models.load_detector import decode_fastestdet, decode_yolox
 from toolkit.models.weights import WeightsFile
 
 SHARED = Path(__file__).parents[2].parent / "shared"
@@ -117,7 +117,7 @@ def test_its_loss_has_the_gradient_of_finite_differences():
 
 @needs_shared
 def test_detector_and_classifier_are_not_taken_for_each_other():
-    from toolkit.models import load_classifier
+    from toolkit.models.load import load_classifier
     from toolkit.models.load_detector import is_detector, load_detector
 
     line = error_of(lambda: load_classifier(f"onnx:{SHARED / 'detectors/yolox_nano.onnx'}", device="cpu"))

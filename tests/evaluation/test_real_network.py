@@ -5,7 +5,7 @@ import pytest
 
 @pytest.fixture(scope="module")
 def classifier(real_weights):
-    from toolkit.models import load_classifier
+    from toolkit.models.load import load_classifier
 
     file = sorted(real_weights.glob("resnet18-*.pth"))[0]
     return load_classifier("resnet18", file, "cpu")

@@ -5,7 +5,7 @@ from pathlib import Path
 import torch
 from torch import nn
 
-from toolkit.models.dense_detectors import DECODERS, DenseDetector
+from toolkit.models.load_detector import DECODERS, DenseDetector
 from toolkit.models.weights import WeightsFile
 
 PX = 64

@@ -20,7 +20,7 @@ from toolkit.training import classifier_task
 from toolkit.training.classifier import train_classifier
 from toolkit.training.classifier_config import ClassifierConfig
 from toolkit.training.classifier_task import ClassifierTask
-from toolkit.training.loop import Task
+from toolkit.training.loop import TrainingTask
 from toolkit.training.processes import current, joined
 
 STEPS = 2
@@ -73,10 +73,10 @@ def _compute_in_double() -> None:
     ClassifierTask._draw_batch, ClassifierTask.finish = draw_double, finish_single
 
 
-def _watch(kind: type[Task], kept: dict[str, np.ndarray]) -> None:
+def _watch(kind: type[TrainingTask], kept: dict[str, np.ndarray]) -> None:
     adjust = kind.adjust_gradients
 
-    def keep(self: Task, step: int) -> None:
+    def keep(self: TrainingTask, step: int) -> None:
         called = ROBUST if isinstance(self, ClassifierTask) and self.config.robust else kind.kind
         for name, value in self.parameters().items():
             if value.grad is not None:

@@ -6,12 +6,12 @@ import numpy as np
 import torch
 
 from toolkit.training.checkpoint import Checkpoint
-from toolkit.training.loop import FitConfig, Fitted, History, Task, fit
+from toolkit.training.loop import FitConfig, Fitted, History, TrainingTask, fit
 
 STEPS = 14
 
 
-class Regressor(Task[dict[str, np.ndarray]]):
+class Regressor(TrainingTask[dict[str, np.ndarray]]):
     """Where a drone shall land, (x, y) in metres, from three numbers; it keeps a running mean."""
 
     kind = "regressor"

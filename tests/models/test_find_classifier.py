@@ -12,9 +12,9 @@ from safetensors.torch import load_file, save_file
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.evaluation.survey import list_models, survey_models
-from toolkit.models import bundled, find, load_classifier
-from toolkit.models.bundled import load_best, read_bundled
+from toolkit.models import find, load
 from toolkit.models.find import find_classifier, list_own, pair_weights
+from toolkit.models.load import load_best, load_classifier, read_bundled
 from toolkit.training import machine
 from toolkit.training.classifier_task import halve_weights, summarise_answers
 
@@ -45,7 +45,7 @@ def write_own(folder, name, **changes):
 def nothing_bundled(tmp_path, monkeypatch):
     """The folder of bundled classifiers, empty; no weights on this machine, no network."""
     folder = tmp_path / "bundled"
-    for module in (find, bundled):
+    for module in (find, load):
         monkeypatch.setattr(module, "BUNDLED_DIR", folder)
     monkeypatch.delenv("TOOLKIT_WEIGHTS", raising=False)
     monkeypatch.setenv("TORCH_HOME", str(tmp_path / "cache"))

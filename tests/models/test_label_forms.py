@@ -8,8 +8,8 @@ import torchvision
 from typer.testing import CliRunner
 
 from toolkit.core.errors import ToolkitError
-from toolkit.models import load_classifier
 from toolkit.models.labels import find_labels, read_labels_file
+from toolkit.models.load import load_classifier
 
 NAMES = ["bracket", "bolt", "washer"]
 FORMS = {

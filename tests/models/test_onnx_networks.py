@@ -8,7 +8,7 @@ import torch
 from safetensors.torch import save_file
 
 from toolkit.core.errors import ToolkitError
-from toolkit.models import load_classifier
+from toolkit.models.load import load_classifier
 
 onnx = pytest.importorskip("onnx", reason="needs onnx: pip install 'toolkit-boost[onnx]'")
 runtime = pytest.importorskip("onnxruntime", reason="needs onnxruntime: pip install 'toolkit-boost[onnx]'")

@@ -13,7 +13,7 @@ import torchvision
 
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.preprocessing import Preprocessing
-from toolkit.models import load_classifier
+from toolkit.models.load import load_classifier
 
 PX = 64
 

@@ -19,8 +19,8 @@ from typer.testing import CliRunner
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
-from toolkit.models import load_classifier
 from toolkit.models.labels import read_labels_file
+from toolkit.models.load import load_classifier
 from toolkit.models.weights import SUFFIXES, open_weights
 from toolkit.training.classifier_config import ClassifierConfig
 from toolkit.training.classifier_task import start_network

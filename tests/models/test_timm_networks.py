@@ -10,7 +10,7 @@ from PIL import Image
 from safetensors.torch import save_file
 
 from toolkit.core.errors import ToolkitError
-from toolkit.models import load_classifier
+from toolkit.models.load import load_classifier
 
 NAME = "test_resnet"  # timm's own for tests: half a million parameters, images of 160 px
 MODEL = f"timm:{NAME}"

@@ -12,7 +12,8 @@ from safetensors.torch import save_file
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
-from toolkit.models import load_classifier, weights
+from toolkit.models import weights
+from toolkit.models.load import load_classifier
 
 ARCH = "squeezenet1_1"
 

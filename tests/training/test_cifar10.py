@@ -12,7 +12,7 @@ from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.training.data import RenderCounts, list_classes, open_source
-from toolkit.training.folder import open_cifar
+from toolkit.training.images import open_cifar
 
 LABELS = ("cat", "dog", "ship")
 PIXELS = {

@@ -11,7 +11,8 @@ from typer.testing import CliRunner
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
-from toolkit.training.augment import Corrupting, corrupt_some
+from toolkit.training.augment import corrupt_some
+from toolkit.training.classifier_config import Corrupting
 
 BRIGHTER, FLATTER = ("brightness", 5), ("contrast", 5)
 

@@ -8,7 +8,7 @@ from PIL import Image
 from toolkit.boosters.patch_sets import name_class
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.read import UnreadableImage
-from toolkit.training.image_set import choose_classes, match_classes, open_images
+from toolkit.training.images import choose_classes, match_classes, open_images
 
 
 @pytest.fixture(scope="module")

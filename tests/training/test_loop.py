@@ -14,7 +14,7 @@ from tiny_regressor import STEPS, Regressor, train_regressor
 from toolkit.core.errors import ToolkitError
 from toolkit.training import loop
 from toolkit.training.checkpoint import Checkpoint
-from toolkit.training.loop import FitConfig, History, Task, fit
+from toolkit.training.loop import FitConfig, History, TrainingTask, fit
 
 HELPERS = Path(__file__).parents[1] / "helpers"
 KILLED = """
@@ -149,7 +149,7 @@ def test_a_loss_that_is_no_number_stops_with_the_reason_and_keeps_what_is_done(t
 def test_a_gradient_that_is_no_number_stops_too():
     """The loss is 0, and its root's slope there is not."""
 
-    class Root(Task):
+    class Root(TrainingTask):
         kind = "root"
 
         def __init__(self):

@@ -16,7 +16,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.statistics import wilson_interval
 from toolkit.core.workspace import Workspace, make_workspace
-from toolkit.models import load_classifier
+from toolkit.models.load import load_classifier
 from toolkit.training.classifier import train_classifier
 from toolkit.training.classifier_config import ClassifierConfig
 from toolkit.training.classifier_task import ClassifierTask, find_finished, start_network

@@ -12,9 +12,10 @@ from typer.testing import CliRunner
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import make_workspace
 from toolkit.imaging.preprocessing import Preprocessing
-from toolkit.training.augment import PHOTOGRAPHS, SMALL_IMAGES, augment_batch
+from toolkit.training.augment import augment_batch
+from toolkit.training.classifier_config import PHOTOGRAPHS, SMALL_IMAGES
 from toolkit.training.data import RenderCounts, list_classes, load_training_set, open_source
-from toolkit.training.folder import find_classes
+from toolkit.training.images import find_classes
 from toolkit.training.renders import RenderUnit, render_unit
 
 SQUARE = Preprocessing(16, 16, (0.5,) * 3, (0.25,) * 3)
@@ -194,7 +195,7 @@ def test_augmented_images_vary_within_bounds_by_the_seed(how):
 
 
 def test_without_variation_the_middle_is_cut():
-    from toolkit.training.augment import Augmentation
+    from toolkit.training.classifier_config import Augmentation
 
     still = Augmentation((1.0, 1.0), 0, 0, (1, 1), (1, 1), (1, 1), 0, 0, (0, 0), (0, 0))
     images = torch.from_numpy(np.random.default_rng(0).integers(0, 256, (4, 3, 20, 20), dtype=np.uint8))

@@ -33,7 +33,7 @@ from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.records import read_patch
 from toolkit.training.checkpoint import Checkpoint
-from toolkit.training.image_set import ImageSet
+from toolkit.training.images import ImageSet
 from toolkit.training.processes import current
 
 FEW_IMAGES = 32
@@ -198,6 +198,8 @@ def train_unit(
     network: Shared[Network], data: Shared[TrainingData], order: Order, workspace: Workspace, is_here: bool
 ) -> Iterator[Made]:
     """The work of a unit: `train_patch`; in the workspace where it `is_here`, else in a folder of its own."""
+    from toolkit.boosters.patch import train_patch
+
     with quietly(), nullcontext(order.out) if is_here else TemporaryDirectory() as folder:
         trained = train_patch(
             order.config, order.class_index, [network.get()], data.get(), workspace,

@@ -17,9 +17,8 @@ from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, sha256_bytes, sha256_file, write_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.imaging.folder import find_files, show_path
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
-from toolkit.imaging.read import UnreadableImage, read_image
+from toolkit.imaging.read import UnreadableImage, find_files, read_image, show_path
 from toolkit.models.labels import imagenet_wnids
 from toolkit.objects.spec import read_spec
 

@@ -15,8 +15,8 @@ from toolkit.models.find import is_program
 from toolkit.models.network import AnyNetwork
 from toolkit.models.precision import mixed_precision
 from toolkit.objects import records
-from toolkit.training.loop import Made, Task
 from toolkit.training.processes import current
+from toolkit.training.loop import Made, TrainingTask
 
 if TYPE_CHECKING:
     import torch
@@ -76,7 +76,7 @@ def resize_photos(photos: "torch.Tensor", side: int) -> "torch.Tensor":
     return interpolate(photos, (side, side), mode="bilinear", antialias=True, align_corners=False)
 
 
-class PixelTask(Task[Made]):
+class PixelTask(TrainingTask[Made]):
     """Training of θ, (3, n, n) in [0, 1]; a subclass says what the networks are shown.
 
     The gradient is smoothed. For `sgd` and `adam` it is divided by its root mean square over the texels that are seen,

@@ -11,7 +11,7 @@ from typing import Any
 
 from toolkit.captures.manifest import MANIFEST, CaptureRecord, read_manifest
 from toolkit.core.errors import ToolkitError, one_of
-from toolkit.imaging.folder import FoundFiles, find_files, show_path
+from toolkit.imaging.read import FoundFiles, find_files, show_path
 
 UNPATCHED = "unpatched"
 POOLED = "all"

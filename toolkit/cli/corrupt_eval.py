@@ -45,7 +45,7 @@ def corrupt_eval(
     from toolkit.experiments.corruptions.evaluate import evaluate_benchmark
     from toolkit.models.load import load_classifier
     from toolkit.models.network import Classifier
-    from toolkit.training.image_set import open_images
+    from toolkit.training.images import open_images
 
     space = open_workspace(workspace)
 

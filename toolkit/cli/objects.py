@@ -71,8 +71,8 @@ def demo(
     from toolkit.core.workspace import make_workspace
     from toolkit.evaluation.evaluate import evaluate_captures
     from toolkit.evaluation.tables import print_tables
-    from toolkit.models.bundled import load_best
     from toolkit.models.find import BUNDLED
+    from toolkit.models.load import load_best
     from toolkit.printing.print_patches import print_all
     from toolkit.rig.plan import open_plan
     from toolkit.rig.requests import Pattern

@@ -53,7 +53,7 @@ def train_patches(
     from toolkit.core.console import console, list_skipped, quietly
     from toolkit.core.workspace import open_workspace
     from toolkit.models.load import load_classifier
-    from toolkit.training.image_set import choose_classes, open_images
+    from toolkit.training.images import choose_classes, open_images
 
     place = open_workspace(workspace)
     classifier = load_classifier(model, weights, device, place.classifiers_dir)

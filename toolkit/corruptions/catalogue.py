@@ -7,7 +7,6 @@ and make_cifar_c.py). Lengths are in pixels of an image of 224² and of 32².
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from typing import TYPE_CHECKING
 
 from toolkit.core.errors import ToolkitError, one_of
@@ -46,8 +45,11 @@ class Corruption:
 
     def apply(self, images: "torch.Tensor", given: Parameters, draws: "RandomStreams") -> "torch.Tensor":
         """Images (b, 3, h, w) float32 in [0, 1] to the same shape, not yet clipped."""
+        from toolkit.corruptions import blur, digital, noise, weather
+
         module, _, function = self.work.partition(".")
-        made: torch.Tensor = getattr(import_module(f"{__package__}.{module}"), function)(images, given, draws)
+        home = {"blur": blur, "digital": digital, "noise": noise, "weather": weather}[module]
+        made: torch.Tensor = getattr(home, function)(images, given, draws)
         return made
 
 

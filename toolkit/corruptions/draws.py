@@ -2,8 +2,10 @@
 
 import hashlib
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
-import torch
+if TYPE_CHECKING:
+    import torch
 
 
 def image_seed(seed: int, image_id: str | int) -> int:
@@ -28,19 +30,25 @@ class RandomStreams:
     that neither the batch nor its order matters.
     """
 
-    def __init__(self, seeds: Sequence[int], name: str, severity: int, device: torch.device) -> None:
+    def __init__(self, seeds: Sequence[int], name: str, severity: int, device: "torch.device") -> None:
+        import torch
+
         self.device = device
         self._streams = [torch.Generator().manual_seed(_hash(f"{seed}/{name}/{severity}")) for seed in seeds]
 
-    def normal(self, *shape: int) -> torch.Tensor:
+    def normal(self, *shape: int) -> "torch.Tensor":
         """(b, *shape) float32 of the standard normal distribution."""
         return self._fill(shape, lambda numbers, stream: numbers.normal_(generator=stream))
 
-    def uniform(self, *shape: int) -> torch.Tensor:
+    def uniform(self, *shape: int) -> "torch.Tensor":
         """(b, *shape) float32, uniform on [0, 1) in steps of 2⁻²⁴."""
         return self._fill(shape, lambda numbers, stream: numbers.uniform_(generator=stream))
 
-    def _fill(self, shape: tuple[int, ...], fill: Callable[[torch.Tensor, torch.Generator], object]) -> torch.Tensor:
+    def _fill(
+        self, shape: tuple[int, ...], fill: "Callable[[torch.Tensor, torch.Generator], object]"
+    ) -> "torch.Tensor":
+        import torch
+
         numbers = torch.empty(len(self._streams), *shape)
         for row, stream in zip(numbers, self._streams, strict=True):
             fill(row, stream)

@@ -21,9 +21,8 @@ from toolkit.corruptions.batch import MIN_SIDE_PX, corrupt, run_each
 from toolkit.corruptions.catalogue import IMAGENET, choose_parameters, find_corruption
 from toolkit.corruptions.digital import from_bytes, to_bytes
 from toolkit.corruptions.draws import image_seed
-from toolkit.imaging.folder import find_files
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
-from toolkit.imaging.read import UnreadableImage, read_image
+from toolkit.imaging.read import UnreadableImage, find_files, read_image
 
 SETTINGS_FILE = "corruption.json"
 LOG_FILE = "corrupted.jsonl"

@@ -3,10 +3,8 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-from PIL import Image
-
 if TYPE_CHECKING:
+    import numpy as np
     from torchvision.transforms._presets import ImageClassification
 
 LONGEST_WHOLE = 8
@@ -48,12 +46,15 @@ def published_preprocessing(preset: "ImageClassification") -> Preprocessing:
     )
 
 
-def resize_and_crop(image: np.ndarray, how: Preprocessing) -> np.ndarray:
+def resize_and_crop(image: "np.ndarray", how: Preprocessing) -> "np.ndarray":
     """(h, w, 3) uint8 sRGB to (crop_px, crop_px, 3) uint8 sRGB, as torchvision's `transforms()` does with a photograph.
 
     The pixels are torchvision's own, but for images more than eight times as long as wide: of those only the part that
     is kept is resampled, which bounds the memory, and some values round to the next of the 255 levels.
     """
+    import numpy as np
+    from PIL import Image
+
     height, width = image.shape[:2]
     short, long = min(height, width), max(height, width)
     # torchvision truncates the long side and rounds the crop's corner half to even: the same pixels need the same rule

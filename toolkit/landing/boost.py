@@ -31,7 +31,7 @@ from toolkit.printing.document import build_pdf
 from toolkit.printing.settings import PrintSettings
 from toolkit.rig.raycast import map_frames
 from toolkit.training.checkpoint import Checkpoint
-from toolkit.training.loop import FitConfig, History, Task, fit
+from toolkit.training.loop import FitConfig, History, TrainingTask, fit
 from toolkit.worlds.depth_view import DepthView
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class PadView:
     height: float
 
 
-class PadTask(Task[Patch]):
+class PadTask(TrainingTask[Patch]):
     """The pixels of a pad go down the squared error of a frozen regressor, as a share of the height."""
 
     kind = "landing-pad"

@@ -9,7 +9,7 @@ from toolkit.core.console import notice
 from toolkit.core.errors import FieldError
 from toolkit.landing.config import Pool
 from toolkit.landing.regressor import build_module
-from toolkit.models.bundled import bundled_file, read_bundled
+from toolkit.models.load import bundled_file, read_bundled
 from toolkit.models.weights import WeightsFile, find_local, find_weights, open_weights, read_state_dict
 from toolkit.training.classifier_task import load_tensors
 

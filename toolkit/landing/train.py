@@ -32,7 +32,7 @@ from toolkit.models.network import choose_device
 from toolkit.models.weights import WeightsFile, read_state_dict
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.classifier_task import load_tensors
-from toolkit.training.loop import History, Task, fit
+from toolkit.training.loop import History, TrainingTask, fit
 
 if TYPE_CHECKING:
     import torch
@@ -102,7 +102,7 @@ def find_dataset(space: Workspace, word: str) -> Path:
     return folder
 
 
-class RegressorTask(Task[Regressor]):
+class RegressorTask(TrainingTask[Regressor]):
     """A network goes down the squared error of the pad's (x, y)."""
 
     kind = "landing-regressor"

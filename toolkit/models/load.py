@@ -6,12 +6,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.files import read_json, sha256_file
 from toolkit.imaging.preprocessing import published_preprocessing
 from toolkit.models.architectures import build_network, imagenet_labels, published_weights
-from toolkit.models.find import EXPORTED_SUFFIX, ONNX_PREFIX, TIMM_PREFIX, Found, find_classifier, pair_weights
+from toolkit.models.find import (
+    BUNDLED,
+    BUNDLED_DIR,
+    DEFAULT_ARCH,
+    EXPORTED_SUFFIX,
+    ONNX_PREFIX,
+    SUFFIX,
+    TIMM_PREFIX,
+    ClassifierRecord,
+    Found,
+    find_classifier,
+    pair_weights,
+)
 from toolkit.models.labels import PYTHON_PREFIX, adapt_preprocessing, choose_labels, join_labels_files, read_labels_file
 from toolkit.models.network import Classifier, check_hash, choose_device
-from toolkit.models.weights import WeightsFile, find_weights, read_checkpoint
+from toolkit.models.weights import WeightsFile, download, find_local, find_weights, read_checkpoint
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -134,3 +147,48 @@ def _fill(module: "torch.nn.Module", state: "OrderedDict[str, torch.Tensor]", ar
 
 def _misfit(arch: str, file: WeightsFile, why: str) -> ToolkitError:
     return FieldError(f"{file.path} holds no weights of {arch}: {why}: name its network with {{model}}", {})
+
+
+PATIENCE_S = 5.0
+"""How long the network is waited for where there is something else to go on with."""
+
+
+def bundled_file() -> Path | None:
+    """The weights of `rig18`; None where they are not installed."""
+    file = BUNDLED_DIR / f"{BUNDLED}{SUFFIX}"
+    return file if file.is_file() else None
+
+
+def read_bundled() -> ClassifierRecord | None:
+    """The record of `rig18`, checked against its weights; None where they are not installed.
+
+    Raises:
+        ToolkitError: the record is broken, or is of other weights.
+    """
+    file = bundled_file()
+    if file is None:
+        return None
+    record = read_json(file.with_suffix(".json"), ClassifierRecord)
+    if sha256_file(file) != record.sha256:
+        raise ToolkitError(f"{file} does not match its record: it was changed or damaged")
+    return record
+
+
+def load_best(device: str) -> tuple[Classifier, str]:
+    """ImageNet's ResNet-18 where it can be had, else the bundled classifier; and why, in a sentence.
+
+    Local weights are looked for first, then torchvision's download is tried, shortly.
+
+    Raises:
+        ToolkitError: the weights cannot be had and there is no bundled classifier, or a file is damaged.
+    """
+    if find_local(DEFAULT_ARCH) is not None:
+        return load_classifier(DEFAULT_ARCH, device=device), "its weights are on this machine"
+    if bundled_file() is None:
+        return load_classifier(DEFAULT_ARCH, device=device), "its weights were downloaded"
+    try:
+        download(DEFAULT_ARCH, str(published_weights(DEFAULT_ARCH).url), PATIENCE_S)
+    except ToolkitError:
+        why = f"no weights of {DEFAULT_ARCH} on this machine, and none could be downloaded"
+        return load_classifier(BUNDLED, device=device), why
+    return load_classifier(DEFAULT_ARCH, device=device), "its weights were downloaded"

@@ -44,8 +44,7 @@ def load_onnx_classifier(path: Path, device: str) -> Classifier:
     Raises:
         ToolkitError: it is none, or ONNX Runtime cannot run it.
     """
-    from toolkit.models.onnx_graph import check_size, read_onnx
-    from toolkit.models.onnx_networks import OnnxNetwork
+    from toolkit.models.onnx_networks import OnnxNetwork, check_size, read_onnx
 
     graph, own = read_onnx(path), _read_description(path)
     size = check_size(graph, own.crop_px or own.size)

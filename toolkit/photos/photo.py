@@ -13,8 +13,16 @@ import numpy as np
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import sha256_file
 from toolkit.core.text import escape
-from toolkit.imaging.folder import find_files, show_path
-from toolkit.imaging.read import UnreadableImage, decode_image, explain_damage, is_image_name, open_image, read_image
+from toolkit.imaging.read import (
+    UnreadableImage,
+    decode_image,
+    explain_damage,
+    find_files,
+    is_image_name,
+    open_image,
+    read_image,
+    show_path,
+)
 from toolkit.photos import video
 from toolkit.photos.exif import ExifFacts, is_dng, read_exif, read_preview
 

@@ -3,15 +3,17 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
-import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
 from toolkit.core.errors import one_of
 from toolkit.imaging.colour import LINEAR_OF_CODE, linear_to_srgb, srgb_to_linear
-from toolkit.rig.board import Board
 from toolkit.rig.scene import KeyLight, Scene, Table
+
+if TYPE_CHECKING:
+    from toolkit.rig.board import Board
 
 PX_PER_MM = 1.0
 MAX_SIDE_PX = 2400
@@ -36,6 +38,8 @@ def _size_px(size_mm: tuple[float, float]) -> tuple[int, int]:
 
 def _noise(rng: np.random.Generator, shape: tuple[int, int], cell: tuple[float, float], octaves: int = 4) -> np.ndarray:
     """(h, w) float32 smooth noise about 0 with unit-ish range; `cell` is the coarsest grain in pixels (x, y)."""
+    import cv2
+
     height, width = shape
     total = np.zeros(shape, np.float32)
     for octave in range(octaves):
@@ -116,6 +120,8 @@ def paint_room(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
 
     A white wall in the room's even light has radiance near 0.5; windows are several times brighter.
     """
+    import cv2
+
     height, width = shape
     room = np.empty((height, width, 3), np.float32)
     wall = srgb_to_linear(np.array(WALLS[rng.integers(len(WALLS))]) / 255)
@@ -239,7 +245,7 @@ MOST_PX = 4200
 """Longer side of the table's picture at most: it is kept in float while a scene is shot."""
 
 
-def add_board(studio: Scene, board: Board, px_per_mm: float | None = None) -> Scene:
+def add_board(studio: Scene, board: "Board", px_per_mm: float | None = None) -> Scene:
     """The same studio with a board in the middle of its table, its edge marked FRONT to +x, its right to +y.
 
     Args:
@@ -247,6 +253,8 @@ def add_board(studio: Scene, board: Board, px_per_mm: float | None = None) -> Sc
         board: as it was printed.
         px_per_mm: of the table's picture; by default as fine as the markers need and the memory allows.
     """
+    import cv2
+
     bare = studio.need_table()
     wide_mm, high_mm = bare.size_mm
     fine = px_per_mm or min(FINE_PX_PER_MM, MOST_PX / max(wide_mm, high_mm))

@@ -12,8 +12,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
 from toolkit.core.locks import hold_folder
 from toolkit.core.workspace import Workspace
-from toolkit.imaging.folder import show_path
-from toolkit.imaging.read import UnreadableImage
+from toolkit.imaging.read import UnreadableImage, show_path
 from toolkit.objects.load import load_object
 from toolkit.photos.gates.check_captures import write_retake_lines
 from toolkit.photos.importing.evidence import Evidence

@@ -16,8 +16,8 @@ from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.classifier_config import ClassifierConfig, ClassPictures, check_fit, hash_inputs
 from toolkit.training.classifier_task import ClassifierInputs, ClassifierTask
 from toolkit.training.data import (
+    DataSource,
     RenderCounts,
-    Source,
     TrainingClasses,
     TrainingSet,
     keep_classes,
@@ -107,7 +107,7 @@ def train_classifier(
     return TrainedClassifier(task.file, fitted.made, data.skipped, fitted.resumed_from, fitted.was_finished)
 
 
-def _open_sources(config: ClassifierConfig, workspace: Workspace, download: bool) -> list[Source]:
+def _open_sources(config: ClassifierConfig, workspace: Workspace, download: bool) -> list[DataSource]:
     counts = RenderCounts(config.per_class, config.views, config.held_out, config.seed, config.stored_px)
     if not config.data:
         raise FieldError(
@@ -116,13 +116,13 @@ def _open_sources(config: ClassifierConfig, workspace: Workspace, download: bool
     return [open_source(data, workspace, counts, download) for data in dict.fromkeys(config.data)]
 
 
-def _choose_classes(config: ClassifierConfig, sources: list[Source]) -> TrainingClasses:
+def _choose_classes(config: ClassifierConfig, sources: list[DataSource]) -> TrainingClasses:
     if config.keep_labels:
         return keep_classes(sources, load_classifier(config.arch, config.init, "cpu"))
     return list_classes(sources)
 
 
-def _describe_data(data: TrainingSet, sources: list[Source]) -> None:
+def _describe_data(data: TrainingSet, sources: list[DataSource]) -> None:
     for source in sources:
         notice(f"data: {source.words}")
     notice(
@@ -132,7 +132,7 @@ def _describe_data(data: TrainingSet, sources: list[Source]) -> None:
 
 
 def _name_data(
-    config: ClassifierConfig, sources: list[Source], pictures: ClassPictures | None, init: WeightsFile | None
+    config: ClassifierConfig, sources: list[DataSource], pictures: ClassPictures | None, init: WeightsFile | None
 ) -> tuple[str, str]:
     """What it is trained on, and how the held-out images differ, in a few words each."""
     words = " and ".join(source.words for source in sources)

@@ -2,11 +2,11 @@
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
-import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, computed_field, model_validator
 
 from toolkit.core.config import Config, Expect, Flag, Later
 from toolkit.core.errors import FieldError, one_of
@@ -14,15 +14,136 @@ from toolkit.core.files import sha256_bytes
 from toolkit.core.names import is_folder_name
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import build_network, list_architectures, published_weights
-from toolkit.training.augment import PHOTOGRAPHS, SMALL_IMAGES, Augmentation, Corrupting
-from toolkit.training.pgd import Attack, read_attack
 
 if TYPE_CHECKING:
+    import numpy as np
     import torch
 
     from toolkit.training.loop import FitConfig
 
-Overlay = Callable[["torch.Tensor", np.ndarray, Sequence[int]], "torch.Tensor"]
+
+@dataclass(frozen=True)
+class Augmentation:
+    """Ranges, lowest and highest, and shares; each image draws its own.
+
+    Attributes:
+        crop: side of the square that is cut out, as a share of the stored image's.
+        stretch: of the crop's width against its height, 1 ± this.
+        shift: how far the crop may leave the image, as a share of its side; what is missing is mirrored in.
+        brightness, contrast, saturation: factors.
+        tint: factor of each colour channel, 1 ± this.
+        blur_share, blur_sigma: how many are blurred, and by how much, as a share of the image's side.
+        noise_sigma: of Gaussian noise, on values in [0, 1].
+    """
+
+    crop: tuple[float, float] = (0.55, 1.0)
+    stretch: float = 0.12
+    shift: float = 0.04
+    brightness: tuple[float, float] = (0.6, 1.4)
+    contrast: tuple[float, float] = (0.7, 1.3)
+    saturation: tuple[float, float] = (0.6, 1.4)
+    tint: float = 0.12
+    blur_share: float = 0.25
+    blur_sigma: tuple[float, float] = (0.002, 0.014)
+    noise_sigma: tuple[float, float] = (0.0, 0.04)
+
+
+PHOTOGRAPHS = Augmentation()
+SMALL_IMAGES = Augmentation(
+    crop=(0.8, 1.0), stretch=0.0, shift=0.1, brightness=(0.8, 1.2), contrast=(0.8, 1.2), saturation=(0.8, 1.2),
+    tint=0.05, blur_share=0.0, noise_sigma=(0.0, 0.02),
+)  # fmt: skip
+"""For images of a few dozen pixels, in which every pixel counts."""
+
+
+class Corrupting(Config):
+    """What is done to which share; each image draws one of the corruptions, which are (name, severity)."""
+
+    corruptions: Annotated[tuple[tuple[str, int], ...], Field(min_length=1)]
+    share: Annotated[
+        float, Field(gt=0, le=1), Expect("a share above 0 and at most 1, such as 0.5"), Flag("--corrupt-share")
+    ] = Field(0.5, description="Which share of them.")
+
+
+LARGEST = {"l2": 1000.0, "linf": 1.0}
+"""Radius of the ball by its norm: black and white of 577 px are so far apart, and one value's ends."""
+ATTACK_STEPS = 3
+REACH = 2.0
+"""All steps together, in radii: they get from the middle to any place of the ball, and along its border."""
+TINY = 1e-10
+
+
+class Attack(Config):
+    """How far an image may be moved, in values from 0 to 1, and in how many steps the worst place is looked for.
+
+    Step sizes are those of robust-models-transfer (Salman et al. 2020, "Do adversarially robust ImageNet models
+    transfer better?"), whose networks met 3 steps of 2/3 of the radius. As in MadryLab's robustness library a step goes
+    along the gradient made of length one (l2) or its sign (linf).
+    """
+
+    norm: Literal["l2", "linf"]
+    eps: Annotated[float, Field(gt=0)]
+    steps: Annotated[int, Field(ge=1), Flag("--attack-steps", group="Steps")] = Field(
+        ATTACK_STEPS, description="Of gradient ascent on each image, for {robust}; each of 2/N of the radius."
+    )
+
+    @model_validator(mode="after")
+    def _check_eps(self) -> "Attack":
+        if self.eps > (most := LARGEST[self.norm]):
+            raise FieldError(f"expected at most {most:g}, in values of 0 to 1", {"eps": self.eps})
+        return self
+
+    @computed_field  # type: ignore[prop-decorator]
+    @property
+    def step_size(self) -> float:
+        """Length of a step, in the norm."""
+        return REACH * self.eps / self.steps
+
+    def describe(self) -> str:
+        """Such as `l2 0.5, 3 steps`."""
+        return f"{self.norm} {self.eps:.4g}, {self.steps} step{'s' if self.steps > 1 else ''}"
+
+    def climb(self, images: "torch.Tensor", gradient: "torch.Tensor") -> "torch.Tensor":
+        """Images (b, 3, h, w), each moved by one step up its gradient."""
+        if self.norm == "linf":
+            return images + self.step_size * gradient.sign()
+        return images + self.step_size * gradient / (_length(gradient) + TINY)
+
+    def project(self, moved: "torch.Tensor", images: "torch.Tensor") -> "torch.Tensor":
+        """The place nearest to each of `moved` in the ball around its image; then values are clipped to 0 to 1."""
+        away = moved - images
+        if self.norm == "linf":
+            away = away.clamp(-self.eps, self.eps)
+        else:
+            away = away * (self.eps / _length(away).clamp(min=self.eps))
+        return (images + away).clamp(0, 1)
+
+
+def read_attack(given: object) -> object:
+    """An `Attack` from words such as `l2:0.5` or `linf:8/255`; anything else as it is.
+
+    Raises:
+        ValueError: the words are none.
+    """
+    if not isinstance(given, str):
+        return given
+    norm, _, eps = given.partition(":")
+    above, _, below = eps.partition("/")
+    try:
+        radius = float(above) / float(below or 1)
+    except (ValueError, ZeroDivisionError):
+        radius = -1.0
+    if norm not in LARGEST or not 0 < radius <= LARGEST[norm]:
+        raise ValueError("expected l2:EPS or linf:EPS in values of 0 to 1, such as l2:0.5 or linf:8/255")
+    return Attack(norm=norm, eps=radius)
+
+
+def _length(batch: "torch.Tensor") -> "torch.Tensor":
+    """(b, 3, h, w) to the l2 norm of each, (b, 1, 1, 1)."""
+    return batch.flatten(1).norm(dim=1).view(-1, 1, 1, 1)
+
+
+Overlay = Callable[["torch.Tensor", "np.ndarray", Sequence[int]], "torch.Tensor"]
 """(images (b, 3, m, m) float32 sRGB-encoded in [0, 1], classes (b,), a seed for each) -> images with their pictures."""
 
 

@@ -1,14 +1,16 @@
 """A classifier in training, as a task for the loop; its start, from random or from given weights; its test."""
 
 from collections import Counter, OrderedDict
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+import torch
+from torch import nn
+from torch.nn.functional import cross_entropy
 
 from toolkit import __version__
 from toolkit.core.console import notice, progress
@@ -22,16 +24,12 @@ from toolkit.models.find import ClassifierRecord, ClassShare, HeldOut, UnderAtta
 from toolkit.models.network import Classifier
 from toolkit.models.precision import autocast, choose_precision
 from toolkit.models.weights import WeightsFile, read_state_dict
-from toolkit.training.augment import augment_batch, corrupt_some
-from toolkit.training.classifier_config import ClassifierConfig, ClassPictures
+from toolkit.training.augment import augment_batch, corrupt_some, find_worst_images
+from toolkit.training.classifier_config import Attack, ClassifierConfig, ClassPictures
 from toolkit.training.data import Pack, TrainingSet
-from toolkit.training.loop import History, Task
-from toolkit.training.pgd import Attack, find_worst_images
+from toolkit.training.loop import History, TrainingTask
+from toolkit.training.norms import are_folded, share_norms, unfold_norms
 from toolkit.training.processes import current
-
-if TYPE_CHECKING:
-    import torch
-    from torch import nn
 
 AUXILIARY_WEIGHT = 0.3
 """Of the side outputs that GoogLeNet and Inception have while they are trained."""
@@ -60,7 +58,7 @@ class ClassifierInputs:
     words: tuple[str, str]
 
 
-class ClassifierTask(Task[ClassifierRecord]):
+class ClassifierTask(TrainingTask[ClassifierRecord]):
     """A network goes down the cross-entropy of augmented images of its classes."""
 
     kind = "classifier"
@@ -78,8 +76,6 @@ class ClassifierTask(Task[ClassifierRecord]):
             device: where it runs, `cpu` or `cuda`.
             inputs_sha256: hash of all that decides the weights.
         """
-        import torch
-
         labels, how = inputs.data.labels, config.preprocessing()
         self.config, self.inputs, self.file, self.inputs_sha256 = config, inputs, file, inputs_sha256
         self.title = f"Training {config.name}"
@@ -92,15 +88,13 @@ class ClassifierTask(Task[ClassifierRecord]):
         self.module = network.to(device=device, memory_format=torch.channels_last)  # type: ignore[call-overload]
         self.batch = min(config.batch, len(inputs.data.train.images))
         if current().count > 1:
-            from toolkit.training.shared_norm import share_norms
-
             share_norms(self.module)
 
-    def parameters(self) -> "dict[str, torch.Tensor]":
+    def parameters(self) -> dict[str, torch.Tensor]:
         """Weights and biases."""
         return dict(self.module.named_parameters())
 
-    def buffers(self) -> "dict[str, torch.Tensor]":
+    def buffers(self) -> dict[str, torch.Tensor]:
         """Statistics of batch normalisation."""
         return dict(self.module.named_buffers())
 
@@ -122,11 +116,8 @@ class ClassifierTask(Task[ClassifierRecord]):
             batches = (self._draw_batch(pack, k, "unfold")[0] for k in range(UNFOLD_BATCHES))
             unfold_norms(self.module, (self._normalise(batch) for batch in batches))
 
-    def loss(self, step: int) -> "tuple[torch.Tensor, dict[str, float]]":
+    def loss(self, step: int) -> tuple[torch.Tensor, dict[str, float]]:
         """Cross-entropy, with that of side outputs where the network has them; and the share recognised."""
-        import torch
-        from torch.nn.functional import cross_entropy
-
         batch, classes = self._draw_batch(self.inputs.data.train, step, self.kind)
         batch, wanted = current().share(batch), torch.from_numpy(current().share(classes)).to(self._device)
         if self.config.robust is not None:
@@ -142,11 +133,10 @@ class ClassifierTask(Task[ClassifierRecord]):
                 loss = loss + AUXILIARY_WEIGHT * cross_entropy(side.float(), wanted, label_smoothing=smoothing)
         return loss, {"accuracy": float((main.float().argmax(1) == wanted).float().mean())}
 
-    def _attack(self, batch: "torch.Tensor", wanted: "torch.Tensor", attack: Attack) -> "torch.Tensor":
+    def _attack(self, batch: torch.Tensor, wanted: torch.Tensor, attack: Attack) -> torch.Tensor:
         """The worst images around those of a batch, for the network in eval mode: by the statistics of all batches."""
-        from torch.nn.functional import cross_entropy
 
-        def measure_losses(images: "torch.Tensor") -> "torch.Tensor":
+        def measure_losses(images: torch.Tensor) -> torch.Tensor:
             with autocast(self._precision, self._device):
                 logits = self.module(self._normalise(images))
             return cross_entropy(logits.float(), wanted, reduction="none")
@@ -154,9 +144,7 @@ class ClassifierTask(Task[ClassifierRecord]):
         self.module.eval()
         return find_worst_images(batch, measure_losses, attack)
 
-    def _normalise(self, batch: "torch.Tensor") -> "torch.Tensor":
-        import torch
-
+    def _normalise(self, batch: torch.Tensor) -> torch.Tensor:
         return ((batch - self._mean) / self._std).contiguous(memory_format=torch.channels_last)
 
     def _choose(self, step: int, count: int) -> np.ndarray:
@@ -166,15 +154,13 @@ class ClassifierTask(Task[ClassifierRecord]):
         order = np.random.default_rng([self.config.seed, epoch, 0x0E]).permutation(count)
         return np.sort(order[k * size : (k + 1) * size])
 
-    def _draw_batch(self, pack: Pack, step: int, phase: str) -> "tuple[torch.Tensor, np.ndarray]":
+    def _draw_batch(self, pack: Pack, step: int, phase: str) -> tuple[torch.Tensor, np.ndarray]:
         """Images in [0, 1], augmented, with their pictures, some corrupted; and their classes."""
-        import torch
-
         chosen, draws = self._choose(step, len(pack.images)), Draws(self.config.seed, step, phase)
         images, classes = pack.images[chosen], pack.classes[chosen]
         raw = torch.from_numpy(np.ascontiguousarray(images.transpose(0, 3, 1, 2))).to(self._device)
 
-        def overlay(batch: "torch.Tensor") -> "torch.Tensor":
+        def overlay(batch: torch.Tensor) -> torch.Tensor:
             if self._overlay is None:
                 return batch
             return self._overlay(batch, classes, draws.of("overlay").integers(2**62, size=len(batch)).tolist())
@@ -212,8 +198,6 @@ class ClassifierTask(Task[ClassifierRecord]):
 
     def _measure_held_out(self, classifier: Classifier) -> HeldOut:
         """Classify the held-out images through the classifier's own preprocessing, in single precision."""
-        import torch
-
         pack, robust = self.inputs.data.held_out, self.config.robust
         answers, attacked = (np.zeros(len(pack.images), np.int64) for _ in range(2))
         attack = None if robust is None else robust.with_overrides(steps=TEST_STEPS)
@@ -234,10 +218,8 @@ class ClassifierTask(Task[ClassifierRecord]):
             return found
         return found.model_copy(update={"under_attack": _summarise_attack(attack, pack.classes == attacked)})
 
-    def _show_held_out(self, classifier: Classifier, part: slice) -> "tuple[torch.Tensor, torch.Tensor]":
+    def _show_held_out(self, classifier: Classifier, part: slice) -> tuple[torch.Tensor, torch.Tensor]:
         """Some of the held-out images and their classes; what they carry lies where their number and the seed say."""
-        import torch
-
         pack = self.inputs.data.held_out
         batch = torch.stack([classifier.preprocess(image) for image in pack.images[part]]).to(classifier.device)
         classes = pack.classes[part]
@@ -248,9 +230,7 @@ class ClassifierTask(Task[ClassifierRecord]):
         return batch, torch.from_numpy(np.ascontiguousarray(classes)).to(classifier.device)
 
 
-def _measure_losses(classifier: Classifier, classes: "torch.Tensor", images: "torch.Tensor") -> "torch.Tensor":
-    from torch.nn.functional import cross_entropy
-
+def _measure_losses(classifier: Classifier, classes: torch.Tensor, images: torch.Tensor) -> torch.Tensor:
     return cross_entropy(classifier.logits(images), classes, reduction="none")
 
 
@@ -295,7 +275,7 @@ def summarise_answers(labels: list[str], truth: np.ndarray, answers: np.ndarray,
     )
 
 
-def halve_weights(state: dict[str, "torch.Tensor"]) -> dict[str, "torch.Tensor"]:
+def halve_weights(state: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
     """Half precision, but for whole numbers and for tensors that would leave its range."""
     halved = {}
     for name, value in state.items():
@@ -305,66 +285,12 @@ def halve_weights(state: dict[str, "torch.Tensor"]) -> dict[str, "torch.Tensor"]
     return halved
 
 
-def are_folded(module: "nn.Module") -> bool:
-    """Whether all batch normalisation of a network has mean 0 and variance 1."""
-    norms = _list_norms(module)
-    return bool(norms) and all(
-        bool((mean == 0).all() and ((variance - 1).abs() <= 2 * layer.eps).all())
-        for layer, (mean, variance) in zip(norms, map(_running, norms), strict=True)
-    )
-
-
-def unfold_norms(module: "nn.Module", batches: "Iterable[torch.Tensor]") -> None:
-    """Give batch normalisation the statistics of `batches` (b, 3, h, w); what the network says in eval mode stays."""
-    import torch
-
-    norms = _list_norms(module)
-    sums = {layer: torch.zeros(2, layer.num_features, dtype=torch.float64) for layer in norms}
-    counts = dict.fromkeys(norms, 0)
-
-    def measure(layer: "nn.BatchNorm2d", inputs: "tuple[torch.Tensor, ...]") -> None:
-        values = inputs[0].double()
-        counts[layer] += values.numel() // layer.num_features
-        sums[layer] += torch.stack([values.sum((0, 2, 3)), values.square().sum((0, 2, 3))]).cpu()
-
-    hooks = [layer.register_forward_pre_hook(measure) for layer in norms]
-    with torch.no_grad():
-        module.eval()
-        for batch in batches:
-            module(batch)
-        for hook in hooks:
-            hook.remove()
-        for layer in norms:
-            running_mean, running_var = _running(layer)
-            mean, square = (sums[layer] / counts[layer]).to(running_mean.device)
-            variance = (square - mean.square()).clamp(min=0)
-            slope = layer.weight.double() / (running_var.double() + layer.eps).sqrt()
-            layer.bias.add_(slope * (mean - running_mean.double()))
-            layer.weight.copy_(slope * (variance + layer.eps).sqrt())
-            running_mean.copy_(mean)
-            running_var.copy_(variance)
-
-
-def _running(layer: "nn.BatchNorm2d") -> "tuple[torch.Tensor, torch.Tensor]":
-    """Mean and variance of a layer that `_list_norms` found."""
-    assert layer.running_mean is not None and layer.running_var is not None
-    return layer.running_mean, layer.running_var
-
-
-def _list_norms(module: "nn.Module") -> "list[nn.BatchNorm2d]":
-    from torch.nn import BatchNorm2d
-
-    return [layer for layer in module.modules() if isinstance(layer, BatchNorm2d) and layer.track_running_stats]
-
-
-def start_network(config: ClassifierConfig, classes: int, init: WeightsFile | None) -> "nn.Module":
+def start_network(config: ClassifierConfig, classes: int, init: WeightsFile | None) -> nn.Module:
     """A network of the config's architecture, its weights drawn by the seed; with `init`, all but the last layer's.
 
     Raises:
         ToolkitError: the file holds weights of another network.
     """
-    import torch
-
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
         module = build_network(config.arch, classes)
@@ -374,17 +300,15 @@ def start_network(config: ClassifierConfig, classes: int, init: WeightsFile | No
     return module
 
 
-def load_tensors(module: "nn.Module", tensors: "Mapping[str, torch.Tensor]", strict: bool = True) -> None:
+def load_tensors(module: nn.Module, tensors: Mapping[str, torch.Tensor], strict: bool = True) -> None:
     """`load_state_dict` for tensors that have lost torch's notes on the versions of layers, which some need."""
     state = OrderedDict(tensors)
     state._metadata = module.state_dict()._metadata  # type: ignore[attr-defined]
     module.load_state_dict(state, strict=strict)
 
 
-def _initialise(module: "nn.Module", arch: str) -> None:
+def _initialise(module: nn.Module, arch: str) -> None:
     """GoogLeNet and Inception are built bare, as they are for loading; here they need a start."""
-    from torch import nn
-
     if arch not in ("googlenet", "inception_v3"):
         return
     for layer in module.modules():
@@ -392,7 +316,7 @@ def _initialise(module: "nn.Module", arch: str) -> None:
             nn.init.trunc_normal_(layer.weight, std=0.05)
 
 
-def _take_weights(module: "nn.Module", arch: str, init: WeightsFile) -> None:
+def _take_weights(module: nn.Module, arch: str, init: WeightsFile) -> None:
     own, given = module.state_dict(), read_state_dict(init)
     # side outputs for training only, and batch norm's step counter, may be absent
     needed = [name for name in own if not name.endswith("num_batches_tracked") and not name.lower().startswith("aux")]

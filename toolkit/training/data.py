@@ -20,7 +20,7 @@ from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import Classifier, match_classes
 from toolkit.objects.spec import read_spec
-from toolkit.training.folder import CIFAR_PREFIX, LabelledFile, StoredImage, find_classes, list_cifar, load_square
+from toolkit.training.images import CIFAR_PREFIX, CifarImage, LabelledFile, find_classes, list_cifar, load_square
 from toolkit.training.renders import EVERYDAY, RIG, RenderUnit, render_shards
 
 PACKAGE = Path(__file__).parents[1]
@@ -60,7 +60,7 @@ class RenderCounts:
 
 
 @dataclass(frozen=True)
-class Source:
+class DataSource:
     """One `--data`.
 
     Attributes:
@@ -72,8 +72,8 @@ class Source:
         held_out_words: how the held-out images differ.
     """
 
-    train: tuple[LabelledFile | RenderUnit | StoredImage, ...]
-    held_out: tuple[LabelledFile | RenderUnit | StoredImage, ...]
+    train: tuple[LabelledFile | RenderUnit | CifarImage, ...]
+    held_out: tuple[LabelledFile | RenderUnit | CifarImage, ...]
     skipped: tuple[tuple[str, str], ...]
     record: dict[str, Any]
     key: str
@@ -81,7 +81,7 @@ class Source:
     held_out_words: str
 
 
-def open_source(data: str, workspace: Workspace, counts: RenderCounts, download: bool = False) -> Source:
+def open_source(data: str, workspace: Workspace, counts: RenderCounts, download: bool = False) -> DataSource:
     """What one `--data` offers; `everyday` and `rig` are sources, a folder of that name is `./everyday`.
 
     Args:
@@ -103,16 +103,16 @@ def open_source(data: str, workspace: Workspace, counts: RenderCounts, download:
     kinds = sorted({one.label for one in found.train})
     record = {"source": Path(data).resolve().name, "classes": len(kinds)}
     words = f"photographs of {len(kinds)} classes from the folder {record['source']}"
-    return Source(found.train, found.held_out, found.skipped, record, "", words, found.how)
+    return DataSource(found.train, found.held_out, found.skipped, record, "", words, found.how)
 
 
-def _cifar(folder: Path, download: bool) -> Source:
+def _cifar(folder: Path, download: bool) -> DataSource:
     train, held_out = (list_cifar(folder, split, download) for split in ("train", "test"))
     record = {"source": "cifar10", "classes": len({one.label for one in train})}
-    return Source(train, held_out, (), record, "", "photographs of CIFAR-10", "CIFAR-10's test images")
+    return DataSource(train, held_out, (), record, "", "photographs of CIFAR-10", "CIFAR-10's test images")
 
 
-def _everyday(counts: RenderCounts) -> Source:
+def _everyday(counts: RenderCounts) -> DataSource:
     from toolkit.content.everyday import MAKERS
 
     units = [counts.units(EVERYDAY, label, f"{EVERYDAY}/{label}") for label in sorted(MAKERS)]
@@ -121,7 +121,7 @@ def _everyday(counts: RenderCounts) -> Source:
     return _source(units, record, _hash_code(), words, "other objects of each kind, in other studios and views")
 
 
-def _rig(workspace: Workspace, counts: RenderCounts) -> Source:
+def _rig(workspace: Workspace, counts: RenderCounts) -> DataSource:
     specs = {name: (file, read_spec(file)) for name, file in sorted(workspace.object_specs().items())}
     units: list[tuple] = []
     keys: list[Any] = [_hash_code()]
@@ -138,10 +138,10 @@ def _rig(workspace: Workspace, counts: RenderCounts) -> Source:
     return _source(units, record, json.dumps(keys), words, "the same objects in other studios and views")
 
 
-def _source(units: Sequence[tuple], record: dict[str, Any], key: str, words: str, held_out_words: str) -> Source:
+def _source(units: Sequence[tuple], record: dict[str, Any], key: str, words: str, held_out_words: str) -> DataSource:
     train = tuple(unit for own, _ in units for unit in own)
     held_out = tuple(unit for _, own in units for unit in own)
-    return Source(train, held_out, (), record, key, words, held_out_words)
+    return DataSource(train, held_out, (), record, key, words, held_out_words)
 
 
 def _hash_mesh(spec_file: Path, mesh: str) -> str:
@@ -174,7 +174,7 @@ class TrainingClasses:
         return sorted(set(self.index_of.values()))
 
 
-def list_classes(sources: Sequence[Source]) -> TrainingClasses:
+def list_classes(sources: Sequence[DataSource]) -> TrainingClasses:
     """The classes of the data, by name.
 
     Raises:
@@ -187,7 +187,7 @@ def list_classes(sources: Sequence[Source]) -> TrainingClasses:
     return TrainingClasses(labels, {label: index for index, label in enumerate(labels)})
 
 
-def keep_classes(sources: Sequence[Source], classifier: Classifier) -> TrainingClasses:
+def keep_classes(sources: Sequence[DataSource], classifier: Classifier) -> TrainingClasses:
     """All classes of a classifier; the data's are found among them by WordNet id or by label.
 
     Raises:
@@ -202,7 +202,7 @@ def keep_classes(sources: Sequence[Source], classifier: Classifier) -> TrainingC
 
 BLOCK = 256
 PACKS = ("train", "held_out")
-Item = LabelledFile | RenderUnit | StoredImage
+Item = LabelledFile | RenderUnit | CifarImage
 
 
 @dataclass(frozen=True)
@@ -239,7 +239,7 @@ class TrainingSet:
 
 
 def load_training_set(
-    sources: Sequence[Source], classes: TrainingClasses, how: Preprocessing, keep: Path, workers: int
+    sources: Sequence[DataSource], classes: TrainingClasses, how: Preprocessing, keep: Path, workers: int
 ) -> TrainingSet:
     """Render and decode what the sources offer, or take what an earlier run left in `keep`.
 
@@ -272,20 +272,20 @@ def load_training_set(
     return TrainingSet(classes.labels, train, held_out, tuple(skipped), record)
 
 
-def _hash_sources(sources: Sequence[Source], classes: TrainingClasses, how: Preprocessing) -> str:
+def _hash_sources(sources: Sequence[DataSource], classes: TrainingClasses, how: Preprocessing) -> str:
     """Address of the packed images: of the files' names, sizes and times, and of all that decides the renders."""
     items = [[source.key, *map(_address, (*source.train, *source.held_out))] for source in sources]
     return sha256_bytes(json.dumps([items, asdict(how), classes.index_of]).encode())
 
 
 def _address(item: Item) -> str:
-    if isinstance(item, RenderUnit | StoredImage):
+    if isinstance(item, RenderUnit | CifarImage):
         return item.name
     status = item.path.stat()
     return f"{item.path} {item.label} {status.st_size} {status.st_mtime_ns}"
 
 
-def _render(sources: Sequence[Source], folder: Path, workers: int) -> None:
+def _render(sources: Sequence[DataSource], folder: Path, workers: int) -> None:
     units = [item for source in sources for item in (*source.train, *source.held_out) if isinstance(item, RenderUnit)]
     if not units:
         return
@@ -295,7 +295,7 @@ def _render(sources: Sequence[Source], folder: Path, workers: int) -> None:
         render_shards(units, folder, workers, bar.advance)
 
 
-def _pack_all(sources: Sequence[Source], index_of: dict[str, int], how: Preprocessing, place: Path) -> None:
+def _pack_all(sources: Sequence[DataSource], index_of: dict[str, int], how: Preprocessing, place: Path) -> None:
     parts = {name: [item for source in sources for item in getattr(source, name)] for name in PACKS}
     about: dict[str, Any] = {"skipped": []}
     files = sum(isinstance(item, LabelledFile) for items in parts.values() for item in items)
@@ -345,7 +345,7 @@ def _read_items(
 def _read_item(item: Item, shards: Path, how: Preprocessing) -> np.ndarray | str:
     if isinstance(item, RenderUnit):
         return np.load(shards / item.name, allow_pickle=False, mmap_mode=None)
-    if isinstance(item, StoredImage):
+    if isinstance(item, CifarImage):
         return resize_and_crop(item.pixels, how)[None]
     try:
         return load_square(item.path, how)[None]

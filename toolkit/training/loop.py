@@ -1,7 +1,7 @@
 """The one training loop: steps, checkpoints at any moment, going on to the same bytes, and the finish.
 
-A `Task` says what is trained: its parameters, and the loss of step i, which depends on the parameters and on (seed, i)
-alone. `fit` does the rest, in one process or in the several that torchrun started.
+A `TrainingTask` says what is trained: its parameters, and the loss of step i, which depends on the parameters and on
+(seed, i) alone. `fit` does the rest, in one process or in the several that torchrun started.
 """
 
 import signal
@@ -108,7 +108,7 @@ class History:
         return {name: float(np.mean(self.figures[name][-count:])) for name in names}
 
 
-class Task(ABC, Generic[Made]):
+class TrainingTask(ABC, Generic[Made]):
     """What is trained.
 
     Attributes:
@@ -186,7 +186,7 @@ class Fitted(Generic[Made]):
     was_finished: bool
 
 
-def fit(task: Task[Made], config: FitConfig, checkpoint: Checkpoint | None = None) -> Fitted[Made]:
+def fit(task: TrainingTask[Made], config: FitConfig, checkpoint: Checkpoint | None = None) -> Fitted[Made]:
     """Train, or take a run up where an earlier one of the same inputs was stopped: the result is the same to the byte.
 
     Args:
@@ -212,7 +212,7 @@ def fit(task: Task[Made], config: FitConfig, checkpoint: Checkpoint | None = Non
         return _fit(task, config, checkpoint)
 
 
-def _fit(task: Task[Made], config: FitConfig, checkpoint: Checkpoint | None) -> Fitted[Made]:
+def _fit(task: TrainingTask[Made], config: FitConfig, checkpoint: Checkpoint | None) -> Fitted[Made]:
     def find_finished() -> Made | None:
         if checkpoint is not None and checkpoint.restart:
             checkpoint.file.unlink(missing_ok=True)
@@ -227,7 +227,7 @@ def _fit(task: Task[Made], config: FitConfig, checkpoint: Checkpoint | None) -> 
     for line in task.describe():
         notice(line)
     state = current().ask_first(lambda: None if checkpoint is None else checkpoint.read(task.kind))
-    run = _Run(task, config)
+    run = _Fitting(task, config)
     if state is not None:
         run.restore(state)
     resumed_from = len(run.history)
@@ -244,14 +244,14 @@ def _fit(task: Task[Made], config: FitConfig, checkpoint: Checkpoint | None) -> 
     return Fitted(made, resumed_from, False)
 
 
-def make_steps(task: Task[Made], config: FitConfig) -> Iterator[None]:
+def make_steps(task: TrainingTask[Made], config: FitConfig) -> Iterator[None]:
     """The bare steps, one per turn of the caller's loop, without progress, checkpoints and finish; for measurements."""
     with task.open():
         task.begin()
-        yield from _Run(task, config).steps()
+        yield from _Fitting(task, config).steps()
 
 
-def _make_and_keep_steps(run: "_Run", checkpoint: Checkpoint | None) -> None:
+def _make_and_keep_steps(run: "_Fitting", checkpoint: Checkpoint | None) -> None:
     """Those that are left, with a progress bar and checkpoints."""
     task, history = run.task, run.history
     kept, kept_at = len(history), monotonic()
@@ -282,10 +282,10 @@ def _note(figures: Mapping[str, float]) -> str:
     return "  ".join([loss, *(SHOWN.get(name, name + " {:.3g}").format(value) for name, value in others.items())])
 
 
-class _Run:
+class _Fitting:
     """A task, its optimiser and its history, which are always those of the same step."""
 
-    def __init__(self, task: Task, config: FitConfig) -> None:
+    def __init__(self, task: TrainingTask, config: FitConfig) -> None:
         self.task, self.config, self.history = task, config, History()
         self._parameters = dict(task.parameters())
         self._optimiser = _make_optimiser(list(self._parameters.values()), config)

@@ -133,7 +133,7 @@ def _weights() -> Check:
 
 def _bundled() -> Check:
     """The classifier that needs no network: whether it is here and whole."""
-    from toolkit.models.bundled import read_bundled
+    from toolkit.models.load import read_bundled
 
     try:
         record = read_bundled()

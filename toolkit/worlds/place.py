@@ -5,7 +5,6 @@ Frame: as in `toolkit.worlds.world`, metres; the object's own as on the table, i
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from toolkit.objects.mesh import Mesh, cast_rays
 from toolkit.objects.spec import ObjectSpec
 from toolkit.rig.scene import Scene, Stand
 from toolkit.rig.variants import dress, find_booster
-from toolkit.worlds.requests import ObjectInWorld
+from toolkit.worlds.requests import DRY, ObjectInWorld
 from toolkit.worlds.sky import Sky
 from toolkit.worlds.world import Spot, World
 
@@ -27,9 +26,6 @@ ABOVE_M = 1.0
 CONTACT = 1e-3
 """Vertices that carry an object lie within this share of its length above its base."""
 KERB_M = 0.3
-Kind = Literal["ground", "roof", "water"]
-DRY: tuple[Kind, ...] = ("ground", "roof")
-"""What objects stand on that are no ships."""
 
 
 @dataclass(frozen=True)

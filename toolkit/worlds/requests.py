@@ -4,12 +4,16 @@ Light to import: commands make their options from these.
 """
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError
+
+Kind = Literal["ground", "roof", "water"]
+DRY: tuple[Kind, ...] = ("ground", "roof")
+"""What objects stand on that are no ships."""
 
 
 class ObjectInWorld(Config):

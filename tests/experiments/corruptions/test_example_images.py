@@ -12,7 +12,7 @@ from toolkit.experiments.corruptions.config import CorruptEvalConfig
 from toolkit.experiments.corruptions.examples import RIGHT, WRONG, choose_conditions, draw_examples
 from toolkit.experiments.corruptions.grid import Grid, run_grid
 from toolkit.experiments.corruptions.variants import open_variants
-from toolkit.training.image_set import open_images
+from toolkit.training.images import open_images
 
 
 def count(picture, colour) -> int:

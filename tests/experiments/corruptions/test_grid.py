@@ -20,7 +20,7 @@ from toolkit.experiments.corruptions.config import CorruptEvalConfig
 from toolkit.experiments.corruptions.grid import Grid, run_grid
 from toolkit.experiments.corruptions.recognisers import rank_classes
 from toolkit.experiments.corruptions.variants import open_variants, share_classes
-from toolkit.training.image_set import open_images
+from toolkit.training.images import open_images
 
 CORRUPTIONS = (("fog", 3), ("gaussian_noise", 2), ("jpeg_compression", 4))
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from functools import lru_cache, partial
 from typing import Any
 
-import cv2
 import numpy as np
 
 from toolkit.boosters.patch_config import SMALLEST_PX
@@ -136,7 +135,7 @@ def draw_modules(black: np.ndarray, border: int, size_px: int) -> np.ndarray:
 QR, APRILTAG = "qr", "apriltag"
 PAPER_BORDER = 1
 """White modules around a QR code in the paper's release; the standard, ISO/IEC 18004, asks for four."""
-DICTIONARIES = {"36h11": cv2.aruco.DICT_APRILTAG_36h11, "36h10": cv2.aruco.DICT_APRILTAG_36h10}
+DICTIONARIES = {"36h11": "DICT_APRILTAG_36h11", "36h10": "DICT_APRILTAG_36h10"}
 """AprilTag's families in OpenCV: 587 tags and 2320, the fewer the farther apart."""
 ERROR_CORRECTION = "H"
 
@@ -144,7 +143,9 @@ ERROR_CORRECTION = "H"
 @lru_cache(maxsize=len(DICTIONARIES))
 def tag_dictionary(name: str) -> Any:
     """OpenCV's dictionary of a family."""
-    return cv2.aruco.getPredefinedDictionary(DICTIONARIES[name])
+    import cv2
+
+    return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, DICTIONARIES[name]))
 
 
 def choose_dictionary(classes: int) -> str:
@@ -204,6 +205,8 @@ class AprilTags(_Codes):
 
     def choose(self, index: int, advance: Advance) -> Choice:
         """The tag of one class."""
+        import cv2
+
         # one pixel for each module
         black = cv2.aruco.generateImageMarker(tag_dictionary(self.dictionary), index, self.modules) == 0
         advance(1)

@@ -17,7 +17,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import Classifier
 from toolkit.objects.records import PatchRecord
-from toolkit.training.image_set import ImageSet, LabelledImage
+from toolkit.training.images import ImageSet, LabelledImage
 
 BATCH = 64
 MAX_DECODERS = 8

@@ -22,7 +22,7 @@ from toolkit.experiments.corruptions.variants import Variant
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import BadAnswer
-from toolkit.training.image_set import ImageSet, LabelledImage
+from toolkit.training.images import ImageSet, LabelledImage
 
 if TYPE_CHECKING:
     import torch

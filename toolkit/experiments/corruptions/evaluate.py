@@ -16,7 +16,7 @@ from toolkit.experiments.corruptions.grid import Benchmark, Grid, run_grid
 from toolkit.experiments.corruptions.variants import open_variants, share_classes
 from toolkit.models.load import load_classifier
 from toolkit.models.network import Classifier
-from toolkit.training.image_set import ImageSet, choose_classes, open_images
+from toolkit.training.images import ImageSet, choose_classes, open_images
 
 
 @dataclass(frozen=True)

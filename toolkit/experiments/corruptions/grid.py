@@ -36,7 +36,7 @@ from toolkit.experiments.corruptions.recognisers import Recogniser
 from toolkit.experiments.corruptions.variants import Variant
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import Classifier
-from toolkit.training.image_set import ImageSet, LabelledImage
+from toolkit.training.images import ImageSet, LabelledImage
 
 GroupKey = TypeVar("GroupKey", bound=Hashable)
 SHARD_IMAGES = 256

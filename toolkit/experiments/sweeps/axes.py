@@ -3,9 +3,8 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from toolkit.captures.shoot import ShootSettings
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import TableObject, load_object
@@ -13,6 +12,9 @@ from toolkit.objects.records import printed_size_mm
 from toolkit.rig.plan import CapturePlan, check_poses, scale_distance, scale_resolution
 from toolkit.rig.studio import BACKDROPS, LIGHTS
 from toolkit.rig.variants import Print, dress, find_booster
+
+if TYPE_CHECKING:
+    from toolkit.captures.shoot import ShootSettings
 
 Value = str | int | float
 PAPER_MM = round(printed_size_mm(100), 3)
@@ -30,7 +32,7 @@ class ShootSetup:
     """
 
     plan: CapturePlan
-    settings: ShootSettings
+    settings: "ShootSettings"
     patch_mm: float | None = None
 
 

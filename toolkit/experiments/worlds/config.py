@@ -13,7 +13,7 @@ from toolkit.rig.variants import VARIANTS
 from toolkit.worlds import conditions
 from toolkit.worlds.airsim import Address
 from toolkit.worlds.conditions import CLEAR, Time
-from toolkit.worlds.place import DRY, Kind
+from toolkit.worlds.requests import DRY, Kind
 
 GridShape = tuple[int, int, int]
 GRID_WORDS = re.compile(r"(\d{1,3})[x×](\d{1,3})[x×](\d{1,3})")

@@ -8,8 +8,7 @@ from pathlib import Path
 from toolkit.captures.manifest import MANIFEST, CaptureRecord, read_manifest
 from toolkit.captures.read import read_pose_id
 from toolkit.core.files import inside, sha256_file, write_text
-from toolkit.imaging.folder import show_path
-from toolkit.imaging.read import is_image_name
+from toolkit.imaging.read import is_image_name, show_path
 from toolkit.photos.photo import Photo
 
 REPLACED = ".replaced"

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from datetime import datetime
 
 from toolkit.core.files import sha256_bytes, sha256_file
-from toolkit.imaging.folder import show_path
+from toolkit.imaging.read import show_path
 from toolkit.photos.importing.evidence import Evidence
 from toolkit.photos.importing.index import CaptureKey, SourceIndex, find_images
 from toolkit.photos.importing.match import Decision, Doubt, MatchRender, decide_pose, measure_match

@@ -10,7 +10,7 @@ from PIL import Image
 from toolkit import __version__
 from toolkit.captures.manifest import CaptureRecord, append_record, read_manifest
 from toolkit.core.files import link_file, sha256_bytes, sha256_file, write_bytes
-from toolkit.imaging.folder import show_path
+from toolkit.imaging.read import show_path
 from toolkit.photos.exif import ExifFacts, read_preview, write_exif
 from toolkit.photos.gates.result import Check
 from toolkit.photos.importing.evidence import Evidence
