@@ -1,13 +1,15 @@
 """What is evaluated, and how: declared once, for the command line and for Python."""
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from pydantic import AfterValidator, BeforeValidator, Field
 
-from toolkit.captures.read import Selection
 from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError
 from toolkit.core.names import is_folder_name
+
+if TYPE_CHECKING:
+    from toolkit.captures.read import Selection
 
 
 def check_run_name(name: str) -> str:
@@ -72,6 +74,8 @@ class EvalConfig(Config):
     )
 
     @property
-    def selection(self) -> Selection:
+    def selection(self) -> "Selection":
         """Which part of the capture folder is meant."""
+        from toolkit.captures.read import Selection
+
         return Selection(self.sources, self.objects, self.variants)

@@ -15,7 +15,6 @@ from typing import IO, Any
 import numpy as np
 from PIL import ExifTags, Image, ImageCms, ImageOps
 
-from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import open_plain
 
@@ -184,6 +183,8 @@ def decode_texture(image: Image.Image, name: str) -> np.ndarray:
     factor = -(-max(image.size) // MAX_TEXTURE_PX)
     try:
         if factor > 1:
+            from toolkit.core.console import notice
+
             image.draft(image.mode, (image.width // factor, image.height // factor))
             full, image = image, image.reduce(-(-max(image.size) // MAX_TEXTURE_PX))
             full.close()  # frees what was decoded
@@ -206,6 +207,8 @@ def open_textures(name: str) -> Iterator[None]:
     Args:
         name: of what is read, for the notice.
     """
+    from toolkit.core.console import notice
+
     readers = _list_readers(TEXTURE_FORMATS)
     with _one_at_a_time:
         limit, open_any = Image.MAX_IMAGE_PIXELS, Image.open

@@ -1,7 +1,6 @@
 """Find and read a network's weights, wherever the user keeps them."""
 
 import contextlib
-import http.client
 import math
 import os
 import re
@@ -266,6 +265,8 @@ def _published_name(url: str) -> str:
 
 def download(arch: str, url: str, timeout_s: float = DOWNLOAD_TIMEOUT_S) -> Path:
     """A published file into torch's own cache, checked against the hash in its name; else a `ToolkitError`."""
+    from http.client import HTTPException
+
     import torch
 
     name = _published_name(url)
@@ -275,7 +276,7 @@ def download(arch: str, url: str, timeout_s: float = DOWNLOAD_TIMEOUT_S) -> Path
         target.parent.mkdir(parents=True, exist_ok=True)
         with socket_timeout(timeout_s):
             torch.hub.download_url_to_file(url, str(target), digits[1] if digits else None, progress=not is_quiet())
-    except (OSError, http.client.HTTPException, RuntimeError) as error:
+    except (OSError, HTTPException, RuntimeError) as error:
         reason = str(getattr(error, "reason", "") or error).strip() or error.__class__.__name__
         others = f"put {name} into torch's cache {cache_dir()}, or let it download from {url} (failed: {reason})"
         raise no_weights(arch, arch, others) from None

@@ -1,6 +1,5 @@
 """Images of classes, to train on and for benchmarks: a folder with a sub-folder for each class, or CIFAR-10."""
 
-import http.client
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -49,6 +48,8 @@ def open_cifar(folder: Path, split: str, download: bool = False) -> Cifar10:
     Raises:
         ToolkitError: it is not there, a file of it is damaged or foreign, or the download failed.
     """
+    from http.client import HTTPException
+
     from torchvision.datasets import CIFAR10
 
     if split not in SPLITS:
@@ -58,7 +59,7 @@ def open_cifar(folder: Path, split: str, download: bool = False) -> Cifar10:
     try:
         with socket_timeout(DOWNLOAD_TIMEOUT_S):
             found = CIFAR10(str(root), train=split == "train", download=download)
-    except (RuntimeError, OSError, http.client.HTTPException) as error:
+    except (RuntimeError, OSError, HTTPException) as error:
         reason = str(getattr(error, "reason", "") or error).strip() or error.__class__.__name__
         if download:
             raise ToolkitError(

@@ -14,7 +14,6 @@ from io import StringIO
 from time import sleep
 from typing import TYPE_CHECKING, TypeVar
 
-from toolkit.core.console import quietly
 from toolkit.core.errors import FieldError, ToolkitError
 
 if TYPE_CHECKING:
@@ -236,6 +235,8 @@ def joined() -> Iterator[None]:
             if processes.is_first:
                 yield
             else:
+                from toolkit.core.console import quietly
+
                 with quietly(), redirect_stdout(StringIO()):
                     follow()
                     yield
