@@ -186,6 +186,7 @@ def expected_of(info: FieldInfo, found: object = None) -> str:
         known = [str(choice) for choice in get_args(kind)]
         near = get_close_matches(str(found), known, n=1)
         return _or(known) + (f"; did you mean {near[0]}?" if near else "")
+    # of a number that is out of bounds the bounds are enough
     words, bounds = KINDS.get(kind, ""), bounds_of(info)
     return ", ".join(filter(None, [words, bounds])) if not bounds or isinstance(found, str) else bounds
 

@@ -97,6 +97,7 @@ class Ticker:
                 self._progress.update(self._task, note=escape(note))
         elif self._title and monotonic() - self._told >= LINE_EVERY_S:
             self._told = monotonic()
+            # of this run: what an earlier one did took no time now
             rate = (self._done - self._before) / (self._told - self._start)
             left = f", {rate:.3g}/s, {(self._total - self._done) / rate:.0f} s left" if rate > 0 else ""
             errors.print(f"{self._title}: {self._done} of {self._total}{left}", markup=False, soft_wrap=True)

@@ -119,24 +119,21 @@ class Workspace:
 
     def object_spec(self, name: str) -> Path:
         """The spec of one object; an unknown name is a `ToolkitError`."""
-        specs = self.object_specs()
-        if name not in specs:
-            raise one_of("object", name, sorted(specs))
-        return specs[name]
+        return _find_named("object", name, self.object_specs())
 
     def patch(self, name: str) -> Path:
         """The PNG of one patch; an unknown name is a `ToolkitError`."""
-        patches = self.patches()
-        if name not in patches:
-            raise one_of("patch", name, sorted(patches))
-        return patches[name]
+        return _find_named("patch", name, self.patches())
 
     def texture(self, name: str) -> Path:
         """The PNG of one texture; an unknown name is a `ToolkitError`."""
-        textures = self.textures()
-        if name not in textures:
-            raise one_of("texture", name, sorted(textures))
-        return textures[name]
+        return _find_named("texture", name, self.textures())
+
+
+def _find_named(kind: str, name: str, known: dict[str, Path]) -> Path:
+    if name not in known:
+        raise one_of(kind, name, sorted(known))
+    return known[name]
 
 
 def _named_files(kind: str | Path, pattern: str, own: Path) -> dict[str, Path]:

@@ -96,6 +96,7 @@ def motion_taps(radius_px: float, sigma_px: float, angle_deg: float) -> list[tup
     count = 2 * math.ceil(radius_px) + 1
     weights = [math.exp(-0.5 * (step / sigma_px) ** 2) for step in range(count)]
     cos, sin = math.cos(math.radians(angle_deg)), math.sin(math.radians(angle_deg))
+    # ImageMagick's rounding: halves go down
     places = [(math.ceil(step * cos - 0.5), math.ceil(step * sin - 0.5)) for step in range(count)]
     return [(dx, dy, weight / sum(weights)) for (dx, dy), weight in zip(places, weights, strict=True)]
 
@@ -156,6 +157,7 @@ def trace_copies(neighbours: torch.Tensor, height: int, width: int, reach_px: in
     step of this search goes twice as far as the one before.
     """
     own = torch.arange(height * width, device=neighbours.device)
+    # `neighbours > own`: the loop goes from the bottom right, and has changed those by then
     passed = _may_move(height, width, reach_px).to(neighbours.device)[neighbours] & (neighbours > own)
     origin = neighbours
     while passed.any():

@@ -17,6 +17,7 @@ TAIL_SIGMAS = 10
 def _tables(scale: float, levels: int) -> tuple[torch.Tensor, torch.Tensor]:
     """Distribution function (levels + 1, k) float32, and the smallest count (levels + 1, BUCKETS) in each bucket."""
     means = np.arange(levels + 1) * (scale / levels)
+    # so many deviations out no number of 24 bits falls
     counts = np.arange(int(scale + TAIL_SIGMAS * np.sqrt(scale) + TAIL_SIGMAS))
     distribution = pdtr(counts, means[:, None]).astype(np.float32)
     distribution[:, -1] = 2.0  # no uniform number reaches it: the search ends here

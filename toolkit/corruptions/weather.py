@@ -28,6 +28,7 @@ def draw_clouds(side_px: int, decay: float, draws: RandomStreams) -> torch.Tenso
     """
     shifts = draws.uniform(side_px**2 - 1).mul_(2).sub_(1)
     clouds = torch.zeros(len(shifts), side_px, side_px, device=shifts.device)
+    # the diamond-square algorithm: middles of squares from corners, then middles of edges from both
     step, bound, used = side_px, FIRST_WIBBLE**2, 0
 
     def settle(total: torch.Tensor) -> torch.Tensor:
@@ -220,8 +221,10 @@ def cut_frost(height: int, width: int, scale: float, draws: RandomStreams) -> li
     return pieces
 
 
+# pale turquoise, and the mud of the published script
 WATER = (175 / 255, 238 / 255, 238 / 255)
 MUD = (63 / 255, 42 / 255, 20 / 255)
+# as in the published script, which takes OpenCV's Canny and distance transform too
 EMBOSS = np.array([[-2, -1, 0], [-1, 1, 1], [0, 1, 2]], np.float32)
 MAX_DISTANCE_PX = 20
 CANNY_THRESHOLDS = (50, 150)
@@ -265,6 +268,7 @@ def _shade_layer(layer: np.ndarray) -> np.ndarray:
     return light / brightest if brightest > 0 else light  # an image may have no drop at all
 
 
+# of ITU-R BT.601, as OpenCV's conversion to grey
 LUMA = (0.299, 0.587, 0.114)
 SNOW_ANGLES_DEG = (-135.0, -45.0)
 
@@ -285,6 +289,7 @@ def add_snow(images: torch.Tensor, shape: tuple[float, ...], draws: RandomStream
     flakes = torch.where(flakes < threshold, 0.0, flakes).clamp_(0, 1)
     low, high = SNOW_ANGLES_DEG
     flakes = blur_along(flakes, radius_px, sigma_px, draws.uniform() * (high - low) + low)
+    # the published 1.5 × grey + 0.5: dark places become as grey as snow in shade
     whitened = torch.maximum(images, _grey(images).mul_(1.5).add_(0.5))
     return torch.lerp(whitened, images, kept).add_(flakes + flakes.flip(2, 3))
 
@@ -311,6 +316,7 @@ def add_fog(images: torch.Tensor, shape: tuple[float, float], draws: RandomStrea
     """Add clouds, and dim so that the brightest value stays; `shape` is the clouds' strength and smoothness."""
     strength, decay = shape
     height, width = images.shape[-2:]
+    # diamond-square makes squares whose side is a power of two; the image is a corner of one
     side_px = 1 << (max(height, width) - 1).bit_length()
     clouds = draw_clouds(side_px, decay, draws)[:, None, :height, :width]
     brightest = images.amax((1, 2, 3), keepdim=True)

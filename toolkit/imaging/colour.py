@@ -41,15 +41,18 @@ def delta_e2000(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     l1, a1, b1 = np.moveaxis(np.asarray(one, float), -1, 0)
     l2, a2, b2 = np.moveaxis(np.asarray(other, float), -1, 0)
     mean_chroma = (np.hypot(a1, b1) + np.hypot(a2, b2)) / 2
+    # a* is stretched where colours are nearly grey (equations 4 to 7)
     stretch = 1 + 0.5 * (1 - np.sqrt(mean_chroma**7 / (mean_chroma**7 + POW25_7)))
     c1, c2 = np.hypot(stretch * a1, b1), np.hypot(stretch * a2, b2)
     h1, h2 = (np.degrees(np.arctan2(b, stretch * a)) % 360 for a, b in ((a1, b1), (a2, b2)))
+    # differences and means of hue the short way round; a grey has none (10, 14)
     grey = c1 * c2 == 0
     turn = np.where(grey, 0.0, (h2 - h1 + 180) % 360 - 180)
     turn = np.where(turn == -180, 180.0, turn)  # h2 - h1 of exactly half a turn counts upwards
     far = np.abs(h1 - h2) > 180
     hue = np.where(grey, h1 + h2, (h1 + h2) / 2 + np.where(far, np.where(h1 + h2 < 360, 180, -180), 0))
     light, chroma = (l1 + l2) / 2, (c1 + c2) / 2
+    # how the weight of hue differs from hue to hue (15)
     shape = (
         1 - 0.17 * np.cos(np.radians(hue - 30)) + 0.24 * np.cos(np.radians(2 * hue))
         + 0.32 * np.cos(np.radians(3 * hue + 6)) - 0.20 * np.cos(np.radians(4 * hue - 63))
@@ -57,6 +60,7 @@ def delta_e2000(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     d_light = (l2 - l1) / (1 + 0.015 * (light - 50) ** 2 / np.sqrt(20 + (light - 50) ** 2))
     d_chroma = (c2 - c1) / (1 + 0.045 * chroma)
     d_hue = 2 * np.sqrt(c1 * c2) * np.sin(np.radians(turn / 2)) / (1 + 0.015 * chroma * shape)
+    # blues are turned: chroma and hue are not independent there (16, 17, 21)
     blue = np.sin(np.radians(60 * np.exp(-(((hue - 275) / 25) ** 2))))
     rotation = -2 * np.sqrt(chroma**7 / (chroma**7 + POW25_7)) * blue
     return np.sqrt(np.maximum(d_light**2 + d_chroma**2 + d_hue**2 + rotation * d_chroma * d_hue, 0))

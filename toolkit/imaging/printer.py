@@ -34,6 +34,7 @@ def nearest_printable(colours: np.ndarray) -> np.ndarray:
     """
     nearest = np.array(colours, float)
     triangles, normals = _hull()
+    # a point inside of the hull lies below all of its triangles
     above = np.einsum("kfc,fc->kf", nearest[:, None] - triangles[None, :, 0], normals)
     outside = np.flatnonzero(above.max(axis=1) > 0)
     points, best = nearest[outside], np.full(len(outside), np.inf)
@@ -61,6 +62,7 @@ def _hull() -> tuple[np.ndarray, np.ndarray]:
 def _nearest_on_triangle(points: np.ndarray, triangle: np.ndarray) -> np.ndarray:
     """(k, 3) the place on a triangle that is nearest to each of (k, 3) points."""
     edges = triangle[1:] - triangle[0]
+    # barycentric coordinates of the nearest place in the triangle's plane; outside, an edge is nearer
     weights = np.linalg.lstsq(edges.T, (points - triangle[0]).T, rcond=None)[0].T
     within = (weights >= 0).all(axis=1) & (weights.sum(axis=1) <= 1)
     nearest = np.where(within[:, None], triangle[0] + weights @ edges, np.nan)

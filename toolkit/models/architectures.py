@@ -45,6 +45,7 @@ def build_cifar_network(arch: str, num_classes: int) -> "nn.Module":
     if arch == "cifar_resnet8":
         return _build_resnet8(num_classes)
     module = torchvision.models.get_model(arch.removeprefix("cifar_"), weights=None, num_classes=num_classes)
+    # published networks shrink an image fourfold before the first stage: too little would be left of 32 px
     module.conv1 = nn.Conv2d(3, 64, 3, 1, 1, bias=False)
     nn.init.kaiming_normal_(module.conv1.weight, mode="fan_out", nonlinearity="relu")
     module.maxpool = nn.Identity()
@@ -56,6 +57,7 @@ def _build_resnet8(num_classes: int) -> "nn.Module":
     from torchvision.models.resnet import BasicBlock, conv1x1
 
     def stage(inputs: int, outputs: int, stride: int) -> BasicBlock:
+        # of He et al. (2016), section 4.2, with one block in each stage; a 1×1 convolution where the shape changes
         narrow = None if stride == 1 else nn.Sequential(conv1x1(inputs, outputs, stride), nn.BatchNorm2d(outputs))
         return BasicBlock(inputs, outputs, stride, narrow)
 

@@ -76,6 +76,7 @@ class FixedBatch(nn.Module):
             return self.program(batch)
         parts = []
         for part in batch.split(self.count):
+            # filled up by copies of its first image, whose answers are cut off again
             missing = self.count - len(part)
             whole = torch.cat([part, part[:1].expand(missing, -1, -1, -1)]) if missing else part
             parts.append(self.program(whole)[: len(part)])
@@ -94,12 +95,14 @@ def _rebuild(path: Path) -> BytesIO:
     strange = next((name for name in content if not KNOWN_FILES.fullmatch(name)), None)
     if strange is not None:
         raise _refuse(path, f"the file '{strange[:80]}'")
+    # torch would unpickle the sample inputs, which nobody needs here
     samples = content.get("data/sample_inputs/model.pt", b"")
     if samples:
         content["data/sample_inputs/model.pt"] = b""
     for name in ("data/weights/model_weights_config.json", "data/constants/model_constants_config.json"):
         _check_payload(path, json.loads(content.get(name, b'{"config": {}}')))
     program = json.loads(content["models/model.json"])
+    # guards are Python source that torch would compile
     program["guards_code"] = []
     content["models/model.json"] = json.dumps(_clean(path, program)).encode()
     fresh = BytesIO()

@@ -236,6 +236,7 @@ def _find_file(model: str) -> Path | None:
 def list_own(folder: Path | None = None) -> dict[str, Path]:
     """Files of the bundled classifiers and of those in `folder`, by name; a file of `folder` wins."""
     places = [BUNDLED_DIR] if folder is None else [BUNDLED_DIR, folder]
+    # the last wins where one name has several files: what the kit itself writes
     suffixes = (*SUFFIXES[:-1], EXPORTED_SUFFIX, ".onnx", SUFFIX)
     return {path.stem: path for place in places for suffix in suffixes for path in sorted(place.glob(f"*{suffix}"))}
 

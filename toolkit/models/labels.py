@@ -253,7 +253,8 @@ def index_of_label(labels: list[str], name: str | int, remedy: str = BESIDE_FILE
     """
     if isinstance(name, int):
         return _check_index(labels, name)
-    for matches in (_where(labels, name), _where([label.lower() for label in labels], name.lower())):
+    exact = [index for index, label in enumerate(labels) if label == name]
+    for matches in (exact, [index for index, label in enumerate(labels) if label.lower() == name.lower()]):
         if len(matches) == 1:
             return matches[0]
         if matches:
@@ -262,10 +263,6 @@ def index_of_label(labels: list[str], name: str | int, remedy: str = BESIDE_FILE
     if name.isdecimal():
         return _check_index(labels, int(name))
     raise _unknown(labels, name, remedy)
-
-
-def _where(names: list[str], name: str) -> list[int]:
-    return [index for index, known in enumerate(names) if known == name]
 
 
 def _check_index(labels: list[str], index: int) -> int:
@@ -293,3 +290,18 @@ def _unknown(labels: list[str], name: str, remedy: str) -> ToolkitError:
             f"such as {', '.join(labels[:3])}, or an index 0 to {len(labels) - 1}"
         )
     return one_of("class", name, labels)
+
+
+def check_size(path: Path, size: int | None, own: LabelsFile) -> int:
+    """The side of a program's images: its own, or what its description says of one that takes any.
+
+    Raises:
+        ToolkitError: neither says, or they differ.
+    """
+    described = own.crop_px or own.size
+    if size is None and described is None:
+        name = path.with_suffix(".toml").name
+        raise ToolkitError(f"{path}: takes images of any size: say which in {name}, such as 'size = 224'")
+    if None not in (size, described) and size != described:
+        raise ToolkitError(f"{path}: takes images of {size} px, and its description says {described}: correct that")
+    return size or described or 0

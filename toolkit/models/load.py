@@ -13,18 +13,18 @@ from toolkit.models.find import (
     BUNDLED,
     BUNDLED_DIR,
     DEFAULT_ARCH,
-    EXPORTED_SUFFIX,
     ONNX_PREFIX,
     SUFFIX,
     TIMM_PREFIX,
     ClassifierRecord,
     Found,
     find_classifier,
+    is_program,
     pair_weights,
 )
-from toolkit.models.labels import PYTHON_PREFIX, adapt_preprocessing, choose_labels, join_labels_files, read_labels_file
-from toolkit.models.network import Classifier, check_hash, choose_device
-from toolkit.models.weights import WeightsFile, download, find_local, find_weights, read_checkpoint
+from toolkit.models.labels import adapt_preprocessing, choose_labels
+from toolkit.models.network import Classifier, check_numbers, choose_device, read_network_file
+from toolkit.models.weights import WeightsFile, download, find_local, find_weights
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -59,17 +59,12 @@ def load_classifier(
         return elsewhere
     arch, entry, place = found.arch, published_weights(found.arch), choose_device(device)
     file = find_weights(arch, found.weights)
-    own = read_labels_file(file.path)
-    check_hash(file, own)
-    state, inside = read_checkpoint(file)
-    own = join_labels_files(own, inside, file.path)
+    state, own = read_network_file(file)
     published = entry.meta["categories"]
     num_classes = _count_classes(arch, state, len(published), file)
     module = build_network(arch, num_classes)
     _fill(module, state, arch, file)
-    for parameter in module.parameters():
-        parameter.requires_grad_(False)
-    module = module.eval().to(memory_format=torch.channels_last).to(place)
+    module = module.requires_grad_(False).eval().to(memory_format=torch.channels_last).to(place)
     labels = choose_labels(file.path, own.labels, published, num_classes)
     preprocessing = adapt_preprocessing(published_preprocessing(entry.transforms()), own)
     is_imagenet = labels == imagenet_labels()
@@ -85,19 +80,14 @@ def _load_elsewhere(found: Found, device: str) -> Classifier | None:
         from toolkit.models.timm_networks import load_timm_network
 
         return load_timm_network(found.arch, found.weights, device)
-    if found.weights is None and found.arch.startswith(PYTHON_PREFIX):  # a file may be called so too
-        from toolkit.models.programs import load_python_classifier
+    if not is_program(found.arch):
+        return None
+    from toolkit.models import programs
 
-        return load_python_classifier(found.arch, device)
-    if found.weights is not None and found.arch.startswith(ONNX_PREFIX):
-        from toolkit.models.programs import load_onnx_classifier
-
-        return load_onnx_classifier(found.weights, device)
-    if found.weights is not None and found.arch.endswith(EXPORTED_SUFFIX):
-        from toolkit.models.programs import load_exported_classifier
-
-        return load_exported_classifier(found.weights, device)
-    return None
+    if found.weights is None:
+        return programs.load_python_classifier(found.arch, device)
+    load = programs.load_onnx_classifier if found.arch.startswith(ONNX_PREFIX) else programs.load_exported_classifier
+    return load(found.weights, device)
 
 
 def load_classifiers(
@@ -125,8 +115,6 @@ def _count_classes(arch: str, state: "Mapping[str, torch.Tensor]", published: in
 
 
 def _fill(module: "torch.nn.Module", state: "OrderedDict[str, torch.Tensor]", arch: str, file: WeightsFile) -> None:
-    import torch
-
     expected = module.state_dict()
     wrong = [name for name in expected if name in state and state[name].shape != expected[name].shape]
     # batch norm's step counter is absent from old files and plays no part in eval mode
@@ -141,8 +129,7 @@ def _fill(module: "torch.nn.Module", state: "OrderedDict[str, torch.Tensor]", ar
     if not getattr(state, "_metadata", None):  # safetensors has none: take the file for one of this version
         state._metadata = expected._metadata  # type: ignore[attr-defined]
     module.load_state_dict(state, strict=False)
-    if not all(torch.isfinite(value).all() for value in module.state_dict().values()):
-        raise ToolkitError(f"{file.path}: some weights are infinite or not a number: the file is damaged or diverged")
+    check_numbers(module.state_dict().values(), file)
 
 
 def _misfit(arch: str, file: WeightsFile, why: str) -> ToolkitError:

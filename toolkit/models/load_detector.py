@@ -15,9 +15,9 @@ from torchvision.ops import batched_nms, box_iou, generalized_box_iou_loss
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.models.detector import COCO_LABELS, LEAST_SCORE, MOST_BOXES, Detections, Detector
 from toolkit.models.find import ONNX_PREFIX, TORCHVISION_PREFIX
-from toolkit.models.labels import LabelsFile, choose_labels, read_labels_file
+from toolkit.models.labels import LabelsFile, check_size, choose_labels, read_labels_file
 from toolkit.models.network import check_hash, choose_device
-from toolkit.models.onnx_networks import OnnxNetwork, check_size, read_onnx, read_output_shape
+from toolkit.models.onnx_networks import OnnxNetwork, read_onnx, read_output_shape
 from toolkit.models.weights import (
     WeightsFile,
     cache_dir,
@@ -51,6 +51,7 @@ def decode_yolox(outputs: torch.Tensor, size: int, strides: Sequence[int] = (8, 
         steps.append(torch.full((len(corners[-1]), 1), float(stride), device=outputs.device, dtype=outputs.dtype))
     corner, step = torch.cat(corners), torch.cat(steps)
     centre = (outputs[..., :2] + corner) * step
+    # an exponent that no trained network gives would overflow, and its gradient with it
     half = outputs[..., 2:4].clamp(max=20).exp() * step / 2
     return torch.cat([centre - half, centre + half], -1), outputs[..., 4:5] * outputs[..., 5:]
 
@@ -155,6 +156,7 @@ class DenseDetector:
         scale = min(side / width, side / height)
         square = np.full((side, side, 3), self.decoder.pad, np.uint8)
         small = cv2.resize(image, (max(1, int(width * scale)), max(1, int(height * scale))))
+        # as YOLOX: the picture in the upper left, grey to its right and below
         square[: small.shape[0], : small.shape[1]] = small
         return square, (scale, scale)
 
@@ -164,6 +166,7 @@ class DenseDetector:
         best, classes = scores.max(1)
         kept = best > LEAST_SCORE
         boxes, best, classes = boxes[kept], best[kept], classes[kept]
+        # boxes of one class only suppress each other
         order = batched_nms(boxes, best, classes, self.decoder.nms_iou)[:MOST_BOXES]
         found = boxes[order].cpu().numpy() / np.array([*scale, *scale], np.float32)
         found = np.clip(found, 0, np.array([shape[1], shape[0]] * 2, np.float32))
@@ -284,12 +287,13 @@ def load_detector(model: str, weights: Path | None = None, device: str = "auto")
 def _load_onnx(path: Path, device: str) -> DenseDetector:
     graph, own, place = read_onnx(path), read_labels_file(path), choose_device(device)
     check_hash(graph.file, own)
-    size = check_size(graph, own.crop_px or own.size)
+    size = check_size(path, graph.size, own)
     network = OnnxNetwork(graph, size).to(place)
     with torch.no_grad():
         answers = network(torch.zeros(2, 3, size, size, device=place))
     shape = tuple(answers.shape) if isinstance(answers, torch.Tensor) else ()
     family = own.decoder or _guess_decoder(shape, size)
+    # a description that names another family than the shape has is wrong as well
     if family is None or _guess_decoder(shape, size) != family:
         found = "×".join(map(str, shape)) or f"{len(answers)} outputs"
         what = f"a {family}" if family else "a detector of a known family"
@@ -302,8 +306,8 @@ def _load_onnx(path: Path, device: str) -> DenseDetector:
     classes = (shape[2] if family == "yolox" else shape[1]) - 5
     labels = choose_labels(path, own.labels, list(COCO_LABELS), classes)
     return DenseDetector(
-        f"{ONNX_PREFIX}{path.name}", own.name or path.stem, network, decoder, labels, graph.file, place, size,
-        network.untrainable,
+        arch=f"{ONNX_PREFIX}{path.name}", name=own.name or path.stem, module=network, decoder=decoder, labels=labels,
+        weights=graph.file, device=place, image_px=size, untrainable=network.untrainable,
     )  # fmt: skip
 
 

@@ -1,13 +1,14 @@
 """A classifier that is ready to use: network, weights, labels and preprocessing in one."""
 
-from collections.abc import Sequence
+from collections import OrderedDict
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from toolkit.core.errors import FieldError, ToolkitError, describe_failure
+from toolkit.core.errors import FieldError, ToolkitError, describe_failure, one_of
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.models.labels import (
     BESIDE_FILE,
@@ -17,8 +18,10 @@ from toolkit.models.labels import (
     imagenet_wnids,
     index_of_label,
     index_of_wnid,
+    join_labels_files,
+    read_labels_file,
 )
-from toolkit.models.weights import WeightsFile
+from toolkit.models.weights import WeightsFile, read_checkpoint
 
 if TYPE_CHECKING:
     import torch
@@ -159,6 +162,7 @@ class Classifier:
             for values in (self.preprocessing.mean, self.preprocessing.std)
         )
         normalised = (batch - mean).div_(std)
+        # convolutions are about 1.5 times as fast with the channels last
         if not getattr(self.module, "takes_planes", False):
             normalised = normalised.contiguous(memory_format=torch.channels_last)
         answers = self._ask(normalised)
@@ -202,8 +206,6 @@ def choose_device(device: str) -> str:
         ToolkitError: the name is unknown, or `cuda` was asked for and this machine has none.
     """
     import torch
-
-    from toolkit.core.errors import one_of
 
     if device not in ("auto", "cpu", "cuda"):
         raise one_of("device", device, ["auto", "cpu", "cuda"])
@@ -264,3 +266,21 @@ def match_classes(names: Sequence[str], classifier: Classifier, root: Path, fiel
 
 def _plain(name: str) -> str:
     return name.lower().replace("_", " ").replace("-", " ").strip()
+
+
+def read_network_file(file: WeightsFile) -> "tuple[OrderedDict[str, torch.Tensor], LabelsFile]":
+    """Parameters by name, and what the files beside the weights, or where they are silent these, say of the network.
+
+    Raises:
+        ToolkitError: as `read_checkpoint` and `join_labels_files`; the record is of other weights.
+    """
+    own = read_labels_file(file.path)
+    check_hash(file, own)
+    state, inside = read_checkpoint(file)
+    return state, join_labels_files(own, inside, file.path)
+
+
+def check_numbers(values: "Iterable[torch.Tensor]", file: WeightsFile) -> None:
+    """A `ToolkitError` where a weight is infinite or not a number."""
+    if not all(value.isfinite().all() for value in values):
+        raise ToolkitError(f"{file.path}: some weights are infinite or not a number: the file is damaged or diverged")

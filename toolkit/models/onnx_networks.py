@@ -13,7 +13,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from toolkit.core.errors import FieldError, ToolkitError, describe_failure
+from toolkit.core.errors import ToolkitError, describe_failure
 from toolkit.core.files import sha256_bytes, sha256_file
 from toolkit.models.weights import WeightsFile, open_weights
 
@@ -212,6 +212,7 @@ def _infer_shapes(model: "ModelProto") -> Shapes:
     onnx = import_extra("onnx")
     bare = onnx.ModelProto()
     bare.CopyFrom(model)
+    # shapes that the exporter wrote down would be kept, though they are of another batch
     del bare.graph.value_info[:]
     inferred = onnx.shape_inference.infer_shapes(bare).graph
     known = [*inferred.input, *inferred.value_info, *inferred.output]
@@ -239,6 +240,7 @@ def _find_misfits(model: "ModelProto", before: Shapes, after: Shapes) -> "Iterat
             if axis is not None and target[axis] != -1 and not (target[axis] == 0 and axis == grown[0]):
                 yield node, 1, np.array([*made[:axis], -1, *made[axis + 1 :]], np.int64)
         elif node.op_type == "Resize" and len(node.input) > 3 and node.input[3] in constants:
+            # scales leave the batch open where sizes fix it
             scales = np.array(made, np.float64) / np.array(source, np.float64)
             yield node, 2, scales.astype(np.float32)
 
@@ -250,21 +252,6 @@ def _find_constants(model: "ModelProto") -> dict[str, np.ndarray]:
         if node.op_type == "Constant" and node.attribute and node.attribute[0].name == "value":
             found[node.output[0]] = onnx.numpy_helper.to_array(node.attribute[0].t)
     return found
-
-
-def check_size(graph: OnnxGraph, size: int | None) -> int:
-    """The side of the images: the graph's, or what its description says of one that takes any.
-
-    Raises:
-        ToolkitError: neither says, or they differ.
-    """
-    path = graph.file.path
-    described = path.with_suffix(".toml").name
-    if graph.size is None and size is None:
-        raise FieldError(f"{path}: takes images of any size: say which in {described}, such as 'size = 224'", {})
-    if graph.size is not None and size not in (None, graph.size):
-        raise FieldError(f"{path}: takes images of {graph.size} px, and its description says {size}: correct that", {})
-    return graph.size or size or 0
 
 
 SAME_ANSWER = 1e-3
@@ -311,6 +298,7 @@ class OnnxNetwork(nn.Module):
         if graph.batch is None:
             return graph.model, whole, False
         if graph.batch == 1:
+            # of the network as it is, one by one: what the freed copy has to give for both at once
             singles = [self._ask(whole, self._sample[k : k + 1]) for k in range(2)]
             wanted = tuple(torch.cat(parts) for parts in zip(*singles, strict=True))
             freed = free_batch(graph)

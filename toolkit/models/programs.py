@@ -17,7 +17,14 @@ from toolkit.core.files import explain_validation, sha256_bytes, sha256_file
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import imagenet_labels
 from toolkit.models.find import ONNX_PREFIX
-from toolkit.models.labels import PYTHON_PREFIX, LabelsFile, adapt_preprocessing, choose_labels, read_labels_file
+from toolkit.models.labels import (
+    PYTHON_PREFIX,
+    LabelsFile,
+    adapt_preprocessing,
+    check_size,
+    choose_labels,
+    read_labels_file,
+)
 from toolkit.models.network import Classifier, check_hash, choose_device, describe_answers
 from toolkit.models.weights import WeightsFile, open_weights
 
@@ -44,10 +51,10 @@ def load_onnx_classifier(path: Path, device: str) -> Classifier:
     Raises:
         ToolkitError: it is none, or ONNX Runtime cannot run it.
     """
-    from toolkit.models.onnx_networks import OnnxNetwork, check_size, read_onnx
+    from toolkit.models.onnx_networks import OnnxNetwork, read_onnx
 
     graph, own = read_onnx(path), _read_description(path)
-    size = check_size(graph, own.crop_px or own.size)
+    size = check_size(path, graph.size, own)
     network = OnnxNetwork(graph, size)
     made = _assemble(network, f"{ONNX_PREFIX}{path.name}", graph.file, own, _plain_preprocessing(size), device)
     return replace(made, untrainable=network.untrainable)
@@ -74,13 +81,7 @@ def load_exported_classifier(path: Path, device: str) -> Classifier:
 
     network, size = read_exported(path)
     own, file = _read_description(path), open_weights(path)
-    wanted = own.crop_px or own.size
-    if size is None and wanted is None:
-        name = path.with_suffix(".toml").name
-        raise ToolkitError(f"{path}: takes images of any size: say which in {name}, such as 'size = 224'")
-    if None not in (size, wanted) and size != wanted:
-        raise ToolkitError(f"{path}: takes images of {size} px, and its description says {wanted}: correct that")
-    return _assemble(network, path.name, file, own, _plain_preprocessing(size or wanted or 0), device)
+    return _assemble(network, path.name, file, own, _plain_preprocessing(check_size(path, size, own)), device)
 
 
 def load_python_classifier(model: str, device: str) -> Classifier:
@@ -168,6 +169,7 @@ def _assemble(
     network = network.to(place)
     answers = _try(network, arch, how, place)
     total = answers.sum(1)
+    # rows that sum to 1 are probabilities: their logarithms are logits, but for a constant
     if answers.min() >= 0 and torch.allclose(total, torch.ones_like(total), atol=1e-3):
         network = LogProbabilities(network)
     labels = choose_labels(file.path, own.labels, imagenet_labels(), answers.shape[1])
@@ -182,6 +184,7 @@ def _try(network: nn.Module, arch: str, how: Preprocessing, device: str) -> torc
     """(2, classes): what it says to grey and to noise."""
     side = how.crop_px
     noise = torch.rand(1, 3, side, side, generator=torch.Generator().manual_seed(0))
+    # about what normalised images are: within 1 of nought
     images = torch.cat([torch.full((1, 3, side, side), 0.5), noise]).sub(0.5).mul(2).to(device)
     try:
         with torch.no_grad():

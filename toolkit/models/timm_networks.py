@@ -12,8 +12,8 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.architectures import imagenet_labels
 from toolkit.models.find import TIMM_PREFIX as PREFIX
-from toolkit.models.labels import adapt_preprocessing, choose_labels, join_labels_files, read_labels_file
-from toolkit.models.network import Classifier, check_hash, choose_device
+from toolkit.models.labels import adapt_preprocessing, choose_labels
+from toolkit.models.network import Classifier, check_numbers, choose_device, read_network_file
 from toolkit.models.weights import (
     WeightsFile,
     check_named,
@@ -21,7 +21,6 @@ from toolkit.models.weights import (
     find_in_folder,
     no_weights,
     open_weights,
-    read_checkpoint,
 )
 
 if TYPE_CHECKING:
@@ -93,13 +92,9 @@ def load_timm_network(model: str, weights: Path | None = None, device: str = "au
     config = published_config(name)
     preprocessing = published_preprocessing(name, config)
     file = find_timm_weights(name, config, weights)
-    own = read_labels_file(file.path)
-    check_hash(file, own)
-    state, inside = read_checkpoint(file)
-    own = join_labels_files(own, inside, file.path)
+    state, own = read_network_file(file)
     num_classes = _count_classes(model, config, state)
-    if not all(torch.isfinite(value).all() for value in state.values()):
-        raise ToolkitError(f"{file.path}: some weights are infinite or not a number: the file is damaged or diverged")
+    check_numbers(state.values(), file)
     module = _build(model, state, num_classes, file)
     module = module.requires_grad_(False).eval().to(memory_format=torch.channels_last).to(place)
     published = imagenet_labels()  # timm's ImageNet-1k networks have them in the same order
@@ -153,6 +148,7 @@ def published_preprocessing(name: str, config: dict[str, Any]) -> Preprocessing:
             "square of a colour image is supported: choose another network",
             {"model": f"{PREFIX}{name}"},
         )
+    # timm truncates here as well
     resize_px = math.floor(height / wanted["crop_pct"])
     return Preprocessing(resize_px, height, wanted["mean"], wanted["std"], wanted["interpolation"].upper())
 

@@ -84,6 +84,7 @@ def find_in_folder(arch: str, preferred: str = "") -> Path | None:
         return None
     names = [f"{arch}{middle}{suffix}" for suffix in SUFFIXES for middle in ("-*", "")]
     found = [path for name in names for path in sorted(Path(folder).glob(name)) if path.is_file()]
+    # the published file first: the others may be of other classes
     return next((path for path in found if path.name == preferred), found[0] if found else None)
 
 
@@ -136,6 +137,7 @@ def _take_from_attacker(
     normaliser = next((name for name in NORMALISERS if f"{name}new_mean" in state), None)
     if normaliser is None:
         return state, {}
+    # of two that begin alike the longer first
     prefix = next((prefix for prefix in CLASSIFIERS if any(name.startswith(prefix) for name in state)), "model.")
     found: dict[str, tuple[float, ...]] = {}
     for field, least in (("mean", -1000.0), ("std", 1e-6)):
@@ -241,22 +243,16 @@ def check_named(path: Path) -> Path:
     """The weights that were named, if they are a file of a kind that can be read; else a `ToolkitError`."""
     if not path.is_file():
         raise FieldError("no such file", {"weights": path})
-    program = find_program(path) if path.suffix not in SUFFIXES else None
-    if program and path.suffix.lower() in WHOLE:
+    if path.suffix in SUFFIXES:
+        return path
+    kinds, program = ", ".join(SUFFIXES), find_program(path)
+    if not program:
+        raise FieldError(f"expected a state dict that ends in {kinds}", {"weights": path})
+    way = f"where you made it, {SAVE_STATE}"
+    if path.suffix.lower() in WHOLE:
         named = f"onnx:{path.name}" if path.suffix.lower() == ".onnx" else path.name
-        raise FieldError(
-            f"is {program}: expected a network's weights ({', '.join(SUFFIXES)}): name it whole with {{model}} "
-            f"{named}; or {SAVE_STATE}",
-            {"weights": path},
-        )
-    if program:
-        raise FieldError(
-            f"is {program}: expected a network's weights ({', '.join(SUFFIXES)}): where you made it, {SAVE_STATE}",
-            {"weights": path},
-        )
-    if path.suffix not in SUFFIXES:
-        raise FieldError(f"expected a state dict that ends in {', '.join(SUFFIXES)}", {"weights": path})
-    return path
+        way = f"name it whole with {{model}} {named}; or {SAVE_STATE}"
+    raise FieldError(f"is {program}: expected a network's weights ({kinds}): {way}", {"weights": path})
 
 
 def _published_name(url: str) -> str:

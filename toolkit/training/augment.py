@@ -36,8 +36,10 @@ def _cut(batch: torch.Tensor, rng: np.random.Generator, image_px: int, how: Augm
     count = len(batch)
     side = rng.uniform(*how.crop, (count, 1)) * (1 + rng.uniform(-how.stretch, how.stretch, (count, 2)))
     side = side.clip(0, how.crop[1])
+    # the crop stays within the image, but for `shift` at either side
     middle = rng.uniform(-1, 1, (count, 2)) * (1 - side + 2 * how.shift)
     mirror = np.where(rng.random((count, 1)) < 0.5, -1.0, 1.0)
+    # in affine_grid's units the image reaches from -1 to 1
     theta = np.zeros((count, 2, 3), np.float32)
     theta[:, 0, 0], theta[:, 1, 1], theta[:, :, 2] = side[:, 0] * mirror[:, 0], side[:, 1], middle
     grid = affine_grid(torch.from_numpy(theta).to(batch.device), [count, 3, image_px, image_px], align_corners=False)
@@ -48,6 +50,7 @@ def _colour(batch: torch.Tensor, rng: np.random.Generator, how: Augmentation) ->
     weights = torch.tensor(GREY_WEIGHTS, device=batch.device).view(1, 3, 1, 1)
     grey = (batch * weights).sum(1, keepdim=True)
     batch = grey + (batch - grey) * _draw(rng, how.saturation, batch)
+    # saturation moves values about each pixel's grey, contrast about the image's
     mean = grey.mean((2, 3), keepdim=True)
     batch = mean + (batch - mean) * _draw(rng, how.contrast, batch)
     tint = 1 + rng.uniform(-how.tint, how.tint, (len(batch), 3, 1, 1)).astype(np.float32)

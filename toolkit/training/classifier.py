@@ -18,7 +18,6 @@ from toolkit.training.classifier_task import ClassifierInputs, ClassifierTask
 from toolkit.training.data import (
     DataSource,
     RenderCounts,
-    TrainingClasses,
     TrainingSet,
     keep_classes,
     list_classes,
@@ -90,7 +89,8 @@ def train_classifier(
         shutil.rmtree(training, ignore_errors=True)
     init = None if config.init is None else find_weights(config.arch, config.init)
     sources = _open_sources(config, workspace, download)
-    classes = _choose_classes(config, sources)
+    kept = load_classifier(config.arch, config.init, "cpu") if config.keep_labels else None
+    classes = list_classes(sources) if kept is None else keep_classes(sources, kept)
     check_fit(config.arch, len(classes.labels), config.image_px)
     stored = store_preprocessing(config.preprocessing(), config.stored_px)
     with hold_folder(folder, f".{config.name}.lock"):
@@ -114,12 +114,6 @@ def _open_sources(config: ClassifierConfig, workspace: Workspace, download: bool
             "no {data}: expected 'everyday', 'rig', cifar10:FOLDER, or a folder with one folder per class", {}
         )
     return [open_source(data, workspace, counts, download) for data in dict.fromkeys(config.data)]
-
-
-def _choose_classes(config: ClassifierConfig, sources: list[DataSource]) -> TrainingClasses:
-    if config.keep_labels:
-        return keep_classes(sources, load_classifier(config.arch, config.init, "cpu"))
-    return list_classes(sources)
 
 
 def _describe_data(data: TrainingSet, sources: list[DataSource]) -> None:

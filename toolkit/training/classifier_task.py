@@ -151,7 +151,9 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
         """Numbers of the images of a step: every image once in each epoch's own order."""
         size = self.config.batch
         epoch, k = divmod(step, max(count // size, 1))
+        # 0x0E tells these draws from others of the same seed and number
         order = np.random.default_rng([self.config.seed, epoch, 0x0E]).permutation(count)
+        # sorted: images lie in a file, which is read forwards
         return np.sort(order[k * size : (k + 1) * size])
 
     def _draw_batch(self, pack: Pack, step: int, phase: str) -> tuple[torch.Tensor, np.ndarray]:
@@ -176,6 +178,7 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
         from safetensors.torch import save
 
         config, how, data = self.config, self._how, self.inputs.data
+        # what is tested is what is written
         halved = halve_weights(self.module.state_dict())
         content = save(halved)
         load_tensors(self.module, halved)
@@ -192,6 +195,7 @@ class ClassifierTask(TrainingTask[ClassifierRecord]):
             final=history.recent(self.recent), held_out=self._measure_held_out(classifier), sha256=weights.sha256,
             toolkit_version=__version__,
         )  # fmt: skip
+        # the record last: where it is, the weights are whole
         write_bytes(self.file, content)
         write_json(self.file.with_suffix(".json"), record.model_dump(mode="json"))
         return record

@@ -2,9 +2,10 @@
 
 import json
 import shutil
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -24,6 +25,7 @@ from toolkit.training.images import CIFAR_PREFIX, CifarImage, LabelledFile, find
 from toolkit.training.renders import EVERYDAY, RIG, RenderUnit, render_shards
 
 PACKAGE = Path(__file__).parents[1]
+Item = LabelledFile | RenderUnit | CifarImage
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,7 @@ class RenderCounts:
         """What to render of one object's kind, to train on and held out."""
         parts = []
         for part, images in enumerate((self.per_class, round(self.held_out * self.per_class))):
+            # `part` keeps the objects of training and of the test apart
             seeds = [(self.seed, crc32(name.encode()), part, k) for k in range(-(-images // self.views))]
             parts.append(tuple(RenderUnit(source, label, seed, self.views, self.px) for seed in seeds))
         return parts[0], parts[1]
@@ -72,8 +75,8 @@ class DataSource:
         held_out_words: how the held-out images differ.
     """
 
-    train: tuple[LabelledFile | RenderUnit | CifarImage, ...]
-    held_out: tuple[LabelledFile | RenderUnit | CifarImage, ...]
+    train: tuple[Item, ...]
+    held_out: tuple[Item, ...]
     skipped: tuple[tuple[str, str], ...]
     record: dict[str, Any]
     key: str
@@ -202,7 +205,6 @@ def keep_classes(sources: Sequence[DataSource], classifier: Classifier) -> Train
 
 BLOCK = 256
 PACKS = ("train", "held_out")
-Item = LabelledFile | RenderUnit | CifarImage
 
 
 @dataclass(frozen=True)
@@ -297,25 +299,24 @@ def _render(sources: Sequence[DataSource], folder: Path, workers: int) -> None:
 
 def _pack_all(sources: Sequence[DataSource], index_of: dict[str, int], how: Preprocessing, place: Path) -> None:
     parts = {name: [item for source in sources for item in getattr(source, name)] for name in PACKS}
-    about: dict[str, Any] = {"skipped": []}
+    skipped: list[tuple[str, str]] = []
+    about: dict[str, Any] = {"skipped": skipped}
     files = sum(isinstance(item, LabelledFile) for items in parts.values() for item in items)
+    read = partial(_read_item, place / "shards", how)
     with progress("Reading images", files, quiet=not files) as bar:
         for name, items in parts.items():
-            about[name] = _write_pack(place, name, items, index_of, how, about["skipped"], bar.advance)
+            about[name] = _write_pack(place / f"{name}.raw", _read_items(items, read, skipped, bar.advance), index_of)
     write_json(place / "about.json", about)
 
 
-def _write_pack(
-    place: Path, name: str, items: Sequence[Item], index_of: Mapping[str, int], how: Preprocessing,
-    skipped: list[tuple[str, str]], advance: Callable[[int], None],
-) -> dict[str, Any]:  # fmt: skip
+def _write_pack(file: Path, labelled: Iterable[tuple[str, np.ndarray]], index_of: Mapping[str, int]) -> dict[str, Any]:
     """Pixels one after the other in a raw file, its length told by `about.json`, which is written last."""
     classes: list[int] = []
     digest = sha256()
-    with open_whole(place / f"{name}.raw") as file:
-        for label, pictures in _read_items(items, place / "shards", how, skipped, advance):
+    with open_whole(file) as stream:
+        for label, pictures in labelled:
             content = np.ascontiguousarray(pictures).tobytes()
-            file.write(content)
+            stream.write(content)
             digest.update(content)
             classes += [index_of[label]] * len(pictures)
     digest.update(np.array(classes, "<i8").tobytes())
@@ -323,17 +324,15 @@ def _write_pack(
 
 
 def _read_items(
-    items: Sequence[Item],
-    shards: Path,
-    how: Preprocessing,
-    skipped: list[tuple[str, str]],
+    items: Sequence[Item], read: Callable[[Item], np.ndarray | str], skipped: list[tuple[str, str]],
     advance: Callable[[int], None],
-) -> Iterator[tuple[str, np.ndarray]]:
+) -> Iterator[tuple[str, np.ndarray]]:  # fmt: skip
     """(label, (k, s, s, 3) uint8) of each item in order; a file that cannot be read goes to `skipped`."""
     with ThreadPoolExecutor() as pool:
+        # by blocks: a pool would else hold the pictures of a whole data set at once
         for start in range(0, len(items), BLOCK):
             block = items[start : start + BLOCK]
-            for item, found in zip(block, pool.map(lambda one: _read_item(one, shards, how), block), strict=True):
+            for item, found in zip(block, pool.map(read, block), strict=True):
                 if isinstance(item, LabelledFile):
                     advance(1)
                     if isinstance(found, str):
@@ -342,7 +341,7 @@ def _read_items(
                     yield item.label, found
 
 
-def _read_item(item: Item, shards: Path, how: Preprocessing) -> np.ndarray | str:
+def _read_item(shards: Path, how: Preprocessing, item: Item) -> np.ndarray | str:
     if isinstance(item, RenderUnit):
         return np.load(shards / item.name, allow_pickle=False, mmap_mode=None)
     if isinstance(item, CifarImage):

@@ -127,19 +127,11 @@ def find_classes(folder: Path, held_out_share: float, seed: int) -> FolderClasse
     Raises:
         ToolkitError: no such folder, no class in it, or a class without images.
     """
-    folder = Path(folder)
-    if not folder.is_dir():
-        what = "is a file" if folder.exists() else "does not exist"
-        raise FieldError(
-            f"{what}: expected 'everyday', 'rig', cifar10:FOLDER, or a folder with one folder per class",
-            {"data": folder},
-        )
+    folder = _check_folder(Path(folder), "'everyday', 'rig', cifar10:FOLDER, or a folder with one folder per class")
     root = folder / TRAIN_NAME if (folder / TRAIN_NAME).is_dir() else folder
     train, skipped = _list_classes(root)
-    if root == folder:
-        return _split(train, skipped, held_out_share, seed)
     beside = next((folder / name for name in HELD_OUT_NAMES if (folder / name).is_dir()), None)
-    if beside is None:
+    if root == folder or beside is None:
         return _split(train, skipped, held_out_share, seed)
     held_out, more = _list_classes(beside)
     strange = sorted({one.label for one in held_out} - {one.label for one in train})
@@ -150,25 +142,31 @@ def find_classes(folder: Path, held_out_share: float, seed: int) -> FolderClasse
     return FolderClasses(tuple(train), tuple(held_out), (*skipped, *more), f"the images in {beside.name}/")
 
 
-def _list_classes(root: Path) -> tuple[list[LabelledFile], list[tuple[str, str]]]:
+def _check_folder(folder: Path, expected: str) -> Path:
+    if not folder.is_dir():
+        what = "is a file" if folder.exists() else "does not exist"
+        raise FieldError(f"{what}: expected {expected}", {"data": folder})
+    return folder
+
+
+def _find_by_class(root: Path) -> tuple[list[tuple[str, ...]], list[tuple[str, str]]]:
+    """The images in class folders as parts below `root`, and (path, reason) of what is left out."""
     found = find_files(root)
-    skipped = [(show_path((root.name, path)), reason) for path, reason in found.refused]
-    files = []
-    for parts in found.images:
-        shown = show_path((root.name, *parts))
-        if len(parts) == 1:
-            skipped.append((shown, "in no class folder: move it into one"))
-        else:
-            files.append(LabelledFile(root.joinpath(*parts), parts[0], shown))
-    filled = {one.label for one in files}
-    empty = [
-        path.name
-        for path in sorted(root.iterdir())
-        if path.is_dir() and path.name[0] != "." and path.name not in filled
-    ]
-    if not files:
+    refused = [(show_path((root.name, path)), reason) for path, reason in found.refused]
+    loose = [parts for parts in found.images if len(parts) == 1]
+    refused += [(show_path((root.name, *parts)), "in no class folder: move it into one") for parts in loose]
+    images = [parts for parts in found.images if len(parts) > 1]
+    if not images:
         raise FieldError("no images in it: expected CLASS/IMAGE.jpg, one folder per class", {"data": root})
-    if empty:
+    return images, refused
+
+
+def _list_classes(root: Path) -> tuple[list[LabelledFile], list[tuple[str, str]]]:
+    images, skipped = _find_by_class(root)
+    files = [LabelledFile(root.joinpath(*parts), parts[0], show_path((root.name, *parts))) for parts in images]
+    filled = {one.label for one in files}
+    folders = sorted(path.name for path in root.iterdir() if path.is_dir() and path.name[0] != ".")
+    if empty := [name for name in folders if name not in filled]:
         raise ToolkitError(f"{root / empty[0]}: a class without images: put some in, or remove the folder")
     return files, skipped
 
@@ -321,22 +319,14 @@ def open_images(data: str, classifier: Any, split: str = "test", download: bool 
     """
     if data.startswith(CIFAR_PREFIX):
         return _open_cifar(data, classifier, split, download)
-    folder = Path(data)
-    if not folder.is_dir():
-        what = "is a file" if folder.exists() else "does not exist"
-        raise FieldError(f"{what}: expected a folder with one folder per class, or cifar10:FOLDER", {"data": folder})
+    folder = _check_folder(Path(data), "a folder with one folder per class, or cifar10:FOLDER")
     root = next((folder / name for name in SPLITS[split] if (folder / name).is_dir()), folder)
-    found = find_files(root)
-    refused = [(show_path((root.name, path)), reason) for path, reason in found.refused]
-    loose = [parts for parts in found.images if len(parts) == 1]
-    refused += [(show_path((root.name, *parts)), "in no class folder: move it into one") for parts in loose]
-    names = sorted({parts[0] for parts in found.images if len(parts) > 1})
-    if not names:
-        raise FieldError("no images in it: expected CLASS/IMAGE.jpg, one folder per class", {"data": root})
-    index_of = match_classes(names, classifier, root)
-    images = [LabelledImage("/".join(parts), index_of[parts[0]]) for parts in found.images if len(parts) > 1]
+    files, refused = _find_by_class(root)
+    index_of = match_classes(sorted({parts[0] for parts in files}), classifier, root)
+    images = [LabelledImage("/".join(parts), index_of[parts[0]]) for parts in files]
+    name = folder.resolve().name
     return ImageSet(
-        show_path((*((folder.resolve().name,) if root == folder else (folder.resolve().name, root.name)),)),
+        show_path((name,) if root == folder else (name, root.name)),
         tuple(sorted(images, key=lambda one: one.id)),
         tuple(refused),
         lambda id, short_side_px: read_image(root / id, short_side_px),
@@ -356,14 +346,9 @@ def choose_classes(images: ImageSet, names: Sequence[str], classifier: Any) -> I
     for name, index in zip(names, wanted, strict=True):
         if index not in images.classes:
             known = [classifier.labels[other] for other in images.classes]
-            raise ToolkitError(
-                f"class '{classifier.labels[index]}' has no images in {images.name}: {_say_known(known, name)}"
-            )
+            near = str(one_of("class with images", name, known)).partition(": ")[2]
+            raise ToolkitError(f"class '{classifier.labels[index]}' has no images in {images.name}: {near}")
     return images.only(wanted)
-
-
-def _say_known(known: list[str], name: str) -> str:
-    return str(one_of("class with images", name, known)).partition(": ")[2]
 
 
 def _open_cifar(data: str, classifier: Any, split: str, download: bool) -> ImageSet:

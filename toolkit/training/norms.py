@@ -37,6 +37,7 @@ class SharedBatchNorm(nn.BatchNorm2d):
                 if self.num_batches_tracked is not None:
                     self.num_batches_tracked.add_(1)
                 self.running_mean.lerp_(mean, self.momentum)
+                # the running variance is the unbiased one, as torch's own
                 self.running_var.lerp_(variance * (count / (count - 1)), self.momentum)
         normal = away * (variance + self.eps).rsqrt()[:, None, None]
         if self.affine:
@@ -82,6 +83,7 @@ def unfold_norms(module: nn.Module, batches: Iterable[torch.Tensor]) -> None:
             running_mean, running_var = _running(layer)
             mean, square = (sums[layer] / counts[layer]).to(running_mean.device)
             variance = (square - mean.square()).clamp(min=0)
+            # the layer's line through old statistics, written with the new ones: slope · x + offset stays the same
             slope = layer.weight.double() / (running_var.double() + layer.eps).sqrt()
             layer.bias.add_(slope * (mean - running_mean.double()))
             layer.weight.copy_(slope * (variance + layer.eps).sqrt())

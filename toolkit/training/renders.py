@@ -61,6 +61,7 @@ def _make_mesh(unit: RenderUnit) -> "Mesh":
     from toolkit.content.everyday import make_everyday
     from toolkit.objects.mesh import check_mesh, place_on_table
 
+    # a draw of its own: the views have the unit's seed itself
     seed = int(np.random.default_rng([*unit.seed, 0x0B]).integers(2**31))
     return place_on_table(check_mesh(make_everyday(unit.label, seed), f"everyday object '{unit.label}', seed {seed}"))
 
