@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hue_network import LABELS, PX, make_hue_classifier, write_photos
 
-from toolkit.boosters import class_patches
+from toolkit.boosters import class_patches, patch
 from toolkit.boosters.class_patches import ClassPatchesConfig, make_flat_config, train_class_patches
 from toolkit.boosters.patch_sets import read_patch_set
 from toolkit.boosters.transforms.placement import Placement
@@ -71,7 +71,7 @@ def test_corruptions_in_the_loop_make_another_run_and_are_recorded(place):
 
 @pytest.mark.slow
 def test_a_killed_run_keeps_what_is_finished_and_goes_on(place, monkeypatch):
-    real, calls = class_patches.train_patch, []
+    real, calls = patch.train_patch, []
 
     def die_at_the_second(config, class_name, *args, **kwargs):
         calls.append(class_name)
@@ -79,7 +79,7 @@ def test_a_killed_run_keeps_what_is_finished_and_goes_on(place, monkeypatch):
             raise KeyboardInterrupt
         return real(config, class_name, *args, **kwargs)
 
-    monkeypatch.setattr(class_patches, "train_patch", die_at_the_second)
+    monkeypatch.setattr(patch, "train_patch", die_at_the_second)
     with pytest.raises(KeyboardInterrupt):
         train(place, (0, 1), (16,))
     monkeypatch.undo()
