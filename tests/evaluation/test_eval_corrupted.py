@@ -16,7 +16,6 @@ from PIL import Image
 from toolkit.captures.read import read_captures
 from toolkit.cli import main
 from toolkit.core.workspace import make_workspace
-from toolkit.corruptions import corrupt_picture, image_seed
 from toolkit.corruptions.batch import corrupt_picture
 from toolkit.corruptions.draws import image_seed
 from toolkit.evaluation.config import EvalConfig

@@ -198,8 +198,6 @@ def train_unit(
     network: Shared[Network], data: Shared[TrainingData], order: Order, workspace: Workspace, is_here: bool
 ) -> Iterator[Made]:
     """The work of a unit: `train_patch`; in the workspace where it `is_here`, else in a folder of its own."""
-    from toolkit.boosters.patch import train_patch
-
     with quietly(), nullcontext(order.out) if is_here else TemporaryDirectory() as folder:
         trained = train_patch(
             order.config, order.class_index, [network.get()], data.get(), workspace,

@@ -15,8 +15,8 @@ from toolkit.models.find import is_program
 from toolkit.models.network import AnyNetwork
 from toolkit.models.precision import mixed_precision
 from toolkit.objects import records
-from toolkit.training.processes import current
 from toolkit.training.loop import Made, TrainingTask
+from toolkit.training.processes import current
 
 if TYPE_CHECKING:
     import torch

@@ -13,7 +13,7 @@ from toolkit.boosters.transforms.show import Appearance, show_patch
 from toolkit.boosters.transforms.weather import Corrupted, Weathered, find_depths
 from toolkit.core.draws import Draws
 from toolkit.core.statistics import wilson_interval
-from toolkit.corruptions.corrupt import corrupt
+from toolkit.corruptions.batch import corrupt
 from toolkit.rig.views import RenderedView
 
 if TYPE_CHECKING:

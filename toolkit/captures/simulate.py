@@ -132,7 +132,7 @@ def simulate_captures(
 
     corruptions: Sequence[Corruption] = ()
     if corrupt:
-        from toolkit.corruptions.request import parse_corruptions
+        from toolkit.corruptions.catalogue import parse_corruptions
 
         corruptions = parse_corruptions(list(corrupt))
     if config.print_profile is not None and not config.rehearse:

@@ -27,7 +27,6 @@ from toolkit.core.files import read_json, sha256_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.models.network import Classifier
 from toolkit.objects.records import NetworkRecord, PatchRecord, read_patch, write_patch
-from toolkit.objects.records import Network, PatchRecord, read_patch, write_patch
 from toolkit.training.images import ImageSet, choose_classes, open_images
 
 BEST_IMAGE, RANDOM_IMAGE, FIXED_PATTERN = "best-image", "random-image", "fixed-pattern"

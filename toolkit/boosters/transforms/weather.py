@@ -119,7 +119,7 @@ class Weathered(Transform):
         """
         import torch
 
-        from toolkit.corruptions.request import draw_corrupted
+        from toolkit.corruptions.batch import draw_corrupted
         from toolkit.worlds.weather import make_weather
 
         height, width = views[0].depth_m.shape
@@ -139,7 +139,7 @@ class Weathered(Transform):
 def read_corruptions(given: object) -> object:
     """The transform from words such as `fog:3`; anything else as it is."""
     if isinstance(given, list | tuple) and all(isinstance(word, str) for word in given):
-        from toolkit.corruptions.request import parse_corruptions
+        from toolkit.corruptions.catalogue import parse_corruptions
 
         return Corrupted(corruptions=tuple(parse_corruptions(given)))
     return given
@@ -156,7 +156,7 @@ class Corrupted(ImageTransform):
     """What is drawn for each photograph, after the camera: whether it is corrupted, by which, and the seed of that.
 
     Attributes:
-        corruptions: (name, severity), at least one, of `toolkit.corruptions.CORRUPTIONS`; each is as likely.
+        corruptions: (name, severity), at least one, of `toolkit.corruptions.catalogue.CORRUPTIONS`; each is as likely.
         probability: that a photograph is corrupted.
         gradients: version of what `corrupt_straight` makes; raised when the same settings give another gradient.
     """
@@ -168,7 +168,7 @@ class Corrupted(ImageTransform):
     @field_validator("corruptions")
     @classmethod
     def _check_corruptions(cls, corruptions: Named) -> Named:
-        from toolkit.corruptions import find_corruption
+        from toolkit.corruptions.catalogue import find_corruption
 
         if not corruptions:
             raise ToolkitError("expected at least one corruption, such as fog:3")
@@ -178,12 +178,12 @@ class Corrupted(ImageTransform):
 
     def describe(self) -> str:
         """`fog:3, snow:1, probability 0.5`."""
-        from toolkit.corruptions.request import name_corruptions
+        from toolkit.corruptions.catalogue import name_corruptions
 
         return f"{name_corruptions(self.corruptions)}, probability {self.probability:g}"
 
     def draw(self, rng: np.random.Generator, count: int) -> tuple[np.ndarray, ...]:
-        """Which corruption, and the seed of it; as `toolkit.corruptions.request.draw_corrupted`."""
+        """Which corruption, and the seed of it; as `toolkit.corruptions.batch.draw_corrupted`."""
         return rng.integers(len(self.corruptions), size=count), rng.integers(2**62, size=count)
 
     def apply(self, some: "torch.Tensor", drawn: tuple[np.ndarray, ...]) -> "torch.Tensor":
@@ -201,7 +201,7 @@ class Corrupted(ImageTransform):
 
 
 def corrupt_straight(images: "torch.Tensor", name: str, severity: int, seeds: Sequence[int]) -> "torch.Tensor":
-    """`toolkit.corruptions.corrupt` with a gradient.
+    """`toolkit.corruptions.batch.corrupt` with a gradient.
 
     Of what is in `DIFFERENTIABLE` the gradient is the true one. The others count photons or round to whole levels; they
     act forward, and backward count as what they are near ("straight through"; Bengio et al. 2013; BPDA, Athalye et al.
@@ -216,7 +216,8 @@ def corrupt_straight(images: "torch.Tensor", name: str, severity: int, seeds: Se
     Returns:
         As `images`, what `corrupt` returns; differentiable.
     """
-    from toolkit.corruptions import CORRUPTIONS, choose_parameters, corrupt
+    from toolkit.corruptions.batch import corrupt
+    from toolkit.corruptions.catalogue import CORRUPTIONS, choose_parameters
     from toolkit.corruptions.digital import pixelate_unrounded
     from toolkit.corruptions.draws import RandomStreams
 

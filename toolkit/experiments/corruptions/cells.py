@@ -11,8 +11,6 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.boosters.apply import boost_images
 from toolkit.core.files import sha256_bytes
-from toolkit.corruptions import CORRUPTIONS, choose_parameters, corrupt, image_seed
-from toolkit.core.records import RecordLog
 from toolkit.corruptions.batch import corrupt, run_each
 from toolkit.corruptions.catalogue import CORRUPTIONS, choose_parameters
 from toolkit.corruptions.draws import image_seed

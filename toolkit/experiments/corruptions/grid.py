@@ -14,7 +14,6 @@ from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.locks import hold_folder
 from toolkit.core.records import RecordLog
-from toolkit.corruptions import choose_parameters, image_seed
 from toolkit.corruptions.catalogue import choose_parameters, find_note
 from toolkit.corruptions.draws import image_seed
 from toolkit.engine.local import InProcess
