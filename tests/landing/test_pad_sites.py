@@ -1,5 +1,7 @@
 """Pads on their places, seen from above."""
 
+from copy import copy
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,6 +15,7 @@ from toolkit.landing.config import CameraConfig
 from toolkit.landing.episodes import place_cameras
 from toolkit.landing.pads import KINDS, Pad, draw_pad, find_pad
 from toolkit.landing.site import PadPlace, PadSite, Sites, View, place_at, plan_places
+from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.sky import Sky
 from toolkit.worlds.world import World
 
@@ -121,3 +124,16 @@ def test_pads_are_lit_sky_by_sky(grass: World, monkeypatch: pytest.MonkeyPatch) 
     assert [name for name, _, _ in lit] == ["noon"] * 4 + ["dusk"] * 4 + ["overcast"] * 4
     assert {place.rpartition("-")[2] for name, place, _ in lit if name == "dusk"} == {"3", "4", "9", "10"}
     assert len({mesh for *_, mesh in lit}) == 1
+
+
+def test_no_rain_and_no_snow_lie_on_water(site: PadSite) -> None:
+    """The same field as a lake: the sheet alone carries snow, as in pictures of objects in worlds."""
+    pose = above(site, (0, 0, 6.0))
+    land, mask = site.look(pose)
+    assert land.ground is not None and land.ground[~mask].all()
+    afloat = copy(site)
+    afloat.world = replace(site.world, face_class=np.full_like(site.world.face_class, SceneClass.WATER))
+    lake, _ = afloat.look(pose)
+    assert lake.ground is not None and lake.normals is not None
+    assert not lake.ground.any()
+    assert (lake.normals[~mask] == 0).all() and (lake.normals[mask] == (0, 0, 1)).all()

@@ -21,9 +21,9 @@ from toolkit.rig.raycast import RaycastRenderer, map_frames
 from toolkit.rig.scene import Stand
 from toolkit.rig.shading import tone_map
 from toolkit.worlds.catalogue import WORLDS, build_world, load_world
-from toolkit.worlds.classes import STANDING
 from toolkit.worlds.conditions import CLEAR
 from toolkit.worlds.depth_view import DepthView
+from toolkit.worlds.picture import find_depths
 from toolkit.worlds.place import make_scene
 from toolkit.worlds.sky import Sky, make_sky
 from toolkit.worlds.weather import make_weather, weather_rng
@@ -212,15 +212,15 @@ class PadSite:
     def look(self, T_world_camera: np.ndarray) -> tuple[DepthView, np.ndarray]:
         """Depth for weather, and (h, w) bool where the pad is seen."""
         found = self.renderer.buffers(self.camera, T_world_camera)
-        return self._depth_view(T_world_camera, found), found["mesh"] == 0
+        return self._depth_view(T_world_camera, found, ("snow", 1)), found["mesh"] == 0
 
-    def _depth_view(self, T_world_camera: np.ndarray, found: dict[str, np.ndarray]) -> DepthView:
-        around, pad = found["mesh"] == 1, found["mesh"] == 0
-        face = np.where(around, found["face"], 0).astype(np.int64)
-        ground = around & np.isin(self.world.face_class[face], [int(one) for one in STANDING])
-        normals = np.where(around[..., None], _face_normals(self.world)[face], np.float32(0))
-        normals[pad] = (0, 0, 1)
-        return DepthView(found["depth"], self.camera, T_world_camera, ground, normals, self.sky.white)
+    def _depth_view(
+        self, T_world_camera: np.ndarray, found: dict[str, np.ndarray], weather: tuple[str, int]
+    ) -> DepthView:
+        through = find_depths(self.world, self.sky, (self.camera, T_world_camera), found, [weather])
+        if through.normals is not None:
+            through.normals[found["mesh"] == 0] = (0, 0, 1)  # the sheet lies flat: snow covers it too
+        return through
 
     def photograph(self, view: View) -> np.ndarray:
         """(h, w, 3) uint8 sRGB through weather and sensor."""
@@ -230,7 +230,7 @@ class PadSite:
         """`photograph`, and (h, w) bool where the pad is seen, from the same rays."""
         light, found = self.renderer.render_with_depth(self.camera, view.T_world_camera)
         if view.weather != CLEAR:
-            depth = self._depth_view(view.T_world_camera, found)
+            depth = self._depth_view(view.T_world_camera, found, view.weather)
             rng = weather_rng(view.seed, view.item, *view.weather)
             light = make_weather(*view.weather).change_light(depth, self.sky.airlight, rng).apply(light)
         picture = tone_map(light.astype(np.float32), (view.seed, view.item), self.optics.noise)
@@ -301,17 +301,3 @@ class Sites:
 
     def _time(self, number: int) -> int:
         return number // 2 % len(self._skies)
-
-
-_normals: dict[str, np.ndarray] = {}
-
-
-def _face_normals(world: World) -> np.ndarray:
-    """(m, 3) float32 unit normals of a world's faces, kept for the last world."""
-    if world.sha256 not in _normals:
-        corners = world.mesh.vertices[world.mesh.faces]
-        across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        length = np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
-        _normals.clear()
-        _normals[world.sha256] = (across / length).astype(np.float32)
-    return _normals[world.sha256]

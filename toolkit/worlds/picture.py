@@ -90,6 +90,8 @@ def find_depths(
 ) -> DepthView:  # fmt: skip
     """What weathers need to know of a view: depth, for rain and snow the ground, for snow which way surfaces face.
 
+    Rain makes no water darker and no snow lies on it; nor does snow lie on the object.
+
     Args:
         world, sky: that were rendered.
         view: camera and `T_world_camera`.
