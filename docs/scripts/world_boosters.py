@@ -9,8 +9,9 @@ import json
 import sys
 from pathlib import Path
 
-from toolkit.evaluation.figures import COLOURS, UNPATCHED_COLOUR, encode_figure, make_figure, style_panel
+from toolkit.evaluation.figures import COLOURS, UNPATCHED_COLOUR, style_panel
 from toolkit.experiments.worlds.world_figures import draw_line
+from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.worlds.fog import CONTRAST_LOG
 
 MOST_DRAWN = 5
@@ -38,6 +39,7 @@ def read_rows(booster: str, file: Path, variant: str) -> list[dict]:
     return rows
 
 
+@with_default_style
 def draw(rows: list[dict]) -> bytes:
     """PNG: top-5 of every booster over the extinction of fog and of dust; a row of panels for each network."""
     networks = list(dict.fromkeys(row["network"] for row in rows))

@@ -1,39 +1,19 @@
-"""Figures without a window, as PNG whose bytes are the same for the same picture; their colours, and their frames."""
+"""What all figures look alike in: their colours, and their frames."""
 
 from collections.abc import Sequence
-from io import BytesIO
 from typing import TYPE_CHECKING
 
 from toolkit.captures.read import UNPATCHED
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
-DPI = 120
 # a palette that people who see fewer colours can tell apart (Okabe and Ito 2008)
 BLUE, ORANGE, GREEN, PINK, AMBER, SKY = COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 UNPATCHED_COLOUR, LEFT_OUT_COLOUR = "#6b6f76", "#d9dce1"
 RIGHT, FIFTH, WRONG = GREEN, AMBER, ORANGE
 """Frames of pictures whose truth is the first guess, among five, and not among them."""
 MARKERS = ("o", "s", "D", "^", "v", "P")
-
-
-def make_figure(width_in: float, height_in: float, layout: str | None = "constrained") -> "Figure":
-    """An empty figure."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width_in, height_in), layout=layout)  # type: ignore[arg-type]
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def encode_figure(figure: "Figure") -> bytes:
-    """The figure as PNG."""
-    buffer = BytesIO()
-    figure.savefig(buffer, dpi=DPI, format="png", metadata={"Software": None})
-    return buffer.getvalue()
 
 
 def colour_of(variants: Sequence[str], variant: str) -> str:

@@ -10,17 +10,8 @@ import numpy as np
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
-from toolkit.evaluation.figures import (
-    AMBER,
-    COLOURS,
-    GREEN,
-    ORANGE,
-    PINK,
-    UNPATCHED_COLOUR,
-    encode_figure,
-    make_figure,
-    style_panel,
-)
+from toolkit.evaluation.figures import AMBER, COLOURS, GREEN, ORANGE, PINK, UNPATCHED_COLOUR, style_panel
+from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.landing.config import FlyConfig
 from toolkit.landing.flight_results import CellResult
 from toolkit.landing.fly import Cell, EpisodeRecord
@@ -37,6 +28,7 @@ OUTCOME_COLOURS = {
 FILM_PX, TRACK_COLUMNS = 480, 3
 
 
+@with_default_style
 def draw_success(results: Sequence[CellResult]) -> bytes:
     """PNG: success with its interval over severity, a panel for each weather, clear air at 0 in all."""
     weathers = list(dict.fromkeys(one.cell.weather for one in results if one.cell.weather != "clear")) or ["clear"]
@@ -71,6 +63,7 @@ def _line(cell: Cell) -> tuple[str, str, str]:
     return cell.pad, cell.regressor, cell.gains
 
 
+@with_default_style
 def draw_tracks(results: Sequence[CellResult], radius_m: float, most: int = 9) -> bytes:
     """PNG: the first episodes of some cells from above and from aside, coloured by their end.
 

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from toolkit.core.files import write_bytes
-from toolkit.evaluation.figures import SKY, encode_figure, make_figure
+from toolkit.evaluation.figures import SKY
+from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.landing.dataset import Sample, open_dataset, read_shard
 from toolkit.landing.regressor import Regressor, as_batch
 
@@ -36,6 +37,7 @@ def pick_samples(folder: Path, count: int = SHOWN) -> list[Sample]:
     return [samples[k] for k in chosen]
 
 
+@with_default_style
 def draw_saliency(regressor: Regressor, samples: Sequence[Sample]) -> tuple[bytes, list[float]]:
     """PNG of frames with what the regressor looks at below each; and the share of it that lies on the pad."""
     saliency = find_saliency(regressor, np.stack([sample.image for sample in samples]))

@@ -5,6 +5,7 @@ from io import BytesIO
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.objects.load import TableObject
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import Pose
@@ -13,15 +14,12 @@ from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 
 
+@with_default_style
 def draw_positions(item: TableObject, camera: Camera, poses: list[Pose]) -> bytes:
     """PNG of the camera positions in space and from above, numbered, with the object's outline and front."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     positions = np.stack([pose.matrix()[:3, 3] for pose in poses]) / 10
     vertices = item.mesh.vertices[:: max(1, len(item.mesh.vertices) // 3000)] / 10
-    figure = Figure(figsize=(12, 6), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = make_figure(12, 6)
     space = figure.add_subplot(1, 2, 1, projection="3d")
     space.scatter(*vertices.T, s=0.5, c="0.55", linewidths=0)
     space.scatter(*positions.T, c=positions[:, 2], cmap="viridis", s=42, depthshade=False)
@@ -46,9 +44,7 @@ def draw_positions(item: TableObject, camera: Camera, poses: list[Pose]) -> byte
     plan.grid(alpha=0.3)
     figure.colorbar(dots, ax=plan, label="elevation (degrees)", shrink=0.7)
     figure.suptitle(f"{item.name}: {len(poses)} camera positions")
-    buffer = BytesIO()
-    figure.savefig(buffer, dpi=110, format="png", metadata={"Software": None})
-    return buffer.getvalue()
+    return encode_figure(figure, dpi=110)
 
 
 def draw_contact_sheet(

@@ -5,19 +5,11 @@ from typing import TYPE_CHECKING, Any
 
 from toolkit.core.tables import format_percent
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS
-from toolkit.evaluation.figures import (
-    BLUE,
-    GREEN,
-    LEFT_OUT_COLOUR,
-    ORANGE,
-    PINK,
-    encode_figure,
-    make_figure,
-    style_panel,
-)
+from toolkit.evaluation.figures import BLUE, GREEN, LEFT_OUT_COLOUR, ORANGE, PINK, style_panel
 from toolkit.experiments.corruptions.benchmark_summary import CorruptionMean, Summary, VariantMean
 from toolkit.experiments.corruptions.benchmark_verdict import name_corruption, name_levels
 from toolkit.experiments.corruptions.recognisers import READER
+from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -124,6 +116,7 @@ def save_png(figure: "Figure") -> bytes:
     return encode_figure(figure)
 
 
+@with_default_style
 def draw_variant(summary: Summary, row: VariantMean) -> bytes:
     """PNG of two panels: the average of each corruption, and below it a bar for each severity where there are several.
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from toolkit.captures.read import UNPATCHED
 from toolkit.core.tables import format_percent
 from toolkit.corruptions.catalogue import CORRUPTIONS
-from toolkit.evaluation.figures import COLOURS, MARKERS, UNPATCHED_COLOUR, make_figure
+from toolkit.evaluation.figures import COLOURS, MARKERS, UNPATCHED_COLOUR
 from toolkit.experiments.corruptions.benchmark_figures import (
     FEW_PLACES,
     MEAN_COLOUR,
@@ -19,6 +19,7 @@ from toolkit.experiments.corruptions.benchmark_figures import (
 )
 from toolkit.experiments.corruptions.benchmark_summary import Summary
 from toolkit.experiments.corruptions.benchmark_verdict import label_row
+from toolkit.imaging.plots import make_figure, with_default_style
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -30,6 +31,7 @@ ROW_IN, OVERVIEW_PANEL_IN, OVERVIEW_HEAD_IN = 0.34, 4.2, 1.5
 OVERVIEW_MIN_WIDTH_IN, OVERVIEW_MAX_WIDTH_IN, TITLE_CHARACTERS = 7.0, 10.0, 64
 
 
+@with_default_style
 def draw_overview(summary: Summary) -> bytes:
     """PNG: above a bar for each variant and answerer, its mean and interval; below their corruptions one by one.
 

@@ -4,11 +4,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from toolkit.evaluation.figures import RIGHT, WRONG, encode_figure, make_figure
+from toolkit.evaluation.figures import RIGHT, WRONG
 from toolkit.experiments.corruptions.cells import Shard, apply_variant, corrupt_images, load_shard
 from toolkit.experiments.corruptions.config import NOT_CORRUPTED, Condition
 from toolkit.experiments.corruptions.grid import Benchmark, Grid
 from toolkit.experiments.corruptions.variants import Variant
+from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 
 COLUMNS = 6
 TILE_IN, HEAD_IN = 1.55, 0.5
@@ -26,6 +27,7 @@ def choose_conditions(corruptions: Sequence[Condition]) -> list[Condition]:
     return chosen
 
 
+@with_default_style
 def draw_examples(grid: Grid, benchmark: Benchmark) -> bytes:
     """PNG: a row for each variant, a column for each condition; always the image in the middle of the list.
 

@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Any
 
 from toolkit.captures.read import POOLED
 from toolkit.core.files import write_bytes
-from toolkit.evaluation.figures import colour_of, encode_figure, make_figure, style_panel
+from toolkit.evaluation.figures import colour_of, style_panel
 from toolkit.evaluation.metrics import PATCHED
 from toolkit.experiments.sweeps.axes import Axis
 from toolkit.experiments.sweeps.sweep_rows import Sweep
+from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,6 +21,7 @@ DODGE, SPREAD = 0.22, 0.6
 LONG_NAME, MANY_TICKS = 6, 4
 
 
+@with_default_style
 def draw_sweep(path: Path, sweep: Sweep) -> Path:
     """Write the figure as PNG; an axis with a scale is drawn as lines and bands, one without as dots and bars."""
     names = [*sweep.objects] if len(sweep.objects) == 1 else [POOLED, *sweep.objects]

@@ -6,22 +6,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolkit.captures.read import POOLED
-from toolkit.evaluation.figures import (
-    FIFTH,
-    LEFT_OUT_COLOUR,
-    RIGHT,
-    WRONG,
-    colour_of,
-    encode_figure,
-    make_figure,
-    style_panel,
-)
+from toolkit.evaluation.figures import FIFTH, LEFT_OUT_COLOUR, RIGHT, WRONG, colour_of, style_panel
 from toolkit.experiments.worlds.answers import WeatherKey
 from toolkit.experiments.worlds.cameras import PlaceCameras
 from toolkit.experiments.worlds.half_lost import find_ladder, list_extinctions
 from toolkit.experiments.worlds.keep import KeptFrames, name_picture
 from toolkit.experiments.worlds.world_results import WorldResults, find_visibility_m
 from toolkit.experiments.worlds.world_rows import AXES, IN_VIEW
+from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.imaging.read import read_image
 from toolkit.worlds.conditions import CLEAR
 from toolkit.worlds.fog import CONTRAST_LOG
@@ -34,6 +26,7 @@ MOST_COLUMNS = 8
 Summary = dict[str, Any]
 
 
+@with_default_style
 def draw_weathers(results: WorldResults, summary: Summary) -> bytes | None:
     """PNG: top-5 of each variant through each kind of weather, over its extinction; None where none was run."""
     ladders = find_ladder(results.weathers)
@@ -86,6 +79,7 @@ def choose_weathers(weathers: Sequence[WeatherKey]) -> list[WeatherKey]:
     return [CLEAR, *(ladder[1:][(len(ladder) - 2) // 2] for ladder in ladders.values())]
 
 
+@with_default_style
 def draw_curves(results: WorldResults, summary: Summary) -> bytes:
     """PNG: top-5 by where the camera stood; solid in clear air, dashed in the middle severity of the first weather."""
     figure = make_figure(11, 2 * PANEL_IN)
@@ -119,6 +113,7 @@ def _name_bin(axis: str, low: float, high: float) -> str:
     return f"{low:.3g}–{high:.3g}"
 
 
+@with_default_style
 def draw_cameras(places: Sequence[PlaceCameras]) -> bytes:
     """PNG: the cameras of each place from above: in view, partly hidden, hidden, left out."""
     columns = min(len(places), 5)
@@ -150,6 +145,7 @@ def draw_cameras(places: Sequence[PlaceCameras]) -> bytes:
     return encode_figure(figure)
 
 
+@with_default_style
 def draw_sample(results: WorldResults, kept: KeptFrames) -> bytes | None:
     """PNG: one camera of each place, a row for each variant, a column for each of some weathers.
 
