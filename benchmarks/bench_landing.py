@@ -33,8 +33,8 @@ def run() -> dict[str, float | str]:
 def _collect() -> dict[str, float | str]:
     """Frames with segmentation and truth in a shard on disk, against bare renders from the same cameras."""
     from toolkit.landing.collect import Collector
-    from toolkit.landing.config import CollectConfig
     from toolkit.landing.dataset import EncodedSample, encode_sample, write_shard
+    from toolkit.landing.landing_config import CollectConfig
     from toolkit.landing.pads import draw_pad
     from toolkit.landing.site import find_world
     from toolkit.rig.raycast import map_frames
@@ -67,8 +67,8 @@ def _collect() -> dict[str, float | str]:
 
 def _fly() -> dict[str, float | str]:
     """Episodes in lockstep with one batched forward a tick, and one at a time."""
-    from toolkit.landing.config import CameraConfig, FlyConfig
-    from toolkit.landing.fly import Cell, Clock, FlightSetup, fly_cell
+    from toolkit.landing.fly import Clock, FlightCell, FlightSetup, fly_cell
+    from toolkit.landing.landing_config import CameraConfig, FlyConfig
     from toolkit.landing.pads import draw_pad
     from toolkit.landing.site import Sites, find_world, plan_places
     from toolkit.worlds.conditions import CLEAR
@@ -78,7 +78,10 @@ def _fly() -> dict[str, float | str]:
     config = config.with_overrides(episode=config.episode.with_overrides(time_limit_s=LONGEST_S))
     optics = CameraConfig()
     sites = Sites(world, plan_places(world, pad.size_m, PLACES), ("noon",), optics)
-    cell, finder = Cell("plain", "random", "grass", *CLEAR, "gentle"), _make_regressor(optics.image_px, optics.fov_deg)
+    cell, finder = (
+        FlightCell("plain", "random", "grass", *CLEAR, "gentle"),
+        _make_regressor(optics.image_px, optics.fov_deg),
+    )
     setup = FlightSetup(config, 0, sites, {"plain": pad}, {"random": finder})
     fly_cell(replace(setup, seed=1), cell, [0], Clock())  # warms caches and kernels
     clock, start = Clock(), perf_counter()
@@ -113,8 +116,7 @@ def _make_regressor(image_px: int, fov_deg: float):
 
 def _advance_ours() -> float:
     """Drone-steps a second of 64 in lockstep, control included."""
-    from toolkit.landing.cascade import VelocityControl
-    from toolkit.landing.dynamics import SIMPLE_FLIGHT, MultirotorState, advance
+    from toolkit.landing.dynamics import SIMPLE_FLIGHT, MultirotorState, VelocityControl, advance
     from toolkit.landing.episodes import STEP_S
 
     zeros = np.zeros((3, DRONES))

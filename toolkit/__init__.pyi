@@ -28,9 +28,9 @@ from toolkit.captures.shoot import shoot_plan as shoot_plan
 from toolkit.captures.shoot import ShootSettings as ShootSettings
 from toolkit.corruptions.batch import corrupt as corrupt
 from toolkit.evaluation.evaluate import evaluate_captures as evaluate_captures
-from toolkit.evaluation.config import EvalConfig as EvalConfig
-from toolkit.experiments.corruptions.evaluate import evaluate_benchmark as evaluate_benchmark
-from toolkit.experiments.corruptions.config import CorruptEvalConfig as CorruptEvalConfig
+from toolkit.evaluation.eval_config import EvalConfig as EvalConfig
+from toolkit.experiments.corruptions.benchmark_run import evaluate_benchmark as evaluate_benchmark
+from toolkit.experiments.corruptions.benchmark_config import CorruptEvalConfig as CorruptEvalConfig
 from toolkit.evaluation.notebook import predictions_table as predictions_table
 from toolkit.evaluation.notebook import load_captures as load_captures
 from toolkit.corruptions.draws import image_seed as image_seed

@@ -12,7 +12,7 @@ from typing import Any
 from tables import write_table
 
 from toolkit.core.files import sha256_file
-from toolkit.landing.fly import Cell
+from toolkit.landing.fly import FlightCell
 
 
 def read_cells(run: Path) -> list[dict[str, Any]]:
@@ -41,7 +41,7 @@ def read_cells(run: Path) -> list[dict[str, Any]]:
 
 
 def _key(cell: dict[str, Any]) -> str:
-    return Cell(**{one.name: cell[one.name] for one in fields(Cell)}).key
+    return FlightCell(**{one.name: cell[one.name] for one in fields(FlightCell)}).key
 
 
 def main(table: str, *runs: str) -> None:

@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 
 from toolkit.core.workspace import open_workspace
-from toolkit.landing.config import CameraConfig
 from toolkit.landing.episodes import place_cameras
+from toolkit.landing.landing_config import CameraConfig
 from toolkit.landing.pads import Pad, find_pad
-from toolkit.landing.site import PadSite, View, find_sky, find_world, plan_places
+from toolkit.landing.site import PadSite, SiteView, find_sky, find_world, plan_places
 
 SIDE_PX, SEED = 192, 7
 SHOWN = {
@@ -47,7 +47,7 @@ def _photograph(pad: Pad, world_name: str, ground: str, number: int) -> list[np.
         site = PadSite(world, place, find_sky(time), pad, CameraConfig(image_px=64))
         up = np.add(site.centre, (1.0, 0.6, 5.0))[None]
         pose = place_cameras(up, np.array([1.0]), np.array([0.0]), np.zeros((1, 2)))[0]
-        photographs.append(site.photograph(View(pose, 0, 5, weather)))
+        photographs.append(site.photograph(SiteView(pose, 0, 5, weather)))
     return photographs
 
 

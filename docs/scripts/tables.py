@@ -8,8 +8,8 @@ from typing import Any
 from toolkit.core.files import write_text
 from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import Workspace
+from toolkit.experiments.corruptions.benchmark_config import CLEAN
 from toolkit.experiments.corruptions.benchmark_summary import Summary, read_summary
-from toolkit.experiments.corruptions.config import CLEAN
 from toolkit.experiments.sweeps.axes import AXES
 from toolkit.models.load import read_bundled
 from toolkit.objects.records import PatchRecord, TextureRecord, read_patch, read_texture

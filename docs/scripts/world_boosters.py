@@ -9,8 +9,8 @@ import json
 import sys
 from pathlib import Path
 
-from toolkit.evaluation.figures import COLOURS, UNPATCHED_COLOUR, style_panel
-from toolkit.experiments.worlds.world_figures import draw_line
+from toolkit.evaluation.page import COLOURS, UNPATCHED_COLOUR, style_panel
+from toolkit.experiments.worlds.world_report import draw_line
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.worlds.fog import CONTRAST_LOG
 

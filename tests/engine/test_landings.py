@@ -9,9 +9,9 @@ from toolkit.engine.config import EngineConfig
 from toolkit.landing import collect as collecting
 from toolkit.landing import fly as flying
 from toolkit.landing.collect import Collector, collect
-from toolkit.landing.config import CameraConfig, CollectConfig, FlyConfig
 from toolkit.landing.flight_results import write_summary
 from toolkit.landing.fly import fly_all
+from toolkit.landing.landing_config import CameraConfig, CollectConfig, FlyConfig
 
 FRAMES = CollectConfig(
     frames=12, places=2, times=("overcast",), shard_frames=4, optics=CameraConfig(image_px=48),

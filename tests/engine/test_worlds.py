@@ -98,15 +98,15 @@ from pathlib import Path
 from walled_field import make_config, make_field, make_onlooker
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
-from toolkit.experiments.worlds import ask, evaluate
+from toolkit.experiments.worlds import ask, world_run
 from toolkit.worlds.sky import make_sky
 
 if __name__ == "__main__":
-    evaluate.open_world = lambda *given: make_field()
-    evaluate.make_sky = lambda when, seed: make_sky(when, seed, 32)
+    world_run.open_world = lambda *given: make_field()
+    world_run.make_sky = lambda when, seed: make_sky(when, seed, 32)
     ask.UNIT_PICTURES = 32
     config = make_config(keep=True, run="run")
-    evaluate.evaluate_world(Workspace(Path(sys.argv[1])), make_onlooker(), config, EngineConfig(workers=2))
+    world_run.evaluate_world(Workspace(Path(sys.argv[1])), make_onlooker(), config, EngineConfig(workers=2))
 """
 
 

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation.compare import compare_runs, write_comparison
-from toolkit.evaluation.config import EvalConfig
+from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.runs import open_run
 

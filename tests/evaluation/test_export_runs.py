@@ -7,7 +7,7 @@ from typer.testing import CliRunner
 
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
-from toolkit.evaluation.config import EvalConfig
+from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.export import read_parquet, write_parquet
 from toolkit.evaluation.notebook import predictions_table

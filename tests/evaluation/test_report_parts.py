@@ -11,11 +11,16 @@ from PIL import Image
 from rich.console import Console
 
 from toolkit.captures.read import Capture
-from toolkit.evaluation.contact_sheet import MAX_BYTES, lay_out, lay_out_flips, make_thumbnails
+from toolkit.evaluation.contact_sheet import (
+    MAX_BYTES,
+    chart_poses,
+    lay_out,
+    lay_out_flips,
+    make_thumbnails,
+    read_direction,
+)
 from toolkit.evaluation.evaluate import evaluate_captures
-from toolkit.evaluation.flips import MAX_FLIPS, list_flips
-from toolkit.evaluation.metrics import compare_unpatched, group_predictions, index_poses
-from toolkit.evaluation.pose_chart import chart_poses, read_direction
+from toolkit.evaluation.metrics import MAX_FLIPS, compare_unpatched, group_predictions, index_poses, list_flips
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.tables import build_tables
 from toolkit.rig.camera import orbit_pose

@@ -14,9 +14,9 @@ from toolkit.captures.read import Capture
 from toolkit.core.statistics import cohen_kappa, paired_difference_interval, rank_correlation
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.report import MAX_CARDS, SIDE, place_prob, view_sim_real
 from toolkit.evaluation.results import compare_predictions
 from toolkit.evaluation.sim_real import compare_sim_real, place_of
-from toolkit.evaluation.sim_real_view import MAX_CARDS, SIDE, place_prob, view_sim_real
 from toolkit.evaluation.tables import print_sim_real
 
 

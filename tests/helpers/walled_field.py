@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from toolkit.experiments.worlds.config import WorldEvalConfig
+from toolkit.experiments.worlds.world_config import WorldEvalConfig
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.network import Classifier
 from toolkit.models.weights import WeightsFile
@@ -85,11 +85,11 @@ def make_config(**changes: object) -> WorldEvalConfig:
 
 def stand_in(monkeypatch, is_drawn: bool = True) -> None:
     """Evaluate in the field, below a small sky; figures, which take most of the time of so little, only if wanted."""
-    from toolkit.experiments.worlds import evaluate, world_report
+    from toolkit.experiments.worlds import world_report, world_run
     from toolkit.worlds.sky import make_sky
 
-    monkeypatch.setattr(evaluate, "open_world", lambda *given: make_field())
-    monkeypatch.setattr(evaluate, "make_sky", lambda time, seed: make_sky(time, seed, 32))
+    monkeypatch.setattr(world_run, "open_world", lambda *given: make_field())
+    monkeypatch.setattr(world_run, "make_sky", lambda time, seed: make_sky(time, seed, 32))
     for name in ("draw_sample", "draw_weathers", "draw_curves", "draw_cameras"):
         if not is_drawn:
             monkeypatch.setattr(world_report, name, lambda *given: b"drawn")

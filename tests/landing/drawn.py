@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 from toolkit.core.files import sha256_file, write_json
-from toolkit.landing.config import CameraConfig
-from toolkit.landing.dataset import DatasetFile, Sample, Shard, Split, Truth, encode_sample, write_shard
+from toolkit.landing.dataset import DatasetFile, Sample, ShardFile, Split, Truth, encode_sample, write_shard
+from toolkit.landing.landing_config import CameraConfig
 from toolkit.models.architectures import build_network
 
 OPTICS = CameraConfig(image_px=48)
@@ -42,7 +42,7 @@ def write_drawn(folder: Path, train: int = 256, held_out: int = 64, first: int =
     for split, numbers in parts:
         file = f"{split}.tar"
         write_shard(folder / file, [encode_sample(draw(index)) for index in numbers])
-        shards.append(Shard(file=file, split=split, n=len(numbers), sha256=sha256_file(folder / file)))
+        shards.append(ShardFile(file=file, split=split, n=len(numbers), sha256=sha256_file(folder / file)))
     about = DatasetFile(
         inputs_sha256=f"{first:064d}", seed=SEED, world="drawn", world_seed=0, pad="plain",
         pad_sha256="1" * 64, size_m=2.0, camera=OPTICS.camera.intrinsics,

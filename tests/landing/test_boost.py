@@ -11,10 +11,10 @@ from toolkit.core.draws import Draws
 from toolkit.core.files import write_json
 from toolkit.core.workspace import Workspace, make_workspace
 from toolkit.landing.boost import PadTask, boost_pad, plan_views, start_picture
-from toolkit.landing.config import BoostConfig, PadPrintConfig
+from toolkit.landing.landing_config import BoostConfig, PadPrintConfig
 from toolkit.landing.pads import Pad
 from toolkit.landing.regressor import Regressor, RegressorRecord, load_regressor, regressors_dir
-from toolkit.landing.site import View
+from toolkit.landing.site import SiteView
 from toolkit.models.architectures import build_network
 
 CONFIG = BoostConfig(
@@ -56,7 +56,7 @@ def task(tmp_path_factory: pytest.TempPathFactory) -> PadTask:
 def test_what_is_trained_on_is_the_photograph(task: PadTask) -> None:
     photos = task.photograph(np.arange(12), Draws(0, 0)).detach().numpy()
     for k, view in enumerate(task.views):
-        quiet = view.site.photograph(View(view.pose, 0, k)) / 255
+        quiet = view.site.photograph(SiteView(view.pose, 0, k)) / 255
         difference = np.abs(photos[k].transpose(1, 2, 0) - quiet)
         assert difference.mean() < 0.012  # the sensor's noise
 

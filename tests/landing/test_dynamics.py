@@ -5,8 +5,15 @@ from time import perf_counter
 import numpy as np
 import pytest
 
-from toolkit.landing.cascade import CascadeGains, VelocityControl
-from toolkit.landing.dynamics import GRAVITY, SIMPLE_FLIGHT, Multirotor, MultirotorState, advance
+from toolkit.landing.dynamics import (
+    GRAVITY,
+    SIMPLE_FLIGHT,
+    CascadeGains,
+    Multirotor,
+    MultirotorState,
+    VelocityControl,
+    advance,
+)
 
 STEP_S = 0.003
 

@@ -6,9 +6,9 @@ import pytest
 pytest.importorskip("gymnasium", reason="Gymnasium is not installed")
 from gymnasium.utils.env_checker import check_env
 
-from toolkit.landing.config import CameraConfig
 from toolkit.landing.env import LandingEnv
 from toolkit.landing.episodes import EpisodeConfig
+from toolkit.landing.landing_config import CameraConfig
 
 
 @pytest.fixture(scope="module")

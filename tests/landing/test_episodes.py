@@ -117,7 +117,7 @@ def test_every_end_is_told_apart() -> None:
 
 
 def test_what_goes_out_of_control_ends_so_without_a_nan() -> None:
-    from toolkit.landing.cascade import CascadeGains
+    from toolkit.landing.dynamics import CascadeGains
 
     flights = Flights(
         EpisodeConfig(), PAD, FlatGround(1.0), seed=0, indices=[0, 1, 2], gains=CascadeGains(rate_p=-40.0, level_p=90.0)

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from test_fly import record
 
-from toolkit.landing.config import FlyConfig
-from toolkit.landing.flight_figures import draw_map, pick_cells
+from toolkit.landing.flight_report import draw_map, pick_cells
 from toolkit.landing.flight_results import CellResult
-from toolkit.landing.fly import Cell, EpisodeRecord
+from toolkit.landing.fly import EpisodeRecord, FlightCell
+from toolkit.landing.landing_config import FlyConfig
 
 GREEN, ORANGE = (0, 122, 90), (194, 65, 12)
 HEIGHTS_M = (4.0, 2.0, 0.9, 0.7, -0.01)
@@ -33,7 +33,7 @@ def test_the_circle_is_the_one_of_a_success() -> None:
 @pytest.mark.parametrize("airs", [2, 4, 7, 20])
 def test_tracks_are_drawn_of_every_pad(airs: int) -> None:
     pads = ("plain", "boosted")
-    cells = [Cell(pad, "net", "grass", "fog", air, "gentle") for air in range(airs) for pad in pads]
+    cells = [FlightCell(pad, "net", "grass", "fog", air, "gentle") for air in range(airs) for pad in pads]
     picked = pick_cells([CellResult(cell, ()) for cell in cells], 9)
     assert len(picked) == min(9, len(cells))
     assert {one.cell.pad for one in picked} == set(pads)

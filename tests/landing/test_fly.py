@@ -10,11 +10,11 @@ from test_boost import make_regressor
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
-from toolkit.landing.config import FlyConfig
 from toolkit.landing.episodes import EpisodeConfig
 from toolkit.landing.flight_report import film_episode, write_report
 from toolkit.landing.flight_results import group_cells, pair_cells, write_summary
-from toolkit.landing.fly import Cell, EpisodeRecord, Flown, fly_all
+from toolkit.landing.fly import EpisodeRecord, FlightCell, Flown, fly_all
+from toolkit.landing.landing_config import FlyConfig
 
 QUICK = FlyConfig(
     regressors=("apriltag",), pads=("apriltag",), episodes=2, places=2, ground="bare", time="overcast",
@@ -144,7 +144,7 @@ def test_pairs_are_counted_episode_by_episode(tmp_path: Path) -> None:
     boosted = ["success", "success", "success", "crashed", "success", "success", "success", "lost"]
     records = [record("plain", k, one) for k, one in enumerate(plain)]
     records += [record("boosted", k, one) for k, one in enumerate(boosted)]
-    cells = tuple(Cell(pad, "net", "grass", "clear", 0, "gentle") for pad in ("plain", "boosted"))
+    cells = tuple(FlightCell(pad, "net", "grass", "clear", 0, "gentle") for pad in ("plain", "boosted"))
     results = group_cells(Flown(tmp_path, tuple(records), cells, 0, (), {}))
     assert [one.count("success") for one in results] == [2, 6]
     (pair,) = pair_cells(results)
@@ -156,7 +156,7 @@ def test_pairs_are_counted_episode_by_episode(tmp_path: Path) -> None:
 
 def test_a_regressor_trained_again_is_compared_on_its_own_pad(tmp_path: Path) -> None:
     cells = tuple(
-        Cell(pad, net, "grass", "clear", 0, "gentle") for net in ("net", "again") for pad in ("plain", "boosted")
+        FlightCell(pad, net, "grass", "clear", 0, "gentle") for net in ("net", "again") for pad in ("plain", "boosted")
     )
     records = tuple(record(cell.pad, 0, "success").model_copy(update={"regressor": cell.regressor}) for cell in cells)
     pairs = pair_cells(group_cells(Flown(tmp_path, records, cells, 0, (), {})))

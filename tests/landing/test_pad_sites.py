@@ -11,10 +11,10 @@ from PIL import Image
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import make_workspace
-from toolkit.landing.config import CameraConfig
 from toolkit.landing.episodes import place_cameras
+from toolkit.landing.landing_config import CameraConfig
 from toolkit.landing.pads import KINDS, Pad, draw_pad, find_pad
-from toolkit.landing.site import PadPlace, PadSite, Sites, View, place_at, plan_places
+from toolkit.landing.site import PadPlace, PadSite, Sites, SiteView, place_at, plan_places
 from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.sky import Sky
 from toolkit.worlds.world import World
@@ -34,9 +34,9 @@ def test_the_pad_is_seen_where_the_truth_says(site: PadSite) -> None:
         assert z == pytest.approx(offset[2])
         assert column == pytest.approx(site.camera.cx + site.camera.fx * x / z, abs=0.6)
         assert row == pytest.approx(site.camera.cy + site.camera.fy * y / z, abs=0.6)
-        picture, same = site.photograph_with_mask(View(pose, 3, 7, ("fog", 3)))
+        picture, same = site.photograph_with_mask(SiteView(pose, 3, 7, ("fog", 3)))
         assert (mask == same).all()
-        assert (picture == site.photograph(View(pose, 3, 7, ("fog", 3)))).all()
+        assert (picture == site.photograph(SiteView(pose, 3, 7, ("fog", 3)))).all()
         side = (site.camera.fx * site.pad.size_m / z) ** 2
         assert mask.sum() == pytest.approx(side, rel=0.12)
         assert view.depth_m[mask].min() == pytest.approx(z, rel=0.05)
@@ -46,19 +46,19 @@ def test_the_picture_shows_the_pads_own_picture(site: PadSite) -> None:
     """Seen straight from above along its own axes, the render is the drawing up to light."""
     turn = np.radians(site.place.turn_deg) + np.pi / 2
     height = site.camera.fx * site.pad.size_m / site.camera.width  # it fills the frame
-    seen = site.photograph(View(above(site, (0, 0, height), turn), 0, 0))
+    seen = site.photograph(SiteView(above(site, (0, 0, height), turn), 0, 0))
     drawn = cv2.resize(site.pad.picture, seen.shape[:2][::-1], interpolation=cv2.INTER_AREA)
     assert np.corrcoef(seen[..., 1].ravel(), drawn[..., 1].ravel())[0, 1] > 0.95
 
 
 def test_fog_fades_it_and_the_same_view_has_the_same_bytes(site: PadSite) -> None:
     pose = above(site, (0, 0, 6.0))
-    clear, fog = (site.photograph(View(pose, 3, 7, weather)) for weather in (("clear", 0), ("fog", 5)))
+    clear, fog = (site.photograph(SiteView(pose, 3, 7, weather)) for weather in (("clear", 0), ("fog", 5)))
     assert fog.std() < 0.5 * clear.std()
-    again = list(site.photograph_many([View(pose, 3, 7, ("fog", 5)), View(pose, 3, 7)]))
+    again = list(site.photograph_many([SiteView(pose, 3, 7, ("fog", 5)), SiteView(pose, 3, 7)]))
     assert again[0].tobytes() == fog.tobytes()
     assert again[1].tobytes() == clear.tobytes()
-    assert site.photograph(View(pose, 3, 8)).tobytes() != clear.tobytes()
+    assert site.photograph(SiteView(pose, 3, 8)).tobytes() != clear.tobytes()
 
 
 def test_places_are_of_seed_and_number_and_off_the_middle(grass: World) -> None:

@@ -11,23 +11,26 @@ from drawn import OPTICS, draw, write_drawn, write_start
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.workspace import Workspace, make_workspace
-from toolkit.landing.config import RECIPES, CameraConfig, LandingTrainConfig
 from toolkit.landing.dataset import SampleSet, read_split
+from toolkit.landing.landing_config import RECIPES, CameraConfig, LandingTrainConfig
 from toolkit.landing.regressor import (
     Regressor,
     RegressorRecord,
     as_batch,
     build_module,
+    find_saliency,
     load_regressor,
+    pick_samples,
     regressors_dir,
     summarise_errors,
+    write_saliency,
 )
-from toolkit.landing.saliency import find_saliency, pick_samples, write_saliency
-from toolkit.landing.start import RIDGE, fit_ridge
 from toolkit.landing.train import (
+    RIDGE,
     RegressorTask,
     TrainedRegressor,
     export_onnx,
+    fit_ridge,
     train_regressor,
     turn_offsets,
 )

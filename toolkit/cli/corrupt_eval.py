@@ -9,10 +9,10 @@ from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, warn
 from toolkit.core.text import kept_before
 from toolkit.engine.config import EngineConfig
-from toolkit.experiments.corruptions.config import CorruptEvalConfig
+from toolkit.experiments.corruptions.benchmark_config import CorruptEvalConfig
 
 if TYPE_CHECKING:
-    from toolkit.experiments.corruptions.evaluate import BenchmarkRun
+    from toolkit.experiments.corruptions.benchmark_run import BenchmarkRun
 
 SHOWN_NAMES = 5
 
@@ -42,7 +42,7 @@ def corrupt_eval(
     Results go to eval/corruptions/RUN. An answer is computed once, whatever run asks for it.
     """
     from toolkit.core.workspace import open_workspace
-    from toolkit.experiments.corruptions.evaluate import evaluate_benchmark
+    from toolkit.experiments.corruptions.benchmark_run import evaluate_benchmark
     from toolkit.models.load import load_classifier
     from toolkit.models.network import Classifier
     from toolkit.training.images import open_images
@@ -66,8 +66,7 @@ def corrupt_eval(
 def show_benchmark(done: "BenchmarkRun") -> None:
     """Print what could not be used, the table, the result in words, and where the report is."""
     from toolkit.core.console import console, list_skipped
-    from toolkit.experiments.corruptions.benchmark_summary import read_summary
-    from toolkit.experiments.corruptions.benchmark_verdict import build_summary_table, judge_benchmark
+    from toolkit.experiments.corruptions.benchmark_summary import build_summary_table, judge_benchmark, read_summary
 
     list_skipped(done.benchmark.failed)
     for name, labels in done.without_images.items():

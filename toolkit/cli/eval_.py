@@ -8,7 +8,7 @@ import typer
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say, show_json, show_table, warn
-from toolkit.evaluation.config import EvalConfig
+from toolkit.evaluation.eval_config import EvalConfig
 
 if TYPE_CHECKING:
     from toolkit.core.workspace import Workspace

@@ -10,8 +10,8 @@ from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json
 from toolkit.engine.config import EngineConfig
-from toolkit.landing.config import RECIPES as TRAINING
-from toolkit.landing.config import BoostConfig, CollectConfig, DemoConfig, FlyConfig, PadPrintConfig
+from toolkit.landing.landing_config import RECIPES as TRAINING
+from toolkit.landing.landing_config import BoostConfig, CollectConfig, DemoConfig, FlyConfig, PadPrintConfig
 
 if TYPE_CHECKING:
     from toolkit.landing.collect import Collected
@@ -90,7 +90,7 @@ def train(
     """Train a network to say where the pad is; an interrupted run goes on where it stopped."""
     from toolkit.core.errors import one_of
     from toolkit.core.workspace import open_workspace
-    from toolkit.landing.saliency import write_saliency
+    from toolkit.landing.regressor import write_saliency
     from toolkit.landing.train import describe_trained, export_onnx, find_dataset, train_regressor
 
     if recipe not in TRAINING:

@@ -34,8 +34,7 @@ def list_runs(
     """List what every run found: evaluations, worlds, sweeps, corruption benchmarks and landings, as one table."""
     from toolkit.core.console import console, list_skipped
     from toolkit.core.workspace import open_workspace
-    from toolkit.evaluation.run_rows import build_runs_table, parse_where, pick_rows
-    from toolkit.evaluation.runs import find_runs
+    from toolkit.evaluation.runs import build_runs_table, find_runs, parse_where, pick_rows
 
     wanted = [parse_where(one) for one in where or ()]
     runs, refused = find_runs(open_workspace(workspace))

@@ -3,7 +3,7 @@
 from toolkit.cli import options
 from toolkit.cli.options import from_config
 from toolkit.cli.output import say, show_json, show_table
-from toolkit.experiments.transfer.config import TransferConfig
+from toolkit.experiments.transfer.transfer_config import TransferConfig
 
 
 @from_config(config=TransferConfig)

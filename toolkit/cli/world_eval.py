@@ -9,10 +9,10 @@ from toolkit.cli.options import from_config
 from toolkit.cli.output import remark, say
 from toolkit.core.text import kept_before
 from toolkit.engine.config import EngineConfig
-from toolkit.experiments.worlds.config import WorldEvalConfig
+from toolkit.experiments.worlds.world_config import WorldEvalConfig
 
 if TYPE_CHECKING:
-    from toolkit.experiments.worlds.evaluate import WorldRun
+    from toolkit.experiments.worlds.world_run import WorldRun
 
 
 @from_config(config=WorldEvalConfig, engine=EngineConfig)
@@ -33,7 +33,7 @@ def world_eval(
     """
     from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
-    from toolkit.experiments.worlds.evaluate import evaluate_world
+    from toolkit.experiments.worlds.world_run import evaluate_world
     from toolkit.models.load import load_classifier
 
     space = open_workspace(workspace)
@@ -52,7 +52,7 @@ def show_world(done: "WorldRun") -> None:
     """Print the weathers in numbers, the cameras, the table, the result in words, and where the report is."""
     from toolkit.core.console import console
     from toolkit.core.files import load_json
-    from toolkit.experiments.worlds.world_verdict import build_world_table, judge_world
+    from toolkit.experiments.worlds.world_results import build_world_table, judge_world
     from toolkit.worlds.weather import describe_weathers
 
     summary = load_json(done.files.summary)

@@ -20,10 +20,9 @@ from toolkit.core.tables import (
     format_test,
 )
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.contact_sheet import Card, make_thumbnails
+from toolkit.evaluation.contact_sheet import Card, describe_place, make_thumbnails
 from toolkit.evaluation.metrics import Comparison, Pair, gather, rank_variant
 from toolkit.evaluation.page import write_page
-from toolkit.evaluation.pose_chart import describe_place
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.runs import Run
 from toolkit.evaluation.stored import find_captures_dir, has_own_file, hash_images, read_predictions

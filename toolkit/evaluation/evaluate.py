@@ -8,7 +8,7 @@ from typing import Any
 
 from toolkit.core.files import write_json, write_text
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.config import EvalConfig
+from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.ground_truth import read_labelled_captures
 from toolkit.evaluation.predict import predict_captures
 from toolkit.evaluation.predictions_csv import encode_predictions

@@ -7,12 +7,10 @@ from pathlib import Path
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.contact_sheet import make_thumbnails
-from toolkit.evaluation.flips import list_flips
-from toolkit.evaluation.metrics import Pair, index_poses
+from toolkit.evaluation.metrics import Pair, index_poses, list_flips
 from toolkit.evaluation.page import write_page
 from toolkit.evaluation.predict import Prediction
-from toolkit.evaluation.run_rows import describe_condition
-from toolkit.evaluation.runs import Run
+from toolkit.evaluation.runs import Run, describe_condition
 from toolkit.evaluation.stored import find_captures_dir, read_predictions
 
 THUMBNAIL_PX = 144

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.config import EvalConfig
+from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.ground_truth import read_labelled_captures
 from toolkit.evaluation.predictions_csv import COLUMNS, NEEDED
 from toolkit.models.network import Classifier

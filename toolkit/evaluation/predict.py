@@ -68,10 +68,7 @@ class Prediction:
 
 
 def predict_captures(
-    captures: Sequence[Capture],
-    true_classes: dict[str, int],
-    classifier: Classifier,
-    batch_size: int | None = None,
+    captures: Sequence[Capture], true_classes: dict[str, int], classifier: Classifier, batch_size: int | None = None
 ) -> list[Prediction]:
     """Classify images; the order of the result is that of `captures`.
 

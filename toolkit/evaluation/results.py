@@ -7,16 +7,17 @@ from typing import Any
 
 from toolkit import __version__
 from toolkit.captures.read import Capture
-from toolkit.evaluation.flips import FlipList, list_flips
-from toolkit.evaluation.gates import describe_both
+from toolkit.evaluation.ground_truth import describe_both
 from toolkit.evaluation.metrics import (
     Comparison,
+    FlipList,
     Group,
     compare_controls,
     compare_unpatched,
     explain_unpaired,
     group_predictions,
     index_poses,
+    list_flips,
 )
 from toolkit.evaluation.predict import Prediction
 from toolkit.evaluation.seen import Training

@@ -9,7 +9,7 @@ from PIL import Image
 
 from toolkit.core.console import progress
 from toolkit.evaluation.contact_sheet import encode_jpeg
-from toolkit.evaluation.flips import FlipList
+from toolkit.evaluation.metrics import FlipList
 from toolkit.evaluation.predict import Prediction, batch_pixels, choose_batch_size
 from toolkit.models.network import Classifier
 
@@ -128,10 +128,7 @@ class Saliency:
 
 
 def draw_saliency(
-    flips: Sequence[FlipList],
-    classifier: Classifier,
-    wanted: bool | None = None,
-    batch_size: int | None = None,
+    flips: Sequence[FlipList], classifier: Classifier, wanted: bool | None = None, batch_size: int | None = None
 ) -> Saliency:
     """Grad-CAM for the true class on both images of every flip shown.
 

@@ -130,16 +130,7 @@ def print_sim_real(console: "Console", comparisons: Sequence[SimReal]) -> None:
         console.print(build_table(title, WHO, numbers, gaps, bold=POOLED))
         gains = [_format_gains(forecast) for forecast in pick_rows(one.forecasts)]
         if gains:
-            heads = (
-                "n",
-                "both",
-                "rend. only",
-                "phot. only",
-                "neither",
-                "kappa",
-                "+ rend.",
-                "+ phot.",
-            )
+            heads = ("n", "both", "rend. only", "phot. only", "neither", "kappa", "+ rend.", "+ phot.")
             title = "poses gained over unpatched, foreseen by the rig or not"
             console.print(build_table(title, WHO, heads, gains, bold=POOLED))
         for line in _list_rest(one):

@@ -10,8 +10,8 @@ import numpy as np
 from toolkit.core.console import progress
 from toolkit.core.workspace import Workspace
 from toolkit.landing.collect import Collector
-from toolkit.landing.config import CollectConfig
 from toolkit.landing.dataset import SampleSet, open_dataset, read_split
+from toolkit.landing.landing_config import CollectConfig
 from toolkit.landing.pads import TAG, TAG_SHARE, Pad, draw_pad, find_pad
 from toolkit.landing.regressor import ErrorRow, summarise_errors
 from toolkit.landing.site import find_world
@@ -26,7 +26,7 @@ Finder = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
-class Baseline:
+class ClassicalFinder:
     """A finder for one camera, with the interface of a regressor.
 
     Attributes:
@@ -47,7 +47,7 @@ class Baseline:
         return found
 
 
-def make_features(pad: Pad, camera: Camera) -> Baseline:
+def make_features(pad: Pad, camera: Camera) -> ClassicalFinder:
     """SIFT features of the pad's picture, a homography by RANSAC, and the camera's pose from the pad's corners."""
     sift = cv2.SIFT_create(contrastThreshold=0.02)  # type: ignore[attr-defined]
     side = min(pad.picture.shape[0], 256)
@@ -71,10 +71,10 @@ def make_features(pad: Pad, camera: Camera) -> Baseline:
         corners = np.array([[(0, 0), (side, 0), (side, side), (0, side)]], np.float32)
         return _locate(cv2.perspectiveTransform(corners, homography)[0] / ZOOM, pad.size_m, camera)
 
-    return Baseline("features", find)
+    return ClassicalFinder("features", find)
 
 
-def make_apriltag(pad: Pad, camera: Camera) -> Baseline:
+def make_apriltag(pad: Pad, camera: Camera) -> ClassicalFinder:
     """OpenCV's detector of AprilTag 36h11, for the pad that `draw_pad` makes with it."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
@@ -88,7 +88,7 @@ def make_apriltag(pad: Pad, camera: Camera) -> Baseline:
                 return _locate(one[0] / ZOOM, pad.size_m * TAG_SHARE, camera)
         return np.full(2, np.nan)
 
-    return Baseline("apriltag", find)
+    return ClassicalFinder("apriltag", find)
 
 
 def _enlarge(image: np.ndarray) -> np.ndarray:

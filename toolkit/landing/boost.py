@@ -20,11 +20,11 @@ from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.landing.config import BoostConfig, CameraConfig, PadPrintConfig
 from toolkit.landing.episodes import place_cameras
+from toolkit.landing.landing_config import BoostConfig, CameraConfig, PadPrintConfig
 from toolkit.landing.pads import Pad, draw_pad
 from toolkit.landing.regressor import Regressor, load_regressor
-from toolkit.landing.site import PadSite, View, find_sky, find_world, plan_places
+from toolkit.landing.site import PadSite, SiteView, find_sky, find_world, plan_places
 from toolkit.landing.train import LEAST_HEIGHT_M
 from toolkit.objects.records import NetworkRecord, Patch, read_patch, write_patch
 from toolkit.printing.document import build_pdf
@@ -259,7 +259,8 @@ def compare_pads(
             found[pad.name] = {}
             for weather in weathers:
                 views = [
-                    (worn[id(view.site)], View(view.pose, seed, 500_000 + k, weather)) for k, view in enumerate(plan)
+                    (worn[id(view.site)], SiteView(view.pose, seed, 500_000 + k, weather))
+                    for k, view in enumerate(plan)
                 ]
                 images = np.stack(list(map_frames(lambda one: one[0].photograph(one[1]), views)))
                 errors = np.linalg.norm(regressor.predict(images) - np.stack([view.offset for view in plan]), axis=1)

@@ -18,29 +18,21 @@ from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
 from toolkit.engine.resume import cut_groups, run_resumable
 from toolkit.engine.units import Engine, Shared, Unit
-from toolkit.landing.config import CollectConfig
 from toolkit.landing.dataset import (
     DATASET,
     DatasetFile,
     EncodedSample,
     Sample,
-    Shard,
+    ShardFile,
     Split,
     Truth,
     encode_sample,
     write_shard,
 )
 from toolkit.landing.episodes import place_cameras
+from toolkit.landing.landing_config import CollectConfig
 from toolkit.landing.pads import Pad, find_pad
-from toolkit.landing.site import (
-    PadPlace,
-    PadSite,
-    Sites,
-    View,
-    find_world,
-    place_at,
-    plan_places,
-)
+from toolkit.landing.site import PadPlace, PadSite, Sites, SiteView, find_world, place_at, plan_places
 from toolkit.rig.raycast import map_frames
 from toolkit.worlds.world import World
 
@@ -117,7 +109,7 @@ class Collector:
         site, draws = self.site(number), Draws(self.seed, index, "landing")
         weather = self.config.weathers[int(draws.of("weather").integers(len(self.config.weathers)))]
         pose, yaw = self.aim(index)
-        image, mask = site.photograph_with_mask(View(pose, self.seed, index, weather))
+        image, mask = site.photograph_with_mask(SiteView(pose, self.seed, index, weather))
         x, y, z = (round(float(value), 6) for value in site.truth(pose))
         turn = (np.degrees(yaw) - 90 - site.place.turn_deg + 180) % 360 - 180
         truth = Truth(
@@ -232,7 +224,7 @@ def _shoot_shards(folder: Path, collector: Collector, about: DatasetFile, engine
             raise ToolkitError(ran.failed[0][1])
         return Collected(folder, about, len(made), ran.failed)
     shards = [
-        Shard(file=name, split=split, n=len(some), sha256=sha256_file(folder / name)) for name, split, some in plan
+        ShardFile(file=name, split=split, n=len(some), sha256=sha256_file(folder / name)) for name, split, some in plan
     ]
     about = about.model_copy(update={"complete": True, "shards": shards})
     write_json(folder / DATASET, about.model_dump(mode="json"))

@@ -52,7 +52,7 @@ class Truth(BaseModel):
     seen_px: int
 
 
-class Shard(BaseModel):
+class ShardFile(BaseModel):
     """One tar file."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -89,7 +89,7 @@ class DatasetFile(BaseModel):
     places: dict[str, list[str]]
     settings: dict[str, Any]
     complete: bool
-    shards: list[Shard]
+    shards: list[ShardFile]
     toolkit_version: str
 
 
@@ -305,7 +305,7 @@ def join_samples(parts: Sequence[SampleSet]) -> SampleSet:
     return SampleSet(np.concatenate([one.images for one in parts]), tuple(t for one in parts for t in one.truths))
 
 
-def _explain_change(path: Path, about: DatasetFile, shard: Shard) -> None:
+def _explain_change(path: Path, about: DatasetFile, shard: ShardFile) -> None:
     count = 0
     for sample in read_shard(path):
         count += 1

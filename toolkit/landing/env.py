@@ -5,11 +5,11 @@ from typing import Any
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
-from toolkit.landing.config import CameraConfig
 from toolkit.landing.episodes import FLYING, EpisodeConfig, Flights
 from toolkit.landing.fly import TICKS
+from toolkit.landing.landing_config import CameraConfig
 from toolkit.landing.pads import Pad, draw_pad
-from toolkit.landing.site import PadSite, View, find_sky, find_world, plan_places
+from toolkit.landing.site import PadSite, SiteView, find_sky, find_world, plan_places
 from toolkit.worlds.conditions import CLEAR
 
 try:
@@ -111,7 +111,7 @@ class LandingEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         if np.isfinite(self._flights.state.position).all():
             pose = self._flights.camera_poses(np.array([0]))[0]
             item = self._index * TICKS + self._flights.tick
-            self._picture = self._site.photograph(View(pose, self._seed, item, self.weather))
+            self._picture = self._site.photograph(SiteView(pose, self._seed, item, self.weather))
         return self._picture
 
     def _info(self) -> dict[str, Any]:

@@ -11,8 +11,15 @@ from pydantic import Field, model_validator
 from toolkit.core.config import Config, Flag, Range, Rising
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError
-from toolkit.landing.cascade import CascadeGains, VelocityControl
-from toolkit.landing.dynamics import SIMPLE_FLIGHT, STATE, Multirotor, MultirotorState, advance
+from toolkit.landing.dynamics import (
+    SIMPLE_FLIGHT,
+    STATE,
+    CascadeGains,
+    Multirotor,
+    MultirotorState,
+    VelocityControl,
+    advance,
+)
 
 STEP_S = 0.003
 GUST_STEP_S = 0.1

@@ -1,24 +1,218 @@
-"""The report of flights: one HTML file, its figures within; and the film of an episode."""
+"""Flights as figures, as one HTML file with these in it, and one episode as a film."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
+import cv2
 import numpy as np
 
+from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.page import write_page
-from toolkit.landing.config import CameraConfig, FlyConfig
+from toolkit.evaluation.page import AMBER, COLOURS, GREEN, ORANGE, PINK, UNPATCHED_COLOUR, style_panel, write_page
+from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.landing.episodes import OUTCOMES, Flights
-from toolkit.landing.flight_figures import draw_success, draw_tracks, write_film
 from toolkit.landing.flight_results import CellResult, PairResult, describe_success
-from toolkit.landing.fly import TICKS, EpisodeRecord, Flown
+from toolkit.landing.fly import TICKS, EpisodeRecord, FlightCell, Flown
+from toolkit.landing.landing_config import CameraConfig, FlyConfig
 from toolkit.landing.pads import find_pad
 from toolkit.landing.regressor import list_regressors, load_regressor
-from toolkit.landing.site import PadSite, View, find_sky, find_world
+from toolkit.landing.site import PadSite, SiteView, find_sky, find_world
 from toolkit.rig.raycast import map_frames
 from toolkit.worlds.weather import describe_weathers
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LINE_COLOURS = (UNPATCHED_COLOUR, *COLOURS, "#f0e442")
+OUTCOME_COLOURS = {
+    "success": GREEN, "missed": AMBER, "crashed": ORANGE, "lost": PINK, "timed_out": UNPATCHED_COLOUR,
+    "diverged": "#000000",
+}  # fmt: skip
+FILM_PX, TRACK_COLUMNS = 480, 3
+
+
+@with_default_style
+def draw_success(results: Sequence[CellResult]) -> bytes:
+    """PNG: success with its interval over severity, a panel for each weather, clear air at 0 in all."""
+    weathers = list(dict.fromkeys(one.cell.weather for one in results if one.cell.weather != "clear")) or ["clear"]
+    lines = list(dict.fromkeys((one.cell.pad, one.cell.regressor, one.cell.gains) for one in results))
+    figure = make_figure(2 + 3.6 * len(weathers), 4.4)
+    panels = figure.subplots(1, len(weathers), sharey=True, squeeze=False)[0]
+    for panel, weather in zip(panels, weathers, strict=True):
+        for number, line in enumerate(lines):
+            own = sorted(
+                (one for one in results if _line(one.cell) == line and one.cell.weather in (weather, "clear")),
+                key=lambda one: one.cell.severity,
+            )
+            if not own:
+                continue
+            x = [one.cell.severity + 0.05 * (number - (len(lines) - 1) / 2) for one in own]
+            low, high = ([100 * one.success_ci95[end] for one in own] for end in (0, 1))
+            colour = LINE_COLOURS[number % len(LINE_COLOURS)]
+            panel.vlines(x, low, high, color=colour, lw=1.4, alpha=0.6)
+            panel.plot(x, [100 * one.success for one in own], "o-", color=colour, lw=1.6, ms=5, label=" · ".join(line))
+        panel.set_title(weather, fontsize=11)
+        panel.set_xlabel("severity")
+        panel.set_xticks(sorted({one.cell.severity for one in results if one.cell.weather in (weather, "clear")}))
+        style_panel(panel, -2, 102)
+    panels[0].set_ylabel("success (%)")
+    handles, labels = panels[0].get_legend_handles_labels()
+    title = f"landings that succeed, 95 % Wilson intervals (n = {results[0].n} a point)"
+    figure.legend(handles, labels, title=title, loc="outside upper center", ncols=min(len(labels), 3), frameon=False)
+    return encode_figure(figure)
+
+
+def _line(cell: FlightCell) -> tuple[str, str, str]:
+    return cell.pad, cell.regressor, cell.gains
+
+
+@with_default_style
+def draw_tracks(results: Sequence[CellResult], radius_m: float, most: int = 9) -> bytes:
+    """PNG: the first episodes of some cells from above and from aside, coloured by their end.
+
+    Args:
+        results: of the cells.
+        radius_m: of the circle that a success is in.
+        most: cells, as `pick_cells` takes them.
+    """
+    some = pick_cells(results, most)
+    columns = min(len(some), TRACK_COLUMNS)
+    bands = -(-len(some) // columns)
+    figure = make_figure(1 + 3.2 * columns, 0.6 + 6.2 * bands)
+    panels = figure.subplots(2 * bands, columns, squeeze=False)
+    for panel in panels.flat:
+        panel.set_visible(False)
+    for k, one in enumerate(some):
+        above, aside = (panels[2 * (k // columns) + row][k % columns] for row in (0, 1))
+        above.set_visible(True)
+        aside.set_visible(True)
+        for record in one.records:
+            if record.track:
+                track, colour = np.array(record.track), OUTCOME_COLOURS[record.outcome]
+                above.plot(track[:, 0], track[:, 1], color=colour, lw=0.9)
+                aside.plot(np.hypot(track[:, 0], track[:, 1]), track[:, 2], color=colour, lw=0.9)
+        air = one.cell.weather if one.cell.weather == "clear" else f"{one.cell.weather} {one.cell.severity}"
+        title = f"{one.cell.pad}, {one.cell.regressor}\n{air}, {one.cell.gains}: {one.success:.0%}"
+        _frame(above, title, radius_m)
+        aside.set_xlabel("aside (m)")
+        aside.set_ylim(bottom=-0.3)
+        aside.grid(alpha=0.3)
+        if k % columns == 0:
+            above.set_ylabel("north of the pad (m)")
+            aside.set_ylabel("height (m)")
+    _explain_colours(figure, some)
+    return encode_figure(figure)
+
+
+def _explain_colours(figure: "Figure", results: Sequence[CellResult]) -> None:
+    from matplotlib.lines import Line2D
+
+    met = {record.outcome for one in results for record in one.records if record.track}
+    lines = [
+        Line2D([], [], color=colour, label=name.replace("_", " "))
+        for name, colour in OUTCOME_COLOURS.items()
+        if name in met
+    ]
+    figure.legend(handles=lines, loc="outside lower center", ncols=len(lines), frameon=False)
+
+
+def pick_cells(results: Sequence[CellResult], most: int) -> list[CellResult]:
+    """So many cells at most: the first, the last and some between, so that no pad is passed over."""
+    if len(results) <= most:
+        return list(results)
+    return [results[k] for k in np.linspace(0, len(results) - 1, most).round().astype(int)]
+
+
+def _frame(panel: "Axes", title: str, radius_m: float) -> None:
+    from matplotlib.patches import Circle
+
+    panel.add_patch(Circle((0, 0), radius_m, fill=False, color="#1b1f24", lw=1.2))
+    panel.set_aspect("equal", adjustable="datalim")
+    panel.set_title(title, fontsize=9)
+    panel.set_xlabel("east (m)", fontsize=9)
+    panel.grid(alpha=0.3)
+
+
+def draw_map(record: EpisodeRecord, upto: int, config: FlyConfig, size_px: int = FILM_PX) -> np.ndarray:
+    """(size, size, 3) uint8: the way from above up to a picture, what was said of the pad, height at the side."""
+    canvas = np.full((size_px, size_px, 3), 246, np.uint8)
+    track = np.array(record.track)
+    reach = max(1.5, float(np.abs(track[:, :2]).max()) * 1.15)
+    scale, middle = size_px * 0.44 / reach, np.array([size_px * 0.45, size_px * 0.5])
+
+    def at(point: np.ndarray) -> tuple[int, int]:
+        return round(float(middle[0] + scale * point[0])), round(float(middle[1] - scale * point[1]))
+
+    for metres in range(-int(reach), int(reach) + 1):
+        cv2.line(canvas, at(np.array([metres, -reach])), at(np.array([metres, reach])), (226, 228, 232), 1)
+        cv2.line(canvas, at(np.array([-reach, metres])), at(np.array([reach, metres])), (226, 228, 232), 1)
+    radius_m = config.episode.radius_m
+    cv2.circle(canvas, at(np.zeros(2)), round(radius_m * scale), (0, 122, 90), 2, cv2.LINE_AA)
+    for k in range(min(upto, len(track) - 1)):
+        cv2.line(canvas, at(track[k]), at(track[k + 1]), (36, 87, 166), 2, cv2.LINE_AA)
+    now = track[min(upto, len(track) - 1)]
+    said = record.seen[min(upto, len(record.seen) - 1)] if record.seen else None
+    if said is not None and now[2] >= config.descent.blind_m:  # lower down it does not look
+        cv2.drawMarker(canvas, at(now[:2] + np.array(said)), (194, 65, 12), cv2.MARKER_TILTED_CROSS, 14, 2)
+    cv2.circle(canvas, at(now), 6, (20, 24, 28), -1, cv2.LINE_AA)
+    top = max(float(track[:, 2].max()), 1.0)
+    left, high = round(size_px * 0.93), round(size_px * (0.92 - 0.84 * max(now[2], 0) / top))
+    cv2.line(canvas, (left, round(size_px * 0.08)), (left, round(size_px * 0.92)), (160, 166, 174), 2)
+    cv2.circle(canvas, (left, high), 7, (20, 24, 28), -1, cv2.LINE_AA)
+    legend = f"circle: {radius_m:g} m around the pad   x: where the regressor sees it"
+    _write(canvas, legend, (12, size_px - 10), 0.42)
+    height = round(float(now[2]), 1) + 0.0  # no -0.0
+    _write(canvas, f"{height:.1f} m", (left - 66, high + 5), 0.5)
+    return canvas
+
+
+def _write(
+    canvas: np.ndarray, words: str, place: tuple[int, int], size: float, colour: tuple[int, int, int] = (60, 66, 74)
+) -> None:
+    cv2.putText(canvas, words, place, cv2.FONT_HERSHEY_SIMPLEX, size, colour, thickness=1, lineType=cv2.LINE_AA)
+
+
+def write_film(
+    path: Path, pictures: Sequence[np.ndarray], record: EpisodeRecord, title: str, config: FlyConfig
+) -> Path:
+    """MP4: the drone's view beside the map, at the pace of the flight.
+
+    Args:
+        path: where to.
+        pictures: (h, w, 3) uint8 what the camera saw, one for each place of the track but the last.
+        record: the episode with its track.
+        title: above it.
+        config: of the flights.
+
+    Raises:
+        ToolkitError: this build of OpenCV writes no MP4.
+    """
+    size, hz = (2 * FILM_PX, FILM_PX + 40), config.episode.camera_hz
+    with TemporaryDirectory() as folder:
+        made = Path(folder) / "film.mp4"
+        film = cv2.VideoWriter(str(made), cv2.VideoWriter.fourcc(*"mp4v"), hz, size)
+        if not film.isOpened():
+            raise ToolkitError(f"cannot write {path}: this build of OpenCV writes no MP4: leave the film out")
+        for k in range(len(record.track) + round(hz)):
+            film.write(_compose(pictures, record, min(k, len(record.track) - 1), title, config)[..., ::-1])
+        film.release()
+        return write_bytes(path, made.read_bytes())
+
+
+def _compose(
+    pictures: Sequence[np.ndarray], record: EpisodeRecord, k: int, title: str, config: FlyConfig
+) -> np.ndarray:
+    view = cv2.resize(pictures[min(k, len(pictures) - 1)], (FILM_PX, FILM_PX), interpolation=cv2.INTER_CUBIC)
+    both = np.hstack([view, draw_map(record, k, config)])
+    bar = np.full((40, both.shape[1], 3), 255, np.uint8)
+    end = f": {record.outcome.replace('_', ' ')}" if k == len(record.track) - 1 else ""
+    _write(bar, title + end, (12, 26), 0.55, (27, 31, 36))
+    return np.vstack([bar, both])
 
 
 @dataclass(frozen=True)
@@ -76,7 +270,7 @@ def film_episode(
     for tick, place in enumerate(record.track[:-1]):
         flights.tick, flights.state.position[:, 0] = tick, site.centre + np.array(place)
         pose = flights.camera_poses(np.array([0]))[0]
-        views.append(View(pose, seed, record.index * TICKS + tick, (record.weather, record.severity)))
+        views.append(SiteView(pose, seed, record.index * TICKS + tick, (record.weather, record.severity)))
     pictures = list(map_frames(site.photograph, views))
     title = f"{record.cell.key}, episode {record.index}"
     return write_film(path, pictures, record, title, config)

@@ -13,9 +13,9 @@ from toolkit.core.statistics import PairedOutcomes, wilson_interval
 from toolkit.core.tables import encode_csv
 from toolkit.evaluation.metrics import describe_change
 from toolkit.evaluation.summaries import SCHEMA_VERSION
-from toolkit.landing.config import FlyConfig
 from toolkit.landing.episodes import OUTCOMES, EpisodeConfig
-from toolkit.landing.fly import Cell, EpisodeRecord, Flown
+from toolkit.landing.fly import EpisodeRecord, FlightCell, Flown
+from toolkit.landing.landing_config import FlyConfig
 from toolkit.worlds.weather import describe_weathers
 
 
@@ -28,7 +28,7 @@ class CellResult:
         records: in order of their index.
     """
 
-    cell: Cell
+    cell: FlightCell
     records: tuple[EpisodeRecord, ...]
 
     @property
@@ -78,8 +78,8 @@ class PairResult:
         outcomes: successes of `against`, then of `cell`.
     """
 
-    cell: Cell
-    against: Cell
+    cell: FlightCell
+    against: FlightCell
     outcomes: PairedOutcomes
 
     def as_json(self) -> dict[str, Any]:
@@ -89,7 +89,7 @@ class PairResult:
 
 def group_cells(flown: Flown) -> list[CellResult]:
     """Results in the order of the cells."""
-    by_cell: dict[Cell, list[EpisodeRecord]] = {cell: [] for cell in flown.cells}
+    by_cell: dict[FlightCell, list[EpisodeRecord]] = {cell: [] for cell in flown.cells}
     for one in flown.records:
         by_cell[one.cell].append(one)
     return [CellResult(cell, tuple(sorted(some, key=lambda one: one.index))) for cell, some in by_cell.items()]

@@ -19,20 +19,12 @@ from toolkit.engine.config import EngineConfig
 from toolkit.engine.resume import RecordCache, cut_groups, run_resumable
 from toolkit.engine.units import Engine, Shared, Unit
 from toolkit.landing.baselines import make_apriltag, make_features
-from toolkit.landing.config import CameraConfig, FlyConfig
 from toolkit.landing.episodes import Episode, Flights, Look
+from toolkit.landing.landing_config import CameraConfig, FlyConfig
 from toolkit.landing.pads import Pad, find_pad
 from toolkit.landing.pilot import fly, parse_gains
 from toolkit.landing.regressor import Regressor, load_regressor
-from toolkit.landing.site import (
-    PadPlace,
-    PadSite,
-    Sites,
-    View,
-    WorldGround,
-    find_world,
-    plan_places,
-)
+from toolkit.landing.site import PadPlace, PadSite, Sites, SiteView, WorldGround, find_world, plan_places
 from toolkit.rig.raycast import map_frames
 from toolkit.worlds.world import World
 
@@ -44,7 +36,7 @@ KEPT_TRACKS = 16
 
 
 @dataclass(frozen=True, order=True)
-class Cell:
+class FlightCell:
     """One combination that is flown."""
 
     pad: str
@@ -93,12 +85,12 @@ class EpisodeRecord(BaseModel):
     seen: list[tuple[float, float] | None] = []
 
     @property
-    def cell(self) -> Cell:
+    def cell(self) -> FlightCell:
         """The combination that it was flown in."""
-        return Cell(self.pad, self.regressor, self.world, self.weather, self.severity, self.gains)
+        return FlightCell(self.pad, self.regressor, self.world, self.weather, self.severity, self.gains)
 
 
-class Predictor(Protocol):
+class PadFinder(Protocol):
     """A regressor or a classical finder."""
 
     def predict(self, images: np.ndarray) -> np.ndarray:
@@ -122,7 +114,7 @@ class Flown:
 
     folder: Path
     records: tuple[EpisodeRecord, ...]
-    cells: tuple[Cell, ...]
+    cells: tuple[FlightCell, ...]
     made: int
     places: tuple[PadPlace, ...]
     seconds: dict[str, float]
@@ -167,7 +159,7 @@ class FlightSetup:
     pads: dict[str, Pad]
     predictors: dict[str, Regressor | None]
 
-    def digest(self, cell: Cell) -> str:
+    def digest(self, cell: FlightCell) -> str:
         """Hash of all that decides an episode of a cell, but cell and index."""
         config, sites = self.config, self.sites
         inputs = config.episode.sha256(
@@ -211,20 +203,20 @@ def fly_all(
         return _fly_missing(setup, cells, file, workers)
 
 
-EpisodeKey = tuple[str, Cell, int]
+EpisodeKey = tuple[str, FlightCell, int]
 """Hash of all that decides an episode but cell and index, and these."""
 Flight = tuple[Episode, Clock]
 """An episode, and what the time of all that flew in lockstep went to, which the first of them counts."""
 
 
-def _fly_missing(setup: FlightSetup, cells: Sequence[Cell], file: Path, engine: Engine) -> Flown:
+def _fly_missing(setup: FlightSetup, cells: Sequence[FlightCell], file: Path, engine: Engine) -> Flown:
     digests, numbers = {cell: setup.digest(cell) for cell in cells}, range(setup.config.episodes)
     wanted = {(digest, cell, index): cell for cell, digest in digests.items() for index in numbers}
     log = RecordLog(file, EpisodeRecord, required=False, compact=True)
     cache = RecordCache(log, lambda one: [((one.inputs, one.cell, one.index), one)], wanted)
     missing, clock, places = cache.find_missing(wanted), Clock(), setup.sites.places
 
-    def keep(key: EpisodeKey, cell: Cell, flight: Flight) -> None:
+    def keep(key: EpisodeKey, cell: FlightCell, flight: Flight) -> None:
         clock.add(flight[1])
         cache.add(_record(cell, key[0], places, flight[0]))
 
@@ -238,7 +230,7 @@ def _fly_missing(setup: FlightSetup, cells: Sequence[Cell], file: Path, engine: 
     return Flown(file.parent, records, left, ran.made, places, clock.shares, ran.failed)
 
 
-def _list_units(setup: FlightSetup, missing: Mapping[EpisodeKey, Cell], engine: Engine) -> Iterator[Unit[Flight]]:
+def _list_units(setup: FlightSetup, missing: Mapping[EpisodeKey, FlightCell], engine: Engine) -> Iterator[Unit[Flight]]:
     """A unit for each batch of a cell's episodes."""
     setup.sites.light_world()
     shared = engine.share(setup)
@@ -247,7 +239,7 @@ def _list_units(setup: FlightSetup, missing: Mapping[EpisodeKey, Cell], engine: 
         yield Unit(keys, fly_unit, (shared, cell, indices), f"{cell.key} episodes {indices[0]}-{indices[-1]}")
 
 
-def fly_unit(shared: Shared[FlightSetup], cell: Cell, indices: list[int]) -> Iterator[Flight]:
+def fly_unit(shared: Shared[FlightSetup], cell: FlightCell, indices: list[int]) -> Iterator[Flight]:
     """The work of a unit: `fly_cell`."""
     setup, clock, begun = shared.get(), Clock(), perf_counter()
     episodes = fly_cell(setup, cell, indices, clock)
@@ -256,11 +248,11 @@ def fly_unit(shared: Shared[FlightSetup], cell: Cell, indices: list[int]) -> Ite
         yield episode, Clock() if at else clock
 
 
-def _named_pad(pads: dict[str, Pad], cell: Cell) -> Pad:
+def _named_pad(pads: dict[str, Pad], cell: FlightCell) -> Pad:
     return next(pad for pad in pads.values() if pad.name == cell.pad)
 
 
-def _digest(cell: Cell, pads: dict[str, Pad], predictors: dict[str, Regressor | None]) -> str:
+def _digest(cell: FlightCell, pads: dict[str, Pad], predictors: dict[str, Regressor | None]) -> str:
     predictor = predictors[cell.regressor]
     weights = cell.regressor if predictor is None else predictor.record.sha256
     return sha256_bytes((_named_pad(pads, cell).sha256 + weights).encode())[:16]
@@ -310,11 +302,11 @@ def _choose_places(
         return places
 
 
-def list_cells(config: FlyConfig, pads: dict[str, Pad], world: World) -> list[Cell]:
+def list_cells(config: FlyConfig, pads: dict[str, Pad], world: World) -> list[FlightCell]:
     """All combinations; an AprilTag is looked for on no other pad."""
     names = [word if word in FINDERS else Path(word).stem for word in config.regressors]
     return [
-        Cell(pad.name, name, world.name, weather, severity, gains)
+        FlightCell(pad.name, name, world.name, weather, severity, gains)
         for gains in config.gains
         for weather, severity in config.weathers
         for name in names
@@ -324,8 +316,8 @@ def list_cells(config: FlyConfig, pads: dict[str, Pad], world: World) -> list[Ce
 
 
 def _finder(
-    predictors: dict[str, Regressor | None], pads: dict[str, Pad], cell: Cell, optics: CameraConfig
-) -> Predictor:
+    predictors: dict[str, Regressor | None], pads: dict[str, Pad], cell: FlightCell, optics: CameraConfig
+) -> PadFinder:
     found = predictors[cell.regressor]
     if found is not None:
         return found
@@ -333,7 +325,7 @@ def _finder(
     return make(_named_pad(pads, cell), optics.camera)
 
 
-def fly_cell(setup: FlightSetup, cell: Cell, indices: list[int], clock: Clock) -> list[Episode]:
+def fly_cell(setup: FlightSetup, cell: FlightCell, indices: list[int], clock: Clock) -> list[Episode]:
     """Some episodes of a cell in lockstep: one batched call of the finder for each picture of all that still fly."""
     config, sites, seed = setup.config, setup.sites, setup.seed
     pad, count = _named_pad(setup.pads, cell), len(sites.places)
@@ -354,13 +346,13 @@ def fly_cell(setup: FlightSetup, cell: Cell, indices: list[int], clock: Clock) -
     return flights.episodes
 
 
-def make_look(sites: dict[int, PadSite], seed: int, weather: tuple[str, int], finder: Predictor, clock: Clock) -> Look:
+def make_look(sites: dict[int, PadSite], seed: int, weather: tuple[str, int], finder: PadFinder, clock: Clock) -> Look:
     """What a drone's camera sees, and what a finder says of it."""
 
     def look(indices: np.ndarray, poses: np.ndarray, tick: int) -> np.ndarray:
         begun = perf_counter()
         views = [
-            (sites[int(index)], View(pose, seed, int(index) * TICKS + tick, weather))
+            (sites[int(index)], SiteView(pose, seed, int(index) * TICKS + tick, weather))
             for index, pose in zip(indices, poses, strict=True)
         ]
         images = np.stack(list(map_frames(lambda one: one[0].photograph(one[1]), views)))
@@ -373,7 +365,7 @@ def make_look(sites: dict[int, PadSite], seed: int, weather: tuple[str, int], fi
     return look
 
 
-def _record(cell: Cell, inputs: str, places: Sequence[PadPlace], episode: Episode) -> EpisodeRecord:
+def _record(cell: FlightCell, inputs: str, places: Sequence[PadPlace], episode: Episode) -> EpisodeRecord:
     place = places[episode.index % len(places)]
     keep = episode.index < KEPT_TRACKS
     track = (np.array(episode.track) - place.centre).round(3).tolist() if keep else []

@@ -1,5 +1,6 @@
-"""A network that says where the pad is: two numbers from one picture, with its record and its file."""
+"""A network that says where the pad is: two numbers from one picture; its record, its file, and what it looks at."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -9,10 +10,12 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.core.files import read_json, sha256_file
+from toolkit.core.files import read_json, sha256_file, write_bytes
 from toolkit.core.workspace import Workspace
-from toolkit.landing.config import CameraConfig, Pool
-from toolkit.landing.dataset import SampleSet
+from toolkit.evaluation.page import SKY
+from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
+from toolkit.landing.dataset import Sample, SampleSet, open_dataset, read_shard
+from toolkit.landing.landing_config import CameraConfig, Pool
 from toolkit.models.architectures import build_network
 from toolkit.models.weights import WeightsFile, read_state_dict
 from toolkit.training.classifier_task import load_tensors
@@ -25,6 +28,7 @@ CHUNK = 16
 """Pictures that are answered together, always so many: the last digits of a sum depend on the size of a batch."""
 STRIDE = 32
 """Of the last features of a ResNet."""
+SHOWN = 6
 
 
 class ErrorRow(BaseModel):
@@ -285,3 +289,55 @@ def _row(by: str, group: str, errors: np.ndarray, heights: np.ndarray) -> ErrorR
         by=by, group=group, n=len(errors), found=len(some), rmse_cm=round(100 * float(np.sqrt((some**2).mean())), 3),
         median_cm=round(100 * float(np.median(some)), 3), share=round(float((some / heights[found]).mean()), 5),
     )  # fmt: skip
+
+
+def find_saliency(regressor: Regressor, images: np.ndarray) -> np.ndarray:
+    """(n, h, w) length of the gradient of x and y with respect to each pixel's colour, from (n, h, w, 3) uint8 sRGB.
+
+    Metres per unit of sRGB-encoded light.
+    """
+    import torch
+
+    batch = as_batch(images).requires_grad_(True)
+    answers = regressor.outputs(batch)
+    squares = sum(torch.autograd.grad(answers[:, k].sum(), batch, retain_graph=k == 0)[0].square() for k in range(2))
+    assert isinstance(squares, torch.Tensor)
+    return squares.sum(dim=1).sqrt().cpu().numpy()
+
+
+def pick_samples(folder: Path, count: int = SHOWN) -> list[Sample]:
+    """Held-out frames of a data set's first shard of them, from low to high, evenly spread over their heights."""
+    about = open_dataset(folder)
+    shard = next((shard for shard in about.shards if shard.split == "held_out"), about.shards[0])
+    samples = sorted(read_shard(folder / shard.file), key=lambda sample: sample.truth.z_m)
+    chosen = np.linspace(0, len(samples) - 1, min(count, len(samples))).round().astype(int)
+    return [samples[k] for k in chosen]
+
+
+@with_default_style
+def draw_saliency(regressor: Regressor, samples: Sequence[Sample]) -> tuple[bytes, list[float]]:
+    """PNG of frames with what the regressor looks at below each; and the share of it that lies on the pad."""
+    saliency = find_saliency(regressor, np.stack([sample.image for sample in samples]))
+    shares = [float(one[sample.mask].sum() / one.sum()) for one, sample in zip(saliency, samples, strict=True)]
+    figure = make_figure(1.9 * len(samples), 4.6)
+    rows = figure.subplots(2, len(samples), squeeze=False)
+    for k, sample in enumerate(samples):
+        rows[0][k].imshow(sample.image)
+        rows[0][k].set_title(f"{sample.truth.z_m:.1f} m", fontsize=9)
+        rows[1][k].imshow(saliency[k] / saliency[k].max(), cmap="inferno")
+        rows[1][k].contour(sample.mask, levels=[0.5], colors=SKY, linewidths=0.8)
+        rows[1][k].set_title(f"{shares[k]:.0%} on the pad,\n{sample.mask.mean():.0%} of the area", fontsize=8)
+        for panel in rows[:, k]:
+            panel.set_axis_off()
+    return encode_figure(figure), shares
+
+
+def write_saliency(regressor: Regressor, dataset: Path, file: Path) -> list[float]:
+    """Write `draw_saliency` of some held-out frames of a data set.
+
+    Returns:
+        The share of each that lies on the pad, from low to high.
+    """
+    content, shares = draw_saliency(regressor, pick_samples(dataset))
+    write_bytes(file, content)
+    return shares

@@ -12,7 +12,7 @@ import numpy as np
 
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
-from toolkit.landing.config import CameraConfig, Ground
+from toolkit.landing.landing_config import CameraConfig, Ground
 from toolkit.landing.pads import Pad
 from toolkit.objects.mesh import cast_rays
 from toolkit.rig.bake_cache import BakedLight, keep_light, light_surroundings
@@ -161,7 +161,7 @@ def _cast_down(world: World, points: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class View:
+class SiteView:
     """What a photograph is taken with.
 
     Attributes:
@@ -222,11 +222,11 @@ class PadSite:
             through.normals[found["mesh"] == 0] = (0, 0, 1)  # the sheet lies flat: snow covers it too
         return through
 
-    def photograph(self, view: View) -> np.ndarray:
+    def photograph(self, view: SiteView) -> np.ndarray:
         """(h, w, 3) uint8 sRGB through weather and sensor."""
         return self.photograph_with_mask(view)[0]
 
-    def photograph_with_mask(self, view: View) -> tuple[np.ndarray, np.ndarray]:
+    def photograph_with_mask(self, view: SiteView) -> tuple[np.ndarray, np.ndarray]:
         """`photograph`, and (h, w) bool where the pad is seen, from the same rays."""
         light, found = self.renderer.render_with_depth(self.camera, view.T_world_camera)
         if view.weather != CLEAR:
@@ -236,7 +236,7 @@ class PadSite:
         picture = tone_map(light.astype(np.float32), (view.seed, view.item), self.optics.noise)
         return picture, found["mesh"] == 0
 
-    def photograph_many(self, views: Iterable[View]) -> Iterator[np.ndarray]:
+    def photograph_many(self, views: Iterable[SiteView]) -> Iterator[np.ndarray]:
         """`photograph` of each view, in order, on all cores."""
         return map_frames(self.photograph, views)
 

@@ -1,4 +1,4 @@
-"""`toolkit landing train`: a network learns where the pad is, by the one training loop."""
+"""`toolkit landing train`: a network learns where the pad is, from given weights, by the one training loop."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -9,39 +9,98 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from toolkit import __version__
-from toolkit.core.console import progress
+from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import read_json, sha256_bytes, sha256_file, write_bytes, write_json
 from toolkit.core.workspace import Workspace
-from toolkit.landing.config import LandingTrainConfig
 from toolkit.landing.dataset import LoadedSet, SampleSet, join_samples, read_sets
+from toolkit.landing.landing_config import LandingTrainConfig, Pool
 from toolkit.landing.regressor import (
     SUFFIX,
     ErrorRow,
     Regressor,
     RegressorRecord,
     as_batch,
+    build_module,
     freeze,
     regressors_dir,
     run_network,
     summarise_errors,
 )
-from toolkit.landing.start import find_start, fit_ridge, start_module
+from toolkit.models.bundled import bundled_file, read_bundled
 from toolkit.models.network import choose_device
-from toolkit.models.weights import WeightsFile, read_state_dict
+from toolkit.models.weights import WeightsFile, find_local, find_weights, open_weights, read_state_dict
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.classifier_task import load_tensors
 from toolkit.training.loop import History, TrainingTask, fit
 
 if TYPE_CHECKING:
     import torch
+    from torch import nn
 
+RIDGE = 0.05
+"""Of the ridge regression, per frame, on standardised features."""
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 CHECKPOINT_EVERY_S = 20.0
 CALIBRATION_SHARE = 0.1
 LEAST_HEIGHT_M = 0.5
 PROBE_BATCH = 64
+
+
+def find_start(arch: str, init: Path | None) -> WeightsFile:
+    """The weights to start from: those that are named, ImageNet's, or where there are none the bundled network's."""
+    if init is not None:
+        return find_weights(arch, init)
+    bundled, record = bundled_file(), read_bundled()
+    if find_local(arch) is None and bundled is not None and record is not None and record.arch == arch:
+        notice(f"no weights of {arch} on this machine: starting from the bundled network {record.name}")
+        return open_weights(bundled, record.name)
+    return find_weights(arch)
+
+
+def start_module(arch: str, outputs: int, pool: Pool, *, image_px: int, init: WeightsFile, seed: int) -> "nn.Module":
+    """A network with weights, all but the last layer's, which is drawn by the seed.
+
+    Raises:
+        ToolkitError: the weights are of another network.
+    """
+    import torch
+
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        module = build_module(arch, outputs, pool, image_px)
+    own, given = module.state_dict(), read_state_dict(init)
+    fitting = {name: value for name, value in given.items() if name in own and value.shape == own[name].shape}
+    missing = {name.rpartition(".")[0] for name in own if name not in fitting and not name.endswith("tracked")}
+    if len(missing) > 1:
+        raise FieldError(f"holds no weights of {arch}: {len(missing)} layers differ", {"init": init.path})
+    load_tensors(
+        module, {name: value.float() if value.is_floating_point() else value for name, value in fitting.items()}, False
+    )
+    return module
+
+
+def fit_ridge(features: np.ndarray, offsets: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Weighted ridge regression on standardised features, in closed form.
+
+    Args:
+        features: (n, d).
+        offsets: (n, 2) metres.
+        weight: (n,) on the error of each row.
+
+    Returns:
+        (d, 2) weights and (2,) bias of the features as they are, and the root of the mean square of what is left.
+    """
+    mean, spread = features.mean(axis=0), features.std(axis=0) + 1e-6
+    rows = np.column_stack([(features - mean) / spread, np.ones(len(features))]).astype(np.float64) * weight[:, None]
+    wanted = offsets * weight[:, None]
+    penalty = np.full(rows.shape[1], RIDGE * len(rows))
+    penalty[-1] = 1e-9
+    found = np.linalg.solve(rows.T @ rows + np.diag(penalty), rows.T @ wanted)
+    residual = float(np.sqrt(np.square((rows @ found - wanted) / weight[:, None]).mean()))
+    weights = found[:-1] / spread[:, None]
+    return weights, found[-1] - mean @ weights, residual
 
 
 @dataclass(frozen=True)

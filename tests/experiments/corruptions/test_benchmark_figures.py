@@ -9,17 +9,16 @@ from matplotlib.colors import to_rgb
 from PIL import Image
 
 from toolkit.experiments.corruptions import benchmark_figures as figures
-from toolkit.experiments.corruptions import benchmark_overview as overview
 from toolkit.experiments.corruptions.benchmark_figures import (
     FAMILY_COLOURS,
     NOT_DECODED_COLOUR,
     RIGHT_COLOUR,
     WRONG_COLOUR,
+    draw_overview,
     draw_variant,
     shade,
 )
 from toolkit.experiments.corruptions.benchmark_means import summarise
-from toolkit.experiments.corruptions.benchmark_overview import draw_overview
 
 
 def open_png(content):
@@ -97,5 +96,5 @@ def test_readers_bars_add_up(monkeypatch, whole):
 
 def test_no_two_rows_look_alike(whole):
     many = whole.model_copy(update={"variants": whole.variants * 3})
-    styles = [(one["color"], one["marker"], one["mfc"]) for one in overview._style(many)]
+    styles = [(one["color"], one["marker"], one["mfc"]) for one in figures._style(many)]
     assert len(set(styles)) == len(styles) == 18

@@ -12,8 +12,7 @@ from PIL import Image
 from toolkit.core.errors import ToolkitError
 from toolkit.experiments.corruptions.benchmark_means import summarise
 from toolkit.experiments.corruptions.benchmark_report import write_benchmark
-from toolkit.experiments.corruptions.benchmark_summary import read_summary
-from toolkit.experiments.corruptions.benchmark_verdict import build_summary_table, judge_benchmark
+from toolkit.experiments.corruptions.benchmark_summary import build_summary_table, judge_benchmark, read_summary
 
 VOID = {"meta", "img", "br", "rect", "circle", "link", "input"}
 

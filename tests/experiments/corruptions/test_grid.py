@@ -16,10 +16,10 @@ from toolkit.core.workspace import make_workspace
 from toolkit.corruptions.batch import corrupt
 from toolkit.corruptions.draws import image_seed
 from toolkit.experiments.corruptions import grid
-from toolkit.experiments.corruptions.config import CorruptEvalConfig
+from toolkit.experiments.corruptions.benchmark_config import CorruptEvalConfig
+from toolkit.experiments.corruptions.cells import open_variants, share_classes
 from toolkit.experiments.corruptions.grid import Grid, run_grid
 from toolkit.experiments.corruptions.recognisers import rank_classes
-from toolkit.experiments.corruptions.variants import open_variants, share_classes
 from toolkit.training.images import open_images
 
 CORRUPTIONS = (("fog", 3), ("gaussian_noise", 2), ("jpeg_compression", 4))

@@ -9,7 +9,7 @@ from PIL import Image
 
 from toolkit.captures.read import read_captures
 from toolkit.evaluation.predict import predict_captures
-from toolkit.experiments.sweeps.cache import predict_once
+from toolkit.experiments.sweeps.sweep import predict_once
 from toolkit.models.weights import WeightsFile
 
 

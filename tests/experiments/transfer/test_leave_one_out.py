@@ -15,9 +15,9 @@ from toolkit.cli.transfer import transfer
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.experiments.transfer import leave_one_out as experiment
-from toolkit.experiments.transfer.config import TransferConfig
 from toolkit.experiments.transfer.leave_one_out import TransferResult, leave_one_out
 from toolkit.experiments.transfer.matrix import JudgedRow, tabulate
+from toolkit.experiments.transfer.transfer_config import TransferConfig
 from toolkit.objects.records import Texture, read_patch, read_texture
 
 LABELS = ["cat", "dog", "sports car", "crate"]

@@ -3,7 +3,7 @@
 import pytest
 from walled_field import make_config, make_field, make_onlooker, stand_in
 
-from toolkit.experiments.worlds.evaluate import WorldRun, evaluate_world
+from toolkit.experiments.worlds.world_run import WorldRun, evaluate_world
 from toolkit.worlds.world import World
 
 

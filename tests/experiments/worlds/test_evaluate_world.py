@@ -18,8 +18,8 @@ from walled_field import make_config, make_field, make_onlooker
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.statistics import mcnemar_p
-from toolkit.experiments.worlds.evaluate import WorldRun, evaluate_world
 from toolkit.experiments.worlds.frames import BOOSTER_ID, OBJECT_ID, SKY_ID
+from toolkit.experiments.worlds.world_run import WorldRun, evaluate_world
 from toolkit.worlds.classes import SceneClass
 
 FILES = ("summary.json", "predictions.csv", "cameras.csv", "report.html")
@@ -188,15 +188,15 @@ from pathlib import Path
 import time
 from walled_field import make_config, make_onlooker, make_field
 from toolkit.core.workspace import Workspace
-from toolkit.experiments.worlds import evaluate, world_report
+from toolkit.experiments.worlds import world_report, world_run
 from toolkit.worlds.sky import make_sky
-evaluate.open_world = lambda *given: make_field()
-evaluate.make_sky = lambda when, seed: make_sky(when, seed, 32)
+world_run.open_world = lambda *given: make_field()
+world_run.make_sky = lambda when, seed: make_sky(when, seed, 32)
 network = make_onlooker()
 for name in ("draw_sample", "draw_weathers", "draw_curves", "draw_cameras"):
     setattr(world_report, name, lambda *given: b"drawn")
 network.module.register_forward_hook(lambda *given: time.sleep(0.3))
-evaluate.evaluate_world(Workspace(Path({root!r})), network, make_config(batch_size=8))
+world_run.evaluate_world(Workspace(Path({root!r})), network, make_config(batch_size=8))
 """
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from toolkit.core.statistics import percentile_interval, resample_clusters, sign_flip_p
-from toolkit.experiments.worlds.half_lost import find_ladder, find_level, list_extinctions, measure_half
-from toolkit.experiments.worlds.world_verdict import format_times, format_visibility
+from toolkit.experiments.worlds.world_results import format_times, format_visibility
+from toolkit.experiments.worlds.world_rows import find_ladder, find_level, list_extinctions, measure_half
 
 EXTINCTIONS = list_extinctions([("clear", 0), *(("fog", k) for k in range(1, 6))])
 

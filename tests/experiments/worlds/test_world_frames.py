@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from walled_field import PX
 
-from toolkit.experiments.worlds.frames import BOOSTER_ID, OBJECT_ID, Variant
+from toolkit.experiments.worlds.frames import BOOSTER_ID, OBJECT_ID, WorldVariant
 from toolkit.rig.camera import Camera, look_at
 from toolkit.rig.shading import tone_map
 from toolkit.worlds.classes import SceneClass
@@ -67,7 +67,7 @@ def test_what_the_bare_mesh_lacks_is_the_booster(make_box) -> None:
     from toolkit.objects.mesh import merge_meshes
 
     bare, sheet = make_box(), make_box((20.0, 20.0, 1.0))
-    variant = Variant.of(merge_meshes([bare, sheet]), bare)
+    variant = WorldVariant.of(merge_meshes([bare, sheet]), bare)
     assert variant.boosted.tolist() == [False] * len(bare.faces) + [True] * len(sheet.faces)
-    assert not Variant.of(bare, bare).boosted.any()
+    assert not WorldVariant.of(bare, bare).boosted.any()
     assert OBJECT_ID != BOOSTER_ID

@@ -13,6 +13,7 @@ from toolkit.core.statistics import mcnemar_p, wilson_interval
 from toolkit.corruptions.catalogue import COMMON, CORRUPTIONS, IMAGENET
 from toolkit.evaluation.clusters import estimate_difference, estimate_share
 from toolkit.evaluation.summaries import list_reasons
+from toolkit.experiments.corruptions.benchmark_config import CLEAN, NOT_CORRUPTED, Condition
 from toolkit.experiments.corruptions.benchmark_summary import (
     Against,
     BenchmarkCell,
@@ -20,9 +21,8 @@ from toolkit.experiments.corruptions.benchmark_summary import (
     Difference,
     Summary,
     VariantMean,
+    describe_mean,
 )
-from toolkit.experiments.corruptions.benchmark_verdict import describe_mean
-from toolkit.experiments.corruptions.config import CLEAN, NOT_CORRUPTED, Condition
 from toolkit.experiments.corruptions.grid import Benchmark
 from toolkit.experiments.corruptions.recognisers import NOT_DECODED, READER, RIGHT, WRONG
 

@@ -10,12 +10,17 @@ from toolkit.core.files import write_bytes, write_json, write_text
 from toolkit.core.tables import encode_csv
 from toolkit.corruptions.catalogue import CORRUPTIONS
 from toolkit.evaluation.page import write_page
-from toolkit.experiments.corruptions.benchmark_figures import draw_variant
+from toolkit.experiments.corruptions.benchmark_config import CLEAN, NOT_CORRUPTED
+from toolkit.experiments.corruptions.benchmark_figures import draw_overview, draw_variant
 from toolkit.experiments.corruptions.benchmark_means import summarise
-from toolkit.experiments.corruptions.benchmark_overview import draw_overview
-from toolkit.experiments.corruptions.benchmark_summary import BenchmarkCell, Summary, VariantMean
-from toolkit.experiments.corruptions.benchmark_verdict import judge_benchmark, label_row, name_corruption
-from toolkit.experiments.corruptions.config import CLEAN, NOT_CORRUPTED
+from toolkit.experiments.corruptions.benchmark_summary import (
+    BenchmarkCell,
+    Summary,
+    VariantMean,
+    judge_benchmark,
+    label_row,
+    name_corruption,
+)
 from toolkit.experiments.corruptions.grid import Benchmark
 from toolkit.experiments.corruptions.recognisers import READER
 

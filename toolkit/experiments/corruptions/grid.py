@@ -19,20 +19,20 @@ from toolkit.corruptions.draws import image_seed
 from toolkit.engine.local import InProcess
 from toolkit.engine.resume import Ran, RecordCache, run_resumable
 from toolkit.engine.units import Engine, Shared, Unit
+from toolkit.experiments.corruptions.benchmark_config import CLEAN, Condition, CorruptEvalConfig
 from toolkit.experiments.corruptions.cells import (
     FAILED,
     CellLine,
     Shard,
     ShardImages,
+    Variant,
     apply_variant,
     cut_shards,
     load_shard,
     make_key,
     rank_images,
 )
-from toolkit.experiments.corruptions.config import CLEAN, Condition, CorruptEvalConfig
 from toolkit.experiments.corruptions.recognisers import Recogniser
-from toolkit.experiments.corruptions.variants import Variant
 from toolkit.imaging.read import UnreadableImage
 from toolkit.models.network import Classifier
 from toolkit.training.images import ImageSet, LabelledImage

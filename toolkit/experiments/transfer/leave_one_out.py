@@ -21,11 +21,11 @@ from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import read_json, sha256_file, write_json
 from toolkit.core.workspace import Workspace, copy_objects
-from toolkit.evaluation.config import EvalConfig
 from toolkit.evaluation.detect import evaluate_detector
+from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
-from toolkit.experiments.transfer.config import Kind, TransferConfig
 from toolkit.experiments.transfer.matrix import JudgedCell, JudgedRow, collect_rows, write_matrix
+from toolkit.experiments.transfer.transfer_config import Kind, TransferConfig
 from toolkit.models.network import Classifier
 from toolkit.rig.plan import CapturePlan, open_plan, write_plan
 

@@ -16,22 +16,25 @@ from toolkit.core.files import sha256_bytes
 from toolkit.engine.resume import cut_groups, run_resumable
 from toolkit.engine.units import Engine, Shared, Unit
 from toolkit.evaluation.predict import CPU_PART, classify_stream
-from toolkit.experiments.worlds.answers import (
+from toolkit.experiments.worlds.cameras import PlaceCameras
+from toolkit.experiments.worlds.frames import (
     METHOD_VERSION,
     Answer,
     AnswerKey,
     Answers,
+    Frame,
     FrameAnswers,
+    FrameSource,
+    PictureTask,
+    Stage,
     WeatherKey,
     hash_inputs,
     make_answer,
     name_weather,
     read_answers,
+    render_frames,
 )
-from toolkit.experiments.worlds.cameras import PlaceCameras
-from toolkit.experiments.worlds.frames import Frame, FrameSource, Stage, Task, render_frames
-from toolkit.experiments.worlds.keep import KeptFrames, encode_frame
-from toolkit.experiments.worlds.shots import ShotFrames
+from toolkit.experiments.worlds.keep import KeptFrames, ShotFrames, encode_frame
 from toolkit.models.network import Classifier
 from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import hash_mesh
@@ -66,7 +69,7 @@ class Asked:
     batch_size: int | None
     shots: ShotFrames | None = None
 
-    def tasks(self) -> list[Task]:
+    def tasks(self) -> list[PictureTask]:
         """Every frame in every weather; those of a place and variant follow each other."""
         stage = self.stage
         camera = stage.camera.intrinsics
@@ -86,7 +89,7 @@ class Asked:
                 for one in place.cameras:
                     item = k * 1_000_000_000 + one.number  # a grid has at most a million points
                     frame = hash_inputs(there, one.T_world_camera.tolist(), item)
-                    tasks.append(Task(frame, k, name, item, one, self.weathers, False))
+                    tasks.append(PictureTask(frame, k, name, item, one, self.weathers, False))
         if self.shots is None:
             return tasks
         # a simulator's pictures are known by their bytes: what they were made of is not ours to hash
@@ -138,7 +141,7 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
     names = {weather: name_weather(weather) for weather in asked.weathers}
     cache = read_answers(log, {(frame, name) for frame in wanted for name in names.values()})
 
-    def find_rest(task: Task) -> Task:
+    def find_rest(task: PictureTask) -> PictureTask:
         """What is to be done of a frame: all weathers where it has to lie on disk and does not."""
         weathers = [weather for weather in task.weathers if (task.frame, names[weather]) not in cache.known]
         if kept is None:
@@ -147,7 +150,7 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
 
     missing = {frame: rest for frame, task in wanted.items() if (rest := find_rest(task)).weathers}
 
-    def keep(frame: str, task: Task, answered: AnsweredFrame) -> None:
+    def keep(frame: str, task: PictureTask, answered: AnsweredFrame) -> None:
         if answered.files and kept is not None:
             kept.write(task, answered.files)
         cache.add(FrameAnswers(frame=frame, answers=answered.answers))
@@ -161,7 +164,7 @@ def ask_missing(asked: Asked, log: Path, kept: KeptFrames | None, engine: Engine
 
 
 def _gather(
-    asked: Asked, tasks: Sequence[Task], known: Mapping[AnswerKey, Answer]
+    asked: Asked, tasks: Sequence[PictureTask], known: Mapping[AnswerKey, Answer]
 ) -> tuple[tuple[PlaceCameras, ...], dict[tuple[str, WeatherKey], Answers]]:
     """Cameras that were answered in every variant and weather, and their answers: all variants keep the same ones."""
     names = {weather: name_weather(weather) for weather in asked.weathers}
@@ -191,7 +194,7 @@ class Rendered(NamedTuple):
     stage: Stage
     light: BakedLight
 
-    def frames(self, tasks: Sequence[Task]) -> Iterator[Frame]:
+    def frames(self, tasks: Sequence[PictureTask]) -> Iterator[Frame]:
         """See `render_frames`."""
         keep_light(self.stage.places[0].scene, self.light)
         return render_frames(self.stage, tasks)
@@ -223,7 +226,7 @@ class AnsweredFrame(NamedTuple):
     files: dict[str, bytes]
 
 
-def list_units(asked: Asked, tasks: Mapping[str, Task], engine: Engine) -> Iterator[Unit[AnsweredFrame]]:
+def list_units(asked: Asked, tasks: Mapping[str, PictureTask], engine: Engine) -> Iterator[Unit[AnsweredFrame]]:
     """Units of frames; those of a place and variant follow each other, so that a worker lights each object once."""
     stage = asked.stage
     source = asked.shots or Rendered(stage, light_surroundings(stage.places[0].scene))
@@ -236,7 +239,7 @@ def list_units(asked: Asked, tasks: Mapping[str, Task], engine: Engine) -> Itera
         yield Unit(frames, answer_unit, (setup, tuple(some)), name)
 
 
-def answer_unit(shared: Shared[Setup], tasks: Sequence[Task]) -> Iterator[AnsweredFrame]:
+def answer_unit(shared: Shared[Setup], tasks: Sequence[PictureTask]) -> Iterator[AnsweredFrame]:
     """The work of a unit: its frames' answers, each frame's whole, in order."""
     setup = shared.get()
 

@@ -1,13 +1,18 @@
-"""Pictures of an object in its place from the grid's cameras: one render for all weathers, developed as in the rig."""
+"""Pictures of an object in its place from the grid's cameras: one render for all weathers, and the answers to them."""
 
-from collections.abc import Iterator, Sequence
+import hashlib
+import json
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
 
-from toolkit.experiments.worlds.answers import WeatherKey
+from toolkit.core.records import RecordLog
+from toolkit.engine.resume import RecordCache
 from toolkit.experiments.worlds.cameras import GridCamera
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
@@ -15,13 +20,86 @@ from toolkit.rig.raycast import RaycastRenderer, map_frames
 from toolkit.worlds.picture import develop_through, find_depths, make_renderer
 from toolkit.worlds.place import Placed
 from toolkit.worlds.sky import Sky
+from toolkit.worlds.weather import make_weather
 from toolkit.worlds.world import World
 
+METHOD_VERSION = 1
+"""Raised when the same inputs give other answers."""
+WeatherKey = tuple[str, int]
+"""Name and severity."""
+Answer = tuple[int, float, float, int]
+"""First guess, its probability, the truth's probability, and the truth's rank from 1."""
 OBJECT_ID, BOOSTER_ID, SKY_ID = 100, 101, 255
 """In segmentations, beside the numbers of `SceneClass`: the object, what boosts it, and the sky."""
 
 
-class Task(NamedTuple):
+class FrameAnswers(BaseModel):
+    """One line of `answers.jsonl`: what was said of one frame in some weathers.
+
+    Attributes:
+        frame: hash of what the frame in clear air, its grain and the network are made of.
+        answers: by what `name_weather` calls the weather.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    frame: str = Field(pattern=r"^[0-9a-f]{64}$")
+    answers: dict[str, Answer]
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What was said of every camera's picture of one variant in one weather, in the order of the cameras.
+
+    Attributes:
+        top1_index: (n,) int, first guess.
+        top1_prob, true_prob: (n,) its probability and the truth's.
+        true_rank: (n,) int, place of the truth among the guesses, from 1.
+    """
+
+    top1_index: np.ndarray
+    top1_prob: np.ndarray
+    true_prob: np.ndarray
+    true_rank: np.ndarray
+
+    @classmethod
+    def of(cls, rows: Iterable[Answer]) -> "Answers":
+        """From single answers."""
+        columns = list(zip(*rows, strict=True))
+        return cls(*(np.array(one) for one in columns))
+
+    def right(self, guesses: int) -> np.ndarray:
+        """(n,) bool: whether the truth is among so many first guesses."""
+        return self.true_rank <= guesses
+
+
+def name_weather(weather: WeatherKey) -> str:
+    """`fog 3: visibility 40 m, extinction 74.9 /km`: another ladder makes other pictures."""
+    return f"{weather[0]} {weather[1]}: {make_weather(*weather).describe()}"
+
+
+def make_answer(order: np.ndarray, probabilities: np.ndarray, true_index: int) -> Answer:
+    """From classes by falling probability and the probability of each; six digits are kept."""
+    first = int(order[0])
+    rank = int(np.flatnonzero(order == true_index)[0]) + 1
+    return first, float(f"{probabilities[first]:.6g}"), float(f"{probabilities[true_index]:.6g}"), rank
+
+
+def hash_inputs(*inputs: object) -> str:
+    """Hash of a list that JSON can hold."""
+    return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+
+
+AnswerKey = tuple[str, str]
+"""Hash of a frame, and what `name_weather` calls the weather."""
+
+
+def read_answers(file: Path, wanted: Collection[AnswerKey]) -> RecordCache[AnswerKey, Answer, FrameAnswers]:
+    """The answers that are wanted and there; those of a line that is broken are computed again."""
+    log = RecordLog(file, FrameAnswers, required=False, compact=True)
+    return RecordCache(log, lambda line: [((line.frame, name), one) for name, one in line.answers.items()], wanted)
+
+
+class PictureTask(NamedTuple):
     """A frame to render.
 
     Attributes:
@@ -53,14 +131,14 @@ class Frame:
         classes: (h, w) uint8 `SceneClass`, or one of the numbers above; None unless kept.
     """
 
-    task: Task
+    task: PictureTask
     pictures: tuple[np.ndarray, ...]
     depth_m: np.ndarray | None = None
     classes: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
-class Variant:
+class WorldVariant:
     """The object in one variant, at its real size.
 
     Attributes:
@@ -72,7 +150,7 @@ class Variant:
     boosted: np.ndarray
 
     @classmethod
-    def of(cls, mesh: Mesh, bare: Mesh) -> "Variant":
+    def of(cls, mesh: Mesh, bare: Mesh) -> "WorldVariant":
         """A variant of a bare mesh: faces with a picture that the bare one lacks are boosted."""
         own = {id(material.texture) for material in bare.materials}
         new = np.array([id(material.texture) not in own for material in mesh.materials])
@@ -96,24 +174,24 @@ class Stage:
     camera: Camera
     seed: int
     places: tuple[Placed, ...]
-    variants: dict[str, Variant]
+    variants: dict[str, WorldVariant]
 
 
 class FrameSource(Protocol):
     """Who makes the pictures of a grid; workers get a copy."""
 
-    def frames(self, tasks: Sequence[Task]) -> Iterator[Frame]:
+    def frames(self, tasks: Sequence[PictureTask]) -> Iterator[Frame]:
         """The frames of tasks, in order, each in all of its weathers."""
         ...
 
 
-def render_frames(stage: Stage, tasks: Sequence[Task], threads: int | None = None) -> Iterator[Frame]:
+def render_frames(stage: Stage, tasks: Sequence[PictureTask], threads: int | None = None) -> Iterator[Frame]:
     """The frames of tasks, in order, on all cores; a few are made ahead, whatever their number.
 
     Tasks of one place and variant should follow each other: their light is worked out once.
     """
 
-    def prepare() -> Iterator[tuple[Task, RaycastRenderer]]:
+    def prepare() -> Iterator[tuple[PictureTask, RaycastRenderer]]:
         for task in tasks:
             yield task, open_renderer(stage, task.place, task.variant)
 
@@ -126,7 +204,7 @@ def open_renderer(stage: Stage, place: int, variant: str) -> RaycastRenderer:
     return make_renderer(stage.places[place].wear(stage.variants[variant].mesh))
 
 
-def render_frame(stage: Stage, task: Task, renderer: RaycastRenderer) -> Frame:
+def render_frame(stage: Stage, task: PictureTask, renderer: RaycastRenderer) -> Frame:
     """Render, and lay every weather over the linear light before it is developed."""
     view = stage.camera, task.camera.T_world_camera
     light, found = renderer.render_with_depth(*view)

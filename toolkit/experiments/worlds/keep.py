@@ -1,18 +1,19 @@
 """Pictures that stay on disk: a sample of them, or all, each with its depth, its segmentation and the truth."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 from pydantic import BaseModel, ConfigDict, SerializerFunctionWrapHandler, model_serializer
 
-from toolkit.core.files import write_bytes
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import read_bytes, sha256_bytes, write_bytes
 from toolkit.core.records import RecordLog
-from toolkit.experiments.worlds.answers import WeatherKey
 from toolkit.experiments.worlds.cameras import GridCamera, PlaceCameras
-from toolkit.experiments.worlds.frames import Frame, Stage, Task
+from toolkit.experiments.worlds.frames import Frame, PictureTask, Stage, WeatherKey
+from toolkit.imaging.read import UnreadableImage, decode_frame
 from toolkit.objects.spec import ObjectSpec
 from toolkit.rig.scene import Stand
 
@@ -20,6 +21,7 @@ CM_PER_M, FARTHEST_CM = 100.0, 65_534
 SHOWN_AT = (30.0, 15.0, 1.6)
 """Of each place the camera is shown whose azimuth, elevation and distance in lengths are nearest to these, among those
 that see the object whole."""
+MOST_PICTURE_BYTES = 64 << 20
 
 
 class KeptFrame(BaseModel):
@@ -97,11 +99,11 @@ class KeptFrames:
         """Of what stands there."""
         return self._spec.name
 
-    def wants(self, task: Task) -> bool:
+    def wants(self, task: PictureTask) -> bool:
         """Whether a frame is kept."""
         return self._everything or task.camera.number == self.shown[self._name(task)].number
 
-    def lacks(self, task: Task) -> bool:
+    def lacks(self, task: PictureTask) -> bool:
         """Whether a frame is kept, and is not there in all of its weathers."""
         if not self.wants(task):
             return False
@@ -112,7 +114,7 @@ class KeptFrames:
         folder = self.folder / record.path
         return any(name not in record.weathers or not (folder / f"{name}.png").is_file() for name in names)
 
-    def describe_renderers(self, tasks: Iterable[Task]) -> str:
+    def describe_renderers(self, tasks: Iterable[PictureTask]) -> str:
         """The simulators that made the pictures of tasks, each once."""
         paths = [self.path_of(self._name(task), task.variant, task.camera) for task in tasks]
         return "; ".join(sorted({self._known[path].renderer or "" for path in paths}))
@@ -129,7 +131,7 @@ class KeptFrames:
         """Folder of a frame below `frames/`."""
         return f"{place}/{variant}/{camera.number:04d}"
 
-    def write(self, task: Task, files: Mapping[str, bytes]) -> None:
+    def write(self, task: PictureTask, files: Mapping[str, bytes]) -> None:
         """Put a frame's files into the folder, then its line into the manifest.
 
         Args:
@@ -150,10 +152,10 @@ class KeptFrames:
         self._log.append(record)
         self._known[path] = record
 
-    def _name(self, task: Task) -> str:
+    def _name(self, task: PictureTask) -> str:
         return self._stage.places[task.place].spot.name
 
-    def _describe(self, path: str, task: Task, names: list[str]) -> KeptFrame:
+    def _describe(self, path: str, task: PictureTask, names: list[str]) -> KeptFrame:
         stage, camera = self._stage, task.camera
         placed = stage.places[task.place]
         return KeptFrame(
@@ -209,3 +211,42 @@ def _encode(pixels: np.ndarray) -> bytes:
     if not done:
         raise ValueError("OpenCV made no PNG")
     return content.tobytes()
+
+
+class ShotFrames(NamedTuple):
+    """Frames that lie in a folder.
+
+    Attributes:
+        folder: `frames/` of a run.
+        places: names by the tasks' numbers.
+        renderer: who made them.
+    """
+
+    folder: Path
+    places: tuple[str, ...]
+    renderer: str
+
+    def frames(self, tasks: Sequence[PictureTask]) -> Iterator[Frame]:
+        """The pictures of tasks, without depth and classes, which lie there already.
+
+        Raises:
+            ToolkitError: a file is gone or no picture.
+        """
+        for task in tasks:
+            yield Frame(task._replace(is_kept=False), tuple(self._decode(task, weather) for weather in task.weathers))
+
+    def hash_pictures(self, task: PictureTask) -> list[object]:
+        """What tells a task's pictures from all others: who made them, and their bytes."""
+        files = [self._file(task, weather) for weather in task.weathers]
+        return [self.renderer, [[file.stem, sha256_bytes(read_bytes(file, MOST_PICTURE_BYTES))] for file in files]]
+
+    def _file(self, task: PictureTask, weather: WeatherKey) -> Path:
+        folder = self.folder / self.places[task.place] / task.variant / f"{task.camera.number:04d}"
+        return folder / f"{name_picture(weather)}.png"
+
+    def _decode(self, task: PictureTask, weather: WeatherKey) -> np.ndarray:
+        file = self._file(task, weather)
+        try:
+            return decode_frame(read_bytes(file, MOST_PICTURE_BYTES), file)
+        except UnreadableImage as error:
+            raise ToolkitError(f"{error}: delete it and run again, with the simulator running") from None

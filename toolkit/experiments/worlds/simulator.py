@@ -10,12 +10,10 @@ import numpy as np
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_bytes
-from toolkit.experiments.worlds.answers import hash_inputs
 from toolkit.experiments.worlds.cameras import PlaceCameras
-from toolkit.experiments.worlds.config import ABSENT
-from toolkit.experiments.worlds.frames import OBJECT_ID, SKY_ID, Frame, Stage, Task
-from toolkit.experiments.worlds.keep import KeptFrames, choose_shown, encode_frame, pose_of
-from toolkit.experiments.worlds.shots import ShotFrames
+from toolkit.experiments.worlds.frames import OBJECT_ID, SKY_ID, Frame, PictureTask, Stage, hash_inputs
+from toolkit.experiments.worlds.keep import KeptFrames, ShotFrames, choose_shown, encode_frame, pose_of
+from toolkit.experiments.worlds.world_config import ABSENT
 from toolkit.objects.export import to_glb
 from toolkit.objects.mesh import cast_rays, hash_mesh
 from toolkit.rig.camera import pixel_rays
@@ -42,8 +40,7 @@ def write_objects(folder: Path, stage: Stage, name: str) -> dict[str, Path]:
     """Write every variant as a GLB in metres, to be imported into the simulator's project; by variant."""
     return {
         variant: write_bytes(
-            folder / f"{name_actor(name, variant)}.glb",
-            to_glb(one.mesh, name_actor(name, variant), units_per_m=1.0),
+            folder / f"{name_actor(name, variant)}.glb", to_glb(one.mesh, name_actor(name, variant), units_per_m=1.0)
         )
         for variant, one in stage.variants.items()
         if variant != ABSENT
@@ -51,7 +48,7 @@ def write_objects(folder: Path, stage: Stage, name: str) -> dict[str, Path]:
 
 
 def shoot_missing(
-    address: Address, stage: Stage, places: Sequence[PlaceCameras], tasks: Sequence[Task], kept: KeptFrames
+    address: Address, stage: Stage, places: Sequence[PlaceCameras], tasks: Sequence[PictureTask], kept: KeptFrames
 ) -> ShotFrames:
     """Shoot what is not in the folder yet; the simulator need not run where all is there.
 
@@ -89,7 +86,7 @@ def shoot_missing(
 
 
 def shoot_frames(
-    simulator: AirSim, stage: Stage, places: Sequence[PlaceCameras], name: str, tasks: Sequence[Task]
+    simulator: AirSim, stage: Stage, places: Sequence[PlaceCameras], name: str, tasks: Sequence[PictureTask]
 ) -> Iterator[Frame]:
     """The frames of tasks, one weather at a time: a frame's weathers come apart.
 
@@ -128,7 +125,7 @@ def shoot_frames(
                     yield make_frame(task._replace(weathers=(weather,)), shot, colour)
 
 
-def make_frame(task: Task, shot: Shot, colour: Colour | None) -> Frame:
+def make_frame(task: PictureTask, shot: Shot, colour: Colour | None) -> Frame:
     """A shot as a frame; depth and classes, which weather leaves as they are, with the picture in clear air."""
     if not task.is_kept or task.weathers != (CLEAR,):
         return Frame(task, (shot.picture,))

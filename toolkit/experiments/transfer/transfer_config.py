@@ -8,7 +8,7 @@ from toolkit.boosters.pixel_config import CORRUPTED_HELP, TRANSFER, MeetsCorrupt
 from toolkit.boosters.texture_config import MaxChange
 from toolkit.boosters.transforms.camera import Jitter
 from toolkit.core.config import Config, Flag
-from toolkit.evaluation.config import Corruptions, RunName
+from toolkit.evaluation.eval_config import Corruptions, RunName
 
 Kind = Literal["patch", "texture"]
 OF_TRAINING = ("steps", "batch", "ensemble", "objective", "jitter", "momentum", "last_smoothing_px", "corrupted")

@@ -13,10 +13,10 @@ from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
 from toolkit.experiments.worlds.ask import Asked, ask_missing
 from toolkit.experiments.worlds.cameras import PlaceCameras, plan_cameras
-from toolkit.experiments.worlds.config import ABSENT, RIG, WorldEvalConfig
-from toolkit.experiments.worlds.frames import Stage, Variant
+from toolkit.experiments.worlds.frames import Stage, WorldVariant
 from toolkit.experiments.worlds.keep import KeptFrames
 from toolkit.experiments.worlds.simulator import shoot_missing
+from toolkit.experiments.worlds.world_config import ABSENT, RIG, WorldEvalConfig
 from toolkit.experiments.worlds.world_report import WorldFiles, write_results
 from toolkit.experiments.worlds.world_results import WorldResults
 from toolkit.models.network import Classifier
@@ -85,7 +85,14 @@ def evaluate_world(
             asked, renderer = replace(asked, shots=shots), shots.renderer
         said = ask_missing(asked, worlds_dir / "answers.jsonl", None if asked.shots else kept, workers)
     results = WorldResults(
-        config, classifier, asked.item, asked.true_index, asked.stage, said.places, said.answers, renderer
+        config,
+        classifier,
+        asked.item,
+        asked.true_index,
+        stage=asked.stage,
+        places=said.places,
+        answers=said.answers,
+        renderer=renderer,
     )
     return WorldRun(results, write_results(run_dir, results, kept), said.computed, said.kept, said.failed)
 
@@ -118,15 +125,15 @@ def name_run(config: WorldEvalConfig, classifier: Classifier) -> str:
     return re.sub(r"[^A-Za-z0-9._-]+", "-", words)[:LONGEST_NAME]
 
 
-def dress_variants(workspace: Workspace, item: TableObject, config: WorldEvalConfig) -> dict[str, Variant]:
+def dress_variants(workspace: Workspace, item: TableObject, config: WorldEvalConfig) -> dict[str, WorldVariant]:
     """The object in every variant, in metres."""
     found = {}
     for name in config.variants:
         if name == ABSENT:
-            found[name] = Variant(make_speck(), np.zeros(1, bool))
+            found[name] = WorldVariant(make_speck(), np.zeros(1, bool))
         else:
             mesh = dress(item, find_booster(workspace, item, name))
-            found[name] = Variant.of(scale_to_world(mesh, item.spec, config.length_m), item.mesh)
+            found[name] = WorldVariant.of(scale_to_world(mesh, item.spec, config.length_m), item.mesh)
     return found
 
 

@@ -7,7 +7,7 @@ from pydantic import Field
 from toolkit.boosters.transforms.placement import Placement
 from toolkit.core.config import Config, Flag
 from toolkit.corruptions.catalogue import parse_corruptions
-from toolkit.evaluation.config import Corruptions, RunName
+from toolkit.evaluation.eval_config import Corruptions, RunName
 
 CLEAN = "clean"
 Condition = tuple[str, int]
@@ -22,10 +22,7 @@ class CorruptEvalConfig(Config):
         (), description="Patch set below print/patches, repeatable; SET@MODEL is answered by another classifier."
     )
     corruptions: Annotated[Corruptions | None, Flag("--corrupt", metavar="NAME[:SEVERITY]", typed=tuple[str, ...])] = (
-        Field(
-            None,
-            description="A corruption, a family, common (15) or all (19); fog:3, noise:1-3. Default: common.",
-        )
+        Field(None, description="A corruption, a family, common (15) or all (19); fog:3, noise:1-3. Default: common.")
     )
     classes: Annotated[tuple[str, ...], Flag("--class", metavar="NAME")] = Field(
         (), description="Label, index or WordNet id. Default: all with images and patches."

@@ -8,7 +8,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from toolkit.core.config import Config, Flag, Later
 from toolkit.core.errors import FieldError, ToolkitError, one_of
-from toolkit.evaluation.config import RunName
+from toolkit.evaluation.eval_config import RunName
 from toolkit.rig.variants import VARIANTS
 from toolkit.worlds import conditions
 from toolkit.worlds.airsim import Address
