@@ -58,6 +58,7 @@ def _ratio(scores: np.ndarray, cluster_of: np.ndarray) -> tuple[float, float, in
     mean = float(totals.sum() / sizes.sum())
     if n_clusters == 1:
         return mean, 0.0, 1
+    # residuals y_c - p x_c of `estimate_share`
     spread = n_clusters / (n_clusters - 1) * float(((totals - mean * sizes) ** 2).sum())
     return mean, float(t.ppf(0.975, n_clusters - 1)) * sqrt(spread) / float(sizes.sum()), n_clusters
 
@@ -85,6 +86,7 @@ class ClusterBootstrap:
         count = self.weights.shape[1]
         total = np.bincount(self.cluster_of[own], values[own].astype(float), count)
         n = np.bincount(self.cluster_of[own], minlength=count).astype(float)
+        # first what was seen: every cluster once
         weights = np.concatenate([np.ones((1, count)), self.weights])
         with np.errstate(invalid="ignore", divide="ignore"):
             return (weights @ total) / (weights @ n)

@@ -124,6 +124,7 @@ class Collector:
         low, high = np.log(self.config.height_m)
         for _ in range(MOST_TRIES):
             height, yaw, around = np.exp(rng.uniform(low, high)), rng.uniform(0, 2 * np.pi), rng.uniform(0, 2 * np.pi)
+            # the root spreads cameras evenly over the disc at this height
             aside = height * np.tan(np.radians(self.config.half_angle_deg)) * rng.uniform() ** 0.5
             tilt = np.radians(self.config.gimbal_error_deg) * rng.standard_normal((1, 2))
             place = site.centre + np.array([aside * np.cos(around), aside * np.sin(around), height])

@@ -106,6 +106,7 @@ class MultirotorState:
     @cached_property
     def rotation(self) -> np.ndarray:
         """(3, 3, n) from the body to the world."""
+        # the matrix of a unit quaternion
         w, x, y, z = self.attitude
         xx, yy, zz, xy, xz, yz, wx, wy, wz = x * x, y * y, z * z, x * y, x * z, y * z, w * x, w * y, w * z
         return np.array(
@@ -153,15 +154,20 @@ def advance(
         wind: (3, n) velocity of the air in the world, m/s.
         step_s: length of the step.
     """
+    # a lag of first order, solved exactly over the step
     rotors = signals + (state.rotors - signals) * exp(-step_s / vehicle.delay_s)
     thrust, rotation = rotors * vehicle.thrust_n, state.rotation
+    # drag goes with the square of the airspeed along each body axis; thrust is along z alone
     air = to_body(rotation, state.velocity - wind)
     force = -vehicle.drag[:, None] * air * np.abs(air)
     force[2] += thrust[0] + thrust[1] + thrust[2] + thrust[3]
+    # into the world, then gravity
     pull = (rotation[:, 0] * force[0] + rotation[:, 1] * force[1] + rotation[:, 2] * force[2]) / vehicle.mass_kg
     pull[2] -= GRAVITY
     velocity = state.velocity + pull * step_s
+    # trapezoid rule: exact for a constant pull
     position = state.position + (state.velocity + velocity) * (step_s / 2)
+    # semi-implicit Euler: the attitude turns at the new rates
     rates = state.rates + _angular_pull(vehicle, state.rates, rotors) * step_s
     return replace(
         state, position=position, velocity=velocity, attitude=_turn(state.attitude, rates, step_s), rates=rates,
@@ -179,6 +185,7 @@ def _angular_pull(vehicle: Multirotor, rates: np.ndarray, rotors: np.ndarray) ->
             vehicle.torque_nm * _combine(ROTOR_TURN, rotors),
         ]
     )
+    # Euler's equations, in the principal axes of inertia
     a, b, c = vehicle.inertia
     p, q, r = rates
     gyroscopic = np.array([(b - c) * q * r, (c - a) * r * p, (a - b) * p * q])
@@ -191,6 +198,7 @@ def _combine(signs: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 def _turn(attitude: np.ndarray, rates: np.ndarray, step_s: float) -> np.ndarray:
     """(4, n) after turning at constant rates, of unit length."""
+    # one Euler step of dq/dt = q ⊗ (0, ω) / 2
     w, x, y, z = attitude
     p, q, r = rates * (step_s / 2)
     moved = attitude + np.array(
@@ -257,10 +265,12 @@ class VelocityControl:
         """
         gains, most = self.gains, self.gains.most_velocity_m_s
         error = to_body(state.rotation, np.clip(velocity, -most, most) - state.velocity)
+        # proportional and leaking integral: the climb must carry the weight with no error left
         self._climb = np.clip(self._climb * gains.climb_leak + gains.climb_i * error[2] * step_s, -1, 1)
         climb = np.clip(gains.climb_p * error[2] + self._climb, -1, 1)
         throttle = np.maximum((climb + 1) / 2, gains.least_throttle)
         roll, pitch, yaw = state.angles
+        # a velocity error asks for a tilt: sideward for roll, forward for pitch; the yaw error by the shorter way
         level = np.array(
             [
                 -gains.most_tilt_rad * np.clip(gains.velocity_p * error[1], -1, 1) - roll,
@@ -268,6 +278,7 @@ class VelocityControl:
                 (yaw_rad - yaw + np.pi) % (2 * np.pi) - np.pi,
             ]
         )
+        # a tilt error asks for a rate, and a rate error for a turn
         rates = gains.most_rate_rad_s * np.clip(gains.level_p * level, -1, 1)
         return mix(throttle, np.clip(gains.rate_p * (rates - state.rates), -1, 1), gains.least_angling_throttle)
 
@@ -281,5 +292,6 @@ def mix(throttle: np.ndarray, turns: np.ndarray, least_angling: float) -> np.nda
         - ROTOR_X[:, None] * turns[1]
         + ROTOR_TURN[:, None] * turns[2]
     )  # fmt: skip
+    # up until no rotor is told less than 0, then down to 1: turning comes before thrust
     signals = signals - np.minimum(signals.min(axis=0), 0)
     return np.clip(signals / np.maximum(signals.max(axis=0), 1), 0, 1)

@@ -21,6 +21,7 @@ from toolkit.landing.dynamics import (
     advance,
 )
 
+# of AirSim's own physics
 STEP_S = 0.003
 GUST_STEP_S = 0.1
 FLYING = ""
@@ -149,7 +150,9 @@ class EpisodeDraws:
         rng = draws.of("wind")
         speed, bearing = rng.uniform(*config.wind_m_s), rng.uniform(0, 2 * np.pi)
         steps = ceil(config.time_limit_s / GUST_STEP_S) + 1
+        # half as strong upwards as level
         noise = draws.of("gusts").standard_normal((steps, 3)) * [1.0, 1.0, 0.5]
+        # an Ornstein-Uhlenbeck process at its steps: the spread stays 1, however fine they are
         keep = float(np.exp(-GUST_STEP_S / config.gust_time_s))
         gusts = np.empty_like(noise)
         gusts[0] = noise[0]
@@ -267,6 +270,7 @@ class Flights:
             moved = self._make_step(state, control, chosen)
             way += np.sqrt(((moved.position - state.position) ** 2).sum(axis=0))
             state = moved
+            # not `<=`: a height that is no number has ended too
             ended = ~(state.position[2] > below)
             if ended.any() or self._step == last:
                 self._store(chosen, state, control, way)

@@ -74,6 +74,7 @@ class Pilot:
         known = np.isfinite(error).all(axis=1)
         self._sum[chosen] += np.where(known[:, None], error, 0.0) * step_s
         slope = (error - self._last[chosen]) / step_s
+        # of a first picture, and after one without a pad, there is no slope
         slope[~np.isfinite(slope)] = 0.0
         self._last[chosen] = error
         level = np.where(known[:, None], kp * error + ki * self._sum[chosen] + kd * slope, 0.0)

@@ -106,6 +106,7 @@ def plan_places(
 def _draw_place(world: World, spot: Spot, size_m: float, draws: Draws, number: int) -> PadPlace:
     rng, room = draws.of("place"), spot.free_radius_m - size_m / 2**0.5
     for _ in range(30):
+        # the root spreads points evenly over the disc
         distance, around, turn = room * rng.uniform() ** 0.5, rng.uniform(0, 2 * np.pi), rng.uniform(0, 360)
         x, y = spot.position[0] + distance * np.cos(around), spot.position[1] + distance * np.sin(around)
         height = _flat_height(world, (x, y, spot.position[2]), size_m, turn)

@@ -95,6 +95,7 @@ def fit_ridge(features: np.ndarray, offsets: np.ndarray, weight: np.ndarray) -> 
     mean, spread = features.mean(axis=0), features.std(axis=0) + 1e-6
     rows = np.column_stack([(features - mean) / spread, np.ones(len(features))]).astype(np.float64) * weight[:, None]
     wanted = offsets * weight[:, None]
+    # the normal equations; the bias is as good as free of the penalty
     penalty = np.full(rows.shape[1], RIDGE * len(rows))
     penalty[-1] = 1e-9
     found = np.linalg.solve(rows.T @ rows + np.diag(penalty), rows.T @ wanted)
@@ -273,6 +274,7 @@ class RegressorTask(TrainingTask[Regressor]):
         squares = (error / scale).square().mean(dim=1)
         if self.config.uncertainty:
             spread = out[:, 2]
+            # minus the log-likelihood of a normal error of this spread (Kendall and Gal 2017)
             loss = (error.square().mean(dim=1) * torch.exp(-2 * spread) / 2 + spread).mean()
         else:
             loss = squares.mean()
@@ -289,6 +291,7 @@ class RegressorTask(TrainingTask[Regressor]):
         if self.config.augment:
             rng = Draws(self.seed, step, self.kind).of("augmentation")
             turns = rng.integers(0, 4, len(some))
+            # one gain for all channels, as exposure, and a small one for each, as white balance
             gain = rng.uniform(0.75, 1.3, (len(some), 1, 1, 1)) * rng.uniform(0.93, 1.07, (len(some), 3, 1, 1))
             lift = rng.uniform(-0.05, 0.05, (len(some), 1, 1, 1))
             batch = torch.stack([torch.rot90(one, int(turn), (1, 2)) for one, turn in zip(batch, turns, strict=True)])

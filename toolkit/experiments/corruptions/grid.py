@@ -155,6 +155,7 @@ def _run_grid(grid: Grid, cells_file: Path, notes: Sequence[str], engine: Engine
 
     title, units = "Evaluating (answers to images)", _list_units(grid, shards, missing, engine)
     ran = run_resumable(title, wanted, missing, units, keep, engine, weigh=lambda cell: len(shards[cell.shard].images))
+    # a condition that lacks a cell is left out for all: variants are compared under the same ones
     lost = {cell.condition for cell in cache.find_missing(wanted).values()}
     if lost >= set(grid.config.conditions):
         raise ToolkitError(ran.failed[0][1])

@@ -160,6 +160,7 @@ def find_reasons(
         (TOO_NEAR, near | (to_object < clearance_m)), (TOUCHING, gap < clearance_m),
     )  # fmt: skip
     reasons = np.full(len(points), "", object)
+    # last the first: of several reasons the first of `checks` is told
     for reason, holds in reversed(checks):
         reasons[holds] = reason
     return reasons.tolist()
@@ -192,6 +193,7 @@ def measure_sight(
     low, high = (np.clip(one, 0, frame) for one in (ahead.min(axis=0), ahead.max(axis=0)))
     if not len(ahead) or (high - low).min() <= 0:
         return 0.0, 0.0
+    # a lattice of rays over the box of the object's outline in the picture
     steps = (np.arange(LATTICE) + 0.5) / LATTICE
     x, y = np.meshgrid(low[0] + steps * (high[0] - low[0]), low[1] + steps * (high[1] - low[1]))
     rays = pixel_rays(camera, T_world_camera, np.stack([x, y], axis=-1).reshape(-1, 2).astype(np.float32))
@@ -202,6 +204,7 @@ def measure_sight(
     met = np.isfinite(way)
     if not met.any():
         return 0.0, 0.0
+    # hidden where the world is met before the object
     before = cast_rays(world.shape.rays, rays[met]) < way[met]
     return float(1 - before.mean()), float(met.mean() * (high - low).prod() / frame.prod())
 

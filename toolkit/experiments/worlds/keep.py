@@ -186,6 +186,7 @@ def choose_shown(place: PlaceCameras) -> GridCamera:
     azimuth, elevation, lengths = SHOWN_AT
 
     def miss(camera: GridCamera) -> float:
+        # each in the unit of which one is much: a quarter turn, 30°, a length
         turn = abs((abs((camera.azimuth_deg + 180) % 360 - 180)) - azimuth) / 90
         rise = abs(camera.elevation_deg - elevation) / 30
         return turn + rise + abs(camera.distance_m / length - lengths)

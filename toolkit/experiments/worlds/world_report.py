@@ -45,9 +45,7 @@ def draw_weathers(results: WorldResults, summary: Summary) -> bytes | None:
         return None
     figure = make_figure(1.0 + 4.2 * len(ladders), HEAD_IN + PANEL_IN)
     panels = figure.subplots(1, len(ladders), squeeze=False, sharey=True)[0]
-    rows = {
-        (row["variant"], row["weather"], row["severity"]): row for row in summary["groups"] if row["place"] == POOLED
-    }
+    rows = pooled(summary)
     halves = {(row["variant"], row["weather"]): row for row in summary["half_lost"]}
     for panel, (kind, ladder) in zip(panels, ladders.items(), strict=True):
         x = 1e3 * list_extinctions(ladder)
@@ -237,18 +235,17 @@ def write_results(folder: Path, results: WorldResults, kept: KeptFrames) -> Worl
     return WorldFiles(record, predictions, cameras, report, files, kept.folder)
 
 
-def write_report(path: Path, summary: Mapping[str, Any], figures: Mapping[str, bytes]) -> Path:
+def write_report(path: Path, summary: Summary, figures: Mapping[str, bytes]) -> Path:
     """Write the report with its figures in it."""
-    groups = pooled(dict(summary))
     context = {
         "title": path.parent.name,
         "summary": summary,
         "about": summary["about"],
-        "verdicts": judge_world(dict(summary)),
-        "groups": list(groups.values()),
-        "in_view": {_key(row): row for row in summary["groups_in_view"] if row["place"] == POOLED},
+        "verdicts": judge_world(summary),
+        "groups": list(pooled(summary).values()),
+        "in_view": pooled(summary, "groups_in_view"),
         "by_place": [row for row in summary["groups"] if row["place"] != POOLED and row["weather"] == "clear"],
-        "pairs": {_key(row): row for row in summary["pairs"] if row["place"] == POOLED},
+        "pairs": pooled(summary, "pairs"),
         "halves": [
             (row, format_visibility(row), format_times(row, "times"), format_times(row, "same_times"))
             for row in summary["half_lost"]
@@ -257,7 +254,3 @@ def write_report(path: Path, summary: Mapping[str, Any], figures: Mapping[str, b
         "figures": figures,
     }
     return write_page(path, "toolkit.experiments.worlds", "world.html.j2", context)
-
-
-def _key(row: Mapping[str, Any]) -> tuple[str, str, int]:
-    return row["variant"], row["weather"], row["severity"]

@@ -152,11 +152,9 @@ def _describe_camera(camera: GridCamera) -> list[object]:
     return [getattr(camera, name) for name in SEEN]
 
 
-def pooled(summary: Summary) -> dict[tuple[str, str, int], Row]:
-    """Groups over all places by variant, weather and severity."""
-    return {
-        (row["variant"], row["weather"], row["severity"]): row for row in summary["groups"] if row["place"] == POOLED
-    }
+def pooled(summary: Summary, rows: str = "groups") -> dict[tuple[str, str, int], Row]:
+    """Rows over all places, `groups`, `groups_in_view` or `pairs`, by variant, weather and severity."""
+    return {(row["variant"], row["weather"], row["severity"]): row for row in summary[rows] if row["place"] == POOLED}
 
 
 def judge_world(summary: Summary) -> list[Verdict]:
@@ -164,15 +162,13 @@ def judge_world(summary: Summary) -> list[Verdict]:
 
     `good` and `bad` where both the interval over places and the paired test say so, else `open`.
     """
-    groups = pooled(summary)
-    variants = list(dict.fromkeys(row["variant"] for row in summary["groups"]))
-    pairs = {row["variant"]: row for row in summary["pairs"] if (row["weather"], row["place"]) == (CLEAR[0], POOLED)}
+    groups, pairs = pooled(summary), pooled(summary, "pairs")
     found = []
-    for variant in variants:
+    for variant in dict.fromkeys(row["variant"] for row in summary["groups"]):
         row = groups[variant, CLEAR[0], CLEAR[1]]
         who = f"{summary['model']['name']} has the {summary['about']['class']} among its first five guesses"
         sentence = f"In clear air {who} on {_share(row)} of {row['n']} pictures {_name(variant)}."
-        tone, why = ("open", "") if variant == ABSENT else _judge_pair(pairs.get(variant))
+        tone, why = ("open", "") if variant == ABSENT else _judge_pair(pairs.get((variant, *CLEAR)))
         found.append(Verdict(tone, f"{sentence}{why}"))
     return found + [_judge_half(row) for row in summary["half_lost"] if row["variant"] != ABSENT]
 
@@ -244,10 +240,7 @@ def format_times(row: Row, key: str) -> str:
 
 def build_world_table(summary: Summary) -> "Table":
     """A line for each variant and weather, over all places."""
-    pairs = {
-        (row["variant"], row["weather"], row["severity"]): row for row in summary["pairs"] if row["place"] == POOLED
-    }
-    cells = []
+    pairs, cells = pooled(summary, "pairs"), []
     for key, row in pooled(summary).items():
         pair = pairs.get(key)
         visibility = "" if row["visibility_m"] is None else f"{row['visibility_m']:.4g}"

@@ -87,8 +87,10 @@ def find_level(extinctions: np.ndarray, shares: np.ndarray, levels: np.ndarray) 
     before = np.maximum(first - 1, 0)
     rows = np.arange(len(shares))
     high, low = shares[rows, before], shares[rows, first]
+    # how far between the last step above the level and the first below
     step = np.where(high > low, (high - levels) / np.where(high > low, high - low, 1), 0.0)
     at = extinctions[before] + step * (extinctions[first] - extinctions[before])
+    # below it in clear air already; or not even in the densest
     at = np.where(first == 0, 0.0, at)
     at = np.where(first < 0, NOT_REACHED, at)
     return np.where(shares[:, 0] > 0, at, np.nan)
