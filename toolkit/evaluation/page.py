@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 # a palette that people who see fewer colours can tell apart (Okabe and Ito 2008)
-BLUE, ORANGE, GREEN, PINK, AMBER, SKY = COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
+BLUE, ORANGE, GREEN, PINK, AMBER, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
+COLOURS = (BLUE, ORANGE, GREEN, PINK, AMBER, SKY)
 UNPATCHED_COLOUR, LEFT_OUT_COLOUR = "#6b6f76", "#d9dce1"
 RIGHT, FIFTH, WRONG = GREEN, AMBER, ORANGE
 """Frames of pictures whose truth is the first guess, among five, and not among them."""

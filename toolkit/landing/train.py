@@ -28,7 +28,7 @@ from toolkit.landing.regressor import (
     run_network,
     summarise_errors,
 )
-from toolkit.models.bundled import bundled_file, read_bundled
+from toolkit.models.load import bundled_file, read_bundled
 from toolkit.models.network import choose_device
 from toolkit.models.weights import WeightsFile, find_local, find_weights, open_weights, read_state_dict
 from toolkit.training.checkpoint import Checkpoint

@@ -26,7 +26,7 @@ from toolkit.experiments.corruptions.grid import Benchmark, Grid, run_grid
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
 from toolkit.models.load import load_classifier
 from toolkit.models.network import Classifier
-from toolkit.training.image_set import ImageSet, choose_classes, open_images
+from toolkit.training.images import ImageSet, choose_classes, open_images
 
 COLUMNS = 6
 TILE_IN, HEAD_IN = 1.55, 0.5

@@ -14,26 +14,22 @@ from toolkit.boosters.patch_sets import PatchSet, read_patch_set
 from toolkit.captures.read import UNPATCHED
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_bytes
-from toolkit.corruptions.batch import corrupt
-from toolkit.corruptions.batch import run_each
-from toolkit.corruptions.catalogue import CORRUPTIONS
-from toolkit.corruptions.catalogue import choose_parameters
+from toolkit.core.workspace import Workspace
+from toolkit.corruptions.batch import corrupt, run_each
+from toolkit.corruptions.catalogue import CORRUPTIONS, choose_parameters
 from toolkit.corruptions.draws import image_seed
-from toolkit.experiments.corruptions.recognisers import Recogniser
+from toolkit.experiments.corruptions.benchmark_config import NOT_CORRUPTED, Condition, CorruptEvalConfig
+from toolkit.experiments.corruptions.recognisers import (
+    Reader,
+    Recogniser,
+    find_readers,
+    recognise_by_network,
+    recognise_by_reader,
+)
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.imaging.read import UnreadableImage
-from toolkit.models.network import BadAnswer
-from toolkit.training.images import ImageSet
-from toolkit.training.images import LabelledImage
-from toolkit.core.workspace import Workspace
-from toolkit.experiments.corruptions.benchmark_config import NOT_CORRUPTED
-from toolkit.experiments.corruptions.benchmark_config import Condition
-from toolkit.experiments.corruptions.benchmark_config import CorruptEvalConfig
-from toolkit.experiments.corruptions.recognisers import Reader
-from toolkit.experiments.corruptions.recognisers import find_readers
-from toolkit.experiments.corruptions.recognisers import recognise_by_network
-from toolkit.experiments.corruptions.recognisers import recognise_by_reader
-from toolkit.models.network import Classifier
+from toolkit.models.network import BadAnswer, Classifier
+from toolkit.training.images import ImageSet, LabelledImage
 
 if TYPE_CHECKING:
     import torch

@@ -3,9 +3,10 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
 from pydantic import Field, model_validator
+
 from toolkit.captures.shoot import ShootSettings
 from toolkit.core.config import Config, Flag
 from toolkit.core.errors import FieldError, ToolkitError, one_of
