@@ -14,7 +14,7 @@ from toolkit.content.everyday import MAKERS, make_everyday
 from toolkit.core.draws import Draws
 from toolkit.rig.camera import Camera, look_at, orbit_direction, pixel_rays
 from toolkit.rig.shading import tone_map
-from toolkit.rig.views import render_thumbnails
+from toolkit.rig.views import THUMBNAIL_STUDIO, WIDE_VIEWS, ViewSettings, render_pictures
 from toolkit.worlds.catalogue import build_world
 from toolkit.worlds.conditions import CLEAR, TIMES
 from toolkit.worlds.picture import leave_empty, make_renderer, see_through
@@ -85,10 +85,11 @@ def draw_everyday(font: ImageFont.FreeTypeFont) -> Image.Image:
     rows = -(-len(MAKERS) // KIND_COLUMNS)
     sheet = Image.new("RGB", (KIND_COLUMNS * KIND_PX, rows * (KIND_PX + KIND_CAPTION_PX)), "white")
     draw = ImageDraw.Draw(sheet)
-    camera = Camera.from_fov(KIND_PX, KIND_PX, 40.0)
+    settings = ViewSettings(WIDE_VIEWS, KIND_PX)
     for i, label in enumerate(sorted(MAKERS)):
         left, top = i % KIND_COLUMNS * KIND_PX, i // KIND_COLUMNS * (KIND_PX + KIND_CAPTION_PX)
-        picture = render_thumbnails(make_everyday(label, (SEED, i)), 1, (SEED, i), camera)[0]
+        mesh = make_everyday(label, (SEED, i))
+        (picture,) = render_pictures(mesh, 1, settings, (SEED, i), setting=THUMBNAIL_STUDIO)
         sheet.paste(Image.fromarray(picture), (left, top))
         draw.text((left + 4, top + KIND_PX + 2), label, fill=(28, 30, 34), font=font)
     return sheet

@@ -9,7 +9,15 @@ from tiny_network import LABELS, tiny_classifier, tiny_config
 from watched_patch import patch_gradient, train_watched
 
 from toolkit.boosters.linear_view import srgb_to_linear, tone_map
-from toolkit.boosters.mounted import draw_mounted, print_on_paper, show_mounted, stack_views, validate_mounted
+from toolkit.boosters.mounted import (
+    draw_mounted,
+    make_sheet_subject,
+    print_on_paper,
+    render_mounted_views,
+    show_mounted,
+    stack_views,
+    validate_mounted,
+)
 from toolkit.boosters.pixels import Target, draw_first_pixels
 from toolkit.boosters.transforms.base import Transform
 from toolkit.boosters.transforms.placement import AffineRanges
@@ -19,11 +27,8 @@ from toolkit.imaging import colour
 from toolkit.objects.load import load_object
 from toolkit.rig import mount
 from toolkit.rig import shading as finish
-from toolkit.rig.camera import Camera
 from toolkit.rig.mount import attach, mount_patch
-from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.studio import LIGHTS, make_studio
-from toolkit.rig.views import FOV_DEG, random_pose, render_mounted_views
+from toolkit.rig.views import TRAIN, Block, ViewSettings
 
 SIDE, TEXELS, SIZE_MM = 48, 8, 40.0
 
@@ -36,7 +41,7 @@ def space(tmp_path_factory, make_crate_space):
 @pytest.fixture(scope="module")
 def views(space):
     item = load_object(space.object_spec("crate"))
-    return list(render_mounted_views(item, [SIZE_MM], TEXELS, 3, seed=7, image_px=SIDE))
+    return render_mounted_views(item, [SIZE_MM], TEXELS, 3, seed=7, image_px=SIDE)
 
 
 @pytest.mark.slow
@@ -45,14 +50,13 @@ def test_the_buffers_put_together_are_a_render_of_the_patch(space, views):
     pixels = np.random.default_rng(1).integers(0, 256, (8, 8, 3), dtype=np.uint8)
     item = load_object(space.object_spec("crate"))
     mesh = attach(item.mesh, mount_patch(item.mesh, pixels, 40.0, item.spec.mounts[0]))
-    light = str(np.random.default_rng([7, 0, 1]).choice(list(LIGHTS)))
-    renderer = RaycastRenderer(mesh, make_studio((7, 0), 100.0, light=light))
-    camera = Camera.from_fov(SIDE, SIDE, FOV_DEG)
+    subject = make_sheet_subject(item, [SIZE_MM], TEXELS)
+    block = Block(subject.mesh, ViewSettings(image_px=SIDE), Draws(7, 0, TRAIN))
+    renderer = block.place(mesh)
     theta = torch.from_numpy(pixels.transpose(2, 0, 1) / 255.0).float()
     stacked = stack_views(views, [SIZE_MM], "cpu")
     for i in range(3):
-        pose = random_pose(np.random.default_rng([7, i, 2]), item.mesh.vertices, camera)
-        rendered = finish.tone_map(renderer.render(camera, pose), (0,), noise=0, falloff=0) / 255
+        rendered = finish.tone_map(renderer.render(*block.aim(i)), (0,), noise=0, falloff=0) / 255
         shown = show_mounted(theta, stacked, np.array([i]), np.zeros((1, 2), int), SIDE)[0].permute(1, 2, 0).numpy()
         assert len(np.unique(views[i].pixel)) > 40
         # half a level of rounding, half precision, and light that bounces with the colour of a grey patch

@@ -8,19 +8,17 @@ import torch
 from tiny_network import tiny_classifier
 from watched_patch import patch_gradient
 
-from toolkit.boosters.mounted import draw_mounted, show_mounted, stack_views
+from toolkit.boosters.mounted import draw_mounted, make_sheet_subject, render_mounted_views, show_mounted, stack_views
 from toolkit.boosters.pixels import Target, draw_first_pixels
 from toolkit.boosters.transforms.placement import AffineRanges
 from toolkit.boosters.transforms.show import Appearance
 from toolkit.core.draws import Draws
 from toolkit.objects.load import TableObject
 from toolkit.objects.spec import ObjectSpec
-from toolkit.rig.camera import Camera, project
+from toolkit.rig.camera import project
 from toolkit.rig.mount import mount_sheets, wear_sheets
-from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.shading import tone_map
-from toolkit.rig.studio import LIGHTS, make_studio
-from toolkit.rig.views import FOV_DEG, random_pose, render_mounted_views
+from toolkit.rig.views import TRAIN, Block, ViewSettings
 
 SIDE, TEXELS, SIZES_MM = 48, 8, (40.0, 24.0)
 
@@ -40,20 +38,25 @@ def sizes_mm() -> tuple[float, ...]:
 
 @pytest.fixture(scope="module")
 def views(crate, sizes_mm):
-    return list(render_mounted_views(crate, sizes_mm, TEXELS, 3, seed=7, image_px=SIDE))
+    return render_mounted_views(crate, sizes_mm, TEXELS, 3, seed=7, image_px=SIDE)
 
 
-def test_the_views_are_renders_of_all_sheets(crate, sizes_mm, views):
+@pytest.fixture(scope="module")
+def block(crate, sizes_mm) -> Block:
+    """What the views were taken in."""
+    mesh = make_sheet_subject(crate, sizes_mm, TEXELS).mesh
+    return Block(mesh, ViewSettings(image_px=SIDE), Draws(7, 0, TRAIN))
+
+
+def test_the_views_are_renders_of_all_sheets(crate, sizes_mm, views, block):
     """The same camera, studio and mounts, but rendered with the patch itself."""
     pixels = np.random.default_rng(1).integers(0, 256, (TEXELS, TEXELS, 3), dtype=np.uint8)
     mesh, _ = wear_sheets(crate.mesh, mount_sheets(crate.mesh, pixels, crate.spec.mounts, sizes_mm))
-    light = str(np.random.default_rng([7, 0, 1]).choice(list(LIGHTS)))
-    renderer = RaycastRenderer(mesh, make_studio((7, 0), 100.0, light=light))
-    camera = Camera.from_fov(SIDE, SIDE, FOV_DEG)
+    renderer = block.place(mesh)
     theta = torch.from_numpy(pixels.transpose(2, 0, 1) / 255.0).float()
     stacked = stack_views(views, sizes_mm, "cpu")
     for i in range(3):
-        pose = random_pose(np.random.default_rng([7, i, 2]), crate.mesh.vertices, camera)
+        camera, pose = block.aim(i)
         seen = renderer.buffers(camera, pose)
         papers = {mesh.materials[k].name + str(k) for k in np.unique(seen["material"]) if k >= 0}
         assert len([name for name in papers if name.startswith("paper") and "back" not in name]) == 2
@@ -85,17 +88,17 @@ def test_the_gradient_through_both_is_that_of_finite_differences(sizes_mm, views
         assert difference == pytest.approx(float(gradient.flatten()[k]), rel=1e-3)
 
 
-def test_the_same_texels_are_lit_on_two_sheets_at_once(crate, sizes_mm, views):
+def test_the_same_texels_are_lit_on_two_sheets_at_once(crate, sizes_mm, views, block):
     """Where their light falls: in the middle of the large sheet and of the small one that the third view shows."""
     stacked = stack_views(views, sizes_mm, "cpu")
     dark, lit = torch.zeros(3, TEXELS, TEXELS), torch.zeros(3, TEXELS, TEXELS)
     lit[:, 3:5, 3:5] = 1  # the patch's middle, 10 mm of the large sheet and 6 of a small one
     shown = [show_mounted(one, stacked, np.array([2]), np.zeros((1, 2), int), SIDE)[0].mean(0) for one in (dark, lit)]
     brighter = (shown[1] - shown[0]).numpy()
-    pose = random_pose(np.random.default_rng([7, 2, 2]), crate.mesh.vertices, Camera.from_fov(SIDE, SIDE, FOV_DEG))
-    middles = np.array([[0, 0, 40.5], [0, 30.5, 20.0], [0, -30.5, 20.0]])  # of the three sheets
-    places, depth = project(Camera.from_fov(SIDE, SIDE, FOV_DEG), pose, middles)
-    faces = (pose[:3, 3] - middles) * [[0, 0, 1], [0, 1, 0], [0, -1, 0]]
+    camera, pose = block.aim(2)
+    middles = block.stand.to_world(np.array([[0, 0, 40.5], [0, 30.5, 20.0], [0, -30.5, 20.0]]))  # of the three sheets
+    places, depth = project(camera, pose, middles)
+    faces = (pose[:3, 3] - middles) * (np.array([[0, 0, 1], [0, 1, 0], [0, -1, 0]]) @ block.stand.turn.T)
     seen = places[(faces.sum(axis=1) > 0) & (depth > 0)].astype(int)
     near = np.zeros((SIDE, SIDE), bool)
     for x, y in seen:

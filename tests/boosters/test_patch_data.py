@@ -1,12 +1,10 @@
 """Which images a run trains on, and what it says of those it cannot use."""
 
-import sys
-from types import ModuleType
-
 import numpy as np
 import pytest
 from tiny_network import tiny_classifier, write_photos
 
+from toolkit.boosters import data
 from toolkit.boosters.data import (
     DataConfig,
     choose_images,
@@ -137,15 +135,12 @@ def test_sources_share_the_cap(tmp_path):
 
 
 def fake_rig(monkeypatch, calls):
-    def render_training_images(workspace, object_name, count, seed):
-        calls.append((object_name, count, seed))
+    def render_object(workspace, name, count, seed, image_px):
+        calls.append((name, count, seed))
         rng = np.random.default_rng(len(calls))  # never the same pixels twice, as with a moody driver
-        for _ in range(count):
-            yield rng.integers(0, 256, (48, 64, 3), np.uint8)
+        return rng.integers(0, 256, (count, image_px, image_px, 3), np.uint8)
 
-    module = ModuleType("toolkit.rig.views")
-    module.render_training_images = render_training_images
-    monkeypatch.setitem(sys.modules, "toolkit.rig.views", module)
+    monkeypatch.setattr(data, "render_object", render_object)
 
 
 def test_renders_are_made_once_per_run_and_kept_until_it_ends(tmp_path, monkeypatch):

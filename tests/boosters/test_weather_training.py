@@ -7,7 +7,7 @@ from texture_parts import crate_config
 from tiny_network import IMAGE_PX, tiny_classifier, tiny_config
 
 from toolkit.boosters.data import DataConfig, Loaded
-from toolkit.boosters.mounted import draw_mounted, show_mounted, stack_views
+from toolkit.boosters.mounted import draw_mounted, render_mounted_views, show_mounted, stack_views
 from toolkit.boosters.patch import train_patch
 from toolkit.boosters.patch_config import PatchConfig
 from toolkit.boosters.pixels import Target, judge_photos
@@ -22,7 +22,7 @@ from toolkit.objects.load import load_object
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.studio import make_studio
-from toolkit.rig.views import find_depth, render_mounted_views
+from toolkit.rig.views import find_depth
 
 WORLD_LENGTH_M = 6.0
 FOGGY = {"weather": ("fog:3-5", "dust:4")}
@@ -102,7 +102,7 @@ def test_depth_in_the_studio_is_the_way_to_object_table_and_room(space):
 def test_views_of_a_sheet_are_cut_with_their_weather(space):
     """A cut in weather is the same as the weather of the whole view, cut: fog depends on the pixel's depth alone."""
     item = load_object(space.object_spec("crate"))
-    views = list(render_mounted_views(item, [40.0], 8, 2, seed=7, image_px=40, with_depth=True))
+    views = render_mounted_views(item, [40.0], 8, 2, seed=7, image_px=40, with_depth=True)
     stacked = stack_views(views, [40.0], "cpu", item.spec.metres_per_mm)
     part, patch = Weathered(weathers=(("fog", 4),), probability=1), torch.full((3, 8, 8), 0.5)
     which, corners, whole = np.array([0, 1]), np.array([[3, 5], [6, 1]]), np.zeros((2, 2), int)
@@ -122,7 +122,7 @@ def test_views_of_a_sheet_are_cut_with_their_weather(space):
 
 def test_the_gradient_on_the_sheet_in_weather_is_that_of_differences(space):
     item = load_object(space.object_spec("crate"))
-    views = list(render_mounted_views(item, [40.0], 8, 3, seed=7, image_px=40, with_depth=True))
+    views = render_mounted_views(item, [40.0], 8, 3, seed=7, image_px=40, with_depth=True)
     stacked = stack_views(views, [40.0], "cpu", item.spec.metres_per_mm)
     part = Weathered(weathers=read_words(["fog:2", "rain:5"]).weathers, probability=1)
     theta = torch.from_numpy(np.random.default_rng(1).uniform(0.2, 0.8, (3, 8, 8))).requires_grad_(True)

@@ -20,7 +20,9 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.preprocessing import Preprocessing, resize_and_crop
 from toolkit.imaging.read import UnreadableImage, find_files, read_image, show_path
 from toolkit.models.labels import imagenet_wnids
+from toolkit.objects.load import load_object
 from toolkit.objects.spec import read_spec
+from toolkit.training.renders import RENDERS_VERSION
 
 if TYPE_CHECKING:
     import torch
@@ -257,15 +259,24 @@ def load_renders(workspace: Workspace, name: str, count: int, *, seed: int, how:
     kept = _read_kept(file, (count, how.resize_px, how.resize_px, 3))
     if kept is not None:
         return Loaded(kept, (), record)
-    from toolkit.rig.views import render_training_images
-
-    square = replace(how, crop_px=how.resize_px)
-    renders = render_training_images(workspace, name, count, seed)
-    images = np.stack([resize_and_crop(np.ascontiguousarray(render), square) for render in renders])
+    images = render_object(workspace, name, count, seed, how.resize_px)
     buffer = BytesIO()
     np.save(buffer, images, allow_pickle=False)
     write_bytes(file, buffer.getvalue())
     return Loaded(images, (), record)
+
+
+def render_object(workspace: Workspace, name: str, count: int, seed: int, image_px: int) -> np.ndarray:
+    """(count, image_px, image_px, 3) uint8 sRGB: the bare object in random studios, from random poses."""
+    from toolkit.rig.views import ViewSettings, render_pictures
+
+    mesh = load_object(workspace.object_spec(name)).mesh
+    with progress(f"rendering {name} to train on", count) as bar:
+        taken = []
+        for picture in render_pictures(mesh, count, ViewSettings(image_px=image_px), seed):
+            taken.append(picture)
+            bar.advance()
+    return np.stack(taken)
 
 
 def _hash_inputs(spec_file: Path, count: int, seed: int, how: Preprocessing) -> str:
@@ -273,7 +284,8 @@ def _hash_inputs(spec_file: Path, count: int, seed: int, how: Preprocessing) -> 
     mesh = spec.mesh
     if not mesh.startswith("builtin:") and (path := inside(spec_file.parent, mesh)).is_file():
         mesh = sha256_file(path)
-    inputs = [spec.model_dump(mode="json"), mesh, count, seed, how.resize_px, how.filter_name, __version__]
+    versions = __version__, RENDERS_VERSION
+    inputs = [spec.model_dump(mode="json"), mesh, count, seed, how.resize_px, how.filter_name, *versions]
     return sha256_bytes(json.dumps(inputs).encode())
 
 

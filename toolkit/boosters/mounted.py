@@ -17,20 +17,19 @@ from toolkit.boosters.validation import Share, Validation
 from toolkit.core.console import progress
 from toolkit.core.draws import Draws
 from toolkit.core.files import sha256_bytes
-from toolkit.core.workspace import Workspace
-from toolkit.objects.load import TableObject, load_object
+from toolkit.objects.load import TableObject
 from toolkit.rig.linear_view import LinearView
-from toolkit.rig.mount import PAPER, size_on_paper
+from toolkit.rig.mount import PAPER, mount_sheets, size_on_paper, wear_sheets
 from toolkit.rig.views import (
+    IN_STUDIO,
     NEAR_VIEWS,
     PER_STUDIO,
+    TRAIN,
     PaintableObject,
     Setting,
     ViewRanges,
     ViewSettings,
-    ViewStream,
-    mount_grey,
-    render_mounted_views,
+    render_block,
 )
 from toolkit.worlds.depth_view import DepthView
 from toolkit.worlds.place import scale_to_world
@@ -92,60 +91,55 @@ class MountedViews:
         return weather.draw(cuts, rng)
 
 
-def load_mounted_views(
-    workspace: Workspace,
-    object_name: str,
-    sizes_mm: Sequence[float],
-    patch_px: int,
-    count: int,
-    *,
-    seed: int,
-    image_px: int,
-    device: str,
-    ranges: ViewRanges = NEAR_VIEWS,
-    with_depth: bool = False,
-    setting: Setting | None = None,
-) -> MountedViews:
-    """Render views as `toolkit.rig.views.render_mounted_views` and put them on `device`.
+def render_mounted_views(
+    item: TableObject, sizes_mm: Sequence[float], patch_px: int, count: int, *, seed: int, image_px: int,
+    ranges: ViewRanges = NEAR_VIEWS, with_depth: bool = False, setting: Setting | None = None,
+) -> list[LinearView]:  # fmt: skip
+    """Views of an object with its printed sheets on it, linear in the colours of their paper.
+
+    Light bounces off the table as from a grey patch. View i depends on (seed, i) alone, and none is a pose of a plan.
 
     Args:
-        workspace: whose object it is.
-        object_name: as in its spec.
+        item: the object.
         sizes_mm: side of the printed patch on each sheet.
-        patch_px, count, seed, image_px, ranges, with_depth: as there.
-        device: of the tensors.
+        patch_px: texels of its side, of which `lod` counts those that `toolkit.rig.mount.print_on_paper` makes.
+        count: how many.
+        seed: of all draws.
+        image_px: side of the square pictures.
+        ranges: where the camera may stand.
+        with_depth: whether views shall have their depth, for weather.
         setting: the world that they are taken in, where the object has its real size; None: studios.
 
     Raises:
-        ToolkitError: an unknown object, a sheet that cannot be mounted, or no real size where one is needed.
+        ToolkitError: a sheet that cannot be mounted, or no real size where one is needed.
     """
-    item = load_object(workspace.object_spec(object_name))
-    if setting is not None:
-        subject = make_sheet_subject(item, sizes_mm, patch_px)
-        blocks = -(-count // PER_STUDIO)
-        settings = ViewSettings(ranges, image_px, studios=1, per_studio=PER_STUDIO)
-        views: list[LinearView] = []
-        with (
-            ViewStream([subject], settings, seed, blocks, setting=setting, with_depth=with_depth) as stream,
-            progress(f"rendering {item.name} with its sheet", blocks * PER_STUDIO) as bar,
-        ):
-            for number in range(blocks):
-                views += [one.view for one in stream.group(number)]
-                bar.advance(PER_STUDIO)
-        return stack_views(views[:count], sizes_mm, device)
-    metres = item.spec.metres_per_mm if with_depth else 1.0
-    in_studio = render_mounted_views(
-        item, sizes_mm, patch_px, count, seed=seed, image_px=image_px, ranges=ranges, with_depth=with_depth
-    )
-    return stack_views(list(in_studio), sizes_mm, device, metres)
+    subject = make_sheet_subject(item, sizes_mm, patch_px, at_real_size=setting is not None)
+    views: list[LinearView] = []
+    with progress(f"rendering {item.name} with its sheet", count) as bar:
+        for block, start in enumerate(range(0, count, PER_STUDIO)):
+            settings = ViewSettings(ranges, image_px, per_studio=min(PER_STUDIO, count - start))
+            taken = render_block(
+                (subject,), settings, seed, TRAIN, block,
+                setting=setting or IN_STUDIO, with_depth=with_depth, threads=None,
+            )  # fmt: skip
+            views += [one.view for one in taken]
+            bar.advance(len(taken))
+    return views
 
 
-def make_sheet_subject(item: TableObject, sizes_mm: Sequence[float], patch_px: int) -> PaintableObject:
-    """An object at its real size, metres, with sheets that grew with it and whose paper is what is painted."""
-    mesh, paper = mount_grey(item, sizes_mm, patch_px)
+def make_sheet_subject(
+    item: TableObject, sizes_mm: Sequence[float], patch_px: int, at_real_size: bool = False
+) -> PaintableObject:
+    """An object with a grey patch on each of its sheets, whose paper is what is painted.
+
+    It is the model, millimetres, or what it is a model of, metres, with sheets that grew with it.
+    """
+    grey = np.full((patch_px, patch_px, 3), 128, np.uint8)
+    mesh, paper = wear_sheets(item.mesh, mount_sheets(item.mesh, grey, item.spec.mounts, sizes_mm, item.name))
     material = next(k for k, one in enumerate(mesh.materials) if one.texture is paper)
-    grown = scale_to_world(mesh, item.spec, item.spec.real_length_m)
-    return PaintableObject(grown, material, grown)
+    if at_real_size:
+        mesh = scale_to_world(mesh, item.spec, item.spec.real_length_m)
+    return PaintableObject(mesh, material, mesh)
 
 
 def stack_views(

@@ -26,10 +26,11 @@ from toolkit.boosters.mounted import (
     draw_cuts,
     draw_mounted,
     grey_paper,
-    load_mounted_views,
     make_sheet_subject,
     recognise_mounted,
+    render_mounted_views,
     show_mounted,
+    stack_views,
     validate_mounted,
 )
 from toolkit.boosters.patch_config import PatchConfig, check_size, hash_inputs
@@ -54,7 +55,6 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.printer import score_print
 from toolkit.objects.load import load_object
 from toolkit.objects.records import Patch, printed_size_mm, read_patch, write_patch
-from toolkit.objects.spec import read_spec
 from toolkit.rig.views import ViewRanges
 from toolkit.training.loop import History
 from toolkit.worlds.views import open_setting
@@ -173,22 +173,23 @@ def _render_views(
 ) -> tuple[MountedViews, dict[str, Any] | None]:
     """Views of the object with its sheets, and where in a world they were taken."""
     ranges, setting, seen = ViewRanges(fill=config.mounted_fill), None, None
-    spec = read_spec(workspace.object_spec(object_name))
-    spec = spec if config.size_mm is None else spec.with_patch_size(config.size_mm)
+    item = load_object(workspace.object_spec(object_name))
+    spec = item.spec if config.size_mm is None else item.spec.with_patch_size(config.size_mm)
     sizes_mm = spec.sizes_mm(printed_size_mm(config.size_px))
     if config.world is not None:
         setting = open_setting(workspace, config.world, config.times, seed=config.world_seed, scale=config.world_scale)
-        item = load_object(workspace.object_spec(object_name))
-        meshes = [make_sheet_subject(item, sizes_mm, config.size_px).mesh]
+        meshes = [make_sheet_subject(item, sizes_mm, config.size_px, at_real_size=True).mesh]
         seen = setting.record(meshes)
         notice(f"world: {setting.describe(meshes)}")
         ranges = replace(ranges, elevation_deg=WORLD_ELEVATION_DEG)
-    views = load_mounted_views(
-        workspace, object_name, sizes_mm, config.size_px, config.mounted_views,
-        seed=data.record["seed"], image_px=network.preprocessing.resize_px, device=network.device,
-        ranges=ranges, with_depth=config.weather is not None, setting=setting,
+    with_depth = config.weather is not None
+    metres_per_unit = item.spec.metres_per_mm if with_depth and setting is None else 1.0
+    views = render_mounted_views(
+        item, sizes_mm, config.size_px, config.mounted_views,
+        seed=data.record["seed"], image_px=network.preprocessing.resize_px,
+        ranges=ranges, with_depth=with_depth, setting=setting,
     )  # fmt: skip
-    return views, seen
+    return stack_views(views, sizes_mm, network.device, metres_per_unit), seen
 
 
 class PatchTask(BoosterTask[TrainedPatch]):

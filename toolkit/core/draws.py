@@ -11,15 +11,20 @@ class Draws:
     """The random draws of one step.
 
     Attributes:
-        seed: of the run.
+        seed: of the run; where one number does not say which, several.
         step: which step of it.
-        phase: what the steps are of, `train` or `validate`; the same step of another phase draws something else.
+        phase: what the steps are of, such as `train` or `validate`; the same step of another draws something else.
     """
 
-    seed: int
+    seed: int | tuple[int, ...]
     step: int
     phase: str = "train"
 
+    def key(self, part: str) -> tuple[int, ...]:
+        """The seed of one part: adding a part to a recipe leaves the draws of the others as they were."""
+        seeds = (self.seed,) if isinstance(self.seed, int) else self.seed
+        return (*seeds, self.step, crc32(f"{self.phase}/{part}".encode()))
+
     def of(self, part: str) -> np.random.Generator:
-        """A fresh generator for one part: adding a part to a recipe leaves the draws of the others as they were."""
-        return np.random.default_rng([self.seed, self.step, crc32(f"{self.phase}/{part}".encode())])
+        """A fresh generator for one part, see `key`."""
+        return np.random.default_rng(self.key(part))

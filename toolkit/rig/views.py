@@ -1,6 +1,10 @@
-"""Renders to train on: random camera, light and backdrop, never the poses of a plan; ahead of who uses them."""
+"""Views to train on: a setting that is drawn, ranges for its cameras, and what is drawn of each view.
 
-from collections.abc import Iterator, Sequence
+Never the poses of a plan. One scheme of seeds serves all: block b of a run is `Draws(seed, b, kind)`, its setting and
+each of its views have draws of their own (`toolkit.core.draws`), so that a view depends on its number alone.
+"""
+
+from collections.abc import Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -10,25 +14,28 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from toolkit.core.console import progress
 from toolkit.core.cores import count_cores
-from toolkit.core.workspace import Workspace
-from toolkit.objects.load import TableObject, load_object
+from toolkit.core.draws import Draws
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose, pixel_rays
 from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.linear_view import DepthBuffer, LinearView
-from toolkit.rig.mount import mount_sheets, wear_sheets
-from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.renderer import make_renderer
+from toolkit.rig.raycast import RaycastRenderer, map_frames
 from toolkit.rig.scene import Scene, Stand
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import LIGHTS, make_studio
 
-PER_STUDIO = 24
-CAMERA = Camera.from_fov(width=320, height=288, fov_deg=40.0)
 FOV_DEG = 30.5
 """Of the square picture: what the middle of a 4:3 frame of 40° shows."""
+PER_STUDIO = 24
+"""Views of one setting: lighting it costs about as much as they do."""
+TRAIN, HELD_OUT, PICTURES = "train", "held out", "pictures"
+"""Kinds of blocks, which share no draw: what is trained on, what is held out, and pictures of the object as it is."""
+DETAIL = BakeDetail(key_rays=16, room_rays=64, surface_spacing=0.022, table_spacing=0.02)
+"""Light for pictures of a few hundred pixels."""
+THUMBNAIL_DETAIL = BakeDetail(key_rays=10, room_rays=40, surface_spacing=0.035, table_spacing=0.03)
+"""Light for pictures of up to 256 px, in which finer shade is not seen; about eight times as fast as in full detail."""
+THUMBNAIL_TABLE_PX, THUMBNAIL_ROOM_PX = 640, 256
 
 
 @dataclass(frozen=True)
@@ -59,146 +66,6 @@ class ViewRanges:
 NEAR_VIEWS = ViewRanges()
 WHOLE_SPHERE = ViewRanges((-90.0, 90.0), (-180.0, 180.0), (0.35, 0.95), 0.15, evenly=True)
 WIDE_VIEWS = ViewRanges((5.0, 80.0), (-20.0, 20.0), (0.35, 1.05), 0.15)
-THUMBNAIL_DETAIL = BakeDetail(key_rays=10, room_rays=40, surface_spacing=0.035, table_spacing=0.03)
-"""Light for small pictures, in which finer shade is not seen."""
-THUMBNAIL_TABLE_PX = 640
-THUMBNAIL_ROOM_PX = 256
-
-
-def render_training_images(workspace: Workspace, object_name: str, count: int, seed: int) -> Iterator[np.ndarray]:
-    """Yield `count` renders of the bare object, (288, 320, 3) uint8 sRGB.
-
-    Azimuth is anywhere, elevation 20-70°, the object fills 60-95 % of the shorter side, roll within ±8°, and the camera
-    looks a little beside the object. Each `PER_STUDIO` images share a studio with its own backdrop and light. Image i
-    depends on (seed, i) alone.
-
-    Raises:
-        ToolkitError: an unknown object, or a mesh that cannot be used.
-    """
-    item = load_object(workspace.object_spec(object_name))
-    size = float(item.mesh.size_mm.max())
-    with progress(f"rendering {object_name} to train on", count) as bar:
-        for start in range(0, count, PER_STUDIO):
-            renderer = make_renderer("raycast", item.mesh, random_studio(seed, start, size))
-            some = range(start, min(start + PER_STUDIO, count))
-            poses = (random_pose(np.random.default_rng([seed, i, 2]), item.mesh.vertices, CAMERA) for i in some)
-            for i, light in zip(some, renderer.render_many((CAMERA, pose) for pose in poses), strict=True):
-                yield tone_map(light, (seed, i))
-                bar.advance()
-
-
-def render_mounted_views(
-    item: TableObject,
-    sizes_mm: Sequence[float],
-    patch_px: int,
-    count: int,
-    *,
-    seed: int,
-    image_px: int,
-    ranges: ViewRanges = NEAR_VIEWS,
-    with_depth: bool = False,
-) -> Iterator[LinearView]:
-    """Yield `count` views of an object with its printed sheets on it, linear in the colours of their paper.
-
-    Poses, lights and backdrops are as for `render_training_images`; light bounces off the table as from a grey patch.
-    View i depends on (seed, i) alone, and none is a pose of a plan.
-
-    Args:
-        item: the object.
-        sizes_mm: side of the printed patch on each sheet.
-        patch_px: texels of its side, of which `lod` counts those that `toolkit.rig.mount.print_on_paper` makes.
-        count: how many.
-        seed: of all draws.
-        image_px: side of the square pictures.
-        ranges: where the camera may stand.
-        with_depth: whether views shall have their depth, for weather.
-
-    Raises:
-        ToolkitError: a sheet that cannot be mounted.
-    """
-    camera = Camera.from_fov(image_px, image_px, FOV_DEG)
-    mesh, paper = mount_grey(item, sizes_mm, patch_px)
-    with progress(f"rendering {item.name} with its sheet", count) as bar:
-        for start in range(0, count, PER_STUDIO):
-            studio = random_studio(seed, start, float(item.mesh.size_mm.max()))
-            renderer = RaycastRenderer(mesh, studio)
-            draws = (np.random.default_rng([seed, i, 2]) for i in range(start, min(start + PER_STUDIO, count)))
-            poses = [random_pose(rng, item.mesh.vertices, camera, ranges) for rng in draws]
-            for pose, view in zip(poses, renderer.render_linear_many(camera, poses, paper), strict=True):
-                depth = find_depth(renderer, studio, camera, pose) if with_depth else None
-                yield replace(view.packed(), depth=depth)
-                bar.advance()
-
-
-def mount_grey(item: TableObject, sizes_mm: Sequence[float], patch_px: int) -> tuple[Mesh, np.ndarray]:
-    """An object with a grey patch on each of its sheets, and the texture of the paper that they share.
-
-    Raises:
-        ToolkitError: a sheet that cannot be mounted.
-    """
-    grey = np.full((patch_px, patch_px, 3), 128, np.uint8)
-    return wear_sheets(item.mesh, mount_sheets(item.mesh, grey, item.spec.mounts, sizes_mm, item.name))
-
-
-def find_depth(renderer: RaycastRenderer, scene: Scene, camera: Camera, T_world_camera: np.ndarray) -> DepthBuffer:
-    """How far away everything in a view is: the object, what stands around it, the table; a room is endlessly far."""
-    depth = renderer.buffers(camera, T_world_camera)["depth"]
-    if scene.table is not None:
-        x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
-        rays = pixel_rays(camera, T_world_camera, np.stack([x, y], axis=-1).reshape(-1, 2).astype(np.float32))
-        fall = np.minimum(rays[:, 5], -1e-6)
-        reach = -rays[:, 2] / fall
-        on_table = np.abs(rays[:, :2] + reach[:, None] * rays[:, 3:5]) <= np.array(scene.table.size_mm) / 2
-        to_table = np.where(on_table.all(axis=1) & (reach > 0), reach, np.inf).reshape(depth.shape)
-        depth = np.minimum(depth, to_table.astype(np.float32))
-    return DepthBuffer(depth, camera, T_world_camera)
-
-
-def render_thumbnails(mesh: Mesh, count: int, seed: tuple[int, ...], camera: Camera) -> np.ndarray:
-    """(count, height, width, 3) uint8 sRGB: small pictures of a mesh in one studio, from wide-ranging poses.
-
-    Backdrop, light and the object's turn towards the light are drawn once, the camera for each picture. Light is worked
-    out more coarsely than elsewhere, about eight times as fast. All depends on `seed` alone.
-
-    Args:
-        mesh: on the table.
-        count: how many pictures.
-        seed: of all draws.
-        camera: of the pictures, up to about 256 px a side.
-    """
-    turned = turn_mesh(mesh, float(np.random.default_rng([*seed, 3]).uniform(0, 360)))
-    light = str(np.random.default_rng([*seed, 1]).choice(list(LIGHTS)))
-    studio = make_studio(seed, float(mesh.size_mm.max()), light=light)
-    renderer = RaycastRenderer(turned, _coarsen_studio(studio), THUMBNAIL_DETAIL)
-    pictures = np.empty((count, camera.height, camera.width, 3), np.uint8)
-    for i in range(count):
-        pose = random_pose(np.random.default_rng([*seed, 2, i]), turned.vertices, camera, WIDE_VIEWS)
-        pictures[i] = tone_map(renderer.render(camera, pose), (*seed, 2, i))
-    return pictures
-
-
-def turn_mesh(mesh: Mesh, degrees: float) -> Mesh:
-    """The mesh turned about the vertical axis, counter-clockwise from above."""
-    cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    rotation = np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]], np.float32)
-    return replace(mesh, vertices=mesh.vertices @ rotation.T, normals=mesh.normals @ rotation.T)
-
-
-def _coarsen_studio(studio: Scene) -> Scene:
-    """The studio with pictures of table and room no finer than a thumbnail shows."""
-    top = studio.need_table()
-    h, w = top.picture.shape[:2]
-    scale = min(1.0, THUMBNAIL_TABLE_PX / w)
-    table = cv2.resize(top.picture, (round(w * scale), round(h * scale)), interpolation=cv2.INTER_AREA)
-    room_size = (THUMBNAIL_ROOM_PX, THUMBNAIL_ROOM_PX // 2)
-    room = cv2.resize(studio.environment, room_size, interpolation=cv2.INTER_AREA)
-    return replace(studio, table=replace(top, picture=np.asarray(table)), environment=np.asarray(room))
-
-
-def random_studio(seed: int, start: int, size_mm: float) -> Scene:
-    """The studio of the images from number `start` on: any backdrop, any light."""
-    light = str(np.random.default_rng([seed, start, 1]).choice(list(LIGHTS)))
-    return make_studio((seed, start), size_mm, light=light)
 
 
 def random_pose(
@@ -206,7 +73,7 @@ def random_pose(
 ) -> np.ndarray:
     """(4, 4) `T_world_camera` somewhere around an object of these points (n, 3) that stands on the table.
 
-    Within `ranges`: by default `render_training_images`'s.
+    Within `ranges`; the camera looks a little beside the object.
     """
     azimuth, elevation, roll = rng.uniform(0, 360), ranges.draw_elevation(rng), rng.uniform(*ranges.roll_deg)
     target = np.array([0.0, 0.0, np.ptp(points[:, 2]) / 2])
@@ -214,12 +81,6 @@ def random_pose(
     distance = distance_to_fill(camera, points, target, azimuth, elevation, fill=fill, roll_deg=roll)
     free = max((1 - fill) * 0.5, ranges.off_centre) * distance * camera.height / 2 / camera.fx
     return orbit_pose(target + rng.uniform(-free, free, 3) * [1, 1, 0], azimuth, elevation, distance, roll)
-
-
-DETAIL = BakeDetail(key_rays=16, room_rays=64, surface_spacing=0.022, table_spacing=0.02)
-"""Light for pictures of a few hundred pixels."""
-TRAIN, HELD_OUT = 0, 1
-"""Kinds of blocks: what is trained on and what is held out share no draw."""
 
 
 @dataclass(frozen=True)
@@ -251,7 +112,113 @@ class ViewSettings:
     ranges: ViewRanges = NEAR_VIEWS
     image_px: int = 224
     studios: int = 4
-    per_studio: int = 24
+    per_studio: int = PER_STUDIO
+
+
+class Setting(Protocol):
+    """Where views are taken: in studios, or in a world."""
+
+    @property
+    def detail(self) -> BakeDetail:
+        """How finely light on the object is worked out."""
+        ...
+
+    def set_up(self, mesh: Mesh, draws: Draws) -> tuple[Scene, Stand]:
+        """What a block of views of a mesh stands in, and where; places for `HELD_OUT` are others than for the rest."""
+        ...
+
+    def aim(
+        self, renderer: RaycastRenderer, stand: Stand, rng: np.random.Generator, settings: ViewSettings
+    ) -> tuple[Camera, np.ndarray]:
+        """A camera of `settings.image_px` a side that sees the object on its stand, and its `T_world_camera`."""
+        ...
+
+
+@dataclass(frozen=True)
+class StudioSetting:
+    """Any backdrop, any light, the object turned at will, the camera anywhere in its ranges.
+
+    Attributes:
+        detail: see `Setting`.
+        is_coarse: the pictures of table and room are no finer than a thumbnail shows.
+    """
+
+    detail: BakeDetail = DETAIL
+    is_coarse: bool = False
+
+    def set_up(self, mesh: Mesh, draws: Draws) -> tuple[Scene, Stand]:
+        """A studio of its own for each block."""
+        rng = draws.of("setting")
+        light, stand = str(rng.choice(list(LIGHTS))), Stand(turn_deg=float(rng.uniform(0, 360)))
+        studio = make_studio(draws.key("studio"), float(mesh.size_mm.max()), light=light)
+        return _coarsen_studio(studio) if self.is_coarse else studio, stand
+
+    def aim(
+        self, renderer: RaycastRenderer, stand: Stand, rng: np.random.Generator, settings: ViewSettings
+    ) -> tuple[Camera, np.ndarray]:
+        """See `random_pose`."""
+        camera = Camera.from_fov(settings.image_px, settings.image_px, FOV_DEG)
+        return camera, random_pose(rng, renderer.outline, camera, settings.ranges)
+
+
+def _coarsen_studio(studio: Scene) -> Scene:
+    top = studio.need_table()
+    h, w = top.picture.shape[:2]
+    scale = min(1.0, THUMBNAIL_TABLE_PX / w)
+    table = cv2.resize(top.picture, (round(w * scale), round(h * scale)), interpolation=cv2.INTER_AREA)
+    room_size = (THUMBNAIL_ROOM_PX, THUMBNAIL_ROOM_PX // 2)
+    room = cv2.resize(studio.environment, room_size, interpolation=cv2.INTER_AREA)
+    return replace(studio, table=replace(top, picture=np.asarray(table)), environment=np.asarray(room))
+
+
+IN_STUDIO = StudioSetting()
+THUMBNAIL_STUDIO = StudioSetting(THUMBNAIL_DETAIL, is_coarse=True)
+
+
+class Block:
+    """A mesh in one setting, and cameras around it: view i depends on the block's draws and on i alone."""
+
+    def __init__(self, mesh: Mesh, settings: ViewSettings, draws: Draws, setting: Setting = IN_STUDIO) -> None:
+        """Draw the setting and light it."""
+        self._settings, self._draws, self._setting = settings, draws, setting
+        self.scene, self.stand = setting.set_up(mesh, draws)
+        self.renderer = self.place(mesh)
+
+    def place(self, mesh: Mesh) -> RaycastRenderer:
+        """Another mesh in the same place and light."""
+        return RaycastRenderer(mesh, self.scene, self._setting.detail, self.stand)
+
+    def aim(self, number: int) -> tuple[Camera, np.ndarray]:
+        """The camera of a view, and its `T_world_camera`."""
+        rng = self._draws.of(f"camera {number}")
+        return self._setting.aim(self.renderer, self.stand, rng, self._settings)
+
+    def develop(self, light: np.ndarray, number: int) -> np.ndarray:
+        """(s, s, 3) uint8 sRGB of the light of a view, with the grain that is drawn for it."""
+        return tone_map(light, self._draws.key(f"grain {number}"))
+
+
+def render_pictures(
+    mesh: Mesh, count: int, settings: ViewSettings, seed: int | tuple[int, ...], *,
+    setting: Setting = IN_STUDIO, threads: int | None = None,
+) -> Iterator[np.ndarray]:  # fmt: skip
+    """Yield `count` pictures of a mesh in its own paint, (s, s, 3) uint8 sRGB; picture i depends on (seed, i) alone.
+
+    Args:
+        mesh: on the table.
+        count: how many pictures.
+        settings: how they are drawn; each `per_studio` share a setting.
+        seed: of all draws.
+        setting: where they are taken.
+        threads: see `map_frames`.
+    """
+    for start in range(0, count, settings.per_studio):
+        block = Block(mesh, settings, Draws(seed, start // settings.per_studio, PICTURES), setting)
+
+        def take(number: int, block: Block = block) -> np.ndarray:
+            return block.develop(block.renderer.render(*block.aim(number)), number)
+
+        yield from map_frames(take, range(min(settings.per_studio, count - start)), threads)
 
 
 @dataclass(frozen=True)
@@ -271,64 +238,53 @@ class RenderedView:
     bare_light: np.ndarray | None = None
 
 
-class Setting(Protocol):
-    """Where views are taken: in studios, or in a world."""
-
-    def set_up(self, mesh: Mesh, draws: np.random.SeedSequence, kind: int) -> tuple[Scene, Stand]:
-        """What a block of views of a mesh stands in, and where; `kind` is `TRAIN` or `HELD_OUT`."""
-        ...
-
-    def aim(
-        self, renderer: RaycastRenderer, stand: Stand, draws: np.random.SeedSequence, settings: ViewSettings
-    ) -> tuple[Camera, np.ndarray]:
-        """A camera of `settings.image_px` a side that sees the object on its stand, and its `T_world_camera`."""
-        ...
-
-
-class StudioSetting:
-    """Any backdrop, any light, the object turned at will, the camera anywhere in its ranges."""
-
-    def set_up(self, mesh: Mesh, draws: np.random.SeedSequence, kind: int) -> tuple[Scene, Stand]:
-        """A studio of its own for each block."""
-        rng = np.random.default_rng(draws)
-        light, stand = str(rng.choice(list(LIGHTS))), Stand(turn_deg=float(rng.uniform(0, 360)))
-        seed = tuple(int(n) for n in draws.generate_state(2))
-        return make_studio(seed, float(mesh.size_mm.max()), light=light), stand
-
-    def aim(
-        self, renderer: RaycastRenderer, stand: Stand, draws: np.random.SeedSequence, settings: ViewSettings
-    ) -> tuple[Camera, np.ndarray]:
-        """See `random_pose`."""
-        camera = Camera.from_fov(settings.image_px, settings.image_px, FOV_DEG)
-        return camera, random_pose(np.random.default_rng(draws), renderer.outline, camera, settings.ranges)
-
-
-IN_STUDIO = StudioSetting()
-
-
 def render_block(
-    subjects: tuple[PaintableObject, ...], settings: ViewSettings, seed: int, kind: int, block: int, *,
-    setting: Setting = IN_STUDIO, with_depth: bool = False,
+    subjects: tuple[PaintableObject, ...], settings: ViewSettings, seed: int, kind: str, block: int, *,
+    setting: Setting = IN_STUDIO, with_depth: bool = False, threads: int | None = 1,
 ) -> list[RenderedView]:  # fmt: skip
-    """The views of one block; those held out with the object's own paint beside them."""
-    draws = np.random.SeedSequence(seed, spawn_key=(kind, block))
-    of_setting, *of_views = draws.spawn(1 + settings.per_studio)
+    """The views of one block; those held out with the object's own paint beside them.
+
+    Args:
+        subjects: of which block number `block` shows one.
+        settings: how views are drawn.
+        seed: of all draws.
+        kind: `TRAIN` or `HELD_OUT`.
+        block: its number.
+        setting: where views are taken.
+        with_depth: whether views shall have their depth, for weather.
+        threads: see `map_frames`; one where blocks are what is spread over the cores.
+    """
     subject = subjects[block % len(subjects)]
-    scene, stand = setting.set_up(subject.mesh, of_setting, kind)
-    renderer = RaycastRenderer(subject.mesh, scene, DETAIL, stand)
-    own_paint = RaycastRenderer(subject.bare, scene, DETAIL, stand) if kind == HELD_OUT else None
+    shown = Block(subject.mesh, settings, Draws(seed, block, kind), setting)
+    own_paint = shown.place(subject.bare) if kind == HELD_OUT else None
     texture = subject.mesh.materials[subject.material].texture
-    views = []
-    for i, of_view in enumerate(of_views):
-        camera, pose = setting.aim(renderer, stand, of_view, settings)
-        bare = light = None
-        if own_paint is not None:
-            light = own_paint.render(camera, pose)
-            bare, light = tone_map(light, (seed, kind, block, i)), light.astype(np.float16) if with_depth else None
-        view = renderer.render_linear(camera, pose, texture).packed()
-        depth = find_depth(renderer, scene, camera, pose) if with_depth else None
-        views.append(RenderedView(block % len(subjects), replace(view, depth=depth), bare, light))
-    return views
+
+    def render(number: int) -> RenderedView:
+        camera, pose = shown.aim(number)
+        view = shown.renderer.render_linear(camera, pose, texture).packed()
+        if with_depth:
+            view = replace(view, depth=find_depth(shown.renderer, shown.scene, camera, pose))
+        if own_paint is None:
+            return RenderedView(block % len(subjects), view, None)
+        light = own_paint.render(camera, pose)
+        kept_light = light.astype(np.float16) if with_depth else None
+        return RenderedView(block % len(subjects), view, shown.develop(light, number), kept_light)
+
+    return list(map_frames(render, range(settings.per_studio), threads))
+
+
+def find_depth(renderer: RaycastRenderer, scene: Scene, camera: Camera, T_world_camera: np.ndarray) -> DepthBuffer:
+    """How far away everything in a view is: the object, what stands around it, the table; a room is endlessly far."""
+    depth = renderer.buffers(camera, T_world_camera)["depth"]
+    if scene.table is not None:
+        x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
+        rays = pixel_rays(camera, T_world_camera, np.stack([x, y], axis=-1).reshape(-1, 2).astype(np.float32))
+        fall = np.minimum(rays[:, 5], -1e-6)
+        reach = -rays[:, 2] / fall
+        on_table = np.abs(rays[:, :2] + reach[:, None] * rays[:, 3:5]) <= np.array(scene.table.size_mm) / 2
+        to_table = np.where(on_table.all(axis=1) & (reach > 0), reach, np.inf).reshape(depth.shape)
+        depth = np.minimum(depth, to_table.astype(np.float32))
+    return DepthBuffer(depth, camera, T_world_camera)
 
 
 class ViewStream:
@@ -403,7 +359,7 @@ class ViewStream:
         """Views that no group holds, each beside the object in its own paint."""
         return [view for future in self._start(HELD_OUT, range(blocks)) for view in future.result()]
 
-    def _start(self, kind: int, blocks: range) -> "list[Future[list[RenderedView]]]":
+    def _start(self, kind: str, blocks: range) -> "list[Future[list[RenderedView]]]":
         """The views of blocks, as they will be rendered; they are at once where there are no threads."""
         render = partial(
             render_block, self._subjects, self.settings, self._seed, kind,

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from toolkit.objects.mesh import Mesh
 
 EVERYDAY, RIG = "everyday", "rig"
-FOV_DEG = 30.5
-"""Of the square picture: what the middle of a 4:3 frame of 40° shows."""
+RENDERS_VERSION = 2
+"""Raised when the same unit gives other pixels: a shard of an older version is then another's."""
 
 
 @dataclass(frozen=True)
@@ -44,15 +44,18 @@ class RenderUnit:
     @property
     def name(self) -> str:
         """Of its shard: the same inputs have the same name."""
-        return f"{sha256_bytes(repr(self).encode())[:20]}.npy"
+        return sha256_bytes(f"{RENDERS_VERSION} {self!r}".encode())[:20] + ".npy"
 
 
 def render_unit(unit: RenderUnit) -> np.ndarray:
     """(views, px, px, 3) uint8 sRGB; depends on the unit alone."""
-    from toolkit.rig.camera import Camera
-    from toolkit.rig.views import render_thumbnails
+    from toolkit.rig.views import THUMBNAIL_STUDIO, WIDE_VIEWS, ViewSettings, render_pictures
 
-    return render_thumbnails(_make_mesh(unit), unit.views, unit.seed, Camera.from_fov(unit.px, unit.px, FOV_DEG))
+    settings = ViewSettings(WIDE_VIEWS, unit.px, per_studio=unit.views)
+    taken = render_pictures(
+        _make_mesh(unit), unit.views, settings, unit.seed, setting=THUMBNAIL_STUDIO, threads=1
+    )  # units are spread over processes
+    return np.stack(list(taken))
 
 
 def _make_mesh(unit: RenderUnit) -> "Mesh":

@@ -12,13 +12,15 @@ from typing import Any
 
 import numpy as np
 
+from toolkit.core.draws import Draws
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera, project
+from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.scene import Scene, Stand
-from toolkit.rig.views import HELD_OUT, ViewSettings, random_pose
+from toolkit.rig.views import DETAIL, HELD_OUT, ViewSettings, random_pose
 from toolkit.worlds.catalogue import open_world
 from toolkit.worlds.place import choose_places, find_radius, is_clear, place_object
 from toolkit.worlds.sky import Sky, make_sky
@@ -42,20 +44,22 @@ class WorldSetting:
     Attributes:
         world: in metres, as are the meshes that stand in it.
         skies: at least one; light on the world is worked out once for each.
+        detail: how finely light on the object is worked out.
     """
 
     world: World
     skies: tuple[Sky, ...]
+    detail: BakeDetail = DETAIL
     _known: dict[float, list[Spot]] = field(default_factory=dict, repr=False)
 
-    def set_up(self, mesh: Mesh, draws: np.random.SeedSequence, kind: int) -> tuple[Scene, Stand]:
+    def set_up(self, mesh: Mesh, draws: Draws) -> tuple[Scene, Stand]:
         """A place that is free for a mesh, anywhere on a spot and turned at will.
 
         Raises:
             ToolkitError: the mesh is larger than every place, or something stands wherever it was put.
         """
-        rng, radius = np.random.default_rng(draws), find_radius(mesh)
-        spots = self.divide(mesh)[kind == HELD_OUT]
+        rng, radius = draws.of("setting"), find_radius(mesh)
+        spots = self.divide(mesh)[draws.phase == HELD_OUT]
         sky = self.skies[rng.integers(len(self.skies))]
         error = None
         for _ in range(PLACES_TRIED):
@@ -74,14 +78,14 @@ class WorldSetting:
         raise error
 
     def aim(
-        self, renderer: RaycastRenderer, stand: Stand, draws: np.random.SeedSequence, settings: ViewSettings
+        self, renderer: RaycastRenderer, stand: Stand, rng: np.random.Generator, settings: ViewSettings
     ) -> tuple[Camera, np.ndarray]:
         """A camera from which the object is seen, drawn again where walls, trees or the ground hide it.
 
         Raises:
             ToolkitError: it is hidden from wherever the camera was put.
         """
-        rng, points = np.random.default_rng(draws), renderer.outline - stand.place
+        points = renderer.outline - stand.place
         for _ in range(VIEWS_TRIED):
             fov_deg = float(rng.uniform(*FOV_DEG))
             camera = Camera.from_fov(settings.image_px, settings.image_px, fov_deg)

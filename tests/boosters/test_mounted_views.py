@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from toolkit.boosters.mounted import render_mounted_views
 from toolkit.objects.load import load_object
-from toolkit.rig.views import render_mounted_views
 
 
 @pytest.fixture(scope="module")
@@ -14,7 +14,7 @@ def crate(tmp_path_factory, make_crate_space):
 
 @pytest.fixture(scope="module")
 def views(crate):
-    return list(render_mounted_views(crate, [40.0], 64, 2, seed=3, image_px=40))
+    return render_mounted_views(crate, [40.0], 64, 2, seed=3, image_px=40)
 
 
 def test_gain_is_where_samples_see_the_sheet(views):
