@@ -32,7 +32,7 @@ def run() -> dict[str, float]:
     import torchvision
 
     from toolkit.worlds.conditions import parse_weathers
-    from toolkit.worlds.weather import add_weather, make_weather, weather_rng
+    from toolkit.worlds.depth_weather import add_weather, make_weather, weather_rng
 
     threads = torch.get_num_threads()
     torch.set_num_threads(1)

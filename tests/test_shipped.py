@@ -132,7 +132,7 @@ def test_the_examples_previews_are_of_its_plan():
     from toolkit.captures.shoot import ShootSettings, studio_for
     from toolkit.objects.load import load_object
     from toolkit.rig.plan import read_plan
-    from toolkit.rig.preview import draw_contact_sheet, draw_positions
+    from toolkit.rig.plan_pictures import draw_contact_sheet, draw_positions
 
     plan, item = read_plan(ROOT / "rig" / "plan.json"), load_object(open_workspace(ROOT).object_spec("racer"))
     camera, poses = plan.camera, plan.objects["racer"]

@@ -95,7 +95,7 @@ def test_settings_are_valid(page: str) -> None:
     """Files that a page shows are read by the models that read the user's."""
     from toolkit.models.labels import LabelsFile
     from toolkit.objects.spec import ObjectSpec
-    from toolkit.worlds.kit import KitLayout
+    from toolkit.worlds.own import KitLayout
 
     if sys.version_info >= (3, 11):
         import tomllib

@@ -15,8 +15,7 @@ from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.spec import ObjectSpec, PatchMount
 from toolkit.rig.camera import Camera
 from toolkit.rig.fit import describe_misfit, measure_fit, sheet_points, suggest_place
-from toolkit.rig.misfits import list_misfits, seen_share
-from toolkit.rig.plan import make_plan, plan_poses, write_plan
+from toolkit.rig.plan import list_misfits, make_plan, plan_poses, seen_share, write_plan
 from toolkit.rig.requests import Pattern
 
 

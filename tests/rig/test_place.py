@@ -14,7 +14,7 @@ from toolkit.objects.load import TableObject
 from toolkit.objects.mesh import make_ray_scene, merge_meshes
 from toolkit.objects.spec import ObjectSpec, PatchMount, read_spec, write_mounts
 from toolkit.rig.camera import Camera, orbit_pose
-from toolkit.rig.place import find_places, judge_place
+from toolkit.rig.patch_places import find_places, judge_place
 from toolkit.rig.plan import Pose
 from toolkit.rig.requests import PlaceConfig
 

@@ -11,7 +11,7 @@ from toolkit.cli.place import place
 from toolkit.objects.load import TableObject, load_object
 from toolkit.objects.spec import ObjectSpec, read_spec
 from toolkit.rig.camera import Camera, orbit_pose
-from toolkit.rig.place import draw_poses, find_sheets, share_seen
+from toolkit.rig.patch_places import draw_poses, find_sheets, share_seen
 from toolkit.rig.plan import Pose, make_plan, read_plan, write_plan
 from toolkit.rig.requests import Pattern, PlaceConfig
 

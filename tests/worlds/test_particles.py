@@ -6,9 +6,16 @@ import pytest
 
 from toolkit.rig.camera import Camera, look_at
 from toolkit.worlds.depth_view import DepthView
+from toolkit.worlds.depth_weather import (
+    DIAMETERS_MM,
+    RAIN_BIN_MM,
+    Rain,
+    find_rain_extinction,
+    find_snow_extinction,
+    make_drops,
+    make_flakes,
+)
 from toolkit.worlds.particles import NEAREST_M, Population, draw_coverage
-from toolkit.worlds.rain import BIN_MM, DIAMETERS_MM, Rain, find_rain_extinction, make_drops
-from toolkit.worlds.snow import find_snow_extinction, make_flakes
 
 CAMERA = Camera.from_fov(224, 224, 60)
 LEVEL = look_at(np.array([0.0, 0.0, 2.0]), np.array([10.0, 0.0, 2.0]))
@@ -110,4 +117,4 @@ def test_too_many_are_cut_off_from_the_far_end():
 
 
 def test_bins_are_even():
-    np.testing.assert_allclose(np.diff(DIAMETERS_MM), BIN_MM)
+    np.testing.assert_allclose(np.diff(DIAMETERS_MM), RAIN_BIN_MM)

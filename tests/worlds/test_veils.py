@@ -7,10 +7,16 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.rig.camera import Camera, look_at, orbit_direction
 from toolkit.worlds.daylight import LUMINANCE
 from toolkit.worlds.depth_view import DepthView
-from toolkit.worlds.fog import DENSEST, THINNEST, Dust, Fog, hang_veil, stretch_path, tan_airlight
-from toolkit.worlds.rain import Rain, find_rain_extinction
-from toolkit.worlds.snow import Snow, find_snow_extinction
-from toolkit.worlds.weather import add_weather, make_weather, weather_rng
+from toolkit.worlds.depth_weather import (
+    Rain,
+    Snow,
+    add_weather,
+    find_rain_extinction,
+    find_snow_extinction,
+    make_weather,
+    weather_rng,
+)
+from toolkit.worlds.fog import DENSEST, THINNEST, DepthFog, Dust, hang_veil, stretch_path, tan_airlight
 
 AIRLIGHT = np.array([0.7, 0.8, 0.95])
 CAMERA = Camera.from_fov(64, 48, 60)
@@ -33,7 +39,7 @@ def test_a_black_target_at_the_visibility_keeps_five_percent_of_its_contrast(sev
 @pytest.mark.parametrize("depth_m", [0.0, 5.0, 20.0, 60.0])
 def test_mean_radiance_is_koschmieders(depth_m):
     light = np.random.default_rng(0).uniform(0, 1, (48, 64, 3)).astype(np.float32)
-    seen = add_weather(light, view_at(depth_m), Fog(visibility_m=40), AIRLIGHT, np.random.default_rng(0))
+    seen = add_weather(light, view_at(depth_m), DepthFog(visibility_m=40), AIRLIGHT, np.random.default_rng(0))
     passed = np.exp(-2.996 / 40 * depth_m)
     np.testing.assert_allclose(seen, light * passed + AIRLIGHT * (1 - passed), atol=1e-6)
 
@@ -41,8 +47,8 @@ def test_mean_radiance_is_koschmieders(depth_m):
 @pytest.mark.parametrize(
     ("weather", "layer_m", "beta"),
     [
-        (Fog(visibility_m=10), 200, 0.2996),
-        (Fog(visibility_m=1000, patchiness=1), 200, 0.002996),
+        (DepthFog(visibility_m=10), 200, 0.2996),
+        (DepthFog(visibility_m=1000, patchiness=1), 200, 0.002996),
         (Dust(visibility_m=500), 1000, Dust(visibility_m=500).extinction[0]),
         (Rain(rate_mm_h=5), 1500, find_rain_extinction(5)),
         (Snow(rate_mm_h=1), 1500, find_snow_extinction(1)),
@@ -162,8 +168,8 @@ def test_snow_lies_on_what_faces_up_and_stays_where_it_is():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: Fog(visibility_m=0), "visibility_m 0: expected above 0"),
-        (lambda: Fog(patchiness=2), "patchiness 2: expected 0 to 1"),
+        (lambda: DepthFog(visibility_m=0), "visibility_m 0: expected above 0"),
+        (lambda: DepthFog(patchiness=2), "patchiness 2: expected 0 to 1"),
         (lambda: Rain(rate_mm_h=-1), "rate_mm_h -1: expected 0 to 300"),
         (lambda: Snow(cover=1.5), "cover 1.5: expected 0 to 1"),
         (lambda: Rain(wetness=3), "wetness 3: expected"),

@@ -8,8 +8,7 @@ from walled_field import WALL, make_field
 
 from toolkit.core.errors import ToolkitError
 from toolkit.rig.camera import look_at
-from toolkit.worlds.flight import ROOM_M, plan_flight
-from toolkit.worlds.viewpoints import HEADROOM_M, LEVELS, choose_viewpoints, clearance, rate_views
+from toolkit.worlds.viewpoints import HEADROOM_M, LEVELS, ROOM_M, choose_viewpoints, clearance, plan_flight, rate_views
 
 
 @pytest.fixture(scope="module")

@@ -7,13 +7,12 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.rig.camera import Camera, look_at
 from toolkit.worlds.conditions import parse_weathers
 from toolkit.worlds.depth_view import DepthView
-from toolkit.worlds.fog import Dust, Fog
-from toolkit.worlds.rain import Rain
-from toolkit.worlds.snow import Snow
-from toolkit.worlds.weather import (
+from toolkit.worlds.depth_weather import (
     AIRSIM,
     WEATHERS,
     Clear,
+    Rain,
+    Snow,
     add_weather,
     describe_weathers,
     from_airsim,
@@ -21,6 +20,7 @@ from toolkit.worlds.weather import (
     to_airsim,
     weather_rng,
 )
+from toolkit.worlds.fog import DepthFog, Dust
 
 AIRLIGHT = np.array([0.7, 0.8, 0.95])
 LIGHT = np.random.default_rng(0).uniform(0, 1, (48, 64, 3)).astype(np.float32)
@@ -140,7 +140,7 @@ def test_airsims_numbers_are_our_ladder():
     assert from_airsim("Fog", 0.1).visibility_m == pytest.approx(200)  # half of the first rung's extinction
     assert from_airsim("Roadwetness", 0.5) == Rain(rate_mm_h=0, wetness=0.5)
     assert from_airsim("RoadSnow", 0.5) == Snow(rate_mm_h=0, cover=0.5)
-    assert isinstance(from_airsim("Dust", 1), Dust) and isinstance(from_airsim("Fog", 1), Fog)
+    assert isinstance(from_airsim("Dust", 1), Dust) and isinstance(from_airsim("Fog", 1), DepthFog)
     assert set(AIRSIM) == {"Fog", "Dust", "Rain", "Snow", "Roadwetness", "RoadSnow"}
 
 

@@ -163,8 +163,7 @@ def _shoot_plan(
     variants: Sequence[str], engine: EngineConfig,
 ) -> "ShootResult":  # fmt: skip
     from toolkit.captures.shoot import shoot_plan
-    from toolkit.rig.misfits import list_misfits
-    from toolkit.rig.plan import open_plan
+    from toolkit.rig.plan import list_misfits, open_plan
     from toolkit.rig.variants import ON_PAPER
 
     if config.max_px is not None:

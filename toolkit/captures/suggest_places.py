@@ -14,7 +14,7 @@ from toolkit.objects.load import load_object
 from toolkit.objects.mesh import make_ray_scene
 from toolkit.objects.spec import write_mounts
 from toolkit.rig.fit import mounted_sizes_mm
-from toolkit.rig.place import (
+from toolkit.rig.patch_places import (
     Place,
     draw_places,
     draw_poses,

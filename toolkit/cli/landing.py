@@ -162,7 +162,7 @@ def fly(
     from toolkit.landing.flight_results import describe_success, write_summary
     from toolkit.landing.fly import fly_all
     from toolkit.models.network import choose_device
-    from toolkit.worlds.weather import describe_weathers
+    from toolkit.worlds.depth_weather import describe_weathers
 
     space = open_workspace(workspace)
     flown = fly_all(space, config, seed=seed, device=choose_device(device), restart=restart, engine=engine)

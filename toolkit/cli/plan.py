@@ -56,8 +56,7 @@ def plan(
     from toolkit.core.workspace import open_workspace
     from toolkit.printing.shot_list.job import write_shot_list
     from toolkit.rig.camera import Camera
-    from toolkit.rig.misfits import list_misfits
-    from toolkit.rig.plan import open_plan, plan_objects
+    from toolkit.rig.plan import list_misfits, open_plan, plan_objects
 
     space = open_workspace(workspace).with_patches(patches)
     sources = [context.get_parameter_source(name) for name in POSES]

@@ -22,7 +22,7 @@ from toolkit.landing.pads import find_pad
 from toolkit.landing.regressor import list_regressors, load_regressor
 from toolkit.landing.site import PadSite, SiteView, find_sky, find_world
 from toolkit.rig.raycast import map_frames
-from toolkit.worlds.weather import describe_weathers
+from toolkit.worlds.depth_weather import describe_weathers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

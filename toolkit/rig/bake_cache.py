@@ -15,7 +15,7 @@ from toolkit.rig.lighting import Shape, bake_surroundings
 from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.scene import AT_ORIGIN, Scene, Stand
 from toolkit.rig.textures import pack_textures
-from toolkit.rig.trace import Body
+from toolkit.rig.trace import LitBody
 
 F = TypeVar("F")
 
@@ -36,7 +36,7 @@ def kept(make: Callable[..., F], *sources: object) -> F:
     return made
 
 
-class Paint(NamedTuple):
+class PackedPaint(NamedTuple):
     """What is painted on a mesh, ready for the kernel."""
 
     texels: Texels
@@ -69,12 +69,12 @@ def pack_one(picture: np.ndarray) -> Texels:
     return pack_textures([picture])
 
 
-def paint_of(mesh: Mesh) -> Paint:
+def paint_of(mesh: Mesh) -> PackedPaint:
     """Pyramids and densities of a mesh."""
     return kept(_prepare_paint, mesh)
 
 
-def _prepare_paint(mesh: Mesh) -> Paint:
+def _prepare_paint(mesh: Mesh) -> PackedPaint:
     distinct = list({id(m.texture): m.texture for m in mesh.materials}.values())
     number = {id(texture): index for index, texture in enumerate(distinct)}
     texture = np.array([number[id(m.texture)] for m in mesh.materials], np.int32)
@@ -89,7 +89,7 @@ def _prepare_paint(mesh: Mesh) -> Paint:
     colour = np.empty((len(of_face), 3), np.float32)
     fill_colours(texels, of_face, corner_uv.mean(axis=1), np.zeros(len(of_face), np.float32), colour)
     mean = (colour * surface[:, None]).sum(axis=0) / max(float(surface.sum()), 1e-9)
-    return Paint(texels, texture, density, mean)
+    return PackedPaint(texels, texture, density, mean)
 
 
 def _prepare_glow(mesh: Mesh) -> Glow:
@@ -102,7 +102,7 @@ def _prepare_glow(mesh: Mesh) -> Glow:
     return Glow(glow, np.log2(finer).astype(np.float32), pack_textures(distinct or [NO_PICTURE]))
 
 
-def light_mesh(mesh: Mesh, paint: Paint, light: BakedLight, stand: Stand) -> LitMesh:
+def light_mesh(mesh: Mesh, paint: PackedPaint, light: BakedLight, stand: Stand) -> LitMesh:
     """A mesh with paint and light on it, ready for the kernel; it gives off none itself, see `with_lamps`."""
     materials, faces = mesh.materials, np.empty(len(mesh.faces), FACE)
     faces["a"], faces["b"], faces["c"] = mesh.faces.T
@@ -122,12 +122,12 @@ def light_mesh(mesh: Mesh, paint: Paint, light: BakedLight, stand: Stand) -> Lit
     )  # fmt: skip
 
 
-def with_lamps(body: Body, mesh: Mesh) -> Body:
+def with_lamps(body: LitBody, mesh: Mesh) -> LitBody:
     """The same with what its materials give off; the light on it is not baked anew."""
     return replace(body, lit=body.lit._replace(**kept(_prepare_glow, mesh)._asdict()))
 
 
-def surroundings_of(scene: Scene) -> Body:
+def surroundings_of(scene: Scene) -> LitBody:
     """What stands around the object and never moves; kept for the next renderer in the same sky."""
 
     def bake(mesh: Mesh) -> BakedLight:
@@ -148,8 +148,10 @@ def keep_light(scene: Scene, light: BakedLight) -> None:
     _keep_surroundings(scene, lambda _: light)
 
 
-def _keep_surroundings(scene: Scene, light: Callable[[Mesh], BakedLight]) -> Body:
-    def make(mesh: Mesh, *_: object) -> Body:
-        return Body(Shape.of(mesh), light_mesh(mesh, paint_of(mesh), light(mesh), AT_ORIGIN), is_moved=False, number=1)
+def _keep_surroundings(scene: Scene, light: Callable[[Mesh], BakedLight]) -> LitBody:
+    def make(mesh: Mesh, *_: object) -> LitBody:
+        return LitBody(
+            Shape.of(mesh), light_mesh(mesh, paint_of(mesh), light(mesh), AT_ORIGIN), is_moved=False, number=1
+        )
 
     return kept(make, scene.surroundings, scene.environment, scene.key)

@@ -364,7 +364,10 @@ def _gather(
     room, key = np.zeros((2, len(points), 4), np.float32)
     total = np.zeros(len(points), np.float32)
     free = find(lights.room)
-    gather_light(normals, points, free, lights.room, lights.room_radiance, bounce, *ground, room, total)
+    gather_light(
+        normals, points, free, directions=lights.room, radiance=lights.room_radiance, bounce=bounce,
+        table=ground.irradiance, side=ground.side, albedo=ground.albedo, found=room, total=total,
+    )  # fmt: skip
     gather_key(normals, find(lights.key), lights.key, lights.key_irradiance, key)
     return np.column_stack([room[:, :3] + key[:, :3], key[:, 3], room[:, 3]])
 

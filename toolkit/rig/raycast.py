@@ -47,7 +47,7 @@ from toolkit.rig.linear_view import LinearView
 from toolkit.rig.scene import AT_ORIGIN, KeyLight, Scene, Stand, Table
 from toolkit.rig.shading import tone_map
 from toolkit.rig.textures import blur_directions, pad_channels
-from toolkit.rig.trace import CENTRE, Body, Tracer
+from toolkit.rig.trace import CENTRE, LitBody, Tracer
 
 LIGHT_MAP_ZOOM = 2
 """The table's light is kept so many times as fine as it was baked, smoothly filled in."""
@@ -84,7 +84,7 @@ class RaycastRenderer:
         lighting = bake_lighting(shape, albedo, scene, detail, stand, around)
         grid = lighting.grid
         lit = light_mesh(mesh, paint, BakedLight(grid.steps, grid.first, lighting.stored), stand)
-        self._object = Body(shape, lit, is_moved=stand != AT_ORIGIN, number=0)
+        self._object = LitBody(shape, lit, is_moved=stand != AT_ORIGIN, number=0)
         if scene.lamps:
             self._object = with_lamps(self._object, mesh)
             if self._others is not None and scene.surroundings is not None:
@@ -252,8 +252,8 @@ def _view(camera: Camera, T_world_camera: np.ndarray) -> View:
             f"the camera stands at {pose[:3, 3].tolist()}: expected numbers within {FARTHEST:g}: check the pose"
         )
     return View(
-        as_rotation(pose[:3, :3]), as_triple(pose[:3, 3]), float(camera.fx), float(camera.fy),
-        float(camera.cx), float(camera.cy), camera.width, camera.height,
+        rotation=as_rotation(pose[:3, :3]), origin=as_triple(pose[:3, 3]), fx=float(camera.fx), fy=float(camera.fy),
+        cx=float(camera.cx), cy=float(camera.cy), width=camera.width, height=camera.height,
     )  # fmt: skip
 
 

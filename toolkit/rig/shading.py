@@ -47,7 +47,11 @@ def _develop(picture: np.ndarray, grain: np.ndarray, state: np.ndarray, noise: f
         array.reshape(len(array), width) for array in (np.ascontiguousarray(picture, np.float32), grain, coded)
     )
     work = np.empty((2, width))
-    develop(light, given, state, noise * 0.18 / 0.4, falloff, SHOULDER, *_CODES, work, codes)
+    lower, starts = _CODES
+    develop(
+        light, given, state, noise=noise * 0.18 / 0.4, falloff=falloff, shoulder=SHOULDER,
+        lower=lower, starts=starts, work=work, coded=codes,
+    )  # fmt: skip
     return coded
 
 

@@ -28,7 +28,7 @@ FACES_PER_SAMPLE = 5
 
 
 @dataclass(frozen=True)
-class Body:
+class LitBody:
     """A mesh in its place.
 
     Attributes:
@@ -66,7 +66,7 @@ class Body:
         slot = np.empty((samples.bottom - samples.top) * (samples.right - samples.left), np.int32)
         faces = np.ascontiguousarray(self.shape.mesh.faces, np.int32)
         furthest, later = np.empty(len(slot), np.float32), np.empty(len(faces), np.int32)
-        draw_triangles(faces, corners, screen, view, samples, slot, furthest, later, hits)
+        draw_triangles(faces, corners, screen, view, samples, slot=slot, furthest=furthest, later=later, hits=hits)
         return hits
 
     def see(self, view: View, samples: Samples) -> Hits:
@@ -99,8 +99,8 @@ class Tracer:
         key: unit direction to the key light.
     """
 
-    body: Body
-    others: Body | None
+    body: LitBody
+    others: LitBody | None
     key: Colour
 
     def trace(self, view: View, region: tuple[int, int, int, int]) -> Part:
@@ -119,7 +119,7 @@ class Tracer:
         material, needed = np.full(len(near), -1, np.int32), np.zeros(len(near), bool)
         normal = np.empty((len(near), 3), np.float32)
         for body in (self.body,) if self.others is None else (self.body, self.others):
-            describe_hits(body.lit, body.number, view, centres, hits, material, normal, needed)
+            describe_hits(body.lit, body.number, view, centres, hits, material=material, normal=normal, needed=needed)
         mark_edges(right - left, hits, material, normal, needed)
         refine = np.flatnonzero(needed).astype(np.int32)
         fine = self.see(view, Samples(left, top, right, bottom, refine, SUBPIXELS), near)

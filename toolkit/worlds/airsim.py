@@ -86,7 +86,7 @@ class Address:
 
 
 @dataclass(frozen=True)
-class Shot:
+class SimulatorShot:
     """What a simulator's camera saw.
 
     Attributes:
@@ -206,7 +206,7 @@ class AirSim:
                 "Mobility to Movable and its physics off"
             )
 
-    def shoot(self, T_world_camera: np.ndarray) -> Shot:
+    def shoot(self, T_world_camera: np.ndarray) -> SimulatorShot:
         """Picture, depth and segmentation of the camera at a pose, in the weather that is set.
 
         The simulator is stepped, its first pictures are dropped, and the pose that comes with the next ones is checked.
@@ -225,7 +225,7 @@ class AirSim:
             miss = next((one for one in misses if one), None)
             if miss is None:
                 picture, depth, segmentation = replies
-                return Shot(picture.decode(), depth.read_depth(), segmentation.decode())
+                return SimulatorShot(picture.decode(), depth.read_depth(), segmentation.decode())
         raise ToolkitError(
             f"{self.address}: camera '{self.address.camera}' is still {miss} from where it was put after {TRIES} "
             'frames: set "SimMode": "ComputerVision" in the simulator\'s settings.json, and leave out the vehicle\'s '

@@ -8,8 +8,7 @@ from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import SUFFIXES
-from toolkit.worlds.kit import load_kit
-from toolkit.worlds.own import load_mesh_world
+from toolkit.worlds.own import load_kit, load_mesh_world
 from toolkit.worlds.world import World
 
 WORLDS = {
@@ -38,7 +37,7 @@ def load_world(path: Path, scale: float = 1.0, seed: int = 0) -> World:
     """A user's own world: a mesh file, or a TOML that lays out the pieces of a kit.
 
     Args:
-        path: GLB, glTF, OBJ, PLY, STL or OFF; or a TOML, see `toolkit.worlds.kit`.
+        path: GLB, glTF, OBJ, PLY, STL or OFF; or a TOML, see `toolkit.worlds.own`.
         scale: from the mesh's units to metres; a TOML states its own.
         seed: of the spots that are looked for.
 

@@ -73,7 +73,7 @@ def stretch_path(view: DepthView, patchiness: float, farthest_m: float, rng: np.
     return np.where(np.isinf(view.depth_m), view.path_m(FOG_LAYER_M), stretched)
 
 
-class Fog(Config):
+class DepthFog(Config):
     """Water droplets: every colour is lost alike, and light from all around comes in its place."""
 
     visibility_m: Annotated[float, Field(gt=0)] = Field(40.0, description="At 5 % contrast, metres.")
@@ -82,7 +82,7 @@ class Fog(Config):
     )
 
     @classmethod
-    def of_severity(cls, severity: int) -> "Fog":
+    def of_severity(cls, severity: int) -> "DepthFog":
         """1 (100 m) to 5 (10 m)."""
         return cls(visibility_m=LADDER_M[severity - 1])
 
@@ -93,7 +93,7 @@ class Fog(Config):
         return f"visibility {self.visibility_m:.4g} m, extinction {per_km:.3g} /km{patches}"
 
     def change_light(self, view: DepthView, airlight: np.ndarray, rng: np.random.Generator) -> AffineLight:
-        """What this weather makes of a picture; see `toolkit.worlds.weather.Weather`."""
+        """What this weather makes of a picture; see `toolkit.worlds.depth_weather.Weather`."""
         beta = find_extinction(self.visibility_m)
         patchy = self.patchiness > 0
         path = stretch_path(view, self.patchiness, 20 / beta, rng) if patchy else view.path_m(FOG_LAYER_M)
@@ -148,7 +148,7 @@ class Dust(InWind):
         )
 
     def change_light(self, view: DepthView, airlight: np.ndarray, rng: np.random.Generator) -> AffineLight:
-        """What this weather makes of a picture; see `toolkit.worlds.weather.Weather`."""
+        """What this weather makes of a picture; see `toolkit.worlds.depth_weather.Weather`."""
         tan = tan_airlight(airlight)
         grain_mg = np.pi / 6 * GRAIN_MM**3 * GRAIN_KG_PER_M3 * 1e-3
         per_m3 = GRAIN_SHARE * self.mass_mg_per_m3 / len(GRAIN_MM) / grain_mg

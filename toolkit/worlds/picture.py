@@ -12,9 +12,9 @@ from toolkit.rig.shading import develop_light, draw_grain
 from toolkit.worlds.classes import STANDING, SceneClass
 from toolkit.worlds.conditions import CLEAR
 from toolkit.worlds.depth_view import DepthView
+from toolkit.worlds.depth_weather import add_weather, make_weather, weather_rng
 from toolkit.worlds.place import Placed, make_scene
 from toolkit.worlds.sky import Sky
-from toolkit.worlds.weather import add_weather, make_weather, weather_rng
 from toolkit.worlds.world import Spot, World
 
 BURIED_M = 50.0

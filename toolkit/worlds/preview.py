@@ -26,13 +26,11 @@ from toolkit.rig.shading import tone_map
 from toolkit.worlds.catalogue import open_world
 from toolkit.worlds.conditions import CLEAR, check_times, parse_weathers
 from toolkit.worlds.film import FPS, write_film
-from toolkit.worlds.flight import Flight, plan_flight
-from toolkit.worlds.panorama import load_sky
 from toolkit.worlds.picture import leave_empty, make_renderer, see_through
 from toolkit.worlds.place import Placed, place_object, stand_object
 from toolkit.worlds.requests import ObjectInWorld, PreviewRequest
-from toolkit.worlds.sky import Sky, make_sky
-from toolkit.worlds.viewpoints import FOV_DEG, HEADROOM_M, Viewpoint, choose_viewpoints, clearance
+from toolkit.worlds.sky import Sky, load_sky, make_sky
+from toolkit.worlds.viewpoints import FOV_DEG, HEADROOM_M, Flight, Viewpoint, choose_viewpoints, clearance, plan_flight
 from toolkit.worlds.world import World
 from toolkit.worlds.world_map import MapSheet, draw_map
 

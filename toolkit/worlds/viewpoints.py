@@ -1,6 +1,8 @@
-"""Where a camera sees much of a world: from the street, from the height of roofs, from the air; of any world.
+"""Where cameras see much of a world: still ones in the street, at roofs and in the air, and a flight through it.
 
-Places are drawn by the seed, what is seen from each is found with few rays, and the best are taken.
+Places of still ones are drawn by the seed, what is seen from each is found with few rays, and the best are taken. The
+flight goes down from the air, along the streets, and up again; its way is found on a grid of places and heights whose
+distance from the nearest surface is known.
 """
 
 from dataclasses import dataclass, replace
@@ -168,3 +170,161 @@ def _rate(world: World, rays: np.ndarray, way: np.ndarray, face: np.ndarray, lev
     bare = max(float(share[standing].sum()) - 0.45, 0.0)
     sky = abs(1 - float(met.mean()) - level.sky)
     return variety + looks + 0.5 * spread + home - 2.0 * sky - 1.5 * bare - 6.0 * close
+
+
+HEIGHTS_M = (2.6, 4.0, 6.0, 9.0, 13.0, 19.0, 28.0, 40.0, 55.0, 75.0)
+ACROSS = 120
+"""Places of the grid along the longer side of a world's core."""
+ROOM_M = (0.9, 2.5)
+"""A camera's distance from everything: at least, and what it likes."""
+LOW_IS_DEAR = 0.05
+SMOOTH_M = (9.0, 6.0, 4.0, 2.5, 1.5, 0.0)
+AHEAD_M = 24.0
+STEEPEST = 0.55
+"""Most that a camera looks up or down, as a slope."""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A path through the air.
+
+    Attributes:
+        points: (n, 3) about a metre apart.
+    """
+
+    points: np.ndarray
+
+    @property
+    def length_m(self) -> float:
+        """Of the path."""
+        return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
+
+    def poses(self, count: int) -> list[np.ndarray]:
+        """`count` cameras (4, 4) along it, slower where it is low, each looking along what lies ahead."""
+        step = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
+        at = np.concatenate([[0.0], np.cumsum(step)])
+        height = self.points[:, 2] - self.points[:, 2].min()
+        pace = 1 + height / 15
+        moment = np.concatenate([[0.0], np.cumsum(step / ((pace[1:] + pace[:-1]) / 2))])
+        ease = 0.5 - 0.5 * np.cos(np.pi * np.linspace(0, 1, count))
+        time = (0.75 * np.linspace(0, 1, count) + 0.25 * ease) * moment[-1]
+        way = np.interp(time, moment, at)
+        places = self.on(way)
+        onwards = smooth(self.on(way + AHEAD_M) - places, count / 30)
+        flat = np.linalg.norm(onwards[:, :2], axis=1)
+        onwards[:, 2] = np.clip(onwards[:, 2], -STEEPEST * flat, 0.35 * STEEPEST * flat)
+        return [look_at(place, place + towards) for place, towards in zip(places, onwards, strict=True)]
+
+    def on(self, way: np.ndarray) -> np.ndarray:
+        """(n, 3) points after so many metres; beyond the end straight on."""
+        at = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(self.points, axis=0), axis=1))])
+        found = np.stack([np.interp(way, at, self.points[:, k]) for k in range(3)], axis=1)
+        end = self.points[-1] - self.points[-min(8, len(self.points))]
+        end /= max(float(np.linalg.norm(end)), 1e-9)
+        return found + np.maximum(way - at[-1], 0)[:, None] * end
+
+
+def smooth(values: np.ndarray, sigma: float) -> np.ndarray:
+    """(n, c) values along a line, blurred; both ends stay where they are."""
+    from scipy.ndimage import gaussian_filter1d
+
+    if sigma <= 0:
+        return values.copy()
+    line = np.linspace(values[0], values[-1], len(values))
+    return line + gaussian_filter1d(values - line, sigma, axis=0, mode="constant")
+
+
+def plan_flight(world: World, viewpoints: tuple[Viewpoint, ...], seed: int = 0) -> Flight:
+    """From the air over the places of street views and up again, the last one first seen from afar.
+
+    Raises:
+        ToolkitError: there is no way from one to the next.
+    """
+    grid = _Grid.over(world)
+    streets = [one for one in viewpoints if one.name.startswith("street")] or list(viewpoints)
+    middle = np.append(world.core.mean(axis=0), 0.0)
+    half = np.append(np.ptp(world.core, axis=0) / 2, 0.0)
+    rng = np.random.default_rng([seed, 61])
+    corner = half * [*rng.choice([-0.55, 0.55], 2), 0]
+    rise = min(HEIGHTS_M[-2], 0.35 * float(half.max()) + 12)
+    stops = [middle + corner + [0, 0, rise], *(one.position for one in streets), middle - corner + [0, 0, 0.7 * rise]]
+    order = [0, *sorted(range(1, len(stops) - 1), key=lambda k: float(np.linalg.norm(stops[k] - stops[0]))), -1]
+    nodes = [grid.nearest(stops[k]) for k in order]
+    way = [nodes[0]]
+    for goal in nodes[1:]:
+        way += grid.lead(way[-1], goal)
+    points = grid.points[way]
+    step = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    at = np.concatenate([[0.0], np.cumsum(step)])
+    fine = np.linspace(0, at[-1], max(int(at[-1]), 2))
+    line = np.stack([np.interp(fine, at, points[:, k]) for k in range(3)], axis=1)
+    for sigma in SMOOTH_M:
+        path = smooth(line, sigma)
+        if clearance(world, path).min() > 0.6 * ROOM_M[0]:
+            break
+    return Flight(path)
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Places (n, 3) where a camera fits, and the ways between neighbours."""
+
+    points: np.ndarray
+    ways: object
+
+    @classmethod
+    def over(cls, world: World) -> "_Grid":
+        """Of a world's core, at `HEIGHTS_M` above its ground."""
+        from scipy.sparse import coo_array
+
+        low, high = world.core
+        step = max(float((high - low).max()) / ACROSS, 1.0)
+        x, y = (np.arange(low[k] + step / 2, high[k], step) for k in (0, 1))
+        flat = np.stack(np.meshgrid(x, y, indexing="ij"), -1).reshape(-1, 2)
+        ground = np.nan_to_num(world.ground_height(flat), nan=0.0)
+        points = np.concatenate([np.column_stack([flat, ground + height]) for height in HEIGHTS_M])
+        room = clearance(world, points)
+        free = (room > ROOM_M[0]) & ~world.inside_building(points)
+        shape = (len(HEIGHTS_M), len(x), len(y))
+        number = np.arange(len(points)).reshape(shape)
+        cost_at = (1 + 2 * np.maximum(ROOM_M[1] - room, 0) ** 2) * (1 + LOW_IS_DEAR * (points[:, 2] - ground.min()))
+        starts, ends, costs = [], [], []
+        for move in [(a, b, c) for a in (0, 1) for b in (-1, 0, 1) for c in (-1, 0, 1) if (a, b, c) > (0, 0, 0)]:
+            one, other = (number[_shifted(move, shape, side)].reshape(-1) for side in (0, 1))
+            usable = free[one] & free[other]
+            one, other = one[usable], other[usable]
+            length = np.linalg.norm(points[one] - points[other], axis=1)
+            starts.append(one)
+            ends.append(other)
+            costs.append(length * (cost_at[one] + cost_at[other]) / 2)
+        ways = coo_array(
+            (np.concatenate(costs), (np.concatenate(starts), np.concatenate(ends))), (len(points), len(points))
+        ).tocsr()
+        points = np.where(free[:, None], points, np.inf)
+        return cls(points, ways)
+
+    def nearest(self, place: np.ndarray) -> int:
+        """The number of the free place next to one."""
+        gap = np.linalg.norm(np.where(np.isfinite(self.points), self.points, 1e9) - place, axis=1)
+        return int(gap.argmin())
+
+    def lead(self, start: int, goal: int) -> list[int]:
+        """Numbers of the places on the cheapest way, `start` left out."""
+        from scipy.sparse.csgraph import dijkstra
+
+        _, before = dijkstra(self.ways, directed=False, indices=start, return_predecessors=True)
+        way, at = [], goal
+        while at != start:
+            if at < 0:
+                raise ToolkitError("no way for a camera leads through the air from one place to the next")
+            way.append(at)
+            at = int(before[at])
+        return way[::-1]
+
+
+def _shifted(move: tuple[int, int, int], shape: tuple[int, int, int], side: int) -> tuple[slice, ...]:
+    """The part of a grid that has a neighbour in a direction, or those neighbours."""
+    return tuple(
+        slice(max(-m, 0) if side == 0 else max(m, 0), n - max(m, 0) if side == 0 else n - max(-m, 0))
+        for m, n in zip(move, shape, strict=True)
+    )

@@ -76,7 +76,7 @@ class Weathered(Transform):
     """What is drawn for each view: whether there is weather, which, how bright its air is, and its drops and flakes.
 
     Attributes:
-        weathers: (name, severity), at least one, of `toolkit.worlds.weather`; each is as likely.
+        weathers: (name, severity), at least one, of `toolkit.worlds.depth_weather`; each is as likely.
         probability: that a view has weather.
         airlight: linear light of the air, in the picture's values; skies of `toolkit.worlds.sky` have 0.2 to 0.7.
     """
@@ -89,7 +89,7 @@ class Weathered(Transform):
     @field_validator("weathers")
     @classmethod
     def _check_weathers(cls, weathers: Named) -> Named:
-        from toolkit.worlds.weather import make_weather
+        from toolkit.worlds.depth_weather import make_weather
 
         if not weathers:
             raise ToolkitError("expected at least one weather, such as fog:3")
@@ -104,7 +104,7 @@ class Weathered(Transform):
 
     def lines(self) -> list[str]:
         """A line for each weather with the numbers behind it."""
-        from toolkit.worlds.weather import describe_weathers
+        from toolkit.worlds.depth_weather import describe_weathers
 
         return describe_weathers(self.weathers)
 
@@ -120,7 +120,7 @@ class Weathered(Transform):
         import torch
 
         from toolkit.corruptions.batch import draw_corrupted
-        from toolkit.worlds.weather import make_weather
+        from toolkit.worlds.depth_weather import make_weather
 
         height, width = views[0].depth_m.shape
         factor = np.ones((len(views), height, width, 3), np.float32)

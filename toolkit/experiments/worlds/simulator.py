@@ -18,10 +18,10 @@ from toolkit.objects.export import to_glb
 from toolkit.objects.mesh import cast_rays, hash_mesh
 from toolkit.rig.camera import pixel_rays
 from toolkit.rig.lighting import Shape
-from toolkit.worlds.airsim import Address, AirSim, Shot
+from toolkit.worlds.airsim import Address, AirSim, SimulatorShot
 from toolkit.worlds.classes import SceneClass
 from toolkit.worlds.conditions import CLEAR
-from toolkit.worlds.weather import to_airsim
+from toolkit.worlds.depth_weather import to_airsim
 
 DEPTH_SLACK, DEPTH_SLACK_M = 0.02, 0.05
 LEAST_AGREEING = 0.5
@@ -125,7 +125,7 @@ def shoot_frames(
                     yield make_frame(task._replace(weathers=(weather,)), shot, colour)
 
 
-def make_frame(task: PictureTask, shot: Shot, colour: Colour | None) -> Frame:
+def make_frame(task: PictureTask, shot: SimulatorShot, colour: Colour | None) -> Frame:
     """A shot as a frame; depth and classes, which weather leaves as they are, with the picture in clear air."""
     if not task.is_kept or task.weathers != (CLEAR,):
         return Frame(task, (shot.picture,))
@@ -136,7 +136,7 @@ def make_frame(task: PictureTask, shot: Shot, colour: Colour | None) -> Frame:
     return Frame(task, (shot.picture,), shot.depth_m, classes)
 
 
-def shoot(simulator: AirSim, stage: Stage, T_world_camera: np.ndarray) -> Shot:
+def shoot(simulator: AirSim, stage: Stage, T_world_camera: np.ndarray) -> SimulatorShot:
     """A shot whose pictures are as large as they were asked for."""
     shot, camera = simulator.shoot(T_world_camera), stage.camera
     for plane in (shot.picture, shot.depth_m, shot.segmentation):

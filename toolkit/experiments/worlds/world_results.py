@@ -30,7 +30,7 @@ from toolkit.experiments.worlds.world_config import ABSENT, WorldEvalConfig
 from toolkit.models.network import Classifier
 from toolkit.objects.load import TableObject
 from toolkit.worlds.conditions import CLEAR
-from toolkit.worlds.weather import make_weather
+from toolkit.worlds.depth_weather import make_weather
 
 if TYPE_CHECKING:
     from rich.table import Table
