@@ -28,7 +28,7 @@ from toolkit.objects.load import load_object
 from toolkit.rig import mount
 from toolkit.rig import shading as finish
 from toolkit.rig.mount import attach, mount_patch
-from toolkit.rig.views import TRAIN, Block, ViewSettings
+from toolkit.rig.views import TRAIN, ViewBlock, ViewSettings
 
 SIDE, TEXELS, SIZE_MM = 48, 8, 40.0
 
@@ -51,7 +51,7 @@ def test_the_buffers_put_together_are_a_render_of_the_patch(space, views):
     item = load_object(space.object_spec("crate"))
     mesh = attach(item.mesh, mount_patch(item.mesh, pixels, 40.0, item.spec.mounts[0]))
     subject = make_sheet_subject(item, [SIZE_MM], TEXELS)
-    block = Block(subject.mesh, ViewSettings(image_px=SIDE), Draws(7, 0, TRAIN))
+    block = ViewBlock(subject.mesh, ViewSettings(image_px=SIDE), Draws(7, 0, TRAIN))
     renderer = block.place(mesh)
     theta = torch.from_numpy(pixels.transpose(2, 0, 1) / 255.0).float()
     stacked = stack_views(views, [SIZE_MM], "cpu")

@@ -18,7 +18,7 @@ from toolkit.objects.spec import ObjectSpec
 from toolkit.rig.camera import project
 from toolkit.rig.mount import mount_sheets, wear_sheets
 from toolkit.rig.shading import tone_map
-from toolkit.rig.views import TRAIN, Block, ViewSettings
+from toolkit.rig.views import TRAIN, ViewBlock, ViewSettings
 
 SIDE, TEXELS, SIZES_MM = 48, 8, (40.0, 24.0)
 
@@ -42,10 +42,10 @@ def views(crate, sizes_mm):
 
 
 @pytest.fixture(scope="module")
-def block(crate, sizes_mm) -> Block:
+def block(crate, sizes_mm) -> ViewBlock:
     """What the views were taken in."""
     mesh = make_sheet_subject(crate, sizes_mm, TEXELS).mesh
-    return Block(mesh, ViewSettings(image_px=SIDE), Draws(7, 0, TRAIN))
+    return ViewBlock(mesh, ViewSettings(image_px=SIDE), Draws(7, 0, TRAIN))
 
 
 def test_the_views_are_renders_of_all_sheets(crate, sizes_mm, views, block):

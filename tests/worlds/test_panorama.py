@@ -10,7 +10,8 @@ from toolkit.core.errors import ToolkitError
 from toolkit.imaging.colour import linear_to_srgb
 from toolkit.imaging.read import MAX_MEGAPIXELS
 from toolkit.rig.camera import orbit_direction
-from toolkit.worlds.sky import find_directions, illuminate, load_sky, split_sun
+from toolkit.rig.scene import illuminate
+from toolkit.worlds.sky import find_directions, load_sky, split_sun
 
 HEIGHT = 128
 

@@ -6,7 +6,7 @@ import pytest
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.imaging.colour import XYZ_OF_LINEAR_SRGB
 from toolkit.rig.camera import orbit_direction
-from toolkit.rig.scene import KeyLight
+from toolkit.rig.scene import KeyLight, illuminate
 from toolkit.rig.textures import sample_directions
 from toolkit.worlds.conditions import TIMES, TimeOfDay
 from toolkit.worlds.daylight import (
@@ -19,7 +19,7 @@ from toolkit.worlds.daylight import (
     sunlight,
     twilight_klx,
 )
-from toolkit.worlds.sky import Sky, find_directions, illuminate, make_sky
+from toolkit.worlds.sky import Sky, find_directions, make_sky
 
 HEIGHT = 96
 CLEAR_NOON = TimeOfDay(60.0, 50.0, cloud_cover=0.0)

@@ -80,14 +80,8 @@ class Place:
         numbers = {name: round(getattr(self.fit, name), 3) for name in ("floating", "loose", "overhang", "relief_mm")}
         seen = {"visible": round(self.visible, 4), "area_px": round(self.area_px, 1), "poses_seen": self.poses_seen}
         mount = self.mount.model_dump(include={"at", "size_mm", "offset_mm"})
-        return {
-            **mount,
-            "lies": self.lies,
-            "score": round(self.score, 2),
-            **seen,
-            "bend_deg": round(self.fit.bend_deg, 1),
-            **numbers,
-        }
+        judged = {"lies": self.lies, "score": round(self.score, 2), **seen, "bend_deg": round(self.fit.bend_deg, 1)}
+        return {**mount, **judged, **numbers}
 
 
 def find_places(
@@ -148,12 +142,7 @@ def draw_poses(item: TableObject, camera: Camera, count: int, seed: int) -> list
     poses = []
     for i in range(count):
         rng = np.random.default_rng([seed, i, 3])
-        azimuth, elevation, roll = (
-            rng.uniform(0, 360),
-            NEAR_VIEWS.draw_elevation(rng),
-            rng.uniform(*NEAR_VIEWS.roll_deg),
-        )
-        fill = rng.uniform(*NEAR_VIEWS.fill)
+        azimuth, elevation, roll, fill = NEAR_VIEWS.draw(rng)
         distance = distance_to_fill(camera, item.mesh.vertices, target, azimuth, elevation, fill=fill, roll_deg=roll)
         poses.append(Pose(
             id=i + 1, azimuth_deg=azimuth, elevation_deg=elevation, roll_deg=roll, distance_mm=distance,

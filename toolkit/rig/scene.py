@@ -65,6 +65,15 @@ class Stand:
 AT_ORIGIN = Stand()
 
 
+def illuminate(environment: np.ndarray, key: KeyLight) -> np.ndarray:
+    """(3,) irradiance of open level ground by the upper half of a picture of all directions and a key light."""
+    height = environment.shape[0]
+    elevation = np.pi / 2 - (np.arange(height // 2) + 0.5) * np.pi / height
+    weight = np.sin(elevation) * np.cos(elevation)  # Lambert's law, and rows that shrink towards the zenith
+    above = np.pi * (environment[: height // 2].mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum()
+    return above + max(float(np.sin(np.radians(key.elevation_deg))), 0.0) * np.array(key.irradiance)
+
+
 @dataclass(frozen=True)
 class Scene:
     """What an object is put into: the table-top studio, or a world out of doors.

@@ -10,7 +10,11 @@ from numpy.typing import ArrayLike
 
 from toolkit.core.errors import one_of
 from toolkit.imaging.colour import LINEAR_OF_CODE, linear_to_srgb, srgb_to_linear
-from toolkit.rig.scene import KeyLight, Scene, Table
+from toolkit.rig.scene import KeyLight
+from toolkit.rig.scene import Scene
+from toolkit.rig.scene import Table
+from toolkit.rig.board import Board
+from toolkit.rig.scene import illuminate
 
 if TYPE_CHECKING:
     from toolkit.rig.board import Board
@@ -224,11 +228,7 @@ def make_studio(
 
 def _expose(key: KeyLight, environment: np.ndarray, table: np.ndarray) -> float:
     """Meter the open table as a camera would: bright tables stay bright, dark ones dark, dim light a bit dim."""
-    rows = environment.shape[0] // 2
-    elevation = np.pi / 2 - (np.arange(rows) + 0.5) * np.pi / environment.shape[0]
-    weights = np.sin(elevation) * np.cos(elevation)
-    room = np.pi * (environment[:rows].mean(axis=1) * weights[:, None]).sum(axis=0) / weights.sum()
-    irradiance = float((room + np.sin(np.radians(key.elevation_deg)) * np.array(key.irradiance)).mean())
+    irradiance = float(illuminate(environment, key).mean())
     albedo = float(srgb_to_linear(table[::8, ::8] / 255).mean())
     wanted = 0.62 * albedo**0.65
     metered = wanted / (albedo * irradiance / np.pi)

@@ -56,11 +56,14 @@ class ViewRanges:
     off_centre: float = 0.0
     evenly: bool = False
 
-    def draw_elevation(self, rng: np.random.Generator) -> float:
-        """Degrees above the table."""
-        if not self.evenly:
-            return rng.uniform(*self.elevation_deg)
-        return float(np.degrees(np.arcsin(rng.uniform(*np.sin(np.radians(self.elevation_deg))))))
+    def draw(self, rng: np.random.Generator) -> tuple[float, float, float, float]:
+        """Azimuth, elevation and roll in degrees, and how much of the frame is filled."""
+        azimuth = rng.uniform(0, 360)
+        if self.evenly:  # rings of a sphere between equal steps of height have equal areas (Archimedes)
+            elevation = float(np.degrees(np.arcsin(rng.uniform(*np.sin(np.radians(self.elevation_deg))))))
+        else:
+            elevation = rng.uniform(*self.elevation_deg)
+        return azimuth, elevation, rng.uniform(*self.roll_deg), rng.uniform(*self.fill)
 
 
 NEAR_VIEWS = ViewRanges()
@@ -75,10 +78,10 @@ def random_pose(
 
     Within `ranges`; the camera looks a little beside the object.
     """
-    azimuth, elevation, roll = rng.uniform(0, 360), ranges.draw_elevation(rng), rng.uniform(*ranges.roll_deg)
+    azimuth, elevation, roll, fill = ranges.draw(rng)
     target = np.array([0.0, 0.0, np.ptp(points[:, 2]) / 2])
-    fill = rng.uniform(*ranges.fill)
     distance = distance_to_fill(camera, points, target, azimuth, elevation, fill=fill, roll_deg=roll)
+    # an object that leaves room is moved aside within it, on the ground: it still stands upright in the picture
     free = max((1 - fill) * 0.5, ranges.off_centre) * distance * camera.height / 2 / camera.fx
     return orbit_pose(target + rng.uniform(-free, free, 3) * [1, 1, 0], azimuth, elevation, distance, roll)
 
@@ -175,7 +178,7 @@ IN_STUDIO = StudioSetting()
 THUMBNAIL_STUDIO = StudioSetting(THUMBNAIL_DETAIL, is_coarse=True)
 
 
-class Block:
+class ViewBlock:
     """A mesh in one setting, and cameras around it: view i depends on the block's draws and on i alone."""
 
     def __init__(self, mesh: Mesh, settings: ViewSettings, draws: Draws, setting: Setting = IN_STUDIO) -> None:
@@ -213,9 +216,10 @@ def render_pictures(
         threads: see `map_frames`.
     """
     for start in range(0, count, settings.per_studio):
-        block = Block(mesh, settings, Draws(seed, start // settings.per_studio, PICTURES), setting)
+        block = ViewBlock(mesh, settings, Draws(seed, start // settings.per_studio, PICTURES), setting)
 
-        def take(number: int, block: Block = block) -> np.ndarray:
+        # the block is bound now: the loop goes on while threads still render
+        def take(number: int, block: ViewBlock = block) -> np.ndarray:
             return block.develop(block.renderer.render(*block.aim(number)), number)
 
         yield from map_frames(take, range(min(settings.per_studio, count - start)), threads)
@@ -255,7 +259,7 @@ def render_block(
         threads: see `map_frames`; one where blocks are what is spread over the cores.
     """
     subject = subjects[block % len(subjects)]
-    shown = Block(subject.mesh, settings, Draws(seed, block, kind), setting)
+    shown = ViewBlock(subject.mesh, settings, Draws(seed, block, kind), setting)
     own_paint = shown.place(subject.bare) if kind == HELD_OUT else None
     texture = subject.mesh.materials[subject.material].texture
 

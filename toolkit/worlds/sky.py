@@ -14,7 +14,7 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.imaging.colour import LINEAR_OF_CODE
 from toolkit.imaging.read import read_image, read_linear
 from toolkit.rig.camera import orbit_direction
-from toolkit.rig.scene import KeyLight
+from toolkit.rig.scene import KeyLight, illuminate
 from toolkit.rig.textures import sample_directions
 from toolkit.worlds.clouds import (
     BASE_M,
@@ -101,15 +101,6 @@ def find_directions(height: int) -> np.ndarray:
     return np.stack(
         [ring * np.cos(azimuth), ring * np.sin(azimuth), np.repeat(np.sin(elevation)[:, None], 2 * height, axis=1)], -1
     ).astype(np.float32)
-
-
-def illuminate(panorama: np.ndarray, sun: KeyLight) -> np.ndarray:
-    """(3,) irradiance of open level ground by a panorama's upper half and a sun."""
-    height = panorama.shape[0]
-    elevation = np.pi / 2 - (np.arange(height // 2) + 0.5) * np.pi / height
-    weight = np.sin(elevation) * np.cos(elevation)
-    sky = np.pi * (panorama[: height // 2].mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum()
-    return sky + max(float(np.sin(np.radians(sun.elevation_deg))), 0.0) * np.array(sun.irradiance)
 
 
 BALANCE = 0.5
