@@ -10,7 +10,7 @@ from toolkit.rig.lighting import BakeDetail
 from toolkit.rig.raycast import RaycastRenderer, _view
 from toolkit.rig.scene import Stand
 from toolkit.rig.studio import make_studio
-from toolkit.rig.trace import CENTRE, FACES_PER_SAMPLE, Body, _rays_of
+from toolkit.rig.trace import CENTRE, FACES_PER_SAMPLE, LitBody, _rays_of
 
 RNG = np.random.default_rng(4)
 CAMERA = Camera.from_fov(96, 64, 60)
@@ -28,7 +28,7 @@ def make_soup(count: int, size: float) -> Mesh:
     )
 
 
-def make_body(mesh: Mesh, stand: Stand) -> Body:
+def make_body(mesh: Mesh, stand: Stand) -> LitBody:
     return RaycastRenderer(mesh, make_studio(0, 100, "white"), BakeDetail(1, 1, 1.0, 1.0), stand)._object
 
 
@@ -63,8 +63,8 @@ def test_a_mesh_of_many_faces_is_seen_by_rays(monkeypatch):
     body = make_body(make_soup(500, 8), Stand())
     view = _view(CAMERA, look_at(np.array([150.0, 0, 0]), np.zeros(3)))
     ways = []
-    monkeypatch.setattr(Body, "draw", lambda *_: ways.append("drawn"))
-    monkeypatch.setattr(Body, "cast", lambda *_: ways.append("rays"))
+    monkeypatch.setattr(LitBody, "draw", lambda *_: ways.append("drawn"))
+    monkeypatch.setattr(LitBody, "cast", lambda *_: ways.append("rays"))
     for count in (500 // FACES_PER_SAMPLE - 1, 500 // FACES_PER_SAMPLE):
         body.see(view, Samples(0, 0, 96, 64, np.arange(count, dtype=np.int32), CENTRE))
     assert ways == ["rays", "drawn"]

@@ -26,6 +26,7 @@ MOST_KEPT = 10
 
 def kept(make: Callable[..., F], *sources: object) -> F:
     """`make` of meshes or pictures, worked out once for those that were used last."""
+    # by identity: comparing the pixels would cost as much as the work; sources are kept, so ids stay theirs
     key = make.__qualname__, *map(id, sources)
     with _keeping:
         found = _in_use.pop(key, None) or (sources, make(*sources))
@@ -82,6 +83,7 @@ def _prepare_paint(mesh: Mesh) -> PackedPaint:
     corners, corner_uv = mesh.vertices[mesh.faces], mesh.uv[mesh.faces]
     surface = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     a, b = corner_uv[:, 1] - corner_uv[:, 0], corner_uv[:, 2] - corner_uv[:, 0]
+    # twice the area of the triangle on the texture, against twice that in space: texels per millimetre
     chart = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
     counts = np.array([picture.shape[0] * picture.shape[1] for picture in distinct])
     of_face = texture[mesh.face_material]
@@ -109,6 +111,7 @@ def light_mesh(mesh: Mesh, paint: PackedPaint, light: BakedLight, stand: Stand) 
     faces["material"], faces["density"] = mesh.face_material, paint.density
     faces["steps"], faces["first"] = light.steps, light.first
     corners = np.empty((len(mesh.vertices), 5), np.float32)
+    # files may hold NaN, which a kernel without checks must never meet
     corners[:, :3], corners[:, 3:] = np.nan_to_num(mesh.normals), np.nan_to_num(mesh.uv).clip(-1e6, 1e6)
     return LitMesh(
         faces=faces, corners=corners, texture=paint.texture,

@@ -73,8 +73,10 @@ def measure_fit(item: TableObject, size_mm: float, mount: PatchMount | None = No
     mount = mount or item.spec.mounts[0]
     laid = lay_sheet(item.mesh, size_mm, mount, item.name, lambda T, side: survey_heights(item.mesh, T, side))
     points, slope = _spread(laid)
+    # the nearest place of the grid of heights
     steps = (points[:, :2] / (size_mm + 2 * TAPE_MARGIN_MM) + 0.5) * (SAMPLES - 1)
     column, row = np.rint(steps).astype(int).clip(0, SAMPLES - 1).T
+    # across the sheet, not straight down: tape bridges what is near along the normal
     below = (points[:, 2] - laid.heights[row, column]) * np.cos(slope)
     hit = np.isfinite(below)
     relief = float(np.ptp(np.percentile(below[hit], [5, 95]))) if hit.any() else 0.0
@@ -95,6 +97,7 @@ def survey_heights(mesh: Mesh, T_object_sheet: np.ndarray, side: float) -> np.nd
     local = (mesh.vertices - T_object_sheet[:3, 3]) @ T_object_sheet[:3, :3]
     corners = local[mesh.faces].astype(float)  # (m, 3, 3)
     grid = (corners[..., :2] / side + 0.5) * (SAMPLES - 1)
+    # places of the grid within the bounds of each triangle
     low = np.ceil(grid.min(axis=1) - 1e-6).clip(0, SAMPLES).astype(int)
     high = np.floor(grid.max(axis=1) + 1e-6).clip(-1, SAMPLES - 1).astype(int)
     size = (high - low + 1).clip(0)
@@ -102,16 +105,19 @@ def survey_heights(mesh: Mesh, T_object_sheet: np.ndarray, side: float) -> np.nd
     counts = size.prod(axis=1)
     for part in np.array_split(np.flatnonzero(counts), max(1, int(counts.sum() // MOST_PLACES))):
         which = np.repeat(part, counts[part])
+        # counts 0, 1, 2, … anew for each triangle
         inside = np.arange(len(which)) - np.repeat(np.cumsum(counts[part]) - counts[part], counts[part])
         x, y = low[which, 0] + inside % size[which, 0], low[which, 1] + inside // size[which, 0]
         a, b, c = (grid[which, k] for k in range(3))
         area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+        # barycentric weights; a triangle on edge has no area and covers nothing
         with np.errstate(divide="ignore", invalid="ignore"):
             second = ((x - a[:, 0]) * (c[:, 1] - a[:, 1]) - (y - a[:, 1]) * (c[:, 0] - a[:, 0])) / area
             third = ((b[:, 0] - a[:, 0]) * (y - a[:, 1]) - (b[:, 1] - a[:, 1]) * (x - a[:, 0])) / area
             covered = (second >= -1e-6) & (third >= -1e-6) & (second + third <= 1 + 1e-6)
         z, second, third = corners[which[covered], :, 2], second[covered], third[covered]
         height = z[:, 0] + second * (z[:, 1] - z[:, 0]) + third * (z[:, 2] - z[:, 0])
+        # the sheet comes down from above and meets what is highest
         np.maximum.at(heights, (y * SAMPLES + x)[covered], height)
     return heights.reshape(SAMPLES, SAMPLES)
 

@@ -56,12 +56,14 @@ def place_samples(
 
     Those closer than `shared` of that, on surfaces that face alike, share one value.
     """
+    # a triangle is cut into R² smaller ones, R by its longest edge: long thin ones get more than they need
     edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=2).max(axis=1)
     steps = np.clip(np.ceil(edges / spacing_mm), 1, MAX_STEPS).astype(np.int64)
     counts = (steps + 1) * (steps + 2) // 2
     first = np.cumsum(counts) - counts
     total = int(counts.sum())
     positions, normals = np.empty((total, 3), np.float32), np.empty((total, 3), np.float32)
+    # triangles of one R share their weights, so that few large sums are made of many small ones
     for r in np.unique(steps):
         faces = np.flatnonzero(steps == r)
         weights = _barycentric_grid(int(r))
@@ -69,6 +71,7 @@ def place_samples(
         positions[index] = np.einsum("kc,fcx->fkx", weights, corners[faces]).reshape(-1, 3)
         normals[index] = np.einsum("kc,fcx->fkx", weights, corner_normals[faces]).reshape(-1, 3)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-9)
+    # samples in one cell of place, way they face and plane are one: seams show no step, and rays are saved
     cell = shared * spacing_mm
     depth = np.einsum("nx,nx->n", positions, normals)[:, None]  # a sheet on a wall keeps light of its own
     key = np.concatenate([positions / cell, normals * 8, depth / SHEET_MM], axis=1).round().astype(np.int64)
@@ -81,6 +84,7 @@ def place_samples(
     return SampleGrid(steps, first, positions[kept], normals[kept], slot)
 
 
+# odd factors: multiplying by them loses no bit of a 64-bit key
 _MIX = np.random.default_rng(0).integers(1, 2**63, 7, dtype=np.uint64) | np.uint64(1)
 
 
@@ -267,21 +271,26 @@ def bake_lighting(
     open_irradiance = _open_light(up, lights)[0]
     bounce = (BOUNCE * albedo * open_irradiance / np.pi).astype(np.float32)
 
+    # the map of the ground ends where the object no longer changes its light
     side = 2 * _shadow_reach(size, float(shape.bounds[1, 2]) if is_indoors else 0.0, scene.key)
     count = min(round(side / size / detail.table_spacing), MAX_TABLE_SIDE)
     steps = (np.arange(count) + 0.5) / count * side - side / 2
     x, y = np.meshgrid(steps, -steps)
+    # lifted off the ground, or rays would start below it by rounding
     points = np.stack([x, y, np.full_like(x, OFFSET * size)], axis=-1).reshape(-1, 3).astype(np.float32)
     open_ground, of_ground = open_irradiance, lights
     if not is_indoors:
         of_ground = replace(lights, key=lights.key[:0])  # its shadow is cast for each picture
         open_ground = _open_light(up, of_ground)[0]
     shade = _gather(shape, points, np.repeat(up, len(points), 0), of_ground, bounce, NO_GROUND)
+    # a soft light is made of few directions, whose edges the blur hides
     table = cv2.GaussianBlur(shade[:, :3].reshape(count, count, 3), (0, 0), 0.8)
+    # towards its rim the map becomes the open ground, or its square would show
     fade = np.clip((side / 2 - np.maximum(np.abs(x), np.abs(y))) / (0.15 * side), 0, 1)[..., None].astype(np.float32)
     table = (open_ground * (1 - fade) + table * fade).astype(np.float32)
 
     grid = shape.grid(detail.surface_spacing * size)
+    # off the surface, or it would shade itself
     origins = grid.positions + grid.normals * np.float32(OFFSET * size)
     if around is None:
         values = _gather(
@@ -289,6 +298,7 @@ def bake_lighting(
         )
         return Lighting(grid, values[grid.slot], table, side, open_irradiance)
     values = _gather(shape, origins, grid.normals, lights, bounce, NO_GROUND, (around, stand))
+    # a share, as the ground out of doors has its own light and only loses some of it
     share = np.divide(table, open_ground, out=np.ones_like(table), where=open_ground > 1e-6 * open_irradiance.max())
     return Lighting(grid, values[grid.slot], share, side, open_irradiance)
 
@@ -308,6 +318,7 @@ def bake_surroundings(shape: Shape, albedo: np.ndarray, scene: Scene) -> Lightin
     """
     first, second, third = (shape.mesh.vertices[shape.mesh.faces[:, k]] for k in range(3))
     area = float(np.linalg.norm(np.cross(second - first, third - first), axis=1).sum()) / 2
+    # as many samples for a square as for a city: light costs the same, it is coarser
     spacing = max(float(np.sqrt(area / SURROUNDING_SAMPLES)), 1e-6 * shape.size)
     lights = _find_lights(scene, BakeDetail(key_rays=1, room_rays=SURROUNDING_RAYS), AT_ORIGIN)
     up = np.array([[0.0, 0.0, 1.0]], np.float32)
@@ -358,6 +369,7 @@ def _gather(
         other, stand = around
         turn = stand.turn.astype(np.float32)
         in_world = stand.to_world(points).astype(np.float32)
+        # blocked by either is blocked, 2; what looks away stays 0
         beyond = find_free(other.rays, other.bounds, in_world, normals @ turn.T, directions @ turn.T)
         return np.where(beyond == 2, np.minimum(free * 2, 2), free).astype(np.uint8)
 
@@ -383,10 +395,12 @@ def _room_directions(environment: np.ndarray, count: int, turn: np.ndarray) -> t
     """(n, 3) directions spread evenly over the sphere around an object, and the room's mean radiance around each."""
     i = np.arange(count)
     z = 1 - (2 * i + 1) / count
+    # the golden angle: no two directions of the spiral line up, however many there are
     azimuth = i * np.pi * (3 - np.sqrt(5))
     ring = np.sqrt(1 - z**2)
     directions = np.stack([ring * np.cos(azimuth), ring * np.sin(azimuth), z], axis=1).astype(np.float32)
     in_world = directions @ turn.T.astype(np.float32)
+    # blurred, as each direction stands for all around it: a window would be hit or missed
     return directions, sample_directions(blur_directions(environment, environment.shape[1] / 40), in_world)
 
 
@@ -396,6 +410,7 @@ def _key_directions(key: KeyLight, count: int, turn_deg: float) -> np.ndarray:
     side = np.cross([0, 0, 1.0], axis)
     side /= np.linalg.norm(side)
     i = np.arange(count)
+    # a sunflower: roots of even steps spread points evenly over a disc (Vogel 1979)
     radius = np.tan(np.radians(key.radius_deg)) * np.sqrt((i + 0.5) / count)
     angle = i * np.pi * (3 - np.sqrt(5))
     directions = axis + radius[:, None] * (

@@ -116,11 +116,13 @@ def find_sheets(
         sizes_mm: printed sides of the patch.
     """
     found = _judge_all(item, camera, poses, config, sizes_mm)
+    # squared, as the score is a length: the root of an area times the share that lies
     areas = np.array([one.areas_px * (1 - one.fit.floating) ** 2 for one in found]).reshape(len(found), -1)
     chosen: list[Place] = []
     sheets: list[MountedSheet] = []
     seen = np.zeros(len(poses))
     while len(chosen) < config.sheets:
+        # greedy; the root has each further square pixel count less, so that poses that see nothing yet win
         for k in np.argsort(-np.sqrt(seen + areas).mean(axis=1), kind="stable"):
             sheet = _mount(item, found[k].mount)
             if not any(do_overlap(sheet, other) for other in sheets):
@@ -222,6 +224,7 @@ def _grid(fit: SheetFit, at: Side) -> tuple[np.ndarray, np.ndarray]:
     normals = np.cross(np.gradient(points, axis=0), np.gradient(points, axis=1))
     normals /= np.linalg.norm(normals, axis=2, keepdims=True)
     right, up = (np.array(axis, float) for axis in SIDES[at])
+    # a cross product may point inward: outward is where the side faces
     normals *= np.sign((normals @ np.cross(right, up)).mean()) or 1.0
     return points + LIFT_MM * normals, normals
 
@@ -240,6 +243,7 @@ def _see(
     x, y = pixels.reshape(*is_free.shape, 2).transpose(2, 0, 1)
     one, other = (x[1:, 1:] - x[:-1, :-1], y[1:, 1:] - y[:-1, :-1]), (x[1:, :-1] - x[:-1, 1:], y[1:, :-1] - y[:-1, 1:])
     cells = np.abs(one[0] * other[1] - one[1] * other[0]) / 2  # a quadrilateral, by its diagonals
+    # a square counts by how many of its corners are seen
     corners = np.stack([seen[:-1, :-1], seen[1:, :-1], seen[:-1, 1:], seen[1:, 1:]]).mean(axis=0)
     return float(seen.mean()), float((cells * corners).sum())
 

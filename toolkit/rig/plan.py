@@ -25,6 +25,7 @@ def spread_poses(pattern: Pattern) -> np.ndarray:
     if pattern.jitter_deg:
         for i in range(len(angles)):  # pose i depends on (seed, i) alone
             angles[i] += np.random.default_rng([pattern.seed, i]).normal(0, pattern.jitter_deg, 2)
+        # at most three deviations below the lowest that was asked for, and never under the table
         angles[:, 1] = angles[:, 1].clip(max(low - 3 * pattern.jitter_deg, 0), 90)
     angles[:, 0] %= 360
     return angles
@@ -135,6 +136,7 @@ class Pose(BaseModel):
         if self.T_world_camera is None:
             return self
         off = np.abs(np.array(self.T_world_camera) - self._derived())
+        # rounding in a file that was edited by hand is forgiven, another pose is not
         if off[:3, 3].max() > 0.05 or off[:, :3].max() > 1e-3 or off[3, 3] > 1e-3:  # mm; 0.06 degrees
             raise ValueError(
                 f"pose {self.id}: T_world_camera does not agree with azimuth, elevation, roll, distance and target; "

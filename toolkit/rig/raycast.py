@@ -80,6 +80,7 @@ class RaycastRenderer:
         if scene.surroundings is not None:
             self._others = surroundings_of(scene)
             around = self._others.shape
+            # light bounces off both, and how much off which depends on the place: the mean does
             albedo = (albedo + paint_of(scene.surroundings).mean_colour) / 2
         lighting = bake_lighting(shape, albedo, scene, detail, stand, around)
         grid = lighting.grid
@@ -136,6 +137,7 @@ class RaycastRenderer:
             texture: the one of the materials' textures (the array itself) that is left out; its materials must not be
                 metallic, for their gloss has their colour. What bounces off the table has the texture's mean colour.
         """
+        # the array itself is compared: two materials may look alike and only one be trained
         left_out = np.array([m.texture is texture for m in self._mesh.materials])
         lit = self._object.lit._replace(left_out=left_out)
         dark, out, _ = self._paint_meshes(camera, T_world_camera, lit, linear=True)
@@ -176,6 +178,7 @@ class RaycastRenderer:
         """(h, w, 3) float32 what rays met before black, samples of a linear view where one is asked for, first hits."""
         view = _view(camera, T_world_camera)
         part = self._tracer.trace(view, self._region(camera, T_world_camera))
+        # a pixel is one sample, or the one and four finer ones
         most = len(part.hits.face) + 4 * len(part.refine) if linear else 0
         pixels = camera.height * camera.width
         picture = np.zeros((camera.height, camera.width, 3), np.float32)
@@ -208,8 +211,10 @@ class RaycastRenderer:
         depths = project(camera, T_world_camera, self._stand.to_world(box))[1]
         if (depths <= 0).all():
             return 0, 0, 0, 0
+        # part of it is behind the camera, where a projection says nothing: anywhere may show it
         if (depths <= 1e-3 * shape.size).any():
             return 0, 0, camera.width, camera.height
+        # finer samples and rounding reach a little beyond the outline
         margin = 6 + 0.01 * camera.width
         left, top = np.floor(pixels[depth > 0].min(axis=0) - margin).clip(-1, 1e6).astype(int)
         right, bottom = np.ceil(pixels[depth > 0].max(axis=0) + margin).clip(-1, 1e6).astype(int)
@@ -234,6 +239,7 @@ def map_frames(make: Callable[[V], F], views: Iterable[V], threads: int | None =
     with ThreadPoolExecutor(threads, "frames") as pool:
         try:
             for view in views:
+                # two for each thread are under way: all are busy, and a long list fills no memory
                 waiting.append(pool.submit(make, view))
                 if len(waiting) > 2 * threads:
                     yield waiting.popleft().result()
@@ -259,6 +265,7 @@ def _view(camera: Camera, T_world_camera: np.ndarray) -> View:
 
 def _surround(scene: Scene, lighting: Lighting, stand: Stand) -> Surround:
     side = lighting.table.shape[0] * LIGHT_MAP_ZOOM
+    # smooth steps between baked samples, of which a straight line would show the grid
     light = cv2.resize(lighting.table, (side, side), interpolation=cv2.INTER_CUBIC)
     table = scene.table
     mirrored = kept(_blur_environment, scene.environment)

@@ -36,6 +36,7 @@ def find_tour(points: np.ndarray) -> np.ndarray:
     apart = np.linalg.norm(points[:, None] - points, axis=-1)
     starts = np.unique(np.linspace(0, n - 1, min(n, STARTS)).round().astype(int))
     tours = [_improve(_go_to_nearest(apart, int(start)), apart) for start in starts]
+    # rounded: tours of one length must not be told apart by the last bit, which machines differ in
     best = min(tours, key=lambda tour: round(_length(tour, apart), 6))
     best = np.roll(best, -int(np.flatnonzero(best == 0)[0]))
     return best if best[1] < best[-1] else np.r_[best[:1], best[:0:-1]]
@@ -71,6 +72,7 @@ def _reverse_best(tour: np.ndarray, apart: np.ndarray, slack: float) -> np.ndarr
     """2-opt: the reversal of one stretch that shortens the tour most, None where none does."""
     after = np.roll(tour, -1)
     kept = apart[tour, after]
+    # what the tour gains or loses where the stretch between two of its legs is turned round
     change = apart[np.ix_(tour, tour)] + apart[np.ix_(after, after)] - kept[:, None] - kept
     i, j = np.unravel_index(np.triu(change, 1).argmin(), change.shape)
     if change[i, j] >= -slack or i >= j:
@@ -208,6 +210,7 @@ def _visit(walk: list[int], variants: tuple[str, ...], order: str, rng: np.rando
     bare = "unpatched" if "unpatched" in variants else variants[0]
     others = [variant for variant in variants if variant != bare]
     half = len(walk) // 2
+    # the others begin where the first half ended, so that the camera need not go back
     turned = walk[half:] + walk[:half]
     middle = [(others[i], pose) for i in rng.permutation(len(others)) for pose in turned]
     return [(bare, pose) for pose in walk[:half]] + middle + [(bare, pose) for pose in walk[half:]]

@@ -68,6 +68,7 @@ def _wood(light: tuple[int, int, int], dark: tuple[int, int, int], plank_mm: flo
             h = min(plank, height - top)
             warp = _noise(rng, (h, width), (500 * scale, 60 * scale), 3)
             y = np.arange(h, dtype=np.float32)[:, None] / scale
+            # growth rings across the plank, bent by slow noise as the grain of sawn wood is
             rings = np.sin((y / rng.uniform(7, 13) + 1.6 * warp + rng.uniform(0, 9)) * 2 * np.pi) * 0.5 + 0.5
             fibre = _noise(rng, (h, width), (70 * scale, 1.6), 2) * 0.16
             mix = (0.42 * rings**1.5 + 0.18 * warp + fibre + rng.uniform(0.1, 0.34)).clip(0, 1)[..., None]
@@ -139,6 +140,7 @@ def paint_room(rng: np.random.Generator, shape: tuple[int, int]) -> np.ndarray:
         furnish = (_window, _shelf, _picture)[rng.integers(3)]
         furnish(room, rng, int(azimuth / 360 * width), horizon)
     _window(room, rng, int(rng.uniform(0.30, 0.44) * width), horizon)  # a room has a window
+    # the left edge meets the right one: three side by side are blurred, the middle is kept
     tiled = np.concatenate([room, room, room], axis=1)  # blur across the seam
     blurred = cv2.GaussianBlur(tiled, (0, 0), width / 110)[:, width : 2 * width]
     return np.ascontiguousarray(blurred, np.float32)
@@ -230,6 +232,7 @@ def _expose(key: KeyLight, environment: np.ndarray, table: np.ndarray) -> float:
     """Meter the open table as a camera would: bright tables stay bright, dark ones dark, dim light a bit dim."""
     irradiance = float(illuminate(environment, key).mean())
     albedo = float(srgb_to_linear(table[::8, ::8] / 255).mean())
+    # a power under 1: a white table comes out brighter than a black one, but not by as much as it is
     wanted = 0.62 * albedo**0.65
     metered = wanted / (albedo * irradiance / np.pi)
     full = 0.9

@@ -60,6 +60,7 @@ class LitBody:
         )  # fmt: skip
         points = self.shape.mesh.vertices
         corners, screen = np.empty((len(points), 3)), np.empty((len(points), 3), np.float32)
+        # corners go straight from the mesh to pixels: one matrix for turn, place, camera and lens
         lens = np.array([[view.fx, 0, view.cx], [0, view.fy, view.cy], [0, 0, 1]]) @ np.transpose(view.rotation)
         T_pixel_mesh = np.column_stack([lens @ self.lit.turn, lens @ np.subtract(self.lit.place, view.origin)])
         project_corners(points, T_pixel_mesh, corners, screen)
@@ -71,6 +72,7 @@ class LitBody:
 
     def see(self, view: View, samples: Samples) -> Hits:
         """First hits of samples, the cheaper way."""
+        # drawing costs by the triangle, rays by the sample
         if len(self.lit.faces) <= FACES_PER_SAMPLE * _count(samples):
             return self.draw(view, samples)
         return self.cast(_rays_of(view, samples))
@@ -114,6 +116,7 @@ class Tracer:
         near = np.zeros((bottom - top) * (right - left), bool)
         rows = near.reshape(bottom - top, right - left)
         rows[region[1] - top : region[3] - top, region[0] - left : region[2] - left] = True
+        # one sample in each pixel first: most pixels need no more
         centres = Samples(left, top, right, bottom, np.arange(len(near), dtype=np.int32), CENTRE)
         hits = self.see(view, centres, near)
         material, needed = np.full(len(near), -1, np.int32), np.zeros(len(near), bool)
@@ -121,6 +124,7 @@ class Tracer:
         for body in (self.body,) if self.others is None else (self.body, self.others):
             describe_hits(body.lit, body.number, view, centres, hits, material=material, normal=normal, needed=needed)
         mark_edges(right - left, hits, material, normal, needed)
+        # where neighbours differ in mesh, material or bend, and on paper, whose print is finer than a pixel
         refine = np.flatnonzero(needed).astype(np.int32)
         fine = self.see(view, Samples(left, top, right, bottom, refine, SUBPIXELS), near)
         return Part(left, top, right, bottom, hits, refine, fine)
@@ -129,6 +133,7 @@ class Tracer:
         """First hits of samples; those of the part's pixels that are `near` (n,) bool may show the object."""
         if self.others is None:
             return self.body.see(view, samples)
+        # surroundings fill the frame and have many faces: always by rays; the object only where it may be
         rays = _rays_of(view, samples)
         hits = self.others.cast(rays)
         chosen, shots = np.flatnonzero(near[samples.pixels]), len(samples.offsets)
@@ -136,9 +141,11 @@ class Tracer:
             where = (chosen[:, None] * shots + np.arange(shots)).reshape(-1).astype(np.int32)
             take_nearer(hits, self.body.see(view, samples._replace(pixels=samples.pixels[chosen])), where)
         which, to_key = np.empty(len(rays), np.int32), np.empty_like(rays)
+        # off the surface that was met, or rays to the light would meet it again
         lift = 2e-4 * self.body.shape.size
         count = fill_key_rays(self.others.lit, hits, rays, self.key, lift, which, to_key)
         which, to_key = which[:count], to_key[:count]
+        # what the surroundings shade already is not asked of the object
         free = ~self.others.blocks(to_key)
         free[free] = ~self.body.blocks(to_key[free])
         hits.key_share[which] = free

@@ -78,6 +78,7 @@ def random_pose(
 
     Within `ranges`; the camera looks a little beside the object.
     """
+    # the order of the draws is part of the scheme: another one gives other views of the same seed
     azimuth, elevation, roll, fill = ranges.draw(rng)
     target = np.array([0.0, 0.0, np.ptp(points[:, 2]) / 2])
     distance = distance_to_fill(camera, points, target, azimuth, elevation, fill=fill, roll_deg=roll)
@@ -260,6 +261,7 @@ def render_block(
     """
     subject = subjects[block % len(subjects)]
     shown = ViewBlock(subject.mesh, settings, Draws(seed, block, kind), setting)
+    # only what is held out is judged against the bare object, and a second renderer is half of the work
     own_paint = shown.place(subject.bare) if kind == HELD_OUT else None
     texture = subject.mesh.materials[subject.material].texture
 
@@ -283,6 +285,7 @@ def find_depth(renderer: RaycastRenderer, scene: Scene, camera: Camera, T_world_
     if scene.table is not None:
         x, y = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
         rays = pixel_rays(camera, T_world_camera, np.stack([x, y], axis=-1).reshape(-1, 2).astype(np.float32))
+        # the table is no mesh: where a ray falls to z = 0 is worked out, and whether that is on the table top
         fall = np.minimum(rays[:, 5], -1e-6)
         reach = -rays[:, 2] / fall
         on_table = np.abs(rays[:, :2] + reach[:, None] * rays[:, 3:5]) <= np.array(scene.table.size_mm) / 2
@@ -348,6 +351,7 @@ class ViewStream:
         """The views of a group, and a beginning made with the next."""
         if self._current is None or self._current[0] != number:
             self._current = None  # frees the group before
+            # a run that goes on from a checkpoint may skip groups that were begun
             for stale in [n for n in self._waiting if n < number]:
                 for future in self._waiting.pop(stale):
                     future.cancel()

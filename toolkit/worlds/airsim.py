@@ -219,6 +219,7 @@ class AirSim:
         miss = None
         for _ in range(TRIES):
             self._step()
+            # the first picture may still be of the pose before
             self._get_images(SCENE)
             replies = self._get_images(SCENE, DEPTH_PERSPECTIVE, SEGMENTATION)
             misses = [find_miss(reply.pose, pose) for reply in replies]

@@ -63,11 +63,14 @@ def march_clouds(
         rng: draws the clouds.
     """
     heaps, tops = (paint_levels(rng, TILE_PX, slope, 4) for slope in (2.0, 1.75))
+    # a pattern lies flat above the ground: where a ray meets it is its bearing times the distance
     flat = directions[:, :2] / np.maximum(np.linalg.norm(directions[:, :2], axis=1, keepdims=True), 1e-6)
     sine, cosine = directions[:, 2], np.sqrt(1 - np.minimum(directions[:, 2], 1) ** 2)
+    # clouds are held away from the sun by a higher threshold there
     gap = np.degrees(np.arccos(np.clip(directions @ sun, -1, 1)))
     open_sky = np.clip((gap - SUN_GAP_DEG[0]) / (SUN_GAP_DEG[1] - SUN_GAP_DEG[0]), 0, 1)
     threshold = (1 - cover) + cover * (1 - open_sky)
+    # bounded, as a sun at the horizon would move it endlessly far
     lean = np.clip(sun[:2] / max(float(sun[2]), 0.25), -2, 2)  # metres aside per metre up, towards the light
 
     def find_top(rays: np.ndarray, distance_m: np.ndarray, step_m: np.ndarray, aside_m: float) -> np.ndarray:
@@ -78,6 +81,7 @@ def march_clouds(
         lod = np.log2(np.maximum(distance_m * pixel_rad, 0.6 * step_m) * TILE_PX / TILE_M)
         swelling = sample_noise(heaps, u, v, lod)
         detail = sample_noise(tops, 5.7 * u, 5.7 * v, lod + 2.5) - 0.5
+        # a heap is as high as the noise is over the threshold; the power rounds its top
         excess = np.clip((swelling + 0.1 * detail - threshold[rays]) / max(cover, 0.35), 0, 1)
         return (TOP_M - BASE_M) * excess**0.55 * (0.8 + 0.5 * detail) - EDGE_M / 2
 
@@ -88,16 +92,21 @@ def march_clouds(
     for k in range(SLICES):
         above = (k + early) * slice_m
         after = reach_height(sine, BASE_M + above + slice_m / 2)
+        # how far the ray is in this slice, which grows towards the horizon
         length, before = after - before, after
+        # what is hidden already needs no further marching
         rays = np.flatnonzero(passed > 0.01)
         step = length[rays] * cosine[rays]
         top = find_top(rays, after[rays], step, 0.0)
         inside = top > above[rays] - EDGE_M / 2
         rays, top, step = rays[inside], top[inside], step[inside]
         height = above[rays]
+        # one look 220 m towards the light stands for the march that a real shadow needs
         towards = find_top(rays, after[rays], step, 220.0) - 220 * max(float(sun[2]), 0.2)
         shaded = 0.35 * np.maximum(top - height, 0) + np.maximum(towards - height, 0)
+        # shaded parts keep some: light that was scattered many times comes from everywhere
         lit = 0.15 + 0.85 * np.exp(-shaded / 300)
+        # soft over EDGE_M, or tops would have hard edges
         filled = np.clip((top - height) / EDGE_M + 0.5, 0, 1)
         lost = passed[rays] * (1 - np.exp(-EXTINCTION * filled * np.minimum(length[rays], 400)))
         sunlit[rays] += lost * lit
@@ -132,9 +141,11 @@ def paint_noise(rng: np.random.Generator, side_px: int, slope: float, coarsest: 
         coarsest: waves longer than this part of the side are no stronger.
     """
     waves = np.hypot(np.fft.fftfreq(side_px)[:, None], np.fft.rfftfreq(side_px)[None]) * side_px
+    # white noise, each wave weakened by its frequency; the inverse transform repeats by nature
     spectrum = np.fft.rfft2(rng.standard_normal((side_px, side_px))) / np.maximum(waves, coarsest) ** slope
     smooth = np.fft.irfft2(spectrum, s=(side_px, side_px))
     rank = np.empty(side_px**2, np.float32)
+    # by rank: a threshold then covers exactly the share of the pattern that it names
     rank[np.argsort(smooth, axis=None)] = (np.arange(side_px**2) + 0.5) / side_px**2
     return rank.reshape(side_px, side_px)
 

@@ -79,7 +79,9 @@ def sunlight(elevation_deg: float, turbidity: float) -> np.ndarray:
     """(3,) linear sRGB of the sun's illuminance on a surface that faces it, klx; 0 once its disc has set."""
     mass = find_air_mass(elevation_deg)
     haze = 0.04608 * turbidity - 0.04586
+    # Rayleigh's scattering, Ångström's haze and ozone, as in Preetham's appendix
     lost = 0.008735 * WAVELENGTHS_UM**-4.08 + haze * WAVELENGTHS_UM**-1.3 + OZONE_PER_CM * OZONE_CM
+    # the disc is 0.53° across
     above = np.clip(elevation_deg / 0.53 + 0.5, 0, 1)  # share of the disc above the horizon
     return SUN_KLX * SUN_COLOUR * np.exp(-lost * mass) * above
 

@@ -186,8 +186,11 @@ class Snow(InWind):
             ((view.directions[..., axis] * reach + view.position_m[axis]) / TILE_M % 1 * TILE_PX).astype(np.float32)
             for axis in (0, 1)
         )
+        # looked up by place in the world: snow lies where it lay, from wherever it is seen
         order = cv2.remap(_cover_pattern(), x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+        # places turn white in their order until the cover's share is reached
         patches = np.clip((self.cover * (1 + SOFT) - order) / SOFT, 0, 1)
+        # far off a pixel holds many patches, and shows their mean
         pixel_m = reach / view.camera.fx / np.maximum(np.abs(view.directions[..., 2]), 0.02)
         blended = np.clip(pixel_m / BLENDED_M, 0, 1)
         return (flat * (patches + (self.cover - patches) * blended)).astype(np.float32)

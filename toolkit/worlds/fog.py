@@ -60,6 +60,7 @@ def stretch_path(view: DepthView, patchiness: float, farthest_m: float, rng: np.
     towards = rng.normal(size=(len(PATCHES_M), 3))
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
     phases = rng.uniform(0, 2 * np.pi, len(PATCHES_M))
+    # wave vectors, 1/m
     waves = (2 * np.pi / np.array(PATCHES_M))[:, None] * towards
     swing = (DENSEST - THINNEST) / 2 * np.array(PATCHES_M) / sum(PATCHES_M)
     depth = np.minimum(view.depth_m, np.float32(farthest_m))
@@ -67,6 +68,7 @@ def stretch_path(view: DepthView, patchiness: float, farthest_m: float, rng: np.
     starts = (waves @ view.position_m + phases) % (2 * np.pi)
     for wave, start, amplitude in zip(waves.astype(np.float32), starts, swing, strict=True):
         half = view.directions @ wave * depth / 2
+        # sin(x) / x, the mean of a wave along the ray; 1 where the ray runs across it
         slope = np.where(np.abs(half) < 1e-3, np.float32(1), np.sin(half) / np.where(half == 0, 1, half))
         factor += np.sin(half + np.float32(start)) * slope * np.float32(amplitude)
     stretched = depth * (1 + np.float32(patchiness) * (factor - 1))

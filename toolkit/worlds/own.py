@@ -68,6 +68,7 @@ def world_from_mesh(mesh: Mesh, source: str, name: str, seed: int, face_class: n
     found = classify_ground(mesh, ground_z)
     if face_class is not None:
         known = face_class != SceneClass.OTHER
+        # the ground is found by its shape; a file's own class counts for it only where it says road
         found = np.where(known & ((found != SceneClass.GROUND) | (face_class == SceneClass.ROAD)), face_class, found)
     core = mesh.bounds[:, :2].copy()
     world = World(name, seed, mesh, found.astype(np.uint8), (), None, core)
@@ -196,16 +197,19 @@ def find_spots(world: World, seed: int) -> tuple[Spot, ...]:
         rays[..., :3] = (origin + [0, 0, height])[:, None]
         rays[..., 3:] = ways
         free = np.minimum(free, cast_rays(scene, rays).min(axis=1))
+    # open sky is asked for: no arcade or bridge above
     above = np.column_stack([origin + [0, 0, SPOT_HEIGHTS_M[0]], np.tile([0.0, 0.0, 1.0], (len(origin), 1))])
     covered = np.isfinite(cast_rays(scene, above))
     edge = np.minimum(candidates - low, high - candidates).min(axis=1)
     free = np.where(covered, 0.0, np.minimum(np.minimum(free, edge), _gap_to_corners(world, candidates)))
     spots: list[Spot] = []
+    # the widest first; equal ones in the order of their draw, on every machine
     for k in np.argsort(-free, kind="stable"):
         if free[k] < MIN_SPOT_M or len(spots) == MAX_SPOTS:
             break
         x, y = (float(v) for v in np.round(candidates[k], 3))
         if all(np.hypot(x - s.position[0], y - s.position[1]) > s.free_radius_m for s in spots):
+            # nine tenths of what was measured, down to whole centimetres
             radius = float(np.floor(free[k] * 90) / 100)
             spots.append(
                 Spot(f"ground-{len(spots) + 1}", "ground", (x, y, round(float(z[k]), 3)), radius, 0.0, "ground")

@@ -55,6 +55,7 @@ class Population:
         size, blurred = self.diameter_mm / 1e3, (self.diameter_mm + APERTURE_MM) / 1e3
         trail = blurred + np.hypot(self.fall_m_s, wind_m_s) * exposure_s
         area = np.pi / 4 * size**2 / FAINTEST
+        # too faint by its size alone, or because its light is spread along its trail
         reach = np.minimum(focal_px * np.sqrt(area), focal_px * area / trail)
         return np.where(area < blurred * trail, np.minimum(reach, focal_px * blurred), reach)
 
@@ -96,6 +97,7 @@ def draw_coverage(
     column, row = np.floor(x).astype(np.int32), np.floor(y).astype(np.int32)
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
     x, y, share, owner, column, row = (one[inside] for one in (x, y, share, owner, column, row))
+    # what is behind the surface is not seen
     free = view.depth_m[row, column] > streaks.range_m[owner]
     x, y, share = x[free] + np.float32(0.5), y[free] + np.float32(0.5), share[free]
     # an empty rim takes what would fall outside
@@ -107,6 +109,7 @@ def draw_coverage(
         (0, (1 - right_share) * (1 - low_share)), (1, right_share * (1 - low_share)),
         (width + 2, (1 - right_share) * low_share), (width + 3, right_share * low_share),
     ):  # fmt: skip
+        # each dot is shared by the four pixels around it
         total += np.bincount(cell + step, weight * share, minlength=len(total))
     return np.minimum(total.reshape(height + 2, width + 2)[1:-1, 1:-1], 1).astype(np.float32)
 
@@ -124,17 +127,21 @@ def _scatter(
     camera = view.camera
     reach = particles.reach_m(camera.fx, float(np.linalg.norm(wind)), exposure_s)
     mean = particles.count_seen(camera, reach)
+    # the number grows with the cube of the reach
     if mean.sum() > MOST:
         reach *= (MOST / mean.sum()) ** (1 / 3)
         mean = particles.count_seen(camera, reach)
     kind = np.repeat(np.arange(len(mean)), rng.poisson(mean))
     u, x, y = rng.random((3, len(kind)))
+    # even by volume: the cube of the distance is drawn evenly
     z = np.cbrt(NEAREST_M**3 + u * (reach[kind] ** 3 - NEAREST_M**3))
     x, y = x * camera.width, y * camera.height
     across, down = (x - camera.cx) / camera.fx, (y - camera.cy) / camera.fy
     velocity = np.tile(wind, (len(mean), 1))
     velocity[:, 2] -= particles.fall_m_s
+    # their velocity in the camera's axes
     right, below, ahead = (velocity @ view.T_world_camera[:3, :3])[kind].T
+    # the derivative of the projection: what comes towards the lens moves outward
     along_x = camera.fx * (right - across * ahead) * exposure_s / z
     along_y = camera.fy * (below - down * ahead) * exposure_s / z
     length = np.hypot(along_x, along_y)
@@ -152,6 +159,7 @@ def _dot(streaks: _Streaks) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndar
     whole = streaks.length + streaks.width
     steps = np.ceil(np.maximum(whole, 1)).astype(np.int64)
     rows = np.ceil(np.maximum(streaks.width, 1)).astype(np.int64)
+    # a streak is a strip of dots, as wide as its blur
     counts = steps * rows
     owner = np.repeat(np.arange(len(counts)), counts)
     number = np.arange(len(owner)) - np.repeat(np.cumsum(counts) - counts, counts)

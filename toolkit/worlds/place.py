@@ -140,6 +140,7 @@ def choose_places(
     rank = []
     for spot in shuffled:
         turns[spot.place] = turns.get(spot.place, -1) + 1
+        # its turn among its kind: kinds follow each other
         rank.append(turns[spot.place])
     order = sorted(range(len(shuffled)), key=rank.__getitem__)  # stable: by turn, then as drawn
     return tuple(shuffled[k] for k in order[:count])
@@ -192,6 +193,7 @@ def place_object(mesh: Mesh, world: World, spot: Spot, sky: Sky) -> Placed:
         )
     level = Stand(spot.position, spot.yaw_deg)
     low = float(mesh.bounds[0, 2])
+    # wheels or feet, not the belly, decide what it stands on
     carrying = mesh.vertices[mesh.vertices[:, 2] <= low + CONTACT * float(np.ptp(mesh.bounds, axis=0).max())]
     under = level.to_world(carrying.astype(np.float64))
     height = _stand_height(world, spot, under)

@@ -194,6 +194,7 @@ class _Show:
 
 def find_clear_orbit(world: World, placed: Placed, turn_deg: float, up_deg: float, distance_m: float) -> np.ndarray:
     """(4, 4) camera that looks at an object from about there, from where the world hides least of its box."""
+    # in the order of how far they leave the wanted direction: of equal views the first is taken
     azimuths = [placed.stand.turn_deg + turn_deg + turn for turn in TURNS_DEG]
     poses = [orbit_pose(placed.centre, azimuth, up_deg, distance_m) for azimuth in azimuths]
     low, high = placed.mesh.bounds
@@ -202,6 +203,7 @@ def find_clear_orbit(world: World, placed: Placed, turn_deg: float, up_deg: floa
     eyes = np.array([pose[:3, 3] for pose in poses])
     ways = targets[None] - eyes[:, None]
     rays = np.concatenate([np.broadcast_to(eyes[:, None], ways.shape), ways], axis=2).astype(np.float32)
+    # rays are as long as the way, so that 1 is the object itself
     met = cast_rays(world.shape.rays, rays)  # in shares of the way
     free = (met > 0.97).mean(axis=1) - (clearance(world, eyes) < HEADROOM_M) - world.inside_building(eyes)
     return poses[int(free.argmax())]

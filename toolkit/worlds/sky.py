@@ -79,6 +79,7 @@ class Sky:
         """
         height = self.panorama.shape[0]
         elevation = np.pi / 2 - (np.arange(height) + 0.5) * np.pi / height
+        # rows of a panorama shrink towards the poles
         weight = np.cos(elevation) / np.cos(elevation).sum()
         around = (self.panorama.mean(axis=1) * weight[:, None]).sum(axis=0)
         return (around + np.array(self.sun.irradiance) / (4 * np.pi)) * self.exposure
@@ -171,6 +172,7 @@ def _make_sun(azimuth_deg: float, elevation_deg: float, irradiance: np.ndarray) 
 def _balance(panorama: np.ndarray, sun: KeyLight) -> tuple[np.ndarray, KeyLight]:
     """Both as a camera's white balance leaves them: without half of the light's colour on open ground."""
     irradiance = illuminate(panorama, sun)
+    # a gain for each channel, then one for all, so that open ground stays as bright as it was
     gain = (irradiance / (irradiance @ LUMINANCE)) ** -BALANCE
     gain *= (irradiance @ LUMINANCE) / (irradiance * gain @ LUMINANCE)
     return panorama * gain.astype(np.float32), _make_sun(sun.azimuth_deg, sun.elevation_deg, sun.irradiance * gain)
@@ -199,6 +201,7 @@ def _clear(directions: np.ndarray, when: TimeOfDay) -> np.ndarray:
         glow = (np.exp(-elevation / 9) * facing**2)[:, None]
         tint = GLOW * glow + NIGHT_BLUE * (1 - glow)
         pale = PALE * set_by * np.exp(-elevation / 15)[:, None]
+        # towards grey of the same luminance first, then towards twilight's tint
         sky = (sky + pale * (sky @ LUMINANCE[:, None] - sky)) * (1 + set_by * (tint - 1))
     weight = directions[:, 2] * np.sqrt(1 - directions[:, 2] ** 2)  # rows of a panorama shrink towards the zenith
     found = np.pi * (sky @ LUMINANCE * weight).sum() / weight.sum()
@@ -220,11 +223,13 @@ def _light_sky(
         facing = (1 + directions[:, :2] @ light[:2] / np.linalg.norm(light[:2])) / 2
         on_cloud += np.pi * around * (0.35 + AFTERGLOW * (facing**3 * (1 - directions[:, 2]))[:, None])
     gamma = np.degrees(np.arccos(np.clip(directions @ light, -1, 1)))[:, None]
+    # droplets scatter forward: clouds near the sun have bright rims
     silver = 1 + 1.2 * np.exp(-gamma / 14)
     veils = lay_veils(directions, when.cloud_cover, pixel_rad, rng)[:, None]
     sky = clear + veils * (on_cloud * 0.16 * silver + around - clear)
     layer = march_clouds(directions, light, min(when.cloud_cover, 0.9), pixel_rad, rng)
     lit = on_cloud * (0.27 * silver * layer.sunlit[:, None]) + around * (0.95 * layer.skylit[:, None])
+    # the air in front of a far cloud sends its own light, which is the clear sky's
     near = np.exp(-layer.distance_m / HAZE_M)[:, None]
     hidden = (1 - layer.passed)[:, None]
     return sky * (1 - hidden) + lit * near + clear * hidden * (1 - near)
@@ -311,18 +316,22 @@ def split_sun(panorama: np.ndarray) -> tuple[np.ndarray, KeyLight]:
     """
     height = panorama.shape[0]
     directions = find_directions(height)
+    # the brightest place of the upper half is a candidate; a lamp or a window below the horizon is none
     luminance = panorama @ LUMINANCE.astype(np.float32)
     row, column = np.unravel_index(int(luminance[: height // 2].argmax()), (height // 2, panorama.shape[1]))
     gap = np.degrees(np.arccos(np.clip(directions @ directions[row, column], -1, 1)))
     ring = panorama[(gap > SUN_REACH_DEG) & (gap < AROUND_DEG)].mean(axis=0)
+    # only what stands out against the sky around it, or bright haze would be taken along
     disc = (gap <= SUN_REACH_DEG) & (luminance > SUN_CONTRAST * (ring @ LUMINANCE))
     solid_angle = np.sqrt(1 - directions[..., 2] ** 2) * (np.pi / height) ** 2
     excess = (panorama[disc] - ring) * solid_angle[disc][:, None]
     irradiance = np.maximum(excess.sum(axis=0), 0)
     weight = solid_angle * np.maximum(directions[..., 2], 0)
     everything = (luminance * weight).sum()
+    # a veiled sun casts no sharp shadow: the panorama keeps it
     if not disc.any() or (irradiance @ LUMINANCE) * directions[row, column, 2] < LEAST_SUN * everything:
         return panorama, KeyLight(elevation_deg=90.0, irradiance=(0.0, 0.0, 0.0))
+    # the centre of its light, finer than a pixel
     middle = (directions[disc] * (excess @ LUMINANCE)[:, None]).sum(axis=0)
     middle /= np.linalg.norm(middle)
     sky = panorama.copy()

@@ -90,6 +90,7 @@ def choose_viewpoints(world: World, seed: int = 0, each: int = 1) -> tuple[Viewp
         poses, score = _judge(world, level, places, rng)
         found: list[Viewpoint] = []
         for k in np.argsort(-score, kind="stable"):
+            # a second view from next to the first would show nothing new
             apart = 0.25 * float(np.ptp(world.core, axis=0).max())
             if all(np.linalg.norm(poses[k][:3, 3] - one.position) > apart for one in found):
                 found.append(Viewpoint(name if not found else f"{name}-{len(found) + 1}", poses[k]))
@@ -107,6 +108,7 @@ def find_places(world: World, level: Level, rng: np.random.Generator) -> np.ndar
     at = middle + rng.uniform(-0.92, 0.92, (4 * level.places, 2)) * half
     points = np.column_stack([at, world.ground_height(at) + rng.uniform(*level.height_m, len(at))])
     points = points[np.isfinite(points[:, 2])]
+    # inside a wall nothing is near, so that distance alone would not find it out
     points = points[~world.inside_building(points)]
     return points[clearance(world, points) > HEADROOM_M][: level.places]
 
@@ -157,18 +159,23 @@ def _rate(world: World, rays: np.ndarray, way: np.ndarray, face: np.ndarray, lev
     standing = [int(one) for one in STANDING]
     things = np.delete(share, standing)
     seen = things[things > 0.01]
+    # entropy of the classes in the picture: many, in even shares
     variety = -float((seen * np.log(seen)).sum())
+    # how many materials show, ground aside; one that fills over a fifth is a wall before the lens
     look = np.unique(
         world.mesh.face_material[face[met & ~np.isin(world.face_class[np.where(met, face, 0)], standing)]],
         return_counts=True,
     )[1]
     looks = 0.35 * float(np.log(max(len(look), 1))) - 2.0 * max(float(look.max(initial=0)) / total - 0.2, 0.0)
+    # near and far together make depth
     spread = min(float(np.log(way[met]).std()), 1.5)
     places = rays[met, :2] + way[met, None] * rays[met, 3:5]
+    # what lies beyond the core is a backdrop
     home = float(((places > world.core[0]) & (places < world.core[1])).all(axis=1).sum()) / total
     close = float(((way[met] < level.close_m) & ~np.isin(kinds, standing)).sum()) / total
     bare = max(float(share[standing].sum()) - 0.45, 0.0)
     sky = abs(1 - float(met.mean()) - level.sky)
+    # what stands right before the lens costs most
     return variety + looks + 0.5 * spread + home - 2.0 * sky - 1.5 * bare - 6.0 * close
 
 
@@ -204,12 +211,14 @@ class Flight:
         step = np.linalg.norm(np.diff(self.points, axis=0), axis=1)
         at = np.concatenate([[0.0], np.cumsum(step)])
         height = self.points[:, 2] - self.points[:, 2].min()
+        # high up the ground moves slowly, so that the camera may fly faster
         pace = 1 + height / 15
         moment = np.concatenate([[0.0], np.cumsum(step / ((pace[1:] + pace[:-1]) / 2))])
         ease = 0.5 - 0.5 * np.cos(np.pi * np.linspace(0, 1, count))
         time = (0.75 * np.linspace(0, 1, count) + 0.25 * ease) * moment[-1]
         way = np.interp(time, moment, at)
         places = self.on(way)
+        # the look ahead is smoothed in time, the path itself in space
         onwards = smooth(self.on(way + AHEAD_M) - places, count / 30)
         flat = np.linalg.norm(onwards[:, :2], axis=1)
         onwards[:, 2] = np.clip(onwards[:, 2], -STEEPEST * flat, 0.35 * STEEPEST * flat)
@@ -248,6 +257,7 @@ def plan_flight(world: World, viewpoints: tuple[Viewpoint, ...], seed: int = 0) 
     corner = half * [*rng.choice([-0.55, 0.55], 2), 0]
     rise = min(HEIGHTS_M[-2], 0.35 * float(half.max()) + 12)
     stops = [middle + corner + [0, 0, rise], *(one.position for one in streets), middle - corner + [0, 0, 0.7 * rise]]
+    # streets by their distance from the start: the film does not fly back and forth
     order = [0, *sorted(range(1, len(stops) - 1), key=lambda k: float(np.linalg.norm(stops[k] - stops[0]))), -1]
     nodes = [grid.nearest(stops[k]) for k in order]
     way = [nodes[0]]
@@ -258,6 +268,7 @@ def plan_flight(world: World, viewpoints: tuple[Viewpoint, ...], seed: int = 0) 
     at = np.concatenate([[0.0], np.cumsum(step)])
     fine = np.linspace(0, at[-1], max(int(at[-1]), 2))
     line = np.stack([np.interp(fine, at, points[:, k]) for k in range(3)], axis=1)
+    # as smooth as leaves the camera room: a smoother path cuts corners
     for sigma in SMOOTH_M:
         path = smooth(line, sigma)
         if clearance(world, path).min() > 0.6 * ROOM_M[0]:
@@ -287,8 +298,10 @@ class _Grid:
         free = (room > ROOM_M[0]) & ~world.inside_building(points)
         shape = (len(HEIGHTS_M), len(x), len(y))
         number = np.arange(len(points)).reshape(shape)
+        # air near walls costs more, and so does height: the film shall be among the houses
         cost_at = (1 + 2 * np.maximum(ROOM_M[1] - room, 0) ** 2) * (1 + LOW_IS_DEAR * (points[:, 2] - ground.min()))
         starts, ends, costs = [], [], []
+        # half of the 26 neighbours: each way serves both directions
         for move in [(a, b, c) for a in (0, 1) for b in (-1, 0, 1) for c in (-1, 0, 1) if (a, b, c) > (0, 0, 0)]:
             one, other = (number[_shifted(move, shape, side)].reshape(-1) for side in (0, 1))
             usable = free[one] & free[other]

@@ -64,6 +64,7 @@ class WorldSetting:
         error = None
         for _ in range(PLACES_TRIED):
             spot = spots[rng.integers(len(spots))]
+            # the root spreads places evenly over the circle
             shift, angle = (spot.free_radius_m - radius) * np.sqrt(rng.random()), rng.uniform(0, 2 * np.pi)
             x, y, z = spot.position
             place = (float(x + shift * np.cos(angle)), float(y + shift * np.sin(angle)), z)
@@ -109,6 +110,7 @@ class WorldSetting:
         if radius not in self._known:
             self._known[radius] = self._find_spots(radius)
         spots = self._known[radius]
+        # by their order in the world, which is the same in every run: a place never changes sides
         held_out = spots[::HELD_OUT_EVERY] if len(spots) > 1 else spots
         return [spot for spot in spots if spot not in held_out] or spots, held_out
 
