@@ -21,8 +21,7 @@ from toolkit.objects.load import BUILTIN, load_object
 from toolkit.objects.records import read_patch, read_texture
 from toolkit.rig.camera import Camera
 from toolkit.rig.plan import plan_poses
-from toolkit.rig.requests import Pattern
-from toolkit.rig.variants import PAIR
+from toolkit.rig.requests import PAIR, Pattern
 
 NEAR = Path(__file__).resolve().parents[2] / "rig/textures/near/eggnog.png"
 CLEAR, FOGGY, TEXTURES = "sim-textures", "sim-textures-fog", "textures-"

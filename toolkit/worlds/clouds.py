@@ -50,6 +50,50 @@ def reach_height(sine: np.ndarray, height_m: float | np.ndarray) -> np.ndarray:
     return np.sqrt(down**2 + 2 * EARTH_M * height_m + height_m**2) - down
 
 
+@dataclass(frozen=True)
+class _Heaps:
+    """The heaps that rays meet: two patterns; for each ray its bearing, cosine, and how much noise is a cloud."""
+
+    swells: list[np.ndarray]
+    tops: list[np.ndarray]
+    flat: np.ndarray
+    cosine: np.ndarray
+    threshold: np.ndarray
+    lean: np.ndarray
+    cover: float
+    pixel_rad: float
+
+    @classmethod
+    def draw(
+        cls, directions: np.ndarray, sun: np.ndarray, cover: float, pixel_rad: float, rng: np.random.Generator
+    ) -> "_Heaps":
+        """Arguments are those of `march_clouds`."""
+        swells, tops = (paint_levels(rng, TILE_PX, slope, 4) for slope in (2.0, 1.75))
+        # a pattern lies flat above the ground: where a ray meets it is its bearing times the distance
+        flat = directions[:, :2] / np.maximum(np.linalg.norm(directions[:, :2], axis=1, keepdims=True), 1e-6)
+        # clouds are held away from the sun by a higher threshold there
+        gap = np.degrees(np.arccos(np.clip(directions @ sun, -1, 1)))
+        open_sky = np.clip((gap - SUN_GAP_DEG[0]) / (SUN_GAP_DEG[1] - SUN_GAP_DEG[0]), 0, 1)
+        # metres aside per metre up, towards the light; bounded, as a sun at the horizon would move it endlessly far
+        lean = np.clip(sun[:2] / max(float(sun[2]), 0.25), -2, 2)
+        return cls(
+            swells, tops, flat, cosine=np.sqrt(1 - np.minimum(directions[:, 2], 1) ** 2),
+            threshold=(1 - cover) + cover * (1 - open_sky), lean=lean, cover=cover, pixel_rad=pixel_rad,
+        )  # fmt: skip
+
+    def find_top(self, rays: np.ndarray, distance_m: np.ndarray, step_m: np.ndarray, aside_m: float) -> np.ndarray:
+        """(k,) height of the heap above its base where some rays are, moved towards the light."""
+        place = (distance_m * self.cosine[rays])[:, None] * self.flat[rays] + self.lean * aside_m
+        u, v = (place / TILE_M).T
+        # what is finer than the next step would stand in stairs
+        lod = np.log2(np.maximum(distance_m * self.pixel_rad, 0.6 * step_m) * TILE_PX / TILE_M)
+        swelling = sample_noise(self.swells, u, v, lod)
+        detail = sample_noise(self.tops, 5.7 * u, 5.7 * v, lod + 2.5) - 0.5
+        # a heap is as high as the noise is over the threshold; the power rounds its top
+        excess = np.clip((swelling + 0.1 * detail - self.threshold[rays]) / max(self.cover, 0.35), 0, 1)
+        return (TOP_M - BASE_M) * excess**0.55 * (0.8 + 0.5 * detail) - EDGE_M / 2
+
+
 def march_clouds(
     directions: np.ndarray, sun: np.ndarray, cover: float, pixel_rad: float, rng: np.random.Generator
 ) -> CloudLayer:
@@ -62,29 +106,8 @@ def march_clouds(
         pixel_rad: angle between neighbouring rays; finer detail is averaged.
         rng: draws the clouds.
     """
-    heaps, tops = (paint_levels(rng, TILE_PX, slope, 4) for slope in (2.0, 1.75))
-    # a pattern lies flat above the ground: where a ray meets it is its bearing times the distance
-    flat = directions[:, :2] / np.maximum(np.linalg.norm(directions[:, :2], axis=1, keepdims=True), 1e-6)
-    sine, cosine = directions[:, 2], np.sqrt(1 - np.minimum(directions[:, 2], 1) ** 2)
-    # clouds are held away from the sun by a higher threshold there
-    gap = np.degrees(np.arccos(np.clip(directions @ sun, -1, 1)))
-    open_sky = np.clip((gap - SUN_GAP_DEG[0]) / (SUN_GAP_DEG[1] - SUN_GAP_DEG[0]), 0, 1)
-    threshold = (1 - cover) + cover * (1 - open_sky)
-    # bounded, as a sun at the horizon would move it endlessly far
-    lean = np.clip(sun[:2] / max(float(sun[2]), 0.25), -2, 2)  # metres aside per metre up, towards the light
-
-    def find_top(rays: np.ndarray, distance_m: np.ndarray, step_m: np.ndarray, aside_m: float) -> np.ndarray:
-        """(k,) height of the heap above its base where some rays are, moved towards the light."""
-        place = (distance_m * cosine[rays])[:, None] * flat[rays] + lean * aside_m
-        u, v = (place / TILE_M).T
-        # what is finer than the next step would stand in stairs
-        lod = np.log2(np.maximum(distance_m * pixel_rad, 0.6 * step_m) * TILE_PX / TILE_M)
-        swelling = sample_noise(heaps, u, v, lod)
-        detail = sample_noise(tops, 5.7 * u, 5.7 * v, lod + 2.5) - 0.5
-        # a heap is as high as the noise is over the threshold; the power rounds its top
-        excess = np.clip((swelling + 0.1 * detail - threshold[rays]) / max(cover, 0.35), 0, 1)
-        return (TOP_M - BASE_M) * excess**0.55 * (0.8 + 0.5 * detail) - EDGE_M / 2
-
+    heaps = _Heaps.draw(directions, sun, cover, pixel_rad, rng)
+    sine, cosine = directions[:, 2], heaps.cosine
     passed, sunlit, skylit = np.ones_like(sine), np.zeros_like(sine), np.zeros_like(sine)
     slice_m = (TOP_M - BASE_M) / SLICES
     early = rng.random(len(sine))  # every ray begins elsewhere in its first slice, or the slices would show
@@ -97,12 +120,12 @@ def march_clouds(
         # what is hidden already needs no further marching
         rays = np.flatnonzero(passed > 0.01)
         step = length[rays] * cosine[rays]
-        top = find_top(rays, after[rays], step, 0.0)
+        top = heaps.find_top(rays, after[rays], step, 0.0)
         inside = top > above[rays] - EDGE_M / 2
         rays, top, step = rays[inside], top[inside], step[inside]
         height = above[rays]
         # one look 220 m towards the light stands for the march that a real shadow needs
-        towards = find_top(rays, after[rays], step, 220.0) - 220 * max(float(sun[2]), 0.2)
+        towards = heaps.find_top(rays, after[rays], step, 220.0) - 220 * max(float(sun[2]), 0.2)
         shaded = 0.35 * np.maximum(top - height, 0) + np.maximum(towards - height, 0)
         # shaded parts keep some: light that was scattered many times comes from everywhere
         lit = 0.15 + 0.85 * np.exp(-shaded / 300)
