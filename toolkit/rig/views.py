@@ -197,6 +197,10 @@ class ViewBlock:
         rng = self._draws.of(f"camera {number}")
         return self._setting.aim(self.renderer, self.stand, rng, self._settings)
 
+    def take(self, number: int) -> np.ndarray:
+        """(s, s, 3) uint8 sRGB of the mesh in its own paint."""
+        return self.develop(self.renderer.render(*self.aim(number)), number)
+
     def develop(self, light: np.ndarray, number: int) -> np.ndarray:
         """(s, s, 3) uint8 sRGB of the light of a view, with the grain that is drawn for it."""
         return tone_map(light, self._draws.key(f"grain {number}"))
@@ -218,12 +222,7 @@ def render_pictures(
     """
     for start in range(0, count, settings.per_studio):
         block = ViewBlock(mesh, settings, Draws(seed, start // settings.per_studio, PICTURES), setting)
-
-        # the block is bound now: the loop goes on while threads still render
-        def take(number: int, block: ViewBlock = block) -> np.ndarray:
-            return block.develop(block.renderer.render(*block.aim(number)), number)
-
-        yield from map_frames(take, range(min(settings.per_studio, count - start)), threads)
+        yield from map_frames(block.take, range(min(settings.per_studio, count - start)), threads)
 
 
 @dataclass(frozen=True)
