@@ -19,7 +19,7 @@ from toolkit.rig.camera import Camera
 from toolkit.rig.fit import describe_misfits
 from toolkit.rig.mount import attach, mount_sheets
 from toolkit.rig.plan import CapturePlan, Pose, plan_poses
-from toolkit.rig.preview import draw_contact_sheet, draw_positions
+from toolkit.rig.plan_pictures import draw_contact_sheet, draw_positions
 from toolkit.rig.renderer import make_renderer
 from toolkit.rig.requests import Pattern
 from toolkit.rig.shading import tone_map

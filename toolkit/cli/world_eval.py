@@ -52,8 +52,7 @@ def show_world(done: "WorldRun") -> None:
     """Print the weathers in numbers, the cameras, the table, the result in words, and where the report is."""
     from toolkit.core.console import console
     from toolkit.core.files import load_json
-    from toolkit.experiments.worlds.world_results import build_world_table
-    from toolkit.experiments.worlds.world_results import judge_world
+    from toolkit.experiments.worlds.world_results import build_world_table, judge_world
     from toolkit.worlds.depth_weather import describe_weathers
 
     summary = load_json(done.files.summary)

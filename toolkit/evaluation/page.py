@@ -15,9 +15,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 # a palette that people who see fewer colours can tell apart (Okabe and Ito 2008)
-BLUE, ORANGE, GREEN, PINK, AMBER, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
+BLUE: str = "#0072b2"
+ORANGE: str = "#d55e00"
+GREEN: str = "#009e73"
+PINK: str = "#cc79a7"
+AMBER: str = "#e69f00"
+SKY: str = "#56b4e9"
 COLOURS = (BLUE, ORANGE, GREEN, PINK, AMBER, SKY)
-UNPATCHED_COLOUR, LEFT_OUT_COLOUR = "#6b6f76", "#d9dce1"
+UNPATCHED_COLOUR: str = "#6b6f76"
+LEFT_OUT_COLOUR: str = "#d9dce1"
 RIGHT, FIFTH, WRONG = GREEN, AMBER, ORANGE
 """Frames of pictures whose truth is the first guess, among five, and not among them."""
 MARKERS = ("o", "s", "D", "^", "v", "P")

@@ -14,9 +14,7 @@ from toolkit.core.tables import encode_csv
 from toolkit.evaluation.metrics import describe_change
 from toolkit.evaluation.summaries import SCHEMA_VERSION
 from toolkit.landing.episodes import OUTCOMES, EpisodeConfig
-from toolkit.landing.fly import EpisodeRecord
-from toolkit.landing.fly import FlightCell
-from toolkit.landing.fly import Flown
+from toolkit.landing.fly import EpisodeRecord, FlightCell, Flown
 from toolkit.landing.landing_config import FlyConfig
 from toolkit.worlds.depth_weather import describe_weathers
 

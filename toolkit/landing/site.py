@@ -23,9 +23,8 @@ from toolkit.rig.shading import tone_map
 from toolkit.worlds.catalogue import WORLDS, build_world, load_world
 from toolkit.worlds.conditions import CLEAR
 from toolkit.worlds.depth_view import DepthView
+from toolkit.worlds.depth_weather import make_weather, weather_rng
 from toolkit.worlds.picture import find_depths
-from toolkit.worlds.depth_weather import make_weather
-from toolkit.worlds.depth_weather import weather_rng
 from toolkit.worlds.place import make_scene
 from toolkit.worlds.sky import Sky, make_sky
 from toolkit.worlds.world import Spot, World

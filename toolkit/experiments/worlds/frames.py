@@ -17,10 +17,10 @@ from toolkit.experiments.worlds.cameras import GridCamera
 from toolkit.objects.mesh import Mesh
 from toolkit.rig.camera import Camera
 from toolkit.rig.raycast import RaycastRenderer, map_frames
+from toolkit.worlds.depth_weather import make_weather
 from toolkit.worlds.picture import develop_through, find_depths, make_renderer
 from toolkit.worlds.place import Placed
 from toolkit.worlds.sky import Sky
-from toolkit.worlds.weather import make_weather
 from toolkit.worlds.world import World
 
 METHOD_VERSION = 1

@@ -17,8 +17,8 @@ from toolkit.experiments.worlds.cameras import FAILED, HIDDEN, LOWEST, NEAREST, 
 from toolkit.experiments.worlds.frames import Answers, WeatherKey, name_weather
 from toolkit.experiments.worlds.world_results import SOURCE, WorldResults, find_visibility_m
 from toolkit.worlds.conditions import CLEAR
+from toolkit.worlds.depth_weather import make_weather
 from toolkit.worlds.fog import find_extinction, find_visibility
-from toolkit.worlds.weather import make_weather
 
 HALF = 0.5
 NOT_REACHED = np.inf
