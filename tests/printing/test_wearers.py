@@ -13,13 +13,16 @@ from typer.testing import CliRunner
 from toolkit.cli.app import make_single
 from toolkit.cli.plan import plan
 from toolkit.cli.print_ import print_patches
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError
 from toolkit.objects.load import load_object
 from toolkit.objects.spec import read_spec
 from toolkit.photos.gates.check_captures import printed_sides
 from toolkit.photos.gates.check_set import CheckedPhoto, PatchLines
 from toolkit.printing.document import Wearer, build_pdf, read_page
 from toolkit.printing.settings import PrintSettings
+from toolkit.printing.wearers import Wearer
+from toolkit.printing.wearers import choose_wearer
+from toolkit.printing.wearers import read_page
 from toolkit.rig.variants import find_booster
 
 
@@ -67,13 +70,17 @@ def test_the_shot_list_says_that_a_page_is_of_another_size(space):
     assert "toolkit print --object crate" in words and "Print print/crate.pdf" not in words
 
 
-def test_a_patch_that_two_objects_wear_is_printed_for_the_one_that_is_named(space):
+def test_a_patch_that_two_objects_wear_is_printed_for_each(space):
     make_patch(space.patches_dir, "crates", 20, class_name="crate")
     add_object(space, "big", "crates", 45)
     add_object(space, "small", "crates", 20)
-    result = call(print_patches, "--class", "crates")
-    assert isinstance(result.exception, ToolkitError)
-    assert "worn in different sizes (big 45.0 mm, small 20.0 mm): name the object --object" in str(result.exception)
+    printed = json.loads(call(print_patches, "--class", "crates", "--json").stdout)
+    assert [(one["object"], one["size_mm"]) for one in printed["printed"]] == [("big", 45), ("small", 20)]
+    assert printed["notes"] == [] and not (space.print_dir / "crates.pdf").exists()
+    with pytest.raises(FieldError, match=r"worn in different sizes \(big 45.0 mm, small 20.0 mm\): give"):
+        choose_wearer(space, space.patch("crates"))
+    result = call(print_patches, "--class", "crates", "--out", "x.pdf")
+    assert "one file for 2 pages (big, small): name a folder, or one object" in str(result.exception)
     printed = json.loads(call(print_patches, "--object", "small", "--json").stdout)["printed"]
     assert [(one["object"], one["size_mm"], one["file"]) for one in printed] == [
         ("small", 20, str(space.print_dir / "small.pdf"))
@@ -81,12 +88,14 @@ def test_a_patch_that_two_objects_wear_is_printed_for_the_one_that_is_named(spac
     assert "36.0 × 36.0 mm" in call(print_patches, "--class", "crates", "--size-mm", "36").output
 
 
-def test_the_users_object_counts_before_a_built_in_one_of_the_class(space):
+def test_another_object_of_the_class_leaves_the_first_ones_page_as_it_was(space):
     """The shipped patch 'coffeepot' is the built-in coffeepot's too, at 88 mm."""
+    call(print_patches, "--all")
+    before = (space.print_dir / "coffeepot.pdf").read_bytes()
     add_object(space, "moka", "coffeepot", 45)
-    result = call(print_patches, "--class", "coffeepot")
-    assert "print/coffeepot.pdf for moka: 45.0 × 45.0 mm" in result.output
-    assert "the rig mounts coffeepot on coffeepot at 88.2 mm" in result.output
+    result = call(print_patches, "--all")
+    assert "print/moka.pdf: 45.0 × 45.0 mm" in result.output and "the rig mounts" not in result.output
+    assert (space.print_dir / "coffeepot.pdf").read_bytes() == before
 
 
 @pytest.mark.parametrize(("at", "way"), [("top", "front"), ("left", "up")])

@@ -69,7 +69,8 @@ def print_patches(
         chosen = of_patches.select_patches(place, classes or [], everything, files or [])
         more, failed = of_patches.print_patches(chosen, folder, settings, go_on=everything, workspace=place)
         printed += more
-    notes = [] if objects else [note for one in printed for note in of_patches.compare_with_rig(place, one)]
+    compared = [] if objects else printed
+    notes = list(dict.fromkeys(note for one in compared for note in of_patches.compare_with_rig(place, one)))
     notes += of_patches.check_fits(place, printed)
     for failure in failed:
         warn(f"not printed: {failure['reason']}", style="red")

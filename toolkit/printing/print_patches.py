@@ -89,28 +89,16 @@ def as_wearer(spec: ObjectSpec, png_file: Path) -> Wearer:
 
 
 def choose_wearer(workspace: Workspace, png_file: Path) -> Wearer | None:
-    """The object that a patch is printed for where none is named; None where none wears it.
-
-    The object of its name, else the user's own before the built-in ones, if they agree on the size.
+    """An object whose page shows the patch, where none is named; None where none wears it.
 
     Raises:
         FieldError: several objects wear it in different sizes.
     """
     wearers, _ = find_wearers(workspace, png_file)
-    specs = workspace.object_specs()
-    own = [one for one in wearers if specs[one.object].parent == workspace.objects_dir]
-    candidates = [one for one in wearers if one.object == png_file.stem and (one in own or not own)] or own or wearers
-    if not candidates:
-        return None
-    first = candidates[0]
-    if not all(is_same_size(one.sizes_mm, first.sizes_mm) for one in candidates):
-        sizes = ", ".join(f"{one.object} {say_sizes(one.sizes_mm)}" for one in candidates)
-        raise FieldError(
-            f"the patch '{png_file.stem}' is worn in different sizes ({sizes}): name the object {{objects}}, or give "
-            "{size_mm}",
-            {},
-        )
-    return first
+    if not all(is_same_size(one.sizes_mm, wearers[0].sizes_mm) for one in wearers):
+        sizes = ", ".join(f"{one.object} {say_sizes(one.sizes_mm)}" for one in wearers)
+        raise FieldError(f"the patch '{png_file.stem}' is worn in different sizes ({sizes}): give {{size_mm}}", {})
+    return wearers[0] if wearers else None
 
 
 @dataclass(frozen=True)
@@ -183,7 +171,7 @@ class PrintedPatch:
         copies = "" if self.copies == 1 else f", {self.copies} copies"
         rows, columns = self.tiles
         tiles = "" if rows * columns == 1 else f" (a map and {rows} × {columns} tiles a copy)"
-        target = f" for {self.object}" if self.object not in (None, self.name) else ""
+        target = f" for {self.object}" if self.object not in (None, Path(self.file).stem) else ""
         size = f"{self.size_mm:.1f} × {self.size_mm:.1f} mm"
         if self.sheets:
             each = (f"{number} on its {one.at} {one.size_mm:.1f} mm" for number, one in enumerate(self.sheets, 1))
@@ -211,7 +199,7 @@ def print_patch(
         png_file: the patch, its record beside it.
         pdf_file: the page or pages.
         settings: paper, scale and the rest, in millimetres; by default A4.
-        wearer: the object that it is for, from `choose_wearer`: it decides the size where `settings` do not; without
+        wearer: the object that it is for, from `find_wearers`: it decides the size where `settings` do not; without
             one the default is 250 % of 72 dpi.
 
     Raises:
@@ -246,30 +234,34 @@ def print_patches(
     files: Sequence[Path], out: Path, settings: PrintSettings | None = None, go_on: bool = False,
     workspace: Workspace | None = None,
 ) -> tuple[list[PrintedPatch], list[dict[str, str]]]:  # fmt: skip
-    """Print each patch, by default on A4 in the size of the object that wears it.
+    """Print each patch for each object that wears it, into `OBJECT.pdf`, by default on A4 in the size of its spec.
+
+    A patch that no object wears goes into `PATCH.pdf`.
 
     Args:
         files: PNG files, each with its record beside it.
-        out: folder for the PDFs; for one patch it may be a PDF.
-        settings: of every page.
+        out: folder for the PDFs; for one page it may be a PDF.
+        settings: of every page; a size in them counts before the specs'.
         go_on: list a patch that cannot be printed and print the others, instead of ending with its error.
-        workspace: whose objects wear them; None: all are printed at 250 % of 72 dpi unless `settings` say otherwise.
+        workspace: whose objects wear them; None: none does, and 250 % of 72 dpi unless `settings` say otherwise.
 
     Returns:
         What was printed, and `patch` and `reason` of each that could not be.
 
     Raises:
-        ToolkitError: two patches would share a PDF, a patch cannot be printed, or the objects that wear it do not agree
-            on its size.
+        ToolkitError: two patches would share a PDF, or a patch cannot be printed.
     """
     settings = settings or PrintSettings()
     printed: list[PrintedPatch] = []
     failed: list[dict[str, str]] = []
-    targets = _name_targets(files, out)
+    worn: list[tuple[Path, Wearer | None]] = []
+    for file in files:
+        wearers = find_wearers(workspace, file)[0] if workspace is not None else []
+        worn += [(file, wearer) for wearer in wearers] or [(file, None)]
+    targets = _name_targets(worn, out)
     with progress("Printing", len(targets), quiet=len(targets) == 1) as ticker:
-        for png_file, pdf_file in targets:
+        for png_file, wearer, pdf_file in targets:
             try:
-                wearer = None if workspace is None else _choose(workspace, png_file, settings)
                 printed.append(print_patch(png_file, pdf_file, settings, wearer))
             except ToolkitError as error:
                 if not go_on or len(targets) == 1:
@@ -277,15 +269,6 @@ def print_patches(
                 failed.append({"patch": str(png_file), "reason": str(error)})
             ticker.advance(note=pdf_file.name)
     return printed, failed
-
-
-def _choose(workspace: Workspace, png_file: Path, settings: PrintSettings) -> Wearer | None:
-    try:
-        return choose_wearer(workspace, png_file)
-    except FieldError:
-        if settings.states_size:
-            return None  # of no use to the size, and none of them is meant more than another
-        raise
 
 
 def print_for_objects(
@@ -302,30 +285,29 @@ def print_for_objects(
     Raises:
         ToolkitError: an object is unknown, has no patch, or its patch cannot be printed.
     """
-    names = list(dict.fromkeys(objects))
-    if out.suffix.lower() == ".pdf" and len(names) > 1:
-        raise FieldError(f"one file for {len(names)} objects: name a folder", {"out": out})
-    printed = []
-    for name in names:
+    worn = []
+    for name in dict.fromkeys(objects):
         spec = read_spec(workspace.object_spec(name))
         png_file = find_patch_file(workspace, spec)
         if png_file is None:
             raise ToolkitError(
                 f"no patch for object '{name}': train one with 'toolkit train-patch --object {name}', or name a patch"
             )
-        pdf_file = out if out.suffix.lower() == ".pdf" else out / f"{name}.pdf"
-        printed.append(print_patch(png_file, pdf_file, settings, as_wearer(spec, png_file)))
-    return printed
+        worn.append((png_file, as_wearer(spec, png_file)))
+    return [
+        print_patch(png_file, pdf_file, settings, wearer) for png_file, wearer, pdf_file in _name_targets(worn, out)
+    ]
 
 
-def _name_targets(files: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
-    """(patch, PDF) pairs; two patches may not share a PDF."""
+def _name_targets(worn: Sequence[tuple[Path, Wearer | None]], out: Path) -> list[tuple[Path, Wearer | None, Path]]:
+    """Each patch, who wears it, and its PDF; no two may share one."""
+    if out.suffix.lower() == ".pdf" and len(worn) > 1:
+        names = ", ".join(wearer.object if wearer else file.stem for file, wearer in worn)
+        raise FieldError(f"one file for {len(worn)} pages ({names}): name a folder, or one object", {"out": out})
     if out.suffix.lower() == ".pdf":
-        if len(files) > 1:
-            raise FieldError(f"one file for {len(files)} patches: name a folder", {"out": out})
-        return [(files[0], out)]
-    targets = [(file, out / f"{file.stem}.pdf") for file in files]
-    names = [pdf_file.name for _, pdf_file in targets]
+        return [(*pair, out) for pair in worn]
+    targets = [(file, wearer, out / f"{wearer.object if wearer else file.stem}.pdf") for file, wearer in worn]
+    names = [pdf_file.name for *_, pdf_file in targets]
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise FieldError(
             f"two patches would be written to {out / twice[0]}: print them by calls with different {{out}}", {}
@@ -334,7 +316,7 @@ def _name_targets(files: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
 
 
 def print_all(workspace: Workspace, settings: PrintSettings | None = None) -> list[PrintedPatch]:
-    """Print every known patch into the workspace's `print/`, each in the size of the object that wears it.
+    """Print every known patch into the workspace's `print/`, see `print_patches`.
 
     Raises:
         ToolkitError: there is no patch, or one of them cannot be printed.
@@ -344,14 +326,14 @@ def print_all(workspace: Workspace, settings: PrintSettings | None = None) -> li
 
 
 def compare_with_rig(workspace: Workspace, printed: PrintedPatch, png_file: Path | None = None) -> list[str]:
-    """What to do for each object that wears the patch in another size than was printed, and specs that are broken."""
+    """What to do where the page's object wears the patch in another size than was printed, and broken specs."""
     png_file = png_file or workspace.patches().get(printed.name)
     if png_file is None:
         return []
     wearers, broken = find_wearers(workspace, png_file)
     notes = []
     for one in wearers:
-        if is_same_size(one.sizes_mm, printed.sizes_mm):
+        if printed.object not in (None, one.object) or is_same_size(one.sizes_mm, printed.sizes_mm):
             continue
         sheet = "sheet" if len(one.sizes_mm) == 1 else "sheets"
         notes.append(
