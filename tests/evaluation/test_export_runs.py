@@ -1,17 +1,27 @@
 """Predictions as Parquet and as a folder for FiftyOne, read back by what does not know this package."""
 
+import csv
 import json
 
 import pytest
 from typer.testing import CliRunner
 
+from toolkit.captures.read import Capture
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation.eval_config import EvalConfig
+from toolkit.core.files import write_json
+from toolkit.core.files import write_text
+from toolkit.evaluation.detections_csv import COLUMNS
+from toolkit.evaluation.detections_csv import encode_detections
+from toolkit.evaluation.detections_csv import make_detected
 from toolkit.evaluation.evaluate import evaluate_captures
-from toolkit.evaluation.export import read_parquet, write_parquet
+from toolkit.evaluation.export import read_parquet, write_csv, write_fiftyone, write_parquet
 from toolkit.evaluation.notebook import predictions_table
+from toolkit.evaluation.predict import Detection
 from toolkit.evaluation.runs import open_run
+from toolkit.evaluation.stored import read_predictions
+from toolkit.imaging.read import read_image
 
 parquet = pytest.importorskip("pyarrow.parquet")
 
@@ -102,7 +112,89 @@ def test_fiftyone_finds_every_image_and_label(evaluated, tmp_path):
 
 def test_what_cannot_be_exported_is_a_line(workspace, evaluated):
     call = ["export", "--workspace", str(workspace.root)]
-    done = CliRunner().invoke(app, [*call, "--to", "csv"])
-    assert "--to csv: expected parquet or fiftyone" in str(done.exception)
+    done = CliRunner().invoke(app, [*call, "--to", "excel"])
+    assert "--to excel: expected parquet, csv, fiftyone or coco" in str(done.exception)
+    done = CliRunner().invoke(app, [*call, "--to", "coco"])
+    assert "holds no run of a detector: make one with 'toolkit eval'" in str(done.exception)
+    done = CliRunner().invoke(app, ["export", "night", *call[1:], "--to", "coco"])
+    assert "night holds no boxes (kind 'eval'): expected a run of a detector" in str(done.exception)
     done = CliRunner().invoke(app, [*call, "--to", "fiftyone", "--captures", str(workspace.root / "nowhere")])
     assert "none of the images of fog, night is there" in str(done.exception)
+
+
+BOX, FITTING = (10.0, 20.0, 50.0, 60.0), (12.0, 20.0, 52.0, 60.0)
+
+
+@pytest.fixture
+def detected(put, workspace):
+    """A detector's run: found, seen as a dog, and an image that is no picture."""
+    said = [Detection(BOX, True, 0.9, 0.9, FITTING, "car", 0.9), Detection(BOX, False, strongest_label="dog",
+            strongest_score=0.7), Detection(BOX)]  # fmt: skip
+    rows = []
+    for pose, one in enumerate(said, 1):
+        path = f"sim/racer/unpatched/{pose}.png"
+        file = put(path, "racer")
+        capture = Capture("sim", "racer", "unpatched", pose, file, path)
+        rows.append(make_detected(capture, "car", one, "ok" if one.found is not None else "is no picture"))
+    group = {"source": "sim", "object": "racer", "variant": "unpatched", "n": 2, "failed": 1, "found": 0.5}
+    group |= {"recall50": 1.0, "ap50": 0.4, "ap50_95": 0.2, "mean_score": 0.3, "found_ci95": [0.1, 0.9]}
+    summary = {"schema_version": 1, "kind": "detections", "model": {"name": "yolo"}, "groups": [group], "pairs": []}
+    write_json(workspace.eval_dir / "yolo/summary.json", summary)
+    write_text(workspace.eval_dir / "yolo/detections.csv", encode_detections(rows))
+    assert read_predictions(open_run(workspace, "yolo"), workspace.captures_dir) == rows
+    return workspace
+
+
+def test_a_detectors_run_is_exported_with_its_boxes_and_no_classifiers_columns(detected, tmp_path):
+    run = open_run(detected, "yolo")
+    assert write_parquet(tmp_path / "x.parquet", detected, [run]) == 3
+    table = parquet.read_table(tmp_path / "x.parquet")
+    assert table.column_names == ["run", "network", "condition", "severity", *COLUMNS]
+    first, second, third = table.to_pylist()
+    assert (first["true_box"], first["box"], first["found"]) == (list(BOX), list(FITTING), True)
+    assert (second["box"], second["found"], second["strongest_label"]) == (None, False, "dog")
+    assert (third["found"], third["score"], third["status"]) == (None, None, "is no picture")
+    call = ["export", "yolo", "--to", "csv", "--out", str(tmp_path / "x.csv"), "--workspace", str(detected.root)]
+    assert CliRunner().invoke(app, call).exit_code == 0
+    with (tmp_path / "x.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert list(rows[0]) == table.column_names
+    assert (rows[0]["box"], rows[0]["found"], rows[1]["box"]) == ("12.0 20.0 52.0 60.0", "1", "")
+
+
+def test_mixed_runs_leave_empty_what_they_do_not_have(evaluated, detected, tmp_path):
+    runs = [open_run(detected, "night"), open_run(detected, "yolo")]
+    assert write_csv(tmp_path / "x.csv", detected, runs) == 8
+    with (tmp_path / "x.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert (rows[0]["true_rank"] != "", rows[0]["found"]) == (True, "")
+    assert (rows[-3]["true_rank"], rows[-3]["found"]) == ("", "1")
+
+
+def test_cocos_own_reader_reads_the_boxes(detected, tmp_path):
+    coco = pytest.importorskip("pycocotools.coco", reason="needs pycocotools: pip install pycocotools")
+    call = ["export", "--to", "coco", "--out", str(tmp_path), "--workspace", str(detected.root)]
+    done = CliRunner().invoke(app, call)
+    assert done.exit_code == 0 and "2 images, 1 runs" in done.stdout and "left out 1 answers" in done.stderr
+    truth = coco.COCO(str(tmp_path / "yolo/instances.json"))
+    found = truth.loadRes(str(tmp_path / "yolo/results.json"))
+    assert [one["bbox"] for one in truth.loadAnns(truth.getAnnIds())] == [[10, 20, 40, 40]] * 2
+    (note,) = found.anns.values()
+    assert (note["bbox"], note["score"], truth.loadCats(note["category_id"])[0]["name"]) == (
+        [12, 20, 40, 40],
+        0.9,
+        "car",
+    )
+    (image,) = truth.loadImgs(note["image_id"])
+    assert (detected.captures_dir / image["file_name"]).is_file() and image["width"] > 0
+
+
+def test_fiftyone_has_the_boxes_in_shares_of_the_image(detected, tmp_path):
+    assert write_fiftyone(tmp_path, detected, [open_run(detected, "yolo")]) == (2, 1)
+    height, width = read_image(detected.captures_dir / "sim/racer/unpatched/1.png").shape[:2]
+    fields = {file.stem: json.loads(file.read_text())["labels"] for file in (tmp_path / "labels").iterdir()}
+    assert set(fields) == {"object", "variant", "source", "ground_truth_boxes", "prediction_yolo"}
+    (seen,) = fields["prediction_yolo"]["000000"]
+    assert seen["bounding_box"] == pytest.approx([12 / width, 20 / height, 40 / width, 40 / height])
+    assert (seen["label"], seen["confidence"], seen["attributes"]["found"]) == ("car", 0.9, True)
+    assert fields["prediction_yolo"]["000001"] == [] and fields["ground_truth_boxes"]["000001"]

@@ -115,10 +115,14 @@ def report(
 def export(
     names: RunNames = None,
     to: Annotated[
-        str, typer.Option(metavar="parquet|fiftyone", help="One table, or a folder that FiftyOne imports.")
+        str,
+        typer.Option(
+            metavar="parquet|csv|fiftyone|coco", help="One table, or a folder: FiftyOne's, or of detectors COCO's."
+        ),
     ] = "parquet",
     out: Annotated[
-        Path | None, typer.Option(metavar="PATH", help="Default: eval/predictions.parquet, or eval/fiftyone.")
+        Path | None,
+        typer.Option(metavar="PATH", help="Default: eval/predictions.parquet or .csv, eval/fiftyone, eval/coco."),
     ] = None,
     captures: Captures = None,
     workspace: options.Workspace = None,
@@ -126,29 +130,37 @@ def export(
     """Write the predictions of runs, by default of all that have any, for other programs."""
     from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
-    from toolkit.evaluation.export import write_fiftyone, write_parquet
+    from toolkit.evaluation.export import write_coco_results, write_csv, write_fiftyone, write_parquet
     from toolkit.evaluation.runs import find_runs, open_run
 
-    if to not in ("parquet", "fiftyone"):
-        raise FieldError("expected parquet or fiftyone", {"to": to})
+    if to not in ("parquet", "csv", "fiftyone", "coco"):
+        raise FieldError("expected parquet, csv, fiftyone or coco", {"to": to})
     space = open_workspace(workspace)
     refused: Sequence[tuple[str, str]] = ()
     if names:
         runs = [open_run(space, name) for name in names]
     else:
         found, refused = find_runs(space)
-        runs = [run for run in found if run.has_predictions]
+        runs = [run for run in found if run.has_predictions and (to != "coco" or run.kind == "detection")]
     list_skipped(refused)
     if not runs:
-        raise ToolkitError(f"{space.eval_dir} holds no run with predictions: make one with 'toolkit eval'")
-    if to == "parquet":
-        place = out or space.eval_dir / "predictions.parquet"
-        say(f"{write_parquet(place, space, runs, captures)} predictions of {len(runs)} runs: {place}")
+        wanted = "of a detector" if to == "coco" else "with predictions"
+        raise ToolkitError(f"{space.eval_dir} holds no run {wanted}: make one with 'toolkit eval'")
+    if to in ("parquet", "csv"):
+        place = out or space.eval_dir / f"predictions.{to}"
+        count = (write_parquet if to == "parquet" else write_csv)(place, space, runs, captures)
+        say(f"{count} predictions of {len(runs)} runs: {place}")
     else:
-        place = out or space.eval_dir / "fiftyone"
-        count, left_out = write_fiftyone(place, space, runs, captures)
+        place = out or space.eval_dir / to
+        write = write_fiftyone if to == "fiftyone" else write_coco_results
+        count, left_out = write(place, space, runs, captures)
         if left_out:
             warn(f"left out {left_out} answers to images that have no file of their own, or could not be read")
-        say(f"{count} images, {len(runs)} runs; with FiftyOne: python {place / 'load.py'}")
+        then = (
+            f"with FiftyOne: python {place / 'load.py'}"
+            if to == "fiftyone"
+            else f"{place}/RUN/instances.json, results.json"
+        )
+        say(f"{count} images, {len(runs)} runs; {then}")
     if refused:
         raise typer.Exit(1)

@@ -1,7 +1,5 @@
 """Does a detector find the object, with the booster and without? Boxes against the truth that the rig knows."""
 
-import csv
-import io
 from collections import defaultdict
 from collections.abc import Sequence
 from contextlib import closing
@@ -22,10 +20,12 @@ from toolkit.core.statistics import Interval, wilson_interval
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.average_precision import ScoredBoxes, average_precision, mean_average_precision, recall_at
 from toolkit.evaluation.eval_config import EvalConfig
+from toolkit.evaluation.detections_csv import encode_detections
+from toolkit.evaluation.detections_csv import make_detected
 from toolkit.evaluation.evaluate import DEFAULT, find_run_dir, name_run
 from toolkit.evaluation.ground_truth import add_corrupted
 from toolkit.evaluation.metrics import Comparison, compare_controls, compare_unpatched, index_poses, rank_variant
-from toolkit.evaluation.predict import Prediction, corrupt_images, find_pending, read_ahead
+from toolkit.evaluation.predict import Detection, Prediction, corrupt_images, find_pending, read_ahead
 from toolkit.evaluation.results import list_corrupted
 from toolkit.evaluation.seen import describe_unseen, find_training
 from toolkit.imaging.read import UnreadableImage, read_image
@@ -35,8 +35,6 @@ from toolkit.objects.spec import read_spec
 FOUND_IOU, FOUND_SCORE = 0.5, 0.25
 SCHEMA_VERSION = 1
 BATCH = 8
-COLUMNS = ("source", "object", "variant", "pose_id", "path", "true_label", "true_box", "found", "score", "iou", "box",
-           "strongest_label", "strongest_score", "status")  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -83,16 +81,14 @@ class DetectedImage:
         """Whether the object is found."""
         return self.best is not None and self.best[0] >= FOUND_SCORE
 
-    def as_prediction(self) -> Prediction:
-        """As one of a classifier's, right where the object is found: what pairs and tests take."""
-        if self.seen is None:
-            return Prediction(self.capture, self.true_index, self.true_label, status=self.status)
-        score = self.best[0] if self.best is not None else 0.0
-        return Prediction(
-            self.capture, self.true_index, self.true_label, top1_index=self.true_index if self.is_found else -1,
-            top1_label=self.true_label if self.is_found else "not found", top1_prob=score, true_prob=score,
-            true_rank=1 if self.is_found else len(self.seen) + 6,
-        )  # fmt: skip
+    def as_prediction(self, labels: Sequence[str]) -> Prediction:
+        """As pairs and `detections.csv` take it; `labels` are the detector's."""
+        seen, best = self.seen, self.best
+        score, iou, box = (None, None, None) if best is None else (best[0], best[1], tuple(map(float, best[2])))
+        strongest = (labels[seen.classes[0]], float(seen.scores[0])) if seen else (None, None)
+        found = None if seen is None else self.is_found
+        said = Detection(self.truth.box, found, score, iou, box, *strongest)
+        return make_detected(self.capture, self.true_label, said, self.status)
 
 
 @dataclass(frozen=True)
@@ -187,12 +183,12 @@ def evaluate_detector(
         why = f"{unknown[0][0]}: {unknown[0][1]}" if unknown else "no images"
         raise ToolkitError(f"{captures_dir}: no image with a known box: {why}: shoot with 'toolkit capture-sim'")
     images = detect_captures([one for one in wanted if one.file in truths], truths, classes, detector)
-    predictions = [one.as_prediction() for one in images]
+    predictions = [one.as_prediction(detector.labels) for one in images]
     poses = index_poses(predictions)
     pairs = (*compare_unpatched(poses), *compare_controls(poses))
     groups = tuple(group_detections(images))
     failed = [(one.capture.path, one.status) for one in images if one.seen is None]
-    table = encode_detections(images, detector)
+    table = encode_detections(predictions)
     name = config.run or name_run(detector, [one.source for one in wanted if one.corruption is None])
     run_dir = find_run_dir(workspace.eval_dir / name, "detections.csv", table.encode(), config.replace)
     training = find_training(wanted, workspace, detector.weights.sha256)
@@ -307,24 +303,3 @@ def _count(key: tuple[str, str, str], members: Sequence[DetectedImage]) -> Detec
         recall50=recall_at([one.of_class for one in read]), ap50=float(np.mean(ap50)) if ap50 else None,
         ap50_95=float(np.mean(ap)) if ap else None, mean_score=float(np.mean(scores)) if scores else None,
     )  # fmt: skip
-
-
-def encode_detections(images: Sequence[DetectedImage], detector: Detector) -> str:
-    """The text of `detections.csv`: one row per image; what is unknown is empty."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(COLUMNS)
-    for one in images:
-        capture, best, seen = one.capture, one.best, one.seen
-        strongest = ("", "") if not seen else (detector.labels[seen.classes[0]], f"{seen.scores[0]:.4f}")
-        table.writerow([
-            capture.source, capture.object, capture.variant, "" if capture.pose_id is None else capture.pose_id,
-            capture.path, one.true_label, _words(one.truth.box), int(one.is_found) if seen is not None else "",
-            *(("", "", "") if best is None else (f"{best[0]:.4f}", f"{best[1]:.4f}", _words(best[2]))),
-            *strongest, one.status,
-        ])  # fmt: skip
-    return text.getvalue()
-
-
-def _words(box: Sequence[float] | np.ndarray) -> str:
-    return " ".join(f"{float(side):.1f}" for side in box)

@@ -1,18 +1,23 @@
-"""Predictions of many runs for other programs: one Parquet table, or a folder that FiftyOne imports."""
+"""Predictions of many runs for other programs: one table (Parquet, CSV), or a folder for FiftyOne or COCO's tools."""
 
 import io
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from toolkit import __version__
+from toolkit.captures.coco import as_bbox, write_instances
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_bytes, write_bytes, write_json, write_text
+from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import Workspace
-from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation import detections_csv, predictions_csv
+from toolkit.evaluation.detections_csv import format_box
+from toolkit.evaluation.predict import Box, Detection, Prediction
 from toolkit.evaluation.runs import Run
 from toolkit.evaluation.stored import find_captures_dir, has_own_file, read_predictions
+from toolkit.imaging.read import read_image
 
 if TYPE_CHECKING:
     import pyarrow
@@ -20,16 +25,15 @@ if TYPE_CHECKING:
 SCHEMA_VERSION = 1
 VERSION_KEY = b"toolkit_schema_version"
 MOST_PARQUET_BYTES = 1 << 30
-TEXTS = ("run", "network", "condition", "source", "object", "variant", "path", "true_label", "top1_label", "status")
-INTEGERS = ("severity", "pose_id", "true_index", "top1_index", "true_rank")
-NUMBERS, FLAGS = ("top1_prob", "true_prob"), ("correct_top1", "correct_top5")
-Row = dict[str, str | int | float | bool | None]
+HEADS: dict[str, type] = {"run": str, "network": str, "condition": str, "severity": int}
+Row = dict[str, Any]
 
 
 def write_parquet(path: Path, workspace: Workspace, runs: Sequence[Run], captures_dir: Path | None = None) -> int:
     """Write the predictions of runs as one Parquet table, a row per run and image; returns how many.
 
-    Columns are those of `predictions.csv` after run, network, condition and severity; what is not known is null.
+    Columns are those of `predictions.csv` after run, network, condition and severity, of detectors those of
+    `detections.csv`, with boxes as lists; what is not known is null.
 
     Args:
         path: of the file.
@@ -43,19 +47,28 @@ def write_parquet(path: Path, workspace: Workspace, runs: Sequence[Run], capture
     arrow = _import_arrow()
     from pyarrow import parquet
 
-    rows = [row for run in runs for row in _list_rows(workspace, run, captures_dir)]
+    columns, rows = _list_rows(workspace, runs, captures_dir)
     kinds = {
-        **dict.fromkeys(TEXTS, arrow.string()), **dict.fromkeys(INTEGERS, arrow.int32()),
-        **dict.fromkeys(NUMBERS, arrow.float64()), **dict.fromkeys(FLAGS, arrow.bool_()),
+        str: arrow.string(), int: arrow.int32(), float: arrow.float64(), bool: arrow.bool_(),
+        tuple: arrow.list_(arrow.float64()),
     }  # fmt: skip
-    order = [*TEXTS[:3], "severity", *TEXTS[3:6], "pose_id", "path", "true_index", "true_label", *INTEGERS[3:4]]
-    order += ["top1_label", *NUMBERS, "true_rank", *FLAGS, "status"]
     about = {VERSION_KEY: str(SCHEMA_VERSION).encode(), b"toolkit_version": __version__.encode()}
-    schema = arrow.schema([(name, kinds[name]) for name in order], metadata=about)
+    schema = arrow.schema([(name, kinds[kind]) for name, kind in columns.items()], metadata=about)
     stream = io.BytesIO()
     parquet.write_table(arrow.Table.from_pylist(rows, schema=schema), stream, compression="zstd")
     write_bytes(path, stream.getvalue())
     return len(rows)
+
+
+def write_csv(path: Path, workspace: Workspace, runs: Sequence[Run], captures_dir: Path | None = None) -> int:
+    """Write the table of `write_parquet` as CSV: right or wrong as 1 or 0, a box as x1 y1 x2 y2, unknown left empty."""
+    columns, rows = _list_rows(workspace, runs, captures_dir)
+    write_text(path, encode_csv(list(columns), ([_as_cell(row.get(name)) for name in columns] for row in rows)))
+    return len(rows)
+
+
+def _as_cell(value: object) -> object:
+    return format_box(value) if isinstance(value, tuple) else int(value) if isinstance(value, bool) else value
 
 
 def read_parquet(path: Path) -> "pyarrow.Table":
@@ -93,36 +106,42 @@ def _import_arrow() -> "pyarrow":  # type: ignore[valid-type]
     return pyarrow
 
 
-def _list_rows(workspace: Workspace, run: Run, captures_dir: Path | None) -> list[Row]:
-    conditions: dict[str, tuple[str, str | None, int | None]] = {
-        row.source: (row.network, row.condition, row.severity) for row in run.rows
-    }
-    rows: list[Row] = []
-    for one in read_predictions(run, captures_dir or find_captures_dir(workspace, run)):
-        network, condition, severity = conditions.get(one.capture.source, (run.rows[0].network, None, None))
-        if one.capture.corruption is not None:
-            condition, severity = one.capture.corruption
-        row: Row = {"run": run.name, "network": network, "condition": condition, "severity": severity}
-        row |= {name: getattr(one.capture, name) for name in ("source", "object", "variant", "pose_id", "path")}
-        names = (
-            "true_index",
-            "true_label",
-            "top1_index",
-            "top1_label",
-            "top1_prob",
-            "true_prob",
-            "true_rank",
-            "status",
-        )
-        row |= {name: getattr(one, name) for name in names}
-        row |= {name: getattr(one, name) if one.is_read else None for name in FLAGS}
-        rows.append(row)
-    return rows
+def _list_rows(
+    workspace: Workspace, runs: Sequence[Run], captures_dir: Path | None
+) -> tuple[dict[str, type], list[Row]]:
+    """The columns that the runs have, each with its type, and a row for each run and image."""
+    columns, rows = dict(HEADS), []
+    for run in runs:
+        own = {name: kind for name, kind in _columns_of(run).items() if name != "failed_gates"}
+        columns |= own
+        conditions: dict[str, tuple[str, str | None, int | None]] = {
+            row.source: (row.network, row.condition, row.severity) for row in run.rows
+        }
+        for one in read_predictions(run, captures_dir or find_captures_dir(workspace, run)):
+            network, condition, severity = conditions.get(one.capture.source, (run.rows[0].network, None, None))
+            if one.capture.corruption is not None:
+                condition, severity = one.capture.corruption
+            row: Row = {"run": run.name, "network": network, "condition": condition, "severity": severity}
+            row |= {name: _look_up(one, name) for name in own}
+            rows.append(row)
+    return columns, rows
+
+
+def _columns_of(run: Run) -> dict[str, type]:
+    return detections_csv.COLUMNS if run.kind == "detection" else predictions_csv.COLUMNS
+
+
+def _look_up(one: Prediction, column: str) -> object:
+    if column in ("correct_top1", "correct_top5") and not one.is_read:
+        return None
+    places = (one.capture, one.detection, one)
+    return next(getattr(place, column) for place in places if hasattr(place, column))
 
 
 LOADER = '''\
 """Import this folder into FiftyOne: python load.py [NAME]."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -131,9 +150,11 @@ import fiftyone as fo
 here = Path(__file__).resolve().parent
 dataset = fo.Dataset(sys.argv[1] if len(sys.argv) > 1 else None, persistent=len(sys.argv) > 1)
 for labels in sorted((here / "labels").glob("*.json")):
+    has_boxes = any(isinstance(one, list) for one in json.loads(labels.read_text())["labels"].values())
+    kind = "FiftyOneImageDetectionDataset" if has_boxes else "FiftyOneImageClassificationDataset"
     dataset.merge_dir(
-        dataset_type=fo.types.FiftyOneImageClassificationDataset, data_path=str(here / "data.json"),
-        labels_path=str(labels), label_field=labels.stem,
+        dataset_type=getattr(fo.types, kind), data_path=str(here / "data.json"), labels_path=str(labels),
+        label_field=labels.stem,
     )
 print(dataset)
 if __name__ == "__main__":
@@ -147,8 +168,9 @@ def write_fiftyone(
     """Write a folder that FiftyOne imports; it need not be installed here, and no image is copied.
 
     `data.json` says where each image lies; `labels/` has a file in the form of `FiftyOneImageClassificationDataset` for
-    each field: `ground_truth`, `object`, `variant`, `source`, and `prediction_RUN` with its confidence for each run.
-    `load.py` merges them into one dataset.
+    each field: `ground_truth`, `object`, `variant`, `source`, and `prediction_RUN` with its confidence for each run. Of
+    a detector's run the fields `ground_truth_boxes` and `prediction_RUN` are in that of
+    `FiftyOneImageDetectionDataset`. `load.py` merges them into one dataset.
 
     Args:
         folder: where to.
@@ -165,20 +187,24 @@ def write_fiftyone(
             written.
     """
     files: dict[str, str] = {}
-    fields: dict[str, dict[str, object]] = {name: {} for name in ("ground_truth", "object", "variant", "source")}
+    fields: dict[str, dict[str, object]] = {}
     left_out = 0
     for run in runs:
-        place = captures_dir or find_captures_dir(workspace, run)
-        answers = fields.setdefault(f"prediction_{re.sub(r'[^A-Za-z0-9]+', '_', run.name)}", {})
-        for one in read_predictions(run, place):
-            if not one.is_read or not has_own_file(one, place):
-                left_out += 1
-                continue
+        placed, gone = _read_placed(workspace, run, captures_dir)
+        left_out += gone
+        for one in placed:
             key = files.setdefault(str(one.capture.file), f"{len(files):06d}")
-            answers[key] = _describe_answer(one)
-            fields["ground_truth"][key] = one.true_label
-            for name in ("object", "variant", "source"):
-                fields[name][key] = getattr(one.capture, name)
+            labels: dict[str, object] = {name: getattr(one.capture, name) for name in ("object", "variant", "source")}
+            said, prediction = one.detection, f"prediction_{_as_name(run)}"
+            if said is None:
+                labels |= {"ground_truth": one.true_label, prediction: _describe_answer(one)}
+            else:
+                size = _measure_image(one)
+                about = {"confidence": said.score, "attributes": {"found": said.found, "iou": said.iou}}
+                labels["ground_truth_boxes"] = _place_box(one.true_label, said.true_box, size)
+                labels[prediction] = _place_box(one.true_label, said.box, size, about)
+            for name, label in labels.items():
+                fields.setdefault(name, {})[key] = label
     if not files:
         raise ToolkitError(f"none of the images of {', '.join(run.name for run in runs)} is there: say where they lie")
     write_json(folder / "data.json", {key: file for file, key in files.items()})
@@ -191,3 +217,78 @@ def write_fiftyone(
 def _describe_answer(one: Prediction) -> dict[str, object]:
     about = {"correct": one.correct_top1, "true_prob": one.true_prob, "true_rank": one.true_rank}
     return {"label": one.top1_label, "confidence": one.top1_prob, "attributes": about}
+
+
+def _place_box(
+    label: str, box: Box | None, size: tuple[int, int], about: Mapping[str, object] | None = None
+) -> list[dict[str, object]]:
+    """One detection or none, its box in shares of the image's width and height."""
+    if box is None:
+        return []
+    shares = [side / size[k % 2] for k, side in enumerate(as_bbox(box))]
+    return [{"label": label, "bounding_box": shares, **(about or {})}]
+
+
+def _as_name(run: Run) -> str:
+    return re.sub(r"[^A-Za-z0-9]+", "_", run.name)
+
+
+def _measure_image(one: Prediction) -> tuple[int, int]:
+    """Width and height, upright."""
+    height, width = read_image(one.capture.file).shape[:2]
+    return width, height
+
+
+def _read_placed(workspace: Workspace, run: Run, captures_dir: Path | None) -> tuple[list[Prediction], int]:
+    """Predictions for images that were read and lie there as they were judged, and how many others there are."""
+    place = captures_dir or find_captures_dir(workspace, run)
+    predictions = read_predictions(run, place)
+    placed = [one for one in predictions if one.is_read and has_own_file(one, place)]
+    return placed, len(predictions) - len(placed)
+
+
+def write_coco_results(
+    folder: Path, workspace: Workspace, runs: Sequence[Run], captures_dir: Path | None = None
+) -> tuple[int, int]:
+    """Write each detector's run into `folder/RUN/` in COCO's format: `instances.json` and `results.json`.
+
+    The one is the truth, with `file_name` below the captures; the other the detections: of each image the box that fits
+    best, which is all that a run keeps, so average precision is to be read in its `summary.json`. No image is copied.
+
+    Args:
+        folder: where to.
+        workspace: that the runs are of.
+        runs: of detectors.
+        captures_dir: where the images lie; by default of each run's own.
+
+    Returns:
+        How many images are in all, and how many were left out, as by `write_fiftyone`.
+
+    Raises:
+        ToolkitError: a run is no detector's, is damaged, or none of its images is there.
+    """
+    total = left_out = 0
+    for run in runs:
+        if run.kind != "detection":
+            raise ToolkitError(f"{run.name} holds no boxes (kind '{run.kind}'): expected a run of a detector")
+        placed, gone = _read_placed(workspace, run, captures_dir)
+        if not placed:
+            raise ToolkitError(f"none of the images of {run.name} is there: say where they lie")
+        categories = sorted({one.true_label for one in placed})
+        images: list[Row] = []
+        truths: list[Row] = []
+        results: list[Row] = []
+        for number, one in enumerate(placed, 1):
+            said, capture, (width, height) = one.detection or Detection(), one.capture, _measure_image(one)
+            of = {"image_id": number, "category_id": categories.index(one.true_label) + 1}
+            images.append({"id": number, "file_name": capture.path, "width": width, "height": height})
+            if said.true_box is not None:
+                box = as_bbox(said.true_box)
+                about = {"object": capture.object, "variant": capture.variant, "pose_id": capture.pose_id}
+                truths.append({"id": number, **of, "bbox": box, "area": box[2] * box[3], "iscrowd": 0, **about})
+            if said.box is not None:
+                results.append({**of, "bbox": as_bbox(said.box), "score": said.score})
+        write_instances(folder / _as_name(run) / "instances.json", images, truths, categories)
+        write_json(folder / _as_name(run) / "results.json", results)
+        total, left_out = total + len(placed), left_out + gone
+    return total, left_out

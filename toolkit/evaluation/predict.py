@@ -27,6 +27,28 @@ CPU_PART = 8
 """Images that one thread classifies at once. Passes of one shape on one thread give the same numbers whatever else is
 classified, however many threads there are."""
 Tag = TypeVar("Tag")
+Box = tuple[float, float, float, float]
+"""x1, y1, x2, y2 in pixels from the image's corner."""
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What a detector said of one image; what is not known is None.
+
+    Attributes:
+        true_box: where the object is.
+        found: whether a detection of its class is strong enough and overlaps by half.
+        score, iou, box: of the strongest one of the class that overlaps by half.
+        strongest_label, strongest_score: of the strongest detection of all.
+    """
+
+    true_box: Box | None = None
+    found: bool | None = None
+    score: float | None = None
+    iou: float | None = None
+    box: Box | None = None
+    strongest_label: str | None = None
+    strongest_score: float | None = None
 
 
 @dataclass(frozen=True)
@@ -39,6 +61,7 @@ class Prediction:
         top1_index, top1_label, top1_prob: the network's first guess.
         true_prob, true_rank: probability of the truth, and its place among the guesses, from 1.
         status: `ok`, or why the image was not read.
+        detection: what a detector said, see `toolkit.evaluation.detections_csv.make_detected`; None of a classifier.
     """
 
     capture: Capture
@@ -50,6 +73,7 @@ class Prediction:
     true_prob: float | None = None
     true_rank: int | None = None
     status: str = OK
+    detection: Detection | None = None
 
     @property
     def is_read(self) -> bool:

@@ -11,12 +11,10 @@ from toolkit.captures.read import Capture
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import inside, open_plain, sha256_file
 from toolkit.core.workspace import Workspace
+from toolkit.evaluation.detections_csv import COLUMNS, make_detected, read_detection
 from toolkit.evaluation.predict import OK, Prediction
 from toolkit.evaluation.predictions_csv import NEEDED
 from toolkit.evaluation.runs import DETECTIONS, PREDICTIONS, Run
-
-FOUND = ("source", "object", "variant", "pose_id", "path", "true_label", "found", "score", "strongest_label", "status")
-"""Those of `detections.csv` that are read."""
 
 
 def find_captures_dir(workspace: Workspace, run: Run) -> Path:
@@ -52,7 +50,7 @@ def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
         with open_plain(file) as stream:
             text = io.StringIO(stream.read().decode("utf-8"), newline="")
         lines = csv.DictReader(text, strict=True)
-        needed = FOUND if run.kind == "detection" else NEEDED
+        needed = COLUMNS if run.kind == "detection" else NEEDED
         missing = [name for name in needed if name not in (lines.fieldnames or ())]
         if missing:
             raise ToolkitError(f"{file}: no column '{missing[0]}': evaluate the captures again")
@@ -79,26 +77,16 @@ def _read_line(line: Mapping[str, str], captures_dir: Path, sources: Mapping[str
         corruption = (line["weather"], int(line["severity"]))
         source = " ".join([line["world"], line["place"], *map(str, corruption)])
     capture = Capture(
-        source, line["object"], line["variant"], pose_id, file, path, corruption=corruption,
-        cut_px=corruption and 0, failed_gates=gates,
-    )  # fmt: skip
+        source, line["object"], line["variant"], pose_id, file, path, corruption=corruption, failed_gates=gates
+    )
     if "found" in line:
-        return _read_detection(line, capture)
+        return make_detected(capture, line["true_label"], read_detection(line), line["status"])
     if line["status"] != OK:
         return Prediction(capture, int(line["true_index"]), line["true_label"], status=line["status"])
     return Prediction(
         capture, int(line["true_index"]), line["true_label"], int(line["top1_index"]), line["top1_label"],
         float(line["top1_prob"]), float(line["true_prob"]), int(line["true_rank"]),
     )  # fmt: skip
-
-
-def _read_detection(line: Mapping[str, str], capture: Capture) -> Prediction:
-    """As one of a classifier's, right where the object is found; the class has no number here."""
-    if line["status"] != OK:
-        return Prediction(capture, -1, line["true_label"], status=line["status"])
-    is_found, score = line["found"] == "1", float(line["score"] or 0)
-    label = line["true_label"] if is_found else line["strongest_label"] or "nothing"
-    return Prediction(capture, -1, line["true_label"], -1, label, score, score, 1 if is_found else 6)
 
 
 def has_own_file(one: Prediction, captures_dir: Path) -> bool:
