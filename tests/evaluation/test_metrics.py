@@ -18,6 +18,7 @@ from toolkit.evaluation.metrics import (
     pair_variants,
 )
 from toolkit.evaluation.predict import Prediction
+from toolkit.evaluation.tables import list_unpaired
 from toolkit.evaluation.verdict import ONE_WAY_FLIPS, write_headlines
 
 
@@ -190,6 +191,9 @@ def test_a_variant_that_was_shot_by_another_plan_is_set_aside():
     reasons = dict(explain_unpaired(seen, poses))
     assert sorted(reasons) == ["sim/racer/textured/2.png", "sim/racer/unpatched/2.png"]
     assert "9° apart" in reasons["sim/racer/textured/2.png"] and "with one plan" in reasons["sim/racer/textured/2.png"]
+    (line,) = list_unpaired(list(reasons.items()))
+    assert line.startswith("1 textured image of another plan than the unpatched: in the table, but not compared")
+    assert len(list_unpaired([*reasons.items(), ("sim/racer/textured/7.png", "no unpatched image of pose 7")])) == 3
 
 
 @pytest.mark.parametrize(

@@ -106,11 +106,11 @@ def _detect(
 def show_evaluation(done: "Evaluation") -> None:
     """Print the tables, what could not be used, the result in words, and where the report is."""
     from toolkit.core.console import console
-    from toolkit.evaluation.tables import list_lines, print_tables
+    from toolkit.evaluation.tables import list_lines, list_unpaired, print_tables
 
     say(f"network: {done.summary['model']['description']}")
     print_tables(console, done, done.summary["model"]["name"])
-    for line in (*list_lines("could not be read", done.failed), *list_lines("without a partner", done.unpaired)):
+    for line in (*list_lines("could not be read", done.failed), *list_unpaired(done.unpaired)):
         warn(line)
     for note in done.notes:
         remark(note)

@@ -272,6 +272,9 @@ def _sort_rows(rows: list[Comparison]) -> list[Comparison]:
     return sorted(rows, key=lambda row: (row.source, row.object == POOLED, row.object))  # stable: variants as they came
 
 
+OTHER_PLAN = "another plan was in use"
+
+
 def explain_unpaired(predictions: Sequence[Prediction], poses: Poses) -> list[tuple[str, str]]:
     """(path, reason) of every image that was read and has no partner in `unpatched`, or in any other variant.
 
@@ -301,7 +304,7 @@ def _why_unpaired(one: Prediction, others: list[dict[int, Prediction]], name: st
     gaps = [one.capture.tell_cameras_apart(partner.capture) for partner in partners if partner.is_read]
     if all(gaps):
         return (
-            f"its camera and that of {partners[0].capture.path} differ ({gaps[0]}): another plan was in use, so take "
+            f"its camera and that of {partners[0].capture.path} differ ({gaps[0]}): {OTHER_PLAN}, so take "
             "both variants again with one plan"
         )
     return None

@@ -2,9 +2,10 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from toolkit.captures.read import POOLED
+from toolkit.captures.read import POOLED, UNPATCHED
 from toolkit.core.tables import (
     NONE,
     build_table,
@@ -16,7 +17,7 @@ from toolkit.core.tables import (
     format_points_interval,
     format_rank,
 )
-from toolkit.evaluation.metrics import Comparison, Group, Pair
+from toolkit.evaluation.metrics import OTHER_PLAN, Comparison, Group, Pair
 from toolkit.evaluation.results import Findings
 from toolkit.evaluation.seen import Training, describe_unseen, mark_seen
 from toolkit.evaluation.sim_real import GainForecast, SimReal, place_of
@@ -175,6 +176,18 @@ def _list_wrong(pairs: Sequence[Pair]) -> dict[str, list[str]]:
         name, variant, pose_id = place_of(pair)
         found.setdefault(f"{name} {variant}", []).append(f"{pose_id}{'+' if pair.is_gained else '−'}")
     return found
+
+
+def list_unpaired(items: Sequence[tuple[str, str]]) -> list[str]:
+    """`list_lines` of images without a partner; those of another plan in one line for each variant."""
+    stale = Counter(Path(path).parent.name for path, reason in items if OTHER_PLAN in reason)
+    lines = [
+        f"{count} {variant} image{'s' if count > 1 else ''} of another plan than the unpatched: in the table, but not "
+        "compared: capture both again with one plan"
+        for variant, count in sorted(stale.items())
+        if variant != UNPATCHED
+    ]
+    return lines + list_lines("without a partner", [(path, why) for path, why in items if OTHER_PLAN not in why])
 
 
 def list_lines(title: str, items: Sequence[tuple[str, str]], limit: int = 20) -> list[str]:
