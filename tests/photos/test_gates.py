@@ -45,6 +45,7 @@ from toolkit.photos.posed_camera import PosedCamera
 from toolkit.rig.board import CharucoBoard, write_board
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.mount import attach, mount_patch
+from toolkit.rig.shot_order import ShotStep
 
 BOARD = CharucoBoard(9, 9, 25.0, 18.75)
 CAMERA = Camera.from_fov(640, 480, 40.0)
@@ -402,6 +403,19 @@ def test_partners_and_the_retake_list(tmp_path):
     assert len(lines) == 3 and lines[0] == "crate/patched pose 1: blur 2.5 px -> hold still"
     assert json.loads(json.dumps([row.to_json() for row in rows]))[2]["variant"] == "unpatched"
     assert write_retake_list(tmp_path, []) is None and not file.exists()
+
+
+def test_a_shot_that_is_missing_in_both_variants_is_on_the_list_in_the_order_of_the_walk():
+    walk = [("unpatched", 2), ("patched", 1), ("patched", 2), ("patched", 3), ("unpatched", 1), ("unpatched", 3)]
+    steps = [ShotStep(number, "crate", *shot) for number, shot in enumerate(walk, 1)]
+    photos = [CheckedPhoto("crate", variant, 1, path=variant) for variant in ("unpatched", "patched")]
+    rows = retake_list([*photos, CheckedPhoto("crate", "patched", 3)], None, steps)
+    assert [(row.variant, row.pose_id) for row in rows] == [
+        ("unpatched", 2), ("patched", 2), ("unpatched", 3),
+    ]  # fmt: skip
+    assert rows[0].describe() == "crate/unpatched pose 2: missing 1 photograph -> take it"
+    steps.append(ShotStep(7, "mug", "patched", 1))  # not begun
+    assert len(retake_list([*photos, CheckedPhoto("crate", "patched", 3)], None, steps)) == 3
 
 
 # --- folders --------------------------------------------------------------------------------------------------------

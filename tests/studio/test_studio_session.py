@@ -128,10 +128,23 @@ def test_a_photograph_put_there_by_hand_counts_and_is_not_taken_away(desk, photo
 
 def test_a_photograph_that_is_kept_against_advice_is_on_the_retake_list(desk, photo):
     desk.send_and_keep(1, photo(level=20))
-    assert "use more light" in (desk.session.source_dir / "retake.txt").read_text()
+    name, variant, pose = poses_of(desk)[0]
+    lines = (desk.session.source_dir / "retake.txt").read_text().splitlines()
+    assert lines[0].startswith(f"{name}/{variant} pose {pose}: brightness 2") and "-> use more light" in lines[0]
     assert desk.client.get("/api/shots/1").json()["advice"] == ["brightness: use more light"]
-    desk.send_and_keep(1, photo(5))
+    for number in range(1, 5):
+        desk.send_and_keep(number, photo(4 + number))
     assert not (desk.session.source_dir / "retake.txt").exists()
+
+
+def test_the_studio_and_check_write_one_list(desk, photo):
+    """In the order of the walk; each variant has begun, one pose is missing in the one and bad in the other."""
+    bad, missing = 2, 3
+    for number in {1, 2, 3, 4} - {missing}:
+        desk.send_and_keep(number, photo(number, level=20 if number == bad else 128))
+    said = [line.partition(":")[0] for line in (desk.session.source_dir / "retake.txt").read_text().splitlines()]
+    assert said == [f"{name}/{variant} pose {pose}" for name, variant, pose in poses_of(desk)[1:3]]
+    assert desk.client.get("/api/state").json()["first"] == bad
 
 
 def test_skipped_shots_come_last(desk, photo):

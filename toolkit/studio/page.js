@@ -388,6 +388,7 @@ async function start() {
   }
   const asked = Number(location.hash.slice(1));
   if (asked >= 1 && asked <= now.session.shots.length) await go(asked);
+  else if (now.session.first != null) await go(now.session.first);
   else goNext();
   setInterval(() => { if (!document.hidden && !["sending", "broken"].includes(now.view)) attempt(refresh); }, POLL_MS);
 }

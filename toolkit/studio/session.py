@@ -14,10 +14,9 @@ from toolkit.core.locks import hold_folder
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage, show_path
 from toolkit.objects.load import load_object
-from toolkit.photos.gates.check_captures import write_retake_lines
+from toolkit.photos.gates.check_captures import list_recorded
 from toolkit.photos.importing.evidence import Evidence
 from toolkit.photos.importing.gather import Candidate
-from toolkit.photos.importing.import_photos import list_retakes
 from toolkit.photos.importing.index import (
     REPLACED,
     CaptureKey,
@@ -195,7 +194,7 @@ class Session:
         records = [record for _, record in sorted(self._index().records.items())]
         there = [record for record in records if (self.source_dir / record.path).is_file()]
         write_transforms(self.source_dir, there)
-        write_retake_lines(self.source_dir, [f"{path}: {advice}" for path, advice in list_retakes(there)])
+        list_recorded(self.workspace, self.source_dir, there)
 
     def exclusive(self) -> RLock:
         """Held while files are changed."""

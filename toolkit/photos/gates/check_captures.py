@@ -23,8 +23,11 @@ from toolkit.objects.load import load_object
 from toolkit.photos.gates.check_photo import Expectation, PhotoCheck, inspect_photo
 from toolkit.photos.gates.check_set import CheckedPhoto, LinesRecord, SetFinding, check_set
 from toolkit.photos.gates.expect import ExpectationBuilder
-from toolkit.photos.gates.result import Check, GateResult
+from toolkit.photos.gates.result import Check, Gate, GateResult
 from toolkit.photos.photo import Photo, load_pixels, read_photo
+from toolkit.rig.plan import read_plan
+from toolkit.rig.requests import PAIR
+from toolkit.rig.shot_order import ShotStep, read_shots
 from toolkit.rig.variants import Print, find_booster
 
 GATES_FILE = "gates.jsonl"
@@ -87,6 +90,7 @@ def read_checks(source_dir: Path, setup: str) -> dict[tuple[str, str], PhotoChec
 
 
 RETAKE_FILE = "retake.txt"
+MISSING = Gate("missing", 0.0, "photograph", "take it")
 
 
 @dataclass(frozen=True)
@@ -122,12 +126,18 @@ class Retake:
         return asdict(self)
 
 
-def retake_list(photos: Sequence[CheckedPhoto], findings: Sequence[SetFinding] | None = None) -> list[Retake]:
-    """Everything that failed a gate, one row per photograph, by object, variant and pose.
+def retake_list(
+    photos: Sequence[CheckedPhoto], findings: Sequence[SetFinding] | None = None, walk: Sequence[ShotStep] = ()
+) -> list[Retake]:
+    """Everything that failed a gate or is missing, one row per photograph, in the order of the walk.
+
+    Of a variant that has no photograph yet nothing is missing but the partners of others.
 
     Args:
         photos: with the results of their own gates.
         findings: from `check_set` of the same photographs; made here where they are not given.
+        walk: every shot that there should be, see `read_walk`; what is not in it comes last, by object, variant and
+            pose.
     """
     findings = check_set(photos) if findings is None else findings
     failed: dict[tuple[str, str, int | None, str], list[GateResult]] = {}
@@ -139,7 +149,16 @@ def retake_list(photos: Sequence[CheckedPhoto], findings: Sequence[SetFinding] |
         if finding.result.failed:
             key = (finding.object, finding.variant, finding.pose_id, finding.path)
             failed.setdefault(key, []).append(finding.result)
-    ordered = sorted(failed.items(), key=lambda item: (item[0][0], item[0][1], item[0][2] or 0, item[0][3]))
+    begun = {(photo.object, photo.variant) for photo in photos}
+    known = {(photo.object, photo.variant, photo.pose_id) for photo in photos} | {key[:3] for key in failed}
+    places = {(step.object, step.variant, step.pose_id): step.number for step in walk}
+    for shot in places:
+        if shot[:2] in begun and shot not in known:
+            failed[(*shot, "")] = [MISSING.judge(1)]
+    last = len(places) + 1
+    ordered = sorted(
+        failed.items(), key=lambda item: (places.get(item[0][:3], last), *item[0][:2], item[0][2] or 0, item[0][3])
+    )
     return [
         Retake(
             name, variant, pose_id, tuple(_measured(result) for result in bad), tuple(result.advice for result in bad),
@@ -162,20 +181,52 @@ def count_unchecked(photos: Sequence[CheckedPhoto], findings: Sequence[SetFindin
 
 def write_retake_list(source_dir: Path, rows: Sequence[Retake]) -> Path | None:
     """Write `retake.txt` into captures/SOURCE, one line per photograph; with nothing to retake, the old file goes."""
-    return write_retake_lines(source_dir, [row.describe() for row in rows])
-
-
-def write_retake_lines(source_dir: Path, lines: Sequence[str]) -> Path | None:
-    """`write_retake_list` for lines that are made already."""
     file = Path(source_dir) / RETAKE_FILE
-    if not lines:
+    if not rows:
         file.unlink(missing_ok=True)
         return None
-    return write_text(file, "".join(f"{line}\n" for line in lines))
+    return write_text(file, "".join(f"{row.describe()}\n" for row in rows))
 
 
 def _measured(result: GateResult) -> str:
-    return f"{result.name} {result.value:.3g} {result.unit}"
+    value = "" if result.value is None else f" {result.value:.3g}"
+    return f"{result.name}{value} {result.unit}".rstrip()
+
+
+def read_walk(workspace: Workspace) -> list[ShotStep]:
+    """The shots of `rig/shots.json` in order; without one that fits the plan, both of each pair of the plan."""
+    with suppress(ToolkitError):
+        plan = read_plan(workspace.plan_file)
+        with suppress(ToolkitError):
+            return read_shots(workspace.root / "rig" / "shots.json", plan).steps
+        shots = [
+            (name, variant, pose.id)
+            for name in sorted(plan.objects)
+            for variant in sorted(PAIR)
+            for pose in plan.objects[name]
+        ]
+        return [ShotStep(number, *shot) for number, shot in enumerate(shots, 1)]
+    return []
+
+
+def list_recorded(workspace: Workspace, source_dir: Path, records: Sequence[CaptureRecord]) -> "CheckReport":
+    """Write `retake.txt` from what is known of imported photographs already, without looking at one again."""
+    known = read_checks(source_dir, hash_setup(workspace))
+    photos = []
+    for record in records:
+        found = known.get((record.path, record.image_sha256 or "")) or PhotoCheck(_read_recorded(record), None)
+        photos.append(
+            CheckedPhoto(record.object, record.variant, record.pose_id, found.results, found.lines, path=record.path)
+        )
+    return summarise(source_dir, photos, (), printed_sides(workspace, photos), read_walk(workspace))
+
+
+def _read_recorded(record: CaptureRecord) -> tuple[GateResult, ...]:
+    """What a photograph failed when it was kept."""
+    advice, gates = record.made.get("retake"), record.made.get("gates")
+    values = gates if isinstance(gates, dict) else {}
+    failed = [str(line).partition(": ") for line in advice] if isinstance(advice, list) else []
+    return tuple(GateResult(name, values.get(name), 0.0, "", "failed", words) for name, _, words in failed)
 
 
 @dataclass(frozen=True)
@@ -279,7 +330,7 @@ def _check_captures(workspace: Workspace, source_dir: Path) -> CheckReport:
             except UnreadableImage as error:
                 unreadable.append((path, error.reason))
             bar.advance(note=path)
-    return summarise(source_dir, photos, unreadable, printed_sides(workspace, photos))
+    return summarise(source_dir, photos, unreadable, printed_sides(workspace, photos), read_walk(workspace))
 
 
 def printed_sides(workspace: Workspace, photos: Sequence[CheckedPhoto]) -> dict[tuple[str, str], tuple[float, ...]]:
@@ -295,11 +346,11 @@ def printed_sides(workspace: Workspace, photos: Sequence[CheckedPhoto]) -> dict[
 
 def summarise(
     source_dir: Path, photos: Sequence[CheckedPhoto], unreadable: Sequence[tuple[str, str]] = (),
-    sides_mm: Mapping[tuple[str, str], Sequence[float]] | None = None,
+    sides_mm: Mapping[tuple[str, str], Sequence[float]] | None = None, walk: Sequence[ShotStep] = (),
 ) -> CheckReport:  # fmt: skip
-    """Check photographs as a set and write `captures/SOURCE/retake.txt`."""
+    """Check photographs as a set and write `captures/SOURCE/retake.txt`, see `retake_list`."""
     findings = check_set(photos, sides_mm)
-    retakes = retake_list(photos, findings)
+    retakes = retake_list(photos, findings, walk)
     write_retake_list(source_dir, retakes)
     unchecked = tuple((gate, why, n) for (gate, why), n in count_unchecked(photos, findings).items())
     return CheckReport(tuple(photos), tuple(findings), tuple(retakes), unchecked, tuple(unreadable))

@@ -121,16 +121,6 @@ def measure_coverage(
     return tuple(rows)
 
 
-def list_retakes(whole: Sequence[CaptureRecord]) -> tuple[tuple[str, str], ...]:
-    """(path, advice) of the images that a gate found wanting when they were imported."""
-    found = []
-    for record in whole:
-        advice = record.made.get("retake")
-        if isinstance(advice, list) and advice:
-            found.append((record.path, "; ".join(str(line) for line in advice)))
-    return tuple(found)
-
-
 def _mean(records: Sequence[CaptureRecord], key: str) -> float | None:
     values = [float(value) for record in records if isinstance(value := record.made.get(key), int | float)]
     return sum(values) / len(values) if values else None
