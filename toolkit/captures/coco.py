@@ -78,7 +78,7 @@ def write_instances(
 def as_bbox(box: Sequence[float]) -> list[float]:
     """Corner and sides, as COCO has them, of x1, y1, x2, y2."""
     x1, y1, x2, y2 = box
-    return [x1, y1, x2 - x1, y2 - y1]
+    return [x1, y1, round(x2 - x1, 3), round(y2 - y1, 3)]
 
 
 def encode_mask(mask: np.ndarray) -> dict[str, list[int]]:

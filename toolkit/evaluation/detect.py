@@ -84,7 +84,8 @@ class DetectedImage:
     def as_prediction(self, labels: Sequence[str]) -> Prediction:
         """As pairs and `detections.csv` take it; `labels` are the detector's."""
         seen, best = self.seen, self.best
-        score, iou, box = (None, None, None) if best is None else (best[0], best[1], tuple(map(float, best[2])))
+        score, iou, sides = best if best is not None else (None, None, None)
+        box = None if sides is None else (float(sides[0]), float(sides[1]), float(sides[2]), float(sides[3]))
         strongest = (labels[seen.classes[0]], float(seen.scores[0])) if seen else (None, None)
         found = None if seen is None else self.is_found
         said = Detection(self.truth.box, found, score, iou, box, *strongest)

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
+from typing import Any
 
 from toolkit.captures.read import Capture
 from toolkit.core.tables import encode_csv
@@ -57,7 +58,7 @@ def read_detection(line: Mapping[str, str]) -> Detection:
     return Detection(**{one.name: _parse(line[one.name], COLUMNS[one.name]) for one in fields(Detection)})
 
 
-def _parse(cell: str, kind: type) -> object:
+def _parse(cell: str, kind: type) -> Any:
     if not cell:
         return None
     if kind is bool:

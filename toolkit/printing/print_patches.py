@@ -302,8 +302,8 @@ def print_for_objects(
 def _name_targets(worn: Sequence[tuple[Path, Wearer | None]], out: Path) -> list[tuple[Path, Wearer | None, Path]]:
     """Each patch, who wears it, and its PDF; no two may share one."""
     if out.suffix.lower() == ".pdf" and len(worn) > 1:
-        names = ", ".join(wearer.object if wearer else file.stem for file, wearer in worn)
-        raise FieldError(f"one file for {len(worn)} pages ({names}): name a folder, or one object", {"out": out})
+        pages = ", ".join(wearer.object if wearer else file.stem for file, wearer in worn)
+        raise FieldError(f"one file for {len(worn)} pages ({pages}): name a folder, or one object", {"out": out})
     if out.suffix.lower() == ".pdf":
         return [(*pair, out) for pair in worn]
     targets = [(file, wearer, out / f"{wearer.object if wearer else file.stem}.pdf") for file, wearer in worn]

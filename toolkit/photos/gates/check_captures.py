@@ -151,10 +151,12 @@ def retake_list(
             failed.setdefault(key, []).append(finding.result)
     begun = {(photo.object, photo.variant) for photo in photos}
     known = {(photo.object, photo.variant, photo.pose_id) for photo in photos} | {key[:3] for key in failed}
-    places = {(step.object, step.variant, step.pose_id): step.number for step in walk}
+    places: dict[tuple[str, str, int | None], int] = {
+        (step.object, step.variant, step.pose_id): step.number for step in walk
+    }
     for shot in places:
         if shot[:2] in begun and shot not in known:
-            failed[(*shot, "")] = [MISSING.judge(1)]
+            failed[shot[0], shot[1], shot[2], ""] = [MISSING.judge(1)]
     last = len(places) + 1
     ordered = sorted(
         failed.items(), key=lambda item: (places.get(item[0][:3], last), *item[0][:2], item[0][2] or 0, item[0][3])
