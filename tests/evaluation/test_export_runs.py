@@ -9,12 +9,9 @@ from typer.testing import CliRunner
 from toolkit.captures.read import Capture
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
+from toolkit.core.files import write_json, write_text
+from toolkit.evaluation.detections_csv import COLUMNS, encode_detections, make_detected
 from toolkit.evaluation.eval_config import EvalConfig
-from toolkit.core.files import write_json
-from toolkit.core.files import write_text
-from toolkit.evaluation.detections_csv import COLUMNS
-from toolkit.evaluation.detections_csv import encode_detections
-from toolkit.evaluation.detections_csv import make_detected
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.export import read_parquet, write_csv, write_fiftyone, write_parquet
 from toolkit.evaluation.notebook import predictions_table

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 from toolkit.cli import app
 from toolkit.core.errors import ToolkitError
 from toolkit.evaluation.compare import compare_runs
-from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.detections_csv import COLUMNS
+from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import evaluate_captures
 from toolkit.evaluation.runs import find_runs, open_run, parse_where, pick_rows
 from toolkit.evaluation.summaries import CLEAR, MEAN

@@ -20,9 +20,6 @@ from toolkit.photos.gates.check_captures import printed_sides
 from toolkit.photos.gates.check_set import CheckedPhoto, PatchLines
 from toolkit.printing.document import Wearer, build_pdf, read_page
 from toolkit.printing.settings import PrintSettings
-from toolkit.printing.wearers import Wearer
-from toolkit.printing.wearers import choose_wearer
-from toolkit.printing.wearers import read_page
 from toolkit.rig.variants import find_booster
 
 

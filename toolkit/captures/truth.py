@@ -155,23 +155,31 @@ def write_coco(
         annotations.append(
             {
                 "id": number, "image_id": number, "category_id": categories.index(category[one.object]) + 1,
-                "bbox": _as_bbox(truth), "area": int(truth.mask.sum()), "iscrowd": 0,
+                "bbox": as_bbox(truth.box), "area": int(truth.mask.sum()), "iscrowd": 0,
                 "segmentation": encode_mask(truth.mask), "object": one.object, "variant": one.variant,
                 "pose_id": one.pose_id,
             }
         )  # fmt: skip
+    write_instances(file, images, annotations, categories)
+    return len(images), unknown
+
+
+def write_instances(
+    file: Path, images: list[dict[str, Any]], annotations: list[dict[str, Any]], categories: Sequence[str]
+) -> None:
+    """Write COCO's `instances.json`; a category's id is its place in `categories`, from 1."""
     content = {
         "info": {"description": "where each object is, by its mesh and camera", "version": f"toolkit {__version__}"},
         "licenses": [], "images": images, "annotations": annotations,
         "categories": [{"id": k + 1, "name": name} for k, name in enumerate(categories)],
     }  # fmt: skip
     write_json(file, content)
-    return len(images), unknown
 
 
-def _as_bbox(truth: ObjectMask) -> list[float]:
-    x1, y1, x2, y2 = truth.box
-    return [x1, y1, x2 - x1, y2 - y1]
+def as_bbox(box: Sequence[float]) -> list[float]:
+    """Corner and sides, as COCO has them, of x1, y1, x2, y2."""
+    x1, y1, x2, y2 = box
+    return [x1, y1, round(x2 - x1, 3), round(y2 - y1, 3)]
 
 
 def encode_mask(mask: np.ndarray) -> dict[str, list[int]]:

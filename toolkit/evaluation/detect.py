@@ -19,9 +19,8 @@ from toolkit.core.files import write_json, write_text
 from toolkit.core.statistics import Interval, wilson_interval
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.average_precision import ScoredBoxes, average_precision, mean_average_precision, recall_at
+from toolkit.evaluation.detections_csv import encode_detections, make_detected
 from toolkit.evaluation.eval_config import EvalConfig
-from toolkit.evaluation.detections_csv import encode_detections
-from toolkit.evaluation.detections_csv import make_detected
 from toolkit.evaluation.evaluate import DEFAULT, find_run_dir, name_run
 from toolkit.evaluation.ground_truth import add_corrupted
 from toolkit.evaluation.metrics import Comparison, compare_controls, compare_unpatched, index_poses, rank_variant

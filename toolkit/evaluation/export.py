@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolkit import __version__
-from toolkit.captures.coco import as_bbox, write_instances
+from toolkit.captures.truth import as_bbox, write_instances
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import read_bytes, write_bytes, write_json, write_text
 from toolkit.core.tables import encode_csv

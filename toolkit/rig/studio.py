@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from toolkit.core.errors import one_of
 from toolkit.imaging.colour import LINEAR_OF_CODE, linear_to_srgb, srgb_to_linear
-from toolkit.rig.board import Board
 from toolkit.rig.scene import KeyLight, Scene, Table, illuminate
 
 if TYPE_CHECKING:
