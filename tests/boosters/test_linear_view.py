@@ -10,7 +10,7 @@ from texture_parts import SIDE, TEXELS, make_crate, render_linear
 
 from toolkit.boosters import linear_view as pyramid
 from toolkit.boosters.linear_view import batch_views, show_texture
-from toolkit.objects.atlas import wear
+from toolkit.objects.atlas import apply_texture
 from toolkit.objects.mesh import Material, Mesh
 from toolkit.rig import shading as finish
 from toolkit.rig import textures
@@ -42,7 +42,7 @@ def to_tensor(pixels: np.ndarray) -> torch.Tensor:
 
 def test_the_parts_put_together_are_a_render_of_the_texture(crate, views, noise):
     taken, studio, camera, poses = views
-    worn = wear(crate, noise)
+    worn = apply_texture(crate, noise)
     renderer = RaycastRenderer(worn, studio)
     shown = show_texture(to_tensor(noise).float(), batch_views(taken, "cpu")).permute(0, 2, 3, 1).numpy()
     # light bounces off the table with the mean colour of the object, which is grey in the parts

@@ -22,7 +22,7 @@ from toolkit.photos.gates.framing import BLUR, NETWORK_SIDE_PX
 from toolkit.rig.mount import PAPER_MATERIAL
 from toolkit.rig.plan import read_plan
 from toolkit.rig.shading import tone_map
-from toolkit.rig.variants import Print, dress, find_booster
+from toolkit.rig.variants import Print, apply_booster, find_booster
 
 PLAIN = ShootSettings(backdrop="white")
 REHEARSED = ShootSettings(backdrop="white", rehearsal=Rehearsal())
@@ -50,12 +50,12 @@ def test_the_hand_strays_as_far_as_it_says():
     hand, pose = Rehearsal(stray_share=0.02, stray_deg=3.0), np.eye(4)
     pose[:3, 3] = 10, 20, 500
     rng = np.random.default_rng(1)
-    strayed = np.array([hand.stray(pose, 400.0, rng) for _ in range(4000)])
+    strayed = np.array([hand.perturb_pose(pose, 400.0, rng) for _ in range(4000)])
     np.testing.assert_allclose(strayed[:, :3, 3].std(axis=0), 8.0, rtol=0.05)
     np.testing.assert_allclose(strayed[:, :3, 3].mean(axis=0), pose[:3, 3], atol=0.5)
     turns = Rotation.from_matrix(strayed[:, :3, :3]).as_rotvec(degrees=True)
     np.testing.assert_allclose(turns.std(axis=0), 3.0, rtol=0.05)
-    assert np.array_equal(Rehearsal(stray_share=0, stray_deg=0).stray(pose, 400.0, rng), pose)
+    assert np.array_equal(Rehearsal(stray_share=0, stray_deg=0).perturb_pose(pose, 400.0, rng), pose)
 
 
 def test_exposure_and_white_balance_stay_in_their_ranges():
@@ -135,7 +135,7 @@ def test_shots_are_whole_recorded_and_the_same_again(tmp_path, make_crate_space)
 def test_tape_lies_over_the_paper_alone(tmp_path, make_crate_space):
     space = make_crate_space(tmp_path)
     item = load_object(space.object_spec("crate"))
-    mesh = dress(item, find_booster(space, item, "patched"))
+    mesh = apply_booster(item, find_booster(space, item, "patched"))
     taped = Rehearsal(tape_roughness=0.15).tape(mesh)
     for before, after in zip(mesh.materials, taped.materials, strict=True):
         assert after.roughness == (0.15 if before.name == PAPER_MATERIAL else before.roughness)

@@ -60,14 +60,14 @@ def test_a_benchmark_that_cannot_work_ends_at_once(ask, monkeypatch):
 
 
 def test_a_scene_that_cannot_be_shot_is_listed_and_the_other_is_there(shoot, monkeypatch):
-    real = shooting.dress
+    real = shooting.apply_booster
 
     def poisoned(item, booster):
         if booster is not None:
             raise RuntimeError("torn")
         return real(item, booster)
 
-    monkeypatch.setattr(shooting, "dress", poisoned)
+    monkeypatch.setattr(shooting, "apply_booster", poisoned)
     result, files = shoot("sim", InProcess())
     assert result.shot == 2 and {Path(name).parent.name for name in files if name.endswith(".jpg")} == {"unpatched"}
     ((name, reason),) = result.failed

@@ -184,13 +184,13 @@ def quantised():
 
 
 def test_int8_weights_judge_and_cannot_train(tmp_path):
-    from toolkit.boosters.pixels import aim
+    from toolkit.boosters.pixels import resolve_targets
 
     file = write(tmp_path, quantised())
     classifier, batch = load(file), torch.rand(2, 3, PX, PX)
     with torch.no_grad():
         assert np.abs(classifier.logits(batch).numpy() - ask_runtime(file, batch)).max() < 1e-5
-    line = error_of(lambda: aim([classifier], 1))
+    line = error_of(lambda: resolve_targets([classifier], 1))
     assert "judges" in line and "quantised to integers" in line and "onnx:net.onnx" in line
 
 

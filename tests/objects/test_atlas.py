@@ -8,7 +8,7 @@ import trimesh
 from kernel_samples import sample
 
 from toolkit.core.errors import ToolkitError
-from toolkit.objects.atlas import dilate, make_atlas, take_paint, wear
+from toolkit.objects.atlas import apply_texture, dilate, make_atlas, take_paint
 from toolkit.objects.load import build_mesh, read_mesh
 from toolkit.objects.mesh import Material, Mesh, make_ray_scene, mesh_from_corners, place_on_table
 from toolkit.rig.camera import Camera, orbit_pose, pixel_rays
@@ -90,7 +90,7 @@ def test_a_texture_of_coordinates_comes_back_to_half_a_texel(bare, name):
     atlas = make_atlas(bare(name), n)
     row, column = np.mgrid[:n, :n]
     own = np.stack([column, row, column * 0], axis=-1).astype(np.uint8)
-    worn = wear(atlas, own)
+    worn = apply_texture(atlas, own)
     _, _, uv = seen(worn, 40)
     at = worn.materials[0].texture[texel_of(uv, n)].astype(float)
     wanted = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=1) * n - 0.5
@@ -114,7 +114,7 @@ def test_a_built_in_object_keeps_its_coordinates_and_gets_one_sheet():
     atlas = make_atlas(mesh, 200)
     np.testing.assert_array_equal(atlas.mesh.uv, mesh.uv)
     np.testing.assert_array_equal(atlas.mesh.faces, mesh.faces)
-    worn = wear(atlas, colours(200))
+    worn = apply_texture(atlas, colours(200))
     assert len({id(m.texture) for m in worn.materials}) == 1
     assert [m.name for m in worn.materials] == [m.name for m in mesh.materials]
     assert [m.roughness for m in worn.materials] == [m.roughness for m in mesh.materials]
@@ -124,7 +124,7 @@ def test_a_built_in_object_keeps_its_coordinates_and_gets_one_sheet():
 def test_kept_materials_stay_as_they_were():
     mesh = build_mesh("racer")
     atlas = make_atlas(mesh, 64, keep=["rubber", "metal"])
-    worn = wear(atlas, colours(64))
+    worn = apply_texture(atlas, colours(64))
     names = np.array([m.name for m in mesh.materials])[mesh.face_material]
     np.testing.assert_array_equal(atlas.trained, ~np.isin(names, ["rubber", "metal"]))
     for index, material in enumerate(worn.materials):
@@ -212,7 +212,7 @@ def test_uncovered_texels_take_the_nearest_covered_colour(bare):
     spread = dilate(texture, atlas)
     np.testing.assert_array_equal(spread[atlas.covered], texture[atlas.covered])
     np.testing.assert_array_equal(dilate(spread, atlas), spread)
-    np.testing.assert_array_equal(wear(atlas, texture).materials[0].texture, spread)
+    np.testing.assert_array_equal(apply_texture(atlas, texture).materials[0].texture, spread)
     texture[~atlas.covered] = 0
     np.testing.assert_array_equal(dilate(texture, atlas), spread)  # whatever was there
 
@@ -234,7 +234,7 @@ def test_paint_of_finer_pictures_is_their_mean_light():
 def test_in_its_paint_an_object_looks_as_before(unwrap):
     mesh, n = build_mesh("eggnog"), 512
     atlas = make_atlas(mesh, n, unwrap=unwrap)
-    worn = wear(atlas, take_paint(atlas, mesh))
+    worn = apply_texture(atlas, take_paint(atlas, mesh))
     triangle, weights, uv = seen(atlas.mesh, 20)
     sheet = worn.materials[worn.face_material[triangle[0]]].texture
     now = sheet[texel_of(uv, n)].astype(int)
@@ -272,7 +272,7 @@ def test_seams_do_not_bleed(bare):
     def errors(pixels: np.ndarray, level: int) -> np.ndarray:
         return np.abs(sample(pixels, *uv.T, level) - wanted).max(axis=1)
 
-    spread = wear(atlas, texture).materials[0].texture
+    spread = apply_texture(atlas, texture).materials[0].texture
     assert errors(spread, 0).max() < 1e-3
     # a texel of level 1 is two wide: where two sides lie two texels apart, a little of the other is in reach
     assert errors(spread, 1).max() < 0.15 and errors(texture, 1).max() > 0.4
@@ -286,7 +286,7 @@ def test_a_chart_of_ones_own_does_not_take_in_the_ground():
     assert not atlas.unwrapped and atlas.covered.sum() == 64
     texture = np.where(atlas.covered[..., None], 255, 0).astype(np.uint8).repeat(3, axis=-1)
     edge = np.column_stack([np.linspace(0.25, 0.75, 33), np.full(33, 0.75)])
-    worn = wear(atlas, texture).materials[0].texture
+    worn = apply_texture(atlas, texture).materials[0].texture
     assert texture.shape == (n, n, 3)
     for level in range(3):
         np.testing.assert_allclose(sample(worn, *edge.T, level), 1, atol=1e-5)
@@ -327,7 +327,7 @@ def test_a_texture_of_another_size_is_refused(bare):
     atlas = make_atlas(bare("cube"), 16)
     for wrong in (np.zeros((17, 17, 3), np.uint8), np.zeros((16, 16, 3), np.float32), np.zeros((16, 16, 4), np.uint8)):
         with pytest.raises(ToolkitError, match="16×16 RGB pixels of 8 bits"):
-            wear(atlas, wrong)
+            apply_texture(atlas, wrong)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from toolkit.objects.atlas import make_atlas, wear
+from toolkit.objects.atlas import apply_texture, make_atlas
 from toolkit.objects.export import to_glb
 from toolkit.objects.load import build_mesh
 from toolkit.objects.mesh import Material, Mesh, merge_meshes, mesh_from_corners
@@ -60,7 +60,7 @@ def primitives(tree: dict):
 def dressed():
     """The racer in a texture, its tyres kept."""
     texture = np.random.default_rng(0).integers(0, 256, (64, 64, 3), dtype=np.uint8)
-    return wear(make_atlas(build_mesh("racer"), 64, keep=["rubber"]), texture)
+    return apply_texture(make_atlas(build_mesh("racer"), 64, keep=["rubber"]), texture)
 
 
 @pytest.fixture(scope="module")

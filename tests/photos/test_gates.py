@@ -394,7 +394,7 @@ def test_partners_and_the_retake_list(tmp_path):
         ("crate", "patched", 1), ("crate", "patched", 2), ("crate", "unpatched", 3),
     ]  # fmt: skip
     assert rows[0].why == ("blur 2.5 px",) and rows[0].advice == ("hold still",)
-    assert rows[1].path == "" and "as 'unpatched' only" in rows[1].advice[0]
+    assert rows[1].describe() == "crate/patched pose 2: patched photo missing -> take it: the unpatched one is there"
     unchecked = count_unchecked(photos, findings)
     assert unchecked[("blur", "no edges")] == 1
     assert unchecked[("missing partner", "'patched' has no photograph yet")] == 1  # lone: not begun is not missing

@@ -109,7 +109,7 @@ def test_what_is_open_is_asked_between_the_shots_that_it_may_be(session):
 
     result = run(space, folder, ImportSettings(), by_render=no_render, ask=ask)
     question, answers = questions[0]
-    assert "it may be crate/" in question and "11 photographs for the 12 shots" in question and answers == ["1", "2"]
+    assert "could be crate/" in question and "11 photographs for the 12 shots" in question and answers == ["1", "2"]
     assert imported(result) == {f"crate/{steps[1].variant}/pose_{steps[1].pose_id:02d}.jpg": "IMG_41.jpg"}
     assert len(result.refused) == 10
 
@@ -132,7 +132,7 @@ def test_pictures_alone_say_which_one_is_missing(tmp_path):
     from toolkit.rig.raycast import RaycastRenderer
     from toolkit.rig.shading import tone_map
     from toolkit.rig.studio import make_studio
-    from toolkit.rig.variants import dress, find_booster
+    from toolkit.rig.variants import apply_booster, find_booster
 
     space = make_workspace(tmp_path / "space")  # noqa: F811
     item = load_object(space.object_spec("racer"))
@@ -143,7 +143,7 @@ def test_pictures_alone_say_which_one_is_missing(tmp_path):
     poses, rng = {pose.id: pose for pose in plan.objects["racer"]}, np.random.default_rng(1)
     (tmp_path / "photos").mkdir()
     for variant in ("unpatched", "patched"):
-        mesh = dress(item, find_booster(space, item, variant))
+        mesh = apply_booster(item, find_booster(space, item, variant))
         renderer = RaycastRenderer(mesh, make_studio(7, float(item.mesh.size_mm.max()), "oak", light="side"))
         for step in (step for step in steps if step.variant == variant and step.number != 4):
             pose = poses[step.pose_id]

@@ -47,6 +47,18 @@ def test_spread_patterns_cover_the_sphere_evenly(name):
     assert 0.35 * alone < nearest.min() and nearest.max() < 1.5 * alone
 
 
+@pytest.mark.parametrize("count", range(1, 25))
+def test_a_grid_of_any_count_looks_from_all_sides(count):
+    azimuths = np.unique(np.round(spread_poses(Pattern(count=count))[:, 0], 6))
+    gaps = np.diff([*azimuths, azimuths[0] + 360])
+    assert gaps.max() <= max(360 / count, 90) + 1e-6
+
+
+def test_the_default_grid_is_six_azimuths_at_three_elevations():
+    wanted = [(azimuth, elevation) for elevation in (25.0, 45.0, 65.0) for azimuth in range(0, 360, 60)]
+    np.testing.assert_array_equal(spread_poses(Pattern()), wanted)
+
+
 @pytest.mark.parametrize("name", ["fibonacci", "grid", "ring", "hemisphere"])
 def test_jitter_of_a_pose_depends_on_seed_and_number_alone(name):
     def jitter(count, seed):

@@ -16,8 +16,12 @@ from toolkit.objects.records import TAPE_MARGIN_MM
 from toolkit.objects.spec import ObjectSpec, PatchMount, read_spec, write_mounts
 from toolkit.rig.fit import describe_misfits, mounted_sizes_mm, sheet_points
 from toolkit.rig.mount import mount_sheets, wear_sheets
-from toolkit.rig.plan import list_misfits, read_plan
-from toolkit.rig.variants import describe_booster, dress, find_booster, note_booster
+from toolkit.rig.plan import list_misfits
+from toolkit.rig.plan import read_plan
+from toolkit.rig.variants import describe_booster
+from toolkit.rig.variants import find_booster
+from toolkit.rig.variants import note_booster
+from toolkit.rig.variants import apply_booster
 
 PX = np.random.default_rng(3).integers(0, 256, (8, 8, 3), dtype=np.uint8)
 TOP, LEFT = PatchMount(at="top", size_mm=40), PatchMount(at="left", size_mm=25)
@@ -151,7 +155,7 @@ def test_the_rig_shoots_all_of_them_and_the_manifest_says_so(space, crate):
     one = TableObject(crate.spec.with_mounts([TOP]), crate.mesh)
     before = {"patch": booster.sha256, "mm": 40.0, "mount": TOP.model_dump()}
     assert sha256_json(describe_booster(one, find_booster(space, one, "patched"))) == sha256_json(before)
-    alone = dress(crate, find_booster(space, crate, "patch-alone"))
+    alone = apply_booster(crate, find_booster(space, crate, "patch-alone"))
     assert alone.size_mm[:2] == pytest.approx([50, 50], abs=0.1)
     shoot_plan(space, read_plan(space.plan_file), ["crate"], ["patched"])
     records = read_manifest(space.captures_dir / "sim").values()

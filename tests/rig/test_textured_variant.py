@@ -18,7 +18,7 @@ from toolkit.objects.records import encode_png, write_texture
 from toolkit.rig.camera import Camera, project
 from toolkit.rig.plan import make_plan, read_plan, write_plan
 from toolkit.rig.requests import Pattern
-from toolkit.rig.variants import CONTROLS_OF, dress, find_booster, find_texture, fit_texture
+from toolkit.rig.variants import CONTROLS_OF, apply_booster, find_booster, find_texture, fit_texture
 
 SETTINGS = ShootSettings(backdrop="white", image_format="png")
 PAINTED = ("textured", *CONTROLS_OF["textured"])
@@ -110,7 +110,7 @@ def test_texels_are_where_their_coordinates_say(space, block):
     ramp = np.zeros((64, 64, 3), np.uint8)
     centres = (np.arange(64) + 0.5) * 4
     ramp[..., 0], ramp[..., 1], ramp[..., 2] = centres, centres[::-1, None], 128
-    mesh = dress(block, find_booster(space, block, "textured") if save(space, ramp) else None)
+    mesh = apply_booster(block, find_booster(space, block, "textured") if save(space, ramp) else None)
     assert len(mesh.faces) == len(block.mesh.faces)
     own, worn = block.mesh.uv[block.mesh.faces].mean(axis=1), mesh.uv[mesh.faces].mean(axis=1)
     np.testing.assert_allclose(worn, own, atol=1e-6)

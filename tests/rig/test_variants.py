@@ -7,7 +7,7 @@ from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.records import TAPE_MARGIN_MM, read_patch, write_patch
-from toolkit.rig.variants import ON_PAPER, dress, find_booster, find_patch
+from toolkit.rig.variants import ON_PAPER, apply_booster, find_booster, find_patch
 
 
 @pytest.fixture
@@ -44,7 +44,7 @@ def test_boosters_of_each_variant(space, crate):
 
 
 def test_a_patch_alone_is_a_flat_sheet_without_the_object(space, crate):
-    mesh = dress(crate, find_booster(space, crate, "patch-alone"))
+    mesh = apply_booster(crate, find_booster(space, crate, "patch-alone"))
     side = 40 + 2 * TAPE_MARGIN_MM
     np.testing.assert_allclose(mesh.size_mm[:2], side, atol=1e-3)
     assert mesh.size_mm[2] < 1
@@ -52,9 +52,9 @@ def test_a_patch_alone_is_a_flat_sheet_without_the_object(space, crate):
 
 
 def test_dressing_keeps_the_object(space, crate):
-    mesh = dress(crate, find_booster(space, crate, "grey-patch"))
+    mesh = apply_booster(crate, find_booster(space, crate, "grey-patch"))
     np.testing.assert_array_equal(mesh.vertices[: len(crate.mesh.vertices)], crate.mesh.vertices)
-    assert dress(crate, None) is crate.mesh
+    assert apply_booster(crate, None) is crate.mesh
 
 
 def test_a_patch_of_the_class_serves_an_object_of_another_name(space, crate):

@@ -13,7 +13,7 @@ from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Mesh, make_ray_scene
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.raycast import RaycastRenderer
-from toolkit.rig.variants import dress
+from toolkit.rig.variants import apply_booster
 from toolkit.worlds.catalogue import build_world
 from toolkit.worlds.place import choose_places, find_length, find_radius, find_spot, place_object, scale_to_world
 from toolkit.worlds.sky import make_sky
@@ -118,7 +118,7 @@ def test_every_variant_stands_in_the_same_place_and_is_seen_there() -> None:
     grass = build_world("grass")
     item = load_object(PACKAGE_DATA / "objects" / "racer.toml")
     placed = place_object(real("racer"), grass, find_spot(grass, "meadow-1"), SKY)
-    worn = placed.wear(scale_to_world(dress(item, None), item.spec))
+    worn = placed.with_mesh(scale_to_world(apply_booster(item, None), item.spec))
     assert (worn.stand, worn.spot) == (placed.stand, placed.spot)
     seen = RaycastRenderer(worn.mesh, worn.scene, stand=worn.stand).buffers(
         Camera.from_fov(32, 32), orbit_pose(placed.centre, 30, 20, 12)

@@ -38,12 +38,12 @@ from toolkit.boosters.pixel_config import WORLD_ELEVATION_DEG, name_files
 from toolkit.boosters.pixels import (
     Network,
     Target,
-    aim,
     from_picture,
     judge_ensemble,
     judge_photos,
     list_networks,
     quantise,
+    resolve_targets,
 )
 from toolkit.boosters.preview import COLUMNS, ROWS, draw_patch_preview, write_preview
 from toolkit.boosters.transforms.show import Appearance, place_patch, print_patch, show_patch, take_photos
@@ -120,7 +120,7 @@ def train_patch(
     Raises:
         ToolkitError: the settings, the data or a checkpoint cannot be used, or the disk is full.
     """
-    targets, detectors = aim(networks, class_name), find_detectors(networks)
+    targets, detectors = resolve_targets(networks, class_name), find_detectors(networks)
     if detectors is not None:
         config = config.model_copy(update={"mounted_share": 1.0})
     first, index = networks[0], targets[0].class_index
@@ -156,7 +156,7 @@ def hash_patch(
     config: PatchConfig, class_name: str | int, networks: Sequence[Network], data: TrainingData, name: str
 ) -> str:
     """Hash of the inputs of a patch that is trained on images in memory alone: what its record calls inputs_sha256."""
-    targets = aim(networks, class_name)
+    targets = resolve_targets(networks, class_name)
     config = config.count_steps(len(data.train)).for_networks(len(targets))
     return hash_inputs(config, name, list_networks(targets), data.sha256)
 

@@ -17,7 +17,7 @@ from toolkit.worlds.conditions import Times
 if TYPE_CHECKING:
     from toolkit.training.loop import FitConfig
 
-STEPS, MEETS, WORLD = "Steps", "What it meets", "In a world"
+STEPS, MEETS, WORLD = "Steps", "Augmentation", "In a world"
 TRANSFER = "What carries over to other networks"
 WORLD_ELEVATION_DEG, WORLD_FILL = (2.0, 75.0), (0.3, 1.0)
 """Where cameras stand in a world, unless it is said: from a man's height up, from one length away to four."""
@@ -50,7 +50,7 @@ class PixelConfig(Config):
         float, Field(gt=0, le=1), Expect("a number above 0 and at most 1, the full range"), Flag(group=STEPS)
     ] = Field(0.1, description="Change of every pixel in the first step, of the full range.")
     schedule: Annotated[Literal["constant", "linear", "cosine"], Flag(group=STEPS)] = Field(
-        "cosine", description="How it falls over the steps."
+        "cosine", description="How the learning rate falls."
     )
     seed: Annotated[int, Field(ge=0)] = 0
     ensemble: Annotated[Literal["sum", "normalised", "turns"] | None, Later, Flag(group=TRANSFER)] = Field(

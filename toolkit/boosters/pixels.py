@@ -237,7 +237,7 @@ def _mean(values: Sequence[float]) -> float:
     return sum(values) / len(values)
 
 
-def aim(networks: Sequence[Network], class_name: str | int) -> list[Target]:
+def resolve_targets(networks: Sequence[Network], class_name: str | int) -> list[Target]:
     """The class in each network's own labels.
 
     Raises:

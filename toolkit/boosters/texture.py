@@ -16,11 +16,11 @@ from toolkit.boosters.pixel_config import name_files
 from toolkit.boosters.pixels import (
     Network,
     Target,
-    aim,
     from_picture,
     judge_ensemble,
     list_networks,
     quantise,
+    resolve_targets,
 )
 from toolkit.boosters.preview import draw_turntable, write_preview
 from toolkit.boosters.texture_config import KNOWN, METHOD_VERSION, NEAR, TextureConfig
@@ -38,7 +38,7 @@ from toolkit.core.draws import Draws
 from toolkit.core.files import sha256_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.colour import srgb_to_linear
-from toolkit.objects.atlas import wear
+from toolkit.objects.atlas import apply_texture
 from toolkit.objects.export import to_glb
 from toolkit.objects.records import Texture, glb_name, read_texture, write_texture
 from toolkit.rig.camera import Camera, distance_to_fill, orbit_pose
@@ -101,7 +101,7 @@ def train_texture(
     config.check_backgrounds()
     keep_image = None if config.keep_image is None else read_keep_image(config.keep_image)
     objects = load_objects(workspace, config, keep_image)
-    targets = aim(networks, choose_class(class_name, objects))
+    targets = resolve_targets(networks, choose_class(class_name, objects))
     find_detectors(networks)
     config = config.for_networks(len(targets))
     if name is None and len(objects) == 1:
@@ -279,7 +279,7 @@ class TextureTask(BoosterTask[TrainedTexture]):
             record | {"objects": worn},
             corner_uv={one.name: one.atlas.corner_uv for one in inputs.objects if one.atlas.unwrapped},
             keep_images={} if inputs.keep_image is None else {inputs.objects[0].name: inputs.keep_image},
-            glbs={one.name: to_glb(wear(one.atlas, pixels), one.name) for one in inputs.objects},
+            glbs={one.name: to_glb(apply_texture(one.atlas, pixels), one.name) for one in inputs.objects},
         )
         skipped = inputs.backgrounds.skipped
         return TrainedTexture(

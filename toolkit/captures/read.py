@@ -238,7 +238,7 @@ def _select(captures: list[Capture], selection: Selection) -> list[Capture]:
 def _note_files(found: FoundFiles, stray: list[str]) -> list[str]:
     notes = []
     if found.others:
-        notes.append(f"no images by their names, not counted: {_some(found.others)}")
+        notes.append(f"not images, not counted: {_some(found.others)}")
     if stray:
         notes.append(f"not inside SOURCE/OBJECT/VARIANT, not counted: {_some(stray)}")
     return notes

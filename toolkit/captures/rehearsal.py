@@ -76,7 +76,7 @@ class Rehearsal:
         )
         return replace(mesh, materials=materials)
 
-    def stray(self, T_world_camera: np.ndarray, distance: float, rng: np.random.Generator) -> np.ndarray:
+    def perturb_pose(self, T_world_camera: np.ndarray, distance: float, rng: np.random.Generator) -> np.ndarray:
         """(4, 4) where a hand holds the camera that should stand at (4, 4), so far from what it looks at."""
         from scipy.spatial.transform import Rotation
 

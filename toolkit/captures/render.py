@@ -23,7 +23,7 @@ from toolkit.rig.plan_pictures import draw_contact_sheet, draw_positions
 from toolkit.rig.renderer import make_renderer
 from toolkit.rig.requests import Pattern
 from toolkit.rig.shading import tone_map
-from toolkit.rig.variants import Paint, Print, dress
+from toolkit.rig.variants import Paint, Print, apply_booster
 
 
 def render(
@@ -58,7 +58,7 @@ def render(
     settings, camera = settings or ShootSettings(), camera or Camera.from_fov()
     if settings.rehearsal is not None:
         raise ToolkitError("a rehearsal is of photographs in files: shoot them with shoot_plan")
-    mesh = dress(item, _put_on(item, booster))
+    mesh = apply_booster(item, _put_on(item, booster))
     renderer = make_renderer(settings.renderer, mesh, studio_for(item, settings))
     lights = renderer.render_many((camera, pose.matrix()) for pose in poses)
     pictures = [tone_map(light, (settings.seed, pose.id)) for light, pose in zip(lights, poses, strict=True)]

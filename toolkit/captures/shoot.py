@@ -31,7 +31,7 @@ from toolkit.rig.requests import PAIR
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
-from toolkit.rig.variants import Paint, Print, describe_booster, dress, find_booster, note_booster
+from toolkit.rig.variants import Paint, Print, apply_booster, describe_booster, find_booster, note_booster
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ def shoot_plan(
         workspace: whose objects and patches are meant.
         plan: camera and poses.
         objects: what is shot.
-        variants: and in which dress.
+        variants: and with what on them.
         settings: how.
         source: folder below `captures_dir`.
         captures_dir: where to, by default the workspace's `captures/`.
@@ -283,7 +283,7 @@ def _plan_scene(
         if settings.rehearsal is None:
             return pose.matrix()
         rng = Draws(settings.seed, pose.id, "rehearse").of(f"hand {name} {variant}")
-        return settings.rehearsal.stray(pose.matrix(), pose.distance_mm, rng)
+        return settings.rehearsal.perturb_pose(pose.matrix(), pose.distance_mm, rng)
 
     return [
         Shot(
@@ -356,9 +356,9 @@ def shoot_unit(
     """
     rehearsal = settings.rehearsal
     if rehearsal is None:
-        mesh = dress(item, booster)
+        mesh = apply_booster(item, booster)
     else:
-        mesh = rehearsal.tape(dress(item, rehearsal.print_booster(booster, settings.seed, item.name)))
+        mesh = rehearsal.tape(apply_booster(item, rehearsal.print_booster(booster, settings.seed, item.name)))
     renderer = make_renderer(settings.renderer, mesh, studio_for(item, settings))
     pictures = renderer.render_many((camera, pose) for camera, pose, _ in places)
     for (_, _, number), picture in zip(places, pictures, strict=True):

@@ -108,7 +108,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "landing collect": Entry("landing:collect", "shoot a pad from a cone of places: pictures with the truth"),
         "landing train": Entry("landing:train", "train a network to say where the pad is"),
         "landing boost": Entry("landing:boost", "train the pad's picture for that network"),
-        "landing fly": Entry("landing:fly", "land a drone by it, in worse and worse weather"),
+        "landing fly": Entry("landing:fly", "fly landings with it in worsening weather"),
         "landing demo": Entry("landing:demo", "walk from an empty folder to the report, small"),
     },
     "Results": {

@@ -72,7 +72,7 @@ Seed = Annotated[
 
 Patches = Annotated[
     str | None,
-    typer.Option("--patches", metavar="NAME", help="Folder of patches below print/patches; default: that one itself."),
+    typer.Option("--patches", metavar="NAME", help="Subfolder of print/patches; default: print/patches."),
 ]
 Objects = Annotated[
     list[str] | None,

@@ -111,9 +111,11 @@ def what_pairs_can_show(count: int) -> str:
 
     low, high = wilson_interval(count // 2, count)
     enough = next((flips for flips in range(1, count + 1) if mcnemar_p(flips, 0) < 0.05), None)
-    flips = f"{enough} flips one way and none back reach p < 0.05" if enough else "no number of flips reaches p < 0.05"
+    flips = "no number of changes reaches p < 0.05"
+    if enough is not None:
+        flips = f"{enough} changes for the better and none for the worse reach p < 0.05"
     return (
-        f"{count} pairs: a top-1 of {count // 2}/{count} is known to {low:.0%}-{high:.0%} (95 % Wilson interval); "
+        f"with {count} pairs, {count // 2} right means {low * 100:.0f}–{high:.0%} (95 % Wilson interval); "
         f"{flips} in an exact McNemar test"
     )
 

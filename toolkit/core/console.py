@@ -113,7 +113,8 @@ def progress(title: str, total: int, quiet: bool = False, done: int = 0) -> Iter
         yield Ticker(None, TaskID(0))
         return
     if not errors.is_terminal:
-        errors.print(f"{title}: {total - done} to do" + (f", {done} done before" if done else ""), markup=False)
+        counts = f"{title}: {total - done} to do" + (f", {done} done before" if done else "")
+        errors.print(f"{title} …" if total == 1 else counts, markup=False)
         yield Ticker(None, TaskID(0), title, total, done)
         return
     columns = (

@@ -297,7 +297,7 @@ def _judge_rig(network: str, one: SimReal, row: Comparison) -> Verdict:
     elif low_rank > 0:
         tone, verdict = "good", "The rig ranks the poses as the photographs do, and no gap is shown"
     else:
-        tone, verdict = "open", "No gap is shown, nor that the rig knows which poses are hard"
+        tone, verdict = "open", "Too few pairs to tell whether rig and photographs differ"
     if found.mcnemar_p < SIGNIFICANT and low_rank > 0:
         tone, verdict = "open", f"{verdict}, but ranks the poses as the photographs do"
     what = "without a booster" if row.second == UNPATCHED else f"with {name_booster(row.second)}"
@@ -319,6 +319,14 @@ def _describe_forecast(forecast: GainForecast) -> str:
     kappa = "" if found.kappa is None else f" (Cohen's kappa {format_kappa(found.kappa)})"
     return (
         f"{name_booster(forecast.variant).capitalize()} adds {format_points(forecast.sim_gain)} points in the rig and "
-        f"{format_points(forecast.real_gain)} in photographs; of {found.n_second} gained in photographs the rig "
-        f"foresaw {found.both}, and it foresaw {found.only_first} that were not{kappa}."
+        f"{format_points(forecast.real_gain)} in photographs. {_describe_gained(found)}{kappa}."
     )
+
+
+def _describe_gained(found: PairedOutcomes) -> str:
+    """The poses that the booster gained: in the rig (`first`), which predicts, and in photographs (`second`)."""
+    if not found.n_second:
+        predicted = f"{found.only_first}" if found.only_first else "none"
+        return f"No pose was gained in the photographs, and the rig predicted {predicted}"
+    wrong = f"; it predicted {found.only_first} more that were not gained" if found.only_first else ""
+    return f"The rig predicted {found.both} of the {found.n_second} poses gained in the photographs{wrong}"

@@ -255,7 +255,7 @@ def compare_pads(
     found: dict[str, dict[str, float]] = {}
     with progress("Comparing pads", len(pads) * len(weathers)) as bar:
         for pad in pads:
-            worn = {id(view.site): view.site.wear(pad) for view in plan}
+            worn = {id(view.site): view.site.with_pad(pad) for view in plan}
             found[pad.name] = {}
             for weather in weathers:
                 views = [

@@ -241,7 +241,7 @@ class PadSite:
         """`photograph` of each view, in order, on all cores."""
         return map_frames(self.photograph, views)
 
-    def wear(self, pad: Pad) -> "PadSite":
+    def with_pad(self, pad: Pad) -> "PadSite":
         """Another pad in the same place and light."""
         return PadSite(self.world, self.place, self.sky, pad, self.optics)
 

@@ -275,7 +275,7 @@ def make_atlas(
     return Atlas(_share_sheet(mesh, trained, sheet), trained, covered, nearest_covered(covered), bool(unwrapped))
 
 
-def wear(atlas: Atlas, texture: np.ndarray) -> Mesh:
+def apply_texture(atlas: Atlas, texture: np.ndarray) -> Mesh:
     """The mesh with a texture on its trained faces.
 
     Args:

@@ -110,8 +110,8 @@ class SheetSettings(Config):
     )
     ink_percent: Annotated[float | None, Flag("--ink", metavar="PERCENT", group=SHEET)] = Field(
         None,
-        description="Of board or ring; 100 is black, which networks see before the object: for calibrating without "
-        "one.  [default: 10]",
+        description="How dark board or ring is; 100 (black) distracts networks: use it only to calibrate.  "
+        "[default: 10]",
     )
 
     @model_validator(mode="after")

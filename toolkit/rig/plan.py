@@ -32,11 +32,17 @@ def spread_poses(pattern: Pattern) -> np.ndarray:
 
 
 def _grid(count: int, low: float, high: float) -> np.ndarray:
-    """Rows of equal azimuths: three elevations where the count allows (18 = 6 × 3), else two, else one."""
+    """Rows of equal azimuths: three elevations where the count allows (18 = 6 × 3), else two, else one.
+
+    Rows of fewer than four are turned against each other, else 6 = 2 × 3 would see front and back alone.
+    """
     rows = next(rows for rows in (3, 2, 1) if count % rows == 0) if low < high else 1
     columns = count // rows
     elevations = np.linspace(low, high, rows) if rows > 1 else [(low + high) / 2]
-    return np.array([(360 * i / columns, elevation) for elevation in elevations for i in range(columns)], float)
+    turn = 360 / count if columns < 4 else 0
+    return np.array(
+        [(360 * i / columns + row * turn, e) for row, e in enumerate(elevations) for i in range(columns)], float
+    )
 
 
 def _ring(count: int, low: float, high: float) -> np.ndarray:

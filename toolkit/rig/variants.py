@@ -87,9 +87,9 @@ def fit_texture(item: TableObject, texture: Texture) -> "Atlas":
 
 def paint_object(item: TableObject, texture: Texture, pixels: np.ndarray) -> Mesh:
     """The object with pixels (n, n, 3) uint8 sRGB where a texture of it has its own; raises as `check_fit`."""
-    from toolkit.objects.atlas import wear
+    from toolkit.objects.atlas import apply_texture
 
-    return wear(fit_texture(item, texture), pixels)
+    return apply_texture(fit_texture(item, texture), pixels)
 
 
 CONTROLS_OF = {
@@ -207,7 +207,7 @@ def note_booster(booster: Print | Paint | None) -> dict[str, Any]:
     return {"booster": booster.name, "booster_mm": sizes_mm[0] if len(sizes_mm) == 1 else list(sizes_mm)}
 
 
-def dress(item: TableObject, booster: Print | Paint | None) -> Mesh:
+def apply_booster(item: TableObject, booster: Print | Paint | None) -> Mesh:
     """The mesh to photograph: the object, the object with its sheets on it or painted, or a sheet alone."""
     if booster is None:
         return item.mesh

@@ -15,7 +15,7 @@ from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Mesh, make_ray_scene
 from toolkit.rig.camera import Camera, pixel_rays
 from toolkit.rig.plan import CapturePlan
-from toolkit.rig.variants import VARIANTS, Print, dress, find_booster
+from toolkit.rig.variants import VARIANTS, Print, apply_booster, find_booster
 
 SIDE_PX = 720
 LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
@@ -114,7 +114,7 @@ class GhostRenderer:
             booster = find_booster(self._workspace, item, variant) if variant in VARIANTS else None
         except ToolkitError:
             booster = None  # a sheet that is not here can be photographed all the same
-        mesh = dress(item, booster)
+        mesh = apply_booster(item, booster)
         if not isinstance(booster, Print):
             return _Stage(mesh, len(mesh.materials))
         return _Stage(mesh, 0 if booster.alone else len(item.mesh.materials))

@@ -14,8 +14,10 @@ from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Mesh, cast_rays
 from toolkit.objects.spec import ObjectSpec
 from toolkit.rig.scene import Scene, Stand
-from toolkit.rig.variants import dress, find_booster
-from toolkit.worlds.requests import DRY, ObjectInWorld
+from toolkit.rig.variants import find_booster
+from toolkit.worlds.requests import DRY
+from toolkit.worlds.requests import ObjectInWorld
+from toolkit.rig.variants import apply_booster
 from toolkit.worlds.sky import Sky
 from toolkit.worlds.world import Spot, World
 
@@ -63,7 +65,7 @@ class Placed:
         vertices = self.stand.to_world(self.mesh.vertices).astype(np.float32)
         return replace(self.mesh, vertices=vertices, normals=self.mesh.normals @ turn)
 
-    def wear(self, mesh: Mesh) -> "Placed":
+    def with_mesh(self, mesh: Mesh) -> "Placed":
         """Another variant of the object, at its real size, in the same place: pairs share place and light."""
         return replace(self, mesh=mesh)
 
@@ -81,7 +83,7 @@ def scale_to_world(mesh: Mesh, spec: ObjectSpec, length_m: float | None = None) 
     A patch or texture on it grows with it.
 
     Args:
-        mesh: the object, dressed or bare (`toolkit.rig.variants.dress`).
+        mesh: the object, dressed or bare (`toolkit.rig.variants.apply_booster`).
         spec: of the object; says how long model and original are.
         length_m: how long the original is, where it is not as in the spec.
     """
@@ -214,7 +216,7 @@ def stand_object(space: Workspace, world: World, item: ObjectInWorld, sky: Sky, 
     """
     loaded = load_object(space.object_spec(item.object_name or ""))
     variant = item.variant or "unpatched"
-    mesh = scale_to_world(dress(loaded, find_booster(space, loaded, variant)), loaded.spec, item.length_m)
+    mesh = scale_to_world(apply_booster(loaded, find_booster(space, loaded, variant)), loaded.spec, item.length_m)
     if item.place is not None:
         spot = find_spot(world, item.place)
     else:

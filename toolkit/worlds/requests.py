@@ -53,7 +53,7 @@ class PreviewRequest(Config):
         (), description="noon, afternoon, golden, dusk, overcast; repeat for more. Default: afternoon and dusk."
     )
     sky: Annotated[Path | None, Flag(metavar="FILE", typed=Path)] = Field(
-        None, description="A panorama of your own as sky, before the times."
+        None, description="Your panorama, used before the {times} skies."
     )
     weathers: Annotated[tuple[str, ...], Flag("--weather", metavar="NAME[:SEVERITY]")] = Field(
         ("fog:1",), description="The first sky's view also in: fog:1, dust, rain:3-5, snow; repeat for more."

@@ -38,7 +38,7 @@ class BaselineConfig(Config):
 
     kind: Annotated[
         Literal["qr", "apriltag", "best-image", "random-image", "fixed-pattern"], Flag(positional=True, metavar="KIND")
-    ] = Field(description="Of the pictures.")
+    ] = Field(description="qr, apriltag, best-image, random-image or fixed-pattern.")
     class_names: Annotated[tuple[str, ...], Flag("--class", metavar="NAME")] = Field(
         (),
         description="A label, index or WordNet id; may be repeated. Default: the classes that --data has, without it "

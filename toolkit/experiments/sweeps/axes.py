@@ -17,7 +17,7 @@ from toolkit.objects.records import printed_size_mm
 from toolkit.rig.plan import CapturePlan, check_poses, scale_distance, scale_resolution
 from toolkit.rig.requests import PAIR
 from toolkit.rig.studio import BACKDROPS, LIGHTS
-from toolkit.rig.variants import Print, dress, find_booster
+from toolkit.rig.variants import Print, apply_booster, find_booster
 
 if TYPE_CHECKING:
     from toolkit.captures.shoot import ShootSettings
@@ -257,7 +257,7 @@ def _plan_unit(
         for name in variants:
             booster = find_booster(workspace, sized, name)
             if isinstance(booster, Print):  # paint fits wherever the object itself can be shot
-                dress(sized, booster)
+                apply_booster(sized, booster)
     except ToolkitError as error:
         refused = str(error)
     return SweepPoint(value, label, item.name, setup, patch_mm=patch_mm, longest_mm=longest_mm, refused=refused)

@@ -201,7 +201,7 @@ def render_frames(stage: Stage, tasks: Sequence[PictureTask], threads: int | Non
 @lru_cache(maxsize=1)
 def open_renderer(stage: Stage, place: int, variant: str) -> RaycastRenderer:
     """The renderer of a variant in its place; the last one is kept."""
-    return make_renderer(stage.places[place].wear(stage.variants[variant].mesh))
+    return make_renderer(stage.places[place].with_mesh(stage.variants[variant].mesh))
 
 
 def render_frame(stage: Stage, task: PictureTask, renderer: RaycastRenderer) -> Frame:

@@ -204,13 +204,14 @@ def _judge_half(row: Row) -> Verdict:
         return Verdict("open", f"{what}nothing was recognised in clear air, so that nothing can be lost.")
     half = f"half of the recognitions are lost at a visibility of {format_visibility(row)}"
     if row["visibility_m"] is None:
-        half = (
-            f"half of the recognitions are not lost down to a visibility of {row['densest_m']:.3g} m, the least shown"
-        )
+        half = f"even at {row['densest_m']:.3g} m, the thickest {row['weather']} tested, more than half remain"
     if row["times"] is None:
         return Verdict("open", f"{what}{half}.")
-    same = f"The share that bare has left at its half is reached through {format_times(row, 'same_times')} as much."
-    sentence = f"{what}{half}, through {format_times(row, 'times')} as much of it as bare. {same}"
+    times, same_times = format_times(row, "times"), format_times(row, "same_times")
+    sentence = (
+        f"{what}{half}; that is {times} the {row['weather']} that halves the bare object. As many as the bare object "
+        f"then keeps are still recognised in {same_times} that {row['weather']}."
+    )
     return Verdict(find_tone(row["same_times_ci95"], none=1), sentence)
 
 

@@ -22,7 +22,7 @@ from toolkit.experiments.worlds.world_results import WorldResults
 from toolkit.models.network import Classifier
 from toolkit.objects.load import TableObject, load_object
 from toolkit.rig.camera import Camera
-from toolkit.rig.variants import dress, find_booster
+from toolkit.rig.variants import apply_booster, find_booster
 from toolkit.worlds.airsim import Address
 from toolkit.worlds.catalogue import open_world
 from toolkit.worlds.picture import make_speck
@@ -132,7 +132,7 @@ def dress_variants(workspace: Workspace, item: TableObject, config: WorldEvalCon
         if name == ABSENT:
             found[name] = WorldVariant(make_speck(), np.zeros(1, bool))
         else:
-            mesh = dress(item, find_booster(workspace, item, name))
+            mesh = apply_booster(item, find_booster(workspace, item, name))
             found[name] = WorldVariant.of(scale_to_world(mesh, item.spec, config.length_m), item.mesh)
     return found
 

@@ -21,7 +21,7 @@ from toolkit.core.workspace import Workspace
 from toolkit.imaging.read import UnreadableImage
 from toolkit.objects.load import load_object
 from toolkit.photos.gates.check_photo import Expectation, PhotoCheck, inspect_photo
-from toolkit.photos.gates.check_set import CheckedPhoto, LinesRecord, SetFinding, check_set
+from toolkit.photos.gates.check_set import PARTNER, CheckedPhoto, LinesRecord, SetFinding, check_set
 from toolkit.photos.gates.expect import ExpectationBuilder
 from toolkit.photos.gates.result import Check, Gate, GateResult
 from toolkit.photos.photo import Photo, load_pixels, read_photo
@@ -163,8 +163,8 @@ def retake_list(
     )
     return [
         Retake(
-            name, variant, pose_id, tuple(_measured(result) for result in bad), tuple(result.advice for result in bad),
-            path=path,
+            name, variant, pose_id, tuple(_measured(result, variant) for result in bad),
+            tuple(result.advice for result in bad), path=path,
         )
         for (name, variant, pose_id, path), bad in ordered
     ]  # fmt: skip
@@ -190,7 +190,9 @@ def write_retake_list(source_dir: Path, rows: Sequence[Retake]) -> Path | None:
     return write_text(file, "".join(f"{row.describe()}\n" for row in rows))
 
 
-def _measured(result: GateResult) -> str:
+def _measured(result: GateResult, variant: str) -> str:
+    if result.name == PARTNER.name:
+        return f"{variant} photo missing"
     value = "" if result.value is None else f" {result.value:.3g}"
     return f"{result.name}{value} {result.unit}".rstrip()
 

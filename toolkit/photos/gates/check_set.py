@@ -157,7 +157,7 @@ def _spread_deg(directions: np.ndarray) -> float:
     return float(np.degrees(np.arccos(np.clip((directions @ directions.T).min(), -1, 1))))
 
 
-PARTNER = Gate("missing partner", 0.0, "photographs of the pair missing", "take the same pose in the other variant")
+PARTNER = Gate("missing partner", 0.0, "photos missing", "take the same pose in the other variant")
 """0: what is compared is the same object from the same pose with and without its patch; a photograph alone is left
 out."""
 
@@ -226,7 +226,7 @@ def find_single_photos(name: str, photos: Sequence[CheckedPhoto]) -> list[SetFin
                 result = PARTNER.skip(f"'{other}' has no photograph yet")
                 findings.append(SetFinding(name, variant, pose_id, result, photo.path))
             elif pose_id not in poses[other]:
-                advice = f"pose {pose_id} is there as '{variant}' only: take it as '{other}' as well"
+                advice = f"take it: the {variant} one is there"
                 findings.append(SetFinding(name, other, pose_id, PARTNER.judge(1, advice)))
             elif variant == PAIR[0]:
                 findings.append(SetFinding(name, variant, pose_id, PARTNER.judge(0), photo.path))

@@ -18,7 +18,7 @@ from toolkit.photos.posed_camera import PosedCamera
 from toolkit.photos.prints.features import describe_patch
 from toolkit.rig.board import Board, read_board
 from toolkit.rig.mount import MountedSheet, attach
-from toolkit.rig.variants import VARIANTS, Print, dress, find_booster, mount_printed
+from toolkit.rig.variants import VARIANTS, Print, apply_booster, find_booster, mount_printed
 
 Built = tuple[Solid | None, ExpectedPatch | None, str]
 """What is expected of an object in a variant: its shape, its patch, and why that is not known."""
@@ -101,10 +101,10 @@ class ExpectationBuilder:
 
     def _dress(self, item: TableObject, variant: str, booster: Print) -> Built:
         if variant == "grey-patch":
-            return Solid(dress(item, booster)), None, "a grey patch has no marks by which it could be found"
+            return Solid(apply_booster(item, booster)), None, "a grey patch has no marks by which it could be found"
         patches = {**self._patches, booster.name: booster.pixels}
         if booster.alone:
-            return Solid(dress(item, booster)), ExpectedPatch(booster.name, patches), ""
+            return Solid(apply_booster(item, booster)), ExpectedPatch(booster.name, patches), ""
         sheets = mount_printed(item, booster)
         return Solid(attach(item.mesh, *sheets)), ExpectedPatch(booster.name, patches, None, _place(item, sheets)), ""
 

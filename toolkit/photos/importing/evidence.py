@@ -257,8 +257,8 @@ def match_session_order(count: int, steps: Sequence[ShotStep], first: int | None
     """
     if first is None and count != len(steps):
         return (
-            f"{count} photographs for the {len(steps)} shots of rig/shots.json: say the first shot of a part of "
-            "the list, or object and variant"
+            f"{count} photographs for the {len(steps)} shots of rig/shots.json; for a part of the list, give its first "
+            "shot with --first-shot, or say what they show with --object and --variant"
         )
     part = steps[(first or 1) - 1 :][:count]
     if len(part) < count:

@@ -229,7 +229,7 @@ def _import_photos(
         notes.append("the photographs carry no time: their order is that of their names")
     if gathered.others:
         more = f" and {len(gathered.others) - SHOWN_OTHERS} more" if len(gathered.others) > SHOWN_OTHERS else ""
-        notes.append(f"no photographs by their names, left alone: {', '.join(gathered.others[:SHOWN_OTHERS])}{more}")
+        notes.append(f"not photographs, left alone: {', '.join(gathered.others[:SHOWN_OTHERS])}{more}")
     after = index_source(index.source_dir)
     whole = [record for _, record in sorted(after.records.items()) if is_whole(index.source_dir, record)]
     if whole:

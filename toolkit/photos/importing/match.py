@@ -13,7 +13,7 @@ from toolkit.photos.importing.index import CaptureKey
 from toolkit.photos.match_pose import PoseMatch, match_pose
 from toolkit.photos.photo import load_pixels
 from toolkit.rig.plan import CapturePlan
-from toolkit.rig.variants import VARIANTS, dress, find_booster
+from toolkit.rig.variants import VARIANTS, apply_booster, find_booster
 
 if TYPE_CHECKING:
     from toolkit.photos.match_render import PoseTemplates, RenderMatch
@@ -70,7 +70,7 @@ def decide_pose(
         if evidence.between:
             reason = evidence.no_order
             if len(evidence.between) <= MOST_NAMED:
-                reason = f"it may be {' or '.join(map(str, evidence.between))}: {reason}"
+                reason = f"could be {' or '.join(map(str, evidence.between))}: {reason}"
             return Doubt(reason, evidence.between)
         missing = "nothing says which object and variant it shows"
         return Doubt(f"{missing}: {evidence.no_order}" if evidence.no_order else missing)
@@ -161,7 +161,7 @@ class RenderMatcher:
                 item = load_object(self._workspace.object_spec(group[0]))
                 booster = find_booster(self._workspace, item, group[1]) if group[1] in VARIANTS else None
                 self._made[group] = make_templates(
-                    dress(item, booster), self._plan.camera, self._plan.objects[group[0]]
+                    apply_booster(item, booster), self._plan.camera, self._plan.objects[group[0]]
                 )
             except ToolkitError as error:
                 self._made[group] = str(error)

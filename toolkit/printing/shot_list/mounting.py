@@ -24,7 +24,7 @@ from toolkit.rig.raycast import RaycastRenderer
 from toolkit.rig.scene import Scene
 from toolkit.rig.shading import tone_map
 from toolkit.rig.studio import add_board, make_studio
-from toolkit.rig.variants import Paint, Print, dress, mount_printed
+from toolkit.rig.variants import Paint, Print, apply_booster, mount_printed
 
 WIDTH_PX = 416
 """250 dpi on a picture 42 mm wide."""
@@ -57,7 +57,7 @@ def draw_views(
     views = {}
     for variant, booster in boosters.items():
         bar.advance(0, note=f"{item.name} {variant}: light")
-        renderer = RaycastRenderer(dress(item, booster), studio, DETAIL)
+        renderer = RaycastRenderer(apply_booster(item, booster), studio, DETAIL)
         lights = renderer.render_many((small, pose.matrix()) for pose in poses)
         for pose, light in zip(poses, lights, strict=True):
             picture = tone_map(light, (0, pose.id), noise=0, falloff=0)
