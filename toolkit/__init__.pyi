@@ -33,6 +33,8 @@ from toolkit.experiments.corruptions.benchmark_run import evaluate_benchmark as 
 from toolkit.experiments.corruptions.benchmark_config import CorruptEvalConfig as CorruptEvalConfig
 from toolkit.evaluation.notebook import predictions_table as predictions_table
 from toolkit.evaluation.notebook import load_captures as load_captures
+from toolkit.core.statistics import wilson_interval as wilson_interval
+from toolkit.core.statistics import mcnemar_p as mcnemar_p
 from toolkit.corruptions.draws import image_seed as image_seed
 from toolkit.training.machine import check_machine as check_machine
 from toolkit.core.console import quietly as quietly

@@ -159,8 +159,8 @@ def write_names() -> Iterator[str]:
 
 
 def list_homes() -> dict[str, str]:
-    """Name -> module, of what `toolkit/__init__.py` imports to offer it: `from module import name as name`."""
-    tree = ast.parse((PACKAGE / "__init__.py").read_text(encoding="utf-8"))
+    """Name -> module, of what `toolkit/__init__.pyi` imports to offer it: `from module import name as name`."""
+    tree = ast.parse((PACKAGE / "__init__.pyi").read_text(encoding="utf-8"))
     imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and node.module]
     homes = {one.name: str(node.module) for node in imports for one in node.names if one.asname == one.name}
     listed = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and node.value in homes]

@@ -31,7 +31,11 @@ def train(place, classes, sizes, corrupted=None, **changes):
 
 @pytest.mark.slow
 def test_a_set_for_each_size_with_a_patch_for_each_class_that_helps(place):
-    patches, skipped = train(place, (0, 2), (16, 24))
+    made = train(place, (0, 2), (16, 24))
+    patches, skipped = made.patches, made.skipped
+    assert list(made.lines()) == [
+        f"2 classes, 4 patches in {made.folder / 'hues-16'}, {made.folder / 'hues-24'}"
+    ] and made.as_json()["sets"] == ["hues-16", "hues-24"]  # fmt: skip
     assert [(one.set_name, one.label) for one in patches] == [
         ("hues-16", "red"), ("hues-16", "blue"), ("hues-24", "red"), ("hues-24", "blue"),
     ]  # fmt: skip
@@ -53,7 +57,7 @@ def test_a_class_has_the_same_patch_whatever_else_is_trained_and_is_not_trained_
     train((other, place[1]), (1,), (16,))
     name = "print/patches/hues-16/green.png"
     assert (place[0].root / name).read_bytes() == (other.root / name).read_bytes()
-    again, _ = train(place, (0, 1, 2), (16,))
+    again = train(place, (0, 1, 2), (16,)).patches
     assert [one.patched for one in again] == [None, None, None]
 
 
@@ -83,7 +87,7 @@ def test_a_killed_run_keeps_what_is_finished_and_goes_on(place, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         train(place, (0, 1), (16,))
     monkeypatch.undo()
-    rest, _ = train(place, (0, 1), (16,))
+    rest = train(place, (0, 1), (16,)).patches
     assert [one.patched is None for one in rest] == [True, False]
 
 

@@ -75,7 +75,7 @@ def train(tmp_path):
         space, network = make_workspace(tmp_path / name), network or make_hue_classifier()
         images = open_images(str(data), network, "train")
         done = train_class_patches(config, patch, images, classes, network, space, restart=restart, engine=engine)
-        return *done, read_all(space.root / "print" / "patches" / "hues-16")
+        return done.patches, done.skipped, read_all(space.root / "print" / "patches" / "hues-16")
 
     return call
 

@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from pydantic import BaseModel
+
 from toolkit import __version__
 from toolkit.boosters.pixel_config import PixelConfig
 from toolkit.boosters.pixels import PixelTask, Target, record_network
@@ -48,6 +50,18 @@ class TrainedBooster:
     skipped: tuple[tuple[str, str], ...]
     resumed_from: int = 0
     was_finished: bool = False
+
+    def describe_run(self, record: BaseModel) -> dict[str, Any]:
+        """What is said for a script of every booster's run."""
+        return {
+            "was_finished": self.was_finished, "resumed_from": self.resumed_from,
+            "skipped": [{"path": path, "reason": reason} for path, reason in self.skipped],
+            "record": record.model_dump(),
+        }  # fmt: skip
+
+    def was_there(self) -> str:
+        """The line for a run that an earlier one had finished."""
+        return f"{self.files.png} was trained with these inputs before: nothing to do; --restart trains it again"
 
 
 class BoosterTask(PixelTask[Trained]):

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -81,6 +81,38 @@ class ClassPatch:
 
 
 @dataclass(frozen=True)
+class ClassPatches:
+    """What a run made.
+
+    Attributes:
+        patches: in the order of sizes and classes.
+        skipped: (path, reason) of images that could not be used and of patches that could not be trained.
+        folder: that the sets lie in.
+        n_classes: that were asked for.
+    """
+
+    patches: list[ClassPatch]
+    skipped: list[tuple[str, str]]
+    folder: Path
+    n_classes: int
+
+    @property
+    def sets(self) -> list[str]:
+        """Names of the sets."""
+        return list(dict.fromkeys(one.set_name for one in self.patches))
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it for a script."""
+        lost = [{"path": path, "reason": reason} for path, reason in self.skipped]
+        return {"sets": self.sets, "patches": [asdict(one) for one in self.patches], "skipped": lost}
+
+    def lines(self) -> Iterator[str]:
+        """How many lie where."""
+        folders = ", ".join(str(self.folder / name) for name in self.sets)
+        yield f"{self.n_classes} classes, {len(self.patches)} patches in {folders}"
+
+
+@dataclass(frozen=True)
 class Order:
     """A patch that is to be trained.
 
@@ -108,7 +140,7 @@ Made = tuple[Validation | None, dict[str, bytes]]
 def train_class_patches(
     config: ClassPatchesConfig, patch: PatchConfig, images: ImageSet, classes: Sequence[int], network: Network,
     workspace: Workspace, *, restart: bool = False, engine: EngineConfig | None = None,
-) -> tuple[list[ClassPatch], list[tuple[str, str]]]:  # fmt: skip
+) -> ClassPatches:  # fmt: skip
     """Train every patch that is not finished; one that fails is listed, and the others are trained.
 
     An interrupted run goes on in the middle of a patch. On Ray, whose nodes do not see the workspace, the patches that
@@ -127,27 +159,18 @@ def train_class_patches(
         restart: forget what an earlier run left.
         engine: where patches are trained; by default in this process.
 
-    Returns:
-        The patches, and (path, reason) of images that could not be used and of patches that could not be trained.
-
     Raises:
         ToolkitError: a size that does not fit the network, no patch could be trained, workers within torchrun, or the
             disk is full.
     """
-    for size_px in config.sizes_px:
-        check_size(size_px, network.preprocessing.crop_px, "sizes_px")
     engine = engine or EngineConfig()
     is_torchrun = current().count > 1
     if is_torchrun and engine != EngineConfig():
         raise FieldError("{engine} and {workers} share patches, torchrun shares each patch: take one of them", {})
+    folder = workspace.root / "print" / "patches"
     orders = {
-        f"{config.set_name}-{size_px}/{(name := name_class(network.labels, index))}": Order(
-            patch.with_overrides(size_px=size_px), index, network.labels[index], name,
-            workspace.root / "print" / "patches" / f"{config.set_name}-{size_px}", restart,
-        )
-        for size_px in dict.fromkeys(config.sizes_px)
-        for index in classes
-    }  # fmt: skip
+        f"{one.out.name}/{one.name}": one for one in _list_orders(config, patch, classes, network, folder, restart)
+    }
     source = _Source(images, config, network.preprocessing)
     done: dict[str, ClassPatch] = {}
 
@@ -168,7 +191,20 @@ def train_class_patches(
     if source.refused and not done:
         raise next(iter(source.refused.values()))
     lost = [(name, str(error)) for name, error in source.refused.items()]
-    return [done[name] for name in orders if name in done], [*source.skipped, *lost, *ran.failed]
+    made = [done[name] for name in orders if name in done]
+    return ClassPatches(made, [*source.skipped, *lost, *ran.failed], folder, len(classes))
+
+
+def _list_orders(
+    config: ClassPatchesConfig, patch: PatchConfig, classes: Sequence[int], network: Network, folder: Path,
+    restart: bool,
+) -> Iterator[Order]:  # fmt: skip
+    """Each patch by size and class."""
+    for size_px in dict.fromkeys(config.sizes_px):
+        check_size(size_px, network.preprocessing.crop_px, "sizes_px")
+        sized, out = patch.with_overrides(size_px=size_px), folder / f"{config.set_name}-{size_px}"
+        for index in classes:
+            yield Order(sized, index, network.labels[index], name_class(network.labels, index), out, restart)
 
 
 def _list_units(

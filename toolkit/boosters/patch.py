@@ -1,6 +1,6 @@
 """Train a patch (Algorithm 1): what `toolkit train-patch` runs."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -52,9 +52,14 @@ from toolkit.core.console import notice, progress
 from toolkit.core.draws import Draws
 from toolkit.core.errors import FieldError
 from toolkit.core.workspace import Workspace
-from toolkit.imaging.printer import score_print
+from toolkit.imaging.printer import PrintScores, score_print
 from toolkit.objects.load import load_object
-from toolkit.objects.records import Patch, printed_size_mm, read_patch, write_patch
+from toolkit.objects.records import Patch
+from toolkit.objects.records import printed_size_mm
+from toolkit.objects.records import read_patch
+from toolkit.objects.records import write_patch
+from toolkit.objects.records import PatchRecord
+from toolkit.objects.spec import read_spec
 from toolkit.rig.views import ViewRanges
 from toolkit.training.loop import History
 from toolkit.worlds.views import open_setting
@@ -90,6 +95,55 @@ class TrainedPatch(TrainedBooster):
     patch: Patch
     validations: list[Validation] = field(default_factory=list)
     on_object: list[Validation] = field(default_factory=list)
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it for a script."""
+        return {
+            "patch": str(self.files.png), "preview": str(self.files.preview), **self.describe_run(self.patch.record)
+        }  # fmt: skip
+
+    def lines(self, object_name: str | None = None) -> Iterator[str]:
+        """What it is, how well it is recognised, and what comes next, for the object where one is named."""
+        record, files = self.patch.record, self.files
+        if self.was_finished:
+            yield self.was_there()
+        else:
+            yield f"{files.png}: {record.n_px} px, {record.size_mm:.0f} mm on paper"
+            yield f"{files.preview}: the patch on training images"
+            yield PrintScores(record.final["total_variation"], record.final["non_printability"]).describe(record.name)
+            yield from self._describe_shares(record)
+        name = f"--class {record.name}, toolkit capture-sim"
+        if object_name is not None:
+            name = f"--object {object_name}, toolkit capture-sim --object {object_name}"
+        yield f"next: toolkit print {name}"
+
+    def _describe_shares(self, record: PatchRecord) -> Iterator[str]:
+        """First on the object, where it was put on one: that is what a camera sees."""
+        final = record.final
+        for answer in self.on_object:
+            where = f"{answer.network} on the object, held-out views"
+            yield f"{where}: {answer.patched} with the patch, {answer.bare} with grey paper"
+            share = final.get(f"{answer.network}_mounted_weather_patched_top1")
+            if share is not None:
+                grey = final[f"{answer.network}_mounted_weather_bare_top1"]
+                yield f"{where} in its weather: {share:.0%} with the patch, {grey:.0%} with grey paper"
+        what = "held-out images" if record.data["held_out"] else "its training images"
+        for answer in self.validations:
+            where = f"{answer.network}, patch pasted flat on {what}"
+            yield f"{where}: {answer.patched} with the patch, {answer.bare} bare"
+            share = final.get(f"{answer.network}_corrupted_patched_top1")
+            if share is not None:
+                bare = final[f"{answer.network}_corrupted_bare_top1"]
+                yield f"{where}, corrupted: {share:.0%} with the patch, {bare:.0%} bare"
+
+    def warnings(self) -> Iterator[str]:
+        """What should be known before it is printed."""
+        if any(answer.falls_short for answer in self.on_object):
+            yield (
+                "note: on the object the patch is not shown to do better than grey paper: before you print it, try a "
+                "larger sheet or another place ('toolkit place'), more --steps, or paint all of the object "
+                "('toolkit train-texture')"
+            )
 
 
 def train_patch(

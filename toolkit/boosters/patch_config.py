@@ -9,8 +9,8 @@ from pydantic import Field, field_serializer
 
 from toolkit.boosters.data import HELD_OUT, DataConfig
 from toolkit.boosters.pixel_config import (
+    AUGMENTATION,
     CORRUPTED_HELP,
-    MEETS,
     STEPS,
     WORLD_FILL,
     CameraParts,
@@ -59,14 +59,16 @@ class PatchConfig(PixelConfig):
     pose: Annotated[PoseRanges | None, Flag("--vary-pose/--no-vary-pose", group=WHERE)] = Field(
         None, description="Place half of the patches as a camera sees them on an object."
     )
-    light: Annotated[LightRanges | None, Flag("--vary-light/--no-vary-light", group=MEETS)] = Field(
+    light: Annotated[LightRanges | None, Flag("--vary-light/--no-vary-light", group=AUGMENTATION)] = Field(
         LightRanges(), description="Vary exposure, contrast and tint of the patch."
     )
-    print_process: Annotated[PrintProcess | ProfiledPrint | None, Flag(group=MEETS)] = Field(
+    print_process: Annotated[PrintProcess | ProfiledPrint | None, Flag(group=AUGMENTATION)] = Field(
         None, description="Inks and paper of a desktop printer."
     )
-    glare: Annotated[TapeGlare | None, Flag(group=MEETS)] = Field(None, description="Shine and strips of the tape.")
-    camera: Annotated[CameraParts | None, Flag(group=MEETS, make=make_camera)] = Field(
+    glare: Annotated[TapeGlare | None, Flag(group=AUGMENTATION)] = Field(
+        None, description="Shine and strips of the tape."
+    )
+    camera: Annotated[CameraParts | None, Flag(group=AUGMENTATION, make=make_camera)] = Field(
         None, description="Blur, sensor noise and JPEG."
     )
     tv_weight: Annotated[float, Field(ge=0), Flag(group=LOSSES)] = Field(

@@ -17,7 +17,7 @@ from toolkit.worlds.conditions import Times
 if TYPE_CHECKING:
     from toolkit.training.loop import FitConfig
 
-STEPS, MEETS, WORLD = "Steps", "Augmentation", "In a world"
+STEPS, AUGMENTATION, WORLD = "Steps", "Augmentation", "In a world"
 TRANSFER = "What carries over to other networks"
 WORLD_ELEVATION_DEG, WORLD_FILL = (2.0, 75.0), (0.3, 1.0)
 """Where cameras stand in a world, unless it is said: from a man's height up, from one length away to four."""
@@ -31,7 +31,7 @@ MeetsCorruptions = Annotated[
     Corrupted | None,
     BeforeValidator(read_corruptions),
     Later,
-    Flag("--corrupt", metavar="NAME[:SEVERITY]", group=MEETS, typed=tuple[str, ...]),
+    Flag("--corrupt", metavar="NAME[:SEVERITY]", group=AUGMENTATION, typed=tuple[str, ...]),
 ]
 CORRUPTED_HELP = (
     "Corrupt half of the photographs as ImageNet-C does: noise:1-3, blur:5, common, all; of several each draws one."
@@ -81,7 +81,7 @@ class PixelConfig(Config):
         Weathered | None,
         BeforeValidator(read_words),
         Later,
-        Flag("--weather", metavar="NAME[:SEVERITY]", group=MEETS, typed=tuple[str, ...]),
+        Flag("--weather", metavar="NAME[:SEVERITY]", group=AUGMENTATION, typed=tuple[str, ...]),
     ] = Field(
         None,
         description="Weather over half of the views of the object, as far away as at its real size: fog:1-5, dust:3, "

@@ -69,6 +69,32 @@ class TrainedTexture(TrainedBooster):
     glbs: dict[str, Path]
     validations: list[WeatherValidation] = field(default_factory=list)
 
+    def as_json(self) -> dict[str, Any]:
+        """All of it for a script."""
+        return {
+            "texture": str(self.files.png), "glb": [str(file) for file in self.glbs.values()],
+            "preview": str(self.files.preview), **self.describe_run(self.texture.record),
+        }  # fmt: skip
+
+    def lines(self) -> Iterator[str]:
+        """What it is, how well it is recognised, and what comes next."""
+        record, files = self.texture.record, self.files
+        if self.was_finished:
+            yield self.was_there()
+        else:
+            yield f"{files.png}: {record.n_px} × {record.n_px} px"
+            for glb in self.glbs.values():
+                yield f"{glb}: the object in it, for Blender, Unreal, three.js"
+            yield f"{files.preview}: the object turning, with the network's first guess"
+            for answer in self.validations:
+                held_out = [("held-out views", answer.clear), ("the same in fog", answer.fog)]
+                held_out += [] if answer.weather is None else [("the same in its weather", answer.weather)]
+                held_out += [] if answer.corrupted is None else [("the same corrupted", answer.corrupted)]
+                for where, found in held_out:
+                    yield f"{found.network} on {where}: {found.patched} with the texture, {found.bare} in its own paint"
+        shown = " ".join(f"--object {one.name}" for one in record.objects)
+        yield f"next: toolkit capture-sim {shown} --variant unpatched --variant textured, toolkit eval captures/"
+
 
 def train_texture(
     config: TextureConfig,

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import AfterValidator, Field, model_validator
 
 from toolkit.boosters.pixel_config import (
+    AUGMENTATION,
     CORRUPTED_HELP,
-    MEETS,
     STEPS,
     WORLD_ELEVATION_DEG,
     WORLD_FILL,
@@ -113,15 +113,15 @@ class TextureConfig(PixelConfig):
     )
     per_studio: Annotated[int, Field(ge=1)] = Field(24, exclude=True, description="Views of each studio.")
     reuse: Annotated[int, Field(ge=1), Flag(group=STEPS)] = Field(3, description="How often a rendered view is used.")
-    exposure: Annotated[Exposure | None, Flag(group=MEETS)] = Field(
+    exposure: Annotated[Exposure | None, Flag(group=AUGMENTATION)] = Field(
         Exposure(), description="Vary strength and tint of the light."
     )
-    clouds: Annotated[Fog | None, Flag(group=MEETS, make=make_clouds)] = Field(
+    clouds: Annotated[Fog | None, Flag(group=AUGMENTATION, make=make_clouds)] = Field(
         None,
         exclude=True,
         description="Clouds over half of the views, as ImageNet-C draws them, which know no distance; {weather} does.",
     )
-    camera: Annotated[CameraParts | None, Flag(group=MEETS, make=make_camera)] = Field(
+    camera: Annotated[CameraParts | None, Flag(group=AUGMENTATION, make=make_camera)] = Field(
         None, exclude=True, description="Blur, sensor noise and JPEG."
     )
     corrupted: MeetsCorruptions = Field(None, exclude=True, description=CORRUPTED_HELP)

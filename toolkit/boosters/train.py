@@ -1,6 +1,7 @@
 """Train a booster from Python: what a notebook has to say, and the recipe for everything else; places tried out."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -11,9 +12,10 @@ from toolkit.boosters.patch import TrainedPatch
 from toolkit.boosters.pixels import Network
 from toolkit.boosters.texture import TrainedTexture
 from toolkit.boosters.validation import Validation
+from toolkit.core.errors import FieldError
 from toolkit.core.workspace import Workspace, copy_objects
 from toolkit.models.network import Classifier
-from toolkit.objects.spec import PatchMount, read_spec, write_mounts
+from toolkit.objects.spec import ObjectSpec, PatchMount, read_spec, write_mounts
 
 
 def train_patch(
@@ -121,6 +123,73 @@ def train_texture(
     )  # fmt: skip
 
 
+@dataclass(frozen=True)
+class PreparedPatch:
+    """A patch that is ready to be trained.
+
+    Attributes:
+        config, class_name, data: as `toolkit.boosters.patch.train_patch` takes them.
+        misfit: a line, where the rig mounts it at another size than it is trained for; else empty.
+    """
+
+    config: patch_config.PatchConfig
+    class_name: str | int
+    data: DataConfig
+    misfit: str = ""
+
+
+def prepare_patch(
+    workspace: Workspace, recipe: str, overrides: Mapping[str, Any], data: DataConfig, *,
+    object_name: str | None = None, class_name: str | int | None = None, print_profile: Path | None = None,
+    seed: int = 0,
+) -> PreparedPatch:  # fmt: skip
+    """Complete what was asked for: by an object's spec, and with no more renders than the steps can use.
+
+    Args:
+        workspace: whose objects are meant.
+        recipe: `default` or `paper`.
+        overrides: settings that are not the recipe's.
+        data: the images; may be without sources where an object is named.
+        object_name: whose class, size and renders are taken where nothing else is said.
+        class_name: what the patch shall be recognised as.
+        print_profile: file of a printer that was measured.
+        seed: of every random draw.
+
+    Raises:
+        ToolkitError: neither class nor object, no images, an unknown object, or as `make_config`.
+    """
+    if print_profile is not None:
+        overrides = patch_config.use_printer(overrides, print_profile)
+    sources, misfit = data.sources, ""
+    if object_name is not None:
+        spec = read_spec(workspace.object_spec(object_name))
+        class_name = spec.class_name if class_name is None else class_name
+        sources = sources if data.rig_source else (*sources, f"rig:{object_name}")
+        overrides = patch_config.size_by_spec(overrides, spec)
+        misfit = _describe_misfit(object_name, spec, overrides.get("size_mm"))
+    if class_name is None:
+        raise FieldError("{class_name} is missing: name it, or the object with {object_name}", {})
+    if not sources:
+        raise FieldError("{sources} is missing: expected a folder of images, or 'rig' for renders of the object", {})
+    images = DataConfig(sources=sources, backgrounds=data.backgrounds, images=data.images, seed=seed)
+    config = patch_config.make_config(recipe, {**overrides, "seed": seed}, images)
+    if images.rig_source is not None:  # what was asked for by number is kept
+        fewer_views, fewer_images = patch_config.limit_renders(config, images)
+        config = config if "mounted_views" in overrides else fewer_views
+        images = images if "images" in data.model_fields_set else fewer_images
+    return PreparedPatch(config, class_name, images, misfit)
+
+
+def _describe_misfit(name: str, spec: ObjectSpec, asked_mm: float | None) -> str:
+    others_mm = [f"{one.size_mm:g}" for one in spec.mounts if one.size_mm not in (None, asked_mm)]
+    if not asked_mm or not others_mm:
+        return ""
+    return (
+        f"{name}: trained for {asked_mm:g} mm, but the rig mounts its patch at {' and '.join(others_mm)} mm: set "
+        "size_mm under [patch] in its spec"
+    )
+
+
 def train_for_object(
     workspace: Workspace, name: str, networks: Sequence[Network], overrides: Mapping[str, Any], seed: int = 0
 ) -> TrainedPatch:
@@ -129,11 +198,9 @@ def train_for_object(
     Raises:
         ToolkitError: an unknown object, or as `train_patch`.
     """
-    spec = read_spec(workspace.object_spec(name))
-    data = DataConfig(sources=(f"rig:{name}",), seed=seed)
-    config = patch_config.make_config("default", patch_config.size_by_spec({**overrides, "seed": seed}, spec), data)
-    config, data = patch_config.limit_renders(config, data)
-    return patch.train_patch(config, spec.class_name, networks, data, workspace, name=name)
+    renders = DataConfig(sources=(f"rig:{name}",))
+    asked = prepare_patch(workspace, "default", overrides, renders, object_name=name, seed=seed)
+    return patch.train_patch(asked.config, asked.class_name, networks, asked.data, workspace, name=name)
 
 
 def try_place(

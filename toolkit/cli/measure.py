@@ -126,23 +126,14 @@ def print_profile(
     from toolkit.photos.prints.profile_photos import profile_photos
     from toolkit.printing.document import say_sizes
     from toolkit.printing.page import parse_paper
-    from toolkit.printing.print_patches import choose_wearer, select_patches
+    from toolkit.printing.print_patches import choose_wearer
+    from toolkit.printing.print_patches import select_patches
+    from toolkit.photos.prints.profile_photos import choose_printed
 
     if name is not None and not is_file_name(name):
         raise FieldError("expected letters, digits, '-' and '_', without a suffix", {"name": name})
     space = open_workspace(workspace).with_patches(patches)
-    chosen = select_patches(space, [class_name])
-    if len(chosen) > 1:
-        names = ", ".join(file.stem for file in chosen)
-        raise FieldError(
-            f"means {len(chosen)} patches: name one of them by its file: {names}", {"class_name": class_name}
-        )
-    patch = read_patch(chosen[0])
-    if size_mm is None:
-        wearer = choose_wearer(space, chosen[0])
-        if wearer is not None and len(set(wearer.sizes_mm)) > 1:
-            raise FieldError(f"{wearer.object} wears it at {say_sizes(wearer.sizes_mm)}: give {{size_mm}}", {})
-        size_mm = wearer.sizes_mm[0] if wearer else patch.size_mm
+    patch, size_mm = choose_printed(space, class_name, size_mm)
     run = profile_photos(photos, patch, parse_paper(paper), size_mm, name, by)
     list_skipped(run.skipped)
     file = write_print_profile(out or space.root / "print" / "profiles" / f"{run.profile.name}.json", run.profile)

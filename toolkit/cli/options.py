@@ -326,7 +326,8 @@ def _make(config: type[Config], given: Overrides) -> Config:
         return "." in path or (isinstance(given[path], bool) and part_maker(config, path) is not None)
 
     parts = {path: value for path, value in given.items() if of_a_part(path)}
-    return config(**{path: value for path, value in given.items() if path not in parts}).with_overrides(parts)
+    made = config(**{path: value for path, value in given.items() if path not in parts})
+    return made.with_overrides(parts) if parts else made
 
 
 def _metavar(kind: object) -> str | None:

@@ -1,7 +1,7 @@
 """What a command prints: lines and tables on stdout, notes and failures on stderr, or JSON on stdout."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import Any, Protocol
 
 import typer
 
@@ -30,6 +30,42 @@ def remark(line: str) -> None:
 def show_json(content: Any) -> None:
     """The result for a script."""
     typer.echo(to_json(content))
+
+
+class Result(Protocol):
+    """What a command made: it says itself what became of it, for people and for scripts."""
+
+    @property
+    def skipped(self) -> Sequence[tuple[str, str]]:
+        """(path, reason) of what could not be used."""
+
+    def as_json(self) -> dict[str, Any]:
+        """All of it for a script."""
+
+    def lines(self) -> Iterable[str]:
+        """The same for people."""
+
+
+def show_result(result: Result, as_json: bool, lines: Iterable[str] | None = None) -> None:
+    """What could not be used, and the result; then an exit code of 1 where something could not be used.
+
+    Args:
+        result: of the command.
+        as_json: for a script.
+        lines: for people, instead of the result's own.
+    """
+    from toolkit.core.console import list_skipped
+
+    list_skipped(result.skipped)
+    if as_json:
+        show_json(result.as_json())
+    else:
+        for line in result.lines() if lines is None else lines:
+            say(line)
+        for line in getattr(result, "warnings", tuple)():
+            warn(line)
+    if result.skipped:
+        raise typer.Exit(1)
 
 
 def show_table(titles: Sequence[str], rows: Sequence[Sequence[object]]) -> None:

@@ -9,7 +9,7 @@ from toolkit.boosters.patch_config import RECIPES
 from toolkit.boosters.transforms.placement import Placement
 from toolkit.cli import options
 from toolkit.cli.options import Only, Overrides, from_config
-from toolkit.cli.output import show_json
+from toolkit.cli.output import show_result
 from toolkit.engine.config import EngineConfig
 
 
@@ -47,36 +47,21 @@ def train_patches(
     as_json: options.Json = False,
 ) -> None:
     """Train a patch for each of many classes, to be laid on images; a stopped run goes on where it was."""
-    from dataclasses import asdict
-
     from toolkit.boosters.class_patches import train_class_patches
-    from toolkit.core.console import console, list_skipped, quietly
+    from toolkit.core.console import quietly
     from toolkit.core.workspace import open_workspace
     from toolkit.models.load import load_classifier
     from toolkit.training.images import choose_classes, open_images
 
-    place = open_workspace(workspace)
-    classifier = load_classifier(model, weights, device, place.classifiers_dir)
+    space = open_workspace(workspace)
+    classifier = load_classifier(model, weights, device, space.classifiers_dir)
     found = open_images(data, classifier, "train", download)
     chosen = choose_classes(found, classes or [], classifier).classes
     config = config.with_overrides(seed=seed)
     patch = make_flat_config(recipe, overrides, placement, config)
     with quietly(as_json):
-        patches, skipped = train_class_patches(
-            config, patch, found, chosen, classifier, place, restart=restart, engine=engine
-        )
-    list_skipped(skipped)
-    sets = list(dict.fromkeys(one.set_name for one in patches))
-    if as_json:
-        lost = [{"path": path, "reason": reason} for path, reason in skipped]
-        result = {"sets": sets, "patches": [asdict(one) for one in patches], "skipped": lost}
-        show_json(result)
-    else:
-        folders = ", ".join(str(place.root / "print" / "patches" / name) for name in sets)
-        console.print(f"{len(chosen)} classes, {len(patches)} patches in {folders}", markup=False, soft_wrap=True)
-        network = {"--model": model, "--weights": weights}
-        typed = [f"{flag} {value}" for flag, value in network.items() if value is not None]
-        words = " ".join(["toolkit corrupt-eval --data", data, *typed, *(f"--patches {name}" for name in sets)])
-        console.print(f"next: {words}", markup=False, soft_wrap=True)
-    if skipped:
-        raise typer.Exit(1)
+        made = train_class_patches(config, patch, found, chosen, classifier, space, restart=restart, engine=engine)
+    flags = {"--model": model, "--weights": weights}
+    typed = [f"{flag} {value}" for flag, value in flags.items() if value is not None]
+    words = " ".join(["toolkit corrupt-eval --data", data, *typed, *(f"--patches {name}" for name in made.sets)])
+    show_result(made, as_json, [*made.lines(), f"next: {words}"])

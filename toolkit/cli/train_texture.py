@@ -1,17 +1,14 @@
 """`toolkit train-texture`."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from toolkit.boosters.texture_config import RECIPES, make_config
 from toolkit.cli import options
 from toolkit.cli.options import Overrides, from_config
-from toolkit.cli.output import show_json
-
-if TYPE_CHECKING:
-    from toolkit.boosters.texture import TrainedTexture
+from toolkit.cli.output import show_result
 
 
 @from_config(overrides=RECIPES)
@@ -53,42 +50,4 @@ def train_texture(
     place = open_workspace(workspace)
     networks = load_networks(model, weights, device, place.classifiers_dir)
     trained = run(config, networks, place, class_name=class_name, name=name, out=out, restart=restart, workers=workers)
-    _report(trained, as_json)
-    if trained.skipped:
-        raise typer.Exit(1)
-
-
-def _report(trained: "TrainedTexture", as_json: bool) -> None:
-    from toolkit.core.console import console, list_skipped
-
-    list_skipped(trained.skipped)
-    record, files = trained.texture.record, trained.files
-    glbs = [str(file) for file in trained.glbs.values()]
-    if as_json:
-        result = {
-            "texture": str(files.png), "glb": glbs, "preview": str(files.preview),
-            "was_finished": trained.was_finished, "resumed_from": trained.resumed_from,
-            "skipped": [{"path": path, "reason": reason} for path, reason in trained.skipped],
-            "record": record.model_dump(),
-        }  # fmt: skip
-        show_json(result)
-        return
-
-    def tell(line: str) -> None:
-        console.print(line, markup=False, soft_wrap=True)
-
-    if trained.was_finished:
-        tell(f"{files.png} was trained with these inputs before: nothing to do; --restart trains it again")
-    else:
-        tell(f"{files.png}: {record.n_px} × {record.n_px} px")
-        for glb in glbs:
-            tell(f"{glb}: the object in it, for Blender, Unreal, three.js")
-        tell(f"{files.preview}: the object turning, with the network's first guess")
-        for answer in trained.validations:
-            held_out = [("held-out views", answer.clear), ("the same in fog", answer.fog)]
-            held_out += [] if answer.weather is None else [("the same in its weather", answer.weather)]
-            held_out += [] if answer.corrupted is None else [("the same corrupted", answer.corrupted)]
-            for where, found in held_out:
-                tell(f"{found.network} on {where}: {found.patched} with the texture, {found.bare} in its own paint")
-    shown = " ".join(f"--object {one.name}" for one in record.objects)
-    tell(f"next: toolkit capture-sim {shown} --variant unpatched --variant textured, toolkit eval captures/")
+    show_result(trained, as_json)

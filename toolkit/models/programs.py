@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -128,6 +129,21 @@ def load_python_classifier(model: str, device: str) -> Classifier:
     network.requires_grad_(False).eval().to("cpu")
     file = WeightsFile(source, _hash_module(network, source), f"{module_name}:{function_name}")
     return _assemble(network, model, file, own, how, device)
+
+
+def wrap_module(module: nn.Module, fields: Mapping[str, object], device: str) -> Classifier:
+    """A copy of a module in memory as `Classifier.from_module` has it; the module itself stays as it is.
+
+    Raises:
+        ToolkitError: it is no module, a field cannot be used, or as `_assemble`.
+    """
+    arch = module.__class__.__name__
+    if not isinstance(module, nn.Module):
+        raise FieldError("expected a torch.nn.Module", {"module": arch})
+    own = _read_mapping(arch, fields)
+    network = deepcopy(module).requires_grad_(False).eval().to("cpu")
+    file = WeightsFile(Path(arch), _hash_module(network, Path(arch)), f"a {arch} in memory")
+    return _assemble(network, arch, file, own, _plain_preprocessing(own.size or 0), device)
 
 
 def _read_mapping(model: str, given: object) -> LabelsFile:

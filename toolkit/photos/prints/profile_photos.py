@@ -7,15 +7,18 @@ from pathlib import Path
 
 from toolkit import __version__
 from toolkit.core.console import progress
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.workspace import Workspace
 from toolkit.imaging.printer import PrintProfile, ProfileMade, white_paper
-from toolkit.objects.records import Patch
+from toolkit.objects.records import Patch, read_patch
 from toolkit.photos.photo import list_photos, load_pixels, read_photo
 from toolkit.photos.prints.colours import ColourComparison, PrintedColours, compare_colours, read_colours
 from toolkit.photos.prints.find import find_patch
 from toolkit.photos.prints.fit_profile import FittedColours, StripReading, fit_colours, read_strip
 from toolkit.photos.prints.size import SIZE_TOLERANCE, measure_on_page
 from toolkit.printing.page import Paper
+from toolkit.printing.print_patches import select_patches
+from toolkit.printing.wearers import choose_wearer, say_sizes
 
 SMALL_PX = 150.0
 """Side below which texels run into each other, and a profile says little of single colours."""
@@ -59,6 +62,27 @@ class ProfileRun:
     skipped: tuple[tuple[str, str], ...]
     tried: dict[str, float]
     warnings: tuple[str, ...]
+
+
+def choose_printed(workspace: Workspace, class_name: str, size_mm: float | None) -> tuple[Patch, float]:
+    """The patch of a name or class, and the side at which it was printed: as given, else as `toolkit print` makes it.
+
+    Raises:
+        FieldError: several patches are meant, or the object has sheets of several sizes and none is given.
+    """
+    chosen = select_patches(workspace, [class_name])
+    if len(chosen) > 1:
+        names = ", ".join(file.stem for file in chosen)
+        raise FieldError(
+            f"means {len(chosen)} patches: name one of them by its file: {names}", {"class_name": class_name}
+        )
+    patch = read_patch(chosen[0])
+    if size_mm is not None:
+        return patch, size_mm
+    wearer = choose_wearer(workspace, chosen[0])
+    if wearer is not None and len(set(wearer.sizes_mm)) > 1:
+        raise FieldError(f"{wearer.object} has it at {say_sizes(wearer.sizes_mm)}: give {{size_mm}}", {})
+    return patch, wearer.sizes_mm[0] if wearer else patch.size_mm
 
 
 def profile_photos(
