@@ -32,7 +32,7 @@ fuzz: setup .venv/.test
 	FUZZ=$(FUZZ) $(BIN)/python -m pytest tests/hostile -n logical --maxprocesses 8 --dist worksteal $(PYTEST_ARGS)
 
 validate: setup .venv/.test .venv/.validate
-	scripts/validate $(BIN)
+	$(BIN)/python scripts/validate $(BIN)
 
 bench: setup .venv/.bench
 	$(BIN)/python -m benchmarks

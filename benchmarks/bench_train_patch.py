@@ -150,7 +150,7 @@ def make_contenders(device: str) -> tuple[dict[str, tuple[Callable[[], None], bo
         step = art_step(network, device)
         contenders[f"ART, {precision_of(network, step)}"] = (step, False)
     except ImportError as error:
-        missing = f"skipped: {error}: pip install 'toolkit-boost[bench]'"
+        missing = f"skipped: {error}: pip install '.[bench]'"
     return contenders, missing
 
 

@@ -1,6 +1,7 @@
 """The list of commands: groups, places, and what a mistyped command is told."""
 
 from importlib import import_module
+from pathlib import Path
 
 import pytest
 import typer
@@ -10,6 +11,7 @@ from toolkit import __version__
 from toolkit.cli import app
 from toolkit.cli.app import GROUPS, list_places
 from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import make_workspace
 
 
 def test_the_help_lists_every_command_once_under_its_group():
@@ -60,6 +62,73 @@ def test_the_version_is_printed():
 def test_the_shell_completes_commands_and_options(typed, offered):
     asked = {"_TOOLKIT_COMPLETE": "complete_bash", "COMP_WORDS": typed, "COMP_CWORD": str(len(typed.split()) - 1)}
     assert offered in CliRunner().invoke(app, [], env=asked, prog_name="toolkit").output
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("toolkit world", "preview"), ("toolkit plan --object", "racer"), ("toolkit plan --pattern", "fibonacci"),
+        ("toolkit world preview", "harbour"), ("toolkit print --patches", "rig18"), ("toolkit compare", "mine"),
+    ],
+)  # fmt: skip
+def test_the_shell_completes_values(tmp_path, monkeypatch, typed, offered):
+    space = make_workspace(tmp_path)
+    (space.eval_dir / "mine").mkdir()
+    (space.eval_dir / "mine" / "summary.json").write_text("{}")
+    monkeypatch.chdir(tmp_path)
+    asked = {"_TOOLKIT_COMPLETE": "complete_bash", "COMP_WORDS": f"{typed} ", "COMP_CWORD": str(len(typed.split()))}
+    assert offered in CliRunner().invoke(app, [], env=asked, prog_name="toolkit").output.split()
+
+
+def ask(*words: str) -> str:
+    outcome = CliRunner().invoke(app, words, prog_name="toolkit")
+    assert outcome.exit_code == 0, outcome.exception
+    return outcome.output
+
+
+@pytest.mark.parametrize("word", ["world", "landing"])
+def test_commands_that_begin_with_one_word_are_a_group(word):
+    said = ask(word, "--help")
+    assert said == ask("help", word) and said.startswith(f"Usage: toolkit {word} [OPTIONS] COMMAND")
+    for name, entry in list_places():
+        first, _, rest = name.partition(" ")
+        assert first != word or (f"\n  {rest} " in said and entry.about in said)
+
+
+def test_help_is_a_command():
+    assert ask("help") == ask("--help")
+    assert ask("help", "plan") == ask("plan", "--help") and ask("help", "world", "list") == ask("world", "list", "-h")
+    assert str(CliRunner().invoke(app, ["help", "plam"]).exception).startswith("no command called 'plam': did you mean")
+
+
+WITHOUT = {"--quiet": {"doctor"}, "--json": {"studio", "demo", "landing demo"}}
+"""As the page of commands says."""
+
+
+def test_every_command_can_be_quiet_and_give_json_but_for_those_that_the_docs_name():
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
+    for option, known in WITHOUT.items():
+        found = set()
+        for name, _ in list_places():
+            parameters = typer.main.get_command(app).commands[name].load().params
+            if option not in {flag for one in parameters for flag in one.opts}:
+                found.add(name)
+        assert found == known
+        assert any(f"no `{option}`" in line and all(f"`{name}`" in line for name in known) for line in page.split("\n"))
+
+
+@pytest.mark.parametrize(
+    "words", [("plan",), ("add", "mug.glb", "--class", "cup"), ("world", "preview", "grass"),
+              ("world", "export", "grass")]
+)  # fmt: skip
+def test_what_writes_into_rig_makes_no_workspace_of_any_folder(tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    outcome = CliRunner().invoke(app, words)
+    assert isinstance(outcome.exception, ToolkitError)
+    assert str(outcome.exception) == (
+        "this is no workspace: go into one or name it with --workspace; 'toolkit init FOLDER' makes one"
+    )
+    assert not list(tmp_path.iterdir())
 
 
 RANGES = {"--fill": "one share for a plan, a range to draw from in training"}

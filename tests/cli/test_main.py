@@ -39,7 +39,7 @@ def end(monkeypatch, capsys, tmp_path):
         (OSError(errno.EACCES, "Permission denied", "a/b"), 2, "error: cannot read a/b: permission denied"),
         (OSError(errno.ENOSPC, "No space left on device"), 2, "error: No space left on device"),
         (MemoryError(), 2, "error: the memory is full"),
-        (UnicodeEncodeError("utf-8", "a\ud800", 1, 2, "no"), 2, "error: '\\ud800' stands for no letter"),
+        (UnicodeEncodeError("utf-8", "a\ud800", 1, 2, "no"), 2, "error: '\\ud800' is no character"),
         (RecursionError("too deep"), 1, "error: RecursionError in test_main.py, line"),
         (ValueError("one\ntwo" + "x" * 5000), 1, "error: ValueError in test_main.py, line"),
         (ZeroDivisionError(), 1, "error: ZeroDivisionError"),

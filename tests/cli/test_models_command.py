@@ -70,7 +70,7 @@ DETECTOR = Path(__file__).parents[2].parent / "shared/detectors/fastestdet.onnx"
 
 @pytest.mark.skipif(not DETECTOR.is_file(), reason="needs ../shared/detectors")
 def test_a_detector_is_a_row_of_its_own_kind(space):
-    pytest.importorskip("onnxruntime", reason="needs onnxruntime: pip install 'toolkit-boost[onnx]'")
+    pytest.importorskip("onnxruntime", reason="needs onnxruntime: pip install '.[onnx]'")
     (row,) = json.loads(run("--model", f"onnx:{DETECTOR}", "--json").stdout)
     assert (row["kind"], row["classes"], row["image_px"], row["can_train"]) == ("detector", 80, 352, True)
     assert row["images_per_s"] > 0 and row["n"] is None

@@ -10,9 +10,9 @@ from safetensors.torch import save_file
 from toolkit.core.errors import ToolkitError
 from toolkit.models.load import load_classifier
 
-onnx = pytest.importorskip("onnx", reason="needs onnx: pip install 'toolkit-boost[onnx]'")
-runtime = pytest.importorskip("onnxruntime", reason="needs onnxruntime: pip install 'toolkit-boost[onnx]'")
-pytest.importorskip("onnx2torch", reason="needs onnx2torch: pip install 'toolkit-boost[onnx]'")
+onnx = pytest.importorskip("onnx", reason="needs onnx: pip install '.[onnx]'")
+runtime = pytest.importorskip("onnxruntime", reason="needs onnxruntime: pip install '.[onnx]'")
+pytest.importorskip("onnx2torch", reason="needs onnx2torch: pip install '.[onnx]'")
 from onnx import TensorProto, helper, numpy_helper  # noqa: E402
 
 SHARED = Path(__file__).parents[2].parent / "shared"
@@ -262,7 +262,7 @@ def test_missing_package(tmp_path, monkeypatch):
 
     file = write(tmp_path, make_graph())
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    assert "pip install 'toolkit-boost[onnx]'" in error_of(lambda: load(file))
+    assert "pip install '.[onnx]'" in error_of(lambda: load(file))
 
 
 def test_weights_beside_the_file_count_in_its_hash(tmp_path):

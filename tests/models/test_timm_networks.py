@@ -18,7 +18,7 @@ MODEL = f"timm:{NAME}"
 
 @pytest.fixture(scope="module")
 def timm():
-    return pytest.importorskip("timm", reason="needs timm: pip install 'toolkit-boost[timm]'")
+    return pytest.importorskip("timm", reason="needs timm: pip install '.[timm]'")
 
 
 def make_network(timm, name):
@@ -177,4 +177,4 @@ def test_the_hubs_cache_is_used_without_asking(network, timm, tmp_path, monkeypa
 def test_without_timm_the_extra_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "timm", None)
     message = error_of(lambda: load_classifier(MODEL, device="cpu"))
-    assert "toolkit-boost[timm]" in message and MODEL in message
+    assert "'.[timm]'" in message and MODEL in message

@@ -93,7 +93,9 @@ def explain_end(error: BaseException, typed: list[str]) -> tuple[list[str], int]
             return ["error: the memory is full: ask for fewer or smaller pictures, or a smaller batch"], BAD_INPUT
         case UnicodeEncodeError():
             found = error.object[error.start : error.end]
-            return [f"error: {found!a} stands for no letter and cannot be written: rename what holds it"], BAD_INPUT
+            return [
+                f"error: {found!a} is no character and cannot be written: rename what has it in its name"
+            ], BAD_INPUT
     last = traceback.extract_tb(error.__traceback__)[-1:]
     where = f" in {Path(last[0].filename).name}, line {last[0].lineno}" if last else ""
     said = " ".join(str(error).split())

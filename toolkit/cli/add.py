@@ -50,7 +50,7 @@ def add(
     from toolkit.objects.add import ObjectRequest, add_object
     from toolkit.objects.spec import Axis, Side
 
-    space = open_workspace(workspace)
+    space = open_workspace(workspace, is_needed=True)
     for option, value, known in (("--print-side", print_side, Side), ("--up", up, Axis), ("--front", front, Axis)):
         if value is not None and value not in get_args(known):
             raise typer.BadParameter(f"expected {', '.join(get_args(known))}, found {value}", param_hint=option)

@@ -19,7 +19,7 @@ DEBUG = "--debug"
 UsageError: type[Exception] = typer.BadParameter.__bases__[0]
 """Of what was typed; Click's own, or of the copy of Click that newer typers carry."""
 
-PLAIN = {
+PLAIN: dict[str, Any] = {
     "rich_markup_mode": None,
     "context_settings": {"help_option_names": ["-h", "--help"], "max_content_width": 110},
 }
@@ -128,6 +128,13 @@ GROUPS: dict[str, dict[str, Entry]] = {
 }
 
 
+WORDS = {
+    "world": "List, see and export the worlds that objects stand in.",
+    "landing": "Land a drone on a pad: shoot the pad, train a network, boost the pad, fly.",
+}
+"""What is said of the commands that begin with a word."""
+
+
 class GroupedCommand(TyperCommand):
     """A command whose help lists its options under the headings that they name."""
 
@@ -213,16 +220,19 @@ class LazyCommand(TyperCommand):
         super().__init__(name, help=entry.about, short_help=entry.about, rich_help_panel=group, rich_markup_mode=None)
         self.entry = entry
 
-    def load(self) -> Any:
-        """The whole command."""
-        module, _, function = self.entry.place.partition(":")
-        return typer.main.get_command(
-            make_single(getattr(import_module(f"toolkit.cli.{module}"), function), str(self.name))
-        )
+    def load(self, is_completed: bool = False) -> Any:
+        """The whole command; where the shell `is_completed`, with values to offer."""
+        module, _, name = self.entry.place.partition(":")
+        function = getattr(import_module(f"toolkit.cli.{module}"), name)
+        if is_completed:
+            from toolkit.cli.complete import offer_values
+
+            offer_values(function)
+        return typer.main.get_command(make_single(function, str(self.name)))
 
     def make_context(self, info_name: Any, args: list[str], parent: Any = None, **extra: Any) -> Any:
         """Load the command, and go on with it."""
-        command = self.load()
+        command = self.load(is_completed=bool(extra.get("resilient_parsing")))
         known = {name for one in command.params for name in (*one.opts, *one.secondary_opts)}
         old = {earlier: today for earlier, today in self.entry.old.items() if earlier not in known}
         return command.make_context(info_name, [_respell(word, old) for word in args], parent, **extra)
@@ -236,7 +246,7 @@ def _respell(word: str, old: Mapping[str, str]) -> str:
 def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
     """A `UsageError` in one line that names the option and what was typed, or the nearest to a mistyped one."""
     line = f"{' '.join(typed)} "
-    command = next((name for name, _ in list_places() if line.startswith(f"{name} ")), "")
+    command = next((name for name in (*dict(list_places()), *WORDS) if line.startswith(f"{name} ")), "")
     help_call = " ".join(filter(None, ["toolkit", command, "--help"]))
     if hasattr(error, "possibilities"):  # no such option
         known = [name for one in error.ctx.command.get_params(error.ctx) for name in one.opts]
@@ -265,18 +275,8 @@ def explain_usage(error: Any, typed: Sequence[str]) -> ToolkitError:
     return ToolkitError(f"{' '.join([name, *(shorten(word, 80) for word in given)])}: {expected}")
 
 
-class RoadGroup(TyperGroup):
-    """All commands, listed by group; a mistyped one is answered in one line that names the nearest."""
-
-    def __init__(self, **given: Any) -> None:
-        super().__init__(**given)
-        for group, entries in GROUPS.items():
-            for name, entry in entries.items():
-                self.add_command(LazyCommand(name, entry, group))
-
-    def list_commands(self, ctx: Any) -> list[str]:
-        """In the order of the groups."""
-        return list(self.commands)
+class WordGroup(TyperGroup):
+    """The commands that begin with one word, such as `world`; any other word is answered by all of them."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """The command that was typed.
@@ -284,12 +284,50 @@ class RoadGroup(TyperGroup):
         Raises:
             ToolkitError: there is none of this name.
         """
-        if " ".join(args[:2]) in self.commands:
-            return super().resolve_command(ctx, [" ".join(args[:2]), *args[2:]])
-        if args and args[0] not in self.commands and not args[0].startswith("-") and not ctx.resilient_parsing:
-            parts = [name for name in self.commands if name.startswith(f"{args[0]} ")]
-            if parts and len(args) > 1 and not args[1].startswith("-"):
-                raise one_of("command", " ".join(args[:2]), parts)
+        if args[0] not in self.commands and not args[0].startswith("-") and not ctx.resilient_parsing:
+            raise one_of("command", f"{self.name} {args[0]}", [f"{self.name} {known}" for known in self.commands])
+        return super().resolve_command(ctx, args)
+
+
+class RoadGroup(TyperGroup):
+    """All commands, listed by group; a mistyped one is answered in one line that names the nearest.
+
+    `commands` has each by all its words, `words` those of several words by the first.
+    """
+
+    def __init__(self, **given: Any) -> None:
+        super().__init__(**given)
+        self.words: dict[str, WordGroup] = {}
+        for group, entries in GROUPS.items():
+            for name, entry in entries.items():
+                command = LazyCommand(name, entry, group)
+                self.add_command(command)
+                word, _, rest = name.partition(" ")
+                if rest:
+                    if word not in self.words:
+                        self.words[word] = WordGroup(name=word, help=WORDS[word], no_args_is_help=True, **PLAIN)
+                    self.words[word].add_command(command, rest)
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """`help COMMAND` is `COMMAND --help`."""
+        return super().parse_args(ctx, [*args[1:], "--help"] if args[:1] == ["help"] else args)
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """What may be typed first, in the order of the groups."""
+        return list(dict.fromkeys(name.partition(" ")[0] for name in self.commands))
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """A command, or those that begin with a word."""
+        return self.words.get(cmd_name) or super().get_command(ctx, cmd_name)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command that was typed.
+
+        Raises:
+            ToolkitError: there is none of this name.
+        """
+        is_known = not args or args[0].startswith("-") or self.get_command(ctx, args[0]) is not None
+        if not is_known and not ctx.resilient_parsing:
             parts = [name for name in self.commands if name.startswith(args[0]) or args[0] in name.split("-")]
             if parts:
                 raise ToolkitError(f"no command called '{args[0]}': did you mean {' or '.join(parts)}?")
@@ -315,7 +353,8 @@ def make_app() -> typer.Typer:
     """The whole command line."""
     app = typer.Typer(
         cls=RoadGroup, no_args_is_help=True, pretty_exceptions_enable=False, **PLAIN,  # type: ignore[arg-type]
-        help="Boost physical objects for a neural network, and prove it: train, print, plan, shoot, evaluate.",
+        help="Boost physical objects for a neural network, and prove it: train, print, plan, shoot, evaluate. "
+        "'toolkit help COMMAND' explains a command.",
     )  # fmt: skip
 
     def show_version(wanted: bool) -> None:

@@ -10,7 +10,11 @@ from toolkit.cli import options
 from toolkit.cli.output import say, show_json
 
 
-def init(folder: Annotated[Path, typer.Argument(help="Folder to make a workspace of; made if missing.")]) -> None:
+def init(
+    folder: Annotated[Path, typer.Argument(help="Folder to make a workspace of; made if missing.")],
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
     """Make a workspace: toolkit.toml, which marks it, and rig/, print/, captures/ and eval/.
 
     What is there already stays as it is, so that a workspace of an older version can be marked.
@@ -18,6 +22,9 @@ def init(folder: Annotated[Path, typer.Argument(help="Folder to make a workspace
     from toolkit.core.workspace import make_workspace
 
     space = make_workspace(folder)
+    if as_json:
+        show_json({"workspace": str(space.root)})
+        return
     say(f"made the workspace {space.root}")
     say(f"next: cd {folder} && toolkit plan && toolkit capture-sim && toolkit eval captures/")
 

@@ -17,6 +17,7 @@ def list_objects(
         Path | None, typer.Option(metavar="FOLDER", help="Write every object as a GLB into this folder.")
     ] = None,
     workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """List the objects that can be photographed, built in and your own; --export writes them as GLB."""

@@ -29,6 +29,7 @@ def list_runs(
         bool, typer.Option("--all", help="Also every object, place and corruption by itself.")
     ] = False,
     workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """List what every run found: evaluations, worlds, sweeps, corruption benchmarks and landings, as one table."""
@@ -45,7 +46,7 @@ def list_runs(
     elif rows:
         console.print(build_runs_table(rows))
     else:
-        say("no row of any run is so" if runs else "no runs yet: make one with 'toolkit eval'")
+        say("no row matches --where" if runs else "no runs yet: make one with 'toolkit eval'")
     if refused:
         raise typer.Exit(1)
 
@@ -58,6 +59,7 @@ def compare(
     ] = None,
     captures: Captures = None,
     workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
     """Compare two runs image by image: the exact test, what flipped, and a page with the pictures."""
@@ -88,6 +90,7 @@ def report(
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="The page. Default: eval/index.html.")] = None,
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,
+    as_json: options.Json = False,
 ) -> None:
     """Write one page of many runs, which opens without a network: filters, sorting, flips side by side."""
     from toolkit.core.console import list_skipped
@@ -107,7 +110,11 @@ def report(
         raise FieldError("expected a file", {"out": page})
     skipped = [*refused, *write_index(page, space, runs)]
     list_skipped(skipped)
-    say(f"{len(runs)} runs: {page}")
+    if as_json:
+        lost = [{"path": path, "reason": reason} for path, reason in skipped]
+        show_json({"page": str(page), "runs": [run.name for run in runs], "skipped": lost})
+    else:
+        say(f"{len(runs)} runs: {page}")
     if skipped:
         raise typer.Exit(1)
 
@@ -126,6 +133,8 @@ def export(
     ] = None,
     captures: Captures = None,
     workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
 ) -> None:
     """Write the predictions of runs, by default of all that have any, for other programs."""
     from toolkit.core.console import list_skipped
@@ -146,21 +155,24 @@ def export(
     if not runs:
         wanted = "of a detector" if to == "coco" else "with predictions"
         raise ToolkitError(f"{space.eval_dir} holds no run {wanted}: make one with 'toolkit eval'")
+    left_out = 0
     if to in ("parquet", "csv"):
         place = out or space.eval_dir / f"predictions.{to}"
         count = (write_parquet if to == "parquet" else write_csv)(place, space, runs, captures)
-        say(f"{count} predictions of {len(runs)} runs: {place}")
+        line = f"{count} predictions of {len(runs)} runs: {place}"
     else:
         place = out or space.eval_dir / to
         write = write_fiftyone if to == "fiftyone" else write_coco_results
         count, left_out = write(place, space, runs, captures)
-        if left_out:
-            warn(f"left out {left_out} answers to images that have no file of their own, or could not be read")
-        then = (
-            f"with FiftyOne: python {place / 'load.py'}"
-            if to == "fiftyone"
-            else f"{place}/RUN/instances.json, results.json"
-        )
-        say(f"{count} images, {len(runs)} runs; {then}")
+        load, files = place / "load.py", f"{place}/RUN/instances.json, results.json"
+        then = f"with FiftyOne: python {load}" if to == "fiftyone" else files
+        line = f"{count} images, {len(runs)} runs; {then}"
+    if left_out:
+        warn(f"left out {left_out} answers to images that have no file of their own, or could not be read")
+    if as_json:
+        names = [run.name for run in runs]
+        show_json({"file": str(place), "format": to, "count": count, "runs": names, "left_out": left_out})
+    else:
+        say(line)
     if refused:
         raise typer.Exit(1)

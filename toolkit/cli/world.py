@@ -110,7 +110,7 @@ def preview(
     from toolkit.core.workspace import open_workspace
     from toolkit.worlds.preview import preview_request
 
-    space = open_workspace(workspace)
+    space = open_workspace(workspace, is_needed=out is None)
     name, result = preview_request(space, world, request, item, scale=scale, out=out, seed=seed)
     if as_json:
         show_json({"folder": str(result.folder), "made": result.made, "kept": result.kept})
@@ -148,7 +148,7 @@ def export(
     from toolkit.worlds.place import stand_object
     from toolkit.worlds.sky import make_sky
 
-    space = open_workspace(workspace)
+    space = open_workspace(workspace, is_needed=out is None)
     if out is not None and out.suffix.lower() != ".glb":
         raise FieldError("expected a file that ends in .glb", {"out": out})
     item.check()

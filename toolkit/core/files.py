@@ -303,7 +303,7 @@ def _load_json(path: Path) -> tuple[Any, list[str]]:
     except RecursionError:
         raise ToolkitError(f"{path}: not read: more than {MOST_LEVELS} levels within one another") from None
     except UnicodeEncodeError:
-        raise ToolkitError(f"{path}: not JSON: half a pair of surrogates stands for no letter") from None
+        raise ToolkitError(f"{path}: not JSON: half a pair of surrogates is no character") from None
     except ValueError as error:
         raise ToolkitError(f"{path}: not JSON: {_say_digits(error)}") from None
     return content, constants

@@ -171,13 +171,18 @@ def _is_older(folder: Path) -> bool:
     return (rig / "objects").is_dir() or not any(rig.glob("*.py"))  # tests are often sorted as the package is
 
 
-def open_workspace(folder: Path | str | None = None) -> Workspace:
+def open_workspace(folder: Path | str | None = None, *, is_needed: bool = False) -> Workspace:
     """The workspace of a command: `folder` where one is named, else the nearest from the current folder upwards.
 
     Where there is none, the current folder: built-in objects, plan and patches need no workspace.
 
+    Args:
+        folder: the workspace.
+        is_needed: for what writes into `rig/`, which would make a workspace of any folder.
+
     Raises:
-        ToolkitError: `folder` is no workspace (see `is_workspace`), or its `toolkit.toml` has a wrong field.
+        ToolkitError: `folder` is no workspace (see `is_workspace`), there is none and it `is_needed`, or its
+            `toolkit.toml` has a wrong field.
     """
     if folder is not None:
         root = Path(folder).resolve()
@@ -185,7 +190,12 @@ def open_workspace(folder: Path | str | None = None) -> Workspace:
             raise ToolkitError(f"{folder} is no workspace (it has no {MARKER}): make one with 'toolkit init {folder}'")
     else:
         here = Path.cwd()
-        root = next((up for up in (here, *here.parents) if is_workspace(up)), here)
+        found = next((up for up in (here, *here.parents) if is_workspace(up)), None)
+        if found is None and is_needed:
+            raise ToolkitError(
+                "this is no workspace: go into one or name it with --workspace; 'toolkit init FOLDER' makes one"
+            )
+        root = found or here
     if (root / MARKER).is_file():
         read_toml(root / MARKER, WorkspaceFile)
     return Workspace(root)

@@ -77,7 +77,7 @@ class RayEngine:
         try:
             import ray  # noqa: F401
         except ImportError:
-            raise ToolkitError("Ray is not installed: pip install 'toolkit-boost[ray]'") from None
+            raise ToolkitError("Ray is not installed: pip install '.[ray]' in the kit's folder") from None
         self.address, self.workers, self.gpus = address, workers, gpus
         self._task: Any = None
         self._is_mine = False

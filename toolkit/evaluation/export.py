@@ -101,7 +101,7 @@ def _import_arrow() -> "pyarrow":  # type: ignore[valid-type]
         import pyarrow
     except ImportError:
         raise ToolkitError(
-            "Parquet needs pyarrow, which is not installed: pip install 'toolkit-boost[parquet]'"
+            "Parquet needs pyarrow, which is not installed: pip install '.[parquet]' in the kit's folder"
         ) from None
     return pyarrow
 

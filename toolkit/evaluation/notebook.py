@@ -78,7 +78,7 @@ def predictions_table(run: "Evaluation | Path | str") -> "pandas.DataFrame":
         import pandas
     except ImportError:
         raise ToolkitError(
-            "predictions_table needs pandas, which is not installed: pip install 'toolkit-boost[pandas]'"
+            "predictions_table needs pandas, which is not installed: pip install '.[pandas]' in the kit's folder"
         ) from None
     folder = Path(run) if isinstance(run, str | Path) else run.run_dir
     file = folder / "predictions.csv"

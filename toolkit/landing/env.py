@@ -15,7 +15,7 @@ from toolkit.worlds.conditions import CLEAR
 try:
     import gymnasium
 except ImportError as error:
-    raise ToolkitError("the environment needs Gymnasium: pip install 'toolkit-boost[landing]'") from error
+    raise ToolkitError("the environment needs Gymnasium: pip install '.[landing]' in the kit's folder") from error
 
 MOST_M_S = 6.0
 REWARDS = {"success": 10.0}

@@ -141,7 +141,7 @@ class Classifier:
         Args:
             module: (b, 3, size, size) float images to (b, classes) logits, or probabilities.
             labels: name of each output.
-            size: side of the square that it sees; an image's short side is resized to it, and the middle is cut.
+            size: side of the square that it sees, to which an image's central square is resized.
             mean: taken from the sRGB-encoded values in 0 to 1, per channel; by default ImageNet's.
             std: by which they are divided then.
             name: what to call it in results; by default its class.

@@ -128,7 +128,7 @@ def _import_timm(name: str) -> ModuleType:
         return import_module("timm")
     except ImportError as error:
         raise FieldError(
-            f"timm is not installed ({error}): pip install 'toolkit-boost[timm]'", {"model": f"{PREFIX}{name}"}
+            f"timm is not installed ({error}): pip install '.[timm]' in the kit's folder", {"model": f"{PREFIX}{name}"}
         ) from None
 
 

@@ -23,7 +23,7 @@ UNROUTED = ("192.0.2.1", 9)
 """An address that is nobody's (RFC 5737); asking for the way there sends nothing."""
 PATIENCE_S = 20.0
 """For the first line of a request to its last header; a phone takes milliseconds."""
-EXTRA = "pip install 'toolkit-boost[studio]'"
+EXTRA = "pip install '.[studio]' in the kit's folder"
 
 
 @dataclass(frozen=True)

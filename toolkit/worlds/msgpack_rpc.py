@@ -63,7 +63,8 @@ class Connection:
             import msgpack
         except ImportError as error:
             message = (
-                f"a simulator needs msgpack, which is not installed ({error}): pip install 'toolkit-boost[airsim]'"
+                f"a simulator needs msgpack, which is not installed ({error}): pip install '.[airsim]' in the kit's "
+                "folder"
             )
             raise ToolkitError(message) from None
         self.where, self.timeout_s = where, timeout_s

@@ -1,0 +1,68 @@
+"""What the shell offers as value of an option or argument: the words of its choice, and names in the workspace."""
+
+import inspect
+import re
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any, get_args
+
+from typer.models import ArgumentInfo, OptionInfo
+
+from toolkit.core.errors import ToolkitError
+from toolkit.core.workspace import Workspace, open_workspace
+
+
+def offer_values(command: Callable[..., Any]) -> None:
+    """Let the parameters of a command function offer their values."""
+    for parameter in inspect.signature(command, eval_str=True).parameters.values():
+        for mark in get_args(parameter.annotation)[1:]:
+            if isinstance(mark, OptionInfo | ArgumentInfo):
+                mark.autocompletion = _find_values(parameter.name, mark)
+
+
+def _find_values(name: str, mark: OptionInfo | ArgumentInfo) -> Callable[..., list[str]] | None:
+    choices = (mark.metavar or "").split("|")
+    words = [word for word in choices if re.fullmatch(r"[a-z][a-z0-9-]*", word)]
+    if len(choices) > 1 and words:
+        return _make_offer(lambda space: words)
+    flags = {*(getattr(mark, "param_decls", None) or ()), getattr(mark, "default", None)}
+    for known, kind, list_names in SOURCES:
+        if isinstance(mark, kind) and (known in flags or known == name):
+            return _make_offer(list_names)
+    return None
+
+
+def _make_offer(list_names: Callable[[Workspace], list[str]]) -> Callable[[str], list[str]]:
+    def offer(incomplete: str) -> list[str]:
+        with suppress(ToolkitError, OSError):  # a shell has no use for a message
+            return [name for name in list_names(open_workspace()) if name.startswith(incomplete)]
+        return []
+
+    return offer
+
+
+def _list_objects(space: Workspace) -> list[str]:
+    return sorted(space.object_specs())
+
+
+def _list_worlds(space: Workspace) -> list[str]:
+    from toolkit.worlds.catalogue import WORLDS, list_own_worlds
+
+    return sorted({*WORLDS, *list_own_worlds(space)})
+
+
+def _list_runs(space: Workspace) -> list[str]:
+    files = space.eval_dir.rglob("summary.json")
+    return sorted(file.parent.relative_to(space.eval_dir).as_posix() for file in files)
+
+
+SOURCES: tuple[tuple[str, type[OptionInfo | ArgumentInfo], Callable[[Workspace], list[str]]], ...] = (
+    ("--object", OptionInfo, _list_objects),
+    ("--patches", OptionInfo, Workspace.patch_sets),
+    ("--world", OptionInfo, _list_worlds),
+    ("world", ArgumentInfo, _list_worlds),
+    ("first", ArgumentInfo, _list_runs),
+    ("second", ArgumentInfo, _list_runs),
+    ("names", ArgumentInfo, _list_runs),
+)
+"""A flag, or the name of an argument's parameter, and the names that it may have."""
