@@ -28,6 +28,8 @@ def parse(words: Command, whole: bool = True) -> None:
     from toolkit.cli import app
 
     program, *rest = words
+    if rest[:1] == ["help"]:
+        return
     if program == "make":
         targets = {name for line in read_targets() for name in line.split()}
         unknown = [one for one in rest if "=" not in one and one not in targets]

@@ -50,7 +50,7 @@ class PatchConfig(PixelConfig):
     )
     size_mm: Annotated[float | None, Later, Field(ge=1, le=10_000), Flag(metavar="MM")] = Field(
         None,
-        description="Its side on paper, for which it is trained. Default: the object's spec, else 0.88 mm a pixel.",
+        description="Side of the printed patch, mm, to train for. Default: the object's spec, else 0.88 mm a pixel.",
     )
     epochs: Annotated[int | None, Field(ge=1), Flag(group=STEPS)] = Field(
         None, description="Instead of --steps: how often each image is seen."
@@ -72,19 +72,19 @@ class PatchConfig(PixelConfig):
         None, description="Blur, sensor noise and JPEG."
     )
     tv_weight: Annotated[float, Field(ge=0), Flag(group=LOSSES)] = Field(
-        0.0, description="Of the patch's total variation."
+        0.0, description="Weight of the patch's total variation."
     )
     printability_weight: Annotated[float, Field(ge=0), Flag(group=LOSSES)] = Field(
-        0.0, description="Of its colours' distance to what inks can print."
+        0.0, description="Weight of the distance between its colours and what inks can print."
     )
     mounted_share: Annotated[float, Field(ge=0, le=1), Flag(group=RIG)] = Field(
         0.0, description="Share of each batch with the sheet mounted on it; 0 without --data rig."
     )
     mounted_views: Annotated[int, Field(ge=2), Flag(group=RIG)] = Field(
-        240, description="Such views, a fifth of them held out."
+        240, description="Views with the sheet mounted, a fifth of them held out."
     )
     mounted_fill: Annotated[Range, Rising(0.05, 1), Flag(group=RIG)] = Field(
-        (0.6, 0.95), description="Share of the frame that the object fills in them: its distance."
+        (0.6, 0.95), description="Share of the frame that the object fills in these views."
     )
     without_effect: dict[str, float] = Field({}, description="Named by the recipe's source, and moves nothing.")
     corrupted: MeetsCorruptions = Field(None, description=CORRUPTED_HELP)
@@ -156,7 +156,7 @@ class PatchConfig(PixelConfig):
 
 RECIPES: dict[str, PatchConfig] = {
     "default": PatchConfig(
-        recipe="default", about="smoothed descent, and what the patch meets in the world",
+        recipe="default", about="smoothed descent, with print, tape, light and camera simulated",
         steps=600, batch=16, lr=0.05, schedule="cosine", smoothing_px=2.0, start_contrast=0.2,
         pose=PoseRanges(), light=LightRanges(), print_process=PrintProcess(), glare=TapeGlare(), camera=make_camera(),
         mounted_share=0.875,

@@ -34,7 +34,8 @@ MeetsCorruptions = Annotated[
     Flag("--corrupt", metavar="NAME[:SEVERITY]", group=AUGMENTATION, typed=tuple[str, ...]),
 ]
 CORRUPTED_HELP = (
-    "Corrupt half of the photographs as ImageNet-C does: noise:1-3, blur:5, common, all; of several each draws one."
+    "Corrupt half of the photographs as ImageNet-C does: noise:1-3, blur:5, common, all; of several, each view draws "
+    "one."
 )
 
 
@@ -55,17 +56,17 @@ class PixelConfig(Config):
     seed: Annotated[int, Field(ge=0)] = 0
     ensemble: Annotated[Literal["sum", "normalised", "turns"] | None, Later, Flag(group=TRANSFER)] = Field(
         None,
-        description="Of several networks: their losses added; their gradients, none larger than another; or one "
-        "network a step. Default: turns.",
+        description="With several networks: sum adds their losses, normalised their gradients at equal length, turns "
+        "takes one network a step. Default: turns.",
     )
     objective: Annotated[Literal["cross-entropy", "logit"], Later, Flag(group=TRANSFER)] = Field(
-        "cross-entropy", description="What is raised: the class' probability, or its logit."
+        "cross-entropy", description="What training raises: the probability of the class, or its logit."
     )
     jitter: Annotated[Jitter | None, Later, Flag("--view-jitter", group=TRANSFER)] = Field(
         None, description="Show each network the photographs a little larger or smaller, and moved."
     )
     momentum: Annotated[float, Later, Field(ge=0, lt=1), Flag(group=TRANSFER)] = Field(
-        0.0, description="Share of the steps before that each step keeps."
+        0.0, description="How much of the earlier steps' direction each step keeps."
     )
     last_smoothing_px: Annotated[
         float, Later, Field(ge=0, le=16), Expect("0 to 16 texels"), Flag("--last-smoothing", group=TRANSFER)
@@ -75,7 +76,7 @@ class PixelConfig(Config):
         Field(2.0, description="Gaussian smoothing of the first gradient, texels; it falls to 0.")
     )
     start_contrast: Annotated[float, Field(ge=0, le=1), Flag(group=STEPS)] = Field(
-        0.2, description="Of the random first pixels about grey, 1 is full."
+        0.2, description="Contrast of the random first pixels; 1 is full."
     )
     weather: Annotated[
         Weathered | None,
@@ -84,8 +85,8 @@ class PixelConfig(Config):
         Flag("--weather", metavar="NAME[:SEVERITY]", group=AUGMENTATION, typed=tuple[str, ...]),
     ] = Field(
         None,
-        description="Weather over half of the views of the object, as far away as at its real size: fog:1-5, dust:3, "
-        "rain, snow; of several each draws one.",
+        description="Weather over half of the views, by the distance at the object's real size: fog:1-5, dust:3, "
+        "rain, snow; of several, each view draws one.",
     )
     world: Annotated[str | None, Later, Flag(metavar="NAME|FILE", group=WORLD)] = Field(
         None,
@@ -93,10 +94,10 @@ class PixelConfig(Config):
         "the TOML of a kit.",
     )
     world_seed: Annotated[int, Field(ge=0), Later, Flag(group=WORLD)] = Field(
-        1, description="Number of the world; world-eval takes 0 unless told otherwise."
+        1, description="Seed of the world; world-eval has 0 as default."
     )
     world_scale: Annotated[float, Field(gt=0), Later, Flag(group=WORLD)] = Field(
-        1.0, description="From the units of a mesh of your own to metres."
+        1.0, description="Metres in one unit of your own mesh."
     )
     times: Annotated[
         Times, Field(min_length=1), Later,

@@ -69,7 +69,7 @@ class TextureConfig(PixelConfig):
         tuple[str, ...], AfterValidator(check_objects), Flag("--object", metavar="NAME", group=WEARS)
     ] = Field(
         (), validate_default=False, exclude=True,
-        description="Object to wear it; several of one class share a universal texture.",
+        description="Object that the texture is for; several of one class share one texture.",
     )  # fmt: skip
     size_px: Annotated[int, Field(ge=MIN_PX, le=MAX_PX), Flag(group=WEARS)] = Field(
         200, exclude=True, description="Side of the texture, pixels."
@@ -119,7 +119,7 @@ class TextureConfig(PixelConfig):
     clouds: Annotated[Fog | None, Flag(group=AUGMENTATION, make=make_clouds)] = Field(
         None,
         exclude=True,
-        description="Clouds over half of the views, as ImageNet-C draws them, which know no distance; {weather} does.",
+        description="ImageNet-C's clouds over half of the views; they ignore distance, {weather} does not.",
     )
     camera: Annotated[CameraParts | None, Flag(group=AUGMENTATION, make=make_camera)] = Field(
         None, exclude=True, description="Blur, sensor noise and JPEG."
@@ -129,7 +129,7 @@ class TextureConfig(PixelConfig):
         None, exclude=True, description="Photographs to stand behind the object; the paper recipe needs them."
     )
     background_share: Annotated[float, Field(ge=0, le=1), Flag(group=SEEN)] = Field(
-        0.0, description="Of the views that they stand behind; 0 without photographs."
+        0.0, description="Share of the views with a photograph behind the object; 0 without photographs."
     )
     held_out: Annotated[int, Field(ge=1)] = Field(
         3, exclude=True, description="Studios, of `per_studio` views each, that are not trained on."
@@ -218,7 +218,7 @@ class TextureConfig(PixelConfig):
 
 RECIPES: dict[str, TextureConfig] = {
     "default": TextureConfig(
-        recipe="default", about="views above the table, light in the gradient, and what a camera meets",
+        recipe="default", about="views above the table, light in the gradient, camera simulated",
         steps=300, batch=16, lr=0.05, schedule="cosine", smoothing_px=1.0, start_contrast=0.2,
         clouds=make_clouds(), camera=make_camera(), background_share=0.5,
     ),

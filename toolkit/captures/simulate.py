@@ -35,8 +35,8 @@ class SimulateConfig(Config):
     )
     rehearse: Annotated[bool, Flag("--rehearse")] = Field(
         False,
-        description="As print, tape, hand and phone will have it: inks, shine, poses missed a little, blur, noise, "
-        "white balance off, JPEG 80.",
+        description="Simulate print, tape, hand and phone: inks, shine, slightly wrong poses, blur, noise, wrong white "
+        "balance, JPEG 80.",
     )
     print_profile: Annotated[Path | None, Flag(metavar="FILE")] = Field(
         None,

@@ -24,7 +24,7 @@ def add(
     name: Annotated[str | None, typer.Option(metavar="NAME", help="Of the object; default: the file's.")] = None,
     length_mm: Annotated[
         float | None,
-        typer.Option(metavar="X", help="Longest side of the real object; default: as a glTF says, else 200."),
+        typer.Option(metavar="X", help="Longest side of the real object; default: of a glTF its own size, else 200."),
     ] = None,
     print_side: Annotated[
         str, typer.Option(metavar="SIDE", help="Where its patch goes: top, front, back, left or right.")
@@ -33,7 +33,7 @@ def add(
         str | None, typer.Option(metavar="AXIS", help=f"The mesh's axis that points up: {AXES}; default: by format.")
     ] = None,
     front: Annotated[
-        str | None, typer.Option(metavar="AXIS", help="The mesh's axis that points to the front; likewise.")
+        str | None, typer.Option(metavar="AXIS", help="The mesh's axis that points to the front; default: by format.")
     ] = None,
     replace: Annotated[bool, typer.Option("--replace", help="Replace the object of that name.")] = False,
     workspace: options.Workspace = None,
@@ -42,7 +42,8 @@ def add(
 ) -> None:
     """Make an object of a mesh: copy it into the workspace, write its spec, draw a preview.
 
-    Up and front are y and z for glTF, by its specification; by custom y and z for obj, z and -y for ply, stl and off.
+    Up and front are y and z for glTF, by its specification; by convention y and z for obj, z and -y for ply,
+    stl and off.
     """
     from toolkit.captures.render import preview_object
     from toolkit.core.workspace import open_workspace

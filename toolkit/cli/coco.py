@@ -14,7 +14,7 @@ def write_boxes(
         Path | None, typer.Argument(help="Capture folder, or one of its sources; default: captures/.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="What to write; default: instances.json in the folder.")
+        Path | None, typer.Option(metavar="FILE", help="File to write; default: instances.json in the folder.")
     ] = None,
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,

@@ -31,7 +31,7 @@ def corrupt(
             metavar="N",
             min=1,
             max=5,
-            help="Of those named without one: 1 (slight) to 5 (severe); may be repeated. Default: all five.",
+            help="Severity where --corrupt names none: 1 (slight) to 5 (severe); may be repeated. Default: all five.",
         ),
     ] = None,
     image_px: Annotated[

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from toolkit.landing.flight_results import CellResult, PairResult
     from toolkit.landing.regressor import ErrorRow
 
-Restart = Annotated[bool, typer.Option("--restart", help="Begin anew, forget an unfinished run.")]
+Restart = Annotated[bool, typer.Option("--restart", help="Begin again; discard an unfinished run.")]
 
 
 @from_config(config=CollectConfig, engine=EngineConfig)
@@ -155,7 +155,7 @@ def fly(
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Land a drone by a regressor, on every pad in every weather; write rates, tests, report to eval/landing/NAME."""
+    """Fly landings with a regressor on every pad in every weather; write rates, tests, report to eval/landing/NAME."""
     from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
     from toolkit.landing.flight_report import film_episode, write_report

@@ -99,7 +99,7 @@ def print_profile(
     paper: Annotated[
         str,
         typer.Option(
-            metavar="SIZE", help="Of the page, whose edges say at which size it was printed: a4, letter, 200x300mm."
+            metavar="SIZE", help="Size of the page, whose edges show the scale of the print: a4, letter, 200x300mm."
         ),
     ] = "a4",
     size_mm: Annotated[
@@ -107,9 +107,10 @@ def print_profile(
         typer.Option(metavar="MM", help="Side of the printed patch. Default: as 'toolkit print' makes it.", min=1),
     ] = None,
     name: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Of the profile: printer and paper. Default: the patch's.")
+        str | None,
+        typer.Option(metavar="NAME", help="Name of the profile, such as printer and paper. Default: the patch's."),
     ] = None,
-    by: Annotated[str | None, typer.Option(metavar="NAME", help="Who measured, to be recorded.")] = None,
+    by: Annotated[str | None, typer.Option(metavar="NAME", help="Who measured; written into the profile.")] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="JSON file. Default: print/profiles/NAME.json.")
     ] = None,

@@ -297,7 +297,7 @@ def _recipe_option(recipes: Mapping[str, Config]) -> inspect.Parameter:
     option = typer.Option(
         "--recipe",
         metavar="NAME",
-        help=f"{about}. The other flags change either.  [default: {first}]",
+        help=f"{about}. The other options change single settings of it.  [default: {first}]",
         show_default=False,
     )
     return inspect.Parameter("recipe", inspect.Parameter.KEYWORD_ONLY, default=first, annotation=Annotated[str, option])

@@ -29,7 +29,9 @@ def import_(
     settings: ImportSettings,
     ask: Annotated[
         bool | None,
-        typer.Option("--ask/--no-ask", help="Ask what is in doubt. Default: at a terminal.", show_default=False),
+        typer.Option(
+            "--ask/--no-ask", help="Ask about photographs in doubt. Default: only at a terminal.", show_default=False
+        ),
     ] = None,
     patches: options.Patches = None,
     workspace: options.Workspace = None,

@@ -17,7 +17,12 @@ def place(
     config: PlaceConfig,
     train: Annotated[
         int,
-        typer.Option("--train", metavar="STEPS", min=0, help="Also train a patch in each of the best, for so long."),
+        typer.Option(
+            "--train",
+            metavar="STEPS",
+            min=0,
+            help="Also train a patch in each of the best places, for this many steps.",
+        ),
     ] = 0,
     model: options.Models = None,
     weights: options.WeightFiles = None,

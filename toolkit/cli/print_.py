@@ -30,12 +30,13 @@ def print_patches(
     objects: Annotated[
         list[str] | None,
         typer.Option(
-            "--object", metavar="NAME", help="The patch of this object, as large as its spec says; repeat for more."
+            "--object", metavar="NAME", help="The patch of this object, in the size of its spec; repeat for more."
         ),
     ] = None,
     everything: Annotated[bool, typer.Option("--all", help="Every known patch.")] = False,
     files: Annotated[
-        list[Path] | None, typer.Option("--patch-file", metavar="PNG", help="A patch anywhere, its record beside it.")
+        list[Path] | None,
+        typer.Option("--patch-file", metavar="PNG", help="A patch file anywhere, with its record beside it."),
     ] = None,
     settings: PrintSettings,
     sheet: SheetSettings,

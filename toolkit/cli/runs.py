@@ -10,7 +10,7 @@ from toolkit.cli import options
 from toolkit.cli.output import say, show_json, warn
 from toolkit.core.errors import FieldError, ToolkitError
 
-RunNames = Annotated[list[str] | None, typer.Argument(help="Name of a run below eval/, or its folder; several.")]
+RunNames = Annotated[list[str] | None, typer.Argument(help="Runs: names below eval/, or their folders.")]
 Captures = Annotated[
     Path | None,
     typer.Option(metavar="FOLDER", help="Where the images lie; default: captures/, a sweep's in its own folder."),

@@ -25,7 +25,9 @@ def studio(
     address: Annotated[
         str | None,
         typer.Option(
-            "--lan-address", metavar="ADDRESS", help="With --lan: this machine's address there. Default: it is found."
+            "--lan-address",
+            metavar="ADDRESS",
+            help="With --lan: this machine's address there. Default: the kit finds it.",
         ),
     ] = None,
     model: options.Model = None,

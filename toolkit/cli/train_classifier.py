@@ -29,12 +29,12 @@ def train_classifier(
         typer.Option(metavar="N", help="Processes that render. Default: one per core.", min=1, show_default=False),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="For the classifier. Default: rig/classifiers.")
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for the classifier. Default: rig/classifiers.")
     ] = None,
     keep_data: Annotated[
         bool, typer.Option("--keep-data", help="Keep the rendered images, for another training under this name.")
     ] = False,
-    restart: Annotated[bool, typer.Option("--restart", help="Begin anew, forget an unfinished run.")] = False,
+    restart: Annotated[bool, typer.Option("--restart", help="Begin again; discard an unfinished run.")] = False,
     seed: options.Seed = 0,
     device: options.Device = "auto",
     workspace: options.Workspace = None,

@@ -36,7 +36,7 @@ def train_patch(
     ] = None,
     class_name: Annotated[
         str | None,
-        typer.Option("--class", metavar="NAME", help="What it shall be recognised as: a label, index or WordNet id."),
+        typer.Option("--class", metavar="NAME", help="What it should be recognised as: a label, index or WordNet id."),
     ] = None,
     data: AskedData,
     overrides: Overrides,
@@ -57,8 +57,10 @@ def train_patch(
             metavar="NAME", help="File name of the patch, without suffix. Default: the object's, else its class."
         ),
     ] = None,
-    out: Annotated[Path | None, typer.Option(metavar="FOLDER", help="For the patch. Default: print/patches.")] = None,
-    restart: Annotated[bool, typer.Option("--restart", help="Begin anew, forget an unfinished run.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for the patch. Default: print/patches.")
+    ] = None,
+    restart: Annotated[bool, typer.Option("--restart", help="Begin again; discard an unfinished run.")] = False,
     seed: options.Seed = 0,
     device: options.Device = "auto",
     workspace: options.Workspace = None,

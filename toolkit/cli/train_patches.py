@@ -39,7 +39,7 @@ def train_patches(
     overrides: Overrides,
     recipe: str,
     download: options.Download = False,
-    restart: Annotated[bool, typer.Option("--restart", help="Begin anew, forget what an earlier run made.")] = False,
+    restart: Annotated[bool, typer.Option("--restart", help="Begin again; discard what an earlier run made.")] = False,
     seed: options.Seed = 0,
     device: options.Device = "auto",
     workspace: options.Workspace = None,

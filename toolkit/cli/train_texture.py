@@ -18,7 +18,7 @@ def train_texture(
     class_name: Annotated[
         str | None,
         typer.Option(
-            "--class", metavar="NAME", help="What it shall be recognised as. Default: the objects' own class."
+            "--class", metavar="NAME", help="What it should be recognised as. Default: the objects' own class."
         ),
     ] = None,
     model: options.Models = None,
@@ -29,12 +29,14 @@ def train_texture(
             metavar="NAME", help="File name, without suffix. Default: the object's, or for several the class's."
         ),
     ] = None,
-    out: Annotated[Path | None, typer.Option(metavar="FOLDER", help="For the texture. Default: rig/textures.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for the texture. Default: rig/textures.")
+    ] = None,
     workers: Annotated[
         int | None,
         typer.Option(metavar="N", min=0, help="Threads that render ahead; 0: none. Default: one for each core."),
     ] = None,
-    restart: Annotated[bool, typer.Option("--restart", help="Begin anew, forget an unfinished run.")] = False,
+    restart: Annotated[bool, typer.Option("--restart", help="Begin again; discard an unfinished run.")] = False,
     seed: options.Seed = 0,
     device: options.Device = "auto",
     workspace: options.Workspace = None,

@@ -19,9 +19,7 @@ WorldName = Annotated[
     str,
     typer.Argument(metavar="NAME|FILE", help="city, grass, apron, harbour; one of rig/worlds; or a GLB, OBJ or TOML."),
 ]
-Scale = Annotated[
-    float, typer.Option("--world-scale", metavar="X", help="From the units of a mesh of your own to metres.", min=0)
-]
+Scale = Annotated[float, typer.Option("--world-scale", metavar="X", help="Metres in one unit of your own mesh.", min=0)]
 
 
 def list_worlds(
@@ -125,7 +123,7 @@ def export(
     *,
     item: ObjectInWorld,
     lamps: Annotated[
-        bool, typer.Option("--lamps", help="Lit, as at dusk: what glows is written as emissive textures.")
+        bool, typer.Option("--lamps", help="Write lamps as lit, as at dusk: what glows becomes emissive textures.")
     ] = False,
     scale: Scale = 1.0,
     out: Annotated[
@@ -138,7 +136,7 @@ def export(
 ) -> None:
     """Write a world, and an object in it, as GLB: metres, y up, with textures, for Blender, Unreal, three.js.
 
-    Sky and weather are no part of it.
+    Sky and weather are not written.
     """
     from toolkit.core.files import write_bytes
     from toolkit.core.workspace import open_workspace

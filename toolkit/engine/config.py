@@ -24,7 +24,7 @@ class EngineConfig(Config):
         "many as the cluster has room for.",
     )
     address: Annotated[str | None, Flag(metavar="HOST:PORT", group=WHERE)] = Field(
-        None, description="Of a Ray cluster, or auto for the one on this machine; default: start one here."
+        None, description="Address of a Ray cluster, or auto for the one on this machine; default: start one here."
     )
 
     def open(self, gpus: int = 0) -> Engine:

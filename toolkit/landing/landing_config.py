@@ -150,14 +150,16 @@ class LandingTrainConfig(Config):
         uncertainty: a third output, the logarithm of the standard deviation, by the likelihood of a normal error.
     """
 
-    name: Annotated[OwnName, Flag(metavar="NAME")] = Field("", description="Of its file. Default: the data set's.")
+    name: Annotated[OwnName, Flag(metavar="NAME")] = Field(
+        "", description="Name of the network's file. Default: the data set's name."
+    )
     arch: Annotated[str, Flag(metavar="NAME")] = Field("resnet18", description="Torchvision network.")
     init: Annotated[Path | None, Flag(metavar="FILE", typed=Path)] = Field(
         None, description="Weights to start from. Default: ImageNet's, else the bundled network."
     )
     pool: Annotated[Pool, Flag()] = Field("grid", description="What the last layer sees of the features.")
     probe: Annotated[bool, Flag()] = Field(True, description="Start the last layer by ridge regression.")
-    frames: Annotated[int | None, Field(ge=8), Flag(typed=int)] = Field(None, description="To train on, at most.")
+    frames: Annotated[int | None, Field(ge=8), Flag(typed=int)] = Field(None, description="Most frames to train on.")
     epochs: Annotated[int, Field(ge=1, le=1000), Flag()] = Field(8, description="Times through the frames.")
     batch: Annotated[int, Field(ge=2, le=4096), Flag()] = Field(64, description="Frames of a step.")
     lr: Annotated[float, Field(gt=0, le=10), Flag()] = Field(2e-4, description="Highest learning rate.")
@@ -168,10 +170,10 @@ class LandingTrainConfig(Config):
     momentum: Annotated[float, Field(ge=0, lt=1)] = 0.9
     weight_decay: Annotated[float, Field(ge=0, le=1), Flag()] = Field(1e-4, description="Of the weights.")
     loss: Annotated[Literal["mse", "relative"], Flag()] = Field(
-        "relative", description="Mean square of metres, or of shares of the height."
+        "relative", description="mse: mean square error in metres; relative: as a share of the height."
     )
     augment: Annotated[bool, Flag()] = Field(True, description="Quarter turns, and changes of light.")
-    uncertainty: Annotated[bool, Flag()] = Field(False, description="Say how sure it is as well, calibrated.")
+    uncertainty: Annotated[bool, Flag()] = Field(False, description="Also predict how sure it is, calibrated.")
 
     def fit_config(self, frames: int, seed: int) -> FitConfig:
         """Of the loop."""
@@ -217,7 +219,7 @@ class BoostConfig(Config):
     name: Annotated[OwnName, Flag(metavar="NAME")] = Field("", description="Of the pad. Default: REGRESSOR-boosted.")
     size_px: Annotated[int, Field(ge=8, le=512), Flag()] = Field(64, description="Side of the picture, pixels.")
     start: Annotated[Literal["plain", "grey", "noise"], Flag("--start-pad")] = Field(
-        "plain", description="What it starts from."
+        "plain", description="Picture that training starts from."
     )
     world: WorldName = "grass"
     world_seed: WorldSeed = 0
@@ -233,9 +235,11 @@ class BoostConfig(Config):
     weather_probability: Annotated[float, Field(ge=0, le=1), Flag()] = Field(
         0.7, description="That a view has weather."
     )
-    steps: Annotated[int, Field(ge=1, le=1_000_000), Flag()] = Field(240, description="Of the training.")
+    steps: Annotated[int, Field(ge=1, le=1_000_000), Flag()] = Field(240, description="Training steps.")
     batch: Annotated[int, Field(ge=1, le=1024), Flag()] = Field(24, description="Views of a step.")
-    lr: Annotated[float, Field(gt=0, le=1), Flag()] = Field(0.02, description="Of each pixel's step.")
+    lr: Annotated[float, Field(gt=0, le=1), Flag()] = Field(
+        0.02, description="Learning rate: the change of a pixel per step."
+    )
     light: Annotated[Range, Rising(0.2, 3)] = (0.75, 1.25)
     noise: Annotated[float, Field(ge=0, le=0.5)] = 0.01
 
@@ -290,7 +294,7 @@ class FlyConfig(Config):
     gains: Annotated[tuple[str, ...], Flag(metavar="NAME|KP,KI,KD")] = Field(
         ("gentle",), description="paper (5,0,5), gentle (1,0,0), or your own; repeat for more."
     )
-    episodes: Annotated[int, Field(ge=1, le=100_000), Flag()] = Field(64, description="Of each cell.")
+    episodes: Annotated[int, Field(ge=1, le=100_000), Flag()] = Field(64, description="Episodes in each cell.")
     batch: Annotated[int, Field(ge=1, le=1024), Flag()] = Field(64, description="Episodes that fly in lockstep.")
     size_m: Annotated[float | None, Flag("--size-m", typed=float)] = Field(
         None, description="Side of the pads, metres. Default: as trained."
@@ -320,10 +324,10 @@ class DemoConfig(Config):
     """
 
     frames: Annotated[int, Field(ge=40), Flag()] = Field(2400, description="Pictures to collect.")
-    epochs: Annotated[int, Field(ge=1), Flag()] = Field(10, description="Of the regressor.")
+    epochs: Annotated[int, Field(ge=1), Flag()] = Field(10, description="Epochs of the regressor.")
     image_px: Annotated[int, Field(ge=32), Flag("--image-px")] = Field(64, description="Side of a picture.")
-    steps: Annotated[int, Field(ge=1), Flag()] = Field(240, description="Of the pad's training.")
-    episodes: Annotated[int, Field(ge=1), Flag()] = Field(16, description="Of each cell.")
+    steps: Annotated[int, Field(ge=1), Flag()] = Field(240, description="Steps of the pad's training.")
+    episodes: Annotated[int, Field(ge=1), Flag()] = Field(16, description="Episodes in each cell.")
     weathers: Annotated[tuple[str, ...], Flag("--weather", metavar="NAME[:SEVERITY]")] = Field(
         ("clear", "fog:4", "snow:2"), description="To fly in; repeat for more."
     )

@@ -86,13 +86,13 @@ class SheetSettings(Config):
     """
 
     board: Annotated[bool, Flag("--board", group=SHEET)] = Field(
-        False, description="A ChArUco board: photographs of what stands on it tell the camera."
+        False, description="A ChArUco board to stand the object on: photographs then tell where the camera was."
     )
     ring: Annotated[bool, Flag("--ring", group=SHEET)] = Field(
-        False, description="A ring of markers in its place, for a turntable."
+        False, description="A ring of markers instead of the board, for a turntable."
     )
     colour_strip: Annotated[bool, Flag("--colour-strip", group=SHEET)] = Field(
-        False, description="Known colours alone; a patch's page has them where they fit."
+        False, description="A page of known colours only; a patch's page has them where they fit."
     )
     squares: Annotated[
         tuple[int, int] | None,

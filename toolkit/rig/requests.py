@@ -62,7 +62,7 @@ class PlaceConfig(Config):
     steps: Annotated[int, Field(ge=2, le=100), Flag()] = Field(12, description="Places along the object's length.")
     best: Annotated[int, Field(ge=1, le=MOST_PLACES), Flag()] = Field(3, description="Places shown for each size.")
     sheets: Annotated[int, Field(ge=1, le=MOST_PLACES), Flag()] = Field(
-        1, description="How many go on together; 2 or more are judged by random views, not by the plan's."
+        1, description="How many sheets are put on together; 2 or more are judged by random views, not by the plan's."
     )
 
 

@@ -31,10 +31,10 @@ class AffineRanges(Transform):
 
     stage = "place"
     rotation_deg: Annotated[Range, Rising(-360, 360), Flag("--rotation", group=WHERE)] = Field(
-        (-180.0, 180.0), description="Its turn, degrees, clockwise."
+        (-180.0, 180.0), description="Rotation of the patch, degrees, clockwise."
     )
     share: Annotated[Range, Rising(0.02, 2), Flag(group=WHERE)] = Field(
-        (0.20, 0.42), description="Its side as a share of the image's, before foreshortening."
+        (0.20, 0.42), description="Side of the patch as a share of the image's, before foreshortening."
     )
     foreshortening: Annotated[Range, Rising(0.05, 1), Flag(group=WHERE)] = Field(
         (0.35, 1.0), description="Compression by an oblique view, 1 is none."
@@ -88,9 +88,9 @@ class Placement(Transform):
     stage = "place"
     rotation_deg: Annotated[
         float, Field(ge=0, le=180), Expect("0 to 180 degrees"), Flag("--max-rotation", metavar="DEGREES")
-    ] = Field(45.0, description="Largest turn of a patch either way, degrees.")
+    ] = Field(45.0, description="Largest rotation of a patch in either direction, degrees.")
     scale: Annotated[Range, Rising(0.1, 2), Flag("--patch-scale")] = Field(
-        (0.9, 1.1), description="Smallest and largest side of the placed patch, of its own pixels."
+        (0.9, 1.1), description="Smallest and largest side of the placed patch, as a multiple of its own pixels."
     )
     translate: Annotated[float, Field(ge=0, le=0.5), Expect("0 to 0.5 of the image's side"), Flag()] = Field(
         0.3, description="Largest move from the middle along each axis, of the image's side; it may be cut off."

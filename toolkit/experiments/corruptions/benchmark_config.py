@@ -32,7 +32,7 @@ class CorruptEvalConfig(Config):
     )
     placement: Placement = Field(default_factory=Placement)
     run: Annotated[RunName | None, Flag(metavar="NAME")] = Field(
-        None, description="Of the results folder. Default: the data's and the model's."
+        None, description="Name of the results folder. Default: from data and model."
     )
     seed: Annotated[int, Field(ge=0), Flag()] = Field(0, description="Same seed, same bytes on the same machine.")
 

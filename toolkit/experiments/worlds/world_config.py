@@ -91,7 +91,7 @@ class WorldEvalConfig(Config):
     )
     world_seed: Annotated[int, Field(ge=0), Flag(group=WORLD)] = Field(0, description="Number of the world.")
     scale: Annotated[float, Field(gt=0), Flag("--world-scale", group=WORLD)] = Field(
-        1.0, description="From the units of a mesh of your own to metres."
+        1.0, description="Metres in one unit of your own mesh."
     )
     time: Annotated[Time, Flag(metavar="NAME", group=WORLD)] = Field(
         "noon", description="Time of day: noon, afternoon, golden, dusk, overcast."

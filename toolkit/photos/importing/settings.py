@@ -27,7 +27,7 @@ class ImportSettings(Config):
         None, description="What all photographs show. Default: their folders, names or the shot list say it."
     )
     variant: Annotated[str | None, Flag(metavar="NAME")] = Field(
-        None, description="unpatched, patched, a control, or a booster's name; likewise."
+        None, description="unpatched, patched, a control, or a booster's name. Default: as for --object."
     )
     pose: Annotated[int | None, Field(ge=1), Flag()] = Field(
         None, description="Pose of the one photograph that is given."
@@ -36,14 +36,14 @@ class ImportSettings(Config):
         "auto", description="What tells the pose: board, name (pose_07), order (of time), render, or auto."
     )
     first_shot: Annotated[int | None, Field(ge=1), Flag()] = Field(
-        None, description="The photographs are a part of the shot list, from this shot on."
+        None, description="Number of the first photograph's shot, where they are only a part of the shot list."
     )
     link: Annotated[bool, Flag("--link")] = Field(False, description="Hard links instead of copies, where possible.")
     replace: Annotated[bool, Flag("--replace")] = Field(
         False, description="A retake replaces the earlier photograph, which is kept aside."
     )
     every_s: Annotated[float | None, Field(ge=0.05, le=3600), Flag("--every", metavar="SECONDS")] = Field(
-        None, description="Of a video take a frame in each so many seconds, not one per still moment."
+        None, description="From a video take one frame per this many seconds, instead of one per still moment."
     )
     source: Source = Field("real", description="Folder below captures/.")
 
