@@ -48,7 +48,7 @@ def test_an_import_prints_what_came_what_is_missing_and_what_is_next(space, tmp_
     assert "1 of 2" in " ".join(words["patched"]) and "0 of 2" in " ".join(words["unpatched"])
     again = call("import", photos, "--object", "crate", "--variant", "patched", "--quiet")
     assert "imported 0 photographs, 1 imported before" in again.stdout
-    assert "not again pose_1.jpg: imported before, as crate/patched/pose_01.jpg" in again.stderr
+    assert "not imported again: pose_1.jpg: imported before, as crate/patched/pose_01.jpg" in again.stderr
 
 
 def test_a_partly_bad_folder_is_exit_code_1_and_json_lists_everything(space, tmp_path):

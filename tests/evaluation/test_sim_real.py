@@ -196,6 +196,21 @@ def headline(real, sim):
     return compare_predictions("net", [*real, *sim]).headlines[-1]
 
 
+@pytest.mark.parametrize(
+    ("real", "sim", "words"),
+    [
+        ("--", "--", "No pose was gained in the photographs, and the rig predicted none."),
+        ("--", "+-", "No pose was gained in the photographs, and the rig predicted 1."),
+        ("++", "+-", "The rig predicted 1 of the 2 poses gained in the photographs."),
+        ("+-", "++", "The rig predicted 1 of the 1 poses gained in the photographs; it predicted 1 more that were not"),
+    ],
+)
+def test_gains_are_told_in_words(real, sim, words):
+    bare = [*series("real", "--", variant="unpatched"), *series("sim", "--", variant="unpatched")]
+    sentence = headline([*bare, *series("real", real)], series("sim", sim)).sentence
+    assert words.rstrip(".") in sentence
+
+
 def test_the_headline_is_no_surer_than_the_numbers():
     much = headline(series("real", "-" * 9 + "+"), series("sim", "+" * 10))
     assert much.source == "sim and real" and much.verdict.startswith("The rig promises too much")

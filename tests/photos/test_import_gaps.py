@@ -122,7 +122,7 @@ def test_one_line_for_one_cause(session, monkeypatch):
         file.rename(file.with_name(f"crate_{file.name}"))
     take(folder / "crate_patched_pose_1.jpg", 99, 99)
     result = CliRunner().invoke(app, ["import", str(folder), "--quiet"])
-    (line,) = [line for line in result.stderr.splitlines() if line.startswith("skipped")]
+    (line,) = [line for line in result.stderr.splitlines() if line.startswith("not imported: ")]
     assert line.count("IMG_") == 10 and " and 2 more: nothing says which object and variant it shows" in line
 
 

@@ -83,15 +83,15 @@ def _report_import(result: "ImportResult", report: "CheckReport | None") -> None
         show_table(("object", "variant", "imported", "there", "missing poses", "mean pose error"), rows)
     again = (*result.duplicates, *result.before)
     for name, reason in again[:SHOWN_AGAIN]:
-        warn(f"not again {name}: {reason}", style="")
+        warn(f"not imported again: {name}: {reason}", style="")
     if len(again) > SHOWN_AGAIN:
-        warn(f"not again {len(again) - SHOWN_AGAIN} more: --json lists them all", style="")
+        warn(f"not imported again: {len(again) - SHOWN_AGAIN} more; --json lists them all", style="")
     causes: dict[str, list[str]] = {}
     for name, reason in result.refused:
         causes.setdefault(reason, []).append(name)
     for reason, names in causes.items():
         more = f" and {len(names) - SHOWN_AGAIN} more" if len(names) > SHOWN_AGAIN else ""
-        warn(f"skipped {', '.join(names[:SHOWN_AGAIN])}{more}: {reason}")
+        warn(f"not imported: {', '.join(names[:SHOWN_AGAIN])}{more}: {reason}")
     for note in result.notes:
         remark(note)
     before = f", {len(result.before)} imported before" if result.before else ""
