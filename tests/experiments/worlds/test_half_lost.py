@@ -1,11 +1,17 @@
 """The visibility at which half is lost, against closed forms."""
 
+from dataclasses import asdict
+
 import numpy as np
 import pytest
 
 from toolkit.core.statistics import percentile_interval, resample_clusters, sign_flip_p
-from toolkit.experiments.worlds.world_results import format_times, format_visibility
-from toolkit.experiments.worlds.world_rows import find_ladder, find_level, list_extinctions, measure_half
+from toolkit.experiments.worlds.world_results import format_times
+from toolkit.experiments.worlds.world_results import format_visibility
+from toolkit.experiments.worlds.world_rows import find_ladder
+from toolkit.experiments.worlds.world_rows import find_level
+from toolkit.experiments.worlds.world_rows import list_extinctions
+from toolkit.experiments.worlds.world_rows import measure_half
 
 EXTINCTIONS = list_extinctions([("clear", 0), *(("fog", k) for k in range(1, 6))])
 
@@ -82,3 +88,13 @@ def test_signs_are_flipped_exactly() -> None:
     assert sign_flip_p([0.1, -0.1]) == 1
     assert sign_flip_p([0.3, 0.2, -0.1]) == pytest.approx(4 / 8)  # 0.4 is exceeded or met by ±0.6 and ±0.4
     assert sign_flip_p([0.1] * 20) < 0.001
+
+
+def test_what_never_halves_is_told_in_plain_words() -> None:
+    bare, boosted = 0.8 - 2.0 * EXTINCTIONS, 0.8 - 0.5 * EXTINCTIONS
+    row = asdict(half(boosted, bare))
+    (verdict,) = judge_world({"groups": [], "pairs": [], "half_lost": [row]})
+    assert (
+        "even at 10 m, the thickest fog tested, more than half remain; that is at least 1.5 times" in verdict.sentence
+    )
+    assert "the fog that halves the bare object" in verdict.sentence
