@@ -16,12 +16,8 @@ from toolkit.objects.records import TAPE_MARGIN_MM
 from toolkit.objects.spec import ObjectSpec, PatchMount, read_spec, write_mounts
 from toolkit.rig.fit import describe_misfits, mounted_sizes_mm, sheet_points
 from toolkit.rig.mount import mount_sheets, wear_sheets
-from toolkit.rig.plan import list_misfits
-from toolkit.rig.plan import read_plan
-from toolkit.rig.variants import describe_booster
-from toolkit.rig.variants import find_booster
-from toolkit.rig.variants import note_booster
-from toolkit.rig.variants import apply_booster
+from toolkit.rig.plan import list_misfits, read_plan
+from toolkit.rig.variants import apply_booster, describe_booster, find_booster, note_booster
 
 PX = np.random.default_rng(3).integers(0, 256, (8, 8, 3), dtype=np.uint8)
 TOP, LEFT = PatchMount(at="top", size_mm=40), PatchMount(at="left", size_mm=25)

@@ -54,12 +54,7 @@ from toolkit.core.errors import FieldError
 from toolkit.core.workspace import Workspace
 from toolkit.imaging.printer import PrintScores, score_print
 from toolkit.objects.load import load_object
-from toolkit.objects.records import Patch
-from toolkit.objects.records import printed_size_mm
-from toolkit.objects.records import read_patch
-from toolkit.objects.records import write_patch
-from toolkit.objects.records import PatchRecord
-from toolkit.objects.spec import read_spec
+from toolkit.objects.records import Patch, PatchRecord, printed_size_mm, read_patch, write_patch
 from toolkit.rig.views import ViewRanges
 from toolkit.training.loop import History
 from toolkit.worlds.views import open_setting

@@ -123,13 +123,8 @@ def print_profile(
     from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
     from toolkit.imaging.printer import write_print_profile
-    from toolkit.objects.records import read_patch
-    from toolkit.photos.prints.profile_photos import profile_photos
-    from toolkit.printing.document import say_sizes
+    from toolkit.photos.prints.profile_photos import choose_printed, profile_photos
     from toolkit.printing.page import parse_paper
-    from toolkit.printing.print_patches import choose_wearer
-    from toolkit.printing.print_patches import select_patches
-    from toolkit.photos.prints.profile_photos import choose_printed
 
     if name is not None and not is_file_name(name):
         raise FieldError("expected letters, digits, '-' and '_', without a suffix", {"name": name})

@@ -309,7 +309,15 @@ def _to_srgb(image: Image.Image, profile: bytes) -> Image.Image:
 
 
 BY_DESIGN = frozenset(
-    ("manifest.jsonl", "transforms.json", "retake.txt", "gates.jsonl", "corruption.json", "corrupted.jsonl", "instances.json")
+    (
+        "manifest.jsonl",
+        "transforms.json",
+        "retake.txt",
+        "gates.jsonl",
+        "corruption.json",
+        "corrupted.jsonl",
+        "instances.json",
+    )
 )
 
 

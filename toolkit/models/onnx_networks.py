@@ -64,7 +64,7 @@ def import_extra(name: str) -> ModuleType:
         return import_module(name)
     except ImportError as error:
         raise ToolkitError(
-            f"an ONNX file needs {name}, which is not installed ({error}): pip install 'toolkit-boost[onnx]'"
+            f"an ONNX file needs {name}, which is not installed ({error}): pip install '.[onnx]' in the kit's folder"
         ) from None
 
 

@@ -14,10 +14,8 @@ from toolkit.objects.load import load_object
 from toolkit.objects.mesh import Mesh, cast_rays
 from toolkit.objects.spec import ObjectSpec
 from toolkit.rig.scene import Scene, Stand
-from toolkit.rig.variants import find_booster
-from toolkit.worlds.requests import DRY
-from toolkit.worlds.requests import ObjectInWorld
-from toolkit.rig.variants import apply_booster
+from toolkit.rig.variants import apply_booster, find_booster
+from toolkit.worlds.requests import DRY, ObjectInWorld
 from toolkit.worlds.sky import Sky
 from toolkit.worlds.world import Spot, World
 

@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 
 from toolkit.core.statistics import percentile_interval, resample_clusters, sign_flip_p
-from toolkit.experiments.worlds.world_results import format_times
-from toolkit.experiments.worlds.world_results import format_visibility
-from toolkit.experiments.worlds.world_rows import find_ladder
-from toolkit.experiments.worlds.world_rows import find_level
-from toolkit.experiments.worlds.world_rows import list_extinctions
-from toolkit.experiments.worlds.world_rows import measure_half
+from toolkit.experiments.worlds.world_results import format_times, format_visibility, judge_world
+from toolkit.experiments.worlds.world_rows import find_ladder, find_level, list_extinctions, measure_half
 
 EXTINCTIONS = list_extinctions([("clear", 0), *(("fog", k) for k in range(1, 6))])
 

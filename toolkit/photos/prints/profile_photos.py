@@ -17,8 +17,7 @@ from toolkit.photos.prints.find import find_patch
 from toolkit.photos.prints.fit_profile import FittedColours, StripReading, fit_colours, read_strip
 from toolkit.photos.prints.size import SIZE_TOLERANCE, measure_on_page
 from toolkit.printing.page import Paper
-from toolkit.printing.print_patches import select_patches
-from toolkit.printing.wearers import choose_wearer, say_sizes
+from toolkit.printing.print_patches import choose_wearer, say_sizes, select_patches
 
 SMALL_PX = 150.0
 """Side below which texels run into each other, and a profile says little of single colours."""
