@@ -179,6 +179,72 @@ def test_guards_and_samples_that_are_code_are_left_out(exported, tmp_path):
         assert not hasattr(builtins, "ran")
 
 
+def in_graph(change):
+    return in_program(lambda program: change(program["graph_module"]["graph"]))
+
+
+def add_size(text):
+    def change(graph):
+        graph["sym_int_values"]["evil"] = {"as_expr": {"expr_str": text, "hint": None}}
+
+    return in_graph(change)
+
+
+def in_weights(change):
+    """`change(entry)` for the first weight's description."""
+
+    def apply(name, content):
+        if not name.endswith("weights/model_weights_config.json"):
+            return content
+        payload = json.loads(content)
+        change(next(iter(payload["config"].values())))
+        return json.dumps(payload).encode()
+
+    return apply
+
+
+def shorten(bytes_left):
+    return lambda name, content: content[:bytes_left] if name.endswith("weights/weight_0") else content
+
+
+def allocate(graph):
+    node = next(node for node in graph["nodes"] if node["target"].endswith("relu_.default"))
+    node["target"] = "torch.ops.aten.pad.default"
+    node["inputs"].append({"name": "pad", "arg": {"as_ints": [0, 10**6, 0, 10**4]}, "kind": 1})
+
+
+HOSTILE = {
+    "an empty weight": (shorten(0), "is cut off: 0 bytes of"),
+    "half a weight": (shorten(400), "is cut off: 400 bytes of"),
+    "a weight of 10^12": (in_weights(lambda entry: entry["tensor_meta"]["sizes"].__setitem__(0, {"as_int": 10**12})),
+                          "is cut off"),
+    "a weight of another kind": (in_weights(lambda entry: entry["tensor_meta"].update(dtype=8)), "is cut off"),
+    "no description of weights": (in_weights(dict.clear), "do not fit together"),
+    "powers": (add_size("Pow(9, Pow(9, 9))"), "the text 'Pow(9, Pow(9, 9))'"),
+    "powers of powers": (add_size("Pow(" * 9 + "9" + ", 9)" * 9), "the text 'Pow(Pow("),
+    "another power": (add_size("9**9**9**9"), "the text '9**9"),
+    "20,000 operations": (in_graph(lambda graph: graph.update(nodes=graph["nodes"] * 400)), "are read"),
+    "a tree without an end": (lambda name, content: b"[" * 100_000 if name.endswith("model.json") else content,
+                              "do not fit together"),
+    "no object": (lambda name, content: b"[]" if name.endswith("model.json") else content, "no object of JSON"),
+    "80 GB": (in_graph(allocate), "it takes more than 2 GB"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", HOSTILE)
+def test_a_hostile_program_is_one_line_and_gives_no_answers(exported, tmp_path, case):
+    change, expected = HOSTILE[case]
+    file = rewrite(exported / "two.pt2", tmp_path / "bad.pt2", change)
+    line = error_of(lambda: load_classifier(str(file), device="cpu"))
+    assert expected in line and "torch.export:" not in line and "Error" not in line
+
+
+def test_a_program_that_was_blown_up_is_refused_before_it_is_read(exported, tmp_path):
+    with zipfile.ZipFile(tmp_path / "bomb.pt2", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("n/models/model.json", b" " * (100 << 20))
+    assert "its parts are compressed" in error_of(lambda: load_classifier(str(tmp_path / "bomb.pt2")))
+
+
 def test_files_that_are_no_exported_programs(tmp_path):
     (tmp_path / "noise.pt2").write_bytes(b"\x00noise" * 40)
     assert "no program of torch.export" in error_of(lambda: load_classifier(str(tmp_path / "noise.pt2")))

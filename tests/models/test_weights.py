@@ -4,6 +4,7 @@ import io
 import pickle
 import socket
 import urllib.error
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import pytest
 import torch
@@ -100,6 +101,38 @@ def test_a_pickle_with_code_is_refused_and_not_run(tmp_path):
     torch.save({"fc.weight": Payload()}, file)
     assert "not loaded for safety" in error_of(lambda: load_classifier(ARCH, file, "cpu"))
     assert not (tmp_path / "ran").exists()
+
+
+def pickle_of(*parts: bytes) -> bytes:
+    """A checkpoint in torch's older format, without its storages, of which the last pickle was made by hand."""
+    numbers = [pickle.dumps(one, 2) for one in (0x1950A86A20F9469CFC6C, 1001, {"little_endian": True})]
+    return b"".join([*numbers, b"\x80\x02", *parts])
+
+
+PICKLES = {
+    "an empty stack": pickle_of(b"s."),
+    "a name that was never kept": pickle_of(b"h\x07."),
+    "no list": pickle_of(b"Na."),
+    "100 GB": pickle_of(b"c__builtin__\nbytearray\n", pickle.dumps(10**11, 2)[2:-1], b"\x85R."),
+    "an operation that is none": pickle_of(b"\xff."),
+    "no end": pickle_of(b"}" * 1000),
+    "a key that cannot be": pickle_of(b"}}Ns."),
+}
+
+
+@pytest.mark.parametrize("case", PICKLES)
+def test_a_pickle_that_was_made_by_hand_is_one_line(tmp_path, case):
+    (tmp_path / "net.pth").write_bytes(PICKLES[case])
+    line = error_of(lambda: load_classifier(ARCH, tmp_path / "net.pth", "cpu"))
+    assert "net.pth" in line and "weights_only" not in line and "Error" not in line
+
+
+def test_a_checkpoint_that_was_blown_up_is_refused(tmp_path):
+    torch.save({"fc.weight": torch.zeros(1000, 1000)}, tmp_path / "whole.pth")
+    with ZipFile(tmp_path / "whole.pth") as source, ZipFile(tmp_path / "bomb.pth", "w", ZIP_DEFLATED) as archive:
+        for name in source.namelist():
+            archive.writestr(name, source.read(name))
+    assert "its parts are compressed" in error_of(lambda: load_classifier(ARCH, tmp_path / "bomb.pth", "cpu"))
 
 
 @pytest.mark.parametrize(

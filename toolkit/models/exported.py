@@ -5,16 +5,21 @@ and looks up operators anywhere in `torch`. So the archive is first read here, r
 tensors and standard operators, stripped of what only debugging needs, and handed to torch as a fresh one.
 """
 
+import ast
 import json
 import re
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 from zipfile import BadZipFile, ZipFile
 
 import torch
 from torch import nn
 
 from toolkit.core.errors import ToolkitError
+from toolkit.core.files import MOST_JSON_BYTES
+from toolkit.core.memory import limit_memory
+from toolkit.models.weights import LOADING_BYTES, is_inflated
 
 KNOWN_FILES = re.compile(
     r"archive_format|archive_version|byteorder|\.data/[\w.]+|\.format_version|\.storage_alignment|models/model\.json"
@@ -30,6 +35,13 @@ SIZE_WORDS = re.compile(
 )
 """In a symbolic size: the names that torch gives to sizes, and its functions of them."""
 TREE_TYPES = ("builtins.tuple", "builtins.list", "builtins.dict")
+MOST_NODES = 5_000
+"""Torch reads some 200 a second; EfficientNet-B7, the longest of torchvision's, has 1,100."""
+MOST_LETTERS, MOST_POWERS = 10_000, 4
+"""Of a symbolic size."""
+SAVE_AGAIN = "copy it again, or save it again with torch.export.save"
+ELEMENT_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 8, 6: 2, 7: 4, 8: 8, 12: 1, 13: 2}
+"""By torch's numbers for integers, floats, booleans and bfloat16."""
 
 
 def read_exported(path: Path) -> tuple[nn.Module, int | None]:
@@ -40,15 +52,13 @@ def read_exported(path: Path) -> tuple[nn.Module, int | None]:
             standard operators.
     """
     try:
-        archive = _rebuild(path)
-        with torch.no_grad():
-            program = torch.export.load(archive)
-        module = program.module(check_guards=False)
+        with torch.no_grad(), limit_memory(LOADING_BYTES + 6 * path.stat().st_size):
+            program = torch.export.load(_rebuild(path))
+            module = program.module(check_guards=False)
     except ToolkitError:
         raise
-    except Exception as error:  # torch's reader trips over a strange file in many ways
-        why = " ".join(str(error).split())[:160]
-        raise ToolkitError(f"cannot read {path}: torch.export: {error.__class__.__name__}: {why}") from None
+    except Exception:  # torch's reader trips over a strange file in many ways, and says nothing of use
+        raise _damaged(path, "its parts do not fit together") from None
     inputs = [node for node in program.graph.nodes if node.name in program.graph_signature.user_inputs]
     shape = tuple(inputs[0].meta["val"].shape) if len(inputs) == 1 else ()
     if len(shape) != 4 or shape[1] != 3:
@@ -86,10 +96,16 @@ class FixedBatch(nn.Module):
 def _rebuild(path: Path) -> BytesIO:
     try:
         with ZipFile(path) as archive:
+            if is_inflated(path, archive):
+                raise ToolkitError(f"{path}: its parts are compressed, as torch saves none: {SAVE_AGAIN}")
             names = archive.namelist()
             content = {name.partition("/")[2]: archive.read(name) for name in names}
-    except (BadZipFile, OSError, NotImplementedError, RuntimeError) as error:
-        raise ToolkitError(f"cannot read {path}: no program of torch.export, or a damaged one: {error}") from None
+    except FileNotFoundError:
+        raise ToolkitError(f"cannot read {path}: no such file") from None
+    except (BadZipFile, OSError, NotImplementedError, RuntimeError):
+        raise ToolkitError(
+            f"cannot read {path}: no program of torch.export, or a damaged one: save it with torch.export.save"
+        ) from None
     if len(content) != len(names) or "models/model.json" not in content:
         raise ToolkitError(f"{path}: no program of torch.export 2.8 or later: save it with torch.export.save")
     strange = next((name for name in content if not KNOWN_FILES.fullmatch(name)), None)
@@ -99,9 +115,13 @@ def _rebuild(path: Path) -> BytesIO:
     samples = content.get("data/sample_inputs/model.pt", b"")
     if samples:
         content["data/sample_inputs/model.pt"] = b""
-    for name in ("data/weights/model_weights_config.json", "data/constants/model_constants_config.json"):
-        _check_payload(path, json.loads(content.get(name, b'{"config": {}}')))
-    program = json.loads(content["models/model.json"])
+    for kind in ("weights", "constants"):
+        config = content.get(f"data/{kind}/model_{kind}_config.json", b'{"config": {}}')
+        _check_payload(path, _load(path, config), {name: len(content[name]) for name in content}, f"data/{kind}/")
+    program = _load(path, content["models/model.json"])
+    nodes = content["models/model.json"].count(b'"target"')
+    if nodes > MOST_NODES or content["models/model.json"].count(b'"expr_str"') > 4 * MOST_NODES:
+        raise ToolkitError(f"{path}: has {nodes} operations: up to {MOST_NODES} are read: export it without loops")
     # guards are Python source that torch would compile
     program["guards_code"] = []
     content["models/model.json"] = json.dumps(_clean(path, program)).encode()
@@ -121,11 +141,37 @@ def _refuse(path: Path, what: str) -> ToolkitError:
     )
 
 
-def _check_payload(path: Path, payload: object) -> None:
-    entries = payload["config"] if isinstance(payload, dict) else {}
-    for name, entry in entries.items():
-        if entry.get("use_pickle") is not False or not re.fullmatch(r"(weight|tensor)_\d+", entry["path_name"]):
+def _damaged(path: Path, what: str) -> ToolkitError:
+    return ToolkitError(f"cannot read {path}: the program is damaged ({what}): {SAVE_AGAIN}")
+
+
+def _load(path: Path, content: bytes) -> dict[str, Any]:
+    if len(content) > MOST_JSON_BYTES:
+        raise ToolkitError(f"{path}: its description is larger than {MOST_JSON_BYTES >> 20} MB, which none is")
+    loaded = json.loads(content)
+    if not isinstance(loaded, dict):
+        raise _damaged(path, "its description is no object of JSON")
+    return loaded
+
+
+def _check_payload(path: Path, payload: dict[str, Any], sizes: dict[str, int], folder: str) -> None:
+    """Refuse what is pickled, and what torch would fill up: a file that is empty becomes zeros there."""
+    kinds: dict[str, int] = {}
+    for name, entry in payload["config"].items():
+        file = entry["path_name"]
+        if entry.get("use_pickle") is not False or not re.fullmatch(r"(weight|tensor)_\d+", file):
             raise _refuse(path, f"'{name[:80]}' as a pickled object")
+        meta = entry["tensor_meta"]
+        sides, strides = ([int(one["as_int"]) for one in meta[key]] for key in ("sizes", "strides"))
+        offset, kind = int(meta["storage_offset"]["as_int"]), int(meta["dtype"])
+        if kind not in ELEMENT_BYTES:
+            raise _refuse(path, f"'{name[:80]}' in numbers of an unusual kind")
+        reach = sum((side - 1) * stride for side, stride in zip(sides, strides, strict=True))
+        needed = 0 if 0 in sides else (offset + reach + 1) * ELEMENT_BYTES[kind]
+        if sizes.get(folder + file, 0) < needed or min([offset, *sides, *strides]) < 0:
+            raise _damaged(path, f"'{name[:80]}' is cut off: {sizes.get(folder + file, 0)} bytes of {needed}")
+        if kinds.setdefault(file, kind) != kind:
+            raise _damaged(path, f"'{name[:80]}' shares a file with numbers of another kind")
 
 
 def _clean(path: Path, value: object, key: str = "") -> object:
@@ -148,8 +194,21 @@ def _is_harmless(key: str, text: str) -> bool:
         return OPERATOR.fullmatch(text) is not None
     if key == "expr_str":
         words = re.findall(r"[A-Za-z_]\w*", text)
-        return all(map(SIZE_WORDS.fullmatch, words)) and re.fullmatch(r"[\w\s'+*/(),<>=-]*", text) is not None
+        is_plain = all(map(SIZE_WORDS.fullmatch, words)) and re.fullmatch(r"[\w\s'+*/(),<>=-]*", text) is not None
+        return is_plain and _is_small(text)
     if key in ("in_spec", "out_spec"):
         types = re.findall(r'"type":\s*"([^"]*)"', text)
         return set(types) <= set(TREE_TYPES) and re.fullmatch(r'[\w\s"\[\]{}:,.\\]*', text) is not None
     return WORD.fullmatch(text) is not None
+
+
+def _is_small(text: str) -> bool:
+    """Whether a symbolic size is worked out at once: `Pow(9, Pow(9, 9))` has 370 million digits."""
+    if len(text) > MOST_LETTERS or re.search(r"\*\*|<<|>>|\w{20}", text):
+        return False
+    powers = [
+        node for node in ast.walk(ast.parse(text.strip() or "0", mode="eval"))
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Pow"
+    ]  # fmt: skip
+    exponents = [ast.unparse(node.args[1]) if len(node.args) == 2 else "" for node in powers]
+    return len(powers) <= MOST_POWERS and all(re.fullmatch(r"(Integer\()?-?\d\)?", one) for one in exponents)

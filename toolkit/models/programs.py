@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Mapping
 from copy import deepcopy
+from contextlib import nullcontext
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
@@ -15,6 +16,7 @@ from torchvision.transforms._presets import ImageClassification
 from toolkit.core.console import notice
 from toolkit.core.errors import FieldError, ToolkitError, describe_failure
 from toolkit.core.files import explain_validation, sha256_bytes, sha256_file
+from toolkit.core.memory import is_memory_full, limit_memory
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import imagenet_labels
 from toolkit.models.find import ONNX_PREFIX
@@ -27,7 +29,7 @@ from toolkit.models.labels import (
     read_labels_file,
 )
 from toolkit.models.network import Classifier, check_hash, choose_device, describe_answers
-from toolkit.models.weights import WeightsFile, open_weights
+from toolkit.models.weights import TRYING_BYTES, WeightsFile, open_weights
 
 DETECTOR_HINT = "a detector? 'toolkit eval' takes those it knows"
 
@@ -202,13 +204,19 @@ def _try(network: nn.Module, arch: str, how: Preprocessing, device: str) -> torc
     noise = torch.rand(1, 3, side, side, generator=torch.Generator().manual_seed(0))
     # about what normalised images are: within 1 of nought
     images = torch.cat([torch.full((1, 3, side, side), 0.5), noise]).sub(0.5).mul(2).to(device)
+    is_foreign = not arch.startswith(PYTHON_PREFIX)
+    room = limit_memory(TRYING_BYTES) if is_foreign and device == "cpu" else nullcontext()
     try:
-        with torch.no_grad():
+        with torch.no_grad(), room:
             answers = network(images)
     except ToolkitError:
         raise
     except Exception as error:  # whatever a foreign module raises
-        raise FieldError(f"it fails at two images of {side} px: {describe_failure(error)}", {"model": arch}) from None
+        why = describe_failure(error)
+        if is_foreign:
+            full = f"it takes more than {TRYING_BYTES >> 30} GB"
+            why = full if is_memory_full(error) else "its operations do not fit together"
+        raise FieldError(f"it fails at two images of {side} px: {why}", {"model": arch}) from None
     if not isinstance(answers, torch.Tensor):
         hint = f" ({DETECTOR_HINT}; here a classifier is expected)" if _has_boxes(answers) else ""
         expected = f"expected one tensor, images × classes{hint}"

@@ -15,6 +15,8 @@ from zipfile import BadZipFile, ZipFile
 from toolkit.core.console import is_quiet
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import sha256_file
+from toolkit.core.memory import is_memory_full
+from toolkit.core.memory import limit_memory
 from toolkit.models.architectures import published_weights
 from toolkit.models.labels import LabelsFile, find_labels
 
@@ -192,9 +194,17 @@ def _load(path: Path) -> object:
     try:
         if path.suffix == ".safetensors":
             return load_file(path)
-        return torch.load(path, map_location="cpu", weights_only=True)
+        if _is_bomb(path):
+            why = "its parts are compressed, as torch saves none"
+            raise FieldError(f"{path}: {why}: where you made it, {SAVE_STATE}", {})
+        with limit_memory(LOADING_BYTES + 3 * path.stat().st_size):
+            return torch.load(path, map_location="cpu", weights_only=True)
+    except ToolkitError:
+        raise
     except pickle.UnpicklingError as error:
         named = re.search(r"GLOBAL ([\w.]+)", str(error))
+        if named is None and "truncated" in str(error):
+            raise _damaged(path, "it ends too early") from None
         holds = f"a pickled module or other objects ({named[1]})" if named else "more than numbers, or is damaged,"
         advice = SAVE_NUMBERS if named is not None and named[1].startswith(FOREIGN) else SAVE_STATE
         raise FieldError(
@@ -202,9 +212,34 @@ def _load(path: Path) -> object:
             f"{advice}",
             {},
         ) from None
-    except (SafetensorError, RuntimeError, EOFError, OSError, ValueError, KeyError) as error:
-        reason = str(error).strip().splitlines()[0] if str(error).strip() else error.__class__.__name__
-        raise ToolkitError(f"cannot read weights {path}: the file is damaged ({reason}): copy it again") from None
+    except SafetensorError as error:
+        raise _damaged(path, str(error).strip().splitlines()[0]) from None
+    except Exception as error:  # an unpickler trips over a damaged file in its own ways, and torch advises to run it
+        what = error.strerror if isinstance(error, OSError) else None
+        if is_memory_full(error):
+            what = "it asks for more memory than its bytes need"
+        raise _damaged(path, what or "torch cannot read it") from None
+
+
+def _damaged(path: Path, what: str) -> ToolkitError:
+    return ToolkitError(f"cannot read weights {path}: the file is damaged ({what}): copy it again")
+
+
+def _is_bomb(path: Path) -> bool:
+    try:
+        with ZipFile(path) as archive:
+            return is_inflated(path, archive)
+    except (BadZipFile, OSError):  # torch's older format, or damaged: its reader says so
+        return False
+
+
+def is_inflated(path: Path, archive: ZipFile) -> bool:
+    """Whether what an archive holds is larger than its file: torch compresses nothing, and bombs hold 1000 times it."""
+    return sum(one.file_size for one in archive.infolist()) > path.stat().st_size
+
+
+LOADING_BYTES, TRYING_BYTES = 1 << 30, 2 << 30
+"""What reading weights may take beside some copies of them, and a program of somebody else's for two images."""
 
 
 WHOLE = (".onnx", ".pt2")

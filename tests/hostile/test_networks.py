@@ -1,0 +1,89 @@
+"""Networks from anybody: damaged files are a line, and never answers that nobody trained."""
+
+import io
+import json
+import zipfile
+
+import pytest
+from hostile_checks import LONGEST_LINE, count, limited
+from hostile_inputs import damaged, documents
+from hypothesis import given
+from hypothesis import strategies as st
+
+torch = pytest.importorskip("torch")
+
+from toolkit.core.errors import ToolkitError  # noqa: E402
+from toolkit.models.exported import read_exported  # noqa: E402
+from toolkit.models.weights import open_weights, read_state_dict  # noqa: E402
+
+
+def read(call):
+    """What it gives, or None after a line; the test fails with any other error."""
+    try:
+        with limited(), torch.no_grad():
+            return call()
+    except ToolkitError as error:
+        said = str(error)
+        assert 0 < len(said) < LONGEST_LINE and "\n" not in said, said
+        assert not any(words in said for words in ("weights_only", "Error:", "Exception", "torch.export:")), said
+        return None
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    return tmp_path_factory.mktemp("networks")
+
+
+def save_weights(zipped: bool) -> bytes:
+    buffer = io.BytesIO()
+    torch.save({"fc.weight": torch.ones(4, 4), "fc.bias": torch.ones(4)}, buffer, _use_new_zipfile_serialization=zipped)
+    return buffer.getvalue()
+
+
+@given(data=st.data(), zipped=st.booleans())
+def test_damaged_weights(place, data, zipped):
+    file = place / "net.pth"
+    file.write_bytes(data.draw(damaged(save_weights(zipped))))
+    count("weights")
+    read(lambda: read_state_dict(open_weights(file)))
+
+
+@pytest.fixture(scope="module")
+def program(place):
+    """The parts of an exported program by name, and what it says to an image."""
+    network = torch.nn.Sequential(torch.nn.Conv2d(3, 4, 3), torch.nn.Flatten(), torch.nn.Linear(144, 3))
+    buffer, image = io.BytesIO(), torch.rand(1, 3, 8, 8)
+    torch.export.save(torch.export.export(network.eval(), (image,)), buffer)
+    with zipfile.ZipFile(buffer) as archive, torch.no_grad():
+        return {name: archive.read(name) for name in archive.namelist()}, image, network(image)
+
+
+@given(data=st.data())
+def test_a_program_whose_weights_are_cut_gives_no_answers(place, program, data):
+    """Its description is as it was: nothing but the whole weights may answer, and as they did."""
+    parts, image, expected = program
+    name = data.draw(st.sampled_from([name for name in parts if "/weight_" in name]))
+    left = data.draw(st.integers(0, len(parts[name])))
+    found = read_changed(place, parts, name, parts[name][:left])
+    assert (found is None) == (left < len(parts[name]))
+    assert found is None or torch.equal(found(image), expected)
+
+
+@given(data=st.data())
+def test_a_damaged_program(place, program, data):
+    parts, _, _ = program
+    name = data.draw(st.sampled_from([name for name in parts if name.endswith(".json")]))
+    if data.draw(st.booleans()):
+        content = json.dumps(data.draw(documents(json.loads(parts[name])))).encode()
+    else:
+        content = data.draw(damaged(parts[name]))
+    read_changed(place, parts, name, content)
+
+
+def read_changed(place, parts, name, content):
+    with zipfile.ZipFile(place / "net.pt2", "w") as archive:
+        for one in parts:
+            archive.writestr(one, content if one == name else parts[one])
+    count("programs")
+    made = read(lambda: read_exported(place / "net.pt2"))
+    return None if made is None else made[0]
