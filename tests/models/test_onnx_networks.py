@@ -212,6 +212,77 @@ def unknown_operator():
     return model
 
 
+def endless(graph):
+    """A loop whose condition stays true."""
+    body = helper.make_graph(
+        [helper.make_node("Identity", ["go"], ["on"]), helper.make_node("Add", ["x", "x"], ["y"])], "body",
+        [helper.make_tensor_value_info("i", TensorProto.INT64, []),
+         helper.make_tensor_value_info("go", TensorProto.BOOL, []),
+         helper.make_tensor_value_info("x", TensorProto.FLOAT, None)],
+        [helper.make_tensor_value_info("on", TensorProto.BOOL, []),
+         helper.make_tensor_value_info("y", TensorProto.FLOAT, None)],
+    )  # fmt: skip
+    graph.initializer.append(helper.make_tensor("true", TensorProto.BOOL, [], [True]))
+    graph.node[-1].output[0] = "before"
+    graph.node.append(helper.make_node("Loop", ["", "true", "before"], ["logits"], body=body))
+
+
+def huge(graph):
+    """Six gigabytes of zeros."""
+    graph.initializer.append(numpy_helper.from_array(np.array([40_000, 40_000]), "sides"))
+    graph.node[-1].output[0] = "before"
+    graph.node.extend(
+        [
+            helper.make_node("ConstantOfShape", ["sides"], ["zeros"]),
+            helper.make_node("ReduceMean", ["zeros"], ["zero"], keepdims=0),
+            helper.make_node("Add", ["before", "zero"], ["logits"]),
+        ]
+    )
+
+
+def say_strings(graph):
+    graph.node[-1].output[0] = "before"
+    graph.node.append(helper.make_node("Cast", ["before"], ["logits"], to=TensorProto.STRING))
+    graph.output[0].type.tensor_type.elem_type = TensorProto.STRING
+
+
+def misfit(graph):
+    graph.initializer.append(numpy_helper.from_array(np.zeros((7, 11), np.float32), "odd"))
+    graph.node[-1].input[1] = "odd"
+
+
+HOSTILE = {
+    "a loop without an end": (endless, "has no answer after 1 s"),
+    "six gigabytes": (huge, "too much memory"),
+    "no output": (lambda graph: graph.ClearField("output"), "it has no output"),
+    "strings": (say_strings, "its output 'logits' is no tensor of numbers"),
+    "a scalar": (lambda graph: graph.node[2].attribute[0].CopyFrom(helper.make_attribute("axes", [0, 1, 2, 3])), ""),
+    "misfit": (misfit, ""),
+}
+
+
+@pytest.mark.parametrize("batch", ["b", 1])
+@pytest.mark.parametrize("case", HOSTILE)
+def test_a_hostile_graph_is_one_line(tmp_path, monkeypatch, case, batch):
+    import toolkit.models.onnx_networks
+
+    monkeypatch.setattr(toolkit.models.onnx_networks, "START_S", 1.0)
+    monkeypatch.setattr(toolkit.models.onnx_networks, "IMAGE_S", 0.0)
+    change, expected = HOSTILE[case]
+    model = make_graph((batch, 3, PX, PX))
+    change(model.graph)
+    (tmp_path / "net.onnx").write_bytes(model.SerializeToString())
+    line = error_of(lambda: load(tmp_path / "net.onnx"))
+    assert expected in line and "net.onnx" in line
+    assert not any(words in line for words in ("[ONNXRuntimeError]", "Non-zero", "Error:", "Status Message"))
+
+
+@pytest.mark.parametrize("side", [-5, 1, 10**7, 2**62])
+def test_a_side_that_cannot_be_is_one_line(tmp_path, side):
+    file = write(tmp_path, make_graph((1, 3, side, side)), description=None)
+    assert "takes images of" in error_of(lambda: load(file))
+
+
 BAD = {
     "two inputs": (lambda: edited(two_inputs), None, "has 2 inputs (image, mask): expected one"),
     "any size": (lambda: make_graph(("b", 3, "h", "w")), None, "images of any size: say which in net.toml"),

@@ -1,5 +1,6 @@
 """Networks in ONNX files: read, judged by ONNX Runtime, trained against through their reading in torch."""
 
+import threading
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,8 +15,18 @@ import torch
 from torch import nn
 
 from toolkit.core.errors import ToolkitError, describe_failure
-from toolkit.core.files import sha256_bytes, sha256_file
-from toolkit.models.weights import WeightsFile, open_weights
+from toolkit.core.files import sha256_bytes
+from toolkit.core.files import sha256_file
+from toolkit.models.weights import WeightsFile
+from toolkit.models.weights import open_weights
+from toolkit.core.memory import is_memory_full
+from toolkit.core.memory import limit_memory
+from toolkit.models.onnx_graph import OnnxGraph
+from toolkit.models.onnx_graph import free_batch
+from toolkit.models.onnx_graph import import_extra
+from toolkit.models.onnx_graph import set_input
+from toolkit.models.onnx_graph import start_session
+from toolkit.models.weights import TRYING_BYTES
 
 if TYPE_CHECKING:
     from onnx import ModelProto, NodeProto
@@ -256,6 +267,8 @@ def _find_constants(model: "ModelProto") -> dict[str, np.ndarray]:
 
 SAME_ANSWER = 1e-3
 """Of the largest output, how far two ways of running a graph may differ: far more than rounding, less than a fault."""
+START_S, IMAGE_S = 20.0, 10.0
+"""What an answer may take, and each image of it more."""
 warnings.filterwarnings("ignore", "Using a non-tuple sequence", module=r"(onnx2torch|toolkit\.models)\..*")
 
 
@@ -288,9 +301,10 @@ class OnnxNetwork(nn.Module):
         self.graph = graph
         set_input(graph.model, graph.input_name, size=size)
         self._sample = torch.rand(2, 3, size, size, generator=torch.Generator().manual_seed(0))
-        model, self._session, self.one_by_one = self._open()
         self.torch_module: nn.Module | None = None
-        self.untrainable = self._read_into_torch(model)
+        with limit_memory(TRYING_BYTES + 6 * graph.model.ByteSize()):
+            model, self._session, self.one_by_one = self._open()
+            self.untrainable = self._read_into_torch(model)
 
     def _open(self) -> "tuple[ModelProto, InferenceSession, bool]":
         graph, path = self.graph, self.graph.file.path
@@ -300,13 +314,13 @@ class OnnxNetwork(nn.Module):
         if graph.batch == 1:
             # of the network as it is, one by one: what the freed copy has to give for both at once
             singles = [self._ask(whole, self._sample[k : k + 1]) for k in range(2)]
-            wanted = tuple(torch.cat(parts) for parts in zip(*singles, strict=True))
-            freed = free_batch(graph)
+            wanted = self._join(singles)
             try:
+                freed = free_batch(graph)
                 session = start_session(freed, path)
                 if _are_alike(self._ask(session, self._sample), wanted):
                     return freed, session, False
-            except ToolkitError:
+            except Exception:  # shapes of a strange graph cannot be worked out, or do not fit another batch
                 pass
             return graph.model, whole, True
         raise ToolkitError(f"{path}: takes exactly {graph.batch} images at once: export it with a free batch, or for 1")
@@ -314,12 +328,34 @@ class OnnxNetwork(nn.Module):
     def _ask(self, session: "InferenceSession", batch: torch.Tensor) -> tuple[torch.Tensor, ...]:
         images = batch.detach().cpu().permute(0, 2, 3, 1) if self.graph.is_nhwc else batch.detach().cpu()
         array = images.to(torch.float16 if self.graph.is_half else torch.float32).contiguous().numpy()
+        how, path, most_s = (
+            import_extra("onnxruntime").RunOptions(),
+            self.graph.file.path,
+            START_S + IMAGE_S * len(array),
+        )
+        how.log_severity_level = 4  # what is wrong is raised as well
+        watch = threading.Timer(most_s, setattr, (how, "terminate", True))  # a loop in a graph may have no end
+        watch.daemon = True
+        watch.start()
         try:
-            answers = session.run(None, {self.graph.input_name: array})
+            answers = session.run(None, {self.graph.input_name: array}, how)
         except Exception as error:  # its classes are made at run time
-            why = " ".join(str(error).split())[:200]
-            raise ToolkitError(f"{self.graph.file.path}: ONNX Runtime fails at it: {why}") from None
+            why = f"its operations fail at {len(array)} images of {batch.shape[-1]} px"
+            if is_memory_full(error):
+                why = "it takes too much memory"
+            elif how.terminate:
+                why = f"it has no answer after {most_s:.0f} s: it may hold a loop without an end"
+            raise ToolkitError(f"{path}: ONNX Runtime cannot run it: {why}") from None
+        finally:
+            watch.cancel()
+        if not all(isinstance(one, np.ndarray) and one.dtype.kind in "fiub" and one.ndim for one in answers):
+            raise ToolkitError(f"{path}: its outputs are no tensors with numbers for each image: export it so")
         return tuple(torch.from_numpy(one).float().to(batch.device) for one in answers)
+
+    def _join(self, answers: list[tuple[torch.Tensor, ...]]) -> tuple[torch.Tensor, ...]:
+        if any(len({one.shape[1:] for one in parts}) > 1 for parts in zip(*answers, strict=True)):
+            raise ToolkitError(f"{self.graph.file.path}: its outputs have another shape for another image")
+        return tuple(torch.cat(parts) for parts in zip(*answers, strict=True))
 
     def _read_into_torch(self, model: "ModelProto") -> str:
         if self.graph.is_quantised:
@@ -360,7 +396,7 @@ class OnnxNetwork(nn.Module):
         in_torch = self.torch_module is not None and (torch.is_grad_enabled() or batch.is_cuda)
         parts = batch.split(1) if self.one_by_one else (batch,)
         answers = [self._run_torch(part) if in_torch else self._ask(self._session, part) for part in parts]
-        joined = tuple(torch.cat(one) for one in zip(*answers, strict=True)) if len(answers) > 1 else answers[0]
+        joined = self._join(answers) if len(answers) > 1 else answers[0]
         return joined[0] if len(joined) == 1 else joined
 
 
