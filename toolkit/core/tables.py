@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING
 
@@ -78,12 +79,37 @@ def _minus(text: str) -> str:
 
 
 def encode_csv(heads: Sequence[str], rows: Iterable[Iterable[object]]) -> str:
-    """The text of a CSV file; None is an empty cell."""
+    """The text of a CSV file; None is an empty cell, and a text that a spreadsheet would run has a `'` before it.
+
+    A formula may read other files and open addresses. `decode_cell` gives the text back. Numbers stay as they are.
+    """
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
+    quoted = csv.writer(text, lineterminator="\n", quoting=csv.QUOTE_ALL)
     table.writerow(heads)
-    table.writerows(["" if cell is None else cell for cell in row] for row in rows)
+    for row in rows:
+        cells = [_encode_cell(cell) for cell in row]
+        # a reader ends a line at a bare \r, which the module does not quote by itself
+        (quoted if any(isinstance(cell, str) and "\r" in cell for cell in cells) else table).writerow(cells)
     return text.getvalue()
+
+
+FORMULA = re.compile(r"'*[=+\-@\t\r]")
+NUMBERS = re.compile(r"[+-]?[\d.]+(e[+-]?\d+)?( [+-]?[\d.]+)*")
+"""One, or some with spaces between, as a box has."""
+
+
+def _encode_cell(cell: object) -> object:
+    if cell is None:
+        return ""
+    if not isinstance(cell, str) or not FORMULA.match(cell) or NUMBERS.fullmatch(cell):
+        return cell
+    return f"'{cell}"
+
+
+def decode_cell(text: str) -> str:
+    """The text that `encode_csv` was given."""
+    return text[1:] if text[:1] == "'" and FORMULA.match(text) else text
 
 
 def build_table(

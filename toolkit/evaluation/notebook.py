@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from toolkit.core.errors import ToolkitError
+from toolkit.core.tables import decode_cell
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.ground_truth import read_labelled_captures
@@ -89,6 +90,8 @@ def predictions_table(run: "Evaluation | Path | str") -> "pandas.DataFrame":
     missing = [name for name in NEEDED if name not in table.columns]
     if missing:
         raise ToolkitError(f"{file}: no column '{missing[0]}': evaluate the captures again")
+    for name in table.columns:
+        table[name] = table[name].map(decode_cell, na_action="ignore").astype("string")
     if "failed_gates" in table.columns:
         table["failed_gates"] = table["failed_gates"].fillna("")
     for name in ("correct_top1", "correct_top5"):

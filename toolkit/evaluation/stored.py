@@ -1,20 +1,28 @@
 """What a finished run said of each image: its `predictions.csv` read back, and the images where they still are."""
 
 import csv
+import gc
 import io
-from collections.abc import Iterator, Mapping, Sequence
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from sys import intern
 
 from toolkit.captures.corrupted_copy import name_source
 from toolkit.captures.manifest import CaptureRecord, read_manifest
 from toolkit.captures.read import Capture
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import inside, open_plain, sha256_file
+from toolkit.core.files import MOST_NAME_BYTES, inside, open_plain, sha256_file
+from toolkit.core.tables import decode_cell
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.detections_csv import COLUMNS, make_detected, read_detection
 from toolkit.evaluation.predict import OK, Prediction
 from toolkit.evaluation.predictions_csv import NEEDED
 from toolkit.evaluation.runs import DETECTIONS, PREDICTIONS, Run
+
+REPEATED = ("source", "object", "variant", "true_label", "top1_label", "status")
+"""Few texts in very many lines: each is kept once."""
 
 
 def find_captures_dir(workspace: Workspace, run: Run) -> Path:
@@ -54,8 +62,10 @@ def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
         missing = [name for name in needed if name not in (lines.fieldnames or ())]
         if missing:
             raise ToolkitError(f"{file}: no column '{missing[0]}': evaluate the captures again")
-        return [_read_line(line, captures_dir, sources) for line in lines]
-    except (OSError, csv.Error, TypeError, ValueError) as error:
+        find, is_escaped = _within(captures_dir), "'" in text.getvalue()
+        with _without_collector():
+            return [_read_line(_decode(line) if is_escaped else line, find, sources) for line in lines]
+    except (OSError, csv.Error, LookupError, TypeError, ValueError) as error:
         raise ToolkitError(f"{file} is damaged ({error}): evaluate the captures again") from None
 
 
@@ -64,12 +74,61 @@ def _find_uncorrupted(source: str, condition: str, severity: int | None) -> str:
     return source.removesuffix(name_source("", (condition, severity or 0)))
 
 
-def _read_line(line: Mapping[str, str], captures_dir: Path, sources: Mapping[str, str]) -> Prediction:
+@contextmanager
+def _without_collector() -> Iterator[None]:
+    """Within, Python looks for no cycles, which takes it as long as reading a million lines does; these have none."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()
+
+
+def _decode(line: Mapping[str, str]) -> dict[str, str]:
+    return {name: cell and decode_cell(cell) for name, cell in line.items() if name}
+
+
+Find = Callable[[str], tuple[Path, bool]]
+
+
+def _within(root: Path) -> Find:
+    """`inside`, and whether a file is there, for very many files of few folders: each folder is listed once."""
+    folders: dict[str, tuple[Path, set[str], set[str]]] = {}
+
+    def find(path: str) -> tuple[Path, bool]:
+        head, _, name = path.rpartition("/")
+        if head not in folders:
+            folders[head] = inside(root, head), *_list_files(inside(root, head))
+        folder, files, links = folders[head]
+        is_plain = path.isascii() and path.isprintable() and path[:1] != "/" and "\\" not in path
+        if name in links or not is_plain or name in ("", ".", "..") or len(name) > MOST_NAME_BYTES:
+            file = inside(root, path)
+            return file, file.is_file()
+        return folder / name, name in files
+
+    return find
+
+
+def _list_files(folder: Path) -> tuple[set[str], set[str]]:
+    """The names of a folder's plain files, and of the links there."""
+    try:
+        with os.scandir(folder) as found:
+            entries = list(found)
+    except OSError:  # it is not there
+        return set(), set()
+    links = {one.name for one in entries if one.is_symlink()}
+    return {one.name for one in entries if one.name not in links and one.is_file()}, links
+
+
+def _read_line(line: Mapping[str, str], find: Find, sources: Mapping[str, str]) -> Prediction:
+    line = {**line, **{name: intern(line[name]) for name in REPEATED if line.get(name)}}
     path, source = line["path"], line["source"]
-    file = inside(captures_dir, path)
-    if not file.is_file():
-        head, _, rest = path.partition("/")
-        file = inside(captures_dir, f"{sources.get(head, head)}/{rest}")
+    file, is_there = find(path)
+    head, _, rest = path.partition("/")
+    if not is_there and sources.get(head, head) != head:
+        file, _ = find(f"{sources[head]}/{rest}")
     gates = tuple(filter(None, (line.get("failed_gates") or "").split("; ")))
     pose_id = int(line["pose_id"]) if line["pose_id"] else None
     corruption = None

@@ -6,6 +6,7 @@ from collections.abc import AsyncIterator, Iterator
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from threading import Lock
 
 import numpy as np
 
@@ -125,6 +126,10 @@ MOST_BYTES = 40 << 20
 KINDS = ("jpeg", "heif", "avif", "png", "webp", "tiff")
 HTTP_LATE, HTTP_TOO_LARGE, HTTP_NO_PHOTO = 408, 413, 415
 BLOCK_S = 30.0
+MOST_MEGAPIXELS = 64
+"""Decoding takes up to 18 bytes a pixel, 1.2 GB; a phone's 50 megapixels are within."""
+_decoding = Lock()
+"""One at a time, however many phones send at once."""
 LEAST_SIDE_PX, MOST_ASPECT = 32, 20
 """What is smaller or longer shows nothing that could be measured."""
 
@@ -186,7 +191,12 @@ def open_upload(file: Path) -> tuple[Photo, np.ndarray]:
         if short < LEAST_SIDE_PX or long > MOST_ASPECT * short:
             size = f"{photo.width}×{photo.height} px"
             raise Refused(HTTP_NO_PHOTO, f"a picture of {size} shows nothing that could be measured: take another")
-        return photo, load_pixels(photo)
+        megapixels = photo.width * photo.height / 1e6
+        if megapixels > MOST_MEGAPIXELS:
+            why = f"the photograph has {megapixels:.0f} megapixels: set the camera to {MOST_MEGAPIXELS} or fewer"
+            raise Refused(HTTP_TOO_LARGE, why)
+        with _decoding:
+            return photo, load_pixels(photo)
     except UnreadableImage as error:
         raise Refused(HTTP_NO_PHOTO, f"this is no photograph that can be read: {error.reason}") from None
     except Refused:
