@@ -1,9 +1,14 @@
 import errno
 import re
+import time
+from concurrent.futures import ThreadPoolExecutor
 
+import numpy as np
 import pytest
+from PIL import Image
 
 from toolkit.core.files import explain_write_error
+from toolkit.studio import upload
 from toolkit.studio.upload import UploadFolders
 
 NAME = re.compile(r"\d{8}-\d{6}-\d{6}-[0-9a-f]{32}\.(jpg|png)")
@@ -138,3 +143,29 @@ def test_any_other_trouble_of_the_disk_is_one_line_too(desk, photo, monkeypatch)
     monkeypatch.setattr(UploadFolders, "drop_waiting", fail)
     answer = desk.client.post("/api/shots/1/discard")
     assert answer.status_code == 507 and "read-only" in answer.json()["error"]
+
+
+def test_a_picture_of_too_many_pixels_is_refused_before_it_is_decoded(tmp_path, monkeypatch):
+    file = tmp_path / "wide.png"
+    Image.new("1", (9000, 8000)).save(file)
+    monkeypatch.setattr(upload, "load_pixels", lambda photo: pytest.fail("it was decoded"))
+    with pytest.raises(upload.Refused, match="72 megapixels: set the camera to 64 or fewer") as refused:
+        upload.open_upload(file)
+    assert refused.value.status == 413
+
+
+def test_photographs_are_decoded_one_at_a_time(tmp_path, monkeypatch):
+    file, within, most = tmp_path / "photo.png", [], []
+    Image.new("RGB", (64, 64)).save(file)
+
+    def decode(photo):
+        within.append(photo)
+        most.append(len(within))
+        time.sleep(0.02)
+        within.pop()
+        return np.zeros((64, 64, 3), np.uint8)
+
+    monkeypatch.setattr(upload, "load_pixels", decode)
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(upload.open_upload, [file] * 8))
+    assert most == [1] * 8
