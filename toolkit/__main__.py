@@ -7,10 +7,13 @@ import sys
 
 def main() -> None:
     """Run the command line."""
-    _leave_current_folder()
-    from toolkit.cli import main as run_command_line
+    try:
+        _leave_current_folder()
+        from toolkit.cli import main as run_command_line
 
-    run_command_line()
+        run_command_line()
+    except KeyboardInterrupt:  # before the command line could answer it
+        sys.exit(130)
 
 
 def _leave_current_folder() -> None:

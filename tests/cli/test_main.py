@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shlex
 import subprocess
 import sys
 
@@ -98,3 +99,34 @@ def test_an_ascii_terminal_gets_escapes():
     assert done.returncode == 0 and not done.stderr and done.stdout.isascii()
     done = run("plan", "--object", "größe\udcff", PYTHONIOENCODING="ascii:strict")
     assert done.returncode == 2 and done.stderr.startswith("error: no object called 'gr\\xf6\\xdfe\\udcff'")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="needs a POSIX shell")
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", ">&- 2>&- <&-"])
+def test_a_closed_stream_is_no_defect(tmp_path, closed):
+    command = f"{' '.join(map(shlex.quote, TOOLKIT))} init new {closed}"
+    done = subprocess.run(["bash", "-c", command], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "defect" not in done.stderr and "Traceback" not in done.stderr
+    assert (tmp_path / "new" / "toolkit.toml").is_file()
+    written = [path.read_bytes() for path in (tmp_path / "new").rglob("*") if path.is_file()]
+    assert not any(b"next:" in one or b"made" in one for one in written), "what is printed went into a file"
+
+
+def test_an_interruption_while_the_command_line_is_imported_prints_no_traceback(tmp_path):
+    code = """
+import sys
+import toolkit.__main__ as entry
+
+class Interrupt:
+    def find_spec(self, name, *_):
+        if name == "toolkit.cli":
+            raise KeyboardInterrupt
+
+sys.meta_path.insert(0, Interrupt())
+entry.main()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 130 and done.stderr == ""

@@ -24,6 +24,7 @@ def main() -> None:
     What cannot be used ends with exit code 2, a defect of the kit with 1, Ctrl-C with 130.
     """
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # it would look into every installed package for some
+    _open_closed_streams()
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")  # a terminal that knows no umlaut
@@ -37,6 +38,16 @@ def main() -> None:
     if code == INTERRUPTED:
         typer.echo("stopped: what is finished is kept; the same command goes on from here", err=True)
     sys.exit(code)
+
+
+def _open_closed_streams() -> None:
+    """Where a shell closed one (`>&-`), the next file that is opened would take its place, and get what is printed."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        try:
+            os.fstat(number)
+        except OSError:
+            opened = os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free, which is this one
+            setattr(sys, name, os.fdopen(opened, "r" if number == 0 else "w", closefd=False))
 
 
 def _join_processes(typed: list[str]) -> AbstractContextManager[None]:

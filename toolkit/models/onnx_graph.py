@@ -102,8 +102,8 @@ def read_onnx(path: Path) -> OnnxGraph:
         raise ToolkitError(f"{path}: has {len(inputs)} inputs ({names}): expected one, a batch of images")
     kind = inputs[0].type.tensor_type
     if kind.elem_type not in (FLOAT, FLOAT16):
-        names = {number: name.lower() for name, number in onnx.TensorProto.DataType.items()}
-        found = names.get(kind.elem_type, "an unknown kind")
+        kinds = {number: name.lower() for name, number in onnx.TensorProto.DataType.items()}
+        found = kinds.get(kind.elem_type, "an unknown kind")
         raise ToolkitError(f"{path}: its input '{inputs[0].name}' is of {found}: expected float: export it so")
     sides = [one.dim_value or None for one in kind.shape.dim]
     is_nhwc, size = _read_layout(path, inputs[0].name, sides)
