@@ -216,3 +216,9 @@ def test_other_settings_need_another_folder(photos, tmp_path):
     ):
         code, _, said = run(photos, out, *other)
         assert code == 2 and "name another folder" in said
+
+
+@pytest.mark.parametrize("size_px", [-5, 0, 15, 4097, 1_000_000])
+def test_a_size_that_no_network_takes_is_one_line_before_anything_is_read(tmp_path, size_px):
+    with pytest.raises(ToolkitError, match=rf"size {size_px} px is too (small|large): choose"):
+        corrupt_folder(tmp_path, tmp_path / "out", [("fog", 1)], size_px=size_px)

@@ -188,6 +188,14 @@ def test_a_wrong_layout_is_one_clear_line(kit: Path, old: str, new: str, message
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize("rows", ['[""]', '["  ", " "]'])
+def test_a_layout_without_a_piece_is_one_clear_line(kit: Path, rows: str) -> None:
+    place = next(line for line in KIT_TOML.splitlines() if line.startswith("place"))
+    kit.write_text(KIT_TOML.replace('["RR", "HR"]', rows).replace(place, ""))
+    with pytest.raises(ToolkitError, match="field 'rows': no piece lies on any cell"):
+        load_world(kit)
+
+
 def test_a_kit_states_its_own_scale(kit: Path) -> None:
     with pytest.raises(ToolkitError, match="scale"):
         load_world(kit, scale=2.0)

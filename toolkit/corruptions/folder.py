@@ -138,6 +138,8 @@ MARGIN = (8, 7)
 FORMATS = ("png", "jpg")
 JPEG_QUALITY = 85
 """Of ImageNet-C's own files."""
+MOST_SIZE_PX = 4096
+"""What pictures are resized to at most: no network takes larger ones."""
 
 
 @dataclass(frozen=True)
@@ -316,6 +318,8 @@ def _check_settings(source: Path, out: Path, size_px: int | None, image_format: 
         raise ToolkitError(f"{out} cannot take the images: name another folder to write to")
     if size_px is not None and size_px < MIN_SIDE_PX:
         raise ToolkitError(f"size {size_px} px is too small: choose {MIN_SIDE_PX} px or more")
+    if size_px is not None and size_px > MOST_SIZE_PX:
+        raise ToolkitError(f"size {size_px} px is too large: choose {MOST_SIZE_PX} px or less")
     if image_format not in FORMATS:
         raise ToolkitError(f"no format '{image_format}': choose png or jpg")
 
