@@ -1,7 +1,7 @@
 """Does a detector find the object, with the booster and without? Boxes against the truth that the rig knows."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -17,7 +17,6 @@ from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_json, write_text
 from toolkit.core.statistics import Interval, wilson_interval
-from toolkit.core.tables import encode_csv
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.average_precision import ScoredBoxes, average_precision, mean_average_precision, recall_at
 from toolkit.evaluation.detections_csv import encode_detections, make_detected

@@ -13,7 +13,8 @@ from toolkit.core.files import read_json, read_toml
 from toolkit.core.workspace import PACKAGE_DATA
 from toolkit.imaging.preprocessing import Preprocessing
 
-Pixels = Annotated[int, Field(ge=16, le=4096)]
+LEAST_PX, MOST_PX = 16, 4096
+Pixels = Annotated[int, Field(ge=LEAST_PX, le=MOST_PX)]
 """A network sees no less; of more, one image fills hundreds of megabytes."""
 PYTHON_PREFIX = "python:"
 """Of a model that is code; only whoever starts the kit may name it, no file."""
@@ -304,4 +305,6 @@ def check_size(path: Path, size: int | None, own: LabelsFile) -> int:
         raise ToolkitError(f"{path}: takes images of any size: say which in {name}, such as 'size = 224'")
     if None not in (size, described) and size != described:
         raise ToolkitError(f"{path}: takes images of {size} px, and its description says {described}: correct that")
-    return size or described or 0
+    if not LEAST_PX <= (side := size or described or 0) <= MOST_PX:
+        raise ToolkitError(f"{path}: takes images of {side} px: from {LEAST_PX} to {MOST_PX} are supported")
+    return side

@@ -15,27 +15,20 @@ import torch
 from torch import nn
 
 from toolkit.core.errors import ToolkitError, describe_failure
-from toolkit.core.files import sha256_bytes
-from toolkit.core.files import sha256_file
-from toolkit.models.weights import WeightsFile
-from toolkit.models.weights import open_weights
-from toolkit.core.memory import is_memory_full
-from toolkit.core.memory import limit_memory
-from toolkit.models.onnx_graph import OnnxGraph
-from toolkit.models.onnx_graph import free_batch
-from toolkit.models.onnx_graph import import_extra
-from toolkit.models.onnx_graph import set_input
-from toolkit.models.onnx_graph import start_session
-from toolkit.models.weights import TRYING_BYTES
+from toolkit.core.files import sha256_bytes, sha256_file
+from toolkit.core.memory import is_memory_full, limit_memory
+from toolkit.models.weights import LOADING_BYTES, TRYING_BYTES, WeightsFile, open_weights
 
 if TYPE_CHECKING:
-    from onnx import ModelProto, NodeProto
+    from onnx import ModelProto, NodeProto, ValueInfoProto
     from onnxruntime import InferenceSession
 
 QUANTISED = ("QuantizeLinear", "DequantizeLinear", "DynamicQuantizeLinear", "QLinearConv", "QLinearMatMul",
              "ConvInteger", "MatMulInteger")  # fmt: skip
-FLOAT, FLOAT16 = 1, 10
+FLOAT, STRING, FLOAT16 = 1, 8, 10
 """Of `TensorProto.DataType`."""
+MOST_MISFITS = 500
+"""Shapes that are made free of a batch's size: for each, those of the whole graph are worked out anew."""
 
 
 @dataclass(frozen=True)
@@ -87,14 +80,24 @@ def read_onnx(path: Path) -> OnnxGraph:
     """
     onnx = import_extra("onnx")
     try:
-        model = onnx.load(str(path))
-        onnx.checker.check_model(model)
+        beside = _list_beside(onnx.load(str(path), load_external_data=False))
+        missing = [name for name in beside if not (path.parent / name).is_file()]
+        if missing:
+            raise ToolkitError(f"{path}: its weights lie in '{missing[0]}', which is not beside it: copy that file too")
+        with limit_memory(LOADING_BYTES + 3 * sum(one.stat().st_size for one in (path, *map(path.with_name, beside)))):
+            model = onnx.load(str(path))
+            onnx.checker.check_model(model)
+    except ToolkitError:
+        raise
     except OSError as error:
         raise ToolkitError(f"cannot read {path}: {error.strerror or error}") from None
-    # protobuf's own error, a checker's, or that of a file with weights that is missing or lies elsewhere
-    except Exception as error:
-        raise ToolkitError(f"cannot read {path}: no ONNX graph, or a damaged one: {_first_line(error)}") from None
+    except Exception:  # protobuf's own error, a checker's, or that of weights that lie elsewhere
+        raise ToolkitError(f"cannot read {path}: no ONNX graph, or a damaged one: export it again") from None
     graph = model.graph
+    strange = next((one.name for one in graph.output if not _is_numeric(one)), None)
+    if strange is not None or not graph.output:
+        found = f"its output '{strange}' is no tensor of numbers" if graph.output else "it has no output"
+        raise ToolkitError(f"{path}: {found}: expected numbers for each image: export it so")
     stored = {one.name for one in graph.initializer}
     inputs = [one for one in graph.input if one.name not in stored]
     if len(inputs) != 1:
@@ -102,13 +105,14 @@ def read_onnx(path: Path) -> OnnxGraph:
         raise ToolkitError(f"{path}: has {len(inputs)} inputs ({names}): expected one, a batch of images")
     kind = inputs[0].type.tensor_type
     if kind.elem_type not in (FLOAT, FLOAT16):
-        found = onnx.TensorProto.DataType.Name(kind.elem_type).lower()
+        kinds = {number: name.lower() for name, number in onnx.TensorProto.DataType.items()}
+        found = kinds.get(kind.elem_type, "an unknown kind")
         raise ToolkitError(f"{path}: its input '{inputs[0].name}' is of {found}: expected float: export it so")
     sides = [one.dim_value or None for one in kind.shape.dim]
     is_nhwc, size = _read_layout(path, inputs[0].name, sides)
     operations = {one.op_type for one in graph.node}
     return OnnxGraph(
-        file=_hash_whole(path, model), model=model, input_name=inputs[0].name, is_nhwc=is_nhwc, size=size,
+        file=_hash_whole(path), model=model, input_name=inputs[0].name, is_nhwc=is_nhwc, size=size,
         batch=sides[0], is_half=kind.elem_type == FLOAT16, output_names=tuple(one.name for one in graph.output),
         is_quantised=not operations.isdisjoint(QUANTISED),
     )  # fmt: skip
@@ -119,9 +123,8 @@ def read_output_shape(graph: OnnxGraph) -> tuple[int | None, ...]:
     return tuple(one.dim_value or None for one in graph.model.graph.output[0].type.tensor_type.shape.dim)
 
 
-def _first_line(error: Exception) -> str:
-    lines = str(error).strip().splitlines()
-    return lines[0][:160] if lines else error.__class__.__name__
+def _is_numeric(output: "ValueInfoProto") -> bool:
+    return output.type.WhichOneof("value") == "tensor_type" and output.type.tensor_type.elem_type != STRING
 
 
 def _read_layout(path: Path, name: str, sides: list[int | None]) -> tuple[bool, int | None]:
@@ -139,16 +142,19 @@ def _read_layout(path: Path, name: str, sides: list[int | None]) -> tuple[bool, 
     return is_nhwc, height
 
 
-def _hash_whole(path: Path, model: "ModelProto") -> WeightsFile:
+def _hash_whole(path: Path) -> WeightsFile:
     """The file, with a hash that changes when weights in files beside it do."""
-    graph = import_extra("onnx").load(str(path), load_external_data=False).graph
-    entries = [entry for one in graph.initializer for entry in one.external_data if entry.key == "location"]
-    beside = sorted({entry.value for entry in entries})
-    file = open_weights(path)
+    beside, file = _list_beside(import_extra("onnx").load(str(path), load_external_data=False)), open_weights(path)
     if not beside:
         return file
     hashes = [file.sha256, *(sha256_file(path.parent / name) for name in beside)]
     return WeightsFile(path, sha256_bytes(" ".join(hashes).encode()), file.name)
+
+
+def _list_beside(model: "ModelProto") -> list[str]:
+    """Files with weights that a graph names, as it was read without them."""
+    entries = [entry for one in model.graph.initializer for entry in one.external_data if entry.key == "location"]
+    return sorted({entry.value for entry in entries})
 
 
 def start_session(model: "ModelProto", path: Path) -> "InferenceSession":
@@ -164,14 +170,18 @@ def start_session(model: "ModelProto", path: Path) -> "InferenceSession":
     try:
         return runtime.InferenceSession(model.SerializeToString(), options, providers=["CPUExecutionProvider"])
     except Exception as error:  # its classes are made at run time, one for each code
-        why = " ".join(str(error).split())
+        why = "its operations do not fit together: export it again"
+        if is_memory_full(error):
+            why = "it takes too much memory"
+        elif "IR version" in str(error) or "opset" in str(error):
+            why = "it is of a newer ONNX than this one reads: upgrade onnxruntime, or export it with an older opset"
         unknown = [one for one in import_extra("onnx").defs.get_all_schemas_with_history()]
         known = {(one.domain, one.name) for one in unknown}
         strange = [f"{one.domain or 'ai.onnx'}.{one.op_type}" for one in model.graph.node
                    if (one.domain, one.op_type) not in known]  # fmt: skip
         if strange:
             why = f"its operator {strange[0]} is none of ONNX's: export it with standard operators"
-        raise ToolkitError(f"{path}: ONNX Runtime cannot run it: {why[:200]}") from None
+        raise ToolkitError(f"{path}: ONNX Runtime cannot run it: {why}") from None
 
 
 def set_input(model: "ModelProto", name: str, batch: int | str | None = None, size: int | None = None) -> None:
@@ -202,7 +212,7 @@ def free_batch(graph: OnnxGraph) -> "ModelProto":
     set_input(model, graph.input_name, 2 * (graph.batch or 1))
     for one in model.graph.output:
         one.type.tensor_type.ClearField("shape")
-    for _ in model.graph.node:
+    for _ in model.graph.node[:MOST_MISFITS]:
         misfit = next(_find_misfits(model, before, _infer_shapes(model)), None)
         if misfit is None:
             break

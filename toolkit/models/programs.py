@@ -2,8 +2,8 @@
 
 import sys
 from collections.abc import Mapping
-from copy import deepcopy
 from contextlib import nullcontext
+from copy import deepcopy
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
