@@ -293,9 +293,7 @@ def load_kit(path: Path, seed: int = 0) -> World:
     kit: dict[str, Mesh] = {}
     tiles = _lay(layout, path)
     if not tiles:
-        raise ToolkitError(
-            f"{path}: field 'rows': no piece lies on any cell: name one of the legend's letters"
-        )
+        raise ToolkitError(f"{path}: field 'rows': no piece lies on any cell: name one of the legend's letters")
     if len(tiles) > MAX_PARTS:
         raise ToolkitError(f"{path}: {len(tiles)} pieces, expected at most {MAX_PARTS}: make the grid smaller")
     for tile, x, y, z in tiles:
