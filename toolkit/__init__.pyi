@@ -9,6 +9,7 @@ from toolkit.objects.add import add_object as add_object
 from toolkit.objects.add import ObjectRequest as ObjectRequest
 from toolkit.objects.load import load_object as load_object
 from toolkit.models.load import load_classifier as load_classifier
+from toolkit.models.programs import wrap_module as wrap_module
 from toolkit.models.network import Classifier as Classifier
 from toolkit.boosters.train import train_patch as train_patch
 from toolkit.boosters.train import train_texture as train_texture

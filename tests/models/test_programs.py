@@ -15,7 +15,7 @@ import torchvision
 from toolkit.core.errors import ToolkitError
 from toolkit.imaging.preprocessing import Preprocessing
 from toolkit.models.load import load_classifier
-from toolkit.models.network import Classifier
+from toolkit.models.programs import wrap_module
 
 PX = 64
 
@@ -45,13 +45,13 @@ def exported(network, tmp_path_factory):
 def test_a_module_in_memory_becomes_a_classifier_and_stays_as_it_is(network):
     mean, std = (0.4, 0.5, 0.6), (0.2, 0.3, 0.4)
     module = copy.deepcopy(network).train()
-    classifier = Classifier.from_module(module, ["bracket", "bolt", "washer"], PX, mean, std, device="cpu")
+    classifier = wrap_module(module, ["bracket", "bolt", "washer"], PX, mean, std, device="cpu")
     batch = torch.rand(2, 3, PX, PX)
     expected = network((batch - torch.tensor(mean).view(3, 1, 1)) / torch.tensor(std).view(3, 1, 1))
     assert torch.allclose(classifier.logits(batch), expected, atol=1e-5)
     assert (classifier.class_index("bolt"), classifier.name, classifier.preprocessing.crop_px) == (1, "SqueezeNet", PX)
     assert module.training and all(one.requires_grad for one in module.parameters())
-    other = Classifier.from_module(network, ["a", "b", "c"], PX, device="cpu", name="mine")
+    other = wrap_module(network, ["a", "b", "c"], PX, device="cpu", name="mine")
     assert other.name == "mine" and other.weights.sha256 == classifier.weights.sha256
 
 
@@ -59,11 +59,11 @@ def test_a_module_in_memory_becomes_a_classifier_and_stays_as_it_is(network):
     ("labels", "size", "words"), [(["a", "b"], PX, "expected 3 names"), (["a", "b", "c"], 0, "size")]
 )
 def test_a_module_that_does_not_fit_what_is_said_of_it_is_one_line(network, labels, size, words):
-    assert words in error_of(lambda: Classifier.from_module(network, labels, size, device="cpu"))
+    assert words in error_of(lambda: wrap_module(network, labels, size, device="cpu"))
 
 
 def test_a_module_in_place_of_a_name_is_told_how(network):
-    assert "Classifier.from_module(module, labels, size, mean, std)" in error_of(lambda: load_classifier(network))
+    assert "wrap_module(module, labels, size, mean, std)" in error_of(lambda: load_classifier(network))
 
 
 @pytest.mark.parametrize("name", ["free", "two"])

@@ -55,7 +55,7 @@ def load_classifier(
     import torch
 
     if not isinstance(model, str | None):
-        how = "a module of your own becomes one by Classifier.from_module(module, labels, size, mean, std)"
+        how = "a module of your own becomes one by wrap_module(module, labels, size, mean, std)"
         raise FieldError(f"expected the name of a network; {how}", {"model": model.__class__.__name__})
     found = find_classifier(model, weights, folder)
     if (elsewhere := _load_elsewhere(found, device)) is not None:

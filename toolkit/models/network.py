@@ -125,36 +125,6 @@ class Classifier:
         if not self.name:
             object.__setattr__(self, "name", self.arch)
 
-    @staticmethod
-    def from_module(
-        module: "torch.nn.Module",
-        labels: Sequence[str],
-        size: int = 224,
-        mean: Sequence[float] = (0.485, 0.456, 0.406),
-        std: Sequence[float] = (0.229, 0.224, 0.225),
-        *,
-        name: str = "",
-        device: str = "auto",
-    ) -> "Classifier":
-        """A copy of a PyTorch module as a classifier.
-
-        Args:
-            module: (b, 3, size, size) float images to (b, classes) logits, or probabilities.
-            labels: name of each output.
-            size: side of the square that it sees, to which an image's central square is resized.
-            mean: taken from the sRGB-encoded values in 0 to 1, per channel; by default ImageNet's.
-            std: by which they are divided then.
-            name: what to call it in results; by default its class.
-            device: `auto`, `cpu` or `cuda`.
-
-        Raises:
-            ToolkitError: it gives something other than one finite number for each label and image.
-        """
-        from toolkit.models.programs import wrap_module
-
-        fields = {"labels": list(labels), "size": size, "mean": tuple(mean), "std": tuple(std)}
-        return wrap_module(module, fields | {"name": name or module.__class__.__name__}, device)
-
     def describe(self) -> str:
         """Which network speaks, on what it was trained, and whose classes it answers with."""
         if self.is_imagenet and not self.trained_on:

@@ -1,7 +1,7 @@
 """Whole programs as classifiers: ONNX graphs, exported programs, modules that a function of the user's returns."""
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from copy import deepcopy
 from dataclasses import replace
@@ -19,7 +19,7 @@ from toolkit.core.files import explain_validation, sha256_bytes, sha256_file
 from toolkit.core.memory import is_memory_full, limit_memory
 from toolkit.imaging.preprocessing import Preprocessing, published_preprocessing
 from toolkit.models.architectures import imagenet_labels
-from toolkit.models.find import ONNX_PREFIX
+from toolkit.models.find import EXPORTED_SUFFIX, ONNX_PREFIX
 from toolkit.models.labels import (
     PYTHON_PREFIX,
     LabelsFile,
@@ -33,6 +33,8 @@ from toolkit.models.weights import TRYING_BYTES, WeightsFile, open_weights
 
 DETECTOR_HINT = "a detector? 'toolkit eval' takes those it knows"
 
+FOREIGN = (".onnx", EXPORTED_SUFFIX)
+"""Files of programs, perhaps of somebody else's: they run in a bound of memory."""
 IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
 
@@ -133,15 +135,29 @@ def load_python_classifier(model: str, device: str) -> Classifier:
     return _assemble(network, model, file, own, how, device)
 
 
-def wrap_module(module: nn.Module, fields: Mapping[str, object], device: str) -> Classifier:
-    """A copy of a module in memory as `Classifier.from_module` has it; the module itself stays as it is.
+def wrap_module(
+    module: nn.Module, labels: Sequence[str], size: int = 224, mean: Sequence[float] = IMAGENET_MEAN,
+    std: Sequence[float] = IMAGENET_STD, *, name: str = "", device: str = "auto",
+) -> Classifier:  # fmt: skip
+    """A copy of a PyTorch module in memory as a classifier; the module itself stays as it is.
+
+    Args:
+        module: (b, 3, size, size) float images to (b, classes) logits, or probabilities.
+        labels: name of each output.
+        size: side of the square that it sees, to which an image's central square is resized.
+        mean: taken from the sRGB-encoded values in 0 to 1, per channel; by default ImageNet's.
+        std: by which they are divided then.
+        name: what to call it in results; by default its class.
+        device: `auto`, `cpu` or `cuda`.
 
     Raises:
-        ToolkitError: it is no module, a field cannot be used, or as `_assemble`.
+        ToolkitError: it is no module, a value cannot be used, or it gives something other than one finite number for
+            each label and image.
     """
     arch = module.__class__.__name__
     if not isinstance(module, nn.Module):
         raise FieldError("expected a torch.nn.Module", {"module": arch})
+    fields = {"labels": list(labels), "size": size, "mean": tuple(mean), "std": tuple(std), "name": name or arch}
     own = _read_mapping(arch, fields)
     network = deepcopy(module).requires_grad_(False).eval().to("cpu")
     file = WeightsFile(Path(arch), _hash_module(network, Path(arch)), f"a {arch} in memory")
@@ -185,7 +201,7 @@ def _assemble(
     check_hash(file, own)
     how, place = adapt_preprocessing(how, own), choose_device(device)
     network = network.to(place)
-    answers = _try(network, arch, how, place)
+    answers = _try(network, arch, how, place, is_foreign=file.path.suffix in FOREIGN)
     total = answers.sum(1)
     # rows that sum to 1 are probabilities: their logarithms are logits, but for a constant
     if answers.min() >= 0 and torch.allclose(total, torch.ones_like(total), atol=1e-3):
@@ -198,13 +214,12 @@ def _assemble(
     )  # fmt: skip
 
 
-def _try(network: nn.Module, arch: str, how: Preprocessing, device: str) -> torch.Tensor:
+def _try(network: nn.Module, arch: str, how: Preprocessing, device: str, is_foreign: bool) -> torch.Tensor:
     """(2, classes): what it says to grey and to noise."""
     side = how.crop_px
     noise = torch.rand(1, 3, side, side, generator=torch.Generator().manual_seed(0))
     # about what normalised images are: within 1 of nought
     images = torch.cat([torch.full((1, 3, side, side), 0.5), noise]).sub(0.5).mul(2).to(device)
-    is_foreign = not arch.startswith(PYTHON_PREFIX)
     room = limit_memory(TRYING_BYTES) if is_foreign and device == "cpu" else nullcontext()
     try:
         with torch.no_grad(), room:
