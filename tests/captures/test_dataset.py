@@ -135,5 +135,5 @@ def test_a_folder_without_predictions_is_named(tmp_path):
 
 def test_without_pandas_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "pandas", None)
-    with pytest.raises(ToolkitError, match=r"pip install 'toolkit-boost\[pandas\]'"):
+    with pytest.raises(ToolkitError, match=r"pip install '\.\[pandas\]'"):
         predictions_table(tmp_path)

@@ -131,7 +131,7 @@ def test_an_address_of_something_else_is_a_line(said, monkeypatch):
 
 def test_without_ray_the_error_names_the_extra(monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "ray", None)
-    with pytest.raises(ToolkitError, match=r"toolkit-boost\[ray\]"):
+    with pytest.raises(ToolkitError, match=r"\.\[ray\]"):
         EngineConfig(engine="ray").open()
 
 

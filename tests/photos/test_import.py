@@ -199,7 +199,7 @@ def test_a_whole_session_follows_the_shot_list(space, folder):
 def test_a_part_of_a_session_says_where_it_begins(space, folder):
     steps = shoot_list(space, folder, count=5)
     result = run(space, folder, ImportSettings())
-    assert not result.imported and "say the first shot of a part" in next(iter(reasons(result).values()))
+    assert not result.imported and "give its first shot with --first-shot" in next(iter(reasons(result).values()))
     result = run(space, folder, ImportSettings(first_shot=1))
     assert len(result.imported) == 5
     for step in steps[5:]:

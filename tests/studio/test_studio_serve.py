@@ -84,7 +84,7 @@ def test_the_code_in_the_terminal_is_read_by_another_library():
 
 def test_what_is_not_installed_is_named_with_its_extra(monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None if name == "uvicorn" else object())
-    with pytest.raises(ToolkitError, match=r"needs uvicorn, .*pip install 'toolkit-boost\[studio\]'"):
+    with pytest.raises(ToolkitError, match=r"needs uvicorn, .*pip install '\.\[studio\]'"):
         require_extra()
 
 

@@ -6,19 +6,16 @@ from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
 from pydantic import Field
 
-from toolkit.boosters.booster import read_finished
 from toolkit.boosters.data import Backgrounds, DataConfig, Loaded, TrainingData, divide_images
-from toolkit.boosters.patch import RENDERS, choose_files, hash_patch, train_patch
 from toolkit.boosters.patch_config import PatchConfig, check_size, make_config
 from toolkit.boosters.patch_sets import SetName, name_class
 from toolkit.boosters.pixels import Network
 from toolkit.boosters.transforms.placement import Placement
-from toolkit.boosters.validation import Share, Validation
 from toolkit.core.config import Config, Flag
 from toolkit.core.console import notice, quietly
 from toolkit.core.draws import Draws
@@ -35,6 +32,9 @@ from toolkit.objects.records import read_patch
 from toolkit.training.checkpoint import Checkpoint
 from toolkit.training.images import ImageSet
 from toolkit.training.processes import current
+
+if TYPE_CHECKING:
+    from toolkit.boosters.validation import Share, Validation
 
 FEW_IMAGES = 32
 """A class with fewer images is trained on those of all classes, where the user leaves it open."""
@@ -76,8 +76,8 @@ class ClassPatch:
 
     set_name: str
     label: str
-    patched: Share | None
-    bare: Share | None
+    patched: "Share | None"
+    bare: "Share | None"
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class Order:
     restart: bool
 
 
-Made = tuple[Validation | None, dict[str, bytes]]
+Made: TypeAlias = "tuple[Validation | None, dict[str, bytes]]"
 """What held-out images say; and the files by their path in the set, the record last, where the driver has to write."""
 
 
@@ -212,6 +212,9 @@ def _list_units(
     is_here: bool,
 ) -> Iterator[Unit[Made]]:  # fmt: skip
     """A unit for each patch; only with its images is it known whether it is finished."""
+    from toolkit.boosters.booster import read_finished
+    from toolkit.boosters.patch import RENDERS, choose_files, hash_patch
+
     shared, held = engine.share(network), None
     for name, order in orders.items():
         try:
@@ -234,6 +237,8 @@ def train_unit(
     network: Shared[Network], data: Shared[TrainingData], order: Order, workspace: Workspace, is_here: bool
 ) -> Iterator[Made]:
     """The work of a unit: `train_patch`; in the workspace where it `is_here`, else in a folder of its own."""
+    from toolkit.boosters.patch import train_patch
+
     with quietly(), nullcontext(order.out) if is_here else TemporaryDirectory() as folder:
         trained = train_patch(
             order.config, order.class_index, [network.get()], data.get(), workspace,
