@@ -78,7 +78,7 @@ def fit_plane_pose(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> Ph
     """
     world_mm, pixels = np.ascontiguousarray(world_mm, float), np.ascontiguousarray(pixels, float)
     kept = _drop_gross(world_mm, pixels, lens)
-    fits: list[_Fit] = []
+    fits: list[_PlaneFit] = []
     for _ in range(ROUNDS):
         if kept.sum() < LEAST_POINTS or _spread(world_mm[kept]) < LEAST_SPREAD_MM:
             return None
@@ -105,7 +105,7 @@ def fit_plane_pose(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> Ph
 
 
 @dataclass(frozen=True)
-class _Fit:
+class _PlaneFit:
     """A candidate: OpenCV's rotation and translation of the world as the camera sees it, and its error."""
 
     rotation: np.ndarray
@@ -119,7 +119,7 @@ class _Fit:
         T[:3, 3] = -T[:3, :3] @ self.translation.reshape(3)
         return T
 
-    def like(self, other: "_Fit") -> bool:
+    def like(self, other: "_PlaneFit") -> bool:
         """Whether both are the same camera, found twice."""
         turn = cv2.Rodrigues(self.rotation)[0] @ cv2.Rodrigues(other.rotation)[0].T
         return float(np.linalg.norm(cv2.Rodrigues(turn)[0])) < np.radians(0.2)
@@ -141,7 +141,7 @@ def _spread(world_mm: np.ndarray) -> float:
     return float(np.linalg.svd(centred, compute_uv=False)[1] / np.sqrt(len(centred)))
 
 
-def _fit_all(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> list[_Fit]:
+def _fit_all(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> list[_PlaneFit]:
     """Every camera above the table that a start leads to, the best first."""
     fits = []
     for method in (cv2.SOLVEPNP_IPPE, cv2.SOLVEPNP_SQPNP):
@@ -152,21 +152,21 @@ def _fit_all(world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> list[_Fi
             rotation, translation = cv2.solvePnPRefineLM(
                 world_mm, pixels, lens.matrix, lens.coefficients, start[0].astype(float), start[1].astype(float)
             )
-            fit = _Fit(rotation, translation, 0.0)
+            fit = _PlaneFit(rotation, translation, 0.0)
             ahead = (world_mm @ cv2.Rodrigues(rotation)[0].T + translation.reshape(3))[:, 2].min() > 0
             if ahead and fit.T_world_camera[2, 3] > 0 and np.isfinite(translation).all():
                 rms = float(np.sqrt((_errors(fit, world_mm, pixels, lens) ** 2).mean()))
-                fits.append(_Fit(rotation, translation, rms))
+                fits.append(_PlaneFit(rotation, translation, rms))
     return sorted(fits, key=lambda fit: fit.rms_px)
 
 
-def _errors(fit: _Fit, world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> np.ndarray:
+def _errors(fit: _PlaneFit, world_mm: np.ndarray, pixels: np.ndarray, lens: Camera) -> np.ndarray:
     """(n,) distances in pixels."""
     placed, _ = cv2.projectPoints(world_mm, fit.rotation, fit.translation, lens.matrix, lens.coefficients)
     return np.linalg.norm(placed.reshape(-1, 2) - pixels, axis=1)
 
 
-def _uncertainty(fit: _Fit, world_mm: np.ndarray, lens: Camera) -> tuple[float, float]:
+def _uncertainty(fit: _PlaneFit, world_mm: np.ndarray, lens: Camera) -> tuple[float, float]:
     """Standard deviations of the camera's direction (degrees) and place (mm): σ² (JᵀJ)⁻¹, carried to the world."""
     _, jacobian = cv2.projectPoints(world_mm, fit.rotation, fit.translation, lens.matrix, lens.coefficients)
     jacobian = jacobian[:, :6]  # by rotation vector and translation
@@ -178,7 +178,9 @@ def _uncertainty(fit: _Fit, world_mm: np.ndarray, lens: Camera) -> tuple[float, 
     for i, step in enumerate((1e-3, 1e-3, 1e-3, 1e-1, 1e-1, 1e-1)):
         nudge = np.zeros(6)
         nudge[i] = step
-        moved = _Fit(fit.rotation.reshape(3) + nudge[:3], fit.translation.reshape(3) + nudge[3:], 0.0).T_world_camera
+        moved = _PlaneFit(
+            fit.rotation.reshape(3) + nudge[:3], fit.translation.reshape(3) + nudge[3:], 0.0
+        ).T_world_camera
         changes[:3, i] = cv2.Rodrigues(moved[:3, :3] @ base[:3, :3].T)[0].reshape(3) / step
         changes[3:, i] = (moved[:3, 3] - base[:3, 3]) / step
     spread = changes @ covariance @ changes.T
