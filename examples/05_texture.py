@@ -9,7 +9,7 @@ from PIL import Image
 import toolkit as tk
 
 NAME = "coffeepot"
-STEPS = 12  # 300 is the default: about three minutes on two cores
+STEPS = 40  # 300 is the default: about three minutes on two cores
 
 lab = tk.make_workspace(Path(sys.argv[1] if len(sys.argv) > 1 else "example-out"))
 network = tk.load_classifier("rig18")

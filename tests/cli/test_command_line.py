@@ -116,6 +116,8 @@ def test_help_lists_the_road(run):
     ],
 )
 def test_a_users_error_is_one_line_and_exit_code_2(run, arguments, words):
+    if arguments[0] == "plan":  # which needs a workspace
+        run("init", ".")
     code, out, err = run(*arguments)
     assert code == 2
     assert err.startswith(words) and err.count("\n") == 1
