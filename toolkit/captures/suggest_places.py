@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from toolkit.captures.shoot import ShootSettings, studio_for
-from toolkit.core.errors import ToolkitError
+from toolkit.core.errors import FieldError
 from toolkit.core.files import without_links, write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
@@ -160,9 +160,10 @@ def suggest_places(
     find = find_sheets if together else find_places
     places = find(item, plan.camera, poses, config, sorted(set(sizes), reverse=True))
     if not places:
-        raise ToolkitError(
-            f"{object_name}: no sheet of {' or '.join(f'{size:g}' for size in sizes)} mm lies anywhere on it: try a "
-            "smaller --size-mm, or more --steps"
+        asked = " or ".join(f"{size:g}" for size in sizes)
+        raise FieldError(
+            f"{object_name}: no sheet of {asked} mm lies anywhere on it: try a smaller {{sizes_mm}}, or more {{steps}}",
+            {},
         )
     picture = workspace.root / "rig" / "preview" / f"{object_name}-places.png"
     shown = [one for one in places if together or one.mount.size_mm == places[0].mount.size_mm]

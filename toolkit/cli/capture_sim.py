@@ -1,11 +1,9 @@
 """`toolkit capture-sim`."""
 
-import typer
-
 from toolkit.captures.simulate import SimulateConfig, simulate_captures
 from toolkit.cli import options
 from toolkit.cli.options import from_config
-from toolkit.cli.output import remark, say, show_json
+from toolkit.cli.output import remark, show_result
 from toolkit.engine.config import EngineConfig
 
 
@@ -29,18 +27,10 @@ def capture_sim(
     a corrupted copy of them, 224² px as networks see them, in captures/SOURCE-fog-3. With --rehearse, what is to be
     expected of the printed patch before it is printed.
     """
-    from toolkit.core.console import list_skipped
     from toolkit.core.workspace import open_workspace
 
     space = open_workspace(workspace).with_patches(patches)
     made = simulate_captures(space, config, objects or (), variants or (), corrupt or (), seed=seed, engine=engine)
     if made.remark:
         remark(made.remark)
-    list_skipped(made.skipped)
-    if as_json:
-        show_json(made.as_json())
-    else:
-        for line in made.lines():
-            say(line)
-    if made.skipped:
-        raise typer.Exit(1)
+    show_result(made, as_json)

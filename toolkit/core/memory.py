@@ -1,5 +1,6 @@
-"""A bound on the memory that somebody else's file may take."""
+"""Memory: a bound on what somebody else's file may take, and no search for garbage where there is none."""
 
+import gc
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -44,3 +45,15 @@ def is_memory_full(error: BaseException) -> bool:
     """Whether this is what Python, torch or ONNX Runtime raises where memory cannot be had."""
     words = ("can't allocate memory", "out of memory", "allocate memory", "bad_alloc", "bad allocation")
     return isinstance(error, MemoryError) or any(one in str(error).lower() for one in words)
+
+
+@contextmanager
+def without_collector() -> Iterator[None]:
+    """Within, Python looks for no cycles: where millions of objects are made that live on, that is much of the work."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()

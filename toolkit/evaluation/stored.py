@@ -1,11 +1,9 @@
 """What a finished run said of each image: its `predictions.csv` read back, and the images where they still are."""
 
 import csv
-import gc
 import io
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from sys import intern
 
@@ -14,6 +12,7 @@ from toolkit.captures.manifest import CaptureRecord, read_manifest
 from toolkit.captures.read import Capture
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import MOST_NAME_BYTES, inside, open_plain, sha256_file
+from toolkit.core.memory import without_collector
 from toolkit.core.tables import decode_cell
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.detections_csv import COLUMNS, make_detected, read_detection
@@ -63,7 +62,7 @@ def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
         if missing:
             raise ToolkitError(f"{file}: no column '{missing[0]}': evaluate the captures again")
         find, is_escaped = _within(captures_dir), "'" in text.getvalue()
-        with _without_collector():
+        with without_collector():
             return [_read_line(_decode(line) if is_escaped else line, find, sources) for line in lines]
     except (OSError, csv.Error, LookupError, TypeError, ValueError) as error:
         raise ToolkitError(f"{file} is damaged ({error}): evaluate the captures again") from None
@@ -72,18 +71,6 @@ def read_predictions(run: Run, captures_dir: Path) -> list[Prediction]:
 def _find_uncorrupted(source: str, condition: str, severity: int | None) -> str:
     """`sim` of `sim-fog-3`."""
     return source.removesuffix(name_source("", (condition, severity or 0)))
-
-
-@contextmanager
-def _without_collector() -> Iterator[None]:
-    """Within, Python looks for no cycles, which takes it as long as reading a million lines does; these have none."""
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_on:
-            gc.enable()
 
 
 def _decode(line: Mapping[str, str]) -> dict[str, str]:

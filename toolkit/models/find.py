@@ -255,7 +255,7 @@ def find_class(given: str, folder: Path | None = None) -> str:
         return labels[index_of_label(labels, given)]
     except ToolkitError as error:
         own = "" if folder is None else f", and the labels of the classifiers in {folder}"
-        raise ToolkitError(f"--class: {error} (ImageNet's names count{own})") from None
+        raise FieldError(f"{{class_name}}: {error} (ImageNet's names count{own})", {}) from None
 
 
 def _arch_of(weights: Path) -> str:

@@ -6,14 +6,12 @@ numba loads from there runs, so that a folder that others could have filled is n
 """
 
 import atexit
-import gc
 import hashlib
 import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
@@ -24,6 +22,7 @@ import numba.core.config as config
 from toolkit.core.console import notice
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import write_text
+from toolkit.core.memory import without_collector
 from toolkit.core.trust import explain_distrust, make_private
 
 MARK = "made-by-toolkit.txt"
@@ -103,24 +102,12 @@ def prepare(compile_all: Callable[[], None]) -> None:
             said = f"compiling the renderer, some seconds at each start: its cache is not used, as {refused}"
             said += f": set {PLACE} to a folder of your own"
         notice(said)
-        with _without_collector():
+        with without_collector():  # going through the compiler's objects is a tenth of its work
             compile_all()
         (folder / "complete").touch()
         for old in folder.parent.glob("kernel-*"):
             if old != folder and (old / MARK).is_file() and not old.is_symlink() and _is_stale(old):
                 shutil.rmtree(old, ignore_errors=True)
-
-
-@contextmanager
-def _without_collector() -> Iterator[None]:
-    """Look for no garbage: the compiler's millions of objects live on, going through them is a tenth of its work."""
-    was_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_on:
-            gc.enable()
 
 
 def _is_stale(folder: Path) -> bool:
