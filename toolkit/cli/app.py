@@ -111,6 +111,12 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "landing fly": Entry("landing:fly", "fly landings with it in worsening weather"),
         "landing demo": Entry("landing:demo", "walk from an empty folder to the report, small"),
     },
+    "Challenge": {
+        "challenge init": Entry("challenge:init", "make an entry of your boosters"),
+        "challenge check": Entry("challenge:check", "check an entry to the last rule"),
+        "challenge run": Entry("challenge:run", "render and score an entry"),
+        "challenge board": Entry("challenge:board", "rank entries on one page"),
+    },
     "Results": {
         "runs": Entry("runs:list_runs", "list what every run found, as one table"),
         "compare": Entry("runs:compare", "compare two runs image by image: test, flips"),
@@ -130,6 +136,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
 
 WORDS = {
     "world": "List, see and export the worlds that objects stand in.",
+    "challenge": "Whose booster carries: enter one, check, score and rank entries.",
     "landing": "Land a drone on a pad: shoot the pad, train a network, boost the pad, fly.",
 }
 """What is said of the commands that begin with a word."""

@@ -52,32 +52,42 @@ def list_runs(
 
 
 def compare(
-    first: Annotated[str, typer.Argument(help="Name of a run below eval/, or its folder.")],
-    second: Annotated[str, typer.Argument(help="The run that is compared with it.")],
+    first: Annotated[str, typer.Argument(help="Name of a run below eval/, its folder, or any CSV of predictions.")],
+    second: Annotated[str, typer.Argument(help="The run, or the CSV, that is compared with it.")],
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="The page. Default: eval/comparisons/FIRST-vs-SECOND.html.")
     ] = None,
     captures: Captures = None,
+    cluster: Annotated[
+        str | None, typer.Option(metavar="COLUMN", help="Of a CSV: what images share, such as a scene.")
+    ] = None,
     workspace: options.Workspace = None,
     quiet: options.Quiet = False,
     as_json: options.Json = False,
 ) -> None:
-    """Compare two runs image by image: the exact test, what flipped, and a page with the pictures."""
+    """Compare two runs, or two tables of predictions, image by image: the exact test, what flipped, and a page."""
     from toolkit.core.console import console
     from toolkit.core.workspace import open_workspace
     from toolkit.evaluation.compare import build_comparison_table, compare_runs, write_comparison
+    from toolkit.evaluation.compare_tables import compare_tables
     from toolkit.evaluation.runs import open_run
 
     space = open_workspace(workspace)
-    runs = open_run(space, first), open_run(space, second)
-    found = compare_runs(space, *runs, captures)
-    name = "-vs-".join(run.name.strip("/").replace("/", "-") for run in runs)
+    if first.endswith(".csv") and second.endswith(".csv"):
+        found = compare_tables(Path(first), Path(second), captures, cluster)
+    elif cluster is not None:
+        raise FieldError("is a column of CSV tables: runs have their own objects", {"cluster": cluster})
+    else:
+        found = compare_runs(space, open_run(space, first), open_run(space, second), captures)
+    name = "-vs-".join(run.name.strip("/").replace("/", "-") for run in (found.first, found.second))
     page = write_comparison(out or space.eval_dir / "comparisons" / f"{name}.html", found)
     if as_json:
         show_json(found.as_json() | {"page": str(page)})
         return
     console.print(build_comparison_table(found))
     say(f"{found.verdict}. {found.sentence}")
+    if found.cluster_sentence:
+        say(found.cluster_sentence)
     for words, count in zip(("first", "second"), found.unshared, strict=True):
         if count:
             warn(f"{count} images that only the {words} run read are left out")

@@ -39,6 +39,29 @@ def mcnemar_p(gained: int, lost: int) -> float:
     return float(binomtest(gained, gained + lost, 0.5).pvalue) if gained + lost else 1.0
 
 
+def mcnemar_mid_p(gained: int, lost: int) -> float:
+    """Two-sided mid-p McNemar: the exact p less half the probability of what was seen; 1 where no pair changed.
+
+    It keeps to its level nearly always, and is less cautious than the exact test (Fagerland, Lydersen and Laake, BMC
+    Medical Research Methodology 13, 2013).
+    """
+    from scipy.stats import binom
+
+    n, fewest = gained + lost, min(gained, lost)
+    if not n:
+        return 1.0
+    return float(min(1.0, 2 * (binom.cdf(fewest, n, 0.5) - 0.5 * binom.pmf(fewest, n, 0.5))))
+
+
+def adjust_holm(ps: Sequence[float]) -> list[float]:
+    """Holm's step-down correction of several tests (Scandinavian Journal of Statistics 6, 1979), in their order."""
+    adjusted, highest = [0.0] * len(ps), 0.0
+    for rank, k in enumerate(sorted(range(len(ps)), key=lambda k: ps[k])):
+        highest = max(highest, min(1.0, (len(ps) - rank) * ps[k]))
+        adjusted[k] = highest
+    return adjusted
+
+
 @dataclass(frozen=True)
 class PairedOutcomes:
     """The 2 × 2 table of paired right-or-wrong outcomes: in how many pairs both, one alone or neither is right."""

@@ -3,14 +3,17 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from toolkit import __version__
 from toolkit.captures.read import POOLED
 from toolkit.core.errors import ToolkitError
 from toolkit.core.files import load_json
-from toolkit.core.statistics import PairedOutcomes
+from toolkit.core.statistics import PairedOutcomes, mcnemar_mid_p, sign_flip_p
 from toolkit.core.tables import (
     build_table,
     format_p,
@@ -20,6 +23,7 @@ from toolkit.core.tables import (
     format_test,
 )
 from toolkit.core.workspace import Workspace
+from toolkit.evaluation.clusters import estimate_difference
 from toolkit.evaluation.contact_sheet import Card, describe_place, make_thumbnails
 from toolkit.evaluation.metrics import Comparison, Pair, gather, rank_variant
 from toolkit.evaluation.page import write_page
@@ -44,6 +48,7 @@ class RunComparison:
         pairs: each image as both saw it, in the order of the first.
         rows: by variant and object, pooled rows last.
         unshared: how many images only the first read, and only the second.
+        cluster_of: of each pair, what it shares with others; empty where images are independent draws.
     """
 
     first: Run
@@ -51,6 +56,18 @@ class RunComparison:
     pairs: tuple[Pair, ...]
     rows: tuple[Comparison, ...]
     unshared: tuple[int, int]
+    cluster_of: tuple[str, ...] = ()
+
+    @cached_property
+    def over_clusters(self) -> dict[str, Any] | None:
+        """The gain over clusters: how many, its interval, and the exact p of the signs of their mean changes."""
+        if not self.cluster_of:
+            return None
+        _, member = np.unique(self.cluster_of, return_inverse=True)
+        right = np.array([(pair.first.correct_top1, pair.second.correct_top1) for pair in self.pairs], float)
+        gain, ci95 = estimate_difference(right[:, 1], right[:, 0], member)
+        change = np.bincount(member, right[:, 1] - right[:, 0]) / np.bincount(member)
+        return {"clusters": len(change), "gain": gain, "gain_ci95": ci95, "sign_flip_p": sign_flip_p(change.tolist())}
 
     @property
     def pooled(self) -> PairedOutcomes:
@@ -83,12 +100,24 @@ class RunComparison:
             f"{found.only_second} became right and {found.only_first} became wrong ({format_test(found.mcnemar_p)})."
         )
 
+    @property
+    def cluster_sentence(self) -> str | None:
+        """The same over clusters; None where images are independent draws."""
+        over = self.over_clusters
+        if over is None:
+            return None
+        limits = f" ({format_points_interval(over['gain_ci95'])})" if over["gain_ci95"] else ""
+        return (
+            f"Over {over['clusters']} clusters, which alone count as independent draws: {format_points(over['gain'])} "
+            f"points{limits}, sign-flip p {format_p(over['sign_flip_p'])}."
+        )
+
     def as_json(self) -> dict[str, Any]:
         """The result, as `toolkit compare --json` prints it."""
         return {
             "schema_version": 1, "first": self.first.name, "second": self.second.name, "verdict": self.verdict,
             "only_in_first": self.unshared[0], "only_in_second": self.unshared[1],
-            "rows": [_describe_row(row) for row in self.rows],
+            "rows": [_describe_row(row) for row in self.rows], "over_clusters": self.over_clusters,
             "flips": [_describe_flip(pair) for pair in self.flips], "toolkit_version": __version__,
         }  # fmt: skip
 
@@ -99,6 +128,7 @@ def _describe_row(row: Comparison) -> dict[str, Any]:
         "object": row.object, "variant": row.second, "n": found.n, "both": found.both,
         "only_first": found.only_first, "only_second": found.only_second, "neither": found.neither,
         "gain": found.gain, "gain_ci95": list(found.gain_ci95), "mcnemar_p": found.mcnemar_p,
+        "mcnemar_mid_p": mcnemar_mid_p(found.only_second, found.only_first),
     }  # fmt: skip
 
 

@@ -1,116 +1,26 @@
 """From an axis to `eval/sweeps/AXIS`: shoot every value as a source of its own, evaluate them all, write what came."""
 
 import contextlib
-import hashlib
-import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict, Field
-
-from toolkit.captures.read import Capture, CaptureFolder, Selection, read_captures
+from toolkit.captures.read import CaptureFolder, Selection, read_captures
 from toolkit.captures.shoot import ShootSettings, StoredImage, index_images, shoot_plan
 from toolkit.core.console import progress, quietly
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import sha256_file
-from toolkit.core.locks import hold_folder
-from toolkit.core.records import RecordLog
 from toolkit.core.workspace import Workspace
 from toolkit.engine.config import EngineConfig
-from toolkit.engine.resume import RecordCache
 from toolkit.engine.units import Engine
+from toolkit.evaluation.answers import predict_once
 from toolkit.evaluation.eval_config import EvalConfig
 from toolkit.evaluation.evaluate import Evaluation, write_evaluation
 from toolkit.evaluation.ground_truth import class_of_spec, find_true_classes
-from toolkit.evaluation.predict import Prediction, predict_captures
 from toolkit.evaluation.results import compare_predictions
 from toolkit.experiments.sweeps.axes import ShootSetup, SweepConfig, SweepPoint, plan_units
 from toolkit.experiments.sweeps.sweep_rows import Sweep, draw_sweep, write_sweep
 from toolkit.models.network import Classifier
 from toolkit.rig.plan import open_plan
-
-CHUNK = 128
-"""Images between two writes: what a kill may cost."""
-
-
-class CachedPrediction(BaseModel):
-    """One line of the file.
-
-    Attributes:
-        key: hash of image, weights, preprocessing and true class.
-        top1_index, top1_prob, true_prob, true_rank: as in `Prediction`.
-    """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-    key: str = Field(pattern=r"^[0-9a-f]{64}$")
-    top1_index: int = Field(ge=0)
-    top1_prob: float = Field(ge=0, le=1)
-    true_prob: float = Field(ge=0, le=1)
-    true_rank: int = Field(ge=1)
-
-
-def predict_once(
-    captures: Sequence[Capture], true_classes: dict[str, int], classifier: Classifier, cache_file: Path
-) -> tuple[list[Prediction], int]:  # fmt: skip
-    """`predict_captures`, asking the network only about images it has not seen.
-
-    What it says is appended to `cache_file` every 128 images. Images that cannot be read are not kept: they may be
-    mended.
-
-    Returns:
-        One prediction per capture in their order, and how many images the network was asked about.
-
-    Raises:
-        ToolkitError: as `predict_captures`, or the file cannot be written.
-    """
-    keys = [make_key(capture, true_classes[capture.object], classifier) for capture in captures]
-    # a line that is broken (a kill while writing) is worth only its image's time
-    log = RecordLog(cache_file, CachedPrediction, required=False, compact=True)
-    # the same image may stand for several values: the first to come is asked about
-    first = {key: at for at, key in reversed(list(enumerate(keys)))}
-    unread: dict[str, Prediction] = {}
-    with hold_folder(cache_file.parent):
-        cache = RecordCache(log, lambda row: [(row.key, row)], first)
-        todo = sorted(cache.find_missing(first).values())
-        with progress("classifying", len(captures), done=len(captures) - len(todo)) as bar, quietly():
-            for chunk in (todo[start : start + CHUNK] for start in range(0, len(todo), CHUNK)):
-                predictions = predict_captures([captures[at] for at in chunk], true_classes, classifier)
-                new = [(keys[at], one) for at, one in zip(chunk, predictions, strict=True)]
-                unread |= {key: one for key, one in new if not one.is_read}
-                cache.add(*(_row(key, one) for key, one in new if one.is_read))
-                bar.advance(len(chunk))
-    results = [
-        _recall(capture, true_classes[capture.object], classifier, cache.known[key])
-        if key in cache.known
-        else replace(unread[key], capture=capture)
-        for capture, key in zip(captures, keys, strict=True)
-    ]
-    return results, len(todo)
-
-
-def make_key(capture: Capture, true_index: int, classifier: Classifier) -> str:
-    """Hash of everything that a prediction depends on: the image's bytes, the weights, the preprocessing, the truth."""
-    try:
-        # one that must not be opened is known by its path alone, and is never kept
-        image = capture.path if capture.refused is not None else sha256_file(capture.file)
-    except OSError:
-        image = capture.path
-    parts = (image, classifier.weights.sha256, classifier.arch, classifier.preprocessing.describe(), true_index)
-    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
-
-
-def _row(key: str, one: Prediction) -> CachedPrediction:
-    fields = {name: getattr(one, name) for name in CachedPrediction.model_fields if name != "key"}
-    # a sum of rounded shares may pass 1 by the last bit
-    fields |= {name: min(fields[name], 1.0) for name in ("top1_prob", "true_prob")}
-    return CachedPrediction(key=key, **fields)
-
-
-def _recall(capture: Capture, true_index: int, classifier: Classifier, row: CachedPrediction) -> Prediction:
-    labels = classifier.labels
-    said = row.model_dump(exclude={"key"})
-    return Prediction(capture, true_index, labels[true_index], top1_label=labels[row.top1_index], **said)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,213 @@
+"""Entries that keep the rules and entries that do not; scores that anybody can count again; the board."""
+
+import json
+import shutil
+from itertools import product
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from toolkit.cli import app
+from toolkit.core.errors import ToolkitError
+from toolkit.core.files import sha256_file
+from toolkit.core.tables import encode_csv
+from toolkit.core.workspace import make_workspace
+from toolkit.experiments.challenge import score as scoring
+from toolkit.experiments.challenge.board import rank_entries, write_board
+from toolkit.experiments.challenge.entry import check_entry, init_entry, open_space, read_entry
+from toolkit.experiments.challenge.rules import CLOSED_OBJECTS, POSES, EntryConfig
+from toolkit.experiments.challenge.score import (
+    CONDITIONS,
+    OUTCOMES,
+    SCORE,
+    SCORE_FILE,
+    Judge,
+    Outcome,
+    choose_corruptions,
+    count_score,
+    read_judged,
+    rescore,
+)
+from toolkit.rig.plan import read_plan
+
+UNSEEN_SHA, SEEN_SHA = "a" * 64, "b" * 64
+
+
+@pytest.fixture(scope="module")
+def entered(tmp_path_factory):
+    """The kit's own patches as an entry; tests that change it take a copy."""
+    folder = tmp_path_factory.mktemp("entered")
+    init_entry(make_workspace(folder / "space"), folder / "ours", EntryConfig())
+    return folder / "ours"
+
+
+@pytest.fixture
+def entry(entered, tmp_path):
+    return shutil.copytree(entered, tmp_path / "ours")
+
+
+def edit(folder, **changes):
+    """Change fields of entry.json."""
+    file = folder / "entry.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | changes))
+
+
+def write_score(folder, boosted, *, bare=0.25, name=None):
+    """A score of made-up answers: `boosted` of the pictures of each object are right with the patch."""
+    if name is not None:
+        edit(folder, name=name)
+    read = read_entry(folder)
+    trained = read.record.networks[0].sha256
+    judges = [
+        Judge(name=sha[:4], sha256=sha, preprocessing="", seen=sha == trained, official=False)
+        for sha in (UNSEEN_SHA, trained)
+    ]
+    outcomes = [
+        Outcome(
+            judge_sha256=judge.sha256, object=item, pose=pose, variant=variant, condition=condition, corruption="",
+            severity=0, picture_sha256="c" * 64, correct=pose <= share[item] * 4,
+            delta_e=10.0 if (variant, condition) == ("patched", "clear") else None,
+        )
+        for judge, condition, item, pose in product(judges, CONDITIONS, CLOSED_OBJECTS, range(1, 5))
+        for variant, share in (("unpatched", dict.fromkeys(CLOSED_OBJECTS, bare)), ("patched", boosted))
+    ]  # fmt: skip
+    place = folder / SCORE
+    place.mkdir(exist_ok=True)
+    rows = (scoring._as_cells(one) for one in outcomes)
+    (place / OUTCOMES).write_bytes(encode_csv(list(Outcome.model_fields), rows).encode())
+    found = count_score(read, judges, outcomes, sha256_file(place / OUTCOMES))
+    (place / SCORE_FILE).write_text(found.model_dump_json())
+    return found
+
+
+EVEN = dict.fromkeys(CLOSED_OBJECTS, 0.75)
+
+
+def test_the_kits_own_patches_keep_the_rules(entered):
+    assert check_entry(entered) == []
+
+
+@pytest.mark.parametrize(
+    ("spoil", "expected"),
+    [
+        (lambda e: edit(e, link="javascript:alert(1)"), "link"),
+        (lambda e: edit(e, name="../away"), "name"),
+        (lambda e: edit(e, networks=[]), "add it to networks"),
+        (lambda e: edit(e, method="\x1b[2J"), "method"),
+        (lambda e: edit(e, challenge_version=99), "challenge_version 99"),
+        (lambda e: (e / "boosters/racer.png").unlink(), "racer.png is missing"),
+        (lambda e: shutil.copy(e / "boosters/racer.png", e / "boosters/eggnog.png"), "does not match"),
+        (lambda e: (e / "run.py").write_text("boom"), "run.py: has no place"),
+        (lambda e: (e / "boosters/more.png").symlink_to("/etc/passwd"), "a link"),
+        (lambda e: (e / "entry.json").write_text("[" * 100_000), "entry.json"),
+        (lambda e: shutil.rmtree(e), "is no entry"),
+    ],
+)
+def test_each_fault_is_one_line_and_nothing_is_written(entry, spoil, expected):
+    spoil(entry)
+    before = sorted(entry.rglob("*"))
+    faults = check_entry(entry)
+    assert any(expected in fault for fault in faults), faults
+    assert all("\n" not in fault for fault in faults)
+    assert sorted(entry.rglob("*")) == before
+
+
+def test_a_booster_of_another_class_and_one_over_its_budget_are_refused(entry):
+    for name, field, value in (("racer", "class_name", "tabby"), ("eggnog", "size_mm", 200.0)):
+        file = entry / "boosters" / f"{name}.json"
+        file.write_text(json.dumps(json.loads(file.read_text()) | {field: value, "class_index": 281}))
+    faults = "\n".join(check_entry(entry))
+    assert "was trained for 'tabby'" in faults
+    assert "200.0 mm on eggnog: expected at most" in faults
+
+
+def test_the_plan_has_the_published_poses_and_as_many_that_nobody_trained_on(entered, tmp_path):
+    plans = [read_plan(open_space(read_entry(entered), tmp_path / name).plan_file) for name in ("one", "two")]
+    assert plans[0] == plans[1]
+    for poses in plans[0].objects.values():
+        assert [pose.id for pose in poses] == list(range(1, 2 * POSES + 1))
+        assert len({(pose.azimuth_deg, pose.elevation_deg) for pose in poses}) == 2 * POSES
+
+
+def test_each_corruption_is_met_about_as_often():
+    chosen = choose_corruptions(product(CLOSED_OBJECTS, range(36)))
+    counts = {pair: list(chosen.values()).count(pair) for pair in chosen.values()}
+    assert len(counts) == 75
+    assert set(counts.values()) <= {1, 2}
+
+
+def test_gains_by_hand(entry):
+    """Each object: 1 of 4 right bare, 3 of 4 with it: 50 points, with an interval over pictures."""
+    found = write_score(entry, EVEN)
+    row = next(row for row in found.pooled if row.condition == "fog")
+    assert (row.n, row.bare, row.boosted, row.gained, row.lost) == (16, 4, 12, 8, 0)
+    assert found.rank_gain == 0.5
+    assert found.rank_ci95[0] == pytest.approx(0.5 - 2.13145 * 0.5 * np.sqrt(16 / 15) / 4, abs=1e-5)  # t of 15 degrees
+    uneven = write_score(entry, EVEN | {"racer": 0.25})  # gains 2, 2, 0, 2 of 4
+    assert uneven.rank_gain == 0.375
+    half = 3.182446 * np.sqrt(4 / 3 * (3 * 0.125**2 + 0.375**2)) / 4  # t of 3 degrees, ratio estimator of 4 clusters
+    assert uneven.rank_ci95 == pytest.approx((0.375 - half, 0.375 + half), abs=1e-6)
+
+
+def test_a_network_that_the_entry_names_is_no_judge(entry):
+    trained = read_entry(entry).record.networks[0].sha256
+    found = write_score(entry, EVEN)
+    assert {judge.sha256: judge.seen for judge in found.judges} == {UNSEEN_SHA: False, trained: True}
+    assert {row.n for row in found.pooled} == {16}  # of one judge
+
+
+@pytest.mark.parametrize("tamper", ["rank", "row", "outcome", "seen"])
+def test_a_tampered_score_is_found(entry, tamper):
+    write_score(entry, EVEN | {"racer": 0.25})
+    assert rescore(entry) == []
+    file = entry / SCORE / SCORE_FILE
+    content = json.loads(file.read_text())
+    if tamper == "rank":
+        content["rank_ci95"][0] += 0.1
+    elif tamper == "row":
+        content["rows"][0]["boosted"] += 1
+    elif tamper == "seen":
+        content["judges"][1]["seen"] = False
+    else:
+        lines = (entry / SCORE / OUTCOMES).read_text().splitlines()
+        changed = lines[1].replace(",0,", ",1,", 1) if ",0," in lines[1] else lines[1].replace(",1,", ",0,", 1)
+        (entry / SCORE / OUTCOMES).write_text("\n".join([lines[0], changed, *lines[2:]]) + "\n")
+    file.write_text(json.dumps(content))
+    assert rescore(entry)
+
+
+def test_the_board_ranks_by_the_lower_bound_and_shares_ties(entered, tmp_path):
+    shares = {"steady": EVEN, "also": EVEN, "uneven": EVEN | {"racer": 1.0, "eggnog": 0.25}}
+    folders = []
+    for name, boosted in shares.items():
+        folders.append(shutil.copytree(entered, tmp_path / name))
+        write_score(folders[-1], boosted, name=name)
+    folders.append(shutil.copytree(folders[0], tmp_path / "liar"))
+    edit(folders[-1], name="liar")
+    places, refused = write_board(folders, tmp_path / "board")
+    assert [name for name, _ in refused] == [str(folders[-1])]
+    assert len(places) == 3
+    page = (tmp_path / "board/index.html").read_text()
+    assert "http://" not in page.replace("http://www.w3.org", "")
+    assert sorted(file.name for file in (tmp_path / "board").iterdir()) == [
+        "also.json", "board.csv", "index.html", "steady.json", "uneven.json"
+    ]  # fmt: skip
+    ranked = rank_entries([read_judged(folder) for folder in folders[:3]])
+    rank_of = {place.score.entry.name: place.rank for place in ranked}
+    assert rank_of["steady"] == rank_of["also"] != rank_of["uneven"]
+    with pytest.raises(ToolkitError, match="two entries are called"):
+        write_board([folders[0], folders[0]], tmp_path / "twice")
+
+
+def test_commands(entry, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    runner = CliRunner()
+    write_score(entry, EVEN)
+    assert runner.invoke(app, ["challenge", "check", str(entry), "--rescore"]).exit_code == 0
+    done = runner.invoke(app, ["challenge", "board", str(entry), "--json"])
+    assert json.loads(done.stdout)[0]["rank_gain"] == 0.5
+    edit(entry, networks=[])
+    bad = runner.invoke(app, ["challenge", "check", str(entry)])
+    assert bad.exit_code == 1
+    assert "add it to networks" in bad.stderr

@@ -1,0 +1,131 @@
+"""`toolkit challenge`: enter a booster, check an entry, score it, and rank entries."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from toolkit.cli import options
+from toolkit.cli.options import from_config
+from toolkit.cli.output import say, show_json, show_table, warn
+from toolkit.engine.config import EngineConfig
+from toolkit.experiments.challenge.rules import JUDGES, EntryConfig
+
+EntryFolder = Annotated[Path, typer.Argument(metavar="ENTRY", help="Folder of the entry.")]
+
+
+@from_config(config=EntryConfig)
+def init(
+    entry: EntryFolder, *, config: EntryConfig, workspace: options.Workspace = None, quiet: options.Quiet = False
+) -> None:
+    """Make an entry of this workspace's boosters: their files, and entry.json, in which you say how they were made."""
+    from toolkit.core.workspace import open_workspace
+    from toolkit.experiments.challenge.entry import ENTRY, init_entry
+
+    made = init_entry(open_workspace(workspace), entry, config)
+    say(f"{made.folder}: {len(made.objects)} boosters, trained on {len(made.record.networks)} networks")
+    say(f"next: say in {made.folder / ENTRY} who made it and how; toolkit challenge check {made.folder}")
+
+
+def check(
+    entry: EntryFolder,
+    again: Annotated[bool, typer.Option("--rescore", help="Count its score again from its own files.")] = False,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Check an entry to the last rule, one line for each fault; nothing is changed."""
+    from toolkit.experiments.challenge.entry import check_entry
+    from toolkit.experiments.challenge.score import rescore
+
+    faults = check_entry(entry) + (rescore(entry) if again else [])
+    if as_json:
+        show_json({"entry": str(entry), "faults": faults})
+    else:
+        for fault in faults:
+            warn(fault)
+        say(f"{entry}: {len(faults)} faults" if faults else f"{entry}: no fault; next: toolkit challenge run {entry}")
+    if faults:
+        raise typer.Exit(1)
+
+
+@from_config(engine=EngineConfig)
+def run(
+    entry: EntryFolder,
+    *,
+    engine: EngineConfig,
+    judge: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Network that judges; repeat for more. Default: the division's."),
+    ] = None,
+    controls: Annotated[bool, typer.Option(help="Noise, grey and wrong boosters beside it.")] = True,
+    device: options.Device = "auto",
+    workspace: options.Workspace = None,
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Render an entry and score it: score/score.json, outcomes.csv and a page in its folder."""
+    from toolkit.core.tables import format_p, format_points, format_points_interval
+    from toolkit.core.workspace import open_workspace
+    from toolkit.experiments.challenge.board import write_board
+    from toolkit.experiments.challenge.entry import read_entry
+    from toolkit.experiments.challenge.score import CONDITIONS, SCORE, run_entry
+    from toolkit.models.load import load_classifier
+
+    space = open_workspace(workspace)
+    read = read_entry(entry)
+    networks = [load_classifier(name, None, device, space.classifiers_dir) for name in judge or JUDGES]
+    with engine.open() as workers:
+        judged = run_entry(read, networks, space, workers, with_controls=controls)
+    score = judged.score
+    page = read.folder / SCORE / "page"
+    write_board([read.folder], page)
+    if as_json:
+        show_json(score.model_dump(mode="json"))
+        return
+    heads = ("judge", "condition", "variant", "bare", "with it", "points", "95 %", "gained", "lost", "p")
+    show_table(heads, [
+        (
+            row.judge, row.condition, row.variant, f"{row.bare} of {row.n}", f"{row.boosted} of {row.n}",
+            format_points(row.gain), format_points_interval(row.gain_ci95), row.gained, row.lost,
+            format_p(row.mcnemar_p),
+        )
+        for row in score.rows if row.object == "all"
+    ])  # fmt: skip
+    if score.rank_gain is None:
+        warn("every judge is a network that the entry was trained on: there is nothing to rank it by")
+    else:
+        interval = format_points_interval(score.rank_ci95)
+        points = format_points(score.rank_gain) + (f" (95 % {interval})" if interval else "")
+        say(f"gain on networks that it never saw, mean of {len(CONDITIONS)} conditions: {points} points")
+    say(f"score: {read.folder / SCORE}; page: {page / 'index.html'}")
+    say(f"next: toolkit challenge board {entry} OTHERS… --out FOLDER")
+
+
+def board(
+    entries: Annotated[list[Path], typer.Argument(metavar="ENTRY…", help="Folders of entries that were scored.")],
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where the leaderboard goes.")] = Path("challenge"),
+    quiet: options.Quiet = False,
+    as_json: options.Json = False,
+) -> None:
+    """Rank entries: index.html, board.csv and a JSON file for each, of scores that their own files bear out."""
+    from toolkit.core.console import list_skipped
+    from toolkit.core.tables import format_p, format_points, format_points_interval
+    from toolkit.experiments.challenge.board import write_board
+
+    places, refused = write_board(entries, out)
+    list_skipped(refused)
+    if as_json:
+        show_json([place.as_json() for place in places])
+    else:
+        rows = [place.as_json() for place in places]
+        show_table(("rank", "entry", "budget", "gain", "95 %", "p to next"), [
+            (
+                row["rank"] or "–", row["entry"], row["budget"],
+                "–" if row["rank_gain"] is None else format_points(row["rank_gain"]),
+                format_points_interval(place.score.rank_ci95), format_p(row["p_next"]),
+            )
+            for row, place in zip(rows, places, strict=True)
+        ])  # fmt: skip
+        say(f"page: {out / 'index.html'}")
+    if refused:
+        raise typer.Exit(1)

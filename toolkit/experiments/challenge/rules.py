@@ -1,0 +1,35 @@
+"""The rules: what is judged, by whom, how large a booster may be. Light to import: commands read their options here."""
+
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from toolkit.core.config import Config, Flag
+from toolkit.core.names import FileName
+
+VERSION = 1
+"""Of rules, poses and judges; scores of different versions are never compared."""
+Division = Literal["closed", "open"]
+Budget = Literal["patch", "texture"]
+VARIANT: Mapping[Budget, str] = {"patch": "patched", "texture": "textured"}
+CLOSED_OBJECTS = ("coffeepot", "eggnog", "racer", "warplane")
+JUDGES = ("resnet50", "mobilenet_v2", "efficientnet_b0", "convnext_tiny", "vgg16", "swin_t")
+"""Of the closed division: torchvision's first published ImageNet weights of each, known by their hash."""
+LARGEST_PATCH = 1 / 3
+"""Side of a patch as a share of the object's longest side."""
+POSES = 18
+"""By plan; as many more are drawn for each version, so that nobody trains on what is judged."""
+DRAWN_SEED = 20_260_000 + VERSION
+
+
+class EntryConfig(Config):
+    """Where an entry takes part."""
+
+    budget: Annotated[Budget, Flag()] = Field("patch", description="What is entered.")
+    division: Annotated[Division, Flag()] = Field(
+        "closed", description="The kit's four objects, or objects of your own."
+    )
+    objects: Annotated[tuple[FileName, ...], Flag("--object", metavar="NAME", typed=tuple[str, ...])] = Field(
+        (), description="Of the open division; repeat for more."
+    )

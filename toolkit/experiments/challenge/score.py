@@ -1,0 +1,453 @@
+"""The score of an entry: rendered and judged here; counted from `outcomes.csv` alone, so that anybody can again."""
+
+import csv
+import io
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from toolkit import __version__
+from toolkit.captures.read import POOLED, UNPATCHED, Capture, read_captures
+from toolkit.captures.shoot import ShootSettings, index_images, shoot_plan
+from toolkit.core.console import notice
+from toolkit.core.errors import FieldError, ToolkitError
+from toolkit.core.files import (
+    explain_validation,
+    read_bytes,
+    read_json,
+    sha256_bytes,
+    sha256_file,
+    write_json,
+    write_text,
+)
+from toolkit.core.severities import SEVERITIES
+from toolkit.core.statistics import Interval, PairedOutcomes
+from toolkit.core.tables import encode_csv
+from toolkit.core.workspace import Workspace
+from toolkit.corruptions.catalogue import COMMON
+from toolkit.engine.units import Engine
+from toolkit.evaluation.answers import predict_once
+from toolkit.evaluation.clusters import estimate_difference
+from toolkit.evaluation.ground_truth import find_true_classes
+from toolkit.evaluation.metrics import describe_change
+from toolkit.experiments.challenge.entry import Entry, EntryRecord, check_entry, open_space, read_entry
+from toolkit.experiments.challenge.rules import DRAWN_SEED, JUDGES, VERSION
+from toolkit.imaging.colour import delta_e2000, lab_of_linear, srgb_to_linear
+from toolkit.imaging.printer import score_print
+from toolkit.imaging.read import read_image
+from toolkit.models.network import Classifier
+from toolkit.objects.load import load_object
+from toolkit.objects.mesh import cast_rays, make_ray_scene
+from toolkit.rig.camera import pixel_rays
+from toolkit.rig.plan import read_plan
+from toolkit.rig.variants import CONTROLS_OF
+
+SCORE, SCORE_FILE, OUTCOMES = "score", "score.json", "outcomes.csv"
+CLEAR, FOG, CORRUPTED = "clear", "fog", "corrupted"
+CONDITIONS = (CLEAR, FOG, CORRUPTED)
+"""Clean air; ImageNet-C's fog of severity 3; one of its 75 corruptions for each picture, in turn."""
+FOG_SEVERITY = 3
+UNSEEN, SEEN = "unseen", "seen"
+MOST_OUTCOMES_BYTES = 256 << 20
+Answered = tuple[bool, bool, str, str]
+"""Right bare, right boosted, the object, and the picture."""
+LOOK_STRIDE = 2
+"""Each other pixel each way says enough of how much the looks change."""
+
+
+class Judge(BaseModel):
+    """A network that judges, exactly.
+
+    Attributes:
+        name, sha256: of the network, and of its weights' file.
+        preprocessing: in words.
+        seen: whether the entry was trained on it, by its record's hashes.
+        official: whether it is one of the closed division's.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    name: str
+    sha256: str
+    preprocessing: str
+    seen: bool
+    official: bool
+
+
+class Outcome(BaseModel):
+    """A line of `outcomes.csv`: what one judge said of one picture.
+
+    Attributes:
+        judge_sha256: of whom.
+        object, pose, variant: of the picture.
+        condition, corruption, severity: that it was in.
+        picture_sha256: of the file, before it was corrupted.
+        correct: whether the first guess is right.
+        delta_e: CIEDE2000 from the bare object, mean over its pixels; of the booster's own clear pictures, else None.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    judge_sha256: str
+    object: str
+    pose: int
+    variant: str
+    condition: str
+    corruption: str
+    severity: int
+    picture_sha256: str
+    correct: bool
+    delta_e: float | None = None
+
+
+class ScoreRow(BaseModel):
+    """What one judge, or all that the entry saw or never saw, say of the same pictures bare and boosted.
+
+    Attributes:
+        judge: its name, or `unseen` or `seen` for all of these together.
+        condition, object, variant: of the pictures; `all` objects together.
+        n, bare, boosted: pictures, and how many are right without and with it.
+        gained, lost, mcnemar_p: of the pairs; judges together are no independent draws, so these have no p.
+        gain, gain_ci95: share right with it less that without, and its interval over objects, see `_estimate`.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    judge: str
+    condition: str
+    object: str
+    variant: str
+    n: int
+    bare: int
+    boosted: int
+    gained: int
+    lost: int
+    mcnemar_p: float | None
+    gain: float
+    gain_ci95: Interval | None
+
+
+class Score(BaseModel):
+    """`score.json`.
+
+    Attributes:
+        entry: as its authors wrote it.
+        is_official: whether all judges of the closed division judged, and none else.
+        judges: who did.
+        outcomes_sha256: of `outcomes.csv`, of which all that follows is counted.
+        rank_gain, rank_ci95: mean gain over the three conditions on judges that the entry never saw, and its interval
+            over objects, by whose lower end entries are ranked; None where it saw all of them.
+        rows: all that is counted.
+        delta_e: mean change of looks.
+        non_printability: of the boosters' colours, see `toolkit.imaging.printer.PrintScores`; mean over objects.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    schema_version: int = 1
+    kind: str = "challenge"
+    challenge_version: int = VERSION
+    entry: EntryRecord
+    is_official: bool
+    judges: tuple[Judge, ...]
+    outcomes_sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+    rank_gain: float | None
+    rank_ci95: Interval | None
+    rows: tuple[ScoreRow, ...]
+    delta_e: float | None
+    non_printability: float
+    toolkit_version: str = __version__
+
+    @property
+    def pooled(self) -> list[ScoreRow]:
+        """What judges that the entry never saw say of all objects, by condition."""
+        wanted = (UNSEEN, POOLED, self.entry.variant)
+        return [row for row in self.rows if (row.judge, row.object, row.variant) == wanted]
+
+    @property
+    def class_of(self) -> tuple[object, ...]:
+        """What must agree for two scores to be compared."""
+        judged = tuple(sorted(one.sha256 for one in self.judges))
+        return self.challenge_version, self.entry.division, self.entry.budget, judged
+
+
+@dataclass(frozen=True)
+class Judged:
+    """An entry with its score and what that is counted from."""
+
+    entry: Entry
+    score: Score
+    outcomes: tuple[Outcome, ...]
+
+
+def run_entry(
+    entry: Entry, judges: Sequence[Classifier], workspace: Workspace, engine: Engine | None = None,
+    *, with_controls: bool = True,
+) -> Judged:  # fmt: skip
+    """Render an entry, let the judges say what they see, and write `score/` in its folder.
+
+    Pictures and answers are kept in `eval/challenge/` of the workspace: a run that was stopped goes on, and bare
+    pictures serve all entries.
+
+    Raises:
+        ToolkitError: the entry breaks a rule, no judges, two of the same weights, or the disk is full.
+    """
+    faults = check_entry(entry.folder)
+    if faults:
+        more = f" (and {len(faults) - 1} more: 'toolkit challenge check {entry.folder}')" if len(faults) > 1 else ""
+        raise ToolkitError(f"{entry.folder}: {faults[0]}{more}")
+    if len({one.weights.sha256 for one in judges}) < max(1, len(judges)):
+        raise FieldError("expected at least one network, each once", {"judge": [one.name for one in judges]})
+    home = workspace.eval_dir / "challenge"
+    captures = _shoot(entry, home, engine, with_controls)
+    looks = dict(_measure_looks(entry, captures, home))
+    outcomes: list[Outcome] = []
+    for judge in judges:
+        notice(f"{judge.name} judges")
+        outcomes += _ask(entry, judge, captures, home, looks)
+    folder = entry.folder / SCORE
+    text = encode_csv(list(Outcome.model_fields), (_as_cells(one) for one in outcomes))
+    write_text(folder / OUTCOMES, text, entry.folder)
+    score = count_score(
+        entry, [describe_judge(entry.record, one) for one in judges], outcomes, sha256_bytes(text.encode())
+    )
+    write_json(folder / SCORE_FILE, score.model_dump(mode="json"), entry.folder)
+    return Judged(entry, score, tuple(outcomes))
+
+
+def _shoot(entry: Entry, home: Path, engine: Engine | None, with_controls: bool) -> list[Capture]:
+    """The pictures of an entry: bare ones are copied from those of any entry before."""
+    space = open_space(entry, home / entry.record.name)
+    controls = CONTROLS_OF[entry.record.variant] if with_controls else ()
+    if "wrong-patch" in controls and len(entry.objects) < 2:
+        controls = tuple(name for name in controls if name != "wrong-patch")
+    bare = home / "bare"
+    settings, plan = ShootSettings(image_format="png"), read_plan(space.plan_file)
+    first = shoot_plan(space, plan, entry.objects, (UNPATCHED,), settings, captures_dir=bare, engine=engine)
+    stored = index_images(first.source_dir)
+    variants = (UNPATCHED, entry.record.variant, *controls)
+    done = shoot_plan(space, plan, entry.objects, variants, settings, stored=stored, engine=engine)
+    failed = [*first.failed, *done.failed]
+    if failed:
+        raise ToolkitError(f"{failed[0][0]}: {failed[0][1]}: a score is of all pictures; run it again")
+    wanted = {f"{name}/{variant}" for name in entry.objects for variant in variants}
+    found = read_captures(done.source_dir).captures
+    return [one for one in found if one.path_in_source.rpartition("/")[0] in wanted]
+
+
+def _measure_looks(entry: Entry, captures: Sequence[Capture], home: Path) -> Iterator[tuple[tuple[str, int], float]]:
+    """By object and pose, CIEDE2000 between the bare and the boosted picture, mean over the object's pixels."""
+    space_root = home / entry.record.name
+    plan = read_plan(space_root / "rig" / "plan.json")
+    by_key = {(one.object, one.variant, one.pose_id): one for one in captures}
+    for name in entry.objects:
+        scene = make_ray_scene(load_object(Workspace(space_root).object_spec(name)).mesh)
+        camera = plan.camera
+        x, y = np.meshgrid(*(np.arange(0, side, LOOK_STRIDE) for side in (camera.width, camera.height)))
+        pixels = np.stack([x, y], axis=-1).reshape(-1, 2)
+        for pose in plan.objects[name]:
+            rays = pixel_rays(camera, pose.matrix(), (pixels + 0.5).astype(np.float32))
+            own = pixels[np.isfinite(cast_rays(scene, rays))]
+            pair = (by_key[name, variant, pose.id] for variant in (UNPATCHED, entry.record.variant))
+            bare, boosted = (read_image(one.file)[own[:, 1], own[:, 0]] / 255 for one in pair)
+            change = delta_e2000(*(lab_of_linear(srgb_to_linear(one)) for one in (bare, boosted)))
+            yield (name, pose.id), round(float(change.mean()), 4)
+
+
+def choose_corruptions(pictures: Iterable[tuple[str, int]]) -> dict[tuple[str, int], tuple[str, int]]:
+    """One of the 75 corruptions for each (object, pose), each about as often; the version draws their order."""
+    every = list(product(COMMON, SEVERITIES))
+    order = np.random.default_rng(DRAWN_SEED).permutation(len(every))
+    return {key: every[order[k % len(every)]] for k, key in enumerate(sorted(set(pictures)))}
+
+
+def _ask(
+    entry: Entry, judge: Classifier, captures: Sequence[Capture], home: Path, looks: Mapping[tuple[str, int], float]
+) -> Iterator[Outcome]:
+    space = Workspace(home / entry.record.name)
+    classes = find_true_classes(read_captures(space.captures_dir), space, judge)
+    chosen = choose_corruptions((one.object, one.pose_id or 0) for one in captures)
+    paired = [one for one in captures if one.variant in (UNPATCHED, entry.record.variant)]
+    asked: list[tuple[str, Capture]] = [(CLEAR, one) for one in captures]
+    asked += [(FOG, replace(one, corruption=(FOG, FOG_SEVERITY))) for one in paired]
+    asked += [(CORRUPTED, replace(one, corruption=chosen[one.object, one.pose_id or 0])) for one in paired]
+    said, _ = predict_once([one for _, one in asked], classes, judge, home / "answers.jsonl")
+    hashes = {one.path: sha256_file(one.file) for one in captures}
+    for (condition, capture), one in zip(asked, said, strict=True):
+        corruption, severity = capture.corruption or ("", 0)
+        is_own = condition == CLEAR and capture.variant == entry.record.variant
+        yield Outcome(
+            judge_sha256=judge.weights.sha256, object=capture.object, pose=capture.pose_id or 0,
+            variant=capture.variant, condition=condition, corruption=corruption, severity=severity,
+            picture_sha256=hashes[capture.path], correct=one.correct_top1,
+            delta_e=looks[capture.object, capture.pose_id or 0] if is_own else None,
+        )  # fmt: skip
+
+
+def _as_cells(one: Outcome) -> list[object]:
+    return [int(value) if isinstance(value, bool) else value for value in one.model_dump().values()]
+
+
+def describe_judge(record: EntryRecord, judge: Classifier) -> Judge:
+    """Who judges, and whether the entry says that it was trained on these weights."""
+    sha256 = judge.weights.sha256
+    return Judge(
+        name=judge.name, sha256=sha256, preprocessing=judge.preprocessing.describe(),
+        seen=sha256 in {one.sha256 for one in record.networks}, official=_is_official(judge.arch, sha256),
+    )  # fmt: skip
+
+
+def _is_official(arch: str, sha256: str) -> bool:
+    """Whether these are the weights that torchvision published first; their files bear the hash's first digits."""
+    from torchvision.models import get_model_weights
+
+    if arch not in JUDGES:
+        return False
+    stem = Path(next(iter(get_model_weights(arch))).url).stem
+    return sha256.startswith(stem.rpartition("-")[2])
+
+
+def count_score(entry: Entry, judges: Sequence[Judge], outcomes: Sequence[Outcome], sha256: str) -> Score:
+    """Count everything that a score says.
+
+    Raises:
+        ToolkitError: an outcome is of a judge that is not named, or a picture was not seen both ways.
+    """
+    by_sha = {one.sha256: one for one in judges}
+    if unknown := next((one for one in outcomes if one.judge_sha256 not in by_sha), None):
+        raise ToolkitError(f"{OUTCOMES}: a judge {unknown.judge_sha256[:12]} that {SCORE_FILE} does not name")
+    groups = {one.name: [one] for one in judges}
+    groups |= {name: [one for one in judges if one.seen == (name == SEEN)] for name in (UNSEEN, SEEN)}
+    table = _Table(outcomes)
+    names = tuple(dict.fromkeys(one.object for one in outcomes))
+    rows = [
+        row
+        for who, members in groups.items() if members
+        for condition in CONDITIONS
+        for variant in table.variants(condition)
+        for name in ((*names, POOLED) if variant == entry.record.variant else (POOLED,))
+        if (row := table.count(who, [one.sha256 for one in members], condition, variant, name)) is not None
+    ]  # fmt: skip
+    unseen = [one.sha256 for one in groups[UNSEEN]]
+    gain, ci95 = table.rank(unseen, entry.record.variant) if unseen else (None, None)
+    changes = {(one.object, one.pose): one.delta_e for one in outcomes if one.delta_e is not None}
+    inks = [score_print(entry.read_booster(name).pixels).non_printability for name in entry.objects]
+    official = {one.name for one in judges if one.official}
+    return Score(
+        entry=entry.record, is_official=official == set(JUDGES) and len(judges) == len(JUDGES), judges=tuple(judges),
+        outcomes_sha256=sha256, rank_gain=gain, rank_ci95=ci95, rows=tuple(rows),
+        delta_e=round(float(np.mean(list(changes.values()))), 3) if changes else None,
+        non_printability=round(float(np.mean(inks)), 5),
+    )  # fmt: skip
+
+
+class _Table:
+    """Outcomes by judge, condition, object, pose and variant."""
+
+    def __init__(self, outcomes: Sequence[Outcome]) -> None:
+        self.right = {
+            (one.judge_sha256, one.condition, one.object, one.pose, one.variant): one.correct for one in outcomes
+        }
+        self.pictures = sorted({(one.object, one.pose) for one in outcomes})
+        if len(self.right) < len(outcomes):
+            raise ToolkitError(f"{OUTCOMES}: a judge answers twice of one picture: expected each once")
+
+    def variants(self, condition: str) -> list[str]:
+        """That were seen in a condition, but for the bare object."""
+        return list(dict.fromkeys(key[4] for key in self.right if key[1] == condition and key[4] != UNPATCHED))
+
+    def pairs(self, judges: Sequence[str], condition: str, variant: str, name: str) -> list[Answered]:
+        """What each judge said of each picture, bare and boosted."""
+        found = []
+        for judge, (item, pose) in product(judges, self.pictures):
+            if name in (item, POOLED):
+                both = [self.right.get((judge, condition, item, pose, one)) for one in (UNPATCHED, variant)]
+                if None in both:
+                    expected = f"expected an answer bare and {variant}"
+                    raise ToolkitError(f"{OUTCOMES}: {item}, pose {pose}, {condition}: {expected}")
+                found.append((bool(both[0]), bool(both[1]), item, f"{item} {pose}"))
+        return found
+
+    def count(self, who: str, judges: Sequence[str], condition: str, variant: str, name: str) -> ScoreRow | None:
+        """One row of the score."""
+        pairs = self.pairs(judges, condition, variant, name)
+        found = PairedOutcomes.count((bare, boosted) for bare, boosted, *_ in pairs)
+        gain, ci95 = _estimate(pairs)
+        change = describe_change(found)
+        if len(judges) > 1:
+            change["mcnemar_p"] = None
+        return ScoreRow(
+            judge=who, condition=condition, object=name, variant=variant, n=found.n, bare=found.n_first,
+            boosted=found.n_second, gain=gain, gain_ci95=ci95, **change,
+        )  # fmt: skip
+
+    def rank(self, judges: Sequence[str], variant: str) -> tuple[float, Interval | None]:
+        """Mean gain over all conditions, which have as many pictures each."""
+        return _estimate([pair for condition in CONDITIONS for pair in self.pairs(judges, condition, variant, POOLED)])
+
+
+def _estimate(pairs: Sequence[Answered]) -> tuple[float, Interval | None]:
+    """Mean gain, and its interval over objects; over pictures where there is one object, or all gain alike."""
+    bare, boosted = (np.array([pair[k] for pair in pairs], float) for k in (0, 1))
+    for cluster in (2, 3):
+        _, member = np.unique([pair[cluster] for pair in pairs], return_inverse=True)
+        gain, ci95 = estimate_difference(boosted, bare, member)
+        if ci95 is not None:
+            return round(gain, 9), (round(ci95[0], 9), round(ci95[1], 9))
+    return round(gain, 9), None
+
+
+def read_judged(folder: Path) -> Judged:
+    """An entry with its score, as it stands in the files.
+
+    Raises:
+        ToolkitError: no entry, no score, or a damaged one.
+    """
+    entry = read_entry(folder)
+    files = [entry.folder / SCORE / name for name in (SCORE_FILE, OUTCOMES)]
+    for file in files:
+        if not file.is_file() or file.is_symlink():
+            raise ToolkitError(f"{file} is missing: 'toolkit challenge run {folder}' makes it")
+    return Judged(entry, read_json(files[0], Score), tuple(_read_outcomes(files[1])))
+
+
+def _read_outcomes(file: Path) -> list[Outcome]:
+    rows = csv.DictReader(io.StringIO(read_bytes(file, MOST_OUTCOMES_BYTES).decode("utf-8", "replace")))
+    cells = [{name: value or None if name == "delta_e" else value for name, value in row.items()} for row in rows]
+    try:
+        return TypeAdapter(list[Outcome]).validate_python(cells)
+    except ValidationError as error:
+        raise ToolkitError(f"{file} is damaged ({explain_validation(error)}): run the entry again") from None
+
+
+def rescore(folder: Path) -> list[str]:
+    """What of an entry's score does not follow from its files, a line each; none where all does."""
+    try:
+        judged = read_judged(folder)
+        sha256 = sha256_file(judged.entry.folder / SCORE / OUTCOMES)
+        named = {one.sha256 for one in judged.entry.record.networks}
+        judges = [one.model_copy(update={"seen": one.sha256 in named}) for one in judged.score.judges]
+        again = count_score(judged.entry, judges, judged.outcomes, sha256)
+    except ToolkitError as error:
+        return [str(error)]
+    said, found = (one.model_dump(mode="json", exclude={"toolkit_version"}) for one in (judged.score, again))
+    return [
+        f"{SCORE}/{SCORE_FILE}: {name}: is not what {OUTCOMES} and {'entry.json'} give: run the entry again"
+        for name in found
+        if said[name] != found[name]
+    ]
+
+
+def describe_rank(score: Score) -> dict[str, Any]:
+    """The numbers that a leaderboard shows of a score, as JSON and CSV have them."""
+    rows = {row.condition: row for row in score.pooled}
+    return {
+        "entry": score.entry.name, "authors": "; ".join(score.entry.authors), "link": score.entry.link,
+        "division": score.entry.division, "budget": score.entry.budget, "is_official": score.is_official,
+        "rank_gain": score.rank_gain, "rank_low": score.rank_ci95[0] if score.rank_ci95 else None,
+        "rank_high": score.rank_ci95[1] if score.rank_ci95 else None,
+        **{f"gain_{name}": rows[name].gain if name in rows else None for name in CONDITIONS},
+        "delta_e": score.delta_e, "non_printability": score.non_printability,
+        "networks": len(score.entry.networks), "unseen_judges": sum(not one.seen for one in score.judges),
+    }  # fmt: skip
