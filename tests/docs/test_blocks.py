@@ -219,11 +219,13 @@ def shot_space(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def lab(shot_space: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy of that workspace, to work in, with a mesh that is no object yet."""
+    """A copy of that workspace, to work in, with a mesh that is no object yet, and tables of other programs."""
     import trimesh
 
     folder = Path(shutil.copytree(shot_space, tmp_path / "lab"))
     trimesh.creation.cylinder(30, 90).export(folder / "mug.glb")
+    for name, right in (("theirs", 0), ("ours", 1)):
+        (folder / f"{name}.csv").write_text(f"image,correct,scene\none.png,{right},1\ntwo.png,1,2\n", encoding="utf-8")
     monkeypatch.chdir(folder)
     return folder
 
