@@ -73,6 +73,11 @@ RIG = "rig"
 HELD_OUT = 0.2
 
 
+def count_held_out(count: int) -> int:
+    """How many of so many images or views are held out: a fifth, at least one where another is left."""
+    return round(count * HELD_OUT) or int(count > 1)
+
+
 class DataConfig(Config):
     """Which images a booster is trained on."""
 
@@ -354,7 +359,7 @@ def divide_images(loaded: list[Loaded], config: DataConfig) -> TrainingData:
     train: list[np.ndarray] = []
     held_out: list[np.ndarray] = []
     for source in loaded:
-        count = round(len(source.images) * HELD_OUT) or int(len(source.images) > 1)
+        count = count_held_out(len(source.images))
         held_out.append(source.images[:count])
         train.append(source.images[count:])
     images, rest = np.concatenate(train), np.concatenate(held_out)

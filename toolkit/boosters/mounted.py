@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from toolkit.boosters.data import count_held_out
 from toolkit.boosters.detectors import box_of_coverage
 from toolkit.boosters.linear_view import ViewBatch, batch_views, show_linear, srgb_to_linear
 from toolkit.boosters.pixels import Target
@@ -39,7 +40,6 @@ if TYPE_CHECKING:
 
 EXPOSURE, TINT, NOISE = (0.75, 1.3), 0.05, 0.012
 """Drawn for each training image: factor on the light, each channel's deviation from it, sensor noise (sRGB)."""
-HELD_OUT = 0.2
 PAPER_GREY = 0.5
 BATCH = 24
 Through = tuple["torch.Tensor", "torch.Tensor"]
@@ -69,7 +69,7 @@ class MountedViews:
 
     def divide(self) -> tuple["MountedViews", "MountedViews"]:
         """Those to train on, and the last fifth, which is held out."""
-        kept = len(self) - max(1, round(len(self) * HELD_OUT))
+        kept = len(self) - count_held_out(len(self))
         train, held_out = (
             replace(
                 self,

@@ -23,7 +23,7 @@ from toolkit.experiments.challenge.score import (
     SCORE,
     SCORE_FILE,
     Judge,
-    Outcome,
+    JudgedPicture,
     choose_corruptions,
     count_score,
     read_judged,
@@ -64,7 +64,7 @@ def write_score(folder, boosted, *, bare=0.25, name=None):
         for sha in (UNSEEN_SHA, trained)
     ]
     outcomes = [
-        Outcome(
+        JudgedPicture(
             judge_sha256=judge.sha256, object=item, pose=pose, variant=variant, condition=condition, corruption="",
             severity=0, picture_sha256="c" * 64, correct=pose <= share[item] * 4,
             delta_e=10.0 if (variant, condition) == ("patched", "clear") else None,
@@ -75,7 +75,7 @@ def write_score(folder, boosted, *, bare=0.25, name=None):
     place = folder / SCORE
     place.mkdir(exist_ok=True)
     rows = (scoring._as_cells(one) for one in outcomes)
-    (place / OUTCOMES).write_bytes(encode_csv(list(Outcome.model_fields), rows).encode())
+    (place / OUTCOMES).write_bytes(encode_csv(list(JudgedPicture.model_fields), rows).encode())
     found = count_score(read, judges, outcomes, sha256_file(place / OUTCOMES))
     (place / SCORE_FILE).write_text(found.model_dump_json())
     return found

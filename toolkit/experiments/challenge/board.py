@@ -15,7 +15,7 @@ from toolkit.core.files import write_json, write_text
 from toolkit.core.statistics import adjust_holm, sign_flip_p
 from toolkit.core.tables import encode_csv
 from toolkit.evaluation.page import COLOURS, UNPATCHED_COLOUR, embed_picture, write_page
-from toolkit.experiments.challenge.entry import Entry
+from toolkit.experiments.challenge.entry import ChallengeEntry
 from toolkit.experiments.challenge.score import (
     CONDITIONS,
     Judged,
@@ -31,7 +31,7 @@ TIE = 1e-9
 
 
 @dataclass(frozen=True)
-class Place:
+class Standing:
     """A line of a leaderboard.
 
     Attributes:
@@ -54,7 +54,7 @@ class Place:
         return {"rank": self.rank, **describe_rank(self.score), "p_next": self.p_next}
 
 
-def rank_entries(entries: Sequence[Judged]) -> list[Place]:
+def rank_entries(entries: Sequence[Judged]) -> list[Standing]:
     """Entries of one class, by the lower end of the interval of their gain on networks that they never saw.
 
     Neighbours are compared picture by picture, on the judges that neither saw: each picture, with all judges and
@@ -64,7 +64,7 @@ def rank_entries(entries: Sequence[Judged]) -> list[Place]:
     pairs = [_compare(one, other) for one, other in pairwise(ranked)]
     adjusted = iter(adjust_holm([p for p in pairs if p is not None]))
     p_next = [None if p is None else next(adjusted) for p in pairs]
-    places: list[Place] = []
+    places: list[Standing] = []
     for number, one in enumerate(ranked, 1):
         low = one.score.rank_ci95[0] if one.score.rank_ci95 else None
         above = places[-1] if places else None
@@ -72,7 +72,7 @@ def rank_entries(entries: Sequence[Judged]) -> list[Place]:
             abs(above.score.rank_ci95[0] - low) < TIE
         )  # fmt: skip
         rank = None if low is None else above.rank if above is not None and is_tied else number
-        places.append(Place(rank, one, p_next[number - 1] if number <= len(p_next) else None))
+        places.append(Standing(rank, one, p_next[number - 1] if number <= len(p_next) else None))
     return places
 
 
@@ -94,7 +94,7 @@ def _compare(one: Judged, other: Judged) -> float | None:
     return sign_flip_p([float(np.mean(own)) for _, own in sorted(changes.items())]) if changes else None
 
 
-def write_board(folders: Sequence[Path], out: Path) -> tuple[list[Place], list[tuple[str, str]]]:
+def write_board(folders: Sequence[Path], out: Path) -> tuple[list[Standing], list[tuple[str, str]]]:
     """Write `index.html`, `board.csv` and `NAME.json` of each entry that its own files bear out.
 
     Returns:
@@ -138,7 +138,7 @@ def _name_class(score: Score) -> str:
     return f"{score.entry.division} division, {score.entry.budget}, version {score.challenge_version}, {judges}"
 
 
-def _embed_boosters(entry: Entry) -> list[tuple[str, str]]:
+def _embed_boosters(entry: ChallengeEntry) -> list[tuple[str, str]]:
     """(object, data URI) of each booster."""
     found = []
     for name in entry.objects:

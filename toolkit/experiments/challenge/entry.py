@@ -90,7 +90,7 @@ class EntryRecord(BaseModel):
 
 
 @dataclass(frozen=True)
-class Entry:
+class ChallengeEntry:
     """A folder that was read.
 
     Attributes:
@@ -120,7 +120,7 @@ def read_booster(png: Path, budget: Budget) -> Patch | Texture:
     return read_patch(png) if budget == "patch" else read_texture(png)
 
 
-def read_entry(folder: Path) -> Entry:
+def read_entry(folder: Path) -> ChallengeEntry:
     """Read `entry.json`.
 
     Raises:
@@ -129,10 +129,10 @@ def read_entry(folder: Path) -> Entry:
     folder = Path(folder)
     if not (folder / ENTRY).is_file():
         raise ToolkitError(f"{folder} is no entry: expected {ENTRY} in it; 'toolkit challenge init {folder}' makes one")
-    return Entry(folder, read_json(folder / ENTRY, EntryRecord))
+    return ChallengeEntry(folder, read_json(folder / ENTRY, EntryRecord))
 
 
-def init_entry(workspace: Workspace, folder: Path, config: EntryConfig) -> Entry:
+def init_entry(workspace: Workspace, folder: Path, config: EntryConfig) -> ChallengeEntry:
     """Make an entry of a workspace's own boosters; the words about it are to be filled in.
 
     Raises:
@@ -196,7 +196,7 @@ def check_entry(folder: Path) -> list[str]:
     return list(_list_faults(entry))
 
 
-def _list_faults(entry: Entry) -> Iterator[str]:
+def _list_faults(entry: ChallengeEntry) -> Iterator[str]:
     from tempfile import TemporaryDirectory
 
     record = entry.record
@@ -220,7 +220,7 @@ def _list_faults(entry: Entry) -> Iterator[str]:
                     yield str(error)
 
 
-def _list_stray(entry: Entry) -> Iterator[str]:
+def _list_stray(entry: ChallengeEntry) -> Iterator[str]:
     """What has no place in an entry: links, what is too large, and what no rule knows."""
     known = re.compile(rf"{ENTRY}|README(\.md|\.txt)?|score(/.*)?|{BOOSTERS}(/[^/]+)?|{OBJECTS}(/[^/]+)?")
     for path in sorted(entry.folder.rglob("*")):
@@ -233,7 +233,7 @@ def _list_stray(entry: Entry) -> Iterator[str]:
             yield f"{name}: {path.stat().st_size >> 20} MiB: expected at most {MOST_FILE_BYTES >> 20}"
 
 
-def _list_booster_faults(entry: Entry, name: str, space: Workspace | None) -> Iterator[str]:
+def _list_booster_faults(entry: ChallengeEntry, name: str, space: Workspace | None) -> Iterator[str]:
     assert space is not None
     item, booster, where = load_object(space.object_spec(name)), entry.read_booster(name), f"{BOOSTERS}/{name}.png"
     if booster.record.png_sha256 != entry.record.boosters[name]:
@@ -259,7 +259,7 @@ def longest_mm(item: TableObject) -> float:
     return float(item.mesh.size_mm.max())
 
 
-def open_space(entry: Entry, folder: Path) -> Workspace:
+def open_space(entry: ChallengeEntry, folder: Path) -> Workspace:
     """A new workspace in which an entry is judged: its boosters, the kit's objects or its own, and the poses.
 
     Raises:

@@ -35,7 +35,7 @@ from toolkit.evaluation.answers import predict_once
 from toolkit.evaluation.clusters import estimate_difference
 from toolkit.evaluation.ground_truth import find_true_classes
 from toolkit.evaluation.metrics import describe_change
-from toolkit.experiments.challenge.entry import Entry, EntryRecord, check_entry, open_space, read_entry
+from toolkit.experiments.challenge.entry import ChallengeEntry, EntryRecord, check_entry, open_space, read_entry
 from toolkit.experiments.challenge.rules import DRAWN_SEED, JUDGES, VERSION
 from toolkit.imaging.colour import delta_e2000, lab_of_linear, srgb_to_linear
 from toolkit.imaging.printer import score_print
@@ -78,7 +78,7 @@ class Judge(BaseModel):
     official: bool
 
 
-class Outcome(BaseModel):
+class JudgedPicture(BaseModel):
     """A line of `outcomes.csv`: what one judge said of one picture.
 
     Attributes:
@@ -176,13 +176,13 @@ class Score(BaseModel):
 class Judged:
     """An entry with its score and what that is counted from."""
 
-    entry: Entry
+    entry: ChallengeEntry
     score: Score
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[JudgedPicture, ...]
 
 
 def run_entry(
-    entry: Entry, judges: Sequence[Classifier], workspace: Workspace, engine: Engine | None = None,
+    entry: ChallengeEntry, judges: Sequence[Classifier], workspace: Workspace, engine: Engine | None = None,
     *, with_controls: bool = True,
 ) -> Judged:  # fmt: skip
     """Render an entry, let the judges say what they see, and write `score/` in its folder.
@@ -202,12 +202,12 @@ def run_entry(
     home = workspace.eval_dir / "challenge"
     captures = _shoot(entry, home, engine, with_controls)
     looks = dict(_measure_looks(entry, captures, home))
-    outcomes: list[Outcome] = []
+    outcomes: list[JudgedPicture] = []
     for judge in judges:
         notice(f"{judge.name} judges")
         outcomes += _ask(entry, judge, captures, home, looks)
     folder = entry.folder / SCORE
-    text = encode_csv(list(Outcome.model_fields), (_as_cells(one) for one in outcomes))
+    text = encode_csv(list(JudgedPicture.model_fields), (_as_cells(one) for one in outcomes))
     write_text(folder / OUTCOMES, text, entry.folder)
     score = count_score(
         entry, [describe_judge(entry.record, one) for one in judges], outcomes, sha256_bytes(text.encode())
@@ -216,7 +216,7 @@ def run_entry(
     return Judged(entry, score, tuple(outcomes))
 
 
-def _shoot(entry: Entry, home: Path, engine: Engine | None, with_controls: bool) -> list[Capture]:
+def _shoot(entry: ChallengeEntry, home: Path, engine: Engine | None, with_controls: bool) -> list[Capture]:
     """The pictures of an entry: bare ones are copied from those of any entry before."""
     space = open_space(entry, home / entry.record.name)
     controls = CONTROLS_OF[entry.record.variant] if with_controls else ()
@@ -236,7 +236,9 @@ def _shoot(entry: Entry, home: Path, engine: Engine | None, with_controls: bool)
     return [one for one in found if one.path_in_source.rpartition("/")[0] in wanted]
 
 
-def _measure_looks(entry: Entry, captures: Sequence[Capture], home: Path) -> Iterator[tuple[tuple[str, int], float]]:
+def _measure_looks(
+    entry: ChallengeEntry, captures: Sequence[Capture], home: Path
+) -> Iterator[tuple[tuple[str, int], float]]:
     """By object and pose, CIEDE2000 between the bare and the boosted picture, mean over the object's pixels."""
     space_root = home / entry.record.name
     plan = read_plan(space_root / "rig" / "plan.json")
@@ -263,8 +265,12 @@ def choose_corruptions(pictures: Iterable[tuple[str, int]]) -> dict[tuple[str, i
 
 
 def _ask(
-    entry: Entry, judge: Classifier, captures: Sequence[Capture], home: Path, looks: Mapping[tuple[str, int], float]
-) -> Iterator[Outcome]:
+    entry: ChallengeEntry,
+    judge: Classifier,
+    captures: Sequence[Capture],
+    home: Path,
+    looks: Mapping[tuple[str, int], float],
+) -> Iterator[JudgedPicture]:
     space = Workspace(home / entry.record.name)
     classes = find_true_classes(read_captures(space.captures_dir), space, judge)
     chosen = choose_corruptions((one.object, one.pose_id or 0) for one in captures)
@@ -277,7 +283,7 @@ def _ask(
     for (condition, capture), one in zip(asked, said, strict=True):
         corruption, severity = capture.corruption or ("", 0)
         is_own = condition == CLEAR and capture.variant == entry.record.variant
-        yield Outcome(
+        yield JudgedPicture(
             judge_sha256=judge.weights.sha256, object=capture.object, pose=capture.pose_id or 0,
             variant=capture.variant, condition=condition, corruption=corruption, severity=severity,
             picture_sha256=hashes[capture.path], correct=one.correct_top1,
@@ -285,7 +291,7 @@ def _ask(
         )  # fmt: skip
 
 
-def _as_cells(one: Outcome) -> list[object]:
+def _as_cells(one: JudgedPicture) -> list[object]:
     return [int(value) if isinstance(value, bool) else value for value in one.model_dump().values()]
 
 
@@ -308,7 +314,9 @@ def _is_official(arch: str, sha256: str) -> bool:
     return sha256.startswith(stem.rpartition("-")[2])
 
 
-def count_score(entry: Entry, judges: Sequence[Judge], outcomes: Sequence[Outcome], sha256: str) -> Score:
+def count_score(
+    entry: ChallengeEntry, judges: Sequence[Judge], outcomes: Sequence[JudgedPicture], sha256: str
+) -> Score:
     """Count everything that a score says.
 
     Raises:
@@ -345,7 +353,7 @@ def count_score(entry: Entry, judges: Sequence[Judge], outcomes: Sequence[Outcom
 class _Table:
     """Outcomes by judge, condition, object, pose and variant."""
 
-    def __init__(self, outcomes: Sequence[Outcome]) -> None:
+    def __init__(self, outcomes: Sequence[JudgedPicture]) -> None:
         self.right = {
             (one.judge_sha256, one.condition, one.object, one.pose, one.variant): one.correct for one in outcomes
         }
@@ -412,11 +420,11 @@ def read_judged(folder: Path) -> Judged:
     return Judged(entry, read_json(files[0], Score), tuple(_read_outcomes(files[1])))
 
 
-def _read_outcomes(file: Path) -> list[Outcome]:
+def _read_outcomes(file: Path) -> list[JudgedPicture]:
     rows = csv.DictReader(io.StringIO(read_bytes(file, MOST_OUTCOMES_BYTES).decode("utf-8", "replace")))
     cells = [{name: value or None if name == "delta_e" else value for name, value in row.items()} for row in rows]
     try:
-        return TypeAdapter(list[Outcome]).validate_python(cells)
+        return TypeAdapter(list[JudgedPicture]).validate_python(cells)
     except ValidationError as error:
         raise ToolkitError(f"{file} is damaged ({explain_validation(error)}): run the entry again") from None
 
