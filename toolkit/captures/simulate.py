@@ -147,7 +147,9 @@ def simulate_captures(
     if board:
         settings = replace(settings, board=read_board(space))
     if folder:
-        found = shoot_like(space, folder, settings, config.source, objects, variants, config.max_px or MAX_PX, engine)
+        found = shoot_like(
+            space, folder, settings, config.source, objects, variants, max_px=config.max_px or MAX_PX, engine=engine
+        )
         shot, left_out = found.shoot, found.skipped
     else:
         shot = _shoot_plan(space, config, settings, objects, variants or PAIR, engine)

@@ -72,7 +72,7 @@ def build_apron(seed: int = 0) -> World:
     pad = Spot("pad", "apron", (112.0, 20.0, 0.25), 6.8, 0.0, "ground")
     pieces.append(landing_pad(7.0, looks).moved(112, 20, 0))
     mesh, face_class = mesh_of(merge(*pieces), looks)
-    return World("apron", seed, mesh, face_class, (*spots, pad), np.array(solids), core, (pad,))
+    return World("apron", seed, mesh, face_class, spots=(*spots, pad), solids=np.array(solids), core=core, pads=(pad,))
 
 
 def _stripe(looks: Looks, points: list[tuple[float, float]], width: float, colour: Colour) -> Piece:

@@ -301,9 +301,8 @@ def build_city(seed: int = 0, blocks: tuple[int, int] = BLOCKS) -> World:
     ]  # fmt: skip
     mesh, face_class = mesh_of(merge(*pieces), looks)
     return World(
-        "city", seed, mesh, face_class, tuple(spots + pads),
-        np.concatenate([np.zeros((0, 6)), *filling.solids]),
-        core, tuple(pads),
+        "city", seed, mesh, face_class, spots=tuple(spots + pads),
+        solids=np.concatenate([np.zeros((0, 6)), *filling.solids]), core=core, pads=tuple(pads),
     )  # fmt: skip
 
 

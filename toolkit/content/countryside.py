@@ -260,7 +260,14 @@ def build_grass(seed: int = 0) -> World:
         pieces = [_outside(piece, spot) for piece in pieces]
     mesh, face_class = mesh_of(merge(*pieces), looks)
     return World(
-        "grass", seed, mesh, face_class, spots, np.array([[-107.0, 66.0, 0, -89.0, 80.0, 5.0]]), inner, spots[:1]
+        "grass",
+        seed,
+        mesh,
+        face_class,
+        spots=spots,
+        solids=np.array([[-107.0, 66.0, 0, -89.0, 80.0, 5.0]]),
+        core=inner,
+        pads=spots[:1],
     )
 
 

@@ -130,8 +130,9 @@ def _read_line(line: Mapping[str, str], find: Find, sources: Mapping[str, str]) 
     if line["status"] != OK:
         return Prediction(capture, int(line["true_index"]), line["true_label"], status=line["status"])
     return Prediction(
-        capture, int(line["true_index"]), line["true_label"], int(line["top1_index"]), line["top1_label"],
-        float(line["top1_prob"]), float(line["true_prob"]), int(line["true_rank"]),
+        capture, int(line["true_index"]), line["true_label"], top1_index=int(line["top1_index"]),
+        top1_label=line["top1_label"], top1_prob=float(line["top1_prob"]), true_prob=float(line["true_prob"]),
+        true_rank=int(line["true_rank"]),
     )  # fmt: skip
 
 

@@ -334,7 +334,7 @@ def make_frying_pan(rng: np.random.Generator) -> Mesh:
     material = "metal" if chance(rng, 0.6) else "paint"
     outline = smooth_curve([(radius * 0.78, 0), (radius * 0.86, 4), (radius, high)], 10)
     content = (0.02, inside, material)
-    parts = vessel(outline, 3, colour, inside, material, 40, 4.0, content)
+    parts = vessel(outline, 3, colour, inside, material, segments=40, floor=4.0, content=content)
     reach, grip = draw(rng, 130, 190), pick_colour(rng, "dark", "wood") if chance(rng, 0.7) else colour
     rise = draw(rng, 4, 30)
     path = [
