@@ -16,13 +16,14 @@ EntryFolder = Annotated[Path, typer.Argument(metavar="ENTRY", help="Folder of th
 
 @from_config(config=EntryConfig)
 def init(
-    entry: EntryFolder, *, config: EntryConfig, workspace: options.Workspace = None, quiet: options.Quiet = False
-) -> None:
+    entry: EntryFolder, *, config: EntryConfig, patches: options.Patches = None,
+    workspace: options.Workspace = None, quiet: options.Quiet = False,
+) -> None:  # fmt: skip
     """Make an entry of this workspace's boosters: their files, and entry.json, in which you say how they were made."""
     from toolkit.core.workspace import open_workspace
     from toolkit.experiments.challenge.entry import ENTRY, init_entry
 
-    made = init_entry(open_workspace(workspace), entry, config)
+    made = init_entry(open_workspace(workspace).with_patches(patches), entry, config)
     say(f"{made.folder}: {len(made.objects)} boosters, trained on {len(made.record.networks)} networks")
     say(f"next: say in {made.folder / ENTRY} who made it and how; toolkit challenge check {made.folder}")
 
@@ -43,7 +44,8 @@ def check(
     else:
         for fault in faults:
             warn(fault)
-        say(f"{entry}: {len(faults)} faults" if faults else f"{entry}: no fault; next: toolkit challenge run {entry}")
+        found = f"{len(faults)} fault{'s' if len(faults) > 1 else ''}" if faults else "no fault"
+        say(f"{entry}: {found}" if faults else f"{entry}: {found}; next: toolkit challenge run {entry}")
     if faults:
         raise typer.Exit(1)
 
