@@ -88,6 +88,8 @@ def test_manifest_may_not_leave_its_folder(folder):
         ("IMG_0003 (1).jpg", 3),
         ("pose7_v2.png", 7),
         ("racer-012-final.png", 12),
+        ("bear1_2in_over.jpg", None),
+        ("keyboard_bear1.jpg", None),
         ("IMG_20240512_101530.jpg", None),
         ("38bdd950c1d08be6.jpg", None),
         ("photo.jpg", None),
@@ -95,6 +97,26 @@ def test_manifest_may_not_leave_its_folder(folder):
 )
 def test_pose_number_in_a_name(name, pose_id):
     assert read_pose_id(name) == pose_id
+
+
+def test_equal_names_pair(tmp_path):
+    put(tmp_path, *(f"real/mug/{variant}/desk_over.jpg" for variant in ("unpatched", "bear1", "bear2")))
+    put(tmp_path, "real/mug/bear1/4in_side.jpg", "real/mug/unpatched/7.jpg", "real/cup/bear1/desk_over.jpg")
+    poses = {one.path.removeprefix("real/"): one.pose_id for one in read_captures(tmp_path).captures}
+    assert {poses[f"mug/{variant}/desk_over.jpg"] for variant in ("unpatched", "bear1", "bear2")} == {8}
+    assert poses["mug/bear1/4in_side.jpg"] is poses["cup/bear1/desk_over.jpg"] is None, "nothing to pair with"
+
+
+def test_one_photograph_under_several_names_counts_once(tmp_path):
+    photograph = np.random.default_rng(0).bytes(30_000)
+    for pose in range(1, 9):
+        put(tmp_path, f"real/mug/unpatched/{pose}.jpg", f"real/mug/patched/{pose}.jpg")
+        (tmp_path / f"real/mug/unpatched/{pose}.jpg").write_bytes(photograph)
+    (tmp_path / "real/mug/patched/1.jpg").write_bytes(photograph)  # another variant: that is for the gates to say
+    found = read_captures(tmp_path)
+    assert [one.pose_id for one in found.captures if one.variant == "unpatched"] == [1]
+    assert sum(one.variant == "patched" for one in found.captures) == 8
+    assert "the same photograph as real/mug/unpatched/1.jpg, which counts once" in found.notes[0]
 
 
 def test_what_is_passed_over_and_what_is_told(folder):

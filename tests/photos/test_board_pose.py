@@ -7,10 +7,13 @@ import pytest
 from board_photos import photograph
 
 from toolkit.core.errors import ToolkitError
-from toolkit.photos.board_pose import find_board, solve_pose
+from toolkit.core.workspace import make_workspace
+from toolkit.photos.board_pose import find_board, find_dictionary, measure_ink, solve_pose
 from toolkit.photos.lens import lens_from_focal
+from toolkit.photos.locate import locate_by_board
 from toolkit.rig.board import DEFAULT_BOARD, CharucoBoard, MarkerRing, choose_ring
 from toolkit.rig.camera import Camera, look_at, orbit_pose
+from toolkit.rig.markers import get_dictionary
 
 PAGE = CharucoBoard(7, 10, 26.0, 19.5)
 SMALL = Camera.from_fov(960, 540, 40)
@@ -222,3 +225,26 @@ def test_a_pale_board_is_found_in_a_small_noisy_photograph():
     at_mm = (margin[:2] / margin[2]).T / 3.0 - 10.0  # of the page, whose margin is 10 mm
     row, column = np.divmod(sighting.ids, DEFAULT_BOARD.columns - 1)
     assert np.abs(at_mm - np.c_[column + 1, row + 1] * DEFAULT_BOARD.square_mm).max() < 1.5
+
+
+def test_another_dictionary_is_named(tmp_path):
+    """A board of 4 × 4 bits where the workspace has one of 5 × 5; a picture of nothing has none."""
+    page = cv2.aruco.CharucoBoard((5, 7), 30.0, 22.0, get_dictionary("DICT_4X4_100")).generateImage(
+        (1000, 1400), None, 60
+    )
+    grey = cv2.GaussianBlur(40 + page * 0.7, (0, 0), 1.0).astype(np.uint8)
+    image = np.repeat(grey[..., None], 3, axis=2)
+    assert find_dictionary(image) == "DICT_4X4_50", "the smallest that has all of its numbers"
+    assert find_dictionary(np.random.default_rng(0).integers(0, 256, (480, 640, 3), dtype=np.uint8)) is None
+    words = locate_by_board(make_workspace(tmp_path))(None, image)
+    assert words == "no board is seen, but markers of DICT_4X4_50: the workspace's board has DICT_5X5_1000"
+    board = CharucoBoard(5, 7, 30.0, 22.0, "DICT_4X4_50")
+    assert measure_ink(image, find_board(image, board)) < 0.2, "black ink on paper"
+
+
+@pytest.mark.slow
+def test_dictionaries_of_real_boards_are_named(shared):
+    for folder, name in (("charuco", "DICT_4X4_50"), ("aruco-sheet", "DICT_6X6_50")):
+        files = sorted((shared / "photos" / folder).glob("*.jpg"))[::7]
+        found = [find_dictionary(cv2.imread(str(file))) for file in files]
+        assert found.count(name) >= 0.9 * len(found), (folder, found)

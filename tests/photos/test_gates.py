@@ -32,12 +32,14 @@ from toolkit.photos.gates.check_photo import check_photo, inspect_photo
 from toolkit.photos.gates.check_set import CheckedPhoto, PatchLines, check_set, measure_moves
 from toolkit.photos.gates.expect import ExpectationBuilder, view_of_record
 from toolkit.photos.gates.framing import (
+    check_blur,
     check_centred,
     check_cut_off,
     check_over_exposure,
     check_under_exposure,
     measure_board_blur,
     measure_edge_blur,
+    middle_of,
 )
 from toolkit.photos.gates.result import Gate
 from toolkit.photos.gates.solid import Solid, draw_silhouette, silhouette_px
@@ -300,6 +302,68 @@ def test_any_edges_tell_the_blur_and_its_direction():
     kernel = np.full((1, 13), 1 / 13, np.float32)
     assert measure_edge_blur(cv2.filter2D(picture, -1, kernel), mask) > 2.5  # a bar of 13 px has 3.7 px
     assert measure_edge_blur(np.full((600, 800), 90, np.uint8), mask) is None
+
+
+def test_shake_is_told_through_noise_sharpening_and_a_hidden_board():
+    """Motion of 1 and 2 px at the classifier's size over a table of boxes, with a camera's noise and sharpening."""
+    rng, sharp = np.random.default_rng(0), np.full((1080, 1440), 150, np.uint8)
+    for _ in range(60):
+        box = ((*rng.uniform(60, 1020, 2),), (*rng.uniform(60, 260, 2),), rng.uniform(0, 90))
+        cv2.fillPoly(sharp, [cv2.boxPoints(box).round().astype(np.int32)], int(rng.integers(20, 240)), cv2.LINE_AA)
+    everywhere = np.ones(sharp.shape, bool)
+
+    def develop(picture: np.ndarray) -> np.ndarray:
+        seen = picture + rng.normal(0, 2.0, picture.shape)
+        return (seen + 1.0 * (seen - cv2.GaussianBlur(seen, (0, 0), 1.5))).clip(0, 255).astype(np.uint8)
+
+    assert check_blur(develop(sharp), everywhere, None, None).passed
+    for sigma, angle in itertools.product((1.0, 2.0), (0, 35, 90, 140)):
+        length = round(sigma * 1080 / 256 * np.sqrt(12))  # of a path whose places have that standard deviation
+        path = np.zeros((length | 1, length | 1), np.float32)
+        path[length // 2] = 1
+        turn = cv2.getRotationMatrix2D((length // 2, length // 2), angle, 1.0)
+        path = cv2.warpAffine(path, turn, path.shape)
+        shaken = cv2.filter2D(sharp, cv2.CV_32F, path / path.sum())
+        result = check_blur(develop(shaken), everywhere, None, None)
+        assert result.failed, (sigma, angle, result.describe())
+
+
+@pytest.mark.slow
+def test_real_photographs_are_sharp_until_they_are_shaken(shared):
+    """By people with phones and webcams; 3 % may be refused, 10 % of the shaken may pass."""
+    folder, refused, passed, seen = shared / "photos", 0, 0, 0
+    files = [
+        file
+        for name in ("stickers-keyboard", "charuco", "aruco-sheet")
+        for file in sorted(folder.glob(f"{name}/*.jpg"))
+    ]
+    for number, file in enumerate(files[::3]):
+        grey = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE)
+        mask = middle_of(grey)
+        refused += check_blur(grey, mask, None, None).failed
+        length = (1 + number % 3 / 2) * min(grey.shape) / 256 * np.sqrt(12)
+        steps = np.linspace(-length / 2, length / 2, round(2 * length))
+        angle = number * 0.7
+        total = np.zeros(grey.shape, np.float32)
+        for step in steps:
+            shift = np.float32([[1, 0, step * np.cos(angle)], [0, 1, step * np.sin(angle)]])
+            total += cv2.warpAffine(grey.astype(np.float32), shift, grey.shape[::-1], borderMode=cv2.BORDER_REPLICATE)
+        passed += check_blur((total / len(steps)).astype(np.uint8), mask, None, None).passed
+        seen += 1
+    assert seen > 25 and refused <= 0.03 * seen and passed <= 0.1 * seen
+
+
+def test_a_window_is_not_the_objects_exposure():
+    """A bright window in a picture that is else exposed well says nothing of the object; two stops too much does."""
+    rng = np.random.default_rng(0)
+    scene = rng.integers(20, 200, (3000, 1)).repeat(3, axis=1).astype(np.uint8)
+    window = scene.copy()
+    window[:600] = 255
+    assert check_over_exposure(window).failed
+    assert check_over_exposure(window, is_object=False).status == "not checked"
+    assert check_over_exposure(scene, is_object=False).passed
+    bright = linear_to_srgb(np.clip(srgb_to_linear(scene / 255) * 6, 0, 1)) * 255
+    assert check_over_exposure(bright.round().astype(np.uint8), is_object=False).failed
 
 
 def test_shares_outside_the_frame_are_those_of_the_geometry(make_box):

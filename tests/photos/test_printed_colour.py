@@ -181,6 +181,21 @@ def test_without_a_margin_the_strip_is_the_white(page):
     assert np.median(np.abs(colours.seen - read_colours(photo, sighting, PATCH_MM).seen)) < 0.05
 
 
+def test_a_white_desk_is_not_the_paper():
+    """A sticker cut tight, whose paper has 0.8 of the light of the desk that it lies on."""
+    rng = np.random.default_rng(3)
+    patch = rng.integers(0, 256, (20, 20, 3), dtype=np.uint8)
+    patch[rng.random((20, 20)) < 0.3] = 255
+    photo = photograph_page(paint_page(patch, printer=lambda x: 0.8 * ink(x), with_strip=False), page_corners())
+    sighting = find_patch(photo, patch)
+    colours = read_colours(photo, sighting, PATCH_MM, patch_pixels=patch)
+    truth = colours.draw(ink(patch / 255), 0.8)
+    assert colours.white_from == "texels"
+    assert np.median(colours.seen / truth) == pytest.approx(1, abs=0.04)
+    by_margin = read_colours(photo, sighting, PATCH_MM)
+    assert np.median(by_margin.seen / truth) < 0.85, "which the margin alone cannot tell"
+
+
 def test_an_overexposed_print_is_refused(page):
     _, sighting, _ = page
     photo = photograph_page(paint_page(shipped_patch(PATCH)), page_corners(), exposure=30.0)

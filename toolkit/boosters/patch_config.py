@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     import torch
 
 METHOD = "unadversarial patch, sign of the gradient"
-METHOD_VERSION = 6
+METHOD_VERSION = 7
 """Raised when the same settings give other numbers: an older checkpoint is then another run's."""
 LOSSES, RIG = "Losses", "Mounted on the rig's object"
 SMALLEST_PX = 8

@@ -11,6 +11,7 @@ from typing import Any
 
 from toolkit.captures.manifest import MANIFEST, CaptureRecord, read_manifest
 from toolkit.core.errors import ToolkitError, one_of
+from toolkit.core.files import sha256_file
 from toolkit.imaging.read import FoundFiles, find_files, show_path
 
 UNPATCHED = "unpatched"
@@ -18,6 +19,8 @@ POOLED = "all"
 LAYOUT = "SOURCE/OBJECT/VARIANT/FILE, for example captures/real/racer/patched/1.jpg"
 WNID = re.compile(r"^n\d{8}$")
 MAX_POSE_DIGITS = 5
+LEAST_PHOTO_BYTES = 20_000
+"""A smaller file is a drawing, not a photograph: two that are equal may well be two."""
 SAME_CAMERA = (3.0, 0.05)
 """Two renders by plan are of one pose up to here: degrees seen from the object, share of distance and focal length."""
 SAME_PHOTOGRAPH = (15.0, 0.5)
@@ -30,12 +33,13 @@ class Capture:
 
     Attributes:
         source, object, variant: the folders that it lies in.
-        pose_id: from the manifest, else the number in the file's name, else None.
+        pose_id: from the manifest, else the number in the file's name, else one for names that are equal; else None.
         file: where it is.
         path: how it is named in results: SOURCE/OBJECT/VARIANT/FILE.
         refused: why it must not be opened, None when it may.
         T_world_camera: 4×4, OpenCV axes, millimetres, where the manifest has it.
         focal_length: of the lens as a share of the image's longer side, where the manifest has it.
+        class_name: what the object should be recognised as, where the manifest says so.
         booster_sha256: of what was on the object, where the manifest has it.
         is_rendered: the manifest says that a renderer made it.
         is_by_plan: likewise, and that its camera is the plan's: no photograph's (`--like`) and no rehearsal's.
@@ -54,6 +58,7 @@ class Capture:
     refused: str | None = None
     T_world_camera: tuple[tuple[float, ...], ...] | None = None
     focal_length: float | None = None
+    class_name: str | None = None
     booster_sha256: str | None = None
     is_rendered: bool = False
     is_by_plan: bool = False
@@ -125,7 +130,8 @@ class Selection:
 def read_captures(root: Path, selection: Selection | None = None) -> CaptureFolder:
     """Read `captures/`, one of its sources, one object's folder, or an ImageFolder whose folders are WordNet ids.
 
-    Images are paired by pose: the manifest's pose id, else the number in the name (`pose_03.jpg`, `IMG_0003.jpg`).
+    Images are paired by pose: the manifest's pose id, else the number in the name (`pose_03.jpg`, `IMG_0003.jpg`), else
+    names that are equal in several variants.
     Where the manifest knows both cameras they must agree too: see `Capture.tell_cameras_apart`.
 
     Raises:
@@ -155,24 +161,71 @@ def read_captures(root: Path, selection: Selection | None = None) -> CaptureFold
             manifests[source_dir] = read_manifest(source_dir)
         record = manifests[source_dir].get("/".join(full[1:]))
         captures.append(_capture(root / Path(*parts), full, record, refused))
-    chosen = _select(captures, selection or Selection())
+    chosen, copies = _drop_copies(_pair_by_stem(_select(captures, selection or Selection())))
     chosen.sort(key=lambda capture: (capture.source, capture.object, capture.variant, capture.path))
     if any(capture.object == POOLED for capture in chosen):
         raise ToolkitError(f"{root}: an object may not be called '{POOLED}', the pooled rows are: rename its folder")
-    return CaptureFolder(root, tuple(chosen), tuple(unread), (*_note_files(found, stray), *_note_doubles(chosen)))
+    return CaptureFolder(
+        root, tuple(chosen), tuple(unread), (*_note_files(found, stray), *_note_doubles(chosen), *copies)
+    )
 
 
 def read_pose_id(name: str) -> int | None:
     """The pose number in a file name: after `pose`, else the last number; None where there is none.
 
-    A copy's mark such as ` (1)` is no pose, a number of more than five digits is a date or a time, and digits among
-    letters, as in `38bdd950c1d0`, are a hash.
+    A number stands alone, as in `IMG_0003`, or ends a name that is one word, as in `DSC01234`: in `bear1_2in_over` both
+    belong to what is shown. A copy's mark such as ` (1)` is no pose, a number of more than five digits is a date or a
+    time, and digits among letters, as in `38bdd950c1d0`, are a hash.
     """
     stem = re.sub(r"\s*\(\d+\)$", "", Path(name).stem)
     named = re.search(r"pose[\s_-]*(\d+)", stem, re.IGNORECASE)
-    words = [re.fullmatch(r"[A-Za-z]*(\d+)", word) for word in re.split(r"[^0-9A-Za-z]+", stem)]
-    match = named or next((word for word in reversed(words) if word), None)
+    words = re.split(r"[^0-9A-Za-z]+", stem)
+    numbers = [re.fullmatch(r"[A-Za-z]*(\d+)" if len(words) == 1 else r"(\d+)", word) for word in words]
+    match = named or next((number for number in reversed(numbers) if number), None)
     return int(match[1]) if match and len(match[1]) <= MAX_POSE_DIGITS else None
+
+
+def _drop_copies(captures: Sequence[Capture]) -> tuple[list[Capture], list[str]]:
+    """The captures, of photographs that lie there several times as one variant the first alone; a note of the others.
+
+    One bare photograph under eight names is one observation and not eight.
+    """
+    sizes: dict[tuple[str, str, str, int], list[Capture]] = {}
+    for one in captures:
+        if one.refused is None and not one.is_rendered and (size := one.file.stat().st_size) >= LEAST_PHOTO_BYTES:
+            sizes.setdefault((one.source, one.object, one.variant, size), []).append(one)
+    copies: dict[str, list[str]] = {}
+    for group in sizes.values():
+        first: dict[str, Capture] = {}
+        for one in sorted(group, key=lambda capture: capture.path) if len(group) > 1 else ():
+            original = first.setdefault(sha256_file(one.file), one)
+            if original is not one:
+                copies.setdefault(original.path, []).append(one.path)
+    dropped = {path for paths in copies.values() for path in paths}
+    notes = [
+        f"{_some(paths)}: the same photograph as {original}, which counts once" for original, paths in copies.items()
+    ]
+    return [one for one in captures if one.path not in dropped], notes
+
+
+def _pair_by_stem(captures: Sequence[Capture]) -> list[Capture]:
+    """The captures; of those without a pose, equal names in several variants of an object are one, above all others."""
+    groups: dict[tuple[str, str], list[Capture]] = {}
+    for capture in captures:
+        groups.setdefault((capture.source, capture.object), []).append(capture)
+    paired: list[Capture] = []
+    for group in groups.values():
+        variants: dict[str, set[str]] = {}
+        for one in group:
+            if one.pose_id is None:
+                variants.setdefault(one.file.stem.lower(), set()).add(one.variant)
+        shared = sorted(stem for stem, found in variants.items() if len(found) > 1)
+        first = 1 + max((one.pose_id or 0 for one in group), default=0)
+        ids = {stem: first + i for i, stem in enumerate(shared)}
+        paired += [
+            replace(one, pose_id=ids.get(one.file.stem.lower())) if one.pose_id is None else one for one in group
+        ]
+    return paired
 
 
 def _all_files(found: FoundFiles) -> list[tuple[tuple[str, ...], str | None]]:
@@ -209,6 +262,7 @@ def _capture(file: Path, full: tuple[str, ...], record: CaptureRecord | None, re
         pose_id=record.pose_id if record.pose_id is not None else capture.pose_id,
         T_world_camera=tuple(tuple(row) for row in rows) if rows is not None else None,
         focal_length=lens["fx"] / max(lens["width"], lens["height"]) if lens else None,
+        class_name=said if isinstance(said := record.made.get("class"), str) else None,
         booster_sha256=record.booster_sha256,
         is_rendered="renderer" in record.made,
         is_by_plan="renderer" in record.made and not {"like", "rehearsed"} & record.made.keys(),

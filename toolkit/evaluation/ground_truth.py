@@ -123,7 +123,7 @@ def add_corrupted(folder: CaptureFolder, corruptions: Sequence[Corruption]) -> C
 
 
 def find_true_classes(folder: CaptureFolder, workspace: Workspace, classifier: Classifier) -> dict[str, int]:
-    """Class index of every object of a capture folder: from its spec, else from the name of its folder.
+    """Class index of every object of a capture folder: from its spec, its manifest, else the name of its folder.
 
     A folder's name may be a class name, with spaces or underscores, or a WordNet id as in ImageNet's own folders.
 
@@ -135,6 +135,10 @@ def find_true_classes(folder: CaptureFolder, workspace: Workspace, classifier: C
     for name in folder.objects:
         if name in specs:
             classes[name] = class_of_spec(specs[name], classifier)
+            continue
+        said = next((one.class_name for one in folder.captures if one.object == name and one.class_name), None)
+        if said is not None:
+            classes[name] = classifier.class_index(int(said) if said.isdecimal() else said)
         else:
             classes[name] = _class_of_folder(name, folder, sorted(specs), classifier)
     return classes

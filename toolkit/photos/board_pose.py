@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from toolkit.imaging.colour import LINEAR_OF_CODE
 from toolkit.photos.lens import scale_lens
 from toolkit.photos.plane_pose import PhotoPose, fit_plane_pose
 from toolkit.rig.board import Board, CharucoBoard
@@ -168,6 +169,46 @@ def find_board(image: np.ndarray, board: Board) -> BoardSighting | None:
         return None
     ids, corners_px = best
     return BoardSighting(ids, corners_px, finder.world_mm[ids], grey.shape[1], grey.shape[0])
+
+
+FAMILIES = ("DICT_4X4", "DICT_5X5", "DICT_6X6", "DICT_7X7")
+SIZES = (50, 100, 250, 1000)
+"""Markers in each size of a family: a smaller one is the larger one's beginning, where nearly every board begins."""
+OTHERS = ("DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h11")
+"""Without `DICT_APRILTAG_16h5`, which is seen in any texture."""
+LEAST_MARKERS = 4
+"""Different ones of a dictionary that must be read before it is believed to be there."""
+
+
+def find_dictionary(image: np.ndarray) -> str | None:
+    """The dictionary whose markers a picture (h, w, 3) uint8 sRGB shows, such as `DICT_4X4_50`; None without any.
+
+    Of a family's sizes it is the smallest that has all the numbers that were read.
+    """
+    grey = _shrink(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), SEARCH_SIDE_PX)
+
+    def read(name: str) -> np.ndarray:
+        dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
+        _, ids, _ = cv2.aruco.ArucoDetector(dictionary, cv2.aruco.DetectorParameters()).detectMarkers(grey)
+        return np.unique(ids) if ids is not None else np.empty(0, int)
+
+    counts = {name: len(read(name)) for name in (*(f"{family}_{SIZES[0]}" for family in FAMILIES), *OTHERS)}
+    best = max(counts, key=lambda name: counts[name])
+    if counts[best] < LEAST_MARKERS:
+        return None
+    if best in OTHERS:
+        return best
+    family = best.rpartition("_")[0]
+    return f"{family}_{next(size for size in SIZES if read(f'{family}_{SIZES[-1]}').max() < size)}"
+
+
+def measure_ink(image: np.ndarray, sighting: BoardSighting) -> float:
+    """Light of the board's ink as a share of its paper's, 0 to 1, in a picture (h, w, 3) uint8 sRGB."""
+    inside = np.zeros(image.shape[:2], np.uint8)
+    cv2.fillConvexPoly(inside, cv2.convexHull(sighting.corners_px.astype(np.float32)).round().astype(np.int32), 1)
+    light = LINEAR_OF_CODE[cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)[inside > 0]]
+    dark, bright = np.percentile(light, (15, 85)) if len(light) else (1.0, 1.0)
+    return float(dark / max(bright, 1e-6))
 
 
 def solve_pose(sighting: BoardSighting, lens: Camera) -> PhotoPose | None:

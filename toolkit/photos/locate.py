@@ -1,6 +1,7 @@
 """Where a photograph's camera stood, from the printed board in the photograph."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,14 +25,23 @@ def locate_by_board(workspace: Workspace) -> Locate:
     Raises:
         ToolkitError: `rig/board.json` or `rig/lens.json` is broken.
     """
-    from toolkit.photos.board_pose import find_board
+    from toolkit.photos.board_pose import find_board, find_dictionary, measure_ink
     from toolkit.photos.lens import read_lenses
     from toolkit.rig.board import read_board
 
     board, lenses = read_board(workspace), read_lenses(workspace)
 
     def locate(photo: Photo, pixels: np.ndarray) -> PosedCamera | str:
-        return locate_sighting(photo, find_board(pixels, board), lenses)
+        sighting = find_board(pixels, board)
+        located = locate_sighting(photo, sighting, lenses)
+        if sighting is None:
+            there = find_dictionary(pixels)
+            if there is not None and there.rpartition("_")[0] != board.dictionary.rpartition("_")[0]:
+                return f"no board is seen, but markers of {there}: the workspace's board has {board.dictionary}"
+        elif isinstance(located, PosedCamera):
+            ink = round(measure_ink(pixels, sighting), 3)
+            return replace(located, details={**located.details, "board_ink": ink})
+        return located
 
     return locate
 

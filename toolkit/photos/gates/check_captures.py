@@ -31,7 +31,7 @@ from toolkit.rig.shot_order import ShotStep, read_shots
 from toolkit.rig.variants import Print, find_booster
 
 GATES_FILE = "gates.jsonl"
-VERSION = 2
+VERSION = 3
 """Of the measures: photographs that were judged by others are judged anew."""
 
 

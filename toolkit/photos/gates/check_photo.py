@@ -18,8 +18,6 @@ from toolkit.photos.gates.framing import (
     check_over_exposure,
     check_there,
     check_under_exposure,
-    measure_board_blur,
-    measure_edge_blur,
     measure_paper,
     middle_of,
 )
@@ -42,7 +40,8 @@ from toolkit.photos.gates.solid import Solid, draw_silhouette, silhouette_px
 from toolkit.photos.gates.which_object import OBJECT, KnownObjects
 from toolkit.photos.lens import scale_lens
 from toolkit.photos.posed_camera import PosedCamera
-from toolkit.rig.board import Board, CharucoBoard
+from toolkit.photos.prints.find import PatchSighting
+from toolkit.rig.board import Board
 
 WORK_SIDE_PX = 1440
 """Longer side of the picture that is judged; larger ones are shrunk. What the gates ask is still seen at that size, a
@@ -114,13 +113,16 @@ def inspect_photo(image: np.ndarray, expectation: Expectation, sighting: BoardSi
     region = middle_of(small) if silhouette is None else silhouette
     pixels = small[region]
     light = [
-        check_blur(_measure_blur(small, region, expectation, sighting), (small.shape[1], small.shape[0])),
-        check_over_exposure(pixels),
+        check_blur(cv2.cvtColor(small, cv2.COLOR_RGB2GRAY), region, sighting, expectation.board),
+        check_over_exposure(pixels, is_object=silhouette is not None),
         check_under_exposure(measure_paper(small, sighting) if sighting else None, pixels),
     ]
     framing = _check_framing(expectation, sighting)
     why_blind = _why_blind(light, framing)
     patch, seen = _check_patch(small, silhouette, expectation, why_blind)
+    found = [one for one in seen.own if one is not None] if seen else []
+    if silhouette is None and found:  # the sheet is what is known of the object's place
+        light[1] = check_over_exposure(small[_draw_sheets(small, found)])
     lines = trace_patch(seen.own, expectation.view) if seen and expectation.view else None
     known = expectation.known
     shown = OBJECT.skip("there are no renders") if known is None else known.check(small, expectation.object)
@@ -152,15 +154,12 @@ def _find_object(image: np.ndarray, expectation: Expectation) -> np.ndarray | No
     return mask if mask.sum() >= LEAST_REGION_PX else None
 
 
-def _measure_blur(
-    image: np.ndarray, region: np.ndarray, expectation: Expectation, sighting: BoardSighting | None
-) -> float | None:  # fmt: skip
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    if sighting is not None and isinstance(expectation.board, CharucoBoard):
-        width_px = measure_board_blur(grey, sighting, expectation.board)
-        if width_px is not None:
-            return width_px
-    return measure_edge_blur(grey, region)
+def _draw_sheets(image: np.ndarray, sightings: Sequence[PatchSighting]) -> np.ndarray:
+    """(h, w) bool: where patches were found."""
+    mask = np.zeros(image.shape[:2], np.uint8)
+    for one in sightings:
+        cv2.fillConvexPoly(mask, one.corners_px.round().astype(np.int32), 1)
+    return mask.astype(bool)
 
 
 def _check_framing(expectation: Expectation, sighting: BoardSighting | None) -> list[GateResult]:

@@ -111,19 +111,30 @@ UNDER_BRIGHTEST = Gate(
 )  # fmt: skip
 """80: without a board, something in the middle of nearly every picture is half as bright as paper or brighter; less
 light than this by a further stop leaves nothing to see."""
+BRIGHT = 140.0
+"""Grey level above which the unclipped half of an over-exposed picture lies; some 120 where it is exposed well."""
 MIDDLE_SHARE = 0.6
 PAPER_PERCENTILE = 92
 """A quarter of a ChArUco board is white paper, markers' modules included; its darker part may lie in a shadow."""
 
 
-def check_over_exposure(pixels: np.ndarray) -> GateResult:
+def check_over_exposure(pixels: np.ndarray, is_object: bool = True) -> GateResult:
     """Share of the object's pixels of which two channels or more are clipped: one alone is a pure colour.
 
+    Where nobody knows which pixels are the object's, a window behind it may be what is clipped. Then a photograph is
+    too bright only if all else in it is bright as well.
+
     Args:
-        pixels: (n, 3) uint8 sRGB, of the object's region.
+        pixels: (n, 3) uint8 sRGB, of the object, or of where one is looked for.
+        is_object: which of the two.
     """
-    second = np.sort(pixels, axis=1)[:, 1]
-    return OVER.judge(100.0 * float((second >= CLIPPED).mean()))
+    clipped = np.sort(pixels, axis=1)[:, 1] >= CLIPPED
+    result = OVER.judge(100.0 * float(clipped.mean()))
+    if is_object or result.passed or clipped.all():
+        return result
+    if float(np.median(_luma(pixels[~clipped]))) < BRIGHT:
+        return OVER.skip("a part is clipped, a window or a lamp perhaps, and where the object is, is not known")
+    return result
 
 
 def check_under_exposure(paper: float | None, pixels: np.ndarray) -> GateResult:
@@ -172,6 +183,8 @@ BLUR = Gate("blur", 0.7, "px at the classifier's size", "hold still or use more 
 ImageNet-C, which costs a ResNet some accuracy, is a disc of 1.5 px. Up to here the board can be read as well: one
 that fills the frame has modules of 1.5 such pixels or more. A sharp photograph of 640 × 360
 has 0.36 px, one of 1280 × 960 about 0.2 px."""
+BLUR_OF_EDGES = Gate("blur", 0.55, BLUR.unit, BLUR.advice)
+"""0.55 px where no board is seen: the sharp ones of 97 photographs by phones and webcams have 0.2 to 0.54."""
 LEAST_EDGES = 6
 ALONG = np.linspace(0.25, 0.75, 9)
 """Places along a square's edge that are averaged: a marker's black border lies beside all of them."""
@@ -183,23 +196,35 @@ NARROWEST_PX, WIDEST_MARGINS = 0.3, 1.8
 LEAST_MARGIN_PX = 1.2
 LEAST_FIT = 0.8
 """Share of an edge's variation that the fitted bar must explain: noise and what lies on the board are no edges."""
-BINS = 4
+EDGE_SIDE_PX = 2 * NETWORK_SIDE_PX
+"""Shorter side of the picture in which edges are measured: what is finer than half of a classifier's pixel is noise."""
+COARSE_PX, FINE_PX = 2.0, 0.7
+STRONG = 0.3
+"""Least slope of an edge that counts, as a share of the steepest ones'."""
+BINS = 6
 LEAST_BIN = 40
-SMOOTH_PX = 0.8
-SHARP_PERCENTILE = 35
+SHARP_PERCENTILE = 33
 Edge = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
-def check_blur(width_px: float | None, size: tuple[int, int]) -> GateResult:
-    """Judge a blur's width.
+def check_blur(grey: np.ndarray, mask: np.ndarray, sighting: BoardSighting | None, board: Board | None) -> GateResult:
+    """Judge the blur by the board's edges, which are known to be sharp; else by whatever edges there are.
 
     Args:
-        width_px: standard deviation in pixels of a photograph of that size; None where there were no edges.
-        size: (width, height).
+        grey: (h, w) uint8, sRGB-encoded.
+        mask: (h, w) bool: where edges count that are not the board's.
+        sighting: of the board in it, None where none is seen.
+        board: which.
     """
+    to_network = NETWORK_SIDE_PX / min(grey.shape)
+    if sighting is not None and isinstance(board, CharucoBoard):
+        width_px = measure_board_blur(grey, sighting, board)
+        if width_px is not None:
+            return BLUR.judge(width_px * to_network)
+    width_px = measure_edge_blur(grey, mask)
     if width_px is None:
         return BLUR.skip("no edges are seen, neither of a board nor of anything else")
-    return BLUR.judge(width_px * NETWORK_SIDE_PX / min(size))
+    return BLUR_OF_EDGES.judge(width_px * to_network)
 
 
 def measure_board_blur(grey: np.ndarray, sighting: BoardSighting, board: CharucoBoard) -> float | None:
@@ -296,7 +321,12 @@ def _fit_bar(steps: np.ndarray, profile: np.ndarray, margin: float) -> float | N
 
 
 def measure_edge_blur(grey: np.ndarray, mask: np.ndarray) -> float | None:
-    """Standard deviation of the blur in pixels, from whatever edges there are.
+    """Standard deviation of the blur in pixels, from whatever edges there are, in the direction that has most of it.
+
+    Edges are chosen where the picture, blurred, is steep, so that noise and what a phone's sharpening makes of it are
+    none. How much steeper they are unblurred tells their width: a Gaussian edge of width w has the slope
+    1 / sqrt(w^2 + s^2) behind a blur of s. Camera shake widens the edges across its path alone, so the widths of each
+    direction are judged for themselves.
 
     Args:
         grey: (h, w) uint8, sRGB-encoded.
@@ -305,19 +335,30 @@ def measure_edge_blur(grey: np.ndarray, mask: np.ndarray) -> float | None:
     Returns:
         Of the sharper edges of each direction the width, the worst direction's; None with too few edges.
     """
-    more = 0.5 * BLUR.threshold * min(grey.shape) / NETWORK_SIDE_PX + 0.7
-    smooth = cv2.GaussianBlur(grey.astype(np.float32), (0, 0), SMOOTH_PX)
-    x, y = _slopes(smooth)
-    again_x, again_y = _slopes(cv2.GaussianBlur(smooth, (0, 0), more))
-    slope, again = np.hypot(x, y), np.hypot(again_x, again_y)
+    share = min(1.0, EDGE_SIDE_PX / min(grey.shape))
+    if share < 1:
+        grey = cv2.resize(grey, None, fx=share, fy=share, interpolation=cv2.INTER_AREA)
+        mask = cv2.resize(mask.astype(np.uint8), grey.shape[1::-1], interpolation=cv2.INTER_NEAREST) > 0
+    coarse_px, light = COARSE_PX * max(0.5, min(grey.shape) / EDGE_SIDE_PX), grey.astype(np.float32)
+    x, y = _slopes(cv2.GaussianBlur(light, (0, 0), coarse_px))
+    slope = np.hypot(x, y)
     peaks = mask & _is_ridge(slope, x, y)
-    values = slope[peaks]
-    if len(values) < LEAST_BIN:
+    peaks[[0, 1, -1, -2]] = peaks[:, [0, 1, -1, -2]] = False
+    if peaks.sum() < LEAST_BIN:
         return None
-    peaks &= slope >= max(3.0, 0.25 * float(np.percentile(values, 98)))
-    ratio = slope[peaks] / np.maximum(again[peaks], 1e-6)
-    width = np.sqrt(np.maximum(more**2 / np.maximum(ratio**2 - 1, 1e-3) - SMOOTH_PX**2, 0))
-    direction = (np.arctan2(y[peaks], x[peaks]) % np.pi * BINS / np.pi + 0.5).astype(int) % BINS
+    peaks &= slope >= max(1.0, STRONG * float(np.percentile(slope[peaks], 98)))
+    rows, columns = np.nonzero(peaks)
+    normal = np.stack([x[peaks], y[peaks]], axis=1) / slope[peaks, None]
+    fine_x, fine_y = _slopes(cv2.GaussianBlur(light, (0, 0), FINE_PX))
+    steepest = np.zeros(len(rows), np.float32)
+    for step in (-2, -1, 0, 1, 2):  # the steepest place of the unblurred edge lies a little beside
+        at = np.stack([columns, rows], axis=1) + (step * normal).round().astype(int)
+        column, row = at[:, 0].clip(0, grey.shape[1] - 1), at[:, 1].clip(0, grey.shape[0] - 1)
+        across = fine_x[row, column] * normal[:, 0] + fine_y[row, column] * normal[:, 1]
+        steepest = np.maximum(steepest, across)
+    ratio = np.maximum((steepest / slope[peaks]) ** 2, 1 + 1e-3)
+    width = np.sqrt(np.maximum((coarse_px**2 - ratio * FINE_PX**2) / (ratio - 1), 0)) / share
+    direction = (np.arctan2(normal[:, 1], normal[:, 0]) % np.pi * BINS / np.pi + 0.5).astype(int) % BINS
     bins = [width[direction == i] for i in range(BINS)]
     found = [float(np.percentile(one, SHARP_PERCENTILE)) for one in bins if len(one) >= LEAST_BIN]
     return max(found) if found else None

@@ -1,10 +1,16 @@
 """`toolkit import`: from a phone's photographs to a capture folder in which each is known to show what it shows."""
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from difflib import get_close_matches
+from functools import partial
 from pathlib import Path
 from typing import Any
+
+import cv2
+import numpy as np
 
 from toolkit.captures.manifest import CaptureRecord, write_transforms
 from toolkit.core.console import progress
@@ -20,10 +26,12 @@ from toolkit.photos.importing.evidence import collect_evidence
 from toolkit.photos.importing.gather import Gathered, gather_photos
 from toolkit.photos.importing.index import SourceIndex, describe_imported, index_source, is_whole, list_poses
 from toolkit.photos.importing.match import MatchRender, RenderMatcher
-from toolkit.photos.importing.resolve import Ask, Resolved, resolve_photos
+from toolkit.photos.importing.pairs import match_pairs, read_pairs
+from toolkit.photos.importing.resolve import Ask, Resolved, resolve_occupied, resolve_photos
 from toolkit.photos.importing.settings import ImportSettings
 from toolkit.photos.importing.store import store_photo
 from toolkit.photos.locate import Locate, locate_by_board
+from toolkit.photos.photo import load_pixels
 from toolkit.rig.plan import CapturePlan, open_plan
 from toolkit.rig.requests import PAIR
 from toolkit.rig.shot_order import ShotStep, read_shots
@@ -121,12 +129,31 @@ def measure_coverage(
     return tuple(rows)
 
 
+def count_variants(
+    index: SourceIndex, whole: Sequence[CaptureRecord], imported: Sequence[CaptureRecord]
+) -> tuple[Coverage, ...]:  # fmt: skip
+    """`measure_coverage` of photographs without a plan: missing is what another variant of the object has."""
+    poses: dict[str, set[int]] = {}
+    there: dict[tuple[str, str], set[int]] = {}
+    for record in whole:
+        if record.pose_id is not None:
+            poses.setdefault(record.object, set()).add(record.pose_id)
+            there.setdefault((record.object, record.variant), set()).add(record.pose_id)
+    now = Counter((record.object, record.variant) for record in imported)
+    return tuple(
+        Coverage(*group, now[group], len(found), tuple(sorted(poses[group[0]] - found)), None, None)
+        for group, found in sorted(there.items())
+    )
+
+
 def _mean(records: Sequence[CaptureRecord], key: str) -> float | None:
     values = [float(value) for record in records if isinstance(value := record.made.get(key), int | float)]
     return sum(values) / len(values) if values else None
 
 
 SHOWN_OTHERS = 5
+BLACK_INK = 0.35
+"""Light of the board's ink as a share of its paper's; a board in 10 % of ink has 0.7 and more."""
 
 
 @dataclass(frozen=True)
@@ -211,6 +238,8 @@ def _import_photos(
 ) -> ImportResult:  # fmt: skip
     notes = check_settings(workspace, settings)
     refuse_captures(workspace, paths)
+    if settings.pairs is not None:
+        return _import_pairs(workspace, paths, settings, settings.pairs, check=check, ask=ask)
     plan = open_plan(workspace, [settings.object] if settings.object else None)
     steps = _read_steps(workspace, plan, settings, notes)
     gathered = gather_photos(paths, settings.every_s)
@@ -223,10 +252,46 @@ def _import_photos(
         clues = Clues(workspace, plan, matcher)
         evidence = place_with_gaps(evidence, plan, steps, index, clues, again=settings.replace)
     resolved, refused = resolve_photos(evidence, plan, index, settings, ask, by_render=by_render)
+    resolved = drop_copies(resolved, refused)
     imported, broken = _store_all(workspace, index, resolved, settings, check, notes=notes)
-    before = [(one.label, where) for one in gathered.candidates if (where := describe_imported(index, one.photo))]
+    black = sum(record.made.get("board_ink", 1.0) < BLACK_INK for record in imported)
+    if black:
+        notes.append(
+            f"the board is printed in black in {black} photographs, and networks take it for a puzzle: "
+            "print a pale one with 'toolkit print --board --ink 10'"
+        )
     if any(decision.matched_by == "order" for _, decision in resolved) and not gathered.by_time:
         notes.append("the photographs carry no time: their order is that of their names")
+    coverage = partial(measure_coverage, plan=plan, imported=imported, name=settings.object)
+    return _finish(index, gathered, imported, [*refused, *broken], notes=notes, coverage=coverage)
+
+
+def _import_pairs(
+    workspace: Workspace, paths: Sequence[Path], settings: ImportSettings, table: Path, *, check: Check | None,
+    ask: Ask | None,
+) -> ImportResult:  # fmt: skip
+    """Import what a table pairs by hand: neither plan nor board is asked."""
+    rows, notes = read_pairs(table), list[str]()
+    gathered = gather_photos(paths, settings.every_s)
+    index = index_source(workspace.source_dir(settings.source))
+    resolved, refused = match_pairs(rows, gathered.candidates, index, dict(gathered.duplicates))
+    resolved = drop_copies(resolve_occupied(resolved, refused, index, settings, ask), refused)
+    imported, broken = _store_all(workspace, index, resolved, settings, check, notes=notes)
+    coverage = partial(count_variants, imported=imported)
+    return _finish(index, gathered, imported, [*refused, *broken], notes=notes, coverage=coverage)
+
+
+def _finish(
+    index: SourceIndex, gathered: Gathered, imported: Sequence[CaptureRecord], refused: Sequence[tuple[str, str]], *,
+    notes: list[str], coverage: Callable[[SourceIndex, Sequence[CaptureRecord]], tuple[Coverage, ...]],
+) -> ImportResult:  # fmt: skip
+    """Write the cameras' file, and say what was done; `index` is of before."""
+    new = {record.made.get("original_sha256") for record in imported}
+    before = [
+        (one.label, where)
+        for one in gathered.candidates
+        if one.photo.sha256 not in new and (where := describe_imported(index, one.photo))
+    ]
     if gathered.others:
         more = f" and {len(gathered.others) - SHOWN_OTHERS} more" if len(gathered.others) > SHOWN_OTHERS else ""
         notes.append(f"not photographs, left alone: {', '.join(gathered.others[:SHOWN_OTHERS])}{more}")
@@ -236,9 +301,38 @@ def _import_photos(
         write_transforms(index.source_dir, whole)
     return ImportResult(
         index.source_dir, imported=tuple(imported), before=tuple(before), duplicates=gathered.duplicates,
-        refused=(*gathered.unreadable, *refused, *broken),
-        coverage=measure_coverage(after, whole, plan, imported, settings.object), notes=tuple(dict.fromkeys(notes)),
+        refused=(*gathered.unreadable, *refused), coverage=coverage(after, whole), notes=tuple(dict.fromkeys(notes)),
     )  # fmt: skip
+
+
+THUMB_PX, COPY_LEVELS = 24, 0.6
+"""Mean difference in grey levels of two small pictures up to which they are one photograph, saved once more: two shots
+from one tripod differ by more wherever light or leaves move, and tell no more than one where nothing does."""
+
+
+def drop_copies(resolved: Sequence[Resolved], refused: list[tuple[str, str]]) -> list[Resolved]:
+    """Of photographs of one object and variant that are alike pixel by pixel, the first; the others are refused."""
+    kept: list[Resolved] = []
+    seen: dict[tuple[str, str], list[tuple[str, np.ndarray]]] = {}
+    for evidence, decision in resolved:
+        own = seen.setdefault((decision.key.object, decision.key.variant), [])
+        label, small = evidence.candidate.label, None
+        with suppress(UnreadableImage):  # storing it says so
+            pixels = cv2.cvtColor(load_pixels(evidence.candidate.photo), cv2.COLOR_RGB2GRAY)
+            small = cv2.resize(pixels, (THUMB_PX, THUMB_PX), interpolation=cv2.INTER_AREA).astype(float)
+        same = next((name for name, other in own if small is not None and is_copy(small, other)), None)
+        if same is not None:
+            refused.append((label, f"a copy of {same}: one photograph counts once, take another"))
+            continue
+        if small is not None:
+            own.append((label, small))
+        kept.append((evidence, decision))
+    return kept
+
+
+def is_copy(small: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two small pictures (n, n) are of one photograph; a blank one is a copy of nothing."""
+    return bool(small.std() > COPY_LEVELS and np.abs(small - other).mean() <= COPY_LEVELS)
 
 
 def _read_steps(workspace: Workspace, plan: CapturePlan, settings: ImportSettings, notes: list[str]) -> list[ShotStep]:

@@ -29,13 +29,17 @@ class Decision:
 
     Attributes:
         key: object, variant and pose.
-        matched_by: board, name, order, render, or user.
+        matched_by: board, name, order, render, pairs, or user.
         match: how far the camera stood from that pose, where a board says so.
+        class_name: what the object should be recognised as, where a table of pairs says so.
+        pose_name: how that table calls the pose.
     """
 
     key: CaptureKey
     matched_by: str
     match: PoseMatch | None = None
+    class_name: str = ""
+    pose_name: str = ""
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,7 @@ def resolve_photos(
             resolved.append((one, outcome))
     if not settings.replace:
         resolved = _resolve_doubles(resolved, refused, ask)
-    return _resolve_occupied(resolved, refused, index, settings, ask), refused
+    return resolve_occupied(resolved, refused, index, settings, ask), refused
 
 
 def _decide_one(
@@ -111,7 +111,7 @@ def _resolve_doubles(resolved: list[Resolved], refused: list[tuple[str, str]], a
     return [(one, decision) for one, decision in resolved if kept.get(decision.key) is one]
 
 
-def _resolve_occupied(
+def resolve_occupied(
     resolved: list[Resolved],
     refused: list[tuple[str, str]],
     index: SourceIndex,

@@ -1,5 +1,6 @@
 """What `toolkit import` is asked to do."""
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -38,6 +39,9 @@ class ImportSettings(Config):
     first_shot: Annotated[int | None, Field(ge=1), Flag()] = Field(
         None, description="Number of the first photograph's shot, where they are only a part of the shot list."
     )
+    pairs: Annotated[Path | None, Flag(metavar="FILE", typed=Path)] = Field(
+        None, description="Table file,object,variant,pose[,class] that says what each shows; no plan and no board then."
+    )
     link: Annotated[bool, Flag("--link")] = Field(False, description="Hard links instead of copies, where possible.")
     replace: Annotated[bool, Flag("--replace")] = Field(
         False, description="A retake replaces the earlier photograph, which is kept aside."
@@ -51,6 +55,8 @@ class ImportSettings(Config):
     def _check(self) -> "ImportSettings":
         if self.pose is not None and not (self.object and self.variant):
             raise FieldError("the pose of one photograph: give {object} and {variant} with it", {"pose": self.pose})
+        if self.pairs is not None and (self.object or self.variant or self.pose or self.first_shot):
+            raise FieldError("the table says what each shows: leave the others out", {"pairs": self.pairs})
         if self.first_shot is not None and (self.object or self.variant):
             raise FieldError(
                 "counts in the whole shot list: leave {object} and {variant} out", {"first_shot": self.first_shot}

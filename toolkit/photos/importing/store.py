@@ -99,6 +99,8 @@ def _describe(evidence: Evidence, decision: Decision, booster_sha256: str | None
     }  # fmt: skip
     if photo.frame is not None:
         made["frame"] = photo.frame
+    made |= {"class": decision.class_name} if decision.class_name else {}
+    made |= {"pose": decision.pose_name} if decision.pose_name else {}
     if match is not None:
         made |= {"pose_error_deg": round(match.error_deg, 3), "pose_error_mm": round(match.error_mm, 2)}
     if located is not None:

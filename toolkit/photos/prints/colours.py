@@ -23,6 +23,8 @@ PAPER_SPREAD = 0.12
 LEAST_WHITE = 0.8
 """And where it is at least this bright, against the brightest of the patch."""
 LEAST_PIXELS = 200
+WHITE_TEXELS = 0.75
+"""Linear light that the file has in its darkest channel, as the camera averages it, where the patch shows paper."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class PrintedColours:
         rows, columns: (k,) the pixels.
         uv: (k, 2) their places on the patch.
         seen: (k, 3) linear light as a share of the paper's at that place.
-        white_from: `margin` or `strip`: what was taken as white.
+        white_from: `texels`, `margin` or `strip`: what was taken as white.
     """
 
     warp: PatchWarp
@@ -66,7 +68,7 @@ class ColourComparison:
         bias: (3,) mean of print less file in red, green and blue, sRGB-encoded, so that -0.1 is a tenth darker.
         rms: (3,) root mean square of the same.
         n_pixels: that were compared.
-        white_from: `margin` or `strip`.
+        white_from: as in `PrintedColours`.
     """
 
     error: ColourError
@@ -77,15 +79,20 @@ class ColourComparison:
 
 
 def read_colours(
-    image: np.ndarray, sighting: PatchSighting, size_mm: float, strip_white: np.ndarray | None = None
-) -> PrintedColours:
-    """Read a patch's colours off a photo, its light evened out by the white margin around it.
+    image: np.ndarray, sighting: PatchSighting, size_mm: float, strip_white: np.ndarray | None = None,
+    patch_pixels: np.ndarray | None = None,
+) -> PrintedColours:  # fmt: skip
+    """Read a patch's colours off a photo, its light evened out by paper: texels that the file leaves white.
+
+    Where it leaves too few, the white margin around it counts, and then the colour strip. What lies beside a patch that
+    was cut tight may be a white desk, so the margin comes second.
 
     Args:
         image: (h, w, 3) uint8 sRGB.
         sighting: of the patch.
         size_mm: side of the patch, which says how wide the margin is beside it.
         strip_white: (3,) linear light of bare paper on the colour strip, used where the margin was cut off or hidden.
+        patch_pixels: (n, n, 3) uint8 sRGB, the file; without it nothing is known of white texels.
 
     Raises:
         ToolkitError: there is no white to go by, or too little of the patch is to be seen unclipped.
@@ -103,8 +110,15 @@ def read_colours(
         )
     uv = drawn.uv[rows, columns]
     light = srgb_to_linear(small[rows + drawn.top, columns + drawn.left] / 255.0).astype(float)
-    white = _margin_white(small, warp, TAPE_MARGIN_MM / size_mm, np.percentile(light, 98, axis=0))
-    white_from = "margin"
+    white, white_from = None, "texels"
+    if patch_pixels is not None:
+        meant = draw_patch(srgb_to_linear(patch_pixels / 255.0).astype(np.float32), warp, small.shape)
+        white = None if meant is None else _texel_white(light, meant.picture[rows, columns], uv)
+    if white is None:
+        white, white_from = (
+            _margin_white(small, warp, TAPE_MARGIN_MM / size_mm, np.percentile(light, 98, axis=0)),
+            "margin",
+        )
     if white is None:
         if strip_white is None:
             raise ToolkitError(
@@ -170,8 +184,28 @@ def _margin_white(photo: np.ndarray, warp: PatchWarp, width: float, brightest: n
     good = inside & (seen < CLIPPED).all(axis=1)
     if good.sum() < len(uv) / 3:
         return None
-    light, terms = srgb_to_linear(seen[good] / 255.0).astype(float), _slope(uv[good])
-    weight = np.ones(len(light))
+    fit = _fit_paper(srgb_to_linear(seen[good] / 255.0).astype(float), uv[good])
+    return None if fit is None or (fit[2] < LEAST_WHITE * brightest).any() else fit
+
+
+def _texel_white(light: np.ndarray, meant: np.ndarray, uv: np.ndarray) -> np.ndarray | None:
+    """As `_margin_white`, from pixels (k, 3) of the patch that the file leaves nearly white; None where they are few.
+
+    Args:
+        light: (k, 3) linear light.
+        meant: (k, 3) linear light of the file, as the camera averages it: what ink lies beside is divided out.
+        uv: (k, 2) places on the patch.
+    """
+    paper = meant.min(axis=1) >= WHITE_TEXELS
+    cells = np.unique((np.clip(uv[paper], 0, 0.999) * 3).astype(int), axis=0)
+    if paper.sum() < LEAST_PIXELS or len(cells) < 5:
+        return None  # too few, or all in one corner, from which a slope would be guessed
+    return _fit_paper(light[paper] / meant[paper], uv[paper])
+
+
+def _fit_paper(light: np.ndarray, uv: np.ndarray) -> np.ndarray | None:
+    """(3, 3) a slope over (u, v) through paper's light (k, 3); None where it is not as even as paper."""
+    terms, weight = _slope(uv), np.ones(len(light))
     for _ in range(12):
         fit = np.linalg.lstsq(terms * weight[:, None], light * weight[:, None], rcond=None)[0]
         miss = (light - terms @ fit).mean(axis=1)
@@ -180,6 +214,4 @@ def _margin_white(photo: np.ndarray, warp: PatchWarp, width: float, brightest: n
         weight = 1 / (1 + (miss / scale) ** 2)
     spread = np.sqrt((weight * miss**2).sum() / weight.sum()) / fit[2].mean()
     corners = _slope(np.array([[0, 0], [1, 0], [0, 1], [1, 1.0]])) @ fit
-    if spread > PAPER_SPREAD or (corners <= 0.01).any() or (fit[2] < LEAST_WHITE * brightest).any():
-        return None
-    return fit
+    return None if spread > PAPER_SPREAD or (corners <= 0.01).any() else fit

@@ -144,7 +144,7 @@ def _read_print(
             "light, and name the patch that is on it"
         )
     strip = read_strip(image)
-    part = read_colours(image, sighting, size_mm, None if strip is None else strip.white_linear)
+    part = read_colours(image, sighting, size_mm, None if strip is None else strip.white_linear, patch.pixels)
     page = measure_on_page(image, sighting, paper)
     photo = ProfiledPhoto(
         file.name, about.sha256, sighting.warp.side_px, compare_colours(part, patch.pixels), strip is not None,
