@@ -37,7 +37,7 @@ def add(
     size_mm: Annotated[
         float | None,
         typer.Option(
-            metavar="X",
+            metavar="MM",
             help="Side of its printed patch; default: 88, or a third of a small object. Made smaller where it does "
             "not lie.",
         ),
