@@ -69,6 +69,8 @@ def test_the_shell_completes_commands_and_options(typed, offered):
     [
         ("toolkit world", "preview"), ("toolkit plan --object", "racer"), ("toolkit plan --pattern", "fibonacci"),
         ("toolkit world preview", "harbour"), ("toolkit print --patches", "rig18"), ("toolkit compare", "mine"),
+        ("toolkit eval --model", "rig18"), ("toolkit capture-sim --variant", "grey-patch"),
+        ("toolkit baseline", "apriltag"),
     ],
 )  # fmt: skip
 def test_the_shell_completes_values(tmp_path, monkeypatch, typed, offered):

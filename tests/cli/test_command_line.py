@@ -142,3 +142,18 @@ def test_init_makes_a_workspace_and_says_what_is_next(run, tmp_path):
     (tmp_path / "file").write_text("")
     code, _, err = run("init", "file")
     assert code == 2 and "is a file" in err and err.count("\n") == 1
+
+
+def test_a_table_breaks_no_word_and_becomes_blocks_where_it_does_not_fit(capsys, monkeypatch):
+    from toolkit.cli.output import show_table
+    from toolkit.core.console import console
+
+    monkeypatch.setattr(console, "_width", 60)
+    show_table(
+        ["variant", "what is said of it"], [["warplane/eggnog", "one two three four five six seven eight nine ten"]]
+    )
+    said = capsys.readouterr().out
+    assert "warplane/eggnog" in said and all(len(line) <= 60 for line in said.splitlines())
+    show_table(["run", *("abc" * 4 for _ in range(5))], [["resnet18-imagenet", *("warplane/eggnog" for _ in range(5))]])
+    lines = capsys.readouterr().out.splitlines()
+    assert lines == ["run           resnet18-imagenet", *["abcabcabcabc  warplane/eggnog"] * 5, ""]

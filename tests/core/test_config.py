@@ -159,3 +159,15 @@ def test_bounds_in_words():
     assert [bounds_of(info) for info in Bounds.model_fields.values()] == [
         "8 to 224", "at least 2", "above 0 and below 1", ""
     ]  # fmt: skip
+
+
+def test_help_says_what_each_field_means_and_nothing_of_pydantic():
+    import pydoc
+
+    from toolkit.evaluation.eval_config import EvalConfig
+
+    said = pydoc.render_doc(EvalConfig, renderer=pydoc.plaintext)
+    assert len(said) < 4000 and "model_dump" not in said and "validator" not in said.lower()
+    assert "replace=False" in said and "with_overrides" in said
+    for name, info in EvalConfig.model_fields.items():
+        assert f"{name}: {info.description}" in said

@@ -265,7 +265,6 @@ def test_a_command_that_is_refused_is_found(lab: Path, run: Callable[[Command], 
 
 
 SMALLER = {
-    "steps=400": "steps=1, batch=2, images=4, mounted_views=10",
     "count=18": "count=2",
     "640, 480": "160, 120",
 }

@@ -59,6 +59,30 @@ def test_the_readme_says_what_the_tables_say() -> None:
         assert said in readme
 
 
+def test_the_first_pages_say_what_the_tables_say() -> None:
+    """The counts of the index, and every row of the tutorial's table, to the digit."""
+    from findings import Findings
+
+    of = Findings(TABLES)
+
+    def row(name: str, variant: str) -> dict[str, str]:
+        return of.row("captures", run="resnet18", source="sim", object=name, variant=variant)
+
+    bare, patched = row("all", "unpatched"), row("all", "patched")
+    index, tutorial = ((DOCS / page).read_text(encoding="utf-8") for page in ("index.md", "tutorial.md"))
+    said = f"right on {bare['correct']} of {bare['n']} bare images and on {patched['correct']} of {patched['n']} with"
+    assert said in index
+    lines = re.findall(r"^(\w*) +(unpatched|patched) +(\d+) +(\S+) +(\S+)(?: +(\d+) +(\d+))?", tutorial, re.MULTILINE)
+    assert [line[1] for line in lines] == ["unpatched", "patched"]
+    for _, variant, n, share, interval, gained, lost in lines:
+        told = row("all", variant)
+        assert (n, share) == (told["n"], f"{100 * int(told['correct']) / int(told['n']):.0f}")
+        assert interval == "–".join(f"{100 * float(told[end]):.0f}" for end in ("top1_low", "top1_high"))
+        if gained:
+            pair = of.row("pairs", run="resnet18", source="sim", object="all", variant=variant)
+            assert (gained, lost) == (pair["gained"], pair["lost"])
+
+
 @pytest.mark.parametrize("table", ["captures", "sweeps"])
 def test_shares_and_intervals(table: str) -> None:
     for row in read_table(table):

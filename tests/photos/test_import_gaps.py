@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from toolkit.cli import app
 from toolkit.core.workspace import make_workspace
 from toolkit.objects.load import load_object
-from toolkit.photos.importing.align import EXTRA, NO_SHOT, align_shots
+from toolkit.photos.importing.align import EXTRA, LIKE, NO_SHOT, WRONG, align_shots, rate_corners
 from toolkit.photos.importing.settings import ImportSettings
 from toolkit.rig.camera import Camera, orbit_pose
 from toolkit.rig.plan import make_plan, read_plan, write_plan
@@ -64,6 +64,36 @@ def test_the_cheapest_way_is_the_one_that_all_ways_tried_out_give():
     placed = align_shots(costs)
     for i in range(4):
         assert {shots[i] for shots in near} <= set(placed[i])
+
+
+def test_odds_decide_and_not_what_a_photograph_costs_alone():
+    """A bent sheet is seen at its own shot with a cost of 4: still far likelier than what is left, so it is placed."""
+    costs = 2 * costs_of([0, 1, 3, 4], 5)
+    costs[1, 1] = 4.0
+    assert align_shots(costs) == [(0,), (1,), (3,), (4,)]
+    costs[1, 1] = EXTRA - 1  # about as likely no shot at all
+    assert align_shots(costs)[1] == (1, NO_SHOT)
+
+
+def test_a_likeness_that_is_ahead_by_a_little_decides_beside_the_gap():
+    """The last but one of 12 looks like its own render by 0.03 more than like that of the last, which is missing."""
+    costs = costs_of(list(range(11)), 12)
+    costs[10, 11] = 0.03 * LIKE
+    assert align_shots(costs) == [(shot,) for shot in range(11)]
+    costs[10, 11] = 0.02 * LIKE
+    assert align_shots(costs)[10] == (10, 11)
+
+
+@pytest.mark.parametrize(("turn_deg", "sheared", "most"), [(3, 0.04, 0.5), (27, 0.4, 3.5), (120, 0.4, 6.0)])
+def test_corners_that_are_a_little_off_cost_little_and_none_more_than_plain_contradiction(turn_deg, sheared, most):
+    square = np.array([(-1.0, -1), (1, -1), (1, 1), (-1, 1)])
+    turn = np.radians(turn_deg)
+    seen = (
+        square
+        @ np.array([[1, sheared], [0, 1]])
+        @ np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    )
+    assert most - 1.6 < min(rate_corners(seen, square), WRONG) <= most
 
 
 @pytest.fixture

@@ -46,7 +46,7 @@ def test_from_straight_above_a_flat_sheet_is_seen_whole_and_as_large_as_the_pinh
     found = judge(item, look(item, (0, 90)), at="top", size_mm=60)
     depth = 700 - 20 - 1  # to the top of the box, and the sheet's lift
     side_px = 70 * CAMERA.fx / depth
-    assert found.visible == 1 and found.poses_seen == 1 and found.lies
+    assert found.visible == 1 and found.poses_seen == 1 and found.fit.lies
     assert found.area_px == pytest.approx(side_px**2, rel=0.01)
     assert found.score == pytest.approx(side_px, rel=0.01)
 
@@ -96,7 +96,7 @@ def test_no_tent_over_an_open_lid(make_box):
         )
     ]  # fmt: skip
     item = as_object(merge_meshes(walls))
-    assert not judge(item, look(item, (0, 90)), at="top", size_mm=76).lies
+    assert not judge(item, look(item, (0, 90)), at="top", size_mm=76).fit.lies
     found = find_places(item, CAMERA, look(item, (0, 60)), PlaceConfig(steps=6, sides=("top",)), [76.0])
     assert found == []
 

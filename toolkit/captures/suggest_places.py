@@ -12,8 +12,9 @@ from toolkit.core.files import without_links, write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.objects.load import load_object
 from toolkit.objects.mesh import make_ray_scene
-from toolkit.objects.spec import write_mounts
-from toolkit.rig.fit import mounted_sizes_mm
+from toolkit.objects.spec import Side, write_mounts
+from toolkit.rig.camera import Camera
+from toolkit.rig.fit import describe_misfit, mounted_sizes_mm
 from toolkit.rig.patch_places import (
     Place,
     draw_places,
@@ -23,13 +24,17 @@ from toolkit.rig.patch_places import (
     judge_place,
     share_seen,
 )  # fmt: skip
-from toolkit.rig.plan import open_plan
-from toolkit.rig.requests import PlaceConfig
+from toolkit.rig.plan import open_plan, plan_poses
+from toolkit.rig.requests import Pattern, PlaceConfig
 
 if TYPE_CHECKING:
     from toolkit.boosters.pixels import Network
     from toolkit.boosters.validation import Validation
 
+SIZES_TRIED = (1.0, 0.85, 0.7, 0.55, 0.4)
+SMALLEST_TRIED_MM = 12.0
+FEW_STEPS = 8
+"""Places along a new object's length: coarser than where places are asked for, to be quick."""
 RANDOM_VIEWS = 64
 """That judge sheets which go on together."""
 TITLES = ("", "size, mm", "side", "offset, mm", "score, px", "seen", "area, px²", "poses", "bend")
@@ -80,7 +85,7 @@ class SuggestedPlaces:
 
     def rows(self) -> list[tuple[str, ...]]:
         """A row under `TITLES` for each place of today and each that was found."""
-        now = [("now" if one.lies else "now (does not lie)", one) for one in self.now if one]
+        now = [("now" if one.fit.lies else "now (does not lie)", one) for one in self.now if one]
         named = [*now, *zip(self._names(), self.places, strict=True)]
         return [
             (
@@ -185,6 +190,38 @@ def suggest_places(
         object_name, config.sheets, len(poses), now, tuple(places), picture=picture, steps=steps, written=written,
         trained=tuple(trained),
     )  # fmt: skip
+
+
+def move_sheet(workspace: Workspace, object_name: str, sides: Sequence[Side]) -> str:
+    """Move the sheet of a new object to where it lies, if it does not where the object's file puts it.
+
+    The largest size counts at which it lies at all, and of its places the one that a plan's cameras see best.
+
+    Args:
+        workspace: whose object is meant; its file is written.
+        object_name: which object.
+        sides: that it may be moved to.
+
+    Returns:
+        What was changed, in a sentence; empty where the sheet stays.
+    """
+    item, camera = load_object(workspace.object_spec(object_name)), Camera.from_fov()
+    (wanted_mm,), mount = mounted_sizes_mm(workspace, item), item.spec.mounts[0]
+    if describe_misfit(item, wanted_mm) is None:
+        return ""
+    poses = plan_poses(item, camera, Pattern())
+    for size_mm in (round(share * wanted_mm, 1) for share in SIZES_TRIED):
+        if size_mm < SMALLEST_TRIED_MM:
+            break
+        config = PlaceConfig(sides=tuple(sides), steps=FEW_STEPS, best=1)
+        for best in find_places(item, camera, poses, config, [size_mm]):
+            file = workspace.object_spec(object_name)
+            write_mounts(file, file, [best.mount])
+            return (
+                f"a patch of {wanted_mm:.0f} mm does not lie on its {mount.at}: it goes on the {best.mount.at}, "
+                f"{size_mm:g} mm, where {best.poses_seen} of {len(poses)} cameras see half of it or more"
+            )
+    return ""
 
 
 def _list_shares(answers: "list[Validation]") -> dict[str, Any]:

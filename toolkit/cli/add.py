@@ -27,8 +27,21 @@ def add(
         typer.Option(metavar="X", help="Longest side of the real object; default: of a glTF its own size, else 200."),
     ] = None,
     print_side: Annotated[
-        str, typer.Option(metavar="SIDE", help="Where its patch goes: top, front, back, left or right.")
-    ] = "top",
+        str | None,
+        typer.Option(
+            metavar="SIDE",
+            help="Where its patch goes: top, front, back, left or right. Default: top, if it lies there, else where "
+            "it lies.",
+        ),
+    ] = None,
+    size_mm: Annotated[
+        float | None,
+        typer.Option(
+            metavar="MM",
+            help="Side of its printed patch; default: 88, or a third of a small object. Made smaller where it does "
+            "not lie.",
+        ),
+    ] = None,
     up: Annotated[
         str | None, typer.Option(metavar="AXIS", help=f"The mesh's axis that points up: {AXES}; default: by format.")
     ] = None,
@@ -46,9 +59,11 @@ def add(
     stl and off.
     """
     from toolkit.captures.render import preview_object
+    from toolkit.captures.suggest_places import move_sheet
     from toolkit.core.workspace import open_workspace
     from toolkit.models.find import find_class
     from toolkit.objects.add import ObjectRequest, add_object
+    from toolkit.objects.load import load_object
     from toolkit.objects.spec import Axis, Side
 
     space = open_workspace(workspace, is_needed=True)
@@ -56,18 +71,21 @@ def add(
         if value is not None and value not in get_args(known):
             raise typer.BadParameter(f"expected {', '.join(get_args(known))}, found {value}", param_hint=option)
     request = ObjectRequest(
-        find_class(class_name, space.classifiers_dir), name, length_mm, cast(Side, print_side), cast(Axis | None, up),
-        cast(Axis | None, front), replace,
+        find_class(class_name, space.classifiers_dir), name, length_mm, cast(Side, print_side or "top"), size_mm,
+        cast(Axis | None, up), cast(Axis | None, front), replace,
     )  # fmt: skip
     made = add_object(space, mesh, request)
-    drawn = preview_object(space, made.item)
+    moved = move_sheet(space, made.item.name, get_args(Side) if print_side is None else (cast(Side, print_side),))
+    drawn = preview_object(space, load_object(made.spec_file))
     if as_json:
         page = str(drawn.page) if drawn.page else None
-        show_json(made.as_json() | {"preview": str(drawn.picture), "page": page})
+        show_json(
+            made.as_json() | {"preview": str(drawn.picture), "page": page, "moved": moved, "trouble": drawn.trouble}
+        )
         return
     for line in (*made.lines(), *drawn.lines()):
         say(line)
-    for note in (drawn.trouble, made.ask_length()):
+    for note in (moved, drawn.trouble, made.ask_length()):
         if note:
             say(f"note: {note}")
     say(f"next: toolkit plan --object {made.item.name}, then toolkit train-patch --object {made.item.name}")

@@ -2,7 +2,7 @@
 
 import inspect
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any, get_args
 
@@ -10,6 +10,7 @@ from typer.models import ArgumentInfo, OptionInfo
 
 from toolkit.core.errors import ToolkitError
 from toolkit.core.workspace import Workspace, open_workspace
+from toolkit.rig.variants import VARIANTS
 
 
 def offer_values(command: Callable[..., Any]) -> None:
@@ -32,7 +33,7 @@ def _find_values(name: str, mark: OptionInfo | ArgumentInfo) -> Callable[..., li
     return None
 
 
-def _make_offer(list_names: Callable[[Workspace], list[str]]) -> Callable[[str], list[str]]:
+def _make_offer(list_names: Callable[[Workspace], Sequence[str]]) -> Callable[[str], list[str]]:
     def offer(incomplete: str) -> list[str]:
         with suppress(ToolkitError, OSError):  # a shell has no use for a message
             return [name for name in list_names(open_workspace()) if name.startswith(incomplete)]
@@ -56,9 +57,31 @@ def _list_runs(space: Workspace) -> list[str]:
     return sorted(file.parent.relative_to(space.eval_dir).as_posix() for file in files)
 
 
-SOURCES: tuple[tuple[str, type[OptionInfo | ArgumentInfo], Callable[[Workspace], list[str]]], ...] = (
+def _list_models(space: Workspace) -> list[str]:
+    from toolkit.models.find import BUNDLED_DIR, list_own
+
+    # of torchvision's, whose list would take seconds, the one that is the default
+    return sorted(
+        {"resnet18", *(file.stem for file in BUNDLED_DIR.glob("*.safetensors")), *list_own(space.classifiers_dir)}
+    )
+
+
+def _list_baselines(space: Workspace) -> tuple[str, ...]:
+    from toolkit.boosters.baselines.make import BaselineConfig
+
+    return get_args(BaselineConfig.model_fields["kind"].annotation)
+
+
+def _list_variants(space: Workspace) -> list[str]:
+    return [*VARIANTS, *sorted(space.patches()), *sorted(space.textures())]
+
+
+SOURCES: tuple[tuple[str, type[OptionInfo | ArgumentInfo], Callable[[Workspace], Sequence[str]]], ...] = (
     ("--object", OptionInfo, _list_objects),
     ("--patches", OptionInfo, Workspace.patch_sets),
+    ("kind", ArgumentInfo, _list_baselines),
+    ("model", OptionInfo, _list_models),
+    ("--variant", OptionInfo, _list_variants),
     ("--world", OptionInfo, _list_worlds),
     ("world", ArgumentInfo, _list_worlds),
     ("first", ArgumentInfo, _list_runs),

@@ -69,13 +69,27 @@ def show_result(result: Result, as_json: bool, lines: Iterable[str] | None = Non
 
 
 def show_table(titles: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-    """A table on stdout, every cell whole: in a narrow terminal on several lines."""
+    """A table on stdout, every cell whole.
+
+    In a narrow terminal a cell takes several lines, between its words; where the words themselves do not fit side by
+    side, each row becomes a block of lines, a title and its cell on each.
+    """
     from rich.table import Column, Table
     from rich.text import Text
 
     from toolkit.core.console import console
 
-    table = Table(*(Column(title, overflow="fold") for title in titles))
-    for row in rows:
-        table.add_row(*(Text(escape(str(cell))) for cell in row))
+    cells = [[escape(str(cell)) for cell in row] for row in rows]
+    longest = [max(map(len, " ".join(column).split()), default=0) for column in zip(titles, *cells, strict=True)]
+    frame = 3 * len(titles) + 1  # a bar and two blanks for each column, and the last bar
+    if sum(longest) + frame > console.width:
+        wide = max(map(len, titles))
+        for row in cells:
+            for title, cell in zip(titles, row, strict=True):
+                console.print(f"{title:{wide}}  {cell}".rstrip(), markup=False, soft_wrap=True)
+            console.print()
+        return
+    table = Table(*(Column(title, min_width=least) for title, least in zip(titles, longest, strict=True)))
+    for row in cells:
+        table.add_row(*map(Text, row))
     console.print(table)

@@ -7,14 +7,16 @@ A config is frozen. A recipe is an instance of it, `with_overrides` makes anothe
 field of one of those is named by its path, such as `affine.share`.
 """
 
+import inspect
 import json
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from difflib import get_close_matches
 from hashlib import sha256
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, ValidationError, model_serializer
@@ -81,7 +83,21 @@ class Later:
     """Marks a field that came later: left out of record and hash while it has its default, so that old hashes stay."""
 
 
-class Config(BaseModel):
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)
+
+
+class _ShortHelp(ModelMetaclass):
+    """Keeps what pydantic's models can do out of `help(SomeConfig)`, which would be most of it."""
+
+    def __dir__(cls) -> list[str]:
+        ours = [vars(one) for one in cls.__mro__ if not one.__module__.startswith(("pydantic", "builtins"))]
+        return sorted({name for names in ours for name in names if not name.startswith(("_", "model_"))})
+
+
+class Config(BaseModel, metaclass=_ShortHelp):
     """Frozen, validated settings.
 
     Raises:
@@ -99,6 +115,19 @@ class Config(BaseModel):
 
     # pydantic would else run this __init__ for configs within configs, whose errors would lose the outer field's name
     __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_: Any) -> None:
+        """Let `help` show each field with what it means, and a signature without validators."""
+        kind = inspect.Parameter.KEYWORD_ONLY
+        lines, parameters = [], []
+        for name, info in cls.model_fields.items():
+            default = inspect.Parameter.empty if info.is_required() else info.get_default(call_default_factory=True)
+            parameters.append(inspect.Parameter(name, kind, default=default))
+            lines.append(f"    {name}: {re.sub(r'[{}]', '', info.description or 'see its class')}")
+        if lines and "\n    Attributes:" not in (cls.__doc__ or ""):
+            cls.__doc__ = f"{inspect.cleandoc(cls.__doc__ or '')}\n\nAttributes:\n" + "\n".join(lines)
+        cls.__signature__ = inspect.Signature(parameters)
 
     @model_serializer(mode="wrap")
     def _dump(self, dump: Callable[["Config"], dict[str, Any]]) -> dict[str, Any]:

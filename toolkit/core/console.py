@@ -85,20 +85,23 @@ class Ticker:
         self, progress: Progress | None, task: TaskID, title: str = "", total: int = 0, done: int = 0
     ) -> None:  # fmt: skip
         self._progress, self._task = progress, task
-        self._title, self._total, self._before, self._done = title, total, done, done
-        self._start = self._told = monotonic()
+        self._title, self._total, self._done = title, total, done
+        self._told = monotonic()
+        self._first: tuple[float, int] | None = None
 
     def advance(self, amount: int = 1, note: str | None = None) -> None:
         """Count `amount` more units; `note` replaces the text at the bar's end."""
         self._done += amount
+        if self._first is None:  # what comes before the first unit, such as baking a world's light, is done once
+            self._first = monotonic(), self._done
         if self._progress is not None:
             self._progress.update(self._task, advance=amount)
             if note is not None:
                 self._progress.update(self._task, note=escape(note))
         elif self._title and monotonic() - self._told >= LINE_EVERY_S:
             self._told = monotonic()
-            # of this run: what an earlier one did took no time now
-            rate = (self._done - self._before) / (self._told - self._start)
+            start, before = self._first
+            rate = (self._done - before) / max(self._told - start, 1e-9)
             left = f", {rate:.3g}/s, {(self._total - self._done) / rate:.0f} s left" if rate > 0 else ""
             errors.print(f"{self._title}: {self._done} of {self._total}{left}", markup=False, soft_wrap=True)
 

@@ -87,6 +87,11 @@ def draw_tracks(results: Sequence[CellResult], radius_m: float, most: int = 9) -
     panels = figure.subplots(2 * bands, columns, squeeze=False)
     for panel in panels.flat:
         panel.set_visible(False)
+    # one range for all, so that a wide track looks wide
+    flown = [np.array(record.track) for one in some for record in one.records if record.track] or [np.zeros((1, 3))]
+    reach_m = 1.05 * max(radius_m, *(float(np.abs(track[:, :2]).max()) for track in flown))
+    away_m = 1.05 * max(radius_m, *(float(np.hypot(track[:, 0], track[:, 1]).max()) for track in flown))
+    top_m = 1.05 * max(1.0, *(float(track[:, 2].max()) for track in flown))
     for k, one in enumerate(some):
         above, aside = (panels[2 * (k // columns) + row][k % columns] for row in (0, 1))
         above.set_visible(True)
@@ -99,8 +104,9 @@ def draw_tracks(results: Sequence[CellResult], radius_m: float, most: int = 9) -
         air = one.cell.weather if one.cell.weather == "clear" else f"{one.cell.weather} {one.cell.severity}"
         title = f"{one.cell.pad}, {one.cell.regressor}\n{air}, {one.cell.gains}: {one.success:.0%}"
         _frame(above, title, radius_m)
+        above.set(xlim=(-reach_m, reach_m), ylim=(-reach_m, reach_m))
         aside.set_xlabel("aside (m)")
-        aside.set_ylim(bottom=-0.3)
+        aside.set(xlim=(0, away_m), ylim=(-0.3, top_m))
         aside.grid(alpha=0.3)
         if k % columns == 0:
             above.set_ylabel("north of the pad (m)")
@@ -132,7 +138,7 @@ def _frame(panel: "Axes", title: str, radius_m: float) -> None:
     from matplotlib.patches import Circle
 
     panel.add_patch(Circle((0, 0), radius_m, fill=False, color="#1b1f24", lw=1.2))
-    panel.set_aspect("equal", adjustable="datalim")
+    panel.set_aspect("equal", adjustable="box")
     panel.set_title(title, fontsize=9)
     panel.set_xlabel("east (m)", fontsize=9)
     panel.grid(alpha=0.3)

@@ -34,6 +34,7 @@ class ObjectRequest:
         name: of the object; None: the mesh file's.
         length_mm: longest side of the real object; None: glTF's own metres, else a guess.
         print_side: the side that the printed patch is taped to.
+        patch_mm: side of the printed patch; None: of a patch of 100 px, or a third of a small object.
         up, front: the mesh's axes that point up and to the front.
         replace: whether an object of this name may be replaced, and a built-in one covered.
 
@@ -46,6 +47,7 @@ class ObjectRequest:
     name: str | None = None
     length_mm: float | None = None
     print_side: Side = "top"
+    patch_mm: float | None = None
     up: Axis | None = None
     front: Axis | None = None
     replace: bool = False
@@ -134,6 +136,8 @@ def add_object(workspace: Workspace, mesh_file: Path, request: ObjectRequest) ->
     mesh = read_mesh(mesh_file)
     if request.length_mm is not None and not 0 < request.length_mm < 100_000:
         raise ToolkitError(f"length_mm: expected millimetres over 0 and under 100000, found {request.length_mm:g}")
+    if request.patch_mm is not None and not 1 <= request.patch_mm < 100_000:
+        raise ToolkitError(f"patch_mm: expected millimetres from 1 to under 100000, found {request.patch_mm:g}")
     is_gltf = mesh_file.suffix.lower() in (".glb", ".gltf")
     stated_mm = float(mesh.size_mm.max()) * MM_PER_M if is_gltf else 0.0
     length_mm = request.length_mm or (stated_mm if 1 <= stated_mm < 100_000 else GUESSED_LENGTH_MM)
@@ -174,9 +178,9 @@ def _usual_axes(mesh_file: Path) -> tuple[Axis, Axis]:
 
 
 def _write_spec(request: ObjectRequest, mesh: str, length_mm: float, axes: tuple[Axis, Axis]) -> str:
-    fits = length_mm / 3 >= DEFAULT_PATCH_MM
     # a patch wider than a third of a small object finds no flat place
-    size = f"# size_mm = {DEFAULT_PATCH_MM:.0f}" if fits else f"size_mm = {length_mm / 3:.3g}"
+    size_mm = request.patch_mm or min(DEFAULT_PATCH_MM, length_mm / 3)
+    size = f"size_mm = {size_mm:.3g}" if size_mm != DEFAULT_PATCH_MM else f"# size_mm = {DEFAULT_PATCH_MM:.0f}"
     fields = [
         ("class", _quote(request.class_name), "an ImageNet category, an index, or a label of your own classifier"),
         ("mesh", _quote(mesh), "beside this file or in a folder below"),

@@ -5,7 +5,6 @@ A sheet that is larger than its place becomes a tent: it floats over what is bel
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import get_args
 
 import numpy as np
 
@@ -25,8 +24,9 @@ MOST_FLOATING = 0.25
 LOOSE_MM = 6.0
 MOST_LOOSE = 0.3
 """Of the white margin, by which the sheet is taped: further off the surface than `LOOSE_MM` no tape holds it."""
-SIZES_TRIED = (1.0, 0.85, 0.7, 0.55, 0.4)
-SMALLEST_TRIED_MM = 12.0
+MOST_OVERHANG = 0.15
+"""Of the sheet, with nothing below it; more is a tent, over an open lid for instance."""
+MOST_BEND_DEG = 100.0
 NEW_PATCH_MM = printed_size_mm(100)
 """Of a patch of 100 px, which training makes unless it is told otherwise."""
 ACROSS = 41
@@ -60,8 +60,9 @@ class SheetFit:
 
     @property
     def lies(self) -> bool:
-        """Whether enough of it is on the object, and enough of its margin."""
-        return self.floating <= MOST_FLOATING and self.loose <= MOST_LOOSE
+        """Whether it is on the object, its margin holds, and it is no tent over an edge or an opening, nor a roll."""
+        is_held = self.floating <= MOST_FLOATING and self.loose <= MOST_LOOSE
+        return is_held and self.overhang <= MOST_OVERHANG and self.bend_deg <= MOST_BEND_DEG
 
 
 def measure_fit(item: TableObject, size_mm: float, mount: PatchMount | None = None) -> SheetFit:
@@ -138,32 +139,6 @@ def _is_margin(size_mm: float) -> np.ndarray:
     return (away[0][:, None] | away[1][None, :]).reshape(-1)
 
 
-def suggest_place(item: TableObject, size_mm: float, stated: PatchMount | None = None) -> SheetFit | None:
-    """A place where a patch lies: in the side that is stated at 70 % of the size or more, else the largest of all.
-
-    By default the spec's first mount states it. None where it lies nowhere.
-    """
-    stated = stated or item.spec.mounts[0]
-    found: list[SheetFit] = []
-    sides: Sequence[Side] = (stated.at, *(one for one in get_args(Side) if one != stated.at))
-    for at in sides:
-        mount = stated if at == stated.at else PatchMount(at=at)
-        for share in SIZES_TRIED:
-            tried_mm = share * size_mm
-            if tried_mm < SMALLEST_TRIED_MM:
-                break
-            try:
-                fit = measure_fit(item, tried_mm, mount)
-            except ToolkitError:
-                continue
-            if fit.lies:
-                found.append(fit)
-                break
-        if found and found[0].at == stated.at and found[0].size_mm >= 0.7 * size_mm:
-            break
-    return max(found, key=lambda fit: (fit.size_mm, -fit.floating), default=None)
-
-
 def describe_misfits(item: TableObject, sizes_mm: Sequence[float]) -> list[str]:
     """One line on each sheet that does not lie on its place, as `describe_misfit`, or on two that lie on one another.
 
@@ -181,7 +156,7 @@ def describe_misfits(item: TableObject, sizes_mm: Sequence[float]) -> list[str]:
 
 
 def describe_misfit(item: TableObject, size_mm: float, number: int = 1) -> str | None:
-    """One line on a sheet that does not lie on its place, with a place where it would; None where it lies.
+    """One line on a sheet that does not lie on its place; None where it lies.
 
     Args:
         item: the object.
@@ -203,11 +178,7 @@ def describe_misfit(item: TableObject, size_mm: float, number: int = 1) -> str |
         )
     which = "a patch" if is_only else f"sheet {number}, a patch"
     said = f"{item.name}: {which} of {size_mm:.0f} mm does not lie on its {mount.at}: {trouble}"
-    better = suggest_place(item, size_mm, mount)
-    if better is None:
-        return f"{said}; it lies on no side, smaller ones neither: move it with offset_mm, or print it smaller"
-    table = "[patch]" if is_only else f"[[patch]] number {number}"
-    return f'{said}; this would lie: at = "{better.at}", size_mm = {better.size_mm:.0f} under {table}'
+    return f"{said}; 'toolkit place --object {item.name}' shows where one lies"
 
 
 def mounted_sizes_mm(workspace: Workspace, item: TableObject) -> tuple[float, ...]:

@@ -29,9 +29,6 @@ if TYPE_CHECKING:
 CELLS = 10
 """Across the sheet: what a camera sees is asked at the corners of so many squares each way."""
 LIFT_MM = 1.0
-MOST_OVERHANG = 0.15
-"""Share of the sheet with nothing below it; more is a tent, over an open lid for instance."""
-MOST_BEND_DEG = 100.0
 SEEN = 0.5
 COLOURS = ((214, 40, 40), (36, 98, 196), (28, 140, 60), (220, 140, 0), (130, 50, 160), (0, 140, 150))
 
@@ -70,17 +67,12 @@ class Place:
         """What it covers of the picture, square pixels, mean over the poses."""
         return float(self.areas_px.mean())
 
-    @property
-    def lies(self) -> bool:
-        """Whether it is on the object, and is no tent over an edge or an opening, nor wrapped round it."""
-        return self.fit.lies and self.fit.overhang <= MOST_OVERHANG and self.fit.bend_deg <= MOST_BEND_DEG
-
     def as_json(self) -> dict[str, Any]:
         """Mount, fit and score, rounded."""
         numbers = {name: round(getattr(self.fit, name), 3) for name in ("floating", "loose", "overhang", "relief_mm")}
         seen = {"visible": round(self.visible, 4), "area_px": round(self.area_px, 1), "poses_seen": self.poses_seen}
         mount = self.mount.model_dump(include={"at", "size_mm", "offset_mm"})
-        judged = {"lies": self.lies, "score": round(self.score, 2), **seen, "bend_deg": round(self.fit.bend_deg, 1)}
+        judged = {"lies": self.fit.lies, "score": round(self.score, 2), **seen, "bend_deg": round(self.fit.bend_deg, 1)}
         return {**mount, **judged, **numbers}
 
 
@@ -89,7 +81,7 @@ def find_places(
 ) -> list[Place]:
     """The best places for each size, best first; of two that overlap only the better one.
 
-    Where a sheet does not lie, see `Place.lies`, is no place.
+    Where a sheet does not lie, see `SheetFit.lies`, is no place.
 
     Args:
         item: the object.
@@ -164,7 +156,7 @@ def _judge_all(
     with progress(f"trying places on {item.name}", len(tried)) as bar:
         for mount in tried:
             place = judge_place(item, scene, camera, poses, mount)
-            found += [place] if place is not None and place.lies else []
+            found += [place] if place is not None and place.fit.lies else []
             bar.advance()
     found.sort(key=lambda place: -place.score)
     return found

@@ -61,4 +61,4 @@ class PreviewRequest(Config):
     resolution: Annotated[tuple[int, int], Flag(metavar="WIDTH HEIGHT")] = Field(
         (1280, 720), description="Of the pictures, pixels."
     )
-    film_s: Annotated[float, Flag(metavar="X")] = Field(12.0, description="Length of the film, seconds; 0 makes none.")
+    film_s: Annotated[float, Flag(metavar="X")] = Field(4.0, description="Length of the film, seconds; 0 makes none.")
