@@ -66,11 +66,12 @@ def run(
     as_json: options.Json = False,
 ) -> None:
     """Render an entry and score it: score/score.json, outcomes.csv and a page in its folder."""
-    from toolkit.core.tables import format_p, format_points, format_points_interval
+    from toolkit.core.console import console
+    from toolkit.core.tables import format_points, format_points_interval
     from toolkit.core.workspace import open_workspace
     from toolkit.experiments.challenge.board import write_board
     from toolkit.experiments.challenge.entry import read_entry
-    from toolkit.experiments.challenge.score import CONDITIONS, SCORE, run_entry
+    from toolkit.experiments.challenge.score import CONDITIONS, SCORE, build_score_table, run_entry
     from toolkit.models.load import load_classifier
 
     space = open_workspace(workspace)
@@ -84,15 +85,7 @@ def run(
     if as_json:
         show_json(score.model_dump(mode="json"))
         return
-    heads = ("judge", "condition", "variant", "bare", "with it", "points", "95 %", "gained", "lost", "p")
-    show_table(heads, [
-        (
-            row.judge, row.condition, row.variant, f"{row.bare} of {row.n}", f"{row.boosted} of {row.n}",
-            format_points(row.gain), format_points_interval(row.gain_ci95), row.gained, row.lost,
-            format_p(row.mcnemar_p),
-        )
-        for row in score.rows if row.object == "all"
-    ])  # fmt: skip
+    console.print(build_score_table(score))
     if score.rank_gain is None:
         warn("every judge is a network that the entry was trained on: there is nothing to rank it by")
     else:

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
@@ -27,7 +27,7 @@ from toolkit.core.files import (
 )
 from toolkit.core.severities import SEVERITIES
 from toolkit.core.statistics import Interval, PairedOutcomes
-from toolkit.core.tables import encode_csv
+from toolkit.core.tables import build_table, encode_csv, format_percent, format_points, format_points_interval
 from toolkit.core.workspace import Workspace
 from toolkit.corruptions.catalogue import COMMON
 from toolkit.engine.units import Engine
@@ -46,6 +46,9 @@ from toolkit.objects.mesh import cast_rays, make_ray_scene
 from toolkit.rig.camera import pixel_rays
 from toolkit.rig.plan import read_plan
 from toolkit.rig.variants import CONTROLS_OF
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 SCORE, SCORE_FILE, OUTCOMES = "score", "score.json", "outcomes.csv"
 CLEAR, FOG, CORRUPTED = "clear", "fog", "corrupted"
@@ -404,6 +407,23 @@ def _estimate(pairs: Sequence[Answered]) -> tuple[float, Interval | None]:
         if ci95 is not None:
             return round(gain, 9), (round(ci95[0], 9), round(ci95[1], 9))
     return round(gain, 9), None
+
+
+def build_score_table(score: Score) -> "Table":
+    """A line for each condition and variant, of all judges that the entry never saw and of all that it saw."""
+    shown = [row for row in score.rows if row.judge in (UNSEEN, SEEN) and row.object == POOLED]
+    cells = [
+        [
+            row.judge, f"{row.condition} {FOG_SEVERITY}" if row.condition == FOG else row.condition, row.variant,
+            str(row.n), format_percent(row.bare / row.n), format_percent(row.boosted / row.n), format_points(row.gain),
+            format_points_interval(row.gain_ci95), str(row.gained), str(row.lost),
+        ]
+        for row in shown
+    ]  # fmt: skip
+    heads = ("n", "bare %", "with it %", "points", "95 %", "gained", "lost")
+    return build_table(
+        f"{score.entry.name}, {len(score.judges)} judges", ("judges", "condition", "variant"), heads, cells
+    )
 
 
 def read_judged(folder: Path) -> Judged:
