@@ -248,7 +248,7 @@ def _rows_columns(record: WrapRecord, piece: PieceRecord) -> tuple[slice, slice]
     return slice(record.n_px - high, record.n_px - low), slice(left, right)
 
 
-def lay_out(sizes_mm: Sequence[Point], texel_mm: float) -> tuple[int, list[Point]]:
+def lay_out(sizes_mm: Sequence[Point], texel_mm: float) -> tuple[int, list[tuple[int, int]]]:
     """The side of the smallest square canvas that pieces fit on unturned, and where their boxes begin.
 
     Returns:
@@ -268,7 +268,7 @@ def lay_out(sizes_mm: Sequence[Point], texel_mm: float) -> tuple[int, list[Point
             packer.add_rect(wide, high, rid=number)
         packer.add_bin(side, side)
         packer.pack()
-        placed = {number: (x + bleed, y + bleed) for _, x, y, _, _, number in packer.rect_list()}
+        placed = {number: (int(x) + bleed, int(y) + bleed) for _, x, y, _, _, number in packer.rect_list()}
         if len(placed) == len(boxes):
             return side, [placed[number] for number in range(len(boxes))]
         side += max(1, side // 50)
