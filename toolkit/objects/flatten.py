@@ -71,8 +71,7 @@ def _match_edges(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]
     one, other = one[fits], other[fits]
     partner = np.full(len(start), -1)
     partner[one], partner[other] = other, one
-    partner = partner.reshape(-1, 3)
-    return np.where(partner >= 0, partner // 3, -1), partner % 3
+    return np.where(partner >= 0, partner // 3, -1).reshape(-1, 3), (partner % 3).reshape(-1, 3)
 
 
 def relax(corners: np.ndarray, points_of: np.ndarray, flat: np.ndarray, steps: int) -> np.ndarray:

@@ -137,7 +137,7 @@ def turn_to_fit(flat: np.ndarray, sheet_mm: tuple[float, float]) -> tuple[np.nda
     # the smallest box has a side along one of the hull's (Freeman and Shapira 1975)
     angles = np.arctan2(sides[:, 1], sides[:, 0])
     boxes = np.array([np.ptp(_turn(hull, -angle), axis=0) for angle in angles])
-    fits = (np.sort(boxes, axis=1) <= np.sort(sheet_mm) + 1e-6).all(axis=1)
+    fits = np.all(np.sort(boxes, axis=1) <= np.sort(np.array(sheet_mm)) + 1e-6, axis=1)
     best = int(np.argmin(boxes.prod(axis=1) + np.where(fits, 0, 1e18)))
     return _turn(flat, -angles[best]), bool(fits[best])
 
@@ -164,7 +164,8 @@ def _off_sheet(flat: np.ndarray, value: np.ndarray, sheet_mm: tuple[float, float
         cell = float(min(sheet_mm)) / 48
         counts = np.ceil(span / cell).astype(int) + 1
         # sums over all windows of the sheet's size, from the table of sums (Crow 1984)
-        table = np.histogram2d(*middles.T, bins=counts, range=np.stack([low, low + counts * cell], 1), weights=value)[0]
+        column, row = ((middles - low) / cell).astype(int).T
+        table = np.bincount(column * counts[1] + row, value, int(counts.prod())).reshape(counts)
         table = np.pad(table.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
         window = np.minimum((np.array(sheet_mm) / cell).astype(int), counts)
         across, up = window
@@ -189,10 +190,11 @@ def _middle_of(surface: Surface, value: np.ndarray, chosen: np.ndarray) -> int:
 
 def grow_best(surface: Surface, seed: int, free: np.ndarray, value: np.ndarray, limits: Limits) -> Region | None:
     """The best of the pieces that grow from a seed, round or along an axis; None where none is wide enough."""
-    best, most = None, 0.0
+    best: Region | None = None
+    most = 0.0
     for axis in (None, np.array([0.0, 0.0, 1.0])):
-        region, is_whole = grow_piece(surface, seed, free, limits, axis)
-        region = finish(surface, region, value, limits)
+        grown, is_whole = grow_piece(surface, seed, free, limits, axis)
+        region = finish(surface, grown, value, limits)
         if region is not None and float(value[region.faces].sum()) > most:
             best, most = region, float(value[region.faces].sum())
         if is_whole:  # nothing was left out for its stretch: another way round finds the same

@@ -1,7 +1,7 @@
 """Wraps: flat pieces that are stuck on an object; their canvas, and the folder that they are kept in."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -13,8 +13,10 @@ from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.files import inside, read_json, sha256_bytes, write_bytes, write_json
 from toolkit.core.names import FileName
 from toolkit.core.workspace import Workspace
+from toolkit.objects.atlas import split_vertices
 from toolkit.objects.load import TableObject
-from toolkit.objects.mesh import flat_areas
+from toolkit.objects.mesh import Material as SurfaceMaterial
+from toolkit.objects.mesh import Mesh, flat_areas
 from toolkit.objects.records import (
     SHA256,
     NetworkRecord,
@@ -230,6 +232,23 @@ class Wrap:
         if self.pixels is None:
             raise ToolkitError(f"wrap '{self.record.name}' has no picture yet: train it with 'toolkit train-wrap'")
         return self.pixels[_rows_columns(self.record, self.record.pieces[index])]
+
+
+def dress_mesh(mesh: Mesh, wrap: Wrap, canvas: np.ndarray) -> Mesh:
+    """The mesh with a canvas on the wrap's pieces, its own paint elsewhere.
+
+    Args:
+        mesh: of the object that the wrap was made for.
+        wrap: of it.
+        canvas: (n, n, 3) uint8 sRGB of any size, row 0 is v = 1.
+    """
+    corner_uv = wrap.corner_uv(len(mesh.faces))
+    on_pieces = np.isfinite(corner_uv).all(axis=(1, 2))
+    corner_uv[~on_pieces] = mesh.uv[mesh.faces[~on_pieces]]
+    split = split_vertices(mesh, corner_uv)
+    material = np.where(on_pieces, len(mesh.materials), mesh.face_material).astype(np.int32)
+    # as the printed sheet is: no gloss of the object's own
+    return replace(split, face_material=material, materials=(*mesh.materials, SurfaceMaterial("wrap", canvas)))
 
 
 def bleed_texels(texel_mm: float) -> int:
