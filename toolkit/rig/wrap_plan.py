@@ -1,0 +1,160 @@
+"""Which flat pieces cover most of what cameras see of an object."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from toolkit.core.errors import ToolkitError
+from toolkit.objects.atlas import make_atlas, take_paint
+from toolkit.objects.flatten import weld_surface
+from toolkit.objects.grow import Limits, find_pieces
+from toolkit.objects.load import TableObject
+from toolkit.objects.mesh import Mesh, cast_rays, cross_products, make_ray_scene
+from toolkit.objects.seams import find_folds, find_seams
+from toolkit.objects.spec import STRETCH
+from toolkit.objects.unwrap import spread
+from toolkit.objects.wrap import Piece, PieceRecord, Point, SeamRecord, Wrap, WrapRecord, lay_out
+from toolkit.rig.camera import Camera
+from toolkit.rig.patch_places import draw_poses
+from toolkit.rig.requests import WrapConfig
+
+LIFT_MM = 0.05
+
+
+def plan_wrap(item: TableObject, config: WrapConfig | None = None, seed: int = 0) -> Wrap:
+    """Find the pieces that cover most of what random cameras see of an object, and lay them on a canvas.
+
+    Args:
+        item: the object.
+        config: how many pieces, of what, and how finely they are drawn.
+        seed: of the cameras.
+
+    Returns:
+        The wrap, in the object's own paint.
+
+    Raises:
+        ToolkitError: no piece lies flat anywhere.
+
+    Example:
+        >>> item = tk.load_object(tk.make_workspace(Path("space")).object_spec("racer"))
+        >>> wrap = tk.plan_wrap(item, tk.WrapConfig(pieces=1, views=8))
+        >>> len(wrap.pieces), wrap.pieces[0].stretch <= 0.03, wrap.record.covered > 0.1
+        (1, True, True)
+    """
+    config = config or WrapConfig()
+    stretch = STRETCH[config.material] if config.stretch is None else config.stretch
+    sight = look_at_faces(item, config.views, seed)
+    seen = sight.seen
+    pieces = find_pieces(item.mesh, seen, sight.reached, Limits(stretch, config.sheet_mm), config.pieces)
+    if not seen.any():
+        raise ToolkitError(
+            f"{item.name}: no camera sees the outside of a face: its triangles are inside out, turn their normals"
+        )
+    if not pieces:
+        raise ToolkitError(
+            f"{item.name}: no part of it at least 12 mm wide lies flat with {stretch:.2%} of stretch: "
+            "allow more stretch, or take a softer material"
+        )
+    texel_mm = config.texel_mm or round(float(item.mesh.size_mm.max()) / 270, 2)
+    n_px, origins = lay_out([(piece.width_mm, piece.height_mm) for piece in pieces], texel_mm)
+    area = np.linalg.norm(cross_products(item.mesh.vertices[item.mesh.faces]), axis=1) / 2
+    faces = np.concatenate([piece.faces for piece in pieces])
+    surface = weld_surface(item.mesh)
+    records = [
+        _describe(number, piece, origin, seams, find_folds(surface, piece))
+        for number, (piece, origin, seams) in enumerate(
+            zip(pieces, origins, find_seams(surface, pieces), strict=True), 1
+        )
+    ]
+    record = WrapRecord(
+        name=item.name, object=item.name, mesh_sha256=item.shape_sha256, material=config.material,
+        stretch_allowed=stretch, covered=round(float(seen[faces].sum() / seen.sum()), 4),
+        covered_surface=round(float(area[faces].sum() / area.sum()), 4), texel_mm=texel_mm, n_px=n_px, pieces=records,
+        map_sha256="0" * 64,
+    )  # fmt: skip
+    wrap = Wrap(record, tuple(pieces))
+    return Wrap(record, tuple(pieces), draw_paint(wrap, item.mesh))
+
+
+def _describe(
+    number: int, piece: Piece, origin: tuple[int, int], seams: list[SeamRecord], folds: list[tuple[Point, Point]]
+) -> PieceRecord:
+    outline = piece.outline()
+    rings = [outline.exterior, *outline.interiors]
+    return PieceRecord(
+        number=number, origin_px=origin, width_mm=round(piece.width_mm, 4), height_mm=round(piece.height_mm, 4),
+        area_mm2=round(piece.area_mm2, 3), stretch=round(piece.stretch, 6), seams=seams, folds_mm=folds,
+        outline_mm=[[(round(x, 4), round(y, 4)) for x, y in ring.coords] for ring in rings], png_sha256="0" * 64,
+    )  # fmt: skip
+
+
+def draw_paint(wrap: Wrap, mesh: Mesh) -> np.ndarray:
+    """(n, n, 3) uint8 canvas with the object's own paint on the pieces."""
+    on_pieces = np.concatenate([piece.faces for piece in wrap.pieces])
+    part = Mesh(mesh.vertices, mesh.normals, mesh.uv, mesh.faces[on_pieces], mesh.face_material[on_pieces],
+                mesh.materials)  # fmt: skip
+    atlas = make_atlas(part, wrap.record.n_px, corner_uv=wrap.corner_uv(len(mesh.faces))[on_pieces])
+    return take_paint(atlas, part)
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What is seen and reached of an object's faces.
+
+    Attributes:
+        seen: (m,) square pixels that random cameras see of each, mean over the views.
+        reached: (m,) bool, whether a hand can stick something there.
+    """
+
+    seen: np.ndarray
+    reached: np.ndarray
+
+
+SAMPLES = 20_000
+"""Points on the surface that are looked at, beside one in each face."""
+DIRECTIONS = 24
+FINGER_MM = 25.0
+"""Room that a finger with a piece of film needs above the surface."""
+LEAST_ROOM, LEAST_WAY_OUT = 0.4, 0.1
+"""Shares of the directions above a place in which there must be room for a finger, and that must lead outside."""
+
+
+def look_at_faces(item: TableObject, views: int, seed: int) -> Sight:
+    """What random cameras see of an object, and where a hand gets to."""
+    corners = item.mesh.vertices[item.mesh.faces].astype(np.float64)
+    weighted = cross_products(corners) / 2
+    area = np.linalg.norm(weighted, axis=1)
+    normals = weighted / np.maximum(area, 1e-12)[:, None]
+    # large faces may be half hidden: they are looked at in several places
+    count = np.clip(np.ceil(area / max(float(area.sum()), 1e-12) * SAMPLES), 1, 256).astype(np.int64)
+    face = np.repeat(np.arange(len(area)), count)
+    weights = np.where((count == 1)[face, None], 1 / 3, spread(len(face)))
+    points = np.einsum("kc,kci->ki", weights, corners[face]) + LIFT_MM * normals[face]
+    share = (area / count)[face]
+    scene, camera = make_ray_scene(item.mesh), Camera.from_fov(224, 224, 45.0)
+    seen = np.zeros(len(points))
+    for pose in draw_poses(item, camera, views, seed):
+        towards = pose.matrix()[:3, 3] - points
+        distance = np.linalg.norm(towards, axis=1)
+        cosine = (normals[face] * towards).sum(axis=1) / distance
+        rows = np.flatnonzero(cosine > 0)
+        rays = np.concatenate([points[rows], towards[rows] / distance[rows, None]], axis=1)
+        free = cast_rays(scene, rays) >= distance[rows]
+        seen[rows] += free * share[rows] * cosine[rows] * (camera.fx / distance[rows]) ** 2
+    room, out = np.zeros(len(points)), np.zeros(len(points))
+    for direction in _spread_directions(DIRECTIONS):
+        # mirrored where it would lead into the surface: as many directions everywhere
+        leans = normals[face] @ direction
+        ray = direction - 2 * np.minimum(leans, 0)[:, None] * normals[face]
+        way = cast_rays(scene, np.concatenate([points, ray], axis=1))
+        room += way > FINGER_MM
+        out += np.isinf(way)
+    reached = (room >= LEAST_ROOM * DIRECTIONS) & (out >= LEAST_WAY_OUT * DIRECTIONS)
+    return Sight(np.bincount(face, seen, len(area)) / views, 2 * np.bincount(face, reached, len(area)) >= count)
+
+
+def _spread_directions(count: int) -> np.ndarray:
+    """(count, 3) unit vectors evenly over the sphere, on a Fibonacci spiral."""
+    z = 1 - (2 * np.arange(count) + 1) / count
+    angle = np.pi * (3 - np.sqrt(5)) * np.arange(count)
+    return np.stack([np.cos(angle) * np.sqrt(1 - z**2), np.sin(angle) * np.sqrt(1 - z**2), z], axis=1)
