@@ -149,6 +149,8 @@ SAID = {
     ("import", "loop", "--object", "crate"): "loop",
     ("add", "loop", "--class", "crate"): "loop",
     ("calibrate", "loop"): "loop",
+    ("corrupt", "photos", "loop", "--corrupt", "fog:1"): "loop",
+    ("plan", "--workspace", "loop"): "loop",
     ("plan", "--object", "x" * 100_000): "no object called",
 }
 

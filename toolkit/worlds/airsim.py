@@ -335,8 +335,9 @@ class _Image:
                 f"{where}: pictures of {show(width)} × {show(height)} px: see whether the camera is called so"
             )
         if not isinstance(content, bytes):
-            is_bytes = isinstance(content, list) and all(isinstance(one, int) and 0 <= one < 256 for one in content)
-            content = bytes(content) if is_bytes else b""
+            listed = content if isinstance(content, list) else []
+            is_bytes = all(isinstance(one, int) and 0 <= one < 256 for one in listed)
+            content = bytes(listed) if is_bytes else b""
         pose = {b"position": fields.get("camera_position"), b"orientation": fields.get("camera_orientation")}
         return cls(content, numbers, (width, height), unpack_pose(pose, where), where)
 
