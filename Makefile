@@ -5,6 +5,9 @@
 # make validate  pages, meshes, PDFs and the package before validators that others wrote
 # make bench   speed against the peers, as ratios in one run
 # make lint    ruff, mypy, and import-linter: imports point down, no circles
+# make versions  note the versions that the tests ran with in scripts/tested-versions.txt; to have the same:
+#              pip install -c scripts/tested-versions.txt -e .
+# make test-lowest  the tests with the lowest versions that pyproject.toml allows, in .venv-lowest; Python 3.10
 # make site    the documentation as a site in ./site; it opens from disk
 # make docs    measure the results anew and draw the figures: about two hours
 
@@ -13,7 +16,7 @@ BIN := .venv/bin
 # Weights that lie beside the checkout are used where there are any.
 export TOOLKIT_WEIGHTS ?= $(abspath $(wildcard ../shared/weights))
 
-.PHONY: demo test test-all fuzz validate bench lint docs docs-benchmark docs-training site setup clean
+.PHONY: demo test test-all test-lowest versions fuzz validate bench lint docs docs-benchmark docs-training site setup clean
 
 demo: setup
 	$(BIN)/toolkit demo demo
@@ -61,6 +64,15 @@ docs-training: setup
 	docs/scripts/run-parts $(BIN)/toolkit
 	docs/scripts/run-objects $(BIN)/toolkit "$(MESHES)" "$(CITY)"
 
+versions: setup .venv/.test
+	$(BIN)/python scripts/versions tested > scripts/tested-versions.txt
+
+test-lowest: setup .venv/.test
+	"$(PYTHON)" -m venv .venv-lowest
+	$(BIN)/python scripts/versions lowest > .venv-lowest/versions.txt
+	.venv-lowest/bin/python -m pip install --quiet -c .venv-lowest/versions.txt -e ".[test]"
+	.venv-lowest/bin/python -m pytest -n logical --maxprocesses 8 --dist worksteal -m "not slow" $(PYTEST_ARGS)
+
 site: setup .venv/.site
 	$(BIN)/mkdocs build --strict --quiet
 
@@ -77,4 +89,4 @@ setup: .venv/.installed
 	touch $@
 
 clean:
-	rm -rf .venv demo site
+	rm -rf .venv .venv-lowest demo site

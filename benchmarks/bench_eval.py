@@ -82,9 +82,8 @@ def measure_speed(folder: Path, count: int) -> tuple[float, float]:
 
 def measure_memory(folder: Path, count: int) -> float:
     """Peak resident memory in MB of a fresh process that classifies `count` images."""
-    done = subprocess.run(
-        [sys.executable, __file__, "--memory", str(folder), str(count)], check=True, capture_output=True, text=True
-    )
+    command = [sys.executable, "-m", "benchmarks.bench_eval", "--memory", str(folder), str(count)]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
     return json.loads(done.stdout)
 
 

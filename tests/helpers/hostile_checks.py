@@ -2,7 +2,6 @@
 
 import io
 import os
-import resource
 import shutil
 import signal
 import sys
@@ -11,9 +10,13 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
 from unicodedata import category
 
+from toolkit.core.child import run_python
+from toolkit.core.memory import limit_memory
+
 LONGEST_S = 20
 """Of this process's work, and of waiting six times as long: other work on the machine is no hang."""
-MOST_BYTES = 12 << 30
+MOST_BYTES = 2 << 30
+"""That an input may take, over what the tests have loaded already."""
 LONGEST_LINE = 2500
 TRIED: dict[str, int] = {}
 
@@ -31,18 +34,24 @@ def limited(seconds: int = LONGEST_S) -> Iterator[None]:
 
     signals = (signal.SIGPROF, signal.SIGALRM)
     before = [signal.signal(one, ring) for one in signals]
-    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
     signal.setitimer(signal.ITIMER_PROF, seconds)
     signal.alarm(6 * seconds)
-    resource.setrlimit(resource.RLIMIT_AS, (MOST_BYTES, hard))
     try:
-        yield
+        with limit_memory(MOST_BYTES):
+            yield
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
         signal.alarm(0)
-        resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
         for one, handler in zip(signals, before, strict=True):
             signal.signal(one, handler)
+
+
+def peak(code: str) -> int:
+    """Most bytes that Python statements ever held, in a process of their own, which must end well."""
+    told = "; print(open('/proc/self/status').read().partition('VmHWM:')[2].split()[0])"
+    done = run_python(code + told)
+    assert done.returncode == 0, done.stderr.decode()
+    return int(done.stdout.split()[-1]) << 10
 
 
 def count(what: str) -> None:

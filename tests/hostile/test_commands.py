@@ -140,3 +140,23 @@ def test_a_bad_file_in_the_workspace_is_a_line(sandbox, name, data):
         put_in_place(file, data.draw(st.sampled_from(OTHER_KINDS)))
     count("workspaces")
     sandbox.run(*data.draw(st.sampled_from(READING)))
+
+
+SAID = {
+    ("plan", "--object", "crate", "--resolution", "0", "0"): "a resolution of 0×0 px",
+    ("plan", "--object", "crate", "--resolution", "0", "480"): "a resolution of 0×480 px",
+    ("corrupt", "photos", "out", "--corrupt", "contrast:1", "--image-px", "1000000"): "choose 4096 px or less",
+    ("corrupt", "loop", "out", "--corrupt", "fog:1"): "loop",
+    ("import", "loop", "--object", "crate"): "loop",
+    ("add", "loop", "--class", "crate"): "loop",
+    ("calibrate", "loop"): "loop",
+    ("corrupt", "photos", "loop", "--corrupt", "fog:1"): "loop",
+    ("plan", "--workspace", "loop"): "loop",
+    ("plan", "--object", "x" * 100_000): "no object called",
+}
+
+
+@pytest.mark.parametrize("words", SAID, ids=lambda words: " ".join(words)[:40])
+def test_what_cannot_be_is_named(sandbox, words):
+    (sandbox.renew() / "loop").symlink_to("loop")
+    assert sandbox.run(*words) == 2 and SAID[words] in sandbox.err, sandbox.err

@@ -3,6 +3,7 @@
 import io
 import json
 import zipfile
+from functools import lru_cache
 
 import pytest
 from hostile_checks import LONGEST_LINE, count, limited
@@ -34,6 +35,7 @@ def place(tmp_path_factory):
     return tmp_path_factory.mktemp("networks")
 
 
+@lru_cache(maxsize=2)  # its keys are addresses, others each time
 def save_weights(zipped: bool) -> bytes:
     buffer = io.BytesIO()
     torch.save({"fc.weight": torch.ones(4, 4), "fc.bias": torch.ones(4)}, buffer, _use_new_zipfile_serialization=zipped)

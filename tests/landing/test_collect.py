@@ -45,7 +45,9 @@ def copy_of(made: tuple[Workspace, Collected], tmp_path: Path) -> tuple[Workspac
 
 def test_truth_is_where_the_pad_is_seen(made: tuple[Workspace, Collected]) -> None:
     folder, camera = made[1].folder, SMALL.optics.camera
-    samples = [sample for shard in made[1].about.shards for sample in read_shard(folder / shard.file)]
+    samples = [
+        sample for shard in made[1].about.shards for sample in read_shard(folder / shard.file, made[1].about.size_px)
+    ]
     assert sorted(sample.truth.index for sample in samples) == list(range(30))
     whole = 0
     for sample in samples:
@@ -81,7 +83,9 @@ def test_a_random_split_is_an_option(grass: World) -> None:
 
 def test_frame_i_depends_on_seed_and_i_alone(made: tuple[Workspace, Collected], grass: World) -> None:
     fewer = Collector(SMALL.with_overrides(frames=10), grass, draw_pad("plain"), 3)
-    known = {sample.truth.index: sample for sample in read_shard(made[1].folder / "train-000000.tar")}
+    known = {
+        sample.truth.index: sample for sample in read_shard(made[1].folder / "train-000000.tar", made[1].about.size_px)
+    }
     index = sorted(known)[3]
     again = fewer.shoot(index)
     assert again.truth == known[index].truth
@@ -217,7 +221,7 @@ def test_a_cone_through_a_building_is_refused(grass: World) -> None:
 
 
 def test_shards_hold_what_webdataset_streams(tmp_path: Path, made: tuple[Workspace, Collected]) -> None:
-    samples = list(read_shard(made[1].folder / "train-000000.tar"))
+    samples = list(read_shard(made[1].folder / "train-000000.tar", made[1].about.size_px))
     write_shard(tmp_path / "a.tar", map(encode_sample, samples[:2]))
     with tarfile.open(tmp_path / "a.tar") as tar:
         names = tar.getnames()

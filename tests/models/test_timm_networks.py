@@ -2,6 +2,7 @@
 
 import json
 import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -147,7 +148,7 @@ def test_without_weights_and_network_every_way_is_named(timm, monkeypatch):
     import huggingface_hub
 
     monkeypatch.delenv("TOOLKIT_WEIGHTS", raising=False)
-    monkeypatch.setattr(huggingface_hub, "try_to_load_from_cache", lambda repo, filename: None)
+    monkeypatch.setattr(huggingface_hub, "try_to_load_from_cache", lambda repo, filename, revision: None)
     asked = []
 
     def refuse(url, timeout):
@@ -168,10 +169,29 @@ def test_the_hubs_cache_is_used_without_asking(network, timm, tmp_path, monkeypa
     monkeypatch.delenv("TOOLKIT_WEIGHTS", raising=False)
     save_file(network.state_dict(), tmp_path / "model.safetensors")
     monkeypatch.setattr(
-        huggingface_hub, "try_to_load_from_cache", lambda repo, filename: str(tmp_path / "model.safetensors")
+        huggingface_hub, "try_to_load_from_cache", lambda repo, filename, revision: str(tmp_path / "model.safetensors")
     )
     classifier = load_classifier(MODEL, device="cpu")
     assert classifier.weights.name.startswith(f"timm/{NAME}") and classifier.is_imagenet
+
+
+@pytest.mark.parametrize(("repo", "asked"), [("timm/net", "main"), ("timm/net@v2", "v2")])
+def test_the_hub_gives_the_commit_that_was_asked_for(monkeypatch, tmp_path, repo, asked):
+    import huggingface_hub
+
+    from toolkit.models.timm_networks import _fetch_from_hub
+
+    def describe(url, timeout):
+        assert f"/resolve/{asked}/" in url
+        return SimpleNamespace(commit_hash="c0ffee")
+
+    def download(repo, filename, revision, etag_timeout):
+        return str(tmp_path / repo / filename / revision)
+
+    monkeypatch.setattr(huggingface_hub, "try_to_load_from_cache", lambda repo, filename, revision: None)
+    monkeypatch.setattr(huggingface_hub, "get_hf_file_metadata", describe)
+    monkeypatch.setattr(huggingface_hub, "hf_hub_download", download)
+    assert _fetch_from_hub("net", repo, "a.pth") == tmp_path / "timm/net" / "a.pth" / "c0ffee"
 
 
 def test_without_timm_the_extra_is_named(monkeypatch):

@@ -55,8 +55,7 @@ def plan(
     from toolkit.captures.render import preview_plan
     from toolkit.core.workspace import open_workspace
     from toolkit.printing.shot_list.job import write_shot_list
-    from toolkit.rig.camera import Camera
-    from toolkit.rig.plan import list_misfits, open_plan, plan_objects
+    from toolkit.rig.plan import list_misfits, make_camera, open_plan, plan_objects
 
     space = open_workspace(workspace, is_needed=True).with_patches(patches)
     sources = [context.get_parameter_source(name) for name in POSES]
@@ -66,7 +65,7 @@ def plan(
         names = list(dict.fromkeys(objects or made.objects))
     else:
         names = objects or sorted(space.object_specs())
-        camera = Camera.from_fov(*resolution, fov)
+        camera = make_camera(*resolution, fov)
         made = plan_objects(space, objects or (), pattern.with_overrides(seed=seed), camera)
         planned = made.model_copy(update={"objects": {name: made.objects[name] for name in names}})
         drawn = preview_plan(space, planned, seed) if preview else None

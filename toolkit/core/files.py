@@ -387,6 +387,18 @@ def explain_validation(error: ValidationError) -> str:
     return f"field '{field}': {words}" if field else words
 
 
+def resolve_links(path: Path) -> Path:
+    """Where a path that somebody typed leads.
+
+    Raises:
+        ToolkitError: its links lead in a circle.
+    """
+    try:
+        return Path(path).resolve()
+    except (OSError, RuntimeError):
+        raise explain_read_error(path, OSError(errno.ELOOP, "")) from None
+
+
 def inside(root: Path, relative: str) -> Path:
     """`root / relative`, for a path that came from a file.
 

@@ -101,17 +101,26 @@ def _check_size(path: Path, width: int, height: int) -> None:
         raise UnreadableImage(path, f"{size}: a side of more than {MAX_SIDE_PX} px is no photograph's")
 
 
-def decode_frame(content: bytes, name: Path, grey: bool = False) -> np.ndarray:
+def decode_frame(content: bytes, name: Path, grey: bool = False, size_px: tuple[int, int] | None = None) -> np.ndarray:
     """(h, w, 3) uint8 RGB of a PNG that a program wrote, or (h, w) where `grey`; OpenCV takes half of Pillow's time.
 
+    Args:
+        content: the file's bytes.
+        name: what errors call it.
+        grey: whether it is a mask.
+        size_px: width and height that it must have, looked at before it is decoded; None takes any.
+
     Raises:
-        UnreadableImage: it is no PNG, damaged, or far too large; `name` is what the error calls it.
+        UnreadableImage: it is no PNG, damaged, far too large, or of another size.
     """
     import cv2
 
     pixels = None
     if content.startswith(PNG_START) and len(content) >= 24:
-        _check_size(name, *struct.unpack(">II", content[16:24]))
+        width, height = struct.unpack(">II", content[16:24])
+        if size_px is not None and (width, height) != size_px:
+            raise UnreadableImage(name, f"{width} × {height} px, expected {size_px[0]} × {size_px[1]}")
+        _check_size(name, width, height)
         with contextlib.suppress(cv2.error):
             flag = cv2.IMREAD_GRAYSCALE if grey else cv2.IMREAD_COLOR
             pixels = cv2.imdecode(np.frombuffer(content, np.uint8), flag)

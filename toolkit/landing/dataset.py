@@ -5,6 +5,7 @@ A sample is three files of one key: `KEY.png` the picture, `KEY.seg.png` the pad
 
 import io
 import json
+import math
 import tarfile
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -13,14 +14,19 @@ from typing import Any, Literal
 
 import cv2
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from toolkit.core.console import progress
 from toolkit.core.errors import ToolkitError
-from toolkit.core.files import explain_validation, inside, open_whole, read_json, sha256_file
+from toolkit.core.files import explain_validation, inside, open_plain, open_whole, read_json, sha256_file
+from toolkit.core.text import escape, shorten
 from toolkit.imaging.read import UnreadableImage, decode_frame
 
 DATASET = "dataset.json"
+KINDS = ("json", "png", "seg.png")
+MOST_SIDE_PX, MOST_SHARDS = 1024, 20_000
+MOST_ENTRY_BYTES = 8 << 20
+"""Two and a half times the noisiest picture of the largest camera."""
 SPLITS = ("train", "held_out")
 Split = Literal["train", "held_out"]
 
@@ -58,7 +64,7 @@ class ShardFile(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
     file: str
     split: Split
-    n: int
+    n: int = Field(ge=0)
     sha256: str
 
 
@@ -89,8 +95,33 @@ class DatasetFile(BaseModel):
     places: dict[str, list[str]]
     settings: dict[str, Any]
     complete: bool
-    shards: list[ShardFile]
+    shards: list[ShardFile] = Field(max_length=MOST_SHARDS)
     toolkit_version: str
+
+    @field_validator("camera")
+    @classmethod
+    def _check_camera(cls, camera: dict[str, float]) -> dict[str, float]:
+        missing = [name for name in ("width", "height", "fx", "fy", "cx", "cy") if name not in camera]
+        if missing:
+            raise ValueError(f"expected '{missing[0]}' among its numbers")
+        sides = camera["width"], camera["height"]
+        if not all(1 <= side <= MOST_SIDE_PX and side == int(side) for side in sides):
+            raise ValueError(f"expected width and height of 1 to {MOST_SIDE_PX} whole pixels")
+        if not (min(camera["fx"], camera["fy"]) > 0 and all(math.isfinite(number) for number in camera.values())):
+            raise ValueError("expected finite numbers, fx and fy over 0")
+        return camera
+
+    @field_validator("shards")
+    @classmethod
+    def _check_names(cls, shards: list[ShardFile]) -> list[ShardFile]:
+        if len({shard.file for shard in shards}) < len(shards):
+            raise ValueError("a shard is listed twice")
+        return shards
+
+    @property
+    def size_px(self) -> tuple[int, int]:
+        """Width and height of its pictures."""
+        return int(self.camera["width"]), int(self.camera["height"])
 
 
 @dataclass(frozen=True)
@@ -179,39 +210,49 @@ def _encode(picture: np.ndarray) -> bytes:
     return cv2.imencode(".png", picture, [cv2.IMWRITE_PNG_COMPRESSION, 3])[1].tobytes()
 
 
-def read_shard(path: Path) -> Iterator[Sample]:
+def read_shard(path: Path, size_px: tuple[int, int]) -> Iterator[Sample]:
     """The samples of a shard, in order.
 
+    Args:
+        path: of a plain tar, whose entries are plain files: nothing in it is unpacked, followed or filled with zeros.
+        size_px: width and height of its pictures.
+
     Raises:
-        ToolkitError: it is cut or damaged, or a truth in it is none; the message names shard and sample.
+        ToolkitError: it is cut or damaged, of another kind, or a sample in it is none; the message names shard and
+            sample.
     """
     parts: dict[str, bytes] = {}
     try:
-        with tarfile.open(path) as tar:
+        with open_plain(path) as file, tarfile.open(fileobj=file, mode="r:") as tar:
             for entry in tar:
-                found = tar.extractfile(entry)
                 key, _, kind = entry.name.partition(".")
-                parts[kind] = found.read() if found is not None else b""
-                if len(parts) == 3:
-                    yield _decode(path, key, parts)
+                found = tar.extractfile(entry) if entry.isreg() and not entry.issparse() else None
+                if found is None or kind not in KINDS or kind in parts or entry.size > MOST_ENTRY_BYTES:
+                    raise ToolkitError(
+                        f"{path}: '{escape(shorten(entry.name, 80))}' is no part of a sample: expected plain files "
+                        f"{', '.join(f'KEY.{kind}' for kind in KINDS)} of up to {MOST_ENTRY_BYTES >> 20} MB: "
+                        "collect it again"
+                    )
+                parts[kind] = found.read()
+                if len(parts) == len(KINDS):
+                    yield _decode(path, key, parts, size_px)
                     parts = {}
-    except (tarfile.TarError, EOFError, OSError) as error:
-        raise ToolkitError(f"{path}: the shard is missing, cut or damaged ({error}): collect it again") from None
+    except (tarfile.TarError, EOFError, OSError, ValueError):
+        raise ToolkitError(f"{path}: the shard is missing, cut or damaged, or no plain tar: collect it again") from None
     if parts:
         raise ToolkitError(f"{path}: the shard ends in the middle of a sample: collect it again")
 
 
-def _decode(path: Path, key: str, parts: dict[str, bytes]) -> Sample:
-    where = f"{path}, sample {key}"
+def _decode(path: Path, key: str, parts: dict[str, bytes], size_px: tuple[int, int]) -> Sample:
+    where = f"{path}, sample {escape(shorten(key, 80))}"
     try:
-        truth = Truth.model_validate(json.loads(parts["json"]))
-        image, mask = decode_frame(parts["png"], path), decode_frame(parts["seg.png"], path, grey=True)
+        truth = Truth.model_validate_json(parts["json"])
+        image = decode_frame(parts["png"], path, size_px=size_px)
+        mask = decode_frame(parts["seg.png"], path, grey=True, size_px=size_px)
     except ValidationError as error:
         raise ToolkitError(f"{where}: the truth cannot be used: {explain_validation(error)}") from None
     except UnreadableImage as error:
-        raise ToolkitError(f"{where}: a picture in it is damaged ({error.reason}): collect it again") from None
-    except (KeyError, ValueError):
-        raise ToolkitError(f"{where}: expected a picture, a segmentation and a truth: collect it again") from None
+        raise ToolkitError(f"{where}: a picture in it cannot be used ({error.reason}): collect it again") from None
     return Sample(image, mask > 127, truth)
 
 
@@ -232,6 +273,16 @@ def open_dataset(folder: Path) -> DatasetFile:
     return about
 
 
+def find_shard(folder: Path, about: DatasetFile, shard: ShardFile) -> Path:
+    """The file of a shard, checked against its hash; a `ToolkitError` where it is missing or another."""
+    path = inside(folder, shard.file)
+    if not path.is_file():
+        raise ToolkitError(f"{path}: the shard is missing: collect the data set again, or copy it whole")
+    if sha256_file(path) != shard.sha256:
+        _explain_change(path, about, shard)
+    return path
+
+
 def read_split(folder: Path, split: Split, most: int | None = None) -> SampleSet:
     """All samples of a split, or the first `most`, each shard checked against its hash.
 
@@ -247,12 +298,8 @@ def read_split(folder: Path, split: Split, most: int | None = None) -> SampleSet
         for shard in shards:
             if most is not None and len(truths) >= most:
                 break
-            path = inside(folder, shard.file)
-            if not path.is_file():
-                raise ToolkitError(f"{path}: the shard is missing: collect the data set again, or copy it whole")
-            if sha256_file(path) != shard.sha256:
-                _explain_change(path, about, shard)
-            for sample in read_shard(path):
+            path = find_shard(folder, about, shard)
+            for sample in read_shard(path, about.size_px):
                 if sample.truth.seed != about.seed:
                     _refuse_seed(path, sample, about)
                 images.append(sample.image)
@@ -307,7 +354,7 @@ def join_samples(parts: Sequence[SampleSet]) -> SampleSet:
 
 def _explain_change(path: Path, about: DatasetFile, shard: ShardFile) -> None:
     count = 0
-    for sample in read_shard(path):
+    for sample in read_shard(path, about.size_px):
         count += 1
         if sample.truth.seed != about.seed:
             _refuse_seed(path, sample, about)

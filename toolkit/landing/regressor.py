@@ -14,7 +14,7 @@ from toolkit.core.files import read_json, sha256_file, write_bytes
 from toolkit.core.workspace import Workspace
 from toolkit.evaluation.page import SKY
 from toolkit.imaging.plots import encode_figure, make_figure, with_default_style
-from toolkit.landing.dataset import Sample, SampleSet, open_dataset, read_shard
+from toolkit.landing.dataset import Sample, SampleSet, find_shard, open_dataset, read_shard
 from toolkit.landing.landing_config import CameraConfig, Pool
 from toolkit.models.architectures import build_network
 from toolkit.models.weights import WeightsFile, read_state_dict
@@ -308,8 +308,12 @@ def find_saliency(regressor: Regressor, images: np.ndarray) -> np.ndarray:
 def pick_samples(folder: Path, count: int = SHOWN) -> list[Sample]:
     """Held-out frames of a data set's first shard of them, from low to high, evenly spread over their heights."""
     about = open_dataset(folder)
-    shard = next((shard for shard in about.shards if shard.split == "held_out"), about.shards[0])
-    samples = sorted(read_shard(folder / shard.file), key=lambda sample: sample.truth.z_m)
+    shards = [shard for shard in about.shards if shard.split == "held_out"] or about.shards
+    if not shards:
+        raise ToolkitError(f"{folder} has no shards: collect the data set again")
+    samples = sorted(
+        read_shard(find_shard(folder, about, shards[0]), about.size_px), key=lambda sample: sample.truth.z_m
+    )
     chosen = np.linspace(0, len(samples) - 1, min(count, len(samples))).round().astype(int)
     return [samples[k] for k in chosen]
 

@@ -56,17 +56,21 @@ def find_timm_weights(name: str, config: dict[str, Any], weights: Path | None) -
 
 
 def _fetch_from_hub(name: str, repo: str, filename: str) -> Path:
+    """A file of the hub; `repo@revision` names a commit or a tag, else it is the latest commit, found once."""
     from huggingface_hub import get_hf_file_metadata, hf_hub_download, hf_hub_url, try_to_load_from_cache
     from huggingface_hub.utils import disable_progress_bars
 
-    if isinstance(cached := try_to_load_from_cache(repo, filename), str):
+    repo, _, revision = repo.partition("@")
+    if isinstance(cached := try_to_load_from_cache(repo, filename, revision=revision or None), str):
         return Path(cached)
     if is_quiet():
         disable_progress_bars()
     try:
         # without a network the download itself would try again for half a minute; this asks once
-        get_hf_file_metadata(hf_hub_url(repo, filename), timeout=HUB_TIMEOUT_S)
-        return Path(hf_hub_download(repo, filename, etag_timeout=HUB_TIMEOUT_S))
+        url = hf_hub_url(repo, filename, revision=revision or None)
+        commit = get_hf_file_metadata(url, timeout=HUB_TIMEOUT_S).commit_hash
+        # a branch may move between the two calls
+        return Path(hf_hub_download(repo, filename, revision=commit, etag_timeout=HUB_TIMEOUT_S))
     except Exception as error:  # those of requests or of httpx, by the hub client's version, and its own
         reason = (str(error).strip().splitlines() or [""])[0][:160] or error.__class__.__name__
     raise no_weights(f"timm:{name}", name, f"let it download {repo} from the Hugging Face hub (failed: {reason})")

@@ -10,9 +10,12 @@ import numpy as np
 
 from toolkit.core.errors import ToolkitError, one_of
 from toolkit.core.files import inside
+from toolkit.core.memory import is_memory_full, limit_memory
 from toolkit.imaging.read import open_textures
+from toolkit.objects.announced import check_announced, check_faces, check_parts
 from toolkit.objects.grouping import group_places
 from toolkit.objects.mesh import (
+    Material,
     Mesh,
     check_mesh,
     hash_mesh,
@@ -29,8 +32,8 @@ if TYPE_CHECKING:
 
 BUILTIN = ("racer", "warplane", "coffeepot", "eggnog")
 SUFFIXES = (".glb", ".gltf", ".obj", ".ply", ".stl", ".off")
-MAX_FACES = 10_000_000
-"""More take over 5 GB to load, for detail that no picture shows."""
+MOST_BYTES = 7 << 28
+"""What a mesh with its pictures may take while it is read; with what is loaded already, under 2 GB."""
 EXTENTS = (1e-9, 1e12)
 """Longest side of a mesh in its file's unit, least and greatest."""
 OFF_CENTRE = 8
@@ -88,12 +91,12 @@ def build_mesh(name: str) -> Mesh:
     return import_module(f"toolkit.content.{name}").build()
 
 
-def read_mesh(path: Path, max_parts: int | None = None) -> Mesh:
+def read_mesh(path: Path) -> Mesh:
     """Read a user's mesh: geometry, texture coordinates and base colours; a file without them is plain grey.
 
     Raises:
-        ToolkitError: no such file, an unknown kind, unreadable, without faces, with vertices that are not finite, or in
-            more parts than `max_parts`.
+        ToolkitError: no such file, an unknown kind, unreadable, without faces, with vertices that are not finite, or
+            more than `toolkit.objects.announced` or `MOST_BYTES` allow.
     """
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
@@ -102,17 +105,29 @@ def read_mesh(path: Path, max_parts: int | None = None) -> Mesh:
         )
     if not path.is_file():
         raise ToolkitError(f"{path}: no such mesh file: put it beside its spec, or mend 'mesh' in the spec")
-    pieces = _read_pieces(path, max_parts)
-    count = sum(len(piece.faces) for piece in pieces)
-    if not count:
+    check_announced(path)
+    try:
+        with limit_memory(MOST_BYTES):
+            return _build_mesh(path)
+    except ToolkitError:
+        raise
+    except Exception as error:
+        if not is_memory_full(error):
+            raise
+    raise ToolkitError(
+        f"{path}: takes over {MOST_BYTES / 2**30:.3g} GB to read, or the memory is full: give it fewer triangles, or "
+        "fewer and smaller textures"
+    )
+
+
+def _build_mesh(path: Path) -> Mesh:
+    pieces = _read_pieces(path)
+    if not pieces:
         raise ToolkitError(f"{path}: the mesh has no faces (a point cloud?): export it with triangles")
-    if count > MAX_FACES:
-        raise ToolkitError(
-            f"{path}: {count:,} faces, more than {MAX_FACES:,}: simplify it (Blender: Decimate; MeshLab: Quadric Edge "
-            "Collapse Decimation)"
-        )
     pieces = _move_home(pieces, str(path))
-    return check_mesh(merge_meshes([_weld(piece, str(path)) for piece in pieces]), str(path))
+    painted = [_paint(pieces.pop(0), str(path)) for _ in range(len(pieces))]  # each in place of what trimesh holds
+    welded = [_weld(*painted.pop(0), str(path)) for _ in range(len(painted))]
+    return check_mesh(merge_meshes(welded), str(path))
 
 
 @dataclass(frozen=True)
@@ -124,21 +139,22 @@ class _Piece:
     visual: "Visuals | None"
 
 
-def _read_pieces(path: Path, max_parts: int | None) -> list[_Piece]:
+def _read_pieces(path: Path) -> list[_Piece]:
     import trimesh
 
-    pieces = []
+    pieces: list[_Piece] = []
+    count = 0
     try:
         with open_textures(str(path)):  # trimesh opens them itself
             scene = trimesh.load_scene(path, process=False)
-        parts = len(scene.graph.nodes_geometry)
-        if max_parts is not None and parts > max_parts:
-            raise ToolkitError(f"{path}: {parts:,} parts, more than {max_parts:,}: join them before the export")
+        check_parts(path, len(scene.graph.nodes_geometry))
         for node in scene.graph.nodes_geometry:
             T_scene_piece, name = scene.graph[node]
             piece = scene.geometry[name]
             if not isinstance(piece, trimesh.Trimesh) or not len(piece.faces):
                 continue
+            count += len(piece.faces)
+            check_faces(path, count)
             vertices, faces = np.asarray(piece.vertices, np.float64), np.asarray(piece.faces, np.int64)
             if not np.allclose(T_scene_piece, np.eye(4), rtol=0, atol=1e-8):
                 vertices = trimesh.transform_points(vertices, T_scene_piece)
@@ -148,7 +164,12 @@ def _read_pieces(path: Path, max_parts: int | None) -> list[_Piece]:
     except ToolkitError:
         raise
     except Exception as error:  # trimesh's readers raise whatever their format makes them
-        raise ToolkitError(f"{path}: not a readable {path.suffix} mesh: {type(error).__name__}: {error}") from None
+        if is_memory_full(error):
+            raise
+        raise ToolkitError(
+            f"{path}: not a readable {path.suffix} mesh: it is damaged, cut or of another kind: open it in Blender and "
+            "export it again"
+        ) from None
     return pieces
 
 
@@ -199,15 +220,17 @@ def _axis(name: str) -> np.ndarray:
     return axis
 
 
-def _weld(piece: _Piece, source: str) -> Mesh:
-    vertices, faces = piece.vertices.astype(np.float32), piece.faces
-    corner_uv, material = paint_faces(piece.visual, vertices, faces, source)
+def _paint(piece: _Piece, source: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, Material]:
+    """Vertices as float32, faces, texture coordinates of their corners and material."""
+    vertices = piece.vertices.astype(np.float32)
+    return vertices, piece.faces, *paint_faces(piece.visual, vertices, piece.faces, source)
+
+
+def _weld(vertices: np.ndarray, faces: np.ndarray, corner_uv: np.ndarray, material: Material, source: str) -> Mesh:
     # one position per place, so that smoothing crosses the seams that texture coordinates cut
     first, place = group_places(vertices)
-    welded = place[faces]
-    real = (welded[:, 0] != welded[:, 1]) & (welded[:, 1] != welded[:, 2]) & (welded[:, 0] != welded[:, 2])
+    vertices, faces = vertices[first], place[faces]
+    real = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 0] != faces[:, 2])
     if not real.any():
         raise ToolkitError(f"{source}: every face has zero area: expected an object with an extent")
-    return mesh_from_corners(
-        vertices[first], welded[real], corner_uv[real], np.zeros(int(real.sum()), np.int32), (material,)
-    )
+    return mesh_from_corners(vertices, faces[real], corner_uv[real], np.zeros(int(real.sum()), np.int32), (material,))

@@ -4,7 +4,7 @@ import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -214,8 +214,10 @@ def mesh_from_corners(
     normals = corner_normals(vertices, faces, crease_deg).reshape(-1, 3).astype(np.float32)
     index, uv = faces.reshape(-1), corner_uv.reshape(-1, 2).astype(np.float32)
     # rounded: corners that differ by float noise alone stay one vertex
-    split = [np.round(axis * 1e5).astype(np.int64) for axis in (*normals.T, *uv.T)]
-    first, inverse = group_rows([index, *split])
+    split = (
+        np.round(axis * 1e5).astype(kind) for axes, kind in ((normals, np.int32), (uv, np.int64)) for axis in axes.T
+    )
+    first, inverse = group_rows(chain([index], split))
     return Mesh(
         vertices=vertices[index[first]].astype(np.float32), normals=normals[first], uv=uv[first],
         faces=inverse.reshape(-1, 3).astype(np.int32), face_material=face_material.astype(np.int32),

@@ -78,6 +78,7 @@ PATTERNS: dict[str, Callable[[int, float, float], np.ndarray]] = {
 Row = tuple[float, float, float, float]
 PoseId = Annotated[int, Field(ge=1, le=99_999)]
 """Five digits are what is read from a photograph's name."""
+LEAST_SIDE_PX, MOST_SIDE_PX = 16, 16384
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6)]
 """Millimetres: a kilometre from the object."""
 
@@ -86,8 +87,8 @@ class _CameraFields(BaseModel):
     """A camera as a plan's file has it: pixels, and the field of view or the focal length and sensor width in mm."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-    width: int = Field(640, ge=16, le=16384)
-    height: int = Field(480, ge=16, le=16384)
+    width: int = Field(640, ge=LEAST_SIDE_PX, le=MOST_SIDE_PX)
+    height: int = Field(480, ge=LEAST_SIDE_PX, le=MOST_SIDE_PX)
     fov_deg: float | None = Field(None, gt=1, lt=170)
     focal_mm: float | None = Field(None, ge=0.1, le=1e4)
     sensor_width_mm: float | None = Field(None, ge=0.1, le=1e3)
@@ -316,6 +317,19 @@ def scale_distance(plan: CapturePlan, factor: float) -> CapturePlan:
     return plan.model_copy(update={"objects": objects})
 
 
+def make_camera(width: int, height: int, fov_deg: float) -> Camera:
+    """A plan's camera of this horizontal field of view.
+
+    Raises:
+        ToolkitError: width or height is under 16 or over 16384 pixels.
+    """
+    if not all(LEAST_SIDE_PX <= side <= MOST_SIDE_PX for side in (width, height)):
+        raise ToolkitError(
+            f"a resolution of {width}×{height} px: expected both sides between {LEAST_SIDE_PX} and {MOST_SIDE_PX} px"
+        )
+    return Camera.from_fov(width, height, fov_deg)
+
+
 def scale_resolution(plan: CapturePlan, width_px: int) -> CapturePlan:
     """Pictures `width_px` wide with the same field of view; the height follows, rounded to whole pixels.
 
@@ -323,14 +337,7 @@ def scale_resolution(plan: CapturePlan, width_px: int) -> CapturePlan:
         ToolkitError: width or height is under 16 or over 16384 pixels.
     """
     height_px = round(plan.camera.height * width_px / plan.camera.width)
-    camera = Camera.from_fov(width_px, height_px, plan.camera.fov_deg)
-    try:
-        _CameraFields.of(camera)
-    except ValidationError:
-        raise ToolkitError(
-            f"a resolution of {width_px}×{height_px} px: expected both sides between 16 and 16384 px"
-        ) from None
-    return plan.model_copy(update={"camera": camera})
+    return plan.model_copy(update={"camera": make_camera(width_px, height_px, plan.camera.fov_deg)})
 
 
 def _move(pose: Pose, factor: float) -> Pose:

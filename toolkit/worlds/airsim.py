@@ -14,9 +14,9 @@ import numpy as np
 
 from toolkit.core.errors import FieldError, ToolkitError
 from toolkit.core.text import shorten
-from toolkit.imaging.read import UnreadableImage, decode_frame
+from toolkit.imaging.read import MAX_SIDE_PX, UnreadableImage, decode_frame
 from toolkit.worlds.msgpack_rpc import CallError, Connection
-from toolkit.worlds.ned import camera_to_ned, find_miss, object_to_ned, pack_pose, read_fields, unpack_pose
+from toolkit.worlds.ned import camera_to_ned, find_miss, object_to_ned, pack_pose, read_fields, show, unpack_pose
 
 SCHEME, PORT = "airsim", 41451
 EXPECTED = f"expected raycast or {SCHEME}://HOST:PORT, such as {SCHEME}://127.0.0.1:{PORT}"
@@ -123,7 +123,7 @@ class AirSim:
         try:
             version = self._rpc.call("getServerVersion")
             if not isinstance(version, int):
-                raise ToolkitError(f"{address}: getServerVersion says {version!r}: expected a number, as AirSim's")
+                raise ToolkitError(f"{address}: getServerVersion says {show(version)}: expected a number, as AirSim's")
             self.version = version
             self._pause()
         except BaseException:
@@ -330,15 +330,21 @@ class _Image:
         width, height = fields.get("width"), fields.get("height")
         if not isinstance(width, int) or not isinstance(height, int) or not isinstance(numbers, list):
             raise ToolkitError(f"{where}: expected width, height and a list of depths")
+        if not 0 < width <= MAX_SIDE_PX or not 0 < height <= MAX_SIDE_PX:
+            raise ToolkitError(
+                f"{where}: pictures of {show(width)} × {show(height)} px: see whether the camera is called so"
+            )
         if not isinstance(content, bytes):
-            content = bytes(content) if isinstance(content, list) else b""
+            listed = content if isinstance(content, list) else []
+            is_bytes = all(isinstance(one, int) and 0 <= one < 256 for one in listed)
+            content = bytes(listed) if is_bytes else b""
         pose = {b"position": fields.get("camera_position"), b"orientation": fields.get("camera_orientation")}
         return cls(content, numbers, (width, height), unpack_pose(pose, where), where)
 
     def decode(self) -> np.ndarray:
         """(h, w, 3) uint8 RGB of a PNG."""
         try:
-            return decode_frame(self.content, Path())
+            return decode_frame(self.content, Path(), size_px=self.size_px)
         except UnreadableImage as error:
             raise ToolkitError(f"{self.where}: {error.reason}: see whether the camera is called so") from None
 
@@ -347,7 +353,10 @@ class _Image:
         width, height = self.size_px
         if len(self.numbers) != width * height or not width * height:
             raise ToolkitError(f"{self.where}: expected {width} × {height} depths, found {len(self.numbers)}")
-        depth = np.array(self.numbers, np.float32).reshape(height, width)
+        try:
+            depth = np.array(self.numbers, np.float32).reshape(height, width)
+        except (TypeError, ValueError):
+            raise ToolkitError(f"{self.where}: a depth in it is no number") from None
         return np.where((depth >= ENDLESS_M) | ~np.isfinite(depth), np.float32(np.inf), depth)
 
 

@@ -11,12 +11,17 @@ import time
 from collections.abc import Sequence
 
 from toolkit.core.errors import ToolkitError
+from toolkit.core.memory import limit_memory
 from toolkit.core.text import shorten
 
 REQUEST, REPLY = 0, 1
 MOST_REPLY_BYTES = 256 << 20
 """Of one reply: three pictures of 4096² with depth as text-book floats."""
-CHUNK_BYTES = 1 << 16
+MOST_BYTES = 1 << 30
+"""Of one reply as Python holds it, where a byte may become an object of its own."""
+MOST_LEVELS = 8
+"""Of an error's words within one another."""
+CHUNK_BYTES = 1 << 20
 LONGEST_WORDS = 300
 ARGUMENT_COUNT = re.compile(r"invalid number of arguments\. Expected: (\d+)")
 NOT_FOUND = re.compile(r"Function '\w+' .*not found|could not find function", re.IGNORECASE)
@@ -102,7 +107,12 @@ class Connection:
         try:
             self._socket.settimeout(self.timeout_s)
             self._socket.sendall(self._pack.pack([REQUEST, self._calls, method, list(arguments)]))
-            reply = self._receive(method)
+            with limit_memory(MOST_BYTES):
+                reply = self._receive(method)
+        except MemoryError:
+            raise ToolkitError(
+                f"{self.where}: its answer to {method} takes over {MOST_BYTES >> 30} GB: ask for smaller pictures"
+            ) from None
         except TimeoutError:
             raise ToolkitError(
                 f"{self.where}: no answer to {method} within {self.timeout_s:g} s: see whether the simulator still runs"
@@ -124,7 +134,7 @@ class Connection:
                 return self._unpacker.unpack()
             except msgpack.OutOfData:
                 pass
-            except (ValueError, msgpack.UnpackException):
+            except (ValueError, TypeError, msgpack.UnpackException):  # a map's key may be a list
                 raise self._no_rpc(method) from None
             self._socket.settimeout(max(end - time.monotonic(), 1e-3))
             content = self._socket.recv(CHUNK_BYTES)
@@ -148,12 +158,12 @@ class Connection:
         )
 
 
-def _words_of(error: object) -> str:
+def _words_of(error: object, levels: int = MOST_LEVELS) -> str:
     """A server's error in words: a text, or a list or map with one in it."""
     if isinstance(error, bytes):
         return error.decode("utf-8", errors="replace")
     if isinstance(error, dict):
         error = list(error.values())
     if isinstance(error, Sequence) and not isinstance(error, str):
-        return ", ".join(_words_of(one) for one in error)
+        return ", ".join(_words_of(one, levels - 1) for one in error[:MOST_LEVELS]) if levels else ""
     return str(error)

@@ -4,10 +4,11 @@ Convention: our world is z up, metres. A GLB of ours that Unreal imports lies wi
 do: `NED_WORLD`. A body's axes are forward, right and down.
 """
 
+import reprlib
+
 import numpy as np
 
 from toolkit.core.errors import ToolkitError
-from toolkit.core.text import shorten
 
 NED_WORLD = np.array([(0.0, 1, 0), (1, 0, 0), (0, 0, -1)])
 """From our axes, z up, to north, east, down; it is its own inverse."""
@@ -59,8 +60,9 @@ def unpack_pose(found: object, where: str) -> np.ndarray:
     position, turn = (read_fields(fields.get(name), where) for name in ("position", "orientation"))
     numbers = np.array([_number(position.get(f"{axis}_val")) for axis in "xyz"])
     quaternion = np.array([_number(turn.get(f"{axis}_val")) for axis in "xyzw"])
-    if not np.isfinite([*numbers, *quaternion]).all() or not quaternion.any():
-        raise ToolkitError(f"{where}: expected a pose, found {shorten(str({**position, **turn}))}")
+    # a quaternion of a rotation has length 1
+    if not np.isfinite([*numbers, *quaternion]).all() or not 0.5 < np.abs(quaternion).sum() < 4:
+        raise ToolkitError(f"{where}: expected a pose, found {show({**position, **turn})}")
     pose = np.eye(4)
     pose[:3, 3], pose[:3, :3] = numbers, Rotation.from_quat(quaternion).as_matrix()
     return pose
@@ -68,6 +70,11 @@ def unpack_pose(found: object, where: str) -> np.ndarray:
 
 def _number(value: object) -> float:
     return float(value) if isinstance(value, int | float) else float("nan")
+
+
+def show(found: object) -> str:
+    """What a server said, in a few words, however much it is."""
+    return reprlib.repr(found)
 
 
 def find_miss(found: np.ndarray, wanted: np.ndarray) -> str | None:
@@ -81,5 +88,5 @@ def find_miss(found: np.ndarray, wanted: np.ndarray) -> str | None:
 def read_fields(found: object, where: str) -> dict[str, object]:
     """A reply's map by text; a `ToolkitError` where it is none."""
     if not isinstance(found, dict):
-        raise ToolkitError(f"{where}: expected a map, found {shorten(str(found))}")
+        raise ToolkitError(f"{where}: expected a map, found {show(found)}")
     return {key.decode("utf-8", "replace") if isinstance(key, bytes) else str(key): one for key, one in found.items()}

@@ -26,6 +26,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from toolkit.core.errors import FieldError, ToolkitError, one_of
 from toolkit.core.files import inside, read_toml
+from toolkit.objects.announced import MAX_PARTS
 from toolkit.objects.load import SUFFIXES, read_mesh, turn_upright
 from toolkit.objects.mesh import Material, Mesh, cast_rays, make_ray_scene, merge_meshes
 from toolkit.objects.spec import axes_of_format
@@ -33,7 +34,6 @@ from toolkit.worlds.classes import STANDING, SceneClass
 from toolkit.worlds.world import Spot, World
 
 MIN_ACROSS_M, MAX_ACROSS_M = 15.0, 6000.0
-MAX_PARTS = 20_000
 MIN_GROUND_SHARE = 0.6
 PROBES = 48
 """Rays along each side of the ground plan that look for its ground."""
@@ -48,11 +48,11 @@ def load_mesh_world(path: Path, scale: float = 1.0, seed: int = 0) -> World:
     """A world from one mesh file (GLB, glTF, OBJ, PLY, STL or OFF), in metres once multiplied by `scale`.
 
     Raises:
-        ToolkitError: what `read_mesh` raises; more than `MAX_PARTS` parts; no texture and no colours; an extent that no
+        ToolkitError: what `read_mesh` raises; no texture and no colours; an extent that no
             place in metres has, with the factor that would mend it; no ground under most of it; no free spot.
     """
     path = Path(path)
-    mesh = read_mesh(path, max_parts=MAX_PARTS)
+    mesh = read_mesh(path)
     mesh = turn_upright(mesh, *axes_of_format(path.name))
     return world_from_mesh(
         replace(mesh, vertices=(mesh.vertices * scale).astype(np.float32)), str(path), path.stem, seed
@@ -334,7 +334,7 @@ def _read_piece(folder: Path, name: str, path: Path) -> Mesh:
     for suffix in SUFFIXES:
         file = inside(folder, f"{name}{suffix}")
         if file.is_file():
-            return turn_upright(read_mesh(file, max_parts=MAX_PARTS), *axes_of_format(file.name))
+            return turn_upright(read_mesh(file), *axes_of_format(file.name))
     known = sorted({file.stem for file in folder.iterdir() if file.suffix in SUFFIXES})
     raise ToolkitError(f"{path}: {one_of('piece', name, known)}")
 

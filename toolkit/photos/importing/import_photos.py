@@ -15,6 +15,7 @@ import numpy as np
 from toolkit.captures.manifest import CaptureRecord, write_transforms
 from toolkit.core.console import progress
 from toolkit.core.errors import FieldError, ToolkitError, one_of
+from toolkit.core.files import resolve_links
 from toolkit.core.locks import hold_folder
 from toolkit.core.names import is_folder_name
 from toolkit.core.workspace import Workspace
@@ -65,7 +66,7 @@ def refuse_captures(workspace: Workspace, paths: Sequence[Path]) -> None:
     """
     captures = workspace.captures_dir.resolve()
     for path in paths:
-        real = Path(path).resolve()
+        real = resolve_links(path)
         if real.is_relative_to(captures) or captures.is_relative_to(real):
             raise ToolkitError(
                 f"{path} is, holds or lies in {captures}: name the folder that the camera's photos are in"

@@ -1,0 +1,67 @@
+"""`make bench` runs to its end: each benchmark starts, and all that it imports comes with its extra."""
+
+import ast
+import importlib.util
+import re
+import sys
+from importlib import import_module
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+MODULES = sorted(file.stem for file in (ROOT / "benchmarks").glob("bench_*.py"))
+SMALL = {"ROUNDS": 1, "MEMORY_COUNTS": (32, 64), "SECONDS": 1, "TRIANGLES": (1000,), "SIZES": ((224, 224),)}
+LOOKED_FOR = {"rotorpy", "ray"}
+"""Peers that are timed only where they are installed."""
+DISTRIBUTIONS = {"pyrender": "pyrender", "skimage": "scikit-image", "art": "adversarial-robustness-toolbox"}
+"""Of the extra, which the tests run without."""
+
+
+def list_imports(file: Path) -> set[str]:
+    found = set()
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {one.name.partition(".")[0] for one in node.names}
+        elif isinstance(node, ast.ImportFrom) and not node.level:
+            found.add((node.module or "").partition(".")[0])
+    return found - set(sys.stdlib_module_names) - {"benchmarks", "toolkit"}
+
+
+def read_requirements(*extras: str) -> set[str]:
+    """Names of distributions, those of extras within extras too."""
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    dependencies = re.search(r"^dependencies = \[(.*?)^\]", text, re.M | re.S)[1]
+    lists = [dependencies] + [re.search(rf"^{one} = \[(.*?)\](?:  #.*)?$", text, re.M | re.S)[1] for one in extras]
+    wanted = {name for one in lists for name in re.findall(r'"([A-Za-z0-9_.-]+)', one)}
+    inner = [
+        name for one in lists for some in re.findall(r"toolkit-boost\[([\w,]+)\]", one) for name in some.split(",")
+    ]
+    return wanted | (read_requirements(*inner) if inner else set())
+
+
+def test_what_a_benchmark_imports_comes_with_its_extra():
+    wanted = {name.lower().replace("_", "-") for name in read_requirements("bench")}
+    places = packages_distributions()
+    for module in sorted({name for file in (ROOT / "benchmarks").glob("*.py") for name in list_imports(file)}):
+        names = {one.lower().replace("_", "-") for one in places.get(module, [DISTRIBUTIONS.get(module, module)])}
+        assert module in LOOKED_FOR or names & wanted, f"{module} is in no list of pyproject.toml"
+
+
+def test_make_bench_runs_every_benchmark():
+    assert sorted(import_module("benchmarks.__main__").MODULES) == MODULES
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MODULES)
+def test_a_benchmark_starts(name, monkeypatch):
+    for peer in list_imports(ROOT / "benchmarks" / f"{name}.py") - LOOKED_FOR:
+        if importlib.util.find_spec(peer) is None and peer != "pyrender":  # which has a process of its own
+            pytest.skip(f"{peer} is not installed")
+    monkeypatch.chdir(ROOT)
+    module = import_module(f"benchmarks.{name}")
+    for setting, value in SMALL.items():
+        if hasattr(module, setting):
+            monkeypatch.setattr(module, setting, value)
+    assert module.run()
