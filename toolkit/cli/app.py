@@ -115,7 +115,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
         "runs": Entry("runs:list_runs", "list what every run found, as one table"),
         "compare": Entry("runs:compare", "compare two runs image by image: test, flips"),
         "report": Entry("runs:report", "one page of many runs: filters, flips"),
-        "export": Entry("runs:export", "predictions as Parquet, or for FiftyOne"),
+        "export": Entry("runs:export", "predictions as Parquet, objects as 3MF"),
     },
     "Set-up": {
         "init": Entry("init:init", "make a workspace"),

@@ -130,7 +130,9 @@ def to_3mf(mesh: Mesh, name: str) -> bytes:
     picture_of = [id(material.texture) for material in mesh.materials]
     properties = np.zeros((len(joined), 4), np.uint32)  # the group, and a place of the picture for each corner
     for number, known in enumerate(dict.fromkeys(picture_of), start=1):
-        rows = np.flatnonzero(np.isin(mesh.face_material[kept], [i for i, one in enumerate(picture_of) if one == known]))
+        rows = np.flatnonzero(
+            np.isin(mesh.face_material[kept], [i for i, one in enumerate(picture_of) if one == known])
+        )
         if not len(rows):
             continue
         picture = mesh.materials[picture_of.index(known)].texture

@@ -72,7 +72,7 @@ def examine_solid(mesh: Mesh, seed: int = 0) -> Soundness:
         mesh: in millimetres.
         seed: of the places.
     """
-    places, faces, _ = join_places(mesh)
+    faces = join_places(mesh)[1]
     edges = faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).astype(np.int64)
     low, high = edges.min(axis=1), edges.max(axis=1)
     first, index = group_rows([low, high])
@@ -87,7 +87,10 @@ def examine_solid(mesh: Mesh, seed: int = 0) -> Soundness:
 
 
 def _measure_walls(mesh: Mesh, rng: np.random.Generator) -> np.ndarray:
-    """Thickness in mm of the wall below places drawn by area; those where a ray never leaves are left out."""
+    """Thickness in mm of the wall below places drawn by area.
+
+    Places inside other parts, and those whose ray never leaves, are left out.
+    """
     import open3d as o3d
 
     cross = cross_products(mesh.vertices[mesh.faces])
@@ -106,11 +109,14 @@ def _measure_walls(mesh: Mesh, rng: np.random.Generator) -> np.ndarray:
     # one deep at the start; each surface met leaves a part (+1) or enters another (-1)
     facing = np.einsum("ij,ij->i", normal[met], -normal[face[ray]])
     leaves = np.where(facing > 0, 1, -1)
+    # a ray that starts one deep leaves once more than it enters; others start in another part, or leave by a hole
+    net = np.bincount(ray, leaves, SAMPLES)
+    sound = net[ray] == 1
+    ray, way, facing, leaves = ray[sound], way[sound], facing[sound], leaves[sound]
     total = np.cumsum(leaves)
     starts = np.flatnonzero(np.diff(ray, prepend=-1))
     before = np.repeat(total[starts] - leaves[starts], np.diff(starts, append=len(ray)))
-    out = np.flatnonzero(total - before >= 1)
-    _, first = np.unique(ray[out], return_index=True)
-    last = out[first]
+    out = np.flatnonzero(total - before == 1)
+    last = out[np.unique(ray[out], return_index=True)[1]]
     is_wall = facing[last] > np.cos(np.radians(EDGE_DEG))
     return way[last][is_wall] + STEP_MM
