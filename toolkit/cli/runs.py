@@ -168,8 +168,8 @@ def export(
         if names:
             raise FieldError("exported alone: name runs in a call of their own", {"objects": objects[0]})
         asked: dict[MeshFormat, bool] = {"glb": as_glb, "obj": as_obj, "3mf": as_3mf}
-        wanted = [one for one, is_asked in asked.items() if is_asked]
-        _export_objects(objects, wanted or ["glb"], variant, out, workspace, as_json)
+        formats = [one for one, is_asked in asked.items() if is_asked]
+        _export_objects(objects, formats or ["glb"], variant, out, workspace, as_json)
         return
     for flag, is_given in {"as_3mf": as_3mf, "as_obj": as_obj, "as_glb": as_glb}.items():
         if is_given:
