@@ -133,7 +133,7 @@ class Pdf(ReportLabCanvas):
         yield
         self.showPage()
         if self._layers:  # ReportLab knows no layers: its page is made ready early, and told of them
-            page = self._doc.idToObject[self._doc.Pages.pages[-1].name]
+            page = self._doc.Pages.pages[-1]
             page.check_format(self._doc)
             page.Resources.Properties = dict(self._layers)
 
