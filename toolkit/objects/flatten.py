@@ -59,7 +59,7 @@ def weld_surface(mesh: Mesh) -> Surface:
 
 
 def _match_edges(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """(m, 3) the triangle across each edge, and (m, 3) which of its edges; -1 where not exactly two meet as they should."""
+    """(m, 3) the triangle across each edge, and which of its edges; -1 where not exactly two meet as they should."""
     start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
     key = np.minimum(start, end) * count + np.maximum(start, end)
     order = np.argsort(key, kind="stable")
@@ -71,8 +71,7 @@ def _match_edges(faces: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]
     one, other = one[fits], other[fits]
     partner = np.full(len(start), -1)
     partner[one], partner[other] = other, one
-    partner = partner.reshape(-1, 3)
-    return np.where(partner >= 0, partner // 3, -1), partner % 3
+    return np.where(partner >= 0, partner // 3, -1).reshape(-1, 3), (partner % 3).reshape(-1, 3)
 
 
 def relax(corners: np.ndarray, points_of: np.ndarray, flat: np.ndarray, steps: int) -> np.ndarray:
@@ -111,7 +110,9 @@ def relax(corners: np.ndarray, points_of: np.ndarray, flat: np.ndarray, steps: i
         cross = (weight * (edges[..., 0] * lying[..., 1] - edges[..., 1] * lying[..., 0])).sum(axis=1)
         size = np.maximum(np.hypot(dot, cross), 1e-30)
         cos, sin = (dot / size)[:, None], (cross / size)[:, None]
-        turned = np.stack([cos * edges[..., 0] - sin * edges[..., 1], sin * edges[..., 0] + cos * edges[..., 1]], axis=2)
+        turned = np.stack(
+            [cos * edges[..., 0] - sin * edges[..., 1], sin * edges[..., 0] + cos * edges[..., 1]], axis=2
+        )
         pull = (weight[..., None] * turned).reshape(-1, 2)
         right = [np.bincount(end, pull[:, i], n) - np.bincount(start, pull[:, i], n) for i in range(2)]
         flat = solver.solve(np.stack(right, axis=1) + held * flat)
