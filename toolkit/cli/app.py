@@ -65,7 +65,7 @@ GROUPS: dict[str, dict[str, Entry]] = {
                 "--no-fog": "--no-clouds",
             },
         ),
-        "print": Entry("print_:print_patches", "print patches at true size, or the board"),
+        "print": Entry("print_:print_patches", "print patches or a wrap at true size, or the board"),
         "place": Entry("place:place", "find where on an object a patch is best stuck"),
         "wrap": Entry("wrap:wrap", "cut an object's surface into flat pieces to print and stick on"),
         "plan": Entry("plan:plan", "plan the camera poses", {"--size": "--resolution"}),

@@ -1,90 +1,120 @@
-"""Boxes of different sizes on as few pages as can be."""
+"""Shapes nested into each other on as few pages as can be."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import product
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from toolkit.printing.page import Rect
 
-PER_MM = 20
-"""The packer counts in whole steps: twentieths of a millimetre."""
-STRIP_STEP = 1.01
-"""By how much a strip is made longer until all boxes fit on it."""
+if TYPE_CHECKING:
+    from shapely import Polygon
+
+CELL_MM = 1.0
+TOUCHED_MM = 0.75 * CELL_MM
+"""A cell that a shape touches has its middle within half a diagonal, 0.71 cells, of it."""
 
 
 @dataclass(frozen=True)
 class Nested:
-    """A box on a page.
+    """A shape on a page.
 
     Attributes:
-        index: which of the boxes.
-        area: what it covers, in the page's millimetres.
-        turned: by a quarter, counter-clockwise.
+        index: which of the shapes.
+        x_mm, y_mm: where on the page the shape's own origin lies.
+        quarters: turns by 90 degrees about it, counter-clockwise.
     """
 
     index: int
-    area: Rect
-    turned: bool
+    x_mm: float
+    y_mm: float
+    quarters: int
 
 
-def nest(sizes_mm: Sequence[tuple[float, float]], room: Rect) -> list[list[Nested]]:
-    """Place boxes, turned by a quarter where that helps, on as few pages as is found; each fits on a page.
+@dataclass(frozen=True)
+class _Mask:
+    """A turned shape on a grid: cells (rows upwards, columns) that it touches, and its box's corner from its origin."""
 
-    Several rules of the packer are tried (Jylänki 2010, A Thousand Ways to Pack the Bin); of equal ones the first with
-    the emptiest last page is taken.
-    """
-    import rectpack
-
-    rules = (rectpack.MaxRectsBssf, rectpack.MaxRectsBaf, rectpack.MaxRectsBl, rectpack.GuillotineBssfSas)
-    orders = (rectpack.SORT_AREA, rectpack.SORT_LSIDE, rectpack.SORT_SSIDE, rectpack.SORT_PERI)
-    packed = [
-        pages for rule, order in product(rules, orders) if (pages := _pack(sizes_mm, room, rule, order)) is not None
-    ]
-    return min(packed, key=lambda pages: (len(pages), sum(_area(one) for one in pages[-1])))
-
-
-def nest_on_strip(sizes_mm: Sequence[tuple[float, float]], width_mm: float, most_mm: float) -> list[list[Nested]]:
-    """Place boxes on the shortest strip of a width that is found; on several where one would be too long."""
-    total = sum(width * height for width, height in sizes_mm)
-    length = max(total / width_mm, *(min(size) for size in sizes_mm))
-    while length < most_mm:
-        fits = all(_fits(size, width_mm, length) for size in sizes_mm)
-        pages = nest(sizes_mm, Rect(0, 0, width_mm, length)) if fits else []
-        if len(pages) == 1:
-            return pages
-        length *= STRIP_STEP
-    return nest(sizes_mm, Rect(0, 0, width_mm, most_mm))
-
-
-def _fits(size_mm: tuple[float, float], width_mm: float, height_mm: float) -> bool:
-    return min(size_mm) <= min(width_mm, height_mm) and max(size_mm) <= max(width_mm, height_mm)
+    cells: np.ndarray
+    low_mm: tuple[float, float]
+    quarters: int
 
 
 def fits_in(size_mm: tuple[float, float], room: Rect) -> bool:
     """Whether a box fits on a page, turned or not."""
-    return _fits(size_mm, room.width, room.height)
+    sides = room.width, room.height
+    return min(size_mm) <= min(sides) and max(size_mm) <= max(sides)
 
 
-def _area(one: Nested) -> float:
-    return one.area.width * one.area.height
+def nest(shapes: "Sequence[Polygon]", room: Rect) -> list[list[Nested]]:
+    """Place shapes on pages, each turned by quarters; each must fit on a page by its box.
+
+    Shapes are laid one after the other at the topmost free place, then the leftmost, of the first page that has one
+    (bottom-left fill: Chazelle 1983; Burke et al. 2006), larger ones first; of several orders the best is taken.
+    """
+    masks = [list(_draw_turns(shape, room)) for shape in shapes]
+    boxes = np.array([np.subtract(shape.bounds[2:], shape.bounds[:2]) for shape in shapes])
+    area = np.array([shape.area for shape in shapes])
+    orders = (-boxes.max(axis=1), -area, -boxes.prod(axis=1), -boxes.min(axis=1))
+    found = [_fill(masks, np.argsort(order, kind="stable"), room) for order in orders]
+    return min(found, key=lambda one: (len(one[0]), one[1]))[0]
 
 
-def _pack(sizes_mm: Sequence[tuple[float, float]], room: Rect, rule: type, order: object) -> list[list[Nested]] | None:
-    import rectpack
+def _draw_turns(shape: "Polygon", room: Rect) -> Iterator[_Mask]:
+    """The shape in each quarter turn that fits the page."""
+    import shapely
 
-    packer = rectpack.newPacker(pack_algo=rule, sort_algo=order, rotation=True)
-    steps = [(-int(-width * PER_MM // 1), -int(-height * PER_MM // 1)) for width, height in sizes_mm]
-    for index, (width, height) in enumerate(steps):
-        packer.add_rect(width, height, rid=index)
-    packer.add_bin(int(room.width * PER_MM), int(room.height * PER_MM), count=float("inf"))
-    packer.pack()
-    placed = packer.rect_list()
-    if len(placed) < len(sizes_mm):
+    fat = shape.buffer(TOUCHED_MM, quad_segs=4)
+    low_x, low_y, high_x, high_y = shape.bounds
+    columns, rows = (int(np.ceil((high - low) / CELL_MM)) for low, high in ((low_x, high_x), (low_y, high_y)))
+    x, y = np.meshgrid(low_x + (np.arange(columns) + 0.5) * CELL_MM, low_y + (np.arange(rows) + 0.5) * CELL_MM)
+    shapely.prepare(fat)
+    cells = shapely.contains_xy(fat, x, y)
+    for quarters in range(4):
+        turned = np.rot90(cells, -quarters)  # rows run upwards, so that NumPy's turn is the other way round
+        if turned.shape[0] * CELL_MM > room.height + 1e-9 or turned.shape[1] * CELL_MM > room.width + 1e-9:
+            continue
+        # the corner that is lowest and leftmost after the turn; the grid may reach beyond the shape's far sides
+        right, top = low_x + columns * CELL_MM, low_y + rows * CELL_MM
+        low = ((low_x, low_y), (-top, low_x), (-right, -top), (low_y, -right))[quarters]
+        yield _Mask(turned, low, quarters)
+
+
+def _fill(
+    masks: Sequence[Sequence[_Mask]], order: Sequence[int] | np.ndarray, room: Rect
+) -> tuple[list[list[Nested]], int]:
+    """Pages of shapes laid in an order, and how many rows of the last one are in use."""
+    rows, columns = int(room.height / CELL_MM), int(room.width / CELL_MM)
+    taken: list[np.ndarray] = []
+    pages: list[list[Nested]] = []
+    for index in np.asarray(order).tolist():
+        for number in range(len(taken) + 1):
+            if number == len(taken):
+                taken.append(np.zeros((rows, columns), bool))
+                pages.append([])
+            spots = [(*spot, mask) for mask in masks[index] if (spot := _find_spot(taken[number], mask.cells))]
+            if spots:
+                # the one that reaches least far down
+                row, column, mask = min(spots, key=lambda spot: (spot[0] + len(spot[2].cells), spot[1], spot[0]))
+                break
+        height, width = mask.cells.shape
+        taken[number][row : row + height, column : column + width] |= mask.cells[::-1]
+        x, y = room.x + column * CELL_MM, room.top - (row + height) * CELL_MM
+        pages[number].append(Nested(index, x - mask.low_mm[0], y - mask.low_mm[1], mask.quarters))
+    return pages, int(taken[-1].any(axis=1).sum())
+
+
+def _find_spot(taken: np.ndarray, cells: np.ndarray) -> tuple[int, int] | None:
+    """Row from the top and column of the topmost, then leftmost place of a page where no cell is taken."""
+    from scipy.signal import fftconvolve
+
+    if cells.shape[0] > taken.shape[0] or cells.shape[1] > taken.shape[1]:
         return None
-    pages: list[list[Nested]] = [[] for _ in range(1 + max(number for number, *_ in placed))]
-    for number, x, y, width, height, index in sorted(placed, key=lambda one: one[5]):
-        # the packer begins below, a page is read from above
-        top = room.top - y / PER_MM
-        area = Rect(room.x + x / PER_MM, top - height / PER_MM, width / PER_MM, height / PER_MM)
-        pages[number].append(Nested(index, area, (width, height) != steps[index]))
-    return pages
+    # correlation; the page's rows run downwards, the shape's upwards, so that one of the two flips falls away
+    shared = fftconvolve(taken.astype(np.float32), cells[:, ::-1].astype(np.float32), mode="valid")
+    free = np.flatnonzero(shared < 0.5)
+    if not len(free):
+        return None
+    row, column = divmod(int(free[0]), shared.shape[1])
+    return row, column

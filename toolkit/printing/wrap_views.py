@@ -73,11 +73,11 @@ def _look(
     normal = np.cross(right, up)
     flat = mesh.vertices @ np.stack([right, up], axis=1)
     low, high = flat.min(axis=0) - 2 / px_per_mm, flat.max(axis=0) + 2 / px_per_mm
-    width, height = (int(np.ceil(extent * px_per_mm)) * FINER for extent in high - low)
-    x: np.ndarray = low[0] + (np.arange(width) + 0.5) / px_per_mm / FINER
-    y: np.ndarray = low[1] + (height - np.arange(height) - 0.5) / px_per_mm / FINER
+    width, height = (int(side) * FINER for side in np.ceil((high - low) * px_per_mm))
+    x = low[0] + (np.arange(width) + 0.5) / px_per_mm / FINER
+    y = low[1] + (height - np.arange(height) - 0.5) / px_per_mm / FINER
     away = float((mesh.vertices @ normal).max()) + 1.0
-    start: np.ndarray = x[None, :, None] * right + y[:, None, None] * up + away * normal
+    start = x[None, :, None] * right + y[:, None, None] * up + away * normal
     rays = np.concatenate([start, np.broadcast_to(-normal, start.shape)], axis=-1).astype(np.float32)
     hits = make_ray_scene(mesh).cast_rays(o3d.core.Tensor(rays))
     face = hits["primitive_ids"].numpy().astype(np.int64)
@@ -87,9 +87,9 @@ def _look(
     number_of = np.zeros(len(mesh.faces), np.int64)
     for number, piece in enumerate(wrap.pieces, start=1):
         number_of[piece.faces] = number
-    number = np.where(met, number_of[face], -1)
+    shown = np.where(met, number_of[face], -1)
     colour = np.full((len(weights), 3), BARE)
-    on = number[met] > 0
+    on = shown[met] > 0
     corner_uv = wrap.corner_uv(len(mesh.faces))[face[met][on]]
     u, v = weights[on].T
     uv = corner_uv[:, 0] * (1 - u - v)[:, None] + corner_uv[:, 1] * u[:, None] + corner_uv[:, 2] * v[:, None]
@@ -104,16 +104,16 @@ def _look(
     picture[met] = colour
     edge = np.zeros(met.shape, bool)
     for axis in (0, 1):
-        step = np.diff(number, axis=axis) != 0
+        step = np.diff(shown, axis=axis) != 0
         edge |= np.pad(step, [(0, 1), (0, 0)] if axis == 0 else [(0, 0), (0, 1)])
         edge |= np.pad(step, [(1, 0), (0, 0)] if axis == 0 else [(0, 0), (1, 0)])
     picture[edge] = 30
     marks, counts = {}, {}
-    for one in np.unique(number[number > 0]).tolist():
-        part = np.pad(number == one, 1)
+    for one in np.unique(shown[shown > 0]).tolist():
+        part = np.pad(shown == one, 1)
         depth = distance_transform_edt(part)[1:-1, 1:-1]
-        row, column = np.unravel_index(int(depth.argmax()), depth.shape)
-        marks[one] = (float(x[column] - low[0]), float(y[row] - low[1]))
+        deepest = divmod(int(depth.argmax()), width)
+        marks[one] = (float(x[deepest[1]] - low[0]), float(y[deepest[0]] - low[1]))
         counts[one] = int(part.sum())
     small = Image.fromarray(picture.astype(np.uint8)).resize((width // FINER, height // FINER), Image.Resampling.BOX)
     size_mm = (width / FINER / px_per_mm, height / FINER / px_per_mm)

@@ -18,7 +18,7 @@ from toolkit.printing.colour_strip import StripPlace, draw_strip, reserve_strip
 from toolkit.printing.cut_files import CutSheet, write_dxf, write_svg
 from toolkit.printing.document import HASH_DIGITS
 from toolkit.printing.marks import PatchLabel, SheetDrawing, draw_frame, draw_page
-from toolkit.printing.nesting import Nested, fits_in, nest, nest_on_strip
+from toolkit.printing.nesting import Nested, fits_in, nest
 from toolkit.printing.page import LARGEST_MM, SMALLEST_MM, PageFrame, PagePlan, Paper, Rect, plan_sheet, turn_frames
 from toolkit.printing.print_patches import shorten
 from toolkit.printing.settings import CutFormat, PrintSettings, WrapSettings
@@ -36,6 +36,8 @@ ROOM_MM = 4.9
 """Paper round a piece's box: bleed, and letters outside it."""
 LEAST_ROOM_MM = 2.0
 """Of a piece that nearly fills the page."""
+APART_MM = 0.5
+"""Paper between pieces on a page is at least twice this, beyond their bleeds."""
 LETTER_MM, NUMBER_MM = 1.9, 3.0
 TICK_MM = 1.2
 CUT_OUT = "Cut along the fine magenta line. Numbers say the order, letters which edges meet, arrows which way is up."
@@ -52,7 +54,7 @@ class PlacedPiece:
         number: of the piece.
         page: of the PDF, from 1; of one that is tiled, that with the map of its tiles.
         x_mm, y_mm: of its box's corner (0, 0) from the page's lower left; of a tiled one 0.
-        turned: by a quarter about that corner, counter-clockwise.
+        quarters: turns by 90 degrees about that corner, counter-clockwise.
         tiles: rows and columns of pages, (1, 1) for a piece in one.
     """
 
@@ -60,15 +62,14 @@ class PlacedPiece:
     page: int
     x_mm: float
     y_mm: float
-    turned: bool = False
+    quarters: int = 0
     tiles: tuple[int, int] = (1, 1)
 
     def to_page(self, points_mm: np.ndarray) -> np.ndarray:
         """(..., 2) places on the page of places on the piece."""
-        points = np.asarray(points_mm, float)
-        if self.turned:
-            points = np.stack([-points[..., 1], points[..., 0]], axis=-1)
-        return np.add(points, (self.x_mm, self.y_mm))
+        cosine, sine = ((1, 0), (0, 1), (-1, 0), (0, -1))[self.quarters]
+        x, y = np.moveaxis(np.asarray(points_mm, float), -1, 0)
+        return np.stack([cosine * x - sine * y + self.x_mm, sine * x + cosine * y + self.y_mm], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -83,6 +84,7 @@ class PrintedWrap:
         sizes_mm: width and height of each page.
         placed: where each piece is.
         order: the pieces' numbers as they are stuck on.
+        roll_mm: width of the roll that pieces are on, None for sheets.
         cut_files: outlines for a machine.
     """
 
@@ -95,6 +97,7 @@ class PrintedWrap:
     sizes_mm: tuple[tuple[float, float], ...]
     placed: tuple[PlacedPiece, ...]
     order: tuple[int, ...]
+    roll_mm: float | None = None
     cut_files: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
@@ -106,8 +109,10 @@ class PrintedWrap:
         tiled = [one for one in self.placed if one.tiles != (1, 1)]
         tiles = "".join(f"; piece {one.number} in {one.tiles[0]} × {one.tiles[1]} tiles" for one in tiled)
         pieces = f"{len(self.placed)} piece{'s' if len(self.placed) > 1 else ''}"
-        pages = f"{self.pages} page{'s' if self.pages > 1 else ''} of {self.paper} {self.orientation}"
-        return f"{shorten(self.file)} for {self.object}: {pieces}, {pages}, the first how to stick them on{tiles}"
+        width, height = self.sizes_mm[-1]
+        paper = f"{self.paper} {self.orientation}" if self.roll_mm is None else f"{width:g} × {height:.0f} mm of a roll"
+        pages = f"{self.pages} page{'s' if self.pages > 1 else ''}, the first how to stick them on"
+        return f"{shorten(self.file)} for {self.object}: {pieces} on {paper}, {pages}{tiles}"
 
 
 @dataclass(frozen=True)
@@ -130,6 +135,7 @@ class _Sheet:
     number: Point
     way: str
     way_deg: float
+    footprint: "Polygon"
 
     @property
     def size_mm(self) -> tuple[float, float]:
@@ -224,17 +230,19 @@ def build_wrap_pdf(
         _draw_assembly(pdf, rest, draw_sides(item.mesh, wrap), order, record.pieces)
         if strip is not None and roll_mm is None:
             draw_strip(pdf, strip)
+        pdf.grey(0)
         draw_frame(pdf, first, label, f"{first.paper.describe()}, page 1 of {total}", ASSEMBLE)
     for number, (nested, place) in enumerate(pages, start=2):
         sizes.append((frame.paper.width_mm, frame.paper.height_mm))
         with pdf.page(frame.paper):
             for one in nested:
                 sheet = sheets[one.index]
-                here = _place(sheet, one, number)
+                here = PlacedPiece(sheet.record.number, number, one.x_mm, one.y_mm, one.quarters)
                 placed.append(here)
                 _draw_piece(pdf, wrap, one.index, sheet, here)
             if place is not None:
                 draw_strip(pdf, place)
+            pdf.grey(0)
             draw_frame(pdf, frame, label, f"{frame.paper.describe()}, page {number} of {total}", CUT_OUT)
     number = 1 + len(pages)
     for index, plan in tiled:
@@ -276,44 +284,38 @@ def _lay_out(
         sheets = [_describe_piece(wrap, item, index, frame.content) for index in range(len(wrap.pieces))]
         whole = [index for index, sheet in enumerate(sheets) if fits_in(sheet.size_mm, frame.content)]
         tiled = [
-            (index, plan_sheet(frame.paper, frame.paper.orientation, *_tile_size(sheet)))
+            (index, plan_sheet(frame.paper, frame.paper.orientation, *sheet.size_mm))
             for index, sheet in enumerate(sheets) if index not in whole
         ]  # fmt: skip
-        sizes = [sheets[index].size_mm for index in whole]
+        shapes = [sheets[index].footprint for index in whole]
         if roll_mm is None:
-            pages: _Pages = [(one, None) for one in nest(sizes, frame.content)] if sizes else []
+            pages: _Pages = [(one, None) for one in nest(shapes, frame.content)] if shapes else []
         else:
-            frame, pages = _cut_roll(frame, sizes)
+            frame, pages = _cut_roll(frame, shapes)
         named = [([replace(one, index=whole[one.index]) for one in nested], strip) for nested, strip in pages]
         found.append((frame, named, tiled, sheets))
     return min(found, key=lambda one: len(one[1]) + sum(len(plan.pages) for _, plan in one[2]))
 
 
-def _cut_roll(frame: PageFrame, sizes: Sequence[tuple[float, float]]) -> tuple[PageFrame, _Pages]:
+def _cut_roll(frame: PageFrame, shapes: "Sequence[Polygon]") -> tuple[PageFrame, _Pages]:
     """A roll cut off behind its pieces, with the colour strip below those of the first length."""
+    from shapely import affinity
+
     strip, room = next(reserve_strip(frame.content))
-    packed = nest_on_strip(sizes, room.width, room.height) if sizes else []
-    longest = max((one.area.top for nested in packed for one in nested), default=0.0)
-    height = max(frame.paper.height_mm - room.height + longest, SMALLEST_MM)
-    moved = [
-        ([replace(one, area=replace(one.area, x=one.area.x + room.x, y=one.area.y + room.y)) for one in nested],
-         strip if number == 0 else None)
-        for number, nested in enumerate(packed)
+    # two thirds of a page are easily filled; where that is too short, there is a second
+    wanted = 1.5 * sum(shape.envelope.area for shape in shapes) / room.width
+    tallest = max((max(np.subtract(shape.bounds[2:], shape.bounds[:2])) for shape in shapes), default=0.0)
+    length = float(min(room.height, max(wanted, tallest + 1)))
+    pages = nest(shapes, Rect(room.x, room.y, room.width, length)) if shapes else []
+    lowest = [
+        affinity.translate(affinity.rotate(shapes[one.index], 90 * one.quarters, (0, 0)), one.x_mm, one.y_mm).bounds[1]
+        for nested in pages for one in nested
     ]  # fmt: skip
-    return PageFrame(Paper(frame.paper.name, frame.paper.width_mm, height)), moved
-
-
-def _tile_size(sheet: _Sheet) -> tuple[float, float]:
-    width, height = sheet.size_mm
-    return width, height
-
-
-def _place(sheet: _Sheet, one: Nested, page: int) -> PlacedPiece:
-    """Where the piece's own corner (0, 0) comes to lie when its box with the paper round it fills an area."""
-    across = sheet.record.height_mm if one.turned else 0.0
-    return PlacedPiece(
-        sheet.record.number, page, one.area.x + sheet.room_mm + across, one.area.y + sheet.room_mm, one.turned
-    )
+    spare = max(0.0, min(lowest, default=room.y) - room.y)
+    height = max(frame.paper.height_mm - room.height + length - spare, SMALLEST_MM)
+    down = [[replace(one, y_mm=one.y_mm - spare) for one in nested] for nested in pages]
+    paper = Paper(frame.paper.name, frame.paper.width_mm, height)
+    return PageFrame(paper), [(nested, None if number else strip) for number, nested in enumerate(down)]
 
 
 def _describe_piece(wrap: Wrap, item: TableObject, index: int, room: Rect) -> _Sheet:
@@ -333,7 +335,7 @@ def _describe_piece(wrap: Wrap, item: TableObject, index: int, room: Rect) -> _S
             _Label(text, finder.beside(seam.middle_mm, measure_text_mm(text, BOLD, LETTER_MM)), seam.middle_mm)
         )
     number = finder.anywhere(_number_width(record.number, way), NUMBER_MM)
-    return _Sheet(record, outline, room_mm, tuple(letters), number, way, way_deg)
+    return _Sheet(record, outline, room_mm, tuple(letters), number, way, way_deg, finder.footprint())
 
 
 def _number_width(number: int, way: str) -> float:
@@ -346,49 +348,59 @@ class _PlaceFinder:
     def __init__(self, record: PieceRecord, outline: "Polygon", room_mm: float) -> None:
         import shapely
 
-        self._taken = [outline.buffer(BLEED_MM + 0.2)]
-        spare = room_mm - 0.2
-        self._room = shapely.box(-spare, -spare, record.width_mm + spare, record.height_mm + spare)
-        self._edge = outline.boundary
-        self._room_mm = room_mm
-        self._size = record.width_mm, record.height_mm
+        self._width, self._height, self._room_mm = record.width_mm, record.height_mm, room_mm
+        self._bleed = outline.buffer(BLEED_MM + 0.2, quad_segs=4).simplify(0.1)
+        shapely.prepare(self._bleed)
+        self._words: list[Polygon] = []
 
-    def _is_free(self, x: float, y: float, width: float, height: float) -> bool:
+    def footprint(self) -> "Polygon":
+        """What nothing else may lie on: the piece with its bleed and a little paper, its words, and between them."""
         import shapely
 
-        box = shapely.box(x - width / 2 - 0.2, y - height / 2 - 0.1, x + width / 2 + 0.2, y + height / 2 + 0.1)
-        return bool(self._room.covers(box)) and not any(part.intersects(box) for part in self._taken)
+        whole = shapely.union_all([self._bleed.buffer(APART_MM), *(word.buffer(APART_MM) for word in self._words)])
+        # words that stand off the piece stay with it
+        return whole.buffer(APART_MM).buffer(-APART_MM)
 
-    def _take(self, x: float, y: float, width: float, height: float) -> Point:
+    def _take_first(self, places: np.ndarray, width: float, height: float) -> Point | None:
+        """The first of places (k, 2) about which a box is free, which then is taken."""
         import shapely
 
-        self._taken.append(shapely.box(x - width / 2, y - height / 2, x + width / 2, y + height / 2))
-        return x, y
+        half = np.array([width / 2 + 0.2, height / 2 + 0.1])
+        low, high = places - half, places + half
+        spare = self._room_mm - 0.2
+        inside = (low >= -spare).all(axis=1) & (high <= [self._width + spare, self._height + spare]).all(axis=1)
+        places, low, high = places[inside], low[inside], high[inside]
+        boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
+        free = ~shapely.intersects(self._bleed, boxes)
+        for word in self._words:
+            free &= ~shapely.intersects(word, boxes)
+        if not free.any():
+            return None
+        first = int(free.argmax())
+        self._words.append(boxes[first])
+        return float(places[first, 0]), float(places[first, 1])
 
     def beside(self, point: Point, width: float, height: float = LETTER_MM) -> Point:
         """The middle of free paper nearest to a point of the edge; above the point where there is none."""
-        for away in np.arange(BLEED_MM + 0.5 * height, BLEED_MM + 14.0, 0.5):
-            for angle in np.arange(0, 360, 15):
-                x = point[0] + away * np.cos(np.radians(angle)) + 0.5 * width * np.cos(np.radians(angle))
-                y = point[1] + away * np.sin(np.radians(angle))
-                if self._is_free(x, y, width, height):
-                    return self._take(float(x), float(y), width, height)
-        return point[0], point[1] + BLEED_MM + 0.6 * height
+        away, angle = np.meshgrid(np.arange(BLEED_MM + 0.5, 16.0, 0.5), np.arange(0, 2 * np.pi, np.pi / 12))
+        way = np.stack([np.cos(angle), np.sin(angle)], axis=-1).reshape(-1, 2)
+        places = point + way * away.reshape(-1, 1) + way * [width / 2, height / 2]
+        order = np.argsort(away.reshape(-1), kind="stable")
+        return self._take_first(places[order], width, height) or (point[0], point[1] + BLEED_MM + height)
 
     def anywhere(self, width: float, height: float) -> Point:
-        """The middle of the free paper nearest to the piece's edge, read from the upper left."""
+        """The middle of the free paper nearest to the piece, those above and left first."""
         import shapely
 
-        room, (wide, high) = self._room_mm, self._size
-        best: tuple[float, float, float] | None = None
-        for y in np.arange(high + room - height / 2 - 0.3, -room, -1.0):
-            for x in np.arange(-room + width / 2 + 0.4, wide + room, 1.5):
-                if self._is_free(x, y, width, height):
-                    away = self._edge.distance(shapely.Point(x, y)) + 0.02 * (high - y) + 0.01 * x
-                    best = min(best, (away, x, y)) if best else (away, x, y)
-        if best is None:
-            return wide / 2, high + room - height
-        return self._take(float(best[1]), float(best[2]), width, height)
+        room = self._room_mm
+        x, y = np.meshgrid(
+            np.arange(-room + width / 2, self._width + room, 1.0),
+            np.arange(-room + height / 2 + 0.35, self._height + room, 1.0),
+        )
+        places = np.stack([x, y], axis=-1).reshape(-1, 2)
+        away = shapely.distance(self._bleed, shapely.points(places))
+        order = np.argsort(away + 0.02 * (self._height - places[:, 1]) + 0.01 * places[:, 0], kind="stable")
+        return self._take_first(places[order], width, height) or (self._width / 2, self._height + room - height)
 
 
 def _find_way(wrap: Wrap, item: TableObject, index: int) -> tuple[str, float]:
@@ -427,7 +439,7 @@ def _rings(outline: "Polygon") -> list[np.ndarray]:
 
 
 def _draw_piece(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, here: PlacedPiece) -> None:
-    with pdf.moved(here.x_mm, here.y_mm, 90 if here.turned else None):
+    with pdf.moved(here.x_mm, here.y_mm, 90 * here.quarters if here.quarters else None):
         _draw_flat(pdf, wrap, index, sheet)
     _draw_words(pdf, sheet, here)
 
@@ -477,8 +489,7 @@ def _draw_words(pdf: Pdf, sheet: _Sheet, here: PlacedPiece) -> None:
             pdf.line(x, y, *about)
         pdf.write(label.text, x, y - 0.36 * LETTER_MM, LETTER_MM, room_mm=12, font=BOLD, align="centre")
     x, y = here.to_page(np.array(sheet.number)).tolist()
-    angle = sheet.way_deg + (90 if here.turned else 0)
-    _draw_number(pdf, x, y, sheet, angle, upright=here.turned)
+    _draw_number(pdf, x, y, sheet, sheet.way_deg + 90 * here.quarters, upright=here.quarters % 2 == 1)
 
 
 def _draw_number(pdf: Pdf, x: float, y: float, sheet: _Sheet, angle_deg: float, upright: bool) -> None:
@@ -501,6 +512,7 @@ def _describe_tiled(pdf: Pdf, wrap: Wrap, index: int, sheet: _Sheet, label: Patc
     def draw(x: float, y: float) -> None:
         here = PlacedPiece(sheet.record.number, 0, x + sheet.room_mm, y + sheet.room_mm)
         _draw_piece(pdf, wrap, index, sheet, here)
+        pdf.grey(0)
 
     def note(area: Rect, tile: str) -> None:
         words = f"piece {sheet.record.number} {tile}".strip()
