@@ -41,6 +41,7 @@ COMMANDS = {
     "train-texture": ("train-texture", "--object", "nobody"),
     "world-eval": ("world-eval", "--object", "nobody"),
     "place": ("place", "--object", "nobody"),
+    "wrap": ("wrap", "--object", "nobody"),
     "coco": ("coco", "captures/sim"),
     "models": ("models", "--model", "nobody"),
     "transfer": ("transfer", "--object", "nobody", "--model", "mine", "--model", "nobody"),

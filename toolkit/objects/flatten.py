@@ -142,14 +142,6 @@ def measure_stretch(corners: np.ndarray, flat: np.ndarray) -> float:
     return weighted_percentile(edge_changes(corners, flat).reshape(-1), np.repeat(area, 3), 0.95)
 
 
-def singular_values(corners: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """(k, 2) by how much each triangle is drawn out along its two axes, the larger first; 1 is not at all."""
-    own = lay_triangles(corners)
-    solid = np.stack([own[:, 1] - own[:, 0], own[:, 2] - own[:, 0]], axis=2)
-    lying = np.stack([flat[:, 1] - flat[:, 0], flat[:, 2] - flat[:, 0]], axis=2)
-    return np.linalg.svd(lying @ np.linalg.inv(solid), compute_uv=False)
-
-
 def weighted_percentile(values: np.ndarray, weights: np.ndarray, share: float) -> float:
     """The least of the values that those of this share of the weight do not exceed."""
     order = np.argsort(values)

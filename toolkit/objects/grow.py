@@ -26,7 +26,7 @@ from toolkit.objects.wrap import Piece
 
 NARROWEST_MM = 12.0
 """A hand does not place a narrower piece."""
-NECK_MM = 4.0
+NECK_MM = 8.0
 """What is narrower than this is cut off a piece."""
 RING = 1.35
 """A piece's radius grows by this factor before it is relaxed again."""
@@ -123,6 +123,10 @@ def make_piece(surface: Surface, region: Region, sheet_mm: tuple[float, float]) 
     """A region as a piece, turned so that its box is smallest and fits on the sheet, and begins at (0, 0)."""
     order = np.argsort(region.faces)
     faces, flat = region.faces[order], turn_to_fit(region.flat[order], sheet_mm)[0]
+    # of the four ways round, the one on which up is most nearly upwards
+    middles, height = flat.mean(axis=1), surface.corners[faces, :, 2].mean(axis=1)
+    climb = (surface.area[faces] * (height - height.mean())) @ (middles - middles.mean(axis=0))
+    flat = _turn(flat, np.pi / 2 * round(np.arctan2(climb[0], climb[1]) / (np.pi / 2)))
     flat -= flat.reshape(-1, 2).min(axis=0)
     return Piece(faces.astype(np.int32), flat, measure_stretch(surface.corners[faces], flat))
 
@@ -244,29 +248,31 @@ def _lay_first(surface: Surface, seed: int) -> np.ndarray:
 
 
 def _measure_ways(surface: Surface, seed: int, free: np.ndarray, axis: np.ndarray | None) -> np.ndarray:
-    """(m,) way from the seed to each face over the middles of free ones; with an axis, shorter along it."""
+    """(m,) mean way along edges from the seed to each free face's corners; with an axis, shorter along it."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
-    face, edge = np.nonzero((surface.neighbour >= 0) & free[:, None])
-    other = surface.neighbour[face, edge]
-    keep = free[other] & (face < other)
-    face, other, edge = face[keep], other[keep], edge[keep]
-    middle = surface.corners.mean(axis=1)
-    # over the middle of the edge, as a straight line would leave the surface at a fold
-    bridge = (surface.corners[face, edge] + surface.corners[face, (edge + 1) % 3]) / 2
-    way = np.zeros(len(face))
-    for end in (face, other):
-        step = bridge - middle[end]
-        size = (step**2).sum(axis=1)
-        if axis is not None:
-            tangent = axis - surface.normals[end] * (surface.normals[end] @ axis)[:, None]
-            along = ((step * tangent).sum(axis=1) / np.maximum(np.linalg.norm(tangent, axis=1), 0.3)) ** 2
-            size = size - along * (1 - ALONG**-2)
-        way += np.sqrt(np.maximum(size, 1e-18))
-    count = len(free)
-    graph = coo_array((way, (face, other)), shape=(count, count)).tocsr()
-    return np.asarray(dijkstra(graph, directed=False, indices=seed))
+    rows = np.flatnonzero(free)
+    start, end = surface.faces[rows].reshape(-1), np.roll(surface.faces[rows], -1, axis=1).reshape(-1)
+    step = (np.roll(surface.corners[rows], -1, axis=1) - surface.corners[rows]).reshape(-1, 3)
+    size = (step**2).sum(axis=1)
+    if axis is not None:
+        normal = np.repeat(surface.normals[rows], 3, axis=0)
+        tangent = axis - normal * (normal @ axis)[:, None]
+        along = ((step * tangent).sum(axis=1) / np.maximum(np.linalg.norm(tangent, axis=1), 0.3)) ** 2
+        size = size - along * (1 - ALONG**-2)
+    count = int(surface.faces.max()) + 1
+    _, once = np.unique(np.minimum(start, end) * count + np.maximum(start, end), return_index=True)
+    way = np.sqrt(np.maximum(size[once], 1e-18))
+    graph = coo_array((way, (start[once], end[once])), shape=(count, count)).tocsr()
+    from_seed = np.asarray(dijkstra(graph, directed=False, indices=surface.faces[seed], min_only=True))
+    distance = from_seed[surface.faces].mean(axis=1)
+    distance[~free] = np.inf
+    return distance
+
+
+SMOOTH_DEG = 20.0
+"""Edges bent by less are crossed before others are: what is flat stays whole."""
 
 
 def _unroll(
@@ -276,13 +282,24 @@ def _unroll(
     faces, flats = [region.faces], [region.flat]
     size = len(region.faces)
     last, last_flat = region.faces, region.flat
-    while len(last):
+    is_whole = True  # whether `last` is the whole region
+    while True:
         parent, edge = np.nonzero(surface.neighbour[last] >= 0)
         face = surface.neighbour[last[parent], edge]
         near = (place[face] < 0) & ~blocked[face] & (distance[face] < radius)
         parent, edge, face = parent[near], edge[near], face[near]
+        bend = (surface.normals[face] * surface.normals[last[parent]]).sum(axis=1)
+        smooth = bend > np.cos(np.radians(SMOOTH_DEG))
+        if smooth.any():
+            parent, edge, face = parent[smooth], edge[smooth], face[smooth]
+        elif not is_whole:
+            last, last_flat, is_whole = np.concatenate(faces), np.concatenate(flats), True
+            continue
         if not len(face):
             break
+        if not smooth.any():  # over a fold few at a time, that what is flat behind it comes from one side
+            few = np.argsort(distance[face], kind="stable")[: 1 + len(face) // 50]
+            parent, edge, face = parent[few], edge[few], face[few]
         # of several edges that lead to a face, the one from the face nearest to the seed
         order = np.lexsort((distance[last[parent]], face))
         face, first = np.unique(face[order], return_index=True)
@@ -301,7 +318,7 @@ def _unroll(
         size += len(face)
         faces.append(face)
         flats.append(flat)
-        last, last_flat = face, flat
+        last, last_flat, is_whole = face, flat, False
     joined = np.zeros((size, 3), bool)
     joined[: len(region.joined)] = region.joined
     return Region(np.concatenate(faces), np.concatenate(flats), joined)
@@ -496,15 +513,18 @@ PIXEL_MM = 0.5
 
 
 def _on_necks(flat: np.ndarray) -> np.ndarray:
-    """(k,) bool: faces whose middle lies where the piece is narrower than `NECK_MM`."""
+    """(k,) bool: faces of which half lies where the piece is narrower than `NECK_MM`."""
     import cv2
 
     picture = _draw(flat)
     side = round(NECK_MM / PIXEL_MM)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
     wide = cv2.dilate(cv2.morphologyEx(picture, cv2.MORPH_OPEN, disc), np.ones((3, 3), np.uint8))
-    column, row = ((flat.mean(axis=1) - flat.reshape(-1, 2).min(axis=0)) / PIXEL_MM + 2).round().astype(int).T
-    return wide[row, column] == 0
+    samples = np.clip(np.ceil(np.abs(signed_areas(flat))), 4, 256).astype(np.int64)
+    face = np.repeat(np.arange(len(flat)), samples)
+    points = np.einsum("kc,kci->ki", spread(len(face)), flat[face]) - flat.reshape(-1, 2).min(axis=0)
+    column, row = (points / PIXEL_MM + 2).round().astype(int).T
+    return 2 * np.bincount(face, wide[row, column] == 0, len(flat)) > samples
 
 
 def is_wide(flat: np.ndarray) -> bool:
